@@ -340,7 +340,7 @@ def _follow_group(
     forms: Floats,
 ) -> int:
     """Add a front to the sums of its group, where it has one, or pass on its parent's; return which group it is."""
-    own = groups.of_column[columns[0]]
+    own: int = groups.of_column[columns[0]]
     if group >= 0 and (own == group or own < 0):
         _cross(A, d, parent, above, cross)
     elif own >= 0:
