@@ -13,7 +13,7 @@ and as all functions of [theta] commute, with s = Gamma_1^-1 v / h,
 
 So R, v and p between two nodes are those of the samples, coning and sculling with them. How they change with the bias
 and the covariance of their noise are those of the two: they differ by the square of what turns in a block, which ends
-before it has turned by `MOST_TURN_RAD` or lasts `LONGEST_S`, by which it is below a thousandth.
+before it has turned by `MOST_TURN_RAD` or lasts `LONGEST_S`, by which the sigmas of a walk are right to two thousandths.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from fg_nav.mechanisation import NavState, rotation_series, rotation_vector, str
 MOST_TURN_RAD = 0.2
 """Of the body in a block, along its way."""
 
-LONGEST_S = 0.04
+LONGEST_S = 0.08
 
 SHORTEST = 3
 """Samples in a block: fewer stand for themselves."""
