@@ -348,7 +348,7 @@ def _follow_group(
     if own < 0:
         return group
     _add_to_group(groups, own, columns, d, joint, cross, forms)
-    return own
+    return int(own)
 
 
 @njit(cache=True)
