@@ -13,7 +13,7 @@ and as all functions of [theta] commute, with s = Gamma_1^-1 v / h,
 
 So R, v and p between two nodes are those of the samples, coning and sculling with them. How they change with the bias
 and the covariance of their noise are those of the two: they differ by the square of what turns in a block, which ends
-before it has turned by `MOST_TURN_RAD` or lasts `LONGEST_S`, by which the sigmas of a walk are right to two thousandths.
+before it has turned by `MOST_TURN_RAD` or lasts `LONGEST_S`, by which the sigmas of a walk are right to 2 per mille.
 """
 
 from __future__ import annotations
