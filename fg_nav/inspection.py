@@ -12,6 +12,7 @@ import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.detection import detect_stances, find_rests
+from fg_nav.detection.handedness import DECISIVE, NO_EVIDENCE, SUSPECT, AxesEvidence, measure_axes
 from fg_nav.detection.mount import measure_turning
 from fg_nav.errors import DetectionError, RecordingError
 from fg_nav.frames import GRAVITY_M_S2
@@ -106,6 +107,7 @@ class Inspection:
     gyr_range: Range
     rest: Rest
     gravity: GravityTransport
+    axes: AxesEvidence
     field: MagneticField | None
     stance: StanceShare
     wearing: str | None
@@ -125,13 +127,18 @@ class Inspection:
         refused = self.refusal is not None
         first = f"It cannot be navigated with: {self.refusal}" if refused else "It can be navigated with."
         further = [f"{p[0].upper()}{p[1:]}." for p in self.unit_problems if p not in (self.refusal or "")]
-        problems = [*_stamp_problems(self), *_saturation(self), *_rest_problems(self), *_field_problems(self)]
+        problems = [*_axes_problems(self), *_stamp_problems(self), *_saturation(self)]
+        problems += [*_rest_problems(self), *_field_problems(self)]
         return (first, *further, *problems, *_stance_problems(self), *_good(self))
 
 
 def inspect(raw: RawRecording) -> Inspection:
     """Look at a recording, and say what is good about it and what is not. Never fails on content."""
     recording, refusal = _admit(raw)
+    notes = (recording or raw).provenance.notes
+    axes = NO_EVIDENCE if recording is None else measure_axes(recording.t, recording.acc, recording.gyr)
+    if axes.against > DECISIVE:
+        recording, refusal = None, f"{axes.problem}."
     usable = find_usable_samples(raw)
     t, acc, gyr = raw.t[usable], raw.acc[usable], raw.gyr[usable]
     duration = float(np.ptp(t)) if len(t) else 0.0
@@ -147,13 +154,14 @@ def inspect(raw: RawRecording) -> Inspection:
         gyr_range=_measure_range(gyr),
         rest=_measure_rest(raw, rising),
         gravity=plausibility.measure_gravity_transport(acc, gyr, 1.0 / stamps.rate_hz),
+        axes=axes,
         field=None if raw.mag is None else _measure_field(raw.mag, duration, recording),
         stance=_measure_stances(recording),
         wearing=None if recording is None else measure_turning(recording).wearing,
         truth=_describe_truth(raw.truth),
         refusal=refusal,
         unit_problems=plausibility.find_unit_problems(raw.t, raw.acc, raw.gyr, raw.mag),
-        notes=(recording or raw).provenance.notes,
+        notes=notes,
     )
 
 
@@ -283,6 +291,13 @@ def _stamp_problems(facts: Inspection) -> list[str]:
     return said
 
 
+def _axes_problems(facts: Inspection) -> list[str]:
+    if not SUSPECT <= facts.axes.against <= DECISIVE:
+        return []
+    problem = facts.axes.problem
+    return [f"{problem[0].upper()}{problem[1:]}, perhaps: a few strides more would show it."]
+
+
 def _saturation(facts: Inspection) -> list[str]:
     return [
         f"{name} saturates on {axis}: {100 * share:.2g} % of the samples are beyond {level:.4g} {unit}."
@@ -366,6 +381,8 @@ def _good(facts: Inspection) -> list[str]:
         said.append(f"|acc| at rest is {rest.acc_m_s2:.2f} m/s^2: gravity.")
     if facts.gravity.is_telling and 0.3 < facts.gravity.gain < 3.0:
         said.append("Gravity turns as the gyroscope says: units and axes agree.")
+    if facts.axes.strides >= 5 and facts.axes.against < 1.0:  # fewer do not say so
+        said.append(f"The axes of gyroscope and accelerometer agree in {facts.axes.strides} strides.")
     if rest.duration_s >= _LONG_REST_S and not facts.unit_problems:
         said.append(f"{rest.duration_s:.0f} s of rest show the bias: {_triple(rest.gyro_bias_deg_s)} deg/s.")
     if field is not None and field.spread_uT <= _SPREAD_SHARE * field.strength_uT and not facts.unit_problems:

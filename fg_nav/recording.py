@@ -66,11 +66,12 @@ GAP_PERIODS = 2.5
 
 @dataclass(frozen=True)
 class Provenance:
-    """Where a recording came from and what was done to it on the way in."""
+    """Where a recording came from and what was done to it on the way in: `bad_samples` were left out, say."""
 
     path: Path | None = None
     format: str = "array"
     notes: tuple[str, ...] = ()
+    bad_samples: int = 0
 
 
 @dataclass(frozen=True)
@@ -306,7 +307,8 @@ def _leave_out_bad(raw: RawRecording, kept: Ints, t: Floats, notes: list[str]) -
         bad = find_mag_outliers(t, mag)
         mag[bad] = np.nan
         notes += note_bad(bad, "magnetometer", t, raw.row[kept])
-    provenance = replace(raw.provenance, notes=tuple(notes))
+    bad_samples = int(outliers.any.sum())
+    provenance = replace(raw.provenance, notes=tuple(notes), bad_samples=bad_samples)
     return Recording(t=t, acc=raw.acc[kept], gyr=raw.gyr[kept], mag=mag, truth=raw.truth, provenance=provenance)
 
 

@@ -61,10 +61,17 @@ def test_a_good_recording() -> None:
         "The stamps are even, at 200.0 Hz.",
         "|acc| at rest is 9.81 m/s^2: gravity.",
         "Gravity turns as the gyroscope says: units and axes agree.",
+        "The axes of gyroscope and accelerometer agree in 11 strides.",
         f"4 s of rest show the bias: {', '.join(f'{b:.2f}' for b in found.rest.gyro_bias_deg_s)} deg/s.",
         "The field is steady: 47 uT, 0 uT about it.",
         "24 stances make 40 % of the time.",
     )
+
+
+def test_wrong_axes_are_named_and_refused_as_by_a_run() -> None:
+    found = inspect(replace(RAW, gyr=RAW.gyr * [-1.0, 1.0, 1.0]))
+    assert not found.is_usable
+    assert "sign" in found.verdict[0]
 
 
 def test_rest_and_bias() -> None:

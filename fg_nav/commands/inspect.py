@@ -14,13 +14,14 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.commands import Answer
 from fg_nav.commands.several import answer_each, show_number
+from fg_nav.detection.handedness import NO_EVIDENCE, SUSPECT, AxesEvidence
 from fg_nav.errors import RecordingError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.inspection import Inspection, MagneticField, Range, Rest, Stamps, StanceShare
 from fg_nav.inspection import inspect as inspect_recording
 from fg_nav.io import Reading
 from fg_nav.report.terminal import console, listing
-from fg_nav.text import to_json
+from fg_nav.text import format_count, to_json
 
 INSPECT_COLUMNS = {
     "format": lambda content: str(content["format"]),
@@ -58,7 +59,9 @@ def describe_inspection(found: Inspection, file: Path) -> dict[str, Any]:
         "notes": [] if field.aligned is None else field.aligned.notes,
     }
     known = {"recording": str(file), "usable": found.is_usable, "verdict": found.verdict}
-    return {**known, **to_json(replace(found, field=None)), "field": about_field}
+    axes = {name: getattr(found.axes, name) for name in ("strides", "against")} | {"words": _axes_words(found.axes)}
+    rest = to_json(replace(found, field=None, axes=NO_EVIDENCE))
+    return {**known, **rest, "field": about_field, "axes": axes}
 
 
 def print_inspection(found: Inspection) -> None:
@@ -79,6 +82,7 @@ def inspection_rows(found: Inspection) -> list[tuple[str, str]]:
         ("acc saturated", _range_words(found.acc_range, "m/s^2")),
         ("gyr saturated", _range_words(found.gyr_range, "rad/s")),
         *_rest_rows(found.rest),
+        ("axes", _axes_words(found.axes)),
         ("magnetic field", _field_words(found.field)),
         ("stances", _stance_words(found.stance)),
         ("truth", found.truth),
@@ -113,6 +117,14 @@ def _range_words(limits: Range, unit: str) -> str:
     share, level = limits.share, limits.level
     axes = [f"{'xyz'[i]} {100 * share[i]:.2g} % at {level[i]:.4g} {unit}" for i in _positive(share)]
     return ", ".join(axes) or "no"
+
+
+def _axes_words(axes: AxesEvidence) -> str:
+    if not axes.strides:
+        return "not known: no strides"
+    if axes.against >= SUSPECT:
+        return axes.problem
+    return f"those of gyroscope and accelerometer agree in {format_count(axes.strides, 'stride')}"
 
 
 def _field_words(field: MagneticField | None) -> str:

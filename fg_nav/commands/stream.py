@@ -210,7 +210,9 @@ def finish_stream(walk: StreamedWalk, progress: Progress | None = None) -> tuple
         Where there was no walk.
     """
     navigator, calibration = walk.navigator, walk.calibration
-    recording = replace(navigator.recording(), provenance=Provenance(format=f"canonical rows from {walk.name}"))
+    bad = max(navigator.judge.counts[sensor] for sensor in ("acc", "gyr"))
+    provenance = Provenance(format=f"canonical rows from {walk.name}", bad_samples=bad)
+    recording = replace(navigator.recording(), provenance=provenance)
     # Stances and field as of a recording: for the pictures, and for the batch solution.
     prepared = prepare_walk(Walk.of(recording, _options(navigator.options)))
     prepared = replace(prepared, options=replace(prepared.options, mag_axes=walk.mag_axes))

@@ -49,7 +49,7 @@ class Sliding:
 
     def __init__(self, keep: int, shape: tuple[int, ...] = ()) -> None:
         self._keep = keep
-        self._rows = np.empty((2 * keep, *shape))
+        self._rows = np.empty((0, *shape))  # memory is taken when rows come
         self._first = 0
         self.stop = 0
 

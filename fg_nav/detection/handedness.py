@@ -48,6 +48,9 @@ NO_STRIDE = 6.0
 DECISIVE = 7.0
 """L from which on other axes are taken for certain: odds of 1000, and more than one stride can give."""
 
+SUSPECT = 3.0
+"""L from which on other axes are named: half a stride."""
+
 MOST_STRIDES = 40
 """That are looked at, evenly over the recording."""
 

@@ -1,19 +1,21 @@
 """Do the sensors of a stream have the same, right-handed axes? Asked of its first strides (`detection.handedness`).
 
-Strides are counted in blocks of `BLOCK_S`, until `ENOUGH` of them show the axes that were given. Where others are
-certain, a stream is refused in its first minute; later there is a remark, for a walk is not ended, and each line says
-that it is not to be used.
+Strides are counted in blocks of `BLOCK_S`, until `ENOUGH` of them show the axes that were given, or `MOST_STRIDES` are
+there. Where others are certain, a stream is refused in its first minute; later there is a remark, for a walk is not
+ended, and each line says that it is not to be used.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.detection.handedness import DECISIVE, NO_EVIDENCE, measure_axes
+from fg_nav.detection.handedness import AXES, DECISIVE, MOST_STRIDES, NO_EVIDENCE, AxesEvidence, measure_axes
 from fg_nav.errors import RecordingError
+from fg_nav.online.buffer import SampleBuffer
 from fg_nav.online.source_check import REFUSED_S
 
 BLOCK_S = 5.0
@@ -27,7 +29,7 @@ FEWEST = 50
 
 
 class AxesCheck:
-    """Looks at the rows of a stream as they come, whatever the blocks.
+    """Looks at the samples of a walk as they come, whatever the blocks.
 
     Parameters
     ----------
@@ -41,40 +43,57 @@ class AxesCheck:
 
     def __init__(self, remark: Callable[[str], None], refuses: bool = True) -> None:
         self.evidence = NO_EVIDENCE
-        self._remark, self._refuses, self._remarked = remark, refuses, False
-        self._rows = np.empty((0, 7))
+        self._remark, self._refuses = remark, refuses
+        self._begins = 0  # sample at which the next block begins
         self._passed_s = 0.0
 
-    def add(self, rows: Floats) -> None:
-        """Look at rows (n, 10) as they were sent.
+    def look_at(self, buffer: SampleBuffer) -> None:
+        """Look at the samples that have come since.
 
         Raises
         ------
         RecordingError
             If strides of the first minute surely show other axes than those given.
         """
-        if self._is_settled:
-            return
-        usable = rows[np.isfinite(rows[:, :7]).all(axis=1), :7]
-        self._rows = np.concatenate([self._rows, usable])
-        while len(self._rows) and (full := np.abs(self._rows[:, 0] - self._rows[0, 0]) >= BLOCK_S).any():
-            stop = int(np.argmax(full))
-            block, self._rows = self._rows[:stop], self._rows[stop:]
-            self._look(block)
+        while not self._is_settled and (stop := self._find_end(buffer)) is not None:
+            self._look(buffer.between(self._begins, stop))
+            self._begins = stop
+
+    def state(self) -> dict[str, Any]:
+        """Return what `resume` needs, as JSON values; of axes that are settled no more than their number."""
+        found = self.evidence
+        scores = [] if self._is_settled and not found.against else found.scores.tolist()
+        return {"begins": self._begins, "passed_s": self._passed_s, "scores": scores, "gravity": found.gravity.tolist()}
+
+    def resume(self, state: Mapping[str, Any]) -> None:
+        """Go on where another check of the same walk was."""
+        self._begins, self._passed_s = int(state["begins"]), float(state["passed_s"])
+        gravity = np.array(state["gravity"], dtype=np.float64)
+        scores = np.array(state["scores"] or np.zeros((len(gravity), len(AXES))), dtype=np.float64)
+        self.evidence = AxesEvidence(scores.reshape(len(gravity), len(AXES)), gravity)
 
     @property
     def _is_settled(self) -> bool:
-        return self._remarked or (self.evidence.strides >= ENOUGH and self.evidence.against < 1.0)
+        found = self.evidence
+        agrees = found.strides >= ENOUGH and found.against < 1.0
+        return agrees or found.strides >= MOST_STRIDES or found.against > DECISIVE
+
+    def _find_end(self, buffer: SampleBuffer) -> int | None:
+        """Return the end of the block that begins now; None where it has not come."""
+        self._begins = max(self._begins, buffer.first)
+        if self._begins >= buffer.stop:
+            return None
+        stop = buffer.find_since(buffer.stamp(self._begins) + BLOCK_S, buffer.stop)
+        return None if stop == buffer.stop else stop
 
     def _look(self, rows: Floats) -> None:
-        """Count the strides of a block, if its stamps are in order."""
-        if len(rows) < FEWEST or (np.diff(rows[:, 0]) <= 0.0).any():
+        """Count the strides of a block."""
+        if len(rows) < FEWEST:
             return
         self._passed_s += float(np.ptp(rows[:, 0]))
         self.evidence += measure_axes(rows[:, 0], rows[:, 1:4], rows[:, 4:7])
-        if self.evidence.against <= DECISIVE or self._remarked:
+        if self.evidence.against <= DECISIVE:
             return
         if self._refuses and self._passed_s <= REFUSED_S:
             raise RecordingError(f"{self.evidence.problem}.")
         self._remark(f"{self.evidence.problem}; the track is not to be used.")
-        self._remarked = True

@@ -204,10 +204,9 @@ class _Walk:
         self._check.add(rows)
         self._losses.add(rows[:, 0])
         self._navigator.source["header"] = header
-        t, acc, gyr, mag = rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:10]
-        acc, mag = self._corrected(acc, mag)
-        self._verdict.look_at(rows)
-        made = self._navigator.push(t, acc, gyr, mag if self._options.online.use_field else None)
+        acc, mag = self._corrected(rows[:, 1:4], rows[:, 7:10])
+        made = self._navigator.push(rows[:, 0], acc, rows[:, 4:7], mag if self._options.online.use_field else None)
+        self._verdict.look_at(self._navigator.buffer)
         found = self._verdict.judge(made, self._navigator.told_continues)
         # What hung on the machine is saved before it is told, once the last save is done: it cannot be made again.
         raced = self._navigator.races != self._races and self._due < np.inf

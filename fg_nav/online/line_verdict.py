@@ -2,7 +2,8 @@
 
 What counts, with its limits, is in `fg_nav.verdict.limits`: the longest stride and the highest speed from line to line,
 the highest rate of the height, the time without a footfall, the sigma of the place over the distance, and what strides
-show of the axes and of gravity (`axes_check`). A path that was spoiled stays so.
+show of the axes and of gravity (`axes_check`). A path that was spoiled stays so, and one is not trusted before as many
+strides were walked as make a walk, and the axes were seen in as many.
 
 Between two lines the walk may be solved again, and its map move. A stride is measured within one map: where the past
 was revised, from its newest footfall in the new map; where the revision does not know it, the stride to the next line
@@ -18,6 +19,7 @@ import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.online.axes_check import AxesCheck
+from fg_nav.online.buffer import SampleBuffer
 from fg_nav.online.estimates import StanceEstimate
 from fg_nav.online.revision import Revision
 from fg_nav.verdict.limits import (
@@ -25,6 +27,7 @@ from fg_nav.verdict.limits import (
     POSITION_SHARE_IN_POCKET,
     find_height_rate,
     judge_axes,
+    judge_beginning,
     judge_gravity,
     judge_height_rate,
     judge_lost_time,
@@ -71,14 +74,14 @@ class LineVerdict:
         self._in_pocket, self._axes = in_pocket, AxesCheck(remark, refuses)
         self._begun: float | None = None
         self._last = np.zeros(4)  # t, east, north, up of the newest footfall
-        self._distance = self._lost_s = 0.0
+        self._distance, self._lost_s, self._strides = 0.0, 0.0, 0
         self._longest, self._fastest, self._steepest = (0.0, 0.0), (0.0, 0.0), (0.0, 0.0)
         self._heights = np.zeros((0, 2))
 
-    def look_at(self, rows: Floats) -> None:
-        """Look at the axes of rows (n, 10) as they were sent; raises `RecordingError` as `AxesCheck` does."""
+    def look_at(self, buffer: SampleBuffer) -> None:
+        """Look at the axes of the samples that have come; raises `RecordingError` as `AxesCheck` does."""
         if not self._in_pocket:
-            self._axes.add(rows)
+            self._axes.look_at(buffer)
 
     def judge(self, found: Sequence[StanceEstimate | Revision], continues: Sequence[bool]) -> list[Judged]:
         """Put to each estimate the verdict on the path up to it; `continues` of all lines of the walk."""
@@ -92,6 +95,8 @@ class LineVerdict:
             "last": self._last.tolist(),
             "numbers": [float(one) for one in numbers],
             "heights": self._heights.tolist(),
+            "strides": self._strides,
+            "axes": self._axes.state(),
         }
 
     def resume(self, state: Mapping[str, Any]) -> None:
@@ -101,6 +106,8 @@ class LineVerdict:
         self._distance, self._lost_s, *worst = map(float, state["numbers"])
         self._longest, self._fastest, self._steepest = zip(worst[::2], worst[1::2], strict=True)
         self._heights = np.array(state["heights"], dtype=float).reshape(-1, 2)
+        self._strides = int(state["strides"])
+        self._axes.resume(state["axes"])
 
     def _judge(self, one: StanceEstimate | Revision, continues: Sequence[bool]) -> Verdict | None:
         if isinstance(one, Revision):
@@ -116,6 +123,7 @@ class LineVerdict:
         if self._begun is None:
             self._begun, self._heights = float(now[0]), now[None, [0, 3]]
         else:
+            self._strides += not continues
             t, took, moved = float(now[0]), float(now[0] - self._last[0]), np.linalg.norm(now[1:] - self._last[1:])
             if took > 0.0 and np.isfinite(moved):
                 self._note_stride(t, took, float(moved), float(now[3] - self._last[3]), continues)
@@ -134,9 +142,11 @@ class LineVerdict:
         axes = self._axes.evidence
         limits = POSITION_SHARE_IN_POCKET if self._in_pocket else POSITION_SHARE
         found = [judge_speed(*self._fastest), judge_position(sigma, self._distance, limits)]
+        found.append(judge_stride(*self._longest, self._in_pocket))
         if self._in_pocket:
             return found
-        found += [judge_stride(*self._longest), judge_height_rate(*self._steepest), judge_axes(axes)]
+        found += [judge_height_rate(*self._steepest), judge_axes(axes)]
+        found.append(judge_beginning(self._strides, axes.strides))
         found.append(judge_lost_time(self._lost_s, max(t - self._begun, JUDGED_S)))
         if axes.strides >= FEWEST:
             found.append(judge_gravity(float(np.median(axes.gravity))))

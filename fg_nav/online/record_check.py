@@ -37,7 +37,7 @@ MOST = 10**10
 """Samples of half a year at 400 Hz; no count is larger."""
 
 UNBOUNDED = frozenset(
-    {"keys", "left", "waits", "held", "gate", "fields", "behind", "tail", "head", "_still_since_hole"}
+    {"keys", "left", "waits", "held", "gate", "fields", "behind", "tail", "head", "window", "seen", "_still_since_hole"}
 )
 """Names of what holds whole numbers of another kind, or raw readings as they came."""
 

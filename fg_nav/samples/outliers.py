@@ -19,8 +19,9 @@ No sample of 80 real recordings, of feet, legs, hands, head and hip at 60 to 400
 fourth sample alone. In two of them, of shoes at 205 Hz, the first would be where f is lowered to 0.9 and 0.8 of that,
 in all others at 0.6 or less (`scripts/sample_faults.py clean`).
 
-At the very beginning, where only one side shows how shaken the motion is, f is three times as large. A run is sought
-from the first sample on, each next to good ones: a stream finds the same `LOOK_AHEAD` samples later.
+At the very beginning, where only one side shows how shaken the motion is, and for the last two samples, f is three
+times as large. A run is sought from the first sample on, each next to good ones: a stream finds the same `LOOK_AHEAD`
+samples later.
 """
 
 from __future__ import annotations
@@ -39,6 +40,9 @@ LONGEST = 6
 AROUND = 4
 """Samples on either side that show how shaken the motion is; two less than `LONGEST`, so that two runs which are near
 each other are either one run, or not in what is around the other."""
+
+LAST = 2
+"""Samples at the very end that may be a run without others behind it; more are a motion that was cut off."""
 
 LOOK_AHEAD = LONGEST + AROUND + 1
 """Samples that must be there behind one at which a run may begin."""
@@ -169,7 +173,7 @@ def _find_run(t: Floats, x: Floats, before: Ints, i: int, factor: float) -> tupl
     shaken = _measure_shaking(x, before)
     for length in range(1, LONGEST + 1):
         behind = np.arange(i + length, min(i + length + AROUND + 1, len(x)))
-        if len(behind) < 2:
+        if i + length > len(x) or (len(behind) < 2 and (len(before) < 2 or len(x) - i > LAST)):
             return 0, 0
         acc, gyr = np.maximum(shaken, _measure_shaking(x, behind))
         f = factor * _find_coarseness(t, before, behind, length)
@@ -199,8 +203,8 @@ def _find_coarseness(t: Floats, before: Ints, behind: Ints, length: int) -> floa
     """By how much f is larger for a run of this length between samples before and behind it."""
     steps = np.concatenate((np.diff(t[before]), np.diff(t[behind])))
     period = float(np.median(steps))
-    stretch = np.sqrt(3.0)  # at the beginning, where only one side shows what the motion is
-    if len(before):
+    stretch = np.sqrt(3.0)  # at either end, where only one side shows what the motion is
+    if len(before) and len(behind):
         stretch = max((t[behind[0]] - t[before[-1]]) / ((length + 1) * period), 1.0)
     return float(max(np.sqrt(period / PERIOD_S), 1.0) * stretch**2)
 
@@ -210,6 +214,11 @@ def _measure_run(x: Floats, before: Ints, behind: Ints, i: int, first_axis: int)
     """By how much both ends of a run are off that begins with sample i, on the worst of three axes each."""
     most_first, most_last = 0.0, 0.0
     for axis in range(first_axis, first_axis + 3):
+        if len(behind) == 0:  # at the very end: off what the two before it lead to as well
+            left, left2, first, last = x[before[-1], axis], x[before[-2], axis], x[i, axis], x[-1, axis]
+            most_first = max(most_first, min(abs(first - left), abs(first - 2 * left + left2)))
+            most_last = max(most_last, min(abs(last - left), abs(last - 2 * left + left2)))
+            continue
         first, last = x[i, axis], x[behind[0] - 1, axis]
         right = x[behind[0], axis]
         if len(before) == 0:  # a run at the very beginning
@@ -218,7 +227,7 @@ def _measure_run(x: Floats, before: Ints, behind: Ints, i: int, first_axis: int)
         left, width = x[before[-1], axis], behind[0] - i + 1.0
         off_first = min(abs(first - left), abs(first - (left + (right - left) / width)))
         off_last = min(abs(last - right), abs(last - (right + (left - right) / width)))
-        if len(before) > 1:
+        if len(before) > 1 and len(behind) > 1:
             left2, right2 = x[before[-2], axis], x[behind[1], axis]
             off_first = min(off_first, abs(first - _interpolate(left2, left, right, right2, width)))
             off_last = min(off_last, abs(last - _interpolate(right2, right, left, left2, width)))

@@ -29,6 +29,8 @@ clipping             share    0.05      0.15    time in which a sensor is at the
                                                 foot swings: what is rebuilt there is a guess
 gyro bias            deg/s    1         3       of sensors that were calibrated once, 0.1 to 0.5
 rate                 s        1/80      1/40    a heel strikes within 20 ms
+bad samples          share    0.005     0.05    that were left out: at 200 Hz one in every stride, or ten; others may be
+                                                as wrong and not be seen
 unseen               s        0.1       0.5     the longest gap: a foot turns by 2 rad/s in it
 heading              deg      30        90      the solution's own sigma at the end
 hidden turning       sigma    2         3       of the heading, and 2 deg: what clipped peaks of the rate may hide of
@@ -42,7 +44,8 @@ height               sigma    -         -       the walk ends where it began, bu
                                                 weight 0.8 from 3 on, as it may be another floor
 ==================== ======== ========= ======= =====================================================================
 
-Of a sensor in a pocket only those count that need no footfalls, its speed and the sigmas of place and heading.
+Of a sensor in a pocket only those count that need no footfalls, its speed, its longest stride and the sigmas of place
+and heading.
 """
 
 from __future__ import annotations

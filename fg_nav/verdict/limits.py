@@ -21,11 +21,15 @@ from __future__ import annotations
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.detection.handedness import DECISIVE, AxesEvidence
+from fg_nav.detection.handedness import DECISIVE, SUSPECT, AxesEvidence
 from fg_nav.frames import GRAVITY_M_S2
+from fg_nav.text import format_count
 from fg_nav.verdict.reason import Reason, weigh
 
 FEW_STRIDES = 1 / 4, 1 / 3
+SEEN_BY = 20
+"""Strides, of which those tested are at least a half in any ordinary walk."""
+
 SPEED_M_S = 9.0, 12.0
 STRIDE_M = 2.6, 3.0
 HEIGHT_RATE_M_S = 0.8, 1.5
@@ -36,7 +40,7 @@ POSITION_SHARE_IN_POCKET = 0.25, 0.5
 """Of a sensor in a pocket: the length of a step alone is known to 0.12."""
 
 GRAVITY_SHARE = 0.03, 0.08
-AXES_ODDS = 3.0, DECISIVE
+AXES_ODDS = SUSPECT, DECISIVE
 
 CLIMBED_S = 10.0
 """Over which the height rate is measured: a jump, or a pole slid down, is shorter."""
@@ -48,14 +52,25 @@ def judge_strides(count: int, duration_s: float) -> Reason:
     return Reason(weigh(1.0 / max(count, 1), *FEW_STRIDES), words)
 
 
+def judge_beginning(walked: int, tested: int) -> Reason:
+    """Judge the strides of a walk in progress, and of those so many whose axes were tested: too few are doubtful.
+
+    Where `SEEN_BY` strides were walked and none can be tested, the sensor never stands, and shows nothing of its axes.
+    """
+    known = walked if walked >= SEEN_BY else min(walked, tested)
+    few = weigh(1.0 / max(known, 1), *FEW_STRIDES) >= 1.0
+    return Reason(float(few), f"too little has been walked to know: {format_count(walked, 'stride')}")
+
+
 def judge_speed(speed: float, t: float) -> Reason:
     """Judge the highest speed, m/s, at time t, s."""
     return Reason(weigh(speed, *SPEED_M_S), f"the foot reaches {speed:.0f} m/s, at {t:.1f} s")
 
 
-def judge_stride(length: float, t: float) -> Reason:
+def judge_stride(length: float, t: float, in_pocket: bool = False) -> Reason:
     """Judge the longest stride, m, that ends at time t, s."""
-    words = f"a stride of {length:.1f} m, at {t:.1f} s: stances were missed, or it drifted"
+    why = "no legs open so far" if in_pocket else "stances were missed, or it drifted"
+    words = f"a stride of {length:.1f} m, at {t:.1f} s: {why}"
     return Reason(weigh(length, *STRIDE_M), words)
 
 

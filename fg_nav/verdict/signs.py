@@ -113,6 +113,14 @@ def measure_gap(seen: Seen) -> Reason | None:
     return Reason(weigh(longest_s, 0.1, 0.5), f"nothing was recorded for {longest_s:.2f} s amid the walk")
 
 
+def measure_bad_samples(seen: Seen) -> Reason | None:
+    """Share of the samples that were left out as bad: others may be as wrong, and not be seen."""
+    bad = seen.recording.provenance.bad_samples
+    share = bad / (bad + len(seen.recording))
+    words = f"{100 * share:.1f} % of the samples were bad, and left out: the sensor or its connection is broken"
+    return Reason(weigh(share, 0.005, 0.05), words)
+
+
 def name_wearing(seen: Seen) -> Reason | None:
     """What the turning is like, where it is not that of a foot."""
     turning, wearing = seen.turning, seen.turning.wearing
@@ -179,7 +187,8 @@ def measure_longest_stride(seen: Seen) -> Reason | None:
         return None
     length = np.linalg.norm(seen.strides, axis=1)
     longest = _find_worst(length)
-    return judge_stride(float(length[longest]), float(seen.solution.stances.t[longest + 1]))
+    in_pocket = seen.walk.options.mount == "pocket"
+    return judge_stride(float(length[longest]), float(seen.solution.stances.t[longest + 1]), in_pocket)
 
 
 def measure_speed(seen: Seen) -> Reason | None:
@@ -280,10 +289,17 @@ SIGNS_WITHOUT_FOOTFALLS: tuple[Callable[[Seen], Reason | None], ...] = (
     measure_rate,
     measure_gap,
     measure_clipping,
+    measure_bad_samples,
     name_wearing,
 )
 
-SIGNS_IN_POCKET = (measure_speed, measure_heading_sigma, measure_position_sigma, *SIGNS_WITHOUT_FOOTFALLS)
+SIGNS_IN_POCKET = (
+    measure_speed,
+    measure_longest_stride,
+    measure_heading_sigma,
+    measure_position_sigma,
+    *SIGNS_WITHOUT_FOOTFALLS,
+)
 
 SIGNS: tuple[Callable[[Seen], Reason | None], ...] = (
     count_footfalls,

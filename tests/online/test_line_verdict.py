@@ -11,7 +11,7 @@ from fg_nav.errors import FormatError, RecordingError
 from fg_nav.lab.simulation import simulate
 from fg_nav.online import OnlineNavigator
 from fg_nav.online.axes_check import AxesCheck
-from fg_nav.online.buffer import rows_of
+from fg_nav.online.buffer import SampleBuffer, rows_of
 from fg_nav.online.checkpoint import Checkpoint
 from fg_nav.online.estimates import StanceEstimate, format_estimate
 from fg_nav.online.follow import StreamOptions, follow_source
@@ -61,6 +61,7 @@ def test_a_line_beyond_the_limits_of_a_person_says_so(
     t: float, position: list[float], sigma_m: float, word: str
 ) -> None:
     verdict = LineVerdict()
+    fed(verdict, OWN)
     assert walked(verdict) == "trusted"
     assert next_word(verdict, t, position, sigma_m=sigma_m) == word
     if word != "trusted" and sigma_m < 1.0:
@@ -95,39 +96,42 @@ def test_word_and_reasons_stand_in_the_line() -> None:
     assert "a stride of 3.1 m, at 24.0 s" in line["reasons"][0]
 
 
-def fed(check: AxesCheck, signs: tuple[float, ...], scale: float = 1.0, block: int = 64) -> AxesCheck:
-    change = np.concatenate([[1.0], [scale] * 3, signs, [1.0] * 3])
+def fed(looks: AxesCheck | LineVerdict, scales: list[float], block: int = 64) -> None:
+    """Give rows, t, acc, gyr and mag times `scales`, in blocks."""
+    buffer = SampleBuffer()
     for start in range(0, len(rows()), block):
-        check.add(rows()[start : start + block] * change)
-    return check
+        buffer.append(rows()[start : start + block] * scales)
+        looks.look_at(buffer)
+
+
+OWN, NEGATED, Z_NEGATED = ([1.0] * 4 + list(gyr) + [1.0] * 3 for gyr in ((1.0,) * 3, (-1.0,) * 3, (1.0, 1.0, -1.0)))
 
 
 def test_wrong_axes_are_refused_in_the_first_minute_and_remarked_in_a_walk_that_goes_on() -> None:
     with pytest.raises(RecordingError, match="the rate about z has the wrong sign"):
-        fed(AxesCheck(lambda words: None), (1.0, 1.0, -1.0))
+        fed(AxesCheck(lambda words: None), Z_NEGATED)
     remarks: list[str] = []
-    check = fed(AxesCheck(remarks.append, refuses=False), (-1.0, -1.0, -1.0))
+    verdict = LineVerdict(remark=remarks.append, refuses=False)
+    fed(verdict, NEGATED)
     assert len(remarks) == 1
     assert "not to be used" in remarks[0]
-    verdict = LineVerdict(remark=remarks.append, refuses=False)
-    for start in range(0, len(rows()), 64):
-        verdict.look_at(rows()[start : start + 64] * ([1.0] * 4 + [-1.0] * 3 + [1.0] * 3))
     assert walked(verdict) == "not to be used"
-    assert check.evidence.against > 7.0
 
 
 def test_own_axes_are_taken_and_the_scale_of_gravity_is_seen() -> None:
-    check = fed(AxesCheck(lambda words: None), (1.0, 1.0, 1.0))
+    check = AxesCheck(lambda words: None)
+    fed(check, OWN)
     assert check.evidence.against == 0.0
     assert np.median(check.evidence.gravity) == pytest.approx(9.81, abs=0.1)
     verdict = LineVerdict()
-    for start in range(0, len(rows()), 100):
-        verdict.look_at(rows()[start : start + 100] * ([1.0] + [0.9] * 3 + [1.0] * 6))
+    fed(verdict, [1.0] + [0.9] * 3 + [1.0] * 6)
     assert walked(verdict) == "not to be used"
 
 
 def test_the_check_does_not_hang_on_the_blocks_in_which_rows_come() -> None:
-    found = [fed(AxesCheck(lambda words: None), (1.0, 1.0, 1.0), block=block) for block in (7, 1000)]
+    found = [AxesCheck(lambda words: None) for _ in range(2)]
+    for one, block in zip(found, (7, 1000), strict=True):
+        fed(one, OWN, block)
     np.testing.assert_allclose(found[0].evidence.scores, found[1].evidence.scores)
 
 
@@ -151,3 +155,29 @@ def test_a_state_that_somebody_changed_is_refused_in_a_sentence(tmp_path: Path) 
         options = StreamOptions(online=NORTH, checkpoint=path)
         with pytest.raises(FormatError, match="walk is a checkpoint that was changed or damaged"):
             follow_source(Replay(short_walk(), 1.0, "a test"), options, print, print)
+
+
+def test_a_walk_is_not_trusted_before_enough_was_walked_and_its_axes_were_seen() -> None:
+    verdict = LineVerdict()
+    assert walked(verdict, 19) == "doubtful"  # no axes seen so far
+    assert walked(verdict, 1, first=19) == "doubtful"
+    assert walked(verdict, 1, first=20) == "trusted"  # such a sensor shows none
+    verdict = LineVerdict()
+    fed(verdict, OWN)
+    assert walked(verdict, 5) == "doubtful"  # four strides
+    assert walked(verdict, 1, first=5) == "trusted"
+    ((_, found),) = LineVerdict().judge([estimate(0, 0.0, [0.0, 0.0, 0.0])], [False])
+    assert found.reasons == ("too little has been walked to know: 0 strides",)
+
+
+def test_a_check_that_is_resumed_goes_on_with_the_same_samples() -> None:
+    whole, first, second = (AxesCheck(lambda words: None) for _ in range(3))
+    fed(whole, OWN, len(rows()))
+    buffer = SampleBuffer()
+    buffer.append(rows()[: 3 * len(rows()) // 4])
+    first.look_at(buffer)
+    second.resume(json.loads(json.dumps(first.state())))
+    buffer.append(rows()[3 * len(rows()) // 4 :])
+    second.look_at(buffer)
+    assert 0 < first.evidence.strides < second.evidence.strides
+    np.testing.assert_array_equal(second.evidence.scores, whole.evidence.scores)

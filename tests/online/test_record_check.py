@@ -162,6 +162,19 @@ def test_windows_of_the_search_fit_each_other(name, value):
     assert not stances.is_sound()
 
 
+def test_a_window_that_was_made_long_takes_no_memory_to_be_refused():
+    stances, rows = CausalStances(), rows_of(short_walk())[:300]
+    stances.push(rows[:, 0], rows[:, 1:4], rows[:, 4:7])
+    stances._search._p = replace(stances._search._p, window_s=1e12)
+    assert not stances.is_sound()
+
+
+def test_raw_readings_that_were_left_out_later_are_sound(record):
+    absurd = np.full((3, 10), 1e14)
+    assert find_fault({"check": {"window": absurd, "seen": [absurd]}}) == ""
+    assert find_fault({"check": {"passed_s": 1e14}}) != ""
+
+
 def test_samples_that_wait_for_the_search_are_of_one_length():
     stances, rows = CausalStances(), rows_of(short_walk())[:303]
     stances.push(rows[:, 0], rows[:, 1:4], rows[:, 4:7])

@@ -357,6 +357,22 @@ def test_swings_without_end_are_none_though_they_are_the_usual_ones() -> None:
     assert measure_time_without_footfall(Seen(replace(walk, stances=stances), solution)).weight > 2
 
 
+def test_bad_samples_that_are_many_spoil_a_path_that_passes_else() -> None:
+    for share, word in ((0.0, "trusted"), (0.001, "trusted"), (0.01, "doubtful"), (0.1, "not to be used")):
+        told = replace(demo().provenance, bad_samples=round(share * len(demo())))
+        found = judge_path(replace(good().walk, recording=replace(demo(), provenance=told)), good().solution)
+        assert found.word == word
+
+
+def test_a_stride_of_three_metres_spoils_a_path_in_a_pocket_too() -> None:
+    walk, solution = replace(good().walk, options=Options(mount="pocket")), good().solution
+    position = solution.stances.position.copy()
+    position[7:] += [0.0, 3.0, 0.0]
+    jumped = replace(solution, stances=replace(solution.stances, position=position))
+    words = [any("no legs open so far" in one for one in judge_path(walk, path).reasons) for path in (solution, jumped)]
+    assert words == [False, True]
+
+
 def test_wrong_axes_spoil_a_path_of_any_method() -> None:
     mirrored = replace(good().walk, recording=samples(gyr=-demo().gyr))
     reason = contradict_axes(Seen(mirrored, good().solution))

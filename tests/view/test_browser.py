@@ -106,6 +106,9 @@ def test_a_walk_is_shown_as_it_goes_on(visit, server, width, scheme):
     # 95 % of a Gaussian of sigmas 0.1 and 0.2 m, correlated by 0.25
     assert (first["a"], first["b"]) == pytest.approx((0.4952, 0.2348), abs=1e-3)
     assert page.inner_text("#stance") == "Stands"
+    assert page.inner_text("#trust") == "Path trusted"
+    assert page.locator("#trust-reason").is_hidden()
+    assert page.locator("#losses").is_hidden()
     assert page.inner_text("#field") == "Field undisturbed"
     assert page.inner_text("#latency") == "8ms"
     assert page.inner_text("#floor") == "+1"
@@ -154,12 +157,17 @@ def test_who_comes_late_sees_the_past_and_a_revised_one(visit, server):
 def test_what_is_wrong_is_shown(visit, server):
     page = visit(server)
     server.send(now(0, 0.0, 0.0))
-    server.send(now(1, 1.0, 0.0, field="disturbed", floor=None))
-    server.send_status(status(1.0, [1.0, 0.0, 0.0], source="silent 7 s", floor=None))
+    reasons = ["a stride of 3.1 m, at 24.0 s: it drifted", "one", "two"]
+    server.send(now(1, 1.0, 0.0, field="disturbed", floor=None, verdict="not to be used", reasons=reasons))
+    lost = {"lost_samples": 1, "lost_datagrams": 20}
+    server.send_status(status(1.0, [1.0, 0.0, 0.0], source="silent 7 s", floor=None, **lost))
     server.send_remark("nothing has come from <b>a test</b> for 7 s: waiting.")
     wait(page, "document.querySelector('#remarks li')")
     assert page.inner_text("#field") == "Field disturbed"
     assert page.inner_text("#field-reason") == "as asked"
+    assert page.inner_text("#trust") == "Path not to be used"
+    assert page.inner_text("#trust-reason") == "A stride of 3.1 m, at 24.0 s: it drifted; one; and 1 more."
+    assert page.inner_text("#losses") == "Lost so far: 1 sample, 20 datagrams."
     assert page.inner_text("#floor") == "–"
     assert page.inner_text("#banner") == "The source is silent for 7 s."
     assert page.inner_text("#remarks li") == "nothing has come from <b>a test</b> for 7 s: waiting."

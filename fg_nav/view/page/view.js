@@ -3,7 +3,7 @@
 // and `view` how it is looked at. All that is drawn follows from these two.
 
 const CHI_95 = Math.sqrt(-2 * Math.log(0.05)); // semi-axis of the 95 % ellipse, in sigmas: chi-square of two
-const RETRY_MS = 1000, NOTICE_MS = 8000, MOST_REMARKS = 50, STALE_MS = 3000;
+const RETRY_MS = 1000, NOTICE_MS = 8000, MOST_REMARKS = 50, MOST_REASONS = 2, STALE_MS = 3000;
 const MARGIN = 62; // pixels above and below the path: what lies on the map
 const NEAREST = 2000, FARTHEST = 0.002; // pixels a metre
 
@@ -126,6 +126,26 @@ function clock(seconds, there) {
   if (!there || !Number.isFinite(seconds)) return "–";
   const [h, m, s] = [seconds / 3600, (seconds / 60) % 60, seconds % 60].map((x) => String(Math.floor(x)).padStart(2, "0"));
   return `${h === "00" ? "" : h + ":"}${m}:${s}`;
+}
+
+const TRUST = {
+  trusted: ["good", "Path trusted"], doubtful: ["caution", "Path doubtful"], "not to be used": ["bad", "Path not to be used"],
+};
+
+/** Whether the path up to the newest line is to be trusted, and the heaviest reasons why not. */
+function showTrust() {
+  putLamp("trust", ...(TRUST[walk.last?.verdict] ?? ["", "Path not judged yet"]));
+  const reasons = walk.last?.reasons ?? [], more = reasons.length - MOST_REASONS;
+  const words = reasons.slice(0, MOST_REASONS).join("; ");
+  $("trust-reason").textContent = words && `${words[0].toUpperCase()}${words.slice(1)}${more > 0 ? `; and ${more} more` : ""}.`;
+  $("trust-reason").hidden = !words;
+}
+
+function showLosses() {
+  const status = walk.status ?? {}, count = (number, name) => `${number} ${name}${number === 1 ? "" : "s"}`;
+  const lost = [["sample", status.lost_samples], ["datagram", status.lost_datagrams]].filter(([, number]) => number > 0);
+  $("losses").textContent = `Lost so far: ${lost.map(([name, number]) => count(number, name)).join(", ")}.`;
+  $("losses").hidden = lost.length === 0;
 }
 
 function showLamps() {
@@ -300,7 +320,7 @@ function show() {
   asked = true;
   requestAnimationFrame(() => {
     asked = false;
-    showFigures(); showLamps(); showState(); draw();
+    showFigures(); showTrust(); showLamps(); showLosses(); showState(); draw();
     Object.assign(canvas.dataset, { points: walk.path.length, scale: view.scale, state: link.lost ? "lost" : "connected" });
   });
 }
