@@ -41,7 +41,7 @@ from fg_nav.online.record_log import append_record, read_records, write_records
 from fg_nav.online.saved_state import StateChanges, StateReader, find_changes
 from fg_nav.text import format_count, to_json
 
-VERSION = 6
+VERSION = 7
 """Of the records in a checkpoint."""
 
 BLOCK = 1 << 14
