@@ -80,14 +80,8 @@ def hold_folder(out: Path, force: bool = False, ours: frozenset[str] = RESULT_FI
 
     Raises `OutputError` as `result_folder` does. A folder that was made for the block is removed if it is empty then.
     """
-    _refuse_file(out)
     made = not out.exists()
-    try:
-        descriptor, locks = lock_folder(out)
-    except BlockingIOError:
-        raise OutputError(f"another run is at work in {out}: wait until it is done, or choose another --out.") from None
-    except OSError as error:
-        raise unwritable(out, error) from None
+    descriptor, locks = lock_result(out)
     try:
         if locks:
             _mend(out)
@@ -98,6 +92,17 @@ def hold_folder(out: Path, force: bool = False, ours: frozenset[str] = RESULT_FI
             with suppress(OSError):  # it is not empty: all went well
                 out.rmdir()
         os.close(descriptor)
+
+
+def lock_result(out: Path) -> tuple[int, bool]:
+    """Make a folder of results if it is missing and lock it, as `lock_folder`, or raise `OutputError`."""
+    _refuse_file(out)
+    try:
+        return lock_folder(out)
+    except BlockingIOError:
+        raise OutputError(f"another run is at work in {out}: wait until it is done, or choose another --out.") from None
+    except OSError as error:
+        raise unwritable(out, error) from None
 
 
 @contextmanager

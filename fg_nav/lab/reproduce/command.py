@@ -42,8 +42,7 @@ from fg_nav.lab.reproduce.results import (
     write_reproduction,
 )
 from fg_nav.lab.store.files import REPRODUCTION_MARKER, list_visible, read_marker, write_text
-from fg_nav.locks import lock_folder
-from fg_nav.report.folder import unwritable
+from fg_nav.report.folder import lock_result, unwritable
 from fg_nav.report.terminal import console, progress, ruled_table
 from fg_nav.text import find_version, to_json
 
@@ -126,14 +125,7 @@ def list_versions() -> dict[str, str]:
 @contextmanager
 def claim_folder(out: Path, paper: str, force: bool) -> Iterator[None]:
     """Make the folder ours while the block runs, or refuse; with `force` take the old report out of it."""
-    if out.exists() and not out.is_dir():
-        raise OutputError(f"{out} is a file, not a folder: choose another --out.")
-    try:
-        descriptor, _ = lock_folder(out)
-    except BlockingIOError:
-        raise OutputError(f"another run is at work in {out}: wait until it is done, or choose another --out.") from None
-    except OSError as error:
-        raise unwritable(out, error) from None
+    descriptor, _ = lock_result(out)
     try:
         _mark_folder(out, paper, force)
         yield
