@@ -32,7 +32,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.compiled import njit
+from fg_nav.system.compiled import njit
 
 SERIES_BELOW = 0.01
 """Squared angle, rad^2, under which the series below are exact to rounding (and the closed forms are not)."""

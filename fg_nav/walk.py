@@ -30,10 +30,10 @@ from fg_nav.io import Reading, read_fixes, read_truth
 from fg_nav.magnetic.axes import AlignedMagnetometer, MagAxes, align_magnetometer
 from fg_nav.magnetic.footfall_field import FootfallField, average_footfall_field
 from fg_nav.magnetic.quasi_static import DEFAULT, QUASI_STATIC, UNKNOWN, FieldVerdicts, apply_gate, choose_gate
-from fg_nav.memory import return_freed
 from fg_nav.recording import Recording
 from fg_nav.solution import Solution
 from fg_nav.stances import Stances
+from fg_nav.system.memory import return_freed
 from fg_nav.truth import Fix, TrajectoryTruth, Truth
 
 if TYPE_CHECKING:

@@ -49,7 +49,6 @@ from harness import option
 from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Bools, Floats, Ints
-from fg_nav.compiled import njit
 from fg_nav.errors import SimulationError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.io import read
@@ -63,6 +62,7 @@ from fg_nav.lab.simulation.plan import Section, Stairs, Stand, TurnOnSpot, Walk,
 from fg_nav.mechanisation import NavState, strapdown
 from fg_nav.samples.gaps import compensate_coning, fill_gaps
 from fg_nav.samples.saturation import rebuild_peaks
+from fg_nav.system.compiled import njit
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

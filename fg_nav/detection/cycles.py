@@ -19,8 +19,8 @@ from __future__ import annotations
 import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints
-from fg_nav.compiled import njit
 from fg_nav.frames import GRAVITY_M_S2
+from fg_nav.system.compiled import njit
 
 CYCLE_S = 0.5, 1.2
 """From stance to stance of one foot: sprinters to those who walk fast."""

@@ -38,11 +38,11 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.compiled import njit
 from fg_nav.detection.cycles import find_cycle_stances, find_mid_swings, is_next_to
 from fg_nav.detection.free_pass import integrate_velocity, is_falling
 from fg_nav.frames import GRAVITY_M_S2, level_attitude
 from fg_nav.samples.gaps import find_holes
+from fg_nav.system.compiled import njit
 
 
 class Link(NamedTuple):

@@ -8,10 +8,10 @@ from __future__ import annotations
 import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints
-from fg_nav.compiled import njit
 from fg_nav.frames import GRAVITY_M_S2, level_attitude
 from fg_nav.mechanisation import TILT_TIME_S, NavState, nudge_tilt, strapdown
 from fg_nav.samples.gaps import LONGEST_HELD_S
+from fg_nav.system.compiled import njit
 
 FREE_FALL_M_S2 = 1.0
 """A foot that stands feels gravity, and so more specific force than this."""

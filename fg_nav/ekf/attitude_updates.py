@@ -27,9 +27,9 @@ from typing import NamedTuple
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.compiled import njit
 from fg_nav.ekf.covariance import ATTITUDE, SIZE
 from fg_nav.ekf.update import update_component_traced, update_row_traced
+from fg_nav.system.compiled import njit
 
 COMPASS, TILT, COURSE, AGREEMENT = 0, 1, 2, 3
 """Columns of the standardized innovations; TILT is the root of half its NIS. AGREEMENT is the innovation by which the

@@ -42,10 +42,10 @@ from typing import NamedTuple
 import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints
-from fg_nav.compiled import njit
 from fg_nav.ekf.covariance import ATTITUDE, SIZE, VELOCITY, Densities, MotionNoise, compute_densities
 from fg_nav.ekf.update import INNOVATION, ROW, VARIANCE, inject_error
 from fg_nav.mechanisation import NavState, strapdown
+from fg_nav.system.compiled import njit
 
 
 class Samples(NamedTuple):

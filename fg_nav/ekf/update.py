@@ -29,9 +29,9 @@ from __future__ import annotations
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.compiled import njit
 from fg_nav.ekf.covariance import ACC_BIAS, ATTITUDE, GYRO_BIAS, POSITION, SIZE, VELOCITY
 from fg_nav.mechanisation import NavState, rotation_series
+from fg_nav.system.compiled import njit
 
 VARIANCE, INNOVATION, ROW = SIZE, SIZE + 1, SIZE + 2
 """Where a trace has s, nu and the first of h; c comes before."""

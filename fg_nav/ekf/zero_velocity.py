@@ -29,10 +29,10 @@ from typing import NamedTuple
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.compiled import njit
 from fg_nav.ekf.covariance import VELOCITY
 from fg_nav.ekf.update import update_component_traced
 from fg_nav.mechanisation import NavState
+from fg_nav.system.compiled import njit
 
 
 class StanceNoise(NamedTuple):

@@ -28,9 +28,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints
-from fg_nav.compiled import njit
 from fg_nav.mechanisation import rotate_in_body
 from fg_nav.recording import Recording
+from fg_nav.system.compiled import njit
 
 TURNING_RAD_S = 1.0
 """Mean rate of a pair: slower, the building's changes hide what the turning does."""

@@ -24,7 +24,7 @@ from fg_nav.online.buffer import SampleBuffer, ToldFootfall
 from fg_nav.online.handover import Handover
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.solving import Task, WalkSolver
-from fg_nav.processes import start_module
+from fg_nav.system.processes import start_module
 
 WORKER = "fg_nav.online.worker"
 """The module that the other process runs."""

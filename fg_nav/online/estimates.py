@@ -41,7 +41,6 @@ import numpy as np
 from gtsam.symbol_shorthand import B, V, X
 
 from fg_nav.arrays import Bools, Floats, Ints
-from fg_nav.compiled import njit
 from fg_nav.frames import UNKNOWN_RAD, compute_heading, turn_heading
 from fg_nav.mechanisation import NavState, strapdown
 from fg_nav.online.field import Verdict
@@ -50,6 +49,7 @@ from fg_nav.recording import Recording
 from fg_nav.smoother.moving_foot import extend_covariance
 from fg_nav.smoother.solver import in_nav
 from fg_nav.solution import StanceTable
+from fg_nav.system.compiled import njit
 from fg_nav.text import to_json
 from fg_nav.verdict.reason import Verdict as PathVerdict
 

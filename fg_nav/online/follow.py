@@ -42,8 +42,8 @@ from fg_nav.online.silence import Silence
 from fg_nav.online.source_check import SourceCheck
 from fg_nav.online.sources import SampleSource, open_samples
 from fg_nav.online.status import StatusReporter, Watcher
-from fg_nav.signals import catch_signals
 from fg_nav.smoother.parameters import FieldParameters, SmootherParameters
+from fg_nav.system.signals import catch_signals
 from fg_nav.text import to_json
 
 ENDING = (signal.SIGINT, signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else []))

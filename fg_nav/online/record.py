@@ -25,11 +25,11 @@ from fg_nav.errors import FgNavError, FormatError, OutputError, describe_reason
 from fg_nav.io.content import read_content
 from fg_nav.io.formats import FORMATS
 from fg_nav.io.readers.canonical import format_rows
-from fg_nav.locks import lock
 from fg_nav.online.buffer import COLUMNS
 from fg_nav.online.overlap import TAIL, Overlap
 from fg_nav.online.rows import Columns
 from fg_nav.online.sources import SampleSource, open_samples
+from fg_nav.system.locks import lock
 
 WRITE_S = 1.0
 """Between two writes."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.compiled import njit
+from fg_nav.system.compiled import njit
 
 LEAST_COSINE = float(np.sin(np.radians(1.0)))
 """Within a degree of a pitch of +-90 deg roll and yaw are not usable."""

@@ -52,7 +52,6 @@ import numpy as np
 from scipy.special import chdtri
 
 from fg_nav.arrays import Bools, Floats, Ints
-from fg_nav.compiled import njit
 from fg_nav.errors import EstimationError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.mechanisation import multiply, rotate_in_body, transpose
@@ -73,6 +72,7 @@ from fg_nav.pocket.filter_equations import (
 from fg_nav.pocket.parameters import PocketParameters
 from fg_nav.pocket.track import STORED_EVERY_S, PocketStart, PocketTrack, level_start
 from fg_nav.recording import Recording
+from fg_nav.system.compiled import njit
 
 ZERO_ACCELERATION_M_S2 = 0.3
 """Zero-acceleration detector: largest distance of the specific force's strength from gravity, m/s^2. Not printed."""

@@ -84,7 +84,6 @@ from typing import NamedTuple
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.compiled import njit
 from fg_nav.ekf.attitude_updates import wrap_angle
 from fg_nav.ekf.update import rotate_in_nav, update_component, update_row
 from fg_nav.mechanisation import cross_matrix, multiply, right_jacobian, rotate_in_body, transpose
@@ -96,6 +95,7 @@ from fg_nav.pocket.parameters import (
     compute_bias_walk,
     compute_earth_rate,
 )
+from fg_nav.system.compiled import njit
 
 ATTITUDE, GYRO_BIAS, SIZE = 0, 3, 6
 

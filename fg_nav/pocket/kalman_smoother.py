@@ -32,9 +32,9 @@ from typing import NamedTuple
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.compiled import njit
 from fg_nav.ekf.update import update_component, update_row
 from fg_nav.mechanisation import cross_matrix, multiply, rotation_about, rotation_vector, transpose
+from fg_nav.system.compiled import njit
 
 ATTITUDE, BIAS, SCALE, FIELD, REGION, VELOCITY, SWING, BODY, SIZE = 0, 3, 6, 15, 18, 21, 23, 25, 27
 """Where the parts of x begin; y lacks the first."""

@@ -31,8 +31,8 @@ from typing import NamedTuple
 import numpy as np
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.compiled import njit
 from fg_nav.mechanisation import multiply, right_jacobian, rotate_in_body, rotation_about, transpose
+from fg_nav.system.compiled import njit
 
 SENSOR = 12
 """Errors of a gyroscope: bias, scale and misalignment."""

@@ -9,7 +9,8 @@ program writes are ever replaced; hidden files are left alone, but for those of 
     .fg-nav-old-*    an older result that was being taken aside: put back
     .fg-nav-past-*   one that had been: removed, once the new one is in its place
 
-A folder is locked (`fg_nav.locks`) from before the work until the result is there: of two runs the second is refused.
+A folder is locked (`fg_nav.system.locks`) from before the work until the result is there: of two runs the second is
+refused.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from itertools import count
 from pathlib import Path
 
 from fg_nav.errors import OutputError, describe_reason
-from fg_nav.locks import lock_folder
+from fg_nav.system.locks import lock_folder
 
 _SUMMARIES = ("summary.json", "comparison.json", "detect.json")
 

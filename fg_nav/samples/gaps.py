@@ -53,7 +53,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints
-from fg_nav.compiled import njit
+from fg_nav.system.compiled import njit
 
 LOST_PERIODS = 1.5
 """After a step between stamps of more periods than this, a sample or more is missing."""

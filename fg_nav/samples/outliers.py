@@ -31,7 +31,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints
-from fg_nav.compiled import njit
+from fg_nav.system.compiled import njit
 from fg_nav.text import format_count
 
 LONGEST = 6

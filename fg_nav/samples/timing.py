@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.compiled import njit
+from fg_nav.system.compiled import njit
 
 _WINDOW_S = 0.25
 """A burst of delayed stamps is over within this."""

@@ -30,7 +30,6 @@ from fg_nav.detection.rest import freeze_ends
 from fg_nav.errors import EstimationError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.magnetic import FootfallField
-from fg_nav.memory import return_freed
 from fg_nav.recording import Recording
 from fg_nav.smoother.bias_prior import find_bias_prior
 from fg_nav.smoother.combinations import FootfallCovariance, weigh_path
@@ -49,6 +48,7 @@ from fg_nav.smoother.solved_walk import SolvedWalk, solve_walk
 from fg_nav.smoother.solver import FIRST_CONVERGENCE, marginal_covariances, stance_table
 from fg_nav.solution import Solution
 from fg_nav.stances import Stances
+from fg_nav.system.memory import return_freed
 from fg_nav.text import format_count
 from fg_nav.truth import Fix
 

@@ -23,8 +23,8 @@ from typing import NamedTuple
 import numpy as np
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.compiled import njit
 from fg_nav.mechanisation import NavState, rotation_series, rotation_vector, strapdown
+from fg_nav.system.compiled import njit
 
 MOST_TURN_RAD = 0.2
 """Of the body in a block, along its way."""

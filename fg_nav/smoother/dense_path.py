@@ -15,9 +15,9 @@ from __future__ import annotations
 import numpy as np
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.compiled import njit
 from fg_nav.mechanisation import NavState, rotate_in_body, rotation_vector, strapdown, write_state
 from fg_nav.samples.gaps import LONGEST_HELD_S
+from fg_nav.system.compiled import njit
 
 
 def fill_path(

@@ -24,7 +24,6 @@ from fg_nav.arrays import Floats
 from fg_nav.errors import EstimationError
 from fg_nav.frames import yaw_rotation
 from fg_nav.magnetic import FootfallField
-from fg_nav.memory import return_freed
 from fg_nav.smoother.field import (
     FieldResiduals,
     FieldVerdict,
@@ -42,6 +41,7 @@ from fg_nav.smoother.parameters import FieldParameters
 from fg_nav.smoother.path_noise import PathNoise, choose_path_noise
 from fg_nav.smoother.potential import describe_jumps, free_jumps
 from fg_nav.smoother.solver import CONVERGENCE, FIRST_CONVERGENCE, Solved, list_attitudes
+from fg_nav.system.memory import return_freed
 
 COMPASS_ROUNDS = 1
 """More rounds without the line integral: noise and heading are found together."""

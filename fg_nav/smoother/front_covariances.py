@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.compiled import njit
 from fg_nav.smoother.fronts import Fronts, get_front
+from fg_nav.system.compiled import njit
 
 LARGEST = 8
 """Dimensions of a variable."""

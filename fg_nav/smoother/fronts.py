@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.compiled import njit
+from fg_nav.system.compiled import njit
 
 
 class Fronts(NamedTuple):

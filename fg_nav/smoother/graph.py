@@ -24,7 +24,6 @@ import numpy as np
 from gtsam.symbol_shorthand import B, S, V, X
 
 from fg_nav.arrays import Bools, Floats, Ints
-from fg_nav.compiled import njit
 from fg_nav.detection import Rest
 from fg_nav.detection.rolling_lever import RollingLever
 from fg_nav.factors.residual import ResidualBlock, join_blocks, read_variables
@@ -47,6 +46,7 @@ from fg_nav.smoother.solver import (
 from fg_nav.smoother.strides import Nodes, add_start, add_stride, place_nodes, strides_of, velocity_block
 from fg_nav.smoother.unseen import find_unseen_walks
 from fg_nav.stances import Stances
+from fg_nav.system.compiled import njit
 
 GAUGE_SIGMA = 1e-4
 """Position (m) and heading (rad) at the start are known by definition."""

@@ -40,7 +40,6 @@ import gtsam
 import numpy as np
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.compiled import njit
 from fg_nav.factors.differential_field import GYRO
 from fg_nav.mechanisation import rotate_in_body
 from fg_nav.recording import Recording
@@ -50,6 +49,7 @@ from fg_nav.smoother.graph import WalkProblem, biases_of
 from fg_nav.smoother.sensitivity import SharedColumns, weigh_shared
 from fg_nav.smoother.solver import Solved, list_attitudes
 from fg_nav.smoother.strides import INERTIAL_KEYS
+from fg_nav.system.compiled import njit
 
 SCALE_SIGMA = 0.01
 """Prior of the scale of each axis: a few tenths of a percent after a calibration, 1 to 3 by the sheet of a raw part."""

@@ -50,7 +50,6 @@ from fg_nav.detection import Rest
 from fg_nav.detection.rest import find_start
 from fg_nav.detection.rolling_lever import RollingLever, estimate_lever
 from fg_nav.errors import EstimationError
-from fg_nav.memory import return_freed
 from fg_nav.recording import Recording
 from fg_nav.samples.saturation import OFF_SHARE
 from fg_nav.smoother.bias_walk import choose_bias_walk
@@ -62,6 +61,7 @@ from fg_nav.smoother.refused_stances import weaken_refused_stances
 from fg_nav.smoother.solver import FIRST_CONVERGENCE, minimize, time_order
 from fg_nav.smoother.strides import INERTIAL_KEYS
 from fg_nav.stances import Stances
+from fg_nav.system.memory import return_freed
 from fg_nav.text import format_count
 
 LEVELS = (2e-3, 1e-3, 3e-4, 1e-4)

@@ -30,7 +30,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import IO, Any
 
-from fg_nav.processes import start_module
+from fg_nav.system.processes import start_module
 from fg_nav.text import to_json
 from fg_nav.view.line_server import LineServer
 from fg_nav.view.loop import call_there, run_there, start_loop

@@ -34,7 +34,6 @@ from typing import TypeAlias
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.compiled import njit
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.lab.simulation.motion import Bursts, Kinematics, Ramps, Strides, average_over_period
 from fg_nav.lab.simulation.mount import Mount, draw_shocks
@@ -71,6 +70,7 @@ from fg_nav.lab.simulation.steps import (
     join_moves,
     rotate_to_level,
 )
+from fg_nav.system.compiled import njit
 
 NODE_S = 3e-3
 """A node of quadrature for each of these in a sample period, and one more: errors stay below 1e-4 of an 80 Hz burst."""

@@ -32,8 +32,8 @@ from typing import Protocol
 import numpy as np
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.compiled import njit
 from fg_nav.errors import SimulationError
+from fg_nav.system.compiled import njit
 
 
 class Style(IntEnum):

@@ -33,9 +33,9 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.compiled import njit
 from fg_nav.errors import SimulationError
 from fg_nav.lab.simulation.fields.sources import UP, Dipoles
+from fg_nav.system.compiled import njit
 
 SPACING_M = 0.2
 """Points of a path lie no further apart than this."""

@@ -29,8 +29,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.compiled import njit
 from fg_nav.errors import SimulationError
+from fg_nav.system.compiled import njit
 
 SCALE_UT = 0.1
 """mu_0 / (4 pi) in uT m / A."""

@@ -17,9 +17,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints
-from fg_nav.compiled import njit
 from fg_nav.errors import SimulationError
 from fg_nav.lab.simulation.sensors import checks
+from fg_nav.system.compiled import njit
 
 SPACING = 0.02
 """Samples out of a queue are at least this share of a period apart: the time it takes to send one."""

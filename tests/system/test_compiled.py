@@ -8,10 +8,10 @@ import numba
 import pytest
 from numba.core import caching
 
-from fg_nav import compiled, scratch
 from fg_nav.report.plots import fonts
+from fg_nav.system import compiled, scratch
 
-PACKAGE = Path(compiled.__file__).parent
+PACKAGE = Path(compiled.__file__).parents[1]
 
 
 def add(a, b):

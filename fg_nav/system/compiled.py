@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 
 import numba
 
-from fg_nav.scratch import find_scratch
+from fg_nav.system.scratch import find_scratch
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
