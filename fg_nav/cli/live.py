@@ -49,7 +49,7 @@ def stream(
     Reads canonical CSV, the header line first, or rows of --columns. Ctrl-C ends the walk and writes its result.
     """
     from fg_nav.commands.stream import stream
-    from fg_nav.online.follow import StreamRequest
+    from fg_nav.online.request import StreamRequest
 
     request = StreamRequest(
         source, checkpoint, every, lag, heading, not no_mag, gate, calibration, serve, baud, silence, mag_axes, polish,

@@ -1,8 +1,6 @@
-"""Follow a source to its end: rows in, estimates out, checkpoints on the way. This is what `fg-nav stream` does.
+"""Follow a source to its end: rows in, estimates out, checkpoints on the way. `fg-nav stream` does (`request`).
 
-    StreamRequest  -> source, lag, heading, calibration, checkpoint, lines printed or served
-    follow_source  -> rows -> navigator -> one line an estimate, until the source ends or a signal says stop
-    StreamedWalk   -> the closed navigator, to be solved as a whole
+    follow_source  -> rows -> navigator -> one line an estimate, until the source ends or an event says stop
 
 Nothing that happens to the stream ends the walk but its end: bad rows are left out, and a stalled source is waited for,
 with a remark on each. Checkpoints come every `checkpoint_s`, are written in a thread of their own, and less often once
@@ -11,52 +9,39 @@ that takes long: at most one part in twenty of the time goes into it.
 
 from __future__ import annotations
 
-import signal
 import threading
 import time
-from contextlib import closing, nullcontext
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.calibration.of_recording import Calibration, read_calibration
-from fg_nav.detection.mount import Wearing
-from fg_nav.errors import EstimationError, FgNavError, StreamError
-from fg_nav.io import read_fixes
+from fg_nav.calibration.of_recording import Calibration
+from fg_nav.errors import EstimationError, FgNavError
 from fg_nav.magnetic.axes import MagAxes
-from fg_nav.magnetic.quasi_static import choose_gate
 from fg_nav.online.checkpoint import Checkpoint, Snapshot
 from fg_nav.online.estimates import format_estimate
 from fg_nav.online.line_verdict import Judged, LineVerdict
 from fg_nav.online.losses import LossCounter, describe_losses
 from fg_nav.online.options import OnlineOptions
-from fg_nav.online.outlets import Outlets, Say
+from fg_nav.online.outlets import Say
 from fg_nav.online.pocket import Navigator, PocketOptions, begin_walk
-from fg_nav.online.record import open_recorded
 from fg_nav.online.record_check import say_damaged
 from fg_nav.online.revision import Revision, describe_past, format_revision
-from fg_nav.online.rows import Columns, parse_columns
+from fg_nav.online.rows import Columns
 from fg_nav.online.silence import Silence
 from fg_nav.online.source_check import SourceCheck
-from fg_nav.online.sources import SampleSource, open_samples
+from fg_nav.online.sources import SampleSource
 from fg_nav.online.status import StatusReporter, Watcher
-from fg_nav.smoother.parameters import FieldParameters, SmootherParameters
-from fg_nav.system.signals import catch_signals
 from fg_nav.text import to_json
-
-ENDING = (signal.SIGINT, signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else []))
-"""Signals that end the walk: Ctrl-C, a service that is stopped, a terminal or connection that is gone."""
 
 WAIT_S = 0.2
 """For bytes, before the stop signal is checked."""
 
 SAVING_SHARE = 0.05
 """Of the time at most."""
-
-SHORTEST_LAG_S = 10.0
-"""A shorter lag holds fewer strides than the smoother needs to estimate sensor and foot."""
 
 
 @dataclass(frozen=True)
@@ -189,11 +174,11 @@ class _Walk:
         self._races, self._due = navigator.races, time.monotonic() + options.checkpoint_s
         self._check = SourceCheck("pocket" if isinstance(options.online, PocketOptions) else "foot", remark)
         self._verdict = LineVerdict(isinstance(options.online, PocketOptions), remark, not navigator.footfalls)
+        self._losses = LossCounter(remark)
         with nullcontext() if options.checkpoint is None else say_damaged(options.checkpoint):
-            for name, part in (("check", self._check), ("verdict", self._verdict)):
+            for name, part in self._parts().items():
                 if name in navigator.source:
                     part.resume(navigator.source[name])
-        self._losses = LossCounter(remark)
         self._saving: threading.Thread | None = None
 
     def add(self, rows: Floats, header: list[str] | None) -> None:
@@ -202,10 +187,11 @@ class _Walk:
         if not len(rows):
             return
         self._check.add(rows)
-        self._losses.add(rows[:, 0])
         self._navigator.source["header"] = header
+        known = self._count_known()
         acc, mag = self._corrected(rows[:, 1:4], rows[:, 7:10])
         made = self._navigator.push(rows[:, 0], acc, rows[:, 4:7], mag if self._options.online.use_field else None)
+        self._losses.add(rows[:, 0], again=self._count_known() > known)
         self._verdict.look_at(self._navigator.buffer)
         found = self._verdict.judge(made, self._navigator.told_continues)
         # What hung on the machine is saved before it is told, once the last save is done: it cannot be made again.
@@ -216,7 +202,7 @@ class _Walk:
 
     def end(self, lost_datagrams: int) -> None:
         self._losses.finish()
-        self._navigator.source["lost"] = lost = self._losses.state(lost_datagrams)
+        self._navigator.source["lost"] = lost = self._losses.report(lost_datagrams)
         for words in describe_losses(lost):
             self._remark(f"{words}.")
         if self._checkpoint is not None:
@@ -227,7 +213,7 @@ class _Walk:
 
     def show_status(self, lost_datagrams: int, ended: bool = False) -> None:
         if self._status is not None:
-            self._status.report(self._navigator, self._losses.state(lost_datagrams), ended)
+            self._status.report(self._navigator, self._losses.report(lost_datagrams), ended)
 
     def tell_past(self) -> None:
         """Tell the path of a walk that was resumed, for who has not seen it."""
@@ -245,10 +231,19 @@ class _Walk:
                 if self._status is not None:
                     self._status.note_line()
 
+    def _parts(self) -> dict[str, SourceCheck | LineVerdict | LossCounter]:
+        """What a checkpoint keeps beside the navigator, by name."""
+        return {"check": self._check, "verdict": self._verdict, "losses": self._losses}
+
+    def _count_known(self) -> int:
+        """Rows that a resumed walk had before."""
+        counts = self._navigator.judge.counts
+        return counts["known"] + counts["late"]
+
     def _save(self, checkpoint: Checkpoint) -> None:
         """Save in a thread: only what is collected holds the walk up."""
         self._wait()
-        self._navigator.source |= {"check": self._check.state(), "verdict": self._verdict.state()}
+        self._navigator.source |= {name: part.state() for name, part in self._parts().items()}
         snapshot, self._races = checkpoint.collect(self._navigator), self._navigator.races
         self._saving = threading.Thread(target=self._write, args=(snapshot, checkpoint))
         self._due = np.inf
@@ -283,117 +278,3 @@ class _Walk:
         if found.accelerometer is not None:
             acc = found.accelerometer.correct(acc)
         return acc, mag
-
-
-@dataclass(frozen=True)
-class StreamRequest:
-    """What a user asks for; see `fg-nav stream --help`."""
-
-    source: str
-    checkpoint: Path | None = None
-    checkpoint_s: float = 10.0
-    lag_s: float | None = None
-    heading_deg: float | None = None
-    use_magnetometer: bool = True
-    gate: str | None = None
-    calibration_path: Path | None = None
-    serve: int | None = None
-    baud: int = 115200
-    silence_s: float | None = None
-    mag_axes: str | None = None
-    polish: bool = False
-    view: tuple[str, int] | None = None
-    columns: str | None = None
-    units: str | None = None
-    rate_hz: float | None = None
-    mount: Wearing = "foot"
-    fixes_path: Path | None = None
-    step_constant_m: float | None = None
-    speed: str | None = None
-    record: Path | None = None
-    force: bool = False
-
-
-@dataclass(frozen=True)
-class StreamedWalk:
-    """A walk that has ended: its navigator, the name of its source, and the calibration and axes that were applied.
-
-    `polish` asks for its batch solution as well.
-    """
-
-    navigator: Navigator
-    name: str
-    calibration: Calibration | None
-    mag_axes: MagAxes | None = None
-    polish: bool = False
-
-
-def run_stream(request: StreamRequest, outlets: Outlets) -> StreamedWalk:
-    """Follow a source until it ends or a signal says stop, as a user asks; lines and remarks go to the outlets.
-
-    Raises
-    ------
-    FgNavError
-        Where something that was asked for cannot be: the source, the checkpoint, the rows.
-    """
-    calibration = None if request.calibration_path is None else read_calibration(request.calibration_path)
-    axes = None if request.mag_axes is None else MagAxes.parse(request.mag_axes)
-    options = StreamOptions(
-        online=_online_options(request),
-        checkpoint=request.checkpoint,
-        checkpoint_s=_check_positive(request.checkpoint_s, "--every") or 0.0,
-        until_silent_s=_check_positive(request.silence_s, "--silence"),
-        calibration=calibration,
-        mag_axes=axes,
-        columns=parse_columns(request.columns, request.units, request.rate_hz),
-        beside=True,
-    )
-    with (
-        catch_signals(*ENDING) as stop,
-        closing(_open_samples(request, options.columns, outlets.remark)) as source,
-    ):
-        navigator = follow_source(source, options, outlets.emit, outlets.remark, stop, outlets.watcher)
-    return StreamedWalk(navigator, source.name, calibration, axes, request.polish)
-
-
-def _open_samples(request: StreamRequest, columns: Columns | None, remark: Say) -> SampleSource:
-    given = (request.source, columns, request.baud, request.speed, remark)
-    if request.record is None:
-        return open_samples(*given)
-    goes_on = request.checkpoint is not None and request.checkpoint.exists()
-    return open_recorded(request.record, goes_on, request.force, *given)
-
-
-def _online_options(request: StreamRequest) -> OnlineOptions | PocketOptions:
-    heading = request.heading_deg
-    if heading is not None and not np.isfinite(heading):
-        raise EstimationError(f"a heading of {heading} deg is no direction: give a number.")
-    heading_rad = None if heading is None else float(np.radians(heading))
-    if request.mount == "pocket":
-        for name, given in (("--lag", request.lag_s), ("--gate", request.gate), ("--fixes", request.fixes_path)):
-            if given is not None:
-                raise EstimationError(f"{name} is for a sensor on a foot: leave it out with --mount pocket.")
-        axes_given = request.mag_axes is not None
-        return PocketOptions(heading_rad, request.use_magnetometer, request.step_constant_m, axes_given)
-    if request.step_constant_m is not None:
-        raise EstimationError("--step-constant is for a sensor in a pocket: add --mount pocket, or leave it out.")
-    lag_s = _check_positive(request.lag_s, "--lag")
-    if lag_s is not None and lag_s < SHORTEST_LAG_S:
-        raise EstimationError(f"a lag of {lag_s:g} s is too short: give {SHORTEST_LAG_S:g} or more.")
-    if lag_s is not None and request.polish:
-        raise EstimationError("with --lag the samples are discarded, so there is no --polish: give one of the two.")
-    gate = choose_gate(request.gate, request.use_magnetometer)
-    return OnlineOptions(
-        heading_rad=heading_rad,
-        use_field=request.use_magnetometer,
-        lag_s=lag_s,
-        parameters=SmootherParameters(magnetic=FieldParameters(gate=gate)),
-        axes_given=request.mag_axes is not None,
-        fixes=() if request.fixes_path is None else read_fixes(request.fixes_path),
-    )
-
-
-def _check_positive(value: float | None, name: str) -> float | None:
-    if value is not None and not 0 < value < np.inf:
-        raise StreamError(f"{name} {value:g} is no time: give seconds above zero.")
-    return value

@@ -11,6 +11,7 @@ What this machine had no room for is counted by the system (`live.Datagrams`), a
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 
@@ -51,8 +52,13 @@ class LossCounter:
         self._window = np.empty(0)
         self._period_s, self._others = np.nan, 0
 
-    def add(self, t: Floats) -> None:
-        """Look at the stamps (n,) s of rows as they were sent; NaN is ignored."""
+    def add(self, t: Floats, again: bool = False) -> None:
+        """Look at the stamps (n,) s of rows as they were sent; NaN is ignored.
+
+        Where some come `again`, as of a source that a resumed walk reads from its beginning, only later ones count.
+        """
+        if again and len(self._window):
+            t = t[t > self._window[-1]]
         self.came += len(t)
         self._window = np.concatenate([self._window, t[np.isfinite(t)]])
         while len(self._window) > WINDOW:
@@ -65,9 +71,23 @@ class LossCounter:
         self._count(self._window)
         self._window = self._window[-1:]
 
-    def state(self, datagrams: int) -> dict[str, int]:
+    def report(self, datagrams: int) -> dict[str, int]:
         """Return what was lost so far, with the datagrams for which this machine had no room."""
         return {"samples": self.samples, "came": self.came, "datagrams": datagrams}
+
+    def state(self) -> dict[str, Any]:
+        """Return what `resume` needs, as JSON values."""
+        period_s = self._period_s if np.isfinite(self._period_s) else None
+        counts = {"samples": self.samples, "came": self.came, "others": self._others}
+        return counts | {"window": self._window.tolist(), "period_s": period_s}
+
+    def resume(self, state: Mapping[str, Any]) -> None:
+        """Go on where another counter of the same stream was; raises `ValueError` for what none can be."""
+        self.samples, self.came, self._others = (int(state[name]) for name in ("samples", "came", "others"))
+        self._window = np.array(state["window"], dtype=np.float64).reshape(-1)
+        self._period_s = np.nan if state["period_s"] is None else float(state["period_s"])
+        if min(self.samples, self.came, self._others) < 0 or not np.isfinite(self._window).all():
+            raise ValueError("a count below zero, or a stamp that is none")
 
     def _count(self, t: Floats) -> None:
         missing = count_missing(t)

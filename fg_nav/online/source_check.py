@@ -30,6 +30,7 @@ from fg_nav.arrays import Floats
 from fg_nav.detection.mount import Wearing, measure_turning
 from fg_nav.errors import EstimationError, RecordingError, StreamError
 from fg_nav.frames import GRAVITY_M_S2
+from fg_nav.online.buffer import COLUMNS
 from fg_nav.recording import Recording
 
 WINDOW = 200
@@ -58,8 +59,8 @@ LONGEST_STEP_S = 1.0
 
 _RATE_RAD_S = 5.0
 
-_STATE = "window", "suspect", "looked", "is_worn_there", "passed_s", "remarked"
-"""Of a check, beside the rows that it has seen of where the sensor is worn."""
+MOST_WINDOWS = round(REFUSED_S * 5000.0 / WINDOW)
+"""That are kept to see where the sensor is worn: those of the fastest sensor, however slowly its clock goes."""
 
 
 class SourceCheck:
@@ -73,10 +74,10 @@ class SourceCheck:
 
     def __init__(self, mount: Wearing, remark: Callable[[str], None]) -> None:
         self._mount, self._remark = mount, remark
-        self._window = np.empty((0, 10))
+        self._window = np.empty((0, COLUMNS))
         self._suspect = 0
         self._seen: list[Floats] = []
-        self._looked, self._is_worn_there = 0, False
+        self._looked, self._is_settled = 0, False  # where it is worn: known, or asked no more
         self._passed_s, self._remarked = 0.0, False
 
     def add(self, rows: Floats) -> None:
@@ -94,20 +95,33 @@ class SourceCheck:
         while len(self._window) >= WINDOW:
             window, self._window = self._window[:WINDOW], self._window[WINDOW:]
             self._check_one_sensor(window)
-            if not self._is_worn_there and self._passed_s < REFUSED_S:
+            self._is_settled |= self._passed_s >= REFUSED_S or len(self._seen) >= MOST_WINDOWS
+            self._seen = [] if self._is_settled else self._seen
+            if not self._is_settled:
                 self._check_mount(window)
             step = np.diff(window[:, 0])
             self._passed_s += float(step[(step > 0.0) & (step < LONGEST_STEP_S)].sum())
 
     def state(self) -> dict[str, Any]:
         """Return what `resume` needs; what is in it does not change any more."""
-        return {name: getattr(self, f"_{name}") for name in _STATE} | {"seen": list(self._seen)}
+        return {
+            "window": self._window,
+            "seen": list(self._seen),
+            "suspect": self._suspect,
+            "looked": self._looked,
+            "is_settled": self._is_settled,
+            "passed_s": self._passed_s,
+            "remarked": self._remarked,
+        }
 
     def resume(self, state: Mapping[str, Any]) -> None:
-        """Go on where another check of the same stream was."""
-        for name in _STATE:
-            setattr(self, f"_{name}", state[name])
-        self._seen = list(state["seen"])
+        """Go on where another check of the same stream was; raises `ValueError` for what none can be."""
+        self._window, *self._seen = map(_check_rows, (state["window"], *state["seen"]))
+        self._suspect, self._looked = int(state["suspect"]), int(state["looked"])
+        self._is_settled, self._remarked = bool(state["is_settled"]), bool(state["remarked"])
+        self._passed_s = float(state["passed_s"])
+        if not (self._suspect >= 0 and self._looked >= 0 and 0.0 <= self._passed_s < np.inf):
+            raise ValueError("a count below zero")
 
     def _check_one_sensor(self, window: Floats) -> None:
         self._suspect = self._suspect + 1 if has_two_clocks(window[:, 0]) or _has_two_levels(window) else 0
@@ -131,15 +145,23 @@ class SourceCheck:
             signs = measure_turning(Recording(rows[:, 0], rows[:, 1:4], rows[:, 4:7]))
         except RecordingError:
             return  # its clock restarted
-        self._is_worn_there = signs.wearing == self._mount
-        self._seen = [] if self._is_worn_there else self._seen
-        if signs.wearing is None or self._is_worn_there:
+        self._is_settled = signs.wearing == self._mount
+        if signs.wearing is None or self._is_settled:
             return
         if self._mount == "foot":
             raise EstimationError(
                 f"the sensor is in a trouser pocket, not on a foot (only {signs.words}): add --mount pocket."
             )
         raise EstimationError(f"the sensor is on a foot, not in a pocket ({signs.words}): leave --mount pocket out.")
+
+
+def _check_rows(rows: Any) -> Floats:
+    """Return rows (n, 10), at most a window of them, whose stamps are numbers."""
+    if not isinstance(rows, np.ndarray) or rows.dtype != np.float64 or rows.shape[1:] != (COLUMNS,):
+        raise ValueError("these are no rows")
+    if len(rows) > WINDOW or not np.isfinite(rows[:, :7]).all():
+        raise ValueError("these are no rows of a window")
+    return rows
 
 
 def has_two_clocks(t: Floats) -> bool:

@@ -14,7 +14,8 @@ of `SHARES` of the rows is odd. Stamps show their unit in the first rows, before
 second, rate in the first strides. Where that is so from the beginning the walk is refused; midway it is where a sensor
 restarts as another program set it up: what is wrong is left out, until it is right again.
 
-The other way round, a gyroscope that hardly turns while its wearer walks, is seen in windows, and said.
+The other way round, a gyroscope that hardly turns while its wearer walks, is seen in windows, and said. So is a
+magnetometer in another unit than before, whose field alone is left out (`field_watch`).
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ import numpy as np
 from fg_nav.arrays import Bools, Floats
 from fg_nav.errors import RecordingError
 from fg_nav.online.buffer import COLUMNS
+from fg_nav.online.field_watch import FieldWatch
 from fg_nav.samples.plausibility import (
     find_acc_problem,
     find_gyr_problem,
@@ -153,7 +155,7 @@ class UnitWatch:
     def __init__(self, remark: Callable[[str], None]) -> None:
         self.notes: tuple[str, ...] = ()
         self._remark = remark
-        self._stamps = StampWatch(self._tell)
+        self._stamps, self._field = StampWatch(self._tell), FieldWatch(self._tell)
         self._held = np.empty((0, COLUMNS))
         self._window = np.empty((0, COLUMNS))
         self._was_right = self._is_wrong = False
@@ -167,6 +169,10 @@ class UnitWatch:
         RecordingError
             Where the first rows are in another unit: which, and what to do.
         """
+        return self._field.admit(self._admit(rows, at_end))
+
+    def _admit(self, rows: Floats, at_end: bool) -> Floats:
+        """Return the rows to take whose stamps, force and rate are in their units."""
         rows = np.concatenate([self._held, self._stamps.admit(rows, at_end)])
         self._held = rows[:0]
         odd = _find_odd(rows)
@@ -188,12 +194,14 @@ class UnitWatch:
     def state(self) -> dict[str, Any]:
         """Return what `resume` needs, as JSON values: rows that wait come again, or are lost."""
         period_s = self._stamps.period_s
-        return {"period_s": period_s if np.isfinite(period_s) else None, "was_right": self._was_right}
+        period = period_s if np.isfinite(period_s) else None
+        return {"period_s": period, "was_right": self._was_right, "field": self._field.state()}
 
     def resume(self, state: Mapping[str, Any]) -> None:
         """Go on where another was."""
         self._stamps.period_s = np.nan if state["period_s"] is None else float(state["period_s"])
         self._was_right = bool(state["was_right"])
+        self._field.resume(state["field"])
 
     def _find_piece(self, odd: Bools, begins: int, at_end: bool) -> tuple[int, int | None]:
         """Return from and to which row it can be judged what waits; to None where too few are there.

@@ -196,7 +196,7 @@ def find_mag_unit(mag: Floats) -> str | None:
     strength = measure_field_strength(mag)
     strength = strength[np.isfinite(strength)]
     median = float(np.median(strength)) if strength.size else np.nan
-    if _FIELD_RANGE_UT[0] < median < _FIELD_RANGE_UT[1]:
+    if is_field_on_earth(median):
         return "uT"
     # From 200 on, what reads as mG can as well be uT with the iron of a telephone in it.
     return next((u for u, (_, (low, high)) in _FIELD_UNITS.items() if u != "mG" and low < median < high), None)
@@ -246,7 +246,7 @@ def find_mag_problem(mag: Floats) -> str | None:
     if not strength.size:
         return None
     median = float(np.median(strength))
-    if _FIELD_RANGE_UT[0] < median < _FIELD_RANGE_UT[1]:
+    if is_field_on_earth(median):
         return None
     for unit, (scale, (low, high)) in _FIELD_UNITS.items():
         if low < median < high:
@@ -255,6 +255,11 @@ def find_mag_problem(mag: Floats) -> str | None:
                 f"multiply it by {scale:g}, or leave its columns out"
             )
     return f"mag has a median strength of {median:.3g} uT, no field on Earth: check its unit, or leave it out"
+
+
+def is_field_on_earth(strength_uT: Floats | float) -> Bools:
+    """Whether fields of this strength are met on Earth, beside iron and in shoes too; NaN are not."""
+    return np.asarray((strength_uT > _FIELD_RANGE_UT[0]) & (strength_uT < _FIELD_RANGE_UT[1]))
 
 
 def measure_field_strength(mag: Floats) -> Floats:

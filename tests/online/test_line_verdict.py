@@ -16,6 +16,7 @@ from fg_nav.online.checkpoint import Checkpoint
 from fg_nav.online.estimates import StanceEstimate, format_estimate
 from fg_nav.online.follow import StreamOptions, follow_source
 from fg_nav.online.line_verdict import LineVerdict
+from fg_nav.online.losses import LossCounter
 from fg_nav.online.replay import Replay
 from fg_nav.online.revision import Revision
 from tests.online.walks import NORTH, push, short_walk
@@ -148,8 +149,10 @@ def test_a_state_that_somebody_changed_is_refused_in_a_sentence(tmp_path: Path) 
     path, navigator = tmp_path / "walk", OnlineNavigator(NORTH)
     push(navigator, rows()[:300])
     sound = LineVerdict().state()
-    for changed in ({}, 3, sound | {"numbers": ["x"] * 8}, sound | {"last": [0.0]}, sound | {"heights": [[{}]]}):
-        navigator.source["verdict"] = changed
+    wrong = [{}, 3, sound | {"numbers": ["x"] * 8}, sound | {"last": [0.0]}, sound | {"heights": [[{}]]}]
+    parts = [{"verdict": one} for one in wrong] + [{"check": {}}, {"losses": LossCounter(print).state() | {"came": -1}}]
+    for changed in parts:
+        navigator.source = {**changed}
         checkpoint = Checkpoint(path)
         checkpoint.write(checkpoint.collect(navigator))
         options = StreamOptions(online=NORTH, checkpoint=path)

@@ -1,9 +1,16 @@
 """Samples that were lost on the way are counted by the stamps, and a rate that changes is said."""
 
+import json
+
 import numpy as np
 import pytest
 
+from fg_nav.online.buffer import rows_of
+from fg_nav.online.follow import StreamOptions, follow_source
 from fg_nav.online.losses import LossCounter, describe_losses
+from fg_nav.online.replay import Replay
+from fg_nav.recording import Recording
+from tests.online.walks import NORTH, short_walk
 
 
 def count(t, block):
@@ -26,8 +33,8 @@ def test_each_sample_that_is_missing_is_counted_whatever_the_blocks(block):
     counter, said = count(t[~lost], block)
     assert (counter.samples, counter.came) == (lost.sum(), (~lost).sum())
     assert len(said) == 1
-    assert describe_losses(counter.state(3))[0].startswith(f"by the stamps {lost.sum()} samples of 2000")
-    assert "3 datagrams" in describe_losses(counter.state(3))[1]
+    assert describe_losses(counter.report(3))[0].startswith(f"by the stamps {lost.sum()} samples of 2000")
+    assert "3 datagrams" in describe_losses(counter.report(3))[1]
 
 
 def test_nothing_is_lost_of_stamps_of_arrival_of_a_clock_that_restarts_or_of_a_sensor_that_was_off():
@@ -38,7 +45,7 @@ def test_nothing_is_lost_of_stamps_of_arrival_of_a_clock_that_restarts_or_of_a_s
         counter, said = count(t, 61)
         assert counter.samples == 0
         assert said == []
-        assert describe_losses(counter.state(0)) == ()
+        assert describe_losses(counter.report(0)) == ()
 
 
 def test_a_rate_that_changes_is_said_once():
@@ -48,3 +55,31 @@ def test_a_rate_that_changes_is_said_once():
     changes = [words for words in said if "rate" in words]
     assert len(changes) == 1
     assert "from 100 to 50 Hz" in changes[0]
+
+
+@pytest.mark.parametrize("again", [False, True], ids=["goes on", "from its beginning"])
+def test_a_counter_that_is_resumed_ends_with_the_same_counts(again):
+    """Through a checkpoint, and whether the source goes on or sends all of it once more."""
+    t = np.delete(np.arange(2000) * 0.01, slice(300, 1900, 100))
+    whole, _ = count(t, 50)
+    before, said = LossCounter(print), []
+    before.add(t[:1030])
+    later = LossCounter(said.append)
+    later.resume(json.loads(json.dumps(before.state())))
+    for start in range(0 if again else 1030, len(t), 50):
+        later.add(t[start : start + 50], again=start < 1030 and again)
+    later.finish()
+    assert later.report(0) == whole.report(0)
+    assert said == []
+
+
+def test_what_is_lost_before_and_behind_a_kill_is_counted_and_told(tmp_path):
+    """A resumed stream says at its end what was lost in all, as one that was not killed."""
+    rows = np.delete(rows_of(short_walk()), slice(300, 1300, 50), axis=0)
+    options = StreamOptions(online=NORTH, checkpoint=tmp_path / "walk")
+    said: list[str] = []
+    for part in (rows[:900], rows):
+        recording = Recording(part[:, 0], part[:, 1:4], part[:, 4:7], part[:, 7:])
+        walk = follow_source(Replay(recording, np.inf, "a test"), options, print, said.append)
+    assert walk.source["lost"] == {"samples": 20, "came": len(rows), "datagrams": 0}
+    assert any(f"20 samples of {len(rows) + 20}" in words for words in said)

@@ -103,3 +103,35 @@ def test_a_minute_is_of_the_walk(feet):
     resumed.resume(before.state())
     resumed.add(alternate(*feet, 1)[:700])
     assert len(remarks) == 1
+
+
+def test_of_a_clock_that_hardly_goes_no_more_is_kept_than_of_a_minute(feet):
+    """A day of a stopped clock keeps nothing, and of a walk behind its first minute nothing is kept either."""
+    slow = np.tile(feet[0][:200], (1600, 1))
+    slow[:, 0] = np.arange(len(slow)) * 1e-5
+    stopped, late = slow.copy(), SourceCheck("foot", print)
+    stopped[:, 0] = 3.0
+    late._passed_s = 61.0
+    for looks, rows in ((SourceCheck("foot", print), slow), (SourceCheck("foot", print), stopped), (late, feet[0])):
+        looks.add(rows)
+        assert looks.state()["seen"] == []
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("window", np.zeros((3, 9))),
+        ("window", np.full((3, 10), np.nan)),
+        ("seen", [np.zeros((999, 10))]),
+        ("suspect", -1),
+        ("passed_s", -1.0),
+        ("passed_s", "x"),
+        ("looked", None),
+    ],
+)
+def test_what_no_check_can_have_seen_is_refused(feet, name, value):
+    before = SourceCheck("foot", print)
+    before.add(feet[0][:500])
+    SourceCheck("foot", print).resume(before.state())
+    with pytest.raises((ValueError, TypeError)):
+        SourceCheck("foot", print).resume(before.state() | {name: value})

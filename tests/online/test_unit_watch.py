@@ -9,7 +9,7 @@ from fg_nav.online import OnlineNavigator
 from fg_nav.online.buffer import rows_of
 from fg_nav.online.unit_watch import HELD, UnitWatch
 
-STAMP, ACC, GYR = slice(0, 1), slice(1, 4), slice(4, 7)
+STAMP, ACC, GYR, MAG = slice(0, 1), slice(1, 4), slice(4, 7), slice(7, 10)
 G = 9.80665
 
 
@@ -127,3 +127,37 @@ def test_resumed_it_leaves_out_what_a_new_one_would_refuse(rows):
     assert len(said) == 1
     with pytest.raises(RecordingError):
         admit(change(rows[2000:4000], GYR, 57.3))
+
+
+@pytest.mark.parametrize("block", [1, 61, 5000])
+@pytest.mark.parametrize(
+    ("factor", "words"), [(10.0, "in mG"), (0.01, "in gauss"), (1e3, "in nT"), (1e-6, "in T"), (150.0, "no field")]
+)
+def test_a_magnetometer_in_another_unit_midway_is_left_out_and_the_rest_is_taken(rows, factor, words, block):
+    """None of what is in the other unit is taken, all of what is not."""
+    taken, said = admit(change(rows, MAG, factor, 2000, 3500), block)
+    wrong = slice(2000, 3500)
+    assert np.array_equal(np.delete(taken, wrong, axis=0), np.delete(rows, wrong, axis=0), equal_nan=True)
+    assert np.array_equal(taken[:, :7], rows[:, :7])
+    assert np.isnan(taken[wrong, MAG]).all()
+    assert len(said) == 2
+    assert words in said[0]
+    assert "mag is as before" in said[1]
+
+
+def test_a_field_beside_iron_a_broken_reading_and_a_magnetometer_that_is_off_are_let_pass(rows):
+    sent = change(rows, MAG, 2.5, 1000, 1400)
+    sent[2000:2900, MAG], sent[3000:3900:2, MAG] = np.nan, 0.0
+    taken, said = admit(sent)
+    assert said == []
+    assert np.array_equal(taken, sent, equal_nan=True)
+
+
+def test_resumed_the_field_in_another_unit_is_left_out(rows):
+    first, said = UnitWatch(print), []
+    admit(rows[:1000], watch=first)
+    later = UnitWatch(said.append)
+    later.resume(first.state())
+    taken, _ = admit(change(rows[1000:2000], MAG, 1e3), watch=later)
+    assert np.isnan(taken[:, MAG]).all()
+    assert len(said) == 1
