@@ -18,7 +18,7 @@ Jacobian unassigned, kills the interpreter; NaN, a wrong column count or float32
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import fields, replace
 from functools import cached_property
-from typing import Any, ClassVar, Protocol, TypeVar
+from typing import Any, ClassVar, NamedTuple, Protocol, TypeVar
 
 import gtsam
 import numpy as np
@@ -92,6 +92,16 @@ class _Bias(int):
 
 BIAS = _Bias(6)
 """A gtsam.imuBias.ConstantBias, passed as its vector (..., 6): accelerometer, then gyroscope."""
+
+
+Keys = NDArray[np.uint64]
+
+
+class Stack(NamedTuple):
+    """K linear factors |A x - b|^2 of a kind: `keys` (K, n) of their variables, and A and b in `rows` (K, r, d + 1)."""
+
+    keys: Keys
+    rows: Array
 
 
 class Residual(Protocol):
@@ -188,7 +198,7 @@ class ResidualBlock:
         return len(self.keys)
 
     @cached_property
-    def _columns(self) -> NDArray[np.uint64]:
+    def _columns(self) -> Keys:
         """Keys (n, K) of each variable."""
         return np.array(self.keys, dtype=np.uint64).T.copy()
 
@@ -217,6 +227,13 @@ class ResidualBlock:
                 factor.getA()[...] = A
                 factor.getb()[...] = b
                 yield factor
+
+    def stack(self, values: gtsam.Values) -> list[Stack]:
+        """Return them linearized at these values."""
+        if not len(self):
+            return []
+        e, H = self.evaluate(values)
+        return [Stack(self._columns.T, np.concatenate([*H, -e[..., None]], axis=2))]
 
     def factors(self) -> Iterator[gtsam.CustomFactor]:
         """Yield the same residuals as factors of gtsam, one by one."""

@@ -10,7 +10,7 @@ from gtsam.symbol_shorthand import B, M, S, V, X
 
 from fg_nav.arrays import Floats
 from fg_nav.online.strides import Place
-from fg_nav.smoother.solver import DIMENSION
+from fg_nav.smoother.linear import DIMENSION
 
 
 def result_keys(places: Iterable[Place]) -> set[int]:

@@ -35,7 +35,7 @@ from fg_nav.smoother.graph import Known, WalkProblem
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.problem import walk_problem
 from fg_nav.smoother.solved_walk import solve_walk
-from fg_nav.smoother.solver import Solved, linearize, list_positions, marginal_covariances, time_order
+from fg_nav.smoother.solver import Solved, linearize, list_positions, time_order
 from fg_nav.smoother.strides import Nodes
 from fg_nav.stances import Stances
 from fg_nav.truth import Fix
@@ -121,7 +121,7 @@ def _list_heights(found: WalkSolution) -> Floats:
 
 def _list_rows(found: WalkSolution, places: list[Place]) -> tuple[EstimateRow, ...]:
     """Estimates of all footfalls."""
-    values, covariances = found.solved.values, marginal_covariances(found.solved.tree, result_keys(places))
+    values, covariances = found.solved.values, found.solved.root.covariances(result_keys(places))
     verdicts = [Verdict(*both) for both in zip(found.verdict.words, found.verdict.reason, strict=True)]
     return tuple(list_estimates(places, verdicts, values, covariances, found.parameters.moving_foot))
 

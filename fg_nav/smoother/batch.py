@@ -45,7 +45,7 @@ from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.problem import walk_problem
 from fg_nav.smoother.sensitivity import join_shared
 from fg_nav.smoother.solved_walk import SolvedWalk, solve_walk
-from fg_nav.smoother.solver import FIRST_CONVERGENCE, marginal_covariances, stance_table
+from fg_nav.smoother.solver import FIRST_CONVERGENCE, stance_table
 from fg_nav.solution import Solution
 from fg_nav.stances import Stances
 from fg_nav.system.memory import return_freed
@@ -178,7 +178,7 @@ class SmoothedWalk:
         """
         if not self.values.exists(key):
             raise EstimationError(f"the walk has no variable {gtsam.DefaultKeyFormatter(key)}: take one of its nodes.")
-        own = marginal_covariances(self.walk.solved.tree, {key})[key]
+        own = self.walk.solved.root.covariances({key})[key]
         shared = self.joint.shared.get(key)
         return own if shared is None else own + shared @ shared.T
 

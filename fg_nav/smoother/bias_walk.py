@@ -30,10 +30,11 @@ from gtsam.symbol_shorthand import V, X
 
 from fg_nav.arrays import Floats
 from fg_nav.factors.differential_field import GYRO
-from fg_nav.factors.residual import LETTER_SHIFT
-from fg_nav.smoother.evidence import MOST_NATS, eliminate
+from fg_nav.factors.residual import LETTER_SHIFT, Keys
+from fg_nav.smoother.evidence import MOST_NATS
 from fg_nav.smoother.graph import WalkProblem
-from fg_nav.smoother.solver import linearize, time_order
+from fg_nav.smoother.linear import LinearWalk, list_keys, stack_factors
+from fg_nav.smoother.solver import list_linear, stack_walk, time_order
 from fg_nav.smoother.strides import Nodes
 
 LEVELS_DEG_S = (6e-4, 2e-3, 6e-3)
@@ -56,13 +57,12 @@ def choose_bias_walk(problem: WalkProblem) -> WalkProblem:
     if not changes:
         return _with_note(problem, f"gyro bias walk {_write(assumed)}, as assumed")
     # The linear graph without the changes of the bias, at the minimum.
-    linear = linearize(unchanging, problem.blocks, problem.values)
-    between, ordering = _split_order(problem.nodes)
-    _, chain = linear.eliminatePartialMultifrontal(between, gtsam.EliminateQR)
+    keys, between = _split_order(problem.nodes)
+    chain = LinearWalk.of(stack_walk(unchanging, problem.blocks, problem.values), keys).eliminate_before(between)
     # The evidence of each level.
     levels = np.union1d(LEVELS_DEG_S, assumed)
     graphs = [_scale_changes(changes, level / assumed) for level in levels]
-    error, volume = np.transpose([_eliminate(chain, graph, problem.values, ordering) for graph in graphs])
+    error, volume = np.transpose([_eliminate(chain, graph, problem.values) for graph in graphs])
     level = choose_level(levels, error, volume, assumed)
     # The problem with the level chosen.
     unchanging.push_back(graphs[int(np.searchsorted(levels, level))])
@@ -72,16 +72,17 @@ def choose_bias_walk(problem: WalkProblem) -> WalkProblem:
     return _with_note(problem, f"gyro bias walk {_write(level)}, {why}")
 
 
-def _split_order(nodes: Nodes) -> tuple[gtsam.Ordering, gtsam.Ordering]:
-    """Split the order of time: nodes within the time of one bias, and the rest, the nodes where a new one begins."""
+def _split_order(nodes: Nodes) -> tuple[Keys, int]:
+    """Split the order of time: nodes within the time of one bias first, and how many variables that are, then the rest.
+
+    That is the nodes where a new bias begins, and the biases.
+    """
     begins = np.flatnonzero(np.diff(nodes.bias[nodes.footfall])) + 1
-    at_change = {key(int(j)) for j in begins for key in (X, V)}
-    between, rest = gtsam.Ordering(), gtsam.Ordering()
-    order = time_order(nodes)
-    for key in map(order.at, range(order.size())):
-        is_node = key >> LETTER_SHIFT in _NODE_LETTERS
-        (between if is_node and key not in at_change else rest).push_back(key)
-    return between, rest
+    at_change = [key(int(j)) for j in begins for key in (X, V)]
+    keys = list_keys(time_order(nodes))
+    is_node = np.isin(keys >> np.uint64(LETTER_SHIFT), _NODE_LETTERS)
+    between = is_node & ~np.isin(keys, np.array(at_change, dtype=np.uint64))
+    return np.concatenate([keys[between], keys[~between]]), int(between.sum())
 
 
 _NODE_LETTERS = (ord("x"), ord("v"))
@@ -123,20 +124,12 @@ def _sigmas(factor: Change) -> Floats:
     return np.array(cast("gtsam.noiseModel.Diagonal", factor.noiseModel()).sigmas())
 
 
-def _eliminate(
-    chain: gtsam.GaussianFactorGraph,
-    changes: gtsam.NonlinearFactorGraph,
-    values: gtsam.Values,
-    ordering: gtsam.Ordering,
-) -> tuple[float, float]:
+def _eliminate(chain: LinearWalk, changes: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> tuple[float, float]:
     """Error and volume of a linear graph with these changes of the bias."""
-    linear = gtsam.GaussianFactorGraph()
-    linear.push_back(chain)
-    linear.push_back(changes.linearize(values))
-    error, root = eliminate(linear, ordering)
+    _, left = chain.join(stack_factors(list_linear(changes.linearize(values)))).eliminate()
     factors = map(changes.at, range(changes.size()))
     noise = sum(np.log(_sigmas(cast("Change", factor))).sum() for factor in factors)
-    return error, float(root + noise)
+    return left.error, float(left.volume + noise)
 
 
 def _with_note(problem: WalkProblem, note: str) -> WalkProblem:

@@ -37,10 +37,11 @@ from fg_nav.factors.differential_field import (
     Variogram,
     measure_bias,
 )
-from fg_nav.factors.residual import linear_factor_of, one_of
+from fg_nav.factors.residual import Stack, linear_factor_of, one_of
 from fg_nav.factors.rotation import relative_rotations
 from fg_nav.recording import Recording
 from fg_nav.samples.gaps import find_holes
+from fg_nav.smoother.linear import stack_factors
 from fg_nav.smoother.roughness import robust_sigma
 from fg_nav.smoother.strides import STANDS_S, Nodes
 
@@ -269,6 +270,10 @@ class DifferentialFactors:
     def linearize(self, values: gtsam.Values) -> Iterator[gtsam.GaussianFactor]:
         """Yield its factors, linearized at these values."""
         return (factor.linearize(values) for factor in self._factors)
+
+    def stack(self, values: gtsam.Values) -> list[Stack]:
+        """Return the same as arrays."""
+        return stack_factors(self.linearize(values))
 
     def factors(self) -> Iterator[gtsam.NonlinearFactor]:
         """Yield the same as factors of gtsam, in order of the bias variables."""

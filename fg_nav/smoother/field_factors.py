@@ -42,7 +42,7 @@ from fg_nav.factors.magnetic_field import (
     MagneticHeading,
     integrate_field,
 )
-from fg_nav.factors.residual import ResidualBlock, factor_of, linear_factor_of, one_of
+from fg_nav.factors.residual import ResidualBlock, Stack, factor_of, linear_factor_of, one_of
 from fg_nav.frames import level_attitude
 from fg_nav.samples.gaps import cross_holes
 from fg_nav.smoother.parameters import FieldParameters
@@ -185,6 +185,10 @@ class FieldFactors:
     def linearize(self, values: gtsam.Values) -> Iterator[gtsam.GaussianFactor]:
         """Yield its factors, linearized at these values."""
         return chain.from_iterable(block.linearize(values) for block in self._blocks())
+
+    def stack(self, values: gtsam.Values) -> list[Stack]:
+        """Return the same as arrays."""
+        return [stack for block in self._blocks() for stack in block.stack(values)]
 
     def _blocks(self) -> tuple[LinearizableBlock, ...]:
         return self.heading, self.potential, GtsamFactors(factor_of(self.prior, self._states[:1])), self.transition

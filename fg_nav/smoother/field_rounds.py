@@ -175,7 +175,7 @@ def _look_again(field: FootfallField, last: _Round, p: FieldParameters) -> _Roun
     if not problem.heading_known:
         direction = expect_direction(problem, field, residuals, path, p)
     problem = add_field_factors(problem, field, residuals, path, direction, p)
-    return replace(last, problem=problem, solved=last.solved.forget_tree(), residuals=residuals, direction=direction)
+    return replace(last, problem=problem, solved=last.solved.forget_root(), residuals=residuals, direction=direction)
 
 
 def _assume_path_noise(current: _Round, noise: PathNoise) -> _Round:

@@ -13,8 +13,16 @@ from fg_nav.arrays import Floats, Ints
 from fg_nav.smoother.fronts import Fronts, get_front
 from fg_nav.system.compiled import njit
 
-LARGEST = 8
-"""Dimensions of a variable."""
+
+class Wanted(NamedTuple):
+    """Joint covariances that are asked for, each of columns of one front.
+
+    `of_column` (N,) number of that whose first column this is, or -1, `columns` (K, d), `found` (K, d, d) to write.
+    """
+
+    of_column: Ints
+    columns: Ints
+    found: Floats
 
 
 class Groups(NamedTuple):
@@ -65,12 +73,12 @@ def _plan_slots(parent: Ints) -> tuple[Ints, int]:
 
 
 @njit(cache=True)
-def spread_covariance(fronts: Fronts, wanted: Ints, found: Floats, groups: Groups, forms: Floats) -> None:
-    """Write the covariances of variables whose first column is `wanted`, and the forms of groups."""
+def spread_covariance(fronts: Fronts, wanted: Wanted, groups: Groups, forms: Floats) -> None:
+    """Write the covariances that are wanted, and the forms of groups."""
     slot, slots = _plan_slots(fronts.parent)
     widest, n = _find_widest(fronts.begins), groups.G.shape[1]
     P, K, active = np.zeros((slots, widest, widest)), np.zeros((slots, widest, n)), np.full(slots, -1)
-    where = np.full(len(wanted), -1)
+    where = np.full(len(wanted.of_column), -1)
     for i in range(len(fronts.size)):
         p, here = fronts.parent[i], slot[i]
         d, columns, A = get_front(fronts, i)
@@ -80,8 +88,8 @@ def spread_covariance(fronts: Fronts, wanted: Ints, found: Floats, groups: Group
         active[here] = _follow_group(groups, group, columns, A, d, K[slot[p]], above, joint, cross, forms)
         _copy(joint, P[here])
         _copy(cross, K[here])
-        if wanted[columns[0]] >= 0:
-            _copy(joint[:d, :d], found[wanted[columns[0]]])
+        if wanted.of_column[columns[0]] >= 0:
+            _pick(joint, columns, wanted, wanted.of_column[columns[0]], where)
 
 
 @njit(cache=True)
@@ -136,6 +144,17 @@ def _copy(block: Floats, to: Floats) -> None:
     for j in range(block.shape[0]):
         for k in range(block.shape[1]):
             to[j, k] = block[j, k]
+
+
+@njit(cache=True)
+def _pick(joint: Floats, columns: Ints, wanted: Wanted, number: int, where: Ints) -> None:
+    """Write the part of a front's joint covariance that is wanted; `where` (N,) is to work in."""
+    for k in range(len(columns)):
+        where[columns[k]] = k
+    of = wanted.columns[number]
+    for j in range(len(of)):
+        for k in range(len(of)):
+            wanted.found[number, j, k] = joint[where[of[j]], where[of[k]]]
 
 
 @njit(cache=True)

@@ -33,7 +33,7 @@ from fg_nav.errors import EstimationError
 from fg_nav.factors.residual import ResidualBlock
 from fg_nav.smoother.graph import WalkProblem, solve
 from fg_nav.smoother.sensitivity import weigh_shared
-from fg_nav.smoother.solver import CONVERGENCE, Solved, clique_covariances, compute_error, residuals_at_minimum
+from fg_nav.smoother.solver import CONVERGENCE, Solved, compute_error, residuals_at_minimum
 
 LEAST_STATISTIC = 15.0
 """T below which no row is tried: the largest of clean walks of 500 strides is 1 to 15, of a circuit of 100 A 200."""
@@ -126,24 +126,15 @@ def _fall(before: tuple[WalkProblem, Solved], after: tuple[WalkProblem, Solved])
 
 def compute_jump_statistic(block: ResidualBlock, solved: Solved) -> Floats:
     """T (K,) of each row of the potential, at the minimum of the last linearization."""
-    statistic = np.zeros(len(block))
     if not len(block):
-        return statistic
+        return np.zeros(0)
     residual, jacobians = block.evaluate(solved.linearized_at)
     jacobian = np.concatenate(jacobians, axis=2)
     left = residuals_at_minimum(solved.root, block.keys, residual, jacobian)[:, 0]
-    row_of = {keys[0]: k for k, keys in enumerate(block.keys)}
-    for rows, covariance in clique_covariances(solved.tree):
-        for k in (row_of[key] for key in rows if key in row_of):
-            keys = block.keys[k]
-            if not all(key in rows for key in keys):
-                continue
-            # The clique in which the pose was eliminated holds all variables of the row.
-            of_keys = np.concatenate([np.arange(*rows[key]) for key in keys])
-            row = jacobian[k, 0]
-            open_share = 1.0 - row @ covariance[np.ix_(of_keys, of_keys)] @ row
-            statistic[k] = left[k] ** 2 / max(open_share, LEAST_VARIANCE)
-    return statistic
+    # The front of the pose, which is eliminated first, holds all variables of the row.
+    row, covariance = jacobian[:, 0], solved.root.joint_covariances(block.keys)
+    open_share = 1.0 - np.einsum("ki,kij,kj->k", row, covariance, row)
+    return np.asarray(left**2 / np.maximum(open_share, LEAST_VARIANCE))
 
 
 def predict_change(problem: WalkProblem, solved: Solved, stride: Ints) -> float:

@@ -53,7 +53,7 @@ from fg_nav.errors import EstimationError
 from fg_nav.recording import Recording
 from fg_nav.samples.saturation import OFF_SHARE
 from fg_nav.smoother.bias_walk import choose_bias_walk
-from fg_nav.smoother.evidence import MOST_NATS, log_root
+from fg_nav.smoother.evidence import MOST_NATS
 from fg_nav.smoother.graph import Known, WalkProblem, build_problem, solve
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.preintegration import preintegrate
@@ -224,7 +224,7 @@ class _Piece:
             graph.replace(i, factor.cloneWithNewNoiseModel(gtsam.noiseModel.Gaussian.Covariance(noise)))
         solved = minimize(graph, blocks, self._problem.values, self._ordering)
         self._problem = replace(self._problem, values=solved.values)
-        return float(solved.error + log_root(solved.tree) + 0.5 * np.linalg.slogdet(covariance)[1].sum())
+        return float(solved.error + solved.volume + 0.5 * np.linalg.slogdet(covariance)[1].sum())
 
 
 _BASE = (0.0, 1e-3)

@@ -4,25 +4,23 @@
     until    the error after the step is the one that the linear model promised
 
 where the model holds its minimum is that of the graph: one linearization less than waiting for a step that changes
-nothing, and its Bayes tree serves for the marginals. QR elimination: the information of a bias over hours and of a
-node over milliseconds differ by more than Cholesky bears. The variables are eliminated in the order of time, which on
-a chain is as good as any ordering and leaves the last footfall at the root.
+nothing, and its triangle serves for the marginals (`square_root`). The elimination is `linear`, in the order of time,
+which on a chain is as good as any ordering and leaves the last footfall at the root.
 
-Covariances come by one pass down that tree. QR left in each clique R x_F + S x_S = d, F its frontal variables, S its
-separator, whose variables all stand in the parent clique. With P_SS known from the parent,
+A Bayes tree of GTSAM, of a part of a walk online, gives its covariances by one pass down. QR left in each clique
+R x_F + S x_S = d, F its frontal variables, S its separator, whose variables all stand in the parent clique. With P_SS
+known from the parent,
 
     W = -R^-1 S,    P_FS = W P_SS,    P_FF = R^-1 R^-T + W P_SS W^T,
 
-so every clique's joint covariance follows from its parent's, and the cost is linear in the walk. (GTSAM's `Marginals`
-eliminates again, by Cholesky: after half an hour of walking its covariances are off by some per mille, and each takes
-milliseconds.)
+so every clique's joint covariance follows from its parent's. (GTSAM's `Marginals` eliminates again, by Cholesky: after
+half an hour of walking its covariances are off by some per mille, and each takes milliseconds.)
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
 
 import gtsam
@@ -32,7 +30,8 @@ from scipy.linalg.lapack import dtrtri
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import EstimationError, FgNavError
-from fg_nav.factors.residual import LETTER_SHIFT, POSE, read_variables
+from fg_nav.factors.residual import LETTER_SHIFT, POSE, Stack, read_variables
+from fg_nav.smoother.linear import DIMENSION, LinearWalk, list_keys, stack_factors
 from fg_nav.smoother.square_root import SquareRoot
 from fg_nav.smoother.strides import Nodes
 from fg_nav.solution import StanceTable
@@ -67,6 +66,9 @@ class LinearizableBlock(Protocol):
     def linearize(self, values: gtsam.Values) -> Iterator[gtsam.GaussianFactor]:
         """Yield its factors, linearized at these values."""
 
+    def stack(self, values: gtsam.Values) -> list[Stack]:
+        """Return the same as arrays."""
+
     def factors(self) -> Iterable[gtsam.NonlinearFactor]:
         """Yield them as factors of gtsam, one by one."""
 
@@ -85,8 +87,11 @@ class GtsamFactors:
 
     def linearize(self, values: gtsam.Values) -> Iterator[gtsam.GaussianFactor]:
         """Yield its factors, linearized at these values."""
-        linear = self._graph.linearize(values)
-        return (linear.at(i) for i in range(linear.size()))
+        return list_linear(self._graph.linearize(values))
+
+    def stack(self, values: gtsam.Values) -> list[Stack]:
+        """Return the same as arrays."""
+        return stack_factors(self.linearize(values))
 
     def factors(self) -> Iterator[gtsam.NonlinearFactor]:
         """Yield them one by one."""
@@ -125,25 +130,22 @@ def time_order(nodes: Nodes, with_field: bool = False, floor: Ints | None = None
 
 @dataclass(frozen=True)
 class Solved:
-    """Values at the minimum, the Bayes tree of the last linearization, and the number of linearizations.
+    """Values at the minimum, the triangle of the last linearization, and the number of linearizations.
 
-    `linearized_at` are the values of that linearization, one step before the minimum, where the error is `error`.
+    `linearized_at` are the values of that linearization, one step before the minimum, where the error is `error`;
+    `volume` is log|R|.
     """
 
     values: gtsam.Values
-    tree: gtsam.GaussianBayesTree
+    root: SquareRoot
     steps: int
     linearized_at: gtsam.Values
     error: float
+    volume: float
 
-    @cached_property
-    def root(self) -> SquareRoot:
-        """What the tree holds, as arrays."""
-        return SquareRoot(self.tree, DIMENSION)
-
-    def forget_tree(self) -> Solved:
-        """Return it without the tree, which is larger than all else, before another is made."""
-        return replace(self, tree=gtsam.GaussianBayesTree())
+    def forget_root(self) -> Solved:
+        """Return it without the triangle, which is larger than all else, before another is made."""
+        return replace(self, root=SquareRoot.of_nothing())
 
 
 def minimize(
@@ -166,38 +168,31 @@ def minimize(
     EstimationError
         If the equations have no unique solution, or no minimum is found in `largest_steps`.
     """
-    error = np.inf
+    error, keys = np.inf, list_keys(ordering)
     for steps in range(1, largest_steps + 1):
         linearized_at = values
-        tree, step, promised = _solve_linear(graph, blocks, values, ordering)
-        values, error = _descend(graph, blocks, values, step, error)
+        root, left = LinearWalk.of(stack_walk(graph, blocks, values), keys).eliminate()
+        promised = left.error + compute_excess(blocks, values)
+        values, error = _descend(graph, blocks, values, root, error)
         if not np.isfinite(error):
             raise EstimationError("the smoother's error is not finite: check the recording with 'fg-nav inspect'.")
-        if abs(error - promised) <= convergence * ordering.size():
-            return Solved(values, tree, steps, linearized_at, error)
-        del tree, step  # as large as all else: not kept beside the next one
+        if abs(error - promised) <= convergence * len(keys):
+            return Solved(values, root, steps, linearized_at, error, left.volume)
+        del root, left  # as large as all else: not kept beside the next one
     raise EstimationError(
         f"the smoother did not converge in {largest_steps} steps: the stances are not those of a walk on foot, or the "
         "units of the recording are wrong; look at it with 'fg-nav inspect'."
     )
 
 
-def _solve_linear(
-    graph: gtsam.NonlinearFactorGraph,
-    blocks: Sequence[LinearizableBlock],
-    values: gtsam.Values,
-    ordering: gtsam.Ordering,
-) -> tuple[gtsam.GaussianBayesTree, gtsam.VectorValues, float]:
-    """Bayes tree of the linearized graph, its minimum, and the error there."""
-    try:
-        linear = linearize(graph, blocks, values)
-        tree = linear.eliminateMultifrontal(ordering, gtsam.EliminateQR)
-        step = tree.optimize()
-    except RuntimeError as error:
-        raise EstimationError(
-            "the smoother's equations have no unique solution: the recording holds too little, or not finite, motion."
-        ) from error
-    return tree, step, linear.error(step) + compute_excess(blocks, values)
+def stack_walk(
+    graph: gtsam.NonlinearFactorGraph, blocks: Sequence[LinearizableBlock], values: gtsam.Values
+) -> list[Stack]:
+    """Linearize the graph and its blocks at these values, as arrays."""
+    stacks = stack_factors(list_linear(graph.linearize(values)))
+    for block in blocks:
+        stacks += block.stack(values)
+    return stacks
 
 
 def linearize(
@@ -223,6 +218,11 @@ def compute_excess(blocks: Sequence[LinearizableBlock], values: gtsam.Values) ->
     return sum(block.excess(values) for block in blocks if isinstance(block, GtsamFactors))
 
 
+def list_linear(linear: gtsam.GaussianFactorGraph) -> Iterator[gtsam.GaussianFactor]:
+    """Yield the factors of a linear graph."""
+    return map(linear.at, range(linear.size()))
+
+
 def list_cliques(tree: gtsam.GaussianBayesTree) -> list[gtsam.GaussianBayesTreeClique]:
     """List all cliques, each after its parent."""
     cliques = list(tree.roots())
@@ -235,10 +235,13 @@ def _descend(
     graph: gtsam.NonlinearFactorGraph,
     blocks: Sequence[LinearizableBlock],
     values: gtsam.Values,
-    step: gtsam.VectorValues,
+    root: SquareRoot,
     before: float,
 ) -> tuple[gtsam.Values, float]:
     """Values after the step, halved as often as it takes not to raise the error `before` it, and their error."""
+    step = gtsam.VectorValues()
+    for key, x in root.split(root.step).items():
+        step.insert(key, x)
     for _ in range(MOST_HALVINGS):
         moved = values.retract(step)
         error = compute_error(graph, blocks, moved)
@@ -246,10 +249,6 @@ def _descend(
             return moved, error
         step = step.scale(0.5)
     return values, before
-
-
-DIMENSION = {ord("x"): 6, ord("v"): 3, ord("b"): 6, ord("s"): 1, ord("m"): 8, ord("z"): 1}
-"""Of the tangent space of pose, velocity, bias, settling, state of the field and floor, by the letter in the key."""
 
 
 def dimension_of(key: int) -> int:

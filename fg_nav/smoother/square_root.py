@@ -1,9 +1,9 @@
 """The square-root information of a solved walk as arrays, and the passes along it in compiled code.
 
-A Bayes tree that was eliminated by QR holds for each of its variables, of d dimensions, the rows of R x = r in it: an
-upper triangle R_FF (d, d) on itself and R_FS (d, s) on those of its separator, which were eliminated later. GTSAM hands
-all of them over in one call. Here they are fronts, one a variable, those of the separator before it, and the one that
-comes last of these is its parent. Its separator is among the parent's own variable and separator, so
+Elimination by QR (`elimination`) leaves for each variable, of d dimensions, the rows of R x = r in it: an upper
+triangle R_FF (d, d) on itself and R_FS (d, s) on those of its separator, which were eliminated later. They are fronts,
+one a variable, those of the separator before it, and the one that comes last of these is its parent. Its separator is
+among the parent's own variable and separator, so
 
     up     R^T Y = C     from the last front to the first,    each leaves C_S - R_FS^T Y_F to those of its separator,
     down   R X = Y       from the first to the last,          X_F = R_FF^-1 (Y_F - R_FS X_S),
@@ -15,47 +15,42 @@ footfall, comes the covariance K of all others there with G^T x of the group, an
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 
-import gtsam
 import numpy as np
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.smoother.front_covariances import LARGEST, Groups, spread_covariance
-from fg_nav.smoother.fronts import build_fronts, descend, rise
+from fg_nav.factors.residual import Keys
+from fg_nav.smoother.front_covariances import Groups, Wanted, spread_covariance
+from fg_nav.smoother.fronts import Fronts, descend, rise
 
 
 class SquareRoot:
     """R of a solved walk: `first` has the first column of each of its variables, of `total`; `step` (N,) is R^-1 r.
 
-    `dimension` is that of variables by their letter.
+    It is made of the fronts, r (N,), and the keys and sizes (V,) of the variables, in the order of elimination.
     """
 
-    def __init__(self, tree: gtsam.GaussianBayesTree, dimension: Mapping[int, int]) -> None:
-        graph = gtsam.GaussianFactorGraph()
-        graph.push_back(tree)
-        cliques = [graph.at(i).keys() for i in range(graph.size())]
-        keys = sorted({key for clique in cliques for key in clique})
-        size = np.array([dimension[key >> 56] for key in keys])
-        first = np.cumsum(size) - size
-        self.first = dict(zip(keys, first.tolist(), strict=True))
-        self._size = dict(zip(keys, size.tolist(), strict=True))
-        self.total = int(size.sum())
-        number = {key: i for i, key in enumerate(keys)}
-        members = np.array([number[key] for clique in cliques for key in clique])
-        ends = np.cumsum([len(clique) for clique in cliques])
-        most = int((np.diff(ends, prepend=0) * np.add.reduceat(size[members], np.append(0, ends[:-1]))).sum())
-        row, column, value = graph.sparseJacobian_()
-        place = row.astype(np.int64) - 1, column.astype(np.int64) - 1
-        self._fronts, right = build_fronts(members, ends, size, first, *place, value, most)
+    def __init__(self, fronts: Fronts, right: Floats, keys: Keys, size: Ints) -> None:
+        self._fronts, self._order = fronts, np.argsort(keys)
+        self._known, self._begins = keys[self._order], np.cumsum(size) - size
+        self.first = dict(zip(keys.tolist(), self._begins.tolist(), strict=True))
+        self._size = dict(zip(keys.tolist(), size.tolist(), strict=True))
+        self.total = len(right)
         self.step = self.descend(right[:, None])[:, 0]
 
-    def find_columns(self, keys: Sequence[Sequence[int]]) -> Ints:
+    @classmethod
+    def of_nothing(cls) -> SquareRoot:
+        """Return that of no variables."""
+        none = np.zeros(0, np.int64)
+        return cls(Fronts(none, none, none, none, none, none, np.zeros(0)), np.zeros(0), np.zeros(0, np.uint64), none)
+
+    def find_columns(self, keys: Sequence[Sequence[int]] | Keys) -> Ints:
         """Return the columns (K, d) of the variables (K, n) of K factors of a kind."""
-        size = [self._size[key] for key in keys[0]]
-        first = np.array([[self.first[key] for key in one] for one in keys])
+        place = self._order[np.searchsorted(self._known, np.asarray(keys, dtype=np.uint64))]
+        size = [self._size[int(key)] for key in keys[0]]
         within = np.concatenate([np.arange(d) for d in size])
-        return np.asarray(np.repeat(first, size, axis=1) + within)
+        return np.asarray(np.repeat(self._begins[place], size, axis=1) + within)
 
     def rise(self, C: Floats) -> Floats:
         """Return Y (N, n) of C (N, n)."""
@@ -71,14 +66,26 @@ class SquareRoot:
 
     def covariances(self, keys: Iterable[int]) -> dict[int, Floats]:
         """Return the covariance (d, d) of each of these variables."""
-        first = {self.first[key]: key for key in keys}
+        by_size: dict[int, list[int]] = {}
+        for key in keys:
+            by_size.setdefault(self._size[key], []).append(key)
+        found: dict[int, Floats] = {}
+        for of in by_size.values():
+            found.update(zip(of, self.joint_covariances([[key] for key in of]), strict=True))
+        return found
+
+    def joint_covariances(self, keys: Sequence[Sequence[int]] | Keys) -> Floats:
+        """Return the joint covariances (K, d, d) of the variables (K, n) of K factors of a kind, or of K variables.
+
+        No two may have the same variable as their first in the order of elimination.
+        """
+        columns = self.find_columns(keys)
         wanted = np.full(self.total, -1)
-        wanted[list(first)] = np.arange(len(first))
-        found = np.zeros((len(first), LARGEST, LARGEST))
+        wanted[columns.min(axis=1)] = np.arange(len(columns))
+        found = np.zeros((*columns.shape, columns.shape[1]))
         none = Groups(np.full(self.total, -1), np.zeros((self.total, 1)), np.zeros(0, np.int64), np.zeros((0, 1)))
-        spread_covariance(self._fronts, wanted, found, none, np.zeros((0, 1, 1)))
-        size = (self._size[key] for key in first.values())
-        return {key: one[:d, :d] for key, one, d in zip(first.values(), found, size, strict=True)}
+        spread_covariance(self._fronts, Wanted(wanted, columns, found), none, np.zeros((0, 1, 1)))
+        return found
 
     def split(self, X: Floats) -> dict[int, Floats]:
         """Split the rows of X (N, n) by variable."""
@@ -87,6 +94,6 @@ class SquareRoot:
     def quadratic_forms(self, groups: Groups) -> Floats:
         """Return G^T P G (F, n, n) of each group."""
         forms = np.zeros((len(groups.common), groups.G.shape[1], groups.G.shape[1]))
-        nothing = np.zeros((0, LARGEST, LARGEST))
-        spread_covariance(self._fronts, np.full(self.total, -1), nothing, groups, forms)
+        nothing = Wanted(np.full(self.total, -1), np.zeros((0, 1), np.int64), np.zeros((0, 1, 1)))
+        spread_covariance(self._fronts, nothing, groups, forms)
         return forms

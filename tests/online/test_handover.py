@@ -75,7 +75,7 @@ def test_an_anchor_and_the_strides_behind_it_say_what_the_whole_graph_says() -> 
         if key not in past or key in keep:
             later.push_back(key)
     tree, newest = behind.eliminateMultifrontal(later, gtsam.EliminateQR), X(places[-1].result)
-    expected = marginal_covariances(found.solved.tree, {newest})[newest]
+    expected = found.solved.root.covariances({newest})[newest]
     np.testing.assert_allclose(marginal_covariances(tree, {newest})[newest], expected, rtol=1e-6, atol=1e-12)
     assert np.abs(tree.optimize().at(newest)).max() < 1e-4  # the minimum of the whole is that of both parts
 

@@ -1,0 +1,144 @@
+"""The linear graph of a walk as arrays, and its elimination.
+
+A linear factor is |A x - b|^2, divided by its sigmas. A walk has thousands of a kind, with as many rows and variables
+of the same dimensions, and numpy linearizes most of them together: K of a kind are a `Stack`. Those of gtsam are
+stacked one by one, at 2 us each. `elimination` is by QR: the information of a bias over hours and of a node over
+milliseconds differ by more than Cholesky bears.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import gtsam
+import numpy as np
+
+from fg_nav.arrays import Floats, Ints
+from fg_nav.errors import EstimationError
+from fg_nav.factors.residual import LETTER_SHIFT, Keys, Stack
+from fg_nav.smoother.elimination import Factors, eliminate_factors
+from fg_nav.smoother.fronts import Fronts, log_diagonal
+from fg_nav.smoother.square_root import SquareRoot
+
+DIMENSION = {ord("x"): 6, ord("v"): 3, ord("b"): 6, ord("s"): 1, ord("m"): 8, ord("z"): 1}
+"""Of the tangent space of pose, velocity, bias, settling, state of the field and floor, by the letter in the key."""
+
+EXACT_WEIGHT = 1e6
+"""Of a row without a sigma: a caller's own factor may be a constraint."""
+
+
+def stack_factors(factors: Iterable[gtsam.GaussianFactor]) -> list[Stack]:
+    """Stack linear factors of gtsam, those alike together."""
+    keys: dict[tuple[int, ...], list[list[int]]] = {}
+    rows: dict[tuple[int, ...], list[Floats]] = {}
+    for factor in factors:
+        A_b, of = _augment(factor), factor.keys()
+        kind = *A_b.shape, len(of)
+        keys.setdefault(kind, []).append(of)
+        rows.setdefault(kind, []).append(A_b)
+    return [Stack(np.array(keys[kind], dtype=np.uint64), np.array(rows[kind])) for kind in keys]
+
+
+def _augment(factor: gtsam.GaussianFactor) -> Floats:
+    """A and b (r, d + 1) of a linear factor, divided by its sigmas."""
+    if not isinstance(factor, gtsam.JacobianFactor):
+        factor = gtsam.JacobianFactor(factor)
+    if not factor.isConstrained():
+        return factor.augmentedJacobian()
+    sigmas = factor.get_model().sigmas()
+    weight = np.divide(1.0, sigmas, out=np.full(len(sigmas), EXACT_WEIGHT), where=sigmas > 0.0)
+    return np.asarray(weight[:, None] * factor.augmentedJacobianUnweighted())
+
+
+def list_keys(ordering: gtsam.Ordering) -> Keys:
+    """List the keys of an ordering."""
+    return np.array([ordering.at(i) for i in range(ordering.size())], dtype=np.uint64)
+
+
+@dataclass(frozen=True)
+class LinearWalk:
+    """Linear factors in variables `keys` (V,), in the order of elimination, of which those before `begin` are gone.
+
+    `error` and `volume` are the least error, and log|R|, of what is gone.
+    """
+
+    keys: Keys
+    factors: tuple[Factors, ...]
+    begin: int = 0
+    error: float = 0.0
+    volume: float = 0.0
+
+    @classmethod
+    def of(cls, stacks: Iterable[Stack], keys: Keys) -> LinearWalk:
+        """Take the factors of stacks."""
+        return cls(keys, ()).join(stacks)
+
+    def join(self, stacks: Iterable[Stack]) -> LinearWalk:
+        """Return it with further factors."""
+        order = np.argsort(self.keys)
+        known = self.keys[order]
+        further = [_lay_out(one.rows, order[np.searchsorted(known, one.keys)]) for one in stacks if len(one.keys)]
+        return replace(self, factors=(*self.factors, *further))
+
+    def eliminate(self) -> tuple[SquareRoot, LinearWalk]:
+        """Eliminate all variables; return the triangle, and what is left, without factors.
+
+        Raises `EstimationError` where there is no unique solution, as `eliminate_before`.
+        """
+        fronts, right, left = self._eliminate(len(self.keys))
+        return SquareRoot(fronts, right, self.keys, self._size), left
+
+    def eliminate_before(self, end: int) -> LinearWalk:
+        """Eliminate the variables before place `end`."""
+        return self._eliminate(end)[2]
+
+    @cached_property
+    def _size(self) -> Ints:
+        return np.array([DIMENSION[letter] for letter in (self.keys >> np.uint64(LETTER_SHIFT)).tolist()])
+
+    def _eliminate(self, end: int) -> tuple[Fronts, Floats, LinearWalk]:
+        factors = _chain(self.factors)
+        fronts, right, error, left, determined = eliminate_factors(factors, self._size, self.begin, end)
+        if not determined:
+            raise EstimationError(
+                "the smoother's equations have no unique solution: the recording holds too little, or not finite, "
+                "motion."
+            )
+        volume = self.volume + log_diagonal(fronts)
+        later = _select_later(factors, end) if end < len(self.keys) else ()
+        return fronts, right, LinearWalk(self.keys, (left, *later), end, self.error + 0.5 * error, volume)
+
+
+def _lay_out(rows: Floats, place: Ints) -> Factors:
+    """Lay out K factors, `rows` (K, r, d + 1), in variables at `place` (K, n)."""
+    count = np.arange(len(rows) + 1)
+    size = rows.shape[1] * rows.shape[2]
+    return Factors(count * place.shape[1], place.ravel(), np.full(len(rows), rows.shape[1]), count * size, rows.ravel())
+
+
+def _select_later(factors: Factors, end: int) -> tuple[Factors, ...]:
+    """Select the factors, where there are any, that have no variable before place `end`."""
+    begins, member, rows, at, values = factors
+    later = np.minimum.reduceat(member, begins[:-1]) >= end
+    if not later.any():
+        return ()
+    many, size = np.diff(begins), np.diff(at)
+    places = (np.concatenate([[0], np.cumsum(count[later])]) for count in (many, size))
+    begins, at = places
+    return (Factors(begins, member[np.repeat(later, many)], rows[later], at, values[np.repeat(later, size)]),)
+
+
+def _chain(parts: Sequence[Factors]) -> Factors:
+    """Return factors one behind the other."""
+    begins, at = _chain_places([part.begins for part in parts]), _chain_places([part.at for part in parts])
+    member, rows = np.concatenate([part.member for part in parts]), np.concatenate([part.rows for part in parts])
+    return Factors(begins, member, rows, at, np.concatenate([part.values for part in parts]))
+
+
+def _chain_places(parts: Sequence[Ints]) -> Ints:
+    """Return places (F+1,) that each begin at 0 as those of one array."""
+    behind = np.cumsum([part[-1] for part in parts])
+    ahead = [part[:-1] + before for part, before in zip(parts, [0, *behind], strict=False)]
+    return np.concatenate([*ahead, behind[-1:]])
