@@ -289,15 +289,30 @@ def integrate_field(
     first, last = [0] if used[0] > 0 else [], [len(t) - 1] if used[-1] < len(t) - 1 else []
     ends = np.concatenate((first, used, last)).astype(np.intp)
     nearest = np.clip(ends, used[0], used[-1])  # of the rows with a field
-    R, step = nav_R_body[nearest], np.diff(position[ends], axis=0)
-    field = np.einsum("nab,nb->na", R, body_field[nearest])
+    total, out = np.zeros(7), np.zeros((len(at), 7))
+    for start in range(0, len(ends) - 1, _BLOCK_ROWS):
+        part = slice(start, start + _BLOCK_ROWS + 1)
+        step = np.diff(position[ends[part]], axis=0)
+        share = _integrate_steps(nav_R_body[nearest[part]], step, body_field[nearest[part]], vertical_uT)
+        running = np.cumsum(np.vstack([total, share]), axis=0)
+        behind, total = at >= t[ends[start]], running[-1]
+        for column, of_column in zip(out.T, running.T, strict=True):
+            column[behind] = np.interp(at[behind], t[ends[part]], of_column)
+    return LineIntegral(u=out[:, 0], s=out[:, 1:4], moment=out[:, 4:])
+
+
+_BLOCK_ROWS = 1 << 16
+"""That are integrated at once."""
+
+
+def _integrate_steps(R: Array, step: Array, body_field: Array, vertical_uT: float) -> Array:
+    """Shares (n - 1, 7) of u, s and the moment in the steps (n - 1, 3) between n rows."""
+    field = np.einsum("nab,nb->na", R, body_field)
     of_moment = 0.5 * np.cross(field[1:] + field[:-1], step)
     field[:, 2] -= vertical_uT
     of_u = 0.5 * np.einsum("na,na->n", field[1:] + field[:-1], step)
     of_s = 0.5 * (np.einsum("nba,nb->na", R[1:], step) + np.einsum("nba,nb->na", R[:-1], step))
-    running = np.vstack([np.zeros(7), np.cumsum(np.column_stack([of_u, of_s, of_moment]), axis=0)])
-    out = np.column_stack([np.interp(at, t[ends], column) for column in running.T])
-    return LineIntegral(u=out[:, 0], s=out[:, 1:4], moment=out[:, 4:])
+    return np.column_stack([of_u, of_s, of_moment])
 
 
 @dataclass(frozen=True)

@@ -42,6 +42,7 @@ from fg_nav.samples.outliers import find_mag_outliers, find_outliers, note_bad, 
 from fg_nav.samples.saturation import Peaks, find_clipping_levels, rebuild_peaks
 from fg_nav.samples.stamps import order_stamps
 from fg_nav.samples.timing import remove_jitter
+from fg_nav.system.spilled import drop_pages, take_rows
 from fg_nav.text import format_count
 from fg_nav.truth import FootprintTruth, TrajectoryTruth, Truth
 
@@ -283,9 +284,8 @@ def _admit(raw: RawRecording) -> Recording:
         raise RecordingError(f"{problem}.")
     usable = np.flatnonzero(is_usable)
     _check_count(len(usable))
-    samples = np.column_stack([raw.acc[usable], raw.gyr[usable]])
-    found = order_stamps(raw.t[usable], samples, raw.row[usable])
-    del samples
+    found = order_stamps(raw.t[usable], take_rows(usable, raw.acc, raw.gyr), raw.row[usable])
+    drop_pages()
     kept = usable[found.kept]
     _check_count(len(kept))
     missing = _judge_missing(raw, is_usable, int(kept.min()), int(kept.max()))
@@ -297,7 +297,7 @@ def _admit(raw: RawRecording) -> Recording:
 
 def _leave_out_bad(raw: RawRecording, kept: Ints, t: Floats, notes: list[str]) -> Recording:
     """Return the recording of the samples `kept` (K,), at stamps `t` (K,) s, without the bad ones of each sensor."""
-    outliers = find_outliers(t, raw.acc[kept], raw.gyr[kept])
+    outliers = find_outliers(t, take_rows(kept, raw.acc), take_rows(kept, raw.gyr))
     notes = [*notes, *note_outliers(outliers, t, raw.row[kept])]
     good = ~outliers.any
     kept, t = kept[good], t[good]
@@ -309,7 +309,8 @@ def _leave_out_bad(raw: RawRecording, kept: Ints, t: Floats, notes: list[str]) -
         notes += note_bad(bad, "magnetometer", t, raw.row[kept])
     bad_samples = int(outliers.any.sum())
     provenance = replace(raw.provenance, notes=tuple(notes), bad_samples=bad_samples)
-    return Recording(t=t, acc=raw.acc[kept], gyr=raw.gyr[kept], mag=mag, truth=raw.truth, provenance=provenance)
+    acc, gyr = take_rows(kept, raw.acc), take_rows(kept, raw.gyr)
+    return Recording(t=t, acc=acc, gyr=gyr, mag=mag, truth=raw.truth, provenance=provenance)
 
 
 def _even_stamps(t: Floats) -> tuple[Floats, list[str]]:
@@ -392,6 +393,6 @@ def _clean_magnetometer(raw: RawRecording, kept: Ints) -> Floats | None:
     """Magnetometer with whole rows only; None if there is no sample."""
     if raw.mag is None:
         return None
-    mag = raw.mag[kept]
+    mag = take_rows(kept, raw.mag)
     mag[~find_field_samples(mag)] = np.nan
     return None if np.isnan(mag).all() else mag

@@ -34,6 +34,7 @@ from scipy.linalg.lapack import dtbtrs
 from fg_nav.arrays import Floats
 from fg_nav.errors import EstimationError
 from fg_nav.recording import Recording
+from fg_nav.system.spilled import drop_pages, empty_column
 
 Wearing: TypeAlias = Literal["foot", "pocket"]
 
@@ -97,24 +98,38 @@ class TurnSigns:
 
 def measure_turning(recording: Recording) -> TurnSigns:
     """Measure how the sensor turns."""
-    rate = remove_fast(recording.gyr - np.median(recording.gyr, axis=0), recording.period_s)
+    rate = empty_column(len(recording), 3)
+    for slow, axis in zip(rate.T, recording.gyr.T, strict=True):  # a third of the memory
+        slow[:] = remove_fast(axis - np.median(axis), recording.period_s)
+        drop_pages()
     count = round(WINDOW_S / recording.period_s)
     whole = len(rate) // count if count > 1 else 0
-    windows = rate[: whole * count].reshape(whole, count, 3)
-    size = np.linalg.norm(windows, axis=2)
-    moving = size.max(axis=1, initial=0.0) > np.radians(MOVING_DEG_S) if whole else np.zeros(0, dtype=np.bool_)
-    if not moving.any():
+    windows, force = (one[: whole * count].reshape(whole, -1, 3) for one in (rate, recording.acc))
+    found = [
+        _measure_windows(windows[first : first + WINDOWS], force[first : first + WINDOWS], recording.period_s)
+        for first in range(0, whole, WINDOWS)
+    ]
+    signs = np.concatenate(found) if found else np.zeros((0, 4))
+    if not len(signs):
         return TurnSigns(0, np.nan, np.nan, np.nan, np.nan)
-    size, windows = size[moving], windows[moving]
-    force = np.linalg.norm(recording.acc[: whole * count], axis=1).reshape(whole, count)[moving]
+    rest_share, peak, rhythm, impact = np.median(signs, axis=0).tolist()
+    return TurnSigns(len(signs), rest_share, float(np.degrees(peak)), rhythm, impact)
+
+
+WINDOWS = 256
+"""That are looked at at once."""
+
+
+def _measure_windows(rate: Floats, force: Floats, period_s: float) -> Floats:
+    """Rest share, peak rad/s, rhythm and impact m/s^2 (M, 4) of those of the windows (W, n, 3) that turn."""
+    size = np.linalg.norm(rate, axis=2)
     peak = size.max(axis=1)
-    return TurnSigns(
-        windows=int(moving.sum()),
-        rest_share=float(np.median((size < RESTING_PART * peak[:, None]).mean(axis=1))),
-        peak_deg_s=float(np.degrees(np.median(peak))),
-        rhythm=float(np.median(_rhythm(windows, recording.period_s))),
-        impact_m_s2=float(np.median(force.max(axis=1))),
-    )
+    moving = peak > np.radians(MOVING_DEG_S)
+    size, peak = size[moving], peak[moving]
+    rest_share = (size < RESTING_PART * peak[:, None]).mean(axis=1)
+    impact = np.linalg.norm(force[moving], axis=2).max(axis=1)
+    drop_pages()
+    return np.column_stack([rest_share, peak, _rhythm(rate[moving], period_s), impact])
 
 
 def remove_fast(values: Floats, period_s: float, below_hz: float = SLOW_HZ) -> Floats:

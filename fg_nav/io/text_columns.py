@@ -18,6 +18,7 @@ from fg_nav.arrays import Floats, Ints
 from fg_nav.columns.units import KNOWN_UNITS, Quantity, find_factor
 from fg_nav.errors import FormatError
 from fg_nav.io.content import Content
+from fg_nav.system.spilled import drop_pages, empty_column, take_rows
 
 
 def find_column(name: str, header: Sequence[str], path: Path) -> int:
@@ -98,7 +99,7 @@ def read_table(
                 f"{path.name}, line {line[np.argmax(longer)]} has more fields than the header: correct that line."
             )
         filled = ~np.isnan(values).all(axis=1)
-        table.append(values[filled, :-1])
+        table.append(take_rows(np.flatnonzero(filled), values[:, :-1]))
         row.append(line[filled])
     if not any(map(len, table)):
         raise FormatError(f"{path.name} has a header but no samples: record or export it again.")
@@ -107,13 +108,22 @@ def read_table(
 
 def _join(blocks: list[Floats]) -> Floats:
     """Join the rows of blocks, each of which is let go of when it was copied."""
-    table, start = np.empty((sum(map(len, blocks)), blocks[0].shape[1])), 0
+    table, start = empty_column(sum(map(len, blocks)), blocks[0].shape[1]), 0
     blocks.reverse()
     while blocks:
         block = blocks.pop()
         table[start : start + len(block)] = block
         start += len(block)
+        drop_pages()
     return table
+
+
+def _spill(values: Floats) -> Floats:
+    """Return a block of rows where it takes no memory."""
+    spilled = empty_column(*values.shape)
+    spilled[...] = values
+    drop_pages()
+    return spilled
 
 
 def read_integers(
@@ -151,7 +161,7 @@ def _parse(
         with warnings.catch_warnings():
             warnings.simplefilter("error", pd.errors.ParserWarning)  # of fields it leaves out
             with pd.read_csv(content.source(), dtype=dict.fromkeys(wanted, np.float64), **options) as frames:
-                return [np.asarray(frame[wanted].to_numpy(dtype=np.float64)) for frame in frames]
+                return [_spill(np.asarray(frame[wanted].to_numpy(dtype=np.float64))) for frame in frames]
     except pd.errors.EmptyDataError:
         return []
     except pd.errors.ParserWarning:

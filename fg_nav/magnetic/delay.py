@@ -35,6 +35,7 @@ from fg_nav.magnetic.turning_pairs import (
 )
 from fg_nav.recording import Recording
 from fg_nav.samples.gaps import find_holes
+from fg_nav.system.spilled import BLOCK_ROWS, drop_pages, empty_column
 
 SPAN_S = 0.04
 """Between the readings of a pair: a field that changes along the path has little time to, and noise does not rule."""
@@ -128,12 +129,15 @@ def _read_at(recording: Recording, rows: Ints, tau: float, held: bool) -> Floats
     holes = recording.t[find_holes(recording.t)]
     near &= np.searchsorted(holes, begin) == np.searchsorted(holes, end)
     known = (begin <= t) & (t <= end) & near
-    from_before, _ = rotate_between(recording.t, recording.gyr, np.stack([begin, t], axis=1)[known])
-    to_after, _ = rotate_between(recording.t, recording.gyr, np.stack([t, end], axis=1)[known])
-    before = np.einsum("nji,nj->ni", from_before, measured[after - 1][known])
-    behind = np.einsum("nij,nj->ni", to_after, measured[after][known])
-    mag = np.full_like(recording.mag, np.nan)
-    mag[wanted[known]] = (1.0 - share[known]) * before + share[known] * behind
+    mag = empty_column(*recording.mag.shape)
+    mag[...] = np.nan
+    for k in np.array_split(np.flatnonzero(known), 1 + int(known.sum()) // BLOCK_ROWS):
+        from_before, _ = rotate_between(recording.t, recording.gyr, np.stack([begin[k], t[k]], axis=1))
+        to_after, _ = rotate_between(recording.t, recording.gyr, np.stack([t[k], end[k]], axis=1))
+        before = np.einsum("nji,nj->ni", from_before, measured[after[k] - 1])
+        behind = np.einsum("nij,nj->ni", to_after, measured[after[k]])
+        mag[wanted[k]] = (1.0 - share[k]) * before + share[k] * behind
+        drop_pages()
     return mag
 
 

@@ -54,6 +54,7 @@ import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.system.compiled import njit
+from fg_nav.system.spilled import drop_pages, empty_column
 
 LOST_PERIODS = 1.5
 """After a step between stamps of more periods than this, a sample or more is missing."""
@@ -243,7 +244,7 @@ BLOCK = 1 << 16
 
 def prepare_samples(acc: Floats, gyr: Floats, h: Floats, gaps: Gaps) -> tuple[Floats, Floats]:
     """Specific forces and rates (N, 3), from rebuilt ones, that integrate to the motion when held over `h` (N,) s."""
-    force, rate = np.empty_like(acc), np.empty_like(gyr)
+    force, rate = empty_column(*acc.shape), empty_column(*gyr.shape)
     for start in range(0, len(h), BLOCK):
         stop = min(start + BLOCK, len(h))
         # A sample's change is known from both of its neighbors.
@@ -251,6 +252,7 @@ def prepare_samples(acc: Floats, gyr: Floats, h: Floats, gaps: Gaps) -> tuple[Fl
         inside = np.s_[start - first : stop - first]
         found = _prepare_block(acc[first:last].copy(), gyr[first:last].copy(), h[first:last], gaps, first)
         force[start:stop], rate[start:stop] = found[0][inside], found[1][inside]
+        drop_pages()
     return force, rate
 
 

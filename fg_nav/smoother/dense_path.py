@@ -18,6 +18,10 @@ from fg_nav.arrays import Floats, Ints
 from fg_nav.mechanisation import NavState, rotate_in_body, rotation_vector, strapdown, write_state
 from fg_nav.samples.gaps import LONGEST_HELD_S
 from fg_nav.system.compiled import njit
+from fg_nav.system.spilled import drop_pages, empty_column
+
+BLOCK_NODES = 4096
+"""Behind which the path is filled in at once: a quarter of an hour."""
 
 
 def fill_path(
@@ -37,13 +41,18 @@ def fill_path(
     The states are those at nodes `sample` (M,): as in `Trajectory`, gyro bias (M, 3) rad/s, force bias (M, 3) m/s^2.
     """
     n = len(h)
-    p, v, R = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3, 3))
-    _fill(h, acc, gyr, sample, position, velocity, nav_R_body, gyro_bias, acc_bias, gravity, p, v, R)
+    p, v, R = empty_column(n, 3), empty_column(n, 3), empty_column(n, 3, 3)
+    for first in range(0, len(sample), BLOCK_NODES):
+        last = min(first + BLOCK_NODES, len(sample))
+        _fill(first, last, h, acc, gyr, sample, position, velocity, nav_R_body, gyro_bias, acc_bias, gravity, p, v, R)
+        drop_pages()
     return p, v, R
 
 
 @njit(cache=True)
 def _fill(
+    first: int,
+    last: int,
     h: Floats,
     acc: Floats,
     gyr: Floats,
@@ -58,9 +67,9 @@ def _fill(
     v: Floats,
     R: Floats,
 ) -> None:
-    """Fill in the path, from node to node."""
+    """Fill in the path behind the nodes `first` to `last`, to the next of each."""
     m = len(sample)
-    for j in range(m):
+    for j in range(first, last):
         if j == 0:
             write_state(position[j], velocity[j], nav_R_body[j], p, v, R, sample[j])
             _integrate(h, acc, gyr, sample[j], j, gyro_bias[j], acc_bias[j], gravity, p, v, R)  # to the very first

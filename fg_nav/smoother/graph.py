@@ -47,6 +47,7 @@ from fg_nav.smoother.strides import Nodes, add_start, add_stride, place_nodes, s
 from fg_nav.smoother.unseen import find_unseen_walks
 from fg_nav.stances import Stances
 from fg_nav.system.compiled import njit
+from fg_nav.system.spilled import BLOCK_ROWS, drop_pages, empty_column
 
 GAUGE_SIGMA = 1e-4
 """Position (m) and heading (rad) at the start are known by definition."""
@@ -273,7 +274,14 @@ class Trajectory(NamedTuple):
 
     def turn(self, nav_R_nav: Floats) -> Trajectory:
         """Return it turned about the origin."""
-        return Trajectory(self.position @ nav_R_nav.T, self.velocity @ nav_R_nav.T, nav_R_nav @ self.nav_R_body)
+        turned = Trajectory(*(empty_column(*one.shape) for one in self))
+        for start in range(0, len(self.position), BLOCK_ROWS):
+            part = np.s_[start : start + BLOCK_ROWS]
+            turned.position[part] = self.position[part] @ nav_R_nav.T
+            turned.velocity[part] = self.velocity[part] @ nav_R_nav.T
+            turned.nav_R_body[part] = nav_R_nav @ self.nav_R_body[part]
+            drop_pages()
+        return turned
 
 
 def trajectory_of(recording: Recording, nodes: Nodes, values: gtsam.Values, gravity: float) -> Trajectory:

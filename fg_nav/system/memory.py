@@ -10,9 +10,12 @@ import ctypes
 from functools import cache
 from typing import Any
 
+from fg_nav.system.spilled import drop_pages
+
 
 def return_freed() -> None:
     """Give back to the system what is free, where its C library can: glibc's can."""
+    drop_pages()
     trim = _find_trim()
     if trim is not None:
         trim(0)

@@ -1,0 +1,104 @@
+"""Long columns of samples in a file instead of in memory: what is not looked at takes none.
+
+A column of many samples lies in a file without a name in the temporary files, so that nothing is left of it however
+the process ends, and is mapped into memory page by page as it is read and written. The system writes pages out and
+takes them back when others need the memory; `drop_pages` takes all of them out of the process at once, which is done
+where a pass over the samples is over. Their content stays, in the system's cache or on the disk. Short columns lie in
+memory, and so do long ones where no file can be written or the temporary files are in memory themselves.
+"""
+
+from __future__ import annotations
+
+import mmap
+import os
+import tempfile
+from functools import cache
+from pathlib import Path
+from weakref import WeakSet
+
+import numpy as np
+
+from fg_nav.arrays import Floats, Ints
+
+LEAST_BYTES = 1 << 24
+"""Shorter columns stay in memory: an hour at 200 Hz of three axes has 17 MB."""
+
+BLOCK_ROWS = 1 << 18
+"""That are gone through at once."""
+
+_MAPS: WeakSet[mmap.mmap] = WeakSet()
+
+
+def empty_column(*shape: int) -> Floats:
+    """Return an array of floats to write into, in a file where it is long."""
+    size = 8 * int(np.prod(shape))
+    room = _map_file(size) if size >= LEAST_BYTES else None
+    if room is None:
+        return np.empty(shape)
+    _MAPS.add(room)
+    return np.frombuffer(room, dtype=np.float64, count=size // 8).reshape(shape)
+
+
+def take_rows(index: Ints, *columns: Floats) -> Floats:
+    """Return the rows `index` (K,) of columns (N, c) side by side, in a file where they are long."""
+    taken, at = empty_column(len(index), sum(one.shape[1] for one in columns)), 0
+    for one in columns:
+        for start in range(0, len(index), BLOCK_ROWS):
+            part = index[start : start + BLOCK_ROWS]
+            taken[start : start + len(part), at : at + one.shape[1]] = one[part]
+            drop_pages()
+        at += one.shape[1]
+    return taken
+
+
+def join_columns(*columns: Floats) -> Floats:
+    """Return columns (N, c) side by side, in a file where they are long."""
+    joined, at = empty_column(len(columns[0]), sum(one.shape[1] for one in columns)), 0
+    for one in columns:
+        for start in range(0, len(one), BLOCK_ROWS):
+            joined[start : start + BLOCK_ROWS, at : at + one.shape[1]] = one[start : start + BLOCK_ROWS]
+            drop_pages()
+        at += one.shape[1]
+    return joined
+
+
+def drop_pages() -> None:
+    """Take the pages of all columns out of the process; they are read again when they are looked at."""
+    for room in list(_MAPS):
+        room.madvise(mmap.MADV_DONTNEED)
+
+
+def _map_file(size: int) -> mmap.mmap | None:
+    """Map a file of this size that has no name; None where there is no room for it on a disk."""
+    folder = _find_disk()
+    if folder is None:
+        return None
+    try:
+        with tempfile.TemporaryFile(dir=folder) as file:
+            os.posix_fallocate(file.fileno(), 0, size)  # a full disk shows here, and not when it is written to
+            return mmap.mmap(file.fileno(), size)
+    except OSError:
+        return None
+
+
+@cache
+def _find_disk() -> Path | None:
+    """Return a folder of temporary files that is on a disk; None where there is none or pages cannot be dropped."""
+    if not (hasattr(mmap, "MADV_DONTNEED") and hasattr(os, "posix_fallocate")):
+        return None
+    try:
+        folders = Path(tempfile.gettempdir()), Path("/var/tmp")  # the second is on a disk where the first is not
+    except OSError:  # nothing can be written at all
+        return None
+    return next((one for one in folders if os.access(one, os.W_OK) and not _is_in_memory(one)), None)
+
+
+def _is_in_memory(folder: Path) -> bool:
+    """Whether a folder lies in a file system of the system's memory."""
+    try:
+        mounts = [line.split() for line in Path("/proc/mounts").read_text(encoding="utf-8").splitlines()]
+    except OSError:
+        return False
+    place = folder.resolve()
+    above = [mount for mount in mounts if place.is_relative_to(mount[1])]
+    return bool(above) and max(above, key=lambda mount: len(mount[1]))[2] in ("tmpfs", "ramfs")
