@@ -34,7 +34,7 @@ from scipy.linalg.lapack import dtbtrs
 from fg_nav.arrays import Floats
 from fg_nav.errors import EstimationError
 from fg_nav.recording import Recording
-from fg_nav.system.spilled import drop_pages, empty_column
+from fg_nav.system.spilled import BLOCK_ROWS, drop_pages, empty_column
 
 Wearing: TypeAlias = Literal["foot", "pocket"]
 
@@ -140,7 +140,8 @@ def remove_fast(values: Floats, period_s: float, below_hz: float = SLOW_HZ) -> F
     share = min(below_hz * period_s, 0.45)
     more = min(3 * round(1 / share), len(values) - 1)
     before, after = 2 * values[0] - values[more:0:-1], 2 * values[-1] - values[-2 : -more - 2 : -1]
-    long = np.concatenate([before, values, after])
+    long = empty_column(len(before) + len(values) + len(after), *values.shape[1:])
+    np.concatenate([before, values, after], out=long)
     both_ways = _filter_forward(_filter_forward(long, share)[::-1], share)[::-1]
     return both_ways[more : more + len(values)]
 
@@ -152,10 +153,18 @@ def _filter_forward(x: Floats, share: float) -> Floats:
     """
     k = np.tan(np.pi * share)
     scale = 1 + np.sqrt(2) * k + k * k
-    push = np.concatenate([np.zeros((2, *x.shape[1:])), x - x[0]])
-    band = np.ones((3, len(x))) * [[1.0], [2 * (k * k - 1) / scale], [(1 - np.sqrt(2) * k + k * k) / scale]]
-    y, _ = dtbtrs(band, k * k / scale * (push[2:] + 2 * push[1:-1] + push[:-2]), uplo="L", diag="U")
-    return np.asarray(y + x[0])
+    a_1, a_2 = 2 * (k * k - 1) / scale, (1 - np.sqrt(2) * k + k * k) / scale
+    band = np.ones((3, min(len(x), BLOCK_ROWS))) * [[1.0], [a_1], [a_2]]
+    out, before, last = empty_column(*x.shape), np.zeros((2, *x.shape[1:])), np.zeros((2, *x.shape[1:]))
+    for start in range(0, len(x), BLOCK_ROWS):
+        push = np.concatenate([before, x[start : start + BLOCK_ROWS] - x[0]])
+        right = k * k / scale * (push[2:] + 2 * push[1:-1] + push[:-2])
+        right[0] -= a_2 * last[0] + a_1 * last[1]
+        right[1:2] -= a_2 * last[1]
+        y, _ = dtbtrs(band[:, : len(right)], right, uplo="L", diag="U")
+        before, last = push[-2:], np.concatenate([last, y[-2:]])[-2:]
+        out[start : start + len(y)] = y + x[0]
+    return out
 
 
 def refuse_foot(recording: Recording) -> TurnSigns:

@@ -21,24 +21,38 @@ from fg_nav.factors.residual import LETTER_SHIFT, Keys, Stack
 from fg_nav.smoother.elimination import Factors, eliminate_factors
 from fg_nav.smoother.fronts import Fronts, log_diagonal
 from fg_nav.smoother.square_root import SquareRoot
+from fg_nav.system.spilled import drop_pages, empty_column
 
 DIMENSION = {ord("x"): 6, ord("v"): 3, ord("b"): 6, ord("s"): 1, ord("m"): 8, ord("z"): 1}
 """Of the tangent space of pose, velocity, bias, settling, state of the field and floor, by the letter in the key."""
+
+MOST_STACKED = 1 << 14
+"""Factors of a stack: an hour of walking has as many inertial ones."""
 
 EXACT_WEIGHT = 1e6
 """Of a row without a sigma: a caller's own factor may be a constraint."""
 
 
 def stack_factors(factors: Iterable[gtsam.GaussianFactor]) -> list[Stack]:
-    """Stack linear factors of gtsam, those alike together."""
-    keys: dict[tuple[int, ...], list[list[int]]] = {}
-    rows: dict[tuple[int, ...], list[Floats]] = {}
+    """Stack linear factors of gtsam, those alike together, `MOST_STACKED` at most."""
+    piles: dict[tuple[int, ...], list[tuple[list[int], Floats]]] = {}
+    stacks = []
     for factor in factors:
         A_b, of = _augment(factor), factor.keys()
-        kind = *A_b.shape, len(of)
-        keys.setdefault(kind, []).append(of)
-        rows.setdefault(kind, []).append(A_b)
-    return [Stack(np.array(keys[kind], dtype=np.uint64), np.array(rows[kind])) for kind in keys]
+        pile = piles.setdefault((*A_b.shape, len(of)), [])
+        pile.append((of, A_b))
+        if len(pile) == MOST_STACKED:
+            stacks.append(_stack(pile))
+            pile.clear()
+    return [*stacks, *(_stack(pile) for pile in piles.values() if pile)]
+
+
+def _stack(pile: Sequence[tuple[list[int], Floats]]) -> Stack:
+    """Stack linear factors alike, with their keys."""
+    rows = empty_column(len(pile), *pile[0][1].shape)
+    np.stack([A_b for _, A_b in pile], out=rows)
+    drop_pages()
+    return Stack(np.array([of for of, _ in pile], dtype=np.uint64), rows)
 
 
 def _augment(factor: gtsam.GaussianFactor) -> Floats:
@@ -134,7 +148,17 @@ def _chain(parts: Sequence[Factors]) -> Factors:
     """Return factors one behind the other."""
     begins, at = _chain_places([part.begins for part in parts]), _chain_places([part.at for part in parts])
     member, rows = np.concatenate([part.member for part in parts]), np.concatenate([part.rows for part in parts])
-    return Factors(begins, member, rows, at, np.concatenate([part.values for part in parts]))
+    return Factors(begins, member, rows, at, _chain_values([part.values for part in parts]))
+
+
+def _chain_values(parts: Sequence[Floats]) -> Floats:
+    """Return numbers one behind the other."""
+    chained, at = empty_column(sum(map(len, parts))), 0
+    for part in parts:
+        chained[at : at + len(part)] = part
+        at += len(part)
+        drop_pages()
+    return chained
 
 
 def _chain_places(parts: Sequence[Ints]) -> Ints:

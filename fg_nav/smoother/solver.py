@@ -189,7 +189,7 @@ def stack_walk(
     graph: gtsam.NonlinearFactorGraph, blocks: Sequence[LinearizableBlock], values: gtsam.Values
 ) -> list[Stack]:
     """Linearize the graph and its blocks at these values, as arrays."""
-    stacks = stack_factors(list_linear(graph.linearize(values)))
+    stacks = stack_factors(graph.at(i).linearize(values) for i in range(graph.size()))
     for block in blocks:
         stacks += block.stack(values)
     return stacks
