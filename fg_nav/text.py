@@ -1,14 +1,19 @@
-"""What stands in messages and files: counts in sentences, values as JSON knows them, the version."""
+"""What stands in messages and files: counts in sentences, values as JSON knows them, small files, the version."""
 
 from __future__ import annotations
 
+import errno
 import math
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from importlib import metadata
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+LARGEST_BYTES = 2**23
+"""Of a configuration, a calibration or a scenario, which are some kilobytes."""
 
 
 def format_count(count: int, thing: str) -> str:
@@ -39,6 +44,18 @@ def to_json(value: object) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value if value is None or isinstance(value, str | int | float | bool) else str(value)
+
+
+def read_small(path: Path) -> bytes:
+    """Read a file that people write or a result holds, which may be a device that never ends.
+
+    Raises `OSError` if it cannot be read, or holds more than `LARGEST_BYTES`.
+    """
+    with path.open("rb") as file:
+        content = file.read(LARGEST_BYTES + 1)
+    if len(content) > LARGEST_BYTES:
+        raise OSError(errno.EFBIG, f"it holds more than {LARGEST_BYTES >> 20} MiB", str(path))
+    return content
 
 
 def find_version() -> str:

@@ -4,9 +4,9 @@
     python scripts/fuzz.py --only KIND --seed N --case K [--keep DIR]
 
 =========== ==========================================================================================================
-samples     pieces of 3 to 25 s of real and simulated recordings, their samples wrong (`fuzz_mutations`)
+samples     pieces of 3 to 25 s, mostly below 10, of real and simulated recordings, their samples wrong (`fuzz_mutations`)
 format      such pieces in each of the formats that are read, the file damaged
-real        real files, damaged
+real        real files, and folders of files that belong together, damaged
 stream      rows on standard input of `fg-nav stream`, wrong as samples or as text
 checkpoint  a walk resumed from a checkpoint that is damaged, or tampered with under checks that are right
 truth, fixes, calibration, config, scenario    files that go with a walk, damaged or absurd
@@ -105,12 +105,14 @@ def draw_cases(kinds: Sequence[str], inputs: int, seed: int) -> Iterator[Case]:
 
 
 def run_all(cases: Sequence[Case], store: Store, jobs: int, limit_s: float, folder: Path) -> list[Fate]:
-    """Run cases on processes that may die."""
+    """Run cases on processes that may die; each fault is printed as it comes."""
     pool: Pool[Case, Fate] = Pool(partial(run_in_worker, store), note_death, jobs, limit_s, folder)
     fates = []
     with progress(f"fuzz: {len(cases)}") as report:
         for fate in pool.map(cases):
             fates.append(fate)
+            if fate.faults:
+                print(describe_fault(fate), flush=True)
             report(len(fates) / len(cases))
     return sorted(fates, key=lambda fate: (list(KINDS).index(fate.case.kind), fate.case.number))
 
@@ -136,16 +138,13 @@ def show_case(case: Case, store: Store, keep: Path | None) -> None:
 
 
 def print_fates(fates: Sequence[Fate]) -> None:
-    """Print the table of kinds, and a line a fault."""
+    """Print the table of kinds."""
     rows = [_kind_row(kind, [fate for fate in fates if fate.case.kind == kind]) for kind in KINDS]
     rows = [row for row in rows if row[1] != "0"]
     harness.print_table(
         ("kind", "inputs", "refused", "accepted", "trusted", "doubtful", UNUSABLE, "faults", "CPU s", "longest"),
         [*rows, _kind_row("all", fates)],
     )
-    for fate in fates:
-        if fate.faults:
-            print(describe_fault(fate))
 
 
 def _kind_row(kind: str, fates: Sequence[Fate]) -> list[str]:

@@ -34,6 +34,7 @@ from typing import Any, TypeAlias
 import fuzz_mutations as wrong
 import numpy as np
 import pandas as pd
+import typer
 from fuzz_inputs import HEADER, Store, raw_of
 from fuzz_mutations import Rng, draw
 
@@ -98,16 +99,20 @@ class Input:
 
 # --- recordings ------------------------------------------------------------------------------------------------------
 
-SHORTEST_S, LONGEST_S = 3.0, 25.0
-"""Of a piece."""
+SHORTEST_S, USUAL_S, LONGEST_S = 3.0, 10.0, 25.0
+"""Of a piece; one in twenty may be longer than usual."""
 
-METHODS = ("smoother",) * 6 + ("inertial", "iez", "iez", "iez-rts", "qsf", "iqsf-rts", "ma2018", "aiez", "matched")
+INERTIAL = ("smoother",) * 6 + ("inertial", "iez", "iez", "iez-rts")
+COMPASS = ("qsf", "iqsf-rts", "ma2018", "aiez", "matched")
+"""Methods without and with a magnetometer."""
+
 ONLINE = ("online",) * 3
 POCKET = ("pocket", "munoz-diaz2017", "online")
 
 
-def cut_piece(store: Store, rng: Rng, longest_s: float = LONGEST_S, with_field: bool = False) -> tuple[Floats, str]:
+def cut_piece(store: Store, rng: Rng, with_field: bool = False) -> tuple[Floats, str]:
     """Cut a piece out of a recording; its rows and its name."""
+    longest_s = LONGEST_S if rng.random() < 0.05 else USUAL_S
     name = draw(rng, store.recordings)
     rows = store.rows(name)
     if with_field and np.isnan(rows[:, 7:]).all():
@@ -118,14 +123,14 @@ def cut_piece(store: Store, rng: Rng, longest_s: float = LONGEST_S, with_field: 
     return kept, f"{name} from {start - rows[0, 0]:.1f} s, {duration:.1f} s"
 
 
-def choose_method(rng: Rng, of_thigh: bool) -> Words:
-    """Draw a method, mostly one for where the sensor was worn, and options."""
-    in_pocket = rng.random() < (0.7 if of_thigh else 0.05)
+def choose_method(rng: Rng, name: str = "", has_field: bool = True) -> Words:
+    """Draw a method, mostly one that fits the recording of this name, and options."""
+    in_pocket = rng.random() < (0.85 if name.startswith(("thigh", "ridi")) else 0.03)
     words = ["--plots", "none" if rng.random() < 0.95 else "html"]
     if in_pocket:
         words += ["--mount", "pocket", "--method", str(rng.choice(POCKET))]
     else:
-        words += ["--method", str(rng.choice(METHODS + ONLINE))]
+        words += ["--method", str(rng.choice(INERTIAL + ONLINE + COMPASS * (has_field or rng.random() < 0.05)))]
     if rng.random() < 0.15:
         words += ["--no-mag"] if rng.random() < 0.5 else [f"--heading={rng.choice(HEADINGS)}"]
     return words
@@ -139,11 +144,11 @@ def make_samples(store: Store, rng: Rng, folder: Path) -> Input:
     rows, name = cut_piece(store, rng)
     rows, what = wrong.mutate_samples(rows, rng)
     write_rows(rows, folder / "walk.csv")
-    return Input(["run", "walk.csv", *choose_method(rng, _is_thigh(name))], f"{name}: {what}")
+    return Input(["run", "walk.csv", *choose_method(rng, name, _has_field(rows))], f"{name}: {what}")
 
 
-def _is_thigh(name: str) -> bool:
-    return name.startswith(("thigh", "ridi"))
+def _has_field(rows: Floats) -> bool:
+    return bool(np.isfinite(rows[:, 7:]).all(axis=1).any())
 
 
 def write_rows(rows: Floats, path: Path) -> None:
@@ -153,11 +158,11 @@ def write_rows(rows: Floats, path: Path) -> None:
 
 def make_format(store: Store, rng: Rng, folder: Path) -> Input:
     """A file in one of the formats, damaged as bytes or as a table."""
-    rows, name = cut_piece(store, rng, 12.0, with_field=True)
+    rows, name = cut_piece(store, rng, with_field=True)
     kind, path = write_format(raw_of(rows), rng, folder)
     what = damage_file(path, rng)
     format_words = ["--format", str(rng.choice(FORMAT_NAMES))] if rng.random() < 0.1 else []
-    return Input(["run", "walk.dat", *format_words, *choose_method(rng, _is_thigh(name))], f"{kind} of {name}: {what}")
+    return Input(["run", "walk.dat", *format_words, *choose_method(rng, name)], f"{kind} of {name}: {what}")
 
 
 FORMAT_NAMES = ("canonical", "table", "xio", "pyshoe", "openshoe", "sensorlog", "xsens-dot", "ros")
@@ -214,20 +219,41 @@ REAL_BYTES = 1_500_000
 
 
 def make_real(store: Store, rng: Rng, folder: Path) -> Input:
-    """A real file, damaged."""
+    """A real file, or a folder of files that belong together, one of them damaged."""
     if store.data is None:
         return make_format(store, rng, folder)
-    path = draw(rng, _list_files(store.data))
+    whole = rng.random() < 0.3
+    source = draw(rng, _list_folders(store.data) if whole else _list_files(store.data))
+    copies = [_copy_start(path, folder / path.relative_to(source.parent), rng) for path in _files_of(source)]
+    target = draw(rng, copies)
+    what = damage_file(target, rng)
+    name = str(source.relative_to(store.data))
+    words = ["run", source.name, *choose_method(rng, name.replace("ridi_leg", "ridi"))]
+    return Input(words, f"{name}: {target.name}: {what}")
+
+
+def _copy_start(path: Path, target: Path, rng: Rng) -> Path:
+    """Copy a binary file, or the first rows of a text."""
     data = path.read_bytes()
-    data, what = damage(data if b"\0" in data[:4000] else data[: int(rng.choice([20_000, 200_000]))], rng)
-    target = folder / path.name
-    target.write_bytes(data)
-    return Input(["run", path.name, *choose_method(rng, False)], f"{path.relative_to(store.data)}: {what}")
+    target.parent.mkdir(parents=True, exist_ok=True)
+    target.write_bytes(data if b"\0" in data[:4000] else data[: int(rng.choice([20_000, 200_000]))])
+    return target
 
 
+def _files_of(source: Path) -> list[Path]:
+    return [path for path in sorted(source.rglob("*")) if path.is_file()] if source.is_dir() else [source]
+
+
+@cache
 def _list_files(data: Path) -> list[Path]:
-    files = [path for path in sorted(data.rglob("*")) if path.is_file() and path.suffix not in (".md", ".tsv")]
+    files = [path for path in _files_of(data) if path.suffix not in (".md", ".tsv") and "LICENSE" not in path.name]
     return [path for path in files if path.suffix != ".mat" or path.stat().st_size < REAL_BYTES]
+
+
+@cache
+def _list_folders(data: Path) -> list[Path]:
+    """Folders that hold one recording in several files."""
+    return [path for path in sorted((data / "formats").rglob("*")) if path.is_dir() and 1 < len(_files_of(path)) < 10]
 
 
 # --- streams and checkpoints -----------------------------------------------------------------------------------------
@@ -245,7 +271,7 @@ def make_stream(store: Store, rng: Rng, folder: Path) -> Input:
         data, how = damage(data, rng)
         what = ", ".join(filter(None, (what, how)))
     words = ["stream", "-", "--plots", "none"]
-    if _is_thigh(name) and rng.random() < 0.7:
+    if name.startswith(("thigh", "ridi")) and rng.random() < 0.85:
         words += ["--mount", "pocket"]
     elif rng.random() < 0.3:
         words += ["--lag", "10"]
@@ -355,16 +381,33 @@ def make_options(store: Store, rng: Rng, folder: Path) -> Input:
     for _ in range(rng.integers(1, 4)):
         name, values = draw(rng, list(OPTION_VALUES.items()))
         words += [f"{name}={draw(rng, values)}"]
+    for name, content in CONFIGS.items():
+        if any(name in word for word in words):
+            (folder / name).write_bytes(content)
     return Input(["run", "walk.csv", "--plots", "none", *words], " ".join(words)[:200])
 
 
+CONFIGS: Mapping[str, bytes] = {
+    "nested.json": b"[" * 100_000 + b"]" * 100_000,
+    "deep.json": b'{"parameters": ' * 900 + b"1" + b"}" * 900,
+    "huge.json": b'{"method": "smoother", "parameters": {"smoother": {"acc_density": 1' + b"0" * 5000 + b"}}}",
+    "keys.json": b"{" + b",".join(b'"%d": %d' % (k, k) for k in range(20_000)) + b"}",
+}
+"""Files that --config, --calibration and others may be given."""
+
+_FILES = ("missing.csv", ".", "walk.csv", "/dev/null", "/dev/zero", "/proc/self/mem", *CONFIGS)
 _NUMBERS_GIVEN = ("nan", "inf", "-inf", "1e300", "-1e300", "0", "-1", "1e-300", "x", "", "9" * 400, "45")
 OPTION_VALUES: Mapping[str, tuple[str, ...]] = {
     "--heading": _NUMBERS_GIVEN,
     "--rate": _NUMBERS_GIVEN,
-    "--mag-axes": ("x,y,z", "x,x,z", "-y,x,z", "x,y", "", ",,", "-x,-y,-z", "y,x,z", "--x,y,z", "x,y,z,x"),
+    "--mag-axes": ("x,y,z", "x,x,z", "-y,x,z", "x,y", "", ",,", "-x,-y,-z", "y,x,z", "--x,y,z", "x,y,z,x", "X,Y,Z",
+                   "x y z", "x,y,-", "+x,+y,+z", "x,y,z" * 1000, "\u2212x,y,z", "1,2,3", "-z,-y,-x", "z,x,y", "-x,y,z"),
     "--columns": ("time=1,acc=2:3:4,gyr=5:6:7", "acc=2", "time=1[ms],acc=2:3:4[g],gyr=5:6:7[deg/s]", "=", "time=99",
-                  "time=1,acc=2:2:2,gyr=5:6:7", "time=-1,acc=0:0:0,gyr=5:6:7", "time=time_s[parsec]", "[", "a=b=c"),
+                  "time=1,acc=2:2:2,gyr=5:6:7", "time=-1,acc=0:0:0,gyr=5:6:7", "time=time_s[parsec]", "[", "a=b=c",
+                  "time=time_s,acc=acc_x_m_s2:acc_y_m_s2:acc_z_m_s2,gyr=gyr_x_rad_s:gyr_y_rad_s:gyr_z_rad_s",
+                  "time=1,acc=2:3:4,gyr=5:6:7,mag=8:9:10", "time=1,acc=2:3:4,gyr=5:6:7,mag=8:9:10[gauss]",
+                  "acc=2:3:4,gyr=5:6:7", "time=1[us],acc=4:3:2,gyr=7:6:5", "time=1,acc=5:6:7,gyr=2:3:4", "," * 5000,
+                  "time=1,acc=" + "9" * 400 + ":3:4,gyr=5:6:7", "acc=acc:acc:acc", "time=\0", "x" * 10_000),
     "--set": ("smoother.magnetic.rounds=-1", "smoother.node_spacing_s=0", "smoother.node_spacing_s=1e300", "x=1",
               "smoother.gravity=nan", "smoother.acc_density=0", "smoother.gyr_density_deg_s=1e300", "=", "smoother",
               "detector.threshold=0", "detector.threshold=-1", "detector.threshold=1e300", "iez.x=1",
@@ -376,10 +419,10 @@ OPTION_VALUES: Mapping[str, tuple[str, ...]] = {
     "--mount": ("pocket", "foot", "x"),
     "--known-distance": _NUMBERS_GIVEN,
     "--step-constant": _NUMBERS_GIVEN,
-    "--fixes": ("missing.csv", ".", "walk.csv", "/dev/null"),
-    "--truth": ("missing.csv", ".", "walk.csv", "/dev/null"),
-    "--calibration": ("missing.json", ".", "walk.csv", "/dev/null"),
-    "--config": ("missing.json", ".", "walk.csv", "/dev/null"),
+    "--fixes": _FILES,
+    "--truth": _FILES,
+    "--calibration": _FILES,
+    "--config": _FILES,
 }  # fmt: skip
 """Words for options, most of which cannot be meant."""
 
@@ -407,9 +450,10 @@ KINDS: Mapping[str, tuple[int, Callable[[Store, Rng, Path], Input]]] = {
 
 @cache
 def prepare_process() -> None:
-    """Make this process one that runs cases: no more memory than `MEMORY_BYTES`, no processes of a walk's own."""
+    """Make this process one that runs cases: bounded memory, no processes of a walk's own, the verbs loaded once."""
     with suppress(ValueError):
         resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, resource.RLIM_INFINITY))
+    typer.main.get_command = cache(typer.main.get_command)
     whole = request.StreamOptions
     # The answers of a walk that is solved again in this process are the same, and it needs no second to start.
     request.StreamOptions = lambda **given: whole(**{**given, "beside": False})  # type: ignore[assignment,misc]
@@ -439,8 +483,13 @@ def _run(given: Input, folder: Path, fate: Fate) -> None:
         warnings.simplefilter("always")
         code, out, err = call(given.words, folder, given.stdin)
     fate.seconds = time.process_time() - began
-    fate.faults += sorted({f"warning: {one.category.__name__}: {one.message}" for one in warned})
+    fate.faults += sorted({_say_warning(one) for one in warned})
     judge_answer(fate, code, out, err, folder / "out", given)
+
+
+def _say_warning(one: warnings.WarningMessage) -> str:
+    where = "/".join(Path(one.filename).parts[-2:])
+    return f"warning: {one.category.__name__}: {one.message} [{where}:{one.lineno}]"
 
 
 def call(words: Words, folder: Path, stdin: bytes | None = None) -> tuple[int, str, str]:

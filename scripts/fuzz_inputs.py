@@ -32,7 +32,7 @@ from fg_nav.truth import TrajectoryTruth
 LONGEST_S = 90.0
 """Of a recording from which pieces are cut."""
 
-BASE_S, BASE_HZ, SAVED_S = 30.0, 100.0, 22.0
+BASE_S, BASE_HZ, SAVED_S = 16.0, 100.0, 12.0
 """The walk that companions and checkpoints are of: its duration, its rate, and when it was saved last."""
 
 SIMULATED = 8
@@ -178,7 +178,7 @@ def _write_truth(folder: Path) -> bytes:
 
 
 def _write_footprints(folder: Path) -> bytes:
-    places = simulate_base().strides.footprint[:20]
+    places = simulate_base().strides.footprint[:10]
     rows = [f"{k},{place[0]:.3f},{place[1]:.3f}" for k, place in enumerate(places)]
     return "\n".join(["stride,x_m,y_m", *rows, ""]).encode()
 
@@ -187,8 +187,8 @@ def _write_fixes(folder: Path) -> bytes:
     truth = base_recording().truth
     assert isinstance(truth, TrajectoryTruth)
     rows = [
-        f"{truth.t[k]:.2f},{x:.2f},{y:.2f},{'' if k % 900 else f'{z:.2f}'},0.3"
-        for k in range(300, 2900, 300)
+        f"{truth.t[k]:.2f},{x:.2f},{y:.2f},{'' if k % 300 else f'{z:.2f}'},0.3"
+        for k in range(300, round(BASE_S * BASE_HZ) - 50, 200)
         for x, y, z in [truth.position[k] - truth.position[0]]
     ]
     return "\n".join(["time_s,x_m,y_m,z_m,sigma_m", *rows, ""]).encode()

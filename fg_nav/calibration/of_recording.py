@@ -48,14 +48,11 @@ from fg_nav.errors import CalibrationError, describe_reason
 from fg_nav.magnetic import FootfallField, average_footfall_field
 from fg_nav.magnetic.axes import MagAxes, align_magnetometer
 from fg_nav.recording import Recording
-from fg_nav.text import find_version, to_json
+from fg_nav.text import find_version, read_small, to_json
 
 FORMAT = "fg-nav calibration"
 VERSION = 1
 """Of the file; a reader refuses what is newer."""
-
-LARGEST_BYTES = 2**20
-"""A calibration is a few kilobytes: anything larger is something else, and is not read."""
 
 LARGEST_HARD_IRON_UT, LARGEST_GAIN = 10_000.0, 10.0
 """Of a magnetometer: twice the range of those in phones and feet, and a gain that no maker sells."""
@@ -131,16 +128,16 @@ def _read_json(path: Path) -> Mapping[str, Any]:
 
 def _parse(path: Path) -> object:
     try:
-        if path.stat().st_size > LARGEST_BYTES:
-            return None
-        return json.loads(path.read_text(encoding="utf-8"))
+        return json.loads(read_small(path).decode("utf-8"))
     except FileNotFoundError:
         raise CalibrationError(f"{path} does not exist: check the path of the calibration.") from None
     except IsADirectoryError:
         raise CalibrationError(f"{path} is a directory: give the calibration in it.") from None
     except OSError as error:
         reason = describe_reason(error)
-        raise CalibrationError(f"{path} cannot be read ({reason}): check its permissions.") from None
+        raise CalibrationError(
+            f"{path} cannot be read ({reason}): give a file that `fg-nav calibrate` wrote."
+        ) from None
     except (ValueError, RecursionError):
         raise CalibrationError(f"{path.name} is no JSON, or damaged: calibrate again.") from None
 

@@ -20,6 +20,7 @@ from fg_nav.errors import ConfigError, describe_reason
 from fg_nav.estimators import ONLINE, find_estimator, find_owner, find_parameters
 from fg_nav.magnetic.quasi_static import DEFAULT
 from fg_nav.report.terminal import remark
+from fg_nav.text import read_small
 from fg_nav.walk import DETECTOR, Options
 
 BY_OTHER_MEANS = ("magnetic.gate", "smoothed", "inertial.smoothed")
@@ -59,7 +60,7 @@ class Config(BaseModel):
 def read_config(path: Path) -> Config:
     """Read the `config.json` of a result; raises `ConfigError` where it is none."""
     try:
-        return Config.model_validate_json(path.read_bytes())
+        return Config.model_validate_json(read_small(path))
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(map(str, first["loc"]))

@@ -126,7 +126,10 @@ def measure_axes(t: Floats, acc: Floats, gyr: Floats) -> AxesEvidence:
     if not len(start):
         return NO_EVIDENCE
     acc, gyr = (rebuild_peaks(samples, period_s).whole for samples in (acc, gyr))
-    velocity, tilt = zip(*(_integrate(t, acc, gyr @ M.T, start, stop) for M in AXES), strict=True)
+    attitude = np.array([level_attitude(up) for up in _measure_up(t, acc, start)])
+    up = _measure_up(t, acc, stop)
+    h = np.diff(t, append=2 * t[-1] - t[-2])
+    velocity, tilt = zip(*(_integrate(h, acc, gyr @ M.T, start, stop, attitude, up) for M in AXES), strict=True)
     z = (np.array(velocity) ** 2).sum(axis=2) / VELOCITY_M_S**2 + (np.array(tilt) / TILT_RAD) ** 2
     scores = np.logaddexp(-2.5 * np.log1p(z / 4), -NO_STRIDE).T
     return AxesEvidence(scores, GRAVITY_M_S2 + velocity[0][:, 2] / (t[stop] - t[start]))
@@ -165,12 +168,13 @@ def _find_strides(t: Floats, acc: Floats, gyr: Floats, moments: Ints) -> tuple[I
     return start[kept], stop[kept]
 
 
-def _integrate(t: Floats, acc: Floats, gyr: Floats, start: Ints, stop: Ints) -> tuple[Floats, Floats]:
-    """Velocity (K, 3) m/s and error of the vertical (K,) rad at the end of strides with this rate."""
-    attitude = np.array([level_attitude(one) for one in _measure_up(t, acc, start)])
-    h = np.diff(t, append=2 * t[-1] - t[-2])
+def _integrate(
+    h: Floats, acc: Floats, gyr: Floats, start: Ints, stop: Ints, start_R_body: Floats, stop_up: Floats
+) -> tuple[Floats, Floats]:
+    """Velocity (K, 3) m/s and error of the vertical (K,) rad at the end of strides with this rate, steps h (N,) s."""
+    attitude = start_R_body.copy()
     velocity = integrate_strides(acc, gyr, h, start, stop, attitude, np.zeros((len(start), 3)), GRAVITY_M_S2)
-    tilt = np.arccos(np.clip((attitude[:, 2] * _measure_up(t, acc, stop)).sum(axis=1), -1.0, 1.0))
+    tilt = np.arccos(np.clip((attitude[:, 2] * stop_up).sum(axis=1), -1.0, 1.0))
     return velocity, tilt
 
 

@@ -32,6 +32,7 @@ from fg_nav.errors import EstimationError, RecordingError, StreamError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.online.buffer import COLUMNS
 from fg_nav.recording import Recording
+from fg_nav.samples.plausibility import find_squarable
 
 WINDOW = 200
 """Rows, one to four seconds."""
@@ -90,7 +91,7 @@ class SourceCheck:
         EstimationError
             If the sensor is clearly worn elsewhere.
         """
-        usable = rows[np.isfinite(rows[:, :7]).all(axis=1)]
+        usable = rows[np.isfinite(rows[:, 0]) & find_squarable(rows[:, 1:7])]
         self._window = np.concatenate([self._window, usable])
         while len(self._window) >= WINDOW:
             window, self._window = self._window[:WINDOW], self._window[WINDOW:]

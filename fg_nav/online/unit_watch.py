@@ -32,6 +32,7 @@ from fg_nav.online.field_watch import FieldWatch
 from fg_nav.samples.plausibility import (
     find_acc_problem,
     find_gyr_problem,
+    find_squarable,
     find_stamp_problem,
     find_time_unit,
     median_period_s,
@@ -298,7 +299,7 @@ def _is_slow(rows: Floats) -> bool:
 
 def _is_lively(rows: Floats) -> bool:
     """Whether at least half of the rows are there, and their force is that of somebody who walks."""
-    there = rows[np.isfinite(rows[:, 1:7]).all(axis=1)]
+    there = rows[find_squarable(rows[:, 1:7])]
     force = _norm(there[:, 1:4])
     if 2 * len(there) < len(rows):
         return False

@@ -323,8 +323,13 @@ def _is_lively(acc: Floats) -> bool:
 
 def _usable(*vectors: Floats, limit: float = 1e5) -> tuple[Floats, ...]:
     """Rows (., 3) that are finite, and small enough to be squared, in all of the arrays."""
-    usable = np.logical_and.reduce([(np.abs(v) < limit).all(axis=1) for v in vectors])
+    usable = np.logical_and.reduce([find_squarable(v, limit) for v in vectors])
     return tuple(v[usable] for v in vectors)
+
+
+def find_squarable(vectors: Floats, limit: float = 1e6) -> Bools:
+    """Rows (N,) of vectors (N, M) that are finite, and small enough to be squared; what is in mm/s^2 is."""
+    return np.asarray((np.abs(vectors) < limit).all(axis=1))
 
 
 def _samples_in(duration_s: float, period_s: float) -> int:

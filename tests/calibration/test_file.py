@@ -12,13 +12,13 @@ import pytest
 from fg_nav.calibration.at_rest import AccelerometerCalibration, GyroscopeCalibration
 from fg_nav.calibration.magnetometer import MagnetometerCalibration
 from fg_nav.calibration.of_recording import (
-    LARGEST_BYTES,
     Calibration,
     is_calibration,
     read_calibration,
     write_calibration,
 )
 from fg_nav.errors import CalibrationError
+from fg_nav.text import LARGEST_BYTES
 
 
 def magnetometer(rng: np.random.Generator) -> MagnetometerCalibration:
@@ -122,7 +122,7 @@ def test_what_is_wrong_is_said_in_one_sentence(
         (b"[]", "no calibration"),
         (b"null", "no calibration"),
         (b'{"version": 1}', "no calibration"),
-        (b" " * (LARGEST_BYTES + 1), "no calibration"),
+        (b" " * (LARGEST_BYTES + 1), "more than 8 mib"),
         (b"time_s,acc_x_m_s2\n0,1\n", "damaged"),
     ],
     ids=["empty", "cut off", "binary", "deep", "a list", "null", "foreign", "large", "a recording"],
@@ -138,5 +138,7 @@ def test_foreign_files_are_refused(tmp_path: Path, content: bytes, words: str) -
 def test_no_file_and_a_folder_are_refused(tmp_path: Path) -> None:
     with pytest.raises(CalibrationError, match="does not exist"):
         read_calibration(tmp_path / "nothing.json")
+    with pytest.raises(CalibrationError, match="more than 8 mib"):
+        read_calibration(Path("/dev/zero"))
     with pytest.raises(CalibrationError, match="is a directory"):
         read_calibration(tmp_path)

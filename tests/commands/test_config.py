@@ -131,6 +131,8 @@ def test_a_configuration_is_checked(tmp_path: Path) -> None:
     for content in ({"mount": "hand"}, {"magic": 1}, {"polish": 1}):
         with pytest.raises(ConfigError, match=r"config.json is no config.json of a result \(given"):
             config.read_config(written(path, **content))
+    with pytest.raises(ConfigError, match="more than 8 mib"):
+        config.read_config(Path("/dev/zero"))
     with pytest.raises(ConfigError, match="cannot be read"):
         config.read_config(tmp_path / "none.json")
     path.write_text("{")

@@ -135,3 +135,10 @@ def test_what_no_check_can_have_seen_is_refused(feet, name, value):
     SourceCheck("foot", print).resume(before.state())
     with pytest.raises((ValueError, TypeError)):
         SourceCheck("foot", print).resume(before.state() | {name: value})
+
+
+def test_numbers_beyond_all_bounds_are_no_samples(feet):
+    rows = feet[0].copy()
+    rows[::7, 1:7] = [1e200, -1e308, 1e38, 1e300, np.inf, -1e200]
+    with np.errstate(all="raise"):
+        assert check(rows) == []

@@ -105,7 +105,9 @@ def test_gaps_impacts_missing_samples_and_single_wrong_ones_are_let_pass(rows):
     sent = np.delete(rows, slice(1500, 1900), axis=0)
     sent[700, ACC], sent[800, GYR], sent[1000:1005, GYR], sent[1200:1210, ACC] = 800.0, 300.0, 100.0, 0.5
     sent[2000:2300, 1:7], sent[2600, 0], sent[2700, ACC] = np.nan, 1e9, 0.0
-    taken, said = admit(sent)
+    sent[2800:3000:7, ACC], sent[3100, GYR] = 1e300, -1e200
+    with np.errstate(invalid="raise"):
+        taken, said = admit(sent)
     assert np.array_equal(taken, sent, equal_nan=True)
     assert said == []
 

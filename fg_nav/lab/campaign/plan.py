@@ -53,7 +53,7 @@ from fg_nav.lab.simulation import Scenario, scenario
 from fg_nav.lab.simulation.scenario_file import SUFFIX
 from fg_nav.lab.simulation.scenarios import FIELDS
 from fg_nav.lab.store.results import Key
-from fg_nav.text import shorten
+from fg_nav.text import read_small, shorten
 
 FIRST_SEED = 101
 """Filters are tuned on seeds below 100."""
@@ -182,7 +182,7 @@ def read_plan(path: Path) -> Plan:
 
 def _read_toml(path: Path) -> dict[str, Any]:
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        return tomllib.loads(read_small(path).decode("utf-8-sig"))
     except OSError as error:
         raise CampaignError(f"the plan {path} cannot be read ({error.strerror}): name a .toml file.") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
@@ -252,7 +252,7 @@ def _names(scenarios: Sequence[str]) -> tuple[str, ...]:
 def _read_scenario(path: Path) -> UserScenario:
     """Read a file, and check its scenario; raises `CampaignError` or `SimulationError`."""
     try:
-        own = UserScenario(path.name, path.read_text(encoding="utf-8"))
+        own = UserScenario(path.name, read_small(path).decode("utf-8"))
     except OSError as error:
         raise CampaignError(f"the scenario {path} cannot be read ({error.strerror}): name a file that can.") from None
     except UnicodeDecodeError as error:

@@ -41,7 +41,7 @@ from fg_nav.lab.simulation.path import Path, polyline
 from fg_nav.lab.simulation.plan import Section, Stand, Walk
 from fg_nav.lab.simulation.scenarios import Feet, Rests, Scenario, Worn, scenario
 from fg_nav.lab.simulation.sensors import SensorPrior
-from fg_nav.text import shorten
+from fg_nav.text import read_small, shorten
 
 SUFFIX = ".toml"
 
@@ -137,7 +137,7 @@ def read_scenario(path: File) -> Scenario:
     Raises `SimulationError` if the file cannot be read, has unknown parameters, or describes what cannot be.
     """
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_small(path).decode("utf-8")
     except UnicodeDecodeError as error:
         raise SimulationError(f"{path.name} is no TOML: {error}.") from None
     return parse_scenario(path.name, text)
