@@ -4,7 +4,7 @@
     python scripts/fuzz.py --only KIND --seed N --case K [--keep DIR]
 
 =========== ==========================================================================================================
-samples     pieces of 3 to 25 s, mostly below 10, of real and simulated recordings, their samples wrong (`fuzz_mutations`)
+samples     pieces of 3 to 25 s of real and simulated recordings, their samples wrong (`fuzz_mutations`)
 format      such pieces in each of the formats that are read, the file damaged
 real        real files, and folders of files that belong together, damaged
 stream      rows on standard input of `fg-nav stream`, wrong as samples or as text

@@ -135,9 +135,7 @@ def _parse(path: Path) -> object:
         raise CalibrationError(f"{path} is a directory: give the calibration in it.") from None
     except OSError as error:
         reason = describe_reason(error)
-        raise CalibrationError(
-            f"{path} cannot be read ({reason}): give a file that `fg-nav calibrate` wrote."
-        ) from None
+        raise CalibrationError(f"{path} cannot be read ({reason}): give one of `fg-nav calibrate`.") from None
     except (ValueError, RecursionError):
         raise CalibrationError(f"{path.name} is no JSON, or damaged: calibrate again.") from None
 
