@@ -44,6 +44,10 @@ FAULTS = ("crash", "hang", "exception", "warning", "not finite", "sigma", "absur
 """First words of faults, each a figure that is asked to be zero; all others are `other`."""
 
 
+TOLD_EVERY = 250
+"""Inputs, after which it is said how far it is."""
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run it, print the table, the faults and the figures."""
     chosen = harness.parse_arguments(
@@ -114,6 +118,8 @@ def run_all(cases: Sequence[Case], store: Store, jobs: int, limit_s: float, fold
             if fate.faults:
                 print(describe_fault(fate), flush=True)
             report(len(fates) / len(cases))
+            if len(fates) % TOLD_EVERY == 0:
+                print(f"{len(fates)} inputs, {sum(bool(one.faults) for one in fates)} with faults", flush=True)
     return sorted(fates, key=lambda fate: (list(KINDS).index(fate.case.kind), fate.case.number))
 
 

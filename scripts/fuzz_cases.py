@@ -106,7 +106,7 @@ INERTIAL = ("smoother",) * 6 + ("inertial", "iez", "iez", "iez-rts")
 COMPASS = ("qsf", "iqsf-rts", "ma2018", "aiez", "matched")
 """Methods without and with a magnetometer."""
 
-ONLINE = ("online",) * 3
+ONLINE = ("online",)
 POCKET = ("pocket", "munoz-diaz2017", "online")
 
 

@@ -115,14 +115,17 @@ class SwingSums:
 
     @property
     def axes(self) -> tuple[Floats, Floats] | None:
-        """Level axis of the swing, one way or the other but always the same, and up, (3,); None before they show."""
+        """Level axis of the swing, one way or the other but always the same, and up, (3,); None before they show.
+
+        Where the swing shows none any more, the axis is the one that was known last.
+        """
         if self._swinging_s < LEAST_SWING_S:
             return None
         up = self._up / np.linalg.norm(self._up)
         try:
             left = find_level_axis(self._power, up)
         except EstimationError:
-            return None
+            return None if self._left is None else (self._left, up)
         self._left = left if self._left is None or left @ self._left > 0 else -left
         return self._left, up
 

@@ -40,6 +40,9 @@ ROOM = 0.55
 """Least distance of two stamps, in periods, if they are those of two samples: with half a period for each, one is a
 repeat; polling every 6 ms leaves 0.6 of a sensor's 5 ms."""
 
+SAME_S = 1e-7
+"""Stamps that rise by no more are the same: no sensor samples as fast, and no result is written finer."""
+
 JUMP_S, MOST_AHEAD = 1.0, 20
 """Stamps so far ahead, and not more of them, are wrong, if the next goes on from before them."""
 
@@ -183,7 +186,7 @@ def _neighbors(t: Floats, late: Floats) -> Ints:
 def _spread_doubles(part: Ordered, samples: Floats, row: Ints, period: float) -> Ordered:
     """Give samples with one stamp stamps of their own, or leave out all but the first."""
     t = part.t
-    first = np.flatnonzero(np.diff(t, prepend=-np.inf) > 0)
+    first = np.flatnonzero(np.diff(t, prepend=-np.inf) > SAME_S)
     if len(first) == len(t):
         return part
     keep, spread, even = np.ones(len(t), dtype=np.bool_), np.zeros(len(t), dtype=np.bool_), t.copy()
