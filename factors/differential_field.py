@@ -177,6 +177,12 @@ class FieldStretches:
     stretch: Ints
     gyro_bias: Array
 
+    def select(self, first: int, last: int) -> "FieldStretches":
+        """Return those of numbers `first` to `last`, counted from the first."""
+        some = slice(*np.searchsorted(self.stretch, [first, last]).tolist())
+        samples = self.body_field[some], self.rotation[some], self.bias_jacobian[some], self.position[some]
+        return FieldStretches(*samples, self.stretch[some] - first, self.gyro_bias[first:last])
+
     def in_first_frame(self) -> Array:
         """Return z_t (T, 3) uT."""
         return np.asarray((self.rotation @ self.body_field[..., None])[..., 0])
@@ -211,19 +217,28 @@ def measure_bias(stretches: FieldStretches, noise: FieldNoise, most: int) -> Str
     noise : of the walk.
     most : samples of a stretch; neighbours are averaged until they are no more.
     """
-    padded = _pad(stretches, most)
-    gram = np.empty((len(padded.count), 22, 22))
-    for first in range(0, len(gram), AT_ONCE):
-        # What is beyond the last mean of the longest of them is empty.
-        some = np.s_[first : first + AT_ONCE, : padded.count[first : first + AT_ONCE].max()]
-        covariance = _covariance(padded.position[some], padded.weight[some], noise)
-        columns = padded.columns[some]
-        gram[first : first + AT_ONCE] = np.swapaxes(columns, 1, 2) @ np.linalg.solve(covariance, columns)
-    return _eliminate_field(gram, padded.count, stretches.gyro_bias, noise.iron)
+    number = range(0, len(stretches.gyro_bias), AT_ONCE)
+    found = [_measure_bias(stretches.select(first, first + AT_ONCE), noise, most) for first in number]
+    matrix, vector = (
+        np.concatenate([getattr(one.information, name) for one in found]) for name in ("matrix", "vector")
+    )
+    chi_square, freedom = (np.concatenate([getattr(one, name) for one in found]) for name in ("chi_square", "freedom"))
+    return StretchInformation(BiasInformation(matrix, vector), chi_square, freedom)
 
 
 AT_ONCE = 64
-"""Stretches whose covariances are in memory together."""
+"""Stretches that are in memory together."""
+
+
+def _measure_bias(stretches: FieldStretches, noise: FieldNoise, most: int) -> StretchInformation:
+    """Reduce the field of some stretches."""
+    padded = _pad(stretches, most)
+    # What is beyond the last mean of the longest of them is empty.
+    filled = np.s_[:, : padded.count.max()]
+    columns = padded.columns[filled]
+    covariance = _covariance(padded.position[filled], padded.weight[filled], noise)
+    gram = np.swapaxes(columns, 1, 2) @ np.linalg.solve(covariance, columns)
+    return _eliminate_field(gram, padded.count, stretches.gyro_bias, noise.iron)
 
 
 @dataclass(frozen=True)

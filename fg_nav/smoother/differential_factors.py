@@ -44,6 +44,7 @@ from fg_nav.samples.gaps import find_holes
 from fg_nav.smoother.linear import stack_factors
 from fg_nav.smoother.roughness import robust_sigma
 from fg_nav.smoother.strides import STANDS_S, Nodes
+from fg_nav.system.spilled import drop_pages, empty_column
 
 MARGIN_S = 0.1
 """Before and after a stance, where the foot moves slowly: what a stretch shows of the bias grows with the cube of its
@@ -160,15 +161,39 @@ def turn_stretches(recording: Recording, stretches: Stretches, position: Floats,
     position : (N, 3) m, at every sample.
     gyro_bias : (S, 3) rad/s, at which it is linearized.
     """
+    most, filled = int((stretches.stop - stretches.start).sum()), 0
+    samples, number = [empty_column(most, *shape) for shape in ((3,), (3, 3), (3, 3), (3,))], np.empty(most, np.int64)
+    for first in range(0, len(gyro_bias), AT_ONCE):
+        some = _turn_some(recording, stretches, position, gyro_bias, slice(first, first + AT_ONCE))
+        part = slice(filled, filled := filled + len(some.stretch))
+        number[part] = some.stretch + first
+        of = some.body_field, some.rotation, some.bias_jacobian, some.position
+        for column, rows in zip(samples, of, strict=True):
+            column[part] = rows
+        drop_pages()
+    field, rotation, jacobian, place = (column[:filled] for column in samples)
+    return FieldStretches(field, rotation, jacobian, place, number[:filled], gyro_bias)
+
+
+AT_ONCE = 1024
+"""Stretches that are turned at once."""
+
+
+def _turn_some(
+    recording: Recording, stretches: Stretches, position: Floats, gyro_bias: Floats, some: slice
+) -> FieldStretches:
+    """Turn the field of the samples of some stretches, counted from the first of them."""
     assert recording.mag is not None
-    count = stretches.stop - stretches.start
+    count = (stretches.stop - stretches.start)[some]
     stretch = np.repeat(np.arange(len(count)), count)
-    sample = np.arange(len(stretch)) - np.searchsorted(stretch, stretch) + stretches.start[stretch]
-    periods = np.append(np.diff(recording.t), recording.period_s)[sample]
-    rotation, jacobian = relative_rotations(recording.integrable[1][sample], periods, stretch, gyro_bias)
+    sample = np.arange(len(stretch)) - np.searchsorted(stretch, stretch) + stretches.start[some][stretch]
+    after = np.minimum(sample + 1, len(recording) - 1)
+    periods = np.where(after > sample, recording.t[after] - recording.t[sample], recording.period_s)
+    rotation, jacobian = relative_rotations(recording.integrable[1][sample], periods, stretch, gyro_bias[some])
     seen = np.isfinite(recording.mag[sample, 0])
     sample, stretch = sample[seen], stretch[seen]
-    return FieldStretches(recording.mag[sample], rotation[seen], jacobian[seen], position[sample], stretch, gyro_bias)
+    field, place = recording.mag[sample], position[sample]
+    return FieldStretches(field, rotation[seen], jacobian[seen], place, stretch, gyro_bias[some])
 
 
 def measure_noise(turned: FieldStretches) -> float:

@@ -13,26 +13,12 @@ A few numbers s shared by many factors, with the prior 0 and S: of the walk that
 
 from __future__ import annotations
 
-import gtsam
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.smoother.solver import list_cliques
 
 MOST_NATS = 3.0
 """Twenty to one: what counts as strong evidence (Kass and Raftery 1995)."""
-
-
-def eliminate(linear: gtsam.GaussianFactorGraph, ordering: gtsam.Ordering) -> tuple[float, float]:
-    """Return E and log|R| of a linear graph."""
-    tree = linear.eliminateMultifrontal(ordering, gtsam.EliminateQR)
-    return float(linear.error(tree.optimize())), log_root(tree)
-
-
-def log_root(tree: gtsam.GaussianBayesTree) -> float:
-    """log|R|, half the logarithm of the determinant of the information."""
-    diagonals = (np.diagonal(clique.conditional().R()) for clique in list_cliques(tree))
-    return float(sum(np.log(np.abs(diagonal)).sum() for diagonal in diagonals))
 
 
 def fit_shared(information: Floats, pull: Floats, prior: Floats) -> tuple[Floats, Floats, float]:

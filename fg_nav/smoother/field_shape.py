@@ -22,11 +22,13 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import X, Z
 
+from fg_nav.factors.residual import Stack
 from fg_nav.factors.rotation import turn_about_up
-from fg_nav.smoother.evidence import MOST_NATS, eliminate
+from fg_nav.smoother.evidence import MOST_NATS
 from fg_nav.smoother.field_rounds import FieldSolution, FieldWalk, solve_for_north, solve_with_field
 from fg_nav.smoother.floors import count_floors
-from fg_nav.smoother.solver import compute_error, compute_excess, linearize, list_attitudes, time_order
+from fg_nav.smoother.linear import LinearWalk, list_keys
+from fg_nav.smoother.solver import compute_error, compute_excess, list_attitudes, stack_walk, time_order
 
 SHAPE_SIGMA_DEG = 0.1
 """Within which a footfall has the heading that it has without the field: of a still rest and a good gyroscope."""
@@ -56,16 +58,14 @@ def refute_shape(found: FieldSolution, without: gtsam.Values) -> float:
     """By how many nats a walk with its field is less likely with the headings that it has without it."""
     problem, values = found.problem, found.solved.values
     node, common = problem.nodes.result.tolist(), Z(count_floors(problem.floor))
-    linear = linearize(problem.graph, problem.blocks, values)
     nav_R_body, held = (list_attitudes(node, some) for some in (values, without))
     turn = np.unwrap(turn_about_up(nav_R_body @ np.swapaxes(held, -1, -2)))
-    weight = 1.0 / np.radians(SHAPE_SIGMA_DEG)
-    one, by_common = gtsam.noiseModel.Unit.Create(1), np.array([[-weight]])
-    for j, R, psi in zip(node, nav_R_body, turn - np.median(turn), strict=True):
-        by_pose = np.zeros((1, 6))
-        by_pose[0, :3] = weight * R[2]
-        linear.push_back(gtsam.JacobianFactor(X(j), by_pose, common, by_common, np.array([-weight * psi]), one))
-    ordering = time_order(problem.nodes, with_field=True, floor=problem.floor)
-    ordering.push_back(common)
+    rows = np.zeros((len(node), 1, 8))
+    rows[:, 0, :3], rows[:, 0, 6], rows[:, 0, 7] = nav_R_body[:, 2], -1.0, np.median(turn) - turn
+    shape = Stack(np.array([(X(j), common) for j in node], dtype=np.uint64), rows / np.radians(SHAPE_SIGMA_DEG))
+    keys = list_keys(time_order(problem.nodes, with_field=True, floor=problem.floor))
+    stacks = [*stack_walk(problem.graph, problem.blocks, values), shape]
+    walk = LinearWalk.of(stacks, np.append(keys, np.uint64(common)))
+    del stacks
     without_shape = compute_error(problem.graph, problem.blocks, values) - compute_excess(problem.blocks, values)
-    return eliminate(linear, ordering)[0] - without_shape
+    return walk.eliminate_before(len(walk.keys)).error - without_shape

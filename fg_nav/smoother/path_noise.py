@@ -37,11 +37,12 @@ from gtsam.symbol_shorthand import V, X
 
 from fg_nav.arrays import Floats
 from fg_nav.factors.magnetic_field import E_H, PHI
-from fg_nav.smoother.evidence import MOST_NATS, eliminate
+from fg_nav.smoother.evidence import MOST_NATS
 from fg_nav.smoother.field_factors import FieldFactors
 from fg_nav.smoother.graph import WalkProblem
+from fg_nav.smoother.linear import LinearWalk, list_keys
 from fg_nav.smoother.roughness import LEAST_STEP_M
-from fg_nav.smoother.solver import linearize, time_order
+from fg_nav.smoother.solver import stack_walk, time_order
 
 SHARES = (0.0, 0.01, 0.1, 1.0)
 """At 0 the sampling leaves a tenth of a uT m a stride."""
@@ -70,11 +71,11 @@ def choose_path_noise(problem: WalkProblem, values: gtsam.Values) -> PathNoise:
     field = problem.field
     assert field is not None
     # The walk between its footfalls, which no share changes.
-    rest, ordering = _eliminate_between(problem, values)
+    rest = _eliminate_between(problem, values)
     # The evidence of each share, until one is refuted.
     evidence: list[float] = []
     for share in SHARES:
-        evidence.append(_minus_log_evidence(rest, ordering, field.assume_lost_share(share), values))
+        evidence.append(_minus_log_evidence(rest, field.assume_lost_share(share), values))
         if evidence[-1] > min(evidence) + REFUTED_NATS:
             break
     share, worst = choose_share(np.array(evidence))
@@ -96,32 +97,21 @@ def choose_share(minus_log_evidence: Floats) -> tuple[float, float]:
     return float(shares[above_best <= MOST_NATS].min()), float(shares[above_best <= REFUTED_NATS].max())
 
 
-def _eliminate_between(problem: WalkProblem, values: gtsam.Values) -> tuple[gtsam.GaussianFactorGraph, gtsam.Ordering]:
-    """Linear graph of the walk without its field, without the nodes between footfalls, and the order of the others."""
+def _eliminate_between(problem: WalkProblem, values: gtsam.Values) -> LinearWalk:
+    """Linear graph of the walk without its field, the nodes between footfalls eliminated."""
     blocks = [block for block in problem.blocks if block is not problem.field]
-    footfall = set(problem.nodes.result.tolist())
-    between = [key for j in range(len(problem.nodes)) if j not in footfall for key in (X(j), V(j))]
-    first, then = gtsam.Ordering(), gtsam.Ordering()
-    for key in between:
-        first.push_back(key)
-    ordering, gone = time_order(problem.nodes, with_field=True, floor=problem.floor), set(between)
-    for key in map(ordering.at, range(ordering.size())):
-        if key not in gone:
-            then.push_back(key)
-    linear = linearize(problem.graph, blocks, values)
-    return linear.eliminatePartialMultifrontal(first, gtsam.EliminateQR)[1], then
+    between = np.delete(np.arange(len(problem.nodes)), problem.nodes.result)
+    nodes = np.array([key(int(j)) for j in between for key in (X, V)], dtype=np.uint64)
+    order = list_keys(time_order(problem.nodes, with_field=True, floor=problem.floor))
+    first = np.isin(order, nodes)
+    walk = LinearWalk.of(stack_walk(problem.graph, blocks, values), np.concatenate([order[first], order[~first]]))
+    return walk.eliminate_before(len(nodes))
 
 
-def _minus_log_evidence(
-    rest: gtsam.GaussianFactorGraph, ordering: gtsam.Ordering, field: FieldFactors, values: gtsam.Values
-) -> float:
+def _minus_log_evidence(rest: LinearWalk, field: FieldFactors, values: gtsam.Values) -> float:
     """Of a field, up to a constant."""
-    linear = gtsam.GaussianFactorGraph()
-    linear.push_back(rest)
-    for factor in field.linearize(values):
-        linear.push_back(factor)
-    error, root = eliminate(linear, ordering)
+    left = rest.join(field.stack(values)).eliminate_before(len(rest.keys))
     noise = (
         np.log(field.integral_sigma).sum() + np.log(field.change_sigma[:, PHI]).sum() + np.log(field.prior.sigma[PHI])
     )
-    return float(error + root + noise)
+    return float(left.error + left.volume + noise)

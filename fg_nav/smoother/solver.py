@@ -223,14 +223,6 @@ def list_linear(linear: gtsam.GaussianFactorGraph) -> Iterator[gtsam.GaussianFac
     return map(linear.at, range(linear.size()))
 
 
-def list_cliques(tree: gtsam.GaussianBayesTree) -> list[gtsam.GaussianBayesTreeClique]:
-    """List all cliques, each after its parent."""
-    cliques = list(tree.roots())
-    for clique in cliques:
-        cliques += [clique[i] for i in range(clique.nrChildren())]
-    return cliques
-
-
 def _descend(
     graph: gtsam.NonlinearFactorGraph,
     blocks: Sequence[LinearizableBlock],
