@@ -158,6 +158,14 @@ def test_samples_read_at_once_do_not_make_the_period_that_of_their_stamps(at_onc
     assert found.t[1000] - found.t[999] == pytest.approx(0.005, rel=0.02)
 
 
+def test_stamps_that_all_but_coincide_are_one() -> None:
+    """A result is written to the nanosecond, in which they would not rise."""
+    t = RAW.t - RAW.t[0]
+    t[3:6] = t[2] + 1e-10 * np.arange(1, 4)
+    found = order_stamps(t, np.column_stack([RAW.acc, RAW.gyr]), RAW.row)
+    assert np.diff(found.t).min() > 1e-4
+
+
 def test_a_recording_that_jumps_where_its_clock_begins_again_is_cut() -> None:
     """Two recordings in one file: the foot stands in two ways."""
     t, acc, gyr = RAW.t.copy(), RAW.acc.copy(), RAW.gyr.copy()

@@ -104,7 +104,7 @@ def measure_turning(recording: Recording) -> TurnSigns:
         drop_pages()
     count = round(WINDOW_S / recording.period_s)
     whole = len(rate) // count if count > 1 else 0
-    windows, force = (one[: whole * count].reshape(whole, -1, 3) for one in (rate, recording.acc))
+    windows, force = (one[: whole * count].reshape(whole, max(count, 1), 3) for one in (rate, recording.acc))
     found = [
         _measure_windows(windows[first : first + WINDOWS], force[first : first + WINDOWS], recording.period_s)
         for first in range(0, whole, WINDOWS)

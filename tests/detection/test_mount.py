@@ -144,3 +144,7 @@ def test_real_feet_are_never_taken_for_thighs_and_nearly_always_for_feet():
 def test_what_is_moved_by_hand_is_neither():
     for path in sorted((data() / "broad").glob("*.mat")):
         assert measure_turning(read(path)).wearing is None, path.name
+
+
+def test_a_recording_shorter_than_a_window_shows_nothing():
+    assert measure_turning(turning(foot(300.0), seconds=1.0)).windows == 0

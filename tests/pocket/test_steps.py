@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 from fg_nav.errors import EstimationError
 from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.pocket import estimate_pocket
+from fg_nav.pocket.causal_steps import SwingSums
 from fg_nav.pocket.steps import estimate_swing, find_steps, find_turning_points
 from fg_nav.recording import Recording
 
@@ -150,3 +151,15 @@ def test_a_sensor_that_is_turned_every_way_has_no_axis():
     recording = Recording(t, np.tile([0, 0, 9.8], (3000, 1)), gyr)
     with pytest.raises(EstimationError, match="no level axis"):
         estimate_swing(recording, estimate_pocket(recording))
+
+
+def test_a_swing_that_shows_no_axis_any_more_keeps_the_last_one() -> None:
+    sums, up = SwingSums(), np.tile([0.0, 0.0, 1.0], (1000, 1))
+    swing = np.sin(np.arange(1000) / 10.0)[:, None] * np.array([3.0, 0.1, 0.0])
+    sums.add_swing(swing, up, 0.01)
+    known = sums.axes
+    assert known is not None
+    for axis in np.eye(3):
+        sums.add_swing(np.tile(30.0 * axis, (1000, 1)), up, 0.01)
+    assert sums.axes is not None
+    assert np.array_equal(sums.axes[0], known[0])
