@@ -1,6 +1,7 @@
 """Broken inputs of every kind, given to the program: nothing may crash, hang, or come out wrong without a word.
 
-    python scripts/fuzz.py [--inputs N] [--seed N] [--jobs N] [--only KIND ...] [--limit S] [--bases DIR] [--json FILE]
+    python scripts/fuzz.py [--inputs N] [--seed N] [--minutes M] [--jobs N] [--only KIND ...]
+        [--limit S] [--bases DIR] [--json FILE]
     python scripts/fuzz.py --only KIND --seed N --case K [--keep DIR]
 
 =========== ==========================================================================================================
@@ -23,9 +24,11 @@ from __future__ import annotations
 
 import contextlib
 import tempfile
+import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from functools import partial
+from itertools import takewhile
 from pathlib import Path
 
 import harness
@@ -59,6 +62,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         only=option(None, "these kinds only", nargs="+", choices=list(KINDS), metavar="KIND"),
         case=option(None, "this case only, of one kind", type=int, metavar="K"),
         keep=option(None, "of one case: leave its files here", type=Path, metavar="DIR"),
+        minutes=option(None, "begin no more inputs after so long", type=float, metavar="M"),
         limit=option(180.0, "seconds an input may take, on the wall", metavar="S"),
         bases=option(None, "keep clean inputs here from run to run", type=Path, metavar="DIR"),
         data=None,
@@ -71,7 +75,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
             show_case(Case(only_kind(chosen.only), chosen.seed, chosen.case), store, chosen.keep)
             return
         cases = list(draw_cases(chosen.only or list(KINDS), chosen.inputs, chosen.seed))
-        fates = run_all(cases, store, chosen.jobs, chosen.limit, folder)
+        due = np.inf if chosen.minutes is None else time.monotonic() + 60.0 * chosen.minutes
+        fates = run_all(cases, store, chosen.jobs, chosen.limit, folder, due)
     harness.print_heading(f"{len(fates)} inputs, seed {chosen.seed}")
     print_fates(fates)
     figures = list(judge_all(fates))
@@ -108,12 +113,14 @@ def draw_cases(kinds: Sequence[str], inputs: int, seed: int) -> Iterator[Case]:
         given[one] += 1
 
 
-def run_all(cases: Sequence[Case], store: Store, jobs: int, limit_s: float, folder: Path) -> list[Fate]:
-    """Run cases on processes that may die; each fault is printed as it comes."""
+def run_all(
+    cases: Sequence[Case], store: Store, jobs: int, limit_s: float, folder: Path, due_s: float = np.inf
+) -> list[Fate]:
+    """Run cases on processes that may die, until a time of the monotonic clock; each fault is printed as it comes."""
     pool: Pool[Case, Fate] = Pool(partial(run_in_worker, store), note_death, jobs, limit_s, folder)
     fates = []
     with progress(f"fuzz: {len(cases)}") as report:
-        for fate in pool.map(cases):
+        for fate in pool.map(takewhile(lambda _: time.monotonic() < due_s, cases)):
             fates.append(fate)
             if fate.faults:
                 print(describe_fault(fate), flush=True)

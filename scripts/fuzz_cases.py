@@ -153,7 +153,8 @@ def _has_field(rows: Floats) -> bool:
 
 def write_rows(rows: Floats, path: Path) -> None:
     """Write canonical rows, whatever they hold."""
-    pd.DataFrame(rows, columns=HEADER).to_csv(path, index=False)
+    lines = (",".join(map(repr, row)).replace("nan", "") for row in rows.tolist())
+    path.write_text("\n".join([",".join(HEADER), *lines, ""]))
 
 
 def make_format(store: Store, rng: Rng, folder: Path) -> Input:

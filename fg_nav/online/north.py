@@ -61,7 +61,8 @@ def find_north_sigma(across_uT: Floats, walked_m: float, strength_uT: float) -> 
     freedom = FLOOR_WEIGHT + max(len(across_uT) - 1, 0)
     variance = (FLOOR_WEIGHT * FLOOR_UT**2 + float(np.sum(across_uT**2))) / freedom
     left = average_along(walked_m / FLOOR_LENGTH_M) + ROOM_SHARE**2 * average_along(walked_m / ROOM_LENGTH_M)
-    return float(min(np.sqrt(variance * left) / strength_uT, UNKNOWN_RAD))
+    across = float(np.sqrt(variance * left))
+    return UNKNOWN_RAD if across >= UNKNOWN_RAD * strength_uT else across / strength_uT
 
 
 def average_along(lengths: float) -> float:

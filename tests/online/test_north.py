@@ -45,6 +45,8 @@ def test_four_footfalls_that_agree_may_all_be_off():
 
 def test_a_field_without_a_horizontal_part_shows_nothing():
     assert find_north_sigma(np.full(4, 5.0), 4.0, 0.1) == UNKNOWN_RAD
+    with np.errstate(all="raise"):
+        assert find_north_sigma(np.full(4, 5.0), 4.0, 0.0) == UNKNOWN_RAD
 
 
 @pytest.mark.parametrize("sigma", [0.02, 0.5, UNKNOWN_RAD])
