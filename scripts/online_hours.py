@@ -1,11 +1,13 @@
 """A day through `fg-nav stream --lag`: how fast, how much memory, how long it is ever held up, and killed again.
 
-    python scripts/online_hours.py [--hours N] [--lag SECONDS] [--rate HZ] [--kills N] [--seed N] [--json FILE]
+    python scripts/online_hours.py [--hours N] [--lag SECONDS] [--rate HZ] [--kills N] [--real-time MINUTES] [--seed N]
+                                   [--json FILE]
 
 A simulated walk with a magnetometer, repeated as long as it takes (`walks.RepeatedWalk`), is written to the standard
 input of the command as fast as it reads. With `--kills` the same walk goes through a second process with
 `--checkpoint`, which is killed (SIGKILL) at random instants and begun again, with the samples of the last half hour
-before it once more.
+before it once more. With `--real-time` the last minutes are written as they are walked, a twentieth of a second at a
+time; the command then waits for no solution, and how far it is behind is how long what is in the pipe has waited.
 
 A row an hour of walking:
 
@@ -21,11 +23,14 @@ The lines of the walk that was killed are compared with those of the other as in
 
 from __future__ import annotations
 
+import fcntl
 import math
 import subprocess
 import sys
 import tempfile
+import termios
 import threading
+import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -41,9 +46,9 @@ from walks import RepeatedWalk, simulate_long_walk
 from fg_nav.columns.mapping import CANONICAL
 from fg_nav.io.readers.canonical import format_rows
 
-HOUR_S = 3600.0
-BLOCK_S = 1.0
-"""Of samples, written at once: a pipe holds some three of them."""
+HOUR_S, MINUTE_S = 3600.0, 60.0
+BLOCK_S, PACE_S = 1.0, 0.05
+"""Of samples, written at once, as fast as they are read and as they are walked: a pipe holds some three seconds."""
 
 AGAIN_S = 1800.0
 """Of samples, sent again after a kill: more than came since the last save."""
@@ -53,6 +58,9 @@ EVERY_S = 5.0
 
 MINUTES = 60.0
 """Of the walk that is repeated."""
+
+LONGEST_WAIT_S = 0.5
+"""Of rows that come as they are walked: a stride."""
 
 HEADER = ",".join(CANONICAL).encode() + b"\n"
 EXACT = 1e-9
@@ -113,6 +121,12 @@ class Follower:
         self.process.stdin.flush()
         return perf_counter() - began
 
+    def waits(self) -> bool:
+        """Whether there are bytes that it has not taken."""
+        assert self.process.stdin is not None
+        size = fcntl.ioctl(self.process.stdin.fileno(), termios.FIONREAD, bytes(4))
+        return any(size)
+
     def memory(self) -> list[float]:
         """Return MB of the command and of the process beside it."""
         pids = [self.process.pid, *list_children(self.process.pid)]
@@ -148,8 +162,13 @@ def stream_command(lag_s: float, checkpoint: Path | None = None) -> list[str]:
     return words if checkpoint is None else [*words, "--checkpoint", str(checkpoint), "--every", f"{EVERY_S:g}"]
 
 
-def follow(rows: Rows, samples: int, command: Sequence[str], label: str) -> tuple[list[str], list[Hour]]:
-    """Send a whole walk, an hour after the other; return the lines and what each hour took."""
+def follow(
+    rows: Rows, samples: int, command: Sequence[str], label: str, real_time_s: float = 0.0
+) -> tuple[list[str], list[Hour], float]:
+    """Send a walk, an hour after the other, and some seconds more in their time.
+
+    Returns the lines, what each hour took, and the longest wait of those seconds.
+    """
     follower = Follower(command)
     follower.write(HEADER)
     hours, hour, block = [], round(HOUR_S / rows.period_s), round(BLOCK_S / rows.period_s)
@@ -161,10 +180,25 @@ def follow(rows: Rows, samples: int, command: Sequence[str], label: str) -> tupl
                 follower.memory()
         hours.append(Hour(perf_counter() - began, follower.memory(), follower.highest, wait_s))
         print_hour(label, len(hours), (end - begin) * rows.period_s, hours[-1])
+    wait_s = follow_in_time(rows, samples, samples + round(real_time_s / rows.period_s), follower)
     began = perf_counter()
     follower.end()
     print(f"{label}: closed in {perf_counter() - began:.1f} s, {len(follower.lines)} lines", flush=True)
-    return follower.lines, hours
+    return follower.lines, hours, wait_s
+
+
+def follow_in_time(rows: Rows, start: int, stop: int, follower: Follower) -> float:
+    """Send samples as they are walked; return the longest time for which there was always something to be read, s."""
+    block = round(PACE_S / rows.period_s)
+    began = empty = perf_counter()
+    longest = 0.0
+    for k, first in enumerate(range(start, stop, block)):
+        time.sleep(max(began + k * PACE_S - perf_counter(), 0.0))
+        now = perf_counter()
+        empty = empty if follower.waits() else now
+        longest = max(longest, now - empty)
+        follower.write(rows.format(first, min(first + block, stop)))
+    return longest
 
 
 def print_hour(label: str, number: int, walked_s: float, hour: Hour) -> None:
@@ -205,16 +239,21 @@ def main(arguments: Sequence[str] | None = None) -> None:
         lag=option(60.0, "fixed lag", metavar="SECONDS"),
         rate=option(200.0, "of the samples", metavar="HZ"),
         kills=option(0, "how often a second process is killed", metavar="N"),
+        real_time=option(0.0, "more, as they are walked", metavar="MINUTES"),
         seed=FIRST_SEED,
         json=None,
     )
     walk = RepeatedWalk.of(simulate_long_walk(min(MINUTES, 60 * chosen.hours), chosen.seed, chosen.rate, "indoor"))
     rows = Rows(walk)
     samples = round(HOUR_S * chosen.hours / rows.period_s)
-    lines, hours = follow(rows, samples, stream_command(chosen.lag), "whole")
+    more_s = MINUTE_S * chosen.real_time
+    lines, hours, wait_s = follow(rows, samples, stream_command(chosen.lag), "whole", more_s)
     figures = judge_hours(hours, samples * rows.period_s)
+    if chosen.real_time:
+        name = f"{chosen.real_time:g} minutes as walked"
+        figures.append(Figure(name, "longest wait of rows (s)", "stream", wait_s, high=LONGEST_WAIT_S))
     if chosen.kills:
-        figures += measure_kills(rows, samples, lines, chosen.kills, chosen.lag, chosen.seed)
+        figures += measure_kills(rows, samples + round(more_s / rows.period_s), lines, chosen.kills, chosen.lag, chosen.seed)
     harness.print_figures(figures)
     harness.print_verdict(figures, chosen.json, hours=[vars(hour) for hour in hours])
 

@@ -20,7 +20,7 @@ import harness
 import numpy as np
 import walks
 from harness import Figure
-from verdict_recordings import GOOD, Case, list_cases, turn_gyr
+from verdict_recordings import GOOD, Case, judge_by_methods, list_cases, turn_gyr
 
 from fg_nav.detection.handedness import measure_axes
 from fg_nav.errors import FgNavError
@@ -116,14 +116,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         __doc__, arguments, data=None, seed=1, repeats=4, methods=["iez"], per_walk=False, jobs=1, json=None
     )
     pieces = draw_pieces(list_cases(walks.data_folder(chosen.data)), chosen.seed, chosen.repeats)
-    figures, found = [], []
-    for method in chosen.methods:
-        judged = harness.map_walks(partial(judge_piece, method=method), pieces, chosen.jobs, title=method)
-        print_counts(method, judged, chosen.per_walk)
-        figures += judge_counts(method, judged)
-        found += judged
-    harness.print_figures(figures)
-    harness.print_verdict(figures, chosen.json, pieces=[one.as_dict() for one in found])
+    judge_by_methods(judge_piece, pieces, chosen.methods, chosen, print_counts, judge_counts)
 
 
 def draw_pieces(cases: Sequence[Case], seed: int, repeats: int) -> list[Piece]:

@@ -16,14 +16,18 @@ A spoiled recording goes through the door of a file (`Recording.from_raw`) and m
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import argparse
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Protocol, TypeVar
 
+import harness
 import numpy as np
 import scipy.io
 import walks
+from harness import Figure
 from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Floats
@@ -107,6 +111,44 @@ def _spoiled(data: Path) -> Iterator[Case]:
     for path, (name, change) in zip(some[:6], [*changes.items()] * 2, strict=True):
         turned = partial(_spoil, partial(_read, path), partial(turn_gyr, change=change))
         yield Case("wrong axes", f"{path.stem}, {name}", turned)
+
+
+# --- judging them ----------------------------------------------------------------------------------------------------
+
+
+class Judged(Protocol):
+    """What becomes of one of them."""
+
+    def as_dict(self) -> dict[str, object]:
+        """Ready for JSON."""
+
+
+Found = TypeVar("Found", bound=Judged)
+Item = TypeVar("Item")
+
+
+def judge_by_methods(
+    judge: Callable[[Item, str], Found],
+    items: Sequence[Item],
+    methods: Sequence[str],
+    chosen: argparse.Namespace,
+    print_counts: Callable[[str, Sequence[Found], bool], None],
+    judge_counts: Callable[[str, Sequence[Found]], list[Figure]],
+) -> None:
+    """Judge all items by each method, print, and write what was asked for."""
+    figures: list[Figure] = []
+    found: list[Found] = []
+    for method in methods:
+        judged = harness.map_walks(partial(_judge_by, judge, method), items, chosen.jobs, title=method)
+        print_counts(method, judged, chosen.per_walk)
+        figures += judge_counts(method, judged)
+        found += judged
+    harness.print_figures(figures)
+    harness.print_verdict(figures, chosen.json, verdicts=[one.as_dict() for one in found])
+
+
+def _judge_by(judge: Callable[[Item, str], Found], method: str, item: Item) -> Found:
+    return judge(item, method)
 
 
 # --- making them -----------------------------------------------------------------------------------------------------

@@ -12,12 +12,11 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import harness
 import walks
 from harness import Figure
-from verdict_recordings import GOOD, Case, list_cases
+from verdict_recordings import GOOD, Case, judge_by_methods, list_cases
 
 from fg_nav.errors import FgNavError
 from fg_nav.estimators import estimate
@@ -52,14 +51,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         __doc__, arguments, data=None, methods=["smoother"], per_walk=False, jobs=1, json=None
     )
     cases = list_cases(walks.data_folder(chosen.data))
-    figures, found = [], []
-    for method in chosen.methods:
-        judged = harness.map_walks(partial(judge_case, method=method), cases, chosen.jobs, title=method)
-        print_counts(method, judged, chosen.per_walk)
-        figures += judge_counts(method, judged)
-        found += judged
-    harness.print_figures(figures)
-    harness.print_verdict(figures, chosen.json, verdicts=[one.as_dict() for one in found])
+    judge_by_methods(judge_case, cases, chosen.methods, chosen, print_counts, judge_counts)
 
 
 def judge_case(case: Case, method: str) -> Judged:

@@ -26,6 +26,10 @@ from fg_nav.errors import FgNavError
 OBJECTS_BETWEEN_COLLECTIONS = 50_000
 """Of the garbage collector: what is loaded stays, and looking through it again and again takes a tenth of a run."""
 
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+"""Before numpy is loaded, here and in processes beside: its matrices are small, and threads that share a busy core wait
+for each other in a loop, a hundred times as long as a product takes. Sums are the same on any number of cores, too."""
+
 EXIT_USER, EXIT_BUG, EXIT_INTERRUPTED = 1, 70, 130
 
 app = typer.Typer(
