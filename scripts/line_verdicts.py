@@ -38,13 +38,13 @@ ASKED_DOUBTFUL = 1 / 20
 
 
 class RawRows:
-    """A `SampleSource` of the rows of a recording as they stand in its file."""
+    """A `SampleSource` of the rows of a recording as they stand in its file, or of its first `share`."""
 
     name, header, lost = "a recording", None, 0
 
-    def __init__(self, raw: RawRecording) -> None:
-        self._rows = np.column_stack([raw.t, raw.acc, raw.gyr, np.full((len(raw.t), 3), np.nan)])
-        self._given = 0
+    def __init__(self, raw: RawRecording, share: float = 1.0) -> None:
+        rows = np.column_stack([raw.t, raw.acc, raw.gyr, np.full((len(raw.t), 3), np.nan)])
+        self._rows, self._given = rows[: round(share * len(rows))], 0
 
     def resume(self, header: Sequence[str]) -> None:
         """See `SampleSource`."""

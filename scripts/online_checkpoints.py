@@ -1,6 +1,6 @@
 """Checkpoints that were tampered with: each field in turn is made another, and the walk resumed.
 
-    python scripts/online_checkpoints.py [--tries N] [--first SEED] [--show]
+    python scripts/online_checkpoints.py [--tries N] [--first SEED] [--show] [--streams N] [--data DIR]
 
 A walk of 44 s is saved after 36 s, with the state of its graph. Its records are taken apart, one value is changed, and
 they are put together again with right sums, as no disk would do it: what a reader must notice by itself.
@@ -18,6 +18,9 @@ truncated  bytes are missing; and single bits of the file are other
 
 A process of its own resumes it, takes the rest of the walk and solves it. Asked: a sentence, or a walk that goes on
 with nothing but numbers; no exception, no end of the process, no more than `LONGEST_S` and `MOST_MB`.
+
+With `--streams` so many real walks are followed to a third and two thirds of their way, and resumed there: with the
+verdict of their lines, the checks of their source and the counts of losses in the checkpoint, none may be refused.
 """
 
 from __future__ import annotations
@@ -39,13 +42,18 @@ from typing import Any
 
 import harness
 import numpy as np
+import walks
 from harness import FIRST_SEED, Figure, option
+from line_verdicts import RawRows
+from verdict_recordings import list_cases
 
 from fg_nav.errors import FgNavError
 from fg_nav.lab.simulation import simulate
 from fg_nav.online import OnlineNavigator, load, save
 from fg_nav.online.buffer import rows_of
 from fg_nav.online.checkpoint import VERSION
+from fg_nav.online.follow import StreamOptions, follow_source
+from fg_nav.online.options import OnlineOptions
 from fg_nav.online.record_log import read_records, write_records
 
 LONGEST_S = 60
@@ -231,6 +239,24 @@ def _catch(work: Callable[[], str], show: bool) -> str:
         return EXCEPTION
 
 
+def resume_real_walks(data: Path, count: int, folder: Path) -> tuple[int, int]:
+    """Resume genuine checkpoints; return how many there were, and how many were refused."""
+    good = [case for case in list_cases(data) if case.is_good]
+    tried = refused = 0
+    for case in good[:: max(len(good) // count, 1)][:count]:
+        raw, path = case.load(), folder / f"walk {tried}"
+        options = StreamOptions(online=OnlineOptions(use_field=False), checkpoint=path)
+        for share in (1 / 3, 2 / 3, 1.0):
+            begins = not path.exists()
+            try:
+                follow_source(RawRows(raw, share), options, lambda line: None, lambda words: None)
+            except FgNavError as error:
+                print(f"{case.name}, {share:.0%}: {error}", flush=True)
+                refused += not begins
+            tried += not begins
+    return tried, refused
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run it and print the figures."""
     given = harness.parse_arguments(
@@ -239,6 +265,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         tries=option(300, "checkpoints"),
         first=FIRST_SEED,
         show=option(False, "each that is not well, with its traceback"),
+        streams=option(0, "real walks that are resumed from checkpoints of their own"),
+        data=None,
     )
     rng, fates = np.random.default_rng(given.first), Counter[str]()
     with tempfile.TemporaryDirectory() as name:
@@ -267,6 +295,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
         )
         for fate in FATES
     ]
+    if given.streams:
+        with tempfile.TemporaryDirectory() as name:
+            tried, refused = resume_real_walks(walks.data_folder(given.data), given.streams, Path(name))
+        figures.append(Figure(f"{tried} genuine", "refused", "online", refused, high=0, pattern="{:.0f}"))
     harness.print_heading(f"{given.tries} checkpoints, each with one field changed, from seed {given.first} on")
     harness.print_figures(figures)
     harness.print_verdict(figures)

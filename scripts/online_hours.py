@@ -253,7 +253,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         name = f"{chosen.real_time:g} minutes as walked"
         figures.append(Figure(name, "longest wait of rows (s)", "stream", wait_s, high=LONGEST_WAIT_S))
     if chosen.kills:
-        figures += measure_kills(rows, samples + round(more_s / rows.period_s), lines, chosen.kills, chosen.lag, chosen.seed)
+        samples += round(more_s / rows.period_s)
+        figures += measure_kills(rows, samples, lines, chosen.kills, chosen.lag, chosen.seed)
     harness.print_figures(figures)
     harness.print_verdict(figures, chosen.json, hours=[vars(hour) for hour in hours])
 

@@ -9,7 +9,6 @@ traceback; 130 interrupted.
 
 from __future__ import annotations
 
-import gc
 import io
 import json
 import os
@@ -22,9 +21,7 @@ import typer
 
 from fg_nav.cli import laboratory, live, sensors, walks
 from fg_nav.errors import FgNavError
-
-OBJECTS_BETWEEN_COLLECTIONS = 50_000
-"""Of the garbage collector: what is loaded stays, and looking through it again and again takes a tenth of a run."""
+from fg_nav.system.processes import collect_seldom
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 """Before numpy is loaded, here and in processes beside: its matrices are small, and threads that share a busy core wait
@@ -45,7 +42,7 @@ for group in (walks, sensors, live, laboratory):  # in the order of the help
 
 def main() -> NoReturn:
     """Run the command line and exit."""
-    gc.set_threshold(OBJECTS_BETWEEN_COLLECTIONS)
+    collect_seldom()
     _open_outputs()
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a file name the terminal cannot show is no bug

@@ -16,6 +16,7 @@ from fg_nav.online.buffer import SampleBuffer, ToldFootfall
 from fg_nav.online.handover import Handover
 from fg_nav.online.solving import WalkSolver
 from fg_nav.smoother.solver import UNSOLVED
+from fg_nav.system.processes import collect_seldom
 
 NICENESS = 5
 """The process that tells the walk comes first."""
@@ -66,6 +67,7 @@ def main() -> None:
     """Answer messages until there are no more."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that tells the walk
     os.nice(NICENESS)
+    collect_seldom()
     messages, answers = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # whatever prints must not print into the answers
     worker = Worker()

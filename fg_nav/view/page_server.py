@@ -31,10 +31,12 @@ from time import perf_counter
 from typing import Any
 from urllib.parse import urlsplit
 
-from websockets.asyncio.server import ServerConnection, broadcast, serve
+from websockets.asyncio.server import ServerConnection, serve
 from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
+from websockets.frames import Frame, Opcode
 from websockets.http11 import Request, Response
+from websockets.protocol import State
 
 from fg_nav.text import to_json
 from fg_nav.view.history import History, turn_ellipse, turn_row
@@ -254,13 +256,21 @@ class PageServer:
         """Send to those that keep up; those that have caught up get the whole path instead."""
         late = [viewer for viewer in viewers if viewer.behind and viewer.waiting == 0]
         ready = [viewer for viewer in viewers if not viewer.behind]
-        broadcast([viewer.connection for viewer in ready], message)
+        _broadcast(ready, message)
         for viewer in ready:
             viewer.behind = viewer.waiting > MOST_WAITING
         if late:
             for viewer in late:
                 viewer.behind = False
-            broadcast([viewer.connection for viewer in late], self._describe())
+            _broadcast(late, self._describe())
+
+
+def _broadcast(viewers: Sequence[_Viewer], message: str) -> None:
+    """Send a message to all that are connected: its frame is the same for each, and made once, not a thousand times."""
+    frame = Frame(Opcode.TEXT, message.encode()).serialize(mask=False)
+    for viewer in viewers:
+        if viewer.connection.state is State.OPEN:
+            viewer.connection.transport.write(frame)
 
 
 def _read_file(name: str) -> bytes:

@@ -30,7 +30,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import IO, Any
 
-from fg_nav.system.processes import start_module
+from fg_nav.system.processes import collect_seldom, start_module
 from fg_nav.text import to_json
 from fg_nav.view.line_server import LineServer
 from fg_nav.view.loop import call_there, run_there, start_loop
@@ -167,6 +167,7 @@ async def _report(page: PageServer) -> None:
 def main() -> None:
     """Serve what comes on standard input."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that tells the walk
+    collect_seldom()  # a thousand pages are 300 000 objects: to look through them takes a tenth of a second
     doors = [None if word == "-1" else socket.socket(fileno=int(word)) for word in sys.argv[1:3]]
     lines = None if doors[0] is None else LineServer(doors[0])
     page = None if doors[1] is None else PageServer(doors[1], sys.argv[3])
