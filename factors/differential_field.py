@@ -199,6 +199,14 @@ class StretchInformation:
     chi_square: Array
     freedom: Array
 
+    @classmethod
+    def join(cls, parts: Sequence["StretchInformation"]) -> "StretchInformation":
+        """Return that of all stretches of some parts."""
+        matrix = np.concatenate([part.information.matrix for part in parts])
+        vector = np.concatenate([part.information.vector for part in parts])
+        chi_square, freedom = ([getattr(part, name) for part in parts] for name in ("chi_square", "freedom"))
+        return cls(BiasInformation(matrix, vector), np.concatenate(chi_square), np.concatenate(freedom))
+
 
 @dataclass(frozen=True)
 class FieldNoise:
@@ -219,11 +227,7 @@ def measure_bias(stretches: FieldStretches, noise: FieldNoise, most: int) -> Str
     """
     number = range(0, len(stretches.gyro_bias), AT_ONCE)
     found = [_measure_bias(stretches.select(first, first + AT_ONCE), noise, most) for first in number]
-    matrix, vector = (
-        np.concatenate([getattr(one.information, name) for one in found]) for name in ("matrix", "vector")
-    )
-    chi_square, freedom = (np.concatenate([getattr(one, name) for one in found]) for name in ("chi_square", "freedom"))
-    return StretchInformation(BiasInformation(matrix, vector), chi_square, freedom)
+    return StretchInformation.join(found)
 
 
 AT_ONCE = 64

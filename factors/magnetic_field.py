@@ -116,7 +116,7 @@ Source: Ampere's law. That u wants no heading, and its use for one, is this proj
 near to it.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -260,7 +260,13 @@ class LineIntegral:
 
 
 def integrate_field(
-    t: Array, nav_R_body: Array, position: Array, body_field: Array, at: Array, vertical_uT: float = 0.0
+    t: Array,
+    nav_R_body: Array,
+    position: Array,
+    body_field: Array,
+    at: Array,
+    vertical_uT: float = 0.0,
+    after_block: Callable[[], None] = lambda: None,
 ) -> LineIntegral:
     """Sum the field over the path, by trapezoids.
 
@@ -277,6 +283,8 @@ def integrate_field(
         Where the integrals are asked for; between two measurements they grow evenly.
     vertical_uT : float
         E_U, whose share E_U dz is taken off: a foot goes down as far as up, but for stairs.
+    after_block
+        Called when a part of the rows is done, and not looked at again.
 
     Raises
     ------
@@ -298,6 +306,7 @@ def integrate_field(
         behind, total = at >= t[ends[start]], running[-1]
         for column, of_column in zip(out.T, running.T, strict=True):
             column[behind] = np.interp(at[behind], t[ends[part]], of_column)
+        after_block()
     return LineIntegral(u=out[:, 0], s=out[:, 1:4], moment=out[:, 4:])
 
 

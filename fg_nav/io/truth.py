@@ -24,6 +24,7 @@ from fg_nav.frames import quaternion_xyzw
 from fg_nav.io.content import Content, load_mat, mat_array, read_content
 from fg_nav.io.readers.canonical import format_rows, write_text
 from fg_nav.io.text_columns import find_column, read_table
+from fg_nav.system.spilled import drop_pages
 from fg_nav.truth import Fix, FootprintTruth, TrajectoryTruth
 
 TUM_COLUMNS = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")
@@ -66,8 +67,15 @@ def write_tum(path: Path | str, t: Floats, position: Floats, nav_R_body: Floats)
     Raises `OutputError` if the file cannot be written.
     """
     blocks = (np.s_[start : start + _BLOCK_ROWS] for start in range(0, len(t), _BLOCK_ROWS))
-    tables = (np.column_stack([t[b], position[b], quaternion_xyzw(nav_R_body[b])]) for b in blocks)
+    tables = (_tabulate(t[b], position[b], nav_R_body[b]) for b in blocks)
     write_text(Path(path), "", chain.from_iterable(format_rows(table, "%.9f", " ") for table in tables))
+
+
+def _tabulate(t: Floats, position: Floats, nav_R_body: Floats) -> Floats:
+    """Return the numbers of some lines."""
+    table = np.column_stack([t, position, quaternion_xyzw(nav_R_body)])
+    drop_pages()
+    return table
 
 
 _BLOCK_ROWS = 20_000

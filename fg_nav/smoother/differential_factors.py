@@ -327,8 +327,11 @@ def find_iron(stances: BiasInformation, standings: BiasInformation) -> Iron:
 
 def measure_stretches(turned: FieldStretches, noise: FieldNoise) -> tuple[BiasInformation, Bools]:
     """What each of S stretches shows of the bias by the noise of the walk; and which of them are used."""
-    found = measure_bias(turned, noise, MOST_SAMPLES)
-    return _inflate(found)
+    found = []
+    for first in range(0, len(turned.gyro_bias), AT_ONCE):
+        found.append(measure_bias(turned.select(first, first + AT_ONCE), noise, MOST_SAMPLES))
+        drop_pages()
+    return _inflate(StretchInformation.join(found))
 
 
 def _inflate(found: StretchInformation) -> tuple[BiasInformation, Bools]:

@@ -49,6 +49,7 @@ from fg_nav.smoother.parameters import FieldParameters
 from fg_nav.smoother.roughness import FieldRoughness, split_potential
 from fg_nav.smoother.solver import GtsamFactors, LinearizableBlock
 from fg_nav.smoother.unseen import WALKING_M_S, walk_for
+from fg_nav.system.spilled import drop_pages
 
 MEAN_WALK_UT = 0.003
 """By how much the building's mean field changes from stride to stride, uT: 0.1 uT over a kilometre and a half."""
@@ -231,7 +232,7 @@ def integrate_path(
     """
     row, unseen = np.flatnonzero(np.isfinite(mag[:, 0])), cross_holes(t, footfall)
     move = np.diff(position[row], axis=0)
-    integral = integrate_field(t, nav_R_body, position, mag, t[footfall], up_uT)
+    integral = integrate_field(t, nav_R_body, position, mag, t[footfall], up_uT, drop_pages)
     level = _level_R_body(nav_R_body[footfall])
     straight = np.diff(position[footfall], axis=0)
     moment = np.diff(integral.moment, axis=0)

@@ -164,6 +164,7 @@ def build_problem(
     for stride in strides_of(recording, stances, nodes, measurements, known.gyro_bias, lever, known.rests, p):
         add_stride(graph, stride, p)
         velocities.append(velocity_block(stride))
+    drop_pages()
     return WalkProblem(
         recording,
         nodes,

@@ -18,7 +18,8 @@ import numpy as np
 from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import EstimationError
 from fg_nav.factors.residual import LETTER_SHIFT, Keys, Stack
-from fg_nav.smoother.elimination import Factors, eliminate_factors
+from fg_nav.smoother.elimination import eliminate_factors
+from fg_nav.smoother.elimination_plan import Factors
 from fg_nav.smoother.fronts import Fronts, log_diagonal
 from fg_nav.smoother.square_root import SquareRoot
 from fg_nav.system.spilled import drop_pages, empty_column
@@ -121,6 +122,7 @@ class LinearWalk:
                 "motion."
             )
         volume = self.volume + log_diagonal(fronts)
+        drop_pages()
         later = _select_later(factors, end) if end < len(self.keys) else ()
         return fronts, right, LinearWalk(self.keys, (left, *later), end, self.error + 0.5 * error, volume)
 

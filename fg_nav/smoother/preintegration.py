@@ -31,6 +31,7 @@ from fg_nav.sample_noise import find_extra_sigmas
 from fg_nav.smoother.compounding import compound_samples
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.unseen import find_unseen_walks
+from fg_nav.system.spilled import drop_pages
 
 POSITION_DENSITY = 1e-3
 """White error of velocity, m/s/sqrt(Hz): rounding of a sample's motion; keeps short intervals well conditioned."""
@@ -50,7 +51,9 @@ def preintegrate(
     noise, extra = _interval_covariances(recording, sample, p), _ExtraNoise.of(recording, sample, p)
     unseen = find_unseen_walks(recording, sample, p.magnetic.compass)
     vector, h = bias.vector(), np.diff(recording.t)
+    drop_pages()
     few = compound_samples(*recording.integrable, h, sample, vector[:3], vector[3:])
+    drop_pages()
     force, rate, held, begins = list(few.force), list(few.rate), few.h.tolist(), few.first.tolist()
     params = gtsam.PreintegrationParams.MakeSharedU(p.gravity)
     params.setIntegrationCovariance(np.eye(3) * POSITION_DENSITY**2)

@@ -53,6 +53,7 @@ from __future__ import annotations
 import numpy as np
 
 from fg_nav.solution import Solution, StanceTable
+from fg_nav.system.spilled import drop_pages
 from fg_nav.verdict.limits import (
     find_height_rate,
     judge_height_rate,
@@ -76,8 +77,11 @@ def judge_path(walk: Walk, solution: Solution) -> Verdict:
         signs = SIGNS_IN_POCKET
     else:
         signs = SIGNS if len(solution.stances) else (count_footfalls, *SIGNS_WITHOUT_FOOTFALLS)
-    found = [reason for reason in (measure(seen) for measure in signs) if reason is not None]
-    return combine(found)
+    found = []
+    for measure in signs:
+        found.append(measure(seen))
+        drop_pages()
+    return combine([reason for reason in found if reason is not None])
 
 
 def judge_footfalls(table: StanceTable) -> Verdict:
