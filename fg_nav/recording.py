@@ -7,6 +7,7 @@ t      s         (N,) stamps, strictly increasing
 acc    m/s^2     (N, 3) specific force in the body frame: +g on the up axis at rest
 gyr    rad/s     (N, 3) angular rate of the body in the body frame
 mag    uT        (N, 3) magnetic flux density in the body frame; NaN rows where there is no new sample
+unread -         (N,) of which sensor a sample was bad, `ACC_OUT` or `GYR_OUT`, else 0; None where none is
 ====== ========= ======================================================================
 
 A `RawRecording` is what a file says, in SI units but unchecked; a `Recording` is what estimators accept.
@@ -16,7 +17,8 @@ A `RawRecording` is what a file says, in SI units but unchecked; a `Recording` i
 wrong unit, gravity removed     refused, and named (`fg_nav.samples.plausibility`)
 stamps that repeat or fall      spread, sorted, set on, or left out, with a note (`fg_nav.samples.stamps`)
 missing (non-finite) samples    left out, with a note; refused if they are many
-bad samples                     left out where those around exclude them, with a note (`fg_nav.samples.outliers`)
+bad samples                     left out where those around exclude them, with a note (`fg_nav.samples.outliers`);
+                                of one sensor alone bridged, the other kept (`fg_nav.samples.bridging`)
 gaps between stamps             up to `MAX_BRIDGED_S` kept or bridged, with a note; the recording is cut at a longer one
 magnetometer without a sample   no magnetometer
 =============================== =======================================================================
@@ -37,11 +39,12 @@ from fg_nav.columns.arrays import ColumnNames, Units, convert_arrays, convert_fr
 from fg_nav.columns.samples import Samples
 from fg_nav.errors import RecordingError
 from fg_nav.samples import plausibility
+from fg_nav.samples.bridging import Bridge, bridge_unread, interpolate_unread
 from fg_nav.samples.gaps import Gaps, fill_gaps, prepare_samples
 from fg_nav.samples.outliers import find_mag_outliers, find_outliers, note_bad, note_outliers
 from fg_nav.samples.saturation import Peaks, find_clipping_levels, rebuild_peaks
 from fg_nav.samples.stamps import order_stamps
-from fg_nav.samples.timing import remove_jitter
+from fg_nav.samples.timing import even_stamps
 from fg_nav.system.spilled import drop_pages, take_rows
 from fg_nav.text import format_count
 from fg_nav.truth import FootprintTruth, TrajectoryTruth, Truth
@@ -112,6 +115,7 @@ class Recording:
     mag: Floats | None = None
     truth: Truth | None = None
     provenance: Provenance = field(default_factory=Provenance)
+    unread: Ints | None = None
 
     _is_cut: ClassVar[bool] = False
     """Whether it is a slice, whose samples are prepared as those of the whole recording."""
@@ -185,11 +189,16 @@ class Recording:
         return fill_gaps(self.t, self.acc, self.gyr)
 
     @cached_property
+    def bridges(self) -> tuple[Bridge, Bridge]:
+        """What accelerometer and gyroscope would have read where they are `unread`."""
+        return bridge_unread(self.t, self.acc, self.gyr, self.unread)
+
+    @cached_property
     def integrable(self) -> tuple[Floats, Floats]:
         """Specific force (N, 3) m/s^2 and rate (N, 3) rad/s for strapdown navigation (`fg_nav.samples.gaps`)."""
         h = np.append(np.diff(self.t), self.period_s)
-        acc, gyr = self.peaks
-        return prepare_samples(acc.whole, gyr.whole, h, self.gaps)
+        acc, gyr = (bridge.put(peaks.whole) for bridge, peaks in zip(self.bridges, self.peaks, strict=True))
+        return prepare_samples(acc, gyr, h, self.gaps)
 
     def release(self) -> None:
         """Let go of `integrable`, which is made again when it is asked for: as large as force and rate themselves."""
@@ -211,6 +220,7 @@ class Recording:
         raised.__dict__.update(
             period_s=self.period_s,
             gaps=self.gaps,
+            bridges=self.bridges,
             clipping=self.clipping,
             peaks=(acc, gyr._replace(whole=self.gyr + factor * (gyr.whole - self.gyr))),
         )
@@ -249,12 +259,13 @@ class Recording:
         Raises `RecordingError` if too few samples are left.
         """
         part = np.s_[start:stop]
-        mag = None if self.mag is None else self.mag[part]
-        cut = replace(self, t=self.t[part], acc=self.acc[part], gyr=self.gyr[part], mag=mag)
+        mag, unread = None if self.mag is None else self.mag[part], None if self.unread is None else self.unread[part]
+        cut = replace(self, t=self.t[part], acc=self.acc[part], gyr=self.gyr[part], mag=mag, unread=unread)
         acc, gyr = self.integrable
         cut.__dict__.update(
             _is_cut=True,
             gaps=self.gaps.within(start, stop),
+            bridges=tuple(bridge.within(start, stop) for bridge in self.bridges),
             period_s=self.period_s,
             integrable=(acc[part], gyr[part]),
             peaks=tuple(Peaks(*(column[part] for column in peaks)) for peaks in self.peaks),
@@ -289,7 +300,7 @@ def _admit(raw: RawRecording) -> Recording:
     kept = usable[found.kept]
     _check_count(len(kept))
     missing = _judge_missing(raw, is_usable, int(kept.min()), int(kept.max()))
-    t, remarks = _even_stamps(found.t)
+    t, remarks = even_stamps(found.t)
     notes = [*raw.provenance.notes, *missing, *found.remarks, *_note_gaps(raw, kept, found.t), *remarks]
     raw = replace(raw, truth=_move_to_clock(raw.truth, raw.t[kept], t))
     return _leave_out_bad(raw, kept, t, notes)
@@ -299,8 +310,8 @@ def _leave_out_bad(raw: RawRecording, kept: Ints, t: Floats, notes: list[str]) -
     """Return the recording of the samples `kept` (K,), at stamps `t` (K,) s, without the bad ones of each sensor."""
     outliers = find_outliers(t, take_rows(kept, raw.acc), take_rows(kept, raw.gyr))
     notes = [*notes, *note_outliers(outliers, t, raw.row[kept])]
-    good = ~outliers.any
-    kept, t = kept[good], t[good]
+    good = ~(outliers.acc & outliers.gyr)
+    kept, t, unread = kept[good], t[good], outliers.which[good]
     _check_count(len(kept))
     mag = _clean_magnetometer(raw, kept)
     if mag is not None:
@@ -310,16 +321,9 @@ def _leave_out_bad(raw: RawRecording, kept: Ints, t: Floats, notes: list[str]) -
     bad_samples = int(outliers.any.sum())
     provenance = replace(raw.provenance, notes=tuple(notes), bad_samples=bad_samples)
     acc, gyr = take_rows(kept, raw.acc), take_rows(kept, raw.gyr)
-    return Recording(t=t, acc=acc, gyr=gyr, mag=mag, truth=raw.truth, provenance=provenance)
-
-
-def _even_stamps(t: Floats) -> tuple[Floats, list[str]]:
-    """Stamps without transport jitter: a sensor samples evenly, however its samples were stamped on the way."""
-    even = remove_jitter(t)
-    if np.array_equal(even, t):
-        return t, []
-    worst_ms = 1e3 * float(np.abs(even - t).max())
-    return even, [f"evened out the jitter of the stamps, up to {worst_ms:.1f} ms"]
+    if unread.any():
+        acc, gyr = interpolate_unread(t, acc, gyr, unread)
+    return Recording(t, acc, gyr, mag, raw.truth, provenance, unread if unread.any() else None)
 
 
 def _move_to_clock(truth: Truth | None, stamped: Floats, t: Floats) -> Truth | None:

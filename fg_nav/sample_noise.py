@@ -2,9 +2,9 @@
 
 A sample at the end of the sensor's range is part of a peak that was rebuilt, with the sigma of that
 (`fg_nav.samples.saturation`), and the peak may hide a share of the range besides. A sample before a gap stands for
-motion that was not observed, with the sigma of `fg_nav.samples.gaps` times the share of the period that the gap fills.
-Both are in the units of the sample, constant over the sample's own period h, and axis by axis: a foot clips its pitch
-rate, and its heading need not suffer.
+motion that was not observed, with the sigma of `fg_nav.samples.gaps` times the share of the period that the gap fills,
+and one that was bad of one sensor has that of `fg_nav.samples.bridging`. All are in the units of the sample, constant
+over the sample's own period h, and axis by axis: a foot clips its pitch rate, and its heading need not suffer.
 """
 
 from __future__ import annotations
@@ -26,14 +26,15 @@ def find_extra_sigmas(recording: Recording, saturated_share: float) -> tuple[Flo
     share = (gaps.unseen_s / held_s)[:, None]
     found = []
     sensors = (recording.acc, gaps.acc_sigma), (recording.gyr, gaps.gyr_sigma)
-    for (samples, unseen), peaks in zip(sensors, recording.peaks, strict=True):
+    for (samples, unseen), peaks, bridge in zip(sensors, recording.peaks, recording.bridges, strict=True):
         cut = np.flatnonzero(peaks.run.any(axis=1)) if saturated_share > 0 else gaps.sample[:0]
-        if not len(cut) and not len(gaps.sample):
+        if not (len(cut) or len(gaps.sample) or len(bridge.sample)):
             found.append(np.broadcast_to(0.0, samples.shape))
             continue
         sigma = np.zeros(samples.shape)
         hidden = saturated_share * np.abs(samples[cut]) * np.sqrt(peaks.run[cut])
         sigma[cut] = np.hypot(peaks.sigma[cut], hidden)
         sigma[gaps.sample] = np.hypot(sigma[gaps.sample], share * unseen)
+        sigma[bridge.sample] = np.hypot(sigma[bridge.sample], bridge.sigma)
         found.append(sigma)
     return found[0], found[1]

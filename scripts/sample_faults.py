@@ -29,7 +29,7 @@ from harness import FIRST_SEED, option
 from verdict_recordings import SEGMENTS, read_segment
 from walks import GDIN_WALKS, GDLBIO_RUN, GDLBIO_WALKED, LOOPS, RUNNING, data_folder, gdin_path, gdlbio_path
 
-from fg_nav.arrays import Floats
+from fg_nav.arrays import Bools, Floats
 from fg_nav.errors import FgNavError
 from fg_nav.io import read
 from fg_nav.pipeline import navigate
@@ -126,6 +126,14 @@ def spoil(clean: Recording, sensor: str, fault: Fault) -> RawRecording:
     return RawRecording(clean.t, acc, gyr, np.arange(1, len(clean) + 1))
 
 
+def find_lost(clean: Recording, judged: Recording) -> Bools:
+    """Which samples (N,) of a clean recording were found to be bad, of one sensor or both."""
+    lost = np.isin(clean.t, judged.t, invert=True)
+    if judged.unread is not None:
+        lost |= np.isin(clean.t, judged.t[judged.unread > 0])
+    return lost
+
+
 def find_end(recording: Recording, method: str) -> tuple[Floats, Floats]:
     """Place of the last footfall, m, and its sigmas, (3,) each."""
     solution = navigate(recording, method, options=Options(use_magnetometer=False))
@@ -145,10 +153,10 @@ def try_walk(chosen: argparse.Namespace, data: Path, name: str) -> list[Moved]:
             known: dict[tuple[str, bytes], tuple[Floats, Floats]] = {}
             for fault in draw_faults(samples, sizes, length, rng):
                 judged = Recording.from_raw(spoil(clean, chosen.sensor, fault))
-                lost = np.isin(clean.t, judged.t, invert=True)
+                lost = find_lost(clean, judged)
                 within = int(lost[fault.at : fault.at + length].sum())
                 for method in chosen.methods:
-                    key = method, judged.acc.tobytes() + judged.gyr.tobytes()
+                    key = method, judged.acc.tobytes() + judged.gyr.tobytes() + lost.tobytes()
                     end, sigma = known.get(key) or known.setdefault(key, find_end(judged, method))
                     off = np.abs(end - ends[method][0])
                     most = float((off / sigma).max())

@@ -138,7 +138,7 @@ def fill_gaps(t: Floats, acc: Floats, gyr: Floats) -> Gaps:
     if not len(gap):
         nothing = np.empty((0, 3))
         return Gaps(gap, step[gap], nothing, nothing, nothing, nothing)
-    scale = np.repeat([_spread(acc), _spread(gyr)], 3)
+    scale = np.repeat([find_spread(acc), find_spread(gyr)], 3)
     values = np.hstack([acc, gyr]) / scale
     tick = count_periods(t, period)
     around = [_find_ticks(tick, int(i)) for i in gap]
@@ -151,7 +151,7 @@ def fill_gaps(t: Floats, acc: Floats, gyr: Floats) -> Gaps:
     return Gaps(gap, step[gap] - period, mean[:, :3], mean[:, 3:], sigma[:, :3], sigma[:, 3:])
 
 
-def _spread(samples: Floats) -> float:
+def find_spread(samples: Floats) -> float:
     """Standard deviation of a sensor, whatever its axes; 1 for one that shows nothing."""
     return float(np.sqrt(samples.var(axis=0).mean())) or 1.0
 
@@ -174,7 +174,7 @@ def _predict(values: Floats, gap: Ints, before: Ints, offsets: Ints, long: _Long
     """Mean and sigma (A, 6) in the gaps behind the samples `before` (A,), of which all have samples at these ticks."""
     after = int(offsets[offsets > 0][0])
     linear = (values[before] + values[before + 1]) / 2
-    last = _find_windows(gap, len(values), offsets)
+    last = find_windows(gap, len(values), offsets)
     if after > long.ticks:
         return linear, np.tile(np.maximum(values.std(axis=0), long.least), (len(before), 1))
     if len(last) < FEWEST:
@@ -185,11 +185,13 @@ def _predict(values: Floats, gap: Ints, before: Ints, offsets: Ints, long: _Long
     beyond = between - (values[last] + values[last + after]) / 2
     near = np.arange(len(offsets)) - np.searchsorted(offsets, 0)
     patterns = values[before[:, None] + near].reshape(len(before), -1)
-    found = [_regress(known, beyond, one) for one in patterns]
-    return linear + np.array([mean for mean, _ in found]), np.array([sigma for _, sigma in found])
+    found = [regress(known, beyond, one, np.arange(known.shape[1]) % 6) for one in patterns]
+    missed = np.array([(one.missed**2).mean(axis=0) * one.stretch for one in found])
+    sigma = np.sqrt(np.maximum(missed, [one.strange for one in found]))
+    return linear + np.array([one.value for one in found]), sigma
 
 
-def _find_windows(gap: Ints, count: int, offsets: Ints) -> Ints:
+def find_windows(gap: Ints, count: int, offsets: Ints) -> Ints:
     """Sample (M,) from which the offsets count, of each window of the recording that has no gap in it."""
     last = np.arange(-offsets[0], count - offsets[-1])
     gaps_before = np.searchsorted(gap, [last + offsets[0], last + offsets[-1]])
@@ -197,8 +199,11 @@ def _find_windows(gap: Ints, count: int, offsets: Ints) -> Ints:
     return np.asarray(clear[:: max(1, -(-len(clear) // MOST_WINDOWS))])
 
 
-def _regress(known: Floats, beyond: Floats, pattern: Floats) -> tuple[Floats, Floats]:
-    """What follows (6,) from a `pattern` (C,) and its sigma, by the rows `known` (M, C) that are most like it."""
+def regress(known: Floats, beyond: Floats, pattern: Floats, channel: Ints) -> Regression:
+    """What follows (K,) from a `pattern` (C,), by the rows `known` (M, C) most like it and their `beyond` (M, K).
+
+    `channel` (C,) is which of the six of acc and gyr each column is of.
+    """
     distance = ((known - pattern) ** 2).sum(axis=1)
     alike = np.sort(np.argpartition(distance, min(ALIKE, len(known)) - 1)[:ALIKE])
     x, y = known[alike] - pattern, beyond[alike]
@@ -206,24 +211,37 @@ def _regress(known: Floats, beyond: Floats, pattern: Floats) -> tuple[Floats, Fl
     first, second = _fit_line(x[:half], y[:half]), _fit_line(x[half:], y[half:])
     missed = np.vstack([y[half:] - first.at(x[half:]), y[:half] - second.at(x[:half])])
     line = _fit_line(x, y)
-    return line.at_zero, np.sqrt(np.maximum((missed**2).mean(axis=0) * line.stretch, line.strange))
+    strange = np.bincount(channel, line.unlike**2, 6) / np.maximum(np.bincount(channel, minlength=6), 1)
+    return Regression(line.at_zero, missed, line.stretch, strange)
+
+
+class Regression(NamedTuple):
+    """What a pattern leads to (K,), by how much either half of the rows `missed` (M, K) the other, and its uncertainty.
+
+    `stretch` is how much larger the variance of a prediction is than that of a residual, by the uncertainty of the
+    line. `strange` (6,) is the mean square, for each channel, of what is in the pattern but in no row: a motion of its
+    own, of which a gap amid it holds as much.
+    """
+
+    value: Floats
+    missed: Floats
+    stretch: float
+    strange: Floats
 
 
 class _Line(NamedTuple):
-    """Least squares of y (M, 6) over x (M, C): value at zero (6,) and slopes (C, 6).
+    """Least squares of y (M, K) over x (M, C): value at zero (K,) and slopes (C, K).
 
-    `stretch` is how much larger the variance of a prediction at zero is than that of a residual, by the uncertainty of
-    the line. `strange` (6,) is the mean square, for each channel, of what is at zero but in no x: a motion of its own,
-    of which a gap amid it holds as much.
+    `stretch` as of a `Regression`; `unlike` (C,) is what is at zero but in no x.
     """
 
     at_zero: Floats
     slopes: Floats
     stretch: float
-    strange: Floats
+    unlike: Floats
 
     def at(self, x: Floats) -> Floats:
-        """Values (M, 6) at x (M, C)."""
+        """Values (M, K) at x (M, C)."""
         return np.asarray(self.at_zero + x @ self.slopes)
 
 
@@ -234,8 +252,7 @@ def _fit_line(x: Floats, y: Floats) -> _Line:
     noise = len(x) * DIGITS**2
     solved = np.linalg.solve(x.T @ x + noise * np.eye(x.shape[1]), np.column_stack([x.T @ (y - y_mean), x_mean]))
     slopes, unlike = solved[:, :-1], solved[:, -1]
-    strange = (noise * unlike.reshape(-1, 6)) ** 2
-    return _Line(y_mean - x_mean @ slopes, slopes, float(1.0 + 1.0 / len(x) + x_mean @ unlike), strange.mean(axis=0))
+    return _Line(y_mean - x_mean @ slopes, slopes, float(1.0 + 1.0 / len(x) + x_mean @ unlike), noise * unlike)
 
 
 BLOCK = 1 << 16

@@ -70,6 +70,11 @@ class Outliers(NamedTuple):
         """Those of either."""
         return np.asarray(self.acc | self.gyr)
 
+    @property
+    def which(self) -> Ints:
+        """Of which sensor each (N,) is: the sum of `ACC_OUT` and `GYR_OUT`."""
+        return np.asarray(ACC_OUT * self.acc + GYR_OUT * self.gyr)
+
 
 def find_outliers(t: Floats, acc: Floats, gyr: Floats, factor: float = FACTOR) -> Outliers:
     """Find bad samples among specific forces and rates (N, 3), m/s^2 and rad/s, at rising stamps (N,) s.
