@@ -85,9 +85,9 @@ def _online(walk: Walk, progress: Progress | None) -> Solution:
 
 
 def _push_recording(navigator: Navigator, recording: Recording, progress: Progress | None) -> None:
-    from fg_nav.online.buffer import rows_of
+    from fg_nav.online.buffer import taken_rows
 
-    rows = rows_of(recording)
+    rows = taken_rows(recording)
     for start in range(0, len(recording), BLOCK):
         navigator.add_rows(rows[start : start + BLOCK])  # they were judged as a recording
         if progress is not None:

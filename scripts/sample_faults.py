@@ -131,7 +131,7 @@ def find_lost(clean: Recording, judged: Recording) -> Bools:
     lost = np.isin(clean.t, judged.t, invert=True)
     if judged.unread is not None:
         lost |= np.isin(clean.t, judged.t[judged.unread > 0])
-    return lost
+    return np.asarray(lost)
 
 
 def find_end(recording: Recording, method: str) -> tuple[Floats, Floats]:

@@ -29,6 +29,9 @@ from fg_nav.stances import Stances
 COLUMNS = 10
 """t (s), acc (m/s^2), gyr (rad/s), mag (uT; NaN without a sample)."""
 
+TAKEN = COLUMNS + 1
+"""Behind them, once a sample is taken: which sensor was bad, as `unread` of a recording; 0 where none was."""
+
 CHUNK = 1 << 12
 """Rows; 0.3 MB."""
 
@@ -46,7 +49,7 @@ _BEFORE = 40
 
 
 class SampleBuffer:
-    """Rows (10,) in order of time, `first <= i < stop`.
+    """Rows (11,) in order of time, `first <= i < stop`.
 
     They are kept in chunks: a long walk is never copied as a whole while it grows, and its beginning can be discarded.
     """
@@ -60,22 +63,22 @@ class SampleBuffer:
         self.first = self.stop = first
         self._chunks = []
         if first % CHUNK:
-            self._chunks.append(np.full((CHUNK, COLUMNS), -np.inf))
+            self._chunks.append(np.full((CHUNK, TAKEN), -np.inf))
 
     def append(self, rows: Floats) -> None:
-        """Append rows (n, 10): finite but for the field, with rising stamps."""
+        """Append rows (n, 11), or (n, 10) of which none is bad: finite but for the field, with rising stamps."""
         while len(rows):
             used = self.stop % CHUNK
             if used == 0:
-                self._chunks.append(np.empty((CHUNK, COLUMNS)))
+                self._chunks.append(np.zeros((CHUNK, TAKEN)))
             taken = min(CHUNK - used, len(rows))
-            self._chunks[-1][used : used + taken] = rows[:taken]
+            self._chunks[-1][used : used + taken, : rows.shape[1]] = rows[:taken]
             self.stop += taken
             rows = rows[taken:]
 
     def between(self, start: int, stop: int) -> Floats:
-        """Return a copy (stop - start, 10) of the rows `start <= i < stop`, none of which was discarded."""
-        pieces = [np.empty((0, COLUMNS))]
+        """Return a copy (stop - start, 11) of the rows `start <= i < stop`, none of which was discarded."""
+        pieces = [np.empty((0, TAKEN))]
         for number in range(start // CHUNK, -(-stop // CHUNK)):
             offset = number * CHUNK
             pieces.append(self._chunk(number)[max(start - offset, 0) : min(stop - offset, CHUNK)])
@@ -292,9 +295,7 @@ class WalkSoFar:
         return replace(recording, mag=np.concatenate([unseen, mag[mag_from - lead :]]))
 
     def _cut(self, first: int, stop: int) -> Recording:
-        rows = self._buffer.between(first, stop)
-        mag = rows[:, 7:] if self._with_mag else None
-        return Recording(t=rows[:, 0], acc=rows[:, 1:4], gyr=rows[:, 4:7], mag=mag)
+        return as_recording(self._buffer.between(first, stop), self._with_mag)
 
     def _of_sensor(self, part: Recording) -> Recording:
         """A part of the walk, clipped at the levels of the whole, its peaks as high as the whole shows.
@@ -342,7 +343,20 @@ def is_in_order(footfall: Footfall, begins: int) -> bool:
     return bool(in_order and within)
 
 
+def as_recording(rows: Floats, with_mag: bool = True) -> Recording:
+    """Return rows (n, 11) as a recording."""
+    bad = rows[:, COLUMNS].astype(np.int64)
+    mag = rows[:, 7:COLUMNS] if with_mag else None
+    return Recording(rows[:, 0], rows[:, 1:4], rows[:, 4:7], mag, unread=bad if bad.any() else None)
+
+
+def taken_rows(recording: Recording) -> Floats:
+    """Return the samples of a recording as rows (N, 11)."""
+    bad = np.zeros(len(recording)) if recording.unread is None else recording.unread
+    return np.column_stack([rows_of(recording), bad])
+
+
 def rows_of(recording: Recording) -> Floats:
-    """Return the samples of a recording as rows (N, 10)."""
+    """Return the samples of a recording as rows (N, 10), as a sensor sends them."""
     mag = np.full((len(recording), 3), np.nan) if recording.mag is None else recording.mag
     return np.column_stack([recording.t, recording.acc, recording.gyr, mag])

@@ -29,7 +29,7 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.detection.causal import CausalParameters
 from fg_nav.errors import EstimationError, FormatError, OutputError, describe_reason
-from fg_nav.online.buffer import COLUMNS
+from fg_nav.online.buffer import TAKEN
 from fg_nav.online.judge import SampleJudge
 from fg_nav.online.navigator import NavigatorState, OnlineNavigator
 from fg_nav.online.options import OnlineOptions
@@ -50,7 +50,7 @@ BLOCK = 1 << 14
 LEAST_BYTES = 1 << 20
 """A file smaller than this is not written again."""
 
-ROW_BYTES = 8 * COLUMNS
+ROW_BYTES = 8 * TAKEN
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class Record:
     Attributes
     ----------
     frame : in the first record of a file; None in others.
-    first, rows : number of the first of these samples (n, 10), which are new.
+    first, rows : number of the first of these samples (n, 11), which are new.
     kept_from : first sample that is still needed.
     changes : of the state of the walk; None where that of the record before will do.
     judge, source, has_ended, n_told, takeovers : of the navigator, behind these samples.
@@ -360,7 +360,7 @@ def _resume(
 def _append_known(navigator: Navigator, content: _Content, known: int) -> Floats:
     """Append the first `known` samples of a file to those of a navigator, and return those behind them."""
     navigator.buffer.skip_to(content.first)
-    behind = [np.empty((0, COLUMNS))]
+    behind = [np.empty((0, TAKEN))]
     for block in content.blocks:
         navigator.buffer.append(block[: max(known, 0)])
         behind.append(block[max(known, 0) :])
@@ -375,7 +375,7 @@ def _read(path: Path) -> Iterator[tuple[Record, int]]:
             record = unpack(content)
         except FormatError:
             record = None
-        if not (isinstance(record, Record) and is_in_order(record.rows, COLUMNS)):
+        if not (isinstance(record, Record) and is_in_order(record.rows, TAKEN)):
             raise FormatError(f"{path.name} is no checkpoint of a walk: name another file, or remove it.")
         yield record, size
 

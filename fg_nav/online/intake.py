@@ -11,7 +11,7 @@ import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import EstimationError
-from fg_nav.online.buffer import COLUMNS, SampleBuffer
+from fg_nav.online.buffer import COLUMNS, SampleBuffer, as_recording
 from fg_nav.online.estimates import StanceEstimate
 from fg_nav.online.judge import SampleJudge
 from fg_nav.online.revision import Revision
@@ -62,7 +62,7 @@ class SampleIntake(ABC):
         return self.add_rows(rows)
 
     def add_rows(self, rows: Floats) -> list[StanceEstimate | Revision]:
-        """Add rows (n, 10) of t, acc, gyr, mag that were judged, here or as a recording; estimates as from `push`."""
+        """Add rows (n, 11), or (n, 10), that were judged, here or as a recording; estimates as from `push`."""
         began = perf_counter()
         found = self._add_rows(rows)
         self._busy_s += perf_counter() - began
@@ -89,14 +89,14 @@ class SampleIntake(ABC):
         return (*self.judge.notes, *self.units.notes)
 
     def _admit(self, sent: Floats, at_end: bool = False) -> Floats:
-        """Return the rows (m, 10) to take, of these as they were sent and of what waited."""
+        """Return the rows (m, 11) to take, of these as they were sent and of what waited."""
         rows = self.units.admit(sent, at_end)
         self.source["units"] = self.units.state()
         rows = self.judge.admit(rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:])
         return np.concatenate([rows, self.judge.flush()]) if at_end else rows
 
     def _admit_rest(self) -> Floats:
-        """Return the rows (m, 10) to take of those that wait, at the end."""
+        """Return the rows (m, 11) to take of those that wait, at the end."""
         return self._admit(np.empty((0, COLUMNS)), at_end=True)
 
     @abstractmethod
@@ -110,5 +110,4 @@ class SampleIntake(ABC):
     def _cut_all(self, use_mag: bool = True) -> Recording:
         """Cut out all samples, with the magnetometer if there is one; raises `RecordingError` if there are too few."""
         rows = self.buffer.between(0, self.buffer.stop)
-        mag = rows[:, 7:] if use_mag and np.isfinite(rows[:, 7:]).all(axis=1).any() else None
-        return Recording(rows[:, 0], rows[:, 1:4], rows[:, 4:7], mag)
+        return as_recording(rows, use_mag and bool(np.isfinite(rows[:, 7:COLUMNS]).all(axis=1).any()))

@@ -34,13 +34,13 @@ from typing import Any
 import numpy as np
 
 from fg_nav.arrays import Bools, Floats
-from fg_nav.online.buffer import COLUMNS
+from fg_nav.online.buffer import COLUMNS, TAKEN
 from fg_nav.online.outlier_gate import OutlierGate
 from fg_nav.online.overlap import HEAD, TAIL, Overlap, fingerprint_rows
 from fg_nav.online.remarks import REMARKS, UNKNOWN_GAP_S
 from fg_nav.online.unit_check import UnitCheck
 from fg_nav.recording import MAX_GAP_S, RawRecording, find_field_samples, find_usable_samples
-from fg_nav.samples.outliers import ACC_OUT, GYR_OUT, MAG_OUT
+from fg_nav.samples.outliers import ACC_OUT, BOTH_OUT, GYR_OUT, MAG_OUT
 from fg_nav.samples.stamps import AROUND, goes_on
 
 JUMP_S = 1.0
@@ -98,7 +98,7 @@ class SampleJudge:
         self._gate = OutlierGate()
 
     def admit(self, t: Floats, acc: Floats, gyr: Floats, mag: Floats | None = None) -> Floats:
-        """Return the rows (m, 10) to take, of this block and of what waited: t, acc, gyr, mag.
+        """Return the rows (m, 11) to take, of this block and of what waited: t, acc, gyr, mag, bad.
 
         Parameters
         ----------
@@ -115,7 +115,7 @@ class SampleJudge:
         return self._take(new)
 
     def flush(self) -> Floats:
-        """Return the rows (m, 10) to take of those that wait, at the end of the stream, for more to be judged by."""
+        """Return the rows (m, 11) to take of those that wait, at the end of the stream, for more to be judged by."""
         new = self._drop_known(np.empty((0, COLUMNS)), at_end=True)
         self._count_missing(np.empty(0, dtype=np.bool_), len(new))
         return self._take(new, at_end=True)
@@ -150,7 +150,7 @@ class SampleJudge:
     def resume(
         cls, state: Mapping[str, Any], blocks: Sequence[Floats], remark: Callable[[str], None], first: int = 0
     ) -> SampleJudge:
-        """Return a judge that goes on behind a checkpoint with these samples (n, 10), as if it had never stopped.
+        """Return a judge that goes on behind a checkpoint with these samples (n, 11), as if it had never stopped.
 
         They come in blocks one behind the other, from number `first` on: those before it were discarded.
         """
@@ -162,8 +162,8 @@ class SampleJudge:
         gate = _rows(state["gate"])
         judge._taken = first + sum(map(len, blocks)) + len(gate)
         judge._behind = list(_rows(state["behind"]))
-        for rows in blocks[-AROUND:]:
-            judge._recent.extend(rows[-AROUND:])
+        for rows in blocks:
+            judge._note_recent(rows)
         judge._waits, judge._tail, held = (_rows(state[name]) for name in ("waits", "tail", "held"))
         judge._head, judge._units = _rows(state["head"]), UnitCheck(int(state["to_check"]), blocks)
         judge._gate = OutlierGate(np.array([*judge._recent]).reshape(-1, COLUMNS), gate, _rows(state["fields"]))
@@ -239,7 +239,7 @@ class SampleJudge:
         """Return the rows to take, of these as they were sent and of what waited."""
         self._tail = np.concatenate([self._tail, sent[-TAIL:]])[-TAIL:]
         rows = self._put_in_order(np.concatenate([self._waits, sent]), at_end)
-        self._head = np.concatenate([self._head, rows[: HEAD - len(self._head)]])
+        self._head = np.concatenate([self._head, rows[: HEAD - len(self._head), :COLUMNS]])
         self._count_gaps(rows)
         self._units.see(rows)
         return rows
@@ -252,7 +252,7 @@ class SampleJudge:
         if self._all_go_on(rows[:, 0]):
             self._last = float(rows[-1, 0]) if len(rows) else self._last
             return self._pass(rows, at_end)
-        taken: list[Floats] = []
+        taken = [np.empty((0, TAKEN))]
         for i, stamp in enumerate(sent[:, 0].tolist()):
             following = float(sent[i + 1, 0]) if i + 1 < len(sent) else None
             if following is None and not at_end and self._is_far_ahead(stamp + self._offset):
@@ -265,22 +265,26 @@ class SampleJudge:
         if at_end:
             self._drop_behind()
             taken.append(self._pass(rows[:0], at_end))
-        return np.concatenate([rows[:0], *taken])
+        return np.concatenate(taken)
 
     def _pass(self, rows: Floats, at_end: bool = False) -> Floats:
         """Return the good ones of rows in order, and of those that were held; leave the bad ones out."""
         first = self._taken - len(self._gate.held)
         good, bad, place, sensor = self._gate.judge(rows, at_end)
-        self._taken += len(rows) - int((sensor != MAG_OUT).sum())
-        self._recent.extend(good[-AROUND:])
+        self._taken += len(rows) - int((sensor & BOTH_OUT == BOTH_OUT).sum())
+        self._note_recent(good)
         # From the last one on, so that the number of each is that before any was left out.
         for row, at, which in reversed([*zip(bad, (first + place).tolist(), sensor.tolist(), strict=True)]):
             self._left.extend(fingerprint_rows(self._restore_samples(row[None], at)).tolist())
-            gone = which != MAG_OUT
+            gone = which & BOTH_OUT == BOTH_OUT
             self._clocks = [(begins - (gone and begins > at), offset) for begins, offset in self._clocks]
             for kind, of_it in (("gyr", GYR_OUT), ("acc", ACC_OUT), ("mag", MAG_OUT)):
                 self._count(kind, int(which & of_it > 0), f"at t = {row[0]:.3f} s")
         return good
+
+    def _note_recent(self, rows: Floats) -> None:
+        """Note those of the last rows (n, 11) of which no sensor was bad."""
+        self._recent.extend(rows[rows[:, COLUMNS] == 0, :COLUMNS][-AROUND:])
 
     def _all_go_on(self, t: Floats) -> bool:
         """Whether stamps (n,) go on from the last one, as they nearly always do."""

@@ -52,7 +52,7 @@ class Overlap:
 
     Parameters
     ----------
-    blocks : of samples, (n, 10) each, one behind the other.
+    blocks : of samples, (n, 10) or (n, 11) each, one behind the other.
     clocks : the sample at which each clock of the sensor began, and by how much its stamps were set on, s.
     left : `fingerprint_rows` rows that came too, and were left out for their stamps.
     tail : (m, 10) the last usable rows before the checkpoint, as the sensor sent them; m <= `TAIL`.
@@ -78,7 +78,7 @@ class Overlap:
         sent_t: list[Floats] = []
         begins = [0, *(first + np.cumsum([0, *map(len, blocks)])).tolist()]
         for at, rows in zip(begins, [head, *blocks], strict=False):
-            sent = _restore_stamps(rows, at, clocks)
+            sent = _restore_stamps(rows[:, :COLUMNS], at, clocks)
             known.append(fingerprint_rows(sent))
             sent_t.append(sent[:, 0].copy())
         fingerprints = np.concatenate([*known, np.array(list(left), dtype=np.uint64)])

@@ -8,7 +8,7 @@ Every object of a record is looked at, by what its class says of itself and by w
     `nav_R_body`    a rotation: orthonormal to `ORTHONORMAL`, determinant 1
     covariances     symmetric, no variance below zero
     tables          parts of one length, numbers of samples in order and not beyond the last
-    samples         (n, 10), their stamps in order
+    samples         (n, 11), their stamps in order
 
 What is believable and still another walk is not found: a checkpoint is as trusted as a recording.
 """

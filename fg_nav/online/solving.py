@@ -16,13 +16,12 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 from fg_nav.detection.stance import StanceParameters
-from fg_nav.online.buffer import SampleBuffer, SensorState, ToldFootfall, WalkSoFar
+from fg_nav.online.buffer import SampleBuffer, SensorState, ToldFootfall, WalkSoFar, as_recording
 from fg_nav.online.handover import Handover
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.resolve import solve_from_start
 from fg_nav.online.review import review_footfalls
 from fg_nav.online.stretch import Stretch
-from fg_nav.recording import Recording
 from fg_nav.smoother.solver import UNSOLVED
 
 CONTEXT_S = 20.0
@@ -164,7 +163,7 @@ class WalkSolver:
             stamp = self._buffer.stamp(int(task.footfalls[0].footfall.start[0]))
             begins = self._buffer.find_since(stamp - CONTEXT_S, until)
         rows = self._buffer.between(begins, until)
-        recording = Recording(rows[:, 0], rows[:, 1:4], rows[:, 4:7])
+        recording = as_recording(rows, with_mag=False)
         if task.start is None:
             return tuple(review_footfalls(recording, begins, task.footfalls, self._stance))
         first, *later = task.footfalls

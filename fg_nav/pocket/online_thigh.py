@@ -53,7 +53,7 @@ class OnlineThigh:
         return self._latest
 
     def add(self, first: int, rows: Floats, before: Floats) -> list[StrideEnd]:
-        """Add rows (n, 10), the first of them that sample of the walk, `before` (0 or 1, 10) the row before them."""
+        """Add rows (n, 11), the first of them that sample of the walk, `before` (0 or 1, 11) the row before them."""
         ends: list[StrideEnd] = []
         last, nodes = self._latest, len(self._orientation.nis)
         R, bias = (self._start, np.zeros(3)) if last is None else (last.nav_R_body, last.gyro_bias)
@@ -62,7 +62,7 @@ class OnlineThigh:
             ends += self.steps.cut(WALKER_M_S * lost_s)
         # attitudes from the last estimate on, and the estimate at the end
         attitude = _propagate(R, np.concatenate([before, rows]), bias)[len(before) :]
-        self._latest = self._orientation.push(rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:])
+        self._latest = self._orientation.push(rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:10])
         latest = self.latest
         attitude[-1] = latest.nav_R_body
         # estimates for the path at the end
@@ -96,7 +96,7 @@ class OnlineThigh:
 
 
 def _propagate(R: Floats, rows: Floats, bias: Floats) -> Floats:
-    """Attitudes (n, 3, 3) at rows (n, 10), from that at the first; a gap turns nothing."""
+    """Attitudes (n, 3, 3) at rows (n, 11), from that at the first; a gap turns nothing."""
     periods = np.append(np.diff(rows[:, 0]), 0.0)
     periods[periods > MAX_GAP_S] = 0.0
     return np.asarray(R @ relative_rotations(rows[:, 4:7], periods, np.zeros(len(rows), dtype=np.int64), bias)[0])

@@ -56,6 +56,7 @@ GYR_RAD_S, GYR_SHAKEN, GYR_STRUCK = 1.0, 2.0, 0.1
 ACC_M_S2, ACC_SHAKEN = 20.0, 6.0
 
 ACC_OUT, GYR_OUT, MAG_OUT = 1, 2, 4
+BOTH_OUT = ACC_OUT + GYR_OUT
 """Of which sensor a run was found; the sum where it is of more."""
 
 

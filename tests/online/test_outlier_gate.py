@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fg_nav.online.buffer import rows_of
+from fg_nav.online.buffer import rows_of, taken_rows
 from fg_nav.online.judge import SampleJudge
 from fg_nav.recording import RawRecording, Recording
 from fg_nav.samples.outliers import LOOK_AHEAD
@@ -16,6 +16,8 @@ def spoiled() -> np.ndarray:
     rows = rows_of(short_walk()).copy()
     rows[BAD, 6] += 60.0
     rows[1000:1005, 2] -= 1000.0
+    rows[1005:1007, 5] += 60.0
+    rows[600, [1, 5]] = 900.0, 60.0
     rows[[500, 712, 1006], 8] = 1000.0
     return rows
 
@@ -27,8 +29,9 @@ def test_a_stream_leaves_out_what_a_recording_does_and_counts_it(block):
     parts = [rows[i : i + block] for i in range(0, len(rows), block)]
     taken = [judge.admit(part[:, 0], part[:, 1:4], part[:, 4:7], part[:, 7:]) for part in parts]
     whole = Recording.from_raw(RawRecording(rows[:, 0], rows[:, 1:4], rows[:, 4:7], np.arange(len(rows)), rows[:, 7:]))
-    np.testing.assert_array_equal(np.concatenate([*taken, judge.flush()]), rows_of(whole))
-    assert judge.counts == {"gyr": len(BAD), "acc": 5, "mag": 3}
+    np.testing.assert_array_equal(np.concatenate([*taken, judge.flush()]), taken_rows(whole))
+    assert judge.counts == {"gyr": len(BAD) + 3, "acc": 6, "mag": 3}
+    assert len(whole) == len(rows) - 1
     sentence = "samples of the gyroscope are far off what those around allow, and left out, the first at t ="
     assert any(words.startswith(sentence) for words in told)
     behind = [rows[min((i + 1) * block, len(rows)) - 1, 0] - part[-1, 0] for i, part in enumerate(taken) if len(part)]
