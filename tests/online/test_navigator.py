@@ -219,7 +219,7 @@ def test_stamps_go_on_after_a_restart_of_the_clock(block):
     judge = SampleJudge()
     parts = [sent[i : i + block] for i in range(0, len(sent), block)]
     taken = np.concatenate([judge.admit(p[:, 0], p[:, 1:4], p[:, 4:7], p[:, 7:]) for p in parts])
-    np.testing.assert_allclose(taken, rows, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(taken[:, :10], rows, rtol=0, atol=1e-9)
     sensor_t = [judge.sensor_time(i, float(t)) for i, t in enumerate(taken[:, 0])]
     np.testing.assert_allclose(sensor_t, sent[:, 0], rtol=0, atol=1e-9)
     again = SampleJudge.resume(json.loads(json.dumps(judge.state())), [taken], lambda words: None)

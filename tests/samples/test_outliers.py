@@ -42,6 +42,14 @@ def test_far_samples_are_found_wherever_they_are_and_no_others(at, length):
     assert not found.acc.any()
 
 
+def test_a_single_blow_that_turns_the_shoe_is_no_bad_rate_and_one_without_a_blow_is():
+    t, acc, gyr = striding()
+    gyr[300, 1] += 6.0
+    assert np.flatnonzero(find_outliers(t, acc, gyr).gyr).tolist() == [300]
+    acc[300, 2] += 40.0
+    assert not find_outliers(t, acc, gyr).any.any()
+
+
 def test_what_lasts_longer_than_a_run_is_a_motion():
     t, acc, gyr = striding()
     gyr[100 : 100 + LONGEST + AROUND, 0] += 30.0
@@ -64,7 +72,10 @@ def test_a_recording_leaves_bad_samples_out_and_says_which():
     mag[500], mag[520, 1] = 0.0, 1000.0
     recording = Recording.from_raw(RawRecording(t, acc, gyr, np.arange(1, N + 1) + 1, mag))
     np.testing.assert_array_equal(recording.t, t)
-    assert [np.flatnonzero(recording.unread == which).tolist() for which in (ACC_OUT, GYR_OUT)] == [[400, 401, 402], [300]]
+    assert [np.flatnonzero(recording.unread == which).tolist() for which in (ACC_OUT, GYR_OUT)] == [
+        [400, 401, 402],
+        [300],
+    ]
     words = "left out 4 bad samples of the gyroscope and accelerometer, far off what the samples around allow"
     first, second = recording.provenance.notes
     assert first == f"{words}, the first in row 302 (t = 1.500 s)"

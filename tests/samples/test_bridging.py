@@ -1,0 +1,65 @@
+"""What a sensor would have read is known better where the other one read meanwhile, and its sigma says how well."""
+
+import numpy as np
+import pytest
+
+from fg_nav.recording import Recording
+from fg_nav.sample_noise import find_extra_sigmas
+from fg_nav.samples.bridging import bridge_unread, interpolate_unread
+from fg_nav.samples.outliers import ACC_OUT, GYR_OUT
+
+PERIOD_S = 0.005
+STRIDE = 200
+N = 60 * STRIDE
+NOISE = 0.02
+
+
+def struck() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A foot whose every strike is another one: what it turns by hangs on its force at that very moment."""
+    rng = np.random.default_rng(2)
+    t, phase = PERIOD_S * np.arange(N), 2 * np.pi * np.arange(N) / STRIDE
+    blow = np.convolve(rng.normal(0, 30, N), [0.5, 1.0, 0.5], "same") * (np.arange(N) % STRIDE < 12)
+    acc = np.column_stack([blow, 3 * np.sin(phase), 9.8 + np.cos(phase)]) + rng.normal(0, NOISE, (N, 3))
+    gyr = np.column_stack([np.sin(phase), 0.1 * blow, np.cos(phase)]) + rng.normal(0, NOISE, (N, 3))
+    return t, acc, gyr
+
+
+@pytest.mark.parametrize("which", [ACC_OUT, GYR_OUT])
+@pytest.mark.parametrize("lost", [1, 5])
+def test_what_one_sensor_would_have_read_is_known_as_well_as_is_said(which, lost):
+    t, acc, gyr = struck()
+    truth, unread = (acc if which == ACC_OUT else gyr).copy(), np.zeros(N, dtype=np.int64)
+    for start in range(5 * STRIDE + 3, N - STRIDE, 2 * STRIDE):  # amid a strike
+        unread[start : start + lost] = which
+    spoiled = [np.where((unread == one)[:, None], 1e3, x) for one, x in ((ACC_OUT, acc), (GYR_OUT, gyr))]
+    bridge = bridge_unread(t, *interpolate_unread(t, *spoiled, unread), unread)[which == GYR_OUT]
+    assert bridge.sample.tolist() == np.flatnonzero(unread).tolist()
+    mean = (bridge.value - truth[bridge.sample]).reshape(-1, lost, 3).mean(axis=1)
+    z = mean / (bridge.sigma[::lost] / np.sqrt(lost))
+    assert 0.5 < np.sqrt((z**2).mean()) < 1.5
+    axis, size = (0, 30.0) if which == ACC_OUT else (1, 3.0)
+    assert np.sqrt((mean[:, axis] ** 2).mean()) < 0.1 * size  # a line from sample to sample misses all of it
+
+
+def test_a_bridged_sample_is_doubted_in_its_sensor_alone_and_so_is_a_slice():
+    t, acc, gyr = struck()
+    unread = np.where(np.arange(N) == 803, GYR_OUT, 0)
+    recording = Recording(t, *interpolate_unread(t, acc, gyr, unread), unread=unread)
+    cut = recording.slice(700, 900)
+    assert cut.unread[103] == GYR_OUT
+    for part, at in ((recording, 803), (cut, 103)):
+        of_acc, of_gyr = find_extra_sigmas(part, 0.0)
+        assert not np.any(of_acc)
+        assert np.flatnonzero(of_gyr.any(axis=1)).tolist() == [at]
+        np.testing.assert_array_equal(part.bridges[1].value, recording.bridges[1].value)
+    assert abs(recording.integrable[1][803, 1] - gyr[803, 1]) < 0.3 < abs(recording.gyr[803, 1] - gyr[803, 1])
+
+
+def test_where_little_is_known_the_line_is_kept_and_doubted_by_all_that_moves():
+    t, acc, gyr = (x[:60] for x in struck())
+    unread = np.where(np.isin(np.arange(60), [0, 59]), ACC_OUT, 0)
+    acc, gyr = interpolate_unread(t, acc, gyr, unread)
+    bridge, other = bridge_unread(t, acc, gyr, unread)
+    np.testing.assert_allclose(bridge.value, acc[[1, 58]])
+    np.testing.assert_allclose(bridge.sigma[0], acc.std(axis=0))
+    assert not len(other.sample)
