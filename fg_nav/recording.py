@@ -318,11 +318,9 @@ def _leave_out_bad(raw: RawRecording, kept: Ints, t: Floats, notes: list[str]) -
         bad = find_mag_outliers(t, mag)
         mag[bad] = np.nan
         notes += note_bad(bad, "magnetometer", t, raw.row[kept])
-    bad_samples = int(outliers.any.sum())
-    provenance = replace(raw.provenance, notes=tuple(notes), bad_samples=bad_samples)
+    provenance = replace(raw.provenance, notes=tuple(notes), bad_samples=int(outliers.any.sum()))
     acc, gyr = take_rows(kept, raw.acc), take_rows(kept, raw.gyr)
-    if unread.any():
-        acc, gyr = interpolate_unread(t, acc, gyr, unread)
+    interpolate_unread(t, acc, gyr, unread)
     return Recording(t, acc, gyr, mag, raw.truth, provenance, unread if unread.any() else None)
 
 

@@ -74,6 +74,6 @@ def _bridge(rows: Floats, found: Ints) -> Floats:
     """Rows (n, 11) of these (n, 10) with a line, or no field, where a sensor was found (n,) to be bad."""
     unread = found & BOTH_OUT
     bridged = np.column_stack([rows, unread])
-    bridged[:, 1:4], bridged[:, 4:7] = interpolate_unread(rows[:, 0], rows[:, 1:4], rows[:, 4:7], unread)
+    interpolate_unread(rows[:, 0], bridged[:, 1:4], bridged[:, 4:7], unread)
     bridged[(found & MAG_OUT) > 0, 7:COLUMNS] = np.nan
     return bridged

@@ -56,16 +56,14 @@ class Bridge(NamedTuple):
         return bridged
 
 
-def interpolate_unread(t: Floats, acc: Floats, gyr: Floats, unread: Ints) -> tuple[Floats, Floats]:
-    """Specific forces and rates (N, 3) with a line where a sensor was not read: `ACC_OUT`, `GYR_OUT` in unread (N,)."""
-    good, found = unread == 0, []
+def interpolate_unread(t: Floats, acc: Floats, gyr: Floats, unread: Ints) -> None:
+    """Write a line into acc or gyr (N, 3) where `unread` (N,), `ACC_OUT` or `GYR_OUT`, says that it was not read."""
+    good = unread == 0
     for samples, which in ((acc, ACC_OUT), (gyr, GYR_OUT)):
         bad = (unread & which) > 0
         if bad.any() and good.any():
-            samples = samples.copy()
-            samples[bad] = np.column_stack([np.interp(t[bad], t[good], axis[good]) for axis in samples.T])
-        found.append(samples)
-    return found[0], found[1]
+            for axis in samples.T:
+                axis[bad] = np.interp(t[bad], t[good], axis[good])
 
 
 def bridge_unread(t: Floats, acc: Floats, gyr: Floats, unread: Ints | None) -> tuple[Bridge, Bridge]:
