@@ -8,7 +8,9 @@ faults
     Each try draws a place in a walk, an axis, a sign, and how the samples go wrong: some is added to them, or they are
     that size, or some with a sign of its own is added to each. All sizes are tried at the same places. The walk is
     navigated as a user does, without the magnetometer, and the end compared with that of the walk without the fault.
-    "beyond" counts the tries in which it moved by more than 0.3 m or 3 of the sigmas claimed, on any axis.
+    "beyond" counts the tries in which it moved by more than 0.3 m or 3 of the sigmas claimed, on any axis. Of each of
+    these it is said how far the end moves where what was bridged is what was read, with the sigma of the bridge, and
+    where it is off that by one such sigma, on the worst axis; and with the samples left out as a gap.
 
 clean
     Every real recording as it is: how many samples are found at f as it is, and at which share of f the first would be
@@ -106,6 +108,7 @@ class Moved:
     others: int
     moved_m: float
     sigmas: float
+    bound: str = ""
 
 
 def draw_faults(samples: Floats, sizes: Sequence[float], length: int, rng: np.random.Generator) -> Iterator[Fault]:
@@ -140,6 +143,28 @@ def find_end(recording: Recording, method: str) -> tuple[Floats, Floats]:
     return solution.stances.position[-1], solution.stances.position_sigma[-1]
 
 
+def measure_bound(clean: Recording, judged: Recording, end: Floats, method: str) -> str:
+    """What can be asked of a bridge: by how much the end moves with the true one, one a sigma off, and with a gap."""
+    unread = np.zeros(len(judged), dtype=np.bool_) if judged.unread is None else judged.unread > 0
+    if not unread.any() or len(judged) != len(clean):
+        return ""
+    true = [
+        bridge._replace(value=samples[bridge.sample])
+        for bridge, samples in zip(judged.bridges, (clean.acc, clean.gyr), strict=True)
+    ]
+    shifts = [np.zeros(3), *np.eye(3)]
+    moved = []
+    for shift in shifts:
+        off = [one._replace(value=one.value + shift * one.sigma / np.sqrt(max(len(one.sample), 1))) for one in true]
+        recording = replace(judged)
+        recording.__dict__["bridges"] = tuple(off)
+        moved.append(float(np.linalg.norm(find_end(recording, method)[0] - end)))
+    kept = ~unread
+    gap = Recording(clean.t[kept], clean.acc[kept], clean.gyr[kept])
+    left_out = float(np.linalg.norm(find_end(gap, method)[0] - end))
+    return f"; bridged exactly {moved[0]:.3f} m, a sigma off up to {max(moved[1:]):.3f} m, as a gap {left_out:.3f} m"
+
+
 def try_walk(chosen: argparse.Namespace, data: Path, name: str) -> list[Moved]:
     """Try all faults on a walk; where two leave the same samples, it is navigated once."""
     clean = replace(read(find_path(name, data)), mag=None, truth=None)
@@ -163,7 +188,10 @@ def try_walk(chosen: argparse.Namespace, data: Path, name: str) -> list[Moved]:
                     others = int(lost.sum()) - within
                     size = float(np.linalg.norm(off))
                     at_s = float(clean.t[fault.at] - clean.t[0])
-                    moved.append(Moved(name, at_s, method, fault.size, length, within / length, others, size, most))
+                    one = Moved(name, at_s, method, fault.size, length, within / length, others, size, most)
+                    if is_beyond(one):
+                        one = replace(one, bound=measure_bound(clean, judged, ends[method][0], method))
+                    moved.append(one)
     return moved
 
 
@@ -190,7 +218,7 @@ def print_faults(chosen: argparse.Namespace, data: Path) -> None:
     for one in filter(is_beyond, every):
         moved = f"{one.moved_m:.3f} m, {one.sigmas:.2f} sigmas"
         where = f"{one.walk} at {one.at_s:.2f} s"
-        print(f"{one.method}, {where}, {one.length} of {one.size:g}, {one.found:.0%} found: {moved}")
+        print(f"{one.method}, {where}, {one.length} of {one.size:g}, {one.found:.0%} found: {moved}{one.bound}")
 
 
 def is_beyond(one: Moved) -> bool:
