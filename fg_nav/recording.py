@@ -45,7 +45,7 @@ from fg_nav.samples.outliers import find_mag_outliers, find_outliers, note_bad, 
 from fg_nav.samples.saturation import Peaks, find_clipping_levels, rebuild_peaks
 from fg_nav.samples.stamps import order_stamps
 from fg_nav.samples.timing import even_stamps
-from fg_nav.system.spilled import drop_pages, take_rows
+from fg_nav.system.spilled import BLOCK_ROWS, drop_pages, take_rows
 from fg_nav.text import format_count
 from fg_nav.truth import FootprintTruth, TrajectoryTruth, Truth
 
@@ -127,7 +127,10 @@ class Recording:
                 object.__setattr__(self, name, np.ascontiguousarray(value, dtype=np.float64))
         _check_shapes(self.t, self.acc, self.gyr, self.mag)
         _check_count(len(self.t))
-        finite = np.isfinite(self.t) & np.isfinite(self.acc).all(axis=1) & np.isfinite(self.gyr).all(axis=1)
+        finite = np.isfinite(self.t)
+        for samples in (self.acc, self.gyr):
+            finite &= np.isfinite(samples).all(axis=1)
+            drop_pages()
         if not finite.all():
             raise RecordingError(f"sample {np.argmin(finite)} is not finite: leave it out.")
         rising = np.diff(self.t) > 0
@@ -279,12 +282,17 @@ def find_usable_samples(raw: RawRecording) -> Bools:
 
     A specific force of exactly zero on all axes is a logger's way to say that there was no sample.
     """
-    return (
-        raw.acc.any(axis=1)
-        & (np.abs(raw.t) < _END_OF_TIME)
-        & (np.abs(raw.acc) < plausibility.LIMIT_M_S2).all(axis=1)
-        & (np.abs(raw.gyr) < plausibility.LIMIT_RAD_S).all(axis=1)
-    )
+    usable = np.empty(len(raw.t), dtype=np.bool_)
+    for start in range(0, len(usable), BLOCK_ROWS):
+        part = np.s_[start : start + BLOCK_ROWS]
+        usable[part] = (
+            raw.acc[part].any(axis=1)
+            & (np.abs(raw.t[part]) < _END_OF_TIME)
+            & (np.abs(raw.acc[part]) < plausibility.LIMIT_M_S2).all(axis=1)
+            & (np.abs(raw.gyr[part]) < plausibility.LIMIT_RAD_S).all(axis=1)
+        )
+        drop_pages()
+    return usable
 
 
 def _admit(raw: RawRecording) -> Recording:

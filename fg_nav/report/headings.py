@@ -9,9 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fg_nav.arrays import Floats
+from fg_nav.arrays import Bools, Floats
 from fg_nav.frames import compute_heading, wrap_angle
 from fg_nav.report.aligned import AlignedSolution, has_sure_start
+from fg_nav.system.spilled import BLOCK_ROWS, drop_pages
 from fg_nav.truth import TrajectoryTruth
 
 TURNS_UNWRAPPED = 5.0
@@ -48,10 +49,9 @@ class Headings:
 def trace_headings(view: AlignedSolution) -> Headings:
     """Return the headings of a solution that is aligned with its truth, if there is one."""
     stances, t = view.solution.stances, view.solution.t
-    heading = compute_heading(view.align_attitude(view.solution.nav_R_body))
+    heading, steep = _trace_axis(view)
     at_stances = np.unwrap(compute_heading(view.align_attitude(stances.nav_R_body)))
     middle = np.interp(t, stances.t, at_stances) if len(stances) else heading
-    steep = np.abs(view.solution.nav_R_body[:, 2, 0]) > _STEEP
     gauge = has_sure_start(stances)
     return Headings(
         at_stances,
@@ -62,6 +62,18 @@ def trace_headings(view: AlignedSolution) -> Headings:
         gauge,
         bool(len(stances) and np.ptp(at_stances) > TURNS_UNWRAPPED * 2 * np.pi),
     )
+
+
+def _trace_axis(view: AlignedSolution) -> tuple[Floats, Bools]:
+    """Heading (N,) rad of the axis at every sample, and whether it is steep there."""
+    nav_R_body = view.solution.nav_R_body
+    heading, steep = np.empty(len(nav_R_body)), np.empty(len(nav_R_body), dtype=np.bool_)
+    for start in range(0, len(nav_R_body), BLOCK_ROWS):
+        part = np.s_[start : start + BLOCK_ROWS]
+        heading[part] = compute_heading(view.align_attitude(nav_R_body[part]))
+        steep[part] = np.abs(nav_R_body[part, 2, 0]) > _STEEP
+        drop_pages()
+    return heading, steep
 
 
 def _count_error(error: Floats, gauge: bool) -> Floats:

@@ -19,6 +19,7 @@ from fg_nav.report.page.figures import Chart
 from fg_nav.report.page.samples import draw_samples
 from fg_nav.report.page.series import draw_errors, draw_gyro_bias, draw_headings, draw_height, draw_sigmas
 from fg_nav.report.rows import FIGURES, collect_notes
+from fg_nav.system.spilled import drop_pages
 from fg_nav.text import format_count
 from fg_nav.walk import Options, Outcome, Walk
 
@@ -203,7 +204,9 @@ def _draw_stances(walk: Walk | None) -> Section:
     words = [
         f"{format_count(found.n_footfalls, 'footfall')} in {format_count(len(found), 'stance')} ({found.detector})."
     ]
-    return Section("stances", title, words, draw_samples(walk.recording, found))
+    charts = draw_samples(walk.recording, found)
+    drop_pages()
+    return Section("stances", title, words, charts)
 
 
 def _draw_heading(walk: Walk | None, views: Mapping[str, AlignedSolution], outcome: Outcome) -> Section:
