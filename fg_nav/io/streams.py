@@ -250,7 +250,13 @@ def _cut_to_shared(acc: Stream, gyr: Stream, path: Path, remarks: list[str]) -> 
             f"cut to the time in which accelerometer and gyroscope ran: {before:.3f} s left out at the start, "
             f"{after:.3f} s at the end"
         )
-    return acc, gyr.take((gyr.t >= first) & (gyr.t <= last))
+    shared = gyr.take((gyr.t >= first) & (gyr.t <= last))
+    if len(shared.t) < 2:
+        raise FormatError(
+            f"{path.name}: {gyr.source} has {format_count(len(shared.t), 'sample')} of the "
+            f"{NAMES['gyr']} while the accelerometer ran: record it again."
+        )
+    return acc, shared
 
 
 def _span(stream: Stream) -> str:

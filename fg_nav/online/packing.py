@@ -11,11 +11,13 @@ attributes. Only classes of this package are taken, from modules that are loaded
 
 from __future__ import annotations
 
+import dis
 import json
 import sys
 from collections import Counter, deque
 from collections.abc import Iterator, Sequence
 from dataclasses import fields, is_dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -139,7 +141,7 @@ class _Unpacker:
         raise ValueError(f"no kind of value is called {kind}")
 
     def _make_object(self, name: str, content: Any) -> Any:
-        kind = _find_class(name)
+        kind: Any = _find_class(name)
         if kind is None:
             raise ValueError(f"{name} is no class of this package")
         parts = self.unpack(content) if isinstance(content, list) else None
@@ -148,11 +150,24 @@ class _Unpacker:
                 raise ValueError(f"{name} has other parts")
             return tuple.__new__(kind, parts)
         attributes = {str(key): self.unpack(item) for key, item in content.items()}
-        if is_dataclass(kind) and not {item.name for item in fields(kind)} <= set(attributes):
+        if not _names_of(kind) <= set(attributes):
             raise ValueError(f"{name} has other fields")
         made = object.__new__(kind)
         vars(made).update(attributes)
         return made
+
+
+@cache
+def _names_of(kind: type[Any]) -> frozenset[str]:
+    """Return the attributes that every object of a class has: its fields, or what its `__init__` sets."""
+    if is_dataclass(kind):
+        return frozenset(item.name for item in fields(kind))
+    code = getattr(kind.__init__, "__code__", None)
+    return (
+        frozenset(one.argval for one in dis.get_instructions(code) if one.opname == "STORE_ATTR")
+        if code
+        else frozenset()
+    )
 
 
 def _find_class(name: str) -> type[Any] | None:

@@ -188,8 +188,11 @@ def _is_sound_array(array: np.ndarray[Any, Any], name: str) -> bool:
     if name in UNBOUNDED:
         return True
     finite = array[np.isfinite(array)]
-    if (name in WITHOUT_GAPS and np.isnan(array).any()) or (finite.size and np.abs(finite).max() > LARGEST):
+    known = ~np.isnan(array) if name == "extreme" else np.isfinite(array)
+    if (name in WITHOUT_GAPS and not known.all()) or (finite.size and np.abs(finite).max() > LARGEST):
         return False
+    if name == "values" and array.shape == (4, 4):  # a pose of an anchor
+        return bool((array[3] == [0.0, 0.0, 0.0, 1.0]).all()) and _is_rotation(array[:3, :3])
     if name in ROTATIONS:
         return array.shape[-2:] == (3, 3) and _is_rotation(array)
     return name not in COVARIANCES or (array.ndim >= 2 and _is_covariance(array))

@@ -47,6 +47,9 @@ NOT_ADVANCING = 1000
 ODD_STEPS, SHORTEST_ODD_S = 100.0, 0.2
 """Units of time are a thousand apart; a shorter step is a few lost samples of a slow sensor."""
 
+LEAST_STEP_S = 1e-5
+"""Rows that a radio sends at once are stamped 50 us apart; no sensor is as fast."""
+
 STAMPS, EVEN = 10, 0.5
 """Steps in a row, and how far from their median: another unit has them all alike, a broken connection has not."""
 
@@ -98,6 +101,8 @@ class StampWatch:
             raise RecordingError(f"{find_stamp_problem(period_s)}.")
         if len(known) < FIRST or np.isnan(period_s):
             return len(t) >= NOT_ADVANCING  # of which hardly any has a stamp: they are missing
+        if period_s < LEAST_STEP_S:
+            raise RecordingError(f"{find_stamp_problem(period_s)}.")
         if find_time_unit(period_s) not in ("s", None):
             raise RecordingError(f"{find_stamp_problem(period_s)}, or name the unit in --columns.")
         self.period_s = period_s

@@ -141,6 +141,10 @@ def test_a_table_of_events():
         ([stream("acc", clock(2.0)), stream("gyr", clock(2.0))], r"accelerometer has 2.0 samples a second, too few"),
         ([stream("acc", clock(100.0)), stream("gyr", clock(100.0, 6.0))], "ran at different times"),
         ([stream("acc", clock(100.0)), stream("gyr", np.full(50, np.nan))], "gyr.csv has 0 samples of the gyroscope"),
+        (
+            [stream("acc", np.array([3.0, 3.02])), stream("gyr", clock(50.0, 0.01))],
+            "gyr.csv has 1 sample of the gyroscope while the accelerometer ran",
+        ),
     ],
 )  # fmt: skip
 def test_what_cannot_be_joined_is_refused(streams, message):

@@ -15,7 +15,7 @@ from fg_nav.online.anchor import Anchor
 from fg_nav.online.buffer import rows_of
 from fg_nav.online.checkpoint import VERSION, Checkpoint
 from fg_nav.online.handover import PathNodes
-from fg_nav.online.packing import pack
+from fg_nav.online.packing import pack, unpack
 from fg_nav.online.record_check import find_fault
 from fg_nav.online.record_log import write_records
 from fg_nav.online.saved_state import FootfallTable, RowTable
@@ -140,6 +140,8 @@ IRON = Iron(np.zeros(3), np.eye(3))
         (FALLS, {"told": np.array([4])}),
         (ANCHOR, {"keys": (None,)}),
         (ANCHOR, {"A": np.full((3, 3), np.nan)}),
+        (ANCHOR, {"A": np.full((3, 3), np.inf)}),
+        (ANCHOR, {"values": (2.0 * np.eye(4),)}),
         (IRON, {"covariance": -np.eye(3)}),
         (IRON, {"covariance": np.triu(np.ones((3, 3)))}),
     ],
@@ -183,3 +185,13 @@ def test_samples_that_wait_for_the_search_are_of_one_length():
     for other in ((t, acc), (t, acc[:-1], gyr), (t[:0], acc[:0], gyr[:0])):
         stances._waiting[0] = other
         assert not stances.is_sound()
+
+
+def test_an_object_without_what_its_class_gives_it_is_no_object() -> None:
+    stances = CausalStances()
+    content = pack(stances)
+    assert vars(unpack(content)).keys() == vars(stances).keys()
+    name = next(iter(vars(stances)))
+    del vars(stances)[name]
+    with pytest.raises(FormatError, match="no values"):
+        unpack(pack(stances))

@@ -84,7 +84,7 @@ def continue_numbers(number: Floats, pc_s: Floats, rate_hz: float, row: Ints) ->
     """
     number, notes = number.copy(), []
     for at in (np.flatnonzero(np.diff(number) < 0) + 1).tolist():
-        passed_s = float(pc_s[at] - pc_s[at - 1])
+        passed_s = float(pc_s[at]) - float(pc_s[at - 1])
         if not 0.0 < passed_s < _LONGEST_PAUSE_S:
             continue
         steps = 1.0 if passed_s <= _PACKET_DELAY_S else round(passed_s * rate_hz)
