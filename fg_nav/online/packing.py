@@ -163,11 +163,9 @@ def _names_of(kind: type[Any]) -> frozenset[str]:
     if is_dataclass(kind):
         return frozenset(item.name for item in fields(kind))
     code = getattr(kind.__init__, "__code__", None)
-    return (
-        frozenset(one.argval for one in dis.get_instructions(code) if one.opname == "STORE_ATTR")
-        if code
-        else frozenset()
-    )
+    if code is None:
+        return frozenset()
+    return frozenset(one.argval for one in dis.get_instructions(code) if one.opname == "STORE_ATTR")
 
 
 def _find_class(name: str) -> type[Any] | None:
