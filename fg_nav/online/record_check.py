@@ -76,10 +76,10 @@ def find_fault(value: object, name: str = "", stop: int = MOST) -> str:
 
 
 def is_in_order(rows: object, columns: int) -> bool:
-    """Whether samples (n, columns) have stamps that rise."""
+    """Whether samples (n, columns) are stamps that rise, force and rate, and no gap among them."""
     if not (isinstance(rows, np.ndarray) and rows.ndim == 2 and rows.shape[1] == columns and rows.dtype == float):
         return False
-    return bool(np.isfinite(rows[:, 0]).all() and (np.diff(rows[:, 0]) > 0).all())
+    return bool(np.isfinite(rows[:, :7]).all() and (np.diff(rows[:, 0]) > 0).all())
 
 
 def refuse_damaged(path: Path, records: Sequence[Record], stop: int) -> None:

@@ -109,7 +109,7 @@ class StampWatch:
         return True
 
     def _leave_out_wrong(self, rows: Floats, at_end: bool) -> Floats:
-        t = rows[:, 0]
+        t = np.where(np.isfinite(rows[:, 0]), rows[:, 0], np.nan)
         odd = self._is_odd(np.diff(t, prepend=self._last))
         if not self._is_wrong and not odd.any():
             self._last = float(t[-1]) if len(t) else self._last

@@ -48,6 +48,10 @@ def unknown_stamp(rows):
     return np.where(np.arange(rows.size).reshape(rows.shape) == 5 * rows.shape[1], np.nan, rows)
 
 
+def infinite_rate(rows):
+    return np.where(np.arange(rows.size).reshape(rows.shape) == 705, np.inf, rows)
+
+
 def name_change(changes):
     return ", ".join(f"{key}={getattr(value, '__name__', value)}" for key, value in changes.items())
 
@@ -70,6 +74,7 @@ def name_change(changes):
         {"frame": None},
         {"rows": turned_back},
         {"rows": unknown_stamp},
+        {"rows": infinite_rate},
         {"changes": 3},
     ],
     ids=name_change,

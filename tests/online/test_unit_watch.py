@@ -106,6 +106,7 @@ def test_gaps_impacts_missing_samples_and_single_wrong_ones_are_let_pass(rows):
     sent[700, ACC], sent[800, GYR], sent[1000:1005, GYR], sent[1200:1210, ACC] = 800.0, 300.0, 100.0, 0.5
     sent[2000:2300, 1:7], sent[2600, 0], sent[2700, ACC] = np.nan, 1e9, 0.0
     sent[2800:3000:7, ACC], sent[3100, GYR] = 1e300, -1e200
+    sent[3200:3202, 0] = np.inf
     with np.errstate(invalid="raise"):
         taken, said = admit(sent)
     assert np.array_equal(taken, sent, equal_nan=True)
