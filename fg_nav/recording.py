@@ -127,10 +127,7 @@ class Recording:
                 object.__setattr__(self, name, np.ascontiguousarray(value, dtype=np.float64))
         _check_shapes(self.t, self.acc, self.gyr, self.mag)
         _check_count(len(self.t))
-        finite = np.isfinite(self.t)
-        for samples in (self.acc, self.gyr):
-            finite &= np.isfinite(samples).all(axis=1)
-            drop_pages()
+        finite = np.isfinite(self.t) & np.isfinite(self.acc).all(axis=1) & np.isfinite(self.gyr).all(axis=1)
         if not finite.all():
             raise RecordingError(f"sample {np.argmin(finite)} is not finite: leave it out.")
         rising = np.diff(self.t) > 0
@@ -361,12 +358,6 @@ def _check_count(count: int) -> None:
         )
 
 
-def _at(raw: RawRecording, index: int) -> str:
-    """Name a sample for people."""
-    time = f" (t = {raw.t[index]:.3f} s)" if np.isfinite(raw.t[index]) else ""
-    return f"row {raw.row[index]}{time}"
-
-
 def _judge_missing(raw: RawRecording, usable: Bools, first: int, last: int) -> list[str]:
     """Note the missing samples; refuse them if they are many between the first and the last that are used."""
     missing = np.flatnonzero(~usable)
@@ -374,9 +365,10 @@ def _judge_missing(raw: RawRecording, usable: Bools, first: int, last: int) -> l
         return []
     within = missing[(missing >= first) & (missing < last)]
     if len(within) > MAX_MISSING_SHARE * (last - first):
+        t, row = raw.t[within[0]], raw.row[within[0]]
         raise RecordingError(
             f"{len(within)} of {last - first} samples are missing (empty, NaN or out of any range), the first in "
-            f"{_at(raw, within[0])}: export the recording again."
+            f"row {row}{f' (t = {t:.3f} s)' if np.isfinite(t) else ''}: export the recording again."
         )
     return [f"left out {format_count(len(missing), 'missing sample')}, the first in row {raw.row[missing[0]]}"]
 
