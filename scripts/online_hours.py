@@ -5,9 +5,10 @@
 
 A simulated walk with a magnetometer, repeated as long as it takes (`walks.RepeatedWalk`), is written to the standard
 input of the command as fast as it reads. With `--kills` the same walk goes through a second process with
-`--checkpoint`, which is killed (SIGKILL) at random instants and begun again, with the samples of the last half hour
-before it once more. With `--real-time` the last minutes are written as they are walked, a twentieth of a second at a
-time; the command then waits for no solution, and how far it is behind is how long what is in the pipe has waited.
+`--checkpoint`, which is killed (SIGKILL) at random instants and begun again, in turn with the samples of the last half
+minute once more, as of a logger's buffer, and with all from the beginning, as of a file. With `--real-time` the last
+minutes are written as they are walked, a twentieth of a second at a time; the command then waits for no solution, and
+how far it is behind is how long what is in the pipe has waited.
 
 A row an hour of walking:
 
@@ -50,8 +51,8 @@ HOUR_S, MINUTE_S = 3600.0, 60.0
 BLOCK_S, PACE_S = 1.0, 0.05
 """Of samples, written at once, as fast as they are read and as they are walked: a pipe holds some three seconds."""
 
-AGAIN_S = 1800.0
-"""Of samples, sent again after a kill: more than came since the last save."""
+AGAIN_S = 30.0
+"""Of samples, sent again after a kill: more than came since the last save, less than the lag."""
 
 EVERY_S = 5.0
 """Between two saves."""
@@ -215,7 +216,7 @@ def follow_killed(rows: Rows, samples: int, command: Sequence[str], kills: Seque
     """Send a walk and kill the command at these samples; return the lines of all processes."""
     lines: list[str] = []
     begin, block, again = 0, round(BLOCK_S / rows.period_s), round(AGAIN_S / rows.period_s)
-    for end in [*kills, samples]:
+    for number, end in enumerate([*kills, samples]):
         follower = Follower(command)
         follower.write(HEADER)
         for start in range(begin, end, block):
@@ -226,7 +227,7 @@ def follow_killed(rows: Rows, samples: int, command: Sequence[str], kills: Seque
             follower.kill()
             print(f"{label}: killed behind sample {end}, {len(follower.lines)} lines", flush=True)
         lines += follower.lines
-        begin = max(end - again, 0)
+        begin = 0 if number % 2 else max(end - again, 0)
     return lines
 
 
