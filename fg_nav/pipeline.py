@@ -14,6 +14,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from fg_nav.detection.handedness import refuse_wrong_axes
+from fg_nav.detection.swing_axes import measure_swing_axes
 from fg_nav.estimators import Progress, estimate
 from fg_nav.recording import Recording
 from fg_nav.result import Result
@@ -101,6 +103,7 @@ def prepare_walk(walk: Walk) -> Walk:
     # magnetometer and accelerometer by their calibration
     walk = correct_walk(walk)
     if walk.options.mount == "pocket":
+        refuse_wrong_axes(walk.recording, measure_swing_axes)
         return walk  # a thigh never stands
     # when does the foot stand?
     walk = find_stances(walk)

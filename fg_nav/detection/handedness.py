@@ -21,8 +21,10 @@ of 6 s and more above 1.6 (`scripts/plausible_solutions.py` counts them through 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import permutations, product
+from typing import TypeAlias
 
 import numpy as np
 from scipy.ndimage import minimum_filter1d
@@ -116,6 +118,9 @@ class AxesEvidence:
 
 NO_EVIDENCE = AxesEvidence(np.zeros((0, len(AXES))), np.zeros(0))
 
+MeasureAxes: TypeAlias = Callable[[Floats, Floats, Floats], AxesEvidence]
+"""Of stamps, force and rate."""
+
 
 def measure_axes(t: Floats, acc: Floats, gyr: Floats) -> AxesEvidence:
     """Compare the axes of acc (N, 3) m/s^2 and gyr (N, 3) rad/s, at stamps (N,) s, stride by stride."""
@@ -131,13 +136,17 @@ def measure_axes(t: Floats, acc: Floats, gyr: Floats) -> AxesEvidence:
     h = np.diff(t, append=2 * t[-1] - t[-2])
     velocity, tilt = zip(*(_integrate(h, acc, gyr @ M.T, start, stop, attitude, up) for M in AXES), strict=True)
     z = (np.array(velocity) ** 2).sum(axis=2) / VELOCITY_M_S**2 + (np.array(tilt) / TILT_RAD) ** 2
-    scores = np.logaddexp(-2.5 * np.log1p(z / 4), -NO_STRIDE).T
-    return AxesEvidence(scores, GRAVITY_M_S2 + velocity[0][:, 2] / (t[stop] - t[start]))
+    return AxesEvidence(score_strides(z.T), GRAVITY_M_S2 + velocity[0][:, 2] / (t[stop] - t[start]))
 
 
-def refuse_wrong_axes(recording: Recording) -> None:
-    """Raise `RecordingError` if strides surely show other axes than those given."""
-    found = measure_axes(recording.t, recording.acc, recording.gyr)
+def score_strides(z: Floats) -> Floats:
+    """Return l (K, 48) of strides by how far each ends from where it must, squared, in sigmas."""
+    return np.asarray(np.logaddexp(-2.5 * np.log1p(z / 4), -NO_STRIDE))
+
+
+def refuse_wrong_axes(recording: Recording, measure: MeasureAxes = measure_axes) -> None:
+    """Raise `RecordingError` if strides, as `measure` sees them, surely show other axes than those given."""
+    found = measure(recording.t, recording.acc, recording.gyr)
     if found.against > DECISIVE:
         path = recording.provenance.path
         raise RecordingError(f"{path.name + ': ' if path else ''}{found.problem}.")

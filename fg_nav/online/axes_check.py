@@ -1,8 +1,9 @@
-"""Do the sensors of a stream have the same, right-handed axes? Asked of its first strides (`detection.handedness`).
+"""Do the sensors of a stream have the same, right-handed axes? Asked of its first strides.
 
-Strides are counted in blocks of `BLOCK_S`, until `ENOUGH` of them show the axes that were given, or `MOST_STRIDES` are
-there. Where others are certain, a stream is refused in its first minute; later there is a remark, for a walk is not
-ended, and each line says that it is not to be used.
+Those of a foot are looked at as in `detection.handedness`, in a pocket as in `detection.swing_axes`. They are counted
+in blocks of `BLOCK_S`, until `ENOUGH` of them show the axes that were given, or `MOST_STRIDES` are there. Where others
+are certain, a stream is refused in its first minute; later there is a remark, for a walk is not ended, and each line
+says that it is not to be used.
 """
 
 from __future__ import annotations
@@ -13,13 +14,25 @@ from typing import Any
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.detection.handedness import AXES, DECISIVE, MOST_STRIDES, NO_EVIDENCE, AxesEvidence, measure_axes
+from fg_nav.detection.handedness import (
+    AXES,
+    DECISIVE,
+    MOST_STRIDES,
+    NO_EVIDENCE,
+    AxesEvidence,
+    MeasureAxes,
+    measure_axes,
+)
+from fg_nav.detection.mount import Wearing
+from fg_nav.detection.swing_axes import WINDOW_S, measure_swing_axes
 from fg_nav.errors import RecordingError
 from fg_nav.online.buffer import SampleBuffer
 from fg_nav.online.source_check import REFUSED_S
 
-BLOCK_S = 5.0
-"""Four strides, most of them whole."""
+BLOCK_S: Mapping[Wearing, float] = {"foot": 5.0, "pocket": WINDOW_S + 0.05}
+"""Four strides, most of them whole; of a thigh a window in which their period is found."""
+
+MEASURES: Mapping[Wearing, MeasureAxes] = {"foot": measure_axes, "pocket": measure_swing_axes}
 
 ENOUGH = 15
 """Strides that show the axes given."""
@@ -35,14 +48,16 @@ class AxesCheck:
     ----------
     remark : given one sentence if wrong axes are seen later than `REFUSED_S`.
     refuses : whether a stream is refused in its first minute; not where a walk is resumed.
+    mount : where the sensor is worn.
 
     Attributes
     ----------
     evidence : of the strides so far.
     """
 
-    def __init__(self, remark: Callable[[str], None], refuses: bool = True) -> None:
+    def __init__(self, remark: Callable[[str], None], refuses: bool = True, mount: Wearing = "foot") -> None:
         self.evidence = NO_EVIDENCE
+        self._block_s, self._measure = BLOCK_S[mount], MEASURES[mount]
         self._remark, self._refuses = remark, refuses
         self._begins = 0  # sample at which the next block begins
         self._passed_s = 0.0
@@ -83,7 +98,7 @@ class AxesCheck:
         self._begins = max(self._begins, buffer.first)
         if self._begins >= buffer.stop:
             return None
-        stop = buffer.find_since(buffer.stamp(self._begins) + BLOCK_S, buffer.stop)
+        stop = buffer.find_since(buffer.stamp(self._begins) + self._block_s, buffer.stop)
         return None if stop == buffer.stop else stop
 
     def _look(self, rows: Floats) -> None:
@@ -91,7 +106,7 @@ class AxesCheck:
         if len(rows) < FEWEST:
             return
         self._passed_s += float(np.ptp(rows[:, 0]))
-        self.evidence += measure_axes(rows[:, 0], rows[:, 1:4], rows[:, 4:7])
+        self.evidence += self._measure(rows[:, 0], rows[:, 1:4], rows[:, 4:7])
         if self.evidence.against <= DECISIVE:
             return
         if self._refuses and self._passed_s <= REFUSED_S:

@@ -71,7 +71,8 @@ class LineVerdict:
         remark: Callable[[str], None] = lambda words: None,
         refuses: bool = True,
     ) -> None:
-        self._in_pocket, self._axes = in_pocket, AxesCheck(remark, refuses)
+        self._in_pocket = in_pocket
+        self._axes = AxesCheck(remark, refuses, "pocket" if in_pocket else "foot")
         self._begun: float | None = None
         self._last = np.zeros(4)  # t, east, north, up of the newest footfall
         self._distance, self._lost_s, self._strides = 0.0, 0.0, 0
@@ -80,8 +81,7 @@ class LineVerdict:
 
     def look_at(self, buffer: SampleBuffer) -> None:
         """Look at the axes of the samples that have come; raises `RecordingError` as `AxesCheck` does."""
-        if not self._in_pocket:
-            self._axes.look_at(buffer)
+        self._axes.look_at(buffer)
 
     def judge(self, found: Sequence[StanceEstimate | Revision], continues: Sequence[bool]) -> list[Judged]:
         """Put to each estimate the verdict on the path up to it; `continues` of all lines of the walk."""
@@ -142,10 +142,10 @@ class LineVerdict:
         axes = self._axes.evidence
         limits = POSITION_SHARE_IN_POCKET if self._in_pocket else POSITION_SHARE
         found = [judge_speed(*self._fastest), judge_position(sigma, self._distance, limits)]
-        found.append(judge_stride(*self._longest, self._in_pocket))
+        found += [judge_stride(*self._longest, self._in_pocket), judge_axes(axes)]
         if self._in_pocket:
             return found
-        found += [judge_height_rate(*self._steepest), judge_axes(axes)]
+        found.append(judge_height_rate(*self._steepest))
         found.append(judge_beginning(self._strides, axes.strides))
         found.append(judge_lost_time(self._lost_s, max(t - self._begun, JUDGED_S)))
         if axes.strides >= FEWEST:
