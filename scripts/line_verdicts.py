@@ -1,6 +1,7 @@
 """How often the lines of a good walk in progress say that they are not to be used, or doubtful, without a cause.
 
-    python scripts/line_verdicts.py [--data DIR] [--kinds KIND ...] [--per-walk] [--jobs N] [--json FILE]
+    python scripts/line_verdicts.py [--data DIR] [--kinds KIND ...] [--every NTH] [--per-walk] [--jobs N]
+                                    [--json FILE]
 
 The recordings of `verdict_recordings.py`, the good ones if nothing else is asked for, go as rows through
 `follow_source`, without a magnetometer; each line has its verdict. Lines that are doubtful because little was walked
@@ -138,11 +139,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
         arguments,
         data=None,
         kinds=option([GOOD], "of recordings", nargs="+", metavar="KIND"),
+        every=option(1, "recording is looked at", metavar="NTH"),
         per_walk=False,
         jobs=1,
         json=None,
     )
-    cases = [one for one in list_cases(walks.data_folder(chosen.data)) if one.kind in chosen.kinds]
+    cases = [one for one in list_cases(walks.data_folder(chosen.data)) if one.kind in chosen.kinds][:: chosen.every]
     judge_by_methods(judge_lines, cases, ("stream",), chosen, print_counts, judge_counts)
 
 

@@ -35,7 +35,7 @@ MIRROR = "gyroscope negated"
 def main(arguments: Sequence[str] | None = None) -> None:
     """Look at all pieces, and print the figures."""
     chosen = harness.parse_arguments(
-        __doc__, arguments, data=None, pieces=option(25, "of each recording"), seed=1, json=None
+        __doc__, arguments, data=None, pieces=option(5, "of each recording"), seed=1, json=None
     )
     rng, looked, found = np.random.default_rng(chosen.seed), Counter[str](), Counter[str]()
     for recording in list_thighs(walks.data_folder(chosen.data)):
