@@ -54,7 +54,7 @@ def preintegrate(
     drop_pages()
     few = compound_samples(*recording.integrable, h, sample, vector[:3], vector[3:])
     drop_pages()
-    force, rate, held, begins = list(few.force), list(few.rate), few.h.tolist(), few.first.tolist()
+    held, begins = few.h.tolist(), few.first.tolist()
     params = gtsam.PreintegrationParams.MakeSharedU(p.gravity)
     params.setIntegrationCovariance(np.eye(3) * POSITION_DENSITY**2)
     for k, part in enumerate(pairwise(begins)):
@@ -69,7 +69,8 @@ def preintegrate(
         if extra.uncertain[k]:
             extra.integrate(measurement, params, (noise[0][k], noise[1][k]), slice(sample[k], sample[k + 1]))
         else:
-            for one in zip(force[slice(*part)], rate[slice(*part)], held[slice(*part)], strict=True):
+            rows = slice(*part)
+            for one in zip(few.force[rows], few.rate[rows], held[rows], strict=True):
                 measurement.integrateMeasurement(*one)
         yield measurement
 
