@@ -43,6 +43,9 @@ DUE_S = 4.0
 JUDGED_S = 60.0
 """Of a shorter walk no share of the time is judged, but that of so much."""
 
+JUDGED_M = 10.0
+"""Of a shorter way the sigma of the place is judged over so much: seven strides, and 0.2 m are no doubt after one."""
+
 FEWEST = 5
 """Strides of which the median of gravity is judged."""
 
@@ -141,7 +144,7 @@ class LineVerdict:
         assert self._begun is not None
         axes = self._axes.evidence
         limits = POSITION_SHARE_IN_POCKET if self._in_pocket else POSITION_SHARE
-        found = [judge_speed(*self._fastest), judge_position(sigma, self._distance, limits)]
+        found = [judge_speed(*self._fastest), judge_position(sigma, max(self._distance, JUDGED_M), limits)]
         found += [judge_stride(*self._longest, self._in_pocket), judge_axes(axes)]
         if self._in_pocket:
             return found

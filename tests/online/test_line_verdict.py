@@ -145,6 +145,12 @@ def test_a_revision_that_does_not_know_the_last_footfall_makes_no_stride_of_two_
     assert found.word == "trusted"
 
 
+def test_a_place_that_is_known_to_decimeters_is_no_doubt_after_a_stride_and_to_meters_is() -> None:
+    for sigma_m, count in ((0.2, 1), (9.0, 2)):
+        lines = [estimate(k, 1.2 * k, [1.4 * k, 0.0, 0.0], sigma_m) for k in range(3)]
+        assert all(len(found.reasons) == count for _, found in LineVerdict().judge(lines, [False] * 3))
+
+
 def test_a_state_that_somebody_changed_is_refused_in_a_sentence(tmp_path: Path) -> None:
     path, navigator = tmp_path / "walk", OnlineNavigator(NORTH)
     push(navigator, rows()[:300])
