@@ -21,6 +21,7 @@ import numpy as np
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.samples.outliers import find_outliers
+from fg_nav.system.spilled import drop_pages
 
 LIMIT_M_S2 = 5000.0
 """No accelerometer worn by a person reads more (500 g)."""
@@ -89,6 +90,7 @@ def find_unit_problems(t: Floats, acc: Floats, gyr: Floats, mag: Floats | None) 
     """
     period, judged = median_period_s(t), _spread_blocks(len(t))
     acc, gyr, mag = acc[judged], gyr[judged], None if mag is None else mag[judged]
+    drop_pages()
     stamps, force = find_stamp_problem(period), find_acc_problem(acc, period)
     # Gravity turns at the right rate only if both its unit and that of time are right.
     rate = find_gyr_problem(acc, gyr, np.nan if stamps or force else period)

@@ -49,7 +49,7 @@ from fg_nav.smoother.parameters import FieldParameters
 from fg_nav.smoother.roughness import FieldRoughness, split_potential
 from fg_nav.smoother.solver import GtsamFactors, LinearizableBlock
 from fg_nav.smoother.unseen import WALKING_M_S, walk_for
-from fg_nav.system.spilled import drop_pages
+from fg_nav.system.spilled import BLOCK_ROWS, drop_pages
 
 MEAN_WALK_UT = 0.003
 """By how much the building's mean field changes from stride to stride, uT: 0.1 uT over a kilometre and a half."""
@@ -231,7 +231,7 @@ def integrate_path(
     up_uT : vertical field of the walk.
     """
     row, unseen = np.flatnonzero(np.isfinite(mag[:, 0])), cross_holes(t, footfall)
-    move = np.diff(position[row], axis=0)
+    drop_pages()
     integral = integrate_field(t, nav_R_body, position, mag, t[footfall], up_uT, drop_pages)
     level = _level_R_body(nav_R_body[footfall])
     straight = np.diff(position[footfall], axis=0)
@@ -243,20 +243,23 @@ def integrate_path(
         by_up=np.einsum("nji,nj->ni", nav_R_body[footfall[:-1]], by_up),
         body_move=np.einsum("nji,nj->ni", nav_R_body[footfall[:-1]], straight),
         nav_R_level=nav_R_body[footfall[:-1]],
-        sigma_uT_m=np.where(~unseen & (_coarsest(move, row, footfall) <= COARSEST_M), PATH_SIGMA_UT_M, np.inf),
+        sigma_uT_m=np.where(~unseen & (_coarsest(position, row, footfall) <= COARSEST_M), PATH_SIGMA_UT_M, np.inf),
         distance_m=np.maximum(np.linalg.norm(straight, axis=1), unseen * WALKING_M_S * walk_for(np.diff(t[footfall]))),
         level_R_body=level,
         jumps=np.zeros(len(footfall) - 1, dtype=np.bool_),
     )
 
 
-def _coarsest(move: Floats, row: Ints, footfall: Ints) -> Floats:
-    """(F-1,) m, the longest move (M-1, 3) between samples of the field `row` (M,) that a stride has a part in.
+def _coarsest(position: Floats, row: Ints, footfall: Ints) -> Floats:
+    """(F-1,) m, the longest move between samples of the field `row` (M,) that a stride has a part in.
 
     Endless before the first sample and after the last.
     """
-    endless = [np.inf]
-    size = np.concatenate([endless, np.linalg.norm(move, axis=1), endless, endless])  # one more, for `reduceat` to end
+    size = np.full(len(row) + 2, np.inf)  # one more, for `reduceat` to end
+    for start in range(0, len(row) - 1, BLOCK_ROWS):
+        moved = np.linalg.norm(np.diff(position[row[start : start + BLOCK_ROWS + 1]], axis=0), axis=1)
+        size[start + 1 : start + 1 + len(moved)] = moved
+        drop_pages()
     first = np.searchsorted(row, footfall[:-1], side="right")
     stop = np.searchsorted(row, footfall[1:], side="left") + 1
     return np.asarray(np.maximum.reduceat(size, np.stack([first, stop], axis=1).ravel())[::2])
