@@ -543,7 +543,7 @@ USAGE = 2
 
 def judge_answer(fate: Fate, code: int, out: str, err: str, result: Path, given: Input) -> None:
     """Say what became of a case and what is wrong with that."""
-    lines = [line for line in err.splitlines() if line.strip()]
+    lines = [line for line in err.splitlines() if line.strip() and not line.startswith("note: ")]
     fate.said = lines[-1].removeprefix("fg-nav: ") if lines else ""
     if "Traceback" in err:
         fate.faults.append(f"exception: {_last_frame(lines)}")

@@ -41,7 +41,7 @@ from fg_nav.online.remarks import REMARKS, UNKNOWN_GAP_S
 from fg_nav.online.unit_check import UnitCheck
 from fg_nav.recording import MAX_GAP_S, RawRecording, find_field_samples, find_usable_samples
 from fg_nav.samples.outliers import ACC_OUT, BOTH_OUT, GYR_OUT, MAG_OUT
-from fg_nav.samples.stamps import AROUND, goes_on
+from fg_nav.samples.stamps import AROUND, SAME_S, goes_on
 
 JUMP_S = 1.0
 """A step ahead that is accepted only if the next stamp goes on from there."""
@@ -290,7 +290,7 @@ class SampleJudge:
         """Whether stamps (n,) go on from the last one, as they nearly always do."""
         step = np.diff(t, prepend=self._last)
         step[np.isinf(step)] = 0.5 * JUMP_S  # the very first
-        return not self._behind and bool(((step > 0.0) & (step <= JUMP_S)).all())
+        return not self._behind and bool(((step > SAME_S) & (step <= JUMP_S)).all())
 
     def _is_far_ahead(self, t: float) -> bool:
         return np.isfinite(self._last) and t - self._last > JUMP_S
@@ -303,8 +303,8 @@ class SampleJudge:
         t = float(row[0])
         if t < self._last:
             return self._wait_for_restart(row)
-        kind = "repeated" if t == self._last else "ahead"
-        if t == self._last or (self._is_far_ahead(t) and not is_followed):
+        kind = "repeated" if t - self._last <= SAME_S else "ahead"
+        if kind == "repeated" or (self._is_far_ahead(t) and not is_followed):
             self._count(kind, 1, f"at t = {t:.3f} s")
             self._leave_out([row])
             return []

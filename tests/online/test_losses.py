@@ -162,3 +162,12 @@ def test_each_change_of_stamps_is_told_when_it_happens_and_noted():
     assert not any("before the last one" in words for words in told)
     again = SampleJudge.resume(json.loads(json.dumps(judge.state())), [taken], lambda words: None)
     assert again.notes == judge.notes
+
+
+def test_a_stamp_that_all_but_coincides_with_the_last_is_repeated() -> None:
+    rows = np.column_stack([0.01 * np.arange(200), np.tile([0.0, 0.0, 9.8], (200, 1)), np.zeros((200, 6))])
+    rows[:, 1:7] += 0.01 * np.random.default_rng(1).standard_normal((200, 6))
+    rows[50, 0] = rows[49, 0] + 1e-10
+    judge, _, taken = judged(rows)
+    assert judge.counts["repeated"] == 1
+    assert np.diff(taken[:, 0]).min() > 0.009
