@@ -240,18 +240,10 @@ class ResidualBlock:
         return (factor_of(one_of(self.residuals, k), keys) for k, keys in enumerate(self.keys))
 
 
-def one_of(residuals: R, k: int) -> R:
-    """Return the residual number k of K: its row of every array."""
+def one_of(residuals: R, k: int | slice) -> R:
+    """Return the residual number k of K, its row of every array, or those of a slice."""
     one: R = _with_arrays(residuals, {name: np.array(a[k]) for name, a in _arrays(residuals).items()})
     return one
-
-
-def join_blocks(blocks: Sequence[ResidualBlock]) -> ResidualBlock:
-    """Return blocks of one kind as one."""
-    arrays = [_arrays(block.residuals) for block in blocks]
-    together = {name: np.concatenate([one[name] for one in arrays]) for name in arrays[0]}
-    keys = [keys for block in blocks for keys in block.keys]
-    return ResidualBlock(_with_arrays(blocks[0].residuals, together), keys)
 
 
 def _arrays(residuals: Any) -> dict[str, Array]:

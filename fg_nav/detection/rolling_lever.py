@@ -74,21 +74,44 @@ def estimate_lever(recording: Recording, stances: Stances) -> RollingLever:
 
 def _find_windows(recording: Recording, stances: Stances) -> tuple[Ints, Ints]:
     """First and last sample (K,) about the stillest instant of each stance that has enough of them."""
-    t, (_, gyr) = recording.t, recording.integrable
-    rate = np.linalg.norm(gyr, axis=1)
-    windows = []
-    for start, stop in zip(stances.start, np.minimum(stances.stop, len(t) - 1), strict=True):
-        # The very last sample has no period.
-        still = start + int(np.argmin(rate[start:stop])) if stop > start else start
-        outside = (rate[start:stop] >= LARGEST_RATE_RAD_S) | (np.abs(t[start:stop] - t[still]) >= LONGEST_S)
-        outside[still - start : still - start + 1] = False
-        before, after = np.flatnonzero(outside[: still - start]), np.flatnonzero(outside[still - start :])
-        windows.append(
-            (start + before[-1] + 1 if len(before) else start, still + after[0] - 1 if len(after) else stop - 1)
-        )
-    first, last = np.array(windows, dtype=np.int64).reshape(-1, 2).T
+    # The very last sample has no period.
+    stop = np.minimum(stances.stop, len(recording.t) - 1)
+    first, last = _reach_out(recording.t, recording.integrable[1], stances.start, stop)
     enough = last - first + 1 >= max(4, round(SHORTEST_S / recording.period_s))
     return first[enough], last[enough]
+
+
+@njit(cache=True)
+def _reach_out(t: Floats, gyr: Floats, start: Ints, stop: Ints) -> tuple[Ints, Ints]:
+    """First and last sample (K,) about the stillest of each stance, as far as the foot turns slowly."""
+    first, last = start.copy(), stop - 1
+    for k in range(len(start)):
+        still, least = start[k], np.inf
+        for i in range(start[k], stop[k]):
+            rate = _squared_rate(gyr, i)
+            if rate < least:
+                still, least = i, rate
+        for way in (-1, 1):
+            i = still + way
+            while start[k] <= i < stop[k] and _is_slow(t, gyr, i, still):
+                i += way
+            if start[k] <= i < stop[k]:
+                if way < 0:
+                    first[k] = i + 1
+                else:
+                    last[k] = i - 1
+    return first, last
+
+
+@njit(cache=True)
+def _squared_rate(gyr: Floats, i: int) -> float:
+    return float(gyr[i, 0] ** 2 + gyr[i, 1] ** 2 + gyr[i, 2] ** 2)
+
+
+@njit(cache=True)
+def _is_slow(t: Floats, gyr: Floats, i: int, still: int) -> bool:
+    """Whether a sample is near enough to the stillest, and its rate small enough."""
+    return bool(_squared_rate(gyr, i) < LARGEST_RATE_RAD_S**2 and abs(t[i] - t[still]) < LONGEST_S)
 
 
 def _solve(normal: Floats, right: Floats, noise: float) -> RollingLever:

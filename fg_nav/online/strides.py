@@ -23,7 +23,7 @@ from fg_nav.recording import MIN_SAMPLES, Recording
 from fg_nav.smoother.graph import initial_values
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.preintegration import preintegrate
-from fg_nav.smoother.strides import BIAS_SPACING_S, Nodes, Stride, place_nodes, strides_of
+from fg_nav.smoother.strides import BIAS_SPACING_S, Nodes, Stride, measure_velocities, place_nodes, strides_of
 from fg_nav.stances import Stances
 
 CONTEXT_S = 10.0
@@ -135,14 +135,15 @@ def measure_stride(
 
     Parameters
     ----------
-    gyro_bias, lever : (3,) rad/s, (3,) m, as in `strides_of`.
+    gyro_bias, lever : (3,) rad/s, (3,) m, as in `measure_velocities`.
     rests : what the window shows of them that was not counted before.
     """
     bias = gtsam.imuBias.ConstantBias(np.zeros(3), gyro_bias)
     new = preintegrate(window.recording, window.nodes.sample[window.known :], bias, p)
     in_graph = gtsam.PreintegratedImuMeasurementsG(gtsam.PreintegrationParams.MakeSharedU(p.gravity))
     measurements = chain(repeat(in_graph, window.known), new)
-    strides = strides_of(window.recording, window.stances, window.nodes, measurements, gyro_bias, lever, (), p)
+    velocities = measure_velocities(window.recording, window.stances, window.nodes, gyro_bias, lever, p)
+    strides = strides_of(window.recording, window.nodes, measurements, velocities, ())
     *_, stride = strides
     return replace(
         stride,

@@ -33,8 +33,8 @@ from fg_nav.factors.differential_field import GYRO
 from fg_nav.factors.residual import LETTER_SHIFT, Keys
 from fg_nav.smoother.evidence import MOST_NATS
 from fg_nav.smoother.graph import WalkProblem
-from fg_nav.smoother.linear import LinearWalk, list_keys, stack_factors
-from fg_nav.smoother.solver import list_linear, stack_walk, time_order
+from fg_nav.smoother.linear import LinearWalk, stack_factors
+from fg_nav.smoother.solver import list_in_time, list_linear, stack_walk
 from fg_nav.smoother.strides import Nodes
 
 LEVELS_DEG_S = (6e-4, 2e-3, 6e-3)
@@ -79,7 +79,7 @@ def _split_order(nodes: Nodes) -> tuple[Keys, int]:
     """
     begins = np.flatnonzero(np.diff(nodes.bias[nodes.footfall])) + 1
     at_change = [key(int(j)) for j in begins for key in (X, V)]
-    keys = list_keys(time_order(nodes))
+    keys = list_in_time(nodes)
     is_node = np.isin(keys >> np.uint64(LETTER_SHIFT), _NODE_LETTERS)
     between = is_node & ~np.isin(keys, np.array(at_change, dtype=np.uint64))
     return np.concatenate([keys[between], keys[~between]]), int(between.sum())

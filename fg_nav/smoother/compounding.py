@@ -54,7 +54,8 @@ def compound_samples(
     """Compound samples (N, 3) held for `h` (N,) s between nodes at `sample` (M,), for these biases (3,)."""
     most = sample[-1] - sample[0]
     out = Compound(np.empty((most, 3)), np.empty((most, 3)), np.empty(most), np.zeros(len(sample), np.int64))
-    count = 0
+    state = NavState(np.empty(3), np.empty(3), np.empty((3, 3)), gyro_bias, acc_bias)
+    turn, work, count = np.empty((3, 3)), np.empty((3, 3)), 0
     for k in range(len(sample) - 1):
         i = sample[k]
         while i < sample[k + 1]:
@@ -63,7 +64,7 @@ def compound_samples(
                 write_sample(out, count, force[i], rate[i], h[i])
                 i, count = i + 1, count + 1
             else:
-                _halve(out, count, force, rate, h, i, stop, acc_bias, gyro_bias)
+                _halve(out, count, force, rate, h, i, stop, state, turn, work)
                 i, count = stop, count + 2
         out.first[k + 1] = count
     return Compound(out.force[:count].copy(), out.rate[:count].copy(), out.h[:count].copy(), out.first)
@@ -103,16 +104,18 @@ def _halve(
     h: Floats,
     first: int,
     stop: int,
-    acc_bias: Floats,
-    gyro_bias: Floats,
+    state: NavState,
+    turn: Floats,
+    work: Floats,
 ) -> None:
-    """Write the two samples that stand for the block from `first` to `stop`."""
-    state = NavState(np.zeros(3), np.zeros(3), np.zeros((3, 3)), gyro_bias, acc_bias)
-    turn, push, T = np.empty((3, 3)), np.empty(3), 0.0
-    for axis in range(3):
-        state.nav_R_body[axis, axis] = 1.0
+    """Write the two samples that stand for the block from `first` to `stop`; state, turn and work are to work in."""
+    T, acc_bias, gyro_bias = 0.0, state.acc_bias, state.gyro_bias
+    for k in range(3):
+        state.position[k], state.velocity[k] = 0.0, 0.0
+        for axis in range(3):
+            state.nav_R_body[k, axis] = 1.0 if k == axis else 0.0
     for i in range(first, stop):
-        strapdown(state, force[i], rate[i], h[i], 0.0, turn, push)
+        strapdown(state, force[i], rate[i], h[i], 0.0, turn, work[0])
         T += h[i]
     half, theta = 0.5 * T, rotation_vector(state.nav_R_body)
     x = 0.0
@@ -121,7 +124,7 @@ def _halve(
         x += theta[axis] ** 2
     a, b, c = rotation_series(x)
     to_mean = (1.0 - (1.0 - b * x) / (2.0 * a)) / x if x > 1e-12 else 1.0 / 12.0
-    total, one, other = np.empty(3), np.empty(3), np.empty(3)
+    total, one, other = work[0], work[1], work[2]
     _apply(theta, 1.0, -0.5, to_mean, state.velocity, total)
     _apply(theta, 0.5, b, c, total, other)
     for axis in range(3):

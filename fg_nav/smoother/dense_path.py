@@ -127,12 +127,12 @@ def _integrate(
 ) -> None:
     """Fill in from the state at sample `first` to `last` inclusive, forward or backward."""
     turn, push = np.empty((3, 3)), np.empty(3)
+    state = NavState(p[first].copy(), v[first].copy(), R[first].copy(), gyro_bias, acc_bias)
     way = 1 if last > first else -1
     for i in range(first, last, way):
-        held, to = min(i, i + way), i + way  # a sample holds from its stamp to the next
-        write_state(p[i], v[i], R[i], p, v, R, to)
-        state = NavState(p[to], v[to], R[to], gyro_bias, acc_bias)
+        held = min(i, i + way)  # a sample holds from its stamp to the next
         strapdown(state, acc[held], gyr[held], way * h[held], gravity, turn, push)
+        write_state(state.position, state.velocity, state.nav_R_body, p, v, R, i + way)
 
 
 @njit(cache=True)

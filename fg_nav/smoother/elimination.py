@@ -93,7 +93,7 @@ def _prepare(factors: Factors, fronts: Fronts, columns: int, slots: int) -> tupl
         widest = max(widest, fronts.begins[i + 1] - fronts.begins[i])
     for rows in factors.rows:
         most = max(most, rows)
-    most = max(most, widest)
+    most = max(most, widest) + 3
     work = Work(np.zeros((widest, widest + 1)), np.zeros((most, widest + 1)), np.zeros(columns, np.int64))
     return work, np.zeros((slots, widest, widest + 1))
 
@@ -145,7 +145,7 @@ def _take_factors(factors: Factors, f: int, after: Ints, columns: Ints, work: Wo
     """Take the factors of a queue that begins with `f`; return twice an error."""
     rows, error = 0, 0.0
     while f >= 0:
-        if rows + factors.rows[f] > len(work.new):
+        if rows + factors.rows[f] > len(work.new) - 3:
             error += _reflect(work, n, rows)
             rows = 0
         rows = _add_factor(factors, f, columns, work, n, rows)
@@ -175,6 +175,10 @@ def _reflect(work: Work, n: int, rows: int) -> float:
     """Reflect new rows into the triangle of `n` columns; return the sum of the squares of what is left of b."""
     triangle, new, _ = work
     dot = np.empty(n + 1)
+    # Rows go in fours, the last filled up with zeros, which takes half the time of one by one.
+    for r in range(rows, rows + -rows % 4):
+        for j in range(n + 1):
+            new[r, j] = 0.0
     for k in range(n):
         square = 0.0
         for r in range(rows):
@@ -184,25 +188,40 @@ def _reflect(work: Work, n: int, rows: int) -> float:
         top = triangle[k, k]
         length = np.sqrt(top * top + square)
         head = top + length if top >= 0.0 else top - length
-        scale = 2.0 / (head * head + square)
         for j in range(k + 1, n + 1):
             dot[j] = head * triangle[k, j]
-        for r in range(rows):
-            x = new[r, k]
-            for j in range(k + 1, n + 1):
-                dot[j] += x * new[r, j]
+        _add_products(new, k, n, rows, dot)
         for j in range(k + 1, n + 1):
-            dot[j] *= scale
+            dot[j] *= 2.0 / (head * head + square)
             triangle[k, j] -= head * dot[j]
-        for r in range(rows):
-            x = new[r, k]
-            for j in range(k + 1, n + 1):
-                new[r, j] -= x * dot[j]
+        _take_off(new, k, n, rows, dot)
         triangle[k, k] = -length if top >= 0.0 else length
     error = 0.0
     for r in range(rows):
         error += new[r, n] * new[r, n]
     return error
+
+
+@njit(cache=True)
+def _add_products(new: Floats, k: int, n: int, rows: int, dot: Floats) -> None:
+    """Add to `dot` the products of column `k` of the new rows with those behind it."""
+    for r in range(0, rows, 4):
+        a, b, c, d = new[r, k], new[r + 1, k], new[r + 2, k], new[r + 3, k]
+        for j in range(k + 1, n + 1):
+            dot[j] += a * new[r, j] + b * new[r + 1, j] + c * new[r + 2, j] + d * new[r + 3, j]
+
+
+@njit(cache=True)
+def _take_off(new: Floats, k: int, n: int, rows: int, dot: Floats) -> None:
+    """Take column `k` of the new rows times `dot` off the columns behind it."""
+    for r in range(0, rows, 4):
+        a, b, c, d = new[r, k], new[r + 1, k], new[r + 2, k], new[r + 3, k]
+        for j in range(k + 1, n + 1):
+            y = dot[j]
+            new[r, j] -= a * y
+            new[r + 1, j] -= b * y
+            new[r + 2, j] -= c * y
+            new[r + 3, j] -= d * y
 
 
 @njit(cache=True)

@@ -36,6 +36,7 @@ import numpy as np
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.smoother.evidence import MOST_NATS
 from fg_nav.smoother.strides import SETTLING_TIME_S
+from fg_nav.system.compiled import njit
 from fg_nav.text import format_count
 
 CHANGE = 1.0 / 30.0
@@ -118,8 +119,8 @@ def find_floors(t: Floats, position: Floats, settling_sigma_m: float, unseen: Bo
 def judge_ground(step: Floats, drift_sigma_m: float) -> Ground:
     """Judge the ground under strides `step` (K, 3) m, with c known to this sigma before."""
     noise, chain = estimate_noise(step[:, 2]), _Chain(step)
-    level, total = _pass_forth(chain, noise)
-    level *= _pass_back(chain, noise, total)
+    level, total = _pass_forth(chain.climb, chain.expected, chain.share, noise)
+    level *= _pass_back(chain.climb, chain.expected, chain.share, noise, total)
     log_weight = np.log(total).sum(axis=0) - 0.5 * (DRIFTS_M / drift_sigma_m) ** 2
     weight = np.exp(log_weight - log_weight.max())
     weight /= weight.sum()
@@ -153,38 +154,74 @@ class _Chain:
         self.share = np.repeat(SHARES / np.maximum(counts, 1), counts)
         self.share /= self.share.sum()
 
-    def __len__(self) -> int:
-        return len(self.climb)
 
-    def likelihood(self, k: int, noise: float) -> Floats:
-        """Of stride k for each c and on each ground, (C, S) 1/m."""
-        x = (self.climb[k] - DRIFTS_M[:, None] - self.expected[k]) / noise
-        usual, wide = np.exp(-0.5 * x**2), np.exp(-0.5 * (x / OUTLIER_SCALE) ** 2) / OUTLIER_SCALE
-        found = ((1.0 - OUTLIER_SHARE) * usual + OUTLIER_SHARE * wide) / (np.sqrt(2.0 * np.pi) * noise)
-        found[:, 1] = STEP_SCALE_M / (np.pi * (STEP_SCALE_M**2 + self.climb[k] ** 2))
-        return np.asarray(found)
-
-
-def _pass_forth(chain: _Chain, noise: float) -> tuple[Floats, Floats]:
+@njit(cache=True)
+def _pass_forth(climb: Floats, expected: Floats, share: Floats, noise: float) -> tuple[Floats, Floats]:
     """Probability (K, C) of level ground under each stride by what was seen so far, and of what is seen next."""
-    level, total = np.empty((2, len(chain), len(DRIFTS_M)))
-    seen = np.tile(chain.share, (len(DRIFTS_M), 1))
-    for k in range(len(chain)):
-        seen = ((1.0 - CHANGE) * seen + CHANGE * chain.share) * chain.likelihood(k, noise)
-        total[k] = seen.sum(axis=1)
-        seen /= total[k][:, None]
-        level[k] = seen[:, 0]
+    count, drifts, grounds = len(climb), len(DRIFTS_M), len(share)
+    level, total = np.empty((count, drifts)), np.empty((count, drifts))
+    seen, likely = np.empty((grounds, drifts)), np.empty((grounds, drifts))
+    for s in range(grounds):
+        for c in range(drifts):
+            seen[s, c] = share[s]
+    for k in range(count):
+        _write_likelihood(climb[k], expected[k], noise, likely)
+        for c in range(drifts):
+            total[k, c] = 0.0
+        for s in range(grounds):
+            for c in range(drifts):
+                seen[s, c] = ((1.0 - CHANGE) * seen[s, c] + CHANGE * share[s]) * likely[s, c]
+                total[k, c] += seen[s, c]
+        for s in range(grounds):
+            for c in range(drifts):
+                seen[s, c] /= total[k, c]
+        for c in range(drifts):
+            level[k, c] = seen[0, c]
     return level, total
 
 
-def _pass_back(chain: _Chain, noise: float, total: Floats) -> Floats:
+@njit(cache=True)
+def _pass_back(climb: Floats, expected: Floats, share: Floats, noise: float, total: Floats) -> Floats:
     """By how much (K, C) what is seen after each stride makes level ground under it more probable."""
-    more, after = np.empty_like(total), np.ones((len(DRIFTS_M), len(chain.share)))
-    for k in range(len(chain) - 1, -1, -1):
-        more[k] = after[:, 0]
-        after = after * chain.likelihood(k, noise) / total[k][:, None]
-        after = (1.0 - CHANGE) * after + CHANGE * (after @ chain.share)[:, None]
+    count, drifts, grounds = len(climb), len(DRIFTS_M), len(share)
+    more, after, likely = np.empty((count, drifts)), np.ones((grounds, drifts)), np.empty((grounds, drifts))
+    mean = np.empty(drifts)
+    for k in range(count - 1, -1, -1):
+        _write_likelihood(climb[k], expected[k], noise, likely)
+        for c in range(drifts):
+            more[k, c], mean[c] = after[0, c], 0.0
+        for s in range(grounds):
+            for c in range(drifts):
+                after[s, c] *= likely[s, c] / total[k, c]
+                mean[c] += after[s, c] * share[s]
+        for s in range(grounds):
+            for c in range(drifts):
+                after[s, c] = (1.0 - CHANGE) * after[s, c] + CHANGE * mean[c]
     return more
+
+
+@njit(cache=True)
+def _write_likelihood(climb: float, expected: Floats, noise: float, out: Floats) -> None:
+    """Write the likelihood (S, C) 1/m of the climb of a stride on each ground and for each c.
+
+    On a grid of step d a Gaussian goes from point to point by a factor that goes by exp(-d^2): so it is taken from the
+    point next to its peak outward, where nothing overflows. The narrow one is wide^(`OUTLIER_SCALE`^2).
+    """
+    step, last = (DRIFTS_M[1] - DRIFTS_M[0]) / (OUTLIER_SCALE * noise), len(DRIFTS_M) - 1
+    decay, scale = np.exp(-step * step), 1.0 / (np.sqrt(2.0 * np.pi) * noise)
+    usual, outlying = (1.0 - OUTLIER_SHARE) * scale, OUTLIER_SHARE * scale / OUTLIER_SCALE
+    for s in range(len(expected)):
+        off = climb - expected[s]
+        peak = min(max(int(np.rint((off - DRIFTS_M[0]) / (DRIFTS_M[1] - DRIFTS_M[0]))), 0), last)
+        x = (off - DRIFTS_M[peak]) / (OUTLIER_SCALE * noise)
+        for way in (1, -1):
+            c, wide, fall = peak, np.exp(-0.5 * x * x), np.exp(way * x * step - 0.5 * step * step)
+            while 0 <= c <= last:
+                out[s, c] = usual * wide**9 + outlying * wide
+                wide, fall, c = wide * fall, fall * decay, c + way
+    of_step = STEP_SCALE_M / (np.pi * (STEP_SCALE_M**2 + climb**2))
+    for c in range(last + 1):
+        out[1, c] = of_step
 
 
 def estimate_noise(climb: Floats) -> float:

@@ -26,7 +26,7 @@ from gtsam.symbol_shorthand import B, S, V, X
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.detection import Rest
 from fg_nav.detection.rolling_lever import RollingLever
-from fg_nav.factors.residual import ResidualBlock, join_blocks, read_variables
+from fg_nav.factors.residual import ResidualBlock, read_variables
 from fg_nav.mechanisation import TILT_TIME_S, NavState, nudge_tilt, strapdown
 from fg_nav.recording import Recording
 from fg_nav.smoother.dense_path import fill_path
@@ -39,11 +39,19 @@ from fg_nav.smoother.solver import (
     GtsamFactors,
     LinearizableBlock,
     Solved,
+    list_in_time,
     list_poses,
     minimize,
-    time_order,
 )
-from fg_nav.smoother.strides import Nodes, add_start, add_stride, place_nodes, strides_of, velocity_block
+from fg_nav.smoother.strides import (
+    Nodes,
+    add_start,
+    add_stride,
+    join_velocities,
+    measure_velocities,
+    place_nodes,
+    strides_of,
+)
 from fg_nav.smoother.unseen import find_unseen_walks
 from fg_nav.stances import Stances
 from fg_nav.system.compiled import njit
@@ -141,8 +149,8 @@ class WalkProblem:
 
 def solve(problem: WalkProblem, convergence: float = CONVERGENCE) -> Solved:
     """Minimize the error of a walk, to this difference of promised and true error per variable."""
-    ordering = time_order(problem.nodes, problem.field is not None, problem.floor)
-    return minimize(problem.graph, problem.blocks, problem.values, ordering, convergence)
+    keys = list_in_time(problem.nodes, problem.field is not None, problem.floor)
+    return minimize(problem.graph, problem.blocks, problem.values, keys, convergence)
 
 
 def build_problem(
@@ -158,12 +166,11 @@ def build_problem(
     nodes = place_nodes(recording, stances, p)
     bias = gtsam.imuBias.ConstantBias(np.zeros(3), known.gyro_bias)
     measurements = preintegrate(recording, nodes.sample, bias, p, progress)
-    graph, velocities = gtsam.NonlinearFactorGraph(), []
+    velocities = measure_velocities(recording, stances, nodes, known.gyro_bias, known.lever.lever, p)
+    graph = gtsam.NonlinearFactorGraph()
     add_start(graph, known.gyro_bias_sigma, p)
-    lever = known.lever.lever
-    for stride in strides_of(recording, stances, nodes, measurements, known.gyro_bias, lever, known.rests, p):
+    for stride in strides_of(recording, nodes, measurements, velocities, known.rests):
         add_stride(graph, stride, p)
-        velocities.append(velocity_block(stride))
     drop_pages()
     return WalkProblem(
         recording,
@@ -173,7 +180,7 @@ def build_problem(
         heading_known,
         StartPrior(nav_R_body, GAUGE_SIGMA),
         graph,
-        join_blocks(velocities),
+        join_velocities(velocities, nodes),
         initial_values(recording, stances, nodes, nav_R_body, known.gyro_bias, p.gravity),
     )
 
@@ -200,10 +207,10 @@ def initial_values(
         gyro_bias,
         gravity,
     )
-    values = gtsam.Values()
-    rest = np.zeros(3)
-    for j in range(len(nodes)):
-        values.insert(X(j), gtsam.Pose3(gtsam.Rot3(attitude[j]), position[j]))
+    values, pose = gtsam.Values(), np.tile(np.eye(4), (len(nodes), 1, 1))
+    pose[:, :3, :3], pose[:, :3, 3], rest = attitude, position, np.zeros(3)
+    for j, one in enumerate(pose):
+        values.insert(X(j), gtsam.Pose3(one))
         values.insert(V(j), rest)
     bias = gtsam.imuBias.ConstantBias(rest, gyro_bias)
     for k in range(nodes.bias[-1] + 1):

@@ -36,31 +36,32 @@ EXACT_WEIGHT = 1e6
 
 def stack_factors(factors: Iterable[gtsam.GaussianFactor]) -> list[Stack]:
     """Stack linear factors of gtsam, those alike together, `MOST_STACKED` at most."""
-    piles: dict[tuple[int, ...], list[tuple[list[int], Floats]]] = {}
+    # Keys one behind the other, as thousands of small lists would have the interpreter look for garbage.
+    piles: dict[tuple[int, ...], tuple[list[int], list[Floats]]] = {}
     stacks = []
     for factor in factors:
         A_b, of = _augment(factor), factor.keys()
-        pile = piles.setdefault((*A_b.shape, len(of)), [])
-        pile.append((of, A_b))
-        if len(pile) == MOST_STACKED:
-            stacks.append(_stack(pile))
-            pile.clear()
-    return [*stacks, *(_stack(pile) for pile in piles.values() if pile)]
+        keys, rows = piles.setdefault((*A_b.shape, len(of)), ([], []))
+        keys.extend(of)
+        rows.append(A_b)
+        if len(rows) == MOST_STACKED:
+            stacks.append(_stack(keys, rows))
+            keys.clear()
+            rows.clear()
+    return [*stacks, *(_stack(*pile) for pile in piles.values() if pile[1])]
 
 
-def _stack(pile: Sequence[tuple[list[int], Floats]]) -> Stack:
-    """Stack linear factors alike, with their keys."""
-    rows = empty_column(len(pile), *pile[0][1].shape)
-    np.stack([A_b for _, A_b in pile], out=rows)
+def _stack(keys: Sequence[int], rows: Sequence[Floats]) -> Stack:
+    """Stack linear factors alike, with their keys one behind the other."""
+    stacked = empty_column(len(rows), *rows[0].shape)
+    np.stack(rows, out=stacked)
     drop_pages()
-    return Stack(np.array([of for of, _ in pile], dtype=np.uint64), rows)
+    return Stack(np.array(keys, dtype=np.uint64).reshape(len(rows), -1), stacked)
 
 
 def _augment(factor: gtsam.GaussianFactor) -> Floats:
     """A and b (r, d + 1) of a linear factor, divided by its sigmas."""
-    if not isinstance(factor, gtsam.JacobianFactor):
-        factor = gtsam.JacobianFactor(factor)
-    if not factor.isConstrained():
+    if not (isinstance(factor, gtsam.JacobianFactor) and factor.isConstrained()):
         return factor.augmentedJacobian()
     sigmas = factor.get_model().sigmas()
     weight = np.divide(1.0, sigmas, out=np.full(len(sigmas), EXACT_WEIGHT), where=sigmas > 0.0)
@@ -70,6 +71,12 @@ def _augment(factor: gtsam.GaussianFactor) -> Floats:
 def list_keys(ordering: gtsam.Ordering) -> Keys:
     """List the keys of an ordering."""
     return np.array([ordering.at(i) for i in range(ordering.size())], dtype=np.uint64)
+
+
+def find_sizes(keys: Keys) -> Ints:
+    """Find the dimensions (V,) of the variables."""
+    letter, kind = np.unique(keys >> np.uint64(LETTER_SHIFT), return_inverse=True)
+    return np.array([DIMENSION[one] for one in letter.tolist()], dtype=np.int64)[kind]
 
 
 @dataclass(frozen=True)
@@ -111,7 +118,7 @@ class LinearWalk:
 
     @cached_property
     def _size(self) -> Ints:
-        return np.array([DIMENSION[letter] for letter in (self.keys >> np.uint64(LETTER_SHIFT)).tolist()])
+        return find_sizes(self.keys)
 
     def _eliminate(self, end: int) -> tuple[Fronts, Floats, LinearWalk]:
         factors = _chain(self.factors)

@@ -31,6 +31,7 @@ from fg_nav.sample_noise import find_extra_sigmas
 from fg_nav.smoother.compounding import compound_samples
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.unseen import find_unseen_walks
+from fg_nav.system.compiled import njit
 from fg_nav.system.spilled import drop_pages
 
 POSITION_DENSITY = 1e-3
@@ -111,15 +112,23 @@ class _ExtraNoise:
 
 def _interval_covariances(recording: Recording, sample: Ints, p: SmootherParameters) -> tuple[Floats, Floats]:
     """Squared noise densities (M-1, 3, 3) of specific force and rate in each interval, without the extra variances."""
-    off_gravity = np.sqrt((recording.acc**2).sum(axis=1)) - p.gravity
-    rate_squared = (recording.gyr**2).sum(axis=1)
-    acc = p.acc_density**2 + (p.acc_relative_density * off_gravity) ** 2
-    gyr = np.radians(p.gyr_density_deg_s) ** 2 + p.gyr_relative_density**2 * rate_squared
-    h = np.append(np.diff(recording.t), recording.period_s)
-    return _means(acc, h, sample)[:, None, None] * np.eye(3), _means(gyr, h, sample)[:, None, None] * np.eye(3)
+    acc, gyr = _mean_squares(recording.t, recording.acc, recording.gyr, sample, p.gravity)
+    acc = p.acc_density**2 + p.acc_relative_density**2 * acc
+    gyr = np.radians(p.gyr_density_deg_s) ** 2 + p.gyr_relative_density**2 * gyr
+    return acc[:, None, None] * np.eye(3), gyr[:, None, None] * np.eye(3)
 
 
-def _means(values: Floats, h: Floats, sample: Ints) -> Floats:
-    """Mean (M-1,) over the time from each node to the next of values (N,), each held for `h` (N,) seconds."""
-    total, elapsed = np.append(0.0, np.cumsum(values * h)), np.append(0.0, np.cumsum(h))
-    return np.asarray(np.diff(total[sample]) / np.diff(elapsed[sample]))
+@njit(cache=True)
+def _mean_squares(t: Floats, acc: Floats, gyr: Floats, sample: Ints, gravity: float) -> tuple[Floats, Floats]:
+    """Mean squares (M-1,) of |f| - g and |w| over the time from each node to the next."""
+    off_gravity, rate = np.zeros(len(sample) - 1), np.zeros(len(sample) - 1)
+    for k in range(len(sample) - 1):
+        for i in range(sample[k], sample[k + 1]):
+            h = t[i + 1] - t[i]
+            force = np.sqrt(acc[i, 0] ** 2 + acc[i, 1] ** 2 + acc[i, 2] ** 2)
+            off_gravity[k] += (force - gravity) ** 2 * h
+            rate[k] += (gyr[i, 0] ** 2 + gyr[i, 1] ** 2 + gyr[i, 2] ** 2) * h
+        duration = t[sample[k + 1]] - t[sample[k]]
+        off_gravity[k] /= duration
+        rate[k] /= duration
+    return off_gravity, rate

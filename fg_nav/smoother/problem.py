@@ -20,9 +20,9 @@ strides shows it. With a graph that is linear about its minimum, and all that do
 
     -log p(z | k) = E + log|R| + 1/2 sum_i log|S_i(k)|                 (Laplace; MacKay 2003, section 27)
 
-E the error at the minimum, R the triangle of its square-root information, S_i the noise covariance of inertial
-factor i. The largest k is taken whose evidence is within `MOST_NATS` of the best: what the walk does not show stays
-pessimistic.
+E the error at the minimum, R the triangle of its square-root information, S_i the noise covariance of inertial factor
+i. It is linearized at the minimum with the largest k. The largest k is taken whose evidence is within `MOST_NATS` of
+the best: what the walk does not show stays pessimistic.
 
 Peaks of the rate that were clipped are rebuilt from their flanks (`fg_nav.samples.saturation`). What that is off by is
 common to a gait, a sensor and its low-pass: one factor a walk on all, with the prior 1 +- `OFF_SHARE`, is chosen among
@@ -38,7 +38,7 @@ The noise covariance of an interval is linear in k^2, so two preintegrations giv
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import cast
 
@@ -50,15 +50,17 @@ from fg_nav.detection import Rest
 from fg_nav.detection.rest import find_start
 from fg_nav.detection.rolling_lever import RollingLever, estimate_lever
 from fg_nav.errors import EstimationError
+from fg_nav.factors.residual import Stack
 from fg_nav.recording import Recording
 from fg_nav.samples.saturation import OFF_SHARE
 from fg_nav.smoother.bias_walk import choose_bias_walk
 from fg_nav.smoother.evidence import MOST_NATS
 from fg_nav.smoother.graph import Known, WalkProblem, build_problem, solve
+from fg_nav.smoother.linear import LinearWalk
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.preintegration import preintegrate
 from fg_nav.smoother.refused_stances import weaken_refused_stances
-from fg_nav.smoother.solver import FIRST_CONVERGENCE, minimize, time_order
+from fg_nav.smoother.solver import FIRST_CONVERGENCE, list_in_time, minimize, stack_walk
 from fg_nav.smoother.strides import INERTIAL_KEYS
 from fg_nav.stances import Stances
 from fg_nav.system.memory import return_freed
@@ -116,8 +118,7 @@ def _measure_evidence(
     evidences, strides = [], 0
     for piece_recording, piece_stances in _pieces(recording, stances):
         try:
-            piece = _Piece(piece_recording, piece_stances, known, p)
-            evidences.append([piece.minus_log_evidence(level) for level in levels])
+            evidences.append(_Piece(piece_recording, piece_stances, known, p).measure_evidence(levels))
         except EstimationError:
             continue
         strides += piece_stances.n_footfalls - 1
@@ -213,19 +214,37 @@ class _Piece:
         high = preintegrate(recording, self._problem.nodes.sample, bias, with_some)
         self._at_zero = np.array([f.preintegratedMeasurements().preintMeasCov() for _, f in self._inertial])
         seen = (measured for measured in high if isinstance(measured, gtsam.PreintegratedImuMeasurementsG))
-        self._ordering = time_order(self._problem.nodes)
+        self._keys = list_in_time(self._problem.nodes)
         self._by_square = np.array([measured.preintMeasCov() for measured in seen]) - self._at_zero
 
-    def minus_log_evidence(self, level: float) -> float:
-        """Of the swing noise `level`, up to a constant."""
-        covariance = self._at_zero + (level / _BASE[1]) ** 2 * self._by_square
+    def measure_evidence(self, levels: Sequence[float]) -> list[float]:
+        """-log evidence of these levels of swing noise, up to a constant; linear about the minimum of the first."""
         graph, blocks = self._problem.graph, self._problem.blocks
-        for (i, factor), noise in zip(self._inertial, covariance, strict=True):
-            graph.replace(i, factor.cloneWithNewNoiseModel(gtsam.noiseModel.Gaussian.Covariance(noise)))
-        solved = minimize(graph, blocks, self._problem.values, self._ordering)
-        self._problem = replace(self._problem, values=solved.values)
-        return float(solved.error + solved.volume + 0.5 * np.linalg.slogdet(covariance)[1].sum())
+        noise = map(gtsam.noiseModel.Gaussian.Covariance, self.covariances(levels[0]))
+        for (i, factor), one in zip(self._inertial, noise, strict=True):
+            graph.replace(i, factor.cloneWithNewNoiseModel(one))
+        values = minimize(graph, blocks, self._problem.values, self._keys).values
+        # The same without noise, which is divided by level by level.
+        for i, factor in self._inertial:
+            graph.replace(i, factor.cloneWithNewNoiseModel(_UNIT))
+        self._problem = replace(self._problem, values=values)
+        stacks = stack_walk(graph, blocks, values)
+        inertial = next(one for one in stacks if one.keys.shape[1] == INERTIAL_KEYS)
+        others = [one for one in stacks if one is not inertial]
+        return [self._measure_level(level, inertial, others) for level in levels]
 
+    def _measure_level(self, level: float, inertial: Stack, others: Sequence[Stack]) -> float:
+        root = np.linalg.cholesky(self.covariances(level))
+        whitened = Stack(inertial.keys, np.linalg.solve(root, inertial.rows))
+        _, left = LinearWalk.of([whitened, *others], self._keys).eliminate()
+        return float(left.error + left.volume + np.log(np.diagonal(root, axis1=1, axis2=2)).sum())
+
+    def covariances(self, level: float) -> Floats:
+        """Noise covariances (K, 9, 9) of the inertial factors."""
+        return np.asarray(self._at_zero + (level / _BASE[1]) ** 2 * self._by_square)
+
+
+_UNIT = gtsam.noiseModel.Unit.Create(9)
 
 _BASE = (0.0, 1e-3)
 """The two levels that are integrated, 1/sqrt(Hz): without noise of the swing, and with some."""

@@ -25,13 +25,13 @@ from typing import TYPE_CHECKING, Protocol
 
 import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import B, M, S, V, X, Z
+from gtsam.symbol_shorthand import B, X
 from scipy.linalg.lapack import dtrtri
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import EstimationError, FgNavError
-from fg_nav.factors.residual import LETTER_SHIFT, POSE, Stack, read_variables
-from fg_nav.smoother.linear import DIMENSION, LinearWalk, list_keys, stack_factors
+from fg_nav.factors.residual import LETTER_SHIFT, POSE, Keys, Stack, read_variables
+from fg_nav.smoother.linear import DIMENSION, LinearWalk, stack_factors
 from fg_nav.smoother.square_root import SquareRoot
 from fg_nav.smoother.strides import Nodes
 from fg_nav.solution import StanceTable
@@ -91,7 +91,7 @@ class GtsamFactors:
 
     def stack(self, values: gtsam.Values) -> list[Stack]:
         """Return the same as arrays."""
-        return stack_factors(self.linearize(values))
+        return stack_factors(map(gtsam.JacobianFactor, self.linearize(values)))
 
     def factors(self) -> Iterator[gtsam.NonlinearFactor]:
         """Yield them one by one."""
@@ -109,23 +109,27 @@ def time_order(nodes: Nodes, with_field: bool = False, floor: Ints | None = None
     footfall on them, of which `floor` (F,) has the number.
     """
     ordering = gtsam.Ordering()
-    bias = nodes.bias[nodes.footfall]
-    footfall = {int(j): k for k, j in enumerate(nodes.result)} if with_field else {}
-    last_on = {} if floor is None else dict(zip(floor.tolist(), nodes.result.tolist(), strict=True))
-    leaves = {j: number for number, j in last_on.items() if number >= 0}
-    for j in range(len(nodes)):
-        if j > 0 and bias[j] != bias[j - 1]:
-            ordering.push_back(S(bias[j - 1]))
-            ordering.push_back(B(bias[j - 1]))
-        ordering.push_back(X(j))
-        ordering.push_back(V(j))
-        if j in footfall:
-            ordering.push_back(M(footfall[j]))
-        if j in leaves:
-            ordering.push_back(Z(leaves[j]))
-    ordering.push_back(S(bias[-1]))
-    ordering.push_back(B(bias[-1]))
+    for key in list_in_time(nodes, with_field, floor).tolist():
+        ordering.push_back(key)
     return ordering
+
+
+def list_in_time(nodes: Nodes, with_field: bool = False, floor: Ints | None = None) -> Keys:
+    """Keys in the order in which the variables are eliminated: see `time_order`."""
+    number, bias = np.arange(len(nodes)), nodes.bias[nodes.footfall]
+    ends = np.flatnonzero(np.diff(bias, append=bias[-1] + 1))
+    # Behind which node each variable follows, and in which order there.
+    parts = [("x", number, number), ("v", number, number)]
+    if with_field:
+        parts.append(("m", np.arange(len(nodes.result)), nodes.result))
+    if floor is not None:
+        last_on = dict(zip(floor.tolist(), nodes.result.tolist(), strict=True))
+        left = np.array(sorted(one for one in last_on.items() if one[0] >= 0), dtype=np.int64).reshape(-1, 2)
+        parts.append(("z", left[:, 0], left[:, 1]))
+    parts += [("s", bias[ends], ends), ("b", bias[ends], ends)]
+    keys = np.concatenate([(ord(letter) << LETTER_SHIFT) + of.astype(np.uint64) for letter, of, _ in parts])
+    behind = np.concatenate([node for _, _, node in parts])
+    return keys[np.argsort(behind, kind="stable")]
 
 
 @dataclass(frozen=True)
@@ -152,7 +156,7 @@ def minimize(
     graph: gtsam.NonlinearFactorGraph,
     blocks: Sequence[LinearizableBlock],
     values: gtsam.Values,
-    ordering: gtsam.Ordering,
+    keys: Keys,
     convergence: float = CONVERGENCE,
     largest_steps: int = LARGEST_STEPS,
 ) -> Solved:
@@ -160,6 +164,8 @@ def minimize(
 
     Parameters
     ----------
+    keys
+        Of all variables, in the order of their elimination.
     convergence
         Largest difference of promised and true error per variable.
 
@@ -168,7 +174,7 @@ def minimize(
     EstimationError
         If the equations have no unique solution, or no minimum is found in `largest_steps`.
     """
-    error, keys = np.inf, list_keys(ordering)
+    error = np.inf
     for steps in range(1, largest_steps + 1):
         linearized_at = values
         root, left = LinearWalk.of(stack_walk(graph, blocks, values), keys).eliminate()
@@ -347,23 +353,20 @@ def stance_table(
 
     `shared` has by how much each variable is moved (d, n) by numbers of unit covariance that the tree does not hold.
     """
-    pose_keys = [X(j) for j in nodes.result]
-    bias_keys = [B(k) for k in nodes.bias]
-    covariance = solved.root.covariances({*pose_keys, *bias_keys})
-    if shared:
-        covariance = {key: own + shared[key] @ shared[key].T for key, own in covariance.items()}
+    pose_keys, bias_keys = [X(j) for j in nodes.result], [B(k) for k in range(int(nodes.bias[-1]) + 1)]
+    body, of_bias = (_list_covariances(keys, solved.root, shared) for keys in (pose_keys, bias_keys))
+    bias_variance = np.diagonal(of_bias, axis1=1, axis2=2)[nodes.bias]
+    bias = np.array([solved.values.atConstantBias(key).gyroscope() for key in bias_keys])
     poses = list_poses(nodes.result, solved.values)
     attitude, position = poses[:, :3, :3].copy(), poses[:, :3, 3].copy()
-    body = np.array([covariance[key] for key in pose_keys])
     pose_cov = in_nav(attitude, body)
-    bias_variance = np.array([np.diagonal(covariance[key]) for key in bias_keys])
     sample = nodes.sample[nodes.result]
     return StanceTable(
         sample=sample,
         t=t[sample],
         position=position,
         nav_R_body=attitude,
-        gyro_bias=np.array([solved.values.atConstantBias(key).gyroscope() for key in bias_keys]),
+        gyro_bias=bias[nodes.bias],
         position_cov=pose_cov[:, :3, :3],
         heading_sigma=np.sqrt(pose_cov[:, 3, 3]),
         gyro_bias_sigma=np.sqrt(bias_variance[:, 3:]),
@@ -371,3 +374,12 @@ def stance_table(
         field_reason=verdict.reason,
         pose_cov=pose_cov,
     )
+
+
+def _list_covariances(keys: Sequence[int], root: SquareRoot, shared: Mapping[int, Floats]) -> Floats:
+    """Covariances (K, d, d) of variables of a kind, with what is `shared`."""
+    own = root.joint_covariances([[key] for key in keys])
+    if not shared:
+        return own
+    moved = np.array([shared[key] for key in keys])
+    return np.asarray(own + moved @ np.swapaxes(moved, 1, 2))

@@ -26,16 +26,14 @@ from fg_nav.smoother.fronts import Fronts, descend, rise
 
 
 class SquareRoot:
-    """R of a solved walk: `first` has the first column of each of its variables, of `total`; `step` (N,) is R^-1 r.
+    """R of a solved walk, of `total` columns; `step` (N,) is R^-1 r.
 
     It is made of the fronts, r (N,), and the keys and sizes (V,) of the variables, in the order of elimination.
     """
 
     def __init__(self, fronts: Fronts, right: Floats, keys: Keys, size: Ints) -> None:
-        self._fronts, self._order = fronts, np.argsort(keys)
-        self._known, self._begins = keys[self._order], np.cumsum(size) - size
-        self.first = dict(zip(keys.tolist(), self._begins.tolist(), strict=True))
-        self._size = dict(zip(keys.tolist(), size.tolist(), strict=True))
+        self._fronts, self._keys, self._order = fronts, keys, np.argsort(keys)
+        self._known, self._begins, self._size = keys[self._order], np.cumsum(size) - size, size
         self.total = len(right)
         self.step = self.descend(right[:, None])[:, 0]
 
@@ -48,7 +46,7 @@ class SquareRoot:
     def find_columns(self, keys: Sequence[Sequence[int]] | Keys) -> Ints:
         """Return the columns (K, d) of the variables (K, n) of K factors of a kind."""
         place = self._order[np.searchsorted(self._known, np.asarray(keys, dtype=np.uint64))]
-        size = [self._size[int(key)] for key in keys[0]]
+        size = self._size[place[0]]
         within = np.concatenate([np.arange(d) for d in size])
         return np.asarray(np.repeat(self._begins[place], size, axis=1) + within)
 
@@ -68,7 +66,8 @@ class SquareRoot:
         """Return the covariance (d, d) of each of these variables."""
         by_size: dict[int, list[int]] = {}
         for key in keys:
-            by_size.setdefault(self._size[key], []).append(key)
+            size = self._size[self._order[np.searchsorted(self._known, np.uint64(key))]]
+            by_size.setdefault(int(size), []).append(key)
         found: dict[int, Floats] = {}
         for of in by_size.values():
             found.update(zip(of, self.joint_covariances([[key] for key in of]), strict=True))
@@ -89,7 +88,9 @@ class SquareRoot:
 
     def split(self, X: Floats) -> dict[int, Floats]:
         """Split the rows of X (N, n) by variable."""
-        return {key: X[first : first + self._size[key]] for key, first in self.first.items()}
+        ends = (self._begins + self._size).tolist()
+        rows = zip(self._keys.tolist(), self._begins.tolist(), ends, strict=True)
+        return {key: X[first:end] for key, first, end in rows}
 
     def quadratic_forms(self, groups: Groups) -> Floats:
         """Return G^T P G (F, n, n) of each group."""

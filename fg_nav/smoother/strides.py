@@ -32,13 +32,14 @@ from gtsam.symbol_shorthand import B, S, V, X
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.detection import Rest
-from fg_nav.factors.residual import ResidualBlock, factor_of
+from fg_nav.factors.residual import ResidualBlock, factor_of, one_of
 from fg_nav.factors.unseen_walk import UnseenWalk
 from fg_nav.factors.zero_velocity import StanceVelocity, zero_rate_factor
 from fg_nav.recording import Recording
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.preintegration import Measurement
 from fg_nav.stances import Stances
+from fg_nav.system.compiled import njit
 
 LONG_STANCE_S = 0.5
 """Beyond this length of a stance, nodes stand `REST_SPACING_S` apart."""
@@ -77,12 +78,9 @@ class Nodes:
 def place_nodes(recording: Recording, stances: Stances, p: SmootherParameters) -> Nodes:
     """Place the nodes of all stances."""
     stillest = stances.stillest(recording.gyr)
-    per_interval = [
-        _interval_nodes(recording.t, start, stop, stillest[footfall], p)
-        for start, stop, footfall in zip(stances.start, stances.stop, stances.footfall, strict=True)
-    ]
-    sample = np.concatenate(per_interval)
-    interval = np.repeat(np.arange(len(stances)), [len(nodes) for nodes in per_interval])
+    at = stillest[stances.footfall]
+    sample, count = _list_nodes(recording.t, stances.start, stances.stop, at, p.node_spacing_s, p.shortest_interval_s)
+    interval = np.repeat(np.arange(len(stances)), count)
     footfall = stances.footfall[interval]
     first = np.searchsorted(footfall, np.arange(stances.n_footfalls + 1))
     return Nodes(
@@ -96,28 +94,62 @@ def _biases(t: Floats, p: SmootherParameters) -> Ints:
     return np.cumsum(np.diff(spacing, prepend=spacing[0]) > 0)
 
 
-def _interval_nodes(t: Floats, start: int, stop: int, stillest: int, p: SmootherParameters) -> Ints:
-    """Nodes of one stance interval: evenly spaced, the one nearest to the stillest sample moved onto it."""
-    duration = t[stop - 1] - t[start]
-    if duration < 2 * p.shortest_interval_s:
-        return np.array([stillest if start <= stillest < stop else (start + stop) // 2])
+@njit(cache=True)
+def _list_nodes(
+    t: Floats, start: Ints, stop: Ints, stillest: Ints, spacing: float, shortest: float
+) -> tuple[Ints, Ints]:
+    """Nodes of all stance intervals, and how many (S,) each has."""
+    most = 0
+    for k in range(len(start)):
+        most += _count_pieces(t[stop[k] - 1] - t[start[k]], spacing, shortest) + 1
+    out, count, filled = np.empty(most, np.int64), np.zeros(len(start), np.int64), 0
+    for k in range(len(start)):
+        pieces = _count_pieces(t[stop[k] - 1] - t[start[k]], spacing, shortest)
+        nodes = out[filled : filled + pieces + 1]
+        _space_nodes(nodes, start[k], stop[k], stillest[k])
+        count[k] = _keep_apart(t, nodes, stillest[k], shortest)
+        filled += count[k]
+    return out[:filled].copy(), count
+
+
+@njit(cache=True)
+def _count_pieces(duration: float, spacing: float, shortest: float) -> int:
+    """Pieces into which the nodes of an interval cut it; none where it has one node."""
+    if duration < 2 * shortest:
+        return 0
     dense = min(duration, LONG_STANCE_S)
-    pieces = np.ceil(dense / p.node_spacing_s) + np.ceil((duration - dense) / REST_SPACING_S)
-    nodes = np.round(np.linspace(start, stop - 1, int(pieces) + 1)).astype(np.int64)
-    if start <= stillest < stop:
-        nodes[np.argmin(np.abs(nodes - stillest))] = stillest
-    return _apart(t, nodes, stillest, p.shortest_interval_s)
+    return int(np.ceil(dense / spacing) + np.ceil((duration - dense) / REST_SPACING_S))
 
 
-def _apart(t: Floats, nodes: Ints, keep: int, shortest: float) -> Ints:
-    """Drop nodes that follow another too closely, but never `keep`."""
-    kept = [nodes[0]]
-    for node in nodes[1:]:
-        if t[node] - t[kept[-1]] >= shortest:
-            kept.append(node)
-        elif node == keep:
-            kept[-1] = node
-    return np.array(kept, dtype=np.int64)
+@njit(cache=True)
+def _space_nodes(nodes: Ints, start: int, stop: int, stillest: int) -> None:
+    """Place the nodes of one interval: evenly spaced, the one nearest to the stillest sample moved onto it."""
+    last, inside = len(nodes) - 1, start <= stillest < stop
+    if last == 0:
+        nodes[0] = stillest if inside else (start + stop) // 2
+        return
+    step, nearest = (stop - 1 - start) / last, 0
+    for k in range(last):
+        nodes[k] = int(np.rint(k * step + start))
+    nodes[last] = stop - 1
+    for k in range(len(nodes)):
+        if abs(nodes[k] - stillest) < abs(nodes[nearest] - stillest):
+            nearest = k
+    if inside:
+        nodes[nearest] = stillest
+
+
+@njit(cache=True)
+def _keep_apart(t: Floats, nodes: Ints, keep: int, shortest: float) -> int:
+    """Move the nodes that stay to the front, without those that follow another too closely, but never `keep`."""
+    count = 1
+    for k in range(1, len(nodes)):
+        if t[nodes[k]] - t[nodes[count - 1]] >= shortest:
+            nodes[count] = nodes[k]
+            count += 1
+        elif nodes[k] == keep:
+            nodes[count - 1] = nodes[k]
+    return count
 
 
 INERTIAL_KEYS = 5
@@ -164,17 +196,10 @@ STANDS_S = 1.5
 """No walk has stances so long: the foot stands, and its sole has settled."""
 
 
-def strides_of(
-    recording: Recording,
-    stances: Stances,
-    nodes: Nodes,
-    measurements: Iterator[Measurement],
-    gyro_bias: Floats,
-    lever: Floats,
-    rests: tuple[Rest, ...],
-    p: SmootherParameters,
-) -> Iterator[Stride]:
-    """Yield the strides of a walk in order; `gyro_bias` (3,) rad/s is the one the lever's velocity is taken with."""
+def measure_velocities(
+    recording: Recording, stances: Stances, nodes: Nodes, gyro_bias: Floats, lever: Floats, p: SmootherParameters
+) -> StanceVelocity:
+    """Velocities of the stances at all nodes; `gyro_bias` (3,) rad/s is the one the lever's velocity is taken with."""
     reach = max(1, round(UNREST_REACH_S / recording.period_s))
     rate = _about_nodes(recording.gyr, stances, nodes, reach) - gyro_bias
     off_gravity = np.linalg.norm(recording.acc, axis=1, keepdims=True) - p.gravity
@@ -182,6 +207,17 @@ def strides_of(
     body_velocity = np.cross(rate, lever)
     sinks_per_m = _sinking(recording.t, stances, p)[nodes.footfall]
     settling, sigma = _stance_noise(sinks_per_m, rate, off_gravity, p)
+    return StanceVelocity(body_velocity, settling, sigma, sinks_per_m)
+
+
+def strides_of(
+    recording: Recording,
+    nodes: Nodes,
+    measurements: Iterator[Measurement],
+    velocities: StanceVelocity,
+    rests: tuple[Rest, ...],
+) -> Iterator[Stride]:
+    """Yield the strides of a walk in order, of its measurements and its velocities at the nodes."""
     t = recording.t[nodes.sample[nodes.result]]
     begun = t[np.flatnonzero(np.diff(nodes.bias, prepend=-1))]
     rests_of = _by_footfall(rests, nodes)
@@ -193,9 +229,7 @@ def strides_of(
             bias_before=nodes.bias[max(k - 1, 0)],
             bias_age_s=t[k] - begun[nodes.bias[max(k - 1, 0)]],
             measurements=[next(measurements) for _ in range(max(first, 1), last)],
-            velocity=StanceVelocity(
-                body_velocity[first:last], settling[first:last], sigma[first:last], sinks_per_m[first:last]
-            ),
+            velocity=one_of(velocities, slice(first, last)),
             rests=rests_of.get(k, []),
         )
 
@@ -209,6 +243,12 @@ def add_stride(graph: gtsam.NonlinearFactorGraph, stride: Stride, p: SmootherPar
 def velocity_block(stride: Stride) -> ResidualBlock:
     """Return the velocities of a stride's stance, with their keys."""
     return ResidualBlock(stride.velocity, [(X(j), V(j), S(stride.bias)) for j in range(stride.first, stride.last)])
+
+
+def join_velocities(velocities: StanceVelocity, nodes: Nodes) -> ResidualBlock:
+    """Return those of all strides of a walk."""
+    bias = nodes.bias[nodes.footfall].tolist()
+    return ResidualBlock(velocities, [(X(j), V(j), S(k)) for j, k in enumerate(bias)])
 
 
 def stride_graph(stride: Stride, p: SmootherParameters) -> gtsam.NonlinearFactorGraph:

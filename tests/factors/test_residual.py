@@ -20,7 +20,7 @@ from fg_nav.factors import (
     residual,
 )
 from fg_nav.factors.magnetic_field import SIZE
-from fg_nav.factors.residual import join_blocks, one_of
+from fg_nav.factors.residual import one_of
 from tests.factors.derivatives import assert_jacobians_are_derivatives, jacobians
 
 COUNT = 5
@@ -127,14 +127,6 @@ def test_a_linear_factor_is_the_residual_wherever_it_is():
         assert linear.error(values) == pytest.approx(factor.error(values), rel=1e-9)
         for a, b in zip(linear.linearize(values).jacobian(), factor.linearize(values).jacobian(), strict=True):
             np.testing.assert_allclose(a, b, atol=1e-9)
-
-
-def test_joined_blocks_are_both():
-    (first, values), (second, _) = random_blocks(7), random_blocks(8)
-    both = join_blocks([first["stance velocity"], second["stance velocity"]])
-    alone = [blocks["stance velocity"].error(values) for blocks in (first, second)]
-    assert len(both) == 2 * COUNT
-    assert both.error(values) == pytest.approx(sum(alone))
 
 
 def test_a_block_of_none_has_no_error():

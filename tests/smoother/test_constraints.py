@@ -29,6 +29,7 @@ from fg_nav.smoother.constraints import (
     off_line,
 )
 from fg_nav.smoother.floors import LEVEL_SIGMA_M
+from fg_nav.smoother.linear import list_keys
 from fg_nav.smoother.parameters import WalkParameters
 from fg_nav.smoother.solver import LinearizableBlock, Solved, marginal_covariances, minimize, time_order
 from tests.factors.straight import straight_walk_factor, straight_walk_noise
@@ -82,7 +83,7 @@ def on_floors(poses: list[gtsam.Pose3], floor: Ints, sigma: Floats) -> Solved:
     for k in range(count):
         values.insert(Z(k), np.zeros(1))
     block = constrain_heights(np.arange(len(poses)), floor, LEVEL_SIGMA_M)
-    return minimize(dead_reckoned(poses, sigma), [block], values, order(len(poses), count), 1e-6, 50)
+    return minimize(dead_reckoned(poses, sigma), [block], values, list_keys(order(len(poses), count)), 1e-6, 50)
 
 
 def anywhere(count: int, seed: int = 0) -> gtsam.Values:
@@ -217,7 +218,7 @@ def course_after(turn: Floats, drift: float) -> float:
     blocks = [find_courses(np.arange(count), positions(values, count))]
     ordering = order(count)
     ordering.push_back(BIAS)
-    solved = minimize(graph, blocks, values, ordering, 1e-6, 50)
+    solved = minimize(graph, blocks, values, list_keys(ordering), 1e-6, 50)
     return float(solved.values.atPose3(X(count - 1)).rotation().yaw())
 
 

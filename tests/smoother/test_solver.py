@@ -43,7 +43,7 @@ def run(
     largest_steps: int = 25,
 ) -> Solved:
     """Solve a graph that is no walk."""
-    return minimize(graph, [], values, ordering(*keys), convergence, largest_steps)
+    return minimize(graph, [], values, np.array(keys, dtype=np.uint64), convergence, largest_steps)
 
 
 def test_a_walk_takes_few_steps_to_its_minimum() -> None:

@@ -13,7 +13,7 @@ from fg_nav.arrays import Floats
 from fg_nav.detection import detect_stances, find_rests
 from fg_nav.detection.rolling_lever import estimate_lever
 from fg_nav.factors import guarded_factor
-from fg_nav.factors.residual import ResidualBlock, join_blocks, one_of
+from fg_nav.factors.residual import ResidualBlock, one_of
 from fg_nav.factors.zero_velocity import StanceVelocity
 from fg_nav.frames import level_attitude
 from fg_nav.io import read, read_pyshoe_labels
@@ -21,6 +21,7 @@ from fg_nav.lab.simulation.person import Person
 from fg_nav.recording import Recording
 from fg_nav.smoother import SmootherParameters
 from fg_nav.smoother.graph import GAUGE_SIGMA, StartPrior, Trajectory, WalkProblem, initial_values, trajectory_of
+from fg_nav.smoother.linear import list_keys
 from fg_nav.smoother.parameters import WalkParameters
 from fg_nav.smoother.preintegration import preintegrate
 from fg_nav.smoother.solver import CONVERGENCE, LARGEST_STEPS, Solved, minimize, time_order
@@ -29,9 +30,10 @@ from fg_nav.smoother.strides import (
     Stride,
     add_start,
     add_stride,
+    join_velocities,
+    measure_velocities,
     place_nodes,
     strides_of,
-    velocity_block,
 )
 from fg_nav.stances import Stances
 from tests.real_data import DATA
@@ -129,12 +131,12 @@ def problem(walk: Walk, p: SmootherParameters = DEFAULT) -> Problem:
     graph = gtsam.NonlinearFactorGraph()
     graph.push_back(StartPrior(start, GAUGE_SIGMA).factor(p))
     add_start(graph, np.radians(p.gyro_bias_sigma_deg_s), p)
-    strides = list(strides_of(recording, stances, nodes, measurements, bias, lever, rests, p))
+    velocities = measure_velocities(recording, stances, nodes, bias, lever, p)
+    strides = list(strides_of(recording, nodes, measurements, velocities, rests))
     for stride in strides:
         add_stride(graph, stride, p)
-    velocities = join_blocks([velocity_block(stride) for stride in strides])
     initial = initial_values(recording, stances, nodes, start, bias, p.gravity)
-    return Problem(nodes, strides, graph, velocities, initial, time_order(nodes))
+    return Problem(nodes, strides, graph, join_velocities(velocities, nodes), initial, time_order(nodes))
 
 
 def rolling_stance_factor(keys: Sequence[int], one: StanceVelocity) -> gtsam.CustomFactor:
@@ -163,7 +165,7 @@ def with_exact_factors(walk: Walk) -> Problem:
 
 def minimum(one: Problem, convergence: float = CONVERGENCE) -> Solved:
     """Solve a problem as the smoother does."""
-    return minimize(one.graph, [one.velocities], one.initial, one.ordering, convergence, LARGEST_STEPS)
+    return minimize(one.graph, [one.velocities], one.initial, list_keys(one.ordering), convergence, LARGEST_STEPS)
 
 
 def node_arrays(nodes: Nodes, values: gtsam.Values) -> tuple[Floats, Floats, Floats, Floats, Floats]:
