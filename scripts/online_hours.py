@@ -246,7 +246,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     )
     walk = RepeatedWalk.of(simulate_long_walk(min(MINUTES, 60 * chosen.hours), chosen.seed, chosen.rate, "indoor"))
     rows = Rows(walk)
-    samples = round(HOUR_S * chosen.hours / rows.period_s)
+    samples = round(chosen.hours * round(HOUR_S / rows.period_s))
     more_s = MINUTE_S * chosen.real_time
     lines, hours, wait_s = follow(rows, samples, stream_command(chosen.lag), "whole", more_s)
     figures = judge_hours(hours, samples * rows.period_s)
