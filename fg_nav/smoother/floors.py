@@ -62,7 +62,7 @@ LEVEL_ODDS = float(np.exp(MOST_NATS))
 STEP_SCALE_M = 0.3
 """Half of all steps climb by less: a riser is 0.15 to 0.19 m, and a foot climbs two at a time."""
 
-OUTLIER_SHARE, OUTLIER_SCALE = 0.05, 3.0
+OUTLIER_SHARE, OUTLIER_SCALE = 0.05, 3
 """Of strides whose height is worse than the others', in runs above all: the more, the later a kerb is one."""
 
 TILT_SIGMA, TILT_M = 0.01, 0.15
@@ -217,7 +217,7 @@ def _write_likelihood(climb: float, expected: Floats, noise: float, out: Floats)
         for way in (1, -1):
             c, wide, fall = peak, np.exp(-0.5 * x * x), np.exp(way * x * step - 0.5 * step * step)
             while 0 <= c <= last:
-                out[s, c] = usual * wide**9 + outlying * wide
+                out[s, c] = usual * wide ** (OUTLIER_SCALE * OUTLIER_SCALE) + outlying * wide
                 wide, fall, c = wide * fall, fall * decay, c + way
     of_step = STEP_SCALE_M / (np.pi * (STEP_SCALE_M**2 + climb**2))
     for c in range(last + 1):

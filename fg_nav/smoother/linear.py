@@ -30,8 +30,10 @@ DIMENSION = {ord("x"): 6, ord("v"): 3, ord("b"): 6, ord("s"): 1, ord("m"): 8, or
 MOST_STACKED = 1 << 14
 """Factors of a stack: an hour of walking has as many inertial ones."""
 
+NO_SOLUTION = "the smoother's equations have no unique solution: the recording holds too little, or not finite, motion."
+
 EXACT_WEIGHT = 1e6
-"""Of a row without a sigma: a caller's own factor may be a constraint."""
+"""Of a row without a sigma: a caller's own factor may be a constraint, which then holds to 1e-6 of its unit."""
 
 
 def stack_factors(factors: Iterable[gtsam.GaussianFactor]) -> list[Stack]:
@@ -124,10 +126,7 @@ class LinearWalk:
         factors = _chain(self.factors)
         fronts, right, error, left, determined = eliminate_factors(factors, self._size, self.begin, end)
         if not determined:
-            raise EstimationError(
-                "the smoother's equations have no unique solution: the recording holds too little, or not finite, "
-                "motion."
-            )
+            raise EstimationError(NO_SOLUTION)
         volume = self.volume + log_diagonal(fronts)
         drop_pages()
         later = _select_later(factors, end) if end < len(self.keys) else ()

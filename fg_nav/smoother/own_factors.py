@@ -142,6 +142,8 @@ def _check_factor(i: int, factor: gtsam.NonlinearFactor | None, known: set[int],
     if factor is None:
         raise EstimationError(f"extra factor {i} is none: add no empty places to the graph.")
     joins = factor.keys()
+    if not joins:
+        raise EstimationError(f"extra factor {i} joins no variable: leave it out.")
     for key in joins:
         if key not in known:
             raise EstimationError(
@@ -150,7 +152,9 @@ def _check_factor(i: int, factor: gtsam.NonlinearFactor | None, known: set[int],
             )
     try:
         error = factor.error(values)
-        factor.linearize(values)
+        linear = factor.linearize(values)
+        if linear is not None:  # one that is not active there
+            gtsam.JacobianFactor(linear)
     except Exception as reason:
         words = " ".join(str(reason).split())
         raise EstimationError(f"extra factor {i} cannot be linearized ({words}): correct it.") from reason

@@ -119,7 +119,7 @@ def _measure_evidence(
     for piece_recording, piece_stances in _pieces(recording, stances):
         try:
             evidences.append(_Piece(piece_recording, piece_stances, known, p).measure_evidence(levels))
-        except EstimationError:
+        except (EstimationError, np.linalg.LinAlgError):
             continue
         strides += piece_stances.n_footfalls - 1
     return np.array(evidences), strides

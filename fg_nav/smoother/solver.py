@@ -31,7 +31,7 @@ from scipy.linalg.lapack import dtrtri
 from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import EstimationError, FgNavError
 from fg_nav.factors.residual import LETTER_SHIFT, POSE, Keys, Stack, read_variables
-from fg_nav.smoother.linear import DIMENSION, LinearWalk, stack_factors
+from fg_nav.smoother.linear import DIMENSION, NO_SOLUTION, LinearWalk, stack_factors
 from fg_nav.smoother.square_root import SquareRoot
 from fg_nav.smoother.strides import Nodes
 from fg_nav.solution import StanceTable
@@ -91,7 +91,7 @@ class GtsamFactors:
 
     def stack(self, values: gtsam.Values) -> list[Stack]:
         """Return the same as arrays."""
-        return stack_factors(map(gtsam.JacobianFactor, self.linearize(values)))
+        return stack_factors(gtsam.JacobianFactor(one) for one in self.linearize(values) if one is not None)
 
     def factors(self) -> Iterator[gtsam.NonlinearFactor]:
         """Yield them one by one."""
@@ -194,10 +194,13 @@ def minimize(
 def stack_walk(
     graph: gtsam.NonlinearFactorGraph, blocks: Sequence[LinearizableBlock], values: gtsam.Values
 ) -> list[Stack]:
-    """Linearize the graph and its blocks at these values, as arrays."""
-    stacks = stack_factors(graph.at(i).linearize(values) for i in range(graph.size()))
-    for block in blocks:
-        stacks += block.stack(values)
+    """Linearize the graph and its blocks at these values, as arrays; raises `EstimationError` where that cannot be."""
+    try:
+        stacks = stack_factors(graph.at(i).linearize(values) for i in range(graph.size()))
+        for block in blocks:
+            stacks += block.stack(values)
+    except RuntimeError as reason:
+        raise EstimationError(NO_SOLUTION) from reason
     return stacks
 
 

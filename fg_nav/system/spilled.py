@@ -4,7 +4,8 @@ A column of many samples lies in a file without a name in the temporary files, s
 the process ends, and is mapped into memory page by page as it is read and written. The system writes pages out and
 takes them back when others need the memory; `drop_pages` takes all of them out of the process at once, which is done
 where a pass over the samples is over. Their content stays, in the system's cache or on the disk. Short columns lie in
-memory, and so do long ones where no file can be written or the temporary files are in memory themselves.
+memory, and so do long ones where no file can be written or the temporary files are in memory themselves. Processes that
+are forked share a long column, writes included.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from __future__ import annotations
 import mmap
 import os
 import tempfile
+import threading
 from functools import cache
 from pathlib import Path
 from weakref import WeakSet
@@ -26,7 +28,11 @@ LEAST_BYTES = 1 << 24
 BLOCK_ROWS = 1 << 18
 """That are gone through at once."""
 
+MOUNTS = Path("/proc/mounts")
+"""What lies where, on Linux; elsewhere temporary files are on a disk."""
+
 _MAPS: WeakSet[mmap.mmap] = WeakSet()
+_MAPS_LOCK = threading.Lock()
 
 
 def empty_column(*shape: int) -> Floats:
@@ -35,7 +41,8 @@ def empty_column(*shape: int) -> Floats:
     room = _map_file(size) if size >= LEAST_BYTES else None
     if room is None:
         return np.empty(shape)
-    _MAPS.add(room)
+    with _MAPS_LOCK:
+        _MAPS.add(room)
     return np.frombuffer(room, dtype=np.float64, count=size // 8).reshape(shape)
 
 
@@ -64,7 +71,9 @@ def join_columns(*columns: Floats) -> Floats:
 
 def drop_pages() -> None:
     """Take the pages of all columns out of the process; they are read again when they are looked at."""
-    for room in list(_MAPS):
+    with _MAPS_LOCK:
+        rooms = list(_MAPS)
+    for room in rooms:
         room.madvise(mmap.MADV_DONTNEED)
 
 
@@ -87,18 +96,21 @@ def _find_disk() -> Path | None:
     if not (hasattr(mmap, "MADV_DONTNEED") and hasattr(os, "posix_fallocate")):
         return None
     try:
-        folders = Path(tempfile.gettempdir()), Path("/var/tmp")  # the second is on a disk where the first is not
+        folders = [Path(tempfile.gettempdir())]
     except OSError:  # nothing can be written at all
         return None
+    if "TMPDIR" not in os.environ:
+        folders.append(Path("/var/tmp"))  # on a disk where the other is not
     return next((one for one in folders if os.access(one, os.W_OK) and not _is_in_memory(one)), None)
 
 
 def _is_in_memory(folder: Path) -> bool:
     """Whether a folder lies in a file system of the system's memory."""
     try:
-        mounts = [line.split() for line in Path("/proc/mounts").read_text(encoding="utf-8").splitlines()]
+        table = MOUNTS.read_text(encoding="utf-8", errors="surrogateescape")
     except OSError:
         return False
-    place = folder.resolve()
-    above = [mount for mount in mounts if place.is_relative_to(mount[1])]
+    place, mounts = folder.resolve(), [line.split() for line in table.splitlines()]
+    # Of several at one place the last is on top.
+    above = [mount for mount in reversed(mounts) if place.is_relative_to(mount[1].replace("\\040", " "))]
     return bool(above) and max(above, key=lambda mount: len(mount[1]))[2] in ("tmpfs", "ramfs")

@@ -128,9 +128,30 @@ UNIT, NOWHERE = gtsam.noiseModel.Unit.Create(3), np.full(3, np.nan)
             lambda nodes: joined(gtsam.GPSFactor(nodes.pose[0], NOWHERE, UNIT)),
             "error of extra factor 0 is nan",
         ),
+        (
+            lambda _: joined(gtsam.CustomFactor(gtsam.noiseModel.Unit.Create(1), [], lambda *_: np.zeros(1))),
+            "extra factor 0 joins no variable",
+        ),
+        (
+            lambda nodes: joined(
+                gtsam.LinearContainerFactor(
+                    gtsam.HessianFactor(nodes.velocity[0], -np.eye(3), np.zeros(3), 0.0), nodes.values
+                )
+            ),
+            "cannot be linearized",
+        ),
         (lambda nodes: at_place(nodes) if nodes.at(1e4) else None, "no node within 1.5 s of 10000.00 s"),
     ],
-    ids=["a list", "a landmark", "beyond the end", "wrong kind", "not finite", "no such time"],
+    ids=[
+        "a list",
+        "a landmark",
+        "beyond the end",
+        "wrong kind",
+        "not finite",
+        "of nothing",
+        "a saddle",
+        "no such time",
+    ],
 )
 def test_what_cannot_join_is_refused(extra: Callable[[GraphNodes], object], words: str) -> None:
     with pytest.raises(EstimationError, match=words):

@@ -1,6 +1,7 @@
 """Long columns lie in a file that has no name, and are the same numbers."""
 
 import mmap
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -58,3 +59,24 @@ def test_a_full_disk_leaves_the_column_in_memory(monkeypatch: pytest.MonkeyPatch
     column = empty_column(50, 3)
     column[...] = 1.0
     assert not _lies_in_file(column)
+
+
+@pytest.mark.parametrize(
+    ("mounts", "in_memory"),
+    [
+        ("/dev/sda / ext4 rw\n", False),
+        ("/dev/sda / ext4 rw\ntmpfs {} tmpfs rw\n", True),
+        ("tmpfs {} tmpfs rw\n/dev/sdb {} ext4 rw\n", False),
+        ("/dev/sdb {} ext4 rw\ntmpfs {} tmpfs rw\n", True),
+        ("tmpfs {} tmpfs rw\n/dev/sdc /media/M\udce4rz vfat rw\n", True),
+    ],
+    ids=["a disk", "memory", "a disk on top", "memory on top", "a name that is not UTF-8"],
+)
+def test_a_folder_in_memory_is_known_by_the_mount_on_top(
+    mounts: str, in_memory: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    table = tmp_path / "mounts"
+    folder = tmp_path / "a b"
+    table.write_bytes(mounts.replace("{}", str(folder).replace(" ", "\\040")).encode("utf-8", "surrogateescape"))
+    monkeypatch.setattr(spilled, "MOUNTS", table)
+    assert spilled._is_in_memory(folder) is in_memory
