@@ -61,7 +61,8 @@ def shoe(acc: Floats, gyr: Floats, window: int) -> Floats:
 
 def are(acc: Floats, gyr: Floats, window: int) -> Floats:
     """Angular rate energy (N,); `acc` is not used."""
-    return _mean((gyr**2).sum(axis=1), window) / float(np.radians(GYR_NOISE_DEG_S)) ** 2
+    energy: Floats = np.maximum(_mean((gyr**2).sum(axis=1), window), 0.0)
+    return energy / float(np.radians(GYR_NOISE_DEG_S)) ** 2
 
 
 def mv(acc: Floats, gyr: Floats, window: int) -> Floats:
@@ -73,7 +74,8 @@ def mv(acc: Floats, gyr: Floats, window: int) -> Floats:
 def mag(acc: Floats, gyr: Floats, window: int) -> Floats:
     """Magnitude of the specific force against gravity (N,); `gyr` is not used."""
     off_gravity = np.linalg.norm(acc, axis=1) - GRAVITY_M_S2
-    return _mean(off_gravity**2, window) / ACC_NOISE_M_S2**2
+    spread: Floats = np.maximum(_mean(off_gravity**2, window), 0.0)
+    return spread / ACC_NOISE_M_S2**2
 
 
 Statistic = Callable[[Floats, Floats, int], Floats]

@@ -6,7 +6,7 @@ e_k (4,) the error of footfall k, east, north, up (m) and yaw about up (rad), an
 
     c = sum_k w_k^T e_k,    w_k (4, n),
 
-T_k the map of the tangent space of pose k to e_k, R the triangle of the walk's Bayes tree, and g_k = T_k^T w_k,
+T_k the map of the tangent space of pose k to e_k, R the triangle of the walk, and g_k = T_k^T w_k,
 
     cov(c) = g^T (R^T R)^-1 g = Y^T Y,    R^T Y = g,    cov(e_k, c) = T_k X_k,    R X = Y,
 

@@ -10,7 +10,7 @@ row at the minimum, sigma its noise, J its Jacobian and P the marginal covarianc
     T_k = r_k^2 / (sigma^2 - J P J^T)        chi^2 of one degree of freedom without a jump
 
 is by how much twice the error falls at the minimum where the row is left out, that is, with c free (a deletion
-diagnostic; Cook 1977). It costs one pass down the Bayes tree. At the largest T the rows k-1, k, k+1 are left out, as
+diagnostic; Cook 1977). It costs one pass down the triangle. At the largest T the rows k-1, k, k+1 are left out, as
 the stride that passes the conductor is wrong in its shape too. By how much twice the error then falls follows in the
 same way, from all their residuals r, with H = J P J^T by one pass up the tree (`sensitivity`); so does by how much it
 rises where rows that are left out come back:

@@ -9,7 +9,7 @@ Jacobian and P the covariance of their variables,
     M_k = I - J P J^T,     F_k = H_k^T M_k H_k,     d_k = F_k^-1 H_k^T e_k,     T_k = d_k^T F_k d_k
 
 T_k is by how much twice the error falls at the minimum where d_k is free (a deletion diagnostic; Cook 1977), chi^2 of
-three degrees of freedom where the stance is one. It costs one pass down the Bayes tree (`square_root`), each footfall a
+three degrees of freedom where the stance is one. It costs one pass down the triangle (`square_root`), each footfall a
 group with G = J^T H.
 
 A stance is refused where T is above `LEAST_STATISTIC` (of a mid-swing `LEAST_OF_SWING`) and the largest within

@@ -1,7 +1,7 @@
 """How the solution of a walk moves with a few numbers that many of its factors share, without eliminating it again.
 
-The linear graph is |A x + C s - b|^2, x the variables of the walk and s the shared numbers (n of them). Its Bayes tree
-without s is R^T R = A^T A, so with one pass up the tree and one down it (`square_root`)
+The linear graph is |A x + C s - b|^2, x the variables of the walk and s the shared numbers (n of them). Its triangle
+without s is R^T R = A^T A, so with one pass up it and one down (`square_root`)
 
     R^T Y = A^T C,    R X = Y,    x(s) = x(0) - X s,    information of s: C^T C - Y^T Y,    and with P_s = cov(s)
 

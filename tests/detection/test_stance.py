@@ -211,3 +211,10 @@ def test_runs_of_the_mask_are_the_stances():
     start, stop = find_runs(stances.mask)
     np.testing.assert_array_equal(start, stances.start)
     np.testing.assert_array_equal(stop, stances.stop)
+
+
+@pytest.mark.parametrize("detector", STATISTICS)
+def test_no_statistic_is_negative_behind_an_enormous_sample(detector):
+    samples = np.full((2, 400, 3), 0.1)
+    samples[:, 100] = 1e9
+    assert (STATISTICS[detector](*samples, 20) >= 0.0).all()
