@@ -188,10 +188,10 @@ class _Walk:
             return
         self._check.add(rows)
         self._navigator.source["header"] = header
-        known = self._count_known()
+        overlap = self._navigator.judge.overlap
         acc, mag = self._corrected(rows[:, 1:4], rows[:, 7:10])
         made = self._navigator.push(rows[:, 0], acc, rows[:, 4:7], mag if self._options.online.use_field else None)
-        self._losses.add(rows[:, 0], again=self._count_known() > known)
+        self._losses.add(rows[:, 0], overlap)
         self._verdict.look_at(self._navigator.buffer)
         found = self._verdict.judge(made, self._navigator.told_continues)
         # What hung on the machine is saved before it is told, once the last save is done: it cannot be made again.
@@ -234,11 +234,6 @@ class _Walk:
     def _parts(self) -> dict[str, SourceCheck | LineVerdict | LossCounter]:
         """What a checkpoint keeps beside the navigator, by name."""
         return {"check": self._check, "verdict": self._verdict, "losses": self._losses}
-
-    def _count_known(self) -> int:
-        """Rows that a resumed walk had before."""
-        counts = self._navigator.judge.counts
-        return counts["known"] + counts["late"]
 
     def _save(self, checkpoint: Checkpoint) -> None:
         """Save in a thread: only what is collected holds the walk up."""

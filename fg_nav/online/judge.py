@@ -93,7 +93,7 @@ class SampleJudge:
         self._tail = np.empty((0, COLUMNS))
         self._left: deque[int] = deque(maxlen=MOST_LEFT)
         self._head = np.empty((0, COLUMNS))
-        self._overlap: Overlap | None = None
+        self.overlap: Overlap | None = None
         self._units = UnitCheck()
         self._gate = OutlierGate()
 
@@ -126,7 +126,7 @@ class SampleJudge:
 
     def state(self) -> dict[str, Any]:
         """Return what `resume` needs, as JSON values, a copy of it."""
-        held = self._waits[:0] if self._overlap is None else self._overlap.held
+        held = self._waits[:0] if self.overlap is None else self.overlap.held
         return {
             "counts": dict(self.counts),
             "last": self._last,
@@ -171,7 +171,7 @@ class SampleJudge:
         judge._left.extend(state["left"])
         undecided = judge._waits, judge._restore(judge._behind), judge._restore_samples(gate, judge._taken - len(gate))
         left = [*judge._left, *(one for rows in undecided for one in fingerprint_rows(rows).tolist())]
-        judge._overlap = Overlap(blocks, judge._clocks, left, judge._tail, held, first, judge._head[:first])
+        judge.overlap = Overlap(blocks, judge._clocks, left, judge._tail, held, first, judge._head[:first])
         return judge
 
     @property
@@ -196,8 +196,8 @@ class SampleJudge:
         `new` rows come now, of this block and of those held until it was clear which of them the checkpoint has.
         """
         self._missing_last = _count_after_last(usable) + (0 if usable.any() else self._missing_last)
-        if self._overlap is not None and not self._overlap.is_over:
-            self._missing_unsure = 0 if self._overlap.skips else self._missing_unsure + int((~usable).sum())
+        if self.overlap is not None and not self.overlap.is_over:
+            self._missing_unsure = 0 if self.overlap.skips else self._missing_unsure + int((~usable).sum())
             return
         known = max(int(usable.sum()) - new, 0)
         missing = int((np.cumsum(usable) >= known)[~usable].sum())
@@ -212,7 +212,7 @@ class SampleJudge:
 
     def _drop_known(self, rows: Floats, at_end: bool = False) -> Floats:
         """Leave out the rows of a checkpoint, and what comes before them."""
-        overlap = self._overlap
+        overlap = self.overlap
         if overlap is None:
             return rows
         before = Counter(known=overlap.known, late=overlap.late)
@@ -223,7 +223,7 @@ class SampleJudge:
             if not overlap.skips:
                 self._missing_again = 0
                 self._detect_reboot(rows[:HEAD, 0])
-            self._overlap = None
+            self.overlap = None
         return rows
 
     def _detect_reboot(self, t: Floats) -> None:

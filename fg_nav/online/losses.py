@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from fg_nav.arrays import Floats, Ints
+from fg_nav.online.overlap import Overlap
 from fg_nav.recording import GAP_PERIODS
 from fg_nav.samples.plausibility import find_stamp_problem, median_period_s
 from fg_nav.text import format_count
@@ -49,16 +50,21 @@ class LossCounter:
     def __init__(self, remark: Callable[[str], None]) -> None:
         self.samples = self.came = 0
         self._remark = remark
-        self._window = np.empty(0)
+        self._window = self._held = np.empty(0)
         self._period_s, self._others = np.nan, 0
 
-    def add(self, t: Floats, again: bool = False) -> None:
+    def add(self, t: Floats, overlap: Overlap | None = None) -> None:
         """Look at the stamps (n,) s of rows as they were sent; NaN is ignored.
 
-        Where some come `again`, as of a source that a resumed walk reads from its beginning, only later ones count.
+        Those of a resumed walk wait until its `overlap`, which has seen them, is over: only what is new counts.
         """
-        if again and len(self._window):
-            t = t[t > self._window[-1]]
+        t, self._held = np.concatenate([self._held, t]), t[:0]
+        if overlap is not None and overlap.skips:
+            seen = np.flatnonzero(np.isin(t, [overlap.known_until, *self._window[-1:]]))
+            t = t[seen[-1] + 1 :] if len(seen) else t
+        if overlap is not None and not overlap.is_over:
+            self._held = t
+            return
         self.came += len(t)
         self._window = np.concatenate([self._window, t[np.isfinite(t)]])
         while len(self._window) > WINDOW:
@@ -67,7 +73,9 @@ class LossCounter:
             self._window = self._window[WINDOW:]
 
     def finish(self) -> None:
-        """Count the rows of a window that is not full, at the end."""
+        """Count the rows of a window that is not full, at the end, and of those that wait the later ones."""
+        t, self._held = self._held, self._held[:0]
+        self.add(t[t > self._window[-1]] if len(self._window) else t)
         self._count(self._window)
         self._window = self._window[-1:]
 
@@ -79,12 +87,12 @@ class LossCounter:
         """Return what `resume` needs, as JSON values."""
         period_s = self._period_s if np.isfinite(self._period_s) else None
         counts = {"samples": self.samples, "came": self.came, "others": self._others}
-        return counts | {"window": self._window.tolist(), "period_s": period_s}
+        return counts | {"window": self._window.tolist(), "held": self._held.tolist(), "period_s": period_s}
 
     def resume(self, state: Mapping[str, Any]) -> None:
         """Go on where another counter of the same stream was; raises `ValueError` for what none can be."""
         self.samples, self.came, self._others = (int(state[name]) for name in ("samples", "came", "others"))
-        self._window = np.array(state["window"], dtype=np.float64).reshape(-1)
+        self._window, self._held = (np.array(state[name], dtype=float).reshape(-1) for name in ("window", "held"))
         self._period_s = np.nan if state["period_s"] is None else float(state["period_s"])
         if min(self.samples, self.came, self._others) < 0 or not np.isfinite(self._window).all():
             raise ValueError("a count below zero, or a stamp that is none")

@@ -48,7 +48,8 @@ TICK_S = 1e-6
 class Overlap:
     """Leaves out the rows of a resumed stream that a checkpoint holds, `known` so far, and those `late` from its gaps.
 
-    `skips` once it is clear that the stream began again, `is_over` once nothing has to be left out any more.
+    `skips` once it is clear that the stream began again, `is_over` once nothing has to be left out any more; the last
+    row that was left out had the stamp `known_until`, s, NaN before there is one.
 
     Parameters
     ----------
@@ -71,7 +72,7 @@ class Overlap:
         first: int = 0,
         head: Floats = np.empty((0, COLUMNS)),
     ) -> None:
-        self.known, self.late = 0, 0
+        self.known, self.late, self.known_until = 0, 0, np.nan
         self.held = held
         self.skips, self.is_over = False, len(tail) == 0
         known: list[NDArray[np.uint64]] = []
@@ -119,6 +120,7 @@ class Overlap:
         self.is_over = self.is_over or at_end
         held = int((numbers[:stop] != UNKNOWN).sum())
         self.known, self.late = self.known + held, self.late + stop - held
+        self.known_until = float(rows[stop - 1, 0]) if stop else self.known_until
         if self.is_over:
             return rows[stop:]
         self._last = int(last[stop - 1]) if stop else self._last

@@ -8,6 +8,7 @@ import pytest
 from fg_nav.online.buffer import rows_of
 from fg_nav.online.follow import StreamOptions, follow_source
 from fg_nav.online.losses import LossCounter, describe_losses
+from fg_nav.online.overlap import Overlap
 from fg_nav.online.replay import Replay
 from fg_nav.recording import Recording
 from tests.online.walks import NORTH, short_walk
@@ -57,17 +58,23 @@ def test_a_rate_that_changes_is_said_once():
     assert "from 100 to 50 Hz" in changes[0]
 
 
-@pytest.mark.parametrize("again", [False, True], ids=["goes on", "from its beginning"])
-def test_a_counter_that_is_resumed_ends_with_the_same_counts(again):
-    """Through a checkpoint, and whether the source goes on or sends all of it once more."""
-    t = np.delete(np.arange(2000) * 0.01, slice(300, 1900, 100))
+@pytest.mark.parametrize("block", [3, 50])
+@pytest.mark.parametrize("begin", [0, 990, 1030], ids=["from its beginning", "a little before", "goes on"])
+def test_a_counter_that_is_resumed_ends_with_the_same_counts(begin, block):
+    """Through a checkpoint, and whether the source goes on or sends some once more, a few rows a time."""
+    rows = np.delete(np.random.default_rng(5).normal(size=(2000, 10)), slice(300, 1900, 100), axis=0)
+    rows[:, 0] = t = np.delete(np.arange(2000) * 0.01, slice(300, 1900, 100))
     whole, _ = count(t, 50)
     before, said = LossCounter(print), []
     before.add(t[:1030])
     later = LossCounter(said.append)
     later.resume(json.loads(json.dumps(before.state())))
-    for start in range(0 if again else 1030, len(t), 50):
-        later.add(t[start : start + 50], again=start < 1030 and again)
+    overlap = Overlap([rows[:1030]], [(0, 0.0)], [], rows[1022:1030], rows[:0])
+    for start in range(begin, len(t), block):
+        overlap.select_new(rows[start : start + block])
+        later.add(t[start : start + block], overlap)
+        if start == begin:  # and is killed once more
+            later.resume(json.loads(json.dumps(later.state())))
     later.finish()
     assert later.report(0) == whole.report(0)
     assert said == []
