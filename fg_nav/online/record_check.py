@@ -8,7 +8,7 @@ Every object of a record is looked at, by what its class says of itself and by w
     `nav_R_body`    a rotation: orthonormal to `ORTHONORMAL`, determinant 1
     covariances     symmetric, no variance below zero
     tables          parts of one length, numbers of samples in order and not beyond the last
-    samples         (n, 11), their stamps in order
+    samples         (n, 11), their stamps in order; what was bad of each is nothing, or one of two sensors
 
 What is believable and still another walk is not found: a checkpoint is as trusted as a recording.
 """
@@ -26,9 +26,11 @@ import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import FgNavError, FormatError
+from fg_nav.online.buffer import COLUMNS
 from fg_nav.online.estimates import split_rows
 from fg_nav.online.handover import PathNodes
 from fg_nav.online.saved_state import FootfallTable, RowTable
+from fg_nav.samples.outliers import ACC_OUT, GYR_OUT
 
 if TYPE_CHECKING:
     from fg_nav.online.checkpoint import Record
@@ -76,10 +78,11 @@ def find_fault(value: object, name: str = "", stop: int = MOST) -> str:
 
 
 def is_in_order(rows: object, columns: int) -> bool:
-    """Whether samples (n, columns) are stamps that rise, force and rate, and no gap among them."""
+    """Whether samples (n, columns) are stamps that rise, force and rate without a gap, and which of these was bad."""
     if not (isinstance(rows, np.ndarray) and rows.ndim == 2 and rows.shape[1] == columns and rows.dtype == float):
         return False
-    return bool(np.isfinite(rows[:, :7]).all() and (np.diff(rows[:, 0]) > 0).all())
+    known = bool(np.isin(rows[:, COLUMNS:], (0, ACC_OUT, GYR_OUT)).all())
+    return known and bool(np.isfinite(rows[:, :7]).all() and (np.diff(rows[:, 0]) > 0).all())
 
 
 def refuse_damaged(path: Path, records: Sequence[Record], stop: int) -> None:

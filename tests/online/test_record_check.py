@@ -52,6 +52,14 @@ def infinite_rate(rows):
     return np.where(np.arange(rows.size).reshape(rows.shape) == 705, np.inf, rows)
 
 
+def both_unread(rows):
+    return np.where(np.arange(rows.size).reshape(rows.shape) == 5 * rows.shape[1] + 10, 3.0, rows)
+
+
+def unknown_unread(rows):
+    return np.where(np.arange(rows.size).reshape(rows.shape) == 5 * rows.shape[1] + 10, np.nan, rows)
+
+
 def name_change(changes):
     return ", ".join(f"{key}={getattr(value, '__name__', value)}" for key, value in changes.items())
 
@@ -75,6 +83,8 @@ def name_change(changes):
         {"rows": turned_back},
         {"rows": unknown_stamp},
         {"rows": infinite_rate},
+        {"rows": both_unread},
+        {"rows": unknown_unread},
         {"changes": 3},
     ],
     ids=name_change,
