@@ -33,6 +33,7 @@ from fg_nav.samples.gaps import (
     regress,
 )
 from fg_nav.samples.outliers import ACC_OUT, GYR_OUT
+from fg_nav.system.spilled import BLOCK_ROWS, drop_pages, join_columns
 
 
 class Bridge(NamedTuple):
@@ -98,7 +99,10 @@ class _Seen:
         self._tick = count_periods(t, period)
         self._unread = unread
         self._scale = np.repeat([find_spread(acc), find_spread(gyr)], 3)
-        self._values = np.hstack([acc, gyr]) / self._scale
+        self._values = join_columns(acc, gyr)
+        for start in range(0, len(t), BLOCK_ROWS):
+            self._values[start : start + BLOCK_ROWS] /= self._scale
+            drop_pages()
         hurt = np.flatnonzero(unread)
         gap = np.flatnonzero(step > LOST_PERIODS * period)
         self._breaks = np.unique(np.concatenate([gap, hurt, hurt - 1]))
@@ -110,13 +114,15 @@ class _Seen:
         start, stop = edge[::2], edge[1::2]
         axes = np.s_[:3] if which == ACC_OUT else np.s_[3:]
         runs = [self._describe(int(i), int(j), bad) for i, j in zip(start, stop, strict=True)]
-        value, sigma = np.empty((len(bad), 3)), np.empty((len(bad), 3))
+        sample = np.flatnonzero(bad)
+        value, sigma = np.empty((len(sample), 3)), np.empty((len(sample), 3))
         for run in set(runs):
             alike = [(i, j) for i, j, one in zip(start, stop, runs, strict=True) if one == run]
             found = self._predict(run, np.array([i for i, _ in alike]), axes)
             for (i, j), one in zip(alike, found, strict=True):
-                value[i:j], sigma[i:j] = one[0], one[1] * np.sqrt(j - i)
-        return Bridge(np.flatnonzero(bad), value[bad] * self._scale[axes], sigma[bad] * self._scale[axes])
+                at = int(np.searchsorted(sample, i))
+                value[at : at + j - i], sigma[at : at + j - i] = one[0], one[1] * np.sqrt(j - i)
+        return Bridge(sample, value * self._scale[axes], sigma * self._scale[axes])
 
     def _describe(self, start: int, stop: int, bad: Bools) -> _Run:
         """Describe the run of the samples `start <= i < stop`."""
@@ -125,7 +131,8 @@ class _Seen:
         near = near[(tick[near] >= -REACH) & (tick[near] < tick[stop - 1] + 1 + REACH)]
         unread = self._unread[near]
         read = np.repeat(np.column_stack([unread & ACC_OUT, unread & GYR_OUT]) == 0, 3, axis=1)
-        ends = tick[start - 1] if start > 0 else tick[stop], tick[stop] if stop < len(tick) else tick[start - 1]
+        first, last = start - 1, stop if stop < len(tick) else max(start - 1, 0)
+        ends = tick[first if first >= 0 else last], tick[last]
         run = tuple(tick[start:stop].tolist())
         return _Run(tuple(tick[near].tolist()), tuple(map(tuple, read.tolist())), run, int(ends[0]), int(ends[1]))
 

@@ -54,7 +54,7 @@ import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.system.compiled import njit
-from fg_nav.system.spilled import drop_pages, empty_column
+from fg_nav.system.spilled import BLOCK_ROWS, drop_pages, empty_column
 
 LOST_PERIODS = 1.5
 """After a step between stamps of more periods than this, a sample or more is missing."""
@@ -193,9 +193,12 @@ def _predict(values: Floats, gap: Ints, before: Ints, offsets: Ints, long: _Long
 
 def find_windows(gap: Ints, count: int, offsets: Ints) -> Ints:
     """Sample (M,) from which the offsets count, of each window of the recording that has no gap in it."""
-    last = np.arange(-offsets[0], count - offsets[-1])
-    gaps_before = np.searchsorted(gap, [last + offsets[0], last + offsets[-1]])
-    clear = last[gaps_before[0] == gaps_before[1]]
+    clear_blocks = [np.empty(0, dtype=np.int64)]
+    for start in range(-offsets[0], count - offsets[-1], BLOCK_ROWS):
+        last = np.arange(start, min(start + BLOCK_ROWS, count - offsets[-1]))
+        gaps_before = np.searchsorted(gap, [last + offsets[0], last + offsets[-1]])
+        clear_blocks.append(last[gaps_before[0] == gaps_before[1]])
+    clear = np.concatenate(clear_blocks)
     return np.asarray(clear[:: max(1, -(-len(clear) // MOST_WINDOWS))])
 
 

@@ -1,11 +1,13 @@
 """What a sensor would have read is known better where the other one read meanwhile, and its sigma says how well."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
 from fg_nav.recording import Recording
 from fg_nav.sample_noise import find_extra_sigmas
-from fg_nav.samples.bridging import bridge_unread, interpolate_unread
+from fg_nav.samples.bridging import _Seen, bridge_unread, interpolate_unread
 from fg_nav.samples.outliers import ACC_OUT, GYR_OUT
 
 PERIOD_S = 0.005
@@ -67,3 +69,20 @@ def test_where_little_is_known_the_line_is_kept_and_doubted_by_all_that_moves():
     np.testing.assert_allclose(bridge.value, acc[[1, 58]])
     np.testing.assert_allclose(bridge.sigma[0], acc.std(axis=0))
     assert not len(other.sample)
+
+
+def test_a_recording_of_which_a_sensor_read_nothing_is_kept_as_it_is():
+    t, acc, gyr = (x[:40] for x in struck())
+    bridge, _ = bridge_unread(t, acc, gyr, np.full(40, ACC_OUT))
+    np.testing.assert_allclose(bridge.value, np.broadcast_to(acc[0], acc.shape))
+
+
+def test_one_bad_sample_of_an_hour_takes_less_memory_than_two_more_columns_of_it():
+    t, acc, gyr = (np.zeros((720_000, *shape)) for shape in ((), (3,), (3,)))
+    t += PERIOD_S * np.arange(len(t))
+    seen = _Seen(t, acc, gyr, np.where(np.arange(len(t)) == 803, ACC_OUT, 0))
+    tracemalloc.start()
+    seen.bridge(ACC_OUT)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 2 * acc.nbytes
