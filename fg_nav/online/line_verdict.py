@@ -144,7 +144,7 @@ class LineVerdict:
         assert self._begun is not None
         axes = self._axes.evidence
         limits = POSITION_SHARE_IN_POCKET if self._in_pocket else POSITION_SHARE
-        found = [judge_speed(*self._fastest), judge_position(sigma, max(self._distance, JUDGED_M), limits)]
+        found = [judge_speed(*self._fastest), judge_position(sigma, self._distance, limits, JUDGED_M)]
         found += [judge_stride(*self._longest, self._in_pocket), judge_axes(axes)]
         if self._in_pocket:
             return found

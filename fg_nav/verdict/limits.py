@@ -80,10 +80,12 @@ def judge_height_rate(rate: float, t: float) -> Reason:
     return Reason(weigh(rate, *HEIGHT_RATE_M_S), words)
 
 
-def judge_position(sigma: float, distance: float, limits: tuple[float, float] = POSITION_SHARE) -> Reason:
-    """Judge the sigma of the end, m, after a distance, m."""
+def judge_position(
+    sigma: float, distance: float, limits: tuple[float, float] = POSITION_SHARE, least_m: float = 1.0
+) -> Reason:
+    """Judge the sigma of the end, m, after a distance, m; one below `least_m` is judged as if it were that."""
     words = f"the end is known to {sigma:.1f} m only, after {distance:.0f} m"
-    return Reason(weigh(sigma / max(distance, 1.0), *limits), words)
+    return Reason(weigh(sigma / max(distance, least_m), *limits), words)
 
 
 def judge_lost_time(lost_s: float, duration_s: float) -> Reason:

@@ -19,6 +19,7 @@ from fg_nav.online.line_verdict import LineVerdict
 from fg_nav.online.losses import LossCounter
 from fg_nav.online.replay import Replay
 from fg_nav.online.revision import Revision
+from fg_nav.verdict.limits import judge_position
 from tests.online.walks import NORTH, push, short_walk
 
 
@@ -67,6 +68,15 @@ def test_a_line_beyond_the_limits_of_a_person_says_so(
     assert next_word(verdict, t, position, sigma_m=sigma_m) == word
     if word != "trusted" and sigma_m < 1.0:
         assert next_word(verdict, t + 1.2, position, 21) == word
+
+
+def test_a_place_after_a_short_way_is_said_after_that_way() -> None:
+    """It is judged over more."""
+    verdict = LineVerdict()
+    walked(verdict, 2)
+    ((_, found),) = verdict.judge([estimate(2, 2.4, [2.0, 0.0, 0.0], 4.0)], [False] * 3)
+    assert "known to 5.7 m only, after 2 m" in " ".join(found.reasons)
+    assert judge_position(1.2, 2.0, least_m=10.0).weight == judge_position(1.2, 10.0).weight
 
 
 def test_a_map_that_is_revised_is_no_stride_and_no_speed() -> None:
