@@ -37,6 +37,7 @@ from fg_nav.samples.plausibility import (
     find_time_unit,
     median_period_s,
 )
+from fg_nav.text import format_count
 
 FIRST = 20
 """Rows that show the unit of stamps."""
@@ -67,6 +68,9 @@ WINDOW, IN_A_ROW = 200, 3
 
 LIVELY_M_S2, SLOW_RAD_S = 2.0, 0.3
 """Who walks shakes the sensor by more, standard deviation, and turns it faster, for one sample in a hundred."""
+
+MOST_NOTES = 20
+"""Changes that are noted one by one."""
 
 _WHAT_TO_DO = "correct it at the sender, or say its unit in --columns, such as acc=ax:ay:az[g]"
 
@@ -151,7 +155,7 @@ class StampWatch:
 
 
 class UnitWatch:
-    """Admits rows in s, m/s^2, rad/s; `notes` says what was left out.
+    """Admits rows in s, m/s^2, rad/s; `notes` says what was left out, up to `MOST_NOTES` times, and of how many fields.
 
     Parameters
     ----------
@@ -159,13 +163,20 @@ class UnitWatch:
     """
 
     def __init__(self, remark: Callable[[str], None]) -> None:
-        self.notes: tuple[str, ...] = ()
+        self._notes: list[str] = []
         self._remark = remark
         self._stamps, self._field = StampWatch(self._tell), FieldWatch(self._tell)
         self._held = np.empty((0, COLUMNS))
         self._window = np.empty((0, COLUMNS))
         self._was_right = self._is_wrong = False
         self._slow = 0
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was left out, in words."""
+        fields = format_count(self._field.left_out, "field")
+        odd = (f"{fields} of another strength than before left out",) * (self._field.left_out > 0)
+        return (*self._notes, *odd)
 
     def admit(self, rows: Floats, at_end: bool = False) -> Floats:
         """Return the rows (m, 10) to take, of these and of those that waited; `at_end` none waits any more.
@@ -201,13 +212,15 @@ class UnitWatch:
         """Return what `resume` needs, as JSON values: rows that wait come again, or are lost."""
         period_s = self._stamps.period_s
         period = period_s if np.isfinite(period_s) else None
-        return {"period_s": period, "was_right": self._was_right, "field": self._field.state()}
+        kept = {"was_right": self._was_right, "field": self._field.state(), "notes": list(self._notes)}
+        return {"period_s": period, **kept}
 
     def resume(self, state: Mapping[str, Any]) -> None:
         """Go on where another was."""
         self._stamps.period_s = np.nan if state["period_s"] is None else float(state["period_s"])
         self._was_right = bool(state["was_right"])
         self._field.resume(state["field"])
+        self._notes = [str(words) for words in state["notes"]]
 
     def _find_piece(self, odd: Bools, begins: int, at_end: bool) -> tuple[int, int | None]:
         """Return from and to which row it can be judged what waits; to None where too few are there.
@@ -278,7 +291,8 @@ class UnitWatch:
 
     def _tell(self, words: str) -> None:
         self._remark(f"{words}.")
-        self.notes = (*self.notes, words)
+        if len(self._notes) < MOST_NOTES and words not in self._notes:  # rows that a resumed walk is sent again
+            self._notes.append(words)
 
 
 def _find_odd(rows: Floats) -> Bools:

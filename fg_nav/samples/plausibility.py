@@ -58,6 +58,7 @@ _FIELD_UNITS = {
     "gauss": (100.0, (0.1, 0.75)),
     "T": (1e6, (1e-5, 2e-4)),
 }
+_SAME_FIELD = 1.6  # times stronger or weaker is the field in another unit than before it changed
 
 
 @dataclass(frozen=True)
@@ -241,8 +242,11 @@ def find_gyr_problem(acc: Floats, gyr: Floats, period_s: float) -> str | None:
     return None
 
 
-def find_mag_problem(mag: Floats) -> str | None:
-    """Say what is wrong with the unit of mag (N, 3), if anything."""
+def find_mag_problem(mag: Floats, usual_uT: float = np.nan) -> str | None:
+    """Say what is wrong with the unit of mag (N, 3), if anything.
+
+    Where its strength was `usual_uT` before, a unit is named if it makes that of it: iron reads like a field in mG.
+    """
     strength = measure_field_strength(mag)
     strength = strength[np.isfinite(strength)]
     if not strength.size:
@@ -251,12 +255,14 @@ def find_mag_problem(mag: Floats) -> str | None:
     if is_field_on_earth(median):
         return None
     for unit, (scale, (low, high)) in _FIELD_UNITS.items():
-        if low < median < high:
+        ratio = median * scale / usual_uT
+        if low < median < high if np.isnan(ratio) else 1.0 / _SAME_FIELD < ratio < _SAME_FIELD:
             return (
                 f"mag seems to be in {unit} (median strength {median:.3g}), not uT: "
                 f"multiply it by {scale:g}, or leave its columns out"
             )
-    return f"mag has a median strength of {median:.3g} uT, no field on Earth: check its unit, or leave it out"
+    cause = "check its unit, or leave it out" if np.isnan(usual_uT) else "strong iron, or a magnetometer that fails"
+    return f"mag has a median strength of {median:.3g} uT, no field on Earth: {cause}"
 
 
 def is_field_on_earth(strength_uT: Floats | float) -> Bools:

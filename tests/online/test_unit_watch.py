@@ -1,5 +1,7 @@
 """A stream in another unit is refused before it is used; where the unit changes midway, what is wrong is left out."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -7,7 +9,8 @@ from fg_nav.errors import RecordingError
 from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.online import OnlineNavigator
 from fg_nav.online.buffer import rows_of
-from fg_nav.online.unit_watch import HELD, UnitWatch
+from fg_nav.online.field_watch import FieldWatch
+from fg_nav.online.unit_watch import HELD, MOST_NOTES, UnitWatch
 
 STAMP, ACC, GYR, MAG = slice(0, 1), slice(1, 4), slice(4, 7), slice(7, 10)
 G = 9.80665
@@ -154,6 +157,41 @@ def test_a_field_beside_iron_a_broken_reading_and_a_magnetometer_that_is_off_are
     taken, said = admit(sent)
     assert said == []
     assert np.array_equal(taken, sent, equal_nan=True)
+
+
+def test_strong_iron_is_named_no_unit_and_its_fields_are_counted(rows):
+    watch, (taken, said) = UnitWatch(print), admit(change(rows, MAG, 25.0, 2000, 3000))
+    assert np.isnan(taken[2000:3000, MAG]).all()
+    assert "strong iron" in said[0]
+    short = change(rows, MAG, 25.0, 2000, 2200)  # too short to be said at once
+    admit(short[:2100], watch=watch)
+    watch.resume(json.loads(json.dumps(watch.state())))
+    admit(short, watch=watch)  # all of it again
+    assert watch.notes == ("200 fields of another strength than before left out",)
+
+
+def test_a_beginning_beside_iron_is_not_the_strength_of_the_walk(rows):
+    """At 180 uT for four seconds, and 45 uT from then on: 450 uT are left out."""
+    strength = np.linalg.norm(rows[:, MAG], axis=1, keepdims=True)
+    sent = rows.copy()
+    sent[:, MAG] *= np.where(np.arange(len(rows)) < 400, 180.0, 45.0)[:, None] / strength
+    watch = FieldWatch(print)
+    watch.admit(sent)
+    assert np.isnan(watch.admit(change(sent[:100], MAG, 450.0 / 180.0))[:, MAG]).all()
+    assert watch.left_out == 100
+
+
+def test_a_magnetometer_that_comes_and_goes_is_noted_a_few_times_and_the_notes_are_resumed(rows):
+    sent = rows[600:800].copy()
+    sent[:, MAG] = 45.0 / np.sqrt(3.0)
+    watch, later = UnitWatch(lambda words: None), UnitWatch(print)
+    for k in range(150):
+        block = change(sent, MAG, 10.0 if k // 3 % 2 else 1.0)
+        block[:, 0] += 2.0 * k
+        watch.admit(block)
+    assert len(watch.notes) == MOST_NOTES + 1
+    later.resume(json.loads(json.dumps(watch.state())))
+    assert later.notes == watch.notes
 
 
 def test_resumed_the_field_in_another_unit_is_left_out(rows):
