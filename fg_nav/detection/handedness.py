@@ -22,7 +22,7 @@ of 6 s and more above 1.6 (`scripts/plausible_solutions.py` counts them through 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import permutations, product
 from typing import TypeAlias
 
@@ -81,7 +81,8 @@ class AxesEvidence:
 
     def __add__(self, other: AxesEvidence) -> AxesEvidence:
         """Join the strides of two parts."""
-        return AxesEvidence(np.concatenate([self.scores, other.scores]), np.concatenate([self.gravity, other.gravity]))
+        gravity = np.concatenate([self.gravity, other.gravity])
+        return replace(self, scores=np.concatenate([self.scores, other.scores]), gravity=gravity)
 
     @property
     def strides(self) -> int:

@@ -9,6 +9,7 @@ says that it is not to be used.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ from fg_nav.detection.handedness import (
     measure_axes,
 )
 from fg_nav.detection.mount import Wearing
-from fg_nav.detection.swing_axes import WINDOW_S, measure_swing_axes
+from fg_nav.detection.swing_axes import NO_SWINGS, WINDOW_S, measure_swing_axes
 from fg_nav.errors import RecordingError
 from fg_nav.online.buffer import SampleBuffer
 from fg_nav.online.source_check import REFUSED_S
@@ -33,6 +34,8 @@ BLOCK_S: Mapping[Wearing, float] = {"foot": 5.0, "pocket": WINDOW_S + 0.05}
 """Four strides, most of them whole; of a thigh a window in which their period is found."""
 
 MEASURES: Mapping[Wearing, MeasureAxes] = {"foot": measure_axes, "pocket": measure_swing_axes}
+
+UNSEEN: Mapping[Wearing, AxesEvidence] = {"foot": NO_EVIDENCE, "pocket": NO_SWINGS}
 
 ENOUGH = 15
 """Strides that show the axes given."""
@@ -56,7 +59,7 @@ class AxesCheck:
     """
 
     def __init__(self, remark: Callable[[str], None], refuses: bool = True, mount: Wearing = "foot") -> None:
-        self.evidence = NO_EVIDENCE
+        self.evidence = UNSEEN[mount]
         self._block_s, self._measure = BLOCK_S[mount], MEASURES[mount]
         self._remark, self._refuses = remark, refuses
         self._begins = 0  # sample at which the next block begins
@@ -85,7 +88,7 @@ class AxesCheck:
         self._begins, self._passed_s = int(state["begins"]), float(state["passed_s"])
         gravity = np.array(state["gravity"], dtype=np.float64)
         scores = np.array(state["scores"] or np.zeros((len(gravity), len(AXES))), dtype=np.float64)
-        self.evidence = AxesEvidence(scores.reshape(len(gravity), len(AXES)), gravity)
+        self.evidence = replace(self.evidence, scores=scores.reshape(len(gravity), len(AXES)), gravity=gravity)
 
     @property
     def _is_settled(self) -> bool:

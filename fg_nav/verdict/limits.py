@@ -12,7 +12,7 @@ time           share   0.05      0.1     in which the foot moved on without a fo
 gravity        share   0.03      0.08    by which the vertical force of a stride, from rest to rest, is not that of
                                          gravity: of sensors 0.005 to 0.03. Median over the strides
 axes           -       3         7       log of the odds of other axes of the gyroscope than those given
-                                         (`detection.handedness`)
+                                         (`detection.handedness`, in a pocket `detection.swing_axes`)
 ============== ======= ========= ======= ==============================================================================
 """
 

@@ -9,6 +9,7 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.detection.handedness import AxesEvidence, measure_axes
 from fg_nav.detection.mount import TurnSigns, measure_turning
+from fg_nav.detection.swing_axes import measure_swing_axes
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.magnetic.quasi_static import QUASI_STATIC
 from fg_nav.mechanisation import integrate_strides
@@ -63,7 +64,8 @@ class Seen:
     @cached_property
     def axes(self) -> AxesEvidence:
         """What strides show of the axes of gyroscope and accelerometer."""
-        return measure_axes(self.recording.t, self.recording.acc, self.recording.gyr)
+        measure = measure_swing_axes if self.walk.options.mount == "pocket" else measure_axes
+        return measure(self.recording.t, self.recording.acc, self.recording.gyr)
 
     @cached_property
     def swings(self) -> Floats:

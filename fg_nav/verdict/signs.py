@@ -296,6 +296,7 @@ SIGNS_WITHOUT_FOOTFALLS: tuple[Callable[[Seen], Reason | None], ...] = (
 SIGNS_IN_POCKET = (
     measure_speed,
     measure_longest_stride,
+    contradict_axes,
     measure_heading_sigma,
     measure_position_sigma,
     *SIGNS_WITHOUT_FOOTFALLS,
