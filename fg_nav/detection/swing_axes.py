@@ -64,9 +64,10 @@ class SwingEvidence(AxesEvidence):
     @property
     def problem(self) -> str:
         """What speaks against the axes, in words."""
+        force = np.median(self.gravity) if self.strides else np.nan
         strides = f"{self.speaking} of {format_count(self.strides, 'stride')}"
         return (
-            f"gravity turns against the gyroscope in {strides}, the mean force is {np.median(self.gravity):.1f} m/s^2: "
+            f"gravity turns against the gyroscope in {strides}, the mean force is {force:.1f} m/s^2: "
             "gyroscope and accelerometer do not belong together (mirrored or exchanged axes), or a scale is wrong"
         )
 

@@ -11,6 +11,7 @@ from fg_nav.errors import RecordingError
 from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.online.axes_check import AxesCheck
 from fg_nav.online.buffer import SampleBuffer, rows_of
+from fg_nav.verdict.limits import judge_axes
 
 MIRRORS = {
     "gyroscope negated": (np.eye(3), -np.eye(3)),
@@ -75,6 +76,7 @@ def test_few_strides_are_no_evidence_and_many_are_no_more_than_one():
     few, many = measure(rows[:700]), measure(rows)
     assert 0 < few.strides < FEWEST_STRIDES
     assert few.against == 0.0
+    assert judge_axes(NO_SWINGS).weight == 0.0
     assert (many + many).against == pytest.approx(many.against)
 
 
