@@ -70,7 +70,10 @@ GAP_PERIODS = 2.5
 
 @dataclass(frozen=True)
 class Provenance:
-    """Where a recording came from and what was done to it on the way in: `bad_samples` were left out, say."""
+    """Where a recording came from and what was done to it on the way in.
+
+    Of `bad_samples` accelerometer or gyroscope was bad: left out where both were, else of that sensor bridged.
+    """
 
     path: Path | None = None
     format: str = "array"

@@ -2,7 +2,7 @@
 
 ================================= ==========================================================================
 missing (NaN, empty, no range)    left out
-bad samples                       left out, as in a file (`outlier_gate`)
+bad samples                       bridged or left out, as in a file (`outlier_gate`)
 stamp as the one before           left out
 stamp before the last one         waits, and is left out; but after `RESTART` of them in order the clock has restarted,
                                   and its stamps are shifted: where force and rate go on (a counter that began again)

@@ -1,4 +1,4 @@
-"""What is said of the samples of a stream that are left out, and of its stamps that are changed."""
+"""What is said of the samples of a stream that are left out or bridged, and of its stamps that are changed."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ is lost in it."""
 
 REMARKS = {
     "missing": "samples are missing (empty, NaN or out of any range) and left out",
-    "gyr": "samples of the gyroscope are far off what those around allow, and left out",
-    "acc": "samples of the accelerometer are far off what those around allow, and left out",
-    "mag": "samples of the magnetometer are far off what those around allow, and left out",
+    "gyr": "samples of the gyroscope are far off what those around allow, and not used",
+    "acc": "samples of the accelerometer are far off what those around allow, and not used",
+    "mag": "samples of the magnetometer are far off what those around allow, and not used",
     "repeated": "stamps repeat the one before, and their samples are left out",
     "backward": "stamps are before the last one, and their samples are left out",
     "ahead": "stamps are far ahead of those around them, and their samples are left out",

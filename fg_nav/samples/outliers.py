@@ -102,19 +102,19 @@ def scan_mag(t: Floats, mag: Floats, begin: int, at_end: bool) -> tuple[Ints, in
 
 
 def note_outliers(found: Outliers, t: Floats, row: Ints) -> list[str]:
-    """Say which samples (N,) are left out as bad, by stamps and rows (N,); nothing where there are none."""
+    """Say which samples (N,) are bad and not used, by stamps and rows (N,); nothing where there are none."""
     sensors = [name for name, bad in (("gyroscope", found.gyr), ("accelerometer", found.acc)) if bad.any()]
     return note_bad(found.any, " and ".join(sensors), t, row)
 
 
 def note_bad(bad: Bools, sensor: str, t: Floats, row: Ints) -> list[str]:
-    """Say that samples (N,) of a sensor are left out as bad."""
+    """Say that samples (N,) of a sensor are bad and not used, bridged where the other sensor was good."""
     if not bad.any():
         return []
     first = int(np.argmax(bad))
     where = f"row {row[first]} (t = {t[first]:.3f} s)"
     words = f"{format_count(int(bad.sum()), 'bad sample')} of the {sensor}"
-    return [f"left out {words}, far off what the samples around allow, the first in {where}"]
+    return [f"did not use {words}, far off what the samples around allow, the first in {where}"]
 
 
 @njit(cache=True)

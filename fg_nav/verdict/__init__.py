@@ -29,7 +29,7 @@ clipping             share    0.05      0.15    time in which a sensor is at the
                                                 foot swings: what is rebuilt there is a guess
 gyro bias            deg/s    1         3       of sensors that were calibrated once, 0.1 to 0.5
 rate                 s        1/80      1/40    a heel strikes within 20 ms
-bad samples          share    0.005     0.05    that were left out: at 200 Hz one in every stride, or ten; others may be
+bad samples          share    0.005     0.05    that were not used: at 200 Hz one in every stride, or ten; others may be
                                                 as wrong and not be seen
 unseen               s        0.1       0.5     the longest gap: a foot turns by 2 rad/s in it
 heading              deg      30        90      the solution's own sigma at the end

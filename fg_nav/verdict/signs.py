@@ -114,10 +114,10 @@ def measure_gap(seen: Seen) -> Reason | None:
 
 
 def measure_bad_samples(seen: Seen) -> Reason | None:
-    """Share of the samples that were left out as bad: others may be as wrong, and not be seen."""
+    """Share of the samples of which a sensor was bad: others may be as wrong, and not be seen."""
     bad = seen.recording.provenance.bad_samples
     share = bad / (bad + len(seen.recording))
-    words = f"{100 * share:.1f} % of the samples were bad, and left out: the sensor or its connection is broken"
+    words = f"{100 * share:.1f} % of the samples were bad, and not used: the sensor or its connection is broken"
     return Reason(weigh(share, 0.005, 0.05), words)
 
 

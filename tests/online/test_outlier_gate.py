@@ -32,7 +32,7 @@ def test_a_stream_leaves_out_what_a_recording_does_and_counts_it(block):
     np.testing.assert_array_equal(np.concatenate([*taken, judge.flush()]), taken_rows(whole))
     assert judge.counts == {"gyr": len(BAD) + 3, "acc": 6, "mag": 3}
     assert len(whole) == len(rows) - 1
-    sentence = "samples of the gyroscope are far off what those around allow, and left out, the first at t ="
+    sentence = "samples of the gyroscope are far off what those around allow, and not used, the first at t ="
     assert any(words.startswith(sentence) for words in told)
     behind = [rows[min((i + 1) * block, len(rows)) - 1, 0] - part[-1, 0] for i, part in enumerate(taken) if len(part)]
     assert max(behind) <= (LOOK_AHEAD + 1) * 0.01  # of 100 Hz

@@ -76,10 +76,10 @@ def test_a_recording_leaves_bad_samples_out_and_says_which():
         [400, 401, 402],
         [300],
     ]
-    words = "left out 4 bad samples of the gyroscope and accelerometer, far off what the samples around allow"
+    words = "did not use 4 bad samples of the gyroscope and accelerometer, far off what the samples around allow"
     first, second = recording.provenance.notes
     assert first == f"{words}, the first in row 302 (t = 1.500 s)"
-    assert second.startswith("left out 1 bad sample of the magnetometer")
+    assert second.startswith("did not use 1 bad sample of the magnetometer")
     assert recording.t[np.isnan(recording.mag).any(axis=1)].tolist() == [t[500], t[520]]
     np.testing.assert_array_equal(recording.acc[300], acc[300])
     np.testing.assert_allclose(recording.gyr[300], (gyr[299] + gyr[301]) / 2)
