@@ -76,7 +76,7 @@ def test_few_strides_are_no_evidence_and_many_are_no_more_than_one():
     few, many = measure(rows[:700]), measure(rows)
     assert 0 < few.strides < FEWEST_STRIDES
     assert few.against == 0.0
-    assert judge_axes(NO_SWINGS).weight == 0.0
+    assert judge_axes(NO_SWINGS).weight < 0.0
     assert (many + many).against == pytest.approx(many.against)
 
 
