@@ -31,6 +31,7 @@ from fg_nav.online.estimates import split_rows
 from fg_nav.online.handover import PathNodes
 from fg_nav.online.saved_state import FootfallTable, RowTable
 from fg_nav.samples.outliers import ACC_OUT, GYR_OUT
+from fg_nav.samples.plausibility import find_squarable
 
 if TYPE_CHECKING:
     from fg_nav.online.checkpoint import Record
@@ -78,11 +79,12 @@ def find_fault(value: object, name: str = "", stop: int = MOST) -> str:
 
 
 def is_in_order(rows: object, columns: int) -> bool:
-    """Whether samples (n, columns) are stamps that rise, force and rate without a gap, and which of these was bad."""
+    """Whether samples (n, columns) are rising stamps, bounded force, rate and field, and which of the first was bad."""
     if not (isinstance(rows, np.ndarray) and rows.ndim == 2 and rows.shape[1] == columns and rows.dtype == float):
         return False
     known = bool(np.isin(rows[:, COLUMNS:], (0, ACC_OUT, GYR_OUT)).all())
-    return known and bool(np.isfinite(rows[:, :7]).all() and (np.diff(rows[:, 0]) > 0).all())
+    bounded = bool(find_squarable(np.nan_to_num(rows[:, 1:COLUMNS])).all())  # NaN is no field
+    return known and bounded and bool(np.isfinite(rows[:, :7]).all() and (np.diff(rows[:, 0]) > 0).all())
 
 
 def refuse_damaged(path: Path, records: Sequence[Record], stop: int) -> None:

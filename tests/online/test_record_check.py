@@ -52,6 +52,10 @@ def infinite_rate(rows):
     return np.where(np.arange(rows.size).reshape(rows.shape) == 705, np.inf, rows)
 
 
+def enormous_field(rows):
+    return np.where(np.arange(rows.size).reshape(rows.shape) == 5 * rows.shape[1] + 8, 1e300, rows)
+
+
 def both_unread(rows):
     return np.where(np.arange(rows.size).reshape(rows.shape) == 5 * rows.shape[1] + 10, 3.0, rows)
 
@@ -83,6 +87,7 @@ def name_change(changes):
         {"rows": turned_back},
         {"rows": unknown_stamp},
         {"rows": infinite_rate},
+        {"rows": enormous_field},
         {"rows": both_unread},
         {"rows": unknown_unread},
         {"changes": 3},
