@@ -17,6 +17,7 @@ import contextlib
 import copy
 import gzip
 import re
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeAlias, TypeVar
 
@@ -488,7 +489,8 @@ def _change(holder: Any, key: Any, rng: Rng) -> None:
     elif kind == 1:
         del holder[key]
     elif kind == 2 and isinstance(holder[key], int | float) and not isinstance(holder[key], bool):
-        holder[key] = float(rng.choice(FACTORS)) * holder[key]
+        number = holder[key] if abs(holder[key]) <= sys.float_info.max else np.inf
+        holder[key] = float(rng.choice(FACTORS)) * number
     else:
         holder[key] = _nest(1000) if rng.random() < 0.03 else copy.deepcopy(draw(rng, LEAVES))
 
