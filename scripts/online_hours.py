@@ -5,10 +5,10 @@
 
 A simulated walk with a magnetometer, repeated as long as it takes (`walks.RepeatedWalk`), is written to the standard
 input of the command as fast as it reads. With `--kills` the same walk goes through a second process with
-`--checkpoint`, which is killed (SIGKILL) at random instants and begun again, in turn with the samples of the last half
-minute once more, as of a logger's buffer, and with all from the beginning, as of a file. With `--real-time` the last
-minutes are written as they are walked, a twentieth of a second at a time; the command then waits for no solution, and
-how far it is behind is how long what is in the pipe has waited.
+`--checkpoint`, which is killed (SIGKILL) at random instants and begun again, in turn with the samples from some
+seconds before the last save on, as of a logger's buffer, and with all from the beginning, as of a file. With
+`--real-time` the last minutes are written as they are walked, a twentieth of a second at a time; the command then waits
+for no solution, and how far it is behind is how long what is in the pipe has waited.
 
 A row an hour of walking:
 
@@ -46,16 +46,17 @@ from walks import RepeatedWalk, simulate_long_walk
 
 from fg_nav.columns.mapping import CANONICAL
 from fg_nav.io.readers.canonical import format_rows
+from fg_nav.online import load
 
 HOUR_S, MINUTE_S = 3600.0, 60.0
 BLOCK_S, PACE_S = 1.0, 0.05
 """Of samples, written at once, as fast as they are read and as they are walked: a pipe holds some three seconds."""
 
-AGAIN_S = 30.0
-"""Of samples, sent again after a kill: more than came since the last save, less than the lag."""
+AGAIN_S = 10.0
+"""Of samples before the last save, sent again after a kill: less than the lag."""
 
-EVERY_S = 1.0
-"""Between two saves: some twenty of walking, as the walk comes faster than it was walked."""
+EVERY_S = 5.0
+"""Between two saves."""
 
 MINUTES = 60.0
 """Of the walk that is repeated."""
@@ -212,12 +213,12 @@ def print_hour(label: str, number: int, walked_s: float, hour: Hour) -> None:
     )
 
 
-def follow_killed(rows: Rows, samples: int, command: Sequence[str], kills: Sequence[int], label: str) -> list[str]:
+def follow_killed(rows: Rows, samples: int, path: Path, lag_s: float, kills: Sequence[int], label: str) -> list[str]:
     """Send a walk and kill the command at these samples; return the lines of all processes."""
     lines: list[str] = []
     begin, block, again = 0, round(BLOCK_S / rows.period_s), round(AGAIN_S / rows.period_s)
     for number, end in enumerate([*kills, samples]):
-        follower = Follower(command)
+        follower = Follower(stream_command(lag_s, path))
         follower.write(HEADER)
         for start in range(begin, end, block):
             follower.write(rows.format(start, min(start + block, end)))
@@ -227,7 +228,7 @@ def follow_killed(rows: Rows, samples: int, command: Sequence[str], kills: Seque
             follower.kill()
             print(f"{label}: killed behind sample {end}, {len(follower.lines)} lines", flush=True)
         lines += follower.lines
-        begin = 0 if number % 2 else max(end - again, 0)
+        begin = 0 if number % 2 or end == samples else max(load(path).buffer.stop - again, 0)
     return lines
 
 
@@ -279,7 +280,7 @@ def measure_kills(rows: Rows, samples: int, whole: Sequence[str], kills: int, la
     rng = np.random.default_rng(seed)
     at = np.sort(rng.integers(samples // 20, samples, kills)).tolist()
     with tempfile.TemporaryDirectory() as name:
-        found = follow_killed(rows, samples, stream_command(lag_s, Path(name) / "walk.save"), at, "killed")
+        found = follow_killed(rows, samples, Path(name) / "walk.save", lag_s, at, "killed")
     missing, differences = compare_lines(_parse(whole), _parse(found))
     different = sum(one > EXACT for one in differences)
     mode = f"{kills} kills"
