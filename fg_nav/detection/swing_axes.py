@@ -107,6 +107,7 @@ def _find_strides(t: Floats, gyr: Floats) -> tuple[Ints, Ints]:
             at = np.searchsorted(t, bounds - 0.5 * period_s)  # stamps are rounded
             edges.append(np.column_stack([at[:-1], at[1:]]))
     found = np.concatenate(edges)
+    found = found[found[:, 0] < found[:, 1]]  # none in a hole at the edge of a window
     kept = np.unique(np.linspace(0, len(found) - 1, min(MOST_STRIDES, len(found))).round().astype(int))
     return found[kept, 0].copy(), found[kept, 1].copy()
 

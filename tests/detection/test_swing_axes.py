@@ -71,6 +71,13 @@ def test_a_mirror_is_seen_where_the_thigh_swings_far_and_no_axis_is_named(mirror
     assert "negate" not in found.problem
 
 
+def test_a_hole_holds_no_stride():
+    rows = toy()
+    found = measure(rows[(rows[:, 0] < 6.0) | (rows[:, 0] > 8.5)])
+    assert found.strides >= FEWEST_STRIDES
+    assert np.isfinite(found.gravity).all()
+
+
 def test_few_strides_are_no_evidence_and_many_are_no_more_than_one():
     rows = change(toy(swing_rad=0.7), np.eye(3), -np.eye(3))
     few, many = measure(rows[:700]), measure(rows)
