@@ -264,7 +264,9 @@ class _Search:
         """Whether its numbers fit each other."""
         fresh = _Search(max(self.period_s, 1e-4), self._p)
         of_period = attrgetter("step", "_shoe_window", "_reach", "_window", "_settle", "_edge")
-        return of_period(self) == of_period(fresh) and all(map(Sliding.is_sound, self._windows(), fresh._windows()))
+        kinds = [[type(part) for part in (*one._windows(), *one._passes)] for one in (self, fresh)]
+        whole = kinds[0] == kinds[1] and of_period(self) == of_period(fresh)
+        return whole and all(map(Sliding.is_sound, self._windows(), fresh._windows()))
 
     def _windows(self) -> list[Sliding]:
         return [self._t, self._acc, self._gyr, self._level, *self._velocity]

@@ -207,6 +207,14 @@ def test_samples_that_wait_for_the_search_are_of_one_length():
         assert not stances.is_sound()
 
 
+@pytest.mark.parametrize("name", ["_passes", "_velocity"])
+def test_each_part_of_the_search_is_of_its_kind(name):
+    stances, rows = CausalStances(), rows_of(short_walk())[:300]
+    stances.push(rows[:, 0], rows[:, 1:4], rows[:, 4:7])
+    getattr(stances._search, name)[1] = "smoother"
+    assert not stances.is_sound()
+
+
 def test_an_object_without_what_its_class_gives_it_is_no_object() -> None:
     stances = CausalStances()
     content = pack(stances)
