@@ -18,7 +18,7 @@ from fg_nav.arrays import Floats, Ints
 from fg_nav.columns.units import KNOWN_UNITS, Quantity, find_factor
 from fg_nav.errors import FormatError
 from fg_nav.io.content import Content
-from fg_nav.system.spilled import drop_pages, empty_column, take_rows
+from fg_nav.system.spilled import drop_pages, empty_column, join_rows, take_rows
 
 
 def find_column(name: str, header: Sequence[str], path: Path) -> int:
@@ -103,19 +103,7 @@ def read_table(
         row.append(line[filled])
     if not any(map(len, table)):
         raise FormatError(f"{path.name} has a header but no samples: record or export it again.")
-    return _join(table), np.concatenate(row)
-
-
-def _join(blocks: list[Floats]) -> Floats:
-    """Join the rows of blocks, each of which is let go of when it was copied."""
-    table, start = empty_column(sum(map(len, blocks)), blocks[0].shape[1]), 0
-    blocks.reverse()
-    while blocks:
-        block = blocks.pop()
-        table[start : start + len(block)] = block
-        start += len(block)
-        drop_pages()
-    return table
+    return join_rows(table), np.concatenate(row)
 
 
 def _spill(values: Floats) -> Floats:

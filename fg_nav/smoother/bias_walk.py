@@ -126,7 +126,7 @@ def _sigmas(factor: Change) -> Floats:
 
 def _eliminate(chain: LinearWalk, changes: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> tuple[float, float]:
     """Error and volume of a linear graph with these changes of the bias."""
-    _, left = chain.join(stack_factors(list_linear(changes.linearize(values)))).eliminate()
+    left = chain.join(stack_factors(list_linear(changes.linearize(values)))).eliminate_all()
     factors = map(changes.at, range(changes.size()))
     noise = sum(np.log(_sigmas(cast("Change", factor))).sum() for factor in factors)
     return left.error, float(left.volume + noise)

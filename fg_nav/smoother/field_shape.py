@@ -27,8 +27,8 @@ from fg_nav.factors.rotation import turn_about_up
 from fg_nav.smoother.evidence import MOST_NATS
 from fg_nav.smoother.field_rounds import FieldSolution, FieldWalk, solve_for_north, solve_with_field
 from fg_nav.smoother.floors import count_floors
-from fg_nav.smoother.linear import LinearWalk, list_keys
-from fg_nav.smoother.solver import compute_error, compute_excess, list_attitudes, stack_walk, time_order
+from fg_nav.smoother.linear import LinearWalk
+from fg_nav.smoother.solver import compute_error, compute_excess, list_attitudes, list_in_time, stack_walk
 
 SHAPE_SIGMA_DEG = 0.1
 """Within which a footfall has the heading that it has without the field: of a still rest and a good gyroscope."""
@@ -63,9 +63,9 @@ def refute_shape(found: FieldSolution, without: gtsam.Values) -> float:
     rows = np.zeros((len(node), 1, 8))
     rows[:, 0, :3], rows[:, 0, 6], rows[:, 0, 7] = nav_R_body[:, 2], -1.0, np.median(turn) - turn
     shape = Stack(np.array([(X(j), common) for j in node], dtype=np.uint64), rows / np.radians(SHAPE_SIGMA_DEG))
-    keys = list_keys(time_order(problem.nodes, with_field=True, floor=problem.floor))
+    keys = list_in_time(problem.nodes, with_field=True, floor=problem.floor)
     stacks = [*stack_walk(problem.graph, problem.blocks, values), shape]
     walk = LinearWalk.of(stacks, np.append(keys, np.uint64(common)))
     del stacks
     without_shape = compute_error(problem.graph, problem.blocks, values) - compute_excess(problem.blocks, values)
-    return walk.eliminate_before(len(walk.keys)).error - without_shape
+    return walk.eliminate_all().error - without_shape

@@ -22,7 +22,7 @@ from fg_nav.smoother.elimination import eliminate_factors
 from fg_nav.smoother.elimination_plan import Factors
 from fg_nav.smoother.fronts import Fronts, log_diagonal
 from fg_nav.smoother.square_root import SquareRoot
-from fg_nav.system.spilled import drop_pages, empty_column
+from fg_nav.system.spilled import drop_pages, empty_column, join_rows
 
 DIMENSION = {ord("x"): 6, ord("v"): 3, ord("b"): 6, ord("s"): 1, ord("m"): 8, ord("z"): 1}
 """Of the tangent space of pose, velocity, bias, settling, state of the field and floor, by the letter in the key."""
@@ -70,11 +70,6 @@ def _augment(factor: gtsam.GaussianFactor) -> Floats:
     return np.asarray(weight[:, None] * factor.augmentedJacobianUnweighted())
 
 
-def list_keys(ordering: gtsam.Ordering) -> Keys:
-    """List the keys of an ordering."""
-    return np.array([ordering.at(i) for i in range(ordering.size())], dtype=np.uint64)
-
-
 def find_sizes(keys: Keys) -> Ints:
     """Find the dimensions (V,) of the variables."""
     letter, kind = np.unique(keys >> np.uint64(LETTER_SHIFT), return_inverse=True)
@@ -118,6 +113,10 @@ class LinearWalk:
         """Eliminate the variables before place `end`."""
         return self._eliminate(end)[2]
 
+    def eliminate_all(self) -> LinearWalk:
+        """Eliminate all variables, for the error and the volume."""
+        return self.eliminate_before(len(self.keys))
+
     @cached_property
     def _size(self) -> Ints:
         return find_sizes(self.keys)
@@ -156,17 +155,7 @@ def _chain(parts: Sequence[Factors]) -> Factors:
     """Return factors one behind the other."""
     begins, at = _chain_places([part.begins for part in parts]), _chain_places([part.at for part in parts])
     member, rows = np.concatenate([part.member for part in parts]), np.concatenate([part.rows for part in parts])
-    return Factors(begins, member, rows, at, _chain_values([part.values for part in parts]))
-
-
-def _chain_values(parts: Sequence[Floats]) -> Floats:
-    """Return numbers one behind the other."""
-    chained, at = empty_column(sum(map(len, parts))), 0
-    for part in parts:
-        chained[at : at + len(part)] = part
-        at += len(part)
-        drop_pages()
-    return chained
+    return Factors(begins, member, rows, at, join_rows([part.values for part in parts]))
 
 
 def _chain_places(parts: Sequence[Ints]) -> Ints:

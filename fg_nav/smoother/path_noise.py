@@ -40,9 +40,9 @@ from fg_nav.factors.magnetic_field import E_H, PHI
 from fg_nav.smoother.evidence import MOST_NATS
 from fg_nav.smoother.field_factors import FieldFactors
 from fg_nav.smoother.graph import WalkProblem
-from fg_nav.smoother.linear import LinearWalk, list_keys
+from fg_nav.smoother.linear import LinearWalk
 from fg_nav.smoother.roughness import LEAST_STEP_M
-from fg_nav.smoother.solver import stack_walk, time_order
+from fg_nav.smoother.solver import list_in_time, stack_walk
 
 SHARES = (0.0, 0.01, 0.1, 1.0)
 """At 0 the sampling leaves a tenth of a uT m a stride."""
@@ -102,7 +102,7 @@ def _eliminate_between(problem: WalkProblem, values: gtsam.Values) -> LinearWalk
     blocks = [block for block in problem.blocks if block is not problem.field]
     between = np.delete(np.arange(len(problem.nodes)), problem.nodes.result)
     nodes = np.array([key(int(j)) for j in between for key in (X, V)], dtype=np.uint64)
-    order = list_keys(time_order(problem.nodes, with_field=True, floor=problem.floor))
+    order = list_in_time(problem.nodes, with_field=True, floor=problem.floor)
     first = np.isin(order, nodes)
     walk = LinearWalk.of(stack_walk(problem.graph, blocks, values), np.concatenate([order[first], order[~first]]))
     return walk.eliminate_before(len(nodes))
@@ -110,7 +110,7 @@ def _eliminate_between(problem: WalkProblem, values: gtsam.Values) -> LinearWalk
 
 def _minus_log_evidence(rest: LinearWalk, field: FieldFactors, values: gtsam.Values) -> float:
     """Of a field, up to a constant."""
-    left = rest.join(field.stack(values)).eliminate_before(len(rest.keys))
+    left = rest.join(field.stack(values)).eliminate_all()
     noise = (
         np.log(field.integral_sigma).sum() + np.log(field.change_sigma[:, PHI]).sum() + np.log(field.prior.sigma[PHI])
     )

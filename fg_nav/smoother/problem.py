@@ -236,7 +236,7 @@ class _Piece:
     def _measure_level(self, level: float, inertial: Stack, others: Sequence[Stack]) -> float:
         root = np.linalg.cholesky(self.covariances(level))
         whitened = Stack(inertial.keys, np.linalg.solve(root, inertial.rows))
-        _, left = LinearWalk.of([whitened, *others], self._keys).eliminate()
+        left = LinearWalk.of([whitened, *others], self._keys).eliminate_all()
         return float(left.error + left.volume + np.log(np.diagonal(root, axis1=1, axis2=2)).sum())
 
     def covariances(self, level: float) -> Floats:

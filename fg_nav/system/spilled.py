@@ -14,6 +14,7 @@ import mmap
 import os
 import tempfile
 import threading
+from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
 from weakref import WeakSet
@@ -48,24 +49,35 @@ def empty_column(*shape: int) -> Floats:
 
 def take_rows(index: Ints, *columns: Floats) -> Floats:
     """Return the rows `index` (K,) of columns (N, c) side by side, in a file where they are long."""
-    taken, at = empty_column(len(index), sum(one.shape[1] for one in columns)), 0
-    for one in columns:
-        for start in range(0, len(index), BLOCK_ROWS):
-            part = index[start : start + BLOCK_ROWS]
-            taken[start : start + len(part), at : at + one.shape[1]] = one[part]
-            drop_pages()
-        at += one.shape[1]
-    return taken
+    return _put_beside(len(index), columns, lambda part: index[part])
 
 
 def join_columns(*columns: Floats) -> Floats:
     """Return columns (N, c) side by side, in a file where they are long."""
-    joined, at = empty_column(len(columns[0]), sum(one.shape[1] for one in columns)), 0
+    return _put_beside(len(columns[0]), columns, lambda part: part)
+
+
+def _put_beside(count: int, columns: Sequence[Floats], rows_of: Callable[[slice], Ints | slice]) -> Floats:
+    """Put `count` rows of columns side by side, those that `rows_of` names for each block."""
+    beside, at = empty_column(count, sum(one.shape[1] for one in columns)), 0
     for one in columns:
-        for start in range(0, len(one), BLOCK_ROWS):
-            joined[start : start + BLOCK_ROWS, at : at + one.shape[1]] = one[start : start + BLOCK_ROWS]
+        for start in range(0, count, BLOCK_ROWS):
+            part = slice(start, min(start + BLOCK_ROWS, count))
+            beside[part, at : at + one.shape[1]] = one[rows_of(part)]
             drop_pages()
         at += one.shape[1]
+    return beside
+
+
+def join_rows(parts: list[Floats]) -> Floats:
+    """Return arrays one behind the other, in a file where they are long; each is taken off the list when copied."""
+    joined, start = empty_column(sum(map(len, parts)), *parts[0].shape[1:]), 0
+    parts.reverse()
+    while parts:
+        part = parts.pop()
+        joined[start : start + len(part)] = part
+        start += len(part)
+        drop_pages()
     return joined
 
 

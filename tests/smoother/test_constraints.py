@@ -29,11 +29,10 @@ from fg_nav.smoother.constraints import (
     off_line,
 )
 from fg_nav.smoother.floors import LEVEL_SIGMA_M
-from fg_nav.smoother.linear import list_keys
 from fg_nav.smoother.parameters import WalkParameters
 from fg_nav.smoother.solver import LinearizableBlock, Solved, marginal_covariances, minimize, time_order
 from tests.factors.straight import straight_walk_factor, straight_walk_noise
-from tests.smoother.walks import DEFAULT, FREE, demo, problem
+from tests.smoother.walks import DEFAULT, FREE, demo, list_keys, problem
 
 STRIDE_M = 1.3
 STRAIGHT = StraightWalk()

@@ -9,9 +9,9 @@ from fg_nav.detection import detect_stances
 from fg_nav.errors import EstimationError
 from fg_nav.factors.residual import Stack
 from fg_nav.recording import Recording
-from fg_nav.smoother.linear import DIMENSION, LinearWalk, list_keys, stack_factors
+from fg_nav.smoother.linear import DIMENSION, LinearWalk, stack_factors
 from fg_nav.smoother.solver import list_linear, marginal_covariances
-from tests.smoother.walks import Problem, Walk, demo, minimum, part, problem, with_exact_factors
+from tests.smoother.walks import Problem, Walk, demo, list_keys, minimum, part, problem, with_exact_factors
 
 
 def eliminated(one: Problem) -> tuple[gtsam.GaussianFactorGraph, gtsam.GaussianBayesTree, gtsam.Values]:

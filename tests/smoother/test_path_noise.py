@@ -12,7 +12,7 @@ from fg_nav.recording import Recording
 from fg_nav.smoother import smooth
 from fg_nav.smoother.evidence import MOST_NATS
 from fg_nav.smoother.field_rounds import look_along, solve_with_field
-from fg_nav.smoother.linear import LinearWalk, list_keys
+from fg_nav.smoother.linear import LinearWalk
 from fg_nav.smoother.path_noise import (
     REFUTED_NATS,
     SHARES,
@@ -23,7 +23,7 @@ from fg_nav.smoother.path_noise import (
     choose_share,
 )
 from fg_nav.smoother.problem import walk_problem
-from fg_nav.smoother.solver import stack_walk, time_order
+from fg_nav.smoother.solver import list_in_time, stack_walk
 from fg_nav.stances import Stances
 from tests.smoother.test_field import heading_error_deg, in_field, replace_field, truth_of
 from tests.smoother.test_potential import ALWAYS, EARTH, solved_in
@@ -70,7 +70,7 @@ def test_nodes_eliminated_first_change_no_difference_of_evidence() -> None:
     levels = [field.assume_lost_share(share) for share in (1.0, 0.1)]
     short = np.diff([_minus_log_evidence(rest, one, values) for one in levels])
     blocks = [block for block in found.problem.blocks if block is not found.problem.field]
-    order = list_keys(time_order(found.problem.nodes, with_field=True))
+    order = list_in_time(found.problem.nodes, with_field=True)
     walk = LinearWalk.of(stack_walk(found.problem.graph, blocks, values), order)
     whole = np.diff([_minus_log_evidence(walk, one, values) for one in levels])
     np.testing.assert_allclose(short, whole, atol=1e-6)

@@ -13,7 +13,7 @@ from fg_nav.arrays import Floats
 from fg_nav.detection import detect_stances, find_rests
 from fg_nav.detection.rolling_lever import estimate_lever
 from fg_nav.factors import guarded_factor
-from fg_nav.factors.residual import ResidualBlock, one_of
+from fg_nav.factors.residual import Keys, ResidualBlock, one_of
 from fg_nav.factors.zero_velocity import StanceVelocity
 from fg_nav.frames import level_attitude
 from fg_nav.io import read, read_pyshoe_labels
@@ -21,7 +21,6 @@ from fg_nav.lab.simulation.person import Person
 from fg_nav.recording import Recording
 from fg_nav.smoother import SmootherParameters
 from fg_nav.smoother.graph import GAUGE_SIGMA, StartPrior, Trajectory, WalkProblem, initial_values, trajectory_of
-from fg_nav.smoother.linear import list_keys
 from fg_nav.smoother.parameters import WalkParameters
 from fg_nav.smoother.preintegration import preintegrate
 from fg_nav.smoother.solver import CONVERGENCE, LARGEST_STEPS, Solved, minimize, time_order
@@ -43,6 +42,11 @@ DEFAULT = SmootherParameters()
 
 FREE = replace(DEFAULT, walk=WalkParameters(floors=False))
 """Without level floors: the height by the foot alone, as online."""
+
+
+def list_keys(ordering: gtsam.Ordering) -> Keys:
+    """List the keys of an ordering."""
+    return np.array([ordering.at(i) for i in range(ordering.size())], dtype=np.uint64)
 
 
 @dataclass(frozen=True)
