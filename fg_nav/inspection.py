@@ -17,9 +17,9 @@ from fg_nav.detection.mount import measure_turning
 from fg_nav.errors import DetectionError, RecordingError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.magnetic.axes import AlignedMagnetometer, align_magnetometer, field_points_up
-from fg_nav.recording import MIN_SAMPLES, RawRecording, Recording, find_usable_samples
+from fg_nav.recording import MIN_SAMPLES, RawRecording, Recording
 from fg_nav.samples import plausibility
-from fg_nav.samples.plausibility import GravityTransport
+from fg_nav.samples.plausibility import GravityTransport, find_usable_samples
 from fg_nav.samples.saturation import find_saturated
 from fg_nav.samples.timing import fit_clock
 from fg_nav.text import format_count
@@ -139,7 +139,7 @@ def inspect(raw: RawRecording) -> Inspection:
     axes = NO_EVIDENCE if recording is None else measure_axes(recording.t, recording.acc, recording.gyr)
     if axes.against > DECISIVE:
         recording, refusal = None, f"{axes.problem}."
-    usable = find_usable_samples(raw)
+    usable = find_usable_samples(raw.t, raw.acc, raw.gyr)
     t, acc, gyr = raw.t[usable], raw.acc[usable], raw.gyr[usable]
     duration = float(np.ptp(t)) if len(t) else 0.0
     rising = _find_rising(raw, usable)

@@ -45,7 +45,7 @@ from fg_nav.samples.outliers import find_mag_outliers, find_outliers, note_bad, 
 from fg_nav.samples.saturation import Peaks, find_clipping_levels, rebuild_peaks
 from fg_nav.samples.stamps import order_stamps
 from fg_nav.samples.timing import even_stamps
-from fg_nav.system.spilled import BLOCK_ROWS, drop_pages, take_rows
+from fg_nav.system.spilled import drop_pages, take_rows
 from fg_nav.text import format_count
 from fg_nav.truth import FootprintTruth, TrajectoryTruth, Truth
 
@@ -60,9 +60,6 @@ MAX_GAP_S = 0.1
 
 MAX_MISSING_SHARE = 0.2
 """With more missing samples than this, however scattered, their neighbors do not show what lies between."""
-
-_END_OF_TIME = 1e20
-"""No stamp in any unit is beyond this: nanoseconds since 1970 are 2e18."""
 
 GAP_PERIODS = 2.5
 """A step between stamps of more periods than this is called a gap; transport jitter makes smaller ones."""
@@ -277,28 +274,10 @@ class Recording:
         return cut
 
 
-def find_usable_samples(raw: RawRecording) -> Bools:
-    """(N,) True where stamp, acc and gyr are finite and within what any sensor can read.
-
-    A specific force of exactly zero on all axes is a logger's way to say that there was no sample.
-    """
-    usable = np.empty(len(raw.t), dtype=np.bool_)
-    for start in range(0, len(usable), BLOCK_ROWS):
-        part = np.s_[start : start + BLOCK_ROWS]
-        usable[part] = (
-            raw.acc[part].any(axis=1)
-            & (np.abs(raw.t[part]) < _END_OF_TIME)
-            & (np.abs(raw.acc[part]) < plausibility.LIMIT_M_S2).all(axis=1)
-            & (np.abs(raw.gyr[part]) < plausibility.LIMIT_RAD_S).all(axis=1)
-        )
-        drop_pages()
-    return usable
-
-
 def _admit(raw: RawRecording) -> Recording:
     _check_shapes(raw.t, raw.acc, raw.gyr, raw.mag)
     _check_count(len(raw.t))
-    is_usable = find_usable_samples(raw)
+    is_usable = plausibility.find_usable_samples(raw.t, raw.acc, raw.gyr)
     for problem in plausibility.find_lasting_problems(raw.t, raw.acc, raw.gyr, raw.mag, is_usable):
         raise RecordingError(f"{problem}.")
     usable = np.flatnonzero(is_usable)

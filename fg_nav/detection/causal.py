@@ -243,11 +243,10 @@ class _Search:
         self.step = samples(p.step_s, 1)
         self._shoe_window = samples(WINDOW_S, 3)
         self._reach = self._shoe_window - 1 - self._shoe_window // 2
-        self._window = samples(p.window_s, 100)
-        self._settle, self._edge = samples(p.settle_s, 1), samples(p.edge_s, 1)
+        self._window, self._settle, self._edge = samples(p.window_s, 100), samples(p.settle_s, 1), samples(p.edge_s, 1)
         keep = self._window + self.step + 4 * self._shoe_window + FIRST_SAMPLES
-        self._t, self._acc, self._gyr = Sliding(keep), Sliding(keep, (3,)), Sliding(keep, (3,))
-        self._level = Sliding(keep)
+        self._t, self._level = Sliding(keep), Sliding(keep)
+        self._acc, self._gyr = Sliding(keep, (3,)), Sliding(keep, (3,))
         self._passes = [FreePass(link.still_level, MAX_GAP_S) for link in (WALKING, ROUGH)]
         self._velocity = [Sliding(keep, (3,)) for _ in self._passes]
         self._reported, self._stands, self._last_end = 0, False, 0
@@ -257,8 +256,7 @@ class _Search:
     def stands(self) -> bool:
         """Whether the last interval found reaches to the last sample, or a standing goes on."""
         stop = self._level.stop
-        goes_on = self._stands and not self._has_swung(self._reported, stop)
-        return goes_on or self._last_end > stop - self.step
+        return self._last_end > stop - self.step or (self._stands and not self._has_swung(self._reported, stop))
 
     def is_sound(self) -> bool:
         """Whether its numbers fit each other."""

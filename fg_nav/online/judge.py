@@ -39,8 +39,9 @@ from fg_nav.online.outlier_gate import OutlierGate
 from fg_nav.online.overlap import HEAD, TAIL, Overlap, fingerprint_rows
 from fg_nav.online.remarks import REMARKS, UNKNOWN_GAP_S
 from fg_nav.online.unit_check import UnitCheck
-from fg_nav.recording import MAX_GAP_S, RawRecording, find_field_samples, find_usable_samples
+from fg_nav.recording import MAX_GAP_S, find_field_samples
 from fg_nav.samples.outliers import ACC_OUT, BOTH_OUT, GYR_OUT, MAG_OUT
+from fg_nav.samples.plausibility import find_usable_samples
 from fg_nav.samples.stamps import AROUND, SAME_S, goes_on
 
 JUMP_S = 1.0
@@ -105,11 +106,9 @@ class SampleJudge:
         t, acc, gyr, mag
             (n,) s, (n, 3) m/s^2, (n, 3) rad/s, (n, 3) uT; whatever a sensor may deliver.
         """
-        field = np.full((len(t), 3), np.nan)
-        if mag is not None:
-            sensed = find_field_samples(mag)
-            field[sensed] = mag[sensed]
-        usable = find_usable_samples(RawRecording(t, acc, gyr, np.arange(len(t)), field))
+        unseen = np.full((len(t), 3), np.nan)
+        field = unseen if mag is None else np.where(find_field_samples(mag)[:, None], mag, unseen)
+        usable = find_usable_samples(t, acc, gyr)
         new = self._drop_known(np.column_stack([t, acc, gyr, field])[usable])
         self._count_missing(usable, len(new))
         return self._take(new)

@@ -21,7 +21,10 @@ import numpy as np
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.samples.outliers import find_outliers
-from fg_nav.system.spilled import drop_pages
+from fg_nav.system.spilled import BLOCK_ROWS, drop_pages
+
+_END_OF_TIME = 1e20
+"""No stamp in any unit is beyond this: nanoseconds since 1970 are 2e18."""
 
 LIMIT_M_S2 = 5000.0
 """No accelerometer worn by a person reads more (500 g)."""
@@ -333,6 +336,24 @@ def _usable(*vectors: Floats, limit: float = 1e5) -> tuple[Floats, ...]:
     """Rows (., 3) that are finite, and small enough to be squared, in all of the arrays."""
     usable = np.logical_and.reduce([find_squarable(v, limit) for v in vectors])
     return tuple(v[usable] for v in vectors)
+
+
+def find_usable_samples(t: Floats, acc: Floats, gyr: Floats) -> Bools:
+    """(N,) True where stamp, acc and gyr are finite and within what any sensor can read.
+
+    A specific force of exactly zero on all axes is a logger's way to say that there was no sample.
+    """
+    usable = np.empty(len(t), dtype=np.bool_)
+    for start in range(0, len(usable), BLOCK_ROWS):
+        part = np.s_[start : start + BLOCK_ROWS]
+        usable[part] = (
+            acc[part].any(axis=1)
+            & (np.abs(t[part]) < _END_OF_TIME)
+            & find_squarable(acc[part], LIMIT_M_S2)
+            & find_squarable(gyr[part], LIMIT_RAD_S)
+        )
+        drop_pages()
+    return usable
 
 
 def find_squarable(vectors: Floats, limit: float = 1e6) -> Bools:
