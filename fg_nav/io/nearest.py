@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import codecs
+import math
 import shlex
 
 from fg_nav.columns.headers import read_header
@@ -72,8 +73,8 @@ def _is_tum(content: Content) -> bool:
         numbers = [[float(field) for field in row] for row in rows[:20]]
     except ValueError:
         return False
-    squares = [sum(value**2 for value in row[_QUATERNION]) for row in numbers]
-    return bool(rows) and all(len(row) == 8 for row in rows[:20]) and all(abs(s - 1.0) < 1e-3 for s in squares)
+    lengths = [math.hypot(*row[_QUATERNION]) for row in numbers]
+    return bool(rows) and all(len(row) == 8 for row in rows[:20]) and all(abs(s - 1.0) < 5e-4 for s in lengths)
 
 
 def _explain_mark(content: Content) -> str | None:

@@ -125,8 +125,9 @@ def _follow(
     status = None if watcher is None else StatusReporter(watcher)
     walk = _Walk(navigator, options, checkpoint, emit, remark, status)
     walk.tell_past()
-    if navigator.source.get("header"):
-        source.resume(navigator.source["header"])
+    if navigator.source.get("header") and options.checkpoint is not None:
+        with say_damaged(options.checkpoint):
+            source.resume(navigator.source["header"])
     silence = Silence(source.name, options.stalled_s, options.until_silent_s, remark)
     while not (stop is not None and stop.is_set()):
         rows = source.read(WAIT_S)

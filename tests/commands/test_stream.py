@@ -24,6 +24,7 @@ from fg_nav.io import write_canonical
 from fg_nav.io.readers.canonical import format_rows
 from fg_nav.online import OnlineNavigator, load
 from fg_nav.online.buffer import rows_of
+from fg_nav.online.checkpoint import Checkpoint
 from fg_nav.online.estimates import format_table
 from fg_nav.online.follow import StreamOptions, follow_source
 from fg_nav.online.sources import TextSource, open_source
@@ -201,6 +202,17 @@ def test_a_source_that_has_sent_its_header_goes_on_without_it(csv, whole, tmp_pa
         navigator, _, _ = followed(Pieces(*cut(b"".join(again), 20)), checkpoint=path, checkpoint_s=1e9)
         path.write_bytes(kept)
         assert worst_difference(navigator.causal(), whole.causal()) < 1e-9
+
+
+@pytest.mark.parametrize("header", [3, ["t", 4.0], {"t": 1}, "time_s,acc", [["t"]]])
+def test_a_checkpoint_whose_header_was_changed_is_refused_in_a_sentence(csv, tmp_path, header):
+    rows, path, navigator = csv.read_bytes().splitlines(keepends=True), tmp_path / "walk.npz", OnlineNavigator(NORTH)
+    push(navigator, rows_of(short_walk())[:300])
+    navigator.source |= {"calibration": None, "columns": None, "mag_axes": None, "header": header}
+    checkpoint = Checkpoint(path)
+    checkpoint.write(checkpoint.collect(navigator))
+    with pytest.raises(FormatError):
+        followed(Pieces(b"".join(rows[300:])), checkpoint=path)
 
 
 def test_another_calibration_is_no_way_to_go_on(csv, tmp_path):

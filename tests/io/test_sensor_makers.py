@@ -210,6 +210,19 @@ def test_metawear_joins_the_files_of_a_session(tmp_path: Path) -> None:
     assert np.isnan(raw.mag[1::4]).all()
 
 
+def test_metawear_leaves_out_rows_whose_clocks_are_damaged(tmp_path: Path) -> None:
+    write_metawear(RAW, tmp_path)
+    path = next(tmp_path.glob("*_Gyroscope*"))
+    lines = path.read_text().splitlines()
+    for row, (column, value) in enumerate([(2, "9.5e9"), (0, "9.5e12"), (2, "-1e12")], start=3):
+        cells = lines[row].split(",")
+        cells[column] = value
+        lines[row] = ",".join(cells)
+    path.write_text("\n".join(lines) + "\n")
+    raw = read_raw(tmp_path)
+    np.testing.assert_allclose(raw.gyr, np.delete(RAW.gyr, [2, 3, 4], axis=0), atol=1e-9)
+
+
 def test_metawear_asks_for_the_other_file_and_for_the_session(tmp_path: Path) -> None:
     write_metawear(RAW, tmp_path)
     one = next(tmp_path.glob("*_Accelerometer*"))

@@ -279,6 +279,7 @@ STARTS = [
     (b"time_s,x_m,y_m,z_m,sigma_m\n1,2,3,4,1\n", "is no recording but known positions.*--fixes"),
     (b'{\n "format": "fg-nav calibration",\n "version": 1\n}', "is no recording but a calibration.*--calibration"),
     (b"# t x y z qx qy qz qw\n" + b"1.5 0 0 0 0 0 0.6 0.8\n" * 9, "is no recording but a true path.*--truth"),
+    (b"1 2 3 4 1e300 0 0 1\n" * 9, r"8 columns and no header"),
     (b"\x89HDF\r\n\x1a\n\0\0", "an HDF5 file: export"),
     (b"a,b,c,d,e,f,g\n" + b"1,2,3,4,5,6,7\n" * 9, r"nearest to a table, .*'a', 'b'.*--columns \"time=t\[ms\],acc=ax"),
     (b"t,ax,ay,az,p,q,r\n" + b"1,2,3,4,5,6,7\n" * 9, r"no column for angular rate among .*acc=ax:ay:az\[m/s\^2\],gyr="),

@@ -25,6 +25,9 @@ from fg_nav.recording import RawRecording
 
 _EPOCH = ("epoch (ms)", "epoc (ms)")
 _ELAPSED = "elapsed (s)"
+_LATEST = (9e12, 3e9)
+"""Of the clocks, ms and s: later ones are damaged, and too large in ns for a whole number of 64 bits."""
+
 _AXIS = re.compile(r"^([xyz])-axis \((.+)\)$")
 _SENSOR = re.compile(r"[_ -]*(accelerometer|gyroscope|magnetometer)", re.IGNORECASE)
 _FUSED = re.compile(r"linear|gravity|euler|quaternion|fusion", re.IGNORECASE)
@@ -101,7 +104,7 @@ def _read_stream(file: Content, what: Sensor) -> Stream:
     wanted = [find_column(name, header, path) for name in (epoch, _ELAPSED, *axes)]
     table, row = read_table(file, header, wanted, first_line=2)
     factor = find_factor(what, axes[0].split("(", 1)[1].rstrip(")"))
-    whole = (np.abs(table[:, :2]) < 1e13).all(axis=1)
+    whole = (np.abs(table[:, :2]) < _LATEST).all(axis=1)
     table, row = table[whole], row[whole]
     if not len(row) or factor is None:
         raise FormatError(f"{path.name} has no row with both clocks: export it again.")
