@@ -9,10 +9,11 @@ another machine or what else it does changes them little: `SPEED` is what repeat
 Errors are the same from run to run, and may be worse by `ERROR`.
 
 ============================= ========================================================================================
-over the bare loop            `smooth`, `detect_stances`, `run_iez`, the filters with a compass, on a simulated walk
+over the bare loop            `smooth`, and a walk in progress, all of it: what GTSAM is called for once a sample
+over the compiled loop        `detect_stances`, `run_iez`, the filters with a compass: compiled, they are held against a
+                              compiled loop that turns and accelerates by each sample, and does nothing else
 doubling                      cost of `smooth` over that on half the walk
 field                         the smoother with the magnetometer over without
-online                        a walk in progress, all of it, over the bare loop
 rmse                          of smoother and filter over the ground, on the same walk; and on 28 Vicon trials if these
                               are at hand and it is not `--quick`
 ============================= ========================================================================================
@@ -41,12 +42,14 @@ from fg_nav.ekf import run_iez
 from fg_nav.ekf.presets import TUNED, run_filter
 from fg_nav.errors import FgNavError, OutputError
 from fg_nav.evaluation import evaluate
+from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.online.buffer import rows_of
 from fg_nav.online.navigator import OnlineNavigator
 from fg_nav.online.options import OnlineOptions
 from fg_nav.pipeline import prepare_walk, run_method
 from fg_nav.recording import Recording
 from fg_nav.smoother import smooth
+from fg_nav.system.compiled import njit
 from fg_nav.walk import Options, Walk
 
 BASELINE = Path(__file__).resolve().parents[1] / "docs" / "results" / "benchmark.json"
@@ -57,6 +60,7 @@ SPEED, ERROR = 0.25, 0.03
 SEED = 1
 QUICK_MINUTES, MINUTES, BLOCK = 2.0, 20.0, 64
 COMPASS = ("ma2018", "aiez")
+COMPILED, LOOPS = "compiled loop", 10
 
 
 @dataclass(frozen=True)
@@ -91,13 +95,11 @@ def _measure_estimators(recording: Recording, minutes: float, repeats: int) -> l
     half = recording.slice(0, len(recording) // 2)
     whole, part = [], []
     for _ in range(repeats):
-        whole.append({name: time.cpu for name, time in measure_calls(recording).items()})
+        times = {name: time.cpu for name, time in measure_calls(recording).items()}
+        whole.append({**times, COMPILED: time_compiled_loop(recording)})
         part.append(measure_time(partial(smooth, half, detect_stances(half)))[0].cpu)
-    names = {SMOOTH: "smooth", DETECT: "detect_stances", IEZ: "run_iez"}
-    metrics = [
-        Metric(f"{words} over the bare loop, {minutes:g} min", "ratio", _median([r[name] / r[BARE] for r in whole]))
-        for name, words in names.items()
-    ]
+    names = {SMOOTH: ("smooth", BARE), DETECT: ("detect_stances", COMPILED), IEZ: ("run_iez", COMPILED)}
+    metrics = [_divide(words, whole, name, by, minutes) for name, (words, by) in names.items()]
     doubling = _median([r[SMOOTH] / h for r, h in zip(whole, part, strict=True)])
     return [*metrics, Metric(f"smooth, {minutes:g} min over half of it", "ratio", doubling)]
 
@@ -115,15 +117,60 @@ def _measure_field(recording: Recording, minutes: float, repeats: int) -> list[M
     }
     for call in calls.values():
         call()
-    times = [{name: measure_time(call)[0].cpu for name, call in calls.items()} for _ in range(repeats)]
+    times = []
+    for _ in range(repeats):
+        taken = {name: measure_time(call)[0].cpu for name, call in calls.items()}
+        times.append({**taken, COMPILED: time_compiled_loop(recording)})
     ratio = _median([time["with"] / time["without"] for time in times])
     return [
         Metric(f"smoother with the field over without, {minutes:g} min", "ratio", ratio),
-        *(
-            Metric(f"{name} over the bare loop, {minutes:g} min", "ratio", _median([t[name] / t[BARE] for t in times]))
-            for name in ("online", *COMPASS)
-        ),
+        _divide("online", times, "online", BARE, minutes),
+        *(_divide(name, times, name, COMPILED, minutes) for name in COMPASS),
     ]
+
+
+def _divide(words: str, times: Sequence[Mapping[str, float]], name: str, by: str, minutes: float) -> Metric:
+    """What a call costs over a loop, the median over the repeats."""
+    return Metric(f"{words} over the {by}, {minutes:g} min", "ratio", _median([one[name] / one[by] for one in times]))
+
+
+def time_compiled_loop(recording: Recording) -> float:
+    """Processor time of the compiled loop, s, of some in a row: one is too short to be timed."""
+    period_s = np.diff(recording.t, append=recording.t[-1])
+    turn_by_samples(recording.acc[:2], recording.gyr[:2], period_s[:2])
+
+    def run_loops() -> None:
+        for _ in range(LOOPS):
+            turn_by_samples(recording.acc, recording.gyr, period_s)
+
+    return measure_time(run_loops)[0].cpu / LOOPS
+
+
+@njit(cache=True)
+def turn_by_samples(acc: Floats, gyr: Floats, period_s: Floats) -> Floats:
+    """Quaternion (w, x, y, z), and velocity (3,) behind it, that samples (N, 3) lead to from a rest that is level."""
+    w, x, y, z = 1.0, 0.0, 0.0, 0.0
+    u, v, s = 0.0, 0.0, 0.0
+    for i in range(len(acc)):
+        h = period_s[i]
+        a, b, c = acc[i, 0], acc[i, 1], acc[i, 2]
+        # q a q*, by two cross products: a + 2 w (r x a) + 2 r x (r x a), r the vector of q.
+        d, e, f = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
+        u += h * (a + w * d + y * f - z * e)
+        v += h * (b + w * e + z * d - x * f)
+        s += h * (c + w * f + x * e - y * d - GRAVITY_M_S2)
+        # q * exp(w h / 2)
+        p, q, r = 0.5 * h * gyr[i, 0], 0.5 * h * gyr[i, 1], 0.5 * h * gyr[i, 2]
+        angle = np.sqrt(p * p + q * q + r * r)
+        share = np.sin(angle) / angle if angle > 0.0 else 1.0
+        o, p, q, r = np.cos(angle), share * p, share * q, share * r
+        w, x, y, z = (
+            w * o - x * p - y * q - z * r,
+            w * p + x * o + y * r - z * q,
+            w * q - x * r + y * o + z * p,
+            w * r + x * q - y * p + z * o,
+        )
+    return np.array([w, x, y, z, u, v, s])
 
 
 def push_walk(recording: Recording) -> None:

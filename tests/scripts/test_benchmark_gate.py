@@ -41,6 +41,19 @@ def test_the_gate_passes_what_is_as_good_and_exits_on_what_is_worse_or_none(tmp_
     assert gate.read_baseline(path) == {"speed": 3.0, "error": 0.5}
 
 
+def test_the_compiled_loop_turns_and_accelerates_as_the_true_walk_does():
+    rate, force = np.tile([0.0, 0.0, 0.3], (1000, 1)), np.tile([1.0, 0.0, 9.80665], (1000, 1))
+    w, x, y, z, *velocity = gate.turn_by_samples(force, rate, np.full(1000, 0.01))
+    np.testing.assert_allclose([w, x, y, z], [np.cos(1.5), 0.0, 0.0, np.sin(1.5)], atol=1e-12)
+    # Turning at 0.3 rad/s with 1 m/s^2 ahead: the velocity is (sin 3, 1 - cos 3) / 0.3.
+    np.testing.assert_allclose(velocity, [np.sin(3.0) / 0.3, (1.0 - np.cos(3.0)) / 0.3, 0.0], atol=2e-2)
+    turn = Rotation.from_rotvec([0.0, np.pi / 2, 0.0])
+    quarter = np.tile([0.0, np.pi / 2 / 1000 / 0.01, 0.0], (1000, 1))
+    found = gate.turn_by_samples(force, quarter, np.full(1000, 0.01))
+    np.testing.assert_allclose(found[[1, 2, 3, 0]], turn.as_quat(), atol=1e-12)
+    assert gate.time_compiled_loop(straight_walk(strides=4, standing_s=1.0, rate_hz=100.0).recording) > 0.0
+
+
 @pytest.mark.skipif(find_spec("vqf") is None, reason="vqf is not installed: pip install '.[checks]'")
 def test_programs_have_the_same_samples_and_those_that_are_missing_a_row(capsys):
     walk = straight_walk(strides=4, standing_s=1.0, rate_hz=100.0)
