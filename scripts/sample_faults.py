@@ -21,9 +21,11 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from unittest import mock
 
 import harness
 import numpy as np
@@ -31,11 +33,12 @@ from harness import FIRST_SEED, option
 from verdict_recordings import SEGMENTS, read_segment
 from walks import GDIN_WALKS, GDLBIO_RUN, GDLBIO_WALKED, LOOPS, RUNNING, data_folder, gdin_path, gdlbio_path
 
-from fg_nav.arrays import Bools, Floats
+from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import FgNavError
 from fg_nav.io import read
 from fg_nav.pipeline import navigate
 from fg_nav.recording import RawRecording, Recording
+from fg_nav.samples.bridging import Bridge
 from fg_nav.samples.outliers import FACTOR, find_outliers
 from fg_nav.walk import Options
 
@@ -156,13 +159,25 @@ def measure_bound(clean: Recording, judged: Recording, end: Floats, method: str)
     moved = []
     for shift in shifts:
         off = [one._replace(value=one.value + shift * one.sigma / np.sqrt(max(len(one.sample), 1))) for one in true]
-        recording = replace(judged)
-        recording.__dict__["bridges"] = tuple(off)
-        moved.append(float(np.linalg.norm(find_end(recording, method)[0] - end)))
+        with bridge_with(judged.t, off):
+            moved.append(float(np.linalg.norm(find_end(replace(judged), method)[0] - end)))
     kept = ~unread
     gap = Recording(clean.t[kept], clean.acc[kept], clean.gyr[kept])
     left_out = float(np.linalg.norm(find_end(gap, method)[0] - end))
     return f"; bridged exactly {moved[0]:.3f} m, a sigma off up to {max(moved[1:]):.3f} m, as a gap {left_out:.3f} m"
+
+
+@contextmanager
+def bridge_with(t: Floats, bridges: Sequence[Bridge]) -> Iterator[None]:
+    """Put these in place of what would be learned, in all parts of a recording of stamps `t` (N,)."""
+
+    def look_up(part_t: Floats, acc: Floats, gyr: Floats, unread: Ints | None) -> tuple[Bridge, Bridge]:
+        start, stop = np.searchsorted(t, [part_t[0], part_t[-1]])
+        of_acc, of_gyr = (one.within(int(start), int(stop) + 1) for one in bridges)
+        return of_acc, of_gyr
+
+    with mock.patch("fg_nav.recording.bridge_unread", look_up):
+        yield
 
 
 def try_walk(chosen: argparse.Namespace, data: Path, name: str) -> list[Moved]:
