@@ -16,7 +16,7 @@ solution      marginals -> sigmas (`solver`), that of the distance (`combination
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cache, cached_property, partial
 from time import perf_counter
@@ -43,9 +43,8 @@ from fg_nav.smoother.moving_foot import spread_moving_foot
 from fg_nav.smoother.own_factors import ExtraFactors, GraphNodes
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.problem import walk_problem
-from fg_nav.smoother.sensitivity import join_shared
 from fg_nav.smoother.solved_walk import SolvedWalk, solve_walk
-from fg_nav.smoother.solver import FIRST_CONVERGENCE, stance_table
+from fg_nav.smoother.solver import FIRST_CONVERGENCE, list_covariances, stance_table
 from fg_nav.solution import Solution
 from fg_nav.stances import Stances
 from fg_nav.system.memory import return_freed
@@ -178,9 +177,8 @@ class SmoothedWalk:
         """
         if not self.values.exists(key):
             raise EstimationError(f"the walk has no variable {gtsam.DefaultKeyFormatter(key)}: take one of its nodes.")
-        own = self.walk.solved.root.covariances({key})[key]
-        shared = self.joint.shared.get(key)
-        return own if shared is None else own + shared @ shared.T
+        (covariance,) = list_covariances([key], self.walk.solved.root, self.joint.shared)
+        return np.asarray(covariance)
 
 
 def _smooth(
@@ -209,8 +207,8 @@ def _smooth(
     walk, by_scale, of_scale = _fit_gyro_scale(solve_again, recording, parameters, walk)
     # The dense path, and the sigmas of its footfalls, with the scale of the walk that a moving foot leaves unknown.
     walk = replace(walk, verdict=replace(walk.verdict, notes=(*of_bias, *of_scale, *walk.verdict.notes)))
-    shared = join_shared(by_scale, spread_moving_foot(walk.problem, walk.solved) if parameters.moving_foot else {})
-    joint = FootfallCovariance.of(walk.solved, walk.problem.nodes, shared)
+    by_foot = [spread_moving_foot(walk.problem, walk.solved)] if parameters.moving_foot else []
+    joint = FootfallCovariance.of(walk.solved, walk.problem.nodes, np.hstack([by_scale, *by_foot]))
     draft = _Draft.of(walk, joint, stances, began)
     if progress is not None:
         progress(1.0)
@@ -262,10 +260,10 @@ def _fit_bias_prior(
 
 def _fit_gyro_scale(
     solve_again: Solve, recording: Recording, parameters: SmootherParameters, walk: SolvedWalk
-) -> tuple[SolvedWalk, Mapping[int, Floats], tuple[str, ...]]:
+) -> tuple[SolvedWalk, Floats, tuple[str, ...]]:
     """Return a walk without the scale of its gyroscope that the field shows, the covariance by the rest, and notes."""
     if not (parameters.gyro_scale and shows_heading(walk.problem)):
-        return walk, {}, ()
+        return walk, np.zeros((walk.solved.root.total, 0)), ()
     scale = estimate_gyro_scale(walk.problem, walk.solved)
     walk.problem.recording.release()
     if not scale.found.is_shown:

@@ -22,7 +22,6 @@ and its sigma counts what is common to all strides, as that of independent strid
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,16 +43,16 @@ class FootfallCovariance:
     root : of the walk, eliminated by QR.
     keys : of the poses of the F footfalls.
     nav_T_body : (F, 4, 6), from their tangent spaces to east, north, up and yaw.
-    shared : L (d, n) of each variable of the walk; empty where the tree holds all.
+    shared : L (N, n) of all columns of the walk, n = 0 where the tree holds all.
     """
 
     root: SquareRoot
     keys: tuple[int, ...]
     nav_T_body: Floats
-    shared: Mapping[int, Floats]
+    shared: Floats
 
     @classmethod
-    def of(cls, solved: Solved, nodes: Nodes, shared: Mapping[int, Floats]) -> FootfallCovariance:
+    def of(cls, solved: Solved, nodes: Nodes, shared: Floats) -> FootfallCovariance:
         """Take that of a walk's footfalls, each at its stillest node."""
         keys = tuple(X(int(j)) for j in nodes.result)
         return cls(solved.root, keys, pose_in_nav(list_attitudes(nodes.result, solved.values)), shared)
@@ -64,12 +63,9 @@ class FootfallCovariance:
         at, products = self.root.find_columns([(key,) for key in self.keys]), np.zeros((self.root.total, g.shape[2]))
         products[at] = g
         columns = SharedColumns(self.root, products)
-        covariance, cross = columns.explained, columns.solve()[at]
-        if self.shared:
-            L = np.array([self.shared[key] for key in self.keys])
-            pull = np.einsum("kds,kdn->sn", L, g)
-            covariance, cross = covariance + pull.T @ pull, cross + L @ pull
-        return covariance, self.nav_T_body @ cross
+        L = self.shared[at]
+        pull = np.einsum("kds,kdn->sn", L, g)
+        return columns.explained + pull.T @ pull, self.nav_T_body @ (columns.solve()[at] + L @ pull)
 
 
 def weigh_path(position: Floats, until: int | None = None) -> Floats:

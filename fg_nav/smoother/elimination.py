@@ -20,8 +20,8 @@ from typing import NamedTuple
 import numpy as np
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.smoother.elimination_plan import Factors, Queue, first_columns, plan_elimination
-from fg_nav.smoother.fronts import Fronts
+from fg_nav.smoother.elimination_plan import Factors, Plan, plan_elimination
+from fg_nav.smoother.fronts import Fronts, list_parts
 from fg_nav.system.compiled import njit
 from fg_nav.system.spilled import empty_column
 
@@ -40,41 +40,46 @@ def eliminate_factors(
     Returns their fronts, parents first, r of all columns (N,), twice the error, the factors that are left in the
     others, and whether each is determined.
     """
-    queue, parent, fronts, left, slot, slots = plan_elimination(factors, size, begin, end)
+    plan, fronts, left = plan_elimination(factors, size, begin, end)
     fronts = fronts._replace(rows=empty_column(int(fronts.at[-1])))
-    return fronts, *_fill_fronts(factors, size, begin, end, queue, parent, fronts, left, slot, slots)
+    right = np.zeros(int(plan.columns[-1]))
+    work, kept = _prepare(factors, fronts, len(right), plan.slots)
+    error, determined = 0.0, True
+    for first, stop in list_parts(begin, end):
+        error, determined = _fill_fronts(factors, plan, fronts, left, work, kept, right, error, first, stop)
+        if not determined:
+            break
+    return fronts, right, error, left, determined
 
 
 @njit(cache=True)
 def _fill_fronts(
     factors: Factors,
-    size: Ints,
-    begin: int,
-    end: int,
-    queue: Queue,
-    parent: Ints,
+    plan: Plan,
     fronts: Fronts,
     left: Factors,
-    slot: Ints,
-    slots: int,
-) -> tuple[Floats, float, Factors, bool]:
-    """Eliminate as planned; returns r of all columns, twice the error, the factors left and whether all went."""
-    right, columns = np.zeros(size.sum()), first_columns(size)
-    work, kept = _prepare(factors, fronts, len(right), slots)
-    error = 0.0
-    for v in range(begin, end):
+    work: Work,
+    kept: Floats,
+    right: Floats,
+    error: float,
+    first: int,
+    stop: int,
+) -> tuple[float, bool]:
+    """Eliminate the variables `first <= v < stop` as planned; add to twice the error; return whether all went."""
+    queue, begin, end = plan.queue, plan.begin, plan.end
+    for v in range(first, stop):
         i = end - 1 - v
         d, n = fronts.size[i], _clear(fronts, i, work)
-        error += _take_fronts(queue, v, fronts, end, kept, slot, work, n)
-        error += _take_factors(factors, queue.first_factor[v], queue.next_factor, columns, work, n)
+        error += _take_fronts(plan, v, fronts, kept, work, n)
+        error += _take_factors(factors, queue.first_factor[v], queue.next_factor, plan.columns, work, n)
         if not _keep_rows(fronts, i, work, right):
-            return right, error, left, False
-        if n > d and parent[v - begin] < end:
-            _copy_triangle(work.triangle, d, n, kept[slot[v - begin]])
+            return error, False
+        if n > d and plan.parent[v - begin] < end:
+            _copy_triangle(work.triangle, d, n, kept[plan.slot[v - begin]])
         elif n > d:
-            k = slot[v - begin]
+            k = plan.slot[v - begin]
             _copy_triangle(work.triangle, d, n, left.values[left.at[k] : left.at[k + 1]].reshape(n - d, n - d + 1))
-    return right, error, left, True
+    return error, True
 
 
 class Work(NamedTuple):
@@ -111,14 +116,15 @@ def _clear(fronts: Fronts, i: int, work: Work) -> int:
 
 
 @njit(cache=True)
-def _take_fronts(queue: Queue, v: int, fronts: Fronts, end: int, kept: Floats, slot: Ints, work: Work, n: int) -> float:
+def _take_fronts(plan: Plan, v: int, fronts: Fronts, kept: Floats, work: Work, n: int) -> float:
     """Take what is left of the fronts below, the first as the triangle, the others as rows; return twice an error."""
+    queue, slot, begin, end = plan.queue, plan.slot, plan.begin, plan.end
     below, error = queue.first_front[v], 0.0
     if below >= 0:
-        _place(kept[slot[len(slot) - end + below]], fronts, end - 1 - below, work.place, work.triangle, n, True)
+        _place(kept[slot[below - begin]], fronts, end - 1 - below, work.place, work.triangle, n, True)
         below = queue.next_front[below]
     while below >= 0:
-        rows = _place(kept[slot[len(slot) - end + below]], fronts, end - 1 - below, work.place, work.new, n, False)
+        rows = _place(kept[slot[below - begin]], fronts, end - 1 - below, work.place, work.new, n, False)
         error += _reflect(work, n, rows)
         below = queue.next_front[below]
     return error

@@ -47,20 +47,37 @@ class Members(NamedTuple):
     member: Ints
 
 
+class Plan(NamedTuple):
+    """How the variables from `begin` on, up to `end`, are eliminated.
+
+    ======= ====== =====================================================================================
+    queue          what each takes up
+    parent  (C,)   of each
+    slot    (C,)   where the triangle of its front goes: to one of `slots` places, or to the factors left
+    columns (V+1,) first column of each of all variables
+    ======= ====== =====================================================================================
+    """
+
+    begin: int
+    end: int
+    queue: Queue
+    parent: Ints
+    slot: Ints
+    slots: int
+    columns: Ints
+
+
 @njit(cache=True)
-def plan_elimination(
-    factors: Factors, size: Ints, begin: int, end: int
-) -> tuple[Queue, Ints, Fronts, Factors, Ints, int]:
+def plan_elimination(factors: Factors, size: Ints, begin: int, end: int) -> tuple[Plan, Fronts, Factors]:
     """Plan the elimination of the variables `begin <= v < end`.
 
-    Returns what each takes up, the parent (C,) of each, the fronts and the factors left, without their numbers, where
-    the triangle of each front goes, and how many places that takes.
+    Returns the plan, the fronts and the factors left, without their numbers.
     """
     queue = _queue_factors(factors, len(size))
     members, parent = _gather_members(factors, queue, size, begin, end)
     fronts = _shape_fronts(members, parent, size, end)
     left, slot, slots = _plan_rest(members, parent, queue, size, end)
-    return queue, parent, fronts, left, slot, slots
+    return Plan(begin, end, queue, parent, slot, slots, first_columns(size)), fronts, left
 
 
 @njit(cache=True)

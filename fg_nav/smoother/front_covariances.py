@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.smoother.fronts import Fronts, get_front
+from fg_nav.smoother.fronts import Fronts, get_front, list_parts
 from fg_nav.system.compiled import njit
 
 
@@ -72,14 +72,36 @@ def _plan_slots(parent: Ints) -> tuple[Ints, int]:
     return slot, count
 
 
-@njit(cache=True)
+class _Above(NamedTuple):
+    """What is kept of fronts that children still need, in the place `slot` (V,) of each of the P places there are.
+
+    Covariances P (P, w, w), of the front's variables with the sums of its group K (P, w, n), and which group that is,
+    `active` (P,), or -1. `where` (N,) is to work in.
+    """
+
+    slot: Ints
+    P: Floats
+    K: Floats
+    active: Ints
+    where: Ints
+
+
 def spread_covariance(fronts: Fronts, wanted: Wanted, groups: Groups, forms: Floats) -> None:
     """Write the covariances that are wanted, and the forms of groups."""
     slot, slots = _plan_slots(fronts.parent)
     widest, n = _find_widest(fronts.begins), groups.G.shape[1]
     P, K, active = np.zeros((slots, widest, widest)), np.zeros((slots, widest, n)), np.full(slots, -1)
-    where = np.full(len(wanted.of_column), -1)
-    for i in range(len(fronts.size)):
+    above = _Above(slot, P, K, active, np.full(len(wanted.of_column), -1))
+    for first, end in list_parts(0, len(fronts.size)):
+        _spread(fronts, wanted, groups, forms, above, first, end)
+
+
+@njit(cache=True)
+def _spread(fronts: Fronts, wanted: Wanted, groups: Groups, forms: Floats, kept: _Above, first: int, end: int) -> None:
+    """Go down along the fronts `first <= i < end`."""
+    slot, P, K, active, where = kept
+    n = groups.G.shape[1]
+    for i in range(first, end):
         p, here = fronts.parent[i], slot[i]
         d, columns, A = get_front(fronts, i)
         above = _find_above(fronts, p, columns, d, where)

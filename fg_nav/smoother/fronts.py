@@ -1,13 +1,22 @@
-"""R of a solved walk as fronts, and the passes up and down along them in compiled code: see `square_root`."""
+"""R of a solved walk as fronts, and the passes up and down along them in compiled code: see `square_root`.
+
+The rows of a long walk lie in a file (`fg_nav.system.spilled`). A pass goes along them in parts, and lets go of what it
+has looked at behind each.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.system.compiled import njit
+from fg_nav.system.spilled import drop_pages
+
+MOST_FRONTS = 1 << 15
+"""Of a part: some 40 MB of rows."""
 
 
 class Fronts(NamedTuple):
@@ -40,10 +49,24 @@ def get_front(fronts: Fronts, i: int) -> tuple[int, Ints, Floats]:
     return d, columns, fronts.rows[fronts.at[i] : fronts.at[i] + d * len(columns)].reshape(d, len(columns))
 
 
-@njit(cache=True)
+def list_parts(begin: int, end: int) -> Iterator[tuple[int, int]]:
+    """Yield where parts of `begin <= i < end` begin and end; pages of files are let go of behind each."""
+    for first in range(begin, end, MOST_FRONTS):
+        yield first, min(first + MOST_FRONTS, end)
+        drop_pages()
+
+
 def rise(fronts: Fronts, C: Floats) -> None:
     """Replace C (N, n) by Y."""
-    for i in range(len(fronts.size) - 1, -1, -1):
+    count = len(fronts.size)
+    for first, end in list_parts(0, count):
+        _rise(fronts, C, count - end, count - first)
+
+
+@njit(cache=True)
+def _rise(fronts: Fronts, C: Floats, first: int, end: int) -> None:
+    """Go up along the fronts `first <= i < end`."""
+    for i in range(end - 1, first - 1, -1):
         d, columns, A = get_front(fronts, i)
         for k in range(d):
             for n in range(C.shape[1]):
@@ -54,10 +77,16 @@ def rise(fronts: Fronts, C: Floats) -> None:
                         C[columns[j], n] -= A[k, j] * y
 
 
-@njit(cache=True)
 def descend(fronts: Fronts, Y: Floats) -> None:
     """Replace Y (N, n) by X."""
-    for i in range(len(fronts.size)):
+    for first, end in list_parts(0, len(fronts.size)):
+        _descend(fronts, Y, first, end)
+
+
+@njit(cache=True)
+def _descend(fronts: Fronts, Y: Floats, first: int, end: int) -> None:
+    """Go down along the fronts `first <= i < end`."""
+    for i in range(first, end):
         d, columns, A = get_front(fronts, i)
         for k in range(d - 1, -1, -1):
             for n in range(Y.shape[1]):
@@ -67,11 +96,18 @@ def descend(fronts: Fronts, Y: Floats) -> None:
                 Y[columns[k], n] = left / A[k, k]
 
 
-@njit(cache=True)
 def log_diagonal(fronts: Fronts) -> float:
     """log|R| of the variables of the fronts."""
     total = 0.0
-    for i in range(len(fronts.size)):
+    for first, end in list_parts(0, len(fronts.size)):
+        total = _add_log_diagonal(fronts, total, first, end)
+    return total
+
+
+@njit(cache=True)
+def _add_log_diagonal(fronts: Fronts, total: float, first: int, end: int) -> float:
+    """Add that of the fronts `first <= i < end`."""
+    for i in range(first, end):
         d, _, A = get_front(fronts, i)
         for k in range(d):
             total += np.log(abs(A[k, k]))

@@ -33,8 +33,8 @@ Model: IEEE Std 528; D is this project's derivation, tested against preintegrati
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import cast
 
 import gtsam
 import numpy as np
@@ -46,7 +46,8 @@ from fg_nav.recording import Recording
 from fg_nav.samples.gaps import cross_holes
 from fg_nav.smoother.evidence import MOST_NATS, fit_shared
 from fg_nav.smoother.graph import WalkProblem, biases_of
-from fg_nav.smoother.sensitivity import SharedColumns, weigh_shared
+from fg_nav.smoother.linear import stack_factors
+from fg_nav.smoother.sensitivity import SharedColumns, SharingFactors, weigh_shared
 from fg_nav.smoother.solver import Solved, list_attitudes
 from fg_nav.smoother.strides import INERTIAL_KEYS
 from fg_nav.system.compiled import njit
@@ -110,12 +111,8 @@ def shows_heading(problem: WalkProblem) -> bool:
 
 def estimate_gyro_scale(problem: WalkProblem, solved: Solved) -> WalkScale:
     """Estimate the scale of the gyroscope at a solution of the walk."""
-    # The inertial factors with their columns of the scale.
-    A, b, keys = _linearize_inertial(problem.graph, solved.linearized_at)
-    moved = _columns(problem, solved.linearized_at)
-    by_scale = -(A[:, :, POSE_END] @ moved[:, :6] + A[:, :, VELOCITY_END] @ moved[:, 6:])
-    # The walk is eliminated, and what it says of the scale is weighed.
-    columns, information, pull = weigh_shared(solved.root, A, b, keys, by_scale)
+    # The walk is eliminated, and what its inertial factors say of the scale is weighed.
+    columns, information, pull = weigh_shared(solved.root, _list_inertial(problem, solved.linearized_at), 3)
     return WalkScale(compare_models(information, pull), columns)
 
 
@@ -131,15 +128,17 @@ POSE_END, VELOCITY_END = slice(9, 15), slice(15, 18)
 """Columns of an inertial factor."""
 
 
-def _linearize_inertial(
-    graph: gtsam.NonlinearFactorGraph, values: gtsam.Values
-) -> tuple[Floats, Floats, list[list[int]]]:
-    """A (K, rows, 24), b (K, rows) and keys of the inertial factors."""
-    linear = graph.linearize(values)
-    inertial = [i for i in range(graph.size()) if graph.at(i).size() == INERTIAL_KEYS]
-    factors = [cast("gtsam.JacobianFactor", linear.at(i)) for i in inertial]
-    A, b = zip(*(factor.jacobian() for factor in factors), strict=True)
-    return np.array(A), np.array(b), [list(factor.keys()) for factor in factors]
+def _list_inertial(problem: WalkProblem, values: gtsam.Values) -> Iterator[SharingFactors]:
+    """Yield the inertial factors with their columns of the scale."""
+    graph, moved = problem.graph, _columns(problem, values)
+    inertial = (graph.at(i) for i in range(graph.size()))
+    stacks = stack_factors(factor.linearize(values) for factor in inertial if factor.size() == INERTIAL_KEYS)
+    at = 0
+    for stack in stacks:
+        A, b, D = stack.rows[..., :-1], stack.rows[..., -1], moved[at : at + len(stack.rows)]
+        by_scale = -(A[:, :, POSE_END] @ D[:, :6] + A[:, :, VELOCITY_END] @ D[:, 6:])
+        yield SharingFactors(A, b, stack.keys, by_scale)
+        at += len(stack.rows)
 
 
 def _columns(problem: WalkProblem, values: gtsam.Values) -> Floats:

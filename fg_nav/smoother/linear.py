@@ -127,7 +127,6 @@ class LinearWalk:
         if not determined:
             raise EstimationError(NO_SOLUTION)
         volume = self.volume + log_diagonal(fronts)
-        drop_pages()
         later = _select_later(factors, end) if end < len(self.keys) else ()
         return fronts, right, LinearWalk(self.keys, (left, *later), end, self.error + 0.5 * error, volume)
 

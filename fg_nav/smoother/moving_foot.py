@@ -29,7 +29,7 @@ from fg_nav.factors.zero_velocity import StanceVelocity
 from fg_nav.samples.gaps import cross_holes
 from fg_nav.smoother.evidence import fit_shared
 from fg_nav.smoother.graph import WalkProblem
-from fg_nav.smoother.sensitivity import SharedColumns, weigh_shared
+from fg_nav.smoother.sensitivity import SharedColumns, SharingFactors, weigh_shared
 from fg_nav.smoother.solver import Solved, list_positions
 
 FORWARD_SIGMA, SIDEWAYS_SIGMA = 0.02, 0.01
@@ -39,8 +39,8 @@ LONGEST_STRIDE_S = 1.5
 """What is longer was standing."""
 
 
-def spread_moving_foot(problem: WalkProblem, solved: Solved) -> dict[int, Floats]:
-    """Return by how much (d, 2) each variable moves, for numbers of unit covariance, with what is not known of c."""
+def spread_moving_foot(problem: WalkProblem, solved: Solved) -> Floats:
+    """Return by how much the walk moves (N, 2), for numbers of unit covariance, with what is not known of c."""
     columns, information, pull = weigh_moving_foot(problem, solved)
     prior = np.diag([FORWARD_SIGMA**2, SIDEWAYS_SIGMA**2])
     share, covariance, _ = fit_shared(information, pull, prior)
@@ -52,7 +52,8 @@ def weigh_moving_foot(problem: WalkProblem, solved: Solved) -> tuple[SharedColum
     block = problem.velocities
     residual, jacobians = block.evaluate(solved.linearized_at)
     by_share = -jacobians[1] @ find_motion(problem, solved.values)
-    return weigh_shared(solved.root, np.concatenate(jacobians, axis=2), -residual, block.keys, by_share)
+    factors = SharingFactors(np.concatenate(jacobians, axis=2), -residual, block.keys, by_share)
+    return weigh_shared(solved.root, [factors], 2)
 
 
 def find_motion(problem: WalkProblem, values: gtsam.Values) -> Floats:

@@ -32,7 +32,7 @@ from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import EstimationError
 from fg_nav.factors.residual import ResidualBlock
 from fg_nav.smoother.graph import WalkProblem, solve
-from fg_nav.smoother.sensitivity import weigh_shared
+from fg_nav.smoother.sensitivity import SharingFactors, weigh_shared
 from fg_nav.smoother.solver import CONVERGENCE, Solved, compute_error, residuals_at_minimum
 
 LEAST_STATISTIC = 15.0
@@ -150,7 +150,8 @@ def predict_change(problem: WalkProblem, solved: Solved, stride: Ints) -> float:
     residual, jacobians = block.evaluate(solved.linearized_at)
     # One number to each integral, by which it may be off.
     own = np.eye(len(those))
-    columns, _, pull = weigh_shared(solved.root, np.concatenate(jacobians, axis=2), -residual, block.keys, own[:, None])
+    factors = SharingFactors(np.concatenate(jacobians, axis=2), -residual, block.keys, own[:, None])
+    columns, _, pull = weigh_shared(solved.root, [factors], len(those))
     share, axes = np.linalg.eigh(own + sign * columns.explained)
     return float(((axes.T @ pull) ** 2 / np.maximum(share, LEAST_VARIANCE)).sum())
 

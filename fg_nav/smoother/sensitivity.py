@@ -10,13 +10,16 @@ without s is R^T R = A^T A, so with one pass up it and one down (`square_root`)
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from fg_nav.arrays import Floats
+from fg_nav.factors.residual import Keys
 from fg_nav.smoother.solver import residuals_at_minimum
 from fg_nav.smoother.square_root import SquareRoot
+from fg_nav.system.spilled import drop_pages
 
 
 class SharedColumns:
@@ -31,30 +34,37 @@ class SharedColumns:
         """Return X (N, n): by how much each variable falls for a unit of each number."""
         return self._root.descend(self._Y)
 
-    def spread(self, covariance: Floats) -> dict[int, Floats]:
-        """Return by how much (d, n) each variable moves with numbers of unit covariance, for one (n, n) of s."""
-        return self._root.split(self.solve() @ np.linalg.cholesky(covariance))
+    def spread(self, covariance: Floats) -> Floats:
+        """Return by how much the walk moves (N, n) with numbers of unit covariance, for one (n, n) of s."""
+        return np.asarray(self.solve() @ np.linalg.cholesky(covariance))
 
 
-def join_shared(one: Mapping[int, Floats], other: Mapping[int, Floats]) -> Mapping[int, Floats]:
-    """Return by how much each variable moves with the numbers of both, which are independent; either may be empty."""
-    if not (one and other):
-        return one or other
-    return {key: np.hstack([moved, other[key]]) for key, moved in one.items()}
+class SharingFactors(NamedTuple):
+    """K factors of a kind |A x + C s - b|^2, linearized with the walk.
 
-
-def weigh_shared(
-    root: SquareRoot, A: Floats, b: Floats, keys: Sequence[Sequence[int]], C: Floats
-) -> tuple[SharedColumns, Floats, Floats]:
-    """Return the columns of numbers that K factors of a kind share, the walk's information L on them, and eta.
-
-    The factors |A x + C s - b|^2, linearized with the walk: A (K, r, d), b (K, r), C (K, r, n), and their keys. L
-    (n, n) and eta (n,) are what is left of them where the walk is eliminated.
+    A (K, r, d) in the variables `keys` (K, v), b (K, r) and C (K, r, n).
     """
-    # What is left of the factors at the minimum without the numbers.
-    left = -residuals_at_minimum(root, keys, -b, A)
+
+    A: Floats
+    b: Floats
+    keys: Sequence[Sequence[int]] | Keys
+    C: Floats
+
+
+def weigh_shared(root: SquareRoot, parts: Iterable[SharingFactors], n: int) -> tuple[SharedColumns, Floats, Floats]:
+    """Return the columns of n numbers that factors share, the walk's information L on them, and eta.
+
+    L (n, n) and eta (n,) are what is left of the factors where the walk is eliminated. They come in parts, and each is
+    let go of before the next.
+    """
+    products, information, pull = np.zeros((root.total, n)), np.zeros((n, n)), np.zeros(n)
+    for A, b, keys, C in parts:
+        # What is left of the factors at the minimum without the numbers.
+        left = -residuals_at_minimum(root, keys, -b, A)
+        np.add.at(products, root.find_columns(keys), np.swapaxes(A, 1, 2) @ C)
+        information += np.einsum("kri,krj->ij", C, C)
+        pull += np.einsum("kri,kr->i", C, left)
+        drop_pages()
     # The walk is eliminated, and takes off what it explains.
-    products = np.zeros((root.total, C.shape[2]))
-    np.add.at(products, root.find_columns(keys), np.swapaxes(A, 1, 2) @ C)
     columns = SharedColumns(root, products)
-    return columns, np.einsum("kri,krj->ij", C, C) - columns.explained, np.einsum("kri,kr->i", C, left)
+    return columns, information - columns.explained, pull

@@ -19,7 +19,7 @@ half an hour of walking its covariances are off by some per mille, and each take
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Protocol
 
@@ -267,7 +267,9 @@ def marginal_covariances(tree: gtsam.GaussianBayesTree, wanted: set[int]) -> dic
     return found
 
 
-def residuals_at_minimum(root: SquareRoot, keys: Sequence[Sequence[int]], residual: Floats, jacobian: Floats) -> Floats:
+def residuals_at_minimum(
+    root: SquareRoot, keys: Sequence[Sequence[int]] | Keys, residual: Floats, jacobian: Floats
+) -> Floats:
     """Return the residuals (K, r) of K factors at the minimum of a tree.
 
     `residual` (K, r) and `jacobian` (K, r, d), by the variables `keys`, are those where the tree was linearized.
@@ -349,15 +351,13 @@ def in_nav(nav_R_body: Floats, body_cov: Floats) -> Floats:
     return np.asarray(turn @ body_cov @ turn.transpose(0, 2, 1))
 
 
-def stance_table(
-    t: Floats, nodes: Nodes, solved: Solved, verdict: FieldVerdict, shared: Mapping[int, Floats]
-) -> StanceTable:
+def stance_table(t: Floats, nodes: Nodes, solved: Solved, verdict: FieldVerdict, shared: Floats) -> StanceTable:
     """Poses, biases and their marginal sigmas at the stillest node of each footfall.
 
-    `shared` has by how much each variable is moved (d, n) by numbers of unit covariance that the tree does not hold.
+    `shared` has by how much the walk is moved (N, n) by numbers of unit covariance that the tree does not hold.
     """
     pose_keys, bias_keys = [X(j) for j in nodes.result], [B(k) for k in range(int(nodes.bias[-1]) + 1)]
-    body, of_bias = (_list_covariances(keys, solved.root, shared) for keys in (pose_keys, bias_keys))
+    body, of_bias = (list_covariances(keys, solved.root, shared) for keys in (pose_keys, bias_keys))
     bias_variance = np.diagonal(of_bias, axis1=1, axis2=2)[nodes.bias]
     bias = np.array([solved.values.atConstantBias(key).gyroscope() for key in bias_keys])
     poses = list_poses(nodes.result, solved.values)
@@ -379,10 +379,8 @@ def stance_table(
     )
 
 
-def _list_covariances(keys: Sequence[int], root: SquareRoot, shared: Mapping[int, Floats]) -> Floats:
-    """Covariances (K, d, d) of variables of a kind, with what is `shared`."""
-    own = root.joint_covariances([[key] for key in keys])
-    if not shared:
-        return own
-    moved = np.array([shared[key] for key in keys])
-    return np.asarray(own + moved @ np.swapaxes(moved, 1, 2))
+def list_covariances(keys: Sequence[int], root: SquareRoot, shared: Floats) -> Floats:
+    """Covariances (K, d, d) of variables of a kind, with what is `shared` (N, n)."""
+    each = [[key] for key in keys]
+    moved = shared[root.find_columns(each)]
+    return np.asarray(root.joint_covariances(each) + moved @ np.swapaxes(moved, 1, 2))

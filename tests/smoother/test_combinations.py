@@ -26,7 +26,7 @@ def test_tree_gives_what_the_dense_covariance_does() -> None:
     keys = [ordering.at(i) for i in range(ordering.size())]
     first = dict(zip(keys, np.cumsum([0, *(dimension_of(key) for key in keys)]), strict=False))
     rng = np.random.default_rng(0)
-    shared = {key: 1e-3 * rng.standard_normal((dimension_of(key), 2)) for key in keys}
+    shared = 1e-3 * rng.standard_normal((solved.root.total, 2))
     joint = FootfallCovariance.of(solved, problem.nodes, shared)
     rows = [slice(first[key], first[key] + 6) for key in joint.keys]
     # Columns of one size, as poses, velocities and biases are of many.
@@ -36,8 +36,7 @@ def test_tree_gives_what_the_dense_covariance_does() -> None:
     T = np.zeros((len(rows), 4, A.shape[1]))
     for k, some in enumerate(rows):
         T[k][:, some] = joint.nav_T_body[k]
-    loose = np.concatenate([shared[key] for key in keys])
-    C = T.reshape(-1, A.shape[1]) @ np.hstack([root, loose])
+    C = T.reshape(-1, A.shape[1]) @ np.hstack([root, shared])
     C = C @ C.T
     weights = rng.standard_normal((len(rows), 4, 3))
     covariance, cross = joint.combine(weights)
