@@ -35,7 +35,7 @@ from fg_nav.magnetic.turning_pairs import (
 )
 from fg_nav.recording import Recording
 from fg_nav.samples.gaps import find_holes
-from fg_nav.system.spilled import BLOCK_ROWS, drop_pages, empty_column
+from fg_nav.system.spilled import BLOCK_ROWS, drop_pages, empty_column, take_rows
 
 SPAN_S = 0.04
 """Between the readings of a pair: a field that changes along the path has little time to, and noise does not rule."""
@@ -119,24 +119,27 @@ def remove_delay(recording: Recording, delay: MagnetometerDelay | None) -> Recor
 def _read_at(recording: Recording, rows: Ints, tau: float, held: bool) -> Floats:
     """Field (N, 3) at the stamps, between the readings stamped before and after them, each turned by the gyroscope."""
     assert recording.mag is not None
-    measured, read_at = recording.mag[rows], recording.t[rows] - tau
-    wanted = np.flatnonzero(np.isfinite(recording.mag).all(axis=1))
-    t = recording.t[wanted]
-    after = np.clip(np.searchsorted(read_at, t), 1, len(rows) - 1)
-    begin, end = read_at[after - 1], read_at[after]
-    share = ((t - begin) / (end - begin))[:, None]
-    near = held | (end - begin <= MOST_GAP * np.median(np.diff(read_at)))
+    measured, read_at = take_rows(rows, recording.mag), recording.t[rows] - tau
+    longest = np.inf if held else MOST_GAP * float(np.median(np.diff(read_at)))
     holes = recording.t[find_holes(recording.t)]
-    near &= np.searchsorted(holes, begin) == np.searchsorted(holes, end)
-    known = (begin <= t) & (t <= end) & near
     mag = empty_column(*recording.mag.shape)
-    mag[...] = np.nan
-    for k in np.array_split(np.flatnonzero(known), 1 + int(known.sum()) // BLOCK_ROWS):
-        from_before, _ = rotate_between(recording.t, recording.gyr, np.stack([begin[k], t[k]], axis=1))
-        to_after, _ = rotate_between(recording.t, recording.gyr, np.stack([t[k], end[k]], axis=1))
-        before = np.einsum("nji,nj->ni", from_before, measured[after[k] - 1])
-        behind = np.einsum("nij,nj->ni", to_after, measured[after[k]])
-        mag[wanted[k]] = (1.0 - share[k]) * before + share[k] * behind
+    for start in range(0, len(mag), BLOCK_ROWS):
+        block = np.s_[start : start + BLOCK_ROWS]
+        mag[block] = np.nan
+        k = start + np.flatnonzero(np.isfinite(recording.mag[block]).all(axis=1))
+        t = recording.t[k]
+        after = np.clip(np.searchsorted(read_at, t), 1, len(rows) - 1)
+        begin, end = read_at[after - 1], read_at[after]
+        known = (begin <= t) & (t <= end) & (end - begin <= longest)
+        known &= np.searchsorted(holes, begin) == np.searchsorted(holes, end)
+        k, after = k[known], after[known]
+        t, begin, end = t[known], begin[known], end[known]
+        share = ((t - begin) / (end - begin))[:, None]
+        from_before, _ = rotate_between(recording.t, recording.gyr, np.stack([begin, t], axis=1))
+        to_after, _ = rotate_between(recording.t, recording.gyr, np.stack([t, end], axis=1))
+        before = np.einsum("nji,nj->ni", from_before, measured[after - 1])
+        behind = np.einsum("nij,nj->ni", to_after, measured[after])
+        mag[k] = (1.0 - share) * before + share * behind
         drop_pages()
     return mag
 

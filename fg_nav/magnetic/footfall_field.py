@@ -49,6 +49,7 @@ from fg_nav.mechanisation import nudge_tilt, rotate_in_body
 from fg_nav.recording import Recording
 from fg_nav.stances import Stances
 from fg_nav.system.compiled import njit
+from fg_nav.system.spilled import BLOCK_ROWS, drop_pages, empty_column
 
 
 def compute_level_R_body(body_up: Floats) -> Floats:
@@ -87,6 +88,9 @@ HALF_WINDOW_S = 0.5
 
 TILT_TIME_S = 0.5
 """Time in stance in which the tilt follows the specific force; 0.25 to 2 s differ by 0.1 deg on simulated walks."""
+
+MOST_FOOTFALLS = 1 << 12
+"""That are averaged at once: an hour of walking."""
 
 FEWEST = 2
 """Samples of the field without which a footfall has none: scatter and drift need two."""
@@ -216,9 +220,13 @@ def average_footfall_field(
     attitude = integrate_attitude(recording, stances, heading) if nav_R_body is None else nav_R_body
     sample = stances.stillest(recording.gyr)
     first, last = _find_windows(recording.t, stances, sample)
-    body_field, body_force, count, scatter, rate, sigma = _average(
-        recording.t, recording.acc, recording.mag, attitude, sample, first, last
-    )
+    parts = []
+    for start in range(0, max(len(sample), 1), MOST_FOOTFALLS):
+        some = np.s_[start : start + MOST_FOOTFALLS]
+        windows = sample[some], first[some], last[some]
+        parts.append(_average(recording.t, recording.acc, recording.mag, attitude, *windows))
+        drop_pages()
+    body_field, body_force, count, scatter, rate, sigma = map(np.concatenate, zip(*parts, strict=True))
     if not (count >= FEWEST).any():
         raise MagneticError(
             f"none of the {len(sample)} footfalls has {FEWEST} samples of the field: "
@@ -284,28 +292,44 @@ def integrate_attitude(recording: Recording, stances: Stances, heading: float = 
     start = find_start(recording, stances, heading)
     longest = max(start.rests, key=lambda rest: rest.stop - rest.start, default=None)
     bias = np.zeros(3) if longest is None else longest.rate
-    return _integrate(
-        recording.t, recording.acc, recording.gyr, stances.mask, start.nav_R_body, start.row, bias, TILT_TIME_S
-    )
+    t, acc, gyr, mask, n = recording.t, recording.acc, recording.gyr, stances.mask, len(recording)
+    attitude = empty_column(n, 3, 3)
+    attitude[start.row] = start.nav_R_body
+    # From there to the end, and back to the first sample.
+    for first in range(start.row, n - 1, BLOCK_ROWS):
+        _integrate(t, acc, gyr, mask, bias, TILT_TIME_S, attitude, first, min(first + BLOCK_ROWS, n - 1))
+        drop_pages()
+    for last in range(start.row, 0, -BLOCK_ROWS):
+        _integrate_back(t, gyr, bias, attitude, max(last - BLOCK_ROWS, 0), last)
+        drop_pages()
+    return attitude
 
 
 @njit(cache=True)
 def _integrate(
-    t: Floats, acc: Floats, gyr: Floats, stands: Bools, nav_R_body: Floats, row: int, bias: Floats, tilt_time: float
-) -> Floats:
-    """Attitudes (N, 3, 3) from that at sample `row`; those before it are reached by stepping backward."""
-    attitude = np.empty((len(t), 3, 3))
-    for axis in range(3):
-        for k in range(3):
-            attitude[row, axis, k] = nav_R_body[axis, k]
-    for i in range(row, len(t) - 1):
+    t: Floats,
+    acc: Floats,
+    gyr: Floats,
+    stands: Bools,
+    bias: Floats,
+    tilt_time: float,
+    attitude: Floats,
+    first: int,
+    last: int,
+) -> None:
+    """Step the attitude (N, 3, 3) forward from that at sample `first` to that at `last`."""
+    for i in range(first, last):
         R, h = attitude[i + 1], t[i + 1] - t[i]
         _rotate_by_rate(attitude[i], gyr[i], bias, h, R)
         if stands[i + 1]:
             nudge_tilt(R, acc[i + 1], min(h / tilt_time, 1.0))
-    for i in range(row - 1, -1, -1):
+
+
+@njit(cache=True)
+def _integrate_back(t: Floats, gyr: Floats, bias: Floats, attitude: Floats, first: int, last: int) -> None:
+    """Step the attitude (N, 3, 3) back from that at sample `last` to that at `first`."""
+    for i in range(last - 1, first - 1, -1):
         _rotate_by_rate(attitude[i + 1], gyr[i], bias, t[i] - t[i + 1], attitude[i])
-    return attitude
 
 
 @njit(cache=True)
