@@ -7,6 +7,7 @@ import json
 import typing
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass, replace
+from reprlib import repr as shorten
 from types import NoneType, UnionType
 from typing import Any, TypeAlias, TypeVar, cast
 
@@ -19,8 +20,8 @@ Value: TypeAlias = Scalar | list[Any] | None
 Changes: TypeAlias = tuple[tuple[str, Value], ...]
 """Dotted names and values."""
 
-LARGEST = 1e100
-"""No parameter is larger; whole numbers beyond a float's range would not even compare."""
+LARGEST, MOST = 1e100, 1000
+"""No parameter is larger, and no whole one, which counts rounds or footfalls."""
 
 SCALARS = (bool, int, float, str)
 
@@ -98,14 +99,17 @@ def _convert(owner: object, name: str, value: Value, whole: str) -> object:
         return _convert_list(hint, kinds, value, whole)
     if value is None and NoneType in kinds:
         return None
+    cannot = f"the parameter '{whole}' cannot be {shorten(value)}"
     is_number = isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < LARGEST
     if is_number and _is_positive(getattr(owner, name)) and cast("float", value) < 0:
-        raise EstimationError(f"the parameter '{whole}' cannot be {value!r}: give a number that is not below zero.")
+        raise EstimationError(f"{cannot}: give a number that is not below zero.")
     if float in kinds and is_number:
         return float(cast("float", value))
+    if isinstance(value, int) and float not in kinds and value > MOST:
+        raise EstimationError(f"{cannot}: give a whole number up to {MOST}.")
     if type(value) in kinds and type(value) is not float:
         return value
-    raise EstimationError(f"the parameter '{whole}' cannot be {value!r}: give {_describe_kinds(literal, kinds)}.")
+    raise EstimationError(f"{cannot}: give {_describe_kinds(literal, kinds)}.")
 
 
 def _is_positive(value: object) -> bool:
@@ -120,7 +124,7 @@ def _convert_list(hint: Any, kinds: tuple[Any, ...], value: list[Any], whole: st
     try:
         return TypeAdapter(hint).validate_json(json.dumps(value), strict=True)
     except ValidationError:
-        words = f"the parameter '{whole}' cannot be {value!r}: give {_describe_kinds((), kinds)}."
+        words = f"the parameter '{whole}' cannot be {shorten(value)}: give {_describe_kinds((), kinds)}."
         raise EstimationError(words) from None
 
 

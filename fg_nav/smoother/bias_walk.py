@@ -35,7 +35,7 @@ from fg_nav.smoother.evidence import MOST_NATS
 from fg_nav.smoother.graph import WalkProblem
 from fg_nav.smoother.linear import LinearWalk, stack_factors
 from fg_nav.smoother.solver import list_in_time, list_linear, stack_walk
-from fg_nav.smoother.strides import Nodes
+from fg_nav.smoother.strides import LEAST_WALK_DEG_S, Nodes
 
 LEVELS_DEG_S = (6e-4, 2e-3, 6e-3)
 """deg/s/sqrt(s), half a decade apart: 0.04 to 0.4 deg/s in an hour. None is below the walk assumed: a bias that may
@@ -53,7 +53,7 @@ Change = gtsam.BetweenFactorConstantBias
 def choose_bias_walk(problem: WalkProblem) -> WalkProblem:
     """Return the problem, whose values are near its minimum, with the random walk of its gyro bias chosen."""
     unchanging, changes = _split(problem.graph)
-    assumed = problem.parameters.gyro_bias_walk_deg_s
+    assumed = max(problem.parameters.gyro_bias_walk_deg_s, LEAST_WALK_DEG_S)
     if not changes:
         return _with_note(problem, f"gyro bias walk {_write(assumed)}, as assumed")
     # The linear graph without the changes of the bias, at the minimum.

@@ -170,6 +170,9 @@ ACC_BIAS_SIGMA = 0.02
 ACC_BIAS_WALK = 1e-4
 """Random walk of the accelerometer bias, m/s^2/sqrt(s)."""
 
+LEAST_WALK_DEG_S = 1e-7
+"""Of the gyro bias, deg/s/sqrt(s), where none is assumed: a degree in forty hours; without any there is no factor."""
+
 UNREST_REACH_S = 0.01
 """On either side of a node, over which rate and specific force are averaged; not beyond the stance."""
 
@@ -273,7 +276,7 @@ def _add_inertial(graph: gtsam.NonlinearFactorGraph, stride: Stride) -> None:
 def _add_sensor(graph: gtsam.NonlinearFactorGraph, stride: Stride, p: SmootherParameters) -> None:
     """Add the random walk of bias and settling where a new one begins, and the rests."""
     if stride.bias != stride.bias_before:
-        walk = np.repeat([ACC_BIAS_WALK, np.radians(p.gyro_bias_walk_deg_s)], 3)
+        walk = np.repeat([ACC_BIAS_WALK, np.radians(max(p.gyro_bias_walk_deg_s, LEAST_WALK_DEG_S))], 3)
         noise = gtsam.noiseModel.Diagonal.Sigmas(walk * np.sqrt(stride.bias_age_s))
         graph.push_back(gtsam.BetweenFactorConstantBias(B(stride.bias_before), B(stride.bias), NO_CHANGE, noise))
         change = _one_sigma(SETTLING_WALK_M * np.sqrt(stride.bias_age_s))

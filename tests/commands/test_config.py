@@ -74,6 +74,8 @@ def test_several_recordings_are_one_table_and_a_bad_one_stops_no_other(fg_nav: F
         ("smoother.acc_density=high", "'smoother.acc_density' cannot be 'high': give a number"),
         ("smoother.acc_density=null", "cannot be None: give a number"),
         ("smoother.magnetic.rounds=1.5", "give a whole number"),
+        ("smoother.magnetic.rounds=1001", "give a whole number up to 1000"),
+        (f"smoother.magnetic.rounds=1{'0' * 400}", "give a whole number up to 1000"),
         ("smoother.known_lever=[1, 2]", "give a list"),
         ("smoother.moving_foot=1", "give true or false"),
         ("detector.detector=3", "give a word"),

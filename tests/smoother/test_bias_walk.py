@@ -14,6 +14,7 @@ from fg_nav.smoother.bias_walk import LEVELS_DEG_S, choose_level
 from fg_nav.smoother.graph import WalkProblem
 from fg_nav.smoother.problem import walk_problem
 from fg_nav.smoother.solver import linearize, time_order
+from fg_nav.smoother.strides import LEAST_WALK_DEG_S
 from tests.smoother.walks import DEFAULT, Walk, demo, part
 
 GIVEN = replace(DEFAULT, choose_swing_noise=False, gyr_relative_density=1e-4, gyr_density_deg_s=0.015)
@@ -55,6 +56,16 @@ def test_a_walk_with_one_bias_keeps_what_is_assumed() -> None:
     short = walk_problem(walk.recording, walk.stances, 0.0, GIVEN)
     assert short.nodes.bias[-1] == 0
     assert short.parameters == GIVEN
+
+
+def test_a_bias_that_is_assumed_not_to_walk_has_a_factor_all_the_same() -> None:
+    short = part(demo(), 20)
+    without = replace(GIVEN, gyro_bias_walk_deg_s=0.0, choose_bias_walk=False)
+    found = walk_problem(short.recording, short.stances, 0.0, without)
+    assert all((one > 0.0).all() for one in sigmas(found))
+    assert 0.0 < max(np.degrees(one[3:]).max() for one in sigmas(found)) < 1e-4
+    chosen = walk_problem(short.recording, short.stances, 0.0, replace(without, choose_bias_walk=True))
+    assert chosen.parameters.gyro_bias_walk_deg_s in (LEAST_WALK_DEG_S, *LEVELS_DEG_S)
 
 
 def test_the_graph_has_the_walk_that_was_chosen() -> None:
