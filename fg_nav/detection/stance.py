@@ -36,6 +36,7 @@ from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.recording import Recording
 from fg_nav.samples.gaps import cross_holes
 from fg_nav.stances import Stances, find_runs
+from fg_nav.system.spilled import measure_rows
 
 ACC_NOISE_M_S2 = 0.02
 """s_a, of a sample of a sensor at rest; data sheets and the recordings at rest have 0.01 to 0.03."""
@@ -180,7 +181,7 @@ def _drop_short(t: Floats, start: Ints, stop: Ints, threshold: Floats) -> tuple[
 
 def _number_footfalls(recording: Recording, start: Ints, stop: Ints) -> Ints:
     """Number (K,) of the footfall of each interval: a new one after each swing, and behind each hole."""
-    rate = np.linalg.norm(recording.gyr, axis=1)
+    rate = measure_rows(recording.gyr)
     between = np.stack([stop[:-1], start[1:]], axis=1).ravel()
     peak = np.maximum.reduceat(rate, between)[::2] if len(between) else np.empty(0)
     unseen = cross_holes(recording.t, np.append(start, stop[-1] - 1)) if len(start) else np.empty(0, dtype=np.bool_)

@@ -35,6 +35,7 @@ from fg_nav.magnetic.turning_pairs import (
     find_pairs,
 )
 from fg_nav.recording import Recording
+from fg_nav.system.spilled import measure_rows
 
 SPAN_S = 0.2
 """Between the readings of a pair: a swing turns the foot by a radian in it, and a delay is a small part of it."""
@@ -178,8 +179,8 @@ def _point_down(recording: Recording, P: Floats, hard_iron: Floats) -> Floats:
 def _measure_down(recording: Recording, P: Floats, hard_iron: Floats) -> float:
     """Median of the field along down, uT, where the sensor is slow; `hard_iron` in the gyroscope's axes."""
     assert recording.mag is not None
-    force, strength = recording.acc, np.linalg.norm(recording.acc, axis=1)
-    slow = (np.abs(strength - GRAVITY_M_S2) < SLOW_M_S2) & (np.linalg.norm(recording.gyr, axis=1) < TURNING_RAD_S)
+    force, strength = recording.acc, measure_rows(recording.acc)
+    slow = (np.abs(strength - GRAVITY_M_S2) < SLOW_M_S2) & (measure_rows(recording.gyr) < TURNING_RAD_S)
     chosen = slow & np.isfinite(recording.mag).all(axis=1)
     if not chosen.any():
         return 0.0

@@ -28,6 +28,7 @@ from fg_nav.smoother.differential_factors import (
     turn_stretches,
 )
 from fg_nav.smoother.graph import Trajectory, WalkProblem, biases_of
+from fg_nav.system.spilled import drop_pages
 from fg_nav.text import format_count
 
 FEWEST_ROUNDS, MOST_ROUNDS = 2, 4
@@ -61,12 +62,14 @@ def add_differential_field(problem: WalkProblem, values: gtsam.Values, track: Tr
         if variogram is None:
             return problem
         noise = FieldNoise(variogram, sigma_uT, iron)
+        drop_pages()
         stances, standings = _sum_kinds(stretches, turned, noise, len(biases))
         found = find_iron(stances.information, standings.information)
         if done >= FEWEST_ROUNDS and np.linalg.norm(found.mean_uT - iron.mean_uT) < CLOSE_IRON_UT:
             break
         iron = found
     known = LevelBias(biases, track.nav_R_body[nodes.sample, 2].mean(axis=0))
+    drop_pages()
     return replace(problem, differential=DifferentialFactors(stances, standings, noise, known))
 
 

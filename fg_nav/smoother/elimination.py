@@ -23,7 +23,7 @@ from fg_nav.arrays import Floats, Ints
 from fg_nav.smoother.elimination_plan import Factors, Plan, plan_elimination
 from fg_nav.smoother.fronts import Fronts, list_parts
 from fg_nav.system.compiled import njit
-from fg_nav.system.spilled import empty_column
+from fg_nav.system.spilled import drop_pages, empty_column
 
 BLOCK_ROWS = 32
 """New rows that are reflected into a triangle together."""
@@ -41,7 +41,10 @@ def eliminate_factors(
     others, and whether each is determined.
     """
     plan, fronts, left = plan_elimination(factors, size, begin, end)
-    fronts = fronts._replace(rows=empty_column(int(fronts.at[-1])))
+    fronts, left = (
+        fronts._replace(rows=empty_column(int(fronts.at[-1]))),
+        left._replace(values=_zero_column(left.at[-1])),
+    )
     right = np.zeros(int(plan.columns[-1]))
     work, kept = _prepare(factors, fronts, len(right), plan.slots)
     error, determined = 0.0, True
@@ -50,6 +53,14 @@ def eliminate_factors(
         if not determined:
             break
     return fronts, right, error, left, determined
+
+
+def _zero_column(count: int) -> Floats:
+    """Return as many zeros, in a file where they are many."""
+    column = empty_column(int(count))
+    column[:] = 0.0
+    drop_pages()
+    return column
 
 
 @njit(cache=True)

@@ -224,5 +224,5 @@ def _plan_rest(members: Members, parent: Ints, queue: Queue, size: Ints, end: in
                 slot[c], frees, places = places, 0, places + 1
             else:
                 slot[c] = free[frees]
-    left = Factors(begins[: lefts + 1], member[:filled], rows[:lefts], at[: lefts + 1], np.zeros(at[lefts]))
+    left = Factors(begins[: lefts + 1], member[:filled], rows[:lefts], at[: lefts + 1], np.empty(0))
     return left, slot, places

@@ -233,16 +233,17 @@ def integrate_path(
     row, unseen = np.flatnonzero(np.isfinite(mag[:, 0])), cross_holes(t, footfall)
     drop_pages()
     integral = integrate_field(t, nav_R_body, position, mag, t[footfall], up_uT, drop_pages)
-    level = _level_R_body(nav_R_body[footfall])
+    nav_R_begin, level = nav_R_body[footfall[:-1]], _level_R_body(nav_R_body[footfall])
     straight = np.diff(position[footfall], axis=0)
+    drop_pages()
     moment = np.diff(integral.moment, axis=0)
     by_up = np.stack([-moment[:, 1], moment[:, 0], np.zeros(len(moment))], axis=1)
     return FieldPath(
         u=np.diff(integral.u),
         level_path=np.diff(integral.s, axis=0) @ level.T,
-        by_up=np.einsum("nji,nj->ni", nav_R_body[footfall[:-1]], by_up),
-        body_move=np.einsum("nji,nj->ni", nav_R_body[footfall[:-1]], straight),
-        nav_R_level=nav_R_body[footfall[:-1]],
+        by_up=np.einsum("nji,nj->ni", nav_R_begin, by_up),
+        body_move=np.einsum("nji,nj->ni", nav_R_begin, straight),
+        nav_R_level=nav_R_begin,
         sigma_uT_m=np.where(~unseen & (_coarsest(position, row, footfall) <= COARSEST_M), PATH_SIGMA_UT_M, np.inf),
         distance_m=np.maximum(np.linalg.norm(straight, axis=1), unseen * WALKING_M_S * walk_for(np.diff(t[footfall]))),
         level_R_body=level,

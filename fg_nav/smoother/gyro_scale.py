@@ -51,6 +51,7 @@ from fg_nav.smoother.sensitivity import SharedColumns, SharingFactors, weigh_sha
 from fg_nav.smoother.solver import Solved, list_attitudes
 from fg_nav.smoother.strides import INERTIAL_KEYS
 from fg_nav.system.compiled import njit
+from fg_nav.system.spilled import drop_pages
 
 SCALE_SIGMA = 0.01
 """Prior of the scale of each axis: a few tenths of a percent after a calibration, 1 to 3 by the sheet of a raw part."""
@@ -147,6 +148,7 @@ def _columns(problem: WalkProblem, values: gtsam.Values) -> Floats:
     force, rate = recording.integrable
     bias = biases_of(nodes, values)[:, GYRO].copy()
     moved = sense_scale(recording.t, force, rate, nodes.sample, bias[nodes.bias[nodes.footfall[:-1]]])
+    drop_pages()
     nav_R_end = list_attitudes(range(1, len(nodes)), values)
     moved[:, 6:] = nav_R_end @ moved[:, 6:]
     return moved[~cross_holes(recording.t, nodes.sample)]

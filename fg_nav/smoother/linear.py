@@ -122,12 +122,12 @@ class LinearWalk:
         return find_sizes(self.keys)
 
     def _eliminate(self, end: int) -> tuple[Fronts, Floats, LinearWalk]:
+        later = [] if end == len(self.keys) else [one for part in self.factors for one in _select_later(part, end)]
         factors = _chain(self.factors)
         fronts, right, error, left, determined = eliminate_factors(factors, self._size, self.begin, end)
         if not determined:
             raise EstimationError(NO_SOLUTION)
         volume = self.volume + log_diagonal(fronts)
-        later = _select_later(factors, end) if end < len(self.keys) else ()
         return fronts, right, LinearWalk(self.keys, (left, *later), end, self.error + 0.5 * error, volume)
 
 

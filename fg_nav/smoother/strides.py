@@ -40,6 +40,7 @@ from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.preintegration import Measurement
 from fg_nav.stances import Stances
 from fg_nav.system.compiled import njit
+from fg_nav.system.spilled import measure_rows
 
 LONG_STANCE_S = 0.5
 """Beyond this length of a stance, nodes stand `REST_SPACING_S` apart."""
@@ -205,7 +206,7 @@ def measure_velocities(
     """Velocities of the stances at all nodes; `gyro_bias` (3,) rad/s is the one the lever's velocity is taken with."""
     reach = max(1, round(UNREST_REACH_S / recording.period_s))
     rate = _about_nodes(recording.gyr, stances, nodes, reach) - gyro_bias
-    off_gravity = np.linalg.norm(recording.acc, axis=1, keepdims=True) - p.gravity
+    off_gravity = measure_rows(recording.acc)[:, None] - p.gravity
     off_gravity = np.sqrt(_about_nodes(off_gravity**2, stances, nodes, reach)[:, 0])
     body_velocity = np.cross(rate, lever)
     sinks_per_m = _sinking(recording.t, stances, p)[nodes.footfall]

@@ -52,6 +52,16 @@ def take_rows(index: Ints, *columns: Floats) -> Floats:
     return _put_beside(len(index), columns, lambda part: index[part])
 
 
+def measure_rows(rows: Floats) -> Floats:
+    """Return the lengths (N,) of rows (N, c)."""
+    length = np.empty(len(rows))
+    for start in range(0, len(rows), BLOCK_ROWS):
+        part = slice(start, start + BLOCK_ROWS)
+        length[part] = np.linalg.norm(rows[part], axis=1)
+        drop_pages()
+    return length
+
+
 def join_columns(*columns: Floats) -> Floats:
     """Return columns (N, c) side by side, in a file where they are long."""
     return _put_beside(len(columns[0]), columns, lambda part: part)

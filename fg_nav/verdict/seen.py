@@ -14,6 +14,7 @@ from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.magnetic.quasi_static import QUASI_STATIC
 from fg_nav.mechanisation import integrate_strides
 from fg_nav.solution import Solution
+from fg_nav.system.spilled import measure_rows
 from fg_nav.walk import WITH_FIXES, Walk, ignores_field
 
 SPAN_S = 0.1
@@ -56,7 +57,7 @@ class Seen:
     def speed(self) -> Floats:
         """(N,) m/s, of the whole path, by its velocity and by its places `SPAN_S` apart; the greater of the two."""
         solution, over = self.solution, max(1, round(SPAN_S / self.recording.period_s))
-        speed: Floats = np.linalg.norm(solution.velocity, axis=1)
+        speed = measure_rows(solution.velocity)
         moved = np.linalg.norm(solution.position[over:] - solution.position[:-over], axis=1)
         speed[over:] = np.maximum(speed[over:], moved / (solution.t[over:] - solution.t[:-over]))
         return speed

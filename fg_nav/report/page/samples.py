@@ -26,6 +26,7 @@ from fg_nav.report.page.figures import (
     to_seconds,
 )
 from fg_nav.stances import Stances
+from fg_nav.system.spilled import measure_rows
 
 MAX_SHADED = 2000
 """More stances than this are less than a pixel wide in a walk, and make a page slow."""
@@ -50,8 +51,8 @@ def draw_samples(recording: Recording, stances: Stances) -> list[Chart]:
 def _draw(name: str, recording: Recording, stances: Stances, part: slice, shaded: bool, caption: str) -> Chart:
     t = recording.t[part]
     rows = [
-        ("|acc| (m/s²)", np.linalg.norm(recording.acc[part], axis=1), BLUE, "|acc|"),
-        ("|gyr| (rad/s)", np.linalg.norm(recording.gyr[part], axis=1), PURPLE, "|gyr|"),
+        ("|acc| (m/s²)", measure_rows(recording.acc[part]), BLUE, "|acc|"),
+        ("|gyr| (rad/s)", measure_rows(recording.gyr[part]), PURPLE, "|gyr|"),
     ]
     shade = [_shade(recording.t, stances, part)] if shaded and len(stances) else []
     panels = [Panel(label, [*shade, signal(t, value, color, words, width=1)]) for label, value, color, words in rows]
