@@ -37,56 +37,12 @@ from fg_nav.detection.footfalls import (
     is_too_close,
 )
 from fg_nav.detection.free_pass import FreePass
+from fg_nav.detection.sliding import Sliding, are_samples
 from fg_nav.detection.stance import SHORTEST_S, WINDOW_S, StanceParameters, shoe
 from fg_nav.errors import DetectionError
 from fg_nav.recording import MAX_GAP_S
 from fg_nav.samples.gaps import find_holes
 from fg_nav.stances import Stances
-
-
-class Sliding:
-    """Rows of a stream; `shape` is that of one row. `stop` counts those that were appended so far."""
-
-    def __init__(self, keep: int, shape: tuple[int, ...] = ()) -> None:
-        self._keep = keep
-        self._rows = np.empty((0, *shape))  # memory is taken when rows come
-        self._first = 0
-        self.stop = 0
-
-    def append(self, rows: Floats) -> None:
-        """Append rows (n, ...)."""
-        used = self.stop - self._first
-        if used + len(rows) > len(self._rows):
-            kept = min(self._keep, used)
-            size = max(2 * self._keep, kept + len(rows))
-            fresh = np.empty((size, *self._rows.shape[1:]))
-            fresh[:kept] = self._rows[used - kept : used]
-            self._rows, self._first, used = fresh, self.stop - kept, kept
-        self._rows[used : used + len(rows)] = rows
-        self.stop += len(rows)
-
-    def copy(self) -> Sliding:
-        """Return a copy of the rows that must be there."""
-        found = Sliding.__new__(Sliding)
-        found._keep, found.stop = self._keep, self.stop
-        found._first = max(self._first, self.stop - self._keep)
-        found._rows = self._rows[found._first - self._first : self.stop - self._first].copy()
-        return found
-
-    def is_sound(self, fresh: Sliding) -> bool:
-        """Whether it can have come of one that was fresh."""
-        same = self._keep == fresh._keep and self._rows.shape[1:] == fresh._rows.shape[1:]
-        return same and 0 <= self.stop - self._first <= len(self._rows) and self._first >= 0
-
-    def between(self, start: int, stop: int) -> Floats:
-        """Return the rows `start <= i < stop` as a view that is good until the next `append`.
-
-        Raises `IndexError` if they are no longer there, or not yet.
-        """
-        if not self._first <= start <= stop <= self.stop:
-            raise IndexError(f"rows {start} to {stop} are not among {self._first} to {self.stop}")
-        return self._rows[start - self._first : stop - self._first]
-
 
 FIRST_SAMPLES = 64
 """Their median period is that of the samples; nothing is searched before."""
@@ -168,6 +124,7 @@ class CausalStances:
         """Whether its numbers fit each other."""
         lengths = [tuple(map(len, part)) for part in self._waiting]
         waits = all(n == n[:1] * 3 for n in lengths) and sum(n[0] for n in lengths) == self._n_waiting
+        waits = waits and all(are_samples(*block) for block in self._waiting)
         return waits and (self._search is None or self._search.is_sound())
 
     def push(self, t: Floats, acc: Floats, gyr: Floats) -> list[Footfall]:
@@ -264,7 +221,8 @@ class _Search:
         of_period = attrgetter("step", "_shoe_window", "_reach", "_window", "_settle", "_edge")
         kinds = [[type(part) for part in (*one._windows(), *one._passes)] for one in (self, fresh)]
         whole = kinds[0] == kinds[1] and of_period(self) == of_period(fresh)
-        return whole and all(map(Sliding.is_sound, self._windows(), fresh._windows()))
+        whole = whole and all(map(Sliding.is_sound, self._windows(), fresh._windows()))
+        return whole and are_samples(*(one.all() for one in (self._t, self._acc, self._gyr)))
 
     def _windows(self) -> list[Sliding]:
         return [self._t, self._acc, self._gyr, self._level, *self._velocity]

@@ -184,6 +184,24 @@ def test_windows_of_the_search_fit_each_other(name, value):
     assert not stances.is_sound()
 
 
+@pytest.mark.parametrize(("name", "value"), [("_t", np.inf), ("_t", 0.0), ("_acc", np.nan), ("_gyr", np.inf)])
+def test_windows_of_the_search_hold_samples_in_order(name, value):
+    stances, rows = CausalStances(), rows_of(short_walk())[:310]
+    stances.push(rows[:, 0], rows[:, 1:4], rows[:, 4:7])
+    assert stances.is_sound()
+    window = getattr(stances._search, name)
+    window.all()[-3:] = value
+    assert not stances.is_sound()
+
+
+@pytest.mark.parametrize(("part", "value"), [(0, np.inf), (1, np.nan), (2, np.inf)])
+def test_samples_that_wait_for_the_search_are_samples(part, value):
+    stances, rows = CausalStances(), rows_of(short_walk())[:303]
+    stances.push(rows[:, 0], rows[:, 1:4], rows[:, 4:7])
+    stances._waiting[0][part][0] = value
+    assert not stances.is_sound()
+
+
 def test_a_window_that_was_made_long_takes_no_memory_to_be_refused():
     stances, rows = CausalStances(), rows_of(short_walk())[:300]
     stances.push(rows[:, 0], rows[:, 1:4], rows[:, 4:7])
