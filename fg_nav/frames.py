@@ -65,10 +65,12 @@ def average_angles(angles: Floats) -> float:
     return float(np.angle(np.exp(1j * known).mean())) if len(known) else 0.0
 
 
-def yaw_rotation(angle: float) -> Floats:
-    """Rotation (3, 3) about up by `angle` rad, counter-clockwise seen from above."""
+def yaw_rotation(angle: float | Floats) -> Floats:
+    """Rotation (..., 3, 3) about up by `angle` (...) rad, counter-clockwise seen from above."""
     c, s = np.cos(angle), np.sin(angle)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    turn = np.zeros((*np.shape(angle), 3, 3))
+    turn[..., 0, 0], turn[..., 0, 1], turn[..., 1, 0], turn[..., 1, 1], turn[..., 2, 2] = c, -s, s, c, 1.0
+    return turn
 
 
 def quaternion_xyzw(nav_R_body: Floats) -> Floats:

@@ -99,13 +99,13 @@ class PinnedFixes:
         information = float((np.hypot(*self.position.T[:2]) ** 2 / self.horizontal**2).sum())
         return information**-0.5 if information else float("inf")
 
-    def best_turn(self, values: gtsam.Values) -> Floats:
-        """Rotation (3, 3) about up and the start that brings a walk nearest to its fixes."""
+    def best_turn(self, values: gtsam.Values) -> float:
+        """Turn about up and the start, rad counter-clockwise, that brings a walk nearest to its fixes."""
         walked = list_positions(self.node, values)
         weight = self.horizontal**-2.0
         across = weight @ (walked[:, 0] * self.position[:, 1] - walked[:, 1] * self.position[:, 0])
         along = weight @ (walked[:, :2] * self.position[:, :2]).sum(axis=1)
-        return yaw_rotation(float(np.arctan2(across, along)))
+        return float(np.arctan2(across, along))
 
 
 def pin_fixes(fixes: Sequence[Fix], t: Floats, nodes: Nodes) -> PinnedFixes:
@@ -190,8 +190,8 @@ class ShowsHeading(Protocol):
     def heading_sigma(self) -> float:
         """Sigma left of the heading at the start, rad."""
 
-    def best_turn(self, values: gtsam.Values) -> Floats:
-        """Rotation (3, 3) about up and the start."""
+    def best_turn(self, values: gtsam.Values) -> float:
+        """Turn about up and the start, rad counter-clockwise."""
 
 
 def free_heading(problem: WalkProblem, pinned: ShowsHeading, values: gtsam.Values) -> StartPrior | None:
@@ -205,7 +205,7 @@ def free_heading(problem: WalkProblem, pinned: ShowsHeading, values: gtsam.Value
         return None
     turn = pinned.best_turn(values)
     turn_walk(values, problem.nodes, turn)
-    return StartPrior(turn @ nav_R_body, float(np.radians(UNKNOWN_HEADING_DEG)))
+    return StartPrior(yaw_rotation(turn) @ nav_R_body, float(np.radians(UNKNOWN_HEADING_DEG)))
 
 
 def add_constraints(problem: WalkProblem, values: gtsam.Values, continues: Bools | None = None) -> WalkProblem:

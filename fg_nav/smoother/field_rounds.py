@@ -22,7 +22,6 @@ from gtsam.symbol_shorthand import X
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import EstimationError
-from fg_nav.frames import yaw_rotation
 from fg_nav.magnetic import FootfallField
 from fg_nav.smoother.field import (
     FieldResiduals,
@@ -35,6 +34,7 @@ from fg_nav.smoother.field import (
     rotate_field,
     write_notes,
 )
+from fg_nav.smoother.field_drift import remove_drift
 from fg_nav.smoother.field_factors import FieldFactors, FieldPath
 from fg_nav.smoother.graph import UNKNOWN_HEADING_DEG, StartPrior, Trajectory, WalkProblem, solve, turn_walk
 from fg_nav.smoother.parameters import FieldParameters
@@ -91,18 +91,19 @@ class _Round:
 
 def look_along(problem: WalkProblem, field: FootfallField, track: Trajectory) -> FieldWalk:
     """Look at the field along a walk, whose values are near its minimum without it; `track` is theirs."""
-    if not problem.heading_known:
-        mean = np.nanmean(rotate_field(field, list_attitudes(problem.nodes.result, problem.values)), axis=0)
-        problem, track = _turn_north(problem, track, mean)
-    return FieldWalk(problem, field, integrate_field(problem, field, track))
+    path = integrate_field(problem, field, track)
+    nav_field = rotate_field(field, list_attitudes(problem.nodes.result, problem.values))
+    problem = replace(problem, values=remove_drift(problem.values, problem.nodes, nav_field))
+    return FieldWalk(problem if problem.heading_known else _turn_north(problem, field), field, path)
 
 
-def _turn_north(problem: WalkProblem, track: Trajectory, nav_north: Floats) -> tuple[WalkProblem, Trajectory]:
-    """Turn the walk about up, so that what points along `nav_north` (3,) points north; its start is free."""
-    turn, values = yaw_rotation(float(np.arctan2(*nav_north[:2]))), gtsam.Values(problem.values)
-    turn_walk(values, problem.nodes, turn)
+def _turn_north(problem: WalkProblem, field: FootfallField) -> WalkProblem:
+    """Turn the walk about up, so that its mean field points north; its start is free."""
+    values = gtsam.Values(problem.values)
+    mean = np.nanmean(rotate_field(field, list_attitudes(problem.nodes.result, values)), axis=0)
+    turn_walk(values, problem.nodes, float(np.arctan2(*mean[:2])))
     start = StartPrior(values.atPose3(X(0)).rotation().matrix(), float(np.radians(UNKNOWN_HEADING_DEG)))
-    return replace(problem, values=values, start=start), track.turn(turn)
+    return replace(problem, values=values, start=start)
 
 
 def solve_with_field(walk: FieldWalk) -> FieldSolution:

@@ -27,6 +27,7 @@ from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.detection import Rest
 from fg_nav.detection.rolling_lever import RollingLever
 from fg_nav.factors.residual import ResidualBlock, read_variables
+from fg_nav.frames import yaw_rotation
 from fg_nav.mechanisation import TILT_TIME_S, NavState, nudge_tilt, strapdown
 from fg_nav.recording import Recording
 from fg_nav.smoother.dense_path import fill_path
@@ -55,7 +56,7 @@ from fg_nav.smoother.strides import (
 from fg_nav.smoother.unseen import find_unseen_walks
 from fg_nav.stances import Stances
 from fg_nav.system.compiled import njit
-from fg_nav.system.spilled import BLOCK_ROWS, drop_pages, empty_column
+from fg_nav.system.spilled import drop_pages
 
 GAUGE_SIGMA = 1e-4
 """Position (m) and heading (rad) at the start are known by definition."""
@@ -219,12 +220,19 @@ def initial_values(
     return values
 
 
-def turn_walk(values: gtsam.Values, nodes: Nodes, nav_R_nav: Floats) -> None:
-    """Turn the poses and velocities of a walk about its origin, in place."""
-    about = gtsam.Pose3(gtsam.Rot3(nav_R_nav), np.zeros(3))
-    for j in range(len(nodes)):
-        values.update(X(j), about.compose(values.atPose3(X(j))))
-        values.update(V(j), nav_R_nav @ values.atVector(V(j)))
+def turn_walk(values: gtsam.Values, nodes: Nodes, angle: float | Floats) -> None:
+    """Turn poses and velocities of a walk about up by an angle, (M,) rad of each node, counter-clockwise, in place.
+
+    The way from the origin to the first node is turned as that node, and each move as the node that it leads to.
+    """
+    number, turn = range(len(nodes)), yaw_rotation(np.broadcast_to(angle, len(nodes)))
+    pose, velocity = list_poses(number, values), read_variables(values, [V(j) for j in number], 3)
+    moves = np.diff(pose[:, :3, 3], axis=0, prepend=np.zeros((1, 3)))
+    position = np.cumsum((turn @ moves[..., None])[..., 0], axis=0)
+    attitude, velocity = turn @ pose[:, :3, :3], (turn @ velocity[..., None])[..., 0]
+    for j in number:
+        values.update(X(j), gtsam.Pose3(gtsam.Rot3(attitude[j]), position[j]))
+        values.update(V(j), velocity[j])
 
 
 @njit(cache=True)
@@ -279,17 +287,6 @@ class Trajectory(NamedTuple):
     position: Floats
     velocity: Floats
     nav_R_body: Floats
-
-    def turn(self, nav_R_nav: Floats) -> Trajectory:
-        """Return it turned about the origin."""
-        turned = Trajectory(*(empty_column(*one.shape) for one in self))
-        for start in range(0, len(self.position), BLOCK_ROWS):
-            part = np.s_[start : start + BLOCK_ROWS]
-            turned.position[part] = self.position[part] @ nav_R_nav.T
-            turned.velocity[part] = self.velocity[part] @ nav_R_nav.T
-            turned.nav_R_body[part] = nav_R_nav @ self.nav_R_body[part]
-            drop_pages()
-        return turned
 
 
 def trajectory_of(recording: Recording, nodes: Nodes, values: gtsam.Values, gravity: float) -> Trajectory:

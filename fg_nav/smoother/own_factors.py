@@ -114,11 +114,11 @@ class OwnFactors(GtsamFactors):
         linear = self._graph.linearize(values)
         return self.error(values) - linear.error(_move(self._graph, values, 0.0))
 
-    def best_turn(self, values: gtsam.Values) -> Floats:
-        """Rotation (3, 3) about up and the start, of `TURNS`, that fits a walk best to them."""
-        turns = [yaw_rotation(angle) for angle in np.arange(TURNS) * (2 * np.pi / TURNS)]
-        errors = [self.error(_turned(self._graph, values, turn)) for turn in turns]
-        return turns[int(np.nanargmin(errors))]
+    def best_turn(self, values: gtsam.Values) -> float:
+        """Turn about up and the start, rad counter-clockwise, of `TURNS`, that fits a walk best to them."""
+        turns = np.linspace(0.0, 2 * np.pi, TURNS, endpoint=False)
+        errors = [self.error(_turned(self._graph, values, turn)) for turn in yaw_rotation(turns)]
+        return float(turns[int(np.nanargmin(errors))])
 
 
 def make_own_factors(extra: ExtraFactors, nodes: GraphNodes) -> OwnFactors:

@@ -28,7 +28,7 @@ def test_no_turn_of_the_whole_walk_is_refuted_and_the_more_it_is_bent_the_more_i
     found, _ = solved_in(0)
     values, nodes = found.solved.values, found.problem.nodes
     turned = gtsam.Values(values)
-    turn_walk(turned, nodes, rotation_exp(np.array([0.0, 0.0, 0.6])))
+    turn_walk(turned, nodes, 0.6)
     assert refute_shape(found, values) == pytest.approx(0.0, abs=0.05)
     assert refute_shape(found, turned) == pytest.approx(refute_shape(found, values), abs=1e-6)
     bends = [refute_shape(found, bent(values, nodes.result.tolist(), angle)) for angle in (2.0, 4.0, 8.0)]

@@ -1,0 +1,82 @@
+"""A heading that drifted over hours is bent back by the field before the walk is solved with it."""
+
+from functools import cache
+
+import gtsam
+import numpy as np
+import pytest
+from gtsam.symbol_shorthand import V, X
+
+from fg_nav.arrays import Floats
+from fg_nav.frames import yaw_rotation
+from fg_nav.smoother.field_drift import LEAST_DRIFT_RAD, WINDOW, measure_drift, remove_drift
+from fg_nav.smoother.graph import WalkProblem, turn_walk
+from fg_nav.smoother.problem import walk_problem
+from fg_nav.smoother.solver import list_poses
+from tests.smoother.walks import DEFAULT, demo, part
+
+RNG = np.random.default_rng(3)
+
+
+@cache
+def short_problem() -> WalkProblem:
+    walk = part(demo(), 24)
+    return walk_problem(walk.recording, walk.stances, 0.0, DEFAULT)
+
+
+def field_of(drift: Floats, noise_uT: float = 8.0) -> Floats:
+    """The field at footfalls of a building with iron, as a heading that drifted by so much has it; some without."""
+    field = np.array([0.0, 21.0, -43.0]) + noise_uT * RNG.standard_normal((len(drift), 3))
+    field[RNG.random(len(drift)) < 0.1] = np.nan
+    return np.einsum("kij,kj->ki", yaw_rotation(drift), field)
+
+
+@pytest.mark.parametrize("most", [0.0, 1.0, -4.0])
+def test_the_drift_of_hours_is_measured(most: float) -> None:
+    drift = most * np.sin(np.linspace(0.0, 1.5, 20 * WINDOW))
+    found = measure_drift(field_of(drift))
+    # Over half a window at either end it is that of the first and of the last whole one.
+    inside = slice(WINDOW // 2, -WINDOW // 2)
+    np.testing.assert_allclose(found[inside], (drift - drift[WINDOW // 2])[inside], atol=0.05)
+
+
+def test_a_walk_of_minutes_shows_none() -> None:
+    assert not measure_drift(field_of(np.linspace(0.0, 1.0, 2 * WINDOW - 1))).any()
+
+
+def test_a_walk_that_was_bent_is_bent_back_and_one_that_was_not_is_left_as_it_is(monkeypatch) -> None:
+    monkeypatch.setattr("fg_nav.smoother.field_drift.WINDOW", 4)
+    problem = short_problem()
+    nodes, count = problem.nodes, len(problem.nodes)
+    footfalls = len(nodes.result)
+    drift = np.interp(np.arange(footfalls), [2, footfalls - 2], [0.0, 1.2])
+    field = field_of(drift, 0.0)
+    field[np.isnan(field)] = 0.0
+    bent = gtsam.Values(problem.values)
+    turn_walk(bent, nodes, np.interp(np.arange(count), nodes.result, drift))
+    straight, moved, found = (
+        list_poses(range(count), values) for values in (problem.values, bent, remove_drift(bent, nodes, field))
+    )
+    off, left = (np.linalg.norm(one[:, :3, 3] - straight[:, :3, 3], axis=1).max() for one in (moved, found))
+    assert left < 0.1 * off
+    same = field_of(np.full(footfalls, 0.5), 0.0)
+    assert remove_drift(bent, nodes, same) is bent
+    assert LEAST_DRIFT_RAD > 0.0
+
+
+def test_a_walk_is_turned_as_a_whole_by_one_angle_and_move_by_move_by_many() -> None:
+    problem = short_problem()
+    count = len(problem.nodes)
+    before = list_poses(range(count), problem.values)
+    turned = gtsam.Values(problem.values)
+    turn_walk(turned, problem.nodes, 0.7)
+    for j in (0, count // 2, count - 1):
+        pose = gtsam.Pose3(gtsam.Rot3(yaw_rotation(0.7)), np.zeros(3)).compose(problem.values.atPose3(X(j)))
+        assert turned.atPose3(X(j)).equals(pose, 1e-9)
+        np.testing.assert_allclose(turned.atVector(V(j)), yaw_rotation(0.7) @ problem.values.atVector(V(j)), atol=1e-12)
+    angle = np.linspace(0.0, 2.0, count)
+    turn_walk(turned, problem.nodes, angle - 0.7)
+    after = list_poses(range(count), turned)
+    moves = np.einsum("kij,kj->ki", yaw_rotation(angle[1:]), np.diff(before[:, :3, 3], axis=0))
+    np.testing.assert_allclose(np.diff(after[:, :3, 3], axis=0), moves, atol=1e-9)
+    np.testing.assert_allclose(after[:, :3, :3], yaw_rotation(angle) @ before[:, :3, :3], atol=1e-9)
