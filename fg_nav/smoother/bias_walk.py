@@ -4,9 +4,9 @@ q (deg/s/sqrt(s)) is the density of the walk: from one bias variable to the next
 q sqrt(t), one sigma. Gyroscopes differ in it a hundredfold, and a shoe that warms up walks on top. Too small a q makes
 the sigmas of bias, heading and position too small, too large a q loses what the minutes before have shown.
 
-Only the noise S_i(q) of these changes depends on q, so the graph is linearized once, at the minimum with the q that is
-assumed. What lies between the nodes at which the bias changes is eliminated once, and what is left, a chain of the
-biases and these nodes, for each level. With all that does not depend on q left out,
+Only the noise S_i(q) of these changes depends on q, so one linearization serves for all, the last one of the solution
+with the q that is assumed. What lies between the nodes at which the bias changes is eliminated once, and what is left,
+a chain of the biases and these nodes, for each level. With all that does not depend on q left out,
 
     -log p(z | q) = E(q) + log|R(q)| + 1/2 sum_i log|S_i(q)|                 (Laplace; MacKay 2003, section 27)
 
@@ -21,6 +21,7 @@ The evidence is that of the inertial graph. With the magnetic field it is larger
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import cast
 
@@ -30,11 +31,11 @@ from gtsam.symbol_shorthand import V, X
 
 from fg_nav.arrays import Floats
 from fg_nav.factors.differential_field import GYRO
-from fg_nav.factors.residual import LETTER_SHIFT, Keys
+from fg_nav.factors.residual import LETTER_SHIFT, Keys, Stack
 from fg_nav.smoother.evidence import MOST_NATS
 from fg_nav.smoother.graph import WalkProblem
-from fg_nav.smoother.linear import LinearWalk, stack_factors
-from fg_nav.smoother.solver import list_in_time, list_linear, stack_walk
+from fg_nav.smoother.linear import LinearWalk
+from fg_nav.smoother.solver import list_in_time
 from fg_nav.smoother.strides import LEAST_WALK_DEG_S, Nodes
 
 LEVELS_DEG_S = (6e-4, 2e-3, 6e-3)
@@ -50,26 +51,26 @@ Change = gtsam.BetweenFactorConstantBias
 """From one bias variable to the next."""
 
 
-def choose_bias_walk(problem: WalkProblem) -> WalkProblem:
-    """Return the problem, whose values are near its minimum, with the random walk of its gyro bias chosen."""
-    unchanging, changes = _split(problem.graph)
+def choose_bias_walk(problem: WalkProblem, stacks: Sequence[Stack]) -> WalkProblem:
+    """Return the problem with the random walk of its gyro bias chosen; `stacks` are its factors, linearized."""
     assumed = max(problem.parameters.gyro_bias_walk_deg_s, LEAST_WALK_DEG_S)
+    changes = [one for one in stacks if _are_changes(one)]
     if not changes:
         return _with_note(problem, f"gyro bias walk {_write(assumed)}, as assumed")
-    # The linear graph without the changes of the bias, at the minimum.
+    # The linear graph without the changes of the bias.
     keys, between = _split_order(problem.nodes)
-    chain = LinearWalk.of(stack_walk(unchanging, problem.blocks, problem.values), keys).eliminate_before(between)
+    others = [one for one in stacks if not _are_changes(one)]
+    chain = LinearWalk.of(others, keys).eliminate_before(between)
     # The evidence of each level.
     levels = np.union1d(LEVELS_DEG_S, assumed)
-    graphs = [_scale_changes(changes, level / assumed) for level in levels]
-    error, volume = np.transpose([_eliminate(chain, graph, problem.values) for graph in graphs])
+    error, volume = np.transpose([_eliminate(chain, changes, level / assumed) for level in levels])
     level = choose_level(levels, error, volume, assumed)
     # The problem with the level chosen.
-    unchanging.push_back(graphs[int(np.searchsorted(levels, level))])
     chosen = replace(problem.parameters, gyro_bias_walk_deg_s=level)
-    problem = replace(problem, graph=unchanging, parameters=chosen)
-    why = "as assumed" if level == assumed else f"the evidence of {len(changes)} changes of the bias"
-    return _with_note(problem, f"gyro bias walk {_write(level)}, {why}")
+    graph = problem.graph if level == assumed else _scale_changes(problem.graph, level / assumed)
+    count = sum(len(one.keys) for one in changes)
+    why = "as assumed" if level == assumed else f"the evidence of {count} changes of the bias"
+    return _with_note(replace(problem, graph=graph, parameters=chosen), f"gyro bias walk {_write(level)}, {why}")
 
 
 def _split_order(nodes: Nodes) -> tuple[Keys, int]:
@@ -97,39 +98,36 @@ def choose_level(levels: Floats, error: Floats, volume: Floats, assumed: float) 
     return float(levels[accepted].max())
 
 
-def _split(graph: gtsam.NonlinearFactorGraph) -> tuple[gtsam.NonlinearFactorGraph, list[Change]]:
-    """Take the graph apart: all but the changes of the bias, and these."""
-    unchanging, changes = gtsam.NonlinearFactorGraph(), []
+def _are_changes(stack: Stack) -> bool:
+    """Whether the factors of a stack are those from one bias variable to the next."""
+    return stack.keys.shape[1] == 2 and bool((stack.keys >> np.uint64(LETTER_SHIFT) == ord("b")).all())
+
+
+def _eliminate(chain: LinearWalk, changes: Sequence[Stack], by: float) -> tuple[float, float]:
+    """Error and volume with the changes of the bias, the sigmas of the gyroscope so many times as large."""
+    scaled, noise = [], 0.0
+    for keys, rows in changes:
+        rows = rows.copy()
+        rows[:, GYRO] /= by
+        scaled.append(Stack(keys, rows))
+        noise += 3 * len(keys) * np.log(by)
+    left = chain.join(scaled).eliminate_all()
+    return left.error, left.volume + noise
+
+
+def _scale_changes(graph: gtsam.NonlinearFactorGraph, by: float) -> gtsam.NonlinearFactorGraph:
+    """Return the graph with the sigmas of the gyroscope in the changes of the bias so many times as large."""
+    scaled = gtsam.NonlinearFactorGraph()
     for factor in map(graph.at, range(graph.size())):
-        if isinstance(factor, Change):
-            changes.append(factor)
-        else:
-            unchanging.push_back(factor)
-    return unchanging, changes
+        scaled.push_back(_scale_change(factor, by) if isinstance(factor, Change) else factor)
+    return scaled
 
 
-def _scale_changes(changes: list[Change], by: float) -> gtsam.NonlinearFactorGraph:
-    """Return the changes of the bias with the sigmas of the gyroscope so many times as large."""
-    graph = gtsam.NonlinearFactorGraph()
-    for factor in changes:
-        sigmas = _sigmas(factor)
-        sigmas[GYRO] *= by
-        noise = gtsam.noiseModel.Diagonal.Sigmas(sigmas)
-        before, after = factor.keys()
-        graph.push_back(Change(before, after, factor.measured(), noise))
-    return graph
-
-
-def _sigmas(factor: Change) -> Floats:
-    return np.array(cast("gtsam.noiseModel.Diagonal", factor.noiseModel()).sigmas())
-
-
-def _eliminate(chain: LinearWalk, changes: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> tuple[float, float]:
-    """Error and volume of a linear graph with these changes of the bias."""
-    left = chain.join(stack_factors(list_linear(changes.linearize(values)))).eliminate_all()
-    factors = map(changes.at, range(changes.size()))
-    noise = sum(np.log(_sigmas(cast("Change", factor))).sum() for factor in factors)
-    return left.error, float(left.volume + noise)
+def _scale_change(factor: Change, by: float) -> Change:
+    sigmas = np.array(cast("gtsam.noiseModel.Diagonal", factor.noiseModel()).sigmas())
+    sigmas[GYRO] *= by
+    before, after = factor.keys()
+    return Change(before, after, factor.measured(), gtsam.noiseModel.Diagonal.Sigmas(sigmas))
 
 
 def _with_note(problem: WalkProblem, note: str) -> WalkProblem:

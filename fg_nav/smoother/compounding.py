@@ -13,7 +13,8 @@ and as all functions of [theta] commute, with s = Gamma_1^-1 v / h,
 
 So R, v and p between two nodes are those of the samples, coning and sculling with them. How they change with the bias
 and the covariance of their noise are those of the two: they differ by the square of what turns in a block, which ends
-before it has turned by `MOST_TURN_RAD` or lasts `LONGEST_S`, by which the sigmas of a walk are right to 2 per mille.
+before it has turned by `MOST_TURN_RAD` or lasts `LONGEST_S`, by which the sigmas of a walk are right to 1 %, and its
+end moves by 1 % of its sigma at most.
 """
 
 from __future__ import annotations
@@ -26,10 +27,10 @@ from fg_nav.arrays import Floats, Ints
 from fg_nav.mechanisation import NavState, rotation_series, rotation_vector, strapdown
 from fg_nav.system.compiled import njit
 
-MOST_TURN_RAD = 0.2
+MOST_TURN_RAD = 0.3
 """Of the body in a block, along its way."""
 
-LONGEST_S = 0.08
+LONGEST_S = 0.12
 
 SHORTEST = 3
 """Samples in a block: fewer stand for themselves."""

@@ -150,6 +150,11 @@ class WalkProblem:
 
 def solve(problem: WalkProblem, convergence: float = CONVERGENCE) -> Solved:
     """Minimize the error of a walk, to this difference of promised and true error per variable."""
+    return solve_and_keep(problem, convergence).forget_stacks()
+
+
+def solve_and_keep(problem: WalkProblem, convergence: float) -> Solved:
+    """Minimize as `solve` does, and keep the factors of the last linearization, which are larger than all else."""
     keys = list_in_time(problem.nodes, problem.field is not None, problem.floor)
     return minimize(problem.graph, problem.blocks, problem.values, keys, convergence)
 

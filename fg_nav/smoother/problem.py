@@ -55,12 +55,12 @@ from fg_nav.recording import Recording
 from fg_nav.samples.saturation import OFF_SHARE
 from fg_nav.smoother.bias_walk import choose_bias_walk
 from fg_nav.smoother.evidence import MOST_NATS
-from fg_nav.smoother.graph import Known, WalkProblem, build_problem, solve
+from fg_nav.smoother.graph import Known, WalkProblem, build_problem, solve_and_keep
 from fg_nav.smoother.linear import LinearWalk
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.preintegration import preintegrate
 from fg_nav.smoother.refused_stances import weaken_refused_stances
-from fg_nav.smoother.solver import FIRST_CONVERGENCE, list_in_time, minimize, stack_walk
+from fg_nav.smoother.solver import FIRST_CONVERGENCE, Solved, list_in_time, minimize
 from fg_nav.smoother.strides import INERTIAL_KEYS
 from fg_nav.stances import Stances
 from fg_nav.system.memory import return_freed
@@ -223,15 +223,14 @@ class _Piece:
         noise = map(gtsam.noiseModel.Gaussian.Covariance, self.covariances(levels[0]))
         for (i, factor), one in zip(self._inertial, noise, strict=True):
             graph.replace(i, factor.cloneWithNewNoiseModel(one))
-        values = minimize(graph, blocks, self._problem.values, self._keys).values
-        # The same without noise, which is divided by level by level.
-        for i, factor in self._inertial:
-            graph.replace(i, factor.cloneWithNewNoiseModel(_UNIT))
-        self._problem = replace(self._problem, values=values)
-        stacks = stack_walk(graph, blocks, values)
-        inertial = next(one for one in stacks if one.keys.shape[1] == INERTIAL_KEYS)
-        others = [one for one in stacks if one is not inertial]
-        return [self._measure_level(level, inertial, others) for level in levels]
+        solved = minimize(graph, blocks, self._problem.values, self._keys)
+        self._problem = replace(self._problem, values=solved.linearized_at)
+        # The last linearization without noise, which is divided by level by level.
+        inertial = next(one for one in solved.stacks if one.keys.shape[1] == INERTIAL_KEYS)
+        others = [one for one in solved.stacks if one is not inertial]
+        root = np.linalg.cholesky(np.linalg.inv(self.covariances(levels[0])))  # of gtsam's whitening, transposed
+        unit = Stack(inertial.keys, np.asarray(np.linalg.solve(root.transpose(0, 2, 1), inertial.rows)))
+        return [self._measure_level(level, unit, others) for level in levels]
 
     def _measure_level(self, level: float, inertial: Stack, others: Sequence[Stack]) -> float:
         root = np.linalg.cholesky(self.covariances(level))
@@ -243,8 +242,6 @@ class _Piece:
         """Noise covariances (K, 9, 9) of the inertial factors."""
         return np.asarray(self._at_zero + (level / _BASE[1]) ** 2 * self._by_square)
 
-
-_UNIT = gtsam.noiseModel.Unit.Create(9)
 
 _BASE = (0.0, 1e-3)
 """The two levels that are integrated, 1/sqrt(Hz): without noise of the swing, and with some."""
@@ -274,16 +271,18 @@ def walk_problem(
     p = replace(p, gyr_relative_density=swing.gyr_relative_density)
     problem = build_problem(recording, stances, start.nav_R_body, known, p, heading is not None, progress)
     recording.release()
-    problem = _solve_first(problem, p)
+    problem, solved = _solve_first(problem, p)
     return_freed()
-    return choose_bias_walk(problem) if p.choose_bias_walk else problem
+    return choose_bias_walk(problem, solved.stacks) if p.choose_bias_walk else problem
 
 
-def _solve_first(problem: WalkProblem, p: SmootherParameters) -> WalkProblem:
-    """Return the problem with values near its minimum; its tree is let go of."""
-    solved = solve(problem, FIRST_CONVERGENCE)
+def _solve_first(problem: WalkProblem, p: SmootherParameters) -> tuple[WalkProblem, Solved]:
+    """Return the problem with values near its minimum, and that solution, whose tree is let go of."""
+    solved = solve_and_keep(problem, FIRST_CONVERGENCE)
     problem = replace(problem, values=solved.values)
-    return weaken_refused_stances(problem, solved) if p.refuse_stances else problem
+    if p.refuse_stances:
+        problem, solved = weaken_refused_stances(problem, solved)
+    return problem, solved.forget_root()
 
 
 def estimate_swing_noise(recording: Recording, stances: Stances, p: SmootherParameters) -> float:

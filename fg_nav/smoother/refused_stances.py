@@ -28,7 +28,7 @@ from fg_nav.arrays import Bools, Floats
 from fg_nav.factors.residual import ResidualBlock
 from fg_nav.factors.zero_velocity import StanceVelocity
 from fg_nav.smoother.front_covariances import Groups
-from fg_nav.smoother.graph import WalkProblem, solve
+from fg_nav.smoother.graph import WalkProblem, solve_and_keep
 from fg_nav.smoother.solver import FIRST_CONVERGENCE, Solved, residuals_at_minimum
 from fg_nav.smoother.square_root import SquareRoot
 from fg_nav.smoother.strides import Nodes
@@ -70,8 +70,8 @@ class StanceStatistics:
         return np.asarray(largest & (self.statistic > limit) & (speed > LEAST_SPEED_M_S))
 
 
-def weaken_refused_stances(problem: WalkProblem, solved: Solved) -> WalkProblem:
-    """Return a problem, solved near its minimum, with the ties weakened that the walk refuses, and new values."""
+def weaken_refused_stances(problem: WalkProblem, solved: Solved) -> tuple[WalkProblem, Solved]:
+    """Return a problem, solved near its minimum, with the ties weakened that the walk refuses, and its solution."""
     refused = np.zeros(len(problem.nodes.result), dtype=np.bool_)
     for _ in range(ROUNDS):
         # What the rest of the walk says of each stance.
@@ -83,9 +83,9 @@ def weaken_refused_stances(problem: WalkProblem, solved: Solved) -> WalkProblem:
         refused |= now
         off = np.where(now, np.linalg.norm(found.velocity, axis=1), 0.0)
         problem = replace(problem, velocities=_widen(problem.velocities, off[problem.nodes.footfall]))
-        solved = solve(problem, FIRST_CONVERGENCE)
+        solved = solve_and_keep(problem, FIRST_CONVERGENCE)
         problem = replace(problem, values=solved.values)
-    return _with_note(problem, refused) if refused.any() else problem
+    return (_with_note(problem, refused) if refused.any() else problem), solved
 
 
 def _widen(block: ResidualBlock, off: Floats) -> ResidualBlock:

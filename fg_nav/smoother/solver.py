@@ -137,7 +137,7 @@ class Solved:
     """Values at the minimum, the triangle of the last linearization, and the number of linearizations.
 
     `linearized_at` are the values of that linearization, one step before the minimum, where the error is `error`;
-    `volume` is log|R|.
+    `volume` is log|R|. `stacks` are its factors, until they are let go of.
     """
 
     values: gtsam.Values
@@ -146,10 +146,15 @@ class Solved:
     linearized_at: gtsam.Values
     error: float
     volume: float
+    stacks: Sequence[Stack] = ()
 
     def forget_root(self) -> Solved:
         """Return it without the triangle, which is larger than all else, before another is made."""
         return replace(self, root=SquareRoot.of_nothing())
+
+    def forget_stacks(self) -> Solved:
+        """Return it without the factors of the last linearization."""
+        return replace(self, stacks=())
 
 
 def minimize(
@@ -176,15 +181,15 @@ def minimize(
     """
     error = np.inf
     for steps in range(1, largest_steps + 1):
-        linearized_at = values
-        root, left = LinearWalk.of(stack_walk(graph, blocks, values), keys).eliminate()
+        linearized_at, stacks = values, stack_walk(graph, blocks, values)
+        root, left = LinearWalk.of(stacks, keys).eliminate()
         promised = left.error + compute_excess(blocks, values)
         values, error = _descend(graph, blocks, values, root, error)
         if not np.isfinite(error):
             raise EstimationError("the smoother's error is not finite: check the recording with 'fg-nav inspect'.")
         if abs(error - promised) <= convergence * len(keys):
-            return Solved(values, root, steps, linearized_at, error, left.volume)
-        del root, left  # as large as all else: not kept beside the next one
+            return Solved(values, root, steps, linearized_at, error, left.volume, stacks)
+        del root, left, stacks  # as large as all else: not kept beside the next one
     raise EstimationError(
         f"the smoother did not converge in {largest_steps} steps: the stances are not those of a walk on foot, or the "
         "units of the recording are wrong; look at it with 'fg-nav inspect'."
@@ -357,7 +362,8 @@ def stance_table(t: Floats, nodes: Nodes, solved: Solved, verdict: FieldVerdict,
     `shared` has by how much the walk is moved (N, n) by numbers of unit covariance that the tree does not hold.
     """
     pose_keys, bias_keys = [X(j) for j in nodes.result], [B(k) for k in range(int(nodes.bias[-1]) + 1)]
-    body, of_bias = (list_covariances(keys, solved.root, shared) for keys in (pose_keys, bias_keys))
+    both = list_covariances([*pose_keys, *bias_keys], solved.root, shared)  # of six dimensions, in one pass
+    body, of_bias = both[: len(pose_keys)], both[len(pose_keys) :]
     bias_variance = np.diagonal(of_bias, axis1=1, axis2=2)[nodes.bias]
     bias = np.array([solved.values.atConstantBias(key).gyroscope() for key in bias_keys])
     poses = list_poses(nodes.result, solved.values)
@@ -381,6 +387,6 @@ def stance_table(t: Floats, nodes: Nodes, solved: Solved, verdict: FieldVerdict,
 
 def list_covariances(keys: Sequence[int], root: SquareRoot, shared: Floats) -> Floats:
     """Covariances (K, d, d) of variables of a kind, with what is `shared` (N, n)."""
-    each = [[key] for key in keys]
+    each = np.array(keys, dtype=np.uint64)[:, None]
     moved = shared[root.find_columns(each)]
     return np.asarray(root.joint_covariances(each) + moved @ np.swapaxes(moved, 1, 2))

@@ -183,7 +183,8 @@ class Stride:
     """What a footfall and the swing before it measured.
 
     Nodes `first <= j < last`, bias `bias` and before the footfall `bias_before`, begun `bias_age_s` ago;
-    `measurements` from each node's predecessor to it (none before the very first); `velocity` at each of the nodes.
+    `measurements` from each node's predecessor to it (none before the very first); `velocities` of all nodes that were
+    measured together, of which its own are the rows `own`.
     """
 
     first: int
@@ -192,8 +193,14 @@ class Stride:
     bias_before: int
     bias_age_s: float
     measurements: list[Measurement]
-    velocity: StanceVelocity
+    velocities: StanceVelocity
+    own: slice
     rests: list[Rest]
+
+    @property
+    def velocity(self) -> StanceVelocity:
+        """At each of its nodes."""
+        return one_of(self.velocities, self.own)
 
 
 STANDS_S = 1.5
@@ -233,7 +240,8 @@ def strides_of(
             bias_before=nodes.bias[max(k - 1, 0)],
             bias_age_s=t[k] - begun[nodes.bias[max(k - 1, 0)]],
             measurements=[next(measurements) for _ in range(max(first, 1), last)],
-            velocity=one_of(velocities, slice(first, last)),
+            velocities=velocities,
+            own=slice(first, last),
             rests=rests_of.get(k, []),
         )
 

@@ -10,10 +10,10 @@ import pytest
 
 from fg_nav.arrays import Floats
 from fg_nav.smoother import bias_walk
-from fg_nav.smoother.bias_walk import LEVELS_DEG_S, choose_level
-from fg_nav.smoother.graph import WalkProblem
+from fg_nav.smoother.bias_walk import LEVELS_DEG_S, choose_bias_walk, choose_level
+from fg_nav.smoother.graph import WalkProblem, solve_and_keep
 from fg_nav.smoother.problem import walk_problem
-from fg_nav.smoother.solver import linearize, time_order
+from fg_nav.smoother.solver import CONVERGENCE, linearize, time_order
 from fg_nav.smoother.strides import LEAST_WALK_DEG_S
 from tests.smoother.walks import DEFAULT, Walk, demo, part
 
@@ -102,8 +102,10 @@ def test_evidence_is_that_of_the_gaussian(monkeypatch: pytest.MonkeyPatch) -> No
 
     monkeypatch.setattr(bias_walk, "choose_level", keep)
     walk = walking(part(demo(), 20), 0.02)
-    one = walk_problem(walk.recording, walk.stances, 0.0, GIVEN)
-    expected = [dense_evidence(walk, one.values, level) for level in LEVELS_DEG_S]
+    one = walk_problem(walk.recording, walk.stances, 0.0, replace(GIVEN, choose_bias_walk=False))
+    solved = solve_and_keep(one, CONVERGENCE)
+    choose_bias_walk(one, solved.stacks)
+    expected = [dense_evidence(walk, solved.linearized_at, level) for level in LEVELS_DEG_S]
     assert np.diff(found[0]) == pytest.approx(np.diff(expected), abs=1e-4)
     assert abs(np.diff(expected)).max() > 0.1
 
