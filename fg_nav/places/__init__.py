@@ -1,0 +1,37 @@
+"""The same place again: stretches of a walk that are recognized by the magnetic field along them.
+
+A building's steel bends the field differently at every place, and the field at one place stays. A walk that comes back
+to a corridor reads the same field along it again, in the same or in the opposite direction of walking. What is
+compared is the field along the path; positions enter only to say which stretches could be the same place at all.
+
+=============== =====================================================================================================
+`signature`     the field along the path, by distance: along the walking direction, to its left, up
+`whitening`     the part of it that repeats, with equal weight to all its wavelengths
+`candidates`    pairs of stretches that lie within the path's own uncertainty of each other
+`alignment`     the best local alignments of the walk with itself, among these pairs
+`calibration`   how many alignments so good are expected where nothing returns
+`recognition`   all of that: from a path with its field to ties
+`consistency`   ties that agree with each other and with the odometry
+=============== =====================================================================================================
+
+Everything here is numpy and numba: no graph and no estimator.
+"""
+
+from fg_nav.places.candidates import Drift, Uncertainty
+from fg_nav.places.consistency import select_consistent
+from fg_nav.places.recognition import Recognition, Stretch, Tie, list_ties, recognize, recognize_known
+from fg_nav.places.signature import Signature, trace_signature
+
+__all__ = [
+    "Drift",
+    "Recognition",
+    "Signature",
+    "Stretch",
+    "Tie",
+    "Uncertainty",
+    "list_ties",
+    "recognize",
+    "recognize_known",
+    "select_consistent",
+    "trace_signature",
+]

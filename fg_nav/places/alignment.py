@@ -1,0 +1,229 @@
+"""The best local alignments of a path with itself.
+
+Symbols: features x_i, y_j (3,) of points i and j (`whitening`), s_i, s_j the square roots of their signal shares,
+rho (3,) the correlation of two passes at one place.
+
+A pair of points. Of one place, x and y are jointly normal with correlation r = rho s_i s_j; of two places they are
+independent. The log likelihood ratio, nats, summed over the components, is
+
+    L(i, j) = sum -1/2 log(1 - r^2) - (r^2 (x^2 + y^2) - 2 r x y) / (2 (1 - r^2)),
+
+times `SHARE`, for points that lie closer than the field's band allows are no independent ones. Its mean is positive at
+one place, and negative at two.
+
+A stretch. The best local alignment (Smith and Waterman 1981) ending at (i, j) has
+
+    S(i, j) = max(0, S(i-1, j-1) + L(i, j), S(i-1, j) - g, S(i, j-1) - g),
+
+where a step without its counterpart is a stride walked shorter or longer, about one point in twenty (5 %): g is minus
+the logarithm of its odds. How long a stretch is follows from the data: it goes on while it gains. Over the pairs of
+blocks that are candidates all S are computed row by row. Each alignment carries its begin, and what is listed of each
+begin is the best end. The opposite direction is the same on reversed features: j then counts from the end.
+
+The reversed features come in as a second sequence, so one kernel serves all relations.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.places.candidates import BlockPairs
+from fg_nav.places.signature import BLOCK, SPACING_M
+from fg_nav.places.whitening import LONGEST_M, SHORTEST_M, Features
+from fg_nav.system.compiled import njit
+
+RHO = np.array([0.88, 0.6, 0.4])
+"""Correlation of two passes some 0.35 m aside of each other, in the band: below, left, above. What comes from below is
+strongest and repeats best; to the left short waves across the path come in; the rest is of waves in all directions."""
+
+SHARE = 2.0 * SPACING_M * (1.0 / SHORTEST_M - 1.0 / LONGEST_M)
+"""Independent values per point of a signal of this bandwidth (Nyquist)."""
+
+LEAST_RATIO = -4.0
+"""L at least, nats: a point in fifty is not that of its place, as next to something that was moved."""
+
+GAP = 3.0
+"""g, nats: a step without counterpart in twenty."""
+
+BESIDE = 16
+"""Points, 8 m: steps beside each other within which alignments are variants of one."""
+
+BAND, BAND_SHARE = 40, 0.01
+"""Points, and share of its length, by which an alignment may leave the straight line between its ends."""
+
+LEAST_LISTED = 5.0
+"""S from which alignments are listed, nats: there are some of these by chance in any walk."""
+
+
+@dataclass(frozen=True)
+class Alignments:
+    """A local alignment a row: `score` (A,) nats, `begin` and `end` (A, 2), first and last points (i, j) of it.
+
+    j is a point of the second sequence.
+    """
+
+    score: Floats
+    begin: Ints
+    end: Ints
+
+    def __len__(self) -> int:
+        return len(self.score)
+
+    def take(self, rows: Ints) -> Alignments:
+        """Return some of them."""
+        return Alignments(self.score[rows], self.begin[rows], self.end[rows])
+
+
+def separate(found: Alignments) -> Alignments:
+    """Keep the best of alignments that are variants of each other: that overlap, a few steps beside each other."""
+    order = np.argsort(-found.score, kind="stable")
+    return found.take(order[_is_best(found.begin[order], found.end[order], BESIDE)])
+
+
+@njit(cache=True)
+def _is_best(begin: Ints, end: Ints, beside: int) -> Bools:
+    """Whether no alignment of a row before, which is better, is a variant of that row."""
+    n = len(begin)
+    kept, is_kept, count = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.bool_), 0
+    for a in range(n):
+        shift, best = begin[a, 0] - begin[a, 1], True
+        for b in kept[:count]:
+            overlap = begin[a, 0] <= end[b, 0] and begin[b, 0] <= end[a, 0]
+            overlap = overlap and begin[a, 1] <= end[b, 1] and begin[b, 1] <= end[a, 1]
+            first, last = begin[b, 0] - begin[b, 1], end[b, 0] - end[b, 1]
+            if overlap and min(first, last) - beside < shift < max(first, last) + beside:
+                best = False
+                break
+        if best:
+            kept[count], is_kept[a] = a, True
+            count += 1
+    return is_kept
+
+
+def align(x: Features, y: Features, pairs: BlockPairs, least: float = LEAST_LISTED) -> Alignments:
+    """List alignments of features x with features y over pairs of their blocks, from a score of `least` nats on."""
+    score, begin, end, count = _align(
+        x.values, x.signal, y.values, y.signal, pairs.start, pairs.earlier, RHO, SHARE, GAP, least, BLOCK
+    )
+    return Alignments(score[:count], begin[:count], end[:count])
+
+
+@njit(cache=True)
+def _pair_ratio(xi: Floats, si: Floats, yj: Floats, sj: Floats, rho: Floats) -> float:
+    """L of one pair of points, before `SHARE`."""
+    total, left = 0.0, 1.0
+    for c in range(3):
+        r = rho[c] * si[c] * sj[c]
+        one = 1.0 - r * r
+        left *= one
+        total -= (r * r * (xi[c] * xi[c] + yj[c] * yj[c]) - 2.0 * r * xi[c] * yj[c]) / (2.0 * one)
+    ratio: float = max(total - 0.5 * np.log(left), LEAST_RATIO)
+    return ratio
+
+
+@njit(cache=True)
+def _align(
+    x: Floats, sx: Floats, y: Floats, sy: Floats, start: Ints, earlier: Ints, rho: Floats, share: float, gap: float,
+    least: float, block: int,
+) -> tuple[Floats, Ints, Ints, int]:  # fmt: skip
+    n, m = len(x), len(y)
+    # The row before and this one: score, begin, and the row they were written in.
+    score, origin = np.zeros((2, m)), np.zeros((2, m), dtype=np.int64)
+    row = np.full((2, m), -2, dtype=np.int64)
+    room = 1024
+    best, begin, end = np.zeros(room), np.zeros((room, 2), dtype=np.int64), np.zeros((room, 2), dtype=np.int64)
+    # Where the alignment that began there is listed: the newest one of each column, and its row.
+    listed, listed_row = np.zeros(m, dtype=np.int64), np.full(m, -1, dtype=np.int64)
+    count = 0
+    for i in range(n):
+        now, old = i % 2, 1 - i % 2
+        for b in range(start[i // block], start[i // block + 1]):
+            for j in range(earlier[b] * block, min((earlier[b] + 1) * block, m)):
+                # From the diagonal, or one step along one path alone; a new one begins where nothing is left.
+                ratio = share * _pair_ratio(x[i], sx[i], y[j], sy[j], rho)
+                s, o = 0.0, i * m + j
+                if j > 0 and row[old, j - 1] == i - 1 and score[old, j - 1] > 0.0:
+                    s, o = score[old, j - 1], origin[old, j - 1]
+                s += ratio
+                if row[old, j] == i - 1 and score[old, j] - gap > s:
+                    s, o = score[old, j] - gap, origin[old, j]
+                if j > 0 and row[now, j - 1] == i and score[now, j - 1] - gap > s:
+                    s, o = score[now, j - 1] - gap, origin[now, j - 1]
+                row[now, j], score[now, j], origin[now, j] = i, max(s, 0.0), o
+                if s < least:
+                    continue
+                # The best end of each begin.
+                column = o % m
+                if listed_row[column] != o // m:
+                    if count == room:
+                        best, begin, end = _double(best), _double_rows(begin), _double_rows(end)
+                        room *= 2
+                    listed_row[column], listed[column] = o // m, count
+                    begin[count, 0], begin[count, 1] = o // m, column
+                    count += 1
+                k = listed[column]
+                if s > best[k]:
+                    best[k], end[k, 0], end[k, 1] = s, i, j
+    return best, begin, end, count
+
+
+@njit(cache=True)
+def _double(values: Floats) -> Floats:
+    return np.concatenate((values, np.zeros_like(values)))
+
+
+@njit(cache=True)
+def _double_rows(values: Ints) -> Ints:
+    return np.concatenate((values, np.zeros_like(values)))
+
+
+def trace(x: Features, y: Features, begin: Ints, end: Ints) -> Ints:
+    """Points (M, 2) along the best alignment from a begin to an end (2,), both included."""
+    i, j = slice(begin[0], end[0] + 1), slice(begin[1], end[1] + 1)
+    back = _trace(x.values[i], x.signal[i], y.values[j], y.signal[j], RHO, SHARE, GAP, BAND, BAND_SHARE)
+    return np.asarray(back + begin)
+
+
+@njit(cache=True)
+def _trace(
+    x: Floats, sx: Floats, y: Floats, sy: Floats, rho: Floats, share: float, gap: float, band: int, band_share: float
+) -> Ints:
+    n, m = len(x), len(y)
+    # A band about the straight line from begin to end; column k of row i is j = first[i] + k.
+    half = band + int(band_share * n)
+    slope = (m - 1) / max(n - 1, 1)
+    width = 2 * half + 1
+    came = np.zeros((n, width), dtype=np.int8)
+    score, old = np.full(width, -np.inf), np.full(width, -np.inf)
+    before = 0
+    for i in range(n):
+        first = int(i * slope) - half
+        for k in range(width):
+            j = first + k
+            score[k] = -np.inf
+            if j < 0 or j >= m:
+                continue
+            ratio = share * _pair_ratio(x[i], sx[i], y[j], sy[j], rho)
+            if i == 0 and j == 0:
+                score[k] = ratio
+            diagonal, above = j - 1 - before, j - before
+            if i > 0 and 0 <= diagonal < width:
+                score[k] = old[diagonal] + ratio
+            if i > 0 and 0 <= above < width and old[above] - gap > score[k]:
+                score[k], came[i, k] = old[above] - gap, 1
+            if k > 0 and score[k - 1] - gap > score[k]:
+                score[k], came[i, k] = score[k - 1] - gap, 2
+        score, old, before = old, score, first
+    # Back from the end.
+    points, count, i, j = np.zeros((n + m, 2), dtype=np.int64), 0, n - 1, m - 1
+    while True:
+        points[count, 0], points[count, 1] = i, j
+        count += 1
+        if i <= 0 or j <= 0:
+            break
+        step = came[i, j - (int(i * slope) - half)]
+        i, j = (i - 1 if step != 2 else i), (j - 1 if step != 1 else j)
+    return points[:count][::-1].copy()

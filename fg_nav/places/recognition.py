@@ -1,0 +1,297 @@
+"""From a path with its field to the stretches of it that are one place, and to ties between them.
+
+A stretch is recognized where its local alignment with an earlier one scores more than chance does: the expected number
+of chance alignments as good, in all that was searched (`calibration`), is below `MOST_EXPECTED`. Three things are
+asked besides.
+
+Position. With e the mean of p(later) - p(earlier) over the stretch and sigma that of the path and of the tie,
+
+    D^2 = |e|^2 / sigma^2
+
+is chi^2 of two degrees of freedom at one place. Beyond `MOST_CHI2` it is none, however alike: corridors next to each
+other share large iron. Below, a chance alignment lies anywhere in the area, and a true one with the density
+exp(-D^2 / 2): expected = chance(S) exp(D^2 / 2).
+
+Likeness. At one place the score is 0.95 nats a meter where the model is right, 0.3 to 1.2 on real and simulated walks
+(`scripts/place_recognition.py`); a long stretch of less than `LEAST_LIKENESS` resembles, as the next corridor does.
+
+Rivals. A stretch that resembles two places, b as well as a, which are not one by the path's own uncertainty, is a
+with the odds of their scores only,
+
+    expected_a = expected(S_a) + sum over rivals b of exp(-lambda (S_a - S_b) + (D_a^2 - D_b^2) / 2).
+
+A building that repeats itself thereby takes its own recognitions back.
+
+A tie says that two moments of the walk were at one place. Along the path it is as sharp as the alignment, the mean of
+its steps over `AVERAGE_M`; to the side it has the freedom of a corridor, for who walks it again does not walk in his
+own footprints, and the field does not show by how much. Ties of a stretch are `TIE_M` apart: nearer ones share their
+errors.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.places.alignment import align, separate, trace
+from fg_nav.places.calibration import ChanceLevel, measure_chance
+from fg_nav.places.candidates import ALIKE_M, LIMIT, BlockPairs, Drift, Uncertainty, find_candidates, pair_all
+from fg_nav.places.signature import BLOCK, FEWEST_POINTS, SPACING_M, Signature
+from fg_nav.places.whitening import Features, whiten
+
+MOST_EXPECTED = 0.1
+"""False recognitions in a walk above which a stretch is not listed. What is used is decided in `consistency`."""
+
+MOST_CHI2 = 13.8
+"""D^2 that one true stretch in a thousand exceeds."""
+
+LEAST_LIKENESS = 0.2
+"""Score of a stretch, nats a meter: a fifth of what the model expects."""
+
+MOST_CHANCE_M2 = 5e5
+"""Area in which chance alignments are counted: there are some hundred in it."""
+
+AVERAGE_M = 6.0
+"""Over which the steps of an alignment are averaged: its points are half a meter apart, the path is even."""
+
+TIE_M = 6.0
+"""Between ties of a stretch."""
+
+MOST_PASSES = 3
+"""Earlier passes that a place is tied to: more of them share its own error."""
+
+ALONG_SIGMA_M = 0.3
+"""Of a tie along the path: rms of simulated walks on rough floors is 0.2 m (`scripts/place_recognition.py`)."""
+
+LATERAL_SIGMA_M = 0.6
+"""Of a tie to the side: two walks along one corridor, each within 0.4 m of its middle line."""
+
+HEADING_SIGMA_RAD = np.deg2rad(8.0)
+"""Of the directions of walking there: 0.35 m aside within 5 m."""
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A stretch that was recognized as an earlier one.
+
+    Attributes
+    ----------
+    later, earlier : (M,) points of the signature that are one place, in the order of the later walk. `earlier` may lie
+        between two points.
+    opposite : whether it was walked in the opposite direction.
+    score : log likelihood ratio of one place over two, of the model, nats.
+    expected_false : false recognitions as good as this one that are expected in the whole walk.
+    """
+
+    later: Floats
+    earlier: Floats
+    opposite: bool
+    score: float
+    expected_false: float
+
+    @property
+    def length_m(self) -> float:
+        """Of the later walk."""
+        return float(self.later[-1] - self.later[0]) * SPACING_M
+
+
+@dataclass(frozen=True)
+class Recognition:
+    """Stretches that were recognized, the best one first, and what chance does in the area that was searched."""
+
+    stretches: tuple[Stretch, ...]
+    chance: ChanceLevel
+    area_m2: float
+
+
+NOTHING = Recognition((), measure_chance(np.zeros(0), 0.0, 0.0), 0.0)
+"""Of a path too short to return on."""
+
+
+@dataclass(frozen=True)
+class Tie:
+    """Two moments of a walk at one place.
+
+    Attributes
+    ----------
+    later_s, earlier_s : when.
+    later_m, earlier_m : distance that was walked until then.
+    opposite : whether the directions of walking are opposite; else they are the same.
+    along_sigma_m, lateral_sigma_m : of the position of the one relative to the other, which is zero, along the
+        direction of walking and to its side.
+    heading_sigma_rad : of the direction of walking relative to the same or the opposite one.
+    stretch : which of the recognized stretches it belongs to.
+    expected_false : of that stretch.
+    """
+
+    later_s: float
+    earlier_s: float
+    later_m: float
+    earlier_m: float
+    opposite: bool
+    along_sigma_m: float
+    lateral_sigma_m: float
+    heading_sigma_rad: float
+    stretch: int
+    expected_false: float
+
+
+def recognize(path: Signature, uncertainty: Uncertainty = Drift()) -> Recognition:
+    """Find the stretches of a path that were walked before.
+
+    Parameters
+    ----------
+    path : the field along it.
+    uncertainty : of one place of the path relative to another.
+    """
+    if len(path) < FEWEST_POINTS:
+        return NOTHING
+    features = whiten(path)
+    pairs = find_candidates(path, uncertainty)
+    found = _search(features, features, pairs.same, pairs.opposite, len(path))
+    return replace(found, stretches=_weigh_positions(found.stretches, found.chance, path, uncertainty))
+
+
+def recognize_known(path: Signature, known: Signature) -> Recognition:
+    """Find the stretches of a path that lie on that of an earlier walk, wherever; `earlier` are points of that one."""
+    if min(len(path), len(known)) < FEWEST_POINTS:
+        return NOTHING
+    features, old = whiten(path), whiten(known)
+    everywhere = pair_all(len(features), len(old))
+    return _search(features, old, everywhere, everywhere, len(known))
+
+
+def _search(features: Features, old: Features, same: BlockPairs, opposite: BlockPairs, length: int) -> Recognition:
+    """Align features with those of an earlier path of so many points, over pairs of blocks in both directions."""
+    there, back = (old, same), (old.reverse(), opposite.reverse(len(old) // BLOCK))
+    area = same.area_m2 + opposite.area_m2
+    # What chance does there, from an even part of it.
+    every = int(np.ceil(area / MOST_CHANCE_M2)) if area else 1
+    thin = [(other.negate(), pairs.thin(every)) for other, pairs in (there, back)]
+    scores = np.concatenate([separate(align(features, other, pairs)).score for other, pairs in thin])
+    chance = measure_chance(scores, sum(pairs.area_m2 for _, pairs in thin), area)
+    # What is there that chance does not explain, point by point.
+    stretches = [
+        stretch
+        for (other, pairs), is_opposite in ((there, False), (back, True))
+        for stretch in _trace_all(features, other, pairs, is_opposite, chance, length)
+    ]
+    return Recognition(tuple(sorted(stretches, key=lambda stretch: -stretch.score)), chance, area)
+
+
+def list_ties(path: Signature, stretches: Sequence[Stretch]) -> tuple[Tie, ...]:
+    """List ties along stretches, the best one first, `TIE_M` apart, of no place to more than `MOST_PASSES`."""
+    tied: Counter[int] = Counter()
+    ties = []
+    for number, stretch in enumerate(stretches):
+        for tie in _ties_of(path, number, stretch):
+            piece = int(tie.later_m // TIE_M)
+            if tied[piece] < MOST_PASSES:
+                tied[piece] += 1
+                ties.append(tie)
+    return tuple(ties)
+
+
+def _ties_of(path: Signature, number: int, stretch: Stretch) -> list[Tie]:
+    count = max(round(stretch.length_m / TIE_M), 1)
+    # In the middle of as many equal parts: the ends of an alignment are its least certain points.
+    row = np.unique(np.round((np.arange(count) + 0.5) / count * (len(stretch.later) - 1)).astype(np.int64))
+    points = np.arange(len(path), dtype=float)
+    (later_s, later_m), (earlier_s, earlier_m) = (
+        [np.interp(at[row], points, values) for values in (path.t, path.distance_m)]
+        for at in (stretch.later, stretch.earlier)
+    )
+    return [
+        Tie(
+            later_s=float(later_s[k]),
+            earlier_s=float(earlier_s[k]),
+            later_m=float(later_m[k]),
+            earlier_m=float(earlier_m[k]),
+            opposite=stretch.opposite,
+            along_sigma_m=ALONG_SIGMA_M,
+            lateral_sigma_m=LATERAL_SIGMA_M,
+            heading_sigma_rad=HEADING_SIGMA_RAD,
+            stretch=number,
+            expected_false=stretch.expected_false,
+        )
+        for k in range(len(row))
+    ]
+
+
+def _trace_all(
+    features: Features, other: Features, pairs: BlockPairs, opposite: bool, chance: ChanceLevel, length: int
+) -> list[Stretch]:
+    """Stretches of the alignments that chance does not explain; `length` of the earlier path in points."""
+    found = separate(align(features, other, pairs, chance.score_of(MOST_EXPECTED)))
+    expected = chance.expected(found.score)
+    stretches = []
+    for a in range(len(found)):
+        later, earlier = _even(trace(features, other, found.begin[a], found.end[a]))
+        earlier = len(other) - 1 - earlier if opposite else earlier
+        inside = (earlier >= 0) & (earlier <= length - 1)
+        stretches.append(Stretch(later[inside], earlier[inside], opposite, float(found.score[a]), float(expected[a])))
+    return stretches
+
+
+def _even(points: Ints) -> tuple[Floats, Floats]:
+    """Points (M,) of the later walk, each once, and those of the earlier one, by the mean of the steps between."""
+    later = np.arange(points[0, 0], points[-1, 0] + 1)
+    total = np.bincount(points[:, 0] - later[0], points[:, 1])
+    shift = total / np.bincount(points[:, 0] - later[0]) - later
+    width = min(round(AVERAGE_M / SPACING_M), (len(shift) - 1) // 2 * 2) | 1
+    window = np.ones(min(width, len(shift)))
+    mean = np.convolve(shift, window, "same") / np.convolve(np.ones(len(shift)), window, "same")
+    return later.astype(float), later + mean
+
+
+def _weigh_positions(
+    stretches: Sequence[Stretch], chance: ChanceLevel, path: Signature, uncertainty: Uncertainty
+) -> tuple[Stretch, ...]:
+    """Stretches with what their positions and their rivals take away, without those of which too little is left."""
+    chi2 = np.array([_distance_chi2(stretch, path, uncertainty) for stretch in stretches])
+    likeness = np.array([stretch.score / stretch.length_m for stretch in stretches])
+    near = [k for k in range(len(stretches)) if chi2[k] <= MOST_CHI2 and likeness[k] >= LEAST_LIKENESS]
+    weighed = []
+    for a in near:
+        one = stretches[a]
+        rivals = [b for b in near if b != a and _is_rival(one, stretches[b], path, uncertainty)]
+        odds = [-chance.decay * (one.score - stretches[b].score) + 0.5 * (chi2[a] - chi2[b]) for b in rivals]
+        expected = one.expected_false * np.exp(0.5 * chi2[a]) + np.exp(np.minimum(odds, 0.0)).sum()
+        weighed.append(replace(one, expected_false=float(expected)))
+    return tuple(stretch for stretch in weighed if stretch.expected_false < MOST_EXPECTED)
+
+
+def _distance_chi2(stretch: Stretch, path: Signature, uncertainty: Uncertainty) -> float:
+    """D^2 of a stretch."""
+    d, place = _passes(stretch.later, stretch.earlier, path)
+    sigma = uncertainty.position_m(np.mean(d[1], keepdims=True), np.mean(d[0], keepdims=True))[0]
+    return float(np.sum(np.mean(place[0] - place[1], axis=0) ** 2) / (sigma**2 + LATERAL_SIGMA_M**2))
+
+
+def _passes(first: Floats, second: Floats, path: Signature) -> tuple[list[Floats], list[Floats]]:
+    """Distances walked (M,) and places (M, 2) at points (M,) and (M,) of a path."""
+    points = np.arange(len(path), dtype=float)
+    d = [np.interp(at, points, path.distance_m) for at in (first, second)]
+    place = [np.stack([np.interp(at, points, c) for c in path.position[:, :2].T], axis=1) for at in (first, second)]
+    return d, place
+
+
+def _is_rival(one: Stretch, other: Stretch, path: Signature, uncertainty: Uncertainty) -> bool:
+    """Whether two stretches say that one piece of the walk is at two places that are not one."""
+    begin, end = max(one.later[0], other.later[0]), min(one.later[-1], other.later[-1])
+    if end - begin < 0.5 * min(one.later[-1] - one.later[0], other.later[-1] - other.later[0]):
+        return False
+    middle = np.array([0.5 * (begin + end)])
+    first, second = (np.interp(middle, s.later, s.earlier) for s in (one, other))
+    return bool(_apart(first, second, path, uncertainty)[0])
+
+
+def _apart(first: Floats, second: Floats, path: Signature, uncertainty: Uncertainty) -> Bools:
+    """Whether points (M,) and (M,) of a path are different places, by its own uncertainty."""
+    d, place = _passes(first, second, path)
+    limit = LIMIT * uncertainty.position_m(np.minimum(*d), np.maximum(*d)) + 2.0 * ALIKE_M
+    return np.asarray(np.linalg.norm(place[1] - place[0], axis=1) > limit)

@@ -1,0 +1,128 @@
+"""Stretches that are recognized: returns in both directions, with a drift; nothing where nothing returns."""
+
+import numpy as np
+import pytest
+
+from fg_nav.places import Drift, list_ties, recognize, recognize_known, select_consistent
+from fg_nav.places.alignment import LEAST_LISTED, RHO, align, trace
+from fg_nav.places.calibration import measure_chance
+from fg_nav.places.candidates import BLOCK, find_candidates, pair_all
+from fg_nav.places.whitening import Features, whiten
+from tests.places.floors import LOOP, OPEN, Floor, along, carry
+
+ASIDE = [0.0, 0.25, 0.0]
+
+
+def laps(count, aside=0.25):
+    """Laps of the loop, every second one moved aside."""
+    place = along(LOOP)
+    return np.vstack([place + np.array([0.0, aside * (k % 2), 0.0]) for k in range(count)])
+
+
+def true_places(walk, place, moments):
+    walked = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(place, axis=0), axis=1))])
+    return np.stack([np.interp(moments, walked, c) for c in place.T], axis=1)
+
+
+@pytest.mark.parametrize("drift_deg_m", [0.0, 0.03])
+def test_a_second_lap_is_recognized_whatever_the_heading_drifts(drift_deg_m):
+    place = laps(2)
+    walk = carry(Floor.draw(1), place, drift_deg_m)
+    used = select_consistent(walk, recognize(walk).stretches, Drift())
+    ties = list_ties(walk, used)
+    assert sum(s.length_m for s in used) > 80.0
+    error = true_places(walk, place, [x.later_m for x in ties]) - true_places(walk, place, [x.earlier_m for x in ties])
+    assert np.sqrt(np.mean(np.sum(error[:, :2] ** 2, axis=1))) < 0.6
+    assert not any(tie.opposite for tie in ties)
+
+
+def test_a_way_back_is_recognized_as_the_opposite_direction():
+    there = along([(0, 0), (70, 0), (70, 4)])
+    place = np.vstack([there, there[::-1] + ASIDE])
+    walk = carry(Floor.draw(5), place)
+    used = select_consistent(walk, recognize(walk).stretches, Drift())
+    assert used
+    assert all(s.opposite for s in used)
+    ties = list_ties(walk, used)
+    error = true_places(walk, place, [x.later_m for x in ties]) - true_places(walk, place, [x.earlier_m for x in ties])
+    assert np.abs(error[:, 0]).max() < 1.0
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_nothing_is_used_where_nothing_returns(seed):
+    walk = carry(Floor.draw(10 + seed), along(OPEN), 0.02)
+    anywhere = Drift(position_share=1e3, heading_rad_m=1.0)
+    assert select_consistent(walk, recognize(walk, anywhere).stretches, anywhere) == ()
+
+
+def test_a_place_out_of_the_paths_uncertainty_is_not_the_same():
+    """Rows of a building that repeats itself, 20 m apart."""
+    row = along([(0, 0), (60, 0)])
+    place = np.vstack([row, along([(60, 0), (60, 20), (0, 20)]), along([(0, 20), (0, 40), (60, 40)])])
+    field = np.column_stack([place[:, 0], np.mod(place[:, 1] + 5.0, 20.0) - 5.0, place[:, 2]])
+    floor = Floor.draw(7)
+
+    class Rows:
+        def at(self, _):
+            return floor.at(field)
+
+    walk = carry(Rows(), place)
+    sure = Drift(position_share=0.005, heading_rad_m=np.deg2rad(0.02))
+    assert recognize(walk, sure).stretches == ()
+
+
+def test_a_later_walk_is_found_on_an_earlier_one():
+    floor = Floor.draw(8)
+    known = carry(floor, along(OPEN))
+    piece = along([(25, 0.2), (60, 0.2), (60, 40)])
+    found = recognize_known(carry(floor, piece, seed=1), known).stretches
+    assert found
+    start = np.interp(found[0].earlier[0] - found[0].later[0], np.arange(len(known)), known.distance_m)
+    assert start == pytest.approx(25.0, abs=1.5)
+    assert recognize_known(carry(Floor.draw(9), piece), known).stretches == ()
+
+
+def test_pairs_of_points_have_the_likelihood_ratio_of_the_model():
+    """Its expectation under two places is one: E exp(L) = 1."""
+    rng = np.random.default_rng(1)
+    x, y = rng.standard_normal((2, 200_000, 3))
+    r = RHO
+    ratio = (-0.5 * np.log(1 - r**2) - (r**2 * (x**2 + y**2) - 2 * r * x * y) / (2 * (1 - r**2)))[:, 2]
+    assert np.mean(np.exp(ratio)) == pytest.approx(1.0, abs=0.02)
+
+
+def test_an_alignment_follows_a_path_that_is_stretched():
+    rng = np.random.default_rng(3)
+    x = rng.standard_normal((200, 3))
+    # Every 25th point twice.
+    y = np.repeat(x, np.where(np.arange(200) % 25 == 12, 2, 1), axis=0)
+    y = np.pad(y, ((0, -len(y) % BLOCK), (0, 0)))
+    a, b = (Features(v, np.ones_like(v)) for v in (x, y))
+    found = align(a, b, pair_all(len(a), len(b)))
+    best = int(np.argmax(found.score))
+    points = trace(a, b, found.begin[best], found.end[best])
+    truth = points[:, 0] + points[:, 0] // 25
+    assert len(points) > 180
+    assert np.abs(points[:, 1] - truth).max() <= 2
+
+
+def test_the_cost_follows_the_candidates():
+    walk = carry(Floor.draw(1), along(OPEN))
+    assert find_candidates(walk, Drift()).same.area_m2 < 0.05 * find_candidates(walk, Drift(1e3, 10.0)).same.area_m2
+
+
+def test_chance_has_the_rate_and_decay_of_its_scores():
+    rng = np.random.default_rng(2)
+    scores = LEAST_LISTED + rng.exponential(1 / 0.8, 2000)
+    chance = measure_chance(scores, 1e6, 2e6)
+    assert chance.count == pytest.approx(4000, rel=0.05)
+    assert chance.decay == pytest.approx(0.8, rel=0.07)
+    assert chance.expected(np.array([chance.score_of(0.01)]))[0] == pytest.approx(0.01)
+
+
+def test_the_negated_field_shows_what_chance_does():
+    """As many alignments as between unrelated floors."""
+    one, other = (whiten(carry(Floor.draw(seed), along(OPEN))) for seed in (20, 21))
+    pairs = pair_all(len(one), len(other))
+    by_chance = [len(align(one, other, pairs)), len(align(one, other.negate(), pairs))]
+    assert 0.3 < (by_chance[0] + 5) / (by_chance[1] + 5) < 3.0
