@@ -19,6 +19,7 @@ linearize with `graph.linearize(values)` from Python instead, which makes no cop
 from .differential_field import DifferentialField
 from .magnetic_field import FieldPotential, FieldPrior, FieldTransition, LineIntegral, MagneticHeading, integrate_field
 from .residual import Residual, ResidualBlock, factor_of, guarded_factor, linear_factor_of
+from .same_place import SamePlace, weigh_place
 from .unseen_walk import UnseenWalk
 from .walk_constraints import (
     FloorHeight,
@@ -39,6 +40,7 @@ __all__ = [
     "MagneticHeading",
     "Residual",
     "ResidualBlock",
+    "SamePlace",
     "StanceVelocity",
     "StraightWalk",
     "UnseenWalk",
@@ -49,5 +51,6 @@ __all__ = [
     "position_fix_factor",
     "position_fix_noise",
     "straight_triples",
+    "weigh_place",
     "zero_rate_factor",
 ]

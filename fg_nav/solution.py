@@ -30,7 +30,7 @@ STRIDE_COLUMNS = (
     "index", "time_s", "x_m", "y_m", "z_m", "heading_deg",
     "gyro_bias_x_deg_s", "gyro_bias_y_deg_s", "gyro_bias_z_deg_s",
     "sigma_x_m", "sigma_y_m", "sigma_z_m", "sigma_heading_deg", "field", "field_reason",
-    "cov_xy_m2", "cov_xz_m2", "cov_yz_m2",
+    "cov_xy_m2", "cov_xz_m2", "cov_yz_m2", "same_place_as", "place_score",
 )  # fmt: skip
 
 
@@ -51,6 +51,8 @@ class StanceTable:
     field_reason       (K,)     the verdict in words
     pose_cov           (K, 4,4) of east, north, up (m) and yaw about up (rad) together; None
                                 where the estimator does not tell
+    same_place         (K,)     earlier footfall at the place, recognized by its field; -1 none
+    place_score        (K,)     log likelihood ratio of that, nats; NaN where there is none
     ================== ======== ==========================================================
     """
 
@@ -65,6 +67,8 @@ class StanceTable:
     field: tuple[str, ...]
     field_reason: tuple[str, ...]
     pose_cov: Floats | None = None
+    same_place: Ints | None = None
+    place_score: Floats | None = None
 
     def __len__(self) -> int:
         return len(self.sample)
@@ -82,6 +86,8 @@ class StanceTable:
             np.arange(len(self)), self.t, *self.position.T, _heading_deg(self.nav_R_body),
             *np.rad2deg(self.gyro_bias).T, *self.position_sigma.T, np.rad2deg(self.heading_sigma), self.field,
             self.field_reason, *self.position_cov[:, [0, 0, 1], [1, 2, 2]].T,
+            np.full(len(self), -1) if self.same_place is None else self.same_place,
+            np.full(len(self), np.nan) if self.place_score is None else self.place_score,
         ]  # fmt: skip
         return pd.DataFrame(dict(zip(STRIDE_COLUMNS, columns, strict=True)))
 
@@ -99,6 +105,43 @@ def _heading_deg(nav_R_body: Floats) -> Floats:
 
 
 @dataclass(frozen=True)
+class Return:
+    """A stretch of a walk that was recognized, by the field along it, as one where the walk was before.
+
+    Attributes
+    ----------
+    t, earlier_t : (M,) s, of the points of this pass and of those of the earlier one at the same places.
+    opposite : whether it was walked in the opposite direction.
+    score : log likelihood ratio of one place against two, nats.
+    expected_false : recognitions as good as this one that chance would make in the whole walk.
+    length_m : of this pass.
+    field_uT, earlier_field_uT : (M, 3) along the direction of walking of this pass, to its left, and up.
+    """
+
+    t: Floats
+    earlier_t: Floats
+    opposite: bool
+    score: float
+    expected_false: float
+    length_m: float
+    field_uT: Floats
+    earlier_field_uT: Floats
+
+    def describe(self) -> dict[str, object]:
+        """Return what goes into `summary.json`."""
+        return {
+            "begin_s": float(self.t[0]),
+            "end_s": float(self.t[-1]),
+            "earlier_begin_s": float(self.earlier_t[0]),
+            "earlier_end_s": float(self.earlier_t[-1]),
+            "opposite": self.opposite,
+            "length_m": self.length_m,
+            "score": self.score,
+            "expected_false": self.expected_false,
+        }
+
+
+@dataclass(frozen=True)
 class Solution:
     """A walk as an estimator saw it. Arrays are at the recording's rate.
 
@@ -110,7 +153,7 @@ class Solution:
     estimator does not tell.
     `polished` is the batch solution of the same walk, where an online estimator was asked for it.
     `recording` has the samples as they were integrated, with clipped peaks as high and rates of the scale that the walk
-    showed; None where they are those that were given.
+    showed; None where they are those that were given. `returns` are the stretches at which the walk was before.
 
     Examples
     --------
@@ -136,6 +179,7 @@ class Solution:
     moment: StanceTable | None = None
     polished: Solution | None = None
     recording: Recording | None = None
+    returns: tuple[Return, ...] = ()
 
     def to_dataframe(self, footfalls: bool = False) -> pd.DataFrame:
         """Return the path as a table.

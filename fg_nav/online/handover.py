@@ -25,6 +25,7 @@ from fg_nav.online.floor_number import FloorTrack
 from fg_nav.online.strides import Place, RestLedger
 from fg_nav.smoother.graph import Known
 from fg_nav.smoother.parameters import SmootherParameters
+from fg_nav.solution import Return
 from fg_nav.truth import Fix
 
 
@@ -97,6 +98,7 @@ class Handover:
     fixes : of the walk, with those to come.
     floors : those of the building so far, and on which the footfall is.
     heading_known : whether the heading at the start was given, or fixes show it.
+    returns : stretches at which the walk was before.
     notes : for the user.
     """
 
@@ -117,6 +119,7 @@ class Handover:
     fixes: tuple[Fix, ...]
     floors: FloorTrack
     heading_known: bool
+    returns: tuple[Return, ...]
     notes: tuple[str, ...]
 
     def forget_past(self) -> Handover:

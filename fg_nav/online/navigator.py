@@ -41,6 +41,7 @@ from fg_nav.online.solving import Solver
 from fg_nav.recording import MIN_SAMPLES, Recording
 from fg_nav.smoother import smooth
 from fg_nav.smoother.graph import Trajectory
+from fg_nav.smoother.places import mark_returns
 from fg_nav.smoother.solver import UNSOLVED
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.stances import Stances
@@ -142,6 +143,7 @@ class OnlineNavigator(SampleIntake):
         self.close()
         stances, (table, nodes) = self.stances(), self._smoother.solution()
         p, table = self._smoother.parameters, _select_rows(table, self._is_new())
+        table = mark_returns(table, self._smoother.returns)
         if self.options.lag_s is None:
             recording = self.recording().raise_peaks(self._smoother.peak_height)
             path, ends = build_path(recording, nodes, stances, p.gravity)
@@ -161,6 +163,7 @@ class OnlineNavigator(SampleIntake):
             graph=self._smoother.counts,
             moment=_select_rows(self.causal(), ~np.array(self.told_continues, dtype=np.bool_)),
             recording=recording,
+            returns=self._smoother.returns,
         )
 
     def polish(

@@ -31,12 +31,13 @@ from fg_nav.smoother.bias_prior import find_bias_prior
 from fg_nav.smoother.constraints import add_constraints
 from fg_nav.smoother.count import count_factors
 from fg_nav.smoother.field import FieldVerdict
-from fg_nav.smoother.graph import Known, WalkProblem
+from fg_nav.smoother.graph import Known, WalkProblem, order_variables
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.problem import walk_problem
 from fg_nav.smoother.solved_walk import solve_walk
-from fg_nav.smoother.solver import Solved, linearize, list_positions, time_order
+from fg_nav.smoother.solver import Solved, linearize, list_positions
 from fg_nav.smoother.strides import Nodes
+from fg_nav.solution import Return
 from fg_nav.stances import Stances
 from fg_nav.truth import Fix
 
@@ -51,12 +52,14 @@ class WalkSolution:
     solved : its minimum.
     field : to go on with; None where it is not used.
     verdict : on the field at all footfalls.
+    returns : stretches at which the walk was before.
     """
 
     problem: WalkProblem
     solved: Solved
     field: OnlineField | None
     verdict: FieldVerdict
+    returns: tuple[Return, ...]
 
     @property
     def known(self) -> Known:
@@ -101,6 +104,7 @@ def solve_from_start(walk: WalkSoFar, options: OnlineOptions, has_ended: bool = 
         fixes=options.fixes,
         floors=track_floors(_list_heights(found), problem.floor, walk.continues),
         heading_known=problem.heading_known,
+        returns=found.returns,
         notes=(*found.known.notes, *found.verdict.notes, *(() if magnetometer is None else magnetometer.notes)),
     )
 
@@ -109,9 +113,8 @@ def _condense_at(found: WalkSolution, place: Place) -> Anchor:
     """Condense a solved walk to what it says of a footfall."""
     problem, values = found.problem, found.solved.values
     linear = linearize(problem.graph, problem.blocks, values)
-    order, keep = time_order(problem.nodes, problem.field is not None, problem.floor), list_variables(place, values)
-    others = (order.at(i) for i in range(order.size()))
-    return condense(linear, values, keep, [key for key in others if key not in set(keep)])
+    order, keep = order_variables(problem), list_variables(place, values)
+    return condense(linear, values, keep, [key for key in order.tolist() if key not in set(keep)])
 
 
 def _list_heights(found: WalkSolution) -> Floats:
@@ -177,7 +180,7 @@ def _solve_once(
     problem = add_fixes_so_far(problem, fixes)
     found = solve_walk(add_constraints(problem, problem.values, continues), field, unseen)
     going_on = None if found.field is None or field is None else OnlineField(found.field, field)
-    return WalkSolution(found.problem, found.solved, going_on, found.verdict)
+    return WalkSolution(found.problem, found.solved, going_on, found.verdict, found.returns)
 
 
 def measure_walk_field(

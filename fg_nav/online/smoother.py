@@ -39,7 +39,7 @@ from fg_nav.online.strides import Place
 from fg_nav.online.takeover import Takeover
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.solver import UNSOLVED
-from fg_nav.solution import StanceTable
+from fg_nav.solution import Return, StanceTable
 
 MOST_LATE = 6
 """Footfalls since a solution was due that are added when it is taken over: each takes 10 ms."""
@@ -155,6 +155,11 @@ class OnlineSmoother:
     def notes(self) -> tuple[str, ...]:
         """Remarks for the user."""
         return () if self._stretch is None else self._stretch.begun.notes
+
+    @property
+    def returns(self) -> tuple[Return, ...]:
+        """Stretches at which the walk was before, as the last solution of the whole recognized them."""
+        return () if self._stretch is None else self._stretch.begun.returns
 
     @property
     def wrong_axes(self) -> MagAxes | None:

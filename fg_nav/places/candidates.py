@@ -17,7 +17,6 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from scipy.spatial import KDTree
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.frames import wrap_angle
@@ -143,6 +142,8 @@ def _directions(path: Signature) -> tuple[Floats, Floats]:
 
 def _near_pairs(path: Signature, uncertainty: Uncertainty) -> tuple[Ints, Ints]:
     """Blocks (M,), (M,) that are near each other, the later one first."""
+    from scipy.spatial import KDTree  # loaded where a path is long enough to return
+
     middle = np.minimum(np.arange(_count(path)) * BLOCK + BLOCK // 2, len(path) - 1)
     d, place = path.distance_m[middle], path.position[middle]
     size = BLOCK * SPACING_M + ALIKE_M

@@ -150,8 +150,10 @@ def recognize(path: Signature, uncertainty: Uncertainty = Drift()) -> Recognitio
     """
     if len(path) < FEWEST_POINTS:
         return NOTHING
-    features = whiten(path)
     pairs = find_candidates(path, uncertainty)
+    if not (len(pairs.same) or len(pairs.opposite)):
+        return NOTHING
+    features = whiten(path)
     found = _search(features, features, pairs.same, pairs.opposite, len(path))
     return replace(found, stretches=_weigh_positions(found.stretches, found.chance, path, uncertainty))
 

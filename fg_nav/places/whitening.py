@@ -42,7 +42,6 @@ from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import welch
 
 from fg_nav.arrays import Floats
 from fg_nav.places.signature import BLOCK, SPACING_M, Signature
@@ -157,6 +156,8 @@ def remove_common_field(field: Floats, heading: Floats) -> Floats:
 
 def _gains(parts: Floats, k: Floats) -> Floats:
     """W (M, 3) at wave numbers (M,), of three signals (K, 3)."""
+    from scipy.signal import welch
+
     wave, power = welch(parts, 1.0 / SPACING_M, nperseg=min(SEGMENT, len(parts)), axis=0, average="median")
     noise = 2.0 * REPEATABILITY_UT**2 * SPACING_M
     level = np.stack([np.interp(k, wave[1:], column[1:]) for column in power.T], axis=1)

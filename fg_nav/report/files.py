@@ -195,6 +195,8 @@ def summarize(walk: Walk, outcome: Outcome) -> Summary:
     notes = [*collect_remarks(walk), *solution.notes, *metrics.notes]
     verdict = judge_path(walk, solution)
     figures |= {"verdict": verdict.word, "reasons": list(verdict.reasons)}
+    if solution.returns:
+        figures["returns"] = [one.describe() for one in solution.returns]
     about = {"magnetometer": describe_magnetometer(walk, outcome), "magnetometer_delay": describe_delay(walk)}
     return figures | about | {"notes": notes}
 

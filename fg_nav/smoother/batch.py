@@ -10,6 +10,7 @@ differential  field while the foot stands: factors on the gyro bias (`differenti
 field         the magnetic field, in rounds, each of which solves again (`field`); both by `solved_walk.solve_walk`
 prior         of the gyro bias: all again with a wider one where the bias is too large for it (`bias_prior`)
 scale         of the gyroscope, by the field: all again with corrected samples where it is wrong (`gyro_scale`)
+places        where the field shows that the walk was at a place before (`places`), in `solve_walk` too
 moving foot   what is not known of the walk's scale joins the sigmas (`moving_foot`)
 solution      marginals -> sigmas (`solver`), that of the distance (`combinations`); nodes -> trajectory (`graph`)
 """
@@ -42,6 +43,7 @@ from fg_nav.smoother.gyro_scale import estimate_gyro_scale, shows_heading
 from fg_nav.smoother.moving_foot import spread_moving_foot
 from fg_nav.smoother.own_factors import ExtraFactors, GraphNodes
 from fg_nav.smoother.parameters import SmootherParameters
+from fg_nav.smoother.places import mark_returns
 from fg_nav.smoother.problem import walk_problem
 from fg_nav.smoother.solved_walk import SolvedWalk, solve_walk
 from fg_nav.smoother.solver import FIRST_CONVERGENCE, list_covariances, stance_table
@@ -293,6 +295,7 @@ class _Draft:
         problem, solved, verdict = walk.problem, walk.solved, walk.verdict
         recording, p = problem.recording, problem.parameters
         table = stance_table(recording.t, problem.nodes, solved, verdict, joint.shared)
+        table = mark_returns(table, walk.returns)
         path_variance = joint.combine(weigh_path(table.position)[:, :, None])[0]
         floors = write_floor_note(problem.floor)
         steps = f"solved in {format_count(solved.steps, 'Gauss-Newton step')}"
@@ -304,6 +307,7 @@ class _Draft:
             parameters=asdict(p),
             graph=count_factors(problem),
             recording=recording,
+            returns=walk.returns,
             distance_sigma_m=float(np.sqrt(path_variance[0, 0])),
         )
         trajectory = prepare_trajectory(recording, problem.nodes, solved.values, p.gravity)

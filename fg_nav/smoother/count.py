@@ -17,7 +17,7 @@ from fg_nav.smoother.strides import INERTIAL_KEYS
 KINDS = ("imu", "zero_velocity", "magnetic_heading", "differential_field", "field_potential", "gated_out")
 """As in `summary.json`; `gated_out` are the footfalls with a field whose heading the gate left out.
 
-Factors of the caller's own stand with them as `own`, fixes as `position_fix`.
+Factors of the caller's own stand with them as `own`, fixes as `position_fix`, places recognized as `same_place`.
 """
 
 POSITION_FIX = "position_fix"
@@ -43,6 +43,8 @@ def count_factors(problem: WalkProblem) -> Counter[str]:
         readings = problem.field.readings
         seen = np.isfinite(readings.body_field).all(axis=1)
         counts["gated_out"] += int((seen & ~np.isfinite(readings.sigma_uT)).sum())
+    if problem.places is not None:
+        counts["same_place"] = len(problem.places)
     fixes = sum(len(list(block.factors())) for block in problem.constraints if isinstance(block, FixFactors))
     if fixes:
         counts[POSITION_FIX] = fixes

@@ -26,7 +26,7 @@ from gtsam.symbol_shorthand import B, S, V, X
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.detection import Rest
 from fg_nav.detection.rolling_lever import RollingLever
-from fg_nav.factors.residual import ResidualBlock, read_variables
+from fg_nav.factors.residual import Keys, ResidualBlock, read_variables
 from fg_nav.frames import yaw_rotation
 from fg_nav.mechanisation import TILT_TIME_S, NavState, nudge_tilt, strapdown
 from fg_nav.recording import Recording
@@ -34,6 +34,7 @@ from fg_nav.smoother.dense_path import fill_path
 from fg_nav.smoother.differential_factors import DifferentialFactors
 from fg_nav.smoother.field_factors import FieldFactors
 from fg_nav.smoother.parameters import SmootherParameters
+from fg_nav.smoother.place_factors import PlaceFactors
 from fg_nav.smoother.preintegration import preintegrate
 from fg_nav.smoother.solver import (
     CONVERGENCE,
@@ -43,6 +44,7 @@ from fg_nav.smoother.solver import (
     list_in_time,
     list_poses,
     minimize,
+    postpone,
 )
 from fg_nav.smoother.strides import (
     Nodes,
@@ -116,6 +118,7 @@ class WalkProblem:
     floor : (F,) floor of each footfall, -1 on none; None where they were not looked for.
     field : factors of the magnetic field, where it is used.
     differential : those of the differential field on the gyro bias, where the magnetometer is used.
+    places : of footfalls at places that were recognized, where there are any.
     values : of all variables, to start from.
     """
 
@@ -132,11 +135,12 @@ class WalkProblem:
     floor: Ints | None = None
     field: FieldFactors | None = None
     differential: DifferentialFactors | None = None
+    places: PlaceFactors | None = None
 
     @property
     def blocks(self) -> tuple[LinearizableBlock, ...]:
         """What is linearized next to the graph."""
-        magnetic = (block for block in (self.field, self.differential) if block is not None)
+        magnetic = (block for block in (self.field, self.differential, self.places) if block is not None)
         return (self.velocities, GtsamFactors(self.start.factor(self.parameters)), *magnetic, *self.constraints)
 
     def factors(self) -> gtsam.NonlinearFactorGraph:
@@ -155,8 +159,13 @@ def solve(problem: WalkProblem, convergence: float = CONVERGENCE) -> Solved:
 
 def solve_and_keep(problem: WalkProblem, convergence: float) -> Solved:
     """Minimize as `solve` does, and keep the factors of the last linearization, which are larger than all else."""
+    return minimize(problem.graph, problem.blocks, problem.values, order_variables(problem), convergence)
+
+
+def order_variables(problem: WalkProblem) -> Keys:
+    """Keys of all variables in the order in which they are eliminated."""
     keys = list_in_time(problem.nodes, problem.field is not None, problem.floor)
-    return minimize(problem.graph, problem.blocks, problem.values, keys, convergence)
+    return keys if problem.places is None else postpone(keys, problem.nodes, problem.places.footfalls)
 
 
 def build_problem(

@@ -45,6 +45,9 @@ class WalkParameters:
     floors: bool = True
     """Footfalls are at one height where the walk shows a level floor (`floors`)."""
 
+    places: bool = True
+    """Footfalls are at one place where the field along the path is that of an earlier one (`places`)."""
+
 
 @dataclass(frozen=True)
 class SmootherParameters:

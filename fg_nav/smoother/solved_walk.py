@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from fg_nav.magnetic import FootfallField
 from fg_nav.smoother.differential import add_differential_field
@@ -10,20 +10,33 @@ from fg_nav.smoother.field import FieldVerdict, find_obstacle, ignore_field
 from fg_nav.smoother.field_rounds import FieldSolution, look_along
 from fg_nav.smoother.field_shape import solve_where_field_tells
 from fg_nav.smoother.graph import WalkProblem, solve, trajectory_of
+from fg_nav.smoother.places import tie_places
 from fg_nav.smoother.solver import Solved
+from fg_nav.solution import Return
 
 
 @dataclass(frozen=True)
 class SolvedWalk:
-    """The problem of the last solution, its minimum, the verdict on the field; `field` where that was used."""
+    """The problem of the last solution, its minimum, verdict on the field, `field` where that was used, `returns`."""
 
     problem: WalkProblem
     solved: Solved
     verdict: FieldVerdict
     field: FieldSolution | None = None
+    returns: tuple[Return, ...] = ()
 
 
 def solve_walk(problem: WalkProblem, field: FootfallField | None, unseen: str = "") -> SolvedWalk:
+    """Solve a walk as `_solve_with_field`, and close it where it comes back to places that the field shows."""
+    walk = _solve_with_field(problem, field, unseen)
+    if field is None:
+        return walk
+    problem, solved, returns, notes = tie_places(walk.problem, walk.solved)
+    verdict = replace(walk.verdict, notes=(*walk.verdict.notes, *notes))
+    return replace(walk, problem=problem, solved=solved, verdict=verdict, returns=returns)
+
+
+def _solve_with_field(problem: WalkProblem, field: FootfallField | None, unseen: str = "") -> SolvedWalk:
     """Solve a walk, whose values are near its minimum without the field; `unseen` says why there is no field."""
     obstacle = unseen or find_obstacle(field, problem.parameters.magnetic)
     if field is None:

@@ -18,7 +18,7 @@ from fg_nav.walk import Walk
 from tests.browser import open_browser
 from tests.report import walks
 
-SECTIONS = ["path", "height", "sigma", "stances", "bias", "heading", "strength", "errors"]
+SECTIONS = ["path", "height", "sigma", "stances", "bias", "heading", "strength", "returns", "errors"]
 HOSTILE = "</script><img src=x onerror=alert(1)>'\".csv"
 
 

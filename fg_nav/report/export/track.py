@@ -177,7 +177,8 @@ def _check_folder(folder: Path) -> None:
 
 def _read_footfalls(path: Path) -> pd.DataFrame:
     """Read `strides.csv`: numbers, empty where unknown, and words."""
-    numbers = {name: "int64" if name == "index" else "float64" for name in STRIDE_COLUMNS if "field" not in name}
+    whole = ("index", "same_place_as")
+    numbers = {name: "int64" if name in whole else "float64" for name in STRIDE_COLUMNS if "field" not in name}
     try:
         table = pd.read_csv(path, keep_default_na=False, na_values={name: [""] for name in numbers})
         missing = [name for name in STRIDE_COLUMNS if name not in table]

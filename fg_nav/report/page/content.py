@@ -1,7 +1,7 @@
 """What goes onto the page: the verdict, figures of merit, and sections with sentences and charts, in this order.
 
-path, height, sigma, stances, gyroscope bias, heading (compass against gyroscope), field strength, errors, remarks,
-parameters. Each section is always there, and says why where it has no chart.
+path, height, sigma, stances, gyroscope bias, heading (compass against gyroscope), field strength, places recognized,
+errors, remarks, parameters. Each section is always there, and says why where it has no chart.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from fg_nav.report.aligned import AlignedSolution
 from fg_nav.report.page.compass import draw_compass, draw_strength, judge
 from fg_nav.report.page.course import Frame, describe_alignment, describe_ellipses, describe_frame, draw_course
 from fg_nav.report.page.figures import Chart
+from fg_nav.report.page.returns import describe_returns, draw_returns
 from fg_nav.report.page.samples import draw_samples
 from fg_nav.report.page.series import draw_errors, draw_gyro_bias, draw_headings, draw_height, draw_sigmas
 from fg_nav.report.rows import FIGURES, collect_notes
@@ -168,6 +169,7 @@ def _draw_sections(found: Findings) -> list[Section]:
     walk, outcomes = found.walk, found.outcomes
     views = {name: _align(found, outcome) for name, outcome in outcomes.items()}
     name, outcome = next(iter(outcomes.items()))
+    returns = outcome.solution.returns
     frame = describe_frame(views[name], outcome, Options() if walk is None else walk.options)
     return [
         _draw_path(views, outcomes, frame),
@@ -177,6 +179,7 @@ def _draw_sections(found: Findings) -> list[Section]:
         Section("bias", "Gyroscope bias", [], [draw_gyro_bias(views)]),
         _draw_heading(walk, views, outcome),
         _draw_strength(walk, outcome),
+        Section("returns", "Places recognized", describe_returns(returns), draw_returns(returns)),
         _draw_errors(walk, views),
     ]
 

@@ -30,6 +30,7 @@ from fg_nav.report.page.figures import (
     line,
     to_meters,
 )
+from fg_nav.report.page.returns import mark_map
 from fg_nav.solution import StanceTable
 from fg_nav.truth import FootprintTruth, TrajectoryTruth, Truth
 from fg_nav.walk import Options, Outcome
@@ -115,7 +116,7 @@ def describe_alignment(view: AlignedSolution) -> str:
 def draw_course(views: Mapping[str, AlignedSolution], outcomes: Mapping[str, Outcome], frame: Frame) -> Chart:
     """Draw the paths of one or more methods."""
     first, alone = next(iter(views.values())), len(views) == 1
-    data = _draw_truth(first.truth)
+    data = _draw_truth(first.truth) + (mark_map(first) if alone else [])
     for k, (name, view) in enumerate(views.items()):
         data += _draw_method(view, outcomes[name], name, CYCLE[k % len(CYCLE)], frame, alone)
         data += _draw_ellipses(find_ellipses(view, MAX_ELLIPSES), CYCLE[k % len(CYCLE)], k, len(views))

@@ -1,0 +1,125 @@
+"""Factors between the footfalls of a walk that are at one place (`fg_nav.places`, `factors.same_place`).
+
+The earliest pass of each place is divided into cells by distance, and has one footfall in each to which all later
+passes are tied: so no error adds up from lap to lap, and few footfalls are joined over the walk (`solver.postpone`).
+What is tied are the means of both passes over the cell, relative to their footfalls: two passes along a corridor are
+aside of each other by decimeters here and there, and less on the mean. With an independent error every `APART_M`,
+
+    sigma = sigma_one / sqrt(length / APART_M).
+
+A piece of the walk is tied to its earliest pass only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from gtsam.symbol_shorthand import X
+
+from fg_nav.arrays import Floats, Ints
+from fg_nav.factors.residual import ResidualBlock
+from fg_nav.factors.same_place import SamePlace, weigh_place
+from fg_nav.places import Signature, Stretch
+from fg_nav.places.recognition import ALONG_SIGMA_M, LATERAL_SIGMA_M
+
+CELL_M, MOST_CELLS = 20.0, 60
+"""Length of a cell, and how many there are at most; in a longer walk they are longer."""
+
+LEAST_SHARE = 0.5
+"""Of a cell that a pass has to cover."""
+
+APART_M = 6.0
+"""Between independent errors of a pass: those of an alignment, and the wander of a person."""
+
+LEVEL_SIGMA_M = 0.2
+"""Of the heights: a floor is level, a ramp is not at the tie's own sigma along it."""
+
+
+class PlaceFactors(ResidualBlock):
+    """The ties of a walk; `footfalls` (n,) are those that they join, ascending."""
+
+    def __init__(self, residuals: SamePlace, keys: Sequence[Sequence[int]], footfalls: Ints) -> None:
+        super().__init__(residuals, keys)
+        self.footfalls = footfalls
+
+
+@dataclass(frozen=True)
+class _Tie:
+    """Mean places (3,) m of two passes over a cell, the direction of walking, rad, and how many errors they average.
+
+    `later_s` is in the middle of the later pass, `cell_s` in that of the cell, which all passes of it share.
+    """
+
+    later_s: float
+    cell_s: float
+    later: Floats
+    earlier: Floats
+    heading: float
+    count: float
+
+
+def make_place_factors(
+    path: Signature, stretches: Sequence[Stretch], t: Floats, position: Floats, nav_R_body: Floats, node: Ints
+) -> PlaceFactors:
+    """Tie the footfalls of recognized stretches.
+
+    Parameters
+    ----------
+    t, position, nav_R_body : of the F footfalls; s, m.
+    node : (F,) of the footfalls.
+    """
+    ties = _choose_earliest(path, stretches)
+    later, earlier = ([getattr(tie, name) for tie in ties] for name in ("later", "earlier"))
+    foot = [_find_footfalls([getattr(tie, name) for tie in ties], t) for name in ("later_s", "cell_s")]
+    in_body = [
+        np.einsum("kji,kj->ki", nav_R_body[at], np.array(place) - position[at])
+        for at, place in zip(foot, (later, earlier), strict=True)
+    ]
+    weight = weigh_place(np.array([tie.heading for tie in ties]), ALONG_SIGMA_M, LATERAL_SIGMA_M, LEVEL_SIGMA_M)
+    weight[:, :2] *= np.sqrt([tie.count for tie in ties])[:, None, None]
+    keys = [(X(int(node[a])), X(int(node[b]))) for a, b in zip(*foot, strict=True)]
+    return PlaceFactors(SamePlace(in_body[0], in_body[1], weight), keys, np.unique(np.concatenate(foot)))
+
+
+def _find_footfalls(at: Sequence[float], t: Floats) -> Ints:
+    return np.asarray(np.searchsorted(0.5 * (t[1:] + t[:-1]), at))
+
+
+def _choose_earliest(path: Signature, stretches: Sequence[Stretch]) -> list[_Tie]:
+    """Tie each piece of the walk to its earliest pass."""
+    length = max(CELL_M, sum(one.length_m for one in stretches) / MOST_CELLS)
+    ties = [tie for stretch in stretches for tie in _list_ties(path, stretch, length)]
+    chosen: dict[int, _Tie] = {}
+    for tie in sorted(ties, key=lambda one: one.cell_s):
+        piece = int(np.interp(tie.later_s, path.t, path.distance_m) // length)
+        chosen.setdefault(piece, tie)
+    return list(chosen.values())
+
+
+def _list_ties(path: Signature, stretch: Stretch, length: float) -> Iterator[_Tie]:
+    """Yield the ties of a stretch, one in each cell of this length, m, that it covers."""
+    points = np.arange(len(path), dtype=float)
+    walked = np.interp(stretch.earlier, points, path.distance_m)
+    cell = (walked // length).astype(np.int64)
+    for number in np.unique(cell):
+        rows = np.flatnonzero(cell == number)
+        covered = float(np.ptp(walked[rows]))
+        if covered < min(LEAST_SHARE * length, 0.9 * np.ptp(walked)):
+            continue
+        later, earlier = (_mean_place(path, points, at[rows]) for at in (stretch.later, stretch.earlier))
+        middle = float(stretch.later[rows].mean())
+        yield _Tie(
+            float(np.interp(middle, points, path.t)),
+            float(np.interp((number + 0.5) * length, path.distance_m, path.t)),
+            later,
+            earlier,
+            float(np.interp(middle, points, path.heading)),
+            max(covered / APART_M, 1.0),
+        )
+
+
+def _mean_place(path: Signature, points: Floats, at: Floats) -> Floats:
+    """Mean (3,) of the places at points (M,) of a path."""
+    return np.array([np.interp(at, points, axis).mean() for axis in path.position.T])

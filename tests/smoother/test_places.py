@@ -1,0 +1,140 @@
+"""Places that a walk comes back to: two laps of a corridor on a rough floor, with a gyroscope that drifts."""
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import gtsam
+import numpy as np
+import pytest
+from gtsam.symbol_shorthand import X
+
+from fg_nav.detection import detect_stances
+from fg_nav.evaluation import evaluate
+from fg_nav.factors.residual import Keys
+from fg_nav.lab.simulation import simulate
+from fg_nav.lab.simulation.scenario_file import read_scenario
+from fg_nav.magnetic import average_footfall_field
+from fg_nav.recording import Recording
+from fg_nav.smoother import SmootherParameters, smooth_graph
+from fg_nav.smoother.batch import SmoothedWalk
+from fg_nav.smoother.graph import order_variables
+from fg_nav.smoother.parameters import FieldParameters, WalkParameters
+from fg_nav.smoother.places import mark_returns, measure_uncertainty
+from fg_nav.smoother.solver import CONVERGENCE, linearize, list_in_time, minimize
+from fg_nav.solution import Return
+from fg_nav.truth import TrajectoryTruth
+
+LAPS = """
+like = "office"
+field = "indoor"
+rests = "none"
+[course]
+points_m = [[0, 0], [0, 16], [22, 16], [22, 0], [0, 0]]
+laps = {laps}
+"""
+NO_FIELD = FieldParameters(compass=False, potential=False, differential=False)
+WITH, WITHOUT = (SmootherParameters(magnetic=NO_FIELD, walk=WalkParameters(places=places)) for places in (True, False))
+
+
+@cache
+def walked(laps: int) -> Recording:
+    """Laps of 76 m, the rate about up off by 0.2 deg/s, and no rest to see it by."""
+    with TemporaryDirectory() as folder:
+        file = Path(folder) / "laps.toml"
+        file.write_text(LAPS.format(laps=laps))
+        recording = simulate(read_scenario(file), 3).recording
+    truth = recording.truth
+    assert isinstance(truth, TrajectoryTruth)
+    assert truth.nav_R_body is not None
+    return replace(recording, gyr=recording.gyr + np.radians(0.2) * truth.nav_R_body[:, 2])
+
+
+@cache
+def solved(laps: int, places: bool) -> SmoothedWalk:
+    recording = walked(laps)
+    stances = detect_stances(recording)
+    field = average_footfall_field(recording, stances)
+    return smooth_graph(recording, stances, WITH if places else WITHOUT, 0.0, field=field)
+
+
+def test_a_second_lap_is_recognized_and_halves_the_error() -> None:
+    with_places, without = (solved(2, places).solution for places in (True, False))
+    assert sum(one.length_m for one in with_places.returns) > 60.0
+    assert without.returns == ()
+    errors = [evaluate(one, walked(2).truth).rmse_2d_m or 0.0 for one in (with_places, without)]
+    assert errors[0] < 0.7 * errors[1]
+    assert "recognized by the field" in with_places.notes[-1] + with_places.notes[-2]
+
+
+def test_nothing_is_recognized_on_one_lap_but_its_end() -> None:
+    assert sum(one.length_m for one in solved(1, True).solution.returns) < 12.0
+
+
+def test_footfalls_are_marked_with_those_at_their_place() -> None:
+    table, truth = solved(2, True).solution.stances, walked(2).truth
+    assert table.same_place is not None
+    later = np.flatnonzero(table.same_place >= 0)
+    assert len(later) > 40
+    place = truth.position[table.sample]
+    apart = np.linalg.norm(place[later] - place[table.same_place[later]], axis=1)
+    assert np.median(apart) < 0.6  # half a stride
+    assert (table.same_place[later] < later).all()
+
+
+def test_the_order_of_elimination_changes_nothing() -> None:
+    """Tied footfalls last, or all in the order of time."""
+    problem = solved(2, True).walk.problem
+    assert problem.places is not None
+    assert len(problem.places) > 2
+    in_time = list_in_time(problem.nodes, problem.field is not None, problem.floor)
+    orders: list[Keys] = [in_time, order_variables(problem)]
+    assert (np.sort(orders[0]) == np.sort(orders[1])).all()
+    assert (orders[0] != orders[1]).any()
+    one, other = (minimize(problem.graph, problem.blocks, problem.values, keys, CONVERGENCE) for keys in orders)
+    assert one.error == pytest.approx(other.error, rel=1e-9)
+    assert one.volume == pytest.approx(other.volume)
+    key = int(in_time[0])
+    np.testing.assert_allclose(
+        one.root.covariances([key])[key], other.root.covariances([key])[key], rtol=1e-5, atol=1e-12
+    )
+
+
+def test_uncertainty_is_that_of_the_whole_graph() -> None:
+    """Of a footfall relative to the first anchors, against the inverse of the information matrix."""
+    walk = solved(1, False).walk
+    problem, minimum = walk.problem, walk.solved
+    found = measure_uncertainty(problem, minimum)
+    ordering = gtsam.Ordering()
+    for key in order_variables(problem).tolist():
+        ordering.push_back(key)
+    A, _ = linearize(problem.graph, problem.blocks, minimum.linearized_at).jacobian(ordering)
+    scale = np.linalg.norm(A, axis=0)
+    root = np.linalg.inv(np.linalg.qr(A / scale, mode="r")) / scale[:, None]
+    covariance = root @ root.T
+    node = problem.nodes.result[[0, -1]]
+    columns = minimum.root.find_columns([(X(int(node[1])), X(int(node[0])))])[0]
+    R = [minimum.linearized_at.atPose3(X(int(j))).rotation().matrix() for j in node[::-1]]
+    difference = np.hstack([np.zeros((3, 3)), R[0], np.zeros((3, 3)), -R[1]])
+    expected = difference @ covariance[np.ix_(columns, columns)] @ difference.T
+    variance = found.place[0, -1]
+    assert variance == pytest.approx(np.linalg.eigvalsh(expected[:2, :2])[-1], rel=0.05)
+    assert found.height[0, -1] == pytest.approx(expected[2, 2], rel=0.05)
+
+
+def test_the_surest_return_marks_a_footfall() -> None:
+    table = solved(1, False).solution.stances
+    t, none = table.t, np.zeros((2, 3))
+    ends = [np.array([t[10], t[20]]), np.array([t[0], t[10]]), np.array([t[4], t[14]])]
+    sure, other = (
+        Return(ends[0], before, False, score, 1e-9, 10.0, none, none)
+        for before, score in zip(ends[1:], (9.0, 8.0), strict=True)
+    )
+    marked = mark_returns(table, [sure, other])
+    assert marked.same_place is not None
+    assert marked.place_score is not None
+    assert marked.same_place[15] == 5
+    assert marked.place_score[15] == 9.0
+    assert marked.same_place[9] == -1
+    assert np.isnan(marked.place_score[9])
