@@ -43,7 +43,7 @@ from fg_nav.smoother import smooth
 from fg_nav.smoother.graph import Trajectory
 from fg_nav.smoother.places import mark_returns
 from fg_nav.smoother.solver import UNSOLVED
-from fg_nav.solution import Solution, StanceTable
+from fg_nav.solution import Return, Solution, StanceTable
 from fg_nav.stances import Stances
 
 if TYPE_CHECKING:
@@ -143,7 +143,7 @@ class OnlineNavigator(SampleIntake):
         self.close()
         stances, (table, nodes) = self.stances(), self._smoother.solution()
         p, table = self._smoother.parameters, _select_rows(table, self._is_new())
-        table = mark_returns(table, self._smoother.returns)
+        table = mark_returns(table, self.returns)
         if self.options.lag_s is None:
             recording = self.recording().raise_peaks(self._smoother.peak_height)
             path, ends = build_path(recording, nodes, stances, p.gravity)
@@ -163,7 +163,7 @@ class OnlineNavigator(SampleIntake):
             graph=self._smoother.counts,
             moment=_select_rows(self.causal(), ~np.array(self.told_continues, dtype=np.bool_)),
             recording=recording,
-            returns=self._smoother.returns,
+            returns=self.returns,
         )
 
     def polish(
@@ -246,6 +246,11 @@ class OnlineNavigator(SampleIntake):
         """Number of the floor of the newest footfall, 0 where the walk began; None where it is not known."""
         latest = self._smoother.latest
         return None if latest is None else latest.floor
+
+    @property
+    def returns(self) -> tuple[Return, ...]:
+        """Stretches at which the walk was before, as they were recognized when it was last solved as a whole."""
+        return self._smoother.returns
 
     @property
     def begun_at(self) -> int:

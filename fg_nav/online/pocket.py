@@ -58,7 +58,7 @@ from fg_nav.pocket.online_thigh import OnlineThigh
 from fg_nav.pocket.steps import Steps
 from fg_nav.pocket.track import STILL_S
 from fg_nav.recording import MAX_GAP_S, MIN_SAMPLES, Recording
-from fg_nav.solution import Solution, StanceTable
+from fg_nav.solution import Return, Solution, StanceTable
 
 BLOCK_S = 0.25
 """Orientation and steps are found so often, s: twice a step."""
@@ -160,6 +160,11 @@ class PocketNavigator(SampleIntake):
     @property
     def floor(self) -> None:
         """Not known: a pocket has no heights."""
+
+    @property
+    def returns(self) -> tuple[Return, ...]:
+        """None: a pocket's path is not compared with itself."""
+        return ()
 
     def pose(self) -> Track | None:
         """Return position and course at the last sample, as a path of one row: those of the newest line, if any."""

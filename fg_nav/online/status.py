@@ -6,6 +6,7 @@ standing             whether the foot stands
 position_m           [east, north, up], by strapdown from the last footfall on
 heading_deg          of the body's x axis, clockwise from north
 floor                of the newest line: 0 where the walk began, +1 the next above; null where not known
+returns              stretches recognized as walked before: s of begin and end of each, then of the earlier pass
 latency_ms           from the arrival of the samples to the newest line
 rate_hz              samples that come in a second
 lost_samples         that the stamps show to be missing, of all so far
@@ -28,6 +29,7 @@ import numpy as np
 from fg_nav.frames import compute_heading
 from fg_nav.online.estimates import DIGITS
 from fg_nav.online.pocket import Navigator
+from fg_nav.solution import Return
 
 RATE_S = 2.0
 """In which samples are counted for their rate."""
@@ -101,9 +103,15 @@ class StatusReporter:
             "position_m": None if pose is None else np.round(pose.position[-1], DIGITS),
             "heading_deg": None if pose is None else _to_degrees(float(compute_heading(pose.nav_R_body[-1]))),
             "floor": navigator.floor,
+            "returns": [_list_ends(one) for one in navigator.returns],
             "latency_ms": None if self._latency_ms is None else round(self._latency_ms, 1),
             "rate_hz": round(sum(count for _, count in self._counts) / RATE_S, 1),
         }
+
+
+def _list_ends(one: Return) -> list[float]:
+    """Begin and end of a return, and of the earlier pass, s."""
+    return [round(float(t), DIGITS) for t in (one.t[0], one.t[-1], one.earlier_t.min(), one.earlier_t.max())]
 
 
 def _to_degrees(heading: float) -> float:

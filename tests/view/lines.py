@@ -33,5 +33,13 @@ def circle(count, radius=5.0):
 
 
 def status(t, position, **more):
-    known = {"standing": False, "heading_deg": 90.0, "floor": 1, "latency_ms": 7.5, "rate_hz": 400.0, "source": "ok"}
+    known = {
+        "standing": False,
+        "heading_deg": 90.0,
+        "floor": 1,
+        "returns": [],
+        "latency_ms": 7.5,
+        "rate_hz": 400.0,
+        "source": "ok",
+    }
     return {"t": t, "position_m": position, **known, **more}

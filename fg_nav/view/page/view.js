@@ -115,11 +115,19 @@ function showFigures() {
   putSigma("east-sigma", sigma[0], 2, ""); putSigma("north-sigma", sigma[1], 2, "");
   put("heading", known("heading_deg"), 0, "°"); putSigma("heading-sigma", known("heading_sigma_deg"), 1, "°");
   put("floor", known("floor"), 0, "", true); $("floor-words").textContent = known("floor") === null ? "not known" : "from the start";
+  showReturns(status.returns ?? []);
   put("height", at?.[2], 2, "m"); putSigma("height-sigma", sigma[2], 2, "m");
   put("speed", status.speed_m_s, 1, "m/s"); put("distance", walk.distance, walk.distance < 1000 ? 1 : 0, "m");
   put("range", at && Math.hypot(at[0], at[1]), 1, "m");
   put("latency", status.latency_ms, 0, "ms"); put("rate", status.rate_hz, 0, "Hz");
   $("time").textContent = clock(known("t") - (walk.path[0]?.[0] ?? 0), walk.path.length);
+}
+
+/** How many stretches of the walk were recognized as walked before. */
+function showReturns(returns) {
+  put("returns", walk.status?.returns && returns.length);
+  const longest = Math.max(0, ...returns.map(([begin, end]) => end - begin));
+  $("returns-words").textContent = returns.length ? `recognized by the field, longest ${clock(longest, true)}` : "";
 }
 
 function clock(seconds, there) {
@@ -240,7 +248,7 @@ function draw() {
 
 const colors = () => {
   const style = getComputedStyle(document.documentElement);
-  return Object.fromEntries(["ground", "grid", "grid-strong", "path", "past", "ellipse", "ink", "soft"].map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
+  return Object.fromEntries(["ground", "grid", "grid-strong", "path", "past", "ellipse", "again", "ink", "soft"].map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
 };
 
 /** 1, 2 or 5 times a power of ten, at least so long. */
@@ -265,6 +273,7 @@ function drawPath(color) {
   const points = walk.path.map(([, east, north]) => project(east, north));
   const at = position();
   if (!points.length) return;
+  drawReturns(color, points);
   pen.lineJoin = pen.lineCap = "round";
   pen.strokeStyle = color.path;
   pen.lineWidth = 2.25;
@@ -280,6 +289,17 @@ function drawPath(color) {
   pen.beginPath(); pen.arc(...points[0], 5, 0, 2 * Math.PI); pen.fill(); pen.stroke();
   pen.fillStyle = color.soft; pen.font = "12px system-ui, sans-serif";
   pen.fillText("start", points[0][0] + 10, points[0][1] + 4);
+}
+
+/** A wide line along what was recognized as walked before. */
+function drawReturns(color, points) {
+  pen.strokeStyle = color.again; pen.lineWidth = 11; pen.globalAlpha = 0.35;
+  for (const [begin, end] of walk.status?.returns ?? []) {
+    pen.beginPath();
+    walk.path.forEach(([t], k) => { if (t >= begin && t <= end) pen.lineTo(...points[k]); });
+    pen.stroke();
+  }
+  pen.globalAlpha = 1;
 }
 
 function drawEllipse(color, at) {
