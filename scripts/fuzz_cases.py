@@ -32,10 +32,11 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 import fuzz_mutations as wrong
+import fuzz_variations as varied
 import numpy as np
 import pandas as pd
 import typer
-from fuzz_inputs import HEADER, Store, raw_of
+from fuzz_inputs import CONFIGURED, HEADER, Store, raw_of
 from fuzz_mutations import Rng, draw
 
 from fg_nav import cli
@@ -205,14 +206,24 @@ def damage_file(path: Path, rng: Rng) -> str:
 
 def damage(data: bytes, rng: Rng) -> tuple[bytes, str]:
     """Damage what a file holds: its bytes, and of a text its rows, fields and numbers."""
-    kind = draw(rng, ("bytes", "bytes", "table", "numbers", "columns")) if b"\0" not in data[:1000] else "bytes"
+    kind = draw(rng, ("bytes", "bytes", "varied", *TEXT_CHANGES)) if b"\0" not in data[:1000] else "bytes"
+    if kind == "bytes" and rng.random() < 0.2:
+        return varied.vary_words(data, rng), "words"
     if kind == "bytes":
         return wrong.mutate_bytes(data, rng)
-    text = data.decode("latin-1")
+    text = data.decode("utf-8", "surrogateescape")
     separator = max(",;\t ", key=text[:2000].count)
-    change = {"table": wrong.scramble_table, "columns": wrong.scale_columns}.get(kind)
-    text = wrong.change_numbers(text, rng) if change is None else change(text, rng, separator)
-    return text.encode("utf-8", "replace"), kind
+    return TEXT_CHANGES[kind](text, rng, separator).encode("utf-8", "surrogateescape"), kind
+
+
+TEXT_CHANGES: Mapping[str, Callable[[str, Rng, str], str]] = {
+    "table": wrong.scramble_table,
+    "numbers": lambda text, rng, _: wrong.change_numbers(text, rng),
+    "columns": wrong.scale_columns,
+    "varied": varied.vary_table,
+    "varied numbers": lambda text, rng, _: varied.vary_numbers(text, rng),
+}
+"""What is done to a text, given its separator."""
 
 
 REAL_BYTES = 1_500_000
@@ -223,8 +234,9 @@ def make_real(store: Store, rng: Rng, folder: Path) -> Input:
     """A real file, or a folder of files that belong together, one of them damaged."""
     if store.data is None:
         return make_format(store, rng, folder)
-    whole = rng.random() < 0.3
-    source = draw(rng, _list_folders(store.data) if whole else _list_files(store.data))
+    kind = "folders" if rng.random() < 0.3 else "files"
+    sources = _list_folders(store.data) if kind == "folders" else _list_files(store.data)
+    source = draw(rng, store.keep_readable(kind, sources) if rng.random() < 0.8 else sources)
     copies = [_copy_start(path, folder / path.relative_to(source.parent), rng) for path in _files_of(source)]
     target = draw(rng, copies)
     what = damage_file(target, rng)
@@ -237,7 +249,7 @@ def _copy_start(path: Path, target: Path, rng: Rng) -> Path:
     """Copy a binary file, or the first rows of a text."""
     data = path.read_bytes()
     target.parent.mkdir(parents=True, exist_ok=True)
-    target.write_bytes(data if b"\0" in data[:4000] else data[: int(rng.choice([20_000, 200_000]))])
+    target.write_bytes(data if b"\0" in data[:4000] else data[: int(rng.choice([20_000, 200_000, 600_000]))])
     return target
 
 
@@ -299,26 +311,39 @@ def make_checkpoint(store: Store, rng: Rng, folder: Path) -> Input:
         path.write_bytes(data)
     else:
         path.write_bytes(data)
-        records = [record for record, _ in read_records(path, VERSION)]
-        one = int(rng.integers(len(records)))
-        records[one], what = tamper(records[one], rng)
+        records, what = change_records([record for record, _ in read_records(path, VERSION)], rng)
         write_records(path, VERSION, records)
     rest, words = CHECKPOINTS[kind]
     given = ["stream", "-", "--checkpoint", path.name, "--every", "1e6", "--plots", "none", *words]
     return Input(given, f"{kind}: {what}", store.companion(rest))
 
 
+def change_records(records: list[bytes], rng: Rng) -> tuple[list[bytes], str]:
+    """Tamper with one of the records, or lose, double or exchange them."""
+    one = int(rng.integers(len(records)))
+    if rng.random() < 0.9:
+        records[one], what = tamper(records[one], rng)
+        return records, what
+    kind = draw(rng, ("lost", "doubled", "exchanged"))
+    others = {"lost": records[:one] + records[one + 1 :], "doubled": [*records, records[one]]}
+    return others.get(kind, records[::-1]), kind
+
+
 def tamper(record: bytes, rng: Rng) -> tuple[bytes, str]:
     """Change what a record holds (`fg_nav.online.packing`): its tree, the shapes of its arrays, or their numbers."""
     behind = 8 + int.from_bytes(record[:8], "little")
     head, numbers = json.loads(record[8:behind]), bytearray(record[behind:])
-    part = draw(rng, ("tree", "tree", "arrays", "numbers"))
-    if part == "numbers" and len(numbers) >= 8:
+    part = draw(rng, ("tree", "arrays", "numbers", "varied tree", "varied tree", "varied numbers", "varied numbers"))
+    if part == "varied numbers":
+        numbers = bytearray(varied.vary_words(bytes(numbers), rng))
+    elif part == "varied tree":
+        head["tree"] = varied.vary_tree(head["tree"], rng)
+    elif part == "numbers" and len(numbers) >= 8:
         for _ in range(rng.integers(1, 4)):
             at = 8 * int(rng.integers(len(numbers) // 8))
             numbers[at : at + 8] = np.float64(draw(rng, NUMBERS)).tobytes()
     else:
-        head[part if part != "numbers" else "tree"] = wrong.mutate_tree(head[part], rng)
+        head[part] = wrong.mutate_tree(head[part], rng)
     try:
         text = json.dumps(head).encode("utf-8", "replace")
     except RecursionError:
@@ -333,31 +358,36 @@ NUMBERS = (np.nan, np.inf, 0.0, -1.0, 1e300, -1e9, 5e-324)
 
 
 def _make_companion(
-    name: str, words: Callable[[Rng], Words], change: Callable[[bytes, Rng], tuple[bytes, str]]
+    option: str,
+    names: tuple[str, ...],
+    words: Callable[[Rng], Words],
+    change: Callable[[bytes, Rng], tuple[bytes, str]],
 ) -> Callable[[Store, Rng, Path], Input]:
     def make(store: Store, rng: Rng, folder: Path) -> Input:
         (folder / "walk.csv").write_bytes(store.companion("walk.csv"))
+        name = draw(rng, names)
         data, what = change(store.companion(name), rng)
         (folder / name).write_bytes(data)
-        return Input(["run", "walk.csv", *words(rng), "--plots", "none"], f"{name}: {what}")
+        return Input(["run", "walk.csv", f"{option}={name}", *words(rng), "--plots", "none"], f"{name}: {what}")
 
     return make
 
 
 def change_json(data: bytes, rng: Rng) -> tuple[bytes, str]:
     """Change the tree of a JSON file, or its text."""
-    if rng.random() < 0.3:
+    kind = rng.random()
+    if kind < 0.2:
         return damage(data, rng)
+    if kind < 0.7:
+        return json.dumps(varied.vary_tree(json.loads(data), rng)).encode("utf-8", "replace"), "varied tree"
     try:
         return json.dumps(wrong.mutate_tree(json.loads(data), rng)).encode("utf-8", "replace"), "tree"
     except RecursionError:
         return b"[" * 100_000, "nested"
 
 
-def _draw_truth(store: Store, rng: Rng, folder: Path) -> Input:
-    name = draw(rng, ("truth.tum", "footprints.csv"))
-    more = ["--alignment", draw(rng, ("yaw", "none", "origin", "se3"))]
-    return _make_companion(name, lambda rng: ["--truth", name, *_fast(rng), *more], damage)(store, rng, folder)
+def _aligned(rng: Rng) -> Words:
+    return [*_fast(rng), *(["--alignment", draw(rng, ("none", "origin", "se3"))] if rng.random() < 0.5 else [])]
 
 
 def _fast(rng: Rng) -> Words:
@@ -433,13 +463,10 @@ KINDS: Mapping[str, tuple[int, Callable[[Store, Rng, Path], Input]]] = {
     "real": (7, make_real),
     "stream": (12, make_stream),
     "checkpoint": (9, make_checkpoint),
-    "truth": (4, _draw_truth),
-    "fixes": (4, _make_companion("fixes.csv", lambda rng: ["--fixes", "fixes.csv", *_graph(rng)], damage)),
-    "calibration": (
-        4,
-        _make_companion("sensor.json", lambda rng: ["--calibration", "sensor.json", *_fast(rng)], change_json),
-    ),
-    "config": (4, _make_companion("config.json", lambda rng: ["--config", "config.json"], change_json)),
+    "truth": (4, _make_companion("--truth", ("truth.tum", "footprints.csv"), _aligned, damage)),
+    "fixes": (4, _make_companion("--fixes", ("fixes.csv",), _graph, damage)),
+    "calibration": (4, _make_companion("--calibration", ("sensor.json",), _fast, change_json)),
+    "config": (4, _make_companion("--config", tuple(CONFIGURED), lambda rng: [], change_json)),
     "scenario": (2, make_scenario),
     "options": (3, make_options),
 }

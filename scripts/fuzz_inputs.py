@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache, partial
 from pathlib import Path
 
@@ -18,6 +18,7 @@ from walks import LOOPS, gdin_path, gdlbio_path
 
 from fg_nav.arrays import Floats
 from fg_nav.calibration.of_recording import calibrate, write_calibration
+from fg_nav.errors import FgNavError
 from fg_nav.io import read, write_canonical, write_tum
 from fg_nav.lab.simulation import SCENARIOS, Choices, SimulatedWalk, simulate
 from fg_nav.online.buffer import rows_of
@@ -106,6 +107,14 @@ class Store:
         recording = read(self._real[name])
         return recording.slice(0, int(np.searchsorted(recording.t, recording.t[0] + LONGEST_S)))
 
+    def keep_readable(self, name: str, sources: Sequence[Path]) -> list[Path]:
+        """Return those of the real files or folders of this name that are read as they are."""
+        path = self._folder / f"readable-{name}.txt"
+        if not path.exists():
+            found = [str(source) for source in sources if _is_readable(source)]
+            write_whole(path, lambda fresh: fresh.write_text("\n".join(found)))
+        return [Path(line) for line in path.read_text().splitlines()]
+
     def companion(self, name: str) -> bytes:
         """Return the file of this name that goes with the base walk; see `COMPANIONS`."""
         path = self._folder / name
@@ -113,6 +122,14 @@ class Store:
             content = COMPANIONS[name](self._folder)
             write_whole(path, lambda fresh: fresh.write_bytes(content))
         return path.read_bytes()
+
+
+def _is_readable(source: Path) -> bool:
+    try:
+        read(source)
+    except FgNavError:
+        return False
+    return True
 
 
 def write_whole(path: Path, write: Callable[[Path], object]) -> None:
@@ -200,8 +217,8 @@ def _write_calibration(folder: Path) -> bytes:
     return _written(lambda path: write_calibration(path, found))
 
 
-def _write_config(folder: Path) -> bytes:
-    result = navigate(base_recording(), "smoother", heading_deg=10.0)
+def _write_config(method: str, folder: Path) -> bytes:
+    result = navigate(base_recording(), method, heading_deg=10.0)
     with tempfile.TemporaryDirectory() as name:
         write_run(Path(name), result.walk, result.outcome, "none")
         return (Path(name) / "config.json").read_bytes()
@@ -240,6 +257,14 @@ HEADER = [
 
 FOOT, LAGGED = OnlineOptions(heading_rad=None), OnlineOptions(heading_rad=None, lag_s=12.0)
 
+CONFIGURED = {
+    "config.json": "smoother",
+    "config-iez.json": "iez",
+    "config-qsf.json": "qsf",
+    "config-online.json": "online",
+}
+"""Files for --config, and the methods that they are of."""
+
 COMPANIONS: dict[str, Callable[[Path], bytes]] = {
     "walk.csv": _write_walk,
     "foot-rest.csv": partial(_write_rest, base_recording),
@@ -248,7 +273,7 @@ COMPANIONS: dict[str, Callable[[Path], bytes]] = {
     "footprints.csv": _write_footprints,
     "fixes.csv": _write_fixes,
     "sensor.json": _write_calibration,
-    "config.json": _write_config,
+    **{name: partial(_write_config, method) for name, method in CONFIGURED.items()},
     "scenario.toml": lambda folder: SCENARIO,
     "foot.checkpoint": partial(_write_checkpoint, FOOT),
     "lagged.checkpoint": partial(_write_checkpoint, LAGGED),

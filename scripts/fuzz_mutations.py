@@ -439,7 +439,7 @@ def scale_columns(text: str, rng: Rng, separator: str) -> str:
     return "\n".join(separator.join(row) for row in table)
 
 
-_NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?(?![\w.])")
+NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?(?![\w.])")
 
 FACTORS = (1e3, 1e-3, -1.0, 100.0, 1e9, 1e300, 0.0, 1e-300, 57.3, 5.0)
 
@@ -448,8 +448,8 @@ def change_numbers(text: str, rng: Rng) -> str:
     """Multiply all numbers, or one in ten, or replace a few, as by another unit."""
     share, factor = rng.choice([1.0, 0.1]), float(rng.choice(FACTORS))
     if rng.random() < 0.5:
-        return _NUMBER.sub(lambda found: repr(float(found[0]) * factor) if rng.random() < share else found[0], text)
-    places = list(_NUMBER.finditer(text))
+        return NUMBER.sub(lambda found: repr(float(found[0]) * factor) if rng.random() < share else found[0], text)
+    places = list(NUMBER.finditer(text))
     some = [draw(rng, places) for _ in range(rng.integers(1, 4))] if places else []
     for found in sorted(some, key=lambda one: -one.start()):
         text = text[: found.start()] + draw(rng, FIELDS) + text[found.end() :]
@@ -469,17 +469,18 @@ def mutate_tree(tree: Any, rng: Rng) -> Any:
     """Change one to three places of what JSON holds."""
     tree = copy.deepcopy(tree)
     for _ in range(rng.choice([1, 1, 2, 3])):
-        places = list(_places(tree))
+        places = list(list_places(tree))
         if places:
             _change(*draw(rng, places), rng)
     return tree
 
 
-def _places(tree: Any, depth: int = 50) -> Any:
+def list_places(tree: Any, depth: int = 50) -> Any:
+    """Yield each place in what JSON holds, as what holds it and its key there."""
     keys = tree if isinstance(tree, dict) else range(len(tree)) if isinstance(tree, list) and depth else ()
     for key in keys:
         yield tree, key
-        yield from _places(tree[key], depth - 1)
+        yield from list_places(tree[key], depth - 1)
 
 
 def _change(holder: Any, key: Any, rng: Rng) -> None:
