@@ -14,6 +14,7 @@ truth, fixes, calibration, config, scenario    files that go with a walk, damage
 options     words of the command line that cannot be meant
 =========== ==========================================================================================================
 
+What is done to them breaks their form (`fuzz_mutations`), or leaves it readable with other numbers (`fuzz_variations`).
 Methods are drawn among the smoother, filters with and without a compass, online and pocket. Each input is run by the
 entry point of the command line (`fuzz_cases` says what is held against its answer) in one of `--jobs` processes, which
 may die. A fault is printed with what shows it again: the second call above runs one case in this process, prints what

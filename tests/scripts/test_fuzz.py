@@ -1,5 +1,7 @@
 """The fuzz campaign: inputs are what their seed says, faults are seen, and a few inputs show none."""
 
+import io
+import json
 import sys
 from pathlib import Path
 
@@ -9,6 +11,7 @@ import pytest
 
 from fg_nav import cli
 from fg_nav.online.buffer import rows_of
+from fg_nav.online.packing import pack
 from fg_nav.recording import Recording
 from tests.scripts import load_script
 from tests.simulated import PERSON, straight_walk
@@ -18,6 +21,7 @@ cases = load_script("fuzz_cases")
 inputs = load_script("fuzz_inputs")
 mutations = load_script("fuzz_mutations")
 pool = load_script("fuzz_pool")
+variations = load_script("fuzz_variations")
 
 
 @pytest.fixture(scope="module")
@@ -57,6 +61,43 @@ def test_every_mutation_is_its_seed_s_and_changes_something(recording: Recording
     for seed in range(20):
         data, _ = mutations.mutate_bytes(b"time_s,x_m\n1.0,2.0\n", np.random.default_rng(seed))
         assert (data, _) == mutations.mutate_bytes(b"time_s,x_m\n1.0,2.0\n", np.random.default_rng(seed))
+
+
+def test_a_variation_is_its_seed_s_changes_something_and_can_be_read() -> None:
+    text = "time_s,x_m,y_m\n" + "".join(f"{k}.0,{k * k}.5,{k}\n" for k in range(20))
+    tree = {"scale": [[2.0, 0.5], [0.5, 3.0]], "rounds": 3, "is_on": True, "method": "iez", "sigma": None}
+    words = np.arange(1.0, 9.0).tobytes()
+    changed = 0
+    for seed in range(40):
+        one, again = (
+            (
+                variations.vary_table(text, rng, ","),
+                variations.vary_numbers(text, rng),
+                json.dumps(variations.vary_tree(tree, rng)),
+                variations.vary_words(words, rng),
+            )
+            for rng in (np.random.default_rng(seed) for _ in range(2))
+        )
+        assert one == again
+        table = pd.read_csv(io.StringIO(one[0]))
+        assert list(table) == ["time_s", "x_m", "y_m"]
+        assert all(np.issubdtype(kind, np.number) for kind in table.dtypes), seed
+        assert list(json.loads(one[2])) == list(tree)
+        assert len(one[3]) == len(words)
+        changed += sum(a != b for a, b in zip(one, (text, text, json.dumps(tree), words), strict=True))
+    assert changed > 120
+
+
+def test_records_of_a_checkpoint_are_tampered_with_or_lost() -> None:
+    records = [pack({"a": [1.0, 2.0], "b": np.arange(9.0), "c": k}) for k in range(3)]
+    done = {}
+    for seed in range(80):
+        changed, what = cases.change_records(list(records), np.random.default_rng(seed))
+        done[what] = len(changed)
+    assert done == {
+        "tree": 3, "arrays": 3, "numbers": 3, "varied tree": 3, "varied numbers": 3,
+        "lost": 2, "doubled": 4, "exchanged": 3,
+    }  # fmt: skip
 
 
 def test_a_worker_that_dies_or_hangs_is_named_and_another_goes_on(tmp_path: Path) -> None:
