@@ -29,6 +29,7 @@ from fg_nav.online.navigator import finish_walk
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.outlets import Say, open_outlets
 from fg_nav.online.pocket import PocketOptions, compute_stride_headings
+from fg_nav.online.record_check import doubt_resumed
 from fg_nav.online.request import StreamedWalk, StreamRequest, run_stream
 from fg_nav.pipeline import prepare_walk
 from fg_nav.recording import Provenance
@@ -49,10 +50,11 @@ def stream(request: StreamRequest, plots: Plots, out: Path | None, force: bool, 
     target = Target(out, force and (out is not None or request.record is None), "stream")
     printer = LinePrinter()
     with target, open_outlets(request.serve, request.view, printer if lines else drop_line, remark) as outlets:
-        walk = run_stream(request, outlets)
-        if out is None and outlets.emit_end is None and lines:  # the lines were served, and nobody asks for more
-            return Answer({}, say_nothing)
-        end = find_end(walk)
+        with doubt_resumed(request.checkpoint):
+            walk = run_stream(request, outlets)
+            if out is None and outlets.emit_end is None and lines:  # the lines were served, and nobody asks for more
+                return Answer({}, say_nothing)
+            end = find_end(walk)
         content = {"source": request.source, **end.summary}
         if out is None:
             outlet = outlets.emit_end or drop_line

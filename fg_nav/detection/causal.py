@@ -222,6 +222,7 @@ class _Search:
         kinds = [[type(part) for part in (*one._windows(), *one._passes)] for one in (self, fresh)]
         whole = kinds[0] == kinds[1] and of_period(self) == of_period(fresh)
         whole = whole and all(map(Sliding.is_sound, self._windows(), fresh._windows()))
+        whole = whole and all(one.is_sound() for one in self._passes)
         return whole and are_samples(*(one.all() for one in (self._t, self._acc, self._gyr)))
 
     def _windows(self) -> list[Sliding]:

@@ -67,6 +67,16 @@ class FreePass:
         self._state: NavState | None = None
         self._still_since_hole = np.array([MANY])
 
+    def is_sound(self) -> bool:
+        """Whether its numbers have the shapes of one that has begun, and are known."""
+        since, fresh = self._still_since_hole, _at_rest(np.eye(3))
+        counts = since.shape == (1,) and since.dtype == int and since[0] >= 0
+        state = fresh if self._state is None else self._state
+        known = all(
+            one.shape == other.shape and bool(np.isfinite(one).all()) for one, other in zip(state, fresh, strict=True)
+        )
+        return bool(counts and known and state.nav_R_body.dtype == float)
+
     def velocity(self, t: Floats, acc: Floats, gyr: Floats, level: Floats) -> Floats:
         """Velocity (n, 3) m/s at each of n samples; `t` (n + 1,) s has the stamp after the last one too."""
         h, hole = np.minimum(np.diff(t), self._longest_step_s), np.diff(t) > LONGEST_HELD_S

@@ -10,11 +10,13 @@ Every object of a record is looked at, by what its class says of itself and by w
     tables          parts of one length, numbers of samples in order and not beyond the last
     samples         (n, 11), their stamps in order; what was bad of each is nothing, or one of two sensors
 
-What is believable and still another walk is not found: a checkpoint is as trusted as a recording.
+What is believable and still another walk is not found: a checkpoint is as trusted as a recording. Where a walk that was
+resumed cannot go on, `doubt_resumed` says so.
 """
 
 from __future__ import annotations
 
+import traceback
 import types
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -25,7 +27,7 @@ from typing import TYPE_CHECKING, Any, Union, get_args, get_origin, get_type_hin
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.errors import FgNavError, FormatError
+from fg_nav.errors import EstimationError, FgNavError, FormatError
 from fg_nav.online.buffer import COLUMNS
 from fg_nav.online.estimates import split_rows
 from fg_nav.online.handover import PathNodes
@@ -122,6 +124,33 @@ def say_damaged(path: Path) -> Iterator[None]:
         raise
     except Exception as error:
         raise _damaged(path, type(error).__name__) from error
+
+
+@contextmanager
+def doubt_resumed(path: Path | None) -> Iterator[None]:
+    """Say where a walk cannot go on that was resumed from a checkpoint, if it was: values may be wrong that can be.
+
+    That may be a bug as well, and so the sentence names the place in the program.
+    """
+    was_resumed = path is not None and path.exists()
+    try:
+        yield
+    except (FgNavError, OSError, MemoryError):
+        raise
+    except Exception as error:
+        if path is None or not was_resumed:
+            raise
+        what = f"{type(error).__name__} in {_find_place(error)}"
+        raise EstimationError(
+            f"the walk resumed from {path.name} cannot go on ({what}): the checkpoint was changed or damaged, or this "
+            "is a bug; begin again without it."
+        ) from error
+
+
+def _find_place(error: Exception) -> str:
+    """Return the last module and line of this package that an error passed."""
+    places = [frame for frame in traceback.extract_tb(error.__traceback__) if "fg_nav" in Path(frame.filename).parts]
+    return f"{Path(places[-1].filename).name}:{places[-1].lineno}"
 
 
 def _damaged(path: Path, what: str) -> FormatError:

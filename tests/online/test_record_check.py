@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fg_nav.detection.causal import CausalStances
-from fg_nav.errors import FormatError
+from fg_nav.errors import EstimationError, FormatError
 from fg_nav.factors.differential_field import Iron
 from fg_nav.online import OnlineNavigator, load
 from fg_nav.online.anchor import Anchor
@@ -16,7 +16,7 @@ from fg_nav.online.buffer import rows_of
 from fg_nav.online.checkpoint import VERSION, Checkpoint
 from fg_nav.online.handover import PathNodes
 from fg_nav.online.packing import pack, unpack
-from fg_nav.online.record_check import find_fault
+from fg_nav.online.record_check import doubt_resumed, find_fault
 from fg_nav.online.record_log import write_records
 from fg_nav.online.saved_state import FootfallTable, RowTable
 from tests.online.walks import NORTH, push, short_walk
@@ -231,6 +231,36 @@ def test_each_part_of_the_search_is_of_its_kind(name):
     stances.push(rows[:, 0], rows[:, 1:4], rows[:, 4:7])
     getattr(stances._search, name)[1] = "smoother"
     assert not stances.is_sound()
+
+
+@pytest.mark.parametrize("part", ["position", "nav_R_body", "since"])
+def test_the_passes_of_the_search_have_their_shapes_and_known_numbers(part):
+    stances, rows = CausalStances(), rows_of(short_walk())[:300]
+    stances.push(rows[:, 0], rows[:, 1:4], rows[:, 4:7])
+    one = stances._search._passes[0]
+    if part == "since":
+        one._still_since_hole = np.array([-1])
+    else:
+        one._state = one._state._replace(**{part: np.full_like(getattr(one._state, part), np.nan)})
+    assert not stances.is_sound()
+    if part != "since":
+        one._state = one._state._replace(**{part: np.zeros(7)})
+        assert not stances.is_sound()
+
+
+def test_a_walk_that_was_resumed_and_cannot_go_on_doubts_its_checkpoint(tmp_path):
+    path = tmp_path / "walk"
+    path.touch()
+    with (
+        pytest.raises(EstimationError, match=r"resumed from walk .*KeyError in record_check.py:\d+.*or this is a bug"),
+        doubt_resumed(path),
+    ):
+        raise KeyError("x")
+    for no_checkpoint in (None, tmp_path / "fresh"):
+        with pytest.raises(KeyError), doubt_resumed(no_checkpoint):
+            raise KeyError("x")
+    with pytest.raises(FormatError), doubt_resumed(path):
+        raise FormatError("as it is")
 
 
 def test_an_object_without_what_its_class_gives_it_is_no_object() -> None:
