@@ -91,7 +91,9 @@ TABLE_VARIATIONS: tuple[Callable[[Table, Rng], Table], ...] = (
 
 
 def _change_cells(table: Table, rng: Rng, change: Callable[[float], float]) -> Table:
-    first, many = int(rng.integers(max(map(len, table), default=1))), int(rng.choice([1, 3]))
+    """Change a column or three, mostly of the left, but the first, which has a change of its own."""
+    others = max(1, max(map(len, table), default=1) - 1)
+    first, many = 1 + int(rng.integers(others, size=2).min()), int(rng.choice([1, 3]))
     start, stop = (0, len(table)) if rng.random() < 0.5 else np.sort(rng.integers(0, len(table) + 1, 2))
     for row in table[start:stop]:
         for k in range(first, min(first + many, len(row))):
