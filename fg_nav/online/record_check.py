@@ -268,9 +268,12 @@ def _is_sound_row_table(table: RowTable, stop: int) -> bool:
         return False
     if table.which.max() >= len(table.words):
         return False
+    sample = table.numbers[:, 0]  # inf and NaN are no whole numbers
+    if not ((sample >= 0) & (sample < stop)).all():
+        return False
     rows = split_rows(table.rows())
-    ordered = (rows.sample >= 0).all() and (rows.sample < stop).all() and (np.diff(rows.t) >= 0).all()
-    return bool(ordered) and _is_rotation(rows.nav_R_body) and all(map(_is_covariance, rows.pose_cov))
+    ordered = bool((np.diff(rows.t) >= 0).all())
+    return ordered and _is_rotation(rows.nav_R_body) and all(map(_is_covariance, rows.pose_cov))
 
 
 def _is_sound_footfall_table(table: FootfallTable, stop: int) -> bool:
