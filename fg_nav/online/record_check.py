@@ -74,10 +74,10 @@ def find_fault(value: object, name: str = "", stop: int = MOST) -> str:
     hints = _hints_of(kind)
     attributes = dict(_list_parts(value, name))
     wrong = (key for key, hint in hints.items() if key not in attributes or not _fits(attributes[key], hint))
-    found = next(wrong, "") or ("" if _is_sound_table(value, stop) else str(kind.__name__))
-    return found or next(
-        filter(None, (find_fault(part, key.split("[")[0], stop) for key, part in attributes.items())), ""
-    )
+    parts = (find_fault(part, key.split("[")[0], stop) for key, part in attributes.items())
+    # The parts are bounded before they are compared.
+    found = next(wrong, "") or next(filter(None, parts), "")
+    return found or ("" if _is_sound_table(value, stop) else str(kind.__name__))
 
 
 def is_in_order(rows: object, columns: int) -> bool:

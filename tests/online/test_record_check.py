@@ -151,6 +151,7 @@ IRON = Iron(np.zeros(3), np.eye(3))
         (ROWS, {"which": np.array([0, 1])}),
         (ROWS, {"numbers": ROWS.numbers[::-1]}),
         (ROWS, {"numbers": -ROWS.numbers}),
+        (ROWS, {"numbers": np.where(np.arange(39) == 9, 1e300, ROWS.numbers)}),
         (ROWS, {"numbers": np.where(np.arange(39) == 0, np.inf, ROWS.numbers)}),
         (ROWS, {"numbers": ROWS.numbers[:, :30]}),
         (ROWS, {"words": "none"}),
