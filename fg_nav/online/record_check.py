@@ -235,6 +235,8 @@ def _is_sound_array(array: np.ndarray[Any, Any], name: str) -> bool:
 def _is_rotation(R: Floats) -> bool:
     R = R.reshape(-1, 3, 3)
     R = R[~np.isnan(R).all(axis=(1, 2))]  # of a footfall without a field
+    if not (np.abs(R) < 1.0 + ORTHONORMAL).all():
+        return False
     product = R @ np.swapaxes(R, -1, -2)
     return bool((np.abs(product - np.eye(3)) < ORTHONORMAL).all() and (np.linalg.det(R) > 0).all())
 

@@ -119,16 +119,20 @@ def find_lasting_problems(t: Floats, acc: Floats, gyr: Floats, mag: Floats | Non
     kept, period = np.flatnonzero(usable), median_period_s(t)
     if 2 * len(kept) < len(t):
         return problems  # most are beyond what any sensor reads: that is no bad sample
-    even = np.arange(len(kept), dtype=np.float64) * (period if period > 0.0 else 1.0)
+    even = np.arange(len(kept), dtype=np.float64) * _assume_period(period)
     kept = kept[~find_outliers(even, acc[kept], gyr[kept]).any]
     if 2 * len(kept) < len(t):
         return problems
     return find_unit_problems(t[kept], acc[kept], gyr[kept], None if mag is None else mag[kept])
 
 
+LATEST = 1e100
+"""Of a stamp in any unit, so that differences are numbers too."""
+
+
 def median_period_s(t: Floats) -> float:
     """Median of the positive steps between stamps; NaN if there is none."""
-    steps = np.diff(t[np.isfinite(t)])
+    steps = np.diff(t[np.abs(t) < LATEST])
     steps = steps[steps > 0]
     return float(np.median(steps)) if steps.size else np.nan
 
@@ -362,9 +366,13 @@ def find_squarable(vectors: Floats, limit: float = 1e6) -> Bools:
 
 
 def _samples_in(duration_s: float, period_s: float) -> int:
-    """Count the samples in a duration, at least 3; stamps in a wrong unit are taken for 200 Hz."""
-    plausible = period_s if _FASTEST_PERIOD_S <= period_s < _SLOWEST_PERIOD_S else 0.005
-    return max(3, round(duration_s / plausible))
+    """Count the samples in a duration, at least 3."""
+    return max(3, round(duration_s / _assume_period(period_s)))
+
+
+def _assume_period(period_s: float) -> float:
+    """Return a period as it is where a sensor can have it, else that of 200 Hz."""
+    return period_s if _FASTEST_PERIOD_S <= period_s < _SLOWEST_PERIOD_S else 0.005
 
 
 def _moving_mean(vectors: Floats, length: int) -> Floats:

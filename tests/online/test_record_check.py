@@ -175,6 +175,19 @@ def test_tables_and_matrices_are_sound_and_changed_ones_are_not(sound, changed):
     assert find_fault(other, stop=40) != ""
 
 
+@pytest.mark.parametrize("sound", [NODES, ROWS, FALLS, ANCHOR, IRON], ids=lambda value: type(value).__name__)
+def test_no_number_of_a_table_makes_its_check_fail(sound):
+    for name, array in (sound._asdict() if isinstance(sound, tuple) else vars(sound)).items():
+        for k in range(array.size if isinstance(array, np.ndarray) else 0):
+            for value in (0, -1, 10**9, 2**62, *((np.nan, np.inf, -np.inf, 1e300, 5e-324) * (array.dtype.kind == "f"))):
+                other = array.copy()
+                other.flat[k] = value
+                changed = {name: other}
+                find_fault(
+                    sound._replace(**changed) if isinstance(sound, tuple) else replace(sound, **changed), stop=40
+                )
+
+
 @pytest.mark.parametrize(
     ("name", "value"), [("_keep", 10**12), ("_first", -1), ("_rows", np.zeros((3, 3))), ("stop", 9999)]
 )

@@ -8,6 +8,7 @@ from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.io import read
 from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.samples.plausibility import (
+    find_lasting_problems,
     find_unit_problems,
     measure_field_strength,
     measure_gravity_transport,
@@ -78,6 +79,15 @@ def test_nonsense_is_borne() -> None:
     nothing = np.full((50, 3), np.nan)
     assert "do not advance" in find_unit_problems(nothing[:, 0], nothing, nothing, nothing)[0]
     assert find_unit_problems(np.empty(0), np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 3)))
+
+
+@pytest.mark.parametrize("stamps", [(1e308,), (1e308, -1e308), (1e99, -1e99, np.inf)])
+def test_a_stamp_beyond_all_bounds_among_ones_that_stand_still_is_borne(stamps: tuple[float, ...]) -> None:
+    raw = tilting(np.random.default_rng(4))
+    raw.t[:] = -1.0
+    raw.t[20 : 20 + len(stamps)] = stamps
+    usable = np.isfinite(raw.t)
+    assert find_lasting_problems(raw.t, raw.acc, raw.gyr, raw.mag, usable)
 
 
 def test_field_strength_of_whole_samples() -> None:
