@@ -158,16 +158,16 @@ def roughness_of_regions(
     reach_m : correlation length of the footfalls' own deviations.
     weight : how many regions the assumption is worth.
     """
-    region = np.concatenate([[0], np.floor(np.cumsum(distance_m) / assumed.length_m)]).astype(np.int64)[seen]
+    place = np.concatenate([[0], np.floor(np.cumsum(distance_m) / assumed.length_m)])
+    region = np.unique(place[seen], return_inverse=True)[1]  # those with a footfall, however far apart
     count = np.bincount(region)
     found = []
     for column, sigma in zip(values[seen].T, own, strict=True):
         limit = CLIP_SIGMAS * sigma
-        mean = np.bincount(region, np.clip(column, -limit, limit))[count > 0] / count[count > 0]
+        mean = np.bincount(region, np.clip(column, -limit, limit)) / count
         left = sigma**2 * min(1.0, 2.0 * reach_m / assumed.length_m)
         found.append(max(float(np.sum(mean**2 - left)), 0.0))
-    regions = int((count > 0).sum())
-    variance = (weight * assumed.sigma**2 + np.mean(found)) / (weight + regions)
+    variance = (weight * assumed.sigma**2 + np.mean(found)) / (weight + len(count))
     return Roughness(float(np.sqrt(variance)), assumed.length_m)
 
 

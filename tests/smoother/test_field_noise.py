@@ -196,6 +196,15 @@ def test_a_homogeneous_field_has_almost_no_regions() -> None:
     assert one.length_m == 20.0
 
 
+def test_regions_far_apart_take_no_memory_between_them() -> None:
+    values, seen, own = np.tile([[1.0, -1.0]], (4, 1)), np.ones(4, dtype=bool), np.full(2, 1.0)
+    near, far = (
+        roughness_of_regions(values, own, seen, np.array([1.0, apart, 1.0]), ASSUMED, 1.0, WEIGHT)
+        for apart in (10.0 * ASSUMED.length_m, 1e30)
+    )
+    assert far == near
+
+
 def test_a_magnet_makes_no_region() -> None:
     rng = np.random.default_rng(0)
     values = 0.5 * rng.standard_normal((400, 2))
