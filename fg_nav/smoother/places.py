@@ -4,8 +4,7 @@
              stretches that agree with each other and with the path   -> ties -> factors -> the walk is solved again
     until    the same stretches are recognized again, or `ROUNDS` are over
 
-A path that was closed is better, so its uncertainty is smaller and what was recognized by accident falls out. Ties of a
-stretch that the solved walk does not meet within `MOST_CHI2` are dropped as well.
+The path of a walk that was closed is compared with itself again, as more of it then lies where it was before.
 
 How far a place of the path may be from where it seems, relative to an earlier one, is what the graph says before it is
 closed: with the covariance of each footfall and with that of each of some `ANCHORS`,
