@@ -52,7 +52,7 @@ class StanceTable:
     pose_cov           (K, 4,4) of east, north, up (m) and yaw about up (rad) together; None
                                 where the estimator does not tell
     same_place         (K,)     earlier footfall at the place, recognized by its field; -1 none
-    place_score        (K,)     log likelihood ratio of that, nats; NaN where there is none
+    place_score        (K,)     log likelihood ratio of that, nats; 0 where there is none
     ================== ======== ==========================================================
     """
 
@@ -87,7 +87,7 @@ class StanceTable:
             *np.rad2deg(self.gyro_bias).T, *self.position_sigma.T, np.rad2deg(self.heading_sigma), self.field,
             self.field_reason, *self.position_cov[:, [0, 0, 1], [1, 2, 2]].T,
             np.full(len(self), -1) if self.same_place is None else self.same_place,
-            np.full(len(self), np.nan) if self.place_score is None else self.place_score,
+            np.zeros(len(self)) if self.place_score is None else self.place_score,
         ]  # fmt: skip
         return pd.DataFrame(dict(zip(STRIDE_COLUMNS, columns, strict=True)))
 

@@ -165,7 +165,7 @@ def _write_note(returns: tuple[Return, ...]) -> str:
 
 def mark_returns(table: StanceTable, returns: Sequence[Return]) -> StanceTable:
     """Write into a table which earlier footfall each was at the place of, by the surest stretch that says so."""
-    same, score = np.full(len(table), -1), np.full(len(table), np.nan)
+    same, score = np.full(len(table), -1), np.zeros(len(table))
     halfway = 0.5 * (table.t[1:] + table.t[:-1])
     for one in sorted(returns, key=lambda of: of.score):
         inside = np.flatnonzero((table.t >= one.t[0]) & (table.t <= one.t[-1]))

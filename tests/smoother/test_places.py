@@ -137,4 +137,4 @@ def test_the_surest_return_marks_a_footfall() -> None:
     assert marked.same_place[15] == 5
     assert marked.place_score[15] == 9.0
     assert marked.same_place[9] == -1
-    assert np.isnan(marked.place_score[9])
+    assert marked.place_score[9] == 0.0
