@@ -42,6 +42,10 @@ class CalibrationError(FgNavError):
     """A calibration cannot be had from a recording, read from a file or applied (`fg_nav.calibration`)."""
 
 
+class PlacesError(FgNavError):
+    """The places of a walk cannot be saved, read from a file or used (`fg_nav.places`)."""
+
+
 class EstimationError(FgNavError):
     """An estimator could not produce a solution (`fg_nav.ekf`, `fg_nav.smoother`)."""
 

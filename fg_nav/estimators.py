@@ -59,7 +59,8 @@ def _smoother(walk: Walk, progress: Progress | None) -> Solution:
     from fg_nav.smoother import smooth
 
     parameters, heading = choose_parameters(walk.options), walk.options.heading_rad
-    return smooth(walk.recording, walk.stances, parameters, heading, progress, walk.field, walk.fixes, walk.extra)
+    given = (walk.field, walk.fixes, walk.extra, walk.known)
+    return smooth(walk.recording, walk.stances, parameters, heading, progress, *given)
 
 
 def _inertial(walk: Walk, progress: Progress | None) -> Solution:

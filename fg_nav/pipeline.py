@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING
 
 from fg_nav.detection.handedness import refuse_wrong_axes
 from fg_nav.detection.swing_axes import measure_swing_axes
-from fg_nav.estimators import Progress, estimate
+from fg_nav.estimators import Progress
+from fg_nav.on_places import estimate_on_places
 from fg_nav.recording import Recording
 from fg_nav.result import Result
 from fg_nav.truth import Fix, Truth
@@ -113,7 +114,7 @@ def prepare_walk(walk: Walk) -> Walk:
 
 def run_method(walk: Walk, method: str, progress: Progress | None = None) -> Outcome:
     """Estimate the trajectory of a prepared walk by one method, and measure it against the truth if there is one."""
-    # the dense trajectory, and one row a stance, with uncertainties
-    solution = estimate(walk, method, progress)
+    # the dense trajectory, and one row a stance, with uncertainties; on the places of an earlier walk if there are some
+    solution = estimate_on_places(walk, method, progress)
     # distance, closure, and errors where there is a truth
     return evaluate_solution(walk, solution)

@@ -142,6 +142,84 @@ class Return:
 
 
 @dataclass(frozen=True)
+class KnownStretch:
+    """A stretch of a walk that was recognized as one of an earlier walk whose places were saved.
+
+    Attributes
+    ----------
+    t, known_t : (M,) s, of its points, and of those of the earlier walk at the same places, in that one's time.
+    opposite, length_m, score, expected_false : as of a `Return`.
+    """
+
+    t: Floats
+    known_t: Floats
+    opposite: bool
+    length_m: float
+    score: float
+    expected_false: float
+
+    def describe(self) -> dict[str, object]:
+        """Return what goes into `summary.json`."""
+        return {
+            "begin_s": float(self.t[0]),
+            "end_s": float(self.t[-1]),
+            "known_begin_s": float(self.known_t[0]),
+            "known_end_s": float(self.known_t[-1]),
+            "opposite": self.opposite,
+            "length_m": self.length_m,
+            "score": self.score,
+            "expected_false": self.expected_false,
+        }
+
+
+@dataclass(frozen=True)
+class Located:
+    """Where a walk begins in the frame of an earlier one whose places were saved.
+
+    Attributes
+    ----------
+    position : (3,) m, of its first footfall.
+    heading : rad clockwise from north, of the body's x axis there.
+    sigma : (4,) of position, m, and heading, rad.
+    expected_false : recognitions as good as this one that chance would make.
+    recording : name of that of the earlier walk.
+    stretches : that were recognized.
+    """
+
+    position: Floats
+    heading: float
+    sigma: Floats
+    expected_false: float
+    recording: str
+    stretches: tuple[KnownStretch, ...]
+
+    @property
+    def sentence(self) -> str:
+        """In words for people."""
+        first, length = self.stretches[0], sum(one.length_m for one in self.stretches)
+        (x, y, z), sigma = self.position, float(np.hypot(*self.sigma[:2]))
+        return (
+            f"on the places of {self.recording or 'an earlier walk'}, by {length:.0f} m that were recognized, first "
+            f"the stretch from {first.t[0]:.0f} to {first.t[-1]:.0f} s as its {first.known_t[0]:.0f} to "
+            f"{first.known_t[-1]:.0f} s: the start is at {x:.2f}, {y:.2f}, {z:.2f} m within {sigma:.2f} m (1 sigma), "
+            f"its heading {np.rad2deg(self.heading) % 360.0:.1f} deg within {np.rad2deg(self.sigma[3]):.1f}"
+        )
+
+    def describe(self) -> dict[str, object]:
+        """Return what goes into `summary.json`."""
+        names = ("sigma_x_m", "sigma_y_m", "sigma_z_m")
+        return {
+            **dict(zip(("x_m", "y_m", "z_m"), map(float, self.position), strict=True)),
+            "heading_deg": float(np.rad2deg(self.heading) % 360.0),
+            **dict(zip(names, map(float, self.sigma[:3]), strict=True)),
+            "sigma_heading_deg": float(np.rad2deg(self.sigma[3])),
+            "expected_false": self.expected_false,
+            "recording": self.recording,
+            "stretches": [one.describe() for one in self.stretches],
+        }
+
+
+@dataclass(frozen=True)
 class Solution:
     """A walk as an estimator saw it. Arrays are at the recording's rate.
 
@@ -154,6 +232,8 @@ class Solution:
     `polished` is the batch solution of the same walk, where an online estimator was asked for it.
     `recording` has the samples as they were integrated, with clipped peaks as high and rates of the scale that the walk
     showed; None where they are those that were given. `returns` are the stretches at which the walk was before.
+    `located` says where it begins in the frame of an earlier walk, which is then that of all of it; None where it is in
+    a frame of its own.
 
     Examples
     --------
@@ -180,6 +260,7 @@ class Solution:
     polished: Solution | None = None
     recording: Recording | None = None
     returns: tuple[Return, ...] = ()
+    located: Located | None = None
 
     def to_dataframe(self, footfalls: bool = False) -> pd.DataFrame:
         """Return the path as a table.

@@ -38,7 +38,9 @@ from fg_nav.truth import Fix, TrajectoryTruth, Truth
 
 if TYPE_CHECKING:
     from fg_nav.calibration.of_recording import Calibration
+    from fg_nav.places import SavedPlaces
     from fg_nav.smoother import ExtraFactors
+    from fg_nav.smoother.known_places import KnownTies
 
 Mount: TypeAlias = Literal["foot", "pocket"]
 """Where the sensor is worn."""
@@ -75,6 +77,7 @@ class Options:
     changes : parameters to override, by the method's name and their dotted name, as `smoother.magnetic.rounds`; those
         of the stances as `detector.threshold`; ignored for a pocket.
     polish : whether the online method solves the walk in batch as well.
+    places_path : file with the places of an earlier walk, on which this one is to be located; None without.
 
     Examples
     --------
@@ -97,6 +100,7 @@ class Options:
     changes: Changes = ()
     mag_axes: MagAxes | None = None
     polish: bool = False
+    places_path: Path | None = None
 
     @property
     def heading_rad(self) -> float | None:
@@ -126,6 +130,8 @@ class Walk:
     magnetometer : its delay and its axes, as `correct_walk` found them; None before, and where it is not used.
     fixes : positions known from elsewhere; used by the smoother only.
     extra : makes factors of the user's own; used by the smoother only.
+    places : of an earlier walk, on which this one is to be located; used by the smoother only.
+    known : footfalls at these places, where they were recognized, for the smoother.
     """
 
     recording: Recording
@@ -141,6 +147,8 @@ class Walk:
     magnetometer: AlignedMagnetometer | None = None
     fixes: tuple[Fix, ...] = ()
     extra: ExtraFactors | None = None
+    places: SavedPlaces | None = None
+    known: KnownTies | None = None
 
     @classmethod
     def of(cls, recording: Recording, options: Options = Options(), calibration: Calibration | None = None) -> Walk:
@@ -194,7 +202,7 @@ def read_walk(path: Path | str | Recording, options: Options = Options(), readin
 
     Raises
     ------
-    FormatError, RecordingError, CalibrationError
+    FormatError, RecordingError, CalibrationError, PlacesError
         If a file cannot be read, or the recording cannot be navigated with.
     """
     truth = None if options.truth_path is None else read_truth(options.truth_path)
@@ -204,10 +212,15 @@ def read_walk(path: Path | str | Recording, options: Options = Options(), readin
         from fg_nav.calibration.of_recording import read_calibration
 
         calibration = read_calibration(options.calibration_path)
+    places = None
+    if options.places_path is not None:
+        from fg_nav.places import read_places
+
+        places = read_places(options.places_path)
     recording = path if isinstance(path, Recording) else reading.read(path)
     recording = recording if truth is None else replace(recording, truth=truth)
     return_freed()
-    return replace(Walk.of(recording, options, calibration), fixes=fixes)
+    return replace(Walk.of(recording, options, calibration), fixes=fixes, places=places)
 
 
 def add_known(

@@ -178,6 +178,18 @@ FixesPath = Annotated[
         help="Known positions for the smoother: CSV time_s,x_m,y_m,z_m,sigma_m, m east, north and up of the start.",
     ),
 ]
+KnownPlaces = Annotated[
+    Path | None,
+    typer.Option(
+        "--places",
+        metavar="FILE",
+        help="Places of an earlier walk in the same building: this one is located on them, by the smoother.",
+    ),
+]
+PlacesToSave = Annotated[
+    Path | None,
+    typer.Option("--save-places", metavar="FILE", help="Save the places of this walk, for --places of later ones."),
+]
 AlignmentMode = Annotated[
     Literal["yaw", "none", "origin", "se3"],
     typer.Option("--alignment", help="How the solution is laid on the truth before errors are counted."),
@@ -244,6 +256,9 @@ KnownDistance = Annotated[
     ),
 ]
 Force = Annotated[bool, typer.Option("--force", help="Replace an older result in the folder.")]
+ForceAll = Annotated[
+    bool, typer.Option("--force", help="Replace an older result in the folder, and the file of --save-places.")
+]
 Strict = Annotated[bool, typer.Option("--strict", help="Exit with 1 if the path is not to be used; it is written.")]
 Seed = Annotated[int, typer.Option(min=0, help="Draws person, sensor, walk, field and noise.")]
 OutDir = Annotated[

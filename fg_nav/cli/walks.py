@@ -83,6 +83,8 @@ def run(
     gate: given.GateName = None,
     preset: given.Preset = "tuned",
     fixes: given.FixesPath = None,
+    places: given.KnownPlaces = None,
+    save_places: given.PlacesToSave = None,
     polish: given.Polish = False,
     format: given.FormatName = None,
     columns: given.ColumnMapping = None,
@@ -91,7 +93,7 @@ def run(
     alignment: given.AlignmentMode = "yaw",
     plots: given.PlotsChoice = "html",
     out: given.OutDir = None,
-    force: given.Force = False,
+    force: given.ForceAll = False,
     strict: given.Strict = False,
     config: given.ConfigPath = None,
     settings: given.Settings = None,
@@ -107,12 +109,12 @@ def run(
     check_methods([method], gate, polish)
     known, changes = _read_parameters(config, settings, [method], mount, preset)
     options = choose_options(
-        not no_mag, heading, alignment, truth, gate, calibration, preset, fixes, mag_axes, polish, changes
+        not no_mag, heading, alignment, truth, gate, calibration, preset, fixes, mag_axes, polish, changes, places
     )
     options = wear(options, mount, (step_constant, known_distance), gate, preset)
     reading = choose_reading(format, columns, rate, sensor)
     with answering(json, quiet) as answer:
-        answer(run(recordings, RunRequest(method, options, reading, plots, out, force, strict, known)))
+        answer(run(recordings, RunRequest(method, options, reading, plots, out, force, strict, known, save_places)))
 
 
 def _read_parameters(

@@ -124,6 +124,7 @@ def choose_options(
     mag_axes: str | None = None,
     polish: bool = False,
     changes: Changes = (),
+    places: Path | None = None,
 ) -> Options:
     """Return the options of a walk; refuse a preset or a gate that there is not, or that has nothing to judge."""
     from fg_nav.magnetic.axes import MagAxes
@@ -139,7 +140,7 @@ def choose_options(
         raise MagneticError("--no-mag leaves --mag-axes nothing to turn: give one of them.")
     given = (use_magnetometer, heading_deg, alignment, truth, chosen, calibration, preset, fixes)
     axes = None if mag_axes is None else MagAxes.parse(mag_axes)
-    return Options(*given, changes=changes, mag_axes=axes, polish=polish)
+    return Options(*given, changes=changes, mag_axes=axes, polish=polish, places_path=places)
 
 
 def choose_reading(format: str | None, columns: str | None, rate_hz: float | None, sensor: str | None) -> Reading:

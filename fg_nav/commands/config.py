@@ -39,6 +39,7 @@ class Given(BaseModel):
     use_magnetometer: bool
     mag_axes: str | None
     calibration: str | None
+    places: str | None = None
     alignment: Literal["yaw", "none", "origin", "se3"]
     polish: bool
     step_constant_m: float | None
@@ -84,6 +85,7 @@ def list_defaults(config: Config) -> dict[str, object]:
         "no_mag": not given.use_magnetometer,
         "mag_axes": given.mag_axes,
         "calibration": given.calibration,
+        "places": given.places,
         "alignment": given.alignment,
         "polish": given.polish,
         "step_constant": given.step_constant_m,

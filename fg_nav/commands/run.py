@@ -14,19 +14,21 @@ from typing import TYPE_CHECKING
 
 from fg_nav.commands import TUNED, Answer, Target, name_walk, run_methods, simulate_walk
 from fg_nav.commands.several import answer_each, name_walks, show_number
-from fg_nav.errors import EstimationError, VerdictError
+from fg_nav.errors import EstimationError, PlacesError, VerdictError
 from fg_nav.estimators import DEFAULT_METHOD, ONLINE, WITH_OWN_DETECTOR, find_estimator
 from fg_nav.io import Reading
 from fg_nav.pipeline import navigate, prepare_walk
 from fg_nav.report import Plots
 from fg_nav.report.files import Summary, write_comparison, write_run
-from fg_nav.report.folder import DEMO_FILES
+from fg_nav.report.folder import DEMO_FILES, check_file_free, result_file
 from fg_nav.report.terminal import print_results, progress
 from fg_nav.verdict import UNUSABLE
 from fg_nav.walk import Mount, Options, Walk, read_walk
 
 if TYPE_CHECKING:
     from fg_nav.commands.config import Config
+    from fg_nav.places import SavedPlaces
+    from fg_nav.result import Result
 
 
 @dataclass(frozen=True)
@@ -41,6 +43,7 @@ class RunRequest:
     out, force : the folder of the result, and whether to replace one; of several recordings the folder of theirs.
     strict : a path that is not to be used is a failure.
     config : whose options of its own recording are taken too; None without.
+    save_places : file for the places of the walk; None without.
     """
 
     method: str
@@ -51,6 +54,7 @@ class RunRequest:
     force: bool = False
     strict: bool = False
     config: Config | None = None
+    save_places: Path | None = None
 
 
 RESULT_COLUMNS = {
@@ -74,10 +78,16 @@ def run(recordings: Sequence[Path], request: RunRequest) -> Answer:
     """
     options = request.options
     find_estimator(request.method, options.mount or "foot")
+    _check_places(request)
     recordings = list(dict.fromkeys(recordings))
     if len(recordings) == 1:
         return _run_one(request, recordings[0])
-    own = {"--truth": options.truth_path, "--fixes": options.fixes_path, "--known-distance": options.known_distance_m}
+    own = {
+        "--truth": options.truth_path,
+        "--fixes": options.fixes_path,
+        "--known-distance": options.known_distance_m,
+        "--save-places": request.save_places,
+    }
     for option, value in own.items():
         if value is not None:
             raise EstimationError(f"{option} is of one recording: run the {len(recordings)} one by one.")
@@ -87,17 +97,56 @@ def run(recordings: Sequence[Path], request: RunRequest) -> Answer:
     return answer_each(recordings, lambda one: _run_one(replace(request, out=places[one]), one), RESULT_COLUMNS)
 
 
+def _check_places(request: RunRequest) -> None:
+    """Refuse places where the method has no use of them, or cannot be saved, before the work."""
+    options = request.options
+    if options.places_path is None and request.save_places is None:
+        return
+    from fg_nav.on_places import check_method
+    from fg_nav.places.saved import is_places
+
+    if options.places_path is not None:
+        check_method(request.method, options.mount)
+    if not options.use_magnetometer or options.mount == "pocket":
+        raise PlacesError(
+            "places are known by the magnetic field along a foot's path: leave out --places and --save-places, or "
+            "--no-mag and --mount pocket."
+        )
+    if request.save_places is not None:
+        check_file_free(request.save_places, is_places, request.force)
+
+
+def _save_places(request: RunRequest, places: SavedPlaces) -> None:
+    from fg_nav.places.saved import is_places, write_places
+
+    assert request.save_places is not None
+    with result_file(request.save_places, is_places, request.force) as fresh:
+        write_places(fresh, places)
+
+
+def _take_places(request: RunRequest, result: Result) -> SavedPlaces | None:
+    if request.save_places is None:
+        return None
+    from fg_nav.on_places import take_places
+
+    return take_places(result.walk, result.outcome.solution)
+
+
 def _run_one(request: RunRequest, recording: Path) -> Answer:
     method, strict, options = request.method, request.strict, request.options
     if request.config is not None:
         from fg_nav.commands.config import bind_to_recording
 
         options = bind_to_recording(options, request.config, recording)
-    target = Target(request.out, request.force, f"{name_walk(recording)}-{method}")
+    force = request.force and (request.out is not None or request.save_places is None)
+    target = Target(request.out, force, f"{name_walk(recording)}-{method}")
     with target, progress(method) as report:
         result = navigate(read_walk(recording, options, request.reading), method, progress=report)
+        places = _take_places(request, result)
         with target.open() as folder:
             summary = write_run(folder, result.walk, result.outcome, request.plots)
+        if places is not None:
+            _save_places(request, places)
     failure = None
     if strict and summary["verdict"] == UNUSABLE:
         failure = VerdictError(f"the path is not to be used: see its reasons in {target.place / 'summary.json'}.")

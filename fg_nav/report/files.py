@@ -42,7 +42,7 @@ SUMMARY_KEYS = (
     "method", "duration_s", "distance_m", "strides", "closure_m", "closure_percent", "runtime_s",
     "realtime_factor", "end_m", "end_sigma_m", "verdict", "reasons",
 )  # fmt: skip
-_STRUCTURED = ("magnetometer_delay",)
+_STRUCTURED = ("magnetometer_delay", "located")
 """Of the summary, what is no figure and may be null; lists and dictionaries are none either."""
 
 TRUTH_KEYS = ("rmse_2d_m", "rmse_3d_m", "end_error_m", "max_error_m", "heading_rmse_deg", "alignment")
@@ -197,6 +197,8 @@ def summarize(walk: Walk, outcome: Outcome) -> Summary:
     figures |= {"verdict": verdict.word, "reasons": list(verdict.reasons)}
     if solution.returns:
         figures["returns"] = [one.describe() for one in solution.returns]
+    if walk.places is not None:
+        figures["located"] = None if solution.located is None else solution.located.describe()
     about = {"magnetometer": describe_magnetometer(walk, outcome), "magnetometer_delay": describe_delay(walk)}
     return figures | about | {"notes": notes}
 
@@ -264,6 +266,7 @@ def describe_given(walk: Walk, method: str) -> dict[str, object]:
         "use_magnetometer": options.use_magnetometer,
         "mag_axes": None if options.mag_axes is None else str(options.mag_axes),
         "calibration": _text(options.calibration_path),
+        "places": _text(options.places_path),
         "alignment": options.alignment,
         "polish": options.polish,
         "step_constant_m": options.step_constant_m,

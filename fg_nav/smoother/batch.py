@@ -2,8 +2,8 @@
 
 problem       rests, lever, swing noise; nodes, factors and initial values; first solution; bias walk
               (`problem.walk_problem`, which calls `graph.build_problem`)
-fixes         known positions, and factors of the caller's own (`own_factors`), added to the first solution
-              (`constraints`), which is solved again
+fixes         known positions, factors of the caller's own (`own_factors`) and places of an earlier walk
+              (`known_places`), added to the first solution (`constraints`), which is solved again
 constraints   level floors found on that solution, and straight stretches where they are asked for
 solve         Gauss-Newton (`solver`), where the field is not used
 differential  field while the foot stands: factors on the gyro bias (`differential`)
@@ -40,6 +40,7 @@ from fg_nav.smoother.differential import write_note
 from fg_nav.smoother.floors import write_floor_note
 from fg_nav.smoother.graph import Trajectory, prepare_trajectory, solve
 from fg_nav.smoother.gyro_scale import estimate_gyro_scale, shows_heading
+from fg_nav.smoother.known_places import KnownTies, add_known_places
 from fg_nav.smoother.moving_foot import spread_moving_foot
 from fg_nav.smoother.own_factors import ExtraFactors, GraphNodes
 from fg_nav.smoother.parameters import SmootherParameters
@@ -63,6 +64,7 @@ def smooth(
     field: FootfallField | None = None,
     fixes: Sequence[Fix] = (),
     extra: ExtraFactors | None = None,
+    known: KnownTies | None = None,
 ) -> Solution:
     """Smooth a walk.
 
@@ -86,6 +88,8 @@ def smooth(
         Makes factors of your own: it is given the variables of the walk (`GraphNodes`) and returns a
         `gtsam.NonlinearFactorGraph`, which joins the walk's before it is solved, in all rounds (`own_factors`). It may
         be called several times.
+    known
+        Footfalls at places known from an earlier walk, in whose frame it is then solved (`known_places`).
 
     Raises
     ------
@@ -102,7 +106,7 @@ def smooth(
     """
     _compile()
     _check(recording, stances, field)
-    draft = _smooth(recording, stances, parameters, heading, progress, field, fixes, extra)[-1]
+    draft = _smooth(recording, stances, parameters, heading, progress, field, fixes, extra, known)[-1]
     return draft.finish()
 
 
@@ -192,6 +196,7 @@ def _smooth(
     field: FootfallField | None,
     fixes: Sequence[Fix],
     extra: ExtraFactors | None,
+    known: KnownTies | None = None,
 ) -> tuple[SolvedWalk, FootfallCovariance, _Draft]:
     began = perf_counter()
     solve_again = partial(
@@ -202,6 +207,7 @@ def _smooth(
         field=field,
         fixes=fixes,
         extra=extra,
+        known=known,
     )
     # A bias that is too large for its prior is the sign of a sensor that was not calibrated: solved with a wider one.
     walk, parameters, of_bias = _fit_bias_prior(solve_again, recording, parameters)
@@ -226,20 +232,23 @@ def _solve_from_samples(
     field: FootfallField | None,
     fixes: Sequence[Fix],
     extra: ExtraFactors | None,
+    known: KnownTies | None,
 ) -> SolvedWalk:
     # The walk by its inertial sensor and its stances, with values near the minimum.
     # Where the field is not used it does not show how the person turned over a hole in the samples either.
     magnetic = parameters.magnetic if field is not None else replace(parameters.magnetic, compass=False)
     problem = walk_problem(recording, stances, heading, replace(parameters, magnetic=magnetic), progress)
     problem = replace(problem, parameters=replace(problem.parameters, magnetic=parameters.magnetic))
-    # Fixes and factors of the caller's own need that solution to be placed, and constraints between footfalls the one
-    # with them.
+    # Fixes, factors of the caller's own and known places need that solution to be placed, and constraints between
+    # footfalls the one with them.
     if fixes:
         refuse_far_fixes(problem, fixes)
         problem = add_fixes(problem, problem.values, fixes)
     if extra is not None:
         problem = add_own(problem, problem.values, extra)
-    if fixes or extra is not None:
+    if known is not None:
+        problem = add_known_places(problem, known)
+    if fixes or extra is not None or known is not None:
         problem = replace(problem, values=solve(problem, FIRST_CONVERGENCE).values)
     return solve_walk(add_constraints(problem, problem.values), field)
 

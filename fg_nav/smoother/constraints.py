@@ -131,6 +131,11 @@ def pin_to_times(fixes: Sequence[Fix], t_node: Floats) -> PinnedFixes:
     )
 
 
+def find_nearest_nodes(t: Floats, t_node: Floats) -> Ints:
+    """Nodes (K,) nearest to instants (K,) s, among those at `t_node` (n,) s."""
+    return np.asarray(np.abs(t[:, None] - t_node).argmin(axis=1))
+
+
 def _node_of(fix: Fix, t_node: Floats) -> int:
     """Index of the node nearest to a fix in time."""
     check_fix(fix)

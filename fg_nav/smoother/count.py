@@ -11,13 +11,15 @@ import numpy as np
 from fg_nav.factors.residual import LETTER_SHIFT
 from fg_nav.smoother.constraints import FixFactors
 from fg_nav.smoother.graph import WalkProblem
+from fg_nav.smoother.known_places import KnownPlaceFactors
 from fg_nav.smoother.own_factors import OwnFactors
 from fg_nav.smoother.strides import INERTIAL_KEYS
 
 KINDS = ("imu", "zero_velocity", "magnetic_heading", "differential_field", "field_potential", "gated_out")
 """As in `summary.json`; `gated_out` are the footfalls with a field whose heading the gate left out.
 
-Factors of the caller's own stand with them as `own`, fixes as `position_fix`, places recognized as `same_place`.
+Factors of the caller's own stand with them as `own`, fixes as `position_fix`, places recognized as `same_place`,
+those of an earlier walk as `known_place`.
 """
 
 POSITION_FIX = "position_fix"
@@ -48,6 +50,9 @@ def count_factors(problem: WalkProblem) -> Counter[str]:
     fixes = sum(len(list(block.factors())) for block in problem.constraints if isinstance(block, FixFactors))
     if fixes:
         counts[POSITION_FIX] = fixes
+    known = sum(len(list(block.factors())) for block in problem.constraints if isinstance(block, KnownPlaceFactors))
+    if known:
+        counts["known_place"] = known
     own = sum(len(block) for block in problem.constraints if isinstance(block, OwnFactors))
     if own:
         counts["own"] = own

@@ -88,17 +88,18 @@ class Known:
 
 @dataclass(frozen=True)
 class StartPrior:
-    """The gauge: position zero at the first node, this attitude (3, 3), its heading with a sigma in rad."""
+    """The gauge: position zero at the first node, this attitude (3, 3); sigmas of its heading, rad, and place, m."""
 
     nav_R_body: Floats
     heading_sigma: float
+    place_sigma: float = GAUGE_SIGMA
 
     def factor(self, p: SmootherParameters) -> gtsam.PriorFactorPose3:
         """Return it as a prior on the first pose, with the tilt of levelling."""
         pose = gtsam.Pose3(gtsam.Rot3(self.nav_R_body), np.zeros(3))
         tilt = np.radians(p.tilt_sigma_deg)
         nav_rotation = np.diag([tilt, tilt, self.heading_sigma]) ** 2
-        covariance = np.eye(6) * GAUGE_SIGMA**2
+        covariance = np.eye(6) * self.place_sigma**2
         covariance[:3, :3] = self.nav_R_body.T @ nav_rotation @ self.nav_R_body
         return gtsam.PriorFactorPose3(X(0), pose, gtsam.noiseModel.Gaussian.Covariance(covariance))
 

@@ -1,0 +1,288 @@
+"""Where a walk is on the places of an earlier one: from stretches that were recognized to its start and heading there.
+
+Symbols: b (P, 3) m the mean places of pieces of the walk in its own frame, q (P, 3) those of the known walk that they
+were recognized as, h the direction of walking there; c the origin of the walk's frame, its start, in the known frame
+and psi the turn about up that takes the walk's frame into the known one. Frames: both East-North-Up, their north may
+differ.
+
+    q = c + Rot(psi) b + error,      h_known - h = psi + error.
+
+Each stretch is cut into pieces of `PIECE_M`. The errors of a piece have three parts,
+
+    tie     as in `recognition`: along the path ALONG_SIGMA_M, to its side LATERAL_SIGMA_M, up LEVEL_SIGMA_M, with an
+            independent error every `AVERAGE_M`; of the direction HEADING_SIGMA_RAD; independent from piece to piece
+    drift   of the walk since its start, sigma(d) of `Uncertainty`: two pieces share that of the earlier one, of the
+            direction too
+    map     of the known walk, its own sigma: two pieces share the smaller one
+
+and c and psi are those of generalized least squares, with their covariance.
+
+Stretches that do not agree are left out. A set is grown from each of the heaviest stretches, heaviest first: one joins
+if its pieces lie within `MOST_CHI2` of the transform of those that are in already, with the covariance of both. The set
+with the largest score is taken. Its expected number of false recognitions is that of its surest stretch, and the odds
+of each set that lies elsewhere (`ELSEWHERE_SIGMAS`),
+
+    expected = min over the set of expected(S) + sum over other sets of exp(-lambda (S_set - S_other)),
+
+S_set the sum of scores of its stretches where they do not overlap. Above `LONE_EXPECTED` nothing is said.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fg_nav.arrays import Floats, Ints
+from fg_nav.frames import wrap_angle, yaw_rotation
+from fg_nav.places.candidates import Drift
+from fg_nav.places.consistency import LONE_EXPECTED
+from fg_nav.places.recognition import (
+    ALONG_SIGMA_M,
+    AVERAGE_M,
+    HEADING_SIGMA_RAD,
+    LATERAL_SIGMA_M,
+    Stretch,
+    recognize_known,
+)
+from fg_nav.places.saved import SavedPlaces
+from fg_nav.places.signature import SPACING_M, Signature
+
+PIECE_M = 8.0
+"""Of a stretch: some strides, and short against what drifts."""
+
+LEVEL_SIGMA_M = 0.2
+"""Of the heights of two passes."""
+
+MOST_CHI2 = 18.5
+"""chi^2 of four degrees of freedom that one true piece in a thousand exceeds."""
+
+MOST_SETS = 20
+"""Stretches that a set is grown from."""
+
+ELSEWHERE_SIGMAS, ELSEWHERE_M = 4.0, 2.0
+"""Two sets whose starts differ by more say that the walk is at two places."""
+
+STEPS = 4
+"""Of Gauss-Newton, from a turn that is right to some degrees."""
+
+DRIFT = Drift(position_share=0.01)
+"""Of the solution over the first hundreds of meters."""
+
+
+@dataclass(frozen=True)
+class Pieces:
+    """Of recognized stretches, P pieces: `stretch` (P,) is the number of that which each belongs to.
+
+    `t` (P,) s and `walked_m` (P,) when and after how much of the walk, `place` (P, 3) m there, `known` (P, 3) m the
+    place in the known frame, `heading` (P,) rad the direction there, `turn` (P,) rad by how much it is turned from that
+    of the walk, `map_sigma` (P, 3) m and `count` (P,) independent errors that the means are of.
+    """
+
+    stretch: Ints
+    t: Floats
+    walked_m: Floats
+    place: Floats
+    known: Floats
+    heading: Floats
+    turn: Floats
+    map_sigma: Floats
+    count: Floats
+
+    def take(self, rows: Ints) -> Pieces:
+        """Return some of them."""
+        return Pieces(**{name: value[rows] for name, value in vars(self).items()})
+
+    @property
+    def tie_covariance(self) -> Floats:
+        """Covariance (P, 3, 3) m^2 of the place of each, without drift and map."""
+        c, s, none, one = np.cos(self.heading), np.sin(self.heading), 0.0 * self.heading, 1.0 + 0.0 * self.heading
+        axes = np.moveaxis(np.array([[c, -s, none], [s, c, none], [none, none, one]]), 2, 0)
+        variance = np.array([ALONG_SIGMA_M, LATERAL_SIGMA_M, LEVEL_SIGMA_M]) ** 2
+        of_each = variance / np.stack([self.count, self.count, one], axis=1)
+        return np.asarray((axes * of_each[:, None, :]) @ np.swapaxes(axes, 1, 2))
+
+
+@dataclass(frozen=True)
+class Location:
+    """Where a walk is in the frame of a known one.
+
+    Attributes
+    ----------
+    start : (3,) m, the origin of the walk's frame in the known one.
+    turn_rad : counterclockwise, from the walk's frame to the known one.
+    covariance : (4, 4) of start (m) and turn (rad).
+    expected_false : recognitions as good as this one that chance would make.
+    stretches : that agree on it; their `earlier` are points of the known walk.
+    pieces : of these.
+    """
+
+    start: Floats
+    turn_rad: float
+    covariance: Floats
+    expected_false: float
+    stretches: tuple[Stretch, ...]
+    pieces: Pieces
+
+    @property
+    def map_variance(self) -> Floats:
+        """(3,) m^2 of the known walk itself at the places that were recognized."""
+        return np.asarray(np.mean(self.pieces.map_sigma**2, axis=0))
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """Transform x (4,), start and turn, with its covariance (4, 4), by some pieces."""
+
+    x: Floats
+    covariance: Floats
+
+
+def locate(path: Signature, known: SavedPlaces) -> Location | None:
+    """Find where a walk is on known places; None where it is not recognized, or at more than one place."""
+    found = recognize_known(path, known.path)
+    if not found.stretches:
+        return None
+    pieces = _cut_pieces(path, known, found.stretches)
+    sets = [_grow(pieces, found.stretches, start) for start in range(min(len(found.stretches), MOST_SETS))]
+    scores = [_total_score(found.stretches, members) for members in sets]
+    best = int(np.argmax(scores))
+    fit = _fit(pieces.take(_rows_of(pieces, sets[best])), None)
+    rivals = _list_rivals(pieces, sets, fit)
+    odds = sum(np.exp(-found.chance.decay * max(scores[best] - scores[k], 0.0)) for k in rivals)
+    expected = min(found.stretches[k].expected_false for k in sets[best]) + float(odds)
+    if expected >= LONE_EXPECTED:
+        return None
+    members = tuple(found.stretches[k] for k in sets[best])
+    of_set = pieces.take(_rows_of(pieces, sets[best]))
+    return Location(fit.x[:3], _mean_angle(fit.x[3:]), fit.covariance, expected, members, of_set)
+
+
+def _cut_pieces(path: Signature, known: SavedPlaces, stretches: Sequence[Stretch]) -> Pieces:
+    rows = [row for k, stretch in enumerate(stretches) for row in _pieces_of(path, known, k, stretch)]
+    columns = zip(*rows, strict=True)
+    return Pieces(*(np.array(column) for column in columns))
+
+
+def _pieces_of(
+    path: Signature, known: SavedPlaces, number: int, stretch: Stretch
+) -> Iterator[tuple[int | float | Floats, ...]]:
+    """Yield the pieces of a stretch, in the order of the columns of `Pieces`."""
+    count = max(round(stretch.length_m / PIECE_M), 1)
+    for later, earlier in zip(
+        np.array_split(stretch.later, count), np.array_split(stretch.earlier, count), strict=True
+    ):
+        heading = _mean_angle(_at(earlier, known.path.heading)) + (np.pi if stretch.opposite else 0.0)
+        yield (
+            number,
+            float(_at(later, path.t).mean()),
+            float(_at(later, path.distance_m).mean()),
+            _rows_at(later, path.position).mean(axis=0),
+            _rows_at(earlier, known.path.position).mean(axis=0),
+            heading,
+            _mean_angle(heading - _at(later, path.heading)),
+            _rows_at(earlier, known.sigma_m).mean(axis=0),
+            max(len(later) * SPACING_M / AVERAGE_M, 1.0),
+        )
+
+
+def _at(points: Floats, values: Floats) -> Floats:
+    return np.asarray(np.interp(points, np.arange(len(values)), values))
+
+
+def _rows_at(points: Floats, values: Floats) -> Floats:
+    return np.stack([_at(points, column) for column in values.T], axis=1)
+
+
+def _mean_angle(angles: Floats) -> float:
+    return float(np.angle(np.mean(np.exp(1j * angles))))
+
+
+def _rows_of(pieces: Pieces, members: Sequence[int]) -> Ints:
+    return np.flatnonzero(np.isin(pieces.stretch, members))
+
+
+def _grow(pieces: Pieces, stretches: Sequence[Stretch], start: int) -> list[int]:
+    """Grow the set of stretches that agree with one; the heaviest come first as they are listed."""
+    members = [start]
+    fit = _fit(pieces.take(_rows_of(pieces, members)), None)
+    for k in range(len(stretches)):
+        one = pieces.take(_rows_of(pieces, [k]))
+        if k != start and _agrees(one, fit):
+            members.append(k)
+            fit = _fit(pieces.take(_rows_of(pieces, members)), fit)
+    return members
+
+
+def _agrees(one: Pieces, fit: _Fit) -> bool:
+    """Whether all pieces of a stretch lie where a transform has them."""
+    residual, jacobian = _linearize(one, fit.x)
+    covariance = _covariance_of(one) + jacobian @ fit.covariance @ jacobian.T
+    each = residual.reshape(-1, 4)
+    blocks = [covariance[4 * k : 4 * k + 4, 4 * k : 4 * k + 4] for k in range(len(each))]
+    chi2 = [r @ np.linalg.solve(block, r) for r, block in zip(each, blocks, strict=True)]
+    return bool(np.max(chi2) <= MOST_CHI2)
+
+
+def _fit(pieces: Pieces, begin: _Fit | None) -> _Fit:
+    """Generalized least squares, from the mean turn of the directions of walking on."""
+    x = np.append(np.zeros(3), _mean_angle(pieces.turn)) if begin is None else begin.x
+    weight = np.linalg.inv(_covariance_of(pieces))
+    information = np.eye(4)
+    for _ in range(STEPS):
+        residual, jacobian = _linearize(pieces, x)
+        information = jacobian.T @ weight @ jacobian
+        x = x + np.linalg.solve(information, jacobian.T @ weight @ residual)
+    return _Fit(x, np.asarray(np.linalg.inv(information)))
+
+
+def _linearize(pieces: Pieces, x: Floats) -> tuple[Floats, Floats]:
+    """Residuals (4 P,), place and direction of each piece, and their Jacobian (4 P, 4), of known minus transformed."""
+    turned = pieces.place @ yaw_rotation(x[3]).T
+    residual = np.column_stack([pieces.known - x[:3] - turned, wrap_angle(pieces.turn - x[3])])
+    jacobian = np.tile(np.eye(4), (len(turned), 1, 1))
+    jacobian[:, 0, 3], jacobian[:, 1, 3] = -turned[:, 1], turned[:, 0]
+    return residual.ravel(), jacobian.reshape(-1, 4)
+
+
+def _covariance_of(pieces: Pieces) -> Floats:
+    """Covariance (4 P, 4 P) of the residuals: tie, drift and map."""
+    count, d = len(pieces.t), pieces.walked_m
+    common = np.zeros((count, 4, count, 4))
+    # What two pieces share.
+    first, none = np.minimum(d[:, None], d[None, :]), np.zeros((count, count))
+    drift = [DRIFT.position_m(none, first) ** 2] * 2 + [DRIFT.height_m(none, first) ** 2]
+    for axis in range(3):
+        sigma = pieces.map_sigma[:, axis]
+        common[:, axis, :, axis] = drift[axis] + np.minimum(sigma[:, None], sigma[None, :]) ** 2
+    common[:, 3, :, 3] = DRIFT.heading_rad(none, first) ** 2
+    # What each has alone.
+    each = np.arange(count)
+    common[each, :3, each, :3] += pieces.tie_covariance
+    common[each, 3, each, 3] += HEADING_SIGMA_RAD**2 / pieces.count
+    return common.reshape(4 * count, 4 * count)
+
+
+def _total_score(stretches: Sequence[Stretch], members: Sequence[int]) -> float:
+    """Sum of the scores of stretches, the best of those that overlap on the walk."""
+    total, covered = 0.0, np.zeros(0)
+    for k in sorted(members, key=lambda number: -stretches[number].score):
+        if not np.isin(stretches[k].later, covered).any():
+            total += stretches[k].score
+            covered = np.concatenate([covered, stretches[k].later])
+    return total
+
+
+def _list_rivals(pieces: Pieces, sets: Sequence[list[int]], fit: _Fit) -> list[int]:
+    """List the sets that put the start elsewhere than a transform, each place once."""
+    others = [_fit(pieces.take(_rows_of(pieces, members)), None) for members in sets]
+    places: list[Floats] = [fit.x]
+    rivals = []
+    for k, other in enumerate(others):
+        sigma = np.sqrt(np.trace(fit.covariance[:2, :2] + other.covariance[:2, :2]))
+        reach = ELSEWHERE_SIGMAS * sigma + ELSEWHERE_M
+        if all(np.linalg.norm(other.x[:2] - place[:2]) > reach for place in places):
+            places.append(other.x)
+            rivals.append(k)
+    return rivals

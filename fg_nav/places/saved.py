@@ -1,0 +1,166 @@
+"""The places of a walk in a file, for later walks in the same building.
+
+What is kept is the signature of the solved walk (`signature`), some hundred bytes a meter, and how well its places are
+known: with them a later walk recognizes where it is (`location`). No sample of the recording is in the file.
+
+The file is an archive of numpy arrays (.npz) that is read without pickle:
+
+============ ======== ==============================================================================
+format       text     `FORMAT`
+version      int      of this table; a reader refuses what is newer
+made_by      text     the version of fg-nav
+recording    text     name of the file of the walk; empty where it has none
+distance_m   (K,)     walked so far, m
+t            (K,)     s, in the recording's time
+position     (K, 3)   m, east, north, up in the walk's frame
+heading      (K,)     rad, counterclockwise from east: the direction of walking
+field        (K, 3)   uT, along the walking direction, to its left, and up
+seen         (K,)     bool, whether the magnetometer read there
+sigma_m      (K, 3)   m, of the position: east, north, up
+============ ======== ==============================================================================
+"""
+
+from __future__ import annotations
+
+import zipfile
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fg_nav.arrays import Floats
+from fg_nav.errors import PlacesError, describe_reason
+from fg_nav.places.signature import FEWEST_POINTS, Signature, trace_signature
+from fg_nav.text import find_version
+
+FORMAT = "fg-nav places"
+VERSION = 1
+
+MOST_POINTS = 200_000
+"""A walk of 100 km."""
+
+LARGEST_BYTES = 200 * MOST_POINTS
+"""Of all arrays as they are unpacked: a point takes 97."""
+
+LARGEST = {"distance_m": 1e6, "t": 1e11, "position": 1e6, "heading": 1e6, "field": 1e4, "sigma_m": 1e6}
+"""No walk is as long, no clock counts farther, no magnetometer on a foot reads as much."""
+
+COLUMNS = {"distance_m": (), "t": (), "position": (3,), "heading": (), "field": (3,), "seen": (), "sigma_m": (3,)}
+"""Shapes of the rows."""
+
+Arrays: TypeAlias = dict[str, NDArray[Any]]
+
+
+@dataclass(frozen=True)
+class SavedPlaces:
+    """The places of a walk: its signature, the sigmas (K, 3) m of its positions, and the name of its recording."""
+
+    path: Signature
+    sigma_m: Floats
+    recording: str = ""
+
+
+def trace_places(
+    t: Floats, position: Floats, nav_R_body: Floats, mag: Floats, footfall_t: Floats, footfall_sigma_m: Floats
+) -> SavedPlaces:
+    """Take the places of a solved walk, at samples (N,) as `trace_signature`; its sigmas (F, 3) m at footfalls (F,) s.
+
+    Raises
+    ------
+    PlacesError
+        If the walk is too short to be recognized.
+    """
+    path = trace_signature(t, position, nav_R_body, mag)
+    if len(path) < FEWEST_POINTS:
+        raise PlacesError("the walk is too short for its places to be saved: it has to lead over 20 m or more.")
+    sigma = np.stack([np.interp(path.t, footfall_t, column) for column in footfall_sigma_m.T], axis=1)
+    return SavedPlaces(path, sigma)
+
+
+def write_places(file: Path, places: SavedPlaces) -> None:
+    """Write places; an older file is replaced."""
+    about = {"format": FORMAT, "version": VERSION, "made_by": f"fg-nav {find_version()}", "recording": places.recording}
+    arrays: Arrays = {name: np.array(value) for name, value in about.items()} | {"sigma_m": places.sigma_m}
+    arrays |= {one.name: getattr(places.path, one.name) for one in fields(Signature)}
+    with file.open("wb") as stream:
+        np.savez(stream, allow_pickle=False, **arrays)
+
+
+def is_places(file: Path) -> bool:
+    """Whether a file was written here."""
+    try:
+        return str(_load(file, ("format",))["format"]) == FORMAT
+    except (PlacesError, KeyError, OSError):
+        return False
+
+
+def read_places(file: Path) -> SavedPlaces:
+    """Read places, and judge them.
+
+    Raises
+    ------
+    PlacesError
+        If the file cannot be read, holds no places, is of a newer version, or has values that cannot be.
+    """
+    arrays = _read(file)
+    if str(arrays.get("format")) != FORMAT:
+        raise PlacesError(f"{file.name} holds no places: give a file that `fg-nav run --save-places` wrote.")
+    if str(arrays.get("version")) != str(VERSION):
+        raise PlacesError(
+            f"{file.name} holds places of version {arrays.get('version')}, and version {VERSION} is read here: save "
+            "them again, or use a newer fg-nav."
+        )
+    for name in COLUMNS:
+        _check_column(file, name, arrays)
+    _check_order(file, arrays)
+    columns = {name: np.ascontiguousarray(arrays[name]) for name in COLUMNS}
+    return SavedPlaces(
+        sigma_m=columns.pop("sigma_m"), path=Signature(**columns), recording=str(arrays.get("recording", ""))
+    )
+
+
+def _read(file: Path) -> Arrays:
+    try:
+        return _load(file)
+    except FileNotFoundError:
+        raise PlacesError(f"{file} does not exist: check the path of the places.") from None
+    except IsADirectoryError:
+        raise PlacesError(f"{file} is a directory: give the file of places in it.") from None
+    except OSError as error:
+        reason = describe_reason(error)
+        raise PlacesError(f"{file} cannot be read ({reason}): give one of `fg-nav run --save-places`.") from None
+
+
+def _load(file: Path, names: tuple[str, ...] = ()) -> Arrays:
+    """Load all arrays of an archive, or those of these names; without pickle, and none that is as large as no walk."""
+    try:
+        with zipfile.ZipFile(file) as archive:
+            if sum(member.file_size for member in archive.infolist()) > LARGEST_BYTES:
+                raise PlacesError(f"{file.name} is larger than places can be: save them again.")
+        with np.load(file, allow_pickle=False) as content:
+            return {name: content[name] for name in names or content.files}
+    except (OSError, PlacesError, KeyError):
+        raise
+    except Exception:  # whatever zip, zlib and numpy make of damaged bytes
+        raise PlacesError(f"{file.name} holds no places, or is damaged: save them again.") from None
+
+
+def _check_column(file: Path, name: str, arrays: Arrays) -> None:
+    """Refuse a column that is not there, has another shape or type, or numbers that cannot be."""
+    column, count = arrays.get(name), len(np.atleast_1d(arrays.get("t", np.zeros(0))))
+    kind = np.bool_ if name == "seen" else np.float64
+    if column is None or column.shape != (count, *COLUMNS[name]) or column.dtype != kind:
+        raise PlacesError(f"{file.name} is damaged at '{name}': save the places again.")
+    if name in LARGEST and not (np.abs(column) <= LARGEST[name]).all():
+        raise PlacesError(f"{file.name} has numbers in '{name}' that cannot be: save the places again.")
+
+
+def _check_order(file: Path, arrays: Arrays) -> None:
+    """Refuse too few points or too many, a path that does not go on, and sigmas below zero."""
+    if not FEWEST_POINTS <= len(arrays["t"]) <= MOST_POINTS:
+        raise PlacesError(f"{file.name} holds {len(arrays['t'])} points, which is no walk: save the places again.")
+    goes_on = (np.diff(arrays["distance_m"]) > 0.0).all() and (np.diff(arrays["t"]) >= 0.0).all()
+    if not goes_on or (arrays["sigma_m"] < 0.0).any():
+        raise PlacesError(f"{file.name} has places whose order or sigmas cannot be: save them again.")
