@@ -1,0 +1,107 @@
+"""Where a walk is on the places of an earlier one: start and heading with a covariance, or nothing."""
+
+import numpy as np
+import pytest
+
+from fg_nav.frames import yaw_rotation
+from fg_nav.places import SavedPlaces, locate
+from fg_nav.places.consistency import LONE_EXPECTED
+from tests.places.floors import LOOP, OPEN, Floor, along, carry
+
+START = np.array([25.0, 0.2])
+PART = along([START, (60, 0.2), (60, 40)])
+
+
+def saved(path, sigma_m=0.1):
+    return SavedPlaces(path, np.full((len(path), 3), sigma_m))
+
+
+@pytest.fixture(scope="module")
+def known():
+    """Places of a walk whose frame is at its first corner, (0, 0)."""
+    return saved(carry(Floor.draw(8), along(OPEN)))
+
+
+def turned(walk, degrees):
+    """The same walk in a frame of its own that is turned by so much."""
+    angle = np.deg2rad(degrees)
+    position = walk.position @ yaw_rotation(angle).T
+    return type(walk)(walk.distance_m, walk.t, position, walk.heading + angle, walk.field, walk.seen)
+
+
+@pytest.mark.parametrize("degrees", [0.0, 77.0, -170.0])
+def test_start_and_heading_are_found_whatever_the_frame_of_the_walk(known, degrees):
+    found = locate(turned(carry(Floor.draw(8), PART, seed=1), degrees), known)
+    assert found is not None
+    error = np.append(found.start[:2] - START, found.turn_rad + np.deg2rad(degrees))
+    sigma = np.sqrt(np.diag(found.covariance))[[0, 1, 3]]
+    assert (np.abs(error) < 3.0 * sigma).all()
+    assert (sigma < [0.6, 0.6, np.deg2rad(2.0)]).all()
+    assert found.expected_false < LONE_EXPECTED
+
+
+def test_a_walk_in_the_opposite_direction_is_found(known):
+    found = locate(carry(Floor.draw(8), PART[::-1], seed=2), known)
+    assert found is not None
+    assert all(stretch.opposite for stretch in found.stretches)
+    assert np.linalg.norm(found.start[:2] - PART[-1, :2]) < 1.0
+
+
+def test_the_start_is_less_sure_the_later_the_walk_comes_to_known_places(known):
+    elsewhere = along([(0, -60), (0, 0), (60, 0), (60, 30)])
+    late = locate(carry(Floor.draw(8), elsewhere, drift_deg_m=0.02, seed=3), known)
+    soon = locate(carry(Floor.draw(8), PART, seed=3), known)
+    assert late is not None
+    assert soon is not None
+    assert np.linalg.norm(late.start[:2] - [0, -60]) < 3.0
+    assert np.trace(late.covariance[:2, :2]) > 2.0 * np.trace(soon.covariance[:2, :2])
+
+
+def test_what_the_known_walk_does_not_know_is_in_the_covariance(known):
+    path = carry(Floor.draw(8), PART, seed=1)
+    sure, unsure = locate(path, known), locate(path, saved(known.path, 3.0))
+    assert sure is not None
+    assert unsure is not None
+    assert np.diag(unsure.covariance)[:3] == pytest.approx(np.diag(sure.covariance)[:3] + 9.0, abs=0.5)
+    assert unsure.map_variance == pytest.approx(9.0)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_walk_on_another_floor_is_not_found(known, seed):
+    assert locate(carry(Floor.draw(20 + seed), PART, seed=seed), known) is None
+
+
+def test_a_walk_that_could_be_at_two_places_is_not_found():
+    """Two corridors alike, 100 m apart."""
+    floor = Floor.draw(3)
+
+    class Twice:
+        def at(self, place):
+            return floor.at(np.column_stack([np.mod(place[:, 0], 100.0), place[:, 1], place[:, 2]]))
+
+    long = saved(carry(Twice(), along([(0, 0), (190, 0)])))
+    assert locate(carry(floor, along([(20, 0), (80, 0)]), seed=1), long) is None
+    assert locate(carry(floor, along([(20, 0), (80, 0)]), seed=1), saved(carry(floor, along([(0, 0), (99, 0)]))))
+
+
+def test_passes_of_one_corridor_are_no_two_places():
+    laps = saved(carry(Floor.draw(4), np.vstack([along(LOOP)] * 3)))
+    found = locate(carry(Floor.draw(4), along([(10, 0), (30, 0), (30, 18)]), seed=1), laps)
+    assert found is not None
+    assert len(found.stretches) > 1
+    assert np.linalg.norm(found.start[:2] - [10, 0]) < 1.0
+
+
+def test_a_stretch_that_lies_elsewhere_is_left_out(known):
+    """The second part of the walk is on another corridor than it should be: the odometry lost 15 m."""
+    path = carry(Floor.draw(8), along([(5, 0), (60, 0), (60, 60), (110, 60)]), seed=1)
+    lost = path.position.copy()
+    lost[path.distance_m > 120.0] += [15.0, 0.0, 0.0]
+    moved = type(path)(path.distance_m, path.t, lost, path.heading, path.field, path.seen)
+    found = locate(moved, known)
+    assert found is not None
+    assert np.linalg.norm(found.start[:2] - [5, 0]) < 1.5
+
+
+def test_too_short_a_walk_is_not_found(known):
+    assert locate(carry(Floor.draw(8), along([(20, 0), (35, 0)])), known) is None
