@@ -159,10 +159,15 @@ def recognize(path: Signature, uncertainty: Uncertainty = Drift()) -> Recognitio
 
 
 def recognize_known(path: Signature, known: Signature) -> Recognition:
-    """Find the stretches of a path that lie on that of an earlier walk, wherever; `earlier` are points of that one."""
+    """Find the stretches of a path that lie on that of an earlier walk, wherever; `earlier` are points of that one.
+
+    Both are filtered alike, by the spectra of the longer one: a short one does not show its own, and two filters would
+    make two signals of one place.
+    """
     if min(len(path), len(known)) < FEWEST_POINTS:
         return NOTHING
-    features, old = whiten(path), whiten(known)
+    longer = max(path, known, key=len)
+    features, old = whiten(path, longer), whiten(known, longer)
     everywhere = pair_all(len(features), len(old))
     return _search(features, old, everywhere, everywhere, len(known))
 

@@ -105,20 +105,29 @@ TURNED = np.array([-1.0, -1.0, 1.0])
 """Signs of along, left, up there."""
 
 
-def whiten(path: Signature) -> Features:
-    """Separate, filter and scale the field of a path."""
-    deviation = clip_deviation(remove_common_field(path.field, path.heading)) * path.seen[:, None]
-    # The walk and the same walk back make a signal without ends.
-    looped = np.concatenate([deviation, deviation[::-1] * TURNED])
-    spectrum = _separate_sources(np.fft.rfft(looped, axis=0))
-    parts = np.fft.irfft(spectrum, 2 * len(path), axis=0)[: len(path)]
+def whiten(path: Signature, like: Signature | None = None) -> Features:
+    """Separate, filter and scale the field of a path; the filter is of its own spectra, or of those of `like`."""
+    spectrum = _transform(path)
+    parts = _invert(spectrum, len(path)) if like is None else _invert(_transform(like), len(like))
     gain = _gains(parts, np.asarray(np.fft.rfftfreq(2 * len(path), SPACING_M), dtype=np.float64))
-    values = np.fft.irfft(spectrum * gain, 2 * len(path), axis=0)[: len(path)]
+    values = _invert(spectrum * gain, len(path))
     # To the same scale everywhere, of which the field has a share.
     power = _smooth(values**2, LOCAL_M) + TINY
     signal = 1.0 - REPEATABILITY_UT**2 * np.mean(gain**2, axis=0) / power
     signal = np.where((signal > LEAST_SIGNAL) & path.seen[:, None], signal, 0.0)
     return _pad(Features(values / np.sqrt(power), np.sqrt(signal)))
+
+
+def _transform(path: Signature) -> Complexes:
+    """Spectrum (K + 1, 3) of below, left, above of a path; the walk and the way back are a signal without ends."""
+    deviation = clip_deviation(remove_common_field(path.field, path.heading)) * path.seen[:, None]
+    looped = np.concatenate([deviation, deviation[::-1] * TURNED])
+    return _separate_sources(np.fft.rfft(looped, axis=0))
+
+
+def _invert(spectrum: Complexes, count: int) -> Floats:
+    """Signal (K, 3) of a spectrum (K + 1, 3), without the walk back."""
+    return np.asarray(np.fft.irfft(spectrum, 2 * count, axis=0)[:count])
 
 
 def _separate_sources(spectrum: Complexes) -> Complexes:
