@@ -49,8 +49,11 @@ from fg_nav.places.recognition import (
 from fg_nav.places.saved import SavedPlaces
 from fg_nav.places.signature import SPACING_M, Signature
 
-PIECE_M = 8.0
-"""Of a stretch: some strides, and short against what drifts."""
+PIECE_M, MOST_PIECES = 8.0, 100
+"""Of a stretch: some strides, and short against what drifts. On a long walk they are longer: all are solved at once."""
+
+MOST_STRETCHES = 50
+"""That are looked at, the best ones."""
 
 LEVEL_SIGMA_M = 0.2
 """Of the heights of two passes."""
@@ -144,32 +147,36 @@ def locate(path: Signature, known: SavedPlaces) -> Location | None:
     found = recognize_known(path, known.path)
     if not found.stretches:
         return None
-    pieces = _cut_pieces(path, known, found.stretches)
-    sets = [_grow(pieces, found.stretches, start) for start in range(min(len(found.stretches), MOST_SETS))]
-    scores = [_total_score(found.stretches, members) for members in sets]
+    stretches = found.stretches[:MOST_STRETCHES]
+    pieces = _cut_pieces(path, known, stretches)
+    # Sets of stretches that agree, and the one that most speaks for.
+    sets = [_grow(pieces, stretches, start) for start in range(min(len(stretches), MOST_SETS))]
+    scores = [_total_score(stretches, members) for members in sets]
     best = int(np.argmax(scores))
     fit = _fit(pieces.take(_rows_of(pieces, sets[best])), None)
+    # By how much it is surer than all that lie elsewhere.
     rivals = _list_rivals(pieces, sets, fit)
     odds = sum(np.exp(-found.chance.decay * max(scores[best] - scores[k], 0.0)) for k in rivals)
-    expected = min(found.stretches[k].expected_false for k in sets[best]) + float(odds)
+    expected = min(stretches[k].expected_false for k in sets[best]) + float(odds)
     if expected >= LONE_EXPECTED:
         return None
-    members = tuple(found.stretches[k] for k in sets[best])
+    members = tuple(stretches[k] for k in sets[best])
     of_set = pieces.take(_rows_of(pieces, sets[best]))
     return Location(fit.x[:3], _mean_angle(fit.x[3:]), fit.covariance, expected, members, of_set)
 
 
 def _cut_pieces(path: Signature, known: SavedPlaces, stretches: Sequence[Stretch]) -> Pieces:
-    rows = [row for k, stretch in enumerate(stretches) for row in _pieces_of(path, known, k, stretch)]
+    length = max(PIECE_M, sum(stretch.length_m for stretch in stretches) / MOST_PIECES)
+    rows = [row for k, stretch in enumerate(stretches) for row in _pieces_of(path, known, k, stretch, length)]
     columns = zip(*rows, strict=True)
     return Pieces(*(np.array(column) for column in columns))
 
 
 def _pieces_of(
-    path: Signature, known: SavedPlaces, number: int, stretch: Stretch
+    path: Signature, known: SavedPlaces, number: int, stretch: Stretch, length: float
 ) -> Iterator[tuple[int | float | Floats, ...]]:
-    """Yield the pieces of a stretch, in the order of the columns of `Pieces`."""
-    count = max(round(stretch.length_m / PIECE_M), 1)
+    """Yield the pieces of a stretch, of some length, m, in the order of the columns of `Pieces`."""
+    count = max(round(stretch.length_m / length), 1)
     for later, earlier in zip(
         np.array_split(stretch.later, count), np.array_split(stretch.earlier, count), strict=True
     ):
