@@ -62,7 +62,8 @@ Written by `scripts/write_results.py`, never by hand, from the files in `docs/re
 figure is the median over the walks, with {LOW_PERCENT:.0f} to {HIGH_PERCENT:.0f} % behind it. The column that is \
 judged, by its median,
 is in bold: the paper's own method as printed; of munoz-diaz2017, which as printed goes off by tens of degrees, the
-filter with misprints corrected and gravity as a mean over two strides. Verdicts:
+filter with misprints corrected and gravity as a mean over two strides. Ours is without the places that the smoother now
+recognizes: what these change on such walks is in measured.md. Verdicts:
 """
 
 POCKET = "munoz-diaz2017"
