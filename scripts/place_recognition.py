@@ -44,7 +44,8 @@ from scipy.spatial.transform import Rotation
 from fg_nav.arrays import Bools, Floats
 from fg_nav.lab.campaign.walks import LOOP, RAW, Recorded, Simulated
 from fg_nav.lab.simulation.fields import Field, draw_environment, find_earth_field
-from fg_nav.places import Signature, Stretch, Tie, alignment, list_ties, recognize, select_consistent, trace_signature
+from fg_nav.places import Signature, Stretch, alignment, recognize, select_consistent, trace_signature
+from fg_nav.places.recognition import ALONG_SIGMA_M, LATERAL_SIGMA_M
 from fg_nav.places.signature import SPACING_M
 from fg_nav.places.whitening import clip_deviation, remove_common_field
 from fg_nav.smoother import smooth
@@ -57,6 +58,9 @@ LEVELS = ("smooth", "indoor")
 
 ASIDE_M, ASIDE_LENGTH_M = 0.25, 5.0
 """Wander of a pass, and its correlation length."""
+
+TIE_M = 6.0
+"""Between ties of a stretch: nearer ones share their errors."""
 
 PASSED_M, FALSE_M = 1.0, 2.0
 """So near is a return; so far apart are the moments of a false tie."""
@@ -181,6 +185,38 @@ def laid_on(path: Floats, truth: Floats, over_m: float = 30.0) -> Floats:
     a, b = path[:n, :2] - path[0, :2], truth[:n, :2] - truth[0, :2]
     angle = np.arctan2((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum(), (a * b).sum())
     return Rotation.from_rotvec([0.0, 0.0, angle]).as_matrix()
+
+
+@dataclass(frozen=True)
+class Tie:
+    """Two moments of a walk at one place.
+
+    `later_s`, `earlier_s` are when, `later_m`, `earlier_m` the distances that were walked until then; `stretch` is the
+    number of the stretch that it belongs to.
+    """
+
+    later_s: float
+    earlier_s: float
+    later_m: float
+    earlier_m: float
+    stretch: int
+
+
+def list_ties(path: Signature, stretches: Sequence[Stretch]) -> tuple[Tie, ...]:
+    """List ties along stretches, `TIE_M` apart."""
+    return tuple(tie for number, stretch in enumerate(stretches) for tie in ties_of(path, number, stretch))
+
+
+def ties_of(path: Signature, number: int, stretch: Stretch) -> list[Tie]:
+    """In the middle of as many equal parts: the ends of an alignment are its least certain points."""
+    count = max(round(stretch.length_m / TIE_M), 1)
+    row = np.unique(np.round((np.arange(count) + 0.5) / count * (len(stretch.later) - 1)).astype(np.int64))
+    points = np.arange(len(path), dtype=float)
+    (later_s, later_m), (earlier_s, earlier_m) = (
+        [np.interp(at[row], points, values).tolist() for values in (path.t, path.distance_m)]
+        for at in (stretch.later, stretch.earlier)
+    )
+    return [Tie(*moments, number) for moments in zip(later_s, earlier_s, later_m, earlier_m, strict=True)]
 
 
 def recognized(path: Signature, claim: Claim) -> tuple[tuple[Stretch, ...], tuple[Tie, ...]]:
@@ -564,7 +600,7 @@ def relax(path: Signature, ties: Sequence[Tie], every: int = 8) -> Floats:
         psi = np.interp(earlier, path.distance_m, path.heading) + turn
         e = a - b
         along, left = np.cos(psi) * e[:, 0] + np.sin(psi) * e[:, 1], np.cos(psi) * e[:, 1] - np.sin(psi) * e[:, 0]
-        return np.concatenate([x, along / ties[0].along_sigma_m, left / ties[0].lateral_sigma_m])
+        return np.concatenate([x, along / ALONG_SIGMA_M, left / LATERAL_SIGMA_M])
 
     x = least_squares(residuals, np.zeros(2 * len(step))).x
     return np.column_stack([bent(x, path.distance_m)[0], path.position[:, 2]])

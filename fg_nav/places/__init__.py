@@ -11,9 +11,9 @@ compared is the field along the path; positions enter only to say which stretche
 `alignment`     the best local alignments of the walk with itself, among these pairs
 `calibration`   how many alignments so good are expected where nothing returns
 `recognition`   all of that: from a path with its field to ties
-`consistency`   ties that agree with each other and with the odometry
 `saved`         the places of a walk in a file
 `location`      where a later walk is on them
+`consistency`   stretches that agree with each other and with the odometry
 =============== =====================================================================================================
 
 Everything here is numpy and numba: no graph and no estimator.
@@ -22,7 +22,7 @@ Everything here is numpy and numba: no graph and no estimator.
 from fg_nav.places.candidates import Drift, Uncertainty
 from fg_nav.places.consistency import select_consistent
 from fg_nav.places.location import Location, locate
-from fg_nav.places.recognition import Recognition, Stretch, Tie, list_ties, recognize, recognize_known
+from fg_nav.places.recognition import Recognition, Stretch, recognize, recognize_known
 from fg_nav.places.saved import SavedPlaces, read_places, trace_places, write_places
 from fg_nav.places.signature import Signature, trace_signature
 
@@ -33,9 +33,7 @@ __all__ = [
     "SavedPlaces",
     "Signature",
     "Stretch",
-    "Tie",
     "Uncertainty",
-    "list_ties",
     "locate",
     "read_places",
     "recognize",

@@ -1,4 +1,4 @@
-"""From a path with its field to the stretches of it that are one place, and to ties between them.
+"""From a path with its field to the stretches of it that are one place.
 
 A stretch is recognized where its local alignment with an earlier one scores more than chance does: the expected number
 of chance alignments as good, in all that was searched (`calibration`), is below `MOST_EXPECTED`. Three things are
@@ -22,15 +22,13 @@ with the odds of their scores only,
 
 A building that repeats itself thereby takes its own recognitions back.
 
-A tie says that two moments of the walk were at one place. Along the path it is as sharp as the alignment, the mean of
-its steps over `AVERAGE_M`; to the side it has the freedom of a corridor, for who walks it again does not walk in his
-own footprints, and the field does not show by how much. Ties of a stretch are `TIE_M` apart: nearer ones share their
-errors.
+What a stretch is worth as a tie of two poses: along the path it is as sharp as the alignment, the mean of its steps
+over `AVERAGE_M`; to the side it has the freedom of a corridor, for who walks it again does not walk in his own
+footprints, and the field does not show by how much.
 """
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -57,12 +55,6 @@ MOST_CHANCE_M2 = 5e5
 
 AVERAGE_M = 6.0
 """Over which the steps of an alignment are averaged: its points are half a meter apart, the path is even."""
-
-TIE_M = 6.0
-"""Between ties of a stretch."""
-
-MOST_PASSES = 3
-"""Earlier passes that a place is tied to: more of them share its own error."""
 
 ALONG_SIGMA_M = 0.3
 """Of a tie along the path: rms of simulated walks on rough floors is 0.2 m (`scripts/place_recognition.py`)."""
@@ -110,34 +102,6 @@ class Recognition:
 
 NOTHING = Recognition((), measure_chance(np.zeros(0), 0.0, 0.0), 0.0)
 """Of a path too short to return on."""
-
-
-@dataclass(frozen=True)
-class Tie:
-    """Two moments of a walk at one place.
-
-    Attributes
-    ----------
-    later_s, earlier_s : when.
-    later_m, earlier_m : distance that was walked until then.
-    opposite : whether the directions of walking are opposite; else they are the same.
-    along_sigma_m, lateral_sigma_m : of the position of the one relative to the other, which is zero, along the
-        direction of walking and to its side.
-    heading_sigma_rad : of the direction of walking relative to the same or the opposite one.
-    stretch : which of the recognized stretches it belongs to.
-    expected_false : of that stretch.
-    """
-
-    later_s: float
-    earlier_s: float
-    later_m: float
-    earlier_m: float
-    opposite: bool
-    along_sigma_m: float
-    lateral_sigma_m: float
-    heading_sigma_rad: float
-    stretch: int
-    expected_false: float
 
 
 def recognize(path: Signature, uncertainty: Uncertainty = Drift()) -> Recognition:
@@ -188,45 +152,6 @@ def _search(features: Features, old: Features, same: BlockPairs, opposite: Block
         for stretch in _trace_all(features, other, pairs, is_opposite, chance, length)
     ]
     return Recognition(tuple(sorted(stretches, key=lambda stretch: -stretch.score)), chance, area)
-
-
-def list_ties(path: Signature, stretches: Sequence[Stretch]) -> tuple[Tie, ...]:
-    """List ties along stretches, the best one first, `TIE_M` apart, of no place to more than `MOST_PASSES`."""
-    tied: Counter[int] = Counter()
-    ties = []
-    for number, stretch in enumerate(stretches):
-        for tie in _ties_of(path, number, stretch):
-            piece = int(tie.later_m // TIE_M)
-            if tied[piece] < MOST_PASSES:
-                tied[piece] += 1
-                ties.append(tie)
-    return tuple(ties)
-
-
-def _ties_of(path: Signature, number: int, stretch: Stretch) -> list[Tie]:
-    count = max(round(stretch.length_m / TIE_M), 1)
-    # In the middle of as many equal parts: the ends of an alignment are its least certain points.
-    row = np.unique(np.round((np.arange(count) + 0.5) / count * (len(stretch.later) - 1)).astype(np.int64))
-    points = np.arange(len(path), dtype=float)
-    (later_s, later_m), (earlier_s, earlier_m) = (
-        [np.interp(at[row], points, values) for values in (path.t, path.distance_m)]
-        for at in (stretch.later, stretch.earlier)
-    )
-    return [
-        Tie(
-            later_s=float(later_s[k]),
-            earlier_s=float(earlier_s[k]),
-            later_m=float(later_m[k]),
-            earlier_m=float(earlier_m[k]),
-            opposite=stretch.opposite,
-            along_sigma_m=ALONG_SIGMA_M,
-            lateral_sigma_m=LATERAL_SIGMA_M,
-            heading_sigma_rad=HEADING_SIGMA_RAD,
-            stretch=number,
-            expected_false=stretch.expected_false,
-        )
-        for k in range(len(row))
-    ]
 
 
 def _trace_all(
