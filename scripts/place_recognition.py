@@ -24,6 +24,7 @@ cost       seconds for walks of 1 to 8 km in one building, laps and all
 from __future__ import annotations
 
 import argparse
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -61,6 +62,9 @@ ASIDE_M, ASIDE_LENGTH_M = 0.25, 5.0
 
 TIE_M = 6.0
 """Between ties of a stretch: nearer ones share their errors."""
+
+MOST_PASSES = 3
+"""Earlier passes that a place is tied to: more of them share its own error."""
 
 PASSED_M, FALSE_M = 1.0, 2.0
 """So near is a return; so far apart are the moments of a false tie."""
@@ -203,8 +207,16 @@ class Tie:
 
 
 def list_ties(path: Signature, stretches: Sequence[Stretch]) -> tuple[Tie, ...]:
-    """List ties along stretches, `TIE_M` apart."""
-    return tuple(tie for number, stretch in enumerate(stretches) for tie in ties_of(path, number, stretch))
+    """List ties along stretches, the best one first, `TIE_M` apart, of no place to more than `MOST_PASSES`."""
+    tied: Counter[int] = Counter()
+    ties = []
+    for number, stretch in enumerate(stretches):
+        for tie in ties_of(path, number, stretch):
+            piece = int(tie.later_m // TIE_M)
+            if tied[piece] < MOST_PASSES:
+                tied[piece] += 1
+                ties.append(tie)
+    return tuple(ties)
 
 
 def ties_of(path: Signature, number: int, stretch: Stretch) -> list[Tie]:
