@@ -23,9 +23,11 @@ from fg_nav.factors.residual import ResidualBlock
 from fg_nav.factors.same_place import SamePlace, weigh_place
 from fg_nav.places import Signature, Stretch
 from fg_nav.places.recognition import ALONG_SIGMA_M, LATERAL_SIGMA_M
+from fg_nav.places.signature import SPACING_M
 
 CELL_M, MOST_CELLS = 20.0, 60
-"""Length of a cell, and how many there are at most; in a longer walk they are longer."""
+"""Length of a cell, and how many there are at most: where more ground is walked again, they are longer. The last fronts
+hold all cells, but the passes one after the other."""
 
 LEAST_SHARE = 0.5
 """Of a cell that a pass has to cover."""
@@ -59,6 +61,11 @@ class _Tie:
     heading: float
     count: float
 
+    @property
+    def moments(self) -> tuple[float, float]:
+        """Of the two footfalls; where a walk turns back within a cell they are one, and nothing is tied."""
+        return self.later_s, self.cell_s
+
 
 def make_place_factors(
     path: Signature, stretches: Sequence[Stretch], t: Floats, position: Floats, nav_R_body: Floats, node: Ints
@@ -70,9 +77,9 @@ def make_place_factors(
     t, position, nav_R_body : of the F footfalls; s, m.
     node : (F,) of the footfalls.
     """
-    ties = _choose_earliest(path, stretches)
+    ties = [tie for tie in _choose_earliest(path, stretches) if len(set(_find_footfalls(tie.moments, t))) == 2]
     later, earlier = ([getattr(tie, name) for tie in ties] for name in ("later", "earlier"))
-    foot = [_find_footfalls([getattr(tie, name) for tie in ties], t) for name in ("later_s", "cell_s")]
+    foot = list(np.array([_find_footfalls(tie.moments, t) for tie in ties]).reshape(-1, 2).T)
     in_body = [
         np.einsum("kji,kj->ki", nav_R_body[at], np.array(place) - position[at])
         for at, place in zip(foot, (later, earlier), strict=True)
@@ -89,13 +96,23 @@ def _find_footfalls(at: Sequence[float], t: Floats) -> Ints:
 
 def _choose_earliest(path: Signature, stretches: Sequence[Stretch]) -> list[_Tie]:
     """Tie each piece of the walk to its earliest pass."""
-    length = max(CELL_M, sum(one.length_m for one in stretches) / MOST_CELLS)
+    length = max(CELL_M, _measure_ground(path, stretches) / MOST_CELLS)
     ties = [tie for stretch in stretches for tie in _list_ties(path, stretch, length)]
     chosen: dict[int, _Tie] = {}
     for tie in sorted(ties, key=lambda one: one.cell_s):
         piece = int(np.interp(tie.later_s, path.t, path.distance_m) // length)
         chosen.setdefault(piece, tie)
     return list(chosen.values())
+
+
+def _measure_ground(path: Signature, stretches: Sequence[Stretch]) -> float:
+    """Length, m, of the first passes: of what is walked again, and was not itself recognized."""
+    is_first = np.zeros(len(path), dtype=bool)
+    for stretch in stretches:
+        is_first[int(stretch.earlier.min()) : int(stretch.earlier.max()) + 1] = True
+    for stretch in stretches:
+        is_first[int(stretch.later[0]) : int(stretch.later[-1]) + 1] = False
+    return float(is_first.sum()) * SPACING_M
 
 
 def _list_ties(path: Signature, stretch: Stretch, length: float) -> Iterator[_Tie]:

@@ -21,6 +21,8 @@ import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.places import Signature, Stretch, recognize, select_consistent, trace_signature
+from fg_nav.places.candidates import ALIKE_M
+from fg_nav.places.signature import SPACING_M
 from fg_nav.places.whitening import TURNED
 from fg_nav.smoother.combinations import FootfallCovariance
 from fg_nav.smoother.graph import Trajectory, WalkProblem, solve, trajectory_of
@@ -101,9 +103,13 @@ def _recognize(path: Signature, uncertainty: PathUncertainty) -> tuple[Stretch, 
 
 
 def _are_alike(found: tuple[Stretch, ...], known: tuple[Stretch, ...]) -> bool:
-    """Whether two rounds recognized the same stretches, to a meter or two at their ends."""
-    ends = [sorted((s.opposite, round(s.later[0] / 4), round(s.earlier[0] / 4)) for s in one) for one in (found, known)]
-    return ends[0] == ends[1]
+    """Whether two rounds recognized the same stretches, but for `ALIKE_M` at their ends."""
+    if len(found) != len(known):
+        return False
+    ends = [
+        np.array(sorted((s.opposite, s.later[0], s.earlier[0], s.later[-1]) for s in one)) for one in (found, known)
+    ]
+    return bool((np.abs(ends[0] - ends[1]) <= [0.0, *3 * [ALIKE_M / SPACING_M]]).all())
 
 
 def _make_factors(
