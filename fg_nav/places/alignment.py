@@ -112,15 +112,15 @@ def align(x: Features, y: Features, pairs: BlockPairs, least: float = LEAST_LIST
 
 
 @njit(cache=True)
-def _pair_ratio(xi: Floats, si: Floats, yj: Floats, sj: Floats, rho: Floats) -> float:
-    """L of one pair of points, before `SHARE`."""
+def _pair_ratio(x: Floats, sx: Floats, i: int, y: Floats, sy: Floats, j: int, rho: Floats) -> float:
+    """L of points i and j, before `SHARE`; the three components over one denominator."""
     total, left = 0.0, 1.0
     for c in range(3):
-        r = rho[c] * si[c] * sj[c]
+        r = rho[c] * sx[i, c] * sy[j, c]
         one = 1.0 - r * r
+        total = total * one + left * r * (r * (x[i, c] * x[i, c] + y[j, c] * y[j, c]) - 2.0 * x[i, c] * y[j, c])
         left *= one
-        total -= (r * r * (xi[c] * xi[c] + yj[c] * yj[c]) - 2.0 * r * xi[c] * yj[c]) / (2.0 * one)
-    ratio: float = max(total - 0.5 * np.log(left), LEAST_RATIO)
+    ratio: float = max(-0.5 * (total / left + np.log(left)), LEAST_RATIO)
     return ratio
 
 
@@ -143,7 +143,7 @@ def _align(
         for b in range(start[i // block], start[i // block + 1]):
             for j in range(earlier[b] * block, min((earlier[b] + 1) * block, m)):
                 # From the diagonal, or one step along one path alone; a new one begins where nothing is left.
-                ratio = share * _pair_ratio(x[i], sx[i], y[j], sy[j], rho)
+                ratio = share * _pair_ratio(x, sx, i, y, sy, j, rho)
                 s, o = 0.0, i * m + j
                 if j > 0 and row[old, j - 1] == i - 1 and score[old, j - 1] > 0.0:
                     s, o = score[old, j - 1], origin[old, j - 1]
@@ -206,7 +206,7 @@ def _trace(
             score[k] = -np.inf
             if j < 0 or j >= m:
                 continue
-            ratio = share * _pair_ratio(x[i], sx[i], y[j], sy[j], rho)
+            ratio = share * _pair_ratio(x, sx, i, y, sy, j, rho)
             if i == 0 and j == 0:
                 score[k] = ratio
             diagonal, above = j - 1 - before, j - before
