@@ -10,10 +10,10 @@ compared is the field along the path; positions enter only to say which stretche
 `candidates`    pairs of stretches that lie within the path's own uncertainty of each other
 `alignment`     the best local alignments of the walk with itself, among these pairs
 `calibration`   how many alignments so good are expected where nothing returns
-`recognition`   all of that: from a path with its field to ties
+`recognition`   all of that: from a path with its field to stretches that are one place
+`consistency`   stretches that agree with each other and with the odometry
 `saved`         the places of a walk in a file
 `location`      where a later walk is on them
-`consistency`   stretches that agree with each other and with the odometry
 =============== =====================================================================================================
 
 Everything here is numpy and numba: no graph and no estimator.

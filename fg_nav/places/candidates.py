@@ -97,11 +97,15 @@ class BlockPairs:
 
     def thin(self, every: int) -> BlockPairs:
         """Return the pairs of every so many-th piece (`PIECE`) of the later walk."""
-        rows = np.arange(len(self.start) - 1)
-        kept = (rows // PIECE) % every == 0
-        count = np.where(kept, np.diff(self.start), 0)
-        used = np.repeat(kept, np.diff(self.start))
-        return BlockPairs(np.concatenate([[0], np.cumsum(count)]).astype(np.int64), self.earlier[used])
+        kept = (np.arange(len(self.start) - 1) // PIECE) % every == 0
+        return self.select(kept, np.ones(self.earlier.max(initial=0) + 1, dtype=bool))
+
+    def select(self, later: Bools, earlier: Bools) -> BlockPairs:
+        """Return the pairs whose blocks are both marked."""
+        rows = np.repeat(np.arange(len(self.start) - 1), np.diff(self.start))
+        kept = later[rows] & earlier[self.earlier]
+        count = np.bincount(rows[kept], minlength=len(self.start) - 1)
+        return BlockPairs(np.concatenate([[0], np.cumsum(count)]).astype(np.int64), self.earlier[kept])
 
     @property
     def area_m2(self) -> float:
@@ -115,6 +119,15 @@ class Candidates:
 
     same: BlockPairs
     opposite: BlockPairs
+
+    def select(self, later: Bools, earlier: Bools) -> Candidates:
+        """Return the pairs whose blocks are both marked."""
+        return Candidates(self.same.select(later, earlier), self.opposite.select(later, earlier))
+
+    @property
+    def area_m2(self) -> float:
+        """Of all pairs of points that are compared, in both directions."""
+        return self.same.area_m2 + self.opposite.area_m2
 
 
 def find_candidates(path: Signature, uncertainty: Uncertainty) -> Candidates:

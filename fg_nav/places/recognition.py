@@ -22,6 +22,10 @@ with the odds of their scores only,
 
 A building that repeats itself thereby takes its own recognitions back.
 
+A long walk is searched part by part, of `PART_M` each. What of a part was recognized for sure is compared with no later
+one: what comes back to it finds its first pass too. So the cost grows with the ground that is covered times the walk,
+and not with the square of the laps.
+
 What a stretch is worth as a tie of two poses: along the path it is as sharp as the alignment, the mean of its steps
 over `AVERAGE_M`; to the side it has the freedom of a corridor, for who walks it again does not walk in his own
 footprints, and the field does not show by how much.
@@ -29,7 +33,7 @@ footprints, and the field does not show by how much.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -37,7 +41,16 @@ import numpy as np
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.places.alignment import align, separate, trace
 from fg_nav.places.calibration import ChanceLevel, measure_chance
-from fg_nav.places.candidates import ALIKE_M, LIMIT, BlockPairs, Drift, Uncertainty, find_candidates, pair_all
+from fg_nav.places.candidates import (
+    ALIKE_M,
+    LIMIT,
+    BlockPairs,
+    Candidates,
+    Drift,
+    Uncertainty,
+    find_candidates,
+    pair_all,
+)
 from fg_nav.places.signature import BLOCK, FEWEST_POINTS, SPACING_M, Signature
 from fg_nav.places.whitening import Features, whiten
 
@@ -52,6 +65,12 @@ LEAST_LIKENESS = 0.2
 
 MOST_CHANCE_M2 = 5e5
 """Area in which chance alignments are counted: there are some hundred in it."""
+
+PART_M = 2000.0
+"""Of a walk, half an hour."""
+
+SURE_EXPECTED = 1e-6
+"""False recognitions in a walk, with which a stretch needs no confirmation before later parts rest on it."""
 
 AVERAGE_M = 6.0
 """Over which the steps of an alignment are averaged: its points are half a meter apart, the path is even."""
@@ -118,8 +137,24 @@ def recognize(path: Signature, uncertainty: Uncertainty = Drift()) -> Recognitio
     if not (len(pairs.same) or len(pairs.opposite)):
         return NOTHING
     features = whiten(path)
-    found = _search(features, features, pairs.same, pairs.opposite, len(path))
-    return replace(found, stretches=_weigh_positions(found.stretches, found.chance, path, uncertainty))
+    chance, area = _measure_chance(features, features, pairs)
+    # Part by part, along all that was walked for the first time.
+    part = np.arange(len(features) // BLOCK) * BLOCK * SPACING_M // PART_M
+    is_first, found, weighed = np.ones(len(part), dtype=bool), list[Stretch](), tuple[Stretch, ...]()
+    for number in np.unique(part):
+        some = pairs.select(part == number, is_first)
+        found += _search(features, features, some, chance, len(path))
+        found.sort(key=lambda stretch: -stretch.score)
+        weighed = _weigh_positions(found, chance, path, uncertainty)
+        _mark_recognized(is_first, weighed)
+    return Recognition(weighed, chance, area)
+
+
+def _mark_recognized(is_first: Bools, stretches: Sequence[Stretch]) -> None:
+    """Note which blocks (B,) lie within stretches that were recognized for sure: these are no first pass."""
+    for stretch in stretches:
+        if stretch.expected_false < SURE_EXPECTED:
+            is_first[-(-int(stretch.later[0]) // BLOCK) : (int(stretch.later[-1]) + 1) // BLOCK] = False
 
 
 def recognize_known(path: Signature, known: Signature) -> Recognition:
@@ -133,25 +168,33 @@ def recognize_known(path: Signature, known: Signature) -> Recognition:
     longer = max(path, known, key=len)
     features, old = whiten(path, longer), whiten(known, longer)
     everywhere = pair_all(len(features), len(old))
-    return _search(features, old, everywhere, everywhere, len(known))
+    pairs = Candidates(everywhere, everywhere)
+    chance, area = _measure_chance(features, old, pairs)
+    found = _search(features, old, pairs, chance, len(known))
+    return Recognition(tuple(sorted(found, key=lambda stretch: -stretch.score)), chance, area)
 
 
-def _search(features: Features, old: Features, same: BlockPairs, opposite: BlockPairs, length: int) -> Recognition:
-    """Align features with those of an earlier path of so many points, over pairs of blocks in both directions."""
-    there, back = (old, same), (old.reverse(), opposite.reverse(len(old) // BLOCK))
-    area = same.area_m2 + opposite.area_m2
-    # What chance does there, from an even part of it.
+def _measure_chance(features: Features, old: Features, pairs: Candidates) -> tuple[ChanceLevel, float]:
+    """Measure what chance does over pairs of blocks with an earlier path, from an even part of their area, m^2."""
+    area = pairs.area_m2
     every = int(np.ceil(area / MOST_CHANCE_M2)) if area else 1
-    thin = [(other.negate(), pairs.thin(every)) for other, pairs in (there, back)]
-    scores = np.concatenate([separate(align(features, other, pairs)).score for other, pairs in thin])
-    chance = measure_chance(scores, sum(pairs.area_m2 for _, pairs in thin), area)
-    # What is there that chance does not explain, point by point.
-    stretches = [
-        stretch
-        for (other, pairs), is_opposite in ((there, False), (back, True))
-        for stretch in _trace_all(features, other, pairs, is_opposite, chance, length)
-    ]
-    return Recognition(tuple(sorted(stretches, key=lambda stretch: -stretch.score)), chance, area)
+    thin = [(other.negate(), some.thin(every)) for other, some, _ in _list_relations(old, pairs)]
+    scores = np.concatenate([separate(align(features, other, some)).score for other, some in thin])
+    return measure_chance(scores, sum(some.area_m2 for _, some in thin), area), area
+
+
+def _list_relations(old: Features, pairs: Candidates) -> Iterator[tuple[Features, BlockPairs, bool]]:
+    """Yield an earlier path and the pairs with it, as it was walked and in the opposite direction."""
+    yield old, pairs.same, False
+    yield old.reverse(), pairs.opposite.reverse(len(old) // BLOCK), True
+
+
+def _search(
+    features: Features, old: Features, pairs: Candidates, chance: ChanceLevel, length: int
+) -> Iterator[Stretch]:
+    """Yield what chance does not explain, point by point, of an earlier path of so many points."""
+    for other, some, is_opposite in _list_relations(old, pairs):
+        yield from _trace_all(features, other, some, is_opposite, chance, length)
 
 
 def _trace_all(

@@ -79,9 +79,9 @@ def make_place_factors(
     """
     ties = [tie for tie in _choose_earliest(path, stretches) if len(set(_find_footfalls(tie.moments, t))) == 2]
     later, earlier = ([getattr(tie, name) for tie in ties] for name in ("later", "earlier"))
-    foot = list(np.array([_find_footfalls(tie.moments, t) for tie in ties]).reshape(-1, 2).T)
+    foot = list(np.array([_find_footfalls(tie.moments, t) for tie in ties], dtype=np.int64).reshape(-1, 2).T)
     in_body = [
-        np.einsum("kji,kj->ki", nav_R_body[at], np.array(place) - position[at])
+        np.einsum("kji,kj->ki", nav_R_body[at], np.reshape(place, (-1, 3)) - position[at])
         for at, place in zip(foot, (later, earlier), strict=True)
     ]
     weight = weigh_place(np.array([tie.heading for tie in ties]), ALONG_SIGMA_M, LATERAL_SIGMA_M, LEVEL_SIGMA_M)

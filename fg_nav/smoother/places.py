@@ -78,6 +78,7 @@ def tie_places(problem: WalkProblem, solved: Solved) -> tuple[WalkProblem, Solve
     mag = problem.recording.mag
     if not problem.parameters.walk.places or mag is None:
         return problem, solved, (), ()
+    open_walk = problem, solved
     uncertainty = measure_uncertainty(problem, solved)
     known: tuple[Stretch, ...] = ()
     path = None
@@ -86,14 +87,19 @@ def tie_places(problem: WalkProblem, solved: Solved) -> tuple[WalkProblem, Solve
         track = trajectory_of(problem.recording, problem.nodes, solved.values, problem.parameters.gravity)
         path = trace_signature(problem.recording.t, track.position, track.nav_R_body, mag)
         found = _recognize(path, uncertainty)
-        if _are_alike(found, known) or not found:
+        if not found:
+            # What the closed walk does not confirm is taken back.
+            return *open_walk, (), ()
+        if are_alike(found, known):
             break
         # The walk with the ties of it.
         known = found
-        problem = replace(problem, places=_make_factors(problem, path, known, track), values=solved.values)
+        places = _make_factors(problem, path, known, track)
+        if not len(places):
+            return *open_walk, (), ()
+        problem = replace(problem, places=places, values=solved.values)
         solved = solve(problem)
-    if not known or path is None:
-        return problem, solved, (), ()
+    assert path is not None
     returns = tuple(_describe_return(path, one) for one in known)
     return problem, solved, returns, (_write_note(returns),)
 
@@ -102,7 +108,7 @@ def _recognize(path: Signature, uncertainty: PathUncertainty) -> tuple[Stretch, 
     return select_consistent(path, recognize(path, uncertainty).stretches, uncertainty)
 
 
-def _are_alike(found: tuple[Stretch, ...], known: tuple[Stretch, ...]) -> bool:
+def are_alike(found: tuple[Stretch, ...], known: tuple[Stretch, ...]) -> bool:
     """Whether two rounds recognized the same stretches, but for `ALIKE_M` at their ends."""
     if len(found) != len(known):
         return False

@@ -16,12 +16,14 @@ from fg_nav.factors.residual import Keys
 from fg_nav.lab.simulation import simulate
 from fg_nav.lab.simulation.scenario_file import read_scenario
 from fg_nav.magnetic import average_footfall_field
+from fg_nav.places import Signature, Stretch
 from fg_nav.recording import Recording
 from fg_nav.smoother import SmootherParameters, smooth_graph
 from fg_nav.smoother.batch import SmoothedWalk
 from fg_nav.smoother.graph import order_variables
 from fg_nav.smoother.parameters import FieldParameters, WalkParameters
-from fg_nav.smoother.places import mark_returns, measure_uncertainty
+from fg_nav.smoother.place_factors import make_place_factors
+from fg_nav.smoother.places import are_alike, mark_returns, measure_uncertainty
 from fg_nav.smoother.solver import CONVERGENCE, linearize, list_in_time, minimize
 from fg_nav.solution import Return
 from fg_nav.truth import TrajectoryTruth
@@ -138,3 +140,39 @@ def test_the_surest_return_marks_a_footfall() -> None:
     assert marked.place_score[15] == 9.0
     assert marked.same_place[9] == -1
     assert marked.place_score[9] == 0.0
+
+
+def test_rounds_are_alike_where_their_stretches_end_alike() -> None:
+    later = np.arange(100.0, 200.0)
+    one = Stretch(later, later - 90.0, False, 50.0, 1e-9)
+    near, far = (replace(one, earlier=one.earlier + shift) for shift in (3.0, 6.0))
+    assert are_alike((one,), (near,))
+    assert not are_alike((one,), (far,))
+    assert not are_alike((one,), (one, near))
+    assert not are_alike((one,), (replace(one, opposite=True),))
+
+
+def test_laps_of_hours_are_tied_cell_by_cell() -> None:
+    """Sixty laps of a loop of 80 m: cells are as long as on two laps, and no footfall is tied to itself."""
+    points = np.arange(60 * 160, dtype=float)
+    angle = points * 2.0 * np.pi / 160.0
+    place = np.column_stack([12.7 * np.cos(angle), 12.7 * np.sin(angle), 0.0 * angle])
+    path = Signature(0.5 * points, 0.4 * points, place, angle + 0.5 * np.pi, place, points >= 0.0)
+    laps = [Stretch(points[160 * k :], points[: -160 * k], False, 500.0, 1e-99) for k in range(1, 60)]
+    foot = np.arange(0, len(points), 3)
+    poses = path.t[foot], place[foot], np.tile(np.eye(3), (len(foot), 1, 1))
+    factors = make_place_factors(path, laps, *poses, np.arange(len(foot)))
+    ties = np.array(factors.keys)
+    assert len(ties) > 200
+    assert len(np.unique(ties[:, 1])) <= 5
+    assert (ties[:, 0] > ties[:, 1]).all()
+
+
+def test_a_turn_within_a_cell_ties_nothing() -> None:
+    points = np.arange(80, dtype=float)
+    place = np.column_stack([20.0 - np.abs(0.5 * points - 20.0), 0.0 * points, 0.0 * points])
+    path = Signature(0.5 * points, 0.4 * points, place, 0.0 * points, place, points >= 0.0)
+    back = Stretch(points[45:51], points[35:29:-1], True, 9.0, 1e-9)
+    foot = np.array([0, 30])
+    poses = path.t[foot], place[foot], np.tile(np.eye(3), (2, 1, 1))
+    assert len(make_place_factors(path, [back], *poses, np.arange(2))) == 0
