@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fg_nav.places import Drift, recognize, recognize_known, select_consistent
+from fg_nav.places import Drift, recognition, recognize, recognize_known, select_consistent
 from fg_nav.places.alignment import LEAST_LISTED, RHO, align, trace
 from fg_nav.places.calibration import measure_chance
 from fg_nav.places.candidates import BLOCK, find_candidates, pair_all
@@ -36,6 +36,20 @@ def test_a_second_lap_is_recognized_whatever_the_heading_drifts(drift_deg_m):
     assert sum(s.length_m for s in used) > 80.0
     assert np.sqrt(np.mean(np.sum(errors(walk, place, used)[:, :2] ** 2, axis=1))) < 0.6
     assert not any(s.opposite for s in used)
+
+
+def test_parts_of_a_long_walk_are_compared_with_first_passes_only(monkeypatch):
+    place = laps(5)
+    walk = carry(Floor.draw(1), place)
+    monkeypatch.setattr(recognition, "PART_M", 110.0)
+    used = select_consistent(walk, recognize(walk).stretches, Drift())
+    again = np.zeros(len(walk), dtype=bool)
+    for stretch in used:
+        again[stretch.later.astype(int)] = True
+    assert again[len(walk) // 5 + 10 :].mean() > 0.85
+    assert np.sqrt(np.mean(np.sum(errors(walk, place, used)[:, :2] ** 2, axis=1))) < 0.6
+    late = np.concatenate([s.earlier for s in used if walk.distance_m[int(s.later[0])] > 330.0])
+    assert np.mean(walk.distance_m[late.astype(int)] < 220.0) > 0.8
 
 
 def test_a_way_back_is_recognized_as_the_opposite_direction():
