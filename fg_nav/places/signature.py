@@ -27,11 +27,13 @@ taken out, with the iron of the shoe, in `whitening`.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from fg_nav.arrays import Bools, Floats
+from fg_nav.system.spilled import BLOCK_ROWS, drop_pages, empty_column
 
 SPACING_M = 0.5
 """Of the points along the path: four to the shortest wavelength that repeats (`whitening`)."""
@@ -84,12 +86,12 @@ def trace_signature(t: Floats, position: Floats, nav_R_body: Floats, mag: Floats
     nav_R_body : (N, 3, 3) its attitude.
     mag : (N, 3) uT, calibrated body field; NaN rows where there is no reading.
     """
-    read = np.isfinite(mag).all(axis=1)
-    walked = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(position[:, :2], axis=0), axis=1))])
+    read = np.asarray(np.isfinite(mag).all(axis=1))
+    walked = _measure_walked(position)
     edges = np.arange(0.0, walked[-1], SPACING_M)
     if read.sum() < 2 or len(edges) <= FEWEST_POINTS:
         return _empty_signature()
-    nav_field = _interpolate(t, t[read], np.einsum("nij,nj->ni", nav_R_body[read], mag[read]))
+    nav_field = _turn_into_nav(t, nav_R_body, mag, read)
     # Of each piece the means over distance: exact differences of line integrals, whatever the sample rate.
     middle = 0.5 * (edges[1:] + edges[:-1])
     place, field = _average(walked, position, edges), _average(walked, nav_field, edges)
@@ -105,6 +107,33 @@ def trace_signature(t: Floats, position: Floats, nav_R_body: Floats, mag: Floats
     )
 
 
+def _list_blocks(count: int) -> Iterator[slice]:
+    """Yield blocks of rows that each begin with the last of the one before."""
+    return (slice(start, start + BLOCK_ROWS + 1) for start in range(0, max(count - 1, 1), BLOCK_ROWS))
+
+
+def _measure_walked(position: Floats) -> Floats:
+    """Distance (N,) m over ground along a path (N, 3)."""
+    walked = np.zeros(len(position))
+    for part in _list_blocks(len(position)):
+        place = position[part, :2]
+        walked[part][1:] = walked[part.start] + np.cumsum(np.linalg.norm(np.diff(place, axis=0), axis=1))
+        drop_pages()
+    return walked
+
+
+def _turn_into_nav(t: Floats, nav_R_body: Floats, mag: Floats, read: Bools) -> Floats:
+    """Field (N, 3) in nav at all samples, where there is no reading by those around."""
+    field = empty_column(len(t), 3)
+    for part in _list_blocks(len(t)):
+        field[part] = np.einsum("nij,nj->ni", nav_R_body[part], mag[part])
+        drop_pages()
+    if not read.all():
+        for column in field.T:
+            column[~read] = np.interp(t[~read], t[read], column[read])
+    return field
+
+
 def _resolve(nav_field: Floats, u: Floats) -> Floats:
     """Components (K, 3) of a field in nav (K, 3) along directions (K, 2), to their left, and up."""
     along = (nav_field[:, :2] * u).sum(axis=1)
@@ -114,9 +143,16 @@ def _resolve(nav_field: Floats, u: Floats) -> Floats:
 
 def _average(walked: Floats, values: Floats, edges: Floats) -> Floats:
     """Means (K, c) over distance of values (N, c) that were read at distances (N,), between edges (K + 1,)."""
-    steps = 0.5 * (values[1:] + values[:-1]) * np.diff(walked)[:, None]
-    integral = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(steps, axis=0)])
-    return np.diff(_at_distance(walked, integral, edges), axis=0) / SPACING_M
+    integral, total = np.zeros((len(edges), values.shape[1])), np.zeros((1, values.shape[1]))
+    for part in _list_blocks(len(walked)):
+        d, value = walked[part], values[part]
+        steps = 0.5 * (value[1:] + value[:-1]) * np.diff(d)[:, None]
+        sums = np.concatenate([total, total + np.cumsum(steps, axis=0)])
+        inside = (edges >= d[0]) & (edges <= d[-1])
+        integral[inside] = _at_distance(d, sums, edges[inside])
+        total = sums[-1:]
+        drop_pages()
+    return np.asarray(np.diff(integral, axis=0) / SPACING_M)
 
 
 def _at_distance(walked: Floats, values: Floats, asked: Floats) -> Floats:

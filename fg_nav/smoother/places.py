@@ -20,6 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fg_nav.arrays import Floats
+from fg_nav.errors import EstimationError
 from fg_nav.places import Signature, Stretch, recognize, select_consistent, trace_signature
 from fg_nav.places.candidates import ALIKE_M
 from fg_nav.places.signature import SPACING_M
@@ -98,7 +99,10 @@ def tie_places(problem: WalkProblem, solved: Solved) -> tuple[WalkProblem, Solve
         if not len(places):
             return *open_walk, (), ()
         problem = replace(problem, places=places, values=solved.values)
-        solved = solve(problem)
+        try:
+            solved = solve(problem)
+        except EstimationError:
+            return *open_walk, (), ("places that were recognized are not used: with them there is no solution",)
     assert path is not None
     returns = tuple(_describe_return(path, one) for one in known)
     return problem, solved, returns, (_write_note(returns),)
