@@ -33,7 +33,7 @@ footprints, and the field does not show by how much.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -140,14 +140,18 @@ def recognize(path: Signature, uncertainty: Uncertainty = Drift()) -> Recognitio
     chance, area = _measure_chance(features, features, pairs)
     # Part by part, along all that was walked for the first time.
     part = np.arange(len(features) // BLOCK) * BLOCK * SPACING_M // PART_M
-    is_first, found, weighed = np.ones(len(part), dtype=bool), list[Stretch](), tuple[Stretch, ...]()
+    is_first, stretches = np.ones(len(part), dtype=bool), list[Stretch]()
     for number in np.unique(part):
         some = pairs.select(part == number, is_first)
-        found += _search(features, features, some, chance, len(path))
-        found.sort(key=lambda stretch: -stretch.score)
+        found = _sort_by_score(_search(features, features, some, chance, len(path)))
         weighed = _weigh_positions(found, chance, path, uncertainty)
         _mark_recognized(is_first, weighed)
-    return Recognition(weighed, chance, area)
+        stretches += weighed
+    return Recognition(_sort_by_score(stretches), chance, area)
+
+
+def _sort_by_score(stretches: Iterable[Stretch]) -> tuple[Stretch, ...]:
+    return tuple(sorted(stretches, key=lambda stretch: -stretch.score))
 
 
 def _mark_recognized(is_first: Bools, stretches: Sequence[Stretch]) -> None:
@@ -170,8 +174,7 @@ def recognize_known(path: Signature, known: Signature) -> Recognition:
     everywhere = pair_all(len(features), len(old))
     pairs = Candidates(everywhere, everywhere)
     chance, area = _measure_chance(features, old, pairs)
-    found = _search(features, old, pairs, chance, len(known))
-    return Recognition(tuple(sorted(found, key=lambda stretch: -stretch.score)), chance, area)
+    return Recognition(_sort_by_score(_search(features, old, pairs, chance, len(known))), chance, area)
 
 
 def _measure_chance(features: Features, old: Features, pairs: Candidates) -> tuple[ChanceLevel, float]:
