@@ -4,7 +4,8 @@
              stretches that agree with each other and with the path   -> ties -> factors -> the walk is solved again
     until    the same stretches are recognized again, or `ROUNDS` are over
 
-The path of a walk that was closed is compared with itself again, as more of it then lies where it was before.
+The path of a walk that was closed is compared with itself again, as more of it then lies where it was before, and what
+was recognized by accident falls out. Where nothing is left, the walk is the one that was not closed.
 
 How far a place of the path may be from where it seems, relative to an earlier one, is what the graph says before it is
 closed: with the covariance of each footfall and with that of each of some `ANCHORS`,
