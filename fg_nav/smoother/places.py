@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fg_nav.arrays import Floats
+from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import EstimationError
 from fg_nav.places import Signature, Stretch, recognize, select_consistent, trace_signature
 from fg_nav.places.candidates import ALIKE_M
@@ -71,8 +71,13 @@ class PathUncertainty:
 
     def _look_up(self, variance: Floats, first: Floats, second: Floats) -> Floats:
         nearest = np.abs(np.asarray(first)[..., None] - self.anchor_m).argmin(axis=-1)
-        after = np.clip(np.searchsorted(self.walked_m, second), 0, len(self.walked_m) - 1)
-        return np.asarray(np.sqrt(np.maximum(variance[nearest, after], 0.0)))
+        sigma = np.sqrt(np.maximum(variance, 0.0))
+        # From an anchor before the first place on to the second; by way of one behind it, at most the sum of both ways.
+        to_anchor = np.where(self.anchor_m[nearest] > first, sigma[nearest, self._footfall_at(first)], 0.0)
+        return np.asarray(sigma[nearest, self._footfall_at(second)] + to_anchor)
+
+    def _footfall_at(self, walked_m: Floats) -> Ints:
+        return np.clip(np.searchsorted(self.walked_m, walked_m), 0, len(self.walked_m) - 1)
 
 
 def tie_places(problem: WalkProblem, solved: Solved) -> tuple[WalkProblem, Solved, tuple[Return, ...], tuple[str, ...]]:
@@ -92,10 +97,10 @@ def tie_places(problem: WalkProblem, solved: Solved) -> tuple[WalkProblem, Solve
         if not found:
             # What the closed walk does not confirm is taken back.
             return *open_walk, (), ()
-        if are_alike(found, known):
+        is_confirmed, known = are_alike(found, known), found
+        if is_confirmed:
             break
         # The walk with the ties of it.
-        known = found
         places = _make_factors(problem, path, known, track)
         if not len(places):
             return *open_walk, (), ()

@@ -23,7 +23,7 @@ from fg_nav.smoother.batch import SmoothedWalk
 from fg_nav.smoother.graph import order_variables
 from fg_nav.smoother.parameters import FieldParameters, WalkParameters
 from fg_nav.smoother.place_factors import make_place_factors
-from fg_nav.smoother.places import are_alike, mark_returns, measure_uncertainty
+from fg_nav.smoother.places import PathUncertainty, are_alike, mark_returns, measure_uncertainty
 from fg_nav.smoother.solver import CONVERGENCE, linearize, list_in_time, minimize
 from fg_nav.solution import Return
 from fg_nav.truth import TrajectoryTruth
@@ -123,6 +123,15 @@ def test_uncertainty_is_that_of_the_whole_graph() -> None:
     variance = found.place[0, -1]
     assert variance == pytest.approx(np.linalg.eigvalsh(expected[:2, :2])[-1], rel=0.05)
     assert found.height[0, -1] == pytest.approx(expected[2, 2], rel=0.05)
+
+
+def test_an_anchor_between_two_places_hides_nothing_of_the_way_to_it() -> None:
+    """Of a path whose variance grows by 1 m^2 in 100 m, with an anchor at each end."""
+    walked = np.arange(0.0, 1001.0, 10.0)
+    variance = np.abs(walked - np.array([[0.0], [1000.0]])) / 100.0
+    found = PathUncertainty(walked, walked[[0, -1]], variance, variance, variance)
+    first = np.array([100.0, 400.0, 600.0, 900.0])
+    assert (found.position_m(first, np.full(4, 1000.0)) >= np.hypot(np.sqrt((1000.0 - first) / 100.0), 1.0)).all()
 
 
 def test_the_surest_return_marks_a_footfall() -> None:
