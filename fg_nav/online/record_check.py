@@ -34,6 +34,7 @@ from fg_nav.online.handover import PathNodes
 from fg_nav.online.saved_state import FootfallTable, RowTable
 from fg_nav.samples.outliers import ACC_OUT, GYR_OUT
 from fg_nav.samples.plausibility import find_squarable
+from fg_nav.solution import Return
 
 if TYPE_CHECKING:
     from fg_nav.online.checkpoint import Record
@@ -259,6 +260,8 @@ def _is_sound_table(value: object, stop: int) -> bool:
         return _is_sound_row_table(value, stop)
     if isinstance(value, FootfallTable):
         return _is_sound_footfall_table(value, stop)
+    if isinstance(value, Return):
+        return _is_sound_return(value)
     return True
 
 
@@ -287,6 +290,15 @@ def _is_sound_footfall_table(table: FootfallTable, stop: int) -> bool:
         return False
     inside = (table.start >= 0) & (table.start < table.stop) & (table.stop <= stop)
     return bool(inside.all()) and bool(((table.stillest >= 0) & (table.stillest < stop)).all())
+
+
+def _is_sound_return(value: Return) -> bool:
+    n = value.t.size
+    columns = value.t, value.earlier_t, value.field_uT, value.earlier_field_uT
+    if n == 0 or [column.shape for column in columns] != [(n,), (n,), (n, 3), (n, 3)]:
+        return False
+    known = all(bool(np.isfinite(column).all()) for column in (*columns, value.score, value.expected_false))
+    return known and bool(np.isfinite(value.length_m)) and bool((np.diff(value.t) >= 0).all())
 
 
 def _rises(sample: np.ndarray[Any, Any], stop: int) -> bool:

@@ -19,6 +19,7 @@ from fg_nav.online.packing import pack, unpack
 from fg_nav.online.record_check import doubt_resumed, find_fault
 from fg_nav.online.record_log import write_records
 from fg_nav.online.saved_state import FootfallTable, RowTable
+from fg_nav.solution import Return
 from tests.online.walks import NORTH, push, short_walk
 
 
@@ -136,6 +137,7 @@ FALLS = FootfallTable(0, np.array([1, 1]), np.array([2, 20]), LATER, np.ones(2),
 BENT = np.stack([np.eye(3), np.diag([1.0, 1.0, -1.0])])
 ANCHOR = Anchor((2**60,), (np.zeros(3),), np.eye(3), np.zeros(3))
 IRON = Iron(np.zeros(3), np.eye(3))
+RETURN = Return(np.arange(4.0), np.arange(4.0), False, 9.0, 1e-9, 2.0, np.zeros((4, 3)), np.zeros((4, 3)))
 
 
 @pytest.mark.parametrize(
@@ -166,6 +168,12 @@ IRON = Iron(np.zeros(3), np.eye(3))
         (ANCHOR, {"values": (2.0 * np.eye(4),)}),
         (IRON, {"covariance": -np.eye(3)}),
         (IRON, {"covariance": np.triu(np.ones((3, 3)))}),
+        (RETURN, {"t": np.arange(3.0)}),
+        (RETURN, {"t": np.arange(4.0)[::-1]}),
+        (RETURN, {"earlier_t": np.full(4, np.nan)}),
+        (RETURN, {"field_uT": np.zeros(4)}),
+        (RETURN, {"score": np.nan}),
+        (RETURN, {"t": np.zeros(0), "earlier_t": np.zeros(0), "field_uT": np.zeros((0, 3))}),
     ],
     ids=lambda value: type(value).__name__ if not isinstance(value, dict) else next(iter(value)),
 )
@@ -175,7 +183,7 @@ def test_tables_and_matrices_are_sound_and_changed_ones_are_not(sound, changed):
     assert find_fault(other, stop=40) != ""
 
 
-@pytest.mark.parametrize("sound", [NODES, ROWS, FALLS, ANCHOR, IRON], ids=lambda value: type(value).__name__)
+@pytest.mark.parametrize("sound", [NODES, ROWS, FALLS, ANCHOR, IRON, RETURN], ids=lambda value: type(value).__name__)
 def test_no_number_of_a_table_makes_its_check_fail(sound):
     for name, array in (sound._asdict() if isinstance(sound, tuple) else vars(sound)).items():
         for k in range(array.size if isinstance(array, np.ndarray) else 0):
