@@ -44,7 +44,7 @@ def check_method(method: str, mount: Mount | None) -> None:
 def _check_walk(walk: Walk) -> None:
     if walk.fixes or walk.extra is not None:
         raise PlacesError("fixes and saved places are in frames of their own: give one of them.")
-    _require_mag(walk)
+    require_mag(walk)
 
 
 def estimate_on_places(walk: Walk, method: str, progress: Progress | None = None) -> Solution:
@@ -87,12 +87,13 @@ def take_places(walk: Walk, solution: Solution) -> SavedPlaces:
     from fg_nav.places import trace_places
 
     table, name = solution.stances, walk.recording.provenance.path
-    mag = _require_mag(walk)
+    mag = require_mag(walk)
     path = (walk.recording.t, solution.position, solution.nav_R_body)
     return replace(trace_places(*path, mag, table.t, table.position_sigma), recording="" if name is None else name.name)
 
 
-def _require_mag(walk: Walk) -> Floats:
+def require_mag(walk: Walk) -> Floats:
+    """Return the readings of the magnetometer; raise `PlacesError` where there are none."""
     if walk.recording.mag is None:
         raise PlacesError("places are known by their magnetic field, and there is no magnetometer: leave them out.")
     return walk.recording.mag
@@ -101,7 +102,7 @@ def _require_mag(walk: Walk) -> Floats:
 def _trace(walk: Walk, solution: Solution) -> Signature:
     from fg_nav.places import trace_signature
 
-    return trace_signature(walk.recording.t, solution.position, solution.nav_R_body, _require_mag(walk))
+    return trace_signature(walk.recording.t, solution.position, solution.nav_R_body, require_mag(walk))
 
 
 def _tie(location: Location, footfalls: StanceTable) -> KnownTies:

@@ -124,6 +124,13 @@ def _save_places(request: RunRequest, places: SavedPlaces) -> None:
         write_places(fresh, places)
 
 
+def _check_mag(walk: Walk) -> None:
+    """Refuse to save places of a walk without a magnetometer, before the work."""
+    from fg_nav.on_places import require_mag
+
+    require_mag(walk)
+
+
 def _take_places(request: RunRequest, result: Result) -> SavedPlaces | None:
     if request.save_places is None:
         return None
@@ -141,7 +148,10 @@ def _run_one(request: RunRequest, recording: Path) -> Answer:
     force = request.force and (request.out is not None or request.save_places is None)
     target = Target(request.out, force, f"{name_walk(recording)}-{method}")
     with target, progress(method) as report:
-        result = navigate(read_walk(recording, options, request.reading), method, progress=report)
+        walk = read_walk(recording, options, request.reading)
+        if request.save_places is not None:
+            _check_mag(walk)
+        result = navigate(walk, method, progress=report)
         places = _take_places(request, result)
         with target.open() as folder:
             summary = write_run(folder, result.walk, result.outcome, request.plots)

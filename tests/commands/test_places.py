@@ -104,3 +104,11 @@ def test_what_has_no_use_of_places_is_refused(fg_nav: FgNav, files: Path, saved:
     assert fg_nav("run", files / "first.csv", "--places", "none").refused("none does not exist")
     both = ("run", files / "first.csv", files / "other.csv", "--save-places", "two")
     assert fg_nav(*both).refused("--save-places is of one recording")
+
+
+def test_a_walk_without_a_magnetometer_has_no_places_and_is_refused_before_the_work(
+    fg_nav: FgNav, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("fg_nav.commands.run.navigate", None)
+    write_canonical(replace(simulate("demo", 5).recording, mag=None, truth=None), Path("bare.csv"))
+    assert fg_nav("run", "bare.csv", "--save-places", "bare.places").refused("there is no magnetometer")
