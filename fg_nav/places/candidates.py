@@ -13,14 +13,18 @@ Source of the limits: three sigmas, so that a true return is missed in 1 % of th
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.frames import wrap_angle
 from fg_nav.places.signature import BLOCK, SPACING_M, Signature
+
+if TYPE_CHECKING:
+    from scipy.spatial import KDTree
 
 LIMIT = 3.0
 """Sigmas."""
@@ -132,13 +136,33 @@ class Candidates:
 
 def find_candidates(path: Signature, uncertainty: Uncertainty) -> Candidates:
     """List the pairs of stretches that could be one place."""
-    later, earlier = _near_pairs(path, uncertainty)
-    middle = np.minimum(np.arange(_count(path)) * BLOCK + BLOCK // 2, len(path) - 1)
-    d, (psi, bend) = path.distance_m[middle], _directions(path)
-    limit = LIMIT * uncertainty.heading_rad(d[earlier], d[later]) + BEND_RAD + bend[earlier] + bend[later]
-    apart = np.abs(wrap_angle(psi[later] - psi[earlier]))
-    same, opposite = apart < limit, np.pi - apart < limit
-    return Candidates(_list_pairs(later, earlier, same, path), _list_pairs(later, earlier, opposite, path))
+    from scipy.spatial import KDTree  # loaded where a path is long enough to return
+
+    count = _count(path)
+    middle = np.minimum(np.arange(count) * BLOCK + BLOCK // 2, len(path) - 1)
+    blocks = _Blocks(path.distance_m[middle], path.position[middle], *_directions(path))
+    tree = KDTree(blocks.place[:, :2])
+    same, opposite = [], []
+    # Piece by piece: what is near of a long walk is many times what is a candidate.
+    for begin in range(0, count, PIECE):
+        rows = np.arange(begin, min(begin + PIECE, count))
+        later, earlier = _near_pairs(blocks, tree, rows, uncertainty)
+        d, bend = (blocks.walked_m[earlier], blocks.walked_m[later]), blocks.bend[earlier] + blocks.bend[later]
+        limit = LIMIT * uncertainty.heading_rad(*d) + BEND_RAD + bend
+        apart = np.abs(wrap_angle(blocks.direction[later] - blocks.direction[earlier]))
+        same.append(_list_pairs(later, earlier, apart < limit, rows))
+        opposite.append(_list_pairs(later, earlier, np.pi - apart < limit, rows))
+    return Candidates(_join(same), _join(opposite))
+
+
+@dataclass(frozen=True)
+class _Blocks:
+    """Of B blocks: distance walked (B,) m and place (B, 3) m of the middle, direction and bend (B,) rad around it."""
+
+    walked_m: Floats
+    place: Floats
+    direction: Floats
+    bend: Floats
 
 
 def _count(path: Signature) -> int:
@@ -153,29 +177,35 @@ def _directions(path: Signature) -> tuple[Floats, Floats]:
     return 0.5 * (low + high), 0.5 * (high - low)
 
 
-def _near_pairs(path: Signature, uncertainty: Uncertainty) -> tuple[Ints, Ints]:
-    """Blocks (M,), (M,) that are near each other, the later one first."""
-    from scipy.spatial import KDTree  # loaded where a path is long enough to return
-
-    middle = np.minimum(np.arange(_count(path)) * BLOCK + BLOCK // 2, len(path) - 1)
-    d, place = path.distance_m[middle], path.position[middle]
+def _near_pairs(blocks: _Blocks, tree: KDTree, rows: Ints, uncertainty: Uncertainty) -> tuple[Ints, Ints]:
+    """Pairs (M,), (M,) of some blocks with earlier ones that are near them."""
+    d, place = blocks.walked_m, blocks.place
     size = BLOCK * SPACING_M + ALIKE_M
-    reach = LIMIT * uncertainty.position_m(np.zeros(len(d)), d) + size
-    found = KDTree(place[:, :2]).query_ball_point(place[:, :2], reach)
-    count = np.array([len(row) for row in found])
-    later, earlier = np.repeat(np.arange(len(d)), count), np.concatenate([np.array(row, dtype=int) for row in found])
+    reach = LIMIT * uncertainty.position_m(np.zeros(len(rows)), d[rows]) + size
+    found = tree.query_ball_point(place[rows, :2], reach)
+    count = [len(row) for row in found]
+    later, earlier = np.repeat(rows, count), np.concatenate([np.array(row, dtype=int) for row in found])
+    behind = d[later] - d[earlier] > APART_M
+    later, earlier = later[behind], earlier[behind]
     apart = np.linalg.norm(place[later, :2] - place[earlier, :2], axis=1)
     near = apart <= LIMIT * uncertainty.position_m(d[earlier], d[later]) + size
     level = np.abs(place[later, 2] - place[earlier, 2]) <= LIMIT * uncertainty.height_m(d[earlier], d[later])
-    usable = near & level & (d[later] - d[earlier] > APART_M)
-    return later[usable], earlier[usable]
+    return later[near & level], earlier[near & level]
 
 
-def _list_pairs(later: Ints, earlier: Ints, usable: Bools, path: Signature) -> BlockPairs:
+def _list_pairs(later: Ints, earlier: Ints, usable: Bools, rows: Ints) -> BlockPairs:
+    """Pairs of some later blocks in a row, the first of which is the first of `start`."""
     later, earlier = later[usable], earlier[usable]
     order = np.lexsort((earlier, later))
-    start = np.searchsorted(later[order], np.arange(_count(path) + 1))
+    start = np.searchsorted(later[order], np.append(rows, rows[-1] + 1))
     return BlockPairs(start.astype(np.int64), earlier[order].astype(np.int64))
+
+
+def _join(parts: Sequence[BlockPairs]) -> BlockPairs:
+    """Pairs of parts of the later blocks, one behind the other."""
+    count = np.concatenate([np.diff(part.start) for part in parts])
+    start = np.concatenate([[0], np.cumsum(count)]).astype(np.int64)
+    return BlockPairs(start, np.concatenate([part.earlier for part in parts]))
 
 
 def pair_all(later: int, earlier: int) -> BlockPairs:

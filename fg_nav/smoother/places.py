@@ -70,7 +70,7 @@ class PathUncertainty:
         return np.hypot(self._look_up(self.heading, first, second), np.radians(LEAST_SIGMA_DEG))
 
     def _look_up(self, variance: Floats, first: Floats, second: Floats) -> Floats:
-        nearest = np.abs(np.asarray(first)[..., None] - self.anchor_m).argmin(axis=-1)
+        nearest = np.searchsorted(0.5 * (self.anchor_m[1:] + self.anchor_m[:-1]), first)
         sigma = np.sqrt(np.maximum(variance, 0.0))
         # From an anchor before the first place on to the second; by way of one behind it, at most the sum of both ways.
         to_anchor = np.where(self.anchor_m[nearest] > first, sigma[nearest, self._footfall_at(first)], 0.0)
