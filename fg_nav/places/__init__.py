@@ -19,21 +19,19 @@ compared is the field along the path; positions enter only to say which stretche
 Everything here is numpy and numba: no graph and no estimator.
 """
 
-from fg_nav.places.candidates import Drift, Uncertainty
+from fg_nav.places.candidates import Drift
 from fg_nav.places.consistency import select_consistent
 from fg_nav.places.location import Location, locate
-from fg_nav.places.recognition import Recognition, Stretch, recognize, recognize_known
+from fg_nav.places.recognition import Stretch, recognize, recognize_known
 from fg_nav.places.saved import SavedPlaces, read_places, trace_places, write_places
 from fg_nav.places.signature import Signature, trace_signature
 
 __all__ = [
     "Drift",
     "Location",
-    "Recognition",
     "SavedPlaces",
     "Signature",
     "Stretch",
-    "Uncertainty",
     "locate",
     "read_places",
     "recognize",

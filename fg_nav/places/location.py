@@ -9,7 +9,7 @@ differ.
 
 Each stretch is cut into pieces of `PIECE_M`. The errors of a piece have three parts,
 
-    tie     as in `recognition`: along the path ALONG_SIGMA_M, to its side LATERAL_SIGMA_M, up LEVEL_SIGMA_M, with an
+    tie     as in `recognition`: along the path ALONG_SIGMA_M, to its side LATERAL_SIGMA_M, up UP_SIGMA_M, with an
             independent error every `AVERAGE_M`; of the direction HEADING_SIGMA_RAD; independent from piece to piece
     drift   of the walk since its start, sigma(d) of `Uncertainty`: two pieces share that of the earlier one, of the
             direction too
@@ -43,6 +43,7 @@ from fg_nav.places.recognition import (
     AVERAGE_M,
     HEADING_SIGMA_RAD,
     LATERAL_SIGMA_M,
+    UP_SIGMA_M,
     Stretch,
     recognize_known,
 )
@@ -54,9 +55,6 @@ PIECE_M, MOST_PIECES = 8.0, 100
 
 MOST_STRETCHES = 50
 """That are looked at, the best ones."""
-
-LEVEL_SIGMA_M = 0.2
-"""Of the heights of two passes."""
 
 MOST_CHI2 = 18.5
 """chi^2 of four degrees of freedom that one true piece in a thousand exceeds."""
@@ -102,7 +100,7 @@ class Pieces:
         """Covariance (P, 3, 3) m^2 of the place of each, without drift and map."""
         c, s, none, one = np.cos(self.heading), np.sin(self.heading), 0.0 * self.heading, 1.0 + 0.0 * self.heading
         axes = np.moveaxis(np.array([[c, -s, none], [s, c, none], [none, none, one]]), 2, 0)
-        variance = np.array([ALONG_SIGMA_M, LATERAL_SIGMA_M, LEVEL_SIGMA_M]) ** 2
+        variance = np.array([ALONG_SIGMA_M, LATERAL_SIGMA_M, UP_SIGMA_M]) ** 2
         of_each = variance / np.stack([self.count, self.count, one], axis=1)
         return np.asarray((axes * of_each[:, None, :]) @ np.swapaxes(axes, 1, 2))
 
@@ -155,7 +153,7 @@ def locate(path: Signature, known: SavedPlaces) -> Location | None:
     best = int(np.argmax(scores))
     fit = _fit(pieces.take(_rows_of(pieces, sets[best])), None)
     # By how much it is surer than all that lie elsewhere.
-    rivals = _list_rivals(pieces, sets, fit)
+    rivals = _list_rivals(pieces, sets, scores, fit)
     odds = sum(np.exp(-found.chance.decay * max(scores[best] - scores[k], 0.0)) for k in rivals)
     expected = min(stretches[k].expected_false for k in sets[best]) + float(odds)
     if expected >= LONE_EXPECTED:
@@ -281,12 +279,12 @@ def _total_score(stretches: Sequence[Stretch], members: Sequence[int]) -> float:
     return total
 
 
-def _list_rivals(pieces: Pieces, sets: Sequence[list[int]], fit: _Fit) -> list[int]:
-    """List the sets that put the start elsewhere than a transform, each place once."""
-    others = [_fit(pieces.take(_rows_of(pieces, members)), None) for members in sets]
+def _list_rivals(pieces: Pieces, sets: Sequence[list[int]], scores: Sequence[float], fit: _Fit) -> list[int]:
+    """List the sets that put the start elsewhere than a transform, the best of each place."""
     places: list[Floats] = [fit.x]
     rivals = []
-    for k, other in enumerate(others):
+    for k in np.argsort(-np.array(scores), kind="stable").tolist():
+        other = _fit(pieces.take(_rows_of(pieces, sets[k])), None)
         sigma = np.sqrt(np.trace(fit.covariance[:2, :2] + other.covariance[:2, :2]))
         reach = ELSEWHERE_SIGMAS * sigma + ELSEWHERE_M
         if all(np.linalg.norm(other.x[:2] - place[:2]) > reach for place in places):

@@ -81,6 +81,9 @@ ALONG_SIGMA_M = 0.3
 LATERAL_SIGMA_M = 0.6
 """Of a tie to the side: two walks along one corridor, each within 0.4 m of its middle line."""
 
+UP_SIGMA_M = 0.2
+"""Of the heights: a floor is level, a ramp is not at the tie's own sigma along it."""
+
 HEADING_SIGMA_RAD = np.deg2rad(8.0)
 """Of the directions of walking there: 0.35 m aside within 5 m."""
 

@@ -22,7 +22,7 @@ from fg_nav.arrays import Floats, Ints
 from fg_nav.factors.residual import ResidualBlock
 from fg_nav.factors.same_place import SamePlace, weigh_place
 from fg_nav.places import Signature, Stretch
-from fg_nav.places.recognition import ALONG_SIGMA_M, LATERAL_SIGMA_M
+from fg_nav.places.recognition import ALONG_SIGMA_M, LATERAL_SIGMA_M, UP_SIGMA_M
 from fg_nav.places.signature import SPACING_M
 
 CELL_M, MOST_CELLS = 20.0, 60
@@ -34,9 +34,6 @@ LEAST_SHARE = 0.5
 
 APART_M = 6.0
 """Between independent errors of a pass: those of an alignment, and the wander of a person."""
-
-LEVEL_SIGMA_M = 0.2
-"""Of the heights: a floor is level, a ramp is not at the tie's own sigma along it."""
 
 
 class PlaceFactors(ResidualBlock):
@@ -84,7 +81,7 @@ def make_place_factors(
         np.einsum("kji,kj->ki", nav_R_body[at], np.reshape(place, (-1, 3)) - position[at])
         for at, place in zip(foot, (later, earlier), strict=True)
     ]
-    weight = weigh_place(np.array([tie.heading for tie in ties]), ALONG_SIGMA_M, LATERAL_SIGMA_M, LEVEL_SIGMA_M)
+    weight = weigh_place(np.array([tie.heading for tie in ties]), ALONG_SIGMA_M, LATERAL_SIGMA_M, UP_SIGMA_M)
     weight[:, :2] *= np.sqrt([tie.count for tie in ties])[:, None, None]
     keys = [(X(int(node[a])), X(int(node[b]))) for a, b in zip(*foot, strict=True)]
     return PlaceFactors(SamePlace(in_body[0], in_body[1], weight), keys, np.unique(np.concatenate(foot)))

@@ -24,7 +24,7 @@ from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import EstimationError
 from fg_nav.places import Signature, Stretch, recognize, select_consistent, trace_signature
 from fg_nav.places.candidates import ALIKE_M
-from fg_nav.places.signature import SPACING_M
+from fg_nav.places.signature import FEWEST_POINTS, SPACING_M
 from fg_nav.places.whitening import TURNED
 from fg_nav.smoother.combinations import FootfallCovariance
 from fg_nav.smoother.graph import Trajectory, WalkProblem, solve, trajectory_of
@@ -34,7 +34,7 @@ from fg_nav.solution import Return, StanceTable
 from fg_nav.text import format_count
 
 ROUNDS = 3
-"""Of recognizing and solving: the second looks along a path that closes, the third confirms it."""
+"""Of recognizing and solving: the second looks along a path that closes, the third mostly finds the same again."""
 
 ANCHORS = 12
 """Footfalls relative to which the uncertainty of all others is taken."""
@@ -86,6 +86,8 @@ def tie_places(problem: WalkProblem, solved: Solved) -> tuple[WalkProblem, Solve
     if not problem.parameters.walk.places or mag is None:
         return problem, solved, (), ()
     open_walk = problem, solved
+    if _measure_walked(problem, solved)[-1] < FEWEST_POINTS * SPACING_M:
+        return *open_walk, (), ()
     uncertainty = measure_uncertainty(problem, solved)
     known: tuple[Stretch, ...] = ()
     path = None
@@ -112,6 +114,12 @@ def tie_places(problem: WalkProblem, solved: Solved) -> tuple[WalkProblem, Solve
     assert path is not None
     returns = tuple(_describe_return(path, one) for one in known)
     return problem, solved, returns, (_write_note(returns),)
+
+
+def _measure_walked(problem: WalkProblem, solved: Solved) -> Floats:
+    """Distance over ground (F,) m walked to each footfall."""
+    place = list_positions(problem.nodes.result, solved.values)[:, :2]
+    return np.cumsum(np.linalg.norm(np.diff(place, axis=0, prepend=place[:1]), axis=1))
 
 
 def _recognize(path: Signature, uncertainty: PathUncertainty) -> tuple[Stretch, ...]:
@@ -146,8 +154,7 @@ def measure_uncertainty(problem: WalkProblem, solved: Solved) -> PathUncertainty
     anchors = np.unique(np.linspace(0, len(nodes.result) - 1, ANCHORS).astype(np.int64))
     relative = np.array([_relative_to(joint, own, int(a)) for a in anchors])
     place = np.linalg.eigvalsh(relative[:, :, :2, :2])[..., 1]
-    position = list_positions(nodes.result, solved.values)
-    walked = np.cumsum(np.linalg.norm(np.diff(position[:, :2], axis=0, prepend=position[:1, :2]), axis=1))
+    walked = _measure_walked(problem, solved)
     return PathUncertainty(walked, walked[anchors], place, relative[:, :, 2, 2], relative[:, :, 3, 3])
 
 
