@@ -39,6 +39,10 @@ ROUNDS = 3
 ANCHORS = 12
 """Footfalls relative to which the uncertainty of all others is taken."""
 
+LONGEST_M = 20_000.0
+"""Walks of more than some four hours are not compared with themselves: what could be one place grows with the square of
+the laps in one building, and takes more memory than the walk."""
+
 LEAST_SIGMA_M, LEAST_SIGMA_DEG, LEAST_HEIGHT_M = 1.0, 3.0, 0.3
 """Of one place relative to another: a corridor's width, and what a stride wanders."""
 
@@ -86,8 +90,11 @@ def tie_places(problem: WalkProblem, solved: Solved) -> tuple[WalkProblem, Solve
     if not problem.parameters.walk.places or mag is None:
         return problem, solved, (), ()
     open_walk = problem, solved
-    if _measure_walked(problem, solved)[-1] < FEWEST_POINTS * SPACING_M:
+    walked = _measure_walked(problem, solved)[-1]
+    if walked < FEWEST_POINTS * SPACING_M:
         return *open_walk, (), ()
+    if walked > LONGEST_M:
+        return *open_walk, (), (f"no places are looked for on a walk of more than {LONGEST_M / 1000:.0f} km",)
     uncertainty = measure_uncertainty(problem, solved)
     known: tuple[Stretch, ...] = ()
     path = None

@@ -18,7 +18,7 @@ from fg_nav.lab.simulation.scenario_file import read_scenario
 from fg_nav.magnetic import average_footfall_field
 from fg_nav.places import Signature, Stretch
 from fg_nav.recording import Recording
-from fg_nav.smoother import SmootherParameters, smooth_graph
+from fg_nav.smoother import SmootherParameters, places, smooth_graph
 from fg_nav.smoother.batch import SmoothedWalk
 from fg_nav.smoother.graph import order_variables
 from fg_nav.smoother.parameters import FieldParameters, WalkParameters
@@ -185,3 +185,14 @@ def test_a_turn_within_a_cell_ties_nothing() -> None:
     foot = np.array([0, 30])
     poses = path.t[foot], place[foot], np.tile(np.eye(3), (2, 1, 1))
     assert len(make_place_factors(path, [back], *poses, np.arange(2))) == 0
+
+
+def test_a_walk_that_is_too_long_is_not_compared_with_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(places, "LONGEST_M", 70.0)
+    walk = solved(2, False).walk
+    problem = replace(walk.problem, parameters=WITH)
+    same, minimum, returns, notes = places.tie_places(problem, walk.solved)
+    assert same is problem
+    assert minimum is walk.solved
+    assert returns == ()
+    assert notes == ("no places are looked for on a walk of more than 0 km",)
