@@ -31,7 +31,7 @@ from fg_nav.frames import wrap_angle
 from fg_nav.places.calibration import TINY
 from fg_nav.places.candidates import Uncertainty
 from fg_nav.places.recognition import ALONG_SIGMA_M, HEADING_SIGMA_RAD, LATERAL_SIGMA_M, Stretch
-from fg_nav.places.signature import Signature
+from fg_nav.places.signature import Signature, interpolate_columns
 
 LONE_EXPECTED = 1e-3
 """False recognitions in a walk, with which a stretch is used that nothing confirms: one walk of a thousand."""
@@ -113,7 +113,7 @@ def _middle_passes(path: Signature, stretches: Sequence[Stretch]) -> _Passes:
     middle = [len(s.later) // 2 for s in stretches]
     later = np.array([s.later[k] for s, k in zip(stretches, middle, strict=True)])
     earlier = np.array([s.earlier[k] for s, k in zip(stretches, middle, strict=True)])
-    place = [np.stack([np.interp(at, points, c) for c in path.position[:, :2].T], axis=1) for at in (later, earlier)]
+    place = [interpolate_columns(at, points, path.position[:, :2]) for at in (later, earlier)]
     distance = [np.interp(at, points, path.distance_m) for at in (later, earlier)]
     independent = np.array([max(s.length_m / TURN_LENGTH_M, 1.0) for s in stretches])
     turn = np.array([_mean_turn(path, s) for s in stretches])

@@ -51,7 +51,7 @@ from fg_nav.places.candidates import (
     find_candidates,
     pair_all,
 )
-from fg_nav.places.signature import BLOCK, FEWEST_POINTS, SPACING_M, Signature
+from fg_nav.places.signature import BLOCK, FEWEST_POINTS, SPACING_M, Signature, interpolate_columns
 from fg_nav.places.whitening import Features, whiten
 
 MOST_EXPECTED = 0.1
@@ -257,7 +257,7 @@ def _passes(first: Floats, second: Floats, path: Signature) -> tuple[list[Floats
     """Distances walked (M,) and places (M, 2) at points (M,) and (M,) of a path."""
     points = np.arange(len(path), dtype=float)
     d = [np.interp(at, points, path.distance_m) for at in (first, second)]
-    place = [np.stack([np.interp(at, points, c) for c in path.position[:, :2].T], axis=1) for at in (first, second)]
+    place = [interpolate_columns(at, points, path.position[:, :2]) for at in (first, second)]
     return d, place
 
 

@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import PlacesError, describe_reason
-from fg_nav.places.signature import FEWEST_POINTS, Signature, trace_signature
+from fg_nav.places.signature import FEWEST_POINTS, Signature, interpolate_columns, trace_signature
 from fg_nav.text import find_version
 
 FORMAT = "fg-nav places"
@@ -75,7 +75,7 @@ def trace_places(
     path = trace_signature(t, position, nav_R_body, mag)
     if len(path) < FEWEST_POINTS:
         raise PlacesError("the walk is too short for its places to be saved: it has to lead over 20 m or more.")
-    sigma = np.stack([np.interp(path.t, footfall_t, column) for column in footfall_sigma_m.T], axis=1)
+    sigma = interpolate_columns(path.t, footfall_t, footfall_sigma_m)
     return SavedPlaces(path, sigma)
 
 

@@ -158,10 +158,11 @@ def _average(walked: Floats, values: Floats, edges: Floats) -> Floats:
 def _at_distance(walked: Floats, values: Floats, asked: Floats) -> Floats:
     """Values (K, c) at distances (K,); those of a standing are those of its begin."""
     distinct, first = np.unique(walked, return_index=True)
-    return _interpolate(asked, distinct, values[first])
+    return interpolate_columns(asked, distinct, values[first])
 
 
-def _interpolate(asked: Floats, x: Floats, values: Floats) -> Floats:
+def interpolate_columns(asked: Floats, x: Floats, values: Floats) -> Floats:
+    """Return the rows (M, c) of values (K, c) at x (K,), interpolated where they are asked for (M,)."""
     return np.stack([np.interp(asked, x, column) for column in values.T], axis=1)
 
 

@@ -34,7 +34,7 @@ from fg_nav.smoother.dense_path import fill_path
 from fg_nav.smoother.differential_factors import DifferentialFactors
 from fg_nav.smoother.field_factors import FieldFactors
 from fg_nav.smoother.parameters import SmootherParameters
-from fg_nav.smoother.place_factors import PlaceFactors
+from fg_nav.smoother.place_factors import PlaceFactors, postpone
 from fg_nav.smoother.preintegration import preintegrate
 from fg_nav.smoother.solver import (
     CONVERGENCE,
@@ -44,7 +44,6 @@ from fg_nav.smoother.solver import (
     list_in_time,
     list_poses,
     minimize,
-    postpone,
 )
 from fg_nav.smoother.strides import (
     Nodes,

@@ -1,7 +1,7 @@
 """Factors between the footfalls of a walk that are at one place (`fg_nav.places`, `factors.same_place`).
 
 The earliest pass of each place is divided into cells by distance, and has one footfall in each to which all later
-passes are tied: so no error adds up from lap to lap, and few footfalls are joined over the walk (`solver.postpone`).
+passes are tied: so no error adds up from lap to lap, and few footfalls are joined over the walk (`postpone`).
 What is tied are the means of both passes over the cell, relative to their footfalls: two passes along a corridor are
 aside of each other by decimeters here and there, and less on the mean. With an independent error every `APART_M`,
 
@@ -19,11 +19,12 @@ import numpy as np
 from gtsam.symbol_shorthand import X
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.factors.residual import ResidualBlock
+from fg_nav.factors.residual import LETTER_SHIFT, Keys, ResidualBlock
 from fg_nav.factors.same_place import SamePlace, weigh_place
 from fg_nav.places import Signature, Stretch
 from fg_nav.places.recognition import ALONG_SIGMA_M, LATERAL_SIGMA_M, UP_SIGMA_M
-from fg_nav.places.signature import SPACING_M
+from fg_nav.places.signature import SPACING_M, interpolate_columns
+from fg_nav.smoother.strides import Nodes
 
 CELL_M, MOST_CELLS = 20.0, 60
 """Length of a cell, and how many there are at most: where more ground is walked again, they are longer. The last fronts
@@ -136,4 +137,19 @@ def _list_ties(path: Signature, stretch: Stretch, length: float) -> Iterator[_Ti
 
 def _mean_place(path: Signature, points: Floats, at: Floats) -> Floats:
     """Mean (3,) of the places at points (M,) of a path."""
-    return np.array([np.interp(at, points, axis).mean() for axis in path.position.T])
+    return np.asarray(interpolate_columns(at, points, path.position).mean(axis=0))
+
+
+def postpone(keys: Keys, nodes: Nodes, tied: Ints) -> Keys:
+    """Eliminate `tied` footfalls (n,) of a walk, which factors join over the walk, last and the newest of them first.
+
+    In the order of time every front between two footfalls at one place would carry the later one. A tied footfall is
+    left with all that joins its past to its future, its node, bias and settling and the state of its field: then what
+    lies between two of them is a chain by itself, and what is left a short one. Floors, which join many, end the order.
+    """
+    node, bias = nodes.result[tied], np.unique(nodes.bias[tied])
+    kinds = (("x", node), ("v", node), ("m", tied), ("b", bias), ("s", bias))
+    names = [(ord(letter) << LETTER_SHIFT) + number.astype(np.uint64) for letter, number in kinds]
+    last = np.isin(keys, np.concatenate(names))
+    floors = keys >> np.uint64(LETTER_SHIFT) == ord("z")
+    return np.concatenate([keys[~last & ~floors], keys[last][::-1], keys[floors]])

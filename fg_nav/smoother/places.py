@@ -24,7 +24,7 @@ from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import EstimationError
 from fg_nav.places import Signature, Stretch, recognize, select_consistent, trace_signature
 from fg_nav.places.candidates import ALIKE_M
-from fg_nav.places.signature import FEWEST_POINTS, SPACING_M
+from fg_nav.places.signature import FEWEST_POINTS, SPACING_M, interpolate_columns
 from fg_nav.places.whitening import TURNED
 from fg_nav.smoother.combinations import FootfallCovariance
 from fg_nav.smoother.graph import Trajectory, WalkProblem, solve, trajectory_of
@@ -183,10 +183,7 @@ def _describe_return(path: Signature, stretch: Stretch) -> Return:
     """Take the moments of a stretch and the field of both passes, in the directions of the later one."""
     points = np.arange(len(path), dtype=float)
     t, before = (np.interp(at, points, path.t) for at in (stretch.later, stretch.earlier))
-    field, of_before = (
-        np.stack([np.interp(at, points, component) for component in path.field.T], axis=1)
-        for at in (stretch.later, stretch.earlier)
-    )
+    field, of_before = (interpolate_columns(at, points, path.field) for at in (stretch.later, stretch.earlier))
     if stretch.opposite:
         of_before = of_before * TURNED
     length = float(np.ptp(np.interp(stretch.later, points, path.distance_m)))

@@ -132,21 +132,6 @@ def list_in_time(nodes: Nodes, with_field: bool = False, floor: Ints | None = No
     return keys[np.argsort(behind, kind="stable")]
 
 
-def postpone(keys: Keys, nodes: Nodes, tied: Ints) -> Keys:
-    """Eliminate `tied` footfalls (n,) of a walk, which factors join over the walk, last and the newest of them first.
-
-    In the order of time every front between two footfalls at one place would carry the later one. A tied footfall is
-    left with all that joins its past to its future, its node, bias and settling and the state of its field: then what
-    lies between two of them is a chain by itself, and what is left a short one. Floors, which join many, end the order.
-    """
-    node, bias = nodes.result[tied], np.unique(nodes.bias[tied])
-    kinds = (("x", node), ("v", node), ("m", tied), ("b", bias), ("s", bias))
-    names = [(ord(letter) << LETTER_SHIFT) + number.astype(np.uint64) for letter, number in kinds]
-    last = np.isin(keys, np.concatenate(names))
-    floors = keys >> np.uint64(LETTER_SHIFT) == ord("z")
-    return np.concatenate([keys[~last & ~floors], keys[last][::-1], keys[floors]])
-
-
 @dataclass(frozen=True)
 class Solved:
     """Values at the minimum, the triangle of the last linearization, and the number of linearizations.
