@@ -233,16 +233,17 @@ def _weigh_positions(
     stretches: Sequence[Stretch], chance: ChanceLevel, path: Signature, uncertainty: Uncertainty
 ) -> tuple[Stretch, ...]:
     """Stretches with what their positions and their rivals take away, without those of which too little is left."""
-    chi2 = np.array([_distance_chi2(stretch, path, uncertainty) for stretch in stretches])
-    likeness = np.array([stretch.score / stretch.length_m for stretch in stretches])
-    near = [k for k in range(len(stretches)) if chi2[k] <= MOST_CHI2 and likeness[k] >= LEAST_LIKENESS]
-    weighed = []
-    for a in near:
-        one = stretches[a]
-        rivals = [b for b in near if b != a and _is_rival(one, stretches[b], path, uncertainty)]
-        odds = [-chance.decay * (one.score - stretches[b].score) + 0.5 * (chi2[a] - chi2[b]) for b in rivals]
-        expected = one.expected_false * np.exp(0.5 * chi2[a]) + np.exp(np.minimum(odds, 0.0)).sum()
-        weighed.append(replace(one, expected_false=float(expected)))
+    likely = [stretch for stretch in stretches if stretch.score >= LEAST_LIKENESS * stretch.length_m]
+    chi2 = np.array([_distance_chi2(stretch, path, uncertainty) for stretch in likely])
+    near = np.flatnonzero(chi2 <= MOST_CHI2)
+    if not len(near):
+        return ()
+    some, chi2 = [likely[k] for k in near], chi2[near]
+    score, expected = np.array([s.score for s in some]), np.array([s.expected_false for s in some])
+    one, other = _list_rivals(some, path, uncertainty)
+    odds = np.exp(np.minimum(chance.decay * (score[other] - score[one]) + 0.5 * (chi2[one] - chi2[other]), 0.0))
+    expected = expected * np.exp(0.5 * chi2) + np.bincount(one, odds, len(some))
+    weighed = (replace(stretch, expected_false=float(e)) for stretch, e in zip(some, expected, strict=True))
     return tuple(stretch for stretch in weighed if stretch.expected_false < MOST_EXPECTED)
 
 
@@ -261,14 +262,26 @@ def _passes(first: Floats, second: Floats, path: Signature) -> tuple[list[Floats
     return d, place
 
 
-def _is_rival(one: Stretch, other: Stretch, path: Signature, uncertainty: Uncertainty) -> bool:
-    """Whether two stretches say that one piece of the walk is at two places that are not one."""
-    begin, end = max(one.later[0], other.later[0]), min(one.later[-1], other.later[-1])
-    if end - begin < 0.5 * min(one.later[-1] - one.later[0], other.later[-1] - other.later[0]):
-        return False
-    middle = np.array([0.5 * (begin + end)])
-    first, second = (np.interp(middle, s.later, s.earlier) for s in (one, other))
-    return bool(_apart(first, second, path, uncertainty)[0])
+def _list_rivals(stretches: Sequence[Stretch], path: Signature, uncertainty: Uncertainty) -> tuple[Ints, Ints]:
+    """Pairs (M,), (M,) of stretches which say that one piece of the walk is at two places that are not one."""
+    begin, end = (np.array([stretch.later[k] for stretch in stretches]) for k in (0, -1))
+    low, high = np.maximum(begin[:, None], begin), np.minimum(end[:, None], end)
+    overlaps = high - low >= 0.5 * np.minimum((end - begin)[:, None], end - begin)
+    np.fill_diagonal(overlaps, False)
+    one, other = np.nonzero(overlaps)
+    middle = 0.5 * (low + high)[one, other]
+    first, second = (_earlier_at(stretches, rows, middle) for rows in (one, other))
+    rivals = _apart(first, second, path, uncertainty)
+    return one[rivals], other[rivals]
+
+
+def _earlier_at(stretches: Sequence[Stretch], rows: Ints, later: Floats) -> Floats:
+    """Points (M,) of the earlier pass at those of the later one, each of one of the stretches `rows` (M,)."""
+    ends = np.cumsum([0, *(len(stretch.later) for stretch in stretches)])
+    begin = np.array([stretch.later[0] for stretch in stretches])
+    earlier = np.concatenate([stretch.earlier for stretch in stretches])
+    # The points of the later pass follow each other: the number of one is its place in the stretch.
+    return np.asarray(np.interp(ends[rows] + later - begin[rows], np.arange(len(earlier)), earlier))
 
 
 def _apart(first: Floats, second: Floats, path: Signature, uncertainty: Uncertainty) -> Bools:

@@ -117,27 +117,29 @@ def _list_ties(path: Signature, stretch: Stretch, length: float) -> Iterator[_Ti
     """Yield the ties of a stretch, one in each cell of this length, m, that it covers."""
     points = np.arange(len(path), dtype=float)
     walked = np.interp(stretch.earlier, points, path.distance_m)
-    cell = (walked // length).astype(np.int64)
-    for number in np.unique(cell):
-        rows = np.flatnonzero(cell == number)
-        covered = float(np.ptp(walked[rows]))
-        if covered < min(LEAST_SHARE * length, 0.9 * np.ptp(walked)):
-            continue
-        later, earlier = (_mean_place(path, points, at[rows]) for at in (stretch.later, stretch.earlier))
-        middle = float(stretch.later[rows].mean())
+    number, cell = np.unique((walked // length).astype(np.int64), return_inverse=True)
+    # Means over the points in each cell.
+    middle = _average_by(cell, stretch.later[:, None])[:, 0]
+    later, earlier = (
+        _average_by(cell, interpolate_columns(at, points, path.position)) for at in (stretch.later, stretch.earlier)
+    )
+    moment, heading = np.interp(middle, points, path.t), np.interp(middle, points, path.heading)
+    of_cell = np.interp((number + 0.5) * length, path.distance_m, path.t)
+    covered = np.array([np.ptp(walked[cell == k]) for k in range(len(number))])
+    for k in np.flatnonzero(covered >= min(LEAST_SHARE * length, 0.9 * np.ptp(walked))):
         yield _Tie(
-            float(np.interp(middle, points, path.t)),
-            float(np.interp((number + 0.5) * length, path.distance_m, path.t)),
-            later,
-            earlier,
-            float(np.interp(middle, points, path.heading)),
-            max(covered / APART_M, 1.0),
+            float(moment[k]),
+            float(of_cell[k]),
+            later[k],
+            earlier[k],
+            float(heading[k]),
+            max(float(covered[k]) / APART_M, 1.0),
         )
 
 
-def _mean_place(path: Signature, points: Floats, at: Floats) -> Floats:
-    """Mean (3,) of the places at points (M,) of a path."""
-    return np.asarray(interpolate_columns(at, points, path.position).mean(axis=0))
+def _average_by(group: Ints, values: Floats) -> Floats:
+    """Means (G, c) of rows (M, c) over the groups 0 to G - 1 (M,) that they are in."""
+    return np.stack([np.bincount(group, column) for column in values.T], axis=1) / np.bincount(group)[:, None]
 
 
 def postpone(keys: Keys, nodes: Nodes, tied: Ints) -> Keys:
