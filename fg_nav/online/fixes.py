@@ -19,8 +19,9 @@ from fg_nav.arrays import Floats
 from fg_nav.factors.walk_constraints import position_fix_factor, position_fix_noise
 from fg_nav.fix_check import FIX_REACH_S
 from fg_nav.smoother.constraints import add_fixes, pin_to_times
+from fg_nav.smoother.gauss_newton import FIRST_CONVERGENCE
 from fg_nav.smoother.graph import WalkProblem, solve
-from fg_nav.smoother.solver import FIRST_CONVERGENCE, in_nav
+from fg_nav.smoother.solver import in_nav
 from fg_nav.truth import Fix
 
 AGREES = 4.0

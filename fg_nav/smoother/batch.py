@@ -38,6 +38,7 @@ from fg_nav.smoother.constraints import add_constraints, add_fixes, add_own, ref
 from fg_nav.smoother.count import count_factors
 from fg_nav.smoother.differential import write_note
 from fg_nav.smoother.floors import write_floor_note
+from fg_nav.smoother.gauss_newton import FIRST_CONVERGENCE
 from fg_nav.smoother.graph import Trajectory, prepare_trajectory, solve
 from fg_nav.smoother.gyro_scale import estimate_gyro_scale, shows_heading
 from fg_nav.smoother.known_places import KnownTies, add_known_places
@@ -47,7 +48,7 @@ from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.places import mark_returns
 from fg_nav.smoother.problem import walk_problem
 from fg_nav.smoother.solved_walk import SolvedWalk, solve_walk
-from fg_nav.smoother.solver import FIRST_CONVERGENCE, list_covariances, stance_table
+from fg_nav.smoother.solver import list_covariances, stance_table
 from fg_nav.solution import Solution
 from fg_nav.stances import Stances
 from fg_nav.system.memory import return_freed

@@ -36,11 +36,12 @@ from fg_nav.smoother.field import (
 )
 from fg_nav.smoother.field_drift import remove_drift
 from fg_nav.smoother.field_factors import FieldFactors, FieldPath
+from fg_nav.smoother.gauss_newton import CONVERGENCE, FIRST_CONVERGENCE
 from fg_nav.smoother.graph import UNKNOWN_HEADING_DEG, StartPrior, Trajectory, WalkProblem, solve, turn_walk
 from fg_nav.smoother.parameters import FieldParameters
 from fg_nav.smoother.path_noise import PathNoise, choose_path_noise
 from fg_nav.smoother.potential import describe_jumps, free_jumps
-from fg_nav.smoother.solver import CONVERGENCE, FIRST_CONVERGENCE, Solved, list_attitudes
+from fg_nav.smoother.solver import Solved, list_attitudes
 from fg_nav.system.memory import return_freed
 
 COMPASS_ROUNDS = 1

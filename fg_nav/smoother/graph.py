@@ -33,18 +33,11 @@ from fg_nav.recording import Recording
 from fg_nav.smoother.dense_path import fill_path
 from fg_nav.smoother.differential_factors import DifferentialFactors
 from fg_nav.smoother.field_factors import FieldFactors
+from fg_nav.smoother.gauss_newton import CONVERGENCE
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.place_factors import PlaceFactors, postpone
 from fg_nav.smoother.preintegration import preintegrate
-from fg_nav.smoother.solver import (
-    CONVERGENCE,
-    GtsamFactors,
-    LinearizableBlock,
-    Solved,
-    list_in_time,
-    list_poses,
-    minimize,
-)
+from fg_nav.smoother.solver import GtsamFactors, LinearizableBlock, Solved, list_in_time, list_poses, minimize
 from fg_nav.smoother.strides import (
     Nodes,
     add_start,

@@ -31,9 +31,10 @@ import numpy as np
 from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import EstimationError
 from fg_nav.factors.residual import ResidualBlock
+from fg_nav.smoother.gauss_newton import CONVERGENCE
 from fg_nav.smoother.graph import WalkProblem, solve
 from fg_nav.smoother.sensitivity import SharingFactors, weigh_shared
-from fg_nav.smoother.solver import CONVERGENCE, Solved, compute_error, residuals_at_minimum
+from fg_nav.smoother.solver import Solved, compute_error, residuals_at_minimum
 
 LEAST_STATISTIC = 15.0
 """T below which no row is tried: the largest of clean walks of 500 strides is 1 to 15, of a circuit of 100 A 200."""

@@ -55,12 +55,13 @@ from fg_nav.recording import Recording
 from fg_nav.samples.saturation import OFF_SHARE
 from fg_nav.smoother.bias_walk import choose_bias_walk
 from fg_nav.smoother.evidence import MOST_NATS
+from fg_nav.smoother.gauss_newton import FIRST_CONVERGENCE
 from fg_nav.smoother.graph import Known, WalkProblem, build_problem, solve_and_keep
 from fg_nav.smoother.linear import LinearWalk
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.preintegration import preintegrate
 from fg_nav.smoother.refused_stances import weaken_refused_stances
-from fg_nav.smoother.solver import FIRST_CONVERGENCE, Solved, list_in_time, minimize
+from fg_nav.smoother.solver import Solved, list_in_time, minimize
 from fg_nav.smoother.strides import INERTIAL_KEYS
 from fg_nav.stances import Stances
 from fg_nav.system.memory import return_freed

@@ -28,8 +28,9 @@ from fg_nav.arrays import Bools, Floats
 from fg_nav.factors.residual import ResidualBlock
 from fg_nav.factors.zero_velocity import StanceVelocity
 from fg_nav.smoother.front_covariances import Groups
+from fg_nav.smoother.gauss_newton import FIRST_CONVERGENCE
 from fg_nav.smoother.graph import WalkProblem, solve_and_keep
-from fg_nav.smoother.solver import FIRST_CONVERGENCE, Solved, residuals_at_minimum
+from fg_nav.smoother.solver import Solved, residuals_at_minimum
 from fg_nav.smoother.square_root import SquareRoot
 from fg_nav.smoother.strides import Nodes
 from fg_nav.text import format_count

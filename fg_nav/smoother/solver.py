@@ -1,11 +1,6 @@
-"""Gauss-Newton with halved steps, its outer loop in Python so that no factor is handed a copy of the values.
+"""A walk is minimized (`gauss_newton`), in the order of time, and its covariances are taken.
 
-    repeat   linearize, eliminate, step; halve the step while it raises the error
-    until    the error after the step is the one that the linear model promised
-
-where the model holds its minimum is that of the graph: one linearization less than waiting for a step that changes
-nothing, and its triangle serves for the marginals (`square_root`). The elimination is `linear`, in the order of time,
-which on a chain is as good as any ordering and leaves the last footfall at the root.
+On a chain the order of time is as good as any and leaves the last footfall at the root.
 
 A Bayes tree of GTSAM, of a part of a walk online, gives its covariances by one pass down. QR left in each clique
 R x_F + S x_S = d, F its frontal variables, S its separator, whose variables all stand in the parent clique. With P_SS
@@ -19,7 +14,7 @@ half an hour of walking its covariances are off by some per mille, and each take
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Protocol
 
@@ -31,26 +26,14 @@ from scipy.linalg.lapack import dtrtri
 from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import EstimationError, FgNavError
 from fg_nav.factors.residual import LETTER_SHIFT, POSE, Keys, Stack, read_variables
-from fg_nav.smoother.linear import DIMENSION, NO_SOLUTION, LinearWalk, stack_factors
+from fg_nav.smoother.gauss_newton import CONVERGENCE, LARGEST_STEPS, find_minimum
+from fg_nav.smoother.linear import DIMENSION, NO_SOLUTION, stack_factors
 from fg_nav.smoother.square_root import SquareRoot
 from fg_nav.smoother.strides import Nodes
 from fg_nav.solution import StanceTable
 
 if TYPE_CHECKING:
     from fg_nav.smoother.field import FieldVerdict
-
-CONVERGENCE = 5e-4
-"""The solver stops when the error differs from what the linear model promised by less than this per variable: by
-then the nodes of an hour's walk move by millimetres, at a sigma of metres."""
-
-FIRST_CONVERGENCE = 0.05
-"""The same where the walk is looked at and solved again: it is then millimetres and thousandths of a degree a stride
-from the minimum."""
-
-LARGEST_STEPS = 25
-"""And gives up after so many."""
-
-MOST_HALVINGS = 6
 
 UNSOLVED = (RuntimeError, ValueError, IndexError, ArithmeticError, FgNavError)
 """What gtsam, numpy and fg_nav say where there is no solution: an indeterminate system, a key that is not there, a
@@ -157,6 +140,33 @@ class Solved:
         return replace(self, stacks=())
 
 
+@dataclass(frozen=True)
+class WalkSystem:
+    """The graph of a walk and its blocks."""
+
+    graph: gtsam.NonlinearFactorGraph
+    blocks: Sequence[LinearizableBlock]
+
+    def stack(self, values: gtsam.Values) -> list[Stack]:
+        """Linearize them as `stack_walk`."""
+        return stack_walk(self.graph, self.blocks, values)
+
+    def error(self, values: gtsam.Values) -> float:
+        """Compute it as `compute_error`."""
+        return compute_error(self.graph, self.blocks, values)
+
+    def excess(self, values: gtsam.Values) -> float:
+        """Compute it as `compute_excess`."""
+        return compute_excess(self.blocks, values)
+
+    def move(self, values: gtsam.Values, step: Mapping[int, Floats]) -> gtsam.Values:
+        """Retract each variable."""
+        vectors = gtsam.VectorValues()
+        for key, x in step.items():
+            vectors.insert(key, x)
+        return values.retract(vectors)
+
+
 def minimize(
     graph: gtsam.NonlinearFactorGraph,
     blocks: Sequence[LinearizableBlock],
@@ -165,35 +175,9 @@ def minimize(
     convergence: float = CONVERGENCE,
     largest_steps: int = LARGEST_STEPS,
 ) -> Solved:
-    """Minimize the error of the graph and its blocks.
-
-    Parameters
-    ----------
-    keys
-        Of all variables, in the order of their elimination.
-    convergence
-        Largest difference of promised and true error per variable.
-
-    Raises
-    ------
-    EstimationError
-        If the equations have no unique solution, or no minimum is found in `largest_steps`.
-    """
-    error = np.inf
-    for steps in range(1, largest_steps + 1):
-        linearized_at, stacks = values, stack_walk(graph, blocks, values)
-        root, left = LinearWalk.of(stacks, keys).eliminate()
-        promised = left.error + compute_excess(blocks, values)
-        values, error = _descend(graph, blocks, values, root, error)
-        if not np.isfinite(error):
-            raise EstimationError("the smoother's error is not finite: check the recording with 'fg-nav inspect'.")
-        if abs(error - promised) <= convergence * len(keys):
-            return Solved(values, root, steps, linearized_at, error, left.volume, stacks)
-        del root, left, stacks  # as large as all else: not kept beside the next one
-    raise EstimationError(
-        f"the smoother did not converge in {largest_steps} steps: the stances are not those of a walk on foot, or the "
-        "units of the recording are wrong; look at it with 'fg-nav inspect'."
-    )
+    """Minimize the error of the graph and its blocks, as `find_minimum`."""
+    found = find_minimum(WalkSystem(graph, blocks), values, keys, convergence, largest_steps)
+    return Solved(**vars(found))
 
 
 def stack_walk(
@@ -235,26 +219,6 @@ def compute_excess(blocks: Sequence[LinearizableBlock], values: gtsam.Values) ->
 def list_linear(linear: gtsam.GaussianFactorGraph) -> Iterator[gtsam.GaussianFactor]:
     """Yield the factors of a linear graph."""
     return map(linear.at, range(linear.size()))
-
-
-def _descend(
-    graph: gtsam.NonlinearFactorGraph,
-    blocks: Sequence[LinearizableBlock],
-    values: gtsam.Values,
-    root: SquareRoot,
-    before: float,
-) -> tuple[gtsam.Values, float]:
-    """Values after the step, halved as often as it takes not to raise the error `before` it, and their error."""
-    step = gtsam.VectorValues()
-    for key, x in root.split(root.step).items():
-        step.insert(key, x)
-    for _ in range(MOST_HALVINGS):
-        moved = values.retract(step)
-        error = compute_error(graph, blocks, moved)
-        if error <= before:
-            return moved, error
-        step = step.scale(0.5)
-    return values, before
 
 
 def dimension_of(key: int) -> int:

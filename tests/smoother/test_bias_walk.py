@@ -11,9 +11,10 @@ import pytest
 from fg_nav.arrays import Floats
 from fg_nav.smoother import bias_walk
 from fg_nav.smoother.bias_walk import LEVELS_DEG_S, choose_bias_walk, choose_level
+from fg_nav.smoother.gauss_newton import CONVERGENCE
 from fg_nav.smoother.graph import WalkProblem, solve_and_keep
 from fg_nav.smoother.problem import walk_problem
-from fg_nav.smoother.solver import CONVERGENCE, linearize, time_order
+from fg_nav.smoother.solver import linearize, time_order
 from fg_nav.smoother.strides import LEAST_WALK_DEG_S
 from tests.smoother.walks import DEFAULT, Walk, demo, part
 

@@ -20,11 +20,12 @@ from fg_nav.places import Signature, Stretch
 from fg_nav.recording import Recording
 from fg_nav.smoother import SmootherParameters, places, smooth_graph
 from fg_nav.smoother.batch import SmoothedWalk
+from fg_nav.smoother.gauss_newton import CONVERGENCE
 from fg_nav.smoother.graph import order_variables
 from fg_nav.smoother.parameters import FieldParameters, WalkParameters
 from fg_nav.smoother.place_factors import make_place_factors
 from fg_nav.smoother.places import PathUncertainty, are_alike, mark_returns, measure_uncertainty
-from fg_nav.smoother.solver import CONVERGENCE, linearize, list_in_time, minimize
+from fg_nav.smoother.solver import linearize, list_in_time, minimize
 from fg_nav.solution import Return
 from fg_nav.truth import TrajectoryTruth
 

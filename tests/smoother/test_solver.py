@@ -9,7 +9,8 @@ from gtsam.symbol_shorthand import B, S, V, X
 
 from fg_nav.errors import EstimationError
 from fg_nav.factors import guarded_factor
-from fg_nav.smoother.solver import CONVERGENCE, MOST_HALVINGS, Solved, minimize
+from fg_nav.smoother.gauss_newton import CONVERGENCE, MOST_HALVINGS
+from fg_nav.smoother.solver import Solved, minimize
 from tests.smoother.walks import demo, minimum, node_arrays, problem
 
 UNIT = gtsam.noiseModel.Unit.Create(3)

@@ -20,10 +20,11 @@ from fg_nav.io import read, read_pyshoe_labels
 from fg_nav.lab.simulation.person import Person
 from fg_nav.recording import Recording
 from fg_nav.smoother import SmootherParameters
+from fg_nav.smoother.gauss_newton import CONVERGENCE, LARGEST_STEPS
 from fg_nav.smoother.graph import GAUGE_SIGMA, StartPrior, Trajectory, WalkProblem, initial_values, trajectory_of
 from fg_nav.smoother.parameters import WalkParameters
 from fg_nav.smoother.preintegration import preintegrate
-from fg_nav.smoother.solver import CONVERGENCE, LARGEST_STEPS, Solved, minimize, time_order
+from fg_nav.smoother.solver import Solved, minimize, time_order
 from fg_nav.smoother.strides import (
     Nodes,
     Stride,
