@@ -1,11 +1,11 @@
-"""The smoother: a whole walk at once.
+"""The smoother: a whole walk at once. What comes before the moving foot is in `fitting`.
 
 problem       rests, lever, swing noise; nodes, factors and initial values; first solution; bias walk
               (`problem.walk_problem`, which calls `graph.build_problem`)
 fixes         known positions, factors of the caller's own (`own_factors`) and places of an earlier walk
               (`known_places`), added to the first solution (`constraints`), which is solved again
 constraints   level floors found on that solution, and straight stretches where they are asked for
-solve         Gauss-Newton (`solver`), where the field is not used
+solve         Gauss-Newton (`gauss_newton`), where the field is not used
 differential  field while the foot stands: factors on the gyro bias (`differential`)
 field         the magnetic field, in rounds, each of which solves again (`field`); both by `solved_walk.solve_walk`
 prior         of the gyro bias: all again with a wider one where the bias is too large for it (`bias_prior`)
@@ -18,10 +18,9 @@ solution      marginals -> sigmas (`solver`), that of the distance (`combination
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from functools import cache, cached_property, partial
 from time import perf_counter
-from typing import TypeAlias
 
 import gtsam
 import numpy as np
@@ -32,22 +31,17 @@ from fg_nav.errors import EstimationError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.magnetic import FootfallField
 from fg_nav.recording import Recording
-from fg_nav.smoother.bias_prior import find_bias_prior
 from fg_nav.smoother.combinations import FootfallCovariance, weigh_path
-from fg_nav.smoother.constraints import add_constraints, add_fixes, add_own, refuse_far_fixes
 from fg_nav.smoother.count import count_factors
 from fg_nav.smoother.differential import write_note
+from fg_nav.smoother.fitting import fit_walk
 from fg_nav.smoother.floors import write_floor_note
-from fg_nav.smoother.gauss_newton import FIRST_CONVERGENCE
-from fg_nav.smoother.graph import Trajectory, prepare_trajectory, solve
-from fg_nav.smoother.gyro_scale import estimate_gyro_scale, shows_heading
-from fg_nav.smoother.known_places import KnownTies, add_known_places
-from fg_nav.smoother.moving_foot import spread_moving_foot
+from fg_nav.smoother.graph import Trajectory, prepare_trajectory
+from fg_nav.smoother.known_places import KnownTies
 from fg_nav.smoother.own_factors import ExtraFactors, GraphNodes
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.places import mark_returns
-from fg_nav.smoother.problem import walk_problem
-from fg_nav.smoother.solved_walk import SolvedWalk, solve_walk
+from fg_nav.smoother.solved_walk import SolvedWalk
 from fg_nav.smoother.solver import list_covariances, stance_table
 from fg_nav.solution import Solution
 from fg_nav.stances import Stances
@@ -105,8 +99,8 @@ def smooth(
     >>> solution.position.shape == (len(recording), 3)  # m
     True
     """
-    _compile()
-    _check(recording, stances, field)
+    compile_smoother()
+    check_field(recording, stances, field)
     draft = _smooth(recording, stances, parameters, heading, progress, field, fixes, extra, known)[-1]
     return draft.finish()
 
@@ -131,8 +125,8 @@ def smooth_graph(
     >>> bool(np.allclose(walk.values.atPose3(last).translation(), walk.solution.stances.position[-1]))
     True
     """
-    _compile()
-    _check(recording, stances, field)
+    compile_smoother()
+    check_field(recording, stances, field)
     walk, joint, draft = _smooth(recording, stances, parameters, heading, progress, field, fixes, extra)
     return SmoothedWalk(draft.finish(), walk, joint)
 
@@ -198,95 +192,20 @@ def _smooth(
     fixes: Sequence[Fix],
     extra: ExtraFactors | None,
     known: KnownTies | None = None,
-) -> tuple[SolvedWalk, FootfallCovariance, _Draft]:
+) -> tuple[SolvedWalk, FootfallCovariance, Draft]:
     began = perf_counter()
-    solve_again = partial(
-        _solve_from_samples,
-        stances=stances,
-        heading=heading,
-        progress=progress,
-        field=field,
-        fixes=fixes,
-        extra=extra,
-        known=known,
-    )
-    # A bias that is too large for its prior is the sign of a sensor that was not calibrated: solved with a wider one.
-    walk, parameters, of_bias = _fit_bias_prior(solve_again, recording, parameters)
-    # Where the field shows the heading it shows the gyroscope's scale: taken off the samples, or counted in the sigmas.
-    walk, by_scale, of_scale = _fit_gyro_scale(solve_again, recording, parameters, walk)
-    # The dense path, and the sigmas of its footfalls, with the scale of the walk that a moving foot leaves unknown.
-    walk = replace(walk, verdict=replace(walk.verdict, notes=(*of_bias, *of_scale, *walk.verdict.notes)))
-    by_foot = [spread_moving_foot(walk.problem, walk.solved)] if parameters.moving_foot else []
-    joint = FootfallCovariance.of(walk.solved, walk.problem.nodes, np.hstack([by_scale, *by_foot]))
-    draft = _Draft.of(walk, joint, stances, began)
+    fitted = fit_walk(recording, stances, parameters, heading, progress, field, fixes, extra, known)
+    # The dense path, and the sigmas of its footfalls, with what the walk shares that its triangle does not hold.
+    walk = fitted.walk
+    joint = FootfallCovariance.of(walk.solved, walk.problem.nodes, fitted.spread_shared())
+    draft = Draft.of(walk, joint, stances, began)
     if progress is not None:
         progress(1.0)
     return walk, joint, draft
 
 
-def _solve_from_samples(
-    recording: Recording,
-    parameters: SmootherParameters,
-    stances: Stances,
-    heading: float | None,
-    progress: Callable[[float], None] | None,
-    field: FootfallField | None,
-    fixes: Sequence[Fix],
-    extra: ExtraFactors | None,
-    known: KnownTies | None,
-) -> SolvedWalk:
-    # The walk by its inertial sensor and its stances, with values near the minimum.
-    # Where the field is not used it does not show how the person turned over a hole in the samples either.
-    magnetic = parameters.magnetic if field is not None else replace(parameters.magnetic, compass=False)
-    problem = walk_problem(recording, stances, heading, replace(parameters, magnetic=magnetic), progress)
-    problem = replace(problem, parameters=replace(problem.parameters, magnetic=parameters.magnetic))
-    # Fixes, factors of the caller's own and known places need that solution to be placed, and constraints between
-    # footfalls the one with them.
-    if fixes:
-        refuse_far_fixes(problem, fixes)
-        problem = add_fixes(problem, problem.values, fixes)
-    if extra is not None:
-        problem = add_own(problem, problem.values, extra)
-    if known is not None:
-        problem = add_known_places(problem, known)
-    if fixes or extra is not None or known is not None:
-        problem = replace(problem, values=solve(problem, FIRST_CONVERGENCE).values)
-    return solve_walk(add_constraints(problem, problem.values), field)
-
-
-Solve: TypeAlias = Callable[[Recording, SmootherParameters], SolvedWalk]
-"""Solves a walk with these samples and parameters."""
-
-
-def _fit_bias_prior(
-    solve_again: Solve, recording: Recording, parameters: SmootherParameters
-) -> tuple[SolvedWalk, SmootherParameters, tuple[str, ...]]:
-    """Solve a walk, with a wider prior of the gyro bias where it shows one; return the parameters and notes too."""
-    walk = solve_again(recording, parameters)
-    prior = find_bias_prior(walk.problem, walk.solved)
-    if prior is None:
-        return walk, parameters, ()
-    parameters = replace(parameters, gyro_bias_sigma_deg_s=prior.sigma_deg_s)
-    return solve_again(recording, parameters), parameters, (prior.note,)
-
-
-def _fit_gyro_scale(
-    solve_again: Solve, recording: Recording, parameters: SmootherParameters, walk: SolvedWalk
-) -> tuple[SolvedWalk, Floats, tuple[str, ...]]:
-    """Return a walk without the scale of its gyroscope that the field shows, the covariance by the rest, and notes."""
-    if not (parameters.gyro_scale and shows_heading(walk.problem)):
-        return walk, np.zeros((walk.solved.root.total, 0)), ()
-    scale = estimate_gyro_scale(walk.problem, walk.solved)
-    walk.problem.recording.release()
-    if not scale.found.is_shown:
-        return walk, scale.columns.spread(scale.found.second_moment), ()
-    walk = solve_again(scale.found.remove_from(recording), parameters)
-    left = estimate_gyro_scale(walk.problem, walk.solved)
-    return walk, left.columns.spread(left.found.covariance), (scale.found.note,)
-
-
 @dataclass(frozen=True)
-class _Draft:
+class Draft:
     """A solution without its dense path, of arrays alone: its graph can be let go of before `finish`.
 
     `known` makes the solution of what is still missing; the clock showed `began` at the start.
@@ -300,7 +219,7 @@ class _Draft:
     began: float
 
     @classmethod
-    def of(cls, walk: SolvedWalk, joint: FootfallCovariance, stances: Stances, began: float) -> _Draft:
+    def of(cls, walk: SolvedWalk, joint: FootfallCovariance, stances: Stances, began: float) -> Draft:
         """Return that of a solved walk, with the sigmas of its footfalls."""
         problem, solved, verdict = walk.problem, walk.solved, walk.verdict
         recording, p = problem.recording, problem.parameters
@@ -339,7 +258,8 @@ class _Draft:
         )
 
 
-def _check(recording: Recording, stances: Stances, field: FootfallField | None) -> None:
+def check_field(recording: Recording, stances: Stances, field: FootfallField | None) -> None:
+    """Raise `EstimationError` if a field is not that of these stances."""
     if field is None:
         return
     if recording.mag is None:
@@ -352,7 +272,7 @@ def _check(recording: Recording, stances: Stances, field: FootfallField | None) 
 
 
 @cache
-def _compile() -> None:
+def compile_smoother() -> None:
     """Smooth two seconds of rest, so that no walk is charged for the compiler."""
     t = np.arange(200) / 100.0
     rest = Recording(t=t, acc=np.tile([0.0, 0.0, GRAVITY_M_S2], (200, 1)), gyr=np.zeros((200, 3)))

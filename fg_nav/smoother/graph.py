@@ -14,7 +14,7 @@ Back to the recording's rate (`trajectory_of`) it goes by `dense_path`.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
@@ -80,15 +80,19 @@ class Known:
 
 @dataclass(frozen=True)
 class StartPrior:
-    """The gauge: position zero at the first node, this attitude (3, 3); sigmas of its heading, rad, and place, m."""
+    """The gauge: position zero at the first node, this attitude (3, 3); sigmas of its heading, rad, and place, m.
+
+    Of the second of two feet `place` (3,) m is where it is about to begin.
+    """
 
     nav_R_body: Floats
     heading_sigma: float
     place_sigma: float = GAUGE_SIGMA
+    place: Sequence[float] | Floats = (0.0, 0.0, 0.0)
 
     def factor(self, p: SmootherParameters) -> gtsam.PriorFactorPose3:
         """Return it as a prior on the first pose, with the tilt of levelling."""
-        pose = gtsam.Pose3(gtsam.Rot3(self.nav_R_body), np.zeros(3))
+        pose = gtsam.Pose3(gtsam.Rot3(self.nav_R_body), np.asarray(self.place, dtype=float))
         tilt = np.radians(p.tilt_sigma_deg)
         nav_rotation = np.diag([tilt, tilt, self.heading_sigma]) ** 2
         covariance = np.eye(6) * self.place_sigma**2

@@ -16,6 +16,7 @@ footfall, comes the covariance K of all others there with G^T x of the group, an
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from copy import copy
 
 import numpy as np
 
@@ -34,7 +35,7 @@ class SquareRoot:
     def __init__(self, fronts: Fronts, right: Floats, keys: Keys, size: Ints) -> None:
         self._fronts, self._keys, self._order = fronts, keys, np.argsort(keys)
         self._known, self._begins, self._size = keys[self._order], np.cumsum(size) - size, size
-        self.total = len(right)
+        self.total, self._shift = len(right), np.uint64(0)
         self.step = self.descend(right[:, None])[:, 0]
 
     @classmethod
@@ -43,9 +44,15 @@ class SquareRoot:
         none = np.zeros(0, np.int64)
         return cls(Fronts(none, none, none, none, none, none, np.zeros(0)), np.zeros(0), np.zeros(0, np.uint64), none)
 
+    def shift_keys(self, shift: int) -> SquareRoot:
+        """Return the same triangle to whom variables are known by their keys less `shift`: one foot of two."""
+        shifted = copy(self)
+        shifted._shift = np.uint64(shift)
+        return shifted
+
     def find_columns(self, keys: Sequence[Sequence[int]] | Keys) -> Ints:
         """Return the columns (K, d) of the variables (K, n) of K factors of a kind."""
-        place = self._order[np.searchsorted(self._known, np.asarray(keys, dtype=np.uint64))]
+        place = self._order[np.searchsorted(self._known, np.asarray(keys, dtype=np.uint64) + self._shift)]
         size = self._size[place[0]]
         within = np.concatenate([np.arange(d) for d in size])
         return np.asarray(np.repeat(self._begins[place], size, axis=1) + within)
@@ -66,7 +73,7 @@ class SquareRoot:
         """Return the covariance (d, d) of each of these variables."""
         by_size: dict[int, list[int]] = {}
         for key in keys:
-            size = self._size[self._order[np.searchsorted(self._known, np.uint64(key))]]
+            size = self._size[self._order[np.searchsorted(self._known, np.uint64(key) + self._shift)]]
             by_size.setdefault(int(size), []).append(key)
         found: dict[int, Floats] = {}
         for of in by_size.values():

@@ -1,0 +1,8 @@
+"""Two feet of one person: their steps, the clocks of their sensors, and which foot is which.
+
+======= ==========================================================
+`steps` which footfalls are beside each other, in the mean over cells
+======= ==========================================================
+
+Everything here is numpy: no graph and no estimator. The two feet in one graph are `fg_nav.smoother.feet`.
+"""

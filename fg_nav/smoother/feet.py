@@ -1,0 +1,214 @@
+"""Two feet of one person in one graph.
+
+    each foot     as a walk of its own                                   -> its factors, with their noise and verdicts
+    alignment     the right foot's path turned and moved to the left's   -> values to start from
+    ties          steps that are beside each other                       (`feet_factors`)
+    solution      of all factors of both feet
+    reach         where standing feet are too far apart: asked for, and solved again
+
+Each foot alone finds what only it can: rests, lever, noise, biases, what its field is worth. The graph of both has all
+these factors and the ties; the left foot's start is the gauge, and the right one's is free.
+
+The variables of the right foot have keys of their own (`feet_factors.RIGHT`), given to the linear factors only. The
+footfalls that are tied are eliminated last, the newest of them first: what lies between is a chain of each foot alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import X
+
+from fg_nav.arrays import Floats, Ints
+from fg_nav.factors.residual import Keys, Stack
+from fg_nav.feet.steps import average_cells, measure_turns
+from fg_nav.smoother.feet_factors import (
+    RIGHT,
+    WIDTH,
+    WIDTH_M,
+    FeetValues,
+    FootfallTies,
+    ReachFactors,
+    find_beyond_reach,
+    list_footfalls,
+    mark_right,
+    tie_feet,
+)
+from fg_nav.smoother.gauss_newton import CONVERGENCE, Minimum, find_minimum
+from fg_nav.smoother.graph import StartPrior, WalkProblem, turn_walk
+from fg_nav.smoother.place_factors import split_tied
+from fg_nav.smoother.solver import Solved, WalkSystem, list_in_time
+
+FREE_PLACE_M, FREE_HEADING_DEG = 2.0, 60.0
+"""Sigmas of the right foot's start about where its path lies beside the left one's."""
+
+SMOOTH_S = 15.0
+"""Over which turns of the right foot's path against the left one's are averaged."""
+
+REACH_ROUNDS = 3
+
+
+@dataclass(frozen=True)
+class FeetSystem:
+    """The factors of both feet, and those between."""
+
+    right: WalkSystem
+    left: WalkSystem
+    ties: FootfallTies
+    reach: ReachFactors
+
+    def stack(self, values: FeetValues) -> list[Stack]:
+        """Linearize all of them."""
+        of_right = (Stack(mark_right(one.keys), one.rows) for one in self.right.stack(values.right))
+        return [*of_right, *self.left.stack(values.left), *self.ties.stack(values), *self.reach.stack(values)]
+
+    def error(self, values: FeetValues) -> float:
+        """Half the sum of squares of all residuals over their sigmas."""
+        of_feet = self.right.error(values.right) + self.left.error(values.left)
+        return of_feet + self.ties.error(values) + self.reach.error(values)
+
+    def excess(self, values: FeetValues) -> float:
+        """By how much the error is more than that of the linearized factors."""
+        return self.right.excess(values.right) + self.left.excess(values.left)
+
+    def move(self, values: FeetValues, step: Mapping[int, Floats]) -> FeetValues:
+        """Retract each variable."""
+        right, left, width = int(RIGHT), dict[int, Floats](), int(WIDTH)
+        of_right = {key - right: x for key, x in step.items() if key & right}
+        left = {key: x for key, x in step.items() if not key & right and key != width}
+        return FeetValues(
+            self.right.move(values.right, of_right),
+            self.left.move(values.left, left),
+            values.width + float(step[width][0]),
+        )
+
+
+@dataclass(frozen=True)
+class FeetProblem:
+    """Both feet before they are solved."""
+
+    right: WalkProblem
+    left: WalkProblem
+    values: FeetValues
+    ties: FootfallTies
+    reach: ReachFactors
+
+    @property
+    def system(self) -> FeetSystem:
+        """What is minimized."""
+        right, left = (WalkSystem(one.graph, one.blocks) for one in (self.right, self.left))
+        return FeetSystem(right, left, self.ties, self.reach)
+
+
+@dataclass(frozen=True)
+class SolvedFeet:
+    """Both feet as they were solved, each with the triangle of both; the width between them and its sigma, m."""
+
+    problem: FeetProblem
+    minimum: Minimum[FeetValues]
+
+    @property
+    def right(self) -> Solved:
+        """The right foot."""
+        return self._foot("right", int(RIGHT))
+
+    @property
+    def left(self) -> Solved:
+        """The left foot."""
+        return self._foot("left", 0)
+
+    def _foot(self, name: str, shift: int) -> Solved:
+        m = self.minimum
+        values, at = getattr(m.values, name), getattr(m.linearized_at, name)
+        return Solved(values, m.root.shift_keys(shift), m.steps, at, m.error, m.volume)
+
+
+def solve_feet(right: WalkProblem, left: WalkProblem) -> SolvedFeet:
+    """Solve two feet, whose values are near the minima of each alone, as one walk."""
+    # The right foot's path beside the left one's.
+    right, values = align_right(right, left)
+    problem = FeetProblem(right, left, values, tie_feet(right, left, values), _reach_nothing())
+    for _ in range(REACH_ROUNDS):
+        # All factors of both, and the ties where the last solution has the steps.
+        minimum = find_minimum(problem.system, problem.values, order_variables(problem), CONVERGENCE)
+        values = minimum.values
+        reach = find_beyond_reach(right, left, values, problem.reach)
+        if len(reach) == len(problem.reach):
+            return SolvedFeet(problem, minimum)
+        problem = replace(problem, values=values, reach=reach)
+    return SolvedFeet(problem, minimum)
+
+
+def _reach_nothing() -> ReachFactors:
+    return ReachFactors(np.zeros(0, np.int64), np.zeros(0, np.int64))
+
+
+def align_right(right: WalkProblem, left: WalkProblem) -> tuple[WalkProblem, FeetValues]:
+    """Turn and move the right foot beside the left one, and free its start."""
+    values, t = gtsam.Values(right.values), right.recording.t[right.nodes.sample]
+    turn = _smooth_turn(*measure_turns(list_footfalls(right, values), list_footfalls(left, left.values)), t)
+    turn_walk(values, right.nodes, -turn)
+    # Its start goes to where the first cells are beside each other.
+    shift = _measure_shift(right, left, FeetValues(values, left.values, WIDTH_M))
+    _shift_walk(values, len(right.nodes), shift)
+    start = values.atPose3(X(0))
+    prior = StartPrior(start.rotation().matrix(), np.radians(FREE_HEADING_DEG), FREE_PLACE_M, start.translation())
+    return replace(right, start=prior, values=values), FeetValues(values, left.values, WIDTH_M)
+
+
+def _smooth_turn(at: Floats, turn: Floats, t: Floats) -> Floats:
+    """Turn (M,) rad at times t (M,), a mean of the turns (S,) at times (S,) around."""
+    if not len(at):
+        return np.zeros(len(t))
+    asked = np.arange(t[0], t[-1] + SMOOTH_S, 0.5 * SMOOTH_S)
+    weight = np.exp(-0.5 * ((asked[:, None] - at) / (0.5 * SMOOTH_S)) ** 2) + 1e-300
+    mean = np.unwrap(np.angle(weight @ np.exp(1j * turn)))
+    return np.asarray(np.interp(t, asked, mean))
+
+
+def _measure_shift(right: WalkProblem, left: WalkProblem, values: FeetValues) -> Floats:
+    """From the right foot to beside the left one (3,) m, in the mean of all cells."""
+    cells = list(average_cells(list_footfalls(right, values.right), list_footfalls(left, values.left)))
+    if not cells:
+        return np.zeros(3)
+    beside = [c.left - values.width * np.append(c.left_normal, 0.0) - c.right for c in cells]
+    return np.asarray(np.mean(beside, axis=0))
+
+
+def _shift_walk(values: gtsam.Values, nodes: int, shift: Floats) -> None:
+    for j in range(nodes):
+        pose = values.atPose3(X(j))
+        values.update(X(j), gtsam.Pose3(pose.rotation(), pose.translation() + shift))
+
+
+def order_variables(problem: FeetProblem) -> Keys:
+    """Keys of all variables in the order in which they are eliminated."""
+    chains, tied, floors, moments = [], [], [], []
+    for one, ties, reach, mark in (
+        (problem.right, problem.ties.right, problem.reach.right, RIGHT),
+        (problem.left, problem.ties.left, problem.reach.left, np.uint64(0)),
+    ):
+        keys, last, z, t = _split_foot(one, ties, reach)
+        chains.append(keys + mark)
+        tied.append(last + mark)
+        floors.append(z + mark)
+        moments.append(t)
+    newest_first = np.argsort(np.concatenate(moments), kind="stable")[::-1]
+    return np.concatenate([*chains, np.concatenate(tied)[newest_first], *floors, [WIDTH]])
+
+
+def _split_foot(problem: WalkProblem, ties: Ints, reach: Ints) -> tuple[Keys, Keys, Keys, Floats]:
+    """Keys of the chain of a foot, those of tied footfalls, its floors, and the moments of the tied ones."""
+    nodes = problem.nodes
+    by_places = np.zeros(0, np.int64) if problem.places is None else problem.places.footfalls
+    tied = np.unique(np.concatenate([ties, np.searchsorted(nodes.result, reach), by_places]))
+    keys = list_in_time(nodes, problem.field is not None, problem.floor)
+    is_tied, is_floor = split_tied(keys, nodes, tied)
+    # A variable follows the last node that uses it.
+    is_pose = keys >> np.uint64(56) == ord("x")
+    node = np.maximum.accumulate(np.where(is_pose, (keys & np.uint64(0xFFFFFFFF)).astype(np.int64), -1))
+    moment = problem.recording.t[nodes.sample[node]]
+    return keys[~is_tied & ~is_floor], keys[is_tied], keys[is_floor], moment[is_tied]

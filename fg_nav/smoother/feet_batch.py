@@ -1,0 +1,129 @@
+"""Two whole recordings of the feet of one person, smoothed as one walk.
+
+each foot  solved alone, with all that it shows of sensor and field          (`fitting`)
+feet       both in one graph, tied by their steps                            (`feet`)
+shared     what each foot's steps share, gyroscope's scale and moving foot, in the triangle of both
+solution   of each foot by its share of the triangle (`batch.Draft`), and of the person by both (`feet.person`)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from time import perf_counter
+
+import numpy as np
+
+from fg_nav.arrays import Floats
+from fg_nav.errors import EstimationError
+from fg_nav.feet.person import FeetSolution, trace_person
+from fg_nav.magnetic import FootfallField
+from fg_nav.recording import Recording
+from fg_nav.smoother.batch import Draft, check_field, compile_smoother
+from fg_nav.smoother.combinations import FootfallCovariance
+from fg_nav.smoother.feet import SolvedFeet, solve_feet
+from fg_nav.smoother.feet_factors import WIDTH, list_pose_keys, mark_right
+from fg_nav.smoother.fitting import FittedWalk, fit_walk
+from fg_nav.smoother.parameters import SmootherParameters
+from fg_nav.stances import Stances
+
+FEWEST_CELLS = 2
+"""Of steps that tie two feet: fewer do not show how they lie."""
+
+
+@dataclass(frozen=True)
+class Foot:
+    """What one foot's sensor recorded.
+
+    `heading` of its body's x axis at the first stance, rad clockwise from north, None where it is not known; `field` at
+    its footfalls, None to do without.
+    """
+
+    recording: Recording
+    stances: Stances
+    heading: float | None = 0.0
+    field: FootfallField | None = None
+
+
+def smooth_feet(
+    right: Foot,
+    left: Foot,
+    parameters: SmootherParameters = SmootherParameters(),
+    progress: Callable[[float], None] | None = None,
+) -> FeetSolution:
+    """Smooth the walk of two feet, whose recordings are on one clock.
+
+    The frame is that of the left foot: its start is the origin, and its heading there the given one.
+
+    Raises
+    ------
+    EstimationError
+        As `smooth` of each foot, and where no steps show how the feet lie to each other.
+    """
+    compile_smoother()
+    began, fitted = perf_counter(), []
+    # Each foot alone, with all that it shows.
+    for number, foot in enumerate((right, left)):
+        check_field(foot.recording, foot.stances, foot.field)
+        told = partial(_tell, progress, number)
+        fitted.append(fit_walk(foot.recording, foot.stances, parameters, foot.heading, told, foot.field))
+    # Both in one graph.
+    solved = solve_feet(*(replace(one.walk.problem, values=one.walk.solved.values) for one in fitted))
+    _refuse_without_steps(solved)
+    of_right = fitted[0].take_solution(solved.problem.right, solved.right)
+    of_left = fitted[1].take_solution(solved.problem.left, solved.left)
+    solution = _finish(solved, (of_right, right), (of_left, left), began)
+    if progress is not None:
+        progress(1.0)
+    return solution
+
+
+def _tell(progress: Callable[[float], None] | None, number: int, done: float) -> None:
+    if progress is not None:
+        progress(0.45 * (number + done))
+
+
+def _refuse_without_steps(solved: SolvedFeet) -> None:
+    if len(solved.problem.ties) < FEWEST_CELLS:
+        raise EstimationError(
+            "the two feet hardly take steps in turn: are they of one person at one time, and their clocks aligned? "
+            "Run each of them by itself, or give --clock-offset."
+        )
+
+
+def _finish(
+    solved: SolvedFeet, right: tuple[FittedWalk, Foot], left: tuple[FittedWalk, Foot], began: float
+) -> FeetSolution:
+    """Take the sigmas of both feet and of the person, and the dense paths."""
+    shared = np.hstack([one.spread_shared() for one, _ in (right, left)])
+    walks = [one.walk for one, _ in (right, left)]
+    joints = [FootfallCovariance.of(walk.solved, walk.problem.nodes, shared) for walk in walks]
+    cell_cov = _find_person_covariance(solved, joints, shared)
+    drafts = [
+        Draft.of(walk, joint, foot.stances, began)
+        for walk, joint, (_, foot) in zip(walks, joints, (right, left), strict=True)
+    ]
+    of_right, of_left = (draft.finish() for draft in drafts)
+    ties, reach = solved.problem.ties, solved.problem.reach
+    cell_t = left[1].recording.t[solved.problem.left.nodes.sample[ties.left_node]]
+    return FeetSolution(
+        of_right,
+        of_left,
+        trace_person(of_right, of_left, cell_t, cell_cov),
+        solved.minimum.values.width,
+        float(np.sqrt(solved.minimum.root.covariances([int(WIDTH)])[int(WIDTH)][0, 0])),
+        len(ties),
+        len(reach),
+    )
+
+
+def _find_person_covariance(solved: SolvedFeet, joints: list[FootfallCovariance], shared: Floats) -> Floats:
+    """Covariance (C, 4, 4) of the mean of both feet's errors at the footfalls of each cell."""
+    ties, root = solved.problem.ties, solved.minimum.root
+    keys = np.stack([mark_right(list_pose_keys(ties.right_node)), list_pose_keys(ties.left_node)], axis=1)
+    rows = (joints[0].nav_T_body[ties.right], joints[1].nav_T_body[ties.left])
+    nav_T_both = 0.5 * np.concatenate(rows, axis=2)
+    moved = nav_T_both @ shared[root.find_columns(keys)]
+    of_graph = nav_T_both @ root.joint_covariances(keys) @ np.swapaxes(nav_T_both, 1, 2)
+    return np.asarray(of_graph + moved @ np.swapaxes(moved, 1, 2))

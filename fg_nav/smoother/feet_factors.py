@@ -1,0 +1,179 @@
+"""Factors between the two feet of one person (`factors.two_feet`).
+
+In each cell of steps (`feet.steps`) the mean places of both feet are beside each other. The mean places are points next
+to the footfalls nearest to the middle of the cell, as each path has them: what a path is bent by within a cell is
+less than what steps differ by. Along the way the mean is as good as a person steps evenly, across as one keeps the
+width, and up as the sensors are worn alike and the floor is level across.
+
+While both feet stand they are within reach; that is asked of the pairs of footfalls that are not, and asked again where
+the walk was solved with it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import X
+
+from fg_nav.arrays import Floats, Ints
+from fg_nav.factors.residual import Keys, Stack
+from fg_nav.factors.same_place import weigh_place
+from fg_nav.factors.two_feet import BesideEachOther, WithinReach
+from fg_nav.feet.steps import Cell, Footfalls, average_cells
+from fg_nav.smoother.graph import WalkProblem
+from fg_nav.smoother.solver import list_poses
+
+ALONG_SIGMA_M, ACROSS_SIGMA_M, UP_SIGMA_M = 0.08, 0.05, 0.04
+"""Of the mean places of a cell. Those of motion-captured feet in laps: 0.03, 0.02 and 0.005 m; people on stairs and
+with a load step less evenly."""
+
+WIDTH_M, WIDTH_SIGMA_M = 0.15, 0.1
+"""Between the sensors of both feet, across the way: people walk 0.05 to 0.2 m wide, and wear sensors on the outside."""
+
+REACH_M, REACH_SIGMA_M = 1.2, 0.1
+"""Between two standing feet: what a tall person lunges, and soft edges."""
+
+RIGHT = np.uint64(1 << 40)
+"""Added to the keys of the right foot's variables in the graph of both."""
+
+WIDTH = np.uint64(ord("w") << 56)
+"""Key of the width."""
+
+
+@dataclass(frozen=True)
+class FeetValues:
+    """Values of all variables of both feet, and of the width, m."""
+
+    right: gtsam.Values
+    left: gtsam.Values
+    width: float
+
+
+def mark_right(keys: Keys) -> Keys:
+    """Return the keys of the right foot's variables in the graph of both."""
+    return np.asarray(keys, dtype=np.uint64) + RIGHT
+
+
+@dataclass(frozen=True)
+class FootfallTies:
+    """Cells of steps: footfalls `right`, `left` (C,) that stand for them, at nodes (C,), and the residuals."""
+
+    right: Ints
+    left: Ints
+    right_node: Ints
+    left_node: Ints
+    residuals: BesideEachOther
+
+    def __len__(self) -> int:
+        return len(self.right)
+
+    def evaluate(self, values: FeetValues, with_jacobians: bool) -> tuple[Floats, list[Floats]]:
+        """Return residuals (C, 3) and Jacobians."""
+        poses = list_poses(self.right_node, values.right), list_poses(self.left_node, values.left)
+        return self.residuals.evaluate((*poses, np.full((len(self), 1), values.width)), with_jacobians)
+
+    def stack(self, values: FeetValues) -> list[Stack]:
+        """Return them linearized, and the prior of the width."""
+        prior = np.array([[[1.0, WIDTH_M - values.width]]]) / WIDTH_SIGMA_M
+        stacks = [Stack(np.array([[WIDTH]]), prior)]
+        if len(self):
+            e, H = self.evaluate(values, True)
+            of_right, of_left = mark_right(list_pose_keys(self.right_node)), list_pose_keys(self.left_node)
+            keys = np.stack([of_right, of_left, np.full(len(self), WIDTH)], axis=1)
+            stacks.append(Stack(keys, np.concatenate([*H, -e[..., None]], axis=2)))
+        return stacks
+
+    def error(self, values: FeetValues) -> float:
+        """Half the sum of squares, with the prior of the width."""
+        of_cells = float((self.evaluate(values, False)[0] ** 2).sum()) if len(self) else 0.0
+        return 0.5 * (of_cells + ((values.width - WIDTH_M) / WIDTH_SIGMA_M) ** 2)
+
+
+@dataclass(frozen=True)
+class ReachFactors:
+    """Pairs of nodes `right`, `left` (P,) at which both feet stand."""
+
+    right: Ints
+    left: Ints
+
+    def __len__(self) -> int:
+        return len(self.right)
+
+    def evaluate(self, values: FeetValues, with_jacobians: bool) -> tuple[Floats, list[Floats]]:
+        """Return residuals (P, 1) and Jacobians."""
+        reach, sigma = np.full(len(self), REACH_M), np.full(len(self), REACH_SIGMA_M)
+        poses = list_poses(self.right, values.right), list_poses(self.left, values.left)
+        return WithinReach(reach, sigma).evaluate(poses, with_jacobians)
+
+    def stack(self, values: FeetValues) -> list[Stack]:
+        """Return them linearized."""
+        if not len(self):
+            return []
+        e, H = self.evaluate(values, True)
+        keys = np.stack([mark_right(list_pose_keys(self.right)), list_pose_keys(self.left)], axis=1)
+        return [Stack(keys, np.concatenate([*H, -e[..., None]], axis=2))]
+
+    def error(self, values: FeetValues) -> float:
+        """Half the sum of squares."""
+        return 0.5 * float((self.evaluate(values, False)[0] ** 2).sum()) if len(self) else 0.0
+
+
+def list_pose_keys(nodes: Ints) -> Keys:
+    """List the keys (n,) of poses at nodes (n,)."""
+    return np.array([X(int(j)) for j in nodes], dtype=np.uint64)
+
+
+def list_footfalls(problem: WalkProblem, values: gtsam.Values) -> Footfalls:
+    """List the footfalls of a foot, in the middle of their standing."""
+    nodes, t = problem.nodes, problem.recording.t[problem.nodes.sample]
+    middle = 0.5 * (t[nodes.first[:-1]] + t[nodes.first[1:] - 1])
+    return Footfalls(middle, list_poses(nodes.result, values)[:, :3, 3].copy())
+
+
+def tie_feet(right: WalkProblem, left: WalkProblem, values: FeetValues) -> FootfallTies:
+    """Tie the cells of steps of two solved feet."""
+    feet = list_footfalls(right, values.right), list_footfalls(left, values.left)
+    cells = list(average_cells(*feet))
+    chosen = [_nearest(foot.t, cells) for foot in feet]
+    node = right.nodes.result[chosen[0]], left.nodes.result[chosen[1]]
+    poses = list_poses(node[0], values.right), list_poses(node[1], values.left)
+    places = np.reshape([c.right for c in cells], (-1, 3)), np.reshape([c.left for c in cells], (-1, 3))
+    in_body = [
+        np.einsum("kji,kj->ki", pose[:, :3, :3], place - pose[:, :3, 3])
+        for pose, place in zip(poses, places, strict=True)
+    ]
+    normal = np.zeros((len(cells), 3))
+    normal[:, :2] = np.reshape([c.left_normal for c in cells], (-1, 2))
+    heading = np.arctan2(-normal[:, 0], normal[:, 1])
+    weight = weigh_place(heading, ALONG_SIGMA_M, ACROSS_SIGMA_M, UP_SIGMA_M)
+    in_left = np.einsum("kji,kj->ki", poses[1][:, :3, :3], normal)
+    residuals = BesideEachOther(in_body[0], in_body[1], in_left, weight)
+    return FootfallTies(chosen[0], chosen[1], node[0], node[1], residuals)
+
+
+def _nearest(t: Floats, cells: Sequence[Cell]) -> Ints:
+    """Footfall (C,) nearest to the middle of each cell."""
+    return np.asarray(np.searchsorted(0.5 * (t[1:] + t[:-1]), [cell.t for cell in cells]), dtype=np.int64)
+
+
+def find_beyond_reach(right: WalkProblem, left: WalkProblem, values: FeetValues, known: ReachFactors) -> ReachFactors:
+    """Add the pairs of footfalls that stand at one time and are beyond reach."""
+    spans = [_list_spans(problem) for problem in (right, left)]
+    first = np.searchsorted(spans[1][1], spans[0][0])
+    count = np.maximum(np.searchsorted(spans[1][0], spans[0][1]) - first, 0)
+    of_right = np.repeat(np.arange(len(count)), count)
+    of_left = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count) + np.repeat(first, count)
+    all_pairs = ReachFactors(right.nodes.result[of_right], left.nodes.result[of_left])
+    beyond = all_pairs.evaluate(values, False)[0][:, 0] > 0.0 if len(all_pairs) else np.zeros(0, dtype=bool)
+    pairs = np.stack([all_pairs.right[beyond], all_pairs.left[beyond]], axis=1)
+    joined = np.unique(np.concatenate([pairs, np.stack([known.right, known.left], axis=1)]), axis=0)
+    return replace(known, right=joined[:, 0], left=joined[:, 1])
+
+
+def _list_spans(problem: WalkProblem) -> tuple[Floats, Floats]:
+    """Begin and end (F,) of each footfall, s."""
+    nodes, t = problem.nodes, problem.recording.t[problem.nodes.sample]
+    return t[nodes.first[:-1]], t[nodes.first[1:] - 1]
