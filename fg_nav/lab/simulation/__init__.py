@@ -10,12 +10,14 @@ Data flow, one file or package each:
 `fields`                        the Earth's field and what steel does to it
 `sensors`                       measurements of rate, force and field, with all their errors
 `scenarios`, `walk`             the named scenarios, and `simulate`, which puts all together
+`left_foot`, `feet`             strides of the other foot beside the first one, and `simulate_feet`: a sensor on each
 =============================== ======================================================================
 
 >>> walk = simulate("office", seed=1)
 >>> walk.recording.truth, walk.biases, walk.landmarks
 """
 
+from fg_nav.lab.simulation.feet import SimulatedFeet, simulate_feet
 from fg_nav.lab.simulation.person import Person
 from fg_nav.lab.simulation.scenarios import SCENARIOS, Choices, Scenario, scenario
 from fg_nav.lab.simulation.walk import BiasTruth, Passing, SimulatedWalk, simulate
@@ -27,7 +29,9 @@ __all__ = [
     "Passing",
     "Person",
     "Scenario",
+    "SimulatedFeet",
     "SimulatedWalk",
     "scenario",
     "simulate",
+    "simulate_feet",
 ]

@@ -111,6 +111,11 @@ class FootMotion:
         coordinates = np.stack([ramps.at(t) for ramps in moved], axis=2)
         return Kinematics(*_compute_kinematics(coordinates, self.bursts.at(t), self.lever_m, self.foot_R_body))
 
+    def pivot_at(self, t: Floats) -> tuple[Floats, Floats]:
+        """Place (N, 3) m of the pivot in nav, and yaw (N,) rad of the foot, at rising instants `t` (N,) s."""
+        place = [ramps.at(t)[0] for ramps in (self.east, self.north, self.up)]
+        return np.stack(place, axis=1), self.yaw.at(t)[0]
+
     def sampled(self, t: Floats, period_s: float) -> tuple[Floats, Floats]:
         """Rate (N, 3) rad/s and specific force (N, 3) m/s^2, each the mean over [t, t + period].
 

@@ -68,6 +68,11 @@ class Mount:
             if min(getattr(self, name)) < 0:
                 raise SimulationError(f"{name} of a Mount is {getattr(self, name)}: give numbers of 0 or more.")
 
+    def mirror(self) -> Mount:
+        """The same place on the left shoe."""
+        (x, y, z), (roll, pitch, yaw) = self.lever_m, self.tilt_rad
+        return replace(self, lever_m=(x, -y, z), tilt_rad=(-roll, pitch, -yaw))
+
     def draw(self, rng: np.random.Generator) -> Mount:
         """One mounting: tilt, lever and shocks as they happened to be, and no scatter left."""
         roll, pitch, yaw = (float(x) for x in self.tilt_rad + np.array(self.tilt_sd_rad) * rng.standard_normal(3))

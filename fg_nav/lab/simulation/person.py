@@ -205,6 +205,10 @@ class Gait:
         if not 0 <= self.climb[0] < self.climb[1] <= 1:
             raise SimulationError(f"climb of a Gait is {self.climb}: give two rising shares from 0 to 1.")
 
+    def mirror(self) -> Gait:
+        """The same gait, for the left foot."""
+        return replace(self, **{name: -getattr(self, name) for name in _SIDEWAYS})
+
     def scaled(self, factors: Mapping[str, float], longer_swing: float = 0.0) -> Gait:
         """Gait with fields times these factors, its swing longer by a share of the stride; no more than can be."""
         changed: dict[str, Any] = {name: _scale(getattr(self, name), by) for name, by in factors.items()}
@@ -217,6 +221,9 @@ class Gait:
 def _scale(value: float | Shock, factor: float) -> float | Shock:
     return value.scaled(factor) if isinstance(value, Shock) else value * factor
 
+
+_SIDEWAYS = ("inversion_rad", "yaw_wobble_rad", "circumduction_m", "pronation_rad", "twist_rad")
+"""Of a right foot: about its long axis or the vertical, or to its outside."""
 
 _ANY_SIGN = ("circumduction_m", "slip_m")
 """The foot may go round to the inside, and slip back."""
@@ -360,6 +367,12 @@ class Person:
     def gaits(self) -> Sequence[Gait]:
         """All gaits, in the order of `Style`."""
         return (self.walk, self.run, self.stairs_up, self.stairs_down, self.turn)
+
+    def mirror(self) -> Person:
+        """The same person, for the left foot: what is sideways, and roll and yaw, in the other sense."""
+        gaits = {item.name: gait for item in fields(self) if isinstance(gait := getattr(self, item.name), Gait)}
+        mirrored: dict[str, Any] = {name: gait.mirror() for name, gait in gaits.items()}
+        return replace(self, **mirrored, sideways=-self.sideways)
 
     def draw(self, rng: np.random.Generator, variety: Variety = Variety()) -> Person:
         """One person drawn around this one, whose factors all of its gaits share."""

@@ -19,7 +19,7 @@ so that a walk whose path is closed ends exactly where it began.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -134,33 +134,71 @@ class Crossing:
     time_s: float
 
 
-@dataclass(frozen=True)
-class _Leg:
-    """What a section comes down to: n strides, the pose of the body's center after each, and the time they wait first.
+Along: TypeAlias = Callable[[Floats], tuple[Floats, Floats]]
+"""Position (N, 3) m and heading (N,) rad of the body's center after so many strides (N,), whole or not."""
 
-    `position` (n, 3) m, `heading` (n,) rad, `duration` (n,) s; `marks` are landmarks with the footprint of this leg
-    (0 = where it begins) that is nearest to each.
+
+@dataclass(frozen=True)
+class Leg:
+    """What a section comes down to: n strides of the right foot.
+
+    Attributes
+    ----------
+    along : where the center is after 0 to n strides of this leg.
+    duration : (n,) s.
+    style : of all of them.
+    halves : whether the first and the last are half strides, out of standing and into it.
+    marks : landmarks with the footprint of this leg (0 = where it begins) that is nearest to each.
+    wait_s : before the first stride.
     """
 
-    position: Floats
-    heading: Floats
+    along: Along
     duration: Floats
     style: Style
+    halves: tuple[bool, bool] = (False, False)
     marks: tuple[tuple[str, int], ...] = ()
     wait_s: float = 0.0
+
+    def __len__(self) -> int:
+        return len(self.duration)
+
+
+@dataclass(frozen=True)
+class WalkPlan:
+    """A walk as planned.
+
+    Attributes
+    ----------
+    strides : of the right foot, K.
+    crossings : of the paths' landmarks, in order.
+    legs : of the sections.
+    start : of the body's center.
+    wander : (K + 1,) m, by which the center is to the right of its path at each footprint.
+    """
+
+    strides: Strides
+    crossings: tuple[Crossing, ...]
+    legs: tuple[Leg, ...]
+    start: Pose
+    wander: Floats
+
+    @property
+    def center(self) -> tuple[Floats, Floats]:
+        """Position (K + 1, 3) m and heading (K + 1,) rad of the body's center at each footprint, on its path."""
+        return _join_centers(self.legs, self.start)
 
 
 def plan(
     sections: Sequence[Section], person: Person, rng: np.random.Generator, scatter: Scatter = Scatter()
 ) -> Strides:
-    """Draw the strides of a plan: as `plan_with_landmarks`, without these."""
-    return plan_with_landmarks(sections, person, rng, scatter)[0]
+    """Draw the strides of a plan: those of `plan_walk`."""
+    return plan_walk(sections, person, rng, scatter).strides
 
 
-def plan_with_landmarks(
+def plan_walk(
     sections: Sequence[Section], person: Person, rng: np.random.Generator, scatter: Scatter = Scatter()
-) -> tuple[Strides, tuple[Crossing, ...]]:
-    """Draw the strides of a right foot, and the crossings of the paths' landmarks in order.
+) -> WalkPlan:
+    """Draw the strides of a right foot along the sections.
 
     Parameters
     ----------
@@ -174,9 +212,11 @@ def plan_with_landmarks(
     if not any(not isinstance(section, Stand) for section in sections):
         raise SimulationError("The plan has no strides in it: add a Walk, Stairs or a TurnOnSpot.")
     start = _find_start(sections)
-    legs = list(_Walker(person, scatter, rng).make_legs(sections, start))
-    strides = _make_strides(legs, start, rng, scatter)
-    return strides, _find_crossings(legs, strides)
+    legs = tuple(_Walker(person, scatter, rng).make_legs(sections, start))
+    wander = _draw_wander(1 + sum(len(leg) for leg in legs), rng, scatter)
+    footprint, toe = place_foot(*_join_centers(legs, start), STEP_WIDTH_M / 2 + wander, rng, scatter)
+    strides = _make_strides(legs, footprint, toe)
+    return WalkPlan(strides, _find_crossings(legs, strides), legs, start, wander)
 
 
 def end_of(section: Section, pose: Pose) -> Pose:
@@ -211,7 +251,7 @@ class _Walker:
         self._person, self._rng = person, rng
         self._pace = _SlowChange(scatter.pace, rng)
 
-    def make_legs(self, sections: Sequence[Section], start: Pose) -> Iterator[_Leg]:
+    def make_legs(self, sections: Sequence[Section], start: Pose) -> Iterator[Leg]:
         """The legs of the sections, in order."""
         pose = start
         for i, section in enumerate(sections):
@@ -223,35 +263,33 @@ class _Walker:
             elif isinstance(section, TurnOnSpot):
                 yield self._draw_turning(section, pose)
             else:
-                yield _Leg(np.zeros((0, 3)), np.zeros(0), np.zeros(0), Style.WALK, wait_s=section.seconds)
+                yield Leg(_stay_at(pose), np.zeros(0), Style.WALK, wait_s=section.seconds)
             pose = end_of(section, pose)
 
-    def _draw_walking(self, section: Walk, pose: Pose, halves: tuple[bool, bool]) -> _Leg:
+    def _draw_walking(self, section: Walk, pose: Pose, halves: tuple[bool, bool]) -> Leg:
         """Strides along a path; `halves` says whether it begins and ends in standing."""
         path, gait = section.path, self._person.gait(section.style)
         weight = _weigh_strides(_count_strides(section, gait, halves), halves)
         faster = self._pace.draw(len(weight)) / 2
         weight *= np.exp(faster) * self._draw_variation(gait, len(weight))
         arc = _find_arcs(path, np.concatenate([[0.0], np.cumsum(weight) / weight.sum()]))
-        position, heading = path.at(arc[1:])
         duration = gait.stride_s / np.sqrt(section.pace) * np.exp(-faster) * self._draw_variation(gait, len(weight))
         marks = tuple((mark.name, int(np.argmin(np.abs(arc - mark.arc)))) for mark in path.landmarks)
-        return _Leg(position, heading + pose.heading - path.start.heading, duration, section.style, marks)
+        return Leg(_go_along(path, arc, pose), duration, section.style, halves, marks)
 
-    def _draw_climbing(self, section: Stairs, pose: Pose) -> _Leg:
+    def _draw_climbing(self, section: Stairs, pose: Pose) -> Leg:
         """Every second tread; with an odd number of them the first stride takes one."""
         style = Style.STAIRS_UP if section.up else Style.STAIRS_DOWN
         trodden = np.arange(section.treads, 0, -2, dtype=np.float64)[::-1]
         gait = self._person.gait(style)
         duration = gait.stride_s * self._draw_variation(gait, len(trodden))
-        return _Leg(_climb(section, pose, trodden), np.full(len(trodden), pose.heading), duration, style)
+        return Leg(_climb_along(section, trodden, pose), duration, style)
 
-    def _draw_turning(self, section: TurnOnSpot, pose: Pose) -> _Leg:
+    def _draw_turning(self, section: TurnOnSpot, pose: Pose) -> Leg:
         gait = self._person.gait(Style.TURN)
         count = max(2, int(np.ceil(abs(section.angle) / _TURN_RAD)))
-        heading = pose.heading + section.angle * np.arange(1, count + 1) / count
         duration = gait.stride_s * self._draw_variation(gait, count)
-        return _Leg(np.tile(pose.position, (count, 1)), heading, duration, Style.TURN)
+        return Leg(_turn_at(pose, section.angle, count), duration, Style.TURN)
 
     def _draw_variation(self, gait: Gait, count: int) -> Floats:
         """Factors (K,) about 1 with the gait's variation, none beyond three standard deviations."""
@@ -297,6 +335,36 @@ def _find_arcs(path: Path, share: Floats) -> Floats:
     return arc
 
 
+def _stay_at(pose: Pose) -> Along:
+    return lambda number: (np.tile(pose.position, (len(number), 1)), np.full(len(number), pose.heading))
+
+
+def _go_along(path: Path, arc: Floats, pose: Pose) -> Along:
+    """Along a path that begins at `pose`, `arc` (n + 1,) m being its arc lengths after whole strides."""
+
+    def go(number: Floats) -> tuple[Floats, Floats]:
+        position, heading = path.at(np.interp(number, np.arange(len(arc)), arc))
+        return position, heading + pose.heading - path.start.heading
+
+    return go
+
+
+def _turn_at(pose: Pose, angle: float, count: int) -> Along:
+    """Turn by `angle` rad in `count` strides."""
+    return lambda number: (np.tile(pose.position, (len(number), 1)), pose.heading + angle * number / count)
+
+
+def _climb_along(section: Stairs, trodden: Floats, pose: Pose) -> Along:
+    """On stairs of which the right foot treads on those `trodden` (n,); halfway, on the last whole tread."""
+    reached = np.concatenate([[0.0], trodden])
+
+    def climb(number: Floats) -> tuple[Floats, Floats]:
+        treads = np.floor(np.interp(number, np.arange(len(reached)), reached))
+        return _climb(section, pose, treads), np.full(len(number), pose.heading)
+
+    return climb
+
+
 def _climb(section: Stairs, pose: Pose, treads: Floats) -> Floats:
     """Place (N, 3) m on the stairs after so many treads (N,)."""
     rise = section.rise_m if section.up else -section.rise_m
@@ -322,16 +390,20 @@ class _SlowChange:
         return values
 
 
-def _make_strides(legs: Sequence[_Leg], start: Pose, rng: np.random.Generator, scatter: Scatter) -> Strides:
-    """Legs, one after the other, as strides: their times, and the feet to either side of the center."""
+def _join_centers(legs: Sequence[Leg], start: Pose) -> tuple[Floats, Floats]:
+    """Position (K + 1, 3) m and heading (K + 1,) rad of the center before the first stride and after each."""
+    reached = [leg.along(np.arange(1.0, len(leg) + 1)) for leg in legs]
+    position = np.vstack([start.position, *(position for position, _ in reached)])
+    return position, np.concatenate([[start.heading], *(heading for _, heading in reached)])
+
+
+def _make_strides(legs: Sequence[Leg], footprint: Floats, toe: Floats) -> Strides:
+    """Legs, one after the other, as strides from footprint (K + 1, 3) m to footprint, with their times."""
     duration = np.concatenate([leg.duration for leg in legs])
     wait = np.zeros(len(duration) + 1)
     np.add.at(wait, _index_first_strides(legs), [leg.wait_s for leg in legs])
     end = np.cumsum(wait[:-1] + duration)
     begin = np.concatenate([[0.0], end[:-1]]) + wait[:-1]
-    position = np.vstack([start.position, *(leg.position for leg in legs)])
-    heading = np.concatenate([[start.heading], *(leg.heading for leg in legs)])
-    footprint, toe = _place_feet(position, heading, rng, scatter)
     return Strides(
         start=begin,
         duration=end - begin,
@@ -342,22 +414,28 @@ def _make_strides(legs: Sequence[_Leg], start: Pose, rng: np.random.Generator, s
     )
 
 
-def _index_first_strides(legs: Sequence[_Leg]) -> Ints:
+def _index_first_strides(legs: Sequence[Leg]) -> Ints:
     """Index (L,) of each leg's first stride, or of the one that comes after where it has none."""
     count = [len(leg.duration) for leg in legs]
     return np.concatenate([[0], np.cumsum(count)[:-1]]).astype(np.int64)
 
 
-def _place_feet(position: Floats, heading: Floats, rng: np.random.Generator, scatter: Scatter) -> tuple[Floats, Floats]:
-    """Footprints (K + 1, 3) m and headings (K + 1,) rad of a right foot, the center being here."""
+def _draw_wander(count: int, rng: np.random.Generator, scatter: Scatter) -> Floats:
+    """By how much (K + 1,) m the center is to the right of its path; nothing at both ends."""
+    ends = np.minimum(np.arange(count), np.arange(count)[::-1])
+    fade = np.minimum(ends / SLOW_STRIDES, 1.0)
+    return np.asarray(fade * _SlowChange(scatter.wander_m, rng).draw(count))
+
+
+def place_foot(
+    position: Floats, heading: Floats, aside_m: Floats, rng: np.random.Generator, scatter: Scatter
+) -> tuple[Floats, Floats]:
+    """Footprints (K + 1, 3) m and headings (K + 1,) rad of a foot that is `aside_m` (K + 1,) m right of the path."""
     count = len(heading)
     inside = np.ones(count)
     inside[[0, -1]] = 0.0
-    ends = np.minimum(np.arange(count), np.arange(count)[::-1])
-    fade = np.minimum(ends / SLOW_STRIDES, 1.0)
-    wander = fade * _SlowChange(scatter.wander_m, rng).draw(count)
     right = np.stack([np.cos(heading), -np.sin(heading), np.zeros(count)], axis=1)
-    footprint = position + (STEP_WIDTH_M / 2 + wander)[:, None] * right
+    footprint = position + aside_m[:, None] * right
     ahead = np.stack([np.sin(heading), np.cos(heading), np.zeros(count)], axis=1)
     off = scatter.footprint_m * inside[:, None] * rng.standard_normal((count, 2))
     footprint += off[:, :1] * right + off[:, 1:] * ahead
@@ -370,7 +448,7 @@ def _place_feet(position: Floats, heading: Floats, rng: np.random.Generator, sca
     return footprint, toe
 
 
-def _find_crossings(legs: Sequence[_Leg], strides: Strides) -> tuple[Crossing, ...]:
+def _find_crossings(legs: Sequence[Leg], strides: Strides) -> tuple[Crossing, ...]:
     """Landmarks with the strides that come down nearest to them, in the whole plan."""
     found = []
     for first, leg in zip(_index_first_strides(legs), legs, strict=True):

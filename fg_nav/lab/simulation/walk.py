@@ -3,6 +3,8 @@
     route -> strides -> motion of foot or thigh -> rate, force
                      -> field of the surroundings -> body field  -> sensor -> recording
 
+Strides and field are drawn first (`Outing`); any sensor carried along (`Carried`) records them (`record_walk`).
+
 One seed has many independent streams of random numbers, each named by its purpose (`Streams`). The same seed is the
 same sensor on the same person in every scenario: what a calibration loop finds holds in the office of that seed. The
 walk, the field, the biases at switch-on and the noise are new in every scenario.
@@ -28,14 +30,15 @@ from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import SimulationError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.lab.simulation.fields import Field, Homogeneous, find_earth_field
-from fg_nav.lab.simulation.foot import build_foot_motion
+from fg_nav.lab.simulation.foot import FootMotion, build_foot_motion
 from fg_nav.lab.simulation.motion import Kinematics, Motion, Strides
-from fg_nav.lab.simulation.mount import find_mount
+from fg_nav.lab.simulation.mount import Mount, find_mount
+from fg_nav.lab.simulation.path import Pose
 from fg_nav.lab.simulation.person import Person
-from fg_nav.lab.simulation.plan import Crossing, Section, Stand, plan_with_landmarks
+from fg_nav.lab.simulation.plan import Crossing, Section, Stand, WalkPlan, plan_walk
 from fg_nav.lab.simulation.routes import remove_rests
 from fg_nav.lab.simulation.scenarios import Choices, Scenario, draw_surroundings, scenario
-from fg_nav.lab.simulation.sensors import SensorRun
+from fg_nav.lab.simulation.sensors import Sensor, SensorRun
 from fg_nav.lab.simulation.thigh import Pocket, build_thigh_motion
 from fg_nav.recording import MIN_SAMPLES, Provenance, Recording
 from fg_nav.truth import TrajectoryTruth
@@ -45,10 +48,11 @@ MAX_SEED = 2**63 - 1
 
 @dataclass(frozen=True)
 class Streams:
-    """The generators of one seed and one scenario."""
+    """The generators of one seed and one scenario; `of` sets those of a second sensor apart."""
 
     seed: int
     scenario: str
+    of: str = ""
 
     def __post_init__(self) -> None:
         if not 0 <= self.seed <= MAX_SEED:
@@ -63,7 +67,7 @@ class Streams:
         return self._generator(f"{self.scenario}/{purpose}")
 
     def _generator(self, name: str) -> np.random.Generator:
-        return np.random.default_rng([self.seed, zlib.crc32(name.encode())])
+        return np.random.default_rng([self.seed, zlib.crc32(f"{self.of}{name}".encode())])
 
 
 BLOCK = 50_000
@@ -136,7 +140,7 @@ class SimulatedWalk:
         return self.field.at(truth.position[sample] + self.origin)
 
 
-def _say_nothing(_: float) -> None:
+def say_nothing(_: float) -> None:
     """Report no progress."""
 
 
@@ -145,7 +149,7 @@ def simulate(
     seed: int,
     choices: Choices = Choices(),
     person: Person | None = None,
-    progress: Progress = _say_nothing,
+    progress: Progress = say_nothing,
 ) -> SimulatedWalk:
     """Simulate a scenario.
 
@@ -165,35 +169,92 @@ def simulate(
     >>> round(walk.recording.duration_s), walk.recording.truth.position.shape == walk.recording.acc.shape
     (65, True)
     """
-    chosen = choices.apply_to(scenario(name) if isinstance(name, str) else name)
-    streams = Streams(seed, chosen.name)
-    person = Person().draw(streams.lasting("person")) if person is None else person
-    person = person.with_moving_feet(streams.lasting("feet")) if chosen.feet == "moving" else person
-    sensor = chosen.prior.draw(streams.lasting("sensor"))
-    earth = find_earth_field(chosen.site)
-    strides, crossings = _plan_strides(chosen, person, streams)
-    _check_size(strides.end_s, chosen.prior.rate_hz)
-    motion, flat = _make_motion(chosen, strides, person, streams)
-    field = draw_surroundings(chosen, earth, strides.footprint, streams.of_this_walk("field"))
-    run = sensor.switch_on(streams.of_this_walk("switched on"))
-    count = _count_samples(strides.end_s, chosen.prior.rate_hz)
-    rows = _Rows.join_blocks(_measure_blocks(run, motion, field, count, progress), count)
-    origin = rows.position[0].copy()
+    outing = Outing.draw(name, seed, choices, person)
+    return record_walk(outing, carry_sensor(outing), progress=progress)
+
+
+@dataclass(frozen=True)
+class Outing:
+    """A walk before any sensor records it: who goes where in which field.
+
+    `choices` and `scenario` as in `SimulatedWalk`; `streams` of its random numbers.
+    """
+
+    scenario: Scenario
+    choices: Choices
+    streams: Streams
+    person: Person
+    plan: WalkPlan
+    earth: Homogeneous
+    field: Field
+
+    @classmethod
+    def draw(cls, name: str | Scenario, seed: int, choices: Choices, person: Person | None) -> Outing:
+        """Draw person, strides and field; arguments and errors of `simulate`."""
+        chosen = choices.apply_to(scenario(name) if isinstance(name, str) else name)
+        streams = Streams(seed, chosen.name)
+        person = Person().draw(streams.lasting("person")) if person is None else person
+        person = person.with_moving_feet(streams.lasting("feet")) if chosen.feet == "moving" else person
+        earth = find_earth_field(chosen.site)
+        plan = _plan_strides(chosen, person, streams)
+        _check_size(plan.strides.end_s, chosen.prior.rate_hz)
+        field = draw_surroundings(chosen, earth, plan.strides.footprint, streams.of_this_walk("field"))
+        return cls(chosen, choices, streams, person, plan, earth, field)
+
+
+@dataclass(frozen=True)
+class Carried:
+    """A sensor on a walk.
+
+    Attributes
+    ----------
+    sensor : as drawn.
+    strides : of the foot that it is on, or below the pocket.
+    motion : of the sensor.
+    flat : (K + 1, 2) s, from when to when the foot stands flat; None where it is on none.
+    streams : of what is new on this walk.
+    crossings : of landmarks by that foot.
+    """
+
+    sensor: Sensor
+    strides: Strides
+    motion: Motion
+    flat: Floats | None
+    streams: Streams
+    crossings: tuple[Crossing, ...]
+
+
+def carry_sensor(outing: Outing) -> Carried:
+    """The scenario's sensor where it is worn: on a table, in the right pocket or on the right foot."""
+    sensor = outing.scenario.prior.draw(outing.streams.lasting("sensor"))
+    motion, flat = _make_motion(outing)
+    return Carried(sensor, outing.plan.strides, motion, flat, outing.streams, outing.plan.crossings)
+
+
+def record_walk(
+    outing: Outing, carried: Carried, origin: Floats | None = None, progress: Progress = say_nothing
+) -> SimulatedWalk:
+    """What a sensor records; the truth's `origin` (3,) m in the course's frame is where it first is, or as given."""
+    run = carried.sensor.switch_on(carried.streams.of_this_walk("switched on"))
+    count = _count_samples(carried.strides.end_s, run.sensor.prior.rate_hz)
+    rows = _Rows.join_blocks(_measure_blocks(run, carried.motion, outing.field, count, progress), count)
+    origin = rows.position[0].copy() if origin is None else origin
+    clock_rate, seed = _clock_rate(run), outing.streams.seed
     return SimulatedWalk(
-        scenario=chosen,
-        choices=choices,
+        scenario=outing.scenario,
+        choices=outing.choices,
         seed=seed,
-        recording=rows.recording(origin, f"{chosen.name}, seed {seed}"),
+        recording=rows.recording(origin, f"{outing.scenario.name}, seed {seed}"),
         fresh=rows.fresh,
-        biases=_sample_biases(run, strides.end_s),
-        strides=_convert_clock(strides, _clock_rate(run)),
-        flat=None if flat is None else flat * _clock_rate(run),
-        landmarks=_locate_landmarks(crossings, motion, origin, _clock_rate(run)),
-        field=field,
-        earth=earth,
+        biases=_sample_biases(run, carried.strides.end_s),
+        strides=_convert_clock(carried.strides, clock_rate),
+        flat=None if carried.flat is None else carried.flat * clock_rate,
+        landmarks=_locate_landmarks(carried.crossings, carried.motion, origin, clock_rate),
+        field=outing.field,
+        earth=outing.earth,
         origin=origin,
         drawn={"sensor": run.sensor.as_dict(), "switched_on": run.as_dict()},
-        person=person,
+        person=outing.person,
     )
 
 
@@ -209,24 +270,30 @@ def _check_size(end_s: float, rate_hz: float) -> None:
         raise SimulationError(f"{size}: make the walk longer or the rate higher, for at least {MIN_SAMPLES}.")
 
 
-def _plan_strides(chosen: Scenario, person: Person, streams: Streams) -> tuple[Strides, tuple[Crossing, ...]]:
+def _plan_strides(chosen: Scenario, person: Person, streams: Streams) -> WalkPlan:
     sections = chosen.route(streams.of_this_walk("course"))
     sections = remove_rests(sections) if chosen.rests == "none" else sections
     if chosen.worn == "table":
-        return make_no_strides(sections), ()
-    return plan_with_landmarks(sections, person, streams.of_this_walk("strides"))
+        return WalkPlan(make_no_strides(sections), (), (), Pose(np.zeros(3), 0.0), np.zeros(1))
+    return plan_walk(sections, person, streams.of_this_walk("strides"))
 
 
-def _make_motion(chosen: Scenario, strides: Strides, person: Person, streams: Streams) -> tuple[Motion, Floats | None]:
+def _make_motion(outing: Outing) -> tuple[Motion, Floats | None]:
     """Motion of the sensor, and from when to when (K + 1, 2) s the foot stands flat, if it is on one."""
+    chosen, strides, streams = outing.scenario, outing.plan.strides, outing.streams
     if chosen.worn == "table":
         return Lying.draw(streams.of_this_walk("table")), None
     if chosen.worn == "pocket":
         pocket = Pocket(tilt_rad=0.0) if chosen.aligned else Pocket()
         return build_thigh_motion(strides, pocket, streams.of_this_walk("leg"), streams.lasting("leg")), None
-    mount = find_mount(chosen.worn).draw(streams.lasting("mount"))
-    foot = build_foot_motion(strides, person, mount, streams.of_this_walk("foot"), chosen.rests != "still")
+    foot = build_foot(chosen, strides, outing.person, find_mount(chosen.worn), streams)
     return foot, foot.flat
+
+
+def build_foot(chosen: Scenario, strides: Strides, person: Person, mount: Mount, streams: Streams) -> FootMotion:
+    """Motion of a sensor that is mounted so on the foot of a person."""
+    drawn = mount.draw(streams.lasting("mount"))
+    return build_foot_motion(strides, person, drawn, streams.of_this_walk("foot"), chosen.rests != "still")
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from fg_nav.errors import SimulationError
 from fg_nav.lab.simulation.motion import Style
 from fg_nav.lab.simulation.path import Pose, arc, closed_curve, polyline, straight
 from fg_nav.lab.simulation.person import Person, Scatter
-from fg_nav.lab.simulation.plan import Stairs, Stand, TurnOnSpot, Walk, end_of, plan, plan_with_landmarks
+from fg_nav.lab.simulation.plan import Stairs, Stand, TurnOnSpot, Walk, end_of, plan, plan_walk
 
 LONG = straight(1000.0)
 STEADY = Scatter(footprint_m=0.0, heading_rad=0.0, wander_m=0.0, pace=0.0)
@@ -170,7 +170,8 @@ def test_end_of_each_section_is_where_the_next_begins():
 def test_landmarks_are_crossed_by_the_nearest_footfall():
     arcs = np.array([11.0, 60.0, 100.0])
     path = LAP.with_landmarks(arcs).repeat(2)
-    strides, crossings = plan_with_landmarks([Stand(5.0), Walk(path), Stand(5.0)], Person(), rng(3), STEADY)
+    walk = plan_walk([Stand(5.0), Walk(path), Stand(5.0)], Person(), rng(3), STEADY)
+    strides, crossings = walk.strides, walk.crossings
     assert [crossing.landmark for crossing in crossings] == ["1", "2", "3"] * 2
     for crossing, mark in zip(crossings, path.landmarks, strict=True):
         place = path.at([mark.arc])[0][0]

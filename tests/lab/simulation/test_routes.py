@@ -9,7 +9,7 @@ import pytest
 from fg_nav.lab.simulation import routes
 from fg_nav.lab.simulation.motion import Style
 from fg_nav.lab.simulation.person import Person
-from fg_nav.lab.simulation.plan import Stairs, Stand, Walk, plan, plan_with_landmarks
+from fg_nav.lab.simulation.plan import Stairs, Stand, Walk, plan, plan_walk
 
 PRINTED = {
     "office": (1018.0, 786, None),
@@ -109,13 +109,14 @@ def test_the_mall_winds_most_of_the_time(name, seed):
 
 
 def test_fourteen_landmarks_are_crossed_in_each_of_three_laps():
-    strides, crossings = plan_with_landmarks(drawn("mall"), Person(), np.random.default_rng(0))
+    walk = plan_walk(drawn("mall"), Person(), np.random.default_rng(0))
+    strides, crossings = walk.strides, walk.crossings
     assert [crossing.landmark for crossing in crossings] == [str(i + 1) for i in range(14)] * 3
     feet = strides.footprint[[crossing.stride + 1 for crossing in crossings]].reshape(3, 14, 3)
     assert np.linalg.norm(feet[1:] - feet[0], axis=2).max() < 1.6
     nearest = np.linalg.norm(feet[0][:, None] - feet[0][None], axis=2) + 1e9 * np.eye(14)
     assert nearest.min() > 10.0
-    assert len(plan_with_landmarks(drawn("mall_open"), Person(), np.random.default_rng(0))[1]) == 42
+    assert len(plan_walk(drawn("mall_open"), Person(), np.random.default_rng(0)).crossings) == 42
 
 
 @pytest.mark.parametrize("seed", range(10))
