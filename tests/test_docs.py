@@ -22,7 +22,7 @@ from fg_nav.lab.simulation import SCENARIOS, simulate
 from fg_nav.lab.simulation.scenarios import FIELDS
 from fg_nav.magnetic.quasi_static import DEFAULT, GATES
 from fg_nav.report.export import FORMATS as EXPORTS
-from fg_nav.report.folder import ALLAN_FILES, DETECT_FILES, RESULT_FILES, SIMULATION_FILES
+from fg_nav.report.folder import ALLAN_FILES, DETECT_FILES, FEET_FILES, RESULT_FILES, SIMULATION_FILES
 from fg_nav.samples import stamps
 from fg_nav.smoother import SmootherParameters, graph, strides
 
@@ -170,7 +170,7 @@ def test_every_format_of_exports_has_its_row_and_is_in_the_help() -> None:
 
 def test_every_file_of_a_simulation_is_explained() -> None:
     text = (ROOT / "docs/simulation.md").read_text(encoding="utf-8")
-    assert not [name for name in SIMULATION_FILES if f"`{name}`" not in text]
+    assert not [name for name in SIMULATION_FILES | FEET_FILES if f"`{name}`" not in text]
 
 
 def test_every_field_and_level_is_explained() -> None:

@@ -44,13 +44,16 @@ def simulate(
         typer.Option(help="What the foot does where the person stands; none: there is no standing."),
     ] = None,
     feet: given.FeetWord = None,
+    both_feet: Annotated[
+        bool, typer.Option("--both-feet", help="A sensor on each foot: left.csv and right.csv with their truths.")
+    ] = False,
     out: given.OutDir = None,
     force: given.Force = False,
     json: given.Json = False,
     quiet: given.Quiet = False,
 ) -> None:
     """Simulate a walk with its truth: recording.csv, truth.tum, truth.json, landmarks.csv, map.png."""
-    from fg_nav.commands.simulate import list_scenarios, simulate
+    from fg_nav.commands.simulate import list_scenarios, simulate, simulate_feet
     from fg_nav.lab.simulation import Choices
 
     choices = Choices(sensor, site, field, worn, rate, turn, calibrated, rests=rests, feet=feet)
@@ -60,7 +63,7 @@ def simulate(
         elif scenario is None:
             raise typer.BadParameter("name one, or a file; --list says what there is.", param_hint="SCENARIO")
         else:
-            answer(simulate(scenario, seed, choices, out, force))
+            answer((simulate_feet if both_feet else simulate)(scenario, seed, choices, out, force))
 
 
 @verbs.command()

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from fg_nav.errors import MagneticError, OutputError, SimulationError
 from fg_nav.report.folder import RESULT_FILES, claim_folder, fill_folder, hold_folder
@@ -22,8 +22,10 @@ if TYPE_CHECKING:
     from fg_nav.earth import EarthField
     from fg_nav.errors import FgNavError
     from fg_nav.io import Reading
-    from fg_nav.lab.simulation import Choices, SimulatedWalk
+    from fg_nav.lab.simulation import Choices, SimulatedFeet, SimulatedWalk
     from fg_nav.walk import Options, Outcome, Walk
+
+Simulated = TypeVar("Simulated")
 
 RESULTS = Path("results")
 """Where results go for which no folder was named."""
@@ -173,7 +175,20 @@ def run_methods(walk: Walk, methods: Sequence[str]) -> dict[str, Outcome]:
 
 def simulate_walk(name: str, seed: int, choices: Choices | None = None) -> SimulatedWalk:
     """Simulate a scenario by its name, or that of a file, with a bar on the terminal."""
-    from fg_nav.lab.simulation import Choices, scenario, simulate
+    from fg_nav.lab.simulation import simulate
+
+    return _simulate_named(simulate, name, seed, choices)
+
+
+def simulate_both_feet(name: str, seed: int, choices: Choices | None = None) -> SimulatedFeet:
+    """Simulate both feet, as `simulate_walk` does one."""
+    from fg_nav.lab.simulation import simulate_feet
+
+    return _simulate_named(simulate_feet, name, seed, choices)
+
+
+def _simulate_named(simulate: Callable[..., Simulated], name: str, seed: int, choices: Choices | None) -> Simulated:
+    from fg_nav.lab.simulation import Choices, scenario
     from fg_nav.lab.simulation.scenario_file import SUFFIX, read_scenario
 
     own = name.endswith(SUFFIX)

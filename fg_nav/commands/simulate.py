@@ -7,10 +7,14 @@ truth.json           biases once a second, when the foot stands flat, footprints
 landmarks.csv        landmark,time_s,x_m,y_m,z_m: where the sensor is as it passes; only where there are landmarks
 map.png              the walk from above over the strength of the field
 ==================== ================================================================================================
+
+With both feet there are, in place of the first three, `left.csv`, `left.truth.tum`, `left.truth.json` and the same of
+the right foot, both truths in one frame; `person.tum` is the middle of the feet. Landmarks and map are the right one's.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -18,30 +22,52 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from fg_nav.commands import Answer, Target, simulate_walk
+from fg_nav.commands import Answer, Simulated, Target, simulate_both_feet, simulate_walk
 from fg_nav.io import write_canonical, write_tum
-from fg_nav.lab.simulation import SCENARIOS, Choices, SimulatedWalk
+from fg_nav.lab.simulation import SCENARIOS, Choices, Passing, SimulatedFeet, SimulatedWalk
 from fg_nav.lab.simulation.fields import SITES
 from fg_nav.lab.simulation.scenarios import FIELDS
 from fg_nav.lab.simulation.sensors import PRESETS
 from fg_nav.report.files import write_json
-from fg_nav.report.folder import SIMULATION_FILES
+from fg_nav.report.folder import FEET_FILES, SIMULATION_FILES
 from fg_nav.report.terminal import console, listing
 from fg_nav.text import find_version, format_count, to_json
-from fg_nav.truth import TrajectoryTruth
+from fg_nav.truth import TrajectoryTruth, Truth
 
 LANDMARK_COLUMNS = ("landmark", "time_s", "x_m", "y_m", "z_m")
 
 
 def simulate(scenario: str, seed: int, choices: Choices, out: Path | None, force: bool) -> Answer:
     """Simulate a scenario into a folder."""
-    with Target(out, force, Path(scenario).stem, SIMULATION_FILES) as target:
+    with _open_target(scenario, out, force) as target:
         walk = simulate_walk(scenario, seed, choices)
-        target.name = walk.scenario.name
-        with target.open() as folder:
-            write_simulation(folder, walk)
-    content = describe_simulation(walk) | {"folder": str(target.place)}
-    return Answer(content, partial(print_simulation, walk, target.place))
+        return _write_into(target, walk, write_simulation, describe_simulation(walk), list_rows(walk))
+
+
+def simulate_feet(scenario: str, seed: int, choices: Choices, out: Path | None, force: bool) -> Answer:
+    """Simulate both feet of a person into a folder."""
+    with _open_target(scenario, out, force) as target:
+        feet = simulate_both_feet(scenario, seed, choices)
+        return _write_into(target, feet, write_feet, describe_feet(feet), list_rows_of_feet(feet))
+
+
+def _open_target(scenario: str, out: Path | None, force: bool) -> Target:
+    return Target(out, force, Path(scenario).stem, SIMULATION_FILES | FEET_FILES)
+
+
+def _write_into(
+    target: Target,
+    simulated: Simulated,
+    write: Callable[[Path, Simulated], None],
+    content: dict[str, Any],
+    rows: dict[str, str],
+) -> Answer:
+    """Write what was simulated into the target, and return what it is and where."""
+    target.name = content["scenario"]
+    with target.open() as folder:
+        write(folder, simulated)
+    place = str(target.place)
+    return Answer(content | {"folder": place}, partial(print_simulation, rows | {"files": place}))
 
 
 def _name_walk(walk: SimulatedWalk) -> dict[str, Any]:
@@ -71,6 +97,11 @@ def describe_simulation(walk: SimulatedWalk) -> dict[str, Any]:
     }
 
 
+def describe_feet(feet: SimulatedFeet) -> dict[str, Any]:
+    """Which walk it is: what `describe_simulation` says of the right foot, and how far apart the feet tread."""
+    return describe_simulation(feet.right) | {"step_width_m": feet.step_width_m}
+
+
 def measure_walked(walk: SimulatedWalk) -> float:
     """Sum of the moves of the foot, m."""
     return float(np.linalg.norm(np.diff(walk.strides.footprint, axis=0), axis=1).sum())
@@ -78,19 +109,41 @@ def measure_walked(walk: SimulatedWalk) -> float:
 
 def write_simulation(folder: Path, walk: SimulatedWalk) -> None:
     """Write recording, truth and map into an existing folder."""
+    write_canonical(walk.recording, folder / "recording.csv")
+    _write_trajectory(folder / "truth.tum", walk.recording.truth)
+    write_json(folder / "truth.json", describe_truth(walk))
+    _write_surroundings(folder, walk)
+
+
+def write_feet(folder: Path, feet: SimulatedFeet) -> None:
+    """Write recordings, truths and map into an existing folder."""
+    for side, walk in feet.sides.items():
+        write_canonical(walk.recording, folder / f"{side}.csv")
+        _write_trajectory(folder / f"{side}.truth.tum", walk.recording.truth)
+        write_json(folder / f"{side}.truth.json", describe_truth(walk) | {"step_width_m": feet.step_width_m})
+    _write_trajectory(folder / "person.tum", feet.person)
+    _write_surroundings(folder, feet.right)
+
+
+def _write_trajectory(file: Path, truth: Truth | None) -> None:
+    assert isinstance(truth, TrajectoryTruth)
+    assert truth.nav_R_body is not None
+    write_tum(file, truth.t, truth.position, truth.nav_R_body)
+
+
+def _write_surroundings(folder: Path, walk: SimulatedWalk) -> None:
+    """Write the landmarks, if there are any, and the map."""
     from fg_nav.report.plots.maps import plot_simulated_walk
     from fg_nav.report.plots.style import save
 
-    write_canonical(walk.recording, folder / "recording.csv")
-    truth = walk.recording.truth
-    assert isinstance(truth, TrajectoryTruth)
-    assert truth.nav_R_body is not None
-    write_tum(folder / "truth.tum", truth.t, truth.position, truth.nav_R_body)
-    write_json(folder / "truth.json", describe_truth(walk))
     if walk.landmarks:
-        rows = [(mark.landmark, mark.time_s, *mark.position) for mark in walk.landmarks]
-        pd.DataFrame(rows, columns=LANDMARK_COLUMNS).to_csv(folder / "landmarks.csv", index=False, float_format="%.9f")
+        _write_landmarks(folder / "landmarks.csv", walk.landmarks)
     save(plot_simulated_walk(walk), folder / "map.png")
+
+
+def _write_landmarks(file: Path, landmarks: Sequence[Passing]) -> None:
+    rows = [(mark.landmark, mark.time_s, *mark.position) for mark in landmarks]
+    pd.DataFrame(rows, columns=LANDMARK_COLUMNS).to_csv(file, index=False, float_format="%.9f")
 
 
 def describe_truth(walk: SimulatedWalk) -> dict[str, Any]:
@@ -132,9 +185,9 @@ def print_scenarios(scenarios: dict[str, str], parts: dict[str, list[str]]) -> N
     out.print(listing([(part, ", ".join(names)) for part, names in parts.items()]), soft_wrap=True)
 
 
-def print_simulation(walk: SimulatedWalk, place: Path) -> None:
-    """Print what was simulated, and where the files are."""
-    rows = {
+def list_rows(walk: SimulatedWalk) -> dict[str, str]:
+    """What was simulated, for people."""
+    return {
         "scenario": f"{walk.scenario.name}: {walk.scenario.summary}",
         "seed": str(walk.seed),
         "worn": f"{walk.scenario.worn}, {walk.scenario.prior.name}",
@@ -142,8 +195,18 @@ def print_simulation(walk: SimulatedWalk, place: Path) -> None:
         "samples": f"{len(walk.recording)} in {walk.recording.duration_s:.1f} s",
         "strides": f"{len(walk.strides)} over {measure_walked(walk):.1f} m of the foot",
         "landmarks": format_count(len(walk.landmarks), "crossing") if walk.landmarks else "none",
-        "files": str(place),
     }
+
+
+def list_rows_of_feet(feet: SimulatedFeet) -> dict[str, str]:
+    """What was simulated of both feet, for people."""
+    both = {side: list_rows(walk) for side, walk in feet.sides.items()}
+    rows = {name: f"left {both['left'][name]}, right {both['right'][name]}" for name in ("samples", "strides")}
+    return both["right"] | rows | {"step width": f"{feet.step_width_m:.3f} m"}
+
+
+def print_simulation(rows: dict[str, str]) -> None:
+    """Print what was simulated, and where the files are."""
     console().print(listing(list(rows.items())), soft_wrap=True)
 
 

@@ -41,6 +41,14 @@ RESULT_FILES = frozenset(
 SIMULATION_FILES = frozenset({"recording.csv", "truth.tum", "truth.json", "landmarks.csv", "map.png"})
 """Every file name that a simulation writes."""
 
+FEET_FILES = frozenset(
+    {
+        "left.csv", "left.truth.tum", "left.truth.json", "right.csv", "right.truth.tum", "right.truth.json",
+        "person.tum", "landmarks.csv", "map.png",
+    }
+)  # fmt: skip
+"""Every file name that a simulation of both feet writes."""
+
 DETECT_FILES = frozenset({"field.png", "field_map.png", "field.csv", "detect.json"})
 """Every file name that a look at the field writes."""
 

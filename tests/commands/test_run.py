@@ -198,6 +198,24 @@ def test_simulate_writes_the_contract(fg_nav: FgNav) -> None:
     assert fg_nav("simulate", "demo", "--out", "walk").refused("--force")
 
 
+def test_simulate_writes_both_feet_with_their_truths(fg_nav: FgNav) -> None:
+    ran = fg_nav("simulate", "demo", "--seed", "2", "--rate", "100", "--both-feet", "--out", "feet", "--json")
+    assert ran.code == 0, ran.err
+    assert 0.1 <= json.loads(ran.out)["step_width_m"] <= 0.2
+    of_a_foot = {"csv", "truth.tum", "truth.json"}
+    each = {f"{side}.{kind}" for side in ("left", "right") for kind in of_a_foot}
+    assert names(Path("feet")) == each | {"person.tum", "map.png"}
+    left, right, person = (np.loadtxt(f"feet/{name}.tum") for name in ("left.truth", "right.truth", "person"))
+    np.testing.assert_array_equal(person[:, 0], right[:, 0])
+    assert np.linalg.norm((left[0] - right[0])[1:4]) < 0.3
+    again = fg_nav("run", "feet/left.csv", "--truth", "feet/left.truth.tum", "--out", "left")
+    assert again.code == 0, again.err
+    assert summary(Path("left"))["rmse_2d_m"] < 1.0
+    assert fg_nav("simulate", "demo", "--worn", "pocket", "--both-feet").refused("'pocket' has none opposite")
+    assert fg_nav("simulate", "demo", "--rate", "100", "--out", "feet", "--force").code == 0
+    assert names(Path("feet")) == {"recording.csv", "truth.tum", "truth.json", "map.png"}
+
+
 def test_simulate_reads_a_scenario_of_ones_own(fg_nav: FgNav) -> None:
     Path("yard.toml").write_text(OWN_WALK)
     ran = fg_nav("simulate", "yard.toml")
