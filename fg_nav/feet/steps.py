@@ -11,8 +11,8 @@ for a right foot. On 63 m of motion-captured walking in laps of 12 m the noise i
 a curve. In the mean over steps of both feet that falls out, as the middles of both feet's strides do so alike. A person
 also steps unevenly, or stands longer on one leg: that is the same from step to step, and does not fall out.
 
-So steps are averaged over `CELL_M` of the way, a cell. With weights a_k and b_k of the footfalls of the right and of
-the left foot (1 where the foot is q, 1/2 and 1/2 in a stride), the means of the cell are
+So steps are averaged over cells, `CELL_M` of the way or a turn by `CELL_TURN_RAD`. With weights a_k and b_k of the
+footfalls of the right and of the left foot (1 where the foot is q, 1/2 and 1/2 in a stride), the means of a cell are
 
     q_R = sum a_k p_k,    q_L = sum b_k p_k,    n = mean of n,    q_R = q_L - w n.
 
@@ -21,15 +21,15 @@ A footfall that is not one step from the other foot's, a shuffle, a turn on the 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.arrays import Floats, Ints
 
-CELL_M = 4.0
-"""Of the way: three strides, over which a path that was found alone is bent by less than steps differ."""
+CELL_M, CELL_TURN_RAD = 8.0, np.deg2rad(60.0)
+"""Of the way, and by how much it turns: six strides, over which a path that was found alone is bent by less than steps
+differ. In the mean over a turn the direction would be lost."""
 
 FEWEST_STEPS = 2
 """Of each foot in a cell."""
@@ -81,49 +81,60 @@ def find_steps(foot: Footfalls, other: Footfalls) -> Steps:
 
 
 @dataclass(frozen=True)
-class Cell:
-    """Some steps in a row: mean places (3,) m of both feet, mean normal (2,) and moment (s), and how many steps."""
+class Cells:
+    """C cells: mean places (C, 3) m of both feet, mean normal (C, 2), and the moment (C,) s."""
 
-    t: float
+    t: Floats
     right: Floats
     left: Floats
     left_normal: Floats
-    count: int
+
+    def __len__(self) -> int:
+        return len(self.t)
 
 
-def average_cells(right: Footfalls, left: Footfalls) -> Iterator[Cell]:
-    """Yield the cells of a walk, in order of time."""
+def average_cells(right: Footfalls, left: Footfalls) -> Cells:
+    """Average the steps of a walk over cells, in order of time."""
     of_right, of_left = find_steps(right, left), find_steps(left, right)
-    cell = _number_cells(left)
-    cells = cell[of_right.before], cell[np.minimum(of_left.at, len(left) - 1)]
-    for number in np.unique(np.concatenate(cells)):
-        inside = [one == number for one in cells]
-        if min(np.sum(one) for one in inside) >= FEWEST_STEPS:
-            yield _average(right, left, _take(of_right, inside[0]), _take(of_left, inside[1]))
-
-
-def _take(steps: Steps, rows: Bools) -> Steps:
-    return Steps(steps.at[rows], steps.before[rows], steps.left_normal[rows])
-
-
-def _number_cells(foot: Footfalls) -> Ints:
-    """Cell (F,) of each footfall, by the way walked."""
-    move = np.diff(foot.position[:, :2], axis=0, prepend=foot.position[:1, :2])
-    return np.asarray(np.cumsum(np.linalg.norm(move, axis=1)) // CELL_M).astype(np.int64)
-
-
-def _average(right: Footfalls, left: Footfalls, of_right: Steps, of_left: Steps) -> Cell:
+    number = _number_cells(left)
+    cells = number[of_right.before], number[of_left.at]
+    least = np.minimum(*(np.bincount(one, minlength=number.max(initial=0) + 1) for one in cells))
+    kept = np.flatnonzero(least >= FEWEST_STEPS)
     # Both kinds count alike, or the bend of a curve would not fall out.
-    q_R = 0.5 * (right.position[of_right.at].mean(axis=0) + _middle(right, of_left))
-    q_L = 0.5 * (left.position[of_left.at].mean(axis=0) + _middle(left, of_right))
-    normal = 0.5 * (of_right.left_normal.mean(axis=0) + of_left.left_normal.mean(axis=0))
-    t = 0.5 * float(right.t[of_right.at].mean() + left.t[of_left.at].mean())
-    return Cell(t, q_R, q_L, normal, len(of_right.at) + len(of_left.at))
+    means = [
+        np.mean([_average_by(cell, one)[kept] for cell, one in zip(cells, pair, strict=True)], axis=0)
+        for pair in (
+            (right.t[of_right.at, None], left.t[of_left.at, None]),
+            (right.position[of_right.at], _middle(right, of_left)),
+            (_middle(left, of_right), left.position[of_left.at]),
+            (of_right.left_normal, of_left.left_normal),
+        )
+    ]
+    return Cells(means[0][:, 0], *means[1:])
 
 
 def _middle(foot: Footfalls, steps: Steps) -> Floats:
-    """Mean (3,) of the middles of a foot's strides."""
-    return np.asarray(0.5 * (foot.position[steps.before] + foot.position[steps.before + 1]).mean(axis=0))
+    """Middles (S, 3) of a foot's strides."""
+    return np.asarray(0.5 * (foot.position[steps.before] + foot.position[steps.before + 1]))
+
+
+def _average_by(group: Ints, values: Floats) -> Floats:
+    """Means (G, c) of rows (S, c) over the groups 0 to G - 1 (S,) that they are in; of an empty one NaN."""
+    count = np.bincount(group).astype(float)
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.stack([np.bincount(group, column) for column in values.T], axis=1) / count[:, None])
+
+
+def _number_cells(foot: Footfalls) -> Ints:
+    """Cell (F,) of each footfall, from 0, by the way walked and its turns."""
+    move = np.diff(foot.position[:, :2], axis=0, prepend=foot.position[:1, :2])
+    length = np.linalg.norm(move, axis=1)
+    walks = length > STRIDE_M[0]
+    heading = np.unwrap(np.arctan2(move[walks, 1], move[walks, 0]))
+    turned = np.zeros(len(foot))
+    turned[walks] = np.abs(np.diff(heading, prepend=heading[:1]))
+    way = np.cumsum(length / CELL_M + turned / CELL_TURN_RAD)
+    return np.unique(np.floor(way), return_inverse=True)[1]
 
 
 def measure_turns(right: Footfalls, left: Footfalls) -> tuple[Floats, Floats]:

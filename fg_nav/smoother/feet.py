@@ -24,7 +24,7 @@ from gtsam.symbol_shorthand import X
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.factors.residual import Keys, Stack
-from fg_nav.feet.steps import average_cells, measure_turns
+from fg_nav.feet.steps import Cells, average_cells, measure_turns
 from fg_nav.smoother.feet_factors import (
     RIGHT,
     WIDTH,
@@ -40,13 +40,13 @@ from fg_nav.smoother.feet_factors import (
 from fg_nav.smoother.gauss_newton import CONVERGENCE, Minimum, find_minimum
 from fg_nav.smoother.graph import StartPrior, WalkProblem, turn_walk
 from fg_nav.smoother.place_factors import split_tied
-from fg_nav.smoother.solver import Solved, WalkSystem, list_in_time
+from fg_nav.smoother.solver import Solved, WalkSystem, list_in_time, list_poses
 
 FREE_PLACE_M, FREE_HEADING_DEG = 2.0, 60.0
 """Sigmas of the right foot's start about where its path lies beside the left one's."""
 
-SMOOTH_S = 15.0
-"""Over which turns of the right foot's path against the left one's are averaged."""
+SMOOTH_S = 10.0
+"""Before and after, over which turns of the right foot's path against the left one's are averaged."""
 
 REACH_ROUNDS = 3
 
@@ -149,10 +149,11 @@ def _reach_nothing() -> ReachFactors:
 def align_right(right: WalkProblem, left: WalkProblem) -> tuple[WalkProblem, FeetValues]:
     """Turn and move the right foot beside the left one, and free its start."""
     values, t = gtsam.Values(right.values), right.recording.t[right.nodes.sample]
-    turn = _smooth_turn(*measure_turns(list_footfalls(right, values), list_footfalls(left, left.values)), t)
+    of_left = list_footfalls(left, left.values)
+    turn = _smooth_turn(*measure_turns(list_footfalls(right, values), of_left), t)
     turn_walk(values, right.nodes, -turn)
-    # Its start goes to where the first cells are beside each other.
-    shift = _measure_shift(right, left, FeetValues(values, left.values, WIDTH_M))
+    shift = _measure_shift(average_cells(list_footfalls(right, values), of_left))
+    # Its factors do not say where it is: what is moved is the start, and all nodes with it.
     _shift_walk(values, len(right.nodes), shift)
     start = values.atPose3(X(0))
     prior = StartPrior(start.rotation().matrix(), np.radians(FREE_HEADING_DEG), FREE_PLACE_M, start.translation())
@@ -164,24 +165,26 @@ def _smooth_turn(at: Floats, turn: Floats, t: Floats) -> Floats:
     if not len(at):
         return np.zeros(len(t))
     asked = np.arange(t[0], t[-1] + SMOOTH_S, 0.5 * SMOOTH_S)
-    weight = np.exp(-0.5 * ((asked[:, None] - at) / (0.5 * SMOOTH_S)) ** 2) + 1e-300
-    mean = np.unwrap(np.angle(weight @ np.exp(1j * turn)))
-    return np.asarray(np.interp(t, asked, mean))
+    near = np.searchsorted(at, [asked - SMOOTH_S, asked + SMOOTH_S])
+    total = np.concatenate([[0.0], np.cumsum(np.exp(1j * turn))])
+    mean = total[near[1]] - total[near[0]]
+    seen = near[1] > near[0]
+    return np.asarray(np.interp(t, asked[seen], np.unwrap(np.angle(mean[seen]))))
 
 
-def _measure_shift(right: WalkProblem, left: WalkProblem, values: FeetValues) -> Floats:
+def _measure_shift(cells: Cells) -> Floats:
     """From the right foot to beside the left one (3,) m, in the mean of all cells."""
-    cells = list(average_cells(list_footfalls(right, values.right), list_footfalls(left, values.left)))
-    if not cells:
+    if not len(cells):
         return np.zeros(3)
-    beside = [c.left - values.width * np.append(c.left_normal, 0.0) - c.right for c in cells]
+    beside = cells.left - cells.right
+    beside[:, :2] -= WIDTH_M * cells.left_normal
     return np.asarray(np.mean(beside, axis=0))
 
 
 def _shift_walk(values: gtsam.Values, nodes: int, shift: Floats) -> None:
-    for j in range(nodes):
-        pose = values.atPose3(X(j))
-        values.update(X(j), gtsam.Pose3(pose.rotation(), pose.translation() + shift))
+    poses = list_poses(range(nodes), values)
+    for j, pose in enumerate(poses):
+        values.update(X(j), gtsam.Pose3(gtsam.Rot3(pose[:3, :3]), pose[:3, 3] + shift))
 
 
 def order_variables(problem: FeetProblem) -> Keys:

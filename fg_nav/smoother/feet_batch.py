@@ -26,6 +26,7 @@ from fg_nav.smoother.feet import SolvedFeet, solve_feet
 from fg_nav.smoother.feet_factors import WIDTH, list_pose_keys, mark_right
 from fg_nav.smoother.fitting import FittedWalk, fit_walk
 from fg_nav.smoother.parameters import SmootherParameters
+from fg_nav.smoother.square_root import SquareRoot
 from fg_nav.stances import Stances
 
 FEWEST_CELLS = 2
@@ -112,7 +113,7 @@ def _finish(
         of_left,
         trace_person(of_right, of_left, cell_t, cell_cov),
         solved.minimum.values.width,
-        float(np.sqrt(solved.minimum.root.covariances([int(WIDTH)])[int(WIDTH)][0, 0])),
+        _measure_width_sigma(solved.minimum.root),
         len(ties),
         len(reach),
     )
@@ -127,3 +128,11 @@ def _find_person_covariance(solved: SolvedFeet, joints: list[FootfallCovariance]
     moved = nav_T_both @ shared[root.find_columns(keys)]
     of_graph = nav_T_both @ root.joint_covariances(keys) @ np.swapaxes(nav_T_both, 1, 2)
     return np.asarray(of_graph + moved @ np.swapaxes(moved, 1, 2))
+
+
+def _measure_width_sigma(root: SquareRoot) -> float:
+    """Sigma of the width, m, by one column of the covariance."""
+    column = np.zeros((root.total, 1))
+    (at,) = root.find_columns([[int(WIDTH)]])[0]
+    column[at] = 1.0
+    return float(np.sqrt(root.descend(root.rise(column))[at, 0]))

@@ -11,7 +11,6 @@ the walk was solved with it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import gtsam
@@ -22,7 +21,7 @@ from fg_nav.arrays import Floats, Ints
 from fg_nav.factors.residual import Keys, Stack
 from fg_nav.factors.same_place import weigh_place
 from fg_nav.factors.two_feet import BesideEachOther, WithinReach
-from fg_nav.feet.steps import Cell, Footfalls, average_cells
+from fg_nav.feet.steps import Footfalls, average_cells
 from fg_nav.smoother.graph import WalkProblem
 from fg_nav.smoother.solver import list_poses
 
@@ -136,17 +135,15 @@ def list_footfalls(problem: WalkProblem, values: gtsam.Values) -> Footfalls:
 def tie_feet(right: WalkProblem, left: WalkProblem, values: FeetValues) -> FootfallTies:
     """Tie the cells of steps of two solved feet."""
     feet = list_footfalls(right, values.right), list_footfalls(left, values.left)
-    cells = list(average_cells(*feet))
-    chosen = [_nearest(foot.t, cells) for foot in feet]
+    cells = average_cells(*feet)
+    chosen = [_nearest(foot.t, cells.t) for foot in feet]
     node = right.nodes.result[chosen[0]], left.nodes.result[chosen[1]]
     poses = list_poses(node[0], values.right), list_poses(node[1], values.left)
-    places = np.reshape([c.right for c in cells], (-1, 3)), np.reshape([c.left for c in cells], (-1, 3))
     in_body = [
         np.einsum("kji,kj->ki", pose[:, :3, :3], place - pose[:, :3, 3])
-        for pose, place in zip(poses, places, strict=True)
+        for pose, place in zip(poses, (cells.right, cells.left), strict=True)
     ]
-    normal = np.zeros((len(cells), 3))
-    normal[:, :2] = np.reshape([c.left_normal for c in cells], (-1, 2))
+    normal = np.pad(cells.left_normal, ((0, 0), (0, 1)))
     heading = np.arctan2(-normal[:, 0], normal[:, 1])
     weight = weigh_place(heading, ALONG_SIGMA_M, ACROSS_SIGMA_M, UP_SIGMA_M)
     in_left = np.einsum("kji,kj->ki", poses[1][:, :3, :3], normal)
@@ -154,9 +151,9 @@ def tie_feet(right: WalkProblem, left: WalkProblem, values: FeetValues) -> Footf
     return FootfallTies(chosen[0], chosen[1], node[0], node[1], residuals)
 
 
-def _nearest(t: Floats, cells: Sequence[Cell]) -> Ints:
-    """Footfall (C,) nearest to the middle of each cell."""
-    return np.asarray(np.searchsorted(0.5 * (t[1:] + t[:-1]), [cell.t for cell in cells]), dtype=np.int64)
+def _nearest(t: Floats, asked: Floats) -> Ints:
+    """Footfall (C,) nearest to each moment (C,) s."""
+    return np.asarray(np.searchsorted(0.5 * (t[1:] + t[:-1]), asked), dtype=np.int64)
 
 
 def find_beyond_reach(right: WalkProblem, left: WalkProblem, values: FeetValues, known: ReachFactors) -> ReachFactors:
