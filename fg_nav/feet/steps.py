@@ -31,6 +31,9 @@ CELL_M, CELL_TURN_RAD = 8.0, np.deg2rad(60.0)
 """Of the way, and by how much it turns: six strides, over which a path that was found alone is bent by less than steps
 differ. In the mean over a turn the direction would be lost."""
 
+MOST_CELLS, MOST_APART_M = 100, 30.0
+"""Of a walk: more cells show nothing new of it and cost the solver, as long as they are not further apart."""
+
 FEWEST_STEPS = 2
 """Of each foot in a cell."""
 
@@ -100,6 +103,7 @@ def average_cells(right: Footfalls, left: Footfalls) -> Cells:
     cells = number[of_right.before], number[of_left.at]
     least = np.minimum(*(np.bincount(one, minlength=number.max(initial=0) + 1) for one in cells))
     kept = np.flatnonzero(least >= FEWEST_STEPS)
+    kept = kept[:: _thin(left, len(kept))]
     # Both kinds count alike, or the bend of a curve would not fall out.
     means = [
         np.mean([_average_by(cell, one)[kept] for cell, one in zip(cells, pair, strict=True)], axis=0)
@@ -111,6 +115,13 @@ def average_cells(right: Footfalls, left: Footfalls) -> Cells:
         )
     ]
     return Cells(means[0][:, 0], *means[1:])
+
+
+def _thin(foot: Footfalls, cells: int) -> int:
+    """Return every how many-th of so many cells is kept."""
+    way = float(np.linalg.norm(np.diff(foot.position[:, :2], axis=0), axis=1).sum())
+    every = min(cells / MOST_CELLS, MOST_APART_M * cells / max(way, CELL_M))
+    return max(int(every), 1)
 
 
 def _middle(foot: Footfalls, steps: Steps) -> Floats:
