@@ -30,7 +30,7 @@ S_set the sum of scores of its stretches where they do not overlap. Above `LONE_
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -38,12 +38,14 @@ from fg_nav.arrays import Floats, Ints
 from fg_nav.frames import wrap_angle, yaw_rotation
 from fg_nav.places.candidates import Drift
 from fg_nav.places.consistency import LONE_EXPECTED
+from fg_nav.places.overlay import overlay_known
 from fg_nav.places.recognition import (
     ALONG_SIGMA_M,
     AVERAGE_M,
     HEADING_SIGMA_RAD,
     LATERAL_SIGMA_M,
     UP_SIGMA_M,
+    Recognition,
     Stretch,
     recognize_known,
 )
@@ -142,7 +144,22 @@ class _Fit:
 
 def locate(path: Signature, known: SavedPlaces) -> Location | None:
     """Find where a walk is on known places; None where it is not recognized, or at more than one place."""
-    found = recognize_known(path, known.path)
+    return _place(path, known, recognize_known(path, known.path)) or _place(path, known, _overlay(path, known))
+
+
+def _overlay(path: Signature, known: SavedPlaces) -> Recognition:
+    """Find the pieces of a walk that lie on known places as a whole, those whose shape is that of the known path."""
+    found = overlay_known(path, known.path)
+    return replace(found, stretches=tuple(one for one in found.stretches if _keeps_shape(path, known, one)))
+
+
+def _keeps_shape(path: Signature, known: SavedPlaces, stretch: Stretch) -> bool:
+    pieces = _cut_pieces(path, known, [stretch])
+    return _agrees(pieces, _fit(pieces, None))
+
+
+def _place(path: Signature, known: SavedPlaces, found: Recognition) -> Location | None:
+    """Find where a walk is by what was recognized of it."""
     if not found.stretches:
         return None
     stretches = found.stretches[:MOST_STRETCHES]

@@ -14,16 +14,16 @@ SPEED_M_S = 1.25
 
 @dataclass(frozen=True)
 class Floor:
-    """phi = sum (b / k) cos(k . x + c) exp(-k z), B = EARTH - grad phi; waves of 1.5 to 12 m, 4 uT an axis at 0.1 m."""
+    """phi = sum (b / k) cos(k . x + c) exp(-k z), B = EARTH - grad phi; waves of given lengths, 4 uT an axis."""
 
     wave: Floats
     phase: Floats
     strength: Floats
 
     @classmethod
-    def draw(cls, seed: int, count: int = 120) -> "Floor":
+    def draw(cls, seed: int, count: int = 120, waves_m: tuple[float, float] = (1.5, 12.0)) -> "Floor":
         rng = np.random.default_rng(seed)
-        k = 2 * np.pi / np.exp(rng.uniform(np.log(1.5), np.log(12.0), count))
+        k = 2 * np.pi / np.exp(rng.uniform(*np.log(waves_m), count))
         angle = rng.uniform(0, 2 * np.pi, count)
         wave = np.stack([k * np.cos(angle), k * np.sin(angle)], axis=1)
         return cls(wave, rng.uniform(0, 2 * np.pi, count), 6.0 * np.sqrt(2.0 / count) * np.exp(0.1 * k))

@@ -1,0 +1,200 @@
+"""A piece of a walk laid on an earlier one as a whole: for fields that only long wavelengths show.
+
+An alignment (`alignment`) goes on point by point, with the field in a band that a filter cuts out. Where steel is some
+meters away, what there is of it is in wavelengths of 5 to 40 m: too few in a piece of 40 m for a filter, whose response
+reaches over the ends. But odometry is good to a hundredth, so such a piece keeps its shape, and is compared as a whole.
+
+Symbols: f (3 n,) uT the field at the n points of the piece, along, left and up (`signature`), g_j that at the points
+from j on of the known walk, which is C, a covariance (3 n, 3 n), about its mean; psi_i the heading of the piece.
+
+Common part. What the Earth, hard and soft iron add to a component is constant or turns with the heading: nine vectors,
+1, cos(psi_i), sin(psi_i) for each. The piece shows nothing of the building in these. With U the eigenvectors of C in
+the rest of the space, l its eigenvalues,
+
+    a = U^T f / sqrt(l),    b_j = U^T g_j / sqrt(l),
+
+each scaled to a mean square of 1, as a quiet corridor compares like a rough one. A field beyond `MOST_SIGMAS` robust
+deviations counts as if it were there: one large object does not decide.
+
+One place or two. Of one place a and b_j have correlations r, of two places none. The log likelihood ratio, nats, is
+
+    S_j = sum over all r of  -1/2 log(1 - r^2) - (r^2 (a^2 + b_j^2) - 2 r a b_j) / (2 (1 - r^2)),
+
+    r = 1 - (noise^2 + sum over components c of share_c l |U_c|^2) / l,
+
+where noise is that of a reading, and share_c of the field's variance differs between two passes, which are not in each
+other's footprints. How much follows from how near the steel is: the ratio is the mean of those of `LEVELS`.
+
+Chance. Where the model is right, the mean of exp(S_j) over places that are none of the piece's is 1, so that of J
+comparisons J exp(-S) come out above S. With the known field negated (`calibration`) the decay lambda is found for which
+
+    mean of exp(lambda S_j) = 1    (Karlin and Altschul 1990),    expected(S) = J exp(-lambda S),
+
+and it is at most `USUAL_DECAY`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from fg_nav.arrays import Floats, Ints
+from fg_nav.places.alignment import BESIDE, LEAST_LISTED
+from fg_nav.places.calibration import USUAL_DECAY, ChanceLevel
+from fg_nav.places.recognition import MOST_EXPECTED, NOTHING, Recognition, Stretch
+from fg_nav.places.signature import FEWEST_POINTS, SPACING_M, Signature
+from fg_nav.places.whitening import MAD_TO_SIGMA, TURNED, remove_common_field
+
+PIECE = 80
+"""Points, 40 m: over as much odometry is good to 0.4 m."""
+
+HOP = PIECE // 2
+"""Points from piece to piece."""
+
+MOST_SIGMAS = 3.0
+"""Of the field about its mean."""
+
+LEVELS = ((0.15, (0.06, 0.06, 0.06)), (0.3, (0.1, 0.4, 0.2)), (0.5, (0.3, 0.7, 0.4)))
+"""noise (uT) and share (along, left, up): steel some meters away, a floor of concrete, one that is rougher."""
+
+LEAST_VARIANCE = 1.3 * LEVELS[0][0] ** 2
+"""uT^2, of an eigenvector that shows something."""
+
+COMMON_RANK = 1e-3
+"""Singular value below which one of the nine vectors is no other than the rest, as on a straight piece."""
+
+
+@dataclass(frozen=True)
+class _Known:
+    """Field (K, 3) uT of a known walk about its mean, its limit (3,) uT and its covariance (3 n, 3 n)."""
+
+    field: Floats
+    limit: Floats
+    covariance: Floats
+
+
+@dataclass(frozen=True)
+class _Piece:
+    """What is compared: vectors (3 n, R) in which the piece is a (R,), and correlations r (L, R) of one place."""
+
+    vectors: Floats
+    a: Floats
+    r: Floats
+
+
+def overlay_known(path: Signature, known: Signature) -> Recognition:
+    """Find the pieces of a path that lie on that of an earlier walk; `earlier` are points of that one."""
+    size = min(PIECE, len(path), len(known))
+    if size < FEWEST_POINTS:
+        return NOTHING
+    old = _describe_known(known, size)
+    pieces = {int(begin): _describe(path, int(begin), old) for begin in _list_begins(len(path), size)}
+    scores = {begin: _compare(piece, old.field) for begin, piece in pieces.items()}
+    decay = _find_decay(np.concatenate([_compare(piece, -old.field).ravel() for piece in pieces.values()]))
+    count = sum(score.size for score in scores.values())
+    chance = ChanceLevel(count * float(np.exp(-decay * LEAST_LISTED)), decay)
+    found = [stretch for begin, score in scores.items() for stretch in _list_stretches(begin, score, size, chance)]
+    return Recognition(tuple(sorted(found, key=lambda one: -one.score)), chance, count * size * SPACING_M**2)
+
+
+def _list_begins(length: int, size: int) -> Ints:
+    """First points of the pieces of a path, which cover it."""
+    count = 1 + round((length - size) / HOP)
+    return np.linspace(0, length - size, count).round().astype(np.int64)
+
+
+def _describe_known(known: Signature, size: int) -> _Known:
+    field = remove_common_field(known.field, known.heading) * known.seen[:, None]
+    limit = MOST_SIGMAS * MAD_TO_SIGMA * np.median(np.abs(field), axis=0)
+    field = np.clip(field, -limit, limit)
+    return _Known(field, limit, _covariance(field, size))
+
+
+def _covariance(field: Floats, size: int) -> Floats:
+    """Covariance (3 n, 3 n) of n points of a field (K, 3) without mean that is alike everywhere."""
+    spectrum = np.fft.rfft(field, 2 * len(field), axis=0)
+    power = np.conj(spectrum)[:, :, None] * spectrum[:, None, :]
+    lagged = np.fft.irfft(power, 2 * len(field), axis=0) / len(field)
+    points = np.arange(size)
+    return np.asarray(lagged[points - points[:, None]].transpose(0, 2, 1, 3).reshape(3 * size, 3 * size))
+
+
+def _describe(path: Signature, begin: int, known: _Known) -> _Piece:
+    size = len(known.covariance) // 3
+    rows = slice(begin, begin + size)
+    rest = _rest_of(path.heading[rows])
+    variance, turned = np.linalg.eigh(rest.T @ known.covariance @ rest)
+    shows = variance > LEAST_VARIANCE
+    vectors, variance = rest @ turned[:, shows], variance[shows]
+    # Its field about the common part, within the limits of the known one.
+    field = (rest @ (rest.T @ path.field[rows].ravel())).reshape(-1, 3) * path.seen[rows, None]
+    scaled = vectors / np.sqrt(variance)
+    return _Piece(
+        scaled, _normalize(np.clip(field, -known.limit, known.limit).ravel() @ scaled), _correlate(vectors, variance)
+    )
+
+
+def _rest_of(heading: Floats) -> Floats:
+    """Orthonormal vectors (3 n, M) without the common part: what is constant, and what turns with the heading."""
+    common = np.stack([np.ones(len(heading)), np.cos(heading), np.sin(heading)], axis=1)
+    u, s, _ = np.linalg.svd(common)
+    rest = u[:, int(np.sum(s > COMMON_RANK * s[0])) :]
+    return np.asarray(np.kron(rest, np.eye(3)))
+
+
+def _correlate(vectors: Floats, variance: Floats) -> Floats:
+    """Correlations (L, R) of two passes at one place, at each level."""
+    parts = np.sum(vectors.reshape(-1, 3, len(variance)) ** 2, axis=0)
+    r = [1.0 - noise**2 / variance - np.array(share) @ parts for noise, share in LEVELS]
+    return np.asarray(np.clip(r, 0.0, 1.0))
+
+
+def _normalize(values: Floats) -> Floats:
+    """Scale rows (..., R) to a mean square of one."""
+    power = np.sum(values**2, axis=-1, keepdims=True) / max(values.shape[-1], 1)
+    return np.asarray(values / np.sqrt(np.maximum(power, np.finfo(float).tiny)))
+
+
+def _compare(piece: _Piece, field: Floats) -> Floats:
+    """S (2, J) of a piece with a known field (K, 3) from each point on, in the same and in the opposite direction."""
+    size = len(piece.vectors) // 3
+    ahead = np.lib.stride_tricks.sliding_window_view(field, size, axis=0).transpose(0, 2, 1)
+    return np.stack([_ratio(piece, ahead), _ratio(piece, ahead[:, ::-1] * TURNED)])
+
+
+def _ratio(piece: _Piece, ahead: Floats) -> Floats:
+    """S (J,) of windows (J, n, 3)."""
+    b = _normalize(ahead.reshape(len(ahead), -1) @ piece.vectors)
+    r, left = piece.r, 1.0 - piece.r**2
+    own = np.sum(-0.5 * np.log(left) - 0.5 * piece.a**2 * r**2 / left, axis=1)
+    each = own - 0.5 * b**2 @ (r**2 / left).T + b @ (piece.a * r / left).T
+    return np.asarray(np.logaddexp.reduce(each, axis=1) - np.log(len(r)))
+
+
+def _find_decay(scores: Floats) -> float:
+    """Decay lambda of the scores (M,) of chance."""
+    from scipy.optimize import brentq
+
+    def excess(decay: float) -> float:
+        return float(np.logaddexp.reduce(decay * scores) - np.log(len(scores)))
+
+    if excess(USUAL_DECAY) <= 0.0:
+        return USUAL_DECAY
+    least = 1e-3
+    return float(brentq(excess, least, USUAL_DECAY)) if excess(least) < 0.0 else 0.0
+
+
+def _list_stretches(begin: int, scores: Floats, size: int, chance: ChanceLevel) -> Iterator[Stretch]:
+    """Yield what chance does not explain of a piece, the best of those that lie next to each other."""
+    later, left = np.arange(begin, begin + size, dtype=float), scores.copy()
+    least = chance.score_of(MOST_EXPECTED)
+    while left.max() >= least:
+        way, j = np.unravel_index(left.argmax(), left.shape)
+        earlier = np.arange(j, j + size, dtype=float)
+        score = float(left[way, j])
+        yield Stretch(
+            later, earlier[::-1] if way else earlier, bool(way), score, float(chance.expected(np.array(score)))
+        )
+        left[way, max(j - BESIDE, 0) : j + BESIDE + 1] = -np.inf
