@@ -20,11 +20,14 @@ and c and psi are those of generalized least squares, with their covariance.
 Stretches that do not agree are left out. A set is grown from each of the heaviest stretches, heaviest first: one joins
 if its pieces lie within `MOST_CHI2` of the transform of those that are in already, with the covariance of both. The set
 with the largest score is taken. Its expected number of false recognitions is that of its surest stretch, and the odds
-of each set that lies elsewhere (`ELSEWHERE_SIGMAS`),
+of each set that lies elsewhere, or leads elsewhere (`ELSEWHERE_SIGMAS`),
 
     expected = min over the set of expected(S) + sum over other sets of exp(-lambda (S_set - S_other)),
 
 S_set the sum of scores of its stretches where they do not overlap. Above `LONE_EXPECTED` nothing is said.
+
+Where the alignments of `recognition` say nothing, the same is asked of the pieces that lie on the known walk as a whole
+(`overlay`), of those whose own shape is that of the known path: all pieces within `MOST_CHI2` of their transform.
 """
 
 from __future__ import annotations
@@ -64,8 +67,8 @@ MOST_CHI2 = 18.5
 MOST_SETS = 20
 """Stretches that a set is grown from."""
 
-ELSEWHERE_SIGMAS, ELSEWHERE_M = 4.0, 2.0
-"""Two sets whose starts differ by more say that the walk is at two places."""
+ELSEWHERE_SIGMAS, ELSEWHERE_M, ELSEWHERE_RAD = 4.0, 2.0, np.deg2rad(10.0)
+"""Two sets whose starts or turns differ by more say that the walk is at two places."""
 
 STEPS = 4
 """Of Gauss-Newton, from a turn that is right to some degrees."""
@@ -297,14 +300,20 @@ def _total_score(stretches: Sequence[Stretch], members: Sequence[int]) -> float:
 
 
 def _list_rivals(pieces: Pieces, sets: Sequence[list[int]], scores: Sequence[float], fit: _Fit) -> list[int]:
-    """List the sets that put the start elsewhere than a transform, the best of each place."""
-    places: list[Floats] = [fit.x]
-    rivals = []
+    """List the sets that put the walk elsewhere than a transform, the best of each place."""
+    places, rivals = [fit], list[int]()
     for k in np.argsort(-np.array(scores), kind="stable").tolist():
         other = _fit(pieces.take(_rows_of(pieces, sets[k])), None)
-        sigma = np.sqrt(np.trace(fit.covariance[:2, :2] + other.covariance[:2, :2]))
-        reach = ELSEWHERE_SIGMAS * sigma + ELSEWHERE_M
-        if all(np.linalg.norm(other.x[:2] - place[:2]) > reach for place in places):
-            places.append(other.x)
+        if all(_is_elsewhere(other, place) for place in places):
+            places.append(other)
             rivals.append(k)
     return rivals
+
+
+def _is_elsewhere(one: _Fit, other: _Fit) -> bool:
+    """Whether two transforms put the start at two places, or lead from one place in two directions."""
+    variance = np.diag(one.covariance + other.covariance)
+    apart, turned = np.linalg.norm(one.x[:2] - other.x[:2]), abs(float(wrap_angle(one.x[3:] - other.x[3:])[0]))
+    is_moved = apart > ELSEWHERE_SIGMAS * np.sqrt(variance[:2].sum()) + ELSEWHERE_M
+    is_turned = turned > ELSEWHERE_SIGMAS * np.sqrt(variance[3]) + ELSEWHERE_RAD
+    return bool(is_moved or is_turned)

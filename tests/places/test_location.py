@@ -7,7 +7,7 @@ from fg_nav.frames import yaw_rotation
 from fg_nav.places import SavedPlaces, locate
 from fg_nav.places.consistency import LONE_EXPECTED
 from fg_nav.places.location import MOST_PIECES, MOST_STRETCHES
-from tests.places.floors import LOOP, OPEN, Floor, along, carry
+from tests.places.floors import EARTH, LOOP, OPEN, Floor, along, carry
 
 START = np.array([25.0, 0.2])
 PART = along([START, (60, 0.2), (60, 40)])
@@ -83,6 +83,20 @@ def test_a_walk_that_could_be_at_two_places_is_not_found():
     long = saved(carry(Twice(), along([(0, 0), (190, 0)])))
     assert locate(carry(floor, along([(20, 0), (80, 0)]), seed=1), long) is None
     assert locate(carry(floor, along([(20, 0), (80, 0)]), seed=1), saved(carry(floor, along([(0, 0), (99, 0)]))))
+
+
+def test_two_corridors_alike_that_lead_from_one_corner_are_two_places():
+    """The start is the same, and the heading is not."""
+    floor, quarter = Floor.draw(3), yaw_rotation(np.pi / 2)
+
+    class Fork:
+        def at(self, place):
+            turned = EARTH + (floor.at(place @ quarter) - EARTH) @ quarter.T
+            return np.where(place[:, 1:2] > place[:, :1], turned, floor.at(place))
+
+    path = carry(floor, along([(1, 0), (50, 0)]), seed=1)
+    assert locate(path, saved(carry(Fork(), along([(60, 0), (0, 0), (0, 60)])))) is None
+    assert locate(path, saved(carry(floor, along([(60, 0), (0, 0), (0, 60)]))))
 
 
 def test_passes_of_one_corridor_are_no_two_places():
