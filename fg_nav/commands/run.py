@@ -27,7 +27,7 @@ from fg_nav.walk import Mount, Options, Walk, read_walk
 
 if TYPE_CHECKING:
     from fg_nav.commands.config import Config
-    from fg_nav.places import SavedPlaces
+    from fg_nav.errors import FgNavError
     from fg_nav.result import Result
 
 
@@ -116,14 +116,6 @@ def _check_places(request: RunRequest) -> None:
         check_file_free(request.save_places, is_places, request.force)
 
 
-def _save_places(request: RunRequest, places: SavedPlaces) -> None:
-    from fg_nav.places.saved import is_places, write_places
-
-    assert request.save_places is not None
-    with result_file(request.save_places, is_places, request.force) as fresh:
-        write_places(fresh, places)
-
-
 def _check_mag(walk: Walk) -> None:
     """Refuse to save places of a walk without a magnetometer, before the work."""
     from fg_nav.on_places import require_mag
@@ -131,12 +123,18 @@ def _check_mag(walk: Walk) -> None:
     require_mag(walk)
 
 
-def _take_places(request: RunRequest, result: Result) -> SavedPlaces | None:
-    if request.save_places is None:
-        return None
+def _save_places(file: Path, force: bool, result: Result) -> PlacesError | None:
+    """Save the places of a solved walk; return why it has none to be saved, for its result is written all the same."""
     from fg_nav.on_places import take_places
+    from fg_nav.places.saved import is_places, write_places
 
-    return take_places(result.walk, result.outcome.solution)
+    try:
+        places = take_places(result.walk, result.outcome.solution)
+        with result_file(file, is_places, force) as fresh:
+            write_places(fresh, places)
+    except PlacesError as error:
+        return error
+    return None
 
 
 def _run_one(request: RunRequest, recording: Path) -> Answer:
@@ -152,13 +150,12 @@ def _run_one(request: RunRequest, recording: Path) -> Answer:
         if request.save_places is not None:
             _check_mag(walk)
         result = navigate(walk, method, progress=report)
-        places = _take_places(request, result)
         with target.open() as folder:
             summary = write_run(folder, result.walk, result.outcome, request.plots)
-        if places is not None:
-            _save_places(request, places)
-    failure = None
-    if strict and summary["verdict"] == UNUSABLE:
+        failure: FgNavError | None = None
+        if request.save_places is not None:
+            failure = _save_places(request.save_places, request.force, result)
+    if failure is None and strict and summary["verdict"] == UNUSABLE:
         failure = VerdictError(f"the path is not to be used: see its reasons in {target.place / 'summary.json'}.")
     content = {"recording": str(recording), "folder": str(target.place), **summary}
     return Answer(content, partial(print_results, [summary], target.place), failure)

@@ -80,10 +80,19 @@ def trace_places(
 
 
 def write_places(file: Path, places: SavedPlaces) -> None:
-    """Write places; an older file is replaced."""
+    """Write places; an older file is replaced.
+
+    Raises
+    ------
+    PlacesError
+        If `read_places` would refuse them.
+    """
     about = {"format": FORMAT, "version": VERSION, "made_by": f"fg-nav {find_version()}", "recording": places.recording}
     arrays: Arrays = {name: np.array(value) for name, value in about.items()} | {"sigma_m": places.sigma_m}
     arrays |= {one.name: getattr(places.path, one.name) for one in fields(Signature)}
+    fault = _find_fault(arrays)
+    if fault is not None:
+        raise PlacesError(f"the places of this walk cannot be saved, for {file.name} could not be read: it {fault}.")
     with file.open("wb") as stream:
         np.savez(stream, allow_pickle=False, **arrays)
 
@@ -112,9 +121,9 @@ def read_places(file: Path) -> SavedPlaces:
             f"{file.name} holds places of version {arrays.get('version')}, and version {VERSION} is read here: save "
             "them again, or use a newer fg-nav."
         )
-    for name in COLUMNS:
-        _check_column(file, name, arrays)
-    _check_order(file, arrays)
+    fault = _find_fault(arrays)
+    if fault is not None:
+        raise PlacesError(f"{file.name} {fault}: save the places again.")
     columns = {name: np.ascontiguousarray(arrays[name]) for name in COLUMNS}
     return SavedPlaces(
         sigma_m=columns.pop("sigma_m"), path=Signature(**columns), recording=str(arrays.get("recording", ""))
@@ -147,20 +156,29 @@ def _load(file: Path, names: tuple[str, ...] = ()) -> Arrays:
         raise PlacesError(f"{file.name} holds no places, or is damaged: save them again.") from None
 
 
-def _check_column(file: Path, name: str, arrays: Arrays) -> None:
-    """Refuse a column that is not there, has another shape or type, or numbers that cannot be."""
+def _find_fault(arrays: Arrays) -> str | None:
+    """Say what about the columns cannot be, as the end of a sentence about the file; None where nothing."""
+    faults = (_find_column_fault(name, arrays) for name in COLUMNS)
+    return next((fault for fault in faults if fault is not None), None) or _find_order_fault(arrays)
+
+
+def _find_column_fault(name: str, arrays: Arrays) -> str | None:
+    """Say whether a column is not there, has another shape or type, or numbers that cannot be."""
     column, count = arrays.get(name), len(np.atleast_1d(arrays.get("t", np.zeros(0))))
     kind = np.bool_ if name == "seen" else np.float64
     if column is None or column.shape != (count, *COLUMNS[name]) or column.dtype != kind:
-        raise PlacesError(f"{file.name} is damaged at '{name}': save the places again.")
+        return f"is damaged at '{name}'"
     if name in LARGEST and not (np.abs(column) <= LARGEST[name]).all():
-        raise PlacesError(f"{file.name} has numbers in '{name}' that cannot be: save the places again.")
+        return f"has numbers in '{name}' that cannot be"
+    return None
 
 
-def _check_order(file: Path, arrays: Arrays) -> None:
-    """Refuse too few points or too many, a path that does not go on, and sigmas below zero."""
-    if not FEWEST_POINTS <= len(arrays["t"]) <= MOST_POINTS:
-        raise PlacesError(f"{file.name} holds {len(arrays['t'])} points, which is no walk: save the places again.")
+def _find_order_fault(arrays: Arrays) -> str | None:
+    """Say whether there are too few points or too many, a path that does not go on, or sigmas below zero."""
+    count = len(arrays["t"])
+    if not FEWEST_POINTS <= count <= MOST_POINTS:
+        return f"has {count} points, and places have {FEWEST_POINTS} to {MOST_POINTS}"
     goes_on = (np.diff(arrays["distance_m"]) > 0.0).all() and (np.diff(arrays["t"]) >= 0.0).all()
     if not goes_on or (arrays["sigma_m"] < 0.0).any():
-        raise PlacesError(f"{file.name} has places whose order or sigmas cannot be: save them again.")
+        return "has places whose order or sigmas cannot be"
+    return None

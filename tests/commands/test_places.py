@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from fg_nav.detection import detect_stances
-from fg_nav.io import write_canonical
+from fg_nav.io import read, write_canonical
 from fg_nav.lab.simulation import simulate
 from fg_nav.places import read_places
 from fg_nav.recording import Recording
@@ -112,3 +112,13 @@ def test_a_walk_without_a_magnetometer_has_no_places_and_is_refused_before_the_w
     monkeypatch.setattr("fg_nav.commands.run.navigate", None)
     write_canonical(replace(simulate("demo", 5).recording, mag=None, truth=None), Path("bare.csv"))
     assert fg_nav("run", "bare.csv", "--save-places", "bare.places").refused("there is no magnetometer")
+
+
+def test_the_result_of_a_walk_too_short_for_places_is_written_and_the_reason_told(fg_nav: FgNav, files: Path) -> None:
+    first = read(files / "first.csv")
+    stances = detect_stances(first)
+    write_canonical(first.slice(0, int(stances.stop[6])), Path("short.csv"))
+    ran = fg_nav("run", "short.csv", "--save-places", "short.places", "--out", "short", "--quiet")
+    assert ran.refused("too short for its places to be saved", "20 m")
+    assert summary("short")["strides"]
+    assert not Path("short.places").exists()

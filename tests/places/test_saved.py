@@ -44,6 +44,26 @@ def test_what_is_read_is_what_was_written(file, places):
         assert np.array_equal(getattr(back.path, one.name), getattr(places.path, one.name)), one.name
 
 
+@pytest.mark.parametrize("name", sorted(set(COLUMNS) - {"seen"}))
+def test_nothing_is_written_that_cannot_be_read(places, tmp_path, name):
+    file = tmp_path / "office.places"
+    for wrong in (np.nan, -1e30):
+        columns = {**vars(places.path), "sigma_m": places.sigma_m}
+        columns[name] = np.full_like(columns[name], wrong)
+        with pytest.raises(PlacesError, match=f"cannot be saved, .* '{name}'"):
+            write_places(file, SavedPlaces(sigma_m=columns.pop("sigma_m"), path=Signature(**columns)))
+    assert not file.exists()
+
+
+def test_too_few_points_are_neither_written_nor_read(file, places, tmp_path):
+    columns = {name: column[:5] for name, column in vars(places.path).items()}
+    with pytest.raises(PlacesError, match="5 points"):
+        write_places(tmp_path / "few", SavedPlaces(Signature(**columns), places.sigma_m[:5]))
+    change(file, sigma_m=places.sigma_m[:5], **columns)
+    with pytest.raises(PlacesError, match="5 points"):
+        read_places(file)
+
+
 @pytest.mark.parametrize("name", COLUMNS)
 def test_every_column_is_judged(file, places, name):
     with np.load(file) as content:
