@@ -40,7 +40,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fg_nav.arrays import Floats, Ints
+from fg_nav.arrays import Floats
 from fg_nav.places.alignment import BESIDE, LEAST_LISTED
 from fg_nav.places.calibration import USUAL_DECAY, ChanceLevel
 from fg_nav.places.recognition import MOST_EXPECTED, NOTHING, Recognition, Stretch
@@ -58,6 +58,12 @@ MOST_SIGMAS = 3.0
 
 LEVELS = ((0.15, (0.06, 0.06, 0.06)), (0.3, (0.1, 0.4, 0.2)), (0.5, (0.3, 0.7, 0.4)))
 """noise (uT) and share (along, left, up): steel some meters away, a floor of concrete, one that is rougher."""
+
+MOST_CHANCES = 1_000_000
+"""Comparisons with the negated field: those of some pieces of a long walk show the decay of all."""
+
+WINDOWS = 4096
+"""That are compared at once, 10 MB."""
 
 LEAST_VARIANCE = 1.3 * LEVELS[0][0] ** 2
 """uT^2, of an eigenvector that shows something."""
@@ -89,20 +95,20 @@ def overlay_known(path: Signature, known: Signature) -> Recognition:
     size = min(PIECE, len(path), len(known))
     if size < FEWEST_POINTS:
         return NOTHING
-    old = _describe_known(known, size)
-    pieces = {int(begin): _describe(path, int(begin), old) for begin in _list_begins(len(path), size)}
-    scores = {begin: _compare(piece, old.field) for begin, piece in pieces.items()}
-    decay = _find_decay(np.concatenate([_compare(piece, -old.field).ravel() for piece in pieces.values()]))
-    count = sum(score.size for score in scores.values())
+    old, begins = _describe_known(known, size), _list_begins(len(path), size)
+    count = len(begins) * 2 * (len(known) - size + 1)
+    some = begins[:: int(np.ceil(count / MOST_CHANCES))]
+    decay = _find_decay(np.concatenate([_compare(_describe(path, k, old), -old.field).ravel() for k in some]))
     chance = ChanceLevel(count * float(np.exp(-decay * LEAST_LISTED)), decay)
-    found = [stretch for begin, score in scores.items() for stretch in _list_stretches(begin, score, size, chance)]
+    scores = ((k, _compare(_describe(path, k, old), old.field)) for k in begins)
+    found = [stretch for k, score in scores for stretch in _list_stretches(k, score, size, chance)]
     return Recognition(tuple(sorted(found, key=lambda one: -one.score)), chance, count * size * SPACING_M**2)
 
 
-def _list_begins(length: int, size: int) -> Ints:
+def _list_begins(length: int, size: int) -> list[int]:
     """First points of the pieces of a path, which cover it."""
     count = 1 + round((length - size) / HOP)
-    return np.linspace(0, length - size, count).round().astype(np.int64)
+    return [round(k) for k in np.linspace(0, length - size, count).tolist()]
 
 
 def _describe_known(known: Signature, size: int) -> _Known:
@@ -159,9 +165,10 @@ def _normalize(values: Floats) -> Floats:
 
 def _compare(piece: _Piece, field: Floats) -> Floats:
     """S (2, J) of a piece with a known field (K, 3) from each point on, in the same and in the opposite direction."""
-    size = len(piece.vectors) // 3
-    ahead = np.lib.stride_tricks.sliding_window_view(field, size, axis=0).transpose(0, 2, 1)
-    return np.stack([_ratio(piece, ahead), _ratio(piece, ahead[:, ::-1] * TURNED)])
+    ahead = np.lib.stride_tricks.sliding_window_view(field, len(piece.vectors) // 3, axis=0).transpose(0, 2, 1)
+    parts = (ahead[k : k + WINDOWS] for k in range(0, len(ahead), WINDOWS))
+    scores = [[_ratio(piece, part), _ratio(piece, part[:, ::-1] * TURNED)] for part in parts]
+    return np.concatenate(scores, axis=1)
 
 
 def _ratio(piece: _Piece, ahead: Floats) -> Floats:
