@@ -62,6 +62,9 @@ LEVELS = ((0.15, (0.06, 0.06, 0.06)), (0.3, (0.1, 0.4, 0.2)), (0.5, (0.3, 0.7, 0
 MOST_CHANCES = 1_000_000
 """Comparisons with the negated field: those of some pieces of a long walk show the decay of all."""
 
+LEAST_DECAY = 1e-3
+"""lambda at least: nothing is recognized with it, where chance scores as well as one place."""
+
 WINDOWS = 4096
 """That are compared at once, 10 MB."""
 
@@ -98,7 +101,7 @@ def overlay_known(path: Signature, known: Signature) -> Recognition:
     old, begins = _describe_known(known, size), _list_begins(len(path), size)
     count = len(begins) * 2 * (len(known) - size + 1)
     some = begins[:: int(np.ceil(count / MOST_CHANCES))]
-    decay = _find_decay(np.concatenate([_compare(_describe(path, k, old), -old.field).ravel() for k in some]))
+    decay = find_decay(np.concatenate([_compare(_describe(path, k, old), -old.field).ravel() for k in some]))
     chance = ChanceLevel(count * float(np.exp(-decay * LEAST_LISTED)), decay)
     scores = ((k, _compare(_describe(path, k, old), old.field)) for k in begins)
     found = [stretch for k, score in scores for stretch in _list_stretches(k, score, size, chance)]
@@ -180,7 +183,7 @@ def _ratio(piece: _Piece, ahead: Floats) -> Floats:
     return np.asarray(np.logaddexp.reduce(each, axis=1) - np.log(len(r)))
 
 
-def _find_decay(scores: Floats) -> float:
+def find_decay(scores: Floats) -> float:
     """Decay lambda of the scores (M,) of chance."""
     from scipy.optimize import brentq
 
@@ -189,8 +192,7 @@ def _find_decay(scores: Floats) -> float:
 
     if excess(USUAL_DECAY) <= 0.0:
         return USUAL_DECAY
-    least = 1e-3
-    return float(brentq(excess, least, USUAL_DECAY)) if excess(least) < 0.0 else 0.0
+    return float(brentq(excess, LEAST_DECAY, USUAL_DECAY)) if excess(LEAST_DECAY) < 0.0 else LEAST_DECAY
 
 
 def _list_stretches(begin: int, scores: Floats, size: int, chance: ChanceLevel) -> Iterator[Stretch]:

@@ -8,7 +8,7 @@ import pytest
 from fg_nav.places import SavedPlaces, Signature, locate, recognize_known
 from fg_nav.places.calibration import USUAL_DECAY
 from fg_nav.places.consistency import LONE_EXPECTED
-from fg_nav.places.overlay import HOP, PIECE, overlay_known
+from fg_nav.places.overlay import HOP, LEAST_DECAY, PIECE, find_decay, overlay_known
 from fg_nav.places.signature import FEWEST_POINTS
 from tests.places.floors import EARTH, OPEN, Floor, along, carry
 
@@ -74,6 +74,15 @@ def test_a_field_that_is_the_same_everywhere_shows_no_place():
     assert overlay_known(places, replace(places, field=places.field[::-1])).stretches == ()
     still = replace(places, field=np.tile(EARTH, (len(places), 1)))
     assert overlay_known(still, still).stretches == ()
+
+
+def test_where_chance_scores_as_well_as_a_place_nothing_is_recognized():
+    assert find_decay(np.full(100, 2.0)) == LEAST_DECAY
+    assert find_decay(np.array([-3.0, -2.0, 1.0])) == USUAL_DECAY
+    assert find_decay(np.array([-1.0, 2.0])) == LEAST_DECAY
+    decay = find_decay(np.array([-1.0, -1.0, -1.0, 1.5]))
+    assert 0.75 * np.exp(-decay) + 0.25 * np.exp(1.5 * decay) == pytest.approx(1.0)
+    assert LEAST_DECAY < decay < USUAL_DECAY
 
 
 def test_a_walk_of_another_shape_is_not_located(known):
