@@ -6,7 +6,7 @@ Each seed draws a building: a loop of 340 m through the corridors of an office (
 goes round it twice, starts with its true heading, is solved by the smoother and its places are saved. The second one is
 another person's with another sensor. It begins anywhere on the loop, in either direction, 0.25 m (rms) aside in each
 axis, walks `--length` and has no heading given. Its magnetometer reads the first building's field. Magnetometers are
-free of iron. What was chosen was chosen on seeds 1 to 8; seeds from 101 on are reported.
+free of iron. What was chosen was chosen on seeds 1 to 20; seeds from 101 on are reported.
 
 The start that is found is compared with the true one of the sensor in the first walk's frame: so errors of the first
 walk count too. The heading is that of the sensor's x axis. Both over their sigmas show what the covariance is worth.

@@ -59,6 +59,20 @@ def test_a_walk_on_another_floor_is_not_found(known, seed):
     assert locate(walk(seed), saved(known)) is None
 
 
+def test_a_walk_that_could_be_at_two_places_is_not_found():
+    """Two corridors alike, 80 m apart."""
+    floor = soft(8)
+
+    class Twice:
+        def at(self, place):
+            return floor.at(np.column_stack([np.mod(place[:, 0], 80.0), place[:, 1], place[:, 2]]))
+
+    twice = carry(Twice(), along([(0, 0), (159, 0)]), noise_uT=0.1)
+    path = walk(8, along([(20, 0), (62, 0)]))
+    assert len(overlay_known(path, twice).stretches) == 2
+    assert locate(path, saved(twice)) is None
+
+
 def test_iron_of_the_shoe_and_a_soft_one_change_nothing(known):
     path = walk(8)
     c, s = np.cos(path.heading), np.sin(path.heading)
