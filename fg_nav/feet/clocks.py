@@ -1,16 +1,16 @@
 """How far the clocks of two feet are apart, by their steps.
 
 Feet swing in turn. Let a_i be the middles of the first foot's swings and b_j those of the second's, by its own clock,
-and tau what is to be added to that. Between two swings of the first, a_i and a_(i+1), there is one of the second, at the
-phase
+and tau what is to be added to that. Between two swings of the first, a_i and a_(i+1), there is one of the second, at
+the phase
 
     phi = (b + tau - a_i) / (a_(i+1) - a_i),    1/2 +- `PHASE_SIGMA`,
 
-and where there is none, or there are two, it costs `MISSED` nats. Who walks evenly does so at every cycle's shift of the
-clocks: which cycle it is the bends of the way show, as both feet turn alike. With the turn alpha of each stride, about
-up and within its time, it costs
+and where there is none, or there are two, it costs `MISSED` nats. Who walks evenly does so at every cycle's shift of
+the clocks: which cycle it is the bends of the way show, as both feet turn alike. With the turn alpha of each stride,
+about up and within its time, it costs
 
-    (alpha - alpha' - m)^2 / (2 `TURN_SIGMA`^2),
+    (alpha - alpha' - m)^2 / (2 `TURN_SIGMA_RAD`^2),
 
 alpha' the turn of the second foot over the same time and m the mean difference, which is that of the gyroscope biases;
 and so do halts, where one foot has swings and the other has none.

@@ -120,8 +120,7 @@ def average_cells(right: Footfalls, left: Footfalls) -> Cells:
 def _thin(foot: Footfalls, cells: int) -> int:
     """Return every how many-th of so many cells is kept."""
     way = float(np.linalg.norm(np.diff(foot.position[:, :2], axis=0), axis=1).sum())
-    every = min(cells / MOST_CELLS, MOST_APART_M * cells / max(way, CELL_M))
-    return max(int(every), 1)
+    return max(min(-(-cells // MOST_CELLS), int(MOST_APART_M * cells / max(way, CELL_M))), 1)
 
 
 def _middle(foot: Footfalls, steps: Steps) -> Floats:

@@ -1,7 +1,7 @@
 """Two feet of one person in one graph.
 
     each foot     as a walk of its own                                   -> its factors, with their noise and verdicts
-    alignment     the right foot's path turned and moved to the left's   -> values to start from
+    alignment     both paths turned and moved to each other              -> values to start from
     ties          steps that are beside each other                       (`feet_factors`)
     solution      of all factors of both feet
     reach         where standing feet are too far apart: asked for, and solved again
@@ -130,8 +130,8 @@ def solve_feet(right: WalkProblem, left: WalkProblem) -> SolvedFeet:
     """Solve two feet, whose values are near the minima of each alone, as one walk."""
     # Both feet are at the same places: what the field shows of these counts once.
     right, left = _keep_places_once(right, left)
-    # The right foot's path beside the left one's.
-    right, values = align_right(right, left)
+    # Both paths beside each other.
+    right, values = align_feet(right, left)
     problem = FeetProblem(right, left, values, tie_feet(right, left, values), _reach_nothing())
     for _ in range(REACH_ROUNDS):
         # All factors of both, and the ties where the last solution has the steps.
@@ -154,18 +154,22 @@ def _reach_nothing() -> ReachFactors:
     return ReachFactors(np.zeros(0, np.int64), np.zeros(0, np.int64))
 
 
-def align_right(right: WalkProblem, left: WalkProblem) -> tuple[WalkProblem, FeetValues]:
-    """Turn and move the right foot beside the left one, and free its start."""
-    values, t = gtsam.Values(right.values), right.recording.t[right.nodes.sample]
-    of_left = list_footfalls(left, left.values)
-    turn = _smooth_turn(*measure_turns(list_footfalls(right, values), of_left), t)
-    turn_walk(values, right.nodes, -turn)
-    shift = _measure_shift(average_cells(list_footfalls(right, values), of_left))
+def align_feet(right: WalkProblem, left: WalkProblem) -> tuple[WalkProblem, FeetValues]:
+    """Turn both paths into each other, half way each, move the right one beside the left, and free its start.
+
+    The left one's heading at the start is the gauge.
+    """
+    of_right, of_left = gtsam.Values(right.values), gtsam.Values(left.values)
+    turns = measure_turns(list_footfalls(right, of_right), list_footfalls(left, of_left))
+    at_right, at_left = (_smooth_turn(*turns, one.recording.t[one.nodes.sample]) for one in (right, left))
+    turn_walk(of_left, left.nodes, 0.5 * (at_left - at_left[0]))
+    turn_walk(of_right, right.nodes, -0.5 * (at_right + at_left[0]))
+    shift = _measure_shift(average_cells(list_footfalls(right, of_right), list_footfalls(left, of_left)))
     # Its factors do not say where it is: what is moved is the start, and all nodes with it.
-    _shift_walk(values, len(right.nodes), shift)
-    start = values.atPose3(X(0))
+    _shift_walk(of_right, len(right.nodes), shift)
+    start = of_right.atPose3(X(0))
     prior = StartPrior(start.rotation().matrix(), np.radians(FREE_HEADING_DEG), FREE_PLACE_M, start.translation())
-    return replace(right, start=prior, values=values), FeetValues(values, left.values, WIDTH_M)
+    return replace(right, start=prior, values=of_right), FeetValues(of_right, of_left, WIDTH_M)
 
 
 def _smooth_turn(at: Floats, turn: Floats, t: Floats) -> Floats:
