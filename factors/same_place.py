@@ -49,8 +49,9 @@ class SamePlace:
         return np.concatenate([-turned @ skew(c), turned], axis=-1)
 
 
-def weigh_place(heading: Array, along_m: float, across_m: float, up_m: float) -> Array:
-    """W (K, 3, 3) for these directions of walking (K,) rad, counterclockwise from east, and sigmas in m."""
+def weigh_place(heading: Array, along_m: Array | float, across_m: Array | float, up_m: Array | float) -> Array:
+    """W (K, 3, 3) for these directions of walking (K,) rad, counterclockwise from east, and sigmas, (K,) or one, m."""
     c, s, none, one = np.cos(heading), np.sin(heading), np.zeros_like(heading), np.ones_like(heading)
     axes = np.array([[c, s, none], [-s, c, none], [none, none, one]])
-    return np.asarray(np.moveaxis(axes, 2, 0) / np.array([along_m, across_m, up_m])[:, None])
+    sigma = np.stack([np.broadcast_to(sigma, heading.shape) for sigma in (along_m, across_m, up_m)], axis=-1)
+    return np.asarray(np.moveaxis(axes, 2, 0) / sigma[..., None])

@@ -11,6 +11,7 @@ compared is the field along the path; positions enter only to say which stretche
 `alignment`     the best local alignments of the walk with itself, among these pairs
 `calibration`   how many alignments so good are expected where nothing returns
 `recognition`   all of that: from a path with its field to stretches that are one place
+`sharpness`     how sharply the field shows where along the path a stretch is
 `consistency`   stretches that agree with each other and with the odometry
 `overlay`       pieces of a later walk that lie on an earlier one as a whole
 `saved`         the places of a walk in a file

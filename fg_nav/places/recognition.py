@@ -112,6 +112,10 @@ class Stretch:
         """Of the later walk."""
         return float(self.later[-1] - self.later[0]) * SPACING_M
 
+    def move_earlier(self, shift_m: float) -> Floats:
+        """Return the earlier points (M,), so many m further on as the later walk goes."""
+        return self.earlier + (-shift_m if self.opposite else shift_m) / SPACING_M
+
 
 @dataclass(frozen=True)
 class Recognition:

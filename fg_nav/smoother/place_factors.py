@@ -5,7 +5,10 @@ passes are tied: so no error adds up from lap to lap, and few footfalls are join
 What is tied are the means of both passes over the cell, relative to their footfalls: two passes along a corridor are
 aside of each other by decimeters here and there, and less on the mean. With an independent error every `APART_M`,
 
-    sigma = sigma_one / sqrt(length / APART_M).
+    sigma = sigma_one / sqrt(length / APART_M),
+
+and along the path, on top of that, what the field leaves open of the shift between the passes (`places.sharpness`),
+which is taken off first. A field that hardly changes ties weakly.
 
 A piece of the walk is tied to its earliest pass only.
 """
@@ -18,12 +21,14 @@ from dataclasses import dataclass
 import numpy as np
 from gtsam.symbol_shorthand import X
 
-from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.arrays import Floats, Ints
 from fg_nav.factors.residual import LETTER_SHIFT, Keys, ResidualBlock
 from fg_nav.factors.same_place import SamePlace, weigh_place
 from fg_nav.places import Signature, Stretch
 from fg_nav.places.recognition import ALONG_SIGMA_M, LATERAL_SIGMA_M, UP_SIGMA_M
+from fg_nav.places.sharpness import find_shift, weigh_shifts
 from fg_nav.places.signature import SPACING_M, interpolate_columns
+from fg_nav.places.whitening import Features, whiten
 from fg_nav.smoother.strides import Nodes
 
 CELL_M, MOST_CELLS = 20.0, 60
@@ -49,7 +54,8 @@ class PlaceFactors(ResidualBlock):
 class _Tie:
     """Mean places (3,) m of two passes over a cell, the direction of walking, rad, and how many errors they average.
 
-    `later_s` is in the middle of the later pass, `cell_s` in that of the cell, which all passes of it share.
+    `shift_sigma` m is that of the shift along the path between them. `later_s` is in the middle of the later pass,
+    `cell_s` in that of the cell, which all passes of it share.
     """
 
     later_s: float
@@ -58,6 +64,7 @@ class _Tie:
     earlier: Floats
     heading: float
     count: float
+    shift_sigma: float
 
     @property
     def moments(self) -> tuple[float, float]:
@@ -82,8 +89,9 @@ def make_place_factors(
         np.einsum("kji,kj->ki", nav_R_body[at], np.reshape(place, (-1, 3)) - position[at])
         for at, place in zip(foot, (later, earlier), strict=True)
     ]
-    weight = weigh_place(np.array([tie.heading for tie in ties]), ALONG_SIGMA_M, LATERAL_SIGMA_M, UP_SIGMA_M)
-    weight[:, :2] *= np.sqrt([tie.count for tie in ties])[:, None, None]
+    heading, count, shift_sigma = np.reshape([[tie.heading, tie.count, tie.shift_sigma] for tie in ties], (-1, 3)).T
+    along = np.hypot(ALONG_SIGMA_M / np.sqrt(count), shift_sigma)
+    weight = weigh_place(heading, along, LATERAL_SIGMA_M / np.sqrt(count), UP_SIGMA_M)
     keys = [(X(int(node[a])), X(int(node[b]))) for a, b in zip(*foot, strict=True)]
     return PlaceFactors(SamePlace(in_body[0], in_body[1], weight), keys, np.unique(np.concatenate(foot)))
 
@@ -95,7 +103,8 @@ def _find_footfalls(at: Sequence[float], t: Floats) -> Ints:
 def _choose_earliest(path: Signature, stretches: Sequence[Stretch]) -> list[_Tie]:
     """Tie each piece of the walk to its earliest pass."""
     length = max(CELL_M, _measure_ground(path, stretches) / MOST_CELLS)
-    ties = [tie for stretch in stretches for tie in _list_ties(path, stretch, length)]
+    features = whiten(path)
+    ties = [tie for stretch in stretches for tie in _list_ties(path, features, stretch, length)]
     chosen: dict[int, _Tie] = {}
     for tie in sorted(ties, key=lambda one: one.cell_s):
         piece = int(np.interp(tie.later_s, path.t, path.distance_m) // length)
@@ -113,52 +122,53 @@ def _measure_ground(path: Signature, stretches: Sequence[Stretch]) -> float:
     return float(is_first.sum()) * SPACING_M
 
 
-def _list_ties(path: Signature, stretch: Stretch, length: float) -> Iterator[_Tie]:
+def _list_ties(path: Signature, features: Features, stretch: Stretch, length: float) -> Iterator[_Tie]:
     """Yield the ties of a stretch, one in each cell of this length, m, that it covers."""
-    points = np.arange(len(path), dtype=float)
-    walked = np.interp(stretch.earlier, points, path.distance_m)
-    number, cell = np.unique((walked // length).astype(np.int64), return_inverse=True)
-    # Means over the points in each cell.
-    middle = _average_by(cell, stretch.later[:, None])[:, 0]
-    later, earlier = (
-        _average_by(cell, interpolate_columns(at, points, path.position)) for at in (stretch.later, stretch.earlier)
+    walked = np.interp(stretch.earlier, np.arange(len(path)), path.distance_m)
+    ratio = weigh_shifts(features, stretch)
+    cell = (walked // length).astype(np.int64)
+    for number in np.unique(cell):
+        rows = np.flatnonzero(cell == number)
+        covered = float(np.ptp(walked[rows]))
+        if covered < min(LEAST_SHARE * length, 0.9 * np.ptp(walked)):
+            continue
+        # The earlier pass where the field of this piece has it.
+        shift, sigma = find_shift(ratio[rows])
+        later, earlier = stretch.later[rows], stretch.move_earlier(shift)[rows]
+        inside = (earlier >= 0.0) & (earlier <= len(path) - 1.0)
+        if inside.any():
+            yield _make_tie(path, later[inside], earlier[inside], (number + 0.5) * length, covered, sigma)
+
+
+def _make_tie(path: Signature, later: Floats, earlier: Floats, cell_m: float, covered: float, sigma: float) -> _Tie:
+    """Tie points (M,) of two passes, over so many m, to the middle of a cell at a distance."""
+    points, middle = np.arange(len(path), dtype=float), float(later.mean())
+    return _Tie(
+        later_s=float(np.interp(middle, points, path.t)),
+        cell_s=float(np.interp(cell_m, path.distance_m, path.t)),
+        later=_mean_place(path, points, later),
+        earlier=_mean_place(path, points, earlier),
+        heading=float(np.interp(middle, points, path.heading)),
+        count=max(covered / APART_M, 1.0),
+        shift_sigma=sigma,
     )
-    moment, heading = np.interp(middle, points, path.t), np.interp(middle, points, path.heading)
-    of_cell = np.interp((number + 0.5) * length, path.distance_m, path.t)
-    covered = np.array([np.ptp(walked[cell == k]) for k in range(len(number))])
-    for k in np.flatnonzero(covered >= min(LEAST_SHARE * length, 0.9 * np.ptp(walked))):
-        yield _Tie(
-            float(moment[k]),
-            float(of_cell[k]),
-            later[k],
-            earlier[k],
-            float(heading[k]),
-            max(float(covered[k]) / APART_M, 1.0),
-        )
 
 
-def _average_by(group: Ints, values: Floats) -> Floats:
-    """Means (G, c) of rows (M, c) over the groups 0 to G - 1 (M,) that they are in."""
-    return np.stack([np.bincount(group, column) for column in values.T], axis=1) / np.bincount(group)[:, None]
+def _mean_place(path: Signature, points: Floats, at: Floats) -> Floats:
+    """Mean (3,) of the places at points (M,) of a path."""
+    return np.asarray(interpolate_columns(at, points, path.position).mean(axis=0))
 
 
 def postpone(keys: Keys, nodes: Nodes, tied: Ints) -> Keys:
     """Eliminate `tied` footfalls (n,) of a walk, which factors join over the walk, last and the newest of them first.
 
     In the order of time every front between two footfalls at one place would carry the later one. A tied footfall is
-    left with all that joins its past to its future: then what lies between two of them is a chain by itself, and what
-    is left a short one. Floors, which join many, end the order.
-    """
-    is_last, is_floor = split_tied(keys, nodes, tied)
-    return np.concatenate([keys[~is_last & ~is_floor], keys[is_last][::-1], keys[is_floor]])
-
-
-def split_tied(keys: Keys, nodes: Nodes, tied: Ints) -> tuple[Bools, Bools]:
-    """Whether each key is of a tied footfall, its node, bias and settling and the state of its field; and of a floor.
-
-    `tied` (n,) are footfalls of the walk.
+    left with all that joins its past to its future, its node, bias and settling and the state of its field: then what
+    lies between two of them is a chain by itself, and what is left a short one. Floors, which join many, end the order.
     """
     node, bias = nodes.result[tied], np.unique(nodes.bias[tied])
     kinds = (("x", node), ("v", node), ("m", tied), ("b", bias), ("s", bias))
     names = [(ord(letter) << LETTER_SHIFT) + number.astype(np.uint64) for letter, number in kinds]
-    return np.isin(keys, np.concatenate(names)), keys >> np.uint64(LETTER_SHIFT) == ord("z")
+    last = np.isin(keys, np.concatenate(names))
+    floors = keys >> np.uint64(LETTER_SHIFT) == ord("z")
+    return np.concatenate([keys[~last & ~floors], keys[last][::-1], keys[floors]])
