@@ -5,7 +5,8 @@
     until    the same stretches are recognized again, or `ROUNDS` are over
 
 The path of a walk that was closed is compared with itself again, as more of it then lies where it was before, and what
-was recognized by accident falls out. Where nothing is left, the walk is the one that was not closed.
+was recognized by accident falls out. Where nothing is left, the walk is the one that was not closed. Of the last round
+only that is used which the one before had recognized too: so nothing is used that was not confirmed.
 
 How far a place of the path may be from where it seems, relative to an earlier one, is what the graph says before it is
 closed: with the covariance of each footfall and with that of each of some `ANCHORS`,
@@ -20,10 +21,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fg_nav.arrays import Floats, Ints
+from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import EstimationError
 from fg_nav.places import Signature, Stretch, recognize, select_consistent, trace_signature
 from fg_nav.places.candidates import ALIKE_M
+from fg_nav.places.recognition import AVERAGE_M
 from fg_nav.places.signature import FEWEST_POINTS, SPACING_M, interpolate_columns
 from fg_nav.places.whitening import TURNED
 from fg_nav.smoother.combinations import FootfallCovariance
@@ -98,15 +100,16 @@ def tie_places(problem: WalkProblem, solved: Solved) -> tuple[WalkProblem, Solve
     uncertainty = measure_uncertainty(problem, solved)
     known: tuple[Stretch, ...] = ()
     path = None
-    for _ in range(ROUNDS):
+    for number in range(1, ROUNDS + 1):
         # The field along the path, and what of it is one place.
         track = trajectory_of(problem.recording, problem.nodes, solved.values, problem.parameters.gravity)
         path = trace_signature(problem.recording.t, track.position, track.nav_R_body, mag)
         found = _recognize(path, uncertainty)
-        if not found:
+        is_confirmed = bool(known) and are_alike(found, known)
+        known = keep_common(found, known) if number == ROUNDS and not is_confirmed else found
+        if not known:
             # What the closed walk does not confirm is taken back.
             return *open_walk, (), ()
-        is_confirmed, known = are_alike(found, known), found
         if is_confirmed:
             break
         # The walk with the ties of it.
@@ -141,6 +144,25 @@ def are_alike(found: tuple[Stretch, ...], known: tuple[Stretch, ...]) -> bool:
         np.array(sorted((s.opposite, s.later[0], s.earlier[0], s.later[-1]) for s in one)) for one in (found, known)
     ]
     return bool((np.abs(ends[0] - ends[1]) <= [0.0, *3 * [ALIKE_M / SPACING_M]]).all())
+
+
+def keep_common(found: Sequence[Stretch], known: Sequence[Stretch]) -> tuple[Stretch, ...]:
+    """Return the pieces of stretches, of `AVERAGE_M` at least, that lie within `ALIKE_M` of those of another round."""
+    pieces = []
+    for stretch in found:
+        rows = np.flatnonzero(np.any([_lie_on(stretch, one) for one in known], axis=0)) if known else np.zeros(0, int)
+        for part in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
+            score = stretch.score * len(part) / len(stretch.later)
+            piece = replace(stretch, later=stretch.later[part], earlier=stretch.earlier[part], score=score)
+            pieces += [piece] if len(part) * SPACING_M >= AVERAGE_M else []
+    return tuple(pieces)
+
+
+def _lie_on(stretch: Stretch, other: Stretch) -> Bools:
+    """Whether the points (M,) of a stretch are at the place that another one says."""
+    earlier = np.interp(stretch.later, other.later, other.earlier, left=np.inf, right=np.inf)
+    near = np.abs(earlier - stretch.earlier) <= ALIKE_M / SPACING_M
+    return near & (stretch.opposite == other.opposite)
 
 
 def _make_factors(

@@ -24,7 +24,7 @@ from fg_nav.smoother.gauss_newton import CONVERGENCE
 from fg_nav.smoother.graph import order_variables
 from fg_nav.smoother.parameters import FieldParameters, WalkParameters
 from fg_nav.smoother.place_factors import make_place_factors
-from fg_nav.smoother.places import PathUncertainty, are_alike, mark_returns, measure_uncertainty
+from fg_nav.smoother.places import PathUncertainty, are_alike, keep_common, mark_returns, measure_uncertainty
 from fg_nav.smoother.solver import linearize, list_in_time, minimize
 from fg_nav.solution import Return
 from fg_nav.truth import TrajectoryTruth
@@ -160,6 +160,34 @@ def test_rounds_are_alike_where_their_stretches_end_alike() -> None:
     assert not are_alike((one,), (far,))
     assert not are_alike((one,), (one, near))
     assert not are_alike((one,), (replace(one, opposite=True),))
+
+
+def test_what_two_rounds_have_in_common_is_kept() -> None:
+    later = np.arange(100.0, 200.0)
+    one = Stretch(later, later - 90.0, False, 50.0, 1e-9)
+    bent = replace(one, earlier=one.earlier + np.where((later >= 140.0) & (later < 150.0), 6.0, 1.0))
+    pieces = keep_common((one,), (bent,))
+    assert [(piece.later[0], piece.later[-1]) for piece in pieces] == [(100.0, 139.0), (150.0, 199.0)]
+    assert sum(piece.score for piece in pieces) == pytest.approx(45.0)
+    assert keep_common((one,), ()) == ()
+    assert keep_common((one,), (replace(one, opposite=True),)) == ()
+    assert keep_common((one,), (replace(one, later=later + 92.0, earlier=one.earlier + 92.0),)) == ()
+
+
+def test_a_walk_whose_rounds_say_different_things_is_not_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each round recognizes another stretch: nothing is confirmed, so nothing is used."""
+    walk = solved(2, False).walk
+    at = iter([0.0, 30.0, 60.0])
+
+    def recognize(path: Signature, _: PathUncertainty) -> tuple[Stretch, ...]:
+        later = np.arange(30.0) + len(path) / 2 + next(at)
+        return (Stretch(np.floor(later), np.floor(later) - len(path) // 2, False, 50.0, 1e-9),)
+
+    monkeypatch.setattr(places, "_recognize", recognize)
+    same, minimum, returns, notes = places.tie_places(replace(walk.problem, parameters=WITH), walk.solved)
+    assert same.places is None
+    assert minimum is walk.solved
+    assert (returns, notes) == ((), ())
 
 
 def test_laps_of_hours_are_tied_cell_by_cell() -> None:
