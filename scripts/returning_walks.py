@@ -1,12 +1,13 @@
 """What a walk gains where it comes back to places that its field shows, and what it loses where it does not.
 
     python scripts/returning_walks.py [--sections NAME ...] [--seeds N] [--first SEED] [--data DIR] [--jobs N]
-                                      [--minutes M ...] [--json FILE]
+                                      [--minutes M ...] [--feet KIND] [--json FILE]
 
 Each walk is smoothed with places (`SmootherParameters.walk.places`) and without, on a magnetometer that was calibrated
 on a loop. Simulated walks begin at seed 101; what was tuned was tuned on seeds 1 to 8. The simulator's feet come back
 to within 0.07 m of their old line; people do not. So the path itself wanders to the side, by 0.25 m (rms, correlation
-length 5 m), independently on each lap: two passes are 0.35 m apart (rms).
+length 5 m), independently on each lap: two passes are 0.35 m apart (rms). `--feet moving` lets the feet move on in
+stance as real ones do, which is in the sigmas.
 
 ======== ============================================================================================================
 laps     three laps of the office and of the mall, in smooth and indoor fields, the heading at the start given and not.
@@ -48,6 +49,7 @@ from fg_nav.lab.simulation import Choices, Scenario, SimulatedWalk, routes, scen
 from fg_nav.lab.simulation.fields import Field, draw_environment
 from fg_nav.lab.simulation.path import Path, open_curve, polyline
 from fg_nav.lab.simulation.plan import Section, Stairs, Stand, Walk, end_of
+from fg_nav.lab.simulation.scenarios import FEET, Feet
 from fg_nav.magnetic import average_footfall_field
 from fg_nav.pipeline import prepare_walk, run_method
 from fg_nav.recording import Recording
@@ -91,6 +93,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         data=None,
         jobs=1,
         minutes=option([10.0, 30.0, 60.0, 120.0], "of the walks of `cost`", type=float, nargs="+", metavar="M"),
+        feet=option("still", "of the simulated walks", choices=FEET),
         json=None,
     )
     figures = [figure for name in chosen.sections for figure in MEASURE[name](chosen)]
@@ -111,11 +114,12 @@ class Course:
     scenario: Scenario
     laps: int = 1
     surround: Surround | None = None
+    feet: Feet | None = None
 
     def draw(self, level: str, seed: int) -> tuple[SimulatedWalk, Prepared]:
         """Return the walk and what the smoother gets of it, with its true heading at the start."""
         plain = "homogeneous" if self.surround else level
-        walk = simulate(self.scenario, seed, Choices(field=plain))
+        walk = simulate(self.scenario, seed, Choices(field=plain, feet=self.feet))
         recording, truth = walk.recording, find_truth(walk)
         assert recording.mag is not None
         assert truth.nav_R_body is not None
@@ -333,7 +337,10 @@ def measure_courses(
     """Measure all seeds of courses in both fields."""
     return {
         (course.name, level): harness.map_walks(
-            partial(measure_walk, course, level), harness.seeds_of(chosen), chosen.jobs, f"{course.name}, {level}"
+            partial(measure_walk, replace(course, feet=chosen.feet), level),
+            harness.seeds_of(chosen),
+            chosen.jobs,
+            f"{course.name}, {level}",
         )
         for course in courses
         for level in LEVELS
