@@ -29,18 +29,23 @@ SHIFTS_M = np.linspace(-REACH_M, REACH_M, 33)
 """An eighth of a meter apart: a rough floor shows 20 m of a path to 0.1 m."""
 
 
+MARGIN = 8
+"""Points around a piece, beyond which a spline through them is the same."""
+
+
 def weigh_shifts(features: Features, stretch: Stretch) -> Floats:
     """Return sum L (M, S), nats, of each point of a stretch with the earlier pass at `SHIFTS_M` on from its own."""
     from scipy.interpolate import CubicSpline  # loaded where something was recognized
 
-    other = features.reverse() if stretch.opposite else features
-    points = np.arange(len(other), dtype=float)
-    earlier = points[-1] - stretch.earlier if stretch.opposite else stretch.earlier
-    at = np.clip(earlier[:, None] + SHIFTS_M / SPACING_M, 0.0, points[-1])
-    later = stretch.later.astype(np.int64)
-    signal = np.stack([np.interp(at, points, column) for column in other.signal.T], axis=2)
-    return _weigh_points(features.values[later, None], CubicSpline(points, other.values)(at),
-                         RHO * features.signal[later, None] * signal)  # fmt: skip
+    last = len(features) - 1.0
+    other, earlier = (features.reverse(), last - stretch.earlier) if stretch.opposite else (features, stretch.earlier)
+    at = np.clip(earlier[:, None] + SHIFTS_M / SPACING_M, 0.0, last)
+    # The earlier pass, and what of it is the field's, between its points.
+    near = np.arange(max(int(at.min()) - MARGIN, 0), min(int(at.max()) + MARGIN, len(other)))
+    y = CubicSpline(near, other.values[near])(at)
+    signal = np.stack([np.interp(at, near, column) for column in other.signal[near].T], axis=2)
+    later = stretch.later.astype(np.int64)[:, None]
+    return _weigh_points(features.values[later], y, RHO * features.signal[later] * signal)
 
 
 def _weigh_points(x: Floats, y: Floats, r: Floats) -> Floats:

@@ -16,7 +16,7 @@ A piece of the walk is tied to its earliest pass only.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from gtsam.symbol_shorthand import X
@@ -48,6 +48,19 @@ class PlaceFactors(ResidualBlock):
     def __init__(self, residuals: SamePlace, keys: Sequence[Sequence[int]], footfalls: Ints) -> None:
         super().__init__(residuals, keys)
         self.footfalls = footfalls
+
+
+@dataclass(frozen=True)
+class _Piece:
+    """Part of a stretch, in one cell, of which it covers `covered_m`.
+
+    `later_m` were walked to the middle of the later pass, `cell_m` to that of the cell.
+    """
+
+    stretch: Stretch
+    later_m: float
+    cell_m: float
+    covered_m: float
 
 
 @dataclass(frozen=True)
@@ -103,13 +116,13 @@ def _find_footfalls(at: Sequence[float], t: Floats) -> Ints:
 def _choose_earliest(path: Signature, stretches: Sequence[Stretch]) -> list[_Tie]:
     """Tie each piece of the walk to its earliest pass."""
     length = max(CELL_M, _measure_ground(path, stretches) / MOST_CELLS)
+    pieces = [piece for stretch in stretches for piece in _cut_into_cells(path, stretch, length)]
+    chosen: dict[int, _Piece] = {}
+    for piece in sorted(pieces, key=lambda one: one.cell_m):
+        chosen.setdefault(int(piece.later_m // length), piece)
+    # Their ties, where the field of each has the earlier pass.
     features = whiten(path)
-    ties = [tie for stretch in stretches for tie in _list_ties(path, features, stretch, length)]
-    chosen: dict[int, _Tie] = {}
-    for tie in sorted(ties, key=lambda one: one.cell_s):
-        piece = int(np.interp(tie.later_s, path.t, path.distance_m) // length)
-        chosen.setdefault(piece, tie)
-    return list(chosen.values())
+    return [_make_tie(path, features, piece) for piece in chosen.values()]
 
 
 def _measure_ground(path: Signature, stretches: Sequence[Stretch]) -> float:
@@ -122,34 +135,34 @@ def _measure_ground(path: Signature, stretches: Sequence[Stretch]) -> float:
     return float(is_first.sum()) * SPACING_M
 
 
-def _list_ties(path: Signature, features: Features, stretch: Stretch, length: float) -> Iterator[_Tie]:
-    """Yield the ties of a stretch, one in each cell of this length, m, that it covers."""
-    walked = np.interp(stretch.earlier, np.arange(len(path)), path.distance_m)
-    ratio = weigh_shifts(features, stretch)
+def _cut_into_cells(path: Signature, stretch: Stretch, length: float) -> Iterator[_Piece]:
+    """Yield the pieces of a stretch, one in each cell of this length, m, that it covers."""
+    points = np.arange(len(path))
+    later_m, walked = (np.interp(at, points, path.distance_m) for at in (stretch.later, stretch.earlier))
     cell = (walked // length).astype(np.int64)
     for number in np.unique(cell):
         rows = np.flatnonzero(cell == number)
         covered = float(np.ptp(walked[rows]))
-        if covered < min(LEAST_SHARE * length, 0.9 * np.ptp(walked)):
-            continue
-        # The earlier pass where the field of this piece has it.
-        shift, sigma = find_shift(ratio[rows])
-        later, earlier = stretch.later[rows], stretch.move_earlier(shift)[rows]
-        inside = (earlier >= 0.0) & (earlier <= len(path) - 1.0)
-        if inside.any():
-            yield _make_tie(path, later[inside], earlier[inside], (number + 0.5) * length, covered, sigma)
+        if covered >= min(LEAST_SHARE * length, 0.9 * np.ptp(walked)):
+            piece = replace(stretch, later=stretch.later[rows], earlier=stretch.earlier[rows])
+            yield _Piece(piece, float(later_m[rows].mean()), (number + 0.5) * length, covered)
 
 
-def _make_tie(path: Signature, later: Floats, earlier: Floats, cell_m: float, covered: float, sigma: float) -> _Tie:
-    """Tie points (M,) of two passes, over so many m, to the middle of a cell at a distance."""
-    points, middle = np.arange(len(path), dtype=float), float(later.mean())
+def _make_tie(path: Signature, features: Features, piece: _Piece) -> _Tie:
+    """Tie a piece to the earlier pass, moved to where the field has it."""
+    points, stretch = np.arange(len(path), dtype=float), piece.stretch
+    shift, sigma = find_shift(weigh_shifts(features, stretch))
+    earlier = stretch.move_earlier(shift)
+    inside = (earlier >= 0.0) & (earlier <= points[-1])
+    # A shift that leaves nothing of the walk is none.
+    later, earlier = (stretch.later[inside], earlier[inside]) if inside.any() else (stretch.later, stretch.earlier)
     return _Tie(
-        later_s=float(np.interp(middle, points, path.t)),
-        cell_s=float(np.interp(cell_m, path.distance_m, path.t)),
+        later_s=float(np.interp(piece.later_m, path.distance_m, path.t)),
+        cell_s=float(np.interp(piece.cell_m, path.distance_m, path.t)),
         later=_mean_place(path, points, later),
         earlier=_mean_place(path, points, earlier),
-        heading=float(np.interp(middle, points, path.heading)),
-        count=max(covered / APART_M, 1.0),
+        heading=float(np.interp(later.mean(), points, path.heading)),
+        count=max(piece.covered_m / APART_M, 1.0),
         shift_sigma=sigma,
     )
 
