@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from gtsam.symbol_shorthand import X
 
-from fg_nav.arrays import Floats, Ints
+from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.factors.residual import LETTER_SHIFT, Keys, ResidualBlock
 from fg_nav.factors.same_place import SamePlace, weigh_place
 from fg_nav.places import Signature, Stretch
@@ -176,12 +176,19 @@ def postpone(keys: Keys, nodes: Nodes, tied: Ints) -> Keys:
     """Eliminate `tied` footfalls (n,) of a walk, which factors join over the walk, last and the newest of them first.
 
     In the order of time every front between two footfalls at one place would carry the later one. A tied footfall is
-    left with all that joins its past to its future, its node, bias and settling and the state of its field: then what
-    lies between two of them is a chain by itself, and what is left a short one. Floors, which join many, end the order.
+    left with all that joins its past to its future: then what lies between two of them is a chain by itself, and what
+    is left a short one. Floors, which join many, end the order.
+    """
+    is_last, is_floor = split_tied(keys, nodes, tied)
+    return np.concatenate([keys[~is_last & ~is_floor], keys[is_last][::-1], keys[is_floor]])
+
+
+def split_tied(keys: Keys, nodes: Nodes, tied: Ints) -> tuple[Bools, Bools]:
+    """Whether each key is of a tied footfall, its node, bias and settling and the state of its field; and of a floor.
+
+    `tied` (n,) are footfalls of the walk.
     """
     node, bias = nodes.result[tied], np.unique(nodes.bias[tied])
     kinds = (("x", node), ("v", node), ("m", tied), ("b", bias), ("s", bias))
     names = [(ord(letter) << LETTER_SHIFT) + number.astype(np.uint64) for letter, number in kinds]
-    last = np.isin(keys, np.concatenate(names))
-    floors = keys >> np.uint64(LETTER_SHIFT) == ord("z")
-    return np.concatenate([keys[~last & ~floors], keys[last][::-1], keys[floors]])
+    return np.isin(keys, np.concatenate(names)), keys >> np.uint64(LETTER_SHIFT) == ord("z")
