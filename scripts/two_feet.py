@@ -1,0 +1,307 @@
+"""Two feet of one person in one graph, beside each foot alone.
+
+    python scripts/two_feet.py [--sections NAME ...] [--scenarios NAME ...] [--seeds N] [--first SEED] [--data DIR]
+                               [--jobs N] [--json FILE]
+
+Simulated walks begin at seed 101; what was tuned was tuned on seeds 1 to 8. All methods have the same stances, and the
+true heading of each foot at its start.
+
+========= ===========================================================================================================
+simulated office, mall and teaching-building, without and with the magnetometer. Position: rms over the footfalls
+          after the best yaw and shift; heading: rms less its mean. Of both feet, rms over the seeds; over the better
+          foot: over that foot alone which is the better one in this rms. Errors of two sensors that are independent and
+          of one size leave 0.71 of it in the mean of both; by walk the mean of two errors is 1.36 times the smaller
+          one (median), as nothing shows which foot's that is. NEES: of positions relative to the start, 1 where the
+          claimed covariances are true (mean over 3 degrees of freedom)
+real      the motion-captured feet of zupt_fgo: rms of all samples after the best yaw and shift (m)
+clocks    offsets that were put between the clocks of both feet, and what is found
+steps     the footfalls of motion-captured feet against the middle of the other foot's stride (m)
+cost      time of the processor of both feet over that of one
+========= ===========================================================================================================
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+import harness
+import numpy as np
+import walks
+from harness import Figure, option, spread
+
+from fg_nav.arrays import Floats
+from fg_nav.detection import detect_stances
+from fg_nav.errors import EstimationError
+from fg_nav.evaluation.comparison import align
+from fg_nav.evaluation.metrics import compute_stance_nees
+from fg_nav.feet.clocks import align_clocks
+from fg_nav.feet.person import FeetSolution
+from fg_nav.feet.steps import Footfalls, find_steps
+from fg_nav.frames import compute_heading, wrap_angle
+from fg_nav.lab.simulation import simulate_feet
+from fg_nav.magnetic import average_footfall_field
+from fg_nav.recording import Recording
+from fg_nav.smoother import smooth
+from fg_nav.smoother.feet_batch import Foot, smooth_feet
+from fg_nav.solution import Solution
+from fg_nav.truth import TrajectoryTruth
+
+SECTIONS = ("simulated", "real", "clocks", "steps", "cost")
+SIDES = ("left", "right")
+SENSORS = {False: "without", True: "with"}
+
+SHARE_WITHOUT, SHARE_WITH, COST = 0.7, 1.0, 2.3
+"""Asked of the errors over those of the better foot without and with the magnetometer, and of the cost."""
+
+OFFSETS_S = (0.0, 0.3, -0.3, 0.6, -1.1, 5.0, -20.0)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Measure and print."""
+    chosen = harness.parse_arguments(
+        __doc__,
+        arguments,
+        sections=option(SECTIONS, "which", nargs="+", choices=SECTIONS),
+        scenarios=["office", "mall", "teaching-building"],
+        seeds=20,
+        first=harness.FIRST_SEED,
+        data=None,
+        jobs=1,
+        json=None,
+    )
+    figures = [figure for name in chosen.sections for figure in MEASURE[name](chosen)]
+    harness.print_verdict(figures, chosen.json)
+
+
+# --- simulated feet ---------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Of one foot: rms of position, m, and heading, deg, and the NEES."""
+
+    position_m: float
+    heading_deg: float
+    nees: float
+
+
+Case = tuple[bool, bool, str]
+"""Whether with the magnetometer, whether both feet are in one graph, and the side."""
+
+
+def draw_feet(name: str, seed: int, with_mag: bool) -> dict[str, Foot]:
+    """Simulate a walk with a sensor on each foot."""
+    walk = simulate_feet(name, seed)
+    return {side: prepare_foot(getattr(walk, side).recording, with_mag) for side in SIDES}
+
+
+def prepare_foot(recording: Recording, with_mag: bool) -> Foot:
+    """Find the stances and the field of a foot, whose true heading at the start is known."""
+    truth, stances = recording.truth, detect_stances(recording)
+    assert isinstance(truth, TrajectoryTruth)
+    assert truth.nav_R_body is not None
+    field = average_footfall_field(recording, stances) if with_mag else None
+    return Foot(recording, stances, float(compute_heading(truth.nav_R_body[0])), field)
+
+
+def measure_walk(name: str, seed: int) -> dict[Case, Errors]:
+    """Smooth both feet of a walk alone and together, without and with the magnetometer."""
+    feet, found = draw_feet(name, seed, True), {}
+    for with_mag in SENSORS:
+        some = feet if with_mag else {side: replace(foot, field=None) for side, foot in feet.items()}
+        both = smooth_feet(some["right"], some["left"])
+        for side, foot in some.items():
+            alone = smooth(foot.recording, foot.stances, heading=foot.heading, field=foot.field)
+            found[with_mag, False, side] = measure_errors(alone, foot.recording)
+            found[with_mag, True, side] = measure_errors(getattr(both, side), foot.recording)
+    return found
+
+
+def measure_errors(solution: Solution, recording: Recording) -> Errors:
+    """Measure the footfalls of a foot against its truth."""
+    truth, table = recording.truth, solution.stances
+    assert isinstance(truth, TrajectoryTruth)
+    assert truth.nav_R_body is not None
+    place = truth.position[table.sample]
+    turned = wrap_angle(compute_heading(table.nav_R_body) - compute_heading(truth.nav_R_body[table.sample]))
+    turned = wrap_angle(turned - np.angle(np.exp(1j * turned).mean()))
+    return Errors(
+        measure_position(table.position, place),
+        float(np.degrees(np.sqrt(np.mean(turned**2)))),
+        compute_stance_nees(table, truth).mean_ratio,
+    )
+
+
+def measure_position(position: Floats, truth: Floats) -> float:
+    """Rms over the ground, m, after the best yaw and shift."""
+    moved = align(position, truth, "yaw").apply(position)
+    return float(np.sqrt(np.mean(np.sum((moved - truth)[:, :2] ** 2, axis=1))))
+
+
+def measure_simulated(chosen: argparse.Namespace) -> list[Figure]:
+    """All scenarios."""
+    rows, figures = [], []
+    for name in chosen.scenarios:
+        seen = harness.map_walks(partial(measure_walk, name), harness.seeds_of(chosen), chosen.jobs, name)
+        for with_mag, words in SENSORS.items():
+            for what, unit in (("position_m", "m"), ("heading_deg", "deg")):
+                row, figure = compare_feet(name, seen, with_mag, what, unit, words)
+                rows.append(row)
+                figures.append(figure)
+    harness.print_heading(f"Two feet, {chosen.seeds} seeds: rms over the seeds, and by walk median (5 to 95 %)")
+    heads = ["walk, magnetometer", "left alone", "right alone", "both together", "over the better foot",
+             "by walk, over the better", "by walk, over the rms of both", "NEES alone", "NEES together"]  # fmt: skip
+    harness.print_table(heads, rows)
+    return figures
+
+
+def compare_feet(
+    name: str, seen: Sequence[Mapping[Case, Errors]], with_mag: bool, what: str, unit: str, words: str
+) -> tuple[list[str], Figure]:
+    """Compare both feet with each alone."""
+    alone, both = (
+        np.array([[getattr(one[with_mag, together, side], what) for side in SIDES] for one in seen])
+        for together in (False, True)
+    )
+    nees = [[one[with_mag, together, "left"].nees for one in seen] for together in (False, True)]
+    rms_alone, rms_both = np.sqrt(np.mean(alone**2, axis=0)), float(np.sqrt(np.mean(both**2)))
+    share = rms_both / float(rms_alone.min())
+    by_walk = np.sqrt(np.mean(both**2, axis=1))
+    row = [
+        f"{name}, {words}, {unit}",
+        *(f"{value:.3f}" for value in rms_alone),
+        f"{rms_both:.3f}",
+        f"{share:.2f}",
+        spread(by_walk / alone.min(axis=1)),
+        spread(by_walk / np.sqrt(np.mean(alone**2, axis=1))),
+        *(spread(one) for one in nees),
+    ]
+    high = SHARE_WITH if with_mag else SHARE_WITHOUT
+    return row, Figure("simulated", f"{name}, {words}, {unit}, over the better foot", "both", share, high=high)
+
+
+# --- motion-captured feet ---------------------------------------------------------------------------------------------
+
+
+def read_captured(data: Path | None) -> dict[str, tuple[Recording, Floats]]:
+    """Read the motion-captured feet: recordings, and true places (N, 3) m of their samples."""
+    folder = walks.data_folder(data) / "two_feet" / "zupt_fgo"
+    places = np.genfromtxt(folder / "positionGt.csv", delimiter=",", skip_header=1)
+    found = {}
+    for k, side in enumerate(SIDES):
+        rows = np.genfromtxt(folder / f"imuMeas{side.capitalize()}.csv", delimiter=",", skip_header=1)
+        place = places[:, 1 + 3 * k : 4 + 3 * k] * [1.0, -1.0, 1.0]  # the truth is left-handed
+        found[side] = Recording(rows[:, 0] / 60.0, rows[:, 1:4], rows[:, 4:7]), place
+    return found
+
+
+def measure_real(chosen: argparse.Namespace) -> list[Figure]:
+    """The motion-captured feet alone and together."""
+    from fg_nav.ekf.iez import run_iez
+
+    captured = read_captured(chosen.data)
+    feet = {side: Foot(one, detect_stances(one)) for side, (one, _) in captured.items()}
+    both = smooth_feet(feet["right"], feet["left"])
+    rows = []
+    for side, foot in feet.items():
+        place = captured[side][1]
+        alone = (run_iez(foot.recording, foot.stances), smooth(foot.recording, foot.stances), getattr(both, side))
+        rows.append([side, *(f"{measure_position(one.position, place):.3f}" for one in alone)])
+    harness.print_heading("Motion-captured feet, 120 s: rms after the best yaw and shift (m)")
+    harness.print_table(["foot", "iez alone", "smoother alone", "both together"], rows)
+    apart = measure_apart(both, feet)
+    print(f"width {both.width_m:.3f} +- {both.width_sigma_m:.3f} m, {both.cells} cells, largest distance {apart:.2f} m")
+    return [Figure("real", "largest distance of standing feet (m)", "both", apart, high=1.3)]
+
+
+def measure_apart(both: FeetSolution, feet: Mapping[str, Foot]) -> float:
+    """Return the largest distance of both feet while both stand, m."""
+    t = feet["left"].recording.t
+    stands = feet["left"].stances.mask & (np.interp(t, feet["right"].recording.t, feet["right"].stances.mask) == 1.0)
+    right = np.stack([np.interp(t, both.right.t, column) for column in both.right.position.T], axis=1)
+    return float(np.linalg.norm(both.left.position - right, axis=1)[stands].max())
+
+
+def measure_steps(chosen: argparse.Namespace) -> list[Figure]:
+    """Footfalls of motion-captured feet against the middle of the other foot's stride."""
+    falls = {}
+    for side, (recording, place) in read_captured(chosen.data).items():
+        stances = detect_stances(recording)
+        sample = stances.stillest(recording.gyr)
+        falls[side] = Footfalls(recording.t[sample], place[sample])
+    rows = []
+    for side, other in (("left", "right"), ("right", "left")):
+        one, two = falls[side], falls[other]
+        steps = find_steps(one, two)
+        d = one.position[steps.at] - 0.5 * (two.position[steps.before] + two.position[steps.before + 1])
+        u = np.stack([steps.left_normal[:, 1], -steps.left_normal[:, 0]], axis=1)
+        parts = (np.sum(d[:, :2] * u, axis=1), np.sum(d[:, :2] * steps.left_normal, axis=1), d[:, 2])
+        rows.append([side, str(len(d)), *(f"{part.mean():+.3f} +- {part.std():.3f}" for part in parts)])
+    harness.print_heading("Steps of motion-captured feet (m)")
+    harness.print_table(["foot", "steps", "along", "left", "up"], rows)
+    return []
+
+
+# --- clocks, cost -----------------------------------------------------------------------------------------------------
+
+
+def measure_clocks(chosen: argparse.Namespace) -> list[Figure]:
+    """Offsets of the clocks."""
+    rows, figures = [], []
+    for name in (*chosen.scenarios, "captured"):
+        if name == "captured":
+            feet = {side: one for side, (one, _) in read_captured(chosen.data).items()}
+        else:
+            walk = simulate_feet(name, chosen.first)
+            feet = {side: getattr(walk, side).recording for side in SIDES}
+        left, right = (replace(feet[side], truth=None) for side in SIDES)
+        stances = [detect_stances(one) for one in (left, right)]
+        errors = []
+        for offset in OFFSETS_S:
+            try:
+                found = align_clocks(left, stances[0], replace(right, t=right.t + offset), stances[1]).offset_s
+                errors.append(abs(found + offset))
+            except EstimationError:
+                errors.append(np.inf)
+        rows.append([name, *(f"{e:.3f}" if np.isfinite(e) else "refused" for e in errors)])
+        figures.append(Figure("clocks", f"{name}, largest error (s)", "both", max(errors), high=0.1))
+    harness.print_heading("Error of the clocks' offset (s), by the offset")
+    harness.print_table(["walk", *(f"{offset:+g}" for offset in OFFSETS_S)], rows)
+    return figures
+
+
+def measure_cost(chosen: argparse.Namespace) -> list[Figure]:
+    """Time of the processor."""
+    rows, figures = [], []
+    for name in chosen.scenarios:
+        feet = draw_feet(name, chosen.first, True)
+        for with_mag, words in SENSORS.items():
+            some = feet if with_mag else {side: replace(foot, field=None) for side, foot in feet.items()}
+            one = min(harness.measure_time(partial(smooth_alone, foot))[0].cpu for foot in some.values())
+            both = harness.measure_time(partial(smooth_feet, some["right"], some["left"]))[0].cpu
+            rows.append([f"{name}, {words}", f"{one:.1f}", f"{both:.1f}", f"{both / one:.2f}"])
+            figures.append(Figure("cost", f"{name}, {words}, over one foot", "both", both / one, high=COST))
+    harness.print_heading("Time of the processor (s)")
+    harness.print_table(["walk, magnetometer", "one foot", "both", "ratio"], rows)
+    return figures
+
+
+def smooth_alone(foot: Foot) -> Solution:
+    """Smooth one foot."""
+    return smooth(foot.recording, foot.stances, heading=foot.heading, field=foot.field)
+
+
+MEASURE: Mapping[str, Callable[[argparse.Namespace], list[Figure]]] = {
+    "simulated": measure_simulated,
+    "real": measure_real,
+    "clocks": measure_clocks,
+    "steps": measure_steps,
+    "cost": measure_cost,
+}
+
+if __name__ == "__main__":
+    harness.run(main)
