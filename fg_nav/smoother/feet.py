@@ -132,7 +132,7 @@ def solve_feet(right: WalkProblem, left: WalkProblem) -> SolvedFeet:
     right, left = _keep_places_once(right, left)
     # Both paths beside each other.
     right, values = align_feet(right, left)
-    problem = FeetProblem(right, left, values, tie_feet(right, left, values), _reach_nothing())
+    problem = FeetProblem(right, left, values, tie_feet(right, left, values), ReachFactors.of_nothing())
     for _ in range(REACH_ROUNDS):
         # All factors of both, and the ties where the last solution has the steps.
         minimum = find_minimum(problem.system, problem.values, order_variables(problem), CONVERGENCE)
@@ -148,10 +148,6 @@ def _keep_places_once(right: WalkProblem, left: WalkProblem) -> tuple[WalkProble
     """Return both without the places of the foot that recognized fewer."""
     many = [0 if one.places is None else len(one.places) for one in (right, left)]
     return (right, replace(left, places=None)) if many[0] > many[1] else (replace(right, places=None), left)
-
-
-def _reach_nothing() -> ReachFactors:
-    return ReachFactors(np.zeros(0, np.int64), np.zeros(0, np.int64))
 
 
 def align_feet(right: WalkProblem, left: WalkProblem) -> tuple[WalkProblem, FeetValues]:

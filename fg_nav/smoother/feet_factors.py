@@ -5,13 +5,13 @@ to the footfalls nearest to the middle of the cell, as each path has them: what 
 less than what steps differ by. Along the way the mean is as good as a person steps evenly, across as one keeps the
 width, and up as the sensors are worn alike and the floor is level across.
 
-While both feet stand they are within reach; that is asked of the pairs of footfalls that are not, and asked again where
-the walk was solved with it.
+Feet that stand at about one time are within reach; that is asked of the pairs of footfalls that are not, and asked
+again where the walk was solved with it.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import gtsam
 import numpy as np
@@ -34,6 +34,9 @@ WIDTH_M, WIDTH_SIGMA_M = 0.15, 0.1
 
 REACH_M, REACH_SIGMA_M = 1.2, 0.1
 """Between two standing feet: what a tall person lunges, and soft edges."""
+
+FLIGHT_M_S, LONGEST_FLIGHT_S = 3.0, 0.3
+"""Where neither is seen to stand the person moves on, and is not asked for longer."""
 
 RIGHT = np.uint64(1 << 40)
 """Added to the keys of the right foot's variables in the graph of both."""
@@ -93,19 +96,28 @@ class FootfallTies:
 
 @dataclass(frozen=True)
 class ReachFactors:
-    """Pairs of nodes `right`, `left` (P,) at which both feet stand."""
+    """Pairs of nodes `right`, `left` (P,) at which feet stand at about one time, `reach` (P,) m apart at most."""
 
     right: Ints
     left: Ints
+    reach: Floats
+
+    @classmethod
+    def of_nothing(cls) -> ReachFactors:
+        """Return those of no pairs."""
+        return cls(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))
 
     def __len__(self) -> int:
         return len(self.right)
 
+    def take(self, rows: Ints) -> ReachFactors:
+        """Return some of them."""
+        return ReachFactors(self.right[rows], self.left[rows], self.reach[rows])
+
     def evaluate(self, values: FeetValues, with_jacobians: bool) -> tuple[Floats, list[Floats]]:
         """Return residuals (P, 1) and Jacobians."""
-        reach, sigma = np.full(len(self), REACH_M), np.full(len(self), REACH_SIGMA_M)
         poses = list_poses(self.right, values.right), list_poses(self.left, values.left)
-        return WithinReach(reach, sigma).evaluate(poses, with_jacobians)
+        return WithinReach(self.reach, np.full(len(self), REACH_SIGMA_M)).evaluate(poses, with_jacobians)
 
     def stack(self, values: FeetValues) -> list[Stack]:
         """Return them linearized."""
@@ -157,17 +169,25 @@ def _nearest(t: Floats, asked: Floats) -> Ints:
 
 
 def find_beyond_reach(right: WalkProblem, left: WalkProblem, values: FeetValues, known: ReachFactors) -> ReachFactors:
-    """Add the pairs of footfalls that stand at one time and are beyond reach."""
-    spans = [_list_spans(problem) for problem in (right, left)]
-    first = np.searchsorted(spans[1][1], spans[0][0])
-    count = np.maximum(np.searchsorted(spans[1][0], spans[0][1]) - first, 0)
-    of_right = np.repeat(np.arange(len(count)), count)
-    of_left = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count) + np.repeat(first, count)
-    all_pairs = ReachFactors(right.nodes.result[of_right], left.nodes.result[of_left])
-    beyond = all_pairs.evaluate(values, False)[0][:, 0] > 0.0 if len(all_pairs) else np.zeros(0, dtype=bool)
-    pairs = np.stack([all_pairs.right[beyond], all_pairs.left[beyond]], axis=1)
-    joined = np.unique(np.concatenate([pairs, np.stack([known.right, known.left], axis=1)]), axis=0)
-    return replace(known, right=joined[:, 0], left=joined[:, 1])
+    """Add to known pairs those of footfalls at about one time that are beyond reach."""
+    pairs = _list_pairs(right, left)
+    beyond = np.flatnonzero(pairs.evaluate(values, False)[0][:, 0] > 0.0) if len(pairs) else np.zeros(0, np.int64)
+    found = pairs.take(beyond)
+    joined = [np.concatenate([getattr(one, name) for one in (known, found)]) for name in ("right", "left", "reach")]
+    _, first = np.unique(np.stack(joined[:2], axis=1), axis=0, return_index=True)
+    return ReachFactors(*joined).take(first)
+
+
+def _list_pairs(right: WalkProblem, left: WalkProblem) -> ReachFactors:
+    """List the pairs of footfalls between which both feet were in the air for a moment, or for none."""
+    (begin, end), (begin_left, end_left) = (_list_spans(problem) for problem in (right, left))
+    first = np.searchsorted(end_left, begin - LONGEST_FLIGHT_S)
+    count = np.maximum(np.searchsorted(begin_left, end + LONGEST_FLIGHT_S) - first, 0)
+    at = np.repeat(np.arange(len(count)), count)
+    at_left = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count) + np.repeat(first, count)
+    flight = np.maximum(begin[at] - end_left[at_left], begin_left[at_left] - end[at])
+    reach = REACH_M + FLIGHT_M_S * np.maximum(flight, 0.0)
+    return ReachFactors(right.nodes.result[at], left.nodes.result[at_left], reach)
 
 
 def _list_spans(problem: WalkProblem) -> tuple[Floats, Floats]:

@@ -1,0 +1,66 @@
+"""Steps of a person who walks on a known curve."""
+
+import numpy as np
+import pytest
+
+from fg_nav.feet.steps import CELL_M, Footfalls, average_cells, find_steps, measure_turns
+
+WIDTH, STEP = 0.16, 0.7
+
+
+def walk_curve(radius: float, steps: int = 60) -> tuple[Footfalls, Footfalls]:
+    """Right and left footfalls, in turn, at both sides of a circle; of a straight line where the radius is infinite."""
+    k = np.arange(steps)
+    arc, side = STEP * k, np.where(k % 2 == 0, -0.5, 0.5) * WIDTH  # left of the way
+    if np.isinf(radius):
+        place = np.stack([arc, side, np.zeros(steps)], axis=1)
+    else:
+        angle = arc / radius
+        place = np.stack([(radius - side) * np.sin(angle), radius - (radius - side) * np.cos(angle), 0.0 * k], axis=1)
+    t = 0.55 * k
+    return Footfalls(t[::2], place[::2]), Footfalls(t[1::2], place[1::2])
+
+
+def test_each_footfall_in_a_row_is_a_step_between_two_of_the_other() -> None:
+    right, left = walk_curve(np.inf)
+    steps = find_steps(right, left)
+    assert steps.at.tolist() == list(range(1, 30))
+    np.testing.assert_array_equal(steps.before, steps.at - 1)
+    np.testing.assert_allclose(steps.left_normal, np.tile([0.0, 1.0], (29, 1)), atol=1e-12)
+
+
+@pytest.mark.parametrize("radius", [np.inf, 8.0, 3.0, -3.0])
+def test_the_means_of_a_cell_are_the_width_apart_however_the_way_bends(radius: float) -> None:
+    cells = average_cells(*walk_curve(radius))
+    assert len(cells) > 3
+    beside = cells.left[:, :2] - WIDTH * cells.left_normal
+    apart = np.linalg.norm(cells.right[:, :2] - beside, axis=1)
+    # The middle of a chord alone is off by this much.
+    bend = (2.0 * STEP) ** 2 / (8.0 * abs(radius))
+    assert apart.max() < 0.01 + 0.35 * bend
+
+
+def test_a_halt_a_shuffle_and_a_hop_are_no_steps() -> None:
+    right, left = walk_curve(np.inf, 20)
+    shuffled = Footfalls(right.t, right.position * [0.2, 1.0, 1.0])
+    halting = Footfalls(right.t * 4.0, right.position)
+    hopping = Footfalls(np.sort(np.append(right.t, right.t + 0.1)), np.repeat(right.position, 2, axis=0))
+    assert len(find_steps(left, shuffled).at) == 0
+    assert len(find_steps(Footfalls(left.t * 4.0, left.position), halting).at) == 0
+    assert len(find_steps(hopping, left).at) == 0
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.3, -2.0])
+def test_the_turn_of_one_path_against_the_other_is_found(turn: float) -> None:
+    right, left = walk_curve(6.0)
+    c, s = np.cos(turn), np.sin(turn)
+    turned = Footfalls(right.t, right.position @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]))
+    found = measure_turns(turned, left)[1]
+    np.testing.assert_allclose(np.angle(np.exp(1j * (found - turn))), 0.0, atol=0.03)
+
+
+def test_a_long_walk_has_fewer_cells_and_these_are_not_far_apart() -> None:
+    cells = average_cells(*walk_curve(np.inf, 8000))  # 5.6 km
+    apart = np.diff(cells.right[:, 0])
+    assert 100 < len(cells) < 400
+    assert apart.max() < 30.0 + 2.0 * CELL_M

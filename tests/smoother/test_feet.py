@@ -1,0 +1,188 @@
+"""Two feet in one graph: a simulated person with a sensor on each."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fg_nav.detection import detect_stances
+from fg_nav.errors import EstimationError
+from fg_nav.evaluation.metrics import compute_stance_nees
+from fg_nav.feet.person import FeetSolution
+from fg_nav.frames import compute_heading, wrap_angle
+from fg_nav.lab.simulation import SimulatedFeet, simulate_feet
+from fg_nav.smoother import SmootherParameters, smooth
+from fg_nav.smoother.feet import SolvedFeet, find_beyond_reach, order_variables, solve_feet
+from fg_nav.smoother.feet_batch import Foot, smooth_feet
+from fg_nav.smoother.feet_factors import REACH_M, RIGHT, ReachFactors, list_footfalls, list_pose_keys
+from fg_nav.smoother.fitting import fit_walk
+from fg_nav.smoother.gauss_newton import find_minimum
+from fg_nav.smoother.graph import turn_walk
+from fg_nav.smoother.linear import LinearWalk, find_sizes
+from fg_nav.truth import TrajectoryTruth
+
+SIDES = ("left", "right")
+
+
+@pytest.fixture(scope="module")
+def walk() -> SimulatedFeet:
+    return simulate_feet("demo", 5)
+
+
+@pytest.fixture(scope="module")
+def feet(walk: SimulatedFeet) -> dict[str, Foot]:
+    return {side: without_field(one.recording) for side, one in walk.sides.items()}
+
+
+def without_field(recording) -> Foot:
+    heading = float(compute_heading(recording.truth.nav_R_body[0]))
+    return Foot(replace(recording, mag=None), detect_stances(recording), heading)
+
+
+@pytest.fixture(scope="module")
+def both(feet: dict[str, Foot]) -> FeetSolution:
+    return smooth_feet(feet["right"], feet["left"])
+
+
+@pytest.fixture(scope="module")
+def solved(feet: dict[str, Foot]) -> SolvedFeet:
+    return solve_feet(*(begin(feet[side]) for side in ("right", "left")))
+
+
+def begin(foot: Foot):
+    walk = fit_walk(foot.recording, foot.stances, SmootherParameters(), foot.heading, None, None).walk
+    return replace(walk.problem, values=walk.solved.values)
+
+
+def truth_of(walk: SimulatedFeet, side: str) -> TrajectoryTruth:
+    truth = walk.sides[side].recording.truth
+    assert isinstance(truth, TrajectoryTruth)
+    return truth
+
+
+def test_both_feet_are_found_in_one_frame_though_the_right_ones_start_is_not_known(
+    walk: SimulatedFeet, both: FeetSolution
+) -> None:
+    """In the frame of the left foot both are where they are, within the sigmas of the person."""
+    origin = truth_of(walk, "left").position[0]
+    for side in SIDES:
+        table, truth = getattr(both, side).stances, truth_of(walk, side)
+        error = table.position - (truth.position[table.sample] - origin)
+        assert np.sqrt(np.mean(error[:, :2] ** 2)) < 0.15
+        turned = wrap_angle(compute_heading(table.nav_R_body) - compute_heading(truth.nav_R_body[table.sample]))
+        assert np.abs(turned).max() < np.radians(3.0)
+
+
+def test_a_wrong_heading_of_the_right_foot_changes_nothing(feet: dict[str, Foot], both: FeetSolution) -> None:
+    """It is free: only the steps show how its path lies."""
+    turned = replace(feet["right"], heading=feet["right"].heading + 2.0)
+    other = smooth_feet(turned, feet["left"])
+    np.testing.assert_allclose(other.right.position, both.right.position, atol=0.01)
+    np.testing.assert_allclose(other.left.position, both.left.position, atol=0.01)
+
+
+def test_the_width_is_that_of_the_person(walk: SimulatedFeet, both: FeetSolution) -> None:
+    """The sensors sit up to some centimeters aside of the soles' middles."""
+    assert both.width_m == pytest.approx(walk.step_width_m, abs=0.05)
+    assert both.width_sigma_m < 0.05
+    assert both.beyond_reach == 0
+
+
+def test_swapped_feet_show_a_negative_width(feet: dict[str, Foot], both: FeetSolution) -> None:
+    swapped = smooth_feet(feet["left"], feet["right"])
+    assert swapped.width_m < -3.0 * swapped.width_sigma_m
+    assert swapped.width_m == pytest.approx(-both.width_m, abs=0.05)
+
+
+def test_a_foot_claims_less_beside_the_other_and_its_claim_is_true(
+    walk: SimulatedFeet, feet: dict[str, Foot], both: FeetSolution
+) -> None:
+    foot = feet["left"]
+    alone = smooth(foot.recording, foot.stances, heading=foot.heading)
+    ends = [one.stances.position_sigma[-1, :2] for one in (alone, both.left)]
+    assert (ends[1] < ends[0]).all()
+    assert (ends[1] > 0.6 * ends[0]).all()  # two sensors, not more
+    middle = len(alone.stances) // 2
+    share = both.left.stances.heading_sigma[middle] / alone.stances.heading_sigma[middle]
+    assert 0.65 < share < 0.95  # one over the root of two where the steps show the direction exactly
+    assert 0.0 < compute_stance_nees(both.left.stances, truth_of(walk, "left")).mean_ratio < 3.0
+
+
+def test_the_person_is_in_the_middle_and_as_uncertain_as_the_feet(walk: SimulatedFeet, both: FeetSolution) -> None:
+    person = both.person
+    middle = walk.person_at(person.t)
+    error = person.position - (middle.position - truth_of(walk, "left").position[0])
+    assert np.sqrt(np.mean(error[:, :2] ** 2)) < 0.15
+    moves = np.linalg.norm(person.velocity[:, :2], axis=1) > 0.5
+    direction = np.arctan2(person.velocity[:, 0], person.velocity[:, 1])
+    assert np.median(np.abs(wrap_angle(person.heading - direction))[moves]) < np.radians(15.0)
+    sigma = np.sqrt(np.diagonal(person.cell_cov, axis1=1, axis2=2))
+    of_left = np.interp(person.cell_t, both.left.stances.t, both.left.stances.position_sigma[:, 0])
+    np.testing.assert_allclose(sigma[:, 0], of_left, rtol=0.25, atol=0.02)
+    assert person.covariance_at(person.cell_t[:3]) == pytest.approx(person.cell_cov[:3])
+
+
+def test_all_variables_are_eliminated_once_and_the_covariances_are_those_of_all_factors(solved: SolvedFeet) -> None:
+    """The triangle is compared with the inverse of the dense information."""
+    problem, keys = solved.problem, order_variables(solved.problem)
+    stacks = problem.system.stack(solved.minimum.linearized_at)
+    assert len(np.unique(keys)) == len(keys)
+    assert set(keys.tolist()) == {int(key) for stack in stacks for key in np.unique(stack.keys)}
+    size, order = find_sizes(keys), np.argsort(keys)
+    begin_of, information = np.cumsum(size) - size, np.zeros((size.sum(), size.sum()))
+    for stack in stacks:
+        place = order[np.searchsorted(keys[order], stack.keys)]
+        for row, at in zip(stack.rows, place, strict=True):
+            columns = np.concatenate([np.arange(begin_of[k], begin_of[k] + size[k]) for k in at])
+            information[np.ix_(columns, columns)] += row[:, :-1].T @ row[:, :-1]
+    root, _ = LinearWalk.of(stacks, keys).eliminate()
+    nodes = problem.right.nodes.result[[0, 20, -1]]
+    for key in list_pose_keys(nodes):
+        at = begin_of[np.flatnonzero(keys == key + RIGHT)[0]] + np.arange(6)
+        unit = np.zeros((len(information), 6))
+        unit[at, range(6)] = 1.0
+        dense = np.linalg.solve(information, unit)[at]
+        found = root.shift_keys(int(RIGHT)).covariances([int(key)])[int(key)]
+        np.testing.assert_allclose(found, dense, rtol=1e-3, atol=1e-3 * np.abs(dense).max())
+
+
+def test_feet_that_were_bent_apart_are_found_as_before(solved: SolvedFeet) -> None:
+    """Where the graph starts from does not matter: one foot's path is bent by half a right angle."""
+    right = solved.problem.right
+    bent = replace(right, values=type(right.values)(right.values))
+    turn_walk(bent.values, right.nodes, np.linspace(0.0, 0.8, len(right.nodes)))
+    again = solve_feet(bent, replace(solved.problem.left, values=solved.left.values))
+    for name in SIDES:
+        one, other = (
+            list_footfalls(getattr(s.problem, name), getattr(s, name).values).position for s in (solved, again)
+        )
+        np.testing.assert_allclose(one, other, atol=0.02)
+
+
+def test_standing_feet_beyond_reach_are_found_and_pulled_together(solved: SolvedFeet) -> None:
+    """Feet that stand at one time cannot be two meters apart; where they are near nothing is asked."""
+    problem, none = solved.problem, ReachFactors.of_nothing()
+    values = solved.minimum.values
+    assert len(find_beyond_reach(problem.right, problem.left, values, none)) == 0
+    away = replace(values, right=type(values.right)(values.right))
+    for j in range(len(problem.right.nodes)):
+        key = int(list_pose_keys(np.array([j]))[0])
+        pose = away.right.atPose3(key)
+        away.right.update(key, type(pose)(pose.rotation(), pose.translation() + np.array([2.0, 0.0, 0.0])))
+    beyond = find_beyond_reach(problem.right, problem.left, away, none)
+    assert len(beyond) > 20
+    assert (beyond.reach >= REACH_M).all()
+    assert beyond.error(away) > 10.0 * len(beyond)
+    assert beyond.error(values) == 0.0
+    # Asked for, they come back.
+    again = replace(problem, values=away, reach=beyond)
+    found = find_minimum(again.system, away, order_variables(again)).values
+    assert beyond.error(found) < 0.01
+
+
+def test_two_walks_of_two_people_are_refused(feet: dict[str, Foot]) -> None:
+    """Their feet do not alternate, and nothing ties them."""
+    late = feet["right"].recording
+    late = replace(late, t=late.t + 500.0, truth=None)
+    with pytest.raises(EstimationError, match="hardly take steps in turn"):
+        smooth_feet(replace(feet["right"], recording=late), feet["left"])
