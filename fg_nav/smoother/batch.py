@@ -42,7 +42,7 @@ from fg_nav.smoother.own_factors import ExtraFactors, GraphNodes
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.places import mark_returns
 from fg_nav.smoother.solved_walk import SolvedWalk
-from fg_nav.smoother.solver import list_covariances, stance_table
+from fg_nav.smoother.solver import list_covariances, list_table_keys, stance_table
 from fg_nav.solution import Solution
 from fg_nav.stances import Stances
 from fg_nav.system.memory import return_freed
@@ -198,7 +198,8 @@ def _smooth(
     # The dense path, and the sigmas of its footfalls, with what the walk shares that its triangle does not hold.
     walk = fitted.walk
     joint = FootfallCovariance.of(walk.solved, walk.problem.nodes, fitted.spread_shared())
-    draft = Draft.of(walk, joint, stances, began)
+    covariances = list_covariances(list_table_keys(walk.problem.nodes), walk.solved.root, joint.shared)
+    draft = Draft.of(walk, joint, covariances, stances, began)
     if progress is not None:
         progress(1.0)
     return walk, joint, draft
@@ -219,11 +220,13 @@ class Draft:
     began: float
 
     @classmethod
-    def of(cls, walk: SolvedWalk, joint: FootfallCovariance, stances: Stances, began: float) -> Draft:
-        """Return that of a solved walk, with the sigmas of its footfalls."""
+    def of(
+        cls, walk: SolvedWalk, joint: FootfallCovariance, covariances: Floats, stances: Stances, began: float
+    ) -> Draft:
+        """Return that of a solved walk, with the covariances (K, 6, 6) of its table (`solver.list_table_keys`)."""
         problem, solved, verdict = walk.problem, walk.solved, walk.verdict
         recording, p = problem.recording, problem.parameters
-        table = stance_table(recording.t, problem.nodes, solved, verdict, joint.shared)
+        table = stance_table(recording.t, problem.nodes, solved, verdict, covariances)
         table = mark_returns(table, walk.returns)
         path_variance = joint.combine(weigh_path(table.position)[:, :, None])[0]
         floors = write_floor_note(problem.floor)

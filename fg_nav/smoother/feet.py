@@ -128,8 +128,6 @@ class SolvedFeet:
 
 def solve_feet(right: WalkProblem, left: WalkProblem) -> SolvedFeet:
     """Solve two feet, whose values are near the minima of each alone, as one walk."""
-    # Both feet are at the same places: what the field shows of these counts once.
-    right, left = _keep_places_once(right, left)
     # Both paths beside each other.
     right, values = align_feet(right, left)
     problem = FeetProblem(right, left, values, tie_feet(right, left, values), ReachFactors.of_nothing())
@@ -142,12 +140,6 @@ def solve_feet(right: WalkProblem, left: WalkProblem) -> SolvedFeet:
             return SolvedFeet(problem, minimum)
         problem = replace(problem, values=values, reach=reach)
     return SolvedFeet(problem, minimum)
-
-
-def _keep_places_once(right: WalkProblem, left: WalkProblem) -> tuple[WalkProblem, WalkProblem]:
-    """Return both without the places of the foot that recognized fewer."""
-    many = [0 if one.places is None else len(one.places) for one in (right, left)]
-    return (right, replace(left, places=None)) if many[0] > many[1] else (replace(right, places=None), left)
 
 
 def align_feet(right: WalkProblem, left: WalkProblem) -> tuple[WalkProblem, FeetValues]:

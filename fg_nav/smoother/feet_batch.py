@@ -26,6 +26,7 @@ from fg_nav.smoother.feet import SolvedFeet, solve_feet
 from fg_nav.smoother.feet_factors import WIDTH, list_pose_keys, mark_right
 from fg_nav.smoother.fitting import FittedWalk, fit_walk
 from fg_nav.smoother.parameters import SmootherParameters
+from fg_nav.smoother.solver import list_covariances, list_table_keys
 from fg_nav.smoother.square_root import SquareRoot
 from fg_nav.stances import Stances
 
@@ -68,7 +69,8 @@ def smooth_feet(
     for number, foot in enumerate((right, left)):
         check_field(foot.recording, foot.stances, foot.field)
         told = partial(_tell, progress, number)
-        fitted.append(fit_walk(foot.recording, foot.stances, parameters, foot.heading, told, foot.field))
+        given = _look_for_places_once(parameters, number == 0 and left.field is not None)
+        fitted.append(fit_walk(foot.recording, foot.stances, given, foot.heading, told, foot.field))
     # Both in one graph.
     solved = solve_feet(*(replace(one.walk.problem, values=one.walk.solved.values) for one in fitted))
     _refuse_without_steps(solved)
@@ -78,6 +80,11 @@ def smooth_feet(
     if progress is not None:
         progress(1.0)
     return solution
+
+
+def _look_for_places_once(parameters: SmootherParameters, does_the_other: bool) -> SmootherParameters:
+    """Return the parameters without places where the other foot looks for them: both are at the same ones."""
+    return replace(parameters, walk=replace(parameters.walk, places=False)) if does_the_other else parameters
 
 
 def _tell(progress: Callable[[float], None] | None, number: int, done: float) -> None:
@@ -101,9 +108,10 @@ def _finish(
     walks = [one.walk for one, _ in (right, left)]
     joints = [FootfallCovariance.of(walk.solved, walk.problem.nodes, shared) for walk in walks]
     cell_cov = _find_person_covariance(solved, joints, shared)
+    covariances = _list_covariances(solved, shared)
     drafts = [
-        Draft.of(walk, joint, foot.stances, began)
-        for walk, joint, (_, foot) in zip(walks, joints, (right, left), strict=True)
+        Draft.of(walk, joint, of_table, foot.stances, began)
+        for walk, joint, of_table, (_, foot) in zip(walks, joints, covariances, (right, left), strict=True)
     ]
     of_right, of_left = (draft.finish() for draft in drafts)
     ties, reach = solved.problem.ties, solved.problem.reach
@@ -117,6 +125,14 @@ def _finish(
         len(ties),
         len(reach),
     )
+
+
+def _list_covariances(solved: SolvedFeet, shared: Floats) -> tuple[Floats, Floats]:
+    """Covariances (K, 6, 6) of the tables of the right and of the left foot, in one pass."""
+    right, left = (list_table_keys(one.nodes) for one in (solved.problem.right, solved.problem.left))
+    keys = [*mark_right(np.array(right, dtype=np.uint64)).tolist(), *left]
+    both = list_covariances(keys, solved.minimum.root, shared)
+    return both[: len(right)], both[len(right) :]
 
 
 def _find_person_covariance(solved: SolvedFeet, joints: list[FootfallCovariance], shared: Floats) -> Floats:

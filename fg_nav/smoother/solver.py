@@ -320,14 +320,18 @@ def in_nav(nav_R_body: Floats, body_cov: Floats) -> Floats:
     return np.asarray(turn @ body_cov @ turn.transpose(0, 2, 1))
 
 
-def stance_table(t: Floats, nodes: Nodes, solved: Solved, verdict: FieldVerdict, shared: Floats) -> StanceTable:
+def list_table_keys(nodes: Nodes) -> list[int]:
+    """List the poses of the footfalls, and the biases, whose covariances a stance table has: all of six dimensions."""
+    return [*(X(int(j)) for j in nodes.result), *(B(k) for k in range(int(nodes.bias[-1]) + 1))]
+
+
+def stance_table(t: Floats, nodes: Nodes, solved: Solved, verdict: FieldVerdict, covariances: Floats) -> StanceTable:
     """Poses, biases and their marginal sigmas at the stillest node of each footfall.
 
-    `shared` has by how much the walk is moved (N, n) by numbers of unit covariance that the tree does not hold.
+    `covariances` (K, 6, 6) are those of `list_table_keys`.
     """
-    pose_keys, bias_keys = [X(j) for j in nodes.result], [B(k) for k in range(int(nodes.bias[-1]) + 1)]
-    both = list_covariances([*pose_keys, *bias_keys], solved.root, shared)  # of six dimensions, in one pass
-    body, of_bias = both[: len(pose_keys)], both[len(pose_keys) :]
+    body, of_bias = covariances[: len(nodes.result)], covariances[len(nodes.result) :]
+    bias_keys = list_table_keys(nodes)[len(nodes.result) :]
     bias_variance = np.diagonal(of_bias, axis1=1, axis2=2)[nodes.bias]
     bias = np.array([solved.values.atConstantBias(key).gyroscope() for key in bias_keys])
     poses = list_poses(nodes.result, solved.values)
