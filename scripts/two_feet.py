@@ -13,7 +13,7 @@ simulated office, mall and teaching-building, without and with the magnetometer.
           of one size leave 0.71 of it in the mean of both; by walk the mean of two errors is 1.36 times the smaller
           one (median), as nothing shows which foot's that is. NEES: of positions relative to the start, 1 where the
           claimed covariances are true (mean over 3 degrees of freedom)
-real      the motion-captured feet of zupt_fgo: rms of all samples after the best yaw and shift (m)
+real      the motion-captured feet of zupt_fgo and gaitmap: rms of all samples after the best yaw and shift (m)
 clocks    offsets that were put between the clocks of both feet, and what is found
 steps     the footfalls of motion-captured feet against the middle of the other foot's stride (m)
 cost      time of the processor of both feet over that of one, in the mean of both
@@ -23,6 +23,7 @@ cost      time of the processor of both feet over that of one, in the mean of bo
 from __future__ import annotations
 
 import argparse
+import csv
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -186,9 +187,12 @@ def compare_feet(
 
 # --- motion-captured feet ---------------------------------------------------------------------------------------------
 
+Captured = dict[str, tuple[Recording, Floats]]
+"""Of each side the recording, and true places (N, 3) m at its samples, NaN where they are not known."""
 
-def read_captured(data: Path | None) -> dict[str, tuple[Recording, Floats]]:
-    """Read the motion-captured feet: recordings, and true places (N, 3) m of their samples."""
+
+def read_captured(data: Path | None) -> Captured:
+    """Read the feet of zupt_fgo."""
     folder = walks.data_folder(data) / "two_feet" / "zupt_fgo"
     places = np.genfromtxt(folder / "positionGt.csv", delimiter=",", skip_header=1)
     found = {}
@@ -199,23 +203,69 @@ def read_captured(data: Path | None) -> dict[str, tuple[Recording, Floats]]:
     return found
 
 
+def read_columns(path: Path) -> dict[tuple[str, str], Floats]:
+    """Read a table with two rows of names."""
+    with path.open(encoding="utf-8") as file:
+        first, second, *rows = list(csv.reader(file))
+    values = np.array([[float(cell) if cell else np.nan for cell in row] for row in rows if any(row[1:])])
+    return {(first[k], second[k]): values[:, k] for k in range(1, len(first))}
+
+
+def read_gaitmap(data: Path | None, name: str, with_markers: bool) -> Captured:
+    """Read feet of gaitmap, and the markers of their heels where there are any: in mm, at 100 Hz."""
+    folder = walks.data_folder(data) / "two_feet" / "gaitmap"
+    table, found = read_columns(folder / name), {}
+    heels = read_columns(folder / "mocap_sample.csv") if with_markers else {}
+    for side in SIDES:
+        acc, gyr = (
+            np.stack([table[f"{side}_sensor", f"{what}_{axis}"] for axis in "xyz"], axis=1) for what in ("acc", "gyr")
+        )
+        t, place = np.arange(len(acc)) / 204.8, np.full(acc.shape, np.nan)
+        for axis, name_of in enumerate("xyz" if heels else ""):
+            marker = 1e-3 * heels[f"{side[0].upper()}_FCC", name_of]
+            place[:, axis] = np.interp(t, np.arange(len(marker)) / 100.0, marker, right=np.nan)
+        found[side] = Recording(t, acc, np.radians(gyr)), place
+    return found
+
+
+REAL: Mapping[str, Callable[[Path | None], Captured]] = {
+    "zupt_fgo, 120 s in laps": read_captured,
+    "gaitmap, 39 s to and fro": partial(read_gaitmap, name="imu_sample.csv", with_markers=True),
+    "gaitmap, stairs": partial(read_gaitmap, name="imu_sample_healthy_stair_up.csv", with_markers=False),
+}
+
+
 def measure_real(chosen: argparse.Namespace) -> list[Figure]:
     """The motion-captured feet alone and together."""
     from fg_nav.ekf.iez import run_iez
 
-    captured = read_captured(chosen.data)
-    feet = {side: Foot(one, detect_stances(one)) for side, (one, _) in captured.items()}
-    both = smooth_feet(feet["right"], feet["left"])
-    rows = []
-    for side, foot in feet.items():
-        place = captured[side][1]
-        alone = (run_iez(foot.recording, foot.stances), smooth(foot.recording, foot.stances), getattr(both, side))
-        rows.append([side, *(f"{measure_position(one.position, place):.3f}" for one in alone)])
-    harness.print_heading("Motion-captured feet, 120 s: rms after the best yaw and shift (m)")
-    harness.print_table(["foot", "iez alone", "smoother alone", "both together"], rows)
-    apart = measure_apart(both, feet)
-    print(f"width {both.width_m:.3f} +- {both.width_sigma_m:.3f} m, {both.cells} cells, largest distance {apart:.2f} m")
-    return [Figure("real", "largest distance of standing feet (m)", "both", apart, high=1.3)]
+    rows, figures = [], []
+    for name, read in REAL.items():
+        captured = read(chosen.data)
+        feet = {side: Foot(one, detect_stances(one)) for side, (one, _) in captured.items()}
+        both = smooth_feet(feet["right"], feet["left"])
+        apart = measure_apart(both, feet)
+        for side, foot in feet.items():
+            alone = (run_iez(foot.recording, foot.stances), smooth(foot.recording, foot.stances))
+            errors = [measure_captured(one, captured[side][1]) for one in (*alone, getattr(both, side))]
+            width = f"{both.width_m:.2f} +- {both.width_sigma_m:.2f}"
+            rows.append([f"{name}, {side}", *map(format_error, errors), width, f"{both.cells}", f"{apart:.2f}"])
+        figures.append(Figure("real", f"{name}, largest distance of standing feet (m)", "both", apart, high=1.3))
+    harness.print_heading("Motion-captured feet: rms after the best yaw and shift (m)")
+    heads = ["foot", "iez alone", "smoother alone", "both together", "width (m)", "cells", "furthest apart (m)"]
+    harness.print_table(heads, rows)
+    return figures
+
+
+def measure_captured(solution: Solution, place: Floats) -> float:
+    """Measure all samples of a foot against true places, where these are known."""
+    seen = np.isfinite(place).all(axis=1)
+    return measure_position(solution.position[seen], place[seen]) if seen.any() else float("nan")
+
+
+def format_error(error: float) -> str:
+    """Write an error; of a walk without a truth there is none."""
+    return f"{error:.3f}" if np.isfinite(error) else "-"
 
 
 def measure_apart(both: FeetSolution, feet: Mapping[str, Foot]) -> float:
