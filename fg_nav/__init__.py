@@ -38,6 +38,8 @@ Outcome
     A solution and its errors (`fg_nav.walk`).
 Result
     A solution with its walk, errors and verdict: what `fg_nav.navigate` returns (`fg_nav.result`).
+FeetResult
+    Two of these, of a sensor on each foot, and the person between: what `fg_nav.navigate_feet` returns.
 
 The data's way is one page, `fg_nav.pipeline`: `fg_nav.io` -> `Recording` -> `fg_nav.calibration` ->
 `fg_nav.detection` -> `Stances` -> `fg_nav.magnetic` -> `FootfallField` -> `fg_nav.smoother` (of `fg_nav.factors`),
@@ -48,10 +50,12 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from fg_nav.both_feet import navigate_feet
     from fg_nav.detection import detect_stances
     from fg_nav.ekf import run_iez
     from fg_nav.errors import FgNavError
     from fg_nav.evaluation import evaluate
+    from fg_nav.feet_result import FeetResult
     from fg_nav.io import read, read_truth
     from fg_nav.lab.simulation import simulate
     from fg_nav.magnetic.footfall_field import average_footfall_field
@@ -65,6 +69,7 @@ if TYPE_CHECKING:
     from fg_nav.walk import Options
 
 _HOME = {
+    "FeetResult": "fg_nav.feet_result",
     "FgNavError": "fg_nav.errors",
     "Fix": "fg_nav.truth",
     "FootprintTruth": "fg_nav.truth",
@@ -81,6 +86,7 @@ _HOME = {
     "detect_stances": "fg_nav.detection",
     "evaluate": "fg_nav.evaluation",
     "navigate": "fg_nav.pipeline",
+    "navigate_feet": "fg_nav.both_feet",
     "read": "fg_nav.io",
     "read_truth": "fg_nav.io",
     "run_iez": "fg_nav.ekf",
@@ -96,6 +102,7 @@ _UPWARD = {
 """What a solution asks of the report, for `Solution.plot` and `Solution.save`."""
 
 __all__ = [
+    "FeetResult",
     "FgNavError",
     "Fix",
     "FootprintTruth",
@@ -112,6 +119,7 @@ __all__ = [
     "detect_stances",
     "evaluate",
     "navigate",
+    "navigate_feet",
     "read",
     "read_truth",
     "run_iez",

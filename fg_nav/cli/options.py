@@ -127,7 +127,9 @@ MagAxesWords = Annotated[
 ]
 CalibrationPath = Annotated[
     Path | None,
-    typer.Option("--calibration", metavar="FILE", help="Calibration to apply, from `fg-nav calibrate`."),
+    typer.Option(
+        "--calibration", metavar="FILE", help="Calibration to apply, from `fg-nav calibrate`; with --mount feet A,B."
+    ),
 ]
 GateName = Annotated[
     str | None,
@@ -162,13 +164,17 @@ Heading = Annotated[
         "--heading",
         metavar="DEG",
         help="Heading at the start, degrees clockwise from north: of the sensor's x axis, or of the first strides with "
-        "--mount pocket. "
+        "--mount pocket, or of the left sensor with --mount feet. "
         "\\[default: what the compass says, in a method that uses it; else 0]",
     ),
 ]
 TruthPath = Annotated[
     Path | None,
-    typer.Option("--truth", metavar="FILE", help="True path or footprints. \\[default: what the recording carries]"),
+    typer.Option(
+        "--truth",
+        metavar="FILE",
+        help="True path or footprints; with --mount feet A,B. \\[default: what the recording carries]",
+    ),
 ]
 FixesPath = Annotated[
     Path | None,
@@ -196,6 +202,30 @@ AlignmentMode = Annotated[
 ]
 MountPlace = Annotated[
     Literal["foot", "pocket"], typer.Option("--mount", help="Where the sensor was worn; a pocket is one of trousers.")
+]
+MountPlaces = Annotated[
+    Literal["foot", "feet", "pocket"],
+    typer.Option(
+        "--mount",
+        help="Where the sensor was worn; a pocket is one of trousers. feet: a sensor on each foot, two recordings of "
+        "one walk.",
+    ),
+]
+FeetSides = Annotated[
+    Literal["left,right", "right,left"] | None,
+    typer.Option(
+        "--sides",
+        help="Feet of the two recordings of --mount feet, in their order. "
+        "\\[default: as the steps show; else left,right]",
+    ),
+]
+ClockOffset = Annotated[
+    float | None,
+    typer.Option(
+        "--clock-offset",
+        metavar="SECONDS",
+        help="To add to the stamps of the second recording of --mount feet. \\[default: as the signals of both show]",
+    ),
 ]
 ColumnMapping = Annotated[
     str | None,

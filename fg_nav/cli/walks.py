@@ -72,7 +72,9 @@ def run(
             autocompletion=given.complete_methods,
         ),
     ] = None,
-    mount: given.MountPlace = "foot",
+    mount: given.MountPlaces = "foot",
+    sides: given.FeetSides = None,
+    clock_offset: given.ClockOffset = None,
     step_constant: given.StepConstant = None,
     known_distance: given.KnownDistance = None,
     no_mag: given.NoMag = False,
@@ -100,21 +102,30 @@ def run(
     json: given.Json = False,
     quiet: given.Quiet = False,
 ) -> None:
-    """Run one method on each recording and write trajectory, strides, summary and report.html."""
+    """Run one method on each recording and write trajectory, strides, summary and report.html; on two, of both feet."""
     from fg_nav.commands import choose_options, choose_reading
-    from fg_nav.commands.run import RunRequest, check_methods, run, wear
+    from fg_nav.commands.run import RunRequest, check_methods, check_sides, run, wear
     from fg_nav.estimators import DEFAULT_METHOD
 
-    method = method or DEFAULT_METHOD[mount]
+    both, worn = mount == "feet", "foot" if mount == "feet" else mount
+    method = method or DEFAULT_METHOD[worn]
+    check_sides(both, method, sides, clock_offset)
     check_methods([method], gate, polish)
-    known, changes = _read_parameters(config, settings, [method], mount, preset)
+    known, changes = _read_parameters(config, settings, [method], worn, preset)
+    files = (None, None) if both else (truth, calibration)
     options = choose_options(
-        not no_mag, heading, alignment, truth, gate, calibration, preset, fixes, mag_axes, polish, changes, places
+        not no_mag, heading, alignment, files[0], gate, files[1], preset, fixes, mag_axes, polish, changes, places
     )
-    options = wear(options, mount, (step_constant, known_distance), gate, preset)
+    options = wear(options, worn, (step_constant, known_distance), gate, preset)
     reading = choose_reading(format, columns, rate, sensor)
+    request = RunRequest(method, options, reading, plots, out, force, strict, known, save_places)
     with answering(json, quiet) as answer:
-        answer(run(recordings, RunRequest(method, options, reading, plots, out, force, strict, known, save_places)))
+        if both:
+            from fg_nav.commands.feet import FeetRequest, run_feet
+
+            answer(run_feet(recordings, FeetRequest(request, sides, clock_offset, truth, calibration)))
+        else:
+            answer(run(recordings, request))
 
 
 def _read_parameters(

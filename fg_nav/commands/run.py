@@ -172,6 +172,16 @@ def check_methods(methods: Sequence[str | None], gate: str | None, polish: bool 
         )
 
 
+def check_sides(both: bool, method: str, sides: str | None, clock_offset_s: float | None) -> None:
+    """Refuse a method that does not solve both feet, and options of two feet where there is one."""
+    if both:
+        from fg_nav.both_feet import check_method
+
+        check_method(method)
+    elif sides is not None or clock_offset_s is not None:
+        raise EstimationError("--sides and --clock-offset are for two recordings of one walk: add --mount feet.")
+
+
 def wear(
     options: Options, mount: Mount, lengths_m: tuple[float | None, float | None], gate: str | None, preset: str
 ) -> Options:

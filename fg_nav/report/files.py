@@ -103,7 +103,7 @@ def write_lagged(folder: Path, solution: Solution, plots: Plots = "html") -> Sum
 
 def write_footfalls(folder: Path, solution: Solution, summary: Summary) -> None:
     """Write the least that is worth having: footfalls and summary, some hundred bytes a stride."""
-    _write_strides(folder / "strides.csv", solution.stances)
+    write_strides(folder / "strides.csv", solution.stances)
     write_json(folder / "summary.json", summary)
 
 
@@ -120,7 +120,7 @@ def summarize_lagged(solution: Solution) -> Summary:
         "closure_m": metrics.closure_m,
         "closure_percent": metrics.closure_percent,
         "runtime_s": solution.runtime_s,
-        **_describe_end(solution.stances),
+        **describe_end(solution.stances),
         "notes": list(solution.notes),
     }
 
@@ -151,16 +151,17 @@ def write_results(folder: Path, walk: Walk, outcomes: Mapping[str, Outcome]) -> 
 def write_paths(folder: Path, solution: Solution) -> None:
     """Write trajectory and stances; of an online method also those of the moment, and of its batch solution."""
     write_tum(folder / "trajectory.tum", solution.t, solution.position, solution.nav_R_body)
-    _write_strides(folder / "strides.csv", solution.stances)
+    write_strides(folder / "strides.csv", solution.stances)
     if solution.moment is not None:
-        _write_strides(folder / "online.csv", solution.moment)
+        write_strides(folder / "online.csv", solution.moment)
     if solution.polished is not None:
         polished = solution.polished
         write_tum(folder / "trajectory_polished.tum", polished.t, polished.position, polished.nav_R_body)
-        _write_strides(folder / "strides_polished.csv", polished.stances)
+        write_strides(folder / "strides_polished.csv", polished.stances)
 
 
-def _write_strides(path: Path, table: StanceTable) -> None:
+def write_strides(path: Path, table: StanceTable) -> None:
+    """Write one row a stance."""
     strides = table.to_dataframe()
     strides["time_s"] = strides["time_s"].map("{:.9f}".format)  # nine digits would blur the stamps of a clock
     strides.to_csv(path, index=False, float_format="%.9g")
@@ -180,7 +181,7 @@ def summarize(walk: Walk, outcome: Outcome) -> Summary:
         "runtime_s": solution.runtime_s,
         "realtime_factor": duration_s / solution.runtime_s if solution.runtime_s > 0 else None,
     }
-    figures |= _describe_end(solution.stances)
+    figures |= describe_end(solution.stances)
     if solution.distance_sigma_m is not None:
         figures["distance_sigma_m"] = solution.distance_sigma_m
     if solution.graph:
@@ -203,7 +204,7 @@ def summarize(walk: Walk, outcome: Outcome) -> Summary:
     return figures | about | {"notes": notes}
 
 
-def _describe_end(table: StanceTable) -> dict[str, object]:
+def describe_end(table: StanceTable) -> dict[str, object]:
     """Place of the last footfall from the first, and its sigmas: x, y, z m."""
     return {"end_m": to_json(table.position[-1] - table.position[0]), "end_sigma_m": to_json(table.position_sigma[-1])}
 

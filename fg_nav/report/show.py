@@ -7,10 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fg_nav.errors import OutputError
+from fg_nav.feet_result import FeetResult
 from fg_nav.report.aligned import AlignedSolution, align_solution
 from fg_nav.report.export import export_track
 from fg_nav.report.export.place import Origin
 from fg_nav.report.export.track import Track
+from fg_nav.report.feet import view_person, write_feet
 from fg_nav.report.files import write_lagged, write_run
 from fg_nav.report.folder import result_folder
 from fg_nav.result import Result
@@ -46,6 +48,8 @@ def save_solution(solution: Solution, path: Path, force: bool = False, origin: S
 def _write_folder(folder: Path, solution: Solution) -> None:
     if isinstance(solution, Result):
         write_run(folder, solution.walk, solution.outcome)
+    elif isinstance(solution, FeetResult):
+        write_feet(folder, solution)
     else:
         write_lagged(folder, solution)
 
@@ -56,4 +60,6 @@ def plot_solution(solution: Solution, axes: Any = None) -> Any:
 
     if isinstance(solution, Result):
         return plot_trajectory_on_screen(align_solution(solution.walk, solution.outcome), axes)
+    if isinstance(solution, FeetResult):
+        return plot_trajectory_on_screen(view_person(solution), axes)
     return plot_trajectory_on_screen(AlignedSolution(solution), axes)

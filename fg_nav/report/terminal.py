@@ -82,7 +82,22 @@ def describe_result(summary: Mapping[str, object]) -> list[str]:
     if "rmse_2d_m" in known:
         error = f"error: {known['rmse_2d_m']} m rms horizontally, {known['end_error_m']} m at the end"
         lines.append(f"{error}, {known['max_error_m']} m at most; alignment {known['alignment']}")
+    if summary.get("mount") == "feet":
+        lines.append(_describe_feet(summary))
     return lines
+
+
+def _describe_feet(summary: Mapping[str, object]) -> str:
+    """How the feet were put together, in one line."""
+    sides = " and ".join(cast("list[str]", summary["sides"]))
+    known = {"named": "as named", "shown": "as the steps show", "assumed": "assumed"}[str(summary["sides_known"])]
+    feet = f"feet: {sides}, {known}"
+    if summary["width_m"] is None:
+        return f"{feet}; one is missing"
+    return (
+        f"{feet}; {summary['width_m']:.2f} m apart, sigma {summary['width_sigma_m']:.2f} m, by {summary['cells']} "
+        f"cells of steps; clock {summary['clock_offset_s']:+.3f} s"
+    )
 
 
 def _format_place(values: object) -> str:

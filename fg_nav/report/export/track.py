@@ -42,6 +42,9 @@ POSITION = ["x_m", "y_m", "z_m"]
 SIGMA = ["sigma_x_m", "sigma_y_m", "sigma_z_m"]
 BETWEEN = {"cov_xy_m2": (0, 1), "cov_xz_m2": (0, 2), "cov_yz_m2": (1, 2)}
 
+PERSON = "person.csv"
+"""Table of the person's path where both feet were recorded, with the columns of `strides.csv`."""
+
 EPOCH_S = (1e9, 2.0**31)
 """Seconds since 1970 of the years 2001 to 2037: a clock that runs since power-on is never there."""
 
@@ -136,14 +139,17 @@ def read_result(folder: Path) -> Track:
     path = read_truth(folder / "trajectory.tum")
     if not isinstance(path, TrajectoryTruth) or path.nav_R_body is None or len(path.t) < 2:
         raise FormatError(f"{folder / 'trajectory.tum'} has no path in it: run the walk again.")
-    footfalls = _read_footfalls(folder / "strides.csv")
+    table = folder / _name_footfalls(folder)
+    footfalls = _read_footfalls(table)
     if not len(footfalls):
-        raise FormatError(f"{folder / 'strides.csv'} has no footfall: there is nothing to export.")
+        raise FormatError(f"{table} has no footfall: there is nothing to export.")
     summary = _read_json(folder / "summary.json")
     velocity = np.gradient(path.position, path.t, axis=0)
     method = str(summary.get("method", "unknown"))
     config = _read_json(folder / "config.json") if (folder / "config.json").is_file() else {}
-    notes = (_describe_north(summary, config),)
+    notes: tuple[str, ...] = (_describe_north(summary, config),)
+    if summary.get("mount") == "feet":
+        notes += ("the path is the person's, between the feet: headings are of the direction of walking",)
     return Track(
         _clean_name(folder.resolve().name),
         method,
@@ -168,11 +174,16 @@ def _check_folder(folder: Path) -> None:
     if (folder / "comparison.json").exists():
         methods = sorted(part.parent.name for part in folder.glob("*/trajectory.tum"))
         raise FormatError(f"{folder} is a comparison: name the folder of one method in it ({', '.join(methods)}).")
-    for name in ("trajectory.tum", "strides.csv", "summary.json"):
+    for name in ("trajectory.tum", _name_footfalls(folder), "summary.json"):
         if not (folder / name).is_file():
             raise FormatError(
                 f"{folder} is no result of `fg-nav run` (it has no {name}): name the folder that it printed."
             )
+
+
+def _name_footfalls(folder: Path) -> str:
+    """Of two feet the path is the person's, between them."""
+    return PERSON if (folder / PERSON).is_file() else "strides.csv"
 
 
 def _read_footfalls(path: Path) -> pd.DataFrame:

@@ -9,14 +9,19 @@ from __future__ import annotations
 
 import gzip
 import json
+from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from fg_nav.report import REPORT
-from fg_nav.report.page.content import Findings, compose_page
+from fg_nav.report.page.content import Findings, Page, compose_page
 from fg_nav.report.page.figures import Chart
 from fg_nav.text import find_version, to_json
 
-__all__ = ["Findings", "render_page", "write_page"]
+if TYPE_CHECKING:
+    from fg_nav.feet_result import FeetResult
+
+__all__ = ["Findings", "render_page", "write_feet_page", "write_page"]
 
 PLOTLY = "plotly-basic-4.1.1.min.js"
 _HERE = Path(__file__).parent
@@ -27,8 +32,22 @@ def write_page(folder: Path, found: Findings) -> None:
     (folder / REPORT).write_text(render_page(found), encoding="utf-8")
 
 
+def write_feet_page(
+    folder: Path, result: FeetResult, summary: Mapping[str, object], configs: Mapping[str, Mapping[str, object]]
+) -> None:
+    """Write the page of a walk with a sensor on each foot."""
+    from fg_nav.report.page.feet import compose_feet_page
+
+    page = compose_feet_page(result, summary, configs, find_version())
+    (folder / REPORT).write_text(_render(page), encoding="utf-8")
+
+
 def render_page(found: Findings) -> str:
     """Return the page of a result."""
+    return _render(compose_page(found, find_version()))
+
+
+def _render(page: Page) -> str:
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
     from markupsafe import Markup
 
@@ -36,7 +55,6 @@ def render_page(found: Findings) -> str:
         loader=FileSystemLoader(_HERE), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     environment.filters["json"] = lambda value: json.dumps(to_json(value), indent=1, ensure_ascii=False)
-    page = compose_page(found, find_version())
     return environment.get_template("report.html.j2").render(
         page=page,
         charts=Markup(_encode(page.charts)),

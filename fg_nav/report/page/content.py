@@ -84,6 +84,7 @@ class Page:
     remarks: Sequence[tuple[str, str]]
     configs: Mapping[str, Mapping[str, object]] = field(default_factory=dict)
     version: str = ""
+    table_title: str = "All figures"
 
     @property
     def charts(self) -> list[Chart]:
@@ -100,11 +101,12 @@ def compose_page(found: Findings, version: str) -> Page:
         verdicts=_collect_verdicts(found.summaries),
         highlights=_choose_highlights(found) if len(found.outcomes) == 1 else [],
         methods=list(found.outcomes),
-        table=_tabulate(found.summaries),
+        table=tabulate_figures(found.summaries),
         sections=_draw_sections(found),
         remarks=collect_notes(found.summaries),
         configs=configs,
         version=version,
+        table_title="Methods side by side" if len(found.outcomes) > 1 else "All figures",
     )
 
 
@@ -131,8 +133,8 @@ def _collect_verdicts(summaries: Sequence[Mapping[str, object]]) -> list[Verdict
     return found
 
 
-def _tabulate(summaries: Sequence[Mapping[str, object]]) -> list[tuple[str, list[Cell]]]:
-    """Rows of figures that at least one of the methods has."""
+def tabulate_figures(summaries: Sequence[Mapping[str, object]]) -> list[tuple[str, list[Cell]]]:
+    """Rows of figures that at least one of the methods has, or of other columns."""
     rows = []
     for key, words, pattern in FIGURES:
         values = [summary.get(key) for summary in summaries]

@@ -121,7 +121,12 @@ def draw_course(views: Mapping[str, AlignedSolution], outcomes: Mapping[str, Out
         data += _draw_method(view, outcomes[name], name, CYCLE[k % len(CYCLE)], frame, alone)
         data += _draw_ellipses(find_ellipses(view, MAX_ELLIPSES), CYCLE[k % len(CYCLE)], k, len(views))
     data += _draw_ends(first.stance_position())
-    ranges, shape = _frame_map(list(views.values()))
+    return _compose_map(data, list(views.values()), frame)
+
+
+def _compose_map(data: list[Trace], views: Sequence[AlignedSolution], frame: Frame) -> Chart:
+    """Put what is drawn onto axes that show all of these paths."""
+    ranges, shape = _frame_map(views)
     layout: dict[str, Any] = {
         "xaxis": axis(f"{frame.x} (m)", range=ranges[0], constrain="range"),
         "yaxis": axis(f"{frame.y} (m)", range=ranges[1], scaleanchor="x", scaleratio=1),
@@ -130,6 +135,18 @@ def draw_course(views: Mapping[str, AlignedSolution], outcomes: Mapping[str, Out
     height = f"clamp(22rem, calc({shape:.3f} * min(100vw, 73rem) + 5rem), 44rem)"
     caption = "Drag to zoom, double-click for all of it; a touch on the legend hides and shows."
     return Chart("path", data, layout, caption, height, scaled=True, north=frame.north)
+
+
+def draw_feet(person: AlignedSolution, feet: Mapping[str, AlignedSolution], frame: Frame) -> Chart:
+    """Draw the paths of both feet, and between them that of the person with its ellipses."""
+    data = _draw_truth(person.truth)
+    for color, (side, view) in zip(CYCLE, feet.items(), strict=False):
+        name = f"{side} foot"
+        data.append(_path(_choose_path(view), fade(color, 0.7), name, width=1, hoverinfo="skip", legendgroup=name))
+        data += _draw_footfalls(view, name, color, frame, alone=False)
+    data.append(_path(_choose_path(person), GREEN, "person", width=1.4, hoverinfo="skip"))
+    data += _draw_ellipses(find_ellipses(person, MAX_ELLIPSES), GREEN, 0, 1) + _draw_ends(person.stance_position())
+    return _compose_map(data, [person, *feet.values()], frame)
 
 
 def _draw_truth(truth: Truth | None) -> list[Trace]:

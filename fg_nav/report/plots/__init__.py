@@ -2,6 +2,7 @@
 
 ==================== ========================================================
 run                  trajectory, heading, gyro_bias, stance_statistic
+two feet             trajectory
 comparison           trajectories, errors (with a truth), stance_statistic;
                      per method trajectory, heading, gyro_bias
 look at the field    field, field_map
@@ -15,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import fg_nav.report.plots.fonts  # noqa: F401  before matplotlib
-from fg_nav.report.aligned import align_solution
+from fg_nav.report.aligned import AlignedSolution, align_solution
 from fg_nav.report.plots.maps import plot_trajectories, plot_trajectory
 from fg_nav.report.plots.style import save
 from fg_nav.report.plots.timeseries import plot_errors, plot_gyro_bias, plot_heading, plot_stance_statistic
@@ -31,6 +32,11 @@ def draw_result(folder: Path, walk: Walk, outcome: Outcome) -> None:
     save(plot_trajectory(view), folder / "trajectory.png")
     save(plot_heading(view), folder / "heading.png")
     save(plot_gyro_bias(view), folder / "gyro_bias.png")
+
+
+def draw_person(folder: Path, view: AlignedSolution) -> None:
+    """Draw the path between two feet."""
+    save(plot_trajectory(view), folder / "trajectory.png")
 
 
 def draw_stances(folder: Path, walk: Walk) -> None:

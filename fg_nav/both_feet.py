@@ -1,0 +1,386 @@
+"""Two recordings of one walk, of a sensor on each foot, navigated as one.
+
+    prepare_walk    each recording: all that is checked and corrected of one foot's         (`fg_nav.pipeline`)
+    align_clocks    the second recording's clock set to the first one's                     (`fg_nav.feet.clocks`)
+    headings        of both sensors at their starts, by the directions of the steps         (`fg_nav.feet.heading`)
+    smooth_feet     both feet in one graph                                                  (`fg_nav.smoother.feet`)
+    sides           which recording is of which foot: by the user, or by the width between
+    FeetResult      each foot and the person, measured and judged
+
+A foot whose recording cannot be navigated leaves the other as it is alone: `_go_alone`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal, TypeAlias
+
+import numpy as np
+
+from fg_nav.errors import DetectionError, EstimationError, FgNavError
+from fg_nav.estimators import Progress, choose_parameters, estimate
+from fg_nav.feet.clocks import align_clocks
+from fg_nav.feet.heading import measure_relative_heading
+from fg_nav.feet.person import FeetSolution, trace_person
+from fg_nav.feet.steps import Footfalls
+from fg_nav.feet_result import SIDES, FeetResult, Known, Pairing, Side
+from fg_nav.pipeline import prepare_walk, run_method
+from fg_nav.recording import Recording
+from fg_nav.result import Result
+from fg_nav.solution import Solution, StanceTable
+from fg_nav.truth import FootprintTruth, TrajectoryTruth, Truth
+from fg_nav.walk import Options, Walk, add_known, evaluate_solution, measure_field, read_walk
+
+if TYPE_CHECKING:
+    from fg_nav.arrays import Floats
+
+FEET_METHODS = ("smoother", "inertial")
+"""Methods that solve both feet."""
+
+Order: TypeAlias = Literal["left,right", "right,left"]
+"""Feet of the first and of the second recording."""
+
+FEWEST_FOOTFALLS = 4
+"""Of a foot that walked: three strides or fewer are no walk (`fg_nav.verdict`)."""
+
+LOST_SHARE = 0.5
+"""Of the other foot's footfalls: a foot with fewer recorded for less than half of the walk."""
+
+CLEAR_SIGMAS = 3.0
+"""From zero, at which the width shows which foot is which."""
+
+
+def navigate_feet(
+    first: Recording | Path | str | Walk,
+    second: Recording | Path | str | Walk,
+    method: str = "smoother",
+    *,
+    heading_deg: float | None = None,
+    truth: tuple[Truth | Path | str | None, Truth | Path | str | None] = (None, None),
+    options: Options | None = None,
+    clock_offset_s: float | None = None,
+    sides: Order | None = None,
+    progress: Progress | None = None,
+) -> FeetResult:
+    """Turn two recordings of one walk, of a sensor on each foot, into the path of the person.
+
+    Parameters
+    ----------
+    first, second : Recording, path or Walk
+        What the sensors recorded, as `navigate` takes it.
+    method : str
+        `smoother` or `inertial`.
+    heading_deg : float
+        Of the left sensor's x axis at the start, deg clockwise from north; without it from the field, else zero.
+    truth : two of truth or path
+        Of each recording, in one frame.
+    options : Options
+        All else that can be chosen, for both recordings.
+    clock_offset_s : float
+        To add to the stamps of the second recording; without it as the signals of both show.
+    sides : "left,right" or "right,left"
+        Feet of the recordings; without it as the steps show, else left and right.
+    progress
+        Called from time to time with the fraction of the work that is done.
+
+    Returns
+    -------
+    FeetResult
+        The person's path as a `Solution`, with the `Result` of each foot, `metrics` and `verdict`.
+
+    Raises
+    ------
+    FgNavError
+        In one sentence: what is wrong, where, and what to try.
+
+    Examples
+    --------
+    >>> result = fg_nav.navigate_feet("left.csv", "right.csv", sides="left,right")
+    >>> result.pairing.sides, result.pairing.cells > 1
+    ('named', True)
+    >>> bool(result.stances.position_sigma[-1, 0] < 0.5)  # m
+    True
+    """
+    check_method(method)
+    walks = [_read(*given, options) for given in zip((first, second), truth, strict=True)]
+    if clock_offset_s is not None:
+        if not np.isfinite(clock_offset_s):
+            raise EstimationError(f"a clock offset of {clock_offset_s} s is no time: give a number.")
+        walks[1] = _shift_clock(walks[1], clock_offset_s)
+    request = _Request(method, heading_deg, sides, clock_offset_s, progress)
+    # each recording as one of a foot alone: checked, corrected, its stances and its field
+    prepared, lost = _prepare_both(walks)
+    if lost:
+        return _go_alone(request, walks, prepared, lost)
+    # the two together
+    try:
+        return _navigate_both(request, prepared)
+    except FgNavError as error:
+        lost = _find_lost(prepared, method)
+        if not lost:
+            raise
+        lost = {number: f"{words} ({str(error).split(':')[0]})" for number, words in lost.items()}
+        return _go_alone(request, walks, prepared, lost)
+
+
+def check_method(method: str) -> None:
+    """Raise `EstimationError` if a method does not solve both feet."""
+    if method not in FEET_METHODS:
+        raise EstimationError(
+            f"{method} does not solve two feet as one walk: choose {' or '.join(FEET_METHODS)}, or run each by itself."
+        )
+
+
+@dataclass(frozen=True)
+class _Request:
+    """What `navigate_feet` was asked for."""
+
+    method: str
+    heading_deg: float | None
+    sides: Order | None
+    clock_offset_s: float | None
+    progress: Progress | None
+
+    @property
+    def order(self) -> tuple[Side, Side]:
+        """Feet of the recordings as they were named, else as they are assumed."""
+        return SIDES[::-1] if self.sides == "right,left" else SIDES
+
+
+@dataclass(frozen=True)
+class _Pair:
+    """Two prepared walks on one clock, the left one first, and how they were solved."""
+
+    left: Walk
+    right: Walk
+    solution: FeetSolution
+
+
+def _read(given: Recording | Path | str | Walk, truth: Truth | Path | str | None, options: Options | None) -> Walk:
+    walk = given if isinstance(given, Walk) else read_walk(given, options or Options())
+    return add_known(walk, None, truth)
+
+
+def _name(walk: Walk, number: int) -> str:
+    path = walk.recording.provenance.path
+    return ("the first recording", "the second recording")[number] if path is None else path.name
+
+
+def _prepare_both(walks: Sequence[Walk]) -> tuple[list[Walk], dict[int, str]]:
+    """Prepare both walks; of those without footfalls why they cannot be navigated, by their numbers.
+
+    Raises what else is wrong with a recording, with its name.
+    """
+    prepared, lost = [], dict[int, str]()
+    for number, walk in enumerate(walks):
+        # The heading of the left foot is that of neither before it is known which is the left one.
+        alone, name = replace(walk, options=replace(walk.options, heading_deg=None, mount="foot")), _name(walk, number)
+        try:
+            alone = prepare_walk(alone)
+        except DetectionError as error:
+            lost[number] = f"{name}: {error}"
+        except FgNavError as error:
+            raise error if name in str(error) else type(error)(f"{name}: {error}") from None
+        else:
+            count = alone.stances.n_footfalls
+            if count < FEWEST_FOOTFALLS:
+                lost[number] = f"{name} has {count} footfalls"
+        prepared.append(alone)
+    if len(lost) == len(walks):
+        raise DetectionError(f"neither foot can be navigated: {' '.join(lost.values())}")
+    return prepared, lost
+
+
+def _find_lost(walks: Sequence[Walk], method: str) -> dict[int, str]:
+    """Which of two walks cannot be solved, or recorded too little of the other one's; none where both are walks."""
+    counts = [walk.stances.n_footfalls for walk in walks]
+    few = int(np.argmin(counts))
+    if counts[few] < LOST_SHARE * counts[1 - few]:
+        return {few: f"{_name(walks[few], few)} has {counts[few]} footfalls, and the other foot {counts[1 - few]}"}
+    failed = {}
+    for number, walk in enumerate(walks):
+        try:
+            estimate(walk, method)
+        except FgNavError as error:
+            failed[number] = f"{_name(walk, number)}: {error}"
+    return failed if len(failed) == 1 else {}
+
+
+def _go_alone(
+    request: _Request, walks: Sequence[Walk], prepared: Sequence[Walk], lost: Mapping[int, str]
+) -> FeetResult:
+    """Navigate the foot that is left by itself, and take it for the person."""
+    ((missing, why),) = lost.items()
+    number = 1 - missing
+    side = request.order[number]
+    walk, notes = prepared[number], list[str]()
+    if request.heading_deg is not None:
+        if side == "left":
+            walk = measure_field(_turn(walk, np.deg2rad(request.heading_deg)))
+        else:
+            notes.append("--heading is of the left foot, and left out: the right one's is zero, or that of its field")
+    foot = Result.of(walk, run_method(walk, request.method, request.progress))
+    doubt = (
+        f"the {request.order[missing]} foot is missing: {why.rstrip('.')}; the {side} foot alone is the person's path."
+    )
+    cov = find_pose_cov(foot.stances)
+    person = trace_person(foot, foot, foot.stances.t, cov)
+    known: Known = "assumed" if request.sides is None else "named"
+    offset_s = request.clock_offset_s or 0.0
+    heading_deg = request.heading_deg if side == "left" else None
+    given = request.clock_offset_s is not None
+    pairing = Pairing(request.order, known, offset_s, given, heading_deg=heading_deg, doubts=(doubt,))
+    return FeetResult.of({side: foot}, person, pairing, tuple(notes))
+
+
+def find_pose_cov(table: StanceTable) -> Floats:
+    """Covariance (K, 4, 4) of east, north, up and yaw; of an estimator that does not tell, without what joins them."""
+    if table.pose_cov is not None:
+        return table.pose_cov
+    cov = np.zeros((len(table), 4, 4))
+    cov[:, :3, :3], cov[:, 3, 3] = table.position_cov, table.heading_sigma**2
+    return cov
+
+
+def _navigate_both(request: _Request, walks: Sequence[Walk]) -> FeetResult:
+    """Solve two prepared walks as one."""
+    first, second = walks
+    offset_s, notes = request.clock_offset_s or 0.0, list[str]()
+    if request.clock_offset_s is None:
+        clocks = align_clocks(first.recording, first.stances, second.recording, second.stances)
+        offset_s, second = clocks.offset_s, _shift_clock(second, clocks.offset_s)
+        notes += [clocks.note] if clocks.note else []
+    pair, order, known = _find_sides(request, first, second)
+    doubts, said = _judge_sides(pair.solution, request.sides, order, known)
+    solution, feet = pair.solution, dict[str, Result]()
+    for side, walk in zip(SIDES, (pair.left, pair.right), strict=True):
+        found: Solution = replace(getattr(solution, side), method=request.method)
+        feet[side] = Result.of(walk, evaluate_solution(walk, found))
+    pairing = Pairing(
+        order, known, offset_s, request.clock_offset_s is not None, solution.width_m, solution.width_sigma_m,
+        solution.cells, solution.beyond_reach, request.heading_deg, doubts,
+    )  # fmt: skip
+    notes += [*said, *_describe_cover(pair), *solution.notes]
+    return FeetResult.of(feet, solution.person, pairing, tuple(notes))
+
+
+def _find_sides(request: _Request, first: Walk, second: Walk) -> tuple[_Pair, tuple[Side, Side], Known]:
+    """Solve both feet, the other way round where the steps show that."""
+    order = request.order
+    pair = _solve(request, *_sort(order, first, second))
+    if request.sides is not None:
+        return pair, order, "named"
+    if not _shows_sides(pair.solution):
+        return pair, order, "assumed"
+    if pair.solution.width_m < 0.0:
+        # The frame and the heading are the left foot's: they are solved again in its own.
+        order = SIDES[::-1]
+        pair = _solve(request, *_sort(order, first, second))
+    return pair, order, "shown"
+
+
+def _sort(order: tuple[Side, Side], first: Walk, second: Walk) -> tuple[Walk, Walk]:
+    """Return the left foot, then the right one."""
+    return (first, second) if order == SIDES else (second, first)
+
+
+def _shows_sides(solution: FeetSolution) -> bool:
+    """Whether the steps, without the prior of the width, show a width that is clearly not zero."""
+    from fg_nav.smoother.feet_factors import WIDTH_M, WIDTH_SIGMA_M
+
+    information = solution.width_sigma_m**-2 - WIDTH_SIGMA_M**-2
+    if information <= 0.0:
+        return False
+    by_steps = solution.width_m * solution.width_sigma_m**-2 - WIDTH_M * WIDTH_SIGMA_M**-2
+    return bool(abs(by_steps) > CLEAR_SIGMAS * information**0.5)
+
+
+def _judge_sides(
+    solution: FeetSolution, named: Order | None, order: tuple[Side, Side], known: Known
+) -> tuple[tuple[str, ...], list[str]]:
+    """Doubts about which foot is which, and remarks on it."""
+    width = f"{solution.width_m:.2f} m within {solution.width_sigma_m:.2f} m"
+    if named is not None:
+        if _shows_sides(solution) and solution.width_m < 0.0:
+            return (f"the feet look swapped: the one named right is on the left, by {width}; see --sides.",), []
+        return (), []
+    if known == "shown" and order != SIDES:
+        return (), [f"the first recording is of the right foot, as the steps show: the feet are {width} apart"]
+    if known == "assumed":
+        said = "the first recording was taken for the left foot's: the steps do not show which is which; see --sides"
+        return (), [said]
+    return (), []
+
+
+def _solve(request: _Request, left: Walk, right: Walk) -> _Pair:
+    """Solve the feet, each with a heading to begin with."""
+    from fg_nav.smoother.feet_batch import Foot, smooth_feet
+
+    if request.method == "inertial":
+        left, right = (replace(walk, field=None) for walk in (left, right))
+    left, right = _set_headings(request, left, right)
+    of_right, of_left = (Foot(one.recording, one.stances, one.options.heading_rad, one.field) for one in (right, left))
+    options = left.options
+    try:
+        solution = smooth_feet(of_right, of_left, choose_parameters(options), request.progress)
+    except FgNavError:
+        raise
+    except (ArithmeticError, RuntimeError, ValueError) as error:
+        if not options.changes:
+            raise
+        words = f"{request.method} fails with the parameters that were set ({error}): set others."
+        raise EstimationError(words) from error
+    return _Pair(left, right, solution)
+
+
+def _set_headings(request: _Request, left: Walk, right: Walk) -> tuple[Walk, Walk]:
+    """Give both sensors headings at their starts; none where both have a field, and so north."""
+    if request.heading_deg is None and left.field is not None and right.field is not None:
+        return left, right
+    start = Options(heading_deg=request.heading_deg or 0.0).heading_rad or 0.0
+    relative = measure_relative_heading(_find_footfalls(right), _find_footfalls(left))
+    turned = _turn(left, start), _turn(right, start + relative)
+    if request.method == "inertial":
+        return turned
+    left, right = (walk if walk.field is None else measure_field(walk) for walk in turned)
+    return left, right
+
+
+def _turn(walk: Walk, heading_rad: float) -> Walk:
+    return replace(walk, options=replace(walk.options, heading_deg=float(np.rad2deg(heading_rad))))
+
+
+def _find_footfalls(walk: Walk) -> Footfalls:
+    """Footfalls of a foot by the plain filter, from heading zero."""
+    table = estimate(_turn(walk, 0.0), "iez").stances
+    return Footfalls(table.t, table.position)
+
+
+def _shift_clock(walk: Walk, offset_s: float) -> Walk:
+    """Add to all stamps of a walk."""
+    if not offset_s:
+        return walk
+    move: Callable[[Floats], Floats] = lambda t: t + offset_s  # noqa: E731
+    recording, truth = walk.recording, walk.truth
+    if isinstance(truth, TrajectoryTruth) or (isinstance(truth, FootprintTruth) and truth.t is not None):
+        assert truth.t is not None
+        truth = replace(truth, t=move(truth.t))
+    recording = replace(recording, t=move(recording.t), truth=truth)
+    field = None if walk.field is None else replace(walk.field, t=move(walk.field.t))
+    return replace(walk, recording=recording, truth=truth, field=field)
+
+
+def _describe_cover(pair: _Pair) -> list[str]:
+    """Say where the person's path is shorter than a foot's recording."""
+    person = pair.solution.person.t
+    found = []
+    for side, walk in zip(SIDES, (pair.left, pair.right), strict=True):
+        t = walk.recording.t
+        if t[0] < person[0] - 1.0 or t[-1] > person[-1] + 1.0:
+            found.append(
+                f"the {side} foot was recorded from {t[0]:.1f} to {t[-1]:.1f} s, and both together from "
+                f"{person[0]:.1f} to {person[-1]:.1f} s: the person's path is of that time"
+            )
+    return found

@@ -1,0 +1,108 @@
+"""`fg-nav run LEFT RIGHT --mount feet`: two recordings, of a sensor on each foot, as one walk."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+from fg_nav.both_feet import Order, check_method, navigate_feet
+from fg_nav.commands import Answer, Target, name_walk
+from fg_nav.commands.run import RunRequest
+from fg_nav.errors import EstimationError, VerdictError
+from fg_nav.report.feet import write_feet
+from fg_nav.report.terminal import print_results, progress
+from fg_nav.verdict import UNUSABLE
+from fg_nav.walk import Options, read_walk
+
+
+@dataclass(frozen=True)
+class FeetRequest:
+    """What to run on two recordings.
+
+    Attributes
+    ----------
+    run : as for one recording; its options are those of both, without truth and calibration.
+    sides : feet of the recordings in their order; None where the steps are to show it.
+    clock_offset_s : to add to the second recording's stamps; None where the signals are to show it.
+    truths, calibrations : files with commas between, one a recording in their order; None without.
+    """
+
+    run: RunRequest
+    sides: Order | None
+    clock_offset_s: float | None
+    truths: Path | None
+    calibrations: Path | None
+
+
+def run_feet(recordings: Sequence[Path], request: FeetRequest) -> Answer:
+    """Navigate both feet as one walk, and return the summary.
+
+    Raises
+    ------
+    EstimationError
+        If there are not two recordings, the method does not solve both, or an option is of one recording.
+    """
+    run = request.run
+    _check(recordings, run)
+    truths = _split("--truth", request.truths)
+    calibrations = _split("--calibration", request.calibrations)
+    name = "-".join([*map(name_walk, recordings), run.method])
+    target = Target(run.out, run.force, name)
+    with target, progress(run.method) as report:
+        walks = [
+            read_walk(path, _choose_options(run.options, *files), run.reading)
+            for path, *files in zip(recordings, truths, calibrations, strict=True)
+        ]
+        result = navigate_feet(
+            walks[0],
+            walks[1],
+            run.method,
+            heading_deg=run.options.heading_deg,
+            clock_offset_s=request.clock_offset_s,
+            sides=request.sides,
+            progress=report,
+        )
+        with target.open() as folder:
+            summary = write_feet(folder, result, run.plots)
+    failure = None
+    if run.strict and summary["verdict"] == UNUSABLE:
+        failure = VerdictError(f"the path is not to be used: see its reasons in {target.place / 'summary.json'}.")
+    content = {"recordings": [str(one) for one in recordings], "folder": str(target.place), **summary}
+    return Answer(content, partial(print_results, [summary], target.place), failure)
+
+
+def _check(recordings: Sequence[Path], run: RunRequest) -> None:
+    check_method(run.method)
+    count = len(recordings)
+    if count != 2 or recordings[0] == recordings[1]:
+        given = "the same one twice" if count == 2 else f"{count} of them"
+        raise EstimationError(f"--mount feet takes two recordings, one of each foot, and was given {given}.")
+    options = run.options
+    refused = {
+        "--fixes": options.fixes_path,
+        "--places": options.places_path,
+        "--save-places": run.save_places,
+        "--config": run.config,
+    }
+    for option, value in refused.items():
+        if value is not None:
+            raise EstimationError(f"{option} is for one sensor: leave it out with --mount feet.")
+
+
+def _split(option: str, files: Path | None) -> tuple[Path | None, Path | None]:
+    """Return a file for each recording, of two with a comma between."""
+    if files is None:
+        return None, None
+    first, _, second = str(files).partition(",")
+    if not (first and second) or "," in second:
+        raise EstimationError(
+            f"{option} {files} is of one recording: with --mount feet give two files, one for each recording in their "
+            f"order, as {option} A,B."
+        )
+    return Path(first), Path(second)
+
+
+def _choose_options(options: Options, truth: Path | None, calibration: Path | None) -> Options:
+    return replace(options, truth_path=truth, calibration_path=calibration, heading_deg=None, mount="foot")

@@ -1,0 +1,195 @@
+"""What comes of a walk with a sensor on each foot: the person's path, with each foot's own result.
+
+The person is the middle of both sensors (`fg_nav.feet.person`). As a `Solution` it has one row a footfall of the left
+foot, and its attitude is level, with x in the direction of walking. Where one foot's recording could not be used, the
+person is where the other foot is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from fg_nav.arrays import Floats
+from fg_nav.errors import EvaluationError
+from fg_nav.evaluation.comparison import compare, interpolate_truth
+from fg_nav.evaluation.metrics import Metrics, evaluate
+from fg_nav.feet.person import PersonPath
+from fg_nav.result import Result
+from fg_nav.solution import Solution, StanceTable
+from fg_nav.truth import TrajectoryTruth
+from fg_nav.verdict import UNUSABLE, Verdict, Word
+from fg_nav.walk import Outcome
+
+Side: TypeAlias = Literal["left", "right"]
+
+SIDES: tuple[Side, Side] = ("left", "right")
+
+Known: TypeAlias = Literal["named", "shown", "assumed"]
+"""How it is known which recording is of which foot: by the user, by the steps, or not."""
+
+WORDS: tuple[Word, ...] = ("trusted", "doubtful", UNUSABLE)
+"""From the best to the worst."""
+
+
+@dataclass(frozen=True)
+class Pairing:
+    """How two recordings were put together.
+
+    Attributes
+    ----------
+    order : feet of the first and of the second recording, and `sides` how that is known.
+    clock_offset_s : was added to the second recording's stamps; `clock_given` by the user, else by the signals.
+    width_m, width_sigma_m : between the sensors, across the way; None where one foot is missing, as the others are.
+    cells : of steps that tie the feet.
+    beyond_reach : pairs of footfalls that were out of reach of each other before they were tied.
+    heading_deg : of the left sensor at its start, as it was given; None where it was not.
+    doubts : sentences that make the result doubtful.
+    """
+
+    order: tuple[Side, Side]
+    sides: Known
+    clock_offset_s: float = 0.0
+    clock_given: bool = False
+    width_m: float | None = None
+    width_sigma_m: float | None = None
+    cells: int = 0
+    beyond_reach: int = 0
+    heading_deg: float | None = None
+    doubts: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, repr=False)
+class FeetResult(Solution):
+    """The person's path as a `Solution`, and both feet: what `fg_nav.navigate_feet` returns.
+
+    Attributes
+    ----------
+    feet : the `Result` of each foot that was navigated, by its side; stamps are of the first recording's clock.
+    person : the path between the feet, with its covariance.
+    pairing : how the recordings were put together: width, clocks, which is which foot.
+    outcome : of the person, against the middle of both feet's truths where they have one.
+    truth : of the person.
+
+    Examples
+    --------
+    >>> result = fg_nav.navigate_feet("left.csv", "right.csv", "inertial")
+    >>> sorted(result.feet), result.position.shape == (len(result.t), 3)  # m, between the feet
+    (['left', 'right'], True)
+    >>> result.stances.position_sigma.shape == (len(result.stances), 3)  # m, a row a footfall of the left foot
+    True
+    """
+
+    feet: Mapping[str, Result] = field(kw_only=True)
+    person: PersonPath = field(kw_only=True)
+    pairing: Pairing = field(kw_only=True)
+    outcome: Outcome = field(kw_only=True)
+    truth: TrajectoryTruth | None = field(kw_only=True, default=None)
+
+    @classmethod
+    def of(
+        cls, feet: Mapping[str, Result], person: PersonPath, pairing: Pairing, notes: tuple[str, ...] = ()
+    ) -> FeetResult:
+        """Join what was made of the feet, and measure the person against the truth of both."""
+        first = next(iter(feet.values()))
+        truth, why_not = _find_truth(feet)
+        solution = Solution(
+            first.method, person.t, person.position, person.velocity, person.nav_R_person,
+            tabulate_person(person, first.stances.t), max(foot.runtime_s for foot in feet.values()), first.parameters,
+            (*pairing.doubts, *notes, *why_not),
+        )  # fmt: skip
+        outcome = evaluate_person(solution, truth, first.walk.options.alignment)
+        known = {item.name: getattr(outcome.solution, item.name) for item in fields(Solution)}
+        truth = None if outcome.comparison is None else truth
+        return cls(**known, feet=feet, person=person, pairing=pairing, outcome=outcome, truth=truth)
+
+    @property
+    def left(self) -> Result | None:
+        """The left foot; None where its recording could not be navigated."""
+        return self.feet.get("left")
+
+    @property
+    def right(self) -> Result | None:
+        """The right foot, likewise."""
+        return self.feet.get("right")
+
+    @property
+    def width_m(self) -> float | None:
+        """Between the sensors, across the way, m; None where one foot is missing.
+
+        Examples
+        --------
+        >>> 0.0 < fg_nav.navigate_feet("left.csv", "right.csv", "inertial").width_m < 0.5
+        True
+        """
+        return self.pairing.width_m
+
+    @property
+    def metrics(self) -> Metrics:
+        """Distance and closure of the person, and errors where both feet have a true path; those of a foot are its own.
+
+        Examples
+        --------
+        >>> result = fg_nav.navigate_feet("left.csv", "right.csv", "inertial", sides="left,right")
+        >>> result.metrics.distance_m < result.left.metrics.distance_m + 1.0
+        True
+        """
+        return self.outcome.metrics
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """The worse of both feet's verdicts, with all reasons; doubtful at least where one foot is missing.
+
+        Examples
+        --------
+        >>> fg_nav.navigate_feet("left.csv", "right.csv", "inertial").verdict.word
+        'trusted'
+        """
+        found = {side: foot.verdict for side, foot in self.feet.items()}
+        words: list[Word] = [one.word for one in found.values()]
+        if self.pairing.doubts:
+            words.append("doubtful")
+        reasons = tuple(f"{side} foot: {reason}" for side, one in found.items() for reason in one.reasons)
+        return Verdict(max(words, key=WORDS.index), (*self.pairing.doubts, *reasons))
+
+
+def tabulate_person(person: PersonPath, t: Floats) -> StanceTable:
+    """Table of the person at footfalls (F,) s, those within its path; without a gyroscope's bias or a field."""
+    inside = t[(t >= person.t[0]) & (t <= person.t[-1])]
+    sample = np.unique(np.clip(np.searchsorted(person.t, inside), 0, len(person.t) - 1))
+    at, count = person.t[sample], len(sample)
+    cov, unknown = person.covariance_at(at), np.full((count, 3), np.nan)
+    return StanceTable(
+        sample, at, person.position[sample], person.nav_R_person[sample], unknown, cov[:, :3, :3],
+        np.sqrt(cov[:, 3, 3]), unknown, ("none",) * count, ("",) * count, cov,
+    )  # fmt: skip
+
+
+def evaluate_person(solution: Solution, truth: TrajectoryTruth | None, alignment: str) -> Outcome:
+    """Measure the person's path, against the truth where the two can be compared."""
+    if truth is None:
+        return Outcome(solution, evaluate(solution), None)
+    try:
+        comparison = compare(solution, truth, alignment)
+        return Outcome(solution, evaluate(solution, truth, comparison=comparison), comparison)
+    except EvaluationError as error:
+        metrics = evaluate(solution)
+        words = f"the person's truth left out: {error}"
+        return Outcome(solution, replace(metrics, notes=(*metrics.notes, words)), None)
+
+
+def _find_truth(feet: Mapping[str, Result]) -> tuple[TrajectoryTruth | None, tuple[str, ...]]:
+    """Middle of the true paths of both feet, or why there is none though both have one."""
+    truths = [foot.walk.truth for foot in feet.values() if foot.outcome.comparison is not None]
+    paths = [truth for truth in truths if isinstance(truth, TrajectoryTruth)]
+    if len(paths) < 2:
+        return None, ()
+    try:
+        row, other = interpolate_truth(paths[1], paths[0].t)
+    except EvaluationError as error:
+        return None, (f"the person has no truth: {error}",)
+    return TrajectoryTruth(paths[0].t[row], 0.5 * (paths[0].position[row] + other)), ()
