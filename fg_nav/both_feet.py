@@ -97,7 +97,7 @@ def navigate_feet(
 
     Examples
     --------
-    >>> result = fg_nav.navigate_feet("left.csv", "right.csv", sides="left,right")
+    >>> result = fg_nav.navigate_feet("left.csv", "right.csv", heading_deg=0.0, sides="left,right")
     >>> result.pairing.sides, result.pairing.cells > 1
     ('named', True)
     >>> bool(result.stances.position_sigma[-1, 0] < 0.5)  # m

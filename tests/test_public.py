@@ -17,7 +17,7 @@ import pytest
 import fg_nav
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.io import write_canonical, write_tum
-from fg_nav.lab.simulation import simulate
+from fg_nav.lab.simulation import simulate, simulate_feet
 from fg_nav.recording import Recording
 from fg_nav.truth import TrajectoryTruth
 
@@ -32,27 +32,36 @@ def twenty_seconds() -> Recording:
     return simulate("demo", 1).recording.slice(0, 4000)
 
 
+@cache
+def both_feet() -> dict[str, Recording]:
+    """The same of both feet."""
+    return {side: one.recording.slice(0, 4000) for side, one in simulate_feet("demo", 1).sides.items()}
+
+
 @pytest.fixture
 def walk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Recording:
-    """A working directory with `walk.csv` and `truth.tum`; a method runs once on a file."""
+    """A working directory with `walk.csv`, `truth.tum`, `left.csv`, `right.csv`; a method runs once on a file."""
     recording = twenty_seconds()
     truth = recording.truth
     assert isinstance(truth, TrajectoryTruth)
     assert truth.nav_R_body is not None
     write_canonical(recording, tmp_path / "walk.csv")
     write_tum(tmp_path / "truth.tum", truth.t, truth.position, truth.nav_R_body)
+    for side, foot in both_feet().items():
+        write_canonical(foot, tmp_path / f"{side}.csv")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setitem(mpl.rcParams, "backend", "agg")
-    monkeypatch.setattr(fg_nav, "navigate", once(fg_nav.navigate), raising=False)
+    for name in ("navigate", "navigate_feet"):
+        monkeypatch.setattr(fg_nav, name, once(getattr(fg_nav, name)), raising=False)
     return recording
 
 
-def once(navigate: Callable[..., fg_nav.Result]) -> Callable[..., fg_nav.Result]:
+def once(navigate: Callable[..., Any]) -> Callable[..., Any]:
     """Do the same thing once only."""
-    done: dict[str, fg_nav.Result] = {}
+    done: dict[str, Any] = {}
 
     @wraps(navigate)
-    def remember(*given: object, **named: object) -> fg_nav.Result:
+    def remember(*given: object, **named: object) -> Any:
         key = repr((given, named))
         if key not in done:
             done[key] = navigate(*given, **named)
@@ -111,6 +120,17 @@ def test_a_solution_alone_is_saved_and_drawn(walk: Recording) -> None:
     assert solution.plot(axes) is axes
     np.testing.assert_array_equal(solution.to_dataframe()[["x_m", "y_m", "z_m"]].to_numpy(), solution.position)
     assert repr(solution).startswith("<Solution by iez: 4000 samples, 17 footfalls")
+
+
+def test_two_feet_are_saved_and_drawn(walk: Recording) -> None:
+    result = fg_nav.navigate_feet("left.csv", "right.csv", "inertial")
+    assert result.left is not None
+    assert result.right is not None
+    files = {file.name for file in result.save("both").iterdir()}
+    assert {"trajectory.tum", "trajectory_left.tum", "person.csv", "summary.json", "report.html"} <= files
+    assert result.save("both.geojson", origin=(48.0, 11.0)).stat().st_size > 0
+    assert result.plot().get_xlabel() == "east (m)"
+    assert len(result.to_dataframe(footfalls=True)) == len(result.stances)
 
 
 def test_own_factors_are_for_methods_with_a_graph(walk: Recording) -> None:

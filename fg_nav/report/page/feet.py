@@ -14,7 +14,7 @@ import numpy as np
 
 from fg_nav.arrays import Bools, Floats
 from fg_nav.feet_result import FeetResult
-from fg_nav.report.aligned import AlignedSolution
+from fg_nav.report.aligned import AlignedSolution, align_solution
 from fg_nav.report.page.content import Cell, Page, Section, Verdict, tabulate_figures
 from fg_nav.report.page.course import Frame, describe_alignment, describe_ellipses, describe_frame, draw_feet
 from fg_nav.report.page.figures import (
@@ -85,7 +85,7 @@ def _choose_highlights(summary: Summary, result: FeetResult) -> list[tuple[str, 
     shown = [
         ("distance_m", "distance", format_count(summary["strides"], "stride")),
         ("closure_m", "start to end", f"± {float(np.hypot(*sigma[:2])):.2f} m horizontally"),
-        ("width_m", "between the sensors, across", apart),
+        ("width_m", "feet apart, across", apart),
         ("rmse_2d_m", "horizontal error, rms", aligned),
         ("end_error_m", "error at the end", aligned),
         ("duration_s", "duration", ""),
@@ -102,7 +102,7 @@ def _draw_sections(result: FeetResult) -> list[Section]:
     person = AlignedSolution(result, result.truth, result.outcome.comparison)
     feet = {side: _align_with_person(result, foot) for side, foot in result.feet.items()}
     frame = _describe_frame(person, result)
-    every = {"person": person, **feet}
+    every = {**feet, "person": person}
     return [
         Section("path", "Path", [frame.words, describe_ellipses(person)], [draw_feet(person, feet, frame)]),
         _draw_distance(result),
@@ -170,9 +170,8 @@ def _draw_heading(person: AlignedSolution) -> Section:
 
 
 def _draw_errors(result: FeetResult, person: AlignedSolution) -> Section:
-    views = {"person": person} | {
-        side: AlignedSolution(foot, foot.walk.truth, foot.outcome.comparison) for side, foot in result.feet.items()
-    }
+    views = {side: align_solution(foot.walk, foot.outcome) for side, foot in result.feet.items()}
+    views["person"] = person
     compared = {name: view for name, view in views.items() if view.comparison is not None}
     if not compared:
         return Section("errors", "Errors", ["No truth is known of this walk."])

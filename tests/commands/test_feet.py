@@ -1,0 +1,165 @@
+"""Two recordings of one walk, a sensor on each foot, from the command line to the files."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from fg_nav.commands.simulate import write_feet
+from fg_nav.lab.simulation import simulate_feet
+from fg_nav.solution import STRIDE_COLUMNS
+from tests.command_line import FgNav, names
+
+FILES = {
+    *("trajectory.tum", "trajectory_left.tum", "trajectory_right.tum", "strides_left.csv", "strides_right.csv"),
+    *("person.csv", "summary.json", "config.json", "report.html"),
+}
+FEET = ("--mount", "feet")
+
+
+@pytest.fixture(scope="module")
+def walked(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder with `left.csv` and `right.csv`, their truths and `person.tum`."""
+    folder = tmp_path_factory.mktemp("feet")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("fg_nav.report.plots.style.save", lambda figure, path: path.touch())
+        write_feet(folder, simulate_feet("demo", 1))
+    return folder
+
+
+@pytest.fixture
+def cut(walked: Path, tmp_path: Path) -> Any:
+    """Write one foot's recording without the samples between two times, s, and return its place."""
+
+    def write(side: str, start: float, stop: float) -> Path:
+        table = pd.read_csv(walked / f"{side}.csv")
+        kept = (table["time_s"] < start) | (table["time_s"] > stop)
+        table[kept].to_csv(tmp_path / f"cut-{side}.csv", index=False)
+        return tmp_path / f"cut-{side}.csv"
+
+    return write
+
+
+def summary(folder: str) -> dict[str, Any]:
+    content: dict[str, Any] = json.loads((Path(folder) / "summary.json").read_text())
+    return content
+
+
+def test_both_feet_are_one_walk(fg_nav: FgNav, walked: Path) -> None:
+    truths = f"{walked / 'left.truth.tum'},{walked / 'right.truth.tum'}"
+    recordings = (walked / "left.csv", walked / "right.csv")
+    ran = fg_nav("run", *recordings, *FEET, "--truth", truths, "--out", "out", "--json")
+    assert (ran.code, ran.err) == (0, "")
+    assert names(Path("out")) == FILES
+    said = summary("out")
+    assert json.loads(ran.out) == {"recordings": [str(one) for one in recordings], "folder": "out", **said}
+    assert (said["method"], said["mount"], said["sides"]) == ("smoother", "feet", ["left", "right"])
+    assert (said["clock_offset_s"], said["clock_offset_known"]) == (0.0, "by the signals")
+    assert said["width_m"] == pytest.approx(0.12, abs=3 * said["width_sigma_m"])
+    assert said["cells"] > 5
+    # the person is between the feet, and as near to the truth
+    assert said["rmse_2d_m"] < 0.1
+    assert max(said[side]["rmse_2d_m"] for side in ("left", "right")) < 0.1
+    assert said["distance_m"] == pytest.approx(said["left"]["distance_m"], abs=2.0)
+    person = np.loadtxt("out/trajectory.tum")
+    left, right = (np.loadtxt(f"out/trajectory_{side}.tum") for side in ("left", "right"))
+    middle = 0.5 * (left[-1, 1:4] + right[-1, 1:4])
+    assert np.abs(person[-1, 1:4] - middle).max() < 0.01
+    for table in ("person.csv", "strides_left.csv", "strides_right.csv"):
+        assert tuple(pd.read_csv(f"out/{table}").columns) == STRIDE_COLUMNS
+    assert said["strides"] == len(pd.read_csv("out/person.csv")) - 1
+    config = json.loads(Path("out/config.json").read_text())
+    assert config["left"]["recording"] == str(recordings[0])
+    assert config["parameters"]
+    page = Path("out/report.html").read_text()
+    assert all(f'id="chart-{name}"' in page for name in ("path", "distance", "height", "sigma", "heading", "errors"))
+    # and is what other programs are given
+    exported = fg_nav("export", "out", "walk.geojson", "walk.tum", "--origin", "48.1,11.5")
+    assert exported.code == 0
+    assert "between the feet" in exported.out
+    assert np.loadtxt("walk.tum") == pytest.approx(person, abs=1e-6)
+
+
+def test_the_steps_show_which_foot_is_which(fg_nav: FgNav, walked: Path) -> None:
+    heading = ("--heading", "90", "--plots", "none", "--no-mag")
+    ran = fg_nav("run", walked / "right.csv", walked / "left.csv", *FEET, *heading, "--out", "out")
+    assert ran.code == 0, ran.err
+    assert "feet: right and left, as the steps show; " in ran.out
+    said = summary("out")
+    assert (said["sides"], said["sides_known"]) == (["right", "left"], "shown")
+    assert said["width_m"] > 0.0
+    assert any("first recording is of the right foot" in note for note in said["notes"])
+    assert said["left"]["recording"] == str(walked / "left.csv")
+    # the frame is the left foot's, as the heading
+    first = pd.read_csv("out/strides_left.csv").iloc[0]
+    assert abs(first["x_m"]) + abs(first["y_m"]) < 0.1
+    assert first["heading_deg"] == pytest.approx(90.0, abs=0.5)
+
+
+def test_names_of_the_feet_are_kept_and_doubted(fg_nav: FgNav, walked: Path) -> None:
+    arguments = ("run", walked / "right.csv", walked / "left.csv", *FEET, "--sides", "left,right", "--plots", "none")
+    assert fg_nav(*arguments, "--method", "inertial", "--out", "out").code == 0
+    said = summary("out")
+    assert (said["method"], said["sides"], said["sides_known"]) == ("inertial", ["left", "right"], "named")
+    assert said["left"]["recording"] == str(walked / "right.csv")
+    assert said["verdict"] == "doubtful"
+    assert "the feet look swapped" in said["reasons"][0]
+    assert said["reasons"][0] in said["notes"]
+
+
+def test_a_foot_that_is_lost_for_a_while(fg_nav: FgNav, walked: Path, cut: Any) -> None:
+    arguments = ("run", walked / "left.csv", cut("right", 15.0, 30.0), *FEET, "--plots", "none", "--out", "out")
+    assert fg_nav(*arguments, "--sides", "left,right").code == 0
+    said = summary("out")
+    assert any("cut-right" in str(one["recording"]) for one in (said["left"], said["right"]))
+    assert any("both together from 30." in note for note in said["notes"])
+    assert said["left"]["distance_m"] == pytest.approx(76.9, abs=1.0)
+    assert said["distance_m"] < 50.0
+
+
+def test_a_sensor_that_fails_leaves_the_other_foot_intact(fg_nav: FgNav, walked: Path, cut: Any) -> None:
+    assert fg_nav("run", walked / "left.csv", "--plots", "none", "--out", "alone").code == 0
+    ran = fg_nav("run", walked / "left.csv", cut("right", 1.0, 100.0), *FEET, "--out", "out")
+    assert ran.code == 0, ran.err
+    assert "verdict: doubtful: the right foot is missing: cut-right.csv" in ran.out
+    said, alone = summary("out"), summary("alone")
+    assert names(Path("out")) == FILES - {"trajectory_right.tum", "strides_right.csv"}
+    assert said["right"] is None
+    assert said["left"]["distance_m"] == said["distance_m"] == pytest.approx(alone["distance_m"], abs=1e-9)
+    assert Path("out/trajectory_left.tum").read_text() == Path("alone/trajectory.tum").read_text()
+    assert said["reasons"][0] in said["notes"]
+    lost = fg_nav("run", cut("left", 1.0, 100.0), cut("right", 1.0, 100.0), *FEET, "--out", "none")
+    assert lost.refused("neither foot can be navigated", "cut-left.csv", "cut-right.csv")
+
+
+def test_a_recording_of_half_the_walk_that_takes_no_steps_in_turn(fg_nav: FgNav, walked: Path, cut: Any) -> None:
+    """Some footfalls, and not one between two of the other foot: it recorded before the walk."""
+    arguments = ("run", walked / "left.csv", cut("right", 12.0, 100.0), *FEET, "--clock-offset", "-90")
+    ran = fg_nav(*arguments, "--plots", "none", "--out", "out")
+    assert ran.code == 0, ran.err
+    assert "the right foot is missing: cut-right.csv has" in ran.out
+
+
+def test_what_cannot_be_two_feet_is_refused(fg_nav: FgNav, walked: Path) -> None:
+    left, right = walked / "left.csv", walked / "right.csv"
+    assert fg_nav("run", left, right, left, *FEET).refused("takes two recordings", "3 of them")
+    assert fg_nav("run", left, *FEET).refused("takes two recordings")
+    assert fg_nav("run", left, left, *FEET).refused("the same one twice")
+    for method in ("online", "iez", "qsf"):
+        assert fg_nav("run", left, right, *FEET, "--method", method).refused(method, "smoother or inertial")
+    truth = walked / "left.truth.tum"
+    assert fg_nav("run", left, right, *FEET, "--truth", truth).refused("--truth", "A,B")
+    assert fg_nav("run", left, right, *FEET, "--fixes", truth).refused("--fixes")
+    assert fg_nav("run", left, "--clock-offset", "1").refused("add --mount feet")
+    assert fg_nav("run", left, right, *FEET, "--clock-offset", "100").refused("steps in turn", "--clock-offset")
+    assert not Path("results").exists()
+
+
+def test_what_is_wrong_with_one_recording_is_said_with_its_name(fg_nav: FgNav, walked: Path, tmp_path: Path) -> None:
+    table = pd.read_csv(walked / "right.csv")
+    table[[name for name in table if name.startswith("gyr")]] *= -1.0
+    table.to_csv(tmp_path / "mirrored.csv", index=False)
+    assert fg_nav("run", walked / "left.csv", tmp_path / "mirrored.csv", *FEET).refused("mirrored.csv: ")
