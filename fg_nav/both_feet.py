@@ -73,7 +73,8 @@ def navigate_feet(
     method : str
         `smoother` or `inertial`.
     heading_deg : float
-        Of the left sensor's x axis at the start, deg clockwise from north; without it from the field, else zero.
+        Of the left sensor's x axis at the start, deg clockwise from north; without it that of the options, from the
+        field, or zero.
     truth : two of truth or path
         Of each recording, in one frame.
     options : Options
@@ -109,6 +110,9 @@ def navigate_feet(
         if not np.isfinite(clock_offset_s):
             raise EstimationError(f"a clock offset of {clock_offset_s} s is no time: give a number.")
         walks[1] = _shift_clock(walks[1], clock_offset_s)
+    _refuse_own(walks)
+    headings = (heading_deg, *(walk.options.heading_deg for walk in walks))
+    heading_deg = next((one for one in headings if one is not None), None)
     request = _Request(method, heading_deg, sides, clock_offset_s, progress)
     # each recording as one of a foot alone: checked, corrected, its stances and its field
     prepared, lost = _prepare_both(walks)
@@ -161,6 +165,13 @@ class _Pair:
 def _read(given: Recording | Path | str | Walk, truth: Truth | Path | str | None, options: Options | None) -> Walk:
     walk = given if isinstance(given, Walk) else read_walk(given, options or Options())
     return add_known(walk, None, truth)
+
+
+def _refuse_own(walks: Sequence[Walk]) -> None:
+    """Raise `EstimationError` for what is of one foot alone and has no part in the graph of both."""
+    for walk in walks:
+        if walk.fixes or walk.places is not None or walk.extra is not None:
+            raise EstimationError("fixes, places and factors of your own are for one foot: leave them out for two.")
 
 
 def _name(walk: Walk, number: int) -> str:
@@ -272,7 +283,7 @@ def _find_sides(request: _Request, first: Walk, second: Walk) -> tuple[_Pair, tu
     pair = _solve(request, *_sort(order, first, second))
     if request.sides is not None:
         return pair, order, "named"
-    if not _shows_sides(pair.solution):
+    if not shows_sides(pair.solution):
         return pair, order, "assumed"
     if pair.solution.width_m < 0.0:
         # The frame and the heading are the left foot's: they are solved again in its own.
@@ -286,7 +297,7 @@ def _sort(order: tuple[Side, Side], first: Walk, second: Walk) -> tuple[Walk, Wa
     return (first, second) if order == SIDES else (second, first)
 
 
-def _shows_sides(solution: FeetSolution) -> bool:
+def shows_sides(solution: FeetSolution) -> bool:
     """Whether the steps, without the prior of the width, show a width that is clearly not zero."""
     from fg_nav.smoother.feet_factors import WIDTH_M, WIDTH_SIGMA_M
 
@@ -303,7 +314,7 @@ def _judge_sides(
     """Doubts about which foot is which, and remarks on it."""
     width = f"{solution.width_m:.2f} m within {solution.width_sigma_m:.2f} m"
     if named is not None:
-        if _shows_sides(solution) and solution.width_m < 0.0:
+        if shows_sides(solution) and solution.width_m < 0.0:
             return (f"the feet look swapped: the one named right is on the left, by {width}; see --sides.",), []
         return (), []
     if known == "shown" and order != SIDES:

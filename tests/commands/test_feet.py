@@ -2,13 +2,15 @@
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pandas as pd
 import pytest
 
+from fg_nav.both_feet import shows_sides
 from fg_nav.commands.simulate import write_feet
+from fg_nav.feet.person import FeetSolution
 from fg_nav.lab.simulation import simulate_feet
 from fg_nav.solution import STRIDE_COLUMNS
 from tests.command_line import FgNav, names
@@ -141,6 +143,35 @@ def test_a_recording_of_half_the_walk_that_takes_no_steps_in_turn(fg_nav: FgNav,
     ran = fg_nav(*arguments, "--plots", "none", "--out", "out")
     assert ran.code == 0, ran.err
     assert "the right foot is missing: cut-right.csv has" in ran.out
+
+
+def test_clocks_that_differ(fg_nav: FgNav, walked: Path, tmp_path: Path) -> None:
+    """Both on the first recording's clock, with their truths."""
+    late = tmp_path / "late.csv"
+    table = pd.read_csv(walked / "right.csv")
+    table["time_s"] += 7.0
+    table.to_csv(late, index=False)
+    truth = np.loadtxt(walked / "right.truth.tum")
+    truth[:, 0] += 7.0
+    np.savetxt(tmp_path / "late.tum", truth, fmt="%.9f")
+    truths = ("--truth", f"{walked / 'left.truth.tum'},{tmp_path / 'late.tum'}")
+    arguments = ("run", walked / "left.csv", late, *FEET, *truths, "--method", "inertial", "--plots", "none")
+    assert fg_nav(*arguments, "--clock-offset", "-7", "--out", "out").code == 0
+    said = summary("out")
+    assert (said["clock_offset_s"], said["clock_offset_known"]) == (-7.0, "given")
+    assert said["rmse_2d_m"] < 0.1
+    assert said["right"]["rmse_2d_m"] < 0.1
+    t = [np.loadtxt(f"out/trajectory{end}.tum")[0, 0] for end in ("", "_left", "_right")]
+    assert max(t) - min(t) < 0.1
+
+
+@pytest.mark.parametrize(
+    ("width_m", "sigma_m", "shown"),
+    [(0.15, 0.1, False), (0.15, 0.095, False), (0.15, 0.038, True), (-0.11, 0.0373, True), (0.02, 0.03, False)],
+)
+def test_a_width_shows_the_sides_without_its_prior(width_m: float, sigma_m: float, shown: bool) -> None:
+    nothing = cast("Any", None)
+    assert shows_sides(FeetSolution(nothing, nothing, nothing, width_m, sigma_m, 9, 0)) is shown
 
 
 def test_what_cannot_be_two_feet_is_refused(fg_nav: FgNav, walked: Path) -> None:
