@@ -30,8 +30,9 @@ from fg_nav.pipeline import prepare_walk, run_method
 from fg_nav.recording import Recording
 from fg_nav.result import Result
 from fg_nav.solution import Solution, StanceTable
+from fg_nav.text import format_count
 from fg_nav.truth import FootprintTruth, TrajectoryTruth, Truth
-from fg_nav.walk import Options, Walk, add_known, evaluate_solution, measure_field, read_walk
+from fg_nav.walk import Options, Walk, add_known, check_known, evaluate_solution, measure_field, read_walk
 
 if TYPE_CHECKING:
     from fg_nav.arrays import Floats
@@ -189,7 +190,10 @@ def _prepare_both(walks: Sequence[Walk]) -> tuple[list[Walk], dict[int, str]]:
         # The heading of the left foot is that of neither before it is known which is the left one.
         alone, name = replace(walk, options=replace(walk.options, heading_deg=None, mount="foot")), _name(walk, number)
         try:
-            alone = prepare_walk(alone)
+            # A sensor that failed is no fault of its truth, which is checked where there is a walk.
+            alone = replace(prepare_walk(replace(alone, truth=None)), truth=walk.truth)
+            if alone.stances.n_footfalls >= FEWEST_FOOTFALLS:
+                check_known(alone)
         except DetectionError as error:
             lost[number] = f"{name}: {error}"
         except FgNavError as error:
@@ -197,7 +201,7 @@ def _prepare_both(walks: Sequence[Walk]) -> tuple[list[Walk], dict[int, str]]:
         else:
             count = alone.stances.n_footfalls
             if count < FEWEST_FOOTFALLS:
-                lost[number] = f"{name} has {count} footfalls"
+                lost[number] = f"{name} has {format_count(count, 'footfall')}"
         prepared.append(alone)
     if len(lost) == len(walks):
         raise DetectionError(f"neither foot can be navigated: {' '.join(lost.values())}")
@@ -209,7 +213,8 @@ def _find_lost(walks: Sequence[Walk], method: str) -> dict[int, str]:
     counts = [walk.stances.n_footfalls for walk in walks]
     few = int(np.argmin(counts))
     if counts[few] < LOST_SHARE * counts[1 - few]:
-        return {few: f"{_name(walks[few], few)} has {counts[few]} footfalls, and the other foot {counts[1 - few]}"}
+        found = format_count(counts[few], "footfall")
+        return {few: f"{_name(walks[few], few)} has {found}, and the other foot {counts[1 - few]}"}
     failed = {}
     for number, walk in enumerate(walks):
         try:

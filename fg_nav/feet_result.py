@@ -183,11 +183,13 @@ def evaluate_person(solution: Solution, truth: TrajectoryTruth | None, alignment
 
 
 def _find_truth(feet: Mapping[str, Result]) -> tuple[TrajectoryTruth | None, tuple[str, ...]]:
-    """Middle of the true paths of both feet, or why there is none though both have one."""
+    """Middle of the true paths of both feet, of one alone its own; or why there is none though both have one."""
     truths = [foot.walk.truth for foot in feet.values() if foot.outcome.comparison is not None]
     paths = [truth for truth in truths if isinstance(truth, TrajectoryTruth)]
-    if len(paths) < 2:
+    if len(paths) < len(feet):
         return None, ()
+    if len(paths) == 1:
+        return replace(paths[0], nav_R_body=None), ()
     try:
         row, other = interpolate_truth(paths[1], paths[0].t)
     except EvaluationError as error:

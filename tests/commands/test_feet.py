@@ -124,15 +124,19 @@ def test_a_foot_that_is_lost_for_a_while(fg_nav: FgNav, walked: Path, cut: Any) 
 
 def test_a_sensor_that_fails_leaves_the_other_foot_intact(fg_nav: FgNav, walked: Path, cut: Any) -> None:
     assert fg_nav("run", walked / "left.csv", "--plots", "none", "--out", "alone").code == 0
-    ran = fg_nav("run", walked / "left.csv", cut("right", 1.0, 100.0), *FEET, "--out", "out")
+    truths = ("--truth", f"{walked / 'left.truth.tum'},{walked / 'right.truth.tum'}")
+    ran = fg_nav("run", walked / "left.csv", cut("right", 1.0, 100.0), *FEET, *truths, "--out", "out")
     assert ran.code == 0, ran.err
-    assert "verdict: doubtful: the right foot is missing: cut-right.csv" in ran.out
+    assert "verdict: doubtful: the right foot is missing: cut-right.csv has 1 footfall; " in ran.out
     said, alone = summary("out"), summary("alone")
     assert names(Path("out")) == FILES - {"trajectory_right.tum", "strides_right.csv"}
     assert said["right"] is None
     assert said["left"]["distance_m"] == said["distance_m"] == pytest.approx(alone["distance_m"], abs=1e-9)
     assert Path("out/trajectory_left.tum").read_text() == Path("alone/trajectory.tum").read_text()
+    assert said["left"]["rmse_2d_m"] == pytest.approx(said["rmse_2d_m"], abs=1e-9)
     assert said["reasons"][0] in said["notes"]
+    wrong = fg_nav("run", walked / "left.csv", walked / "right.csv", *FEET, "--truth", "no.tum,nothing.tum")
+    assert wrong.refused("no.tum")
     lost = fg_nav("run", cut("left", 1.0, 100.0), cut("right", 1.0, 100.0), *FEET, "--out", "none")
     assert lost.refused("neither foot can be navigated", "cut-left.csv", "cut-right.csv")
 

@@ -104,7 +104,7 @@ def _draw_sections(result: FeetResult) -> list[Section]:
     frame = _describe_frame(person, result)
     every = {**feet, "person": person}
     return [
-        Section("path", "Path", [frame.words, describe_ellipses(person)], [draw_feet(person, feet, frame)]),
+        _draw_path(result, person, feet, frame),
         _draw_distance(result),
         Section("height", "Height", [], [draw_height(feet)]),
         Section("sigma", "Uncertainty", [], [draw_sigmas(every, (frame.x, frame.y))]),
@@ -112,6 +112,24 @@ def _draw_sections(result: FeetResult) -> list[Section]:
         _draw_heading(person),
         _draw_errors(result, person),
     ]
+
+
+def _draw_path(
+    result: FeetResult, person: AlignedSolution, feet: Mapping[str, AlignedSolution], frame: Frame
+) -> Section:
+    words = [_describe_pairing(result), frame.words, describe_ellipses(person)]
+    return Section("path", "Path", words, [draw_feet(person, feet, frame)])
+
+
+def _describe_pairing(result: FeetResult) -> str:
+    """Say which recording is of which foot, and how its clock was set."""
+    pairing = result.pairing
+    known = {"named": "as it was named", "shown": "as the steps show", "assumed": "which is assumed"}[pairing.sides]
+    first = f"The first recording is of the {pairing.order[0]} foot, {known}."
+    if pairing.width_m is None:
+        return first
+    clock = f"{pairing.clock_offset_s:+.3f} s, {'as given' if pairing.clock_given else 'by the signals'}"
+    return f"{first} To the stamps of the second one was added {clock}."
 
 
 def _align_with_person(result: FeetResult, foot: Result) -> AlignedSolution:
