@@ -97,7 +97,9 @@ def align_clocks(first: Recording, first_stances: Stances, second: Recording, se
         return ClockOffset(0.0)
     a = a.within(a.middle[0], a.middle[min(len(a.middle), MOST_SWINGS) - 1])
     worth = SHARE * len(a.middle)
-    if _weigh(a, b, 0.0) > -FITTING * worth:
+    # Clocks that fit do so while both recorded: a sensor may have failed for the rest.
+    shared = a.within(b.middle[0], b.middle[-1])
+    if len(shared.middle) >= FEWEST_SWINGS and _weigh(shared, b, 0.0) > -FITTING * SHARE * len(shared.middle):
         return ClockOffset(0.0)
     tau = np.arange(-SEARCHED_S, SEARCHED_S + 0.5 * SPACING_S, SPACING_S)
     nats = np.array([_weigh(a, b, float(one)) for one in tau])
