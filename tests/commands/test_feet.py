@@ -167,6 +167,12 @@ def test_clocks_that_differ(fg_nav: FgNav, walked: Path, tmp_path: Path) -> None
     assert said["right"]["rmse_2d_m"] < 0.1
     t = [np.loadtxt(f"out/trajectory{end}.tum")[0, 0] for end in ("", "_left", "_right")]
     assert max(t) - min(t) < 0.1
+    assert fg_nav(*arguments, "--out", "told").code == 0
+    told = summary("told")
+    assert told["clock_offset_known"] == "by the signals"
+    assert told["clock_offset_s"] == pytest.approx(-7.0, abs=0.05)
+    assert told["rmse_2d_m"] < 0.15
+    assert any("clocks aligned" in note for note in told["notes"])
 
 
 @pytest.mark.parametrize(
