@@ -29,7 +29,7 @@ from fg_nav.feet_result import SIDES, FeetResult, Known, Pairing, Side
 from fg_nav.pipeline import prepare_walk, run_method
 from fg_nav.recording import Recording
 from fg_nav.result import Result
-from fg_nav.solution import Solution, StanceTable
+from fg_nav.solution import Solution
 from fg_nav.text import format_count
 from fg_nav.truth import FootprintTruth, TrajectoryTruth, Truth
 from fg_nav.walk import Options, Walk, add_known, check_known, evaluate_solution, measure_field, read_walk
@@ -241,23 +241,13 @@ def _go_alone(
     doubt = (
         f"the {request.order[missing]} foot is missing: {why.rstrip('.')}; the {side} foot alone is the person's path."
     )
-    cov = find_pose_cov(foot.stances)
-    person = trace_person(foot, foot, foot.stances.t, cov)
+    person = trace_person(foot, foot, np.zeros(1), np.zeros((1, 4, 4)))
     known: Known = "assumed" if request.sides is None else "named"
     offset_s = request.clock_offset_s or 0.0
     heading_deg = request.heading_deg if side == "left" else None
     given = request.clock_offset_s is not None
     pairing = Pairing(request.order, known, offset_s, given, heading_deg=heading_deg, doubts=(doubt,))
     return FeetResult.of({side: foot}, person, pairing, tuple(notes))
-
-
-def find_pose_cov(table: StanceTable) -> Floats:
-    """Covariance (K, 4, 4) of east, north, up and yaw; of an estimator that does not tell, without what joins them."""
-    if table.pose_cov is not None:
-        return table.pose_cov
-    cov = np.zeros((len(table), 4, 4))
-    cov[:, :3, :3], cov[:, 3, 3] = table.position_cov, table.heading_sigma**2
-    return cov
 
 
 def _navigate_both(request: _Request, walks: Sequence[Walk]) -> FeetResult:
@@ -389,14 +379,13 @@ def _shift_clock(walk: Walk, offset_s: float) -> Walk:
 
 
 def _describe_cover(pair: _Pair) -> list[str]:
-    """Say where the person's path is shorter than a foot's recording."""
-    person = pair.solution.person.t
+    """Say where only one foot was recorded."""
     found = []
-    for side, walk in zip(SIDES, (pair.left, pair.right), strict=True):
-        t = walk.recording.t
-        if t[0] < person[0] - 1.0 or t[-1] > person[-1] + 1.0:
+    for side, other, one, two in (("left", "right", pair.left, pair.right), ("right", "left", pair.right, pair.left)):
+        t, of_other = one.recording.t, two.recording.t
+        if t[0] < of_other[0] - 1.0 or t[-1] > of_other[-1] + 1.0:
             found.append(
-                f"the {side} foot was recorded from {t[0]:.1f} to {t[-1]:.1f} s, and both together from "
-                f"{person[0]:.1f} to {person[-1]:.1f} s: the person's path is of that time"
+                f"the {side} foot was recorded from {t[0]:.1f} to {t[-1]:.1f} s, the {other} one from "
+                f"{of_other[0]:.1f} to {of_other[-1]:.1f} s: where there is one, the person goes as it does"
             )
     return found

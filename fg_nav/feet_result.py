@@ -14,7 +14,6 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from fg_nav.arrays import Floats
 from fg_nav.errors import EvaluationError
 from fg_nav.evaluation.comparison import compare, interpolate_truth
 from fg_nav.evaluation.metrics import Metrics, evaluate
@@ -99,7 +98,7 @@ class FeetResult(Solution):
         truth, why_not = _find_truth(feet)
         solution = Solution(
             first.method, person.t, person.position, person.velocity, person.nav_R_person,
-            tabulate_person(person, first.stances.t), max(foot.runtime_s for foot in feet.values()), first.parameters,
+            tabulate_person(person), max(foot.runtime_s for foot in feet.values()), first.parameters,
             (*pairing.doubts, *notes, *why_not),
         )  # fmt: skip
         outcome = evaluate_person(solution, truth, first.walk.options.alignment)
@@ -157,14 +156,15 @@ class FeetResult(Solution):
         return Verdict(max(words, key=WORDS.index), (*self.pairing.doubts, *reasons))
 
 
-def tabulate_person(person: PersonPath, t: Floats) -> StanceTable:
-    """Table of the person at footfalls (F,) s, those within its path; without a gyroscope's bias or a field."""
-    inside = t[(t >= person.t[0]) & (t <= person.t[-1])]
-    sample = np.unique(np.clip(np.searchsorted(person.t, inside), 0, len(person.t) - 1))
-    at, count = person.t[sample], len(sample)
-    cov, unknown = person.covariance_at(at), np.full((count, 3), np.nan)
+def tabulate_person(person: PersonPath) -> StanceTable:
+    """Table of the person at its footfalls, without a gyroscope's bias or a field."""
+    sample, first = np.unique(
+        np.clip(np.searchsorted(person.t, person.footfall_t), 0, len(person.t) - 1), return_index=True
+    )
+    cov, count = person.pose_cov[first], len(sample)
+    unknown = np.full((count, 3), np.nan)
     return StanceTable(
-        sample, at, person.position[sample], person.nav_R_person[sample], unknown, cov[:, :3, :3],
+        sample, person.t[sample], person.position[sample], person.nav_R_person[sample], unknown, cov[:, :3, :3],
         np.sqrt(cov[:, 3, 3]), unknown, ("none",) * count, ("",) * count, cov,
     )  # fmt: skip
 

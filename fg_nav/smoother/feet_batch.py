@@ -107,7 +107,7 @@ def _finish(
     shared = np.hstack([one.spread_shared() for one, _ in (right, left)])
     walks = [one.walk for one, _ in (right, left)]
     joints = [FootfallCovariance.of(walk.solved, walk.problem.nodes, shared) for walk in walks]
-    cell_cov = _find_person_covariance(solved, joints, shared)
+    apart_cov = _find_apart_covariance(solved, joints, shared)
     covariances = _list_covariances(solved, shared)
     drafts = [
         Draft.of(walk, joint, of_table, foot.stances, began)
@@ -119,7 +119,7 @@ def _finish(
     return FeetSolution(
         of_right,
         of_left,
-        trace_person(of_right, of_left, cell_t, cell_cov),
+        trace_person(of_right, of_left, cell_t, apart_cov),
         solved.minimum.values.width,
         _measure_width_sigma(solved.minimum.root),
         len(ties),
@@ -135,12 +135,12 @@ def _list_covariances(solved: SolvedFeet, shared: Floats) -> tuple[Floats, Float
     return both[: len(right)], both[len(right) :]
 
 
-def _find_person_covariance(solved: SolvedFeet, joints: list[FootfallCovariance], shared: Floats) -> Floats:
-    """Covariance (C, 4, 4) of the mean of both feet's errors at the footfalls of each cell."""
+def _find_apart_covariance(solved: SolvedFeet, joints: list[FootfallCovariance], shared: Floats) -> Floats:
+    """Covariance (C, 4, 4) of the right foot's errors less the left one's at the footfalls of each cell."""
     ties, root = solved.problem.ties, solved.minimum.root
     keys = np.stack([mark_right(list_pose_keys(ties.right_node)), list_pose_keys(ties.left_node)], axis=1)
-    rows = (joints[0].nav_T_body[ties.right], joints[1].nav_T_body[ties.left])
-    nav_T_both = 0.5 * np.concatenate(rows, axis=2)
+    rows = (joints[0].nav_T_body[ties.right], -joints[1].nav_T_body[ties.left])
+    nav_T_both = np.concatenate(rows, axis=2)
     moved = nav_T_both @ shared[root.find_columns(keys)]
     of_graph = nav_T_both @ root.joint_covariances(keys) @ np.swapaxes(nav_T_both, 1, 2)
     return np.asarray(of_graph + moved @ np.swapaxes(moved, 1, 2))

@@ -116,10 +116,27 @@ def test_the_person_is_in_the_middle_and_as_uncertain_as_the_feet(walk: Simulate
     moves = np.linalg.norm(person.velocity[:, :2], axis=1) > 0.5
     direction = np.arctan2(person.velocity[:, 0], person.velocity[:, 1])
     assert np.median(np.abs(wrap_angle(person.heading - direction))[moves]) < np.radians(15.0)
-    sigma = np.sqrt(np.diagonal(person.cell_cov, axis1=1, axis2=2))
-    of_left = np.interp(person.cell_t, both.left.stances.t, both.left.stances.position_sigma[:, 0])
-    np.testing.assert_allclose(sigma[:, 0], of_left, rtol=0.25, atol=0.02)
-    assert person.covariance_at(person.cell_t[:3]) == pytest.approx(person.cell_cov[:3])
+    # By half of what the feet differ, some centimeters, more uncertain than the left foot.
+    sigma = np.sqrt(np.diagonal(person.pose_cov, axis1=1, axis2=2))
+    of_left = both.left.stances.position_sigma
+    np.testing.assert_array_equal(person.footfall_t, both.left.stances.t)
+    assert (sigma[:, :3] >= of_left).all()
+    np.testing.assert_allclose(sigma[:, :2], np.hypot(of_left[:, :2], 0.03), atol=0.02)
+
+
+def test_where_one_foot_was_not_recorded_the_person_goes_as_the_other_one(
+    walk: SimulatedFeet, feet: dict[str, Foot], both: FeetSolution
+) -> None:
+    for side in SIDES:
+        foot = feet[side]
+        cut = foot.recording.slice(0, len(foot.recording) * 2 // 3)
+        given = {**feet, side: Foot(cut, detect_stances(cut), foot.heading)}
+        person = smooth_feet(given["right"], given["left"]).person
+        assert person.t[-1] == pytest.approx(both.person.t[-1], abs=0.1)
+        apart = np.stack([np.interp(both.person.t, person.t, column) for column in person.position.T], axis=1)
+        assert np.abs(apart - both.person.position).max() < 0.8  # half a stride, and what one foot drifts
+        assert (np.diff(person.t) > 0).all()
+        assert person.footfall_t[-1] > both.person.t[-1] - 8.0
 
 
 def test_all_variables_are_eliminated_once_and_the_covariances_are_those_of_all_factors(solved: SolvedFeet) -> None:
