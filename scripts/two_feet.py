@@ -14,6 +14,8 @@ simulated office, mall and teaching-building, without and with the magnetometer.
           one (median), as nothing shows which foot's that is. NEES: of positions relative to the start, 1 where the
           claimed covariances are true (mean over 3 degrees of freedom)
 real      the motion-captured feet of zupt_fgo and gaitmap: rms of all samples after the best yaw and shift (m)
+faults    the right foot's samples missing from 60 to 120 s: rms of its footfalls (m), alone and together. Feet swapped:
+          the width that is found, over its sigma, negative where the recording called right is of the left foot
 clocks    offsets that were put between the clocks of both feet, and what is found
 steps     the footfalls of motion-captured feet against the middle of the other foot's stride (m)
 cost      time of the processor of both feet over that of one, in the mean of both
@@ -51,7 +53,7 @@ from fg_nav.smoother.feet_batch import Foot, smooth_feet
 from fg_nav.solution import Solution
 from fg_nav.truth import TrajectoryTruth
 
-SECTIONS = ("simulated", "real", "clocks", "steps", "cost")
+SECTIONS = ("simulated", "real", "faults", "clocks", "steps", "cost")
 SIDES = ("left", "right")
 SENSORS = {False: "without", True: "with"}
 
@@ -154,8 +156,9 @@ def measure_simulated(chosen: argparse.Namespace) -> list[Figure]:
                 rows.append(row)
                 figures.append(figure)
     harness.print_heading(f"Two feet, {chosen.seeds} seeds: rms over the seeds, and by walk median (5 to 95 %)")
-    heads = ["walk, magnetometer", "left alone", "right alone", "both together", "over the better foot",
-             "by walk, over the better", "by walk, over the rms of both", "NEES alone", "NEES together"]  # fmt: skip
+    heads = ["walk, magnetometer", "left alone", "right alone", "both together", "over both alone",
+             "over the better foot", "by walk, over the better", "by walk, over the rms of both", "NEES alone",
+             "NEES together"]  # fmt: skip
     harness.print_table(heads, rows)
     return figures
 
@@ -176,6 +179,7 @@ def compare_feet(
         f"{name}, {words}, {unit}",
         *(f"{value:.3f}" for value in rms_alone),
         f"{rms_both:.3f}",
+        f"{rms_both / np.sqrt(np.mean(rms_alone**2)):.2f}",
         f"{share:.2f}",
         spread(by_walk / alone.min(axis=1)),
         spread(by_walk / np.sqrt(np.mean(alone**2, axis=1))),
@@ -296,6 +300,61 @@ def measure_steps(chosen: argparse.Namespace) -> list[Figure]:
     return []
 
 
+# --- faults -----------------------------------------------------------------------------------------------------------
+
+LOST_S = (60.0, 120.0)
+"""When a foot's sensor was silent."""
+
+
+@dataclass(frozen=True)
+class Faults:
+    """Rms of the lost foot, m, alone and together, of the other one together, and width over sigma of swapped feet."""
+
+    alone_m: float
+    together_m: float
+    other_m: float
+    swapped: float
+
+
+def measure_fault(name: str, seed: int) -> Faults:
+    """Lose one foot for a while, and swap both."""
+    feet = draw_feet(name, seed, False)
+    whole = feet["right"].recording
+    kept = (whole.t < LOST_S[0]) | (whole.t > LOST_S[1])
+    cut = Recording(whole.t[kept], whole.acc[kept], whole.gyr[kept], truth=whole.truth)
+    lost = replace(feet["right"], recording=cut, stances=detect_stances(cut))
+    both, swapped = smooth_feet(lost, feet["left"]), smooth_feet(feet["left"], feet["right"])
+    return Faults(
+        measure_footfalls(smooth_alone(lost), whole),
+        measure_footfalls(both.right, whole),
+        measure_footfalls(both.left, feet["left"].recording),
+        swapped.width_m / swapped.width_sigma_m,
+    )
+
+
+def measure_footfalls(solution: Solution, recording: Recording) -> float:
+    """Rms of the footfalls, m, by their times, after the best yaw and shift."""
+    truth, table = recording.truth, solution.stances
+    assert isinstance(truth, TrajectoryTruth)
+    place = np.stack([np.interp(table.t, truth.t, column) for column in truth.position.T], axis=1)
+    return measure_position(table.position, place)
+
+
+def measure_faults(chosen: argparse.Namespace) -> list[Figure]:
+    """A foot lost for a while, and feet that are swapped."""
+    rows = []
+    for name in chosen.scenarios:
+        found = harness.map_walks(partial(measure_fault, name), harness.seeds_of(chosen), chosen.jobs, name)
+        columns = [[getattr(one, what) for one in found] for what in ("alone_m", "together_m", "other_m", "swapped")]
+        rows.append([name, *map(spread, columns)])
+    harness.print_heading(
+        f"The right foot lost for {LOST_S[1] - LOST_S[0]:.0f} s, and feet swapped, {chosen.seeds} seeds"
+    )
+    heads = ["walk", "right alone (m)", "right together (m)", "left together (m)", "swapped: width over sigma"]
+    harness.print_table(heads, rows)
+    return []
+
+
 # --- clocks, cost -----------------------------------------------------------------------------------------------------
 
 
@@ -348,6 +407,7 @@ def smooth_alone(foot: Foot) -> Solution:
 MEASURE: Mapping[str, Callable[[argparse.Namespace], list[Figure]]] = {
     "simulated": measure_simulated,
     "real": measure_real,
+    "faults": measure_faults,
     "clocks": measure_clocks,
     "steps": measure_steps,
     "cost": measure_cost,
