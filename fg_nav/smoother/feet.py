@@ -37,7 +37,7 @@ from fg_nav.smoother.feet_factors import (
     mark_right,
     tie_feet,
 )
-from fg_nav.smoother.gauss_newton import CONVERGENCE, Minimum, find_minimum
+from fg_nav.smoother.gauss_newton import Minimum, find_minimum
 from fg_nav.smoother.graph import StartPrior, WalkProblem, turn_walk
 from fg_nav.smoother.place_factors import split_tied
 from fg_nav.smoother.solver import Solved, WalkSystem, list_in_time, list_poses
@@ -47,6 +47,10 @@ FREE_PLACE_M, FREE_HEADING_DEG = 2.0, 60.0
 
 SMOOTH_S = 10.0
 """Before and after, over which turns of the right foot's path against the left one's are averaged."""
+
+FEET_CONVERGENCE = 5e-6
+"""Difference of promised and true error per variable, of which there are some ten thousand: two feet start from where
+they were alone, and what they show weakly, as the heading of all of the walk, is to be found to a part of its sigma."""
 
 REACH_ROUNDS = 3
 
@@ -105,7 +109,7 @@ class FeetProblem:
 
 @dataclass(frozen=True)
 class SolvedFeet:
-    """Both feet as they were solved, each with the triangle of both; the width between them and its sigma, m."""
+    """Both feet as they were solved, each with the triangle of both."""
 
     problem: FeetProblem
     minimum: Minimum[FeetValues]
@@ -132,13 +136,12 @@ def solve_feet(right: WalkProblem, left: WalkProblem) -> SolvedFeet:
     right, values = align_feet(right, left)
     problem = FeetProblem(right, left, values, tie_feet(right, left, values), ReachFactors.of_nothing())
     for _ in range(REACH_ROUNDS):
-        # All factors of both, and the ties where the last solution has the steps.
-        minimum = find_minimum(problem.system, problem.values, order_variables(problem), CONVERGENCE)
-        values = minimum.values
-        reach = find_beyond_reach(right, left, values, problem.reach)
+        # All factors of both, from a start that may be turned far from where the fields of both have it.
+        minimum = find_minimum(problem.system, problem.values, order_variables(problem), FEET_CONVERGENCE)
+        reach = find_beyond_reach(right, left, minimum.values, problem.reach)
         if len(reach) == len(problem.reach):
-            return SolvedFeet(problem, minimum)
-        problem = replace(problem, values=values, reach=reach)
+            break
+        problem = replace(problem, values=minimum.values, reach=reach)
     return SolvedFeet(problem, minimum)
 
 
