@@ -106,6 +106,7 @@ def navigate_feet(
     True
     """
     check_method(method)
+    _check_pair(truth, sides)
     walks = [_read(*given, options) for given in zip((first, second), truth, strict=True)]
     if clock_offset_s is not None:
         if not np.isfinite(clock_offset_s):
@@ -126,7 +127,7 @@ def navigate_feet(
         lost = _find_lost(prepared, method)
         if not lost:
             raise
-        lost = {number: f"{words} ({str(error).split(':')[0]})" for number, words in lost.items()}
+        lost = {number: f"{words} ({error})" for number, words in lost.items()}
         return _go_alone(request, walks, prepared, lost)
 
 
@@ -161,6 +162,13 @@ class _Pair:
     left: Walk
     right: Walk
     solution: FeetSolution
+
+
+def _check_pair(truth: object, sides: str | None) -> None:
+    if sides not in (None, "left,right", "right,left"):
+        raise EstimationError(f"sides '{sides}' are none: name them left,right or right,left, as the recordings are.")
+    if not isinstance(truth, tuple | list) or len(truth) != len(SIDES):
+        raise EstimationError("give a truth for each recording, in their order, or None: (left, right).")
 
 
 def _read(given: Recording | Path | str | Walk, truth: Truth | Path | str | None, options: Options | None) -> Walk:
@@ -236,7 +244,7 @@ def _go_alone(
         if side == "left":
             walk = measure_field(_turn(walk, np.deg2rad(request.heading_deg)))
         else:
-            notes.append("--heading is of the left foot, and left out: the right one's is zero, or that of its field")
+            notes.append("the heading was that of the left foot, and left out: it is zero, or that of the field")
     foot = Result.of(walk, run_method(walk, request.method, request.progress))
     doubt = (
         f"the {request.order[missing]} foot is missing: {why.rstrip('.')}; the {side} foot alone is the person's path."
@@ -268,7 +276,7 @@ def _navigate_both(request: _Request, walks: Sequence[Walk]) -> FeetResult:
         order, known, offset_s, request.clock_offset_s is not None, solution.width_m, solution.width_sigma_m,
         solution.cells, solution.beyond_reach, request.heading_deg, doubts,
     )  # fmt: skip
-    notes += [*said, *_describe_cover(pair), *solution.notes]
+    notes += [*said, *_describe_cover(pair)]
     return FeetResult.of(feet, solution.person, pairing, tuple(notes))
 
 
@@ -300,7 +308,7 @@ def shows_sides(solution: FeetSolution) -> bool:
     if information <= 0.0:
         return False
     by_steps = solution.width_m * solution.width_sigma_m**-2 - WIDTH_M * WIDTH_SIGMA_M**-2
-    return bool(abs(by_steps) > CLEAR_SIGMAS * information**0.5)
+    return bool(abs(by_steps) > CLEAR_SIGMAS * information**0.5 and by_steps * solution.width_m > 0.0)
 
 
 def _judge_sides(
@@ -343,7 +351,8 @@ def _solve(request: _Request, left: Walk, right: Walk) -> _Pair:
 
 def _set_headings(request: _Request, left: Walk, right: Walk) -> tuple[Walk, Walk]:
     """Give both sensors headings at their starts; none where both have a field, and so north."""
-    if request.heading_deg is None and left.field is not None and right.field is not None:
+    if request.heading_deg is None and left.field is not None:
+        # North is the left foot's field; how the right one lies to it the steps show.
         return left, right
     start = Options(heading_deg=request.heading_deg or 0.0).heading_rad or 0.0
     relative = measure_relative_heading(_find_footfalls(right), _find_footfalls(left))

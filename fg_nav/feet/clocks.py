@@ -137,6 +137,8 @@ def _weigh(a: Swings, b: Swings, tau: float) -> float:
     walks = end - begin < LONGEST_CYCLE_S
     begin, end = begin[walks], end[walks]
     at = np.searchsorted(b.middle, [begin - tau, end - tau])
+    if not len(begin):
+        return -SHARE * MISSED * len(b.middle)
     phase = (b.middle[np.minimum(at[0], len(b.middle) - 1)] + tau - begin) / (end - begin)
     cost = np.where(at[1] - at[0] == 1, np.minimum(0.5 * ((phase - 0.5) / PHASE_SIGMA) ** 2, MISSED), MISSED)
     turned = [np.interp([begin - d, end - d], one.t, one.heading) for one, d in ((a, 0.0), (b, tau))]

@@ -11,7 +11,8 @@ Its error is that of one foot and half of what the other one's differs by,
     e = e_L + (e_R - e_L) / 2,    cov(e) = cov(e_L) + cov(e_R - e_L) / 4,
 
 the latter known at the cells of steps (`steps`) and interpolated between. How the two go together is left out: in
-simulated walks sigmas are by 2 % larger for that at most.
+simulated walks of feet that step in turn sigmas are by 2 % larger for that at most. Where for long no steps tie the
+feet their difference grows, and that is not in it.
 """
 
 from __future__ import annotations
@@ -67,8 +68,7 @@ class FeetSolution:
     person : the middle of both.
     width_m, width_sigma_m : between the sensors, across the way; negative where the right foot's recording is on the
         left.
-    cells, beyond_reach : how many cells of steps tie the feet, and how many pairs of footfalls were out of reach.
-    notes : remarks for the user.
+    cells, beyond_reach : how many cells of steps tie the feet, and how many pairs of footfalls are held within reach.
     """
 
     right: Solution
@@ -78,7 +78,6 @@ class FeetSolution:
     width_sigma_m: float
     cells: int
     beyond_reach: int
-    notes: tuple[str, ...] = ()
 
 
 def trace_person(right: Solution, left: Solution, cell_t: Floats, apart_cov: Floats) -> PersonPath:
@@ -149,7 +148,7 @@ def _find_heading(position: Floats) -> Floats:
     walked = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(position[:, :2], axis=0), axis=1))])
     ends = [np.clip(walked + half, 0.0, walked[-1]) for half in (-0.5 * CHORD_M, 0.5 * CHORD_M)]
     # Where it stood, one distance has many places: any of them.
-    rising = np.maximum.accumulate(walked + 1e-9 * np.arange(len(walked)))
+    rising = walked + 1e-9 * np.arange(len(walked))
     first, last = (_interpolate(at, rising, position[:, :2]) for at in ends)
     chord = last - first
     return np.asarray(np.arctan2(chord[:, 0], chord[:, 1]))

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from fg_nav.feet_result import SIDES, FeetResult
+from fg_nav.feet_result import SIDES, FeetResult, Pairing
 from fg_nav.io import write_tum
 from fg_nav.report import WITH_PAGE, WITH_PICTURES, Plots
 from fg_nav.report.aligned import AlignedSolution
@@ -91,7 +91,7 @@ def summarize_feet(result: FeetResult) -> Summary:
         "sides": list(pairing.order),
         "sides_known": pairing.sides,
         "clock_offset_s": pairing.clock_offset_s,
-        "clock_offset_known": "given" if pairing.clock_given else "by the signals",
+        "clock_offset_known": _say_how_clocks_are_known(pairing),
     }
     if result.outcome.comparison is not None:
         figures |= {key: getattr(metrics, key) for key in (*TRUTH_KEYS, "scale", "points")}
@@ -124,3 +124,10 @@ def _describe_request(result: FeetResult) -> dict[str, object]:
         "heading_deg": pairing.heading_deg,
         "parameters": to_json(describe_given(walk, result.method)["parameters"]),
     }
+
+
+def _say_how_clocks_are_known(pairing: Pairing) -> str | None:
+    """Say by what the clocks were set; None where one foot is missing."""
+    if pairing.clock_given:
+        return "given"
+    return "by the signals" if pairing.cells else None

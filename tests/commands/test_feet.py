@@ -8,8 +8,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from fg_nav.both_feet import shows_sides
+from fg_nav.both_feet import navigate_feet, shows_sides
 from fg_nav.commands.simulate import write_feet
+from fg_nav.errors import EstimationError
 from fg_nav.feet.person import FeetSolution
 from fg_nav.lab.simulation import simulate_feet
 from fg_nav.solution import STRIDE_COLUMNS
@@ -204,3 +205,11 @@ def test_what_is_wrong_with_one_recording_is_said_with_its_name(fg_nav: FgNav, w
     table[[name for name in table if name.startswith("gyr")]] *= -1.0
     table.to_csv(tmp_path / "mirrored.csv", index=False)
     assert fg_nav("run", walked / "left.csv", tmp_path / "mirrored.csv", *FEET).refused("mirrored.csv: ")
+
+
+def test_sides_that_are_none_and_a_truth_for_one_are_refused_from_python(walked: Path) -> None:
+    files = walked / "left.csv", walked / "right.csv"
+    with pytest.raises(EstimationError, match="left,right or right,left"):
+        navigate_feet(*files, sides="right, left")  # type: ignore[arg-type]
+    with pytest.raises(EstimationError, match="a truth for each recording"):
+        navigate_feet(*files, truth=None)  # type: ignore[arg-type]

@@ -155,6 +155,8 @@ def _draw_distance(result: FeetResult) -> Section:
 
     t = result.t
     apart = np.linalg.norm(_read_at(t, left.t, left.position) - _read_at(t, right.t, right.position), axis=1)
+    # Where one foot was not recorded there is no distance.
+    apart[(t < max(left.t[0], right.t[0])) | (t > min(left.t[-1], right.t[-1]))] = np.nan
     both = _stands_at(t, left.t, left.walk.stances.mask) & _stands_at(t, right.t, right.walk.stances.mask)
     pairing = result.pairing
     words = [
