@@ -16,10 +16,12 @@ from dataclasses import dataclass
 
 import gtsam
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from fg_nav.arrays import Floats
 from fg_nav.factors.residual import guarded_factor
 from fg_nav.smoother.solver import dimension_of
+from fg_nav.smoother.square_root import SquareRoot
 
 
 @dataclass(frozen=True)
@@ -80,6 +82,19 @@ def condense(
     A, b = remaining.jacobian(kept)
     root: Floats = np.asarray(np.linalg.qr(np.column_stack([A, b]), mode="r"))
     return Anchor(tuple(keep), tuple(_value_of(values, key) for key in keep), root[:, :-1].copy(), root[:, -1].copy())
+
+
+def condense_root(root: SquareRoot, values: gtsam.Values, keep: Sequence[int]) -> Anchor:
+    """Condense the triangle R of a solved graph to what it says of the variables `keep`, at these values, its minimum.
+
+    With Y = R^-T E, E the columns of these variables, their covariance is Y^T Y = T^T T by QR of Y, so A = T^-T.
+    """
+    columns = np.concatenate([root.find_columns([[key]])[0] for key in keep])
+    unit = np.zeros((root.total, len(columns)))
+    unit[columns, np.arange(len(columns))] = 1.0
+    T: Floats = np.asarray(np.linalg.qr(root.rise(unit), mode="r"))
+    A: Floats = np.asarray(solve_triangular(T, np.eye(len(T)), trans="T"))
+    return Anchor(tuple(keep), tuple(_value_of(values, key) for key in keep), A, np.zeros(len(A)))
 
 
 def _step_to(values: gtsam.Values, key: int, value: Floats) -> Floats:

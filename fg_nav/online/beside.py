@@ -17,7 +17,8 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from typing import IO, Any
+from subprocess import Popen
+from typing import IO, Any, NamedTuple, Protocol
 
 from fg_nav.detection.stance import StanceParameters
 from fg_nav.online.buffer import SampleBuffer, ToldFootfall
@@ -33,6 +34,46 @@ LONGEST_S = 120.0
 """For an answer: twenty times what a solution takes on two cores."""
 
 
+class Messages(Protocol):
+    """Takes messages to the other process; None is the last."""
+
+    def put(self, item: Any, /) -> None:
+        """Take one; does not wait."""
+
+
+class Link(NamedTuple):
+    """The other process, messages to it, and its answers."""
+
+    process: Popen[bytes]
+    messages: Messages
+    answers: queue.SimpleQueue[Any]
+
+
+def start_worker(module: str) -> Link:
+    """Start a module as the other process."""
+    process, answers = start_module(module), queue.SimpleQueue[Any]()
+    threading.Thread(target=read_answers, args=(process, answers.put), daemon=True).start()
+    return Link(process, start_writer(process), answers)
+
+
+def start_writer(process: Popen[bytes]) -> queue.SimpleQueue[Any]:
+    """Return a queue whose messages a thread writes to a process, until one is None."""
+    messages = queue.SimpleQueue[Any]()
+    threading.Thread(target=_write, args=(process.stdin, messages), daemon=True).start()
+    return messages
+
+
+def read_answers(process: Popen[bytes], take: Callable[[Any], None]) -> None:
+    """Read answers of a process; an EOFError where there are no more."""
+    assert process.stdout is not None
+    while True:
+        try:
+            take(pickle.load(process.stdout))
+        except (EOFError, OSError, ValueError, pickle.UnpicklingError):
+            take(EOFError())
+            return
+
+
 class WorkerSolver:
     """Solves in another process; attributes and methods as in `Solver`.
 
@@ -40,6 +81,8 @@ class WorkerSolver:
     ----------
     remark : given a sentence where the other process dies.
     buffer : of the walk's samples.
+    here : solves in this process where the other one has died; None for the walk of one foot.
+    link : to the other process; None to start one.
     """
 
     def __init__(
@@ -48,20 +91,16 @@ class WorkerSolver:
         stance: StanceParameters,
         buffer: SampleBuffer,
         remark: Callable[[str], None] = lambda words: None,
+        here: WalkSolver | None = None,
+        link: Link | None = None,
     ) -> None:
-        self._here, self._buffer = WalkSolver(options, stance, buffer), buffer
+        self._here, self._buffer = WalkSolver(options, stance, buffer) if here is None else here, buffer
         self._remark, self._sent = remark, 0
         self.is_here = False
         self._asked_s = time.monotonic()
         self._answer: tuple[Handover | None] | None = None
         self._outstanding = 0
-        self._worker = start_module(WORKER)
-        assert self._worker.stdin is not None
-        assert self._worker.stdout is not None
-        self._messages: queue.SimpleQueue[Any] = queue.SimpleQueue()
-        self._answers: queue.SimpleQueue[Any] = queue.SimpleQueue()
-        threading.Thread(target=_write, args=(self._worker.stdin, self._messages), daemon=True).start()
-        threading.Thread(target=_read, args=(self._worker.stdout, self._answers), daemon=True).start()
+        self._worker, self._messages, self._answers = start_worker(WORKER) if link is None else link
         self._say("options", options, stance)
 
     @property
@@ -142,12 +181,13 @@ class WorkerSolver:
         self.is_here = True
         return self._here.take()
 
-    def close(self) -> None:
+    def close(self) -> WalkSolver:
         """End the other process."""
         self._messages.put(None)
         with suppress(OSError):
             self._worker.kill()
         self._worker.wait()
+        return self._here
 
     def _say(self, *message: Any) -> None:
         """Send a message; what nobody reads any more is not kept."""
@@ -160,13 +200,3 @@ def _write(pipe: IO[bytes], messages: queue.SimpleQueue[Any]) -> None:
         while (message := messages.get()) is not None:
             pickle.dump(message, pipe, protocol=pickle.HIGHEST_PROTOCOL)
             pipe.flush()
-
-
-def _read(pipe: IO[bytes], answers: queue.SimpleQueue[Any]) -> None:
-    """Put answers where they are taken; an EOFError where there are no more."""
-    while True:
-        try:
-            answers.put(pickle.load(pipe))
-        except (EOFError, OSError, ValueError, pickle.UnpicklingError):
-            answers.put(EOFError())
-            return

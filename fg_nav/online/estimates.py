@@ -33,8 +33,9 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, fields
+from itertools import compress
+from typing import Any, NamedTuple
 
 import gtsam
 import numpy as np
@@ -200,6 +201,17 @@ def build_table(rows: Sequence[EstimateRow]) -> StanceTable:
         field_reason=tuple(row.field_reason for row in rows),
         pose_cov=known.pose_cov,
     )
+
+
+def select_rows(table: StanceTable, keep: Bools) -> StanceTable:
+    """Return the rows of a table that are kept, (K,) flags."""
+    kept: dict[str, Any] = {}
+    for item in fields(table):
+        column = getattr(table, item.name)
+        kept[item.name] = tuple(compress(column, keep)) if isinstance(column, tuple) else column
+        if isinstance(column, np.ndarray):
+            kept[item.name] = column[keep]
+    return StanceTable(**kept)
 
 
 class Track(NamedTuple):

@@ -128,7 +128,35 @@ class Handover:
         return replace(self, past=Past(newest), first=newest, footfalls=self.footfalls[newest - self.first :])
 
 
+class TiedHandover(Handover):
+    """That of a foot whose walk was solved with the other foot's: it is in the frame of both."""
+
+
 def list_untold(before: Sequence[ToldFootfall], after: Sequence[ToldFootfall]) -> list[ToldFootfall]:
     """Return the footfalls that had a line and are none any more."""
     kept = {one.told for one in after}
     return [one for one in before if one.told >= 0 and one.told not in kept]
+
+
+def keep_starts(
+    earlier: Sequence[Handover],
+    newest: Handover,
+    footfalls: Sequence[ToldFootfall],
+    lag_s: float | None,
+    window: int,
+) -> list[Handover]:
+    """Return the handovers that a window of footfalls, or of a lag, may begin at: from the newest old enough on.
+
+    One behind a footfall that was taken back, or put in, holds what is not so.
+    """
+    valid = [one for one in earlier if _has_footfall(footfalls, one.place)]
+    starts, place = [*valid, newest.forget_past()], newest.place
+    if lag_s is None:
+        enough = sum(place.number - one.place.number >= window for one in starts)
+    else:
+        enough = sum(place.t - one.place.t >= lag_s for one in starts)
+    return starts[max(enough - 1, 0) :]
+
+
+def _has_footfall(footfalls: Sequence[ToldFootfall], place: Place) -> bool:
+    return any(one.footfall.stillest == place.sample for one in footfalls[place.number : place.number + 1])

@@ -14,10 +14,9 @@ With a lag the samples are discarded once no stride needs them, and the path is 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict, dataclass, fields, replace
-from itertools import compress
+from dataclasses import asdict, dataclass, replace
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
@@ -28,7 +27,8 @@ from fg_nav.errors import EstimationError
 from fg_nav.magnetic import FootfallField
 from fg_nav.magnetic.axes import AlignedMagnetometer, align_magnetometer
 from fg_nav.online.beside import WorkerSolver
-from fg_nav.online.estimates import StanceEstimate, Track
+from fg_nav.online.buffer import SampleBuffer
+from fg_nav.online.estimates import StanceEstimate, Track, select_rows
 from fg_nav.online.intake import SampleIntake
 from fg_nav.online.judge import SampleJudge
 from fg_nav.online.options import OnlineOptions
@@ -50,6 +50,8 @@ if TYPE_CHECKING:
     from fg_nav.online.pocket import PocketNavigator
 
 METHOD = "online"
+
+SolverMaker: TypeAlias = Callable[[SampleBuffer], Solver]
 
 LONGEST_FREE_S = 3.0
 """A stride and the wait for its footfall; a free strapdown is metres off by then."""
@@ -88,6 +90,7 @@ class OnlineNavigator(SampleIntake):
         detection: CausalParameters = CausalParameters(),
         judge: SampleJudge | None = None,
         beside: bool = False,
+        solver: SolverMaker | None = None,
     ) -> None:
         """Begin a walk.
 
@@ -97,13 +100,14 @@ class OnlineNavigator(SampleIntake):
         remark : given, in a sentence, what is odd about the samples; once for each kind of oddity.
         judge : of the samples, where a walk is resumed.
         beside : whether it is solved again in another process, so that no footfall waits for that.
+        solver : makes what solves it again, of its samples; None for the walk of one foot.
         """
         super().__init__(remark, judge)
         self.options = options
         self.detection = detection
         self._stances = CausalStances(detection)
-        self._solver: Solver | None = None
-        if beside:
+        self._solver: Solver | None = None if solver is None else solver(self.buffer)
+        if beside and solver is None:
             self._solver = WorkerSolver(options, detection.stance, self.buffer, remark)
         self._smoother = self._begin_smoother()
         self._remark, self._waits, self._warned = remark, False, False
@@ -121,15 +125,21 @@ class OnlineNavigator(SampleIntake):
 
     def close(self) -> list[StanceEstimate | Revision]:
         """End the walk and return the estimates of the footfalls that were still open, and what its end takes back."""
-        if self._closed:
-            return []
+        return [] if self._closed else [*self.begin_end(), *self.take_end()]
+
+    def begin_end(self) -> list[StanceEstimate | Revision]:
+        """End the walk, return the estimates of the footfalls that were still open, and begin its last solution."""
         self._closed = True
         found = self._add_rows(self._admit_rest())
         if self.buffer.stop >= MIN_SAMPLES:
             # A stance of the very last sample alone is none.
             found += self._estimates(f for f in self._stances.finish() if f.start[0] + 1 < self.buffer.stop)
-        found += self._smoother.finish()
+        self._smoother.begin_end()
         return found
+
+    def take_end(self) -> list[StanceEstimate | Revision]:
+        """Take the last solution over; what it takes back."""
+        return self._smoother.take_end()
 
     def finish(self) -> Solution:
         """End the walk and return its estimates as they are then, with their path.
@@ -142,7 +152,7 @@ class OnlineNavigator(SampleIntake):
         began = perf_counter()
         self.close()
         stances, (table, nodes) = self.stances(), self._smoother.solution()
-        p, table = self._smoother.parameters, _select_rows(table, self._is_new())
+        p, table = self._smoother.parameters, select_rows(table, self._is_new())
         table = mark_returns(table, self.returns)
         if self.options.lag_s is None:
             recording = self.recording().raise_peaks(self._smoother.peak_height)
@@ -161,7 +171,7 @@ class OnlineNavigator(SampleIntake):
             parameters=asdict(p),
             notes=(*self._smoother.notes, *ends, *self.notes),
             graph=self._smoother.counts,
-            moment=_select_rows(self.causal(), ~np.array(self.told_continues, dtype=np.bool_)),
+            moment=select_rows(self.causal(), ~np.array(self.told_continues, dtype=np.bool_)),
             recording=recording,
             returns=self.returns,
         )
@@ -246,6 +256,11 @@ class OnlineNavigator(SampleIntake):
         """Number of the floor of the newest footfall, 0 where the walk began; None where it is not known."""
         latest = self._smoother.latest
         return None if latest is None else latest.floor
+
+    @property
+    def smoother(self) -> OnlineSmoother:
+        """What the footfalls are given to."""
+        return self._smoother
 
     @property
     def returns(self) -> tuple[Return, ...]:
@@ -368,14 +383,3 @@ def _end_before(footfall: Footfall, until: int) -> Footfall:
         threshold=footfall.threshold[inside],
         stillest=min(footfall.stillest, until - 2),
     )
-
-
-def _select_rows(table: StanceTable, keep: Bools) -> StanceTable:
-    """Return the rows of a table that are kept, (K,) flags."""
-    kept: dict[str, Any] = {}
-    for item in fields(table):
-        column = getattr(table, item.name)
-        kept[item.name] = tuple(compress(column, keep)) if isinstance(column, tuple) else column
-        if isinstance(column, np.ndarray):
-            kept[item.name] = column[keep]
-    return StanceTable(**kept)

@@ -31,6 +31,7 @@ from fg_nav.smoother.bias_prior import find_bias_prior
 from fg_nav.smoother.constraints import add_constraints
 from fg_nav.smoother.count import count_factors
 from fg_nav.smoother.field import FieldVerdict
+from fg_nav.smoother.field_rounds import FieldSolution
 from fg_nav.smoother.graph import Known, WalkProblem, order_variables
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.problem import walk_problem
@@ -53,6 +54,7 @@ class WalkSolution:
     field : to go on with; None where it is not used.
     verdict : on the field at all footfalls.
     returns : stretches at which the walk was before.
+    shown : the solution of the field, and the field at the footfalls; None where it is not used.
     """
 
     problem: WalkProblem
@@ -60,6 +62,7 @@ class WalkSolution:
     field: OnlineField | None
     verdict: FieldVerdict
     returns: tuple[Return, ...]
+    shown: tuple[FieldSolution, FootfallField] | None = None
 
     @property
     def known(self) -> Known:
@@ -76,20 +79,36 @@ class WalkSolution:
         """Of the walk."""
         return self.problem.nodes
 
+    @property
+    def newest(self) -> Place:
+        """Its newest footfall."""
+        return list_places(self.nodes, self.problem.recording.t)[-1]
+
 
 def solve_from_start(walk: WalkSoFar, options: OnlineOptions, has_ended: bool = False) -> Handover:
     """Solve a walk with all its footfalls and samples; raises what `UNSOLVED` has where there is no solution."""
+    found = solve_alone(walk, options, has_ended)
+    return hand_over_solution(walk, options, found, condense_at(found, found.newest))
+
+
+def solve_alone(walk: WalkSoFar, options: OnlineOptions, has_ended: bool = False) -> WalkSolution:
+    """Solve a walk with all that it shows of its sensor, which is noted in it."""
     walk.align_magnetometer()
     recording, stances = walk.cut_whole(), walk.cut_stances(0, 0)
     given = options.heading_rad, options.use_field, options.parameters, walk.continues
     found = solve_so_far(recording, stances, *given, options.fixes, has_ended)
     walk.sensor = replace(walk.sensor, peak_height=found.known.peak_height)
-    places = list_places(found.nodes, recording.t)
+    return found
+
+
+def hand_over_solution(walk: WalkSoFar, options: OnlineOptions, found: WalkSolution, anchor: Anchor) -> Handover:
+    """Return what a solved walk leaves at its newest footfall, of which the anchor says all that is known."""
+    places = list_places(found.nodes, found.problem.recording.t)
     problem, magnetometer = found.problem, walk.sensor.magnetometer
     return Handover(
         place=places[-1],
         verdict=Verdict(found.verdict.words[-1], found.verdict.reason[-1]),
-        anchor=_condense_at(found, places[-1]),
+        anchor=anchor,
         past=Past(0, _list_rows(found, places)[:-1], nodes_of_places(places[:-1], found.solved.values)),
         first=0,
         footfalls=walk.footfalls_since(0),
@@ -109,7 +128,7 @@ def solve_from_start(walk: WalkSoFar, options: OnlineOptions, has_ended: bool = 
     )
 
 
-def _condense_at(found: WalkSolution, place: Place) -> Anchor:
+def condense_at(found: WalkSolution, place: Place) -> Anchor:
     """Condense a solved walk to what it says of a footfall."""
     problem, values = found.problem, found.solved.values
     linear = linearize(problem.graph, problem.blocks, values)
@@ -179,8 +198,9 @@ def _solve_once(
     problem = walk_problem(recording, stances, heading, p, in_progress=not has_ended)
     problem = add_fixes_so_far(problem, fixes)
     found = solve_walk(add_constraints(problem, problem.values, continues), field, unseen)
-    going_on = None if found.field is None or field is None else OnlineField(found.field, field)
-    return WalkSolution(found.problem, found.solved, going_on, found.verdict, found.returns)
+    shown = None if found.field is None or field is None else (found.field, field)
+    going_on = None if shown is None else OnlineField(*shown)
+    return WalkSolution(found.problem, found.solved, going_on, found.verdict, found.returns, shown)
 
 
 def measure_walk_field(

@@ -26,7 +26,7 @@ from fg_nav.frames import UNKNOWN_RAD
 from fg_nav.magnetic.axes import MagAxes
 from fg_nav.online.buffer import SampleBuffer, ToldFootfall, WalkSoFar
 from fg_nav.online.estimates import EstimateRow, StanceEstimate, Track, build_table
-from fg_nav.online.handover import Handover, Past, PathNodes, list_untold
+from fg_nav.online.handover import Handover, Past, PathNodes, keep_starts, list_untold
 from fg_nav.online.north import extend_with_north
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.resolve import solve_from_start
@@ -35,7 +35,6 @@ from fg_nav.online.schedule import AT_ONCE, DOUBT_DELAY, NEWEST, WINDOW, choose_
 from fg_nav.online.smoother_state import SmootherState
 from fg_nav.online.solving import CONTEXT_S, Solver, Task, WalkSolver
 from fg_nav.online.stretch import Stretch
-from fg_nav.online.strides import Place
 from fg_nav.online.takeover import Takeover
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.solver import UNSOLVED
@@ -62,7 +61,7 @@ class OnlineSmoother:
         stance: StanceParameters = StanceParameters(),
         solver: Solver | None = None,
     ) -> None:
-        self._options, self._buffer, self._stance = options, buffer, stance
+        self._options, self._buffer = options, buffer
         self._walk = WalkSoFar(buffer, options.use_field, options.axes_given)
         self._takeover = Takeover(WalkSolver(options, stance, buffer) if solver is None else solver, buffer)
         self._stretch: Stretch | None = None
@@ -117,14 +116,15 @@ class OnlineSmoother:
         self._takeover.start_clock()
         self._takeover.prepare(self.n_told)
 
-    def finish(self) -> list[StanceEstimate | Revision]:
-        """End the walk, and solve it once more, as far as its samples are there; what this takes back."""
-        self._takeover.solver.close()
-        if self._stretch is None:
-            return []
-        self._takeover.solver = WalkSolver(self._options, self._stance, self._buffer)
-        self._begin(replace(self._build_task(self._window_start), has_ended=True), delay=0)
-        return self._take_over()
+    def begin_end(self) -> None:
+        """End the walk, and begin to solve it once more, as far as its samples are there."""
+        self._takeover.solver = self._takeover.solver.close()
+        if self._stretch is not None:
+            self._begin(replace(self._build_task(self._window_start), has_ended=True), delay=0)
+
+    def take_end(self) -> list[StanceEstimate | Revision]:
+        """Take that solution over; what this takes back."""
+        return [] if self._stretch is None else self._take_over()
 
     @property
     def n_told(self) -> int:
@@ -201,6 +201,25 @@ class OnlineSmoother:
         if self._stretch is None:
             raise EstimationError("there is no footfall yet to carry a pose on from: add one first.")
         return self._stretch.propagate(until, stands)
+
+    @property
+    def begun(self) -> Handover | None:
+        """What the newest stretch began with; None before the first footfall."""
+        return None if self._stretch is None else self._stretch.begun
+
+    @property
+    def rows(self) -> tuple[EstimateRow, ...]:
+        """All footfalls as they were reported last, in hindsight up to the newest solution."""
+        return () if self._stretch is None else (*self._past.rows, *self._stretch.reported)
+
+    @property
+    def newest(self) -> EstimateRow | None:
+        """The newest line; None before the first."""
+        return self._told[-1] if self._told else None
+
+    def hasten(self, footfall: int) -> None:
+        """Begin the next solution at this footfall at the latest."""
+        self._next = min(self._next, footfall)
 
     @property
     def begun_at(self) -> int:
@@ -296,7 +315,7 @@ class OnlineSmoother:
     def _take(self, handover: Handover, since: Sequence[ToldFootfall] = ()) -> Revision:
         """Begin a new stretch at a handover, with the footfalls since, and take over its past; what this changes."""
         before, first = self._footfalls[handover.first :], handover.first
-        old = () if self._stretch is None else (*self._past.rows, *self._stretch.reported)
+        old = self.rows
         known, self._walk.sensor = self._walk.sensor, handover.sensor
         self._walk.replace_footfalls(first, handover.footfalls)
         try:
@@ -311,9 +330,10 @@ class OnlineSmoother:
         self._stretch = stretch
         self._footfalls[first:] = [*handover.footfalls, *since]
         self._past = self._past.join(handover.past)
-        self._starts = self._keep_starts(handover)
+        earlier = [] if handover.first == 0 else self._starts
+        self._starts = keep_starts(earlier, handover, self._footfalls, self._options.lag_s, WINDOW)
         self._takeover.taken.clear()
-        rows = (*self._past.rows, *stretch.reported)
+        rows = self.rows
         untold = [one.told for one in list_untold(before, self._footfalls[first:])]
         return compare_pasts(old[first:], rows, first, [(told, float(self._told[told].numbers[1])) for told in untold])
 
@@ -359,23 +379,6 @@ class OnlineSmoother:
     def _build_task(self, start: Handover | None) -> Task:
         footfalls = self._footfalls[0 if start is None else start.place.number :]
         return Task(start, tuple(footfalls), self._walk.sensor)
-
-    def _keep_starts(self, handover: Handover) -> list[Handover]:
-        """Return the handovers that a window may begin at: from the newest that is old enough on."""
-        earlier = [] if handover.first == 0 else self._starts
-        # One behind a footfall that was taken back, or put in, holds what is not so.
-        valid = [one for one in earlier if self._has_footfall(one.place)]
-        starts, lag_s = [*valid, handover.forget_past()], self._options.lag_s
-        newest = handover.place
-        if lag_s is None:
-            enough = sum(newest.number - one.place.number >= WINDOW for one in starts)
-        else:
-            enough = sum(newest.t - one.place.t >= lag_s for one in starts)
-        return starts[max(enough - 1, 0) :]
-
-    def _has_footfall(self, place: Place) -> bool:
-        footfalls = self._footfalls[place.number : place.number + 1]
-        return any(one.footfall.stillest == place.sample for one in footfalls)
 
     def _discard(self) -> None:
         """Discard what lies before the first handover that a window may begin at, samples with a lag alone."""

@@ -72,8 +72,8 @@ class Solver(Protocol):
     def take(self) -> Handover | None:
         """Return it, as soon as it is there; None where the walk has no solution."""
 
-    def close(self) -> None:
-        """Give up what it holds."""
+    def close(self) -> Solver:
+        """Give up what it holds; return who solves in this process from then on."""
 
 
 class WalkSolver:
@@ -126,18 +126,17 @@ class WalkSolver:
         self.wait()
         return None if self._solved is None else self._solved[0]
 
-    def close(self) -> None:
+    def close(self) -> Solver:
         """Nothing to give up."""
+        return self
 
     def solve(self, task: Task) -> tuple[Handover, WalkSoFar]:
         """Solve a task; return the walk too."""
         options, start = self._options, task.start
-        footfalls = self._review(task)
         if start is None:
-            walk = WalkSoFar(self._buffer, options.use_field, options.axes_given, sensor=task.sensor)
-            for footfall in footfalls:
-                walk.add(footfall)
-            return solve_from_start(walk, options, task.has_ended), walk
+            walk = self._collect_walk(task)
+            return self._solve_whole(walk, task.has_ended), walk
+        footfalls = self._review(task)
         begun = footfalls[:1]
         walk = WalkSoFar(self._buffer, options.use_field, options.axes_given, start.place.number, begun, start.sensor)
         stretch = Stretch(replace(start, footfalls=begun, first=start.place.number), walk)
@@ -155,6 +154,17 @@ class WalkSolver:
             walk.add(footfall)
             stretch.add_newest()
         return stretch.hand_over()
+
+    def _collect_walk(self, task: Task) -> WalkSoFar:
+        """Collect the walk of a task that begins at its start."""
+        walk = WalkSoFar(self._buffer, self._options.use_field, self._options.axes_given, sensor=task.sensor)
+        for footfall in self._review(task):
+            walk.add(footfall)
+        return walk
+
+    def _solve_whole(self, walk: WalkSoFar, has_ended: bool) -> Handover:
+        """Solve all of a walk."""
+        return solve_from_start(walk, self._options, has_ended)
 
     def _review(self, task: Task) -> tuple[ToldFootfall, ...]:
         """See the footfalls of a task in hindsight, but the one that it begins with."""

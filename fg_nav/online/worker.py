@@ -9,12 +9,15 @@ import os
 import pickle
 import signal
 import sys
+from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, cast
 
+from fg_nav.detection.stance import StanceParameters
 from fg_nav.online.buffer import SampleBuffer, ToldFootfall
 from fg_nav.online.handover import Handover
-from fg_nav.online.solving import WalkSolver
+from fg_nav.online.options import OnlineOptions
+from fg_nav.online.solving import Task, WalkSolver
 from fg_nav.smoother.solver import UNSOLVED
 from fg_nav.system.processes import collect_seldom
 
@@ -35,7 +38,7 @@ class Worker:
         match kind:
             case "options":
                 options, stance = content
-                self._solver = WalkSolver(options, stance, self._buffer)
+                self._solver = self._make_solver(options, stance)
             case "samples":
                 self._buffer.append(content[0])
             case "skip":
@@ -43,10 +46,16 @@ class Worker:
             case "discard":
                 self._buffer.discard(content[0])
             case "begin":
-                self._begun = self._try(self._solver.solve, content[0])
+                self._begin(content[0])
             case "ask":
                 return (self._go_on(content[0]),)
         return None
+
+    def _make_solver(self, options: OnlineOptions, stance: StanceParameters) -> WalkSolver:
+        return WalkSolver(options, stance, self._buffer)
+
+    def _begin(self, task: Task) -> None:
+        self._begun = self._try(self._solver.solve, task)
 
     def _go_on(self, footfalls: tuple[ToldFootfall, ...]) -> Handover | None:
         if self._begun is None:
@@ -63,21 +72,20 @@ class Worker:
             return None
 
 
-def main() -> None:
-    """Answer messages until there are no more."""
+def answer_messages(answer: Callable[..., tuple[Any] | None]) -> None:
+    """Answer messages until there are no more, each by a tuple of one, or by none."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that tells the walk
     os.nice(NICENESS)
     collect_seldom()
     messages, answers = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # whatever prints must not print into the answers
-    worker = Worker()
     with suppress(EOFError, OSError, pickle.UnpicklingError):  # its owner has gone, maybe in the middle of a message
         while True:
-            answer = worker.answer(*pickle.load(messages))
-            if answer is not None:
-                pickle.dump(answer[0], answers, protocol=pickle.HIGHEST_PROTOCOL)
+            found = answer(*pickle.load(messages))
+            if found is not None:
+                pickle.dump(found[0], answers, protocol=pickle.HIGHEST_PROTOCOL)
                 answers.flush()
 
 
 if __name__ == "__main__":
-    main()
+    answer_messages(Worker().answer)

@@ -121,7 +121,7 @@ def _finish(
         of_left,
         trace_person(of_right, of_left, cell_t, apart_cov),
         solved.minimum.values.width,
-        _measure_width_sigma(solved.minimum.root),
+        measure_width_sigma(solved.minimum.root),
         len(ties),
         len(reach),
     )
@@ -146,7 +146,7 @@ def _find_apart_covariance(solved: SolvedFeet, joints: list[FootfallCovariance],
     return np.asarray(of_graph + moved @ np.swapaxes(moved, 1, 2))
 
 
-def _measure_width_sigma(root: SquareRoot) -> float:
+def measure_width_sigma(root: SquareRoot) -> float:
     """Sigma of the width, m, by one column of the covariance."""
     column = np.zeros((root.total, 1))
     (at,) = root.find_columns([[int(WIDTH)]])[0]

@@ -14,6 +14,7 @@ from fg_nav.detection.stance import StanceParameters
 from fg_nav.online import beside, smoother, solving, strides, takeover
 from fg_nav.online.beside import WorkerSolver
 from fg_nav.online.buffer import LEAD_S, UNSEEN, SampleBuffer, WalkSoFar, rows_of
+from fg_nav.online.handover import keep_starts
 from fg_nav.online.isam2 import ISAM2Backend
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.smoother import OnlineSmoother
@@ -185,7 +186,8 @@ def test_handovers_behind_footfalls_that_were_taken_back_are_left_out() -> None:
     newest, starts = online._stretch.begun, list(online._starts)
     del online._footfalls[starts[-1].place.number :]
     earlier = replace(newest, place=starts[-2].place)
-    assert [one.place for one in online._keep_starts(earlier)] == [one.place for one in [*starts[:-1], earlier]]
+    kept = keep_starts(starts, earlier, online._footfalls, None, smoother.WINDOW)
+    assert [one.place for one in kept] == [one.place for one in [*starts[:-1], earlier]]
 
 
 def test_a_process_beside_says_the_same_and_is_replaced_where_it_dies(

@@ -1,0 +1,175 @@
+"""The walks of both feet of a person, solved again as one while they go on.
+
+    each foot     its walk so far alone                       (`resolve.solve_alone`)
+    both          in one graph                                (`smoother.feet.solve_feet`)
+    Handover      of each foot, by the triangle of both; its newest strides go on from there alone
+
+Both begin within a step of each other, and are joined when the first of them is due, so that both go on from one
+solution, each by its own marginal of it: nothing is counted twice. A foot that has no newer task is in it as it was
+solved last. Steps that tie fewer cells than `FEWEST_CELLS` do not show how the feet lie: then each is as it is alone,
+the right one in a frame of its own.
+
+The frame of both is the left foot's. Where its heading was given, or it has no magnetometer, the right foot's is set by
+the directions of the steps, once, and its walk solved again with it: else its field and the steps would ask for two.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import replace
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from fg_nav.detection.stance import StanceParameters
+from fg_nav.errors import EstimationError
+from fg_nav.feet.steps import measure_turns
+from fg_nav.frames import compute_heading
+from fg_nav.online.anchor import condense_root
+from fg_nav.online.buffer import SampleBuffer, WalkSoFar
+from fg_nav.online.field import OnlineField
+from fg_nav.online.graph_parts import list_variables
+from fg_nav.online.handover import Handover, TiedHandover
+from fg_nav.online.options import OnlineOptions
+from fg_nav.online.resolve import WalkSolution, condense_at, hand_over_solution, solve_alone
+from fg_nav.online.solving import Task, WalkSolver
+from fg_nav.smoother.feet import SolvedFeet, solve_feet
+from fg_nav.smoother.feet_batch import FEWEST_CELLS
+from fg_nav.smoother.feet_factors import list_footfalls
+from fg_nav.smoother.solver import UNSOLVED, list_attitudes
+
+Side: TypeAlias = Literal["left", "right"]
+
+SIDES: tuple[Side, Side] = ("left", "right")
+
+FEWEST_TURNS = 4
+"""Steps whose directions show how the right sensor is turned: each does to some degrees."""
+
+
+class WalksAlone:
+    """What each foot's walk came to alone when it was solved last, and both in one graph.
+
+    Attributes
+    ----------
+    solvers : of the feet, by side.
+    solved : both as they were solved last; None before.
+    """
+
+    def __init__(self) -> None:
+        self.solvers: dict[Side, FootSolver] = {}
+        self.solved: SolvedFeet | None = None
+        self._alone: dict[Side, WalkSolution] = {}
+        self._is_turned = self._is_parted = False
+        self._of: Sequence[WalkSolution] = ()
+
+    def put(self, side: Side, found: WalkSolution) -> None:
+        """Put in a foot's walk."""
+        self._alone[side] = found
+
+    def get(self, side: Side) -> WalkSolution:
+        """Return a foot's walk that was put in."""
+        return self._alone[side]
+
+    def part(self) -> None:
+        """Leave each foot alone from here on: their clocks are not one any more."""
+        self._is_parted = True
+
+    def find_heading(self, right: WalkSolution, options: OnlineOptions) -> float | None:
+        """Return the heading, rad, with which the right foot's walk is to be solved again; None to leave it."""
+        left = self._alone.get("left")
+        if self._is_turned or self._is_parted or left is None or not _has_own_heading(left, options):
+            return None
+        turn = measure_turns(*(list_footfalls(one.problem, one.solved.values) for one in (right, left)))[1]
+        if len(turn) < FEWEST_TURNS:
+            return None
+        self._is_turned = True
+        start = compute_heading(list_attitudes([0], right.solved.values)[0])
+        return float(start + np.angle(np.mean(np.exp(1j * turn))))
+
+    def join(self) -> SolvedFeet | None:
+        """Solve both in one graph; None where they do not show how they lie. Raises what `UNSOLVED` has."""
+        if self._is_parted or len(self._alone) < len(SIDES):
+            return None
+        pair = self._alone["right"], self._alone["left"]
+        if not self._is_turned and pair[0].field is not None and pair[1].field is None:
+            return None  # the one shows north, the other does not yet
+        if not self._of or any(one is not other for one, other in zip(pair, self._of, strict=True)):
+            self.solved = solve_feet(*(replace(one.problem, values=one.solved.values) for one in pair))
+            self._of = pair
+        assert self.solved is not None
+        return self.solved if len(self.solved.problem.ties) >= FEWEST_CELLS else None
+
+
+class FootSolver(WalkSolver):
+    """Solves the walk of one foot with that of the other, in this process.
+
+    Parameters
+    ----------
+    side : which foot it is.
+    walks : of both; shared with the other foot's solver.
+    """
+
+    def __init__(
+        self, side: Side, walks: WalksAlone, options: OnlineOptions, stance: StanceParameters, buffer: SampleBuffer
+    ) -> None:
+        super().__init__(options, stance, buffer)
+        self._side, self._walks = side, walks
+        self._walk: WalkSoFar | None = None
+        self._is_prepared = False
+        walks.solvers[side] = self
+
+    def begin(self, task: Task) -> None:
+        """See `Solver`."""
+        super().begin(task)
+        self._walk, self._is_prepared = None, False
+
+    def prepare(self) -> None:
+        """Solve the walk of its task alone, unless that is done: then the other foot has all of it."""
+        if self._is_prepared or self._task is None or self._task.start is not None:
+            return
+        self._is_prepared = True
+        with suppress(*UNSOLVED):
+            walk = super()._collect_walk(self._task)
+            self._solve_alone(walk, self._task.has_ended)
+            self._walk = walk
+
+    def _collect_walk(self, task: Task) -> WalkSoFar:
+        for solver in self._walks.solvers.values():
+            solver.prepare()
+        if self._walk is None:
+            raise EstimationError(f"the walk of the {self._side} foot has no solution.")
+        return self._walk
+
+    def _solve_whole(self, walk: WalkSoFar, has_ended: bool) -> Handover:
+        alone, both = self._walks.get(self._side), self._walks.join()
+        if both is None:
+            return hand_over_solution(walk, self._options, alone, condense_at(alone, alone.newest))
+        found = _take_foot(alone, both, self._side)
+        root, values = found.solved.root, found.solved.values
+        anchor = condense_root(root, values, list_variables(found.newest, values))
+        return TiedHandover(**vars(hand_over_solution(walk, self._options, found, anchor)))
+
+    def _solve_alone(self, walk: WalkSoFar, has_ended: bool) -> None:
+        """Solve the walk of this foot alone, with the heading that the steps give the right one."""
+        found = solve_alone(walk, self._options, has_ended)
+        heading = self._walks.find_heading(found, self._options) if self._side == "right" else None
+        if heading is not None:
+            self._options = replace(self._options, heading_rad=heading)
+            found = solve_alone(walk, self._options, has_ended)
+        self._walks.put(self._side, found)
+
+
+def _has_own_heading(left: WalkSolution, options: OnlineOptions) -> bool:
+    """Whether the left foot's heading is one that the right foot's field does not show."""
+    return options.heading_rad is not None or left.problem.recording.mag is None
+
+
+def _take_foot(alone: WalkSolution, both: SolvedFeet, side: Side) -> WalkSolution:
+    """Return the walk of a foot as it is in the graph of both."""
+    problem, solved = getattr(both.problem, side), getattr(both, side)
+    if alone.shown is None or problem.field is None:
+        return replace(alone, problem=problem, solved=solved)
+    found, field = alone.shown
+    found = replace(found, problem=problem, solved=solved, states=problem.field.states(solved.values))
+    return replace(alone, problem=problem, solved=solved, field=OnlineField(found, field), shown=(found, field))

@@ -1,0 +1,55 @@
+"""A simulated walk with a sensor on each foot, pushed through the navigator of both."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import cache
+
+import numpy as np
+
+from fg_nav.arrays import Floats
+from fg_nav.frames import compute_heading
+from fg_nav.lab.simulation import SimulatedFeet, simulate_feet
+from fg_nav.online.buffer import rows_of
+from fg_nav.online.feet import FeetNavigator
+from fg_nav.online.feet_lines import FeetLine
+from fg_nav.online.feet_solving import SIDES, Side
+from fg_nav.online.options import OnlineOptions
+
+BLOCK_S = 0.2
+
+
+@cache
+def demo_feet(seed: int = 5) -> SimulatedFeet:
+    """A minute round a block."""
+    return simulate_feet("demo", seed)
+
+
+def heading_of(side: Side) -> float:
+    """True heading of a sensor at the start, rad."""
+    truth = demo_feet().sides[side].recording.truth
+    assert truth is not None
+    return float(compute_heading(truth.nav_R_body[0]))
+
+
+def heads_known(use_field: bool = False) -> OnlineOptions:
+    """Options with the left sensor's heading."""
+    return OnlineOptions(heading_rad=heading_of("left"), use_field=use_field)
+
+
+def list_blocks(keep: Callable[[Side, float], bool]) -> Iterator[tuple[Side, Floats]]:
+    """Yield the rows (n, 10) of each foot in turn that are kept, by side and stamp of their block."""
+    rows = {side: rows_of(one.recording) for side, one in demo_feet().sides.items()}
+    for begin in np.arange(0.0, rows["left"][-1, 0] + BLOCK_S, BLOCK_S):
+        for side in SIDES:
+            first, stop = np.searchsorted(rows[side][:, 0], [begin, begin + BLOCK_S])
+            if stop > first and keep(side, float(begin)):
+                yield side, rows[side][first:stop]
+
+
+def push_feet(navigator: FeetNavigator, keep: Callable[[Side, float], bool] = lambda side, t: True) -> list[FeetLine]:
+    """Push the demo's samples, and return all lines up to the end of the walk."""
+    found = []
+    for side, rows in list_blocks(keep):
+        found += navigator.push(side, rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:])
+    return [*found, *navigator.close()]

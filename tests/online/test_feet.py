@@ -1,0 +1,225 @@
+"""Two feet in progress: against the batch solution of both, each foot alone, and the truth."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from functools import cache
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from fg_nav.detection import detect_stances
+from fg_nav.errors import EstimationError, RecordingError
+from fg_nav.feet.person import FeetSolution
+from fg_nav.online.estimates import StanceEstimate
+from fg_nav.online.feet import FeetNavigator, FeetWalk
+from fg_nav.online.feet_lines import FeetLine, FootState, PersonEstimate, format_feet_line
+from fg_nav.online.feet_solving import SIDES, Side
+from fg_nav.online.navigator import OnlineNavigator
+from fg_nav.online.options import OnlineOptions
+from fg_nav.online.revision import Revision
+from fg_nav.smoother.feet_batch import Foot, smooth_feet
+from fg_nav.truth import Fix
+from tests.online.feet_walks import demo_feet, heading_of, heads_known, list_blocks, push_feet
+
+
+@cache
+def walked() -> tuple[list[FeetLine], FeetWalk]:
+    """Lines and end of both feet, without the field, whose heading is given."""
+    navigator = FeetNavigator(heads_known())
+    return push_feet(navigator), navigator.finish()
+
+
+@cache
+def in_batch() -> FeetSolution:
+    feet = {}
+    for side, one in demo_feet().sides.items():
+        recording = replace(one.recording, mag=None)
+        feet[side] = Foot(recording, detect_stances(recording), heading_of(side))
+    return smooth_feet(feet["right"], feet["left"])
+
+
+def interpolate(t, path):
+    return np.stack([np.interp(t, path.t, column) for column in path.position.T], axis=1)
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_at_the_end_both_feet_are_where_the_batch_has_them(side: Side) -> None:
+    """Found: 9 mm rms, 22 mm at most; in the left foot's frame, whose heading was given."""
+    found, batch = walked()[1].feet[side].stances, getattr(in_batch(), side)
+    apart = np.linalg.norm(found.position - interpolate(found.t, batch), axis=1)
+    assert np.sqrt(np.mean(apart**2)) < 0.02
+    assert apart.max() < 0.05
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_the_sigmas_are_those_of_both(side: Side) -> None:
+    """Each foot's sigmas come from the graph of both: those of the batch but for what only that counts."""
+    found, batch = walked()[1].feet[side].stances, getattr(in_batch(), side).stances
+    assert found.position_sigma[-1, :2] == pytest.approx(batch.position_sigma[-1, :2], rel=0.1)
+
+
+def test_person_and_width_are_those_of_the_batch() -> None:
+    both, batch = walked()[1].both, in_batch()
+    assert both is not None
+    assert both.width_m == pytest.approx(batch.width_m, abs=0.02)
+    assert both.width_sigma_m == pytest.approx(batch.width_sigma_m, rel=0.1)
+    assert both.person.position[-1] == pytest.approx(batch.person.position[-1], abs=0.05)
+
+
+def test_lines_of_both_are_in_one_frame_after_some_strides() -> None:
+    """From the line that says so on, the feet are a step apart; it comes within twenty seconds."""
+    lines = [one for one in walked()[0] if isinstance(one.content, StanceEstimate)]
+    assert {one.frame for one in lines if one.foot == "left"} == {"left"}
+    own = [one.content.t for one in lines if one.frame == "right"]
+    assert 0 < len(own) < 20
+    assert max(own) < 20.0
+    shared = [one for one in lines if one.content.t > max(own)]
+    pairs = [pair for pair in pairwise(shared) if pair[0].foot != pair[1].foot]
+    assert len(pairs) > 60
+    for one, other in pairs:
+        assert np.linalg.norm(one.content.position - other.content.position) < 1.0
+
+
+def test_the_person_is_where_it_was_by_the_sigmas_told() -> None:
+    """Line by line, against the truth; and the path told last, which is of the end."""
+    feet = demo_feet()
+    start = feet.left.recording.truth.position[0]
+    people = [one.content for one in walked()[0] if isinstance(one.content, PersonEstimate)]
+    assert len(people) > 80
+    truth = np.mean(
+        [interpolate(np.array([one.t for one in people]), feet.sides[side].recording.truth) for side in SIDES], axis=0
+    )
+    error = np.array([one.position for one in people]) - (truth - start)
+    sigma = np.sqrt([np.diagonal(one.pose_cov)[:3] for one in people])
+    assert np.abs(error[:, :2] / sigma[:, :2]).max() < 3.0
+    revised = [one.content for one in walked()[0] if one.foot == "person" and isinstance(one.content, Revision)]
+    path = revised[-1].path
+    assert len(path) == len(people)
+    assert np.linalg.norm(path[:, 1:] - (truth - start), axis=1).max() < 0.3
+
+
+def test_the_direction_of_the_person_is_that_of_walking() -> None:
+    people = [one.content for one in walked()[0] if isinstance(one.content, PersonEstimate)]
+    ahead = [one.heading for one in people if 22.0 < one.t < 26.0]
+    assert len(ahead) > 4
+    assert np.abs(np.degrees(np.angle(np.exp(1j * (np.array(ahead, dtype=float) - np.pi))))).max() < 15.0
+
+
+def test_a_foot_that_is_silent_from_the_start_leaves_the_other_as_it_is_alone() -> None:
+    """To the bit; the silence is told once."""
+    found = push_feet(FeetNavigator(heads_known()), lambda side, t: side == "left")
+    assert [one.content.state for one in found if isinstance(one.content, FootState)] == ["silent"]
+    assert line_texts(found, "left") == alone("left", heads_known())
+
+
+def test_a_right_foot_alone_is_in_a_frame_of_its_own() -> None:
+    found = push_feet(FeetNavigator(heads_known()), lambda side, t: side == "right" and t < 20.0)
+    lines = [one for one in found if isinstance(one.content, StanceEstimate)]
+    assert {(one.foot, one.frame) for one in lines} == {("right", "right")}
+
+
+def test_a_foot_that_comes_back_joins_again() -> None:
+    """Right foot without samples from 30 to 45 s: told once each, and at the end both are within decimetres."""
+    navigator = FeetNavigator(heads_known())
+    found = push_feet(navigator, lambda side, t: side == "left" or not 30.0 <= t < 45.0)
+    assert [one.content.state for one in found if isinstance(one.content, FootState)] == ["silent", "back"]
+    start = demo_feet().left.recording.truth.position[0]
+    for side, one in navigator.finish().feet.items():
+        truth = interpolate(one.stances.t, demo_feet().sides[side].recording.truth) - start
+        assert np.linalg.norm(one.stances.position - truth, axis=1).max() < 0.3
+    people = [one.content.t for one in found if isinstance(one.content, PersonEstimate)]
+    assert not any(33.0 < t < 44.0 for t in people)
+    assert max(people) > 50.0
+
+
+def test_a_foot_in_another_unit_is_refused_once_and_the_other_goes_on() -> None:
+    navigator = FeetNavigator(heads_known())
+    found = [*push_in_g(navigator, ("right",)), *navigator.close()]
+    (state,) = [one for one in found if isinstance(one.content, FootState)]
+    assert (state.foot, state.content.state) == ("right", "refused")
+    assert "in g" in state.content.reason
+    assert set(navigator.finish().feet) == {"left"}
+    assert "right" in navigator.finish().lost
+
+
+def test_where_neither_foot_can_be_used_the_walk_ends() -> None:
+    with pytest.raises(RecordingError, match="in g"):
+        push_in_g(FeetNavigator(heads_known()), SIDES)
+
+
+def test_a_clock_offset_is_taken_off() -> None:
+    navigator = FeetNavigator(heads_known(), clock_offset_s=-100.0)
+    found = []
+    for side, rows in list_blocks(lambda side, t: t < 25.0):
+        t = rows[:, 0] + (100.0 if side == "right" else 0.0)
+        found += navigator.push(side, t, rows[:, 1:4], rows[:, 4:7], rows[:, 7:])
+    expected = [one for one in walked()[0] if isinstance(one.content, PersonEstimate)]
+    people = [one for one in found if isinstance(one.content, PersonEstimate)]
+    assert [one.content.t for one in people] == pytest.approx([one.content.t for one in expected[: len(people)]])
+    assert len(people) > 5
+
+
+def test_a_clock_that_restarts_parts_the_feet() -> None:
+    """Its stamps are set on by a guess: steps by them would be beside the wrong ones."""
+    navigator, found = FeetNavigator(heads_known()), []
+    for side, rows in list_blocks(lambda side, t: t < 40.0):
+        t = rows[:, 0] - (29.0 if side == "right" and rows[0, 0] > 30.0 else 0.0)
+        found += navigator.push(side, t, rows[:, 1:4], rows[:, 4:7], rows[:, 7:])
+    found += navigator.close()
+    assert "parted" in [one.content.state for one in found if isinstance(one.content, FootState)]
+    assert found[-1].frame == "right"
+    assert navigator.finish().both is None
+
+
+def test_beside_says_the_same_as_in_between() -> None:
+    """Both feet in the other process: at the end the same to the last digits that are told."""
+    navigator = FeetNavigator(heads_known(), beside=True)
+    push_feet(navigator)
+    for side, one in navigator.finish().feet.items():
+        assert one.stances.position == pytest.approx(walked()[1].feet[side].stances.position, abs=1e-3)
+
+
+def test_lag_and_fixes_are_refused() -> None:
+    fix = Fix(10.0, np.zeros(3), 0.1)
+    for options, words in ((OnlineOptions(lag_s=60.0), "a lag"), (OnlineOptions(fixes=(fix,)), "fixes")):
+        with pytest.raises(EstimationError, match=f"^{words} cannot be used with two feet"):
+            FeetNavigator(options)
+    with pytest.raises(EstimationError, match="is no time"):
+        FeetNavigator(clock_offset_s=np.nan)
+
+
+def test_every_line_says_whose_it_is_and_in_which_frame() -> None:
+    for line in walked()[0]:
+        for content in map(json.loads, format_feet_line(line)):
+            assert list(content)[:3] == ["kind", "foot", "frame"]
+            assert content["foot"] in ("left", "right", "person")
+
+
+def push_in_g(navigator: FeetNavigator, sides: tuple[Side, ...]) -> list[FeetLine]:
+    """Push seconds of both feet, the force of some in g."""
+    found = []
+    for side, rows in list_blocks(lambda side, t: t < 12.0):
+        force = rows[:, 1:4] / (9.81 if side in sides else 1.0)
+        found += navigator.push(side, rows[:, 0], force, rows[:, 4:7], rows[:, 7:])
+    return found
+
+
+def line_texts(found: list[FeetLine], side: Side) -> list[str]:
+    return [
+        text for one in found if one.foot == side and not isinstance(one.content, FootState)
+        for text in format_feet_line(one)
+    ]  # fmt: skip
+
+
+def alone(side: Side, options: OnlineOptions) -> list[str]:
+    """The lines of one foot's navigator, as lines of two."""
+    navigator, found = OnlineNavigator(options), []
+    for _, rows in list_blocks(lambda one, t: one == side):
+        found += navigator.push(rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:])
+    found += navigator.close()
+    continues = navigator.told_continues
+    lines = [FeetLine(side, side, one, isinstance(one, StanceEstimate) and continues[one.number]) for one in found]
+    return line_texts(lines, side)
