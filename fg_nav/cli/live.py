@@ -15,6 +15,7 @@ verbs = typer.Typer()
 @verbs.command()
 def stream(
     source: given.SourceName,
+    second: given.SecondSource = None,
     checkpoint: given.CheckpointPath = None,
     every: Annotated[float, typer.Option(metavar="SECONDS", help="Between two saves.")] = 10.0,
     lag: given.Lag = None,
@@ -24,7 +25,8 @@ def stream(
     fixes: given.FixesPath = None,
     calibration: given.CalibrationPath = None,
     mag_axes: given.MagAxesWords = None,
-    mount: given.MountPlace = "foot",
+    mount: given.StreamMount = "foot",
+    clock_offset: given.StreamClockOffset = None,
     step_constant: given.StepConstant = None,
     serve: given.ServedPort = None,
     view: given.ViewPage = False,
@@ -48,13 +50,22 @@ def stream(
 
     Reads canonical CSV, the header line first, or rows of --columns. Ctrl-C ends the walk and writes its result.
     """
-    from fg_nav.commands.stream import stream
+    from fg_nav.commands.stream import check_sources, stream
+    from fg_nav.commands.stream_feet import stream_feet
+    from fg_nav.detection.mount import Wearing
+    from fg_nav.online.feet_request import FeetStreamRequest
     from fg_nav.online.request import StreamRequest
 
+    right = check_sources(second, clock_offset, mount)
+    worn: Wearing = "foot" if mount == "feet" else mount
     request = StreamRequest(
         source, checkpoint, every, lag, heading, not no_mag, gate, calibration, serve, baud, silence, mag_axes, polish,
-        (host, port) if view else None, columns, units, rate, mount, fixes, step_constant,
+        (host, port) if view else None, columns, units, rate, worn, fixes, step_constant,
         speed, record, force,
     )  # fmt: skip
     with answering(json, quiet) as answer:
+        if right is not None:
+            feet = FeetStreamRequest(request, right, clock_offset or 0.0)
+            answer(stream_feet(feet, out, force, lines=not (json or quiet)))
+            return
         answer(stream(request, plots, out, force, lines=not (json or quiet)))

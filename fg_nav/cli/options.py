@@ -312,6 +312,22 @@ SourceName = Annotated[
         help="- for standard input, a file that grows, a serial device, or tcp, tcp-listen or udp and ://host:port.",
     ),
 ]
+SecondSource = Annotated[
+    str | None,
+    typer.Argument(
+        metavar="[RIGHT]", show_default=False, help="With --mount feet, the right foot's; SOURCE is the left's."
+    ),
+]
+StreamMount = Annotated[
+    Literal["foot", "feet", "pocket"],
+    typer.Option(
+        "--mount", help="Where the sensor is worn; a pocket is one of trousers. feet: one on each foot, two sources."
+    ),
+]
+StreamClockOffset = Annotated[
+    float | None,
+    typer.Option("--clock-offset", metavar="SECONDS", help="To add to the stamps of the right foot of --mount feet."),
+]
 ViewPage = Annotated[bool, typer.Option("--view", help="Show the walk on a page, for a browser on this machine.")]
 ViewHost = Annotated[
     str,

@@ -20,7 +20,7 @@ import numpy as np
 import typer
 
 from fg_nav.commands import Answer, Target
-from fg_nav.errors import OutputError, describe_reason
+from fg_nav.errors import EstimationError, OutputError, describe_reason
 from fg_nav.estimators import Progress
 from fg_nav.magnetic.axes import MagAxes
 from fg_nav.online.estimates import POLISHED, SMOOTHED, SensorTime, format_table
@@ -66,6 +66,18 @@ def stream(request: StreamRequest, plots: Plots, out: Path | None, force: bool, 
         return Answer(content, say_nothing, failure)
     content = {"source": request.source, "folder": str(target.place), **end.summary}
     return Answer(content, partial(remark, terminal.describe_place(target.place)))
+
+
+def check_sources(second: str | None, clock_offset_s: float | None, mount: str) -> str | None:
+    """Return the right foot's source, None for one sensor; raises `EstimationError` for a source too few or many."""
+    if mount != "feet":
+        for name, value in (("a second source", second), ("--clock-offset", clock_offset_s)):
+            if value is not None:
+                raise EstimationError(f"{name} is for a sensor on each foot: add --mount feet, or leave it out.")
+        return None
+    if second is None:
+        raise EstimationError("--mount feet takes two sources: name the left foot's, then the right one's.")
+    return second
 
 
 def remark(words: str) -> None:
@@ -188,10 +200,10 @@ def _has_lag(walk: StreamedWalk) -> bool:
 
 def _finish_lagged(walk: StreamedWalk) -> Solution:
     """End a walk with a lag."""
-    return _note_losses(walk.navigator.finish(), walk)
+    return note_losses(walk.navigator.finish(), walk)
 
 
-def _note_losses(solution: Solution, walk: StreamedWalk) -> Solution:
+def note_losses(solution: Solution, walk: StreamedWalk) -> Solution:
     """Add what was lost on the way to the notes."""
     return replace(solution, notes=(*solution.notes, *describe_losses(walk.navigator.source.get("lost", {}))))
 
@@ -211,18 +223,24 @@ def finish_stream(walk: StreamedWalk, progress: Progress | None = None) -> tuple
     RecordingError, DetectionError
         Where there was no walk.
     """
+    # Stances and field as of a recording: for the pictures, and for the batch solution.
+    prepared = prepare_stream(walk)
+    # The path through the graph, and the batch solution next to it where it was asked for.
+    solution = finish_walk(walk.navigator, walk.polish, progress, prepared.stances, prepared.field)
+    return prepared, evaluate_solution(prepared, note_losses(solution, walk))
+
+
+def prepare_stream(walk: StreamedWalk) -> Walk:
+    """Return a walk without a lag that has ended as one of a recording, with its stances and field."""
     navigator, calibration = walk.navigator, walk.calibration
     bad = max(navigator.judge.counts[sensor] for sensor in ("acc", "gyr"))
     provenance = Provenance(format=f"canonical rows from {walk.name}", bad_samples=bad)
     recording = replace(navigator.recording(), provenance=provenance)
-    # Stances and field as of a recording: for the pictures, and for the batch solution.
     prepared = prepare_walk(Walk.of(recording, _options(navigator.options)))
     prepared = replace(prepared, options=replace(prepared.options, mag_axes=walk.mag_axes))
     if calibration is not None:
         prepared = replace(prepared, calibration=calibration, applied=calibration.corrects(recording.mag is not None))
-    # The path through the graph, and the batch solution next to it where it was asked for.
-    solution = finish_walk(navigator, walk.polish, progress, prepared.stances, prepared.field)
-    return prepared, evaluate_solution(prepared, _note_losses(solution, walk))
+    return prepared
 
 
 def _options(options: OnlineOptions | PocketOptions) -> Options:

@@ -21,11 +21,11 @@ from fg_nav.arrays import Floats
 from fg_nav.detection.causal import CausalParameters
 from fg_nav.errors import EstimationError, FgNavError
 from fg_nav.feet.person import FeetSolution, trace_person
+from fg_nav.feet.sides import SIDES, Side
 from fg_nav.online.estimates import StanceEstimate, split_rows
 from fg_nav.online.feet_beside import FeetSolvers
 from fg_nav.online.feet_lines import FeetLine, FootState, State
 from fg_nav.online.feet_person import LONGEST_STEP_S, PersonTracker
-from fg_nav.online.feet_solving import SIDES, Side
 from fg_nav.online.handover import Handover, TiedHandover
 from fg_nav.online.navigator import OnlineNavigator
 from fg_nav.online.options import OnlineOptions
@@ -65,6 +65,8 @@ class FeetNavigator:
     ----------
     navigators : of each foot, by side.
     refused : feet whose samples cannot be used, and why.
+    offset_s : to add to the stamps of each; `push` does.
+    is_parted : whether their clocks are not one any more.
     """
 
     def __init__(
@@ -91,7 +93,7 @@ class FeetNavigator:
             With a lag or fixes, and for an offset that is no time.
         """
         _check(options, clock_offset_s)
-        self._offset_s: dict[Side, float] = {"left": 0.0, "right": clock_offset_s}
+        self.offset_s: dict[Side, float] = {"left": 0.0, "right": clock_offset_s}
         self._solvers = FeetSolvers(options, detection.stance, remark, beside)
         self.navigators = {
             side: OnlineNavigator(
@@ -101,7 +103,7 @@ class FeetNavigator:
         }
         self.refused: dict[Side, str] = {}
         self._silent: set[Side] = set()
-        self._parted, self._begun = False, np.inf
+        self.is_parted, self._begun = False, np.inf
         self._person = PersonTracker()
         self._pending: dict[Side, Pending | None] = dict.fromkeys(SIDES)
         self._begun_s = dict.fromkeys(SIDES, -np.inf)
@@ -115,7 +117,7 @@ class FeetNavigator:
         if side in self.refused:
             return []
         try:
-            found = self.navigators[side].push(np.asarray(t) + self._offset_s[side], acc, gyr, mag)
+            found = self.navigators[side].push(np.asarray(t) + self.offset_s[side], acc, gyr, mag)
         except FgNavError as error:
             return [self.refuse(side, error)]
         return [*self.label(side, found), *self.look(side)]
@@ -152,6 +154,10 @@ class FeetNavigator:
         self._solvers.close()
         return [*found, *news, *ends, *self._follow_person()]
 
+    def abandon(self) -> None:
+        """End the process beside, and nothing else."""
+        self._solvers.close()
+
     def finish(self) -> FeetWalk:
         """End the walk and return what each foot, and both, come to; raises `FgNavError` where neither has a walk."""
         self.close()
@@ -186,7 +192,7 @@ class FeetNavigator:
     def _hasten(self, side: Side) -> None:
         """Let a foot that is not tied yet be solved again soon, where both walk, and both be solved together."""
         own, other = (self.navigators[one].smoother for one in (side, _other(side)))
-        if min(own.n_told, other.n_told) < AT_ONCE[-1] or self._silent or self.refused or self._parted:
+        if min(own.n_told, other.n_told) < AT_ONCE[-1] or self._silent or self.refused or self.is_parted:
             return
         if not isinstance(own.begun, TiedHandover) and own.n_told % EVERY == 0:
             own.hasten(own.n_told + 1)
@@ -202,8 +208,8 @@ class FeetNavigator:
         """Notice a foot whose clock restarted: its stamps were set on by a guess."""
         navigator = self.navigators[side]
         newest = navigator.buffer.stop - 1
-        if not self._parted and newest >= 0 and navigator.judge.sensor_time(newest, 0.0):
-            self._parted = True
+        if not self.is_parted and newest >= 0 and navigator.judge.sensor_time(newest, 0.0):
+            self.is_parted = True
             self._solvers.part()
             yield self._tell(side, "parted", "its clock began again: each foot goes on alone, in a frame of its own")
 
@@ -228,7 +234,7 @@ class FeetNavigator:
 
     def _follow_person(self) -> Iterator[FeetLine]:
         """Yield the person's path where a foot's has changed, and a step where there is a new one."""
-        if not self._is_tied or self._parted:
+        if not self._is_tied or self.is_parted:
             return
         smoothers = [self.navigators[side].smoother for side in SIDES]
         begun = [one.begun for one in smoothers]
@@ -243,8 +249,13 @@ class FeetNavigator:
         if step is not None:
             yield FeetLine("person", "left", step)
 
+    @property
+    def last_stamp(self) -> float:
+        """The newest stamp of both, s; -inf before the first."""
+        return max(self._find_last(side) for side in SIDES)
+
     def _tell(self, side: Side, state: State, reason: str) -> FeetLine:
-        t = max(self._find_last(one) for one in SIDES)
+        t = self.last_stamp
         return FeetLine(side, self.frame(side), FootState(t if np.isfinite(t) else 0.0, state, reason))
 
 

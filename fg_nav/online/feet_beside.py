@@ -11,9 +11,10 @@ from collections.abc import Callable
 from typing import Any
 
 from fg_nav.detection.stance import StanceParameters
+from fg_nav.feet.sides import SIDES, Side
 from fg_nav.online.beside import Link, WorkerSolver, read_answers, start_writer
 from fg_nav.online.buffer import SampleBuffer
-from fg_nav.online.feet_solving import SIDES, FootSolver, Side, WalksAlone
+from fg_nav.online.feet_solving import FootSolver, WalksAlone
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.solving import Solver, WalkSolver
 from fg_nav.system.processes import start_module

@@ -18,12 +18,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
-from typing import Literal, TypeAlias
 
 import numpy as np
 
 from fg_nav.detection.stance import StanceParameters
 from fg_nav.errors import EstimationError
+from fg_nav.feet.sides import SIDES, Side
 from fg_nav.feet.steps import measure_turns
 from fg_nav.frames import compute_heading
 from fg_nav.online.anchor import condense_root
@@ -38,10 +38,6 @@ from fg_nav.smoother.feet import SolvedFeet, solve_feet
 from fg_nav.smoother.feet_batch import FEWEST_CELLS
 from fg_nav.smoother.feet_factors import list_footfalls
 from fg_nav.smoother.solver import UNSOLVED, list_attitudes
-
-Side: TypeAlias = Literal["left", "right"]
-
-SIDES: tuple[Side, Side] = ("left", "right")
 
 FEWEST_TURNS = 4
 """Steps whose directions show how the right sensor is turned: each does to some degrees."""

@@ -8,8 +8,9 @@ from __future__ import annotations
 from typing import Any
 
 from fg_nav.detection.stance import StanceParameters
+from fg_nav.feet.sides import SIDES, Side
 from fg_nav.online.buffer import ToldFootfall
-from fg_nav.online.feet_solving import SIDES, FootSolver, Side, WalksAlone
+from fg_nav.online.feet_solving import FootSolver, WalksAlone
 from fg_nav.online.handover import Handover
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.solving import Task

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,7 +23,7 @@ from fg_nav.calibration.of_recording import Calibration
 from fg_nav.errors import EstimationError, FgNavError
 from fg_nav.magnetic.axes import MagAxes
 from fg_nav.online.checkpoint import Checkpoint, Snapshot
-from fg_nav.online.estimates import format_estimate
+from fg_nav.online.estimates import StanceEstimate, format_estimate
 from fg_nav.online.line_verdict import Judged, LineVerdict
 from fg_nav.online.losses import LossCounter, describe_losses
 from fg_nav.online.options import OnlineOptions
@@ -123,7 +124,7 @@ def _follow(
 ) -> Navigator:
     navigator = _open_navigator(options, checkpoint, remark)
     status = None if watcher is None else StatusReporter(watcher)
-    walk = _Walk(navigator, options, checkpoint, emit, remark, status)
+    walk = FollowedWalk(navigator, options, checkpoint, emit, remark, status)
     walk.tell_past()
     if navigator.source.get("header") and options.checkpoint is not None:
         with say_damaged(options.checkpoint):
@@ -158,8 +159,15 @@ def _open_navigator(options: StreamOptions, checkpoint: Checkpoint | None, remar
     return navigator
 
 
-class _Walk:
-    """Samples to the navigator, lines of its estimates, and the walk into its checkpoint."""
+class FollowedWalk:
+    """Samples to the navigator, lines of its estimates, and the walk into its checkpoint.
+
+    Parameters
+    ----------
+    navigator, options, emit, remark : as of `follow_source`.
+    checkpoint : that is held; None without.
+    status : reported to who watches; None without.
+    """
 
     def __init__(
         self,
@@ -183,6 +191,7 @@ class _Walk:
         self._saving: threading.Thread | None = None
 
     def add(self, rows: Floats, header: list[str] | None) -> None:
+        """Add rows (n, 10) of a source with this header."""
         if self._status is not None:
             self._status.count_samples(len(rows))
         if not len(rows):
@@ -202,17 +211,31 @@ class _Walk:
         self._emit_lines(found)
 
     def end(self, lost_datagrams: int) -> None:
+        """End the walk, with what its source lost."""
+        self.count_losses(lost_datagrams)
+        if self._checkpoint is not None:
+            self._save(self._checkpoint)
+            self._wait()
+        self.tell(self._navigator.close())
+        self.show_status(lost_datagrams, ended=True)
+
+    def count_losses(self, lost_datagrams: int) -> None:
+        """Count what was lost in all, and say it."""
         self._losses.finish()
         self._navigator.source["lost"] = lost = self._losses.report(lost_datagrams)
         for words in describe_losses(lost):
             self._remark(f"{words}.")
-        if self._checkpoint is not None:
-            self._save(self._checkpoint)
-            self._wait()
-        self._emit_lines(self._verdict.judge(self._navigator.close(), self._navigator.told_continues))
-        self.show_status(lost_datagrams, ended=True)
+
+    def tell(self, made: Sequence[StanceEstimate | Revision]) -> None:
+        """Judge what the navigator made, and emit its lines."""
+        self._emit_lines(self._verdict.judge(made, self._navigator.told_continues))
+
+    def report_losses(self, lost_datagrams: int) -> dict[str, int]:
+        """Return what was lost so far, with the datagrams for which there was no room."""
+        return self._losses.report(lost_datagrams)
 
     def show_status(self, lost_datagrams: int, ended: bool = False) -> None:
+        """Report what holds between footfalls."""
         if self._status is not None:
             self._status.report(self._navigator, self._losses.report(lost_datagrams), ended)
 

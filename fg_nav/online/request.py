@@ -88,9 +88,20 @@ def run_stream(request: StreamRequest, outlets: Outlets) -> StreamedWalk:
     FgNavError
         Where something that was asked for cannot be: the source, the checkpoint, the rows.
     """
+    options = read_stream_options(request)
+    with (
+        catch_signals(*ENDING) as stop,
+        closing(open_source_of(request, options.columns, outlets.remark)) as source,
+    ):
+        navigator = follow_source(source, options, outlets.emit, outlets.remark, stop, outlets.watcher)
+    return StreamedWalk(navigator, source.name, options.calibration, options.mag_axes, request.polish)
+
+
+def read_stream_options(request: StreamRequest) -> StreamOptions:
+    """Return how a source is followed, with the files that are named read; raises `FgNavError` for what cannot be."""
     calibration = None if request.calibration_path is None else read_calibration(request.calibration_path)
     axes = None if request.mag_axes is None else MagAxes.parse(request.mag_axes)
-    options = StreamOptions(
+    return StreamOptions(
         online=_online_options(request),
         checkpoint=request.checkpoint,
         checkpoint_s=_check_positive(request.checkpoint_s, "--every") or 0.0,
@@ -100,15 +111,10 @@ def run_stream(request: StreamRequest, outlets: Outlets) -> StreamedWalk:
         columns=parse_columns(request.columns, request.units, request.rate_hz),
         beside=True,
     )
-    with (
-        catch_signals(*ENDING) as stop,
-        closing(_open_samples(request, options.columns, outlets.remark)) as source,
-    ):
-        navigator = follow_source(source, options, outlets.emit, outlets.remark, stop, outlets.watcher)
-    return StreamedWalk(navigator, source.name, calibration, axes, request.polish)
 
 
-def _open_samples(request: StreamRequest, columns: Columns | None, remark: Say) -> SampleSource:
+def open_source_of(request: StreamRequest, columns: Columns | None, remark: Say) -> SampleSource:
+    """Open the source of a request, and the file that its rows are written to."""
     given = (request.source, columns, request.baud, request.speed, remark)
     if request.record is None:
         return open_samples(*given)

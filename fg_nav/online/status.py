@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, Protocol
 
 import numpy as np
@@ -81,6 +81,9 @@ class StatusReporter:
 
     def report(self, navigator: Navigator, lost: Mapping[str, int], ended: bool = False) -> None:
         """Send the status, where it is due and somebody watches; at the end always; `lost` as of `LossCounter`."""
+        self._send(lambda: self._describe(navigator), lost, ended)
+
+    def _send(self, describe: Callable[[], dict[str, Any]], lost: Mapping[str, int], ended: bool) -> None:
         now = time.monotonic()
         while self._counts and self._counts[0][0] < now - RATE_S:
             self._counts.popleft()
@@ -88,7 +91,7 @@ class StatusReporter:
             self._due = now + self._watcher.status_s
             source = "ended" if ended else self._describe_source(now)
             counts = {"lost_samples": lost["samples"], "lost_datagrams": lost["datagrams"]}
-            self._watcher.send_status({**self._describe(navigator), **counts, "source": source})
+            self._watcher.send_status({**describe(), **self._describe_flow(), **counts, "source": source})
 
     def _describe_source(self, now: float) -> str:
         silent_s = 0.0 if self._silent_since is None else now - self._silent_since
@@ -103,13 +106,18 @@ class StatusReporter:
             "position_m": None if pose is None else np.round(pose.position[-1], DIGITS),
             "heading_deg": None if pose is None else _to_degrees(float(compute_heading(pose.nav_R_body[-1]))),
             "floor": navigator.floor,
-            "returns": [_list_ends(one) for one in navigator.returns],
+            "returns": [list_ends(one) for one in navigator.returns],
+        }
+
+    def _describe_flow(self) -> dict[str, Any]:
+        """How fast lines come, and samples."""
+        return {
             "latency_ms": None if self._latency_ms is None else round(self._latency_ms, 1),
             "rate_hz": round(sum(count for _, count in self._counts) / RATE_S, 1),
         }
 
 
-def _list_ends(one: Return) -> list[float]:
+def list_ends(one: Return) -> list[float]:
     """Begin and end of a return, and of the earlier pass, s."""
     return [round(float(t), DIGITS) for t in (one.t[0], one.t[-1], one.earlier_t.min(), one.earlier_t.max())]
 

@@ -161,7 +161,7 @@ def write_paths(folder: Path, solution: Solution) -> None:
 
 
 def write_strides(path: Path, table: StanceTable) -> None:
-    """Write one row a stance."""
+    """Write one row a footfall."""
     strides = table.to_dataframe()
     strides["time_s"] = strides["time_s"].map("{:.9f}".format)  # nine digits would blur the stamps of a clock
     strides.to_csv(path, index=False, float_format="%.9g")

@@ -35,6 +35,7 @@ RESULT_FILES = frozenset(
         "trajectory.png", "heading.png", "gyro_bias.png", "stance_statistic.png",
         "comparison.csv", "comparison.json", "trajectories.png", "errors.png",
         "person.csv", "trajectory_left.tum", "trajectory_right.tum", "strides_left.csv", "strides_right.csv",
+        "online_left.csv", "online_right.csv",
     }
 )  # fmt: skip
 """Every file name that a run or a comparison writes."""

@@ -8,12 +8,12 @@ from functools import cache
 import numpy as np
 
 from fg_nav.arrays import Floats
+from fg_nav.feet.sides import SIDES, Side
 from fg_nav.frames import compute_heading
 from fg_nav.lab.simulation import SimulatedFeet, simulate_feet
 from fg_nav.online.buffer import rows_of
 from fg_nav.online.feet import FeetNavigator
 from fg_nav.online.feet_lines import FeetLine
-from fg_nav.online.feet_solving import SIDES, Side
 from fg_nav.online.options import OnlineOptions
 
 BLOCK_S = 0.2

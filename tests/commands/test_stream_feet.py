@@ -1,0 +1,86 @@
+"""`fg-nav stream LEFT RIGHT --mount feet`: two files as they were recorded, and what of one sensor is refused."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from fg_nav.io import read_truth
+from fg_nav.online.buffer import rows_of
+from fg_nav.online.feet_merge import BLOCK_S, FeetMerge
+from tests.command_line import names
+from tests.online.feet_walks import demo_feet
+
+COLUMNS = [
+    "time_s", *(f"acc_{a}_m_s2" for a in "xyz"), *(f"gyr_{a}_rad_s" for a in "xyz"), *(f"mag_{a}_uT" for a in "xyz"),
+]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def sources(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """Both feet of the demo; the right one's sensor is off from 20 s before the end on."""
+    folder = tmp_path_factory.mktemp("feet")
+    paths = []
+    for side, until in (("left", 40.0), ("right", 34.0)):
+        rows = rows_of(demo_feet().sides[side].recording)
+        path = folder / f"{side}.csv"
+        pd.DataFrame(rows[rows[:, 0] < until], columns=COLUMNS).to_csv(path, index=False)
+        paths.append(path)
+    return paths[0], paths[1]
+
+
+def test_lines_and_files_of_both_feet_and_of_the_person(fg_nav, sources, tmp_path) -> None:
+    ran = fg_nav("stream", *sources, "--mount", "feet", "--speed", "max", "--out", tmp_path / "mine", "--no-mag")
+    assert ran.code == 0
+    lines = [json.loads(line) for line in ran.out.splitlines()]
+    assert all({"foot", "frame", "kind"} <= set(line) for line in lines)
+    assert {line["foot"] for line in lines if line["kind"] == "now"} == {"left", "right", "person"}
+    assert {line.get("verdict") for line in lines if line["kind"] == "now" and line["foot"] != "person"} == {
+        "trusted", "doubtful",
+    }  # fmt: skip
+    (state,) = [line for line in lines if line["kind"] == "foot"]
+    assert (state["foot"], state["state"]) == ("right", "silent")
+    assert max(line["t"] for line in lines if line["foot"] == "left") > 38.0
+    of_feet = {f"{kind}_{side}.{end}" for side in ("left", "right") for kind, end in
+               (("trajectory", "tum"), ("strides", "csv"), ("online", "csv"))}  # fmt: skip
+    assert names(tmp_path / "mine") == {"trajectory.tum", "summary.json", *of_feet}
+    summary = json.loads((tmp_path / "mine" / "summary.json").read_text())
+    assert summary["tied"]
+    assert summary["width_m"] == pytest.approx(demo_feet().step_width_m, abs=0.15)
+    assert summary["left"]["strides"] > summary["right"]["strides"]
+    person, left = (read_truth(tmp_path / "mine" / f"trajectory{end}.tum") for end in ("", "_left"))
+    beside = np.stack([np.interp(person.t, left.t, column) for column in left.position.T], axis=1)
+    assert np.linalg.norm(person.position - beside, axis=1).max() < 1.0
+
+
+def test_what_is_of_one_sensor_is_refused(fg_nav, sources) -> None:
+    left, right = sources
+    feet = ("--mount", "feet")
+    assert fg_nav("stream", left, *feet).refused("takes two sources")
+    assert fg_nav("stream", left, left, *feet).refused("is named twice")
+    assert fg_nav("stream", left, right).refused("add --mount feet")
+    assert fg_nav("stream", left, "--clock-offset", "1").refused("add --mount feet")
+    for option in (("--lag", "60"), ("--fixes", "f.csv"), ("--checkpoint", "c"), ("--record", "r.csv"), ("--polish",)):
+        assert fg_nav("stream", left, right, *feet, *option).refused(f"{option[0]} is for one sensor")
+    assert fg_nav("stream", left, right, *feet, "--calibration", "one.json").refused("--calibration LEFT,RIGHT")
+
+
+def test_rows_are_merged_by_their_stamps() -> None:
+    """A file gives seconds at once: no foot runs ahead, and nothing is lost or changed."""
+    merge, rows = FeetMerge(), np.zeros((500, 10))
+    rows[:, 0] = 0.01 * np.arange(500)
+    merge.put("left", rows)
+    assert not list(merge.take(alone=False))
+    merge.put("right", rows[:300])
+    blocks = list(merge.take(alone=False))
+    ends = {"left": 0.0, "right": 0.0}
+    for side, block in blocks:
+        ends[side] = block[-1, 0]
+        assert abs(ends["left"] - ends["right"]) < 2.5 * BLOCK_S
+    assert sum(len(block) for side, block in blocks if side == "left") == 300
+    rest = np.concatenate([block for _, block in merge.take(alone=True)])
+    np.testing.assert_array_equal(rest, rows[300:])
