@@ -234,11 +234,11 @@ class FeetNavigator:
 
     def _follow_person(self) -> Iterator[FeetLine]:
         """Yield the person's path where a foot's has changed, and a step where there is a new one."""
-        if not self._is_tied or self.is_parted:
+        if self.is_parted:
             return
         smoothers = [self.navigators[side].smoother for side in SIDES]
         begun = [one.begun for one in smoothers]
-        if any(one is not known for one, known in zip(begun, self._known, strict=True)):
+        if self._is_tied and any(one is not known for one, known in zip(begun, self._known, strict=True)):
             self._known = begun
             paths = (split_rows(one.rows) for one in smoothers)
             revised = self._person.revise(*(np.column_stack([path.t, path.position]) for path in paths))
@@ -246,7 +246,8 @@ class FeetNavigator:
                 yield FeetLine("person", "left", revised)
         left, right = (one.newest for one in smoothers)
         step = None if left is None or right is None else self._person.add(left, right)
-        if step is not None:
+        # Steps before are in the first path that is told.
+        if step is not None and self._is_tied:
             yield FeetLine("person", "left", step)
 
     @property

@@ -4,7 +4,8 @@ A page is first sent one message `history`, and from then on the lines of the st
 
 ========= =======================================================================================================
 history   `path`, rows t, east, north, up, as it is known now; `last`, the newest line; `status`; `remarks`; also
-          sent anew in place of `revised`, and behind `turned` and `retracted`: a page has no arithmetic of its own
+          sent anew in place of `revised`, and behind `turned` and `retracted`: a page has no arithmetic of its own;
+          `feet`, of two sensors, the path and the newest line of each by side, beside the person's (`walkers`)
 now, turned, retracted    the lines, as `fg-nav stream` prints them
 status    some five times a second while somebody watches: what holds between footfalls (`fg_nav.online.status`)
 remark    `words`: what is odd, in a sentence
@@ -39,8 +40,8 @@ from websockets.http11 import Request, Response
 from websockets.protocol import State
 
 from fg_nav.text import to_json
-from fg_nav.view.history import History, turn_ellipse, turn_row
 from fg_nav.view.loop import AT_ONCE, BACKLOG, call_there, is_last_descriptor, run_there, start_loop
+from fg_nav.view.walkers import Walkers, turn_moment
 
 LIVE = "/live"
 
@@ -101,8 +102,7 @@ class PageServer:
     def __init__(self, door: socket.socket, host: str) -> None:
         self.host, self.port = host, int(door.getsockname()[1])
         self._files = {path: (_read_file(name), kind) for path, (name, kind) in FILES.items()}
-        self._history = History()
-        self._last: dict[str, Any] | None = None
+        self._walkers = Walkers()
         self._status: dict[str, Any] | None = None
         self._remarks: deque[dict[str, Any]] = deque(maxlen=MOST_REMARKS)
         self._viewers: set[_Viewer] = set()
@@ -206,18 +206,17 @@ class PageServer:
     def _take(self, line: str) -> None:
         """Follow a line, and send it; where it changed the past that follows as a whole."""
         event = json.loads(line)
-        changed = self._history.add(event)
-        if event["kind"] == "turned":
-            self._turn(event["angle_deg"])
-        if event["kind"] == "now":
-            self._last = event
-        if event["kind"] in {"now", "turned", "retracted"}:
+        changed, is_main = self._walkers.add(event)
+        if event["kind"] == "turned" and is_main and self._status is not None:
+            turn_moment(self._status, event["angle_deg"])
+        if event["kind"] in {"now", "turned", "retracted", "foot"}:
             self._send_to(self._viewers, line)
         if changed and self._redraws is None:
             self._redraws = start_loop().call_later(REDRAW_S, self._redraw)
 
     def _take_status(self, status: dict[str, Any]) -> None:
-        known = {"distance_m": self._history.distance_m, "speed_m_s": self._history.speed_m_s(status["t"] or 0.0)}
+        history = self._walkers.main.history
+        known = {"distance_m": history.distance_m, "speed_m_s": history.speed_m_s(status["t"] or 0.0)}
         self._status = {"kind": "status", **status, **{name: round(value, 3) for name, value in known.items()}}
         began = perf_counter()
         self._send_to(self._viewers, json.dumps(to_json(self._status), allow_nan=False))
@@ -227,15 +226,6 @@ class PageServer:
         self._remarks.append({"kind": "remark", "words": words})
         self._send_to(self._viewers, json.dumps(self._remarks[-1]))
 
-    def _turn(self, angle_deg: float) -> None:
-        """Turn what is known of the moment with the map."""
-        for known in (self._last, self._status):
-            if known is not None and known["position_m"] is not None:
-                known["position_m"] = turn_row((0.0, *known["position_m"]), angle_deg)[1:]
-                known["heading_deg"] = (known["heading_deg"] + angle_deg) % 360.0
-        if self._last is not None:
-            turn_ellipse(self._last, angle_deg)
-
     def _redraw(self) -> None:
         self._redraws = None
         self._send_to(self._viewers, self._describe())
@@ -244,9 +234,7 @@ class PageServer:
         """Return the message from which a page can draw all of it."""
         content = {
             "kind": "history",
-            "path": self._history.rows(),
-            "distance_m": round(self._history.distance_m, 3),
-            "last": self._last,
+            **self._walkers.describe(),
             "status": self._status,
             "remarks": list(self._remarks),
         }

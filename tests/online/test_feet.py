@@ -97,7 +97,8 @@ def test_the_person_is_where_it_was_by_the_sigmas_told() -> None:
     assert np.abs(error[:, :2] / sigma[:, :2]).max() < 3.0
     revised = [one.content for one in walked()[0] if one.foot == "person" and isinstance(one.content, Revision)]
     path = revised[-1].path
-    assert len(path) == len(people)
+    assert path[0, 0] < 5.0  # with the steps before the feet were tied
+    truth = np.mean([interpolate(path[:, 0], feet.sides[side].recording.truth) for side in SIDES], axis=0)
     assert np.linalg.norm(path[:, 1:] - (truth - start), axis=1).max() < 0.3
 
 

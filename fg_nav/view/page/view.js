@@ -7,7 +7,7 @@ const RETRY_MS = 1000, NOTICE_MS = 8000, MOST_REMARKS = 50, MOST_REASONS = 2, ST
 const MARGIN = 62; // pixels above and below the path: what lies on the map
 const NEAREST = 2000, FARTHEST = 0.002; // pixels a metre
 
-const walk = { path: [], last: null, status: null, distance: 0 };
+const walk = { path: [], last: null, status: null, distance: 0, feet: {} }; // feet: of two sensors, path and last by side
 const view = { east: 0, north: 0, scale: 40, mode: "all", courseUp: false, turn: 0 }; // mode: all, follow or free
 const link = { socket: null, lost: false, heardAt: 0, ended: false };
 
@@ -28,16 +28,17 @@ function take(event) {
   link.lost = false;
   link.heardAt = performance.now();
   if (event.kind === "history") takeHistory(event);
-  if (event.kind === "now") takeNow(event);
+  if (event.kind === "now") event.foot && event.foot !== walk.last?.foot ? takeFoot(event) : takeNow(event);
   if (event.kind === "status") { walk.status = event; walk.distance = event.distance_m; }
   if (event.kind === "remark") addRemark(event);
-  if (event.kind === "turned") notify(`The map was turned by ${Math.abs(event.angle_deg).toFixed(1)}° ${event.angle_deg < 0 ? "counterclockwise" : "clockwise"}.`);
+  if (event.kind === "foot") notify(`The ${event.foot} foot is ${event.state}: ${event.reason}.`);
+  if (event.kind === "turned" && event.foot === walk.last?.foot) notify(`The map was turned by ${Math.abs(event.angle_deg).toFixed(1)}° ${event.angle_deg < 0 ? "counterclockwise" : "clockwise"}.`);
   if (event.kind === "retracted") notify("A false footfall was taken back.");
   show();
 }
 
 function takeHistory(event) {
-  Object.assign(walk, { path: event.path, last: event.last, status: event.status, distance: event.distance_m });
+  Object.assign(walk, { path: event.path, last: event.last, status: event.status, distance: event.distance_m, feet: event.feet ?? {} });
   $("remarks").replaceChildren();
   event.remarks.forEach(addRemark);
 }
@@ -47,6 +48,15 @@ function takeNow(event) {
   walk.last = event;
   walk.distance += Math.hypot(event.position_m[0] - before[1], event.position_m[1] - before[2]);
   walk.path.push([event.t, ...event.position_m]);
+}
+
+/** A line of a foot next to the path of the page; before there is one, of the left foot, it begins that. */
+function takeFoot(event) {
+  if (walk.last === null) takeNow(event);
+  const foot = walk.feet[event.foot];
+  if (!foot || event.frame !== walk.last.frame) return;
+  foot.last = event;
+  foot.path.push([event.t, ...event.position_m]);
 }
 
 function addRemark(event) {
@@ -70,9 +80,10 @@ const known = (key) => walk.status?.[key] ?? walk.last?.[key] ?? null;
 const position = () => known("position_m") ?? walk.path.at(-1)?.slice(1) ?? null;
 
 /** Covariance of east and north, m^2: ee, en, nn. */
-function covariance() {
-  const sigma = walk.last?.position_sigma_m;
-  return sigma && [sigma[0] ** 2, walk.last.east_north_cov_m2, sigma[1] ** 2];
+const covariance = () => covarianceOf(walk.last);
+function covarianceOf(line) {
+  const sigma = line?.position_sigma_m;
+  return sigma && [sigma[0] ** 2, line.east_north_cov_m2, sigma[1] ** 2];
 }
 
 /** Semi-axes (m) of the 95 % ellipse and the direction of the longer, counterclockwise from east. */
@@ -140,10 +151,16 @@ const TRUST = {
   trusted: ["good", "Path trusted"], doubtful: ["caution", "Path doubtful"], "not to be used": ["bad", "Path not to be used"],
 };
 
+const WORDS = Object.keys(TRUST);
+
+/** The newest line, or those of both feet: a person's has neither field nor verdict. */
+const lines = () => walk.last?.foot === "person" ? Object.values(walk.feet).map((foot) => foot.last) : walk.last ? [walk.last] : [];
+
 /** Whether the path up to the newest line is to be trusted, and the heaviest reasons why not. */
 function showTrust() {
-  putLamp("trust", ...(TRUST[walk.last?.verdict] ?? ["", "Path not judged yet"]));
-  const reasons = walk.last?.reasons ?? [], more = reasons.length - MOST_REASONS;
+  const judged = lines().sort((a, b) => WORDS.indexOf(b.verdict) - WORDS.indexOf(a.verdict))[0];
+  putLamp("trust", ...(TRUST[judged?.verdict] ?? ["", "Path not judged yet"]));
+  const reasons = judged?.reasons ?? [], more = reasons.length - MOST_REASONS;
   const words = reasons.slice(0, MOST_REASONS).join("; ");
   $("trust-reason").textContent = words && `${words[0].toUpperCase()}${words.slice(1)}${more > 0 ? `; and ${more} more` : ""}.`;
   $("trust-reason").hidden = !words;
@@ -159,10 +176,10 @@ function showLosses() {
 function showLamps() {
   const standing = walk.status?.standing;
   putLamp("stance", standing ? "good" : "", standing == null ? "No stance yet" : standing ? "Stands" : "Swings");
-  const field = known("field");
+  const newest = lines().sort((a, b) => b.t - a.t)[0] ?? {}, field = newest.field;
   putLamp("field", field === "quasi-static" ? "good" : field === "disturbed" ? "caution" : "",
     { "quasi-static": "Field undisturbed", disturbed: "Field disturbed" }[field] ?? "Field not judged");
-  $("field-reason").textContent = known("field_reason") ?? "";
+  $("field-reason").textContent = newest.field_reason ?? "";
 }
 
 /** What is wrong, in words and how badly; null where nothing is. */
@@ -240,6 +257,7 @@ function draw() {
   if (view.mode === "all") fitAll();
   if (view.mode === "follow" && at) [view.east, view.north] = at;
   drawGrid(color);
+  drawFeet(color);
   drawPath(color);
   if (at) { drawEllipse(color, at); drawPerson(color, at, way); }
   drawScale();
@@ -248,7 +266,7 @@ function draw() {
 
 const colors = () => {
   const style = getComputedStyle(document.documentElement);
-  return Object.fromEntries(["ground", "grid", "grid-strong", "path", "past", "ellipse", "again", "ink", "soft"].map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
+  return Object.fromEntries(["ground", "grid", "grid-strong", "path", "past", "ellipse", "again", "left", "right", "ink", "soft"].map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
 };
 
 /** 1, 2 or 5 times a power of ten, at least so long. */
@@ -291,6 +309,23 @@ function drawPath(color) {
   pen.fillText("start", points[0][0] + 10, points[0][1] + 4);
 }
 
+/** Of two sensors each foot's path, in its own colour, and the ellipse of its newest footfall. */
+function drawFeet(color) {
+  for (const [side, foot] of Object.entries(walk.feet)) {
+    if (side === walk.last?.foot) continue; // it is the path of the page
+    const points = foot.path.map(([, east, north]) => project(east, north));
+    if (!points.length) continue;
+    pen.strokeStyle = pen.fillStyle = color[side];
+    pen.lineWidth = 1.25;
+    pen.beginPath(); pen.moveTo(...points[0]);
+    for (const point of points) pen.lineTo(...point);
+    pen.stroke();
+    if (view.scale > 12) for (const [x, y] of points.slice(-400)) { pen.beginPath(); pen.arc(x, y, 2.5, 0, 2 * Math.PI); pen.fill(); }
+    drawRing(color[side], foot.path.at(-1).slice(1), covarianceOf(foot.last), 0.05);
+  }
+  $("feet").hidden = Object.keys(walk.feet).length < 2;
+}
+
 /** A wide line along what was recognized as walked before. */
 function drawReturns(color, points) {
   pen.strokeStyle = color.again; pen.lineWidth = 11; pen.globalAlpha = 0.35;
@@ -305,12 +340,18 @@ function drawReturns(color, points) {
 function drawEllipse(color, at) {
   const cov = covariance();
   if (!cov) return;
-  const [a, b, angle] = ellipse(cov), [x, y] = project(at[0], at[1]);
+  const [a, b, angle] = ellipse(cov);
   canvas.dataset.ellipse = JSON.stringify({ east: at[0], north: at[1], a, b, angle });
+  drawRing(color.ellipse, at, cov, 0.16);
+}
+
+function drawRing(color, at, cov, filled) {
+  if (!cov) return;
+  const [a, b, angle] = ellipse(cov), [x, y] = project(at[0], at[1]);
   pen.beginPath();
   pen.ellipse(x, y, Math.min(a * view.scale, 1e5), Math.min(b * view.scale, 1e5), -angle - view.turn, 0, 2 * Math.PI);
-  pen.fillStyle = color.ellipse; pen.globalAlpha = 0.16; pen.fill();
-  pen.strokeStyle = color.ellipse; pen.globalAlpha = 0.9; pen.lineWidth = 1.25; pen.stroke();
+  pen.fillStyle = color; pen.globalAlpha = filled; pen.fill();
+  pen.strokeStyle = color; pen.globalAlpha = 0.9; pen.lineWidth = 1.25; pen.stroke();
   pen.globalAlpha = 1;
 }
 
