@@ -238,7 +238,8 @@ class FeetNavigator:
             return
         smoothers = [self.navigators[side].smoother for side in SIDES]
         begun = [one.begun for one in smoothers]
-        if self._is_tied and any(one is not known for one, known in zip(begun, self._known, strict=True)):
+        is_one = _go_on_from_one(*begun)
+        if is_one and any(one is not known for one, known in zip(begun, self._known, strict=True)):
             self._known = begun
             paths = (split_rows(one.rows) for one in smoothers)
             revised = self._person.revise(*(np.column_stack([path.t, path.position]) for path in paths))
@@ -246,8 +247,8 @@ class FeetNavigator:
                 yield FeetLine("person", "left", revised)
         left, right = (one.newest for one in smoothers)
         step = None if left is None or right is None else self._person.add(left, right)
-        # Steps before are in the first path that is told.
-        if step is not None and self._is_tied:
+        # Others are in the next path that is told.
+        if step is not None and is_one:
             yield FeetLine("person", "left", step)
 
     @property
@@ -258,6 +259,11 @@ class FeetNavigator:
     def _tell(self, side: Side, state: State, reason: str) -> FeetLine:
         t = self.last_stamp
         return FeetLine(side, self.frame(side), FootState(t if np.isfinite(t) else 0.0, state, reason))
+
+
+def _go_on_from_one(left: Handover | None, right: Handover | None) -> bool:
+    """Whether both feet go on from the same solution: for a step or two one of them has the older one."""
+    return isinstance(left, TiedHandover) and isinstance(right, TiedHandover) and left.number == right.number
 
 
 def _other(side: Side) -> Side:

@@ -50,11 +50,13 @@ class WalksAlone:
     ----------
     solvers : of the feet, by side.
     solved : both as they were solved last; None before.
+    count : of such solutions.
     """
 
     def __init__(self) -> None:
         self.solvers: dict[Side, FootSolver] = {}
         self.solved: SolvedFeet | None = None
+        self.count = 0
         self._alone: dict[Side, WalkSolution] = {}
         self._is_turned = self._is_parted = False
         self._of: Sequence[WalkSolution] = ()
@@ -92,7 +94,7 @@ class WalksAlone:
             return None  # the one shows north, the other does not yet
         if not self._of or any(one is not other for one, other in zip(pair, self._of, strict=True)):
             self.solved = solve_feet(*(replace(one.problem, values=one.solved.values) for one in pair))
-            self._of = pair
+            self._of, self.count = pair, self.count + 1
         assert self.solved is not None
         return self.solved if len(self.solved.problem.ties) >= FEWEST_CELLS else None
 
@@ -144,7 +146,8 @@ class FootSolver(WalkSolver):
         found = _take_foot(alone, both, self._side)
         root, values = found.solved.root, found.solved.values
         anchor = condense_root(root, values, list_variables(found.newest, values))
-        return TiedHandover(**vars(hand_over_solution(walk, self._options, found, anchor)))
+        handover = hand_over_solution(walk, self._options, found, anchor)
+        return TiedHandover(**vars(handover), number=self._walks.count)
 
     def _solve_alone(self, walk: WalkSoFar, has_ended: bool) -> None:
         """Solve the walk of this foot alone, with the heading that the steps give the right one."""

@@ -128,8 +128,11 @@ class Handover:
         return replace(self, past=Past(newest), first=newest, footfalls=self.footfalls[newest - self.first :])
 
 
+@dataclass(frozen=True)
 class TiedHandover(Handover):
-    """That of a foot whose walk was solved with the other foot's: it is in the frame of both."""
+    """That of a foot whose walk was solved with the other foot's, in the frame of both; `number` of that solution."""
+
+    number: int = 0
 
 
 def list_untold(before: Sequence[ToldFootfall], after: Sequence[ToldFootfall]) -> list[ToldFootfall]:

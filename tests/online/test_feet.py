@@ -102,6 +102,19 @@ def test_the_person_is_where_it_was_by_the_sigmas_told() -> None:
     assert np.linalg.norm(path[:, 1:] - (truth - start), axis=1).max() < 0.3
 
 
+def test_a_step_is_told_where_both_feet_go_on_from_one_solution_only() -> None:
+    """Heading not given: the map turns with each solution, which the feet take over a step or two apart."""
+    newest: dict[str, StanceEstimate] = {}
+    apart = []
+    for line in push_feet(FeetNavigator(OnlineOptions(heading_rad=None))):
+        if isinstance(line.content, StanceEstimate):
+            newest[line.foot] = line.content
+        if isinstance(line.content, PersonEstimate):
+            apart.append(np.linalg.norm(newest["left"].position - newest["right"].position))
+    assert len(apart) > 60
+    assert max(apart) < 1.0
+
+
 def test_the_direction_of_the_person_is_that_of_walking() -> None:
     people = [one.content for one in walked()[0] if isinstance(one.content, PersonEstimate)]
     ahead = [one.heading for one in people if 22.0 < one.t < 26.0]
