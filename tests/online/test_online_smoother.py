@@ -278,7 +278,7 @@ def test_nor_does_the_end_of_a_window(monkeypatch):
     recording = cut_into_its_last_standing()
     navigator = OnlineNavigator(replace(NORTH, use_field=False))
     push(navigator, rows_of(recording))
-    monkeypatch.setattr(OnlineSmoother, "finish", lambda _: [])  # before it is solved once more
+    monkeypatch.setattr(OnlineSmoother, "take_end", lambda _: [])  # before it is solved once more
     navigator.close()
     assert navigator.footfalls[-1].stop[-1] > len(recording) - 5
     counted = navigator._smoother._stretch._rests.counted
