@@ -24,8 +24,9 @@ from fg_nav.estimators import Progress, choose_parameters, estimate
 from fg_nav.feet.clocks import align_clocks
 from fg_nav.feet.heading import measure_relative_heading
 from fg_nav.feet.person import FeetSolution, trace_person
+from fg_nav.feet.sides import SIDES, Side
 from fg_nav.feet.steps import Footfalls
-from fg_nav.feet_result import SIDES, FeetResult, Known, Pairing, Side
+from fg_nav.feet_result import FeetResult, Known, Pairing
 from fg_nav.pipeline import prepare_walk, run_method
 from fg_nav.recording import Recording
 from fg_nav.result import Result

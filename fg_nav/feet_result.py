@@ -18,15 +18,12 @@ from fg_nav.errors import EvaluationError
 from fg_nav.evaluation.comparison import compare, interpolate_truth
 from fg_nav.evaluation.metrics import Metrics, evaluate
 from fg_nav.feet.person import PersonPath
+from fg_nav.feet.sides import Side
 from fg_nav.result import Result
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.truth import TrajectoryTruth
 from fg_nav.verdict import UNUSABLE, Verdict, Word
 from fg_nav.walk import Outcome
-
-Side: TypeAlias = Literal["left", "right"]
-
-SIDES: tuple[Side, Side] = ("left", "right")
 
 Known: TypeAlias = Literal["named", "shown", "assumed"]
 """How it is known which recording is of which foot: by the user, by the steps, or not."""

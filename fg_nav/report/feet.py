@@ -18,7 +18,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from fg_nav.feet_result import SIDES, FeetResult, Pairing
+from fg_nav.feet.sides import SIDES
+from fg_nav.feet_result import FeetResult, Pairing
 from fg_nav.io import write_tum
 from fg_nav.report import WITH_PAGE, WITH_PICTURES, Plots
 from fg_nav.report.aligned import AlignedSolution

@@ -68,5 +68,5 @@ def summarize_streamed_feet(
 def describe_person_end(both: FeetSolution) -> dict[str, object]:
     """Place of the person at the end from that at the start, and its sigmas: x, y, z m."""
     person = both.person
-    sigma = np.sqrt(np.diagonal(person.covariance_at(person.t[-1:])[0])[:3])
+    sigma = np.sqrt(np.diagonal(person.pose_cov[-1])[:3])
     return {"end_m": (person.position[-1] - person.position[0]).tolist(), "end_sigma_m": sigma.tolist()}

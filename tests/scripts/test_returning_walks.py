@@ -45,7 +45,9 @@ def test_two_laps_are_measured_and_printed(monkeypatch, capsys):
     monkeypatch.setattr(returning, "LEVELS", ("indoor",))
     path = returning.move_path(LAP.repeat(2), 1)
     small = replace(scenario("office"), name="small", route=lambda _: [Stand(5.0), Walk(path), Stand(5.0)])
-    found = returning.measure_courses(Namespace(seeds=1, first=1, jobs=1), [returning.Course("small", small, 2)])
+    found = returning.measure_courses(
+        Namespace(seeds=1, first=1, jobs=1, feet="still"), [returning.Course("small", small, 2)]
+    )
     figures = returning.print_laps("Laps", found)
     assert [figure.name for figure in figures] == 2 * ["last lap over first"]
     [one] = found["small", "indoor"]
