@@ -20,7 +20,7 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.detection.causal import CausalParameters
 from fg_nav.errors import EstimationError, FgNavError
-from fg_nav.feet.person import FeetSolution, trace_person
+from fg_nav.feet.person import FeetSolution
 from fg_nav.feet.sides import SIDES, Side
 from fg_nav.online.estimates import StanceEstimate, split_rows
 from fg_nav.online.feet_beside import FeetSolvers
@@ -32,7 +32,7 @@ from fg_nav.online.options import OnlineOptions
 from fg_nav.online.revision import Revision
 from fg_nav.online.schedule import AT_ONCE
 from fg_nav.online.smoother_state import Pending
-from fg_nav.smoother.feet_batch import measure_width_sigma
+from fg_nav.smoother.feet_batch import measure_width_sigma, trace_solved_person
 from fg_nav.solution import Solution
 
 SILENT_S = 5.0
@@ -177,8 +177,7 @@ class FeetNavigator:
         if len(feet) < len(SIDES) or solved is None or not self._is_tied:
             return None
         left, right = feet["left"], feet["right"]
-        tables = [_find_covariances(one, left.stances.t) for one in (left, right)]
-        person = trace_person(right, left, left.stances.t, np.mean(tables, axis=0))
+        person = trace_solved_person(solved, right, left, np.zeros((solved.minimum.root.total, 0)))
         counts = len(solved.problem.ties), len(solved.problem.reach)
         return FeetSolution(
             right, left, person, solved.minimum.values.width, measure_width_sigma(solved.minimum.root), *counts
@@ -280,11 +279,3 @@ def _check(options: OnlineOptions, clock_offset_s: float) -> None:
             raise EstimationError(f"{name} cannot be used with two feet: leave it out, or follow one foot.")
     if not np.isfinite(clock_offset_s):
         raise EstimationError(f"a clock offset of {clock_offset_s} s is no time: give a number.")
-
-
-def _find_covariances(solution: Solution, t: Floats) -> Floats:
-    """Covariances (K, 4, 4) of place and yaw of a foot at times (K,) s, between its footfalls in between."""
-    table = solution.stances
-    assert table.pose_cov is not None
-    flat = table.pose_cov.reshape(-1, 16)
-    return np.stack([np.interp(t, table.t, column) for column in flat.T], axis=1).reshape(-1, 4, 4)

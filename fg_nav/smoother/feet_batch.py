@@ -17,7 +17,7 @@ import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import EstimationError
-from fg_nav.feet.person import FeetSolution, trace_person
+from fg_nav.feet.person import FeetSolution, PersonPath, trace_person
 from fg_nav.magnetic import FootfallField
 from fg_nav.recording import Recording
 from fg_nav.smoother.batch import Draft, check_field, compile_smoother
@@ -26,8 +26,9 @@ from fg_nav.smoother.feet import SolvedFeet, solve_feet
 from fg_nav.smoother.feet_factors import WIDTH, list_pose_keys, mark_right
 from fg_nav.smoother.fitting import FittedWalk, fit_walk
 from fg_nav.smoother.parameters import SmootherParameters
-from fg_nav.smoother.solver import list_covariances, list_table_keys
+from fg_nav.smoother.solver import list_attitudes, list_covariances, list_table_keys, pose_in_nav
 from fg_nav.smoother.square_root import SquareRoot
+from fg_nav.solution import Solution
 from fg_nav.stances import Stances
 
 FEWEST_CELLS = 2
@@ -107,7 +108,6 @@ def _finish(
     shared = np.hstack([one.spread_shared() for one, _ in (right, left)])
     walks = [one.walk for one, _ in (right, left)]
     joints = [FootfallCovariance.of(walk.solved, walk.problem.nodes, shared) for walk in walks]
-    apart_cov = _find_apart_covariance(solved, joints, shared)
     covariances = _list_covariances(solved, shared)
     drafts = [
         Draft.of(walk, joint, of_table, foot.stances, began)
@@ -115,11 +115,10 @@ def _finish(
     ]
     of_right, of_left = (draft.finish() for draft in drafts)
     ties, reach = solved.problem.ties, solved.problem.reach
-    cell_t = left[1].recording.t[solved.problem.left.nodes.sample[ties.left_node]]
     return FeetSolution(
         of_right,
         of_left,
-        trace_person(of_right, of_left, cell_t, apart_cov),
+        trace_solved_person(solved, of_right, of_left, shared),
         solved.minimum.values.width,
         measure_width_sigma(solved.minimum.root),
         len(ties),
@@ -135,12 +134,25 @@ def _list_covariances(solved: SolvedFeet, shared: Floats) -> tuple[Floats, Float
     return both[: len(right)], both[len(right) :]
 
 
-def _find_apart_covariance(solved: SolvedFeet, joints: list[FootfallCovariance], shared: Floats) -> Floats:
+def trace_solved_person(solved: SolvedFeet, right: Solution, left: Solution, shared: Floats) -> PersonPath:
+    """Trace the person between two feet that were solved together.
+
+    `shared` (N, n) has by how much both are moved by numbers of unit covariance that the triangle does not hold.
+    """
+    one = solved.problem.left
+    cell_t = one.recording.t[one.nodes.sample[solved.problem.ties.left_node]]
+    return trace_person(right, left, cell_t, _find_apart_covariance(solved, shared))
+
+
+def _find_apart_covariance(solved: SolvedFeet, shared: Floats) -> Floats:
     """Covariance (C, 4, 4) of the right foot's errors less the left one's at the footfalls of each cell."""
     ties, root = solved.problem.ties, solved.minimum.root
     keys = np.stack([mark_right(list_pose_keys(ties.right_node)), list_pose_keys(ties.left_node)], axis=1)
-    rows = (joints[0].nav_T_body[ties.right], -joints[1].nav_T_body[ties.left])
-    nav_T_both = np.concatenate(rows, axis=2)
+    of_right, of_left = (
+        pose_in_nav(list_attitudes(node, one.values))
+        for node, one in ((ties.right_node, solved.right), (ties.left_node, solved.left))
+    )
+    nav_T_both = np.concatenate([of_right, -of_left], axis=2)
     moved = nav_T_both @ shared[root.find_columns(keys)]
     of_graph = nav_T_both @ root.joint_covariances(keys) @ np.swapaxes(nav_T_both, 1, 2)
     return np.asarray(of_graph + moved @ np.swapaxes(moved, 1, 2))
