@@ -8,3 +8,8 @@ from numpy.typing import NDArray
 Floats: TypeAlias = NDArray[np.float64]
 Ints: TypeAlias = NDArray[np.int64]
 Bools: TypeAlias = NDArray[np.bool_]
+
+
+def interpolate_columns(asked: Floats, x: Floats, values: Floats) -> Floats:
+    """Return the rows (M, c) of values (K, c) at x (K,), interpolated where they are asked for (M,)."""
+    return np.stack([np.interp(asked, x, column) for column in values.T], axis=1)

@@ -36,7 +36,7 @@ import numpy as np
 import walks
 from harness import Figure, option, spread
 
-from fg_nav.arrays import Floats
+from fg_nav.arrays import Floats, interpolate_columns
 from fg_nav.detection import detect_stances
 from fg_nav.errors import EstimationError
 from fg_nav.evaluation.comparison import align
@@ -276,7 +276,7 @@ def measure_apart(both: FeetSolution, feet: Mapping[str, Foot]) -> float:
     """Return the largest distance of both feet while both stand, m."""
     t = feet["left"].recording.t
     stands = feet["left"].stances.mask & (np.interp(t, feet["right"].recording.t, feet["right"].stances.mask) == 1.0)
-    right = np.stack([np.interp(t, both.right.t, column) for column in both.right.position.T], axis=1)
+    right = interpolate_columns(t, both.right.t, both.right.position)
     return float(np.linalg.norm(both.left.position - right, axis=1)[stands].max())
 
 
@@ -336,7 +336,7 @@ def measure_footfalls(solution: Solution, recording: Recording) -> float:
     """Rms of the footfalls, m, by their times, after the best yaw and shift."""
     truth, table = recording.truth, solution.stances
     assert isinstance(truth, TrajectoryTruth)
-    place = np.stack([np.interp(table.t, truth.t, column) for column in truth.position.T], axis=1)
+    place = interpolate_columns(table.t, truth.t, truth.position)
     return measure_position(table.position, place)
 
 

@@ -28,6 +28,7 @@ import numpy as np
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import EstimationError
+from fg_nav.feet.steps import LONGEST_S
 from fg_nav.frames import GRAVITY_M_S2, level_attitude
 from fg_nav.mechanisation import integrate_strides
 from fg_nav.recording import Recording
@@ -54,9 +55,6 @@ ENOUGH = 5.0
 FITTING, FOREIGN = 0.8, 1.8
 """Mean cost of a swing, nats, below which clocks fit as they are (0.1 to 0.4 where they do, 0.7 where they are 0.1 s
 apart), and above which the feet are not those of one walk (from 1.9 on, `scripts/two_feet.py`)."""
-
-LONGEST_CYCLE_S = 2.5
-"""Between two swings of one foot; longer is a halt."""
 
 SEARCHED_S, SPACING_S = 30.0, 0.04
 """How far clocks are looked for, and in which steps."""
@@ -134,7 +132,7 @@ def _refine(tau: Floats, nats: Floats, best: int) -> float:
 def _weigh(a: Swings, b: Swings, tau: float) -> float:
     """L of an offset, nats."""
     begin, end = a.middle[:-1], a.middle[1:]
-    walks = end - begin < LONGEST_CYCLE_S
+    walks = end - begin < LONGEST_S
     begin, end = begin[walks], end[walks]
     at = np.searchsorted(b.middle, [begin - tau, end - tau])
     if not len(begin):

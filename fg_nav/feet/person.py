@@ -22,7 +22,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fg_nav.arrays import Bools, Floats
+from fg_nav.arrays import Bools, Floats, interpolate_columns
 from fg_nav.frames import yaw_rotation
 from fg_nav.solution import Solution, StanceTable
 
@@ -104,12 +104,14 @@ def find_pose_cov(table: StanceTable) -> Floats:
 
 def _carry_on(t: Floats, foot: Solution, other: Solution) -> Floats:
     """Places (N, 3) of a foot at times (N,), where it did not record as far from the other one as it was there."""
-    place = _interpolate(t, foot.t, foot.position)
+    place = interpolate_columns(t, foot.t, foot.position)
     for outside, span in _list_outsides(t, foot):
         seam = span[(span >= other.t[0]) & (span <= other.t[-1])]
         if outside.any() and len(seam):
-            apart = _interpolate(seam, foot.t, foot.position) - _interpolate(seam, other.t, other.position)
-            place[outside] = _interpolate(t[outside], other.t, other.position) + apart.mean(axis=0)
+            apart = interpolate_columns(seam, foot.t, foot.position) - interpolate_columns(
+                seam, other.t, other.position
+            )
+            place[outside] = interpolate_columns(t[outside], other.t, other.position) + apart.mean(axis=0)
     return place
 
 
@@ -122,9 +124,9 @@ def _list_outsides(t: Floats, foot: Solution) -> Iterator[tuple[Bools, Floats]]:
 
 def _follow(t: Floats, foot: Solution, other: Solution) -> Floats:
     """Velocity (N, 3) of a foot, and where it did not record that of the other."""
-    velocity = _interpolate(t, foot.t, foot.velocity)
+    velocity = interpolate_columns(t, foot.t, foot.velocity)
     outside = (t < foot.t[0]) | (t > foot.t[-1])
-    velocity[outside] = _interpolate(t[outside], other.t, other.velocity)
+    velocity[outside] = interpolate_columns(t[outside], other.t, other.velocity)
     return velocity
 
 
@@ -135,12 +137,8 @@ def _find_covariance(right: Solution, left: Solution, cell_t: Floats, apart_cov:
     footfall_t = np.concatenate([t, of_right[alone]])
     own = np.concatenate([find_pose_cov(left.stances), find_pose_cov(right.stances)[alone]])
     order = np.argsort(footfall_t, kind="stable")
-    apart = _interpolate(footfall_t[order], cell_t, apart_cov.reshape(len(cell_t), 16)).reshape(-1, 4, 4)
+    apart = interpolate_columns(footfall_t[order], cell_t, apart_cov.reshape(len(cell_t), 16)).reshape(-1, 4, 4)
     return footfall_t[order], own[order] + 0.25 * apart
-
-
-def _interpolate(asked: Floats, t: Floats, values: Floats) -> Floats:
-    return np.stack([np.interp(asked, t, column) for column in values.T], axis=1)
 
 
 def _find_heading(position: Floats) -> Floats:
@@ -149,6 +147,6 @@ def _find_heading(position: Floats) -> Floats:
     ends = [np.clip(walked + half, 0.0, walked[-1]) for half in (-0.5 * CHORD_M, 0.5 * CHORD_M)]
     # Where it stood, one distance has many places: any of them.
     rising = walked + 1e-9 * np.arange(len(walked))
-    first, last = (_interpolate(at, rising, position[:, :2]) for at in ends)
+    first, last = (interpolate_columns(at, rising, position[:, :2]) for at in ends)
     chord = last - first
     return np.asarray(np.arctan2(chord[:, 0], chord[:, 1]))

@@ -26,12 +26,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.arrays import Bools, Floats, Ints, interpolate_columns
 from fg_nav.frames import wrap_angle
 from fg_nav.places.calibration import TINY
 from fg_nav.places.candidates import Uncertainty
 from fg_nav.places.recognition import ALONG_SIGMA_M, HEADING_SIGMA_RAD, LATERAL_SIGMA_M, Stretch
-from fg_nav.places.signature import Signature, interpolate_columns
+from fg_nav.places.signature import Signature
 
 LONE_EXPECTED = 1e-3
 """False recognitions in a walk, with which a stretch is used that nothing confirms: one walk of a thousand."""

@@ -38,7 +38,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.arrays import Bools, Floats, Ints, interpolate_columns
 from fg_nav.places.alignment import align, separate, trace
 from fg_nav.places.calibration import ChanceLevel, measure_chance
 from fg_nav.places.candidates import (
@@ -51,7 +51,7 @@ from fg_nav.places.candidates import (
     find_candidates,
     pair_all,
 )
-from fg_nav.places.signature import BLOCK, FEWEST_POINTS, SPACING_M, Signature, interpolate_columns
+from fg_nav.places.signature import BLOCK, FEWEST_POINTS, SPACING_M, Signature
 from fg_nav.places.whitening import Features, whiten
 
 MOST_EXPECTED = 0.1

@@ -30,9 +30,9 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from fg_nav.arrays import Floats
+from fg_nav.arrays import Floats, interpolate_columns
 from fg_nav.errors import PlacesError, describe_reason
-from fg_nav.places.signature import FEWEST_POINTS, Signature, interpolate_columns, trace_signature
+from fg_nav.places.signature import FEWEST_POINTS, Signature, trace_signature
 from fg_nav.text import find_version
 
 FORMAT = "fg-nav places"

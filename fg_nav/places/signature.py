@@ -32,7 +32,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fg_nav.arrays import Bools, Floats
+from fg_nav.arrays import Bools, Floats, interpolate_columns
 from fg_nav.system.spilled import BLOCK_ROWS, drop_pages, empty_column
 
 SPACING_M = 0.5
@@ -159,11 +159,6 @@ def _at_distance(walked: Floats, values: Floats, asked: Floats) -> Floats:
     """Values (K, c) at distances (K,); those of a standing are those of its begin."""
     distinct, first = np.unique(walked, return_index=True)
     return interpolate_columns(asked, distinct, values[first])
-
-
-def interpolate_columns(asked: Floats, x: Floats, values: Floats) -> Floats:
-    """Return the rows (M, c) of values (K, c) at x (K,), interpolated where they are asked for (M,)."""
-    return np.stack([np.interp(asked, x, column) for column in values.T], axis=1)
 
 
 def _walking_direction(place: Floats) -> Floats:

@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
+from fg_nav.arrays import interpolate_columns
 from fg_nav.feet.person import FeetSolution
 from fg_nav.feet.sides import SIDES, Side
 from fg_nav.io import write_tum
@@ -56,7 +57,7 @@ def summarize_streamed_feet(
         figures |= {key: alone[key] for key in ("distance_m", "strides", "closure_m", "end_m", "end_sigma_m")}
         return figures | {"tied": False} | of_feet
     person, table = both.person.position, outcome.solution.stances
-    at_steps = np.stack([np.interp(table.t, both.person.t, column) for column in person.T], axis=1)
+    at_steps = interpolate_columns(table.t, both.person.t, person)
     figures["distance_m"] = float(np.linalg.norm(np.diff(at_steps[:, :2], axis=0), axis=1).sum())
     figures["strides"] = len(table) - 1
     figures["closure_m"] = float(np.linalg.norm(person[-1, :2] - person[0, :2]))

@@ -23,7 +23,7 @@ import numpy as np
 from gtsam.symbol_shorthand import X
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.factors.residual import Keys, Stack
+from fg_nav.factors.residual import LETTER_SHIFT, Keys, Stack
 from fg_nav.feet.steps import Cells, average_cells, measure_turns
 from fg_nav.smoother.feet_factors import (
     RIGHT,
@@ -214,7 +214,7 @@ def _split_foot(problem: WalkProblem, ties: Ints, reach: Ints) -> tuple[Keys, Ke
     keys = list_in_time(nodes, problem.field is not None, problem.floor)
     is_tied, is_floor = split_tied(keys, nodes, tied)
     # A variable follows the last node that uses it.
-    is_pose = keys >> np.uint64(56) == ord("x")
+    is_pose = keys >> np.uint64(LETTER_SHIFT) == ord("x")
     node = np.maximum.accumulate(np.where(is_pose, (keys & np.uint64(0xFFFFFFFF)).astype(np.int64), -1))
     moment = problem.recording.t[nodes.sample[node]]
     return keys[~is_tied & ~is_floor], keys[is_tied], keys[is_floor], moment[is_tied]

@@ -18,11 +18,12 @@ import numpy as np
 from gtsam.symbol_shorthand import X
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.factors.residual import Keys, Stack
+from fg_nav.factors.residual import LETTER_SHIFT, Keys, Stack
 from fg_nav.factors.same_place import weigh_place
 from fg_nav.factors.two_feet import BesideEachOther, WithinReach
 from fg_nav.feet.steps import Footfalls, average_cells
 from fg_nav.smoother.graph import WalkProblem
+from fg_nav.smoother.place_factors import find_footfalls
 from fg_nav.smoother.solver import list_poses
 
 ALONG_SIGMA_M, ACROSS_SIGMA_M, UP_SIGMA_M = 0.08, 0.05, 0.04
@@ -41,7 +42,7 @@ FLIGHT_M_S, LONGEST_FLIGHT_S = 3.0, 0.3
 RIGHT = np.uint64(1 << 40)
 """Added to the keys of the right foot's variables in the graph of both."""
 
-WIDTH = np.uint64(ord("w") << 56)
+WIDTH = np.uint64(ord("w") << LETTER_SHIFT)
 """Key of the width."""
 
 
@@ -148,7 +149,7 @@ def tie_feet(right: WalkProblem, left: WalkProblem, values: FeetValues) -> Footf
     """Tie the cells of steps of two solved feet."""
     feet = list_footfalls(right, values.right), list_footfalls(left, values.left)
     cells = average_cells(*feet)
-    chosen = [_nearest(foot.t, cells.t) for foot in feet]
+    chosen = [find_footfalls(cells.t, foot.t) for foot in feet]
     node = right.nodes.result[chosen[0]], left.nodes.result[chosen[1]]
     poses = list_poses(node[0], values.right), list_poses(node[1], values.left)
     in_body = [
@@ -161,11 +162,6 @@ def tie_feet(right: WalkProblem, left: WalkProblem, values: FeetValues) -> Footf
     in_left = np.einsum("kji,kj->ki", poses[1][:, :3, :3], normal)
     residuals = BesideEachOther(in_body[0], in_body[1], in_left, weight)
     return FootfallTies(chosen[0], chosen[1], node[0], node[1], residuals)
-
-
-def _nearest(t: Floats, asked: Floats) -> Ints:
-    """Footfall (C,) nearest to each moment (C,) s."""
-    return np.asarray(np.searchsorted(0.5 * (t[1:] + t[:-1]), asked), dtype=np.int64)
 
 
 def find_beyond_reach(right: WalkProblem, left: WalkProblem, values: FeetValues, known: ReachFactors) -> ReachFactors:

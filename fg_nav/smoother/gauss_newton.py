@@ -57,7 +57,11 @@ class System(Protocol[V]):
 
 @dataclass(frozen=True)
 class Minimum(Generic[V]):
-    """Of a system, as in `Solved`."""
+    """Values at the minimum of a system, the triangle of the last linearization, and the number of linearizations.
+
+    `linearized_at` are the values of that linearization, one step before the minimum, where the error is `error`;
+    `volume` is log|R|. `stacks` are its factors, until they are let go of.
+    """
 
     values: V
     root: SquareRoot
@@ -65,7 +69,7 @@ class Minimum(Generic[V]):
     linearized_at: V
     error: float
     volume: float
-    stacks: Sequence[Stack]
+    stacks: Sequence[Stack] = ()
 
 
 def find_minimum(

@@ -21,13 +21,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from gtsam.symbol_shorthand import X
 
-from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.arrays import Bools, Floats, Ints, interpolate_columns
 from fg_nav.factors.residual import LETTER_SHIFT, Keys, ResidualBlock
 from fg_nav.factors.same_place import SamePlace, weigh_place
 from fg_nav.places import Signature, Stretch
 from fg_nav.places.recognition import ALONG_SIGMA_M, LATERAL_SIGMA_M, UP_SIGMA_M
 from fg_nav.places.sharpness import find_shift, weigh_shifts
-from fg_nav.places.signature import SPACING_M, interpolate_columns
+from fg_nav.places.signature import SPACING_M
 from fg_nav.places.whitening import Features, whiten
 from fg_nav.smoother.strides import Nodes
 
@@ -95,9 +95,9 @@ def make_place_factors(
     t, position, nav_R_body : of the F footfalls; s, m.
     node : (F,) of the footfalls.
     """
-    ties = [tie for tie in _choose_earliest(path, stretches) if len(set(_find_footfalls(tie.moments, t))) == 2]
+    ties = [tie for tie in _choose_earliest(path, stretches) if len(set(find_footfalls(tie.moments, t))) == 2]
     later, earlier = ([getattr(tie, name) for tie in ties] for name in ("later", "earlier"))
-    foot = list(np.array([_find_footfalls(tie.moments, t) for tie in ties], dtype=np.int64).reshape(-1, 2).T)
+    foot = list(np.array([find_footfalls(tie.moments, t) for tie in ties], dtype=np.int64).reshape(-1, 2).T)
     in_body = [
         np.einsum("kji,kj->ki", nav_R_body[at], np.reshape(place, (-1, 3)) - position[at])
         for at, place in zip(foot, (later, earlier), strict=True)
@@ -109,7 +109,8 @@ def make_place_factors(
     return PlaceFactors(SamePlace(in_body[0], in_body[1], weight), keys, np.unique(np.concatenate(foot)))
 
 
-def _find_footfalls(at: Sequence[float], t: Floats) -> Ints:
+def find_footfalls(at: Sequence[float] | Floats, t: Floats) -> Ints:
+    """Find the footfalls (M,), of those at times t (F,) s, nearest to moments (M,) s."""
     return np.asarray(np.searchsorted(0.5 * (t[1:] + t[:-1]), at))
 
 

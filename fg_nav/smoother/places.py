@@ -21,12 +21,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.arrays import Bools, Floats, Ints, interpolate_columns
 from fg_nav.errors import EstimationError
 from fg_nav.places import Signature, Stretch, recognize, select_consistent, trace_signature
 from fg_nav.places.candidates import ALIKE_M
 from fg_nav.places.recognition import AVERAGE_M
-from fg_nav.places.signature import FEWEST_POINTS, SPACING_M, interpolate_columns
+from fg_nav.places.signature import FEWEST_POINTS, SPACING_M
 from fg_nav.places.whitening import TURNED
 from fg_nav.smoother.combinations import FootfallCovariance
 from fg_nav.smoother.graph import Trajectory, WalkProblem, solve, trajectory_of

@@ -26,7 +26,7 @@ from scipy.linalg.lapack import dtrtri
 from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import EstimationError, FgNavError
 from fg_nav.factors.residual import LETTER_SHIFT, POSE, Keys, Stack, read_variables
-from fg_nav.smoother.gauss_newton import CONVERGENCE, LARGEST_STEPS, find_minimum
+from fg_nav.smoother.gauss_newton import CONVERGENCE, LARGEST_STEPS, Minimum, find_minimum
 from fg_nav.smoother.linear import DIMENSION, NO_SOLUTION, stack_factors
 from fg_nav.smoother.square_root import SquareRoot
 from fg_nav.smoother.strides import Nodes
@@ -116,20 +116,8 @@ def list_in_time(nodes: Nodes, with_field: bool = False, floor: Ints | None = No
 
 
 @dataclass(frozen=True)
-class Solved:
-    """Values at the minimum, the triangle of the last linearization, and the number of linearizations.
-
-    `linearized_at` are the values of that linearization, one step before the minimum, where the error is `error`;
-    `volume` is log|R|. `stacks` are its factors, until they are let go of.
-    """
-
-    values: gtsam.Values
-    root: SquareRoot
-    steps: int
-    linearized_at: gtsam.Values
-    error: float
-    volume: float
-    stacks: Sequence[Stack] = ()
+class Solved(Minimum[gtsam.Values]):
+    """The minimum of a walk."""
 
     def forget_root(self) -> Solved:
         """Return it without the triangle, which is larger than all else, before another is made."""

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from fg_nav.arrays import Bools, Floats
+from fg_nav.arrays import Bools, Floats, interpolate_columns
 from fg_nav.feet_result import FeetResult
 from fg_nav.report.aligned import AlignedSolution, align_solution
 from fg_nav.report.page.content import Cell, Page, Section, Verdict, tabulate_figures
@@ -154,7 +154,9 @@ def _draw_distance(result: FeetResult) -> Section:
     from fg_nav.smoother.feet_factors import REACH_M
 
     t = result.t
-    apart = np.linalg.norm(_read_at(t, left.t, left.position) - _read_at(t, right.t, right.position), axis=1)
+    apart = np.linalg.norm(
+        interpolate_columns(t, left.t, left.position) - interpolate_columns(t, right.t, right.position), axis=1
+    )
     # Where one foot was not recorded there is no distance.
     apart[(t < max(left.t[0], right.t[0])) | (t > min(left.t[-1], right.t[-1]))] = np.nan
     both = _stands_at(t, left.t, left.walk.stances.mask) & _stands_at(t, right.t, right.walk.stances.mask)
@@ -173,10 +175,6 @@ def _draw_distance(result: FeetResult) -> Section:
     ]
     caption = "In a swing the feet may be further apart than they ever stand."
     return Section("distance", title, words, [stack("distance", [Panel("distance (m)", traces)], caption)])
-
-
-def _read_at(asked: Floats, t: Floats, values: Floats) -> Floats:
-    return np.stack([np.interp(asked, t, column) for column in values.T], axis=1)
 
 
 def _stands_at(asked: Floats, t: Floats, mask: Bools) -> Bools:
