@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 import numpy as np
 
 from fg_nav.errors import DetectionError, EstimationError, FgNavError
-from fg_nav.estimators import Progress, choose_parameters, estimate
+from fg_nav.estimators import Progress, blaming_changes, choose_parameters, estimate
 from fg_nav.feet.clocks import align_clocks
 from fg_nav.feet.heading import measure_relative_heading
 from fg_nav.feet.person import FeetSolution, trace_person
@@ -337,16 +337,8 @@ def _solve(request: _Request, left: Walk, right: Walk) -> _Pair:
         left, right = (replace(walk, field=None) for walk in (left, right))
     left, right = _set_headings(request, left, right)
     of_right, of_left = (Foot(one.recording, one.stances, one.options.heading_rad, one.field) for one in (right, left))
-    options = left.options
-    try:
-        solution = smooth_feet(of_right, of_left, choose_parameters(options), request.progress)
-    except FgNavError:
-        raise
-    except (ArithmeticError, RuntimeError, ValueError) as error:
-        if not options.changes:
-            raise
-        words = f"{request.method} fails with the parameters that were set ({error}): set others."
-        raise EstimationError(words) from error
+    with blaming_changes(request.method, left.options):
+        solution = smooth_feet(of_right, of_left, choose_parameters(left.options), request.progress)
     return _Pair(left, right, solution)
 
 

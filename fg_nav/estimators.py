@@ -6,7 +6,8 @@ imported when first called: the graph library alone takes a second to load.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -171,12 +172,19 @@ def estimate(walk: Walk, method: str, progress: Progress | None = None) -> Solut
         raise EstimationError(f"{method} makes no use of fixes: leave them out, or choose {' or '.join(WITH_FIXES)}.")
     if walk.extra is not None and method not in WITH_EXTRA:
         raise EstimationError(f"{method} has no graph to add to: leave extra out, or choose {' or '.join(WITH_EXTRA)}.")
-    try:
+    with blaming_changes(method, walk.options):
         return run(walk, progress)
+
+
+@contextmanager
+def blaming_changes(method: str, options: Options) -> Iterator[None]:
+    """Raise `EstimationError` where a method breaks with parameters that the user set."""
+    try:
+        yield
     except FgNavError:
         raise
     except (ArithmeticError, RuntimeError, ValueError) as error:
-        if not walk.options.changes:
+        if not options.changes:
             raise
         raise EstimationError(f"{method} fails with the parameters that were set ({error}): set others.") from error
 

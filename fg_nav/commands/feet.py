@@ -11,6 +11,7 @@ from fg_nav.both_feet import Order, check_method, navigate_feet
 from fg_nav.commands import Answer, Target, name_walk
 from fg_nav.commands.run import RunRequest
 from fg_nav.errors import EstimationError, VerdictError
+from fg_nav.feet.options import refuse_for_two, split_pair
 from fg_nav.report.feet import write_feet
 from fg_nav.report.terminal import print_results, progress
 from fg_nav.verdict import UNUSABLE
@@ -86,22 +87,20 @@ def _check(recordings: Sequence[Path], run: RunRequest) -> None:
         "--save-places": run.save_places,
         "--config": run.config,
     }
-    for option, value in refused.items():
-        if value is not None:
-            raise EstimationError(f"{option} is for one sensor: leave it out with --mount feet.")
+    refuse_for_two(refused)
 
 
 def _split(option: str, files: Path | None) -> tuple[Path | None, Path | None]:
     """Return a file for each recording, of two with a comma between."""
     if files is None:
         return None, None
-    first, _, second = str(files).partition(",")
-    if not (first and second) or "," in second:
+    pair = split_pair(files)
+    if pair is None:
         raise EstimationError(
             f"{option} {files} is of one recording: with --mount feet give two files, one for each recording in their "
             f"order, as {option} A,B."
         )
-    return Path(first), Path(second)
+    return pair
 
 
 def _choose_options(options: Options, truth: Path | None, calibration: Path | None) -> Options:

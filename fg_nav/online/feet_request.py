@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from fg_nav.errors import EstimationError, StreamError
+from fg_nav.feet.options import refuse_for_two, split_pair
 from fg_nav.feet.sides import SIDES, Side
 from fg_nav.online.feet import FeetNavigator
 from fg_nav.online.feet_follow import follow_feet
@@ -84,18 +85,16 @@ def _check(request: FeetStreamRequest) -> None:
         "--step-constant": both.step_constant_m,
         "--polish": both.polish or None,
     }
-    for option, value in refused.items():
-        if value is not None:
-            raise EstimationError(f"{option} is for one sensor: leave it out with --mount feet.")
+    refuse_for_two(refused)
 
 
 def _split_calibrations(files: Path | None) -> dict[Side, Path | None]:
     if files is None:
         return {"left": None, "right": None}
-    left, _, right = str(files).partition(",")
-    if not (left and right) or "," in right:
+    pair = split_pair(files)
+    if pair is None:
         raise EstimationError(
             f"--calibration {files} is of one sensor: with --mount feet give two files, the left foot's first, as "
             "--calibration LEFT,RIGHT."
         )
-    return {"left": Path(left), "right": Path(right)}
+    return dict(zip(SIDES, pair, strict=True))
