@@ -27,9 +27,11 @@ from fg_nav.feet.person import FeetSolution, trace_person
 from fg_nav.feet.sides import SIDES, Side
 from fg_nav.feet.steps import Footfalls
 from fg_nav.feet_result import FeetResult, Known, Pairing
+from fg_nav.io import Reading
 from fg_nav.pipeline import prepare_walk, run_method
 from fg_nav.recording import Recording
 from fg_nav.result import Result
+from fg_nav.samples.gaps import LONGEST_HELD_S, list_unrecorded, measure_unseen
 from fg_nav.solution import Solution
 from fg_nav.text import format_count
 from fg_nav.truth import FootprintTruth, TrajectoryTruth, Truth
@@ -49,6 +51,9 @@ FEWEST_FOOTFALLS = 4
 
 LOST_SHARE = 0.5
 """Of the other foot's footfalls: a foot with fewer recorded for less than half of the walk."""
+
+UNCUT = Reading(longest_gap_s=np.inf)
+"""A recording that was interrupted keeps all its parts: the other foot goes on between them."""
 
 CLEAR_SIGMAS = 3.0
 """From zero, at which the width shows which foot is which."""
@@ -173,7 +178,7 @@ def _check_pair(truth: object, sides: str | None) -> None:
 
 
 def _read(given: Recording | Path | str | Walk, truth: Truth | Path | str | None, options: Options | None) -> Walk:
-    walk = given if isinstance(given, Walk) else read_walk(given, options or Options())
+    walk = given if isinstance(given, Walk) else read_walk(given, options or Options(), UNCUT)
     return add_known(walk, None, truth)
 
 
@@ -267,6 +272,7 @@ def _navigate_both(request: _Request, walks: Sequence[Walk]) -> FeetResult:
         clocks = align_clocks(first.recording, first.stances, second.recording, second.stances)
         offset_s, second = clocks.offset_s, _shift_clock(second, clocks.offset_s)
         notes += [clocks.note] if clocks.note else []
+    first, second = replace(first, beside=second.recording.t), replace(second, beside=first.recording.t)
     pair, order, known = _find_sides(request, first, second)
     doubts, said = _judge_sides(pair.solution, request.sides, order, known)
     solution, feet = pair.solution, dict[str, Result]()
@@ -390,4 +396,9 @@ def _describe_cover(pair: _Pair) -> list[str]:
                 f"the {side} foot was recorded from {t[0]:.1f} to {t[-1]:.1f} s, the {other} one from "
                 f"{of_other[0]:.1f} to {of_other[-1]:.1f} s: where there is one, the person goes as it does"
             )
+        found += [
+            f"the {side} foot was not recorded from {begin:.1f} to {end:.1f} s: the person goes as the {other} one does"
+            for begin, end in list_unrecorded(t)[1:-1]
+            if measure_unseen(begin, end, of_other) < LONGEST_HELD_S
+        ]
     return found

@@ -43,7 +43,7 @@ from fg_nav.samples.bridging import Bridge, bridge_unread, interpolate_unread
 from fg_nav.samples.gaps import Gaps, fill_gaps, prepare_samples
 from fg_nav.samples.outliers import find_mag_outliers, find_outliers, note_bad, note_outliers
 from fg_nav.samples.saturation import Peaks, find_clipping_levels, rebuild_peaks
-from fg_nav.samples.stamps import order_stamps
+from fg_nav.samples.stamps import MAX_BRIDGED_S, order_stamps
 from fg_nav.samples.timing import even_stamps
 from fg_nav.system.spilled import drop_pages, take_rows
 from fg_nav.text import format_count
@@ -136,15 +136,15 @@ class Recording:
             raise RecordingError(f"the stamp of sample {late} is not after the one before: sort them.")
 
     @classmethod
-    def from_raw(cls, raw: RawRecording) -> Recording:
+    def from_raw(cls, raw: RawRecording, longest_gap_s: float = MAX_BRIDGED_S) -> Recording:
         """Judge a file's samples and take what can be navigated with; the policy is on top of this file.
 
-        What was left out stands in the notes of `provenance`.
+        What was left out stands in the notes of `provenance`. At a gap of more than `longest_gap_s` it is cut.
 
         Raises `RecordingError` if the recording is refused: what is wrong, at which row and time, and what to try.
         """
         try:
-            return _admit(raw)
+            return _admit(raw, longest_gap_s)
         except RecordingError as error:
             path = raw.provenance.path
             raise RecordingError(f"{path.name}: {error}" if path else str(error)) from None
@@ -274,7 +274,7 @@ class Recording:
         return cut
 
 
-def _admit(raw: RawRecording) -> Recording:
+def _admit(raw: RawRecording, longest_gap_s: float) -> Recording:
     _check_shapes(raw.t, raw.acc, raw.gyr, raw.mag)
     _check_count(len(raw.t))
     is_usable = plausibility.find_usable_samples(raw.t, raw.acc, raw.gyr)
@@ -282,7 +282,7 @@ def _admit(raw: RawRecording) -> Recording:
         raise RecordingError(f"{problem}.")
     usable = np.flatnonzero(is_usable)
     _check_count(len(usable))
-    found = order_stamps(raw.t[usable], take_rows(usable, raw.acc, raw.gyr), raw.row[usable])
+    found = order_stamps(raw.t[usable], take_rows(usable, raw.acc, raw.gyr), raw.row[usable], longest_gap_s)
     drop_pages()
     kept = usable[found.kept]
     _check_count(len(kept))

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 
+from fg_nav.arrays import Floats
 from fg_nav.changes import Changes, change_parameters, select_changes
 from fg_nav.detection import StanceParameters, detect_stances
 from fg_nav.detection.handedness import refuse_wrong_axes
@@ -132,6 +133,7 @@ class Walk:
     extra : makes factors of the user's own; used by the smoother only.
     places : of an earlier walk, on which this one is to be located; used by the smoother only.
     known : footfalls at these places, where they were recognized, for the smoother.
+    beside : (N,) s, stamps of the recording of the other foot; None where there is none.
     """
 
     recording: Recording
@@ -149,6 +151,7 @@ class Walk:
     extra: ExtraFactors | None = None
     places: SavedPlaces | None = None
     known: KnownTies | None = None
+    beside: Floats | None = None
 
     @classmethod
     def of(cls, recording: Recording, options: Options = Options(), calibration: Calibration | None = None) -> Walk:

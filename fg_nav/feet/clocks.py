@@ -13,7 +13,8 @@ about up and within its time, it costs
     (alpha - alpha' - m)^2 / (2 `TURN_SIGMA_RAD`^2),
 
 alpha' the turn of the second foot over the same time and m the mean difference, which is that of the gyroscope biases;
-and so do halts, where one foot has swings and the other has none.
+and so do halts, where one foot has swings and the other has none. A stride during which the second foot did not record
+costs `FITTING`, and what the first did not record nothing.
 
 L(tau) is the sum, nats. Steps of a walk are alike, so that L counts `SHARE` of it. Where a swing costs less than
 `FITTING` at zero the clocks stay as they are. Where the best L is by `ENOUGH` better than that of any other cycle it is
@@ -22,16 +23,17 @@ taken. Else the recordings do not show it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fg_nav.arrays import Floats, Ints
+from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import EstimationError
 from fg_nav.feet.steps import LONGEST_S
 from fg_nav.frames import GRAVITY_M_S2, level_attitude
 from fg_nav.mechanisation import integrate_strides
 from fg_nav.recording import Recording
+from fg_nav.samples.gaps import cross_holes, list_unrecorded
 from fg_nav.stances import Stances
 
 PHASE_SIGMA = 0.1
@@ -73,16 +75,24 @@ class ClockOffset:
 
 @dataclass(frozen=True)
 class Swings:
-    """Swings of one foot: their middles (S,) s, and times (T,) s and heading (T,) rad, of some moment, by the turns."""
+    """Swings of one foot: their middles (S,) s, and times (T,) s and heading (T,) rad, of some moment, by the turns.
+
+    `holes` (H, 2) s are those in the recording.
+    """
 
     middle: Floats
     t: Floats
     heading: Floats
+    holes: Floats
 
     def within(self, begin: float, end: float) -> Swings:
         """Return those of a stretch of time."""
-        inside = (self.middle >= begin) & (self.middle <= end)
-        return Swings(self.middle[inside], self.t, self.heading)
+        return replace(self, middle=self.middle[(self.middle >= begin) & (self.middle <= end)])
+
+    def hides(self, begin: Floats, end: Floats) -> Bools:
+        """Whether some of each span (S,) s lies in a hole."""
+        first = np.searchsorted(self.holes[:, 1], begin)
+        return np.asarray(first < np.searchsorted(self.holes[:, 0], end))
 
 
 def align_clocks(first: Recording, first_stances: Stances, second: Recording, second_stances: Stances) -> ClockOffset:
@@ -132,20 +142,27 @@ def _refine(tau: Floats, nats: Floats, best: int) -> float:
 def _weigh(a: Swings, b: Swings, tau: float) -> float:
     """L of an offset, nats."""
     begin, end = a.middle[:-1], a.middle[1:]
+    counts, recorded = np.diff(np.searchsorted(b.middle, [begin - tau, end - tau]), axis=0)[0], ~a.hides(begin, end)
     walks = end - begin < LONGEST_S
-    begin, end = begin[walks], end[walks]
-    at = np.searchsorted(b.middle, [begin - tau, end - tau])
+    cost = _weigh_strides(a, b, tau, begin[walks & recorded], end[walks & recorded])
+    # Swings of the second foot while the first one stands for long.
+    alone = counts[~walks & recorded].sum() if walks.any() else len(b.middle)
+    return -SHARE * float(cost + MISSED * alone)
+
+
+def _weigh_strides(a: Swings, b: Swings, tau: float, begin: Floats, end: Floats) -> float:
+    """Cost of the first foot's strides, from middle to middle of its swings (S,) s."""
     if not len(begin):
-        return -SHARE * MISSED * len(b.middle)
+        return 0.0
+    at = np.searchsorted(b.middle, [begin - tau, end - tau])
     phase = (b.middle[np.minimum(at[0], len(b.middle) - 1)] + tau - begin) / (end - begin)
     cost = np.where(at[1] - at[0] == 1, np.minimum(0.5 * ((phase - 0.5) / PHASE_SIGMA) ** 2, MISSED), MISSED)
     turned = [np.interp([begin - d, end - d], one.t, one.heading) for one, d in ((a, 0.0), (b, tau))]
     differ = (turned[0][1] - turned[0][0]) - (turned[1][1] - turned[1][0])
-    differ = differ - np.median(differ)
+    hidden = b.hides(begin - tau, end - tau)
+    differ = differ - np.median(differ[~hidden]) if not hidden.all() else differ
     cost += np.minimum(0.5 * (differ / TURN_SIGMA_RAD) ** 2, MOST_SHIFTS)
-    # Swings of the second foot while the first one stands for long.
-    alone = np.diff(np.searchsorted(b.middle + tau, [a.middle[0], a.middle[-1]]))[0] - (at[1] - at[0]).sum()
-    return -SHARE * float(cost.sum() + MISSED * max(alone, 0))
+    return float(np.where(hidden, FITTING, cost).sum())
 
 
 def list_swings(recording: Recording, stances: Stances) -> Swings:
@@ -155,7 +172,8 @@ def list_swings(recording: Recording, stances: Stances) -> Swings:
     first = np.searchsorted(stances.footfall, np.arange(stances.n_footfalls))
     begin, end = t[stances.stop[last[:-1]] - 1], t[stances.start[first[1:]]]
     sample = stances.stillest(recording.gyr)
-    return Swings(0.5 * (begin + end), t[sample], _sum_turns(recording, sample))
+    seen = ~cross_holes(t, sample)
+    return Swings(0.5 * (begin + end)[seen], t[sample], _sum_turns(recording, sample), list_unrecorded(t)[1:-1])
 
 
 def _sum_turns(recording: Recording, sample: Ints) -> Floats:

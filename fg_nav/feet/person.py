@@ -4,7 +4,7 @@
 
 One foot stands while the other swings, so the middle moves evenly. The heading is the direction in which it moved over
 a stride, `CHORD_M`, and stays while it stands. Where one sensor did not record, the person goes on as the other foot
-does, from where the middle was over the last `SEAM_S`.
+does, from where the middle was over the last `SEAM_S`; in a hole, to where it is over the first behind it.
 
 Its error is that of one foot and half of what the other one's differs by,
 
@@ -12,18 +12,18 @@ Its error is that of one foot and half of what the other one's differs by,
 
 the latter known at the cells of steps (`steps`) and interpolated between. How the two go together is left out: in
 simulated walks of feet that step in turn sigmas are by 2 % larger for that at most. Where for long no steps tie the
-feet their difference grows, and that is not in it.
+feet the difference is that of footfalls which nothing ties (`smoother.feet_factors.WATCHED_S`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from fg_nav.arrays import Bools, Floats, interpolate_columns
+from fg_nav.arrays import Floats, interpolate_columns
 from fg_nav.frames import yaw_rotation
+from fg_nav.samples.gaps import find_unrecorded, list_unrecorded
 from fg_nav.solution import Solution, StanceTable
 
 CHORD_M = 1.4
@@ -85,8 +85,7 @@ def trace_person(right: Solution, left: Solution, cell_t: Floats, apart_cov: Flo
 
     `apart_cov` (C, 4, 4) is the covariance of the right foot's errors less those of the left one, at times (C,) s.
     """
-    alone = (right.t < left.t[0]) | (right.t > left.t[-1])
-    t = np.sort(np.concatenate([left.t, right.t[alone]]))
+    t = np.sort(np.concatenate([left.t, right.t[find_unrecorded(right.t, left.t)]]))
     position = 0.5 * (_carry_on(t, left, right) + _carry_on(t, right, left))
     velocity = 0.5 * (_follow(t, left, right) + _follow(t, right, left))
     footfall_t, pose_cov = _find_covariance(right, left, cell_t, apart_cov)
@@ -105,27 +104,34 @@ def find_pose_cov(table: StanceTable) -> Floats:
 def _carry_on(t: Floats, foot: Solution, other: Solution) -> Floats:
     """Places (N, 3) of a foot at times (N,), where it did not record as far from the other one as it was there."""
     place = interpolate_columns(t, foot.t, foot.position)
-    for outside, span in _list_outsides(t, foot):
-        seam = span[(span >= other.t[0]) & (span <= other.t[-1])]
-        if outside.any() and len(seam):
-            apart = interpolate_columns(seam, foot.t, foot.position) - interpolate_columns(
-                seam, other.t, other.position
-            )
-            place[outside] = interpolate_columns(t[outside], other.t, other.position) + apart.mean(axis=0)
+    for begin, end in list_unrecorded(foot.t):
+        inside = (t > begin) & (t < end)
+        at, apart = _measure_seams(begin, end, foot, other)
+        if inside.any() and len(at):
+            moved = interpolate_columns(t[inside], at, apart)
+            place[inside] = interpolate_columns(t[inside], other.t, other.position) + moved
     return place
 
 
-def _list_outsides(t: Floats, foot: Solution) -> Iterator[tuple[Bools, Floats]]:
-    """Yield which times (N,) are before and after a recording, and times of the stride next to it."""
-    steps = np.linspace(0.0, SEAM_S, 50)
-    yield t < foot.t[0], foot.t[0] + steps
-    yield t > foot.t[-1], foot.t[-1] - steps
+def _measure_seams(begin: float, end: float, foot: Solution, other: Solution) -> tuple[Floats, Floats]:
+    """Times (1 or 2,) s next to a span without records, and how far (1 or 2, 3) m the foot is from the other there."""
+    at, apart = [], []
+    for edge, first in ((begin, begin - SEAM_S), (end, end)):
+        if not np.isfinite(edge):
+            continue
+        span = np.linspace(first, first + SEAM_S)
+        seam = span[~find_unrecorded(span, other.t) & ~find_unrecorded(span, foot.t)]
+        if len(seam):
+            here, there = (interpolate_columns(seam, one.t, one.position) for one in (foot, other))
+            at.append(edge)
+            apart.append((here - there).mean(axis=0))
+    return np.array(at), np.array(apart)
 
 
 def _follow(t: Floats, foot: Solution, other: Solution) -> Floats:
     """Velocity (N, 3) of a foot, and where it did not record that of the other."""
     velocity = interpolate_columns(t, foot.t, foot.velocity)
-    outside = (t < foot.t[0]) | (t > foot.t[-1])
+    outside = find_unrecorded(t, foot.t)
     velocity[outside] = interpolate_columns(t[outside], other.t, other.velocity)
     return velocity
 
@@ -133,7 +139,7 @@ def _follow(t: Floats, foot: Solution, other: Solution) -> Floats:
 def _find_covariance(right: Solution, left: Solution, cell_t: Floats, apart_cov: Floats) -> tuple[Floats, Floats]:
     """Times (F,) of footfalls, and the covariance (F, 4, 4) of the person there."""
     t, of_right = left.stances.t, right.stances.t
-    alone = (of_right < left.t[0]) | (of_right > left.t[-1])
+    alone = find_unrecorded(of_right, left.t)
     footfall_t = np.concatenate([t, of_right[alone]])
     own = np.concatenate([find_pose_cov(left.stances), find_pose_cov(right.stances)[alone]])
     order = np.argsort(footfall_t, kind="stable")

@@ -16,12 +16,13 @@ footfalls of the right and of the left foot (1 where the foot is q, 1/2 and 1/2 
 
     q_R = sum a_k p_k,    q_L = sum b_k p_k,    n = mean of n,    q_R = q_L - w n.
 
-A footfall that is not one step from the other foot's, a shuffle, a turn on the spot or a halt, is in no cell.
+A footfall that is not one step from the other foot's, a shuffle, a turn on the spot or a halt, is in no cell. Over a
+hole in a recording its path is no measure of a distance: no step and no cell crosses one.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -46,13 +47,18 @@ LONGEST_S = 2.5
 
 @dataclass(frozen=True)
 class Footfalls:
-    """Footfalls of one foot: `t` (F,) s, in the middle of each, and `position` (F, 3) m."""
+    """Footfalls of one foot: `t` (F,) s, in their middle, `position` (F, 3) m, and `holes` (H,) s in the recording."""
 
     t: Floats
     position: Floats
+    holes: Floats = field(default_factory=lambda: np.zeros(0))
 
     def __len__(self) -> int:
         return len(self.t)
+
+    def count_holes(self, t: Floats) -> Ints:
+        """Count (N,) the holes before times t (N,) s."""
+        return np.searchsorted(self.holes, t)
 
 
 @dataclass(frozen=True)
@@ -79,6 +85,7 @@ def find_steps(foot: Footfalls, other: Footfalls) -> Steps:
     stride = np.diff(other.position[:, :2], axis=0)[before]
     length = np.linalg.norm(stride, axis=1)
     walks = (length > STRIDE_M[0]) & (length < STRIDE_M[1]) & (np.diff(other.t)[before] < LONGEST_S)
+    walks &= (np.diff(other.count_holes(other.t)) + np.diff(foot.count_holes(other.t)))[before] == 0
     u = stride[walks] / length[walks, None]
     return Steps(at[walks], before[walks], np.stack([-u[:, 1], u[:, 0]], axis=1))
 
@@ -99,7 +106,7 @@ class Cells:
 def average_cells(right: Footfalls, left: Footfalls) -> Cells:
     """Average the steps of a walk over cells, in order of time."""
     of_right, of_left = find_steps(right, left), find_steps(left, right)
-    number = _number_cells(left)
+    number = _number_cells(left, right.holes)
     cells = number[of_right.before], number[of_left.at]
     least = np.minimum(*(np.bincount(one, minlength=number.max(initial=0) + 1) for one in cells))
     kept = np.flatnonzero(least >= FEWEST_STEPS)
@@ -135,8 +142,8 @@ def _average_by(group: Ints, values: Floats) -> Floats:
         return np.asarray(np.stack([np.bincount(group, column) for column in values.T], axis=1) / count[:, None])
 
 
-def _number_cells(foot: Footfalls) -> Ints:
-    """Cell (F,) of each footfall, from 0, by the way walked and its turns."""
+def _number_cells(foot: Footfalls, holes: Floats) -> Ints:
+    """Cell (F,) of each footfall, from 0, by the way, its turns, its holes and those (H,) s of the other foot."""
     move = np.diff(foot.position[:, :2], axis=0, prepend=foot.position[:1, :2])
     length = np.linalg.norm(move, axis=1)
     walks = length > STRIDE_M[0]
@@ -144,7 +151,8 @@ def _number_cells(foot: Footfalls) -> Ints:
     turned = np.zeros(len(foot))
     turned[walks] = np.abs(np.diff(heading, prepend=heading[:1]))
     way = np.cumsum(length / CELL_M + turned / CELL_TURN_RAD)
-    return np.unique(np.floor(way), return_inverse=True)[1]
+    piece = foot.count_holes(foot.t) + np.searchsorted(holes, foot.t)
+    return np.unique(np.stack([piece, np.floor(way)], axis=1), axis=0, return_inverse=True)[1].ravel()
 
 
 def measure_turns(right: Footfalls, left: Footfalls) -> tuple[Floats, Floats]:

@@ -43,6 +43,7 @@ from fg_nav.io.readers import (
 )
 from fg_nav.io.truth import CSV_COLUMNS, read_footprint_csv, read_footprint_mat, read_tum
 from fg_nav.recording import RawRecording, Recording
+from fg_nav.samples.stamps import MAX_BRIDGED_S
 from fg_nav.truth import Truth
 
 RATE, SENSOR = "rate", "sensor"
@@ -115,16 +116,18 @@ class Reading:
     columns : of a table, which are what: `time=ts[ms],acc=ax:ay:az[g],gyr=gx:gy:gz[deg/s]` (`fg_nav.columns.mapping`).
     rate_hz : the rate of a file that has neither a clock nor a rate.
     sensor : which of several sensors in the file.
+    longest_gap_s : a recording is cut at a longer one.
     """
 
     format: str | None = None
     columns: str | Columns | None = None
     rate_hz: float | None = None
     sensor: str | None = None
+    longest_gap_s: float = MAX_BRIDGED_S
 
     def read(self, path: Path | str) -> Recording:
         """Read a recording, as `fg_nav.io.read`."""
-        return Recording.from_raw(self.read_raw(path))
+        return Recording.from_raw(self.read_raw(path), self.longest_gap_s)
 
     def read_raw(self, path: Path | str) -> RawRecording:
         """Read what a file says, unchecked; raises `FormatError` as `fg_nav.io.read`."""

@@ -177,8 +177,8 @@ class FeetNavigator:
         if len(feet) < len(SIDES) or solved is None or not self._is_tied:
             return None
         left, right = feet["left"], feet["right"]
-        person = trace_solved_person(solved, right, left, np.zeros((solved.minimum.root.total, 0)))
-        counts = len(solved.problem.ties), len(solved.problem.reach)
+        person = trace_solved_person(solved, right, left)
+        counts = solved.problem.ties.cells, len(solved.problem.reach)
         return FeetSolution(
             right, left, person, solved.minimum.values.width, measure_width_sigma(solved.minimum.root), *counts
         )

@@ -96,7 +96,7 @@ class WalksAlone:
             self.solved = solve_feet(*(replace(one.problem, values=one.solved.values) for one in pair))
             self._of, self.count = pair, self.count + 1
         assert self.solved is not None
-        return self.solved if len(self.solved.problem.ties) >= FEWEST_CELLS else None
+        return self.solved if self.solved.problem.ties.cells >= FEWEST_CELLS else None
 
 
 class FootSolver(WalkSolver):

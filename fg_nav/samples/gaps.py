@@ -121,6 +121,25 @@ def cross_holes(t: Floats, sample: Ints) -> Bools:
     return np.asarray(np.diff(np.searchsorted(find_holes(t), sample)) > 0)
 
 
+def find_unrecorded(t: Floats, recorded: Floats) -> Bools:
+    """Which of the times t (N,) s are before, after or in a hole of stamps `recorded` (M,) s."""
+    spans = list_unrecorded(recorded)
+    return np.asarray(np.searchsorted(spans[:, 0], t) > np.searchsorted(spans[:, 1], t, side="right"))
+
+
+def list_unrecorded(recorded: Floats) -> Floats:
+    """List the spans (H, 2) s without stamps `recorded` (M,) s: before them, in each hole and after them."""
+    hole = find_holes(recorded)
+    begins, ends = np.append(recorded[hole], recorded[-1]), np.append(recorded[hole + 1], np.inf)
+    return np.stack([np.append(-np.inf, begins), np.append(recorded[0], ends)], axis=1)
+
+
+def measure_unseen(begin: float, end: float, t: Floats) -> float:
+    """Longest time, s, from begin to end without one of the stamps (N,) s of another recording."""
+    within = t[(t > begin) & (t < end)]
+    return float(np.diff(np.concatenate([[begin], within, [end]])).max())
+
+
 def count_periods(t: Floats, period_s: float) -> Ints:
     """Count (N,) how many periods, of samples that are there or missing, each stamp `t` (N,) s is behind the first.
 

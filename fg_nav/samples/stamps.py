@@ -61,7 +61,7 @@ class Ordered(NamedTuple):
     remarks: tuple[str, ...]
 
 
-def order_stamps(t: Floats, samples: Floats, row: Ints) -> Ordered:
+def order_stamps(t: Floats, samples: Floats, row: Ints, longest_gap_s: float = MAX_BRIDGED_S) -> Ordered:
     """Put the samples of a file in order of time.
 
     Parameters
@@ -69,6 +69,7 @@ def order_stamps(t: Floats, samples: Floats, row: Ints) -> Ordered:
     t : (N,) s, finite, as in the file.
     samples : (N, 6) force and rate, finite.
     row : (N,) of each sample in its file, for the remarks.
+    longest_gap_s : the recording ends at a longer one.
 
     Raises
     ------
@@ -78,7 +79,7 @@ def order_stamps(t: Floats, samples: Floats, row: Ints) -> Ordered:
     period = _mean_period(t)
     parts, remarks = _follow_clock(t, samples, row, period)
     spread = [_spread_doubles(part, samples, row, period) for part in parts]
-    pieces = [piece for part in spread for piece in _split_at_gaps(part.kept, part.t)]
+    pieces = [piece for part in spread for piece in _split_at_gaps(part, longest_gap_s)]
     kept, stamps = max(pieces, key=lambda piece: len(piece[0]))
     remarks += [words for part in spread if kept[0] in part.kept for words in part.remarks]
     return Ordered(kept, stamps, (*remarks, *_describe_cut(pieces, kept, row)))
@@ -217,10 +218,10 @@ def _describe_doubles(part: Ordered, keep: Bools, spread: Bools, row: Ints) -> l
     return remarks
 
 
-def _split_at_gaps(kept: Ints, t: Floats) -> list[tuple[Ints, Floats]]:
+def _split_at_gaps(part: Ordered, longest_s: float) -> list[tuple[Ints, Floats]]:
     """Split samples where a gap is too long to be bridged."""
-    ends = np.flatnonzero(np.diff(t) > MAX_BRIDGED_S) + 1
-    return list(zip(np.split(kept, ends), np.split(t, ends), strict=True))
+    ends = np.flatnonzero(np.diff(part.t) > longest_s) + 1
+    return list(zip(np.split(part.kept, ends), np.split(part.t, ends), strict=True))
 
 
 def _describe_cut(pieces: list[tuple[Ints, Floats]], kept: Ints, row: Ints) -> list[str]:

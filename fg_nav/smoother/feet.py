@@ -25,6 +25,7 @@ from gtsam.symbol_shorthand import X
 from fg_nav.arrays import Floats, Ints
 from fg_nav.factors.residual import LETTER_SHIFT, Keys, Stack
 from fg_nav.feet.steps import Cells, average_cells, measure_turns
+from fg_nav.samples.gaps import list_unrecorded
 from fg_nav.smoother.feet_factors import (
     RIGHT,
     WIDTH,
@@ -47,6 +48,9 @@ FREE_PLACE_M, FREE_HEADING_DEG = 2.0, 60.0
 
 SMOOTH_S = 10.0
 """Before and after, over which turns of the right foot's path against the left one's are averaged."""
+
+AROUND_HOLE = 10
+"""Strides on either side of a hole in a recording, by which the path behind it is turned."""
 
 FEET_CONVERGENCE = 5e-6
 """Difference of promised and true error per variable, of which there are some ten thousand: two feet start from where
@@ -151,6 +155,7 @@ def align_feet(right: WalkProblem, left: WalkProblem) -> tuple[WalkProblem, Feet
     The left one's heading at the start is the gauge.
     """
     of_right, of_left = gtsam.Values(right.values), gtsam.Values(left.values)
+    _turn_behind_holes(FeetValues(of_right, of_left, WIDTH_M), right, left)
     turns = measure_turns(list_footfalls(right, of_right), list_footfalls(left, of_left))
     at_right, at_left = (_smooth_turn(*turns, one.recording.t[one.nodes.sample]) for one in (right, left))
     turn_walk(of_left, left.nodes, 0.5 * (at_left - at_left[0]))
@@ -161,6 +166,22 @@ def align_feet(right: WalkProblem, left: WalkProblem) -> tuple[WalkProblem, Feet
     start = of_right.atPose3(X(0))
     prior = StartPrior(start.rotation().matrix(), np.radians(FREE_HEADING_DEG), FREE_PLACE_M, start.translation())
     return replace(right, start=prior, values=of_right), FeetValues(of_right, of_left, WIDTH_M)
+
+
+def _turn_behind_holes(values: FeetValues, right: WalkProblem, left: WalkProblem) -> None:
+    """Turn each foot's path behind a hole in its recording as the other foot's goes on, in place."""
+    holes = [
+        (*span, of, problem, sign)
+        for of, problem, sign in ((values.right, right, -1.0), (values.left, left, 1.0))
+        for span in list_unrecorded(problem.recording.t)[1:-1]
+    ]
+    for begin, end, of, problem, sign in sorted(holes, key=lambda hole: hole[0]):
+        t, turn = measure_turns(list_footfalls(right, values.right), list_footfalls(left, values.left))
+        before, after = turn[t <= begin][-AROUND_HOLE:], turn[t >= end][:AROUND_HOLE]
+        if len(before) and len(after):
+            jump = float(np.angle(np.exp(1j * after).mean() / np.exp(1j * before).mean()))
+            behind = problem.recording.t[problem.nodes.sample] >= end
+            turn_walk(of, problem.nodes, sign * jump * behind)
 
 
 def _smooth_turn(at: Floats, turn: Floats, t: Floats) -> Floats:

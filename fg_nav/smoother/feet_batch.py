@@ -17,16 +17,17 @@ import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import EstimationError
+from fg_nav.factors.residual import Keys
 from fg_nav.feet.person import FeetSolution, PersonPath, trace_person
 from fg_nav.magnetic import FootfallField
 from fg_nav.recording import Recording
 from fg_nav.smoother.batch import Draft, check_field, compile_smoother
 from fg_nav.smoother.combinations import FootfallCovariance
 from fg_nav.smoother.feet import SolvedFeet, solve_feet
-from fg_nav.smoother.feet_factors import WIDTH, list_pose_keys, mark_right
+from fg_nav.smoother.feet_factors import WIDTH, FootfallTies, list_pose_keys, mark_right
 from fg_nav.smoother.fitting import FittedWalk, fit_walk
 from fg_nav.smoother.parameters import SmootherParameters
-from fg_nav.smoother.solver import list_attitudes, list_covariances, list_table_keys, pose_in_nav
+from fg_nav.smoother.solver import list_attitudes, list_table_keys, pose_in_nav
 from fg_nav.smoother.square_root import SquareRoot
 from fg_nav.solution import Solution
 from fg_nav.stances import Stances
@@ -94,7 +95,7 @@ def _tell(progress: Callable[[float], None] | None, number: int, done: float) ->
 
 
 def _refuse_without_steps(solved: SolvedFeet) -> None:
-    if len(solved.problem.ties) < FEWEST_CELLS:
+    if solved.problem.ties.cells < FEWEST_CELLS:
         raise EstimationError(
             "the two feet hardly take steps in turn: are they of one person at one time, and their clocks aligned? "
             "Run each of them by itself, or give --clock-offset."
@@ -108,7 +109,7 @@ def _finish(
     shared = np.hstack([one.spread_shared() for one, _ in (right, left)])
     walks = [one.walk for one, _ in (right, left)]
     joints = [FootfallCovariance.of(walk.solved, walk.problem.nodes, shared) for walk in walks]
-    covariances = _list_covariances(solved, shared)
+    covariances, apart_cov = _take_covariances(solved, shared)
     drafts = [
         Draft.of(walk, joint, of_table, foot.stances, began)
         for walk, joint, of_table, (_, foot) in zip(walks, joints, covariances, (right, left), strict=True)
@@ -118,44 +119,65 @@ def _finish(
     return FeetSolution(
         of_right,
         of_left,
-        trace_solved_person(solved, of_right, of_left, shared),
+        trace_person(of_right, of_left, _list_tie_times(solved), apart_cov),
         solved.minimum.values.width,
         measure_width_sigma(solved.minimum.root),
-        len(ties),
+        ties.cells,
         len(reach),
     )
 
 
-def _list_covariances(solved: SolvedFeet, shared: Floats) -> tuple[Floats, Floats]:
-    """Covariances (K, 6, 6) of the tables of the right and of the left foot, in one pass."""
-    right, left = (list_table_keys(one.nodes) for one in (solved.problem.right, solved.problem.left))
-    keys = [*mark_right(np.array(right, dtype=np.uint64)).tolist(), *left]
-    both = list_covariances(keys, solved.minimum.root, shared)
-    return both[: len(right)], both[len(right) :]
-
-
-def trace_solved_person(solved: SolvedFeet, right: Solution, left: Solution, shared: Floats) -> PersonPath:
-    """Trace the person between two feet that were solved together.
-
-    `shared` (N, n) has by how much both are moved by numbers of unit covariance that the triangle does not hold.
-    """
-    one = solved.problem.left
-    cell_t = one.recording.t[one.nodes.sample[solved.problem.ties.left_node]]
-    return trace_person(right, left, cell_t, _find_apart_covariance(solved, shared))
-
-
-def _find_apart_covariance(solved: SolvedFeet, shared: Floats) -> Floats:
-    """Covariance (C, 4, 4) of the right foot's errors less the left one's at the footfalls of each cell."""
+def trace_solved_person(solved: SolvedFeet, right: Solution, left: Solution) -> PersonPath:
+    """Trace the person between two feet that were solved together."""
     ties, root = solved.problem.ties, solved.minimum.root
-    keys = np.stack([mark_right(list_pose_keys(ties.right_node)), list_pose_keys(ties.left_node)], axis=1)
+    joint = root.joint_covariances(_list_tied_keys(ties))
+    return trace_person(right, left, _list_tie_times(solved), _subtract_left(solved, joint))
+
+
+def _list_tie_times(solved: SolvedFeet) -> Floats:
+    one = solved.problem.left
+    return np.asarray(one.recording.t[one.nodes.sample[solved.problem.ties.left_node]])
+
+
+def _list_tied_keys(ties: FootfallTies) -> Keys:
+    """Keys (C, 2) of the right and of the left pose of each tie."""
+    return np.stack([mark_right(list_pose_keys(ties.right_node)), list_pose_keys(ties.left_node)], axis=1)
+
+
+def _take_covariances(solved: SolvedFeet, shared: Floats) -> tuple[tuple[Floats, Floats], Floats]:
+    """Covariances (K, 6, 6) of the tables of the right and of the left foot, and (C, 4, 4) of what they differ by.
+
+    `shared` (N, n) has by how much both are moved by numbers of unit covariance that the triangle does not hold. One
+    pass along it finds all: of a pose that is tied, and eliminated before the other one, the joint covariance with
+    that, of all else that with itself.
+    """
+    root, ties = solved.minimum.root, solved.problem.ties
+    right, left = (list_table_keys(one.nodes) for one in (solved.problem.right, solved.problem.left))
+    keys = np.concatenate([mark_right(np.array(right, dtype=np.uint64)), np.array(left, dtype=np.uint64)])
+    number = np.stack([ties.right, len(right) + ties.left], axis=1)
+    column = root.find_columns(keys[:, None])[:, 0]
+    first = column[number].argmin(axis=1)
+    pick = np.arange(len(ties))
+    pairs = np.stack([keys, keys], axis=1)
+    pairs[number[pick, first], 1] = keys[number[pick, 1 - first]]
+    moved = shared[root.find_columns(pairs)]
+    joint = root.joint_covariances(pairs) + moved @ np.swapaxes(moved, 1, 2)
+    of_ties = joint[number[pick, first]]
+    turned = np.roll(of_ties, 6, axis=(1, 2))
+    in_order = np.where((first == 0)[:, None, None], of_ties, turned)
+    own = joint[:, :6, :6]
+    return (own[: len(right)], own[len(right) :]), _subtract_left(solved, in_order)
+
+
+def _subtract_left(solved: SolvedFeet, joint: Floats) -> Floats:
+    """Covariance (C, 4, 4) of the right foot's errors less the left one's, from that (C, 12, 12) of both poses."""
+    ties = solved.problem.ties
     of_right, of_left = (
         pose_in_nav(list_attitudes(node, one.values))
         for node, one in ((ties.right_node, solved.right), (ties.left_node, solved.left))
     )
     nav_T_both = np.concatenate([of_right, -of_left], axis=2)
-    moved = nav_T_both @ shared[root.find_columns(keys)]
-    of_graph = nav_T_both @ root.joint_covariances(keys) @ np.swapaxes(nav_T_both, 1, 2)
-    return np.asarray(of_graph + moved @ np.swapaxes(moved, 1, 2))
+    return np.asarray(nav_T_both @ joint @ np.swapaxes(nav_T_both, 1, 2))
 
 
 def measure_width_sigma(root: SquareRoot) -> float:

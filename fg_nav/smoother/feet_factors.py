@@ -5,6 +5,9 @@ to the footfalls nearest to the middle of the cell, as each path has them: what 
 less than what steps differ by. Along the way the mean is as good as a person steps evenly, across as one keeps the
 width, and up as the sensors are worn alike and the floor is level across.
 
+Where for long there is no cell, pairs of footfalls are tied by nothing, with a weight of zero: they say nothing, and
+keep both feet's joint covariance there for the sigmas of the person.
+
 Feet that stand at about one time are within reach; that is asked of the pairs of footfalls that are not, and asked
 again where the walk was solved with it.
 """
@@ -21,7 +24,8 @@ from fg_nav.arrays import Floats, Ints
 from fg_nav.factors.residual import LETTER_SHIFT, Keys, Stack
 from fg_nav.factors.same_place import weigh_place
 from fg_nav.factors.two_feet import BesideEachOther, WithinReach
-from fg_nav.feet.steps import Footfalls, average_cells
+from fg_nav.feet.steps import LONGEST_S, Footfalls, average_cells
+from fg_nav.samples.gaps import find_holes
 from fg_nav.smoother.graph import WalkProblem
 from fg_nav.smoother.place_factors import find_footfalls
 from fg_nav.smoother.solver import list_poses
@@ -38,6 +42,9 @@ REACH_M, REACH_SIGMA_M = 1.2, 0.1
 
 FLIGHT_M_S, LONGEST_FLIGHT_S = 3.0, 0.3
 """Where neither is seen to stand the person moves on, and is not asked for longer."""
+
+WATCHED_S = 30.0
+"""Without a cell, behind which a pair of footfalls is tied by nothing. Cells of long walks are as far apart."""
 
 RIGHT = np.uint64(1 << 40)
 """Added to the keys of the right foot's variables in the graph of both."""
@@ -62,13 +69,17 @@ def mark_right(keys: Keys) -> Keys:
 
 @dataclass(frozen=True)
 class FootfallTies:
-    """Cells of steps: footfalls `right`, `left` (C,) that stand for them, at nodes (C,), and the residuals."""
+    """C pairs of footfalls `right`, `left` (C,) at nodes (C,), and the residuals.
+
+    The first `cells` of them stand for cells of steps, the others are tied by nothing.
+    """
 
     right: Ints
     left: Ints
     right_node: Ints
     left_node: Ints
     residuals: BesideEachOther
+    cells: int
 
     def __len__(self) -> int:
         return len(self.right)
@@ -142,26 +153,45 @@ def list_footfalls(problem: WalkProblem, values: gtsam.Values) -> Footfalls:
     """List the footfalls of a foot, in the middle of their standing."""
     nodes, t = problem.nodes, problem.recording.t[problem.nodes.sample]
     middle = 0.5 * (t[nodes.first[:-1]] + t[nodes.first[1:] - 1])
-    return Footfalls(middle, list_poses(nodes.result, values)[:, :3, 3].copy())
+    holes = problem.recording.t[find_holes(problem.recording.t)]
+    return Footfalls(middle, list_poses(nodes.result, values)[:, :3, 3].copy(), holes)
 
 
 def tie_feet(right: WalkProblem, left: WalkProblem, values: FeetValues) -> FootfallTies:
     """Tie the cells of steps of two solved feet."""
     feet = list_footfalls(right, values.right), list_footfalls(left, values.left)
     cells = average_cells(*feet)
-    chosen = [find_footfalls(cells.t, foot.t) for foot in feet]
-    node = right.nodes.result[chosen[0]], left.nodes.result[chosen[1]]
+    by_cell = find_footfalls(cells.t, feet[0].t), find_footfalls(cells.t, feet[1].t)
+    of_right, of_left = (np.concatenate(pair) for pair in zip(by_cell, _watch_between(feet, by_cell), strict=True))
+    node = right.nodes.result[of_right], left.nodes.result[of_left]
     poses = list_poses(node[0], values.right), list_poses(node[1], values.left)
     in_body = [
-        np.einsum("kji,kj->ki", pose[:, :3, :3], place - pose[:, :3, 3])
+        np.einsum("kji,kj->ki", pose[: len(cells), :3, :3], place - pose[: len(cells), :3, 3])
         for pose, place in zip(poses, (cells.right, cells.left), strict=True)
     ]
     normal = np.pad(cells.left_normal, ((0, 0), (0, 1)))
     heading = np.arctan2(-normal[:, 0], normal[:, 1])
     weight = weigh_place(heading, ALONG_SIGMA_M, ACROSS_SIGMA_M, UP_SIGMA_M)
-    in_left = np.einsum("kji,kj->ki", poses[1][:, :3, :3], normal)
-    residuals = BesideEachOther(in_body[0], in_body[1], in_left, weight)
-    return FootfallTies(chosen[0], chosen[1], node[0], node[1], residuals)
+    in_left = np.einsum("kji,kj->ki", poses[1][: len(cells), :3, :3], normal)
+    residuals = BesideEachOther(*(_append_zeros(one, len(of_right)) for one in (*in_body, in_left, weight)))
+    return FootfallTies(of_right, of_left, *node, residuals, len(cells))
+
+
+def _append_zeros(values: Floats, rows: int) -> Floats:
+    return np.concatenate([values, np.zeros((rows - len(values), *values.shape[1:]))])
+
+
+def _watch_between(feet: tuple[Footfalls, Footfalls], by_cell: tuple[Ints, Ints]) -> list[Ints]:
+    """Find pairs of footfalls, of no cell, where for long there is none."""
+    right, left = feet
+    cell_t = np.concatenate([[-np.inf], left.t[by_cell[1]], [np.inf]])
+    moment = np.arange(max(right.t[0], left.t[0]), min(right.t[-1], left.t[-1]), WATCHED_S)
+    after = np.searchsorted(cell_t, moment)
+    lonely = moment[np.minimum(moment - cell_t[after - 1], cell_t[after] - moment) > WATCHED_S]
+    pairs = np.stack([find_footfalls(lonely, foot.t) for foot in feet], axis=1)
+    apart_s = np.abs(right.t[pairs[:, 0]] - left.t[pairs[:, 1]])
+    is_new = [~np.isin(pairs[:, k], by_cell[k]) & (np.diff(pairs[:, k], prepend=-1) > 0) for k in range(2)]
+    return list(pairs[is_new[0] & is_new[1] & (apart_s < LONGEST_S)].T)
 
 
 def find_beyond_reach(right: WalkProblem, left: WalkProblem, values: FeetValues, known: ReachFactors) -> ReachFactors:

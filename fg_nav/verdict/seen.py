@@ -13,6 +13,7 @@ from fg_nav.detection.swing_axes import measure_swing_axes
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.magnetic.quasi_static import QUASI_STATIC
 from fg_nav.mechanisation import integrate_strides
+from fg_nav.samples.gaps import LONGEST_HELD_S, list_unrecorded, measure_unseen
 from fg_nav.solution import Solution
 from fg_nav.system.spilled import measure_rows
 from fg_nav.walk import WITH_FIXES, Walk, ignores_field
@@ -73,7 +74,21 @@ class Seen:
         """(K,) s without a stance, from footfall to footfall."""
         stances, t = self.walk.stances, self.recording.t
         between = np.diff(stances.footfall) > 0
-        return np.asarray((t[stances.start[1:]] - t[stances.stop[:-1] - 1])[between])
+        spans = np.stack([t[stances.stop[:-1] - 1], t[stances.start[1:]]])[:, between]
+        return np.asarray(np.diff(spans - self.sum_bridged(spans), axis=0)[0])
+
+    def sum_bridged(self, t: Floats) -> Floats:
+        """Time until t, s, in which this foot was not recorded, and the other one was."""
+        beside = self.walk.beside
+        if beside is None:
+            return np.zeros(t.shape)
+        holes = list_unrecorded(self.recording.t)[1:-1]
+        bridged = holes[np.array([measure_unseen(begin, end, beside) < LONGEST_HELD_S for begin, end in holes], bool)]
+        if not len(bridged):
+            return np.zeros(t.shape)
+        so_far = np.cumsum(np.diff(bridged, axis=1))
+        both_ends = np.stack([np.append(0.0, so_far[:-1]), so_far], axis=1)
+        return np.asarray(np.interp(t, bridged.ravel(), both_ends.ravel()))
 
     @cached_property
     def cycle_s(self) -> float:

@@ -8,6 +8,7 @@ import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.detection.mount import remove_fast
+from fg_nav.samples.gaps import measure_unseen
 from fg_nav.verdict.limits import (
     POSITION_SHARE,
     POSITION_SHARE_IN_POCKET,
@@ -108,9 +109,15 @@ def measure_rate(seen: Seen) -> Reason | None:
 
 
 def measure_gap(seen: Seen) -> Reason | None:
-    """The longest time that was not observed."""
+    """The longest time that was not observed; where the other foot was, it is doubtful at most."""
     longest_s = float(seen.recording.gaps.unseen_s.max(initial=0.0))
-    return Reason(weigh(longest_s, 0.1, 0.5), f"nothing was recorded for {longest_s:.2f} s amid the walk")
+    words, beside = f"nothing was recorded for {longest_s:.2f} s amid the walk", seen.walk.beside
+    if beside is None:
+        return Reason(weigh(longest_s, 0.1, 0.5), words)
+    t, gaps = seen.recording.t, seen.recording.gaps.sample
+    by_neither = max((measure_unseen(float(t[i]), float(t[i + 1]), beside) for i in gaps), default=0.0)
+    weight = max(weigh(by_neither, 0.1, 0.5), min(weigh(longest_s, 0.1, 0.5), 1.0))
+    return Reason(weight, f"{words}, and of neither foot for {by_neither:.2f} s")
 
 
 def measure_bad_samples(seen: Seen) -> Reason | None:
@@ -185,10 +192,11 @@ def measure_longest_stride(seen: Seen) -> Reason | None:
     """A stride longer than a foot makes."""
     if not len(seen.strides):
         return None
-    length = np.linalg.norm(seen.strides, axis=1)
+    t = seen.solution.stances.t
+    length = np.where(np.diff(seen.sum_bridged(t)) > 0.0, 0.0, np.linalg.norm(seen.strides, axis=1))
     longest = _find_worst(length)
     in_pocket = seen.walk.options.mount == "pocket"
-    return judge_stride(float(length[longest]), float(seen.solution.stances.t[longest + 1]), in_pocket)
+    return judge_stride(float(length[longest]), float(t[longest + 1]), in_pocket)
 
 
 def measure_speed(seen: Seen) -> Reason | None:

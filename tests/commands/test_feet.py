@@ -113,14 +113,38 @@ def test_names_of_the_feet_are_kept_and_doubted(fg_nav: FgNav, walked: Path) -> 
     assert said["reasons"][0] in said["notes"]
 
 
-def test_a_foot_that_is_lost_for_a_while(fg_nav: FgNav, walked: Path, cut: Any) -> None:
-    arguments = ("run", walked / "left.csv", cut("right", 15.0, 30.0), *FEET, "--plots", "none", "--out", "out")
-    assert fg_nav(*arguments, "--sides", "left,right").code == 0
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_a_foot_that_is_lost_for_a_while(fg_nav: FgNav, walked: Path, cut: Any, side: str) -> None:
+    """Both parts of its recording are used: the other foot goes on between them."""
+    recordings = {one: walked / f"{one}.csv" for one in ("left", "right")}
+    recordings[side] = cut(side, 15.0, 30.0)
+    truths = ("--truth", f"{walked / 'left.truth.tum'},{walked / 'right.truth.tum'}", "--sides", "left,right")
+    ran = fg_nav("run", *recordings.values(), *FEET, *truths, "--no-mag", "--plots", "none", "--out", "out")
+    assert ran.code == 0, ran.err
+    said, other = summary("out"), {"left": "right", "right": "left"}[side]
+    assert (
+        f"the {side} foot was not recorded from 15.0 to 30.0 s: the person goes as the {other} one does"
+        in said["notes"]
+    )
+    assert said["verdict"] == "doubtful"
+    assert [reason.split(":")[0] for reason in said["reasons"]] == [f"{side} foot"]
+    assert "nothing was recorded for 15.0" in said["reasons"][0]
+    assert max(said[one]["rmse_2d_m"] for one in recordings) < 0.1  # 0.012 m without the hole
+    assert said["rmse_2d_m"] < 0.2  # the person goes as one foot, half a step off
+    assert said[other]["verdict"] == "trusted"
+    assert said["distance_m"] == pytest.approx(76.0, abs=4.0)
+    t = np.loadtxt("out/trajectory.tum")[:, 0]
+    assert np.diff(t).max() < 0.02
+
+
+def test_both_feet_lost_at_once(fg_nav: FgNav, walked: Path, cut: Any) -> None:
+    """Nothing shows how the person went on, and that is said."""
+    recordings = [cut(side, 15.0, 30.0) for side in ("left", "right")]
+    assert fg_nav("run", *recordings, *FEET, "--no-mag", "--plots", "none", "--out", "out").code == 0
     said = summary("out")
-    assert any("cut-right" in str(one["recording"]) for one in (said["left"], said["right"]))
-    assert any("the right one from 30." in note and "the person goes as it does" in note for note in said["notes"])
-    assert said["left"]["distance_m"] == pytest.approx(76.9, abs=1.0)
-    assert said["distance_m"] == pytest.approx(76.0, abs=2.0)
+    assert said["verdict"] == "not to be used"
+    assert any("nothing was recorded for 15.0" in reason and "of neither foot" in reason for reason in said["reasons"])
+    assert np.hypot(*said["end_sigma_m"][:2]) > 5.0
 
 
 def test_a_sensor_that_fails_leaves_the_other_foot_intact(fg_nav: FgNav, walked: Path, cut: Any) -> None:

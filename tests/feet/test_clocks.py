@@ -35,6 +35,15 @@ def test_an_offset_is_found_and_not_one_of_a_stride_more(feet: Feet, offset: flo
     assert align(feet, offset) == pytest.approx(-offset, abs=0.05)
 
 
+@pytest.mark.parametrize("side", ["left", "right"])
+@pytest.mark.parametrize("offset", [0.0, 0.3, -5.0])
+def test_an_interrupted_recording_is_aligned_by_what_both_recorded(feet: Feet, side: str, offset: float) -> None:
+    t = feet[side].t
+    kept = (t < 20.0) | (t > 35.0)
+    cut = Recording(t[kept], feet[side].acc[kept], feet[side].gyr[kept])
+    assert align({**feet, side: cut}, offset) == pytest.approx(-offset, abs=0.05)
+
+
 def test_feet_of_two_walks_are_refused_in_a_sentence(feet: Feet) -> None:
     other = simulate_feet("stairs", 8).right.recording
     left = feet["left"]

@@ -64,3 +64,18 @@ def test_a_long_walk_has_fewer_cells_and_these_are_not_far_apart() -> None:
     apart = np.diff(cells.right[:, 0])
     assert 100 < len(cells) < 400
     assert apart.max() < 30.0 + 2.0 * CELL_M
+
+
+@pytest.mark.parametrize("foot", [0, 1])
+def test_no_step_and_no_cell_crosses_a_hole(foot: int) -> None:
+    """Behind it a path may lie anywhere: moved by ten meters, it moves the cells behind by as much, and no other."""
+    feet = list(walk_curve(np.inf))
+    hole = float(feet[0].t[len(feet[0]) // 2]) + 0.1
+    moved = feet.copy()
+    behind = feet[foot].t > hole
+    position = feet[foot].position + [0.0, 0.0, 10.0] * behind[:, None]
+    moved[foot] = Footfalls(feet[foot].t, position, np.array([hole]))
+    before = average_cells(*moved)
+    apart = before.right[:, 2] - before.left[:, 2]
+    assert set(np.round(np.abs(apart), 9)) == {0.0, 10.0}
+    np.testing.assert_array_equal(np.abs(apart) > 5.0, before.t > hole)

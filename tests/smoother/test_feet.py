@@ -11,9 +11,9 @@ from fg_nav.evaluation.metrics import compute_stance_nees
 from fg_nav.feet.person import FeetSolution
 from fg_nav.frames import compute_heading, wrap_angle
 from fg_nav.lab.simulation import SimulatedFeet, simulate_feet
-from fg_nav.smoother import SmootherParameters, smooth
+from fg_nav.smoother import SmootherParameters, feet_factors, smooth
 from fg_nav.smoother.feet import SolvedFeet, find_beyond_reach, order_variables, solve_feet
-from fg_nav.smoother.feet_batch import Foot, smooth_feet
+from fg_nav.smoother.feet_batch import Foot, _list_tied_keys, _subtract_left, _take_covariances, smooth_feet
 from fg_nav.smoother.feet_factors import REACH_M, RIGHT, ReachFactors, list_footfalls, list_pose_keys
 from fg_nav.smoother.fitting import fit_walk
 from fg_nav.smoother.gauss_newton import find_minimum
@@ -145,22 +145,65 @@ def test_all_variables_are_eliminated_once_and_the_covariances_are_those_of_all_
     stacks = problem.system.stack(solved.minimum.linearized_at)
     assert len(np.unique(keys)) == len(keys)
     assert set(keys.tolist()) == {int(key) for stack in stacks for key in np.unique(stack.keys)}
-    size, order = find_sizes(keys), np.argsort(keys)
-    begin_of, information = np.cumsum(size) - size, np.zeros((size.sum(), size.sum()))
-    for stack in stacks:
-        place = order[np.searchsorted(keys[order], stack.keys)]
-        for row, at in zip(stack.rows, place, strict=True):
-            columns = np.concatenate([np.arange(begin_of[k], begin_of[k] + size[k]) for k in at])
-            information[np.ix_(columns, columns)] += row[:, :-1].T @ row[:, :-1]
-    root, _ = LinearWalk.of(stacks, keys).eliminate()
+    root, dense = LinearWalk.of(stacks, keys).eliminate()[0], DenseCovariance(stacks, keys)
     nodes = problem.right.nodes.result[[0, 20, -1]]
     for key in list_pose_keys(nodes):
-        at = begin_of[np.flatnonzero(keys == key + RIGHT)[0]] + np.arange(6)
-        unit = np.zeros((len(information), 6))
-        unit[at, range(6)] = 1.0
-        dense = np.linalg.solve(information, unit)[at]
         found = root.shift_keys(int(RIGHT)).covariances([int(key)])[int(key)]
-        np.testing.assert_allclose(found, dense, rtol=1e-3, atol=1e-3 * np.abs(dense).max())
+        assert_like(found, dense.find(np.array([key + RIGHT])))
+
+
+class DenseCovariance:
+    """Of variables in the order of their elimination, by the whole information matrix."""
+
+    def __init__(self, stacks, keys) -> None:
+        size, order = find_sizes(keys), np.argsort(keys)
+        self.keys, self.size, self.begin = keys, size, np.cumsum(size) - size
+        self.information = np.zeros((size.sum(), size.sum()))
+        for stack in stacks:
+            place = order[np.searchsorted(keys[order], stack.keys)]
+            for row, at in zip(stack.rows, place, strict=True):
+                columns = np.concatenate([self._columns(k) for k in at])
+                self.information[np.ix_(columns, columns)] += row[:, :-1].T @ row[:, :-1]
+
+    def _columns(self, k: int):
+        return np.arange(self.begin[k], self.begin[k] + self.size[k])
+
+    def find(self, of) -> np.ndarray:
+        """Joint covariance of some variables."""
+        at = np.concatenate([self._columns(int(np.flatnonzero(self.keys == key)[0])) for key in of])
+        unit = np.zeros((len(self.information), len(at)))
+        unit[at, range(len(at))] = 1.0
+        return np.linalg.solve(self.information, unit)[at]
+
+
+def assert_like(found, dense) -> None:
+    np.testing.assert_allclose(found, dense, rtol=1e-3, atol=1e-3 * np.abs(dense).max())
+
+
+def test_where_no_steps_tie_the_feet_pairs_of_footfalls_hold_what_they_differ_by(
+    feet: dict[str, Foot], solved: SolvedFeet, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They say nothing, and the tables and the differences of all pairs are those of the dense information."""
+    monkeypatch.setattr(feet_factors, "WATCHED_S", 1.5)
+    watched = solve_feet(*(begin(feet[side]) for side in ("right", "left")))
+    ties = watched.problem.ties
+    assert len(ties) > ties.cells + 3
+    assert ties.cells == solved.problem.ties.cells
+    assert watched.minimum.error == pytest.approx(solved.minimum.error, rel=1e-9)
+    stacks = watched.problem.system.stack(watched.minimum.linearized_at)
+    dense = DenseCovariance(stacks, order_variables(watched.problem))
+    shared = np.zeros((watched.minimum.root.total, 0))
+    tables, apart = _take_covariances(watched, shared)
+    by_itself = _subtract_left(watched, watched.minimum.root.joint_covariances(_list_tied_keys(ties)))
+    np.testing.assert_allclose(apart, by_itself, rtol=1e-9, atol=1e-15)
+    for k in (0, ties.cells - 1, ties.cells, len(ties) - 1):
+        joint = dense.find(_list_tied_keys(ties)[k])
+        assert_like(tables[0][ties.right[k]], joint[:6, :6])
+        assert_like(tables[1][ties.left[k]], joint[6:, 6:])
+        assert_like(apart[k], _subtract_left(watched, np.tile(joint, (len(ties), 1, 1)))[k])
+    free = np.setdiff1d(np.arange(len(tables[0]) - 1), ties.right)[5]
+    key = list_pose_keys(watched.problem.right.nodes.result[[free]])[0] + RIGHT
+    assert_like(tables[0][free], dense.find(np.array([key])))
 
 
 def test_feet_that_were_bent_apart_are_found_as_before(solved: SolvedFeet) -> None:

@@ -1,0 +1,77 @@
+"""The person between two feet, whose paths are given."""
+
+import numpy as np
+import pytest
+
+from fg_nav.feet.person import PersonPath, trace_person
+from fg_nav.lab.simulation import SimulatedFeet, simulate_feet
+from fg_nav.samples.gaps import find_unrecorded
+from fg_nav.solution import Solution, StanceTable
+from fg_nav.truth import TrajectoryTruth
+
+SPEED = 1.3
+HOLE = (20.0, 35.0)
+
+
+@pytest.fixture(scope="module")
+def walk() -> SimulatedFeet:
+    return simulate_feet("demo", 3)
+
+
+def true_foot(walk: SimulatedFeet, side: str, kept: tuple[tuple[float, float], ...]) -> Solution:
+    """A foot that was recorded during some spans, and is where it is; a footfall each second."""
+    truth = walk.sides[side].recording.truth
+    assert isinstance(truth, TrajectoryTruth)
+    rows = np.flatnonzero(np.any([(truth.t >= begin) & (truth.t <= end) for begin, end in kept], axis=0))
+    t, position = truth.t[rows], truth.position[rows]
+    velocity = np.gradient(truth.position, truth.t, axis=0)[rows]
+    sample = np.arange(0, len(t), 200)
+    count = len(sample)
+    table = StanceTable(
+        sample, t[sample], position[sample], np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3)),
+        np.tile(np.eye(3), (count, 1, 1)), np.ones(count), np.zeros((count, 3)), ("none",) * count, ("",) * count,
+    )  # fmt: skip
+    return Solution("smoother", t, position, velocity, np.tile(np.eye(3), (len(t), 1, 1)), table, 0.0)
+
+
+def trace(
+    walk: SimulatedFeet, left: tuple[tuple[float, float], ...], right: tuple[tuple[float, float], ...]
+) -> PersonPath:
+    feet = true_foot(walk, "right", right), true_foot(walk, "left", left)
+    return trace_person(*feet, np.zeros(1), 4.0 * np.eye(4)[None])
+
+
+WHOLE = ((0.0, 60.0),)
+BROKEN = ((0.0, HOLE[0]), (HOLE[1], 60.0))
+
+
+@pytest.mark.parametrize(("left", "right"), [(WHOLE, BROKEN), (BROKEN, WHOLE)])
+def test_in_a_hole_of_one_foot_the_person_goes_on_as_the_other_one(
+    walk: SimulatedFeet, left: tuple[tuple[float, float], ...], right: tuple[tuple[float, float], ...]
+) -> None:
+    whole, person = trace(walk, WHOLE, WHOLE), trace(walk, left, right)
+    assert np.diff(person.t).max() < 0.02
+    outside = (person.t < HOLE[0]) | (person.t > HOLE[1])
+    same = np.stack([np.interp(person.t, whole.t, column) for column in whole.position.T], axis=1)
+    apart = np.linalg.norm(person.position - same, axis=1)
+    assert apart[outside].max() < 1e-6
+    assert 0.05 < apart[~outside].max() < 0.6  # a foot is ahead of the person, or behind, by half a step
+    assert apart[~outside].mean() < 0.3
+    # and moves as the foot that was recorded
+    moved = np.linalg.norm(np.diff(person.position[~outside][:, :2], axis=0), axis=1).sum()
+    assert moved == pytest.approx(SPEED * (HOLE[1] - HOLE[0]), rel=0.25)
+    # with the footfalls of that one, as uncertain as it and half of what both differ by
+    assert np.diff(person.footfall_t).max() < 1.5
+    np.testing.assert_allclose(person.pose_cov, np.tile(2.0 * np.eye(4), (len(person.footfall_t), 1, 1)))
+
+
+def test_where_neither_was_recorded_nothing_is_made_up(walk: SimulatedFeet) -> None:
+    person = trace(walk, BROKEN, BROKEN)
+    assert np.diff(person.t).max() == pytest.approx(HOLE[1] - HOLE[0], abs=0.02)
+
+
+def test_times_before_in_and_after_a_recording() -> None:
+    recorded = np.concatenate([np.linspace(1.0, 1.9, 10), np.linspace(5.0, 6.0, 11)])
+    asked = np.array([0.5, 1.0, 1.55, 1.9, 2.5, 4.9, 5.0, 5.5, 6.0, 6.5])
+    found = find_unrecorded(asked, recorded)
+    assert found.tolist() == [True, False, False, False, True, True, False, False, False, True]
