@@ -48,6 +48,7 @@ _CODE_THERE = "__import__('fg_nav.lab.store.code', fromlist=['code_sum']).code_s
 _ADDRESS = re.compile(r"(?P<by>tcp|tls)://(\[[0-9a-fA-F:.%]+\]|[\w.-]+):(?P<port>[0-9]+)")
 
 _LOCAL = {
+    "distributed.deploy.lost-worker-timeout": f"{PATIENCE_S:.0f}s",  # a busy machine takes long to start another
     "distributed.scheduler.allowed-failures": DEATHS - 1,
     "distributed.scheduler.worker-saturation": 1.0,
     "distributed.worker.memory.target": False,  # nothing is stored there that could be put to disk
@@ -211,7 +212,8 @@ class Workers:
             self._check(found.keys() - self._checked)
         known = self._checked if self._cluster.remote else found.keys()
         self.able = frozenset((found.keys() & known) - paused)
-        self._wait(idle and not self.able, "no workers but paused ones" if paused else "no workers")
+        nobody = not found or (idle and not self.able)  # a paused one ends what it has begun
+        self._wait(nobody, "no workers but paused ones" if paused else "no workers")
 
     def avoid(self, worker: str, reason: str) -> None:
         """Give a worker nothing for a time."""

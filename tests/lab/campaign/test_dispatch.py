@@ -156,6 +156,22 @@ def test_a_cluster_without_workers_is_waited_for_so_long(connections):
     assert taken.notes == ["the cluster has no workers: waiting for some"]
 
 
+class Deserted(Scheduler):
+    """Where all workers end with the first task."""
+
+    def ended(self, work, task):
+        self.workers.clear()
+        return Future("pending", None)
+
+
+def test_so_is_one_whose_workers_are_gone_with_what_they_were_given(connections):
+    connections += [Deserted()]
+    taken = Taken()
+    with pytest.raises(CampaignError, match="has had no workers"):
+        dispatch([fakes.task("quick", "1")], remote(), taken.take, taken.notes.append)
+    assert taken.notes == ["the cluster has no workers: waiting for some"]
+
+
 def test_what_dask_gives_up_is_made_one_by_one_when_nothing_else_runs(connections):
     """The scheduler blames all that a dead worker had: only what is alone again is the culprit."""
 
