@@ -93,11 +93,8 @@ class FeetResult(Solution):
         """Join what was made of the feet, and measure the person against the truth of both."""
         first = next(iter(feet.values()))
         truth, why_not = _find_truth(feet)
-        solution = Solution(
-            first.method, person.t, person.position, person.velocity, person.nav_R_person,
-            tabulate_person(person), max(foot.runtime_s for foot in feet.values()), first.parameters,
-            (*pairing.doubts, *notes, *why_not),
-        )  # fmt: skip
+        notes = (*pairing.doubts, *notes, *why_not)
+        solution = solve_person(person, first, max(foot.runtime_s for foot in feet.values()), notes)
         outcome = evaluate_person(solution, truth, first.walk.options.alignment)
         known = {item.name: getattr(outcome.solution, item.name) for item in fields(Solution)}
         truth = None if outcome.comparison is None else truth
@@ -151,6 +148,14 @@ class FeetResult(Solution):
             words.append("doubtful")
         reasons = tuple(f"{side} foot: {reason}" for side, one in found.items() for reason in one.reasons)
         return Verdict(max(words, key=WORDS.index), (*self.pairing.doubts, *reasons))
+
+
+def solve_person(person: PersonPath, of: Solution, runtime_s: float, notes: tuple[str, ...] = ()) -> Solution:
+    """Return the person's path as a solution, by the method of one of the feet."""
+    return Solution(
+        of.method, person.t, person.position, person.velocity, person.nav_R_person, tabulate_person(person), runtime_s,
+        of.parameters, notes,
+    )  # fmt: skip
 
 
 def tabulate_person(person: PersonPath) -> StanceTable:

@@ -11,12 +11,11 @@ import numpy as np
 
 from fg_nav.both_feet import Order, check_method, navigate_feet
 from fg_nav.commands import Answer, Target, name_walk
-from fg_nav.commands.run import RunRequest
-from fg_nav.errors import EstimationError, VerdictError
+from fg_nav.commands.run import RunRequest, refuse_unusable
+from fg_nav.errors import EstimationError
 from fg_nav.feet.options import refuse_for_two, split_pair
 from fg_nav.report.feet import write_feet
 from fg_nav.report.terminal import print_results, progress
-from fg_nav.verdict import UNUSABLE
 from fg_nav.walk import Options, read_walk
 
 
@@ -69,9 +68,7 @@ def run_feet(recordings: Sequence[Path], request: FeetRequest) -> Answer:
         )
         with target.open() as folder:
             summary = write_feet(folder, result, run.plots)
-    failure = None
-    if run.strict and summary["verdict"] == UNUSABLE:
-        failure = VerdictError(f"the path is not to be used: see its reasons in {target.place / 'summary.json'}.")
+    failure = refuse_unusable(summary, target.place) if run.strict else None
     content = {"recordings": [str(one) for one in recordings], "folder": str(target.place), **summary}
     return Answer(content, partial(print_results, [summary], target.place), failure)
 

@@ -155,10 +155,17 @@ def _run_one(request: RunRequest, recording: Path) -> Answer:
         failure: FgNavError | None = None
         if request.save_places is not None:
             failure = _save_places(request.save_places, request.force, result)
-    if failure is None and strict and summary["verdict"] == UNUSABLE:
-        failure = VerdictError(f"the path is not to be used: see its reasons in {target.place / 'summary.json'}.")
+    if failure is None and strict:
+        failure = refuse_unusable(summary, target.place)
     content = {"recording": str(recording), "folder": str(target.place), **summary}
     return Answer(content, partial(print_results, [summary], target.place), failure)
+
+
+def refuse_unusable(summary: Summary, folder: Path) -> VerdictError | None:
+    """Return the failure of a path that is not to be used, where that was asked for by `--strict`; None of another."""
+    if summary["verdict"] != UNUSABLE:
+        return None
+    return VerdictError(f"the path is not to be used: see its reasons in {folder / 'summary.json'}.")
 
 
 def check_methods(methods: Sequence[str | None], gate: str | None, polish: bool = False) -> None:

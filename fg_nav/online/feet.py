@@ -178,10 +178,9 @@ class FeetNavigator:
             return None
         left, right = feet["left"], feet["right"]
         person = trace_solved_person(solved, right, left)
-        counts = solved.problem.ties.cells, len(solved.problem.reach)
-        return FeetSolution(
-            right, left, person, solved.minimum.values.width, measure_width_sigma(solved.minimum.root), *counts
-        )
+        ties, reach, root = solved.problem.ties, solved.problem.reach, solved.minimum.root
+        width_sigma = measure_width_sigma(root, np.zeros((root.total, 0)))
+        return FeetSolution(right, left, person, solved.minimum.values.width, width_sigma, ties.cells, len(reach))
 
     @property
     def _is_tied(self) -> bool:

@@ -20,7 +20,6 @@ from pathlib import Path
 
 from fg_nav.feet.sides import SIDES
 from fg_nav.feet_result import FeetResult, Pairing
-from fg_nav.io import write_tum
 from fg_nav.report import WITH_PAGE, WITH_PICTURES, Plots
 from fg_nav.report.aligned import AlignedSolution
 from fg_nav.report.files import (
@@ -30,8 +29,9 @@ from fg_nav.report.files import (
     describe_given,
     describe_run,
     summarize,
+    write_foot,
     write_json,
-    write_strides,
+    write_person,
 )
 from fg_nav.result import Result
 from fg_nav.text import find_version, to_json
@@ -47,11 +47,10 @@ def write_feet(folder: Path, result: FeetResult, plots: Plots = "html") -> Summa
     """Write what came of both feet into an existing folder, with page and pictures; return the summary."""
     summary = summarize_feet(result)
     configs = {side: describe_run(foot.walk, foot) for side, foot in result.feet.items()}
-    write_tum(folder / "trajectory.tum", result.t, result.position, result.nav_R_body)
-    write_strides(folder / "person.csv", result.stances)
-    for side, foot in result.feet.items():
-        write_tum(folder / f"trajectory_{side}.tum", foot.t, foot.position, foot.nav_R_body)
-        write_strides(folder / f"strides_{side}.csv", foot.stances)
+    write_person(folder, result)
+    for side in SIDES:
+        if side in result.feet:
+            write_foot(folder, side, result.feet[side])
     write_json(folder / "config.json", _describe_request(result) | configs)
     write_json(folder / "summary.json", summary)
     if plots in WITH_PAGE:

@@ -24,6 +24,7 @@ import pandas as pd
 
 from fg_nav.estimators import ESTIMATORS, find_given_parameters
 from fg_nav.evaluation.metrics import evaluate, measure_gap
+from fg_nav.feet.sides import Side
 from fg_nav.io import write_tum
 from fg_nav.magnetic.quasi_static import DETECTORS, QUASI_STATIC, UNKNOWN
 from fg_nav.report import WITH_PAGE, WITH_PICTURES, Plots
@@ -202,6 +203,18 @@ def summarize(walk: Walk, outcome: Outcome) -> Summary:
         figures["located"] = None if solution.located is None else solution.located.describe()
     about = {"magnetometer": describe_magnetometer(walk, outcome), "magnetometer_delay": describe_delay(walk)}
     return figures | about | {"notes": notes}
+
+
+def write_foot(folder: Path, side: Side, foot: Solution) -> None:
+    """Write the path and the footfalls of one foot of two."""
+    write_tum(folder / f"trajectory_{side}.tum", foot.t, foot.position, foot.nav_R_body)
+    write_strides(folder / f"strides_{side}.csv", foot.stances)
+
+
+def write_person(folder: Path, person: Solution) -> None:
+    """Write the path of the person between two feet, and what is known of it at footfalls."""
+    write_tum(folder / "trajectory.tum", person.t, person.position, person.nav_R_body)
+    write_strides(folder / "person.csv", person.stances)
 
 
 def describe_end(table: StanceTable) -> dict[str, object]:

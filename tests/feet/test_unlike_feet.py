@@ -1,0 +1,83 @@
+"""Two feet whose recordings are unlike: other rates, other starts, a field of one alone; and who runs."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fg_nav.both_feet import navigate_feet
+from fg_nav.feet_result import FeetResult
+from fg_nav.lab.simulation import simulate_feet
+from fg_nav.recording import Recording
+from fg_nav.walk import Options
+
+Feet = Mapping[str, Recording]
+
+
+@pytest.fixture(scope="module")
+def feet() -> Feet:
+    return {side: one.recording for side, one in simulate_feet("demo", 4).sides.items()}
+
+
+def navigate(feet: Feet, **more: object) -> FeetResult:
+    return navigate_feet(feet["left"], feet["right"], sides="left,right", **more)  # type: ignore[arg-type]
+
+
+def halve_rate(recording: Recording) -> Recording:
+    """The mean of two samples each, as of a sensor of half the rate."""
+    n = len(recording) // 2 * 2
+    acc, gyr = (x[:n].reshape(-1, 2, 3).mean(axis=1) for x in (recording.acc, recording.gyr))
+    return Recording(recording.t[0:n:2], acc, gyr, truth=recording.truth)
+
+
+def without_mag(feet: Feet) -> Feet:
+    return {side: replace(one, mag=None) for side, one in feet.items()}
+
+
+def test_one_sensor_of_half_the_rate(feet: Feet) -> None:
+    result = navigate({**without_mag(feet), "right": halve_rate(feet["right"])})
+    assert result.verdict.word == "trusted"
+    assert result.pairing.cells > 8
+    assert result.metrics.rmse_2d_m < 0.1
+
+
+@pytest.mark.parametrize("late", ["left", "right", "both"])
+def test_a_recording_that_begins_amid_the_walk(feet: Feet, late: str) -> None:
+    """Nobody stood still first: the bias is less known, and both feet still go on from where they are."""
+    cut = {
+        side: one.slice(int(np.searchsorted(one.t, 14.0)), len(one)) if late in (side, "both") else one
+        for side, one in without_mag(feet).items()
+    }
+    result = navigate(cut)
+    assert result.pairing.cells > 5
+    assert result.metrics.rmse_2d_m < 0.3
+    end, truth = result.position[-1], result.truth.position[-1] if result.truth is not None else np.zeros(3)
+    assert np.isfinite(end).all()
+    assert np.isfinite(truth).all()
+
+
+@pytest.mark.parametrize("heading_deg", [None, 40.0])
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_a_field_of_one_foot_is_for_both(feet: Feet, side: str, heading_deg: float | None) -> None:
+    """The one magnetometer holds the heading of both; which foot it is on makes no difference to the shape."""
+    bare = {**feet, side: replace(feet[side], mag=None)}
+    result = navigate(bare, heading_deg=heading_deg)
+    assert result.verdict.word == "trusted"
+    assert result.metrics.rmse_2d_m < 0.15
+    for one, foot in result.feet.items():
+        used = bare[one].mag is not None
+        assert foot.outcome.field_used is used
+        assert foot.metrics.rmse_2d_m < 0.15
+    if heading_deg is not None:
+        start = result.feet["left"].stances.nav_R_body[0]
+        assert np.degrees(np.arctan2(start[0, 0], start[1, 0])) == pytest.approx(heading_deg, abs=1.0)
+
+
+def test_who_runs_steps_in_turn_too() -> None:
+    feet = {side: replace(one.recording, mag=None) for side, one in simulate_feet("mixed-gait", 2).sides.items()}
+    result = navigate(feet, options=Options())
+    assert result.pairing.cells > 10
+    assert result.pairing.width_m is not None
+    assert result.pairing.width_m > 0.0
+    assert result.metrics.rmse_2d_m < 1.0
