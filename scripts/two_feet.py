@@ -61,7 +61,7 @@ SENSORS = {False: "without", True: "with"}
 SHARE_WITHOUT, SHARE_WITH, COST = 0.7, 1.0, 2.3
 """Asked of the errors over those of the better foot without and with the magnetometer, and of the cost."""
 
-OFFSETS_S = (0.0, 0.3, -0.3, 0.6, -1.1, 5.0, -20.0)
+OFFSETS_S = (0.0, 0.3, -0.3, 0.6, -1.1, 5.0, -20.0, 4000.0)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

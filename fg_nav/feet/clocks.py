@@ -17,12 +17,13 @@ and so do halts, where one foot has swings and the other has none. A stride duri
 costs `FITTING`, and what the first did not record nothing.
 
 L(tau) is the sum, nats. Steps of a walk are alike, so that L counts `SHARE` of it. Where a swing costs less than
-`FITTING` at zero the clocks stay as they are. Where the best L is by `ENOUGH` better than that of any other cycle it is
-taken. Else the recordings do not show it.
+`FITTING` at zero the clocks stay as they are, unless few are shared and another offset fits better. Where the best L is
+by `ENOUGH` better than that of any other cycle it is taken. Else the recordings do not show it.
 """
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -58,8 +59,11 @@ FITTING, FOREIGN = 0.8, 1.8
 """Mean cost of a swing, nats, below which clocks fit as they are (0.1 to 0.4 where they do, 0.7 where they are 0.1 s
 apart), and above which the feet are not those of one walk (from 1.9 on, `scripts/two_feet.py`)."""
 
-SEARCHED_S, SPACING_S = 30.0, 0.04
-"""How far clocks are looked for, and in which steps."""
+NEAR_S, SPACING_S = 30.0, 0.04
+"""How far clocks are looked for first, and in which steps; then as far as the recordings still share a moment."""
+
+ENOUGH_SHARED = 0.5
+"""Of the swings: clocks that fit for less of them may do so by chance, and others are looked for."""
 
 FEWEST_SWINGS, MOST_SWINGS = 3, 600
 """Of the first foot that are compared: ten minutes."""
@@ -100,28 +104,45 @@ def align_clocks(first: Recording, first_stances: Stances, second: Recording, se
 
     Raises `EstimationError` where the clocks do not fit as they are, and the recordings do not show by how much.
     """
-    a, b = list_swings(first, first_stances), list_swings(second, second_stances)
+    return match_swings(list_swings(first, first_stances), list_swings(second, second_stances))
+
+
+def match_swings(a: Swings, b: Swings) -> ClockOffset:
+    """Find what is to be added to the times of b so that the feet swing in turn; raises as `align_clocks`."""
     if min(len(a.middle), len(b.middle)) < FEWEST_SWINGS:
         return ClockOffset(0.0)
     a = a.within(a.middle[0], a.middle[min(len(a.middle), MOST_SWINGS) - 1])
-    worth = SHARE * len(a.middle)
     # Clocks that fit do so while both recorded: a sensor may have failed for the rest.
     shared = a.within(b.middle[0], b.middle[-1])
-    if len(shared.middle) >= FEWEST_SWINGS and _weigh(shared, b, 0.0) > -FITTING * SHARE * len(shared.middle):
+    fits = len(shared.middle) >= FEWEST_SWINGS and _weigh(shared, b, 0.0) > -FITTING * SHARE * len(shared.middle)
+    if fits and len(shared.middle) > ENOUGH_SHARED * min(len(a.middle), len(b.middle)):
         return ClockOffset(0.0)
-    tau = np.arange(-SEARCHED_S, SEARCHED_S + 0.5 * SPACING_S, SPACING_S)
-    nats = np.array([_weigh(a, b, float(one)) for one in tau])
-    return _choose(tau, nats, worth, float(np.median(np.diff(a.middle))))
+    if fits:
+        # Few swings fit by chance as well: another offset is to be shown by all, and clearly.
+        with suppress(EstimationError):
+            found = _search(a, b)
+            return found if _weigh(a, b, found.offset_s) > _weigh(a, b, 0.0) + ENOUGH else ClockOffset(0.0)
+        return ClockOffset(0.0)
+    return _search(a, b)
 
 
-def _choose(tau: Floats, nats: Floats, worth: float, cycle: float) -> ClockOffset:
-    """Choose among offsets (T,) s of these nats (T,), for swings that are worth so many, `cycle` s apart."""
+def _search(a: Swings, b: Swings) -> ClockOffset:
+    """Find the offset that is clearly the best; raises as `align_clocks`."""
+    # Sensors that were set to one time are apart by seconds, those that count from when they were switched on by any.
+    for begin, end in ((-NEAR_S, NEAR_S), (a.middle[0] - b.middle[-1], a.middle[-1] - b.middle[0])):
+        tau = np.arange(begin, end + 0.5 * SPACING_S, SPACING_S)
+        nats = np.array([_weigh(a, b, float(one)) for one in tau])
+        if nats.max() >= -FOREIGN * SHARE * len(a.middle):
+            return _choose(tau, nats, float(np.median(np.diff(a.middle))))
+    raise EstimationError(
+        "the two recordings do not show the feet of one walk: with no offset of their clocks do they swing in turn; "
+        "check the files, or give --clock-offset."
+    )
+
+
+def _choose(tau: Floats, nats: Floats, cycle: float) -> ClockOffset:
+    """Choose among offsets (T,) s of these nats (T,), of swings that are `cycle` s apart."""
     best = int(np.argmax(nats))
-    if nats[best] < -FOREIGN * worth:
-        raise EstimationError(
-            f"the two recordings do not show the feet of one walk: with no offset of their clocks within "
-            f"{SEARCHED_S:.0f} s do they swing in turn; check the files, or give --clock-offset."
-        )
     others = nats[np.abs(tau - tau[best]) > 0.5 * cycle]
     if len(others) and others.max() > nats[best] - ENOUGH:
         raise EstimationError(

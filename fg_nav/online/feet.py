@@ -24,6 +24,7 @@ from fg_nav.feet.person import FeetSolution
 from fg_nav.feet.sides import SIDES, Side
 from fg_nav.online.estimates import StanceEstimate, split_rows
 from fg_nav.online.feet_beside import FeetSolvers
+from fg_nav.online.feet_clocks import ENOUGH_SWINGS, check_clocks
 from fg_nav.online.feet_lines import FeetLine, FootState, State
 from fg_nav.online.feet_person import LONGEST_STEP_S, PersonTracker
 from fg_nav.online.handover import Handover, TiedHandover
@@ -93,6 +94,8 @@ class FeetNavigator:
             With a lag or fixes, and for an offset that is no time.
         """
         _check(options, clock_offset_s)
+        self._remark = remark
+        self._clocks_checked_at: int | None = ENOUGH_SWINGS
         self.offset_s: dict[Side, float] = {"left": 0.0, "right": clock_offset_s}
         self._solvers = FeetSolvers(options, detection.stance, remark, beside)
         self.navigators = {
@@ -143,6 +146,7 @@ class FeetNavigator:
         """Look at what samples of a foot that were just pushed change for both; lines of that."""
         news = [*self._watch_clock(side), *self._watch_silence(side)]
         self._hasten(side)
+        self._check_clocks()
         return [*news, *self._follow_person()]
 
     def close(self) -> list[FeetLine]:
@@ -178,9 +182,10 @@ class FeetNavigator:
             return None
         left, right = feet["left"], feet["right"]
         person = trace_solved_person(solved, right, left)
-        ties, reach, root = solved.problem.ties, solved.problem.reach, solved.minimum.root
-        width_sigma = measure_width_sigma(root, np.zeros((root.total, 0)))
-        return FeetSolution(right, left, person, solved.minimum.values.width, width_sigma, ties.cells, len(reach))
+        counts = solved.problem.ties.cells, len(solved.problem.reach)
+        return FeetSolution(
+            right, left, person, solved.minimum.values.width, measure_width_sigma(solved.minimum.root), *counts
+        )
 
     @property
     def _is_tied(self) -> bool:
@@ -201,6 +206,17 @@ class FeetNavigator:
                 self._begun_s[side] = self._find_last(side)
                 if self._begun_s[side] - self._begun_s[_other(side)] > LONGEST_STEP_S:
                     other.hasten(other.n_told + 1)
+
+    def _check_clocks(self) -> None:
+        """Say once, as soon as the steps show it, that the clocks do not fit."""
+        left, right = (self.navigators[side].smoother for side in SIDES)
+        told = min(left.n_told, right.n_told)
+        if self._clocks_checked_at is None or told < self._clocks_checked_at:
+            return
+        words = check_clocks(left.rows, right.rows, self.offset_s["right"])
+        self._clocks_checked_at = None if words is not None else told + ENOUGH_SWINGS
+        if words:
+            self._remark(words)
 
     def _watch_clock(self, side: Side) -> Iterator[FeetLine]:
         """Notice a foot whose clock restarted: its stamps were set on by a guess."""

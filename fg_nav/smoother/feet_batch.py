@@ -121,7 +121,7 @@ def _finish(
         of_left,
         trace_person(of_right, of_left, _list_tie_times(solved), apart_cov),
         solved.minimum.values.width,
-        measure_width_sigma(solved.minimum.root, shared),
+        measure_width_sigma(solved.minimum.root),
         ties.cells,
         len(reach),
     )
@@ -180,10 +180,13 @@ def _subtract_left(solved: SolvedFeet, joint: Floats) -> Floats:
     return np.asarray(nav_T_both @ joint @ np.swapaxes(nav_T_both, 1, 2))
 
 
-def measure_width_sigma(root: SquareRoot, shared: Floats) -> float:
-    """Sigma of the width, m, by one column of the covariance; `shared` as in `_take_covariances`."""
+def measure_width_sigma(root: SquareRoot) -> float:
+    """Sigma of the width, m, by one column of the covariance.
+
+    What all strides share, as a foot that moves in stance, moves both feet alike: without it errors are 0.2 to 0.3
+    sigmas on simulated walks.
+    """
     column = np.zeros((root.total, 1))
     (at,) = root.find_columns([[int(WIDTH)]])[0]
     column[at] = 1.0
-    variance = root.descend(root.rise(column))[at, 0] + shared[at] @ shared[at]
-    return float(np.sqrt(variance))
+    return float(np.sqrt(root.descend(root.rise(column))[at, 0]))

@@ -176,6 +176,21 @@ def test_a_clock_offset_is_taken_off() -> None:
     assert len(people) > 5
 
 
+@pytest.mark.parametrize(("late_s", "given_s", "told_s"), [(0.0, 0.0, None), (0.3, 0.0, "-0.30"), (-2.0, 1.5, "2.00")])
+def test_clocks_that_do_not_fit_are_told_once_with_what_to_begin_again_with(
+    late_s: float, given_s: float, told_s: str | None
+) -> None:
+    remarks: list[str] = []
+    navigator = FeetNavigator(heads_known(), remarks.append, clock_offset_s=given_s)
+    for side, rows in list_blocks(lambda side, t: t < 45.0):
+        navigator.push(side, rows[:, 0] + late_s * (side == "right"), rows[:, 1:4], rows[:, 4:7], rows[:, 7:])
+    navigator.abandon()
+    said = [words for words in remarks if "clocks" in words]
+    assert len(said) == (told_s is not None)
+    if told_s is not None:
+        assert float(said[0].rsplit(" ", 1)[1]) == pytest.approx(float(told_s), abs=0.03)
+
+
 def test_a_clock_that_restarts_parts_the_feet() -> None:
     """Its stamps are set on by a guess: steps by them would be beside the wrong ones."""
     navigator, found = FeetNavigator(heads_known()), []

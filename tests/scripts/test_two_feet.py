@@ -22,7 +22,7 @@ def test_both_feet_are_measured_alone_and_together_and_compared(capsys):
 
 def test_the_better_foot_is_that_with_the_smaller_rms():
     def errors(size):
-        return feet.Errors(size, 10.0 * size, 1.0)
+        return feet.Errors(size, 10.0 * size, 1.0, 0.5)
 
     seen = [
         {(False, together, side): errors(size) for (together, side), size in sizes.items()}
