@@ -103,7 +103,7 @@ def find_pose_cov(table: StanceTable) -> Floats:
 
 def _carry_on(t: Floats, foot: Solution, other: Solution) -> Floats:
     """Places (N, 3) of a foot at times (N,), where it did not record as far from the other one as it was there."""
-    place = interpolate_columns(t, foot.t, foot.position)
+    place = _interpolate(t, foot.t, foot.position)
     for begin, end in list_unrecorded(foot.t):
         inside = (t > begin) & (t < end)
         at, apart = _measure_seams(begin, end, foot, other)
@@ -111,6 +111,11 @@ def _carry_on(t: Floats, foot: Solution, other: Solution) -> Floats:
             moved = interpolate_columns(t[inside], at, apart)
             place[inside] = interpolate_columns(t[inside], other.t, other.position) + moved
     return place
+
+
+def _interpolate(asked: Floats, t: Floats, values: Floats) -> Floats:
+    """Rows (N, 3) at times (N,), most often those at which they are known."""
+    return values.copy() if np.array_equal(asked, t) else interpolate_columns(asked, t, values)
 
 
 def _measure_seams(begin: float, end: float, foot: Solution, other: Solution) -> tuple[Floats, Floats]:
@@ -130,7 +135,7 @@ def _measure_seams(begin: float, end: float, foot: Solution, other: Solution) ->
 
 def _follow(t: Floats, foot: Solution, other: Solution) -> Floats:
     """Velocity (N, 3) of a foot, and where it did not record that of the other."""
-    velocity = interpolate_columns(t, foot.t, foot.velocity)
+    velocity = _interpolate(t, foot.t, foot.velocity)
     outside = find_unrecorded(t, foot.t)
     velocity[outside] = interpolate_columns(t[outside], other.t, other.velocity)
     return velocity

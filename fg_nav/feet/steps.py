@@ -32,8 +32,10 @@ CELL_M, CELL_TURN_RAD = 8.0, np.deg2rad(60.0)
 """Of the way, and by how much it turns: six strides, over which a path that was found alone is bent by less than steps
 differ. In the mean over a turn the direction would be lost."""
 
-MOST_CELLS, MOST_APART_M = 100, 30.0
-"""Of a walk: more cells show nothing new of it and cost the solver, as long as they are not further apart."""
+MOST_CELLS, MOST_GROWN, MOST_APART_M = 40, 2.0, 30.0
+"""Of a walk: cells of a long one are up to twice as large, and no more of them are kept, as long as they are not
+further apart than that. With twice as many errors and sigmas of simulated walks are the same, and the solver takes
+longer."""
 
 FEWEST_STEPS = 2
 """Of each foot in a cell."""
@@ -110,7 +112,7 @@ def average_cells(right: Footfalls, left: Footfalls) -> Cells:
     cells = number[of_right.before], number[of_left.at]
     least = np.minimum(*(np.bincount(one, minlength=number.max(initial=0) + 1) for one in cells))
     kept = np.flatnonzero(least >= FEWEST_STEPS)
-    kept = kept[:: _thin(left, len(kept))]
+    kept = kept[_spread_evenly(len(kept), _limit_cells(left))]
     # Both kinds count alike, or the bend of a curve would not fall out.
     means = [
         np.mean([_average_by(cell, one)[kept] for cell, one in zip(cells, pair, strict=True)], axis=0)
@@ -124,10 +126,15 @@ def average_cells(right: Footfalls, left: Footfalls) -> Cells:
     return Cells(means[0][:, 0], *means[1:])
 
 
-def _thin(foot: Footfalls, cells: int) -> int:
-    """Return every how many-th of so many cells is kept."""
+def _limit_cells(foot: Footfalls) -> int:
+    """Return how many cells a walk has at most."""
     way = float(np.linalg.norm(np.diff(foot.position[:, :2], axis=0), axis=1).sum())
-    return max(min(-(-cells // MOST_CELLS), int(MOST_APART_M * cells / max(way, CELL_M))), 1)
+    return max(MOST_CELLS, int(np.ceil(way / MOST_APART_M)))
+
+
+def _spread_evenly(count: int, most: int) -> Ints:
+    """Which of so many are kept, where they are more than `most`."""
+    return np.arange(count) if count <= most else np.rint(np.linspace(0, count - 1, most)).astype(np.int64)
 
 
 def _middle(foot: Footfalls, steps: Steps) -> Floats:
@@ -151,6 +158,7 @@ def _number_cells(foot: Footfalls, holes: Floats) -> Ints:
     turned = np.zeros(len(foot))
     turned[walks] = np.abs(np.diff(heading, prepend=heading[:1]))
     way = np.cumsum(length / CELL_M + turned / CELL_TURN_RAD)
+    way /= np.clip(way[-1] / MOST_CELLS, 1.0, MOST_GROWN)
     piece = foot.count_holes(foot.t) + np.searchsorted(holes, foot.t)
     return np.unique(np.stack([piece, np.floor(way)], axis=1), axis=0, return_inverse=True)[1].ravel()
 

@@ -207,8 +207,9 @@ def _measure_shift(cells: Cells) -> Floats:
 
 def _shift_walk(values: gtsam.Values, nodes: int, shift: Floats) -> None:
     poses = list_poses(range(nodes), values)
+    poses[:, :3, 3] += shift
     for j, pose in enumerate(poses):
-        values.update(X(j), gtsam.Pose3(gtsam.Rot3(pose[:3, :3]), pose[:3, 3] + shift))
+        values.update(X(j), gtsam.Pose3(pose))
 
 
 def order_variables(problem: FeetProblem) -> Keys:

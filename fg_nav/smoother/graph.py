@@ -239,10 +239,11 @@ def turn_walk(values: gtsam.Values, nodes: Nodes, angle: float | Floats) -> None
     number, turn = range(len(nodes)), yaw_rotation(np.broadcast_to(angle, len(nodes)))
     pose, velocity = list_poses(number, values), read_variables(values, [V(j) for j in number], 3)
     moves = np.diff(pose[:, :3, 3], axis=0, prepend=np.zeros((1, 3)))
-    position = np.cumsum((turn @ moves[..., None])[..., 0], axis=0)
-    attitude, velocity = turn @ pose[:, :3, :3], (turn @ velocity[..., None])[..., 0]
+    turned, velocity = np.tile(np.eye(4), (len(nodes), 1, 1)), (turn @ velocity[..., None])[..., 0]
+    turned[:, :3, :3] = turn @ pose[:, :3, :3]
+    turned[:, :3, 3] = np.cumsum((turn @ moves[..., None])[..., 0], axis=0)
     for j in number:
-        values.update(X(j), gtsam.Pose3(gtsam.Rot3(attitude[j]), position[j]))
+        values.update(X(j), gtsam.Pose3(turned[j]))
         values.update(V(j), velocity[j])
 
 
