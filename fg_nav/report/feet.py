@@ -16,9 +16,10 @@ recording's clock.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
-from fg_nav.feet.sides import SIDES
+from fg_nav.feet.sides import SIDES, Side
 from fg_nav.feet_result import FeetResult, Pairing
 from fg_nav.report import WITH_PAGE, WITH_PICTURES, Plots
 from fg_nav.report.aligned import AlignedSolution
@@ -97,8 +98,15 @@ def summarize_feet(result: FeetResult) -> Summary:
         figures |= {key: getattr(metrics, key) for key in (*TRUTH_KEYS, "scale", "points")}
     figures |= {"verdict": verdict.word, "reasons": list(verdict.reasons)}
     of_feet = {side: _summarize_foot(result.feet.get(side)) for side in SIDES}
-    magnetometer = next(one["magnetometer"] for one in of_feet.values() if one is not None)
-    return figures | of_feet | {"magnetometer": magnetometer, "notes": [*result.notes, *metrics.notes]}
+    return figures | of_feet | {"magnetometer": _join_magnetometers(of_feet), "notes": [*result.notes, *metrics.notes]}
+
+
+def _join_magnetometers(of_feet: Mapping[Side, Summary | None]) -> str:
+    """Say whether the field had a part: in words of both feet, or of each where they differ."""
+    words = {side: str(one["magnetometer"]) for side, one in of_feet.items() if one is not None}
+    if len(set(words.values())) == 1:
+        return next(iter(words.values()))
+    return ", ".join(f"{side} {one}" for side, one in words.items())
 
 
 def _summarize_foot(foot: Result | None) -> Summary | None:

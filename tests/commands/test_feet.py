@@ -1,6 +1,7 @@
 """Two recordings of one walk, a sensor on each foot, from the command line to the files."""
 
 import json
+import re
 from pathlib import Path
 from typing import Any, cast
 
@@ -119,7 +120,7 @@ def test_a_foot_that_is_lost_for_a_while(fg_nav: FgNav, walked: Path, cut: Any, 
     recordings = {one: walked / f"{one}.csv" for one in ("left", "right")}
     recordings[side] = cut(side, 15.0, 30.0)
     truths = ("--truth", f"{walked / 'left.truth.tum'},{walked / 'right.truth.tum'}", "--sides", "left,right")
-    ran = fg_nav("run", *recordings.values(), *FEET, *truths, "--no-mag", "--plots", "none", "--out", "out")
+    ran = fg_nav("run", *recordings.values(), *FEET, *truths, "--no-mag", "--out", "out")
     assert ran.code == 0, ran.err
     said, other = summary("out"), {"left": "right", "right": "left"}[side]
     assert (
@@ -135,6 +136,20 @@ def test_a_foot_that_is_lost_for_a_while(fg_nav: FgNav, walked: Path, cut: Any, 
     assert said["distance_m"] == pytest.approx(76.0, abs=4.0)
     t = np.loadtxt("out/trajectory.tum")[:, 0]
     assert np.diff(t).max() < 0.02
+    # and nothing is drawn where it was not recorded
+    page = Path("out/report.html").read_text()
+    charts = json.loads(re.findall(r'<script type="application/json" id="charts">(.*?)</script>', page, re.DOTALL)[0])
+    traces = {trace.get("name"): trace for trace in reversed(charts["path"]["data"])}  # of a name the path is first
+    assert traces[f"{side} foot"]["x"].count(None) == 1
+    assert None not in traces[f"{other} foot"]["x"]
+
+
+def test_a_magnetometer_of_one_foot_is_said_of_that_one(fg_nav: FgNav, walked: Path, tmp_path: Path) -> None:
+    bare = pd.read_csv(walked / "left.csv").drop(columns=["mag_x_uT", "mag_y_uT", "mag_z_uT"])
+    bare.to_csv(tmp_path / "bare.csv", index=False)
+    ran = fg_nav("run", tmp_path / "bare.csv", walked / "right.csv", *FEET, "--plots", "none", "--out", "out")
+    assert ran.code == 0, ran.err
+    assert summary("out")["magnetometer"] == "left not used (none given), right used"
 
 
 def test_both_feet_lost_at_once(fg_nav: FgNav, walked: Path, cut: Any) -> None:

@@ -31,6 +31,7 @@ from fg_nav.report.page.figures import (
     to_meters,
 )
 from fg_nav.report.page.returns import mark_map
+from fg_nav.samples.gaps import find_holes
 from fg_nav.solution import StanceTable
 from fg_nav.truth import FootprintTruth, TrajectoryTruth, Truth
 from fg_nav.walk import Options, Outcome
@@ -181,11 +182,14 @@ def _draw_method(
 
 
 def _choose_path(view: AlignedSolution) -> Floats:
-    """Points (M, 2) m: samples evenly spread, or the footfalls where there are too many of them."""
-    stances, dense = view.solution.stances, view.solution.position
+    """Points (M, 2) m: samples evenly spread, or the footfalls where there are too many of them; NaN in a hole."""
+    solution, stances = view.solution, view.solution.stances
+    t, dense = solution.t, solution.position
     if len(stances) * _LEAST_POINTS > MAX_POINTS:
-        dense = stances.position
-    return view.align_position(dense[spread_rows(len(dense), MAX_POINTS)])[:, :2]
+        t, dense = stances.t, stances.position
+    row = spread_rows(len(dense), MAX_POINTS)
+    behind = np.searchsorted(t[row], solution.t[find_holes(solution.t) + 1])
+    return np.insert(view.align_position(dense[row])[:, :2], behind, np.nan, axis=0)
 
 
 def _path(xy: Floats, color: str, name: str, **more: Any) -> Trace:
@@ -273,14 +277,13 @@ def _frame_map(views: Sequence[AlignedSolution]) -> tuple[list[list[float]], flo
     points = [_choose_path(view) for view in views]
     truth = views[0].truth
     if truth is not None:
-        path = truth.position[:, :2] if isinstance(truth, TrajectoryTruth) else truth.xy
-        points.append(path[np.isfinite(path).all(axis=1)])
+        points.append(truth.position[:, :2] if isinstance(truth, TrajectoryTruth) else truth.xy)
     found = find_ellipses(views[0], MAX_ELLIPSES)
     if found is not None:
         reach = np.minimum(found.semi[:, 1:], REACH * find_extent(views[0].stance_position()))
         points += [found.centre - reach, found.centre + reach]
     every = np.vstack(points)
-    low, high = every.min(axis=0), every.max(axis=0)
+    low, high = np.nanmin(every, axis=0), np.nanmax(every, axis=0)
     margin = 0.06 * float(max(np.max(high - low), 0.5))
     low, high = low - margin, high + margin
     ranges = [[round(float(low[k]), 2), round(float(high[k]), 2)] for k in (0, 1)]

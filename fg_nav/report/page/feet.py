@@ -34,6 +34,7 @@ from fg_nav.report.page.figures import (
 from fg_nav.report.page.series import draw_errors, draw_gyro_bias, draw_headings, draw_height, draw_sigmas
 from fg_nav.report.rows import FIGURES, collect_notes
 from fg_nav.result import Result
+from fg_nav.samples.gaps import find_unrecorded
 from fg_nav.text import format_count
 from fg_nav.walk import Options
 
@@ -158,7 +159,7 @@ def _draw_distance(result: FeetResult) -> Section:
         interpolate_columns(t, left.t, left.position) - interpolate_columns(t, right.t, right.position), axis=1
     )
     # Where one foot was not recorded there is no distance.
-    apart[(t < max(left.t[0], right.t[0])) | (t > min(left.t[-1], right.t[-1]))] = np.nan
+    apart[find_unrecorded(t, left.t) | find_unrecorded(t, right.t)] = np.nan
     both = _stands_at(t, left.t, left.walk.stances.mask) & _stands_at(t, right.t, right.walk.stances.mask)
     pairing = result.pairing
     words = [
