@@ -83,7 +83,8 @@ class FeetSolution:
 def trace_person(right: Solution, left: Solution, cell_t: Floats, apart_cov: Floats) -> PersonPath:
     """Trace the middle of two feet.
 
-    `apart_cov` (C, 4, 4) is the covariance of the right foot's errors less those of the left one, at times (C,) s.
+    `apart_cov` (C, 4, 4) is the covariance of the right foot's errors less those of the left one, at times (C,) s, in
+    any order.
     """
     t = np.sort(np.concatenate([left.t, right.t[find_unrecorded(right.t, left.t)]]))
     position = 0.5 * (_carry_on(t, left, right) + _carry_on(t, right, left))
@@ -147,8 +148,9 @@ def _find_covariance(right: Solution, left: Solution, cell_t: Floats, apart_cov:
     alone = find_unrecorded(of_right, left.t)
     footfall_t = np.concatenate([t, of_right[alone]])
     own = np.concatenate([find_pose_cov(left.stances), find_pose_cov(right.stances)[alone]])
-    order = np.argsort(footfall_t, kind="stable")
-    apart = interpolate_columns(footfall_t[order], cell_t, apart_cov.reshape(len(cell_t), 16)).reshape(-1, 4, 4)
+    order, in_time = np.argsort(footfall_t, kind="stable"), np.argsort(cell_t)
+    known = apart_cov[in_time].reshape(len(cell_t), 16)
+    apart = interpolate_columns(footfall_t[order], cell_t[in_time], known).reshape(-1, 4, 4)
     return footfall_t[order], own[order] + 0.25 * apart
 
 

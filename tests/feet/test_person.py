@@ -65,6 +65,14 @@ def test_in_a_hole_of_one_foot_the_person_goes_on_as_the_other_one(
     np.testing.assert_allclose(person.pose_cov, np.tile(2.0 * np.eye(4), (len(person.footfall_t), 1, 1)))
 
 
+def test_what_the_feet_differ_by_is_known_between_the_times_it_is_given_for_in_any_order(walk: SimulatedFeet) -> None:
+    feet = true_foot(walk, "right", WHOLE), true_foot(walk, "left", WHOLE)
+    t, size = np.array([10.0, 50.0, 30.0]), np.array([1.0, 1.0, 5.0])
+    person = trace_person(*feet, t, size[:, None, None] * np.eye(4))
+    expected = 1.0 + 0.25 * np.interp(person.footfall_t, [10.0, 30.0, 50.0], [1.0, 5.0, 1.0])
+    np.testing.assert_allclose(person.pose_cov[:, 2, 2], expected)
+
+
 def test_where_neither_was_recorded_nothing_is_made_up(walk: SimulatedFeet) -> None:
     person = trace(walk, BROKEN, BROKEN)
     assert np.diff(person.t).max() == pytest.approx(HOLE[1] - HOLE[0], abs=0.02)
