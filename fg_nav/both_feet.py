@@ -23,6 +23,7 @@ from fg_nav.errors import DetectionError, EstimationError, FgNavError
 from fg_nav.estimators import Progress, blaming_changes, choose_parameters, estimate
 from fg_nav.feet.clocks import align_clocks
 from fg_nav.feet.heading import measure_relative_heading
+from fg_nav.feet.parts import keep_longest_part, keep_walked_parts
 from fg_nav.feet.person import FeetSolution, trace_person
 from fg_nav.feet.sides import SIDES, Side
 from fg_nav.feet.steps import Footfalls
@@ -31,7 +32,7 @@ from fg_nav.io import Reading
 from fg_nav.pipeline import prepare_walk, run_method
 from fg_nav.recording import Recording
 from fg_nav.result import Result
-from fg_nav.samples.gaps import LONGEST_HELD_S, list_unrecorded, measure_unseen
+from fg_nav.samples.gaps import LONGEST_HELD_S, find_holes, list_unrecorded, measure_unseen
 from fg_nav.solution import Solution
 from fg_nav.text import format_count
 from fg_nav.truth import FootprintTruth, TrajectoryTruth, Truth
@@ -52,8 +53,9 @@ FEWEST_FOOTFALLS = 4
 LOST_SHARE = 0.5
 """Of the other foot's footfalls: a foot with fewer recorded for less than half of the walk."""
 
-UNCUT = Reading(longest_gap_s=np.inf)
-"""A recording that was interrupted keeps all its parts: the other foot goes on between them."""
+LONGEST_GAP_S = 3600.0
+"""A recording that was interrupted keeps all its parts, as the other foot goes on between them; a longer gap is that of
+a clock which was set."""
 
 CLEAR_SIGMAS = 3.0
 """From zero, at which the width shows which foot is which."""
@@ -178,7 +180,8 @@ def _check_pair(truth: object, sides: str | None) -> None:
 
 
 def _read(given: Recording | Path | str | Walk, truth: Truth | Path | str | None, options: Options | None) -> Walk:
-    walk = given if isinstance(given, Walk) else read_walk(given, options or Options(), UNCUT)
+    reading = Reading(longest_gap_s=LONGEST_GAP_S)
+    walk = given if isinstance(given, Walk) else read_walk(given, options or Options(), reading)
     return add_known(walk, None, truth)
 
 
@@ -205,7 +208,7 @@ def _prepare_both(walks: Sequence[Walk]) -> tuple[list[Walk], dict[int, str]]:
         alone, name = replace(walk, options=replace(walk.options, heading_deg=None, mount="foot")), _name(walk, number)
         try:
             # A sensor that failed is no fault of its truth, which is checked where there is a walk.
-            alone = replace(prepare_walk(replace(alone, truth=None)), truth=walk.truth)
+            alone = replace(_prepare_parts(replace(alone, truth=None)), truth=walk.truth)
             if alone.stances.n_footfalls >= FEWEST_FOOTFALLS:
                 check_known(alone)
         except DetectionError as error:
@@ -220,6 +223,13 @@ def _prepare_both(walks: Sequence[Walk]) -> tuple[list[Walk], dict[int, str]]:
     if len(lost) == len(walks):
         raise DetectionError(f"neither foot can be navigated: {' '.join(lost.values())}")
     return prepared, lost
+
+
+def _prepare_parts(walk: Walk) -> Walk:
+    """Prepare a walk, without parts of an interrupted recording that nothing would tie."""
+    prepared = prepare_walk(walk)
+    parts = keep_walked_parts(walk.recording, prepared.stances)
+    return prepared if parts is walk.recording else prepare_walk(replace(walk, recording=parts))
 
 
 def _find_lost(walks: Sequence[Walk], method: str) -> dict[int, str]:
@@ -246,6 +256,9 @@ def _go_alone(
     number = 1 - missing
     side = request.order[number]
     walk, notes = prepared[number], list[str]()
+    whole = keep_longest_part(walk.recording)
+    if whole is not walk.recording:
+        walk = replace(prepare_walk(replace(walk, recording=whole, truth=None)), truth=walk.truth)
     if request.heading_deg is not None:
         if side == "left":
             walk = measure_field(_turn(walk, np.deg2rad(request.heading_deg)))
@@ -368,8 +381,8 @@ def _turn(walk: Walk, heading_rad: float) -> Walk:
 
 def _find_footfalls(walk: Walk) -> Footfalls:
     """Footfalls of a foot by the plain filter, from heading zero."""
-    table = estimate(_turn(walk, 0.0), "iez").stances
-    return Footfalls(table.t, table.position)
+    table, t = estimate(_turn(walk, 0.0), "iez").stances, walk.recording.t
+    return Footfalls(table.t, table.position, t[find_holes(t)])
 
 
 def _shift_clock(walk: Walk, offset_s: float) -> Walk:

@@ -20,6 +20,7 @@ missing (non-finite) samples    left out, with a note; refused if they are many
 bad samples                     left out where those around exclude them, with a note (`fg_nav.samples.outliers`);
                                 of one sensor alone bridged, the other kept (`fg_nav.samples.bridging`)
 gaps between stamps             up to `MAX_BRIDGED_S` kept or bridged, with a note; the recording is cut at a longer one
+                                unless another foot was recorded too
 magnetometer without a sample   no magnetometer
 =============================== =======================================================================
 """

@@ -19,7 +19,8 @@ faults    the right foot's samples missing from 60 to 120 s: rms of its footfall
           the width that is found, over its sigma, negative where the recording called right is of the left foot
 clocks    offsets that were put between the clocks of both feet, and what is found
 steps     the footfalls of motion-captured feet against the middle of the other foot's stride (m)
-cost      time of the processor of both feet over that of one, in the mean of both: the least of REPEATS in turn
+cost      time of the processor of both feet over that of one, in the mean of both: of the solver, and of a run from the
+          samples to the verdict; the least of `REPEATS` in turn
 ========= ===========================================================================================================
 """
 
@@ -37,6 +38,7 @@ import numpy as np
 import walks
 from harness import Figure, option, spread
 
+from fg_nav import navigate, navigate_feet
 from fg_nav.arrays import Floats, interpolate_columns
 from fg_nav.detection import detect_stances
 from fg_nav.errors import EstimationError
@@ -53,6 +55,7 @@ from fg_nav.smoother import smooth
 from fg_nav.smoother.feet_batch import Foot, smooth_feet
 from fg_nav.solution import Solution
 from fg_nav.truth import TrajectoryTruth
+from fg_nav.walk import Options
 
 SECTIONS = ("simulated", "real", "faults", "clocks", "steps", "cost")
 SIDES = ("left", "right")
@@ -395,23 +398,41 @@ def measure_clocks(chosen: argparse.Namespace) -> list[Figure]:
 
 
 def measure_cost(chosen: argparse.Namespace) -> list[Figure]:
-    """Time of the processor."""
+    """Time of the processor, of the solver and of a whole run."""
     rows, figures = [], []
     for name in chosen.scenarios:
         feet = draw_feet(name, chosen.first, True)
         for with_mag, words in SENSORS.items():
             some = feet if with_mag else {side: replace(foot, field=None) for side, foot in feet.items()}
-            calls = [
-                *(partial(smooth_alone, foot) for foot in some.values()),
-                partial(smooth_feet, some["right"], some["left"]),
-            ]
-            least = np.min([[harness.measure_time(call)[0].cpu for call in calls] for _ in range(REPEATS)], axis=0)
-            one, both = 0.5 * float(least[0] + least[1]), float(least[2])
-            rows.append([f"{name}, {words}", f"{one:.2f}", f"{both:.2f}", f"{both / one:.2f}"])
-            figures.append(Figure("cost", f"{name}, {words}, over one foot", "both", both / one, high=COST))
+            one, both = measure_least(smooth_alone, smooth_feet, some)
+            rows.append([f"{name}, {words}, solver", f"{one:.2f}", f"{both:.2f}", f"{both / one:.2f}"])
+            figures.append(Figure("cost", f"{name}, {words}, solver over one foot", "both", both / one, high=COST))
+            one, both = measure_least(partial(run_alone, with_mag), partial(run_both, with_mag), feet)
+            rows.append([f"{name}, {words}, run", f"{one:.2f}", f"{both:.2f}", f"{both / one:.2f}"])
+            figures.append(Figure("cost", f"{name}, {words}, run over one foot", "both", both / one, high=COST))
     harness.print_heading("Time of the processor (s)")
     harness.print_table(["walk, magnetometer", "one foot", "both", "ratio"], rows)
     return figures
+
+
+def measure_least(
+    alone: Callable[[Foot], object], both: Callable[[Foot, Foot], object], feet: Mapping[str, Foot]
+) -> tuple[float, float]:
+    """Least times, s, of one foot alone, in the mean of both, and of both together, repeated in turn."""
+    calls = [*(partial(alone, foot) for foot in feet.values()), partial(both, feet["right"], feet["left"])]
+    least = np.min([[harness.measure_time(call)[0].cpu for call in calls] for _ in range(REPEATS)], axis=0)
+    return 0.5 * float(least[0] + least[1]), float(least[2])
+
+
+def run_alone(with_mag: bool, foot: Foot) -> object:
+    """Navigate a recording of one foot up to the verdict."""
+    return navigate(replace(foot.recording, truth=None), options=Options(use_magnetometer=with_mag)).verdict
+
+
+def run_both(with_mag: bool, right: Foot, left: Foot) -> object:
+    """Navigate the recordings of both feet up to the verdict."""
+    recordings = (replace(one.recording, truth=None) for one in (left, right))
+    return navigate_feet(*recordings, options=Options(use_magnetometer=with_mag), sides="left,right").verdict
 
 
 def smooth_alone(foot: Foot) -> Solution:

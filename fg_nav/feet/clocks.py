@@ -14,7 +14,7 @@ about up and within its time, it costs
 
 alpha' the turn of the second foot over the same time and m the mean difference, which is that of the gyroscope biases;
 and so do halts, where one foot has swings and the other has none. A stride during which the second foot did not record
-costs `FITTING`, and what the first did not record nothing.
+costs `HIDDEN`, and what the first did not record nothing.
 
 L(tau) is the sum, nats. Steps of a walk are alike, so that L counts `SHARE` of it. Where a swing costs less than
 `FITTING` at zero the clocks stay as they are, unless few are shared and another offset fits better. Where the best L is
@@ -59,8 +59,12 @@ FITTING, FOREIGN = 0.8, 1.8
 """Mean cost of a swing, nats, below which clocks fit as they are (0.1 to 0.4 where they do, 0.7 where they are 0.1 s
 apart), and above which the feet are not those of one walk (from 1.9 on, `scripts/two_feet.py`)."""
 
-NEAR_S, SPACING_S = 30.0, 0.04
-"""How far clocks are looked for first, and in which steps; then as far as the recordings still share a moment."""
+HIDDEN = 1.0
+"""nats: a stride of which nothing is known neither fits nor speaks against it."""
+
+NEAR_S, SPACING_S, COARSE_S = 30.0, 0.04, 0.2
+"""How far clocks are looked for first, and in which steps; then as far as the recordings share a moment, coarsely, and
+finely about the best of these."""
 
 ENOUGH_SHARED = 0.5
 """Of the swings: clocks that fit for less of them may do so by chance, and others are looked for."""
@@ -128,16 +132,27 @@ def match_swings(a: Swings, b: Swings) -> ClockOffset:
 
 def _search(a: Swings, b: Swings) -> ClockOffset:
     """Find the offset that is clearly the best; raises as `align_clocks`."""
-    # Sensors that were set to one time are apart by seconds, those that count from when they were switched on by any.
-    for begin, end in ((-NEAR_S, NEAR_S), (a.middle[0] - b.middle[-1], a.middle[-1] - b.middle[0])):
-        tau = np.arange(begin, end + 0.5 * SPACING_S, SPACING_S)
-        nats = np.array([_weigh(a, b, float(one)) for one in tau])
-        if nats.max() >= -FOREIGN * SHARE * len(a.middle):
-            return _choose(tau, nats, float(np.median(np.diff(a.middle))))
+    worth, cycle = SHARE * len(a.middle), float(np.median(np.diff(a.middle)))
+    # Sensors that were set to one time are apart by seconds.
+    tau, nats = _scan(a, b, -NEAR_S, NEAR_S, SPACING_S)
+    if nats.max() >= -FOREIGN * worth:
+        return _choose(tau, nats, cycle)
+    # Those that count from when they were switched on are apart by any; of so many offsets one fits by chance.
+    far, coarse = _scan(a, b, a.middle[0] - b.middle[-1], a.middle[-1] - b.middle[0], COARSE_S)
+    best = float(far[np.argmax(coarse)])
+    tau, nats = _scan(a, b, best - NEAR_S, best + NEAR_S, SPACING_S)
+    if nats.max() >= -FITTING * worth:
+        return _choose(tau, nats, cycle)
     raise EstimationError(
         "the two recordings do not show the feet of one walk: with no offset of their clocks do they swing in turn; "
         "check the files, or give --clock-offset."
     )
+
+
+def _scan(a: Swings, b: Swings, begin: float, end: float, spacing: float) -> tuple[Floats, Floats]:
+    """Offsets (T,) s from begin to end, and L (T,) of each."""
+    tau = np.arange(begin, end + 0.5 * spacing, spacing)
+    return tau, np.array([_weigh(a, b, float(one)) for one in tau])
 
 
 def _choose(tau: Floats, nats: Floats, cycle: float) -> ClockOffset:
@@ -183,7 +198,7 @@ def _weigh_strides(a: Swings, b: Swings, tau: float, begin: Floats, end: Floats)
     hidden = b.hides(begin - tau, end - tau)
     differ = differ - np.median(differ[~hidden]) if not hidden.all() else differ
     cost += np.minimum(0.5 * (differ / TURN_SIGMA_RAD) ** 2, MOST_SHIFTS)
-    return float(np.where(hidden, FITTING, cost).sum())
+    return float(np.where(hidden, HIDDEN, cost).sum())
 
 
 def list_swings(recording: Recording, stances: Stances) -> Swings:

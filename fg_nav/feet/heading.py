@@ -14,7 +14,8 @@ SPAN_S = 60.0
 def measure_relative_heading(right: Footfalls, left: Footfalls) -> float:
     """Heading of the right sensor's x axis at its start less that of the left one's, rad clockwise.
 
-    Both paths begin with the same heading of their sensors.
+    Both paths begin with the same heading of their sensors. Behind a hole in a recording its path is turned by
+    anything: steps before the first one are taken, where there are any.
 
     Raises `EstimationError` where no step of the one foot lies between two of the other.
     """
@@ -24,4 +25,6 @@ def measure_relative_heading(right: Footfalls, left: Footfalls) -> float:
             "the two feet take no step in turn: are they of one person at one time, and their clocks aligned? "
             "Run each of them by itself, or give --clock-offset."
         )
-    return float(np.angle(np.mean(np.exp(1j * turn[t < t[0] + SPAN_S]))))
+    first_hole = np.concatenate([right.holes, left.holes]).min(initial=np.inf)
+    end = min(t[0] + SPAN_S, first_hole if first_hole > t[0] else np.inf)
+    return float(np.angle(np.mean(np.exp(1j * turn[t < end]))))

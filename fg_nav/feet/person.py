@@ -107,8 +107,10 @@ def _carry_on(t: Floats, foot: Solution, other: Solution) -> Floats:
     place = _interpolate(t, foot.t, foot.position)
     for begin, end in list_unrecorded(foot.t):
         inside = (t > begin) & (t < end)
+        if not inside.any():
+            continue
         at, apart = _measure_seams(begin, end, foot, other)
-        if inside.any() and len(at):
+        if len(at):
             moved = interpolate_columns(t[inside], at, apart)
             place[inside] = interpolate_columns(t[inside], other.t, other.position) + moved
     return place

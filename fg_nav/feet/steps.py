@@ -37,6 +37,9 @@ MOST_CELLS, MOST_GROWN, MOST_APART_M = 40, 2.0, 30.0
 further apart than that. With twice as many errors and sigmas of simulated walks are the same, and the solver takes
 longer."""
 
+FEWEST_TURNS = 4
+"""Steps whose directions show how two paths are turned: each does to some degrees."""
+
 FEWEST_STEPS = 2
 """Of each foot in a cell."""
 
@@ -158,7 +161,7 @@ def _number_cells(foot: Footfalls, holes: Floats) -> Ints:
     turned = np.zeros(len(foot))
     turned[walks] = np.abs(np.diff(heading, prepend=heading[:1]))
     way = np.cumsum(length / CELL_M + turned / CELL_TURN_RAD)
-    way /= np.clip(way[-1] / MOST_CELLS, 1.0, MOST_GROWN)
+    way /= np.clip(way[-1:].max(initial=0.0) / MOST_CELLS, 1.0, MOST_GROWN)
     piece = foot.count_holes(foot.t) + np.searchsorted(holes, foot.t)
     return np.unique(np.stack([piece, np.floor(way)], axis=1), axis=0, return_inverse=True)[1].ravel()
 
@@ -171,6 +174,8 @@ def measure_turns(right: Footfalls, left: Footfalls) -> tuple[Floats, Floats]:
     of_right = find_steps(right, left)
     inner = (of_right.at > 0) & (of_right.at < len(right) - 1)
     at, before = of_right.at[inner], of_right.before[inner]
+    whole = right.count_holes(right.t[at + 1]) == right.count_holes(right.t[at - 1])
+    at, before = at[whole], before[whole]
     by_left = np.diff(left.position[:, :2], axis=0)[before]
     by_right = right.position[at + 1, :2] - right.position[at - 1, :2]
     turn = np.arctan2(by_right[:, 1], by_right[:, 0]) - np.arctan2(by_left[:, 1], by_left[:, 0])

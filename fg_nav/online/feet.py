@@ -210,8 +210,8 @@ class FeetNavigator:
     def _check_clocks(self) -> None:
         """Say once, as soon as the steps show it, that the clocks do not fit."""
         left, right = (self.navigators[side].smoother for side in SIDES)
-        told = min(left.n_told, right.n_told)
-        if self._clocks_checked_at is None or told < self._clocks_checked_at:
+        told, at = min(left.n_told, right.n_told), self._clocks_checked_at
+        if at is None or told < at or self.is_parted or self.refused:
             return
         words = check_clocks(left.rows, right.rows, self.offset_s["right"])
         self._clocks_checked_at = None if words is not None else told + ENOUGH_SWINGS

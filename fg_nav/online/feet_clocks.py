@@ -40,10 +40,11 @@ def check_clocks(left: Sequence[EstimateRow], right: Sequence[EstimateRow], give
 
 
 def list_told_swings(rows: Sequence[EstimateRow]) -> Swings:
-    """List the swings between footfalls that were told; who stands has footfalls without one."""
+    """List the swings between footfalls that were told; who stands has footfalls without one, every two seconds."""
     known = split_rows(rows)
     middle = 0.5 * (known.t[1:] + known.t[:-1])
     moved = np.linalg.norm(np.diff(known.position[:, :2], axis=0), axis=1)
     is_swing = (moved > STRIDE_M[0]) & (np.diff(known.t) < LONGEST_S)
     heading = -np.unwrap(compute_heading(known.nav_R_body))  # counter-clockwise
-    return Swings(middle[is_swing], known.t, heading, np.zeros((0, 2)))
+    unseen = np.diff(known.t) > LONGEST_S
+    return Swings(middle[is_swing], known.t, heading, np.stack([known.t[:-1], known.t[1:]], axis=1)[unseen])

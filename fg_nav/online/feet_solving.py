@@ -24,7 +24,7 @@ import numpy as np
 from fg_nav.detection.stance import StanceParameters
 from fg_nav.errors import EstimationError
 from fg_nav.feet.sides import SIDES, Side
-from fg_nav.feet.steps import measure_turns
+from fg_nav.feet.steps import FEWEST_TURNS, measure_turns
 from fg_nav.frames import compute_heading
 from fg_nav.online.anchor import condense_root
 from fg_nav.online.buffer import SampleBuffer, WalkSoFar
@@ -38,9 +38,6 @@ from fg_nav.smoother.feet import SolvedFeet, solve_feet
 from fg_nav.smoother.feet_batch import FEWEST_CELLS
 from fg_nav.smoother.feet_factors import list_footfalls
 from fg_nav.smoother.solver import UNSOLVED, list_attitudes
-
-FEWEST_TURNS = 4
-"""Steps whose directions show how the right sensor is turned: each does to some degrees."""
 
 
 class WalksAlone:

@@ -136,7 +136,7 @@ def list_unrecorded(recorded: Floats) -> Floats:
 
 def measure_unseen(begin: float, end: float, t: Floats) -> float:
     """Longest time, s, from begin to end without one of the stamps (N,) s of another recording."""
-    within = t[(t > begin) & (t < end)]
+    within = t[np.searchsorted(t, begin, side="right") : np.searchsorted(t, end)]
     return float(np.diff(np.concatenate([[begin], within, [end]])).max())
 
 

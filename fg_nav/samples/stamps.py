@@ -10,7 +10,7 @@ some stamps far ahead, the next ones in line    left out
 stamps before the last one, and then beyond it  came late: sorted, or left out where there is no time for them
 stamps before the last one, and on from there   the clock began again: set on by one period where force and rate go on
                                                 without a jump, so that nothing is lost; else the recording ends there
-a gap of more than `MAX_BRIDGED_S`              the recording ends there
+a gap of more than `MAX_BRIDGED_S`              the recording ends there, if no longer one is allowed
 =============================================== =======================================================================
 
 Of the parts that an end leaves, the longest is taken, with a remark that says what was left out. A shorter gap is

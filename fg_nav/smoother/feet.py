@@ -23,8 +23,9 @@ import numpy as np
 from gtsam.symbol_shorthand import X
 
 from fg_nav.arrays import Floats, Ints
+from fg_nav.errors import EstimationError
 from fg_nav.factors.residual import LETTER_SHIFT, Keys, Stack
-from fg_nav.feet.steps import Cells, average_cells, measure_turns
+from fg_nav.feet.steps import FEWEST_TURNS, Cells, average_cells, measure_turns
 from fg_nav.samples.gaps import list_unrecorded
 from fg_nav.smoother.feet_factors import (
     RIGHT,
@@ -56,7 +57,8 @@ FEET_CONVERGENCE = 5e-6
 """Difference of promised and true error per variable, of which there are some ten thousand: two feet start from where
 they were alone, and what they show weakly, as the heading of all of the walk, is to be found to a part of its sigma."""
 
-REACH_ROUNDS = 3
+REACH_ROUNDS = 2
+"""In which reach is asked for."""
 
 
 @dataclass(frozen=True)
@@ -139,14 +141,22 @@ def solve_feet(right: WalkProblem, left: WalkProblem) -> SolvedFeet:
     # Both paths beside each other.
     right, values = align_feet(right, left)
     problem = FeetProblem(right, left, values, tie_feet(right, left, values), ReachFactors.of_nothing())
+    # All factors of both, from a start that may be turned far from where the fields of both have it.
+    solved = _solve(problem)
     for _ in range(REACH_ROUNDS):
-        # All factors of both, from a start that may be turned far from where the fields of both have it.
-        minimum = find_minimum(problem.system, problem.values, order_variables(problem), FEET_CONVERGENCE)
-        reach = find_beyond_reach(right, left, minimum.values, problem.reach)
-        if len(reach) == len(problem.reach):
+        reach = find_beyond_reach(right, left, solved.minimum.values, solved.problem.reach)
+        if len(reach) == len(solved.problem.reach):
             break
-        problem = replace(problem, values=minimum.values, reach=reach)
-    return SolvedFeet(problem, minimum)
+        # Where the ties and the reach of some feet contradict each other there is no minimum: the ties hold.
+        try:
+            solved = _solve(replace(problem, values=solved.minimum.values, reach=reach))
+        except EstimationError:
+            break
+    return solved
+
+
+def _solve(problem: FeetProblem) -> SolvedFeet:
+    return SolvedFeet(problem, find_minimum(problem.system, problem.values, order_variables(problem), FEET_CONVERGENCE))
 
 
 def align_feet(right: WalkProblem, left: WalkProblem) -> tuple[WalkProblem, FeetValues]:
@@ -178,7 +188,7 @@ def _turn_behind_holes(values: FeetValues, right: WalkProblem, left: WalkProblem
     for begin, end, of, problem, sign in sorted(holes, key=lambda hole: hole[0]):
         t, turn = measure_turns(list_footfalls(right, values.right), list_footfalls(left, values.left))
         before, after = turn[t <= begin][-AROUND_HOLE:], turn[t >= end][:AROUND_HOLE]
-        if len(before) and len(after):
+        if min(len(before), len(after)) >= FEWEST_TURNS:
             jump = float(np.angle(np.exp(1j * after).mean() / np.exp(1j * before).mean()))
             behind = problem.recording.t[problem.nodes.sample] >= end
             turn_walk(of, problem.nodes, sign * jump * behind)

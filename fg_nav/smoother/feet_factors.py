@@ -43,8 +43,8 @@ REACH_M, REACH_SIGMA_M = 1.2, 0.1
 FLIGHT_M_S, LONGEST_FLIGHT_S = 3.0, 0.3
 """Where neither is seen to stand the person moves on, and is not asked for longer."""
 
-WATCHED_S = 30.0
-"""Without a cell, behind which a pair of footfalls is tied by nothing. Cells of long walks are as far apart."""
+WATCHED_S = 15.0
+"""From the nearest cell, from which on a pair of footfalls is tied by nothing. Cells of long walks are 20 s apart."""
 
 RIGHT = np.uint64(1 << 40)
 """Added to the keys of the right foot's variables in the graph of both."""

@@ -85,7 +85,8 @@ def measure_time_without_footfall(seen: Seen) -> Reason | None:
     due_s = float(np.clip(DUE_SWINGS * _median(seen.swings), DUE_S, LATEST_S)) if len(seen.swings) else DUE_S
     rate = np.linalg.norm(seen.recording.gyr, axis=1)
     ends = [np.s_[: stances.start[0]], np.s_[stances.stop[-1] :]]
-    outside = [float(np.ptp(t[end])) for end in ends if len(t[end]) and rate[end].mean() > MOVING_RAD_S]
+    moves = [t[end] for end in ends if len(t[end]) and rate[end].mean() > MOVING_RAD_S]
+    outside = [float(np.ptp(one - seen.sum_bridged(one))) for one in moves]
     missed = np.concatenate([seen.swings, outside])
     lost_s = float(missed[missed > due_s].sum())
     return judge_lost_time(lost_s, seen.recording.duration_s)

@@ -42,6 +42,17 @@ def test_it_is_clockwise_and_that_of_the_first_minute(turned: float) -> None:
     assert abs(wrap_angle(found - turned - 0.002 * 30.0)) < 0.03
 
 
+@pytest.mark.parametrize("foot", [0, 1])
+def test_behind_a_hole_a_path_is_turned_by_anything(foot: int) -> None:
+    feet = [walk_line(0.3, side=-0.15), walk_line(0.0)]
+    t, place = feet[foot].t, feet[foot].position
+    hole, behind = 20.2, feet[foot].t > 20.2
+    turned = np.where(behind[:, None], place[:, [1, 0, 2]] * [-1.0, 1.0, 1.0] + [50.0, 0.0, 0.0], place)
+    kept = (t < hole) | (t > hole + 8.0)
+    feet[foot] = Footfalls(t[kept], turned[kept], np.array([hole]))
+    assert abs(wrap_angle(measure_relative_heading(*feet) - 0.3)) < 0.03
+
+
 def test_feet_that_take_no_step_in_turn_are_refused() -> None:
     left = walk_line(0.0)
     with pytest.raises(EstimationError, match=r"no step in turn.*--clock-offset"):

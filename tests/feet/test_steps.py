@@ -79,3 +79,12 @@ def test_no_step_and_no_cell_crosses_a_hole(foot: int) -> None:
     apart = before.right[:, 2] - before.left[:, 2]
     assert set(np.round(np.abs(apart), 9)) == {0.0, 10.0}
     np.testing.assert_array_equal(np.abs(apart) > 5.0, before.t > hole)
+
+
+@pytest.mark.parametrize("foot", [0, 1])
+def test_no_turn_is_measured_across_a_hole(foot: int) -> None:
+    feet = list(walk_curve(np.inf))
+    hole = float(feet[0].t[len(feet[0]) // 2]) + 0.1
+    aside = [0.0, 40.0, 0.0] * (feet[foot].t > hole)[:, None]
+    feet[foot] = Footfalls(feet[foot].t, feet[foot].position + aside, np.array([hole]))
+    np.testing.assert_allclose(measure_turns(*feet)[1], 0.0, atol=1e-9)

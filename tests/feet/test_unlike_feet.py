@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fg_nav import navigate as navigate_one
 from fg_nav.both_feet import navigate_feet
 from fg_nav.feet_result import FeetResult
 from fg_nav.lab.simulation import simulate_feet
@@ -29,6 +30,11 @@ def halve_rate(recording: Recording) -> Recording:
     n = len(recording) // 2 * 2
     acc, gyr = (x[:n].reshape(-1, 2, 3).mean(axis=1) for x in (recording.acc, recording.gyr))
     return Recording(recording.t[0:n:2], acc, gyr, truth=recording.truth)
+
+
+def cut(recording: Recording, begin: float, end: float) -> Recording:
+    kept = (recording.t < begin) | (recording.t > end)
+    return Recording(recording.t[kept], recording.acc[kept], recording.gyr[kept], truth=recording.truth)
 
 
 def without_mag(feet: Feet) -> Feet:
@@ -81,3 +87,25 @@ def test_who_runs_steps_in_turn_too() -> None:
     assert result.pairing.width_m is not None
     assert result.pairing.width_m > 0.0
     assert result.metrics.rmse_2d_m < 1.0
+
+
+@pytest.mark.parametrize(("side", "hole"), [("right", (8.0, 30.0)), ("left", (8.0, 30.0)), ("right", (40.0, 60.0))])
+def test_a_part_of_a_few_steps_about_a_hole_is_left_out(feet: Feet, side: str, hole: tuple[float, float]) -> None:
+    """Nothing ties it: with it both feet had no solution, or the end was known to no one."""
+    bare = without_mag(feet)
+    result = navigate({**bare, side: cut(bare[side], *hole)})
+    assert result.verdict.word == "trusted"
+    assert max(foot.metrics.rmse_2d_m for foot in result.feet.values()) < 0.1
+    notes = dict(result.feet)[side].walk.recording.provenance.notes
+    assert any("too few footfalls to be laid beside the other foot" in note for note in notes)
+
+
+def test_where_the_other_foot_failed_the_longest_part_is_used_as_of_a_foot_alone(feet: Feet) -> None:
+    bare = without_mag(feet)
+    broken = cut(bare["left"], 45.0, 52.0)
+    result = navigate({"left": broken, "right": cut(bare["right"], 2.0, 200.0)})
+    assert set(result.feet) == {"left"}
+    alone = navigate_one(broken.slice(0, int(np.searchsorted(broken.t, 48.0))))
+    np.testing.assert_allclose(result.feet["left"].position, alone.position, atol=1e-6)
+    assert result.verdict.word == "doubtful"
+    assert all("nothing was recorded" not in reason for reason in result.verdict.reasons)

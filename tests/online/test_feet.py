@@ -191,6 +191,15 @@ def test_clocks_that_do_not_fit_are_told_once_with_what_to_begin_again_with(
         assert float(said[0].rsplit(" ", 1)[1]) == pytest.approx(float(told_s), abs=0.03)
 
 
+def test_a_foot_that_was_silent_for_some_seconds_has_a_clock_that_fits() -> None:
+    remarks: list[str] = []
+    navigator = FeetNavigator(heads_known(), remarks.append)
+    for side, rows in list_blocks(lambda side, t: t < 45.0 and (side == "left" or not 14.0 < t < 24.0)):
+        navigator.push(side, rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:])
+    navigator.abandon()
+    assert not [words for words in remarks if "clocks" in words]
+
+
 def test_a_clock_that_restarts_parts_the_feet() -> None:
     """Its stamps are set on by a guess: steps by them would be beside the wrong ones."""
     navigator, found = FeetNavigator(heads_known()), []
