@@ -29,8 +29,11 @@ def results(asked: Task) -> tuple[Result, ...]:
     return tuple(Result(key, {"of": key.method}, CODE) for key in asked.keys)
 
 
-def work(asked: Task) -> TaskResults:
-    """Do nothing; die where the group or a method says so: always, or the first time (the walk names a file)."""
+def work(asked: Task, code: str | None = None) -> TaskResults:
+    """Do nothing; die where the group or a method says so: always, or the first time (the walk names a file).
+
+    Workers that are told the sum over the code do not take the seconds to make it.
+    """
     if asked.group == "deadly" or any(key.method == "deadly" for key in asked.keys):
         os.kill(os.getpid(), signal.SIGKILL)
     if asked.group == "deadly once" and not Path(asked.walk).exists():
@@ -38,7 +41,7 @@ def work(asked: Task) -> TaskResults:
         os.kill(os.getpid(), signal.SIGKILL)
     if asked.group == "slow":
         time.sleep(0.3)
-    return TaskResults(results(asked), code_sum(), 0.01)
+    return TaskResults(results(asked), code or code_sum(), 0.01)
 
 
 LAST = "104"

@@ -367,8 +367,8 @@ def start_held(plan, *words):
 
 
 def test_a_killed_campaign_goes_on(tmp_path, plan, made):
-    """The program itself, with its own cluster, is killed with a cell done; its workers go with it."""
-    words = ["campaign", str(plan), "--out", str(tmp_path / "out"), "--workers", "2"]
+    """The program itself, with its own cluster, is killed with a cell done; its worker goes with it."""
+    words = ["campaign", str(plan), "--out", str(tmp_path / "out"), "--workers", "1"]
     first, cells = start_held(plan, *words)
     first.send_signal(signal.SIGKILL)
     first.communicate()

@@ -7,6 +7,7 @@ import time
 from collections import Counter
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -45,13 +46,16 @@ class Taken:
         return self.results == Counter(key for task in tasks for key in task.keys)
 
 
-def test_workers_that_die_are_replaced_and_only_the_result_that_kills_them_has_failed(tmp_path):
+def test_workers_that_die_are_replaced_and_only_the_result_that_kills_them_has_failed(tmp_path, monkeypatch):
+    """One worker, and two deaths: Dask repeats what ended one, and gives up what ended another."""
     check_installed()
-    tasks = [fakes.task("walk", "1", "iez", "deadly", "qsf")]
+    monkeypatch.setitem(module._LOCAL, "distributed.scheduler.allowed-failures", 1)
+    work = partial(fakes.work, code=code_sum())
+    tasks = [fakes.task("walk", "1", "iez", "deadly")]
     tasks += [fakes.task("deadly once", str(tmp_path / "died"))]
     tasks += [fakes.task("quick", str(walk), "iez", "qsf") for walk in range(6)]
     taken = Taken()
-    dispatch(tasks, Cluster(None, 2, 60.0, fakes.work), taken.take, taken.notes.append)
+    dispatch(tasks, Cluster(None, 1, 60.0, work), taken.take, taken.notes.append)
     assert (tmp_path / "died").exists()
     assert taken.once(tasks)
     assert taken.failed == {("walk", "deadly"): KILLED}
@@ -411,45 +415,60 @@ def test_addresses_that_can_be():
         check_address("tls://localhost:8786")
 
 
-def test_a_real_scheduler_started_anew_goes_on():
-    """Its worker goes with it, as Dask's do, and another comes with the new one."""
-    port, address, scheduler, worker = commands()
-    tasks = [fakes.task("quick", str(walk)) for walk in range(30)]
-    taken, running = Taken(), []
-    with pytest.MonkeyPatch.context() as environment:
+class RealCluster:
+    """A scheduler and a worker with four threads, processes of their own, which can be ended and started anew."""
+
+    def __init__(self, started):
+        self.port, self.address, scheduler, worker = commands()
+        self._commands, self._started, self.running = (scheduler, (*worker[:2], "--nthreads", "4")), started, []
+
+    def start(self):
+        self.running = [self._started.enter_context(dask(*words)) for words in self._commands]
+
+    def start_anew(self):
+        """Its worker goes with the scheduler, as Dask's do, and another comes with the new one."""
+        for process in self.running:
+            process.kill()
+            process.wait()
+        self.start()
+
+    def dispatch(self, tasks, take, notify):
+        dispatch(tasks, Cluster(self.address, 1, 60.0, fakes.work), take, notify)
+
+
+@pytest.fixture(scope="module")
+def real_cluster():
+    """One that gives up what ended a single worker."""
+    with pytest.MonkeyPatch.context() as environment, ExitStack() as started:
         environment.setenv("PYTHONPATH", str(Path(__file__).parents[3]))
-
-        def start():
-            running.extend(started.enter_context(dask(*words)) for words in (scheduler, worker))
-
-        def take(task, made):
-            taken.take(task, made)
-            if sum(taken.results.values()) == 5:
-                for process in running:
-                    process.kill()
-                    process.wait()
-                start()
-
-        with ExitStack() as started:
-            start()
-            until_it_answers(port)
-            dispatch(tasks, Cluster(address, 1, 60.0, fakes.work), take, taken.notes.append)
-    assert taken.once(tasks)
-    assert len(running) == 4
-    assert any("is gone" in words for words in taken.notes)
+        environment.setenv("DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES", "0")
+        cluster = RealCluster(started)
+        cluster.start()
+        until_it_answers(cluster.port)
+        yield cluster
 
 
-def test_a_deadly_walk_on_a_real_worker_with_threads_takes_no_other_with_it(monkeypatch):
-    port, address, scheduler, worker = commands()
+def test_a_deadly_walk_on_a_real_worker_with_threads_takes_no_other_with_it(real_cluster):
     tasks = [fakes.task("deadly", "1"), *(fakes.task("slow", str(walk)) for walk in range(3))]
     taken = Taken()
-    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[3]))
-    monkeypatch.setenv("DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES", "0")
-    with dask(*scheduler), dask(*worker[:2], "--nthreads", "4"):
-        until_it_answers(port)
-        dispatch(tasks, Cluster(address, 1, 60.0, fakes.work), taken.take, taken.notes.append)
+    real_cluster.dispatch(tasks, taken.take, taken.notes.append)
     assert taken.once(tasks)
     assert taken.failed == {("deadly", "iez"): KILLED}
+
+
+def test_a_real_scheduler_started_anew_goes_on(real_cluster):
+    tasks = [fakes.task("quick", str(walk)) for walk in range(30)]
+    taken, before = Taken(), real_cluster.running
+
+    def take(task, made):
+        taken.take(task, made)
+        if sum(taken.results.values()) == 5:
+            real_cluster.start_anew()
+
+    real_cluster.dispatch(tasks, take, taken.notes.append)
+    assert taken.once(tasks)
+    assert all(process.poll() is not None for process in before)
+    assert any("is gone" in words for words in taken.notes)
 
 
 def until_it_answers(port):
