@@ -28,7 +28,7 @@ from rich.table import Table
 from rich.text import Text
 
 from fg_nav.errors import FgNavError, OutputError, SimulationError
-from fg_nav.lab.reproduce.walks import run_tasks
+from fg_nav.lab.processes import run_tasks
 from fg_nav.report.plots import style
 from fg_nav.report.terminal import console, progress
 

@@ -10,35 +10,24 @@ from pathlib import Path
 
 import pytest
 
-from fg_nav.lab.reproduce.walks import run_tasks
+from fg_nav.lab.processes import run_tasks
+from tests.lab import tasks
 from tests.lab.campaign.fakes import until_gone
+from tests.lab.tasks import slow, square
 
 SCRIPT = """
 import signal
 import sys
 from functools import partial
 from pathlib import Path
-from fg_nav.lab.reproduce.walks import run_tasks
-from tests.lab.test_processes import slow
+from fg_nav.lab.processes import run_tasks
+from tests.lab.tasks import slow
 
 if __name__ == "__main__":
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell starts what is in its background deaf to it
     for _ in run_tasks([partial(slow, Path(sys.argv[1]), n, 60.0) for n in range(8)], 2):
         pass
 """
-
-
-def square(number):
-    return number * number, os.getpid()
-
-
-def slow(folder, number, seconds):
-    """Take so long, and leave a file at the beginning and one at the end; "bad" fails."""
-    (folder / f"{number}.begun").touch()
-    if number == "bad":
-        raise ValueError("bad")
-    time.sleep(seconds)
-    (folder / f"{number}.done").touch()
 
 
 @pytest.mark.parametrize("workers", [1, 2])
@@ -49,10 +38,10 @@ def test_all_tasks_are_done_here_or_by_others(workers):
 
 
 def test_after_an_error_nothing_is_begun_and_nothing_goes_on(tmp_path):
-    tasks = [partial(slow, tmp_path, name, 30.0) for name in ("bad", *range(20))]
+    some = [partial(slow, tmp_path, name, 30.0) for name in ("bad", *range(20))]
     began = time.monotonic()
     with pytest.raises(ValueError, match="bad"):
-        list(run_tasks(tasks, 2))
+        list(run_tasks(some, 2))
     assert time.monotonic() - began < 25.0
     names = {path.name for path in tmp_path.iterdir()}
     assert len(names) < 8
@@ -60,24 +49,17 @@ def test_after_an_error_nothing_is_begun_and_nothing_goes_on(tmp_path):
 
 
 def test_who_wants_no_more_does_not_wait_for_the_rest(tmp_path):
-    tasks = [partial(slow, tmp_path, name, 0.0 if name == 0 else 30.0) for name in range(20)]
-    began, some = time.monotonic(), run_tasks(tasks, 2)
-    assert next(some)[0] == 0
-    some.close()
+    some = [partial(slow, tmp_path, name, 0.0 if name == 0 else 30.0) for name in range(20)]
+    began, done = time.monotonic(), run_tasks(some, 2)
+    assert next(done)[0] == 0
+    done.close()
     assert time.monotonic() - began < 25.0
-
-
-MINE = []
 
 
 def test_workers_are_no_copies_of_this_process():
     """What its threads hold would be held for ever in a copy."""
-    MINE.append("here")
-    assert dict(run_tasks([partial(list_of_mine), partial(list_of_mine)], 2)) == {0: [], 1: []}
-
-
-def list_of_mine():
-    return MINE
+    tasks.MINE.append("here")
+    assert dict(run_tasks([tasks.list_of_mine] * 2, 2)) == {0: [], 1: []}
 
 
 def test_ctrl_c_ends_all_and_only_the_parent_tells(tmp_path):

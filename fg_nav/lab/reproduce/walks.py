@@ -5,28 +5,23 @@ Measurements (`fg_nav.lab.store.results`) are made next to the walks, by the sam
 
 Figures of one method on one walk have the names of the papers (`fg_nav.evaluation.walked`).
 
-Tasks on processes of this machine, that end with whoever asked for them.
-
-Workers are spawned, not forked: this process has threads (a progress bar), which do not survive a copy of it. They
-store what they make themselves, so ending them loses only what each was at.
+Workers store what they make themselves, so ending them loses only what each was at.
 """
 
 from __future__ import annotations
 
 import math
-import signal
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from multiprocessing import get_context
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from fg_nav.evaluation.walked import AS_STARTED, error_reduction_percent
 from fg_nav.lab.campaign.execute import settings_of, store_task, tasks_of
 from fg_nav.lab.campaign.walks import LOOP
+from fg_nav.lab.processes import run_tasks
 from fg_nav.lab.reproduce.results import Spread, spread_of
 from fg_nav.lab.simulation.fields.building import SMOOTH_KINDS, Clutter
 from fg_nav.lab.store.code import code_sum
@@ -199,38 +194,3 @@ def reduction_over(results: Sequence[Result], reference: Sequence[Result], figur
         elif result.failed:
             found.append(-math.inf)
     return spread_of(found)
-
-
-T = TypeVar("T")
-
-
-def run_tasks(tasks: Sequence[Callable[[], T]], workers: int) -> Iterator[tuple[int, T]]:
-    """Run tasks and yield the number and the result of each when it is done; in this process if one worker is enough.
-
-    At the first error, on Ctrl-C, and when the caller stops iterating, waiting tasks are dropped and the workers ended.
-    """
-    if workers == 1 or len(tasks) < 2:
-        for number, task in enumerate(tasks):
-            yield number, task()
-        return
-    with ProcessPoolExecutor(min(workers, len(tasks)), get_context("spawn"), _ignore_interrupt) as pool:
-        try:
-            numbers = {pool.submit(task): number for number, task in enumerate(tasks)}
-            for done in as_completed(numbers):
-                yield numbers[done], done.result()
-        except BaseException:
-            _end(pool)
-            raise
-
-
-def _end(pool: ProcessPoolExecutor) -> None:
-    """End the running tasks and drop the others: the pool itself would wait for them."""
-    at_work = list((pool._processes or {}).values())
-    pool.shutdown(wait=False, cancel_futures=True)
-    for process in at_work:
-        process.terminate()
-
-
-def _ignore_interrupt() -> None:
-    """Ctrl-C goes to all processes of a terminal, and each worker would print a traceback: the parent ends them."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -22,6 +22,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from fg_nav.arrays import Floats
 from fg_nav.calibration.allan import AllanCurve
+from fg_nav.lab.processes import run_tasks
 from fg_nav.lab.reproduce.munoz_diaz2017 import figures as pictures
 from fg_nav.lab.reproduce.munoz_diaz2017 import rows as table
 from fg_nav.lab.reproduce.munoz_diaz2017 import walks as simulated
@@ -31,7 +32,7 @@ from fg_nav.lab.reproduce.munoz_diaz2017.runs import GRAPHS, PRESET_NAMES, Run, 
 from fg_nav.lab.reproduce.munoz_diaz2017.text import CITATION, DIFFERS, TITLES
 from fg_nav.lab.reproduce.munoz_diaz2017.walks import FIELDS_UT, AllanPair, Setting
 from fg_nav.lab.reproduce.results import Experiment, Picture, Reproduction, Row, spread_of
-from fg_nav.lab.reproduce.walks import RESULTS_FOLDER, run_tasks
+from fg_nav.lab.reproduce.walks import RESULTS_FOLDER
 from fg_nav.lab.store.code import code_sum, sum_sources
 from fg_nav.lab.store.files import make_folder
 from fg_nav.lab.store.results import Entry, Number, encode_number
