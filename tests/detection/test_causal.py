@@ -125,7 +125,7 @@ def test_a_walk_may_begin_anywhere(start_s):
     walk = straight_walk(PERSON, strides=15)
     recording = walk.recording.slice(int(start_s * 200), len(walk.recording))
     offline = detect_stances(recording)
-    stances = join_footfalls(pushed(recording)[0], len(recording))
+    stances = join_footfalls(pushed(recording, range(100, len(recording), 100))[0], len(recording))
     assert abs(stances.n_footfalls - offline.n_footfalls) <= 1
     late = recording.t > recording.t[0] + 3.0
     assert np.mean((stances.mask != offline.mask)[late]) < 0.01
@@ -160,10 +160,10 @@ def test_what_is_seen_with_a_footfall_does_not_depend_on_blocks():
 
 
 def test_the_work_and_the_memory_do_not_grow():
-    """Ten minutes on the same twenty strides: the window is as long as ever."""
+    """Two minutes and a half on the same twenty strides: the window is as long as ever."""
     recording = straight_walk(PERSON, strides=20).recording
     stream, footfalls = CausalStances(), []
-    for turn in range(30):
+    for turn in range(7):
         t = recording.t + turn * (recording.duration_s + 0.005)
         footfalls.append(len(stream.push(t, recording.acc, recording.gyr)))
     assert max(footfalls[1:]) - min(footfalls[1:]) <= 1

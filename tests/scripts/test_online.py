@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -25,7 +26,8 @@ listeners = load_script("online_listeners")
 kills = load_script("online_kills")
 
 
-def test_the_fuzz_draws_walks_and_finds_no_fault(capsys):
+def test_the_fuzz_draws_walks_and_finds_no_fault(capsys, monkeypatch):
+    monkeypatch.setattr(fuzz, "draw_course", partial(fuzz.draw_course, parts=3))
     fuzz.main(["--seeds", "2", "--first", "101"])
     assert "of 3 figures are as asked" in capsys.readouterr().out
 
@@ -34,7 +36,8 @@ def test_the_fuzz_names_what_fails(capsys, monkeypatch):
     def broken(*_: object) -> None:
         raise ValueError("broken on purpose")
 
-    monkeypatch.setattr(fuzz.OnlineNavigator, "close", broken)
+    monkeypatch.setattr(fuzz.OnlineNavigator, "push", broken)
+    monkeypatch.setattr(fuzz, "draw_course", partial(fuzz.draw_course, parts=1))
     fuzz.main(["--seeds", "1", "--first", "101"])
     said = capsys.readouterr().out
     assert "broken on purpose" in said

@@ -11,7 +11,7 @@ from fg_nav.errors import EstimationError, FormatError
 from fg_nav.evaluation import Metrics
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.lab.simulation import simulate
-from fg_nav.smoother import SmootherParameters
+from fg_nav.smoother import SmootherParameters, smooth
 from fg_nav.smoother.strides import place_nodes
 from tests.real_data import DATA, needs_data
 from tests.scripts import SCRIPTS, load_script
@@ -112,7 +112,16 @@ def test_both_methods_are_measured_on_the_same_walk(demo):
         assert row.as_dict()["median_ratio"] == pytest.approx(row.value("median_ratio"), rel=1e-4)
 
 
-def test_each_part_left_out_is_a_smoother_of_its_own(demo):
+def test_each_part_left_out_is_a_smoother_of_its_own(demo, monkeypatch):
+    solved = {}
+
+    def smooth_once(recording, stances, parameters):
+        """Stand in for five sets of walks, which are all the same one here."""
+        if repr(parameters) not in solved:
+            solved[repr(parameters)] = smooth(recording, stances, parameters)
+        return solved[repr(parameters)]
+
+    monkeypatch.setattr(real_walks, "smooth", smooth_once)
     variants = dict(real_walks.ABLATION)
     assert len({repr(parameters) for parameters in variants.values()}) >= len(variants) - 1  # one is the default's
     rows = {name: real_walks.measure_variant(name, p, [[demo]] * 5) for name, p in variants.items()}
@@ -248,7 +257,8 @@ def test_walks_of_the_benchmark_are_parts_of_one():
 
 
 def test_every_call_is_timed_and_judged(demo, capsys):
-    some = {"half": demo.recording.slice(0, len(demo.recording) // 2), "demo": demo.recording}
+    some = {"half": demo.recording.slice(0, len(demo.recording) // 4)}
+    some["demo"] = demo.recording.slice(0, len(demo.recording) // 2)
     repeats = harness.repeat_measurement(benchmark.measure_calls, some, 2)
     for repeat in repeats:
         of = repeat["demo"]
