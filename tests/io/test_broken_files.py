@@ -19,7 +19,7 @@ from tests.scripts import load_script
 mutations = load_script("fuzz_mutations")
 
 RELAXED = settings(
-    max_examples=60,
+    max_examples=30,
     deadline=None,
     derandomize=True,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],

@@ -387,7 +387,7 @@ def test_a_killed_campaign_goes_on(tmp_path, plan, made):
 
 def test_ctrl_c_ends_the_campaign_and_its_workers_and_the_same_command_goes_on(tmp_path, plan, made):
     """All processes of a terminal get the signal; only the campaign says a word."""
-    first, results = start_held(plan, "campaign", str(plan), "--out", str(tmp_path / "out"), "--workers", "2")
+    first, results = start_held(plan, "campaign", str(plan), "--out", str(tmp_path / "out"), "--workers", "1")
     os.killpg(first.pid, signal.SIGINT)
     _, said = first.communicate(timeout=90.0)
     assert first.returncode == 130
