@@ -21,7 +21,16 @@ from fg_nav.online.smoother import OnlineSmoother
 from fg_nav.online.solving import Task, WalkSolver
 from fg_nav.online.stretch import Stretch
 from fg_nav.online.worker import Worker
-from tests.online.test_online_smoother import FOOTFALLS, WITH_WAY, add, farthest, fed, in_field
+from tests.online.test_online_smoother import (
+    FOOTFALLS,
+    WITH_WAY,
+    add,
+    farthest,
+    fed,
+    in_field,
+    whole,
+    whole_in_field,
+)
 from tests.online.walks import solve_in_windows
 from tests.smoother.walks import demo
 
@@ -33,21 +42,39 @@ def windows(monkeypatch: pytest.MonkeyPatch) -> None:
     solve_in_windows(monkeypatch, BEHIND, WINDOW)
 
 
+@pytest.fixture(scope="module")
+def solved_as_a_whole() -> dict[bool, OnlineSmoother]:
+    """The walks without and with the field; made before `windows` sets in."""
+    return {False: whole(), True: whole_in_field()}
+
+
 @cache
-def whole(with_field: bool) -> OnlineSmoother:
-    return fed(in_field(), OnlineOptions(parameters=WITH_WAY)) if with_field else fed(demo())
+def in_windows(with_field: bool = False, lag_s: float | None = None) -> OnlineSmoother:
+    """The same under `windows`."""
+    if with_field:
+        return fed(in_field(), OnlineOptions(lag_s=lag_s, parameters=WITH_WAY))
+    return fed(demo(), OnlineOptions(lag_s=lag_s))
 
 
 @pytest.mark.usefixtures("windows")
 @pytest.mark.parametrize("with_field", [False, True])
-@pytest.mark.parametrize("lag_s", [None, 12.0])
-def test_it_stays_where_the_whole_is(with_field: bool, lag_s: float | None) -> None:
-    walk = in_field() if with_field else demo()
-    options = OnlineOptions(lag_s=lag_s, parameters=WITH_WAY) if with_field else OnlineOptions(lag_s=lag_s)
-    expected = whole(with_field)
-    online = fed(walk, options)
-    begun = online._stretch.begun
-    assert begun.first > 0
+def test_it_stays_where_the_whole_is(solved_as_a_whole: dict[bool, OnlineSmoother], with_field: bool) -> None:
+    """By its sigmas, which are larger: what a dozen footfalls showed of the sensor is all that it knows of it."""
+    online, expected = in_windows(with_field), solved_as_a_whole[with_field]
+    assert online._stretch.begun.first > 0
+    table, other = online.smoothed(), expected.smoothed()
+    np.testing.assert_array_equal(table.sample, other.sample)
+    apart = np.abs(table.position - other.position)
+    assert (apart <= table.position_sigma).all()
+    assert apart[:, :2].max() < (0.7 if with_field else 0.02)
+    assert 0.9 < table.heading_sigma[-1] / other.heading_sigma[-1] < 4.0
+
+
+@pytest.mark.usefixtures("windows")
+@pytest.mark.parametrize("with_field", [False, True])
+def test_with_a_lag_it_stays_where_it_is_without(with_field: bool) -> None:
+    online, expected = in_windows(with_field, 12.0), in_windows(with_field)
+    assert online._stretch.begun.first > 0
     table, other = online.smoothed(), expected.smoothed()
     np.testing.assert_array_equal(table.sample, other.sample)
     assert farthest(table, other) < 0.10
@@ -137,7 +164,7 @@ class Late(InPieces):
 @pytest.mark.parametrize("late", [3, smoother.MOST_LATE + 3])
 def test_a_walk_goes_on_without_a_solution_that_is_late(monkeypatch: pytest.MonkeyPatch, late: int) -> None:
     """What came in the meantime is added to it when it is there: here, or where it is solved if that is much."""
-    usual = fed(demo())
+    usual = in_windows()
     monkeypatch.setattr(takeover, "FAST", np.inf)
     buffer = SampleBuffer()
     online = OnlineSmoother(OnlineOptions(), buffer, solver=Late(OnlineOptions(), buffer, late))
@@ -244,7 +271,7 @@ def test_a_process_beside_that_was_stopped_is_not_waited_for_for_ever(monkeypatc
 
 @pytest.mark.usefixtures("windows")
 def test_a_footfall_that_had_no_solution_has_one_in_hindsight(monkeypatch: pytest.MonkeyPatch) -> None:
-    usual, adds, failed = fed(demo()), ISAM2Backend.add, []
+    usual, adds, failed = in_windows(), ISAM2Backend.add, []
 
     def failing(backend: ISAM2Backend, *given: object) -> None:
         if given[-1][-1].number == 22 and not failed:
