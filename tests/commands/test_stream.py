@@ -338,10 +338,11 @@ def test_a_signal_ends_the_walk_and_not_its_result(fg_nav, csv, tmp_path, number
 def test_polished_both_are_written_with_their_gap(fg_nav, csv, whole, tmp_path):
     """By run and by stream, which write the same; without it neither solves the walk in batch."""
     given = (csv, "--heading", 0, "--polish", "--out")
-    assert fg_nav("run", *given, tmp_path / "run", "--method", "online").code == 0
+    no_plots = ("--plots", "none")
+    assert fg_nav("run", *given, tmp_path / "run", "--method", "online", *no_plots).code == 0
     assert fg_nav("stream", *given, tmp_path / "stream", "--silence", 0.3).code == 0
-    assert fg_nav("run", csv, "--heading", 0, "--out", tmp_path / "batch").code == 0
-    assert fg_nav("run", csv, "--heading", 0, "--method", "online", "--out", tmp_path / "plain").code == 0
+    assert fg_nav("run", csv, "--heading", 0, "--out", tmp_path / "batch", *no_plots).code == 0
+    assert fg_nav("run", csv, "--heading", 0, "--method", "online", "--out", tmp_path / "plain", *no_plots).code == 0
     for place in ("run", "stream"):
         assert names(tmp_path / place) >= {"online.csv", "strides.csv"} | POLISHED
         online, polished, moment = (
