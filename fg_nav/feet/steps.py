@@ -97,12 +97,16 @@ def find_steps(foot: Footfalls, other: Footfalls) -> Steps:
 
 @dataclass(frozen=True)
 class Cells:
-    """C cells: mean places (C, 3) m of both feet, mean normal (C, 2), and the moment (C,) s."""
+    """C cells: mean places (C, 3) m of both feet, mean normal (C, 2), and the moment (C,) s.
+
+    `grown` is how many times as large they are as those of a short walk.
+    """
 
     t: Floats
     right: Floats
     left: Floats
     left_normal: Floats
+    grown: float
 
     def __len__(self) -> int:
         return len(self.t)
@@ -111,7 +115,9 @@ class Cells:
 def average_cells(right: Footfalls, left: Footfalls) -> Cells:
     """Average the steps of a walk over cells, in order of time."""
     of_right, of_left = find_steps(right, left), find_steps(left, right)
-    number = _number_cells(left, right.holes)
+    way = _measure_way(left)
+    grown = float(np.clip(way[-1:].max(initial=0.0) / MOST_CELLS, 1.0, MOST_GROWN))
+    number = _number_cells(left, right.holes, way / grown)
     cells = number[of_right.before], number[of_left.at]
     least = np.minimum(*(np.bincount(one, minlength=number.max(initial=0) + 1) for one in cells))
     kept = np.flatnonzero(least >= FEWEST_STEPS)
@@ -126,7 +132,7 @@ def average_cells(right: Footfalls, left: Footfalls) -> Cells:
             (of_right.left_normal, of_left.left_normal),
         )
     ]
-    return Cells(means[0][:, 0], *means[1:])
+    return Cells(means[0][:, 0], *means[1:], grown)
 
 
 def _limit_cells(foot: Footfalls) -> int:
@@ -152,18 +158,21 @@ def _average_by(group: Ints, values: Floats) -> Floats:
         return np.asarray(np.stack([np.bincount(group, column) for column in values.T], axis=1) / count[:, None])
 
 
-def _number_cells(foot: Footfalls, holes: Floats) -> Ints:
-    """Cell (F,) of each footfall, from 0, by the way, its turns, its holes and those (H,) s of the other foot."""
+def _number_cells(foot: Footfalls, holes: Floats, way: Floats) -> Ints:
+    """Cell (F,) of each footfall, from 0, by the way (F,) in cells, its holes and those (H,) s of the other foot."""
+    piece = foot.count_holes(foot.t) + np.searchsorted(holes, foot.t)
+    return np.unique(np.stack([piece, np.floor(way)], axis=1), axis=0, return_inverse=True)[1].ravel()
+
+
+def _measure_way(foot: Footfalls) -> Floats:
+    """Way (F,) walked to each footfall, in cells of a short walk: by its length and its turns."""
     move = np.diff(foot.position[:, :2], axis=0, prepend=foot.position[:1, :2])
     length = np.linalg.norm(move, axis=1)
     walks = length > STRIDE_M[0]
     heading = np.unwrap(np.arctan2(move[walks, 1], move[walks, 0]))
     turned = np.zeros(len(foot))
     turned[walks] = np.abs(np.diff(heading, prepend=heading[:1]))
-    way = np.cumsum(length / CELL_M + turned / CELL_TURN_RAD)
-    way /= np.clip(way[-1:].max(initial=0.0) / MOST_CELLS, 1.0, MOST_GROWN)
-    piece = foot.count_holes(foot.t) + np.searchsorted(holes, foot.t)
-    return np.unique(np.stack([piece, np.floor(way)], axis=1), axis=0, return_inverse=True)[1].ravel()
+    return np.cumsum(length / CELL_M + turned / CELL_TURN_RAD)
 
 
 def measure_turns(right: Footfalls, left: Footfalls) -> tuple[Floats, Floats]:

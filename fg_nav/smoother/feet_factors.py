@@ -31,7 +31,7 @@ from fg_nav.smoother.place_factors import find_footfalls
 from fg_nav.smoother.solver import list_poses
 
 ALONG_SIGMA_M, ACROSS_SIGMA_M, UP_SIGMA_M = 0.08, 0.05, 0.04
-"""Of the mean places of a cell. Those of motion-captured feet in laps: 0.03, 0.02 and 0.005 m; people on stairs and
+"""Of the mean places of a cell of a short walk. Those of motion-captured feet in laps: 0.03, 0.02 and 0.005 m; people on stairs and
 with a load step less evenly."""
 
 WIDTH_M, WIDTH_SIGMA_M = 0.15, 0.1
@@ -171,7 +171,9 @@ def tie_feet(right: WalkProblem, left: WalkProblem, values: FeetValues) -> Footf
     ]
     normal = np.pad(cells.left_normal, ((0, 0), (0, 1)))
     heading = np.arctan2(-normal[:, 0], normal[:, 1])
-    weight = weigh_place(heading, ALONG_SIGMA_M, ACROSS_SIGMA_M, UP_SIGMA_M)
+    # The means of larger cells are those of more steps.
+    along, across, up = np.array([ALONG_SIGMA_M, ACROSS_SIGMA_M, UP_SIGMA_M]) / np.sqrt(cells.grown)
+    weight = weigh_place(heading, along, across, up)
     in_left = np.einsum("kji,kj->ki", poses[1][: len(cells), :3, :3], normal)
     residuals = BesideEachOther(*(_append_zeros(one, len(of_right)) for one in (*in_body, in_left, weight)))
     return FootfallTies(of_right, of_left, *node, residuals, len(cells))
