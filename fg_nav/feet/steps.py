@@ -132,7 +132,8 @@ def average_cells(right: Footfalls, left: Footfalls) -> Cells:
             (of_right.left_normal, of_left.left_normal),
         )
     ]
-    return Cells(means[0][:, 0], *means[1:], grown)
+    t, of_right_foot, of_left_foot, normal = means
+    return Cells(t[:, 0], of_right_foot, of_left_foot, normal, grown)
 
 
 def _limit_cells(foot: Footfalls) -> int:

@@ -31,8 +31,8 @@ from fg_nav.smoother.place_factors import find_footfalls
 from fg_nav.smoother.solver import list_poses
 
 ALONG_SIGMA_M, ACROSS_SIGMA_M, UP_SIGMA_M = 0.08, 0.05, 0.04
-"""Of the mean places of a cell of a short walk. Those of motion-captured feet in laps: 0.03, 0.02 and 0.005 m; people on stairs and
-with a load step less evenly."""
+"""Of the mean places of a cell of a short walk. Those of motion-captured feet in laps: 0.03, 0.02 and 0.005 m; people
+on stairs and with a load step less evenly."""
 
 WIDTH_M, WIDTH_SIGMA_M = 0.15, 0.1
 """Between the sensors of both feet, across the way: people walk 0.05 to 0.2 m wide, and wear sensors on the outside."""
