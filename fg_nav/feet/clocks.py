@@ -18,7 +18,8 @@ costs `HIDDEN`, and what the first did not record nothing.
 
 L(tau) is the sum, nats. Steps of a walk are alike, so that L counts `SHARE` of it. Where a swing costs less than
 `FITTING` at zero the clocks stay as they are, unless few are shared and another offset fits better. Where the best L is
-by `ENOUGH` better than that of any other cycle it is taken. Else the recordings do not show it.
+by `ENOUGH` better than that of any other cycle it is taken. Else the recordings do not show it. Beyond `NEAR_S`, where
+of very many offsets one may fit by chance, a swing is to cost less than `FITTING` there too.
 """
 
 from __future__ import annotations
