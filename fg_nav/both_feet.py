@@ -32,7 +32,7 @@ from fg_nav.io import Reading
 from fg_nav.pipeline import prepare_walk, run_method
 from fg_nav.recording import Recording
 from fg_nav.result import Result
-from fg_nav.samples.gaps import LONGEST_HELD_S, find_holes, list_unrecorded, measure_unseen
+from fg_nav.samples.gaps import find_holes, list_bridged
 from fg_nav.solution import Solution
 from fg_nav.text import format_count
 from fg_nav.truth import FootprintTruth, TrajectoryTruth, Truth
@@ -207,8 +207,7 @@ def _prepare_both(walks: Sequence[Walk]) -> tuple[list[Walk], dict[int, str]]:
         # The heading of the left foot is that of neither before it is known which is the left one.
         alone, name = replace(walk, options=replace(walk.options, heading_deg=None, mount="foot")), _name(walk, number)
         try:
-            # A sensor that failed is no fault of its truth, which is checked where there is a walk.
-            alone = replace(_prepare_parts(replace(alone, truth=None)), truth=walk.truth)
+            alone = _prepare_parts(alone)
             if alone.stances.n_footfalls >= FEWEST_FOOTFALLS:
                 check_known(alone)
         except DetectionError as error:
@@ -227,9 +226,14 @@ def _prepare_both(walks: Sequence[Walk]) -> tuple[list[Walk], dict[int, str]]:
 
 def _prepare_parts(walk: Walk) -> Walk:
     """Prepare a walk, without parts of an interrupted recording that nothing would tie."""
-    prepared = prepare_walk(walk)
+    prepared = _prepare(walk, walk.recording)
     parts = keep_walked_parts(walk.recording, prepared.stances)
-    return prepared if parts is walk.recording else prepare_walk(replace(walk, recording=parts))
+    return prepared if parts is walk.recording else _prepare(walk, parts)
+
+
+def _prepare(walk: Walk, recording: Recording) -> Walk:
+    """Prepare a walk of this recording; a sensor that failed is no fault of its truth, which is checked afterwards."""
+    return replace(prepare_walk(replace(walk, recording=recording, truth=None)), truth=walk.truth)
 
 
 def _find_lost(walks: Sequence[Walk], method: str) -> dict[int, str]:
@@ -258,7 +262,7 @@ def _go_alone(
     walk, notes = prepared[number], list[str]()
     whole = keep_longest_part(walk.recording)
     if whole is not walk.recording:
-        walk = replace(prepare_walk(replace(walk, recording=whole, truth=None)), truth=walk.truth)
+        walk = _prepare(walk, whole)
     if request.heading_deg is not None:
         if side == "left":
             walk = measure_field(_turn(walk, np.deg2rad(request.heading_deg)))
@@ -411,7 +415,6 @@ def _describe_cover(pair: _Pair) -> list[str]:
             )
         found += [
             f"the {side} foot was not recorded from {begin:.1f} to {end:.1f} s: the person goes as the {other} one does"
-            for begin, end in list_unrecorded(t)[1:-1]
-            if measure_unseen(begin, end, of_other) < LONGEST_HELD_S
+            for begin, end in list_bridged(t, of_other)
         ]
     return found

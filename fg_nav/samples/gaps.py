@@ -134,6 +134,13 @@ def list_unrecorded(recorded: Floats) -> Floats:
     return np.stack([np.append(-np.inf, begins), np.append(recorded[0], ends)], axis=1)
 
 
+def list_bridged(recorded: Floats, beside: Floats) -> Floats:
+    """List the holes (H, 2) s in stamps `recorded` (M,) s during which another recording (N,) s went on."""
+    holes = list_unrecorded(recorded)[1:-1]
+    went_on = [measure_unseen(begin, end, beside) < LONGEST_HELD_S for begin, end in holes]
+    return np.asarray(holes[np.array(went_on, dtype=np.bool_)])
+
+
 def measure_unseen(begin: float, end: float, t: Floats) -> float:
     """Longest time, s, from begin to end without one of the stamps (N,) s of another recording."""
     within = t[np.searchsorted(t, begin, side="right") : np.searchsorted(t, end)]

@@ -13,7 +13,7 @@ from fg_nav.detection.swing_axes import measure_swing_axes
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.magnetic.quasi_static import QUASI_STATIC
 from fg_nav.mechanisation import integrate_strides
-from fg_nav.samples.gaps import LONGEST_HELD_S, list_unrecorded, measure_unseen
+from fg_nav.samples.gaps import list_bridged
 from fg_nav.solution import Solution
 from fg_nav.system.spilled import measure_rows
 from fg_nav.walk import WITH_FIXES, Walk, ignores_field
@@ -82,8 +82,7 @@ class Seen:
         beside = self.walk.beside
         if beside is None:
             return np.zeros(t.shape)
-        holes = list_unrecorded(self.recording.t)[1:-1]
-        bridged = holes[np.array([measure_unseen(begin, end, beside) < LONGEST_HELD_S for begin, end in holes], bool)]
+        bridged = list_bridged(self.recording.t, beside)
         if not len(bridged):
             return np.zeros(t.shape)
         so_far = np.cumsum(np.diff(bridged, axis=1))
