@@ -65,6 +65,13 @@ class Stances:
         return int(self.footfall[-1]) + 1 if len(self) else 0
 
     @property
+    def spans(self) -> tuple[Ints, Ints]:
+        """First sample (F,) of each footfall, and that behind its last one (F,), over all stances that it has."""
+        number = np.arange(self.n_footfalls)
+        last = np.searchsorted(self.footfall, number, side="right") - 1
+        return self.start[np.searchsorted(self.footfall, number)], self.stop[last]
+
+    @property
     def mask(self) -> Bools:
         """(N,) True where the foot stands."""
         steps = np.zeros(self.n_samples + 1, dtype=np.int64)

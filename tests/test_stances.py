@@ -70,3 +70,11 @@ def test_the_stillest_sample_lies_in_its_footfall(mask, seed):
     assert np.all((sample >= stances.start) & (sample < stances.stop))
     for i, a, b in zip(sample, stances.start, stances.stop, strict=True):
         assert np.linalg.norm(gyr[i]) == pytest.approx(np.linalg.norm(gyr[a:b], axis=1).min())
+
+
+def test_a_footfall_spans_all_stances_that_it_has():
+    stances = Stances(np.array([2, 6, 20]), np.array([4, 9, 30]), np.array([0, 0, 1]), n_samples=40, detector="given")
+    arrives, leaves = stances.spans
+    assert (arrives.tolist(), leaves.tolist()) == ([2, 20], [9, 30])
+    none = Stances.from_mask(np.zeros(5, dtype=bool)).spans
+    assert [len(one) for one in none] == [0, 0]

@@ -113,10 +113,8 @@ def read_strides(recording: Recording, stances: Stances, nav_R_body: Floats | No
 
 def _choose_phases(t: Floats, stances: Stances, footfall: Ints) -> tuple[Floats, Floats]:
     """Where (S, P) in samples the phases are, and how long (S,) s the swings last."""
-    numbers = np.arange(stances.n_footfalls)
-    starts = stances.start[np.searchsorted(stances.footfall, numbers)]
-    lasts = stances.stop[np.searchsorted(stances.footfall, numbers, side="right") - 1] - 1
-    begin, end = lasts[:-1], starts[1:]
+    arrives, leaves = stances.spans
+    begin, end = leaves[:-1] - 1, arrives[1:]
     swing = begin[:, None] + (end - begin)[:, None] * np.linspace(0.0, 1.0, PHASES - 1)
     return np.column_stack([footfall[:-1], swing]), t[end] - t[begin]
 

@@ -205,9 +205,8 @@ def _weigh_strides(a: Swings, b: Swings, tau: float, begin: Floats, end: Floats)
 def list_swings(recording: Recording, stances: Stances) -> Swings:
     """List the swings between footfalls, and how the foot turned about up from stance to stance."""
     t = recording.t
-    last = np.searchsorted(stances.footfall, np.arange(stances.n_footfalls), side="right") - 1
-    first = np.searchsorted(stances.footfall, np.arange(stances.n_footfalls))
-    begin, end = t[stances.stop[last[:-1]] - 1], t[stances.start[first[1:]]]
+    arrives, leaves = stances.spans
+    begin, end = t[leaves[:-1] - 1], t[arrives[1:]]
     sample = stances.stillest(recording.gyr)
     seen = ~cross_holes(t, sample)
     return Swings(0.5 * (begin + end)[seen], t[sample], _sum_turns(recording, sample), list_unrecorded(t)[1:-1])

@@ -21,8 +21,7 @@ FEWEST_FOOTFALLS = 10
 def keep_walked_parts(recording: Recording, stances: Stances) -> Recording:
     """Return a recording without its parts of a few footfalls; the same where there are none."""
     part = number_parts(recording)
-    first = np.searchsorted(stances.footfall, np.arange(stances.n_footfalls))
-    footfalls = np.bincount(part[stances.start[first]], minlength=part[-1] + 1)
+    footfalls = np.bincount(part[stances.spans[0]], minlength=part[-1] + 1)
     return _keep(recording, (footfalls >= FEWEST_FOOTFALLS)[part], "too few footfalls to be laid beside the other foot")
 
 

@@ -182,9 +182,7 @@ def _pieces(recording: Recording, stances: Stances) -> Iterator[tuple[Recording,
 def _cut(recording: Recording, stances: Stances, first: int, last: int) -> tuple[Recording, Stances]:
     """Footfalls `first <= k <= last` or what `LONGEST_PIECE_S` holds of them, and little standing at the ends."""
     t = recording.t
-    number = np.arange(first, last + 1)
-    arrives = stances.start[np.searchsorted(stances.footfall, number)]
-    leaves = stances.stop[np.searchsorted(stances.footfall, number, side="right") - 1]
+    arrives, leaves = (ends[first : last + 1] for ends in stances.spans)
     begin = max(int(arrives[0]), int(np.searchsorted(t, t[leaves[0] - 1] - STANDING_S)))
     held = arrives[t[arrives] <= t[begin] + LONGEST_PIECE_S][-1]
     leaves_last = int(leaves[arrives == held][0])
