@@ -3,13 +3,13 @@
 State (`FieldPrior`, `FieldTransition`)
 ---------------------------------------
 
-    m = (phi, delta, rho, E_east, E_north, h_x, h_y, h_z)
+    m = (phi, delta, r_east, r_north, E_east, E_north, h_x, h_y, h_z)
 
 ========= ===== =====================================================================================================
 phi       uT m  potential of all that is magnetized about, without which the field would be E everywhere
-delta     uT    deviation of the field at the footfall across E, to its right
-rho       uT    the same of the region: what a room or a wing of the building does to the compass for tens of metres
-E         uT    horizontal field of the building
+delta     uT    deviation of the field at the footfall across that of its region, to its right
+r         uT    deviation of the region: what a corridor or a wing of the building does for tens of metres
+E         uT    horizontal field of the building; G = E + r is that of the region
 h         uT    hard iron left in the stance's axes, carried along
 ========= ===== =====================================================================================================
 
@@ -26,10 +26,10 @@ Heading (`MagneticHeading`): the pose of a footfall against the building's field
 --------------------------------------------------------------------------------------------------------
 
 y is the field in the body frame, uT, h the hard iron left in the stance's axes, L = level_R_body these axes from the
-body's. In the navigation frame (East-North-Up) the field is n = R (y - L^T h). Its part across the building's
-horizontal field E, to the right of it, is the deviation of the place and of its region:
+body's. In the navigation frame (East-North-Up) the field is n = R (y - L^T h). Its part across the horizontal field G of
+the region, to the right of it, is the deviation of the place:
 
-    e = (n_E E_N - n_N E_E) / |E| - delta - rho.
+    e = (n_E G_N - n_N G_E) / |G| - delta.
 
 A field indoors is no plumb line and must not tilt the attitude: about the horizontal axes n would change by the
 vertical field, more than twice the horizontal one in Europe. So the field is levelled by an attitude nav_R_level that
@@ -37,13 +37,20 @@ is held, and only the turn psi about up from there to R counts (`rotation.turn_f
 
     n = Rz(psi) nav_R_level (y - L^T h).
 
-A pose that is turned too far counter-clockwise sees the field turned to the left of E by as much:
+A pose that is turned too far counter-clockwise sees the field turned to the left of G by as much:
 
-    de/dpose = [-(n . E) / |E| dpsi/dpose, 0],     de/dE = -(n . E) / |E|^2 c,     de/dh = -L nav_R_level^T Rz^T c,
+    de/dpose = [-(n . G) / |G| dpsi/dpose, 0],   de/dE = de/dr = -(n . G) / |G|^2 c,   de/dh = -L nav_R_level^T Rz^T c,
 
-c the unit vector across E. With the tilt of nav_R_level dpsi/dpose is e_z^T R: no pose is tilted. (No function of the
+c the unit vector across G. With the tilt of nav_R_level dpsi/dpose is e_z^T R: no pose is tilted. (No function of the
 attitude has that derivative at every tilt, for turns about level axes do not commute.) nav_R_level is the attitude of
 the solution before; the error of its tilt belongs in the noise.
+
+The noise of the compass is robust: with x = e / sigma its loss is Cauchy's, c = `TAIL_SIGMAS`,
+
+    rho(x) = c^2 / 2 log(1 + x^2 / c^2),     rho'(x) / x = w(x) = 1 / (1 + x^2 / c^2),
+
+in two rows, [sqrt(w) x | sqrt(2 rho - w x^2)], of which the second depends on nothing (as `walk_constraints.StraightWalk`):
+so a batch of arrays, gtsam's optimisers and iSAM2 have the same loss.
 
 With an innovation of none, delta is one unknown for a whole stretch (field differences); with a spread of none, the
 field is known everywhere (absolute heading). A magnet moves delta where it lies, and not the heading.
@@ -51,16 +58,16 @@ field is known everywhere (absolute heading). A magnet moves delta where it lies
 Line integral (`FieldPotential`): without currents the field has no curl, so over a walk only the two ends count
 ----------------------------------------------------------------------------------------------------------------
 
-B is the field in the navigation frame (East-North-Up), uT: the Earth's E, the same everywhere, and that of the
-building's steel, which has a potential phi (uT m) that stays within bounds. With no current through the air
+B is the field in the navigation frame (East-North-Up), uT: that of the region, G, and that of the steel in it, which has
+a potential phi (uT m) that stays within bounds. With no current through the air
 
-    B = E - grad phi,     integral of B . dp from a to b = E . (p_b - p_a) - (phi_b - phi_a),
+    B = G - grad phi,     integral of B . dp from a to b = G . (p_b - p_a) - (phi_b - phi_a),
 
 p the sensor's position, m. The sensor measures y = R^T B + h in its body frame, R = nav_R_body, h its hard iron. Summed
 over the displacements of the body frame, R^T dp, which an inertial trajectory knows without any heading,
 
     u = integral of y . (R^T dp) - E_U dz,     s = integral of R^T dp (m),
-    u = E_h . (p_b - p_a)_h + h . s - (phi_b - phi_a),     E_h = (E_E, E_N).
+    u = G . (p_b - p_a)_h + h . s - (phi_b - phi_a).
 
 A turn of the whole trajectory about up changes neither u nor s. A tilt does: gravity and the stances hold the path
 level while the field turns with the attitude. Attitudes false by theta over a stride, R -> Exp(theta) R, add
@@ -76,13 +83,13 @@ nav_R_level b = (-theta_N, theta_E, 1) to first order, and with R_k the integral
 
 So the residual of the stride from footfall k to k + 1,
 
-    e = E_h . n_h + h . s_k + phi_k - phi_k+1 - u_k - w_k . b_k     (uT m),     n = Rz(psi_k) nav_R_level d_k,
+    e = G . n_h + h . s_k + phi_k - phi_k+1 - u_k - w_k . b_k     (uT m),     n = Rz(psi_k) nav_R_level d_k,
 
 shows heading and tilt of R_k: psi_k is its turn about up from nav_R_level, as above. d_k = nav_R_level^T (p_k+1 - p_k),
 s_k, u_k and w_k are all from one trajectory, and held while the attitude moves:
 
-    de/dpose_k = [(n_E E_N - n_N E_E) dpsi/dpose - (w_k x b_k)^T, 0],
-    de/dE_h = n_h,     de/dh = s_k,     de/dphi_k = 1,     de/dphi_k+1 = -1.
+    de/dpose_k = [(n_E G_N - n_N G_E) dpsi/dpose - (w_k x b_k)^T, 0],
+    de/dE = de/dr = n_h,     de/dh = s_k,     de/dphi_k = 1,     de/dphi_k+1 = -1.
 
 What d_k is wrong by, u_k is wrong by as well. Where the path is false by a course of f(t), from f_k to f_k+1,
 
@@ -101,8 +108,7 @@ by its ends, and by N + 1 footfalls of independent phi with sqrt(12 / N) in plac
 the field it is not seen to first order: there n_E E_N = n_N E_E.
 
 Where it fails: a path that passes through a circuit of current I picks up mu_0 I = 1.257 uT m for each ampere, at each
-passage, and keeps it. (A path through steel would meet the currents bound in it, but steel is not walked through.) An E
-that differs from one part of a building to the next is a phi without bounds: let E_h wander. Soft iron makes another
+passage, and keeps it. (A path through steel would meet the currents bound in it, but steel is not walked through.) Soft iron makes another
 E_h of the Earth's field, and what adds along the path like h; of the building's field it makes what does not telescope.
 A delay of the magnetometer turns y in the swing: take it off first. A tilt that is the same in all strides looks like
 iron along the path: the two share it by their priors.
@@ -125,12 +131,11 @@ import numpy as np
 from .residual import Array
 from .rotation import turn_from
 
-SIZE = 8
+SIZE = 9
 """Numbers of a state."""
 
-PHI, DELTA, RHO, EAST, NORTH = range(5)
-E_H = slice(3, 5)
-IRON = slice(5, 8)
+PHI, DELTA, EAST, NORTH = 0, 1, 4, 5
+REGION, E_H, IRON = slice(2, 4), slice(4, 6), slice(6, 9)
 """Where its parts stand."""
 
 
@@ -138,7 +143,7 @@ IRON = slice(5, 8)
 class FieldTransition:
     """Change of the state from footfall to footfall; variables m before and after. It is linear.
 
-    `keep` (..., 8) is the share of each number that is left, `sigma` (..., 8) that of what is new.
+    `keep` (..., 9) is the share of each number that is left, `sigma` (..., 9) that of what is new.
     """
 
     name: ClassVar[str] = "field transition"
@@ -149,7 +154,7 @@ class FieldTransition:
     sigma: Array
 
     def evaluate(self, variables: Sequence[Array], with_jacobians: bool) -> tuple[Array, list[Array]]:
-        """Return the residual (..., 8) and its Jacobians by the states before and after."""
+        """Return the residual (..., 9) and its Jacobians by the states before and after."""
         before, after = variables
         e = (after - self.keep * before) / self.sigma
         if not with_jacobians:
@@ -160,7 +165,7 @@ class FieldTransition:
 
 @dataclass(frozen=True)
 class FieldPrior:
-    """The first state; variable m. `mean` (8,) and `sigma` (8,), for E of its turn as an arc and of its strength."""
+    """The first state; variable m. `mean` (9,) and `sigma` (9,), for E of its turn as an arc and of its strength."""
 
     name: ClassVar[str] = "first state of the field"
     dims: ClassVar[tuple[int, ...]] = (SIZE,)
@@ -170,7 +175,7 @@ class FieldPrior:
     sigma: Array
 
     def evaluate(self, variables: Sequence[Array], with_jacobians: bool) -> tuple[Array, list[Array]]:
-        """Return the residual (8,) and its Jacobian by the state."""
+        """Return the residual (9,) and its Jacobian by the state."""
         (m,) = variables
         e, mean = m - self.mean, self.mean[E_H]
         length, strength = np.linalg.norm(mean), np.linalg.norm(m[E_H])
@@ -192,6 +197,10 @@ def across_field(nav_field: Array, horizontal: Array) -> Array:
     return np.asarray((nav_field[..., :2] * across_direction(horizontal)).sum(axis=-1))
 
 
+TAIL_SIGMAS = 3.0
+"""c: a footfall beside a magnet keeps half its weight at this many sigmas, a tenth at nine."""
+
+
 @dataclass(frozen=True)
 class MagneticHeading:
     """Compass at a footfall; variables nav_T_body and the state m of the field.
@@ -201,7 +210,7 @@ class MagneticHeading:
 
     name: ClassVar[str] = "magnetic heading"
     dims: ClassVar[tuple[int, ...]] = (6, SIZE)
-    rows: ClassVar[int] = 1
+    rows: ClassVar[int] = 2
 
     body_field: Array
     level_R_body: Array
@@ -209,26 +218,29 @@ class MagneticHeading:
     sigma_uT: Array
 
     def evaluate(self, variables: Sequence[Array], with_jacobians: bool) -> tuple[Array, list[Array]]:
-        """Return the residual (..., 1) and its Jacobians by pose and state."""
+        """Return both rows (..., 2) and, with the weight held, their Jacobians by pose and state."""
         nav_T_body, m = variables
-        east, north = m[..., EAST], m[..., NORTH]
+        east, north = np.moveaxis(m[..., E_H] + m[..., REGION], -1, 0)
         strength = np.sqrt(east * east + north * north)
         body_field = self.body_field - (m[..., None, IRON] @ self.level_R_body)[..., 0, :]
         turn, by_turn = _level_turn(self.nav_R_level, nav_T_body)
         level = turn @ self.nav_R_level[..., :2, :]
         n = (level @ body_field[..., None])[..., 0]
         across = (n[..., 0] * north - n[..., 1] * east) / strength
-        e = ((across - m[..., DELTA] - m[..., RHO]) / self.sigma_uT)[..., None]
+        x = (across - m[..., DELTA]) / self.sigma_uT
+        held = 1.0 / (1.0 + (x / TAIL_SIGMAS) ** 2)
+        above = TAIL_SIGMAS**2 * np.log1p((x / TAIL_SIGMAS) ** 2) - held * x**2
+        e = np.stack([np.sqrt(held) * x, np.sqrt(np.maximum(above, 0.0))], axis=-1)
         if not with_jacobians:
             return e, []
-        weight = 1.0 / self.sigma_uT
+        weight = np.sqrt(held) / self.sigma_uT
         along = (n[..., 0] * east + n[..., 1] * north) / strength * weight
         right = np.empty(n.shape)
         right[..., 0], right[..., 1] = north / strength, -east / strength
         by_pose, by_state = np.zeros((*e.shape, 6)), np.zeros((*e.shape, SIZE))
         by_pose[..., 0, :3] = -along[..., None] * by_turn
-        by_state[..., 0, DELTA] = by_state[..., 0, RHO] = -weight
-        by_state[..., 0, E_H] = -(along / strength)[..., None] * right
+        by_state[..., 0, DELTA] = -weight
+        by_state[..., 0, E_H] = by_state[..., 0, REGION] = -(along / strength)[..., None] * right
         across_body = right[..., None, :] @ level
         by_state[..., 0, IRON] = -weight[..., None] * (self.level_R_body @ np.swapaxes(across_body, -1, -2))[..., 0]
         return e, [by_pose, by_state]
@@ -349,7 +361,7 @@ class FieldPotential:
         nav_T_body, before, after = variables
         turn, by_turn = _level_turn(self.nav_R_level, nav_T_body)
         n = (turn @ self.nav_R_level[..., :2, :] @ self.body_move[..., None])[..., 0]
-        east, north = before[..., EAST], before[..., NORTH]
+        east, north = np.moveaxis(before[..., E_H] + before[..., REGION], -1, 0)
         of_iron = (before[..., None, IRON] @ self.level_path[..., None])[..., 0, 0]
         body_up = nav_T_body[..., 2, :3]
         of_tilt = (self.by_up * body_up).sum(axis=-1)
@@ -362,7 +374,7 @@ class FieldPotential:
         about_up = (n[..., 0] * north - n[..., 1] * east) * weight
         by_pose[..., 0, :3] = about_up[..., None] * by_turn - np.cross(self.by_up, body_up) * weight[..., None]
         by_before[..., 0, PHI] = weight
-        by_before[..., 0, E_H] = n * weight[..., None]
+        by_before[..., 0, E_H] = by_before[..., 0, REGION] = n * weight[..., None]
         by_before[..., 0, IRON] = self.level_path * weight[..., None]
         by_after[..., 0, PHI] = -weight
         return e, [by_pose, by_before, by_after]

@@ -67,16 +67,15 @@ class StanceVelocity:
         return e, [by_pose, weight, self.sinks_per_m[..., None, None] * weight[..., 2:]]
 
 
-def zero_rate_factor(bias_key: int, rate: Array, sigma: float) -> gtsam.PriorFactorConstantBias:
+def zero_rate_factor(bias_key: int, rate: Array, sigma: Array) -> gtsam.PriorFactorConstantBias:
     """Prior on the gyroscope's half of a bias (imuBias.ConstantBias); that of the accelerometer stays free.
 
     Parameters
     ----------
     rate : (3,) rad/s
         Mean over the rest.
-    sigma : rad/s
-        Of each axis.
+    sigma : (3,) rad/s
     """
     bias = gtsam.imuBias.ConstantBias(np.zeros(3), np.asarray(rate, dtype=np.float64))
-    precisions = np.repeat([0.0, sigma**-2], 3)
+    precisions = np.concatenate([np.zeros(3), sigma**-2.0])
     return gtsam.PriorFactorConstantBias(bias_key, bias, gtsam.noiseModel.Diagonal.Precisions(precisions))

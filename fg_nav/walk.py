@@ -21,7 +21,7 @@ from fg_nav.changes import Changes, change_parameters, select_changes
 from fg_nav.detection import StanceParameters, detect_stances
 from fg_nav.detection.handedness import refuse_wrong_axes
 from fg_nav.detection.mount import refuse_pocket
-from fg_nav.errors import EstimationError, EvaluationError, MagneticError
+from fg_nav.errors import CalibrationError, EstimationError, EvaluationError, MagneticError
 from fg_nav.evaluation.comparison import Comparison, compare, share_truth
 from fg_nav.evaluation.metrics import Metrics, evaluate
 from fg_nav.evaluation.truth_check import check_truth
@@ -128,6 +128,7 @@ class Walk:
     unjudged : why the field was not judged; empty where it was, or before `measure_field`.
     calibration : that was given; None without.
     applied : what the calibration corrected, in words.
+    iron : how the magnetometer was corrected by the walk itself, in words; empty where a calibration was given.
     magnetometer : its delay and its axes, as `correct_walk` found them; None before, and where it is not used.
     fixes : positions known from elsewhere; used by the smoother only.
     extra : makes factors of the user's own; used by the smoother only.
@@ -146,6 +147,7 @@ class Walk:
     unjudged: str = ""
     calibration: Calibration | None = None
     applied: tuple[str, ...] = ()
+    iron: tuple[str, ...] = ()
     magnetometer: AlignedMagnetometer | None = None
     fixes: tuple[Fix, ...] = ()
     extra: ExtraFactors | None = None
@@ -167,6 +169,7 @@ class Walk:
             notes.append(f"corrected by the calibration: {', '.join(self.applied) or 'nothing'}")
         if self.magnetometer is not None:
             notes += self.magnetometer.notes
+        notes += self.iron
         if self.unjudged and self.recording.mag is not None:
             notes.append(f"the field was not judged: {self.unjudged}")
         return tuple(notes)
@@ -323,13 +326,45 @@ def measure_field(walk: Walk) -> Walk:
         return replace(walk, unjudged=walk.magnetometer.notes[0])
     choose_gate(options.gate)
     try:
-        field = average_footfall_field(walk.recording, walk.stances, options.heading_rad or 0.0)
-    except MagneticError as error:
-        return replace(walk, unjudged=str(error))
-    try:
+        recording, field, notes = measure_walk_field(
+            walk.recording, walk.stances, options.heading_rad, walk.calibration
+        )
+        walk = replace(walk, recording=recording, iron=notes)
         return replace(walk, field=field, verdicts=apply_gate(field, options.gate), unjudged="")
     except MagneticError as error:
-        return replace(walk, field=field, unjudged=str(error))
+        return replace(walk, unjudged=str(error))
+
+
+def measure_walk_field(
+    recording: Recording, stances: Stances, heading: float | None, given: Calibration | None = None
+) -> tuple[Recording, FootfallField, tuple[str, ...]]:
+    """Measure the field at the footfalls, the magnetometer corrected by the walk itself where no calibration was given.
+
+    Returns the recording as corrected, the field, and how it came about.
+
+    Raises
+    ------
+    MagneticError
+        Without a magnetometer that measures a field.
+    """
+    from fg_nav.calibration.stride_readings import read_strides
+    from fg_nav.calibration.walk import find_iron, find_iron_sigma
+
+    calibration, notes = None if given is None else given.magnetometer, tuple[str, ...]()
+    if calibration is None:
+        try:
+            calibration = find_iron(read_strides(recording, stances))
+        except CalibrationError as error:
+            notes = (f"iron of the magnetometer unknown: {error}",)
+        else:
+            recording = calibration.apply_to(recording)
+            h, sigma = (", ".join(f"{x:.1f}" for x in v[:3]) for v in (calibration.hard_iron_uT, calibration.sigma))
+            notes = (f"magnetometer corrected by the walk itself: hard iron {h} uT, each known to {sigma}",)
+    field = average_footfall_field(recording, stances, heading or 0.0)
+    if calibration is not None:
+        sigma = find_iron_sigma(calibration, field)
+        field = replace(field, iron_sigma_uT=np.tile(sigma, (len(field), 1)))
+    return recording, field, notes
 
 
 def evaluate_solution(walk: Walk, solution: Solution) -> Outcome:

@@ -131,10 +131,9 @@ def calibrate_gyroscope(recording: Recording) -> GyroscopeCalibration | None:
     if not rests:
         return None
     rate, sigma = np.array([rest.rate for rest in rests]), np.array([rest.sigma for rest in rests])
-    weight = sigma**-2 / (sigma**-2).sum()
-    bias = weight @ rate
-    disagreement = (((rate - bias) / sigma[:, None]) ** 2).sum(axis=0) / max(1, len(rests) - 1)
-    spread = np.sqrt(np.maximum(disagreement, 1.0) / (sigma**-2).sum())
+    bias = (sigma**-2 * rate).sum(axis=0) / (sigma**-2).sum(axis=0)
+    disagreement = (((rate - bias) / sigma) ** 2).sum(axis=0) / max(1, len(rests) - 1)
+    spread = np.sqrt(np.maximum(disagreement, 1.0) / (sigma**-2).sum(axis=0))
     least = np.radians(LEAST_SIGMA_DEG_S)
     return GyroscopeCalibration(bias, np.maximum(spread, least), len(rests), _seconds(recording, rests))
 

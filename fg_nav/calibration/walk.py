@@ -45,7 +45,7 @@ from fg_nav.calibration.walk_model import (
     start_unknowns,
     whiten,
 )
-from fg_nav.errors import CalibrationError
+from fg_nav.errors import CalibrationError, MagneticError
 from fg_nav.frames import compute_heading, wrap_angle
 from fg_nav.magnetic.footfall_field import FootfallField, compute_level_R_body
 from fg_nav.text import format_count
@@ -107,6 +107,39 @@ def calibrate_on_walk(
         _check_bending(fit)
         _check_gain(walk, fit)
     return _build_calibration(fit, walk, spread)
+
+
+def find_iron(strides: StrideReadings) -> MagnetometerCalibration:
+    """Find the iron of a walk's own magnetometer, however well the walk shows it: its covariance says how well.
+
+    Raises
+    ------
+    CalibrationError
+        Where there is nothing to fit: too few strides, or none that a shoe's iron explains.
+    MagneticError
+        Where all that is measured turns with the foot: a magnetometer that is dead.
+    """
+    walk = Walk.of(strides)
+    _check_count(walk)
+    fit = fit_iron(walk)
+    level_uT = float(np.linalg.norm(fit.b[:2]))
+    if level_uT < LEVEL_FIELD_UT[0]:
+        raise MagneticError(
+            f"the readings of the magnetometer turn with the foot, and {level_uT:.1g} uT of them do not: it measures no "
+            "field of the Earth; go on without it (--no-mag)."
+        )
+    _check_bending(fit)
+    return _build_calibration(fit, walk, None)
+
+
+def find_iron_sigma(calibration: MagnetometerCalibration, field: FootfallField) -> Floats:
+    """Sigma (3,) uT, body axes, of what a calibration leaves of h, and of what S makes of the vertical field."""
+    up, vertical_uT = mean_up(field.nav_R_body), float(np.nanmean(field.nav_field[:, 2]))
+    by_correction = np.eye(len(WITHOUT_IRON))
+    by_correction[3:, 3:] = differentiate_inverse(calibration.correction)
+    added = np.hstack([np.eye(3), vertical_uT * np.stack([matrix_of(one) @ up for one in np.eye(6)], axis=1)])
+    covariance = added @ by_correction @ calibration.covariance @ by_correction.T @ added.T
+    return np.asarray(np.sqrt(np.diag(covariance)))
 
 
 def measure_spread(strides: StrideReadings) -> Spread:
@@ -238,7 +271,7 @@ def _describe_headings(walk: Walk) -> str:
     return f"{100 * share:.0f} % of them head within 45 deg of one direction"
 
 
-def _build_calibration(fit: Fit, walk: Walk, spread: Spread) -> MagnetometerCalibration:
+def _build_calibration(fit: Fit, walk: Walk, spread: Spread | None) -> MagnetometerCalibration:
     correction = np.linalg.inv(fit.S)
     correction = (correction + correction.T) / 2
     by_soft = np.eye(len(WITHOUT_IRON))
@@ -255,10 +288,18 @@ def _build_calibration(fit: Fit, walk: Walk, spread: Spread) -> MagnetometerCali
             f"hard iron over the ground, with what soft iron makes of the vertical field, is known to "
             f"{fit.level_sigma:.1f} uT, and the rest of it to {fit.worst_sigma:.1f} uT, from {len(walk)} strides; the "
             "size of the soft iron keeps its wide sigma",
-            f"compass minus inertial heading spreads by {spread.after_deg:.1f} deg instead of {spread.before_deg:.1f}, "
-            f"each of its {BLOCKS} parts corrected by the others",
+            *_describe_spread(spread),
             "the residual is what the building adds to the field, typically, per axis",
         ),
+    )
+
+
+def _describe_spread(spread: Spread | None) -> tuple[str, ...]:
+    if spread is None:
+        return ()
+    return (
+        f"compass minus inertial heading spreads by {spread.after_deg:.1f} deg instead of {spread.before_deg:.1f}, "
+        f"each of its {BLOCKS} parts corrected by the others",
     )
 
 

@@ -5,8 +5,13 @@ cut into blocks of a quarter of a second, shorter than body sway. A rest is a ru
 and agree with each other, in rate and in specific force. None reaches over a hole in the samples.
 
 The bias is the slope of the integrated rate over the rest, not the mean rate: a standing foot sways by small angles,
-and sway is white in the angle. The slope over a time T is uncertain by s sqrt(12) / T for a sway of s rms, 0.07 deg/s
-after one second, by the sensor's noise, and by a floor for what a bias does within a walk.
+and fast sway is white in the angle. With s the rms of the angle about that slope, over a time T it is uncertain by
+
+    s sqrt(12) / T max(1, 6 s / T),
+
+the last factor for sway slower than the rest, which looks like a bias; by the sensor's noise; and by a floor for what a
+bias does within a walk. So 0.8 s of a foot that sways by 0.02 deg show the bias to 0.7 deg/s, which is next to nothing,
+and three still seconds to 0.02.
 
 Navigation begins in the first stance: the mean specific force points up and levels the sensor; the heading is given, or
 zero. A rest in the first footfall shows the gyro bias, and in the first stance it levels better. Before the first
@@ -41,8 +46,8 @@ GYR_STEP_DEG_S, ACC_STEP_M_S2 = 0.5, 0.15
 LARGEST_BIAS_DEG_S = 10.0
 """A steady rate above this is a motion: a MEMS gyroscope's zero-rate output is within 5 deg/s."""
 
-SWAY_DEG = 0.02
-"""Angle by which a resting foot sways, rms."""
+SWAY_PERIOD_S = 6.0
+"""Of the slowest sway that counts: a rest of T shows its share T / 6 s (real feet: 8, 4, 2 at 0.75, 1.5, 3 s)."""
 
 LEAST_SIGMA_DEG_S = 0.015
 """No rest shows the bias better: its own instability, and what a foot turns while it seems to rest."""
@@ -65,13 +70,13 @@ class RestParameters:
 class Rest:
     """Samples `start <= i < stop` of a rest.
 
-    `rate` (3,) rad/s is the gyro bias to within `sigma` rad/s per axis, `force` (3,) m/s^2 the mean specific force.
+    `rate` (3,) rad/s is the gyro bias to within `sigma` (3,) rad/s, `force` (3,) m/s^2 the mean specific force.
     """
 
     start: int
     stop: int
     rate: Floats
-    sigma: float
+    sigma: Floats
     force: Floats
 
     def lasts(self, recording: Recording, shortest_s: float) -> bool:
@@ -81,8 +86,8 @@ class Rest:
 
     def agrees_with(self, longest: Rest) -> bool:
         """Whether it shows the same bias as the longest rest."""
-        apart = float(np.abs(self.rate - longest.rate).max())
-        return bool(apart <= MOST_APART_SIGMAS * np.hypot(self.sigma, longest.sigma))
+        apart = np.abs(self.rate - longest.rate) / np.hypot(self.sigma, longest.sigma)
+        return bool((apart <= MOST_APART_SIGMAS).all())
 
     def beyond(self, before: Rest) -> Rest | None:
         """Return what this rest shows beyond what an earlier view of it showed; None if nothing.
@@ -90,10 +95,10 @@ class Rest:
         The two together weigh as much as this one alone: information that was counted is not counted again.
         """
         weight, counted = self.sigma**-2, before.sigma**-2
-        if weight <= counted:
+        if (weight <= counted).any():
             return None
         rate = (weight * self.rate - counted * before.rate) / (weight - counted)
-        return replace(self, rate=rate, sigma=float((weight - counted) ** -0.5))
+        return replace(self, rate=rate, sigma=(weight - counted) ** -0.5)
 
 
 def find_rests(recording: Recording, parameters: RestParameters = RestParameters()) -> tuple[Rest, ...]:
@@ -140,9 +145,10 @@ def _measure_rest(recording: Recording, start: int, stop: int) -> Rest:
     steps = 0.5 * (gyr[1:] + gyr[:-1]) * np.diff(t)[:, None]
     angle = np.vstack([np.zeros(3), np.cumsum(steps, axis=0)])
     slope = np.polynomial.polynomial.polyfit(t, angle, 1)[1]
-    sway = np.radians(SWAY_DEG) * np.sqrt(12.0) / t[-1]
+    line = angle.mean(axis=0) + np.outer(t - t.mean(), slope)
+    sway = (angle - line).std(axis=0) * np.sqrt(12.0) / t[-1] * 2.0
     noise = np.sqrt(1.2 / len(t)) * gyr.std(axis=0).max()  # of a slope, 6/5 of that of a mean
-    sigma = float(np.sqrt(sway**2 + noise**2 + np.radians(LEAST_SIGMA_DEG_S) ** 2))
+    sigma = np.sqrt(sway**2 + noise**2 + np.radians(LEAST_SIGMA_DEG_S) ** 2)
     return Rest(start, stop, slope, sigma, recording.acc[start:stop].mean(axis=0))
 
 

@@ -133,15 +133,15 @@ def make_initial_state(start: Start, parameters: IezParameters, heading_sigma: f
     )
     sigma[ATTITUDE + 2] = heading_sigma
     prior = np.radians(parameters.gyro_bias_sigma_deg_s)
-    trust, bias = (0.0, np.zeros(3)) if start.rest is None else _weigh_rest(start.rest, prior)
+    trust, bias = (np.zeros(3), np.zeros(3)) if start.rest is None else _weigh_rest(start.rest, prior)
     sigma[GYRO_BIAS : GYRO_BIAS + 3] = prior * np.sqrt(1.0 - trust)
     sigma[ACC_BIAS : ACC_BIAS + 3] = ACC_BIAS_SIGMA
     state = NavState(np.zeros(3), np.zeros(3), start.nav_R_body.copy(), trust * bias, np.zeros(3))
     return state, np.diag(sigma**2)
 
 
-def _weigh_rest(rest: Rest, prior: float) -> tuple[float, Floats]:
-    """Weight of the rest's bias against a prior about zero, and that bias, rad/s."""
+def _weigh_rest(rest: Rest, prior: float) -> tuple[Floats, Floats]:
+    """Weights (3,) of the rest's bias against a prior about zero, and that bias, rad/s."""
     return prior**2 / (prior**2 + rest.sigma**2), rest.rate
 
 

@@ -92,6 +92,9 @@ TILT_TIME_S = 0.5
 MOST_FOOTFALLS = 1 << 12
 """That are averaged at once: an hour of walking."""
 
+UNKNOWN_IRON_UT = np.full(3, 30.0)
+"""Iron of shoe, battery and board that nobody measured, one sigma an axis: real feet here have 1 to 90 uT."""
+
 FEWEST = 2
 """Samples of the field without which a footfall has none: scatter and drift need two."""
 
@@ -110,6 +113,7 @@ class FootfallField:
     scatter_uT          (F,)      their standard deviation about the mean, per axis
     strength_rate       (F,)      uT/s, slope of the strength within the stance: a straight line through them
     strength_rate_sigma (F,)      uT/s, its standard error by the scatter about that line
+    iron_sigma_uT       (F, 3)    uT, standard deviation of the iron that is left in `body_field`, body axes
     =================== ========= ================================================================================
     """
 
@@ -122,6 +126,7 @@ class FootfallField:
     scatter_uT: Floats
     strength_rate: Floats
     strength_rate_sigma: Floats
+    iron_sigma_uT: Floats
 
     def __len__(self) -> int:
         return len(self.sample)
@@ -190,7 +195,11 @@ class FootfallField:
 
 
 def average_footfall_field(
-    recording: Recording, stances: Stances, heading: float = 0.0, nav_R_body: Floats | None = None
+    recording: Recording,
+    stances: Stances,
+    heading: float = 0.0,
+    nav_R_body: Floats | None = None,
+    iron_sigma_uT: Floats | None = None,
 ) -> FootfallField:
     """Average the field over each footfall.
 
@@ -200,6 +209,7 @@ def average_footfall_field(
     stances : of that recording.
     heading : rad clockwise from north, of the body's x axis at the start.
     nav_R_body : (N, 3, 3), the attitude to use; None for that of the gyroscope and the stances.
+    iron_sigma_uT : (3,), of the iron that a calibration left, body axes; None where nothing is known of it.
 
     Raises
     ------
@@ -232,8 +242,9 @@ def average_footfall_field(
             f"none of the {len(sample)} footfalls has {FEWEST} samples of the field: "
             "is the magnetometer recorded at 10 Hz or more?"
         )
+    iron = np.tile(UNKNOWN_IRON_UT if iron_sigma_uT is None else iron_sigma_uT, (len(sample), 1))
     return FootfallField(
-        sample, recording.t[sample], body_field, body_force, attitude[sample], count, scatter, rate, sigma
+        sample, recording.t[sample], body_field, body_force, attitude[sample], count, scatter, rate, sigma, iron
     )
 
 

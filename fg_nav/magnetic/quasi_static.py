@@ -26,10 +26,13 @@ from fg_nav.text import format_count, format_ratio
 __all__ = ["DEFAULT", "DETECTORS", "GATES", "NO_GATE", "Detector", "FieldVerdicts", "find_detector", "judge_field"]
 
 NO_GATE = "none"
-"""The gate that every field passes."""
+"""The gate that weighs all footfalls alike."""
 
-GATES = (*DETECTORS, NO_GATE)
-"""Names of what decides whether the heading at a footfall is used."""
+HARD = ":hard"
+"""Behind the name of a gate: the papers' switch. The compass is used at its full weight or not at all."""
+
+GATES = (*DETECTORS, NO_GATE, *(name + HARD for name in DETECTORS))
+"""Names of what weighs the compass at a footfall."""
 
 NO_FIELD, TOO_LITTLE = "no field was measured at this footfall", "too little of the field was measured at this footfall"
 """Reasons; the second where a mean could be taken, and not what else a detector asks for."""
@@ -106,17 +109,43 @@ def choose_gate(name: str | None, use_magnetometer: bool = True) -> str:
 def apply_gate(field: FootfallField, gate: str) -> FieldVerdicts:
     """Judge the field by the gate of this name, one of `GATES`; raises `MagneticError` as `find_detector`."""
     if gate != NO_GATE:
-        return judge_field(field, gate)
+        return judge_field(field, gate.removesuffix(HARD))
     seen = np.isfinite(field.strength)
     reasons = tuple("there is no gate" if one else NO_FIELD for one in seen)
     return FieldVerdicts(NO_GATE, np.where(seen, 0.0, np.nan), np.inf, reasons)
+
+
+PRIOR_COUNT = 2.0
+"""Of the walk's own spread against one footfall's statistic, in changes of the field: its weight never hangs on one."""
+
+
+def weigh_statistic(verdicts: FieldVerdicts, gate: str) -> Floats:
+    """Variance (F,) of the compass at each footfall over that of the whole walk's, by the statistic of the gate.
+
+    A statistic T is a sum of n squares of changes of the field; under a spread v it is v chi squared. So T over its
+    median is the variance at the footfall over the walk's, and with the walk's worth `PRIOR_COUNT` changes its
+    posterior mean is
+
+        (PRIOR_COUNT + n T / median T) / (PRIOR_COUNT + n).
+
+    A hard gate has 1 where it passes the field and infinity elsewhere; without a gate all are 1.
+    """
+    if gate.endswith(HARD):
+        return np.where(verdicts.quasi_static, 1.0, np.inf)
+    judged = verdicts.judged
+    if gate == NO_GATE or not judged.any() or not (middle := float(np.median(verdicts.statistic[judged]))) > 0.0:
+        return np.ones(len(verdicts))
+    detector = find_detector(gate)
+    count = detector.window * len(detector.channels)
+    ratio = np.where(judged, verdicts.statistic / middle, 1.0)
+    return np.asarray((PRIOR_COUNT + count * ratio) / (PRIOR_COUNT + count))
 
 
 def count_needed(gate: str) -> int | None:
     """Latest footfalls that a verdict of this gate depends on; None for all so far, which align a heading offset."""
     if gate == NO_GATE:
         return 1
-    detector = find_detector(gate)
+    detector = find_detector(gate.removesuffix(HARD))
     return _longest_span(detector) + 1 if detector.offset_column is None else None
 
 

@@ -122,12 +122,12 @@ class OnlineField:
         ----------
         graph : takes its factors.
         pose : at the footfall, as it is known without its field.
-        before : (8,) state at the footfall before.
+        before : (9,) state at the footfall before.
 
         Returns
         -------
         tuple
-            The state (8,) to begin from, and the verdict.
+            The state (9,) to begin from, and the verdict.
         """
         nav_R_body, body_field = pose.rotation().matrix(), seen.footfall.body_field[0]
         raw = field_deviation((nav_R_body @ body_field)[None], before[None, E_H])[0]

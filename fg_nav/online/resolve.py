@@ -27,11 +27,11 @@ from fg_nav.online.options import OnlineOptions
 from fg_nav.online.path import nodes_of_places
 from fg_nav.online.strides import Place, RestLedger, list_places
 from fg_nav.recording import Recording
-from fg_nav.smoother.bias_prior import find_bias_prior
 from fg_nav.smoother.constraints import add_constraints
 from fg_nav.smoother.count import count_factors
 from fg_nav.smoother.field import FieldVerdict
 from fg_nav.smoother.field_rounds import FieldSolution
+from fg_nav.smoother.fitting import widen_bias_prior
 from fg_nav.smoother.graph import Known, WalkProblem, order_variables
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.problem import walk_problem
@@ -174,14 +174,7 @@ def solve_so_far(
     """
     field, unseen = measure_walk_field(recording, stances, heading, use_field)
     field = field if field is None or continues is None else field.leave_out(continues)
-    solution = _solve_once(recording, stances, heading, field, unseen, p, continues, fixes, has_ended)
-    # As in batch: a bias that is too large for its prior is that of a sensor that was not calibrated.
-    prior = find_bias_prior(solution.problem, solution.solved)
-    if prior is None:
-        return solution
-    p = replace(p, gyro_bias_sigma_deg_s=prior.sigma_deg_s)
-    solution = _solve_once(recording, stances, heading, field, unseen, p, continues, fixes, has_ended)
-    return replace(solution, verdict=replace(solution.verdict, notes=(prior.note, *solution.verdict.notes)))
+    return _solve_once(recording, stances, heading, field, unseen, p, continues, fixes, has_ended)
 
 
 def _solve_once(
@@ -197,7 +190,7 @@ def _solve_once(
 ) -> WalkSolution:
     problem = walk_problem(recording, stances, heading, p, in_progress=not has_ended)
     problem = add_fixes_so_far(problem, fixes)
-    found = solve_walk(add_constraints(problem, problem.values, continues), field, unseen)
+    found = widen_bias_prior(solve_walk(add_constraints(problem, problem.values, continues), field, unseen))
     shown = None if found.field is None or field is None else (found.field, field)
     going_on = None if shown is None else OnlineField(*shown)
     return WalkSolution(found.problem, found.solved, going_on, found.verdict, found.returns, shown)

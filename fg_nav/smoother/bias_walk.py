@@ -1,4 +1,4 @@
-"""The random walk of the gyroscope's bias, chosen by the evidence of the walk.
+"""The random walk of the gyroscope's bias, averaged by the evidence of the walk.
 
 q (deg/s/sqrt(s)) is the density of the walk: from one bias variable to the next, t seconds later, each axis changes by
 q sqrt(t), one sigma. Gyroscopes differ in it a hundredfold, and a shoe that warms up walks on top. Too small a q makes
@@ -10,11 +10,9 @@ a chain of the biases and these nodes, for each level. With all that does not de
 
     -log p(z | q) = E(q) + log|R(q)| + 1/2 sum_i log|S_i(q)|                 (Laplace; MacKay 2003, section 27)
 
-E the error at the minimum of the linear graph, R the triangle of its square-root information. As for the noise of a
-swing (`problem`) the largest q is taken whose evidence is within `MOST_NATS` of the best, because noise of the graph
-that is assumed larger than it is hides a walk of the bias. But a larger q than the one assumed is taken only where the
-walk could have refuted it: where log|R| + 1/2 sum log|S|, what remains of the evidence of a bias that does not walk,
-grows by more than `REFUTING_NATS`. So short walks keep the q assumed.
+E the error at the minimum of the linear graph, R the triangle of its square-root information. The walk has the mean of
+q^2 over `LEVELS_DEG_S`, weighted by evidence and `PRIOR`: the variance of the mixture, so no level has to win, and a walk
+too short to show one has that of the prior.
 
 The evidence is that of the inertial graph. With the magnetic field it is larger, and chooses the same.
 """
@@ -29,10 +27,9 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import V, X
 
-from fg_nav.arrays import Floats
 from fg_nav.factors.differential_field import GYRO
 from fg_nav.factors.residual import LETTER_SHIFT, Keys, Stack
-from fg_nav.smoother.evidence import MOST_NATS
+from fg_nav.smoother.evidence import average
 from fg_nav.smoother.graph import WalkProblem
 from fg_nav.smoother.linear import LinearWalk
 from fg_nav.smoother.solver import list_in_time
@@ -44,15 +41,15 @@ walk so far also takes up what scale errors and an uneven field leave, which loo
 whose bias walks by 2e-4 the evidence chooses that level, and the error with an indoor field grows from 0.08 to 0.11
 m."""
 
-REFUTING_NATS = MOST_NATS + 1.0
-"""One more than would refute it: then a larger q is taken only where the error falls by a nat for it."""
+PRIOR = (0.9, 0.09, 0.01)
+"""Before the walk: gyroscopes by their sheets, and one in ten that warms up."""
 
 Change = gtsam.BetweenFactorConstantBias
 """From one bias variable to the next."""
 
 
-def choose_bias_walk(problem: WalkProblem, stacks: Sequence[Stack]) -> WalkProblem:
-    """Return the problem with the random walk of its gyro bias chosen; `stacks` are its factors, linearized."""
+def average_bias_walk(problem: WalkProblem, stacks: Sequence[Stack]) -> WalkProblem:
+    """Return the problem with the random walk of its gyro bias averaged; `stacks` are its factors, linearized."""
     assumed = max(problem.parameters.gyro_bias_walk_deg_s, LEAST_WALK_DEG_S)
     changes = [one for one in stacks if _are_changes(one)]
     if not changes:
@@ -61,16 +58,16 @@ def choose_bias_walk(problem: WalkProblem, stacks: Sequence[Stack]) -> WalkProbl
     keys, between = _split_order(problem.nodes)
     others = [one for one in stacks if not _are_changes(one)]
     chain = LinearWalk.of(others, keys).eliminate_before(between)
-    # The evidence of each level.
-    levels = np.union1d(LEVELS_DEG_S, assumed)
-    error, volume = np.transpose([_eliminate(chain, changes, level / assumed) for level in levels])
-    level = choose_level(levels, error, volume, assumed)
-    # The problem with the level chosen.
-    chosen = replace(problem.parameters, gyro_bias_walk_deg_s=level)
-    graph = problem.graph if level == assumed else _scale_changes(problem.graph, level / assumed)
+    # The evidence of each level, and the mean variance.
+    levels = assumed / LEVELS_DEG_S[0] * np.array(LEVELS_DEG_S)
+    evidence = np.array([_minus_log_evidence(chain, changes, level / assumed) for level in levels])
+    level = float(np.sqrt(average(levels**2, evidence, np.array(PRIOR))))
+    # The problem with it.
+    averaged = replace(problem.parameters, gyro_bias_walk_deg_s=level)
+    graph = _scale_changes(problem.graph, level / assumed)
     count = sum(len(one.keys) for one in changes)
-    why = "as assumed" if level == assumed else f"the evidence of {count} changes of the bias"
-    return _with_note(replace(problem, graph=graph, parameters=chosen), f"gyro bias walk {_write(level)}, {why}")
+    note = f"gyro bias walk {_write(level)}, the mean over the evidence of {count} changes of the bias"
+    return _with_note(replace(problem, graph=graph, parameters=averaged), note)
 
 
 def _split_order(nodes: Nodes) -> tuple[Keys, int]:
@@ -89,22 +86,13 @@ def _split_order(nodes: Nodes) -> tuple[Keys, int]:
 _NODE_LETTERS = (ord("x"), ord("v"))
 
 
-def choose_level(levels: Floats, error: Floats, volume: Floats, assumed: float) -> float:
-    """Choose one of the levels, ascending, from error E and volume log|R| + 1/2 sum log|S| of each: see above."""
-    evidence = error + volume
-    accepted = evidence <= evidence.min() + MOST_NATS
-    if accepted[levels == assumed].all():
-        accepted &= (levels <= assumed) | (volume > volume[levels == assumed] + REFUTING_NATS)
-    return float(levels[accepted].max())
-
-
 def _are_changes(stack: Stack) -> bool:
     """Whether the factors of a stack are those from one bias variable to the next."""
     return stack.keys.shape[1] == 2 and bool((stack.keys >> np.uint64(LETTER_SHIFT) == ord("b")).all())
 
 
-def _eliminate(chain: LinearWalk, changes: Sequence[Stack], by: float) -> tuple[float, float]:
-    """Error and volume with the changes of the bias, the sigmas of the gyroscope so many times as large."""
+def _minus_log_evidence(chain: LinearWalk, changes: Sequence[Stack], by: float) -> float:
+    """Of the walk with the changes of the bias, the sigmas of the gyroscope so many times as large."""
     scaled, noise = [], 0.0
     for keys, rows in changes:
         rows = rows.copy()
@@ -112,7 +100,7 @@ def _eliminate(chain: LinearWalk, changes: Sequence[Stack], by: float) -> tuple[
         scaled.append(Stack(keys, rows))
         noise += 3 * len(keys) * np.log(by)
     left = chain.join(scaled).eliminate_all()
-    return left.error, left.volume + noise
+    return float(left.error + left.volume + noise)
 
 
 def _scale_changes(graph: gtsam.NonlinearFactorGraph, by: float) -> gtsam.NonlinearFactorGraph:
@@ -135,4 +123,4 @@ def _with_note(problem: WalkProblem, note: str) -> WalkProblem:
 
 
 def _write(level: float) -> str:
-    return f"{level:g} deg/s/sqrt(s)"
+    return f"{level:.2g} deg/s/sqrt(s)"

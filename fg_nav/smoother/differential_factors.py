@@ -73,7 +73,7 @@ MOST_SAMPLES = 64
 MOST_CHI_SQUARE = 25.0
 """Per degree of freedom: the field of such a stretch changed by something that is not in the model."""
 
-STANCE_SIGMA_DEG_S, STANDING_SIGMA_DEG_S = 0.05, 0.03
+STANCE_SIGMA_DEG_S, STANDING_SIGMA_DEG_S = 0.2, 0.05
 """Error that the stances, or the standings, of one bias variable have in common: a rolling foot turns at 5 deg/s, and
 one per cent of that is the scale of a gyroscope or the soft iron of a magnetometer."""
 
@@ -282,7 +282,7 @@ class DifferentialFactors:
 
     def __init__(self, stances: StretchSum, standings: StretchSum, noise: FieldNoise, known: LevelBias) -> None:
         self.stances, self.standings, self.noise = stances, standings, noise
-        limited = known.weaken(limit_information(stances.information, standings.information, noise.iron))
+        limited = known.weaken(limit_information(stances.information, standings.information, noise.iron, len(stances.count)))
         residual = limited.residual()
         seen = np.flatnonzero(stances.count + standings.count)
         self._factors = [linear_factor_of(one_of(residual, int(k)), [B(int(k))]) for k in seen]
@@ -308,19 +308,21 @@ class DifferentialFactors:
         return len(self._factors)
 
 
-def limit_information(stances: BiasInformation, standings: BiasInformation, iron: Iron) -> BiasInformation:
+def limit_information(stances: BiasInformation, standings: BiasInformation, iron: Iron, variables: int) -> BiasInformation:
     """Limit the information of stances and of standings by what is common to each, add them, and eliminate the iron."""
-    return _add_limited(stances, standings).eliminate_iron(iron)
+    return _add_limited(stances, standings, variables).eliminate_iron(iron)
 
 
-def _add_limited(stances: BiasInformation, standings: BiasInformation) -> BiasInformation:
-    of_stances = stances.limit(float(np.radians(STANCE_SIGMA_DEG_S)))
-    return of_stances + standings.limit(float(np.radians(STANDING_SIGMA_DEG_S)))
+def _add_limited(stances: BiasInformation, standings: BiasInformation, variables: int) -> BiasInformation:
+    """Of a walk of so many bias variables: what is common to all counts once, so each has a share of it."""
+    share = float(np.sqrt(variables))
+    of_stances = stances.limit(share * float(np.radians(STANCE_SIGMA_DEG_S)))
+    return of_stances + standings.limit(share * float(np.radians(STANDING_SIGMA_DEG_S)))
 
 
 def find_iron(stances: BiasInformation, standings: BiasInformation) -> Iron:
     """Find the iron of a walk, as that of all its bias variables together, and its bias too but for those limits."""
-    total = _add_limited(stances, standings)
+    total = _add_limited(stances, standings, len(stances.matrix))
     found = BiasInformation(total.matrix.sum(axis=0), total.vector.sum(axis=0)).find_iron(Iron.unknown(IRON_UT))
     return replace(found, covariance=found.covariance + LEAST_IRON_UT**2 * np.eye(3))
 

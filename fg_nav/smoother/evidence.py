@@ -21,6 +21,12 @@ MOST_NATS = 3.0
 """Twenty to one: what counts as strong evidence (Kass and Raftery 1995)."""
 
 
+def average(values: Floats, minus_log_evidence: Floats, prior: Floats | None = None) -> Floats:
+    """Mean of values (L, ...) of L models, weighted by their evidence (L,) and, if given, by prior weights (L,)."""
+    weight = np.exp(minus_log_evidence.min() - minus_log_evidence) * (1.0 if prior is None else prior)
+    return np.asarray(np.tensordot(weight / weight.sum(), values, axes=1))
+
+
 def fit_shared(information: Floats, pull: Floats, prior: Floats) -> tuple[Floats, Floats, float]:
     """Return s (n,), P (n, n) and log p(z | S), by L (n, n), eta (n,) and the prior S (n, n)."""
     covariance = np.asarray(np.linalg.inv(information + np.linalg.inv(prior)))

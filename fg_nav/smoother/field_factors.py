@@ -34,7 +34,7 @@ from fg_nav.factors.magnetic_field import (
     E_H,
     IRON,
     PHI,
-    RHO,
+    REGION,
     SIZE,
     FieldPotential,
     FieldPrior,
@@ -176,7 +176,7 @@ class FieldFactors:
             values.insert(key, self.prior.mean)
 
     def states(self, values: gtsam.Values) -> Floats:
-        """(F, 8)."""
+        """(F, 9)."""
         return np.array([values.atVector(key) for key in self._states])
 
     def error(self, values: gtsam.Values) -> float:
@@ -212,9 +212,9 @@ def transition(distance_m: Floats, rough: FieldRoughness) -> FieldTransition:
     """Change of the state over strides (...) of these lengths, m."""
     keep, new = np.ones((*distance_m.shape, SIZE)), np.empty((*distance_m.shape, SIZE))
     new[..., E_H], new[..., IRON] = MEAN_WALK_UT, HARD_IRON_WALK_UT
-    for column, one in ((PHI, rough.potential), (DELTA, rough.across), (RHO, rough.regional)):
-        keep[..., column] = one.left(distance_m)
-        new[..., column] = one.innovation(distance_m)
+    for column, one in ((slice(PHI, PHI + 1), rough.potential), (slice(DELTA, DELTA + 1), rough.across), (REGION, rough.regional)):
+        keep[..., column] = one.left(distance_m)[..., None]
+        new[..., column] = one.innovation(distance_m)[..., None]
     return FieldTransition(keep, new)
 
 

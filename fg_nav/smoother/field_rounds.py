@@ -21,15 +21,12 @@ import numpy as np
 from gtsam.symbol_shorthand import X
 
 from fg_nav.arrays import Floats
-from fg_nav.errors import EstimationError
 from fg_nav.magnetic import FootfallField
 from fg_nav.smoother.field import (
     FieldResiduals,
     FieldVerdict,
     add_field_factors,
     compare_field,
-    compass_sigma,
-    expect_direction,
     integrate_field,
     rotate_field,
     write_notes,
@@ -39,14 +36,10 @@ from fg_nav.smoother.field_factors import FieldFactors, FieldPath
 from fg_nav.smoother.gauss_newton import CONVERGENCE, FIRST_CONVERGENCE
 from fg_nav.smoother.graph import UNKNOWN_HEADING_DEG, StartPrior, Trajectory, WalkProblem, solve, turn_walk
 from fg_nav.smoother.parameters import FieldParameters
-from fg_nav.smoother.path_noise import PathNoise, choose_path_noise
+from fg_nav.smoother.path_noise import PathNoise, average_path_noise
 from fg_nav.smoother.potential import describe_jumps, free_jumps
 from fg_nav.smoother.solver import Solved, list_attitudes
 from fg_nav.system.memory import return_freed
-
-COMPASS_ROUNDS = 1
-"""More rounds without the line integral: noise and heading are found together."""
-
 
 @dataclass(frozen=True)
 class FieldWalk:
@@ -59,29 +52,21 @@ class FieldWalk:
 
 @dataclass(frozen=True)
 class FieldSolution:
-    """A walk solved with its field: the problem of the last round, its minimum, the states (F, 8), and the verdict.
-
-    `compass_sigma_uT` is the noise of a footfall's compass.
-    """
+    """A walk solved with its field: the problem of the last round, its minimum, the states (F, 9), and the verdict."""
 
     problem: WalkProblem
     solved: Solved
     states: Floats
     verdict: FieldVerdict
-    compass_sigma_uT: float
 
 
 @dataclass(frozen=True)
 class _Round:
-    """A walk with factors of its field, the last solution, and what the factors were made of.
-
-    `direction` of the mean field, rad clockwise from north, and its sigma.
-    """
+    """A walk with factors of its field, the last solution, and what the factors were made of."""
 
     problem: WalkProblem
     solved: Solved
     residuals: FieldResiduals
-    direction: tuple[float, float]
 
     @property
     def field(self) -> FieldFactors:
@@ -94,7 +79,7 @@ def look_along(problem: WalkProblem, field: FootfallField, track: Trajectory) ->
     """Look at the field along a walk, whose values are near its minimum without it; `track` is theirs."""
     path = integrate_field(problem, field, track)
     nav_field = rotate_field(field, list_attitudes(problem.nodes.result, problem.values))
-    problem = replace(problem, values=remove_drift(problem.values, problem.nodes, nav_field))
+    problem = replace(problem, values=remove_drift(problem.values, problem.nodes, nav_field, field.t))
     return FieldWalk(problem if problem.heading_known else _turn_north(problem, field), field, path)
 
 
@@ -108,76 +93,38 @@ def _turn_north(problem: WalkProblem, field: FootfallField) -> WalkProblem:
 
 
 def solve_with_field(walk: FieldWalk) -> FieldSolution:
-    """Smooth a walk with its field."""
+    """Smooth a walk with its field, in rounds."""
     p, notes = walk.problem.parameters.magnetic, tuple[str, ...]()
-    if p.potential:
-        found, notes = _try_line_integral(walk, p)
-        if found is not None:
-            return found
-    # A walk that does not show that its line integrals can be used does without them.
-    p = replace(p, potential=False, rounds=p.rounds + COMPASS_ROUNDS)
-    by_compass = _solve_in_rounds(walk, p, notes)
-    assert isinstance(by_compass, FieldSolution)
-    return by_compass
-
-
-def solve_for_north(walk: FieldWalk) -> FieldSolution:
-    """Smooth a walk with the mean of its field as one reading of the compass, and nothing else of the field."""
-    p = replace(walk.problem.parameters.magnetic, compass=False, potential=False, rounds=1)
-    by_mean = _solve_in_rounds(replace(walk, problem=replace(walk.problem, differential=None)), p)
-    assert isinstance(by_mean, FieldSolution)
-    return by_mean
-
-
-def _try_line_integral(walk: FieldWalk, p: FieldParameters) -> tuple[FieldSolution | None, tuple[str, ...]]:
-    """Smooth a walk with its line integrals; or say why they are not used."""
-    try:
-        found = _solve_in_rounds(walk, p)
-    except EstimationError:
-        return None, ("line integral of the field not used: with it there is no solution",)
-    if isinstance(found, PathNoise):
-        return None, (found.describe(p.potential_drift_m),)
-    return found, ()
-
-
-def _solve_in_rounds(walk: FieldWalk, p: FieldParameters, notes: tuple[str, ...] = ()) -> FieldSolution | PathNoise:
-    """Smooth a walk with its field; or return the noise of its line integrals, where it is too large to use them."""
     current = _solve_first(walk, p)
     for _ in range(p.rounds - 1):
-        # Noise, verdicts and the sigma of an unknown north are those of the smoothed walk.
+        # Spread and weights of the compass are those of the smoothed walk.
         current = _look_again(walk.field, current, p)
         # So is the noise of the line integrals.
         if len(current.field.potential):
-            noise = choose_path_noise(current.problem, current.solved.values)
-            if noise.drift_m >= p.potential_drift_m:
-                return noise
-            current, notes = _assume_path_noise(current, noise), (noise.describe(p.potential_drift_m),)
+            noise = average_path_noise(current.problem, current.solved.values)
+            current, notes = _assume_path_noise(current, noise), (noise.describe(),)
         current = _solve_again(current)
-    return _conclude(current, p, notes)
+    return _conclude(current, notes)
 
 
 def _solve_first(walk: FieldWalk, p: FieldParameters) -> _Round:
     """Solve with residuals without the heading; it finds the direction in which the field is expected."""
     values = gtsam.Values(walk.problem.values)
     residuals = compare_field(walk.problem, walk.field, values, walk.path, None, p)
-    direction = expect_direction(walk.problem, walk.field, residuals, walk.path, p)
-    problem = add_field_factors(walk.problem, walk.field, residuals, walk.path, direction, p)
+    problem = add_field_factors(walk.problem, walk.field, residuals, walk.path, p)
     assert problem.field is not None
     problem.field.insert(values)
     close = CONVERGENCE if p.rounds == 1 else FIRST_CONVERGENCE
     problem, solved = free_jumps(problem, solve(replace(problem, values=values), close), close)
-    return _Round(problem, solved, residuals, direction)
+    return _Round(problem, solved, residuals)
 
 
 def _look_again(field: FootfallField, last: _Round, p: FieldParameters) -> _Round:
     """Make the factors again, of the field along the last solution, whose tree is let go of."""
     problem, values, path = last.problem, last.solved.values, last.field.path
     residuals = compare_field(problem, field, values, path, last.field.states(values), p)
-    direction = last.direction
-    if not problem.heading_known:
-        direction = expect_direction(problem, field, residuals, path, p)
-    problem = add_field_factors(problem, field, residuals, path, direction, p)
-    return replace(last, problem=problem, solved=last.solved.forget_root(), residuals=residuals, direction=direction)
+    problem = add_field_factors(problem, field, residuals, path, p)
+    return replace(last, problem=problem, solved=last.solved.forget_root(), residuals=residuals)
 
 
 def _assume_path_noise(current: _Round, noise: PathNoise) -> _Round:
@@ -193,9 +140,9 @@ def _solve_again(current: _Round) -> _Round:
     return replace(current, problem=problem, solved=solved)
 
 
-def _conclude(current: _Round, p: FieldParameters, notes: tuple[str, ...]) -> FieldSolution:
+def _conclude(current: _Round, notes: tuple[str, ...]) -> FieldSolution:
     problem, solved, verdicts = current.problem, current.solved, current.residuals.verdicts
     states = current.field.states(solved.values)
-    notes = (*write_notes(current.residuals, states, p.compass), *notes, *describe_jumps(problem, solved))
+    notes = (*write_notes(current.residuals, states), *notes, *describe_jumps(problem, solved))
     verdict = FieldVerdict(verdicts.words, verdicts.reason, notes)
-    return FieldSolution(problem, solved, states, verdict, compass_sigma(current.residuals, p))
+    return FieldSolution(problem, solved, states, verdict)

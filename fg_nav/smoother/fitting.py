@@ -15,7 +15,7 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.magnetic import FootfallField
 from fg_nav.recording import Recording
-from fg_nav.smoother.bias_prior import find_bias_prior
+from fg_nav.smoother.bias_prior import average_bias_prior
 from fg_nav.smoother.constraints import add_constraints, add_fixes, add_own, refuse_far_fixes
 from fg_nav.smoother.gauss_newton import FIRST_CONVERGENCE
 from fg_nav.smoother.graph import WalkProblem, solve
@@ -35,30 +35,25 @@ from fg_nav.truth import Fix
 class FittedWalk:
     """A walk solved with the bias prior and the gyroscope's scale that it shows.
 
-    `scale` is what is left of the scale, in the triangle of the solution, and `is_taken` whether the samples are
-    without what was found of it; None where nothing shows it.
+    `scale` is what is left of the scale, in the triangle of the solution; None where nothing shows it.
     """
 
     walk: SolvedWalk
     scale: WalkScale | None
-    is_taken: bool
 
     def spread_shared(self) -> Floats:
         """Return by how much the walk moves (N, n) by numbers of unit covariance that all of it shares."""
         walk, by_foot = self.walk, []
         if walk.problem.parameters.moving_foot:
             by_foot.append(spread_moving_foot(walk.problem, walk.solved))
-        return np.hstack([self._spread_scale(), *by_foot])
-
-    def _spread_scale(self) -> Floats:
-        if self.scale is None:
-            return np.zeros((self.walk.solved.root.total, 0))
-        found = self.scale.found
-        return self.scale.columns.spread(found.covariance if self.is_taken else found.second_moment)
+        of_scale = np.zeros((walk.solved.root.total, 0)) if self.scale is None else self.scale.spread()
+        return np.hstack([of_scale, *by_foot])
 
     def take_solution(self, problem: WalkProblem, solved: Solved) -> FittedWalk:
         """Return it at another solution, of a problem that has its factors and more."""
-        scale = None if self.scale is None else estimate_gyro_scale(problem, solved)
+        scale = self.scale
+        if scale is not None:
+            scale = replace(scale, columns=estimate_gyro_scale(problem, solved).columns)
         return replace(self, walk=replace(self.walk, problem=problem, solved=solved), scale=scale)
 
 
@@ -84,11 +79,10 @@ def fit_walk(
         extra=extra,
         known=known,
     )
-    # A bias that is too large for its prior is the sign of a sensor that was not calibrated: solved with a wider one.
-    walk, parameters, of_bias = _fit_bias_prior(solve_again, recording, parameters)
+    walk = widen_bias_prior(solve_again(recording, parameters))
     # Where the field shows the heading it shows the gyroscope's scale: taken off the samples, or counted in the sigmas.
     fitted, of_scale = _fit_gyro_scale(solve_again, recording, parameters, walk)
-    verdict = replace(fitted.walk.verdict, notes=(*of_bias, *of_scale, *fitted.walk.verdict.notes))
+    verdict = replace(fitted.walk.verdict, notes=(*of_scale, *fitted.walk.verdict.notes))
     return replace(fitted, walk=replace(fitted.walk, verdict=verdict))
 
 
@@ -126,16 +120,10 @@ Solve: TypeAlias = Callable[[Recording, SmootherParameters], SolvedWalk]
 """Solves a walk with these samples and parameters."""
 
 
-def _fit_bias_prior(
-    solve_again: Solve, recording: Recording, parameters: SmootherParameters
-) -> tuple[SolvedWalk, SmootherParameters, tuple[str, ...]]:
-    """Solve a walk, with a wider prior of the gyro bias where it shows one; return the parameters and notes too."""
-    walk = solve_again(recording, parameters)
-    prior = find_bias_prior(walk.problem, walk.solved)
-    if prior is None:
-        return walk, parameters, ()
-    parameters = replace(parameters, gyro_bias_sigma_deg_s=prior.sigma_deg_s)
-    return solve_again(recording, parameters), parameters, (prior.note,)
+def widen_bias_prior(walk: SolvedWalk) -> SolvedWalk:
+    """Return a walk with the prior of the gyro bias that it shows, solved again from its solution."""
+    problem = average_bias_prior(walk.problem, walk.solved)
+    return walk if problem is None else replace(walk, problem=problem, solved=solve(problem))
 
 
 def _fit_gyro_scale(
@@ -143,10 +131,12 @@ def _fit_gyro_scale(
 ) -> tuple[FittedWalk, tuple[str, ...]]:
     """Return a walk without the scale of its gyroscope that the field shows, with what is left of it, and notes."""
     if not (parameters.gyro_scale and shows_heading(walk.problem)):
-        return FittedWalk(walk, None, False), ()
+        return FittedWalk(walk, None), ()
     scale = estimate_gyro_scale(walk.problem, walk.solved)
     walk.problem.recording.release()
-    if not scale.found.is_shown:
-        return FittedWalk(walk, scale, False), ()
-    walk = solve_again(scale.found.remove_from(recording), parameters)
-    return FittedWalk(walk, estimate_gyro_scale(walk.problem, walk.solved), True), (scale.found.note,)
+    if not scale.found.matters:
+        return FittedWalk(walk, scale), ()
+    walk = widen_bias_prior(solve_again(scale.found.remove_from(recording), parameters))
+    # The errors are those about what was taken off: its second moment stays.
+    columns = estimate_gyro_scale(walk.problem, walk.solved).columns
+    return FittedWalk(walk, replace(scale, columns=columns)), (scale.found.note,)

@@ -12,21 +12,18 @@ its end. So s is one variable of the solved graph, linearized at its minimum, wi
     J = -(de/dpose_end, de/dv_end nav_R_end) D     and, if there is an error, the prior     s = 0 +- `SCALE_SIGMA`.
 
 What else is wrong in all swings alike looks like a scale: axes that are not square, a bent mounting, soft iron. So s
-has a part 0 +- `ALIKE_SIGMA` in any case. The walk is eliminated first (`sensitivity`), which leaves the information L
-on s and its product eta with the estimate. With a prior of covariance S,
+has a part 0 +- `ALIKE_SIGMA` in any case. And what differs between the halves of a walk is no scale, though one number
+may explain it better than none: a bias that moves, a wing with a field of its own. So each half has an s of its own,
+z = (s_1, s_2). The walk is eliminated first (`sensitivity`), which leaves the information L (6, 6) on z and its product
+eta with the estimate. With a prior of covariance S,
 
     log p(z | S) = 1/2 eta^T P eta - 1/2 log|I + S L| + const,     P = (L + S^-1)^-1     (`evidence.fit_shared`)
 
-and the evidence for an error of the scale is that of S_1 = (SCALE_SIGMA^2 + ALIKE_SIGMA^2) I over that of
-S_0 = ALIKE_SIGMA^2 I. Only where that is more than `MOST_NATS` the samples are corrected by s = P eta, and the walk is
-solved again; else, and without a field, the gyroscope stays as it is: on a walk without a heading a scale of a percent
-explains what it must not.
-
-Either way the covariances of the walk hold what is not known of the scale. A variable that moves by X s with it has,
-where the samples were corrected, X P X^T more. Where they were not, both models are possible and as likely before the
-walk, and the second moment about the solution with s = 0 is that of the two together (Hoeting et al. 1999),
-
-    X (w (P_1 + s_1 s_1^T) + (1 - w) (P_0 + s_0 s_0^T)) X^T,     w = 1 / (1 + p(z | S_0) / p(z | S_1)).
+and three models are as likely before the walk: nothing but what is alike (`ALIKE_SIGMA` in both halves, the same), one
+scale (`SCALE_SIGMA` more, the same in both), two that have nothing to do with each other (`SCALE_SIGMA` in each). Only
+the second is taken off: the samples are corrected by its s times its probability. The covariances of the walk hold the rest: a
+variable that moves by X s has X M X^T more, with M the second moment about what was taken off, over the three models
+(Hoeting et al. 1999).
 
 Model: IEEE Std 528; D is this project's derivation, tested against preintegration of corrected samples.
 """
@@ -44,7 +41,7 @@ from fg_nav.factors.differential_field import GYRO
 from fg_nav.mechanisation import rotate_in_body
 from fg_nav.recording import Recording
 from fg_nav.samples.gaps import cross_holes
-from fg_nav.smoother.evidence import MOST_NATS, fit_shared
+from fg_nav.smoother.evidence import average, fit_shared
 from fg_nav.smoother.graph import WalkProblem, biases_of
 from fg_nav.smoother.linear import stack_factors
 from fg_nav.smoother.sensitivity import SharedColumns, SharingFactors, weigh_shared
@@ -63,34 +60,28 @@ part."""
 
 @dataclass(frozen=True)
 class GyroScale:
-    """Scale errors (3,) of the gyroscope, their covariance (3, 3), and the nats by which they explain a walk better.
+    """Scale errors (3,) of the gyroscope that are taken off, and what is left about them.
 
-    `moment_otherwise` (3, 3) is the second moment of what is wrong in all swings alike if they are none.
+    `probability` of the model with one scale for the whole walk, `sigma` (3,) of its errors, and second moment (3, 3) of
+    what is wrong in all swings about the errors taken off, over all models; about none, where they do not matter.
     """
 
     scale: Floats
-    covariance: Floats
-    nats: float
-    moment_otherwise: Floats
+    sigma: Floats
+    probability: float
+    second_moment: Floats
 
     @property
-    def is_shown(self) -> bool:
-        """Whether the walk shows the errors by so much that they are taken off."""
-        return self.nats > MOST_NATS
-
-    @property
-    def second_moment(self) -> Floats:
-        """Of the errors (3, 3) about zero, over both models: with them, and without."""
-        weight = 1.0 / (1.0 + np.exp(-self.nats))
-        moment = self.covariance + np.outer(self.scale, self.scale)
-        return np.asarray(weight * moment + (1.0 - weight) * self.moment_otherwise)
+    def matters(self) -> bool:
+        """Whether they are more than what other errors of a swing make: else they stay in the samples, and the sigmas."""
+        return bool(np.abs(self.scale).max() > ALIKE_SIGMA)
 
     @property
     def note(self) -> str:
         """The same in words."""
-        sigma = np.sqrt(np.diagonal(self.covariance))
-        axes = ", ".join(f"{100 * s:+.2f} +- {100 * d:.2f}" for s, d in zip(self.scale, sigma, strict=True))
-        return f"gyroscope's scale errors {axes} %, taken off: the field shows them by {self.nats:.0f} nats"
+        axes = ", ".join(f"{100 * s:+.2f} +- {100 * d:.2f}" for s, d in zip(self.scale, self.sigma, strict=True))
+        share = 100.0 * self.probability
+        return f"gyroscope's scale errors {axes} %, taken off: both halves of the walk agree on them by {share:.0f} %"
 
     def remove_from(self, recording: Recording) -> Recording:
         """Return the recording with the rates without these errors."""
@@ -99,10 +90,15 @@ class GyroScale:
 
 @dataclass(frozen=True)
 class WalkScale:
-    """The scale of a walk's gyroscope, and its columns in the walk's tree."""
+    """The scale of a walk's gyroscope, and its columns in the walk's tree, one half of the walk after the other."""
 
     found: GyroScale
     columns: SharedColumns
+
+    def spread(self) -> Floats:
+        """Return by how much the walk moves (N, 3) by what is not known of the scale, alike in both halves."""
+        moved = self.columns.solve()
+        return np.asarray((moved[:, :3] + moved[:, 3:]) @ np.linalg.cholesky(self.found.second_moment))
 
 
 def shows_heading(problem: WalkProblem) -> bool:
@@ -112,17 +108,33 @@ def shows_heading(problem: WalkProblem) -> bool:
 
 def estimate_gyro_scale(problem: WalkProblem, solved: Solved) -> WalkScale:
     """Estimate the scale of the gyroscope at a solution of the walk."""
-    # The walk is eliminated, and what its inertial factors say of the scale is weighed.
-    columns, information, pull = weigh_shared(solved.root, _list_inertial(problem, solved.linearized_at), 3)
-    return WalkScale(compare_models(information, pull), columns)
+    # The walk is eliminated, and what the inertial factors of its halves say of the scale is weighed.
+    columns, information, pull = weigh_shared(solved.root, _list_inertial(problem, solved.linearized_at), 6)
+    return WalkScale(average_models(information, pull), columns)
 
 
-def compare_models(information: Floats, pull: Floats) -> GyroScale:
-    """Weigh an error of the scale against none, by the information L (3, 3) of a walk and its product eta (3,)."""
-    prior = np.eye(3) * (SCALE_SIGMA**2 + ALIKE_SIGMA**2)
-    scale, covariance, evidence = fit_shared(information, pull, prior)
-    alike, alike_covariance, without = fit_shared(information, pull, np.eye(3) * ALIKE_SIGMA**2)
-    return GyroScale(scale, covariance, evidence - without, alike_covariance + np.outer(alike, alike))
+def average_models(information: Floats, pull: Floats) -> GyroScale:
+    """Average over the three models, by the information L (6, 6) on both halves and its product eta (6,)."""
+    same, own = np.kron(np.ones((2, 2)), np.eye(3)), np.eye(6)
+    alike = ALIKE_SIGMA**2 * (same + LEAST_OWN * own)
+    priors = alike, alike + SCALE_SIGMA**2 * same, alike + SCALE_SIGMA**2 * own
+    fits = [fit_shared(information, pull, prior) for prior in priors]
+    evidence = np.array([-evidence for _, _, evidence in fits])
+    weight = average(np.eye(3), evidence)
+    means, covariances = ([one[:3] + one[3:] for one, _, _ in fits], [P for _, P, _ in fits])
+    mean_of = np.kron(np.full((1, 2), 0.5), np.eye(3))
+    scale = weight[1] * 0.5 * means[1]
+    about = scale if np.abs(scale).max() > ALIKE_SIGMA else np.zeros(3)
+    moments = [
+        mean_of @ P @ mean_of.T + np.outer(0.5 * mean - about, 0.5 * mean - about)
+        for mean, P in zip(means, covariances, strict=True)
+    ]
+    sigma = np.sqrt(np.diagonal(mean_of @ covariances[1] @ mean_of.T))
+    return GyroScale(scale, sigma, float(weight[1]), np.tensordot(weight, np.array(moments), axes=1))
+
+
+LEAST_OWN = 1e-3
+"""Share of what is alike that each half has of its own: keeps the prior invertible."""
 
 
 POSE_END, VELOCITY_END = slice(9, 15), slice(15, 18)
@@ -138,7 +150,8 @@ def _list_inertial(problem: WalkProblem, values: gtsam.Values) -> Iterator[Shari
     for stack in stacks:
         A, b, D = stack.rows[..., :-1], stack.rows[..., -1], moved[at : at + len(stack.rows)]
         by_scale = -(A[:, :, POSE_END] @ D[:, :6] + A[:, :, VELOCITY_END] @ D[:, 6:])
-        yield SharingFactors(A, b, stack.keys, by_scale)
+        is_late = (np.arange(at, at + len(stack.rows)) >= len(moved) // 2)[:, None, None]
+        yield SharingFactors(A, b, stack.keys, np.concatenate([by_scale * ~is_late, by_scale * is_late], axis=2))
         at += len(stack.rows)
 
 

@@ -14,18 +14,10 @@ no more than that. The evidence of the walk tells them apart, the longer the bet
     -log p(z | s) = E + log|R| + 1/2 sum log|S(s)|                         (Laplace; MacKay 2003, section 27)
 
 E the error at the minimum of the graph linearized once, R the triangle of its square-root information, S the noise of
-integrals and potential. Two questions are asked of it.
+integrals and potential. The walk averages over the shares: it uses the mean of s under the posterior of s on `SHARES`, equally likely before the
+walk. The mean of a variance is that of the mixture, so no share has to win.
 
-1. Is the integral used? The largest s that the walk does not refute by `REFUTED_NATS` drifts by sqrt(s v) / |E_h| a
-   stride. Where that is more than `potential_drift_m` the walk has not shown that its integrals telescope, and does
-   without them: walks over a rough floor of less than some 100 m, and those whose magnetometer is late or bent.
-2. With what s? With the smallest whose evidence is within `MOST_NATS` of the best.
-
-So no length has to be set from which on a walk may use the integral.
-
-Cost. Nodes between the footfalls are eliminated once; each level eliminates what is left, a quarter of the variables.
-Where a share is refuted by a smaller one, the larger ones are not looked at.
-"""
+Cost. Nodes between the footfalls are eliminated once; each level eliminates what is left, a quarter of the variables."""
 
 from __future__ import annotations
 
@@ -37,7 +29,7 @@ from gtsam.symbol_shorthand import V, X
 
 from fg_nav.arrays import Floats
 from fg_nav.factors.magnetic_field import E_H, PHI
-from fg_nav.smoother.evidence import MOST_NATS
+from fg_nav.smoother.evidence import average
 from fg_nav.smoother.field_factors import FieldFactors
 from fg_nav.smoother.graph import WalkProblem
 from fg_nav.smoother.linear import LinearWalk
@@ -47,10 +39,6 @@ from fg_nav.smoother.solver import list_in_time, stack_walk
 SHARES = (0.0, 0.01, 0.1, 1.0)
 """At 0 the sampling leaves a tenth of a uT m a stride."""
 
-REFUTED_NATS = 5.0
-"""150 to one: very strong evidence (Kass and Raftery 1995)."""
-
-
 @dataclass(frozen=True)
 class PathNoise:
     """What a walk shows of its line integrals: the share s used, the drift that may be, m a stride, and the strides."""
@@ -59,42 +47,30 @@ class PathNoise:
     drift_m: float
     strides: int
 
-    def describe(self, largest_drift_m: float) -> str:
+    def describe(self) -> str:
         """Return a note."""
-        used = "used" if self.drift_m < largest_drift_m else "not used"
-        found = f"it may drift by {self.drift_m:.2f} m a stride, the evidence of {self.strides} strides"
-        return f"line integral of the field {used}: {found}"
+        return (
+            f"line integral of the field: {100 * self.lost_share:.1f} % of its changes do not telescope, a drift of "
+            f"{self.drift_m:.2f} m a stride, by the evidence of {self.strides} strides"
+        )
 
 
-def choose_path_noise(problem: WalkProblem, values: gtsam.Values) -> PathNoise:
-    """Choose the share of the integral's changes that does not telescope, with the graph linearized at these values."""
+def average_path_noise(problem: WalkProblem, values: gtsam.Values) -> PathNoise:
+    """Average the share of the integral's changes that does not telescope, the graph linearized at these values."""
     field = problem.field
     assert field is not None
     # The walk between its footfalls, which no share changes.
     rest = _eliminate_between(problem, values)
-    # The evidence of each share, until one is refuted.
-    evidence: list[float] = []
-    for share in SHARES:
-        evidence.append(_minus_log_evidence(rest, field.assume_lost_share(share), values))
-        if evidence[-1] > min(evidence) + REFUTED_NATS:
-            break
-    share, worst = choose_share(np.array(evidence))
+    evidence = np.array([_minus_log_evidence(rest, field.assume_lost_share(share), values) for share in SHARES])
+    share = float(average(np.array(SHARES), evidence))
     horizontal = float(np.linalg.norm(field.prior.mean[E_H]))
-    drift_uT_m = _drift_a_stride(field.assume_lost_share(worst))
-    return PathNoise(share, drift_uT_m / horizontal, len(field.potential))
+    return PathNoise(share, _drift_a_stride(field.assume_lost_share(share)) / horizontal, len(field.potential))
 
 
 def _drift_a_stride(field: FieldFactors) -> float:
     """Drift of the integral over the walk as a random walk's a stride, uT m."""
     strides = int((field.path.distance_m > LEAST_STEP_M).sum())
     return float(np.sqrt(np.sum(field.drift_uT_m**2) / max(strides, 1)))
-
-
-def choose_share(minus_log_evidence: Floats) -> tuple[float, float]:
-    """Return the share to use and the largest that is not refuted, of evidences (L,) for the first L `SHARES`."""
-    above_best = minus_log_evidence - minus_log_evidence.min()
-    shares = np.array(SHARES[: len(above_best)])
-    return float(shares[above_best <= MOST_NATS].min()), float(shares[above_best <= REFUTED_NATS].max())
 
 
 def _eliminate_between(problem: WalkProblem, values: gtsam.Values) -> LinearWalk:

@@ -8,7 +8,7 @@
     graph.build_problem  -> nodes, factors and initial values
     solve                -> values near the minimum
     weaken_refused_stances -> the same, with ties weakened that the walk refuses (`refused_stances`)
-    choose_bias_walk     -> random walk of the gyro bias (`bias_walk`)
+    average_bias_walk    -> random walk of the gyro bias (`bias_walk`)
 
 `walk_problem` is all of it: the batch calls it once, a walk in progress at each re-solve. Between re-solves that
 walk adds `strides.stride_graph`. The evidence builds and solves, on pieces of the walk.
@@ -53,7 +53,7 @@ from fg_nav.errors import EstimationError
 from fg_nav.factors.residual import Stack
 from fg_nav.recording import Recording
 from fg_nav.samples.saturation import OFF_SHARE
-from fg_nav.smoother.bias_walk import choose_bias_walk
+from fg_nav.smoother.bias_walk import average_bias_walk
 from fg_nav.smoother.evidence import MOST_NATS
 from fg_nav.smoother.gauss_newton import FIRST_CONVERGENCE
 from fg_nav.smoother.graph import Known, WalkProblem, build_problem, solve_and_keep
@@ -272,7 +272,7 @@ def walk_problem(
     recording.release()
     problem, solved = _solve_first(problem, p)
     return_freed()
-    return choose_bias_walk(problem, solved.stacks) if p.choose_bias_walk else problem
+    return average_bias_walk(problem, solved.stacks) if p.choose_bias_walk else problem
 
 
 def _solve_first(problem: WalkProblem, p: SmootherParameters) -> tuple[WalkProblem, Solved]:
@@ -323,9 +323,10 @@ def _bias_from_rests(rests: tuple[Rest, ...], prior_sigma: float) -> tuple[Float
     if not rests:
         return np.zeros(3), prior_sigma
     weight = np.array([rest.sigma**-2 for rest in rests])
-    mean = weight @ np.array([rest.rate for rest in rests]) / weight.sum()
+    total = weight.sum(axis=0)
+    mean = (weight * np.array([rest.rate for rest in rests])).sum(axis=0) / total
     sigma = float(np.hypot(prior_sigma, np.linalg.norm(mean)))
-    return mean * sigma**2 / (sigma**2 + 1 / weight.sum()), sigma
+    return mean * sigma**2 / (sigma**2 + 1 / total), sigma
 
 
 def _bias_note(known: Known) -> str:
