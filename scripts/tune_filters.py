@@ -41,11 +41,12 @@ from fg_nav.detection import detect_stances
 from fg_nav.ekf import IezParameters, run_iez
 from fg_nav.ekf.aiez import AiezParameters, run_aiez
 from fg_nav.ekf.gated_compass import run_gated_compass
-from fg_nav.ekf.presets import PHYSICAL, TUNED, Parameters, find_parameters, scale_detector
+from fg_nav.ekf.presets import PHYSICAL, TUNED, Parameters, find_parameters
 from fg_nav.errors import OutputError
 from fg_nav.frames import compute_heading
 from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.magnetic import FootfallField, average_footfall_field
+from fg_nav.magnetic.detectors import scale_detector
 from fg_nav.recording import Recording
 from fg_nav.solution import Solution
 from fg_nav.stances import Stances

@@ -48,25 +48,12 @@ from fg_nav.ekf.gated_compass import (
 from fg_nav.ekf.rts import Track
 from fg_nav.errors import EstimationError
 from fg_nav.magnetic import Detector, FieldVerdicts, FootfallField
-from fg_nav.magnetic.detectors import OFFSET, Channel
-from fg_nav.magnetic.quasi_static import DETECTORS, TOO_LITTLE
+from fg_nav.magnetic.detectors import OFFSET
+from fg_nav.magnetic.quasi_static import TOO_LITTLE
 from fg_nav.recording import Recording
 from fg_nav.solution import Solution
 from fg_nav.stances import Stances
 from fg_nav.text import format_ratio
-
-AGREEING = replace(
-    DETECTORS["aiez"],
-    channels=(
-        Channel(OFFSET, float(np.deg2rad(10.0)), float(np.deg2rad(40.0))),
-        *(channel for channel in DETECTORS["aiez"].channels if channel.name != OFFSET),
-    ),
-)
-"""The detector `aiez` as the filter's own test, with the sigma of the compass's update.
-
-S is that of the innovation, and 25 deg pass. With the detector's 2.5 deg, 6 deg pass, and a filter whose heading is
-wrong by more rejects every right compass. The price are magnets that turn the compass by less than 25 deg.
-"""
 
 COURSE_STRIDES = 5
 """n of AIEZ (27): strides before, whose mean is the reference of the course."""

@@ -14,7 +14,7 @@ compass, 1 deg for HDR within 5 deg of five strides, and 1 deg for roll and pitc
 
 Tuned: chosen by `scripts/tune_filters.py` on simulated walks that are not reported. What is not named is as in the
 preset `physical`, the core of sensor and foot too. Detectors keep their shape: an `allowance` multiplies sigma and
-least change that matters of each channel. The preset serves a smooth field and a rough one. On the smooth alone Ma's
+least change that matters of each channel; they are the smoother's gates too (`fg_nav.magnetic.detectors.TUNED`). The preset serves a smooth field and a rough one. On the smooth alone Ma's
 physical gate is best, with 7 to 10 deg; on the rough it passes nothing, and a filter that uses nearly every compass
 with 20 to 30 deg halves the error of the IEZ. So the tuned gates reject the wildest changes only, and gain at most 10 %
 on no gate at all, which `qsf-stance` is (errors over the IEZ's on 36 walks, seeds 1 to 6: 0.24 `ma2018`, 0.25 `iqsf`
@@ -52,14 +52,14 @@ import numpy as np
 
 from fg_nav.changes import Changes, change_parameters
 from fg_nav.detection.rolling_lever import estimate_lever
-from fg_nav.ekf.aiez import AGREEING, AiezParameters, run_aiez
+from fg_nav.ekf.aiez import AiezParameters, run_aiez
 from fg_nav.ekf.gated_compass import GatedCompassParameters, run_gated_compass
 from fg_nav.ekf.iez import run_iez
 from fg_nav.ekf.parameters import OPENSHOE, STANCE_CORRELATION_S, IezParameters
 from fg_nav.errors import EstimationError
 from fg_nav.magnetic import FootfallField
-from fg_nav.magnetic.detectors import MA_SIGMA_HEADING, Detector
-from fg_nav.magnetic.quasi_static import DETECTORS
+from fg_nav.magnetic.detectors import AGREEING, DETECTORS, MA_SIGMA_HEADING
+from fg_nav.magnetic.detectors import TUNED as TUNED_DETECTORS
 from fg_nav.recording import Recording
 from fg_nav.solution import Solution
 from fg_nav.stances import Stances
@@ -160,23 +160,14 @@ _PHYSICAL: Mapping[str, Parameters] = {
 }
 
 
-def scale_detector(detector: Detector, allowance: float, window: int | None = None) -> Detector:
-    """Return the detector that lets pass changes `allowance` times as large, over a `window` of its own."""
-    channels = tuple(
-        replace(channel, sigma=allowance * channel.sigma, matters=allowance * channel.matters)
-        for channel in detector.channels
-    )
-    return replace(detector, channels=channels, window=detector.window if window is None else window)
-
-
 TUNED_PARAMETERS: Mapping[str, GatedCompassParameters] = MappingProxyType(
     {
-        "qsf": GatedCompassParameters(scale_detector(DETECTORS["qsf"], 8.0, window=1), compass_sigma_deg=30.0),
-        "iqsf": GatedCompassParameters(scale_detector(DETECTORS["iqsf"], 16.0, window=5), compass_sigma_deg=30.0),
-        "ma2018": GatedCompassParameters(scale_detector(DETECTORS["ma2018"], 16.0, window=2), compass_sigma_deg=30.0),
-        "qsf-stance": GatedCompassParameters(DETECTORS["qsf-stance"], compass_sigma_deg=30.0),
+        "qsf": GatedCompassParameters(TUNED_DETECTORS["qsf"], compass_sigma_deg=30.0),
+        "iqsf": GatedCompassParameters(TUNED_DETECTORS["iqsf"], compass_sigma_deg=30.0),
+        "ma2018": GatedCompassParameters(TUNED_DETECTORS["ma2018"], compass_sigma_deg=30.0),
+        "qsf-stance": GatedCompassParameters(TUNED_DETECTORS["qsf-stance"], compass_sigma_deg=30.0),
         "aiez": AiezParameters(
-            scale_detector(AGREEING, 1.4), compass_sigma_deg=20.0, start_sigma_deg=20.0, course_sigma_deg=16.0
+            TUNED_DETECTORS["aiez"], compass_sigma_deg=20.0, start_sigma_deg=20.0, course_sigma_deg=16.0
         ),
     }
 )

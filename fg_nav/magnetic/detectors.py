@@ -82,7 +82,7 @@ quantile that the authors' own assumption of independent changes asks for.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Literal, TypeAlias, get_args
 
@@ -359,3 +359,33 @@ DETECTORS: Mapping[str, Detector] = MappingProxyType({detector.name: detector fo
 
 DEFAULT = "ma2018"
 """It keeps to curved walks, where iQSF cannot, and needs no heading to begin with, as AIEZ does."""
+
+
+def scale_detector(detector: Detector, allowance: float, window: int | None = None) -> Detector:
+    """Return the detector that lets pass changes `allowance` times as large, over a `window` of its own."""
+    channels = tuple(
+        replace(channel, sigma=allowance * channel.sigma, matters=allowance * channel.matters)
+        for channel in detector.channels
+    )
+    return replace(detector, channels=channels, window=detector.window if window is None else window)
+
+
+AGREEING = replace(
+    DETECTORS["aiez"], channels=(_make_channel(OFFSET, 10.0, 40.0), *DETECTORS["aiez"].channels[1:])
+)
+"""The detector `aiez` as the filter's own test, with the sigma of the compass's update.
+
+S is that of the innovation, and 25 deg pass. With the detector's 2.5 deg, 6 deg pass, and a filter whose heading is
+wrong by more rejects every right compass. The price are magnets that turn the compass by less than 25 deg.
+"""
+
+TUNED: Mapping[str, Detector] = MappingProxyType(
+    {
+        **DETECTORS,
+        "qsf": scale_detector(DETECTORS["qsf"], 8.0, window=1),
+        "iqsf": scale_detector(DETECTORS["iqsf"], 16.0, window=5),
+        "ma2018": scale_detector(DETECTORS["ma2018"], 16.0, window=2),
+        "aiez": scale_detector(AGREEING, 1.4),
+    }
+)
+"""The same as the filters' preset `tuned` and the gates of the smoother have them (`fg_nav.ekf.presets`)."""

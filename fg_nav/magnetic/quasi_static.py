@@ -19,7 +19,7 @@ import numpy as np
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import MagneticError
 from fg_nav.frames import wrap_angle
-from fg_nav.magnetic.detectors import DEFAULT, DETECTORS, HEADING_DRIFT, Channel, Detector
+from fg_nav.magnetic.detectors import DEFAULT, DETECTORS, HEADING_DRIFT, TUNED, Channel, Detector
 from fg_nav.magnetic.footfall_field import FootfallField
 from fg_nav.text import format_count, format_ratio
 
@@ -97,6 +97,13 @@ def find_detector(name: str) -> Detector:
     return DETECTORS[name]
 
 
+def find_gate(gate: str) -> Detector:
+    """Return the detector of a gate, hard or not, which is the one of the filter of that name."""
+    name = gate.removesuffix(HARD)
+    find_detector(name)
+    return TUNED[name]
+
+
 def choose_gate(name: str | None, use_magnetometer: bool = True) -> str:
     """Return the gate that was asked for, or the default; raises `MagneticError` if it cannot be."""
     if name is not None and name not in GATES:
@@ -109,7 +116,7 @@ def choose_gate(name: str | None, use_magnetometer: bool = True) -> str:
 def apply_gate(field: FootfallField, gate: str) -> FieldVerdicts:
     """Judge the field by the gate of this name, one of `GATES`; raises `MagneticError` as `find_detector`."""
     if gate != NO_GATE:
-        return judge_field(field, gate.removesuffix(HARD))
+        return judge_field(field, find_gate(gate))
     seen = np.isfinite(field.strength)
     reasons = tuple("there is no gate" if one else NO_FIELD for one in seen)
     return FieldVerdicts(NO_GATE, np.where(seen, 0.0, np.nan), np.inf, reasons)
@@ -135,7 +142,7 @@ def weigh_statistic(verdicts: FieldVerdicts, gate: str) -> Floats:
     judged = verdicts.judged
     if gate == NO_GATE or not judged.any() or not (middle := float(np.median(verdicts.statistic[judged]))) > 0.0:
         return np.ones(len(verdicts))
-    detector = find_detector(gate)
+    detector = find_gate(gate)
     count = detector.window * len(detector.channels)
     ratio = np.where(judged, verdicts.statistic / middle, 1.0)
     return np.asarray((PRIOR_COUNT + count * ratio) / (PRIOR_COUNT + count))
@@ -145,7 +152,7 @@ def count_needed(gate: str) -> int | None:
     """Latest footfalls that a verdict of this gate depends on; None for all so far, which align a heading offset."""
     if gate == NO_GATE:
         return 1
-    detector = find_detector(gate.removesuffix(HARD))
+    detector = find_gate(gate)
     return _longest_span(detector) + 1 if detector.offset_column is None else None
 
 

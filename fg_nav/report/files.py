@@ -26,7 +26,7 @@ from fg_nav.estimators import ESTIMATORS, find_given_parameters
 from fg_nav.evaluation.metrics import evaluate, measure_gap
 from fg_nav.feet.sides import Side
 from fg_nav.io import write_tum
-from fg_nav.magnetic.quasi_static import DETECTORS, QUASI_STATIC, UNKNOWN
+from fg_nav.magnetic.quasi_static import NO_GATE, QUASI_STATIC, UNKNOWN, find_gate
 from fg_nav.report import WITH_PAGE, WITH_PICTURES, Plots
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.text import find_version, to_json
@@ -340,7 +340,7 @@ def describe_gate(walk: Walk, solution: Solution) -> dict[str, object] | None:
     words = solution.stances.field
     if walk.verdicts is None or "detector" in solution.parameters:
         return None
-    detector = DETECTORS.get(walk.options.gate)
+    detector = None if walk.options.gate == NO_GATE else find_gate(walk.options.gate)
     return {
         "name": walk.options.gate,
         "threshold": None if detector is None else detector.threshold,

@@ -11,9 +11,10 @@ from fg_nav.ekf.core import filter_walk, propagate_considered
 from fg_nav.ekf.gated_compass import find_first_heading, run_gated_compass
 from fg_nav.ekf.iez import run_iez
 from fg_nav.ekf.parameters import IezParameters
-from fg_nav.ekf.presets import GATED, PHYSICAL, RTS, find_parameters, run_filter, scale_detector
+from fg_nav.ekf.presets import GATED, PHYSICAL, RTS, find_parameters, run_filter
 from fg_nav.errors import EstimationError
 from fg_nav.magnetic import average_footfall_field
+from fg_nav.magnetic.detectors import scale_detector
 from fg_nav.mechanisation import NavState
 from tests.ekf.errors import error_of, random_state
 from tests.ekf.field_walks import STRAIGHT, off_deg, walked

@@ -232,7 +232,7 @@ def leg(course, strides, known):
     for k in range(strides):
         graph.add(factor_of(exact, [X(0), M(k), M(k + 1)]))
     for k in range(strides + 1):
-        sigmas = np.array([PHI_SIGMA if k in known else 1e3, *[1e-4] * 7])
+        sigmas = np.array([PHI_SIGMA if k in known else 1e3, *[1e-4] * (SIZE - 1)])
         graph.add(gtsam.PriorFactorVector(M(k), TO_NORTH, gtsam.noiseModel.Diagonal.Sigmas(sigmas)))
     loose = gtsam.noiseModel.Diagonal.Sigmas(np.array([1e-4, 1e-4, 10.0, 1.0, 1.0, 1.0]))
     graph.add(gtsam.PriorFactorPose3(X(0), gtsam.Pose3(), loose))
@@ -272,10 +272,10 @@ def test_an_optimizer_finds_the_heading():
         d, u, s = ends[k + 1] - ends[k], np.diff(found.u)[k], np.diff(found.s, axis=0)[k]
         stride = FieldPotential(np.array(u), s, np.zeros(3), d, np.eye(3), np.array(0.1))
         graph.add(factor_of(stride, [X(0), M(k), M(k + 1)]))
-        tie = gtsam.noiseModel.Diagonal.Sigmas(np.array([1e3, *[1e-4] * 7]))
+        tie = gtsam.noiseModel.Diagonal.Sigmas(np.array([1e3, *[1e-4] * (SIZE - 1)]))
         graph.add(gtsam.BetweenFactorVector(M(k), M(k + 1), np.zeros(SIZE), tie))
     for k in range(K + 1):
-        sigmas = np.array([6.0, *([1.0, 1.0, 1e-3, 1e-3, 0.1, 0.1, 15.0] if k == 0 else [1e3] * 7)])
+        sigmas = np.array([6.0, *([1.0, 1e-3, 1e-3, 1e-3, 1e-3, 0.1, 0.1, 15.0] if k == 0 else [1e3] * (SIZE - 1))])
         graph.add(gtsam.PriorFactorVector(M(k), earth, gtsam.noiseModel.Diagonal.Sigmas(sigmas)))
         values.insert(M(k), earth)
     values.insert(X(0), pose(off))

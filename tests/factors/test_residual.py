@@ -21,9 +21,12 @@ from fg_nav.factors import (
 )
 from fg_nav.factors.magnetic_field import SIZE
 from fg_nav.factors.residual import one_of
-from tests.factors.derivatives import assert_jacobians_are_derivatives, jacobians
+from tests.factors.derivatives import assert_jacobians_are_derivatives, jacobians, moved
 
 COUNT = 5
+FIELD = np.array([0.0, 0, 0, 0, 3.0, 20.0, 0, 0, 0])
+ROBUST = ("magnetic heading", "straight walk")
+"""Their Jacobians hold the weight: those of the loss are right, not those of the rows."""
 
 
 def random_blocks(seed):
@@ -35,7 +38,7 @@ def random_blocks(seed):
         values.insert(V(k), rng.standard_normal(3))
         values.insert(S(k), 0.01 * rng.standard_normal(1))
         values.insert(Z(k), rng.standard_normal(1))
-        values.insert(M(k), np.array([0.0, 0, 0, 3.0, 20.0, 0, 0, 0]) + rng.standard_normal(SIZE))
+        values.insert(M(k), FIELD + rng.standard_normal(SIZE))
     three, sigma = (lambda: rng.standard_normal((COUNT, 3))), rng.uniform(0.5, 2.0, (COUNT, SIZE))
     level, tilted = (Rotation.random(COUNT, rng=rng).as_matrix() for _ in range(2))
     residuals = {
@@ -74,11 +77,23 @@ def test_a_block_has_the_linearization_of_its_factors(name, seed):
 
 
 @pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize("name", [name for name in NAMES if name != "straight walk"])
+@pytest.mark.parametrize("name", [name for name in NAMES if name not in ROBUST])
 def test_jacobians_are_the_derivatives_with_their_sign(name, seed):
     blocks, values = random_blocks(seed)
     for factor in blocks[name].factors():
         assert_jacobians_are_derivatives(factor, values, atol=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("name", ROBUST)
+def test_a_robust_loss_has_the_slope_that_its_rows_say(name, seed):
+    blocks, values = random_blocks(seed)
+    for factor in blocks[name].factors():
+        e = factor.unwhitenedError(values)
+        for key, by_key in jacobians(factor, values).items():
+            for i, direction in enumerate(np.eye(by_key.shape[1])):
+                ahead, behind = (factor.error(moved(values, key, sign * 1e-5 * direction)) for sign in (1.0, -1.0))
+                assert (ahead - behind) / 2e-5 == pytest.approx(by_key[:, i] @ e, abs=1e-5, rel=1e-5)
 
 
 def turned_from_level(values, factor, block, k):
@@ -86,7 +101,7 @@ def turned_from_level(values, factor, block, k):
     pose_key, R = factor.keys()[0], block.residuals.nav_R_level[k]
     turned = gtsam.Rot3.Rz(0.7 * k).matrix() @ R
     values.update(pose_key, gtsam.Pose3(gtsam.Rot3(turned), values.atPose3(pose_key).translation()))
-    (by_pose,) = jacobians(factor, values)[pose_key]
+    by_pose = jacobians(factor, values)[pose_key][0]
     return by_pose, np.concatenate([turned[2], np.zeros(3)])
 
 
@@ -112,7 +127,7 @@ def test_a_tilt_changes_the_line_integral_by_the_moment_of_the_field():
 
 def test_the_prior_of_the_field_has_its_derivatives():
     rng = np.random.default_rng(5)
-    prior = FieldPrior(np.array([0.0, 0, 0, 3.0, 20.0, 0, 0, 0]), rng.uniform(0.5, 2.0, SIZE))
+    prior = FieldPrior(FIELD, rng.uniform(0.5, 2.0, SIZE))
     values = gtsam.Values()
     values.insert(M(0), prior.mean + rng.standard_normal(SIZE))
     assert_jacobians_are_derivatives(factor_of(prior, [M(0)]), values, atol=1e-6)

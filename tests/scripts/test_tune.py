@@ -5,9 +5,10 @@ from concurrent.futures import Future
 import numpy as np
 import pytest
 
-from fg_nav.ekf.presets import PHYSICAL, TUNED, find_parameters, scale_detector
+from fg_nav.ekf.presets import PHYSICAL, TUNED, find_parameters
 from fg_nav.errors import OutputError
 from fg_nav.magnetic import DETECTORS
+from fg_nav.magnetic.detectors import scale_detector
 from fg_nav.recording import Recording
 from fg_nav.truth import TrajectoryTruth
 from tests.scripts import load_script
