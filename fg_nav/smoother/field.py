@@ -135,8 +135,9 @@ def compare_field(
     else:
         reference = states[:, E_H]
         deviation = deviate_along(nav_field, reference)
-    rough = measure_roughness(deviation, seen, path.distance_m)
-    spread = np.hypot(COMPASS_SIGMA_UT, rough.white_uT * np.sqrt(weigh_statistic(verdicts, p.gate)))
+    weight = weigh_statistic(verdicts, p.gate)
+    rough = measure_roughness(deviation, seen & np.isfinite(weight), path.distance_m)
+    spread = np.hypot(COMPASS_SIGMA_UT, rough.white_uT * np.sqrt(weight))
     sigma_uT = np.where(seen & p.compass, spread, np.inf)
     return FieldResiduals(verdicts, sigma_uT, rough, nav_R_body, reference)
 

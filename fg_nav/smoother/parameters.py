@@ -27,11 +27,8 @@ class FieldParameters:
     """How often noise and verdicts are taken again from the smoothed walk: the first time from a walk without the
     field, whose heading has drifted."""
     gate: str = "ma2018"
-    """Detector of a quasi-static field (`fg_nav.magnetic.quasi_static.GATES`): a footfall's compass is used exactly
-    where it passes the field; `none` passes all."""
-    potential_drift_m: float = 0.2
-    """Largest drift a stride, m, that the walk's evidence may leave to the line integral for it to be used
-    (`path_noise`): as much as a heading wrong by 8 deg."""
+    """Detector of a quasi-static field (`fg_nav.magnetic.quasi_static.GATES`) whose statistic weighs the compass of a
+    footfall; `none` weighs all alike, `NAME:hard` uses the compass exactly where the detector passes the field."""
 
 
 @dataclass(frozen=True)
@@ -103,12 +100,12 @@ class SmootherParameters:
     gyro_bias_walk_deg_s: float = 6e-4
     """Random walk of the gyro bias, deg/s/sqrt(s): 0.04 deg/s in an hour."""
     choose_bias_walk: bool = True
-    """Choose `gyro_bias_walk_deg_s` by the evidence of the walk (`bias_walk`); the value above is for walks that do not
-    show another."""
+    """Average `gyro_bias_walk_deg_s` over levels by the evidence of the walk (`bias_walk`); the value above is the
+    smallest."""
     refuse_stances: bool = True
     """Trust stances less in which the foot moves by what the rest of the walk says (`refused_stances`)."""
     gyro_scale: bool = True
-    """Take off the gyroscope's scale errors that the walk shows with its magnetic field (`gyro_scale`)."""
+    """Take off the gyroscope's scale errors that both halves of the walk show with its magnetic field (`gyro_scale`)."""
     tilt_sigma_deg: float = 1.0
     """Tilt after levelling in the first stance, deg."""
     rest: RestParameters = field(default_factory=RestParameters)

@@ -17,9 +17,9 @@ from fg_nav.lab.simulation import simulate
 from fg_nav.lab.simulation.fields import magnet
 from fg_nav.lab.simulation.fields.sources import Dipoles
 from fg_nav.magnetic import FootfallField, average_footfall_field
-from fg_nav.magnetic.quasi_static import DISTURBED, NO_FIELD, QUASI_STATIC, UNKNOWN, find_detector
+from fg_nav.magnetic.quasi_static import DISTURBED, NO_FIELD, QUASI_STATIC, UNKNOWN, find_gate
 from fg_nav.recording import Recording
-from fg_nav.smoother import SmootherParameters, roughness, smooth
+from fg_nav.smoother import SmootherParameters, smooth
 from fg_nav.smoother import field as smoother_field
 from fg_nav.smoother.field import FEWEST_SEEN
 from fg_nav.smoother.parameters import FieldParameters
@@ -34,7 +34,7 @@ NOT_RESTED = replace(
 )
 """Without a rest the gyro bias is what the walk shows of it."""
 FIELD = FieldParameters()
-STRIDES = find_detector(FIELD.gate).rows - 1
+STRIDES = find_gate(FIELD.gate).rows - 1
 """Strides that the gate compares: the first footfalls are not judged, and a disturbed one disturbs the next."""
 
 
@@ -116,10 +116,10 @@ def drifted() -> Solution:
 
 
 @pytest.mark.parametrize("heading", [0.0, None], ids=["told", "not told"])
-@pytest.mark.parametrize("drift_m", [math.inf, 0.0], ids=["with potential", "compass alone"])
-def test_in_a_homogeneous_field_a_gyro_bias_turns_nothing(heading: float | None, drift_m: float) -> None:
+@pytest.mark.parametrize("potential", [True, False], ids=["with potential", "compass alone"])
+def test_in_a_homogeneous_field_a_gyro_bias_turns_nothing(heading: float | None, potential: bool) -> None:
     drifting = in_field(earth(), bias_deg_s=0.2)
-    found = smoothed(drifting, heading, replace_field(NOT_RESTED, potential_drift_m=drift_m))
+    found = smoothed(drifting, heading, replace_field(NOT_RESTED, potential=potential))
     assert np.abs(heading_error_deg(found)).max() < 0.4
     assert np.abs(heading_error_deg(drifted())).max() > 15.0
     assert found.stances.field[:STRIDES] == (UNKNOWN,) * STRIDES
@@ -172,14 +172,16 @@ def roughened(recording: Recording, seed: int) -> FootfallField:
     return replace(field, body_field=field.body_field + 3.0 * rng.standard_normal(field.body_field.shape))
 
 
-def test_where_the_field_is_rough_a_told_heading_has_a_say() -> None:
-    """Eight degrees from where it was told to be: in a homogeneous field that would be a contradiction."""
-    recording = in_field(earth(np.radians(8.0)))
-    p = replace_field(potential=False)
-    fields = (None, roughened(recording, 0))
-    directions = [field_in_notes(smoothed(recording, p=p, field=field))[1] for field in fields]
-    assert directions[0] == pytest.approx(8.0, abs=0.3)
-    assert -1.0 < directions[1] < 4.0
+@pytest.mark.parametrize("rough", [False, True], ids=["homogeneous", "rough"])
+def test_whether_a_heading_is_told_turns_the_walk_and_changes_nothing_else(rough: bool) -> None:
+    """Eight degrees from where it was told to be."""
+    recording = in_field(earth(np.radians(8.0)), bias_deg_s=0.1)
+    field = roughened(recording, 0) if rough else None
+    told, turned = (smoothed(recording, heading, NOT_RESTED, field=field) for heading in (0.0, None))
+    off = wrap_angle(compute_heading(turned.stances.nav_R_body) - compute_heading(told.stances.nav_R_body))
+    assert np.ptp(np.degrees(off)) < 0.05
+    back = turned.stances.position @ rotation(np.degrees(off).mean()).T
+    np.testing.assert_allclose(back, told.stances.position, atol=0.02)
 
 
 def test_the_claimed_sigma_of_the_heading_is_honest() -> None:
@@ -196,18 +198,6 @@ def test_the_claimed_sigma_of_the_heading_is_honest() -> None:
     assert np.max(claimed) < 12.0  # a compass is 8.6 deg, and a region may be off as well
 
 
-def test_a_short_walk_without_a_told_heading_is_turned_as_one_piece() -> None:
-    """On a rough floor its shape is that of a walk which was told its heading, whatever north the mean field makes."""
-    for seed in range(2):
-        recording = in_field(earth(), seed)
-        field = roughened(recording, seed)
-        told, turned = (smoothed(recording, heading, seed=seed, field=field) for heading in (0.0, None))
-        off = wrap_angle(compute_heading(turned.stances.nav_R_body) - compute_heading(told.stances.nav_R_body))
-        assert np.ptp(np.degrees(off)) < 0.3
-        back = turned.stances.position @ rotation(np.degrees(off).mean()).T
-        assert np.abs(back - told.stances.position)[:, :2].max() < 0.05
-
-
 def test_its_doubt_about_north_is_in_all_its_poses() -> None:
     """As if the whole walk were turned about its start by one angle of that sigma."""
     recording = in_field(earth())
@@ -221,16 +211,18 @@ def test_its_doubt_about_north_is_in_all_its_poses() -> None:
     by_turn = (turned.position @ rotation(np.degrees(step)).T - turned.position) / step
     lever = np.column_stack([by_turn, np.ones(len(by_turn))])
     expected = north**2 * lever[:, :, None] * lever[:, None, :]
-    np.testing.assert_allclose(more, expected, atol=0.1 * np.abs(expected).max())
+    # And by what regions of the field do to its two ends.
+    np.testing.assert_allclose(more, expected, atol=0.12 * np.abs(expected).max())
 
 
 def test_hard_iron_upward_is_found_in_the_swing(monkeypatch: pytest.MonkeyPatch) -> None:
     """The line integral sees it, and takes it for a part of the field where it may not be."""
     recording = in_field(earth(), iron=np.array([0.0, 0.0, 10.0]))
-    monkeypatch.setattr(roughness, "REGIONAL_SHARE", 1.0)
-    asked = np.abs(heading_error_deg(smoothed(recording, 0.0, replace_field(potential_drift_m=math.inf))))
-    monkeypatch.setattr(smoother_field, "HARD_IRON_UP_UT", 1e-3)
-    none = np.abs(heading_error_deg(smoothed(recording, 0.0, replace_field(potential_drift_m=math.inf))))
+    field = average_footfall_field(recording, demo().stances)
+    known = replace(field, iron_sigma_uT=np.full(field.iron_sigma_uT.shape, 1e-3))
+    asked = np.abs(heading_error_deg(smoothed(recording, field=field)))
+    monkeypatch.setattr(smoother_field, "LEFT_IRON_UP_UT", 1e-3)
+    none = np.abs(heading_error_deg(smoothed(recording, field=known)))
     assert asked.max() < min(0.8 * none.max(), 0.6)
 
 
@@ -247,23 +239,18 @@ def near(k: int, strength: float = 1.0) -> Dipoles:
     return magnet(place_of_footfall(k) + np.array([0.25, 0.1, -0.1]), strength * np.array([3.0, -2.0, 1.0]))
 
 
-def jump_at(k: int, error: Floats) -> float:
-    """Largest change of the error from a stride to the next about a footfall."""
-    return float(np.abs(np.diff(error))[k - 2 : k + 2].max())
-
-
 @pytest.mark.parametrize("heading", [0.0, None], ids=["told", "not told"])
-@pytest.mark.parametrize("drift_m", [math.inf, 0.0], ids=["with potential", "compass alone"])
-def test_a_magnet_beside_the_way_is_seen_and_turns_nobody(heading: float | None, drift_m: float) -> None:
+@pytest.mark.parametrize("potential", [True, False], ids=["with potential", "compass alone"])
+def test_a_magnet_beside_the_way_is_seen_and_turns_nobody(heading: float | None, potential: bool) -> None:
     recording = in_field(lambda x: earth() + near(20).at(x))
-    found = smoothed(recording, heading, replace_field(potential_drift_m=drift_m))
-    assert footfalls(DISTURBED, found) == list(range(20, 21 + STRIDES))
+    found = smoothed(recording, heading, replace_field(potential=potential))
     assert "times the threshold" in found.stances.field_reason[20]
     error = heading_error_deg(found)
     assert np.abs(np.diff(error)).max() < 0.1
     assert np.abs(error).max() < 0.5
-    blind = replace_field(NOT_RESTED, potential_drift_m=drift_m, gate="none")
-    assert jump_at(20, heading_error_deg(smoothed(recording, heading, blind))) > 2.0 * jump_at(20, error)
+    # With no gate the robust noise holds it alone.
+    blind = heading_error_deg(smoothed(recording, heading, replace_field(potential=potential, gate="none")))
+    assert np.abs(blind).max() < 0.5
 
 
 def box(k: int, there: Floats) -> Callable[[Floats], Floats]:
@@ -275,34 +262,41 @@ def box(k: int, there: Floats) -> Callable[[Floats], Floats]:
 def test_a_field_that_is_only_turned_is_seen_against_the_smoothed_heading() -> None:
     """Strength and inclination are right."""
     found = smoothed(in_field(box(20, earth(np.radians(10.0)))))
-    assert footfalls(DISTURBED, found) == list(range(20, 21 + STRIDES))
     (change,) = re.findall(r"heading difference changes by ([\d.]+) deg", found.stances.field_reason[20])
     assert float(change) == pytest.approx(10.0, abs=1.0)
 
 
-def test_what_the_gate_rejects_is_not_in_the_graph() -> None:
+def test_what_a_hard_gate_rejects_is_not_in_the_graph() -> None:
     """Whatever the field is there."""
-    recording = in_field(lambda x: earth() + near(20).at(x))
-    field = average_footfall_field(recording, demo().stances)
+    recording = in_field(lambda x: earth() + near(20, 10.0).at(x))
+    field, p = average_footfall_field(recording, demo().stances), replace_field(gate="ma2018:hard")
     other = field.body_field.copy()
     other[20] += np.array([30.0, -20.0, 10.0])
-    one, two = (smoothed(recording, field=replace(field, body_field=each)) for each in (field.body_field, other))
+    one, two = (smoothed(recording, p=p, field=replace(field, body_field=each)) for each in (field.body_field, other))
     assert one.stances.field == two.stances.field
-    np.testing.assert_allclose(one.position, two.position, atol=1e-6)
-    np.testing.assert_allclose(one.stances.heading_sigma, two.stances.heading_sigma, rtol=1e-6)
+    assert footfalls(DISTURBED, one) == list(range(20, 21 + STRIDES))
+    assert one.graph["magnetic_heading"] == len(field) - 1 - 2 * STRIDES  # the first ones are not judged
+    # But for the mean field, by which the solver's first values are turned.
+    np.testing.assert_allclose(one.position, two.position, atol=5e-3)
+    np.testing.assert_allclose(one.stances.heading_sigma, two.stances.heading_sigma, rtol=1e-2)
 
 
-def test_a_walk_of_which_no_footfall_passes_has_the_shape_of_the_inertial_one() -> None:
-    """And its north from all of the field."""
-    recording, rng = in_field(earth(0.3)), np.random.default_rng(1)
-    field = average_footfall_field(recording, demo().stances)
+@pytest.mark.parametrize("gate", ["ma2018", "aiez", "qsf", "none"])
+def test_every_footfall_with_a_reading_has_its_compass(gate: str) -> None:
+    recording = in_field(lambda x: earth() + near(20, 10.0).at(x))
+    assert smoothed(recording, p=replace_field(gate=gate)).graph["magnetic_heading"] == demo().stances.n_footfalls
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_field_that_is_another_at_each_footfall_bends_a_walk_with_a_rest_within_its_sigma(seed: int) -> None:
+    """12 uT a component: half of the horizontal field."""
+    recording, rng = in_field(earth(), seed), np.random.default_rng(seed)
+    field = average_footfall_field(recording, demo(seed).stances)
     field = replace(field, body_field=field.body_field + 12.0 * rng.standard_normal(field.body_field.shape))
-    found, without = smoothed(recording, None, field=field), inertial(recording)
-    assert QUASI_STATIC not in found.stances.field
+    found, without = smoothed(recording, None, seed=seed, field=field), inertial(recording, seed=seed)
     off = np.degrees(wrap_angle(compute_heading(found.nav_R_body) - compute_heading(without.nav_R_body)))
-    assert np.ptp(off) < 0.1
-    assert off.mean() == pytest.approx(-np.degrees(0.3), abs=10.0)
-    assert 1.0 < np.degrees(found.stances.heading_sigma.min()) < 15.0
+    assert np.ptp(off) < 1.5
+    assert np.abs(heading_error_deg(found, seed)).max() < 2.5 * np.degrees(found.stances.heading_sigma.min())
 
 
 # ------------------------------------------------------------------------------------------- where there is no field
@@ -313,14 +307,14 @@ def unseen(recording: Recording, rows: Bools) -> Recording:
     return replace(recording, mag=np.where(rows[:, None], np.nan, recording.mag))
 
 
-@pytest.mark.parametrize("drift_m", [math.inf, 0.0], ids=["with potential", "compass alone"])
+@pytest.mark.parametrize("potential", [True, False], ids=["with potential", "compass alone"])
 @pytest.mark.parametrize("part", ["begin", "end", "middle"])
-def test_a_stretch_without_a_field_is_walked_by_the_gyroscope(part: str, drift_m: float) -> None:
+def test_a_stretch_without_a_field_is_walked_by_the_gyroscope(part: str, potential: bool) -> None:
     drifting = in_field(earth(), bias_deg_s=0.2)
     t = drifting.t
     from_s, to_s = {"begin": (-1.0, 20.0), "end": (45.0, 99.0), "middle": (25.0, 40.0)}[part]
     recording = unseen(drifting, (t > from_s) & (t < to_s))
-    found = smoothed(recording, None, replace_field(NOT_RESTED, potential_drift_m=drift_m))
+    found = smoothed(recording, None, replace_field(NOT_RESTED, potential=potential))
     dark = (found.stances.t > from_s + 0.5) & (found.stances.t < to_s - 0.5)
     assert dark.sum() > 10
     assert {found.stances.field[k] for k in np.flatnonzero(dark)} == {UNKNOWN}
@@ -372,20 +366,9 @@ def test_a_foot_that_only_stands_keeps_its_heading() -> None:
 # -------------------------------------------------------------------------------------------------------- parameters
 
 
-def test_a_walk_whose_line_integrals_may_drift_does_without_them() -> None:
-    recording = in_field(lambda x: earth() + near(20, 20.0).at(x))
-    compass_alone = smoothed(recording, p=replace_field(potential=False))
-    refused = smoothed(recording, p=replace_field(potential_drift_m=0.0))
-    assert_same(compass_alone, refused)
-    assert any("line integral of the field not used" in note for note in refused.notes)
-    used = smoothed(recording, p=replace_field(potential_drift_m=math.inf))
-    assert np.abs(used.position - refused.position).max() > 1e-3
-    assert any("line integral of the field used" in note for note in used.notes)
-
-
 def test_the_potential_alone_holds_a_heading() -> None:
     drifting = in_field(earth(), bias_deg_s=0.2)
-    found = smoothed(drifting, 0.0, replace_field(NOT_RESTED, compass=False, potential_drift_m=math.inf))
+    found = smoothed(drifting, 0.0, replace_field(NOT_RESTED, compass=False))
     assert np.abs(heading_error_deg(found)).max() < 1.5
 
 
