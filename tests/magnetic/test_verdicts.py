@@ -46,7 +46,7 @@ def test_coverage_is_a_share_of_all_footfalls_judged_or_not():
 def test_a_verdict_needs_the_latest_footfalls_only(gate):
     """A walk in progress judges each footfall by these; in batch it is the same verdict."""
     rng, field = np.random.default_rng(0), footfalls(still(40), rate=np.arange(40) % 3)
-    changes = np.where(rng.uniform(size=(40, 1)) < 0.3, 6.0, 0.1) * rng.standard_normal((40, 3))
+    changes = np.where(rng.uniform(size=(40, 1)) < 0.3, 20.0, 0.1) * rng.standard_normal((40, 3))
     field = replace(field, body_field=np.where((np.arange(40) % 11 == 5)[:, None], np.nan, field.body_field + changes))
     batch, needed = apply_gate(field, gate), count_needed(gate)
     for k in range(len(field)):
@@ -56,7 +56,7 @@ def test_a_verdict_needs_the_latest_footfalls_only(gate):
             assert online.words[-1] == batch.words[k]
             assert online.reason[-1] == batch.reason[k]
     assert set(batch.words) >= {QUASI_STATIC, UNKNOWN}
-    assert gate in (NO_GATE, "aiez-printed") or DISTURBED in batch.words
+    assert gate == NO_GATE or DISTURBED in batch.words
 
 
 SOFT = [gate for gate in GATES if gate in DETECTORS]
