@@ -125,8 +125,8 @@ def find_iron(strides: StrideReadings) -> MagnetometerCalibration:
     level_uT = float(np.linalg.norm(fit.b[:2]))
     if level_uT < LEVEL_FIELD_UT[0]:
         raise MagneticError(
-            f"the readings of the magnetometer turn with the foot, and {level_uT:.1g} uT of them do not: it measures no "
-            "field of the Earth; go on without it (--no-mag)."
+            f"the readings of the magnetometer turn with the foot, and {level_uT:.1g} uT of them do not: it measures "
+            "no field of the Earth; go on without it (--no-mag)."
         )
     _check_bending(fit)
     return _build_calibration(fit, walk, None)

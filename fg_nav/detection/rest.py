@@ -5,13 +5,14 @@ cut into blocks of a quarter of a second, shorter than body sway. A rest is a ru
 and agree with each other, in rate and in specific force. None reaches over a hole in the samples.
 
 The bias is the slope of the integrated rate over the rest, not the mean rate: a standing foot sways by small angles,
-and fast sway is white in the angle. With s the rms of the angle about that slope, over a time T it is uncertain by
+and fast sway is white in the angle. Each axis has its sigma from the rest's own sway: with s the measured rms of the
+angle about that line, over a time T the slope is uncertain by
 
-    s sqrt(12) / T max(1, 6 s / T),
+    `SWAY_SCALE` s sqrt(12) / T,
 
-the last factor for sway slower than the rest, which looks like a bias; by the sensor's noise; and by a floor for what a
-bias does within a walk. So 0.8 s of a foot that sways by 0.02 deg show the bias to 0.7 deg/s, which is next to nothing,
-and three still seconds to 0.02.
+for n independent angles would show it to s sqrt(12 / n) / T, and sway is about one. Further parts are the sensor's
+noise, and a floor for what a bias does within a walk. So 0.75 s of a foot that sways by 0.02 deg show the bias to 0.2
+deg/s, and three seconds to 0.05.
 
 Navigation begins in the first stance: the mean specific force points up and levels the sensor; the heading is given, or
 zero. A rest in the first footfall shows the gyro bias, and in the first stance it levels better. Before the first
@@ -46,8 +47,10 @@ GYR_STEP_DEG_S, ACC_STEP_M_S2 = 0.5, 0.15
 LARGEST_BIAS_DEG_S = 10.0
 """A steady rate above this is a motion: a MEMS gyroscope's zero-rate output is within 5 deg/s."""
 
-SWAY_PERIOD_S = 6.0
-"""Of the slowest sway that counts: a rest of T shows its share T / 6 s (real feet: 8, 4, 2 at 0.75, 1.5, 3 s)."""
+SWAY_SCALE = 2.0
+"""Error of the slope over what the sway about it shows, for sway slower than the rest looks like a bias: pieces of
+0.75, 1.5 and 3 s of standing feet (mems_foot, openshoe, xio and others) differ from the bias of the whole standing by
+twice what their own sway says, in the median."""
 
 LEAST_SIGMA_DEG_S = 0.015
 """No rest shows the bias better: its own instability, and what a foot turns while it seems to rest."""
@@ -90,7 +93,7 @@ class Rest:
         return bool((apart <= MOST_APART_SIGMAS).all())
 
     def beyond(self, before: Rest) -> Rest | None:
-        """Return what this rest shows beyond what an earlier view of it showed; None if nothing.
+        """Return what this rest shows beyond what an earlier view of it showed; None unless it does on every axis.
 
         The two together weigh as much as this one alone: information that was counted is not counted again.
         """
@@ -146,7 +149,7 @@ def _measure_rest(recording: Recording, start: int, stop: int) -> Rest:
     angle = np.vstack([np.zeros(3), np.cumsum(steps, axis=0)])
     slope = np.polynomial.polynomial.polyfit(t, angle, 1)[1]
     line = angle.mean(axis=0) + np.outer(t - t.mean(), slope)
-    sway = (angle - line).std(axis=0) * np.sqrt(12.0) / t[-1] * 2.0
+    sway = SWAY_SCALE * (angle - line).std(axis=0) * np.sqrt(12.0) / t[-1]
     noise = np.sqrt(1.2 / len(t)) * gyr.std(axis=0).max()  # of a slope, 6/5 of that of a mean
     sigma = np.sqrt(sway**2 + noise**2 + np.radians(LEAST_SIGMA_DEG_S) ** 2)
     return Rest(start, stop, slope, sigma, recording.acc[start:stop].mean(axis=0))

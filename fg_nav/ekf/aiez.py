@@ -30,7 +30,7 @@ Reference: Zhang, Guo, Liu (2017), "Pedestrian Dead Reckoning system using quasi
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from time import perf_counter
 
 import numpy as np

@@ -370,9 +370,7 @@ def scale_detector(detector: Detector, allowance: float, window: int | None = No
     return replace(detector, channels=channels, window=detector.window if window is None else window)
 
 
-AGREEING = replace(
-    DETECTORS["aiez"], channels=(_make_channel(OFFSET, 10.0, 40.0), *DETECTORS["aiez"].channels[1:])
-)
+AGREEING = replace(DETECTORS["aiez"], channels=(_make_channel(OFFSET, 10.0, 40.0), *DETECTORS["aiez"].channels[1:]))
 """The detector `aiez` as the filter's own test, with the sigma of the compass's update.
 
 S is that of the innovation, and 25 deg pass. With the detector's 2.5 deg, 6 deg pass, and a filter whose heading is

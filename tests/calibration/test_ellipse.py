@@ -45,9 +45,8 @@ def footfalls(level_R_body_, vertical=-43.0, heading=ROUND):
     nav_R_body = np.stack([yaw_rotation(np.pi / 2 - angle) for angle in heading]) @ level_R_body_
     n = len(heading)
     ones = np.ones(n)
-    return FootfallField(
-        np.arange(n), ones, level @ level_R_body_, 9.8 * nav_R_body[:, 2], nav_R_body, np.full(n, 9), ones, ones, ones
-    )
+    measured = level @ level_R_body_, 9.8 * nav_R_body[:, 2], nav_R_body
+    return FootfallField(np.arange(n), ones, *measured, np.full(n, 9), ones, ones, ones, np.ones((n, 3)))
 
 
 @pytest.mark.parametrize(("eta", "tau"), [(0.973, 0.896), (-1.2, 0.7), (0.0, 0.95), (1.5, 0.5)])

@@ -15,13 +15,14 @@ from fg_nav.calibration import (
     read_strides,
     walk_model,
 )
-from fg_nav.calibration.magnetometer import UPPER
+from fg_nav.calibration.magnetometer import UPPER, correct_field
 from fg_nav.calibration.stride_readings import PHASES
-from fg_nav.calibration.walk import measure_spread
+from fg_nav.calibration.walk import find_iron, find_iron_sigma, find_level_iron, measure_spread
 from fg_nav.detection import detect_stances
-from fg_nav.errors import CalibrationError
+from fg_nav.errors import CalibrationError, MagneticError
 from fg_nav.frames import yaw_rotation
 from fg_nav.lab.simulation import Choices, simulate
+from tests.magnetic.fields import footfalls, still
 
 EARTH = np.array([0.0, 21.0, -43.0])
 HARD = np.array([9.0, -6.0, 4.0])
@@ -229,6 +230,51 @@ def test_a_magnetometer_that_does_not_feel_the_field_is_refused(reading, noise_u
 def test_readings_in_another_unit_are_refused(unit):
     field = walked(round_walk(), np.random.default_rng(15))
     assert refusal(replace(field, reading=unit * field.reading))
+
+
+@pytest.mark.parametrize("heading", [round_walk(), np.zeros(120)], ids=["round", "straight"])
+def test_the_iron_of_any_walk_is_found_to_within_its_sigma(heading):
+    """Where a calibration would be refused, too: a straight walk shows little, and says so."""
+    errors = []
+    for seed in range(12):
+        found = find_iron(walked(heading, np.random.default_rng(seed)))
+        errors.append((found.hard_iron_uT - HARD) / found.sigma[:3])
+        assert not any("spreads by" in note for note in found.notes)
+    assert np.sqrt(np.mean(np.square(errors))) < 1.4
+    assert np.abs(errors).max() < 4.0
+
+
+def test_the_iron_of_a_walk_without_any_is_none_to_within_its_sigma():
+    found = find_iron(walked(round_walk(), np.random.default_rng(3), hard=np.zeros(3)))
+    assert (np.abs(found.hard_iron_uT) < 3.0 * found.sigma[:3]).all()
+
+
+@pytest.mark.parametrize("reading", [[20.0, 3.0, -40.0], [0.0, 0.0, 0.0]])
+@pytest.mark.parametrize("noise_uT", [0.0, 0.3])
+def test_what_a_dead_magnetometer_reads_is_not_taken_for_iron(reading, noise_uT):
+    field = walked(round_walk(), np.random.default_rng(14))
+    dead = np.array(reading) + noise_uT * np.random.default_rng(15).standard_normal(field.reading.shape)
+    with pytest.raises(MagneticError, match=r"turn with the foot.*--no-mag"):
+        find_iron(replace(field, reading=dead))
+
+
+def test_too_few_strides_show_no_iron():
+    with pytest.raises(CalibrationError, match=r"^19 strides with a field cannot tell"):
+        find_iron(walked(round_walk(30), np.random.default_rng(10)).part(np.arange(30) < 19))
+
+
+def test_what_is_left_of_the_iron_has_the_covariance_of_the_calibration():
+    """Over the ground with what soft iron makes of the vertical field, and of h alone where soft iron is known."""
+    found, field = find_iron(walked(round_walk(), np.random.default_rng(1))), footfalls(still(30))
+    corrected = correct_field(field, found)
+    sigma = find_iron_sigma(found, corrected)
+    _, covariance = find_level_iron(found, field)
+    assert sigma.shape == (3,)
+    assert (sigma > 0.0).all()
+    np.testing.assert_allclose(sigma[:2], np.sqrt(np.diag(covariance)))
+    of_h = np.zeros((9, 9))
+    of_h[:3, :3] = found.covariance[:3, :3]
+    np.testing.assert_allclose(find_iron_sigma(replace(found, covariance=of_h), corrected), found.sigma[:3])
 
 
 def test_the_jacobian_is_that_of_the_residual():

@@ -34,6 +34,7 @@ def footfalls(nav_field, heading=0.0, drift=0.0, noise_uT=0.0, rate=0.0, rng=Non
         scatter_uT=np.full(n, 0.3),
         strength_rate=np.broadcast_to(rate, n).astype(float),
         strength_rate_sigma=np.full(n, 0.3),
+        iron_sigma_uT=np.full((n, 3), 0.3),
     )
 
 
