@@ -408,10 +408,10 @@ def _with_verdicts(solution: Solution, walk: Walk) -> Solution:
     if any(word != UNKNOWN for word in table.field) or (verdicts is not None and not ignores_field(solution.method)):
         return solution  # the method judged the field along its own solution
     if verdicts is None:
-        words, reasons = table.field, (walk.unjudged or "the field was not judged",) * len(table)
-    else:
-        words, reasons = verdicts.words, verdicts.reason
-    return replace(solution, stances=replace(table, field=words, field_reason=reasons))
+        reasons = (walk.unjudged or "the field was not judged",) * len(table)
+        return replace(solution, stances=replace(table, field_reason=reasons))
+    judged = replace(table, field=verdicts.words, field_reason=verdicts.reason, field_statistic=verdicts.statistic)
+    return replace(solution, stances=judged)
 
 
 def ignores_field(method: str) -> bool:
