@@ -46,8 +46,10 @@ if TYPE_CHECKING:
 Mount: TypeAlias = Literal["foot", "pocket"]
 """Where the sensor is worn."""
 
+Magnetic: TypeAlias = Literal["all", "card"]
+"""Which factors of the field the graph has."""
 
-WITH_FIXES = ("smoother", "inertial", "online")
+WITH_FIXES = ("smoother", "card", "inertial", "online")
 """Methods that make use of fixes."""
 
 DETECTOR = "detector"
@@ -65,8 +67,10 @@ class Options:
         then zero, or from the field in methods that use it.
     alignment : how a solution is aligned with the truth (`fg_nav.evaluation.comparison`).
     truth_path : file with the truth; without one the truth in the recording is taken, if there is one.
-    gate : passes the field at a footfall to the factor graph, or not, one of `fg_nav.magnetic.quasi_static.GATES`; a
-        filter with a compass has a detector of its own.
+    gate : detector that weighs the field at a footfall, one of `fg_nav.magnetic.quasi_static.GATES`; a filter with a
+        compass has a detector of its own.
+    magnetic : factors of the field in the graph: "all", or "card", magnetic heading and differential field alone, without
+        line integrals and recognized places.
     calibration_path : file with a calibration to apply; None to take the recording as it is.
     mag_axes : of the magnetometer in those of the gyroscope, where they are not the same; None for the same, if the
         recording does not show that they are others.
@@ -92,6 +96,7 @@ class Options:
     alignment: str = "yaw"
     truth_path: Path | None = None
     gate: str = DEFAULT
+    magnetic: Magnetic = "all"
     calibration_path: Path | None = None
     preset: str = "tuned"
     fixes_path: Path | None = None

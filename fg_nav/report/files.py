@@ -26,7 +26,7 @@ from fg_nav.estimators import ESTIMATORS, find_given_parameters
 from fg_nav.evaluation.metrics import evaluate, measure_gap
 from fg_nav.feet.sides import Side
 from fg_nav.io import write_tum
-from fg_nav.magnetic.quasi_static import DETECTORS, QUASI_STATIC, UNKNOWN
+from fg_nav.magnetic.quasi_static import DETECTORS, HARD, QUASI_STATIC, UNKNOWN
 from fg_nav.report import WITH_PAGE, WITH_PICTURES, Plots
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.text import find_version, to_json
@@ -277,6 +277,7 @@ def describe_given(walk: Walk, method: str) -> dict[str, object]:
         "mount": options.mount or "foot",
         "preset": options.preset,
         "gate": options.gate,
+        "magnetic": options.magnetic,
         "use_magnetometer": options.use_magnetometer,
         "mag_axes": None if options.mag_axes is None else str(options.mag_axes),
         "calibration": _text(options.calibration_path),
@@ -340,7 +341,7 @@ def describe_gate(walk: Walk, solution: Solution) -> dict[str, object] | None:
     words = solution.stances.field
     if walk.verdicts is None or "detector" in solution.parameters:
         return None
-    detector = DETECTORS.get(walk.options.gate)
+    detector = DETECTORS.get(walk.options.gate.removesuffix(HARD))
     return {
         "name": walk.options.gate,
         "threshold": None if detector is None else detector.threshold,
