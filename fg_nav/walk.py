@@ -69,8 +69,8 @@ class Options:
     truth_path : file with the truth; without one the truth in the recording is taken, if there is one.
     gate : detector that weighs the field at a footfall, one of `fg_nav.magnetic.quasi_static.GATES`; a filter with a
         compass has a detector of its own.
-    magnetic : factors of the field in the graph: "all", or "card", magnetic heading and differential field alone, without
-        line integrals and recognized places.
+    magnetic : factors of the field in the graph: "all", or "card", magnetic heading and differential field alone: no
+        line integrals, no recognized places.
     calibration_path : file with a calibration to apply; None to take the recording as it is.
     mag_axes : of the magnetometer in those of the gyroscope, where they are not the same; None for the same, if the
         recording does not show that they are others.

@@ -243,12 +243,13 @@ def demo(
     json: given.Json = False,
     quiet: given.Quiet = False,
 ) -> None:
-    """Simulate one minute of walking and compare the methods on it; with --view show it as it is walked."""
-    from fg_nav.commands.run import demo
-    from fg_nav.commands.view import view_demo
-
+    """Simulate four minutes of walking and compare the methods on them; with --view show them as they are walked."""
     with answering(json, quiet) as answer:
         if view:
+            from fg_nav.commands.view import view_demo
+
             view_demo(seed, speed, host, port)
         else:
+            from fg_nav.commands.run import demo
+
             answer(demo(seed, plots, out, force))

@@ -171,7 +171,7 @@ def refuse_unusable(summary: Summary, folder: Path) -> VerdictError | None:
 def check_methods(
     methods: Sequence[str | None], gate: str | None, polish: bool = False, magnetic: Magnetic = "all"
 ) -> None:
-    """Refuse a gate where each method has its own, `magnetic` where none has a graph, and a batch solution next to one."""
+    """Refuse a gate where each method has its own, `magnetic` without a graph, and a batch solution next to one."""
     names = [(name or DEFAULT_METHOD["foot"]).strip() for name in methods]
     if gate is not None and set(names) <= set(WITH_OWN_DETECTOR):
         raise EstimationError(f"{names[0]} judges the field by its own detector: leave --gate out.")
@@ -211,7 +211,8 @@ def wear(
     return replace(options, mount=mount, step_constant_m=lengths_m[0], known_distance_m=lengths_m[1])
 
 
-DEMO_METHODS = ("smoother", "iez")
+DEMO_SCENARIO = "building-loop"
+DEMO_METHODS = ("smoother", "card", "inertial", "ma2018", "iez")
 
 
 def split_methods(methods: str) -> list[str]:
@@ -246,11 +247,11 @@ def answer_comparison(recording: Path, summaries: list[Summary], place: Path) ->
 
 
 def demo(seed: int, plots: Plots, out: Path | None, force: bool) -> Answer:
-    """Simulate one minute of walking, and compare the methods on it."""
+    """Simulate four minutes of walking round a floor, and compare the methods on it."""
     from fg_nav.commands.simulate import write_simulation  # loads the simulator, which no other of these needs
 
     with Target(out, force, "demo", DEMO_FILES) as target, target.open() as folder:
-        simulated = simulate_walk("demo", seed)
+        simulated = simulate_walk(DEMO_SCENARIO, seed)
         # the recording as it will be read from the folder
         provenance = replace(simulated.recording.provenance, path=target.place / "recording.csv", format="canonical")
         walk = prepare_walk(Walk.of(replace(simulated.recording, provenance=provenance)))

@@ -145,7 +145,8 @@ def test_card_has_compass_and_differential_field_alone(fg_nav: FgNav, walk: Path
 GIVEN = {
     "method": "iez", "mount": "foot", "preset": "tuned", "gate": "ma2018", "magnetic": "all", "use_magnetometer": True,
     "mag_axes": None, "calibration": None, "alignment": "yaw", "polish": False, "step_constant_m": None,
-    "heading_deg": 3, "known_distance_m": None, "fixes": None, "truth": "t.tum", "detector": {}, "parameters": {"acc_density": 1.0},
+    "heading_deg": 3, "known_distance_m": None, "fixes": None, "truth": "t.tum", "detector": {},
+    "parameters": {"acc_density": 1.0},
 }  # fmt: skip
 
 
