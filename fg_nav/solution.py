@@ -59,6 +59,9 @@ class StanceTable:
                                 estimator does not tell
     field_statistic    (K,)     detector's statistic over its threshold; NaN where not judged, None
                                 without a detector
+    differential_sigma (K,)     sigma, rad/s, of the gyro bias about up by the differential field of
+                                the stances near the footfall alone; NaN where it shows none, None
+                                where it is not used
     ================== ======== ==========================================================
     """
 
@@ -77,6 +80,7 @@ class StanceTable:
     place_score: Floats | None = None
     compass_weight: Floats | None = None
     field_statistic: Floats | None = None
+    differential_sigma: Floats | None = None
 
     def __len__(self) -> int:
         return len(self.sample)
