@@ -25,7 +25,7 @@ from fg_nav.errors import CalibrationError, EstimationError, EvaluationError, Ma
 from fg_nav.evaluation.comparison import Comparison, compare, share_truth
 from fg_nav.evaluation.metrics import Metrics, evaluate
 from fg_nav.evaluation.truth_check import check_truth
-from fg_nav.evaluation.walked import WalkErrors, measure_walk
+from fg_nav.evaluation.walked import WalkErrors, measure_moment
 from fg_nav.fix_check import check_fixes
 from fg_nav.io import Reading, read_fixes, read_truth
 from fg_nav.magnetic.axes import AlignedMagnetometer, MagAxes, align_magnetometer
@@ -403,7 +403,7 @@ def _compare_with_truth(solution: Solution, truth: Truth, alignment: str, field_
     metrics = evaluate(solution, truth, comparison=comparison)
     moment = None
     if solution.moment is not None:
-        moment = measure_walk(replace(solution, stances=solution.moment), truth, alignment)
+        moment = measure_moment(solution, solution.moment, truth, comparison.alignment)
     return Outcome(solution, metrics, comparison, field_used, moment)
 
 
