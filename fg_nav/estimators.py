@@ -9,12 +9,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
-from fg_nav.changes import change_parameters, select_changes
+from fg_nav.changes import Changes, change_parameters, explain_no_parameter, list_names, select_changes
+from fg_nav.detection import StanceParameters
 from fg_nav.errors import EstimationError, FgNavError
 from fg_nav.solution import Solution
-from fg_nav.walk import WITH_FIXES, Mount, Options, Walk
+from fg_nav.walk import DETECTOR, WITH_FIXES, Mount, Options, Walk
 
 if TYPE_CHECKING:
     from fg_nav.online.pocket import Navigator
@@ -30,11 +31,17 @@ ONLINE = "online"
 
 SMOOTHER = "smoother"
 
-WITH_EXTRA = ("smoother", "inertial")
+CARD: Literal["card"] = "card"
+"""The smoother with `Options.magnetic` "card"."""
+
+CARD_CHANGES: Changes = (("magnetic.potential", False), ("walk.places", False))
+"""What makes it of the smoother."""
+
+WITH_EXTRA = ("smoother", CARD, "inertial")
 """Those that take factors of the user's own: a walk in progress has not all its variables yet."""
 
-SMOOTHERS = (SMOOTHER, "inertial", ONLINE)
-"""The factor graph with the magnetic field, without, and while the walk goes on."""
+SMOOTHERS = (SMOOTHER, CARD, "inertial", ONLINE)
+"""The factor graph with the magnetic field, with compass and differential field alone, without, and while walking."""
 
 FILTERS = ("iez", "qsf", "qsf-stance", "iqsf", "ma2018", "aiez", "matched")
 """Each also as `-rts`: with the way back over its pass."""
@@ -49,11 +56,12 @@ DEFAULT_METHOD: dict[Mount, str] = {"foot": "smoother", "pocket": "pocket"}
 
 
 def choose_parameters(options: Options) -> SmootherParameters:
-    """Return the parameters of the smoother for these options: their gate, and what they change."""
+    """Return the parameters of the smoother for these options: their gate, what they change, and "card" at last."""
     from fg_nav.smoother import SmootherParameters
 
+    card = CARD_CHANGES if options.magnetic == CARD else ()
     changes = select_changes(options.changes, SMOOTHER)
-    return change_parameters(SmootherParameters(), (("magnetic.gate", options.gate), *changes))
+    return change_parameters(SmootherParameters(), (("magnetic.gate", options.gate), *changes, *card))
 
 
 def _smoother(walk: Walk, progress: Progress | None) -> Solution:
@@ -62,6 +70,10 @@ def _smoother(walk: Walk, progress: Progress | None) -> Solution:
     parameters, heading = choose_parameters(walk.options), walk.options.heading_rad
     given = (walk.field, walk.fixes, walk.extra, walk.known)
     return smooth(walk.recording, walk.stances, parameters, heading, progress, *given)
+
+
+def _card(walk: Walk, progress: Progress | None) -> Solution:
+    return replace(_smoother(replace(walk, options=replace(walk.options, magnetic=CARD)), progress), method=CARD)
 
 
 def _inertial(walk: Walk, progress: Progress | None) -> Solution:
@@ -145,6 +157,7 @@ def _pocket_online(walk: Walk, progress: Progress | None) -> Solution:
 
 ESTIMATORS: dict[str, Estimator] = {
     "smoother": _smoother,
+    CARD: _card,
     "inertial": _inertial,
     ONLINE: _online,
     **{method: _filter(method) for method in FILTERS},
@@ -194,10 +207,21 @@ def find_owner(method: str) -> str:
     return SMOOTHER if method in SMOOTHERS else method.removesuffix("-rts")
 
 
+def check_changes(options: Options) -> None:
+    """Raise `EstimationError` for a change of what is no parameter of the smoother, a filter or the stances."""
+    for name, _ in options.changes:
+        owner = name.partition(".")[0]
+        owner = owner if owner in (*FILTERS, DETECTOR) else SMOOTHER
+        parameters = StanceParameters() if owner == DETECTOR else find_parameters(owner, options.preset)
+        known = [f"{owner}.{own}" for own in list_names(parameters)]
+        if name not in known:
+            raise EstimationError(explain_no_parameter(name, known))
+
+
 def find_given_parameters(method: str, options: Options) -> object:
     """Return the parameters that a method on a foot begins with; what it estimates of them in a walk is not in them."""
     if method in SMOOTHERS:
-        return choose_parameters(options)
+        return choose_parameters(replace(options, magnetic=CARD) if method == CARD else options)
     return change_parameters(
         find_parameters(method, options.preset), select_changes(options.changes, find_owner(method))
     )
@@ -226,7 +250,7 @@ def find_parameters(method: str, preset: str = "tuned") -> object:
     if method in SMOOTHERS:
         from fg_nav.smoother import SmootherParameters
 
-        return SmootherParameters()
+        return change_parameters(SmootherParameters(), CARD_CHANGES if method == CARD else ())
     from fg_nav.ekf.presets import find_parameters as of_filter
 
     return of_filter(method, preset)

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 from fg_nav.detection.handedness import refuse_wrong_axes
 from fg_nav.detection.swing_axes import measure_swing_axes
-from fg_nav.estimators import Progress
+from fg_nav.estimators import Progress, check_changes
 from fg_nav.on_places import estimate_on_places
 from fg_nav.recording import Recording
 from fg_nav.result import Result
@@ -99,8 +99,9 @@ def navigate(
 
 def prepare_walk(walk: Walk) -> Walk:
     """Correct a recording, find its stances, measure its field and judge it for the report: once, for all methods."""
-    # are truth and fixes of this walk?
+    # are truth and fixes of this walk, and is there what is changed?
     check_known(walk)
+    check_changes(walk.options)
     # magnetometer and accelerometer by their calibration
     walk = correct_walk(walk)
     if walk.options.mount == "pocket":

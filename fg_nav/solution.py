@@ -31,6 +31,7 @@ STRIDE_COLUMNS = (
     "gyro_bias_x_deg_s", "gyro_bias_y_deg_s", "gyro_bias_z_deg_s",
     "sigma_x_m", "sigma_y_m", "sigma_z_m", "sigma_heading_deg", "field", "field_reason",
     "cov_xy_m2", "cov_xz_m2", "cov_yz_m2", "same_place_as", "place_score",
+    "gyro_bias_sigma_x_deg_s", "gyro_bias_sigma_y_deg_s", "gyro_bias_sigma_z_deg_s", "compass_weight",
 )  # fmt: skip
 
 
@@ -53,6 +54,14 @@ class StanceTable:
                                 where the estimator does not tell
     same_place         (K,)     earlier footfall at the place, recognized by its field; -1 none
     place_score        (K,)     log likelihood ratio of that, nats; 0 where there is none
+    compass_weight     (K,)     information of the footfall's compass over that at the walk's own
+                                spread, at most 1; 0 where it has no reading or is not used; None where the
+                                estimator does not tell
+    field_statistic    (K,)     detector's statistic over its threshold; NaN where not judged, None
+                                without a detector
+    differential_sigma (K,)     sigma, rad/s, of the gyro bias about up by the differential field of
+                                the stances near the footfall alone; NaN where it shows none, None
+                                where it is not used
     ================== ======== ==========================================================
     """
 
@@ -69,6 +78,9 @@ class StanceTable:
     pose_cov: Floats | None = None
     same_place: Ints | None = None
     place_score: Floats | None = None
+    compass_weight: Floats | None = None
+    field_statistic: Floats | None = None
+    differential_sigma: Floats | None = None
 
     def __len__(self) -> int:
         return len(self.sample)
@@ -88,6 +100,8 @@ class StanceTable:
             self.field_reason, *self.position_cov[:, [0, 0, 1], [1, 2, 2]].T,
             np.full(len(self), -1) if self.same_place is None else self.same_place,
             np.zeros(len(self)) if self.place_score is None else self.place_score,
+            *np.rad2deg(self.gyro_bias_sigma).T,
+            np.full(len(self), np.nan) if self.compass_weight is None else self.compass_weight,
         ]  # fmt: skip
         return pd.DataFrame(dict(zip(STRIDE_COLUMNS, columns, strict=True)))
 

@@ -25,7 +25,7 @@ from fg_nav.errors import CalibrationError, EstimationError, EvaluationError, Ma
 from fg_nav.evaluation.comparison import Comparison, compare, share_truth
 from fg_nav.evaluation.metrics import Metrics, evaluate
 from fg_nav.evaluation.truth_check import check_truth
-from fg_nav.evaluation.walked import WalkErrors, measure_walk
+from fg_nav.evaluation.walked import WalkErrors, measure_moment
 from fg_nav.fix_check import check_fixes
 from fg_nav.io import Reading, read_fixes, read_truth
 from fg_nav.magnetic.axes import AlignedMagnetometer, MagAxes, align_magnetometer
@@ -46,8 +46,10 @@ if TYPE_CHECKING:
 Mount: TypeAlias = Literal["foot", "pocket"]
 """Where the sensor is worn."""
 
+Magnetic: TypeAlias = Literal["all", "card"]
+"""Which factors of the field the graph has."""
 
-WITH_FIXES = ("smoother", "inertial", "online")
+WITH_FIXES = ("smoother", "card", "inertial", "online")
 """Methods that make use of fixes."""
 
 DETECTOR = "detector"
@@ -65,8 +67,10 @@ class Options:
         then zero, or from the field in methods that use it.
     alignment : how a solution is aligned with the truth (`fg_nav.evaluation.comparison`).
     truth_path : file with the truth; without one the truth in the recording is taken, if there is one.
-    gate : passes the field at a footfall to the factor graph, or not, one of `fg_nav.magnetic.quasi_static.GATES`; a
-        filter with a compass has a detector of its own.
+    gate : detector that weighs the field at a footfall, one of `fg_nav.magnetic.quasi_static.GATES`; a filter with a
+        compass has a detector of its own.
+    magnetic : factors of the field in the graph: "all", or "card", magnetic heading and differential field alone: no
+        line integrals, no recognized places.
     calibration_path : file with a calibration to apply; None to take the recording as it is.
     mag_axes : of the magnetometer in those of the gyroscope, where they are not the same; None for the same, if the
         recording does not show that they are others.
@@ -92,6 +96,7 @@ class Options:
     alignment: str = "yaw"
     truth_path: Path | None = None
     gate: str = DEFAULT
+    magnetic: Magnetic = "all"
     calibration_path: Path | None = None
     preset: str = "tuned"
     fixes_path: Path | None = None
@@ -398,7 +403,7 @@ def _compare_with_truth(solution: Solution, truth: Truth, alignment: str, field_
     metrics = evaluate(solution, truth, comparison=comparison)
     moment = None
     if solution.moment is not None:
-        moment = measure_walk(replace(solution, stances=solution.moment), truth, alignment)
+        moment = measure_moment(solution, solution.moment, truth, comparison.alignment)
     return Outcome(solution, metrics, comparison, field_used, moment)
 
 
@@ -408,10 +413,10 @@ def _with_verdicts(solution: Solution, walk: Walk) -> Solution:
     if any(word != UNKNOWN for word in table.field) or (verdicts is not None and not ignores_field(solution.method)):
         return solution  # the method judged the field along its own solution
     if verdicts is None:
-        words, reasons = table.field, (walk.unjudged or "the field was not judged",) * len(table)
-    else:
-        words, reasons = verdicts.words, verdicts.reason
-    return replace(solution, stances=replace(table, field=words, field_reason=reasons))
+        reasons = (walk.unjudged or "the field was not judged",) * len(table)
+        return replace(solution, stances=replace(table, field_reason=reasons))
+    judged = replace(table, field=verdicts.words, field_reason=verdicts.reason, field_statistic=verdicts.statistic)
+    return replace(solution, stances=judged)
 
 
 def ignores_field(method: str) -> bool:

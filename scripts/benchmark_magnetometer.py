@@ -8,7 +8,7 @@ affects all alike; the ratio is taken within a repeat, and the median over the r
 the processor.
 
 The walks: 360 m through the corridors of an office with rests at both ends, in an indoor field and in a smooth one
-(`magnetic_walks.py`), and the walk of `fg-nav demo`.
+(`magnetic_walks.py`), and the scenario `demo`.
 """
 
 from __future__ import annotations

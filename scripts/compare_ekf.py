@@ -56,8 +56,10 @@ from fg_nav.text import format_count
 
 OFFICE, OFFICE_OPEN, MALL, BUILDING = SCENARIOS = ("office", "office-open", "mall", "teaching-building")
 LEVELS = ("smooth", "between", "indoor")
-METHODS = ("iez", "qsf", "qsf-stance", "iqsf", "ma2018", "aiez", "matched", "matched-rts", "inertial", "smoother")
-"""By default; `inertial` is the smoother without the field."""
+METHODS = (
+    "iez", "qsf", "qsf-stance", "iqsf", "ma2018", "aiez", "matched", "matched-rts", "inertial", "card", "smoother"
+)  # fmt: skip
+"""By default; `inertial` is the smoother without the field, `card` with compass and differential field alone."""
 
 REFERENCE, OTHER_REFERENCE = {MALL: "iqsf"}, "iez"
 """Method whose errors the others reduce: on the mall as in the paper, elsewhere the other."""

@@ -2,7 +2,7 @@
 
     python scripts/startup.py [--repeats N] [--json FILE]
 
-Each command is a process of its own; `run` is that of the minute of walking of `fg-nav demo`, with page and pictures.
+Each command is a process of its own; `run` is that of the minute of walking of the scenario `demo`, with all pictures.
 
 =========== ==========================================================================================
 help        `fg-nav --help`

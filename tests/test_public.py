@@ -28,7 +28,7 @@ NAMES = {"fg_nav": fg_nav, "np": np, "pd": pd, "Recording": Recording}
 
 @cache
 def twenty_seconds() -> Recording:
-    """Seventeen footfalls with a field and a truth, of the walk of `fg-nav demo`."""
+    """Seventeen footfalls with a field and a truth, of the scenario `demo`."""
     return simulate("demo", 1).recording.slice(0, 4000)
 
 

@@ -10,12 +10,13 @@ import typer
 
 from fg_nav.report import Plots
 
-METHODS = ("smoother", "inertial", "online", "iez", "qsf", "qsf-stance", "iqsf", "ma2018", "aiez", "matched")
+METHODS = ("smoother", "card", "inertial", "online", "iez", "qsf", "qsf-stance", "iqsf", "ma2018", "aiez", "matched")
 POCKET_METHODS = ("pocket", "munoz-diaz2017", "online")
 PRESETS = ("tuned", "physical", "as-printed")
 PRINTED = ("qsf-printed", "iqsf-printed", "ma2018-printed", "aiez-printed")
-GATES = ("qsf", "iqsf", "ma2018", "aiez", "qsf-stance", *PRINTED, "none")
-SURVEYED = (*GATES[:-1], "munoz-diaz", "all")
+DETECTORS = ("qsf", "iqsf", "ma2018", "aiez", "qsf-stance", *PRINTED)
+GATES = (*DETECTORS, "none", *(f"{name}:hard" for name in DETECTORS))
+SURVEYED = (*DETECTORS, "munoz-diaz", "all")
 """Names for help and completion, which must not load the methods; tests hold them to those that there are."""
 
 
@@ -23,7 +24,7 @@ def _list_words(names: tuple[str, ...]) -> str:
     return f"{', '.join(names[:-1])} or {names[-1]}"
 
 
-METHOD_NAMES = f"{_list_words(METHODS)}; all but the first three also smoothed, as `iez-rts`"
+METHOD_NAMES = f"{_list_words(METHODS)}; all but the first four also smoothed, as `iez-rts`"
 METHOD_WORDS = f"{METHOD_NAMES}. With --mount pocket: {_list_words(POCKET_METHODS)}."
 
 
@@ -37,7 +38,7 @@ def _complete(*names: str) -> Callable[[str], list[str]]:
     return complete
 
 
-_RTS = tuple(f"{name}-rts" for name in METHODS[3:])
+_RTS = tuple(f"{name}-rts" for name in METHODS[4:])
 complete_methods = _complete(*METHODS, *POCKET_METHODS[:-1], *_RTS)
 complete_foot_methods = _complete(*METHODS, *_RTS)
 
@@ -56,7 +57,7 @@ def complete_scenarios(incomplete: str) -> list[str]:
 
 
 def _complete_settings(incomplete: str) -> list[str]:
-    owners = [f"{name}." for name in ("smoother", *METHODS[3:], "detector")]
+    owners = [f"{name}." for name in ("smoother", *METHODS[4:], "detector")]
     begun = [owner for owner in owners if owner.startswith(incomplete) or incomplete.startswith(owner)]
     if len(begun) != 1:
         return begun
@@ -136,9 +137,18 @@ GateName = Annotated[
     typer.Option(
         "--gate",
         metavar="NAME",
-        help=f"Detector that passes the field at a footfall, or not: {', '.join(GATES[:5])} or none, which "
-        "passes all; `fg-nav detect` shows them. \\[default: ma2018]",
+        help=f"Detector that weighs the field at a footfall: {', '.join(GATES[:5])} or none, which weighs all "
+        "alike; with :hard behind it, ma2018:hard, it passes a footfall or not. `fg-nav detect` shows them. "
+        "\\[default: ma2018]",
         autocompletion=_complete(*GATES),
+    ),
+]
+MagneticFactors = Annotated[
+    Literal["all", "card"],
+    typer.Option(
+        "--magnetic",
+        help="Factors of the field in the graph: all, or card, those of the magnetic heading and of the differential "
+        "field alone.",
     ),
 ]
 Polish = Annotated[

@@ -83,6 +83,7 @@ def run(
     calibration: given.CalibrationPath = None,
     mag_axes: given.MagAxesWords = None,
     gate: given.GateName = None,
+    magnetic: given.MagneticFactors = "all",
     preset: given.Preset = "tuned",
     fixes: given.FixesPath = None,
     places: given.KnownPlaces = None,
@@ -110,12 +111,13 @@ def run(
     both, worn = mount == "feet", "foot" if mount == "feet" else mount
     method = method or DEFAULT_METHOD[worn]
     check_sides(both, method, sides, clock_offset)
-    check_methods([method], gate, polish)
+    check_methods([method], gate, polish, magnetic)
     known, changes = _read_parameters(config, settings, [method], worn, preset)
     files = (None, None) if both else (truth, calibration)
     options = choose_options(
-        not no_mag, heading, alignment, files[0], gate, files[1], preset, fixes, mag_axes, polish, changes, places
-    )
+        not no_mag, heading, alignment, files[0], gate, files[1], preset, fixes, mag_axes, polish, changes, places,
+        magnetic,
+    )  # fmt: skip
     options = wear(options, worn, (step_constant, known_distance), gate, preset)
     reading = choose_reading(format, columns, rate, sensor)
     request = RunRequest(method, options, reading, plots, out, force, strict, known, save_places)
@@ -241,12 +243,13 @@ def demo(
     json: given.Json = False,
     quiet: given.Quiet = False,
 ) -> None:
-    """Simulate one minute of walking and compare the methods on it; with --view show it as it is walked."""
-    from fg_nav.commands.run import demo
-    from fg_nav.commands.view import view_demo
-
+    """Simulate four minutes of walking and compare the methods on them; with --view show them as they are walked."""
     with answering(json, quiet) as answer:
         if view:
+            from fg_nav.commands.view import view_demo
+
             view_demo(seed, speed, host, port)
         else:
+            from fg_nav.commands.run import demo
+
             answer(demo(seed, plots, out, force))

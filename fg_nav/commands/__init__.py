@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from fg_nav.errors import FgNavError
     from fg_nav.io import Reading
     from fg_nav.lab.simulation import Choices, SimulatedFeet, SimulatedWalk
-    from fg_nav.walk import Options, Outcome, Walk
+    from fg_nav.walk import Magnetic, Options, Outcome, Walk
 
 Simulated = TypeVar("Simulated")
 
@@ -127,6 +127,7 @@ def choose_options(
     polish: bool = False,
     changes: Changes = (),
     places: Path | None = None,
+    magnetic: Magnetic = "all",
 ) -> Options:
     """Return the options of a walk; refuse a preset or a gate that there is not, or that has nothing to judge."""
     from fg_nav.magnetic.axes import MagAxes
@@ -140,7 +141,9 @@ def choose_options(
         check_preset(preset)
     if not use_magnetometer and mag_axes is not None:
         raise MagneticError("--no-mag leaves --mag-axes nothing to turn: give one of them.")
-    given = (use_magnetometer, heading_deg, alignment, truth, chosen, calibration, preset, fixes)
+    if not use_magnetometer and magnetic != "all":
+        raise MagneticError("--no-mag leaves --magnetic no factors: give one of them.")
+    given = (use_magnetometer, heading_deg, alignment, truth, chosen, magnetic, calibration, preset, fixes)
     axes = None if mag_axes is None else MagAxes.parse(mag_axes)
     return Options(*given, changes=changes, mag_axes=axes, polish=polish, places_path=places)
 

@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, Strict, ValidationError
 from fg_nav.changes import Changes, Value, change_parameters, explain_no_parameter, flatten, list_names, select_changes
 from fg_nav.detection import StanceParameters
 from fg_nav.errors import ConfigError, describe_reason
-from fg_nav.estimators import ONLINE, find_estimator, find_owner, find_parameters
+from fg_nav.estimators import CARD, CARD_CHANGES, ONLINE, find_estimator, find_owner, find_parameters
 from fg_nav.magnetic.quasi_static import DEFAULT
 from fg_nav.report.terminal import remark
 from fg_nav.text import read_small
@@ -36,6 +36,7 @@ class Given(BaseModel):
     mount: Literal["foot", "pocket"]
     preset: str
     gate: str
+    magnetic: Literal["all", "card"]
     use_magnetometer: bool
     mag_axes: str | None
     calibration: str | None
@@ -82,6 +83,7 @@ def list_defaults(config: Config) -> dict[str, object]:
         "mount": given.mount,
         "preset": given.preset,
         "gate": None if given.gate == DEFAULT else given.gate,
+        "magnetic": given.magnetic,
         "no_mag": not given.use_magnetometer,
         "mag_axes": given.mag_axes,
         "calibration": given.calibration,
@@ -141,7 +143,9 @@ def _of_config(config: Config, methods: Sequence[str], preset: str) -> Changes:
     if preset != given.preset:
         raise ConfigError(f"--config has all parameters, of the preset {given.preset}: leave --preset out.")
     found = (*flatten(given.detector, DETECTOR), *flatten(given.parameters, owner))
-    return tuple((name, value) for name, value in found if name.partition(".")[2] not in BY_OTHER_MEANS)
+    card = CARD in (given.method, given.magnetic)
+    others = (*BY_OTHER_MEANS, *(name for name, _ in CARD_CHANGES if card))
+    return tuple((name, value) for name, value in found if name.partition(".")[2] not in others)
 
 
 def parse_setting(word: str) -> tuple[str, Value]:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from fg_nav.commands import TUNED, Answer, Target, name_walk, run_methods, simulate_walk
 from fg_nav.commands.several import answer_each, name_walks, show_number
 from fg_nav.errors import EstimationError, PlacesError, VerdictError
-from fg_nav.estimators import DEFAULT_METHOD, ONLINE, WITH_OWN_DETECTOR, find_estimator
+from fg_nav.estimators import DEFAULT_METHOD, ONLINE, SMOOTHER, WITH_OWN_DETECTOR, find_estimator
 from fg_nav.io import Reading
 from fg_nav.pipeline import navigate, prepare_walk
 from fg_nav.report import Plots
@@ -23,7 +23,7 @@ from fg_nav.report.files import Summary, write_comparison, write_run
 from fg_nav.report.folder import DEMO_FILES, check_file_free, result_file
 from fg_nav.report.terminal import print_results, progress
 from fg_nav.verdict import UNUSABLE
-from fg_nav.walk import Mount, Options, Walk, read_walk
+from fg_nav.walk import Magnetic, Mount, Options, Walk, read_walk
 
 if TYPE_CHECKING:
     from fg_nav.commands.config import Config
@@ -168,11 +168,15 @@ def refuse_unusable(summary: Summary, folder: Path) -> VerdictError | None:
     return VerdictError(f"the path is not to be used: see its reasons in {folder / 'summary.json'}.")
 
 
-def check_methods(methods: Sequence[str | None], gate: str | None, polish: bool = False) -> None:
-    """Refuse a gate where each of the methods has its own, and a batch solution next to one."""
+def check_methods(
+    methods: Sequence[str | None], gate: str | None, polish: bool = False, magnetic: Magnetic = "all"
+) -> None:
+    """Refuse a gate where each method has its own, `magnetic` without a graph, and a batch solution next to one."""
     names = [(name or DEFAULT_METHOD["foot"]).strip() for name in methods]
     if gate is not None and set(names) <= set(WITH_OWN_DETECTOR):
         raise EstimationError(f"{names[0]} judges the field by its own detector: leave --gate out.")
+    if magnetic != "all" and set(names).isdisjoint((SMOOTHER, ONLINE)):
+        raise EstimationError(f"--magnetic is for --method {SMOOTHER} and {ONLINE}: leave it out for {names[0]}.")
     if polish and names != [ONLINE]:
         raise EstimationError(
             f"--polish is for --method {ONLINE}: leave it out, {names[0]} solves the walk as a whole."
@@ -200,12 +204,15 @@ def wear(
         raise EstimationError(
             "--step-constant and --known-distance are for a sensor in a pocket: add --mount pocket, or leave them out."
         )
-    if mount == "pocket" and (gate is not None or preset != TUNED):
-        raise EstimationError("--gate and --preset are for a sensor on a foot: leave them out with --mount pocket.")
+    if mount == "pocket" and (gate is not None or preset != TUNED or options.magnetic != "all"):
+        raise EstimationError(
+            "--gate, --magnetic and --preset are for a sensor on a foot: leave them out with --mount pocket."
+        )
     return replace(options, mount=mount, step_constant_m=lengths_m[0], known_distance_m=lengths_m[1])
 
 
-DEMO_METHODS = ("smoother", "iez")
+DEMO_SCENARIO = "building-loop"
+DEMO_METHODS = ("smoother", "card", "inertial", "ma2018", "iez")
 
 
 def split_methods(methods: str) -> list[str]:
@@ -240,11 +247,11 @@ def answer_comparison(recording: Path, summaries: list[Summary], place: Path) ->
 
 
 def demo(seed: int, plots: Plots, out: Path | None, force: bool) -> Answer:
-    """Simulate one minute of walking, and compare the methods on it."""
+    """Simulate four minutes of walking round a floor, and compare the methods on it."""
     from fg_nav.commands.simulate import write_simulation  # loads the simulator, which no other of these needs
 
     with Target(out, force, "demo", DEMO_FILES) as target, target.open() as folder:
-        simulated = simulate_walk("demo", seed)
+        simulated = simulate_walk(DEMO_SCENARIO, seed)
         # the recording as it will be read from the folder
         provenance = replace(simulated.recording.provenance, path=target.place / "recording.csv", format="canonical")
         walk = prepare_walk(Walk.of(replace(simulated.recording, provenance=provenance)))

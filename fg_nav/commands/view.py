@@ -9,6 +9,7 @@ from __future__ import annotations
 import signal
 
 from fg_nav.commands import simulate_walk
+from fg_nav.commands.run import DEMO_SCENARIO
 from fg_nav.commands.stream import emit_solution, remark
 from fg_nav.errors import StreamError
 from fg_nav.online.follow import StreamOptions, follow_source
@@ -16,8 +17,6 @@ from fg_nav.online.outlets import open_outlets
 from fg_nav.online.replay import Replay
 from fg_nav.system.signals import catch_signals
 from fg_nav.verdict import judge_footfalls
-
-SCENARIO = "demo"
 
 
 def view_demo(seed: int, speed: float, host: str, port: int) -> None:
@@ -28,7 +27,7 @@ def view_demo(seed: int, speed: float, host: str, port: int) -> None:
         open_outlets(None, (host, port), lambda line: None, remark) as outlets,
         catch_signals(signal.SIGINT, signal.SIGTERM) as stop,
     ):
-        simulated = simulate_walk(SCENARIO, seed).recording
+        simulated = simulate_walk(DEMO_SCENARIO, seed).recording
         remark(f"a walk of {simulated.t[-1] - simulated.t[0]:.0f} s; Ctrl-C ends it.")
         source = Replay(simulated, speed, "the simulated walk")
         navigator = follow_source(

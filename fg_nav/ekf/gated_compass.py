@@ -18,7 +18,7 @@ regardless of magnetic perturbation" (QSF); Ma et al. (2016) as cited by Ma et a
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from time import perf_counter
 
 import numpy as np
@@ -119,7 +119,10 @@ def make_compass_solution(
 ) -> Solution:
     """Solution of a pass that `began` (perf_counter)."""
     judged, note = (verdicts.words, verdicts.reason), describe_start(recording, start, parameters.inertial)
-    return make_solution(recording, stances, track, judged, asdict(parameters), method, began, note)
+    solution = make_solution(recording, stances, track, judged, asdict(parameters), method, began, note)
+    weight = verdicts.quasi_static.astype(np.float64)
+    table = replace(solution.stances, compass_weight=weight, field_statistic=verdicts.statistic)
+    return replace(solution, stances=table)
 
 
 def require_field(field: FootfallField | None, method: str) -> FootfallField:

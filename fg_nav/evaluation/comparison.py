@@ -31,7 +31,7 @@ The yaw solution is closed: with both paths centered, tan(psi) = sum (p x q)_z /
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias, get_args
 
 import numpy as np
@@ -39,7 +39,7 @@ import numpy as np
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import EvaluationError
 from fg_nav.evaluation.truth_check import check_truth
-from fg_nav.frames import yaw_rotation
+from fg_nav.frames import wrap_angle, yaw_rotation
 from fg_nav.solution import Solution
 from fg_nav.truth import FootprintTruth, TrajectoryTruth, Truth
 
@@ -164,6 +164,15 @@ class Comparison:
         """(M, 3) estimate minus truth, m."""
         return self.estimate - self.truth
 
+    def realign(self, alignment: Alignment) -> Comparison:
+        """Return the same points laid on the truth by another alignment."""
+        own = self.alignment
+        estimate = alignment.apply((self.estimate - own.shift) @ own.truth_R_nav)
+        yaw_error = self.yaw_error
+        if yaw_error is not None:
+            yaw_error = wrap_angle(yaw_error + yaw_between(own.truth_R_nav, alignment.truth_R_nav))
+        return replace(self, alignment=alignment, estimate=estimate, yaw_error=yaw_error)
+
 
 def compare(solution: Solution, truth: Truth, mode: str = "yaw") -> Comparison:
     """Lay a solution on a truth with alignment `mode` (`fg_nav.evaluation.comparison`).
@@ -278,12 +287,12 @@ def _yaw_error(solution: Solution, truth: TrajectoryTruth, alignment: Alignment)
 
 
 def yaw_between(nav_R_a: Floats, nav_R_b: Floats) -> Floats:
-    """Yaw (N,) rad, about up, of the rotation that leads from attitudes a to b (N, 3, 3): nav_R_b nav_R_a^T.
+    """Yaw (...) rad, about up, of the rotation that leads from attitudes a to b (..., 3, 3): nav_R_b nav_R_a^T.
 
     Unlike the difference of two headings it is defined whichever way the body's axes point.
     """
     turn = nav_R_b @ np.swapaxes(nav_R_a, -1, -2)
-    return np.asarray(np.arctan2(turn[:, 1, 0] - turn[:, 0, 1], turn[:, 0, 0] + turn[:, 1, 1]))
+    return np.asarray(np.arctan2(turn[..., 1, 0] - turn[..., 0, 1], turn[..., 0, 0] + turn[..., 1, 1]))
 
 
 def _overlap_note(row: Ints, solution: Solution) -> tuple[str, ...]:

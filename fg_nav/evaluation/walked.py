@@ -51,7 +51,7 @@ from fg_nav.arrays import Floats
 from fg_nav.errors import EvaluationError
 from fg_nav.evaluation.comparison import Alignment, Comparison, compare, fit_scale
 from fg_nav.frames import wrap_angle
-from fg_nav.solution import Solution
+from fg_nav.solution import Solution, StanceTable
 from fg_nav.truth import FootprintTruth, Truth
 
 AS_STARTED, BEST_YAW = "origin", "yaw"
@@ -116,6 +116,20 @@ def measure_walk(solution: Solution, truth: Truth | None = None, mode: str = AS_
     if truth is None:
         return _measure_closure(solution.stances.position)
     return measure_errors(compare_at_footfalls(solution, truth, mode), path_length_m(solution.stances.position))
+
+
+def measure_moment(solution: Solution, moment: StanceTable, truth: Truth, end: Alignment) -> WalkErrors:
+    """Errors of an online method's estimates at the moment, laid on the truth as its path at the end is.
+
+    Each is in the map as it was known then, which a re-solve turns about its origin. A fit to all of them would be to a
+    mixture of these frames. In that of the end, a wrong north of the moment is an error of the moment. Footprints are
+    matched by number, as nothing is known of the moment between footfalls.
+
+    Raises `EvaluationError` as `measure_walk`.
+    """
+    truth = replace(truth, t=None) if isinstance(truth, FootprintTruth) else truth
+    found = compare_at_footfalls(replace(solution, stances=moment), truth, end.mode)
+    return measure_errors(found.realign(end), path_length_m(moment.position))
 
 
 def measure_errors(found: Comparison, walked_m: float) -> WalkErrors:

@@ -228,7 +228,6 @@ class Stretch:
         up = self._backend.pose(X(before.result)).rotation().matrix()[2]
         level = LevelBias(self._backend.bias(B(before.bias)).gyroscope(), up)
         graph.push_back(biases.complete(before.bias, level))
-        self._counts["differential_field"] += 1
         return biases.begin()
 
     def _recover(self) -> None:

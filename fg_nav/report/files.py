@@ -277,6 +277,7 @@ def describe_given(walk: Walk, method: str) -> dict[str, object]:
         "mount": options.mount or "foot",
         "preset": options.preset,
         "gate": options.gate,
+        "magnetic": options.magnetic,
         "use_magnetometer": options.use_magnetometer,
         "mag_axes": None if options.mag_axes is None else str(options.mag_axes),
         "calibration": _text(options.calibration_path),

@@ -18,7 +18,7 @@ solution      marginals -> sigmas (`solver`), that of the distance (`combination
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cache, cached_property, partial
 from time import perf_counter
 
@@ -228,6 +228,9 @@ class Draft:
         recording, p = problem.recording, problem.parameters
         table = stance_table(recording.t, problem.nodes, solved, verdict, covariances)
         table = mark_returns(table, walk.returns)
+        if problem.differential is not None:
+            sigma = problem.differential.find_sigma(problem.nodes.bias, table.nav_R_body[:, 2])
+            table = replace(table, differential_sigma=sigma)
         path_variance = joint.combine(weigh_path(table.position)[:, :, None])[0]
         floors = write_floor_note(problem.floor)
         steps = f"solved in {format_count(solved.steps, 'Gauss-Newton step')}"

@@ -10,13 +10,14 @@ import numpy as np
 
 from fg_nav.factors.residual import LETTER_SHIFT
 from fg_nav.smoother.constraints import FixFactors
+from fg_nav.smoother.field_factors import FieldFactors
 from fg_nav.smoother.graph import WalkProblem
 from fg_nav.smoother.known_places import KnownPlaceFactors
 from fg_nav.smoother.own_factors import OwnFactors
 from fg_nav.smoother.strides import INERTIAL_KEYS
 
 KINDS = ("imu", "zero_velocity", "magnetic_heading", "differential_field", "field_potential", "gated_out")
-"""As in `summary.json`; `gated_out` are the footfalls with a field whose heading the gate left out.
+"""As in `summary.json`; `gated_out` are the footfalls with a field whose compass a hard gate left out.
 
 Factors of the caller's own stand with them as `own`, fixes as `position_fix`, places recognized as `same_place`,
 those of an earlier walk as `known_place`.
@@ -29,8 +30,9 @@ _KIND_OF_KEYS = {
     "xvs": "zero_velocity",
     "xm": "magnetic_heading",
     "xmm": "field_potential",
+    "b": "differential_field",
 }
-"""By the letters of the variables that a factor joins: no other factor joins the same."""
+"""By the letters of the variables that a factor joins. No other factor joins the same, but priors a bias."""
 
 
 def count_factors(problem: WalkProblem) -> Counter[str]:
@@ -42,9 +44,7 @@ def count_factors(problem: WalkProblem) -> Counter[str]:
     if problem.field is not None:
         counts["magnetic_heading"] += len(problem.field.heading.keys)
         counts["field_potential"] += len(problem.field.potential.keys)
-        readings = problem.field.readings
-        seen = np.isfinite(readings.body_field).all(axis=1)
-        counts["gated_out"] += int((seen & ~np.isfinite(readings.sigma_uT)).sum())
+        counts["gated_out"] += _count_gated_out(problem.field)
     if problem.places is not None:
         counts["same_place"] = len(problem.places)
     fixes = sum(len(list(block.factors())) for block in problem.constraints if isinstance(block, FixFactors))
@@ -59,10 +59,23 @@ def count_factors(problem: WalkProblem) -> Counter[str]:
     return counts
 
 
+def _count_gated_out(field: FieldFactors) -> int:
+    readings = field.readings
+    seen = np.isfinite(readings.body_field).all(axis=1) & field.parameters.compass
+    return int((seen & ~np.isfinite(readings.sigma_uT)).sum())
+
+
 def count_graph(graph: gtsam.NonlinearFactorGraph) -> Counter[str]:
-    """Count the factors of gtsam that are of a kind by their variables."""
-    letters = (_letters(graph.at(i).keys()) for i in range(graph.size()))
-    return Counter(_KIND_OF_KEYS[word] for word in letters if word in _KIND_OF_KEYS)
+    """Count the factors of gtsam by kind: as `count_factors` does those of the motion and of the field."""
+    kinds = (_find_kind(graph.at(i)) for i in range(graph.size()))
+    return Counter(kind for kind in kinds if kind is not None)
+
+
+def _find_kind(factor: gtsam.NonlinearFactor) -> str | None:
+    word = _letters(factor.keys())
+    if word == "b" and not isinstance(factor, gtsam.LinearContainerFactor):
+        return None
+    return _KIND_OF_KEYS.get(word)
 
 
 def _letters(keys: Iterable[int]) -> str:

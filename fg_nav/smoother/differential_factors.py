@@ -288,6 +288,12 @@ class DifferentialFactors:
         self._factors = [linear_factor_of(one_of(residual, int(k)), [B(int(k))]) for k in seen]
         self.information = limited
 
+    def find_sigma(self, bias: Ints, axis: Floats) -> Floats:
+        """Sigma (F,) rad/s of these bias variables about axes (F, 3) by their factors alone; NaN without one."""
+        information = np.einsum("fi,fij,fj->f", axis, self.information.matrix[bias], axis)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.where(information > 0.0, information**-0.5, np.nan)
+
     def error(self, values: gtsam.Values) -> float:
         """Half the sum of squares of the residuals over their sigmas."""
         return float(sum(factor.error(values) for factor in self._factors))

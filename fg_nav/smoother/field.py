@@ -60,11 +60,16 @@ DECLINATION_SIGMA_DEG = 0.05
 
 @dataclass(frozen=True)
 class FieldVerdict:
-    """What the smoother made of the field at the footfalls: `words` and `reason` as in a stance table, and notes."""
+    """What the smoother made of the field at the footfalls, as in a stance table, and notes.
+
+    The words are the detector's verdicts; what a footfall's compass counts is its weight.
+    """
 
     words: tuple[str, ...]
     reason: tuple[str, ...]
     notes: tuple[str, ...]
+    statistic: Floats
+    compass_weight: Floats
 
 
 @dataclass(frozen=True)
@@ -80,6 +85,12 @@ class FieldResiduals:
     rough: FieldRoughness
     nav_R_body: Floats
     reference: Floats
+
+    @property
+    def compass_weight(self) -> Floats:
+        """(F,) information of the compass over that at the walk's own spread, at most 1; 0 where it is not used."""
+        usual_uT = np.hypot(COMPASS_SIGMA_UT, self.rough.white_uT)
+        return np.asarray(np.minimum((usual_uT / self.sigma_uT) ** 2, 1.0))
 
 
 def find_obstacle(field: FootfallField | None, p: FieldParameters) -> str:
@@ -98,7 +109,8 @@ def find_obstacle(field: FootfallField | None, p: FieldParameters) -> str:
 def ignore_field(problem: WalkProblem, reason: str) -> FieldVerdict:
     """Return the verdict on a walk whose field is not used."""
     footfalls = len(problem.nodes.result)
-    return FieldVerdict((UNKNOWN,) * footfalls, (reason,) * footfalls, ())
+    unjudged, unused = np.full(footfalls, np.nan), np.zeros(footfalls)
+    return FieldVerdict((UNKNOWN,) * footfalls, (reason,) * footfalls, (), unjudged, unused)
 
 
 def rotate_field(field: FootfallField, nav_R_body: Floats) -> Floats:

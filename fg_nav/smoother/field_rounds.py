@@ -144,5 +144,6 @@ def _conclude(current: _Round, notes: tuple[str, ...]) -> FieldSolution:
     problem, solved, verdicts = current.problem, current.solved, current.residuals.verdicts
     states = current.field.states(solved.values)
     notes = (*write_notes(current.residuals, states), *notes, *describe_jumps(problem, solved))
-    verdict = FieldVerdict(verdicts.words, verdicts.reason, notes)
+    weight = current.residuals.compass_weight
+    verdict = FieldVerdict(verdicts.words, verdicts.reason, notes, verdicts.statistic, weight)
     return FieldSolution(problem, solved, states, verdict)

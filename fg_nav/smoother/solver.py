@@ -338,6 +338,8 @@ def stance_table(t: Floats, nodes: Nodes, solved: Solved, verdict: FieldVerdict,
         field=verdict.words,
         field_reason=verdict.reason,
         pose_cov=pose_cov,
+        compass_weight=verdict.compass_weight,
+        field_statistic=verdict.statistic,
     )
 
 

@@ -8,9 +8,12 @@ import pytest
 from fg_nav.changes import change_parameters
 from fg_nav.commands import config
 from fg_nav.errors import ConfigError, EstimationError, FgNavError
+from fg_nav.estimators import choose_parameters, find_given_parameters
 from fg_nav.io import write_canonical
 from fg_nav.lab.simulation import simulate
 from fg_nav.magnetic.detectors import Detector
+from fg_nav.pipeline import navigate
+from fg_nav.smoother import SmootherParameters
 from fg_nav.walk import Options
 from tests.command_line import FgNav, names
 
@@ -105,10 +108,45 @@ def test_settings_have_the_types_of_the_parameters() -> None:
         config.choose_changes(None, ["detector.threshold=1"], ["online"])
 
 
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("magnetic.differential", "the nearest is 'smoother.magnetic.differential'"),
+        ("smoother.magnetic.diferential", "the nearest is 'smoother.magnetic.differential'"),
+        ("smoother.magnetic", "has parts"),
+        ("detector.thresold", "the nearest is 'detector.threshold'"),
+        ("iez.gate", "no parameter 'iez.gate'"),
+    ],
+)
+def test_changes_in_python_are_checked_as_on_the_command_line(walk: Path, name: str, said: str) -> None:
+    with pytest.raises(EstimationError, match=said):
+        navigate(walk, "iez", options=Options(changes=((name, False),)))
+
+
+def test_card_has_compass_and_differential_field_alone(fg_nav: FgNav, walk: Path) -> None:
+    set_all = (("smoother.magnetic.potential", True), ("smoother.acc_density", 0.02))
+    found = choose_parameters(Options(magnetic="card", changes=set_all))
+    assert found == find_given_parameters("card", Options(changes=set_all))
+    assert (found.magnetic.compass, found.magnetic.differential, found.acc_density) == (True, True, 0.02)
+    assert (found.magnetic.potential, found.walk.places) == (False, False)
+    assert fg_nav("run", walk, "--magnetic", "card", "--plots", "none", "--out", "one").code == 0
+    summary, written = (json.loads(Path("one", f"{name}.json").read_text()) for name in ("summary", "config"))
+    assert (summary["method"], written["given"]["magnetic"]) == ("smoother", "card")
+    assert summary["graph"]["field_potential"] == 0
+    assert summary["graph"]["magnetic_heading"] > 0
+    # What it leaves out is not taken from its configuration by the smoother.
+    known = config.read_config(Path("one/config.json"))
+    changes = config.select_changes(config.choose_changes(known, (), ["smoother"]), "smoother")
+    assert change_parameters(SmootherParameters(), changes).magnetic.potential
+    assert fg_nav("run", walk, "--method", "iez", "--magnetic", "card").code == 1
+    assert fg_nav("run", walk, "--no-mag", "--magnetic", "card").code == 1
+
+
 GIVEN = {
-    "method": "iez", "mount": "foot", "preset": "tuned", "gate": "ma2018", "use_magnetometer": True, "mag_axes": None,
-    "calibration": None, "alignment": "yaw", "polish": False, "step_constant_m": None, "heading_deg": 3,
-    "known_distance_m": None, "fixes": None, "truth": "t.tum", "detector": {}, "parameters": {"acc_density": 1.0},
+    "method": "iez", "mount": "foot", "preset": "tuned", "gate": "ma2018", "magnetic": "all", "use_magnetometer": True,
+    "mag_axes": None, "calibration": None, "alignment": "yaw", "polish": False, "step_constant_m": None,
+    "heading_deg": 3, "known_distance_m": None, "fixes": None, "truth": "t.tum", "detector": {},
+    "parameters": {"acc_density": 1.0},
 }  # fmt: skip
 
 

@@ -1,10 +1,12 @@
 """Errors at the footfalls: walks whose errors are known because they were put in."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from fg_nav.errors import EvaluationError
-from fg_nav.evaluation.walked import AS_STARTED, BEST_YAW, compare_at_footfalls, measure_walk
+from fg_nav.evaluation.walked import AS_STARTED, BEST_YAW, compare_at_footfalls, measure_moment, measure_walk
 from fg_nav.frames import yaw_rotation
 from fg_nav.truth import FootprintTruth, TrajectoryTruth
 from tests.evaluation.walks import solution
@@ -60,6 +62,24 @@ def test_end_error_of_a_closed_walk_is_its_closure_in_any_alignment():
         assert errors.end_m == pytest.approx(0.5)
         assert errors.end_percent == pytest.approx(0.5)
         assert errors.end_height_m == pytest.approx(1.2)
+
+
+def test_the_moment_is_measured_in_the_map_of_the_end():
+    """Half of the estimates were made when north was off by another angle: theirs is the error, and no fit hides it."""
+    turn = 0.1
+    final, truth = walked(SQUARE @ yaw_rotation(0.7).T, SQUARE)
+    early = np.arange(len(SQUARE)) < 50
+    then = np.where(early[:, None], final.position @ yaw_rotation(turn).T, final.position)
+    end = compare_at_footfalls(final, truth, BEST_YAW).alignment
+    errors = measure_moment(final, replace(final.stances, position=then), truth, end)
+    apart = np.where(early, 2 * np.sin(turn / 2) * np.linalg.norm(SQUARE[:, :2], axis=1), 0.0)
+    assert errors.rmse_m == pytest.approx(np.sqrt(np.mean(apart**2)))
+    assert errors.max_m == pytest.approx(apart.max())
+    assert errors.end_m == pytest.approx(0.0, abs=1e-9)
+    own = measure_walk(final, truth, BEST_YAW)
+    assert errors.heading_rmse_deg == pytest.approx(own.heading_rmse_deg)  # their attitudes are those of the end
+    fitted = measure_walk(replace(final, stances=replace(final.stances, position=then)), truth, BEST_YAW)
+    assert fitted.rmse_m < errors.rmse_m
 
 
 def test_zhang_s_percentages_follow_from_his_metres():

@@ -14,11 +14,14 @@ from fg_nav.report.aligned import AlignedSolution
 from fg_nav.report.ellipses import find_ellipses
 from fg_nav.report.files import write_comparison, write_lagged, write_run
 from fg_nav.report.page.content import Findings, Page, compose_page
+from fg_nav.report.page.course import describe_frame
+from fg_nav.report.page.graph import HEAVIEST, describe_graph, draw_graph
+from fg_nav.solution import Solution
 from fg_nav.walk import Walk
 from tests.browser import open_browser
 from tests.report import walks
 
-SECTIONS = ["path", "height", "sigma", "stances", "bias", "heading", "strength", "returns", "errors"]
+SECTIONS = ["path", "graph", "height", "sigma", "stances", "bias", "heading", "strength", "returns", "errors"]
 HOSTILE = "</script><img src=x onerror=alert(1)>'\".csv"
 
 
@@ -95,6 +98,46 @@ def content(walk: Walk) -> Page:
     outcome = walks.outcome(walk)
     summary = {"method": "smoother", "strides": 3, "verdict": "trusted", "reasons": [], "notes": []}
     return compose_page(Findings({"smoother": outcome}, [summary], [{"recording": None}], walk), "1")
+
+
+def with_graph(walk: Walk) -> Solution:
+    """A solution by an online graph, whose compass weighs most at footfalls 10 to 20."""
+    solution = walks.outcome(walk).solution
+    table = solution.stances
+    number = np.arange(len(table))
+    weight = np.where((number >= 10) & (number <= 20), 1.0, 0.2)
+    weight[0], statistic = 0.0, 3.0 / np.maximum(weight, 0.1)
+    statistic[0] = np.nan
+    sigma = np.deg2rad(np.where(number < 30, 1.0, 2.0))
+    stances = replace(table, compass_weight=weight, field_statistic=statistic, differential_sigma=sigma)
+    moment = replace(table, position=table.position + np.array([3.0, 4.0, 0.0]))
+    graph = {"imu": 178, "zero_velocity": 179, "magnetic_heading": 59, "own": 2, "gated_out": 1}
+    return replace(solution, stances=stances, moment=moment, graph=graph)
+
+
+def test_the_graph_of_a_solution_is_told_and_drawn(walk: Walk) -> None:
+    solution = with_graph(walk)
+    view = AlignedSolution(solution)
+    (words,) = describe_graph({"smoother": solution})
+    assert words.startswith(
+        "Factors of smoother by kind: inertial 178, zero velocity 179, magnetic heading 59, your own 2"
+    )
+    assert "418 in all. The gate left out the compass of 1 footfall." in words
+    frame = describe_frame(view, walks.outcome(walk), walk.options)
+    charts = {chart.name: chart for chart in draw_graph(view, frame)}
+    assert list(charts) == ["weights", "heaviest", "bias-up", "moment"]
+    marked = {trace["name"]: trace for trace in charts["heaviest"].data}
+    of_compass, of_differential = (
+        marked[f"{what} weighs most"]["customdata"] for what in ("compass", "differential field")
+    )
+    assert len(of_compass) == round(HEAVIEST * len(solution.stances))
+    assert set(of_compass) <= set(range(10, 21))
+    assert set(of_differential) <= set(range(30))
+    apart = next(trace for trace in charts["moment"].data if trace["name"] == "moment less batch")
+    np.testing.assert_allclose(apart["y"], 5.0)
+    # Without a reading and without a graph there is nothing to draw.
+    assert draw_graph(AlignedSolution(walks.outcome(walk).solution), frame) == []
+    assert "iez has none" in describe_graph({"iez": walks.outcome(walk, "iez").solution})[0]
 
 
 @pytest.mark.parametrize("change", [walks.without_truth, walks.with_footprints], ids=lambda f: f.__name__)

@@ -20,7 +20,7 @@ from tests.report import walks
 STRIDE_COLUMNS = (
     "index,time_s,x_m,y_m,z_m,heading_deg,gyro_bias_x_deg_s,gyro_bias_y_deg_s,gyro_bias_z_deg_s,"
     "sigma_x_m,sigma_y_m,sigma_z_m,sigma_heading_deg,field,field_reason,cov_xy_m2,cov_xz_m2,cov_yz_m2,"
-    "same_place_as,place_score"
+    "same_place_as,place_score,gyro_bias_sigma_x_deg_s,gyro_bias_sigma_y_deg_s,gyro_bias_sigma_z_deg_s,compass_weight"
 )
 SUMMARY_KEYS = {
     "method", "duration_s", "distance_m", "strides", "closure_m", "closure_percent", "runtime_s",

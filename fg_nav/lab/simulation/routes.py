@@ -151,6 +151,12 @@ def demo() -> list[Section]:
     return _add_rests(Walk(polyline(corners, 1.2)), REST_S)
 
 
+def building_loop(length_m: float = 350.0) -> list[Section]:
+    """Once round a winding corridor of a floor of 75 m by 70 m, in four minutes."""
+    corners = [(0, 0), (0, 45), (30, 45), (30, 70), (75, 70), (75, 20), (40, 20), (40, 0), (0, 0)]
+    return _add_rests(Walk(polyline(corners, 1.2).scale_to(length_m)), REST_S)
+
+
 def at_rest() -> list[Section]:
     """An hour in one place: only for a sensor on a table."""
     return [Stand(3600.0)]

@@ -165,6 +165,12 @@ def _ignore_rng(route: Callable[[], Sequence[Section]]) -> Route:
     return lambda _: route()
 
 
+def _offset_gyro(name: str, bias_deg_s: float, spread_deg_s: float) -> SensorPrior:
+    """Return the sensor of this name with a turn-on bias of the gyroscope about its z axis."""
+    prior, bias = preset(name), float(np.deg2rad(bias_deg_s))
+    return replace(prior, gyr=replace(prior.gyr, bias=(0.0, 0.0, bias), bias_sd=float(np.deg2rad(spread_deg_s))))
+
+
 _MA, _ZHANG, _MUNOZ_DIAZ = "mpu-9250x8", "xsens-mtw", "munoz-diaz-table-2"
 
 SCENARIOS: Mapping[str, Scenario] = {
@@ -221,6 +227,10 @@ SCENARIOS: Mapping[str, Scenario] = {
         Scenario(
             "demo", "one minute round an L-shaped corridor",
             _ignore_rng(routes.demo), "instep", "lord-gx5-900",
+        ),
+        Scenario(
+            "building-loop", "350 m round a floor in 4 minutes, gyroscope 0.25 deg/s off, which no rest shows",
+            _ignore_rng(routes.building_loop), "heel", _offset_gyro("xsens-mtw", 0.25, 0.05), rests="none",
         ),
         Scenario(
             "at-rest", "an hour on a table, for an Allan deviation",

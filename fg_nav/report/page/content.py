@@ -1,7 +1,7 @@
 """What goes onto the page: the verdict, figures of merit, and sections with sentences and charts, in this order.
 
-path, height, sigma, stances, gyroscope bias, heading (compass against gyroscope), field strength, places recognized,
-errors, remarks, parameters. Each section is always there, and says why where it has no chart.
+path, graph, height, sigma, stances, gyroscope bias, heading (compass against gyroscope), field strength, places
+recognized, errors, remarks, parameters. Each section is always there, and says why where it has no chart.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from fg_nav.report.aligned import AlignedSolution
 from fg_nav.report.page.compass import draw_compass, draw_strength, judge
 from fg_nav.report.page.course import Frame, describe_alignment, describe_ellipses, describe_frame, draw_course
 from fg_nav.report.page.figures import Chart
+from fg_nav.report.page.graph import describe_graph, draw_graph
 from fg_nav.report.page.returns import describe_returns, draw_returns
 from fg_nav.report.page.samples import draw_samples
 from fg_nav.report.page.series import draw_errors, draw_gyro_bias, draw_headings, draw_height, draw_sigmas
@@ -175,6 +176,7 @@ def _draw_sections(found: Findings) -> list[Section]:
     frame = describe_frame(views[name], outcome, Options() if walk is None else walk.options)
     return [
         _draw_path(views, outcomes, frame),
+        _draw_graph(views, frame),
         Section("height", "Height", [], [draw_height(views)]),
         Section("sigma", "Uncertainty", [], [draw_sigmas(views, (frame.x, frame.y))]),
         _draw_stances(walk),
@@ -196,6 +198,12 @@ def _draw_path(views: Mapping[str, AlignedSolution], outcomes: Mapping[str, Outc
     first = next(iter(views.values()))
     words = [frame.words, describe_ellipses(first)]
     return Section("path", "Path", words, [draw_course(views, outcomes, frame)])
+
+
+def _draw_graph(views: Mapping[str, AlignedSolution], frame: Frame) -> Section:
+    words = describe_graph({name: view.solution for name, view in views.items()})
+    drawn = next((view for view in views.values() if view.solution.graph), next(iter(views.values())))
+    return Section("graph", "The graph", words, draw_graph(drawn, frame))
 
 
 def _draw_stances(walk: Walk | None) -> Section:

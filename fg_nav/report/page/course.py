@@ -122,10 +122,15 @@ def draw_course(views: Mapping[str, AlignedSolution], outcomes: Mapping[str, Out
         data += _draw_method(view, outcomes[name], name, CYCLE[k % len(CYCLE)], frame, alone)
         data += _draw_ellipses(find_ellipses(view, MAX_ELLIPSES), CYCLE[k % len(CYCLE)], k, len(views))
     data += _draw_ends(first.stance_position())
-    return _compose_map(data, list(views.values()), frame)
+    return compose_map(data, list(views.values()), frame)
 
 
-def _compose_map(data: list[Trace], views: Sequence[AlignedSolution], frame: Frame) -> Chart:
+_HOW_TO = "Drag to zoom, double-click for all of it; a touch on the legend hides and shows."
+
+
+def compose_map(
+    data: list[Trace], views: Sequence[AlignedSolution], frame: Frame, name: str = "path", caption: str = _HOW_TO
+) -> Chart:
     """Put what is drawn onto axes that show all of these paths."""
     ranges, shape = _frame_map(views)
     layout: dict[str, Any] = {
@@ -134,8 +139,7 @@ def _compose_map(data: list[Trace], views: Sequence[AlignedSolution], frame: Fra
         "hovermode": "closest",
     }
     height = f"clamp(22rem, calc({shape:.3f} * min(100vw, 73rem) + 5rem), 44rem)"
-    caption = "Drag to zoom, double-click for all of it; a touch on the legend hides and shows."
-    return Chart("path", data, layout, caption, height, scaled=True, north=frame.north)
+    return Chart(name, data, layout, caption, height, scaled=True, north=frame.north)
 
 
 def draw_feet(person: AlignedSolution, feet: Mapping[str, AlignedSolution], frame: Frame) -> Chart:
@@ -147,7 +151,7 @@ def draw_feet(person: AlignedSolution, feet: Mapping[str, AlignedSolution], fram
         data += _draw_footfalls(view, name, color, frame, alone=False)
     data.append(_path(_choose_path(person), GREEN, "person", width=1.4, hoverinfo="skip"))
     data += _draw_ellipses(find_ellipses(person, MAX_ELLIPSES), GREEN, 0, 1) + _draw_ends(person.stance_position())
-    return _compose_map(data, [person, *feet.values()], frame)
+    return compose_map(data, [person, *feet.values()], frame)
 
 
 def _draw_truth(truth: Truth | None) -> list[Trace]:
@@ -190,6 +194,11 @@ def _choose_path(view: AlignedSolution) -> Floats:
     row = spread_rows(len(dense), MAX_POINTS)
     behind = np.searchsorted(t[row], solution.t[find_holes(solution.t) + 1])
     return np.insert(view.align_position(dense[row])[:, :2], behind, np.nan, axis=0)
+
+
+def draw_path(view: AlignedSolution, color: str, name: str) -> Trace:
+    """Draw the path of a solution alone."""
+    return _path(_choose_path(view), color, name, width=1.5, hoverinfo="skip")
 
 
 def _path(xy: Floats, color: str, name: str, **more: Any) -> Trace:
