@@ -1,0 +1,186 @@
+"""The directions of a building that a solved walk follows: found along its path, and made factors of its graph.
+
+    repeat   courses of the solution   -> alpha along the walk, s and P   -> path turned by its drift -> solved again
+    `ROUNDS` times
+
+The heading of the solution may have drifted by so much that courses at the end are nearer to the wrong direction. So
+alpha is tracked: in the frame of the drifted solution it is phi_k at displacement k, of course psi_k, a random walk on
+the quarter circle,
+
+    phi_(k+1) = phi_k + N(0, q n_k),    p(psi_k | phi_k) = (P N(wrap(psi_k - phi_k); 0, s^2) + (1 - P) 2/pi)^h_k,
+
+n_k the strides between their middles, q such that the walk has the variance of its heading relative to its start as the
+solution says, `LEAST_DRIFT_DEG` at least, h_k the share of each displacement in its leg. phi_0 is anything. Forward and
+backward passes on a grid give p(phi_k | all psi) and the likelihood (hidden Markov model: Rabiner 1989); s and P are
+estimated with it by expectation maximization. No assignment is made: the graph's mixture has the same four directions.
+
+The path is turned by phi_0 - phi_k, to start from; how much of that the drift is, the graph says with all its factors.
+Where the courses are more likely to be anything there are no directions: `LEAST_EVIDENCE`.
+
+Limit: walks that turn steadily by less than the drift that their sigmas allow are taken for drifting ones.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import gtsam
+import numpy as np
+
+from fg_nav.arrays import Floats
+from fg_nav.errors import EstimationError
+from fg_nav.factors.walk_constraints import QUARTER, measure_course, wrap_quarter
+from fg_nav.smoother.combinations import FootfallCovariance
+from fg_nav.smoother.direction_factors import ALPHA, Mixture, list_displacements, make_direction_factors, share_legs
+from fg_nav.smoother.graph import WalkProblem, solve, turn_walk
+from fg_nav.smoother.solver import Solved, list_covariances, list_positions
+from fg_nav.text import format_count
+
+ROUNDS = 2
+"""The second finds s and P, and what follows the building, on a path without drift."""
+
+CELLS = 180
+"""Of the quarter circle, half a degree each: a third of the least sigma."""
+
+ITERATIONS = 10
+"""Of expectation maximization, which has s to some per cent by then."""
+
+FIRST_SIGMA_DEG, FIRST_SHARE = 4.0, 0.5
+LEAST_SIGMA_DEG, MOST_SIGMA_DEG = 1.5, 8.0
+LEAST_SHARE, MOST_SHARE = 0.05, 0.95
+"""Of s and P: corridors are no straighter, and beyond 8 deg the four directions cover most of the circle."""
+
+LEAST_DRIFT_DEG = 5.0
+"""Of a walk's heading, one sigma: its own may be too small."""
+
+LEAST_EVIDENCE = 6.0
+"""Log likelihood over that of courses that are anything, for three numbers that were chosen: half log M each, of M = 50."""
+
+NONE_FOUND = "no directions of a building are used: the courses of the walk do not show any"
+
+
+@dataclass(frozen=True)
+class TrackedDirections:
+    """Directions found along a walk.
+
+    Attributes
+    ----------
+    phi : (M,) rad, unwrapped, at each displacement.
+    mixture : s and P.
+    evidence : log likelihood over that of courses that are anything.
+    """
+
+    phi: Floats
+    mixture: Mixture
+    evidence: float
+
+
+def follow_directions(problem: WalkProblem, solved: Solved) -> tuple[WalkProblem, Solved, tuple[str, ...]]:
+    """Find the building's directions on a solved walk, and solve it with them; return notes too."""
+    if not problem.parameters.walk.directions:
+        return problem, solved, ()
+    free = problem, solved
+    for _ in range(ROUNDS):
+        followed = add_directions(problem, solved)
+        if followed is None:
+            return *free, (NONE_FOUND,)
+        problem, mixture = followed
+        try:
+            solved = solve(problem)
+        except EstimationError:
+            return *free, ("no directions of a building are used: with them there is no solution",)
+    assert problem.directions is not None
+    return problem, solved, (_write_note(len(problem.directions), mixture),)
+
+
+def add_directions(problem: WalkProblem, solved: Solved) -> tuple[WalkProblem, Mixture] | None:
+    """Add the directions that a solution follows, with values turned to them; None where it shows none."""
+    nodes = problem.nodes
+    position = list_positions(nodes.result, solved.values)
+    pairs = list_displacements(position)
+    if not len(pairs):
+        return None
+    course = measure_course(position[pairs[:, 1]] - position[pairs[:, 0]])
+    share, middle = share_legs(course), pairs.mean(axis=1)
+    growth = measure_drift(problem, solved) ** 2 / len(position)
+    tracked = track_directions(course, share, growth * np.diff(middle))
+    if tracked.evidence < LEAST_EVIDENCE:
+        return None
+    # The path without its drift.
+    values, alpha = gtsam.Values(solved.values), float(tracked.phi[0])
+    turn_walk(values, nodes, alpha - np.interp(nodes.footfall, middle, tracked.phi))
+    values.insert_or_assign(ALPHA, np.array([alpha]))
+    factors = make_direction_factors(nodes.result, pairs, share, alpha, tracked.mixture)
+    return replace(problem, directions=factors, values=values), tracked.mixture
+
+
+def measure_drift(problem: WalkProblem, solved: Solved) -> float:
+    """Largest sigma, rad, of the heading at any footfall relative to that at the first one."""
+    joint = FootfallCovariance.of(solved, problem.nodes, np.zeros((solved.root.total, 0)))
+    weights = np.zeros((len(joint.keys), 4, 1))
+    weights[0, 3] = 1.0
+    of_first, cross = joint.combine(weights)
+    yaw = joint.nav_T_body[:, 3:]
+    own = yaw @ list_covariances(joint.keys, solved.root, joint.shared) @ np.swapaxes(yaw, 1, 2)
+    variance = own[:, 0, 0] + of_first[0, 0] - 2.0 * cross[:, 3, 0]
+    return float(np.sqrt(max(variance.max(), np.radians(LEAST_DRIFT_DEG) ** 2)))
+
+
+def track_directions(course: Floats, share: Floats, variance: Floats) -> TrackedDirections:
+    """Find the directions that courses (M,) rad follow.
+
+    Parameters
+    ----------
+    share : (M,) of its likelihood that each counts for.
+    variance : (M-1,) rad^2, of the drift from one to the next.
+    """
+    off = wrap_quarter(course[:, None] - QUARTER * np.arange(CELLS) / CELLS)
+    mixture = Mixture(float(np.radians(FIRST_SIGMA_DEG)), FIRST_SHARE)
+    for _ in range(ITERATIONS):
+        followed = _weigh_followed(off, mixture)
+        posterior, evidence = _smooth_on_circle((followed + 1.0 - mixture.share) ** share[:, None], variance)
+        mean = posterior @ np.exp(4j * QUARTER * np.arange(CELLS) / CELLS)
+        tracked = TrackedDirections(np.unwrap(np.angle(mean)) / 4.0, mixture, evidence)
+        # How many follow them, and within what.
+        weight = share[:, None] * posterior * followed / (followed + 1.0 - mixture.share)
+        sigma = np.sqrt((weight * off**2).sum() / weight.sum())
+        sigma = np.clip(sigma, *np.radians([LEAST_SIGMA_DEG, MOST_SIGMA_DEG]))
+        mixture = Mixture(float(sigma), float(np.clip(weight.sum() / share.sum(), LEAST_SHARE, MOST_SHARE)))
+    return tracked
+
+
+def _weigh_followed(off: Floats, mixture: Mixture) -> Floats:
+    """Likelihood (...) of courses `off` a direction by so much, rad, and along it, over that of anything."""
+    s = mixture.sigma
+    return np.asarray(mixture.share * QUARTER / (s * np.sqrt(2.0 * np.pi)) * np.exp(-0.5 * (off / s) ** 2))
+
+
+def _smooth_on_circle(likelihood: Floats, variance: Floats) -> tuple[Floats, float]:
+    """Return p(phi_k) (M, `CELLS`) by all likelihoods (M, `CELLS`), and log of the likelihood of all of them."""
+    harmonic = 4.0 * np.arange(CELLS // 2 + 1)
+    spread = np.exp(-0.5 * harmonic**2 * variance[:, None])
+    ahead, behind = np.ones_like(likelihood) / CELLS, np.ones_like(likelihood)
+    log_likelihood = 0.0
+    for k, here in enumerate(likelihood):
+        if k:
+            ahead[k] = _blur(ahead[k - 1], spread[k - 1])
+        ahead[k] *= here
+        total = ahead[k].sum()
+        ahead[k] /= total
+        log_likelihood += float(np.log(total))
+    for k in range(len(likelihood) - 2, -1, -1):
+        behind[k] = _blur(likelihood[k + 1] * behind[k + 1], spread[k])
+        behind[k] /= behind[k].sum()
+    both = ahead * behind
+    return both / both.sum(axis=1, keepdims=True), log_likelihood
+
+
+def _blur(density: Floats, spread: Floats) -> Floats:
+    """Convolve a density (`CELLS`,) with a normal one on the circle, given by its Fourier coefficients."""
+    return np.maximum(np.fft.irfft(np.fft.rfft(density) * spread, CELLS), 1e-300)
+
+
+def _write_note(count: int, mixture: Mixture) -> str:
+    courses = format_count(count, "course")
+    sigma, share = np.degrees(mixture.sigma), 100.0 * mixture.share
+    return f"{share:.0f} % of {courses} follow the directions of a building, at right angles, within {sigma:.1f} deg"
