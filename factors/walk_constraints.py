@@ -1,4 +1,4 @@
-"""What is known of a walk besides its samples: corridors are at right angles, floors are level, a position was surveyed.
+"""What is known of a walk besides its samples: corridors at right angles, level floors, surveyed positions.
 
 Directions of a building (`BuildingDirection`): heuristic drift elimination, as a mixture that switches itself off
 ------------------------------------------------------------------------------------------------------------------
@@ -10,7 +10,7 @@ footfalls n strides apart is off the nearest one by
     r = wrap(psi - alpha) in [-pi/4, pi/4),    psi = atan2(d_y, d_x),    d = p_b - p_a,
     dr/dp_b = -dr/dp_a = (-d_y, d_x, 0) / |d|^2,    dr/dalpha = -1,
 
-rad. Either the walk follows the building, with r normal of sigma s, or it goes anywhere, uniform over the quarter circle:
+rad. Either the walk follows the building, with r normal of sigma s, or it goes anywhere, uniform over a quarter circle:
 
     p(r) = P N(r; 0, s^2) + (1 - P) 2 / pi,    P the share of displacements that follow it.
 

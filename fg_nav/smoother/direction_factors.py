@@ -2,11 +2,12 @@
 
 Between footfalls one stride apart a course is some degrees off on the straightest walk, as feet are set down beside the
 line, and these errors cancel from one stride to the next. So displacements are `STRIDES` long, and share no stride. A
-corner that begins within the last stride of one turns its course by a few degrees, which passes for a corridor, and does
-not cancel where a walk turns one way more often than the other: no footfall may stand farther off the line between the
-ends than people weave. Displacements lie in the middle of such a straight stretch.
+corner that begins within the last stride of one turns its course by a few degrees, which passes for a corridor, and
+does not cancel where a walk turns one way more often than the other: no footfall may stand farther off the line between
+the ends than people weave. Displacements lie in the middle of such a straight stretch.
 
-Courses along one leg have the error of its corridor in common. A leg counts as `LEG_COURSES` of them at most.
+Courses along one leg have the error of its corridor in common. A leg counts as `LEG_COURSES` of them at most, of
+2 deg each 1.2 deg; a corridor that is walked again counts again.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ LEG_COURSES = 3.0
 """Independent courses that a leg counts as at most."""
 
 NEW_LEG_RAD = np.radians(22.5)
-"""Change of course that begins another leg: half of what is between two directions, by half again."""
+"""Change of course that begins another leg: a quarter of what is between two directions."""
 
 ALPHA = A(0)
 """Key of the first of the building's directions, (1,) rad."""
@@ -84,12 +85,15 @@ def list_displacements(position: Floats) -> Ints:
     if len(position) <= STRIDES:
         return np.zeros((0, 2), dtype=np.int64)
     straight = np.flatnonzero(find_straight(position))
-    first = [
-        run[0] + (length % STRIDES) // 2 + STRIDES * np.arange(length // STRIDES)
-        for run in np.split(straight, np.flatnonzero(np.diff(straight) > 1) + 1)
-        if (length := len(run) + STRIDES - 1) and len(run)
-    ]
-    return np.concatenate([np.zeros(0, dtype=np.int64), *first])[:, None] + np.array([0, STRIDES])
+    runs = np.split(straight, np.flatnonzero(np.diff(straight) > 1) + 1) if len(straight) else []
+    first: Ints = np.concatenate([np.zeros(0, dtype=np.int64), *map(_fill_run, runs)])
+    return np.asarray(first[:, None] + np.array([0, STRIDES]))
+
+
+def _fill_run(straight: Ints) -> Ints:
+    """First footfalls of displacements, in the middle of a stretch along which these ones (n,) begin straight ones."""
+    strides = len(straight) + STRIDES - 1
+    return np.asarray(straight[0] + strides % STRIDES // 2 + STRIDES * np.arange(strides // STRIDES))
 
 
 def find_straight(position: Floats) -> Bools:
@@ -104,6 +108,6 @@ def find_straight(position: Floats) -> Bools:
 
 
 def share_legs(course: Floats) -> Floats:
-    """Share (M,) that each course (M,) rad counts for: those of a leg, one after the other, for `LEG_COURSES` at most."""
+    """Share (M,) that each course (M,) rad counts for: those of a leg, in a row, for `LEG_COURSES` at most."""
     leg = np.cumsum(np.abs(wrap_angle(np.diff(course, prepend=course[:1]))) > NEW_LEG_RAD)
     return np.asarray(np.minimum(1.0, LEG_COURSES / np.bincount(leg)[leg]))

@@ -54,7 +54,7 @@ LEAST_DRIFT_DEG = 5.0
 """Of a walk's heading, one sigma: its own may be too small."""
 
 LEAST_EVIDENCE = 6.0
-"""Log likelihood over that of courses that are anything, for three numbers that were chosen: half log M each, of M = 50."""
+"""Log likelihood over that of courses that are anything: three numbers are chosen, half log M each, of M = 50."""
 
 NONE_FOUND = "no directions of a building are used: the courses of the walk do not show any"
 

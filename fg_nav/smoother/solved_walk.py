@@ -1,4 +1,4 @@
-"""A walk as it was solved last: with its field where that shows something, directions and places, in batch and online."""
+"""A walk as it was solved last, in batch and online: with field, directions of a building and places that it shows."""
 
 from __future__ import annotations
 

@@ -91,8 +91,8 @@ def time_order(
     """Order in which the variables are eliminated: node by node, bias and settling after the last node that uses them.
 
     With the field its state M at each footfall follows the node of the footfall's result. Floors come after the last
-    footfall on them, of which `floor` (F,) has the number. The direction of the building, which all courses join, ends the
-    order.
+    footfall on them, of which `floor` (F,) has the number. The direction of a building, which all courses join, is
+    last.
     """
     ordering = gtsam.Ordering()
     for key in list_in_time(nodes, with_field, floor, with_directions).tolist():
