@@ -5,14 +5,16 @@
 
 The heading of the solution may have drifted by so much that courses at the end are nearer to the wrong direction. So
 alpha is tracked: in the frame of the drifted solution it is phi_k at displacement k, of course psi_k, a random walk on
-the quarter circle,
+the quarter circle, and a steady drift on top of it,
 
-    phi_(k+1) = phi_k + N(0, q n_k),    p(psi_k | phi_k) = (P N(wrap(psi_k - phi_k); 0, s^2) + (1 - P) 2/pi)^h_k,
+    phi_(k+1) = phi_k + b n_k + N(0, q n_k),    b ~ N(0, (sigma / F)^2),
+    p(psi_k | phi_k) = (P N(wrap(psi_k - phi_k); 0, s^2) + (1 - P) 2/pi)^h_k,
 
-n_k the strides between their middles, q such that the walk has the variance of its heading relative to its start as the
-solution says, `LEAST_DRIFT_DEG` at least, h_k the share of each displacement in its leg. phi_0 is anything. Forward and
-backward passes on a grid give p(phi_k | all psi) and the likelihood (hidden Markov model: Rabiner 1989); s and P are
-estimated with it by expectation maximization. No assignment is made: the graph's mixture has the same four directions.
+n_k the strides between their middles of F, sigma that of the heading at any footfall relative to the start as the
+solution says, h_k the share of each displacement in its leg; q adds up to sigma^2 over the walk, within the bounds of
+`DRIFT_DEG`. phi_0 is anything. Forward and backward passes on a grid give p(phi_k | all psi) and the likelihood (hidden
+Markov model: Rabiner 1989), for each of some b; with the likeliest, s and P are estimated by expectation maximization.
+No assignment is made: the graph's mixture has the same four directions.
 
 The path is turned by phi_0 - phi_k, to start from; how much of that the drift is, the graph says with all its factors.
 Where the courses are more likely to be anything there are no directions: `LEAST_EVIDENCE`.
@@ -26,6 +28,7 @@ from dataclasses import dataclass, replace
 
 import gtsam
 import numpy as np
+from scipy.special import logsumexp
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import EstimationError
@@ -42,6 +45,8 @@ ROUNDS = 2
 CELLS = 180
 """Of the quarter circle, half a degree each: a third of the least sigma."""
 
+GRID = QUARTER * np.arange(CELLS) / CELLS
+
 ITERATIONS = 10
 """Of expectation maximization, which has s to some per cent by then."""
 
@@ -50,8 +55,13 @@ LEAST_SIGMA_DEG, MOST_SIGMA_DEG = 1.5, 8.0
 LEAST_SHARE, MOST_SHARE = 0.05, 0.95
 """Of s and P: corridors are no straighter, and beyond 8 deg the four directions cover most of the circle."""
 
-LEAST_DRIFT_DEG = 5.0
-"""Of a walk's heading, one sigma: its own may be too small."""
+DRIFT_DEG = 5.0, 15.0
+"""Bounds of the random drift of a walk, one sigma: its own may be too small, and more of it is a bias, which is steady."""
+
+RATE_STEP_DEG = 5.0
+"""Between steady drifts that are tried, at the end of the walk, up to `RATE_SIGMAS` either way."""
+
+RATE_SIGMAS = 3.0
 
 LEAST_EVIDENCE = 6.0
 """Log likelihood over that of courses that are anything: three numbers are chosen, half log M each, of M = 50."""
@@ -102,8 +112,7 @@ def add_directions(problem: WalkProblem, solved: Solved) -> tuple[WalkProblem, M
         return None
     course = measure_course(position[pairs[:, 1]] - position[pairs[:, 0]])
     share, middle = share_legs(course), pairs.mean(axis=1)
-    growth = measure_drift(problem, solved) ** 2 / len(position)
-    tracked = track_directions(course, share, growth * np.diff(middle))
+    tracked = track_directions(course, share, middle / len(position), measure_drift(problem, solved))
     if tracked.evidence < LEAST_EVIDENCE:
         return None
     # The path without its drift.
@@ -123,30 +132,63 @@ def measure_drift(problem: WalkProblem, solved: Solved) -> float:
     yaw = joint.nav_T_body[:, 3:]
     own = yaw @ list_covariances(joint.keys, solved.root, joint.shared) @ np.swapaxes(yaw, 1, 2)
     variance = own[:, 0, 0] + of_first[0, 0] - 2.0 * cross[:, 3, 0]
-    return float(np.sqrt(max(variance.max(), np.radians(LEAST_DRIFT_DEG) ** 2)))
+    return float(np.sqrt(max(variance.max(), 0.0)))
 
 
-def track_directions(course: Floats, share: Floats, variance: Floats) -> TrackedDirections:
+def track_directions(course: Floats, share: Floats, at: Floats, drift: float) -> TrackedDirections:
     """Find the directions that courses (M,) rad follow.
 
     Parameters
     ----------
     share : (M,) of its likelihood that each counts for.
-    variance : (M-1,) rad^2, of the drift from one to the next.
+    at : (M,) where each is on the walk, from 0 to 1.
+    drift : sigma of that of the walk, rad.
     """
-    off = wrap_quarter(course[:, None] - QUARTER * np.arange(CELLS) / CELLS)
+    variance = _spread_drift(at, drift)
     mixture = Mixture(float(np.radians(FIRST_SIGMA_DEG)), FIRST_SHARE)
+    steady, gained = _find_steady_drift(course, share, at, drift, mixture)
+    left = course - steady * at
+    # How many follow the directions, and within what.
     for _ in range(ITERATIONS):
-        followed = _weigh_followed(off, mixture)
-        posterior, evidence = _smooth_on_circle((followed + 1.0 - mixture.share) ** share[:, None], variance)
-        mean = posterior @ np.exp(4j * QUARTER * np.arange(CELLS) / CELLS)
-        tracked = TrackedDirections(np.unwrap(np.angle(mean)) / 4.0, mixture, evidence)
-        # How many follow them, and within what.
-        weight = share[:, None] * posterior * followed / (followed + 1.0 - mixture.share)
-        sigma = np.sqrt((weight * off**2).sum() / weight.sum())
-        sigma = np.clip(sigma, *np.radians([LEAST_SIGMA_DEG, MOST_SIGMA_DEG]))
-        mixture = Mixture(float(sigma), float(np.clip(weight.sum() / share.sum(), LEAST_SHARE, MOST_SHARE)))
+        density, evidence, off = _smooth(left, share, variance, mixture)
+        phi = np.unwrap(np.angle(density @ np.exp(4j * GRID))) / 4.0
+        tracked = TrackedDirections(phi + steady * at, mixture, evidence + gained)
+        mixture = _maximize(density, off, share, mixture)
     return tracked
+
+
+def _find_steady_drift(
+    course: Floats, share: Floats, at: Floats, drift: float, mixture: Mixture
+) -> tuple[float, float]:
+    """Return the likeliest steady drift, rad over the walk, and by how much all of them are likelier than it is."""
+    variance = _spread_drift(at, drift)
+    count = int(RATE_SIGMAS * drift / np.radians(RATE_STEP_DEG))
+    steady = np.radians(RATE_STEP_DEG) * np.arange(-count, count + 1)
+    prior = -0.5 * (steady / drift) ** 2 if count else np.zeros(1)
+    likelihood = np.array([_smooth(course - one * at, share, variance, mixture)[1] for one in steady])
+    best = int((likelihood + prior).argmax())
+    return float(steady[best]), float(logsumexp(likelihood + prior) - logsumexp(prior) - likelihood[best])
+
+
+def _spread_drift(at: Floats, drift: float) -> Floats:
+    """Variance (M-1,) rad^2 of the random drift from one displacement to the next, of those at (M,) of the walk."""
+    return np.asarray(np.diff(at) * np.clip(drift, *np.radians(DRIFT_DEG)) ** 2)
+
+
+def _smooth(course: Floats, share: Floats, variance: Floats, mixture: Mixture) -> tuple[Floats, float, Floats]:
+    """Return p(phi_k) (M, `CELLS`), the log likelihood, and how far courses are off each direction of the grid, rad."""
+    off = wrap_quarter(course[:, None] - GRID)
+    likelihood = (_weigh_followed(off, mixture) + 1.0 - mixture.share) ** share[:, None]
+    return *_smooth_on_circle(likelihood, variance), off
+
+
+def _maximize(density: Floats, off: Floats, share: Floats, mixture: Mixture) -> Mixture:
+    """Return s and P that explain the courses best, with what is now known of where they belong."""
+    followed = _weigh_followed(off, mixture)
+    weight = share[:, None] * density * followed / (followed + 1.0 - mixture.share)
+    sigma = np.sqrt((weight * off**2).sum() / weight.sum())
+    sigma = np.clip(sigma, *np.radians([LEAST_SIGMA_DEG, MOST_SIGMA_DEG]))
+    return Mixture(float(sigma), float(np.clip(weight.sum() / share.sum(), LEAST_SHARE, MOST_SHARE)))
 
 
 def _weigh_followed(off: Floats, mixture: Mixture) -> Floats:

@@ -53,8 +53,8 @@ def rounds(legs: int, strides: int, drift_deg: float = 0.0) -> Floats:
 def track(position: Floats, drift_deg: float = 5.0):
     pairs = list_displacements(position)
     course = measure_course(position[pairs[:, 1]] - position[pairs[:, 0]])
-    growth = np.radians(drift_deg) ** 2 / len(position) * np.diff(pairs.mean(axis=1))
-    return course, track_directions(course, share_legs(course), growth)
+    at = pairs.mean(axis=1) / len(position)
+    return course, track_directions(course, share_legs(course), at, float(np.radians(drift_deg)))
 
 
 def test_displacements_share_no_stride_and_lie_within_straight_stretches() -> None:
@@ -113,10 +113,11 @@ def test_a_circle_shows_no_directions(radius_m: float) -> None:
         assert track(position)[1].evidence < LEAST_EVIDENCE
 
 
+@pytest.mark.parametrize("drift_deg", [3.0, 80.0])
 @pytest.mark.parametrize("seed", range(20))
-def test_courses_that_are_anything_show_none(seed: int) -> None:
+def test_courses_that_are_anything_show_none(seed: int, drift_deg: float) -> None:
     course = np.random.default_rng(seed).uniform(-np.pi, np.pi, 40)
-    found = track_directions(course, np.ones(40), np.full(39, np.radians(1.0) ** 2))
+    found = track_directions(course, np.ones(40), np.linspace(0.0, 1.0, 40), float(np.radians(drift_deg)))
     assert found.evidence < LEAST_EVIDENCE
 
 
