@@ -40,37 +40,6 @@ LEG_COURSES = 3.0
 NEW_LEG_RAD = np.radians(22.5)
 """Change of course that begins another leg: a quarter of what is between two directions."""
 
-ALPHA = A(0)
-"""Key of the first of the building's directions, (1,) rad."""
-
-
-@dataclass(frozen=True)
-class DirectionFactors:
-    """Factors of the courses of a walk, and a prior that leaves their common direction open."""
-
-    courses: ResidualBlock
-    prior: GtsamFactors
-
-    def __len__(self) -> int:
-        return len(self.courses)
-
-    @property
-    def blocks(self) -> tuple[LinearizableBlock, ...]:
-        """Both, to be linearized."""
-        return self.courses, self.prior
-
-
-def make_direction_factors(node: Ints, pairs: Ints, share: Floats, alpha: float, mixture: Mixture) -> DirectionFactors:
-    """Tie pairs (M, 2) of the footfalls at `node` (F,) to the directions `alpha` (rad, to start from) + m pi/2.
-
-    `share` (M,) is what each displacement counts for.
-    """
-    courses = BuildingDirection(mixture.sigma, odds_of_elsewhere(mixture.sigma, mixture.share), share)
-    wide = gtsam.noiseModel.Isotropic.Sigma(1, 0.5 * QUARTER)
-    prior = gtsam.PriorFactorVector(ALPHA, np.array([alpha]), wide)
-    keys = [(X(int(a)), X(int(b)), ALPHA) for a, b in node[pairs]]
-    return DirectionFactors(ResidualBlock(courses, keys), GtsamFactors(prior))
-
 
 @dataclass(frozen=True)
 class Mixture:
@@ -78,6 +47,39 @@ class Mixture:
 
     sigma: float
     share: float
+
+
+@dataclass(frozen=True)
+class DirectionFactors:
+    """Factors of the courses of a walk, and priors that leave the direction of each of its `pieces` open."""
+
+    courses: ResidualBlock
+    priors: GtsamFactors
+    pieces: int
+
+    def __len__(self) -> int:
+        return len(self.courses)
+
+    @property
+    def blocks(self) -> tuple[LinearizableBlock, ...]:
+        """Both, to be linearized."""
+        return self.courses, self.priors
+
+
+def make_direction_factors(node: Ints, piece: Ints, share: Floats, alpha: Floats, mixture: Mixture) -> DirectionFactors:
+    """Tie pairs of nodes (M, 2) to the directions A(k) + m pi/2 of their piece k of the walk.
+
+    Parameters
+    ----------
+    node, piece : (M, 2), (M,) of the displacements.
+    share : (M,) that each counts for.
+    alpha : (n,) rad of the pieces, to start from.
+    """
+    courses = BuildingDirection(mixture.sigma, odds_of_elsewhere(mixture.sigma, mixture.share), share)
+    wide = gtsam.noiseModel.Isotropic.Sigma(1, 0.5 * QUARTER)
+    priors = (gtsam.PriorFactorVector(A(k), np.array([one]), wide) for k, one in enumerate(alpha))
+    keys = [(X(int(a)), X(int(b)), A(int(k))) for (a, b), k in zip(node, piece, strict=True)]
+    return DirectionFactors(ResidualBlock(courses, keys), GtsamFactors(*priors), len(alpha))
 
 
 def list_displacements(position: Floats) -> Ints:

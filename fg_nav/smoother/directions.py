@@ -16,6 +16,9 @@ solution says, h_k the share of each displacement in its leg; q adds up to sigma
 Markov model: Rabiner 1989), for each of some b; with the likeliest, s and P are estimated by expectation maximization.
 No assignment is made: the graph's mixture has the same four directions.
 
+Over a hole in the samples the heading is lost, and with it which direction is which: the pieces of the walk on either
+side (`split_drift`) have each an alpha of its own.
+
 The path is turned by phi_0 - phi_k, to start from; how much of that the drift is, the graph says with all its factors.
 Where the courses are more likely to be anything there are no directions: `LEAST_EVIDENCE`.
 
@@ -25,16 +28,18 @@ Limit: walks that turn steadily by less than the drift that their sigmas allow a
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import gtsam
 import numpy as np
+from gtsam.symbol_shorthand import A
 from scipy.special import logsumexp
 
-from fg_nav.arrays import Floats
+from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import EstimationError
 from fg_nav.factors.walk_constraints import QUARTER, measure_course, wrap_quarter
 from fg_nav.smoother.combinations import FootfallCovariance
-from fg_nav.smoother.direction_factors import ALPHA, Mixture, list_displacements, make_direction_factors, share_legs
+from fg_nav.smoother.direction_factors import Mixture, list_displacements, make_direction_factors, share_legs
 from fg_nav.smoother.graph import WalkProblem, solve, turn_walk
 from fg_nav.smoother.solver import Solved, list_covariances, list_positions
 from fg_nav.text import format_count
@@ -56,12 +61,19 @@ LEAST_SHARE, MOST_SHARE = 0.05, 0.95
 """Of s and P: corridors are no straighter, and beyond 8 deg the four directions cover most of the circle."""
 
 DRIFT_DEG = 5.0, 15.0
-"""Bounds of the random drift of a walk, one sigma: its own may be too small, and more of it is a bias, which is steady."""
+"""Bounds of the random drift of a walk, one sigma: its own may be too small, and more of it is a bias, and steady."""
 
 RATE_STEP_DEG = 5.0
 """Between steady drifts that are tried, at the end of the walk, up to `RATE_SIGMAS` either way."""
 
 RATE_SIGMAS = 3.0
+
+LOST_DEG = 10.0
+"""Growth of the heading's sigma over a stride, as over a hole in the samples: behind a few of them any direction could be
+any other."""
+
+ANY_TURN = 10.0
+"""rad^2, of a turn that is uniform over the quarter circle."""
 
 LEAST_EVIDENCE = 6.0
 """Log likelihood over that of courses that are anything: three numbers are chosen, half log M each, of M = 50."""
@@ -106,36 +118,62 @@ def follow_directions(problem: WalkProblem, solved: Solved) -> tuple[WalkProblem
 def add_directions(problem: WalkProblem, solved: Solved) -> tuple[WalkProblem, Mixture] | None:
     """Add the directions that a solution follows, with values turned to them; None where it shows none."""
     nodes = problem.nodes
-    position = list_positions(nodes.result, solved.values)
+    position, drift = (
+        list_positions(nodes.result, solved.values),
+        split_drift(measure_heading_variance(problem, solved)),
+    )
     pairs = list_displacements(position)
+    pairs = pairs[drift.piece[pairs[:, 0]] == drift.piece[pairs[:, 1]]]
     if not len(pairs):
         return None
     course = measure_course(position[pairs[:, 1]] - position[pairs[:, 0]])
-    share, middle = share_legs(course), pairs.mean(axis=1)
-    tracked = track_directions(course, share, middle / len(position), measure_drift(problem, solved))
+    middle, (known, piece) = pairs.mean(axis=1), np.unique(drift.piece[pairs[:, 0]], return_inverse=True)
+    share = share_legs(course)
+    tracked = track_directions(course, share, middle / len(position), drift.sigma, np.diff(piece) > 0)
     if tracked.evidence < LEAST_EVIDENCE:
         return None
-    # The path without its drift.
-    values, alpha = gtsam.Values(solved.values), float(tracked.phi[0])
-    turn_walk(values, nodes, alpha - np.interp(nodes.footfall, middle, tracked.phi))
-    values.insert_or_assign(ALPHA, np.array([alpha]))
-    factors = make_direction_factors(nodes.result, pairs, share, alpha, tracked.mixture)
+    # The path without its drift, piece by piece.
+    alpha, turn, values = tracked.phi[np.searchsorted(piece, range(len(known)))], np.zeros(len(nodes)), solved.values
+    for k, number in enumerate(known):
+        inside = drift.piece[nodes.footfall] == number
+        turn[inside] = alpha[k] - np.interp(nodes.footfall[inside], middle[piece == k], tracked.phi[piece == k])
+    values = gtsam.Values(values)
+    turn_walk(values, nodes, turn)
+    for k, one in enumerate(alpha):
+        values.insert_or_assign(A(k), np.array([one]))
+    factors = make_direction_factors(nodes.result[pairs], piece, share, alpha, tracked.mixture)
     return replace(problem, directions=factors, values=values), tracked.mixture
 
 
-def measure_drift(problem: WalkProblem, solved: Solved) -> float:
-    """Largest sigma, rad, of the heading at any footfall relative to that at the first one."""
+class Drift(NamedTuple):
+    """How far a walk's heading may drift: `sigma` rad, and the `piece` (F,) of each footfall, from 0."""
+
+    sigma: float
+    piece: Ints
+
+
+def split_drift(variance: Floats) -> Drift:
+    """Split a walk at strides over which its heading is lost, `variance` (F,) rad^2 that from its start on."""
+    growth = np.diff(variance, prepend=variance[0])
+    is_lost = growth > np.radians(LOST_DEG) ** 2
+    left = variance - np.cumsum(np.where(is_lost, growth, 0.0))
+    return Drift(float(np.sqrt(max(left.max(), 0.0))), np.cumsum(is_lost))
+
+
+def measure_heading_variance(problem: WalkProblem, solved: Solved) -> Floats:
+    """Variance (F,) rad^2 of the heading at each footfall relative to that at the first one."""
     joint = FootfallCovariance.of(solved, problem.nodes, np.zeros((solved.root.total, 0)))
     weights = np.zeros((len(joint.keys), 4, 1))
     weights[0, 3] = 1.0
     of_first, cross = joint.combine(weights)
     yaw = joint.nav_T_body[:, 3:]
     own = yaw @ list_covariances(joint.keys, solved.root, joint.shared) @ np.swapaxes(yaw, 1, 2)
-    variance = own[:, 0, 0] + of_first[0, 0] - 2.0 * cross[:, 3, 0]
-    return float(np.sqrt(max(variance.max(), 0.0)))
+    return np.asarray(own[:, 0, 0] + of_first[0, 0] - 2.0 * cross[:, 3, 0])
 
 
-def track_directions(course: Floats, share: Floats, at: Floats, drift: float) -> TrackedDirections:
+def track_directions(
+    course: Floats, share: Floats, at: Floats, drift: float, is_lost: Bools | None = None
+) -> TrackedDirections:
     """Find the directions that courses (M,) rad follow.
 
     Parameters
@@ -143,10 +181,12 @@ def track_directions(course: Floats, share: Floats, at: Floats, drift: float) ->
     share : (M,) of its likelihood that each counts for.
     at : (M,) where each is on the walk, from 0 to 1.
     drift : sigma of that of the walk, rad.
+    is_lost : (M-1,) whether nothing is known of the turn from one to the next; None where it is known of all.
     """
-    variance = _spread_drift(at, drift)
+    variance = np.diff(at) * np.clip(drift, *np.radians(DRIFT_DEG)) ** 2
+    variance = variance if is_lost is None else np.where(is_lost, ANY_TURN, variance)
     mixture = Mixture(float(np.radians(FIRST_SIGMA_DEG)), FIRST_SHARE)
-    steady, gained = _find_steady_drift(course, share, at, drift, mixture)
+    steady, gained = _find_steady_drift(course, share, at, drift, variance, mixture)
     left = course - steady * at
     # How many follow the directions, and within what.
     for _ in range(ITERATIONS):
@@ -158,21 +198,15 @@ def track_directions(course: Floats, share: Floats, at: Floats, drift: float) ->
 
 
 def _find_steady_drift(
-    course: Floats, share: Floats, at: Floats, drift: float, mixture: Mixture
+    course: Floats, share: Floats, at: Floats, drift: float, variance: Floats, mixture: Mixture
 ) -> tuple[float, float]:
     """Return the likeliest steady drift, rad over the walk, and by how much all of them are likelier than it is."""
-    variance = _spread_drift(at, drift)
     count = int(RATE_SIGMAS * drift / np.radians(RATE_STEP_DEG))
     steady = np.radians(RATE_STEP_DEG) * np.arange(-count, count + 1)
     prior = -0.5 * (steady / drift) ** 2 if count else np.zeros(1)
     likelihood = np.array([_smooth(course - one * at, share, variance, mixture)[1] for one in steady])
     best = int((likelihood + prior).argmax())
     return float(steady[best]), float(logsumexp(likelihood + prior) - logsumexp(prior) - likelihood[best])
-
-
-def _spread_drift(at: Floats, drift: float) -> Floats:
-    """Variance (M-1,) rad^2 of the random drift from one displacement to the next, of those at (M,) of the walk."""
-    return np.asarray(np.diff(at) * np.clip(drift, *np.radians(DRIFT_DEG)) ** 2)
 
 
 def _smooth(course: Floats, share: Floats, variance: Floats, mixture: Mixture) -> tuple[Floats, float, Floats]:

@@ -243,7 +243,7 @@ def _split_foot(problem: WalkProblem, ties: Ints, reach: Ints) -> tuple[Keys, Ke
     nodes = problem.nodes
     by_places = np.zeros(0, np.int64) if problem.places is None else problem.places.footfalls
     tied = np.unique(np.concatenate([ties, np.searchsorted(nodes.result, reach), by_places]))
-    keys = list_in_time(nodes, problem.field is not None, problem.floor, problem.directions is not None)
+    keys = list_in_time(nodes, problem.field is not None, problem.floor, problem.alphas)
     is_tied, is_common = split_tied(keys, nodes, tied)
     # A variable follows the last node that uses it.
     is_pose = keys >> np.uint64(LETTER_SHIFT) == ord("x")

@@ -145,6 +145,11 @@ class WalkProblem:
         start = GtsamFactors(self.start.factor(self.parameters))
         return (self.velocities, start, *magnetic, *of_building, *self.constraints)
 
+    @property
+    def alphas(self) -> int:
+        """How many directions of a building are variables."""
+        return 0 if self.directions is None else self.directions.pieces
+
     def factors(self) -> gtsam.NonlinearFactorGraph:
         """Return all of it as factors of gtsam, one by one."""
         graph = gtsam.NonlinearFactorGraph(self.graph)
@@ -166,7 +171,7 @@ def solve_and_keep(problem: WalkProblem, convergence: float) -> Solved:
 
 def order_variables(problem: WalkProblem) -> Keys:
     """Keys of all variables in the order in which they are eliminated."""
-    keys = list_in_time(problem.nodes, problem.field is not None, problem.floor, problem.directions is not None)
+    keys = list_in_time(problem.nodes, problem.field is not None, problem.floor, problem.alphas)
     return keys if problem.places is None else postpone(keys, problem.nodes, problem.places.footfalls)
 
 

@@ -5,7 +5,7 @@ from itertools import pairwise
 import gtsam
 import numpy as np
 import pytest
-from gtsam.symbol_shorthand import V, X, Z
+from gtsam.symbol_shorthand import A, V, X, Z
 from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Floats, Ints
@@ -15,7 +15,6 @@ from fg_nav.frames import yaw_rotation
 from fg_nav.smoother import smooth
 from fg_nav.smoother.constraints import constrain_heights
 from fg_nav.smoother.direction_factors import (
-    ALPHA,
     DirectionFactors,
     Mixture,
     list_displacements,
@@ -100,10 +99,15 @@ def positions(values: gtsam.Values, count: int) -> Floats:
     return np.array([values.atPose3(X(k)).translation() for k in range(count)])
 
 
+MIXTURE = Mixture(np.radians(2.0), 0.7)
+
+
 def tie_courses(position: Floats, node: Ints) -> DirectionFactors:
     """The courses of a walk along directions from 0.1 rad on."""
     pairs = list_displacements(position)
-    return make_direction_factors(node, pairs, np.full(len(pairs), 0.5), 0.1, Mixture(np.radians(2.0), 0.7))
+    return make_direction_factors(
+        node[pairs], np.zeros(len(pairs), dtype=np.intp), np.full(len(pairs), 0.5), np.array([0.1]), MIXTURE
+    )
 
 
 @pytest.mark.parametrize("kind", ["directions", "floors"])
@@ -111,7 +115,7 @@ def test_linear_model_has_the_error_at_hand_and_its_slope(kind: str) -> None:
     if kind == "directions":
         poses = walked(np.random.default_rng(3).normal(0.0, 0.02, 59), np.zeros(59))
         values = values_of(poses)
-        values.insert(ALPHA, np.array([0.1]))
+        values.insert(A(0), np.array([0.1]))
         part: LinearizableBlock = tie_courses(positions(values, 60), np.arange(60)).courses
     else:
         values = anywhere(60)
@@ -185,15 +189,15 @@ def test_marginals_are_those_of_the_information_matrix() -> None:
     blocks = *directions.blocks, constrain_heights(node, floor, LEVEL_SIGMA_M)
     for k in range(2):
         values.insert(Z(k), np.zeros(1))
-    values.insert(ALPHA, np.array([0.1]))
+    values.insert(A(0), np.array([0.1]))
     ordering = order(len(poses), 2)
-    ordering.push_back(ALPHA)
+    ordering.push_back(A(0))
     graph = dead_reckoned(poses, SIGMA).linearize(values)
     for block in blocks:
         for factor in block.linearize(values):
             graph.push_back(factor)
     full = np.linalg.inv(graph.hessian(ordering)[0])
-    keys = [*(X(k) for k in range(len(poses))), Z(0), Z(1), ALPHA]
+    keys = [*(X(k) for k in range(len(poses))), Z(0), Z(1), A(0)]
     found = marginal_covariances(graph.eliminateMultifrontal(ordering, gtsam.EliminateQR), set(keys))
     first = 0
     for key in keys:
@@ -213,8 +217,8 @@ def test_a_floor_is_eliminated_when_it_is_left_for_good() -> None:
         at = int(one.nodes.result[last])
         assert keys.index(V(at)) + 1 == keys.index(Z(number)) < keys.index(X(at + 1))
     plain = time_order(one.nodes)
-    directed = time_order(one.nodes, floor=floor, with_directions=True)
-    assert [directed.at(i) for i in range(directed.size())] == [*keys, ALPHA]
+    directed = time_order(one.nodes, floor=floor, directions=1)
+    assert [directed.at(i) for i in range(directed.size())] == [*keys, A(0)]
     assert [key for key in keys if key not in (Z(0), Z(1))] == [plain.at(i) for i in range(plain.size())]
 
 

@@ -6,6 +6,7 @@ from functools import cache
 import gtsam
 import numpy as np
 import pytest
+from gtsam.symbol_shorthand import A
 
 from fg_nav.arrays import Floats
 from fg_nav.detection import detect_stances
@@ -16,7 +17,6 @@ from fg_nav.lab.simulation.plan import Walk
 from fg_nav.recording import Recording
 from fg_nav.smoother import smooth, smooth_graph
 from fg_nav.smoother.direction_factors import (
-    ALPHA,
     LEG_COURSES,
     STRAIGHT_WITHIN_M,
     STRIDES,
@@ -24,7 +24,7 @@ from fg_nav.smoother.direction_factors import (
     list_displacements,
     share_legs,
 )
-from fg_nav.smoother.directions import LEAST_EVIDENCE, NONE_FOUND, track_directions
+from fg_nav.smoother.directions import LEAST_EVIDENCE, NONE_FOUND, split_drift, track_directions
 from fg_nav.smoother.graph import order_variables
 from fg_nav.smoother.parameters import WalkParameters
 from tests.simulated import FIRM, INDUSTRIAL, QUIET, simulated
@@ -176,12 +176,33 @@ def test_the_direction_is_a_variable_that_is_eliminated_last() -> None:
     problem = walk.walk.problem
     assert problem.directions is not None
     keys = order_variables(problem)
-    assert int(keys[-1]) == ALPHA
-    assert (keys != ALPHA).sum() == len(keys) - 1
+    assert int(keys[-1]) == A(0)
+    assert (keys != A(0)).sum() == len(keys) - 1
     # a leg's course is 1.5 deg at least, and alpha that of a few
-    assert 0.2 < np.degrees(np.sqrt(walk.find_covariance(ALPHA)[0, 0])) < 5.0
+    assert 0.2 < np.degrees(np.sqrt(walk.find_covariance(A(0))[0, 0])) < 5.0
     assert isinstance(walk.graph, gtsam.NonlinearFactorGraph)
     assert walk.graph.error(walk.values) == pytest.approx(walk.walk.solved.error, rel=1e-6)
+
+
+def test_a_walk_is_split_where_its_heading_is_lost() -> None:
+    sigma = np.radians([0.0, 1, 2, 3, 3, 50, 60, 60.1])
+    drift = split_drift(sigma**2)
+    np.testing.assert_array_equal(drift.piece, [0, 0, 0, 0, 0, 1, 2, 2])
+    assert drift.sigma < np.radians(5.0)
+    assert split_drift(np.radians(np.linspace(0.0, 80.0, 240)) ** 2).piece[-1] == 0
+
+
+def test_nothing_is_carried_over_a_lost_turn() -> None:
+    """By half a right angle: both halves find their own directions."""
+    position = path_of(rounds(8, 20), 0.05)
+    turned = np.vstack([position[:81], position[81:] @ yaw_rotation(np.pi / 4).T])
+    pairs = list_displacements(position)
+    course = measure_course(turned[pairs[:, 1]] - turned[pairs[:, 0]])
+    at, is_lost = pairs.mean(axis=1) / len(position), np.diff(pairs[:, 0] > 80) > 0
+    found = track_directions(course, share_legs(course), at, np.radians(3.0), is_lost)
+    off = np.where(pairs[:, 0] > 80, np.pi / 4, 0.0)
+    assert np.degrees(np.abs(wrap_quarter(found.phi - off)).max()) < 2.0
+    assert found.mixture.share > 0.9
 
 
 def test_off_unless_asked_for() -> None:
