@@ -21,7 +21,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.factors.residual import ResidualBlock
-from fg_nav.factors.walk_constraints import QUARTER, BuildingDirection, odds_of_elsewhere
+from fg_nav.factors.walk_constraints import BuildingDirection, odds_of_elsewhere
 from fg_nav.frames import wrap_angle
 from fg_nav.smoother.solver import GtsamFactors, LinearizableBlock
 
@@ -39,6 +39,9 @@ LEG_COURSES = 3.0
 
 NEW_LEG_RAD = np.radians(22.5)
 """Change of course that begins another leg: a quarter of what is between two directions."""
+
+OPEN_RAD = 2.0 * np.pi
+"""Sigma of the prior of a direction: a full turn, as much as the heading may be open behind a hole in the samples."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +79,7 @@ def make_direction_factors(node: Ints, piece: Ints, share: Floats, alpha: Floats
     alpha : (n,) rad of the pieces, to start from.
     """
     courses = BuildingDirection(mixture.sigma, odds_of_elsewhere(mixture.sigma, mixture.share), share)
-    wide = gtsam.noiseModel.Isotropic.Sigma(1, 0.5 * QUARTER)
+    wide = gtsam.noiseModel.Isotropic.Sigma(1, OPEN_RAD)
     priors = (gtsam.PriorFactorVector(A(k), np.array([one]), wide) for k, one in enumerate(alpha))
     keys = [(X(int(a)), X(int(b)), A(int(k))) for (a, b), k in zip(node, piece, strict=True)]
     return DirectionFactors(ResidualBlock(courses, keys), GtsamFactors(*priors), len(alpha))

@@ -69,8 +69,8 @@ RATE_STEP_DEG = 5.0
 RATE_SIGMAS = 3.0
 
 LOST_DEG = 10.0
-"""Growth of the heading's sigma over a stride, as over a hole in the samples: behind a few of them any direction could be
-any other."""
+"""Growth of the heading's sigma over a stride, as over a hole in the samples: behind a few of them any direction could
+be any other."""
 
 ANY_TURN = 10.0
 """rad^2, of a turn that is uniform over the quarter circle."""
