@@ -33,7 +33,6 @@ from typing import NamedTuple
 import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import A
-from scipy.special import logsumexp
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import EstimationError
@@ -206,7 +205,9 @@ def _find_steady_drift(
     prior = -0.5 * (steady / drift) ** 2 if count else np.zeros(1)
     likelihood = np.array([_smooth(course - one * at, share, variance, mixture)[1] for one in steady])
     best = int((likelihood + prior).argmax())
-    return float(steady[best]), float(logsumexp(likelihood + prior) - logsumexp(prior) - likelihood[best])
+    return float(steady[best]), float(
+        np.logaddexp.reduce(likelihood + prior) - np.logaddexp.reduce(prior) - likelihood[best]
+    )
 
 
 def _smooth(course: Floats, share: Floats, variance: Floats, mixture: Mixture) -> tuple[Floats, float, Floats]:
