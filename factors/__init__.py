@@ -21,16 +21,11 @@ from .magnetic_field import FieldPotential, FieldPrior, FieldTransition, LineInt
 from .residual import Residual, ResidualBlock, factor_of, guarded_factor, linear_factor_of
 from .same_place import SamePlace, weigh_place
 from .unseen_walk import UnseenWalk
-from .walk_constraints import (
-    FloorHeight,
-    StraightWalk,
-    position_fix_factor,
-    position_fix_noise,
-    straight_triples,
-)
+from .walk_constraints import BuildingDirection, FloorHeight, position_fix_factor, position_fix_noise
 from .zero_velocity import StanceVelocity, zero_rate_factor
 
 __all__ = [
+    "BuildingDirection",
     "DifferentialField",
     "FieldPotential",
     "FieldPrior",
@@ -42,7 +37,6 @@ __all__ = [
     "ResidualBlock",
     "SamePlace",
     "StanceVelocity",
-    "StraightWalk",
     "UnseenWalk",
     "factor_of",
     "guarded_factor",
@@ -50,7 +44,6 @@ __all__ = [
     "linear_factor_of",
     "position_fix_factor",
     "position_fix_noise",
-    "straight_triples",
     "weigh_place",
     "zero_rate_factor",
 ]

@@ -49,8 +49,8 @@ The noise of the compass is robust: with x = e / sigma its loss is Cauchy's, c =
 
     rho(x) = c^2 / 2 log(1 + x^2 / c^2),     rho'(x) / x = w(x) = 1 / (1 + x^2 / c^2),
 
-in two rows, [sqrt(w) x | sqrt(2 rho - w x^2)], of which the second depends on nothing (as `walk_constraints.StraightWalk`):
-so a batch of arrays, gtsam's optimisers and iSAM2 have the same loss.
+in two rows, [sqrt(w) x | sqrt(2 rho - w x^2)], of which the second depends on nothing (as
+`walk_constraints.BuildingDirection`): so a batch of arrays, gtsam's optimisers and iSAM2 have the same loss.
 
 With an innovation of none, delta is one unknown for a whole stretch (field differences); with a spread of none, the
 field is known everywhere (absolute heading). A magnet moves delta where it lies, and not the heading.

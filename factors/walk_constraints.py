@@ -1,37 +1,33 @@
-"""What is known of a walk besides its samples: corridors are straight, floors are level, a position was surveyed.
+"""What is known of a walk besides its samples: corridors at right angles, level floors, surveyed positions.
 
-Straight on (`StraightWalk`): heuristic drift reduction, as a mixture that switches itself off
-----------------------------------------------------------------------------------------------
+Directions of a building (`BuildingDirection`): heuristic drift elimination, as a mixture that switches itself off
+------------------------------------------------------------------------------------------------------------------
 
-Between the displacements over ground that meet at a footfall, d = (d_x, d_y) from p_a to p_b and from p_b to p_c, the
-course changes by
+The corridors of a building have four directions at right angles, alpha + m pi/2; alpha (rad, anticlockwise from the x
+axis of the navigation frame) is a variable. The course of the displacement over ground d = (d_x, d_y) between two
+footfalls n strides apart is off the nearest one by
 
-    r = wrap(course(p_c - p_b) - course(p_b - p_a)),    course(d) = atan2(d_y, d_x),
-    dr/dp_a = g(p_b - p_a),   dr/dp_c = g(p_c - p_b),   dr/dp_b = -dr/dp_a - dr/dp_c,   g(d) = (-d_y, d_x, 0) / |d|^2,
+    r = wrap(psi - alpha) in [-pi/4, pi/4),    psi = atan2(d_y, d_x),    d = p_b - p_a,
+    dr/dp_b = -dr/dp_a = (-d_y, d_x, 0) / |d|^2,    dr/dalpha = -1,
 
-in the navigation frame, rad. Between points one stride apart r is some degrees on the straightest walk, as feet are set
-down beside the line, and its errors cancel from one stride to the next: taken as independent, they are worth nothing
-against a drift of 0.1 deg a stride. Points n strides apart see n times the drift with a fraction of the noise;
-`straight_triples` picks them. Either this is a straight walk, whose r is normal with sigma s, or it is
-anything, uniform over the circle:
+rad. Either the walk follows the building, with r normal of sigma s, or it goes anywhere, uniform over a quarter circle:
 
-    p(r) = P N(r; 0, s^2) + (1 - P) / (2 pi),    P the share of straight walking.
+    p(r) = P N(r; 0, s^2) + (1 - P) 2 / pi,    P the share of displacements that follow it.
 
-Its negative logarithm is the loss, with x = r / s the whitened residual and the loss at zero taken off,
+The negative logarithm is the loss, with x = r / s the whitened residual and the loss at zero taken off,
 
-    rho(x) = log(1 + c) - log(exp(-x^2/2) + c),    c = s (1 - P) / (P sqrt(2 pi)),
+    rho(x) = log(1 + c) - log(exp(-x^2/2) + c),    c = s (1 - P) / P sqrt(8 / pi),
     rho'(x) / x = w(x) = exp(-x^2/2) / (exp(-x^2/2) + c).
 
-So the weight with which the residual is repeatedly reweighted is the probability that this was a straight walk. In a
-curve it is zero, and so is the information: there is no row of zero residual, which would tell the smoother that it
-knows the course where nothing shows it. With s = 2 deg and P = 1/2 a change of 6 deg is as likely a curve as not.
+The weight with which the residual is repeatedly reweighted is the probability that the walk follows the building there.
+Across an open space it is zero, and so is the information.
 
-The change of course is 0 at a person's will only. Corridors bend slowly, and people drift to one side: what this factor
-assumes is wrong where a curve turns by less than s over n strides. It is off unless asked for. Successive changes
-share a displacement, so their errors still partly cancel: the information on a steady drift is understated.
+s is what people weave, and by how much corridors are off a right angle. The latter is one error of all displacements
+along a corridor, so each has a share h <= 1 of its loss (a power likelihood), by which a leg counts as few of them.
+Corridors walked again share it too, which is not counted. A building that bends slowly is taken to be straight.
 
-Source: Borenstein & Ojeda 2010; AIEZ (27), (28) are the same with a threshold, and a zero beyond it in place of
-no row. The mixture is this project's.
+Source: Borenstein & Ojeda 2010 (J. Navigation 63); AIEZ (27), (28) compare a course with those before it instead, with
+a threshold, and a zero beyond it in place of no row. The mixture is this project's.
 
 Position fix: a surveyed point, or a receiver's position, in the navigation frame
 ---------------------------------------------------------------------------------
@@ -63,108 +59,88 @@ from typing import ClassVar
 
 import gtsam
 import numpy as np
-from numpy.typing import NDArray
 
 from .residual import Array
 
-STRIDES = 5
-"""Length n of a displacement: two of them are 14 m, as long as corridors are straight for."""
-
-SIGMA_DEG = 2.0
-"""Change of course between them on a straight walk: weaving by 7 cm at points 7 m apart is 1.4 deg
-(0.07 sqrt(6) / 7 rad), and feet and corridors add to it."""
-
-STRAIGHT_SHARE = 0.5
-"""Share of straight stretches: no preference. The weight depends on its logarithm only."""
-
-SHORTEST_M = 2.5
-"""Displacements over n strides below this have no course of a walk: half a metre a stride."""
+QUARTER = 0.5 * np.pi
+"""Between the directions of a building, rad."""
 
 
-def odds_of_curve(sigma: float, straight_share: float) -> float:
-    """Likelihood c of a curve against that of a straight walk without any change of course, with sigma in rad."""
-    return float(sigma * (1.0 - straight_share) / (straight_share * np.sqrt(2.0 * np.pi)))
+def odds_of_elsewhere(sigma: float, share: float) -> float:
+    """Return c, the likelihood of no direction against that of one exactly followed, with sigma in rad."""
+    return float(sigma * (1.0 - share) / share * np.sqrt(8.0 / np.pi))
 
 
 @dataclass(frozen=True)
-class StraightWalk:
-    """Change of course at the middle one of three footfalls; variables nav_T_body at all three.
+class BuildingDirection:
+    """Course from one footfall to another; variables nav_T_body at both, and alpha (1,) rad.
 
-    Two rows, the half square of which is the loss rho(x), at the weight w(x) of the mixture at hand:
+    Two rows, the half square of which is the loss h rho(x), at the weight w(x) of the mixture at hand:
 
-        [ sqrt(w) x | sqrt(2 rho - w x^2) ],     of which the second depends on nothing.
+        sqrt(h) [ sqrt(w) x | sqrt(2 rho - w x^2) ],     of which the second depends on nothing.
 
-    Half the square of both with the weight held is rho at the point of linearization, and above it anywhere else: the
-    error that the linear model promises is one the loss keeps, and a solver's criterion is meaningful (IRLS).
+    Half the square of both with the weight held is the loss at the point of linearization, and above it anywhere else:
+    the error that the linear model promises is one the loss keeps, and a solver's criterion is meaningful (IRLS).
+
+    Attributes
+    ----------
+    sigma, odds : s rad, and c.
+    share : h (...,).
     """
 
-    name: ClassVar[str] = "straight walk"
-    dims: ClassVar[tuple[int, ...]] = (6, 6, 6)
+    name: ClassVar[str] = "building direction"
+    dims: ClassVar[tuple[int, ...]] = (6, 6, 1)
     rows: ClassVar[int] = 2
 
-    sigma: float = float(np.radians(SIGMA_DEG))
-    odds_of_curve: float = odds_of_curve(np.radians(SIGMA_DEG), STRAIGHT_SHARE)
+    sigma: float
+    odds: float
+    share: Array
 
     def evaluate(self, variables: Sequence[Array], with_jacobians: bool) -> tuple[Array, list[Array]]:
-        """Return both rows (..., 2) and, with the weight held, their Jacobians by the three poses."""
-        points = [nav_T_body[..., :3, 3] for nav_T_body in variables]
-        x = change_of_course(*points) / self.sigma
-        weight = straight_probability(x, self.odds_of_curve)
-        above = 2.0 * straight_walk_loss(x, self.odds_of_curve) - weight * x**2
-        e = np.stack([np.sqrt(weight) * x, -np.sqrt(np.maximum(above, 0.0))], axis=-1)
+        """Return both rows (..., 2) and, with the weight held, their Jacobians by both poses and alpha."""
+        *poses, alpha = variables
+        displacement = poses[1][..., :3, 3] - poses[0][..., :3, 3]
+        x = wrap_quarter(measure_course(displacement) - alpha[..., 0]) / self.sigma
+        weight = direction_probability(x, self.odds)
+        above = 2.0 * direction_loss(x, self.odds) - weight * x**2
+        e = np.sqrt(self.share)[..., None] * np.stack([np.sqrt(weight) * x, np.sqrt(np.maximum(above, 0.0))], axis=-1)
         if not with_jacobians:
             return e, []
-        scale = (np.sqrt(weight) / self.sigma)[..., None]
-        H = [np.zeros((*e.shape, 6)) for _ in variables]
-        for by_pose, by_point, nav_T_body in zip(H, change_of_course_slopes(*points), variables, strict=True):
-            by_pose[..., 0, 3:] = ((scale * by_point)[..., None, :] @ nav_T_body[..., :3, :3])[..., 0, :]
+        scale = np.sqrt(self.share * weight) / self.sigma
+        by_place = scale[..., None] * differentiate_course(displacement)
+        H = [np.zeros((*e.shape, dim)) for dim in self.dims]
+        for by_pose, sign, nav_T_body in zip(H, (-1.0, 1.0), poses, strict=False):
+            by_pose[..., 0, 3:] = sign * (by_place[..., None, :] @ nav_T_body[..., :3, :3])[..., 0, :]
+        H[2][..., 0, 0] = -scale
         return e, H
 
 
-def change_of_course(before: Array, here: Array, after: Array) -> Array:
-    """Change of course r (...,) rad, anticlockwise, at the middle one of three footfalls (..., 3) m."""
-    first, second = here - before, after - here
-    across = first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0]
-    along = first[..., 0] * second[..., 0] + first[..., 1] * second[..., 1]
-    return np.asarray(np.arctan2(across, along))
+def wrap_quarter(angle: Array) -> Array:
+    """Wrap angles (...) rad to [-pi/4, pi/4)."""
+    return np.asarray((angle + 0.5 * QUARTER) % QUARTER - 0.5 * QUARTER)
 
 
-def change_of_course_slopes(before: Array, here: Array, after: Array) -> tuple[Array, Array, Array]:
-    """Derivatives (..., 3) of the change of course by the three positions, in the navigation frame."""
-    by_before, by_after = _by_displacement(here - before), _by_displacement(after - here)
-    return by_before, -by_before - by_after, by_after
+def measure_course(displacement: Array) -> Array:
+    """Course (...,) rad, anticlockwise from x, of displacements (..., 3)."""
+    return np.asarray(np.arctan2(displacement[..., 1], displacement[..., 0]))
 
 
-def _by_displacement(displacement: Array) -> Array:
-    """Derivative (..., 3) of the course of a displacement (..., 3)."""
+def differentiate_course(displacement: Array) -> Array:
+    """Derivative (..., 3) of the course by a displacement (..., 3), in the navigation frame."""
     x, y = displacement[..., 0], displacement[..., 1]
     return np.stack([-y, x, np.zeros_like(x)], axis=-1) / (x**2 + y**2)[..., None]
 
 
-def has_course(before: Array, here: Array, after: Array, shortest_m: float) -> NDArray[np.bool_]:
-    """Whether both displacements (...) over ground are long enough to have a course."""
-    lengths = [np.linalg.norm((b - a)[..., :2], axis=-1) for a, b in ((before, here), (here, after))]
-    return np.asarray(np.minimum(*lengths) >= shortest_m)
+def direction_probability(whitened: Array | float, odds: float) -> Array:
+    """Probability (...) that the building is followed, and weight, of residuals (...) over their sigma."""
+    followed = np.exp(-0.5 * np.square(whitened))
+    return np.asarray(followed / (followed + odds))
 
 
-def straight_triples(position: Array) -> NDArray[np.intp]:
-    """Footfalls (M, 3), n strides apart, of `position` (K, 3) of one foot, between which there are courses."""
-    middle = np.arange(STRIDES, len(position) - STRIDES, STRIDES)
-    triples = middle[:, None] + STRIDES * np.array([-1, 0, 1])
-    before, here, after = np.moveaxis(position[triples], 1, 0)
-    return np.asarray(triples[has_course(before, here, after, SHORTEST_M)])
-
-
-def straight_probability(whitened: Array | float, odds_of_curve: float) -> Array:
-    """Probability (...) that the walk is straight, and weight, of residuals (...) over their sigma."""
-    straight = np.exp(-0.5 * np.square(whitened))
-    return np.asarray(straight / (straight + odds_of_curve))
-
-
-def straight_walk_loss(whitened: Array | float, odds_of_curve: float) -> Array:
+def direction_loss(whitened: Array | float, odds: float) -> Array:
     """Loss (...) of residuals (...) over their sigma: half a square near zero, and log(1 + 1/c) far out."""
-    either = np.logaddexp(-0.5 * np.square(whitened), np.log(odds_of_curve))
-    return np.asarray(np.log1p(odds_of_curve) - either)
+    either = np.logaddexp(-0.5 * np.square(whitened), np.log(odds))
+    return np.asarray(np.log1p(odds) - either)
 
 
 def position_fix_noise(horizontal_sigma: float, vertical_sigma: float = np.inf) -> gtsam.noiseModel.Diagonal:

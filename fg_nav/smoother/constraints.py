@@ -1,4 +1,4 @@
-"""What is known of a walk beyond its sensor: fixes, and constraints between footfalls from people and buildings.
+"""What is known of a walk beyond its sensor: fixes, and the level floors of buildings.
 
 Fixes are in the walk's own frame, with its start at the origin: where the walk began remains known. That it began in
 this heading does not, as any fix away from the start shows it as well, with
@@ -8,12 +8,6 @@ this heading does not, as any fix away from the start shows it as well, with
 A heading that was given becomes a prior of some degrees as soon as the fixes show more. Where none was given, the walk
 is first turned about its start to where it fits the fixes best, and then its heading is free. A fix is tied to the node
 nearest in time. Between the two the foot moves on, at walking pace on the mean; its sigma grows by as much.
-
-Straight on (`factors.StraightWalk`), off unless asked for: the change of course between footfalls n strides apart.
-Nothing is assumed in a curve, as a row of zeros holds no information. A corner that begins within the last stride of a
-displacement turns its course by a few degrees, which passes for straight. On a walk that turns one way more often than
-the other such changes do not cancel: on loops to the right they were worth 0.04 deg a stride. So no footfall may stand
-farther off the line between the ends of its displacement than people weave; drift bends such a line by centimetres.
 
 Floors (`factors.FloorHeight`), where the walk shows them (`floors.find_floors`). Each has its height Z as a variable.
 Factors from footfall to footfall would do without, but sum up to a walk of their own: after a thousand strides a floor
@@ -25,7 +19,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Protocol
 
 import gtsam
@@ -35,13 +28,7 @@ from gtsam.symbol_shorthand import X, Z
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import EstimationError
 from fg_nav.factors.residual import ResidualBlock
-from fg_nav.factors.walk_constraints import (
-    FloorHeight,
-    StraightWalk,
-    position_fix_factor,
-    position_fix_noise,
-    straight_triples,
-)
+from fg_nav.factors.walk_constraints import FloorHeight, position_fix_factor, position_fix_noise
 from fg_nav.fix_check import FIX_REACH_S, check_fix, check_fixes_on_path, check_times
 from fg_nav.frames import yaw_rotation
 from fg_nav.samples.gaps import LONGEST_HELD_S, cross_holes
@@ -51,9 +38,6 @@ from fg_nav.smoother.own_factors import ExtraFactors, GraphNodes, make_own_facto
 from fg_nav.smoother.solver import GtsamFactors, list_positions
 from fg_nav.smoother.strides import Nodes
 from fg_nav.truth import Fix
-
-STRAIGHT_WITHIN_M = 0.15
-"""Off the line between its ends within which a stretch may be straight: two sigmas of weaving by 7 cm."""
 
 GIVEN_HEADING_DEG = 5.0
 """Sigma of the heading at the start that was given, where fixes show it as well: a compass held by hand, or a line
@@ -214,16 +198,14 @@ def free_heading(problem: WalkProblem, pinned: ShowsHeading, values: gtsam.Value
 
 
 def add_constraints(problem: WalkProblem, values: gtsam.Values, continues: Bools | None = None) -> WalkProblem:
-    """Add the straight stretches and floors found on a first solution, into whose values the floors are put.
+    """Add the floors found on a first solution, into whose values they are put.
 
     `continues` (F,) are the footfalls that are further pieces of a standing: no stride leads to them.
     """
     p, nodes = problem.parameters, problem.nodes
-    position = list_positions(nodes.result, values)
-    if p.walk.straight:
-        problem = replace(problem, constraints=(*problem.constraints, find_courses(nodes.result, position)))
     if not p.walk.floors:
         return problem
+    position = list_positions(nodes.result, values)
     t, footfall = problem.recording.t, nodes.sample[nodes.result]
     stepped = np.ones(len(footfall), dtype=np.bool_) if continues is None else ~continues
     floor = find_floors_of_pieces(t, footfall, position, stepped, p.settling_sigma_m)
@@ -243,33 +225,7 @@ def find_floors_of_pieces(t: Floats, footfall: Ints, position: Floats, stepped: 
     return found[np.searchsorted(first, np.arange(len(stepped)), side="right") - 1]
 
 
-def find_courses(node: Ints, position: Floats) -> ResidualBlock:
-    """Constrain the courses between footfalls at `node` (F,) and `position` (F, 3) m where a walk is straight."""
-    triples = straight_triples(position)
-    return constrain_courses(node, triples[off_line(position, triples) <= STRAIGHT_WITHIN_M])
-
-
-def constrain_courses(node: Ints, triples: Ints) -> ResidualBlock:
-    """Keep the course between three footfalls each, `triples` (M, 3), of those at `node` (F,)."""
-    keys = [tuple(X(int(j)) for j in node[triple]) for triple in triples]
-    return ResidualBlock(StraightWalk(), keys)
-
-
 def constrain_heights(node: Ints, label: Ints, sigma_m: float) -> ResidualBlock:
     """Keep footfalls at `node` (F,) at the heights of their floors `label` (F,), -1 on none."""
     on_floor = np.flatnonzero(label >= 0)
     return ResidualBlock(FloorHeight(sigma_m), [(X(int(node[k])), Z(int(label[k]))) for k in on_floor])
-
-
-def off_line(position: Floats, triples: Ints) -> Floats:
-    """How far (M,) m over ground footfalls stand off the lines from the first to the second of three and on."""
-    farthest = [max(_off_line(position[i : j + 1, :2]) for i, j in pairwise(triple)) for triple in triples]
-    return np.array(farthest, dtype=np.float64)
-
-
-def _off_line(place: Floats) -> float:
-    """How far one of some places (N, 2) is from the line from the first to the last."""
-    along = place[-1] - place[0]
-    from_first = place - place[0]
-    across = from_first[:, 0] * along[1] - from_first[:, 1] * along[0]
-    return float(np.abs(across).max() / np.linalg.norm(along))

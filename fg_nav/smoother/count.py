@@ -20,7 +20,7 @@ KINDS = ("imu", "zero_velocity", "magnetic_heading", "differential_field", "fiel
 """As in `summary.json`; `gated_out` are the footfalls with a field whose compass a hard gate left out.
 
 Factors of the caller's own stand with them as `own`, fixes as `position_fix`, places recognized as `same_place`,
-those of an earlier walk as `known_place`.
+those of an earlier walk as `known_place`, courses along the directions of a building as `direction`.
 """
 
 POSITION_FIX = "position_fix"
@@ -47,6 +47,8 @@ def count_factors(problem: WalkProblem) -> Counter[str]:
         counts["gated_out"] += _count_gated_out(problem.field)
     if problem.places is not None:
         counts["same_place"] = len(problem.places)
+    if problem.directions is not None:
+        counts["direction"] = len(problem.directions)
     fixes = sum(len(list(block.factors())) for block in problem.constraints if isinstance(block, FixFactors))
     if fixes:
         counts[POSITION_FIX] = fixes

@@ -224,29 +224,29 @@ def _shift_walk(values: gtsam.Values, nodes: int, shift: Floats) -> None:
 
 def order_variables(problem: FeetProblem) -> Keys:
     """Keys of all variables in the order in which they are eliminated."""
-    chains, tied, floors, moments = [], [], [], []
+    chains, tied, common, moments = [], [], [], []
     for one, ties, reach, mark in (
         (problem.right, problem.ties.right, problem.reach.right, RIGHT),
         (problem.left, problem.ties.left, problem.reach.left, np.uint64(0)),
     ):
-        keys, last, z, t = _split_foot(one, ties, reach)
+        keys, last, joined, t = _split_foot(one, ties, reach)
         chains.append(keys + mark)
         tied.append(last + mark)
-        floors.append(z + mark)
+        common.append(joined + mark)
         moments.append(t)
     newest_first = np.argsort(np.concatenate(moments), kind="stable")[::-1]
-    return np.concatenate([*chains, np.concatenate(tied)[newest_first], *floors, [WIDTH]])
+    return np.concatenate([*chains, np.concatenate(tied)[newest_first], *common, [WIDTH]])
 
 
 def _split_foot(problem: WalkProblem, ties: Ints, reach: Ints) -> tuple[Keys, Keys, Keys, Floats]:
-    """Keys of the chain of a foot, those of tied footfalls, its floors, and the moments of the tied ones."""
+    """Keys of the chain of a foot, those of tied footfalls, what many join, and the moments of the tied ones."""
     nodes = problem.nodes
     by_places = np.zeros(0, np.int64) if problem.places is None else problem.places.footfalls
     tied = np.unique(np.concatenate([ties, np.searchsorted(nodes.result, reach), by_places]))
-    keys = list_in_time(nodes, problem.field is not None, problem.floor)
-    is_tied, is_floor = split_tied(keys, nodes, tied)
+    keys = list_in_time(nodes, problem.field is not None, problem.floor, problem.alphas)
+    is_tied, is_common = split_tied(keys, nodes, tied)
     # A variable follows the last node that uses it.
     is_pose = keys >> np.uint64(LETTER_SHIFT) == ord("x")
     node = np.maximum.accumulate(np.where(is_pose, (keys & np.uint64(0xFFFFFFFF)).astype(np.int64), -1))
     moment = problem.recording.t[nodes.sample[node]]
-    return keys[~is_tied & ~is_floor], keys[is_tied], keys[is_floor], moment[is_tied]
+    return keys[~is_tied & ~is_common], keys[is_tied], keys[is_common], moment[is_tied]

@@ -32,6 +32,7 @@ from fg_nav.mechanisation import TILT_TIME_S, NavState, nudge_tilt, strapdown
 from fg_nav.recording import Recording
 from fg_nav.smoother.dense_path import fill_path
 from fg_nav.smoother.differential_factors import DifferentialFactors
+from fg_nav.smoother.direction_factors import DirectionFactors
 from fg_nav.smoother.field_factors import FieldFactors
 from fg_nav.smoother.gauss_newton import CONVERGENCE
 from fg_nav.smoother.parameters import SmootherParameters
@@ -111,11 +112,12 @@ class WalkProblem:
     start : prior on the first pose.
     graph : inertial factors, and those on biases and settling.
     velocities : of the stances.
-    constraints : factors of fixes, straight stretches and floors, and the caller's own.
+    constraints : factors of fixes and floors, and the caller's own.
     floor : (F,) floor of each footfall, -1 on none; None where they were not looked for.
     field : factors of the magnetic field, where it is used.
     differential : those of the differential field on the gyro bias, where the magnetometer is used.
     places : of footfalls at places that were recognized, where there are any.
+    directions : of courses along the directions of a building, where they are used.
     values : of all variables, to start from.
     """
 
@@ -133,12 +135,20 @@ class WalkProblem:
     field: FieldFactors | None = None
     differential: DifferentialFactors | None = None
     places: PlaceFactors | None = None
+    directions: DirectionFactors | None = None
 
     @property
     def blocks(self) -> tuple[LinearizableBlock, ...]:
         """What is linearized next to the graph."""
         magnetic = (block for block in (self.field, self.differential, self.places) if block is not None)
-        return (self.velocities, GtsamFactors(self.start.factor(self.parameters)), *magnetic, *self.constraints)
+        of_building = () if self.directions is None else self.directions.blocks
+        start = GtsamFactors(self.start.factor(self.parameters))
+        return (self.velocities, start, *magnetic, *of_building, *self.constraints)
+
+    @property
+    def alphas(self) -> int:
+        """How many directions of a building are variables."""
+        return 0 if self.directions is None else self.directions.pieces
 
     def factors(self) -> gtsam.NonlinearFactorGraph:
         """Return all of it as factors of gtsam, one by one."""
@@ -161,7 +171,7 @@ def solve_and_keep(problem: WalkProblem, convergence: float) -> Solved:
 
 def order_variables(problem: WalkProblem) -> Keys:
     """Keys of all variables in the order in which they are eliminated."""
-    keys = list_in_time(problem.nodes, problem.field is not None, problem.floor)
+    keys = list_in_time(problem.nodes, problem.field is not None, problem.floor, problem.alphas)
     return keys if problem.places is None else postpone(keys, problem.nodes, problem.places.footfalls)
 
 

@@ -35,9 +35,9 @@ class FieldParameters:
 class WalkParameters:
     """Constraints between footfalls (`constraints`)."""
 
-    straight: bool = False
-    """People mostly walk straight on. Off: a corridor that bends by less than a degree over ten strides is taken to
-    be straight, and nothing in the recording can show it."""
+    directions: bool = False
+    """Corridors are at right angles to each other (`directions`). Off: where they bend by less than a degree over ten
+    strides they are taken to be straight, and nothing in the recording can show it."""
 
     floors: bool = True
     """Footfalls are at one height where the walk shows a level floor (`floors`)."""

@@ -178,18 +178,18 @@ def postpone(keys: Keys, nodes: Nodes, tied: Ints) -> Keys:
 
     In the order of time every front between two footfalls at one place would carry the later one. A tied footfall is
     left with all that joins its past to its future: then what lies between two of them is a chain by itself, and what
-    is left a short one. Floors, which join many, end the order.
+    is left a short one. Floors and the direction of a building, which join many, end the order.
     """
-    is_last, is_floor = split_tied(keys, nodes, tied)
-    return np.concatenate([keys[~is_last & ~is_floor], keys[is_last][::-1], keys[is_floor]])
+    is_last, is_common = split_tied(keys, nodes, tied)
+    return np.concatenate([keys[~is_last & ~is_common], keys[is_last][::-1], keys[is_common]])
 
 
 def split_tied(keys: Keys, nodes: Nodes, tied: Ints) -> tuple[Bools, Bools]:
-    """Whether each key is of a tied footfall, its node, bias and settling and the state of its field; and of a floor.
+    """Whether each key is of a tied footfall, its node, bias, settling and state of the field; and of what many join.
 
     `tied` (n,) are footfalls of the walk.
     """
     node, bias = nodes.result[tied], np.unique(nodes.bias[tied])
     kinds = (("x", node), ("v", node), ("m", tied), ("b", bias), ("s", bias))
     names = [(ord(letter) << LETTER_SHIFT) + number.astype(np.uint64) for letter, number in kinds]
-    return np.isin(keys, np.concatenate(names)), keys >> np.uint64(LETTER_SHIFT) == ord("z")
+    return np.isin(keys, np.concatenate(names)), np.isin(keys >> np.uint64(LETTER_SHIFT), [ord("z"), ord("a")])

@@ -1,4 +1,4 @@
-"""A walk as it was solved last: with its magnetic field where it has one that shows something, in batch and online."""
+"""A walk as it was solved last, in batch and online: with field, directions of a building and places that it shows."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 from fg_nav.magnetic import FootfallField
 from fg_nav.smoother.differential import add_differential_field
+from fg_nav.smoother.directions import follow_directions
 from fg_nav.smoother.field import FieldVerdict, find_obstacle, ignore_field
 from fg_nav.smoother.field_rounds import FieldSolution, look_along, solve_with_field
 from fg_nav.smoother.graph import WalkProblem, solve, trajectory_of
@@ -26,8 +27,12 @@ class SolvedWalk:
 
 
 def solve_walk(problem: WalkProblem, field: FootfallField | None, unseen: str = "") -> SolvedWalk:
-    """Solve a walk as `_solve_with_field`, and close it where it comes back to places that the field shows."""
+    """Solve a walk as `_solve_with_field`, along a building where asked for, and close it at places the field shows."""
     walk = _solve_with_field(problem, field, unseen)
+    # The field settles which direction is which, and the path along them where places are looked for.
+    problem, solved, notes = follow_directions(walk.problem, walk.solved)
+    verdict = replace(walk.verdict, notes=(*walk.verdict.notes, *notes))
+    walk = replace(walk, problem=problem, solved=solved, verdict=verdict)
     if field is None:
         return walk
     problem, solved, returns, notes = tie_places(walk.problem, walk.solved)

@@ -85,19 +85,22 @@ class GtsamFactors:
         return 0.0
 
 
-def time_order(nodes: Nodes, with_field: bool = False, floor: Ints | None = None) -> gtsam.Ordering:
+def time_order(
+    nodes: Nodes, with_field: bool = False, floor: Ints | None = None, directions: int = 0
+) -> gtsam.Ordering:
     """Order in which the variables are eliminated: node by node, bias and settling after the last node that uses them.
 
     With the field its state M at each footfall follows the node of the footfall's result. Floors come after the last
-    footfall on them, of which `floor` (F,) has the number.
+    footfall on them, of which `floor` (F,) has the number. The `directions` of a building, which all courses join,
+    are last.
     """
     ordering = gtsam.Ordering()
-    for key in list_in_time(nodes, with_field, floor).tolist():
+    for key in list_in_time(nodes, with_field, floor, directions).tolist():
         ordering.push_back(key)
     return ordering
 
 
-def list_in_time(nodes: Nodes, with_field: bool = False, floor: Ints | None = None) -> Keys:
+def list_in_time(nodes: Nodes, with_field: bool = False, floor: Ints | None = None, directions: int = 0) -> Keys:
     """Keys in the order in which the variables are eliminated: see `time_order`."""
     number, bias = np.arange(len(nodes)), nodes.bias[nodes.footfall]
     ends = np.flatnonzero(np.diff(bias, append=bias[-1] + 1))
@@ -110,6 +113,7 @@ def list_in_time(nodes: Nodes, with_field: bool = False, floor: Ints | None = No
         left = np.array(sorted(one for one in last_on.items() if one[0] >= 0), dtype=np.int64).reshape(-1, 2)
         parts.append(("z", left[:, 0], left[:, 1]))
     parts += [("s", bias[ends], ends), ("b", bias[ends], ends)]
+    parts.append(("a", np.arange(directions), np.full(directions, number[-1])))
     keys = np.concatenate([(ord(letter) << LETTER_SHIFT) + of.astype(np.uint64) for letter, of, _ in parts])
     behind = np.concatenate([node for _, _, node in parts])
     return keys[np.argsort(behind, kind="stable")]

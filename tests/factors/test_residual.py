@@ -3,10 +3,11 @@
 import gtsam
 import numpy as np
 import pytest
-from gtsam.symbol_shorthand import L, M, S, V, X, Z
+from gtsam.symbol_shorthand import A, L, M, S, V, X, Z
 from scipy.spatial.transform import Rotation
 
 from fg_nav.factors import (
+    BuildingDirection,
     FieldPotential,
     FieldPrior,
     FieldTransition,
@@ -14,7 +15,6 @@ from fg_nav.factors import (
     MagneticHeading,
     ResidualBlock,
     StanceVelocity,
-    StraightWalk,
     factor_of,
     linear_factor_of,
     residual,
@@ -25,7 +25,7 @@ from tests.factors.derivatives import assert_jacobians_are_derivatives, jacobian
 
 COUNT = 5
 FIELD = np.array([0.0, 0, 0, 0, 3.0, 20.0, 0, 0, 0])
-ROBUST = ("magnetic heading", "straight walk")
+ROBUST = ("magnetic heading", "building direction")
 """Their Jacobians hold the weight: those of the loss are right, not those of the rows."""
 
 
@@ -38,6 +38,7 @@ def random_blocks(seed):
         values.insert(V(k), rng.standard_normal(3))
         values.insert(S(k), 0.01 * rng.standard_normal(1))
         values.insert(Z(k), rng.standard_normal(1))
+        values.insert(A(k), 0.1 * rng.standard_normal(1))
         values.insert(M(k), FIELD + rng.standard_normal(SIZE))
     three, sigma = (lambda: rng.standard_normal((COUNT, 3))), rng.uniform(0.5, 2.0, (COUNT, SIZE))
     level, tilted = (Rotation.random(COUNT, rng=rng).as_matrix() for _ in range(2))
@@ -47,9 +48,9 @@ def random_blocks(seed):
         "xmm": FieldPotential(sigma[:, 1], three(), three(), three(), tilted, sigma[:, 0]),
         "mm": FieldTransition(np.exp(-sigma), sigma),
         "xz": FloorHeight(0.02),
-        "xxx": StraightWalk(0.5, 0.05),
+        "xxa": BuildingDirection(0.5, 0.05, sigma[:, 0]),
     }
-    letter = {"x": X, "v": V, "s": S, "m": M, "z": Z}
+    letter = {"a": A, "x": X, "v": V, "s": S, "m": M, "z": Z}
     blocks = {}
     for names, one in residuals.items():
         shift = [names[:i].count(name) for i, name in enumerate(names)]

@@ -155,7 +155,7 @@ def test_where_fixes_show_north_the_direction_of_the_field_is_found() -> None:
 def test_constraints_hold_in_the_solution_with_the_field_too() -> None:
     walk = with_field(demo().recording)
     field = average_footfall_field(walk, demo().stances)
-    p, q = (replace(DEFAULT, walk=WalkParameters(straight=tied, floors=tied)) for tied in (False, True))
+    p, q = (replace(DEFAULT, walk=WalkParameters(floors=tied)) for tied in (False, True))
     free, tied = (smooth(walk, demo().stances, some, None, field=field) for some in (p, q))
     assert np.ptp(tied.stances.position[:, 2]) < min(0.02, 0.5 * np.ptp(free.stances.position[:, 2]))
     assert tied.stances.position_cov[-1, 2, 2] < 0.2 * free.stances.position_cov[-1, 2, 2]

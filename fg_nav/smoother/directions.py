@@ -1,0 +1,263 @@
+"""The directions of a building that a solved walk follows: found along its path, and made factors of its graph.
+
+    repeat   courses of the solution   -> alpha along the walk, s and P   -> path turned by its drift -> solved again
+    `ROUNDS` times
+
+The heading of the solution may have drifted by so much that courses at the end are nearer to the wrong direction. So
+alpha is tracked: in the frame of the drifted solution it is phi_k at displacement k, of course psi_k, a random walk on
+the quarter circle, and a steady drift on top of it,
+
+    phi_(k+1) = phi_k + b n_k + N(0, q n_k),    b ~ N(0, (sigma / F)^2),
+    p(psi_k | phi_k) = (P N(wrap(psi_k - phi_k); 0, s^2) + (1 - P) 2/pi)^h_k,
+
+n_k the strides between their middles of F, sigma that of the heading at any footfall relative to the start as the
+solution says, h_k the share of each displacement in its leg; q adds up to sigma^2 over the walk, within the bounds of
+`DRIFT_DEG`. phi_0 is anything. Forward and backward passes on a grid give p(phi_k | all psi) and the likelihood (hidden
+Markov model: Rabiner 1989), for each of some b; with the likeliest, s and P are estimated by expectation maximization.
+No assignment is made: the graph's mixture has the same four directions.
+
+Over a hole in the samples the heading is lost, and with it which direction is which: the pieces of the walk on either
+side (`split_drift`) have each an alpha of its own.
+
+The path is turned by phi_0 - phi_k, to start from; how much of that the drift is, the graph says with all its factors.
+Where the courses are more likely to be anything there are no directions: `LEAST_EVIDENCE`.
+
+Limit: walks that turn steadily by less than the drift that their sigmas allow are taken for drifting ones.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import A
+
+from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.errors import EstimationError
+from fg_nav.factors.walk_constraints import QUARTER, measure_course, wrap_quarter
+from fg_nav.smoother.combinations import FootfallCovariance
+from fg_nav.smoother.direction_factors import Mixture, list_displacements, make_direction_factors, share_legs
+from fg_nav.smoother.graph import WalkProblem, solve, turn_walk
+from fg_nav.smoother.solver import Solved, list_covariances, list_positions
+from fg_nav.text import format_count
+
+ROUNDS = 2
+"""The second finds s and P, and what follows the building, on a path without drift."""
+
+CELLS = 180
+"""Of the quarter circle, half a degree each: a third of the least sigma."""
+
+GRID = QUARTER * np.arange(CELLS) / CELLS
+
+ITERATIONS = 10
+"""Of expectation maximization, which has s to some per cent by then."""
+
+FIRST_SIGMA_DEG, FIRST_SHARE = 4.0, 0.5
+LEAST_SIGMA_DEG, MOST_SIGMA_DEG = 1.5, 8.0
+LEAST_SHARE, MOST_SHARE = 0.05, 0.95
+"""Of s and P: corridors are no straighter, and beyond 8 deg the four directions cover most of the circle."""
+
+DRIFT_DEG = 5.0, 15.0
+"""Bounds of the random drift of a walk, one sigma: its own may be too small, and more of it is a bias, and steady."""
+
+RATE_STEP_DEG = 5.0
+"""Between steady drifts that are tried, at the end of the walk, up to `RATE_SIGMAS` either way."""
+
+RATE_SIGMAS = 3.0
+
+LOST_DEG = 10.0
+"""Growth of the heading's sigma over a stride, as over a hole in the samples: behind a few of them any direction could
+be any other."""
+
+ANY_TURN = 10.0
+"""rad^2, of a turn that is uniform over the quarter circle."""
+
+LEAST_EVIDENCE = 6.0
+"""Log likelihood over that of courses that are anything: three numbers are chosen, half log M each, of M = 50."""
+
+NONE_FOUND = "no directions of a building are used: the courses of the walk do not show any"
+
+
+@dataclass(frozen=True)
+class TrackedDirections:
+    """Directions found along a walk.
+
+    Attributes
+    ----------
+    phi : (M,) rad, unwrapped, at each displacement.
+    mixture : s and P.
+    evidence : log likelihood over that of courses that are anything.
+    """
+
+    phi: Floats
+    mixture: Mixture
+    evidence: float
+
+
+def follow_directions(problem: WalkProblem, solved: Solved) -> tuple[WalkProblem, Solved, tuple[str, ...]]:
+    """Find the building's directions on a solved walk, and solve it with them; return notes too."""
+    if not problem.parameters.walk.directions:
+        return problem, solved, ()
+    free = problem, solved
+    for _ in range(ROUNDS):
+        followed = add_directions(problem, solved)
+        if followed is None:
+            return *free, (NONE_FOUND,)
+        problem, mixture = followed
+        try:
+            solved = solve(problem)
+        except EstimationError:
+            return *free, ("no directions of a building are used: with them there is no solution",)
+    assert problem.directions is not None
+    return problem, solved, (_write_note(len(problem.directions), mixture),)
+
+
+def add_directions(problem: WalkProblem, solved: Solved) -> tuple[WalkProblem, Mixture] | None:
+    """Add the directions that a solution follows, with values turned to them; None where it shows none."""
+    nodes = problem.nodes
+    position, drift = (
+        list_positions(nodes.result, solved.values),
+        split_drift(measure_heading_variance(problem, solved)),
+    )
+    pairs = list_displacements(position)
+    pairs = pairs[drift.piece[pairs[:, 0]] == drift.piece[pairs[:, 1]]]
+    if not len(pairs):
+        return None
+    course = measure_course(position[pairs[:, 1]] - position[pairs[:, 0]])
+    middle, (known, piece) = pairs.mean(axis=1), np.unique(drift.piece[pairs[:, 0]], return_inverse=True)
+    share = share_legs(course)
+    tracked = track_directions(course, share, middle / len(position), drift.sigma, np.diff(piece) > 0)
+    if tracked.evidence < LEAST_EVIDENCE:
+        return None
+    # The path without its drift, piece by piece.
+    alpha, turn, values = tracked.phi[np.searchsorted(piece, range(len(known)))], np.zeros(len(nodes)), solved.values
+    for k, number in enumerate(known):
+        inside = drift.piece[nodes.footfall] == number
+        turn[inside] = alpha[k] - np.interp(nodes.footfall[inside], middle[piece == k], tracked.phi[piece == k])
+    values = gtsam.Values(values)
+    turn_walk(values, nodes, turn)
+    for k, one in enumerate(alpha):
+        values.insert_or_assign(A(k), np.array([one]))
+    factors = make_direction_factors(nodes.result[pairs], piece, share, alpha, tracked.mixture)
+    return replace(problem, directions=factors, values=values), tracked.mixture
+
+
+class Drift(NamedTuple):
+    """How far a walk's heading may drift: `sigma` rad, and the `piece` (F,) of each footfall, from 0."""
+
+    sigma: float
+    piece: Ints
+
+
+def split_drift(variance: Floats) -> Drift:
+    """Split a walk at strides over which its heading is lost, `variance` (F,) rad^2 that from its start on."""
+    growth = np.diff(variance, prepend=variance[0])
+    is_lost = growth > np.radians(LOST_DEG) ** 2
+    left = variance - np.cumsum(np.where(is_lost, growth, 0.0))
+    return Drift(float(np.sqrt(max(left.max(), 0.0))), np.cumsum(is_lost))
+
+
+def measure_heading_variance(problem: WalkProblem, solved: Solved) -> Floats:
+    """Variance (F,) rad^2 of the heading at each footfall relative to that at the first one."""
+    joint = FootfallCovariance.of(solved, problem.nodes, np.zeros((solved.root.total, 0)))
+    weights = np.zeros((len(joint.keys), 4, 1))
+    weights[0, 3] = 1.0
+    of_first, cross = joint.combine(weights)
+    yaw = joint.nav_T_body[:, 3:]
+    own = yaw @ list_covariances(joint.keys, solved.root, joint.shared) @ np.swapaxes(yaw, 1, 2)
+    return np.asarray(own[:, 0, 0] + of_first[0, 0] - 2.0 * cross[:, 3, 0])
+
+
+def track_directions(
+    course: Floats, share: Floats, at: Floats, drift: float, is_lost: Bools | None = None
+) -> TrackedDirections:
+    """Find the directions that courses (M,) rad follow.
+
+    Parameters
+    ----------
+    share : (M,) of its likelihood that each counts for.
+    at : (M,) where each is on the walk, from 0 to 1.
+    drift : sigma of that of the walk, rad.
+    is_lost : (M-1,) whether nothing is known of the turn from one to the next; None where it is known of all.
+    """
+    variance = np.diff(at) * np.clip(drift, *np.radians(DRIFT_DEG)) ** 2
+    variance = variance if is_lost is None else np.where(is_lost, ANY_TURN, variance)
+    mixture = Mixture(float(np.radians(FIRST_SIGMA_DEG)), FIRST_SHARE)
+    steady, gained = _find_steady_drift(course, share, at, drift, variance, mixture)
+    left = course - steady * at
+    # How many follow the directions, and within what.
+    for _ in range(ITERATIONS):
+        density, evidence, off = _smooth(left, share, variance, mixture)
+        phi = np.unwrap(np.angle(density @ np.exp(4j * GRID))) / 4.0
+        tracked = TrackedDirections(phi + steady * at, mixture, evidence + gained)
+        mixture = _maximize(density, off, share, mixture)
+    return tracked
+
+
+def _find_steady_drift(
+    course: Floats, share: Floats, at: Floats, drift: float, variance: Floats, mixture: Mixture
+) -> tuple[float, float]:
+    """Return the likeliest steady drift, rad over the walk, and by how much all of them are likelier than it is."""
+    count = int(RATE_SIGMAS * drift / np.radians(RATE_STEP_DEG))
+    steady = np.radians(RATE_STEP_DEG) * np.arange(-count, count + 1)
+    prior = -0.5 * (steady / drift) ** 2 if count else np.zeros(1)
+    likelihood = np.array([_smooth(course - one * at, share, variance, mixture)[1] for one in steady])
+    best = int((likelihood + prior).argmax())
+    return float(steady[best]), float(
+        np.logaddexp.reduce(likelihood + prior) - np.logaddexp.reduce(prior) - likelihood[best]
+    )
+
+
+def _smooth(course: Floats, share: Floats, variance: Floats, mixture: Mixture) -> tuple[Floats, float, Floats]:
+    """Return p(phi_k) (M, `CELLS`), the log likelihood, and how far courses are off each direction of the grid, rad."""
+    off = wrap_quarter(course[:, None] - GRID)
+    likelihood = (_weigh_followed(off, mixture) + 1.0 - mixture.share) ** share[:, None]
+    return *_smooth_on_circle(likelihood, variance), off
+
+
+def _maximize(density: Floats, off: Floats, share: Floats, mixture: Mixture) -> Mixture:
+    """Return s and P that explain the courses best, with what is now known of where they belong."""
+    followed = _weigh_followed(off, mixture)
+    weight = share[:, None] * density * followed / (followed + 1.0 - mixture.share)
+    sigma = np.sqrt((weight * off**2).sum() / weight.sum())
+    sigma = np.clip(sigma, *np.radians([LEAST_SIGMA_DEG, MOST_SIGMA_DEG]))
+    return Mixture(float(sigma), float(np.clip(weight.sum() / share.sum(), LEAST_SHARE, MOST_SHARE)))
+
+
+def _weigh_followed(off: Floats, mixture: Mixture) -> Floats:
+    """Likelihood (...) of courses `off` a direction by so much, rad, and along it, over that of anything."""
+    s = mixture.sigma
+    return np.asarray(mixture.share * QUARTER / (s * np.sqrt(2.0 * np.pi)) * np.exp(-0.5 * (off / s) ** 2))
+
+
+def _smooth_on_circle(likelihood: Floats, variance: Floats) -> tuple[Floats, float]:
+    """Return p(phi_k) (M, `CELLS`) by all likelihoods (M, `CELLS`), and log of the likelihood of all of them."""
+    harmonic = 4.0 * np.arange(CELLS // 2 + 1)
+    spread = np.exp(-0.5 * harmonic**2 * variance[:, None])
+    ahead, behind = np.ones_like(likelihood) / CELLS, np.ones_like(likelihood)
+    log_likelihood = 0.0
+    for k, here in enumerate(likelihood):
+        if k:
+            ahead[k] = _blur(ahead[k - 1], spread[k - 1])
+        ahead[k] *= here
+        total = ahead[k].sum()
+        ahead[k] /= total
+        log_likelihood += float(np.log(total))
+    for k in range(len(likelihood) - 2, -1, -1):
+        behind[k] = _blur(likelihood[k + 1] * behind[k + 1], spread[k])
+        behind[k] /= behind[k].sum()
+    both = ahead * behind
+    return both / both.sum(axis=1, keepdims=True), log_likelihood
+
+
+def _blur(density: Floats, spread: Floats) -> Floats:
+    """Convolve a density (`CELLS`,) with a normal one on the circle, given by its Fourier coefficients."""
+    return np.maximum(np.fft.irfft(np.fft.rfft(density) * spread, CELLS), 1e-300)
+
+
+def _write_note(count: int, mixture: Mixture) -> str:
+    courses = format_count(count, "course")
+    sigma, share = np.degrees(mixture.sigma), 100.0 * mixture.share
+    return f"{share:.0f} % of {courses} follow the directions of a building, at right angles, within {sigma:.1f} deg"
