@@ -17,7 +17,7 @@ sources   magnets and magnetized steel; stray currents in closed     mu_0 / 4 pi
 floor     a reinforced floor: random harmonic potential; for         fitted to real walks
           stairs, steel buried under the path
 building  pillars, lockers, door frames, beams next to a path;       fitted to real walks; `scripts/realism.py foot`
-          `homogeneous`, `smooth`, `indoor`
+          `homogeneous`, `smooth`, `indoor`, `indoor-old`
 ========= ========================================================== ==============================================
 
 Two exceptions, both on purpose: the cylinder with its exponent as printed in the paper, which is no magnetic field,
@@ -28,10 +28,12 @@ on the floor is added to it: `Sum((field, magnet(position, moment)))`.
 """
 
 from fg_nav.lab.simulation.fields.building import (
+    CLUTTERS,
     LEVELS,
     Cables,
     Clutter,
     Kind,
+    Scaled,
     draw_environment,
     place_cables,
     place_objects,
@@ -74,6 +76,7 @@ from fg_nav.lab.simulation.fields.sources import (
 
 __all__ = [
     "AS_PRINTED",
+    "CLUTTERS",
     "LEVELS",
     "PAST_CARS",
     "PHYSICAL",
@@ -90,6 +93,7 @@ __all__ = [
     "FloorPath",
     "Homogeneous",
     "Kind",
+    "Scaled",
     "Sum",
     "compute_sphere_moment",
     "compute_spheroid_moment",
