@@ -238,11 +238,15 @@ def _with_magnetometer(walk: walks.Walk) -> Sensed:
 STRIDES_APART = (1, 2, 4, 8, 16)
 """Lags of the correlation."""
 
+LEG, FEWEST_LEGS = 32, 3
+"""Footfalls of a leg, some 45 m, and legs of a walk."""
+
 FLOOR_FACTS: Mapping[str, tuple[str, str]] = {
     "level_sd_uT": ("sd per axis over ground (uT)", "{:.1f}"),
     "up_sd_uT": ("sd of the vertical (uT)", "{:.1f}"),
     "level_kurtosis": ("excess kurtosis over ground", "{:.1f}"),
     **{f"level_correlation_{lag}": (f"correlation, {lag} strides apart", "{:.2f}") for lag in STRIDES_APART},
+    "leg_sd_ratio": (f"sd of the mean of {LEG} strides / at the footfalls", "{:.2f}"),
     "path_sd_ratio": ("sd of the mean along a stride / at the footfalls", "{:.2f}"),
     "path_correlation_1": ("correlation of the mean along a stride, 1 stride apart", "{:.2f}"),
     "potential_m": ("sd of the potential / of the field (m)", "{:.1f}"),
@@ -297,6 +301,7 @@ class FloorWalk:
             "up_sd_uT": float(felt[:, 2].std()),
             "level_kurtosis": _excess_kurtosis(level),
             **{f"level_correlation_{lag}": _correlation(level, lag) for lag in STRIDES_APART},
+            "leg_sd_ratio": _leg_sd(level) / sd,
             "path_sd_ratio": float(np.sqrt(np.mean(mean**2))) / sd,
             "path_correlation_1": _correlation(mean, 1),
             "potential_m": potential_sd / sd,
@@ -335,6 +340,15 @@ def _correlation(deviation: Floats, lag: int) -> float:
     if len(deviation) < lag + FEWEST_PAIRS:
         return float("nan")
     return float(np.mean(deviation[lag:] * deviation[:-lag]) / np.mean(deviation**2))
+
+
+def _leg_sd(deviation: Floats) -> float:
+    """Standard deviation per axis of the means of legs; NaN on a walk of few."""
+    count = len(deviation) // LEG
+    if count < FEWEST_LEGS:
+        return float("nan")
+    legs = deviation[: count * LEG].reshape(count, LEG, -1).mean(axis=1)
+    return float(np.sqrt(np.mean((legs - legs.mean(axis=0)) ** 2)))
 
 
 def read_floor(group: str, path: Path) -> FloorWalk:

@@ -181,9 +181,12 @@ INDOOR_KINDS = (
 )
 
 
-REGION = FloorParameters(strength_uT=2.5, shortest_m=60.0, longest_m=150.0, modes=24)
-"""Of girders, decks and whole wings: parallel corridors agree, legs of 50 to 85 m differ in their mean by 4 to 5 uT
-where the footfalls have 12 (mems_foot)."""
+FLOOR = FloorParameters(strength_uT=5.8, shortest_m=0.7, longest_m=20.0)
+"""Together with the objects 8 uT per axis over ground, 10 upwards."""
+
+REGION = FloorParameters(strength_uT=2.0, shortest_m=30.0, longest_m=90.0, modes=24)
+"""Of girders, decks and whole wings: legs of 50 to 85 m differ in their mean by 4 to 5 uT where the footfalls have 12
+(mems_foot). Waves of 60 to 150 m explain that as well, but their potential is twice that of the walks."""
 
 
 @dataclass(frozen=True)
@@ -199,14 +202,17 @@ class Clutter:
     strength_spread : s, of the logarithm of a building's strength.
     """
 
-    floor: FloorParameters = field(default_factory=FloorParameters)
+    floor: FloorParameters = FLOOR
     kinds: tuple[Kind, ...] = INDOOR_KINDS
     cables: Cables | None = field(default_factory=Cables)
     region: FloorParameters | None = REGION
-    strength_spread: float = 0.3
+    strength_spread: float = 0.25
 
 
-CLUTTERS: Mapping[str, Clutter] = {"indoor": Clutter(), "indoor-old": Clutter(region=None, strength_spread=0.0)}
+CLUTTERS: Mapping[str, Clutter] = {
+    "indoor": Clutter(),
+    "indoor-old": Clutter(floor=FloorParameters(), region=None, strength_spread=0.0),
+}
 """Of the levels that are buildings."""
 
 LEVELS = ("homogeneous", "smooth", *CLUTTERS)
