@@ -31,7 +31,8 @@ Where the path climbs, pieces of steel under the treads replace the floor's pote
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import TypeAlias
 
 import numpy as np
 
@@ -41,6 +42,7 @@ from fg_nav.lab.simulation.fields.field import Field, Homogeneous, Sum
 from fg_nav.lab.simulation.fields.floor import (
     SPACING_M,
     SPOTS_M,
+    Floor,
     FloorParameters,
     FloorPath,
     draw_floor,
@@ -209,6 +211,9 @@ class Clutter:
     strength_spread: float = 0.25
 
 
+Part: TypeAlias = Floor | Dipoles | Circuit
+"""Of what a building adds."""
+
 CLUTTERS: Mapping[str, Clutter] = {
     "indoor": Clutter(),
     "indoor-old": Clutter(floor=FloorParameters(), region=None, strength_spread=0.0),
@@ -216,18 +221,6 @@ CLUTTERS: Mapping[str, Clutter] = {
 """Of the levels that are buildings."""
 
 LEVELS = ("homogeneous", "smooth", *CLUTTERS)
-
-
-@dataclass(frozen=True)
-class Scaled:
-    """A field so many times as strong."""
-
-    of: Field
-    factor: float
-
-    def at(self, position: Floats) -> Floats:
-        """Flux density (N, 3) uT at `position` (N, 3) m."""
-        return np.asarray(self.factor * self.of.at(position))
 
 
 def draw_environment(
@@ -256,16 +249,24 @@ def draw_environment(
     return Sum((earth, *_draw_building(clutter or CLUTTERS[level], path, earth.vector, rng)))
 
 
-def _draw_building(clutter: Clutter, path: FloorPath, nav_field: Floats, rng: np.random.Generator) -> list[Field]:
+def _draw_building(clutter: Clutter, path: FloorPath, nav_field: Floats, rng: np.random.Generator) -> list[Part]:
     """Draw what a building adds to the Earth's field."""
-    ground: Field = draw_floor(rng, clutter.floor, path.floor_m) if path.is_level else draw_treads(path, rng)
+    ground: Part = draw_floor(rng, clutter.floor, path.floor_m) if path.is_level else draw_treads(path, rng)
     objects = place_objects(clutter.kinds, path, nav_field, rng)
     circuits = place_cables(clutter.cables, path, rng) if clutter.cables else []
-    parts: list[Field] = [ground, objects, *circuits]
+    parts: list[Part] = [ground, objects, *circuits]
     # last, so that a seed has the same objects in every building
     if clutter.region is not None:
         parts.append(draw_floor(rng, clutter.region, float(path.points[:, 2].min())))
     if not clutter.strength_spread:
         return parts
     factor = float(np.exp(clutter.strength_spread * rng.standard_normal()))
-    return [Scaled(part, factor) for part in parts]
+    return [_scale(part, factor) for part in parts]
+
+
+def _scale(part: Part, factor: float) -> Part:
+    if isinstance(part, Floor):
+        return replace(part, amplitude=factor * part.amplitude)
+    if isinstance(part, Dipoles):
+        return replace(part, moment=factor * part.moment)
+    return replace(part, current_A=factor * part.current_A)
