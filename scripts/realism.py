@@ -1,6 +1,7 @@
 """Whether the simulated foot, field and thigh are as real ones: the same facts of both, side by side.
 
     python scripts/realism.py foot [--data DIR] [--seeds N] [--per-walk]
+    python scripts/realism.py floors [--data DIR] [--seeds N]
     python scripts/realism.py thigh [--data DIR] [--seed N]
 
 foot
@@ -10,6 +11,11 @@ foot
     hurry than the real walkers (1.32 m in 1.18 s). Stances and attitude come from the same detector and smoother for
     all (`realism_foot.py`). The field (`realism_field.py`) is `indoor`; "in the field smooth" is a level kinder than
     any building.
+
+floors
+    Real: 18 walks on one floor of a building each, of gdin, openshoe, mtig710 and mems_foot, 24 to 360 m, the
+    magnetometer corrected by the walk itself (`realism_field.py`). Simulated: the same paths, each in so many buildings
+    of `indoor` and `indoor-old`. Medians of each set; [least, most] of the sets. `spread` is that of single walks.
 
 thigh
     Real: both thighs of the one subject of `qmt_fullbody`, 97 to 138 s, walking, at 100 Hz; how the sensors were
@@ -92,11 +98,13 @@ REASONS: Mapping[str, Mapping[str, str]] = {
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Measure and print."""
-    what = option(None, "what to compare", choices=("foot", "thigh"), positional=True)
+    what = option(None, "what to compare", choices=("foot", "floors", "thigh"), positional=True)
     chosen = harness.parse_arguments(__doc__, arguments, what=what, data=None, seeds=5, seed=1, per_walk=False)
     data = walks.data_folder(chosen.data)
     if chosen.what == "thigh":
         print_thigh(data, chosen.seed)
+    elif chosen.what == "floors":
+        print_floors(realism_field.read_floors(data), range(chosen.seeds))
     else:
         print_foot(data, range(chosen.seeds), chosen.per_walk)
 
@@ -129,6 +137,30 @@ def print_foot(data: Path, seeds: Sequence[int], per_walk: bool) -> None:
     print_facts(realism_field.FACTS, felt)
 
 
+def print_floors(real: Sequence[realism_field.FloorWalk], seeds: Sequence[int]) -> None:
+    """Print the medians of each set, and whether those of the levels lie in their range."""
+    sets = realism_field.middle_by_set(real)
+    drawn = {level: [walk.draw_building(level, seed) for walk in real for seed in seeds] for level in BUILDINGS}
+    levels = {level: list(realism_field.middle_by_set(some).values()) for level, some in drawn.items()}
+    rows = []
+    for key, (words, form) in realism_field.FLOOR_FACTS.items():
+        measured = [form.format(facts[key]) if np.isfinite(facts[key]) else "-" for facts in sets.values()]
+        ours = [cell for some in levels.values() for cell in _compare(list(sets.values()), some, key, form)]
+        rows.append([words, *measured, *ours])
+    harness.print_heading("Floors of buildings: medians of the walks of each set")
+    harness.print_table(("fact", *sets, *(cell for level in levels for cell in (level, "", ""))), rows)
+    harness.print_heading("Spread of single walks: sd per axis over ground (uT), 5, 50 and 95 %")
+    spreads = {"real": real, **drawn}
+    harness.print_table(
+        ("floors", "5 %", "50 %", "95 %"), [[name, *_spread_sd(some)] for name, some in spreads.items()]
+    )
+
+
+def _spread_sd(floors: Sequence[realism_field.FloorWalk]) -> list[str]:
+    sd = [walk.facts()["level_sd_uT"] for walk in floors]
+    return [f"{value:.1f}" for value in np.percentile(sd, [5, 50, 95])]
+
+
 def print_facts(facts: Mapping[str, tuple[str, str]], columns: Mapping[str, Facts]) -> None:
     """A table: the first column is real; of the others, whether the median lies in its range, and how many walks do."""
     (first, *names), (real, *others) = columns, columns.values()
@@ -146,7 +178,7 @@ def _compare(real: Facts, ours: Facts, key: str, form: str) -> tuple[str, str, s
 def spread_facts(facts: Facts, key: str, form: str) -> str:
     """Median, least and most of a fact over walks."""
     values = [fact[key] for fact in facts]
-    middle, least, most = (form.format(f(values)) for f in (np.median, np.min, np.max))
+    middle, least, most = (form.format(f(values)) for f in (np.nanmedian, np.nanmin, np.nanmax))
     return f"{middle} [{least}, {most}]"
 
 
@@ -158,13 +190,14 @@ def find_reason(columns: Sequence[str], key: str) -> str:
 def judge_fact(real: Facts, ours: Facts, key: str) -> str:
     """Whether the median of ours lies within the range of the real ones."""
     values = [facts[key] for facts in real]
-    return "inside" if min(values) <= np.median([facts[key] for facts in ours]) <= max(values) else "outside"
+    middle = np.nanmedian([facts[key] for facts in ours])
+    return "inside" if np.nanmin(values) <= middle <= np.nanmax(values) else "outside"
 
 
 def count_within(real: Facts, ours: Facts, key: str) -> int:
     """How many walks of ours lie within the range of the real ones."""
     values = [facts[key] for facts in real]
-    return sum(min(values) <= facts[key] <= max(values) for facts in ours)
+    return sum(bool(np.nanmin(values) <= facts[key] <= np.nanmax(values)) for facts in ours)
 
 
 def draw_usual(_: int) -> None:
@@ -176,6 +209,8 @@ def draw_unhurried(seed: int) -> Person:
     usual = replace(Person(), walk=replace(Person().walk, stride_m=UNHURRIED_M, stride_s=UNHURRIED_S))
     return usual.draw(Streams(seed, NAME).lasting("person"))
 
+
+BUILDINGS = ("indoor", "indoor-old")
 
 PEOPLE: Mapping[str, Callable[[int], Person | None]] = {"simulated": draw_usual, "unhurried": draw_unhurried}
 """Columns of the tables: whom a seed draws."""

@@ -23,7 +23,7 @@ from fg_nav.lab.campaign.execute import settings_of, store_task, tasks_of
 from fg_nav.lab.campaign.walks import LOOP
 from fg_nav.lab.processes import run_tasks
 from fg_nav.lab.reproduce.results import Spread, spread_of
-from fg_nav.lab.simulation.fields.building import SMOOTH_KINDS, Clutter
+from fg_nav.lab.simulation.fields.building import CLUTTERS, SMOOTH_KINDS
 from fg_nav.lab.store.code import code_sum
 from fg_nav.lab.store.files import make_folder
 from fg_nav.lab.store.results import USED, Key, Measurement, Result, drop_paths, read_result
@@ -33,7 +33,7 @@ from fg_nav.text import format_count
 RESULTS_FOLDER = "cells"
 """Of the folder of a reproduction."""
 
-FIELDS: dict[str, Any] = {"smooth": SMOOTH_KINDS, "indoor": Clutter()}
+FIELDS: dict[str, Any] = {"smooth": SMOOTH_KINDS, **CLUTTERS}
 """Objects and floor of a level."""
 
 

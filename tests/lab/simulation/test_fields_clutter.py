@@ -24,6 +24,7 @@ from fg_nav.lab.simulation.fields import (
     place_objects,
     resample_path,
 )
+from fg_nav.lab.simulation.fields.building import REGION
 from fg_nav.lab.simulation.fields.floor import SENSOR_HEIGHTS_M, TREADS_ROOM_M, TREADS_UT
 
 EARTH = SITES["munich"]
@@ -45,6 +46,9 @@ def up(height):
 def over(height, count=4000, size=100.0, seed=1):
     xy = rng(seed).uniform(0, size, (count, 2))
     return np.column_stack([xy, np.full(count, height)])
+
+
+EAST = np.array([1.0, 0.0, 0.0])
 
 
 def rms(field):
@@ -268,7 +272,7 @@ def test_indoors_the_pocket_feels_less_than_the_foot():
 
 
 def test_an_empty_building_is_its_floor():
-    bare = Clutter(kinds=(), cables=None)
+    bare = Clutter(kinds=(), cables=None, region=None, strength_spread=0.0)
     felt = draw_environment("indoor", EARTH, CORRIDOR, rng(), bare).at(over(0.1)) - EARTH.vector
     assert rms(felt) == pytest.approx(bare.floor.strength_uT, rel=0.05)
     stairs = draw_environment("indoor", EARTH, WINDING, rng(), bare)
@@ -294,3 +298,36 @@ def test_a_way_of_one_point_is_enough():
 def test_what_cannot_be_is_refused_in_a_sentence(level, way, words):
     with pytest.raises(SimulationError, match=words):
         draw_environment(level, EARTH, way, rng())
+
+
+OLD = [[-3.359, 30.0058, -45.4264], [-7.603, 25.9442, -32.4789], [0.1556, 15.7858, -49.9879]]
+
+
+def building(level, seed, way=CORRIDOR):
+    return draw_environment(level, EARTH, way, rng(seed)).at(footfalls(way)) - EARTH.vector
+
+
+def test_buildings_differ_in_strength_and_the_old_ones_did_not():
+    spread, old = (
+        [np.log(rms(building(level, seed)[:, :2])) for seed in range(40)] for level in ("indoor", "indoor-old")
+    )
+    assert np.exp(np.median(spread)) == pytest.approx(8.0, rel=0.15)  # sets: 7 to 12
+    assert 0.2 < np.std(spread) < 0.45
+    assert np.std(old) < 0.2
+
+
+def test_the_regional_field_is_alike_for_tens_of_metres_and_its_potential_bounded():
+    field = draw_floor(rng(3), REGION)
+    here = over(0.1, 3000, size=300.0)
+    near, far = (np.mean(field.at(here) * field.at(here + away * EAST)) for away in (5.0, 40.0))
+    strength = rms(field.at(here)) ** 2
+    assert near > 0.75 * strength
+    assert far < 0.5 * strength
+    assert rms(field.at(over(8.0, 3000, size=300.0))) > 0.3 * rms(field.at(here))  # a storey up
+    assert is_magnetic(field, over(0.1, 300))
+
+
+def test_the_old_floors_are_what_they_were():
+    """Of the walks that were measured on them: seed 4 at three places."""
+    felt = draw_environment("indoor-old", EARTH, CORRIDOR, rng(4)).at(CORRIDOR[:3] + up(0.1))
+    np.testing.assert_allclose(felt, OLD, atol=1e-3)

@@ -147,6 +147,42 @@ def test_without_a_magnetometer_or_strides_it_says_so(indoor):
         corridor("homogeneous", 0, strides=5).facts()
 
 
+def floor_walk(level: str, seed: int, strides: int = 120) -> realism.FloorWalk:
+    walk = corridor(level, seed, strides)
+    return realism.make_floor_walk("made", walk.name, walk.recording, walk.stances, walk.solution)
+
+
+def test_a_floor_of_known_waves_shows_its_spread_and_potential():
+    """B = -grad phi, phi = a / k cos(k n): the spread of the potential is that of the field over k."""
+    walk = floor_walk("homogeneous", 0, strides=300)
+    number, size = 2 * np.pi / 15.0, 9.0
+    angle = number * walk.position[:, 1]
+    wave = np.stack([np.zeros_like(angle), size * np.sin(angle), np.zeros_like(angle)], axis=1)
+    facts = replace(walk, nav_field=walk.nav_field + wave).facts()
+    assert facts["level_sd_uT"] == pytest.approx(size / 2, rel=0.15)  # of two axes one
+    assert facts["potential_m"] == pytest.approx(np.sqrt(2) / number, rel=0.15)
+    assert facts["level_correlation_1"] > 0.7
+    assert 0.8 < facts["path_sd_ratio"] < 1.2
+
+
+def test_buildings_are_drawn_about_the_same_path():
+    walk = floor_walk("homogeneous", 0)
+    drawn = [walk.draw_building("indoor", seed) for seed in (1, 1, 2)]
+    facts = [one.facts() for one in drawn]
+    assert facts[0] == facts[1] != facts[2]
+    assert set(facts[0]) == set(realism.FLOOR_FACTS)
+    assert all(len(one.footfall) == len(walk.footfall) for one in drawn)
+    np.testing.assert_allclose(drawn[0].position[drawn[0].footfall, :2], walk.position[walk.footfall, :2], atol=1e-9)
+    sets = realism.middle_by_set(drawn)
+    assert list(sets) == ["made"]
+
+
+def test_short_walks_say_nothing_of_legs():
+    facts = floor_walk("indoor", 1, strides=20).facts()
+    assert np.isnan(facts["leg_sd_ratio"])
+    assert np.isnan(facts["level_correlation_16"])
+
+
 @needs_data
 def test_indoor_lies_in_the_range_of_the_real_walks():
     real = [walk.facts() for walk in realism.read_walks(DATA, (15, 18, 22, 31, 33, 36))]  # the extremes are among them

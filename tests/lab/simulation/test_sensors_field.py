@@ -201,6 +201,17 @@ def test_iron_is_drawn_alike_in_all_directions() -> None:
         assert along.std() == pytest.approx(0.06, rel=0.05)
 
 
+def test_shoes_have_the_iron_of_real_ones() -> None:
+    """Real ones: 1 to 92 uT, half of them 5 or less."""
+    prior = preset("mpu-9250-shoe")
+    rng = np.random.default_rng(7)
+    size = np.array([np.linalg.norm(prior.draw(rng).hard_iron_uT) for _ in range(2000)])
+    low, middle, high = np.percentile(size, [10, 50, 98])
+    assert low < 2.0
+    assert middle == pytest.approx(5.0, rel=0.15)
+    assert 60.0 < high < 120.0
+
+
 def test_fixed_iron_is_exact_whatever_chips_there_are() -> None:
     hard, soft = np.array([3.0, -4.0, 5.0]), np.array([[1.1, 0.02, 0.0], [0.02, 0.9, -0.01], [0.0, -0.01, 1.0]])
     for seed in range(3):

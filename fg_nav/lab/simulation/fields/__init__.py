@@ -16,8 +16,8 @@ sources   magnets and magnetized steel; stray currents in closed     mu_0 / 4 pi
           polygons                                                   Biot and Savart
 floor     a reinforced floor: random harmonic potential; for         fitted to real walks
           stairs, steel buried under the path
-building  pillars, lockers, door frames, beams next to a path;       fitted to real walks; `scripts/realism.py foot`
-          `homogeneous`, `smooth`, `indoor`
+building  pillars, lockers, door frames, beams next to a path;       fitted to real walks; `scripts/realism.py floors`
+          `homogeneous`, `smooth`, `indoor`, `indoor-old`
 ========= ========================================================== ==============================================
 
 Two exceptions, both on purpose: the cylinder with its exponent as printed in the paper, which is no magnetic field,
@@ -28,6 +28,7 @@ on the floor is added to it: `Sum((field, magnet(position, moment)))`.
 """
 
 from fg_nav.lab.simulation.fields.building import (
+    CLUTTERS,
     LEVELS,
     Cables,
     Clutter,
@@ -74,6 +75,7 @@ from fg_nav.lab.simulation.fields.sources import (
 
 __all__ = [
     "AS_PRINTED",
+    "CLUTTERS",
     "LEVELS",
     "PAST_CARS",
     "PHYSICAL",

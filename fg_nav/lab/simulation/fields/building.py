@@ -1,4 +1,4 @@
-"""Steel about a path (pillars, lockers, door frames, beams, boxes), stray currents, and three named environments.
+"""Steel about a path (pillars, lockers, door frames, beams, boxes), stray currents, and named environments.
 
 An object is a long body of steel of a volume V and a length, standing or lying. It is magnetized twice,
 
@@ -15,17 +15,24 @@ smooth        large iron some meters off: the field changes by 1 to 2 uT from on
               of several strides is nearly homogeneous. Kinder than any building: flatters all methods that wait for a
               quiet field
 indoor        a reinforced floor, with pillars, lockers, door frames, steel in the floor, stray currents and a few
-              large objects: rough at the foot, milder at the pocket. Fitted to the statistics of ten real indoor
-              walks (`scripts/realism.py foot`)
+              large objects: rough at the foot, milder at the pocket; and a regional field, alike for tens of meters.
+              How strong all of it is differs from building to building. Fitted to walks of gdin, openshoe, mtig710
+              and mems_foot together (`scripts/realism.py floors`)
+indoor-old    the same objects and floor as they were fitted to the ten gdin walks alone: no regional field, all
+              buildings alike. For results that were measured on it
 ============= =====================================================================================================
 
-Where the path climbs, pieces of steel under the treads replace the floor's potential.
+The disturbance of a building is B_b = f (B_floor + B_objects + B_currents + B_region), ln f ~ N(0, s^2). Currents and
+magnetization scale alike, so it stays free of divergence and curl.
+
+Where the path climbs, pieces of steel under the treads replace the floor's potential; the regional field stays.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TypeAlias
 
 import numpy as np
 
@@ -35,6 +42,7 @@ from fg_nav.lab.simulation.fields.field import Field, Homogeneous, Sum
 from fg_nav.lab.simulation.fields.floor import (
     SPACING_M,
     SPOTS_M,
+    Floor,
     FloorParameters,
     FloorPath,
     draw_floor,
@@ -164,8 +172,6 @@ def _horizontal(rng: np.random.Generator) -> Floats:
     return np.array([np.sin(angle), np.cos(angle), 0.0])
 
 
-LEVELS = ("homogeneous", "smooth", "indoor")
-
 SMOOTH_KINDS = (Kind("large iron", 80.0, (2.0, 4.0), (-1.0, 1.0), (1.0, 2.0), (60.0, 150.0), memory=12.0, room_m=2.0),)
 
 INDOOR_KINDS = (
@@ -177,6 +183,14 @@ INDOOR_KINDS = (
 )
 
 
+FLOOR = FloorParameters(strength_uT=5.8, shortest_m=0.7, longest_m=20.0)
+"""Together with the objects 8 uT per axis over ground, 10 upwards."""
+
+REGION = FloorParameters(strength_uT=2.0, shortest_m=30.0, longest_m=90.0, modes=24)
+"""Of girders, decks and whole wings: legs of 50 to 85 m differ in their mean by 4 to 5 uT where the footfalls have 12
+(mems_foot). Waves of 60 to 150 m explain that as well, but their potential is twice that of the walks."""
+
+
 @dataclass(frozen=True)
 class Clutter:
     """What stands and lies in a building; the defaults are the level `indoor`.
@@ -186,15 +200,31 @@ class Clutter:
     floor : roughness of level floors.
     kinds : objects.
     cables : stray currents, or None.
+    region : field that is alike for tens of meters, or None.
+    strength_spread : s, of the logarithm of a building's strength.
     """
 
-    floor: FloorParameters = field(default_factory=FloorParameters)
+    floor: FloorParameters = FLOOR
     kinds: tuple[Kind, ...] = INDOOR_KINDS
     cables: Cables | None = field(default_factory=Cables)
+    region: FloorParameters | None = REGION
+    strength_spread: float = 0.25
+
+
+Part: TypeAlias = Floor | Dipoles | Circuit
+"""Of what a building adds."""
+
+CLUTTERS: Mapping[str, Clutter] = {
+    "indoor": Clutter(),
+    "indoor-old": Clutter(floor=FloorParameters(), region=None, strength_spread=0.0),
+}
+"""Of the levels that are buildings."""
+
+LEVELS = ("homogeneous", "smooth", *CLUTTERS)
 
 
 def draw_environment(
-    level: str, earth: Homogeneous, points: Floats, rng: np.random.Generator, clutter: Clutter = Clutter()
+    level: str, earth: Homogeneous, points: Floats, rng: np.random.Generator, clutter: Clutter | None = None
 ) -> Field:
     """Draw an environment about the path of a walk.
 
@@ -205,7 +235,7 @@ def draw_environment(
     points : (M, 3) m in nav, points on the floor along which the feet go, joined by straight lines. Objects stand
         next to it, half a meter or more from wherever the sensor may be.
     rng : source of all that is random.
-    clutter : of the level `indoor`.
+    clutter : of a building; None for that of its level.
 
     Raises `SimulationError` for any other level, or points that are no path.
     """
@@ -216,7 +246,27 @@ def draw_environment(
     path = resample_path(points)
     if level == "smooth":
         return Sum((earth, place_objects(SMOOTH_KINDS, path, earth.vector, rng)))
-    ground: Field = draw_floor(rng, clutter.floor, path.floor_m) if path.is_level else draw_treads(path, rng)
-    objects = place_objects(clutter.kinds, path, earth.vector, rng)
+    return Sum((earth, *_draw_building(clutter or CLUTTERS[level], path, earth.vector, rng)))
+
+
+def _draw_building(clutter: Clutter, path: FloorPath, nav_field: Floats, rng: np.random.Generator) -> list[Part]:
+    """Draw what a building adds to the Earth's field."""
+    ground: Part = draw_floor(rng, clutter.floor, path.floor_m) if path.is_level else draw_treads(path, rng)
+    objects = place_objects(clutter.kinds, path, nav_field, rng)
     circuits = place_cables(clutter.cables, path, rng) if clutter.cables else []
-    return Sum((earth, ground, objects, *circuits))
+    parts: list[Part] = [ground, objects, *circuits]
+    # last, so that a seed has the same objects in every building
+    if clutter.region is not None:
+        parts.append(draw_floor(rng, clutter.region, float(path.points[:, 2].min())))
+    if not clutter.strength_spread:
+        return parts
+    factor = float(np.exp(clutter.strength_spread * rng.standard_normal()))
+    return [_scale(part, factor) for part in parts]
+
+
+def _scale(part: Part, factor: float) -> Part:
+    if isinstance(part, Floor):
+        return replace(part, amplitude=factor * part.amplitude)
+    if isinstance(part, Dipoles):
+        return replace(part, moment=factor * part.moment)
+    return replace(part, current_A=factor * part.current_A)

@@ -67,6 +67,9 @@ MOST_UT = 1e4
 
 MOST_SOFT, MOST_SOFT_SD = 10.0, 0.5
 
+MOST_HARD_SPREAD = 2.0
+"""One shoe in forty then carries fifty times the usual."""
+
 
 @dataclass(frozen=True)
 class IronPrior:
@@ -75,6 +78,7 @@ class IronPrior:
     Attributes
     ----------
     hard_uT, hard_sd_uT : h, expected (3,) and standard deviation about it per axis, uT.
+    hard_spread : of the logarithm of a shoe's own `hard_sd_uT`: most carry little iron, some a magnet.
     soft, soft_sd : S, expected (3, 3) and spread s about it.
 
     Raises `SimulationError` if a spread is negative or anything is not a number or more than can be, naming the field.
@@ -84,17 +88,22 @@ class IronPrior:
     hard_sd_uT: float = 0.0
     soft: Matrix = IDENTITY
     soft_sd: float = 0.0
+    hard_spread: float = 0.0
 
     def __post_init__(self) -> None:
         checks.up_to(MOST_UT, self, "hard_sd_uT")
+        checks.up_to(MOST_HARD_SPREAD, self, "hard_spread")
         checks.up_to(MOST_SOFT_SD, self, "soft_sd")
         checks.vector(self, "hard_uT", most=MOST_UT)
         checks.vector(self, "soft", (3, 3), most=MOST_SOFT)
 
     def draw(self, rng: np.random.Generator) -> Iron:
         """Draw the iron of one sensor."""
-        hard = self.hard_uT + self.hard_sd_uT * rng.standard_normal(3)
+        drawn = self.hard_sd_uT * rng.standard_normal(3)
         any_matrix = rng.standard_normal((3, 3))
+        if self.hard_spread:
+            drawn *= np.exp(self.hard_spread * rng.standard_normal())
+        hard = self.hard_uT + drawn
         return Iron(hard, self.soft + self.soft_sd * (any_matrix + any_matrix.T) / 2)
 
 
