@@ -53,6 +53,8 @@ class StanceTable:
                                 where the estimator does not tell
     same_place         (K,)     earlier footfall at the place, recognized by its field; -1 none
     place_score        (K,)     log likelihood ratio of that, nats; 0 where there is none
+    compass_weight     (K,)     of the magnetic heading, in [0, 1]; 0 without one, None where the
+                                estimator has none
     ================== ======== ==========================================================
     """
 
@@ -69,6 +71,7 @@ class StanceTable:
     pose_cov: Floats | None = None
     same_place: Ints | None = None
     place_score: Floats | None = None
+    compass_weight: Floats | None = None
 
     def __len__(self) -> int:
         return len(self.sample)

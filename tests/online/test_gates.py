@@ -21,7 +21,7 @@ def test_a_gate_judges_a_walk_in_progress(gate):
     found = navigator.finish()
     assert np.isfinite(found.stances.position).all()
     # on the same footfalls, with the attitudes of the batch
-    field, _ = measure_walk_field(navigator.recording(), navigator.stances(), 0.0, use_field=True)
+    field = measure_walk_field(navigator.recording(), navigator.stances(), navigator.options).field
     assert field is not None
     passed = np.array([word == QUASI_STATIC for word in found.stances.field])
     expected = np.array([word == QUASI_STATIC for word in apply_gate(field, gate).words])
