@@ -1,9 +1,9 @@
-"""Every gate of the field decides while the walk goes on what it decides in batch on the same footfalls."""
+"""Every gate of the field judges while the walk goes on as it does in batch on the same footfalls, and weighs by it."""
 
 import numpy as np
 import pytest
 
-from fg_nav.magnetic.quasi_static import GATES, NO_GATE, QUASI_STATIC, apply_gate
+from fg_nav.magnetic.quasi_static import GATES, HARD, NO_GATE, QUASI_STATIC, apply_gate
 from fg_nav.online import OnlineNavigator
 from fg_nav.online.buffer import rows_of
 from fg_nav.online.options import OnlineOptions
@@ -28,3 +28,10 @@ def test_a_gate_judges_a_walk_in_progress(gate):
     assert (passed == expected[: len(passed)]).mean() > 0.75
     assert passed.any()
     assert passed.all() or gate != NO_GATE
+    weight = found.stances.compass_weight
+    assert weight is not None
+    assert ((weight >= 0.0) & (weight <= 1.0)).all()
+    if gate == NO_GATE or gate.endswith(HARD):
+        np.testing.assert_allclose(weight, passed, atol=1e-9)  # all alike, or the papers' switch
+    else:
+        assert (weight > 0.0).sum() >= passed.sum()

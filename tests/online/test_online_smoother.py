@@ -302,13 +302,19 @@ def test_the_field_of_a_standing_counts_once_however_it_is_cut():
 
 
 def test_a_bias_beyond_its_prior_widens_it_as_in_batch() -> None:
-    """A degree per second more on every axis, and no rest: the re-solves choose the prior that the batch chooses."""
+    """A degree per second more on every axis, and no rest: the last re-solve has the prior that its walk shows."""
     walk = part(demo(), FOOTFALLS)
     off = Walk(replace(walk.recording, gyr=walk.recording.gyr + np.radians(1.0)), walk.stances)
     p = SmootherParameters(rest=RestParameters(shortest_s=1e3, shortest_at_end_s=1e3))
     online, batch = fed(off, OnlineOptions(parameters=p)), smooth(off.recording, off.stances, p, 0.0)
-    assert online.parameters.gyro_bias_sigma_deg_s == batch.parameters["gyro_bias_sigma_deg_s"] > 0.15
-    assert any(note.startswith("gyro bias of up to") for note in online.notes)
+    last, whole = (
+        float(note.removeprefix("gyro bias of up to ").partition(" ")[0])
+        for notes in (online.notes, batch.notes)
+        for note in notes
+        if note.startswith("gyro bias of up to")
+    )
+    assert whole > 0.5
+    assert last == pytest.approx(whole, rel=0.2)  # of some footfalls less
 
 
 # --- what the walk showed so far -------------------------------------------------------------------------------------
