@@ -90,12 +90,18 @@ def _online(walk: Walk, progress: Progress | None) -> Solution:
     from fg_nav.online.navigator import finish_walk
     from fg_nav.online.options import OnlineOptions
 
-    recording, field, options = walk.recording, walk.field, walk.options
-    axes_given = options.mag_axes is not None
-    given = (options.heading_rad, field is not None, None, choose_parameters(options), axes_given, walk.fixes)
-    navigator = OnlineNavigator(OnlineOptions(*given))
-    _push_recording(navigator, recording, progress)
-    return finish_walk(navigator, options.polish, progress, walk.stances, field)
+    options, calibration = walk.options, None if walk.calibration is None else walk.calibration.magnetometer
+    given = OnlineOptions(
+        heading_rad=options.heading_rad,
+        use_field=walk.field is not None,
+        parameters=choose_parameters(options),
+        axes_given=options.mag_axes is not None,
+        fixes=walk.fixes,
+        calibration=calibration,
+    )
+    navigator = OnlineNavigator(given)
+    _push_recording(navigator, walk.recording if walk.sensed is None else walk.sensed, progress)
+    return finish_walk(navigator, options.polish, progress, walk.stances)
 
 
 def _push_recording(navigator: Navigator, recording: Recording, progress: Progress | None) -> None:

@@ -21,7 +21,7 @@ from fg_nav.changes import Changes, change_parameters, select_changes
 from fg_nav.detection import StanceParameters, detect_stances
 from fg_nav.detection.handedness import refuse_wrong_axes
 from fg_nav.detection.mount import refuse_pocket
-from fg_nav.errors import CalibrationError, EstimationError, EvaluationError, MagneticError
+from fg_nav.errors import EstimationError, EvaluationError, MagneticError
 from fg_nav.evaluation.comparison import Comparison, compare, share_truth
 from fg_nav.evaluation.metrics import Metrics, evaluate
 from fg_nav.evaluation.truth_check import check_truth
@@ -29,7 +29,7 @@ from fg_nav.evaluation.walked import WalkErrors, measure_moment
 from fg_nav.fix_check import check_fixes
 from fg_nav.io import Reading, read_fixes, read_truth
 from fg_nav.magnetic.axes import AlignedMagnetometer, MagAxes, align_magnetometer
-from fg_nav.magnetic.footfall_field import FootfallField, average_footfall_field
+from fg_nav.magnetic.footfall_field import FootfallField
 from fg_nav.magnetic.quasi_static import DEFAULT, QUASI_STATIC, UNKNOWN, FieldVerdicts, apply_gate, choose_gate
 from fg_nav.recording import Recording
 from fg_nav.solution import Solution
@@ -132,8 +132,9 @@ class Walk:
     verdicts : of the gate on the field, for the report of methods without a compass; None where there are none.
     unjudged : why the field was not judged; empty where it was, or before `measure_field`.
     calibration : that was given; None without.
-    applied : what the calibration corrected, in words.
+    applied : what the calibration corrected, in words; such a recording is not corrected again.
     iron : how the magnetometer was corrected by the walk itself, in words; empty where a calibration was given.
+    sensed : the recording before that, for a method that finds the iron on its way; None before `measure_field`.
     magnetometer : its delay and its axes, as `correct_walk` found them; None before, and where it is not used.
     fixes : positions known from elsewhere; used by the smoother only.
     extra : makes factors of the user's own; used by the smoother only.
@@ -153,6 +154,7 @@ class Walk:
     calibration: Calibration | None = None
     applied: tuple[str, ...] = ()
     iron: tuple[str, ...] = ()
+    sensed: Recording | None = None
     magnetometer: AlignedMagnetometer | None = None
     fixes: tuple[Fix, ...] = ()
     extra: ExtraFactors | None = None
@@ -288,7 +290,7 @@ def correct_walk(walk: Walk) -> Walk:
 
 def _apply_calibration(walk: Walk) -> Walk:
     seen, calibration, with_mag = walk.recording, walk.calibration, walk.options.use_magnetometer
-    if calibration is None:
+    if calibration is None or walk.applied:
         return walk
     if calibration.magnetometer is not None and with_mag:
         seen = calibration.magnetometer.apply_to(seen)
@@ -334,7 +336,7 @@ def measure_field(walk: Walk) -> Walk:
         recording, field, notes = measure_walk_field(
             walk.recording, walk.stances, options.heading_rad, walk.calibration
         )
-        walk = replace(walk, recording=recording, iron=notes)
+        walk = replace(walk, recording=recording, iron=notes, sensed=walk.recording)
         return replace(walk, field=field, verdicts=apply_gate(field, options.gate), unjudged="")
     except MagneticError as error:
         return replace(walk, unjudged=str(error))
@@ -352,24 +354,13 @@ def measure_walk_field(
     MagneticError
         Without a magnetometer that measures a field.
     """
-    from fg_nav.calibration.stride_readings import read_strides
-    from fg_nav.calibration.walk import find_iron, find_iron_sigma
+    from fg_nav.calibration.walk_field import average_corrected_field, find_own_iron
 
     calibration, notes = None if given is None else given.magnetometer, tuple[str, ...]()
     if calibration is None:
-        try:
-            calibration = find_iron(read_strides(recording, stances))
-        except CalibrationError as error:
-            notes = (f"iron of the magnetometer unknown: {error}",)
-        else:
-            recording = calibration.apply_to(recording)
-            h, sigma = (", ".join(f"{x:.1f}" for x in v[:3]) for v in (calibration.hard_iron_uT, calibration.sigma))
-            notes = (f"magnetometer corrected by the walk itself: hard iron {h} uT, each known to {sigma}",)
-    field = average_footfall_field(recording, stances, heading or 0.0)
-    if calibration is not None:
-        sigma = find_iron_sigma(calibration, field)
-        field = replace(field, iron_sigma_uT=np.tile(sigma, (len(field), 1)))
-    return recording, field, notes
+        calibration, note = find_own_iron(recording, stances)
+        recording, notes = recording if calibration is None else calibration.apply_to(recording), (note,)
+    return recording, average_corrected_field(recording, stances, heading or 0.0, calibration), notes
 
 
 def evaluate_solution(walk: Walk, solution: Solution) -> Outcome:

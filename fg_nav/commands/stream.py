@@ -226,7 +226,7 @@ def finish_stream(walk: StreamedWalk, progress: Progress | None = None) -> tuple
     # Stances and field as of a recording: for the pictures, and for the batch solution.
     prepared = prepare_stream(walk)
     # The path through the graph, and the batch solution next to it where it was asked for.
-    solution = finish_walk(walk.navigator, walk.polish, progress, prepared.stances, prepared.field)
+    solution = finish_walk(walk.navigator, walk.polish, progress, prepared.stances)
     return prepared, evaluate_solution(prepared, note_losses(solution, walk))
 
 
@@ -236,11 +236,10 @@ def prepare_stream(walk: StreamedWalk) -> Walk:
     bad = max(navigator.judge.counts[sensor] for sensor in ("acc", "gyr"))
     provenance = Provenance(format=f"canonical rows from {walk.name}", bad_samples=bad)
     recording = replace(navigator.recording(), provenance=provenance)
-    prepared = prepare_walk(Walk.of(recording, _options(navigator.options)))
-    prepared = replace(prepared, options=replace(prepared.options, mag_axes=walk.mag_axes))
-    if calibration is not None:
-        prepared = replace(prepared, calibration=calibration, applied=calibration.corrects(recording.mag is not None))
-    return prepared
+    # The rows were corrected as they came.
+    applied = () if calibration is None else calibration.corrects(recording.mag is not None)
+    prepared = prepare_walk(replace(Walk.of(recording, _options(navigator.options), calibration), applied=applied))
+    return replace(prepared, options=replace(prepared.options, mag_axes=walk.mag_axes))
 
 
 def _options(options: OnlineOptions | PocketOptions) -> Options:

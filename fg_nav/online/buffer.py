@@ -7,7 +7,8 @@ are counted from the first of the walk; what is discarded leaves the count as it
 A part of the walk does not show everything about its sensor. The sample period and the levels at which the sensor clips
 are those of the walk when it was last cut out as a whole (`SensorState`). So are the delay and the axes of its
 magnetometer, until the delay is known well: what is cut out has its field at its stamps, and none in the last `tau`,
-or none at all.
+or none at all. A part is corrected by the iron that the last solution found; the whole is not, as the next one finds it
+anew.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fg_nav.arrays import Bools, Floats
+from fg_nav.calibration.magnetometer import MagnetometerCalibration
 from fg_nav.detection.causal import Footfall
 from fg_nav.errors import EstimationError
 from fg_nav.magnetic.axes import MagAxes, align_magnetometer
@@ -133,6 +135,7 @@ class SensorState:
     extreme : (2, 2, 3) largest readings so far: force and rate, upper and lower end.
     peak_height : how high clipped peaks of the rate are above the range, in what their flanks say.
     magnetometer : None before it was looked at.
+    iron : of the magnetometer, as the walk showed it when it was solved last; None where it did not.
     """
 
     extreme: Floats
@@ -140,6 +143,7 @@ class SensorState:
     clipping: tuple[Floats, Floats] | None = None
     peak_height: float = 1.0
     magnetometer: KnownMagnetometer | None = None
+    iron: MagnetometerCalibration | None = None
 
 
 UNSEEN = SensorState(np.zeros((2, 2, 3)))
@@ -252,7 +256,7 @@ class WalkSoFar:
         self.sensor = replace(self.sensor, magnetometer=known)
 
     def cut_whole(self) -> Recording:
-        """Cut out all samples."""
+        """Cut out all samples, the magnetometer not corrected."""
         first = self._buffer.first
         recording = self._cut_aligned(first, first)
         self.sensor = replace(self.sensor, period_s=recording.period_s, clipping=recording.clipping)
@@ -260,7 +264,9 @@ class WalkSoFar:
 
     def cut_recording(self, first: int, mag_from: int | None = None) -> Recording:
         """Cut out the samples from one on, with the field from sample `mag_from` on where only that is looked at."""
-        return self._of_sensor(self._cut_aligned(first, first if mag_from is None else mag_from))
+        part = self._of_sensor(self._cut_aligned(first, first if mag_from is None else mag_from))
+        iron = self.sensor.iron
+        return part if iron is None or part.mag is None else iron.apply_to(part)
 
     def cut_stances(self, first_footfall: int, first: int) -> Stances:
         """Cut out the footfalls from one on, for the recording from sample `first` on; earlier intervals are cut.

@@ -41,7 +41,7 @@ from fg_nav.online.saved_state import StateChanges, StateReader, find_changes
 from fg_nav.system.locks import PathLock
 from fg_nav.text import format_count, to_json
 
-VERSION = 9
+VERSION = 10
 """Of the records in a checkpoint."""
 
 BLOCK = 1 << 14
@@ -193,7 +193,12 @@ class Checkpoint:
             content = _Content(self._path)
             self._state = content.state()
         frame = content.frame
-        compared = (options, frame.options, "other options"), (detection, frame.detection, "another detection")
+        calibration, known = (getattr(one, "calibration", None) for one in (options, frame.options))
+        compared = (
+            (calibration, known, "another calibration"),
+            (options, frame.options, "other options"),
+            (detection, frame.detection, "another detection"),
+        )
         for given, known, other in compared:
             if given is not None and to_json(given) != to_json(known):
                 raise EstimationError(f"{name} was made with {other}: give the same, or name another checkpoint.")

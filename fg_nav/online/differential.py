@@ -1,7 +1,8 @@
 """The differential field of a walk in progress: what its stances show of each bias variable, one after the other.
 
-Noise, variogram and iron are those of the last re-solve. The stances of a bias variable are added up until its
-ten seconds are over; then its factor joins the graph. What a re-solve has put there of it is taken off first:
+Noise, variogram, iron and the number of bias variables that share the limit are those of the last re-solve. The
+stances of a bias variable are added up until its ten seconds are over; then its factor joins the graph. What a re-solve
+has put there of it is taken off first:
 
     in the graph:  F(L0),    to add:  F(L) - F(L0),    F(L) = (L^-1 + s^2 I)^-1,
 
@@ -41,6 +42,7 @@ class BiasLedger:
     """What the stances and the standings of the newest bias variable show, and what the graph has of it."""
 
     noise: FieldNoise
+    variables: int
     stances: BiasInformation = NOTHING
     standings: BiasInformation = NOTHING
     in_graph: BiasInformation = NOTHING_OF_BIAS
@@ -54,16 +56,16 @@ class BiasLedger:
             BiasInformation(one.matrix[-1], one.vector[-1])
             for one in (factors.stances.information, factors.standings.information, factors.information)
         )
-        return cls(factors.noise, stances, standings, limited)
+        return cls(factors.noise, len(factors.stances.count), stances, standings, limited)
 
     def begin(self) -> BiasLedger:
         """Return the ledger of a new variable, or of one whose graph begins again."""
-        return BiasLedger(self.noise)
+        return BiasLedger(self.noise, self.variables)
 
     def complete(self, variable: int, known: LevelBias) -> gtsam.NonlinearFactor:
         """Return the factor that the graph lacks of the variable, whose present estimate is `known`."""
-        further = limit_information(self.stances, self.standings, self.noise.iron) - self.in_graph
-        further = known.weaken(further)
+        limited = limit_information(self.stances, self.standings, self.noise.iron, self.variables)
+        further = known.weaken(limited - self.in_graph)
         return linear_factor_of(further.residual(), [B(variable)])
 
     def add(

@@ -21,7 +21,9 @@ gyro_bias_deg_s           [x, y, z], body axes
 gyro_bias_sigma_deg_s     [x, y, z]
 floor                     of now: of the building, 0 where the walk began, +1 the next above; null where not known,
                           as on stairs, and in a pocket
-field, field_reason       verdict on the magnetic field, in a word and in words
+compass_weight            of the magnetic heading at the footfall: 1 where the field changes no more than it usually
+                          does on the walk, less where it changes more, 0 where it has none; null in a pocket
+field, field_reason       verdict of the gate on the magnetic field, in a word and in words
 verdict, reasons          on the path: of now up to this line (`line_verdict`), else on all of it (`fg_nav.verdict`);
                           "trusted", "doubtful" or "not to be used", and what speaks against it
 ========================= ======================================================================================
@@ -70,6 +72,7 @@ class StanceEstimate:
     gyro_bias        (3,)    rad/s
     pose_cov         (4, 4)  of east, north, up (m) and yaw about up (rad), in whose variance is the heading's
     gyro_bias_sigma  (3,)    rad/s
+    compass_weight           of the magnetic heading, in [0, 1] (`field.weigh_compass`)
     field                    verdict on the field, as in a stance table
     field_reason             in words
     floor                    of the building, 0 where the walk began (`floor_number`); None where not known
@@ -86,6 +89,7 @@ class StanceEstimate:
     gyro_bias: Floats
     pose_cov: Floats
     gyro_bias_sigma: Floats
+    compass_weight: float
     field: str
     field_reason: str
     floor: int | None = None
@@ -95,7 +99,8 @@ class StanceEstimate:
         matrices = (
             self.position, self.velocity, self.nav_R_body, self.gyro_bias, self.pose_cov, self.gyro_bias_sigma
         )  # fmt: skip
-        numbers = np.concatenate([[self.sample, self.t], *(matrix.ravel() for matrix in matrices)])
+        parts = (matrix.ravel() for matrix in matrices)
+        numbers = np.concatenate([[self.sample, self.t], *parts, [self.compass_weight]])
         return EstimateRow(numbers, self.field, self.field_reason)
 
 
@@ -130,6 +135,7 @@ def estimate_stance(
         gyro_bias=np.asarray(bias.gyroscope()),
         pose_cov=extend_covariance(pose_cov, position) if moving_foot else pose_cov,
         gyro_bias_sigma=np.sqrt(np.diagonal(bias_cov)[3:]),
+        compass_weight=verdict.compass_weight,
         field=verdict.word,
         field_reason=verdict.reason,
         floor=floor,
@@ -153,7 +159,7 @@ def list_estimates(
 
 
 class EstimateRow(NamedTuple):
-    """An estimate as one row of numbers (39,) and its words."""
+    """An estimate as one row of numbers (40,) and its words."""
 
     numbers: Floats
     field: str
@@ -171,17 +177,18 @@ class RowColumns(NamedTuple):
     gyro_bias: Floats
     pose_cov: Floats
     gyro_bias_sigma: Floats
+    compass_weight: Floats
 
 
-_ENDS = (1, 2, 5, 8, 17, 20, 36)
+_ENDS = (1, 2, 5, 8, 17, 20, 36, 39)
 """Columns of a row after which another part of it begins."""
 
 
 def split_rows(rows: Sequence[EstimateRow]) -> RowColumns:
     """Return the numbers of some rows, part by part."""
-    numbers = np.array([row.numbers for row in rows]).reshape(len(rows), _ENDS[-1] + 3)
-    sample, t, position, velocity, attitude, bias, pose_cov, bias_sigma = np.split(numbers, _ENDS, axis=1)
-    matrices = attitude.reshape(-1, 3, 3), bias, pose_cov.reshape(-1, 4, 4), bias_sigma
+    numbers = np.array([row.numbers for row in rows]).reshape(len(rows), _ENDS[-1] + 1)
+    sample, t, position, velocity, attitude, bias, pose_cov, bias_sigma, weight = np.split(numbers, _ENDS, axis=1)
+    matrices = attitude.reshape(-1, 3, 3), bias, pose_cov.reshape(-1, 4, 4), bias_sigma, weight[:, 0]
     return RowColumns(sample[:, 0].astype(np.int64), t[:, 0], position, velocity, *matrices)
 
 
@@ -200,6 +207,7 @@ def build_table(rows: Sequence[EstimateRow]) -> StanceTable:
         field=tuple(row.field for row in rows),
         field_reason=tuple(row.field_reason for row in rows),
         pose_cov=known.pose_cov,
+        compass_weight=known.compass_weight,
     )
 
 
@@ -281,7 +289,7 @@ def format_estimate(
         float(estimate.pose_cov[0, 1]),
         estimate.gyro_bias,
         estimate.gyro_bias_sigma,
-        (estimate.field, estimate.field_reason),
+        (estimate.compass_weight, estimate.field, estimate.field_reason),
     )
 
 
@@ -310,7 +318,11 @@ def format_table(
             float(table.position_cov[k, 0, 1]),
             table.gyro_bias[k],
             table.gyro_bias_sigma[k],
-            (table.field[k], table.field_reason[k]),
+            (
+                np.nan if table.compass_weight is None else table.compass_weight[k],
+                table.field[k],
+                table.field_reason[k],
+            ),
         )
 
 
@@ -326,7 +338,7 @@ def _format_line(
     east_north_cov: float,
     bias: Floats,
     bias_sigma: Floats,
-    field: tuple[str, str],
+    field: tuple[float, str, str],
 ) -> str:
     t, sensor_t = (round(stamp, 9) for stamp in stamps)
     content: dict[str, object] = {
@@ -342,8 +354,9 @@ def _format_line(
         "heading_sigma_deg": round(float(np.degrees(sigma[3])), DIGITS),
         "gyro_bias_deg_s": np.round(np.degrees(bias), DIGITS),
         "gyro_bias_sigma_deg_s": np.round(np.degrees(bias_sigma), DIGITS),
-        "field": field[0],
-        "field_reason": field[1],
+        "compass_weight": round(float(field[0]), DIGITS),
+        "field": field[1],
+        "field_reason": field[2],
     }
     if verdict is not None:
         content |= {"verdict": verdict.word, "reasons": list(verdict.reasons)}

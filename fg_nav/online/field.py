@@ -2,14 +2,14 @@
 
 How far the potential reaches, where it jumps and how much of the line integral drifts is that of the last re-solve, of
 the batch's own rounds (`smoother.field`). Since then a stride that takes the potential out of its bounds is left out.
-The other roughness of the field follows from the last `RECENT` footfalls, each as it was seen at its time. The gate
-judges a footfall by it and those before it, as in batch, with the attitudes known then. Unlike in batch a verdict
-stays as it was given, and so does the noise of a footfall that is in the graph already.
+The other roughness of the field follows from the last `RECENT` footfalls, each as it was seen at its time, and so does
+the usual statistic of the gate, by which that of the newest footfall weighs its compass. The gate judges a footfall by
+it and those before it, as in batch, with the attitudes known then. Unlike in batch a verdict stays as it was given, and
+so does the noise of a footfall that is in the graph already.
 """
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass, replace
 
 import gtsam
@@ -18,25 +18,19 @@ from gtsam.symbol_shorthand import M, X
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import MagneticError
-from fg_nav.factors.magnetic_field import E_H, SIZE, FieldPotential, MagneticHeading
+from fg_nav.factors.magnetic_field import E_H, SIZE, FieldPotential, MagneticHeading, across_field
 from fg_nav.factors.residual import factor_of, linear_factor_of
 from fg_nav.magnetic import FootfallField, average_footfall_field
-from fg_nav.magnetic.quasi_static import QUASI_STATIC, apply_gate, count_needed
+from fg_nav.magnetic.footfall_field import UNKNOWN_IRON_UT
+from fg_nav.magnetic.quasi_static import apply_gate, count_needed, weigh_statistic
 from fg_nav.online.north import find_north_sigma
 from fg_nav.recording import Recording
-from fg_nav.smoother.field import choose_steady, rotate_field
+from fg_nav.smoother.field import COMPASS_SIGMA_UT, rotate_field, weigh_compass
 from fg_nav.smoother.field_factors import integrate_path, transition
 from fg_nav.smoother.field_rounds import FieldSolution
 from fg_nav.smoother.graph import Trajectory
 from fg_nav.smoother.potential import LEAST_JUMP_UT_M
-from fg_nav.smoother.roughness import (
-    FieldRoughness,
-    field_deviation,
-    measure_roughness,
-    neglect_deviation,
-    split_potential,
-    usual_deviation,
-)
+from fg_nav.smoother.roughness import FieldRoughness, deviate_along, measure_roughness, split_potential
 from fg_nav.smoother.solver import list_attitudes
 from fg_nav.stances import Stances
 
@@ -50,6 +44,10 @@ again, with the strides that follow."""
 
 ROUGH_EVERY = 10
 """Footfalls after which the roughness is measured again."""
+
+LEVEL, REFERENCE, DISTANCE, STATISTIC = slice(0, 2), slice(2, 4), 4, 5
+"""Columns of what is remembered of a footfall: its field over the ground in nav and the mean field there, uT, length of
+the stride to it, m, statistic of the gate."""
 
 
 @dataclass(frozen=True)
@@ -73,10 +71,11 @@ class StrideField:
 
 @dataclass(frozen=True)
 class Verdict:
-    """On the field at a footfall, as in a stance table."""
+    """On the field at a footfall: `word` and `reason` as in a stance table, weight of its compass (`weigh_compass`)."""
 
     word: str
     reason: str
+    compass_weight: float = 0.0
 
 
 class OnlineField:
@@ -85,23 +84,19 @@ class OnlineField:
     def __init__(self, found: FieldSolution, field: FootfallField) -> None:
         factors, values = found.problem.field, found.solved.values
         assert factors is not None
-        self._noise_uT = found.compass_sigma_uT
         self._p = replace(factors.parameters, potential=len(factors.potential) > 0)
         self._level_R_body = factors.path.level_R_body
-        nodes = found.problem.nodes.result.tolist()
-        nav_R_body = list_attitudes(nodes, values)
-        nav = rotate_field(field, nav_R_body)
-        raw = field_deviation(nav, found.states[:, E_H])
-        distance = np.append(0.0, factors.path.distance_m)
-        passed = np.array([word == QUASI_STATIC for word in found.verdict.words])
-        self._recent = deque(np.column_stack([raw, distance, passed]), maxlen=RECENT)
+        nav_R_body = list_attitudes(found.problem.nodes.result, values)
+        nav, judged = rotate_field(field, nav_R_body), replace(field, nav_R_body=nav_R_body)
+        distance, statistic = np.append(0.0, factors.path.distance_m), apply_gate(judged, self._p.gate).statistic
+        self._recent = np.column_stack([nav[:, :2], found.states[:, E_H], distance, statistic])[-RECENT:]
         self._potential, self._with_lost, self._lost_share = (
             factors.telescoping,
             factors.rough.potential,
             factors.lost_share,
         )
         self._needed = min(count_needed(self._p.gate) or RECENT, RECENT)
-        self._judged = replace(field, nav_R_body=nav_R_body)
+        self._judged = judged.select(slice(-self._needed, None))
         self._rough, self._age = self._measure_roughness(), 0
         self._strength_uT = float(np.median(np.linalg.norm(found.states[:, E_H], axis=1)))
         self.up_uT = float(np.nanmedian(nav[:, 2]))
@@ -130,30 +125,26 @@ class OnlineField:
             The state (9,) to begin from, and the verdict.
         """
         nav_R_body, body_field = pose.rotation().matrix(), seen.footfall.body_field[0]
-        raw = field_deviation((nav_R_body @ body_field)[None], before[None, E_H])[0]
-        verdict = self._judge(seen.footfall, nav_R_body)
-        passed = verdict.word == QUASI_STATIC
+        sigma_uT, verdict = self._judge(seen, nav_R_body, before)
         change = transition(np.array(seen.distance_m), self._rough)
-        if passed and self._p.compass:
-            compass = MagneticHeading(body_field, self._level_R_body, nav_R_body, np.array(self._noise_uT))
+        if np.isfinite(sigma_uT):
+            compass = MagneticHeading(body_field, self._level_R_body, nav_R_body, np.array(sigma_uT))
             graph.push_back(factor_of(compass, [X(node), M(k)]))
         integral = self._integrate_field(seen)
         if self._p.potential and np.isfinite(seen.sigma_uT_m) and not self._jumps(integral, before):
             graph.push_back(factor_of(integral, [X(node_before), M(k - 1), M(k)]))
         graph.push_back(linear_factor_of(change, [M(k - 1), M(k)]))
-        state = change.keep * before
-        self._recent.append(np.append(raw, [seen.distance_m, passed]))
         self._age += 1
         if self._age % ROUGH_EVERY == 0:
             self._rough = self._measure_roughness()
-        return state, verdict
+        return change.keep * before, verdict
 
     @property
     def north_sigma(self) -> float:
         """Sigma, rad, of a north that only this field shows."""
-        rows = np.array(self._recent)
-        across = rows[np.isfinite(rows[:, 0]), 0]
-        return find_north_sigma(across, float(rows[:, 3].sum()), self._strength_uT)
+        seen = self._recent[np.isfinite(self._recent[:, 0])]
+        across = across_field(seen[:, LEVEL], seen[:, REFERENCE])
+        return find_north_sigma(across, float(self._recent[:, DISTANCE].sum()), self._strength_uT)
 
     def _integrate_field(self, seen: StrideField) -> FieldPotential:
         _, drift_uT_m = split_potential(self._with_lost, self._lost_share, np.array(seen.distance_m))
@@ -170,22 +161,27 @@ class OnlineField:
         sigma = float(np.hypot(self._potential.sigma, integral.sigma_uT_m))
         return bool(abs(potential_after) > max(JUMP_SIGMAS * sigma, LEAST_JUMP_UT_M))
 
-    def _judge(self, footfall: FootfallField, nav_R_body: Floats) -> Verdict:
-        """Verdict of the gate on the newest footfall, by it and those before."""
-        newest = replace(footfall, nav_R_body=nav_R_body[None])
+    def _judge(self, seen: StrideField, nav_R_body: Floats, before: Floats) -> tuple[float, Verdict]:
+        """Note the newest footfall; the sigma of its compass, infinite without a reading, and the verdict."""
+        newest = replace(seen.footfall, nav_R_body=nav_R_body[None])
         self._judged = self._judged.join(newest).select(slice(-self._needed, None))
         verdicts = apply_gate(self._judged, self._p.gate)
-        return Verdict(verdicts.words[-1], verdicts.reason[-1])
+        level = rotate_field(newest, newest.nav_R_body)[0, :2]
+        row = np.concatenate([level, before[E_H], [seen.distance_m, verdicts.statistic[-1]]])
+        self._recent = np.vstack([self._recent, row])[-RECENT:]
+        # Its statistic is weighed by those of the walk.
+        of_walk = replace(verdicts, statistic=self._recent[:, STATISTIC])
+        spread = np.hypot(COMPASS_SIGMA_UT, self._rough.white_uT * np.sqrt(weigh_statistic(of_walk, self._p.gate)[-1]))
+        sigma_uT = float(spread) if self._p.compass and np.isfinite(level[0]) else np.inf
+        weight = float(weigh_compass(np.array(sigma_uT), self._rough))
+        return sigma_uT, Verdict(verdicts.words[-1], verdicts.reason[-1], weight)
 
     def _measure_roughness(self) -> FieldRoughness:
-        """Roughness of the field at the footfalls that are remembered."""
-        rows = np.array(self._recent)
-        seen = np.isfinite(rows[:, 0])
-        steady = choose_steady(seen, rows[:, 4] > 0.0)
-        deviation = rows[:, :3] - usual_deviation(rows[steady, :3])
-        measured = measure_roughness(deviation, None, seen, steady, rows[1:, 3])
-        rough = replace(measured, potential=self._potential)
-        return rough if self._p.potential else neglect_deviation(rough)
+        """Roughness of the field at the footfalls that are remembered, the potential's as in batch."""
+        rows = self._recent
+        deviation = deviate_along(rows[:, LEVEL], rows[:, REFERENCE])
+        measured = measure_roughness(deviation, np.isfinite(deviation), rows[1:, DISTANCE])
+        return replace(measured, potential=self._potential)
 
 
 def measure_field(recording: Recording, stances: Stances, track: Trajectory, up_uT: float) -> StrideField:
@@ -220,4 +216,5 @@ def _measure_at_footfall(recording: Recording, stances: Stances, track: Trajecto
         none = np.zeros(1, dtype=np.int64)
         at, attitude = np.array([sample]), track.nav_R_body[[sample]]
         t = recording.t[at]
-        return FootfallField(at, t, nowhere, nowhere, attitude, none, unknown, unknown, unknown)
+        iron = UNKNOWN_IRON_UT[None]
+        return FootfallField(at, t, nowhere, nowhere, attitude, none, unknown, unknown, unknown, iron)

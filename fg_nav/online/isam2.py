@@ -36,8 +36,9 @@ ATTITUDE_RAD = 0.005
 BIAS = (0.1, 2e-3)
 """m/s^2 and rad/s: over a stride 0.1 deg, of which the inertial measurements know the first derivative."""
 
-FIELD = (20.0, 20.0, 20.0, 0.2, 0.2, 1.0, 1.0, 1.0)
-"""uT m and uT: only the mean field, in the middle, multiplies something large; 0.2 uT of it are 0.6 deg."""
+FIELD = (20.0, 1.0, 0.2, 0.2, 0.2, 0.2, 1.0, 1.0, 1.0)
+"""uT m and uT: only region and mean field multiply something large; 0.2 uT of them are 0.6 deg. The deviation of the
+place weighs its compass, whose loss is robust."""
 
 ANYTHING = 1e6
 """Threshold of what enters linearly."""

@@ -24,7 +24,6 @@ from fg_nav.arrays import Bools, Floats
 from fg_nav.detection import detect_stances
 from fg_nav.detection.causal import CausalParameters, CausalStances, Footfall, join_footfalls
 from fg_nav.errors import EstimationError
-from fg_nav.magnetic import FootfallField
 from fg_nav.magnetic.axes import AlignedMagnetometer, align_magnetometer
 from fg_nav.online.beside import WorkerSolver
 from fg_nav.online.buffer import SampleBuffer
@@ -180,7 +179,6 @@ class OnlineNavigator(SampleIntake):
         self,
         progress: Callable[[float], None] | None = None,
         stances: Stances | None = None,
-        field: FootfallField | None = None,
     ) -> Solution:
         """End the walk and solve it as a whole in batch; without its field where that fails.
 
@@ -188,9 +186,8 @@ class OnlineNavigator(SampleIntake):
         ----------
         progress
             Given from time to time the fraction that is done.
-        stances, field
-            Of `recording()` without the magnetometer's delay, where they are known; with `stances` no field is looked
-            for.
+        stances
+            Of `recording()`, where they are known.
 
         Raises
         ------
@@ -199,15 +196,15 @@ class OnlineNavigator(SampleIntake):
         """
         self.close()
         aligned, options = self._align(self.recording()), self.options
-        recording, notes = aligned.recording, aligned.notes if stances is None else ()
-        if stances is None:
-            stances = detect_stances(recording, self.detection.stance)
-            field, _ = measure_walk_field(recording, stances, options.heading_rad, options.use_field)
+        known, recording = stances is not None, aligned.recording
+        stances = detect_stances(recording, self.detection.stance) if stances is None else stances
+        seen = measure_walk_field(recording, stances, options)
+        notes = () if known else (*aligned.notes, *seen.notes)
         fixes = tuple(fix for fix in options.fixes if fix.time_s <= recording.t[-1])
         why = ""
-        for used in (None,) if field is None else (field, None):
+        for used in (None,) if seen.field is None else (seen.field, None):
             try:
-                found = smooth(recording, stances, options.parameters, options.heading_rad, progress, used, fixes)
+                found = smooth(seen.recording, stances, options.parameters, options.heading_rad, progress, used, fixes)
             except UNSOLVED as error:
                 why = why or str(error).strip().partition("\n")[0]
                 continue
@@ -360,14 +357,13 @@ def finish_walk(
     polish: bool,
     progress: Callable[[float], None] | None = None,
     stances: Stances | None = None,
-    field: FootfallField | None = None,
 ) -> Solution:
     """End a walk; with `polish` its batch solution stands next to it, as `polished`, or a note why there is none."""
     found = navigator.finish()
     if not polish:
         return found
     try:
-        return replace(found, polished=navigator.polish(progress, stances, field))
+        return replace(found, polished=navigator.polish(progress, stances))
     except EstimationError as error:
         return replace(found, notes=(*found.notes, str(error)))
 

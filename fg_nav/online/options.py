@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from fg_nav.calibration.magnetometer import MagnetometerCalibration
 from fg_nav.fix_check import check_fixes
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.truth import Fix
@@ -23,6 +24,7 @@ class OnlineOptions:
     parameters : of the smoother.
     axes_given : whether the magnetometer is used whatever its axes look like.
     fixes : positions that are known from elsewhere, at times of the walk to come.
+    calibration : by which the samples of the magnetometer are corrected already; None for that of the walk itself.
 
     Raises `EstimationError` for fixes that cannot be.
     """
@@ -33,6 +35,7 @@ class OnlineOptions:
     parameters: SmootherParameters = field(default_factory=SmootherParameters)
     axes_given: bool = False
     fixes: tuple[Fix, ...] = ()
+    calibration: MagnetometerCalibration | None = None
 
     def __post_init__(self) -> None:
         check_fixes(self.fixes)

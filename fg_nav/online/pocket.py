@@ -337,6 +337,7 @@ class PocketNavigator(SampleIntake):
             gyro_bias=latest.gyro_bias,
             pose_cov=pose_cov,
             gyro_bias_sigma=latest.sigma[3:],
+            compass_weight=np.nan,
             field=verdict,
             field_reason=reason,
         )

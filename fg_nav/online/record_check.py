@@ -269,7 +269,7 @@ def _is_sound_row_table(table: RowTable, stop: int) -> bool:
     n = len(table.which)
     if n == 0:
         return table.first >= 0
-    if table.numbers.shape != (n, 39) or table.first < 0 or not (table.which >= 0).all():
+    if table.numbers.shape != (n, 40) or table.first < 0 or not (table.which >= 0).all():
         return False
     if table.which.max() >= len(table.words):
         return False

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from fg_nav.calibration.magnetometer import MagnetometerCalibration
 from fg_nav.calibration.of_recording import Calibration, read_calibration
 from fg_nav.detection.mount import Wearing
 from fg_nav.errors import EstimationError, StreamError
@@ -102,7 +103,7 @@ def read_stream_options(request: StreamRequest) -> StreamOptions:
     calibration = None if request.calibration_path is None else read_calibration(request.calibration_path)
     axes = None if request.mag_axes is None else MagAxes.parse(request.mag_axes)
     return StreamOptions(
-        online=_online_options(request),
+        online=_online_options(request, None if calibration is None else calibration.magnetometer),
         checkpoint=request.checkpoint,
         checkpoint_s=_check_positive(request.checkpoint_s, "--every") or 0.0,
         until_silent_s=_check_positive(request.silence_s, "--silence"),
@@ -122,7 +123,9 @@ def open_source_of(request: StreamRequest, columns: Columns | None, remark: Say)
     return open_recorded(request.record, goes_on, request.force, *given)
 
 
-def _online_options(request: StreamRequest) -> OnlineOptions | PocketOptions:
+def _online_options(
+    request: StreamRequest, calibration: MagnetometerCalibration | None
+) -> OnlineOptions | PocketOptions:
     heading = request.heading_deg
     if heading is not None and not np.isfinite(heading):
         raise EstimationError(f"a heading of {heading} deg is no direction: give a number.")
@@ -148,6 +151,7 @@ def _online_options(request: StreamRequest) -> OnlineOptions | PocketOptions:
         parameters=SmootherParameters(magnetic=FieldParameters(gate=gate)),
         axes_given=request.mag_axes is not None,
         fixes=() if request.fixes_path is None else read_fixes(request.fixes_path),
+        calibration=calibration,
     )
 
 

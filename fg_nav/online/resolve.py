@@ -1,6 +1,6 @@
 """A walk in progress, solved as a whole: the batch's own functions on all there is, and what that hands over.
 
-Lever, swing noise, the bias to linearize at, its random walk, the height of clipped peaks, the delay of the
+Lever, swing noise, the bias to linearize at, its random walk, the height of clipped peaks, delay and iron of the
 magnetometer and the roughness of the field are estimated on the walk, level floors are recognized, and stances that it
 refuses are trusted less.
 """
@@ -12,8 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fg_nav.arrays import Bools, Floats
+from fg_nav.calibration.magnetometer import MagnetometerCalibration
+from fg_nav.calibration.walk_field import average_corrected_field, find_own_iron
 from fg_nav.errors import MagneticError
-from fg_nav.magnetic import FootfallField, average_footfall_field
+from fg_nav.magnetic import FootfallField
 from fg_nav.online.anchor import Anchor, condense
 from fg_nav.online.buffer import WalkSoFar
 from fg_nav.online.differential import BiasLedger
@@ -40,7 +42,6 @@ from fg_nav.smoother.solver import Solved, linearize, list_positions
 from fg_nav.smoother.strides import Nodes
 from fg_nav.solution import Return
 from fg_nav.stances import Stances
-from fg_nav.truth import Fix
 
 
 @dataclass(frozen=True)
@@ -54,6 +55,7 @@ class WalkSolution:
     field : to go on with; None where it is not used.
     verdict : on the field at all footfalls.
     returns : stretches at which the walk was before.
+    iron : of the magnetometer, by the walk itself; None where it shows none, or a calibration was given.
     shown : the solution of the field, and the field at the footfalls; None where it is not used.
     """
 
@@ -62,6 +64,7 @@ class WalkSolution:
     field: OnlineField | None
     verdict: FieldVerdict
     returns: tuple[Return, ...]
+    iron: MagnetometerCalibration | None
     shown: tuple[FieldSolution, FootfallField] | None = None
 
     @property
@@ -95,9 +98,8 @@ def solve_alone(walk: WalkSoFar, options: OnlineOptions, has_ended: bool = False
     """Solve a walk with all that it shows of its sensor, which is noted in it."""
     walk.align_magnetometer()
     recording, stances = walk.cut_whole(), walk.cut_stances(0, 0)
-    given = options.heading_rad, options.use_field, options.parameters, walk.continues
-    found = solve_so_far(recording, stances, *given, options.fixes, has_ended)
-    walk.sensor = replace(walk.sensor, peak_height=found.known.peak_height)
+    found = solve_so_far(recording, stances, options, walk.continues, has_ended)
+    walk.sensor = replace(walk.sensor, peak_height=found.known.peak_height, iron=found.iron)
     return found
 
 
@@ -107,7 +109,7 @@ def hand_over_solution(walk: WalkSoFar, options: OnlineOptions, found: WalkSolut
     problem, magnetometer = found.problem, walk.sensor.magnetometer
     return Handover(
         place=places[-1],
-        verdict=Verdict(found.verdict.words[-1], found.verdict.reason[-1]),
+        verdict=_list_verdicts(found)[-1],
         anchor=anchor,
         past=Past(0, _list_rows(found, places)[:-1], nodes_of_places(places[:-1], found.solved.values)),
         first=0,
@@ -144,27 +146,31 @@ def _list_heights(found: WalkSolution) -> Floats:
 def _list_rows(found: WalkSolution, places: list[Place]) -> tuple[EstimateRow, ...]:
     """Estimates of all footfalls."""
     values, covariances = found.solved.values, found.solved.root.covariances(result_keys(places))
-    verdicts = [Verdict(*both) for both in zip(found.verdict.words, found.verdict.reason, strict=True)]
-    return tuple(list_estimates(places, verdicts, values, covariances, found.parameters.moving_foot))
+    return tuple(list_estimates(places, _list_verdicts(found), values, covariances, found.parameters.moving_foot))
+
+
+def _list_verdicts(found: WalkSolution) -> list[Verdict]:
+    """Verdicts on the field at all footfalls."""
+    verdict = found.verdict
+    weight = verdict.compass_weight.tolist()
+    return [Verdict(*one) for one in zip(verdict.words, verdict.reason, weight, strict=True)]
 
 
 def solve_so_far(
     recording: Recording,
     stances: Stances,
-    heading: float | None,
-    use_field: bool,
-    p: SmootherParameters,
+    options: OnlineOptions,
     continues: Bools | None = None,
-    fixes: tuple[Fix, ...] = (),
     has_ended: bool = False,
 ) -> WalkSolution:
     """Solve a walk so far.
 
     Parameters
     ----------
+    recording : with the magnetometer as it measures, unless a calibration is among the options.
+    options : of the fixes those are used that the walk has come to.
     continues : (F,) which footfalls are further pieces of a standing: on the same spot each has the deviation of the
         first, so the field there counts once. None where there is none.
-    fixes : of the walk; those that it has come to are used.
     has_ended : whether nothing follows: then who stands at the end rests.
 
     Raises
@@ -172,37 +178,54 @@ def solve_so_far(
     EstimationError
         Where the batch smoother does.
     """
-    field, unseen = measure_walk_field(recording, stances, heading, use_field)
-    field = field if field is None or continues is None else field.leave_out(continues)
-    return _solve_once(recording, stances, heading, field, unseen, p, continues, fixes, has_ended)
-
-
-def _solve_once(
-    recording: Recording,
-    stances: Stances,
-    heading: float | None,
-    field: FootfallField | None,
-    unseen: str,
-    p: SmootherParameters,
-    continues: Bools | None,
-    fixes: tuple[Fix, ...],
-    has_ended: bool,
-) -> WalkSolution:
-    problem = walk_problem(recording, stances, heading, p, in_progress=not has_ended)
-    problem = add_fixes_so_far(problem, fixes)
-    found = widen_bias_prior(solve_walk(add_constraints(problem, problem.values, continues), field, unseen))
+    standings = stances
+    if continues is not None:
+        standings = replace(stances, footfall=(np.cumsum(~continues) - 1)[stances.footfall])
+    seen = measure_walk_field(recording, stances, options, standings)
+    field = seen.field if seen.field is None or continues is None else seen.field.leave_out(continues)
+    problem = walk_problem(seen.recording, stances, options.heading_rad, options.parameters, in_progress=not has_ended)
+    problem = add_fixes_so_far(problem, options.fixes)
+    problem = add_constraints(problem, problem.values, continues)
+    found = widen_bias_prior(solve_walk(problem, field, seen.unseen))
     shown = None if found.field is None or field is None else (found.field, field)
     going_on = None if shown is None else OnlineField(*shown)
-    return WalkSolution(found.problem, found.solved, going_on, found.verdict, found.returns, shown)
+    verdict = replace(found.verdict, notes=(*seen.notes, *found.verdict.notes))
+    return WalkSolution(found.problem, found.solved, going_on, verdict, found.returns, seen.iron, shown)
+
+
+@dataclass(frozen=True)
+class SeenField:
+    """The field of a walk.
+
+    Attributes
+    ----------
+    recording : with the magnetometer corrected.
+    field : at the footfalls; None where it is not used, or not seen.
+    unseen : why it was not seen, where it was looked for.
+    iron : by which the walk itself corrected the recording; None where it shows none, or a calibration was given.
+    notes : how the magnetometer was corrected.
+    """
+
+    recording: Recording
+    field: FootfallField | None = None
+    unseen: str = ""
+    iron: MagnetometerCalibration | None = None
+    notes: tuple[str, ...] = ()
 
 
 def measure_walk_field(
-    recording: Recording, stances: Stances, heading: float | None, use_field: bool
-) -> tuple[FootfallField | None, str]:
-    """Field at the footfalls, or None and, where it was looked for, why it was not seen."""
-    if not use_field or recording.mag is None:
-        return None, ""
+    recording: Recording, stances: Stances, options: OnlineOptions, standings: Stances | None = None
+) -> SeenField:
+    """Measure the field at the footfalls as the batch does; `standings` are its stances, where they are others."""
+    if not options.use_field or recording.mag is None:
+        return SeenField(recording)
+    iron, notes = None, tuple[str, ...]()
     try:
-        return average_footfall_field(recording, stances, heading or 0.0), ""
+        if options.calibration is None:
+            iron, note = find_own_iron(recording, stances if standings is None else standings)
+            recording, notes = recording if iron is None else iron.apply_to(recording), (note,)
+        calibration = iron if options.calibration is None else options.calibration
+        field = average_corrected_field(recording, stances, options.heading_rad or 0.0, calibration)
+        return SeenField(recording, field, iron=iron, notes=notes)
     except MagneticError as error:
-        return None, str(error)
+        return SeenField(recording, unseen=str(error), iron=iron, notes=notes)

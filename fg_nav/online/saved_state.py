@@ -32,7 +32,7 @@ OF_WALK = -1
 
 @dataclass(frozen=True)
 class RowTable:
-    """Estimates from number `first` on: (K, 39) numbers of their rows, the different words, which of these each has."""
+    """Estimates from number `first` on: (K, 40) numbers of their rows, the different words, which of these each has."""
 
     first: int
     numbers: Floats

@@ -20,7 +20,7 @@ import numpy as np
 from gtsam.symbol_shorthand import B, M, V, X
 
 from fg_nav.arrays import Bools
-from fg_nav.magnetic.quasi_static import QUASI_STATIC, UNKNOWN
+from fg_nav.magnetic.quasi_static import UNKNOWN
 from fg_nav.mechanisation import NavState
 from fg_nav.online.anchor import condense
 from fg_nav.online.buffer import WalkSoFar
@@ -257,7 +257,7 @@ class Stretch:
         self._backend.add(graph, values, self._places)
         self._counts.update(count_graph(graph))
         has_field = bool(np.isfinite(seen.footfall.body_field).all())
-        self._counts["gated_out"] += has_field and verdict.word != QUASI_STATIC
+        self._counts["gated_out"] += has_field and verdict.compass_weight == 0.0
         return Verdict(UNKNOWN, STANDS_ON) if continues else verdict
 
     def _estimate(self) -> StanceEstimate:

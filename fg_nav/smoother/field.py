@@ -89,8 +89,13 @@ class FieldResiduals:
     @property
     def compass_weight(self) -> Floats:
         """(F,) information of the compass over that at the walk's own spread, at most 1; 0 where it is not used."""
-        usual_uT = np.hypot(COMPASS_SIGMA_UT, self.rough.white_uT)
-        return np.asarray(np.minimum((usual_uT / self.sigma_uT) ** 2, 1.0))
+        return weigh_compass(self.sigma_uT, self.rough)
+
+
+def weigh_compass(sigma_uT: Floats, rough: FieldRoughness) -> Floats:
+    """Weight of compasses with these sigmas (...): 1 where the field changes as usual, 0 without a reading."""
+    usual_uT = np.hypot(COMPASS_SIGMA_UT, rough.white_uT)
+    return np.asarray(np.minimum((usual_uT / sigma_uT) ** 2, 1.0))
 
 
 def find_obstacle(field: FootfallField | None, p: FieldParameters) -> str:

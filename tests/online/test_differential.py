@@ -28,6 +28,7 @@ WITHOUT_REST = replace(DEFAULT, rest=NO_REST)
 NO_HEADING = replace(DEFAULT.magnetic, compass=False, potential=False)
 """Only the differential field is left of the magnetometer."""
 
+VARIABLES = 3
 NOISE = FieldNoise(Variogram(5.0, 1.0, 1.0), 0.2, Iron(np.array([3.0, -5.0, 1.0]), 4.0 * np.eye(3)))
 
 
@@ -40,14 +41,14 @@ def random_information(rng: np.random.Generator) -> BiasInformation:
 def test_what_a_re_solve_has_put_there_counts_once(seed: int) -> None:
     rng = np.random.default_rng(seed)
     stances, standings, more = (random_information(rng) for _ in range(3))
-    in_graph = limit_information(stances, standings, NOISE.iron)
-    ledger = BiasLedger(NOISE, stances + more, standings, in_graph)
+    in_graph = limit_information(stances, standings, NOISE.iron, VARIABLES)
+    ledger = BiasLedger(NOISE, VARIABLES, stances + more, standings, in_graph)
     values = gtsam.Values()
     values.insert(B(3), gtsam.imuBias.ConstantBias())
-    shown = limit_information(stances + more, standings, NOISE.iron) - in_graph
+    shown = limit_information(stances + more, standings, NOISE.iron, VARIABLES) - in_graph
     agrees = LevelBias(np.linalg.solve(shown.matrix, shown.vector), np.array([0.0, 0.6, 0.8]))
     further = ledger.complete(3, agrees).linearize(values)
-    whole = limit_information(stances + more, standings, NOISE.iron)
+    whole = limit_information(stances + more, standings, NOISE.iron, VARIABLES)
     np.testing.assert_allclose(further.information()[3:, 3:] + in_graph.matrix, whole.matrix, rtol=1e-6, atol=1e-3)
     vector = further.augmentedInformation()[3:6, 6] + in_graph.vector
     np.testing.assert_allclose(vector, whole.vector, rtol=1e-4, atol=1e-2 * np.abs(whole.vector).max())
@@ -82,9 +83,7 @@ def test_a_stride_extends_the_graph_and_is_never_solved_in_batch_instead(
         count_calls(monkeypatch, owner, name) for owner, name in ((ISAM2Backend, "_rebuild"), (Stretch, "_recover"))
     ]
     online = fed(in_field(), OnlineOptions(heading_rad=heading, parameters=parameters))
-    # A walk with a rest keeps the shape that its field does not refute; where a heading is given it is not asked.
-    keeps_shape = heading is None and parameters is DEFAULT
-    assert (online.counts["differential_field"] == 0) == keeps_shape
+    assert online.counts["differential_field"] > 0
     assert len(solved_again) == len(SOLVED_AGAIN)
     assert not any(others)
 
@@ -102,4 +101,5 @@ def test_a_walk_in_progress_finds_the_bias_by_it_as_the_batch_does() -> None:
     assert (np.abs(table.gyro_bias - truth)[middle] < 3.0 * table.gyro_bias_sigma[middle]).all()
     assert (np.abs(table.gyro_bias - batch.gyro_bias)[middle] < batch.gyro_bias_sigma[middle]).all()
     np.testing.assert_allclose(table.gyro_bias_sigma[middle], batch.gyro_bias_sigma[middle], rtol=0.25)
-    assert table.gyro_bias_sigma[middle, 2] < 0.6 * inertial.gyro_bias_sigma[middle, 2]
+    # All stances of a bias variable have 0.2 deg/s in common, so the sigma is no less than three quarters.
+    assert table.gyro_bias_sigma[middle, 2] < 0.8 * inertial.gyro_bias_sigma[middle, 2]

@@ -1,9 +1,9 @@
-"""Every gate of the field decides while the walk goes on what it decides in batch on the same footfalls."""
+"""Every gate of the field judges while the walk goes on as it does in batch on the same footfalls, and weighs by it."""
 
 import numpy as np
 import pytest
 
-from fg_nav.magnetic.quasi_static import GATES, NO_GATE, QUASI_STATIC, apply_gate
+from fg_nav.magnetic.quasi_static import GATES, HARD, NO_GATE, QUASI_STATIC, apply_gate
 from fg_nav.online import OnlineNavigator
 from fg_nav.online.buffer import rows_of
 from fg_nav.online.options import OnlineOptions
@@ -21,10 +21,17 @@ def test_a_gate_judges_a_walk_in_progress(gate):
     found = navigator.finish()
     assert np.isfinite(found.stances.position).all()
     # on the same footfalls, with the attitudes of the batch
-    field, _ = measure_walk_field(navigator.recording(), navigator.stances(), 0.0, use_field=True)
+    field = measure_walk_field(navigator.recording(), navigator.stances(), navigator.options).field
     assert field is not None
     passed = np.array([word == QUASI_STATIC for word in found.stances.field])
     expected = np.array([word == QUASI_STATIC for word in apply_gate(field, gate).words])
     assert (passed == expected[: len(passed)]).mean() > 0.75
     assert passed.any()
     assert passed.all() or gate != NO_GATE
+    weight = found.stances.compass_weight
+    assert weight is not None
+    assert ((weight >= 0.0) & (weight <= 1.0)).all()
+    if gate == NO_GATE or gate.endswith(HARD):
+        np.testing.assert_allclose(weight, passed, atol=1e-9)  # all alike, or the papers' switch
+    else:
+        assert (weight > 0.0).sum() >= passed.sum()

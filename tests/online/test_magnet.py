@@ -1,4 +1,4 @@
-"""A walk in progress past a magnet: that footfall's compass is not used, and the heading stays."""
+"""A walk in progress past a magnet: that footfall's compass weighs next to nothing, and the heading stays."""
 
 from dataclasses import replace
 from functools import cache
@@ -66,17 +66,25 @@ def test_the_window_of_the_gate_that_holds_the_magnet_is_disturbed_and_no_other(
     assert "disturbed" not in without_magnet().causal().field
 
 
-def test_its_compass_is_not_used():
-    """By its compass alone, all is at that footfall as if there had been no sample of the field."""
+def test_its_compass_weighs_next_to_nothing():
+    """By its compass alone, all is at that footfall nearly as if there had been no sample of the field.
+
+    Its variance follows the gate's statistic, and its loss is robust: at 27 sigmas a hundredth of the weight is left.
+    """
     disturbed, unseen = (walked(there, compass_alone=True).causal() for there in (MAGNET_UT, np.nan))
     assert unseen.field[AT] == "none"
-    np.testing.assert_allclose(disturbed.nav_R_body[AT], unseen.nav_R_body[AT], atol=1e-9)
-    np.testing.assert_allclose(disturbed.pose_cov[AT], unseen.pose_cov[AT], rtol=1e-6, atol=1e-12)
+    assert unseen.compass_weight[AT] == 0.0
+    assert 0.0 < disturbed.compass_weight[AT] < 0.2
+    np.testing.assert_allclose(disturbed.nav_R_body[AT], unseen.nav_R_body[AT], atol=1e-3)
+    np.testing.assert_allclose(*(np.diagonal(one.pose_cov[AT]) for one in (disturbed, unseen)), rtol=0.01)
     assert walked(0.0, compass_alone=True).causal().heading_sigma[AT] < 0.97 * disturbed.heading_sigma[AT]
 
 
 def test_the_heading_stays():
-    np.testing.assert_allclose(headings(past_a_magnet()), headings(without_magnet()), atol=0.15)
+    """By what the footfalls in the window of the gate, which weigh less, would have shown of it: one sigma of that."""
+    past, without = (one.causal().heading_sigma for one in (past_a_magnet(), without_magnet()))
+    lost = np.degrees(np.sqrt(np.maximum(past**2 - without**2, 0.0)))
+    assert (np.abs(headings(past_a_magnet()) - headings(without_magnet())) < lost + 0.05).all()
     np.testing.assert_allclose(past_a_magnet().causal().position, without_magnet().causal().position, atol=0.05)
 
 

@@ -84,10 +84,10 @@ def test_it_ends_with_what_its_graph_has_and_polished_with_the_batch(whole):
 def test_its_factors_are_counted(whole):
     """Further pieces of a long standing are footfalls of the graph, whose field counts with the first."""
     found = whole[0].finish()
-    counts, words = found.graph, found.stances.field
-    assert len(whole[0].smoothed()) > len(words)
-    assert counts["magnetic_heading"] == words.count("quasi-static") > 0
-    assert counts["magnetic_heading"] + counts["gated_out"] == len(words)
+    counts, weight = found.graph, found.stances.compass_weight
+    assert len(whole[0].smoothed()) > len(weight)
+    assert counts["magnetic_heading"] == np.count_nonzero(weight) > 0
+    assert counts["magnetic_heading"] + counts["gated_out"] == len(weight)
 
 
 def test_the_path_is_continuous_through_all_nodes(whole):

@@ -130,8 +130,8 @@ NODES = PathNodes(
     np.stack([np.eye(3)] * 2),
     *(np.zeros((2, 3)) for _ in range(2)),
 )
-ROW = np.concatenate([[3.0, 0.1], np.zeros(6), np.eye(3).ravel(), np.zeros(3), np.eye(4).ravel(), np.zeros(3)])
-ROWS = RowTable(0, np.stack([ROW, ROW + np.eye(39)[1]]), [("none", "")], np.zeros(2, dtype=np.int64))
+ROW = np.concatenate([[3.0, 0.1], np.zeros(6), np.eye(3).ravel(), np.zeros(3), np.eye(4).ravel(), np.zeros(4)])
+ROWS = RowTable(0, np.stack([ROW, ROW + np.eye(40)[1]]), [("none", "")], np.zeros(2, dtype=np.int64))
 LATER = np.array([5, 30])
 FALLS = FootfallTable(0, np.array([1, 1]), np.array([2, 20]), LATER, np.ones(2), LATER - 1, LATER, LATER, LATER)
 BENT = np.stack([np.eye(3), np.diag([1.0, 1.0, -1.0])])
@@ -153,8 +153,8 @@ RETURN = Return(np.arange(4.0), np.arange(4.0), False, 9.0, 1e-9, 2.0, np.zeros(
         (ROWS, {"which": np.array([0, 1])}),
         (ROWS, {"numbers": ROWS.numbers[::-1]}),
         (ROWS, {"numbers": -ROWS.numbers}),
-        (ROWS, {"numbers": np.where(np.arange(39) == 9, 1e300, ROWS.numbers)}),
-        (ROWS, {"numbers": np.where(np.arange(39) == 0, np.inf, ROWS.numbers)}),
+        (ROWS, {"numbers": np.where(np.arange(40) == 9, 1e300, ROWS.numbers)}),
+        (ROWS, {"numbers": np.where(np.arange(40) == 0, np.inf, ROWS.numbers)}),
         (ROWS, {"numbers": ROWS.numbers[:, :30]}),
         (ROWS, {"words": "none"}),
         (FALLS, {"counts": np.array([1, 2])}),

@@ -23,7 +23,6 @@ from fg_nav.online.stretch import Stretch
 from fg_nav.online.worker import Worker
 from tests.online.test_online_smoother import (
     FOOTFALLS,
-    WITH_WAY,
     add,
     farthest,
     fed,
@@ -52,7 +51,7 @@ def solved_as_a_whole() -> dict[bool, OnlineSmoother]:
 def in_windows(with_field: bool = False, lag_s: float | None = None) -> OnlineSmoother:
     """The same under `windows`."""
     if with_field:
-        return fed(in_field(), OnlineOptions(lag_s=lag_s, parameters=WITH_WAY))
+        return fed(in_field(), OnlineOptions(lag_s=lag_s))
     return fed(demo(), OnlineOptions(lag_s=lag_s))
 
 
@@ -127,7 +126,7 @@ def test_what_solves_beside_holds_a_window_of_samples_and_says_the_same(
 ) -> None:
     for owner, context_s in ((smoother, 3.0), (solving, 3.0), (strides, 2.0)):
         monkeypatch.setattr(owner, "CONTEXT_S", context_s)
-    options = OnlineOptions(lag_s=lag_s, parameters=WITH_WAY)
+    options = OnlineOptions(lag_s=lag_s)
     here, buffer = fed(in_field(), options), SampleBuffer()
     beside = InPieces(options, buffer)
     rows = rows_of(in_field().recording)
@@ -228,7 +227,7 @@ def test_a_process_beside_says_the_same_and_is_replaced_where_it_dies(
     (tmp_path / "numpy.py").write_text("raise ImportError\n")
     monkeypatch.chdir(tmp_path)
     walk, buffer, remarks = in_field(), SampleBuffer(), []
-    options = OnlineOptions(parameters=WITH_WAY)
+    options = OnlineOptions()
     here = fed(walk, options, 32)
     buffer.append(rows_of(walk.recording))
     solver = WorkerSolver(options, StanceParameters(), buffer, remarks.append)
