@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from fg_nav.calibration.magnetometer import MagnetometerCalibration
 from fg_nav.detection.causal import CausalParameters, CausalStances
 from fg_nav.frames import compute_heading, yaw_rotation
 from fg_nav.online.buffer import ToldFootfall
@@ -108,6 +109,7 @@ def straight(count: int, heading: float = 0.0) -> list:
             gyro_bias=np.zeros(3),
             pose_cov=np.eye(4),
             gyro_bias_sigma=np.ones(3),
+            compass_weight=1.0,
             field="none",
             field_reason="",
         ).as_row()
@@ -201,9 +203,10 @@ def test_a_footfall_that_was_missed_is_put_in() -> None:
 
 
 def test_a_map_that_was_turned_is_where_the_field_has_north() -> None:
-    """Without a heading the walk begins to the north; the field says where that is."""
+    """Without a heading the walk begins to the north; the field says where that is, with iron that is known."""
     walk = in_field()
-    online = smoother_of(walk, OnlineOptions(heading_rad=None))
+    none = MagnetometerCalibration("loop", np.zeros(3), np.eye(3), 1e-2 * np.eye(9), 48.0, 1.0, 1000)
+    online = smoother_of(walk, OnlineOptions(heading_rad=None, calibration=none))
     told, turns = [], []
     for k in range(12):
         found = add_told(online, walk, k)
