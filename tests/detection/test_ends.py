@@ -13,13 +13,20 @@ from fg_nav.stances import Stances
 RATE = 200.0
 BIAS = np.radians([0.3, -0.2, 0.4])
 
+SWAY_HZ = np.array([0.25, 0.5, 1.0, 2.0, 4.0])
+SWAY_DEG = 0.02 * np.sqrt(2.0) / SWAY_HZ / np.linalg.norm(1.0 / SWAY_HZ)
+"""Amplitudes, 0.02 deg rms in all: a foot turns as fast at each frequency, as in a random walk. Of a slow sine alone
+half a second would show a rate and no sway; real feet show it (`test_real_walks`)."""
+
 
 def resting(seconds, seed=0, noise_deg_s=0.1, tilt=0.2):
     rng = np.random.default_rng(seed)
     count = int(seconds * RATE)
     t = np.arange(count) / RATE
-    sway = np.radians(0.02) * 2 * np.pi * 0.5 * np.cos(2 * np.pi * 0.5 * t + rng.uniform(0, 6))
-    gyr = BIAS + np.radians(noise_deg_s) * rng.standard_normal((count, 3)) + sway[:, None]
+    turn = 2 * np.pi * SWAY_HZ
+    waves = np.cos(t[:, None, None] * turn[:, None] + rng.uniform(0.0, 2 * np.pi, (len(turn), 3)))
+    sway = np.einsum("f,tfa->ta", turn * np.radians(SWAY_DEG), waves)
+    gyr = BIAS + np.radians(noise_deg_s) * rng.standard_normal((count, 3)) + sway
     up = GRAVITY_M_S2 * np.array([np.sin(tilt), 0.0, np.cos(tilt)])
     recording = Recording(t=t, acc=up + 0.02 * rng.standard_normal((count, 3)), gyr=gyr)
     return recording, Stances.from_mask(np.ones(count, dtype=bool))
@@ -42,9 +49,12 @@ def test_a_rest_tells_the_bias_as_well_as_it_claims(seconds):
 
 
 def test_the_claim_falls_with_the_length_of_the_rest():
-    short, long = (find_start(*resting(s)).rest.sigma for s in (1.0, 10.0))
-    assert short > 4.0 * long
-    assert 0.007 < np.degrees(long) < 0.02  # what sway leaves, and the floor
+    short, long, longest = (
+        np.degrees(np.mean([find_start(*resting(seconds, seed)).rest.sigma for seed in range(10)]))
+        for seconds in (1.0, 10.0, 60.0)
+    )
+    assert short > 1.8 * long > 1.8 * 1.2 * longest
+    assert 0.015 < longest < 0.017  # what sway leaves, and the floor
 
 
 def test_a_rolling_foot_is_no_rest():
@@ -61,7 +71,7 @@ def test_the_lift_of_the_heel_is_left_out_of_the_rest():
     gyr[500:] += np.linspace(0.0, 1.0, 100)[:, None]
     start = find_start(replace(recording, gyr=gyr), stances)
     assert start.rest.stop == 500
-    np.testing.assert_allclose(start.rest.rate, BIAS, atol=3 * start.rest.sigma)
+    assert (np.abs(start.rest.rate - BIAS) < 3 * start.rest.sigma).all()
 
 
 def test_a_short_stance_is_no_rest():
@@ -83,5 +93,5 @@ def test_the_rest_may_come_after_some_fidgeting_in_the_same_footfall():
     together = find_start(fidgeting, replace(stances, footfall=np.zeros(2, dtype=np.int64)))
     assert apart.rest.stop <= 150
     assert together.rest.start >= 250
-    assert together.rest.sigma < 0.5 * apart.rest.sigma
+    assert together.rest.stop - together.rest.start > 3 * (apart.rest.stop - apart.rest.start)
     np.testing.assert_allclose(together.nav_R_body, apart.nav_R_body)
