@@ -26,8 +26,8 @@ Heading (`MagneticHeading`): the pose of a footfall against the building's field
 --------------------------------------------------------------------------------------------------------
 
 y is the field in the body frame, uT, h the hard iron left in the stance's axes, L = level_R_body these axes from the
-body's. In the navigation frame (East-North-Up) the field is n = R (y - L^T h). Its part across the horizontal field G of
-the region, to the right of it, is the deviation of the place:
+body's. In the navigation frame (East-North-Up) the field is n = R (y - L^T h). Its part across the horizontal field G
+of the region, to the right of it, is the deviation of the place:
 
     e = (n_E G_N - n_N G_E) / |G| - delta.
 
@@ -58,8 +58,8 @@ field is known everywhere (absolute heading). A magnet moves delta where it lies
 Line integral (`FieldPotential`): without currents the field has no curl, so over a walk only the two ends count
 ----------------------------------------------------------------------------------------------------------------
 
-B is the field in the navigation frame (East-North-Up), uT: that of the region, G, and that of the steel in it, which has
-a potential phi (uT m) that stays within bounds. With no current through the air
+B is the field in the navigation frame (East-North-Up), uT: that of the region, G, and that of the steel in it, which
+has a potential phi (uT m) that stays within bounds. With no current through the air
 
     B = G - grad phi,     integral of B . dp from a to b = G . (p_b - p_a) - (phi_b - phi_a),
 
@@ -108,7 +108,8 @@ by its ends, and by N + 1 footfalls of independent phi with sqrt(12 / N) in plac
 the field it is not seen to first order: there n_E E_N = n_N E_E.
 
 Where it fails: a path that passes through a circuit of current I picks up mu_0 I = 1.257 uT m for each ampere, at each
-passage, and keeps it. (A path through steel would meet the currents bound in it, but steel is not walked through.) Soft iron makes another
+passage, and keeps it. (A path through steel would meet the currents bound in it, but steel is not walked through.)
+Soft iron makes another
 E_h of the Earth's field, and what adds along the path like h; of the building's field it makes what does not telescope.
 A delay of the magnetometer turns y in the swing: take it off first. A tilt that is the same in all strides looks like
 iron along the path: the two share it by their priors.

@@ -11,7 +11,7 @@ gdin             ten surveyed walks of 35 to 150 m: rmse at the footprints, m
 ================ ====================================================================================================
 
 A method is one of `fg_nav.estimators` and what may follow it: `smoother:gate=aiez`, `smoother:directions`,
-`inertial`, `card`, `qsf`. Filters are tuned, with the magnetometer that all methods share: corrected by the walk itself.
+`inertial`, `card`, `qsf`. Filters are tuned, with the magnetometer that all methods share: by the walk itself.
 "sigmas" is error over claimed sigma of the last footfall, rms over walks and both axes; of gdin it is left out.
 """
 
@@ -107,7 +107,9 @@ def print_set(name: str, found: Mapping[tuple[str, str, str], Measured], chosen:
         sigmas = "-" if name == walks.GDIN else f"{np.sqrt(np.mean([one.squared_sigmas for one in some])):.2f}"
         each = " ".join(f"{one:.2f}" for one in error)
         compass = str(sum(one.compass for one in some))
-        rows.append((method, f"{error.mean():.3f}", f"{np.median(error):.3f}", f"{error.max():.2f}", sigmas, compass, each))
+        rows.append(
+            (method, f"{error.mean():.3f}", f"{np.median(error):.3f}", f"{error.max():.2f}", sigmas, compass, each)
+        )
     harness.print_table(("method", "mean", "median", "worst", "sigmas", "compass factors", "walk by walk"), rows)
 
 

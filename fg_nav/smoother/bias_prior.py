@@ -17,6 +17,7 @@ Only its factor changes, so the walk is solved again from its solution, not from
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import cast
 
 import gtsam
 import numpy as np
@@ -74,7 +75,8 @@ def _find_prior(graph: gtsam.NonlinearFactorGraph) -> int:
     return next(i for i in range(graph.size()) if isinstance(graph.at(i), gtsam.PriorFactorConstantBias))
 
 
-def _widen(factor: gtsam.PriorFactorConstantBias, by: float) -> gtsam.PriorFactorConstantBias:
-    sigmas = np.array(factor.noiseModel().sigmas())
+def _widen(factor: gtsam.NonlinearFactor, by: float) -> gtsam.PriorFactorConstantBias:
+    assert isinstance(factor, gtsam.PriorFactorConstantBias)
+    sigmas = np.array(cast("gtsam.noiseModel.Diagonal", factor.noiseModel()).sigmas())
     sigmas[GYRO] *= by
     return gtsam.PriorFactorConstantBias(B(0), factor.prior(), gtsam.noiseModel.Diagonal.Sigmas(sigmas))

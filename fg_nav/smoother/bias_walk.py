@@ -11,8 +11,8 @@ a chain of the biases and these nodes, for each level. With all that does not de
     -log p(z | q) = E(q) + log|R(q)| + 1/2 sum_i log|S_i(q)|                 (Laplace; MacKay 2003, section 27)
 
 E the error at the minimum of the linear graph, R the triangle of its square-root information. The walk has the mean of
-q^2 over `LEVELS_DEG_S`, weighted by evidence and `PRIOR`: the variance of the mixture, so no level has to win, and a walk
-too short to show one has that of the prior.
+q^2 over `LEVELS_DEG_S`, weighted by evidence and `PRIOR`: the variance of the mixture, so no level has to win, and a
+walk too short to show one has that of the prior.
 
 The evidence is that of the inertial graph. With the magnetic field it is larger, and chooses the same.
 """

@@ -74,8 +74,9 @@ MOST_CHI_SQUARE = 25.0
 """Per degree of freedom: the field of such a stretch changed by something that is not in the model."""
 
 STANCE_SIGMA_DEG_S, STANDING_SIGMA_DEG_S = 0.2, 0.05
-"""Error that the stances, or the standings, of one bias variable have in common: a rolling foot turns at 5 deg/s, and
-one per cent of that is the scale of a gyroscope or the soft iron of a magnetometer."""
+"""Error that all stances, or all standings, of a walk have in common: a rolling foot turns at 5 deg/s about its pitch,
+and soft iron of two per cent makes of it, by the vertical field, twice as much about up. Of 12 real walks it is 0.02 to
+0.7 deg/s, rms 0.3, without the noise of each (0.1 to 0.3) some 0.2."""
 
 IRON_UT, LEAST_IRON_UT = 30.0, 2.0
 """Hard iron per axis before the walk has shown it, of shoe, battery and the sensor's own board, where nothing was
@@ -282,7 +283,8 @@ class DifferentialFactors:
 
     def __init__(self, stances: StretchSum, standings: StretchSum, noise: FieldNoise, known: LevelBias) -> None:
         self.stances, self.standings, self.noise = stances, standings, noise
-        limited = known.weaken(limit_information(stances.information, standings.information, noise.iron, len(stances.count)))
+        count = len(stances.count)
+        limited = known.weaken(limit_information(stances.information, standings.information, noise.iron, count))
         residual = limited.residual()
         seen = np.flatnonzero(stances.count + standings.count)
         self._factors = [linear_factor_of(one_of(residual, int(k)), [B(int(k))]) for k in seen]
@@ -314,7 +316,9 @@ class DifferentialFactors:
         return len(self._factors)
 
 
-def limit_information(stances: BiasInformation, standings: BiasInformation, iron: Iron, variables: int) -> BiasInformation:
+def limit_information(
+    stances: BiasInformation, standings: BiasInformation, iron: Iron, variables: int
+) -> BiasInformation:
     """Limit the information of stances and of standings by what is common to each, add them, and eliminate the iron."""
     return _add_limited(stances, standings, variables).eliminate_iron(iron)
 

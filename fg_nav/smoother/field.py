@@ -13,8 +13,8 @@ judged with the attitudes of the round: with T_k its statistic, of n squares, an
 from the noise of a quiet field to none of the information. What deviates alike for metres and in whole regions are
 states (`roughness`). The iron of the magnetometer has the prior of its calibration.
 
-Whether a heading is given turns the path and changes nothing else: where it is, the direction of the field is free; where
-it is not, the start is, and north is where the field points.
+Whether a heading is given turns the path and changes nothing else: where it is, the direction of the field is free;
+where it is not, the start is, and north is where the field points.
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ STRENGTH_SIGMA_UT = 5.0
 
 LEFT_IRON_LEVEL_UT, LEFT_IRON_UP_UT = 0.3, 4.0
 """What a calibration leaves, one sigma an axis. Upward it turns forward in the swing, and stands for all that adds up
-along the path in all strides alike: soft iron, delay, tilt. Line integrals of 21 closed walks end off by 0.1 to 2 uT times
-their length, of which iron upward makes a third."""
+along the path in all strides alike: soft iron, delay, tilt. Line integrals of 21 closed walks end off by 0.1 to 2 uT
+times their length, of which iron upward makes a third."""
 
 LEAST_STRENGTH_UT = 3.0
 """Horizontal strength below which there is no compass."""
@@ -191,10 +191,10 @@ def write_notes(residuals: FieldResiduals, states: Floats) -> tuple[str, ...]:
     """Write what was found of the field, with its states (F, 9)."""
     east, north = np.median(states[:, E_H], axis=0)
     forward, left, up = states[-1, IRON]
-    rough, sigma = residuals.rough, residuals.sigma_uT
+    rough, used, count = residuals.rough, int(np.isfinite(residuals.sigma_uT).sum()), len(residuals.sigma_uT)
     return (
         f"field over ground {np.hypot(east, north):.1f} uT, {np.degrees(np.arctan2(east, north)):+.1f} deg from north; "
-        f"the compass of {np.isfinite(sigma).sum()} of {len(sigma)} footfalls weighs (gate {residuals.verdicts.detector})",
+        f"the compass of {used} of {count} footfalls weighs (gate {residuals.verdicts.detector})",
         f"it deviates by {rough.white_uT:.1f} uT from stride to stride, {_write(rough.across, 'uT')}, by region "
         f"{_write(rough.regional, 'uT')}, its potential by {_write(rough.potential, 'uT m')}",
         f"hard iron left in the stance's axes: {forward:.1f}, {left:.1f}, {up:.1f} uT",

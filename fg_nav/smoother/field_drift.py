@@ -2,10 +2,10 @@
 
 Gauss-Newton steps find the heading by the compass where it is off by less than a radian: its residual has a second zero
 half a turn away. Without the field a heading drifts by more in minutes where no rest shows the bias, and in hours
-anywhere. So the values from which the solver starts are bent back; the minimum stays where it is. With z_k the horizontal
-field at footfall k as the drifting heading has it, a complex number, s its spread and t_k the time,
+anywhere. So the values from which the solver starts are bent back; the minimum stays where it is. With z_k the field
+over ground at footfall k as the drifting heading has it, a complex number, and t_k the time,
 
-    rate     r = argmax  |z| |sum z_k exp(-i r t_k)| / s^2 - r^2 / (2 sigma_r^2)        a constant bias, sigma_r = 0.3 deg/s
+    rate     r = argmax  |sum z_k exp(-i r t_k)| / mean |z| - r^2 / (2 sigma_r^2)        a constant bias
     drift_k  = r t_k + angle of the mean of z exp(-i r t) over `WINDOW` footfalls about k, less that of the first
 
 each node is turned by minus what the drift is there, and so is each move from node to node.
@@ -21,8 +21,8 @@ from fg_nav.smoother.graph import turn_walk
 from fg_nav.smoother.strides import Nodes
 
 SHORTEST_WINDOW, LONGEST_WINDOW, PIECES = 40, 1024, 6
-"""Footfalls of a window: a sixth of the walk, within these bounds. 40 of them on a rough floor show a heading to 10 deg, a
-kilometre and more to 1 deg."""
+"""Footfalls of a window: a sixth of the walk, within these bounds. 40 of them on a rough floor show a heading to 10
+deg, a kilometre and more to 1 deg."""
 
 RATE_SIGMA_RAD_S = float(np.radians(0.3))
 """Of the drift before the field has shown it: an uncalibrated bias."""
@@ -45,7 +45,8 @@ def measure_drift(nav_field: Floats, t: Floats) -> Floats:
     level, since = np.nan_to_num(nav_field[:, 0] + 1j * nav_field[:, 1]), t - t[0]
     # The rate of a constant bias.
     spread = np.abs(level).mean()
-    rates = np.linspace(-4.0, 4.0, min(MOST_RATES, 1 + 2 * int(8.0 * RATE_SIGMA_RAD_S * since[-1]) + 2)) * RATE_SIGMA_RAD_S
+    count = min(MOST_RATES, 3 + 2 * int(8.0 * RATE_SIGMA_RAD_S * since[-1]))
+    rates = np.linspace(-4.0, 4.0, count) * RATE_SIGMA_RAD_S
     shown = np.array([np.abs((level * np.exp(-1j * rate * since)).sum()) for rate in rates]) / spread
     rate = rates[np.argmax(shown - 0.5 * (rates / RATE_SIGMA_RAD_S) ** 2)]
     # What is left of it, in windows.

@@ -212,7 +212,8 @@ def transition(distance_m: Floats, rough: FieldRoughness) -> FieldTransition:
     """Change of the state over strides (...) of these lengths, m."""
     keep, new = np.ones((*distance_m.shape, SIZE)), np.empty((*distance_m.shape, SIZE))
     new[..., E_H], new[..., IRON] = MEAN_WALK_UT, HARD_IRON_WALK_UT
-    for column, one in ((slice(PHI, PHI + 1), rough.potential), (slice(DELTA, DELTA + 1), rough.across), (REGION, rough.regional)):
+    parts = ([PHI], rough.potential), ([DELTA], rough.across), (REGION, rough.regional)
+    for column, one in parts:
         keep[..., column] = one.left(distance_m)[..., None]
         new[..., column] = one.innovation(distance_m)[..., None]
     return FieldTransition(keep, new)

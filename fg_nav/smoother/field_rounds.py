@@ -41,6 +41,7 @@ from fg_nav.smoother.potential import describe_jumps, free_jumps
 from fg_nav.smoother.solver import Solved, list_attitudes
 from fg_nav.system.memory import return_freed
 
+
 @dataclass(frozen=True)
 class FieldWalk:
     """A walk before it is solved with its field, turned to it where no heading was given; the integrals along it."""

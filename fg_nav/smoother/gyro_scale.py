@@ -21,9 +21,9 @@ eta with the estimate. With a prior of covariance S,
 
 and three models are as likely before the walk: nothing but what is alike (`ALIKE_SIGMA` in both halves, the same), one
 scale (`SCALE_SIGMA` more, the same in both), two that have nothing to do with each other (`SCALE_SIGMA` in each). Only
-the second is taken off: the samples are corrected by its s times its probability. The covariances of the walk hold the rest: a
-variable that moves by X s has X M X^T more, with M the second moment about what was taken off, over the three models
-(Hoeting et al. 1999).
+the second is taken off: the samples are corrected by its s times its probability, where that is more than what is
+alike. The covariances of the walk hold the rest: a variable that moves by X s has X M X^T more, with M the second moment about
+what was taken off, over the three models (Hoeting et al. 1999).
 
 Model: IEEE Std 528; D is this project's derivation, tested against preintegration of corrected samples.
 """
@@ -62,8 +62,8 @@ part."""
 class GyroScale:
     """Scale errors (3,) of the gyroscope that are taken off, and what is left about them.
 
-    `probability` of the model with one scale for the whole walk, `sigma` (3,) of its errors, and second moment (3, 3) of
-    what is wrong in all swings about the errors taken off, over all models; about none, where they do not matter.
+    `probability` of the model with one scale for the whole walk, `sigma` (3,) of its errors, and second moment (3, 3)
+    of what is wrong in all swings about the errors taken off, over all models; about none, where they do not matter.
     """
 
     scale: Floats
@@ -73,7 +73,7 @@ class GyroScale:
 
     @property
     def matters(self) -> bool:
-        """Whether they are more than what other errors of a swing make: else they stay in the samples, and the sigmas."""
+        """Whether they are more than what other errors of a swing make: else they stay, and are in the sigmas."""
         return bool(np.abs(self.scale).max() > ALIKE_SIGMA)
 
     @property

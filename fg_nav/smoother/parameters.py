@@ -105,7 +105,7 @@ class SmootherParameters:
     refuse_stances: bool = True
     """Trust stances less in which the foot moves by what the rest of the walk says (`refused_stances`)."""
     gyro_scale: bool = True
-    """Take off the gyroscope's scale errors that both halves of the walk show with its magnetic field (`gyro_scale`)."""
+    """Take off the scale errors of the gyroscope that both halves of a walk with a field show (`gyro_scale`)."""
     tilt_sigma_deg: float = 1.0
     """Tilt after levelling in the first stance, deg."""
     rest: RestParameters = field(default_factory=RestParameters)

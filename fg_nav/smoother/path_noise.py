@@ -14,10 +14,11 @@ no more than that. The evidence of the walk tells them apart, the longer the bet
     -log p(z | s) = E + log|R| + 1/2 sum log|S(s)|                         (Laplace; MacKay 2003, section 27)
 
 E the error at the minimum of the graph linearized once, R the triangle of its square-root information, S the noise of
-integrals and potential. The walk averages over the shares: it uses the mean of s under the posterior of s on `SHARES`, equally likely before the
-walk. The mean of a variance is that of the mixture, so no share has to win.
+integrals and potential. The walk averages over the shares: it uses the mean of s under the posterior of s on `SHARES`,
+equally likely before the walk. The mean of a variance is that of the mixture, so no share has to win.
 
-Cost. Nodes between the footfalls are eliminated once; each level eliminates what is left, a quarter of the variables."""
+Cost. Nodes between the footfalls are eliminated once; each level eliminates what is left, a quarter of the variables.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +28,6 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import V, X
 
-from fg_nav.arrays import Floats
 from fg_nav.factors.magnetic_field import E_H, PHI
 from fg_nav.smoother.evidence import average
 from fg_nav.smoother.field_factors import FieldFactors
@@ -38,6 +38,7 @@ from fg_nav.smoother.solver import list_in_time, stack_walk
 
 SHARES = (0.0, 0.01, 0.1, 1.0)
 """At 0 the sampling leaves a tenth of a uT m a stride."""
+
 
 @dataclass(frozen=True)
 class PathNoise:

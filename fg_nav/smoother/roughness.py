@@ -1,15 +1,15 @@
 """How rough the field of a walk is, from its deviations at the footfalls.
 
-At footfall k the field deviates from the walk's mean by e_k over the ground, uT an axis, and in potential by phi_k, uT m.
-What lies within a stride of the footfall is its own; what a larger object does is alike for metres; what a room or a
-wing does, for tens of them. Along the path, with s_kj the way between two footfalls,
+At footfall k the field deviates from the walk's mean by e_k over the ground, uT an axis, and in potential by phi_k,
+uT m. What lies within a stride of the footfall is its own; what a larger object does is alike for metres; what a
+corridor or a wing does, for tens of them. Along the path, with s_kj the way between two footfalls,
 
-    cov(e_k, e_j) = white^2 [k = j] + across^2 exp(-s_kj / length) + regional^2 exp(-s_kj / 20 m).
+    cov(e_k, e_j) = white^2 [k = j] + across^2 exp(-s_kj / length) + regional^2 exp(-s_kj / 60 m).
 
-The variance of e is that of the walk, deviations clipped at 4 robust sigmas. The share of it that is alike, and for how
-long, fit the walk's own covariances at 1 to 8 strides by least squares, weighted by their pairs, with an assumption that is
-worth `ASSUMED_PAIRS`. Before the field has shown the heading only its level strength counts, which no heading changes;
-then both axes do. The potential is a process of the same form without a white part,
+The variance of e is that of the walk, deviations clipped at 4 robust sigmas. How much of it is alike, and for how long,
+fits the walk's own covariances at 1 to 32 strides by least squares, weighted by their pairs, with an assumption that is
+worth `ASSUMED_PAIRS`. Only the deviation along the mean field counts, which no heading hides; before the field has
+shown the heading, its level strength. The potential, of `POTENTIAL_PER_FIELD_M` times the spread, has no white part,
 
     x_k = a_k x_{k-1} + w_k,    a_k = exp(-distance_k / length),    sd(w_k) = sigma sqrt(1 - a_k^2).
 """
@@ -55,9 +55,9 @@ LEAST_REGIONAL_UT = 0.01
 """Of a region: keeps the equations well conditioned where the field is the same everywhere."""
 
 POTENTIAL_PER_FIELD_M, POTENTIAL_LENGTH_M = 3.0, 12.0
-"""Spread of the potential over that of the field at the footfalls, the reach of the steel of a building, and its length.
-Along 8 real walks of 35 to 117 m whose path is known it is 2.6 to 3.8 m, and changes over five strides by as much as its
-spread."""
+"""Spread of the potential over that of the field at the footfalls, the reach of a building's steel, and its length.
+Along 8 real walks of 35 to 117 m whose path is known it is 2.6 to 3.8 m, and changes over five strides by as much as
+its spread."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ class Roughness:
 
 @dataclass(frozen=True)
 class FieldRoughness:
-    """Of a walk: potential (uT m), deviation across the field alike for metres, that of its region, and white part (uT)."""
+    """Of a walk: potential (uT m), deviation across the field alike for metres, of regions, and white part (uT)."""
 
     potential: Roughness
     across: Roughness
@@ -145,9 +145,7 @@ def _clip(deviation: Floats, seen: Bools) -> tuple[Floats, float]:
     return x, max(float(np.mean(x[seen] ** 2)), LEAST_SIGMA_UT**2)
 
 
-def _fit_covariance(
-    x: Floats, variance: float, seen: Bools, distance_m: Floats
-) -> tuple[Roughness, Roughness]:
+def _fit_covariance(x: Floats, variance: float, seen: Bools, distance_m: Floats) -> tuple[Roughness, Roughness]:
     """Fit what of the variance of deviations (F,) is alike along the path for metres, and in regions."""
     walked, count, apart, alike = np.append(0.0, np.cumsum(distance_m)), [], [], []
     for lag in LAGS:

@@ -26,14 +26,14 @@ def test_the_prior_is_on_the_gyroscope_alone(acc, gyro, rate, sigma):
     factor = zero_rate_factor(B(0), rate, sigma)
     chi_square = (((gyro - rate) / sigma) ** 2).sum()
     assert 2.0 * factor.error(bias_values(acc, gyro)) == pytest.approx(chi_square, rel=1e-9, abs=1e-9)
-    np.testing.assert_allclose(
-        factor.linearize(bias_values(acc, gyro)).information(), np.diag(np.concatenate([np.zeros(3), sigma**-2])), rtol=1e-9
-    )
+    expected = np.diag(np.concatenate([np.zeros(3), sigma**-2]))
+    np.testing.assert_allclose(factor.linearize(bias_values(acc, gyro)).information(), expected, rtol=1e-9)
 
 
 def test_rests_are_averaged_with_their_weights_and_solved_next_to_another_accelerometer_prior():
     graph = gtsam.NonlinearFactorGraph()
-    rates, sigmas = np.array([[0.01, 0.02, 0.03], [0.03, 0.02, 0.01]]), np.array([[0.01, 0.02, 0.04], [0.02, 0.02, 0.01]])
+    rates = np.array([[0.01, 0.02, 0.03], [0.03, 0.02, 0.01]])
+    sigmas = np.array([[0.01, 0.02, 0.04], [0.02, 0.02, 0.01]])
     for rate, sigma in zip(rates, sigmas, strict=True):
         graph.push_back(zero_rate_factor(B(0), rate, sigma))
     acc = gtsam.imuBias.ConstantBias(np.full(3, 0.5), np.zeros(3))
