@@ -86,8 +86,9 @@ class FieldRoughness:
     white_uT: float
 
 
-LEAST_NEW = 1e-4
-"""Of a deviation that is new at a footfall on the same spot: keeps the equations well conditioned."""
+LEAST_NEW = 1e-6
+"""Of a deviation that is new at a footfall on the same spot: keeps the equations well conditioned. Of a potential it is
+less than the noise of a line integral, so that standing shows nothing of it."""
 
 
 LEAST_TELESCOPING = 0.01

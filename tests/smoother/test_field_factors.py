@@ -14,8 +14,9 @@ from fg_nav.factors.magnetic_field import (
     E_H,
     IRON,
     PHI,
-    RHO,
+    REGION,
     SIZE,
+    TAIL_SIGMAS,
     FieldPrior,
     across_direction,
     across_field,
@@ -38,9 +39,11 @@ P = FieldParameters()
 COMPASS = replace(P, potential=False)
 EARTH = np.array([3.0, 20.0, -43.0])
 STRENGTH = float(np.hypot(3.0, 20.0))
-ROUGH = FieldRoughness(Roughness(4.0, 2.0), Roughness(5.0, 1.5), Roughness(2.0, 20.0))
+RIGHT = np.array([EARTH[1], -EARTH[0]]) / STRENGTH
+"""Of the field, over ground."""
+ROUGH = FieldRoughness(Roughness(4.0, 2.0), Roughness(5.0, 1.5), Roughness(2.0, 60.0), 3.0)
 FIRST = FieldPrior(
-    np.array([0.0, 0.0, 0.0, *EARTH[:2], 0.0, 0.0, 0.0]), np.array([4.0, 5.0, 2.0, 1.0, 5.0, 0.3, 0.3, 15.0])
+    np.array([0.0, 0.0, 0.0, 0.0, *EARTH[:2], 0.0, 0.0, 0.0]), np.array([4.0, 5.0, 2.0, 2.0, 1.0, 5.0, 0.3, 0.3, 15.0])
 )
 NEVER = 1e-4
 """Sigma of what is as good as known."""
@@ -166,8 +169,8 @@ def slopes(walked: Walked, values: gtsam.Values) -> dict[int, Floats]:
 @pytest.mark.parametrize("part", ["both", "compass", "potential"])
 def test_jacobians_are_the_derivatives_of_the_error(seed: int, part: str) -> None:
     """By the whole pose, also where its tilt is not the one that levels the field."""
-    p = replace(P, compass=part != "potential", potential=part != "compass")
-    walked = Walked(seed, p=p)
+    used = np.full(4, part != "potential")
+    walked = Walked(seed, p=replace(P, potential=part != "compass"), used=used)
     values = walked.values(off=1.0)
     gradient, expected = walked.linear(values).gradientAtZero(), slopes(walked, values)
     scale = {letter: max(np.abs(e).max() for key, e in expected.items() if key >> 56 == ord(letter)) for letter in "xm"}
@@ -214,19 +217,42 @@ def _zeros(walked: Walked) -> gtsam.VectorValues:
     return zeros
 
 
-def test_residuals_are_in_units_of_their_sigmas() -> None:
-    """One sigma off, each alone, is an error of one half."""
+def tail(x: float) -> float:
+    """Cauchy's loss of the compass at so many sigmas."""
+    return 0.5 * TAIL_SIGMAS**2 * float(np.log1p((x / TAIL_SIGMAS) ** 2))
+
+
+@pytest.mark.parametrize("sigmas", [1e-2, 1.0, 9.0])
+def test_residuals_are_in_units_of_their_sigmas_and_those_of_the_compass_have_a_tail(sigmas: float) -> None:
+    """Each alone: potential, deviation across the field, and that of the region, which no stride begins in."""
     walked = Walked(count=2)
-    true = walked.values()
-    for part, off in {PHI: PATH_SIGMA_UT_M, DELTA: COMPASS_SIGMA_UT, RHO: COMPASS_SIGMA_UT}.items():
-        changed = gtsam.Values(true)
-        m = true.atVector(M(1)).copy()
-        m[part] += off
-        changed.update(M(1), m)
-        d = walked.path.distance_m
-        rough = (ROUGH.potential, ROUGH.across, ROUGH.regional)[part]
+    true, d = walked.values(), walked.path.distance_m
+    right = np.zeros(SIZE)
+    right[REGION] = RIGHT
+    parts = (
+        (np.eye(SIZE)[PHI], PATH_SIGMA_UT_M, ROUGH.potential, 0.5 * sigmas**2),
+        (np.eye(SIZE)[DELTA], COMPASS_SIGMA_UT, ROUGH.across, tail(sigmas)),
+        (right, COMPASS_SIGMA_UT, ROUGH.regional, tail(sigmas)),
+    )
+    for one, sigma, rough, loss in parts:
+        off, changed = sigmas * sigma, gtsam.Values(true)
+        changed.update(M(1), true.atVector(M(1)) + off * one)
         new = rough.sigma * np.sqrt(1 - np.exp(-2 * d[0] / rough.length_m))
-        assert walked.factors.error(changed) == pytest.approx(0.5 + 0.5 * (off / new) ** 2, rel=1e-6)
+        assert walked.factors.error(changed) == pytest.approx(loss + 0.5 * (off / new) ** 2, rel=1e-2)
+
+
+def test_states_are_processes_of_their_roughness() -> None:
+    """Without a reading their covariance is that of stationary processes along the path; region: each axis its own."""
+    walked = Walked(count=6, p=COMPASS, used=np.zeros(6, dtype=bool))
+    information = walked.linear(walked.values()).hessian(walked.order())[0]
+    states = np.linalg.inv(information[36:, 36:]).reshape(6, SIZE, 6, SIZE)
+    way = np.append(0.0, np.cumsum(walked.path.distance_m))
+    apart = np.abs(way[:, None] - way)
+    of = {PHI: ROUGH.potential, DELTA: ROUGH.across, 2: ROUGH.regional, 3: ROUGH.regional}
+    for part, rough in of.items():
+        expected = rough.sigma**2 * np.exp(-apart / rough.length_m)
+        np.testing.assert_allclose(states[:, part, :, part], expected, rtol=1e-6)
+    np.testing.assert_allclose(states[:, 2, :, 3], 0.0, atol=1e-9)
 
 
 def test_a_heading_wrong_by_an_angle_is_seen_across_and_along_the_path() -> None:
@@ -242,16 +268,14 @@ def test_a_heading_wrong_by_an_angle_is_seen_across_and_along_the_path() -> None
 
 def test_a_deviation_across_the_field_is_delta_and_a_wrong_heading() -> None:
     """The same residual: 2 uT to the right of the field, or a body that has turned by as much to the left."""
-    right = np.array([EARTH[1], -EARTH[0], 0.0]) / STRENGTH
-    walked = Walked(count=2, deviation=np.tile(2.0 * right, (2, 1)))
+    walked = Walked(count=2, deviation=np.tile(2.0 * np.append(RIGHT, 0.0), (2, 1)))
     values = walked.values()
     given = gtsam.Values(values)
     for k in range(2):
         m = values.atVector(M(k)).copy()
         m[DELTA] = 2.0
         given.update(M(k), m)
-    compass = replace(P, potential=False)
-    factors = FieldFactors(walked.readings, walked.path, FIRST, _held(ROUGH), compass)
+    factors = FieldFactors(walked.readings, walked.path, FIRST, _held(ROUGH), COMPASS)
     assert factors.error(given) == pytest.approx(0.5 * (2.0 / 5.0) ** 2, rel=1e-6)
     turned = values
     for k in range(2):
@@ -304,26 +328,27 @@ def headings_off(walked: Walked, values: gtsam.Values) -> Floats:
 
 def next_to_a_magnet(smooth: FieldRoughness, used: Floats | None = None) -> tuple[Walked, gtsam.Values]:
     """The fourth of eight footfalls stands next to a magnet."""
-    right = np.array([EARTH[1], -EARTH[0], 0.0]) / STRENGTH
     deviation = np.zeros((8, 3))
-    deviation[3] = 60.0 * right
+    deviation[3, :2] = 60.0 * RIGHT
     walked = Walked(count=8, tilt=0.0, deviation=deviation, rough=smooth, p=COMPASS, used=used)
     return walked, solved(walked, walked.values(), np.radians(1.0))
 
 
-def test_a_compass_that_is_not_used_turns_nothing() -> None:
-    smooth = FieldRoughness(Roughness(0.5, 1.5), Roughness(0.5, 1.5), Roughness(0.2, 20.0))
-    gated, ungated = (
-        np.degrees(np.abs(headings_off(*next_to_a_magnet(smooth, used)))) for used in (np.arange(8) != 3, None)
+SMOOTH = FieldRoughness(Roughness(0.5, 1.5), Roughness(0.5, 1.5), Roughness(0.2, 60.0), 0.0)
+
+
+def test_a_compass_that_is_not_used_turns_nothing_and_one_in_the_tail_little() -> None:
+    """60 uT at 200 sigmas: of the 70 deg by which it points away hardly anything is left."""
+    unused, in_tail = (
+        np.degrees(np.abs(headings_off(*next_to_a_magnet(SMOOTH, used)))).max() for used in (np.arange(8) != 3, None)
     )
-    assert gated.max() < 0.1
-    assert ungated.max() > 1.0
+    assert unused < 0.1
+    assert unused < in_tail < 1.0
 
 
 def test_a_compass_next_to_a_magnet_moves_delta_where_it_may() -> None:
     """Where the field is as rough as that, and where it is not the heading."""
-    rough = FieldRoughness(Roughness(0.5, 1.5), Roughness(60.0, 0.3), Roughness(0.2, 20.0))
-    walked, values = next_to_a_magnet(rough)
+    walked, values = next_to_a_magnet(replace(SMOOTH, across=Roughness(60.0, 0.3)))
     states = walked.factors.states(values)
     assert states[3, DELTA] == pytest.approx(60.0, abs=1.0)
     assert np.abs(np.delete(states[:, DELTA], 3)).max() < 3.0
@@ -333,14 +358,12 @@ def test_a_compass_next_to_a_magnet_moves_delta_where_it_may() -> None:
 def test_a_field_that_is_not_where_it_was_expected_turns_and_does_not_shrink() -> None:
     """Direction and strength are priors of their own: an E of none would have no direction to be wrong by."""
     expected = FieldPrior(
-        np.array([0.0, 0, 0, 0, STRENGTH, 0, 0, 0]), np.array([1.0, 0.3, 0.3, 0.7, 5.0, 0.3, 0.3, 15])
+        np.array([0.0, 0, 0, 0, 0, STRENGTH, 0, 0, 0]), np.array([1.0, 0.3, 0.3, 0.3, 0.7, 5.0, 0.3, 0.3, 15])
     )
     deviation = np.zeros((30, 3))
     deviation[:, :2] = STRENGTH * np.array([np.sin(0.5), np.cos(0.5)]) - EARTH[:2]
-    smooth = FieldRoughness(NONE, NONE, NONE)
-    walked = Walked(
-        count=30, tilt=0.0, deviation=deviation, rough=smooth, first=expected, p=replace(P, potential=False)
-    )
+    smooth = FieldRoughness(NONE, NONE, NONE, 0.0)
+    walked = Walked(count=30, tilt=0.0, deviation=deviation, rough=smooth, first=expected, p=COMPASS)
     states = walked.factors.states(solved(walked, walked.values(), NEVER))
     strength = np.linalg.norm(states[:, E_H], axis=1)
     np.testing.assert_allclose(strength, STRENGTH, atol=1.0)
@@ -363,7 +386,7 @@ def steady(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("steady")
 def test_without_any_deviation_it_is_a_compass() -> None:
     """As much information on each heading as an azimuth with its honest sigma, and none that is shared."""
-    walked = Walked(rough=FieldRoughness(NONE, NONE, NONE), first=KNOWN, p=COMPASS)
+    walked = Walked(rough=FieldRoughness(NONE, NONE, NONE, 0.0), first=KNOWN, p=COMPASS)
     found = walked.of_yaws(walked.values())
     expected = (COMPASS_SIGMA_UT / STRENGTH) ** -2
     np.testing.assert_allclose(found, expected * np.eye(walked.count), rtol=1e-4, atol=1e-4 * expected)
@@ -373,7 +396,7 @@ def test_without_any_deviation_it_is_a_compass() -> None:
 def test_a_deviation_that_is_new_at_each_footfall_adds_to_the_noise() -> None:
     own = Roughness(5.0, 1e-3)
     walked = Walked(
-        rough=FieldRoughness(NONE, own, NONE),
+        rough=FieldRoughness(NONE, own, NONE, 0.0),
         first=replace(KNOWN, sigma=np.where(np.arange(SIZE) == DELTA, 5.0, NEVER)),
         p=COMPASS,
     )
@@ -393,7 +416,7 @@ def test_with_endless_deviation_that_stays_it_is_the_difference_of_two_fields() 
     """Nothing on the heading itself; on the difference of two, what their difference has across the field."""
     endless = Roughness(1e4, 1e14)
     first = replace(KNOWN, sigma=np.where(np.arange(SIZE) == DELTA, 1e4, NEVER))
-    walked = Walked(count=2, tilt=0.0, rough=FieldRoughness(NONE, endless, NONE), first=first, p=COMPASS)
+    walked = Walked(count=2, tilt=0.0, rough=FieldRoughness(NONE, endless, NONE, 0.0), first=first, p=COMPASS)
     found = walked.of_yaws(walked.values())
     # e = R_i y_i - R_j y_j of two poses that see one field, whatever it is
     of_turn = [
@@ -413,22 +436,22 @@ def test_with_endless_deviation_that_stays_it_is_the_difference_of_two_fields() 
 @pytest.mark.usefixtures("nothing_new", "steady")
 def test_a_region_is_one_unknown_for_all_footfalls_in_it() -> None:
     """The common heading is known to its deviation, however many footfalls; differences as if it were not there."""
-    first = replace(KNOWN, sigma=np.where(np.arange(SIZE) == RHO, 2.0, NEVER))
+    first = replace(KNOWN, sigma=np.where(np.isin(np.arange(SIZE), [2, 3]), 2.0, NEVER))
     for count in (4, 12):
         region = Roughness(2.0, 1e12)
-        walked = Walked(count=count, rough=FieldRoughness(NONE, NONE, region), first=first, p=COMPASS)
+        walked = Walked(count=count, rough=FieldRoughness(NONE, NONE, region, 0.0), first=first, p=COMPASS)
         covariance = np.linalg.inv(walked.of_yaws(walked.values())) * STRENGTH**2
         expected = 2.0**2 + COMPASS_SIGMA_UT**2 * np.eye(count)
         np.testing.assert_allclose(covariance, expected, rtol=1e-3)
 
 
 def test_a_footfall_without_a_field_is_passed_over() -> None:
-    walked = Walked(used=np.array([True, False, True, True]), p=replace(P, potential=False))
+    walked = Walked(used=np.array([True, False, True, True]), p=COMPASS)
     found = walked.of_yaws(walked.values())
     np.testing.assert_allclose(found[1], 0.0, atol=1e-6 * found[0, 0])
     assert found[0, 0] > 1.0
     anything = replace(walked.readings, body_field=walked.readings.body_field + 1e4 * (np.arange(4) == 1)[:, None])
-    factors = FieldFactors(anything, walked.path, FIRST, ROUGH, replace(P, potential=False))
+    factors = FieldFactors(anything, walked.path, FIRST, ROUGH, COMPASS)
     assert factors.error(walked.values()) < 1e-18
 
 

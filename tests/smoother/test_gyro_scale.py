@@ -12,7 +12,7 @@ from fg_nav.magnetic import average_footfall_field
 from fg_nav.mechanisation import NavState, rotation_vector, strapdown
 from fg_nav.recording import Recording
 from fg_nav.smoother import smooth
-from fg_nav.smoother.gyro_scale import ALIKE_SIGMA, SCALE_SIGMA, GyroScale, compare_models, sense_scale
+from fg_nav.smoother.gyro_scale import ALIKE_SIGMA, LEAST_OWN, SCALE_SIGMA, GyroScale, average_models, sense_scale
 from fg_nav.solution import Solution
 from tests.simulated import corridor
 from tests.smoother.test_field import earth, heading_error_deg, in_field
@@ -86,36 +86,84 @@ def test_sigmas_hold_a_scale_that_the_walk_does_not_refute() -> None:
     assert counted.heading_sigma[-1] > ignored.heading_sigma[-1]
 
 
-@pytest.mark.parametrize("nats", [-2.0, 0.0, 2.0, 8.0])
-def test_second_moment_is_that_of_both_models_drawn(nats: float) -> None:
-    """With probability w the errors are N(s, P), else they are smaller."""
-    rng = np.random.default_rng(1)
-    root = np.array([[2.0, 0.0, 0.0], [1.0, 3.0, 0.0], [0.0, -1.0, 1.0]]) * 1e-3
-    with_errors = (rng.random(200_000) < np.exp(nats) / (1.0 + np.exp(nats)))[:, None]
-    normal = rng.standard_normal((200_000, 3))
-    drawn = np.where(with_errors, SCALE / 4 + normal @ root.T, 2e-4 * normal)
-    found = GyroScale(SCALE / 4, root @ root.T, nats, 4e-8 * np.eye(3)).second_moment
-    np.testing.assert_allclose(found, drawn.T @ drawn / len(drawn), atol=0.02 * np.trace(found) + 1e-9)
+def test_a_scale_in_one_half_alone_is_left_as_it_is() -> None:
+    """It is no scale, and stays in the sigmas."""
+    recording, stances = in_field(earth()), demo().stances
+    late = np.arange(len(recording))[:, None] >= len(recording) // 2
+    wrong = replace(recording, gyr=recording.gyr * (1.0 + SCALE * late))
+    found = smooth(wrong, stances, DEFAULT, 0.0, field=average_footfall_field(wrong, stances))
+    assert not is_noted(found)
+    assert found.stances.heading_sigma[-1] > 1.5 * smoothed(False).stances.heading_sigma[-1]
 
 
-def test_nats_are_those_of_the_densities_of_the_estimate() -> None:
-    """What the walk says is one estimate of the scale with a covariance; it is drawn about zero by either model."""
-    root = np.array([[2.0, 0.0, 0.0], [1.0, 3.0, 0.0], [0.0, -1.0, 1.0]]) * 1e-3
-    covariance = root @ root.T
-    information = np.linalg.inv(covariance)
-    found = compare_models(information, information @ SCALE)
-    densities = [
-        multivariate_normal(cov=covariance + variance * np.eye(3)).logpdf(SCALE)
-        for variance in (SCALE_SIGMA**2 + ALIKE_SIGMA**2, ALIKE_SIGMA**2)
-    ]
-    assert found.nats == pytest.approx(densities[0] - densities[1], rel=1e-9)
+def priors() -> list[Floats]:
+    """Covariances of the errors of both halves: nothing but what is alike, one scale, one in each half."""
+    same, own = np.kron(np.ones((2, 2)), np.eye(3)), np.eye(6)
+    alike = ALIKE_SIGMA**2 * (same + LEAST_OWN * own)
+    return [alike, alike + SCALE_SIGMA**2 * same, alike + SCALE_SIGMA**2 * own]
+
+
+NOISE = np.kron([[1.0, 0.2], [0.2, 2.0]], [[4.0, 1.0, 0.0], [1.0, 9.0, -1.0], [0.0, -1.0, 2.0]]) * 1e-6
+"""Covariance (6, 6) of what a walk shows of the errors of its halves."""
+
+
+def average_shown(shown: Floats, noise: Floats = NOISE) -> GyroScale:
+    """Average over the models, by errors (6,) that a walk shows with this noise."""
+    information = np.linalg.inv(noise)
+    return average_models(information, information @ shown)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_evidence_of_the_three_models_is_that_of_multivariate_normals(seed: int) -> None:
+    """So are the mean and the second moment, by the gains of normal variables."""
+    rng = np.random.default_rng(seed)
+    shown = rng.multivariate_normal(np.zeros(6), priors()[seed % 3] + NOISE)
+    weight = np.array([multivariate_normal(cov=prior + NOISE).pdf(shown) for prior in priors()])
+    weight /= weight.sum()
+    half = np.kron([[0.5, 0.5]], np.eye(3))
+    gains = [prior @ np.linalg.inv(prior + NOISE) for prior in priors()]
+    means = np.array([half @ gain @ shown for gain in gains])
+    left = [half @ (prior - gain @ prior) @ half.T for gain, prior in zip(gains, priors(), strict=True)]
+    found = average_shown(shown)
+    assert found.probability == pytest.approx(weight[1], rel=1e-6)
+    np.testing.assert_allclose(found.scale, weight[1] * means[1], atol=1e-9)
+    np.testing.assert_allclose(found.sigma, np.sqrt(np.diag(left[1])), rtol=1e-6)
+    off = means - found.scale * found.matters
+    expected = sum(w * (P + np.outer(m, m)) for w, P, m in zip(weight, left, off, strict=True))
+    np.testing.assert_allclose(found.second_moment, expected, atol=1e-11)
+
+
+def test_second_moment_over_walks_is_that_of_what_is_left_of_their_errors() -> None:
+    """Of errors drawn as the three models have them, equally often."""
+    rng = np.random.default_rng(0)
+    roots, moment, expected = (
+        [np.linalg.cholesky(one) for one in (*priors(), NOISE)],
+        np.zeros((3, 3)),
+        np.zeros((3, 3)),
+    )
+    for draw in range(3000):
+        errors = roots[draw % 3] @ rng.standard_normal(6)
+        found = average_shown(errors + roots[3] @ rng.standard_normal(6))
+        left = 0.5 * (errors[:3] + errors[3:]) - found.scale * found.matters
+        moment += found.second_moment
+        expected += np.outer(left, left)
+    np.testing.assert_allclose(moment, expected, atol=0.05 * np.trace(expected))
+
+
+def test_errors_that_differ_between_the_halves_are_not_taken_off() -> None:
+    one_half, both = np.append(SCALE, np.zeros(3)), np.append(SCALE, SCALE)
+    found = average_shown(one_half)
+    assert not found.matters
+    assert (np.diag(found.second_moment) > (0.8 * SCALE / 2) ** 2).all()
+    assert average_shown(both).matters
+    np.testing.assert_allclose(average_shown(both).scale, SCALE, atol=0.003)
 
 
 def test_a_small_error_is_no_scale_however_long_the_walk() -> None:
     """Axes out of square look like a few tenths of a percent in any walk; two percent are a scale in a short one."""
     small, large = 0.003 * np.array([1.0, -1.0, 1.0]), 0.02 * np.array([0.0, 1.0, 0.0])
-    assert not compare_models(np.eye(3) / 1e-8, small / 1e-8).is_shown
-    assert compare_models(np.eye(3) / 1e-5, large / 1e-5).is_shown
+    assert not average_shown(np.tile(small, 2), 1e-8 * np.eye(6)).matters
+    assert average_shown(np.tile(large, 2), 1e-5 * np.eye(6)).matters
 
 
 def test_without_a_field_the_scale_is_left_as_it_is() -> None:
@@ -123,7 +171,7 @@ def test_without_a_field_the_scale_is_left_as_it_is() -> None:
 
 
 def test_corrected_samples_are_those_without_the_errors() -> None:
-    found = GyroScale(SCALE, np.eye(3) * 1e-6, 10.0, np.zeros((3, 3))).remove_from(scaled(SCALE))
+    found = GyroScale(SCALE, np.full(3, 1e-3), 1.0, np.zeros((3, 3))).remove_from(scaled(SCALE))
     np.testing.assert_allclose(found.gyr, in_field(earth()).gyr, atol=1e-12)
 
 

@@ -2,32 +2,35 @@
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
+from typing import cast
 
+import gtsam
 import numpy as np
 import pytest
+from gtsam.symbol_shorthand import M, X
+from scipy.stats import multivariate_normal
 
+from fg_nav.arrays import Floats
+from fg_nav.factors.magnetic_field import PHI, SIZE
+from fg_nav.factors.residual import Stack
 from fg_nav.lab.simulation.fields import draw_environment
 from fg_nav.magnetic import average_footfall_field
 from fg_nav.recording import Recording
-from fg_nav.smoother import smooth
-from fg_nav.smoother.evidence import MOST_NATS
+from fg_nav.smoother import path_noise, smooth
+from fg_nav.smoother.field_factors import PATH_SIGMA_UT_M, FieldFactors
 from fg_nav.smoother.field_rounds import look_along, solve_with_field
+from fg_nav.smoother.graph import WalkProblem
 from fg_nav.smoother.linear import LinearWalk
-from fg_nav.smoother.path_noise import (
-    REFUTED_NATS,
-    SHARES,
-    PathNoise,
-    _eliminate_between,
-    _minus_log_evidence,
-    choose_path_noise,
-    choose_share,
-)
+from fg_nav.smoother.path_noise import SHARES, PathNoise, _eliminate_between, _minus_log_evidence, average_path_noise
 from fg_nav.smoother.problem import walk_problem
+from fg_nav.smoother.roughness import LEAST_TELESCOPING, FieldRoughness
 from fg_nav.smoother.solver import list_in_time, stack_walk
 from fg_nav.stances import Stances
 from tests.smoother.test_field import heading_error_deg, in_field, replace_field, truth_of
-from tests.smoother.test_potential import ALWAYS, EARTH, solved_in
-from tests.smoother.walks import demo, track_of
+from tests.smoother.test_field_factors import KNOWN, NEVER, NONE, ROUGH, Walked, steady  # noqa: F401
+from tests.smoother.test_potential import EARTH, solved_in
+from tests.smoother.walks import DEFAULT, demo, track_of
 
 
 @cache
@@ -39,17 +42,64 @@ def noise_of(seed: int, drift_uT_m: float) -> PathNoise:
     bold = problem.field.assume_lost_share(0.0)
     noise = drift_uT_m * np.random.default_rng(seed).standard_normal(len(bold.path.u))
     noisy = bold._with(replace(bold.path, u=bold.path.u + noise), 0.0)
-    return choose_path_noise(replace(problem, field=noisy), found.solved.values)
+    return average_path_noise(replace(problem, field=noisy), found.solved.values)
 
 
-def test_the_largest_share_not_refuted_and_the_smallest_near_the_best_are_taken() -> None:
-    evidence = np.full(len(SHARES), 2.0 * REFUTED_NATS)
-    evidence[1:3] = 0.0, MOST_NATS - 0.1
-    assert choose_share(evidence) == (SHARES[1], SHARES[2])
+def potentials(share: float, walked: Walked) -> multivariate_normal:
+    """Density of what the integrals of the strides deviate by from those of the building's field, poses known."""
+    rough, way = ROUGH.potential, np.append(0.0, np.cumsum(walked.path.distance_m))
+    telescoping = max(1.0 - share, LEAST_TELESCOPING) * rough.sigma**2
+    covariance = telescoping * np.exp(-np.abs(way[:, None] - way) / rough.length_m)
+    own = share * 2.0 * rough.sigma**2 * (1.0 - np.exp(-walked.path.distance_m / rough.length_m))
+    change = np.diff(np.eye(len(way)), axis=0)
+    return multivariate_normal(cov=change @ covariance @ change.T + np.diag(PATH_SIGMA_UT_M**2 + own))
 
 
-def test_flat_evidence_leaves_the_worst_open() -> None:
-    assert choose_share(np.zeros(len(SHARES))) == (SHARES[0], SHARES[-1])
+def held(walked: Walked, added: Floats) -> tuple[FieldFactors, LinearWalk, gtsam.Values]:
+    """Factors of a walk whose integrals are off by so much in a building that is known, and the walk without them."""
+    field = walked.factors._with(replace(walked.path, u=walked.path.u + added), 0.0)
+    count = walked.count
+    poses = np.array([[X(2 * k)] for k in range(count)], dtype=np.uint64)
+    known = np.tile(np.hstack([np.eye(6) / NEVER**2, np.zeros((6, 1))]), (count, 1, 1))
+    keys = np.array([key for k in range(count) for key in (X(2 * k), M(k))], dtype=np.uint64)
+    return field, LinearWalk.of([Stack(poses, known)], keys), walked.values()
+
+
+def in_known_building(count: int) -> Walked:
+    """Nothing but the potential is asked."""
+    first = replace(KNOWN, sigma=np.where(np.arange(SIZE) == PHI, ROUGH.potential.sigma, NEVER))
+    rough = FieldRoughness(ROUGH.potential, NONE, NONE, 0.0)
+    return Walked(count=count, tilt=0.0, rough=rough, first=first, used=np.zeros(count, dtype=bool))
+
+
+@pytest.mark.usefixtures("steady")
+def test_evidence_is_that_of_the_density_of_the_integrals() -> None:
+    walked = in_known_building(40)
+    added = potentials(0.1, walked).rvs(random_state=0)
+    field, rest, values = held(walked, added)
+    found = [_minus_log_evidence(rest, field.assume_lost_share(share), values) for share in SHARES]
+    expected = [-potentials(share, walked).logpdf(added) for share in SHARES]
+    np.testing.assert_allclose(np.diff(found), np.diff(expected), atol=1e-3)
+
+
+def find_shares(walked: Walked, true: float, draws: int, monkeypatch: pytest.MonkeyPatch) -> Floats:
+    """Find the shares of integrals drawn with a true one."""
+    shares = []
+    for added in potentials(true, walked).rvs(draws, random_state=1):
+        field, rest, values = held(walked, added)
+        monkeypatch.setattr(path_noise, "_eliminate_between", lambda *_, rest=rest: rest)
+        problem = cast(WalkProblem, SimpleNamespace(field=field))
+        shares.append(average_path_noise(problem, values).lost_share)
+    return np.array(shares)
+
+
+@pytest.mark.usefixtures("steady")
+def test_the_mean_share_over_walks_is_that_of_the_walks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As often each: on short walks all are near the mean, on long ones each near its own."""
+    for count, apart in ((8, 0.0), (150, 0.8)):
+        found = [find_shares(in_known_building(count), share, 30, monkeypatch) for share in SHARES]
+        assert np.mean(found) == pytest.approx(np.mean(SHARES), abs=0.1)
+        assert found[-1].mean() - found[0].mean() > apart
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
@@ -59,7 +109,8 @@ def test_a_walk_of_a_minute_over_a_rough_floor_leaves_much_drift_open(seed: int)
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_integrals_that_do_not_telescope_are_not_taken_for_those_that_do(seed: int) -> None:
-    assert noise_of(seed, 10.0).drift_m > 0.2
+    """Of 3 uT m a stride in a field of 20 uT."""
+    assert noise_of(seed, 3.0).drift_m > 3.0 / 20.0
 
 
 def test_nodes_eliminated_first_change_no_difference_of_evidence() -> None:
@@ -84,9 +135,9 @@ def over_rough_floor(seed: int) -> Recording:
 
 def noise_on(recording: Recording, stances: Stances) -> PathNoise:
     """Of a walk solved with its integrals."""
-    problem = walk_problem(recording, stances, None, ALWAYS)
+    problem = walk_problem(recording, stances, None, DEFAULT)
     found = solve_with_field(look_along(problem, average_footfall_field(recording, stances), track_of(problem)))
-    return choose_path_noise(found.problem, found.solved.values)
+    return average_path_noise(found.problem, found.solved.values)
 
 
 def test_a_standing_in_pieces_shows_no_more_of_it_than_a_standing() -> None:

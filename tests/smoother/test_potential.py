@@ -1,6 +1,5 @@
 """Jumps of the field's potential: a corridor with circuits of current across it, and the statistic that finds them."""
 
-import math
 from dataclasses import replace
 from functools import cache
 
@@ -23,11 +22,11 @@ from fg_nav.smoother.potential import (
     list_jumps,
 )
 from fg_nav.smoother.problem import walk_problem
-from tests.smoother.test_field import in_field, replace_field, truth_of
-from tests.smoother.walks import demo, track_of
+from tests.smoother.test_field import in_field, truth_of
+from tests.smoother.walks import DEFAULT, demo, track_of
 
 EARTH = Homogeneous(np.array([0.0, 20.0, -43.0]))
-ALWAYS = replace_field(potential_drift_m=math.inf)
+CURRENT_A = 150.0
 
 
 def frame_across(recording: Recording, share: float, current_A: float) -> tuple[Circuit, int]:
@@ -51,24 +50,40 @@ def solved_in(seed: int, *currents: tuple[float, float], rough: bool = True) -> 
     frames = [frame_across(recording, *one) for one in currents]
     recording = in_field(Sum((building, *(frame for frame, _ in frames))).at, seed)
     heading = float(compute_heading(truth_of(recording).nav_R_body[:1])[0])
-    problem = walk_problem(recording, stances, heading, ALWAYS)
+    problem = walk_problem(recording, stances, heading, DEFAULT)
     found = solve_with_field(look_along(problem, average_footfall_field(recording, stances), track_of(problem)))
     sample = found.problem.nodes.sample[found.problem.nodes.result]
     return found, [int(np.searchsorted(sample, passed)) - 1 for _, passed in frames]
 
 
+def integrate_frame(seed: int, first: int, last: int, found: FieldSolution) -> float:
+    """Integral of the frame's own field along the path from one footfall to another, uT m."""
+    recording = demo(seed).recording
+    frame, _ = frame_across(recording, 0.4, CURRENT_A)
+    sample = found.problem.nodes.sample[found.problem.nodes.result]
+    path = truth_of(recording).position[sample[first] : sample[last] + 1]
+    field = frame.at(path)
+    return float((0.5 * (field[1:] + field[:-1]) * np.diff(path, axis=0)).sum())
+
+
 @pytest.mark.parametrize("seed", [0, 1, 2])
-def test_a_circuit_is_found_where_it_is_passed_with_its_current(seed: int) -> None:
-    found, strides = solved_in(seed, (0.4, 150.0))
+def test_a_circuit_is_found_where_it_is_passed_with_what_its_current_adds_there(seed: int) -> None:
+    """Over three strides: four fifths of mu_0 I. What the frame does further off is within the potential's bounds."""
+    found, strides = solved_in(seed, (0.4, CURRENT_A))
     (jump,) = list_jumps(found.problem, found.solved)
     assert jump.first <= strides[0] < jump.last
-    assert abs(jump.size_uT_m) / UT_M_PER_AMPERE == pytest.approx(150.0, abs=30.0)
+    added = integrate_frame(seed, jump.first, jump.last, found)
+    assert 0.75 * UT_M_PER_AMPERE * CURRENT_A < abs(added) < UT_M_PER_AMPERE * CURRENT_A
+    assert jump.size_uT_m == pytest.approx(added, rel=0.15)
     (note,) = describe_jumps(found.problem, found.solved)
     assert "circuit of 1" in note
 
 
 def test_the_current_flows_as_the_jump_has_its_sign() -> None:
-    sizes = [list_jumps(f.problem, f.solved)[0].size_uT_m for f, _ in (solved_in(0, (0.4, a)) for a in (150.0, -150.0))]
+    sizes = [
+        list_jumps(f.problem, f.solved)[0].size_uT_m
+        for f, _ in (solved_in(0, (0.4, a)) for a in (CURRENT_A, -CURRENT_A))
+    ]
     assert sizes[0] * sizes[1] < 0.0
 
 
