@@ -67,15 +67,16 @@ class StanceVelocity:
         return e, [by_pose, weight, self.sinks_per_m[..., None, None] * weight[..., 2:]]
 
 
-def zero_rate_factor(bias_key: int, rate: Array, sigma: Array) -> gtsam.PriorFactorConstantBias:
+def zero_rate_factor(bias_key: int, rate: Array, covariance: Array) -> gtsam.PriorFactorConstantBias:
     """Prior on the gyroscope's half of a bias (imuBias.ConstantBias); that of the accelerometer stays free.
 
     Parameters
     ----------
     rate : (3,) rad/s
         Mean over the rest.
-    sigma : (3,) rad/s
+    covariance : (3, 3) rad^2/s^2
     """
     bias = gtsam.imuBias.ConstantBias(np.zeros(3), np.asarray(rate, dtype=np.float64))
-    precisions = np.concatenate([np.zeros(3), sigma**-2.0])
-    return gtsam.PriorFactorConstantBias(bias_key, bias, gtsam.noiseModel.Diagonal.Precisions(precisions))
+    root = np.zeros((6, 6))
+    root[3:, 3:] = np.linalg.cholesky(np.linalg.inv(covariance)).T
+    return gtsam.PriorFactorConstantBias(bias_key, bias, gtsam.noiseModel.Gaussian.SqrtInformation(root, False))

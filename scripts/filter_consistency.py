@@ -267,7 +267,7 @@ def begun(
 ) -> tuple[Start, NavState]:
     """Where the filter begins, after a rest that showed the `bias`; and the truth there."""
     sigma = np.radians(core.gyr_density_deg) / np.sqrt(REST_S)
-    rest = Rest(0, 1, bias + sigma * rng.standard_normal(3), np.full(3, sigma), np.zeros(3))
+    rest = Rest(0, 1, bias + sigma * rng.standard_normal(3), sigma**2 * np.eye(3), np.zeros(3))
     attitude = motion.nav_R_body[0]
     start = Start(0, attitude, True, rest, (rest,))
     _, P = make_initial_state(start, core, GAUGE_SIGMA)

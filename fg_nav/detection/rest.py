@@ -55,6 +55,9 @@ twice what their own sway says, in the median."""
 LEAST_SIGMA_DEG_S = 0.015
 """No rest shows the bias better: its own instability, and what a foot turns while it seems to rest."""
 
+LEAST_ADDED = 1e-3
+"""Share of the information of an earlier view of a rest below which a later one adds nothing."""
+
 MOST_APART_SIGMAS = 4.0
 """A rest this far from the longest one, in sigmas of both, was the rolling of a slow stance."""
 
@@ -73,14 +76,19 @@ class RestParameters:
 class Rest:
     """Samples `start <= i < stop` of a rest.
 
-    `rate` (3,) rad/s is the gyro bias to within `sigma` (3,) rad/s, `force` (3,) m/s^2 the mean specific force.
+    `rate` (3,) rad/s is the gyro bias, with this covariance (3, 3), `force` (3,) m/s^2 the mean specific force.
     """
 
     start: int
     stop: int
     rate: Floats
-    sigma: Floats
+    covariance: Floats
     force: Floats
+
+    @property
+    def sigma(self) -> Floats:
+        """(3,) of the rate, rad/s."""
+        return np.asarray(np.sqrt(np.diagonal(self.covariance)))
 
     def lasts(self, recording: Recording, shortest_s: float) -> bool:
         """Whether it, of this recording, lasts that long to the rounding of its samples, there or missing."""
@@ -89,19 +97,23 @@ class Rest:
 
     def agrees_with(self, longest: Rest) -> bool:
         """Whether it shows the same bias as the longest rest."""
-        apart = np.abs(self.rate - longest.rate) / np.hypot(self.sigma, longest.sigma)
-        return bool((apart <= MOST_APART_SIGMAS).all())
+        apart = self.rate - longest.rate
+        return bool(apart @ np.linalg.solve(self.covariance + longest.covariance, apart) <= MOST_APART_SIGMAS**2)
 
     def beyond(self, before: Rest) -> Rest | None:
-        """Return what this rest shows beyond what an earlier view of it showed; None unless it does on every axis.
+        """Return what this rest shows beyond what an earlier view of it showed; None if nothing.
 
-        The two together weigh as much as this one alone: information that was counted is not counted again.
+        The two together weigh as much as this one alone: information that was counted is not counted again. In a
+        direction in which it shows less than before, for a foot that began to sway, nothing is added.
         """
-        weight, counted = self.sigma**-2, before.sigma**-2
-        if (weight <= counted).any():
+        weight, counted = np.linalg.inv(self.covariance), np.linalg.inv(before.covariance)
+        added, axes = np.linalg.eigh(weight - counted)
+        more = added > LEAST_ADDED * np.trace(counted)
+        if not more.any():
             return None
-        rate = (weight * self.rate - counted * before.rate) / (weight - counted)
-        return replace(self, rate=rate, sigma=(weight - counted) ** -0.5)
+        along = axes.T @ (weight @ self.rate - counted @ before.rate) / np.where(more, added, np.inf)
+        covariance = axes / np.where(more, added, LEAST_ADDED**2 * np.trace(counted)) @ axes.T
+        return replace(self, rate=axes @ along, covariance=covariance)
 
 
 def find_rests(recording: Recording, parameters: RestParameters = RestParameters()) -> tuple[Rest, ...]:
@@ -149,10 +161,10 @@ def _measure_rest(recording: Recording, start: int, stop: int) -> Rest:
     angle = np.vstack([np.zeros(3), np.cumsum(steps, axis=0)])
     slope = np.polynomial.polynomial.polyfit(t, angle, 1)[1]
     line = angle.mean(axis=0) + np.outer(t - t.mean(), slope)
-    sway = SWAY_SCALE * (angle - line).std(axis=0) * np.sqrt(12.0) / t[-1]
-    noise = np.sqrt(1.2 / len(t)) * gyr.std(axis=0).max()  # of a slope, 6/5 of that of a mean
-    sigma = np.sqrt(sway**2 + noise**2 + np.radians(LEAST_SIGMA_DEG_S) ** 2)
-    return Rest(start, stop, slope, sigma, recording.acc[start:stop].mean(axis=0))
+    sway = (SWAY_SCALE * np.sqrt(12.0) / t[-1]) ** 2 * np.cov((angle - line).T, bias=True)
+    noise = 1.2 / len(t) * gyr.var(axis=0).mean()  # of a slope, 6/5 of that of a mean
+    covariance = sway + (noise + np.radians(LEAST_SIGMA_DEG_S) ** 2) * np.eye(3)
+    return Rest(start, stop, slope, covariance, recording.acc[start:stop].mean(axis=0))
 
 
 def _is_long_and_slow(recording: Recording, rest: Rest, p: RestParameters) -> bool:

@@ -22,8 +22,8 @@ eta with the estimate. With a prior of covariance S,
 and three models are as likely before the walk: nothing but what is alike (`ALIKE_SIGMA` in both halves, the same), one
 scale (`SCALE_SIGMA` more, the same in both), two that have nothing to do with each other (`SCALE_SIGMA` in each). Only
 the second is taken off: the samples are corrected by its s times its probability, where that is more than what is
-alike. The covariances of the walk hold the rest: a variable that moves by X s has X M X^T more, with M the second moment about
-what was taken off, over the three models (Hoeting et al. 1999).
+alike. The covariances of the walk hold the rest: a variable that moves by X s has X M X^T more, with M the second
+moment about what was taken off, over the three models (Hoeting et al. 1999).
 
 Model: IEEE Std 528; D is this project's derivation, tested against preintegration of corrected samples.
 """

@@ -322,11 +322,10 @@ def _bias_from_rests(rests: tuple[Rest, ...], prior_sigma: float) -> tuple[Float
     """
     if not rests:
         return np.zeros(3), prior_sigma
-    weight = np.array([rest.sigma**-2 for rest in rests])
-    total = weight.sum(axis=0)
-    mean = (weight * np.array([rest.rate for rest in rests])).sum(axis=0) / total
-    sigma = float(np.hypot(prior_sigma, np.linalg.norm(mean)))
-    return mean * sigma**2 / (sigma**2 + 1 / total), sigma
+    weight = [np.linalg.inv(rest.covariance) for rest in rests]
+    shown = sum(one @ rest.rate for one, rest in zip(weight, rests, strict=True))
+    sigma = float(np.hypot(prior_sigma, np.linalg.norm(np.linalg.solve(sum(weight), shown))))
+    return np.asarray(np.linalg.solve(sum(weight) + np.eye(3) / sigma**2, shown)), sigma
 
 
 def _bias_note(known: Known) -> str:

@@ -291,7 +291,7 @@ def _add_sensor(graph: gtsam.NonlinearFactorGraph, stride: Stride, p: SmootherPa
         change = _one_sigma(SETTLING_WALK_M * np.sqrt(stride.bias_age_s))
         graph.push_back(gtsam.BetweenFactorVector(S(stride.bias_before), S(stride.bias), np.zeros(1), change))
     for rest in stride.rests:
-        graph.push_back(zero_rate_factor(B(stride.bias), rest.rate, rest.sigma))
+        graph.push_back(zero_rate_factor(B(stride.bias), rest.rate, rest.covariance))
 
 
 def add_start(graph: gtsam.NonlinearFactorGraph, gyro_bias_sigma: float, p: SmootherParameters) -> None:

@@ -284,7 +284,9 @@ def test_solution_says_how_it_was_made() -> None:
     assert found.runtime_s > 0
     chosen = found.parameters["gyr_relative_density"]
     assert chosen in LEVELS
-    assert found.parameters == asdict(replace(p, gyr_relative_density=chosen))
+    walk_deg_s = found.parameters["gyro_bias_walk_deg_s"]
+    assert found.parameters == asdict(replace(p, gyr_relative_density=chosen, gyro_bias_walk_deg_s=walk_deg_s))
+    assert 6e-4 < walk_deg_s < 2e-3
     assert any("swing noise" in note for note in found.notes)
     assert len(found.notes) >= 3
     assert len(found.stances) == demo().stances.n_footfalls
