@@ -32,7 +32,7 @@ def rows() -> np.ndarray:
 def estimate(number: int, t: float, position: list[float], sigma_m: float = 0.05) -> StanceEstimate:
     cov = np.diag([sigma_m**2] * 3 + [0.01])
     zero = np.zeros(3)
-    return StanceEstimate(number, number, t, np.array(position), np.eye(3), 0.0, zero, zero, cov, zero, "none", "")
+    return StanceEstimate(number, number, t, np.array(position), np.eye(3), 0.0, zero, zero, cov, zero, 0.0, "none", "")
 
 
 def walked(verdict: LineVerdict, count: int = 20, first: int = 0) -> str:

@@ -153,7 +153,7 @@ def test_a_rest_of_an_update_that_failed_is_counted_with_the_next(monkeypatch):
     fault.breaks(ISAM2Backend, "add")
     found, expected = (n.causal().gyro_bias_sigma[:, 0] for n in (walked(standing_s=6.0, parameters=QUIET), usual))
     assert fault.failed == 1
-    assert found[first] > 1.5 * expected[first]
+    assert found[first] > 1.1 * expected[first]  # two seconds show little beyond the standing before: slow sway
     assert expected[first + 1] <= found[first + 1] < 1.27 * expected[first + 1]
 
 
