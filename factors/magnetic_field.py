@@ -49,8 +49,7 @@ The noise of the compass is robust: with x = e / sigma its loss is Cauchy's, c =
 
     rho(x) = c^2 / 2 log(1 + x^2 / c^2),     rho'(x) / x = w(x) = 1 / (1 + x^2 / c^2),
 
-in two rows, [sqrt(w) x | sqrt(2 rho - w x^2)], of which the second depends on nothing (as
-`walk_constraints.BuildingDirection`): so a batch of arrays, gtsam's optimisers and iSAM2 have the same loss.
+in two rows (`residual.hold_cauchy`).
 
 With an innovation of none, delta is one unknown for a whole stretch (field differences); with a spread of none, the
 field is known everywhere (absolute heading). A magnet moves delta where it lies, and not the heading.
@@ -129,7 +128,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from .residual import Array
+from .residual import Array, hold_cauchy
 from .rotation import turn_from
 
 SIZE = 9
@@ -229,12 +228,11 @@ class MagneticHeading:
         n = (level @ body_field[..., None])[..., 0]
         across = (n[..., 0] * north - n[..., 1] * east) / strength
         x = (across - m[..., DELTA]) / self.sigma_uT
-        held = 1.0 / (1.0 + (x / TAIL_SIGMAS) ** 2)
-        above = TAIL_SIGMAS**2 * np.log1p((x / TAIL_SIGMAS) ** 2) - held * x**2
-        e = np.stack([np.sqrt(held) * x, np.sqrt(np.maximum(above, 0.0))], axis=-1)
+        held, above = hold_cauchy(x**2, TAIL_SIGMAS)
+        e = np.stack([held * x, above], axis=-1)
         if not with_jacobians:
             return e, []
-        weight = np.sqrt(held) / self.sigma_uT
+        weight = held / self.sigma_uT
         along = (n[..., 0] * east + n[..., 1] * north) / strength * weight
         right = np.empty(n.shape)
         right[..., 0], right[..., 1] = north / strength, -east / strength

@@ -36,8 +36,9 @@ from fg_nav.smoother.linear import LinearWalk
 from fg_nav.smoother.roughness import LEAST_STEP_M
 from fg_nav.smoother.solver import list_in_time, stack_walk
 
-SHARES = (0.0, 0.01, 0.1, 1.0)
-"""At 0 the sampling leaves a tenth of a uT m a stride."""
+SHARES, PRIOR = (0.0, 0.01, 0.1, 1.0, 4.0), (1.0, 1.0, 1.0, 1.0, 0.1)
+"""Shares, and their weights before the walk. At 0 the sampling leaves a tenth of a uT m a stride; beyond 1 the integrals
+are worse than the potential is thought to change: a late magnetometer, currents."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +64,7 @@ def average_path_noise(problem: WalkProblem, values: gtsam.Values) -> PathNoise:
     # The walk between its footfalls, which no share changes.
     rest = _eliminate_between(problem, values)
     evidence = np.array([_minus_log_evidence(rest, field.assume_lost_share(share), values) for share in SHARES])
-    share = float(average(np.array(SHARES), evidence))
+    share = float(average(np.array(SHARES), evidence, np.array(PRIOR)))
     horizontal = float(np.linalg.norm(field.prior.mean[E_H]))
     return PathNoise(share, _drift_a_stride(field.assume_lost_share(share)) / horizontal, len(field.potential))
 
