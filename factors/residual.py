@@ -191,8 +191,8 @@ _JACOBIAN_FACTOR: Any = gtsam.JacobianFactor
 def hold_cauchy(square: Array, sigmas: float) -> tuple[Array, Array]:
     """Root of the weight of whitened residuals of these squares (...), and the row (...) that makes up their loss.
 
-    Cauchy's loss rho = c^2 / 2 log(1 + x^2 / c^2), c = `sigmas`, in rows [sqrt(w) x | sqrt(2 rho - w x^2)] with the weight
-    w = 1 / (1 + x^2 / c^2) held: a batch of arrays, gtsam's optimisers and iSAM2 then have the same loss (IRLS).
+    Cauchy's loss rho = c^2 / 2 log(1 + x^2 / c^2), c = `sigmas`, in rows [sqrt(w) x | sqrt(2 rho - w x^2)] with the
+    weight w = 1 / (1 + x^2 / c^2) held: arrays, gtsam's optimisers and iSAM2 then have the same loss (IRLS).
     """
     weight = 1.0 / (1.0 + square / sigmas**2)
     above = sigmas**2 * np.log1p(square / sigmas**2) - weight * square

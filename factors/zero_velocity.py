@@ -20,9 +20,10 @@ With l = 0 and no settling this is the plain zero-velocity update (ZUPT). Used b
 `velocity_block`, online by `stride_graph`.
 
 Zero rate (ZARU). Over a rest the mean rate of the gyroscope is its bias, since scale factors do not act on a sensor
-that does not turn. A still part of a stride's stance is not a rest (Skog et al. 2010, on zero angular rate): a foot that
-leans by half a degree in half a second shows its bias to 1 deg/s. Whether a foot rests in its slow sway cannot be seen,
-so the noise is robust: rows of W (b - rate), W the inverse root of the covariance, with Cauchy's loss of their norm.
+that does not turn. A still part of a stride's stance is not a rest (Skog et al. 2010, on zero angular rate): a foot
+that leans by half a degree in half a second shows its bias to 1 deg/s. Whether a foot rests in its slow sway cannot be
+seen, so the noise is robust: rows of W (b - rate), W the inverse root of the covariance, with Cauchy's loss of their
+norm.
 """
 
 from collections.abc import Sequence
@@ -69,8 +70,8 @@ class StanceVelocity:
 
 
 REST_TAIL_SIGMAS = 4.0
-"""c of a rest, of a norm of three numbers: of pieces of standing feet whose sway says 0.05 deg/s one in twenty is 0.5 off,
-and a rest that is right keeps four fifths of its weight."""
+"""c of a rest, of a norm of three numbers: of pieces of standing feet whose sway says 0.05 deg/s one in twenty is 0.5
+off, and a rest that is right keeps four fifths of its weight."""
 
 
 @dataclass(frozen=True)

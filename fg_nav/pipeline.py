@@ -11,6 +11,7 @@ The data types and the steps are in `fg_nav.walk`, the methods in `fg_nav.estima
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -103,7 +104,7 @@ def prepare_walk(walk: Walk) -> Walk:
     check_known(walk)
     check_changes(walk.options)
     # magnetometer and accelerometer by their calibration
-    walk = correct_walk(walk)
+    walk = correct_walk(replace(walk, sensed=None))
     if walk.options.mount == "pocket":
         refuse_wrong_axes(walk.recording, measure_swing_axes)
         return walk  # a thigh never stands

@@ -333,10 +333,9 @@ def measure_field(walk: Walk) -> Walk:
         return replace(walk, unjudged=walk.magnetometer.notes[0])
     choose_gate(options.gate)
     try:
-        recording, field, notes = measure_walk_field(
-            walk.recording, walk.stances, options.heading_rad, walk.calibration
-        )
-        walk = replace(walk, recording=recording, iron=notes, sensed=walk.recording)
+        sensed = walk.recording if walk.sensed is None else walk.sensed
+        recording, field, notes = measure_walk_field(sensed, walk.stances, options.heading_rad, walk.calibration)
+        walk = replace(walk, recording=recording, iron=notes, sensed=sensed)
         return replace(walk, field=field, verdicts=apply_gate(field, options.gate), unjudged="")
     except MagneticError as error:
         return replace(walk, unjudged=str(error))

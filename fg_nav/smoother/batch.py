@@ -8,8 +8,8 @@ constraints   level floors found on that solution
 solve         Gauss-Newton (`gauss_newton`), where the field is not used
 differential  field while the foot stands: factors on the gyro bias (`differential`)
 field         the magnetic field, in rounds, each of which solves again (`field`); both by `solved_walk.solve_walk`
-prior         of the gyro bias: all again with a wider one where the bias is too large for it (`bias_prior`)
-scale         of the gyroscope, by the field: all again with corrected samples where it is wrong (`gyro_scale`)
+prior         of the gyro bias: solved again with the one that the evidence averages (`bias_prior`)
+scale         of the gyroscope, by the field: all again with samples without what both halves agree on (`gyro_scale`)
 directions    of a building that the walk follows, where they are asked for (`directions`), in `solve_walk` too
 places        where the field shows that the walk was at a place before (`places`), in `solve_walk` too
 moving foot   what is not known of the walk's scale joins the sigmas (`moving_foot`)

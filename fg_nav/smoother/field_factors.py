@@ -1,6 +1,6 @@
 """All factors of the magnetic field of a walk, whose state m (`factors.magnetic_field`) is a variable at each footfall.
 
-    magnetic heading   (X_k, M_k)              compass, where the gate passes the field at the footfall
+    magnetic heading   (X_k, M_k)              compass of each footfall, weighed by the gate
     field potential    (X_k, M_k, M_k+1)       line integral of the field over the stride
     transition         (M_k, M_k+1)            by how rough the field is (`roughness`)
     prior              (M_0)                   by direction and strength

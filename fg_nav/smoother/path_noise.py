@@ -37,8 +37,8 @@ from fg_nav.smoother.roughness import LEAST_STEP_M
 from fg_nav.smoother.solver import list_in_time, stack_walk
 
 SHARES, PRIOR = (0.0, 0.01, 0.1, 1.0, 4.0), (1.0, 1.0, 1.0, 1.0, 0.1)
-"""Shares, and their weights before the walk. At 0 the sampling leaves a tenth of a uT m a stride; beyond 1 the integrals
-are worse than the potential is thought to change: a late magnetometer, currents."""
+"""Shares, and their weights before the walk. At 0 the sampling leaves a tenth of a uT m a stride; beyond 1 they are
+worse than the potential is thought to change: a late magnetometer, currents."""
 
 
 @dataclass(frozen=True)

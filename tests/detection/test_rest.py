@@ -98,7 +98,7 @@ def test_a_longer_rest_knows_more():
 
 
 def test_a_rest_that_goes_on_counts_once():
-    """Each view adds what is new in it; nothing in a direction in which it shows less, for a foot that began to sway."""
+    """Each view adds what is new in it; nothing in a direction in which it shows less, for a foot that sways."""
     recording = standing(8.0, gyr_noise_deg_s=0.05)
     counted, *views = (find_rests(recording.slice(0, stop))[-1] for stop in range(400, 1601, 200))
     first, added = counted, [counted]
