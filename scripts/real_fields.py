@@ -46,18 +46,15 @@ from harness import Figure
 from walks import GDIN, OPENSHOE, REAL_WALKS
 
 from fg_nav.arrays import Bools, Floats
-from fg_nav.calibration import (
+from fg_nav.calibration.magnetometer import MagnetometerCalibration, circular_sd_deg, correct_field
+from fg_nav.calibration.stride_readings import StrideReadings, read_strides
+from fg_nav.calibration.walk import (
     Spread,
-    StrideReadings,
     WalkCalibrationParameters,
     calibrate_on_walk,
-    circular_sd_deg,
-    correct_field,
     find_level_iron,
     measure_spread,
-    read_strides,
 )
-from fg_nav.calibration.magnetometer import MagnetometerCalibration
 from fg_nav.detection import detect_stances
 from fg_nav.ekf import run_iez
 from fg_nav.errors import CalibrationError, EstimationError, EvaluationError

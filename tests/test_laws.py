@@ -172,8 +172,9 @@ def test_a_walk_on_a_foot_needs_neither_pocket_nor_laboratory_nor_what_is_slow_t
         f"fg_nav.navigate({str(file)!r}, options=fg_nav.Options(mount='foot')).save({str(tmp_path / 'out')!r})"
     )
     assert {"fg_nav.smoother.batch", "fg_nav.report.page"} <= loaded
-    assert not loaded & SLOW
-    assert not [name for name in loaded if name.startswith(("fg_nav.pocket", "fg_nav.lab", "fg_nav.calibration"))]
+    # A walk with a magnetometer is calibrated by itself, which looks up who came by a place again in a tree.
+    assert not loaded & SLOW - {"scipy.spatial", "scipy.sparse"}
+    assert not [name for name in loaded if name.startswith(("fg_nav.pocket", "fg_nav.lab"))]
 
 
 def test_public_names_are_offered_and_there():

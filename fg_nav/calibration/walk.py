@@ -14,7 +14,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2
 
 from fg_nav.arrays import Bools, Floats
 from fg_nav.calibration.magnetometer import (
@@ -50,9 +49,9 @@ from fg_nav.frames import compute_heading, wrap_angle
 from fg_nav.magnetic.footfall_field import FootfallField, compute_level_R_body
 from fg_nav.text import format_count
 
-SEEN = float(chi2.ppf(0.95, 2))
-"""Squared sigmas over the ground below which iron that is found may be none. Soft iron alone does not count: of what it
-does to the level field a real floor shows next to nothing."""
+SEEN = -2.0 * float(np.log(0.05))
+"""Squared sigmas over the ground, the 95 % quantile, below which iron may be none. Soft iron alone does not count: of
+what it does to the level field a real floor shows next to nothing."""
 
 FAR_SIGMAS = 6.0
 """Soft iron this far from none, by its prior sigma, is no soft iron but another motion."""

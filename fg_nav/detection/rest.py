@@ -55,7 +55,7 @@ twice what their own sway says, in the median."""
 LEAST_SIGMA_DEG_S = 0.015
 """No rest shows the bias better: its own instability, and what a foot turns while it seems to rest."""
 
-LEAST_ADDED = 1e-3
+LEAST_ADDED = 0.02
 """Share of the information of an earlier view of a rest below which a later one adds nothing."""
 
 MOST_APART_SIGMAS = 4.0

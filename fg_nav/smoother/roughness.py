@@ -19,7 +19,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import nnls
 
 from fg_nav.arrays import Bools, Floats
 
@@ -161,11 +160,14 @@ def _fit_covariance(x: Floats, variance: float, seen: Bools, distance_m: Floats)
     n = np.array(count) / (1.0 + d / INDEPENDENT_M) + ASSUMED_PAIRS
     assumed = ASSUMED_SHARE * np.exp(-d / ASSUMED_LENGTH_M) + REGIONAL_SHARE * np.exp(-d / REGIONAL_LENGTH_M)
     c = np.array(alike) + ASSUMED_PAIRS / n * (assumed * variance - np.array(alike))
-    root, best = np.sqrt(n), (np.inf, LENGTHS_M[0], np.zeros(2))
+    # Least squares of two shares that are none below zero: both, or either alone.
+    fits = []
     for length_m in LENGTHS_M:
-        shares = np.exp(-d / length_m), np.exp(-d / REGIONAL_LENGTH_M)
-        found, left = nnls(root[:, None] * np.stack(shares, axis=1), root * c)
-        best = min(best, (float(left), float(length_m), found), key=lambda one: one[0])
-    _, length_m, found = best
+        shares = np.stack([np.exp(-d / length_m), np.exp(-d / REGIONAL_LENGTH_M)], axis=1)
+        normal, right = shares.T @ (n[:, None] * shares) + 1e-9 * np.eye(2), shares.T @ (n * c)
+        both, alone = np.linalg.solve(normal, right), np.diag(np.maximum(right, 0.0) / np.diagonal(normal))
+        some = [both] if both.min() >= 0.0 else alone
+        fits += [(float(n @ (c - shares @ found) ** 2), float(length_m), found) for found in some]
+    _, length_m, found = min(fits, key=lambda one: one[0])
     found = found * min(1.0, variance / max(float(found.sum()), LEAST_SIGMA_UT**2))
     return Roughness(float(np.sqrt(found[0])), length_m), Roughness(float(np.sqrt(found[1])), REGIONAL_LENGTH_M)

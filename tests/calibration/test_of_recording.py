@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fg_nav.calibration import METHODS, calibrate
+from fg_nav.calibration.of_recording import METHODS, calibrate
 from fg_nav.errors import CalibrationError, MagneticError
 from fg_nav.lab.simulation import simulate
 from fg_nav.recording import Recording

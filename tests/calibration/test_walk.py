@@ -7,17 +7,17 @@ import pytest
 from scipy.linalg import polar
 from scipy.spatial.transform import Rotation
 
-from fg_nav.calibration import (
-    StrideReadings,
+from fg_nav.calibration import walk_model
+from fg_nav.calibration.magnetometer import UPPER, circular_sd_deg, correct_field
+from fg_nav.calibration.stride_readings import PHASES, StrideReadings, read_strides
+from fg_nav.calibration.walk import (
     WalkCalibrationParameters,
     calibrate_on_walk,
-    circular_sd_deg,
-    read_strides,
-    walk_model,
+    find_iron,
+    find_iron_sigma,
+    find_level_iron,
+    measure_spread,
 )
-from fg_nav.calibration.magnetometer import UPPER, correct_field
-from fg_nav.calibration.stride_readings import PHASES
-from fg_nav.calibration.walk import find_iron, find_iron_sigma, find_level_iron, measure_spread
 from fg_nav.detection import detect_stances
 from fg_nav.errors import CalibrationError, MagneticError
 from fg_nav.frames import yaw_rotation

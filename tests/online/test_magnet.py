@@ -8,7 +8,7 @@ import pytest
 
 from fg_nav.detection import detect_stances
 from fg_nav.frames import compute_heading
-from fg_nav.magnetic.quasi_static import DEFAULT, find_detector
+from fg_nav.magnetic.quasi_static import DEFAULT, find_gate
 from fg_nav.online import OnlineNavigator
 from fg_nav.online.buffer import rows_of
 from tests.online.walks import NORTH, push, short_walk, solve_in_windows, solve_only_at
@@ -20,7 +20,7 @@ SOLVED_AGAIN = (1, 2, 3, 4)
 AT = 8
 """Footfall at the magnet."""
 
-MAGNET_UT = np.array([25.0, -18.0, 12.0])
+MAGNET_UT = np.array([50.0, -36.0, 24.0])
 NEAR = 8
 """Samples before and after the stance that the magnet reaches."""
 
@@ -60,7 +60,7 @@ def headings(navigator: OnlineNavigator) -> np.ndarray:
 
 
 def test_the_window_of_the_gate_that_holds_the_magnet_is_disturbed_and_no_other():
-    field, window = past_a_magnet().finish().moment.field, slice(AT, AT + find_detector(DEFAULT).rows)
+    field, window = past_a_magnet().finish().moment.field, slice(AT, AT + find_gate(DEFAULT).rows)
     assert set(field[window]) == {"disturbed"}
     assert set(field[SOLVED_AGAIN[-1] : AT] + field[window.stop :]) == {"quasi-static"}
     assert "disturbed" not in without_magnet().causal().field
@@ -95,4 +95,4 @@ def test_what_is_solved_again_in_windows_keeps_its_verdicts(monkeypatch, lag_s):
     smoothed = navigator.smoothed()
     assert smoothed.field[AT] == "disturbed"
     assert "quasi-static" in smoothed.field[:AT]
-    assert "quasi-static" in smoothed.field[AT + find_detector(DEFAULT).rows :]
+    assert "quasi-static" in smoothed.field[AT + find_gate(DEFAULT).rows :]

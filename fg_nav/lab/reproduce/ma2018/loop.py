@@ -29,8 +29,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Floats
-from fg_nav.calibration import Ellipse, calibrate_on_loop
-from fg_nav.calibration.ellipse import find_ellipse_as_printed, find_ellipse_by_extremes
+from fg_nav.calibration.ellipse import Ellipse, find_ellipse_as_printed, find_ellipse_by_extremes
+from fg_nav.calibration.ellipse_fit import calibrate_on_loop
 from fg_nav.calibration.ellipsoid import fit_ellipsoid, upper_triangular
 from fg_nav.detection import detect_stances
 from fg_nav.errors import CalibrationError
