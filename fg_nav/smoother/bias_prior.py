@@ -32,14 +32,9 @@ from fg_nav.smoother.solver import Solved
 LEVELS_DEG_S = (0.5, 1.5)
 """deg/s: zero-rate output of an uncalibrated part by its sheet, and of one that is cold or old."""
 
-PRIOR = (0.9, 0.08, 0.02)
-"""Of s0 and these levels, before the walk."""
-
-LEAST_SHARE = 1e-9
-"""Of the prior's information, below which the walk shows nothing: rounding."""
-
-LEAST_CHANGE = 1.05
-"""Of the sigma: less moves nothing by more than a hundredth of its own sigma."""
+PRIOR = (0.9, 0.08, 0.02)  # Of s0 and these levels, before the walk.
+LEAST_SHARE = 1e-9  # Of the prior's information, below which the walk shows nothing: rounding.
+LEAST_CHANGE = 1.05  # Of the sigma: less moves nothing by more than a hundredth of its own sigma.
 
 
 def average_bias_prior(problem: WalkProblem, solved: Solved) -> WalkProblem | None:

@@ -41,8 +41,7 @@ walk so far also takes up what scale errors and an uneven field leave, which loo
 whose bias walks by 2e-4 the evidence chooses that level, and the error with an indoor field grows from 0.08 to 0.11
 m."""
 
-PRIOR = (0.9, 0.09, 0.01)
-"""Before the walk: gyroscopes by their sheets, and one in ten that warms up."""
+PRIOR = (0.9, 0.09, 0.01)  # Before the walk: gyroscopes by their sheets, and one in ten that warms up.
 
 Change = gtsam.BetweenFactorConstantBias
 """From one bias variable to the next."""

@@ -27,13 +27,11 @@ from fg_nav.arrays import Floats, Ints
 from fg_nav.mechanisation import NavState, rotation_series, rotation_vector, strapdown
 from fg_nav.system.compiled import njit
 
-MOST_TURN_RAD = 0.3
-"""Of the body in a block, along its way."""
+MOST_TURN_RAD = 0.3  # Of the body in a block, along its way.
 
 LONGEST_S = 0.12
 
-SHORTEST = 3
-"""Samples in a block: fewer stand for themselves."""
+SHORTEST = 3  # Samples in a block: fewer stand for themselves.
 
 
 class Compound(NamedTuple):

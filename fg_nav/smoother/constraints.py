@@ -43,8 +43,7 @@ GIVEN_HEADING_DEG = 5.0
 """Sigma of the heading at the start that was given, where fixes show it as well: a compass held by hand, or a line
 on a plan. Fixes show it once they leave a smaller one."""
 
-FIX_SPEED_M_S = 1.4
-"""Walking pace: for so much a second between a fix and the node it is tied to its sigma grows."""
+FIX_SPEED_M_S = 1.4  # Walking pace: for so much a second between a fix and the node it is tied to its sigma grows.
 
 LEAST_KNOWN_HEADING_RAD = 1.0
 """Sigma that fixes leave of the heading at the start beyond which they show nothing of it."""

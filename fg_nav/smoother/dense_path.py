@@ -20,8 +20,7 @@ from fg_nav.samples.gaps import LONGEST_HELD_S
 from fg_nav.system.compiled import njit
 from fg_nav.system.spilled import drop_pages, empty_column
 
-BLOCK_NODES = 4096
-"""Behind which the path is filled in at once: a quarter of an hour."""
+BLOCK_NODES = 4096  # Behind which the path is filled in at once: a quarter of an hour.
 
 
 def fill_path(

@@ -34,8 +34,7 @@ from fg_nav.text import format_count
 FEWEST_ROUNDS, MOST_ROUNDS = 2, 4
 """Of variogram and iron in turns: of 20 uT the first leaves a few, as the variogram of the swings hides the stances."""
 
-CLOSE_IRON_UT = 0.2
-"""A round that moves the iron by less is the last: a tenth of what may be left of it."""
+CLOSE_IRON_UT = 0.2  # A round that moves the iron by less is the last: a tenth of what may be left of it.
 
 
 def add_differential_field(problem: WalkProblem, values: gtsam.Values, track: Trajectory) -> WalkProblem:

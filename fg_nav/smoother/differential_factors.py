@@ -50,8 +50,7 @@ MARGIN_S = 0.1
 """Before and after a stance, where the foot moves slowly: what a stretch shows of the bias grows with the cube of its
 length, and its drift by the variogram is less."""
 
-SHORTEST_S = 0.3
-"""A shorter stretch shows next to nothing."""
+SHORTEST_S = 0.3  # A shorter stretch shows next to nothing.
 
 LONGEST_S = 10.0
 """Of a piece of a standing: in it a bias of 0.3 deg/s turns the sensor by 3 deg, of which half the square is 1e-3."""
@@ -64,11 +63,8 @@ MOST_LEVEL_RATIO = 2.0
 
 LEAST_RATIO = 1e-9
 
-FEWEST_SAMPLES = 5
-"""Of the field in a stretch."""
-
-MOST_SAMPLES = 64
-"""Beyond, neighbours are averaged."""
+FEWEST_SAMPLES = 5  # Of the field in a stretch.
+MOST_SAMPLES = 64  # Beyond, neighbours are averaged.
 
 MOST_CHI_SQUARE = 25.0
 """Per degree of freedom: the field of such a stretch changed by something that is not in the model."""
@@ -82,11 +78,8 @@ IRON_UT, LEAST_IRON_UT = 30.0, 2.0
 """Hard iron per axis before the walk has shown it, of shoe, battery and the sensor's own board, where nothing was
 calibrated; and what is left of it at least, as soft iron of four per cent in the field of the Earth looks like it."""
 
-LEAST_NOISE_UT = 0.05
-"""Of a magnetometer: quantization and filters make third differences smaller than the noise."""
-
-LEAST_VARIOGRAM_UT2 = 1e-3
-"""Below, a difference of the field is the attitude's error."""
+LEAST_NOISE_UT = 0.05  # Of a magnetometer: quantization and filters make third differences smaller than the noise.
+LEAST_VARIOGRAM_UT2 = 1e-3  # Below, a difference of the field is the attitude's error.
 
 MOST_SWINGS, MOST_OF_SWING = 60, 40
 """Swings, spread over the walk, and samples of each, of which all pairs are compared."""
@@ -94,14 +87,9 @@ MOST_SWINGS, MOST_OF_SWING = 60, 40
 DISTANCES_M = np.geomspace(0.005, 1.0, 17)
 """Limits of the classes of distance: from what a foot rolls to most of a stride."""
 
-FEWEST_PAIRS, FEWEST_CLASSES = 30, 4
-"""In a class, and classes, without which there is no variogram."""
-
-LENGTHS_M, EXPONENTS = np.geomspace(0.02, 5.0, 40), np.linspace(0.6, 2.0, 15)
-"""Of the variogram: tried by turns."""
-
-MEDIAN_OF_CHI_SQUARE = 2.366
-"""Of the square of a normal vector of three components with unit variance each."""
+FEWEST_PAIRS, FEWEST_CLASSES = 30, 4  # In a class, and classes, without which there is no variogram.
+LENGTHS_M, EXPONENTS = np.geomspace(0.02, 5.0, 40), np.linspace(0.6, 2.0, 15)  # Of the variogram: tried by turns.
+MEDIAN_OF_CHI_SQUARE = 2.366  # Of the square of a normal vector of three components with unit variance each.
 
 
 @dataclass(frozen=True)
@@ -176,8 +164,7 @@ def turn_stretches(recording: Recording, stretches: Stretches, position: Floats,
     return FieldStretches(field, rotation, jacobian, place, number[:filled], gyro_bias)
 
 
-AT_ONCE = 1024
-"""Stretches that are turned at once."""
+AT_ONCE = 1024  # Stretches that are turned at once.
 
 
 def _turn_some(

@@ -25,20 +25,14 @@ from fg_nav.factors.walk_constraints import BuildingDirection, odds_of_elsewhere
 from fg_nav.frames import wrap_angle
 from fg_nav.smoother.solver import GtsamFactors, LinearizableBlock
 
-STRIDES = 5
-"""Of a displacement: 7 m, over which weaving by 7 cm is 0.8 deg (0.07 sqrt(2) / 7 rad)."""
-
-SHORTEST_M = 2.5
-"""Displacements below this have no course of a walk: half a metre a stride."""
+STRIDES = 5  # Of a displacement: 7 m, over which weaving by 7 cm is 0.8 deg (0.07 sqrt(2) / 7 rad).
+SHORTEST_M = 2.5  # Displacements below this have no course of a walk: half a metre a stride.
 
 STRAIGHT_WITHIN_M = 0.15
 """Off the line between its ends within which a displacement is straight: two sigmas of weaving by 7 cm."""
 
-LEG_COURSES = 3.0
-"""Independent courses that a leg counts as at most."""
-
-NEW_LEG_RAD = np.radians(22.5)
-"""Change of course that begins another leg: a quarter of what is between two directions."""
+LEG_COURSES = 3.0  # Independent courses that a leg counts as at most.
+NEW_LEG_RAD = np.radians(22.5)  # Change of course that begins another leg: a quarter of what is between two directions.
 
 OPEN_RAD = 2.0 * np.pi
 """Sigma of the prior of a direction: a full turn, as much as the heading may be open behind a hole in the samples."""

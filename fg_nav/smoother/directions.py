@@ -43,16 +43,12 @@ from fg_nav.smoother.graph import WalkProblem, solve, turn_walk
 from fg_nav.smoother.solver import Solved, list_covariances, list_positions
 from fg_nav.text import format_count
 
-ROUNDS = 2
-"""The second finds s and P, and what follows the building, on a path without drift."""
-
-CELLS = 180
-"""Of the quarter circle, half a degree each: a third of the least sigma."""
+ROUNDS = 2  # The second finds s and P, and what follows the building, on a path without drift.
+CELLS = 180  # Of the quarter circle, half a degree each: a third of the least sigma.
 
 GRID = QUARTER * np.arange(CELLS) / CELLS
 
-ITERATIONS = 10
-"""Of expectation maximization, which has s to some per cent by then."""
+ITERATIONS = 10  # Of expectation maximization, which has s to some per cent by then.
 
 FIRST_SIGMA_DEG, FIRST_SHARE = 4.0, 0.5
 LEAST_SIGMA_DEG, MOST_SIGMA_DEG = 1.5, 8.0
@@ -62,8 +58,7 @@ LEAST_SHARE, MOST_SHARE = 0.05, 0.95
 DRIFT_DEG = 5.0, 15.0
 """Bounds of the random drift of a walk, one sigma: its own may be too small, and more of it is a bias, and steady."""
 
-RATE_STEP_DEG = 5.0
-"""Between steady drifts that are tried, at the end of the walk, up to `RATE_SIGMAS` either way."""
+RATE_STEP_DEG = 5.0  # Between steady drifts that are tried, at the end of the walk, up to `RATE_SIGMAS` either way.
 
 RATE_SIGMAS = 3.0
 
@@ -71,8 +66,7 @@ LOST_DEG = 10.0
 """Growth of the heading's sigma over a stride, as over a hole in the samples: behind a few of them any direction could
 be any other."""
 
-ANY_TURN = 10.0
-"""rad^2, of a turn that is uniform over the quarter circle."""
+ANY_TURN = 10.0  # rad^2, of a turn that is uniform over the quarter circle.
 
 LEAST_EVIDENCE = 6.0
 """Log likelihood over that of courses that are anything: three numbers are chosen, half log M each, of M = 50."""

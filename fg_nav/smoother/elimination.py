@@ -25,11 +25,8 @@ from fg_nav.smoother.fronts import Fronts, list_parts
 from fg_nav.system.compiled import njit
 from fg_nav.system.spilled import drop_pages, empty_column
 
-BLOCK_ROWS = 32
-"""New rows that are reflected into a triangle together."""
-
-ROUNDING = 1e-14
-"""Of the norm of a column, below which what is left on the diagonal is none."""
+BLOCK_ROWS = 32  # New rows that are reflected into a triangle together.
+ROUNDING = 1e-14  # Of the norm of a column, below which what is left on the diagonal is none.
 
 
 def eliminate_factors(

@@ -47,18 +47,14 @@ from fg_nav.smoother.solver import Solved, WalkSystem, list_in_time, list_poses
 FREE_PLACE_M, FREE_HEADING_DEG = 2.0, 60.0
 """Sigmas of the right foot's start about where its path lies beside the left one's."""
 
-SMOOTH_S = 10.0
-"""Before and after, over which turns of the right foot's path against the left one's are averaged."""
-
-AROUND_HOLE = 10
-"""Strides on either side of a hole in a recording, by which the path behind it is turned."""
+SMOOTH_S = 10.0  # Before and after, over which turns of the right foot's path against the left one's are averaged.
+AROUND_HOLE = 10  # Strides on either side of a hole in a recording, by which the path behind it is turned.
 
 FEET_CONVERGENCE = 5e-6
 """Difference of promised and true error per variable, of which there are some ten thousand: two feet start from where
 they were alone, and what they show weakly, as the heading of all of the walk, is to be found to a part of its sigma."""
 
-REACH_ROUNDS = 2
-"""In which reach is asked for."""
+REACH_ROUNDS = 2  # In which reach is asked for.
 
 
 @dataclass(frozen=True)

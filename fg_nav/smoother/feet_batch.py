@@ -32,8 +32,7 @@ from fg_nav.smoother.square_root import SquareRoot
 from fg_nav.solution import Solution
 from fg_nav.stances import Stances
 
-FEWEST_CELLS = 2
-"""Of steps that tie two feet: fewer do not show how they lie."""
+FEWEST_CELLS = 2  # Of steps that tie two feet: fewer do not show how they lie.
 
 
 @dataclass(frozen=True)

@@ -37,8 +37,7 @@ on stairs and with a load step less evenly."""
 WIDTH_M, WIDTH_SIGMA_M = 0.15, 0.1
 """Between the sensors of both feet, across the way: people walk 0.05 to 0.2 m wide, and wear sensors on the outside."""
 
-REACH_M, REACH_SIGMA_M = 1.2, 0.1
-"""Between two standing feet: what a tall person lunges, and soft edges."""
+REACH_M, REACH_SIGMA_M = 1.2, 0.1  # Between two standing feet: what a tall person lunges, and soft edges.
 
 FLIGHT_M_S, LONGEST_FLIGHT_S = 3.0, 0.3
 """Where neither is seen to stand the person moves on, and is not asked for longer."""
@@ -46,11 +45,8 @@ FLIGHT_M_S, LONGEST_FLIGHT_S = 3.0, 0.3
 WATCHED_S = 15.0
 """From the nearest cell, from which on a pair of footfalls is tied by nothing. Cells of long walks are 20 s apart."""
 
-RIGHT = np.uint64(1 << 40)
-"""Added to the keys of the right foot's variables in the graph of both."""
-
-WIDTH = np.uint64(ord("w") << LETTER_SHIFT)
-"""Key of the width."""
+RIGHT = np.uint64(1 << 40)  # Added to the keys of the right foot's variables in the graph of both.
+WIDTH = np.uint64(ord("w") << LETTER_SHIFT)  # Key of the width.
 
 
 @dataclass(frozen=True)

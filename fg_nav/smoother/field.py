@@ -37,25 +37,17 @@ from fg_nav.smoother.solver import list_attitudes
 COMPASS_SIGMA_UT = 0.3
 """Noise of a footfall's mean field, uT: what levelling and a soft sole leave, white from stride to stride."""
 
-STRENGTH_SIGMA_UT = 5.0
-"""Horizontal strength of the field about the walk's median, uT."""
+STRENGTH_SIGMA_UT = 5.0  # Horizontal strength of the field about the walk's median, uT.
 
 LEFT_IRON_LEVEL_UT, LEFT_IRON_UP_UT = 0.3, 4.0
 """What a calibration leaves, one sigma an axis. Upward it turns forward in the swing, and stands for all that adds up
 along the path in all strides alike: soft iron, delay, tilt. Line integrals of 21 closed walks end off by 0.1 to 2 uT
 times their length, of which iron upward makes a third."""
 
-LEAST_STRENGTH_UT = 3.0
-"""Horizontal strength below which there is no compass."""
-
-FEWEST_SEEN = 4
-"""Footfalls with a field without which it is not used."""
-
-FOUND_SIGMA_DEG = 60.0
-"""Sigma of the field's direction where only the field shows it."""
-
-DECLINATION_SIGMA_DEG = 0.05
-"""Where the heading was not given, north is magnetic north by definition."""
+LEAST_STRENGTH_UT = 3.0  # Horizontal strength below which there is no compass.
+FEWEST_SEEN = 4  # Footfalls with a field without which it is not used.
+FOUND_SIGMA_DEG = 60.0  # Sigma of the field's direction where only the field shows it.
+DECLINATION_SIGMA_DEG = 0.05  # Where the heading was not given, north is magnetic north by definition.
 
 
 @dataclass(frozen=True)

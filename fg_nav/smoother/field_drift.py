@@ -24,14 +24,9 @@ SHORTEST_WINDOW, LONGEST_WINDOW, PIECES = 40, 1024, 6
 """Footfalls of a window: a sixth of the walk, within these bounds. 40 of them on a rough floor show a heading to 10
 deg, a kilometre and more to 1 deg."""
 
-RATE_SIGMA_RAD_S = float(np.radians(0.3))
-"""Of the drift before the field has shown it: an uncalibrated bias."""
-
-MOST_RATES = 4096
-"""That are tried at most, half a radian apart at the end of the walk where there are enough."""
-
-LEAST_DRIFT_RAD = 0.3
-"""Below it the solver needs no help."""
+RATE_SIGMA_RAD_S = float(np.radians(0.3))  # Of the drift before the field has shown it: an uncalibrated bias.
+MOST_RATES = 4096  # That are tried at most, half a radian apart at the end of the walk where there are enough.
+LEAST_DRIFT_RAD = 0.3  # Below it the solver needs no help.
 
 
 def measure_drift(nav_field: Floats, t: Floats) -> Floats:

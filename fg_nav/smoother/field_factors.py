@@ -58,8 +58,7 @@ HARD_IRON_WALK_UT = 5e-3
 """Its random walk from stride to stride, uT: 0.16 uT in a thousand. A tilt that is wrong in every swing looks like
 iron too, and changes with the gait."""
 
-PATH_SIGMA_UT_M = 0.1
-"""Noise of the line integral over a stride, uT m: sampling, and what scale errors leave."""
+PATH_SIGMA_UT_M = 0.1  # Noise of the line integral over a stride, uT m: sampling, and what scale errors leave.
 
 COARSEST_M = 0.4
 """Longest move between two samples of the field that a line integral passes over: the floor's steel is as near."""

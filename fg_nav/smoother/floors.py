@@ -39,28 +39,21 @@ from fg_nav.smoother.strides import SETTLING_TIME_S
 from fg_nav.system.compiled import njit
 from fg_nav.text import format_count
 
-CHANGE = 1.0 / 30.0
-"""Probability that the ground changes from a stride to the next: each 40 m."""
-
-DRIFTS_M = np.arange(-18.0, 18.1, 1.0) * 1e-3
-"""Grid of c, m a stride."""
+CHANGE = 1.0 / 30.0  # Probability that the ground changes from a stride to the next: each 40 m.
+DRIFTS_M = np.arange(-18.0, 18.1, 1.0) * 1e-3  # Grid of c, m a stride.
 
 SLOPES = np.array([0.003, 0.006, 0.012, 0.025, 0.05, 0.1])
 """Grid of gradients: from below what is noticed to the steepest ramp, doubled from one to the next."""
 
-NOTICED_M = 0.05
-"""What a slope climbs by over the width of the whole walk for it to matter."""
-
-DIRECTIONS = 12
-"""Of a plane's gradient."""
+NOTICED_M = 0.05  # What a slope climbs by over the width of the whole walk for it to matter.
+DIRECTIONS = 12  # Of a plane's gradient.
 
 SHARES = np.array([0.8, 0.1, 0.09, 0.01])
 """Of strides on level ground, steps, planes and curved ramps, before any is seen: their logarithms count."""
 
 LEVEL_ODDS = float(np.exp(MOST_NATS))
 
-STEP_SCALE_M = 0.3
-"""Half of all steps climb by less: a riser is 0.15 to 0.19 m, and a foot climbs two at a time."""
+STEP_SCALE_M = 0.3  # Half of all steps climb by less: a riser is 0.15 to 0.19 m, and a foot climbs two at a time.
 
 OUTLIER_SHARE, OUTLIER_SCALE = 0.05, 3
 """Of strides whose height is worse than the others', in runs above all: the more, the later a kerb is one."""
@@ -69,21 +62,13 @@ TILT_SIGMA, TILT_M = 0.01, 0.15
 """Gradient of ground that passes for level, before the walk; and of how much of height it may leave any footfall
 uncertain: a step."""
 
-LEAST_NOISE_M = 0.007
-"""Of the climb of a stride: floors are not more even."""
-
-BLOCK = 5
-"""Strides in whose mean the noise that is common to neighbors shows."""
-
-LEVELS_WITHIN_M = 10.0
-"""Of a floor lie the other levels that a walk may come to: three storeys."""
-
-FEWEST = 4
-"""Footfalls of a level stretch: a landing has two or three."""
+LEAST_NOISE_M = 0.007  # Of the climb of a stride: floors are not more even.
+BLOCK = 5  # Strides in whose mean the noise that is common to neighbors shows.
+LEVELS_WITHIN_M = 10.0  # Of a floor lie the other levels that a walk may come to: three storeys.
+FEWEST = 4  # Footfalls of a level stretch: a landing has two or three.
 
 
-FORGOTTEN = 1e6
-"""Strides whose climbs leave no floor to be recognized: as many as an unseen one counts for."""
+FORGOTTEN = 1e6  # Strides whose climbs leave no floor to be recognized: as many as an unseen one counts for.
 
 LEVEL_SIGMA_M = 0.015
 """Height of the sensor in a stance above its floor: mats, thresholds, and how the foot is set down."""

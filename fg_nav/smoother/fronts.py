@@ -15,8 +15,7 @@ from fg_nav.arrays import Floats, Ints
 from fg_nav.system.compiled import njit
 from fg_nav.system.spilled import drop_pages
 
-MOST_FRONTS = 1 << 15
-"""Of a part: some 40 MB of rows."""
+MOST_FRONTS = 1 << 15  # Of a part: some 40 MB of rows.
 
 
 class Fronts(NamedTuple):

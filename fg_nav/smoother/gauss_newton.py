@@ -31,8 +31,7 @@ FIRST_CONVERGENCE = 0.05
 """The same where the walk is looked at and solved again: it is then millimetres and thousandths of a degree a stride
 from the minimum."""
 
-LARGEST_STEPS = 25
-"""And gives up after so many."""
+LARGEST_STEPS = 25  # And gives up after so many.
 
 MOST_HALVINGS = 6
 

@@ -53,11 +53,8 @@ from fg_nav.stances import Stances
 from fg_nav.system.compiled import njit
 from fg_nav.system.spilled import drop_pages
 
-GAUGE_SIGMA = 1e-4
-"""Position (m) and heading (rad) at the start are known by definition."""
-
-LEVELLINGS = 3
-"""Of an attitude behind a hole, each of which takes a tilt of 45 deg to one of 10."""
+GAUGE_SIGMA = 1e-4  # Position (m) and heading (rad) at the start are known by definition.
+LEVELLINGS = 3  # Of an attitude behind a hole, each of which takes a tilt of 45 deg to one of 10.
 
 UNKNOWN_HEADING_DEG = 60.0
 """Sigma of the heading at the start about what the walk's mean field says, where it is not given."""

@@ -22,8 +22,9 @@ eta with the estimate. With a prior of covariance S,
 and three models are as likely before the walk: nothing but what is alike (`ALIKE_SIGMA` in both halves, the same), one
 scale (`SCALE_SIGMA` more, the same in both), two that have nothing to do with each other (`SCALE_SIGMA` in each). Only
 the second is taken off: the samples are corrected by its s times its probability, where that is more than what is
-alike. The covariances of the walk hold the rest: a variable that moves by X s has X M X^T more, with M the second
-moment about what was taken off, over the three models (Hoeting et al. 1999).
+alike; nats by which tilt and velocity close worse with it count against it. The covariances of the walk hold the rest:
+a variable that moves by X s has X M X^T more, with M the second moment about what was taken off, over the three models
+(Hoeting et al. 1999).
 
 Model: IEEE Std 528; D is this project's derivation, tested against preintegration of corrected samples.
 """
@@ -45,7 +46,7 @@ from fg_nav.smoother.evidence import average, fit_shared
 from fg_nav.smoother.graph import WalkProblem, biases_of
 from fg_nav.smoother.linear import stack_factors
 from fg_nav.smoother.sensitivity import SharedColumns, SharingFactors, weigh_shared
-from fg_nav.smoother.solver import Solved, list_attitudes
+from fg_nav.smoother.solver import Solved, list_attitudes, residuals_at_minimum
 from fg_nav.smoother.strides import INERTIAL_KEYS
 from fg_nav.system.compiled import njit
 from fg_nav.system.spilled import drop_pages
@@ -110,16 +111,36 @@ def estimate_gyro_scale(problem: WalkProblem, solved: Solved) -> WalkScale:
     """Estimate the scale of the gyroscope at a solution of the walk."""
     # The walk is eliminated, and what the inertial factors of its halves say of the scale is weighed.
     columns, information, pull = weigh_shared(solved.root, _list_inertial(problem, solved.linearized_at), 6)
-    return WalkScale(average_models(information, pull), columns)
+    found = average_models(information, pull)
+    # Where tilt and velocity close worse with it, the field alone asks for it.
+    worse = _compare_closure(problem, solved, columns, found) if found.matters else 0.0
+    return WalkScale(average_models(information, pull, worse), columns)
 
 
-def average_models(information: Floats, pull: Floats) -> GyroScale:
-    """Average over the three models, by the information L (6, 6) on both halves and its product eta (6,)."""
+def _compare_closure(problem: WalkProblem, solved: Solved, columns: SharedColumns, found: GyroScale) -> float:
+    """Nats by which inertial and velocity factors fit worse with one scale for the walk than without; 0 if better."""
+    both = np.tile(found.scale / found.probability, 2)
+    moved, worse = -columns.solve() @ both, 0.0
+    e, H = problem.velocities.evaluate(solved.linearized_at)
+    jacobian, none = np.concatenate(H, axis=2), np.zeros((*e.shape, 6))
+    velocities = SharingFactors(jacobian, -e, problem.velocities.keys, none)
+    for A, b, keys, C in (velocities, *_list_inertial(problem, solved.linearized_at)):
+        left = residuals_at_minimum(solved.root, keys, -b, A)
+        change = np.einsum("kij,kj->ki", A, moved[solved.root.find_columns(keys)]) + C @ both
+        worse += float(((left + 0.5 * change) * change).sum())
+    return max(worse, 0.0)
+
+
+def average_models(information: Floats, pull: Floats, worse_nats: float = 0.0) -> GyroScale:
+    """Average over the three models, by the information L (6, 6) on both halves and its product eta (6,).
+
+    `worse_nats` count against one scale.
+    """
     same, own = np.kron(np.ones((2, 2)), np.eye(3)), np.eye(6)
     alike = ALIKE_SIGMA**2 * (same + LEAST_OWN * own)
     priors = alike, alike + SCALE_SIGMA**2 * same, alike + SCALE_SIGMA**2 * own
     fits = [fit_shared(information, pull, prior) for prior in priors]
-    evidence = np.array([-evidence for _, _, evidence in fits])
+    evidence = np.array([0.0, worse_nats, 0.0]) - [evidence for _, _, evidence in fits]
     weight = average(np.eye(3), evidence)
     means, covariances = ([one[:3] + one[3:] for one, _, _ in fits], [P for _, P, _ in fits])
     mean_of = np.kron(np.full((1, 2), 0.5), np.eye(3))
@@ -133,12 +154,10 @@ def average_models(information: Floats, pull: Floats) -> GyroScale:
     return GyroScale(scale, sigma, float(weight[1]), np.tensordot(weight, np.array(moments), axes=1))
 
 
-LEAST_OWN = 1e-3
-"""Share of what is alike that each half has of its own: keeps the prior invertible."""
+LEAST_OWN = 1e-3  # Share of what is alike that each half has of its own: keeps the prior invertible.
 
 
-POSE_END, VELOCITY_END = slice(9, 15), slice(15, 18)
-"""Columns of an inertial factor."""
+POSE_END, VELOCITY_END = slice(9, 15), slice(15, 18)  # Columns of an inertial factor.
 
 
 def _list_inertial(problem: WalkProblem, values: gtsam.Values) -> Iterator[SharingFactors]:

@@ -23,8 +23,7 @@ from fg_nav.smoother.constraints import find_nearest_nodes
 from fg_nav.smoother.graph import UNKNOWN_HEADING_DEG, StartPrior, WalkProblem
 from fg_nav.smoother.solver import GtsamFactors
 
-UNKNOWN_PLACE_M = 100.0
-"""Sigma of the start where known places show it: more than a location is ever off."""
+UNKNOWN_PLACE_M = 100.0  # Sigma of the start where known places show it: more than a location is ever off.
 
 
 @dataclass(frozen=True)

@@ -28,8 +28,7 @@ DIMENSION = {ord("x"): 6, ord("v"): 3, ord("b"): 6, ord("s"): 1, ord("m"): 9, or
 """Of the tangent space of pose, velocity, bias, settling, state of the field, floor, width between two feet and
 direction of a building, by the letter in the key."""
 
-MOST_STACKED = 1 << 14
-"""Factors of a stack: an hour of walking has as many inertial ones."""
+MOST_STACKED = 1 << 14  # Factors of a stack: an hour of walking has as many inertial ones.
 
 NO_SOLUTION = "the smoother's equations have no unique solution: the recording holds too little, or not finite, motion."
 

@@ -35,8 +35,7 @@ from fg_nav.smoother.solver import Solved, list_positions
 FORWARD_SIGMA, SIDEWAYS_SIGMA = 0.02, 0.01
 """Shares of the walking speed: scatter between the shoes, mountings and gaits of motion-captured walks."""
 
-LONGEST_STRIDE_S = 1.5
-"""What is longer was standing."""
+LONGEST_STRIDE_S = 1.5  # What is longer was standing.
 
 
 def spread_moving_foot(problem: WalkProblem, solved: Solved) -> Floats:

@@ -31,11 +31,8 @@ from fg_nav.frames import yaw_rotation
 from fg_nav.smoother.solver import GtsamFactors
 from fg_nav.smoother.strides import Nodes
 
-REACH_S = 1.5
-"""Farther than a stride from any node there is nothing to tie a factor to."""
-
-TURNS = 24
-"""Directions of the start that are tried: 15 deg apart, from which Gauss-Newton finds the rest."""
+REACH_S = 1.5  # Farther than a stride from any node there is nothing to tie a factor to.
+TURNS = 24  # Directions of the start that are tried: 15 deg apart, from which Gauss-Newton finds the rest.
 
 UP = np.array([0.0, 0.0, 1.0])
 

@@ -35,11 +35,8 @@ CELL_M, MOST_CELLS = 20.0, 60
 """Length of a cell, and how many there are at most: where more ground is walked again, they are longer. The last fronts
 hold all cells, but the passes one after the other."""
 
-LEAST_SHARE = 0.5
-"""Of a cell that a pass has to cover."""
-
-APART_M = 6.0
-"""Between independent errors of a pass: those of an alignment, and the wander of a person."""
+LEAST_SHARE = 0.5  # Of a cell that a pass has to cover.
+APART_M = 6.0  # Between independent errors of a pass: those of an alignment, and the wander of a person.
 
 
 class PlaceFactors(ResidualBlock):

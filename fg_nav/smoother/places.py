@@ -38,8 +38,7 @@ from fg_nav.text import format_count
 ROUNDS = 3
 """Of recognizing and solving: the second looks along a path that closes, the third mostly finds the same again."""
 
-ANCHORS = 12
-"""Footfalls relative to which the uncertainty of all others is taken."""
+ANCHORS = 12  # Footfalls relative to which the uncertainty of all others is taken.
 
 LONGEST_M = 20_000.0
 """Walks of more than some four hours are not compared with themselves: what could be one place grows with the square of

@@ -46,14 +46,9 @@ simulated ones it falls by 2 to 19, for the roughness is not exactly that of the
 LEAST_JUMP_UT_M = 15.0
 """Twelve amperes. Less is in the tails of the potential next to large iron, and its state has room for it."""
 
-MOST_JUMPS = 20
-"""After so many the walk's field is not one that a potential describes."""
-
-LEAST_VARIANCE = 1e-9
-"""Share of a row's noise that the walk leaves open, below which rounding decides."""
-
-UT_M_PER_AMPERE = 1.2566
-"""mu_0, uT m/A."""
+MOST_JUMPS = 20  # After so many the walk's field is not one that a potential describes.
+LEAST_VARIANCE = 1e-9  # Share of a row's noise that the walk leaves open, below which rounding decides.
+UT_M_PER_AMPERE = 1.2566  # mu_0, uT m/A.
 
 
 @dataclass(frozen=True)

@@ -70,23 +70,15 @@ from fg_nav.text import format_count
 LEVELS = (2e-3, 1e-3, 3e-4, 1e-4)
 """1/sqrt(Hz), falling. 2e-3 is a consumer sensor in a run; 1e-4 is the white noise of a good one over a swing."""
 
-PIECES, PIECE_STRIDES = 3, 50
-"""150 strides separate 3e-4 from 1e-4 by some 5 nats, 1e-3 from 3e-4 by 30."""
-
-LONGEST_PIECE_S = 90.0
-"""A third more than 50 strides take; standing in between shows nothing of a swing."""
-
-STANDING_S = 1.0
-"""Of the standing before the first swing and after the last."""
-
-FEWEST_STRIDES = 8
-"""A walk of fewer keeps the level it was given."""
+PIECES, PIECE_STRIDES = 3, 50  # 150 strides separate 3e-4 from 1e-4 by some 5 nats, 1e-3 from 3e-4 by 30.
+LONGEST_PIECE_S = 90.0  # A third more than 50 strides take; standing in between shows nothing of a swing.
+STANDING_S = 1.0  # Of the standing before the first swing and after the last.
+FEWEST_STRIDES = 8  # A walk of fewer keeps the level it was given.
 
 HEIGHTS = (0.7, 1.0, 1.4, 1.8, 2.2)
 """Of rebuilt peaks of the rate, in what their flanks say: what they are off by is common to a gait and a sensor."""
 
-FEWEST_PEAKS = 8
-"""Fewer that were cut show no height."""
+FEWEST_PEAKS = 8  # Fewer that were cut show no height.
 
 
 @dataclass(frozen=True)
@@ -242,8 +234,7 @@ class _Piece:
         return np.asarray(self._at_zero + (level / _BASE[1]) ** 2 * self._by_square)
 
 
-_BASE = (0.0, 1e-3)
-"""The two levels that are integrated, 1/sqrt(Hz): without noise of the swing, and with some."""
+_BASE = (0.0, 1e-3)  # The two levels that are integrated, 1/sqrt(Hz): without noise of the swing, and with some.
 
 
 def walk_problem(

@@ -43,17 +43,10 @@ SWINGS_M_S, LEAST_OF_SWING = 1.5, 20.0
 """With so large a |d| T need be no more than that: no shock makes a stance look like a mid-swing, and a mid-swing among
 the stances raises the noise of all swings, by which its T comes down to 21 to 40."""
 
-LEAST_SPEED_M_S = 0.15
-"""|d| below which none is refused: feet that walk fast roll with as much."""
-
-NEIGHBORS = 2
-"""Footfalls on either side whose T a wrong tie swells."""
-
-ROUNDS = 4
-"""Of solving again."""
-
-LEAST_SHARE = 1e-6
-"""Of the strongest direction of F, below which rounding decides."""
+LEAST_SPEED_M_S = 0.15  # |d| below which none is refused: feet that walk fast roll with as much.
+NEIGHBORS = 2  # Footfalls on either side whose T a wrong tie swells.
+ROUNDS = 4  # Of solving again.
+LEAST_SHARE = 1e-6  # Of the strongest direction of F, below which rounding decides.
 
 
 @dataclass(frozen=True)

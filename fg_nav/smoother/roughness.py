@@ -22,36 +22,20 @@ import numpy as np
 
 from fg_nav.arrays import Bools, Floats
 
-REGIONAL_LENGTH_M = 60.0
-"""For how long a region is alike: a corridor, a wing."""
-
-MAD_TO_SIGMA = 1.4826
-"""Median absolute deviation to standard deviation, of a normal distribution."""
-
-CLIP_SIGMAS = 4.0
-"""Beyond which a deviation counts as if it were there: an outlier shall not set the scale."""
-
-LEAST_STEP_M = 0.2
-"""Shorter moves are no strides."""
-
-LAGS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)
-"""Footfalls apart whose deviations are compared."""
-
-LENGTHS_M = np.geomspace(1.5, 6.0, 12)
-"""Correlation lengths that are tried, of what is alike for metres."""
+REGIONAL_LENGTH_M = 60.0  # For how long a region is alike: a corridor, a wing.
+MAD_TO_SIGMA = 1.4826  # Median absolute deviation to standard deviation, of a normal distribution.
+CLIP_SIGMAS = 4.0  # Beyond which a deviation counts as if it were there: an outlier shall not set the scale.
+LEAST_STEP_M = 0.2  # Shorter moves are no strides.
+LAGS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)  # Footfalls apart whose deviations are compared.
+LENGTHS_M = np.geomspace(1.5, 6.0, 12)  # Correlation lengths that are tried, of what is alike for metres.
 
 ASSUMED_PAIRS, ASSUMED_SHARE, ASSUMED_LENGTH_M, REGIONAL_SHARE = 20.0, 0.3, 3.0, 0.1
 """Share of the variance that is alike for metres, and its length, and in regions, before the walk has shown it, and how
 many pairs of footfalls at each distance that is worth: feet on six floors have 0.1 to 0.5, 2 to 6 m, 0.05 to 0.15."""
 
-INDEPENDENT_M = 2.0
-"""Of the way from which on pairs of footfalls are others."""
-
-LEAST_SIGMA_UT = 0.2
-"""Spread of the field below which a walk's differences are the magnetometer's."""
-
-LEAST_REGIONAL_UT = 0.01
-"""Of a region: keeps the equations well conditioned where the field is the same everywhere."""
+INDEPENDENT_M = 2.0  # Of the way from which on pairs of footfalls are others.
+LEAST_SIGMA_UT = 0.2  # Spread of the field below which a walk's differences are the magnetometer's.
+LEAST_REGIONAL_UT = 0.01  # Of a region: keeps the equations well conditioned where the field is the same everywhere.
 
 POTENTIAL_PER_FIELD_M, POTENTIAL_LENGTH_M = 3.0, 12.0
 """Spread of the potential over that of the field at the footfalls, the reach of a building's steel, and its length.

@@ -42,13 +42,11 @@ from fg_nav.stances import Stances
 from fg_nav.system.compiled import njit
 from fg_nav.system.spilled import measure_rows
 
-LONG_STANCE_S = 0.5
-"""Beyond this length of a stance, nodes stand `REST_SPACING_S` apart."""
+LONG_STANCE_S = 0.5  # Beyond this length of a stance, nodes stand `REST_SPACING_S` apart.
 
 REST_SPACING_S = 0.5
 
-BIAS_SPACING_S = 10.0
-"""Footfalls within this time share one bias: its random walk in between is 0.002 deg/s."""
+BIAS_SPACING_S = 10.0  # Footfalls within this time share one bias: its random walk in between is 0.002 deg/s.
 
 
 @dataclass(frozen=True)
@@ -156,20 +154,14 @@ def _keep_apart(t: Floats, nodes: Ints, keep: int, shortest: float) -> int:
 INERTIAL_KEYS = 5
 """Pose, velocity, pose, velocity, bias: the variables of an inertial factor; none other joins as many."""
 
-VELOCITY_SIGMA = 0.004
-"""Velocity of a foot that stands and does not turn, m/s (Peruzzi et al. 2011: below 0.011)."""
+VELOCITY_SIGMA = 0.004  # Velocity of a foot that stands and does not turn, m/s (Peruzzi et al. 2011: below 0.011).
 
 SETTLING_WALK_M = 2e-5
 """Random walk of the excess S, m/sqrt(s): 1 mm in an hour; a sole gets warm, a lace loose, a carpet begins."""
 
-SETTLING_TIME_S = 0.3
-"""Shortest time in which a sole settles."""
-
-ACC_BIAS_SIGMA = 0.02
-"""Accelerometer bias, m/s^2 (2 mg)."""
-
-ACC_BIAS_WALK = 1e-4
-"""Random walk of the accelerometer bias, m/s^2/sqrt(s)."""
+SETTLING_TIME_S = 0.3  # Shortest time in which a sole settles.
+ACC_BIAS_SIGMA = 0.02  # Accelerometer bias, m/s^2 (2 mg).
+ACC_BIAS_WALK = 1e-4  # Random walk of the accelerometer bias, m/s^2/sqrt(s).
 
 LEAST_WALK_DEG_S = 1e-7
 """Of the gyro bias, deg/s/sqrt(s), where none is assumed: a degree in forty hours; without any there is no factor."""
@@ -203,8 +195,7 @@ class Stride:
         return one_of(self.velocities, self.own)
 
 
-STANDS_S = 1.5
-"""No walk has stances so long: the foot stands, and its sole has settled."""
+STANDS_S = 1.5  # No walk has stances so long: the foot stands, and its sole has settled.
 
 
 def measure_velocities(

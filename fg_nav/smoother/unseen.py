@@ -33,26 +33,16 @@ from fg_nav.frames import UNKNOWN_RAD, level_attitude, yaw_rotation
 from fg_nav.recording import Recording
 from fg_nav.samples.gaps import cross_holes, find_holes
 
-WALKING_M_S = 1.0
-"""On each axis over ground: 1.4 m/s on both together, as people walk."""
-
-CLIMBING_M_S = 0.35
-"""Stairs are climbed at 0.3 to 0.5 m/s, and most ways are level."""
+WALKING_M_S = 1.0  # On each axis over ground: 1.4 m/s on both together, as people walk.
+CLIMBING_M_S = 0.35  # Stairs are climbed at 0.3 to 0.5 m/s, and most ways are level.
 
 STRAIGHT_S = 120.0
 """For so long people go on in one direction, up to a street: after an hour they are within some 1.3 km, one sigma."""
 
-TURNING_RAD = 0.5
-"""In a second; a random walk: a right angle each ten seconds, as indoors."""
-
-FIELD_SIGMA_RAD = 0.8
-"""Of the field's turn from one footfall to another, in a building."""
-
-TILT_SIGMA_RAD = 0.3
-"""Of a foot in two stances: slopes, stairs, and the phase of its roll."""
-
-REACH_S = 0.1
-"""On either side of a node, over which gravity and field are averaged."""
+TURNING_RAD = 0.5  # In a second; a random walk: a right angle each ten seconds, as indoors.
+FIELD_SIGMA_RAD = 0.8  # Of the field's turn from one footfall to another, in a building.
+TILT_SIGMA_RAD = 0.3  # Of a foot in two stances: slopes, stairs, and the phase of its roll.
+REACH_S = 0.1  # On either side of a node, over which gravity and field are averaged.
 
 
 class UnseenWalks(NamedTuple):
