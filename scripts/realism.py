@@ -90,6 +90,7 @@ REASONS: Mapping[str, Mapping[str, str]] = {
         "speed": f"{_LONGER}; those captured walked faster",
         "swing_velocity": "it scatters fivefold with the sensor that is drawn: a few seeds may miss the real walks",
         "speed_rms": f"{_LONGER}; {_CAPTURED}",
+        "compass_sd_deg": "it scatters twofold with the building that is drawn: a few seeds may miss the real walks",
     },
     "in the field smooth": dict.fromkeys(realism_field.FACTS, "meant to be kinder than real"),
 }

@@ -173,7 +173,9 @@ def collect_survey_notes(walk: Walk) -> list[str]:
     notes = collect_remarks(walk)
     calibration = walk.calibration
     if calibration is None or calibration.magnetometer is None:
-        notes.append("no calibration: what magnetometer and shoe add turns with the foot, and counts as disturbance")
+        notes.append(
+            "no calibration: iron that the walk itself did not show turns with the foot, and counts as disturbance"
+        )
     return notes + _note_long_swing(walk)
 
 

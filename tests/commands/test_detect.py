@@ -19,11 +19,13 @@ from fg_nav.io import read, write_canonical, write_tum
 from fg_nav.lab.simulation import simulate
 from fg_nav.magnetic.axes import align_magnetometer
 from fg_nav.magnetic.disturbance import judge_samples
-from fg_nav.magnetic.quasi_static import DEFAULT, DETECTORS
+from fg_nav.magnetic.quasi_static import DEFAULT, DETECTORS, apply_gate
+from fg_nav.pipeline import prepare_walk
 from fg_nav.recording import Recording
 from fg_nav.report.folder import DETECT_FILES
 from fg_nav.smoother.count import KINDS
 from fg_nav.truth import TrajectoryTruth
+from fg_nav.walk import read_walk
 from tests.command_line import FgNav, names
 
 
@@ -136,10 +138,10 @@ def test_a_gate_with_nothing_to_pass_is_a_contradiction(fg_nav: FgNav, files: Pa
 
 
 def test_every_method_without_a_compass_writes_the_same_verdicts(fg_nav: FgNav, files: Path) -> None:
-    assert fg_nav("detect", files / "walk.csv", "--gate", "aiez", "--out", "look").code == 0
+    """Those of the gate, which is the detector of the filter of that name; `detect` shows the physical one."""
+    verdicts = np.array(apply_gate(prepare_walk(read_walk(files / "walk.csv")).require_field(), "aiez").words)
     ran = fg_nav("compare", files / "walk.csv", "--methods", "inertial,iez", "--gate", "aiez", "--out", "out")
     assert ran.code == 0, ran.err
-    verdicts = table("look")["aiez_verdict"]
     assert {"none", "disturbed", "quasi-static"} == set(verdicts)
     for method in ("inertial", "iez"):
         strides = table(f"out/{method}", "strides.csv")

@@ -376,7 +376,7 @@ def test_the_gate_of_a_stream_is_that_of_its_checkpoint(fg_nav, csv, tmp_path, g
     words = ("stream", csv, "--heading", 0, "--silence", 0.3, "--checkpoint", tmp_path / "x.npz", "--gate")
     lines = [json.loads(line) for line in fg_nav(*words, gate).out.splitlines()]
     passed = sum(line["field"] == "quasi-static" for line in lines if line["kind"] == "smoothed")
-    assert passed == (13 if gate == "none" else 10)
+    assert passed == (13 if gate == "none" else 12)
     assert load(tmp_path / "x.npz").options.parameters.magnetic.gate == gate
     assert fg_nav(*words, "aiez").refused("other options")
 

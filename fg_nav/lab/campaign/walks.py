@@ -6,8 +6,8 @@ magnetometer calibration of the iron on the shoe
 loop         by the scenario `calibration-loop`, walked before with the same shoe and sensor (the ellipse,
              `fg_nav.calibration.ellipse_fit`), as Ma et al. did it; of a recorded walk by a file, if one is given
 perfect      exact: there is no iron; simulated walks only
-walk         by the walk itself (`fg_nav.calibration.walk`); none where that refuses
-raw          none
+walk         by the walk itself as `fg-nav calibrate` does (`fg_nav.calibration.walk`); raw where that refuses
+raw          none is given: the methods correct it by the walk itself, however well that shows the iron
 none         none: the methods have no magnetometer
 ============ ===================================================================================================
 
@@ -177,11 +177,12 @@ def calibrate_on_itself(walk: Walk) -> Walk:
     """Calibrate a walk by itself; unchanged if that is not enough, or there is no field."""
     if walk.field is None:
         return walk
+    assert walk.sensed is not None
     try:
-        calibration = Calibration(magnetometer=calibrate_on_walk(read_strides(walk.recording, walk.stances)))
+        calibration = Calibration(magnetometer=calibrate_on_walk(read_strides(walk.sensed, walk.stances)))
     except CalibrationError:
         return walk
-    return prepare_walk(Walk.of(replace(walk.recording, truth=walk.truth), walk.options, calibration))
+    return prepare_walk(Walk.of(replace(walk.sensed, truth=walk.truth), walk.options, calibration))
 
 
 @dataclass(frozen=True)

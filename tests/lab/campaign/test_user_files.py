@@ -86,9 +86,14 @@ def test_recordings_are_read_as_told_and_a_calibration_is_their_loop(folder):
     [sent] = tasks(found)
     (folder / "foot.json").unlink()  # a worker may have another disk
     by_name = {one.key.magnetometer: one for one in run_task(sent).results}
-    corrected = [name for name, one in by_name.items() if any("corrected by" in note for note in one.notes)]
-    assert "loop" in corrected
-    assert not {"raw", "none"} & set(corrected)
+    by_calibration, by_itself = (
+        {name for name, one in by_name.items() if any(words in note for note in one.notes)}
+        for words in ("corrected by the calibration", "corrected by the walk itself")
+    )
+    assert "loop" in by_calibration
+    assert not {"raw", "none"} & by_calibration
+    assert "raw" in by_itself
+    assert not {"loop", "none"} & by_itself
     assert [name for name, one in by_name.items() if one.failed] == ["none"]
     assert "needs a magnetometer that is used" in by_name["none"].failed
     with_file, walk = [sent.missing[name]["ma2018"] for name in ("loop", "walk")]

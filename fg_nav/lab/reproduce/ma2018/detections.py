@@ -246,10 +246,12 @@ def measure_noise(seed: int, rest_s: float) -> Arrays:
     walk = Simulated(WALK, "homogeneous", seed)
     for name, magnetometer in ((WALKED, LOOP), (IRON_ON, RAW)):
         try:
-            recording = walk.prepare(magnetometer).recording
+            prepared = walk.prepare(magnetometer)
         except CalibrationError:
             found[name] = np.full(3, np.inf)
             continue
+        recording = prepared.sensed  # as it came, corrected by the loop at most
+        assert recording is not None
         found[name] = _sigmas(*_look_at(average_footfall_field(recording, detect_stances(recording))))
     if rest_s:
         found[AT_REST] = _sigmas(*_lie(seed, rest_s))
