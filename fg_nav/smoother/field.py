@@ -145,9 +145,10 @@ def compare_field(
         reference = states[:, E_H]
         deviation = deviate_along(nav_field, reference)
     weight = weigh_statistic(verdicts, p.gate)
-    rough = measure_roughness(deviation, seen & np.isfinite(weight), path.distance_m)
-    spread = np.hypot(COMPASS_SIGMA_UT, rough.white_uT * np.sqrt(weight))
-    sigma_uT = np.where(seen & p.compass, spread, np.inf)
+    used = seen & np.isfinite(weight)
+    rough = measure_roughness(deviation, used, path.distance_m)
+    spread = np.hypot(COMPASS_SIGMA_UT, rough.white_uT * np.sqrt(np.where(used, weight, 1.0)))
+    sigma_uT = np.where(used & p.compass, spread, np.inf)
     return FieldResiduals(verdicts, sigma_uT, rough, nav_R_body, reference)
 
 
