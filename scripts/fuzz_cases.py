@@ -624,7 +624,7 @@ def _judge_result(fate: Fate, result: Path) -> None:
 
 def _judge_numbers(path: Floats, strides: pd.DataFrame) -> Iterator[str]:
     numbers = strides.select_dtypes("number")
-    if numbers["compass_weight"].isna().all():  # empty where the method does not say
+    if "compass_weight" in numbers and numbers["compass_weight"].isna().all():  # empty where the method does not say
         numbers = numbers.drop(columns="compass_weight")
     if not np.isfinite(path).all():
         yield "not finite: trajectory.tum"
