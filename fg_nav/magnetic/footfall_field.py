@@ -199,7 +199,6 @@ def average_footfall_field(
     stances: Stances,
     heading: float = 0.0,
     nav_R_body: Floats | None = None,
-    iron_sigma_uT: Floats | None = None,
 ) -> FootfallField:
     """Average the field over each footfall.
 
@@ -209,7 +208,6 @@ def average_footfall_field(
     stances : of that recording.
     heading : rad clockwise from north, of the body's x axis at the start.
     nav_R_body : (N, 3, 3), the attitude to use; None for that of the gyroscope and the stances.
-    iron_sigma_uT : (3,), of the iron that a calibration left, body axes; None where nothing is known of it.
 
     Raises
     ------
@@ -242,7 +240,7 @@ def average_footfall_field(
             f"none of the {len(sample)} footfalls has {FEWEST} samples of the field: "
             "is the magnetometer recorded at 10 Hz or more?"
         )
-    iron = np.tile(UNKNOWN_IRON_UT if iron_sigma_uT is None else iron_sigma_uT, (len(sample), 1))
+    iron = np.tile(UNKNOWN_IRON_UT, (len(sample), 1))
     return FootfallField(
         sample, recording.t[sample], body_field, body_force, attitude[sample], count, scatter, rate, sigma, iron
     )

@@ -25,7 +25,7 @@ from fg_nav.magnetic.footfall_field import UNKNOWN_IRON_UT
 from fg_nav.magnetic.quasi_static import apply_gate, count_needed, weigh_statistic
 from fg_nav.online.north import find_north_sigma
 from fg_nav.recording import Recording
-from fg_nav.smoother.field import COMPASS_SIGMA_UT, rotate_field, weigh_compass
+from fg_nav.smoother.field import compass_sigma, rotate_field, weigh_compass
 from fg_nav.smoother.field_factors import integrate_path, transition
 from fg_nav.smoother.field_rounds import FieldSolution
 from fg_nav.smoother.graph import Trajectory
@@ -171,7 +171,7 @@ class OnlineField:
         self._recent = np.vstack([self._recent, row])[-RECENT:]
         # Its statistic is weighed by those of the walk.
         of_walk = replace(verdicts, statistic=self._recent[:, STATISTIC])
-        spread = np.hypot(COMPASS_SIGMA_UT, self._rough.white_uT * np.sqrt(weigh_statistic(of_walk, self._p.gate)[-1]))
+        spread = compass_sigma(weigh_statistic(of_walk, self._p.gate)[-1], self._rough)
         sigma_uT = float(spread) if self._p.compass and np.isfinite(level[0]) else np.inf
         weight = float(weigh_compass(np.array(sigma_uT), self._rough))
         return sigma_uT, Verdict(verdicts.words[-1], verdicts.reason[-1], weight)

@@ -110,11 +110,8 @@ def follow_directions(problem: WalkProblem, solved: Solved) -> tuple[WalkProblem
 
 def add_directions(problem: WalkProblem, solved: Solved) -> tuple[WalkProblem, Mixture] | None:
     """Add the directions that a solution follows, with values turned to them; None where it shows none."""
-    nodes = problem.nodes
-    position, drift = (
-        list_positions(nodes.result, solved.values),
-        split_drift(measure_heading_variance(problem, solved)),
-    )
+    nodes, drift = problem.nodes, split_drift(measure_heading_variance(problem, solved))
+    position = list_positions(nodes.result, solved.values)
     pairs = list_displacements(position)
     pairs = pairs[drift.piece[pairs[:, 0]] == drift.piece[pairs[:, 1]]]
     if not len(pairs):

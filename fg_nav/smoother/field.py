@@ -84,10 +84,14 @@ class FieldResiduals:
         return weigh_compass(self.sigma_uT, self.rough)
 
 
+def compass_sigma(variance: Floats, rough: FieldRoughness) -> Floats:
+    """Sigma (...) uT of compasses, by their variance over that of the walk's (`quasi_static.weigh_statistic`)."""
+    return np.asarray(np.hypot(COMPASS_SIGMA_UT, rough.white_uT * np.sqrt(variance)))
+
+
 def weigh_compass(sigma_uT: Floats, rough: FieldRoughness) -> Floats:
     """Weight of compasses with these sigmas (...): 1 where the field changes as usual, 0 without a reading."""
-    usual_uT = np.hypot(COMPASS_SIGMA_UT, rough.white_uT)
-    return np.asarray(np.minimum((usual_uT / sigma_uT) ** 2, 1.0))
+    return np.asarray(np.minimum((compass_sigma(np.ones(()), rough) / sigma_uT) ** 2, 1.0))
 
 
 def find_obstacle(field: FootfallField | None, p: FieldParameters) -> str:
@@ -147,8 +151,7 @@ def compare_field(
     weight = weigh_statistic(verdicts, p.gate)
     used = seen & np.isfinite(weight)
     rough = measure_roughness(deviation, used, path.distance_m)
-    spread = np.hypot(COMPASS_SIGMA_UT, rough.white_uT * np.sqrt(np.where(used, weight, 1.0)))
-    sigma_uT = np.where(used & p.compass, spread, np.inf)
+    sigma_uT = np.where(used & p.compass, compass_sigma(np.where(used, weight, 1.0), rough), np.inf)
     return FieldResiduals(verdicts, sigma_uT, rough, nav_R_body, reference)
 
 

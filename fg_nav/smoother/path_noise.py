@@ -15,7 +15,7 @@ no more than that. The evidence of the walk tells them apart, the longer the bet
 
 E the error at the minimum of the graph linearized once, R the triangle of its square-root information, S the noise of
 integrals and potential. The walk averages over the shares: it uses the mean of s under the posterior of s on `SHARES`,
-equally likely before the walk. The mean of a variance is that of the mixture, so no share has to win.
+with `PRIOR` before the walk. The mean of a variance is that of the mixture, so no share has to win.
 
 Cost. Nodes between the footfalls are eliminated once; each level eliminates what is left, a quarter of the variables.
 """

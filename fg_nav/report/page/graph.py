@@ -49,6 +49,7 @@ _KINDS = {
     "field_potential": "field potential",
     "same_place": "same place",
     "known_place": "known place",
+    "direction": "direction of the building",
     "position_fix": "position fix",
     "own": "your own",
 }
