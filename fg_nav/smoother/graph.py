@@ -64,11 +64,12 @@ UNKNOWN_HEADING_DEG = 60.0
 class Known:
     """What is known of sensor, mounting and walk before the graph is built.
 
-    Gyro bias (3,) rad/s to start from and the sigma of its prior about zero, rests, lever, how high clipped peaks of
-    the rate are above the range, in what their flanks say; and the same in words.
+    Gyro bias (3,) rad/s to start from, mean (3,) and sigma of its prior, rests, lever, how high clipped peaks of the
+    rate are above the range, in what their flanks say; and the same in words.
     """
 
     gyro_bias: Floats
+    gyro_bias_mean: Floats
     gyro_bias_sigma: float
     rests: tuple[Rest, ...]
     lever: RollingLever
@@ -187,7 +188,7 @@ def build_problem(
     measurements = preintegrate(recording, nodes.sample, bias, p, progress)
     velocities = measure_velocities(recording, stances, nodes, known.gyro_bias, known.lever.lever, p)
     graph = gtsam.NonlinearFactorGraph()
-    add_start(graph, known.gyro_bias_sigma, p)
+    add_start(graph, known.gyro_bias_mean, known.gyro_bias_sigma, p)
     for stride in strides_of(recording, nodes, measurements, velocities, known.rests):
         add_stride(graph, stride, p)
     drop_pages()
