@@ -300,7 +300,7 @@ def _apply_calibration(walk: Walk) -> Walk:
 
 
 def find_stances(walk: Walk) -> Walk:
-    """Return the walk with its stances.
+    """Return the walk with its stances, and without a large error of the accelerometer, which they show.
 
     Raises
     ------
@@ -315,7 +315,14 @@ def find_stances(walk: Walk) -> Walk:
         refuse_pocket(walk.recording)
         refuse_wrong_axes(walk.recording)
     detection = change_parameters(StanceParameters(), select_changes(walk.options.changes, DETECTOR))
-    return replace(walk, stances=detect_stances(walk.recording, detection), detection=detection)
+    stances = detect_stances(walk.recording, detection)
+    if "accelerometer" not in walk.applied:
+        from fg_nav.calibration.at_rest import average_out_error
+
+        corrected = average_out_error(walk.recording, stances)
+        if corrected is not walk.recording:  # gravity decides what is a stance
+            walk, stances = replace(walk, recording=corrected), detect_stances(corrected, detection)
+    return replace(walk, stances=stances, detection=detection)
 
 
 def measure_field(walk: Walk) -> Walk:

@@ -48,6 +48,18 @@ def weigh(value: float, doubtful: float, no_use: float) -> float:
     return 1.0 + float(np.log(max(value, 1e-12) / doubtful) / np.log(no_use / doubtful))
 
 
+HARMLESS_SHARE = 0.01  # Of the way, m: what a good path is off by, whatever its sigma says.
+USE_SHARE = 0.1  # Of the way, m: a path that is off by more, or has so large a 95 % region, is of no use.
+LEAST_WAY_M = 10.0  # A shorter way is judged as if it were that: seven strides.
+
+
+def weigh_error(error_m: float, sigma_m: float, way_m: float) -> float:
+    """Weight of an error of the end, m: 1 at the sigma of the result, 2 at a tenth of the way, or two sigmas."""
+    way_m = max(way_m, LEAST_WAY_M)
+    known_m = float(np.hypot(sigma_m, HARMLESS_SHARE * way_m))
+    return weigh(error_m, known_m, max(USE_SHARE * way_m, 2.0 * known_m))
+
+
 def combine(found: Sequence[Reason]) -> Verdict:
     """Combine reasons by their weight."""
     heavy = sorted((reason for reason in found if reason.weight >= 1.0), key=lambda reason: -reason.weight)
