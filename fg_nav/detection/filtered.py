@@ -1,15 +1,15 @@
 """Did the sensor filter its samples? A low-pass that no walk has, and a high-pass of the gyroscope.
 
-A heel strike has power up to a hundred hertz, and a foot in the air some up to 12. With P the power of the specific force
-in a band, P(1 to 4 Hz) over P(8 to 12 Hz) is 3 to 25 on all real feet, 20 to 40 behind a low-pass of 10 Hz, and 600 behind
-one of 5 Hz, which takes the stance with it.
+A heel strike has power up to a hundred hertz, and a foot in the air some up to 12. With P the power of the specific
+force in a band, P(1 to 4 Hz) over P(8 to 12 Hz) is 2 to 25 on real feet, and 600 behind a low-pass of 5 Hz, which takes
+the stances with it.
 
 A high-pass of time constant 1 / k makes of the rate w the output y with y' = w' - k y: what it has taken off is
 
     w - y = k int y dt
 
-so a turn seems to go back within 1 / k, and a constant rate is none. Gravity shows it. From one stance to the next, with C
-the turn by y, the vertical misses what was taken off, and what a constant bias b adds:
+so a turn seems to go back within 1 / k, and a constant rate is none. Gravity shows it. From one stance to the next,
+with C the turn by y, the vertical misses what was taken off, and what a constant bias b adds:
 
     u_(j+1) - C^T u_j = u_(j+1) x (k int int y dt dt + b T)
 

@@ -21,6 +21,9 @@ LIGHT = 0.8
 NAMING = 0.0
 """Weight of words that say what others may come from."""
 
+UNSEEN = -1.0
+"""Weight of a sign that there is not."""
+
 MANY = 4.0
 """Sum of the weights, of those of 1 and more, that spoils a path."""
 
