@@ -20,7 +20,7 @@ import harness
 import numpy as np
 import walks
 from harness import Figure
-from verdict_recordings import GOOD, Case, judge_by_methods, list_cases, turn_gyr
+from verdicts import GOOD, Case, judge_by_methods, list_cases, turn_gyr
 
 from fg_nav.detection.handedness import measure_axes
 from fg_nav.errors import FgNavError

@@ -12,7 +12,8 @@ error, m             what is left unknown
 ==================== ===============================================================================================
 region               95 % of it that the result itself claims: no use beyond a tenth of the way
 bias                 turning about up that the solution leaves in the rests, from each to the next on a line, along the
-                     way; a rest counts by what exceeds its sway
+                     way; a rest counts by what exceeds its sway. Without rests, by how much the bias about level axes,
+                     which gravity shows, exceeds what the solution assumes about up
 hidden turning       what clipped peaks of the rate may hide of the turning about up, one error in all peaks to the left
                      and one in all to the right; where neither field nor fixes show the heading
 gravity              the scale of the accelerometer that strides show, by the distance from the start

@@ -28,8 +28,11 @@ from __future__ import annotations
 import numpy as np
 
 from fg_nav.arrays import Floats
+from fg_nav.detection.filtered import measure_high_pass, measure_smoothing
 from fg_nav.detection.handedness import DECISIVE, SUSPECT, AxesEvidence
 from fg_nav.frames import GRAVITY_M_S2
+from fg_nav.recording import Recording
+from fg_nav.stances import Stances
 from fg_nav.text import format_count
 from fg_nav.verdict.reason import LEAST_WAY_M, NO_USE, UNSEEN, USE_SHARE, Reason, weigh, weigh_error
 
@@ -43,6 +46,9 @@ AXES_ODDS = SUSPECT, DECISIVE
 USE_SHARE_IN_POCKET = 0.6
 FASTER, FAST_SHARE = 1.25, 0.9  # Than the strides of this quantile of speed no stride is, by so much.
 SIGMAS_95 = float(np.sqrt(-2.0 * np.log(0.05)))  # Of an ellipse that holds 95 % of a normal distribution.
+
+SMOOTHED = 100.0, 1e4  # Power at the gait's rate over that of heel strikes: 4 times the softest foot's, and 400 times.
+BAD_SHARE = 0.005, 0.05
 
 CLIMBED_S = 10.0
 """Over which the height rate is measured: a jump, or a pole slid down, is shorter."""
@@ -100,6 +106,29 @@ def judge_gravity(gravity: float, reach: float, sigma: float, way: float) -> Rea
     """Judge the mean vertical force of the strides, m/s^2, of a path that leads as far from its start, m."""
     words = f"gravity is {gravity:.2f} m/s^2 in the strides, not {GRAVITY_M_S2:.2f}: the accelerometer's scale or unit"
     return Reason(weigh_error(abs(gravity / GRAVITY_M_S2 - 1.0) * reach, sigma, way), words)
+
+
+def judge_filters(recording: Recording, stances: Stances) -> Reason:
+    """Judge what filters in the sensor left of its samples."""
+    smoothing, passed = measure_smoothing(recording), measure_high_pass(recording, stances)
+    smoothed = Reason(
+        weigh(smoothing, *SMOOTHED) if np.isfinite(smoothing) else UNSEEN,
+        "the samples are smoothed, or no walk: no heel strike is in them above 8 Hz; low-pass at 20 Hz or more",
+    )
+    words = (
+        f"the sensor has a high-pass on its gyroscope: a turn is taken back within {1 / max(passed.rate, 1e-9):.0f} s, "
+        "as gravity shows, so no heading can be had of it: switch it off and record again"
+    )
+    high = Reason(weigh(passed.evidence, DECISIVE, 2 * DECISIVE), words)
+    return max(smoothed, high, key=lambda reason: reason.weight)
+
+
+def judge_bad_samples(recording: Recording) -> Reason:
+    """Judge the share of the samples of which a sensor was bad."""
+    bad = recording.provenance.bad_samples
+    share = bad / (bad + len(recording))
+    words = f"{100 * share:.1f} % of the samples were bad, and not used: the sensor or its connection is broken"
+    return Reason(weigh(share, *BAD_SHARE), words)
 
 
 def judge_axes(seen: AxesEvidence) -> Reason:

@@ -52,8 +52,8 @@ class Seen:
 
     @cached_property
     def sigma(self) -> float:
-        """Of the end over the ground that the result claims, m."""
-        return float(np.hypot(*self.solution.stances.position_sigma[-1, :2])) if len(self.solution.stances) else np.inf
+        """Of the end over the ground that the result claims, m; none without footfalls."""
+        return float(np.hypot(*self.solution.stances.position_sigma[-1, :2])) if len(self.solution.stances) else 0.0
 
     @cached_property
     def stride_speed(self) -> Floats:

@@ -7,8 +7,6 @@ from collections.abc import Callable
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.detection.filtered import measure_high_pass, measure_smoothing
-from fg_nav.detection.handedness import DECISIVE
 from fg_nav.detection.mount import remove_fast
 from fg_nav.detection.rest import RestParameters, find_still_stretches
 from fg_nav.samples.gaps import measure_unseen
@@ -16,6 +14,8 @@ from fg_nav.verdict.limits import (
     FAST_SHARE,
     find_height_rate,
     judge_axes,
+    judge_bad_samples,
+    judge_filters,
     judge_gravity,
     judge_height_rate,
     judge_position,
@@ -36,9 +36,6 @@ MOVING_RAD_S = 1.0
 
 OPEN_SHARE = 0.3
 """Of the swing's speed: where so much is left at a stance, its stride is too long or short by half of it."""
-
-SMOOTHED = 100.0, 1e4
-"""Power at the gait's rate over that of heel strikes: 4 times what the softest foot has, and a hundred times that."""
 
 CLOSED_SHARE = 0.02
 """A walk that ends so near to its start, of the distance, ends where it began."""
@@ -94,18 +91,15 @@ def measure_time_without_footfall(seen: Seen) -> Reason | None:
     outside = np.array([np.ptp(one - seen.sum_bridged(one)) for one in moves])
     due_s = float(np.clip(DUE_SWINGS * _median(seen.swings), DUE_S, LATEST_S)) if len(seen.swings) else DUE_S
     lost_s = float(outside[outside > due_s].sum())
-    # between
+    # between; where the rows of the solution are other footfalls, nothing followed it
     overdue, error = seen.swings > due_s, 0.0
-    if len(overdue) == len(seen.strides) and overdue.any():
+    if len(overdue) != len(seen.strides):
+        lost_s += float(seen.swings[overdue].sum())
+    elif overdue.any():
         left = np.linalg.norm(seen.ends[0], axis=1) * np.diff(seen.solution.stances.t)
         error = float(np.sqrt(np.sum(left[overdue] ** 2) / 24.0))
-    lost = judge_unfollowed(
-        lost_s,
-        seen.usual_m_s,
-        seen.sigma,
-        seen.way,
-        f"{lost_s:.1f} s of motion before the first footfall or after the last",
-    )
+    words = f"{lost_s:.1f} s of motion without a footfall are not followed"
+    lost = judge_unfollowed(lost_s, seen.usual_m_s, seen.sigma, seen.way, words)
     words = f"{seen.swings[overdue].sum():.1f} s of motion without a footfall: strides were missed, {error:.1f} m open"
     missed = Reason(weigh_error(error, seen.sigma, seen.way), words)
     return max(lost, missed, key=lambda reason: reason.weight)
@@ -135,26 +129,12 @@ def measure_gap(seen: Seen) -> Reason | None:
 
 def measure_filters(seen: Seen) -> Reason | None:
     """A low-pass that took the heel strikes away, or a high-pass that took the slow rates."""
-    smoothing = measure_smoothing(seen.recording)
-    smoothed = Reason(
-        weigh(smoothing, *SMOOTHED) if np.isfinite(smoothing) else UNSEEN,
-        "the samples are smoothed, no heel strike is left above 8 Hz: set the sensor's low-pass to 20 Hz or more",
-    )
-    passed = measure_high_pass(seen.recording, seen.walk.stances)
-    words = (
-        f"the sensor has a high-pass on its gyroscope: a turn is taken back within {1 / max(passed.rate, 1e-9):.0f} s, "
-        "as gravity shows, so no heading can be had of it: switch it off and record again"
-    )
-    high = Reason(weigh(passed.evidence, DECISIVE, 2 * DECISIVE), words)
-    return max(smoothed, high, key=lambda reason: reason.weight)
+    return judge_filters(seen.recording, seen.walk.stances)
 
 
 def measure_bad_samples(seen: Seen) -> Reason | None:
     """Share of the samples of which a sensor was bad: others may be as wrong, and not be seen."""
-    bad = seen.recording.provenance.bad_samples
-    share = bad / (bad + len(seen.recording))
-    words = f"{100 * share:.1f} % of the samples were bad, and not used: the sensor or its connection is broken"
-    return Reason(weigh(share, 0.005, 0.05), words)
+    return judge_bad_samples(seen.recording)
 
 
 def name_wearing(seen: Seen) -> Reason | None:
@@ -266,11 +246,17 @@ def measure_climbing(seen: Seen) -> Reason | None:
 
 
 def compare_bias(seen: Seen) -> Reason | None:
-    """Turning about up that the solution leaves in the rests: its bias is not theirs, of whatever size both are."""
+    """Turning about up that the solution leaves in the rests: its bias is not theirs, of whatever size both are.
+
+    Without a rest gravity shows the bias about level axes: one that is larger than what the solution takes for likely
+    about up says that it is as large there.
+    """
     table, recording = seen.solution.stances, seen.recording
-    rests = find_still_stretches(recording, RestParameters())
-    if not rests or not len(seen.strides):
+    if not len(seen.strides):
         return None
+    rests = find_still_stretches(recording, RestParameters())
+    if not rests:
+        return _compare_bias_with_its_sigma(seen)
     middle = recording.t[[(rest.start + rest.stop) // 2 for rest in rests]]
     row = np.abs(table.t[:, None] - middle).argmin(axis=0)
     up = table.nav_R_body[row, 2]
@@ -283,6 +269,19 @@ def compare_bias(seen: Seen) -> Reason | None:
     words = (
         f"rests show another gyroscope bias, by up to {worst:.2g} deg/s about up: {np.degrees(np.ptp(turn)):.0f} deg "
         f"of heading, {error:.1f} m at the end"
+    )
+    return Reason(weigh_error(error, seen.sigma, seen.way), words)
+
+
+def _compare_bias_with_its_sigma(seen: Seen) -> Reason:
+    table = seen.solution.stances
+    up, bias, since = table.nav_R_body[-1, 2], table.gyro_bias[-1], table.t - table.t[0]
+    level = (bias @ bias - (bias @ up) ** 2) / 2.0
+    beyond = float(np.sqrt(max(level - (table.gyro_bias_sigma[0] ** 2) @ up**2, 0.0)))
+    error = seen.displace_end(beyond * since)
+    words = (
+        f"no rest shows the gyroscope's bias, and about level axes it is {np.degrees(np.sqrt(level)):.2g} deg/s, more "
+        f"than assumed about up: {np.degrees(beyond * since[-1]):.0f} deg of heading, {error:.1f} m at the end"
     )
     return Reason(weigh_error(error, seen.sigma, seen.way), words)
 
