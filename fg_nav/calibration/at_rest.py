@@ -45,6 +45,7 @@ from fg_nav.calibration.allan import (
     fit_noise,
 )
 from fg_nav.detection import Rest, RestParameters, find_rests
+from fg_nav.detection.handedness import LOOKED_S
 from fg_nav.detection.rest import LEAST_SIGMA_DEG_S, find_still_stretches
 from fg_nav.errors import CalibrationError
 from fg_nav.frames import GRAVITY_M_S2
@@ -242,8 +243,11 @@ def _read_sizes(recording: Recording, stances: Stances) -> tuple[Floats, Floats,
     turned = np.tile(np.eye(3), (len(rests), 1, 1))
     sigma, common = np.full(len(rests), np.hypot(REST_M_S2, GRAVITY_SIGMA_M_S2)), np.zeros(len(rests))
     # strides in which no sensor was clipped
-    t, gyr, h = recording.t, recording.gyr, np.append(np.diff(recording.t), recording.period_s)
-    foot = stances.stillest(gyr) if len(stances) else np.zeros(0, dtype=np.int64)
+    n, foot = len(recording), stances.stillest(recording.gyr) if len(stances) else np.zeros(0, dtype=np.int64)
+    n = min(n, int(np.searchsorted(recording.t, recording.t[0] + LOOKED_S)))
+    foot = foot[foot < n]
+    t, acc, gyr = recording.t[:n], recording.acc[:n], recording.gyr[:n]
+    h = np.append(np.diff(t), recording.period_s)
     cut = np.cumsum(np.any([(peaks.run > 0).any(axis=1) for peaks in recording.peaks], axis=0))
     whole = (cut[foot[1:]] == cut[foot[:-1]]) & (np.diff(t[foot]) < MAX_STRIDE_S)
     kept = np.flatnonzero(whole)
@@ -256,9 +260,8 @@ def _read_sizes(recording: Recording, stances: Stances) -> tuple[Floats, Floats,
         attitude = np.tile(np.eye(3), (len(kept), 1, 1))
         return integrate_strides(samples, gyr, h, start, stop, attitude, rate, 0.0) / lasts
 
-    force = np.vstack([force, average_turned(recording.integrable[0])])
+    force = np.vstack([force, average_turned(acc)])
     columns = [average_turned(np.ascontiguousarray(np.broadcast_to(one, gyr.shape))) for one in np.eye(3)]
-    recording.release()
     turned = np.concatenate([turned, np.stack(columns, axis=2)])
     # a stride in which the foot did not stand counts less, as of a Student distribution
     size = np.linalg.norm(force, axis=1) - GRAVITY_M_S2

@@ -25,6 +25,7 @@ import numpy as np
 from scipy.signal import welch
 
 from fg_nav.arrays import Floats
+from fg_nav.detection.handedness import LOOKED_S
 from fg_nav.mechanisation import integrate_strides
 from fg_nav.recording import Recording
 from fg_nav.stances import Stances
@@ -39,7 +40,8 @@ def measure_smoothing(recording: Recording) -> float:
     """Power of the specific force at the gait's rate over that of heel strikes; NaN where too slow or short for it."""
     if recording.period_s > 0.4 / STRIKE_HZ[1] or recording.duration_s < SPECTRUM_S:
         return np.nan
-    f, power = welch(recording.acc, 1.0 / recording.period_s, nperseg=round(SPECTRUM_S / recording.period_s), axis=0)
+    acc = recording.acc[: round(LOOKED_S / recording.period_s)]
+    f, power = welch(acc, 1.0 / recording.period_s, nperseg=round(SPECTRUM_S / recording.period_s), axis=0)
     of_gait, of_strike = (power[(f >= low) & (f < high)].sum(axis=1).mean() for low, high in (GAIT_HZ, STRIKE_HZ))
     return float(of_gait / max(of_strike, 1e-30))
 
@@ -53,19 +55,21 @@ class HighPass(NamedTuple):
 
 def measure_high_pass(recording: Recording, stances: Stances) -> HighPass:
     """Find the high-pass that strides show; no evidence where there are too few."""
-    t, gyr, h = recording.t, recording.gyr, np.append(np.diff(recording.t), recording.period_s)
-    foot = stances.stillest(gyr) if len(stances) else np.zeros(0, dtype=np.int64)
+    foot = stances.stillest(recording.gyr) if len(stances) else np.zeros(0, dtype=np.int64)
+    n = int(np.searchsorted(recording.t, recording.t[0] + LOOKED_S))
+    foot, t, acc, gyr = foot[foot < n], recording.t[:n], recording.acc[:n], recording.gyr[:n]
+    h = np.append(np.diff(t), recording.period_s)
     near = np.flatnonzero(np.diff(t[foot]) < MAX_STRIDE_S)
     if len(near) < MIN_STRIDES:
         return HighPass(0.0, 0.0)
     start, stop = foot[near], foot[near + 1]
     # up in the body, and where the gyroscope takes it
     reach = max(1, round(UP_S / recording.period_s))
-    force = np.vstack([np.zeros(3), np.cumsum(recording.acc, axis=0)])
+    force = np.vstack([np.zeros(3), np.cumsum(acc, axis=0)])
     up = force[np.minimum(foot + reach + 1, len(t))] - force[np.maximum(foot - reach, 0)]
     up /= np.linalg.norm(up, axis=1, keepdims=True)
     turn, none = np.tile(np.eye(3), (len(near), 1, 1)), np.zeros((len(near), 3))
-    integrate_strides(recording.acc, gyr, h, start, stop, turn, none, 0.0)
+    integrate_strides(acc, gyr, h, start, stop, turn, none, 0.0)
     miss = up[near + 1] - np.einsum("kji,kj->ki", turn, up[near])
     # what a high-pass and a bias make of it
     taken = np.cumsum(np.cumsum((gyr - gyr.mean(axis=0)) * h[:, None], axis=0) * h[:, None], axis=0)
