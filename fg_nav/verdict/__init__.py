@@ -49,6 +49,7 @@ high-pass            nats     7         14      evidence for one in the gyroscop
 bad samples          share    0.005     0.05    that were not used: at 200 Hz one in every stride, or ten; others may be
                                                 as wrong and not be seen
 heading              deg      30        90      the solution's own sigma at the end
+rate                 -        -         -       named where others speak: below 80 Hz, as a heel strikes within 20 ms
 worn                 -        -         -       the turning is not that of a foot (`detection.mount`): names what it is
                                                 like; a thigh is of no use
 magnetometer         -        -         -       its axes contradict the gyroscope's: weight 0.8, as it is left out

@@ -37,6 +37,9 @@ MOVING_RAD_S = 1.0
 OPEN_SHARE = 0.3
 """Of the swing's speed: where so much is left at a stance, its stride is too long or short by half of it."""
 
+LOW_RATE_HZ = 80.0
+"""A heel strikes within 20 ms."""
+
 CLOSED_SHARE = 0.02
 """A walk that ends so near to its start, of the distance, ends where it began."""
 
@@ -125,6 +128,13 @@ def measure_gap(seen: Seen) -> Reason | None:
     error = 0.5 * seen.usual_m_s * float(np.sqrt(np.sum(unseen_s**2)))
     weight, alone = weigh_error(error, seen.sigma, seen.way), beside is not None and longest_s > LATEST_S
     return Reason(max(weight, 1.0 if alone else UNSEEN), words)
+
+
+def name_rate(seen: Seen) -> Reason | None:
+    """A low sample rate, from which what is wrong with a path may come."""
+    rate_hz = 1.0 / seen.recording.period_s
+    words = f"the sample rate of {rate_hz:.0f} Hz is low for a foot"
+    return Reason(NAMING, words) if rate_hz < LOW_RATE_HZ else None
 
 
 def measure_filters(seen: Seen) -> Reason | None:
@@ -362,6 +372,7 @@ SIGNS: tuple[Callable[[Seen], Reason | None], ...] = (
     measure_tilt_closure,
     measure_turning_at_stances,
     measure_shaking,
+    name_rate,
     measure_filters,
     measure_time_without_footfall,
     measure_stride,
