@@ -19,6 +19,7 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.changes import Changes, change_parameters, select_changes
 from fg_nav.detection import StanceParameters, detect_stances
+from fg_nav.detection.filtered import refuse_high_pass
 from fg_nav.detection.handedness import refuse_wrong_axes
 from fg_nav.detection.mount import refuse_pocket
 from fg_nav.errors import EstimationError, EvaluationError, MagneticError
@@ -307,7 +308,7 @@ def find_stances(walk: Walk) -> Walk:
     EstimationError
         If the sensor is said to be on a foot and was clearly in a pocket.
     RecordingError
-        If it is said to be on a foot, and its strides show other axes than those given.
+        If it is said to be on a foot, and its strides show other axes than those given, or a high-pass.
     DetectionError
         Where there are no stances.
     """
@@ -317,11 +318,13 @@ def find_stances(walk: Walk) -> Walk:
     detection = change_parameters(StanceParameters(), select_changes(walk.options.changes, DETECTOR))
     stances = detect_stances(walk.recording, detection)
     if "accelerometer" not in walk.applied:
-        from fg_nav.calibration.at_rest import average_out_error
+        from fg_nav.calibration.accelerometer import average_out_error
 
         corrected = average_out_error(walk.recording, stances)
         if corrected is not walk.recording:  # gravity decides what is a stance
             walk, stances = replace(walk, recording=corrected), detect_stances(corrected, detection)
+    if walk.options.mount == "foot":
+        refuse_high_pass(walk.recording, stances)
     return replace(walk, stances=stances, detection=detection)
 
 

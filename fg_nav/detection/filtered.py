@@ -22,10 +22,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.signal import welch
 
 from fg_nav.arrays import Floats
-from fg_nav.detection.handedness import LOOKED_S
+from fg_nav.detection.handedness import DECISIVE, LOOKED_S
+from fg_nav.errors import RecordingError
 from fg_nav.mechanisation import integrate_strides
 from fg_nav.recording import Recording
 from fg_nav.stances import Stances
@@ -41,8 +41,12 @@ def measure_smoothing(recording: Recording) -> float:
     if recording.period_s > 0.4 / STRIKE_HZ[1] or recording.duration_s < SPECTRUM_S:
         return np.nan
     acc = recording.acc[: round(LOOKED_S / recording.period_s)]
-    f, power = welch(acc, 1.0 / recording.period_s, nperseg=round(SPECTRUM_S / recording.period_s), axis=0)
-    of_gait, of_strike = (power[(f >= low) & (f < high)].sum(axis=1).mean() for low, high in (GAIT_HZ, STRIKE_HZ))
+    length = round(SPECTRUM_S / recording.period_s)
+    pieces = acc[: len(acc) // length * length].reshape(-1, length, 3)
+    window = np.hanning(length)[:, None]
+    power = np.abs(np.fft.rfft((pieces - pieces.mean(axis=1, keepdims=True)) * window, axis=1)) ** 2
+    f, power = np.fft.rfftfreq(length, recording.period_s), power.sum(axis=(0, 2))
+    of_gait, of_strike = (power[(f >= low) & (f < high)].mean() for low, high in (GAIT_HZ, STRIKE_HZ))
     return float(of_gait / max(of_strike, 1e-30))
 
 
@@ -51,6 +55,22 @@ class HighPass(NamedTuple):
 
     rate: float
     evidence: float
+
+    @property
+    def problem(self) -> str:
+        """What is wrong with the gyroscope, in words, and what to do."""
+        return (
+            "the sensor has a high-pass on its gyroscope: a turn is taken back within "
+            f"{1 / max(self.rate, 1e-9):.0f} s, as gravity shows, so no heading can be had of it: switch it off and "
+            "record again"
+        )
+
+
+def refuse_high_pass(recording: Recording, stances: Stances) -> None:
+    """Raise `RecordingError` where strides surely show a high-pass of the gyroscope."""
+    found = measure_high_pass(recording, stances)
+    if found.evidence > 2 * DECISIVE:
+        raise RecordingError(f"{found.problem}.")
 
 
 def measure_high_pass(recording: Recording, stances: Stances) -> HighPass:

@@ -16,7 +16,7 @@ axes           -       3         7       log of the odds of other axes of the gy
 Errors that a sign leaves:
 
 ============== =========================================================================================================
-long stride    by which it is longer than a quarter more than the walk's fastest strides would be in its time
+long stride    by which it is longer than half as much again as the walk's fastest strides would be in its time
 not seen       time in which a foot that moves is not followed, at the walk's usual speed
 gravity        share by which the vertical force of a stride, from rest to rest, is not that of gravity, times the
                distance from the start: a scale. Median over the strides
@@ -44,7 +44,7 @@ SPEED_M_S = 12.0, 18.0
 HEIGHT_RATE_M_S = 0.8, 1.5
 AXES_ODDS = SUSPECT, DECISIVE
 USE_SHARE_IN_POCKET = 0.6
-FASTER, FAST_SHARE = 1.25, 0.9  # Than the strides of this quantile of speed no stride is, by so much.
+FASTER, FAST_SHARE = 1.5, 0.9  # Than the strides of this quantile of speed no stride is, by so much.
 SIGMAS_95 = float(np.sqrt(-2.0 * np.log(0.05)))  # Of an ellipse that holds 95 % of a normal distribution.
 
 SMOOTHED = 100.0, 1e4  # Power at the gait's rate over that of heel strikes: 4 times the softest foot's, and 400 times.
@@ -115,11 +115,7 @@ def judge_filters(recording: Recording, stances: Stances) -> Reason:
         weigh(smoothing, *SMOOTHED) if np.isfinite(smoothing) else UNSEEN,
         "the samples are smoothed, or no walk: no heel strike is in them above 8 Hz; low-pass at 20 Hz or more",
     )
-    words = (
-        f"the sensor has a high-pass on its gyroscope: a turn is taken back within {1 / max(passed.rate, 1e-9):.0f} s, "
-        "as gravity shows, so no heading can be had of it: switch it off and record again"
-    )
-    high = Reason(weigh(passed.evidence, DECISIVE, 2 * DECISIVE), words)
+    high = Reason(weigh(passed.evidence, DECISIVE, 2 * DECISIVE), passed.problem)
     return max(smoothed, high, key=lambda reason: reason.weight)
 
 

@@ -100,6 +100,7 @@ def measure_time_without_footfall(seen: Seen) -> Reason | None:
         lost_s += float(seen.swings[overdue].sum())
     elif overdue.any():
         left = np.linalg.norm(seen.ends[0], axis=1) * np.diff(seen.solution.stances.t)
+        overdue &= np.diff(seen.sum_bridged(seen.solution.stances.t)) == 0.0
         error = float(np.sqrt(np.sum(left[overdue] ** 2) / 24.0))
     words = f"{lost_s:.1f} s of motion without a footfall are not followed"
     lost = judge_unfollowed(lost_s, seen.usual_m_s, seen.sigma, seen.way, words)

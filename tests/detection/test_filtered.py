@@ -8,7 +8,8 @@ import pytest
 from scipy.signal import butter, sosfilt
 
 from fg_nav.detection import detect_stances
-from fg_nav.detection.filtered import measure_high_pass, measure_smoothing
+from fg_nav.detection.filtered import measure_high_pass, measure_smoothing, refuse_high_pass
+from fg_nav.errors import RecordingError
 from fg_nav.lab.simulation import simulate
 from fg_nav.recording import Recording
 
@@ -47,3 +48,11 @@ def test_a_high_pass_is_found_with_its_time_constant(k: float, bias_deg_s: float
 def test_a_gyroscope_without_one_shows_none(bias_deg_s: float) -> None:
     biased = replace(walk(), gyr=walk().gyr + np.radians(bias_deg_s))
     assert measure_high_pass(biased, detect_stances(biased)).evidence < 3.0
+
+
+def test_a_high_pass_is_refused_with_the_reason() -> None:
+    gyr = walk().gyr - np.cumsum(walk().gyr * walk().period_s, axis=0) * 0.03  # to first order
+    passed = replace(walk(), gyr=gyr)
+    with pytest.raises(RecordingError, match=r"high-pass on its gyroscope: .* switch it off"):
+        refuse_high_pass(passed, detect_stances(passed))
+    refuse_high_pass(walk(), detect_stances(walk()))

@@ -53,8 +53,8 @@ def next_word(verdict: LineVerdict, t: float, position: list[float], number: int
     ("t", "position", "sigma_m", "word"),
     [
         (24.0, [28.0, 0.0, 0.0], 0.05, "trusted"),
-        (24.0, [26.6, 3.1, 0.0], 0.05, "doubtful"),  # a stride of 3.1 m is off by 1.4 m
-        (24.0, [26.6, 5.1, 0.0], 0.05, "not to be used"),  # and one of 5.1 m by a tenth of the way
+        (24.0, [26.6, 3.1, 0.0], 0.05, "doubtful"),  # a stride of 3.1 m is off by 1 m
+        (24.0, [26.6, 6.1, 0.0], 0.05, "not to be used"),  # and one of 6.1 m by a tenth of the way
         (22.9, [26.6, 2.0, 0.0], 0.05, "not to be used"),  # at 20 m/s
         (24.0, [28.0, 0.0, 0.0], 9.0, "not to be used"),  # known to 45 %
         (32.8, [28.0, 0.0, 0.0], 0.05, "not to be used"),  # ten seconds, and no footfall
