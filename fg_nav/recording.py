@@ -71,12 +71,14 @@ class Provenance:
     """Where a recording came from and what was done to it on the way in.
 
     Of `bad_samples` accelerometer or gyroscope was bad: left out where both were, else of that sensor bridged.
+    So many as `cut_samples` are in parts of the file that a hole cut off.
     """
 
     path: Path | None = None
     format: str = "array"
     notes: tuple[str, ...] = ()
     bad_samples: int = 0
+    cut_samples: int = 0
 
 
 @dataclass(frozen=True)
@@ -290,7 +292,8 @@ def _admit(raw: RawRecording, longest_gap_s: float) -> Recording:
     missing = _judge_missing(raw, is_usable, int(kept.min()), int(kept.max()))
     t, remarks = even_stamps(found.t)
     notes = [*raw.provenance.notes, *missing, *found.remarks, *_note_gaps(raw, kept, found.t), *remarks]
-    raw = replace(raw, truth=_move_to_clock(raw.truth, raw.t[kept], t))
+    provenance = replace(raw.provenance, cut_samples=found.cut)
+    raw = replace(raw, truth=_move_to_clock(raw.truth, raw.t[kept], t), provenance=provenance)
     return _leave_out_bad(raw, kept, t, notes)
 
 

@@ -19,6 +19,7 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.changes import Changes, change_parameters, select_changes
 from fg_nav.detection import StanceParameters, detect_stances
+from fg_nav.detection.filtered import refuse_high_pass
 from fg_nav.detection.handedness import refuse_wrong_axes
 from fg_nav.detection.mount import refuse_pocket
 from fg_nav.errors import EstimationError, EvaluationError, MagneticError
@@ -300,14 +301,14 @@ def _apply_calibration(walk: Walk) -> Walk:
 
 
 def find_stances(walk: Walk) -> Walk:
-    """Return the walk with its stances.
+    """Return the walk with its stances, and without a large error of the accelerometer, which they show.
 
     Raises
     ------
     EstimationError
         If the sensor is said to be on a foot and was clearly in a pocket.
     RecordingError
-        If it is said to be on a foot, and its strides show other axes than those given.
+        If it is said to be on a foot, and its strides show other axes than those given, or a high-pass.
     DetectionError
         Where there are no stances.
     """
@@ -315,7 +316,16 @@ def find_stances(walk: Walk) -> Walk:
         refuse_pocket(walk.recording)
         refuse_wrong_axes(walk.recording)
     detection = change_parameters(StanceParameters(), select_changes(walk.options.changes, DETECTOR))
-    return replace(walk, stances=detect_stances(walk.recording, detection), detection=detection)
+    stances = detect_stances(walk.recording, detection)
+    if "accelerometer" not in walk.applied:
+        from fg_nav.calibration.accelerometer import average_out_error
+
+        corrected = average_out_error(walk.recording, stances)
+        if corrected is not walk.recording:  # gravity decides what is a stance
+            walk, stances = replace(walk, recording=corrected), detect_stances(corrected, detection)
+    if walk.options.mount == "foot":
+        refuse_high_pass(walk.recording, stances)
+    return replace(walk, stances=stances, detection=detection)
 
 
 def measure_field(walk: Walk) -> Walk:

@@ -20,7 +20,7 @@ import numpy as np
 import walks
 from harness import Figure, option
 from plausible_solutions import AXES, OWN
-from verdict_recordings import read_segment
+from verdicts import read_segment
 
 from fg_nav.detection.handedness import DECISIVE, SUSPECT
 from fg_nav.detection.swing_axes import FEWEST_STRIDES, measure_swing_axes

@@ -127,7 +127,7 @@ def test_a_foot_that_is_lost_for_a_while(fg_nav: FgNav, walked: Path, cut: Any, 
         f"the {side} foot was not recorded from 15.0 to 30.0 s: the person goes as the {other} one does"
         in said["notes"]
     )
-    assert said["verdict"] == "doubtful"
+    assert said["verdict"] == "doubtful", said["reasons"]
     assert [reason.split(":")[0] for reason in said["reasons"]] == [f"{side} foot"]
     assert "nothing was recorded for 15.0" in said["reasons"][0]
     assert max(said[one]["rmse_2d_m"] for one in recordings) < 0.1  # 0.012 m without the hole
