@@ -23,7 +23,7 @@ bad samples                     left out where those around exclude them, with a
 gaps between stamps             up to `MAX_BRIDGED_S` kept or bridged, with a note; the recording is cut at a longer one
                                 unless another foot was recorded too
 magnetometer without a sample   no magnetometer
-pressure that is none of air    no sample (`AIR_PA`); a barometer without one: no barometer
+pressure that is none of air    no sample (`plausibility.AIR_PA`); a barometer without one: no barometer
 =============================== =======================================================================
 """
 
@@ -63,9 +63,6 @@ MAX_GAP_S = 0.1
 
 MAX_MISSING_SHARE = 0.2
 """With more missing samples than this, however scattered, their neighbors do not show what lies between."""
-
-AIR_PA = (3e4, 1.2e5)
-"""Pressure of the air, from above the highest mountains to below the deepest mines; what lies outside is no sample."""
 
 GAP_PERIODS = 2.5
 """A step between stamps of more periods than this is called a gap; transport jitter makes smaller ones."""
@@ -184,7 +181,9 @@ class Recording:
     @classmethod
     def _from_samples(cls, own: Samples) -> Recording:
         row, provenance = np.arange(1, len(own.t) + 1), Provenance(notes=own.notes)
-        return cls.from_raw(RawRecording(own.t, own.acc, own.gyr, row, own.mag, provenance=provenance))
+        return cls.from_raw(
+            RawRecording(own.t, own.acc, own.gyr, row, own.mag, provenance=provenance, pressure=own.pressure)
+        )
 
     @cached_property
     def period_s(self) -> float:
@@ -317,7 +316,7 @@ def _leave_out_bad(raw: RawRecording, kept: Ints, t: Floats, notes: list[str]) -
     provenance = replace(raw.provenance, notes=tuple(notes), bad_samples=int(outliers.any.sum()))
     acc, gyr = take_rows(kept, raw.acc), take_rows(kept, raw.gyr)
     interpolate_unread(t, acc, gyr, unread)
-    pressure = None if raw.pressure is None else keep_air(raw.pressure[kept])
+    pressure = None if raw.pressure is None else plausibility.keep_air(raw.pressure[kept])
     return Recording(t, acc, gyr, mag, raw.truth, provenance, unread if unread.any() else None, pressure)
 
 
@@ -343,12 +342,6 @@ def _check_shapes(t: Floats, acc: Floats, gyr: Floats, mag: Floats | None, press
             raise RecordingError(f"{name} has shape {value.shape}, not ({len(t)}, 3): give one row a stamp.")
     if pressure is not None and pressure.shape != t.shape:
         raise RecordingError(f"pressure has shape {pressure.shape}, not ({len(t)},): give one a stamp, NaN for none.")
-
-
-def keep_air(pressure: Floats) -> Floats | None:
-    """Return pressure (N,) Pa, NaN where it is none of air; None where it is nowhere."""
-    is_air = (pressure > AIR_PA[0]) & (pressure < AIR_PA[1])
-    return np.where(is_air, pressure, np.nan) if is_air.any() else None
 
 
 def _check_count(count: int) -> None:

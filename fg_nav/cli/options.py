@@ -252,6 +252,14 @@ FileRate = Annotated[
 SensorName = Annotated[
     str | None, typer.Option("--sensor", metavar="NAME", help="Which of several sensors in the file.")
 ]
+BarometerPath = Annotated[
+    Path | None,
+    typer.Option(
+        "--barometer",
+        metavar="FILE",
+        help="Pressure of the air in a file of its own: time_s,pressure_pa (or _hpa), in the recording's clock.",
+    ),
+]
 ColumnNames = Annotated[
     str | None,
     typer.Option(

@@ -58,7 +58,7 @@ from fg_nav.text import format_count
 TEMPERATURE_K = 288.15  # Of the standard atmosphere near the ground.
 SCALE_HEIGHT_M = 8.314463 * TEMPERATURE_K / (0.0289652 * GRAVITY_M_S2)  # R T_0 / (g M) of dry air: 8435 m.
 SCALE_SIGMA = 15.0 / TEMPERATURE_K  # 0 to 30 degC.
-LEVELS_PA = 0.1 * 2.0 ** np.arange(5)  # Of the random walk of the offset, Pa/sqrt(s).
+LEVELS_PA: Floats = np.array([0.1, 0.2, 0.4, 0.8, 1.6])  # Of the random walk of the offset, Pa/sqrt(s).
 LEVELS_PRIOR: Floats = np.exp(-0.5 * np.log2(LEVELS_PA / 0.3) ** 2)  # Some pascals within minutes, see above.
 TENDENCY_PA_S = 100.0 / 10800.0  # Sigma of the weather's tendency, and in three hours it is another.
 AIR_PA = 1.0  # Stagnation pressure of the air that walking at 1.3 m/s moves about a shoe.
@@ -225,7 +225,7 @@ def average_drift(problem: WalkProblem, stacks: Sequence[Stack]) -> WalkProblem:
     others = [one for one in stacks if not any(one is change for change in changes)]
     keys, between = split_order(problem)
     chain, ratio = LinearWalk.of(others, keys).eliminate_before(between), LEVELS_PA / factors.barometer.drift_pa
-    evidence = np.array([_minus_log_evidence(chain, changes, by) for by in ratio])
+    evidence = np.array([_minus_log_evidence(chain, changes, by) for by in ratio.tolist()], dtype=np.float64)
     level = float(np.sqrt(average(LEVELS_PA**2, evidence, LEVELS_PRIOR)))
     # The problem with the mean variance.
     barometer = replace(factors.barometer, drift_pa=level)
