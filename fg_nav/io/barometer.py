@@ -18,12 +18,11 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.columns.choice import find_pressure
 from fg_nav.columns.headers import read_header
-from fg_nav.columns.mapping import shorten_names
 from fg_nav.columns.samples import convert_pressure
 from fg_nav.columns.units import find_factor
 from fg_nav.errors import FormatError
-from fg_nav.io.content import read_content
-from fg_nav.io.readers.table import Table, open_table
+from fg_nav.io.content import Content, read_content
+from fg_nav.io.delimited import Header, find_header
 from fg_nav.io.streams import find_nearest_rows
 from fg_nav.recording import RawRecording
 
@@ -36,13 +35,12 @@ def add_barometer(raw: RawRecording, path: Path) -> RawRecording:
     Raises `FormatError` if the file has no time or no pressure of air, or ran at another time.
     """
     content = read_content(path)
-    table = open_table(content)
-    channel = None if table is None else find_pressure(table.names)
-    if table is None or channel is None:
-        held = "is no table" if table is None else f"has no pressure among {shorten_names(table.names, 12)}"
-        raise FormatError(f"{path.name} {held}: give a table with the columns time_s and pressure_pa.")
+    header = find_header(content, lambda names: find_pressure(names) is not None)
+    channel = None if header is None else find_pressure(header.names)
+    if header is None or channel is None:
+        raise FormatError(f"{path.name} names no pressure: give a table with the columns time_s and pressure_pa.")
     notes: list[str] = []
-    pressure = convert_pressure(table.read(channel.positions)[0][:, 0], channel, path.name, notes)
+    pressure = convert_pressure(header.read(content, [*channel.names])[0][:, 0], channel, path.name, notes)
     if pressure is None:
         raise FormatError(f"{path.name}: {notes[-1]}; give pressures in Pa, hPa or kPa, or leave --barometer out.")
     known = np.isfinite(raw.t)
@@ -50,7 +48,7 @@ def add_barometer(raw: RawRecording, path: Path) -> RawRecording:
     order = np.argsort(t, kind="stable")
     if len(t) < 2:
         return raw
-    stamps = _find_stamps(table, float(t[order[0]]), float(t[order[-1]]), path)
+    stamps = _find_stamps(content, header, float(t[order[0]]), float(t[order[-1]]), path)
     found = np.flatnonzero(np.isfinite(pressure) & np.isfinite(stamps))
     at, chosen = find_nearest_rows(stamps[found], t[order])
     placed = np.full(len(raw.t), np.nan)
@@ -60,15 +58,15 @@ def add_barometer(raw: RawRecording, path: Path) -> RawRecording:
     return replace(raw, pressure=placed, provenance=provenance)
 
 
-def _find_stamps(table: Table, first: float, last: float, path: Path) -> Floats:
+def _find_stamps(content: Content, header: Header, first: float, last: float, path: Path) -> Floats:
     """Stamps (N,) s of a barometer beside a recording from `first` to `last`, s."""
     best, share, spans = np.empty(0), 0.0, list[str]()
-    for position, name in enumerate(table.names):
+    for name in header.names:
         meaning = read_header(name)
         if meaning is None or meaning.kind != "time":
             continue
         said = meaning.unit if meaning.unit and find_factor("time", meaning.unit) else None
-        t = table.read([position])[0][:, 0]
+        t = header.read(content, [name])[0][:, 0]
         for unit in TIME_UNITS if said is None else (said,):
             stamps = t * (find_factor("time", unit) or 1.0)
             begins, ends = (float(edge) for edge in np.nanquantile(stamps, [0.0, 1.0]))

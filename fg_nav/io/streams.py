@@ -156,7 +156,7 @@ def _subtract_start(streams: Sequence[Stream], remarks: list[str]) -> list[Strea
     if not streams or any(stream.t.dtype.kind == "f" for stream in streams):
         units = [1.0 if stream.t.dtype.kind == "f" else 1e-9 for stream in streams]
         return [replace(s, t=s.t.astype(np.float64) * unit) for s, unit in zip(streams, units, strict=True)]
-    start = min(int(stream.t[0]) for stream in streams)
+    start = min(int(stream.t[0]) for stream in streams if stream.what != "pressure" or len(streams) == 1)
     if start > 10**18:
         day = datetime.fromtimestamp(start // 10**9, UTC)
         remarks.append(f"time 0 is {day:%Y-%m-%d %H:%M:%S}.{start // 10**6 % 1000:03d} UTC")
