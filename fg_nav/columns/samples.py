@@ -74,7 +74,7 @@ def convert_samples(values: Floats, columns: ColumnMap, rate_hz: float | None, a
 
 
 def convert_pressure(values: Floats, channel: Channel, name: str, notes: list[str]) -> Floats | None:
-    """Return pressures (N,) in Pa, NaN where they are none of air; None, with a note, where they are nowhere.
+    """Return pressures (N,) in Pa, NaN where they are none of air; None where they are nowhere, with a note.
 
     Without a unit in the name of the column the median says it, of Pa, hPa and kPa.
     """
@@ -86,7 +86,9 @@ def convert_pressure(values: Floats, channel: Channel, name: str, notes: list[st
     counts = [0 if one is None else int(np.isfinite(one).sum()) for one in scaled]
     if max(counts) > 0:
         return scaled[int(np.argmax(counts))]
-    median = float(np.nanmedian(values)) if np.isfinite(values).any() else np.nan
+    if not np.isfinite(values).any():
+        return None
+    median = float(np.nanmedian(values))
     unit = f" {channel.unit}" if channel.unit else ""
     notes.append(f"'{channel.names[0]}' reads {median:.6g}{unit} in the median, which is no pressure of air: left out")
     return None

@@ -42,7 +42,8 @@ def add_barometer(raw: RawRecording, path: Path) -> RawRecording:
     notes: list[str] = []
     pressure = convert_pressure(header.read(content, [*channel.names])[0][:, 0], channel, path.name, notes)
     if pressure is None:
-        raise FormatError(f"{path.name}: {notes[-1]}; give pressures in Pa, hPa or kPa, or leave --barometer out.")
+        why = notes[-1] if notes else f"'{channel.names[0]}' has no reading"
+        raise FormatError(f"{path.name}: {why}; give pressures in Pa, hPa or kPa, or leave --barometer out.")
     known = np.isfinite(raw.t)
     rows, t = np.flatnonzero(known), raw.t[known]
     order = np.argsort(t, kind="stable")

@@ -127,10 +127,10 @@ class StancePressures(NamedTuple):
 
 def average_pressures(recording: Recording, stances: Stances, nodes: Nodes) -> StancePressures:
     """Average the pressure of each footfall, as said above."""
-    assert recording.pressure is not None
     # The readings alone, and which of them are near the stillest sample within its stance.
-    at = np.flatnonzero(np.isfinite(recording.pressure))
-    readings = recording.pressure[at]
+    pressure = np.empty(0) if recording.pressure is None else recording.pressure
+    at = np.flatnonzero(np.isfinite(pressure))
+    readings = pressure[at]
     sample, interval = nodes.sample[nodes.result], nodes.interval[nodes.result]
     near = np.searchsorted(recording.t, recording.t[sample] + [[-REACH_S], [REACH_S]])
     first = np.searchsorted(at, np.maximum(near[0], stances.start[interval]))

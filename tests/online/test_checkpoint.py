@@ -56,7 +56,7 @@ def test_what_the_checkpoint_knows_is_not_taken_twice(whole, tmp_path):
 def admitted(judge, rows, block):
     """Rows (n, 11) that a judge takes of these (n, 10) in blocks."""
     parts = [rows[i : i + block] for i in range(0, len(rows), block)]
-    return [judge.admit(part[:, 0], part[:, 1:4], part[:, 4:7], part[:, 7:]) for part in parts]
+    return [judge.admit(part[:, 0], part[:, 1:4], part[:, 4:7], part[:, 7:10]) for part in parts]
 
 
 def resumed(rows, saved, then, block=7):

@@ -25,7 +25,7 @@ from tests.online.walks import short_walk
 def rows():
     odd = rows_of(short_walk()).copy()
     odd[100:110, 2] = np.nan
-    odd[200:300, 7:] = np.nan
+    odd[200:300, 7:10] = np.nan
     odd[400, 1] = np.inf
     odd[500:520, 0] -= 3.0
     return odd
