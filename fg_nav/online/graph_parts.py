@@ -19,10 +19,10 @@ def result_keys(places: Iterable[Place]) -> set[int]:
 
 
 def list_variables(place: Place, values: gtsam.Values) -> list[int]:
-    """Variables of a footfall, with what it shares with others, bias, settling and barometer; those with a value."""
+    """Variables of a footfall, with the bias and the settling that it shares with others; those with a value."""
     keys = [key for j in range(place.first, place.stop) for key in (X(j), V(j))]
-    shared = (M(place.number), B(place.bias), S(place.bias), P(place.bias))
-    return [key for key in (*keys, *shared) if values.exists(key)]
+    others = (M(place.number), P(place.number), B(place.bias), S(place.bias))
+    return [key for key in (*keys, *others) if values.exists(key)]
 
 
 def order_variables(places: Sequence[Place], values: gtsam.Values) -> list[int]:

@@ -209,8 +209,8 @@ class Stretch:
         barometer, before, place = self._begun.barometer, window.before, window.place
         if barometer is None:
             return
-        key, elapsed_s = X(place.result), place.t - before.bias_begun_s
-        states = P(before.bias), P(place.bias)
+        key, elapsed_s = X(place.result), place.t - before.t
+        states = P(before.number), P(place.number)
         seen = average_pressures(window.recording, window.stances, window.nodes)
         air, new = stride_factors(barometer, seen, key, values.atPose3(key).z(), states, elapsed_s, known)
         graph.push_back(air)

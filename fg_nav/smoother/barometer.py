@@ -4,13 +4,12 @@
     h_k     R T_0 / (g M) log(p_0 / p_k), m above the first footfall with a reading, T_0 = 15 degC
     factor  height of the sensor + offset = h_k, Cauchy's loss      (`factors.walk_constraints`)
 
-Offset and tendency are a state P that changes where a bias does, every ten seconds or so:
+Offset and tendency are a state P of each footfall:
 
-offset    wind, ventilation and doors, a random walk of some pascals within minutes: 0.3 Pa/sqrt(s) are 2.3 Pa (0.2 m)
-          in one and 5 Pa in five. Days and buildings differ by a factor of two, one sigma, so the evidence of the walk
-          averages its variance over `LEVELS_PA` (`average_drift`), as that of the bias (`bias_walk`). Spectra of
-          surface pressure fall with f^-2 to f^-2.5 from minutes to hours. A door that stays open, or a staircase under
-          the pressure of a lift, is a step, an outlier of the walk: Cauchy's loss.
+offset    wind, ventilation and doors, a random walk of `DRIFT_PA`: 3 Pa (0.26 m) in a minute, 7 Pa in five. Spectra
+          of surface pressure fall with f^-2 to f^-2.5 from minutes to hours. A door that stays open, or a staircase
+          under the pressure of a lift, is a step, an outlier of the walk: Cauchy's loss. Days and buildings differ
+          threefold, and a walk of minutes does not show which: noise and the strides' own climb look like it.
 tendency  of the weather, constant for hours: 1 hPa in three hours, the mean of the mid-latitudes, 33 Pa in one.
 
 Air of another temperature has heights larger by a scale of 0 +- `SCALE_SIGMA`, 15 +- 15 degC, one number of all stairs
@@ -21,18 +20,16 @@ walk in progress has the prior instead, `SCALE_SIGMA` of the height above the st
 
 Noise of p_k is the recording's own, with parts that no recording shows,
 
-    sigma^2 = (noise^2 + `AIR_PA`^2) min(1, n / n_k) + run quantum^2 / 12 + drift^2 `BIAS_SPACING_S` / 6,
+    sigma^2 = (noise^2 + `AIR_PA`^2) min(1, n / n_k) + run quantum^2 / 12,
 
 n_k the readings of footfall k, n the median: a standing averages over more. noise is half of what the means of the two
 halves of a stance differ by, in the median: white noise, and what the sensor's low-pass makes of it, as the foot does
 not move. Where stances have too few readings it is that of second differences at the barometer's rate. Readings in
-steps of a quantum err alike as long as they stay the same: over `run` footfalls in the mean. The last term is the drift
-about an offset that is constant between two changes.
+steps of a quantum err alike as long as they stay the same: over `run` footfalls in the mean.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -41,29 +38,26 @@ import numpy as np
 from gtsam.symbol_shorthand import P, X
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.factors.residual import LETTER_SHIFT, ResidualBlock, Stack, factor_of, one_of
+from fg_nav.factors.residual import ResidualBlock, factor_of, one_of
 from fg_nav.factors.walk_constraints import BarometerDrift, BarometricHeight
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.recording import Recording
-from fg_nav.smoother.bias_walk import split_order
-from fg_nav.smoother.evidence import average, fit_shared
+from fg_nav.smoother.evidence import fit_shared
 from fg_nav.smoother.graph import WalkProblem
-from fg_nav.smoother.linear import LinearWalk
 from fg_nav.smoother.sensitivity import SharingFactors, weigh_shared
 from fg_nav.smoother.solver import GtsamFactors, LinearizableBlock, Solved
-from fg_nav.smoother.strides import BIAS_SPACING_S, Nodes
+from fg_nav.smoother.strides import Nodes
 from fg_nav.stances import Stances
 from fg_nav.text import format_count
 
 TEMPERATURE_K = 288.15  # Of the standard atmosphere near the ground.
 SCALE_HEIGHT_M = 8.314463 * TEMPERATURE_K / (0.0289652 * GRAVITY_M_S2)  # R T_0 / (g M) of dry air: 8435 m.
 SCALE_SIGMA = 15.0 / TEMPERATURE_K  # 0 to 30 degC.
-LEVELS_PA: Floats = np.array([0.1, 0.2, 0.4, 0.8, 1.6])  # Of the random walk of the offset, Pa/sqrt(s).
-LEVELS_PRIOR: Floats = np.exp(-0.5 * np.log2(LEVELS_PA / 0.3) ** 2)  # Some pascals within minutes, see above.
+DRIFT_PA = 0.4  # Random walk of the offset, Pa/sqrt(s): some pascals within minutes, see above.
 TENDENCY_PA_S = 100.0 / 10800.0  # Sigma of the weather's tendency, and in three hours it is another.
 AIR_PA = 1.0  # Stagnation pressure of the air that walking at 1.3 m/s moves about a shoe.
 OFFSET_SIGMA_M = 100.0  # Before the first reading: it is free.
-REACH_S = 0.5 * BIAS_SPACING_S  # On either side of the stillest sample: a longer standing shows the drift.
+REACH_S = 2.0  # On either side of the stillest sample: a longer standing shows the drift.
 MIN_READINGS = 4  # In a stance, for its halves to show noise.
 MIN_STANCES = 5  # With as many readings, else differences at the barometer's rate show the noise.
 MIN_QUANTUM_PA = 1e-2  # Smaller steps between readings are those of a unit's conversion.
@@ -73,15 +67,13 @@ MIN_QUANTUM_PA = 1e-2  # Smaller steps between readings are those of a unit's co
 class Barometer:
     """The pressure p_0 from which heights count, and what is known of the noise of a footfall's, Pa.
 
-    `white_pa` of the mean over `readings` of a stance, and `common_pa` of any mean; `drift_pa` is the random walk of
-    the offset, Pa/sqrt(s).
+    `white_pa` of the mean over `readings` of a stance, and `common_pa` of any mean.
     """
 
     reference_pa: float
     white_pa: float
     common_pa: float
     readings: float
-    drift_pa: float
 
     @property
     def m_per_pa(self) -> float:
@@ -101,7 +93,7 @@ class Barometer:
     def drift(self, elapsed_s: Floats) -> BarometerDrift:
         """Change of the state in these times (K,) s."""
         tendency = self.m_per_pa * TENDENCY_PA_S
-        rates = self.m_per_pa * self.drift_pa, tendency / np.sqrt(10800.0)
+        rates = self.m_per_pa * DRIFT_PA, tendency / np.sqrt(10800.0)
         return BarometerDrift(elapsed_s[:, None], np.sqrt(elapsed_s)[:, None] * rates)
 
     def prior(self, key: int, offset: float = 0.0) -> gtsam.PriorFactorVector:
@@ -147,7 +139,7 @@ def average_pressures(recording: Recording, stances: Stances, nodes: Nodes) -> S
 
 
 def calibrate_barometer(recording: Recording, seen: StancePressures) -> Barometer | None:
-    """Estimate the noise of the barometer on a walk with these pressures; None where no footfall has one."""
+    """Estimate the noise of a barometer by its pressures on a walk; None where there are none, or all are the same."""
     mean = seen.mean[np.isfinite(seen.mean)]
     if recording.pressure is None or not len(mean):
         return None
@@ -161,13 +153,14 @@ def calibrate_barometer(recording: Recording, seen: StancePressures) -> Baromete
         noise = float(np.median(second)) / (0.6745 * np.sqrt(6.0)) if len(second) else 0.0
     # Steps in which it reads, and over how many footfalls it reads the same.
     steps = np.abs(np.diff(readings))
+    if not steps.any():
+        return None  # it is stuck, or its steps are too large to be known
     quantum = float(steps[steps > MIN_QUANTUM_PA].min(initial=np.inf))
     quantum = 0.0 if np.isinf(quantum) else quantum
     run = len(mean) / (1.0 + np.count_nonzero(np.abs(np.diff(mean)) > MIN_QUANTUM_PA))
-    drift = float(np.sqrt(np.average(LEVELS_PA**2, weights=LEVELS_PRIOR)))
-    common = float(np.sqrt(run * quantum**2 / 12.0 + drift**2 * BIAS_SPACING_S / 6.0))
+    common = float(np.sqrt(run * quantum**2 / 12.0))
     count = float(np.median(seen.number[seen.number > 0]))
-    return Barometer(float(mean[0]), float(np.hypot(noise, AIR_PA)), common, count, drift)
+    return Barometer(float(mean[0]), float(np.hypot(noise, AIR_PA)), common, count)
 
 
 @dataclass(frozen=True)
@@ -197,59 +190,25 @@ def add_barometer(problem: WalkProblem, stances: Stances) -> WalkProblem:
     barometer = calibrate_barometer(recording, seen)
     if barometer is None:
         return problem
-    # Heights of the footfalls with a reading, and the state from one bias to the next.
+    # Heights of the footfalls with a reading, and the state from one footfall to the next.
     known = np.flatnonzero(np.isfinite(seen.mean))
-    keys = [(X(int(nodes.result[k])), P(int(nodes.bias[k]))) for k in known]
-    begun = recording.t[nodes.sample[nodes.result]][np.flatnonzero(np.diff(nodes.bias, prepend=-1))]
-    states = range(len(begun))
+    keys = [(X(int(nodes.result[k])), P(int(k))) for k in known]
+    t, states = recording.t[nodes.sample[nodes.result]], range(len(nodes.result))
     chain = [(P(k), P(k + 1)) for k in states[:-1]]
     factors = BarometerFactors(
         barometer,
         ResidualBlock(barometer.heights(seen, known), keys),
-        ResidualBlock(barometer.drift(np.diff(begun)), chain),
+        ResidualBlock(barometer.drift(np.diff(t)), chain),
         GtsamFactors(barometer.prior(P(0))),
     )
     for k in states:
         problem.values.insert(P(k), np.zeros(2))
-    return replace(problem, barometer=factors)
-
-
-def average_drift(problem: WalkProblem, stacks: Sequence[Stack]) -> WalkProblem:
-    """Return the problem with the drift of its barometer averaged; `stacks` are its factors, linearized."""
-    factors = problem.barometer
-    if factors is None:
-        return problem
-    # The linear graph without the changes of the state, and the evidence of each level of them.
-    letter = np.uint64(ord("p"))
-    changes = [one for one in stacks if (one.keys >> np.uint64(LETTER_SHIFT) == letter).all() and one.keys.shape[1] > 1]
-    others = [one for one in stacks if not any(one is change for change in changes)]
-    keys, between = split_order(problem)
-    chain, ratio = LinearWalk.of(others, keys).eliminate_before(between), LEVELS_PA / factors.barometer.drift_pa
-    evidence = np.array([_minus_log_evidence(chain, changes, by) for by in ratio.tolist()], dtype=np.float64)
-    level = float(np.sqrt(average(LEVELS_PA**2, evidence, LEVELS_PRIOR)))
-    # The problem with the mean variance.
-    barometer = replace(factors.barometer, drift_pa=level)
-    elapsed = factors.drift.residuals
-    assert isinstance(elapsed, BarometerDrift)
-    drift = ResidualBlock(barometer.drift(elapsed.elapsed[:, 0]), factors.drift.keys)
-    sigma = float(barometer.sigma_m(np.ones(1))[0])
     note = (
-        f"barometer in {len(factors)} of {format_count(len(problem.nodes.result), 'footfall')}, each to {sigma:.2f} m "
-        f"about an offset that drifts by {level:.2f} Pa/sqrt(s)"
+        f"barometer in {len(factors)} of {format_count(len(seen.mean), 'footfall')}, each to "
+        f"{float(barometer.sigma_m(np.ones(1))[0]):.2f} m about an offset that drifts"
     )
-    known = replace(problem.known, notes=(*problem.known.notes, note))
-    return replace(problem, known=known, barometer=replace(factors, barometer=barometer, drift=drift))
-
-
-def _minus_log_evidence(chain: LinearWalk, changes: Sequence[Stack], by: float) -> float:
-    """Of the walk with the changes of the state, the sigmas of the offset so many times as large."""
-    scaled = []
-    for keys, rows in changes:
-        rows = rows.copy()
-        rows[:, 0] /= by
-        scaled.append(Stack(keys, rows))
-    left = chain.join(scaled).eliminate_all()
-    return float(left.error + left.volume + sum(len(one.keys) for one in changes) * np.log(by))
+    known_so_far = replace(problem.known, notes=(*problem.known.notes, note))
+    return replace(problem, known=known_so_far, barometer=factors)
 
 
 def spread_scale(factors: BarometerFactors, solved: Solved) -> Floats:
@@ -275,22 +234,22 @@ def stride_factors(
     elapsed_s: float,
     values: gtsam.Values,
 ) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
-    """Return the factors of a new footfall and the values of the state that begins with it, if one does.
+    """Return the factors of a new footfall, and the value of its state where one of them shows it.
 
     Parameters
     ----------
     seen : of a window whose last footfall it is.
     pose_key, height_m : of the footfall at its stillest sample.
-    states : keys of the states of the footfall before and of this one, the latter begun `elapsed_s` after the former.
+    states : keys of the states of the footfall before and of this one, `elapsed_s` later.
     values : of the graph before.
     """
     graph, new = gtsam.NonlinearFactorGraph(), gtsam.Values()
     (before, state), has_reading = states, bool(np.isfinite(seen.mean[-1]))
     reading = one_of(barometer.heights(seen, np.array([-1])), 0)
-    if state != before and values.exists(before):
+    if values.exists(before):
         new.insert(state, values.atVector(before))
         graph.push_back(factor_of(one_of(barometer.drift(np.array([elapsed_s])), 0), [before, state]))
-    elif not values.exists(state) and has_reading:
+    elif has_reading:
         # The first reading, or the first since the graph began again.
         offset = float(reading.height[0]) - height_m
         new.insert(state, np.array([offset, 0.0]))

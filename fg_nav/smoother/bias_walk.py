@@ -54,7 +54,7 @@ def average_bias_walk(problem: WalkProblem, stacks: Sequence[Stack]) -> WalkProb
     if not changes:
         return _with_note(problem, f"gyro bias walk {_write(assumed)}, as assumed")
     # The linear graph without the changes of the bias.
-    keys, between = split_order(problem)
+    keys, between = _split_order(problem)
     others = [one for one in stacks if not _are_changes(one)]
     chain = LinearWalk.of(others, keys).eliminate_before(between)
     # The evidence of each level, and the mean variance.
@@ -69,10 +69,10 @@ def average_bias_walk(problem: WalkProblem, stacks: Sequence[Stack]) -> WalkProb
     return _with_note(replace(problem, graph=graph, parameters=averaged), note)
 
 
-def split_order(problem: WalkProblem) -> tuple[Keys, int]:
+def _split_order(problem: WalkProblem) -> tuple[Keys, int]:
     """Split the order of time: nodes within the time of one bias first, and how many variables that are, then the rest.
 
-    That is the nodes where a new bias begins, and the biases, with the states of a barometer.
+    That is the nodes where a new bias begins, and the biases.
     """
     nodes, with_air = problem.nodes, problem.barometer is not None
     begins = np.flatnonzero(np.diff(nodes.bias[nodes.footfall])) + 1
@@ -83,7 +83,7 @@ def split_order(problem: WalkProblem) -> tuple[Keys, int]:
     return np.concatenate([keys[between], keys[~between]]), int(between.sum())
 
 
-_NODE_LETTERS = (ord("x"), ord("v"))
+_NODE_LETTERS = (ord("x"), ord("v"), ord("p"))
 
 
 def _are_changes(stack: Stack) -> bool:

@@ -9,7 +9,6 @@
     add_barometer        -> heights by the pressure of the air (`barometer`)
     solve                -> values near the minimum
     weaken_refused_stances -> the same, with ties weakened that the walk refuses (`refused_stances`)
-    average_drift        -> random walk of the barometer's offset
     average_bias_walk    -> random walk of the gyro bias (`bias_walk`)
 
 `walk_problem` is all of it: the batch calls it once, a walk in progress at each re-solve. Between re-solves that
@@ -55,7 +54,7 @@ from fg_nav.errors import EstimationError
 from fg_nav.factors.residual import Stack
 from fg_nav.recording import Recording
 from fg_nav.samples.saturation import OFF_SHARE
-from fg_nav.smoother.barometer import add_barometer, average_drift
+from fg_nav.smoother.barometer import add_barometer
 from fg_nav.smoother.bias_walk import average_bias_walk
 from fg_nav.smoother.evidence import MOST_NATS
 from fg_nav.smoother.gauss_newton import FIRST_CONVERGENCE
@@ -267,7 +266,6 @@ def walk_problem(
     recording.release()
     problem, solved = _solve_first(problem, p)
     return_freed()
-    problem = average_drift(problem, solved.stacks)
     return average_bias_walk(problem, solved.stacks) if p.choose_bias_walk else problem
 
 

@@ -92,7 +92,7 @@ def time_order(
 
     With the field its state M at each footfall follows the node of the footfall's result. Floors come after the last
     footfall on them, of which `floor` (F,) has the number. The `directions` of a building, which all courses join,
-    are last. The state P of the barometer is treated as a bias.
+    are last. So does the state P of a barometer.
     """
     ordering = gtsam.Ordering()
     for key in list_in_time(nodes, with_field, floor, directions, with_air).tolist():
@@ -114,7 +114,9 @@ def list_in_time(
         last_on = dict(zip(floor.tolist(), nodes.result.tolist(), strict=True))
         left = np.array(sorted(one for one in last_on.items() if one[0] >= 0), dtype=np.int64).reshape(-1, 2)
         parts.append(("z", left[:, 0], left[:, 1]))
-    parts += [(letter, bias[ends], ends) for letter in ("spb" if with_air else "sb")]
+    if with_air:
+        parts.append(("p", np.arange(len(nodes.result)), nodes.result))
+    parts += [("s", bias[ends], ends), ("b", bias[ends], ends)]
     parts.append(("a", np.arange(directions), np.full(directions, number[-1])))
     keys = np.concatenate([(ord(letter) << LETTER_SHIFT) + of.astype(np.uint64) for letter, of, _ in parts])
     behind = np.concatenate([node for _, _, node in parts])

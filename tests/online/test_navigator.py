@@ -127,7 +127,7 @@ def test_between_footfalls_the_pose_is_carried_on():
         assert np.linalg.norm(pose.velocity) > 1.0
         assert np.linalg.norm(pose.position[0] - batch.position[stop - 1]) < 0.15
         assert np.degrees(np.arccos((np.trace(pose.nav_R_body[0].T @ batch.nav_R_body[stop - 1]) - 1) / 2)) < 5.0
-    push(navigator, np.repeat(rows[stop : stop + 1], 1500, axis=0) + 0.01 * np.arange(1500)[:, None] * np.eye(10)[0])
+    push(navigator, np.repeat(rows[stop : stop + 1], 1500, axis=0) + 0.01 * np.arange(1500)[:, None] * np.eye(11)[0])
     assert np.isfinite(navigator.pose().position).all()
     assert np.linalg.norm(navigator.pose().velocity) < 1.0
 
@@ -143,7 +143,7 @@ def spoiled(rows, kind):
     elif kind == "backward":
         rows = np.concatenate([rows[:middle], rows[middle - 40 : middle - 10], rows[middle:]])
     elif kind == "ahead":
-        rows = np.insert(rows, middle, rows[middle] + np.eye(10)[0] * 1e6, axis=0)
+        rows = np.insert(rows, middle, rows[middle] + np.eye(11)[0] * 1e6, axis=0)
     elif kind == "gap":
         rows = np.delete(rows, np.s_[middle : middle + 150], axis=0)
     elif kind == "restart":
@@ -219,7 +219,7 @@ def test_stamps_go_on_after_a_restart_of_the_clock(block):
     judge = SampleJudge()
     parts = [sent[i : i + block] for i in range(0, len(sent), block)]
     taken = np.concatenate([judge.admit(p[:, 0], p[:, 1:4], p[:, 4:7], p[:, 7:10]) for p in parts])
-    np.testing.assert_allclose(taken[:, :10], rows, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(taken[:, :11], rows, rtol=0, atol=1e-9)
     sensor_t = [judge.sensor_time(i, float(t)) for i, t in enumerate(taken[:, 0])]
     np.testing.assert_allclose(sensor_t, sent[:, 0], rtol=0, atol=1e-9)
     again = SampleJudge.resume(json.loads(json.dumps(judge.state())), [taken], lambda words: None)

@@ -38,7 +38,8 @@ def hurry(monkeypatch):
 
 def recorded(path: Path):
     raw = read_raw(path)
-    return np.column_stack([raw.t, raw.acc, raw.gyr, raw.mag])
+    assert raw.pressure is None
+    return np.column_stack([raw.t, raw.acc, raw.gyr, raw.mag, np.full(len(raw.t), np.nan)])
 
 
 def write(path, rows, goes_on=False, force=False, block=50):
