@@ -266,7 +266,7 @@ ColumnNames = Annotated[
         "--columns",
         metavar="MAPPING",
         help="Which fields of a row are what: time=1\\[ms],acc=2:3:4\\[g],gyr=5:6:7\\[deg/s], or all in order, of "
-        "t,ax,ay,az,gx,gy,gz,mx,my,mz; - is passed over.",
+        "t,ax,ay,az,gx,gy,gz,mx,my,mz,p; - is passed over.",
     ),
 ]
 UnitNames = Annotated[

@@ -134,7 +134,7 @@ def test_a_sensor_switched_off_and_on_is_carried_on_after_a_gap():
         assert sum(map(len, admitted(again, rows[begin:], 50))) == 0
         assert again.counts["late"] == (40 if begin == 0 else 0)  # that nobody listened to
         assert again.counts["known"] == len(rows) - begin - again.counts["late"]
-        more = rows[-30:] + 0.31 * np.eye(10)[0]
+        more = rows[-30:] + 0.31 * np.eye(11)[0]
         np.testing.assert_array_equal(np.concatenate(admitted(again, more, 50))[:, 1:COLUMNS], more[:, 1:])
 
 
