@@ -7,7 +7,7 @@ closed       mems_foot, rounds of one floor, and mtig710, corridors and a round:
 stairs       mtig710, one staircase up and down: their heights, m, of which the sum is 0
 ============ ========================================================================================================
 
-"/ sigma" is the height over its claimed sigma; the magnetometer is not used. The length of the path, m, must not change.
+"/ sigma" is the height over its claimed sigma; the magnetometer is not used. The length of the path must not change.
 """
 
 from __future__ import annotations
