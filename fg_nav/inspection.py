@@ -94,13 +94,22 @@ class StanceShare:
 
 
 @dataclass(frozen=True)
+class Air:
+    """What the barometer reads: its rate, Hz, and the range of the pressure, hPa."""
+
+    rate_hz: float
+    least_hpa: float
+    largest_hpa: float
+
+
+@dataclass(frozen=True)
 class Inspection:
     """A recording in numbers, and its `verdict` in words.
 
     `refusal` is why it cannot be navigated with, None if it can; `find_unit_problems` name wrong units and axes;
-    `field` is None without a magnetometer; `samples_verdict` on what filters and faults left of the samples;
-    `wearing` is "foot" or "pocket" where the turning is clearly that of one (`fg_nav.detection.mount`), else None;
-    `notes` are the remarks of reader and admission.
+    `air` is None without a barometer, `field` without a magnetometer; `samples_verdict` on what filters and faults left
+    of the samples; `wearing` is "foot" or "pocket" where the turning is clearly that of one (`fg_nav.detection.mount`),
+    else None; `notes` are the remarks of reader and admission.
     """
 
     name: str
@@ -121,6 +130,7 @@ class Inspection:
     refusal: str | None
     unit_problems: tuple[str, ...]
     notes: tuple[str, ...]
+    air: Air | None = None
 
     @property
     def is_usable(self) -> bool:
@@ -171,7 +181,17 @@ def inspect(raw: RawRecording) -> Inspection:
         refusal=refusal,
         unit_problems=plausibility.find_unit_problems(raw.t, raw.acc, raw.gyr, raw.mag),
         notes=notes,
+        air=_measure_air(raw.pressure, duration),
     )
+
+
+def _measure_air(pressure: Floats | None, duration: float) -> Air | None:
+    """Measure what a barometer reads, (N,) Pa."""
+    air = None if pressure is None else plausibility.keep_air(pressure)
+    if air is None:
+        return None
+    count, ends = int(np.isfinite(air).sum()), 1e-2 * np.array([np.nanmin(air), np.nanmax(air)])
+    return Air(count / duration if duration > 0.0 else np.nan, float(ends[0]), float(ends[1]))
 
 
 def _admit(raw: RawRecording) -> tuple[Recording | None, str | None]:

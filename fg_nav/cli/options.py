@@ -252,13 +252,21 @@ FileRate = Annotated[
 SensorName = Annotated[
     str | None, typer.Option("--sensor", metavar="NAME", help="Which of several sensors in the file.")
 ]
+BarometerPath = Annotated[
+    Path | None,
+    typer.Option(
+        "--barometer",
+        metavar="FILE",
+        help="Pressure of the air in a file of its own: time_s,pressure_pa (or _hpa), in the recording's clock.",
+    ),
+]
 ColumnNames = Annotated[
     str | None,
     typer.Option(
         "--columns",
         metavar="MAPPING",
         help="Which fields of a row are what: time=1\\[ms],acc=2:3:4\\[g],gyr=5:6:7\\[deg/s], or all in order, of "
-        "t,ax,ay,az,gx,gy,gz,mx,my,mz; - is passed over.",
+        "t,ax,ay,az,gx,gy,gz,mx,my,mz,p; - is passed over.",
     ),
 ]
 UnitNames = Annotated[

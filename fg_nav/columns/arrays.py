@@ -88,7 +88,9 @@ def _read_names(columns: ColumnNames) -> Columns | None:
     for quantity, names in columns.items():
         words[quantity] = (names,) if isinstance(names, str) else tuple(map(str, names))
         if quantity not in QUANTITIES or len(words[quantity]) != len(QUANTITIES[quantity]):
-            raise FormatError(f"columns of '{quantity}' are {words[quantity]}: give time one, acc, gyr and mag three.")
+            raise FormatError(
+                f"columns of '{quantity}' are {words[quantity]}: give time and pressure one, acc, gyr and mag three."
+            )
     for needed in ("acc", "gyr"):
         if needed not in words:
             raise FormatError(f"columns lack {needed}: name its three columns.")

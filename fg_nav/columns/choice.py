@@ -58,7 +58,32 @@ def choose_columns(names: Sequence[str], asker: Asker, sensor: str | None = None
     if acc is None or gyr is None:
         raise FormatError(_say_missing(acc, gyr, meanings, names, asker))
     time, counter = _choose_single("time", meanings, names, asker), _choose_single("counter", meanings, names, asker)
-    return ColumnMap(acc, gyr, found["mag"], time, counter if time is None else None)
+    return ColumnMap(
+        acc, gyr, found["mag"], time, counter if time is None else None, pressure=find_pressure(names, sensor)
+    )
+
+
+def find_pressure(names: Sequence[str], sensor: str | None = None) -> Channel | None:
+    """Find the pressure of the air among columns, of several with `sensor` in its name or the first; None if none.
+
+    >>> find_pressure(["time_s", "Pressure (hPa)"]).unit
+    'hPa'
+    """
+    found = list[Channel]()
+    for position, name in enumerate(names):
+        words = re.findall(r"[a-z]+", name.lower())
+        if any("press" in word or word.startswith("baro") for word in words) and _NO_PRESSURE.isdisjoint(words):
+            unit = next((word for word in words[::-1] if find_factor("pressure", word)), None)
+            found.append(Channel((position,), (name,), re.findall(unit, name, re.IGNORECASE)[-1] if unit else None))
+    of_sensor = [one for one in found if sensor is not None and sensor.casefold() in one.names[0].casefold()]
+    return next(iter(of_sensor or found), None)
+
+
+_NO_PRESSURE = frozenset({
+    *("altitude", "alt", "height", "relative", "sea", "temp", "temperature", "foot", "heel", "toe", "insole", "sole"),
+    *("time", "covariance", "variance", "var", "sigma", "std", "accuracy", "status", "valid", "delta", "tyre", "tire"),
+})  # fmt: skip
+"""Words of what a barometer has besides, and of pressures of something else than air."""
 
 
 def names_sensor(names: Sequence[str]) -> bool:
@@ -70,6 +95,7 @@ def names_sensor(names: Sequence[str]) -> bool:
 def write_mapping(columns: ColumnMap, **units: str) -> str:
     """Write the mapping that names these columns, with units for those that have none."""
     channels = {"time": columns.time, "acc": columns.acc, "gyr": columns.gyr, "mag": columns.mag}
+    channels["pressure"] = columns.pressure
     return ",".join(
         f"{quantity}={_write_channel(channel, channel.unit or units.get(quantity))}"
         for quantity, channel in channels.items()

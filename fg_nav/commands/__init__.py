@@ -148,12 +148,15 @@ def choose_options(
     return Options(*given, changes=changes, mag_axes=axes, polish=polish, places_path=places)
 
 
-def choose_reading(format: str | None, columns: str | None, rate_hz: float | None, sensor: str | None) -> Reading:
+def choose_reading(
+    format: str | None, columns: str | None, rate_hz: float | None, sensor: str | None, barometer: Path | None = None
+) -> Reading:
     """Return how a file is to be read where its content does not say."""
     from fg_nav.columns.mapping import parse_columns
     from fg_nav.io import Reading
 
-    return Reading(format, None if columns is None else parse_columns(columns), rate_hz, sensor)
+    mapping = None if columns is None else parse_columns(columns)
+    return Reading(format, mapping, rate_hz, sensor, barometer=barometer)
 
 
 def find_earth_field(place: str | None) -> EarthField | None:

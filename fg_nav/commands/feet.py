@@ -83,6 +83,7 @@ def _check(recordings: Sequence[Path], run: RunRequest) -> None:
         "--places": options.places_path,
         "--save-places": run.save_places,
         "--config": run.config,
+        "--barometer": run.reading.barometer,
     }
     refuse_for_two(refused)
 

@@ -87,6 +87,7 @@ def run(recordings: Sequence[Path], request: RunRequest) -> Answer:
         "--fixes": options.fixes_path,
         "--known-distance": options.known_distance_m,
         "--save-places": request.save_places,
+        "--barometer": request.reading.barometer,
     }
     for option, value in own.items():
         if value is not None:

@@ -35,6 +35,9 @@ LIMIT_RAD_S = 350.0
 LIMIT_UT = 1e5
 """No magnetometer that is still of use reads more (0.1 T)."""
 
+AIR_PA = (3e4, 1.2e5)
+"""Pressure of the air, from above the highest mountains to below the deepest mines; what lies outside is no sample."""
+
 MOST_JUDGED, BLOCK = 2_000_000, 20_000
 """Samples by which units are judged, hours of them, and those of a block, more than a minute."""
 
@@ -380,3 +383,9 @@ def _moving_mean(vectors: Floats, length: int) -> Floats:
     sums: Floats = np.concatenate([np.zeros((1, vectors.shape[1])), np.cumsum(vectors, axis=0)])
     means: Floats = (sums[length:] - sums[:-length]) / length
     return means
+
+
+def keep_air(pressure: Floats) -> Floats | None:
+    """Return pressure (N,) Pa, NaN where it is none of air; None where it is nowhere."""
+    is_air = (pressure > AIR_PA[0]) & (pressure < AIR_PA[1])
+    return np.where(is_air, pressure, np.nan) if is_air.any() else None

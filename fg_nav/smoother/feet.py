@@ -239,7 +239,8 @@ def _split_foot(problem: WalkProblem, ties: Ints, reach: Ints) -> tuple[Keys, Ke
     nodes = problem.nodes
     by_places = np.zeros(0, np.int64) if problem.places is None else problem.places.footfalls
     tied = np.unique(np.concatenate([ties, np.searchsorted(nodes.result, reach), by_places]))
-    keys = list_in_time(nodes, problem.field is not None, problem.floor, problem.alphas)
+    with_field, with_air = problem.field is not None, problem.barometer is not None
+    keys = list_in_time(nodes, with_field, problem.floor, problem.alphas, with_air)
     is_tied, is_common = split_tied(keys, nodes, tied)
     # A variable follows the last node that uses it.
     is_pose = keys >> np.uint64(LETTER_SHIFT) == ord("x")

@@ -45,6 +45,9 @@ class WalkParameters:
     places: bool = True
     """Footfalls are at one place where the field along the path is that of an earlier one (`places`)."""
 
+    barometer: bool = True
+    """Footfalls are at the height that the pressure of the air shows, where it was recorded (`barometer`)."""
+
 
 @dataclass(frozen=True)
 class SmootherParameters:

@@ -6,6 +6,7 @@
     choose_peak_height   -> how far clipped peaks of the rate rise above the range, by the same evidence
     choose_swing_noise   -> noise of a swing, by the evidence below
     graph.build_problem  -> nodes, factors and initial values
+    add_barometer        -> heights by the pressure of the air (`barometer`)
     solve                -> values near the minimum
     weaken_refused_stances -> the same, with ties weakened that the walk refuses (`refused_stances`)
     average_bias_walk    -> random walk of the gyro bias (`bias_walk`)
@@ -54,6 +55,7 @@ from fg_nav.errors import EstimationError
 from fg_nav.factors.residual import Stack
 from fg_nav.recording import Recording
 from fg_nav.samples.saturation import OFF_SHARE
+from fg_nav.smoother.barometer import add_barometer
 from fg_nav.smoother.bias_walk import average_bias_walk
 from fg_nav.smoother.evidence import average
 from fg_nav.smoother.gauss_newton import FIRST_CONVERGENCE
@@ -251,6 +253,7 @@ def walk_problem(
     recording, known, swing = _estimate_known(recording, stances, rests, p)
     p = replace(p, gyr_relative_density=swing.gyr_relative_density)
     problem = build_problem(recording, stances, start.nav_R_body, known, p, heading is not None, progress)
+    problem = add_barometer(problem, stances)
     recording.release()
     problem, solved = _solve_first(problem, p)
     return_freed()
