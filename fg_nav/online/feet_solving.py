@@ -76,11 +76,11 @@ class WalksAlone:
         if self._is_turned or self._is_parted or left is None or not _has_own_heading(left, options):
             return None
         turn = measure_turns(*(list_footfalls(one.problem, one.solved.values) for one in (right, left)))[1]
-        if len(turn) < FEWEST_TURNS:
+        if np.abs(turn).sum() < FEWEST_TURNS:
             return None
         self._is_turned = True
         start = compute_heading(list_attitudes([0], right.solved.values)[0])
-        return float(start + np.angle(np.mean(np.exp(1j * turn))))
+        return float(start + np.angle(np.sum(turn)))
 
     def join(self) -> SolvedFeet | None:
         """Solve both in one graph; None where they do not show how they lie. Raises what `UNSOLVED` has."""

@@ -34,6 +34,8 @@ ALONG_SIGMA_M, ACROSS_SIGMA_M, UP_SIGMA_M = 0.08, 0.05, 0.04
 """Of the mean places of a cell of a short walk. Those of motion-captured feet in laps: 0.03, 0.02 and 0.005 m; people
 on stairs and with a load step less evenly."""
 
+STEPS_HALF = 2.0  # Steps of a cell in whose mean they differ as much as what a person does alike from step to step.
+
 WIDTH_M, WIDTH_SIGMA_M = 0.15, 0.1
 """Between the sensors of both feet, across the way: people walk 0.05 to 0.2 m wide, and wear sensors on the outside."""
 
@@ -167,8 +169,9 @@ def tie_feet(right: WalkProblem, left: WalkProblem, values: FeetValues) -> Footf
     ]
     normal = np.pad(cells.left_normal, ((0, 0), (0, 1)))
     heading = np.arctan2(-normal[:, 0], normal[:, 1])
-    # The means of larger cells are those of more steps.
-    along, across, up = np.array([ALONG_SIGMA_M, ACROSS_SIGMA_M, UP_SIGMA_M]) / np.sqrt(cells.grown)
+    # The means of larger cells are those of more steps, and of few steps those of few.
+    times = np.sqrt(1.0 / cells.grown + STEPS_HALF / cells.steps)
+    along, across, up = np.array([ALONG_SIGMA_M, ACROSS_SIGMA_M, UP_SIGMA_M])[:, None] * times
     weight = weigh_place(heading, along, across, up)
     in_left = np.einsum("kji,kj->ki", poses[1][: len(cells), :3, :3], normal)
     residuals = BesideEachOther(*(_append_zeros(one, len(of_right)) for one in (*in_body, in_left, weight)))
