@@ -32,7 +32,7 @@ CELL_M, CELL_TURN_RAD = 8.0, np.deg2rad(60.0)
 """Of the way, and by how much it turns: six strides, over which a path that was found alone is bent by less than steps
 differ. In the mean over a turn the direction would be lost."""
 
-FEWEST_CELLS, LEAST_GROWN = 4, 0.25
+FEWEST_CELLS, LEAST_GROWN = 6, 0.25
 MOST_CELLS, MOST_GROWN, MOST_APART_M = 40, 2.0, 30.0
 """Of a walk: cells of a short one are smaller, down to a stride and a half, so that there are some. Those of a long one
 are up to twice as large, and no more of them are kept, as long as they are not further apart than that. With twice as
@@ -129,7 +129,7 @@ class Cells:
     """C cells: mean places (C, 3) m of both feet, mean normal (C, 2), and the moment (C,) s.
 
     `steps` (C,) is how many each is the mean of, by their weights, and `grown` how many times as large they are as
-    `CELL_M`, 1 at least.
+    `CELL_M`.
     """
 
     t: Floats
@@ -146,10 +146,10 @@ class Cells:
 def average_cells(right: Footfalls, left: Footfalls) -> Cells:
     """Average the steps of a walk over cells, in order of time."""
     of_right, of_left = find_steps(right, left), find_steps(left, right)
-    way = _measure_way(left)
-    whole = float(way[-1:].max(initial=0.0))
-    grown = float(np.clip(whole / MOST_CELLS, np.clip(whole / FEWEST_CELLS, LEAST_GROWN, 1.0), MOST_GROWN))
-    number = _number_cells(left, right.holes, way / grown)
+    way, turned = _measure_way(left)
+    grown = float(np.clip((way + turned)[-1:].max(initial=0.0) / MOST_CELLS, 1.0, MOST_GROWN))
+    shrunk = float(np.clip(way[-1:].max(initial=0.0) / FEWEST_CELLS, LEAST_GROWN, 1.0))
+    number = _number_cells(left, right.holes, way / (grown * shrunk) + turned / grown)
     cells = number[of_right.before], number[of_left.at]
     count = number.max(initial=0) + 1
     weights = [np.bincount(cell, of.weight, count) for cell, of in zip(cells, (of_right, of_left), strict=True)]
@@ -174,7 +174,7 @@ def average_cells(right: Footfalls, left: Footfalls) -> Cells:
         )
     ]
     t, of_right_foot, of_left_foot, normal = means
-    return Cells(t[:, 0], of_right_foot, of_left_foot, normal, steps[kept], max(grown, 1.0))
+    return Cells(t[:, 0], of_right_foot, of_left_foot, normal, steps[kept], grown * shrunk)
 
 
 def _limit_cells(foot: Footfalls) -> int:
@@ -206,15 +206,15 @@ def _number_cells(foot: Footfalls, holes: Floats, way: Floats) -> Ints:
     return np.unique(np.stack([piece, np.floor(way)], axis=1), axis=0, return_inverse=True)[1].ravel()
 
 
-def _measure_way(foot: Footfalls) -> Floats:
-    """Way (F,) walked to each footfall, in cells of a short walk: by its length and its turns."""
+def _measure_way(foot: Footfalls) -> tuple[Floats, Floats]:
+    """Way (F,) walked to each footfall, and turns (F,) taken, in cells."""
     move = np.diff(foot.position[:, :2], axis=0, prepend=foot.position[:1, :2])
     length = np.linalg.norm(move, axis=1)
     walks = length > SHORT_M
     heading = np.unwrap(np.arctan2(move[walks, 1], move[walks, 0]))
     turned = np.zeros(len(foot))
     turned[walks] = np.abs(np.diff(heading, prepend=heading[:1]))
-    return np.cumsum(length / CELL_M + turned / CELL_TURN_RAD)
+    return np.cumsum(length) / CELL_M, np.cumsum(turned) / CELL_TURN_RAD
 
 
 def measure_turns(right: Footfalls, left: Footfalls) -> tuple[Floats, Complexes]:
