@@ -7,15 +7,16 @@
     sides           which recording is of which foot: by the user, or by the width between
     FeetResult      each foot and the person, measured and judged
 
-A foot whose recording cannot be navigated leaves the other as it is alone: `_go_alone`.
+A foot whose recording cannot be navigated leaves the other as it is alone, and feet that nothing ties are two walks
+with a remark: `_go_alone`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import Literal, TypeAlias
 
 import numpy as np
 
@@ -37,9 +38,6 @@ from fg_nav.solution import Solution
 from fg_nav.text import format_count
 from fg_nav.truth import FootprintTruth, TrajectoryTruth, Truth
 from fg_nav.walk import Options, Walk, add_known, check_known, evaluate_solution, measure_field, read_walk
-
-if TYPE_CHECKING:
-    from fg_nav.arrays import Floats
 
 FEET_METHODS = ("smoother", "inertial")
 """Methods that solve both feet."""
@@ -269,15 +267,16 @@ def _go_alone(request: _Request, prepared: Sequence[Walk], lost: Mapping[int, st
             else:
                 notes.append("the heading was that of the left foot, and left out: it is zero, or that of the field")
         feet[side] = Result.of(walk, run_method(walk, request.method, request.progress))
-    side = next(iter(feet))
+    first: Side = "left" if "left" in feet else "right"
     if lost:
         ((missing, why),) = lost.items()
-        doubt = f"the {request.order[missing]} foot is missing: {why.rstrip('.')}; the {side} foot alone is the person's path."
+        doubt = f"the {request.order[missing]} foot is missing: {why.rstrip('.')}; the {first} foot alone is the "
+        doubt += "person's path."
     else:
-        doubt = f"the feet are solved as two walks, and the {side} one is the person's path: {untied}"
-    person = trace_person(feet[side], feet[side], np.zeros(1), np.zeros((1, 4, 4)))
+        doubt = f"the feet are solved as two walks, and the {first} one is the person's path: {untied}"
+    person = trace_person(feet[first], feet[first], np.zeros(1), np.zeros((1, 4, 4)))
     known: Known = "assumed" if request.sides is None else "named"
-    heading_deg = request.heading_deg if side == "left" else None
+    heading_deg = request.heading_deg if first == "left" else None
     offset_s, given = request.clock_offset_s or 0.0, request.clock_offset_s is not None
     pairing = Pairing(request.order, known, offset_s, given, heading_deg=heading_deg, doubts=(doubt,))
     return FeetResult.of(feet, person, pairing, tuple(notes))

@@ -10,16 +10,16 @@ l by how much the person limps, of sigma `LIMP_SIGMA` and the same all along. Wh
 costs `MISSED` nats. Who walks evenly does so at every cycle's shift of the clocks: which cycle it is the bends of the
 way show, as both feet turn alike. With the turn alpha of each stride, about up and within its time, it costs
 
-    d^2 / (2 s^2) + ln(s / `TURN_SIGMA_RAD`),    d = alpha - alpha' - m,    s^2 = `TURN_SIGMA_RAD`^2 + (`TURN_SHARE` alpha)^2,
+    d^2 / (2 s^2),    d = alpha - alpha' - m,    s^2 = `TURN_SIGMA_RAD`^2 + (`TURN_SHARE` max alpha)^2,
 
-alpha' the turn of the second foot over the same time and m the mean difference, which is that of the gyroscope biases:
-a foot turns in its swing what the person turns in a stride. So do halts cost, where one foot has swings and the other
+alpha' the turn of the second foot over the same time, m the mean difference, which is that of the gyroscope biases, and
+the largest alpha that of the stride or of one next to it: a foot turns in its swing what the person turns in a stride. So do halts cost, where one foot has swings and the other
 has none. A stride during which the second foot did not record costs `UNRELATED`, as any does of feet that have nothing
 to do with each other, and what the first did not record nothing.
 
 Clocks of cheap sensors run fast or slow by some percent, and stamps counted at a nominal rate do so too:
 tau(t) = tau_0 + rho (t - t_0). L(tau_0, rho) is the sum, nats, of which `SHARE` counts, as the steps of a walk are
-alike. Most pairs are on one clock; of the others the logarithm of how many offsets and rates there are is lost.
+alike; its turns are less so, and count `TURN_WORTH` times as much. Most pairs are on one clock; of the others the logarithm of how many offsets and rates there are is lost.
 The best is taken: zero, another that is by `ENOUGH` better than that of any other cycle, or none, where feet
 that are unrelated are as likely.
 """
@@ -44,15 +44,15 @@ PHASE_SIGMA, LIMP_SIGMA = 0.1, 0.05
 
 MISSED = 4.0  # nats: one swing in fifty has no partner, where one shuffles or the detector fails.
 
-TURN_SIGMA_RAD, TURN_SHARE = 0.15, 0.3  # Of the turns of both feet over one stride: they turn by turns.
+TURN_SIGMA_RAD, TURN_SHARE = 0.15, 0.5  # Of the turns of both feet over one stride: they turn by turns.
 
 MAX_ALONE = 3  # Swings in a stand of the other foot that count.
 
-MAX_TURN_COST = 4.0  # nats, of a stride's turn.
+MAX_TURN_COST, TURN_WORTH = 4.0, 2.5  # nats, of a stride's turn; and how many swings it counts for.
 
 SHARE = 0.2  # Of independent steps.
 
-ENOUGH = 5.0  # nats between two cycles.
+ENOUGH = 3.0  # nats between two cycles: twenty to one.
 
 FITTING, UNRELATED = 0.4, 1.8
 """nats: mean cost of a swing of clocks that fit (0.1 to 0.4), and above which feet are not those of one walk
@@ -77,8 +77,10 @@ FEWEST_SWINGS, MAX_SWINGS = 3, 600  # Of the first foot that are compared: ten m
 
 @dataclass(frozen=True)
 class ClockOffset:
-    """What is to be added to the second recording's stamps, s, at its own time `at`, by how much more each second after
-    that, `drift`, and a remark; zero and none where they fit."""
+    """What is to be added to the second recording's stamps, s, and a remark; zero and none where they fit.
+
+    It is so at its own time `at`, and by `drift` more with each second after that.
+    """
 
     offset_s: float
     note: str = ""
@@ -137,8 +139,8 @@ def match_swings(a: Swings, b: Swings) -> ClockOffset:
     best_found = max(found, key=lambda one: one.nats)
     if max(as_it_is, best_found.nats) < unrelated:
         raise EstimationError(
-            "the two recordings do not show the feet of one walk: with no offset of their clocks do they swing in turn; "
-            "check the files, or give --clock-offset."
+            "the two recordings do not show the feet of one walk: with no offset of their clocks do they swing in "
+            "turn; check the files, or give --clock-offset."
         )
     return ClockOffset(0.0) if as_it_is >= best_found.nats else best_found.choose(b)
 
@@ -182,7 +184,7 @@ def _search(a: Swings, b: Swings, tau: Floats, prior: float) -> _Found:
     if nats.max() < -SHARE * FITTING * len(match.t):
         count = int(0.5 * MAX_DRIFT * span / (2.0 * spacing))
         rates = np.append(rates, np.delete(np.linspace(-MAX_DRIFT, MAX_DRIFT, 2 * count + 1), count))
-        nats = np.concatenate([nats, [match.weigh(rate) - DRIFT_NATS for rate in rates[1:]]])
+        nats = np.stack([nats[0], *(match.weigh(rate) - DRIFT_NATS for rate in rates[1:])])
     nats += prior
     row, best = np.unravel_index(np.argmax(nats), nats.shape)
     # Who limps does not show it: in the mean nobody does.
@@ -225,9 +227,10 @@ class _Match:
         differ = np.where(hidden | ~walks | unseen, np.nan, turn - other)
         known = np.isfinite(differ).any(axis=0)
         differ[:, known] -= np.nanmedian(differ[:, known], axis=0)
-        sigma = np.hypot(TURN_SIGMA_RAD, TURN_SHARE * np.maximum(np.abs(turn), np.abs(other)))
-        of_turn = np.minimum(0.5 * (differ / sigma) ** 2 + np.log(sigma / TURN_SIGMA_RAD), MAX_TURN_COST)
-        rest = of_turn + MISSED * (count != 1)
+        around = np.pad(np.abs(turn), ((1, 1), (0, 0)))
+        sigma = np.hypot(TURN_SIGMA_RAD, TURN_SHARE * np.maximum(np.maximum(around[:-2], around[2:]), np.abs(turn)))
+        of_turn = np.nan_to_num(np.minimum(0.5 * (differ / sigma) ** 2, MAX_TURN_COST))
+        rest = TURN_WORTH * of_turn + MISSED * (count != 1)
         # While the first one stands for long the second one has none.
         rest = np.where(walks, rest, MISSED * np.minimum(count, MAX_ALONE))
         rest = np.where(hidden, UNRELATED, rest)
@@ -249,7 +252,7 @@ class _Match:
             count = is_one.sum(axis=0)
             limp = phase.sum(axis=0) / (count + (PHASE_SIGMA / LIMP_SIGMA) ** 2 / SHARE)
         cost = np.minimum(0.5 * ((phase - limp) / PHASE_SIGMA) ** 2, MISSED) * is_one + rest
-        return -SHARE * cost.sum(axis=0) - 0.5 * (limp / LIMP_SIGMA) ** 2
+        return np.asarray(-SHARE * cost.sum(axis=0) - 0.5 * (limp / LIMP_SIGMA) ** 2)
 
 
 def list_swings(recording: Recording, stances: Stances) -> Swings:

@@ -17,7 +17,8 @@ footfalls of the right and of the left foot (1 where the foot is q, 1/2 and 1/2 
     q_R = sum a_k p_k,    q_L = sum b_k p_k,    n = mean of n,    q_R = q_L - w n.
 
 A stride that is short, as in a shuffle or a turn on the spot, or takes long, as a halt, has no direction, or the other
-foot not in its middle: it counts little, by `weigh_strides`, and not by itself what is slow. Over a hole in a recording its path is no measure of a distance: no step and no cell crosses one.
+foot not in its middle: it counts little, by `weigh_strides`; what is slow all along counts in full. Over a hole in a
+recording its path is no measure of a distance: no step and no cell crosses one.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from fg_nav.arrays import Complexes, Floats, Ints
+from fg_nav.arrays import Bools, Complexes, Floats, Ints
 
 CELL_M, CELL_TURN_RAD = 8.0, np.deg2rad(60.0)
 """Of the way, and by how much it turns: six strides, over which a path that was found alone is bent by less than steps
@@ -141,6 +142,12 @@ class Cells:
 
     def __len__(self) -> int:
         return len(self.t)
+
+    def take(self, kept: Bools) -> Cells:
+        """Return those that are kept (C,)."""
+        return Cells(
+            self.t[kept], self.right[kept], self.left[kept], self.left_normal[kept], self.steps[kept], self.grown
+        )
 
 
 def average_cells(right: Footfalls, left: Footfalls) -> Cells:
