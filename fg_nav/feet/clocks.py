@@ -13,15 +13,16 @@ way show, as both feet turn alike. With the turn alpha of each stride, about up 
     d^2 / (2 s^2),    d = alpha - alpha' - m,    s^2 = `TURN_SIGMA_RAD`^2 + (`TURN_SHARE` max alpha)^2,
 
 alpha' the turn of the second foot over the same time, m the mean difference, which is that of the gyroscope biases, and
-the largest alpha that of the stride or of one next to it: a foot turns in its swing what the person turns in a stride. So do halts cost, where one foot has swings and the other
-has none. A stride during which the second foot did not record costs `UNRELATED`, as any does of feet that have nothing
-to do with each other, and what the first did not record nothing.
+the largest alpha that of the stride or of one next to it: a foot turns in its swing what the person turns in a stride.
+So do halts cost, where one foot has swings and the other has none. A stride during which the second foot did not record
+costs `UNRELATED`, as any does of feet that have nothing to do with each other, and what the first did not record
+nothing.
 
-Clocks of cheap sensors run fast or slow by some percent, and stamps counted at a nominal rate do so too:
-tau(t) = tau_0 + rho (t - t_0). L(tau_0, rho) is the sum, nats, of which `SHARE` counts, as the steps of a walk are
-alike; its turns are less so, and count `TURN_WORTH` times as much. Most pairs are on one clock; of the others the logarithm of how many offsets and rates there are is lost.
-The best is taken: zero, another that is by `ENOUGH` better than that of any other cycle, or none, where feet
-that are unrelated are as likely.
+Clocks of cheap sensors run fast or slow by some percent, and stamps counted at a nominal rate do so too: tau(t) = tau_0
++ rho (t - t_0). L(tau_0, rho) is the sum, nats, of which `SHARE` counts, as the steps of a walk are alike; its turns
+are less so, and count `TURN_WORTH` times as much. Most pairs are on one clock; of the others the logarithm of how many
+offsets and rates there are is lost. The best is taken: zero, another that is by `ENOUGH` better than that of any other
+cycle, or none, where feet that are unrelated are as likely.
 """
 
 from __future__ import annotations

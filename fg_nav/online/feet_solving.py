@@ -35,9 +35,10 @@ from fg_nav.online.options import OnlineOptions
 from fg_nav.online.resolve import WalkSolution, condense_at, hand_over_solution, solve_alone
 from fg_nav.online.solving import Task, WalkSolver
 from fg_nav.smoother.feet import SolvedFeet, solve_feet
-from fg_nav.smoother.feet_batch import FEWEST_CELLS
 from fg_nav.smoother.feet_factors import list_footfalls
 from fg_nav.smoother.solver import UNSOLVED, list_attitudes
+
+FEWEST_CELLS = 4  # That tie two feet in progress: the first ones are small, and each foot alone turns by its own drift.
 
 
 class WalksAlone:
