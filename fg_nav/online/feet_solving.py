@@ -38,7 +38,7 @@ from fg_nav.smoother.feet import SolvedFeet, solve_feet
 from fg_nav.smoother.feet_factors import list_footfalls
 from fg_nav.smoother.solver import UNSOLVED, list_attitudes
 
-FEWEST_CELLS = 4  # That tie two feet in progress: the first ones are small, and each foot alone turns by its own drift.
+FEWEST_CELLS = 6  # That tie two feet in progress: the first ones are small, and each foot alone turns by its own drift.
 
 
 class WalksAlone:
