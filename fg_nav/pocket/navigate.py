@@ -9,8 +9,8 @@ pocket           orientation by the iterated Kalman smoother (`iterated_smoother
 munoz-diaz2017   orientation by MD's filter (`filter`), its misprints corrected
 ================ =====================================================================
 
-A given heading is that of the path, over the first two strides. Without one, the compass gives that of the sensor at
-the start; without a magnetometer it is 0. The white error of the magnetometer, on which MD's filter depends most, is
+A given heading is that of the path, over the first two strides. Without one it is from magnetic north, by the compass
+over all of the walk (`compass`), or with MD's filter at the start; without a magnetometer it is 0. The white error of the magnetometer, on which MD's filter depends most, is
 estimated from the recording (`fg_nav.pocket.track`).
 """
 
@@ -27,6 +27,7 @@ from fg_nav.arrays import Floats, Ints
 from fg_nav.detection.mount import TurnSigns, refuse_foot
 from fg_nav.errors import EstimationError
 from fg_nav.magnetic.quasi_static import DISTURBED, QUASI_STATIC, UNKNOWN
+from fg_nav.pocket.compass import measure_turn
 from fg_nav.pocket.dead_reckoning import (
     StepLength,
     SteppedPath,
@@ -37,7 +38,7 @@ from fg_nav.pocket.dead_reckoning import (
 )
 from fg_nav.pocket.filter import estimate_pocket
 from fg_nav.pocket.parameters import PocketParameters
-from fg_nav.pocket.steps import LEAST_OPENING_DEG, Steps, ThighSwing, estimate_swing, find_steps
+from fg_nav.pocket.steps import LEAST_OPENING_DEG, Steps, ThighSwing, estimate_swing, find_all_steps
 from fg_nav.pocket.track import PocketStart, PocketTrack, compass_start, estimate_field_noise_uT, level_start
 from fg_nav.recording import Recording
 from fg_nav.samples.saturation import find_saturated
@@ -93,9 +94,13 @@ def navigate_pocket(
     signs = refuse_foot(recording)
     start, start_notes = choose_start(recording, heading)
     track = _estimate_track(recording, method, start, progress)
+    turn = measure_turn(recording, track) if method == METHODS[0] else None
+    if turn is not None:
+        track = turn.apply(track)
+        start_notes = [] if heading is not None else [turn.note]
     # steps of the thigh
     swing = estimate_swing(recording, track)
-    steps = find_steps(recording.t, swing.flexion, swing.up_now)
+    steps = find_all_steps(recording, track, swing)
     require_steps(steps)
     step_length = _choose_step_length(steps, step_constant_m, known_distance_m)
     # the given heading is that of the first strides
@@ -117,8 +122,8 @@ def require_steps(steps: Steps) -> None:
     """Raise `EstimationError` if there is no step."""
     if not len(steps):
         raise EstimationError(
-            f"no step was found: the thigh does not swing to and fro by {LEAST_OPENING_DEG:g} deg or "
-            "more, three times in a row; was it walked with, in a trouser pocket?"
+            f"no step was found: neither does the thigh swing to and fro by {LEAST_OPENING_DEG:g} deg or more, three "
+            "times in a row, nor does the body bounce; was it walked with, in a trouser pocket?"
         )
 
 
@@ -173,7 +178,7 @@ def _estimate_track(recording: Recording, method: str, start: PocketStart, progr
 
 def _choose_step_length(steps: Steps, constant_m: float | None, distance_m: float | None) -> StepLength:
     if distance_m is not None:
-        return calibrate_step_length(steps.opening, distance_m)
+        return calibrate_step_length(steps, distance_m)
     return StepLength() if constant_m is None else use_step_constant(constant_m)
 
 
