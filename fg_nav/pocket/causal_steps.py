@@ -222,7 +222,7 @@ class CausalSteps:
     def steps(self) -> Steps:
         """All steps so far, as a recording's."""
         known = self.columns
-        took = average_durations((known.stop - known.start) * self._period_s, known.bout)
+        took = average_durations(np.asarray((known.stop - known.start) * self._period_s, dtype=np.float64), known.bout)
         return Steps(known.start, known.stop, known.opening, took, self._front * known.swept > 0, known.bout)
 
     # slow parts

@@ -7,10 +7,11 @@ heading of the mean field over block k, in the track,
 
     mu_k = x_k + n_k
 
-x the turn of the track, clockwise, from magnetic north, a random walk of q rad^2/s; n the deviation of a place, of sigma
-a / H and t-distributed: a the deviation of the field, uT, H its horizontal part. Iron that turns the field changes its
-strength as much, and so a is the spread of the strength over the walk. How much a gyroscope loses is not known before:
-the smoothed x are averaged over a grid of q, from hardly any to ten deg per root second, by the evidence of each.
+x the turn of the track, clockwise, from magnetic north, a random walk of q rad^2/s; n the deviation of a place, of
+sigma a / H and t-distributed: a the deviation of the field, uT, H its horizontal part. Iron that turns the field
+changes its strength as much, and so a is the spread of the strength over the walk. How much a gyroscope loses is not
+known before: the smoothed x are averaged over a grid of q, from hardly any to ten deg per root second, by the evidence
+of each.
 """
 
 from __future__ import annotations
@@ -112,7 +113,7 @@ def _smooth(mu: Floats, variance: Floats, walk: Floats) -> tuple[Floats, Floats,
 
 
 def _pass_both_ways(mu: Floats, variance: Floats, walk: Floats) -> tuple[Floats, Floats, float]:
-    """Kalman filter and Rauch-Tung-Striebel smoother of a random walk; `walk` (K - 1,) are the variances of its steps."""
+    """Kalman filter and Rauch-Tung-Striebel smoother of a random walk with steps of variances `walk` (K - 1,)."""
     n, evidence = len(mu), 0.0
     x, P = np.empty(n), np.empty(n)
     x[0], P[0] = mu[0], variance[0]

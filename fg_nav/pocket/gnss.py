@@ -5,11 +5,9 @@ walk slowly: trousers, pace, and what the compass misses.
 
     p_k+1 = p_k + exp(s_k) R(psi_k) d_k (+ its own error)       psi_k+1 = psi_k (+ w)       s_k+1 = s_k (+ v)
 
-psi is clockwise about up. A fix observes p at the node nearest in time, with its accuracy for sigma. A receiver's error
-lasts: fixes `CORRELATED_S` apart are independent, those between share their information. Some are off by many sigmas
-(walls, the first after a start), so the errors are Cauchy's: each round multiplies the variance of a fix by
-1 + (r / (c sigma))^2. An extended Kalman filter forward and the smoother of Rauch, Tung and Striebel back, linearized
-about the last round.
+psi is clockwise about up. A fix observes p at the node nearest in time, with its accuracy for sigma (`fg_nav.gnss`);
+each round multiplies the variance of a fix by 1 + (r / (c sigma))^2, which is Cauchy's. An extended Kalman filter
+forward and the smoother of Rauch, Tung and Striebel back, about the estimates of the filter.
 """
 
 from __future__ import annotations
@@ -20,8 +18,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.errors import EstimationError
 from fg_nav.frames import yaw_rotation
+from fg_nav.gnss import CAUCHY, CORRELATED_S, Gnss, describe_start, find_turn, select_fixes
 from fg_nav.pocket.dead_reckoning import (
     MOUNTING_SIGMA_DEG,
     STEP_HEADING_SIGMA_DEG,
@@ -32,10 +30,6 @@ from fg_nav.pocket.dead_reckoning import (
 from fg_nav.pocket.track import PocketTrack
 from fg_nav.truth import Fix
 
-CORRELATED_S = 10.0  # a receiver's filter, and the walls about it, keep an error for so long
-
-CAUCHY = 2.0  # residual in sigmas at which a fix counts half
-
 TURN_WALK_DEG = 2.0  # of psi, deg/sqrt(s): ten degrees in half a minute, of a sensor that shifts and of iron
 
 SCALE_WALK = 0.02  # of s, 1/sqrt(s): a tenth in half a minute, by kerbs, slopes and haste
@@ -45,8 +39,6 @@ UNSEEN_M_S = 0.7  # walk of the place where no step is seen, m/sqrt(s): who carr
 ROUNDS = 8  # of weights
 
 MAX_GIVEN_SIGMA = np.radians(45.0)  # a heading known worse is first sought in all directions
-
-MIN_FIXES = 3
 
 
 @dataclass(frozen=True)
@@ -77,52 +69,30 @@ def fuse_fixes(t: Floats, steps: Floats, fixes: Sequence[Fix], heading_sigma: fl
     ----------
     t : (S + 1,) s, begin of the first step and end of each.
     steps : (S, 2) m east and north, each.
-    fixes : at least `MIN_FIXES` within the walk; heights are not used.
+    fixes : at least `fg_nav.gnss.MIN_FIXES` within the walk; heights are not used.
     heading_sigma, scale_sigma : of psi, rad, and s, at the start.
 
     Raises `EstimationError` with fewer fixes.
     """
-    fixes = [fix for fix in fixes if t[0] - CORRELATED_S <= fix.time_s <= t[-1] + CORRELATED_S]
-    if len(fixes) < MIN_FIXES:
-        raise EstimationError(
-            f"{len(fixes)} fixes within the walk, which lasts from {t[0]:.1f} to {t[-1]:.1f} s: "
-            f"{MIN_FIXES} are needed, in the recording's own time; give others, or leave --gnss out."
-        )
     # node of each fix, and its sigma with that of what was walked in between
-    time = np.array([fix.time_s for fix in fixes])
-    place = np.array([fix.position[:2] for fix in fixes])
-    node = np.abs(time[:, None] - t).argmin(axis=1)
-    shared = np.clip(CORRELATED_S / np.maximum(np.gradient(time), 1e-3), 1.0, None)
-    variance = shared * np.array([fix.horizontal_sigma_m for fix in fixes]) ** 2 + (UNSEEN_M_S * (time - t[node])) ** 2
-    order = np.argsort(node, kind="stable")
-    node, place, variance = node[order], place[order], variance[order]
+    seen = select_fixes(fixes, float(t[0]) - CORRELATED_S, float(t[-1]) + CORRELATED_S)
+    node = np.abs(seen.time[:, None] - t).argmin(axis=1)
+    place, variance = seen.place, seen.sigma**2 + (UNSEEN_M_S * (seen.time - t[node])) ** 2
     # a heading that is not known is sought first
-    walked = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
-    turn0 = 0.0
+    walked, turn = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)]), 0.0
     if heading_sigma > MAX_GIVEN_SIGMA:
-        turn0, heading_sigma = _find_turn(walked[node], place, variance), float(MAX_GIVEN_SIGMA)
-    start = place[np.argmin(variance)] - walked[node[np.argmin(variance)]] @ yaw_rotation(-turn0)[:2, :2].T
-    prior = np.array([*start, turn0, 0.0])
+        turn, heading_sigma = -find_turn(walked[node], seen)[0], float(MAX_GIVEN_SIGMA)
+    best = int(np.argmin(variance))
+    start = place[best] - walked[node[best]] @ yaw_rotation(-turn)[:2, :2].T
+    prior = np.array([*start, turn, 0.0])
     spread = np.diag([1e4, 1e4, heading_sigma**2, scale_sigma**2])
     # rounds of weights
-    scale = np.ones(len(fixes))
+    scale = np.ones(len(node))
     for _ in range(ROUNDS):
         x, P = _smooth(t, steps, node, place, variance * scale, prior, spread)
         off = ((place - x[node, :2]) ** 2).sum(axis=1) / variance
         scale = 1.0 + off / CAUCHY**2
-    weights = np.empty(len(fixes))
-    weights[order] = 1.0 / scale
-    return FusedPath(t, x[:, :2], x[:, 2], x[:, 3], P, weights)
-
-
-def _find_turn(walked: Floats, place: Floats, variance: Floats) -> float:
-    """Turn clockwise, rad, that lays places walked (K, 2) best on fixes (K, 2), with Cauchy's errors."""
-    best = (np.inf, 0.0)
-    for turn in np.radians(np.arange(0.0, 360.0, 5.0)):
-        miss = place - walked @ yaw_rotation(-turn)[:2, :2].T
-        off = ((miss - np.median(miss, axis=0)) ** 2).sum(axis=1) / variance
-        best = min(best, (float(np.log1p(off / CAUCHY**2).sum()), float(turn)))
-    return best[1]
+    return FusedPath(t, x[:, :2], x[:, 2], x[:, 3], P, 1.0 / scale)
 
 
 def _smooth(
@@ -165,44 +135,31 @@ def _smooth(
 
 
 def lay_on_fixes(
-    stamps: Floats,
-    track: PocketTrack,
-    path: SteppedPath,
-    fixes: Sequence[Fix],
-    heading_sigma: float | None,
-    step_length: StepLength,
-) -> tuple[PocketTrack, SteppedPath, StepLength, str]:
+    track: PocketTrack, path: SteppedPath, gnss: Gnss, heading_sigma: float | None, step_length: StepLength
+) -> tuple[PocketTrack, SteppedPath, StepLength, dict[str, float]]:
     """Lay a stepped path, and its track, on fixes; the heading's sigma at its start is None where it is not known.
 
-    Returns both in the frame of the fixes, the step length that came out, and a note. Errors as of `fuse_fixes`.
+    Returns both, north being the true one and the origin where the path starts, the step length that came out, and
+    where on Earth that start is. Errors as of `fuse_fixes`.
     """
-    ends, begin = path.sample[1::2], path.sample[::2]
-    t = stamps[np.append(begin[:1], ends)]
+    t = track.t[np.append(path.sample[:1], path.sample[1::2])]
     steps = path.position[1::2, :2] - path.position[::2, :2]
     sigma = np.pi if heading_sigma is None else float(np.hypot(heading_sigma, np.radians(MOUNTING_SIGMA_DEG)))
-    fused = fuse_fixes(t, steps, fixes, sigma, step_length.sigma)
-    # the path: before a step is where the one before ended
-    length = path.length * np.exp(fused.log_scale[:-1])
-    position = np.zeros((len(path.sample), 3))
-    covariance = path.covariance.copy()
-    at = np.repeat(np.arange(len(t)), 2)[1:-1]
-    position[:, :2] = fused.position[at]
-    covariance[:, :2, :2] = fused.covariance[at, :2, :2]
+    fused = fuse_fixes(t, steps, gnss.fixes, sigma, step_length.sigma)
+    # the path: a step begins where the one before ended
+    length, at = path.length * np.exp(fused.log_scale[:-1]), np.repeat(np.arange(len(t)), 2)[1:-1]
+    position, covariance = np.zeros((len(at), 3)), path.covariance.copy()
+    position[:, :2], covariance[:, :2, :2] = (fused.position - fused.position[0])[at], fused.covariance[at, :2, :2]
     laid = replace(
         path, position=position, covariance=covariance, length=length, heading=path.heading + fused.turn[:-1]
     )
     # the track, turned as the path
-    turn = np.interp(track.t, t, fused.turn)
     turned = track.sigma.copy()
     turned[:, 2] = np.interp(track.t, t, np.sqrt(fused.covariance[:, 2, 2]))
+    turn = np.interp(track.t, t, fused.turn)
     track = replace(track, nav_R_body=yaw_rotation(-turn) @ track.nav_R_body, sigma=turned)
     # the step constant
-    grown = float(length.sum() / path.length.sum())
-    own = float(np.sqrt(np.mean(fused.covariance[:, 3, 3])))
-    found = StepLength(step_length.constant_m * grown, own, "GNSS")
-    note = (
-        f"laid on {len(fused.weights)} fixes of GNSS, {int((fused.weights < 0.5).sum())} of "
-        f"them at less than half weight; the heading was {np.degrees(np.mean(fused.turn)):+.0f} deg, clockwise, and "
-        f"lengths {100 * (grown - 1):+.0f} %; the origin is the first fix, north the true one"
-    )
-    return track, laid, found, note
+    constant = step_length.constant_m * float(length.sum() / path.length.sum())
+    found = StepLength(constant, float(np.sqrt(np.mean(fused.covariance[:, 3, 3]))), "GNSS")
+    sigma_m = float(np.sqrt(np.trace(fused.covariance[0, :2, :2]) / 2))
+    return track, laid, found, describe_start(gnss, fused.position[0], sigma_m, fused.weights > 0.5)

@@ -10,8 +10,9 @@ munoz-diaz2017   orientation by MD's filter (`filter`), its misprints corrected
 ================ =====================================================================
 
 A given heading is that of the path, over the first two strides. Without one it is from magnetic north, by the compass
-over all of the walk (`compass`), or with MD's filter at the start; without a magnetometer it is 0. The white error of the magnetometer, on which MD's filter depends most, is
-estimated from the recording (`fg_nav.pocket.track`).
+over all of the walk (`compass`), or with MD's filter at the start; without a magnetometer it is 0. Fixes of a receiver
+show the heading from true north, and the step constant (`gnss`). The white error of the magnetometer, on which MD's
+filter depends most, is estimated from the recording (`fg_nav.pocket.track`).
 """
 
 from __future__ import annotations
@@ -26,8 +27,9 @@ import numpy as np
 from fg_nav.arrays import Floats, Ints
 from fg_nav.detection.mount import TurnSigns, refuse_foot
 from fg_nav.errors import EstimationError
+from fg_nav.gnss import Gnss, describe_fixes
 from fg_nav.magnetic.quasi_static import DISTURBED, QUASI_STATIC, UNKNOWN
-from fg_nav.pocket.compass import measure_turn
+from fg_nav.pocket.compass import CompassTurn, measure_turn
 from fg_nav.pocket.dead_reckoning import (
     StepLength,
     SteppedPath,
@@ -37,6 +39,7 @@ from fg_nav.pocket.dead_reckoning import (
     use_step_constant,
 )
 from fg_nav.pocket.filter import estimate_pocket
+from fg_nav.pocket.gnss import lay_on_fixes
 from fg_nav.pocket.parameters import PocketParameters
 from fg_nav.pocket.steps import LEAST_OPENING_DEG, Steps, ThighSwing, estimate_swing, find_all_steps
 from fg_nav.pocket.track import PocketStart, PocketTrack, compass_start, estimate_field_noise_uT, level_start
@@ -59,6 +62,10 @@ LEAST_CLIPPED_PERCENT = 0.5
 LEAST_USED = 0.05
 """Of the strides; in fewer the field is practically unused."""
 
+GIVEN_HEADING_DEG = 10.0  # sigma of a heading that was given, where fixes show it too
+
+DECLINATION_DEG = 10.0  # sigma of magnetic north from true north, below the polar circles
+
 FIRST_STEPS = 4
 """Two strides, so that the pelvis's turning to and fro cancels."""
 
@@ -70,6 +77,7 @@ def navigate_pocket(
     step_constant_m: float | None = None,
     known_distance_m: float | None = None,
     progress: Progress | None = None,
+    gnss: Gnss | None = None,
 ) -> Solution:
     """Estimate the path of a person with a sensor in a trouser pocket.
 
@@ -81,6 +89,7 @@ def navigate_pocket(
     step_constant_m : of the person, from an earlier calibration (`fg_nav.pocket.dead_reckoning`).
     known_distance_m : meters walked along the path in this recording, to calibrate the constant by.
     progress : is called with the fraction done.
+    gnss : a receiver's fixes: heading, step constant and path by them too.
 
     Raises `EstimationError` if there is no such method, the heading is no number, both a constant and a distance are
     given, the sensor was on a foot, or there is no step.
@@ -108,14 +117,27 @@ def navigate_pocket(
         track = track.rotate(heading - _first_heading(track, swing, steps))
     # dead reckoning
     path = reckon_path(track, swing, steps, step_length)
-    notes = (*start_notes, *describe_steps(steps, step_length, swing.is_forward_known))
+    on_earth: dict[str, float] = {}
+    if gnss is not None:
+        sigma = _find_heading_sigma(heading, turn) if swing.is_forward_known else None
+        track, path, step_length, on_earth = lay_on_fixes(track, path, gnss, sigma, step_length)
+        start_notes = [describe_fixes(on_earth)]
+    notes = (*start_notes, *describe_steps(steps, step_length, swing.is_forward_known or gnss is not None))
     solution = assemble_solution(recording, track, steps, path, step_length)
     return replace(
         solution,
+        parameters={**solution.parameters, **({"gnss_start": on_earth} if on_earth else {})},
         method=method,
         runtime_s=time.perf_counter() - began,
         notes=(*notes, *_warn(recording, signs, swing, solution.stances.field)),
     )
+
+
+def _find_heading_sigma(heading: float | None, turn: CompassTurn | None) -> float | None:
+    """Sigma of the heading at the start from true north, rad; None where nothing shows it but fixes."""
+    if heading is not None:
+        return float(np.radians(GIVEN_HEADING_DEG))
+    return None if turn is None else float(np.hypot(turn.sigma_at_start, np.radians(DECLINATION_DEG)))
 
 
 def require_steps(steps: Steps) -> None:

@@ -44,8 +44,8 @@ height               sigma    -         -       the walk ends where it began, bu
                                                 weight 0.8 from 3 on, as it may be another floor
 ==================== ======== ========= ======= =====================================================================
 
-Of a sensor in a pocket only those count that need no footfalls, its speed, its longest stride, its axes and the sigmas
-of place and heading.
+Of a sensor in a pocket only those count that need no footfalls, without the rate, the number of its strides, its speed,
+its longest stride, its axes and the sigmas of place and heading.
 """
 
 from __future__ import annotations

@@ -48,7 +48,7 @@ CLIMBED_S = 10.0
 
 def judge_strides(count: int, duration_s: float) -> Reason:
     """Judge the number of strides in a time, s."""
-    words = f"no walking: {count} strides in {duration_s:.0f} s"
+    words = f"no walking: {format_count(count, 'stride')} in {duration_s:.0f} s"
     return Reason(weigh(1.0 / max(count, 1), *FEW_STRIDES), words)
 
 

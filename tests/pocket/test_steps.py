@@ -149,7 +149,7 @@ def test_a_sensor_that_is_turned_every_way_has_no_axis():
     t = np.arange(3000) / 100
     gyr = 3.0 * np.stack([np.sin(3 * t), np.sin(4.1 * t + 1), np.sin(5.3 * t + 2)], axis=1)
     recording = Recording(t, np.tile([0, 0, 9.8], (3000, 1)), gyr)
-    with pytest.raises(EstimationError, match="no level axis"):
+    with pytest.raises(EstimationError, match="a level axis"):
         estimate_swing(recording, estimate_pocket(recording))
 
 
