@@ -205,7 +205,7 @@ def _turn_by_force(
     swung = _select(level, SWING_HZ, recording.period_s)[moving]
     in_plane, plane = find_level_axis(swung.T @ swung, up)
     strength = float(np.linalg.norm(sway))
-    if share < MIN_SHARE and strength < MIN_SWAY:
+    if share < MIN_SHARE and surely < MIN_SWAY:
         raise _no_axis()
     # of a thigh
     plane = plane * (1.0 if plane @ forward >= 0 else -1.0)

@@ -143,7 +143,8 @@ def name_wearing(seen: Seen) -> Reason | None:
         return Reason(
             NAMING, "it turns evenly and is never hit, like a foot on a bicycle's pedal, or a hand that swings"
         )
-    return Reason(NAMING, "it does not turn in the rhythm of a foot, more like a sensor in a hand")
+    limb = "foot" if on_foot else "thigh"
+    return Reason(NAMING, f"it does not turn in the rhythm of a {limb}, more like a sensor in a hand")
 
 
 # --- signs of the solution -------------------------------------------------------------------------------------------
