@@ -67,7 +67,7 @@ def select_fixes(fixes: Sequence[Fix], begin_s: float, end_s: float) -> FixColum
 def find_turn(walked: Floats, fixes: FixColumns) -> tuple[float, Floats]:
     """Turn rad, counter-clockwise about the origin, and shift (2,) m, that lay places walked (K, 2) best on fixes."""
     best = (np.inf, 0.0, np.zeros(2))
-    for turn in np.linspace(0.0, 2 * np.pi, TURNS, endpoint=False):
+    for turn in np.linspace(-np.pi, np.pi, TURNS, endpoint=False):
         miss = fixes.place - walked @ yaw_rotation(turn)[:2, :2].T
         # iteratively reweighted mean, from the median on
         shift = np.median(miss, axis=0)

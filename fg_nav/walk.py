@@ -280,11 +280,11 @@ def check_known(walk: Walk) -> None:
         check_truth(walk.truth, walk.recording.t)
         if isinstance(walk.truth, TrajectoryTruth):
             share_truth(walk.truth, walk.recording.t)
-    check_fixes(walk.fixes, walk.recording.t)
     if walk.gnss is not None:
         if len(walk.fixes) > 0 or walk.extra is not None or walk.places is not None:
             raise EstimationError("GNSS fixes are not combined with other fixes, places or factors: leave one out.")
         select_fixes(walk.gnss.fixes, float(walk.recording.t[0]), float(walk.recording.t[-1]))
+    check_fixes(walk.fixes, walk.recording.t)
 
 
 def correct_walk(walk: Walk) -> Walk:
