@@ -104,27 +104,37 @@ def _smooth(mu: Floats, variance: Floats, walk: Floats) -> tuple[Floats, Floats,
     """Smoothed turn (K,) rad, its variance (K,), and the log evidence, of headings (K,) with t-distributed errors."""
     scale = np.ones(len(mu))
     for _ in range(ROUNDS):
-        x, P, evidence = _pass_both_ways(mu, variance * scale, walk)
+        x, P = _pass_both_ways(mu, variance * scale, walk)
         miss = np.angle(np.exp(1j * (mu - x)))
-        scale = (FREEDOM + (miss**2 + P) / variance) / (FREEDOM + 1.0)
-    # of a t distribution, as a mixture of normals with these scales
-    prior = -0.5 * FREEDOM / scale - (0.5 * FREEDOM + 1.0) * np.log(scale)
-    return x, P, evidence + float(prior.sum())
+        scale = np.maximum((FREEDOM + (miss**2 + P) / variance) / (FREEDOM + 1.0), 1.0)
+    forth, back = _find_evidence(mu, variance, walk), _find_evidence(mu[::-1], variance[::-1], walk[::-1])
+    return x, P, 0.5 * (forth + back)
 
 
-def _pass_both_ways(mu: Floats, variance: Floats, walk: Floats) -> tuple[Floats, Floats, float]:
+def _pass_both_ways(mu: Floats, variance: Floats, walk: Floats) -> tuple[Floats, Floats]:
     """Kalman filter and Rauch-Tung-Striebel smoother of a random walk with steps of variances `walk` (K - 1,)."""
-    n, evidence = len(mu), 0.0
+    n = len(mu)
     x, P = np.empty(n), np.empty(n)
     x[0], P[0] = mu[0], variance[0]
     for k in range(1, n):
         ahead = P[k - 1] + walk[k - 1]
-        miss, spread = np.angle(np.exp(1j * (mu[k] - x[k - 1]))), ahead + variance[k]
-        evidence -= 0.5 * (miss**2 / spread + np.log(spread))
-        x[k], P[k] = x[k - 1] + ahead / spread * miss, ahead * variance[k] / spread
+        x[k] = x[k - 1] + ahead / (ahead + variance[k]) * np.angle(np.exp(1j * (mu[k] - x[k - 1])))
+        P[k] = ahead * variance[k] / (ahead + variance[k])
     for k in range(n - 2, -1, -1):
         ahead = P[k] + walk[k]
         gain = P[k] / ahead
         x[k] += gain * (x[k + 1] - x[k])
         P[k] += gain**2 * (P[k + 1] - ahead)
-    return x, P, float(evidence)
+    return x, P
+
+
+def _find_evidence(mu: Floats, variance: Floats, walk: Floats) -> float:
+    """Log of the product of the innovations' t densities, less a constant; each is weighed as it comes."""
+    x, P, evidence = mu[0], variance[0], 0.0
+    for k in range(1, len(mu)):
+        ahead, miss = P + walk[k - 1], np.angle(np.exp(1j * (mu[k] - x)))
+        square = miss**2 / (ahead + variance[k])
+        evidence -= 0.5 * (np.log(ahead + variance[k]) + (FREEDOM + 1.0) * np.log1p(square / FREEDOM))
+        own = variance[k] * max((FREEDOM + square) / (FREEDOM + 1.0), 1.0)
+        x, P = x + ahead / (ahead + own) * miss, ahead * own / (ahead + own)
+    return float(evidence)

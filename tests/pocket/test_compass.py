@@ -48,18 +48,23 @@ def test_a_turned_track_comes_back_to_north(drift_deg_s):
 
 
 def test_iron_at_single_places_bends_a_good_track_little():
-    recording, track, attitude = turned_track(deviation=6.0)
-    turn = measure_turn(recording, track)
-    assert turn is not None
-    off = errors_deg(turn.apply(track), attitude)
-    assert np.abs(off - off.mean()).max() < 4.0  # a place alone turns the field by 15
-    assert abs(off.mean()) < 3.0 * np.degrees(turn.sigma).mean() + 1.0
+    bent = []
+    for seed in range(5):
+        recording, track, attitude = turned_track(deviation=6.0, seed=seed)
+        turn = measure_turn(recording, track)
+        assert turn is not None
+        off = errors_deg(turn.apply(track), attitude)
+        assert abs(off.mean()) < 3.0 * np.degrees(turn.sigma).mean() + 1.0
+        bent.append(np.abs(off - off.mean()).max())
+    assert np.median(bent) < 2.0  # a place alone turns the field by 16
+    assert np.max(bent) < 12.0
 
 
 def test_turned_about_up_it_is_the_same_track():
     recording, track, _ = turned_track(0.02, deviation=3.0)
     one, other = measure_turn(recording, track), measure_turn(recording, track.rotate(2.0))
-    assert one is not None and other is not None
+    assert one is not None
+    assert other is not None
     np.testing.assert_allclose(one.apply(track).nav_R_body, other.apply(track.rotate(2.0)).nav_R_body, atol=1e-6)
 
 
@@ -78,4 +83,4 @@ def test_the_sigmas_of_a_walk_are_those_of_its_errors():
         seen = true + np.radians(5.0) * rng.standard_normal(40)
         mean, sigma = smooth_angles(t, seen, np.full(40, np.radians(5.0) ** 2))
         miss.append((mean - true) / sigma)
-    assert 0.8 < np.sqrt(np.mean(np.square(miss))) < 1.25
+    assert 0.7 < np.sqrt(np.mean(np.square(miss))) < 1.5  # how fast it walks is not known before

@@ -16,6 +16,7 @@ from tests.real_data import DATA, needs_data
 
 TURN, SCALE = np.radians(25.0), 1.12
 PLACE = (48.1, 11.5)
+ORIGIN = np.array([30.0, -20.0])
 
 
 def rotate(steps, clockwise):
@@ -28,7 +29,7 @@ def walk_with_fixes(rng, sigma=3.0, outliers=0.0, every=2):
     heading = np.cumsum(np.radians(4.0) * rng.standard_normal(600)) + np.repeat(np.arange(6) * np.pi / 3, 100)
     steps = 0.7 * np.stack([np.sin(heading), np.cos(heading)], axis=1)
     t = 0.55 * np.arange(601)
-    true = np.concatenate([[[0.0, 0.0]], np.cumsum(SCALE * rotate(steps, TURN), axis=0)]) + [30.0, -20.0]
+    true = np.concatenate([[[0.0, 0.0]], np.cumsum(SCALE * rotate(steps, TURN), axis=0)]) + ORIGIN
     place = true + sigma * rng.standard_normal(true.shape)
     far = rng.random(len(t)) < outliers
     place[far] += 60.0
@@ -59,7 +60,7 @@ def test_its_sigmas_are_those_of_its_errors():
 
 def test_an_outlier_loses_its_weight():
     t, steps, _, fixes = walk_with_fixes(np.random.default_rng(2))
-    fixes[40] = replace(fixes[40], position=fixes[40].position + [200.0, 0.0, 0.0])
+    fixes[40] = replace(fixes[40], position=np.array([500.0, 0.0, 0.0]))
     fused = fuse_fixes(t, steps, fixes, np.radians(20.0), 0.1)
     assert fused.weights[40] < 0.1 < 0.7 < np.median(fused.weights)
 
@@ -84,7 +85,7 @@ def test_the_turn_is_found_whatever_it_is():
     rng = np.random.default_rng(0)
     walked = np.cumsum(rng.standard_normal((60, 2)), axis=0) * 5.0
     for turn in np.radians([-170.0, -60.0, 0.0, 95.0]):
-        place = rotate(walked, -turn) + [100.0, 7.0]
+        place = rotate(walked, -turn) + np.array([100.0, 7.0])
         place[::9] += 80.0
         found, shift = find_turn(walked, FixColumns(np.arange(60.0), place, np.full(60, 3.0)))
         assert abs(np.angle(np.exp(1j * (found - turn)))) <= np.radians(2.6)  # 72 directions
