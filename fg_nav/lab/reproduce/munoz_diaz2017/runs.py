@@ -130,7 +130,7 @@ def reckon_places(track: PocketTrack, recording: Recording, setting: Setting) ->
     NaN where there is no step to be found.
     """
     try:
-        swing = estimate_swing(recording, track)
+        swing = estimate_swing(recording, track, with_force=False)
         steps = find_steps(recording.t, swing.flexion, swing.up_now)
         path = reckon_path(track, swing, steps, calibrate_step_length(steps, setting.length_m))
     except EstimationError:
