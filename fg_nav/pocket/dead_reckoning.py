@@ -10,8 +10,8 @@ Length of a step, in step constants c of the person, by the opening a of the leg
 
 The first is that of two straight legs of length c (Munoz Diaz and Mendiguchia Gonzalez 2014: the step grows with the
 opening, whatever the speed, and each person has his own figures). The second is the walk ratio, step length over
-cadence, which a person keeps at all speeds: 0.0062 m per step/min, 0.0064 for men and 0.0058 for women (Sekiya and
-Nagasaki 1998), good to a tenth. Their errors are independent, and either has a part of its own in each step. c is no
+cadence, which a person keeps above some 1 m/s and 98 steps/min (Sekiya and Nagasaki 1998; PMC5430280), and which is
+about 0.006 m per step/min: 0.0062 here, assumed good to a tenth. Slower steps are longer than it says. Their errors are independent, and either has a part of its own in each step. c is no
 leg to be measured: knees bend, the pelvis turns along, heel and toe add to the length, and a sensor in a pocket moves
 more than the bone.
 
@@ -45,7 +45,7 @@ from fg_nav.pocket.track import PocketTrack
 DEFAULT_CONSTANT_M = 0.90
 """Step constant of an adult, m."""
 
-WALK_RATIO_S = 0.0062 * 60.0 / DEFAULT_CONSTANT_M  # r: walk ratio 0.0062 m per step/min (Sekiya and Nagasaki 1998)
+WALK_RATIO_S = 0.0062 * 60.0 / DEFAULT_CONSTANT_M  # r: walk ratio 0.0062 m per step/min; the literature has about 0.006
 
 DEFAULT_SIGMA = 0.10
 """Relative, of the default constant: persons and trousers differ by 0.12 in the opening, by 0.10 in the walk ratio."""

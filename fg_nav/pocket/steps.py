@@ -26,7 +26,8 @@ are left out.
 
 The level force at the frequency of the swing lies in its plane as well. On 24 real thighs (`feet_thighs`) the direction
 that follows from the rate points inward of the force's, on either leg, by 3 to 18 deg, so the mean of both is taken,
-each weighted by how much of its power is along one axis. While it is walked the axis is that of the rate alone.
+each weighted by how much of its power is along one axis (`qmt_fullbody` alike; in `feet_vicon`, 4 m there and back, it
+is the other way round). While it is walked the axis is that of the rate alone.
 
 The leg that wears the sensor swings forward while its foot is in the air, and is carried back while it stands and the
 other foot swings. So between two turning points of flexion lies one step, with either foot:
