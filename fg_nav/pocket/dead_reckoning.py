@@ -11,7 +11,7 @@ Length of a step, in step constants c of the person, by the opening a of the leg
 The first is that of two straight legs of length c (Munoz Diaz and Mendiguchia Gonzalez 2014: the step grows with the
 opening, whatever the speed, and each person has his own figures). The second is the walk ratio, step length over
 cadence, which a person keeps above some 1 m/s and 98 steps/min (Sekiya and Nagasaki 1998; PMC5430280), and which is
-about 0.006 m per step/min: 0.0062 here, assumed good to a tenth. Slower steps are longer than it says. The errors of both
+about 0.006 m per step/min: 0.0062 here, assumed good to a tenth. Slower steps are longer than that. The errors of both
 are independent. c is no leg to be measured: knees bend, the pelvis turns along, heel and toe add to the length, and a
 sensor in a pocket moves more than the bone.
 
