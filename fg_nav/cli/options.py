@@ -194,6 +194,15 @@ FixesPath = Annotated[
         help="Known positions for the smoother: CSV time_s,x_m,y_m,z_m,sigma_m, m east, north and up of the start.",
     ),
 ]
+GnssSource = Annotated[
+    Path | None,
+    typer.Option(
+        "--gnss",
+        metavar="own|FILE",
+        help="Fixes of a receiver: `own` for the Location.csv in the recording; a folder or zip with one; or a CSV "
+        "time_s,latitude,longitude,accuracy. For the smoother and --mount pocket.",
+    ),
+]
 KnownPlaces = Annotated[
     Path | None,
     typer.Option(

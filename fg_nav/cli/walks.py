@@ -88,6 +88,7 @@ def run(
     magnetic: given.MagneticFactors = "all",
     preset: given.Preset = "tuned",
     fixes: given.FixesPath = None,
+    gnss: given.GnssSource = None,
     places: given.KnownPlaces = None,
     save_places: given.PlacesToSave = None,
     polish: given.Polish = False,
@@ -119,7 +120,7 @@ def run(
     files = (None, None) if both else (truth, calibration)
     options = choose_options(
         not no_mag, heading, alignment, files[0], gate, files[1], preset, fixes, mag_axes, polish, changes, places,
-        magnetic,
+        magnetic, gnss,
     )  # fmt: skip
     options = wear(options, worn, (step_constant, known_distance), gate, preset)
     reading = choose_reading(format, columns, rate, sensor, barometer)

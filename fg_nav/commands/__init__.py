@@ -128,6 +128,7 @@ def choose_options(
     changes: Changes = (),
     places: Path | None = None,
     magnetic: Magnetic = "all",
+    gnss: Path | None = None,
 ) -> Options:
     """Return the options of a walk; refuse a preset or a gate that there is not, or that has nothing to judge."""
     from fg_nav.magnetic.axes import MagAxes
@@ -145,7 +146,7 @@ def choose_options(
         raise MagneticError("--no-mag leaves --magnetic no factors: give one of them.")
     given = (use_magnetometer, heading_deg, alignment, truth, chosen, magnetic, calibration, preset, fixes)
     axes = None if mag_axes is None else MagAxes.parse(mag_axes)
-    return Options(*given, changes=changes, mag_axes=axes, polish=polish, places_path=places)
+    return Options(*given, changes=changes, mag_axes=axes, polish=polish, places_path=places, gnss_path=gnss)
 
 
 def choose_reading(

@@ -80,6 +80,7 @@ def _check(recordings: Sequence[Path], run: RunRequest) -> None:
     options = run.options
     refused = {
         "--fixes": options.fixes_path,
+        "--gnss": options.gnss_path,
         "--places": options.places_path,
         "--save-places": run.save_places,
         "--config": run.config,

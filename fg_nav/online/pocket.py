@@ -278,7 +278,7 @@ class PocketNavigator(SampleIntake):
         axis_sigma = axis_sigma if given is not None or found.is_forward_known else np.pi
         sigma, part = np.hypot(known.heading_sigma, axis_sigma), slice(0, count)
         steps = Steps(*(getattr(steps, item.name)[part] for item in fields(steps)))
-        along = self._step_length.predict(steps.opening)[:, None] * forward[part]
+        along = self._step_length.predict(steps)[:, None] * forward[part]
         unseen = propagate_corrections(along, known.heading_sigma[part] ** 2)
         unseen += known.lost_m2[part, None, None] * np.eye(2)
         path = add_steps(steps, forward[part], sigma[part], self._step_length, unseen)

@@ -57,8 +57,8 @@ height               sigma    -         -       the walk ends where it began, bu
                                                 weight 0.8 from 3 on, as it may be another floor
 ==================== ======== ========= ======= =====================================================================
 
-Of a sensor in a pocket only those count that need no stances: footfalls, unseen, cut, bad samples, its speed, its
-longest stride, its axes, the region and the sigma of the heading.
+Of a sensor in a pocket only those count that need no stances: unseen, cut, bad samples, the number of its strides, its
+speed, its longest stride, its axes, the region and the sigma of the heading.
 """
 
 from __future__ import annotations

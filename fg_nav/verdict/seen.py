@@ -141,7 +141,7 @@ class Seen:
     def holds_heading(self) -> bool:
         """Whether something outside the gyroscope shows the heading along the walk."""
         by_fixes = len(self.walk.fixes) > 0 and self.solution.method in WITH_FIXES
-        return by_fixes or self._heading_by_field
+        return by_fixes or self.walk.gnss is not None or self._heading_by_field
 
     @property
     def _heading_by_field(self) -> bool:

@@ -162,7 +162,8 @@ def name_wearing(seen: Seen) -> Reason | None:
         return Reason(
             NAMING, "it turns evenly and is never hit, like a foot on a bicycle's pedal, or a hand that swings"
         )
-    return Reason(NAMING, "it does not turn in the rhythm of a foot, more like a sensor in a hand")
+    limb = "foot" if on_foot else "thigh"
+    return Reason(NAMING, f"it does not turn in the rhythm of a {limb}, more like a sensor in a hand")
 
 
 # --- signs of the solution -------------------------------------------------------------------------------------------
@@ -359,12 +360,13 @@ SIGNS_WITHOUT_FOOTFALLS: tuple[Callable[[Seen], Reason | None], ...] = (
 )
 
 SIGNS_IN_POCKET = (
+    count_footfalls,
     measure_speed,
     measure_longest_stride,
     contradict_axes,
     measure_heading_sigma,
     measure_position_sigma,
-    *SIGNS_WITHOUT_FOOTFALLS,
+    *(sign for sign in SIGNS_WITHOUT_FOOTFALLS if sign is not measure_rate),  # nothing strikes a thigh
 )
 
 SIGNS: tuple[Callable[[Seen], Reason | None], ...] = (

@@ -179,10 +179,20 @@ def _put_pauses_back(stream: Stream, events: list[tuple[str, float, float]], not
             f"{stream.source} lasts {end:.1f} s, but meta/time.csv says {last:.1f} s: give the files of one experiment."
         )
     t: Floats = np.asarray(stream.t, dtype=np.float64).copy()
-    for before, after in pairwise(events):
-        pause = after[2] - before[2]
-        if before[0] == "PAUSE" and after[0] == "START" and 0.0 < pause < 1e6:
-            t[stream.t > after[1]] += pause
-            words = f"paused for {pause:.1f} s at {after[1]:.1f} s: a gap"
-            notes.extend([words] if words not in notes else [])
+    for at, pause in _list_pauses(events):
+        t[stream.t > at] += pause
+        words = f"paused for {pause:.1f} s at {at:.1f} s: a gap"
+        notes.extend([words] if words not in notes else [])
     return replace(stream, t=t)
+
+
+def _list_pauses(events: list[tuple[str, float, float]]) -> list[tuple[float, float]]:
+    """Pauses: when in the experiment, s, and how long, s."""
+    pairs = [(after[1], after[2] - before[2]) for before, after in pairwise(events) if before[0] == "PAUSE"]
+    return [(at, pause) for at, pause in pairs if 0.0 < pause < 1e6]
+
+
+def put_pauses_back(content: Content, t: Floats) -> Floats:
+    """Stamps (N,) s of another table of an experiment, as if its clock had gone on in its pauses."""
+    pauses = _list_pauses(_read_events(content))
+    return np.asarray(t + sum((np.where(t > at, pause, 0.0) for at, pause in pauses), np.zeros(len(t))))

@@ -83,6 +83,16 @@ def _find_tables(content: Content) -> dict[str, Content]:
     return {name: table for name, table in named.items() if name in _WHAT and _is_table(table) and has_rows(table)}
 
 
+def find_begin(content: Content) -> float:
+    """`seconds_elapsed` of the first sample, which is time 0 of the recording; 0 without such tables."""
+    first = []
+    for table in _find_tables(content).values():
+        header = find_header(table, lambda names: "seconds_elapsed" in names)
+        assert header is not None, "recognized by it"
+        first.append(float(header.read(table, ["seconds_elapsed"])[0][0, 0]))
+    return min(first, default=0.0)
+
+
 def _is_table(table: Content) -> bool:
     fields = set(table.fields())
     return {"time", "seconds_elapsed"} <= fields and ({"x", "y", "z"} <= fields or "pressure" in fields)
