@@ -360,13 +360,12 @@ SIGNS_WITHOUT_FOOTFALLS: tuple[Callable[[Seen], Reason | None], ...] = (
 )
 
 SIGNS_IN_POCKET = (
-    count_footfalls,
     measure_speed,
     measure_longest_stride,
     contradict_axes,
     measure_heading_sigma,
     measure_position_sigma,
-    *(sign for sign in SIGNS_WITHOUT_FOOTFALLS if sign is not measure_rate),  # nothing strikes a thigh
+    *SIGNS_WITHOUT_FOOTFALLS,
 )
 
 SIGNS: tuple[Callable[[Seen], Reason | None], ...] = (
