@@ -35,13 +35,13 @@ from fg_nav.smoother.linear import LinearWalk
 from fg_nav.smoother.solver import list_in_time
 from fg_nav.smoother.strides import LEAST_WALK_DEG_S
 
-LEVELS_DEG_S = (6e-4, 2e-3, 6e-3)
-"""deg/s/sqrt(s), half a decade apart: 0.04 to 0.4 deg/s in an hour. None is below the walk assumed: a bias that may
+LEVELS_DEG_S = (6e-4, 2e-3, 6e-3, 2e-2)
+"""deg/s/sqrt(s), half a decade apart: 0.04 to 1.2 deg/s in an hour. None is below the walk assumed: a bias that may
 walk so far also takes up what scale errors and an uneven field leave, which look like a walk. In a simulated office
 whose bias walks by 2e-4 the evidence chooses that level, and the error with an indoor field grows from 0.08 to 0.11
 m."""
 
-PRIOR = (0.9, 0.09, 0.01)  # Before the walk: gyroscopes by their sheets, and one in ten that warms up.
+PRIOR = (0.9, 0.09, 0.009, 0.001)  # Before the walk: gyroscopes by their sheets, and one in ten that warms up.
 
 Change = gtsam.BetweenFactorConstantBias
 """From one bias variable to the next."""

@@ -20,7 +20,7 @@ from fg_nav.smoother.bias_prior import average_bias_prior
 from fg_nav.smoother.constraints import add_constraints, add_fixes, add_own, refuse_far_fixes
 from fg_nav.smoother.gauss_newton import FIRST_CONVERGENCE
 from fg_nav.smoother.graph import WalkProblem, solve
-from fg_nav.smoother.gyro_scale import WalkScale, estimate_gyro_scale, shows_heading
+from fg_nav.smoother.gyro_scale import WalkScale, estimate_gyro_scale, shows_heading, spread_clipped_peaks
 from fg_nav.smoother.known_places import KnownTies, add_known_places
 from fg_nav.smoother.moving_foot import spread_moving_foot
 from fg_nav.smoother.own_factors import ExtraFactors
@@ -44,7 +44,8 @@ class FittedWalk:
 
     def spread_shared(self) -> Floats:
         """Return by how much the walk moves (N, n) by numbers of unit covariance that all of it shares."""
-        walk, others = self.walk, []
+        walk = self.walk
+        others = [spread_clipped_peaks(walk.problem, walk.solved)]
         if walk.problem.parameters.moving_foot:
             others.append(spread_moving_foot(walk.problem, walk.solved))
         if walk.problem.barometer is not None:

@@ -16,7 +16,7 @@ from fg_nav.mechanisation import integrate_strides
 from fg_nav.samples.gaps import list_bridged
 from fg_nav.solution import Solution
 from fg_nav.system.spilled import measure_rows
-from fg_nav.walk import WITH_FIXES, Walk, ignores_field
+from fg_nav.walk import Walk, ignores_field
 
 SPAN_S = 0.1
 """Over which the speed is taken from the places."""
@@ -139,15 +139,7 @@ class Seen:
 
     @property
     def holds_heading(self) -> bool:
-        """Whether something outside the gyroscope shows the heading along the walk."""
-        by_fixes = len(self.walk.fixes) > 0 and self.solution.method in WITH_FIXES
-        return by_fixes or self.walk.gnss is not None or self._heading_by_field
-
-    @property
-    def _heading_by_field(self) -> bool:
-        """Whether the field shows it: of a graph by its factors, of which one alone says where north is."""
-        if graph := self.solution.graph:
-            return graph["magnetic_heading"] > 1 or graph["field_potential"] > 0
+        """Whether something outside the gyroscope shows a filter the heading along the walk."""
         return QUASI_STATIC in self.solution.stances.field and not ignores_field(self.solution.method)
 
     @cached_property

@@ -305,10 +305,10 @@ def measure_heading_sigma(seen: Seen) -> Reason | None:
 
 
 def measure_hidden_turning(seen: Seen) -> Reason | None:
-    """Heading that clipped peaks may hide."""
+    """Heading that clipped peaks may hide from a filter; the sigmas of a graph have it (`smoother.gyro_scale`)."""
     recording, solution = seen.recording, seen.solution
     peaks = recording.peaks[1]
-    if not peaks.run.any() or seen.holds_heading or not len(seen.strides):
+    if seen.solution.graph or not peaks.run.any() or seen.holds_heading or not len(seen.strides):
         return None
     # The sigmas of a peak's samples are those of independent errors: as one error each has its share of the whole.
     missing = np.sign(recording.gyr) * peaks.sigma / np.sqrt(np.maximum(peaks.run, 1.0))
