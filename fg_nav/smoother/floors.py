@@ -54,7 +54,7 @@ LENGTHS = (
     0.5,
     1.5,
 )  # Between which the length q of a stride over the usual one counts: landings are twice as long as stairs.
-PILOT, PILOT_NATS = 300, 40.0  # Strides after which values of c so much less probable are left out: for speed.
+PILOT, PILOT_NATS = 400, 15.0  # Strides after which values of c so much less probable are left out: for speed.
 LATTICE_NOISES_M = np.array([0.007, 0.012, 0.02, 0.035])  # Noise of a climb that are tried where the riser is found.
 LATTICE_STEP = 2  # Of the grid of c, there.
 

@@ -149,11 +149,11 @@ def climb(sole_m: float, p: SmootherParameters, fixes: tuple[Fix, ...] = ()) -> 
 def test_what_a_sole_is_worth_is_within_the_sigma_of_the_height() -> None:
     """All stances of a walk have the same sole: 61 strides climb by 61 times what one does, not by the root of it."""
     told_firmly = replace(MATCHED, settling_sigma_m=1e-6)
-    for sole_m in (0.0012, 0.0045):
+    for sole_m in (0.0, 0.0045):
         error, sigma = climb(sole_m, MATCHED_WALK)
         assert 0.05 < abs(error) / sigma < 2.0
         error, sigma = climb(sole_m, told_firmly)
-        assert abs(error) / sigma > 3.0
+        assert abs(error) / sigma > 2.0
 
 
 def test_a_height_known_on_the_way_shows_the_sole_of_the_whole_walk() -> None:
