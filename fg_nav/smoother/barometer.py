@@ -53,7 +53,7 @@ from fg_nav.text import format_count
 TEMPERATURE_K = 288.15  # Of the standard atmosphere near the ground.
 SCALE_HEIGHT_M = 8.314463 * TEMPERATURE_K / (0.0289652 * GRAVITY_M_S2)  # R T_0 / (g M) of dry air: 8435 m.
 SCALE_SIGMA = 15.0 / TEMPERATURE_K  # 0 to 30 degC.
-DRIFT_PA = 0.4  # Random walk of the offset, Pa/sqrt(s): some pascals within minutes, see above.
+DRIFT_PA = 1.0  # Random walk of the offset, Pa/sqrt(s): 8 Pa in a minute, of doors, ventilation and a sensor that warms on a shoe.
 TENDENCY_PA_S = 100.0 / 10800.0  # Sigma of the weather's tendency, and in three hours it is another.
 AIR_PA = 1.0  # Stagnation pressure of the air that walking at 1.3 m/s moves about a shoe.
 OFFSET_SIGMA_M = 100.0  # Before the first reading: it is free.

@@ -214,14 +214,17 @@ def add_constraints(problem: WalkProblem, values: gtsam.Values, continues: Bools
     for number in range(floor.max(initial=-1) + 1):
         values.insert(Z(number), np.array([position[floor == number, 2].mean()]))
     heights = constrain_heights(nodes.result, floor, LEVEL_SIGMA_M)
-    climb = () if ground is None else measure_excess(problem, ground, np.diff(t[footfall])[stepped[1:]])
+    climb = () if ground is None else measure_excess(problem, values, ground, np.diff(t[footfall])[stepped[1:]])
     return replace(problem, constraints=(*problem.constraints, heights, *climb), floor=floor)
 
 
-def measure_excess(problem: WalkProblem, ground: Ground, stride_s: Floats) -> tuple[GtsamFactors, ...]:
+def measure_excess(
+    problem: WalkProblem, values: gtsam.Values, ground: Ground, stride_s: Floats
+) -> tuple[GtsamFactors, ...]:
     """Return what the ground shows of the excess S of the soles, in strides of these durations (K,) s.
 
-    An excess S lifts each stride by S (duration of the stride) / (time in which the sole settles).
+    An excess S lifts each stride by S (duration of the stride) / (time in which the sole settles). What the path at
+    `values` climbs is beyond the S that it has there.
     """
     ties = problem.velocities.residuals
     assert isinstance(ties, StanceVelocity)
@@ -231,8 +234,8 @@ def measure_excess(problem: WalkProblem, ground: Ground, stride_s: Floats) -> tu
     lift = float(np.median(sinks_per_m) * np.median(stride_s))
     sigma = np.hypot(ground.drift_sigma, DRIFT_FLOOR_M) / lift
     noise = gtsam.noiseModel.Isotropic.Sigma(1, float(sigma))
-    middle = int(problem.nodes.bias[-1]) // 2
-    return (GtsamFactors(gtsam.PriorFactorVector(S(middle), np.array([ground.drift / lift]), noise)),)
+    middle = S(int(problem.nodes.bias[-1]) // 2)
+    return (GtsamFactors(gtsam.PriorFactorVector(middle, values.atVector(middle) + ground.drift / lift, noise)),)
 
 
 def find_floors_of_pieces(
