@@ -37,8 +37,8 @@ from fg_nav.smoother.graph import WalkProblem
 from fg_nav.smoother.solver import Solved
 from fg_nav.smoother.strides import ACC_BIAS_SIGMA
 
-LEVELS = (1 / 3, 1.0, 10 / 3, 10.0, 33.0)  # Of s0 = 0.15: 0.05 to 5 deg/s, from a sensor kept calibrated to raw MEMS.
-PRIOR = (0.25, 0.3, 0.25, 0.1, 0.1)  # Before the walk, of sensors as they are sold and worn; factors of 2 move nothing.
+LEVELS = (1 / 3, 0.6, 1.0, 1.8, 10 / 3, 6.0, 10.0, 18.0, 33.0)  # Of s0: 0.05 to 5 deg/s.
+PRIOR = (0.13, 0.13, 0.15, 0.15, 0.13, 0.1, 0.08, 0.07, 0.06)  # Before the walk, of sensors as they are sold and worn.
 MIN_SHARE = 1e-9  # Of the prior's information, below which the walk shows nothing: rounding.
 MIN_SHIFT_SIGMAS, MIN_CHANGE = 0.05, 0.02  # Of the bias and its sigma: below them the walk would stay as it is.
 
