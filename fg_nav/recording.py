@@ -53,6 +53,9 @@ from fg_nav.truth import FootprintTruth, TrajectoryTruth, Truth
 if TYPE_CHECKING:
     import pandas as pd
 
+NOMINAL_SIGMA = 0.02
+"""Of a nominal rate: makers allow 1 to 10 per cent."""
+
 MIN_SAMPLES = 20
 """Fewer samples than this hold no stance and no stride."""
 
@@ -71,12 +74,14 @@ class Provenance:
     """Where a recording came from and what was done to it on the way in.
 
     Of `bad_samples` accelerometer or gyroscope was bad: left out where both were, else of that sensor bridged.
+    `rate_sigma` is that of the sample rate, as a share of it, where the time is counted by a nominal one; else zero.
     """
 
     path: Path | None = None
     format: str = "array"
     notes: tuple[str, ...] = ()
     bad_samples: int = 0
+    rate_sigma: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -172,12 +177,13 @@ class Recording:
         >>> float(Recording.from_dataframe(df, units="ms, g, deg/s").gyr[0, 2].round(4))
         1.5708
         """
-        return cls._from_samples(convert_frame(df, columns, units, rate_hz))
+        return cls._from_samples(convert_frame(df, columns, units, rate_hz), rate_hz is not None)
 
     @classmethod
-    def _from_samples(cls, own: Samples) -> Recording:
+    def _from_samples(cls, own: Samples, is_nominal: bool = False) -> Recording:
         row, provenance = np.arange(1, len(own.t) + 1), Provenance(notes=own.notes)
-        return cls.from_raw(RawRecording(own.t, own.acc, own.gyr, row, own.mag, provenance=provenance))
+        raw = RawRecording(own.t, own.acc, own.gyr, row, own.mag, provenance=provenance)
+        return cls.from_raw(note_nominal_rate(raw) if is_nominal else raw)
 
     @cached_property
     def period_s(self) -> float:
@@ -273,6 +279,15 @@ class Recording:
             clipping=self.clipping,
         )
         return cut
+
+
+def note_nominal_rate(raw: RawRecording, sigma: float = NOMINAL_SIGMA) -> RawRecording:
+    """Return samples whose time is counted by a rate with its sigma, a share of it, and what that does to the path.
+
+    What is walked in a swing is force integrated twice, and goes with the square of the period.
+    """
+    words = f"the rate is nominal, known to {100 * sigma:.2g} %: 1 % of it is 2 % of the path"
+    return replace(raw, provenance=replace(raw.provenance, notes=(*raw.provenance.notes, words), rate_sigma=sigma))
 
 
 def _admit(raw: RawRecording, longest_gap_s: float) -> Recording:

@@ -35,6 +35,7 @@ from fg_nav.io.readers import (
     sensorlog,
     shimmer,
     table,
+    tables,
     vectornav,
     xio,
     xsens_dot,
@@ -42,7 +43,7 @@ from fg_nav.io.readers import (
     yei,
 )
 from fg_nav.io.truth import CSV_COLUMNS, read_footprint_csv, read_footprint_mat, read_tum
-from fg_nav.recording import RawRecording, Recording
+from fg_nav.recording import NOMINAL_SIGMA, RawRecording, Recording, note_nominal_rate
 from fg_nav.samples.stamps import MAX_BRIDGED_S
 from fg_nav.truth import Truth
 
@@ -99,9 +100,10 @@ FORMATS: Mapping[str, Format] = _by_name(
         "any table, by its columns' names",
         table.recognizes,
         table.read,
-        (TEXT, BINARY, MEMBERS),
+        (TEXT, BINARY, MEMBERS, MATLAB),
         (RATE, SENSOR),
     ),
+    Format("tables", "folder or zip with a table a sensor", tables.recognizes, tables.read, (MEMBERS,), (SENSOR,)),
 )
 """All formats by name."""
 
@@ -115,6 +117,7 @@ class Reading:
     format : a name of `FORMATS` to read it as; without one the format is recognized from the content.
     columns : of a table, which are what: `time=ts[ms],acc=ax:ay:az[g],gyr=gx:gy:gz[deg/s]` (`fg_nav.columns.mapping`).
     rate_hz : the rate of a file that has neither a clock nor a rate.
+    rate_sigma : of that rate, a share of it.
     sensor : which of several sensors in the file.
     longest_gap_s : a recording is cut at a longer one.
     """
@@ -124,6 +127,7 @@ class Reading:
     rate_hz: float | None = None
     sensor: str | None = None
     longest_gap_s: float = MAX_BRIDGED_S
+    rate_sigma: float = NOMINAL_SIGMA
 
     def read(self, path: Path | str) -> Recording:
         """Read a recording, as `fg_nav.io.read`."""
@@ -146,7 +150,8 @@ class Reading:
                     f"{found.path.name} is of format '{chosen.name}', which has no {option} to choose: "
                     f"leave --{option} out."
                 )
-        return chosen.read(replace(found, columns=columns, rate_hz=self.rate_hz, sensor=self.sensor))
+        raw = chosen.read(replace(found, columns=columns, rate_hz=self.rate_hz, sensor=self.sensor))
+        return raw if self.rate_hz is None else note_nominal_rate(raw, self.rate_sigma)
 
 
 def read(

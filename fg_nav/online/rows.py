@@ -78,6 +78,9 @@ def parse_columns(words: str | None, units: str | None = None, rate_hz: float | 
         wanted = mapping.parse_columns(words, units)
     except FormatError as error:
         raise StreamError(str(error)) from None
+    missing = [quantity for quantity in ("acc", "gyr") if quantity not in wanted.words]
+    if missing:
+        raise StreamError(f"--columns lacks {missing[0]}: write it as {mapping.EXAMPLE}.")
     if rate_hz is not None and not 0.0 < rate_hz < np.inf:
         raise StreamError(f"--rate {rate_hz:g} is no rate: give samples a second.")
     if "time" not in wanted.words and rate_hz is None:
@@ -94,7 +97,7 @@ def _place_columns(wanted: mapping.Columns, fields: Sequence[str], rate_hz: floa
     found = wanted.find(fields, source)
     names, factors = [PASSED_OVER] * len(fields), np.ones(COLUMNS)
     for quantity, own in mapping.QUANTITIES.items():
-        channel = getattr(found, quantity)
+        channel = found.get(quantity)
         if channel is not None:
             for position, name in zip(channel.positions, own, strict=True):
                 names[position] = name
