@@ -45,7 +45,7 @@ from fg_nav.samples.gaps import Gaps, fill_gaps, prepare_samples
 from fg_nav.samples.outliers import find_mag_outliers, find_outliers, note_bad, note_outliers
 from fg_nav.samples.saturation import Peaks, find_clipping_levels, rebuild_peaks
 from fg_nav.samples.stamps import MAX_BRIDGED_S, order_stamps
-from fg_nav.samples.timing import even_stamps
+from fg_nav.samples.timing import even_stamps, find_lost_share
 from fg_nav.system.spilled import drop_pages, take_rows
 from fg_nav.text import format_count
 from fg_nav.truth import FootprintTruth, TrajectoryTruth, Truth
@@ -286,8 +286,13 @@ def note_nominal_rate(raw: RawRecording, sigma: float = NOMINAL_SIGMA) -> RawRec
 
     What is walked in a swing is force integrated twice, and goes with the square of the period.
     """
-    words = f"the rate is nominal, known to {100 * sigma:.2g} %: 1 % of it is 2 % of the path"
-    return replace(raw, provenance=replace(raw.provenance, notes=(*raw.provenance.notes, words), rate_sigma=sigma))
+    notes = [f"the rate is nominal, known to {100 * sigma:.2g} %: 1 % of it is 2 % of the path"]
+    lost = find_lost_share(raw.gyr)
+    if lost > 0.0:
+        notes.append(f"double steps of the gyroscope show that {100 * lost:.1f} % of the rows are lost")
+    known = raw.provenance
+    known = replace(known, notes=(*known.notes, *notes), rate_sigma=float(np.hypot(sigma, lost)))
+    return replace(raw, provenance=known)
 
 
 def _admit(raw: RawRecording, longest_gap_s: float) -> Recording:

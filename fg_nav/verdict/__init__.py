@@ -29,6 +29,11 @@ clipping             share    0.05      0.15    time in which a sensor is at the
                                                 foot swings: what is rebuilt there is a guess
 gyro bias            deg/s    1         3       of sensors that were calibrated once, 0.1 to 0.5
 rate                 s        1/80      1/40    a heel strikes within 20 ms
+nominal rate         -        -         -       no stamps: the rate is what was said of it. Weight 0.8; its sigma is in
+                                                those of places and distance
+smoothing            share    0.004     1e-5    power at 8 to 14 Hz over that at 0.5 to 4 Hz, geometric mean of force
+                                                and rate: of a foot 0.03 and more, behind a low-pass of 10 Hz 0.008, of
+                                                5 Hz 0.002 and less
 bad samples          share    0.005     0.05    that were not used: at 200 Hz one in every stride, or ten; others may be
                                                 as wrong and not be seen
 unseen               s        0.1       0.5     the longest gap: a foot turns by 2 rad/s in it

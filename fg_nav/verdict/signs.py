@@ -9,6 +9,7 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.detection.mount import remove_fast
 from fg_nav.samples.gaps import measure_unseen
+from fg_nav.samples.plausibility import measure_sharpness
 from fg_nav.verdict.limits import (
     POSITION_SHARE,
     POSITION_SHARE_IN_POCKET,
@@ -107,6 +108,22 @@ def measure_rate(seen: Seen) -> Reason | None:
     """A low sample rate."""
     rate_hz = 1.0 / seen.recording.period_s
     return Reason(weigh(1.0 / rate_hz, 1 / 80, 1 / 40), f"the sample rate of {rate_hz:.0f} Hz is too low for a foot")
+
+
+def name_nominal_rate(seen: Seen) -> Reason | None:
+    """A sample rate that nothing shows but what was said of it."""
+    sigma = seen.recording.provenance.rate_sigma
+    words = f"the sample rate is nominal, known to {100 * sigma:.2g} %, and the path to {200 * sigma:.2g} %"
+    return Reason(LIGHT, words) if sigma > 0.0 else None
+
+
+def measure_smoothing(seen: Seen) -> Reason | None:
+    """Power of the fast motion that a foot has and a smoothed recording lost."""
+    sharpness = measure_sharpness(seen.recording.acc, seen.recording.gyr, seen.recording.period_s)
+    if np.isnan(sharpness):
+        return None
+    words = "the samples are smoothed: a foot has power above 8 Hz, and they have none; log them without the filter"
+    return Reason(weigh(1.0 / max(sharpness, 1e-12), 1 / 0.004, 1 / 1e-5), words)
 
 
 def measure_gap(seen: Seen) -> Reason | None:
@@ -296,6 +313,7 @@ def contradict_magnetometer(seen: Seen) -> Reason | None:
 
 SIGNS_WITHOUT_FOOTFALLS: tuple[Callable[[Seen], Reason | None], ...] = (
     measure_rate,
+    name_nominal_rate,
     measure_gap,
     measure_clipping,
     measure_bad_samples,
@@ -329,6 +347,7 @@ SIGNS: tuple[Callable[[Seen], Reason | None], ...] = (
     measure_bias,
     measure_heading_sigma,
     measure_hidden_turning,
+    measure_smoothing,
     measure_position_sigma,
     *SIGNS_WITHOUT_FOOTFALLS,
     contradict_magnetometer,

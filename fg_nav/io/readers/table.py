@@ -47,9 +47,9 @@ PARQUET_MARK, ZIP_MARK, NPY_MARK, HDF5_MARK = b"PAR1", b"PK\x03\x04", b"\x93NUMP
 MOST_SENSORS, FEWEST_ROWS = 20, 20
 """Of a column that names sensors: its values, and the rows that each of them has."""
 
-_SENSOR_WORD = re.compile(r"sensor|dev|imu|foot|side|node|addr|mac|serial|body|segment|location|limb", re.I)
+_SENSOR_WORD = re.compile(r"sensor|dev|imu|foot|side|node|addr|mac|body|segment|limb", re.IGNORECASE)
 _ALTERNATING = 0.1
-"""Share of the rows at which a column changes that names the sensor of a row; a label of what was done changes seldom."""
+"""Share of the rows at which a column changes that names their sensor; a label of what was done changes seldom."""
 
 _APART, MOST_ALTERNATING = 0.25, 4
 """Rows of one sensor change by less than this much of what rows of two sensors do, median."""
