@@ -272,7 +272,7 @@ def check_known(walk: Walk) -> None:
 
 
 def correct_walk(walk: Walk) -> Walk:
-    """Correct the samples, read both sensors of a foot at one time, and take away a magnetometer not used or misaligned.
+    """Correct the samples, read both sensors of a foot at one time; take away a magnetometer not used or misaligned.
 
     Raises
     ------

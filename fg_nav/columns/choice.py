@@ -77,13 +77,10 @@ def choose_columns(
         return ColumnMap(known["acc"], known["gyr"], known.get("mag"), known.get("time"))
     used = {position for channel in known.values() for position in channel.positions}
     meanings = [(k, meaning) for k, name in enumerate(names) if k not in used and (meaning := read_header(name))]
-    word = (sensor or "").casefold()
-    if any(word in meaning.stem or word in names[k].casefold() for k, meaning in meanings if meaning.axis):
-        meanings = [
-            (k, meaning)
-            for k, meaning in meanings
-            if meaning.kind in ("time", "counter") or word in meaning.stem or word in names[k].casefold()
-        ]
+    of_sensor = [(k, m) for k, m in meanings if m.kind in ("time", "counter") or has_word(names[k], sensor)]
+    kinds = {meaning.kind for _, meaning in of_sensor}
+    if "gyr" in kinds and not kinds.isdisjoint({"acc", "gravity", "no gravity"}):
+        meanings = of_sensor
     is_ros = any(_ROS_RATE.search(name) for name in names)
     if is_ros and not any(meaning.kind in ("acc", "gravity") for _, meaning in meanings):
         meanings = [(position, _as_acc(meaning)) for position, meaning in meanings]
@@ -100,6 +97,11 @@ def choose_columns(
     counters = [k for k, meaning in meanings if meaning.kind == "counter"] if time is None else []
     counter = Channel((counters[0],), (names[counters[0]],)) if counters else None
     return ColumnMap(acc, gyr, found["mag"], time, counter)
+
+
+def has_word(name: str, word: str | None) -> bool:
+    """Whether the name of a column, without its unit, has a word in it."""
+    return word is None or word.casefold() in re.sub(r"[(\[].*", "", name).casefold()
 
 
 def names_sensor(names: Sequence[str]) -> bool:

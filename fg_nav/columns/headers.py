@@ -175,6 +175,7 @@ def _readings(name: str) -> Iterator[tuple[str, str | None, bool]]:
 def _split_words(name: str) -> list[str]:
     """Words of a name in lower case; the pairs that mean one thing are one word."""
     words: list[str] = []
+    name = re.sub(r"(?<=[A-Z])([xyz])(?![a-z])", r" \1", name)  # ACCx
     for piece in _PIECES.findall(
         "".join(c for c in unicodedata.normalize("NFD", name) if not unicodedata.combining(c))
     ):

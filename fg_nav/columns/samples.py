@@ -156,11 +156,13 @@ def _counts_samples(count: Floats) -> bool:
 
 
 def _measure_turning(acc: Floats, gyr: Floats, channel: Channel) -> tuple[float, ...]:
-    """Periods, s, with which gravity turns as the gyroscope says, in its unit or in each that it can have."""
+    """Periods, s, by which gravity turns as the gyroscope says, in its unit or in each that it can have; or by gait."""
     factor = None if channel.unit is None else find_factor("gyr", channel.unit)
     if factor is None and np.nanmax(np.abs(gyr), initial=0.0) > plausibility.TOO_FAST_RAD_S:
         factor = np.pi / 180.0
     period_s = plausibility.measure_turning_period(acc, gyr)
+    if np.isnan(period_s):
+        return (plausibility.measure_gait_period(gyr),)
     return tuple(period_s / one for one in ((factor,) if factor else (1.0, np.pi / 180.0)))
 
 

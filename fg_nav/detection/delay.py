@@ -1,10 +1,10 @@
 """How late the gyroscope is behind the accelerometer of the same foot, found in its strides, and taken off.
 
-A filter in one of two chips, or a driver that stamps their samples apart, delays one of them. In a swing 20 ms are
-9 deg of tilt at 8 rad/s, and 4 per cent of the length. Between two moments in which the foot stands, strapdown from rest ends
-at rest, with up where the accelerometer reads it, if and only if both sensors read at one time. With the rate read at
-t + tau, r_k = (v_k / s_v, (up_k - up) / s_u) at the end of stride k (`fg_nav.detection.handedness`) and the biases b of
-both sensors, with their priors, as unknowns besides,
+A filter in one of two chips, or a driver that stamps their samples apart, delays one of them. In a swing 20 ms are 9
+deg of tilt at 8 rad/s, and 4 per cent of the length. Between two moments in which the foot stands, strapdown from rest
+ends at rest, with up where the accelerometer reads it, if and only if both sensors read at one time. With the rate
+read at t + tau, r_k = (v_k / s_v, (up_k - up) / s_u) at the end of stride k (`fg_nav.detection.handedness`) and the
+biases b of both sensors, with their priors, as unknowns besides,
 
     r(tau, b) -> least by Gauss-Newton with robust weights 1 / (1 + |r_k|^2 / 4),
 
@@ -15,6 +15,7 @@ was added to these is found to 4 ms.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -36,6 +37,9 @@ BIAS_SIGMA = np.array([1.0, *[0.05] * 3, *[0.3] * 3])
 
 STEP = np.array([2e-3, *[1e-3] * 3, *[0.02] * 3])
 """Of the differences by which r is linearized."""
+
+STARTS_S = (0.0, -0.05, 0.05)
+"""From where the least is sought: beyond half a swing there are others."""
 
 MOST_STEPS, LONGEST_STEP_S, CLOSE_S = 8, 0.02, 2e-4
 """Of Gauss-Newton; it takes 4."""
@@ -83,7 +87,19 @@ def estimate_gyro_delay(recording: Recording) -> GyroDelay | None:
         velocity = integrate_strides(force, rate, h, start, stop, attitude, bias, GRAVITY_M_S2)
         return np.hstack([velocity / VELOCITY_M_S, (attitude[:, 2] - measure_up(t, force, stop)) / UP])
 
-    x, information = np.zeros(len(STEP)), 1.0 / BIAS_SIGMA**2
+    found = [_find_least(t, gyr, miss, tau_s) for tau_s in STARTS_S]
+    _, x, H, scores, square = min(found, key=lambda one: one[0])
+    if np.median(square) > STRIDES_LEFT or not abs(x[0]) < 2 * MOST_S:
+        return None
+    variance = np.linalg.solve(H, np.linalg.solve(H, scores.T @ scores).T)[0, 0]
+    return GyroDelay(float(x[0]), float(np.sqrt(variance + SYSTEMATIC_S**2)))
+
+
+def _find_least(
+    t: Floats, gyr: Floats, miss: Callable[[Floats, Floats], Floats], tau_s: float
+) -> tuple[float, Floats, Floats, Floats, Floats]:
+    """Gauss-Newton from a delay on: cost, unknowns (7,), normal matrix, scores (K, 7) and |r|^2 (K,)."""
+    x, information = np.array([tau_s, *[0.0] * 6]), 1.0 / BIAS_SIGMA**2
     for _ in range(MOST_STEPS):
         rate = read_rate_at(t, gyr, x[0])
         r = miss(x, rate)
@@ -97,10 +113,7 @@ def estimate_gyro_delay(recording: Recording) -> GyroDelay | None:
         x = x + step
         if abs(step[0]) < CLOSE_S:
             break
-    if np.median(square) > STRIDES_LEFT or not abs(x[0]) < 2 * MOST_S:
-        return None
-    variance = np.linalg.solve(H, np.linalg.solve(H, scores.T @ scores).T)[0, 0]
-    return GyroDelay(float(x[0]), float(np.sqrt(variance + SYSTEMATIC_S**2)))
+    return float(np.log1p(square / 4.0).sum()), x, H, scores, square
 
 
 def read_rate_at(t: Floats, gyr: Floats, tau_s: float) -> Floats:

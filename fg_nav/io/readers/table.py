@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.columns.arrays import to_floats
-from fg_nav.columns.choice import Asker, choose_columns
+from fg_nav.columns.choice import Asker, choose_columns, has_word
 from fg_nav.columns.headers import read_header
 from fg_nav.columns.mapping import ACC, GYR, TIME, ColumnMap, parse_columns
 from fg_nav.columns.samples import convert_samples, list_positions
@@ -167,13 +167,13 @@ def _find_rows(content: Content, table: Table, columns: ColumnMap, values: Float
     names, everything = table.names, np.arange(len(values))
     clock, used = _find_clock(columns, values), set(list_positions(columns))
     stuck = 0.0 if clock is None else float(np.mean(np.diff(clock) <= 0))
-    in_a_name = any(content.sensor.casefold() in name.casefold() for name in names) if content.sensor else False
+    in_a_name = any(has_word(name, content.sensor) for name in names)
     for position in range(len(names)):
         called = bool(_SENSOR_WORD.search(names[position]))
         if position in used or not (called or stuck > 0) or (not called and read_header(names[position]) is not None):
             continue
         words = table.words(position, row)
-        found = list(dict.fromkeys(word for word in words[:: max(1, len(words) // 5000)] if word is not None))
+        found = [word for word in dict.fromkeys(words.tolist()) if word is not None]
         groups = [np.flatnonzero(words == word) for word in found[: MOST_SENSORS + 1]]
         if not 2 <= len(groups) <= MOST_SENSORS or min(map(len, groups)) < FEWEST_ROWS:
             continue

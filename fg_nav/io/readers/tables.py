@@ -23,7 +23,7 @@ from fg_nav.columns.samples import convert_samples
 from fg_nav.columns.units import find_factor
 from fg_nav.errors import FgNavError, FormatError
 from fg_nav.io.choice import choose_sensor
-from fg_nav.io.content import Content
+from fg_nav.io.content import Content, read_content
 from fg_nav.io.readers import table
 from fg_nav.io.streams import NAMES, Sensor, Stream, join_streams
 from fg_nav.recording import RawRecording, Recording
@@ -146,6 +146,16 @@ def find_single(content: Content) -> Single | None:
     return Single(what, content, opened, channel, clock, _SENSOR.sub("", file, count=1).strip("_ .-") or "session")
 
 
+def refuse_singles(paths: Sequence[Path]) -> None:
+    """Raise `FormatError` for files that are the tables of one recording, a sensor each, and say how to give them."""
+    try:
+        explained = explain_singles([read_content(path) for path in paths])
+    except FormatError:
+        return  # said of each by itself
+    if explained is not None:
+        raise FormatError(explained)
+
+
 def explain_singles(contents: Sequence[Content]) -> str | None:
     """Say how tables of one sensor each make a recording; None where they are none."""
     singles = [find_single(content) for content in contents]
@@ -162,8 +172,6 @@ def explain_singles(contents: Sequence[Content]) -> str | None:
 
 
 def _is_recording(folder: Path) -> bool:
-    from fg_nav.io.content import read_content
-
     try:
         inside = read_content(folder)
         return recognizes(inside) and bool(Recording.from_raw(read(inside)))
