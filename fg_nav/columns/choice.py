@@ -96,7 +96,9 @@ def choose_columns(
     time = known.get("time") or choose_clock(meanings, names, asker, known)
     counters = [k for k, meaning in meanings if meaning.kind == "counter"] if time is None else []
     counter = Channel((counters[0],), (names[counters[0]],)) if counters else None
-    return ColumnMap(acc, gyr, found["mag"], time, counter)
+    some = [names[k] for k, meaning in meanings if meaning.kind == "mag" and meaning.axis and found["mag"] is None]
+    notes = (f"the magnetometer has not all three axes, only {shorten_names(some)}: left out",) if some else ()
+    return ColumnMap(acc, gyr, found["mag"], time, counter, notes)
 
 
 def has_word(name: str, word: str | None) -> bool:

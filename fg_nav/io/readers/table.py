@@ -93,6 +93,8 @@ def read(content: Content, format: str = "table") -> RawRecording:
     """
     path, table = content.path, open_table(content)
     if table is None:
+        if content.lines and sum(bool(line.strip()) for line in content.lines) == 1:
+            raise FormatError(f"{path.name} has a header but no samples: record or export it again.")
         raise FormatError(f"{path.name} is no table of numbers: export it as CSV with a header.")
     columns = choose(content, table)
     values, row = table.read(list_positions(columns))

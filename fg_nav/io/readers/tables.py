@@ -76,27 +76,30 @@ def read(content: Content) -> RawRecording:
 
 
 def _join(content: Content, singles: Mapping[Sensor, Single]) -> RawRecording:
-    streams, channels = list[Stream](), dict[str, Channel]()
-    for at, single in enumerate(singles[what] for what in NAMES if what in singles):
-        what = single.what
-        values, row = single.table.read([*single.clock.positions, *single.axes.positions])
-        clock, xyz = np.split(values, [len(single.clock.positions)], axis=1)
-        unit, names = single.axes.unit, single.axes.names
-        if what == "mag":
-            factor = find_factor("mag", unit or find_mag_unit(xyz) or "") or np.nan
-            xyz, unit = xyz * factor, "uT"
-        streams.append(Stream(what, _read_clock(single, clock), xyz, row, single.content.path.name))
-        channels[what] = Channel(tuple(range(1 + 3 * at, 4 + 3 * at)), names, unit)
+    streams = [read_stream(singles[what]) for what in NAMES if what in singles]
+    channels = {
+        stream.what: replace(singles[stream.what].axes, positions=tuple(range(1 + 3 * k, 4 + 3 * k)))
+        for k, stream in enumerate(streams)
+    }
     raw = join_streams(streams, content.path, "tables", ["one table a sensor"])
     field = [] if raw.mag is None else [raw.mag]
-    columns = ColumnMap(
-        channels["acc"], channels["gyr"], channels["mag"] if field else None, Channel((0,), ("t",), "s")
-    )
+    field_in_uT = Channel((7, 8, 9), ("mag",), "uT")
+    columns = ColumnMap(channels["acc"], channels["gyr"], field_in_uT if field else None, Channel((0,), ("t",), "s"))
     samples = convert_samples(np.column_stack([raw.t, raw.acc, raw.gyr, *field]), columns, None, _asker(content))
     notes = (*raw.provenance.notes, *samples.notes)
     return replace(
         raw, acc=samples.acc, gyr=samples.gyr, mag=samples.mag, provenance=replace(raw.provenance, notes=notes)
     )
+
+
+def read_stream(single: Single) -> Stream:
+    """Read a table in its unit, of a magnetometer in uT: NaN where its unit is arbitrary."""
+    values, row = single.table.read([*single.clock.positions, *single.axes.positions])
+    clock, xyz = np.split(values, [len(single.clock.positions)], axis=1)
+    if single.what == "mag":
+        factor = find_factor("mag", single.axes.unit or find_mag_unit(xyz) or "")
+        xyz = xyz * (np.nan if factor is None else factor)
+    return Stream(single.what, _read_clock(single, clock), xyz, row, single.content.path.name)
 
 
 def _asker(content: Content) -> Asker:
