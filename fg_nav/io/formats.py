@@ -38,7 +38,7 @@ from fg_nav.io.readers import (
     xsens_mt,
     yei,
 )
-from fg_nav.io.truth import CSV_COLUMNS, read_footprint_csv, read_footprint_mat, read_tum
+from fg_nav.io.truth import C3D_KEY, CSV_COLUMNS, read_c3d, read_footprint_csv, read_footprint_mat, read_tum
 from fg_nav.recording import NOMINAL_SIGMA, RawRecording, Recording, note_nominal_rate
 from fg_nav.samples.stamps import MAX_BRIDGED_S
 from fg_nav.truth import Truth
@@ -234,7 +234,7 @@ def _choose(content: Content, found: list[tuple[Format, Content]]) -> tuple[Form
 
 
 def read_truth(path: Path | str) -> Truth:
-    """Read a true path or surveyed footprints; which it is, the content says.
+    """Read a true path or surveyed footprints, by the content; a marker of a C3D file stands behind a colon.
 
     Raises `FormatError` if the file holds neither, or is damaged.
 
@@ -243,7 +243,13 @@ def read_truth(path: Path | str) -> Truth:
     >>> type(fg_nav.read_truth("truth.tum")).__name__
     'TrajectoryTruth'
     """
-    content = read_content(Path(path))
+    marker, path = None, Path(path)
+    if not path.exists() and ".c3d:" in path.name.lower():
+        name, _, marker = path.name.rpartition(":")
+        path = path.with_name(name)
+    content = read_content(path)
+    if content.head[1:2] == C3D_KEY and path.suffix.lower() == ".c3d":
+        return read_c3d(content, marker)
     if "GCP_meters" in content.variables:
         return read_footprint_mat(content)
     if content.variables:

@@ -22,7 +22,7 @@ from fg_nav.detection.delay import estimate_gyro_delay, read_rate_at
 from fg_nav.errors import FgNavError, FormatError, RecordingError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.inspection import inspect
-from fg_nav.io import Reading, read, read_raw
+from fg_nav.io import Reading, read, read_raw, read_truth
 from fg_nav.lab.simulation import simulate
 from fg_nav.recording import RawRecording, Recording
 from fg_nav.samples.saturation import find_saturated
@@ -454,6 +454,31 @@ FURTHER: dict[str, Callable[[Path], None]] = {
 def test_further_inputs(name: str, tmp_path: Path) -> None:
     FURTHER[name](tmp_path / name)
     assert is_the_walk(read_raw(tmp_path / name))
+
+
+def test_a_marker_of_a_c3d_file_is_the_truth(tmp_path: Path) -> None:
+    ezc3d = pytest.importorskip("ezc3d")
+    file = ezc3d.c3d()
+    file["parameters"]["POINT"]["RATE"]["value"] = [100.0]
+    file["parameters"]["POINT"]["UNITS"]["value"] = ["mm"]
+    file["parameters"]["POINT"]["LABELS"]["value"] = ["HEEL", "TOE"]
+    there = np.cumsum(np.random.default_rng(2).normal(size=(3, 300)), axis=1)
+    points = np.ones((4, 2, 300))
+    points[:3, 0], points[:3, 1] = 1e3 * there, 0.0
+    file["data"]["points"] = points
+    file.write(str(tmp_path / "walk.c3d"))
+    with pytest.raises(FormatError, match=r"holds 2 markers \(HEEL, TOE\): name one, such as `--truth walk.c3d:HEEL`"):
+        read_truth(tmp_path / "walk.c3d")
+    truth = read_truth(tmp_path / "walk.c3d:heel")
+    np.testing.assert_allclose(truth.position, there.T, atol=1e-4)
+    assert truth.t[-1] == pytest.approx(2.99)
+
+
+def test_the_sigma_of_a_rate_may_be_said(tmp_path: Path, fg_nav: FgNav) -> None:
+    path = write(tmp_path / "walk.csv", NAMES[1:], [WALK.acc, WALK.gyr])
+    assert "known to 0.05 %" in fg_nav("inspect", path, "--rate", "200+-0.1").out
+    assert "known to 2 %" in fg_nav("inspect", path, "--rate", "200").out
+    assert fg_nav("inspect", path, "--rate", "fast").refused("a rate of fast Hz is none")
 
 
 def test_an_array_without_names_is_proposed_in_the_order_that_physics_shows(tmp_path: Path) -> None:
