@@ -18,6 +18,7 @@ import scipy.io
 from scipy.signal import butter, filtfilt
 
 from fg_nav import navigate
+from fg_nav.columns.mapping import CANONICAL
 from fg_nav.detection.delay import estimate_gyro_delay, read_rate_at
 from fg_nav.errors import FgNavError, FormatError, RecordingError
 from fg_nav.frames import GRAVITY_M_S2
@@ -103,6 +104,14 @@ def test_stamps_that_rise_and_a_column_that_is_called_node(tmp_path: Path) -> No
     # and where the user maps the columns
     columns = "time=t,acc=acc_x:acc_y:acc_z[m/s^2],gyr=gyr_x:gyr_y:gyr_z[rad/s]"
     assert is_the_walk(read_raw(path, sensor="A", columns=columns))
+
+
+def test_two_sensors_in_a_canonical_table(tmp_path: Path) -> None:
+    names = [*CANONICAL[:7], "sensor"]
+    path = write(tmp_path / "walk.csv", names, [*_mix(OTHER, lambda t: t), ["left", "right"] * len(T)])
+    with pytest.raises(FormatError, match=r"holds 2 sensors \(left, right\)"):
+        read(path)
+    assert is_the_walk(read_raw(path, sensor="left"))
 
 
 def test_one_sensor_below_the_other(tmp_path: Path) -> None:

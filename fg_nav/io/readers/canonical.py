@@ -16,13 +16,15 @@ from fg_nav.arrays import Floats
 from fg_nav.columns.mapping import ACC, GYR, MAG, TIME
 from fg_nav.errors import OutputError
 from fg_nav.io.content import Content
+from fg_nav.io.readers.table import SENSOR_WORD
 from fg_nav.io.text_columns import find_column, read_table
 from fg_nav.recording import Provenance, RawRecording, Recording
 
 
 def recognizes(content: Content) -> bool:
-    """Whether the first line names at least one of the format's acc or gyr columns."""
-    return not {*ACC, *GYR}.isdisjoint(content.fields())
+    """Whether the first line names at least one of the format's acc or gyr columns, and none that names sensors."""
+    names = content.fields()
+    return not {*ACC, *GYR}.isdisjoint(names) and not any(map(SENSOR_WORD.search, names))
 
 
 def read(content: Content) -> RawRecording:

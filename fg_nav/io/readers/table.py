@@ -47,7 +47,7 @@ PARQUET_MARK, ZIP_MARK, NPY_MARK, HDF5_MARK = b"PAR1", b"PK\x03\x04", b"\x93NUMP
 MOST_SENSORS, FEWEST_ROWS = 20, 20
 """Of a column that names sensors: its values, and the rows that each of them has."""
 
-_SENSOR_WORD = re.compile(r"sensor|dev|imu|foot|side|node|addr|mac|body|segment|limb", re.IGNORECASE)
+SENSOR_WORD = re.compile(r"sensor|dev|imu|foot|side|node|addr|mac|body|segment|limb", re.IGNORECASE)
 _ALTERNATING = 0.1
 """Share of the rows at which a column changes that names their sensor; a label of what was done changes seldom."""
 
@@ -171,7 +171,7 @@ def _find_rows(content: Content, table: Table, columns: ColumnMap, values: Float
     stuck = 0.0 if clock is None else float(np.mean(np.diff(clock) <= 0))
     in_a_name = any(has_word(name, content.sensor) for name in names)
     for position in range(len(names)):
-        called = bool(_SENSOR_WORD.search(names[position]))
+        called = bool(SENSOR_WORD.search(names[position]))
         if position in used or not (called or stuck > 0) or (not called and read_header(names[position]) is not None):
             continue
         words = table.words(position, row)
