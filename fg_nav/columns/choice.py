@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
-from fg_nav.columns.headers import Kind, Meaning, read_header
+from fg_nav.columns.headers import Kind, Meaning, find_unit_kind, read_header
 from fg_nav.columns.mapping import QUANTITIES, Channel, ColumnMap, Columns, shorten_names
 from fg_nav.columns.units import Quantity, find_factor
 from fg_nav.errors import FormatError
@@ -140,6 +140,8 @@ def _choose_triad(
 ) -> Channel | None:
     """Choose the three columns of a kind; None if there are none."""
     triads = find_triads(kind, meanings, names)
+    if not any(meaning.kind == kind and meaning.axis for _, meaning in meanings):
+        triads = find_three_by_unit(kind, names, known)
     sure = [triad for triad in triads if not any(m.is_unsure for p, m in meanings if p in triad.positions)]
     named = [triad for triad in sure if not any(m.by_unit for p, m in meanings if p in triad.positions)]
     whole = [triad for triad in named if any("whole" in m.stem.split() for p, m in meanings if p in triad.positions)]
@@ -158,6 +160,16 @@ def _choose_triad(
 def find_triads(kind: Kind, meanings: Meanings, names: Sequence[str]) -> list[Channel]:
     """Find the three columns of each sensor of a kind."""
     return [triad for stem in _stems(kind, meanings) if (triad := _find_triad(kind, stem, meanings, names))]
+
+
+def find_three_by_unit(kind: Quantity, names: Sequence[str], known: Mapping[Quantity, Channel] = NONE) -> list[Channel]:
+    """Find the only three columns with a unit of a quantity, such as roll, pitch and yaw rate: x, y and z in order."""
+    used = {position for channel in known.values() for position in channel.positions}
+    own = [k for k, name in enumerate(names) if k not in used and find_unit_kind(name)[0] == kind]
+    units = {find_unit_kind(names[k])[1] for k in own}
+    if len(own) != 3 or len(units) != 1 or kind not in ("acc", "gyr"):
+        return []
+    return [Channel(tuple(own), tuple(names[k] for k in own), units.pop())]
 
 
 def _add_gravity(meanings: Meanings, names: Sequence[str]) -> Channel | None:

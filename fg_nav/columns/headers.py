@@ -22,7 +22,8 @@ Kind = Literal["time", "acc", "gyr", "mag", "counter", "no gravity", "gravity"]
 _WORDS: dict[Kind, frozenset[str]] = {
     "time": frozenset({
         *("time", "times", "timestamp", "timestamps", "stamp", "stamps", "epoch", "epoc", "utc", "datetime", "ts"),
-        *("tow", "elapsed", "itow", "clock", "zeit", "temps", "tiempo", "tempo", "tijd", "date", "datum", "fecha"),
+        *("tow", "ticks", "filetime", "elapsed", "itow", "clock", "zeit", "temps", "tiempo", "tempo", "tijd"),
+        *("date", "datum", "fecha"),
     }),
     "acc": frozenset({"acc", "acce", "accl", "gforce", "accelero"}),
     "gyr": frozenset({"gyr", "omega", "angvel", "angrate", "angularrate", "rotationrate", "rotrate", "ω"}),
@@ -73,6 +74,9 @@ _NOTHING = frozenset({
     *_SATELLITES,
 })  # fmt: skip
 
+_RATES = frozenset({"roll", "pitch", "yaw", "velocity", "euler"})
+"""Of which angular rates are called."""
+
 _UNSURE = frozenset({"uncal", "uncalibrated", "raw", "uncomp", "uncompensated"})
 
 _BRACKETS = re.compile(r"^(.*?)\s*[(\[{<]\s*(.*?)\s*[)\]}>]\s*$", re.DOTALL)
@@ -122,6 +126,8 @@ def read_header(name: str) -> Meaning | None:
             if kind == "time" and unit is None:
                 unit = next((_TIME_UNITS[word] for word in words if word in _TIME_UNITS), None)
             return Meaning(kind, axis, "g" if unit is None and "gforce" in words else unit, " ".join(words))
+        if is_certain and not axis and words and words[-1][-1:] in ("x", "y", "z"):  # RotRatex
+            words, axis = [*words[:-1], words[-1][:-1]], words[-1][-1]
         by_unit = _find_kind_of_unit(words, axis, said, is_certain) if unit is not None else None
         if by_unit is not None:
             return Meaning(by_unit, axis, unit, " ".join(words), by_unit=True)
@@ -143,6 +149,14 @@ def _find_kind_of_unit(words: list[str], axis: str, said: Quantity | None, in_br
 def quantity_of(kind: Kind) -> Quantity:
     """Return the quantity whose units a kind has."""
     return "acc" if kind == "no gravity" or kind == "gravity" else "time" if kind == "counter" else kind
+
+
+def find_unit_kind(name: str) -> tuple[Quantity | None, str]:
+    """Return of what the unit in brackets behind a name is one, and the unit; None where it is a statistic's."""
+    bracketed = _BRACKETS.match(name)
+    if bracketed is None or not (_NOTHING - _RATES).isdisjoint(_split_words(bracketed[1])):
+        return None, ""
+    return find_quantity(bracketed[2]), bracketed[2]
 
 
 def find_kinds_in(name: str) -> set[Kind]:

@@ -31,10 +31,11 @@ from numpy.typing import NDArray
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.columns.arrays import to_floats
-from fg_nav.columns.choice import Asker, choose_columns, has_word
+from fg_nav.columns.choice import Asker, choose_columns, find_three_by_unit, has_word
 from fg_nav.columns.headers import read_header
 from fg_nav.columns.mapping import ACC, GYR, TIME, ColumnMap, parse_columns
 from fg_nav.columns.samples import convert_samples, list_positions
+from fg_nav.columns.units import Quantity
 from fg_nav.errors import FgNavError, FormatError
 from fg_nav.io.choice import choose_sensor
 from fg_nav.io.content import Content, load_mat
@@ -82,7 +83,10 @@ def recognizes(content: Content) -> bool:
 
 def find_kinds(names: Iterable[str]) -> set[str]:
     """Which sensors' axes these names name."""
-    return {meaning.kind for meaning in map(read_header, names) if meaning and meaning.axis}
+    names = list(names)
+    kinds: set[str] = {meaning.kind for meaning in map(read_header, names) if meaning and meaning.axis}
+    by_unit: tuple[Quantity, ...] = ("acc", "gyr")
+    return kinds | {kind for kind in by_unit if kind not in kinds and find_three_by_unit(kind, names)}
 
 
 def read(content: Content, format: str = "table") -> RawRecording:
