@@ -21,10 +21,19 @@ from .magnetic_field import FieldPotential, FieldPrior, FieldTransition, LineInt
 from .residual import Residual, ResidualBlock, factor_of, guarded_factor, linear_factor_of
 from .same_place import SamePlace, weigh_place
 from .unseen_walk import UnseenWalk
-from .walk_constraints import BuildingDirection, FloorHeight, position_fix_factor, position_fix_noise
+from .walk_constraints import (
+    BarometerDrift,
+    BarometricHeight,
+    BuildingDirection,
+    FloorHeight,
+    position_fix_factor,
+    position_fix_noise,
+)
 from .zero_velocity import StanceVelocity, zero_rate_factor
 
 __all__ = [
+    "BarometerDrift",
+    "BarometricHeight",
     "BuildingDirection",
     "DifferentialField",
     "FieldPotential",

@@ -1,4 +1,4 @@
-"""What is known of a walk besides its samples: corridors at right angles, level floors, surveyed positions.
+"""What is known of a walk besides its inertial samples: corridors, level floors, surveyed positions, air pressure.
 
 Directions of a building (`BuildingDirection`): heuristic drift elimination, as a mixture that switches itself off
 ------------------------------------------------------------------------------------------------------------------
@@ -51,6 +51,21 @@ z the height of the sensor (navigation frame, z up). The sensor is not at the sa
 stance, by a centimetre or so; that is the noise. No floor's height is known before, so a floor that is visited once
 gets flat, and nothing else; one that is visited again also gets its height back. Which footfall is on which floor has
 to be decided elsewhere (`fg_nav.smoother.floors`): a ramp looks like drift.
+
+Barometric height (`BarometricHeight`, `BarometerDrift`): height plus an offset is what the pressure shows
+----------------------------------------------------------------------------------------------------------
+The hypsometric equation turns a pressure p into a height h above that of p_0, in air of the temperature T,
+
+    h = R T / (g M) log(p_0 / p),    dh = -dp R T / (g M p).
+
+With the state (o, r) of the barometer, o m the offset by weather, ventilation, doors and wind, r m/s the tendency of
+the weather, the residual of a footfall is
+
+    e = z + o - h,    de/dpose = [0, e_z^T nav_R_body],    de/d(o, r) = [1, 0],
+
+with Cauchy's loss, as a slammed door or a gust is no height. Over tau s the state moves on by a random walk,
+
+    e = (o' - o - r tau, r' - r),    the row of o with Cauchy's loss: a door that stays open is a step.
 """
 
 from collections.abc import Sequence
@@ -60,7 +75,7 @@ from typing import ClassVar
 import gtsam
 import numpy as np
 
-from .residual import Array
+from .residual import Array, hold_cauchy
 
 QUARTER = 0.5 * np.pi
 """Between the directions of a building, rad."""
@@ -185,3 +200,58 @@ class FloorHeight:
         by_pose = np.zeros((*e.shape, 6))
         by_pose[..., 0, 3:] = nav_T_body[..., 2, :3] / self.sigma
         return e, [by_pose, np.full((*e.shape, 1), -1.0 / self.sigma)]
+
+
+BAROMETER_CAUCHY = 3.0  # Sigmas from which a pressure counts for less: Gaussian for 99.7 % of those that are no gust.
+
+
+@dataclass(frozen=True)
+class BarometricHeight:
+    """Barometric heights (..., 1) m of footfalls, with `sigma` (..., 1) m; variables nav_T_body and state (2,)."""
+
+    name: ClassVar[str] = "barometric height"
+    dims: ClassVar[tuple[int, ...]] = (6, 2)
+    rows: ClassVar[int] = 2
+
+    height: Array
+    sigma: Array
+
+    def evaluate(self, variables: Sequence[Array], with_jacobians: bool) -> tuple[Array, list[Array]]:
+        """Return both rows (..., 2) of the loss and, with the weight held, their Jacobians by pose and state."""
+        nav_T_body, state = variables
+        x = (nav_T_body[..., 2, 3, None] + state[..., :1] - self.height) / self.sigma
+        root, above = hold_cauchy(x**2, BAROMETER_CAUCHY)
+        e = np.concatenate([root * x, above], axis=-1)
+        if not with_jacobians:
+            return e, []
+        by_pose, by_state = np.zeros((*e.shape, 6)), np.zeros((*e.shape, 2))
+        by_pose[..., 0, 3:] = root * nav_T_body[..., 2, :3] / self.sigma
+        by_state[..., 0, :1] = root / self.sigma
+        return e, [by_pose, by_state]
+
+
+@dataclass(frozen=True)
+class BarometerDrift:
+    """Barometer's state from one to the next, `elapsed` (..., 1) s apart; `sigma` (..., 2) of its change: m, m/s."""
+
+    name: ClassVar[str] = "barometer drift"
+    dims: ClassVar[tuple[int, ...]] = (2, 2)
+    rows: ClassVar[int] = 3
+
+    elapsed: Array
+    sigma: Array
+
+    def evaluate(self, variables: Sequence[Array], with_jacobians: bool) -> tuple[Array, list[Array]]:
+        """Return the rows (..., 3), two of the offset's loss, then the tendency, and their Jacobians."""
+        x = variables[1] - variables[0]
+        x[..., :1] -= variables[0][..., 1:] * self.elapsed
+        x /= self.sigma
+        root, above = hold_cauchy(x[..., :1] ** 2, BAROMETER_CAUCHY)
+        e = np.concatenate([root * x[..., :1], above, x[..., 1:]], axis=-1)
+        if not with_jacobians:
+            return e, []
+        by_new = np.zeros((*e.shape, 2))
+        by_new[..., 0, 0], by_new[..., 2, 1] = root[..., 0] / self.sigma[..., 0], 1.0 / self.sigma[..., 1]
+        by_old = -by_new
+        by_old[..., 0, 1] = by_old[..., 0, 0] * self.elapsed[..., 0]
+        return e, [by_old, by_new]

@@ -7,21 +7,22 @@
     sides           which recording is of which foot: by the user, or by the width between
     FeetResult      each foot and the person, measured and judged
 
-A foot whose recording cannot be navigated leaves the other as it is alone: `_go_alone`.
+A foot whose recording cannot be navigated leaves the other as it is alone, and feet that nothing ties are two walks
+with a remark: `_go_alone`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import Literal, TypeAlias
 
 import numpy as np
 
 from fg_nav.errors import DetectionError, EstimationError, FgNavError
 from fg_nav.estimators import Progress, blaming_changes, choose_parameters, estimate
-from fg_nav.feet.clocks import align_clocks
+from fg_nav.feet.clocks import ClockOffset, align_clocks
 from fg_nav.feet.heading import measure_relative_heading
 from fg_nav.feet.parts import keep_longest_part, keep_walked_parts
 from fg_nav.feet.person import FeetSolution, trace_person
@@ -37,9 +38,6 @@ from fg_nav.solution import Solution
 from fg_nav.text import format_count
 from fg_nav.truth import FootprintTruth, TrajectoryTruth, Truth
 from fg_nav.walk import Options, Walk, add_known, check_known, evaluate_solution, measure_field, read_walk
-
-if TYPE_CHECKING:
-    from fg_nav.arrays import Floats
 
 FEET_METHODS = ("smoother", "inertial")
 """Methods that solve both feet."""
@@ -119,7 +117,7 @@ def navigate_feet(
     if clock_offset_s is not None:
         if not np.isfinite(clock_offset_s):
             raise EstimationError(f"a clock offset of {clock_offset_s} s is no time: give a number.")
-        walks[1] = _shift_clock(walks[1], clock_offset_s)
+        walks[1] = _shift_clock(walks[1], ClockOffset(clock_offset_s))
     _refuse_own(walks)
     headings = (heading_deg, *(walk.options.heading_deg for walk in walks))
     heading_deg = next((one for one in headings if one is not None), None)
@@ -127,16 +125,13 @@ def navigate_feet(
     # each recording as one of a foot alone: checked, corrected, its stances and its field
     prepared, lost = _prepare_both(walks)
     if lost:
-        return _go_alone(request, walks, prepared, lost)
-    # the two together
+        return _go_alone(request, prepared, lost)
+    # the two together, or each by itself where nothing ties them
     try:
         return _navigate_both(request, prepared)
     except FgNavError as error:
-        lost = _find_lost(prepared, method)
-        if not lost:
-            raise
-        lost = {number: f"{words} ({error})" for number, words in lost.items()}
-        return _go_alone(request, walks, prepared, lost)
+        lost = {number: f"{words} ({error})" for number, words in _find_lost(prepared, method).items()}
+        return _go_alone(request, prepared, lost, str(error))
 
 
 def check_method(method: str) -> None:
@@ -252,43 +247,49 @@ def _find_lost(walks: Sequence[Walk], method: str) -> dict[int, str]:
     return failed if len(failed) == 1 else {}
 
 
-def _go_alone(
-    request: _Request, walks: Sequence[Walk], prepared: Sequence[Walk], lost: Mapping[int, str]
-) -> FeetResult:
-    """Navigate the foot that is left by itself, and take it for the person."""
-    ((missing, why),) = lost.items()
-    number = 1 - missing
-    side = request.order[number]
-    walk, notes = prepared[number], list[str]()
-    whole = keep_longest_part(walk.recording)
-    if whole is not walk.recording:
-        walk = _prepare(walk, whole)
-    if request.heading_deg is not None:
-        if side == "left":
-            walk = measure_field(_turn(walk, np.deg2rad(request.heading_deg)))
-        else:
-            notes.append("the heading was that of the left foot, and left out: it is zero, or that of the field")
-    foot = Result.of(walk, run_method(walk, request.method, request.progress))
-    doubt = (
-        f"the {request.order[missing]} foot is missing: {why.rstrip('.')}; the {side} foot alone is the person's path."
-    )
-    person = trace_person(foot, foot, np.zeros(1), np.zeros((1, 4, 4)))
+def _go_alone(request: _Request, prepared: Sequence[Walk], lost: Mapping[int, str], untied: str = "") -> FeetResult:
+    """Navigate each foot that is left by itself, and take the left one of them for the person.
+
+    `untied` is why two feet that are left are not one walk.
+    """
+    feet, notes = dict[str, Result](), list[str]()
+    for side in SIDES:
+        number = request.order.index(side)
+        if number in lost:
+            continue
+        walk = prepared[number]
+        whole = keep_longest_part(walk.recording)
+        if whole is not walk.recording:
+            walk = _prepare(walk, whole)
+        if request.heading_deg is not None:
+            if side == "left":
+                walk = measure_field(_turn(walk, np.deg2rad(request.heading_deg)))
+            else:
+                notes.append("the heading was that of the left foot, and left out: it is zero, or that of the field")
+        feet[side] = Result.of(walk, run_method(walk, request.method, request.progress))
+    first: Side = "left" if "left" in feet else "right"
+    if lost:
+        ((missing, why),) = lost.items()
+        doubt = f"the {request.order[missing]} foot is missing: {why.rstrip('.')}; the {first} foot alone is the "
+        doubt += "person's path."
+    else:
+        doubt = f"the feet are solved as two walks, and the {first} one is the person's path: {untied}"
+    person = trace_person(feet[first], feet[first], np.zeros(1), np.zeros((1, 4, 4)))
     known: Known = "assumed" if request.sides is None else "named"
-    offset_s = request.clock_offset_s or 0.0
-    heading_deg = request.heading_deg if side == "left" else None
-    given = request.clock_offset_s is not None
+    heading_deg = request.heading_deg if first == "left" else None
+    offset_s, given = request.clock_offset_s or 0.0, request.clock_offset_s is not None
     pairing = Pairing(request.order, known, offset_s, given, heading_deg=heading_deg, doubts=(doubt,))
-    return FeetResult.of({side: foot}, person, pairing, tuple(notes))
+    return FeetResult.of(feet, person, pairing, tuple(notes))
 
 
 def _navigate_both(request: _Request, walks: Sequence[Walk]) -> FeetResult:
     """Solve two prepared walks as one."""
     first, second = walks
-    offset_s, notes = request.clock_offset_s or 0.0, list[str]()
+    clocks = ClockOffset(request.clock_offset_s or 0.0)
     if request.clock_offset_s is None:
         clocks = align_clocks(first.recording, first.stances, second.recording, second.stances)
-        offset_s, second = clocks.offset_s, _shift_clock(second, clocks.offset_s)
-        notes += [clocks.note] if clocks.note else []
+        second = _shift_clock(second, clocks)
+    notes = [clocks.note] if clocks.note else []
     first, second = replace(first, beside=second.recording.t), replace(second, beside=first.recording.t)
     pair, order, known = _find_sides(request, first, second)
     doubts, said = _judge_sides(pair.solution, request.sides, order, known)
@@ -298,8 +299,8 @@ def _navigate_both(request: _Request, walks: Sequence[Walk]) -> FeetResult:
         found = found.widen(walk.recording.provenance.rate_sigma)
         feet[side] = Result.of(walk, evaluate_solution(walk, found))
     pairing = Pairing(
-        order, known, offset_s, request.clock_offset_s is not None, solution.width_m, solution.width_sigma_m,
-        solution.cells, solution.beyond_reach, request.heading_deg, doubts,
+        order, known, clocks.offset_s, request.clock_offset_s is not None, clocks.drift, solution.width_m,
+        solution.width_sigma_m, solution.cells, solution.beyond_reach, request.heading_deg, doubts,
     )  # fmt: skip
     notes += [*said, *_describe_cover(pair)]
     return FeetResult.of(feet, solution.person, pairing, tuple(notes))
@@ -390,12 +391,11 @@ def _find_footfalls(walk: Walk) -> Footfalls:
     return Footfalls(table.t, table.position, t[find_holes(t)])
 
 
-def _shift_clock(walk: Walk, offset_s: float) -> Walk:
-    """Add to all stamps of a walk."""
-    if not offset_s:
+def _shift_clock(walk: Walk, clocks: ClockOffset) -> Walk:
+    """Set all stamps of a walk on."""
+    if not clocks.offset_s and not clocks.drift:
         return walk
-    move: Callable[[Floats], Floats] = lambda t: t + offset_s  # noqa: E731
-    recording, truth = walk.recording, walk.truth
+    move, recording, truth = clocks.shift, walk.recording, walk.truth
     if isinstance(truth, TrajectoryTruth) or (isinstance(truth, FootprintTruth) and truth.t is not None):
         assert truth.t is not None
         truth = replace(truth, t=move(truth.t))

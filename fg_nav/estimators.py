@@ -68,8 +68,16 @@ def _smoother(walk: Walk, progress: Progress | None) -> Solution:
     from fg_nav.smoother import smooth
 
     parameters, heading = choose_parameters(walk.options), walk.options.heading_rad
-    given = (walk.field, walk.fixes, walk.extra, walk.known)
-    return smooth(walk.recording, walk.stances, parameters, heading, progress, *given)
+    if walk.gnss is None:
+        given = (walk.field, walk.fixes, walk.extra, walk.known)
+        return smooth(walk.recording, walk.stances, parameters, heading, progress, *given)
+    from fg_nav.gnss import describe_fixes
+    from fg_nav.smoother.gnss_factors import make_gnss_factors
+
+    extra, start = make_gnss_factors(walk.gnss)
+    solution = smooth(walk.recording, walk.stances, parameters, heading, progress, walk.field, extra=extra)
+    notes = (describe_fixes(start), *solution.notes)
+    return replace(solution, notes=notes, parameters={**solution.parameters, "gnss_start": start})
 
 
 def _card(walk: Walk, progress: Progress | None) -> Solution:
@@ -140,7 +148,7 @@ def _pocket(method: str) -> Estimator:
 
         options = walk.options
         lengths = (options.step_constant_m, options.known_distance_m)
-        return navigate_pocket(walk.recording, method, options.heading_rad, *lengths, progress)
+        return navigate_pocket(walk.recording, method, options.heading_rad, *lengths, progress, walk.gnss)
 
     return run
 
@@ -189,6 +197,9 @@ def estimate(walk: Walk, method: str, progress: Progress | None = None) -> Solut
     given = walk.options.fixes_path is not None or len(walk.fixes) > 0
     if given and method not in WITH_FIXES:
         raise EstimationError(f"{method} makes no use of fixes: leave them out, or choose {' or '.join(WITH_FIXES)}.")
+    if walk.gnss is not None and method not in (*WITH_EXTRA, *POCKET_METHODS):
+        methods = ", ".join((*WITH_EXTRA, *POCKET_METHODS))
+        raise EstimationError(f"{method} makes no use of GNSS: leave it out, or choose one of {methods}.")
     if walk.extra is not None and method not in WITH_EXTRA:
         raise EstimationError(f"{method} has no graph to add to: leave extra out, or choose {' or '.join(WITH_EXTRA)}.")
     with blaming_changes(method, walk.options):

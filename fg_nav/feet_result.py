@@ -2,7 +2,7 @@
 
 The person is the middle of both sensors (`fg_nav.feet.person`). As a `Solution` it has one row a footfall of the left
 foot, and its attitude is level, with x in the direction of walking. Where one foot's recording could not be used, the
-person is where the other foot is.
+person is where the other foot is, and where nothing ties the two that were solved as two walks, where the left one is.
 """
 
 from __future__ import annotations
@@ -40,7 +40,8 @@ class Pairing:
     ----------
     order : feet of the first and of the second recording, and `sides` how that is known.
     clock_offset_s : was added to the second recording's stamps; `clock_given` by the user, else by the signals.
-    width_m, width_sigma_m : between the sensors, across the way; None where one foot is missing, as the others are.
+    clock_drift : by how much more with each second since its start, s/s.
+    width_m, width_sigma_m : between the sensors, across the way; None where one foot is missing, or nothing ties them.
     cells : of steps that tie the feet.
     beyond_reach : pairs of footfalls that were out of reach of each other before they were tied.
     heading_deg : of the left sensor at its start, as it was given; None where it was not.
@@ -51,6 +52,7 @@ class Pairing:
     sides: Known
     clock_offset_s: float = 0.0
     clock_given: bool = False
+    clock_drift: float = 0.0
     width_m: float | None = None
     width_sigma_m: float | None = None
     cells: int = 0
@@ -92,7 +94,8 @@ class FeetResult(Solution):
     ) -> FeetResult:
         """Join what was made of the feet, and measure the person against the truth of both."""
         first = next(iter(feet.values()))
-        truth, why_not = _find_truth(feet)
+        tied = pairing.width_m is not None
+        truth, why_not = _find_truth(feet if tied else dict([next(iter(feet.items()))]))
         notes = (*pairing.doubts, *notes, *why_not)
         solution = solve_person(person, first, max(foot.runtime_s for foot in feet.values()), notes)
         solution = solution.widen(max(foot.walk.recording.provenance.rate_sigma for foot in feet.values()))
@@ -113,7 +116,7 @@ class FeetResult(Solution):
 
     @property
     def width_m(self) -> float | None:
-        """Between the sensors, across the way, m; None where one foot is missing.
+        """Between the sensors, across the way, m; None where one foot is missing, or nothing ties them.
 
         Examples
         --------

@@ -1,7 +1,8 @@
 """What a recording is like, in numbers and in words: the answer of `fg-nav inspect`.
 
 Broken files are its purpose: what cannot be measured is NaN. Whether a recording can be navigated with is asked of
-`Recording.from_raw`. In words: first whether the recording can be used, then the problems, then what is good.
+`Recording.from_raw`. In words: first the word of `fg_nav.verdict`, as far as samples show it without a path, and why;
+then the problems, then what is good.
 """
 
 from __future__ import annotations
@@ -24,6 +25,9 @@ from fg_nav.samples.saturation import find_saturated
 from fg_nav.samples.timing import fit_clock
 from fg_nav.text import format_count
 from fg_nav.truth import FootprintTruth, Truth
+from fg_nav.verdict import UNUSABLE, Verdict, combine
+from fg_nav.verdict.limits import judge_bad_samples, judge_filters
+from fg_nav.verdict.reason import Reason
 
 
 @dataclass(frozen=True)
@@ -90,12 +94,22 @@ class StanceShare:
 
 
 @dataclass(frozen=True)
+class Air:
+    """What the barometer reads: its rate, Hz, and the range of the pressure, hPa."""
+
+    rate_hz: float
+    least_hpa: float
+    largest_hpa: float
+
+
+@dataclass(frozen=True)
 class Inspection:
     """A recording in numbers, and its `verdict` in words.
 
     `refusal` is why it cannot be navigated with, None if it can; `find_unit_problems` name wrong units and axes;
-    `field` is None without a magnetometer; `wearing` is "foot" or "pocket" where the turning is clearly that of one
-    (`fg_nav.detection.mount`), else None; `notes` are the remarks of reader and admission.
+    `air` is None without a barometer, `field` without a magnetometer; `samples_verdict` on what filters and faults left
+    of the samples; `wearing` is "foot" or "pocket" where the turning is clearly that of one (`fg_nav.detection.mount`),
+    else None; `notes` are the remarks of reader and admission.
     """
 
     name: str
@@ -110,11 +124,13 @@ class Inspection:
     axes: AxesEvidence
     field: MagneticField | None
     stance: StanceShare
+    samples_verdict: Verdict
     wearing: str | None
     truth: str
     refusal: str | None
     unit_problems: tuple[str, ...]
     notes: tuple[str, ...]
+    air: Air | None = None
 
     @property
     def obstacle(self) -> str | None:
@@ -133,8 +149,9 @@ class Inspection:
     @property
     def verdict(self) -> tuple[str, ...]:
         """One sentence a finding, the most important first."""
-        why = self.obstacle
-        first = "It can be navigated with." if why is None else f"It cannot be navigated with: {why}"
+        word, reasons, why = self.samples_verdict.word, self.samples_verdict.reasons, self.obstacle
+        first = f"{word}: {'; '.join(reasons)}." if reasons else f"{word}: it can be navigated with."
+        first = first if why is None else f"{UNUSABLE}: it cannot be navigated with: {why}"
         further = [f"{p[0].upper()}{p[1:]}." for p in self.unit_problems if p not in (self.refusal or "")]
         problems = [*_axes_problems(self), *_stamp_problems(self), *_saturation(self)]
         problems += [*_rest_problems(self), *_field_problems(self)]
@@ -153,6 +170,7 @@ def inspect(raw: RawRecording) -> Inspection:
     duration = float(np.ptp(t)) if len(t) else 0.0
     rising = _find_rising(raw, usable)
     stamps = _measure_stamps(raw, usable, rising)
+    stance, signs = _measure_stances(recording)
     return Inspection(
         name=raw.provenance.path.name if raw.provenance.path else "recording",
         format=raw.provenance.format,
@@ -165,13 +183,24 @@ def inspect(raw: RawRecording) -> Inspection:
         gravity=plausibility.measure_gravity_transport(acc, gyr, 1.0 / stamps.rate_hz),
         axes=axes,
         field=None if raw.mag is None else _measure_field(raw.mag, duration, recording),
-        stance=_measure_stances(recording),
+        stance=stance,
+        samples_verdict=combine(signs),
         wearing=None if recording is None else measure_turning(recording).wearing,
         truth=_describe_truth(raw.truth),
         refusal=refusal,
         unit_problems=plausibility.find_unit_problems(raw.t, raw.acc, raw.gyr, raw.mag),
         notes=notes,
+        air=_measure_air(raw.pressure, duration),
     )
+
+
+def _measure_air(pressure: Floats | None, duration: float) -> Air | None:
+    """Measure what a barometer reads, (N,) Pa."""
+    air = None if pressure is None else plausibility.keep_air(pressure)
+    if air is None:
+        return None
+    count, ends = int(np.isfinite(air).sum()), 1e-2 * np.array([np.nanmin(air), np.nanmax(air)])
+    return Air(count / duration if duration > 0.0 else np.nan, float(ends[0]), float(ends[1]))
 
 
 def _admit(raw: RawRecording) -> tuple[Recording | None, str | None]:
@@ -245,14 +274,17 @@ def _measure_field(mag: Floats, duration: float, recording: Recording | None) ->
     return replace(found, aligned=align_magnetometer(recording), points_up=field_points_up(recording))
 
 
-def _measure_stances(recording: Recording | None) -> StanceShare:
+def _measure_stances(recording: Recording | None) -> tuple[StanceShare, list[Reason]]:
+    """Return the stances, and what speaks against the samples."""
     if recording is None:
-        return StanceShare(0, np.nan, "not looked for, since the recording cannot be navigated with")
+        return StanceShare(0, np.nan, "not looked for, since the recording cannot be navigated with"), []
+    bad = judge_bad_samples(recording)
     try:
         stances = detect_stances(recording)
     except DetectionError as error:
-        return StanceShare(0, np.nan, str(error))
-    return StanceShare(len(stances), float(np.mean(stances.mask)))
+        return StanceShare(0, np.nan, str(error)), [bad]
+    share = StanceShare(len(stances), float(np.mean(stances.mask)))
+    return share, [judge_filters(recording, stances), bad]
 
 
 def _describe_truth(truth: Truth | None) -> str:
@@ -272,9 +304,6 @@ _JITTER_SHARE = 0.02
 
 _GRAVITY_TOLERANCE_M_S2 = 0.15
 """Above the variation of gravity over the Earth (0.03) and the error of a calibrated accelerometer."""
-
-_BIAS_DEG_S = 1.0
-"""A bias above this is that of an uncalibrated sensor."""
 
 _LONG_REST_S = 3.0
 """Rest of this length shows the bias to better than a hundredth of a degree a second."""
@@ -330,14 +359,12 @@ def _rest_problems(facts: Inspection) -> list[str]:
     if abs(rest.acc_m_s2 - GRAVITY_M_S2) > _GRAVITY_TOLERANCE_M_S2:
         said.append(
             f"|acc| at rest is {rest.acc_m_s2:.2f} m/s^2, gravity {GRAVITY_M_S2:.2f}: "
-            f"the accelerometer has an offset or a scale error."
+            f"the accelerometer has a bias or a scale error, which is taken off in a run."
         )
     if rest.duration_s == 0:
         said.append("There is no rest to see the gyroscope's bias in: stand still at the start.")
     elif rest.duration_s < _LONG_REST_S:
         said.append(f"There is only {rest.duration_s:.1f} s of rest: stand still for longer at the start.")
-    if np.abs(rest.gyro_bias_deg_s).max() > _BIAS_DEG_S:
-        said.append(f"The gyroscope's bias is large: {_triple(rest.gyro_bias_deg_s)} deg/s.")
     return said
 
 

@@ -7,6 +7,7 @@ t      s         (N,) stamps, strictly increasing
 acc    m/s^2     (N, 3) specific force in the body frame: +g on the up axis at rest
 gyr    rad/s     (N, 3) angular rate of the body in the body frame
 mag    uT        (N, 3) magnetic flux density in the body frame; NaN rows where there is no new sample
+pressure Pa      (N,) of the air; NaN where there is no new sample
 unread -         (N,) of which sensor a sample was bad, `ACC_OUT` or `GYR_OUT`, else 0; None where none is
 ====== ========= ======================================================================
 
@@ -22,6 +23,7 @@ bad samples                     left out where those around exclude them, with a
 gaps between stamps             up to `MAX_BRIDGED_S` kept or bridged, with a note; the recording is cut at a longer one
                                 unless another foot was recorded too
 magnetometer without a sample   no magnetometer
+pressure that is none of air    no sample (`plausibility.AIR_PA`); a barometer without one: no barometer
 =============================== =======================================================================
 """
 
@@ -75,6 +77,7 @@ class Provenance:
 
     Of `bad_samples` accelerometer or gyroscope was bad: left out where both were, else of that sensor bridged.
     `rate_sigma` is that of the sample rate, as a share of it, where the time is counted by a nominal one; else zero.
+    So many as `cut_samples` are in parts of the file that a hole cut off.
     """
 
     path: Path | None = None
@@ -82,6 +85,7 @@ class Provenance:
     notes: tuple[str, ...] = ()
     bad_samples: int = 0
     rate_sigma: float = 0.0
+    cut_samples: int = 0
 
 
 @dataclass(frozen=True)
@@ -98,6 +102,7 @@ class RawRecording:
     mag: Floats | None = None
     truth: Truth | None = None
     provenance: Provenance = field(default_factory=Provenance)
+    pressure: Floats | None = None
 
 
 @dataclass(frozen=True)
@@ -122,16 +127,17 @@ class Recording:
     truth: Truth | None = None
     provenance: Provenance = field(default_factory=Provenance)
     unread: Ints | None = None
+    pressure: Floats | None = None
 
     _is_cut: ClassVar[bool] = False
     """Whether it is a slice, whose samples are prepared as those of the whole recording."""
 
     def __post_init__(self) -> None:
-        for name in ("t", "acc", "gyr", "mag"):
+        for name in ("t", "acc", "gyr", "mag", "pressure"):
             value = getattr(self, name)
             if value is not None:
                 object.__setattr__(self, name, np.ascontiguousarray(value, dtype=np.float64))
-        _check_shapes(self.t, self.acc, self.gyr, self.mag)
+        _check_shapes(self.t, self.acc, self.gyr, self.mag, self.pressure)
         _check_count(len(self.t))
         finite = np.isfinite(self.t) & np.isfinite(self.acc).all(axis=1) & np.isfinite(self.gyr).all(axis=1)
         if not finite.all():
@@ -182,7 +188,7 @@ class Recording:
     @classmethod
     def _from_samples(cls, own: Samples, is_nominal: bool = False) -> Recording:
         row, provenance = np.arange(1, len(own.t) + 1), Provenance(notes=own.notes)
-        raw = RawRecording(own.t, own.acc, own.gyr, row, own.mag, provenance=provenance)
+        raw = RawRecording(own.t, own.acc, own.gyr, row, own.mag, provenance=provenance, pressure=own.pressure)
         return cls.from_raw(note_nominal_rate(raw) if is_nominal else raw)
 
     @cached_property
@@ -254,7 +260,8 @@ class Recording:
 
     def __repr__(self) -> str:
         """Say in a line what it is; the samples are many."""
-        known = [name for name, value in (("magnetometer", self.mag), ("truth", self.truth)) if value is not None]
+        parts = (("magnetometer", self.mag), ("barometer", self.pressure), ("truth", self.truth))
+        known = [name for name, value in parts if value is not None]
         rate = f"{len(self)} samples over {self.duration_s:.1f} s at {1.0 / self.period_s:.0f} Hz"
         return f"<Recording: {rate}{', with ' if known else ''}{' and '.join(known)}>"
 
@@ -266,8 +273,8 @@ class Recording:
         Raises `RecordingError` if too few samples are left.
         """
         part = np.s_[start:stop]
-        mag, unread = None if self.mag is None else self.mag[part], None if self.unread is None else self.unread[part]
-        cut = replace(self, t=self.t[part], acc=self.acc[part], gyr=self.gyr[part], mag=mag, unread=unread)
+        whole = {name: getattr(self, name) for name in ("t", "acc", "gyr", "mag", "unread", "pressure")}
+        cut = replace(self, **{name: column[part] for name, column in whole.items() if column is not None})
         acc, gyr = self.integrable
         cut.__dict__.update(
             _is_cut=True,
@@ -296,7 +303,7 @@ def note_nominal_rate(raw: RawRecording, sigma: float = NOMINAL_SIGMA) -> RawRec
 
 
 def _admit(raw: RawRecording, longest_gap_s: float) -> Recording:
-    _check_shapes(raw.t, raw.acc, raw.gyr, raw.mag)
+    _check_shapes(raw.t, raw.acc, raw.gyr, raw.mag, raw.pressure)
     _check_count(len(raw.t))
     is_usable = plausibility.find_usable_samples(raw.t, raw.acc, raw.gyr)
     for problem in plausibility.find_lasting_problems(raw.t, raw.acc, raw.gyr, raw.mag, is_usable):
@@ -310,7 +317,8 @@ def _admit(raw: RawRecording, longest_gap_s: float) -> Recording:
     missing = _judge_missing(raw, is_usable, int(kept.min()), int(kept.max()))
     t, remarks = even_stamps(found.t)
     notes = [*raw.provenance.notes, *missing, *found.remarks, *_note_gaps(raw, kept, found.t), *remarks]
-    raw = replace(raw, truth=_move_to_clock(raw.truth, raw.t[kept], t))
+    provenance = replace(raw.provenance, cut_samples=found.cut)
+    raw = replace(raw, truth=_move_to_clock(raw.truth, raw.t[kept], t), provenance=provenance)
     return _leave_out_bad(raw, kept, t, notes)
 
 
@@ -329,7 +337,8 @@ def _leave_out_bad(raw: RawRecording, kept: Ints, t: Floats, notes: list[str]) -
     provenance = replace(raw.provenance, notes=tuple(notes), bad_samples=int(outliers.any.sum()))
     acc, gyr = take_rows(kept, raw.acc), take_rows(kept, raw.gyr)
     interpolate_unread(t, acc, gyr, unread)
-    return Recording(t, acc, gyr, mag, raw.truth, provenance, unread if unread.any() else None)
+    pressure = None if raw.pressure is None else plausibility.keep_air(raw.pressure[kept])
+    return Recording(t, acc, gyr, mag, raw.truth, provenance, unread if unread.any() else None, pressure)
 
 
 def _move_to_clock(truth: Truth | None, stamped: Floats, t: Floats) -> Truth | None:
@@ -346,12 +355,14 @@ def _move_to_clock(truth: Truth | None, stamped: Floats, t: Floats) -> Truth | N
     return truth
 
 
-def _check_shapes(t: Floats, acc: Floats, gyr: Floats, mag: Floats | None) -> None:
+def _check_shapes(t: Floats, acc: Floats, gyr: Floats, mag: Floats | None, pressure: Floats | None) -> None:
     if t.ndim != 1:
         raise RecordingError(f"t has shape {t.shape}, not (N,): give one stamp a sample.")
     for name, value in (("acc", acc), ("gyr", gyr), ("mag", mag)):
         if value is not None and value.shape != (len(t), 3):
             raise RecordingError(f"{name} has shape {value.shape}, not ({len(t)}, 3): give one row a stamp.")
+    if pressure is not None and pressure.shape != t.shape:
+        raise RecordingError(f"pressure has shape {pressure.shape}, not ({len(t)},): give one a stamp, NaN for none.")
 
 
 def _check_count(count: int) -> None:

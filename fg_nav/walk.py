@@ -20,6 +20,7 @@ from fg_nav.arrays import Floats
 from fg_nav.changes import Changes, change_parameters, select_changes
 from fg_nav.detection import StanceParameters, detect_stances
 from fg_nav.detection.delay import remove_gyro_delay
+from fg_nav.detection.filtered import refuse_high_pass
 from fg_nav.detection.handedness import refuse_wrong_axes
 from fg_nav.detection.mount import refuse_pocket
 from fg_nav.errors import EstimationError, EvaluationError, MagneticError
@@ -28,7 +29,8 @@ from fg_nav.evaluation.metrics import Metrics, evaluate
 from fg_nav.evaluation.truth_check import check_truth
 from fg_nav.evaluation.walked import WalkErrors, measure_moment
 from fg_nav.fix_check import check_fixes
-from fg_nav.io import Reading, read_fixes, read_truth
+from fg_nav.gnss import Gnss, select_fixes
+from fg_nav.io import Reading, read_fixes, read_gnss, read_truth
 from fg_nav.magnetic.axes import AlignedMagnetometer, MagAxes, align_magnetometer
 from fg_nav.magnetic.footfall_field import FootfallField
 from fg_nav.magnetic.quasi_static import DEFAULT, QUASI_STATIC, UNKNOWN, FieldVerdicts, apply_gate, choose_gate
@@ -52,6 +54,8 @@ Magnetic: TypeAlias = Literal["all", "card"]
 
 WITH_FIXES = ("smoother", "card", "inertial", "online")
 """Methods that make use of fixes."""
+
+OWN_GNSS = Path("own")  # in place of a file of GNSS fixes: those in the recording itself
 
 DETECTOR = "detector"
 """First part of the names of the parameters of the stances (`Options.changes`)."""
@@ -77,6 +81,7 @@ class Options:
         recording does not show that they are others.
     preset : of the filters (`fg_nav.ekf.presets`).
     fixes_path : file with fixes of the position for the smoother; None without.
+    gnss_path : file with a receiver's fixes (`fg_nav.io.read_gnss`), or `OWN_GNSS`; None to use none.
     mount : where the sensor is worn, checked against the recording; None for a foot, unchecked.
     step_constant_m, known_distance_m : for the length of a step, with the sensor in a pocket
         (`fg_nav.pocket.dead_reckoning`).
@@ -108,6 +113,7 @@ class Options:
     mag_axes: MagAxes | None = None
     polish: bool = False
     places_path: Path | None = None
+    gnss_path: Path | None = None
 
     @property
     def heading_rad(self) -> float | None:
@@ -138,6 +144,7 @@ class Walk:
     sensed : the recording before that, for a method that finds the iron on its way; None before `measure_field`.
     magnetometer : its delay and its axes, as `correct_walk` found them; None before, and where it is not used.
     fixes : positions known from elsewhere; used by the smoother only.
+    gnss : a receiver's fixes, for the smoother and in a pocket; None without.
     extra : makes factors of the user's own; used by the smoother only.
     places : of an earlier walk, on which this one is to be located; used by the smoother only.
     known : footfalls at these places, where they were recognized, for the smoother.
@@ -158,6 +165,7 @@ class Walk:
     sensed: Recording | None = None
     magnetometer: AlignedMagnetometer | None = None
     fixes: tuple[Fix, ...] = ()
+    gnss: Gnss | None = None
     extra: ExtraFactors | None = None
     places: SavedPlaces | None = None
     known: KnownTies | None = None
@@ -231,10 +239,16 @@ def read_walk(path: Path | str | Recording, options: Options = Options(), readin
         from fg_nav.places import read_places
 
         places = read_places(options.places_path)
+    gnss = None
+    if options.gnss_path is not None:
+        source = path.provenance.path if isinstance(path, Recording) else path
+        if options.gnss_path == OWN_GNSS and source is None:
+            raise EstimationError("the recording is of no file, so it has no Location.csv: give the file of the fixes.")
+        gnss = read_gnss(source if options.gnss_path == OWN_GNSS and source else options.gnss_path)
     recording = path if isinstance(path, Recording) else reading.read(path)
     recording = recording if truth is None else replace(recording, truth=truth)
     return_freed()
-    return replace(Walk.of(recording, options, calibration), fixes=fixes, places=places)
+    return replace(Walk.of(recording, options, calibration), fixes=fixes, gnss=gnss, places=places)
 
 
 def add_known(
@@ -268,6 +282,10 @@ def check_known(walk: Walk) -> None:
         check_truth(walk.truth, walk.recording.t)
         if isinstance(walk.truth, TrajectoryTruth):
             share_truth(walk.truth, walk.recording.t)
+    if walk.gnss is not None:
+        if len(walk.fixes) > 0 or walk.extra is not None or walk.places is not None:
+            raise EstimationError("GNSS fixes are not combined with other fixes, places or factors: leave one out.")
+        select_fixes(walk.gnss.fixes, float(walk.recording.t[0]), float(walk.recording.t[-1]))
     check_fixes(walk.fixes, walk.recording.t)
 
 
@@ -303,14 +321,14 @@ def _apply_calibration(walk: Walk) -> Walk:
 
 
 def find_stances(walk: Walk) -> Walk:
-    """Return the walk with its stances.
+    """Return the walk with its stances, and without a large error of the accelerometer, which they show.
 
     Raises
     ------
     EstimationError
         If the sensor is said to be on a foot and was clearly in a pocket.
     RecordingError
-        If it is said to be on a foot, and its strides show other axes than those given.
+        If it is said to be on a foot, and its strides show other axes than those given, or a high-pass.
     DetectionError
         Where there are no stances.
     """
@@ -318,7 +336,16 @@ def find_stances(walk: Walk) -> Walk:
         refuse_pocket(walk.recording)
         refuse_wrong_axes(walk.recording)
     detection = change_parameters(StanceParameters(), select_changes(walk.options.changes, DETECTOR))
-    return replace(walk, stances=detect_stances(walk.recording, detection), detection=detection)
+    stances = detect_stances(walk.recording, detection)
+    if "accelerometer" not in walk.applied:
+        from fg_nav.calibration.accelerometer import average_out_error
+
+        corrected = average_out_error(walk.recording, stances)
+        if corrected is not walk.recording:  # gravity decides what is a stance
+            walk, stances = replace(walk, recording=corrected), detect_stances(corrected, detection)
+    if walk.options.mount == "foot":
+        refuse_high_pass(walk.recording, stances)
+    return replace(walk, stances=stances, detection=detection)
 
 
 def measure_field(walk: Walk) -> Walk:

@@ -116,8 +116,8 @@ def cut_piece(store: Store, rng: Rng, with_field: bool = False) -> tuple[Floats,
     longest_s = LONGEST_S if rng.random() < 0.05 else USUAL_S
     name = draw(rng, store.recordings)
     rows = store.rows(name)
-    if with_field and np.isnan(rows[:, 7:]).all():
-        rows[:, 7:] = [20.0, 0.0, -43.0]
+    if with_field and np.isnan(rows[:, 7:10]).all():
+        rows[:, 7:10] = [20.0, 0.0, -43.0]
     duration = np.exp(rng.uniform(np.log(SHORTEST_S), np.log(longest_s)))
     start = rng.uniform(rows[0, 0], max(rows[0, 0], rows[-1, 0] - duration))
     kept = rows[(rows[:, 0] >= start) & (rows[:, 0] < start + duration)]
@@ -149,7 +149,7 @@ def make_samples(store: Store, rng: Rng, folder: Path) -> Input:
 
 
 def _has_field(rows: Floats) -> bool:
-    return bool(np.isfinite(rows[:, 7:]).all(axis=1).any())
+    return bool(np.isfinite(rows[:, 7:10]).all(axis=1).any())
 
 
 def write_rows(rows: Floats, path: Path) -> None:

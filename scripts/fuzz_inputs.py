@@ -172,7 +172,7 @@ def base_thigh() -> Recording:
 
 def raw_of(rows: Floats) -> RawRecording:
     """Rows (n, 10) as a recording that was not judged; without a magnetometer where it has no sample."""
-    mag = None if np.isnan(rows[:, 7:]).all() else rows[:, 7:]
+    mag = None if np.isnan(rows[:, 7:10]).all() else rows[:, 7:10]
     return RawRecording(t=rows[:, 0], acc=rows[:, 1:4], gyr=rows[:, 4:7], mag=mag, row=np.arange(2, len(rows) + 2))
 
 
@@ -234,7 +234,7 @@ def _write_checkpoint(options: OnlineOptions | PocketOptions, folder: Path) -> b
     def save(path: Path) -> None:
         checkpoint = Checkpoint(path)
         for part in (rows[:first], rows[first:last]):
-            navigator.push(part[:, 0], part[:, 1:4], part[:, 4:7], part[:, 7:])
+            navigator.push(part[:, 0], part[:, 1:4], part[:, 4:7], part[:, 7:10])
             checkpoint.write(checkpoint.collect(navigator))
 
     return _written(save)

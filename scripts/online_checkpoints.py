@@ -45,7 +45,7 @@ import numpy as np
 import walks
 from harness import FIRST_SEED, Figure, option
 from line_verdicts import RawRows
-from verdict_recordings import list_cases
+from verdicts import GOOD, list_cases
 
 from fg_nav.errors import FgNavError
 from fg_nav.lab.simulation import simulate
@@ -241,7 +241,7 @@ def _catch(work: Callable[[], str], show: bool) -> str:
 
 def resume_real_walks(data: Path, count: int, folder: Path) -> tuple[int, int]:
     """Resume genuine checkpoints; return how many there were, and how many were refused."""
-    good = [case for case in list_cases(data) if case.is_good]
+    good = [case for case in list_cases(data) if case.kind == GOOD]
     tried = refused = 0
     for case in good[:: max(len(good) // count, 1)][:count]:
         raw, path = case.load(), folder / f"walk {tried}"

@@ -50,7 +50,7 @@ def time_lines(feet: SimulatedFeet, sides: tuple[Side, ...], push: Callable[...,
     for due, side, rows in list_blocks(feet, sides):
         time.sleep(max(began + due - time.monotonic(), 0.0))
         start = time.perf_counter()
-        if push(side, rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:]):
+        if push(side, rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:10]):
             found.append(time.perf_counter() - start)
     return found
 

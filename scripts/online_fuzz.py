@@ -157,9 +157,9 @@ def push_walk(seed: int, lag_s: float | None) -> Fate:
         options = OnlineOptions(heading, bool(rng.random() < 0.7), lag_s)
         navigator = OnlineNavigator(options)
         for block in blocks(rows, rng):
-            navigator.push(block[:, 0], block[:, 1:4], block[:, 4:7], block[:, 7:])
+            navigator.push(block[:, 0], block[:, 1:4], block[:, 4:7], block[:, 7:10])
         navigator.close()
-        taken = SampleJudge().admit(rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:])
+        taken = SampleJudge().admit(rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:10])
         _judge(fate, navigator, taken[:, 0], truth if known_heading and "stamps" not in defects else None)
     except Exception:
         fate.failed = traceback.format_exc()

@@ -4,7 +4,7 @@
                                           [--per-walk] [--json FILE]
 
 From each walk, real ones and simulated, pieces of 4 to 40 s are cut at random, and each is spoiled in one way or none.
-Asked: no path that is taken for trusted or doubtful has a speed of 12 m/s or a stride of 3 m; no piece with its own
+Asked: no path that is taken for trusted or doubtful has a speed of 18 m/s or strides at 10 m/s; no piece with its own
 axes is refused for them; of pieces with wrong axes, in which a foot makes three strides or more, at least 95 % are
 refused or not to be used.
 """
@@ -20,7 +20,7 @@ import harness
 import numpy as np
 import walks
 from harness import Figure
-from verdict_recordings import GOOD, Case, judge_by_methods, list_cases, turn_gyr
+from verdicts import GOOD, Case, judge_by_methods, list_cases, turn_gyr
 
 from fg_nav.detection.handedness import measure_axes
 from fg_nav.errors import FgNavError
@@ -34,7 +34,7 @@ from fg_nav.walk import Options, Walk
 REFUSED = "refused"
 WORDS = ("trusted", "doubtful", UNUSABLE, REFUSED)
 SHORTEST_S, LONGEST_S = 4.0, 40.0
-FASTEST_M_S, LONGEST_M = 12.0, 3.0
+FASTEST_M_S, STRIDES_M_S = 18.0, 10.0
 FEWEST_STRIDES = 3
 ASKED_SHARE = 0.95
 
@@ -149,8 +149,8 @@ def judge_piece(piece: Piece, method: str) -> Judged:
 def is_absurd(solution: Solution) -> bool:
     """Whether a path has a speed or a stride that no person has."""
     speed = np.linalg.norm(solution.velocity, axis=1).max()
-    strides = np.linalg.norm(np.diff(solution.stances.position, axis=0), axis=1)
-    return bool(speed > FASTEST_M_S or strides.max(initial=0.0) > LONGEST_M)
+    strides = np.linalg.norm(np.diff(solution.stances.position, axis=0), axis=1) / np.diff(solution.stances.t)
+    return bool(speed > FASTEST_M_S or strides.max(initial=0.0) > STRIDES_M_S)
 
 
 def print_counts(method: str, judged: Sequence[Judged], per_walk: bool) -> None:

@@ -30,7 +30,7 @@ from unittest import mock
 import harness
 import numpy as np
 from harness import FIRST_SEED, option
-from verdict_recordings import SEGMENTS, read_segment
+from verdicts import SEGMENTS, read_segment
 from walks import GDIN_WALKS, GDLBIO_RUN, GDLBIO_WALKED, LOOPS, RUNNING, data_folder, gdin_path, gdlbio_path
 
 from fg_nav.arrays import Bools, Floats, Ints

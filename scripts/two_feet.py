@@ -14,7 +14,8 @@ simulated office, mall and teaching-building, without and with the magnetometer.
           one (median), as nothing shows which foot's that is. NEES: of positions relative to the start, 1 where the
           claimed covariances are true (mean over 3 degrees of freedom). Turn: of the whole walk about its start, the
           mean error of the heading over its sigma, rms over walks and feet: with a field nearly all that NEES shows
-real      the motion-captured feet of zupt_fgo and gaitmap: rms of all samples after the best yaw and shift (m)
+real      the motion-captured feet of zupt_fgo and gaitmap: rms of all samples after the best yaw and shift (m). And all
+          pairs of shared/data as `navigate_feet` has them: rms to motion capture, or start to end, of each foot (m)
 faults    the right foot's samples missing from 60 to 120 s: rms of its footfalls (m), alone and together. Feet swapped:
           the width that is found, over its sigma, negative where the recording called right is of the left foot
 clocks    offsets that were put between the clocks of both feet, and what is found
@@ -41,7 +42,7 @@ from harness import Figure, option, spread
 from fg_nav import navigate, navigate_feet
 from fg_nav.arrays import Floats, interpolate_columns
 from fg_nav.detection import detect_stances
-from fg_nav.errors import EstimationError
+from fg_nav.errors import EstimationError, FgNavError
 from fg_nav.evaluation.comparison import align
 from fg_nav.evaluation.metrics import compute_stance_nees
 from fg_nav.feet.clocks import align_clocks
@@ -272,7 +273,57 @@ def measure_real(chosen: argparse.Namespace) -> list[Figure]:
     harness.print_heading("Motion-captured feet: rms after the best yaw and shift (m)")
     heads = ["foot", "iez alone", "smoother alone", "both together", "width (m)", "cells", "furthest apart (m)"]
     harness.print_table(heads, rows)
+    return [*figures, *measure_pairs(chosen)]
+
+
+PAIRS = {
+    "feet_vicon": ("?_Foot", "LR"), "feet_2min": ("good_?foot", ("left", "right")),
+    "mems_foot": ("pair_?_1", ("left", "right")), "feet_thighs": ("*_?", ("LF", "RF")),
+}  # fmt: skip
+"""Names of the recordings of each folder, with a `?` for the foot, and what is there for the left and the right one."""
+
+CAPTURED_M, CLOSURE_M, INSTEP = 0.03, 0.20, 0.65
+"""Asked of motion-captured feet, and of closed walks in the mean; and where the sensor is, from ankle to toe."""
+
+
+def measure_pairs(chosen: argparse.Namespace) -> list[Figure]:
+    """All pairs of feet, without the magnetometer, with what is known of their ends."""
+    rows, figures, closed = [], [], []
+    for folder, (pattern, sides) in PAIRS.items():
+        place = walks.data_folder(chosen.data) / folder
+        for left in sorted(place.glob(f"{pattern.replace('?', sides[0])}.csv.gz")):
+            right = left.with_name(left.name.replace(sides[0], sides[1]))
+            name = f"{folder}, {left.name.split('.')[0]}"
+            try:
+                result = navigate_feet(left, right, "inertial", sides="left,right")
+            except FgNavError as error:
+                rows.append([name, str(error), "", "", "", "", ""])
+                figures.append(Figure("real", f"{name}, refused", "both", 1.0, high=0.0))
+                continue
+            ends = [float(np.linalg.norm(np.diff(foot.position[[0, -1], :2], axis=0))) for foot in result.feet.values()]
+            if folder == "feet_thighs" and "straight" not in name:
+                closed += ends
+            if folder == "feet_vicon":
+                ends = [measure_captured(foot, read_vicon(place, side)) for side, foot in result.feet.items()]
+                figures.append(Figure("real", "feet_vicon, rms (m)", "both", max(ends), high=CAPTURED_M))
+            pairing = result.pairing
+            clock = f"{pairing.clock_offset_s:+.2f} s, {100.0 * pairing.clock_drift:+.2f} %"
+            distance = f"{result.metrics.distance_m:.1f}"
+            rows.append([name, distance, *map(format_error, ends), f"{pairing.cells}", clock, result.verdict.word])
+    if closed:
+        figures.append(
+            Figure("real", "feet_thighs, start to end (m), mean", "both", float(np.mean(closed)), high=CLOSURE_M)
+        )
+    harness.print_heading("All pairs of feet: start to end, of feet_vicon rms (m)")
+    harness.print_table(["walk", "person (m)", "left", "right", "cells", "clock", "verdict"], rows)
     return figures
+
+
+def read_vicon(folder: Path, side: str) -> Floats:
+    """Read where the instep (N, 3) m of a foot was at its samples."""
+    truth = np.load(folder / "vicon.npz")
+    ankle, toe = (truth[side[0].upper() + name] for name in ("TIO", "TOE"))
+    return np.asarray(ankle + INSTEP * (toe - ankle))
 
 
 def measure_captured(solution: Solution, place: Floats) -> float:

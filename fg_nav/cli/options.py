@@ -194,6 +194,15 @@ FixesPath = Annotated[
         help="Known positions for the smoother: CSV time_s,x_m,y_m,z_m,sigma_m, m east, north and up of the start.",
     ),
 ]
+GnssSource = Annotated[
+    Path | None,
+    typer.Option(
+        "--gnss",
+        metavar="own|FILE",
+        help="Fixes of a receiver: `own` for the Location.csv in the recording; a folder or zip with one; or a CSV "
+        "time_s,latitude,longitude,accuracy. For the smoother and --mount pocket.",
+    ),
+]
 KnownPlaces = Annotated[
     Path | None,
     typer.Option(
@@ -257,13 +266,21 @@ FileRate = Annotated[
 SensorName = Annotated[
     str | None, typer.Option("--sensor", metavar="NAME", help="Which of several sensors in the file.")
 ]
+BarometerPath = Annotated[
+    Path | None,
+    typer.Option(
+        "--barometer",
+        metavar="FILE",
+        help="Pressure of the air in a file of its own: time_s,pressure_pa (or _hpa), in the recording's clock.",
+    ),
+]
 ColumnNames = Annotated[
     str | None,
     typer.Option(
         "--columns",
         metavar="MAPPING",
         help="Which fields of a row are what: time=1\\[ms],acc=2:3:4\\[g],gyr=5:6:7\\[deg/s], or all in order, of "
-        "t,ax,ay,az,gx,gy,gz,mx,my,mz; - is passed over.",
+        "t,ax,ay,az,gx,gy,gz,mx,my,mz,p; - is passed over.",
     ),
 ]
 UnitNames = Annotated[

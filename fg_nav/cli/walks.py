@@ -26,6 +26,7 @@ def inspect(
     columns: given.ColumnMapping = None,
     rate: given.FileRate = None,
     sensor: given.SensorName = None,
+    barometer: given.BarometerPath = None,
     json: given.Json = False,
     quiet: given.Quiet = False,
 ) -> None:
@@ -33,7 +34,7 @@ def inspect(
     from fg_nav.commands import choose_reading
     from fg_nav.commands.inspect import inspect
 
-    reading = choose_reading(format, columns, rate, sensor)
+    reading = choose_reading(format, columns, rate, sensor, barometer)
     with answering(json, quiet) as answer:
         answer(inspect(files, reading))
 
@@ -48,6 +49,7 @@ def convert(
     columns: given.ColumnMapping = None,
     rate: given.FileRate = None,
     sensor: given.SensorName = None,
+    barometer: given.BarometerPath = None,
     force: Annotated[bool, typer.Option("--force", help="Replace an older file.")] = False,
     json: given.Json = False,
     quiet: given.Quiet = False,
@@ -56,7 +58,7 @@ def convert(
     from fg_nav.commands import choose_reading
     from fg_nav.commands.convert import convert
 
-    reading = choose_reading(format, columns, rate, sensor)
+    reading = choose_reading(format, columns, rate, sensor, barometer)
     with answering(json, quiet) as answer:
         answer(convert(file, out, reading, force))
 
@@ -86,6 +88,7 @@ def run(
     magnetic: given.MagneticFactors = "all",
     preset: given.Preset = "tuned",
     fixes: given.FixesPath = None,
+    gnss: given.GnssSource = None,
     places: given.KnownPlaces = None,
     save_places: given.PlacesToSave = None,
     polish: given.Polish = False,
@@ -93,6 +96,7 @@ def run(
     columns: given.ColumnMapping = None,
     rate: given.FileRate = None,
     sensor: given.SensorName = None,
+    barometer: given.BarometerPath = None,
     alignment: given.AlignmentMode = "yaw",
     plots: given.PlotsChoice = "html",
     out: given.OutDir = None,
@@ -116,10 +120,10 @@ def run(
     files = (None, None) if both else (truth, calibration)
     options = choose_options(
         not no_mag, heading, alignment, files[0], gate, files[1], preset, fixes, mag_axes, polish, changes, places,
-        magnetic,
+        magnetic, gnss,
     )  # fmt: skip
     options = wear(options, worn, (step_constant, known_distance), gate, preset)
-    reading = choose_reading(format, columns, rate, sensor)
+    reading = choose_reading(format, columns, rate, sensor, barometer)
     request = RunRequest(method, options, reading, plots, out, force, strict, known, save_places)
     with answering(json, quiet) as answer:
         if both:
@@ -202,6 +206,7 @@ def compare(
     columns: given.ColumnMapping = None,
     rate: given.FileRate = None,
     sensor: given.SensorName = None,
+    barometer: given.BarometerPath = None,
     alignment: given.AlignmentMode = "yaw",
     plots: given.PlotsChoice = "html",
     out: given.OutDir = None,
@@ -225,7 +230,7 @@ def compare(
         from fg_nav.commands.config import bind_to_recording
 
         options = bind_to_recording(options, known, recording)
-    reading = choose_reading(format, columns, rate, sensor)
+    reading = choose_reading(format, columns, rate, sensor, barometer)
     with answering(json, quiet) as answer:
         answer(compare(recording, names, options, reading, plots, out, force))
 

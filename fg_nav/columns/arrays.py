@@ -49,8 +49,8 @@ def convert_arrays(t: ArrayLike, acc: ArrayLike, gyr: ArrayLike, mag: ArrayLike 
             values.append(_take_vectors(vectors, name, len(stamps)))
     if stamps.ndim != 1:
         raise RecordingError(f"t has shape {stamps.shape}, not (N,): give one stamp a sample.")
-    places = ((0,), (1, 2, 3), (4, 5, 6), (7, 8, 9))
-    channels = [Channel(at, (name,), words[name]) for at, name in zip(places, QUANTITIES, strict=True)]
+    places: dict[Quantity, tuple[int, ...]] = {"time": (0,), "acc": (1, 2, 3), "gyr": (4, 5, 6), "mag": (7, 8, 9)}
+    channels = [Channel(at, (name,), words[name]) for name, at in places.items()]
     columns = ColumnMap(channels[1], channels[2], None if mag is None else channels[3], channels[0])
     return convert_samples(np.concatenate(values, axis=1), columns, None, _ARRAYS)
 
@@ -89,7 +89,9 @@ def _read_names(columns: ColumnNames) -> Columns | None:
     for quantity, names in columns.items():
         words[quantity] = (names,) if isinstance(names, str) else tuple(map(str, names))
         if quantity not in QUANTITIES or len(words[quantity]) != len(QUANTITIES[quantity]):
-            raise FormatError(f"columns of '{quantity}' are {words[quantity]}: give time one, acc, gyr and mag three.")
+            raise FormatError(
+                f"columns of '{quantity}' are {words[quantity]}: give time and pressure one, acc, gyr and mag three."
+            )
     return Columns(words, {})
 
 

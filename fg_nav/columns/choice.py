@@ -74,7 +74,7 @@ def choose_columns(
     """
     known = NONE if given is None else given.find(names, asker.name)
     if given is not None and given.width is not None:
-        return ColumnMap(known["acc"], known["gyr"], known.get("mag"), known.get("time"))
+        return _map(known)
     used = {position for channel in known.values() for position in channel.positions}
     meanings = [(k, meaning) for k, name in enumerate(names) if k not in used and (meaning := read_header(name))]
     of_sensor = [(k, m) for k, m in meanings if m.kind in ("time", "counter") or has_word(names[k], sensor)]
@@ -86,7 +86,7 @@ def choose_columns(
         meanings = [(position, _as_acc(meaning)) for position, meaning in meanings]
     if {"acc", "gyr"} <= known.keys():
         clock = None if has_rate or "time" in known else choose_clock(meanings, names, asker, known)
-        return ColumnMap(known["acc"], known["gyr"], known.get("mag"), known.get("time") or clock)
+        return _map(known, clock)
     found: dict[Quantity, Channel | None] = {
         kind: known.get(kind) or _choose_triad(kind, meanings, names, asker, known) for kind in ("acc", "gyr", "mag")
     }
@@ -98,12 +98,41 @@ def choose_columns(
     counter = Channel((counters[0],), (names[counters[0]],)) if counters else None
     some = [names[k] for k, meaning in meanings if meaning.kind == "mag" and meaning.axis and found["mag"] is None]
     notes = (f"the magnetometer has not all three axes, only {shorten_names(some)}: left out",) if some else ()
-    return ColumnMap(acc, gyr, found["mag"], time, counter, notes)
+    air = known.get("pressure") or find_pressure(names, sensor)
+    return ColumnMap(acc, gyr, found["mag"], time, counter, notes, air)
+
+
+def _map(known: Mapping[Quantity, Channel], clock: Channel | None = None) -> ColumnMap:
+    time = known.get("time", clock)
+    return ColumnMap(known["acc"], known["gyr"], known.get("mag"), time, pressure=known.get("pressure"))
 
 
 def has_word(name: str, word: str | None) -> bool:
     """Whether the name of a column, without its unit, has a word in it."""
     return word is None or word.casefold() in re.sub(r"[(\[].*", "", name).casefold()
+
+
+def find_pressure(names: Sequence[str], sensor: str | None = None) -> Channel | None:
+    """Find the pressure of the air among columns, of several with `sensor` in its name or the first; None if none.
+
+    >>> find_pressure(["time_s", "Pressure (hPa)"]).unit
+    'hPa'
+    """
+    found = list[Channel]()
+    for position, name in enumerate(names):
+        words = re.findall(r"[a-z]+", name.lower())
+        if any("press" in word or word.startswith("baro") for word in words) and _NO_PRESSURE.isdisjoint(words):
+            unit = next((word for word in words[::-1] if find_factor("pressure", word)), None)
+            found.append(Channel((position,), (name,), re.findall(unit, name, re.IGNORECASE)[-1] if unit else None))
+    of_sensor = [one for one in found if sensor is not None and sensor.casefold() in one.names[0].casefold()]
+    return next(iter(of_sensor or found), None)
+
+
+_NO_PRESSURE = frozenset({
+    *("altitude", "alt", "height", "relative", "sea", "temp", "temperature", "foot", "heel", "toe", "insole", "sole"),
+    *("time", "covariance", "variance", "var", "sigma", "std", "accuracy", "status", "valid", "delta", "tyre", "tire"),
+})  # fmt: skip
+"""Words of what a barometer has besides, and of pressures of something else than air."""
 
 
 def names_sensor(names: Sequence[str]) -> bool:
@@ -115,6 +144,7 @@ def names_sensor(names: Sequence[str]) -> bool:
 def write_mapping(columns: ColumnMap, **units: str) -> str:
     """Write the mapping that names these columns, with units for those that have none."""
     channels = {"time": columns.time, "acc": columns.acc, "gyr": columns.gyr, "mag": columns.mag}
+    channels["pressure"] = columns.pressure
     return ",".join(
         f"{quantity}={_write_channel(channel, channel.unit or units.get(quantity))}"
         for quantity, channel in channels.items()

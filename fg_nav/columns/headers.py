@@ -17,7 +17,7 @@ from typing import Literal
 
 from fg_nav.columns.units import Quantity, find_factor, find_quantity, is_of_something_else
 
-Kind = Literal["time", "acc", "gyr", "mag", "counter", "no gravity", "gravity"]
+Kind = Literal["time", "acc", "gyr", "mag", "counter", "no gravity", "gravity", "pressure"]
 
 _WORDS: dict[Kind, frozenset[str]] = {
     "time": frozenset({

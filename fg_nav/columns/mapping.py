@@ -25,12 +25,15 @@ TIME = ("time_s",)
 ACC = ("acc_x_m_s2", "acc_y_m_s2", "acc_z_m_s2")
 GYR = ("gyr_x_rad_s", "gyr_y_rad_s", "gyr_z_rad_s")
 MAG = ("mag_x_uT", "mag_y_uT", "mag_z_uT")
-CANONICAL = TIME + ACC + GYR + MAG
+PRESSURE = ("pressure_pa",)
+CANONICAL = TIME + ACC + GYR + MAG + PRESSURE
 """Names of the columns of a sample."""
 
-QUANTITIES: Mapping[Quantity, tuple[str, ...]] = {"time": TIME, "acc": ACC, "gyr": GYR, "mag": MAG}
+QUANTITIES: Mapping[Quantity, tuple[str, ...]] = {
+    "time": TIME, "acc": ACC, "gyr": GYR, "mag": MAG, "pressure": PRESSURE,
+}  # fmt: skip
 
-SHORT = dict(zip(("t", "ax", "ay", "az", "gx", "gy", "gz", "mx", "my", "mz"), CANONICAL, strict=True))
+SHORT = dict(zip(("t", "ax", "ay", "az", "gx", "gy", "gz", "mx", "my", "mz", "p"), CANONICAL, strict=True))
 """Names of the list for the command line."""
 
 PASSED_OVER = "-"
@@ -38,7 +41,7 @@ PASSED_OVER = "-"
 
 EXAMPLE = "time=t[ms],acc=ax:ay:az[g],gyr=gx:gy:gz[deg/s]"
 
-_PART = re.compile(r"(?:^|,)\s*(time|acc|gyr|mag)\s*=", re.IGNORECASE)
+_PART = re.compile(r"(?:^|,)\s*(time|acc|gyr|mag|pressure)\s*=", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -73,6 +76,7 @@ class ColumnMap:
     time: Channel | None = None
     counter: Channel | None = None
     notes: tuple[str, ...] = ()
+    pressure: Channel | None = None
 
 
 @dataclass(frozen=True)
@@ -140,7 +144,7 @@ def _parse_mapping(words: str) -> Columns:
         names, unit = _split_unit(words[start.end() : after.start() if after else None])
         columns[quantity] = tuple(name.strip() for name in names.split(":"))
         if len(columns[quantity]) != len(QUANTITIES[quantity]) or not all(columns[quantity]):
-            count = "one column" if quantity == "time" else "three columns with : between"
+            count = "one column" if len(QUANTITIES[quantity]) == 1 else "three columns with : between"
             raise FormatError(
                 f"--columns: {quantity} needs {count}, and '{names.strip()}' is not: write it as {EXAMPLE}."
             )
@@ -177,9 +181,12 @@ def _parse_list(words: str, units: str | None) -> Columns:
         if name != PASSED_OVER and names.count(name) > 1:
             raise FormatError(f"--columns names '{word}' twice: one field is one quantity.")
     has_mag = not set(MAG).isdisjoint(names)
-    missing = [short for short, name in SHORT.items() if name not in (*names, *TIME) and (name not in MAG or has_mag)]
+    optional = (*TIME, *PRESSURE, *(() if has_mag else MAG))
+    missing = [short for short, name in SHORT.items() if name not in (*names, *optional)]
     if missing:
-        raise FormatError(f"--columns lacks {','.join(missing)}: of {known} only mx,my,mz may be left out together.")
+        raise FormatError(
+            f"--columns lacks {','.join(missing)}: of {known} only p, and mx,my,mz together, may be left out."
+        )
     places = {
         quantity: tuple(str(names.index(name) + 1) for name in wanted)
         for quantity, wanted in QUANTITIES.items()

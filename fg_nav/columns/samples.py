@@ -6,6 +6,7 @@ time   the unit makes the step a period with which gravity turns as the gyroscop
 acc    at rest it is gravity: 9.8 m/s^2, 1 g or 1000 mg
 gyr    above 40 it is no rad/s, below 17 on a walk no deg/s; gravity turns as it says; else the user says it
 mag    a field on Earth is 5 to 200 uT; one whose unit is not clear is left out
+air    its pressure is 300 to 1200 hPa; one that is nowhere is left out
 ====== ==========================================================================================
 
 Stamps too coarse for the rate are spread over the rows that share them. Without stamps a counter, or else the rows,
@@ -26,7 +27,7 @@ from fg_nav.errors import FormatError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.samples import plausibility
 
-SI_UNITS: dict[Quantity, str] = {"time": "s", "acc": "m/s^2", "gyr": "rad/s", "mag": "uT"}
+SI_UNITS: dict[Quantity, str] = {"time": "s", "acc": "m/s^2", "gyr": "rad/s", "mag": "uT", "pressure": "Pa"}
 """Words of the units of `Samples`."""
 
 _COUNTS_AT_REST = 1500.0
@@ -44,18 +45,19 @@ _COUNTER_ENDS = (2.0**8, 2.0**16, 2.0**32)
 
 @dataclass(frozen=True)
 class Samples:
-    """Samples in SI: t (N,) s, acc (N, 3) m/s^2, gyr (N, 3) rad/s, mag (N, 3) uT or None; and what was done."""
+    """Samples in SI: t (N,) s, acc (N, 3) m/s^2, gyr (N, 3) rad/s; mag (N, 3) uT, pressure (N,) Pa or None; `notes`."""
 
     t: Floats
     acc: Floats
     gyr: Floats
     mag: Floats | None
     notes: tuple[str, ...] = ()
+    pressure: Floats | None = None
 
 
 def list_positions(columns: ColumnMap) -> list[int]:
     """Positions (K,) in a table of the columns that `convert_samples` takes, in its order."""
-    channels = (columns.time or columns.counter, columns.acc, columns.gyr, columns.mag)
+    channels = (columns.time or columns.counter, columns.acc, columns.gyr, columns.mag, columns.pressure)
     return [position for channel in channels if channel is not None for position in channel.positions]
 
 
@@ -65,10 +67,9 @@ def convert_samples(values: Floats, columns: ColumnMap, rate_hz: float | None, a
     Raises `FormatError` if there is neither time nor rate, or a unit that nothing shows.
     """
     notes: list[str] = []
-    ends = np.cumsum(
-        [len(c.positions) if c else 0 for c in (columns.time or columns.counter, columns.acc, columns.gyr)]
-    )
-    clock, acc, gyr, mag = np.split(values, ends, axis=1)
+    parts = (columns.time or columns.counter, columns.acc, columns.gyr, columns.mag)
+    ends = np.cumsum([len(part.positions) if part else 0 for part in parts])
+    clock, acc, gyr, mag, air = np.split(values, ends, axis=1)
     acc, gyr, time, period_s = columns.acc.add(acc), columns.gyr.add(gyr), columns.time, np.nan
     if time is not None:
         clock = _add_parts(clock, time)
@@ -86,7 +87,9 @@ def convert_samples(values: Floats, columns: ColumnMap, rate_hz: float | None, a
     unit = columns.gyr.unit or _judge_gyr(acc, gyr, period_s, columns, asker, notes)
     gyr = _scale(gyr, "gyr", columns.gyr, unit, asker)
     field = None if columns.mag is None else _convert_mag(mag, columns, columns.mag, asker, notes)
-    return Samples(t, acc, gyr, field, (*columns.notes, *notes))
+    channel = columns.pressure
+    pressure = None if channel is None else convert_pressure(air[:, 0], channel, notes)
+    return Samples(t, acc, gyr, field, (*columns.notes, *notes), pressure)
 
 
 def _add_parts(clock: Floats, time: Channel) -> Floats:
@@ -95,6 +98,27 @@ def _add_parts(clock: Floats, time: Channel) -> Floats:
         return clock
     whole, part = clock[:, :1], clock[:, 1:] * time.factors[1]
     return whole + part if np.nanmax(np.abs(part), initial=0.0) <= 1.0 else part
+
+
+def convert_pressure(values: Floats, channel: Channel, notes: list[str]) -> Floats | None:
+    """Return pressures (N,) in Pa, NaN where they are none of air; None where they are nowhere, with a note.
+
+    Without a unit in the name of the column the median says it, of Pa, hPa and kPa.
+    """
+    factors = [
+        find_factor("pressure", unit) or 1.0 for unit in ([channel.unit] if channel.unit else ("Pa", "hPa", "kPa"))
+    ]
+    with np.errstate(over="ignore", invalid="ignore"):
+        scaled = [plausibility.keep_air(values * factor) for factor in factors]
+    counts = [0 if one is None else int(np.isfinite(one).sum()) for one in scaled]
+    if max(counts) > 0:
+        return scaled[int(np.argmax(counts))]
+    if not np.isfinite(values).any():
+        return None
+    median = float(np.nanmedian(values))
+    unit = f" {channel.unit}" if channel.unit else ""
+    notes.append(f"'{channel.names[0]}' reads {median:.6g}{unit} in the median, which is no pressure of air: left out")
+    return None
 
 
 def _scale(values: Floats, quantity: Quantity, channel: Channel, unit: str, asker: Asker) -> Floats:

@@ -1,4 +1,4 @@
-"""Unit words: how much of s, m/s^2, rad/s or uT each is.
+"""Unit words: how much of s, m/s^2, rad/s, uT or Pa each is.
 
 Words are compared without case, blanks, brackets, dots and typography: `m/s²`, `m/s^2`, `m/(s^2)` and `meters/second^2`
 are one, and so are `µT` and `μT`, which look alike and are two characters. Bytes that an editor has mangled are read
@@ -17,8 +17,8 @@ import numpy as np
 
 from fg_nav.frames import GRAVITY_M_S2
 
-Quantity = Literal["time", "acc", "gyr", "mag"]
-"""Stamps, specific force, angular rate, magnetic flux density."""
+Quantity = Literal["time", "acc", "gyr", "mag", "pressure"]
+"""Stamps, specific force, angular rate, magnetic flux density, pressure of the air."""
 
 _DEGREE = np.pi / 180.0
 _ARBITRARY = dict.fromkeys(("au", "arb", "arbu", "arbitrary", "normalized", "localflux"), np.nan)
@@ -40,10 +40,12 @@ _FACTORS: Mapping[Quantity, Mapping[str, float]] = MappingProxyType({
         "ut": 1.0, "\ufffdt": 1.0, "nt": 1e-3, "mt": 1e3, "t": 1e6, "g": GAUSS_UT, "gauss": GAUSS_UT, "gs": GAUSS_UT,
         "mg": 1e-3 * GAUSS_UT, "mgauss": 1e-3 * GAUSS_UT, "ug": 1e-6 * GAUSS_UT, **_ARBITRARY,
     },
+    "pressure": {"pa": 1.0, "hpa": 100.0, "kpa": 1e3, "mbar": 100.0, "mb": 100.0, "bar": 1e5},
 })  # fmt: skip
 
 KNOWN_UNITS: Mapping[Quantity, str] = MappingProxyType({
     "time": "s, ms, us, ns", "acc": "m/s^2, g, mg", "gyr": "deg/s, rad/s, mdeg/s", "mag": "uT, nT, mT, T, G, mG",
+    "pressure": "Pa, hPa, kPa, mbar",
 })  # fmt: skip
 """The usual words of each quantity, for messages."""
 

@@ -128,6 +128,7 @@ def choose_options(
     changes: Changes = (),
     places: Path | None = None,
     magnetic: Magnetic = "all",
+    gnss: Path | None = None,
 ) -> Options:
     """Return the options of a walk; refuse a preset or a gate that there is not, or that has nothing to judge."""
     from fg_nav.magnetic.axes import MagAxes
@@ -145,10 +146,12 @@ def choose_options(
         raise MagneticError("--no-mag leaves --magnetic no factors: give one of them.")
     given = (use_magnetometer, heading_deg, alignment, truth, chosen, magnetic, calibration, preset, fixes)
     axes = None if mag_axes is None else MagAxes.parse(mag_axes)
-    return Options(*given, changes=changes, mag_axes=axes, polish=polish, places_path=places)
+    return Options(*given, changes=changes, mag_axes=axes, polish=polish, places_path=places, gnss_path=gnss)
 
 
-def choose_reading(format: str | None, columns: str | None, rate: str | None, sensor: str | None) -> Reading:
+def choose_reading(
+    format: str | None, columns: str | None, rate: str | None, sensor: str | None, barometer: Path | None = None
+) -> Reading:
     """Return how a file is to be read where its content does not say; raises `FormatError` for a rate that is none."""
     from fg_nav.columns.mapping import parse_columns
     from fg_nav.io import Reading
@@ -156,13 +159,13 @@ def choose_reading(format: str | None, columns: str | None, rate: str | None, se
 
     mapping = None if columns is None else parse_columns(columns)
     if rate is None:
-        return Reading(format, mapping, None, sensor)
+        return Reading(format, mapping, None, sensor, barometer=barometer)
     hertz, _, sigma = rate.replace("±", "+-").partition("+-")
     try:
         rate_hz, share = float(hertz), float(sigma) / float(hertz) if sigma else NOMINAL_SIGMA
     except (ValueError, ZeroDivisionError):
         raise FormatError(f"a rate of {rate} Hz is none: give samples a second, such as 200 or 200+-0.1.") from None
-    return Reading(format, mapping, rate_hz, sensor, rate_sigma=abs(share))
+    return Reading(format, mapping, rate_hz, sensor, rate_sigma=abs(share), barometer=barometer)
 
 
 def find_earth_field(place: str | None) -> EarthField | None:

@@ -47,6 +47,7 @@ class Given(BaseModel):
     heading_deg: float | None
     known_distance_m: float | None
     fixes: str | None
+    gnss: str | None = None
     truth: str | None
     detector: dict[str, Any]
     parameters: dict[str, Any]
@@ -167,6 +168,7 @@ def bind_to_recording(options: Options, config: Config, recording: Path) -> Opti
         "heading_deg": given.heading_deg,
         "known_distance_m": given.known_distance_m,
         "fixes_path": None if given.fixes is None else Path(given.fixes),
+        "gnss_path": None if given.gnss is None else Path(given.gnss),
         "truth_path": None if given.truth is None else Path(given.truth),
     }
     taken = {key: value for key, value in own.items() if value is not None and getattr(options, key) is None}

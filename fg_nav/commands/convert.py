@@ -30,6 +30,7 @@ def convert(file: Path, out: Path, reading: Reading, force: bool) -> Answer:
         "format": raw.provenance.format,
         "samples": len(raw.t),
         "magnetometer": raw.mag is not None,
+        "barometer": raw.pressure is not None,
         "remarks": remarks,
     }
     return Answer(content, partial(_print_conversion, raw, out, remarks))
@@ -47,5 +48,6 @@ def _find_refusal(raw: RawRecording) -> list[str]:
 
 def _print_conversion(raw: RawRecording, out: Path, remarks: list[str]) -> None:
     mag = "without a magnetometer" if raw.mag is None else "with the magnetometer"
-    rows = [("read", f"{len(raw.t)} samples of format {raw.provenance.format}, {mag}"), ("written", str(out))]
+    air = "" if raw.pressure is None else " and the barometer"
+    rows = [("read", f"{len(raw.t)} samples of format {raw.provenance.format}, {mag}{air}"), ("written", str(out))]
     console().print(listing([*rows, *(("remark", remark) for remark in remarks)]))

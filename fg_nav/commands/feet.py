@@ -98,9 +98,11 @@ def _check(recordings: Sequence[Path], readings: Sequence[Reading], run: RunRequ
     options = run.options
     refused = {
         "--fixes": options.fixes_path,
+        "--gnss": options.gnss_path,
         "--places": options.places_path,
         "--save-places": run.save_places,
         "--config": run.config,
+        "--barometer": run.reading.barometer,
     }
     refuse_for_two(refused)
 

@@ -17,7 +17,7 @@ from fg_nav.commands.several import answer_each, show_number
 from fg_nav.detection.handedness import NO_EVIDENCE, SUSPECT, AxesEvidence
 from fg_nav.errors import RecordingError
 from fg_nav.frames import GRAVITY_M_S2
-from fg_nav.inspection import Inspection, MagneticField, Range, Rest, Stamps, StanceShare
+from fg_nav.inspection import Air, Inspection, MagneticField, Range, Rest, Stamps, StanceShare
 from fg_nav.inspection import inspect as inspect_recording
 from fg_nav.io import Reading
 from fg_nav.report.terminal import console, listing
@@ -38,6 +38,8 @@ def inspect(files: Sequence[Path], reading: Reading) -> Answer:
     files = list(dict.fromkeys(files))
     if len(files) == 1:
         return inspect_one(files[0], reading)
+    if reading.barometer is not None:
+        raise RecordingError(f"--barometer is of one recording: inspect the {len(files)} one by one.")
     return answer_each(files, lambda file: inspect_one(file, reading), INSPECT_COLUMNS)
 
 
@@ -84,6 +86,7 @@ def inspection_rows(found: Inspection) -> list[tuple[str, str]]:
         *_rest_rows(found.rest),
         ("axes", _axes_words(found.axes)),
         ("magnetic field", _field_words(found.field)),
+        *([] if found.air is None else [("barometer", _air_words(found.air))]),
         ("stances", _stance_words(found.stance)),
         ("truth", found.truth),
         *(("note", note) for note in found.notes),
@@ -132,6 +135,10 @@ def _field_words(field: MagneticField | None) -> str:
         return "no magnetometer"
     strength = _number(field.strength_uT, "{:.1f} uT") + _number(field.spread_uT, ", spread {:.1f} uT", "")
     return strength + _number(field.rate_hz, ", {:.1f} samples a second", "")
+
+
+def _air_words(air: Air) -> str:
+    return f"{air.least_hpa:.2f} to {air.largest_hpa:.2f} hPa" + _number(air.rate_hz, ", {:.1f} samples a second", "")
 
 
 def _stance_words(stance: StanceShare) -> str:

@@ -24,7 +24,7 @@ from fg_nav.report.files import Summary, write_comparison, write_run
 from fg_nav.report.folder import DEMO_FILES, check_file_free, result_file
 from fg_nav.report.terminal import print_results, progress
 from fg_nav.verdict import UNUSABLE
-from fg_nav.walk import Magnetic, Mount, Options, Walk, read_walk
+from fg_nav.walk import OWN_GNSS, Magnetic, Mount, Options, Walk, read_walk
 
 if TYPE_CHECKING:
     from fg_nav.commands.config import Config
@@ -87,8 +87,10 @@ def run(recordings: Sequence[Path], request: RunRequest) -> Answer:
     own = {
         "--truth": options.truth_path,
         "--fixes": options.fixes_path,
+        "--gnss": None if options.gnss_path == OWN_GNSS else options.gnss_path,
         "--known-distance": options.known_distance_m,
         "--save-places": request.save_places,
+        "--barometer": request.reading.barometer,
     }
     for option, value in own.items():
         if value is not None:

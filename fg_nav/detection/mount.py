@@ -109,10 +109,11 @@ def measure_turning(recording: Recording) -> TurnSigns:
         _measure_windows(windows[first : first + WINDOWS], force[first : first + WINDOWS], recording.period_s)
         for first in range(0, whole, WINDOWS)
     ]
-    signs = np.concatenate(found) if found else np.zeros((0, 4))
+    signs = np.concatenate(found) if found else np.zeros((0, 5))
     if not len(signs):
         return TurnSigns(0, np.nan, np.nan, np.nan, np.nan)
-    rest_share, peak, rhythm, impact = np.median(signs, axis=0).tolist()
+    pauses = signs[:, 4] > 0  # in which a thigh rests as a foot does
+    rest_share, peak, rhythm, impact = np.median(signs[pauses == pauses.all(), :4], axis=0).tolist()
     return TurnSigns(len(signs), rest_share, float(np.degrees(peak)), rhythm, impact)
 
 
@@ -121,15 +122,17 @@ WINDOWS = 256
 
 
 def _measure_windows(rate: Floats, force: Floats, period_s: float) -> Floats:
-    """Rest share, peak rad/s, rhythm and impact m/s^2 (M, 4) of those of the windows (W, n, 3) that turn."""
+    """Rest share, peak rad/s, rhythm, impact m/s^2 and whether it pauses (M, 5), of the windows (W, n, 3) that turn."""
     size = np.linalg.norm(rate, axis=2)
     peak = size.max(axis=1)
     moving = peak > np.radians(MOVING_DEG_S)
     size, peak = size[moving], peak[moving]
     rest_share = (size < RESTING_PART * peak[:, None]).mean(axis=1)
     impact = np.linalg.norm(force[moving], axis=2).max(axis=1)
+    thirds = np.array([part.max(axis=1) for part in np.array_split(size, 3, axis=1)])
+    pauses = (thirds < np.radians(MOVING_DEG_S)).any(axis=0)
     drop_pages()
-    return np.column_stack([rest_share, peak, _rhythm(rate[moving], period_s), impact])
+    return np.column_stack([rest_share, peak, _rhythm(rate[moving], period_s), impact, pauses])
 
 
 def remove_fast(values: Floats, period_s: float, below_hz: float = SLOW_HZ) -> Floats:

@@ -11,7 +11,7 @@ With a gyroscope that is negated the force is turned twice away instead of back,
 matrices of `handedness`. Scale and bias of the accelerometer are the same in every stride, and so is what wrong axes
 leave of an even gait: many strides are one observation, L is their median and does not grow with their number. So
 wrong axes are believed where the mean force is off by 1.1 m/s^2, more than sensors are, and suspected from 0.7 on; most
-mirrors leave less and are not seen (`scripts/pocket_axes.py`). Several M fit alike, such as one turned about the thigh
+mirrors leave less and are not seen (docs/pocket.md). Several M fit alike, such as one turned about the thigh
 besides: which axes are wrong is not said.
 
 A stride is the period of the rate about its main axis, by its autocorrelation in windows of `WINDOW_S`.

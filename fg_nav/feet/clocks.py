@@ -1,92 +1,103 @@
-"""How far the clocks of two feet are apart, by their steps.
+"""How far the clocks of two feet are apart, and whether one of them runs fast, by the steps.
 
 Feet swing in turn. Let a_i be the middles of the first foot's swings and b_j those of the second's, by its own clock,
 and tau what is to be added to that. Between two swings of the first, a_i and a_(i+1), there is one of the second, at
 the phase
 
-    phi = (b + tau - a_i) / (a_(i+1) - a_i),    1/2 +- `PHASE_SIGMA`,
+    phi = (b + tau - a_i) / (a_(i+1) - a_i) = 1/2 + l + noise,    sigma `PHASE_SIGMA`,
 
-and where there is none, or there are two, it costs `MISSED` nats. Who walks evenly does so at every cycle's shift of
-the clocks: which cycle it is the bends of the way show, as both feet turn alike. With the turn alpha of each stride,
-about up and within its time, it costs
+l by how much the person limps, of sigma `LIMP_SIGMA` and the same all along. Where there is none, or there are two, it
+costs `MISSED` nats. Who walks evenly does so at every cycle's shift of the clocks: which cycle it is the bends of the
+way show, as both feet turn alike. With the turn alpha of each stride, about up and within its time, it costs
 
-    (alpha - alpha' - m)^2 / (2 `TURN_SIGMA_RAD`^2),
+    d^2 / (2 s^2),    d = alpha - alpha' - m,    s^2 = `TURN_SIGMA_RAD`^2 + (`TURN_SHARE` max alpha)^2,
 
-alpha' the turn of the second foot over the same time and m the mean difference, which is that of the gyroscope biases;
-and so do halts, where one foot has swings and the other has none. A stride during which the second foot did not record
-costs `HIDDEN`, and what the first did not record nothing.
+alpha' the turn of the second foot over the same time, m the mean difference, which is that of the gyroscope biases, and
+the largest alpha that of the stride or of one next to it: a foot turns in its swing what the person turns in a stride.
+So do halts cost, where one foot has swings and the other has none. A stride during which the second foot did not record
+costs `UNRELATED`, as any does of feet that have nothing to do with each other, and what the first did not record
+nothing.
 
-L(tau) is the sum, nats. Steps of a walk are alike, so that L counts `SHARE` of it. Where a swing costs less than
-`FITTING` at zero the clocks stay as they are, unless few are shared and another offset fits better. Where the best L is
-by `ENOUGH` better than that of any other cycle it is taken. Else the recordings do not show it. Beyond `NEAR_S`, where
-of very many offsets one may fit by chance, a swing is to cost less than `FITTING` there too.
+Clocks of cheap sensors run fast or slow by some percent, and stamps counted at a nominal rate do so too: tau(t) = tau_0
++ rho (t - t_0). L(tau_0, rho) is the sum, nats, of which `SHARE` counts, as the steps of a walk are alike; its turns
+are less so, and count `TURN_WORTH` times as much. Most pairs are on one clock; of the others the logarithm of how many
+offsets and rates there are is lost. The best is taken: zero, another that is by `ENOUGH` better than that of any other
+cycle, or none, where feet that are unrelated are as likely.
 """
 
 from __future__ import annotations
 
-from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import EstimationError
-from fg_nav.feet.steps import LONGEST_S
+from fg_nav.feet.steps import find_longest_stride
 from fg_nav.frames import GRAVITY_M_S2, level_attitude
 from fg_nav.mechanisation import integrate_strides
 from fg_nav.recording import Recording
 from fg_nav.samples.gaps import cross_holes, list_unrecorded
 from fg_nav.stances import Stances
 
-PHASE_SIGMA = 0.1
-"""Of a cycle: steps of one foot are up to a tenth longer than those of the other."""
+PHASE_SIGMA, LIMP_SIGMA = 0.1, 0.05
+"""Of a cycle: steps of one foot are up to a tenth longer than those of the other, and so from step to step."""
 
-MISSED = 4.0
-"""nats: one swing in fifty has no partner, where one shuffles or the detector fails."""
+MISSED = 4.0  # nats: one swing in fifty has no partner, where one shuffles or the detector fails.
 
-TURN_SIGMA_RAD = 0.15
-"""Of the turns of both feet over one stride: they turn by turns."""
+TURN_SIGMA_RAD, TURN_SHARE = 0.15, 0.5  # Of the turns of both feet over one stride: they turn by turns.
 
-MOST_SHIFTS = 4.0
-"""nats that a stride's turn costs at most."""
+MAX_ALONE = 3  # Swings in a stand of the other foot that count.
 
-SHARE = 0.2
-"""Of independent steps."""
+MAX_TURN_COST, TURN_WORTH = 4.0, 2.5  # nats, of a stride's turn; and how many swings it counts for.
 
-ENOUGH = 5.0
-"""nats."""
+SHARE = 0.2  # Of independent steps.
 
-FITTING, FOREIGN = 0.8, 1.8
-"""Mean cost of a swing, nats, below which clocks fit as they are (0.1 to 0.4 where they do, 0.7 where they are 0.1 s
-apart), and above which the feet are not those of one walk (from 1.9 on, `scripts/two_feet.py`)."""
+ENOUGH = 3.0  # nats between two cycles: twenty to one.
 
-HIDDEN = 1.0
-"""nats: a stride of which nothing is known neither fits nor speaks against it."""
+FITTING, UNRELATED = 0.4, 1.8
+"""nats: mean cost of a swing of clocks that fit (0.1 to 0.4), and above which feet are not those of one walk
+(`scripts/two_feet.py`)."""
 
 NEAR_S, SPACING_S, COARSE_S = 30.0, 0.04, 0.2
 """How far clocks are looked for first, and in which steps; then as far as the recordings share a moment, coarsely, and
 finely about the best of these."""
 
-ENOUGH_SHARED = 0.5
-"""Of the swings: clocks that fit for less of them may do so by chance, and others are looked for."""
+MAX_DRIFT, DRIFT_NATS = 0.02, 4.0
+"""By which one clock runs faster than the other: oscillators of MEMS sensors are within a percent or two. And what it
+costs that it does at all."""
 
-FEWEST_SWINGS, MOST_SWINGS = 3, 600
-"""Of the first foot that are compared: ten minutes."""
+APART_NATS, FAR_NATS = 5.5, 3.0  # It costs that clocks are apart: 300 offsets within `NEAR_S`; and more further away.
+
+FOREIGN_NATS = 5.0  # It costs that recordings given as of one walk are not.
+
+AT_ONCE = 2000  # Offsets that are weighed at once.
+
+FEWEST_SWINGS, MAX_SWINGS = 3, 600  # Of the first foot that are compared: ten minutes.
 
 
 @dataclass(frozen=True)
 class ClockOffset:
-    """What is to be added to the stamps of the second recording, s, and a remark; zero and none where they fit."""
+    """What is to be added to the second recording's stamps, s, and a remark; zero and none where they fit.
+
+    It is so at its own time `at`, and by `drift` more with each second after that.
+    """
 
     offset_s: float
     note: str = ""
+    drift: float = 0.0
+    at: float = 0.0
+
+    def shift(self, t: Floats) -> Floats:
+        """Return stamps (N,) of the second recording by the first one's clock, s."""
+        return t + self.offset_s + self.drift * (t - self.at)
 
 
 @dataclass(frozen=True)
 class Swings:
     """Swings of one foot: their middles (S,) s, and times (T,) s and heading (T,) rad, of some moment, by the turns.
 
-    `holes` (H, 2) s are those in the recording.
+    `holes` (H, 2) s are those in the recording, with what is before and after it.
     """
 
     middle: Floats
@@ -94,13 +105,9 @@ class Swings:
     heading: Floats
     holes: Floats
 
-    def within(self, begin: float, end: float) -> Swings:
-        """Return those of a stretch of time."""
-        return replace(self, middle=self.middle[(self.middle >= begin) & (self.middle <= end)])
-
     def hides(self, begin: Floats, end: Floats) -> Bools:
-        """Whether some of each span (S,) s lies in a hole."""
-        first = np.searchsorted(self.holes[:, 1], begin)
+        """Whether some of each span, of any shape, s, lies in a hole."""
+        first = np.searchsorted(self.holes[:, 1], begin, side="right")
         return np.asarray(first < np.searchsorted(self.holes[:, 0], end))
 
 
@@ -116,90 +123,137 @@ def match_swings(a: Swings, b: Swings) -> ClockOffset:
     """Find what is to be added to the times of b so that the feet swing in turn; raises as `align_clocks`."""
     if min(len(a.middle), len(b.middle)) < FEWEST_SWINGS:
         return ClockOffset(0.0)
-    a = a.within(a.middle[0], a.middle[min(len(a.middle), MOST_SWINGS) - 1])
-    # Clocks that fit do so while both recorded: a sensor may have failed for the rest.
-    shared = a.within(b.middle[0], b.middle[-1])
-    fits = len(shared.middle) >= FEWEST_SWINGS and _weigh(shared, b, 0.0) > -FITTING * SHARE * len(shared.middle)
-    if fits and len(shared.middle) > ENOUGH_SHARED * min(len(a.middle), len(b.middle)):
+    a = replace(a, middle=a.middle[:MAX_SWINGS])
+    # What is lost of other offsets is more than is to be had.
+    as_it_is = float(_Match.of(a, b, np.zeros(1)).weigh(0.0)[0])
+    if as_it_is > -APART_NATS:
         return ClockOffset(0.0)
-    if fits:
-        # Few swings fit by chance as well: another offset is to be shown by all, and clearly.
-        with suppress(EstimationError):
-            found = _search(a, b)
-            return found if _weigh(a, b, found.offset_s) > _weigh(a, b, 0.0) + ENOUGH else ClockOffset(0.0)
-        return ClockOffset(0.0)
-    return _search(a, b)
-
-
-def _search(a: Swings, b: Swings) -> ClockOffset:
-    """Find the offset that is clearly the best; raises as `align_clocks`."""
-    worth, cycle = SHARE * len(a.middle), float(np.median(np.diff(a.middle)))
     # Sensors that were set to one time are apart by seconds.
-    tau, nats = _scan(a, b, -NEAR_S, NEAR_S, SPACING_S)
-    if nats.max() >= -FOREIGN * worth:
-        return _choose(tau, nats, cycle)
-    # Those that count from when they were switched on are apart by any; of so many offsets one fits by chance.
-    far, coarse = _scan(a, b, a.middle[0] - b.middle[-1], a.middle[-1] - b.middle[0], COARSE_S)
-    best = float(far[np.argmax(coarse)])
-    tau, nats = _scan(a, b, best - NEAR_S, best + NEAR_S, SPACING_S)
-    if nats.max() >= -FITTING * worth:
-        return _choose(tau, nats, cycle)
-    raise EstimationError(
-        "the two recordings do not show the feet of one walk: with no offset of their clocks do they swing in turn; "
-        "check the files, or give --clock-offset."
-    )
-
-
-def _scan(a: Swings, b: Swings, begin: float, end: float, spacing: float) -> tuple[Floats, Floats]:
-    """Offsets (T,) s from begin to end, and L (T,) of each."""
-    tau = np.arange(begin, end + 0.5 * spacing, spacing)
-    return tau, np.array([_weigh(a, b, float(one)) for one in tau])
-
-
-def _choose(tau: Floats, nats: Floats, cycle: float) -> ClockOffset:
-    """Choose among offsets (T,) s of these nats (T,), of swings that are `cycle` s apart."""
-    best = int(np.argmax(nats))
-    others = nats[np.abs(tau - tau[best]) > 0.5 * cycle]
-    if len(others) and others.max() > nats[best] - ENOUGH:
+    found = [_search(a, b, np.arange(-NEAR_S, NEAR_S, SPACING_S), -APART_NATS)]
+    unrelated = -SHARE * UNRELATED * (len(a.middle) - 1) - FOREIGN_NATS
+    if max(as_it_is, found[0].nats) < unrelated + FOREIGN_NATS + ENOUGH:
+        # Those that count from when they were switched on are apart by any.
+        far = np.arange(a.middle[0] - b.middle[-1], a.middle[-1] - b.middle[0], COARSE_S)
+        pieces = np.array_split(far, 1 + len(far) // AT_ONCE)
+        best = far[np.argmax(np.concatenate([_Match.of(a, b, some).weigh(0.0) for some in pieces]))]
+        found.append(_search(a, b, best + np.arange(-NEAR_S, NEAR_S, SPACING_S), -APART_NATS - FAR_NATS))
+    best_found = max(found, key=lambda one: one.nats)
+    if max(as_it_is, best_found.nats) < unrelated:
         raise EstimationError(
-            "the clocks of the two recordings do not fit, as both feet swing at once, and their steps do not show "
-            f"by how much: it may be {tau[best]:+.2f} s or a stride more or less; give --clock-offset."
+            "the two recordings do not show the feet of one walk: with no offset of their clocks do they swing in "
+            "turn; check the files, or give --clock-offset."
         )
-    offset = _refine(tau, nats, best)
-    return ClockOffset(offset, f"clocks aligned by the steps: {offset:+.2f} s added to the second recording's stamps")
+    return ClockOffset(0.0) if as_it_is >= best_found.nats else best_found.choose(b)
 
 
-def _refine(tau: Floats, nats: Floats, best: int) -> float:
-    """Middle of the offsets that are as good as the best one."""
-    near = np.abs(tau - tau[best]) < 0.5
-    weight = np.exp(nats[near] - nats[best])
-    return float(weight @ tau[near] / weight.sum())
+@dataclass(frozen=True)
+class _Found:
+    """Offsets (T,) s of the second clock when the first foot's strides begin, `nats` (T,) of each, and the best one."""
+
+    tau: Floats
+    by_offset: Floats
+    nats: float
+    best: float
+    drift: float
+    t: float
+    cycle: float
+
+    def choose(self, b: Swings) -> ClockOffset:
+        """Return the best one; raises `EstimationError` where that of another cycle is about as good."""
+        others = self.by_offset[np.abs(self.tau - self.best) > 0.5 * self.cycle]
+        if len(others) and others.max() > self.nats - ENOUGH:
+            raise EstimationError(
+                "the clocks of the two recordings do not fit, as both feet swing at once, and their steps do not show "
+                f"by how much: it may be {self.best:+.2f} s or a stride more or less; give --clock-offset."
+            )
+        # tau(t) = best + drift (t - t_0), t by the first clock.
+        at = float(b.t[0])
+        began = (at + self.best - self.drift * self.t) / (1.0 - self.drift)
+        offset, drift = began - at, self.drift / (1.0 - self.drift)
+        note = f"clocks aligned by the steps: {offset:+.2f} s added to the second recording's stamps"
+        if drift:
+            note += f", and {100.0 * drift:+.2f} % of the time since its start: one of the clocks runs fast"
+        return ClockOffset(offset, note, drift, at)
 
 
-def _weigh(a: Swings, b: Swings, tau: float) -> float:
-    """L of an offset, nats."""
-    begin, end = a.middle[:-1], a.middle[1:]
-    counts, recorded = np.diff(np.searchsorted(b.middle, [begin - tau, end - tau]), axis=0)[0], ~a.hides(begin, end)
-    walks = end - begin < LONGEST_S
-    cost = _weigh_strides(a, b, tau, begin[walks & recorded], end[walks & recorded])
-    # Swings of the second foot while the first one stands for long.
-    alone = counts[~walks & recorded].sum() if walks.any() else len(b.middle)
-    return -SHARE * float(cost + MISSED * alone)
+def _search(a: Swings, b: Swings, tau: Floats, prior: float) -> _Found:
+    """Find the best of offsets (T,) s, evenly spaced, and of rates, of a prior in nats."""
+    match, spacing = _Match.of(a, b, tau), tau[1] - tau[0]
+    span = match.t[-1] - match.t[0]
+    rates, nats = np.zeros(1), match.weigh(0.0)[None]
+    # Where all fit, none runs fast.
+    if nats.max() < -SHARE * FITTING * len(match.t):
+        count = int(0.5 * MAX_DRIFT * span / (2.0 * spacing))
+        rates = np.append(rates, np.delete(np.linspace(-MAX_DRIFT, MAX_DRIFT, 2 * count + 1), count))
+        nats = np.stack([nats[0], *(match.weigh(rate) - DRIFT_NATS for rate in rates[1:])])
+    nats += prior
+    row, best = np.unravel_index(np.argmax(nats), nats.shape)
+    # Who limps does not show it: in the mean nobody does.
+    evenly = match.weigh(rates[row], limps=False)
+    near = np.abs(tau - tau[best]) < 0.5 * match.cycle
+    weight = np.exp(evenly[near] - evenly[near].max())
+    middle = float(weight @ tau[near] / weight.sum())
+    t, drift = float(0.5 * (match.t[0] + match.t[-1])), float(rates[row])
+    return _Found(tau, nats.max(axis=0), float(nats[row, best]), middle, drift, t, match.cycle)
 
 
-def _weigh_strides(a: Swings, b: Swings, tau: float, begin: Floats, end: Floats) -> float:
-    """Cost of the first foot's strides, from middle to middle of its swings (S,) s."""
-    if not len(begin):
-        return 0.0
-    at = np.searchsorted(b.middle, [begin - tau, end - tau])
-    phase = (b.middle[np.minimum(at[0], len(b.middle) - 1)] + tau - begin) / (end - begin)
-    cost = np.where(at[1] - at[0] == 1, np.minimum(0.5 * ((phase - 0.5) / PHASE_SIGMA) ** 2, MISSED), MISSED)
-    turned = [np.interp([begin - d, end - d], one.t, one.heading) for one, d in ((a, 0.0), (b, tau))]
-    differ = (turned[0][1] - turned[0][0]) - (turned[1][1] - turned[1][0])
-    hidden = b.hides(begin - tau, end - tau)
-    differ = differ - np.median(differ[~hidden]) if not hidden.all() else differ
-    cost += np.minimum(0.5 * (differ / TURN_SIGMA_RAD) ** 2, MOST_SHIFTS)
-    return float(np.where(hidden, HIDDEN, cost).sum())
+@dataclass(frozen=True)
+class _Match:
+    """Strides of the first foot, in whose middles (S,) s the second clock is set on by tau (T,) s.
+
+    `phase` (S, T) of the one swing of the second foot, less 1/2, NaN where there is not one; `rest` (S, T) is what all
+    else costs.
+    """
+
+    tau: Floats
+    t: Floats
+    phase: Floats
+    rest: Floats
+    cycle: float
+
+    @classmethod
+    def of(cls, a: Swings, b: Swings, tau: Floats) -> _Match:
+        """Compare the strides of the first foot, from middle to middle of its swings, with the second foot's swings."""
+        begin, end = (one[:, None] for one in (a.middle[:-1], a.middle[1:]))
+        walks = end - begin < find_longest_stride(a.middle)
+        hidden, unseen = b.hides(begin - tau, end - tau), a.hides(begin, end)
+        at = np.searchsorted(b.middle, np.stack([begin - tau, end - tau]))
+        count = at[1] - at[0]
+        phase = (b.middle[np.minimum(at[0], len(b.middle) - 1)] + tau - begin) / (end - begin) - 0.5
+        # Turns of both over the same time.
+        turn, other = (
+            np.interp(end - d, one.t, one.heading) - np.interp(begin - d, one.t, one.heading)
+            for one, d in ((a, 0.0), (b, tau))
+        )
+        differ = np.where(hidden | ~walks | unseen, np.nan, turn - other)
+        known = np.isfinite(differ).any(axis=0)
+        differ[:, known] -= np.nanmedian(differ[:, known], axis=0)
+        around = np.pad(np.abs(turn), ((1, 1), (0, 0)))
+        sigma = np.hypot(TURN_SIGMA_RAD, TURN_SHARE * np.maximum(np.maximum(around[:-2], around[2:]), np.abs(turn)))
+        of_turn = np.nan_to_num(np.minimum(0.5 * (differ / sigma) ** 2, MAX_TURN_COST))
+        rest = TURN_WORTH * of_turn + MISSED * (count != 1)
+        # While the first one stands for long the second one has none.
+        rest = np.where(walks, rest, MISSED * np.minimum(count, MAX_ALONE))
+        rest = np.where(hidden, UNRELATED, rest)
+        phase = np.where((count == 1) & walks & ~hidden & ~unseen, phase, np.nan)
+        return cls(tau, 0.5 * (begin + end)[:, 0], phase, np.where(unseen, 0.0, rest), float(np.median(end - begin)))
+
+    def weigh(self, drift: float, limps: bool = True) -> Floats:
+        """L (T,) of offsets in the middle of the walk, nats, where one clock runs faster by a share of time."""
+        phase, rest = self.phase, self.rest
+        if drift:
+            late = drift * (self.t - 0.5 * (self.t[0] + self.t[-1])) / (self.tau[1] - self.tau[0])
+            column = np.arange(len(self.tau)) + np.rint(late).astype(np.int64)[:, None]
+            column = np.clip(column, 0, len(self.tau) - 1)
+            phase, rest = (np.take_along_axis(one, column, axis=1) for one in (phase, rest))
+        is_one = np.isfinite(phase)
+        phase = np.where(is_one, phase, 0.0)
+        limp = np.zeros(phase.shape[1])
+        if limps:
+            count = is_one.sum(axis=0)
+            limp = phase.sum(axis=0) / (count + (PHASE_SIGMA / LIMP_SIGMA) ** 2 / SHARE)
+        cost = np.minimum(0.5 * ((phase - limp) / PHASE_SIGMA) ** 2, MISSED) * is_one + rest
+        return np.asarray(-SHARE * cost.sum(axis=0) - 0.5 * (limp / LIMP_SIGMA) ** 2)
 
 
 def list_swings(recording: Recording, stances: Stances) -> Swings:
@@ -208,8 +262,10 @@ def list_swings(recording: Recording, stances: Stances) -> Swings:
     arrives, leaves = stances.spans
     begin, end = t[leaves[:-1] - 1], t[arrives[1:]]
     sample = stances.stillest(recording.gyr)
-    seen = ~cross_holes(t, sample)
-    return Swings(0.5 * (begin + end)[seen], t[sample], _sum_turns(recording, sample), list_unrecorded(t)[1:-1])
+    seen, heading = ~cross_holes(t, sample), _sum_turns(recording, sample)
+    # It turns while it swings.
+    stands = np.stack([t[arrives], t[leaves - 1]], axis=1).ravel()
+    return Swings(0.5 * (begin + end)[seen], stands, np.repeat(heading, 2), list_unrecorded(t))
 
 
 def _sum_turns(recording: Recording, sample: Ints) -> Floats:

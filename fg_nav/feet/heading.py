@@ -27,4 +27,4 @@ def measure_relative_heading(right: Footfalls, left: Footfalls) -> float:
         )
     first_hole = np.concatenate([right.holes, left.holes]).min(initial=np.inf)
     end = min(t[0] + SPAN_S, first_hole if first_hole > t[0] else np.inf)
-    return float(np.angle(np.mean(np.exp(1j * turn[t < end]))))
+    return float(np.angle(np.sum(turn[t < end])))

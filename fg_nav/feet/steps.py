@@ -16,8 +16,9 @@ footfalls of the right and of the left foot (1 where the foot is q, 1/2 and 1/2 
 
     q_R = sum a_k p_k,    q_L = sum b_k p_k,    n = mean of n,    q_R = q_L - w n.
 
-A footfall that is not one step from the other foot's, a shuffle, a turn on the spot or a halt, is in no cell. Over a
-hole in a recording its path is no measure of a distance: no step and no cell crosses one.
+A stride that is short, as in a shuffle or a turn on the spot, or takes long, as a halt, has no direction, or the other
+foot not in its middle: it counts little, by `weigh_strides`; what is slow all along counts in full. Over a hole in a
+recording its path is no measure of a distance: no step and no cell crosses one.
 """
 
 from __future__ import annotations
@@ -26,28 +27,36 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from fg_nav.arrays import Floats, Ints
+from fg_nav.arrays import Bools, Complexes, Floats, Ints
 
 CELL_M, CELL_TURN_RAD = 8.0, np.deg2rad(60.0)
 """Of the way, and by how much it turns: six strides, over which a path that was found alone is bent by less than steps
 differ. In the mean over a turn the direction would be lost."""
 
+FEWEST_CELLS, LEAST_GROWN = 6, 0.25
 MOST_CELLS, MOST_GROWN, MOST_APART_M = 40, 2.0, 30.0
-"""Of a walk: cells of a long one are up to twice as large, and no more of them are kept, as long as they are not
-further apart than that. With twice as many errors and sigmas of simulated walks are the same, and the solver takes
-longer."""
+"""Of a walk: cells of a short one are smaller, down to a stride and a half, so that there are some. Those of a long one
+are up to twice as large, and no more of them are kept, as long as they are not further apart than that. With twice as
+many errors and sigmas of simulated walks are the same, and the solver takes longer."""
 
 FEWEST_TURNS = 4
 """Steps whose directions show how two paths are turned: each does to some degrees."""
 
-FEWEST_STEPS = 2
-"""Of each foot in a cell."""
+FEWEST_STEPS = 1.0
+"""In a cell, by their weights (`Cells.steps`)."""
 
-STRIDE_M = (0.4, 2.6)
-"""Length of a stride of one who walks on; from a shuffle to a run."""
+SHORT_M, LONG_M = 0.4, 4.0
+"""Strides that count half: a shuffle has no direction, and what is longer than a runner's is an error of its path."""
 
-LONGEST_S = 2.5
-"""Of a stride: what takes longer was a halt."""
+NEGLIGIBLE = 0.01  # Weight of a step that is none.
+
+LONGEST_S, TIMES_USUAL = 2.5, 2.0
+"""Of a stride: what takes longer, and more times as long as the person's usual stride, was a halt."""
+
+
+def find_longest_stride(t: Floats) -> float:
+    """Longest time, s, of a stride of who walks on, by the times (F,) s of a foot's swings or footfalls."""
+    return max(LONGEST_S, TIMES_USUAL * float(np.median(np.diff(t)))) if len(t) > 1 else LONGEST_S
 
 
 @dataclass(frozen=True)
@@ -71,12 +80,14 @@ class Steps:
     """S footfalls of one foot, each between two of the other.
 
     `at` (S,) of the foot, `before` (S,) of the other one's footfall before it; the next one is after it. `left_normal`
-    (S, 2) is the unit vector to the left of that one's stride.
+    (S, 2) is the unit vector to the left of that one's stride, and `weight` (S,) from 0 to 1 how far it is one of a
+    walk: by its length and by its time, against the person's usual one.
     """
 
     at: Ints
     before: Ints
     left_normal: Floats
+    weight: Floats
 
 
 def find_steps(foot: Footfalls, other: Footfalls) -> Steps:
@@ -87,44 +98,81 @@ def find_steps(foot: Footfalls, other: Footfalls) -> Steps:
     counts = np.bincount(before[at], minlength=len(other))
     at = at[counts[before[at]] == 1]
     before = before[at]
-    stride = np.diff(other.position[:, :2], axis=0)[before]
+    stride, took = np.diff(other.position[:, :2], axis=0), np.diff(other.t)
     length = np.linalg.norm(stride, axis=1)
-    walks = (length > STRIDE_M[0]) & (length < STRIDE_M[1]) & (np.diff(other.t)[before] < LONGEST_S)
-    walks &= (np.diff(other.count_holes(other.t)) + np.diff(foot.count_holes(other.t)))[before] == 0
-    u = stride[walks] / length[walks, None]
-    return Steps(at[walks], before[walks], np.stack([-u[:, 1], u[:, 0]], axis=1))
+    goes = weigh_strides(length, took)
+    known = np.diff(other.count_holes(other.t)) + np.diff(foot.count_holes(other.t)) == 0
+    kept = known[before] & (goes[before] > NEGLIGIBLE)
+    at, before = at[kept], before[kept]
+    u = stride[before] / length[before, None]
+    return Steps(at, before, np.stack([-u[:, 1], u[:, 0]], axis=1), goes[before])
+
+
+def weigh_strides(length: Floats, took: Floats) -> Floats:
+    """Weights (F,) of strides of some length (F,) m that took (F,) s: half at `SHORT_M`, at `LONG_M`, at a halt."""
+    with np.errstate(divide="ignore", over="ignore"):
+        goes = 1.0 / ((1.0 + (SHORT_M / length) ** 4) * (1.0 + (length / LONG_M) ** 4))
+    usual = measure_usual_time(took, goes)
+    return np.asarray(goes / (1.0 + (np.maximum(took / usual, 1.0) - 1.0) ** 4))
+
+
+def measure_usual_time(took: Floats, weight: Floats) -> float:
+    """Median of times (F,) s of strides, by their weights (F,)."""
+    if not len(took):
+        return 1.0
+    order = np.argsort(took)
+    at = np.searchsorted(np.cumsum(weight[order]), 0.5 * weight.sum())
+    return float(took[order[min(at, len(took) - 1)]])
 
 
 @dataclass(frozen=True)
 class Cells:
     """C cells: mean places (C, 3) m of both feet, mean normal (C, 2), and the moment (C,) s.
 
-    `grown` is how many times as large they are as those of a short walk.
+    `steps` (C,) is how many each is the mean of, by their weights, and `grown` how many times as large they are as
+    `CELL_M`.
     """
 
     t: Floats
     right: Floats
     left: Floats
     left_normal: Floats
+    steps: Floats
     grown: float
 
     def __len__(self) -> int:
         return len(self.t)
 
+    def take(self, kept: Bools) -> Cells:
+        """Return those that are kept (C,)."""
+        return Cells(
+            self.t[kept], self.right[kept], self.left[kept], self.left_normal[kept], self.steps[kept], self.grown
+        )
+
 
 def average_cells(right: Footfalls, left: Footfalls) -> Cells:
     """Average the steps of a walk over cells, in order of time."""
     of_right, of_left = find_steps(right, left), find_steps(left, right)
-    way = _measure_way(left)
-    grown = float(np.clip(way[-1:].max(initial=0.0) / MOST_CELLS, 1.0, MOST_GROWN))
-    number = _number_cells(left, right.holes, way / grown)
+    way, turned = _measure_way(left)
+    grown = float(np.clip((way + turned)[-1:].max(initial=0.0) / MOST_CELLS, 1.0, MOST_GROWN))
+    shrunk = float(np.clip(way[-1:].max(initial=0.0) / FEWEST_CELLS, LEAST_GROWN, 1.0))
+    number = _number_cells(left, right.holes, way / (grown * shrunk) + turned / grown)
     cells = number[of_right.before], number[of_left.at]
-    least = np.minimum(*(np.bincount(one, minlength=number.max(initial=0) + 1) for one in cells))
-    kept = np.flatnonzero(least >= FEWEST_STEPS)
-    kept = kept[_spread_evenly(len(kept), _limit_cells(left))]
+    count = number.max(initial=0) + 1
+    weights = [np.bincount(cell, of.weight, count) for cell, of in zip(cells, (of_right, of_left), strict=True)]
     # Both kinds count alike, or the bend of a curve would not fall out.
+    with np.errstate(divide="ignore"):
+        steps = 4.0 / (1.0 / weights[0] + 1.0 / weights[1])
+    kept = np.flatnonzero(steps >= FEWEST_STEPS)
+    kept = kept[_spread_evenly(len(kept), _limit_cells(left))]
     means = [
-        np.mean([_average_by(cell, one)[kept] for cell, one in zip(cells, pair, strict=True)], axis=0)
+        np.mean(
+            [
+                _average_by(cell, of.weight, one, count)[kept]
+                for cell, of, one in zip(cells, (of_right, of_left), pair, strict=True)
+            ],
+            axis=0,
+        )
         for pair in (
             (right.t[of_right.at, None], left.t[of_left.at, None]),
             (right.position[of_right.at], _middle(right, of_left)),
@@ -133,7 +181,7 @@ def average_cells(right: Footfalls, left: Footfalls) -> Cells:
         )
     ]
     t, of_right_foot, of_left_foot, normal = means
-    return Cells(t[:, 0], of_right_foot, of_left_foot, normal, grown)
+    return Cells(t[:, 0], of_right_foot, of_left_foot, normal, steps[kept], grown * shrunk)
 
 
 def _limit_cells(foot: Footfalls) -> int:
@@ -152,11 +200,11 @@ def _middle(foot: Footfalls, steps: Steps) -> Floats:
     return np.asarray(0.5 * (foot.position[steps.before] + foot.position[steps.before + 1]))
 
 
-def _average_by(group: Ints, values: Floats) -> Floats:
-    """Means (G, c) of rows (S, c) over the groups 0 to G - 1 (S,) that they are in; of an empty one NaN."""
-    count = np.bincount(group).astype(float)
+def _average_by(group: Ints, weight: Floats, values: Floats, count: int) -> Floats:
+    """Weighted means (G, c) of rows (S, c) over the groups 0 to G - 1 (S,) that they are in; of an empty one NaN."""
     with np.errstate(invalid="ignore"):
-        return np.asarray(np.stack([np.bincount(group, column) for column in values.T], axis=1) / count[:, None])
+        total = np.stack([np.bincount(group, weight * column, count) for column in values.T], axis=1)
+        return np.asarray(total / np.bincount(group, weight, count)[:, None])
 
 
 def _number_cells(foot: Footfalls, holes: Floats, way: Floats) -> Ints:
@@ -165,28 +213,29 @@ def _number_cells(foot: Footfalls, holes: Floats, way: Floats) -> Ints:
     return np.unique(np.stack([piece, np.floor(way)], axis=1), axis=0, return_inverse=True)[1].ravel()
 
 
-def _measure_way(foot: Footfalls) -> Floats:
-    """Way (F,) walked to each footfall, in cells of a short walk: by its length and its turns."""
+def _measure_way(foot: Footfalls) -> tuple[Floats, Floats]:
+    """Way (F,) walked to each footfall, and turns (F,) taken, in cells."""
     move = np.diff(foot.position[:, :2], axis=0, prepend=foot.position[:1, :2])
     length = np.linalg.norm(move, axis=1)
-    walks = length > STRIDE_M[0]
+    walks = length > SHORT_M
     heading = np.unwrap(np.arctan2(move[walks, 1], move[walks, 0]))
     turned = np.zeros(len(foot))
     turned[walks] = np.abs(np.diff(heading, prepend=heading[:1]))
-    return np.cumsum(length / CELL_M + turned / CELL_TURN_RAD)
+    return np.cumsum(length) / CELL_M, np.cumsum(turned) / CELL_TURN_RAD
 
 
-def measure_turns(right: Footfalls, left: Footfalls) -> tuple[Floats, Floats]:
-    """Times (S,) s of steps, and by how much the right foot's directions are turned from the left one's there, rad.
+def measure_turns(right: Footfalls, left: Footfalls) -> tuple[Floats, Complexes]:
+    """Times (S,) s of steps, and by how much the right foot's directions are turned from the left one's there (S,).
 
-    The direction of the one foot's stride is compared with the mean of the other's two that overlap it.
+    The latter is exp(i turn), times the step's weight. The direction of the one foot's stride is compared with the mean
+    of the other's two that overlap it.
     """
     of_right = find_steps(right, left)
     inner = (of_right.at > 0) & (of_right.at < len(right) - 1)
-    at, before = of_right.at[inner], of_right.before[inner]
+    at, before, weight = of_right.at[inner], of_right.before[inner], of_right.weight[inner]
     whole = right.count_holes(right.t[at + 1]) == right.count_holes(right.t[at - 1])
-    at, before = at[whole], before[whole]
+    at, before, weight = at[whole], before[whole], weight[whole]
     by_left = np.diff(left.position[:, :2], axis=0)[before]
     by_right = right.position[at + 1, :2] - right.position[at - 1, :2]
     turn = np.arctan2(by_right[:, 1], by_right[:, 0]) - np.arctan2(by_left[:, 1], by_left[:, 0])
-    return right.t[at], turn
+    return right.t[at], weight * np.exp(1j * turn)

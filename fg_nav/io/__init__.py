@@ -5,6 +5,7 @@ inspection of broken files.
 """
 
 from fg_nav.io.formats import FORMATS, Format, Reading, read, read_raw, read_truth
+from fg_nav.io.gnss import read_gnss
 from fg_nav.io.readers.canonical import write_canonical
 from fg_nav.io.readers.gdlbio import read_pyshoe_track
 from fg_nav.io.readers.pyshoe import read_pyshoe_labels
@@ -16,6 +17,7 @@ __all__ = [
     "Reading",
     "read",
     "read_fixes",
+    "read_gnss",
     "read_pyshoe_labels",
     "read_pyshoe_track",
     "read_raw",

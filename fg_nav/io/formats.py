@@ -13,6 +13,7 @@ from types import MappingProxyType
 
 from fg_nav.columns.mapping import Columns, parse_columns
 from fg_nav.errors import FormatError
+from fg_nav.io.barometer import add_barometer
 from fg_nav.io.content import BINARY, MATLAB, MEMBERS, TEXT, Content, read_content
 from fg_nav.io.nearest import explain_unknown
 from fg_nav.io.readers import (
@@ -121,6 +122,7 @@ class Reading:
     rate_sigma : of that rate, a share of it.
     sensor : which of several sensors in the file.
     longest_gap_s : a recording is cut at a longer one.
+    barometer : file with the pressure of the air, of a barometer with a file of its own.
     """
 
     format: str | None = None
@@ -129,6 +131,7 @@ class Reading:
     sensor: str | None = None
     longest_gap_s: float = MAX_BRIDGED_S
     rate_sigma: float = NOMINAL_SIGMA
+    barometer: Path | str | None = None
 
     def read(self, path: Path | str) -> Recording:
         """Read a recording, as `fg_nav.io.read`."""
@@ -152,7 +155,9 @@ class Reading:
                     f"leave --{option} out."
                 )
         raw = chosen.read(replace(found, columns=columns, rate_hz=self.rate_hz, sensor=self.sensor))
-        return raw if self.rate_hz is None else note_nominal_rate(raw, self.rate_sigma)
+        if self.rate_hz is not None:
+            raw = note_nominal_rate(raw, self.rate_sigma)
+        return raw if self.barometer is None else add_barometer(raw, Path(self.barometer))
 
 
 def read(
@@ -162,6 +167,7 @@ def read(
     columns: str | Columns | None = None,
     rate_hz: float | None = None,
     sensor: str | None = None,
+    barometer: Path | str | None = None,
 ) -> Recording:
     """Read a recording that estimators can use: a file, folder or archive; the other parameters are those of `Reading`.
 
@@ -174,7 +180,7 @@ def read(
     >>> recording.provenance.format
     'canonical'
     """
-    return Reading(format, columns, rate_hz, sensor).read(path)
+    return Reading(format, columns, rate_hz, sensor, barometer=barometer).read(path)
 
 
 def read_raw(
@@ -184,9 +190,10 @@ def read_raw(
     columns: str | Columns | None = None,
     rate_hz: float | None = None,
     sensor: str | None = None,
+    barometer: Path | str | None = None,
 ) -> RawRecording:
     """Read what a file says, unchecked; parameters and `FormatError` as of `read`."""
-    return Reading(format, columns, rate_hz, sensor).read_raw(path)
+    return Reading(format, columns, rate_hz, sensor, barometer=barometer).read_raw(path)
 
 
 def find_recording(content: Content) -> tuple[Format, Content]:

@@ -7,6 +7,7 @@ A phone delivers each sensor when it has it: other rates, other starts, gaps of 
   where acc is faster than the gyroscope, the mean of these lines over its period keeps the velocity;
 * mag is put at the gyroscope's row that is nearest in time, each sample once: estimators count samples as measurements,
   and all other rows are NaN. It moves by half a period of the gyroscope at most;
+* pressure is put there likewise;
 * rows are those of the gyroscope from where both began to where one of them ended.
 
 Stamps are s, or whole ns (int64), of which the first is subtracted before they become s: a double resolves the
@@ -29,9 +30,9 @@ from fg_nav.io.text_columns import drop_held
 from fg_nav.recording import GAP_PERIODS, Provenance, RawRecording
 from fg_nav.text import format_count
 
-Sensor = Literal["acc", "gyr", "mag"]
+Sensor = Literal["acc", "gyr", "mag", "pressure"]
 
-NAMES: dict[Sensor, str] = {"acc": "accelerometer", "gyr": "gyroscope", "mag": "magnetometer"}
+NAMES: dict[Sensor, str] = {"acc": "accelerometer", "gyr": "gyroscope", "mag": "magnetometer", "pressure": "barometer"}
 
 SLOWEST_HZ, SLOW_HZ = 9.0, 20.0
 """A leg swings once or twice a second: below the first rate little of a swing is seen, below the second not enough."""
@@ -72,7 +73,7 @@ class Stream:
     ----------
     what : the sensor.
     t : (N,) s, or whole ns as int64; the streams of a recording have the same zero and the same unit.
-    xyz : (N, 3) m/s^2, rad/s or uT, NaN where there is none.
+    xyz : (N, 3) m/s^2, rad/s or uT, or (N, 1) Pa, NaN where there is none.
     row : (N,) lines in its file.
     source : what people call it, such as its file.
     """
@@ -122,15 +123,16 @@ def join_streams(streams: Sequence[Stream], path: Path, format: str, notes: Sequ
             raise FormatError(f"{path.name}: {source} has {count} of the {NAMES[needed]}: record it again.")
     acc, gyr, mag = cleaned["acc"], cleaned["gyr"], _keep_field(cleaned.get("mag"), remarks)
     _check_rates((acc, gyr), path, remarks)
-    rates = _describe([acc, gyr, *([] if mag is None else [mag])])
+    air = cleaned.get("pressure")
+    rates = _describe([acc, gyr, *(one for one in (mag, air) if one is not None and len(one.t) > 1)])
     acc, gyr = _cut_to_shared(acc, gyr, path, remarks)
     force = _interpolate(acc, gyr, remarks)
     field = None if mag is None else _place(mag, gyr)
+    pressure = None if air is None else _place(air, gyr)[:, 0]
     remarks.append(rates)
     provenance = Provenance(path=path, format=format, notes=tuple(remarks))
-    return RawRecording(
-        t=np.asarray(gyr.t, dtype=np.float64), acc=force, gyr=gyr.xyz, mag=field, row=gyr.row, provenance=provenance
-    )
+    t = np.asarray(gyr.t, dtype=np.float64)
+    return RawRecording(t, force, gyr.xyz, gyr.row, field, provenance=provenance, pressure=pressure)
 
 
 def keep_changes(stream: Stream) -> Stream:
@@ -154,7 +156,7 @@ def _subtract_start(streams: Sequence[Stream], remarks: list[str]) -> list[Strea
     if not streams or any(stream.t.dtype.kind == "f" for stream in streams):
         units = [1.0 if stream.t.dtype.kind == "f" else 1e-9 for stream in streams]
         return [replace(s, t=s.t.astype(np.float64) * unit) for s, unit in zip(streams, units, strict=True)]
-    start = min(int(stream.t[0]) for stream in streams)
+    start = min(int(stream.t[0]) for stream in streams if stream.what != "pressure" or len(streams) == 1)
     if start > 10**18:
         day = datetime.fromtimestamp(start // 10**9, UTC)
         remarks.append(f"time 0 is {day:%Y-%m-%d %H:%M:%S}.{start // 10**6 % 1000:03d} UTC")
@@ -309,17 +311,31 @@ def _average(acc: Stream, gyr: Stream) -> Floats:
 
 
 def _place(mag: Stream, gyr: Stream) -> Floats:
-    """Field (N, 3): each sample at the nearest of the gyroscope's rows; of several for a row the nearest of them."""
-    xyz = drop_held(mag.xyz, interpolate_rows(gyr, mag.t))
-    after = np.clip(np.searchsorted(gyr.t, mag.t), 1, len(gyr.t) - 1)
-    row = np.where(mag.t - gyr.t[after - 1] < gyr.t[after] - mag.t, after - 1, after)
-    distance = np.abs(gyr.t[row] - mag.t)
-    within = (mag.t >= gyr.t[0] - 0.5 * gyr.period_s) & (mag.t <= gyr.t[-1] + 0.5 * gyr.period_s)
-    usable = np.flatnonzero(within & (distance <= 0.5 * find_gap_s(gyr.t)) & np.isfinite(xyz).all(axis=1))
-    far_first = usable[np.argsort(-distance[usable], kind="stable")]
-    field = np.full((len(gyr.t), 3), np.nan)
-    field[row[far_first]] = xyz[far_first]
+    """Field (N, 3) or pressure (N, 1), each sample at the nearest of the gyroscope's rows, and there the nearest."""
+    xyz = drop_held(mag.xyz, interpolate_rows(gyr, mag.t)) if mag.what == "mag" else mag.xyz
+    usable = np.flatnonzero(np.isfinite(xyz).all(axis=1))
+    row, which = find_nearest_rows(mag.t[usable], gyr.t)
+    field = np.full((len(gyr.t), xyz.shape[1]), np.nan)
+    field[row] = xyz[usable[which]]
     return field
+
+
+def find_nearest_rows(t: Floats | Ints, t_row: Floats | Ints) -> tuple[Ints, Ints]:
+    """Return rows (K,) of a clock `t_row` (N,) s that rises, and which (K,) of some stamps (M,) s is the nearest.
+
+    Stamps in a gap of the clock, or beyond its ends, have no row.
+    """
+    reach = 0.5 * float(np.median(np.diff(t_row)))
+    after = np.clip(np.searchsorted(t_row, t), 1, len(t_row) - 1)
+    row = np.where(t - t_row[after - 1] < t_row[after] - t, after - 1, after)
+    distance = np.abs(t_row[row] - t)
+    within = (t >= t_row[0] - reach) & (t <= t_row[-1] + reach)
+    usable = np.flatnonzero(within & (distance <= 0.5 * find_gap_s(t_row)))
+    far_first = usable[np.argsort(-distance[usable], kind="stable")]
+    nearest = np.full(len(t_row), -1)
+    nearest[row[far_first]] = far_first
+    taken = np.flatnonzero(nearest >= 0)
+    return taken, nearest[taken]
 
 
 def _describe(streams: Sequence[Stream]) -> str:

@@ -190,7 +190,7 @@ _HELD_SHARE = 0.1
 
 
 def drop_held(mag: Floats, gyr: Floats) -> Floats:
-    """Set rows of `mag` (N, 3) that repeat the row before exactly to NaN, if the logger holds samples at all.
+    """Set rows of `mag` (N, D) that repeat the row before exactly to NaN, if the logger holds samples at all.
 
     `gyr` (N, 3) rad/s shows the motion: repeats at rest alone are quantization, and stay.
     """

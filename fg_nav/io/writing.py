@@ -10,11 +10,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType
 
-import numpy as np
-
-from fg_nav.columns.mapping import ACC, GYR, MAG, TIME
 from fg_nav.errors import OutputError
-from fg_nav.io.readers.canonical import write_canonical
+from fg_nav.io.readers.canonical import tabulate_samples, write_canonical
 from fg_nav.recording import RawRecording, Recording
 
 
@@ -35,13 +32,8 @@ def write_parquet(recording: Recording | RawRecording, path: Path) -> None:
         raise OutputError(
             f"{path.name}: pyarrow writes Parquet, and is not installed: pip install 'fg-nav[parquet]'."
         ) from None
-    columns = [recording.t[:, None], recording.acc, recording.gyr]
-    names: tuple[str, ...] = TIME + ACC + GYR
-    if recording.mag is not None:
-        columns.append(recording.mag)
-        names += MAG
-    arrays = np.concatenate(columns, axis=1).T
-    pyarrow.parquet.write_table(pyarrow.table(dict(zip(names, arrays, strict=True))), path)
+    names, samples = tabulate_samples(recording)
+    pyarrow.parquet.write_table(pyarrow.table(dict(zip(names, samples.T, strict=True))), path)
 
 
 WRITERS: Mapping[str, Callable[[Recording | RawRecording, Path], None]] = MappingProxyType(

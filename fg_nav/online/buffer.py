@@ -28,8 +28,8 @@ from fg_nav.recording import Recording
 from fg_nav.samples.saturation import find_saturation_level
 from fg_nav.stances import Stances
 
-COLUMNS = 10
-"""t (s), acc (m/s^2), gyr (rad/s), mag (uT; NaN without a sample)."""
+COLUMNS = 11
+"""t (s), acc (m/s^2), gyr (rad/s), mag (uT) and pressure (Pa), the last two NaN without a sample."""
 
 TAKEN = COLUMNS + 1
 """Behind them, once a sample is taken: which sensor was bad, as `unread` of a recording; 0 where none was."""
@@ -51,7 +51,7 @@ _BEFORE = 40
 
 
 class SampleBuffer:
-    """Rows (11,) in order of time, `first <= i < stop`.
+    """Rows (12,) in order of time, `first <= i < stop`.
 
     They are kept in chunks: a long walk is never copied as a whole while it grows, and its beginning can be discarded.
     """
@@ -68,7 +68,7 @@ class SampleBuffer:
             self._chunks.append(np.full((CHUNK, TAKEN), -np.inf))
 
     def append(self, rows: Floats) -> None:
-        """Append rows (n, 11), or (n, 10) of which none is bad: finite but for the field, with rising stamps."""
+        """Append rows (n, 12), or (n, 11) of which none is bad; field and pressure may be NaN, stamps rise."""
         while len(rows):
             used = self.stop % CHUNK
             if used == 0:
@@ -79,7 +79,7 @@ class SampleBuffer:
             rows = rows[taken:]
 
     def between(self, start: int, stop: int) -> Floats:
-        """Return a copy (stop - start, 11) of the rows `start <= i < stop`, none of which was discarded."""
+        """Return a copy (stop - start, 12) of the rows `start <= i < stop`, none of which was discarded."""
         pieces = [np.empty((0, TAKEN))]
         for number in range(start // CHUNK, -(-stop // CHUNK)):
             offset = number * CHUNK
@@ -350,19 +350,21 @@ def is_in_order(footfall: Footfall, begins: int) -> bool:
 
 
 def as_recording(rows: Floats, with_mag: bool = True) -> Recording:
-    """Return rows (n, 11) as a recording."""
+    """Return rows (n, 12) as a recording."""
     bad = rows[:, COLUMNS].astype(np.int64)
-    mag = rows[:, 7:COLUMNS] if with_mag else None
-    return Recording(rows[:, 0], rows[:, 1:4], rows[:, 4:7], mag, unread=bad if bad.any() else None)
+    mag = rows[:, 7:10] if with_mag else None
+    pressure = rows[:, 10] if np.isfinite(rows[:, 10]).any() else None
+    return Recording(rows[:, 0], rows[:, 1:4], rows[:, 4:7], mag, unread=bad if bad.any() else None, pressure=pressure)
 
 
 def taken_rows(recording: Recording) -> Floats:
-    """Return the samples of a recording as rows (N, 11)."""
+    """Return the samples of a recording as rows (N, 12)."""
     bad = np.zeros(len(recording)) if recording.unread is None else recording.unread
     return np.column_stack([rows_of(recording), bad])
 
 
 def rows_of(recording: Recording) -> Floats:
-    """Return the samples of a recording as rows (N, 10), as a sensor sends them."""
+    """Return the samples of a recording as rows (N, 11), as a sensor sends them."""
     mag = np.full((len(recording), 3), np.nan) if recording.mag is None else recording.mag
-    return np.column_stack([recording.t, recording.acc, recording.gyr, mag])
+    pressure = np.full(len(recording), np.nan) if recording.pressure is None else recording.pressure
+    return np.column_stack([recording.t, recording.acc, recording.gyr, mag, pressure])

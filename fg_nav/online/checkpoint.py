@@ -41,7 +41,7 @@ from fg_nav.online.saved_state import StateChanges, StateReader, find_changes
 from fg_nav.system.locks import PathLock
 from fg_nav.text import format_count, to_json
 
-VERSION = 10
+VERSION = 11
 """Of the records in a checkpoint."""
 
 BLOCK = 1 << 14

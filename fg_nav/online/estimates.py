@@ -49,6 +49,7 @@ from fg_nav.mechanisation import NavState, strapdown
 from fg_nav.online.field import Verdict
 from fg_nav.online.strides import Place
 from fg_nav.recording import Recording
+from fg_nav.smoother.barometer import SCALE_SIGMA
 from fg_nav.smoother.moving_foot import extend_covariance
 from fg_nav.smoother.solver import in_nav
 from fg_nav.solution import StanceTable
@@ -113,17 +114,20 @@ def estimate_stance(
     bias_cov: Floats,
     verdict: Verdict,
     moving_foot: bool,
+    has_air: bool,
     floor: int | None = None,
 ) -> StanceEstimate:
     """Return the estimate of a footfall in navigation axes, from its variables and their covariances in the graph.
 
-    With a `moving_foot` the scale of the walk that it leaves unknown is in the covariance.
+    With a `moving_foot` the scale of the walk that it leaves unknown is in the covariance, and where it `has_air` that
+    of the heights by a barometer.
     """
     position, attitude = np.asarray(pose.translation()), pose.rotation().matrix()
     pose_cov = in_nav(attitude[None], body_cov[None])[0]
     # Heading is that of the x axis: where this is inclined, the tilt counts.
     by_turn = turn_heading(attitude)
     pose_cov[3, 3] = max(pose_cov[3, 3], min(float(by_turn @ body_cov[:3, :3] @ by_turn), UNKNOWN_RAD**2))
+    pose_cov[2, 2] += (SCALE_SIGMA * position[2]) ** 2 * has_air
     return StanceEstimate(
         number=place.number,
         sample=place.sample,
@@ -148,13 +152,15 @@ def list_estimates(
     values: gtsam.Values,
     covariances: Mapping[int, Floats],
     moving_foot: bool,
+    has_air: bool,
 ) -> list[EstimateRow]:
     """Return the estimates of some footfalls as rows, from the values of a graph and its covariances by variable."""
     rows = []
     for place, verdict in zip(places, verdicts, strict=True):
         pose, bias = X(place.result), B(place.bias)
         state = values.atPose3(pose), values.atVector(V(place.result)), values.atConstantBias(bias)
-        rows.append(estimate_stance(place, *state, covariances[pose], covariances[bias], verdict, moving_foot).as_row())
+        of_pose, of_bias = covariances[pose], covariances[bias]
+        rows.append(estimate_stance(place, *state, of_pose, of_bias, verdict, moving_foot, has_air).as_row())
     return rows
 
 

@@ -112,7 +112,15 @@ class FeetNavigator:
         self._begun_s = dict.fromkeys(SIDES, -np.inf)
         self._known: list[Handover | None] = [None, None]
 
-    def push(self, side: Side, t: Floats, acc: Floats, gyr: Floats, mag: Floats | None = None) -> list[FeetLine]:
+    def push(
+        self,
+        side: Side,
+        t: Floats,
+        acc: Floats,
+        gyr: Floats,
+        mag: Floats | None = None,
+        pressure: Floats | None = None,
+    ) -> list[FeetLine]:
         """Add samples of a foot, as to `OnlineNavigator.push`: both in turn, in blocks of less than `SILENT_S`.
 
         Raises `FgNavError` where the samples of neither foot can be used.
@@ -120,7 +128,7 @@ class FeetNavigator:
         if side in self.refused:
             return []
         try:
-            found = self.navigators[side].push(np.asarray(t) + self.offset_s[side], acc, gyr, mag)
+            found = self.navigators[side].push(np.asarray(t) + self.offset_s[side], acc, gyr, mag, pressure)
         except FgNavError as error:
             return [self.refuse(side, error)]
         return [*self.label(side, found), *self.look(side)]

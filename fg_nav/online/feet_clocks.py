@@ -11,7 +11,7 @@ import numpy as np
 
 from fg_nav.errors import EstimationError
 from fg_nav.feet.clocks import Swings, match_swings
-from fg_nav.feet.steps import LONGEST_S, STRIDE_M
+from fg_nav.feet.steps import SHORT_M, find_longest_stride
 from fg_nav.frames import compute_heading
 from fg_nav.online.estimates import EstimateRow, split_rows
 
@@ -28,13 +28,15 @@ def check_clocks(left: Sequence[EstimateRow], right: Sequence[EstimateRow], give
     if min(len(one.middle) for one in swings) < ENOUGH_SWINGS:
         return None
     try:
-        offset = match_swings(*swings).offset_s
+        clocks = match_swings(*swings)
     except EstimationError as error:
         return f"the clocks of both feet do not fit: {error}"
-    if offset == 0.0:
+    if not clocks.note:
         return ""
+    offset = clocks.offset_s
+    fast = f" and drift by {100.0 * clocks.drift:+.2f} %, which a stream does not mend" if clocks.drift else ""
     return (
-        f"the clocks of both feet are {abs(offset):.2f} s apart, as their steps show: begin again with "
+        f"the clocks of both feet are {abs(offset):.2f} s apart{fast}, as their steps show: begin again with "
         f"--clock-offset {given_s + offset:.2f}"
     )
 
@@ -44,7 +46,10 @@ def list_told_swings(rows: Sequence[EstimateRow]) -> Swings:
     known = split_rows(rows)
     middle = 0.5 * (known.t[1:] + known.t[:-1])
     moved = np.linalg.norm(np.diff(known.position[:, :2], axis=0), axis=1)
-    is_swing = (moved > STRIDE_M[0]) & (np.diff(known.t) < LONGEST_S)
+    took = np.diff(known.t)
+    longest = find_longest_stride(known.t)
+    is_swing = (moved > SHORT_M) & (took < longest)
     heading = -np.unwrap(compute_heading(known.nav_R_body))  # counter-clockwise
-    unseen = np.diff(known.t) > LONGEST_S
-    return Swings(middle[is_swing], known.t, heading, np.stack([known.t[:-1], known.t[1:]], axis=1)[unseen])
+    begins = np.concatenate([[-np.inf], known.t[:-1][took > longest], known.t[-1:]])
+    ends = np.concatenate([known.t[:1], known.t[1:][took > longest], [np.inf]])
+    return Swings(middle[is_swing], known.t, heading, np.stack([begins, ends], axis=1))

@@ -32,7 +32,7 @@ class FeetMerge:
         self.newest = dict.fromkeys(SIDES, -np.inf)
 
     def put(self, side: Side, rows: Floats) -> None:
-        """Put in rows (n, 10) of a foot."""
+        """Put in rows (n, 11) of a foot."""
         if len(rows):
             if not len(self._waits[side]):
                 self._since[side] = time.monotonic()

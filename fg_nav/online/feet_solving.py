@@ -35,9 +35,10 @@ from fg_nav.online.options import OnlineOptions
 from fg_nav.online.resolve import WalkSolution, condense_at, hand_over_solution, solve_alone
 from fg_nav.online.solving import Task, WalkSolver
 from fg_nav.smoother.feet import SolvedFeet, solve_feet
-from fg_nav.smoother.feet_batch import FEWEST_CELLS
 from fg_nav.smoother.feet_factors import list_footfalls
 from fg_nav.smoother.solver import UNSOLVED, list_attitudes
+
+FEWEST_CELLS = 6  # That tie two feet in progress: the first ones are small, and each foot alone turns by its own drift.
 
 
 class WalksAlone:
@@ -76,11 +77,11 @@ class WalksAlone:
         if self._is_turned or self._is_parted or left is None or not _has_own_heading(left, options):
             return None
         turn = measure_turns(*(list_footfalls(one.problem, one.solved.values) for one in (right, left)))[1]
-        if len(turn) < FEWEST_TURNS:
+        if np.abs(turn).sum() < FEWEST_TURNS:
             return None
         self._is_turned = True
         start = compute_heading(list_attitudes([0], right.solved.values)[0])
-        return float(start + np.angle(np.mean(np.exp(1j * turn))))
+        return float(start + np.angle(np.sum(turn)))
 
     def join(self) -> SolvedFeet | None:
         """Solve both in one graph; None where they do not show how they lie. Raises what `UNSOLVED` has."""

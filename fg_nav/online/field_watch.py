@@ -51,7 +51,7 @@ class FieldWatch:
         self._others, self._is_wrong = 0, False
 
     def admit(self, rows: Floats) -> Floats:
-        """Return rows (n, 10) with NaN in place of a field that is in another unit."""
+        """Return rows (n, 11) with NaN in place of a field that is in another unit."""
         taken = [np.empty((0, COLUMNS))]
         while len(rows):
             # Up to the end of a window all are judged by the same strength.

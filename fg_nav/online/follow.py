@@ -191,7 +191,7 @@ class FollowedWalk:
         self._saving: threading.Thread | None = None
 
     def add(self, rows: Floats, header: list[str] | None) -> None:
-        """Add rows (n, 10) of a source with this header."""
+        """Add rows (n, 11) of a source with this header."""
         if self._status is not None:
             self._status.count_samples(len(rows))
         if not len(rows):
@@ -200,7 +200,8 @@ class FollowedWalk:
         self._navigator.source["header"] = header
         overlap = self._navigator.judge.overlap
         acc, mag = self._corrected(rows[:, 1:4], rows[:, 7:10])
-        made = self._navigator.push(rows[:, 0], acc, rows[:, 4:7], mag if self._options.online.use_field else None)
+        field = mag if self._options.online.use_field else None
+        made = self._navigator.push(rows[:, 0], acc, rows[:, 4:7], field, rows[:, 10])
         self._losses.add(rows[:, 0], overlap)
         self._verdict.look_at(self._navigator.buffer)
         found = self._verdict.judge(made, self._navigator.told_continues)

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 
 import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import B, M, S, V, X
+from gtsam.symbol_shorthand import B, M, P, S, V, X
 
 from fg_nav.arrays import Floats
 from fg_nav.online.strides import Place
@@ -21,7 +21,8 @@ def result_keys(places: Iterable[Place]) -> set[int]:
 def list_variables(place: Place, values: gtsam.Values) -> list[int]:
     """Variables of a footfall, with the bias and the settling that it shares with others; those with a value."""
     keys = [key for j in range(place.first, place.stop) for key in (X(j), V(j))]
-    return [key for key in (*keys, M(place.number), B(place.bias), S(place.bias)) if values.exists(key)]
+    others = (M(place.number), P(place.number), B(place.bias), S(place.bias))
+    return [key for key in (*keys, *others) if values.exists(key)]
 
 
 def order_variables(places: Sequence[Place], values: gtsam.Values) -> list[int]:

@@ -23,6 +23,7 @@ from fg_nav.online.estimates import EstimateRow
 from fg_nav.online.field import OnlineField, Verdict
 from fg_nav.online.floor_number import FloorTrack
 from fg_nav.online.strides import Place, RestLedger
+from fg_nav.smoother.barometer import Barometer
 from fg_nav.smoother.graph import Known
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.solution import Return
@@ -92,6 +93,7 @@ class Handover:
     t_first : of the walk's first footfall, s.
     known, parameters : of sensor and walk, as they were estimated.
     field : to go on with; None where it is not used.
+    barometer : noise and drift of the air's pressure; None where it is not used, or was not seen yet.
     rests, biases : what the graph has of the gyro bias.
     sensor : what the walk shows of it.
     counts : factors so far, by kind.
@@ -112,6 +114,7 @@ class Handover:
     known: Known
     parameters: SmootherParameters
     field: OnlineField | None
+    barometer: Barometer | None
     rests: RestLedger
     biases: BiasLedger | None
     sensor: SensorState

@@ -36,14 +36,16 @@ class SampleIntake(ABC):
         self.source: dict[str, Any] = {}
         self._closed, self._busy_s = False, 0.0
 
-    def push(self, t: Floats, acc: Floats, gyr: Floats, mag: Floats | None = None) -> list[StanceEstimate | Revision]:
+    def push(
+        self, t: Floats, acc: Floats, gyr: Floats, mag: Floats | None = None, pressure: Floats | None = None
+    ) -> list[StanceEstimate | Revision]:
         """Add samples and return the estimates that they complete, and what they take back, in order.
 
         Parameters
         ----------
-        t, acc, gyr, mag
-            (n,) s, (n, 3) m/s^2, (n, 3) rad/s and (n, 3) uT, as they come; n may be 0 or 1. What cannot be used is left
-            out (`fg_nav.online.judge`).
+        t, acc, gyr, mag, pressure
+            (n,) s, (n, 3) m/s^2, (n, 3) rad/s, (n, 3) uT and (n,) Pa, as they come; n may be 0 or 1. What cannot be
+            used is left out (`fg_nav.online.judge`).
 
         Raises
         ------
@@ -55,14 +57,16 @@ class SampleIntake(ABC):
         if self._closed:
             raise EstimationError("this walk has ended: begin a new one for more samples.")
         began = perf_counter()
-        rows = self._admit(np.column_stack([t, acc, gyr, np.full((len(t), 3), np.nan) if mag is None else mag]))
+        field = np.full((len(t), 3), np.nan) if mag is None else mag
+        air = np.full(len(t), np.nan) if pressure is None else pressure
+        rows = self._admit(np.column_stack([t, acc, gyr, field, air]))
         self._busy_s += perf_counter() - began
         if len(rows):
             self._prepare()
         return self.add_rows(rows)
 
     def add_rows(self, rows: Floats) -> list[StanceEstimate | Revision]:
-        """Add rows (n, 11), or (n, 10), that were judged, here or as a recording; estimates as from `push`."""
+        """Add rows (n, 12), or (n, 12), that were judged, here or as a recording; estimates as from `push`."""
         began = perf_counter()
         found = self._add_rows(rows)
         self._busy_s += perf_counter() - began
@@ -89,14 +93,14 @@ class SampleIntake(ABC):
         return (*self.judge.notes, *self.units.notes)
 
     def _admit(self, sent: Floats, at_end: bool = False) -> Floats:
-        """Return the rows (m, 11) to take, of these as they were sent and of what waited."""
+        """Return the rows (m, 12) to take, of these as they were sent and of what waited."""
         rows = self.units.admit(sent, at_end)
         self.source["units"] = self.units.state()
-        rows = self.judge.admit(rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:])
+        rows = self.judge.admit(rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:10], rows[:, 10])
         return np.concatenate([rows, self.judge.flush()]) if at_end else rows
 
     def _admit_rest(self) -> Floats:
-        """Return the rows (m, 11) to take of those that wait, at the end."""
+        """Return the rows (m, 12) to take of those that wait, at the end."""
         return self._admit(np.empty((0, COLUMNS)), at_end=True)
 
     @abstractmethod
@@ -110,4 +114,4 @@ class SampleIntake(ABC):
     def _cut_all(self, use_mag: bool = True) -> Recording:
         """Cut out all samples, with the magnetometer if there is one; raises `RecordingError` if there are too few."""
         rows = self.buffer.between(0, self.buffer.stop)
-        return as_recording(rows, use_mag and bool(np.isfinite(rows[:, 7:COLUMNS]).all(axis=1).any()))
+        return as_recording(rows, use_mag and bool(np.isfinite(rows[:, 7:10]).all(axis=1).any()))

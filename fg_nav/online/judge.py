@@ -41,7 +41,7 @@ from fg_nav.online.remarks import REMARKS, UNKNOWN_GAP_S
 from fg_nav.online.unit_check import UnitCheck
 from fg_nav.recording import MAX_GAP_S, find_field_samples
 from fg_nav.samples.outliers import ACC_OUT, BOTH_OUT, GYR_OUT, MAG_OUT
-from fg_nav.samples.plausibility import find_usable_samples
+from fg_nav.samples.plausibility import find_usable_samples, keep_air
 from fg_nav.samples.stamps import AROUND, SAME_S, goes_on
 
 JUMP_S = 1.0
@@ -98,23 +98,27 @@ class SampleJudge:
         self._units = UnitCheck()
         self._gate = OutlierGate()
 
-    def admit(self, t: Floats, acc: Floats, gyr: Floats, mag: Floats | None = None) -> Floats:
-        """Return the rows (m, 11) to take, of this block and of what waited: t, acc, gyr, mag, bad.
+    def admit(
+        self, t: Floats, acc: Floats, gyr: Floats, mag: Floats | None = None, pressure: Floats | None = None
+    ) -> Floats:
+        """Return the rows (m, 12) to take, of this block and of what waited: t, acc, gyr, mag, pressure, bad.
 
         Parameters
         ----------
-        t, acc, gyr, mag
-            (n,) s, (n, 3) m/s^2, (n, 3) rad/s, (n, 3) uT; whatever a sensor may deliver.
+        t, acc, gyr, mag, pressure
+            (n,) s, (n, 3) m/s^2, (n, 3) rad/s, (n, 3) uT, (n,) Pa; whatever a sensor may deliver.
         """
         unseen = np.full((len(t), 3), np.nan)
         field = unseen if mag is None else np.where(find_field_samples(mag)[:, None], mag, unseen)
+        air = None if pressure is None else keep_air(pressure)
+        air = np.full(len(t), np.nan) if air is None else air
         usable = find_usable_samples(t, acc, gyr)
-        new = self._drop_known(np.column_stack([t, acc, gyr, field])[usable])
+        new = self._drop_known(np.column_stack([t, acc, gyr, field, air])[usable])
         self._count_missing(usable, len(new))
         return self._take(new)
 
     def flush(self) -> Floats:
-        """Return the rows (m, 11) to take of those that wait, at the end of the stream, for more to be judged by."""
+        """Return the rows (m, 12) to take of those that wait, at the end of the stream, for more to be judged by."""
         new = self._drop_known(np.empty((0, COLUMNS)), at_end=True)
         self._count_missing(np.empty(0, dtype=np.bool_), len(new))
         return self._take(new, at_end=True)
@@ -149,7 +153,7 @@ class SampleJudge:
     def resume(
         cls, state: Mapping[str, Any], blocks: Sequence[Floats], remark: Callable[[str], None], first: int = 0
     ) -> SampleJudge:
-        """Return a judge that goes on behind a checkpoint with these samples (n, 11), as if it had never stopped.
+        """Return a judge that goes on behind a checkpoint with these samples (n, 12), as if it had never stopped.
 
         They come in blocks one behind the other, from number `first` on: those before it were discarded.
         """
@@ -282,7 +286,7 @@ class SampleJudge:
         return good
 
     def _note_recent(self, rows: Floats) -> None:
-        """Note those of the last rows (n, 11) of which no sensor was bad."""
+        """Note those of the last rows (n, 12) of which no sensor was bad."""
         self._recent.extend(rows[rows[:, COLUMNS] == 0, :COLUMNS][-AROUND:])
 
     def _all_go_on(self, t: Floats) -> bool:
@@ -343,11 +347,11 @@ class SampleJudge:
         self._left.extend(fingerprint_rows(self._restore(rows)).tolist())
 
     def _restore(self, rows: list[Floats]) -> Floats:
-        """Rows (n, 10) on the clock of now as the sensor sent them."""
+        """Rows (n, 11) on the clock of now as the sensor sent them."""
         return np.array([_shift_stamps(row, -self._offset) for row in rows]).reshape(-1, COLUMNS)
 
     def _restore_samples(self, rows: Floats, first: int) -> Floats:
-        """Rows (n, 10) that are the samples from number `first` on as the sensor sent them."""
+        """Rows (n, 11) that are the samples from number `first` on as the sensor sent them."""
         return np.array(
             [np.append(self.sensor_time(first + i, float(row[0])), row[1:]) for i, row in enumerate(rows)]
         ).reshape(-1, COLUMNS)
@@ -382,7 +386,7 @@ class SampleJudge:
 
 
 def _shift_stamps(row: Floats, shift: float) -> Floats:
-    """Return a row (10,) with its stamp set on."""
+    """Return a row (11,) with its stamp set on."""
     return np.append(row[0] + shift, row[1:])
 
 

@@ -1,9 +1,9 @@
-"""Is the path of a walk in progress to be trusted up to this line? Each line says so, by the limits of a person.
+"""Is the path of a walk in progress to be trusted up to this line? Each line says so, by what is wrong with the path.
 
-What counts, with its limits, is in `fg_nav.verdict.limits`: the longest stride and the highest speed from line to line,
-the highest rate of the height, the time without a footfall, the sigma of the place over the distance, and what strides
-show of the axes and of gravity (`axes_check`). A path that was spoiled stays so, and one is not trusted before as many
-strides were walked as make a walk, and the axes were seen in as many.
+What counts is in `fg_nav.verdict.limits`: the fastest stride, the highest rate of the height, the time without a
+footfall, the region of the place over the way, and what strides show of the axes and of gravity (`axes_check`). A path
+that was spoiled stays so, and one is not trusted before as many strides were walked as make a walk, and the axes were
+seen in as many.
 
 Between two lines the walk may be solved again, and its map move. A stride is measured within one map: where the past
 was revised, from its newest footfall in the new map; where the revision does not know it, the stride to the next line
@@ -23,31 +23,25 @@ from fg_nav.online.buffer import SampleBuffer
 from fg_nav.online.estimates import StanceEstimate
 from fg_nav.online.revision import Revision
 from fg_nav.verdict.limits import (
-    POSITION_SHARE,
-    POSITION_SHARE_IN_POCKET,
     find_height_rate,
     judge_axes,
     judge_beginning,
     judge_gravity,
     judge_height_rate,
-    judge_lost_time,
     judge_position,
     judge_speed,
     judge_stride,
+    judge_unfollowed,
 )
 from fg_nav.verdict.reason import Reason, Verdict, combine
 
 DUE_S = 4.0
 """The line of a footfall comes at least so soon after the one before it: a standing has one every two seconds."""
 
-JUDGED_S = 60.0
-"""Of a shorter walk no share of the time is judged, but that of so much."""
-
-JUDGED_M = 10.0
-"""Of a shorter way the sigma of the place is judged over so much: seven strides, and 0.2 m are no doubt after one."""
-
 FEWEST = 5
 """Strides of which the median of gravity is judged."""
+
+FASTEST = 4  # Strides, by the slowest of which the fastest is judged: who begins to run makes more of them.
 
 REMEMBERED = 32
 """Heights, more than are made in the time over which their rate is measured."""
@@ -79,7 +73,8 @@ class LineVerdict:
         self._begun: float | None = None
         self._last = np.zeros(4)  # t, east, north, up of the newest footfall
         self._distance, self._lost_s, self._strides = 0.0, 0.0, 0
-        self._longest, self._fastest, self._steepest = (0.0, 0.0), (0.0, 0.0), (0.0, 0.0)
+        self._steepest, self._reach = (0.0, 0.0), 0.0
+        self._fast = np.zeros((0, 3))  # Speed, time and end of the fastest strides, the fastest first.
         self._heights = np.zeros((0, 2))
 
     def look_at(self, buffer: SampleBuffer) -> None:
@@ -92,12 +87,13 @@ class LineVerdict:
 
     def state(self) -> dict[str, Any]:
         """Return what `resume` needs, as JSON values."""
-        numbers = (self._distance, self._lost_s, *self._longest, *self._fastest, *self._steepest)
+        numbers = (self._distance, self._lost_s, self._reach, *self._steepest)
         return {
             "begun": self._begun,
             "last": self._last.tolist(),
             "numbers": [float(one) for one in numbers],
             "heights": self._heights.tolist(),
+            "fast": self._fast.tolist(),
             "strides": self._strides,
             "axes": self._axes.state(),
         }
@@ -106,8 +102,9 @@ class LineVerdict:
         """Go on where another verdict on the same walk was."""
         self._begun = None if state["begun"] is None else float(state["begun"])
         self._last = np.array(state["last"], dtype=float).reshape(4)
-        self._distance, self._lost_s, *worst = map(float, state["numbers"])
-        self._longest, self._fastest, self._steepest = zip(worst[::2], worst[1::2], strict=True)
+        self._distance, self._lost_s, self._reach, rate, when = map(float, state["numbers"])
+        self._steepest = rate, when
+        self._fast = np.array(state["fast"], dtype=float).reshape(-1, 3)
         self._heights = np.array(state["heights"], dtype=float).reshape(-1, 2)
         self._strides = int(state["strides"])
         self._axes.resume(state["axes"])
@@ -118,8 +115,7 @@ class LineVerdict:
             self._last = one.path[-1] if is_newest else np.full(4, np.nan)
             return None
         self._measure(np.append(one.t, one.position), continues[one.number])
-        sigma = float(np.hypot(*np.sqrt(np.diagonal(one.pose_cov)[:2])))
-        return combine(self._list_reasons(one.t, sigma))
+        return combine(self._list_reasons(one.pose_cov[:2, :2]))
 
     def _measure(self, now: Floats, continues: bool) -> None:
         """Take a footfall's t, east, north, up (4,)."""
@@ -135,22 +131,28 @@ class LineVerdict:
     def _note_stride(self, t: float, took: float, moved: float, climbed: float, continues: bool) -> None:
         self._distance += moved
         self._lost_s += took if took > DUE_S and not continues else 0.0
-        self._longest = max(self._longest, (moved, t))
-        self._fastest = max(self._fastest, (moved / took, t))
+        self._reach = max(self._reach, float(np.hypot(*(self._last[1:3]))))
+        fast = np.vstack([self._fast, [moved / took, took, t]])
+        self._fast = fast[np.argsort(-fast[:, 0], kind="stable")][:FASTEST]
         self._heights = np.vstack([self._heights, [t, self._heights[-1, 1] + climbed]])[-REMEMBERED:]
         self._steepest = max(self._steepest, find_height_rate(*self._heights.T))
 
-    def _list_reasons(self, t: float, sigma: float) -> list[Reason]:
+    def _list_reasons(self, covariance: Floats) -> list[Reason]:
         assert self._begun is not None
-        axes = self._axes.evidence
-        limits = POSITION_SHARE_IN_POCKET if self._in_pocket else POSITION_SHARE
-        found = [judge_speed(*self._fastest), judge_position(sigma, self._distance, limits, JUDGED_M)]
-        found += [judge_stride(*self._longest, self._in_pocket), judge_axes(axes)]
+        axes, way, sigma = self._axes.evidence, self._distance, float(np.sqrt(np.trace(covariance)))
+        found = [judge_position(covariance, way, self._in_pocket), judge_axes(axes)]
+        if len(self._fast):
+            speed, took, end = map(float, self._fast[0])
+            found.append(judge_speed(speed, end))
+            if len(self._fast) == FASTEST:
+                found.append(judge_stride(speed * took, took, end, float(self._fast[-1, 0]), sigma, way))
         if self._in_pocket:
             return found
         found.append(judge_height_rate(*self._steepest))
         found.append(judge_beginning(self._strides, axes.strides))
-        found.append(judge_lost_time(self._lost_s, max(t - self._begun, JUDGED_S)))
+        usual = way / max(float(self._last[0]) - self._begun, 1e-9) if self._strides else 0.0
+        words = f"{self._lost_s:.1f} s of motion without a footfall"
+        found.append(judge_unfollowed(self._lost_s, usual, sigma, way, words))
         if axes.strides >= FEWEST:
-            found.append(judge_gravity(float(np.median(axes.gravity))))
+            found.append(judge_gravity(float(np.median(axes.gravity)), self._reach, sigma, way))
         return found

@@ -21,7 +21,7 @@ NOTHING = np.empty((0, COLUMNS))
 
 
 class Passed(NamedTuple):
-    """Rows that pass a gate (n, 11), and those that do not, or without one sensor, as they came (m, 10).
+    """Rows that pass a gate (n, 12), and those that do not, or without one sensor, as they came (m, 11).
 
     `place` (m,) is that of each of the latter among the rows that were held and came, `sensor` (m,) the sum of
     `ACC_OUT`, `GYR_OUT` and `MAG_OUT`; of a row that does not pass the first two.
@@ -34,7 +34,7 @@ class Passed(NamedTuple):
 
 
 class OutlierGate:
-    """Lets rows (n, 10) of t, acc, gyr, mag pass that are good; `held` are those of which it is not clear yet.
+    """Lets rows (n, 11) of t, acc, gyr, mag pass that are good; `held` are those of which it is not clear yet.
 
     Parameters
     ----------
@@ -62,18 +62,18 @@ class OutlierGate:
         return Passed(good, judged[place], place, sensor[place])
 
     def _judge_fields(self, seen: Floats, found: Ints, begin: int, stop: int, at_end: bool) -> int:
-        """Note in `found` (n,) whose field is bad, of rows (n, 10) that were judged up to `stop`; up to where it is."""
+        """Note in `found` (n,) whose field is bad, of rows (n, 11) that were judged up to `stop`; up to where it is."""
         there = begin + np.flatnonzero((found[begin:stop] != BOTH_OUT) & np.isfinite(seen[begin:stop, 7]))
         series, known = np.concatenate([self.fields, seen[there]]), len(self.fields)
-        bad, until = scan_mag(series[:, 0].copy(), series[:, 7:].copy(), known, at_end)
+        bad, until = scan_mag(series[:, 0].copy(), series[:, 7:10].copy(), known, at_end)
         found[there] += bad[known:]
         return int(there[until - known]) if until < len(series) else stop
 
 
 def _bridge(rows: Floats, found: Ints) -> Floats:
-    """Rows (n, 11) of these (n, 10) with a line, or no field, where a sensor was found (n,) to be bad."""
+    """Rows (n, 12) of these (n, 11) with a line, or no field, where a sensor was found (n,) to be bad."""
     unread = found & BOTH_OUT
     bridged = np.column_stack([rows, unread])
     interpolate_unread(rows[:, 0], bridged[:, 1:4], bridged[:, 4:7], unread)
-    bridged[(found & MAG_OUT) > 0, 7:COLUMNS] = np.nan
+    bridged[(found & MAG_OUT) > 0, 7:10] = np.nan
     return bridged

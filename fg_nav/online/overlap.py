@@ -53,13 +53,13 @@ class Overlap:
 
     Parameters
     ----------
-    blocks : of samples, (n, 10) or (n, 11) each, one behind the other.
+    blocks : of samples, (n, 11) or (n, 12) each, one behind the other.
     clocks : the sample at which each clock of the sensor began, and by how much its stamps were set on, s.
     left : `fingerprint_rows` rows that came too, and were left out for their stamps.
-    tail : (m, 10) the last usable rows before the checkpoint, as the sensor sent them; m <= `TAIL`.
-    held : (n, 10) rows that waited when the checkpoint was saved.
+    tail : (m, 11) the last usable rows before the checkpoint, as the sensor sent them; m <= `TAIL`.
+    held : (n, 11) rows that waited when the checkpoint was saved.
     first : number of the first sample of the blocks in the walk.
-    head : (m, 10) the very first samples of the walk, where those before `first` were discarded.
+    head : (m, 11) the very first samples of the walk, where those before `first` were discarded.
     """
 
     def __init__(
@@ -93,7 +93,7 @@ class Overlap:
         self._last = -1
 
     def select_new(self, rows: Floats, at_end: bool = False) -> Floats:
-        """Return those of the held rows and of these (n, 10) that are new; at the end of the stream no row is held on.
+        """Return those of the held rows and of these (n, 11) that are new; at the end of the stream no row is held on.
 
         Held are the first `HEAD` rows, and of a stream that began again those of which it is not clear yet whether they
         are new.
@@ -184,7 +184,7 @@ def _fill_missing(rows: Floats) -> Floats:
 
 
 def fingerprint_rows(rows: Floats) -> NDArray[np.uint64]:
-    """Return a fingerprint (n,) of each row (n, 10) as it was sent: 64 bits, another for other rows."""
+    """Return a fingerprint (n,) of each row (n, 11) as it was sent: 64 bits, another for other rows."""
     alike = np.ascontiguousarray(_fill_missing(rows))
     alike[:, 0] = np.rint(alike[:, 0] / TICK_S)
     bits = (alike + 0.0).view(np.uint64)  # + 0: one zero of two

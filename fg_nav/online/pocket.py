@@ -29,7 +29,7 @@ from fg_nav.detection.causal import CausalParameters, Footfall
 from fg_nav.detection.mount import refuse_foot
 from fg_nav.frames import yaw_rotation
 from fg_nav.magnetic.axes import align_magnetometer
-from fg_nav.online.buffer import COLUMNS, as_recording
+from fg_nav.online.buffer import as_recording
 from fg_nav.online.estimates import StanceEstimate, Track, build_table
 from fg_nav.online.intake import SampleIntake
 from fg_nav.online.judge import SampleJudge
@@ -253,13 +253,13 @@ class PocketNavigator(SampleIntake):
         before = self.buffer.between(max(first - 1, 0), first)
         rows = self.buffer.between(first, end)
         if not self.options.use_field:
-            rows[:, 7:COLUMNS] = np.nan
+            rows[:, 7:10] = np.nan
         self._used = end
         return self._report(self._thigh.add(first, rows, before))
 
     def _begin(self, end: int) -> OnlineThigh:
         rows = self.buffer.between(0, end)
-        with_mag = self.options.use_field and bool(np.isfinite(rows[:, 7:COLUMNS]).all(axis=1).any())
+        with_mag = self.options.use_field and bool(np.isfinite(rows[:, 7:10]).all(axis=1).any())
         return OnlineThigh(as_recording(rows, with_mag), self.options.heading_rad)
 
     # estimates
@@ -278,7 +278,7 @@ class PocketNavigator(SampleIntake):
         axis_sigma = axis_sigma if given is not None or found.is_forward_known else np.pi
         sigma, part = np.hypot(known.heading_sigma, axis_sigma), slice(0, count)
         steps = Steps(*(getattr(steps, item.name)[part] for item in fields(steps)))
-        along = self._step_length.predict(steps.opening)[:, None] * forward[part]
+        along = self._step_length.predict(steps)[:, None] * forward[part]
         unseen = propagate_corrections(along, known.heading_sigma[part] ** 2)
         unseen += known.lost_m2[part, None, None] * np.eye(2)
         path = add_steps(steps, forward[part], sigma[part], self._step_length, unseen)

@@ -94,7 +94,7 @@ class Recorder:
         self._thread.start()
 
     def add(self, rows: Floats) -> None:
-        """Take samples (n, 10), to be written within a second."""
+        """Take samples (n, 11), to be written within a second."""
         self._put(self._overlap.select_new(rows))
 
     def close(self) -> None:
@@ -187,13 +187,14 @@ class Recorder:
 
 
 def _read_recorded(path: Path) -> Floats:
-    """Return the samples (n, 10) of a file that was recorded."""
+    """Return the samples (n, 11) of a file that was recorded."""
     try:
         raw = FORMATS["canonical"].read(read_content(path))
     except FormatError:
         return np.empty((0, COLUMNS))
+    pressure = np.full(len(raw.t), np.nan) if raw.pressure is None else raw.pressure
     assert raw.mag is not None
-    return np.column_stack([raw.t, raw.acc, raw.gyr, raw.mag])
+    return np.column_stack([raw.t, raw.acc, raw.gyr, raw.mag, pressure])
 
 
 class RecordedSource:

@@ -118,6 +118,7 @@ def hand_over_solution(walk: WalkSoFar, options: OnlineOptions, found: WalkSolut
         known=found.known,
         parameters=found.parameters,
         field=found.field,
+        barometer=None if problem.barometer is None else problem.barometer.barometer,
         rests=RestLedger.from_rests(found.known.rests),
         biases=BiasLedger.from_factors(problem.differential),
         sensor=walk.sensor,
@@ -146,7 +147,8 @@ def _list_heights(found: WalkSolution) -> Floats:
 def _list_rows(found: WalkSolution, places: list[Place]) -> tuple[EstimateRow, ...]:
     """Estimates of all footfalls."""
     values, covariances = found.solved.values, found.solved.root.covariances(result_keys(places))
-    return tuple(list_estimates(places, _list_verdicts(found), values, covariances, found.parameters.moving_foot))
+    shared = found.parameters.moving_foot, found.problem.barometer is not None
+    return tuple(list_estimates(places, _list_verdicts(found), values, covariances, *shared))
 
 
 def _list_verdicts(found: WalkSolution) -> list[Verdict]:

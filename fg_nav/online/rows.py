@@ -1,7 +1,7 @@
 """Samples in the text of a stream: lines of fields with commas between; a header or the user names the columns.
 
     Columns    which field is what, in which unit; `parse_columns` makes them of the user's words
-    RowReader  bytes in pieces of any length -> samples (n, 10): t, acc, gyr, mag in s, m/s^2, rad/s, uT
+    RowReader  bytes in pieces of any length -> samples (n, 11): t, acc, gyr, mag, pressure in s, m/s^2, rad/s, uT, Pa
 
 A block of lines is taken apart column by column; where that fails, line by line, and what is wrong is named.
 """
@@ -19,7 +19,7 @@ import pandas as pd
 
 from fg_nav.arrays import Floats
 from fg_nav.columns import mapping
-from fg_nav.columns.mapping import ACC, CANONICAL, GYR, MAG, PASSED_OVER, TIME
+from fg_nav.columns.mapping import ACC, CANONICAL, GYR, MAG, PASSED_OVER, PRESSURE, TIME
 from fg_nav.columns.samples import SI_UNITS
 from fg_nav.columns.units import find_factor
 from fg_nav.errors import FormatError, StreamError
@@ -54,7 +54,7 @@ class Columns:
     Attributes
     ----------
     names : of all fields of a row, in order; those that are not in `CANONICAL` are passed over.
-    units : (10,) by which the fields are multiplied.
+    units : (11,) by which the fields are multiplied.
     rate_hz : of rows without a stamp, whose stamps are counted by it; None where they have one.
     mapping : the user's words, where they name columns of a header that is still to come, or some numbers of fields.
     """
@@ -110,7 +110,7 @@ def _place_columns(wanted: mapping.Columns, fields: Sequence[str], rate_hz: floa
 
 
 class RowReader:
-    """Turns bytes into samples: bytes in pieces of any length, rows (n, 10) out.
+    """Turns bytes into samples: bytes in pieces of any length, rows (n, 11) out.
 
     Without `columns` the first line that names canonical columns is the header; where it was lost, rows of 7 or 10
     numbers are in canonical order if units and axes are then those of a sensor, and all of them are kept. Then each
@@ -171,7 +171,7 @@ class RowReader:
         return None if self._columns is None else list(self._columns.names)
 
     def read(self, piece: bytes, away_s: float = 0.0) -> Floats:
-        """Return the samples (n, 10) whose rows end in this piece: t, acc, gyr, mag (NaN without one).
+        """Return the samples (n, 11) whose rows end in this piece: t, acc, gyr, mag, pressure (NaN without one).
 
         `away_s` is how long the source was not connected before the piece: a row that was cut off then is left out, and
         counted stamps go on behind it.
@@ -192,7 +192,7 @@ class RowReader:
         return rows
 
     def finish(self) -> Floats:
-        """Return the sample of a last line without an end, (0, 10) or (1, 10).
+        """Return the sample of a last line without an end, (0, 11) or (1, 11).
 
         Raises `FormatError` where no header came.
         """
@@ -204,7 +204,7 @@ class RowReader:
         return rows
 
     def _read_lines(self, lines: list[bytes]) -> Floats:
-        """Return the samples (n, 10) of whole lines."""
+        """Return the samples (n, 11) of whole lines."""
         rows = self._read_block(lines)
         if rows is None:
             found = [row for line in lines if (row := self._read_line(line)) is not None]
@@ -390,7 +390,8 @@ class RowReader:
     def _use(self, columns: Columns, names: Sequence[str] | None = None) -> None:
         """Read rows by these columns, and by the names of the header that they are from."""
         place = Path(self._name)
-        wanted = (() if columns.rate_hz else TIME) + ACC + GYR + (() if set(MAG).isdisjoint(columns.names) else MAG)
+        others = (names for names in (MAG, PRESSURE) if not set(names).isdisjoint(columns.names))
+        wanted = (() if columns.rate_hz else TIME) + ACC + GYR + sum(others, ())
         self._positions = [find_column(name, columns.names, place) if name in wanted else -1 for name in CANONICAL]
         self._columns, self._is_foreign = columns, False
         self._names = self._names if names is None else tuple(names)
@@ -409,7 +410,11 @@ def _are_numbers(wanted: mapping.Columns) -> bool:
 
 def _columns_of(fields: list[str]) -> Columns:
     """Columns of a header, without the empty name behind a separator at its end."""
-    return Columns(tuple(fields if fields[-1] else fields[:-1]))
+    names = fields if fields[-1] else fields[:-1]
+    hpa = f"{PRESSURE[0][:-2]}hpa"
+    if hpa not in names or PRESSURE[0] in names:
+        return Columns(tuple(names))
+    return Columns(tuple(PRESSURE[0] if name == hpa else name for name in names), (*[1.0] * (COLUMNS - 1), 100.0))
 
 
 def _parse_plain(text: bytes, width: int) -> Floats | None:

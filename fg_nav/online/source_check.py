@@ -82,7 +82,7 @@ class SourceCheck:
         self._passed_s, self._remarked = 0.0, False
 
     def add(self, rows: Floats) -> None:
-        """Look at rows (n, 10) as they were sent.
+        """Look at rows (n, 11) as they were sent.
 
         Raises
         ------
@@ -157,7 +157,7 @@ class SourceCheck:
 
 
 def _check_rows(rows: Any) -> Floats:
-    """Return rows (n, 10), at most a window of them, whose stamps are numbers."""
+    """Return rows (n, 11), at most a window of them, whose stamps are numbers."""
     if not isinstance(rows, np.ndarray) or rows.dtype != np.float64 or rows.shape[1:] != (COLUMNS,):
         raise ValueError("these are no rows")
     if len(rows) > WINDOW or not np.isfinite(rows[:, :7]).all():

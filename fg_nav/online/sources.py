@@ -79,7 +79,7 @@ class SampleSource(Protocol):
         ...
 
     def read(self, wait_s: float) -> Floats | None:
-        """Return the samples (n, 10) that have come, n = 0 if none came within `wait_s`, None at the end."""
+        """Return the samples (n, 11) that have come, n = 0 if none came within `wait_s`, None at the end."""
         ...
 
     def finish(self) -> Floats:

@@ -17,7 +17,7 @@ from dataclasses import replace
 
 import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import B, M, V, X
+from gtsam.symbol_shorthand import B, M, P, V, X
 
 from fg_nav.arrays import Bools
 from fg_nav.magnetic.quasi_static import UNKNOWN
@@ -41,6 +41,7 @@ from fg_nav.online.isam2 import ISAM2Backend
 from fg_nav.online.path import nodes_of_places, nodes_of_rows, trace_stride
 from fg_nav.online.recovery import REASON, check_solution, recover
 from fg_nav.online.strides import Place, RestLedger, StrideWindow, cut_window, initialize_stride, measure_stride
+from fg_nav.smoother.barometer import average_pressures, stride_factors
 from fg_nav.smoother.count import POSITION_FIX, count_graph
 from fg_nav.smoother.differential_factors import LevelBias
 from fg_nav.smoother.graph import Trajectory
@@ -120,7 +121,8 @@ class Stretch:
     def solve(self) -> Past:
         """Return the present estimates of all its footfalls, the first that of the handover."""
         values, covariances = self._backend.solution(self._places)
-        in_graph = list_estimates(self._places, self._verdicts, values, covariances, self._p.moving_foot)
+        shared = self._p.moving_foot, self._begun.barometer is not None
+        in_graph = list_estimates(self._places, self._verdicts, values, covariances, *shared)
         nodes = nodes_of_rows(self._left).join(nodes_of_places(self._places, values))
         return Past(self._begun.place.number, (*self._left, *in_graph), nodes)
 
@@ -186,6 +188,7 @@ class Stretch:
         # Initial values of its variables, and the solution with them.
         linearized, bias = self._backend.linearization_point(), self._backend.bias(B(window.before.bias))
         values = initialize_stride(window, graph, linearized, bias, self._p)
+        self._add_air(window, graph, values, linearized)
         self._places.append(window.place)
         self._backend.add(graph, values, self._places)
         self._counts.update(count_graph(graph))
@@ -198,6 +201,20 @@ class Stretch:
             gyro_bias = self._backend.bias(B(window.place.bias)).gyroscope()
             biases = biases.add(window, track, gyro_bias, ledger.counted)
         return ledger, biases
+
+    def _add_air(
+        self, window: StrideWindow, graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, known: gtsam.Values
+    ) -> None:
+        """Add the pressure at the newest footfall, and the state of the barometer where another begins."""
+        barometer, before, place = self._begun.barometer, window.before, window.place
+        if barometer is None:
+            return
+        key, elapsed_s = X(place.result), place.t - before.t
+        states = P(before.number), P(place.number)
+        seen = average_pressures(window.recording, window.stances, window.nodes)
+        air, new = stride_factors(barometer, seen, key, values.atPose3(key).z(), states, elapsed_s, known)
+        graph.push_back(air)
+        values.insert(new)
 
     def _add_fixes(self, window: StrideWindow) -> None:
         """Add the fixes since the footfall before that agree with the graph."""
@@ -273,5 +290,6 @@ class Stretch:
             backend.covariance(bias_key),
             self._verdicts[-1],
             self._p.moving_foot,
+            self._begun.barometer is not None,
             self._floors.number,
         )

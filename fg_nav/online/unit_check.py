@@ -35,14 +35,14 @@ CHECKED = 1000
 class UnitCheck:
     """Looks at the first `CHECKED` samples of a stream, `left` of which are still to come.
 
-    `blocks` are those that came, (n, 10) each of t, acc, gyr, mag.
+    `blocks` are those that came, (n, 11) each of t, acc, gyr, mag.
     """
 
     def __init__(self, left: int = CHECKED, blocks: Sequence[Floats] = ()) -> None:
         self.left, self._first = left, [*blocks] if left > 0 else []
 
     def see(self, rows: Floats) -> None:
-        """Add rows (n, 10); raises `RecordingError` once they show a wrong unit."""
+        """Add rows (n, 11); raises `RecordingError` once they show a wrong unit."""
         if self.left <= 0:
             return
         self._first.append(rows[: self.left])

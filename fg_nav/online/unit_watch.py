@@ -76,7 +76,7 @@ _WHAT_TO_DO = "correct it at the sender, or say its unit in --columns, such as a
 
 
 class StampWatch:
-    """Holds rows (n, 10) until it is known that their stamps are in s; `period_s` is that of the first ones."""
+    """Holds rows (n, 11) until it is known that their stamps are in s; `period_s` is that of the first ones."""
 
     def __init__(self, tell: Callable[[str], None]) -> None:
         self.period_s = np.nan
@@ -179,7 +179,7 @@ class UnitWatch:
         return (*self._notes, *odd)
 
     def admit(self, rows: Floats, at_end: bool = False) -> Floats:
-        """Return the rows (m, 10) to take, of these and of those that waited; `at_end` none waits any more.
+        """Return the rows (m, 11) to take, of these and of those that waited; `at_end` none waits any more.
 
         Raises
         ------
@@ -296,7 +296,7 @@ class UnitWatch:
 
 
 def _find_odd(rows: Floats) -> Bools:
-    """(n, 2) which of force and rate are odd in rows (n, 10); NaN, and a force of zero, which is none, are not."""
+    """(n, 2) which of force and rate are odd in rows (n, 11); NaN, and a force of zero, which is none, are not."""
     force, rate = _norm(rows[:, 1:4]), _norm(rows[:, 4:7])
     return np.column_stack([((force > 0.0) & (force < LEAST_M_S2)) | (force > MOST_M_S2), rate > MOST_RAD_S])
 

@@ -20,17 +20,18 @@ import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.detection.mount import remove_fast
-from fg_nav.errors import EstimationError
 from fg_nav.pocket.steps import (
     GAIT_HZ,
     HYSTERESIS_DEG,
-    LEAST_SKEW,
     LEAST_STEPS,
+    MIN_SHARE,
+    MIN_SKEW,
     PAUSE_S,
     SWINGING_DEG_S,
     UPRIGHT_DEG,
     Steps,
     are_step_like,
+    average_durations,
     compute_flexion,
     find_inner_spans,
     find_level_axis,
@@ -122,9 +123,8 @@ class SwingSums:
         if self._swinging_s < LEAST_SWING_S:
             return None
         up = self._up / np.linalg.norm(self._up)
-        try:
-            left = find_level_axis(self._power, up)
-        except EstimationError:
+        share, left = find_level_axis(self._power, up)
+        if share < MIN_SHARE:
             return None if self._left is None else (self._left, up)
         self._left = left if self._left is None or left @ self._left > 0 else -left
         return self._left, up
@@ -208,7 +208,7 @@ class CausalSteps:
     @property
     def is_forward_known(self) -> bool:
         """Whether the gait distinguishes forward from backward."""
-        return self.skewness > LEAST_SKEW
+        return self.skewness > MIN_SKEW
 
     @property
     def columns(self) -> StepColumns:
@@ -222,7 +222,8 @@ class CausalSteps:
     def steps(self) -> Steps:
         """All steps so far, as a recording's."""
         known = self.columns
-        return Steps(known.start, known.stop, known.opening, self._front * known.swept > 0, known.bout)
+        took = average_durations(np.asarray((known.stop - known.start) * self._period_s, dtype=np.float64), known.bout)
+        return Steps(known.start, known.stop, known.opening, took, self._front * known.swept > 0, known.bout)
 
     # slow parts
 

@@ -4,20 +4,19 @@
 
 Over a stride the twist of the pelvis goes to and fro, and cancels. Height is not observed, and stays what it was.
 
-Length of a step from the angle by which the legs open. MD takes it from its reference 22 (Munoz Diaz and Mendiguchia
-Gonzalez 2014, and 2015), where the length of a step grows with the opening angle of the leg, whatever the speed, and
-each person has his own figures. Here one such figure suffices, so that one known distance calibrates it: two straight
-legs of length c, open by the angle a,
+Length of a step, in step constants c of the person, by the opening a of the legs and by the time T that it takes:
 
-    length = 2 c sin(a / 2),
+    length = c (2 sin(a / 2) + r / T) / 2,     or c r / T where no opening is seen
 
-c being the step constant of the person, m. It is no leg to be measured: knees bend, the pelvis turns along, heel and
-toe add to the length, and a sensor in a pocket moves more than the bone.
+The first is that of two straight legs of length c (Munoz Diaz and Mendiguchia Gonzalez 2014: the step grows with the
+opening, whatever the speed, and each person has his own figures). The second is the walk ratio, step length over
+cadence, which a person keeps above some 1 m/s and 98 steps/min (Sekiya and Nagasaki 1998; PMC5430280), and which is
+about 0.006 m per step/min: 0.0062 here, assumed good to a tenth. Slower steps are longer than that. The errors of both
+are independent. c is no leg to be measured: knees bend, the pelvis turns along, heel and toe add to the length, and a
+sensor in a pocket moves more than the bone.
 
 Default: c is the leg of an adult, 0.90 m, for a hip is 0.53 of the height over the floor, and the height 1.70 m. Then a
-usual step of 0.70 m opens the legs by 46 deg. Two real thighs (`qmt_fullbody`) were in view when it was chosen, so
-their distance by it is no check; simulated legs need 0.78. Between persons, trousers and the two legs of one person
-the constant differs by a tenth and more, which is the sigma of all lengths alike.
+usual step of 0.70 m opens the legs by 46 deg, and takes 0.53 s.
 
 The position's covariance has four parts, l being the lengths, n the left of the directions d, sums over all steps:
 
@@ -46,8 +45,10 @@ from fg_nav.pocket.track import PocketTrack
 DEFAULT_CONSTANT_M = 0.90
 """Step constant of an adult, m."""
 
-DEFAULT_SIGMA = 0.12
-"""Relative, of the default constant: what persons and trousers differ by."""
+WALK_RATIO_S = 0.0062 * 60.0 / DEFAULT_CONSTANT_M  # r: walk ratio 0.0062 m per step/min; the literature has about 0.006
+
+DEFAULT_SIGMA = 0.10
+"""Relative, of the default constant: persons and trousers differ by 0.12 in the opening, by 0.10 in the walk ratio."""
 
 CALIBRATED_SIGMA = 0.03
 """Relative, of a constant by a known distance: another pace, other trousers, the tape."""
@@ -92,9 +93,9 @@ class StepLength:
                 "distance, or give a step constant in between."
             )
 
-    def predict(self, opening: Floats) -> Floats:
-        """Lengths (S,) m of steps of these openings (S,) rad."""
-        return self.constant_m * compute_chords(opening)
+    def predict(self, steps: Steps) -> Floats:
+        """Lengths (S,) m of steps."""
+        return self.constant_m * measure_steps(steps)
 
 
 def compute_chords(opening: Floats) -> Floats:
@@ -102,17 +103,24 @@ def compute_chords(opening: Floats) -> Floats:
     return np.asarray(2.0 * np.sin(opening / 2.0))
 
 
-def calibrate_step_length(opening: Floats, known_distance_m: float) -> StepLength:
-    """Find the constant of a person who made steps of these openings (S,) rad over a known distance, m, along the path.
+def measure_steps(steps: Steps) -> Floats:
+    """Lengths (S,) of steps in step constants, by their openings, where these are known, and their durations."""
+    by_cadence = WALK_RATIO_S / np.maximum(steps.took, 1e-3)
+    by_opening = compute_chords(steps.opening)
+    return np.asarray(0.5 * (np.where(np.isnan(by_opening), by_cadence, by_opening) + by_cadence))
+
+
+def calibrate_step_length(steps: Steps, known_distance_m: float) -> StepLength:
+    """Find the constant of a person who made these steps over a known distance, m, along the path.
 
     Raises `EstimationError` without a step, with no such distance, or if the constant that comes out is no
     person's.
     """
     if not (np.isfinite(known_distance_m) and known_distance_m > 0):
         raise EstimationError(f"a known distance of {known_distance_m:g} m is none: give the metres walked.")
-    if not len(opening):
+    if not len(steps):
         raise EstimationError("there is no step to calibrate the step length by: record a walk.")
-    constant = float(known_distance_m / compute_chords(opening).sum())
+    constant = float(known_distance_m / measure_steps(steps).sum())
     return StepLength(constant, CALIBRATED_SIGMA, source="known distance")
 
 
@@ -161,7 +169,7 @@ def add_steps(
     heading_sigma : (S,) rad, of the track at each.
     unseen : (S, 2, 2) m^2, covariance of the place at the end of each by what the sigmas do not show; None for none.
     """
-    length = step_length.predict(steps.opening)
+    length = step_length.predict(steps)
     after = np.cumsum(length[:, None] * forward, axis=0)
     position = np.concatenate([np.zeros((1, 2)), after])
     covariance = _propagate_covariance(forward, length, heading_sigma, step_length.sigma)

@@ -9,9 +9,10 @@ pocket           orientation by the iterated Kalman smoother (`iterated_smoother
 munoz-diaz2017   orientation by MD's filter (`filter`), its misprints corrected
 ================ =====================================================================
 
-A given heading is that of the path, over the first two strides. Without one, the compass gives that of the sensor at
-the start; without a magnetometer it is 0. The white error of the magnetometer, on which MD's filter depends most, is
-estimated from the recording (`fg_nav.pocket.track`).
+A given heading is that of the path, over the first two strides. Without one it is from magnetic north, by the compass
+over all of the walk (`compass`), or with MD's filter at the start; without a magnetometer it is 0. Fixes of a receiver
+show the heading from true north, and the step constant (`gnss`). The white error of the magnetometer, on which MD's
+filter depends most, is estimated from the recording (`fg_nav.pocket.track`).
 """
 
 from __future__ import annotations
@@ -26,7 +27,9 @@ import numpy as np
 from fg_nav.arrays import Floats, Ints
 from fg_nav.detection.mount import TurnSigns, refuse_foot
 from fg_nav.errors import EstimationError
+from fg_nav.gnss import Gnss, describe_fixes
 from fg_nav.magnetic.quasi_static import DISTURBED, QUASI_STATIC, UNKNOWN
+from fg_nav.pocket.compass import CompassTurn, measure_turn
 from fg_nav.pocket.dead_reckoning import (
     StepLength,
     SteppedPath,
@@ -36,8 +39,9 @@ from fg_nav.pocket.dead_reckoning import (
     use_step_constant,
 )
 from fg_nav.pocket.filter import estimate_pocket
+from fg_nav.pocket.gnss import lay_on_fixes
 from fg_nav.pocket.parameters import PocketParameters
-from fg_nav.pocket.steps import LEAST_OPENING_DEG, Steps, ThighSwing, estimate_swing, find_steps
+from fg_nav.pocket.steps import LEAST_OPENING_DEG, Steps, ThighSwing, estimate_swing, find_all_steps
 from fg_nav.pocket.track import PocketStart, PocketTrack, compass_start, estimate_field_noise_uT, level_start
 from fg_nav.recording import Recording
 from fg_nav.samples.saturation import find_saturated
@@ -58,6 +62,10 @@ LEAST_CLIPPED_PERCENT = 0.5
 LEAST_USED = 0.05
 """Of the strides; in fewer the field is practically unused."""
 
+GIVEN_HEADING_DEG = 10.0  # sigma of a heading that was given, where fixes show it too
+
+DECLINATION_DEG = 10.0  # sigma of magnetic north from true north, below the polar circles
+
 FIRST_STEPS = 4
 """Two strides, so that the pelvis's turning to and fro cancels."""
 
@@ -69,6 +77,7 @@ def navigate_pocket(
     step_constant_m: float | None = None,
     known_distance_m: float | None = None,
     progress: Progress | None = None,
+    gnss: Gnss | None = None,
 ) -> Solution:
     """Estimate the path of a person with a sensor in a trouser pocket.
 
@@ -80,6 +89,7 @@ def navigate_pocket(
     step_constant_m : of the person, from an earlier calibration (`fg_nav.pocket.dead_reckoning`).
     known_distance_m : meters walked along the path in this recording, to calibrate the constant by.
     progress : is called with the fraction done.
+    gnss : a receiver's fixes: heading, step constant and path by them too.
 
     Raises `EstimationError` if there is no such method, the heading is no number, both a constant and a distance are
     given, the sensor was on a foot, or there is no step.
@@ -93,9 +103,13 @@ def navigate_pocket(
     signs = refuse_foot(recording)
     start, start_notes = choose_start(recording, heading)
     track = _estimate_track(recording, method, start, progress)
+    turn = measure_turn(recording, track) if method == METHODS[0] else None
+    if turn is not None:
+        track = turn.apply(track)
+        start_notes = [] if heading is not None else [turn.note]
     # steps of the thigh
     swing = estimate_swing(recording, track)
-    steps = find_steps(recording.t, swing.flexion, swing.up_now)
+    steps = find_all_steps(recording, track, swing)
     require_steps(steps)
     step_length = _choose_step_length(steps, step_constant_m, known_distance_m)
     # the given heading is that of the first strides
@@ -103,22 +117,35 @@ def navigate_pocket(
         track = track.rotate(heading - _first_heading(track, swing, steps))
     # dead reckoning
     path = reckon_path(track, swing, steps, step_length)
-    notes = (*start_notes, *describe_steps(steps, step_length, swing.is_forward_known))
+    on_earth: dict[str, float] = {}
+    if gnss is not None:
+        sigma = _find_heading_sigma(heading, turn) if swing.is_forward_known else None
+        track, path, step_length, on_earth = lay_on_fixes(track, path, gnss, sigma, step_length)
+        start_notes = [describe_fixes(on_earth)]
+    notes = (*start_notes, *describe_steps(steps, step_length, swing.is_forward_known or gnss is not None))
     solution = assemble_solution(recording, track, steps, path, step_length)
     return replace(
         solution,
+        parameters={**solution.parameters, **({"gnss_start": on_earth} if on_earth else {})},
         method=method,
         runtime_s=time.perf_counter() - began,
         notes=(*notes, *_warn(recording, signs, swing, solution.stances.field)),
     )
 
 
+def _find_heading_sigma(heading: float | None, turn: CompassTurn | None) -> float | None:
+    """Sigma of the heading at the start from true north, rad; None where nothing shows it but fixes."""
+    if heading is not None:
+        return float(np.radians(GIVEN_HEADING_DEG))
+    return None if turn is None else float(np.hypot(turn.sigma_at_start, np.radians(DECLINATION_DEG)))
+
+
 def require_steps(steps: Steps) -> None:
     """Raise `EstimationError` if there is no step."""
     if not len(steps):
         raise EstimationError(
-            f"no step was found: the thigh does not swing to and fro by {LEAST_OPENING_DEG:g} deg or "
-            "more, three times in a row; was it walked with, in a trouser pocket?"
+            f"no step was found: neither does the thigh swing to and fro by {LEAST_OPENING_DEG:g} deg or more, three "
+            "times in a row, nor does the body bounce; was it walked with, in a trouser pocket?"
         )
 
 
@@ -173,7 +200,7 @@ def _estimate_track(recording: Recording, method: str, start: PocketStart, progr
 
 def _choose_step_length(steps: Steps, constant_m: float | None, distance_m: float | None) -> StepLength:
     if distance_m is not None:
-        return calibrate_step_length(steps.opening, distance_m)
+        return calibrate_step_length(steps, distance_m)
     return StepLength() if constant_m is None else use_step_constant(constant_m)
 
 

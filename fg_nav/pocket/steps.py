@@ -1,9 +1,10 @@
 """Steps of one thigh: the axis of its swing, flexion, and the steps in it. No mounting is assumed.
 
-A walking thigh turns about one axis more than about all others, that from hip to hip. In the body
+A walking thigh turns about the axis from hip to hip more than about any other level axis; about up a sensor in a loose
+pocket turns as much and more, which is left out. In the body
 
-    left     the first principal axis of the slow rate, made level in the mean
     up       the mean direction of up while the leg swings
+    left     the principal axis of the level part of the slow rate, and what follows from the force (below)
     forward  left x up
 
 and flexion is the angle by which the knee is ahead of that mean,
@@ -14,6 +15,19 @@ up_now being the third row of nav_R_body. The gait distinguishes left from right
 less time than it is carried back on it, so the slow rate of flexion is skewed to flexing. Over both walks of real
 thighs (`qmt_fullbody`) its skewness is 0.22, in 5 s of them 0 to 0.44; simulated legs have 0.21 to 0.25. Who walks
 backward is taken to walk forward.
+
+Sway. A walker is an inverted pendulum, slowest where he is highest: at the frequency of the steps
+
+    a_forward = -k dh/dt,       h the height of the body, k > 0,
+
+so the level force that goes with -dh/dt points forward, without a look at the thigh. It is the only direction of a
+sensor that does not swing, at the hip or in a coat. Running has a flight phase, and the opposite phase: such samples
+are left out.
+
+The level force at the frequency of the swing lies in its plane as well. On 24 real thighs (`feet_thighs`) the direction
+that follows from the rate points inward of the force's, on either leg, by 3 to 18 deg, so the mean of both is taken,
+each weighted by how much of its power is along one axis (`qmt_fullbody` alike; in `feet_vicon`, 4 m there and back, it
+is the other way round). While it is walked the axis is that of the rate alone.
 
 The leg that wears the sensor swings forward while its foot is in the air, and is carried back while it stands and the
 other foot swings. So between two turning points of flexion lies one step, with either foot:
@@ -26,6 +40,9 @@ other foot swings. So between two turning points of flexion lies one step, with 
 A turning point is one after which flexion comes back by more than a hysteresis. An opening that is too small (shifting
 from leg to leg, turning on the spot), too slow (sitting down), too far flexed (moving while seated) or alone is no
 step. The first step out of standing and the last one into it are half a one, and counted as they are.
+
+A pocket that does not swing, at the hip or of a coat, shows no opening. There a step is one bounce of the body, from
+one peak of the vertical force to the next, and its opening is not known.
 """
 
 from __future__ import annotations
@@ -46,8 +63,17 @@ from fg_nav.stances import find_runs
 SWINGING_DEG_S = 60.0
 """A thigh that turns faster than this is on its way; one that stands or sits is not."""
 
-LEAST_SHARE = 0.5
-"""The principal axis has so much of the power of the rate (evenly spread: a third), or there is no swing in it."""
+MIN_SHARE = 0.6  # of the level rate's power about its principal axis (evenly spread: half), else it shows no axis
+
+MIN_SWAY = 0.3  # correlation of the level force with -dh/dt, else it shows no direction: chance in ten strides is 0.2
+
+THIGH_DEG = 7.0  # rms of a swing by the least opening of a step, 20 deg
+
+SWING_HZ = 0.5, 1.3  # frequencies of strides, from a stroll to a quick walk
+
+STEP_HZ = 1.2, 3.5  # frequencies of steps, from a stroll to a run
+
+MIN_FORCE_M_S2 = 3.0  # slow vertical force: a third of gravity, and less is the flight of a run
 
 GAIT_HZ = 4.0
 """Front and back follow from what is slower than this: three a stride, and nothing of the footfalls."""
@@ -55,8 +81,7 @@ GAIT_HZ = 4.0
 UPRIGHT_DEG = 45.0
 """A thigh farther off its mean is sitting down or getting up, which shows nothing of front and back."""
 
-LEAST_SKEW = 0.1
-"""A skewness below this does not distinguish forward from backward."""
+MIN_SKEW = 0.1  # a skewness below this does not distinguish forward from backward
 
 HYSTERESIS_DEG = 12.0
 """A turning point is one after which flexion comes back by so much, deg. After a footfall in a tight turn a real thigh
@@ -83,6 +108,12 @@ PAUSE_S = 0.6
 LEAST_STEPS = 3
 """Fewer steps in a row are not a walk: a kick, or a leg that is crossed."""
 
+BOUNCE_M_S2 = 1.0  # hysteresis of the vertical force: the bounce of a slow walker is 1.5 to either side
+
+BOUNCE_S = 0.28, 1.0  # duration of a step by its bounce, from a run to a stroll
+
+MIN_BOUNCES = 6  # in a row: nothing else shows that it is a walk
+
 _LEVELS = np.arange(0.15, 0.9, 0.1)
 """Shares of an opening; between two of them a leg on its way does not pause."""
 
@@ -96,7 +127,7 @@ class ThighSwing:
     left, up : (3,) unit vectors in the body, level to the left and up in the mean.
     up_now : (N, 3) direction of up in the body, slow.
     flexion : (N,) rad, positive with the knee ahead, slow.
-    skewness : of the rate of flexion; forward is known where it is well above zero.
+    forward_evidence : of front against back, by the skewness of the rate of flexion and the sway; known from 1 on.
     slipped_deg : by how much the axis of one half of the swinging is turned about up from that of the other.
     """
 
@@ -104,37 +135,122 @@ class ThighSwing:
     up: Floats
     up_now: Floats
     flexion: Floats
-    skewness: float
+    forward_evidence: float
     slipped_deg: float
 
     @property
     def is_forward_known(self) -> bool:
         """Whether the gait distinguishes forward from backward."""
-        return self.skewness > LEAST_SKEW
+        return self.forward_evidence > 1.0
 
 
-def estimate_swing(recording: Recording, track: PocketTrack) -> ThighSwing:
-    """Find the axes of the thigh, and its flexion.
+def estimate_swing(recording: Recording, track: PocketTrack, with_force: bool = True) -> ThighSwing:
+    """Find the axes of the thigh, and its flexion; without the force by the rate alone, as while it is walked.
 
-    Raises `EstimationError` if the sensor hardly turns, or about no axis in particular.
+    Raises `EstimationError` if the sensor hardly turns, or neither its rate nor its force shows a level axis.
     """
-    rate = remove_fast(recording.gyr - track.gyro_bias, recording.period_s)
+    period_s = recording.period_s
+    rate = remove_fast(recording.gyr - track.gyro_bias, period_s)
     swinging = np.linalg.norm(rate, axis=1) > np.radians(SWINGING_DEG_S)
-    if swinging.sum() * recording.period_s < 1.0:
+    if swinging.sum() * period_s < 1.0:
         raise EstimationError(
-            f"the sensor turns by {SWINGING_DEG_S:g} deg/s or more for {swinging.sum() * recording.period_s:.1f} s "
+            f"the sensor turns by {SWINGING_DEG_S:g} deg/s or more for {swinging.sum() * period_s:.1f} s "
             "in all, so there is no walk in it: record some strides, with the sensor in a trouser pocket."
         )
-    up_now = remove_fast(track.nav_R_body[:, 2], recording.period_s)
+    up_now = remove_fast(track.nav_R_body[:, 2], period_s)
     up_now /= np.linalg.norm(up_now, axis=1, keepdims=True)
     up = _unit(up_now[swinging].mean(axis=0))
-    left = find_level_axis(rate[swinging].T @ rate[swinging], up)
+    # axis of the rate
+    share, left = find_level_axis(rate[swinging].T @ rate[swinging], up)
+    near = spread_flags(swinging, period_s)
     flexion = compute_flexion(up_now, left, up)
-    upright = spread_flags(swinging, recording.period_s) & (np.abs(flexion) < np.radians(UPRIGHT_DEG))
-    skewness = _compute_skewness(-remove_fast(rate @ left, recording.period_s, GAIT_HZ)[upright])
-    if skewness < 0:
-        left, flexion = -left, -flexion
-    return ThighSwing(left, up, up_now, flexion, abs(skewness), _measure_slip(rate[swinging], up))
+    upright = near & (np.abs(flexion) < np.radians(UPRIGHT_DEG))
+    skewness = _compute_skewness(-remove_fast(rate @ left, period_s, GAIT_HZ)[upright])
+    forward, evidence = np.cross(left, up), skewness / MIN_SKEW
+    # directions of the force
+    if with_force:
+        swing_deg = float(np.degrees(np.std(_select(flexion, SWING_HZ, period_s)[upright]))) if upright.any() else 0.0
+        thigh = 1.0 / (1.0 + (THIGH_DEG / max(swing_deg, 1e-3)) ** 8)
+        forward, evidence = _turn_by_force(recording, track, near, up, (share, forward, evidence), thigh)
+    elif share < MIN_SHARE:
+        raise _no_axis()
+    sign = 1.0 if evidence >= 0 else -1.0
+    left = np.cross(up, sign * forward)
+    flexion = compute_flexion(up_now, left, up)
+    return ThighSwing(left, up, up_now, flexion, abs(evidence), _measure_slip(rate[swinging], up))
+
+
+def _no_axis() -> EstimationError:
+    return EstimationError(
+        "neither the rate nor the force of the sensor shows a level axis, as those of a walker do: "
+        "is it in a trouser pocket, and held there?"
+    )
+
+
+def _turn_by_force(
+    recording: Recording,
+    track: PocketTrack,
+    moving: Bools,
+    up: Floats,
+    by_rate: tuple[float, Floats, float],
+    thigh: float,
+) -> tuple[Floats, float]:
+    """Mean of the directions of rate and force, forward (3,) or back, and the evidence that it is forward.
+
+    `by_rate` is the share of the axis, the direction (3,) that follows, and its evidence; `thigh` the probability that
+    the sensor swings as a thigh does.
+    """
+    share, forward, evidence = by_rate
+    sway, surely = measure_sway(recording, track, moving)
+    level = _level_force(recording, track)[0]
+    swung = _select(level, SWING_HZ, recording.period_s)[moving]
+    in_plane, plane = find_level_axis(swung.T @ swung, up)
+    strength = float(np.linalg.norm(sway))
+    if share < MIN_SHARE and surely < MIN_SWAY:
+        raise _no_axis()
+    # of a thigh
+    plane = plane * (1.0 if plane @ forward >= 0 else -1.0)
+    weight = thigh * np.array([(2.0 * share - 1.0) ** 2, (2.0 * in_plane - 1.0) ** 2])
+    mean = weight @ np.array([forward, plane])
+    # front and back by the skewness, and by the sway
+    evidence += surely / MIN_SWAY * float(_unit(forward) @ sway) / max(strength, 1e-9)
+    sign = 1.0 if evidence >= 0 else -1.0
+    # of a sensor that does not swing
+    mean = sign * mean + (1.0 - thigh) * strength * (sway - (sway @ up) * up)
+    return _unit(mean), max(abs(evidence), surely / MIN_SWAY)
+
+
+def _level_force(recording: Recording, track: PocketTrack) -> tuple[Floats, Floats]:
+    """Level force (N, 3) m/s^2 in the body, and the vertical one (N,)."""
+    acc, up = np.nan_to_num(recording.acc), track.nav_R_body[:, 2]
+    vertical = (acc * up).sum(axis=1)
+    return acc - vertical[:, None] * up, vertical
+
+
+def measure_sway(recording: Recording, track: PocketTrack, moving: Bools) -> tuple[Floats, float]:
+    """Direction (3,) in the body of the level force that is coherent with the vertical one, and how surely it is ahead.
+
+    The direction is as long as its coherence; ahead is where it goes with -dh/dt. `moving` (N,) are the samples that
+    are looked at, less those in the flight of a run.
+    """
+    period_s = recording.period_s
+    level, vertical = _level_force(recording, track)
+    used = moving & ~spread_flags(remove_fast(vertical, period_s) < MIN_FORCE_M_S2, period_s)
+    level = _select(level, STEP_HZ, period_s)[used]
+    bounce = _select(vertical, STEP_HZ, period_s)
+    falling = -_select(np.cumsum(bounce) * period_s, STEP_HZ, period_s)
+    with np.errstate(invalid="ignore"):
+        parts = [x[used] @ level / np.sqrt((x[used] ** 2).sum() * (level**2).sum()) for x in (bounce, falling)]
+    in_phase, ahead = np.nan_to_num(parts)
+    powers, axes = np.linalg.eigh(np.outer(in_phase, in_phase) + np.outer(ahead, ahead))
+    axis = axes[:, 2] if axes[:, 2] @ ahead >= 0 else -axes[:, 2]
+    return np.asarray(np.sqrt(max(powers[2], 0.0)) * axis), float(axis @ ahead)
+
+
+def _select(values: Floats, band_hz: tuple[float, float], period_s: float) -> Floats:
+    """Values (N, ...) within a band of frequencies."""
+    slow, fast = band_hz
+    return np.asarray(remove_fast(values, period_s, fast) - remove_fast(values, period_s, slow))
 
 
 def spread_flags(flags: Bools, period_s: float) -> Bools:
@@ -147,33 +263,18 @@ def compute_flexion(up_now: Floats, left: Floats, up: Floats) -> Floats:
     return np.asarray(np.unwrap(np.arctan2(up_now @ np.cross(left, up), up_now @ up)))
 
 
-def find_level_axis(power: Floats, up: Floats) -> Floats:
-    """Axis (3,) about which most of the rate is, made level; `power` (3, 3) is the sum of its squares.
-
-    Raises `EstimationError` if it is about no level axis in particular.
-    """
-    share, axis = _find_principal_axis(power)
-    axis = axis - (axis @ up) * up
-    if share < LEAST_SHARE or np.linalg.norm(axis) < 0.5:
-        raise EstimationError(
-            "the sensor turns about no level axis in particular, as a thigh does in walking: "
-            "is it in a trouser pocket, and held there?"
-        )
-    return _unit(axis)
-
-
-def _find_principal_axis(power: Floats) -> tuple[float, Floats]:
-    """Axis (3,) about which most of the rate is, and how much of its `power` (3, 3) that is."""
-    powers, axes = np.linalg.eigh(power)
-    return float(powers[2] / powers.sum()), axes[:, 2]
+def find_level_axis(power: Floats, up: Floats) -> tuple[float, Floats]:
+    """Level axis (3,) about which most of the rate is, and its share; `power` (3, 3) is the sum of its squares."""
+    level = np.eye(3) - np.outer(up, up)
+    powers, axes = np.linalg.eigh(level @ power @ level)
+    return float(powers[2] / max(powers[1] + powers[2], 1e-300)), axes[:, 2]
 
 
 def _measure_slip(rate: Floats, up: Floats) -> float:
     """Angle between the axes of the first and the second half of the swinging."""
     halves = (rate[: len(rate) // 2], rate[len(rate) // 2 :])
-    one, other = (_find_principal_axis(half.T @ half)[1] for half in halves)
-    axes = [_unit(axis - (axis @ up) * up) for axis in (one, other)]
-    return float(np.degrees(np.arccos(min(abs(float(axes[0] @ axes[1])), 1.0))))
+    one, other = (find_level_axis(half.T @ half, up)[1] for half in halves)
+    return float(np.degrees(np.arccos(min(abs(float(one @ other)), 1.0))))
 
 
 def _compute_skewness(values: Floats) -> float:
@@ -194,7 +295,8 @@ class Steps:
     ========= ==== ================================================================================
     start     (S,) sample at which the step begins
     stop      (S,) sample at which it ends; the next one begins there or, after a pause, later
-    opening   (S,) rad
+    opening   (S,) rad; NaN where the sensor does not swing
+    took      (S,) s, half of the stride about it
     forward   (S,) True where the leg that wears the sensor swings
     bout      (S,) number of the walk without a pause that it belongs to, from 0
     ========= ==== ================================================================================
@@ -203,6 +305,7 @@ class Steps:
     start: Ints
     stop: Ints
     opening: Floats
+    took: Floats
     forward: Bools
     bout: Ints
 
@@ -240,7 +343,60 @@ def find_steps(t: Floats, flexion: Floats, up: Floats) -> Steps:
     # steps that follow each other meet at the turning point
     start, stop = _join_steps(start, stop, turn, together)
     opening = 2.0 * np.arcsin(np.linalg.norm(np.diff(up[turn], axis=0), axis=1) / 2.0)
-    return Steps(start[walked], stop[walked], opening[walked], swept[walked] > 0, bout[walked])
+    start, stop, bout = start[walked], stop[walked], bout[walked]
+    took = average_durations(t[stop] - t[start], bout)
+    return Steps(start, stop, opening[walked], took, swept[walked] > 0, bout)
+
+
+def find_bounces(t: Floats, vertical: Floats, moving: Bools) -> Steps:
+    """Find the steps of a walker by the vertical force (N,) m/s^2 of a sensor that need not swing; there may be none.
+
+    `moving` (N,) are the samples in which there can be steps.
+    """
+    period_s = float(np.median(np.diff(t)))
+    slow = remove_fast(vertical, period_s, STEP_HZ[1])
+    turn = find_turning_points(slow, BOUNCE_M_S2)
+    peak = turn[1:-1][slow[turn[1:-1]] > slow[turn[:-2]]]
+    took = np.diff(t[peak])
+    possible = (took > BOUNCE_S[0]) & (took < BOUNCE_S[1]) & moving[peak[:-1]] & moving[peak[1:]]
+    bouts = [(a, b) for a, b in zip(*find_runs(possible), strict=True) if b - a >= MIN_BOUNCES]
+    step = np.concatenate([np.arange(0), *(np.arange(a, b) for a, b in bouts)]).astype(np.int64)
+    count = np.array([b - a for a, b in bouts], dtype=np.int64)
+    bout = np.repeat(np.arange(len(bouts)), count)
+    number = step - np.repeat([a for a, _ in bouts], count)
+    unknown = np.full(len(step), np.nan)
+    return Steps(peak[step], peak[step + 1], unknown, average_durations(took[step], bout), number % 2 == 0, bout)
+
+
+def find_all_steps(recording: Recording, track: PocketTrack, swing: ThighSwing) -> Steps:
+    """Find the steps by the swing of the thigh, and by the bounce of the body in between."""
+    t, period_s = recording.t, recording.period_s
+    of_swing = find_steps(t, swing.flexion, swing.up_now)
+    rate = np.linalg.norm(remove_fast(recording.gyr - track.gyro_bias, period_s), axis=1)
+    moving = spread_flags(rate > np.radians(SWINGING_DEG_S), period_s)
+    for a, b in zip(of_swing.start, of_swing.stop, strict=True):
+        moving[a:b] = False
+    vertical = (np.nan_to_num(recording.acc) * track.nav_R_body[:, 2]).sum(axis=1)
+    of_bounce = find_bounces(t, vertical, moving)
+    # both in order, each bout with a number of its own
+    bout = np.append(of_swing.bout, of_bounce.bout + len(of_swing))
+    order = np.argsort(np.append(of_swing.start, of_bounce.start), kind="stable")
+    joined = {
+        name: np.append(getattr(of_swing, name), getattr(of_bounce, name))[order]
+        for name in ("start", "stop", "opening", "took", "forward")
+    }
+    return Steps(**joined, bout=np.cumsum(np.diff(bout[order], prepend=bout[order][:1]) != 0))
+
+
+def average_durations(took: Floats, bout: Ints) -> Floats:
+    """Durations (S,) s of steps, each averaged with its neighbours in the bout, which are the other leg's."""
+    total, weight = 2.0 * took, np.full(len(took), 2.0)
+    same = np.diff(bout) == 0
+    total[1:][same] += took[:-1][same]
+    total[:-1][same] += took[1:][same]
+    weight[1:][same] += 1.0
+    weight[:-1][same] += 1.0
+    return np.asarray(total / weight)
 
 
 def find_turning_points(values: Floats, hysteresis: float) -> Ints:

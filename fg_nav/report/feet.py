@@ -92,6 +92,7 @@ def summarize_feet(result: FeetResult) -> Summary:
         "sides": list(pairing.order),
         "sides_known": pairing.sides,
         "clock_offset_s": pairing.clock_offset_s,
+        "clock_drift": pairing.clock_drift,
         "clock_offset_known": _say_how_clocks_are_known(pairing),
     }
     if result.outcome.comparison is not None:

@@ -31,7 +31,7 @@ from fg_nav.report import WITH_PAGE, WITH_PICTURES, Plots
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.text import find_version, to_json
 from fg_nav.verdict import judge_footfalls, judge_path
-from fg_nav.walk import Outcome
+from fg_nav.walk import OWN_GNSS, Outcome
 
 if TYPE_CHECKING:
     from fg_nav.walk import Walk
@@ -288,6 +288,7 @@ def describe_given(walk: Walk, method: str) -> dict[str, object]:
         "heading_deg": options.heading_deg,
         "known_distance_m": options.known_distance_m,
         "fixes": _text(options.fixes_path),
+        "gnss": str(OWN_GNSS) if options.gnss_path == OWN_GNSS else _text(options.gnss_path),
         "truth": _text(options.truth_path),
         "detector": {} if walk.detection is None else asdict(walk.detection),
         "parameters": find_given_parameters(method, options) if has_parameters else {},
@@ -303,6 +304,7 @@ def describe_recording(walk: Walk) -> dict[str, object]:
         "samples": len(recording),
         "rate_hz": 1.0 / recording.period_s,
         "fixes": _text(options.fixes_path),
+        "gnss": str(OWN_GNSS) if options.gnss_path == OWN_GNSS else _text(options.gnss_path),
         "truth": _text(options.truth_path) or ("in the recording" if walk.truth is not None else None),
         "heading_deg": options.heading_deg,
         "use_magnetometer": options.use_magnetometer,

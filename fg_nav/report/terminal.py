@@ -93,7 +93,7 @@ def _describe_feet(summary: Mapping[str, object]) -> str:
     known = {"named": "as named", "shown": "as the steps show", "assumed": "assumed"}[str(summary["sides_known"])]
     feet = f"feet: {sides}, {known}"
     if summary["width_m"] is None:
-        return f"{feet}; one is missing"
+        return f"{feet}; one is missing" if None in (summary["left"], summary["right"]) else f"{feet}; two walks"
     return (
         f"{feet}; {summary['width_m']:.2f} m apart, sigma {summary['width_sigma_m']:.2f} m, by {summary['cells']} "
         f"cells of steps; clock {summary['clock_offset_s']:+.3f} s"

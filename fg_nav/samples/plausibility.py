@@ -35,6 +35,9 @@ LIMIT_RAD_S = 350.0
 LIMIT_UT = 1e5
 """No magnetometer that is still of use reads more (0.1 T)."""
 
+AIR_PA = (3e4, 1.2e5)
+"""Pressure of the air, from above the highest mountains to below the deepest mines; what lies outside is no sample."""
+
 MOST_JUDGED, BLOCK = 2_000_000, 20_000
 """Samples by which units are judged, hours of them, and those of a block, more than a minute."""
 
@@ -421,26 +424,6 @@ def measure_gravity_transport(acc: Floats, gyr: Floats, period_s: float) -> Grav
     return GravityTransport(product / power, product / float(scale), int(np.count_nonzero(turning)))
 
 
-def measure_sharpness(acc: Floats, gyr: Floats, period_s: float) -> float:
-    """Power of force and rate at 8 to 14 Hz over that at 0.5 to 4 Hz, their geometric mean; NaN below 30 Hz.
-
-    A heel strikes within 20 ms. Of blocks of 2 s with a Hann window, each over its mean.
-    """
-    length = round(2.0 / period_s) if 0.0 < period_s < 1.0 / 30.0 else 0
-    count = len(acc) // length if length else 0
-    if not count:
-        return np.nan
-    frequency = np.fft.rfftfreq(length, period_s)
-    fast, slow = (frequency >= 8.0) & (frequency < 14.0), (frequency >= 0.5) & (frequency < 4.0)
-    product = 1.0
-    for samples in (acc, gyr):
-        blocks = samples[: count * length].reshape(count, length, 3)
-        blocks = (blocks - blocks.mean(axis=1, keepdims=True)) * np.hanning(length)[:, None]
-        power = sum((np.abs(np.fft.rfft(block, axis=0)) ** 2).sum(axis=1) for block in blocks)
-        product *= float(power[fast].sum() / max(float(power[slow].sum()), 1e-300))
-    return float(np.sqrt(product))
-
-
 def _is_lively(acc: Floats) -> bool:
     """Whether acc (N, 3) m/s^2 is that of a sensor on somebody who walks."""
     return float(np.std(np.linalg.norm(acc, axis=1))) > _LIVELY_M_S2
@@ -490,3 +473,9 @@ def _moving_mean(vectors: Floats, length: int) -> Floats:
     sums: Floats = np.concatenate([np.zeros((1, vectors.shape[1])), np.cumsum(vectors, axis=0)])
     means: Floats = (sums[length:] - sums[:-length]) / length
     return means
+
+
+def keep_air(pressure: Floats) -> Floats | None:
+    """Return pressure (N,) Pa, NaN where it is none of air; None where it is nowhere."""
+    is_air = (pressure > AIR_PA[0]) & (pressure < AIR_PA[1])
+    return np.where(is_air, pressure, np.nan) if is_air.any() else None

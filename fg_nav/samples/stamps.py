@@ -54,11 +54,15 @@ MOST_BACKWARD = 100
 
 
 class Ordered(NamedTuple):
-    """Samples `kept` (M,) of a file in order of time, their stamps `t` (M,) s, strictly rising, and what was done."""
+    """Samples `kept` (M,) of a file in order of time, their stamps `t` (M,) s, strictly rising, and what was done.
+
+    So many samples are `cut` off, in parts that are not used.
+    """
 
     kept: Ints
     t: Floats
     remarks: tuple[str, ...]
+    cut: int = 0
 
 
 def order_stamps(t: Floats, samples: Floats, row: Ints, longest_gap_s: float = MAX_BRIDGED_S) -> Ordered:
@@ -82,7 +86,8 @@ def order_stamps(t: Floats, samples: Floats, row: Ints, longest_gap_s: float = M
     pieces = [piece for part in spread for piece in _split_at_gaps(part, longest_gap_s)]
     kept, stamps = max(pieces, key=lambda piece: len(piece[0]))
     remarks += [words for part in spread if kept[0] in part.kept for words in part.remarks]
-    return Ordered(kept, stamps, (*remarks, *_describe_cut(pieces, kept, row)))
+    cut = sum(len(piece) for piece, _ in pieces) - len(kept)
+    return Ordered(kept, stamps, (*remarks, *_describe_cut(pieces, kept, row)), cut)
 
 
 def _mean_period(t: Floats) -> float:

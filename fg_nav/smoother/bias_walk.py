@@ -33,15 +33,15 @@ from fg_nav.smoother.evidence import average
 from fg_nav.smoother.graph import WalkProblem
 from fg_nav.smoother.linear import LinearWalk
 from fg_nav.smoother.solver import list_in_time
-from fg_nav.smoother.strides import LEAST_WALK_DEG_S, Nodes
+from fg_nav.smoother.strides import LEAST_WALK_DEG_S
 
-LEVELS_DEG_S = (6e-4, 2e-3, 6e-3)
-"""deg/s/sqrt(s), half a decade apart: 0.04 to 0.4 deg/s in an hour. None is below the walk assumed: a bias that may
+LEVELS_DEG_S = (6e-4, 2e-3, 6e-3, 2e-2)
+"""deg/s/sqrt(s), half a decade apart: 0.04 to 1.2 deg/s in an hour. None is below the walk assumed: a bias that may
 walk so far also takes up what scale errors and an uneven field leave, which look like a walk. In a simulated office
 whose bias walks by 2e-4 the evidence chooses that level, and the error with an indoor field grows from 0.08 to 0.11
 m."""
 
-PRIOR = (0.9, 0.09, 0.01)  # Before the walk: gyroscopes by their sheets, and one in ten that warms up.
+PRIOR = (0.9, 0.09, 0.009, 0.001)  # Before the walk: gyroscopes by their sheets, and one in ten that warms up.
 
 Change = gtsam.BetweenFactorConstantBias
 """From one bias variable to the next."""
@@ -54,7 +54,7 @@ def average_bias_walk(problem: WalkProblem, stacks: Sequence[Stack]) -> WalkProb
     if not changes:
         return _with_note(problem, f"gyro bias walk {_write(assumed)}, as assumed")
     # The linear graph without the changes of the bias.
-    keys, between = _split_order(problem.nodes)
+    keys, between = _split_order(problem)
     others = [one for one in stacks if not _are_changes(one)]
     chain = LinearWalk.of(others, keys).eliminate_before(between)
     # The evidence of each level, and the mean variance.
@@ -69,20 +69,21 @@ def average_bias_walk(problem: WalkProblem, stacks: Sequence[Stack]) -> WalkProb
     return _with_note(replace(problem, graph=graph, parameters=averaged), note)
 
 
-def _split_order(nodes: Nodes) -> tuple[Keys, int]:
+def _split_order(problem: WalkProblem) -> tuple[Keys, int]:
     """Split the order of time: nodes within the time of one bias first, and how many variables that are, then the rest.
 
     That is the nodes where a new bias begins, and the biases.
     """
+    nodes, with_air = problem.nodes, problem.barometer is not None
     begins = np.flatnonzero(np.diff(nodes.bias[nodes.footfall])) + 1
     at_change = [key(int(j)) for j in begins for key in (X, V)]
-    keys = list_in_time(nodes)
+    keys = list_in_time(nodes, with_air=with_air)
     is_node = np.isin(keys >> np.uint64(LETTER_SHIFT), _NODE_LETTERS)
     between = is_node & ~np.isin(keys, np.array(at_change, dtype=np.uint64))
     return np.concatenate([keys[between], keys[~between]]), int(between.sum())
 
 
-_NODE_LETTERS = (ord("x"), ord("v"))
+_NODE_LETTERS = (ord("x"), ord("v"), ord("p"))
 
 
 def _are_changes(stack: Stack) -> bool:

@@ -23,21 +23,24 @@ from typing import Protocol
 
 import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import X, Z
+from gtsam.symbol_shorthand import S, X, Z
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import EstimationError
 from fg_nav.factors.residual import ResidualBlock
 from fg_nav.factors.walk_constraints import FloorHeight, position_fix_factor, position_fix_noise
+from fg_nav.factors.zero_velocity import StanceVelocity
 from fg_nav.fix_check import FIX_REACH_S, check_fix, check_fixes_on_path, check_times
 from fg_nav.frames import yaw_rotation
 from fg_nav.samples.gaps import LONGEST_HELD_S, cross_holes
-from fg_nav.smoother.floors import LEVEL_SIGMA_M, find_floors
+from fg_nav.smoother.floors import LEVEL_SIGMA_M, Ground, find_floors
 from fg_nav.smoother.graph import UNKNOWN_HEADING_DEG, StartPrior, WalkProblem, turn_walk
 from fg_nav.smoother.own_factors import ExtraFactors, GraphNodes, make_own_factors
 from fg_nav.smoother.solver import GtsamFactors, list_positions
 from fg_nav.smoother.strides import Nodes
 from fg_nav.truth import Fix
+
+DRIFT_FLOOR_M = 0.003  # What a walk shows of its climb a stride is no truer: on stairs it is another than on the level.
 
 GIVEN_HEADING_DEG = 5.0
 """Sigma of the heading at the start that was given, where fixes show it as well: a compass held by hand, or a line
@@ -207,21 +210,45 @@ def add_constraints(problem: WalkProblem, values: gtsam.Values, continues: Bools
     position = list_positions(nodes.result, values)
     t, footfall = problem.recording.t, nodes.sample[nodes.result]
     stepped = np.ones(len(footfall), dtype=np.bool_) if continues is None else ~continues
-    floor = find_floors_of_pieces(t, footfall, position, stepped, p.settling_sigma_m)
+    floor, ground = find_floors_of_pieces(t, footfall, position, stepped, p.settling_sigma_m)
     for number in range(floor.max(initial=-1) + 1):
         values.insert(Z(number), np.array([position[floor == number, 2].mean()]))
     heights = constrain_heights(nodes.result, floor, LEVEL_SIGMA_M)
-    return replace(problem, constraints=(*problem.constraints, heights), floor=floor)
+    climb = () if ground is None else measure_excess(problem, values, ground, np.diff(t[footfall])[stepped[1:]])
+    return replace(problem, constraints=(*problem.constraints, heights, *climb), floor=floor)
 
 
-def find_floors_of_pieces(t: Floats, footfall: Ints, position: Floats, stepped: Bools, settling_sigma_m: float) -> Ints:
+def measure_excess(
+    problem: WalkProblem, values: gtsam.Values, ground: Ground, stride_s: Floats
+) -> tuple[GtsamFactors, ...]:
+    """Return what the ground shows of the excess S of the soles, in strides of these durations (K,) s.
+
+    An excess S lifts each stride by S (duration of the stride) / (time in which the sole settles). What the path at
+    `values` climbs is beyond the S that it has there.
+    """
+    ties = problem.velocities.residuals
+    assert isinstance(ties, StanceVelocity)
+    sinks_per_m = ties.sinks_per_m[ties.sinks_per_m > 0.0]
+    if not len(sinks_per_m) or not len(stride_s):
+        return ()
+    lift = float(np.median(sinks_per_m) * np.median(stride_s))
+    sigma = np.hypot(ground.drift_sigma, DRIFT_FLOOR_M) / lift
+    noise = gtsam.noiseModel.Isotropic.Sigma(1, float(sigma))
+    middle = S(int(problem.nodes.bias[-1]) // 2)
+    return (GtsamFactors(gtsam.PriorFactorVector(middle, values.atVector(middle) + ground.drift / lift, noise)),)
+
+
+def find_floors_of_pieces(
+    t: Floats, footfall: Ints, position: Floats, stepped: Bools, settling_sigma_m: float
+) -> tuple[Ints, Ground | None]:
     """Return the floor (F,) of each footfall; one that was not stepped to is on that of the footfall before.
 
-    `t` (N,) s are the recording's stamps, `footfall` (F,) samples; the others as of `find_floors`.
+    `t` (N,) s are the recording's stamps, `footfall` (F,) samples; the others, and the ground, as of `find_floors`.
     """
     first = np.flatnonzero(stepped | (np.arange(len(stepped)) == 0))
-    found = find_floors(t[footfall[first]], position[first], settling_sigma_m, cross_holes(t, footfall[first]))
-    return found[np.searchsorted(first, np.arange(len(stepped)), side="right") - 1]
+    holes = cross_holes(t, footfall[first])
+    found, ground = find_floors(t[footfall[first]], position[first], settling_sigma_m, holes)
+    return found[np.searchsorted(first, np.arange(len(stepped)), side="right") - 1], ground
 
 
 def constrain_heights(node: Ints, label: Ints, sigma_m: float) -> ResidualBlock:

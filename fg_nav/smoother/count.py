@@ -20,10 +20,11 @@ KINDS = ("imu", "zero_velocity", "magnetic_heading", "differential_field", "fiel
 """As in `summary.json`; `gated_out` are the footfalls with a field whose compass a hard gate left out.
 
 Factors of the caller's own stand with them as `own`, fixes as `position_fix`, places recognized as `same_place`,
-those of an earlier walk as `known_place`, courses along the directions of a building as `direction`.
+those of an earlier walk as `known_place`, courses along the directions of a building as `direction`, heights by the
+pressure of the air as `barometer`.
 """
 
-POSITION_FIX = "position_fix"
+POSITION_FIX, BAROMETER = "position_fix", "barometer"
 
 _KIND_OF_KEYS = {
     "xvxvb": "imu",
@@ -31,6 +32,7 @@ _KIND_OF_KEYS = {
     "xm": "magnetic_heading",
     "xmm": "field_potential",
     "b": "differential_field",
+    "xp": BAROMETER,
 }
 """By the letters of the variables that a factor joins. No other factor joins the same, but priors a bias."""
 
@@ -49,6 +51,8 @@ def count_factors(problem: WalkProblem) -> Counter[str]:
         counts["same_place"] = len(problem.places)
     if problem.directions is not None:
         counts["direction"] = len(problem.directions)
+    if problem.barometer is not None:
+        counts[BAROMETER] = len(problem.barometer)
     fixes = sum(len(list(block.factors())) for block in problem.constraints if isinstance(block, FixFactors))
     if fixes:
         counts[POSITION_FIX] = fixes

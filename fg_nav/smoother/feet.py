@@ -22,7 +22,7 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import X
 
-from fg_nav.arrays import Floats, Ints
+from fg_nav.arrays import Complexes, Floats, Ints
 from fg_nav.errors import EstimationError
 from fg_nav.factors.residual import LETTER_SHIFT, Keys, Stack
 from fg_nav.feet.steps import FEWEST_TURNS, Cells, average_cells, measure_turns
@@ -184,19 +184,19 @@ def _turn_behind_holes(values: FeetValues, right: WalkProblem, left: WalkProblem
     for begin, end, of, problem, sign in sorted(holes, key=lambda hole: hole[0]):
         t, turn = measure_turns(list_footfalls(right, values.right), list_footfalls(left, values.left))
         before, after = turn[t <= begin][-AROUND_HOLE:], turn[t >= end][:AROUND_HOLE]
-        if min(len(before), len(after)) >= FEWEST_TURNS:
-            jump = float(np.angle(np.exp(1j * after).mean() / np.exp(1j * before).mean()))
+        if min(np.abs(before).sum(), np.abs(after).sum()) >= FEWEST_TURNS:
+            jump = float(np.angle(after.mean() / before.mean()))
             behind = problem.recording.t[problem.nodes.sample] >= end
             turn_walk(of, problem.nodes, sign * jump * behind)
 
 
-def _smooth_turn(at: Floats, turn: Floats, t: Floats) -> Floats:
-    """Turn (M,) rad at times t (M,), a mean of the turns (S,) at times (S,) around."""
+def _smooth_turn(at: Floats, turn: Complexes, t: Floats) -> Floats:
+    """Turn (M,) rad at times t (M,), a mean of the turns (S,), weighted exp(i turn), at times (S,) around."""
     if not len(at):
         return np.zeros(len(t))
     asked = np.arange(t[0], t[-1] + SMOOTH_S, 0.5 * SMOOTH_S)
     near = np.searchsorted(at, [asked - SMOOTH_S, asked + SMOOTH_S])
-    total = np.concatenate([[0.0], np.cumsum(np.exp(1j * turn))])
+    total = np.concatenate([[0.0], np.cumsum(turn)])
     mean = total[near[1]] - total[near[0]]
     seen = near[1] > near[0]
     return np.asarray(np.interp(t, asked[seen], np.unwrap(np.angle(mean[seen]))))
@@ -239,7 +239,8 @@ def _split_foot(problem: WalkProblem, ties: Ints, reach: Ints) -> tuple[Keys, Ke
     nodes = problem.nodes
     by_places = np.zeros(0, np.int64) if problem.places is None else problem.places.footfalls
     tied = np.unique(np.concatenate([ties, np.searchsorted(nodes.result, reach), by_places]))
-    keys = list_in_time(nodes, problem.field is not None, problem.floor, problem.alphas)
+    with_field, with_air = problem.field is not None, problem.barometer is not None
+    keys = list_in_time(nodes, with_field, problem.floor, problem.alphas, with_air)
     is_tied, is_common = split_tied(keys, nodes, tied)
     # A variable follows the last node that uses it.
     is_pose = keys >> np.uint64(LETTER_SHIFT) == ord("x")

@@ -34,8 +34,18 @@ ALONG_SIGMA_M, ACROSS_SIGMA_M, UP_SIGMA_M = 0.08, 0.05, 0.04
 """Of the mean places of a cell of a short walk. Those of motion-captured feet in laps: 0.03, 0.02 and 0.005 m; people
 on stairs and with a load step less evenly."""
 
+STEPS_HALF = 2.0  # Steps of a cell in whose mean they differ as much as what a person does alike from step to step.
+
 WIDTH_M, WIDTH_SIGMA_M = 0.15, 0.1
 """Between the sensors of both feet, across the way: people walk 0.05 to 0.2 m wide, and wear sensors on the outside."""
+
+STAND_SIGMA_M, STAND_UP_SIGMA_M, STAND_SHARE = 0.25, 0.15, 0.5
+"""Between feet of who stands still, and of the usual time of a stride for how long: who walks has both feet on the
+ground for a tenth to a fourth of it, a step apart."""
+
+SAME_STAND_M, MAX_GROWN_SIGMA, NEAR_FOOTFALLS = 0.1, 2.0, 4
+"""Of feet that have not moved since; of sigmas of a stand, as nobody who walks has both feet on the ground for half of
+a stride's time; and how many footfalls of the one foot are looked at during one of the other."""
 
 REACH_M, REACH_SIGMA_M = 1.2, 0.1  # Between two standing feet: what a tall person lunges, and soft edges.
 
@@ -157,8 +167,15 @@ def tie_feet(right: WalkProblem, left: WalkProblem, values: FeetValues) -> Footf
     """Tie the cells of steps of two solved feet."""
     feet = list_footfalls(right, values.right), list_footfalls(left, values.left)
     cells = average_cells(*feet)
-    by_cell = find_footfalls(cells.t, feet[0].t), find_footfalls(cells.t, feet[1].t)
-    of_right, of_left = (np.concatenate(pair) for pair in zip(by_cell, _watch_between(feet, by_cell), strict=True))
+    *stands, stand_sigma = _find_stands(right, left, feet)
+    # Each footfall in one tie only.
+    free = [np.setdiff1d(np.arange(len(foot)), taken) for foot, taken in zip(feet, stands, strict=True)]
+    nearest = [_number_in_order(find_footfalls(cells.t, foot.t[one])) for foot, one in zip(feet, free, strict=True)]
+    cells = cells.take((nearest[0] < len(free[0])) & (nearest[1] < len(free[1])))
+    by_tie = [
+        np.concatenate([one[near[: len(cells)]], taken]) for one, near, taken in zip(free, nearest, stands, strict=True)
+    ]
+    of_right, of_left = (np.concatenate(each) for each in zip(by_tie, _watch_between(feet, *by_tie), strict=True))
     node = right.nodes.result[of_right], left.nodes.result[of_left]
     poses = list_poses(node[0], values.right), list_poses(node[1], values.left)
     in_body = [
@@ -167,28 +184,62 @@ def tie_feet(right: WalkProblem, left: WalkProblem, values: FeetValues) -> Footf
     ]
     normal = np.pad(cells.left_normal, ((0, 0), (0, 1)))
     heading = np.arctan2(-normal[:, 0], normal[:, 1])
-    # The means of larger cells are those of more steps.
-    along, across, up = np.array([ALONG_SIGMA_M, ACROSS_SIGMA_M, UP_SIGMA_M]) / np.sqrt(cells.grown)
+    # The means of larger cells are those of more steps, and of few steps those of few.
+    times = np.sqrt(1.0 / cells.grown + STEPS_HALF / cells.steps)
+    along, across, up = np.array([ALONG_SIGMA_M, ACROSS_SIGMA_M, UP_SIGMA_M])[:, None] * times
     weight = weigh_place(heading, along, across, up)
     in_left = np.einsum("kji,kj->ki", poses[1][: len(cells), :3, :3], normal)
+    # Of who stands the sensors themselves are near each other, and it is not known which way.
+    in_body = [np.concatenate([one, np.zeros((len(stand_sigma), 3))]) for one in in_body]
+    near = np.array([STAND_SIGMA_M, STAND_SIGMA_M, STAND_UP_SIGMA_M])
+    weight = np.concatenate([weight, np.eye(3) / (near * stand_sigma[:, None])[:, None]])
     residuals = BesideEachOther(*(_append_zeros(one, len(of_right)) for one in (*in_body, in_left, weight)))
     return FootfallTies(of_right, of_left, *node, residuals, len(cells))
+
+
+def _find_stands(right: WalkProblem, left: WalkProblem, feet: tuple[Footfalls, Footfalls]) -> tuple[Ints, Ints, Floats]:
+    """Find pairs of footfalls (P,) at which the person stood with both feet, and by how much their sigmas grow (P,)."""
+    spans = [_list_spans(one) for one in (right, left)]
+    usual = np.median(np.concatenate([np.diff(foot.t) for foot in feet])) if min(map(len, feet)) > 1 else np.inf
+    first = np.searchsorted(spans[1][1], spans[0][0])
+    pairs, placed = list[tuple[int, int, float]](), list[Floats]()
+    for i, j in enumerate(first):
+        # Of the left foot's footfalls at that time the one that it shares the most of.
+        begin, end = (one[j : j + NEAR_FOOTFALLS] for one in spans[1])
+        shared = np.minimum(spans[0][1][i], end) - np.maximum(spans[0][0][i], begin)
+        if not len(shared) or shared.max() <= 0.0:
+            continue
+        k = int(j + shared.argmax())
+        grown = 1.0 + (STAND_SHARE * usual / shared.max()) ** 4
+        place = np.concatenate([feet[0].position[i], feet[1].position[k]])
+        is_same = bool(placed) and float(np.abs(place - placed[-1]).max()) < SAME_STAND_M
+        if grown < MAX_GROWN_SIGMA and not is_same and not (pairs and pairs[-1][1] == k):
+            pairs.append((i, k, grown))
+            placed.append(place)
+    of_right, of_left, grown_by = (np.array(column) for column in zip(*pairs, strict=True)) if pairs else ([], [], [])
+    return np.asarray(of_right, np.int64), np.asarray(of_left, np.int64), np.asarray(grown_by, np.float64)
+
+
+def _number_in_order(at: Ints) -> Ints:
+    """Raise places (C,) in a list until each is after the one before."""
+    count = np.arange(len(at))
+    return np.asarray(np.maximum.accumulate(at - count) + count)
 
 
 def _append_zeros(values: Floats, rows: int) -> Floats:
     return np.concatenate([values, np.zeros((rows - len(values), *values.shape[1:]))])
 
 
-def _watch_between(feet: tuple[Footfalls, Footfalls], by_cell: tuple[Ints, Ints]) -> list[Ints]:
-    """Find pairs of footfalls, of no cell, where for long there is none."""
+def _watch_between(feet: tuple[Footfalls, Footfalls], *by_tie: Ints) -> list[Ints]:
+    """Find pairs of footfalls, of no tie, where for long there is none."""
     right, left = feet
-    cell_t = np.concatenate([[-np.inf], left.t[by_cell[1]], [np.inf]])
+    cell_t = np.concatenate([[-np.inf], np.sort(left.t[by_tie[1]]), [np.inf]])
     moment = np.arange(max(right.t[0], left.t[0]), min(right.t[-1], left.t[-1]), WATCHED_S)
     after = np.searchsorted(cell_t, moment)
     lonely = moment[np.minimum(moment - cell_t[after - 1], cell_t[after] - moment) > WATCHED_S]
     pairs = np.stack([find_footfalls(lonely, foot.t) for foot in feet], axis=1)
     apart_s = np.abs(right.t[pairs[:, 0]] - left.t[pairs[:, 1]])
-    is_new = [~np.isin(pairs[:, k], by_cell[k]) & (np.diff(pairs[:, k], prepend=-1) > 0) for k in range(2)]
+    is_new = [~np.isin(pairs[:, k], by_tie[k]) & (np.diff(pairs[:, k], prepend=-1) > 0) for k in range(2)]
     return list(pairs[is_new[0] & is_new[1] & (apart_s < LONGEST_S)].T)
 
 

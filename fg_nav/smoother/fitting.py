@@ -15,11 +15,12 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.magnetic import FootfallField
 from fg_nav.recording import Recording
+from fg_nav.smoother.barometer import spread_scale
 from fg_nav.smoother.bias_prior import average_bias_prior
 from fg_nav.smoother.constraints import add_constraints, add_fixes, add_own, refuse_far_fixes
 from fg_nav.smoother.gauss_newton import FIRST_CONVERGENCE
 from fg_nav.smoother.graph import WalkProblem, solve
-from fg_nav.smoother.gyro_scale import WalkScale, estimate_gyro_scale, shows_heading
+from fg_nav.smoother.gyro_scale import WalkScale, estimate_gyro_scale, shows_heading, spread_clipped_peaks
 from fg_nav.smoother.known_places import KnownTies, add_known_places
 from fg_nav.smoother.moving_foot import spread_moving_foot
 from fg_nav.smoother.own_factors import ExtraFactors
@@ -43,11 +44,14 @@ class FittedWalk:
 
     def spread_shared(self) -> Floats:
         """Return by how much the walk moves (N, n) by numbers of unit covariance that all of it shares."""
-        walk, by_foot = self.walk, []
+        walk = self.walk
+        others = [spread_clipped_peaks(walk.problem, walk.solved)]
         if walk.problem.parameters.moving_foot:
-            by_foot.append(spread_moving_foot(walk.problem, walk.solved))
+            others.append(spread_moving_foot(walk.problem, walk.solved))
+        if walk.problem.barometer is not None:
+            others.append(spread_scale(walk.problem.barometer, walk.solved))
         of_scale = np.zeros((walk.solved.root.total, 0)) if self.scale is None else self.scale.spread()
-        return np.hstack([of_scale, *by_foot])
+        return np.hstack([of_scale, *others])
 
     def take_solution(self, problem: WalkProblem, solved: Solved) -> FittedWalk:
         """Return it at another solution, of a problem that has its factors and more."""

@@ -2,15 +2,20 @@
 
 Between footfalls of one foot the first solution moves by d = (dx, dy) over ground and climbs by
 
-    dz = c + m + noise,    m = 0           on a level floor
+    dz = c q + m + noise,  m = 0           on a level floor
+                               n r         on stairs of risers r, one or two at a stride, up or down
                                g . d       on a plane of gradient g: a ramp, climbed one way and descended the other
                                s |d|       on a way that climbs though it turns: a curved ramp
                                anything    on a step: heavy tails about zero
 
-c is what all strides of the walk climb in excess, in whatever direction: the sole, the mounting (`settling_sigma_m`).
-It is known to its prior, so straight ahead a slope of half a percent may be nothing but c. A walk that turns shows the
-two apart, as no ground climbs on all sides: where a gradient of `TILT_SIGMA` common to all strides would leave the
-height of a footfall unknown by more than `TILT_M`, no floor is taken for level.
+c is what strides of the walk climb in excess, in whatever direction: sole, mounting, and what a low rate loses of the
+strikes. Between sensors it is 10 to 60 mm, and grows with the stride: q is its length over that of the usual one. The
+prior of c is that of a Student distribution (`settling_sigma_m`). So straight ahead a slope of half a percent may be
+nothing but c. A walk that turns shows the two apart, as no ground climbs on all sides: where a gradient of `TILT_SIGMA`
+common to all strides would leave the height of a footfall unknown by more than `TILT_M`, no floor is taken for level.
+Stairs show c as well: up and down, landings, one riser and two are on one lattice c q + n r. The riser is the one of
+`RISERS_M` with the largest evidence, strides taken one by one. What the walk shows of c is a measurement of the excess
+S of its soles (`constraints`).
 
 The ground passes from stride to stride into any other with probability `CHANGE`, by their shares. With c and g on
 grids this is a hidden Markov model: a pass forth and a pass back (Rabiner 1989) yield the probability of each ground
@@ -40,7 +45,18 @@ from fg_nav.system.compiled import njit
 from fg_nav.text import format_count
 
 CHANGE = 1.0 / 30.0  # Probability that the ground changes from a stride to the next: each 40 m.
-DRIFTS_M = np.arange(-18.0, 18.1, 1.0) * 1e-3  # Grid of c, m a stride.
+DRIFTS_M = np.arange(-80.0, 80.1, 1.0) * 1e-3  # Grid of c, m a stride: a walk shows it to a millimetre.
+DRIFT_TAILS = 2.0  # Degrees of freedom of its prior: one sensor in fifty is worse by six sigmas.
+RISERS_M = np.arange(0.135, 0.2201, 0.005)  # Of stairs, indoors 0.15 to 0.19.
+FLIGHT = np.array([1.0, 2.0, -1.0, -2.0])  # Risers that a foot climbs at a stride.
+MIN_STRIDE_M = 0.25  # Over ground; on stairs a stride is half a metre.
+LENGTHS = (
+    0.5,
+    1.5,
+)  # Between which the length q of a stride over the usual one counts: landings are twice as long as stairs.
+PILOT, PILOT_NATS = 400, 15.0  # Strides after which values of c so much less probable are left out: for speed.
+LATTICE_NOISES_M = np.array([0.007, 0.012, 0.02, 0.035])  # Noise of a climb that are tried where the riser is found.
+LATTICE_STEP = 2  # Of the grid of c, there.
 
 SLOPES = np.array([0.003, 0.006, 0.012, 0.025, 0.05, 0.1])
 """Grid of gradients: from below what is noticed to the steepest ramp, doubled from one to the next."""
@@ -48,8 +64,8 @@ SLOPES = np.array([0.003, 0.006, 0.012, 0.025, 0.05, 0.1])
 NOTICED_M = 0.05  # What a slope climbs by over the width of the whole walk for it to matter.
 DIRECTIONS = 12  # Of a plane's gradient.
 
-SHARES = np.array([0.8, 0.1, 0.09, 0.01])
-"""Of strides on level ground, steps, planes and curved ramps, before any is seen: their logarithms count."""
+SHARES = np.array([0.84, 0.05, 0.05, 0.059, 0.001])
+"""Of strides on level ground, steps, stairs, planes and curved ramps, before any is seen: their logarithms count."""
 
 LEVEL_ODDS = float(np.exp(MOST_NATS))
 
@@ -58,9 +74,9 @@ STEP_SCALE_M = 0.3  # Half of all steps climb by less: a riser is 0.15 to 0.19 m
 OUTLIER_SHARE, OUTLIER_SCALE = 0.05, 3
 """Of strides whose height is worse than the others', in runs above all: the more, the later a kerb is one."""
 
-TILT_SIGMA, TILT_M = 0.01, 0.15
-"""Gradient of ground that passes for level, before the walk; and of how much of height it may leave any footfall
-uncertain: a step."""
+TILT_SIGMA, TILT_M = 0.005, 0.15
+"""Gradient of ground that passes for level, before the walk, as of floors that drain; and of how much of height it may
+leave any footfall uncertain: a step."""
 
 LEAST_NOISE_M = 0.007  # Of the climb of a stride: floors are not more even.
 BLOCK = 5  # Strides in whose mean the noise that is common to neighbors shows.
@@ -84,33 +100,80 @@ class Ground:
     noise: float
 
 
-def find_floors(t: Floats, position: Floats, settling_sigma_m: float, unseen: Bools | None = None) -> Ints:
-    """Return the floor (F,) of footfalls at `t` (F,) s and `position` (F, 3) m, 0, 1, ... as they are met; -1 on none.
+def find_floors(
+    t: Floats, position: Floats, settling_sigma_m: float, unseen: Bools | None = None
+) -> tuple[Ints, Ground | None]:
+    """Return the floor (F,) of footfalls, 0, 1, ... as they are met, -1 on none; and the ground under the strides.
 
-    `settling_sigma_m` is that of the excess S, from which c has its prior; `unseen` (F-1,) are the strides in which
-    samples are missing, after which no floor is recognized.
+    Footfalls at `t` (F,) s and `position` (F, 3) m. `settling_sigma_m` is that of the excess S, from which c has its
+    prior; `unseen` (F-1,) are the strides in which samples are missing, after which no floor is recognized. No ground
+    where there are too few footfalls.
     """
     if len(position) < FEWEST:
-        return np.full(len(position), -1, dtype=np.intp)
+        return np.full(len(position), -1, dtype=np.intp), None
     step = np.diff(position, axis=0)
     drift_sigma_m = settling_sigma_m / SETTLING_TIME_S * float(np.median(np.diff(t)))
     ground = judge_ground(step, drift_sigma_m)
     level = ground.level > LEVEL_ODDS / (1.0 + LEVEL_ODDS)
     level &= _find_tilt_sigma(step[level, :2], ground.noise, drift_sigma_m) < TILT_M
     unseen = np.zeros(len(level), dtype=np.bool_) if unseen is None else unseen
-    return _number_floors(level & ~unseen, step[:, 2], ground, unseen)
+    return _number_floors(level & ~unseen, step[:, 2], ground, unseen), ground
 
 
 def judge_ground(step: Floats, drift_sigma_m: float) -> Ground:
     """Judge the ground under strides `step` (K, 3) m, with c known to this sigma before."""
-    noise, chain = estimate_noise(step[:, 2]), _Chain(step)
-    level, total = _pass_forth(chain.climb, chain.expected, chain.share, noise)
-    level *= _pass_back(chain.climb, chain.expected, chain.share, noise, total)
-    log_weight = np.log(total).sum(axis=0) - 0.5 * (DRIFTS_M / drift_sigma_m) ** 2
+    # A foot that is only set down anew climbs by how it is set down, and shows nothing.
+    length = np.hypot(*step.T[:2])
+    strides = length > MIN_STRIDE_M
+    q = np.clip(length / max(float(np.median(length[strides])) if strides.any() else 1.0, MIN_STRIDE_M), *LENGTHS)
+    riser, noise = find_riser(step[strides, 2], q[strides], drift_sigma_m)
+    chain = _Chain(step, riser)
+    chain.climb = np.where(strides, chain.climb, np.nan)
+    drifts, log_prior = DRIFTS_M, _prior_of_drift(drift_sigma_m)
+    if len(step) > PILOT:
+        seen = _pass_forth(chain.climb[:PILOT], chain.expected[:PILOT], chain.share, noise, drifts, q)[1]
+        log_weight = np.log(seen).sum(axis=0) + log_prior
+        kept = np.flatnonzero(log_weight > log_weight.max() - PILOT_NATS)
+        drifts, log_prior = (one[max(kept[0] - 1, 0) : kept[-1] + 2] for one in (drifts, log_prior))
+    level, total = _pass_forth(chain.climb, chain.expected, chain.share, noise, drifts, q)
+    level *= _pass_back(chain.climb, chain.expected, chain.share, noise, total, drifts, q)
+    log_weight = np.log(total).sum(axis=0) + log_prior
     weight = np.exp(log_weight - log_weight.max())
     weight /= weight.sum()
-    drift = float(weight @ DRIFTS_M)
-    return Ground(level @ weight, drift, float(np.sqrt(weight @ (DRIFTS_M - drift) ** 2)), noise)
+    drift = float(weight @ drifts)
+    return Ground(level @ weight, drift, float(np.sqrt(weight @ (drifts - drift) ** 2)), noise)
+
+
+def _prior_of_drift(drift_sigma_m: float) -> Floats:
+    """Logarithm of the prior (C,) of c, up to a constant."""
+    return -0.5 * (DRIFT_TAILS + 1.0) * np.log1p((DRIFTS_M / drift_sigma_m) ** 2 / DRIFT_TAILS)
+
+
+def find_riser(climb: Floats, length: Floats, drift_sigma_m: float) -> tuple[float, float]:
+    """Riser of the stairs of a walk and noise of a climb, m, by climbs (K,) m: those with the largest evidence.
+
+    `length` (K,) is that of the strides over the usual one. They count one by one, as a mixture of level ground, stairs
+    and steps; at most `PILOT` of them, evenly over the walk. The noise is that of what climbs are off the lattice.
+    """
+    some = np.linspace(0, len(climb) - 1, min(len(climb), PILOT)).astype(int)
+    drifts, prior = DRIFTS_M[::LATTICE_STEP], _prior_of_drift(drift_sigma_m)[::LATTICE_STEP]
+    off = climb[some, None] - length[some, None] * drifts
+    anything = SHARES[1] * STEP_SCALE_M / (np.pi * (STEP_SCALE_M**2 + off**2))
+    best = (-np.inf, 0.0, 0.0, 0.0)
+    for noise in LATTICE_NOISES_M:
+        scale = 1.0 / (np.sqrt(2.0 * np.pi) * noise)
+        others = anything + SHARES[0] * scale * np.exp(-0.5 * (off / noise) ** 2)
+        for riser in RISERS_M:
+            flights = sum(np.exp(-0.5 * ((off - n * riser) / noise) ** 2) for n in FLIGHT) / len(FLIGHT)
+            log_of_drift = np.log(others + SHARES[2] * scale * flights).sum(axis=0) + prior
+            evidence = float(np.logaddexp.reduce(log_of_drift))
+            if evidence > best[0]:
+                best = evidence, float(riser), float(noise), float(drifts[int(np.argmax(log_of_drift))])
+    _, riser, noise, drift = best
+    # What is left of the strides on the lattice.
+    lattice, left = np.append(0.0, FLIGHT * riser), climb - length * drift
+    left = left - lattice[np.abs(left[:, None] - lattice).argmin(axis=1)]
+    return riser, estimate_noise(left[np.abs(left) < 4.0 * noise])
 
 
 def _find_tilt_sigma(over_ground: Floats, noise: float, drift_sigma_m: float) -> float:
@@ -123,9 +186,9 @@ def _find_tilt_sigma(over_ground: Floats, noise: float, drift_sigma_m: float) ->
 
 
 class _Chain:
-    """The grounds that strides (K, 3) m may be on: `level` the first, a step the second, and slopes."""
+    """The grounds that strides (K, 3) m may be on: `level` the first, a step the second, stairs, and slopes."""
 
-    def __init__(self, step: Floats) -> None:
+    def __init__(self, step: Floats, riser: float) -> None:
         width = np.linalg.norm(np.ptp(np.cumsum(step[:, :2], axis=0), axis=0))
         slopes = SLOPES[SLOPES * width > NOTICED_M]
         angle = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
@@ -134,23 +197,27 @@ class _Chain:
         on_planes = step[:, :2] @ gradients.T
         on_curves = np.linalg.norm(step[:, :2], axis=1)[:, None] * both_ways
         self.climb = step[:, 2]
-        self.expected = np.hstack([np.zeros((len(step), 2)), on_planes, on_curves])
-        counts = np.array([1, 1, len(gradients), len(both_ways)])
+        self.expected = np.hstack(
+            [np.zeros((len(step), 2)), np.tile(FLIGHT * riser, (len(step), 1)), on_planes, on_curves]
+        )
+        counts = np.array([1, 1, len(FLIGHT), len(gradients), len(both_ways)])
         self.share = np.repeat(SHARES / np.maximum(counts, 1), counts)
         self.share /= self.share.sum()
 
 
 @njit(cache=True)
-def _pass_forth(climb: Floats, expected: Floats, share: Floats, noise: float) -> tuple[Floats, Floats]:
+def _pass_forth(
+    climb: Floats, expected: Floats, share: Floats, noise: float, drift: Floats, length: Floats
+) -> tuple[Floats, Floats]:
     """Probability (K, C) of level ground under each stride by what was seen so far, and of what is seen next."""
-    count, drifts, grounds = len(climb), len(DRIFTS_M), len(share)
+    count, drifts, grounds = len(climb), len(drift), len(share)
     level, total = np.empty((count, drifts)), np.empty((count, drifts))
     seen, likely = np.empty((grounds, drifts)), np.empty((grounds, drifts))
     for s in range(grounds):
         for c in range(drifts):
             seen[s, c] = share[s]
     for k in range(count):
-        _write_likelihood(climb[k], expected[k], noise, likely)
+        _write_likelihood(climb[k], expected[k], noise, length[k] * drift, likely)
         for c in range(drifts):
             total[k, c] = 0.0
         for s in range(grounds):
@@ -166,13 +233,15 @@ def _pass_forth(climb: Floats, expected: Floats, share: Floats, noise: float) ->
 
 
 @njit(cache=True)
-def _pass_back(climb: Floats, expected: Floats, share: Floats, noise: float, total: Floats) -> Floats:
+def _pass_back(
+    climb: Floats, expected: Floats, share: Floats, noise: float, total: Floats, drift: Floats, length: Floats
+) -> Floats:
     """By how much (K, C) what is seen after each stride makes level ground under it more probable."""
-    count, drifts, grounds = len(climb), len(DRIFTS_M), len(share)
+    count, drifts, grounds = len(climb), len(drift), len(share)
     more, after, likely = np.empty((count, drifts)), np.ones((grounds, drifts)), np.empty((grounds, drifts))
     mean = np.empty(drifts)
     for k in range(count - 1, -1, -1):
-        _write_likelihood(climb[k], expected[k], noise, likely)
+        _write_likelihood(climb[k], expected[k], noise, length[k] * drift, likely)
         for c in range(drifts):
             more[k, c], mean[c] = after[0, c], 0.0
         for s in range(grounds):
@@ -186,19 +255,23 @@ def _pass_back(climb: Floats, expected: Floats, share: Floats, noise: float, tot
 
 
 @njit(cache=True)
-def _write_likelihood(climb: float, expected: Floats, noise: float, out: Floats) -> None:
+def _write_likelihood(climb: float, expected: Floats, noise: float, drift: Floats, out: Floats) -> None:
     """Write the likelihood (S, C) 1/m of the climb of a stride on each ground and for each c.
 
     On a grid of step d a Gaussian goes from point to point by a factor that goes by exp(-d^2): so it is taken from the
-    point next to its peak outward, where nothing overflows. The narrow one is wide^(`OUTLIER_SCALE`^2).
+    point next to its peak outward, where nothing overflows. The narrow one is wide^(`OUTLIER_SCALE`^2). A climb that is
+    NaN fits every ground alike.
     """
-    step, last = (DRIFTS_M[1] - DRIFTS_M[0]) / (OUTLIER_SCALE * noise), len(DRIFTS_M) - 1
+    if np.isnan(climb):
+        out[:] = 1.0
+        return
+    step, last = (drift[1] - drift[0]) / (OUTLIER_SCALE * noise), len(drift) - 1
     decay, scale = np.exp(-step * step), 1.0 / (np.sqrt(2.0 * np.pi) * noise)
     usual, outlying = (1.0 - OUTLIER_SHARE) * scale, OUTLIER_SHARE * scale / OUTLIER_SCALE
     for s in range(len(expected)):
         off = climb - expected[s]
-        peak = min(max(int(np.rint((off - DRIFTS_M[0]) / (DRIFTS_M[1] - DRIFTS_M[0]))), 0), last)
-        x = (off - DRIFTS_M[peak]) / (OUTLIER_SCALE * noise)
+        peak = min(max(int(np.rint((off - drift[0]) / (drift[1] - drift[0]))), 0), last)
+        x = (off - drift[peak]) / (OUTLIER_SCALE * noise)
         for way in (1, -1):
             c, wide, fall = peak, np.exp(-0.5 * x * x), np.exp(way * x * step - 0.5 * step * step)
             while 0 <= c <= last:

@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import gtsam
 import numpy as np
@@ -53,6 +53,9 @@ from fg_nav.stances import Stances
 from fg_nav.system.compiled import njit
 from fg_nav.system.spilled import drop_pages
 
+if TYPE_CHECKING:
+    from fg_nav.smoother.barometer import BarometerFactors
+
 GAUGE_SIGMA = 1e-4  # Position (m) and heading (rad) at the start are known by definition.
 LEVELLINGS = 3  # Of an attitude behind a hole, each of which takes a tilt of 45 deg to one of 10.
 
@@ -64,11 +67,12 @@ UNKNOWN_HEADING_DEG = 60.0
 class Known:
     """What is known of sensor, mounting and walk before the graph is built.
 
-    Gyro bias (3,) rad/s to start from and the sigma of its prior about zero, rests, lever, how high clipped peaks of
-    the rate are above the range, in what their flanks say; and the same in words.
+    Gyro bias (3,) rad/s to start from, mean (3,) and sigma of its prior, rests, lever, how high clipped peaks of the
+    rate are above the range, in what their flanks say; and the same in words.
     """
 
     gyro_bias: Floats
+    gyro_bias_mean: Floats
     gyro_bias_sigma: float
     rests: tuple[Rest, ...]
     lever: RollingLever
@@ -115,6 +119,7 @@ class WalkProblem:
     differential : those of the differential field on the gyro bias, where the magnetometer is used.
     places : of footfalls at places that were recognized, where there are any.
     directions : of courses along the directions of a building, where they are used.
+    barometer : factors of the air pressure, where it is used.
     values : of all variables, to start from.
     """
 
@@ -133,14 +138,16 @@ class WalkProblem:
     differential: DifferentialFactors | None = None
     places: PlaceFactors | None = None
     directions: DirectionFactors | None = None
+    barometer: BarometerFactors | None = None
 
     @property
     def blocks(self) -> tuple[LinearizableBlock, ...]:
         """What is linearized next to the graph."""
         magnetic = (block for block in (self.field, self.differential, self.places) if block is not None)
         of_building = () if self.directions is None else self.directions.blocks
+        air = () if self.barometer is None else self.barometer.blocks
         start = GtsamFactors(self.start.factor(self.parameters))
-        return (self.velocities, start, *magnetic, *of_building, *self.constraints)
+        return (self.velocities, start, *magnetic, *of_building, *air, *self.constraints)
 
     @property
     def alphas(self) -> int:
@@ -168,7 +175,8 @@ def solve_and_keep(problem: WalkProblem, convergence: float) -> Solved:
 
 def order_variables(problem: WalkProblem) -> Keys:
     """Keys of all variables in the order in which they are eliminated."""
-    keys = list_in_time(problem.nodes, problem.field is not None, problem.floor, problem.alphas)
+    with_field, with_air = problem.field is not None, problem.barometer is not None
+    keys = list_in_time(problem.nodes, with_field, problem.floor, problem.alphas, with_air)
     return keys if problem.places is None else postpone(keys, problem.nodes, problem.places.footfalls)
 
 
@@ -187,7 +195,7 @@ def build_problem(
     measurements = preintegrate(recording, nodes.sample, bias, p, progress)
     velocities = measure_velocities(recording, stances, nodes, known.gyro_bias, known.lever.lever, p)
     graph = gtsam.NonlinearFactorGraph()
-    add_start(graph, known.gyro_bias_sigma, p)
+    add_start(graph, known.gyro_bias_mean, known.gyro_bias_sigma, p)
     for stride in strides_of(recording, nodes, measurements, velocities, known.rests):
         add_stride(graph, stride, p)
     drop_pages()

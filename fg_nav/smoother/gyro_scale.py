@@ -26,6 +26,10 @@ alike; nats by which tilt and velocity close worse with it count against it. The
 a variable that moves by X s has X M X^T more, with M the second moment about what was taken off, over the three models
 (Hoeting et al. 1999).
 
+Peaks of the rate that were clipped and rebuilt are off alike too, on one side of an axis as they are one moment of the
+gait: z_side (rad/s over the sigma of a peak) has the same columns with c = -sigma of the peak on that side, the prior
+0 +- 1, and is not taken off but counted (`spread_clipped_peaks`), so that the heading's sigma carries it.
+
 Model: IEEE Std 528; D is this project's derivation, tested against preintegration of corrected samples.
 """
 
@@ -162,45 +166,81 @@ POSE_END, VELOCITY_END = slice(9, 15), slice(15, 18)  # Columns of an inertial f
 
 def _list_inertial(problem: WalkProblem, values: gtsam.Values) -> Iterator[SharingFactors]:
     """Yield the inertial factors with their columns of the scale."""
-    graph, moved = problem.graph, _columns(problem, values)
+    nodes, bias = problem.nodes, _list_rate_biases(problem, values)
+    error = problem.recording.integrable[1].copy()
+    error[nodes.sample[0] : nodes.sample[-1]] -= np.repeat(bias, np.diff(nodes.sample), axis=0)
+    at, count = 0, np.count_nonzero(~cross_holes(problem.recording.t, nodes.sample))
+    for A, b, keys, by_scale in _share_rate_errors(problem, values, error):
+        is_late = (np.arange(at, at + len(b)) >= count // 2)[:, None, None]
+        yield SharingFactors(A, b, keys, np.concatenate([by_scale * ~is_late, by_scale * is_late], axis=2))
+        at += len(b)
+
+
+def spread_clipped_peaks(problem: WalkProblem, solved: Solved) -> Floats:
+    """Return by how much the walk moves (N, n) by what rebuilt peaks have in common, for n numbers of unit covariance.
+
+    One number each for the peaks of an axis on one side; none where no peak was rebuilt.
+    """
+    peaks, gyr = problem.recording.peaks[1], problem.recording.gyr
+    # As one error of the whole peak, each sample has its share of the sigma of independent ones.
+    alike = peaks.sigma / np.sqrt(np.maximum(peaks.run, 1.0))
+    sides = [np.where(side * gyr > 0.0, alike, 0.0) for side in (1.0, -1.0)]
+    clipped = np.flatnonzero(np.concatenate([side.any(axis=0) for side in sides]))
+    if not len(clipped):
+        return np.zeros((solved.root.total, 0))
+    parts = zip(*(_share_rate_errors(problem, solved.linearized_at, side) for side in sides), strict=True)
+    joined = (one._replace(C=np.concatenate([one.C, other.C], axis=2)[:, :, clipped]) for one, other in parts)
+    columns, information, pull = weigh_shared(solved.root, joined, len(clipped))
+    found, covariance, _ = fit_shared(information, pull, np.eye(len(clipped)))
+    return columns.spread(covariance + np.outer(found, found))
+
+
+def _share_rate_errors(problem: WalkProblem, values: gtsam.Values, error: Floats) -> Iterator[SharingFactors]:
+    """Yield the inertial factors with their columns of three numbers, one an axis, of an error of the rate.
+
+    `error` (N, 3) is what an axis reads too much for a unit of its number, rad/s.
+    """
+    recording, nodes, graph = problem.recording, problem.nodes, problem.graph
+    force, rate = recording.integrable
+    moved = sense_rate_error(recording.t, force, rate, nodes.sample, _list_rate_biases(problem, values), error)
+    drop_pages()
+    moved[:, 6:] = list_attitudes(range(1, len(nodes)), values) @ moved[:, 6:]
+    moved = moved[~cross_holes(recording.t, nodes.sample)]
     inertial = (graph.at(i) for i in range(graph.size()))
-    stacks = stack_factors(factor.linearize(values) for factor in inertial if factor.size() == INERTIAL_KEYS)
     at = 0
-    for stack in stacks:
+    for stack in stack_factors(factor.linearize(values) for factor in inertial if factor.size() == INERTIAL_KEYS):
         A, b, D = stack.rows[..., :-1], stack.rows[..., -1], moved[at : at + len(stack.rows)]
-        by_scale = -(A[:, :, POSE_END] @ D[:, :6] + A[:, :, VELOCITY_END] @ D[:, 6:])
-        is_late = (np.arange(at, at + len(stack.rows)) >= len(moved) // 2)[:, None, None]
-        yield SharingFactors(A, b, stack.keys, np.concatenate([by_scale * ~is_late, by_scale * is_late], axis=2))
+        yield SharingFactors(A, b, stack.keys, -(A[:, :, POSE_END] @ D[:, :6] + A[:, :, VELOCITY_END] @ D[:, 6:]))
         at += len(stack.rows)
 
 
-def _columns(problem: WalkProblem, values: gtsam.Values) -> Floats:
-    """D (K, 9, 3) of all intervals that were measured, the velocity in nav axes."""
-    recording, nodes = problem.recording, problem.nodes
-    force, rate = recording.integrable
-    bias = biases_of(nodes, values)[:, GYRO].copy()
-    moved = sense_scale(recording.t, force, rate, nodes.sample, bias[nodes.bias[nodes.footfall[:-1]]])
-    drop_pages()
-    nav_R_end = list_attitudes(range(1, len(nodes)), values)
-    moved[:, 6:] = nav_R_end @ moved[:, 6:]
-    return moved[~cross_holes(recording.t, nodes.sample)]
+def _list_rate_biases(problem: WalkProblem, values: gtsam.Values) -> Floats:
+    """Bias (M-1, 3) rad/s of each interval between nodes."""
+    return biases_of(problem.nodes, values)[problem.nodes.bias[problem.nodes.footfall[:-1]], GYRO]
 
 
-def sense_scale(t: Floats, force: Floats, rate: Floats, sample: Ints, bias: Floats) -> Floats:
-    """Derivative D (M-1, 9, 3) by the scale of the ends of the intervals between samples (M,).
+def sense_rate_error(t: Floats, force: Floats, rate: Floats, sample: Ints, bias: Floats, error: Floats) -> Floats:
+    """Derivative D (M-1, 9, 3) of the ends of the intervals between samples (M,) by the size of an error, axis by axis.
 
-    Rows: rotation (rad), position (m), velocity (m/s), all in the body axes at the end. `bias` (M-1, 3) rad/s. The
-    rotation acts in the middle of each sample.
+    Rows: rotation (rad), position (m), velocity (m/s), all in the body axes at the end. `bias` (M-1, 3) rad/s, `error`
+    (N, 3) rad/s what the rate reads too much. The rotation acts in the middle of each sample.
     """
     count = len(sample) - 1
     start_R_end, moved = np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3, 3, 3))
-    _integrate_scale(t, force, rate, sample, bias, start_R_end, moved)
+    _integrate_error(t, force, rate, sample, bias, error, start_R_end, moved)
     return np.asarray(np.einsum("kji,kpjl->kpil", start_R_end, moved).reshape(count, 9, 3))
 
 
 @njit(cache=True)
-def _integrate_scale(
-    t: Floats, force: Floats, rate: Floats, sample: Ints, bias: Floats, start_R_end: Floats, moved: Floats
+def _integrate_error(
+    t: Floats,
+    force: Floats,
+    rate: Floats,
+    sample: Ints,
+    bias: Floats,
+    error: Floats,
+    start_R_end: Floats,
+    moved: Floats,
 ) -> None:
     """Add theta, rho and nu (M-1, 3, 3, 3) of the intervals, in the axes at their start, and turn the identities."""
     turn, a, push = np.empty(3), np.empty(3), np.empty(3)
@@ -215,11 +255,11 @@ def _integrate_scale(
                 a[row] = R[row, 0] * force[i, 0] + R[row, 1] * force[i, 1] + R[row, 2] * force[i, 2]
             for axis in range(3):
                 for row in range(3):
-                    theta[row, axis] -= 0.5 * R[row, axis] * turn[axis]
+                    theta[row, axis] -= 0.5 * R[row, axis] * error[i, axis] * h
                 x, y, z = theta[0, axis], theta[1, axis], theta[2, axis]
                 push[0], push[1], push[2] = y * a[2] - z * a[1], z * a[0] - x * a[2], x * a[1] - y * a[0]
                 for row in range(3):
                     rho[row, axis] += (nu[row, axis] + 0.5 * push[row] * h) * h
                     nu[row, axis] += push[row] * h
-                    theta[row, axis] -= 0.5 * R[row, axis] * turn[axis]
+                    theta[row, axis] -= 0.5 * R[row, axis] * error[i, axis] * h
             rotate_in_body(R, 0.5 * turn[0], 0.5 * turn[1], 0.5 * turn[2])

@@ -24,9 +24,9 @@ from fg_nav.smoother.fronts import Fronts, log_diagonal
 from fg_nav.smoother.square_root import SquareRoot
 from fg_nav.system.spilled import drop_pages, empty_column, join_rows
 
-DIMENSION = {ord("x"): 6, ord("v"): 3, ord("b"): 6, ord("s"): 1, ord("m"): 9, ord("z"): 1, ord("w"): 1, ord("a"): 1}
-"""Of the tangent space of pose, velocity, bias, settling, state of the field, floor, width between two feet and
-direction of a building, by the letter in the key."""
+DIMENSION = dict(zip(map(ord, "xvbsmzwap"), (6, 3, 6, 1, 9, 1, 1, 1, 2), strict=True))
+"""Of the tangent space of pose, velocity, bias, settling, state of the field, floor, width between two feet, direction
+of a building and state of the barometer, by the letter in the key."""
 
 MOST_STACKED = 1 << 14  # Factors of a stack: an hour of walking has as many inertial ones.
 

@@ -45,6 +45,9 @@ class WalkParameters:
     places: bool = True
     """Footfalls are at one place where the field along the path is that of an earlier one (`places`)."""
 
+    barometer: bool = True
+    """Footfalls are at the height that the pressure of the air shows, where it was recorded (`barometer`)."""
+
 
 @dataclass(frozen=True)
 class SmootherParameters:
@@ -69,8 +72,8 @@ class SmootherParameters:
     gyr_relative_density: float = 0.001
     """The same per rad/s of rate, 1/sqrt(Hz): scale, misalignment, jitter."""
     choose_swing_noise: bool = True
-    """Choose `gyr_relative_density` by the evidence of the walk (`problem`); the value above is for walks that are
-    too short."""
+    """Average `gyr_relative_density` over levels by the evidence of the walk (`problem`); the value above is for walks
+    that are too short."""
     saturated_share: float = 0.1
     """What a peak cut at the end of the range may hide, one sigma, as a share of the range."""
 
@@ -81,9 +84,9 @@ class SmootherParameters:
     settling_m: float = 0.0
     """By how much the sole is expected to give way under the load of a stance, m: zero, as no recording shows it
     beforehand."""
-    settling_sigma_m: float = 0.002
-    """By how much all stances of a walk may do so, m, and one stance more or less than the others: on 53 real walks
-    shoe, gait and mounting together are worth 7 mm of height a stride, rms; 2 mm in `SETTLING_TIME_S` make as much."""
+    settling_sigma_m: float = 0.004
+    """By how much all stances of a walk may do so, m, and one stance more or less than the others: with it a stride
+    climbs by 0 +- 15 mm, of shoe, gait and mounting together; 4 mm in `SETTLING_TIME_S` make as much."""
     moving_foot: bool = True
     """Count in the sigmas that a foot moves on at its stillest instant, by a share that belongs to the walk
     (`moving_foot`)."""
@@ -95,8 +98,11 @@ class SmootherParameters:
     shortest_interval_s: float = 0.015
     """Nodes are not closer."""
 
+    gyro_bias_deg_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Gyro bias before the walk, deg/s: none, or as the sensor showed it in other recordings (`fg-nav calibrate`)."""
     gyro_bias_sigma_deg_s: float = 0.15
-    """Gyro bias of a factory-calibrated sensor before a rest has shown it, deg/s."""
+    """Gyro bias of a factory-calibrated sensor before the walk, about that mean, deg/s; a third of it and up to 33
+    times as much are weighed by the evidence of the walk (`bias_prior`)."""
     gyro_bias_walk_deg_s: float = 6e-4
     """Random walk of the gyro bias, deg/s/sqrt(s): 0.04 deg/s in an hour."""
     choose_bias_walk: bool = True

@@ -80,7 +80,8 @@ def _eliminate_between(problem: WalkProblem, values: gtsam.Values) -> LinearWalk
     blocks = [block for block in problem.blocks if block is not problem.field]
     between = np.delete(np.arange(len(problem.nodes)), problem.nodes.result)
     nodes = np.array([key(int(j)) for j in between for key in (X, V)], dtype=np.uint64)
-    order = list_in_time(problem.nodes, with_field=True, floor=problem.floor)
+    with_air = problem.barometer is not None
+    order = list_in_time(problem.nodes, with_field=True, floor=problem.floor, with_air=with_air)
     first = np.isin(order, nodes)
     walk = LinearWalk.of(stack_walk(problem.graph, blocks, values), np.concatenate([order[first], order[~first]]))
     return walk.eliminate_before(len(nodes))

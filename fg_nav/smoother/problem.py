@@ -6,6 +6,7 @@
     choose_peak_height   -> how far clipped peaks of the rate rise above the range, by the same evidence
     choose_swing_noise   -> noise of a swing, by the evidence below
     graph.build_problem  -> nodes, factors and initial values
+    add_barometer        -> heights by the pressure of the air (`barometer`)
     solve                -> values near the minimum
     weaken_refused_stances -> the same, with ties weakened that the walk refuses (`refused_stances`)
     average_bias_walk    -> random walk of the gyro bias (`bias_walk`)
@@ -15,21 +16,22 @@ walk adds `strides.stride_graph`. The evidence builds and solves, on pieces of t
 
 `gyr_relative_density` k (1/sqrt(Hz)) makes the rate noise of a swinging foot: s_w^2 = density^2 + (k |w|)^2. It stands
 for scale, misalignment, coning between samples, a mount that gives, a range that is too small; it differs tenfold from
-sensor to sensor and from gait to gait, and too large a k costs as much as too small a one. The evidence of a few dozen
-strides shows it. With a graph that is linear about its minimum, and all that does not depend on k left out,
+sensor to sensor and from gait to gait. The evidence of a few dozen strides shows it. With a graph that is linear about
+its minimum, and all that does not depend on k left out,
 
     -log p(z | k) = E + log|R| + 1/2 sum_i log|S_i(k)|                 (Laplace; MacKay 2003, section 27)
 
 E the error at the minimum, R the triangle of its square-root information, S_i the noise covariance of inertial factor
-i. It is linearized at the minimum with the largest k. The largest k is taken whose evidence is within `MOST_NATS` of
-the best: what the walk does not show stays pessimistic.
+i. It is linearized at the minimum with the largest k. The walk has the mean of k^2 over `LEVELS`, weighted by evidence.
+What all strides share (a foot that twists in its stance, cross-axis and g-sensitivity) the evidence takes for signal,
+and would trust a swing down to 1e-4; so no level is below `LEVELS[-1]`.
 
 Peaks of the rate that were clipped are rebuilt from their flanks (`fg_nav.samples.saturation`). What that is off by is
 common to a gait, a sensor and its low-pass: one factor a walk on all, with the prior 1 +- `OFF_SHARE`, is chosen among
 `HEIGHTS` by the same evidence, at the k that is best with each.
 
 The strides come in up to `PIECES` stretches from the beginning, the middle and the end, each with a gauge of its own,
-and their evidence is added. No k is taken that a piece alone finds too small by more than `MOST_NATS`: a walk that is
+and their evidence is added. A piece alone may show a larger mean, and then that is taken: a walk that is
 run in part is trusted no more than its running allows. Beyond `PIECES * PIECE_STRIDES` strides the cost is constant.
 The noise covariance of an interval is linear in k^2, so two preintegrations give it for every k:
 
@@ -45,7 +47,7 @@ from typing import cast
 import gtsam
 import numpy as np
 
-from fg_nav.arrays import Bools, Floats
+from fg_nav.arrays import Floats
 from fg_nav.detection import Rest
 from fg_nav.detection.rest import find_start
 from fg_nav.detection.rolling_lever import RollingLever, estimate_lever
@@ -53,8 +55,9 @@ from fg_nav.errors import EstimationError
 from fg_nav.factors.residual import Stack
 from fg_nav.recording import Recording
 from fg_nav.samples.saturation import OFF_SHARE
+from fg_nav.smoother.barometer import add_barometer
 from fg_nav.smoother.bias_walk import average_bias_walk
-from fg_nav.smoother.evidence import MOST_NATS
+from fg_nav.smoother.evidence import average
 from fg_nav.smoother.gauss_newton import FIRST_CONVERGENCE
 from fg_nav.smoother.graph import Known, WalkProblem, build_problem, solve_and_keep
 from fg_nav.smoother.linear import LinearWalk
@@ -67,10 +70,8 @@ from fg_nav.stances import Stances
 from fg_nav.system.memory import return_freed
 from fg_nav.text import format_count
 
-LEVELS = (2e-3, 1e-3, 3e-4, 1e-4)
-"""1/sqrt(Hz), falling. 2e-3 is a consumer sensor in a run; 1e-4 is the white noise of a good one over a swing."""
-
-PIECES, PIECE_STRIDES = 3, 50  # 150 strides separate 3e-4 from 1e-4 by some 5 nats, 1e-3 from 3e-4 by 30.
+LEVELS = (8e-3, 4e-3, 2e-3, 1e-3)  # 1/sqrt(Hz): from a consumer sensor in a run to what strides of all sensors share.
+PIECES, PIECE_STRIDES = 3, 50  # 150 strides separate 2e-3 from 1e-3 by some 20 nats.
 LONGEST_PIECE_S = 90.0  # A third more than 50 strides take; standing in between shows nothing of a swing.
 STANDING_S = 1.0  # Of the standing before the first swing and after the last.
 FEWEST_STRIDES = 8  # A walk of fewer keeps the level it was given.
@@ -100,7 +101,7 @@ def choose_swing_noise(
     if not len(evidence):
         level = p.gyr_relative_density
         return SwingNoise(level, f"swing noise {_words(level)}: too few strides to see it from")
-    level = choose_level(levels, evidence)
+    level = average_level(levels, evidence)
     return SwingNoise(level, f"swing noise {_words(level)}, the evidence of {format_count(strides, 'stride')}")
 
 
@@ -121,8 +122,7 @@ def _measure_evidence(
 def choose_peak_height(recording: Recording, stances: Stances, known: Known, p: SmootherParameters) -> float:
     """Choose how high the clipped peaks of the rate are above the range, in what their flanks say.
 
-    It is the most probable height, without the `MOST_NATS` of the noise: a large noise is the cautious choice, and no
-    height is, since too high is as wrong as too low. What the walk does not show the prior keeps at 1.
+    It is the most probable height; what the walk does not show the prior keeps at 1.
     """
     heights = np.array([1.0, *(height for height in HEIGHTS if height != 1.0)])
     if _count_peaks(recording) < FEWEST_PEAKS:
@@ -140,18 +140,11 @@ def _count_peaks(recording: Recording) -> int:
     return int(np.round((1.0 / run[run > 0]).sum()))
 
 
-def choose_level(levels: tuple[float, ...], minus_log_evidence: Floats) -> float:
-    """Level for a walk from the evidence (pieces, levels): see above."""
-    level = np.array(levels)
-    together = _near_best(minus_log_evidence.sum(axis=0))
-    alone = _near_best(minus_log_evidence)
-    least = max(level[piece].min() for piece in alone)
-    return float(max(level[together].max(), least))
-
-
-def _near_best(minus_log_evidence: Floats) -> Bools:
-    best = minus_log_evidence.min(axis=-1, keepdims=True)
-    return np.asarray(minus_log_evidence <= best + MOST_NATS)
+def average_level(levels: tuple[float, ...], minus_log_evidence: Floats) -> float:
+    """Return the mean level, rms, by the evidence (pieces, levels) of all pieces; by that of one, where larger."""
+    squared = np.square(levels)
+    together = average(squared, minus_log_evidence.sum(axis=0))
+    return float(np.sqrt(max(together, *(average(squared, piece) for piece in minus_log_evidence))))
 
 
 def _words(level: float) -> str:
@@ -260,6 +253,7 @@ def walk_problem(
     recording, known, swing = _estimate_known(recording, stances, rests, p)
     p = replace(p, gyr_relative_density=swing.gyr_relative_density)
     problem = build_problem(recording, stances, start.nav_R_body, known, p, heading is not None, progress)
+    problem = add_barometer(problem, stances)
     recording.release()
     problem, solved = _solve_first(problem, p)
     return_freed()
@@ -285,12 +279,13 @@ def _estimate_known(
     recording: Recording, stances: Stances, rests: tuple[Rest, ...], p: SmootherParameters
 ) -> tuple[Recording, Known, SwingNoise]:
     """Return the recording with clipped peaks as high as the walk shows, what is known of the walk, and its noise."""
-    bias, sigma = _bias_from_rests(rests, np.radians(p.gyro_bias_sigma_deg_s))
+    mean = np.radians(p.gyro_bias_deg_s)
+    bias, sigma = _bias_from_rests(rests, mean, np.radians(p.gyro_bias_sigma_deg_s))
     if p.known_lever is not None:
         lever = RollingLever(np.array(p.known_lever), np.zeros((3, 3)), 0)
     else:
         lever = estimate_lever(recording, stances)
-    known = Known(bias, sigma, rests, lever)
+    known = Known(bias, mean, sigma, rests, lever)
     swing = SwingNoise(p.gyr_relative_density, "swing noise as given")
     if p.choose_swing_noise:
         known = replace(known, peak_height=choose_peak_height(recording, stances, known, p))
@@ -306,17 +301,17 @@ def _whole_rests(rests: tuple[Rest, ...], recording: Recording, p: SmootherParam
     return tuple(rest for rest in rests if rest.lasts(recording, p.rest.shortest_s) or recording.t[rest.start] < first)
 
 
-def _bias_from_rests(rests: tuple[Rest, ...], prior_sigma: float) -> tuple[Floats, float]:
-    """Bias (3,) to start from and the sigma of its prior about zero, rad/s.
+def _bias_from_rests(rests: tuple[Rest, ...], prior_mean: Floats, prior_sigma: float) -> tuple[Floats, float]:
+    """Bias (3,) to start from, and the sigma of the prior about its mean that the walk is solved with first, rad/s.
 
     Rests that show a bias far outside the prior show a sensor that was not calibrated: the prior widens to it.
     """
     if not rests:
-        return np.zeros(3), prior_sigma
+        return prior_mean, prior_sigma
     weight = [np.linalg.inv(rest.covariance) for rest in rests]
-    shown = sum(one @ rest.rate for one, rest in zip(weight, rests, strict=True))
+    shown = sum(one @ (rest.rate - prior_mean) for one, rest in zip(weight, rests, strict=True))
     sigma = float(np.hypot(prior_sigma, np.linalg.norm(np.linalg.solve(sum(weight), shown))))
-    return np.asarray(np.linalg.solve(sum(weight) + np.eye(3) / sigma**2, shown)), sigma
+    return np.asarray(prior_mean + np.linalg.solve(sum(weight) + np.eye(3) / sigma**2, shown)), sigma
 
 
 def _bias_note(known: Known) -> str:

@@ -86,21 +86,23 @@ class GtsamFactors:
 
 
 def time_order(
-    nodes: Nodes, with_field: bool = False, floor: Ints | None = None, directions: int = 0
+    nodes: Nodes, with_field: bool = False, floor: Ints | None = None, directions: int = 0, with_air: bool = False
 ) -> gtsam.Ordering:
     """Order in which the variables are eliminated: node by node, bias and settling after the last node that uses them.
 
     With the field its state M at each footfall follows the node of the footfall's result. Floors come after the last
     footfall on them, of which `floor` (F,) has the number. The `directions` of a building, which all courses join,
-    are last.
+    are last. So does the state P of a barometer.
     """
     ordering = gtsam.Ordering()
-    for key in list_in_time(nodes, with_field, floor, directions).tolist():
+    for key in list_in_time(nodes, with_field, floor, directions, with_air).tolist():
         ordering.push_back(key)
     return ordering
 
 
-def list_in_time(nodes: Nodes, with_field: bool = False, floor: Ints | None = None, directions: int = 0) -> Keys:
+def list_in_time(
+    nodes: Nodes, with_field: bool = False, floor: Ints | None = None, directions: int = 0, with_air: bool = False
+) -> Keys:
     """Keys in the order in which the variables are eliminated: see `time_order`."""
     number, bias = np.arange(len(nodes)), nodes.bias[nodes.footfall]
     ends = np.flatnonzero(np.diff(bias, append=bias[-1] + 1))
@@ -112,6 +114,8 @@ def list_in_time(nodes: Nodes, with_field: bool = False, floor: Ints | None = No
         last_on = dict(zip(floor.tolist(), nodes.result.tolist(), strict=True))
         left = np.array(sorted(one for one in last_on.items() if one[0] >= 0), dtype=np.int64).reshape(-1, 2)
         parts.append(("z", left[:, 0], left[:, 1]))
+    if with_air:
+        parts.append(("p", np.arange(len(nodes.result)), nodes.result))
     parts += [("s", bias[ends], ends), ("b", bias[ends], ends)]
     parts.append(("a", np.arange(directions), np.full(directions, number[-1])))
     keys = np.concatenate([(ord(letter) << LETTER_SHIFT) + of.astype(np.uint64) for letter, of, _ in parts])

@@ -285,9 +285,11 @@ def _add_sensor(graph: gtsam.NonlinearFactorGraph, stride: Stride, p: SmootherPa
         graph.push_back(zero_rate_factor(B(stride.bias), rest.rate, rest.covariance))
 
 
-def add_start(graph: gtsam.NonlinearFactorGraph, gyro_bias_sigma: float, p: SmootherParameters) -> None:
+def add_start(
+    graph: gtsam.NonlinearFactorGraph, gyro_bias_mean: Floats, gyro_bias_sigma: float, p: SmootherParameters
+) -> None:
     """Add the priors on the bias and on the excess of the settling."""
-    graph.addPriorConstantBias(B(0), _bias(np.zeros(3)), _bias_noise(ACC_BIAS_SIGMA, gyro_bias_sigma))
+    graph.addPriorConstantBias(B(0), _bias(gyro_bias_mean), _bias_noise(ACC_BIAS_SIGMA, gyro_bias_sigma))
     graph.push_back(gtsam.PriorFactorVector(S(0), np.zeros(1), _one_sigma(p.settling_sigma_m)))
 
 

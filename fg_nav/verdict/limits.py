@@ -1,19 +1,26 @@
-"""Limits that no person on foot passes, and the words for what does: of a path at its end, and of each line online.
+"""What no person on foot does, and what an error of the end is worth: of a path at its end, and of each line online.
 
 ============== ======= ========= ======= ==============================================================================
 quantity       unit    doubtful  no use  what it rests on
 ============== ======= ========= ======= ==============================================================================
-speed          m/s     9         12      of the foot; a walking one reaches 6, a running one 9 to 12
-stride         m       2.6       3       from footfall to footfall: 1.5 walked, 2.5 run; a missed stance doubles one
+error          m       1 sigma   1/10    that a sign leaves in the end: over the sigma of the result, and over the way
+region         share   -         1/10    95 % region that the result itself claims, over the way; in a pocket 0.6, as
+                                         the length of a step alone is known to 0.12
+speed          m/s     12        18      of the foot: 2.5 times that of the person, who runs at 5
 height rate    m/s     0.8       1.5     over 10 s and more: 0.5 is to run up stairs, 1 to run down
-position       share   0.1       0.3     its own sigma at the end over the distance, horizontally
 strides        1       1/4       1/3     one over their number
-time           share   0.05      0.1     in which the foot moved on without a footfall where one was due
-gravity        share   0.03      0.08    by which the vertical force of a stride, from rest to rest, is not that of
-                                         gravity: of sensors 0.005 to 0.03. Median over the strides
 axes           -       3         7       log of the odds of other axes of the gyroscope than those given
                                          (`detection.handedness`, in a pocket `detection.swing_axes`)
 ============== ======= ========= ======= ==============================================================================
+
+Errors that a sign leaves:
+
+============== =========================================================================================================
+long stride    by which it is longer than half as much again as the walk's fastest strides would be in its time
+not seen       time in which a foot that moves is not followed, at the walk's usual speed
+gravity        share by which the vertical force of a stride, from rest to rest, is not that of gravity, times the
+               distance from the start: a scale. Median over the strides
+============== =========================================================================================================
 """
 
 from __future__ import annotations
@@ -21,26 +28,27 @@ from __future__ import annotations
 import numpy as np
 
 from fg_nav.arrays import Floats
+from fg_nav.detection.filtered import measure_high_pass, measure_smoothing
 from fg_nav.detection.handedness import DECISIVE, SUSPECT, AxesEvidence
 from fg_nav.frames import GRAVITY_M_S2
+from fg_nav.recording import Recording
+from fg_nav.stances import Stances
 from fg_nav.text import format_count
-from fg_nav.verdict.reason import Reason, weigh
+from fg_nav.verdict.reason import LEAST_WAY_M, NO_USE, UNSEEN, USE_SHARE, Reason, weigh, weigh_error
 
 FEW_STRIDES = 1 / 4, 1 / 3
 SEEN_BY = 20
 """Strides, of which those tested are at least a half in any ordinary walk."""
 
-SPEED_M_S = 9.0, 12.0
-STRIDE_M = 2.6, 3.0
+SPEED_M_S = 12.0, 18.0
 HEIGHT_RATE_M_S = 0.8, 1.5
-POSITION_SHARE = 0.1, 0.3
-LOST_SHARE = 0.05, 0.1
-
-POSITION_SHARE_IN_POCKET = 0.25, 0.5
-"""Of a sensor in a pocket: the length of a step alone is known to 0.12."""
-
-GRAVITY_SHARE = 0.03, 0.08
 AXES_ODDS = SUSPECT, DECISIVE
+USE_SHARE_IN_POCKET = 0.6
+FASTER, FAST_SHARE = 1.5, 0.9  # Than the strides of this quantile of speed no stride is, by so much.
+SIGMAS_95 = float(np.sqrt(-2.0 * np.log(0.05)))  # Of an ellipse that holds 95 % of a normal distribution.
+
+SMOOTHED = 100.0, 1e4  # Power at the gait's rate over that of heel strikes: 4 times the softest foot's, and 400 times.
+BAD_SHARE = 0.005, 0.05
 
 CLIMBED_S = 10.0
 """Over which the height rate is measured: a jump, or a pole slid down, is shorter."""
@@ -48,7 +56,7 @@ CLIMBED_S = 10.0
 
 def judge_strides(count: int, duration_s: float) -> Reason:
     """Judge the number of strides in a time, s."""
-    words = f"no walking: {count} strides in {duration_s:.0f} s"
+    words = f"no walking: {format_count(count, 'stride')} in {duration_s:.0f} s"
     return Reason(weigh(1.0 / max(count, 1), *FEW_STRIDES), words)
 
 
@@ -67,11 +75,11 @@ def judge_speed(speed: float, t: float) -> Reason:
     return Reason(weigh(speed, *SPEED_M_S), f"the foot reaches {speed:.0f} m/s, at {t:.1f} s")
 
 
-def judge_stride(length: float, t: float, in_pocket: bool = False) -> Reason:
-    """Judge the longest stride, m, that ends at time t, s."""
-    why = "no legs open so far" if in_pocket else "stances were missed, or it drifted"
-    words = f"a stride of {length:.1f} m, at {t:.1f} s: {why}"
-    return Reason(weigh(length, *STRIDE_M), words)
+def judge_stride(length: float, took_s: float, t: float, fast_m_s: float, sigma: float, way: float) -> Reason:
+    """Judge a stride, m, that took a time, s, and ends at time t, s, by the speed of the walk's fastest strides."""
+    excess = length - FASTER * fast_m_s * took_s
+    words = f"a stride of {length:.1f} m, at {t:.1f} s, is {excess:.1f} m longer than others: it drifted, or slipped"
+    return Reason(weigh_error(excess, sigma, way), words)
 
 
 def judge_height_rate(rate: float, t: float) -> Reason:
@@ -80,24 +88,43 @@ def judge_height_rate(rate: float, t: float) -> Reason:
     return Reason(weigh(rate, *HEIGHT_RATE_M_S), words)
 
 
-def judge_position(
-    sigma: float, distance: float, limits: tuple[float, float] = POSITION_SHARE, least_m: float = 1.0
-) -> Reason:
-    """Judge the sigma of the end, m, after a distance, m; one below `least_m` is judged as if it were that."""
-    words = f"the end is known to {sigma:.1f} m only, after {distance:.0f} m"
-    return Reason(weigh(sigma / max(distance, least_m), *limits), words)
+def judge_position(covariance: Floats, way: float, in_pocket: bool = False) -> Reason:
+    """Judge the covariance (2, 2) of the end, m^2, after a way, m."""
+    region = SIGMAS_95 * float(np.sqrt(np.linalg.eigvalsh(covariance)[-1])) if np.isfinite(covariance).all() else np.inf
+    words = f"the end is known to {region:.1f} m only (95 %), after {way:.0f} m"
+    limit = USE_SHARE_IN_POCKET if in_pocket else USE_SHARE
+    return Reason(UNSEEN if region <= limit * max(way, LEAST_WAY_M) else NO_USE, words)
 
 
-def judge_lost_time(lost_s: float, duration_s: float) -> Reason:
-    """Judge the time without a footfall, s, of a recording, s."""
-    words = f"{lost_s:.1f} s of motion without a footfall: strides were missed"
-    return Reason(weigh(lost_s / max(duration_s, 1e-9), *LOST_SHARE), words)
+def judge_unfollowed(lost_s: float, usual_m_s: float, sigma: float, way: float, what: str) -> Reason:
+    """Judge a time, s, in which the foot moved and was not followed, at a usual speed, m/s; `what` happened."""
+    missing = lost_s * usual_m_s
+    return Reason(weigh_error(missing, sigma, way), f"{what}, {missing:.0f} m at the usual speed")
 
 
-def judge_gravity(gravity: float) -> Reason:
-    """Judge the mean vertical force of the strides, m/s^2."""
+def judge_gravity(gravity: float, reach: float, sigma: float, way: float) -> Reason:
+    """Judge the mean vertical force of the strides, m/s^2, of a path that leads as far from its start, m."""
     words = f"gravity is {gravity:.2f} m/s^2 in the strides, not {GRAVITY_M_S2:.2f}: the accelerometer's scale or unit"
-    return Reason(weigh(abs(gravity / GRAVITY_M_S2 - 1.0), *GRAVITY_SHARE), words)
+    return Reason(weigh_error(abs(gravity / GRAVITY_M_S2 - 1.0) * reach, sigma, way), words)
+
+
+def judge_filters(recording: Recording, stances: Stances) -> Reason:
+    """Judge what filters in the sensor left of its samples."""
+    smoothing, passed = measure_smoothing(recording), measure_high_pass(recording, stances)
+    smoothed = Reason(
+        weigh(smoothing, *SMOOTHED) if np.isfinite(smoothing) else UNSEEN,
+        "the samples are smoothed, or no walk: no heel strike is in them above 8 Hz; low-pass at 20 Hz or more",
+    )
+    high = Reason(weigh(passed.evidence, DECISIVE, 2 * DECISIVE), passed.problem)
+    return max(smoothed, high, key=lambda reason: reason.weight)
+
+
+def judge_bad_samples(recording: Recording) -> Reason:
+    """Judge the share of the samples of which a sensor was bad."""
+    bad = recording.provenance.bad_samples
+    share = bad / (bad + len(recording))
+    words = f"{100 * share:.1f} % of the samples were bad, and not used: the sensor or its connection is broken"
+    return Reason(weigh(share, *BAD_SHARE), words)
 
 
 def judge_axes(seen: AxesEvidence) -> Reason:

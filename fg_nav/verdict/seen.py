@@ -16,10 +16,13 @@ from fg_nav.mechanisation import integrate_strides
 from fg_nav.samples.gaps import list_bridged
 from fg_nav.solution import Solution
 from fg_nav.system.spilled import measure_rows
-from fg_nav.walk import WITH_FIXES, Walk, ignores_field
+from fg_nav.walk import Walk, ignores_field
 
 SPAN_S = 0.1
 """Over which the speed is taken from the places."""
+
+RUN_CYCLE_S = 0.85
+"""Strides that are shorter, median, are those of a run: the foot is never as still."""
 
 
 class Seen:
@@ -41,6 +44,33 @@ class Seen:
     def lengths(self) -> Floats:
         """(K,) m, over the ground."""
         return np.hypot(self.strides[:, 0], self.strides[:, 1])
+
+    @cached_property
+    def way(self) -> float:
+        """Length of the path over the ground, m."""
+        return float(self.lengths.sum())
+
+    @cached_property
+    def sigma(self) -> float:
+        """Of the end over the ground that the result claims, m; none without footfalls."""
+        return float(np.hypot(*self.solution.stances.position_sigma[-1, :2])) if len(self.solution.stances) else 0.0
+
+    @cached_property
+    def stride_speed(self) -> Floats:
+        """(K,) m/s, of each stride in space; 0 where the foot was not recorded in between."""
+        t = self.solution.stances.t
+        speed = np.linalg.norm(self.strides, axis=1) / np.maximum(np.diff(t), 1e-9)
+        return np.where(np.diff(self.sum_bridged(t)) > 0.0, 0.0, speed)
+
+    @cached_property
+    def usual_m_s(self) -> float:
+        """Median speed of the strides, m/s."""
+        return float(np.median(self.stride_speed)) if len(self.strides) else 0.0
+
+    def displace_end(self, turn: Floats) -> float:
+        """By how much an error of the heading, (K + 1,) rad at the rows, displaces the end, m, to first order."""
+        east, north = ((turn[1:] + turn[:-1]) / 2) @ self.strides[:, :2]
+        return float(np.hypot(east, north))
 
     @cached_property
     def fastest(self) -> Floats:
@@ -90,9 +120,10 @@ class Seen:
         return np.asarray(np.interp(t, bridged.ravel(), both_ends.ravel()))
 
     @cached_property
-    def cycle_s(self) -> float:
-        """Median time from footfall to footfall, s; infinite without one."""
-        return float(np.median(np.diff(self.solution.stances.t))) if len(self.strides) else np.inf
+    def gait(self) -> float:
+        """How much a foot may move in its stances, as a multiple of a walk's: 2 in a run."""
+        runs = len(self.strides) > 0 and float(np.median(np.diff(self.solution.stances.t))) < RUN_CYCLE_S
+        return 2.0 if runs else 1.0
 
     @cached_property
     def ends(self) -> tuple[Floats, Floats]:
@@ -108,15 +139,7 @@ class Seen:
 
     @property
     def holds_heading(self) -> bool:
-        """Whether something outside the gyroscope shows the heading along the walk."""
-        by_fixes = len(self.walk.fixes) > 0 and self.solution.method in WITH_FIXES
-        return by_fixes or self._heading_by_field
-
-    @property
-    def _heading_by_field(self) -> bool:
-        """Whether the field shows it: of a graph by its factors, of which one alone says where north is."""
-        if graph := self.solution.graph:
-            return graph["magnetic_heading"] > 1 or graph["field_potential"] > 0
+        """Whether something outside the gyroscope shows a filter the heading along the walk."""
         return QUASI_STATIC in self.solution.stances.field and not ignores_field(self.solution.method)
 
     @cached_property

@@ -8,22 +8,23 @@ import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.detection.mount import remove_fast
+from fg_nav.detection.rest import RestParameters, find_still_stretches
 from fg_nav.samples.gaps import measure_unseen
-from fg_nav.samples.plausibility import measure_sharpness
 from fg_nav.verdict.limits import (
-    POSITION_SHARE,
-    POSITION_SHARE_IN_POCKET,
+    FAST_SHARE,
     find_height_rate,
     judge_axes,
+    judge_bad_samples,
+    judge_filters,
     judge_gravity,
     judge_height_rate,
-    judge_lost_time,
     judge_position,
     judge_speed,
     judge_stride,
     judge_strides,
+    judge_unfollowed,
 )
-from fg_nav.verdict.reason import LIGHT, NAMING, NO_USE, Reason, weigh
+from fg_nav.verdict.reason import LIGHT, NAMING, NO_USE, UNSEEN, Reason, weigh, weigh_error
 from fg_nav.verdict.seen import Seen
 
 DUE_SWINGS, DUE_S, LATEST_S = 1.6, 1.2, 2.0
@@ -33,14 +34,11 @@ stances were missed no swing is usual."""
 MOVING_RAD_S = 1.0
 """A foot that turns by less is not in a swing; on average over the time before or behind all footfalls."""
 
-RUN_CYCLE_S = 0.85
-"""Strides that are shorter, median, are those of a run."""
-
 OPEN_SHARE = 0.3
 """Of the swing's speed: where so much is left at a stance, its stride is too long or short by half of it."""
 
-HARMLESS_RAD = np.radians(2.0)
-"""Of heading: it puts the end of a walk off by 2 per cent of the distance, or less."""
+LOW_RATE_HZ = 80.0
+"""A heel strikes within 20 ms."""
 
 CLOSED_SHARE = 0.02
 """A walk that ends so near to its start, of the distance, ends where it began."""
@@ -62,7 +60,9 @@ def measure_turning_at_stances(seen: Seen) -> Reason | None:
     """How fast the sensor turns where it should stand."""
     table = seen.solution.stances
     rate = _median(np.linalg.norm(seen.recording.gyr[table.sample] - table.gyro_bias, axis=1))
-    return Reason(weigh(rate, 0.8, 1.2), f"the foot does not stand: it turns by {rate:.1f} rad/s in its stances")
+    return Reason(
+        weigh(rate / seen.gait, 0.8, 1.2), f"the foot does not stand: it turns by {rate:.1f} rad/s in its stances"
+    )
 
 
 def measure_shaking(seen: Seen) -> Reason | None:
@@ -71,43 +71,50 @@ def measure_shaking(seen: Seen) -> Reason | None:
     power = sum((axis - remove_fast(axis, seen.recording.period_s)) ** 2 for axis in gyr.T)  # a third of the memory
     mean = np.add.reduceat(power, np.column_stack([stances.start, np.minimum(stances.stop, len(gyr) - 1)]).ravel())[::2]
     shaking = _median(np.sqrt(mean / (stances.stop - stances.start)))
-    gait = 2.0 if seen.cycle_s < RUN_CYCLE_S else 1.0
     words = (
         f"the sensor is loose on the shoe, or the foot not on the ground: it shakes by {shaking:.1f} rad/s in stances"
     )
-    return Reason(weigh(shaking, 0.3 * gait, 0.9 * gait), words)
+    return Reason(weigh(shaking / seen.gait, 0.3, 0.9), words)
 
 
 def measure_time_without_footfall(seen: Seen) -> Reason | None:
-    """Time in which a stance was due, between footfalls, before the first and behind the last."""
+    """Time in which a foot that moves is not followed: before the first footfall and behind the last, and cut off.
+
+    Between two footfalls it is, by strapdown: of the strides in which a stance was due, half of the variance of what is
+    left of the velocity is taken for that of a random walk, which leaves v T / sqrt(12) of the place; the other half
+    grew evenly, and leaves nothing.
+    """
     stances, t = seen.walk.stances, seen.recording.t
     if len(stances) == 0:
         return None
-    due_s = float(np.clip(DUE_SWINGS * _median(seen.swings), DUE_S, LATEST_S)) if len(seen.swings) else DUE_S
+    # before the first, behind the last
     rate = np.linalg.norm(seen.recording.gyr, axis=1)
     ends = [np.s_[: stances.start[0]], np.s_[stances.stop[-1] :]]
     moves = [t[end] for end in ends if len(t[end]) and rate[end].mean() > MOVING_RAD_S]
-    outside = [float(np.ptp(one - seen.sum_bridged(one))) for one in moves]
-    missed = np.concatenate([seen.swings, outside])
-    lost_s = float(missed[missed > due_s].sum())
-    return judge_lost_time(lost_s, seen.recording.duration_s)
+    outside = np.array([np.ptp(one - seen.sum_bridged(one)) for one in moves])
+    due_s = float(np.clip(DUE_SWINGS * _median(seen.swings), DUE_S, LATEST_S)) if len(seen.swings) else DUE_S
+    lost_s = float(outside[outside > due_s].sum())
+    # between; where the rows of the solution are other footfalls, nothing followed it
+    overdue, error = seen.swings > due_s, 0.0
+    if len(overdue) != len(seen.strides):
+        lost_s += float(seen.swings[overdue].sum())
+    elif overdue.any():
+        left = np.linalg.norm(seen.ends[0], axis=1) * np.diff(seen.solution.stances.t)
+        overdue &= np.diff(seen.sum_bridged(seen.solution.stances.t)) == 0.0
+        error = float(np.sqrt(np.sum(left[overdue] ** 2) / 24.0))
+    words = f"{lost_s:.1f} s of motion without a footfall are not followed"
+    lost = judge_unfollowed(lost_s, seen.usual_m_s, seen.sigma, seen.way, words)
+    words = f"{seen.swings[overdue].sum():.1f} s of motion without a footfall: strides were missed, {error:.1f} m open"
+    missed = Reason(weigh_error(error, seen.sigma, seen.way), words)
+    return max(lost, missed, key=lambda reason: reason.weight)
 
 
-def measure_clipping(seen: Seen) -> Reason | None:
-    """Share of the swings in which a sensor is at the end of its range."""
-    swings = ~seen.walk.stances.mask if len(seen.walk.stances) else np.ones(len(seen.recording), dtype=np.bool_)
-    if not swings.any():
-        return None
-    shares = [float(np.asarray((peaks.run > 0).any(axis=1))[swings].mean()) for peaks in seen.recording.peaks]
-    share, sensor = max(zip(shares, ("accelerometer", "gyroscope"), strict=True))
-    words = f"the {sensor} is at the end of its range in {100 * share:.0f} % of the swings, and rebuilt there"
-    return Reason(weigh(share, 0.05, 0.15), words)
-
-
-def measure_rate(seen: Seen) -> Reason | None:
-    """A low sample rate."""
-    rate_hz = 1.0 / seen.recording.period_s
-    return Reason(weigh(1.0 / rate_hz, 1 / 80, 1 / 40), f"the sample rate of {rate_hz:.0f} Hz is too low for a foot")
+def measure_cut(seen: Seen) -> Reason | None:
+    """The part of the recording that a hole cut off."""
+    cut_s = seen.recording.provenance.cut_samples * seen.recording.period_s
+    words = f"{cut_s:.0f} s of the recording are cut off by a hole, and not used"
+    speed = max(seen.usual_m_s, seen.way / max(seen.recording.duration_s, 1e-9))
+    return judge_unfollowed(cut_s, speed, seen.sigma, seen.way, words)
 
 
 def name_nominal_rate(seen: Seen) -> Reason | None:
@@ -117,33 +124,35 @@ def name_nominal_rate(seen: Seen) -> Reason | None:
     return Reason(LIGHT, words) if sigma > 0.0 else None
 
 
-def measure_smoothing(seen: Seen) -> Reason | None:
-    """Power of the fast motion that a foot has and a smoothed recording lost."""
-    sharpness = measure_sharpness(seen.recording.acc, seen.recording.gyr, seen.recording.period_s)
-    if np.isnan(sharpness):
-        return None
-    words = "the samples are smoothed: a foot has power above 8 Hz, and they have none; log them without the filter"
-    return Reason(weigh(1.0 / max(sharpness, 1e-12), 1 / 0.004, 1 / 1e-5), words)
-
-
 def measure_gap(seen: Seen) -> Reason | None:
-    """The longest time that was not observed; where the other foot was, it is doubtful at most."""
+    """The time that was not observed, in half of which, one sigma, the foot went on or did not."""
     longest_s = float(seen.recording.gaps.unseen_s.max(initial=0.0))
     words, beside = f"nothing was recorded for {longest_s:.2f} s amid the walk", seen.walk.beside
-    if beside is None:
-        return Reason(weigh(longest_s, 0.1, 0.5), words)
-    t, gaps = seen.recording.t, seen.recording.gaps.sample
-    by_neither = max((measure_unseen(float(t[i]), float(t[i + 1]), beside) for i in gaps), default=0.0)
-    weight = max(weigh(by_neither, 0.1, 0.5), min(weigh(longest_s, 0.1, 0.5), 1.0))
-    return Reason(weight, f"{words}, and of neither foot for {by_neither:.2f} s")
+    unseen_s = seen.recording.gaps.unseen_s
+    if beside is not None:
+        t, gaps = seen.recording.t, seen.recording.gaps.sample
+        unseen_s = np.array([measure_unseen(float(t[i]), float(t[i + 1]), beside) for i in gaps])
+        words = f"{words}, and of neither foot for {unseen_s.max(initial=0.0):.2f} s"
+    error = 0.5 * seen.usual_m_s * float(np.sqrt(np.sum(unseen_s**2)))
+    weight, alone = weigh_error(error, seen.sigma, seen.way), beside is not None and longest_s > LATEST_S
+    return Reason(max(weight, 1.0 if alone else UNSEEN), words)
+
+
+def name_rate(seen: Seen) -> Reason | None:
+    """A low sample rate, from which what is wrong with a path may come."""
+    rate_hz = 1.0 / seen.recording.period_s
+    words = f"the sample rate of {rate_hz:.0f} Hz is low for a foot"
+    return Reason(NAMING, words) if rate_hz < LOW_RATE_HZ else None
+
+
+def measure_filters(seen: Seen) -> Reason | None:
+    """A low-pass that took the heel strikes away, or a high-pass that took the slow rates."""
+    return judge_filters(seen.recording, seen.walk.stances)
 
 
 def measure_bad_samples(seen: Seen) -> Reason | None:
     """Share of the samples of which a sensor was bad: others may be as wrong, and not be seen."""
-    bad = seen.recording.provenance.bad_samples
-    share = bad / (bad + len(seen.recording))
-    words = f"{100 * share:.1f} % of the samples were bad, and not used: the sensor or its connection is broken"
-    return Reason(weigh(share, 0.005, 0.05), words)
+    return judge_bad_samples(seen.recording)
 
 
 def name_wearing(seen: Seen) -> Reason | None:
@@ -160,7 +169,8 @@ def name_wearing(seen: Seen) -> Reason | None:
         return Reason(
             NAMING, "it turns evenly and is never hit, like a foot on a bicycle's pedal, or a hand that swings"
         )
-    return Reason(NAMING, "it does not turn in the rhythm of a foot, more like a sensor in a hand")
+    limb = "foot" if on_foot else "thigh"
+    return Reason(NAMING, f"it does not turn in the rhythm of a {limb}, more like a sensor in a hand")
 
 
 # --- signs of the solution -------------------------------------------------------------------------------------------
@@ -207,14 +217,14 @@ def measure_stride(seen: Seen) -> Reason | None:
 
 
 def measure_longest_stride(seen: Seen) -> Reason | None:
-    """A stride longer than a foot makes."""
+    """A stride longer than the others for the time that it takes."""
     if not len(seen.strides):
         return None
-    t = seen.solution.stances.t
-    length = np.where(np.diff(seen.sum_bridged(t)) > 0.0, 0.0, np.linalg.norm(seen.strides, axis=1))
-    longest = _find_worst(length)
-    in_pocket = seen.walk.options.mount == "pocket"
-    return judge_stride(float(length[longest]), float(t[longest + 1]), in_pocket)
+    t, speed = seen.solution.stances.t, seen.stride_speed
+    fast = float(np.quantile(speed, FAST_SHARE, method="lower"))
+    longest = _find_worst((speed - fast) * np.diff(t))
+    took = float(t[longest + 1] - t[longest])
+    return judge_stride(float(speed[longest]) * took, took, float(t[longest + 1]), fast, seen.sigma, seen.way)
 
 
 def measure_speed(seen: Seen) -> Reason | None:
@@ -236,7 +246,11 @@ def measure_height_rate(seen: Seen) -> Reason | None:
 
 def measure_gravity(seen: Seen) -> Reason | None:
     """The vertical force from rest to rest that is not gravity's."""
-    return judge_gravity(_median(seen.gravity)) if len(seen.strides) else None
+    if not len(seen.strides):
+        return None
+    moved = seen.solution.stances.position[:, :2] - seen.solution.stances.position[0, :2]
+    reach = float(np.hypot(*moved.T).max())
+    return judge_gravity(_median(seen.gravity), reach, seen.sigma, seen.way)
 
 
 def contradict_axes(seen: Seen) -> Reason | None:
@@ -250,10 +264,45 @@ def measure_climbing(seen: Seen) -> Reason | None:
     return Reason(weigh(climb, 0.5, 1.0), f"strides climb or fall by {climb:.1f} m, more than stairs do")
 
 
-def measure_bias(seen: Seen) -> Reason | None:
-    """A gyroscope bias out of range."""
-    bias = float(np.degrees(np.abs(seen.solution.stances.gyro_bias).max(initial=0.0)))
-    return Reason(weigh(bias, 1.0, 3.0), f"a gyroscope bias of {bias:.1f} deg/s is out of range")
+def compare_bias(seen: Seen) -> Reason | None:
+    """Turning about up that the solution leaves in the rests: its bias is not theirs, of whatever size both are.
+
+    Without a rest gravity shows the bias about level axes: one that is larger than what the solution takes for likely
+    about up says that it is as large there.
+    """
+    table, recording = seen.solution.stances, seen.recording
+    if not len(seen.strides):
+        return None
+    rests = find_still_stretches(recording, RestParameters())
+    if not rests:
+        return _compare_bias_with_its_sigma(seen)
+    middle = recording.t[[(rest.start + rest.stop) // 2 for rest in rests]]
+    row = np.abs(table.t[:, None] - middle).argmin(axis=0)
+    up = table.nav_R_body[row, 2]
+    left = np.array([(rest.rate - bias) @ one for rest, bias, one in zip(rests, table.gyro_bias[row], up, strict=True)])
+    variance = np.array([one @ rest.covariance @ one for rest, one in zip(rests, up, strict=True)])
+    # what the sway of a rest may be counts as none, and between rests the bias is on a line
+    rate = np.interp(table.t, middle, left**3 / (left**2 + variance))
+    turn = np.append(0.0, np.cumsum((rate[1:] + rate[:-1]) / 2 * np.diff(table.t)))
+    error, worst = seen.displace_end(turn), np.degrees(np.abs(rate).max())
+    words = (
+        f"rests show another gyroscope bias, by up to {worst:.2g} deg/s about up: {np.degrees(np.ptp(turn)):.0f} deg "
+        f"of heading, {error:.1f} m at the end"
+    )
+    return Reason(weigh_error(error, seen.sigma, seen.way), words)
+
+
+def _compare_bias_with_its_sigma(seen: Seen) -> Reason:
+    table = seen.solution.stances
+    up, bias, since = table.nav_R_body[-1, 2], table.gyro_bias[-1], table.t - table.t[0]
+    level = (bias @ bias - (bias @ up) ** 2) / 2.0
+    beyond = float(np.sqrt(max(level - (table.gyro_bias_sigma[0] ** 2) @ up**2, 0.0)))
+    error = seen.displace_end(beyond * since)
+    words = (
+        f"no rest shows the gyroscope's bias, and about level axes it is {np.degrees(np.sqrt(level)):.2g} deg/s, more "
+        f"than assumed about up: {np.degrees(beyond * since[-1]):.0f} deg of heading, {error:.1f} m at the end"
+    )
+    return Reason(weigh_error(error, seen.sigma, seen.way), words)
 
 
 def measure_heading_sigma(seen: Seen) -> Reason | None:
@@ -263,22 +312,21 @@ def measure_heading_sigma(seen: Seen) -> Reason | None:
 
 
 def measure_hidden_turning(seen: Seen) -> Reason | None:
-    """Heading that clipped peaks may hide, over the sigma that the solution claims."""
+    """Heading that clipped peaks may hide from a filter; the sigmas of a graph have it (`smoother.gyro_scale`)."""
     recording, solution = seen.recording, seen.solution
     peaks = recording.peaks[1]
-    if not peaks.run.any() or seen.holds_heading:
+    if seen.solution.graph or not peaks.run.any() or seen.holds_heading or not len(seen.strides):
         return None
     # The sigmas of a peak's samples are those of independent errors: as one error each has its share of the whole.
     missing = np.sign(recording.gyr) * peaks.sigma / np.sqrt(np.maximum(peaks.run, 1.0))
     about_up = (solution.nav_R_body[:, 2] * missing).sum(axis=1) * recording.period_s
     # Peaks to the left and to the right are those of two moments of the gait, each with one error in all strides.
-    hidden = float(np.hypot(about_up[about_up > 0].sum(), about_up[about_up < 0].sum()))
-    apart = hidden / float(np.hypot(solution.stances.heading_sigma[-1], HARMLESS_RAD))
-    words = (
-        f"clipped peaks of the gyroscope, rebuilt, leave {np.degrees(hidden):.0f} deg of heading open, "
-        f"{apart:.1f} of the sigmas claimed"
-    )
-    return Reason(weigh(apart, 2.0, 3.0), words)
+    row = solution.stances.sample
+    sides = [np.cumsum(np.where(side * about_up > 0, about_up, 0.0))[row] for side in (1.0, -1.0)]
+    error = float(np.linalg.norm([seen.displace_end(side - side[0]) for side in sides]))
+    hidden = float(np.degrees(np.linalg.norm([side[-1] - side[0] for side in sides])))
+    words = f"clipped peaks of the gyroscope, rebuilt, leave {hidden:.0f} deg of heading open, {error:.1f} m at the end"
+    return Reason(weigh_error(error, seen.sigma, seen.way), words)
 
 
 def measure_position_sigma(seen: Seen) -> Reason | None:
@@ -286,8 +334,7 @@ def measure_position_sigma(seen: Seen) -> Reason | None:
     table = seen.solution.stances
     if len(table) < 2:
         return None
-    limits = POSITION_SHARE_IN_POCKET if seen.walk.options.mount == "pocket" else POSITION_SHARE
-    return judge_position(float(np.hypot(*table.position_sigma[-1, :2])), float(seen.lengths.sum()), limits)
+    return judge_position(table.position_cov[-1, :2, :2], seen.way, seen.walk.options.mount == "pocket")
 
 
 def compare_heights(seen: Seen) -> Reason | None:
@@ -312,10 +359,10 @@ def contradict_magnetometer(seen: Seen) -> Reason | None:
 
 
 SIGNS_WITHOUT_FOOTFALLS: tuple[Callable[[Seen], Reason | None], ...] = (
-    measure_rate,
+    count_footfalls,
     name_nominal_rate,
     measure_gap,
-    measure_clipping,
+    measure_cut,
     measure_bad_samples,
     name_wearing,
 )
@@ -330,12 +377,13 @@ SIGNS_IN_POCKET = (
 )
 
 SIGNS: tuple[Callable[[Seen], Reason | None], ...] = (
-    count_footfalls,
     measure_velocity_closure,
     count_open_strides,
     measure_tilt_closure,
     measure_turning_at_stances,
     measure_shaking,
+    name_rate,
+    measure_filters,
     measure_time_without_footfall,
     measure_stride,
     measure_longest_stride,
@@ -344,10 +392,9 @@ SIGNS: tuple[Callable[[Seen], Reason | None], ...] = (
     measure_height_rate,
     measure_gravity,
     contradict_axes,
-    measure_bias,
+    compare_bias,
     measure_heading_sigma,
     measure_hidden_turning,
-    measure_smoothing,
     measure_position_sigma,
     *SIGNS_WITHOUT_FOOTFALLS,
     contradict_magnetometer,

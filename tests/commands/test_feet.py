@@ -127,7 +127,7 @@ def test_a_foot_that_is_lost_for_a_while(fg_nav: FgNav, walked: Path, cut: Any, 
         f"the {side} foot was not recorded from 15.0 to 30.0 s: the person goes as the {other} one does"
         in said["notes"]
     )
-    assert said["verdict"] == "doubtful"
+    assert said["verdict"] == "doubtful", said["reasons"]
     assert [reason.split(":")[0] for reason in said["reasons"]] == [f"{side} foot"]
     assert "nothing was recorded for 15.0" in said["reasons"][0]
     assert max(said[one]["rmse_2d_m"] for one in recordings) < 0.1  # 0.012 m without the hole
@@ -235,8 +235,21 @@ def test_what_cannot_be_two_feet_is_refused(fg_nav: FgNav, walked: Path) -> None
     assert fg_nav("run", left, right, *FEET, "--truth", truth).refused("--truth", "A,B")
     assert fg_nav("run", left, right, *FEET, "--fixes", truth).refused("--fixes")
     assert fg_nav("run", left, "--clock-offset", "1").refused("add --mount feet")
-    assert fg_nav("run", left, right, *FEET, "--clock-offset", "100").refused("steps in turn", "--clock-offset")
     assert not Path("results").exists()
+
+
+def test_feet_that_nothing_ties_are_two_walks_with_a_remark(fg_nav: FgNav, walked: Path) -> None:
+    ran = fg_nav("run", walked / "left.csv", walked / "right.csv", *FEET, "--clock-offset", "100", "--plots", "html")
+    assert ran.code == 0
+    assert "verdict: doubtful: the feet are solved as two walks, and the left one is the person's path: " in ran.out
+    assert "two walks" in ran.out
+    folder = next(Path("results").iterdir())
+    told = json.loads((folder / "summary.json").read_text())
+    assert (told["width_m"], told["cells"]) == (None, 0)
+    alone = {side: np.loadtxt(folder / f"trajectory_{side}.tum") for side in ("left", "right")}
+    np.testing.assert_allclose(np.loadtxt(folder / "trajectory.tum")[:, 1:4], alone["left"][:, 1:4], atol=1e-6)
+    assert np.linalg.norm(np.diff(alone["right"][:, 1:3], axis=0), axis=1).sum() > 50.0
+    assert "Nothing ties the feet" in (folder / "report.html").read_text()
 
 
 def test_what_is_wrong_with_one_recording_is_said_with_its_name(fg_nav: FgNav, walked: Path, tmp_path: Path) -> None:

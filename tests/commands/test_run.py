@@ -404,7 +404,7 @@ def test_inspect_gives_figures_and_a_verdict(fg_nav: FgNav, files: Path) -> None
     assert "verdict" in ran.out.lower()
     found = json.loads(fg_nav("inspect", files / "walk.csv", "--json").out)
     assert (found["usable"], found["refusal"]) == (True, None)
-    assert found["verdict"][0] == "It can be navigated with."
+    assert found["verdict"][0] == "trusted: it can be navigated with."
     assert found["stamps"]["rate_hz"] == pytest.approx(200.0, abs=0.1)
     assert found["field"]["strength_uT"] > 0
 
@@ -413,7 +413,7 @@ def test_inspect_of_what_cannot_be_navigated_with_is_an_error(fg_nav: FgNav, fil
     Path("short.csv").write_text("\n".join((files / "walk.csv").read_text().splitlines()[:6]))
     ran = fg_nav("inspect", "short.csv")
     assert ran.code == 1
-    assert "It cannot be navigated with" in ran.out
+    assert "not to be used: it cannot be navigated with" in ran.out
     assert ran.err.startswith("fg-nav: ")
     told = fg_nav("inspect", "short.csv", "--json")
     assert (told.code, json.loads(told.out)["usable"]) == (1, False)

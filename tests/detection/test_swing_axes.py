@@ -26,7 +26,7 @@ def walk(seed):
 
 
 def change(rows, acc, gyr):
-    return np.column_stack([rows[:, 0], rows[:, 1:4] @ acc.T, rows[:, 4:7] @ gyr.T, rows[:, 7:]])
+    return np.column_stack([rows[:, 0], rows[:, 1:4] @ acc.T, rows[:, 4:7] @ gyr.T, rows[:, 7:10]])
 
 
 def measure(rows):

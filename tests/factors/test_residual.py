@@ -3,10 +3,12 @@
 import gtsam
 import numpy as np
 import pytest
-from gtsam.symbol_shorthand import A, L, M, S, V, X, Z
+from gtsam.symbol_shorthand import A, L, M, P, S, V, X, Z
 from scipy.spatial.transform import Rotation
 
 from fg_nav.factors import (
+    BarometerDrift,
+    BarometricHeight,
     BuildingDirection,
     FieldPotential,
     FieldPrior,
@@ -25,7 +27,7 @@ from tests.factors.derivatives import assert_jacobians_are_derivatives, jacobian
 
 COUNT = 5
 FIELD = np.array([0.0, 0, 0, 0, 3.0, 20.0, 0, 0, 0])
-ROBUST = ("magnetic heading", "building direction")
+ROBUST = ("magnetic heading", "building direction", "barometric height", "barometer drift")
 """Their Jacobians hold the weight: those of the loss are right, not those of the rows."""
 
 
@@ -39,6 +41,7 @@ def random_blocks(seed):
         values.insert(S(k), 0.01 * rng.standard_normal(1))
         values.insert(Z(k), rng.standard_normal(1))
         values.insert(A(k), 0.1 * rng.standard_normal(1))
+        values.insert(P(k), rng.standard_normal(2))
         values.insert(M(k), FIELD + rng.standard_normal(SIZE))
     three, sigma = (lambda: rng.standard_normal((COUNT, 3))), rng.uniform(0.5, 2.0, (COUNT, SIZE))
     level, tilted = (Rotation.random(COUNT, rng=rng).as_matrix() for _ in range(2))
@@ -48,9 +51,11 @@ def random_blocks(seed):
         "xmm": FieldPotential(sigma[:, 1], three(), three(), three(), tilted, sigma[:, 0]),
         "mm": FieldTransition(np.exp(-sigma), sigma),
         "xz": FloorHeight(0.02),
+        "xp": BarometricHeight(three()[:, :1], sigma[:, :1]),
+        "pp": BarometerDrift(sigma[:, :1], sigma[:, :2]),
         "xxa": BuildingDirection(0.5, 0.05, sigma[:, 0]),
     }
-    letter = {"a": A, "x": X, "v": V, "s": S, "m": M, "z": Z}
+    letter = {"a": A, "x": X, "v": V, "s": S, "m": M, "p": P, "z": Z}
     blocks = {}
     for names, one in residuals.items():
         shift = [names[:i].count(name) for i, name in enumerate(names)]

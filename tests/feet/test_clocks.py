@@ -7,7 +7,7 @@ import pytest
 
 from fg_nav.detection import detect_stances
 from fg_nav.errors import EstimationError
-from fg_nav.feet.clocks import Swings, _choose, align_clocks, list_swings
+from fg_nav.feet.clocks import Swings, align_clocks, list_swings, match_swings
 from fg_nav.lab.simulation import simulate_feet
 from fg_nav.recording import Recording
 
@@ -51,11 +51,67 @@ def test_feet_of_two_walks_are_refused_in_a_sentence(feet: Feet) -> None:
         align_clocks(left, detect_stances(left), other, detect_stances(other))
 
 
-def test_an_even_walk_does_not_show_which_stride_it_is() -> None:
-    tau = np.linspace(-5.0, 5.0, 251)
-    nats = -20.0 * np.sin(np.pi * (tau - 0.3) / 1.1) ** 2
+def walk_feet(
+    cycle: float = 1.1, count: int = 60, limp: float = 0.0, bends: tuple[int, ...] = (), seed: int = 1
+) -> tuple[Swings, Swings]:
+    """Swings of two feet in turn, `limp` of a cycle late on the second one; half turns on the spot at some strides."""
+    rng = np.random.default_rng(seed)
+    middle = 5.0 + cycle * np.arange(count) + 0.03 * cycle * rng.standard_normal(count)
+    swings = []
+    for k, late in enumerate((0.0, 0.5 + limp)):
+        own = middle + late * cycle + 0.02 * cycle * rng.standard_normal(count)
+        turn = 0.05 * rng.standard_normal(count)
+        for bend in bends:
+            # The one foot turns at once, the other one in two swings.
+            turn[bend : bend + 2 - k] += np.pi / (2 - k)
+        heading = np.concatenate([[0.0], np.cumsum(turn)])
+        swing = 0.2 * cycle
+        stands = np.concatenate([[own[0] - 3.0], np.stack([own - swing, own + swing], axis=1).ravel(), [own[-1] + 3.0]])
+        holes = np.array([[-np.inf, stands[0]], [stands[-1], np.inf]])
+        swings.append(Swings(own, stands, np.repeat(heading, 2), holes))
+    return swings[0], swings[1]
+
+
+def set_clock(swings: Swings, offset: float, rate: float = 1.0) -> Swings:
+    """The same by a clock of another rate, that is ahead by an offset at zero."""
+    return Swings(
+        *(rate * one + offset for one in (swings.middle, swings.t)), swings.heading, rate * swings.holes + offset
+    )
+
+
+@pytest.mark.parametrize("cycle", [0.7, 1.1, 3.5])
+@pytest.mark.parametrize("limp", [0.0, 0.12, -0.12])
+@pytest.mark.parametrize("bends", [(), (3,), (3, 20, 40)])
+def test_one_clock_is_left_as_it_is_at_any_speed_with_limping_and_turns_on_the_spot(
+    cycle: float, limp: float, bends: tuple[int, ...]
+) -> None:
+    for count in (8, 60):
+        found = match_swings(*walk_feet(cycle, count, limp, tuple(one for one in bends if one < count)))
+        assert (found.offset_s, found.drift, found.note) == (0.0, 0.0, "")
+
+
+@pytest.mark.parametrize("cycle", [0.8, 1.1, 2.6])
+@pytest.mark.parametrize("offset", [1.4, -6.0, 900.0])
+def test_two_clocks_are_aligned_by_the_turns_on_the_spot(cycle: float, offset: float) -> None:
+    a, b = walk_feet(cycle, count=80, bends=(7, 16, 29, 37, 51, 62, 70))
+    found = match_swings(a, set_clock(b, offset))
+    assert found.offset_s == pytest.approx(-offset, abs=0.05 * cycle)
+    assert found.drift == 0.0
+
+
+@pytest.mark.parametrize("rate", [0.988, 1.01])
+def test_a_clock_that_runs_fast_is_found_with_its_rate(rate: float) -> None:
+    a, b = walk_feet(count=120, bends=(9, 26, 45, 61, 80, 99))
+    found = match_swings(a, set_clock(b, 0.4, rate))
+    assert 1.0 + found.drift == pytest.approx(1.0 / rate, abs=0.0008)
+    np.testing.assert_allclose(found.shift(rate * b.middle + 0.4), b.middle, atol=0.08)
+    assert "one of the clocks runs fast" in found.note
+
+
+def test_an_even_straight_walk_does_not_show_which_stride_it_is() -> None:
+    a, b = walk_feet(count=200)
     with pytest.raises(EstimationError, match="a stride more or less"):
-        _choose(tau, nats, 1.1)
+        match_swings(a, set_clock(b, 3.85))
 
 
 def test_the_turns_of_both_feet_are_those_of_the_way(feet: Feet) -> None:
@@ -63,4 +119,4 @@ def test_the_turns_of_both_feet_are_those_of_the_way(feet: Feet) -> None:
     at = np.linspace(10.0, 55.0, 40)
     left, right = (np.interp(at, one.t, one.heading) for one in swings)
     assert np.ptp(left) > 1.0  # the way turns
-    assert np.std(left - right) < 0.15
+    assert np.std(left - right) < 0.2

@@ -40,14 +40,29 @@ def test_the_means_of_a_cell_are_the_width_apart_however_the_way_bends(radius: f
     assert apart.max() < 0.01 + 0.35 * bend
 
 
+def test_a_short_walk_has_small_cells_of_larger_sigma() -> None:
+    cells, long = (average_cells(*walk_curve(np.inf, count)) for count in (10, 90))
+    assert len(cells) >= 2
+    assert cells.grown < 0.5
+    assert long.grown == 1.0
+    assert cells.steps.max() < long.steps.max()
+    np.testing.assert_allclose(cells.left[:, 1] - cells.right[:, 1], WIDTH, atol=1e-9)
+
+
 def test_a_halt_a_shuffle_and_a_hop_are_no_steps() -> None:
     right, left = walk_curve(np.inf, 20)
     shuffled = Footfalls(right.t, right.position * [0.2, 1.0, 1.0])
     halting = Footfalls(right.t * 4.0, right.position)
     hopping = Footfalls(np.sort(np.append(right.t, right.t + 0.1)), np.repeat(right.position, 2, axis=0))
-    assert len(find_steps(left, shuffled).at) == 0
-    assert len(find_steps(Footfalls(left.t * 4.0, left.position), halting).at) == 0
+    assert find_steps(left, shuffled).weight.max() < 0.2
     assert len(find_steps(hopping, left).at) == 0
+    # Who is slow all along walks, whatever the time of a stride; a halt in between is none.
+    steps = find_steps(Footfalls(left.t * 4.0, left.position), halting)
+    assert steps.weight.min() > 0.9
+    halt = np.where(np.arange(len(right)) > 4, 10.0, 0.0), np.where(np.arange(len(left)) > 4, 10.0, 0.0)
+    steps = find_steps(Footfalls(left.t + halt[1], left.position), Footfalls(right.t + halt[0], right.position))
+    assert steps.weight.min() > 0.9
+    assert len(steps.at) == 8  # of nine
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.3, -2.0])
@@ -56,7 +71,7 @@ def test_the_turn_of_one_path_against_the_other_is_found(turn: float) -> None:
     c, s = np.cos(turn), np.sin(turn)
     turned = Footfalls(right.t, right.position @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]))
     found = measure_turns(turned, left)[1]
-    np.testing.assert_allclose(np.angle(np.exp(1j * (found - turn))), 0.0, atol=0.03)
+    np.testing.assert_allclose(np.angle(found * np.exp(-1j * turn)), 0.0, atol=0.03)
 
 
 def test_a_long_walk_has_fewer_cells_and_these_are_not_far_apart() -> None:
@@ -87,4 +102,4 @@ def test_no_turn_is_measured_across_a_hole(foot: int) -> None:
     hole = float(feet[0].t[len(feet[0]) // 2]) + 0.1
     aside = [0.0, 40.0, 0.0] * (feet[foot].t > hole)[:, None]
     feet[foot] = Footfalls(feet[foot].t, feet[foot].position + aside, np.array([hole]))
-    np.testing.assert_allclose(measure_turns(*feet)[1], 0.0, atol=1e-9)
+    np.testing.assert_allclose(np.angle(measure_turns(*feet)[1]), 0.0, atol=1e-9)

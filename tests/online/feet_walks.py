@@ -51,5 +51,5 @@ def push_feet(navigator: FeetNavigator, keep: Callable[[Side, float], bool] = la
     """Push the demo's samples, and return all lines up to the end of the walk."""
     found = []
     for side, rows in list_blocks(keep):
-        found += navigator.push(side, rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:])
+        found += navigator.push(side, rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:10])
     return [*found, *navigator.close()]

@@ -56,7 +56,7 @@ def test_what_the_checkpoint_knows_is_not_taken_twice(whole, tmp_path):
 def admitted(judge, rows, block):
     """Rows (n, 11) that a judge takes of these (n, 10) in blocks."""
     parts = [rows[i : i + block] for i in range(0, len(rows), block)]
-    return [judge.admit(part[:, 0], part[:, 1:4], part[:, 4:7], part[:, 7:]) for part in parts]
+    return [judge.admit(part[:, 0], part[:, 1:4], part[:, 4:7], part[:, 7:10]) for part in parts]
 
 
 def resumed(rows, saved, then, block=7):
@@ -134,7 +134,7 @@ def test_a_sensor_switched_off_and_on_is_carried_on_after_a_gap():
         assert sum(map(len, admitted(again, rows[begin:], 50))) == 0
         assert again.counts["late"] == (40 if begin == 0 else 0)  # that nobody listened to
         assert again.counts["known"] == len(rows) - begin - again.counts["late"]
-        more = rows[-30:] + 0.31 * np.eye(10)[0]
+        more = rows[-30:] + 0.31 * np.eye(11)[0]
         np.testing.assert_array_equal(np.concatenate(admitted(again, more, 50))[:, 1:COLUMNS], more[:, 1:])
 
 

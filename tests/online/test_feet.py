@@ -181,7 +181,7 @@ def test_a_clock_offset_is_taken_off() -> None:
     found = []
     for side, rows in list_blocks(lambda side, t: t < 25.0):
         t = rows[:, 0] + (100.0 if side == "right" else 0.0)
-        found += navigator.push(side, t, rows[:, 1:4], rows[:, 4:7], rows[:, 7:])
+        found += navigator.push(side, t, rows[:, 1:4], rows[:, 4:7], rows[:, 7:10])
     expected = [one for one in walked()[0] if isinstance(one.content, PersonEstimate)]
     people = [one for one in found if isinstance(one.content, PersonEstimate)]
     assert [one.content.t for one in people] == pytest.approx([one.content.t for one in expected[: len(people)]])
@@ -195,7 +195,7 @@ def test_clocks_that_do_not_fit_are_told_once_with_what_to_begin_again_with(
     remarks: list[str] = []
     navigator = FeetNavigator(heads_known(), remarks.append, clock_offset_s=given_s)
     for side, rows in list_blocks(lambda side, t: t < 43.0):
-        navigator.push(side, rows[:, 0] + late_s * (side == "right"), rows[:, 1:4], rows[:, 4:7], rows[:, 7:])
+        navigator.push(side, rows[:, 0] + late_s * (side == "right"), rows[:, 1:4], rows[:, 4:7], rows[:, 7:10])
     navigator.abandon()
     (said,) = [words for words in remarks if "clocks" in words]
     assert float(said.rsplit(" ", 1)[1]) == pytest.approx(told_s, abs=0.03)
@@ -209,7 +209,7 @@ def test_a_foot_that_was_silent_for_some_seconds_has_a_clock_that_fits() -> None
     remarks: list[str] = []
     navigator = FeetNavigator(heads_known(), remarks.append)
     for side, rows in list_blocks(lambda side, t: t < 45.0 and (side == "left" or not 14.0 < t < 24.0)):
-        navigator.push(side, rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:])
+        navigator.push(side, rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:10])
     navigator.abandon()
     assert not [words for words in remarks if "clocks" in words]
 
@@ -219,7 +219,7 @@ def test_a_clock_that_restarts_parts_the_feet() -> None:
     navigator, found = FeetNavigator(heads_known()), []
     for side, rows in list_blocks(lambda side, t: t < 28.0):
         t = rows[:, 0] - (19.0 if side == "right" and rows[0, 0] > 20.0 else 0.0)
-        found += navigator.push(side, t, rows[:, 1:4], rows[:, 4:7], rows[:, 7:])
+        found += navigator.push(side, t, rows[:, 1:4], rows[:, 4:7], rows[:, 7:10])
     found += navigator.close()
     assert "parted" in [one.content.state for one in found if isinstance(one.content, FootState)]
     assert found[-1].frame == "right"
@@ -257,7 +257,7 @@ def push_in_g(navigator: FeetNavigator, sides: tuple[Side, ...]) -> list[FeetLin
     found = []
     for side, rows in list_blocks(lambda side, t: t < 12.0):
         force = rows[:, 1:4] / (9.81 if side in sides else 1.0)
-        found += navigator.push(side, rows[:, 0], force, rows[:, 4:7], rows[:, 7:])
+        found += navigator.push(side, rows[:, 0], force, rows[:, 4:7], rows[:, 7:10])
     return found
 
 
@@ -272,7 +272,7 @@ def alone(side: Side, options: OnlineOptions, until_s: float) -> list[str]:
     """The lines of one foot's navigator, as lines of two."""
     navigator, found = OnlineNavigator(options), []
     for _, rows in list_blocks(lambda one, t: one == side and t < until_s):
-        found += navigator.push(rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:])
+        found += navigator.push(rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:10])
     found += navigator.close()
     continues = navigator.told_continues
     lines = [FeetLine(side, side, one, isinstance(one, StanceEstimate) and continues[one.number]) for one in found]

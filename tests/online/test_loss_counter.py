@@ -86,7 +86,7 @@ def test_what_is_lost_before_and_behind_a_kill_is_counted_and_told(tmp_path):
     options = StreamOptions(online=NORTH, checkpoint=tmp_path / "walk")
     said: list[str] = []
     for part in (rows[:900], rows):
-        recording = Recording(part[:, 0], part[:, 1:4], part[:, 4:7], part[:, 7:])
+        recording = Recording(part[:, 0], part[:, 1:4], part[:, 4:7], part[:, 7:10])
         walk = follow_source(Replay(recording, np.inf, "a test"), options, print, said.append)
     assert walk.source["lost"] == {"samples": 20, "came": len(rows), "datagrams": 0}
     assert any(f"20 samples of {len(rows) + 20}" in words for words in said)

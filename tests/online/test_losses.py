@@ -136,7 +136,7 @@ def rows_with(lost_s: float, begins_again: bool) -> np.ndarray:
 def judged(rows: np.ndarray) -> tuple[SampleJudge, list[str], np.ndarray]:
     told: list[str] = []
     judge = SampleJudge(told.append)
-    taken = [judge.admit(part[:, 0], part[:, 1:4], part[:, 4:7], part[:, 7:]) for part in np.array_split(rows, 60)]
+    taken = [judge.admit(part[:, 0], part[:, 1:4], part[:, 4:7], part[:, 7:10]) for part in np.array_split(rows, 60)]
     return judge, told, np.concatenate(taken)
 
 

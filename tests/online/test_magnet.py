@@ -35,7 +35,7 @@ def walked(field_there: np.ndarray | float, lag_s: float | None = None, compass_
     recording = short_walk(STRIDES)
     stances, rows = detect_stances(recording), rows_of(recording)
     of = stances.footfall == AT
-    rows[stances.start[of][0] - NEAR : stances.stop[of][-1] + NEAR, 7:] += field_there
+    rows[stances.start[of][0] - NEAR : stances.stop[of][-1] + NEAR, 7:10] += field_there
     more = not compass_alone
     magnetic = replace(NORTH.parameters.magnetic, differential=more, potential=more)
     parameters = replace(NORTH.parameters, magnetic=magnetic)

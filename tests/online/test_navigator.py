@@ -127,7 +127,7 @@ def test_between_footfalls_the_pose_is_carried_on():
         assert np.linalg.norm(pose.velocity) > 1.0
         assert np.linalg.norm(pose.position[0] - batch.position[stop - 1]) < 0.15
         assert np.degrees(np.arccos((np.trace(pose.nav_R_body[0].T @ batch.nav_R_body[stop - 1]) - 1) / 2)) < 5.0
-    push(navigator, np.repeat(rows[stop : stop + 1], 1500, axis=0) + 0.01 * np.arange(1500)[:, None] * np.eye(10)[0])
+    push(navigator, np.repeat(rows[stop : stop + 1], 1500, axis=0) + 0.01 * np.arange(1500)[:, None] * np.eye(11)[0])
     assert np.isfinite(navigator.pose().position).all()
     assert np.linalg.norm(navigator.pose().velocity) < 1.0
 
@@ -143,7 +143,7 @@ def spoiled(rows, kind):
     elif kind == "backward":
         rows = np.concatenate([rows[:middle], rows[middle - 40 : middle - 10], rows[middle:]])
     elif kind == "ahead":
-        rows = np.insert(rows, middle, rows[middle] + np.eye(10)[0] * 1e6, axis=0)
+        rows = np.insert(rows, middle, rows[middle] + np.eye(11)[0] * 1e6, axis=0)
     elif kind == "gap":
         rows = np.delete(rows, np.s_[middle : middle + 150], axis=0)
     elif kind == "restart":
@@ -177,7 +177,7 @@ def test_blocks_do_not_matter_to_the_judge(kind):
         navigator = OnlineNavigator(NORTH)
         for start, stop in zip([0, *cuts], [*cuts, len(rows)], strict=True):
             block = rows[start:stop]
-            navigator.buffer.append(navigator.judge.admit(block[:, 0], block[:, 1:4], block[:, 4:7], block[:, 7:]))
+            navigator.buffer.append(navigator.judge.admit(block[:, 0], block[:, 1:4], block[:, 4:7], block[:, 7:10]))
         stores.append(navigator.buffer.between(0, navigator.buffer.stop))
     assert np.array_equal(stores[0], stores[1], equal_nan=True)
     assert np.array_equal(stores[0], stores[2], equal_nan=True)
@@ -190,7 +190,7 @@ def test_a_gap_keeps_its_length_unless_the_clock_was_set_and_then_it_is_said_by_
     rows[700:, 0] += step_s
     told = []
     judge = SampleJudge(told.append)
-    taken = judge.admit(rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:])
+    taken = judge.admit(rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:10])
     assert taken[700, 0] - taken[699, 0] == pytest.approx(taken_s)
     sensor_t = [judge.sensor_time(i, float(t)) for i, t in enumerate(taken[:, 0])]
     np.testing.assert_allclose(sensor_t, rows[:, 0], rtol=1e-15, atol=1e-9)
@@ -218,8 +218,8 @@ def test_stamps_go_on_after_a_restart_of_the_clock(block):
     rows, sent = restarted()
     judge = SampleJudge()
     parts = [sent[i : i + block] for i in range(0, len(sent), block)]
-    taken = np.concatenate([judge.admit(p[:, 0], p[:, 1:4], p[:, 4:7], p[:, 7:]) for p in parts])
-    np.testing.assert_allclose(taken[:, :10], rows, rtol=0, atol=1e-9)
+    taken = np.concatenate([judge.admit(p[:, 0], p[:, 1:4], p[:, 4:7], p[:, 7:10]) for p in parts])
+    np.testing.assert_allclose(taken[:, :11], rows, rtol=0, atol=1e-9)
     sensor_t = [judge.sensor_time(i, float(t)) for i, t in enumerate(taken[:, 0])]
     np.testing.assert_allclose(sensor_t, sent[:, 0], rtol=0, atol=1e-9)
     again = SampleJudge.resume(json.loads(json.dumps(judge.state())), [taken], lambda words: None)

@@ -69,7 +69,7 @@ def test_what_the_heading_knows_of_it_is_not_counted_twice():
 def tell(options: OnlineOptions, magnetometer: bool = True) -> list[StanceEstimate]:
     """Lines of the short walk northward, in a field that points north."""
     rows = rows_of(short_walk())
-    rows[:, 7:] = rows[:, 7:] if magnetometer else np.nan
+    rows[:, 7:10] = rows[:, 7:10] if magnetometer else np.nan
     return [line for line in push(OnlineNavigator(options), rows) if isinstance(line, StanceEstimate)]
 
 

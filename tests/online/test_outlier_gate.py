@@ -27,8 +27,10 @@ def test_a_stream_leaves_out_what_a_recording_does_and_counts_it(block):
     rows, told = spoiled(), []
     judge = SampleJudge(told.append)
     parts = [rows[i : i + block] for i in range(0, len(rows), block)]
-    taken = [judge.admit(part[:, 0], part[:, 1:4], part[:, 4:7], part[:, 7:]) for part in parts]
-    whole = Recording.from_raw(RawRecording(rows[:, 0], rows[:, 1:4], rows[:, 4:7], np.arange(len(rows)), rows[:, 7:]))
+    taken = [judge.admit(part[:, 0], part[:, 1:4], part[:, 4:7], part[:, 7:10]) for part in parts]
+    whole = Recording.from_raw(
+        RawRecording(rows[:, 0], rows[:, 1:4], rows[:, 4:7], np.arange(len(rows)), rows[:, 7:10])
+    )
     np.testing.assert_array_equal(np.concatenate([*taken, judge.flush()]), taken_rows(whole))
     assert judge.counts == {"gyr": len(BAD) + 3, "acc": 6, "mag": 3}
     assert len(whole) == len(rows) - 1

@@ -60,7 +60,7 @@ def walked(recording):
 def forward(recording):
     """Steps, and their path by the orientation forward, of the whole recording."""
     track = follow_pocket(recording, start=choose_start(recording, None)[0])
-    swing = estimate_swing(recording, track)
+    swing = estimate_swing(recording, track, with_force=False)
     steps = find_steps(recording.t, swing.flexion, swing.up_now)
     return steps, reckon_path(track, swing, steps, StepLength())
 

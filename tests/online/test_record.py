@@ -25,7 +25,7 @@ from tests.online.walks import short_walk
 def rows():
     odd = rows_of(short_walk()).copy()
     odd[100:110, 2] = np.nan
-    odd[200:300, 7:] = np.nan
+    odd[200:300, 7:10] = np.nan
     odd[400, 1] = np.inf
     odd[500:520, 0] -= 3.0
     return odd
@@ -38,7 +38,8 @@ def hurry(monkeypatch):
 
 def recorded(path: Path):
     raw = read_raw(path)
-    return np.column_stack([raw.t, raw.acc, raw.gyr, raw.mag])
+    assert raw.pressure is None
+    return np.column_stack([raw.t, raw.acc, raw.gyr, raw.mag, np.full(len(raw.t), np.nan)])
 
 
 def write(path, rows, goes_on=False, force=False, block=50):

@@ -58,11 +58,11 @@ def enormous_field(rows):
 
 
 def both_unread(rows):
-    return np.where(np.arange(rows.size).reshape(rows.shape) == 5 * rows.shape[1] + 10, 3.0, rows)
+    return np.where(np.arange(rows.size).reshape(rows.shape) == 5 * rows.shape[1] + 11, 3.0, rows)
 
 
 def unknown_unread(rows):
-    return np.where(np.arange(rows.size).reshape(rows.shape) == 5 * rows.shape[1] + 10, np.nan, rows)
+    return np.where(np.arange(rows.size).reshape(rows.shape) == 5 * rows.shape[1] + 11, np.nan, rows)
 
 
 def name_change(changes):

@@ -15,8 +15,8 @@ from fg_nav.online.rows import Columns, RowReader, parse_columns
 from tests.io.samples import tilting
 
 HEADER = ",".join(CANONICAL).encode() + b"\n"
-ROW = b"1.5,0.1,0.2,9.8,1,2,3,20,-3,40\n"
-SAMPLE = [1.5, 0.1, 0.2, 9.8, 1, 2, 3, 20, -3, 40]
+ROW = b"1.5,0.1,0.2,9.8,1,2,3,20,-3,40,101325\n"
+SAMPLE = [1.5, 0.1, 0.2, 9.8, 1, 2, 3, 20, -3, 40, 101325]
 SHORT_ROW = "t,ax,ay,az,gx,gy,gz"
 
 ODD = (
@@ -26,7 +26,7 @@ ODD = (
 numbers = st.one_of(
     st.floats().map(repr), st.floats(-100, 100).map("{:.6f}".format), st.integers().map(str), st.sampled_from(ODD)
 )
-plain = st.lists(numbers, min_size=10, max_size=10).map(",".join)
+plain = st.lists(numbers, min_size=11, max_size=11).map(",".join)
 headers = (
     "time_s,acc_x_m_s2", ",".join(CANONICAL), ",".join(reversed(CANONICAL)), "time_s,a,b,c,d,e,f,g,h,i",
     "t,a,b,c,d,e,f,g,h,i",
@@ -42,7 +42,7 @@ lines = st.one_of(
 def test_a_block_gives_the_samples_of_its_lines(drawn, has_rate):
     """To the last bit, in sum of all that a number may look like."""
     data = "\n".join(drawn).encode("utf-8", "surrogatepass") + b"\n"
-    columns = Columns(("-", *CANONICAL[1:]), tuple(np.linspace(0.5, 2.0, 10).tolist()), 400.0) if has_rate else None
+    columns = Columns(("-", *CANONICAL[1:]), tuple(np.linspace(0.5, 2.0, 11).tolist()), 400.0) if has_rate else None
     readers = [RowReader("a test", columns=columns) for _ in range(2)]
     results = []
     with pytest.MonkeyPatch.context() as patch:
@@ -59,7 +59,7 @@ def test_a_block_is_read_at_once_where_it_can_be(monkeypatch):
     reader.read(HEADER)
     monkeypatch.setattr(reader, "_read_line", lambda line: pytest.fail("line by line"))
     found = reader.read((ROW + b"\r\n" + HEADER + ROW.replace(b"20,-3,40", b",,").replace(b"\n", b"\r\n")) * 100)
-    assert np.array_equal(found, [SAMPLE, [*SAMPLE[:7], *[np.nan] * 3]] * 100, equal_nan=True)
+    assert np.array_equal(found, [SAMPLE, [*SAMPLE[:7], *[np.nan] * 3, 101325]] * 100, equal_nan=True)
 
 
 def test_a_header_midway_in_another_order_is_used_from_there_on():
@@ -70,7 +70,7 @@ def test_a_header_midway_in_another_order_is_used_from_there_on():
     )
     without = b",".join(HEADER.strip().split(b",")[:7]) + b"\n" + b",".join(ROW.split(b",")[:7]) + b"\n"
     found = reader.read(HEADER + ROW + backward + without + HEADER + ROW)
-    assert np.array_equal(found, [SAMPLE, SAMPLE, [*SAMPLE[:7], *[np.nan] * 3], SAMPLE], equal_nan=True)
+    assert np.array_equal(found, [SAMPLE, SAMPLE, [*SAMPLE[:7], *[np.nan] * 4], SAMPLE], equal_nan=True)
     assert reader.bad == 0
 
 
@@ -82,7 +82,7 @@ def test_a_header_midway_without_its_end_changes_nothing():
     assert "no header" in said[0]
 
 
-FOREIGN = b"ts_ms,ax_g,ay_g,az_g,gx_dps,gy_dps,gz_dps,mx,my,mz\n"
+FOREIGN = b"ts_ms,ax_g,ay_g,az_g,gx_dps,gy_dps,gz_dps,mx,my,mz,p\n"
 
 
 @pytest.mark.parametrize("other", [FOREIGN, HEADER.replace(b"acc_z_m_s2", b"t_C").replace(b"gyr_x_rad_s", b"wx")])
@@ -153,7 +153,7 @@ def test_columns_units_and_counted_stamps(block):
     turn = np.radians([1.0, 2.0, 3.0])
     assert np.allclose(found[:, 1:7], [0, 0, GRAVITY_M_S2, *turn], rtol=1e-15, atol=0)
     assert np.array_equal(found[:, 0], np.arange(2 * block) / 50.0)
-    assert np.isnan(found[:, 7:]).all()
+    assert np.isnan(found[:, 7:10]).all()
     after = reader.read(b"broken\n" + row, away_s=3.0)
     assert after[0, 0] == pytest.approx((2 * block + 1) / 50.0 + 3.0)
 
@@ -176,7 +176,7 @@ def test_a_mapping_finds_the_names_of_a_header_that_is_not_ours(block):
 def test_a_mapping_by_numbers_needs_no_header_and_passes_one_over():
     reader = RowReader("a test", columns=parse_columns("acc=2:3:4[mg],gyr=7:6:5,mag=8:9:10[G]", None, 50.0))
     found = reader.read(b"id,a,a,a,g,g,g,m,m,m\n" + b"7,0,0,1000,3,2,1,0.2,0,0.4\n" * 2)
-    assert found[-1] == pytest.approx([1 / 50.0, 0, 0, GRAVITY_M_S2, 1, 2, 3, 20.0, 0, 40.0])
+    assert found[-1, :10] == pytest.approx([1 / 50.0, 0, 0, GRAVITY_M_S2, 1, 2, 3, 20.0, 0, 40.0])
     reader.resume(["-"] * 10)
     assert reader.header is not None
 
@@ -262,7 +262,7 @@ def test_rows_are_read_in_any_order_and_ending():
     reader = RowReader("a test")
     rows = reader.read(b"junk of before\n\xef\xbb\xbf" + one + b"1, 9.8,0.1,,words,1,2,3,\r\n2,9")
     assert np.array_equal(rows[0, :7], [1, 0.1, np.nan, 9.8, 1, 2, 3], equal_nan=True)
-    assert np.isnan(rows[0, 7:]).all()
+    assert np.isnan(rows[0, 7:10]).all()
     assert len(reader.finish()) == 0
     assert reader.bad == 1
 

@@ -38,7 +38,7 @@ def push(navigator: OnlineNavigator, rows: Floats, cuts: Iterable[int] = ()) -> 
     found = []
     for start, stop in pairwise([0, *cuts, len(rows)]):
         block = rows[start:stop]
-        found += navigator.push(block[:, 0], block[:, 1:4], block[:, 4:7], block[:, 7:])
+        found += navigator.push(block[:, 0], block[:, 1:4], block[:, 4:7], block[:, 7:10])
     return found
 
 

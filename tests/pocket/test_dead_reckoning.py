@@ -41,14 +41,15 @@ def given(headings, twist_deg=0.0, sigma=None, mounting=(0.3, -0.8, 2.0)):
     swing = ThighSwing(left, up, np.tile(up, (n, 1)), np.zeros(n), 0.5, 0.0)
     start = STEP * (2 + np.arange(len(headings)))
     opening = np.full(len(headings), np.radians(46.0))
-    steps = Steps(start, start + STEP, opening, np.arange(len(headings)) % 2 == 0, np.zeros(len(headings), int))
+    took = np.full(len(headings), STEP / RATE_HZ)
+    steps = Steps(start, start + STEP, opening, took, np.arange(len(headings)) % 2 == 0, np.zeros(len(headings), int))
     return track, swing, steps
 
 
 def test_a_path_north_and_then_east():
     track, swing, steps = given([0.0] * 30 + [np.pi / 2] * 20)
     path = reckon_path(track, swing, steps, LAW)
-    length = LAW.predict(np.radians([46.0]))[0]
+    length = LAW.predict(steps)[0]
     np.testing.assert_allclose(path.length, length)
     np.testing.assert_allclose(path.position[59], [0.0, 30 * length, 0.0], atol=0.5 * length)
     np.testing.assert_allclose(path.position[-1], [20 * length, 30 * length, 0.0], atol=length)

@@ -17,8 +17,10 @@ from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.lab.simulation.path import straight
 from fg_nav.lab.simulation.plan import Stand, TurnOnSpot, Walk
 from fg_nav.lab.simulation.scenarios import scenario
+from fg_nav.pipeline import navigate
 from fg_nav.pocket.navigate import METHODS, navigate_pocket
 from fg_nav.recording import RawRecording, Recording
+from fg_nav.walk import Options
 
 PAPER = METHODS[1]
 
@@ -213,3 +215,16 @@ def test_the_names_of_the_methods_are_the_same_everywhere():
     assert estimators.DEFAULT_METHOD["pocket"] == METHODS[0]
     with pytest.raises(EstimationError, match="no method"):
         estimators.find_estimator("best", "pocket")
+
+
+def test_a_pocket_of_few_strides_is_never_trusted_and_none_is_told_of_a_foots_rate(walk):
+    whole = navigate(replace(walk.recording, truth=None), "pocket", options=Options(mount="pocket"))
+    assert whole.verdict.word == "trusted"
+    begin = int(whole.stances.sample[0])
+    few = walk.recording.slice(max(begin - 100, 0), int(whole.stances.sample[2]))
+    found = navigate(replace(few, truth=None), "pocket", options=Options(mount="pocket"))
+    assert len(found.stances) - 1 <= 2
+    assert found.verdict.word == "not to be used"
+    slow = Recording(*(x[::3] for x in (walk.recording.t, walk.recording.acc, walk.recording.gyr)))  # 33 Hz
+    reasons = navigate(slow, "pocket", options=Options(mount="pocket")).verdict.reasons
+    assert not any("foot" in words for words in reasons)

@@ -8,7 +8,15 @@ from fg_nav.errors import EstimationError
 from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.pocket import estimate_pocket
 from fg_nav.pocket.causal_steps import SwingSums
-from fg_nav.pocket.steps import estimate_swing, find_steps, find_turning_points
+from fg_nav.pocket.steps import (
+    estimate_swing,
+    find_bounces,
+    find_level_axis,
+    find_steps,
+    find_turning_points,
+    measure_sway,
+)
+from fg_nav.pocket.track import PocketTrack
 from fg_nav.recording import Recording
 
 RATE_HZ = 50.0
@@ -149,7 +157,7 @@ def test_a_sensor_that_is_turned_every_way_has_no_axis():
     t = np.arange(3000) / 100
     gyr = 3.0 * np.stack([np.sin(3 * t), np.sin(4.1 * t + 1), np.sin(5.3 * t + 2)], axis=1)
     recording = Recording(t, np.tile([0, 0, 9.8], (3000, 1)), gyr)
-    with pytest.raises(EstimationError, match="no level axis"):
+    with pytest.raises(EstimationError, match="a level axis"):
         estimate_swing(recording, estimate_pocket(recording))
 
 
@@ -163,3 +171,43 @@ def test_a_swing_that_shows_no_axis_any_more_keeps_the_last_one() -> None:
         sums.add_swing(np.tile(30.0 * axis, (1000, 1)), up, 0.01)
     assert sums.axes is not None
     assert np.array_equal(sums.axes[0], known[0])
+
+
+def test_a_body_that_bounces_steps_without_a_swing() -> None:
+    t = np.arange(0, 40, 0.02)
+    on = (t > 5) & (t < 30)
+    vertical = 9.8 + on * 3.0 * np.sin(2 * np.pi * 1.9 * t) + 0.3 * np.random.default_rng(0).standard_normal(len(t))
+    steps = find_bounces(t, vertical, on)
+    assert abs(len(steps) - 25 * 1.9) <= 3
+    assert np.isnan(steps.opening).all()
+    np.testing.assert_allclose(steps.took, 1 / 1.9, atol=0.04)
+    assert (np.diff(steps.bout) == 0).all()
+    assert not len(find_bounces(t, np.where(t < 7, vertical, 9.8), on))  # three bounces are no walk
+
+
+@pytest.mark.parametrize("course", [0.0, 2.0, -2.6])
+def test_the_sway_points_forward(course) -> None:
+    t = np.arange(0, 60, 0.02)
+    w = 2 * np.pi * 1.9
+    # an inverted pendulum: slowest where it is highest; and a sideways sway at half of that frequency
+    ahead, side, vertical = 2.0 * np.sin(w * t), 1.5 * np.sin(w / 2 * t + 1.0), -2.5 * np.cos(w * t)
+    acc = np.stack([ahead, side, 9.8 + vertical], axis=1) @ Rotation.from_euler("z", course).as_matrix().T
+    n = len(t)
+    nothing = np.full(n, np.nan)
+    track = PocketTrack(
+        t, np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3)), np.zeros((n, 6)), np.zeros(1, int), np.zeros((1, 6, 6)),
+        nothing, nothing,
+    )  # fmt: skip
+    sway, surely = measure_sway(Recording(t, acc, np.zeros((n, 3))), track, np.ones(n, dtype=bool))
+    assert np.degrees(np.arctan2(sway[1], sway[0])) == pytest.approx(np.degrees(course), abs=3.0)
+    assert surely > 0.8
+
+
+def test_a_sensor_that_turns_about_up_keeps_the_axis_of_its_swing() -> None:
+    t = np.arange(0, 60, 0.01)
+    swing, about_up = 2.0 * np.cos(2 * np.pi * 0.95 * t), 4.0 * np.cos(2 * np.pi * 0.95 * t + 0.7)
+    rate = np.stack([0.1 * about_up, swing, about_up], axis=1)
+    share, axis = find_level_axis(rate.T @ rate, np.array([0.0, 0.0, 1.0]))
+    assert share > 0.9
+    assert abs(axis[1]) > 0.97
+    assert axis[2] == pytest.approx(0.0, abs=1e-12)

@@ -52,7 +52,7 @@ def test_a_few_inputs_show_no_fault(kind: str, store: object) -> None:
 
 def test_every_mutation_is_its_seed_s_and_changes_something(recording: Recording) -> None:
     rows = rows_of(recording)
-    rows[:, 7:] = [20.0, 0.0, -43.0]
+    rows[:, 7:10] = [20.0, 0.0, -43.0]
     for name, mutate in mutations.SAMPLE_MUTATIONS.items():
         one, again = (mutate(rows.copy(), np.random.default_rng(3)) for _ in range(2))
         assert one.shape[1] == 10, name

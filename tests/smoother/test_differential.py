@@ -102,7 +102,7 @@ def test_without_a_rest_the_bias_is_found_better(rough: bool) -> None:
     own = up_bias_deg_s(smooth(demo().recording, stances))  # of the sensor, from its rests
     true = own.mean() + UP_BIAS_DEG_S
     # Against a prior of 0.15 deg/s, and an error of 0.2 that the stances of a walk have in common.
-    assert abs(with_it[-1] - true) < 0.8 * abs(without[-1] - true)
+    assert abs(with_it[-1] - true) < 0.85 * abs(without[-1] - true)
 
 
 def test_its_factors_are_the_same_in_batch_and_one_by_one() -> None:

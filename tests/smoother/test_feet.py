@@ -91,7 +91,8 @@ def test_the_width_is_that_of_the_person(walk: SimulatedFeet, both: FeetSolution
 def test_swapped_feet_show_a_negative_width(feet: dict[str, Foot], both: FeetSolution) -> None:
     swapped = smooth_feet(feet["left"], feet["right"])
     assert swapped.width_m < -3.0 * swapped.width_sigma_m
-    assert swapped.width_m == pytest.approx(-both.width_m, abs=0.05)
+    # The prior of the width is that of feet that are not swapped.
+    assert swapped.width_m == pytest.approx(-both.width_m, abs=2.0 * both.width_sigma_m)
 
 
 def test_a_foot_claims_less_beside_the_other_and_its_claim_is_true(
@@ -121,7 +122,9 @@ def test_the_person_is_in_the_middle_and_as_uncertain_as_the_feet(walk: Simulate
     of_left = both.left.stances.position_sigma
     np.testing.assert_array_equal(person.footfall_t, both.left.stances.t)
     assert (sigma[:, :3] >= of_left).all()
-    np.testing.assert_allclose(sigma[:, :2], np.hypot(of_left[:, :2], 0.03), atol=0.02)
+    # Who stands at the start has the feet near each other, and it is not known how.
+    np.testing.assert_allclose(sigma[1:, :2], np.hypot(of_left[1:, :2], 0.03), atol=0.02)
+    assert sigma[0, :2].max() < 0.1
 
 
 def test_where_one_foot_was_not_recorded_the_person_goes_as_the_other_one(

@@ -135,7 +135,7 @@ def problem(walk: Walk, p: SmootherParameters = DEFAULT) -> Problem:
     measurements = preintegrate(recording, nodes.sample, gtsam.imuBias.ConstantBias(np.zeros(3), bias), p)
     graph = gtsam.NonlinearFactorGraph()
     graph.push_back(StartPrior(start, GAUGE_SIGMA).factor(p))
-    add_start(graph, np.radians(p.gyro_bias_sigma_deg_s), p)
+    add_start(graph, np.radians(p.gyro_bias_deg_s), np.radians(p.gyro_bias_sigma_deg_s), p)
     velocities = measure_velocities(recording, stances, nodes, bias, lever, p)
     strides = list(strides_of(recording, nodes, measurements, velocities, rests))
     for stride in strides:

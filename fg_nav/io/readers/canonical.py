@@ -1,7 +1,8 @@
 """The project's own recording format: CSV with one header line, SI units, uT; written exact to the last bit.
 
-`time_s, acc_x_m_s2, ..., gyr_x_rad_s, ..., mag_x_uT, ...`; the mag columns may be absent, and empty where
-there is no sample. acc is specific force: +g on the up axis at rest. Further columns are ignored, the order
+`time_s, acc_x_m_s2, ..., gyr_x_rad_s, ..., mag_x_uT, ..., pressure_pa`; those of mag and pressure may be absent, and
+empty where there is no sample; `pressure_hpa` is read too.
+acc is specific force: +g on the up axis at rest. Further columns are ignored, the order
 is free.
 """
 
@@ -13,7 +14,9 @@ from pathlib import Path
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.columns.mapping import ACC, GYR, MAG, TIME
+from fg_nav.columns.choice import find_pressure
+from fg_nav.columns.mapping import ACC, GYR, MAG, PRESSURE, TIME
+from fg_nav.columns.samples import convert_pressure
 from fg_nav.errors import OutputError
 from fg_nav.io.content import Content
 from fg_nav.io.readers.table import SENSOR_WORD
@@ -35,14 +38,19 @@ def read(content: Content) -> RawRecording:
     path, header = content.path, content.fields()
     has_mag = not set(MAG).isdisjoint(header)
     names = TIME + ACC + GYR + (MAG if has_mag else ())
-    table, row = read_table(content, header, [find_column(name, header, path) for name in names], first_line=2)
+    air = find_pressure(header)
+    positions = [*(find_column(name, header, path) for name in names), *(() if air is None else air.positions)]
+    table, row = read_table(content, header, positions, first_line=2)
+    notes: list[str] = []
+    pressure = None if air is None else convert_pressure(table[:, -1], air, notes)
     return RawRecording(
         t=table[:, 0],
         acc=table[:, 1:4],
         gyr=table[:, 4:7],
         mag=table[:, 7:10] if has_mag else None,
         row=row,
-        provenance=Provenance(path=path, format="canonical"),
+        provenance=Provenance(path=path, format="canonical", notes=tuple(notes)),
+        pressure=pressure,
     )
 
 
@@ -54,13 +62,18 @@ def write_canonical(recording: Recording | RawRecording, path: Path | str) -> No
 
     Raises `OutputError` if the file cannot be written.
     """
-    columns = [recording.t[:, None], recording.acc, recording.gyr]
-    names: tuple[str, ...] = TIME + ACC + GYR
-    if recording.mag is not None:
-        columns.append(recording.mag)
-        names += MAG
-    table = np.concatenate(columns, axis=1)
+    names, table = tabulate_samples(recording)
     write_text(Path(path), ",".join(names) + "\n", (text.replace("nan", "") for text in format_rows(table, "%r", ",")))
+
+
+def tabulate_samples(recording: Recording | RawRecording) -> tuple[tuple[str, ...], Floats]:
+    """Return the names (C,) of the columns that a recording has, and its samples (N, C)."""
+    parts = {TIME: recording.t[:, None], ACC: recording.acc, GYR: recording.gyr}
+    if recording.mag is not None:
+        parts[MAG] = recording.mag
+    if recording.pressure is not None:
+        parts[PRESSURE] = recording.pressure[:, None]
+    return tuple(name for names in parts for name in names), np.concatenate(list(parts.values()), axis=1)
 
 
 def format_rows(table: Floats, number: str, separator: str) -> Iterator[str]:

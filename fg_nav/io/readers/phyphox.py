@@ -6,6 +6,7 @@
 `Linear Acceleration x (m/s^2)`           without gravity: of no use here
 `Gyroscope x (rad/s)`                     rad/s
 `Magnetic field x (µT)`                   uT
+`Pressure (hPa)`                          of the air, hPa
 `X (m/s^2)`, `X (rad/s)`, `X (µT)`        newer header: the unit says the sensor, the name of the file "Linear"
 `meta/device.csv`, `meta/time.csv`        phone and app; when the experiment was started and paused
 ========================================= =================================================================
@@ -39,6 +40,7 @@ _SENSORS: dict[str, _Column] = {
     "Acceleration": "acc", "Accelerometer": "acc", "Linear Acceleration": "linear", "Linear Accelerometer": "linear",
     "Gyroscope": "gyr", "Magnetic field": "mag", "Magnetometer": "mag",
 }  # fmt: skip
+_PRESSURE = re.compile(r"(?:Pressure|P) ?\((\w+)\)")
 _COLUMN = re.compile(rf"(?:({'|'.join(_SENSORS)}) ([xyz])|([XYZ])) ?\((.+)\)")
 
 _LATE_S = 1.0
@@ -96,7 +98,8 @@ def _find_columns(table: Content) -> Header | None:
 
 
 def _is_header(names: list[str]) -> bool:
-    return len(names) > 3 and bool(_TIME.fullmatch(names[0])) and any(map(_COLUMN.fullmatch, names[1:]))
+    is_sensor = len(names) > 3 and any(map(_COLUMN.fullmatch, names[1:]))
+    return bool(names and _TIME.fullmatch(names[0])) and (is_sensor or any(map(_PRESSURE.fullmatch, names[1:])))
 
 
 def _read_table(table: Content) -> Iterator[Stream | None]:
@@ -110,6 +113,10 @@ def _read_table(table: Content) -> Iterator[Stream | None]:
         if match:
             axis = (match[2] or match[3]).lower()
             groups.setdefault(_find_sensor(match[1], match[4], table), []).append((axis, name, match[4]))
+    for name in header.names:
+        match = _PRESSURE.fullmatch(name)
+        if match and find_factor("pressure", match[1]):
+            yield _read_stream(table, header, "pressure", [("", name, match[1])])
     for what, columns in groups.items():
         if what == "linear":
             yield None
@@ -124,7 +131,7 @@ def _find_sensor(word: str | None, unit: str, table: Content) -> _Column:
     quantity = find_quantity(unit)
     if quantity == "acc" and "linear" in table.path.name.lower():
         return "linear"
-    return "other" if quantity == "time" or quantity is None else quantity
+    return "other" if quantity is None or quantity == "time" or quantity == "pressure" else quantity
 
 
 def _read_stream(table: Content, header: Header, what: Sensor, columns: list[tuple[str, str, str]]) -> Stream:
@@ -172,10 +179,20 @@ def _put_pauses_back(stream: Stream, events: list[tuple[str, float, float]], not
             f"{stream.source} lasts {end:.1f} s, but meta/time.csv says {last:.1f} s: give the files of one experiment."
         )
     t: Floats = np.asarray(stream.t, dtype=np.float64).copy()
-    for before, after in pairwise(events):
-        pause = after[2] - before[2]
-        if before[0] == "PAUSE" and after[0] == "START" and 0.0 < pause < 1e6:
-            t[stream.t > after[1]] += pause
-            words = f"paused for {pause:.1f} s at {after[1]:.1f} s: a gap"
-            notes.extend([words] if words not in notes else [])
+    for at, pause in _list_pauses(events):
+        t[stream.t > at] += pause
+        words = f"paused for {pause:.1f} s at {at:.1f} s: a gap"
+        notes.extend([words] if words not in notes else [])
     return replace(stream, t=t)
+
+
+def _list_pauses(events: list[tuple[str, float, float]]) -> list[tuple[float, float]]:
+    """Pauses: when in the experiment, s, and how long, s."""
+    pairs = [(after[1], after[2] - before[2]) for before, after in pairwise(events) if before[0] == "PAUSE"]
+    return [(at, pause) for at, pause in pairs if 0.0 < pause < 1e6]
+
+
+def put_pauses_back(content: Content, t: Floats) -> Floats:
+    """Stamps (N,) s of another table of an experiment, as if its clock had gone on in its pauses."""
+    pauses = _list_pauses(_read_events(content))
+    return np.asarray(t + sum((np.where(t > at, pause, 0.0) for at, pause in pauses), np.zeros(len(t))))

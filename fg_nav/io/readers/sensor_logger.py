@@ -9,6 +9,7 @@ table                         on Android, or standardised                       
 `AccelerometerUncalibrated`   specific force, m/s^2                                 g, with the sign turned
 `Gyroscope`, `..Uncalibrated` rad/s                                                 rad/s
 `Magnetometer`, `..`          uT                                                    uT
+`Barometer`                   `pressure` hPa, `relativeAltitude`                    the same
 ============================= ===================================================== ===================================
 
 `time` is in whole ns since 1970. `Metadata.csv` names the platform and whether units and signs were standardised, to
@@ -36,12 +37,15 @@ from fg_nav.samples.plausibility import measure_rest_acc
 _WHAT: dict[str, Sensor] = {
     "totalacceleration": "acc", "accelerometer": "acc", "gravity": "acc", "accelerometeruncalibrated": "acc",
     "gyroscope": "gyr", "gyroscopeuncalibrated": "gyr", "magnetometer": "mag", "magnetometeruncalibrated": "mag",
+    "barometer": "pressure",
 }  # fmt: skip
 """Tables that are read, by the name of the file in lower case."""
 
 _YES = ("true", "1", "yes", "on")
 
 UNCALIBRATED_FIELD = "the magnetometer is uncalibrated: the field of the phone is still in it"
+
+HPA = 100.0  # Pa.
 
 _MOST_FORCE_IN_G = 3.0
 """A sensor at rest reads 1 in g, and 9.8 in m/s^2."""
@@ -79,8 +83,19 @@ def _find_tables(content: Content) -> dict[str, Content]:
     return {name: table for name, table in named.items() if name in _WHAT and _is_table(table) and has_rows(table)}
 
 
+def find_begin(content: Content) -> float:
+    """`seconds_elapsed` of the first sample, which is time 0 of the recording; 0 without such tables."""
+    first = []
+    for table in _find_tables(content).values():
+        header = find_header(table, lambda names: "seconds_elapsed" in names)
+        assert header is not None, "recognized by it"
+        first.append(float(header.read(table, ["seconds_elapsed"])[0][0, 0]))
+    return min(first, default=0.0)
+
+
 def _is_table(table: Content) -> bool:
-    return {"time", "seconds_elapsed", "x", "y", "z"} <= set(table.fields())
+    fields = set(table.fields())
+    return {"time", "seconds_elapsed"} <= fields and ({"x", "y", "z"} <= fields or "pressure" in fields)
 
 
 def _read_metadata(content: Content) -> dict[str, str]:
@@ -94,13 +109,14 @@ def _read_metadata(content: Content) -> dict[str, str]:
 def _read_stream(name: str, table: Content) -> Stream:
     header = find_header(table, lambda names: "seconds_elapsed" in names)
     assert header is not None, "recognized by it"
-    values, row = header.read(table, ["time", "x", "y", "z"])
+    is_air = _WHAT[name] == "pressure"
+    values, row = header.read(table, ["time", *(["pressure"] if is_air else "xyz")])
     stamps = header.read_integers(table, "time", row)
     if stamps is None:
         whole = np.abs(values[:, 0]) < 2.0**63
         values, row = values[whole], row[whole]
         stamps = np.rint(values[:, 0]).astype(np.int64)
-    return Stream(_WHAT[name], stamps, values[:, 1:], row, table.path.name)
+    return Stream(_WHAT[name], stamps, values[:, 1:] * (HPA if is_air else 1.0), row, table.path.name)
 
 
 def _find_force(
@@ -157,7 +173,7 @@ def _sign_said(metadata: dict[str, str], content: Content) -> float:
 
 
 def _find_others(streams: dict[str, Stream], notes: list[str]) -> list[Stream | None]:
-    """Gyroscope and magnetometer, calibrated before uncalibrated."""
+    """Gyroscope and magnetometer, calibrated before uncalibrated, and barometer."""
     gyr, mag = streams.get("gyroscope"), streams.get("magnetometer")
     if gyr is None and "gyroscopeuncalibrated" in streams:
         gyr = streams["gyroscopeuncalibrated"]
@@ -165,4 +181,4 @@ def _find_others(streams: dict[str, Stream], notes: list[str]) -> list[Stream | 
     if mag is None and "magnetometeruncalibrated" in streams:
         mag = streams["magnetometeruncalibrated"]
         notes.append(UNCALIBRATED_FIELD)
-    return [gyr, mag]
+    return [gyr, mag, streams.get("barometer")]

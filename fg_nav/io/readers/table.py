@@ -110,7 +110,7 @@ def read(content: Content, format: str = "table") -> RawRecording:
     values, row = values[own], row[own]
     # units
     samples = convert_samples(values, columns, content.rate_hz, _asker(content))
-    mag, is_ours = samples.mag, set(TIME + ACC + GYR) <= set(table.names)
+    mag, air, is_ours = samples.mag, samples.pressure, set(TIME + ACC + GYR) <= set(table.names)
     return RawRecording(
         t=samples.t,
         acc=samples.acc,
@@ -118,6 +118,7 @@ def read(content: Content, format: str = "table") -> RawRecording:
         mag=mag if mag is None or is_ours else drop_held(mag, samples.gyr),
         row=row,
         provenance=Provenance(path=path, format=format, notes=(*notes, *samples.notes)),
+        pressure=air if air is None or is_ours else drop_held(air[:, None], samples.gyr)[:, 0],
     )
 
 

@@ -152,6 +152,10 @@ def _draw_distance(result: FeetResult) -> Section:
     left, right = result.left, result.right
     if left is None or right is None:
         return Section("distance", title, ["One foot is missing: see the remarks."])
+    if result.width_m is None:
+        return Section(
+            "distance", title, ["Nothing ties the feet, and each is in a frame of its own: see the remarks."]
+        )
     from fg_nav.smoother.feet_factors import REACH_M
 
     t = result.t

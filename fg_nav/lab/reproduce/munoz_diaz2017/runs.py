@@ -130,9 +130,9 @@ def reckon_places(track: PocketTrack, recording: Recording, setting: Setting) ->
     NaN where there is no step to be found.
     """
     try:
-        swing = estimate_swing(recording, track)
+        swing = estimate_swing(recording, track, with_force=False)
         steps = find_steps(recording.t, swing.flexion, swing.up_now)
-        path = reckon_path(track, swing, steps, calibrate_step_length(steps.opening, setting.length_m))
+        path = reckon_path(track, swing, steps, calibrate_step_length(steps, setting.length_m))
     except EstimationError:
         return np.full((len(setting.ends), 2), np.nan)
     return np.stack([np.interp(setting.ends, track.t[path.sample], axis) for axis in path.position.T[:2]], axis=1)

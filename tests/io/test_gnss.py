@@ -1,0 +1,89 @@
+"""Fixes of a receiver from the tables of apps, and from one of the user's own."""
+
+import numpy as np
+import pytest
+
+from fg_nav.errors import FormatError
+from fg_nav.io import read_gnss
+from tests.real_data import DATA, needs_data
+
+PHYPHOX = '"Time (s)","Latitude (°)","Longitude (°)","Height (m)","Velocity (m/s)","Horizontal Accuracy (m)"\n'
+ROWS = [(0.5, 48.1, 11.5, 9.0), (1.5, 48.1001, 11.5, 4.0), (2.5, 48.1002, 11.5001, 4.0), (3.5, 48.1003, 11.5, 4.0)]
+NORTH_M = 11.12  # of 1e-4 deg
+
+
+def write_phyphox(folder, name="Location.csv", separator=",", decimal="."):
+    lines = [PHYPHOX.replace(",", separator).strip()]
+    for t, latitude, longitude, accuracy in ROWS:
+        numbers = [f"{x:.9E}".replace(".", decimal) for x in (t, latitude, longitude, 500.0, 1.2, accuracy)]
+        lines.append(separator.join(numbers))
+    (folder / name).write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+@pytest.mark.parametrize(("separator", "decimal"), [(",", "."), (";", ","), ("\t", ",")])
+def test_phyphox(tmp_path, separator, decimal):
+    write_phyphox(tmp_path, separator=separator, decimal=decimal)
+    gnss = read_gnss(tmp_path)
+    assert [fix.time_s for fix in gnss.fixes] == [0.5, 1.5, 2.5, 3.5]
+    assert (gnss.latitude_deg, gnss.longitude_deg) == pytest.approx((48.1001, 11.5))  # the first good one
+    north = [fix.position[1] for fix in gnss.fixes]
+    np.testing.assert_allclose(north, [-NORTH_M, 0.0, NORTH_M, 2 * NORTH_M], atol=0.02)
+    assert gnss.fixes[2].position[0] == pytest.approx(7.44, abs=0.02)
+    assert [fix.horizontal_sigma_m for fix in gnss.fixes] == [9.0, 4.0, 4.0, 4.0]
+    assert np.isinf(gnss.fixes[0].vertical_sigma_m)
+    assert gnss.locate(*gnss.fixes[3].position[:2]) == pytest.approx((48.1003, 11.5))
+
+
+def test_a_pause_of_phyphox_goes_by(tmp_path):
+    write_phyphox(tmp_path)
+    (tmp_path / "meta").mkdir()
+    rows = ["event,experiment time,system time", "START,0,100", "PAUSE,2,102", "START,2,110", "PAUSE,4,112"]
+    (tmp_path / "meta" / "time.csv").write_text("\n".join(rows) + "\n")
+    assert [fix.time_s for fix in read_gnss(tmp_path).fixes] == [0.5, 1.5, 10.5, 11.5]
+
+
+def test_sensor_logger_counts_from_its_first_sample(tmp_path):
+    header = "time,seconds_elapsed,bearingAccuracy,verticalAccuracy,horizontalAccuracy,latitude,longitude"
+    rows = [f"{k},{t},1,1,{a},{lat},{lon}" for k, (t, lat, lon, a) in enumerate(ROWS)]
+    (tmp_path / "Location.csv").write_text("\n".join([header, *rows, "9,9.0,1,1,-1,48.0,11.5"]) + "\n")
+    (tmp_path / "Gyroscope.csv").write_text("time,seconds_elapsed,z,y,x\n10,0.25,0,0,0\n20,0.26,0,0,0\n")
+    found = read_gnss(tmp_path)
+    assert [fix.time_s for fix in found.fixes] == [0.25, 1.25, 2.25, 3.25]  # the last has no accuracy
+
+
+def test_a_table_of_ones_own(tmp_path):
+    table = tmp_path / "fixes.csv"
+    table.write_text("time_s,lat_deg,lon_deg,hacc_m\n1,48.1,11.5,3\n2,,,\n3,48.1001,11.5,3\n")
+    assert [fix.time_s for fix in read_gnss(table).fixes] == [1.0, 3.0]
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("time_s,latitude,longitude\n1,48,11\n", "no column of accuracy"),
+        ("t,x_m,y_m\n1,2,3\n", "no column of time, latitude, longitude, accuracy"),
+        ("t,lat,lon,accuracy\n1,48,11,0\n", "no fix with an accuracy above zero"),
+    ],
+)
+def test_what_holds_no_fixes_is_refused_in_a_sentence(tmp_path, text, problem):
+    table = tmp_path / "fixes.csv"
+    table.write_text(text)
+    with pytest.raises(FormatError, match=problem):
+        read_gnss(table)
+
+
+def test_a_folder_without_a_location_is_refused(tmp_path):
+    (tmp_path / "Gyroscope.csv").write_text("time,seconds_elapsed,z,y,x\n10,0.25,0,0,0\n")
+    with pytest.raises(FormatError, match=r"no Location\.csv"):
+        read_gnss(tmp_path)
+
+
+@needs_data
+def test_real_phones():
+    assert DATA is not None
+    for path in sorted((DATA / "pocket_gnss").glob("*.zip")):
+        gnss = read_gnss(path)
+        assert len(gnss.fixes) > 200
+        assert np.abs([fix.position[:2] for fix in gnss.fixes]).max() < 1000.0
+    own = next((DATA / "mtig710").glob("*.gnss.csv.gz"))
+    assert len(read_gnss(own).fixes) > 50

@@ -1,0 +1,86 @@
+"""The heading by the compass over all of a walk: tracks that are turned and drift, in a field that is known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fg_nav.frames import yaw_rotation
+from fg_nav.pocket.compass import COMPASS_SIGMA_DEG, measure_turn, smooth_angles
+from fg_nav.pocket.track import PocketTrack
+from tests.pocket.leg import MUNICH, walking
+
+NORTH = np.array([0.0, MUNICH[1], MUNICH[2]])
+
+
+def turned_track(drift_deg_s=0.0, start_deg=40.0, deviation=0.0, seconds=240.0, seed=0):
+    """Recording and track of a leg, the track turned clockwise by an angle that grows; places have their own field."""
+    leg = walking(seconds, rate_hz=50.0)
+    n = len(leg.attitude) - 1
+    rng = np.random.default_rng(seed)
+    local = NORTH + deviation * np.repeat(rng.standard_normal((int(seconds / 10) + 1, 3)), 500, axis=0)[:n]
+    mag = np.einsum("nji,nj->ni", leg.attitude[:-1], local)
+    recording = replace(leg.recording(field=NORTH), mag=mag)
+    clockwise = np.radians(start_deg + drift_deg_s * recording.t)
+    nothing = np.full(n, np.nan)
+    R = yaw_rotation(-clockwise) @ leg.attitude[:-1]
+    track = PocketTrack(
+        recording.t, R, np.zeros((n, 3)), np.zeros((n, 6)), np.zeros(1, int), np.zeros((1, 6, 6)), nothing, nothing
+    )
+    return recording, track, leg.attitude[:-1]
+
+
+def errors_deg(track, attitude):
+    """Turn (N,) deg, counter-clockwise, of a track from the truth."""
+    off = track.nav_R_body @ np.swapaxes(attitude, 1, 2)
+    return np.degrees(np.arctan2(off[:, 1, 0], off[:, 0, 0]))
+
+
+@pytest.mark.parametrize("drift_deg_s", [0.0, 0.05, 1.2, -1.5], ids=["none", "slow", "lost", "lost the other way"])
+def test_a_turned_track_comes_back_to_north(drift_deg_s):
+    recording, track, attitude = turned_track(drift_deg_s)
+    turn = measure_turn(recording, track)
+    assert turn is not None
+    off = errors_deg(turn.apply(track), attitude)
+    inside = slice(500, -500)  # at the ends a drift is half a block off
+    assert np.abs(off[inside]).max() < 1.5
+    assert turn.sigma_at_start >= np.radians(COMPASS_SIGMA_DEG)
+
+
+def test_iron_at_single_places_bends_a_good_track_little():
+    bent = []
+    for seed in range(5):
+        recording, track, attitude = turned_track(deviation=6.0, seed=seed)
+        turn = measure_turn(recording, track)
+        assert turn is not None
+        off = errors_deg(turn.apply(track), attitude)
+        assert abs(off.mean()) < 3.0 * np.degrees(turn.sigma).mean() + 1.0
+        bent.append(np.abs(off - off.mean()).max())
+    assert np.median(bent) < 2.0  # a place alone turns the field by 16
+    assert np.max(bent) < 12.0
+
+
+def test_turned_about_up_it_is_the_same_track():
+    recording, track, _ = turned_track(0.02, deviation=3.0)
+    one, other = measure_turn(recording, track), measure_turn(recording, track.rotate(2.0))
+    assert one is not None
+    assert other is not None
+    np.testing.assert_allclose(one.apply(track).nav_R_body, other.apply(track.rotate(2.0)).nav_R_body, atol=1e-6)
+
+
+def test_without_a_level_field_there_is_none():
+    recording, track, _ = turned_track()
+    assert measure_turn(replace(recording, mag=None), track) is None
+    level = np.nan * recording.mag
+    assert measure_turn(replace(recording, mag=level), track) is None
+
+
+def test_the_sigmas_of_a_walk_are_those_of_its_errors():
+    rng, miss = np.random.default_rng(0), []
+    t = 10.0 * np.arange(40)
+    for _ in range(60):
+        true = np.cumsum(np.radians(0.3) * 10**0.5 * rng.standard_normal(40))
+        seen = true + np.radians(5.0) * rng.standard_normal(40)
+        mean, sigma = smooth_angles(t, seen, np.full(40, np.radians(5.0) ** 2))
+        miss.append((mean - true) / sigma)
+    assert 0.7 < np.sqrt(np.mean(np.square(miss))) < 1.5  # how fast it walks is not known before
