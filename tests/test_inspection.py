@@ -184,7 +184,7 @@ def test_field() -> None:
 @pytest.mark.parametrize(
     ("share", "part"),
     [
-        (0.0, "It cannot be navigated with: no stance was found"),
+        (0.0, "not to be used: it cannot be navigated with: no stance was found"),
         (0.05, "is this sensor on a foot?"),
         (0.95, "little walk in it"),
     ],
