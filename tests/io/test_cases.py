@@ -571,3 +571,31 @@ def test_a_refusal_without_a_mapping_that_works_leaves_the_names_open(tmp_path: 
     path = write(tmp_path / "walk.csv", ["t", *xyz("a{}"), "p", "q", "r"], [T, WALK.acc, np.zeros((len(T), 3))])
     with pytest.raises(FgNavError, match=r"acc=NAME:NAME:NAME\[UNIT\]"):
         read(path)
+
+
+# --- pressure of the air among them -------------------------------------------------------------------------------
+
+
+def test_pressure_is_found_beside_mapped_columns_and_at_a_nominal_rate(tmp_path: Path) -> None:
+    pressure = 101325.0 + np.arange(len(T)) % 7
+    names = ["Pressure (hPa)", *xyz("f{}"), *xyz("Gyro_{} (deg/s)")]
+    path = write(tmp_path / "walk.csv", names, [pressure / 100.0, WALK.acc, DEG])
+    given = "acc=fx:fy:fz[m/s^2]"
+    completed = Reading(columns=given, rate_hz=200.0).read_raw(path)
+    assert is_the_walk(completed)
+    assert completed.pressure is not None
+    np.testing.assert_allclose(completed.pressure, pressure, atol=1e-3)
+    assert completed.provenance.rate_sigma == 0.02
+    mapped = f"{given},gyr=5:6:7[deg/s],pressure=1[hPa]"
+    np.testing.assert_allclose(read_raw(path, columns=mapped, rate_hz=200.0).pressure, pressure, atol=1e-3)
+    assert read_raw(path, columns=mapped.rpartition(",")[0], rate_hz=200.0).pressure is None
+
+
+def test_pressure_beside_gravity_that_is_added(tmp_path: Path) -> None:
+    gravity = np.broadcast_to([0.0, 0.0, -1.0], G.shape)
+    names = ["time (s)", *xyz("gravity_{} (g)"), *xyz("user_acc_{} (g)"), *xyz("gyro_{} (deg/s)"), "pressure (kPa)"]
+    path = write(tmp_path / "walk.csv", names, [T, gravity, -G - gravity, DEG, np.full(len(T), 101.3)])
+    found = read(path)
+    assert is_the_walk(found)
+    assert found.pressure is not None
+    assert np.nanmedian(found.pressure) == pytest.approx(101300.0)
