@@ -296,6 +296,7 @@ def _navigate_both(request: _Request, walks: Sequence[Walk]) -> FeetResult:
     solution, feet = pair.solution, dict[str, Result]()
     for side, walk in zip(SIDES, (pair.left, pair.right), strict=True):
         found: Solution = replace(getattr(solution, side), method=request.method)
+        found = found.widen(walk.recording.provenance.rate_sigma)
         feet[side] = Result.of(walk, evaluate_solution(walk, found))
     pairing = Pairing(
         order, known, clocks.offset_s, request.clock_offset_s is not None, clocks.drift, solution.width_m,

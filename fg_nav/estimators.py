@@ -203,7 +203,8 @@ def estimate(walk: Walk, method: str, progress: Progress | None = None) -> Solut
     if walk.extra is not None and method not in WITH_EXTRA:
         raise EstimationError(f"{method} has no graph to add to: leave extra out, or choose {' or '.join(WITH_EXTRA)}.")
     with blaming_changes(method, walk.options):
-        return run(walk, progress)
+        solution = run(walk, progress)
+    return solution if walk.options.mount == "pocket" else solution.widen(walk.recording.provenance.rate_sigma)
 
 
 @contextmanager

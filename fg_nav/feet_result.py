@@ -98,6 +98,7 @@ class FeetResult(Solution):
         truth, why_not = _find_truth(feet if tied else dict([next(iter(feet.items()))]))
         notes = (*pairing.doubts, *notes, *why_not)
         solution = solve_person(person, first, max(foot.runtime_s for foot in feet.values()), notes)
+        solution = solution.widen(max(foot.walk.recording.provenance.rate_sigma for foot in feet.values()))
         outcome = evaluate_person(solution, truth, first.walk.options.alignment)
         known = {item.name: getattr(outcome.solution, item.name) for item in fields(Solution)}
         truth = None if outcome.comparison is None else truth

@@ -133,16 +133,25 @@ class Inspection:
     air: Air | None = None
 
     @property
+    def obstacle(self) -> str | None:
+        """Why no path can be had of it: refused, or without a stance or a length; None if one can."""
+        if self.refusal is not None or (self.wearing == "pocket" and self.duration_s >= SHORTEST_S):
+            return self.refusal
+        if self.duration_s < SHORTEST_S:
+            return f"it lasts {self.duration_s:.2g} s, and a stride takes one: are its stamps in s?"
+        return f"no stance was found: {self.stance.reason}" if np.isnan(self.stance.share) else None
+
+    @property
     def is_usable(self) -> bool:
-        """Whether estimators accept the recording."""
-        return self.refusal is None
+        """Whether a path can be had of the recording."""
+        return self.obstacle is None
 
     @property
     def verdict(self) -> tuple[str, ...]:
         """One sentence a finding, the most important first."""
-        word, reasons = self.samples_verdict.word, self.samples_verdict.reasons
-        why = "it can be navigated with." if not reasons else f"{'; '.join(reasons)}."
-        first = f"{word}: {why}" if self.refusal is None else f"{UNUSABLE}: it cannot be navigated with: {self.refusal}"
+        word, reasons, why = self.samples_verdict.word, self.samples_verdict.reasons, self.obstacle
+        first = f"{word}: {'; '.join(reasons)}." if reasons else f"{word}: it can be navigated with."
+        first = first if why is None else f"{UNUSABLE}: it cannot be navigated with: {why}"
         further = [f"{p[0].upper()}{p[1:]}." for p in self.unit_problems if p not in (self.refusal or "")]
         problems = [*_axes_problems(self), *_stamp_problems(self), *_saturation(self)]
         problems += [*_rest_problems(self), *_field_problems(self)]
@@ -287,6 +296,9 @@ def _describe_truth(truth: Truth | None) -> str:
     return f"path of {len(truth.t)} positions{attitude}"
 
 
+SHORTEST_S = 1.0
+"""A shorter recording holds no stride."""
+
 _JITTER_SHARE = 0.02
 """Jitter above this share of the period is worth a word."""
 
@@ -390,7 +402,7 @@ def _stance_problems(facts: Inspection) -> list[str]:
     if facts.wearing == "pocket":
         return ["It turns like a thigh that walks, not like a foot: run it with --mount pocket."]
     if np.isnan(stance.share):
-        return [f"No stance was found: {stance.reason}"]
+        return []  # said first
     low, high = _STANCE_SHARES
     if stance.share < low:
         return [f"The foot stands for only {100 * stance.share:.0f} % of the time: is this sensor on a foot?"]

@@ -47,13 +47,16 @@ from fg_nav.samples.gaps import Gaps, fill_gaps, prepare_samples
 from fg_nav.samples.outliers import find_mag_outliers, find_outliers, note_bad, note_outliers
 from fg_nav.samples.saturation import Peaks, find_clipping_levels, rebuild_peaks
 from fg_nav.samples.stamps import MAX_BRIDGED_S, order_stamps
-from fg_nav.samples.timing import even_stamps
+from fg_nav.samples.timing import even_stamps, find_lost_share
 from fg_nav.system.spilled import drop_pages, take_rows
 from fg_nav.text import format_count
 from fg_nav.truth import FootprintTruth, TrajectoryTruth, Truth
 
 if TYPE_CHECKING:
     import pandas as pd
+
+NOMINAL_SIGMA = 0.02
+"""Of a nominal rate: makers allow 1 to 10 per cent."""
 
 MIN_SAMPLES = 20
 """Fewer samples than this hold no stance and no stride."""
@@ -73,6 +76,7 @@ class Provenance:
     """Where a recording came from and what was done to it on the way in.
 
     Of `bad_samples` accelerometer or gyroscope was bad: left out where both were, else of that sensor bridged.
+    `rate_sigma` is that of the sample rate, as a share of it, where the time is counted by a nominal one; else zero.
     So many as `cut_samples` are in parts of the file that a hole cut off.
     """
 
@@ -80,6 +84,7 @@ class Provenance:
     format: str = "array"
     notes: tuple[str, ...] = ()
     bad_samples: int = 0
+    rate_sigma: float = 0.0
     cut_samples: int = 0
 
 
@@ -178,14 +183,13 @@ class Recording:
         >>> float(Recording.from_dataframe(df, units="ms, g, deg/s").gyr[0, 2].round(4))
         1.5708
         """
-        return cls._from_samples(convert_frame(df, columns, units, rate_hz))
+        return cls._from_samples(convert_frame(df, columns, units, rate_hz), rate_hz is not None)
 
     @classmethod
-    def _from_samples(cls, own: Samples) -> Recording:
+    def _from_samples(cls, own: Samples, is_nominal: bool = False) -> Recording:
         row, provenance = np.arange(1, len(own.t) + 1), Provenance(notes=own.notes)
-        return cls.from_raw(
-            RawRecording(own.t, own.acc, own.gyr, row, own.mag, provenance=provenance, pressure=own.pressure)
-        )
+        raw = RawRecording(own.t, own.acc, own.gyr, row, own.mag, provenance=provenance, pressure=own.pressure)
+        return cls.from_raw(note_nominal_rate(raw) if is_nominal else raw)
 
     @cached_property
     def period_s(self) -> float:
@@ -282,6 +286,20 @@ class Recording:
             clipping=self.clipping,
         )
         return cut
+
+
+def note_nominal_rate(raw: RawRecording, sigma: float = NOMINAL_SIGMA) -> RawRecording:
+    """Return samples whose time is counted by a rate with its sigma, a share of it, and what that does to the path.
+
+    What is walked in a swing is force integrated twice, and goes with the square of the period.
+    """
+    notes = [f"the rate is nominal, known to {100 * sigma:.2g} %: 1 % of it is 2 % of the path"]
+    lost = find_lost_share(raw.gyr)
+    if lost > 0.0:
+        notes.append(f"double steps of the gyroscope show that {100 * lost:.1f} % of the rows are lost")
+    known = raw.provenance
+    known = replace(known, notes=(*known.notes, *notes), rate_sigma=float(np.hypot(sigma, lost)))
+    return replace(raw, provenance=known)
 
 
 def _admit(raw: RawRecording, longest_gap_s: float) -> Recording:

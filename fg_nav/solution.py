@@ -9,7 +9,7 @@ through the public names of `fg_nav`, as a user does, and this module imports no
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -275,6 +275,32 @@ class Solution:
     recording: Recording | None = None
     returns: tuple[Return, ...] = ()
     located: Located | None = None
+
+    def widen(self, rate_sigma: float) -> Solution:
+        """Return the solution with the sigma of a nominal sample rate, a share of it, in those of places and distance.
+
+        Force integrated twice goes with the square of the period, and so does the whole path; turns go with the period,
+        where the field does not show them: of a path in strides s after turns psi, with J a quarter turn,
+
+            dp / (dT/T) = sum (2 s + psi J s).
+        """
+        if rate_sigma <= 0.0 or not len(self.stances):
+            return self
+        scale_sigma, table = 2.0 * rate_sigma, self.stances
+        stride, turned = np.diff(table.position, axis=0), np.zeros(len(table))
+        if self.graph.get("magnetic_heading", 0) <= 1:  # one alone says where north is
+            heading = np.unwrap(np.arctan2(table.nav_R_body[:, 1, 0], table.nav_R_body[:, 0, 0]))
+            turned = rate_sigma * (heading - heading[0])
+        sideways = turned[:-1, None] * stride[:, [1, 0, 2]] * [-1.0, 1.0, 0.0]
+        off = np.concatenate([np.zeros((1, 3)), np.cumsum(scale_sigma * stride + sideways, axis=0)])
+        added = np.einsum("ki,kj->kij", off, off)
+        heading_sigma = np.hypot(table.heading_sigma, turned)
+        table = replace(table, position_cov=table.position_cov + added, heading_sigma=heading_sigma)
+        walked = float(np.linalg.norm(np.diff(table.position[:, :2], axis=0), axis=1).sum())
+        of_distance = (
+            None if self.distance_sigma_m is None else float(np.hypot(self.distance_sigma_m, scale_sigma * walked))
+        )
+        return replace(self, stances=table, distance_sigma_m=of_distance)
 
     def to_dataframe(self, footfalls: bool = False) -> pd.DataFrame:
         """Return the path as a table.

@@ -19,6 +19,7 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.changes import Changes, change_parameters, select_changes
 from fg_nav.detection import StanceParameters, detect_stances
+from fg_nav.detection.delay import remove_gyro_delay
 from fg_nav.detection.filtered import refuse_high_pass
 from fg_nav.detection.handedness import refuse_wrong_axes
 from fg_nav.detection.mount import refuse_pocket
@@ -289,7 +290,7 @@ def check_known(walk: Walk) -> None:
 
 
 def correct_walk(walk: Walk) -> Walk:
-    """Correct the samples, and take the magnetometer away if it is not to be used or has wrong axes.
+    """Correct the samples, read both sensors of a foot at one time; take away a magnetometer not used or misaligned.
 
     Raises
     ------
@@ -297,6 +298,8 @@ def correct_walk(walk: Walk) -> Walk:
         If the calibration is of a magnetometer and the recording has none.
     """
     options = walk.options
+    if options.mount != "pocket":
+        walk = replace(walk, recording=remove_gyro_delay(walk.recording))
     if not options.use_magnetometer:
         return _apply_calibration(replace(walk, recording=replace(walk.recording, mag=None)))
     if options.mag_axes is not None:

@@ -184,7 +184,7 @@ def test_field() -> None:
 @pytest.mark.parametrize(
     ("share", "part"),
     [
-        (0.0, "No stance was found: no stance"),
+        (0.0, "not to be used: it cannot be navigated with: no stance was found"),
         (0.05, "is this sensor on a foot?"),
         (0.95, "little walk in it"),
     ],
@@ -204,7 +204,8 @@ def test_hardly_any_sample(n: int) -> None:
     found = inspect(raw)
     assert found.name == "recording"
     assert found.samples == n
-    assert found.is_usable == (n >= 20)
+    assert (found.refusal is None) == (n >= 20)
+    assert not found.is_usable  # 30 samples last 0.15 s
 
 
 def test_nothing_but_nan() -> None:

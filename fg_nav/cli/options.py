@@ -256,7 +256,12 @@ ColumnMapping = Annotated[
     ),
 ]
 FileRate = Annotated[
-    float | None, typer.Option("--rate", metavar="HZ", help="Of a file without a clock: its samples are counted.")
+    str | None,
+    typer.Option(
+        "--rate",
+        metavar="HZ[+-HZ]",
+        help="Of a file without a clock: its samples are counted. With a sigma behind it, 200+-0.1. \\[default: 2 %]",
+    ),
 ]
 SensorName = Annotated[
     str | None, typer.Option("--sensor", metavar="NAME", help="Which of several sensors in the file.")

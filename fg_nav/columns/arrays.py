@@ -45,16 +45,17 @@ def convert_arrays(t: ArrayLike, acc: ArrayLike, gyr: ArrayLike, mag: ArrayLike 
         words["time"] = "s"
     values = [stamps.reshape(-1, 1) if stamps.ndim == 1 else stamps]
     for name, vectors in (("acc", acc), ("gyr", gyr), ("mag", mag)):
-        if vectors is not None:
+        if vectors is not None or name != "mag":
             values.append(_take_vectors(vectors, name, len(stamps)))
     if stamps.ndim != 1:
         raise RecordingError(f"t has shape {stamps.shape}, not (N,): give one stamp a sample.")
-    channels = [Channel((k,), (name,), words[name]) for k, name in enumerate(QUANTITIES)]
+    places: dict[Quantity, tuple[int, ...]] = {"time": (0,), "acc": (1, 2, 3), "gyr": (4, 5, 6), "mag": (7, 8, 9)}
+    channels = [Channel(at, (name,), words[name]) for name, at in places.items()]
     columns = ColumnMap(channels[1], channels[2], None if mag is None else channels[3], channels[0])
     return convert_samples(np.concatenate(values, axis=1), columns, None, _ARRAYS)
 
 
-def _take_vectors(vectors: ArrayLike, name: str, count: int) -> Floats:
+def _take_vectors(vectors: ArrayLike | None, name: str, count: int) -> Floats:
     values = to_floats(np.asarray(vectors), name, "the arrays")
     if values.shape != (count, 3):
         raise RecordingError(f"{name} has shape {values.shape}, not ({count}, 3): give one row a stamp.")
@@ -70,7 +71,7 @@ def convert_frame(frame: pd.DataFrame, columns: ColumnNames, units: Units, rate_
         frame = frame.reset_index(names=[frame.index.name or "time"])
     names = [" ".join(map(str, name)) if isinstance(name, tuple) else str(name) for name in frame.columns]
     given = _read_names(columns)
-    found = choose_columns(names, _FRAME) if given is None else given.find(names, _FRAME.name)
+    found = choose_columns(names, _FRAME, given=given, has_rate=rate_hz is not None)
     for quantity, unit in read_units(units).items():
         channel = getattr(found, quantity)
         found = found if channel is None else replace(found, **{quantity: replace(channel, unit=unit)})
@@ -91,9 +92,6 @@ def _read_names(columns: ColumnNames) -> Columns | None:
             raise FormatError(
                 f"columns of '{quantity}' are {words[quantity]}: give time and pressure one, acc, gyr and mag three."
             )
-    for needed in ("acc", "gyr"):
-        if needed not in words:
-            raise FormatError(f"columns lack {needed}: name its three columns.")
     return Columns(words, {})
 
 

@@ -1,18 +1,21 @@
 """Which columns of a table are stamps, force, rate and field, by their names alone (`fg_nav.columns.headers`).
 
 The three axes of a sensor share the words of their names. One accelerometer, one gyroscope and at most one magnetometer
-are taken; calibrated ones before raw ones. Where names leave a choice, it is the user's.
+are taken; calibrated ones before raw ones. Gravity and the acceleration without it are added. Of several clocks the
+sensor's own goes before that of the phone or computer beside it, of satellites, or of a date. What the user maps is
+completed by what the names say. Where they leave a choice, it is the user's.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
-from fg_nav.columns.headers import Kind, Meaning, read_header
-from fg_nav.columns.mapping import Channel, ColumnMap, shorten_names
-from fg_nav.columns.units import find_factor
+from fg_nav.columns.headers import Kind, Meaning, find_unit_kind, read_header
+from fg_nav.columns.mapping import QUANTITIES, Channel, ColumnMap, Columns, shorten_names
+from fg_nav.columns.units import Quantity, find_factor
 from fg_nav.errors import FormatError
 
 _LONG = {"acc": "acceleration", "gyr": "angular rate", "mag": "magnetic field"}
@@ -22,45 +25,91 @@ _AXES = (("x", "y", "z"), ("0", "1", "2"), ("1", "2", "3"))
 _ROS_RATE = re.compile(r"angular[\W_]*velocity", re.IGNORECASE)
 """Next to it, linear acceleration is that of a ROS message, which has gravity in it."""
 
+_CLOCKS = (
+    {"header"}, {"sensor", "device", "chip", "imu"}, set[str](),
+    {"phone", "host", "pc", "system", "log", "logging", "received", "arrival", "recorder", "server"},
+    {"gps", "gnss", "tow", "itow"}, {"date", "datum", "fecha"},
+)  # fmt: skip
+"""Words of clocks, the best first: a message's own stamp, the sensor's; others; what came late."""
+
+NONE: Mapping[Quantity, Channel] = MappingProxyType({})
+
+PATTERN = "time=NAME[UNIT],acc=NAME:NAME:NAME[UNIT],gyr=NAME:NAME:NAME[UNIT]"
+"""What to write where no mapping is known to work."""
+
 
 @dataclass(frozen=True)
 class Asker:
-    """Who asks the user: `name` of the table, `command` before a mapping, how a `rate` and a `sensor` are given."""
+    """Who asks the user: `name` of the table, `command` before a mapping, how a `rate` and a `sensor` are given.
+
+    `works` tries a mapping; without it the first is proposed.
+    """
 
     name: str
     command: str
     rate: str = "--rate 100"
     sensor: str = ", or give a word of their names with --sensor"
+    works: Callable[[str], bool] | None = None
 
-    def ask(self, mapping: str) -> str:
-        """Return what to type with this mapping."""
-        return f'{self.command} "{mapping}"'
+    def ask(self, *mappings: str) -> str:
+        """Return what to type: with the first mapping that works, else with the names left open."""
+        chosen = next((words for words in mappings if self.works is None or self.works(words)), None)
+        if chosen is not None:
+            return f'as {self.command} "{chosen}"'
+        return f'as {self.command} "{PATTERN}", with names or numbers of columns'
 
 
-def choose_columns(names: Sequence[str], asker: Asker, sensor: str | None = None) -> ColumnMap:
+def choose_columns(
+    names: Sequence[str],
+    asker: Asker,
+    sensor: str | None = None,
+    given: Columns | None = None,
+    has_rate: bool = False,
+) -> ColumnMap:
     """Choose the columns of a table by their names; of those of several sensors the ones with `sensor` in their names.
+
+    What the user has `given` goes before; without a rate its time is completed, and all where a sensor is not in it.
 
     Raises `FormatError` if the names of acceleration or rate are missing, or leave a choice.
     """
-    meanings = [(position, meaning) for position, name in enumerate(names) if (meaning := read_header(name))]
-    if sensor is not None:
-        word = sensor.casefold()
-        meanings = [
-            (position, meaning)
-            for position, meaning in meanings
-            if meaning.kind in ("time", "counter") or word in meaning.stem or word in names[position].casefold()
-        ]
+    known = NONE if given is None else given.find(names, asker.name)
+    if given is not None and given.width is not None:
+        return _map(known)
+    used = {position for channel in known.values() for position in channel.positions}
+    meanings = [(k, meaning) for k, name in enumerate(names) if k not in used and (meaning := read_header(name))]
+    of_sensor = [(k, m) for k, m in meanings if m.kind in ("time", "counter") or has_word(names[k], sensor)]
+    kinds = {meaning.kind for _, meaning in of_sensor}
+    if "gyr" in kinds and not kinds.isdisjoint({"acc", "gravity", "no gravity"}):
+        meanings = of_sensor
     is_ros = any(_ROS_RATE.search(name) for name in names)
-    if is_ros and not any(meaning.kind == "acc" for _, meaning in meanings):
+    if is_ros and not any(meaning.kind in ("acc", "gravity") for _, meaning in meanings):
         meanings = [(position, _as_acc(meaning)) for position, meaning in meanings]
-    found = {kind: _choose_triad(kind, meanings, names, asker) for kind in ("acc", "gyr", "mag")}
-    acc, gyr = found["acc"], found["gyr"]
+    if {"acc", "gyr"} <= known.keys():
+        clock = None if has_rate or "time" in known else choose_clock(meanings, names, asker, known)
+        return _map(known, clock)
+    found: dict[Quantity, Channel | None] = {
+        kind: known.get(kind) or _choose_triad(kind, meanings, names, asker, known) for kind in ("acc", "gyr", "mag")
+    }
+    acc, gyr = found["acc"] or _add_gravity(meanings, names), found["gyr"]
     if acc is None or gyr is None:
-        raise FormatError(_say_missing(acc, gyr, meanings, names, asker))
-    time, counter = _choose_single("time", meanings, names, asker), _choose_single("counter", meanings, names, asker)
-    return ColumnMap(
-        acc, gyr, found["mag"], time, counter if time is None else None, pressure=find_pressure(names, sensor)
-    )
+        raise FormatError(_say_missing(acc, gyr, meanings, names, asker, known))
+    time = known.get("time") or choose_clock(meanings, names, asker, known)
+    counters = [k for k, meaning in meanings if meaning.kind == "counter"] if time is None else []
+    counter = Channel((counters[0],), (names[counters[0]],)) if counters else None
+    some = [names[k] for k, meaning in meanings if meaning.kind == "mag" and meaning.axis and found["mag"] is None]
+    notes = (f"the magnetometer has not all three axes, only {shorten_names(some)}: left out",) if some else ()
+    air = known.get("pressure") or find_pressure(names, sensor)
+    return ColumnMap(acc, gyr, found["mag"], time, counter, notes, air)
+
+
+def _map(known: Mapping[Quantity, Channel], clock: Channel | None = None) -> ColumnMap:
+    time = known.get("time", clock)
+    return ColumnMap(known["acc"], known["gyr"], known.get("mag"), time, pressure=known.get("pressure"))
+
+
+def has_word(name: str, word: str | None) -> bool:
+    """Whether the name of a column, without its unit, has a word in it."""
+    return word is None or word.casefold() in re.sub(r"[(\[].*", "", name).casefold()
 
 
 def find_pressure(names: Sequence[str], sensor: str | None = None) -> Channel | None:
@@ -99,7 +148,7 @@ def write_mapping(columns: ColumnMap, **units: str) -> str:
     return ",".join(
         f"{quantity}={_write_channel(channel, channel.unit or units.get(quantity))}"
         for quantity, channel in channels.items()
-        if channel is not None
+        if channel is not None and len(channel.factors) == 1
     )
 
 
@@ -116,19 +165,51 @@ def _as_acc(meaning: Meaning) -> Meaning:
 Meanings = Sequence[tuple[int, Meaning]]
 
 
-def _choose_triad(kind: Kind, meanings: Meanings, names: Sequence[str], asker: Asker) -> Channel | None:
+def _choose_triad(
+    kind: Quantity, meanings: Meanings, names: Sequence[str], asker: Asker, known: Mapping[Quantity, Channel]
+) -> Channel | None:
     """Choose the three columns of a kind; None if there are none."""
-    triads = [triad for stem in _stems(kind, meanings) if (triad := _find_triad(kind, stem, meanings, names))]
+    triads = find_triads(kind, meanings, names)
+    if not any(meaning.kind == kind and meaning.axis for _, meaning in meanings):
+        triads = find_three_by_unit(kind, names, known)
     sure = [triad for triad in triads if not any(m.is_unsure for p, m in meanings if p in triad.positions)]
-    triads = sure or triads
+    named = [triad for triad in sure if not any(m.by_unit for p, m in meanings if p in triad.positions)]
+    whole = [triad for triad in named if any("whole" in m.stem.split() for p, m in meanings if p in triad.positions)]
+    triads = whole or named or sure or triads
     doubled = _find_doubled(kind, meanings, names)
     if len(triads) > 1 or (doubled and not triads):
         candidates = doubled or [name for triad in triads for name in triad.names]
+        examples = [_write_example(meanings, names, {**known, kind: triad}) for triad in triads]
         raise FormatError(
-            f"{asker.name} has more than one {_LONG[kind]} ({shorten_names(candidates, 12)}): say which, as "
-            f"{asker.ask(_write_example(meanings, names))}{asker.sensor}."
+            f"{asker.name} has more than one {_LONG[kind]} ({shorten_names(candidates, 12)}): say which, "
+            f"{asker.ask(*(examples or [_write_example(meanings, names, known)]))}{asker.sensor}."
         )
     return triads[0] if triads else None
+
+
+def find_triads(kind: Kind, meanings: Meanings, names: Sequence[str]) -> list[Channel]:
+    """Find the three columns of each sensor of a kind."""
+    return [triad for stem in _stems(kind, meanings) if (triad := _find_triad(kind, stem, meanings, names))]
+
+
+def find_three_by_unit(kind: Quantity, names: Sequence[str], known: Mapping[Quantity, Channel] = NONE) -> list[Channel]:
+    """Find the only three columns with a unit of a quantity, such as roll, pitch and yaw rate: x, y and z in order."""
+    used = {position for channel in known.values() for position in channel.positions}
+    own = [k for k, name in enumerate(names) if k not in used and find_unit_kind(name)[0] == kind]
+    units = {find_unit_kind(names[k])[1] for k in own}
+    if len(own) != 3 or len(units) != 1 or kind not in ("acc", "gyr"):
+        return []
+    return [Channel(tuple(own), tuple(names[k] for k in own), units.pop())]
+
+
+def _add_gravity(meanings: Meanings, names: Sequence[str]) -> Channel | None:
+    """Specific force as gravity and the acceleration without it, which Apple gives in g and with the sign turned."""
+    free, gravity = (find_triads(kind, meanings, names) for kind in ("no gravity", "gravity"))
+    if not free or not gravity:
+        return None
+    positions, both = free[0].positions + gravity[0].positions, free[0].names + gravity[0].names
+    sign = -1.0 if any("user" in m.stem.split() for p, m in meanings if p in free[0].positions) else 1.0
+    return Channel(positions, both, free[0].unit or gravity[0].unit, (sign, sign))
 
 
 def _stems(kind: Kind, meanings: Meanings) -> list[str]:
@@ -154,50 +235,74 @@ def _find_doubled(kind: Kind, meanings: Meanings, names: Sequence[str]) -> list[
     return [names[p] for p, m in meanings if m.kind == kind and said.count((m.stem, m.axis)) > 1]
 
 
-def _choose_single(kind: Kind, meanings: Meanings, names: Sequence[str], asker: Asker) -> Channel | None:
-    own = [(position, meaning) for position, meaning in meanings if meaning.kind == kind]
-    own = [one for one in own if "header" in one[1].stem.split()] or own  # a message's own stamp before the recorder's
-    if len(own) > 1 and kind == "time":
-        listed = shorten_names([names[position] for position, _ in own])
-        example = asker.ask(_write_example(meanings, names, own[0][0]))
-        raise FormatError(f"{asker.name} has more than one time ({listed}): say which, as {example}.")
-    return Channel((own[0][0],), (names[own[0][0]],), own[0][1].unit) if own else None
+def choose_clock(
+    meanings: Meanings, names: Sequence[str], asker: Asker | None = None, known: Mapping[Quantity, Channel] = NONE
+) -> Channel | None:
+    """Choose the stamps: of the best clock by its words; seconds and the part of a second are added.
+
+    Raises `FormatError` where there is a choice, if there is an `asker`; else the first is taken.
+    """
+    own = [(k, meaning) for k, meaning in meanings if meaning.kind == "time"]
+    if not own:
+        return None
+    ranks = [
+        next((rank for rank in (0, 1, 5, 4, 3) if not _CLOCKS[rank].isdisjoint(meaning.stem.split())), 2)
+        + 10 * meaning.by_unit
+        for _, meaning in own
+    ]
+    own = [one for one, rank in zip(own, ranks, strict=True) if rank == min(ranks)]
+    if len(own) == 2 and {own[0][1].unit, own[1][1].unit} in ({"s", "ns"}, {"s", "us"}, {"s", "ms"}):
+        (whole, _), (part, finer) = sorted(own, key=lambda one: one[1].unit != "s")
+        return Channel(
+            (whole, part), (names[whole], names[part]), "s", (1.0, find_factor("time", finer.unit or "") or 0.0)
+        )
+    channels = [Channel((k,), (names[k],), meaning.unit) for k, meaning in own]
+    if len(channels) > 1 and asker is not None:
+        examples = [_write_example(meanings, names, {**known, "time": one}) for one in channels]
+        raise FormatError(
+            f"{asker.name} has more than one time ({shorten_names([names[k] for k, _ in own])}): say which, "
+            f"{asker.ask(*examples)}."
+        )
+    return channels[0]
 
 
 def _say_missing(
-    acc: Channel | None, gyr: Channel | None, meanings: Meanings, names: Sequence[str], asker: Asker
+    acc: Channel | None,
+    gyr: Channel | None,
+    meanings: Meanings,
+    names: Sequence[str],
+    asker: Asker,
+    known: Mapping[Quantity, Channel],
 ) -> str:
     """Say which columns are missing, and next to what."""
-    missing = "acc" if acc is None else "gyr"
+    missing: Quantity = "acc" if acc is None else "gyr"
     if acc is None and any(meaning.kind == "no gravity" for _, meaning in meanings):
         removed = shorten_names([names[at] for at, meaning in meanings if meaning.kind == "no gravity"], 3)
         return (
             f"{asker.name} holds acceleration without gravity ({removed}), of which no path can be had: "
-            f"export the accelerometer's own readings, with gravity in them."
+            f"export the accelerometer's own readings, or gravity in columns of its own."
         )
     some = [names[position] for position, meaning in meanings if meaning.kind == missing]
-    if some:
-        return (
-            f"{asker.name} has not all three axes of {_LONG[missing]}, only {shorten_names(some)}: name the columns, "
-            f"as {asker.ask(_write_example(meanings, names))}."
-        )
-    return (
-        f"{asker.name} has no column for {_LONG[missing]} among {shorten_names(names, 12)}: name the columns, as "
-        f"{asker.ask(_write_example(meanings, names))}."
-    )
+    what = f"has not all three axes of {_LONG[missing]}, only {shorten_names(some)}"
+    if not some:
+        what = f"has no column for {_LONG[missing]} among {shorten_names(names, 12)}"
+    left = [k for k in range(len(names)) if k not in {p for p, meaning in meanings if meaning.kind != missing}]
+    rows = [left[i : i + 3] for i in range(len(left) - 2)]
+    guesses = [{**known, missing: Channel((a, b, c), (names[a], names[b], names[c]))} for a, b, c in rows]
+    examples = [_write_example(meanings, names, guess) for guess in guesses[:8]]
+    return f"{asker.name} {what}: name the columns, {asker.ask(*examples)}."
 
 
-def _write_example(meanings: Meanings, names: Sequence[str], time: int | None = None) -> str:
-    """Write a mapping with what is known of the columns."""
-    words = []
-    single = time if time is not None else next((p for p, meaning in meanings if meaning.kind == "time"), None)
-    if single is not None:
-        said = next(meaning.unit for position, meaning in meanings if position == single)
-        known = said if said and find_factor("time", said) else "s"
-        words.append(f"time={_write_channel(Channel((single,), (names[single],)), known)}")
-    wanted: tuple[tuple[Kind, str, str], ...] = (("acc", "a", "m/s^2"), ("gyr", "g", "deg/s"))
-    for kind, letter, unit in wanted:
-        triads = [t for stem in _stems(kind, meanings) if (t := _find_triad(kind, stem, meanings, names))]
-        triad = triads[0] if triads else Channel((0,), tuple(f"{letter}{axis}" for axis in "xyz"))
-        words.append(f"{kind}={_write_channel(triad, triad.unit or unit)}")
-    return ",".join(words)
+def _write_example(meanings: Meanings, names: Sequence[str], known: Mapping[Quantity, Channel]) -> str:
+    """Write a mapping with what is known of the columns, and what their names say; units only where they are said."""
+    found = dict(known)
+    for kind in QUANTITIES:
+        if kind in found:
+            continue
+        singles = [Channel((k,), (names[k],), m.unit) for k, m in meanings if m.kind == kind == "time"]
+        candidates = singles or (find_triads(kind, meanings, names) if kind in ("acc", "gyr") else [])
+        if candidates:
+            found[kind] = candidates[0]
+    units = {kind: one.unit for kind, one in found.items() if one.unit and find_factor(kind, one.unit)}
+    whole = [kind for kind in QUANTITIES if kind in found and len(found[kind].factors) == 1]
+    return ",".join(f"{kind}={_write_channel(found[kind], units.get(kind))}" for kind in whole)

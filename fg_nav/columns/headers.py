@@ -1,66 +1,81 @@
 """What the name of a column says: `Acc X [g]`, `gyro_x (deg/s)`, `angular_velocity.x`, `mag_z_uT`, `ax`, `Time (ms)`.
 
 A name is taken apart into words at blanks, signs and capitals. A unit stands in brackets or at its end, an axis is a
-word of its own or the last letter, and what is left says the quantity. Acceleration without gravity (linear, user,
-free) is a kind of its own: no path can be had of it. Names of what is computed of samples, a covariance, say nothing.
+word of its own or the last letter, and what is left says the quantity. Where it says none, or one that has no such
+unit, the unit does: deg/s and rad/s are those of a gyroscope, g and m/s^2 of an accelerometer, whatever the name.
+Acceleration without gravity (linear, user, free) and gravity alone are kinds of their own, which make a specific force
+together. Names of what is computed of samples, a covariance, say nothing.
 """
 
 from __future__ import annotations
 
 import re
+import unicodedata
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
-from fg_nav.columns.units import Quantity, find_factor
+from fg_nav.columns.units import Quantity, find_factor, find_quantity, is_of_something_else
 
-Kind = Literal["time", "acc", "gyr", "mag", "counter", "no gravity"]
+Kind = Literal["time", "acc", "gyr", "mag", "counter", "no gravity", "gravity", "pressure"]
 
 _WORDS: dict[Kind, frozenset[str]] = {
     "time": frozenset({
         *("time", "times", "timestamp", "timestamps", "stamp", "stamps", "epoch", "epoc", "utc", "datetime", "ts"),
-        *("elapsed", "seconds", "secs", "millis", "milliseconds", "micros", "microseconds", "nanos", "nanoseconds"),
+        *("tow", "ticks", "filetime", "elapsed", "itow", "clock", "zeit", "temps", "tiempo", "tempo", "tijd"),
+        *("date", "datum", "fecha"),
     }),
-    "acc": frozenset({"acc", "accl", "accel", "accelero", "accelerometer", "acceleration", "accelerations", "gforce"}),
-    "gyr": frozenset({"gyr", "gyro", "gyros", "gyroscope", "omega", "angvel", "angrate", "rotationrate", "ω"}),
-    "mag": frozenset({"mag", "magn", "magneto", "magnetometer", "magnetic", "compass", "bfield"}),
+    "acc": frozenset({"acc", "acce", "accl", "gforce", "accelero"}),
+    "gyr": frozenset({"gyr", "omega", "angvel", "angrate", "angularrate", "rotationrate", "rotrate", "ω"}),
+    "mag": frozenset({"mag", "magn", "compass", "bfield", "kompass"}),
     "counter": frozenset({"sample", "samples", "counter", "count", "packet", "seq", "index", "frame", "row", "idx"}),
 }  # fmt: skip
 
+_STEMS: tuple[tuple[str, Kind], ...] = (
+    *(("accel", "acc"), ("beschleun", "acc"), ("aceler", "acc"), ("versnell", "acc"), ("gyro", "gyr"), ("giro", "gyr")),
+    *(("angularvel", "gyr"), ("winkelgeschw", "gyr"), ("drehr", "gyr"), ("drehg", "gyr"), ("hoeksnel", "gyr")),
+    *(("magnet", "mag"), ("zeit", "time"), ("timest", "time"), ("horodat", "time")),
+)
+"""Beginnings of words, of other languages too, without their accents."""
+
 _PAIRS: dict[tuple[str, str], str] = {
-    ("angular", "velocity"): "gyr", ("angular", "rate"): "gyr", ("angular", "speed"): "gyr", ("ang", "vel"): "gyr",
-    ("rotation", "rate"): "gyr", ("turn", "rate"): "gyr", ("specific", "force"): "acc", ("g", "force"): "gforce",
-    ("g", "f"): "gforce", ("packet", "counter"): "packet", ("sample", "counter"): "sample",
+    **{(a, b): "angvel" for a in ("angular", "ang", "turn", "rotation", "rot", "rotational")
+       for b in ("velocity", "vel", "rate", "speed", "v")},
+    ("vitesse", "angulaire"): "angvel", ("velocidad", "angular"): "angvel", ("velocita", "angolare"): "angvel",
+    ("specific", "force"): "acc", ("g", "force"): "gforce", ("g", "f"): "gforce", ("packet", "counter"): "packet",
+    ("sample", "counter"): "sample", ("including", "gravity"): "whole", ("with", "gravity"): "whole",
+    ("without", "gravity"): "linear", ("no", "gravity"): "linear",
 }  # fmt: skip
 
 _LETTERS: dict[str, Literal["acc", "gyr", "mag"]] = {
-    "a": "acc",
-    "g": "gyr",
-    "w": "gyr",
-    "ω": "gyr",
-    "m": "mag",
-    "b": "mag",
-}
+    "a": "acc", "g": "gyr", "w": "gyr", "ω": "gyr", "m": "mag", "b": "mag",
+}  # fmt: skip
 """In front of an axis."""
 
-_ALONE: dict[str, Kind] = {"t": "time", "ms": "time", "us": "time", "ns": "time", "n": "counter", "i": "counter"}
+_ALONE: dict[str, Kind] = {"t": "time", "n": "counter", "i": "counter"}
 """As a whole name."""
 
-_TIME_UNITS = {
-    "seconds": "s", "secs": "s", "millis": "ms", "milliseconds": "ms", "ms": "ms", "micros": "us", "microseconds": "us",
-    "us": "us", "nanos": "ns", "nanoseconds": "ns", "ns": "ns",
-}  # fmt: skip
+_TIME_UNITS = {word: unit for unit, words in {
+    "s": "s sec secs second seconds", "ms": "ms msec msecs millis milliseconds",
+    "us": "us usec usecs micros microseconds", "ns": "ns nsec nsecs nanosec nanosecs nanos nanoseconds",
+}.items() for word in words.split()}  # fmt: skip
 """Words for time that are its unit too."""
 
-_NO_GRAVITY = frozenset({"linear", "lin", "user", "free"})
+_NO_GRAVITY = frozenset({"linear", "lin", "user", "free", "dynamic", "nograv"})
+
+_SATELLITES = frozenset({"gps", "gnss", "date", "datum", "fecha"})
+"""Words of clocks that say nothing of other columns."""
 
 _NOTHING = frozenset({
     *("covariance", "cov", "variance", "var", "bias", "sigma", "std", "accuracy", "valid", "status", "rms", "norm"),
-    *("temp", "temperature", "pressure", "gravity", "grav", "orientation", "quat", "quaternion", "euler", "heading"),
+    *("temp", "temperature", "pressure", "orientation", "quat", "quaternion", "euler", "heading", "angle", "angles"),
     *("roll", "pitch", "yaw", "delta", "magnitude", "absolute", "abs", "total", "position", "velocity", "jerk"),
-    *("world", "earth", "global", "enu", "ned", "gps", "gnss", "date", "zone", "clip", "zupt", "zero", "label"),
-    *("truth", "gt", "ref"),
+    *("world", "earth", "global", "enu", "ned", "zone", "clip", "zupt", "zero", "label", "truth", "gt", "ref"),
+    *_SATELLITES,
 })  # fmt: skip
+
+_RATES = frozenset({"roll", "pitch", "yaw", "velocity", "euler"})
+"""Of which angular rates are called."""
 
 _UNSURE = frozenset({"uncal", "uncalibrated", "raw", "uncomp", "uncompensated"})
 
@@ -78,12 +93,14 @@ class Meaning:
     axis : x, y, z or, where axes are numbered, 0 to 3; empty where there is none.
     unit : the word for its unit, known or not; None where there is none.
     stem : the words without axis and unit: the same for the three axes of a sensor.
+    by_unit : whether the unit alone says the kind.
     """
 
     kind: Kind
     axis: str
     unit: str | None
     stem: str
+    by_unit: bool = field(default=False, repr=False)
 
     @property
     def is_unsure(self) -> bool:
@@ -101,18 +118,57 @@ def read_header(name: str) -> Meaning | None:
     """
     for stem, unit, is_certain in _readings(name):
         words, axis = _split_axis(_split_words(stem))
-        kind = _find_kind(words, axis)
-        if kind is None or not (is_certain or find_factor(quantity_of(kind), unit or "") is not None):
+        kind, said = _find_kind(words, axis), None if unit is None else find_quantity(unit)
+        known = kind is not None and unit is not None and find_factor(quantity_of(kind), unit) is not None
+        if kind == "time" and unit is not None and is_of_something_else(unit):
             continue
-        if kind == "time" and unit is None:
-            unit = next((_TIME_UNITS[word] for word in words if word in _TIME_UNITS), None)
-        return Meaning(kind, axis, "g" if unit is None and "gforce" in words else unit, " ".join(words))
+        if kind is not None and (known or (is_certain and said in (None, "time"))):
+            if kind == "time" and unit is None:
+                unit = next((_TIME_UNITS[word] for word in words if word in _TIME_UNITS), None)
+            return Meaning(kind, axis, "g" if unit is None and "gforce" in words else unit, " ".join(words))
+        if is_certain and not axis and words and words[-1][-1:] in ("x", "y", "z"):  # RotRatex
+            words, axis = [*words[:-1], words[-1][:-1]], words[-1][-1]
+        by_unit = _find_kind_of_unit(words, axis, said, is_certain) if unit is not None else None
+        if by_unit is not None:
+            return Meaning(by_unit, axis, unit, " ".join(words), by_unit=True)
     return None
+
+
+def _find_kind_of_unit(words: list[str], axis: str, said: Quantity | None, in_brackets: bool) -> Kind | None:
+    """Find the kind of a column by what its unit is a unit of, where its words say nothing against it."""
+    against = _NOTHING - {"velocity"} if said == "gyr" else _NOTHING
+    if said is None or not (in_brackets or said == "gyr") or not against.isdisjoint(words):
+        return None
+    if said == "time":
+        return None if axis else "time"
+    if not axis or said != "acc":
+        return said if axis else None
+    return "no gravity" if not _NO_GRAVITY.isdisjoint(words) else "gravity" if "gravity" in words else "acc"
 
 
 def quantity_of(kind: Kind) -> Quantity:
     """Return the quantity whose units a kind has."""
-    return "acc" if kind == "no gravity" else "time" if kind == "counter" else kind
+    return "acc" if kind == "no gravity" or kind == "gravity" else "time" if kind == "counter" else kind
+
+
+def find_unit_kind(name: str) -> tuple[Quantity | None, str]:
+    """Return of what the unit in brackets behind a name is one, and the unit; None where it is a statistic's."""
+    bracketed = _BRACKETS.match(name)
+    if bracketed is None or not (_NOTHING - _RATES).isdisjoint(_split_words(bracketed[1])):
+        return None, ""
+    return find_quantity(bracketed[2]), bracketed[2]
+
+
+def find_kinds_in(name: str) -> set[Kind]:
+    """Return what the words of a name, such as a file's, name."""
+    words = _split_words(name)
+    removed: set[Kind] = {"no gravity"} if not _NO_GRAVITY.isdisjoint(words) or "gravity" in words else set()
+    return _kinds_of(words) | removed
+
+
+def split_axis(name: str) -> str:
+    """Return the axis that a name names; empty where it names none."""
+    return _split_axis(_split_words(name))[1]
 
 
 def _readings(name: str) -> Iterator[tuple[str, str | None, bool]]:
@@ -133,7 +189,10 @@ def _readings(name: str) -> Iterator[tuple[str, str | None, bool]]:
 def _split_words(name: str) -> list[str]:
     """Words of a name in lower case; the pairs that mean one thing are one word."""
     words: list[str] = []
-    for piece in _PIECES.findall(name):
+    name = re.sub(r"(?<=[A-Z])([xyz])(?![a-z])", r" \1", name)  # ACCx
+    for piece in _PIECES.findall(
+        "".join(c for c in unicodedata.normalize("NFD", name) if not unicodedata.combining(c))
+    ):
         words += _split_run(piece.lower())
     joined: list[str] = []
     for word in words:
@@ -150,7 +209,7 @@ def _split_run(word: str) -> list[str]:
     if axis and axis in "xyz":
         if head in _LETTERS:
             return [_LETTERS[head], axis]
-        if head == "f" or any(head in words for words in _WORDS.values()):
+        if head == "f" or head == "gravity" or _kinds_of([head]):
             return [head, axis]
     return [word]
 
@@ -165,12 +224,21 @@ def _split_axis(words: list[str]) -> tuple[list[str], str]:
     return words, ""
 
 
+def _kinds_of(words: list[str]) -> set[Kind]:
+    kinds = {kind for kind, known in _WORDS.items() if not known.isdisjoint(words)}
+    kinds |= {kind for stem, kind in _STEMS for word in words if word.startswith(stem)}
+    return kinds | ({"time"} if not _TIME_UNITS.keys().isdisjoint(words) else set())
+
+
 def _find_kind(words: list[str], axis: str) -> Kind | None:
-    if not words or not _NOTHING.isdisjoint(words):
+    kinds = _kinds_of(words)
+    against = _NOTHING - _SATELLITES if kinds == {"time"} and not axis else _NOTHING
+    if not words or not against.isdisjoint(words):
         return None
     if len(words) == 1 and words[0] in (_LETTERS if axis else _ALONE):
         return _LETTERS[words[0]] if axis else _ALONE[words[0]]
-    kinds = {kind for kind, known in _WORDS.items() if not known.isdisjoint(words)}
+    if axis and ("gravity" in words or "grav" in words) and kinds <= {"acc"}:
+        return "gravity"
     if axis in ("x", "y", "z"):
         kinds -= {"time", "counter"}
     elif "index" in words or kinds == {"counter"}:

@@ -4,7 +4,8 @@
     t,ax,ay,az,gx,gy,gz                                                 all fields in order, - for one not used
 
 A unit in brackets is of all columns of its quantity; with the list, units stand in a list of their own. Without a unit
-counts that of the column's name, if it has one. Names are found without regard to case, and without their units.
+counts that of the column's name, if it has one. Names are found without regard to case, and without their units. What
+a mapping leaves out is what the names of the other columns say (`fg_nav.columns.choice`).
 """
 
 from __future__ import annotations
@@ -13,6 +14,9 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
+from fg_nav.arrays import Floats
 from fg_nav.columns.headers import read_header
 from fg_nav.columns.units import KNOWN_UNITS, Quantity, find_factor, find_quantity
 from fg_nav.errors import FormatError
@@ -42,11 +46,24 @@ _PART = re.compile(r"(?:^|,)\s*(time|acc|gyr|mag|pressure)\s*=", re.IGNORECASE)
 
 @dataclass(frozen=True)
 class Channel:
-    """The columns of one quantity: where they stand, counted from 0, their names, and their unit if known."""
+    """The columns of one quantity: where they stand, counted from 0, their names, and their unit if known.
+
+    With more `factors` than one there are as many groups of columns, which are added, each times its factor.
+    """
 
     positions: tuple[int, ...]
     names: tuple[str, ...]
     unit: str | None = None
+    factors: tuple[float, ...] = (1.0,)
+
+    def add(self, values: Floats) -> Floats:
+        """Values (N, K) of the columns become those of the quantity, (N, 1) or (N, 3)."""
+        parts = np.split(values, len(self.factors), axis=1)
+        return (
+            values
+            if self.factors == (1.0,)
+            else np.asarray(sum(part * factor for part, factor in zip(parts, self.factors, strict=True)))
+        )
 
 
 @dataclass(frozen=True)
@@ -77,7 +94,7 @@ class Columns:
     units: Mapping[Quantity, str]
     width: int | None = None
 
-    def find(self, names: Sequence[str], source: str) -> ColumnMap:
+    def find(self, names: Sequence[str], source: str) -> dict[Quantity, Channel]:
         """Find the columns among those of a table from `source`.
 
         Raises `FormatError` if one is not there, or two of the names are the same column.
@@ -95,9 +112,7 @@ class Columns:
         double = next((position for position in used if used.count(position) > 1), None)
         if double is not None:
             raise FormatError(f"--columns names column '{names[double]}' twice: one column is one quantity.")
-        named = {quantity: _name_channel(quantity, channel, names) for quantity, channel in found.items()}
-        air = named.get("pressure")
-        return ColumnMap(named["acc"], named["gyr"], named.get("mag"), named.get("time"), pressure=air)
+        return {quantity: _name_channel(quantity, channel, names) for quantity, channel in found.items()}
 
 
 def parse_columns(words: str, units: str | None = None) -> Columns:
@@ -106,7 +121,7 @@ def parse_columns(words: str, units: str | None = None) -> Columns:
     >>> parse_columns("acc=2:3:4[g],gyr=5:6:7[deg/s]").units
     {'acc': 'g', 'gyr': 'deg/s'}
 
-    Raises `FormatError` if a quantity is missing, doubled or of another number of columns, or a unit is not known.
+    Raises `FormatError` if a quantity is doubled or of another number of columns, or a unit is not known.
     """
     if "=" not in words:
         return _parse_list(words, units)
@@ -135,9 +150,6 @@ def _parse_mapping(words: str) -> Columns:
             )
         if unit is not None:
             units[quantity] = _check_unit(quantity, unit)
-    for quantity in ("acc", "gyr"):
-        if quantity not in columns:
-            raise FormatError(f"--columns lacks {quantity}: write it as {EXAMPLE}.")
     return Columns(columns, units)
 
 

@@ -1,19 +1,21 @@
 """Columns of numbers become samples in SI; what their names do not say is judged by physics, and said.
 
 ====== ==========================================================================================
-time   of the units s, ms, us and ns one makes the rate that of an inertial sensor
+time   the unit makes the step a period with which gravity turns as the gyroscope says; where that
+       shows nothing, of s, ms, us and ns the one that makes the rate that of an inertial sensor
 acc    at rest it is gravity: 9.8 m/s^2, 1 g or 1000 mg
 gyr    above 40 it is no rad/s, below 17 on a walk no deg/s; gravity turns as it says; else the user says it
 mag    a field on Earth is 5 to 200 uT; one whose unit is not clear is left out
 air    its pressure is 300 to 1200 hPa; one that is nowhere is left out
 ====== ==========================================================================================
 
-Without stamps a counter, or else the rows, give the time by the rate that the user says.
+Stamps too coarse for the rate are spread over the rows that share them. Without stamps a counter, or else the rows,
+give the time by the rate that the user says.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,6 +24,7 @@ from fg_nav.columns.choice import Asker, write_mapping
 from fg_nav.columns.mapping import Channel, ColumnMap
 from fg_nav.columns.units import KNOWN_UNITS, Quantity, find_factor
 from fg_nav.errors import FormatError
+from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.samples import plausibility
 
 SI_UNITS: dict[Quantity, str] = {"time": "s", "acc": "m/s^2", "gyr": "rad/s", "mag": "uT", "pressure": "Pa"}
@@ -29,6 +32,12 @@ SI_UNITS: dict[Quantity, str] = {"time": "s", "acc": "m/s^2", "gyr": "rad/s", "m
 
 _COUNTS_AT_REST = 1500.0
 """A larger reading of gravity is no mg: it counts the steps of a converter."""
+
+_COARSE_SHARE = 0.4
+"""Of the steps between stamps, that are none: a clock that is coarser than the rate."""
+
+_DATES_S = (9e8, 4e9)
+"""Seconds since 1970, of this century."""
 
 _COUNTER_ENDS = (2.0**8, 2.0**16, 2.0**32)
 """Counters of packets begin again at one of these."""
@@ -58,22 +67,40 @@ def convert_samples(values: Floats, columns: ColumnMap, rate_hz: float | None, a
     Raises `FormatError` if there is neither time nor rate, or a unit that nothing shows.
     """
     notes: list[str] = []
-    clock = 0 if columns.time is None and columns.counter is None else 1
-    t = _make_time(values[:, :clock], columns, rate_hz, asker, notes)
-    period_s = plausibility.median_period_s(t)
-    acc, gyr = values[:, clock : clock + 3], values[:, clock + 3 : clock + 6]
-    unit = columns.acc.unit or _judge_acc(acc, period_s, columns, asker, notes)
+    parts = (columns.time or columns.counter, columns.acc, columns.gyr, columns.mag)
+    ends = np.cumsum([len(part.positions) if part else 0 for part in parts])
+    clock, acc, gyr, mag, air = np.split(values, ends, axis=1)
+    acc, gyr, time, period_s = columns.acc.add(acc), columns.gyr.add(gyr), columns.time, np.nan
+    if time is not None:
+        clock = _add_parts(clock, time)
+        period_s = plausibility.median_period_s(clock) * (find_factor("time", time.unit or "") or np.nan)
+    unit = columns.acc.unit or _judge_acc(acc, gyr, period_s, columns, asker, notes)
     acc = _scale(acc, "acc", columns.acc, unit, asker)
+    if len(columns.acc.factors) > 1:
+        sign = np.sign(columns.acc.factors[0])
+        if find_factor("acc", unit) == GRAVITY_M_S2 and sign > 0:  # in g it is Apple's too
+            acc, sign = -acc, -1.0
+        notes.append(f"acc is {'-' if sign < 0 else ''}({columns.acc.names[0]} + {columns.acc.names[3]})")
+        notes[-1] += ", as an iPhone has the sign turned" if sign < 0 else ""
+    t = _make_time(clock, acc, gyr, columns, rate_hz, asker, notes)
+    period_s = plausibility.median_period_s(t)
     unit = columns.gyr.unit or _judge_gyr(acc, gyr, period_s, columns, asker, notes)
     gyr = _scale(gyr, "gyr", columns.gyr, unit, asker)
-    field = values[:, clock + 6 : clock + 9]
-    mag = None if columns.mag is None else _convert_mag(field, columns, columns.mag, asker, notes)
-    air = columns.pressure
-    pressure = None if air is None else convert_pressure(values[:, -1], air, asker.name, notes)
-    return Samples(t, acc, gyr, mag, (*columns.notes, *notes), pressure)
+    field = None if columns.mag is None else _convert_mag(mag, columns, columns.mag, asker, notes)
+    channel = columns.pressure
+    pressure = None if channel is None else convert_pressure(air[:, 0], channel, notes)
+    return Samples(t, acc, gyr, field, (*columns.notes, *notes), pressure)
 
 
-def convert_pressure(values: Floats, channel: Channel, name: str, notes: list[str]) -> Floats | None:
+def _add_parts(clock: Floats, time: Channel) -> Floats:
+    """Seconds and the part of a second as one column (N, 1); the second alone where it is a whole clock by itself."""
+    if len(time.factors) == 1:
+        return clock
+    whole, part = clock[:, :1], clock[:, 1:] * time.factors[1]
+    return whole + part if np.nanmax(np.abs(part), initial=0.0) <= 1.0 else part
+
+
+def convert_pressure(values: Floats, channel: Channel, notes: list[str]) -> Floats | None:
     """Return pressures (N,) in Pa, NaN where they are none of air; None where they are nowhere, with a note.
 
     Without a unit in the name of the column the median says it, of Pa, hPa and kPa.
@@ -105,7 +132,15 @@ def _scale(values: Floats, quantity: Quantity, channel: Channel, unit: str, aske
         return np.ascontiguousarray(values * factor)
 
 
-def _make_time(clock: Floats, columns: ColumnMap, rate_hz: float | None, asker: Asker, notes: list[str]) -> Floats:
+def _make_time(
+    clock: Floats,
+    acc: Floats,
+    gyr: Floats,
+    columns: ColumnMap,
+    rate_hz: float | None,
+    asker: Asker,
+    notes: list[str],
+) -> Floats:
     if rate_hz is not None and not 0.0 < rate_hz < np.inf:
         raise FormatError(f"a rate of {rate_hz:g} Hz is none: give samples a second.")
     if columns.time is not None:
@@ -114,7 +149,8 @@ def _make_time(clock: Floats, columns: ColumnMap, rate_hz: float | None, asker: 
                 f"{asker.name} has stamps, '{columns.time.names[0]}': leave the rate out, or name the columns to use "
                 f"without time."
             )
-        return _convert_time(clock[:, 0], columns, columns.time, asker, notes)
+        turning_s = _measure_turning(acc, gyr, columns.gyr)
+        return _convert_time(clock[:, 0], turning_s, columns, columns.time, asker, notes)
     if rate_hz is None:
         counted = f" but '{columns.counter.names[0]}', which counts samples" if columns.counter else ""
         raise FormatError(f"{asker.name} has no stamps{counted}: give its rate, such as {asker.rate}.")
@@ -143,30 +179,71 @@ def _counts_samples(count: Floats) -> bool:
     return bool(step.size) and float(np.median(step)) == 1.0 and bool((step >= 0).all())
 
 
-def _convert_time(t: Floats, columns: ColumnMap, channel: Channel, asker: Asker, notes: list[str]) -> Floats:
+def _measure_turning(acc: Floats, gyr: Floats, channel: Channel) -> tuple[float, ...]:
+    """Periods, s, by which gravity turns as the gyroscope says, in its unit or in each that it can have; or by gait."""
+    factor = None if channel.unit is None else find_factor("gyr", channel.unit)
+    if factor is None and np.nanmax(np.abs(gyr), initial=0.0) > plausibility.TOO_FAST_RAD_S:
+        factor = np.pi / 180.0
+    period_s = plausibility.measure_turning_period(acc, gyr)
+    if np.isnan(period_s):
+        return (plausibility.measure_gait_period(gyr),)
+    return tuple(period_s / one for one in ((factor,) if factor else (1.0, np.pi / 180.0)))
+
+
+def _convert_time(
+    t: Floats, turning_s: tuple[float, ...], columns: ColumnMap, channel: Channel, asker: Asker, notes: list[str]
+) -> Floats:
     unit = channel.unit if channel.unit and find_factor("time", channel.unit) is not None else None
+    finite = t[np.isfinite(t)]
+    steps = np.diff(finite)
+    is_coarse = len(steps) > 0 and np.count_nonzero(steps == 0) >= _COARSE_SHARE * len(steps)
+    period = float(np.ptp(finite)) / len(steps) if is_coarse else plausibility.median_period_s(t)
     if unit is None:
-        finite = t[np.isfinite(t)]
-        if _counts_samples(finite) and (finite == np.round(finite)).all():
+        words = ["s", "ms", "us", "ns", *(f"{1e6 * one / period:.3g} us" for one in turning_s if one > 0.0)]
+        sayings = [write_mapping(columns, time=word) for word in words]
+        fitting = {plausibility.find_time_unit(period, one) for one in turning_s} - {None}
+        if not fitting and columns.gyr.unit is None:  # the gyroscope may be in any unit
+            fitting = {plausibility.find_time_unit(period)} - {None}
+        found = fitting & {"s", "ms", "us", "ns"} or fitting
+        is_date = is_coarse and _DATES_S[0] < float(np.median(finite)) < _DATES_S[1]
+        unit = "s" if is_date else found.pop() if len(found) == 1 else None
+        counts = _counts_samples(finite) and bool((finite == np.round(finite)).all())
+        if unit is None or (counts and (np.isnan(turning_s[0]) or unit not in ("s", "ms", "us", "ns"))):
+            how = "rises by ones" if counts else f"steps by {period:.6g}"
             raise FormatError(
-                f"{asker.name}: column '{channel.names[0]}' rises by ones and names no unit, so it counts samples or "
-                f"is in ms: say {asker.ask(write_mapping(columns, time='ms', acc='m/s^2', gyr='deg/s'))}, or name the "
-                f"columns without time and give {asker.rate}."
-            )
-        period = plausibility.median_period_s(t)
-        unit = plausibility.find_time_unit(period)
-        if unit is None:
-            raise FormatError(
-                f"{asker.name}: column '{channel.names[0]}' steps by {period:.6g} and names no unit, and in none of s, "
-                f"ms, us and ns is that a sensor's rate: say it, as "
-                f"{asker.ask(write_mapping(columns, time='ms', acc='m/s^2', gyr='deg/s'))}."
+                f"{asker.name}: column '{channel.names[0]}' {how} and names no unit, and its samples show none: it "
+                f"counts samples, or say the unit, {asker.ask(*sayings)}, or name the columns without time and give "
+                f"{asker.rate}."
             )
         if unit != "s":
-            notes.append(f"the stamps '{channel.names[0]}' are taken for {unit}, by their step of {period:.6g}")
-    return _scale(t, "time", channel, unit, asker)
+            shown = "by their step" if np.isnan(turning_s[0]) else "as gravity turns and by their step"
+            notes.append(f"the stamps '{channel.names[0]}' are taken for {unit}, {shown} of {period:.6g}")
+    t = _scale(t, "time", channel, unit, asker)
+    return _spread_coarse(t, notes) if is_coarse else t
 
 
-def _judge_acc(acc: Floats, period_s: float, columns: ColumnMap, asker: Asker, notes: list[str]) -> str:
+def _spread_coarse(t: Floats, notes: list[str]) -> Floats:
+    """Stamps (N,) s of a clock coarser than the rate: the rows that share one are spread over the time to the next."""
+    known = np.flatnonzero(np.isfinite(t))
+    first = known[np.diff(t[known], prepend=-np.inf) != 0]
+    if len(first) < 3 or (np.diff(t[first]) < 0).any():
+        return t
+    tick, inner = float(np.median(np.diff(t[first]))), first[1:]  # the first one may have lost its beginning
+    rows = np.arange(len(t), dtype=np.float64)
+    line = np.polyfit(inner, t[inner], 1)
+    even = np.polyval(line, rows)
+    if np.abs(even[inner] - t[inner]).max() > tick:  # rows were lost: from each stamp to the next
+        after = (rows - inner[-1]) * np.median(np.diff(t[inner]) / np.diff(inner))
+        before = (rows - inner[0]) * np.median(np.diff(t[inner]) / np.diff(inner))
+        even = np.interp(rows, inner, t[inner])
+        even = np.where(rows < inner[0], t[inner[0]] + before, np.where(rows > inner[-1], t[inner[-1]] + after, even))
+    notes.append(
+        f"the stamps are whole steps of {tick:.3g} s, shared by {len(known) / len(first):.3g} rows: spread evenly"
+    )
+    return np.where(np.isfinite(t), even, np.nan)
+
+
+def _judge_acc(acc: Floats, gyr: Floats, period_s: float, columns: ColumnMap, asker: Asker, notes: list[str]) -> str:
     """Find the unit of acc (N, 3) by its norm at rest."""
     rest = plausibility.measure_rest_acc(acc, period_s)
     unit = plausibility.find_acc_unit(acc, period_s)
@@ -175,14 +252,27 @@ def _judge_acc(acc: Floats, period_s: float, columns: ColumnMap, asker: Asker, n
         return unit
     if rest > _COUNTS_AT_REST:
         full = f"1/{2 ** round(np.log2(rest))} g"
+        counts = ("1/16.4 deg/s", "1/131 deg/s", "1/65.5 deg/s", "1/32.8 deg/s", "deg/s", "rad/s")
         raise FormatError(
-            f"{asker.name}: acc is {rest:.5g} at rest, so it counts steps of a converter: say how much one is, as "
-            f"{asker.ask(write_mapping(columns, time='s', acc=full, gyr='1/16.4 deg/s'))}."
+            f"{asker.name}: acc is {rest:.5g} at rest, so it counts steps of a converter: say how much one is, "
+            f"{asker.ask(*(write_mapping(columns, acc=full, gyr=count) for count in counts))}."
+        )
+    turned = plausibility.find_acc_unit(gyr, period_s)
+    if turned is not None:
+        exchanged = replace(columns, acc=replace(columns.gyr, unit=turned), gyr=columns.acc)
+        sayings = [write_mapping(exchanged, gyr=unit) for unit in ("deg/s", "rad/s")]
+        raise FormatError(
+            f"{asker.name}: the columns called {', '.join(columns.gyr.names)} measure gravity "
+            f"({plausibility.measure_rest_acc(gyr, period_s):.4g} at rest), and {', '.join(columns.acc.names)} do not: "
+            f"say so, {asker.ask(*sayings)}."
         )
     problem = plausibility.find_acc_problem(acc, period_s)
     if problem is None or "removed" not in problem:
-        problem = f"acc is {rest:.4g} at rest and names no unit: say it, as " + asker.ask(
-            write_mapping(columns, time="s", acc="g", gyr="deg/s")
+        problem = f"acc is {rest:.4g} at rest and names no unit: say it, " + asker.ask(
+            *(
+                write_mapping(columns, acc=unit)
+                for unit in ("g", f"{GRAVITY_M_S2 / rest:.4g} m/s^2" if rest > 0 else "mg")
+            )
         )
     raise FormatError(f"{asker.name}: {problem}.")
 
@@ -195,10 +285,10 @@ def _judge_gyr(acc: Floats, gyr: Floats, period_s: float, columns: ColumnMap, as
     if unit is not None:
         notes.append(f"gyr is taken for {unit}, by its peak of {peak:.4g} next to acc")
         return unit
-    words = asker.ask(write_mapping(columns, gyr="deg/s"))
+    words = asker.ask(*(write_mapping(columns, gyr=unit) for unit in ("deg/s", "rad/s", "mdeg/s", "1/16.4 deg/s")))
     raise FormatError(
         f"{asker.name}: gyr ('{columns.gyr.names[0]}' ..., peak {peak:.4g}) names no unit, and its samples show none: "
-        f"say {words} if it is in deg/s, else [rad/s] in its place."
+        f"say it, {words}, or with the unit that it has."
     )
 
 

@@ -85,6 +85,16 @@ def find_quantity(word: str) -> Quantity | None:
     return found[0] if found else None
 
 
+_OF_SOMETHING_ELSE = frozenset(
+    {"deg", "rad", "degc", "c", "degf", "k", "f", "v", "mv", "a", "ma", "%", "pa", "hpa", "m", "mm", "cm", "km", "m/s"}
+)
+
+
+def is_of_something_else(word: str) -> bool:
+    """Return whether a unit is certainly none of time: that of another quantity, or of an angle or a temperature."""
+    return find_quantity(word) not in ("time", None) or _simplify(word).replace("\ufffd", "deg") in _OF_SOMETHING_ELSE
+
+
 def _simplify(word: str) -> str:
     for mangled, sign in _MANGLED:
         word = word.replace(mangled, sign)

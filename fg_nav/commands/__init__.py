@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from fg_nav.errors import MagneticError, OutputError, SimulationError
+from fg_nav.errors import FormatError, MagneticError, OutputError, SimulationError
 from fg_nav.report.folder import RESULT_FILES, claim_folder, fill_folder, hold_folder
 from fg_nav.report.terminal import progress
 
@@ -150,14 +150,22 @@ def choose_options(
 
 
 def choose_reading(
-    format: str | None, columns: str | None, rate_hz: float | None, sensor: str | None, barometer: Path | None = None
+    format: str | None, columns: str | None, rate: str | None, sensor: str | None, barometer: Path | None = None
 ) -> Reading:
-    """Return how a file is to be read where its content does not say."""
+    """Return how a file is to be read where its content does not say; raises `FormatError` for a rate that is none."""
     from fg_nav.columns.mapping import parse_columns
     from fg_nav.io import Reading
+    from fg_nav.recording import NOMINAL_SIGMA
 
     mapping = None if columns is None else parse_columns(columns)
-    return Reading(format, mapping, rate_hz, sensor, barometer=barometer)
+    if rate is None:
+        return Reading(format, mapping, None, sensor, barometer=barometer)
+    hertz, _, sigma = rate.replace("±", "+-").partition("+-")
+    try:
+        rate_hz, share = float(hertz), float(sigma) / float(hertz) if sigma else NOMINAL_SIGMA
+    except (ValueError, ZeroDivisionError):
+        raise FormatError(f"a rate of {rate} Hz is none: give samples a second, such as 200 or 200+-0.1.") from None
+    return Reading(format, mapping, rate_hz, sensor, rate_sigma=abs(share), barometer=barometer)
 
 
 def find_earth_field(place: str | None) -> EarthField | None:

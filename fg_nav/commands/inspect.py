@@ -46,7 +46,7 @@ def inspect(files: Sequence[Path], reading: Reading) -> Answer:
 def inspect_one(file: Path, reading: Reading) -> Answer:
     """Inspect a file; a recording that cannot be navigated with is a failure."""
     found = inspect_recording(reading.read_raw(file))
-    failure = None if found.refusal is None else RecordingError(found.refusal)
+    failure = None if found.obstacle is None else RecordingError(found.obstacle)
     return Answer(describe_inspection(found, file), partial(print_inspection, found), failure)
 
 

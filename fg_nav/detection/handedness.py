@@ -128,12 +128,12 @@ def measure_axes(t: Floats, acc: Floats, gyr: Floats) -> AxesEvidence:
     looked = np.s_[: int(np.searchsorted(t, t[0] + LOOKED_S))]
     t, acc, gyr = t[looked], acc[looked], gyr[looked]
     period_s = float(np.median(np.diff(t)))
-    start, stop = _find_strides(t, acc, gyr, _find_still_moments(acc, gyr, period_s))
+    start, stop = find_strides_of(t, acc, gyr)
     if not len(start):
         return NO_EVIDENCE
     acc, gyr = (rebuild_peaks(samples, period_s).whole for samples in (acc, gyr))
-    attitude = np.array([level_attitude(up) for up in _measure_up(t, acc, start)])
-    up = _measure_up(t, acc, stop)
+    attitude = np.array([level_attitude(up) for up in measure_up(t, acc, start)])
+    up = measure_up(t, acc, stop)
     h = np.diff(t, append=2 * t[-1] - t[-2])
     velocity, tilt = zip(*(_integrate(h, acc, gyr @ M.T, start, stop, attitude, up) for M in AXES), strict=True)
     z = (np.array(velocity) ** 2).sum(axis=2) / VELOCITY_M_S**2 + (np.array(tilt) / TILT_RAD) ** 2
@@ -151,6 +151,11 @@ def refuse_wrong_axes(recording: Recording, measure: MeasureAxes = measure_axes)
     if found.against > DECISIVE:
         path = recording.provenance.path
         raise RecordingError(f"{path.name + ': ' if path else ''}{found.problem}.")
+
+
+def find_strides_of(t: Floats, acc: Floats, gyr: Floats) -> tuple[Ints, Ints]:
+    """First and last sample (K,) of strides from standing to standing, at most `MOST_STRIDES`."""
+    return _find_strides(t, acc, gyr, _find_still_moments(acc, gyr, float(np.median(np.diff(t)))))
 
 
 def _find_still_moments(acc: Floats, gyr: Floats, period_s: float) -> Ints:
@@ -188,7 +193,7 @@ def _integrate(
     return velocity, tilt
 
 
-def _measure_up(t: Floats, acc: Floats, sample: Ints) -> Floats:
+def measure_up(t: Floats, acc: Floats, sample: Ints) -> Floats:
     """Direction of up (K, 3) in the body about samples, over `WINDOW_S`."""
     sums = np.vstack([np.zeros(3), np.cumsum(acc, axis=0)])
     first, last = (np.searchsorted(t, t[sample] + side * WINDOW_S / 2) for side in (-1, 1))

@@ -40,7 +40,7 @@ def add_barometer(raw: RawRecording, path: Path) -> RawRecording:
     if header is None or channel is None:
         raise FormatError(f"{path.name} names no pressure: give a table with the columns time_s and pressure_pa.")
     notes: list[str] = []
-    pressure = convert_pressure(header.read(content, [*channel.names])[0][:, 0], channel, path.name, notes)
+    pressure = convert_pressure(header.read(content, [*channel.names])[0][:, 0], channel, notes)
     if pressure is None:
         why = notes[-1] if notes else f"'{channel.names[0]}' has no reading"
         raise FormatError(f"{path.name}: {why}; give pressures in Pa, hPa or kPa, or leave --barometer out.")

@@ -9,8 +9,10 @@ from pathlib import Path
 from fg_nav.errors import FormatError
 
 
-def choose_sensor(names: Sequence[str], asked: str | None, path: Path, what: str = "sensors") -> str:
-    """Choose one of the names (at least one), or the only one there is.
+def choose_sensor(
+    names: Sequence[str], asked: str | None, path: Path, what: str = "sensors", before: str = "`--sensor "
+) -> str:
+    """Choose one of the names (at least one), or the only one there is; `before` it stands what the user is to type.
 
     Raises `FormatError` if there are several and none is asked for, or what is asked for is not one of them.
     """
@@ -20,7 +22,7 @@ def choose_sensor(names: Sequence[str], asked: str | None, path: Path, what: str
         example = next((name for name in names if "foot" in name.lower()), names[0])
         raise FormatError(
             f"{path.name} holds {len(names)} {what} ({', '.join(names)}): name one, such as "
-            f"`--sensor {shlex.quote(example)}`."
+            f"{before}{shlex.quote(example)}`."
         )
     same = [name for name in names if name.lower() == asked.lower()]
     alike = same or [name for name in names if asked.lower() in name.lower()]

@@ -58,6 +58,7 @@ class Content:
     fetch : reads the bytes where the file is packed; None for a plain file.
     rate_hz, sensor, columns : what the user says where the file does not: its rate, which of several sensors, and which
         columns of a table are what.
+    is_trial : whether it is read to try what is to be proposed.
     """
 
     path: Path
@@ -70,6 +71,7 @@ class Content:
     rate_hz: float | None = None
     sensor: str | None = None
     columns: Columns | None = None
+    is_trial: bool = False
 
     @property
     def kind(self) -> str:

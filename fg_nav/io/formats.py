@@ -17,33 +17,30 @@ from fg_nav.io.barometer import add_barometer
 from fg_nav.io.content import BINARY, MATLAB, MEMBERS, TEXT, Content, read_content
 from fg_nav.io.nearest import explain_unknown
 from fg_nav.io.readers import (
-    androsensor,
     apdm,
     broad,
     canonical,
     gdlbio,
     gnss_logger,
-    hyperimu,
+    known_tables,
     metawear,
     movesense,
     openshoe,
     phyphox,
-    physics_toolbox,
     pyshoe,
     ros,
     sensor_logger,
     sensorconnect,
-    sensorlog,
     shimmer,
     table,
-    vectornav,
+    tables,
     xio,
     xsens_dot,
     xsens_mt,
     yei,
 )
-from fg_nav.io.truth import CSV_COLUMNS, read_footprint_csv, read_footprint_mat, read_tum
-from fg_nav.recording import RawRecording, Recording
+from fg_nav.io.truth import C3D_KEY, CSV_COLUMNS, read_c3d, read_footprint_csv, read_footprint_mat, read_tum
+from fg_nav.recording import NOMINAL_SIGMA, RawRecording, Recording, note_nominal_rate
 from fg_nav.samples.stamps import MAX_BRIDGED_S
 from fg_nav.truth import Truth
 
@@ -77,10 +74,15 @@ FORMATS: Mapping[str, Format] = _by_name(
     Format("openshoe", "OpenShoe text", openshoe.recognizes, openshoe.read),
     Format("phyphox", "phyphox folder, zip or CSV", phyphox.recognizes, phyphox.read, (MEMBERS, TEXT)),
     Format("sensor-logger", "Sensor Logger folder, zip", sensor_logger.recognizes, sensor_logger.read, (MEMBERS, TEXT)),
-    Format("sensorlog", "SensorLog CSV (iPhone)", sensorlog.recognizes, sensorlog.read),
-    Format("androsensor", "AndroSensor CSV", androsensor.recognizes, androsensor.read),
-    Format("physics-toolbox", "Physics Toolbox CSV", physics_toolbox.recognizes, physics_toolbox.read),
-    Format("hyperimu", "HyperIMU CSV", hyperimu.recognizes, hyperimu.read, asks=(RATE,)),
+    Format("sensorlog", "SensorLog CSV (iPhone)", known_tables.SENSORLOG.recognizes, known_tables.SENSORLOG.read),
+    Format("androsensor", "AndroSensor CSV", known_tables.ANDROSENSOR.recognizes, known_tables.ANDROSENSOR.read),
+    Format(
+        "physics-toolbox",
+        "Physics Toolbox CSV",
+        known_tables.PHYSICS_TOOLBOX.recognizes,
+        known_tables.PHYSICS_TOOLBOX.read,
+    ),
+    Format("hyperimu", "HyperIMU CSV", known_tables.HYPERIMU.recognizes, known_tables.HYPERIMU.read, asks=(RATE,)),
     Format("gnss-logger", "Google GnssLogger text", gnss_logger.recognizes, gnss_logger.read),
     Format("xio", "x-io NGIMU or x-IMU3 CSV", xio.recognizes, xio.read, (TEXT, MEMBERS)),
     Format("xsens", "Xsens MT Manager text (MTi, MTw)", xsens_mt.recognizes, xsens_mt.read, asks=(RATE,)),
@@ -91,7 +93,7 @@ FORMATS: Mapping[str, Format] = _by_name(
     Format("movesense", "Movesense JSON", movesense.recognizes, movesense.read),
     Format("shimmer", "Shimmer Consensys CSV", shimmer.recognizes, shimmer.read, asks=(SENSOR,)),
     Format("apdm", "APDM Opal CSV", apdm.recognizes, apdm.read, asks=(SENSOR,)),
-    Format("vectornav", "VectorNav CSV of INSTINCT", vectornav.recognizes, vectornav.read),
+    Format("vectornav", "VectorNav CSV of INSTINCT", known_tables.is_vectornav, known_tables.read_vectornav),
     Format("yei", "YEI 3-Space CSV", yei.recognizes, yei.read),
     Format("ros", "ROS 1 or ROS 2 bag", ros.recognizes, ros.read, (BINARY, MEMBERS), (SENSOR,)),
     Format("broad", "BROAD MATLAB file", broad.recognizes, broad.read, (MATLAB,)),
@@ -100,9 +102,10 @@ FORMATS: Mapping[str, Format] = _by_name(
         "any table, by its columns' names",
         table.recognizes,
         table.read,
-        (TEXT, BINARY, MEMBERS),
+        (TEXT, BINARY, MEMBERS, MATLAB),
         (RATE, SENSOR),
     ),
+    Format("tables", "folder or zip with a table a sensor", tables.recognizes, tables.read, (MEMBERS,), (SENSOR,)),
 )
 """All formats by name."""
 
@@ -116,6 +119,7 @@ class Reading:
     format : a name of `FORMATS` to read it as; without one the format is recognized from the content.
     columns : of a table, which are what: `time=ts[ms],acc=ax:ay:az[g],gyr=gx:gy:gz[deg/s]` (`fg_nav.columns.mapping`).
     rate_hz : the rate of a file that has neither a clock nor a rate.
+    rate_sigma : of that rate, a share of it.
     sensor : which of several sensors in the file.
     longest_gap_s : a recording is cut at a longer one.
     barometer : file with the pressure of the air, of a barometer with a file of its own.
@@ -126,6 +130,7 @@ class Reading:
     rate_hz: float | None = None
     sensor: str | None = None
     longest_gap_s: float = MAX_BRIDGED_S
+    rate_sigma: float = NOMINAL_SIGMA
     barometer: Path | str | None = None
 
     def read(self, path: Path | str) -> Recording:
@@ -150,6 +155,8 @@ class Reading:
                     f"leave --{option} out."
                 )
         raw = chosen.read(replace(found, columns=columns, rate_hz=self.rate_hz, sensor=self.sensor))
+        if self.rate_hz is not None:
+            raw = note_nominal_rate(raw, self.rate_sigma)
         return raw if self.barometer is None else add_barometer(raw, Path(self.barometer))
 
 
@@ -234,7 +241,7 @@ def _choose(content: Content, found: list[tuple[Format, Content]]) -> tuple[Form
 
 
 def read_truth(path: Path | str) -> Truth:
-    """Read a true path or surveyed footprints; which it is, the content says.
+    """Read a true path or surveyed footprints, by the content; a marker of a C3D file stands behind a colon.
 
     Raises `FormatError` if the file holds neither, or is damaged.
 
@@ -243,7 +250,13 @@ def read_truth(path: Path | str) -> Truth:
     >>> type(fg_nav.read_truth("truth.tum")).__name__
     'TrajectoryTruth'
     """
-    content = read_content(Path(path))
+    marker, path = None, Path(path)
+    if not path.exists() and ".c3d:" in path.name.lower():
+        name, _, marker = path.name.rpartition(":")
+        path = path.with_name(name)
+    content = read_content(path)
+    if content.head[1:2] == C3D_KEY and path.suffix.lower() == ".c3d":
+        return read_c3d(content, marker)
     if "GCP_meters" in content.variables:
         return read_footprint_mat(content)
     if content.variables:

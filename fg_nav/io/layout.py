@@ -14,15 +14,15 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.columns.headers import read_header
 from fg_nav.columns.units import find_quantity
-from fg_nav.errors import FormatError
 from fg_nav.io.content import Content, split_lines
 from fg_nav.io.text_columns import read_table, table_options
 
-_FEWEST_NUMBERS = 6
+FEWEST_NUMBERS = 6
 """Columns of numbers that a table of force and rate has at least."""
 
 _LONGEST_TOP = 200
@@ -37,11 +37,13 @@ _COMMENTS = ("#", "%", "//", "!", '"#')
 
 _SEPARATORS = ("\t", ";", ",", r"\s+", "|")
 
-_DATE = re.compile(r"\d{4}[-/.]\d\d?[-/.]\d\d?[ T]\d\d?:\d\d")
-"""Of year, month, day, hour and minute: other orders leave month and day open."""
+_DATE = re.compile(r"\d{4}[-/.]\d\d?[-/.]\d\d?(?:[ T]\d\d?:\d\d(?::\d\d(?:[.,]\d*)?)?(?:Z|[+-]\d\d:?\d\d)?)?\s*$")
+"""Of year, month and day, with a time of day or without: other orders leave month and day open."""
 
-_OTHER_CLOCK = re.compile(r"\d+[:/.-]\d\d?[:/.-]\d")
-"""Of the time of day alone, or of a date in another order."""
+_CLOCK = re.compile(r"(?:^|[ T])(?P<h>\d\d?):(?P<m>\d\d):(?P<s>\d\d)(?:[.,:](?P<f>\d+))?\s*(?P<p>[AaPp]\.?[Mm])?")
+"""A time of day, whatever date stands before it."""
+
+_DAY_S = 86400.0
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$")
 _EMPTY = frozenset({"", "nan", "NaN", "NAN", "inf", "-inf", "+nan", "null", "NULL", "NA", "n/a", "N/A", "-nan", "None"})
@@ -60,61 +62,73 @@ class Layout:
 
     def read(self, content: Content, positions: Sequence[int]) -> tuple[Floats, Ints]:
         """Read columns (N, K) and the line (N,) of each row; raises `FormatError` as `read_table` does."""
-        dated = self._find_dated(content, positions)
-        numbers = [position for position in positions if position not in dated]
+        clocks = self._find_clocks(content, positions)
+        numbers = [position for position in positions if position not in clocks]
         values, row = read_table(
             content, self.names, numbers, self.first_line, self.separator, self.decimal, self.comment
         )
         for place, position in enumerate(positions):
-            if position in dated:
-                dates = self._read_dates(content, position)[row - self.first_line]
-                values = np.insert(values, place, dates, axis=1)
+            if position in clocks:
+                text = self.read_words(content, position)[row - self.first_line]
+                values = np.insert(values, place, (_read_dates if clocks[position] else _read_times)(text), axis=1)
         if self.comment is None:
             return values, row
         lines = split_lines(content.read_text())  # lines of comments alone are not among the rows
         kept = [n for n, line in enumerate(lines, 1) if n >= self.first_line and not line.startswith(self.comment)]
         return values, np.array([*kept, len(lines)])[np.minimum(row - self.first_line, len(kept))]
 
-    def _find_dated(self, content: Content, positions: Sequence[int]) -> set[int]:
-        """Find the columns that hold dates with times of day; raises `FormatError` for clocks of another form."""
-        dated = self._find_words(content, positions, _DATE)
-        for position in self._find_words(content, positions, _OTHER_CLOCK) - dated:
-            raise FormatError(
-                f"{content.path.name}: column '{self.names[position]}' holds times that are read as 2024-03-05 "
-                f"10:31:22.123 alone: write them so or in s, or leave time out of --columns and give --rate 100."
-            )
-        return dated
-
-    def _find_words(self, content: Content, positions: Sequence[int], words: re.Pattern[str]) -> set[int]:
-        """Find the columns most of whose first fields begin like this."""
-        rows = [split_row(line, self.separator) for line in content.lines[self.first_line - 1 :][:_JUDGED]]
-        return {
-            position
-            for position in positions
-            if sum(len(row) > position and bool(words.match(row[position])) for row in rows) * 2 > len(rows)
-        }
-
-    def _read_dates(self, content: Content, position: int) -> Floats:
-        """Read a column of dates as s since 1970, one a line; NaN where there is none."""
+    def read_words(self, content: Content, position: int) -> NDArray[np.object_]:
+        """Read a column as text, one a line from `first_line` on; None where a field is empty."""
         options = table_options(self.names, self.first_line, self.separator)
         frame = pd.read_csv(content.source(), dtype={position: str}, comment=self.comment, **options)
-        text = frame[position]
-        dates = pd.to_datetime(text, errors="coerce", utc=True, format="ISO8601")
-        other = dates.isna() & text.notna()
-        if other.any():  # each by itself, which is slow
-            dates[other] = pd.to_datetime(text[other], errors="coerce", utc=True, format="mixed", dayfirst=False)
-        stamps = dates.to_numpy(dtype="datetime64[ns]")
-        return np.where(np.isnat(stamps), np.nan, stamps.astype(np.int64) * 1e-9)
+        return np.asarray(frame[position].str.strip().replace({np.nan: None}), dtype=object)
+
+    def _find_clocks(self, content: Content, positions: Sequence[int]) -> dict[int, bool]:
+        """Columns most of whose first fields are dates (True), or times of day."""
+        rows = [split_row(line, self.separator) for line in content.lines[self.first_line - 1 :][:_JUDGED]]
+        found = dict[int, bool]()
+        for position in positions:
+            fields = [row[position] for row in rows if len(row) > position]
+            for is_date, words in ((True, _DATE), (False, _CLOCK)):
+                if sum(bool(words.search(field)) for field in fields) * 2 > len(rows):
+                    found.setdefault(position, is_date)
+        return found
 
 
-def find_layout(content: Content) -> Layout | None:
-    """Find the table in a text; None if there is none."""
+def _read_dates(text: NDArray[np.object_]) -> Floats:
+    """Dates as s since 1970, NaN where there is none."""
+    words = pd.Series(text)
+    dates = pd.to_datetime(words, errors="coerce", utc=True, format="ISO8601")
+    other = dates.isna() & words.notna()
+    if other.any():  # each by itself, which is slow
+        dates[other] = pd.to_datetime(words[other], errors="coerce", utc=True, format="mixed", dayfirst=False)
+    stamps = dates.to_numpy(dtype="datetime64[ns]")
+    return np.where(np.isnat(stamps), np.nan, stamps.astype(np.int64) * 1e-9)
+
+
+def _read_times(text: NDArray[np.object_]) -> Floats:
+    """Times of day as s, set on over midnight, NaN where there is none."""
+    parts = pd.Series(text, dtype=object).astype(str).str.extract(_CLOCK)
+    numbers = parts[["h", "m", "s"]].apply(pd.to_numeric, errors="coerce").to_numpy(dtype=np.float64)
+    fraction = pd.to_numeric("0." + parts["f"].fillna("0"), errors="coerce").to_numpy(dtype=np.float64)
+    half = parts["p"].str.lower().str[0]
+    hours = np.where(half.isna(), numbers[:, 0], numbers[:, 0] % 12 + 12 * (half == "p"))
+    t = 3600.0 * hours + 60.0 * numbers[:, 1] + numbers[:, 2] + fraction
+    known = np.isfinite(t)
+    t[known] = np.unwrap(t[known], period=_DAY_S)
+    return np.asarray(t, dtype=np.float64)
+
+
+def find_layout(content: Content, fewest: int = FEWEST_NUMBERS) -> Layout | None:
+    """Find the table in a text, with so many numbers in a row at least; None if there is none."""
     lines = content.lines
-    start = next((k for k in range(min(len(lines), _LONGEST_TOP)) if _is_data_from(lines, k)), None)
+    start = next((k for k in range(min(len(lines), _LONGEST_TOP)) if _is_data_from(lines, k, fewest)), None)
     if start is None:
         return None
     data = [line for line in lines[start : start + _JUDGED] if line.strip() and not _is_comment(line)]
-    separator, decimal = max(((s, d) for s in _SEPARATORS for d in ".," if s != d), key=lambda way: _score(data, *way))
+    separator, decimal = max(
+        ((s, d) for s in _SEPARATORS for d in ".," if s != d), key=lambda way: _score(data, way[0], way[1], fewest)
+    )
     width = _width(data, separator)
     names = _read_header_rows(lines[:start], separator, width)
     comment = "#" if any("#" in line for line in lines[start:]) else None
@@ -122,13 +136,13 @@ def find_layout(content: Content) -> Layout | None:
     return Layout(tuple(header), start + 1, separator, decimal, comment, names is not None)
 
 
-def _is_data_from(lines: Sequence[str], start: int) -> bool:
+def _is_data_from(lines: Sequence[str], start: int, fewest: int) -> bool:
     """Whether a line and the next that are not empty have enough numbers, by the same separator."""
     block = [line for line in lines[start : start + 6] if line.strip() and not _is_comment(line)][:3]
     if len(block) < 2 or not lines[start].strip() or _is_comment(lines[start]):
         return False
     return any(
-        all(_count_numbers(split_row(line, s), d) >= _FEWEST_NUMBERS for line in block)
+        all(_count_numbers(split_row(line, s), d) >= fewest for line in block)
         for s in _SEPARATORS
         for d in ".,"
         if s != d
@@ -157,11 +171,11 @@ def _count_numbers(fields: Sequence[str], decimal: str) -> int:
     return sum(bool(_NUMBER.match(field)) for field in fields)
 
 
-def _score(data: Sequence[str], separator: str, decimal: str) -> tuple[float, float]:
+def _score(data: Sequence[str], separator: str, decimal: str, fewest: int) -> tuple[float, float]:
     """How well the lines split: the share of lines of enough numbers, and that of fields that are numbers or empty."""
     rows = [split_row(line, separator) for line in data]
     counts = [_count_numbers(row, decimal) for row in rows]
-    enough = sum(count >= _FEWEST_NUMBERS for count in counts) / len(rows)
+    enough = sum(count >= fewest for count in counts) / len(rows)
     known = sum(count + sum(field in _EMPTY for field in row) for row, count in zip(rows, counts, strict=True))
     return round(enough, 1), known / max(1, sum(map(len, rows)))
 

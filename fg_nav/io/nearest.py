@@ -7,14 +7,14 @@ import math
 import shlex
 
 from fg_nav.columns.headers import read_header
-from fg_nav.columns.mapping import EXAMPLE, shorten_names
+from fg_nav.columns.mapping import shorten_names
 from fg_nav.errors import FormatError
 from fg_nav.io.content import MEMBERS, Content
 from fg_nav.io.readers import table
+from fg_nav.io.readers.tables import explain_singles
 from fg_nav.io.truth import CSV_COLUMNS
 
 _MARKS = (
-    (b"\x89HDF", "an HDF5 file: export its samples as CSV"),
     (b"\xd0\xcf\x11\xe0", "an old Excel file: save it as CSV"),
     (b"SQLite format 3", "a database without topics of sensor_msgs/Imu: record these"),
     (b"%PDF", "a PDF: export the samples as CSV"),
@@ -39,10 +39,10 @@ def explain_unknown(content: Content, count: int) -> str:
     name = content.path.name
     if content.kind == MEMBERS:
         return _explain_table(content) or f"{name} is in none of the formats read here: {_explain_members(content)}."
-    known = _explain_own(content) or _explain_mark(content) or _explain_variables(content)
+    known = _explain_own(content) or _explain_mark(content)
     if known is not None:
         return f"{name} is no recording but {known}."
-    nearest = _explain_table(content)
+    nearest = _explain_table(content) or explain_singles([content])
     if nearest is not None:
         return nearest
     what = "text without a table of numbers" if content.lines else "a binary file of an unknown kind"
@@ -88,20 +88,8 @@ def _is_unmarked_utf16(head: bytes) -> bool:
     return any(not any(head[zeros::2]) and all(head[1 - zeros :: 2]) for zeros in (0, 1)) and len(head) > 1
 
 
-def _explain_variables(content: Content) -> str | None:
-    if not content.variables:
-        return None
-    listed = shorten_names(sorted(content.variables), 8)
-    return (
-        f"a MATLAB file with the variables {listed}, nearest to pyshoe, which has imu (N, 6) and ts (N,): "
-        f"save it with these, acc m/s^2 before gyr rad/s, and ts in s"
-    )
-
-
 def _explain_members(content: Content) -> str:
     """Say what is in a folder or archive."""
-    if any(place.startswith("xl/") for place in content.members):
-        return "it is an Excel file, save it as CSV"
     packed = next((place for place, part in content.members.items() if part.head.startswith(table.ZIP_MARK)), None)
     if packed is not None:
         return f"it holds an archive in itself, unpack it and give '{packed}'"
@@ -119,28 +107,33 @@ def _find_kinds(content: Content) -> set[str]:
     """Which of acceleration and angular rate the columns of a table name."""
     words = {"acc": "acceleration", "gyr": "angular rate", "no gravity": "acceleration without gravity"}
     try:
-        opened = table.open_table(content)
+        opened = table.open_table(content, 3)
     except FormatError:
         return set()
-    meanings = map(read_header, opened.names if opened and opened.has_header else ())
-    return {words[meaning.kind] for meaning in meanings if meaning and meaning.axis and meaning.kind in words}
+    named = table.find_kinds(opened.names) if opened and opened.has_header else set()
+    return {word for kind, word in words.items() if kind in named}
 
 
 def _explain_table(content: Content) -> str | None:
     """Say what a table lacks to be read by its header; None if the content is no table."""
     try:
         opened = table.open_table(content)
+        if opened is None:
+            return None
+        if content.variables and not _find_kinds(content):
+            listed = shorten_names(sorted(content.variables), 8)
+            return (
+                f"{content.path.name} is no recording but a MATLAB file with the variables {listed}: save the samples "
+                f"in arrays t (N,), acc (N, 3) and gyr (N, 3)."
+            )
+        unnamed = sum(read_header(name) is None for name in opened.names)
+        if opened.has_header and unnamed < 3 and (single := explain_singles([content])):
+            return single
+        if not opened.has_header or _find_kinds(content):
+            table.choose(content, opened)
     except FormatError as error:
         return str(error)
-    if opened is None:
-        return None
-    command = f"fg-nav inspect {shlex.quote(str(content.path))} --columns"
-    if not opened.has_header or _find_kinds(content):
-        try:
-            table.choose(content, opened)
-        except FormatError as error:
-            return str(error)
     return (
         f"{content.path.name} is nearest to a table, with the columns {shorten_names(opened.names, 12)}, of which none "
-        f'names acceleration or angular rate: say which they are, as {command} "{EXAMPLE}".'
+        f"names acceleration or angular rate: say which they are, {table.ask_by_numbers(content)}."
     )

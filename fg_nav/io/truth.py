@@ -21,6 +21,7 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.errors import FormatError
 from fg_nav.frames import quaternion_xyzw
+from fg_nav.io.choice import choose_sensor
 from fg_nav.io.content import Content, load_mat, mat_array, read_content
 from fg_nav.io.readers.canonical import format_rows, write_text
 from fg_nav.io.text_columns import find_column, read_table
@@ -80,6 +81,35 @@ def _tabulate(t: Floats, position: Floats, nav_R_body: Floats) -> Floats:
 
 _BLOCK_ROWS = 20_000
 """Of which the quaternions are in memory together."""
+
+
+C3D_KEY = b"\x50"
+"""Second byte of a C3D file."""
+
+
+def read_c3d(content: Content, marker: str | None = None) -> TrajectoryTruth:
+    """Read the path of a marker of a C3D file (needs ezc3d), from 0 s at its first frame on; z is up.
+
+    Raises `FormatError` if the file is damaged, the library absent, or it is not said which of several markers to take.
+    """
+    path = content.path
+    try:
+        import ezc3d
+    except ImportError:
+        raise FormatError(f"{path.name} is a C3D file, which ezc3d reads: pip install 'fg-nav[c3d]'.") from None
+    try:
+        file = ezc3d.c3d(str(path))
+        point, frames = file["parameters"]["POINT"], np.asarray(file["data"]["points"], dtype=np.float64)
+        names, rate_hz = list(point["LABELS"]["value"]), float(point["RATE"]["value"][0])
+        scale = 1.0 if point["UNITS"]["value"][:1] == ["m"] else 1e-3
+    except Exception as error:  # ezc3d raises OSError, and its own errors as RuntimeError and others
+        raise FormatError(f"{path.name} is a damaged C3D file ({type(error).__name__}): export it again.") from None
+    chosen = choose_sensor(names, marker, path, "markers", f"`--truth {path.name}:")
+    position = scale * frames[:3, names.index(chosen)].T
+    truth = pack_true_path(np.arange(len(position)) / rate_hz, position)
+    if truth is None:
+        raise FormatError(f"{path.name} has no frame with marker '{chosen}': name another behind the colon.")
+    return truth
 
 
 CSV_COLUMNS = ("stride", "x_m", "y_m")

@@ -26,6 +26,7 @@ from fg_nav.errors import FormatError, StreamError
 from fg_nav.io.text_columns import find_column, scale_values
 from fg_nav.online.buffer import COLUMNS
 from fg_nav.online.header_lines import is_header, is_number
+from fg_nav.samples.plausibility import find_unit_problems
 
 LONGEST_LINE = 1 << 16
 """Bytes; a longer one has lost its end."""
@@ -38,6 +39,9 @@ PLAIN = b"0123456789+-.eE,\n"
 
 LINES_TO_REMARK, MOST_BEFORE_HEADER = 20, 5000
 """Lines before the header: what was left in a device's buffer; and of a sender that sends its header every second."""
+
+HEADLESS, FEWEST_HEADLESS = 400, 100
+"""Rows of 7 or 10 numbers by which physics shows that each is a sample in SI; at the end of the source fewer do."""
 
 HINT = f"a line must name the columns ({TIME[0]},{ACC[0]},...), or --columns; --speed replays a whole recording"
 """What to do without a header."""
@@ -78,6 +82,9 @@ def parse_columns(words: str | None, units: str | None = None, rate_hz: float | 
         wanted = mapping.parse_columns(words, units)
     except FormatError as error:
         raise StreamError(str(error)) from None
+    missing = [quantity for quantity in ("acc", "gyr") if quantity not in wanted.words]
+    if missing:
+        raise StreamError(f"--columns lacks {missing[0]}: write it as {mapping.EXAMPLE}.")
     if rate_hz is not None and not 0.0 < rate_hz < np.inf:
         raise StreamError(f"--rate {rate_hz:g} is no rate: give samples a second.")
     if "time" not in wanted.words and rate_hz is None:
@@ -94,7 +101,7 @@ def _place_columns(wanted: mapping.Columns, fields: Sequence[str], rate_hz: floa
     found = wanted.find(fields, source)
     names, factors = [PASSED_OVER] * len(fields), np.ones(COLUMNS)
     for quantity, own in mapping.QUANTITIES.items():
-        channel = getattr(found, quantity)
+        channel = found.get(quantity)
         if channel is not None:
             for position, name in zip(channel.positions, own, strict=True):
                 names[position] = name
@@ -105,9 +112,10 @@ def _place_columns(wanted: mapping.Columns, fields: Sequence[str], rate_hz: floa
 class RowReader:
     """Turns bytes into samples: bytes in pieces of any length, rows (n, 11) out.
 
-    Without `columns` the first line that names canonical columns is the header. Then each line is a row. One that has
-    another number of fields, or a field that is no number, is left out and counted in `bad`; an empty field is NaN. The
-    last line waits for its end.
+    Without `columns` the first line that names canonical columns is the header; where it was lost, rows of 7 or 10
+    numbers are in canonical order if units and axes are then those of a sensor, and all of them are kept. Then each
+    line is a row. One that has another number of fields, or a field that is no number, is left out and counted in
+    `bad`; an empty field is NaN. The last line waits for its end.
 
     A line that names columns again is a header too: the rows behind it are in its order, in the units of its names.
     Behind one of other names, as where a sensor restarts with other software, rows are left out until one names those
@@ -141,6 +149,8 @@ class RowReader:
         self._names: tuple[str, ...] | None = None
         self._is_foreign = False
         self._positions: list[int] = []
+        self._headless: list[list[str]] = []
+        self._released: list[list[float]] = []
         self._is_confirmed = True
         self._wanted = columns
         if columns is not None and columns.mapping is None:
@@ -187,6 +197,8 @@ class RowReader:
         Raises `FormatError` where no header came.
         """
         rows = self.read(b"\n") if self._rest else np.empty((0, COLUMNS))
+        if self._columns is None and len(self._headless) >= FEWEST_HEADLESS and self._take_canonical():
+            rows = np.array(self._released, dtype=np.float64)
         if self._columns is None:
             raise self._cut_header or FormatError(f"{self._name} ended before a header came: {HINT}.")
         return rows
@@ -196,7 +208,8 @@ class RowReader:
         rows = self._read_block(lines)
         if rows is None:
             found = [row for line in lines if (row := self._read_line(line)) is not None]
-            rows = np.array(found, dtype=np.float64).reshape(-1, COLUMNS)
+            rows = np.array([*self._released, *found], dtype=np.float64).reshape(-1, COLUMNS)
+            self._released = []
         return rows
 
     def _read_block(self, lines: list[bytes]) -> Floats | None:
@@ -235,8 +248,36 @@ class RowReader:
         if self._wanted is not None and self._wanted.mapping is not None:
             return self._find_columns(fields, self._wanted)
         if set(CANONICAL[:7]).isdisjoint(fields) or not self._take_first_header(fields):
-            self._wait_for_header()
+            self._keep_headless(fields)
+            if self._columns is None:
+                self._wait_for_header()
         return None
+
+    def _keep_headless(self, fields: list[str]) -> None:
+        """Keep a row that came without a header; with `HEADLESS` of them, find out whether they are canonical."""
+        is_row = len(fields) in (7, 10) and all(not field or is_number(field) for field in fields)
+        if not is_row:
+            return
+        if self._headless and len(fields) != len(self._headless[0]):
+            self._headless = []
+        self._headless.append(fields)
+        if len(self._headless) == HEADLESS and not self._take_canonical():
+            self._headless = []
+
+    def _take_canonical(self) -> bool:
+        """Take the rows that were kept for canonical ones if stamps, units and axes are then those of a sensor."""
+        width = len(self._headless[0])
+        table = np.array([[float(field or "nan") for field in fields] for fields in self._headless])
+        mag = table[:, 7:] if width > 7 else None
+        if find_unit_problems(table[:, 0], table[:, 1:4], table[:, 4:7], mag) or (np.diff(table[:, 0]) <= 0).any():
+            return False
+        columns = Columns(CANONICAL[:width])
+        self._use(columns, columns.names)
+        self._released = [row for fields in self._headless if (row := self._read_row(fields, columns)) is not None]
+        self._remark(
+            f"no header came from {self._name}: its {width} fields are taken for {','.join(columns.names)}, in SI."
+        )
+        return True
 
     def _find_columns(self, fields: list[str], given: Columns) -> list[float] | None:
         """Find what the user maps in a line: the names of a header, or numbers of fields in a first row."""

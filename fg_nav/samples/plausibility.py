@@ -44,6 +44,15 @@ MOST_JUDGED, BLOCK = 2_000_000, 20_000
 _SLOWEST_PERIOD_S, _FASTEST_PERIOD_S = 0.1, 2e-4
 _TIME_UNITS = {"ms": 1e3, "us": 1e6, "ns": 1e9}
 _USUAL_PERIOD_S = (4e-4, 0.1)
+_CLOCK_UNITS = {
+    "s": 1.0, **{unit: 1.0 / per_s for unit, per_s in _TIME_UNITS.items()},
+    "0.1 ms": 1e-4, "10 ms": 1e-2, "10 us": 1e-5, "100 ns": 1e-7, "0.1 s": 0.1,
+}  # fmt: skip
+_WINDOWS = (3, 4, 6, 9, 13, 19, 28, 40, 57, 80, 113, 160)  # samples, half of those in which gravity turns
+_FEWEST_WINDOWS, _LEAST_CORRELATION, _SURE = 40, 0.45, 0.7
+_NEAR = 1.8  # within this much of the period with which gravity turns a unit that is no usual one is taken
+_STRIDE_S = 1.15  # of one who walks 1, of one who runs 0.7, of one who dawdles 1.6
+_FAR = 5.0  # times as long or short is no period as gravity turns, which shows it to a factor of two on real walks
 
 _ACC_UNITS = {"g": GRAVITY_M_S2, "ft/s^2": 0.3048, "mg": 1e-3 * GRAVITY_M_S2}
 _GRAVITY_RANGE = (0.7, 1.3)  # of g: any m/s^2 accelerometer, even in a loaded stance
@@ -52,7 +61,7 @@ _NO_GRAVITY_M_S2 = 3.0  # what is left of gravity where an attitude filter has r
 _SPREAD = 2.5  # with gravity in it, half of the samples are below this multiple of rest
 
 _TURNING_M_S3 = 0.1  # gravity that turns by 0.6 deg/s; a sensor at rest shows nothing, for however long
-_TOO_FAST_RAD_S = 40.0
+TOO_FAST_RAD_S = 40.0  # no limb turns so fast, one sample in a hundred
 _TOO_SLOW_RAD_S, _LIVELY_M_S2 = 0.3, 2.0
 _FASTEST_DEG_S = 4100.0  # the largest range of such gyroscopes is 4000 deg/s; more are counts, or mdeg/s
 _SAME_GAIN = (0.3, 3.0)  # rad/s and deg/s are 57 apart
@@ -100,9 +109,17 @@ def find_unit_problems(t: Floats, acc: Floats, gyr: Floats, mag: Floats | None) 
     drop_pages()
     stamps, force = find_stamp_problem(period), find_acc_problem(acc, period)
     # Gravity turns at the right rate only if both its unit and that of time are right.
+    if not (stamps or force) and _is_even(t, period):
+        stamps = find_clock_problem(acc, gyr, period)
     rate = find_gyr_problem(acc, gyr, np.nan if stamps or force else period)
     field = None if mag is None else find_mag_problem(mag)
     return tuple(problem for problem in (stamps, force, rate, field) if problem is not None)
+
+
+def _is_even(t: Floats, period_s: float) -> bool:
+    """Whether stamps (N,) take about as long as their number says: else they are no clock, or have long gaps."""
+    known = t[np.abs(t) < LATEST]
+    return bool(0.5 < (known[-1] - known[0]) / (period_s * len(known)) < 2.0)
 
 
 def _spread_blocks(n: int) -> slice | Ints:
@@ -198,9 +215,9 @@ def find_gyr_unit(acc: Floats, gyr: Floats, period_s: float) -> str | None:
     gain = transport.gain if transport.is_telling and transport.correlation > 0.0 else np.nan
     fast = float(np.quantile(np.linalg.norm(gyr, axis=1), 0.99))
     is_too_slow_in_degrees = np.radians(fast) < _TOO_SLOW_RAD_S < fast and _is_lively(acc)
-    if peak <= _TOO_FAST_RAD_S and (_SAME_GAIN[0] < gain < _SAME_GAIN[1] or is_too_slow_in_degrees):
+    if peak <= TOO_FAST_RAD_S and (_SAME_GAIN[0] < gain < _SAME_GAIN[1] or is_too_slow_in_degrees):
         return "rad/s"
-    is_degrees = peak > _TOO_FAST_RAD_S or _SAME_GAIN[0] < gain * 180.0 / np.pi < _SAME_GAIN[1]
+    is_degrees = peak > TOO_FAST_RAD_S or _SAME_GAIN[0] < gain * 180.0 / np.pi < _SAME_GAIN[1]
     return "deg/s" if is_degrees and peak <= _FASTEST_DEG_S else None
 
 
@@ -215,10 +232,83 @@ def find_mag_unit(mag: Floats) -> str | None:
     return next((u for u, (_, (low, high)) in _FIELD_UNITS.items() if u != "mG" and low < median < high), None)
 
 
-def find_time_unit(period_s: float) -> str | None:
-    """Find the unit, s to ns, in which stamps of this median step are those of an inertial sensor; None if in none."""
+def find_time_unit(step: float, turning_s: float = np.nan) -> str | None:
+    """Find the unit in which stamps of this step are those of an inertial sensor, None if in none.
+
+    The usual units go first, s to ns; if gravity turns as with a period of `turning_s`, the unit must make it of the
+    step, within a factor of three; within 1.8 where it is not usual, such as 0.1 ms.
+    """
     low, high = _USUAL_PERIOD_S
-    return next((u for u, per_s in {"s": 1.0, **_TIME_UNITS}.items() if low <= period_s / per_s <= high), None)
+    fitting = {u: step * size for u, size in _CLOCK_UNITS.items() if low <= step * size <= high}
+    if np.isnan(turning_s):
+        return next((u for u in ("s", *_TIME_UNITS) if u in fitting), None)
+    off = {u: abs(np.log(period_s / turning_s)) for u, period_s in fitting.items()}
+    usual = [u for u in ("s", *_TIME_UNITS) if off.get(u, np.inf) < 0.5 * np.log(10.0)]
+    return usual[0] if usual else min((u for u in off if off[u] < np.log(_NEAR)), key=lambda u: off[u], default=None)
+
+
+def measure_turning_period(acc: Floats, gyr: Floats, least_correlation: float = _LEAST_CORRELATION) -> float:
+    """Sample period, s, with which gravity turns in the body as the gyroscope (rad/s) says; NaN where too little does.
+
+    Over two halves of n samples in which | |acc| / rest - 1 | stays below 0.06, the change between their means is
+    -T n w x a; of the n tried the one is taken by which they correlate best. No clock is needed.
+    """
+    acc, gyr = _usable(acc, gyr)
+    rest = measure_rest_acc(acc, np.nan)
+    if not rest > 0:
+        return np.nan
+    loud = np.concatenate(([0], np.cumsum(np.abs(np.linalg.norm(acc, axis=1) / rest - 1.0) > 0.06)))
+    best, period_s = least_correlation, np.nan
+    for half in _WINDOWS:
+        n_windows = len(acc) - 2 * half
+        if n_windows < _FEWEST_WINDOWS:
+            break
+        quiet = loud[2 * half :][:n_windows] == loud[:n_windows]
+        mean_acc, mean_gyr = _moving_mean(acc, half), _moving_mean(gyr, half)
+        first, second = mean_acc[:n_windows][quiet], mean_acc[half:][:n_windows][quiet]
+        change, expected = second - first, -np.cross(mean_gyr[half // 2 :][:n_windows][quiet], (first + second) / 2)
+        if np.count_nonzero(np.abs(change).max(axis=1) > 0.02 * rest) < _FEWEST_WINDOWS:
+            continue
+        product, power = float(np.sum(expected * change)), float(np.sum(expected**2))
+        correlation = product / max(np.sqrt(power * float(np.sum(change**2))), 1e-300)
+        if correlation > best:
+            best, period_s = correlation, product / power / half
+    return period_s
+
+
+def measure_gait_period(gyr: Floats) -> float:
+    """Sample period, s, with which the turning of gyr (N, 3) repeats itself every `_STRIDE_S`; NaN if it does not."""
+    rate = np.linalg.norm(_usable(gyr)[0], axis=1)[:MOST_JUDGED]
+    if len(rate) < 200 or not np.ptp(rate) > 0:
+        return np.nan
+    spectrum = np.abs(np.fft.rfft(rate - rate.mean(), 2 * len(rate))) ** 2
+    alike = np.fft.irfft(spectrum)[: len(rate) // 3] / len(rate)
+    alike /= alike[0]
+    first = int(np.argmax(alike < 0.1))
+    if not first or alike[first:].max(initial=0.0) < 0.35:
+        return np.nan
+    lags = first + np.flatnonzero(alike[first:] > 0.85 * alike[first:].max())
+    return float(_STRIDE_S / (lags[0] + np.argmax(alike[lags[0] : lags[0] + max(1, lags[0] // 4)])))
+
+
+def find_clock_problem(acc: Floats, gyr: Floats, period_s: float) -> str | None:
+    """Say by which factor stamps of this period are off, if gravity turns by one of 10 or more against the gyroscope.
+
+    `acc` (N, 3) is in m/s^2, `gyr` (N, 3) in rad/s; a gyroscope in another unit is off by 57.
+    """
+    turning_s = measure_turning_period(acc, gyr, _SURE)
+    decades = np.log10(period_s / turning_s)
+    if not abs(decades) > np.log10(_FAR) or abs(abs(decades) - np.log10(180.0 / np.pi)) < 0.15:
+        return None
+    fast = float(np.quantile(np.linalg.norm(_usable(gyr)[0], axis=1), 0.99))
+    if not _TOO_SLOW_RAD_S < fast < TOO_FAST_RAD_S:
+        return None
+    factor = 10.0 ** max(1.0, round(abs(decades)))
+    way = f"divide them by {factor:g}" if decades > 0 else f"multiply them by {factor:g}"
+    return (
+        f"the stamps seem to be in another unit: they step by {1e3 * period_s:.4g} ms, and gravity turns against the "
+        f"gyroscope as with {1e3 * turning_s:.2g} ms: {way}"
+    )
 
 
 def find_gyr_problem(acc: Floats, gyr: Floats, period_s: float) -> str | None:
@@ -232,7 +322,7 @@ def find_gyr_problem(acc: Floats, gyr: Floats, period_s: float) -> str | None:
     fast = float(np.quantile(np.linalg.norm(gyr, axis=1), 0.99))
     transport = measure_gravity_transport(acc, gyr, period_s)
     too_weak = transport.is_telling and 0.0 < transport.gain < 0.1
-    if fast > _TOO_FAST_RAD_S or too_weak:
+    if fast > TOO_FAST_RAD_S or too_weak:
         return (
             f"gyr seems to be in deg/s (one sample in a hundred is above {fast:.3g}), not rad/s: "
             f"multiply it by {np.pi / 180:.7f}"

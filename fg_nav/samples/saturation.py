@@ -11,6 +11,8 @@ below (n + 2 j) / n times the bound. A larger one is a corner;
 * recurring: a range ends at the same level every time. One long flat top counts on its own, and so does
 one of many peaks that pile up just below the extreme, where those of a natural motion thin out.
 
+Where a signal is printed in steps coarser than what is flat, the extreme itself is counted (`_find_recurring_top`).
+
 Every sample at or above the lowest of the levels so found counts as clipped.
 
 The peaks are rebuilt from their flanks, which show how steeply a peak was entered and left. Where the clipping comes
@@ -60,6 +62,9 @@ _LONE_STEPS = 5
 _CUT_SHARE = 0.1
 """At least this share of the peaks that reach the level must be cut: chance makes a few flat tops in many."""
 
+COARSEST, RECURRENCES, FEWEST_CUT = 15.0, 2.0, 3
+"""Of a coarse signal: steps up to its extreme, how much more often than the next levels it is read, and cut peaks."""
+
 _PILE = 5
 """Peaks within a per cent of the extreme that make a pile, if the next per cent holds less than half."""
 
@@ -95,8 +100,10 @@ def find_saturation_level(signal: Floats) -> float:
     step = np.abs(np.diff(signal))
     bound = _FLAT * top
     moving = step[step > 0]
-    if not moving.size or moving.min() > bound:  # too coarsely quantized to tell flat from still
+    if not moving.size:
         return np.inf
+    if (quantum := float(moving.min())) > bound:
+        return _find_recurring_top(signal, step, top, quantum)
     high = signal >= _NEAR_EXTREME * top
     flat = (step < bound) & high[1:] & high[:-1]
     cut = [run for run in _runs(flat) if run[1] - run[0] >= 2 and _is_cut(step, run, _CORNER * bound)]
@@ -104,6 +111,22 @@ def find_saturation_level(signal: Floats) -> float:
         return np.inf
     level = min(float(np.min(signal[start : stop + 1])) for start, stop in cut)
     return level if _recurs(signal, cut, level) else np.inf
+
+
+def _find_recurring_top(signal: Floats, step: Floats, top: float, quantum: float) -> float:
+    """Level of a signal whose steps are coarser than what is flat: its extreme, where that recurs; else infinite.
+
+    Of a natural motion the extreme is read less often than the levels next to it. A range's end is read more often, by
+    several samples in a row, with corners on either side that are steeper than those of a parabola.
+    """
+    if top < COARSEST * quantum:
+        return np.inf
+    below = top - quantum * np.arange(0.5, 4.5)
+    counts = [int(np.count_nonzero((signal > low) & (signal <= low + quantum))) for low in below]
+    flat = (signal[1:] > below[0]) & (signal[:-1] > below[0])
+    cut = [run for run in _runs(flat) if _is_cut(step, run, _CORNER * quantum)]
+    is_piled = counts[0] >= RECURRENCES * max(*counts[1:], 1)
+    return top if len(cut) >= FEWEST_CUT and is_piled else np.inf
 
 
 def _recurs(signal: Floats, cut: list[tuple[int, int]], level: float) -> bool:

@@ -44,6 +44,8 @@ standing still       1/m      1/0.15    1/0.1   the median stride is shorter: no
 speed, height rate,  -        -         -       of a person, and why: `fg_nav.verdict.limits`; of all of the path,
 axes                                            before the first and after the last footfall too
 climbing             m        0.5       1       height of a stride, of which one in twenty is above: stairs make 0.36
+nominal rate         -        -         -       no stamps: the rate is what was said of it. Weight 0.8; its sigma is in
+                                                those of places and distance
 smoothed             -        100       10^4    power of the force at 1 to 4 Hz over that at 8 to 12: 3 to 25 at a foot
 high-pass            nats     7         14      evidence for one in the gyroscope (`fg_nav.detection.filtered`)
 bad samples          share    0.005     0.05    that were not used: at 200 Hz one in every stride, or ten; others may be

@@ -117,6 +117,13 @@ def measure_cut(seen: Seen) -> Reason | None:
     return judge_unfollowed(cut_s, speed, seen.sigma, seen.way, words)
 
 
+def name_nominal_rate(seen: Seen) -> Reason | None:
+    """A sample rate that nothing shows but what was said of it."""
+    sigma = seen.recording.provenance.rate_sigma
+    words = f"the sample rate is nominal, known to {100 * sigma:.2g} %, and the path to {200 * sigma:.2g} %"
+    return Reason(LIGHT, words) if sigma > 0.0 else None
+
+
 def measure_gap(seen: Seen) -> Reason | None:
     """The time that was not observed, in half of which, one sigma, the foot went on or did not."""
     longest_s = float(seen.recording.gaps.unseen_s.max(initial=0.0))
@@ -353,6 +360,7 @@ def contradict_magnetometer(seen: Seen) -> Reason | None:
 
 SIGNS_WITHOUT_FOOTFALLS: tuple[Callable[[Seen], Reason | None], ...] = (
     count_footfalls,
+    name_nominal_rate,
     measure_gap,
     measure_cut,
     measure_bad_samples,

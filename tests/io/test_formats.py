@@ -110,7 +110,7 @@ def test_footprints_are_not_a_recording(tmp_path: Path) -> None:
         read(path)
 
 
-@pytest.mark.parametrize("kind", ["canonical", "sensorconnect", "estimated", "xio"])
+@pytest.mark.parametrize("kind", ["canonical", "sensorconnect", "estimated"])
 def test_each_missing_column_is_named(kind: str, tmp_path: Path) -> None:
     path = tmp_path / "walk.csv"
     WRITERS[kind][1](RAW, path)

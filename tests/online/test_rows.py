@@ -12,6 +12,7 @@ from fg_nav.errors import FormatError, StreamError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.online import rows as text
 from fg_nav.online.rows import Columns, RowReader, parse_columns
+from tests.io.samples import tilting
 
 HEADER = ",".join(CANONICAL).encode() + b"\n"
 ROW = b"1.5,0.1,0.2,9.8,1,2,3,20,-3,40,101325\n"
@@ -264,3 +265,29 @@ def test_rows_are_read_in_any_order_and_ending():
     assert np.isnan(rows[0, 7:10]).all()
     assert len(reader.finish()) == 0
     assert reader.bad == 1
+
+
+@pytest.mark.parametrize("width", [7, 10])
+def test_a_header_that_was_lost_is_found_by_physics_and_no_row_is(width: int) -> None:
+    own = tilting(np.random.default_rng(6), duration_s=6.0, rate_hz=100.0)
+    table = np.column_stack([own.t, own.acc, own.gyr, own.mag])[:, :width]
+    said: list[str] = []
+    reader = RowReader("a test", said.append)
+    lines = "".join(",".join(f"{value:.6f}" for value in row) + "\n" for row in table.tolist()).encode()
+    rows = np.concatenate([reader.read(lines[at : at + 997]) for at in range(0, len(lines), 997)] + [reader.finish()])
+    np.testing.assert_allclose(rows[:, :width], table, atol=1e-6)
+    assert any(f"its {width} fields are taken for time_s" in words for words in said)
+    short = RowReader("a test")
+    np.testing.assert_allclose(
+        np.concatenate([short.read(lines[:20000]), short.finish()])[50, :7], table[50, :7], atol=1e-6
+    )
+
+
+def test_rows_without_a_header_that_are_no_samples_in_si_are_still_refused() -> None:
+    own = tilting(np.random.default_rng(6), duration_s=6.0, rate_hz=100.0)
+    table = np.column_stack([own.t, own.acc / 9.8, own.gyr])
+    reader = RowReader("a test")
+    lines = "".join(",".join(f"{value:.6f}" for value in row) + "\n" for row in table.tolist()).encode()
+    assert not len(reader.read(lines))
+    with pytest.raises(FormatError, match="ended before a header came"):
+        reader.finish()

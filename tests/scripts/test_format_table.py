@@ -23,6 +23,6 @@ def test_each_file_has_a_row_and_what_is_asked_for_is_given(tmp_path, capsys: py
     six, both, left, notes, _, count = capsys.readouterr().out.splitlines()[2:]
     assert six.startswith("| apdm/six.csv | apdm | read with --sensor 'Left Foot' | 100 | 100.0 | 47.")
     assert both.startswith("| metawear | metawear | read | 100 | 100.0 | 47.")
-    assert left.startswith("| xsens/left.txt | xsens | read | 99 | 100.0 | - | time is the packet counter")
+    assert left.startswith("| xsens/left.txt | xsens | read | 99 | 100.0 | 47.4 | time is the packet counter")
     assert notes.startswith("| xsens/notes.txt |  | refused |  |  |  | notes.txt is ")
     assert count == "3 read, 0 unusable, 1 refused"

@@ -19,13 +19,15 @@ from fg_nav.columns.mapping import ACC, GYR, MAG, PRESSURE, TIME
 from fg_nav.columns.samples import convert_pressure
 from fg_nav.errors import OutputError
 from fg_nav.io.content import Content
+from fg_nav.io.readers.table import SENSOR_WORD
 from fg_nav.io.text_columns import find_column, read_table
 from fg_nav.recording import Provenance, RawRecording, Recording
 
 
 def recognizes(content: Content) -> bool:
-    """Whether the first line names at least one of the format's acc or gyr columns."""
-    return not {*ACC, *GYR}.isdisjoint(content.fields())
+    """Whether the first line names at least one of the format's acc or gyr columns, and none that names sensors."""
+    names = content.fields()
+    return not {*ACC, *GYR}.isdisjoint(names) and not any(map(SENSOR_WORD.search, names))
 
 
 def read(content: Content) -> RawRecording:
@@ -40,7 +42,7 @@ def read(content: Content) -> RawRecording:
     positions = [*(find_column(name, header, path) for name in names), *(() if air is None else air.positions)]
     table, row = read_table(content, header, positions, first_line=2)
     notes: list[str] = []
-    pressure = None if air is None else convert_pressure(table[:, -1], air, path.name, notes)
+    pressure = None if air is None else convert_pressure(table[:, -1], air, notes)
     return RawRecording(
         t=table[:, 0],
         acc=table[:, 1:4],

@@ -7,7 +7,7 @@ of the device.
 `Timestamp_Unix_CAL`           ms since 1970, whole; or `..._FormattedUnix_CAL`, as `2017/11/14 17:07:24.254`
 `Accel_LN_X_CAL`, `Accel_WR_`  m/s^2, of low noise (2 g) and of wide range (to 16 g): two chips, not in one frame
 `Gyro_X_CAL`                   deg/s
-`Mag_X_CAL`                    `local_flux`: of the local field, which is 1; no strength in uT, and so left out
+`Mag_X_CAL`                    `local_flux`: of the local field, which is 1, taken for 48 uT
 ============================== ================================================================================
 
 The accelerometer of low noise is taken where both are there: its frame is the gyroscope's. Columns `_RAW` are counts.
@@ -28,6 +28,7 @@ from fg_nav.errors import FormatError
 from fg_nav.io.choice import choose_sensor
 from fg_nav.io.content import Content
 from fg_nav.io.delimited import Header, find_header, split_line
+from fg_nav.io.readers.xsens_columns import scale_local_field
 from fg_nav.io.text_columns import drop_held, scale_values
 from fg_nav.recording import Provenance, RawRecording
 
@@ -74,15 +75,18 @@ def read(content: Content) -> RawRecording:
     samples = {
         quantity: scale_values(table[:, 3 * k : 3 * k + 3], scales[quantity]) for k, quantity in enumerate(columns.axes)
     }
-    mag = samples.get("mag")
-    is_field = mag is not None and bool(np.isfinite(scales["mag"]))
+    mag, said = samples.get("mag"), tuple[str, ...]()
+    if mag is not None and np.isnan(scales["mag"]):
+        mag, said = scale_local_field(table[:, -3:], samples["gyr"])
+    elif mag is not None:
+        mag = drop_held(mag, samples["gyr"])
     return RawRecording(
         t=_read_time(columns.clock, header, units, skip, row, content),
         acc=samples["acc"],
         gyr=samples["gyr"],
-        mag=drop_held(mag, samples["gyr"]) if mag is not None and is_field else None,
+        mag=mag,
         row=row,
-        provenance=Provenance(path=path, format="shimmer", notes=_remark(columns, header, device, mag, is_field)),
+        provenance=Provenance(path=path, format="shimmer", notes=(*_remark(columns, header, device), *said)),
     )
 
 
@@ -177,8 +181,8 @@ def _read_text_time(clock: str, header: Header, skip: int, row: Ints, content: C
     return np.asarray((stamps - pd.Timestamp(0)).dt.total_seconds(), dtype=np.float64)
 
 
-def _remark(columns: _Columns, header: Header, device: str, mag: Floats | None, is_field: bool) -> tuple[str, ...]:
-    """Say which accelerometer was taken, and what became of the magnetometer."""
+def _remark(columns: _Columns, header: Header, device: str) -> tuple[str, ...]:
+    """Say which accelerometer was taken."""
     source, prefix = columns.sources["acc"], f"{device}_" if device else ""
     both = {f"{prefix}{name}_X_CAL" for name in ("Accel_LN", "Accel_WR")} <= set(header.names)
     remarks = []
@@ -186,6 +190,4 @@ def _remark(columns: _Columns, header: Header, device: str, mag: Floats | None, 
         remarks.append("of two accelerometers the one of low noise (LN) is taken: it is in the gyroscope's frame")
     elif source == "Accel_WR":
         remarks.append("the accelerometer is that of wide range (WR): the file has no other")
-    if mag is not None and not is_field:
-        remarks.append("the magnetometer is in units of the local field (local_flux), not in uT, and was left out")
     return tuple(remarks)

@@ -15,8 +15,8 @@ import numpy as np
 from fg_nav.arrays import Bools, Floats
 from fg_nav.errors import FormatError
 from fg_nav.io.delimited import Header
-from fg_nav.io.text_columns import scale_values
-from fg_nav.samples.plausibility import median_period_s
+from fg_nav.io.text_columns import drop_held, scale_values
+from fg_nav.samples.plausibility import is_field_on_earth, measure_field_strength, median_period_s
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -87,10 +87,19 @@ def find_rotations(wxyz: Floats) -> tuple[Rotation, Bools]:
     return Rotation.from_quat(np.where(known[:, None], wxyz, [1.0, 0.0, 0.0, 0.0]), scalar_first=True), known
 
 
-def note_local_field(mag: Floats) -> tuple[str, ...]:
-    """Say that a magnetometer (N, 3) in units of the local field was left out, if there is one."""
-    strength = np.linalg.norm(mag[np.abs(mag).max(axis=1, initial=0.0) < 1e6], axis=1) if mag.size else np.empty(0)
-    if not strength.size:
-        return ()
-    median = np.median(strength)
-    return (f"the magnetometer is in units of the local field (median {median:.2f}), not in uT, and was left out",)
+LOCAL_FIELD_UT = 48.0
+"""One unit of the local field: 25 to 65 uT on Earth, 48 in most of Europe and North America."""
+
+
+def scale_local_field(mag: Floats | None, gyr: Floats) -> tuple[Floats | None, tuple[str, ...]]:
+    """Return a magnetometer (N, 3) in units of the local field in uT, held samples left out, and what is said of it.
+
+    `gyr` (N, 3) is in rad/s. The direction, and changes over a walk, are what a path has of it: not the strength.
+    """
+    if mag is None or not mag.size:
+        return None, ()
+    median = float(np.nanmedian(measure_field_strength(mag))) if np.isfinite(mag).any() else np.nan
+    said = f"the magnetometer is in units of the local field (median {median:.2f})"
+    if not is_field_on_earth(LOCAL_FIELD_UT * median):
+        return None, (f"{said}, of which it is none: left out",)
+    return drop_held(scale_values(mag, LOCAL_FIELD_UT), gyr), (f"{said}: 1 is taken for {LOCAL_FIELD_UT:.0f} uT",)

@@ -7,7 +7,7 @@ PC SDK                  the same keys in one line, `DeviceTag: LF-3,FirmwareVers
 `Acc_X` ...             m/s^2
 `Gyr_X` ...             deg/s; of some modes of the PC SDK rad/s
 `dq_W` ..., `dv[1]` ... turn and change of velocity, m/s, since the sample before
-`Mag_X` ...             of the local field, which is 1: no strength in uT, and so left out
+`Mag_X` ...             of the local field, which is 1, taken for 48 uT
 `FreeAcc_X` ...         without gravity, in another frame
 ======================= ======================================================================================
 
@@ -20,15 +20,16 @@ still where it reads its bias alone. Where nothing of this decides, the file is 
 
 from __future__ import annotations
 
-from pathlib import Path
+import shlex
 
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.errors import FormatError
+from fg_nav.errors import FgNavError, FormatError
 from fg_nav.io.content import Content
 from fg_nav.io.counters import TICKS_32_BIT, continue_counter
 from fg_nav.io.delimited import Header, find_header
+from fg_nav.io.readers import xsens_mt
 from fg_nav.io.readers.xsens_columns import (
     GYR,
     MAG,
@@ -36,11 +37,11 @@ from fg_nav.io.readers.xsens_columns import (
     find_inertial,
     find_rotations,
     find_turns,
-    note_local_field,
+    scale_local_field,
 )
 from fg_nav.io.text_columns import scale_values
-from fg_nav.recording import Provenance, RawRecording
-from fg_nav.samples.plausibility import measure_gravity_transport, median_period_s
+from fg_nav.recording import Provenance, RawRecording, Recording
+from fg_nav.samples.plausibility import measure_gravity_transport, measure_turning_period, median_period_s
 from fg_nav.text import format_count
 
 _FINE = "SampleTimeFine"
@@ -80,14 +81,16 @@ def read(content: Content) -> RawRecording:
     groups = [_CLOCK, inertial.acc, inertial.gyr, *there]
     table, row = header.read(content, [name for group in groups for name in group])
     columns = dict(zip(groups, np.split(table, np.cumsum([len(group) for group in groups])[:-1], axis=1), strict=True))
-    t, remarks = _make_time(columns[_CLOCK][:, 0], path)
+    t, remarks = _make_time(columns[_CLOCK][:, 0], content)
     acc, gyr, done = inertial.to_samples(columns[inertial.acc], columns[inertial.gyr], t)
     scale, judged = (1.0, ()) if inertial.gyr != GYR else _judge_rate_unit(t, acc, columns, content)
-    field = note_local_field(columns.get(MAG, np.empty((0, 3))))
+    gyr = scale_values(gyr, scale)
+    mag, field = scale_local_field(columns.get(MAG), gyr)
     return RawRecording(
         t=t,
         acc=acc,
-        gyr=scale_values(gyr, scale),
+        gyr=gyr,
+        mag=mag,
         row=row,
         provenance=Provenance(path=path, format="xsens-dot", notes=(*remarks, *done, *judged, *field)),
     )
@@ -107,18 +110,32 @@ def _refuse_attitude_alone(header: Header, content: Content) -> None:
         )
 
 
-def _make_time(fine: Floats, path: Path) -> tuple[Floats, tuple[str, ...]]:
+def _make_time(fine: Floats, content: Content) -> tuple[Floats, tuple[str, ...]]:
     ticks, rounds = continue_counter(fine, TICKS_32_BIT)
     step = median_period_s(ticks)
     fitting = [unit for unit, size in _UNITS_S.items() if _RATES_HZ[0] <= 1.0 / (step * size) <= _RATES_HZ[1]]
     if len(fitting) != 1:
         raise FormatError(
-            f"{path.name}: {_FINE} steps by {step:.6g}, which is no rate of a DOT in us nor in 0.1 ms: export it again."
+            f"{content.path.name}: {_FINE} steps by {step:.6g}, which is no rate of a DOT in us nor in 0.1 ms: "
+            f"{_name_neighbour(content)}."
         )
     unit = fitting[0]
     words = (f"{_FINE} is in 0.1 ms, as its steps of {step:g} show",) if unit == "0.1 ms" else ()
     again = (f"{_FINE} began again at its end {format_count(rounds, 'time')}: set on",) if rounds else ()
     return ticks * _UNITS_S[unit], (*words, *again)
+
+
+def _name_neighbour(content: Content) -> str:
+    """Say what to try: the format of an MTi, if that reads it."""
+    try:
+        Recording.from_raw(xsens_mt.read(content))
+    except FgNavError:
+        return "export it again"
+    return f"read it as an MTi's, fg-nav inspect {shlex.quote(str(content.path))} --format xsens"
+
+
+def _has_keys(content: Content) -> bool:
+    return any("DeviceTag" in line for line in content.lines[:12])
 
 
 def _is_of_sdk(content: Content) -> bool:
@@ -130,7 +147,7 @@ def _judge_rate_unit(
     t: Floats, acc: Floats, columns: dict[tuple[str, ...], Floats], content: Content
 ) -> tuple[float, tuple[str, ...]]:
     """Find what one unit of the rate is in rad/s, and say why if it is not what the app gives."""
-    if not _is_of_sdk(content):
+    if _has_keys(content) and not _is_of_sdk(content):
         return _DEGREE, ()
     for unit, why in (
         _judge_by_turn(t, columns),
@@ -139,6 +156,8 @@ def _judge_rate_unit(
     ):
         if unit:
             return {"rad/s": 1.0, "deg/s": _DEGREE}[unit], (f"the gyroscope is in {unit}: {why}",)
+    if not _has_keys(content):
+        return _DEGREE, ()
     raise FormatError(
         f"{content.path.name} does not show whether its gyroscope is in deg/s or rad/s (the SDK logs both): give it, "
         f"such as `--columns 'acc=Acc_X:Acc_Y:Acc_Z[m/s^2],gyr=Gyr_X:Gyr_Y:Gyr_Z[deg/s]' "
@@ -180,6 +199,9 @@ def _judge_by_size(gyr: Floats) -> tuple[str, str]:
 
 def _judge_by_gravity(t: Floats, acc: Floats, gyr: Floats) -> tuple[str, str]:
     transport = measure_gravity_transport(acc, gyr, median_period_s(t))
+    turning_s = measure_turning_period(acc, gyr)
+    if turning_s > 0.0:
+        return "rad/s" if turning_s > np.sqrt(_DEGREE) * median_period_s(t) else "deg/s", "gravity turns as it says"
     if transport.is_telling and transport.gain > 0:
         return "rad/s" if transport.gain > np.sqrt(_DEGREE) else "deg/s", "gravity turns in the body as it says"
     finite = gyr[(np.abs(gyr) < 1e5).all(axis=1)]

@@ -3,7 +3,7 @@
 =================================== ==========================================================================
 `Acc_X` ...                         m/s^2
 `Gyr_X` ...                         rad/s
-`Mag_X` ...                         of the local field, which is 1: no strength in uT, and so left out
+`Mag_X` ...                         of the local field, which is 1, taken for 48 uT
 `SampleTimeFine`                    0.1 ms, begins again at 864 000 000; the time, where the exporter filled it
 `PacketCounter`, `Counter` (old)    begins again at 65 536; the time over the rate, where there is no other
 `Update Rate: 100.0Hz`              in a line above the table; `Sample rate` in old files, in many of 2019 on none
@@ -24,7 +24,7 @@ from fg_nav.errors import FormatError
 from fg_nav.io.content import Content
 from fg_nav.io.counters import PACKETS_16_BIT, TICKS_32_BIT, continue_counter
 from fg_nav.io.delimited import Header, find_header, split_line
-from fg_nav.io.readers.xsens_columns import ACC, GYR, MAG, find_inertial, note_local_field
+from fg_nav.io.readers.xsens_columns import ACC, GYR, MAG, find_inertial, scale_local_field
 from fg_nav.recording import Provenance, RawRecording
 from fg_nav.text import format_count
 
@@ -33,18 +33,22 @@ _FINE = "SampleTimeFine"
 _TICKS_A_DAY = 864_000_000.0
 _TICK_S = 1e-4
 
+_OWN = frozenset({"Roll", "Pitch", "Yaw", "Quat_q0", "Quat_w", "Mat[1][1]", "VelInc_X", "OriInc_q0", "OriInc_w"})
+"""Columns that no DOT has: its angles are `Euler_X`, its quaternions `Quat_W`."""
+
 _RATE = re.compile(r"(?:update|sample|sampling|output)\s+rate\s*:\s*([0-9.]+)\s*hz", re.IGNORECASE)
 
 
 def recognizes(content: Content) -> bool:
     """Whether a table with a packet counter stands below lines that begin with `//`, or without a clock or commas.
 
-    Other such tables are those of a DOT.
+    Other such tables are those of a DOT, but where columns are named as MT Manager alone does.
     """
     header = _find_header(content)
     if header is None or any("DeviceTag" in line for line in content.lines[: header.line]):
         return False
-    return content.lines[0].startswith("//") or header.separator != "," or not _has_clock(header, content)
+    named = not _OWN.isdisjoint(header.names)
+    return content.lines[0].startswith("//") or named or header.separator != "," or not _has_clock(header, content)
 
 
 def _has_clock(header: Header, content: Content) -> bool:
@@ -70,12 +74,14 @@ def read(content: Content) -> RawRecording:
     clock, acc, gyr, mag = np.split(table, ends, axis=1)
     t, notes = _make_time(dict(zip(clocks, clock.T, strict=True)), len(table), content)
     acc, gyr, remarks = inertial.to_samples(acc, gyr, t)
+    field, said = scale_local_field(mag, gyr)
     return RawRecording(
         t=t,
         acc=acc,
         gyr=gyr,
+        mag=field,
         row=row,
-        provenance=Provenance(path=path, format="xsens", notes=(*notes, *remarks, *note_local_field(mag))),
+        provenance=Provenance(path=path, format="xsens", notes=(*notes, *remarks, *said)),
     )
 
 

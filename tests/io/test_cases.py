@@ -1,0 +1,601 @@
+"""Inputs that people have: the small cases of ../shared/cases with their right values, and more of each kind.
+
+Walks here are simulated, so that what is read can be held against what was written.
+"""
+
+from __future__ import annotations
+
+import json
+import shlex
+import zipfile
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.io
+from scipy.signal import butter, filtfilt
+
+from fg_nav import navigate
+from fg_nav.columns.mapping import CANONICAL
+from fg_nav.detection.delay import estimate_gyro_delay, read_rate_at
+from fg_nav.errors import FgNavError, FormatError, RecordingError
+from fg_nav.frames import GRAVITY_M_S2
+from fg_nav.inspection import inspect
+from fg_nav.io import Reading, read, read_raw, read_truth
+from fg_nav.lab.simulation import simulate
+from fg_nav.recording import RawRecording, Recording
+from fg_nav.samples.saturation import find_saturated
+from tests.command_line import FgNav
+from tests.io.samples import tilting
+from tests.real_data import CASES, needs_cases
+
+WALK = simulate("demo", 1).recording.slice(2400, 7400)
+T = WALK.t - WALK.t[0]
+DEG = np.degrees(WALK.gyr)
+G = WALK.acc / GRAVITY_M_S2
+
+
+def write(path: Path, names: Sequence[str], columns: Sequence[object], separator: str = ",") -> Path:
+    """Write columns, of numbers (N,) or (N, 3) or of words, below their names."""
+    cells = [list(map(str, c)) if np.asarray(c).dtype.kind in "UO" else None for c in columns]
+    fields: list[list[str]] = []
+    for column, words in zip(columns, cells, strict=True):
+        table = np.asarray(column)
+        if words is not None:
+            fields.append(words)
+        else:
+            fields += [[f"{value:.10g}" for value in one] for one in np.atleast_2d(table.T).tolist()]
+    rows = [separator.join(row) for row in zip(*fields, strict=True)]
+    path.write_text("\n".join([separator.join(names), *rows]) + "\n", encoding="utf-8")
+    return path
+
+
+def xyz(pattern: str) -> list[str]:
+    return [pattern.format(axis) for axis in "xyz"]
+
+
+def is_the_walk(raw: RawRecording | Recording, tolerance: float = 1e-3, period: float = 1e-4) -> bool:
+    np.testing.assert_allclose(raw.acc, WALK.acc, atol=tolerance)
+    np.testing.assert_allclose(raw.gyr, WALK.gyr, atol=tolerance)
+    assert abs(np.ptp(raw.t) / T[-1] - 1.0) < period
+    return True
+
+
+# --- 1: two sensors in one table ----------------------------------------------------------------------------------
+
+
+@needs_cases
+@pytest.mark.parametrize(
+    ("name", "sensor", "words"),
+    [("feet", "left_foot", "left_foot, right_foot"), ("sensor_id", "1", r"1, 2")],
+)
+def test_two_sensors_in_the_rows_of_one_table(name: str, sensor: str, words: str) -> None:
+    folder = CASES / "01_two_sensors_in_one_table"
+    with pytest.raises(FormatError, match=rf"holds 2 sensors \({words}\): name one, such as `--sensor {sensor}`"):
+        read(folder / f"{name}.csv.gz")
+    one, alone = read(folder / f"{name}.csv.gz", sensor=sensor), read(folder / "left_alone.csv.gz")
+    assert len(one) == len(alone)
+    np.testing.assert_allclose(one.acc, alone.acc, atol=0.01)
+    found = navigate(folder / "left_alone.csv.gz")
+    assert found.metrics.distance_m == pytest.approx(40.2, abs=0.2)
+    assert found.metrics.strides_detected == 32
+    with pytest.raises(FormatError, match="has no one 'middle' among its sensors"):
+        read(folder / f"{name}.csv.gz", sensor="middle")
+
+
+def _mix(other: np.ndarray, clock: Callable[[np.ndarray], np.ndarray]) -> list[np.ndarray]:
+    """Rows of the walk and of another sensor in turn."""
+    own, there = np.column_stack([T, WALK.acc, WALK.gyr]), np.column_stack([clock(T), other, WALK.gyr[::-1]])
+    mixed = np.stack([own, there], axis=1).reshape(-1, 7)
+    return [mixed[:, 0], mixed[:, 1:4], mixed[:, 4:]]
+
+
+OTHER = WALK.acc[:, [2, 0, 1]] * [1.0, -1.0, 1.0]
+NAMES = ["t [s]", *xyz("acc_{} [m/s^2]"), *xyz("gyr_{} [rad/s]")]
+
+
+def test_stamps_that_rise_and_a_column_that_is_called_node(tmp_path: Path) -> None:
+    path = write(tmp_path / "walk.csv", [*NAMES, "node"], [*_mix(OTHER, lambda t: t + 2e-3), ["A", "B"] * len(T)])
+    with pytest.raises(FormatError, match=r"holds 2 sensors \(A, B\)"):
+        read(path)
+    assert is_the_walk(read_raw(path, sensor="a"))
+    # and where the user maps the columns
+    columns = "time=t,acc=acc_x:acc_y:acc_z[m/s^2],gyr=gyr_x:gyr_y:gyr_z[rad/s]"
+    assert is_the_walk(read_raw(path, sensor="A", columns=columns))
+
+
+def test_two_sensors_in_a_canonical_table(tmp_path: Path) -> None:
+    names = [*CANONICAL[:7], "sensor"]
+    path = write(tmp_path / "walk.csv", names, [*_mix(OTHER, lambda t: t), ["left", "right"] * len(T)])
+    with pytest.raises(FormatError, match=r"holds 2 sensors \(left, right\)"):
+        read(path)
+    assert is_the_walk(read_raw(path, sensor="left"))
+
+
+def test_one_sensor_below_the_other(tmp_path: Path) -> None:
+    both = [np.concatenate([own, there]) for own, there in ((T, T), (WALK.acc, OTHER), (WALK.gyr, WALK.gyr))]
+    path = write(tmp_path / "walk.csv", [*NAMES, "Gerät"], [*both, ["7"] * len(T) + ["8"] * len(T)], ";")
+    with pytest.raises(FormatError, match=r"holds 2 sensors \(7, 8\)"):
+        read(path)
+    assert is_the_walk(read_raw(path, sensor="7"))
+
+
+def test_rows_that_alternate_without_a_name_and_labels_that_do_not(tmp_path: Path) -> None:
+    mixed = _mix(OTHER, lambda t: t)
+    path = write(tmp_path / "walk.csv", NAMES[1:], mixed[1:])
+    with pytest.raises(FormatError, match=r"holds 2 sensors in alternating rows \(1, 2\)"):
+        read(path, rate_hz=200.0)
+    np.testing.assert_allclose(read_raw(path, rate_hz=200.0, sensor="2").acc, OTHER, atol=1e-6)
+    # a label of what was done names no sensor
+    what = np.where(T % 5.0 < 2.5, "walk", "run")
+    assert is_the_walk(read(write(path, [*NAMES, "activity"], [T, WALK.acc, WALK.gyr, what])))
+    with pytest.raises(FormatError, match="holds one sensor, and nothing in it is called 'left'"):
+        read(path, sensor="left")
+
+
+@needs_cases
+def test_both_feet_of_one_table_are_one_walk(fg_nav: FgNav) -> None:
+    path = CASES / "01_two_sensors_in_one_table" / "feet.csv.gz"
+    ran = fg_nav("run", path, "--mount", "feet", "--sensor", "left,right", "--json")
+    found = json.loads(ran.out)
+    assert found["verdict"] == "trusted"
+    assert found["distance_m"] == pytest.approx(40.4, abs=0.5)
+    assert fg_nav("run", path, "--mount", "feet").refused("--sensor A,B")
+
+
+# --- 2: nominal clocks --------------------------------------------------------------------------------------------
+
+
+@needs_cases
+@pytest.mark.parametrize("rate_hz", [190.0, 200.0, 210.0])
+def test_a_nominal_rate_stands_in_the_sigmas(rate_hz: float) -> None:
+    folder = CASES / "02_wrong_nominal_rate"
+    walk = read(folder / "rows.csv.gz", rate_hz=rate_hz)
+    found = navigate(walk, truth=folder / "footprints.csv")
+    off = abs(found.metrics.distance_m - 76.3)
+    assert off < 3.0 * found.outcome.solution.distance_sigma_m
+    assert found.verdict.reasons
+    assert "the sample rate is nominal, known to 2 %, and the path to 4 %" in " ".join(found.verdict.reasons)
+
+
+def test_lost_rows_are_seen_in_the_gyroscope(tmp_path: Path) -> None:
+    whole = write(tmp_path / "walk.csv", NAMES[1:], [WALK.acc, WALK.gyr])
+    assert read(whole, rate_hz=200.0).provenance.rate_sigma == 0.02
+    kept = np.random.default_rng(4).random(len(T)) > 0.06
+    lost = read(write(whole, NAMES[1:], [WALK.acc[kept], WALK.gyr[kept]]), rate_hz=200.0)
+    assert lost.provenance.rate_sigma == pytest.approx(np.hypot(0.02, 0.06), abs=0.025)
+    assert "of the rows are lost" in " ".join(lost.provenance.notes)
+    assert navigate(read_raw(whole, rate_hz=200.0) and Reading(rate_hz=200.0, rate_sigma=0.001).read(whole)).verdict
+
+
+# --- 5: clipping at any resolution --------------------------------------------------------------------------------
+
+
+@needs_cases
+@pytest.mark.parametrize("name", ["two_decimals_of_g.csv", "three_decimals_of_g.csv.gz"])
+def test_clipping_is_found_behind_rounding(name: str) -> None:
+    folder = CASES / "06_clipping_hidden_by_rounding"
+    found = inspect(read_raw(folder / name))
+    assert found.acc_range.share[0] == pytest.approx(0.14, abs=0.01)
+    assert found.acc_range.level[0] == pytest.approx(2.0 * GRAVITY_M_S2, rel=0.01)
+    result = navigate(folder / name, truth=folder / "footprints.csv")
+    assert result.metrics.distance_m == pytest.approx(76.3, abs=1.0)
+    assert result.verdict.word != "trusted"
+
+
+@pytest.mark.parametrize("step", [0.5, 2.0, 5.0])
+def test_a_coarse_gyroscope_at_the_end_of_its_range(step: float) -> None:
+    limit = 0.6 * np.abs(DEG).max()
+    clipped = np.round(np.clip(DEG, -limit, limit) / step) * step
+    worst = int(np.argmax(np.abs(DEG).max(axis=0)))
+    share = np.mean(np.abs(DEG[:, worst]) > limit)
+    assert find_saturated(clipped)[:, worst].mean() == pytest.approx(share, rel=0.5)
+    assert not find_saturated(np.round(DEG / step) * step).any()
+
+
+# --- 6: delay between the sensors ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("delay_s", [0.025, -0.03])
+def test_a_late_gyroscope_is_found_and_taken_off(delay_s: float) -> None:
+    late = replace(WALK, gyr=read_rate_at(WALK.t, WALK.gyr, -delay_s))
+    found = estimate_gyro_delay(late)
+    assert found.tau_s == pytest.approx(delay_s, abs=0.006)
+    assert found.is_clear
+    known, whole = navigate(WALK), navigate(late)
+    assert whole.metrics.distance_m == pytest.approx(known.metrics.distance_m, rel=0.015)
+    side = "late" if delay_s > 0 else "early"
+    assert any(f"ms {side} " in note for note in whole.walk.recording.provenance.notes)
+
+
+def test_sensors_on_one_clock_are_left_alone() -> None:
+    found = estimate_gyro_delay(WALK)
+    assert not found.is_clear
+    assert navigate(WALK).walk.recording.gyr is WALK.gyr or np.array_equal(navigate(WALK).walk.recording.gyr, WALK.gyr)
+
+
+# --- 7: smoothed samples ------------------------------------------------------------------------------------------
+
+
+@needs_cases
+def test_smoothed_samples_are_doubtful() -> None:
+    found = navigate(CASES / "08_smoothed_at_5_Hz" / "smoothed.csv.gz")
+    assert found.verdict.word == "doubtful"
+    assert "the samples are smoothed" in found.verdict.reasons[0]
+
+
+@pytest.mark.parametrize(("cut_hz", "order", "is_smooth"), [(5.0, 2, True), (4.0, 1, True), (12.0, 2, False)])
+def test_what_a_low_pass_leaves(cut_hz: float, order: int, is_smooth: bool) -> None:
+    b, a = butter(order, cut_hz / 100.0)
+    smooth = replace(WALK, acc=filtfilt(b, a, WALK.acc, axis=0), gyr=filtfilt(b, a, WALK.gyr, axis=0))
+    assert any("smoothed" in reason for reason in navigate(smooth).verdict.reasons) == is_smooth
+
+
+# --- 8: units of time ---------------------------------------------------------------------------------------------
+
+
+@needs_cases
+@pytest.mark.parametrize("name", ["ticks_of_0.1_ms", "ticks_of_10_ms", "whole_seconds"])
+def test_units_of_time_by_how_gravity_turns(name: str) -> None:
+    found = inspect(read_raw(CASES / "09_unit_of_time_from_the_step_alone" / f"{name}.csv"))
+    assert found.stamps.rate_hz == pytest.approx(200.0, rel=0.002)
+    assert found.is_usable
+
+
+@pytest.mark.parametrize(
+    ("stamps", "words"),
+    [
+        (np.round(T * 1e5) + 77, "taken for 10 us"),
+        (np.floor(T / 0.016) * 16, "whole steps of 0.016 s"),
+        (np.floor(1.7e9 + T), "whole steps of 1 s"),
+        (np.round(T * 1e7), "taken for 100 ns"),
+    ],
+)
+def test_other_ticks(stamps: np.ndarray, words: str, tmp_path: Path) -> None:
+    raw = read_raw(write(tmp_path / "walk.csv", ["time", *NAMES[1:]], [stamps, WALK.acc, WALK.gyr]))
+    assert is_the_walk(raw, period=0.002)
+    assert words in " ".join(raw.provenance.notes)
+
+
+def test_a_unit_that_is_said_wrongly_is_named(tmp_path: Path) -> None:
+    own = tilting(np.random.default_rng(1), duration_s=20.0, rate_hz=100.0)
+    path = write(tmp_path / "walk.csv", ["time [ms]", *NAMES[1:]], [own.t * 1e4, own.acc, own.gyr])
+    with pytest.raises(RecordingError, match=r"stamps seem to be in another unit.*divide them by 10"):
+        read(path)
+    assert not inspect(read_raw(path)).is_usable
+
+
+def test_nothing_too_short_or_without_a_stance_is_usable() -> None:
+    raw = RawRecording(T[:100], WALK.acc[:100], WALK.gyr[:100], np.arange(100))
+    assert "lasts 0.49" in inspect(raw).obstacle
+    turning = np.tile([3.0, 0.0, 0.0], (2000, 1)) + np.random.default_rng(0).normal(size=(2000, 3))
+    shaken = RawRecording(T[:2000], WALK.acc[:2000] + 9.0 * turning, turning, np.arange(2000))
+    assert not inspect(shaken).is_usable
+
+
+# --- 9: names and units -------------------------------------------------------------------------------------------
+
+
+@needs_cases
+@pytest.mark.parametrize(
+    ("place", "rate_hz"),
+    [
+        ("10_angular_rate_by_other_names/AngularVel.csv", 200.0),
+        ("10_angular_rate_by_other_names/As_deg.txt", 200.0),
+        ("10_angular_rate_by_other_names/acce.csv", 200.0),
+        ("10_angular_rate_by_other_names/w_a_RS.csv", 200.0),
+        ("11_temperature_taken_for_time/clock.txt", 200.0),
+        ("12_MTi_log_taken_for_a_DOT/at_100_Hz.csv", 100.0),
+        ("12_MTi_log_taken_for_a_DOT/at_200_Hz.csv", 200.0),
+        ("14_gravity_and_user_acceleration/coremotion.csv.gz", 200.0),
+        ("15_one_table_a_sensor/polar", 200.0),
+        ("15_one_table_a_sensor/realworld", 200.0),
+        ("15_one_table_a_sensor/ronin", 200.0),
+        ("17_sentences_that_mislead/gps_time.csv", 200.0),
+        ("17_sentences_that_mislead/newest_first.csv", 200.0),
+    ],
+)
+def test_cases_that_are_read(place: str, rate_hz: float) -> None:
+    found = inspect(read_raw(CASES / place))
+    assert found.is_usable, found.verdict
+    assert found.stamps.rate_hz == pytest.approx(rate_hz, rel=1e-3)
+    assert found.rest.acc_m_s2 == pytest.approx(9.82, abs=0.03)
+
+
+@needs_cases
+def test_swapped_labels_are_named_with_a_command_that_works() -> None:
+    path = CASES / "17_sentences_that_mislead" / "labels_swapped.csv"
+    with pytest.raises(FormatError, match=r"columns called gx, gy, gz measure gravity \(1.002 at rest\)") as caught:
+        read(path)
+    assert len(read(path, columns=shlex.split(str(caught.value))[-1].rstrip("."))) == 4001
+
+
+ROW = {"t": T, "a": WALK.acc, "w": WALK.gyr, "d": DEG, "g": G}
+
+
+@pytest.mark.parametrize(
+    ("names", "columns"),
+    [
+        (["Zeitstempel [ms]", *xyz("Beschleunigung {} (m/s²)"), *xyz("Drehrate {} (°/s)")], [T * 1e3, WALK.acc, DEG]),
+        (["sec", "nanosec", *xyz("imu.linear_acceleration.{}"), *xyz("imu.angular_velocity.{}")],
+         [np.floor(T + 5e8), np.round((T % 1.0) * 1e9), WALK.acc, WALK.gyr]),
+        (["iTOW (ms)", *xyz("sf_{} [g]"), *xyz("body_rates_{} [dps]")], [T * 1e3 + 4e8, G, DEG]),
+        (["Date", "GPS time (s)", "Timestamp (us)", *xyz("P{} [mg]"), *xyz("Q{} [mdps]")],
+         [["2024-05-01"] * len(T), T + 9.0, T * 1e6, G * 1e3, DEG * 1e3]),
+        (["t", *xyz("RotRate{} [deg/s]"), *xyz("Spec. force {} [m/s²]")], [T, DEG, WALK.acc]),
+        (["t", "ax", "ay", "az", "roll rate (deg/s)", "pitch rate (deg/s)", "yaw rate (deg/s)"], [T, WALK.acc, DEG]),
+        (["t", "fwd [m/s2]", "left [m/s2]", "up [m/s2]", "p [deg/s]", "q [deg/s]", "r [deg/s]"], [T, WALK.acc, DEG]),
+        (["Temps (s)", *xyz("accélération_{}"), *xyz("vitesse angulaire {} (rad/s)")], [T, WALK.acc, WALK.gyr]),
+        (["phone time [ms]", "device time [us]", *xyz("ACC{}[G]"), *xyz("w{}[deg/s]"), "T(°C)"],
+         [T * 1e3 + 3.0, T * 1e6, G, DEG, T * 0 + 20.0]),
+    ],
+)  # fmt: skip
+def test_other_names(names: list[str], columns: list[object], tmp_path: Path) -> None:
+    assert is_the_walk(read_raw(write(tmp_path / "walk.csv", names, columns, "\t")))
+
+
+def test_a_mapping_completes_what_was_recognized(tmp_path: Path) -> None:
+    path = write(tmp_path / "walk.csv", ["time", *xyz("a{}"), "p", "q", "r"], [T, WALK.acc, WALK.gyr])
+    with pytest.raises(
+        FormatError, match=r"no column for angular rate.*--columns \"time=time,acc=ax:ay:az,gyr=p:q:r\""
+    ):
+        read(path)
+    assert is_the_walk(read_raw(path, columns="gyr=p:q:r"))
+
+
+def test_a_clock_without_a_date_over_midnight_and_newest_first(tmp_path: Path) -> None:
+    import pandas as pd
+
+    words = pd.to_datetime(1.7e9 - 1.7e9 % 86400 - 5.0 + T, unit="s").strftime("%H:%M:%S.%f")
+    back = write(tmp_path / "walk.csv", ["clock", *NAMES[1:]], [list(words)[::-1], WALK.acc[::-1], WALK.gyr[::-1]])
+    raw = read_raw(back)
+    assert is_the_walk(raw)
+    assert "the rows are newest first: turned round" in raw.provenance.notes
+
+
+def test_a_table_of_an_mti_that_is_read_as_a_dot_names_the_other(tmp_path: Path) -> None:
+    names = ["PacketCounter", "SampleTimeFine", *xyz("Acc_{}"), *xyz("Gyr_{}")]
+    names = [name[:-1] + name[-1].upper() if name[-2] == "_" else name for name in names]
+    path = write(tmp_path / "walk.csv", names, [np.arange(len(T)), np.round(T * 1e4), WALK.acc, WALK.gyr])
+    with pytest.raises(FormatError, match=r"fg-nav inspect .* --format xsens"):
+        read(path)
+    assert is_the_walk(read_raw(path, "xsens"))
+
+
+# --- 10: gravity and user acceleration ----------------------------------------------------------------------------
+
+UP = np.tile([0.0, 0.6, 0.8], (len(T), 1)) * GRAVITY_M_S2
+
+
+@pytest.mark.parametrize(
+    ("names", "columns"),
+    [
+        (["t", *xyz("motionUserAcceleration{}(G)"), *xyz("motionGravity{}(G)"), *xyz("rotationRate.{}")],
+         [T, -(WALK.acc - UP) / GRAVITY_M_S2, -UP / GRAVITY_M_S2, WALK.gyr]),
+        (["t", *xyz("gravity_{}"), *xyz("lin_acc_{}"), *xyz("gyro_{}")], [T, UP, WALK.acc - UP, WALK.gyr]),
+        (["t", *xyz("LinearAccel{} (m/s2)"), *xyz("Gravity{} (m/s2)"), *xyz("Gyro{} (dps)")],
+         [T, WALK.acc - UP, UP, DEG]),
+    ],
+)  # fmt: skip
+def test_gravity_is_added(names: list[str], columns: list[np.ndarray], tmp_path: Path) -> None:
+    raw = read_raw(write(tmp_path / "walk.csv", names, columns))
+    assert is_the_walk(raw)
+    assert any("as an iPhone has the sign turned" in note for note in raw.provenance.notes) == ("User" in names[1])
+
+
+# --- 11: one table a sensor ---------------------------------------------------------------------------------------
+
+
+def test_tables_of_two_sensors_in_a_folder(tmp_path: Path, fg_nav: FgNav) -> None:
+    folder = tmp_path / "walk"
+    folder.mkdir()
+    acc = write(folder / "left_Accelerometer.csv", ["time", "x", "y", "z"], [T * 1e3, WALK.acc])
+    gyr = write(folder / "left_Gyroscope.csv", ["time", "x", "y", "z"], [T * 1e3, WALK.gyr])
+    assert is_the_walk(read_raw(folder))
+    for ran in (fg_nav("inspect", acc), fg_nav("run", acc, gyr)):
+        assert ran.refused("the tables of one recording into a folder of their own", f"fg-nav inspect {folder}")
+
+
+def test_tables_of_three_sensors_in_an_archive(tmp_path: Path) -> None:
+    files = {
+        "wrist_ACC.txt": write(tmp_path / "a", ["timestamp [ns];X [mg];Y [mg];Z [mg]"], [np.zeros(0)]),
+    }
+    own = np.isfinite(WALK.mag).all(axis=1)
+    for name, unit, t, values in (
+        ("wrist_ACC.txt", "mg", T, G * 1e3),
+        ("wrist_GYR.txt", "dps", T, DEG),
+        ("wrist_MAG.txt", "G", T[own], WALK.mag[own] / 100.0),
+    ):
+        names = ["timestamp [ns]", *(f"{axis} [{unit}]" for axis in "XYZ")]
+        files[name] = write(tmp_path / name, names, [1e9 * t, values], ";")
+    with zipfile.ZipFile(tmp_path / "walk.zip", "w") as archive:
+        for name, file in files.items():
+            archive.write(file, name)
+    raw = read_raw(tmp_path / "walk.zip")
+    assert is_the_walk(raw)
+    assert np.isfinite(raw.mag).all(axis=1).sum() > 0.9 * own.sum()
+
+
+# --- 12: further inputs -------------------------------------------------------------------------------------------
+
+
+def _write_hdf5(path: Path) -> None:
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(path, "w") as file:
+        for name, values in (("t", T), ("acc", WALK.acc), ("gyr", WALK.gyr.T)):
+            file.create_dataset(f"imu/{name}", data=values)
+
+
+def _write_xlsx(path: Path) -> None:
+    pytest.importorskip("openpyxl")
+    import pandas as pd
+
+    table = np.column_stack([T, WALK.acc, WALK.gyr])
+    pd.DataFrame(table, columns=["t (s)", *NAMES[1:]]).to_excel(path, index=False, engine="openpyxl")
+
+
+def _write_json(path: Path, how: str) -> None:
+    rows = [
+        {"ts": t, "acc": dict(zip("xyz", a, strict=True)), "gyro": w}
+        for t, a, w in zip((1e3 * T).tolist(), WALK.acc.tolist(), WALK.gyr.tolist(), strict=True)
+    ]
+    if how == "lines":
+        path.write_text("\n".join(map(json.dumps, rows)))
+    elif how == "array":
+        path.write_text(json.dumps({"samples": rows}, indent=1))
+    else:
+        path.write_text(json.dumps({"t": T.tolist(), "acc": WALK.acc.tolist(), "gyr": WALK.gyr.tolist()}))
+
+
+FURTHER: dict[str, Callable[[Path], None]] = {
+    "walk.mat": lambda path: scipy.io.savemat(path, {"time": T, "accel": WALK.acc, "gyro": WALK.gyr, "fs": 200.0}),
+    "named.npy": lambda path: np.save(
+        path, np.rec.fromarrays([T, *WALK.acc.T, *WALK.gyr.T], names="t,ax,ay,az,gx,gy,gz")
+    ),
+    "lines.jsonl": lambda path: _write_json(path, "lines"),
+    "array.json": lambda path: _write_json(path, "array"),
+    "arrays.json": lambda path: _write_json(path, "arrays"),
+    "walk.h5": _write_hdf5,
+    "walk.xlsx": _write_xlsx,
+}
+
+
+@pytest.mark.parametrize("name", FURTHER)
+def test_further_inputs(name: str, tmp_path: Path) -> None:
+    FURTHER[name](tmp_path / name)
+    assert is_the_walk(read_raw(tmp_path / name))
+
+
+def test_a_marker_of_a_c3d_file_is_the_truth(tmp_path: Path) -> None:
+    ezc3d = pytest.importorskip("ezc3d")
+    file = ezc3d.c3d()
+    file["parameters"]["POINT"]["RATE"]["value"] = [100.0]
+    file["parameters"]["POINT"]["UNITS"]["value"] = ["mm"]
+    file["parameters"]["POINT"]["LABELS"]["value"] = ["HEEL", "TOE"]
+    there = np.cumsum(np.random.default_rng(2).normal(size=(3, 300)), axis=1)
+    points = np.ones((4, 2, 300))
+    points[:3, 0], points[:3, 1] = 1e3 * there, 0.0
+    file["data"]["points"] = points
+    file.write(str(tmp_path / "walk.c3d"))
+    with pytest.raises(FormatError, match=r"holds 2 markers \(HEEL, TOE\): name one, such as `--truth walk.c3d:HEEL`"):
+        read_truth(tmp_path / "walk.c3d")
+    truth = read_truth(tmp_path / "walk.c3d:heel")
+    np.testing.assert_allclose(truth.position, there.T, atol=1e-4)
+    assert truth.t[-1] == pytest.approx(2.99)
+
+
+def test_the_sigma_of_a_rate_may_be_said(tmp_path: Path, fg_nav: FgNav) -> None:
+    path = write(tmp_path / "walk.csv", NAMES[1:], [WALK.acc, WALK.gyr])
+    assert "known to 0.05 %" in fg_nav("inspect", path, "--rate", "200+-0.1").out
+    assert "known to 2 %" in fg_nav("inspect", path, "--rate", "200").out
+    assert fg_nav("inspect", path, "--rate", "fast").refused("a rate of fast Hz is none")
+
+
+def test_an_array_without_names_is_proposed_in_the_order_that_physics_shows(tmp_path: Path) -> None:
+    np.save(tmp_path / "walk.npy", np.column_stack([T, WALK.gyr, WALK.acc]))
+    with pytest.raises(FormatError, match=r"time=1,acc=5:6:7,gyr=2:3:4"):
+        read(tmp_path / "walk.npy")
+    assert is_the_walk(read_raw(tmp_path / "walk.npy", columns="time=1,acc=5:6:7,gyr=2:3:4"))
+
+
+# --- proposals ----------------------------------------------------------------------------------------------------
+
+
+def list_proposals(words: str) -> list[list[str]]:
+    """Arguments of the commands of fg-nav that a refusal proposes, but for those with names left open."""
+    parts = words.split("fg-nav ")[1:]
+    found = []
+    for part in parts:
+        text = part.split(", or ")[0].rstrip(".")
+        quoted = text.split('"')
+        text = '"'.join(quoted[:2]) + '"' if len(quoted) > 2 else text.split(", with ")[0].split(":")[0]
+        if "NAME" not in text and "RECORDING" not in text:
+            found.append(shlex.split(text))
+    return found
+
+
+def _refused_files(folder: Path) -> list[tuple[Path, dict[str, object]]]:
+    """Files of the kinds that are refused, simulated and of the cases."""
+    still = np.zeros((len(T), 3)) + 0.02 * np.random.default_rng(1).normal(size=(len(T), 3))
+    rest = still + np.array([0.0, 0.0, 9.81])
+    made = [
+        write(folder / "counts.csv", ["t", *xyz("a{}"), *xyz("g{}")], [T, np.round(G * 2048), np.round(DEG * 16.4)]),
+        write(folder / "still.csv", ["t", *xyz("a{}"), *xyz("g{}")], [T, rest, still]),
+        write(folder / "swapped.csv", ["t", *xyz("a{}"), *xyz("g{}")], [T, WALK.gyr, WALK.acc]),
+        write(folder / "steps.csv", ["t", *xyz("a{}"), *xyz("g{}")], [T * 2e4, WALK.acc, WALK.gyr]),
+        write(folder / "twice.csv", ["t", *xyz("a{}"), *xyz("acc_{}"), *xyz("g{}")], [T, G, G, DEG]),
+        write(folder / "clocks.csv", ["time", "t", *xyz("a{}"), *xyz("g{}")], [T, T, G, DEG]),
+        write(folder / "pqr.csv", ["t", *xyz("a{}"), "p", "q", "r"], [T, WALK.acc, WALK.gyr]),
+        write(folder / "odd.csv", ["c1", "c2", "c3", "c4", "c5", "c6", "c7"], [T, WALK.acc, WALK.gyr]),
+        write(folder / "none.csv", [*xyz("a{}"), *xyz("g{}")], [WALK.acc, WALK.gyr]),
+        write(folder / "fives.csv", ["t", *xyz("a{}"), *xyz("g{}")], [T, WALK.acc / 2.0, WALK.gyr]),
+        write(folder / "foot print.csv", ["stride", "x_m", "y_m"], [np.arange(4), np.arange(4), np.arange(4)]),
+        write(folder / "dot.csv", ["PacketCounter", "SampleTimeFine", "Acc_X", "Acc_Y", "Acc_Z", "Gyr_X", "Gyr_Y",
+              "Gyr_Z"], [np.arange(len(T)), np.round(T * 1e4), WALK.acc, WALK.gyr]),
+    ]  # fmt: skip
+    bare = folder / "bare file.csv"
+    bare.write_text((folder / "pqr.csv").read_text().split("\n", 1)[1])
+    single = folder / "one"
+    single.mkdir()
+    for name, values in (("acc", WALK.acc), ("gyro", WALK.gyr)):
+        made.append(write(single / f"{name}.csv", ["t", "x", "y", "z"], [T, values]))
+    cases = [] if CASES is None else [p for p in sorted(CASES.glob("*/*")) if p.suffix in (".csv", ".txt", ".gz")]
+    return [(path, {}) for path in [*made, bare, *cases] if path.name != "README.txt"]
+
+
+def test_no_refusal_proposes_what_fails(tmp_path: Path, fg_nav: FgNav) -> None:
+    """Every command that a refusal proposes, and every option to add, is run: it must be accepted."""
+    tried = 0
+    for path, _ in _refused_files(tmp_path):
+        ran = fg_nav("inspect", path)
+        if ran.code == 0:
+            continue
+        assert ran.err.startswith("fg-nav: ")
+        words = ran.err.removeprefix("fg-nav: ").strip()
+        commands = list_proposals(words)
+        option = next((word for word in ("--sensor ", "--rate ") if f"such as {word}" in words.replace("`", "")), None)
+        if option is not None:
+            commands.append(
+                ["inspect", str(path), *shlex.split(words.replace("`", "").split("such as ")[1].rstrip("."))]
+            )
+        for command in commands:
+            again = fg_nav(*command)
+            assert again.code == 0, (words, command, again.err)
+            tried += 1
+    assert tried >= 10
+
+
+def test_a_refusal_without_a_mapping_that_works_leaves_the_names_open(tmp_path: Path) -> None:
+    path = write(tmp_path / "walk.csv", ["t", *xyz("a{}"), "p", "q", "r"], [T, WALK.acc, np.zeros((len(T), 3))])
+    with pytest.raises(FgNavError, match=r"acc=NAME:NAME:NAME\[UNIT\]"):
+        read(path)
+
+
+# --- pressure of the air among them -------------------------------------------------------------------------------
+
+
+def test_pressure_is_found_beside_mapped_columns_and_at_a_nominal_rate(tmp_path: Path) -> None:
+    pressure = 101325.0 + np.arange(len(T)) % 7
+    names = ["Pressure (hPa)", *xyz("f{}"), *xyz("Gyro_{} (deg/s)")]
+    path = write(tmp_path / "walk.csv", names, [pressure / 100.0, WALK.acc, DEG])
+    given = "acc=fx:fy:fz[m/s^2]"
+    completed = Reading(columns=given, rate_hz=200.0).read_raw(path)
+    assert is_the_walk(completed)
+    assert completed.pressure is not None
+    np.testing.assert_allclose(completed.pressure, pressure, atol=1e-3)
+    assert completed.provenance.rate_sigma == 0.02
+    mapped = f"{given},gyr=5:6:7[deg/s],pressure=1[hPa]"
+    np.testing.assert_allclose(read_raw(path, columns=mapped, rate_hz=200.0).pressure, pressure, atol=1e-3)
+    assert read_raw(path, columns=mapped.rpartition(",")[0], rate_hz=200.0).pressure is None
+
+
+def test_pressure_beside_gravity_that_is_added(tmp_path: Path) -> None:
+    gravity = np.broadcast_to([0.0, 0.0, -1.0], G.shape)
+    names = ["time (s)", *xyz("gravity_{} (g)"), *xyz("user_acc_{} (g)"), *xyz("gyro_{} (deg/s)"), "pressure (kPa)"]
+    path = write(tmp_path / "walk.csv", names, [T, gravity, -G - gravity, DEG, np.full(len(T), 101.3)])
+    found = read(path)
+    assert is_the_walk(found)
+    assert found.pressure is not None
+    assert np.nanmedian(found.pressure) == pytest.approx(101300.0)
