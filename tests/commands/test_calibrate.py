@@ -201,7 +201,7 @@ def test_only_an_older_calibration_is_replaced_and_only_with_force(fg_nav: FgNav
 @pytest.mark.parametrize(
     ("recording", "arguments", "words"),
     [
-        ("no-mag.csv", [], ["no magnetometer"]),
+        ("no-mag.csv", ["--method", "walk"], ["no magnetometer"]),
         ("straight.csv", [], ["walk"]),
         ("straight.csv", ["--method", "levelled"], []),
         ("loop.csv", ["--method", "magic"], ["no method 'magic'", *METHODS]),
