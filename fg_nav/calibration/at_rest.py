@@ -15,9 +15,9 @@ Between recordings the bias changes, by a hundredth to some tenths of a deg/s. W
     b_k = mu + e_k + n_k,     e_k ~ N(0, tau^2),   n_k ~ N(0, s_k^2),
 
 a random-effects model: tau is averaged over levels by the evidence left when mu is integrated out (DerSimonian and
-Laird 1986; Gelman et al. 2013, section 5.4), common to the axes, and a recording far off counts less, as of a Student
-distribution. The next recording is then expected at mu, within the sigma of mu and tau together. One recording is the
-case of n = 1, in which tau is that of the levels' prior.
+Laird 1986; Gelman et al. 2013, section 5.4), common to the axes. A recording far off counts little: e_k is a mixture
+with a sensor that has changed (`CHANGED_SHARE`). The next recording is then expected at mu, within the sigma of mu and
+tau together. One recording is the case of n = 1, in which tau is that of the levels' prior.
 
 Noise: an Allan deviation of each axis (`fg_nav.calibration.allan`) over the longest stillness. Stillness is defined by
 the sensor's own noise, not by a foot's rest (`fg_nav.detection.rest`): one second is quiet if its scatter is about that
@@ -83,7 +83,8 @@ MOST_BIAS_SIGMA_M_S2 = 0.05
 CHANGES_DEG_S = (0.02, 0.06, 0.2, 0.6)  # tau: from a sensor kept warm to one of the 1990s; 0.06 is typical of MEMS.
 CHANGE_PRIOR = (0.3, 0.4, 0.2, 0.1)  # Of these levels, before the recordings.
 ALONE = (("smoother.gyro_bias_sigma_deg_s", 1.0),)  # `Options.changes` with which a walk shows its bias itself.
-STUDENT_DOF, STUDENT_ROUNDS = 4.0, 20  # Degrees of freedom of what recordings have besides, and rounds of its weights.
+CHANGED_SHARE, CHANGED_DEG_S = 0.05, 1.0  # One recording in twenty is of a sensor that was hit, heated or exchanged.
+ROUNDS = 20  # Of the weights of such recordings.
 
 
 class BiasPrior(TypedDict):
@@ -209,16 +210,17 @@ def average_biases(biases: Floats, sigmas: Floats) -> tuple[Floats, Floats, floa
     """
     levels = []
     for change in np.radians(CHANGES_DEG_S):
-        variance, share = sigmas**2 + change**2, np.ones((len(biases), 1))
-        for _ in range(STUDENT_ROUNDS):
-            information = (share / variance).sum(axis=0)
-            mean = (share * biases / variance).sum(axis=0) / information
-            off = ((biases - mean) ** 2 / variance).sum(axis=1, keepdims=True)
-            share = (STUDENT_DOF + 3) / (STUDENT_DOF + off) if len(biases) > 2 else share  # of two none is far off
-        # -log of Student's density of three axes, or of the normal one, mu integrated out
-        power = 0.5 * (STUDENT_DOF + 3) * np.log1p(off / STUDENT_DOF) if len(biases) > 2 else 0.5 * off
-        minus_log = power.sum() + 0.5 * np.log(variance).sum() + 0.5 * np.log(information).sum()
-        levels.append((change, mean, 1.0 / information, minus_log))
+        # of the sensor as it was, and of one that has changed
+        variance = sigmas**2 + np.array([change, np.hypot(change, np.radians(CHANGED_DEG_S))])[:, None, None] ** 2
+        mean = np.median(biases, axis=0)
+        for _ in range(ROUNDS):
+            off = 0.5 * ((biases - mean) ** 2 / variance + np.log(variance)).sum(axis=2)
+            log_density = np.log([[1.0 - CHANGED_SHARE], [CHANGED_SHARE]]) - off
+            log_sum = np.logaddexp(*log_density)
+            weight = np.exp(log_density - log_sum)[:, :, None] / variance
+            information = weight.sum(axis=(0, 1))
+            mean = (weight * biases).sum(axis=(0, 1)) / information
+        levels.append((change, mean, 1.0 / information, 0.5 * np.log(information).sum() - log_sum.sum()))
     changes, means, variances, minus_log = (np.array(one) for one in zip(*levels, strict=True))
     weight = np.exp(minus_log.min() - minus_log) * np.array(CHANGE_PRIOR)
     weight = weight / weight.sum()
