@@ -361,9 +361,18 @@ def _solve(request: _Request, left: Walk, right: Walk) -> _Pair:
     if request.method == "inertial":
         left, right = (replace(walk, field=None) for walk in (left, right))
     left, right = _set_headings(request, left, right)
-    of_right, of_left = (Foot(one.recording, one.stances, one.options.heading_rad, one.field) for one in (right, left))
     with blaming_changes(request.method, left.options):
-        solution = smooth_feet(of_right, of_left, choose_parameters(left.options), request.progress)
+        of_right, of_left = (
+            Foot(
+                one.recording,
+                one.stances,
+                one.options.heading_rad,
+                one.field,
+                choose_parameters(one.options, one.calibration),
+            )
+            for one in (right, left)
+        )
+        solution = smooth_feet(of_right, of_left, request.progress)
     return _Pair(left, right, solution)
 
 

@@ -18,6 +18,7 @@ from fg_nav.solution import Solution
 from fg_nav.walk import DETECTOR, WITH_FIXES, Mount, Options, Walk
 
 if TYPE_CHECKING:
+    from fg_nav.calibration.of_recording import Calibration
     from fg_nav.online.pocket import Navigator
     from fg_nav.recording import Recording
     from fg_nav.smoother import SmootherParameters
@@ -55,19 +56,24 @@ POCKET_METHODS = ("pocket", "munoz-diaz2017")
 DEFAULT_METHOD: dict[Mount, str] = {"foot": "smoother", "pocket": "pocket"}
 
 
-def choose_parameters(options: Options) -> SmootherParameters:
-    """Return the parameters of the smoother for these options: their gate, what they change, and "card" at last."""
+def choose_parameters(options: Options, calibration: Calibration | None = None) -> SmootherParameters:
+    """Return the parameters of the smoother for these options and the calibration of the sensor.
+
+    In this order: the gyroscope's bias as calibrated, the gate, what the options change, and "card" at last.
+    """
     from fg_nav.smoother import SmootherParameters
 
     card = CARD_CHANGES if options.magnetic == CARD else ()
     changes = select_changes(options.changes, SMOOTHER)
-    return change_parameters(SmootherParameters(), (("magnetic.gate", options.gate), *changes, *card))
+    known = None if calibration is None else calibration.gyroscope
+    parameters = SmootherParameters() if known is None else SmootherParameters(**known.prior)
+    return change_parameters(parameters, (("magnetic.gate", options.gate), *changes, *card))
 
 
 def _smoother(walk: Walk, progress: Progress | None) -> Solution:
     from fg_nav.smoother import smooth
 
-    parameters, heading = choose_parameters(walk.options), walk.options.heading_rad
+    parameters, heading = choose_parameters(walk.options, walk.calibration), walk.options.heading_rad
     if walk.gnss is None:
         given = (walk.field, walk.fixes, walk.extra, walk.known)
         return smooth(walk.recording, walk.stances, parameters, heading, progress, *given)
@@ -102,7 +108,7 @@ def _online(walk: Walk, progress: Progress | None) -> Solution:
     given = OnlineOptions(
         heading_rad=options.heading_rad,
         use_field=walk.field is not None,
-        parameters=choose_parameters(options),
+        parameters=choose_parameters(options, walk.calibration),
         axes_given=options.mag_axes is not None,
         fixes=walk.fixes,
         calibration=calibration,
@@ -236,10 +242,10 @@ def check_changes(options: Options) -> None:
             raise EstimationError(explain_no_parameter(name, known))
 
 
-def find_given_parameters(method: str, options: Options) -> object:
+def find_given_parameters(method: str, options: Options, calibration: Calibration | None = None) -> object:
     """Return the parameters that a method on a foot begins with; what it estimates of them in a walk is not in them."""
     if method in SMOOTHERS:
-        return choose_parameters(replace(options, magnetic=CARD) if method == CARD else options)
+        return choose_parameters(replace(options, magnetic=CARD) if method == CARD else options, calibration)
     return change_parameters(
         find_parameters(method, options.preset), select_changes(options.changes, find_owner(method))
     )

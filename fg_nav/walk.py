@@ -3,8 +3,8 @@
 The functions here are the steps of `fg_nav.pipeline`; each takes a `Walk` and returns one with more fields filled.
 Every method is given the same walk and the same heading at the start, so outcomes differ by the estimator alone.
 
-A calibration corrects the magnetometer and the accelerometer. Its gyroscope bias is not applied, because a gyroscope's
-bias changes with each switch-on; every estimator estimates that of the recording.
+A calibration corrects the magnetometer and the accelerometer. Its gyroscope bias is not taken off the samples, because
+that changes with each switch-on; the smoother begins with it, and every estimator estimates that of the recording.
 """
 
 from __future__ import annotations

@@ -10,6 +10,15 @@ of the four. The attitudes must surround the center for that: six faces do, a fo
 One scale stands for three axes. With E what scales and axes differ from that by, each entry of sd e, a rest in the
 direction n_i is g n_i' E n_i off the sphere. So rests are correlated, e^2 g^2 (n_i . n_j)^2, and the covariance has it.
 
+Between recordings the bias changes, by a hundredth to some tenths of a deg/s. With b_k +- s_k an axis of recording k
+
+    b_k = mu + e_k + n_k,     e_k ~ N(0, tau^2),   n_k ~ N(0, s_k^2),
+
+a random-effects model: tau is averaged over levels by the evidence left when mu is integrated out (DerSimonian and
+Laird 1986; Gelman et al. 2013, section 5.4), common to the axes. A recording far off counts little: e_k is a mixture
+with a sensor that has changed (`CHANGED_SHARE`). The next recording is then expected at mu, within the sigma of mu and
+tau together. One recording is the case of n = 1, in which tau is that of the levels' prior.
+
 Noise: an Allan deviation of each axis (`fg_nav.calibration.allan`) over the longest stillness. Stillness is defined by
 the sensor's own noise, not by a foot's rest (`fg_nav.detection.rest`): one second is quiet if its scatter is about that
 of the quietest seconds, and two quiet seconds belong together if their means agree as far as noise allows. Any motion,
@@ -21,6 +30,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import TypedDict
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -39,6 +49,7 @@ from fg_nav.detection.rest import LEAST_SIGMA_DEG_S, find_still_stretches
 from fg_nav.errors import CalibrationError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.recording import Recording
+from fg_nav.solution import Solution
 from fg_nav.stances import find_runs
 from fg_nav.text import format_count
 
@@ -69,14 +80,43 @@ MOST_BIAS_SIGMA_M_S2 = 0.05
 """A bias more uncertain than this (5 mg, a common one's size) is not worth to be taken off."""
 
 
+CHANGES_DEG_S = (0.02, 0.06, 0.2, 0.6)  # tau: from a sensor kept warm to one of the 1990s; 0.06 is typical of MEMS.
+CHANGE_PRIOR = (0.3, 0.4, 0.2, 0.1)  # Of these levels, before the recordings.
+ALONE = (("smoother.gyro_bias_sigma_deg_s", 1.0),)  # `Options.changes` with which a walk shows its bias itself.
+CHANGED_SHARE, CHANGED_DEG_S = 0.05, 1.0  # One recording in twenty is of a sensor that was hit, heated or exchanged.
+ROUNDS = 20  # Of the weights of such recordings.
+
+
+class BiasPrior(TypedDict):
+    """Parameters of the smoother by which it begins with a calibrated bias (`SmootherParameters`)."""
+
+    gyro_bias_deg_s: tuple[float, float, float]
+    gyro_bias_sigma_deg_s: float
+
+
 @dataclass(frozen=True)
 class GyroscopeCalibration:
-    """Bias of a gyroscope: `bias` and its `sigma` (3,) rad/s, from so many `rests` of so many `seconds` together."""
+    """Bias of a gyroscope, and where to expect it in the next recording.
+
+    Attributes
+    ----------
+    bias, sigma : (3,) rad/s, of this recording, or the mean of several.
+    next_sigma : rad/s an axis, of the bias of another recording about it: with the change between recordings.
+    recordings, rests, seconds : that it is from, and how long the rests are together.
+    """
 
     bias: Floats
     sigma: Floats
+    next_sigma: float
+    recordings: int
     rests: int
     seconds: float
+
+    @property
+    def prior(self) -> BiasPrior:
+        """Prior of another recording's bias, to the digits that matter."""
+        x, y, z = np.round(np.degrees(self.bias), 4).tolist()
+        return {"gyro_bias_deg_s": (x, y, z), "gyro_bias_sigma_deg_s": round(float(np.degrees(self.next_sigma)), 4)}
 
     def apply_to(self, recording: Recording) -> Recording:
         """Return the recording with the bias taken off its rates."""
@@ -122,7 +162,7 @@ class AccelerometerCalibration:
 
 
 def calibrate_gyroscope(recording: Recording) -> GyroscopeCalibration | None:
-    """Bias from all rests, weighted by what each is worth; None where nothing rests.
+    """Bias from all rests of a recording, weighted by what each is worth; None where nothing rests.
 
     Its sigma is not below `fg_nav.detection.rest.LEAST_SIGMA_DEG_S`, however many rests there are, and grows where they
     disagree by more than their own sigmas.
@@ -135,7 +175,60 @@ def calibrate_gyroscope(recording: Recording) -> GyroscopeCalibration | None:
     disagreement = (((rate - bias) / sigma) ** 2).sum(axis=0) / max(1, len(rests) - 1)
     spread = np.sqrt(np.maximum(disagreement, 1.0) / (sigma**-2).sum(axis=0))
     least = np.radians(LEAST_SIGMA_DEG_S)
-    return GyroscopeCalibration(bias, np.maximum(spread, least), len(rests), _seconds(recording, rests))
+    sigma = np.maximum(spread, least)
+    return _calibrate(bias, sigma, len(rests), _seconds(recording, rests))
+
+
+def read_walk_bias(solution: Solution) -> GyroscopeCalibration:
+    """Bias of a walk that was solved under a wide prior (`ALONE`), so that what other walks show does not count twice.
+
+    Within a walk the bias hardly changes and its error is one: mean and root mean square over the footfalls.
+    """
+    table = solution.stances
+    sigma = np.sqrt(np.mean(table.gyro_bias_sigma**2, axis=0))
+    return _calibrate(table.gyro_bias.mean(axis=0), np.asarray(sigma))
+
+
+def _calibrate(bias: Floats, sigma: Floats, rests: int = 0, seconds: float = 0.0) -> GyroscopeCalibration:
+    return GyroscopeCalibration(bias, sigma, average_biases(bias[None], sigma[None])[2], 1, rests, seconds)
+
+
+def average_gyroscopes(found: Sequence[GyroscopeCalibration]) -> GyroscopeCalibration:
+    """Mean of one sensor's bias over its recordings, and how far from it the next one is expected."""
+    bias, sigma, next_sigma = average_biases(
+        np.array([one.bias for one in found]), np.array([one.sigma for one in found])
+    )
+    rests, seconds = sum(one.rests for one in found), sum(one.seconds for one in found)
+    return GyroscopeCalibration(bias, sigma, next_sigma, sum(one.recordings for one in found), rests, seconds)
+
+
+def average_biases(biases: Floats, sigmas: Floats) -> tuple[Floats, Floats, float]:
+    """Mean (3,) of a sensor's biases (n, 3) in n recordings, its sigma (3,), and that of the next recording's bias.
+
+    `sigmas` (n, 3) are of each recording's own bias; the last number is the root mean square over the axes. All in
+    rad/s.
+    """
+    levels = []
+    for change in np.radians(CHANGES_DEG_S):
+        # of the sensor as it was, and of one that has changed
+        variance = sigmas**2 + np.array([change, np.hypot(change, np.radians(CHANGED_DEG_S))])[:, None, None] ** 2
+        mean = np.median(biases, axis=0)
+        for _ in range(ROUNDS):
+            off = 0.5 * ((biases - mean) ** 2 / variance + np.log(variance)).sum(axis=2)
+            log_density = np.log([[1.0 - CHANGED_SHARE], [CHANGED_SHARE]]) - off
+            log_sum = np.logaddexp(*log_density)
+            weight = np.exp(log_density - log_sum)[:, :, None] / variance
+            information = weight.sum(axis=(0, 1))
+            mean = (weight * biases).sum(axis=(0, 1)) / information
+        levels.append((change, mean, 1.0 / information, 0.5 * np.log(information).sum() - log_sum.sum()))
+    changes, means, variances, minus_log = (np.array(one) for one in zip(*levels, strict=True))
+    weight = np.exp(minus_log.min() - minus_log) * np.array(CHANGE_PRIOR)
+    weight = weight / weight.sum()
+    mean = weight @ means
+    # a scale, about which the estimators weigh others: the level's geometric mean
+    change = np.exp(weight @ np.log(changes))
+    variance = np.exp(weight @ np.log(variances)) + weight @ (means - mean) ** 2
+    return mean, np.sqrt(variance), float(np.sqrt(variance.mean() + change**2))
 
 
 def calibrate_accelerometer(recording: Recording) -> AccelerometerCalibration | None:

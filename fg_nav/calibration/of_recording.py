@@ -23,7 +23,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, TypeAlias, TypeVar, get_type_hints
 
@@ -44,14 +44,14 @@ from fg_nav.calibration.quadric import is_near
 from fg_nav.calibration.stride_readings import read_strides
 from fg_nav.calibration.walk import calibrate_on_walk
 from fg_nav.detection import detect_stances
-from fg_nav.errors import CalibrationError, describe_reason
+from fg_nav.errors import CalibrationError, DetectionError, MagneticError, describe_reason
 from fg_nav.magnetic import FootfallField, average_footfall_field
 from fg_nav.magnetic.axes import MagAxes, align_magnetometer
 from fg_nav.recording import Recording
 from fg_nav.text import find_version, read_small, to_json
 
 FORMAT = "fg-nav calibration"
-VERSION = 1
+VERSION = 2
 """Of the file; a reader refuses what is newer."""
 
 LARGEST_HARD_IRON_UT, LARGEST_GAIN = 10_000.0, 10.0
@@ -68,7 +68,7 @@ AtRest = TypeVar("AtRest", GyroscopeCalibration | None, AccelerometerCalibration
 class Calibration:
     """What a recording showed of its sensors; None for a part that it did not show.
 
-    `recording` is the name of the file it came from.
+    `recording` is the name of the file it came from, the first one of several.
     """
 
     recording: str | None = None
@@ -181,8 +181,9 @@ def _check_at_rest(path: Path, name: str, part: AtRest) -> AtRest:
     """Refuse a bias that is no vector, and a scale that would turn a sensor round."""
     if part is not None:
         scale = part.scale if isinstance(part, AccelerometerCalibration) else 1.0
-        vectors = part.bias.shape == (3,)
-        if not (vectors and (np.abs(part.bias) <= LARGEST_BIAS).all() and 1 / LARGEST_SCALE <= scale <= LARGEST_SCALE):
+        sigma = part.next_sigma if isinstance(part, GyroscopeCalibration) else 1.0
+        whole = part.bias.shape == (3,) and 0.0 < sigma <= LARGEST_BIAS
+        if not (whole and (np.abs(part.bias) <= LARGEST_BIAS).all() and 1 / LARGEST_SCALE <= scale <= LARGEST_SCALE):
             raise CalibrationError(f"{path.name} has values in its part '{name}' that cannot be: calibrate again.")
     return part
 
@@ -239,25 +240,30 @@ class Effect:
 class CalibrationResult:
     """A calibration, why its method was taken, and what it does to its own readings.
 
-    `axes` of the magnetometer where they were given: the calibration is of readings in those of the gyroscope.
-    `remarks` are on its axes and its delay.
+    `effect` is None where the magnetometer is not calibrated; `axes` of it where they were given: the calibration is of
+    readings in those of the gyroscope. `remarks` are on its axes and its delay.
     """
 
     calibration: Calibration
     choice: str
-    effect: Effect
+    effect: Effect | None
     axes: MagAxes | None = None
     remarks: tuple[str, ...] = ()
 
 
 def calibrate(
-    recording: Recording, method: str | None = None, strength_uT: float | None = None, axes: MagAxes | None = None
+    recording: Recording,
+    method: str | None = None,
+    strength_uT: float | None = None,
+    axes: MagAxes | None = None,
+    sensor: GyroscopeCalibration | None = None,
 ) -> CalibrationResult:
     """Calibrate what can be calibrated from a recording.
 
-    Raises `CalibrationError` without a magnetometer or with wrong axes that were not given, for a method that is none,
-    a strength that the method cannot use, or where the recording does not show the magnetometer's errors; raises
-    `DetectionError` and `MagneticError` for a method on foot, where there are no footfalls or none with a field.
+    Without a magnetometer, or where the sensor lies still, gyroscope and accelerometer alone, unless more was asked
+    for; else raises `CalibrationError` without a magnetometer or with wrong axes that were not given, for a method that
+    is none, a strength that the method cannot use, or where the recording does not show the magnetometer's errors;
+    raises `DetectionError` and `MagneticError` for a method on foot, where there are no footfalls or none with a field.
 
     Parameters
     ----------
@@ -265,7 +271,33 @@ def calibrate(
     method : one of `METHODS`; None to choose by the recording.
     strength_uT : of the field at the place, for a sensor that was turned over; None if it is not known.
     axes : of the magnetometer in those of the gyroscope; None for the same.
+    sensor : gyroscope by several recordings of the sensor, this the first of them; None to take it from this one. The
+        magnetometer may then be one that does not show its errors.
     """
+    gyroscope = calibrate_gyroscope(recording) if sensor is None else sensor
+    path = recording.provenance.path
+    found = Calibration(None if path is None else path.name, None, gyroscope, calibrate_accelerometer(recording))
+    try:
+        return _calibrate_magnetometer(recording, found, method, strength_uT, axes)
+    except (CalibrationError, DetectionError, MagneticError) as error:
+        is_asked_for = (method, strength_uT, axes) != (None, None, None)
+        if gyroscope is None or is_asked_for or (sensor is None and recording.mag is not None and _walks(recording)):
+            raise
+        reason = "there is none" if recording.mag is None else error
+        return CalibrationResult(found, f"without the magnetometer: {reason}", None)
+
+
+def _walks(recording: Recording) -> bool:
+    try:
+        return detect_stances(recording).n_footfalls > 1
+    except DetectionError:
+        return False
+
+
+def _calibrate_magnetometer(
+    recording: Recording, others: Calibration, method: str | None, strength_uT: float | None, axes: MagAxes | None
+) -> CalibrationResult:
+    """Add the magnetometer to the other sensors' calibration."""
     name, choice = _choose_method(recording, method)
     if strength_uT is not None and name in ON_FOOT:
         raise CalibrationError(
@@ -281,14 +313,7 @@ def calibrate(
     magnetometer, effect = (
         _calibrate_on_foot(recording, name) if name in ON_FOOT else _calibrate_tumbled(recording, name, strength_uT)
     )
-    path = recording.provenance.path
-    calibration = Calibration(
-        None if path is None else path.name,
-        magnetometer,
-        calibrate_gyroscope(recording),
-        calibrate_accelerometer(recording),
-    )
-    return CalibrationResult(calibration, choice, effect, axes, remarks)
+    return CalibrationResult(replace(others, magnetometer=magnetometer), choice, effect, axes, remarks)
 
 
 def check_method(method: str) -> None:
@@ -300,7 +325,7 @@ def check_method(method: str) -> None:
 def _choose_method(recording: Recording, method: str | None) -> tuple[str, str]:
     """Name of the method, and why."""
     if recording.mag is None:
-        raise CalibrationError("the recording has no magnetometer to calibrate: record it with one.")
+        raise CalibrationError("the recording has no magnetometer to calibrate: record it with one, or lying still.")
     if method is not None:
         check_method(method)
         return method, f"{method}, as given"

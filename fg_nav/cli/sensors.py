@@ -15,7 +15,7 @@ verbs = typer.Typer()
 
 @verbs.command()
 def calibrate(
-    file: given.RecordingPath,
+    recordings: given.RecordingPaths,
     out: Annotated[Path, typer.Option("--out", metavar="FILE", show_default=False, help="Calibration to write.")],
     method: Annotated[
         str | None,
@@ -34,13 +34,16 @@ def calibrate(
     json: given.Json = False,
     quiet: given.Quiet = False,
 ) -> None:
-    """Find the magnetometer's errors, and at rest those of gyroscope and accelerometer; write a calibration."""
+    """Find the magnetometer's errors, and at rest those of gyroscope and accelerometer; write a calibration.
+
+    Of several recordings of one sensor the gyroscope's bias is the mean of all, and the rest by the first one.
+    """
     from fg_nav.commands import choose_reading
     from fg_nav.commands.calibrate import calibrate
 
     reading = choose_reading(format, columns, rate, sensor)
     with answering(json, quiet) as answer:
-        answer(calibrate(file, out, method, strength, place, mag_axes, reading, force))
+        answer(calibrate(recordings, out, method, strength, place, mag_axes, reading, force))
 
 
 @verbs.command()

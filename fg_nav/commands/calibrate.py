@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from fg_nav.calibration.at_rest import AccelerometerCalibration, GyroscopeCalibration
+from fg_nav.calibration.at_rest import (
+    ALONE,
+    AccelerometerCalibration,
+    GyroscopeCalibration,
+    average_gyroscopes,
+    calibrate_gyroscope,
+    read_walk_bias,
+)
 from fg_nav.calibration.magnetometer import UPPER, MagnetometerCalibration
 from fg_nav.calibration.of_recording import (
     Calibration,
@@ -20,18 +27,21 @@ from fg_nav.calibration.of_recording import (
 )
 from fg_nav.calibration.of_recording import calibrate as calibrate_recording
 from fg_nav.commands import Answer, find_earth_field
-from fg_nav.errors import CalibrationError
+from fg_nav.errors import CalibrationError, DetectionError, EstimationError
 from fg_nav.io import Reading
 from fg_nav.magnetic.axes import MagAxes
+from fg_nav.pipeline import navigate
+from fg_nav.recording import Recording
 from fg_nav.report.folder import check_file_free, result_file
 from fg_nav.report.terminal import console, listing, ruled_table
+from fg_nav.walk import Options
 
 Row = tuple[str, str, str]
 """Name with unit, value, sigma."""
 
 
 def calibrate(
-    file: Path,
+    files: Sequence[Path],
     out: Path,
     method: str | None,
     strength_uT: float | None,
@@ -40,12 +50,15 @@ def calibrate(
     reading: Reading,
     force: bool,
 ) -> Answer:
-    """Calibrate by a recording, and write the calibration into a file."""
+    """Calibrate by a recording, the gyroscope by all of several, and write the calibration into a file."""
     if method is not None:
         check_method(method)
     check_file_free(out, is_calibration, force)
     axes = None if mag_axes is None else MagAxes.parse(mag_axes)
-    found = calibrate_recording(reading.read(file), method, _choose_strength(strength_uT, place), axes)
+    strength_uT = _choose_strength(strength_uT, place)
+    first, *others = [reading.read(file) for file in files]
+    sensor = calibrate_sensor([first, *others]) if others else None
+    found = calibrate_recording(first, method, strength_uT, axes, sensor)
     with result_file(out, is_calibration, force) as fresh:
         write_calibration(fresh, found.calibration)
     content = {
@@ -57,6 +70,23 @@ def calibrate(
         "calibration": json.loads(out.read_text(encoding="utf-8")),
     }
     return Answer(content, partial(print_calibration, found, out))
+
+
+def calibrate_sensor(recordings: Sequence[Recording]) -> GyroscopeCalibration:
+    """Mean of a gyroscope's bias over walks of one sensor, each solved for itself, and over recordings at rest.
+
+    Raises `FgNavError` for a recording that neither walks nor rests.
+    """
+    found = []
+    for recording in recordings:
+        try:
+            found.append(read_walk_bias(navigate(recording, options=Options(changes=ALONE))))
+        except (DetectionError, EstimationError):
+            at_rest = calibrate_gyroscope(recording)
+            if at_rest is None:
+                raise
+            found.append(at_rest)
+    return average_gyroscopes(found)
 
 
 def _choose_strength(strength_uT: float | None, place: str | None) -> float | None:
@@ -95,10 +125,11 @@ def parameter_rows(calibration: Calibration) -> list[Row]:
 def effect_rows(found: CalibrationResult) -> list[tuple[str, str]]:
     """Method, effect on its own readings, and notes."""
     effect, magnetometer = found.effect, found.calibration.magnetometer
-    rows = [("method", found.choice), ("strength of the field, sd", _change(
-        effect.strength_before_uT, effect.strength_after_uT, "uT"
-    ))]  # fmt: skip
-    if np.isfinite(effect.heading_before_deg):
+    rows = [("method", found.choice)]
+    if effect is not None:
+        change = _change(effect.strength_before_uT, effect.strength_after_uT, "uT")
+        rows.append(("strength of the field, sd", change))
+    if effect is not None and np.isfinite(effect.heading_before_deg):
         words = _change(effect.heading_before_deg, effect.heading_after_deg, "deg")
         rows.append(("compass - gyroscope, circular sd", words))
     rows += [("magnetometer" if i == 0 else "", remark) for i, remark in enumerate(found.remarks)]
@@ -126,6 +157,7 @@ def _of_gyroscope(found: GyroscopeCalibration | None) -> Iterator[Row]:
         return
     for name, value, sigma in zip("xyz", np.degrees(found.bias), np.degrees(found.sigma), strict=True):
         yield f"gyro bias {name} (deg/s)", f"{value:.3f}", f"{sigma:.3f}"
+    yield "of another recording, about it (deg/s)", "0", f"{np.degrees(found.next_sigma):.3f}"
 
 
 def _of_accelerometer(found: AccelerometerCalibration | None) -> Iterator[Row]:

@@ -77,6 +77,7 @@ class FeetNavigator:
         detection: CausalParameters = CausalParameters(),
         clock_offset_s: float = 0.0,
         beside: bool = False,
+        right: OnlineOptions | None = None,
     ) -> None:
         """Begin a walk.
 
@@ -87,6 +88,7 @@ class FeetNavigator:
         detection : how footfalls are found.
         clock_offset_s : to add to the stamps of the right foot.
         beside : whether both are solved again in another process.
+        right : options of the right foot, where its sensor is calibrated for itself.
 
         Raises
         ------
@@ -97,10 +99,11 @@ class FeetNavigator:
         self._remark = remark
         self._clocks_checked_at: int | None = ENOUGH_SWINGS
         self.offset_s: dict[Side, float] = {"left": 0.0, "right": clock_offset_s}
-        self._solvers = FeetSolvers(options, detection.stance, remark, beside)
+        given: dict[Side, OnlineOptions] = {"left": options, "right": options if right is None else right}
+        self._solvers = FeetSolvers(given, detection.stance, remark, beside)
         self.navigators = {
             side: OnlineNavigator(
-                options, partial(_say, remark, side), detection, solver=partial(self._solvers.open, side)
+                given[side], partial(_say, remark, side), detection, solver=partial(self._solvers.open, side)
             )
             for side in SIDES
         }

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import queue
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from fg_nav.detection.stance import StanceParameters
@@ -38,18 +38,23 @@ class FeetSolvers:
     """
 
     def __init__(
-        self, options: OnlineOptions, stance: StanceParameters, remark: Callable[[str], None], beside: bool
+        self,
+        options: Mapping[Side, OnlineOptions],
+        stance: StanceParameters,
+        remark: Callable[[str], None],
+        beside: bool,
     ) -> None:
-        self._given, self._remark, self.walks = (options, stance), remark, WalksAlone()
+        self._given = {side: (options[side], stance) for side in SIDES}
+        self._remark, self.walks = remark, WalksAlone()
         self.here: dict[Side, FootSolver] = {}
         self._process = FeetProcess() if beside else None
 
     def open(self, side: Side, buffer: SampleBuffer) -> Solver:
         """Return the solver of a foot, of its samples."""
-        here = self.here[side] = FootSolver(side, self.walks, *self._given, buffer)
+        here = self.here[side] = FootSolver(side, self.walks, *self._given[side], buffer)
         if self._process is None:
             return here
-        return _FootBeside(side, self._process, here, *self._given, buffer, self._remark)
+        return _FootBeside(side, self._process, here, *self._given[side], buffer, self._remark)
 
     def part(self) -> None:
         """Leave each foot alone from here on: their clocks are not one any more."""

@@ -54,9 +54,11 @@ def run_feet_stream(request: FeetStreamRequest, outlets: Outlets) -> StreamedFee
     both = request.both
     files = _split_calibrations(both.calibration_path)
     options = {side: read_stream_options(replace(both, calibration_path=files[side])) for side in SIDES}
-    online = options["left"].online
-    assert isinstance(online, OnlineOptions)
-    navigator = FeetNavigator(online, outlets.remark, clock_offset_s=request.clock_offset_s, beside=True)
+    left, right = (options[side].online for side in SIDES)
+    assert isinstance(left, OnlineOptions)
+    assert isinstance(right, OnlineOptions)
+    offset_s = request.clock_offset_s
+    navigator = FeetNavigator(left, outlets.remark, clock_offset_s=offset_s, beside=True, right=right)
     with catch_signals(*ENDING) as stop, ExitStack() as opened:
         opened.callback(navigator.abandon)
         sources = {

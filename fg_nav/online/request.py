@@ -9,12 +9,11 @@ from __future__ import annotations
 
 import signal
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from fg_nav.calibration.magnetometer import MagnetometerCalibration
 from fg_nav.calibration.of_recording import Calibration, read_calibration
 from fg_nav.detection.mount import Wearing
 from fg_nav.errors import EstimationError, StreamError
@@ -103,7 +102,7 @@ def read_stream_options(request: StreamRequest) -> StreamOptions:
     calibration = None if request.calibration_path is None else read_calibration(request.calibration_path)
     axes = None if request.mag_axes is None else MagAxes.parse(request.mag_axes)
     return StreamOptions(
-        online=_online_options(request, None if calibration is None else calibration.magnetometer),
+        online=_online_options(request, calibration),
         checkpoint=request.checkpoint,
         checkpoint_s=_check_positive(request.checkpoint_s, "--every") or 0.0,
         until_silent_s=_check_positive(request.silence_s, "--silence"),
@@ -123,9 +122,7 @@ def open_source_of(request: StreamRequest, columns: Columns | None, remark: Say)
     return open_recorded(request.record, goes_on, request.force, *given)
 
 
-def _online_options(
-    request: StreamRequest, calibration: MagnetometerCalibration | None
-) -> OnlineOptions | PocketOptions:
+def _online_options(request: StreamRequest, calibration: Calibration | None) -> OnlineOptions | PocketOptions:
     heading = request.heading_deg
     if heading is not None and not np.isfinite(heading):
         raise EstimationError(f"a heading of {heading} deg is no direction: give a number.")
@@ -143,15 +140,16 @@ def _online_options(
         raise EstimationError(f"a lag of {lag_s:g} s is too short: give {SHORTEST_LAG_S:g} or more.")
     if lag_s is not None and request.polish:
         raise EstimationError("with --lag the samples are discarded, so there is no --polish: give one of the two.")
-    gate = choose_gate(request.gate, request.use_magnetometer)
+    magnetic = FieldParameters(gate=choose_gate(request.gate, request.use_magnetometer))
+    parameters, known = SmootherParameters(magnetic=magnetic), None if calibration is None else calibration.gyroscope
     return OnlineOptions(
         heading_rad=heading_rad,
         use_field=request.use_magnetometer,
         lag_s=lag_s,
-        parameters=SmootherParameters(magnetic=FieldParameters(gate=gate)),
+        parameters=parameters if known is None else replace(parameters, **known.prior),
         axes_given=request.mag_axes is not None,
         fixes=() if request.fixes_path is None else read_fixes(request.fixes_path),
-        calibration=calibration,
+        calibration=None if calibration is None else calibration.magnetometer,
     )
 
 

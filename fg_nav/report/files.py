@@ -291,7 +291,7 @@ def describe_given(walk: Walk, method: str) -> dict[str, object]:
         "gnss": str(OWN_GNSS) if options.gnss_path == OWN_GNSS else _text(options.gnss_path),
         "truth": _text(options.truth_path),
         "detector": {} if walk.detection is None else asdict(walk.detection),
-        "parameters": find_given_parameters(method, options) if has_parameters else {},
+        "parameters": find_given_parameters(method, options, walk.calibration) if has_parameters else {},
     }
 
 
@@ -323,13 +323,14 @@ def describe_calibration(walk: Walk) -> dict[str, object] | None:
     found = walk.calibration
     if found is None:
         return None
-    magnetometer, accelerometer = found.magnetometer, found.accelerometer
+    magnetometer, accelerometer, gyroscope = found.magnetometer, found.accelerometer, found.gyroscope
     return {
         "file": _text(walk.options.calibration_path),
         "made_from": found.recording,
         "corrected": walk.applied,
         "hard_iron_uT": None if magnetometer is None else magnetometer.hard_iron_uT,
         "correction": None if magnetometer is None else magnetometer.correction,
+        "gyro_bias": None if gyroscope is None else gyroscope.prior,
         "acc_scale": None if accelerometer is None else accelerometer.scale,
         "acc_bias_m_s2": None if accelerometer is None else accelerometer.bias,
     }

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from dataclasses import field as declare
 from functools import partial
 from time import perf_counter
 
@@ -40,21 +41,17 @@ class Foot:
     """What one foot's sensor recorded.
 
     `heading` of its body's x axis at the first stance, rad clockwise from north, None where it is not known; `field` at
-    its footfalls, None to do without.
+    its footfalls, None to do without; `parameters` with the bias of its sensor.
     """
 
     recording: Recording
     stances: Stances
     heading: float | None = 0.0
     field: FootfallField | None = None
+    parameters: SmootherParameters = declare(default_factory=SmootherParameters)
 
 
-def smooth_feet(
-    right: Foot,
-    left: Foot,
-    parameters: SmootherParameters = SmootherParameters(),
-    progress: Callable[[float], None] | None = None,
-) -> FeetSolution:
+def smooth_feet(right: Foot, left: Foot, progress: Callable[[float], None] | None = None) -> FeetSolution:
     """Smooth the walk of two feet, whose recordings are on one clock.
 
     The frame is that of the left foot: its start is the origin, and its heading there the given one.
@@ -70,7 +67,7 @@ def smooth_feet(
     for number, foot in enumerate((right, left)):
         check_field(foot.recording, foot.stances, foot.field)
         told = partial(_tell, progress, number)
-        given = _look_for_places_once(parameters, number == 0 and left.field is not None)
+        given = _look_for_places_once(foot.parameters, number == 0 and left.field is not None)
         fitted.append(fit_walk(foot.recording, foot.stances, given, foot.heading, told, foot.field))
     # Both in one graph.
     solved = solve_feet(*(replace(one.walk.problem, values=one.walk.solved.values) for one in fitted))

@@ -291,7 +291,7 @@ def _estimate_known(
         known = replace(known, peak_height=choose_peak_height(recording, stances, known, p))
         recording = recording.raise_peaks(known.peak_height)
         swing = choose_swing_noise(recording, stances, known, p)
-    notes = _bias_note(known), _lever_note(lever), *_peak_notes(known.peak_height), swing.note
+    notes = *_prior_notes(p), _bias_note(known), _lever_note(lever), *_peak_notes(known.peak_height), swing.note
     return recording, replace(known, notes=notes), swing
 
 
@@ -312,6 +312,13 @@ def _bias_from_rests(rests: tuple[Rest, ...], prior_mean: Floats, prior_sigma: f
     shown = sum(one @ (rest.rate - prior_mean) for one, rest in zip(weight, rests, strict=True))
     sigma = float(np.hypot(prior_sigma, np.linalg.norm(np.linalg.solve(sum(weight), shown))))
     return np.asarray(prior_mean + np.linalg.solve(sum(weight) + np.eye(3) / sigma**2, shown)), sigma
+
+
+def _prior_notes(p: SmootherParameters) -> tuple[str, ...]:
+    if not any(p.gyro_bias_deg_s):
+        return ()
+    mean = ", ".join(f"{one:.3f}" for one in p.gyro_bias_deg_s)
+    return (f"gyro bias of ({mean}) deg/s within {p.gyro_bias_sigma_deg_s:.2g} before the walk, from the calibration",)
 
 
 def _bias_note(known: Known) -> str:

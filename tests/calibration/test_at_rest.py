@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fg_nav.calibration.at_rest import calibrate_accelerometer, calibrate_gyroscope
+from fg_nav.calibration.at_rest import average_biases, calibrate_accelerometer, calibrate_gyroscope
 from fg_nav.errors import CalibrationError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.lab.simulation import simulate
@@ -112,3 +112,34 @@ def test_where_nothing_rests_there_is_nothing():
     shaken = Recording(t, rng.normal(0, 5, (1000, 3)), rng.normal(0, 2, (1000, 3)))
     assert calibrate_gyroscope(shaken) is None
     assert calibrate_accelerometer(shaken) is None
+
+
+@pytest.mark.parametrize("change", [0.02, 0.06, 0.2])
+def test_mean_of_a_sensor_and_its_next_bias_are_within_their_sigmas(change):
+    rng, mu, z = np.random.default_rng(8), np.radians([0.3, -1.0, 0.1]), []
+    for _ in range(200):
+        sigmas = np.radians(rng.uniform(0.01, 0.1, (8, 3)))
+        true = mu + np.radians(change) * rng.normal(size=(9, 3))
+        mean, sigma, next_sigma = average_biases(true[:8] + sigmas * rng.normal(size=(8, 3)), sigmas)
+        z.append([*((mean - mu) / sigma), *((true[8] - mean) / next_sigma)])
+    by_mean, by_next = np.sqrt(np.mean(np.square(z), axis=0)).reshape(2, 3)
+    assert ((by_mean > 0.6) & (by_mean < 1.3)).all()
+    assert ((by_next > 0.6) & (by_next < 1.3)).all()
+
+
+def test_a_recording_far_off_hardly_moves_the_mean_of_its_sensor():
+    rng = np.random.default_rng(9)
+    biases, sigmas = np.radians(0.3 + 0.03 * rng.normal(size=(9, 3))), np.radians(np.full((9, 3), 0.02))
+    before = average_biases(biases, sigmas)
+    biases[4] += np.radians(3.0)
+    after = average_biases(biases, sigmas)
+    np.testing.assert_allclose(after[0], before[0], atol=np.radians(0.03))
+    assert before[2] <= 1.01 * after[2] < np.radians(0.1)
+
+
+def test_of_one_recording_the_next_bias_is_as_far_as_biases_usually_change():
+    exact = calibrate_gyroscope(lying(FACES[:1], np.random.default_rng(2), seconds=60.0))
+    assert exact.recordings == 1
+    assert np.degrees(exact.sigma).max() < 0.03
+    assert 0.06 < np.degrees(exact.next_sigma) < 0.15
+    assert exact.prior["gyro_bias_deg_s"] == pytest.approx(np.degrees(GYR_BIAS), abs=0.03)

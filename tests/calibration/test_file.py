@@ -32,7 +32,7 @@ def magnetometer(rng: np.random.Generator) -> MagnetometerCalibration:
 
 def whole() -> Calibration:
     rng = np.random.default_rng(5)
-    gyroscope = GyroscopeCalibration(rng.normal(size=3), rng.random(3), 3, 12.5)
+    gyroscope = GyroscopeCalibration(rng.normal(size=3), rng.random(3), rng.random(), 2, 3, 12.5)
     accelerometer = AccelerometerCalibration(
         1.0 + rng.random() / 100, np.inf, np.zeros(3), np.full(3, np.inf), 9.81, 2, 4.0, separable=False
     )
@@ -63,7 +63,7 @@ def test_file_is_standard_json_and_tells_its_version(tmp_path: Path) -> None:
         pytest.fail(f"{constant} is no JSON")
 
     content = json.loads((tmp_path / "cal.json").read_text(encoding="utf-8"), parse_constant=refuse)
-    assert content["version"] == 1
+    assert content["version"] == 2
     assert content["accelerometer"]["bias_sigma"] == [None, None, None]
 
 
@@ -78,7 +78,7 @@ def changed(part: str, key: str, value: object) -> Callable[[dict[str, Any]], No
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda content: content.update(version=2), "version 2"),
+        (lambda content: content.update(version=3), "version 3"),
         (lambda content: content.update(version="1"), "version 1"),
         (lambda content: content.update(format="other"), "no calibration"),
         (lambda content: content.update(magnetometer=[1, 2]), "'magnetometer'"),

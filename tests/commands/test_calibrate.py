@@ -15,6 +15,8 @@ from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.io import read, write_canonical
 from fg_nav.lab.simulation import simulate
 from fg_nav.magnetic import average_footfall_field
+from fg_nav.online.options import OnlineOptions
+from fg_nav.online.request import StreamRequest, read_stream_options
 from fg_nav.pipeline import prepare_walk
 from fg_nav.recording import Recording
 from fg_nav.walk import read_walk
@@ -201,7 +203,7 @@ def test_only_an_older_calibration_is_replaced_and_only_with_force(fg_nav: FgNav
 @pytest.mark.parametrize(
     ("recording", "arguments", "words"),
     [
-        ("no-mag.csv", [], ["no magnetometer"]),
+        ("no-mag.csv", ["--method", "walk"], ["no magnetometer"]),
         ("straight.csv", [], ["walk"]),
         ("straight.csv", ["--method", "levelled"], []),
         ("loop.csv", ["--method", "magic"], ["no method 'magic'", *METHODS]),
@@ -229,3 +231,54 @@ def test_a_broken_calibration_is_refused_before_the_work(fg_nav: FgNav, files: P
             assert fg_nav(command, files / "loop.csv", "--calibration", name, "--out", "out").refused(name)
     assert fg_nav("run", files / "loop.csv", "--calibration", "none.json").refused("none.json does not exist")
     assert names(Path()) == {"cut.json", "foreign.json", "walk.csv"}
+
+
+@pytest.fixture(scope="module")
+def sensor(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder with `still.csv` and walks `a.csv`, `b.csv`, `c.csv` of one sensor, without a magnetometer."""
+    folder = tmp_path_factory.mktemp("sensor")
+    lying, walked = simulate("at-rest", 3).recording.slice(0, 6000), simulate("demo", 3).recording
+    for name, one in {"still": lying, **dict.fromkeys("abc", walked)}.items():
+        rate = one.gyr + np.radians(OFF_DEG_S[name])
+        write_canonical(replace(one, gyr=rate, mag=one.mag if name == "still" else None), folder / f"{name}.csv")
+    return folder
+
+
+OFF_DEG_S = {"still": (0.5, 0.0, 0.0), "a": (0.5, 0.0, 0.0), "b": (0.51, 0.01, 0.01), "c": (0.49, -0.01, -0.01)}
+
+
+def test_a_still_sensor_shows_the_bias_that_a_walk_begins_with(fg_nav: FgNav, sensor: Path) -> None:
+    ran = fg_nav("calibrate", sensor / "still.csv", "--out", "cal.json")
+    assert ran.code == 0, ran.err
+    assert "without the magnetometer" in ran.out
+    known = read_calibration(Path("cal.json"))
+    assert known.magnetometer is None
+    assert known.gyroscope is not None
+    prior = known.gyroscope.prior
+    assert fg_nav("calibrate", sensor / "still.csv", "--out", "mag.json", "--method", "walk").code == 1
+    for method in ("inertial", "online"):
+        told = ("run", sensor / "a.csv", "--method", method, "--plots", "none")
+        assert fg_nav(*told, "--calibration", "cal.json", "--out", f"{method}").code == 0
+        given = (f"smoother.{name}={json.dumps(value)}" for name, value in prior.items())
+        assert fg_nav(*told, *(word for one in given for word in ("--set", one)), "--out", f"{method}-set").code == 0
+        by_file, by_set = (pd.read_csv(f"{folder}/strides.csv") for folder in (method, f"{method}-set"))
+        pd.testing.assert_frame_equal(by_file, by_set)  # the samples stay as they are
+        parameters = json.loads(Path(f"{method}/config.json").read_text())["parameters"]
+        assert tuple(parameters["gyro_bias_deg_s"]) == prior["gyro_bias_deg_s"]
+        remarks = json.dumps(json.loads(Path(f"{method}/summary.json").read_text()))
+        assert "before the walk, from the calibration" in remarks
+    streamed = read_stream_options(StreamRequest(str(sensor / "a.csv"), calibration_path=Path("cal.json"))).online
+    assert isinstance(streamed, OnlineOptions)
+    assert streamed.parameters.gyro_bias_deg_s == prior["gyro_bias_deg_s"]
+
+
+def test_walks_of_one_sensor_show_its_mean(fg_nav: FgNav, sensor: Path) -> None:
+    walks = [sensor / f"{name}.csv" for name in "abc"]
+    ran = fg_nav("calibrate", *walks, "--out", "cal.json")
+    assert ran.code == 0, ran.err
+    found = read_calibration(Path("cal.json")).gyroscope
+    assert found is not None
+    assert found.recordings == 3
+    true = simulate("demo", 3).biases.gyr[0] + np.radians(OFF_DEG_S["a"])
+    assert (np.abs(found.bias - true) < 3.0 * found.sigma).all()
+    assert np.degrees(found.next_sigma) < 0.1

@@ -116,3 +116,24 @@ def test_a_large_bias_is_found_and_said() -> None:
     level = difference - large.stances.nav_R_body[0].T[:, 2] * (difference @ large.stances.nav_R_body[0].T[:, 2])
     expected = np.ones(3) - large.stances.nav_R_body[0].T[:, 2] * large.stances.nav_R_body[0].T[:, 2].sum()
     np.testing.assert_allclose(level, expected, atol=0.02)
+
+
+def test_a_bias_that_is_expected_changes_nothing_but_the_bias() -> None:
+    walk, mean = demo(), (0.3, -0.2, 0.5)
+    off = replace(walk.recording, gyr=walk.recording.gyr + np.radians(mean))
+    known = smooth(off, walk.stances, replace(NO_RESTS, gyro_bias_deg_s=mean), 0.0)
+    plain = with_bias(0.0)
+    np.testing.assert_allclose(known.position, plain.position, atol=5e-3)
+    np.testing.assert_allclose(known.stances.position_sigma, plain.stances.position_sigma, rtol=0.02, atol=1e-3)
+    found = np.degrees(known.stances.gyro_bias - plain.stances.gyro_bias)
+    np.testing.assert_allclose(found, np.tile(mean, (len(found), 1)), atol=2e-3)
+    assert "gyro bias of (0.300, -0.200, 0.500) deg/s within 0.15 before the walk, from the calibration" in known.notes
+
+
+def test_a_sensor_that_has_changed_since_is_still_found() -> None:
+    calibrated = replace(NO_RESTS, gyro_bias_deg_s=(0.3, -0.2, 0.5), gyro_bias_sigma_deg_s=0.06)
+    changed, plain = smooth(turned(1.0), demo().stances, calibrated, 0.0), with_bias(1.0)
+    apart = (changed.stances.gyro_bias[0] - plain.stances.gyro_bias[0]) / plain.stances.gyro_bias_sigma[0]
+    assert np.abs(apart).max() < 1.0
+    end = np.linalg.norm(changed.position[-1, :2] - demo().recording.truth.position[-1, :2])
+    assert end < 3.0 * np.linalg.norm(changed.stances.position_sigma[-1, :2])

@@ -249,3 +249,15 @@ def test_two_walks_of_two_people_are_refused(feet: dict[str, Foot]) -> None:
     late = replace(late, t=late.t + 500.0, truth=None)
     with pytest.raises(EstimationError, match="hardly take steps in turn"):
         smooth_feet(replace(feet["right"], recording=late), feet["left"])
+
+
+def test_each_foot_begins_with_the_bias_of_its_own_sensor(feet: dict[str, Foot], both: FeetSolution) -> None:
+    bias = (0.4, -0.3, 0.6)
+    right = feet["right"]
+    off = replace(right.recording, gyr=right.recording.gyr + np.radians(bias))
+    known = replace(right, recording=off, parameters=SmootherParameters(gyro_bias_deg_s=bias))
+    found = smooth_feet(known, feet["left"])
+    np.testing.assert_allclose(found.person.position, both.person.position, atol=5e-3)
+    moved = np.degrees(found.right.stances.gyro_bias - both.right.stances.gyro_bias)
+    np.testing.assert_allclose(moved, np.tile(bias, (len(moved), 1)), atol=5e-3)
+    np.testing.assert_allclose(found.left.stances.gyro_bias, both.left.stances.gyro_bias, atol=np.radians(1e-3))
