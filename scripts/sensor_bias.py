@@ -25,6 +25,7 @@ from fg_nav.estimators import choose_parameters
 from fg_nav.evaluation import evaluate
 from fg_nav.smoother import SmootherParameters, smooth
 from fg_nav.solution import Solution
+from fg_nav.text import to_json
 from fg_nav.walk import Options
 
 ASKED_GDIN_M = 0.31
@@ -49,7 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     figures, content = [], {}
     for name, read, asked in (("gdin", walks.read_gdin, ASKED_GDIN_M), ("gdlbio, walked", walks.read_gdlbio, np.inf)):
         rows = measure_set(read(data))
-        content[name] = [one.__dict__ for one in rows]
+        content[name] = [to_json(one) for one in rows]
         harness.print_heading(name)
         columns = ("walk", "bias alone (deg/s)", "mean of the others", "sigma", "found with it", "rmse (m)", "with it")
         harness.print_table(columns, [_words(one) for one in rows])
