@@ -191,7 +191,8 @@ def judge_sets(results: Sequence[Result], sets: Sets) -> list[Figure]:
     for name, rows in there.items():
         behind, found = _judge_set(name, rows)
         worse, figures = worse.union(behind), figures + found
-    words = f"all sets: {WORSE}, different walks"
+    walked = {row.walk for rows in there.values() for row in rows}
+    words = f"all sets: {WORSE}, of {len(walked)} walks"
     return [*figures, Figure("all sets", words, "smoother", len(worse), high=MAX_WORSE, pattern="{:.0f}")]
 
 

@@ -296,17 +296,30 @@ SECTIONS: Mapping[str, Section] = {
         END_COLUMNS,
         (Merit("closure_percent", "median", 0.7), Merit("closure_percent", "worst"), *ask_closed()),
     ),
-    ROUND: Section("mti", partial(walks.read_recorded, name="mti round"), END_COLUMNS, ask_closed(0.15, 0.25, 1.5)),
-    STAIRS: Section("mti", partial(walks.read_recorded, name="mti stairs"), END_COLUMNS, ask_closed(z=0.3, ratio=1.5)),
-    CORRIDOR: Section("corridor", partial(walks.read_recorded, name="corridor"), END_COLUMNS, ask_closed(0.8)),
-    MEMS: Section("mems", partial(walks.read_recorded, name="mems"), END_COLUMNS, ask_closed()),
-    MEMS + AIR: Section(
-        "mems", partial(walks.read_recorded, name="mems", with_barometer=True), END_COLUMNS, LEVEL, ONLY_SMOOTHER
+    ROUND: Section(
+        "mti", partial(walks.read_recorded, names=walks.RECORDED["mti round"]), END_COLUMNS, ask_closed(0.15, 0.25, 1.5)
     ),
-    MTIG: Section("mtig", partial(walks.read_recorded, name="mtig"), END_COLUMNS, more=judge_passes),
+    STAIRS: Section(
+        "mti",
+        partial(walks.read_recorded, names=walks.RECORDED["mti stairs"]),
+        END_COLUMNS,
+        ask_closed(z=0.3, ratio=1.5),
+    ),
+    CORRIDOR: Section(
+        "corridor", partial(walks.read_recorded, names=walks.RECORDED["corridor"]), END_COLUMNS, ask_closed(0.8)
+    ),
+    MEMS: Section("mems", partial(walks.read_recorded, names=walks.RECORDED["mems"]), END_COLUMNS, ask_closed()),
+    MEMS + AIR: Section(
+        "mems",
+        partial(walks.read_recorded, names=walks.RECORDED["mems"], with_barometer=True),
+        END_COLUMNS,
+        LEVEL,
+        ONLY_SMOOTHER,
+    ),
+    MTIG: Section("mtig", partial(walks.read_recorded, names=walks.RECORDED["mtig"]), END_COLUMNS, more=judge_passes),
     MTIG + AIR: Section(
         "mtig",
-        partial(walks.read_recorded, name="mtig", with_barometer=True),
+        partial(walks.read_recorded, names=walks.RECORDED["mtig"], with_barometer=True),
         END_COLUMNS,
         methods=ONLY_SMOOTHER,
         more=judge_passes,
@@ -519,9 +532,8 @@ def measure_bias_walk(data: Path, jobs: int = 1) -> list[dict[str, Any]]:
     }
     estimates = {name: partial(smooth, parameters=p) for name, p in {"as chosen": DEFAULT, **levels}.items()}
     rows = []
-    for section, names in BIAS_WALK_OF.items():
-        some = [walk for walk in SECTIONS[section].read(data) if walk.name in names]
-        for row in (row for row in run_methods(section, some, estimates, jobs) if row.method != STORED):
+    for section, read in BIAS_WALK_OF.items():
+        for row in (row for row in run_methods(section, read(data), estimates, jobs) if row.method != STORED):
             error = row.value("end_error_m" if np.isfinite(row.value("end_error_m")) else "ground_m")
             rows.append({"walk": row.walk, "level": row.method, "error_m": error, "sigma_m": row.value("end_sigma_m")})
     harness.print_heading("Error and sigma at the end over the ground, m, by the level of the bias walk, deg/s/sqrt(s)")

@@ -139,11 +139,11 @@ def read_loops(data: Path, names: Sequence[str] = tuple(LOOPS)) -> list[Walk]:
     return [_prepare(name, data / LOOPS[name]) for name in names]
 
 
-def read_recorded(data: Path, name: str, with_barometer: bool = False) -> list[Walk]:
-    """Read the walks of a set of `RECORDED`, with the barometer's file beside each where asked."""
-    found = [path for one in RECORDED[name] for path in sorted(data.glob(f"{one}.csv.gz")) if path.name.count(".") == 2]
+def read_recorded(data: Path, names: Sequence[str], with_barometer: bool = False) -> list[Walk]:
+    """Read recordings such as those of `RECORDED`, with the barometer's file beside each where asked."""
+    found = [path for one in names for path in sorted(data.glob(f"{one}.csv.gz")) if path.name.count(".") == 2]
     if not found:
-        raise FormatError(f"there is no recording {RECORDED[name][0]}.csv.gz in {data}: check the folder of --data.")
+        raise FormatError(f"there is no recording {names[0]}.csv.gz in {data}: check the folder given with --data.")
     air = [path.with_name(path.name.replace(".csv", ".baro.csv")) if with_barometer else None for path in found]
     return [_prepare(path.name.partition(".")[0], path, beside) for path, beside in zip(found, air, strict=True)]
 

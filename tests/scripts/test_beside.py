@@ -74,7 +74,7 @@ def test_sets_are_printed_and_judged(capsys):
     assert found["A: smoother over iez, mean"].measured == pytest.approx(0.30 / 0.56)
     assert found["A: worse than iez by 10 % and 3 cm, walks of 2"].measured == 1
     assert found["B: worse than iez by 10 % and 3 cm, walks of 1"].measured == 0
-    assert found["all sets: worse than iez by 10 % and 3 cm, different walks"].measured == 1
+    assert found["all sets: worse than iez by 10 % and 3 cm, of 3 walks"].measured == 1
     out = capsys.readouterr().out
     assert "A, a 1: smoother 0.100 m, iez 0.060 m" in out
     assert out.count("stored") == 1

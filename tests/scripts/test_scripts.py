@@ -186,9 +186,8 @@ def test_loops_are_printed_and_written(tmp_path, capsys):
 
 
 @needs_data
-def test_closed_walks_are_prepared_as_a_run_does(monkeypatch):
-    monkeypatch.setitem(walks.RECORDED, "mti round", ("mti1_loops/hallway_walk_trial2",))
-    [walk] = walks.read_recorded(DATA, "mti round")
+def test_closed_walks_are_prepared_as_a_run_does():
+    [walk] = walks.read_recorded(DATA, ["mti1_loops/hallway_walk_trial2"])
     assert len(walk.recording) == 3565  # a header, and a row that is no sample
     assert any("accelerometer bias" in note for note in walk.recording.provenance.notes)
     [row] = real_walks.run_methods(real_walks.ROUND, [walk], {"smoother": real_walks.smooth})
@@ -199,9 +198,8 @@ def test_closed_walks_are_prepared_as_a_run_does(monkeypatch):
 
 
 @needs_data
-def test_a_barometer_is_read_beside_its_recording(monkeypatch):
-    monkeypatch.setitem(walks.RECORDED, "mtig", ("mtig710/2022_1_13_straight_run*",))
-    [plain], [aided] = (walks.read_recorded(DATA, "mtig", with_air) for with_air in (False, True))
+def test_a_barometer_is_read_beside_its_recording():
+    [plain], [aided] = (walks.read_recorded(DATA, ["mtig710/2022_1_13_straight_run*"], air) for air in (False, True))
     assert plain.recording.pressure is None
     assert plain.recording.mag is None
     assert len(aided.recording.pressure) == len(plain.recording)
