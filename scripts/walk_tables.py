@@ -145,7 +145,7 @@ def write_behind(walks: Walks) -> list[str]:
 
 def write_bias_walk(walks: Walks) -> list[str]:
     """Error and sigma at the end, a line a walk and a column a level."""
-    rows = walks["bias_walk"]
+    rows = walks.get("bias_walk", [])  # a part of its own, which may not have been measured
     levels = list(dict.fromkeys(row["level"] for row in rows))
     lines = [write_row(["end off / sigma, m", *levels]), "|---|" + "---:|" * len(levels)]
     for walk in dict.fromkeys(row["walk"] for row in rows):
@@ -248,9 +248,9 @@ def of(
     pattern: str = "{:.3f}",
     summaries: Sequence[Summary] = MEAN,
 ) -> str:
-    """A figure of merit over the walks of a section; a walk that failed is infinitely bad."""
+    """A figure of merit over the walks of a section, if there are some; a walk that failed is infinitely bad."""
     values = [abs(one.get(name, math.inf)) for one in rows_of(walks, section, method)]
-    return " / ".join(pattern.format(summary(values)) for summary in summaries)
+    return " / ".join(pattern.format(summary(values)) for summary in summaries) if values else "-"
 
 
 def rows_of(walks: Walks, section: str, method: str) -> list[Mapping[str, Any]]:
