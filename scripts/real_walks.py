@@ -518,10 +518,10 @@ def measure_variant(
 
 
 BIAS_WALKS_DEG_S = 3e-4, 1e-3, 3e-3, 6e-3, 1e-2, 2e-2  # deg/s/sqrt(s)
-BIAS_WALK_OF = {
-    CORRIDOR: ("lab_corridor_left",),
-    MEMS: ("lap_360m_1",),
-    SURVEYED: ("gdlbio 58", "gdlbio 74", "gdlbio 76"),
+BIAS_WALK_OF: Mapping[str, Callable[[Path], list[Walk]]] = {
+    SURVEYED: partial(walks.read_gdlbio, numbers=(58, 74, 76)),
+    CORRIDOR: SECTIONS[CORRIDOR].read,
+    MEMS: partial(walks.read_recorded, names=["mems_foot/lap_360m_1"]),
 }
 
 

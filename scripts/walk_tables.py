@@ -117,11 +117,15 @@ def write_passes(walks: Walks) -> list[str]:
     filtered = {one["walk"]: one for one in rows_of(walks, MTIG, IEZ)}
     for walk, plain in found[MTIG].items():
         aided = found[MTIG + AIR][walk]
-        cells = [f"{one.get(name, math.inf):.2f}" for one in (plain, aided) for name in ("ground_m", "z_m", "z_ratio")]
+        cells = [cell for one in (plain, aided) for cell in (f"{one['ground_m']:.2f}", _height(one))]
         lines.append(
             write_row([f"`{walk}`", *cells, f"{filtered[walk].get('ground_m', math.inf):.2f}", plain["verdict"]])
         )
     return lines
+
+
+def _height(row: Mapping[str, Any]) -> str:
+    return f"{row['z_m']:+.2f} ± {abs(row['z_m'] / row['z_ratio']):.2f}"
 
 
 def write_behind(walks: Walks) -> list[str]:
@@ -233,8 +237,7 @@ CLOSED_MERITS: Sequence[tuple[str, str, Sequence[Summary]]] = (
 )
 CLOSED_HEADERS = ("", "method", "closure over the ground, mean / worst (m)", "over its sigma, rms")
 CLOSED_HEADERS += ("height at the end, mean / worst (m)", "over its sigma, rms", "trusted / doubtful / not to be used")
-PASS_HEADERS = ("recording", "start to end (m)", "z (m)", "over its sigma", "with barometer (m)", "z (m)")
-PASS_HEADERS += ("over its sigma", "`iez` (m)", "verdict")
+PASS_HEADERS = ("recording", "start to end (m)", "z (m)", "with barometer (m)", "z (m)", "`iez` (m)", "verdict")
 NAMES = {INERTIAL: "`inertial`", IEZ: "`iez`"}
 KINDS = ("without", "raw", "walk")
 PYSHOE_2D, PYSHOE_3D = (" / ".join(f"{PYSHOE[of][plane]:.3f}" for of in ("mean", "median")) for plane in (0, 1))

@@ -32,6 +32,7 @@ from fg_nav.lab.simulation import SCENARIOS, Choices, routes, simulate
 from fg_nav.lab.simulation.plan import Stand
 from fg_nav.pipeline import prepare_walk, read_walk
 from fg_nav.recording import RawRecording, Recording
+from fg_nav.report.terminal import console
 from fg_nav.stances import Stances
 from fg_nav.truth import TrajectoryTruth
 from fg_nav.walk import Options
@@ -140,12 +141,20 @@ def read_loops(data: Path, names: Sequence[str] = tuple(LOOPS)) -> list[Walk]:
 
 
 def read_recorded(data: Path, names: Sequence[str], with_barometer: bool = False) -> list[Walk]:
-    """Read recordings such as those of `RECORDED`, with the barometer's file beside each where asked."""
+    """Read recordings such as those of `RECORDED`; with the barometer beside each, those of which it is usable."""
     found = [path for one in names for path in sorted(data.glob(f"{one}.csv.gz")) if path.name.count(".") == 2]
     if not found:
         raise FormatError(f"there is no recording {names[0]}.csv.gz in {data}: check the folder given with --data.")
-    air = [path.with_name(path.name.replace(".csv", ".baro.csv")) if with_barometer else None for path in found]
-    return [_prepare(path.name.partition(".")[0], path, beside) for path, beside in zip(found, air, strict=True)]
+    walks = []
+    for path in found:
+        air = path.with_name(path.name.replace(".csv", ".baro.csv")) if with_barometer else None
+        try:
+            walks.append(_prepare(path.name.partition(".")[0], path, air))
+        except FormatError as error:
+            if air is None:
+                raise
+            console().print(f"left out: {error}")
+    return walks
 
 
 def _prepare(name: str, path: Path, barometer: Path | None = None) -> Walk:

@@ -119,7 +119,7 @@ def test_ends_walks_behind_and_levels_are_written(monkeypatch):
     rounds = [row(tables.ROUND, "a", "smoother", **ends), row(tables.ROUND, "a", "iez", ground_m=0.26)]
     rounds += [row(tables.ROUND, "b", "smoother", **ends | {"z_m": 0.7}), row(tables.ROUND, "b", "iez", ground_m=0.28)]
     walks = {"walks": [*mtig, row(tables.MTIG, "up", "iez", ground_m=0.4), *rounds]}
-    assert tables.write_passes(walks)[2] == "| `up` | 0.30 | -0.50 | -2.00 | 0.30 | -0.50 | -2.00 | 0.40 | trusted |"
+    assert tables.write_passes(walks)[2] == "| `up` | 0.30 | -0.50 ± 0.25 | 0.30 | -0.50 ± 0.25 | 0.40 | trusted |"
     assert tables.write_behind(walks)[2:] == ["| mti, round | a | 0.300 | 0.260 |"]  # b is behind by 2 cm
     monkeypatch.setattr(tables, "CLOSED", {tables.ROUND: "rounds"})
     closed = [*rounds, row(tables.MEMS + tables.AIR, "c", "smoother", **ends)]

@@ -143,6 +143,15 @@ def test_each_part_left_out_is_a_smoother_of_its_own(demo, monkeypatch):
         assert 0.01 < rows[without]["scale"] - default["scale"] < 0.04
 
 
+def test_a_wider_walk_of_the_bias_makes_wider_ends(demo, monkeypatch):
+    monkeypatch.setattr(real_walks, "BIAS_WALK_OF", {real_walks.MEMS: lambda data: [demo]})
+    monkeypatch.setattr(real_walks, "BIAS_WALKS_DEG_S", (3e-4, 2e-2))
+    rows = {row["level"]: row for row in real_walks.measure_bias_walk(DATA)}
+    assert list(rows) == ["as chosen", "3e-04", "2e-02"]
+    assert rows["2e-02"]["sigma_m"] > 1.2 * rows["3e-04"]["sigma_m"]
+    assert all(0 < row["error_m"] < 1 for row in rows.values())
+
+
 def test_one_node_a_stance_is_what_it_says(demo):
     parameters = real_walks.ABLATION["one node a stance"]
     assert len(place_nodes(demo.recording, demo.stances, parameters)) == len(demo.stances)
