@@ -79,7 +79,7 @@ CLOSED = {
     ROUND: "12 rounds of 43 m at 100 Hz, walked, run, mixed (`mti1_loops`)",
     STAIRS: "12 walks on stairs of one to three floors, up and down (`mti1_loops`)",
     CORRIDOR: "a corridor to and fro, 89 m (`corridor_lab`)",
-    MEMS: "13 laps, squares and rectangles of 40 to 365 m (`mems_foot`)",
+    MEMS: "13 laps, squares and rectangles of 38 to 365 m (`mems_foot`)",
 }
 
 
