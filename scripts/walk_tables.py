@@ -83,18 +83,14 @@ CLOSED = {
 }
 
 
-def _closures(walks: Walks) -> list[tuple[str, str, str]]:
-    found = []
-    for part, what in CLOSED.items():
-        ours, filtered = (of(walks, part, method, "ground_m") for method in (INERTIAL, IEZ))
-        found.append(
-            (
-                f"{what}: closure over the ground, mean / median (m)" if not found else f"{what}: the same",
-                ours,
-                filtered,
-            )
-        )
-    return found
+def _closures(walks: Walks) -> list[tuple[str, ...]]:
+    """Name and figures of the closed sets that are more than one walk: the two of one sensor in one line."""
+    mean = [
+        [of(walks, part, one, "ground_m", summaries=MEAN[:1]) for part in (ROUND, STAIRS)] for one in (INERTIAL, IEZ)
+    ]
+    mti = "12 rounds of 43 m / 12 walks on stairs, 100 Hz (`mti1_loops`): closure over the ground, mean (m)"
+    mems = [of(walks, MEMS, method, "ground_m") for method in (INERTIAL, IEZ)]
+    return [(mti, *map(" / ".join, mean)), (f"{CLOSED[MEMS]}: the same, mean / median", *mems)]
 
 
 def write_closed(walks: Walks) -> list[str]:
