@@ -73,7 +73,7 @@ METHODS: Mapping[str, Estimate] = {SMOOTHER: smooth, IEZ: run_iez}
 PYSHOE = {"mean": (0.079, 0.131), "median": (0.055, 0.087)}
 """Rmse in m, horizontal and in space, of PyShoe's own filter."""
 
-RIGHT_COUNTS, RUN_COUNTS, RUN_COUNT_SHARE = 8, 5, 0.03
+RIGHT_COUNTS, RUN_COUNTS, RUN_COUNT_SHARE, INF = 8, 5, 0.03, np.inf
 
 VICON_LABELLED, VICON_DETECTED = "Vicon, labels of PyShoe", "Vicon, own stances"
 FOOTPRINTS, RUNNING = "gdin, own stances, no magnetometer", "gdin with running strides, for information"
@@ -176,10 +176,10 @@ WORDS = {
 TRUE_SCALE = Merit("scale", "median", 1.01, 0.99)
 
 
-def ask_closed(ground: float = np.inf, z: float = np.inf, ratio: float = np.inf) -> tuple[Merit, ...]:
-    """Figures of closed walks, and upper bounds of their means."""
+def ask_closed(ground: float = INF, z: float = INF, ratio: float = INF, worst_z: float = INF) -> tuple[Merit, ...]:
+    """Figures of closed walks, and upper bounds of their means and of the worst height."""
     low = 0.5 if np.isfinite(ratio) else -np.inf
-    of_z = Merit("z_m", "mean", z), Merit("z_m", "worst"), Merit("z_ratio", "rms", ratio, low)
+    of_z = Merit("z_m", "mean", z), Merit("z_m", "worst", worst_z), Merit("z_ratio", "rms", ratio, low)
     return Merit("ground_m", "mean", ground), Merit("ground_m", "worst"), Merit("ground_ratio", "rms"), *of_z
 
 
@@ -239,7 +239,7 @@ def judge_verdicts(only: str, results: Sequence[Result]) -> list[Figure]:
 
 
 ONLY_SMOOTHER = {SMOOTHER: smooth}
-LEVEL = ask_closed(z=0.5)
+LEVEL = ask_closed(worst_z=0.5)
 SECTIONS: Mapping[str, Section] = {
     VICON_LABELLED: Section(
         "vicon",
