@@ -141,19 +141,18 @@ def judge_pairs(group: str, pairs: Sequence[Pair], iron: str) -> list[Figure]:
     """What is asked with the magnetometer."""
     some = np.array([one.with_field[iron] for one in pairs])
     worst, words = max(one.ratio(iron) for one in pairs), KNOWN_IRON[iron]
-    name, mean, middle = f"{words}: greatest ratio to without", float(some.mean()), float(np.median(some))
+    section, name = f"{group}, magnetometer", f"{words}: greatest ratio to without"
+    mean, middle = float(some.mean()), float(np.median(some))
     if group == OPENSHOE:
         return [
-            Figure(group, f"{words}: closure, median (%)", "smoother", middle, high=MAGNETIC_CLOSURE_PERCENT),
-            Figure(group, name, "smoother", worst, pattern="{:.2f}"),
+            Figure(section, f"{words}: closure, median (%)", "smoother", middle, high=MAGNETIC_CLOSURE_PERCENT),
+            Figure(section, name, "smoother", worst, pattern="{:.2f}"),
         ]
     return [
-        Figure(group, f"{words}: rmse, mean (m)", "smoother", mean, high=MAGNETIC_M),
-        Figure(group, name, "smoother", worst, high=NO_WORSE, pattern="{:.2f}"),
+        Figure(section, f"{words}: rmse, mean (m)", "smoother", mean, high=MAGNETIC_M),
+        Figure(section, name, "smoother", worst, high=NO_WORSE, pattern="{:.2f}"),
     ]
 
-
-OPENSHOE = ("openshoe 1", "openshoe 7", "openshoe 13")
 
 ANYWAY = WalkCalibrationParameters(must_gain=False, largest_sigma_uT=float("inf"))
 """Calibrates on any walk."""
@@ -193,7 +192,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def read_fields(data: Path, names: Sequence[str] | None = None) -> list[FieldWalk]:
     """Load the walks, all or those named."""
     numbers = [n for n in walks.GDIN_WALKS if names is None or f"gdin {n}" in names]
-    some = [name for name in OPENSHOE if names is None or name in names]
+    some = [name for name in walks.LOOPS if name.startswith(OPENSHOE) and (names is None or name in names)]
     return [_judge(walk) for walk in (*walks.read_gdin(data, numbers), *walks.read_loops(data, some))]
 
 

@@ -106,7 +106,7 @@ def _real_walks(data: Path) -> Iterator[tuple[str, Path]]:
 
 def _others(data: Path) -> Iterator[Case]:
     for path in sorted((data / MTI1).glob("*.csv.gz")):
-        yield Case(MTI1, path.name.split(".")[0], partial(_read_mti1, path), is_closed=True)
+        yield Case(MTI1, path.name.split(".")[0], partial(walks.read_mti1, path), is_closed=True)
     for number in walks.GDLBIO_RUN:
         yield Case("gdlbio run", f"gdlbio {number}", partial(_read, walks.gdlbio_path(data, number)))
     for folder in ("mems_foot", "mtig710", "corridor_lab"):
@@ -373,12 +373,6 @@ def check_lines(method: str, judged: Sequence[JudgedLines]) -> list[Figure]:
 
 def _read(path: Path) -> RawRecording:
     return replace(read_raw(path), mag=None)
-
-
-def _read_mti1(path: Path) -> RawRecording:
-    """Read a table without stamps, of 100 Hz, whose first row is no sample."""
-    rows = np.genfromtxt(path, delimiter=",", skip_header=2)
-    return RawRecording(np.arange(len(rows)) / 100.0, rows[:, :3], rows[:, 3:6], np.arange(len(rows)) + 3)
 
 
 def _spoil(load: Callable[[], RawRecording], change: Callable[[RawRecording], RawRecording]) -> RawRecording:

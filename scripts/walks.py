@@ -7,9 +7,12 @@ gdin                10 indoor walks with surveyed footprints
 running             2 more that have running strides in them and a gyroscope that saturates
 gdlbio              11 indoor walks with every footprint surveyed, and 7 that are run or clipped in every stride
 loops               5 walks that end where they began
+RECORDED            sets without a true path, most of them closed: one round and stairs (mti), a corridor, laps, squares
+                    and rectangles (mems), corridors and stairs (mtig)
 =================== ====================================================================================
 
-The magnetometer is left out: these figures are inertial ones.
+The magnetometer is left out: these figures are inertial ones. All walks are prepared as `fg-nav run` does, so that a
+large error of the accelerometer is taken off.
 """
 
 from __future__ import annotations
@@ -23,14 +26,16 @@ import numpy as np
 import scipy.io
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.detection import detect_stances
 from fg_nav.errors import FormatError, SimulationError
-from fg_nav.io import read, read_pyshoe_labels, read_pyshoe_track
+from fg_nav.io import Reading, read_pyshoe_labels, read_pyshoe_track
 from fg_nav.lab.simulation import SCENARIOS, Choices, routes, simulate
 from fg_nav.lab.simulation.plan import Stand
-from fg_nav.recording import Recording
+from fg_nav.pipeline import prepare_walk, read_walk
+from fg_nav.recording import RawRecording, Recording
+from fg_nav.report.terminal import console
 from fg_nav.stances import Stances
 from fg_nav.truth import TrajectoryTruth
+from fg_nav.walk import Options
 
 DEFAULT_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
@@ -51,6 +56,17 @@ LOOPS = {
     "xio short": "xio/short_walk.csv",
     "xio long": "xio/long_walk.csv",
 }
+
+RECORDED: Mapping[str, Sequence[str]] = {
+    "mti round": ("mti1_loops/hallway_*",),
+    "mti stairs": ("mti1_loops/stairs_*",),
+    "corridor": ("corridor_lab/*",),
+    "mems": tuple(f"mems_foot/{name}" for name in ("lap_360m_*", "square_70m_*", "*rectangle_*", "c_shape_*")),
+    "mtig": ("mtig710/*",),
+}
+"""Files of each set, without `.csv.gz`."""
+
+MTI1_RATE_HZ = 100.0
 
 GDIN, OPENSHOE = "gdin", "openshoe"
 
@@ -95,7 +111,7 @@ def read_vicon_labelled(data: Path) -> list[Walk]:
     return [
         Walk(
             path.stem,
-            _read_inertial(path),
+            _prepare(path.stem, path).recording,
             Stances.from_mask(read_pyshoe_labels(path)),
             stored_armse_m=float(scipy.io.loadmat(path)["trial_error"][0, SHOE_ERROR]),
         )
@@ -105,32 +121,54 @@ def read_vicon_labelled(data: Path) -> list[Walk]:
 
 def read_vicon_detected(data: Path) -> list[Walk]:
     """Read the trials with our own stances, oldest first."""
-    return [_detect(path.stem, path) for path in _vicon_paths(data)]
+    return [_prepare(path.stem, path) for path in _vicon_paths(data)]
 
 
 def read_gdin(data: Path, numbers: Sequence[int] = GDIN_WALKS) -> list[Walk]:
     """Read the indoor walks of these numbers."""
-    return [_detect(f"gdin {number}", gdin_path(data, number)) for number in numbers]
+    return [_prepare(f"gdin {number}", gdin_path(data, number)) for number in numbers]
 
 
 def read_gdlbio(data: Path, numbers: Sequence[int] = GDLBIO_WALKED) -> list[Walk]:
     """Read the surveyed walks of these numbers, with the path that is stored with them."""
     paths = {number: gdlbio_path(data, number) for number in numbers}
-    return [replace(_detect(f"gdlbio {n}", path), track=read_pyshoe_track(path)) for n, path in paths.items()]
+    return [replace(_prepare(f"gdlbio {n}", path), track=read_pyshoe_track(path)) for n, path in paths.items()]
 
 
 def read_loops(data: Path, names: Sequence[str] = tuple(LOOPS)) -> list[Walk]:
     """Read walks that end where they began."""
-    return [_detect(name, data / LOOPS[name]) for name in names]
+    return [_prepare(name, data / LOOPS[name]) for name in names]
 
 
-def _detect(name: str, path: Path) -> Walk:
-    recording = _read_inertial(path)
-    return Walk(name, recording, detect_stances(recording))
+def read_recorded(data: Path, names: Sequence[str], with_barometer: bool = False) -> list[Walk]:
+    """Read recordings such as those of `RECORDED`; with the barometer beside each, those of which it is usable."""
+    found = [path for one in names for path in sorted(data.glob(f"{one}.csv.gz")) if path.name.count(".") == 2]
+    if not found:
+        raise FormatError(f"there is no recording {names[0]}.csv.gz in {data}: check the folder given with --data.")
+    walks = []
+    for path in found:
+        air = path.with_name(path.name.replace(".csv", ".baro.csv")) if with_barometer else None
+        try:
+            walks.append(_prepare(path.name.partition(".")[0], path, air))
+        except FormatError as error:
+            if air is None:
+                raise
+            console().print(f"left out: {error}")
+    return walks
 
 
-def _read_inertial(path: Path) -> Recording:
-    return replace(read(path), mag=None)
+def _prepare(name: str, path: Path, barometer: Path | None = None) -> Walk:
+    """Read a walk and find its stances as `fg-nav run --no-mag` does."""
+    is_table = path.match("mti1_loops/*")
+    recording = Recording.from_raw(read_mti1(path)) if is_table else Reading(barometer=barometer).read(path)
+    prepared = prepare_walk(read_walk(recording, Options(use_magnetometer=False)))
+    return Walk(name, prepared.recording, prepared.stances)
+
+
+def read_mti1(path: Path) -> RawRecording:
+    """Read a table without stamps, whose first row is no sample."""
+    rows = np.genfromtxt(path, delimiter=",", skip_header=2)
+    return RawRecording(np.arange(len(rows)) / MTI1_RATE_HZ, rows[:, :3], rows[:, 3:6], np.arange(len(rows)) + 3)
 
 
 def _vicon_paths(data: Path) -> list[Path]:

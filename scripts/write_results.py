@@ -5,7 +5,7 @@
 
 ============================================= ======================================================================
 `ma2018`, `aiez2017`, `munoz-diaz2017` .json  results.json of `fg-nav reproduce PAPER`
-`real-walks.json`                             `python scripts/real_walks.py --ablation --json FILE`
+`real-walks.json`                             `python scripts/real_walks.py --ablation --bias-walk --json FILE`
 `coverage.json`                               `python scripts/sigma_coverage.py --json FILE`
 `benchmark.json`                              `python scripts/benchmark.py --save`, and with `--peers PYTHON`
 ============================================= ======================================================================
@@ -25,9 +25,13 @@ import harness
 from walk_tables import (
     Walks,
     write_ablation,
+    write_behind,
+    write_bias_walk,
+    write_closed,
     write_coverage,
     write_indoor,
     write_pairs,
+    write_passes,
     write_peers,
     write_row,
     write_summary,
@@ -269,6 +273,10 @@ BLOCKS: Mapping[str, Callable[[Sequence[Reproduction], Mapping[str, Walks]], lis
     "real-walks": lambda _, kept: write_summary(kept["real-walks"]),
     "vicon": lambda _, kept: write_vicon(kept["real-walks"]),
     "indoor": lambda _, kept: write_indoor(kept["real-walks"]),
+    "closed": lambda _, kept: write_closed(kept["real-walks"]),
+    "passes": lambda _, kept: write_passes(kept["real-walks"]),
+    "behind": lambda _, kept: write_behind(kept["real-walks"]),
+    "bias-walk": lambda _, kept: write_bias_walk(kept["real-walks"]),
     "magnetometer": lambda _, kept: write_pairs(kept["real-walks"]),
     "ablation": lambda _, kept: write_ablation(kept["real-walks"]),
     "coverage": lambda _, kept: write_coverage(kept["coverage"]),

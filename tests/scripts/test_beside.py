@@ -73,19 +73,32 @@ def test_sets_are_printed_and_judged(capsys):
     found = {f.name: f for f in beside.judge_sets(rows, {"A": (("s",), "a"), "B": (("s",), "b"), "C": (("t",), "")})}
     assert found["A: smoother over iez, mean"].measured == pytest.approx(0.30 / 0.56)
     assert found["A: worse than iez by 10 % and 3 cm, walks of 2"].measured == 1
-    assert found["B: worse than iez by 10 % and 3 cm, walks of 1"].mark == "ok"
+    assert found["B: worse than iez by 10 % and 3 cm, walks of 1"].measured == 0
+    assert found["all sets: worse than iez by 10 % and 3 cm, of 3 walks"].measured == 1
     out = capsys.readouterr().out
     assert "A, a 1: smoother 0.100 m, iez 0.060 m" in out
     assert out.count("stored") == 1
     assert "C" not in {name.split(":")[0] for name in found}
 
 
+def test_the_end_is_measured_over_its_sigmas():
+    found = solution(T, STRAIGHT)
+    count = len(found.stances)
+    covariance = np.tile(np.diag([4.0, 9.0, 0.25]), (count, 1, 1))
+    place = np.outer(np.arange(count) / (count - 1), [2.0, -3.0, 1.0])
+    table = replace(found.stances, position=place, position_cov=covariance)
+    end = beside.measure_end(replace(found, stances=table))
+    assert end == pytest.approx(
+        {"ground_m": 13**0.5, "z_m": 1.0, "end_sigma_m": 13**0.5, "ground_ratio": 1.0, "z_ratio": 2.0}
+    )
+
+
 def test_an_end_that_is_off_is_unseen_unless_the_verdict_names_it():
     off = replace(Metrics(distance_m=100.0, closure_m=0.0, strides_detected=80), end_error_m=3.1)
-    row = beside.Result("s", "w", "iez", off, end_sigma_m=1.0, verdict="doubtful")
+    row = beside.Result("s", "w", "iez", off, end={"end_sigma_m": 1.0}, verdict="doubtful")
     assert row.is_off_unseen
     assert not replace(row, verdict="not to be used").is_off_unseen
-    assert not replace(row, end_sigma_m=1.1).is_off_unseen
+    assert not replace(row, end={"end_sigma_m": 1.1}).is_off_unseen
     assert not replace(row, method="stored").is_off_unseen
     assert not replace(row, metrics=None, failure="there is no solution").is_off_unseen
 

@@ -231,6 +231,8 @@ def test_no_walk_may_be_worse_with_the_magnetometer():
     assert marks == {"raw": ["ok", "missed"], "walk": ["ok", "ok"]}
     failed = [real.Pair("gdin", "1", 0.4, {"raw": math.inf, "walk": 0.4}, False)]
     assert [f.mark for f in real.judge_pairs("gdin", failed, "raw")] == ["missed", "missed"]
+    loops = [replace(pairs[0], group="openshoe")]
+    assert "as recorded: closure, median (%)" in {f.name for f in real.judge_pairs("openshoe", loops, "raw")}
 
 
 @needs_data

@@ -110,6 +110,29 @@ def test_figures_of_the_real_walks_are_their_means_and_medians():
     assert without == pytest.approx(inertial, abs=1e-4)  # two ways to the same figure
 
 
+def test_ends_walks_behind_and_levels_are_written(monkeypatch):
+    def row(section, walk, method, **more):
+        return {"section": section, "walk": walk, "method": method, "verdict": "trusted", **more}
+
+    ends = {"ground_m": 0.30, "z_m": -0.5, "ground_ratio": 1.0, "z_ratio": -2.0}
+    mtig = [row(part, "up", "smoother", **ends) for part in (tables.MTIG, tables.MTIG + tables.AIR)]
+    rounds = [row(tables.ROUND, "a", "smoother", **ends), row(tables.ROUND, "a", "iez", ground_m=0.26)]
+    rounds += [row(tables.ROUND, "b", "smoother", **ends | {"z_m": 0.7}), row(tables.ROUND, "b", "iez", ground_m=0.28)]
+    walks = {"walks": [*mtig, row(tables.MTIG, "up", "iez", ground_m=0.4), *rounds]}
+    assert tables.write_passes(walks)[2] == "| `up` | 0.30 | -0.50 ± 0.25 | 0.30 | -0.50 ± 0.25 | 0.40 | trusted |"
+    assert tables.write_behind(walks)[2:] == ["| mti, round | a | 0.300 | 0.260 |"]  # b is behind by 2 cm
+    monkeypatch.setattr(tables, "CLOSED", {tables.ROUND: "rounds"})
+    closed = [*rounds, row(tables.MEMS + tables.AIR, "c", "smoother", **ends)]
+    [ours] = [line for line in tables.write_closed({"walks": closed}) if "rounds" in line and "`inertial`" in line]
+    assert ours.endswith("| `inertial` | 0.30 / 0.30 | 1.00 | 0.60 / 0.70 | 2.00 | 2 / 0 / 0 |")
+    levels = [{"walk": "a", "level": level, "error_m": 1.0, "sigma_m": 2.0} for level in ("as chosen", "3e-04")]
+    assert tables.write_bias_walk({"bias_walk": levels}) == [
+        "| end off / sigma, m | as chosen | 3e-04 |",
+        "|---|---:|---:|",
+        "| a | 1.00 / 2.00 | 1.00 / 2.00 |",
+    ]
+
+
 def test_no_page_has_a_figure_of_the_real_walks_but_in_the_tables_that_are_written():
     """A mean or median over the gdin walks in prose would be another source of it."""
     for page in (ROOT / "README.md", ROOT / "CHANGELOG.md", *(ROOT / "docs").glob("*.md")):
