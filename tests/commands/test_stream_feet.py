@@ -9,15 +9,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from fg_nav.columns.mapping import CANONICAL
 from fg_nav.io import read_truth
 from fg_nav.online.buffer import rows_of
 from fg_nav.online.feet_merge import BLOCK_S, FeetMerge
 from tests.command_line import names
 from tests.online.feet_walks import demo_feet
-
-COLUMNS = [
-    "time_s", *(f"acc_{a}_m_s2" for a in "xyz"), *(f"gyr_{a}_rad_s" for a in "xyz"), *(f"mag_{a}_uT" for a in "xyz"),
-]  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +25,7 @@ def sources(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     for side, until in (("left", 40.0), ("right", 34.0)):
         rows = rows_of(demo_feet().sides[side].recording)
         path = folder / f"{side}.csv"
-        pd.DataFrame(rows[rows[:, 0] < until], columns=COLUMNS).to_csv(path, index=False)
+        pd.DataFrame(rows[rows[:, 0] < until], columns=list(CANONICAL)).to_csv(path, index=False)
         paths.append(path)
     return paths[0], paths[1]
 
@@ -71,7 +68,7 @@ def test_what_is_of_one_sensor_is_refused(fg_nav, sources) -> None:
 
 def test_rows_are_merged_by_their_stamps() -> None:
     """A file gives seconds at once: no foot runs ahead, and nothing is lost or changed."""
-    merge, rows = FeetMerge(), np.zeros((500, 10))
+    merge, rows = FeetMerge(), np.zeros((500, 11))
     rows[:, 0] = 0.01 * np.arange(500)
     merge.put("left", rows)
     assert not list(merge.take(alone=False))
