@@ -6,7 +6,7 @@
 
 Offset and tendency are a state P of each footfall:
 
-offset    wind, ventilation and doors, a random walk of `DRIFT_PA`: 8 Pa (0.65 m) in a minute, 17 Pa in five. Spectra
+offset    wind, ventilation and doors, a random walk of `DRIFT_PA`: 5 Pa (0.4 m) in a minute, 10 Pa in five. Spectra
           of surface pressure fall with f^-2 to f^-2.5 from minutes to hours. A door that stays open, or a staircase
           under the pressure of a lift, is a step, an outlier of the walk: Cauchy's loss. Days and buildings differ
           threefold, and a walk of minutes does not show which: noise and the strides' own climb look like it.
@@ -53,7 +53,7 @@ from fg_nav.text import format_count
 TEMPERATURE_K = 288.15  # Of the standard atmosphere near the ground.
 SCALE_HEIGHT_M = 8.314463 * TEMPERATURE_K / (0.0289652 * GRAVITY_M_S2)  # R T_0 / (g M) of dry air: 8435 m.
 SCALE_SIGMA = 15.0 / TEMPERATURE_K  # 0 to 30 degC.
-DRIFT_PA = 1.0  # Random walk of the offset, Pa/sqrt(s): doors, ventilation, and a sensor that warms on a shoe.
+DRIFT_PA = 0.6  # Random walk of the offset, Pa/sqrt(s): doors, ventilation, and a sensor that warms on a shoe.
 TENDENCY_PA_S = 100.0 / 10800.0  # Sigma of the weather's tendency, and in three hours it is another.
 AIR_PA = 1.0  # Stagnation pressure of the air that walking at 1.3 m/s moves about a shoe.
 OFFSET_SIGMA_M = 100.0  # Before the first reading: it is free.

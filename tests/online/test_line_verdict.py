@@ -109,10 +109,10 @@ def test_word_and_reasons_stand_in_the_line() -> None:
 
 
 def fed(looks: AxesCheck | LineVerdict, scales: list[float], block: int = 64) -> None:
-    """Give rows, t, acc, gyr and mag times `scales`, in blocks."""
+    """Give rows, t, acc, gyr and mag times `scales`, and their pressure, in blocks."""
     buffer = SampleBuffer()
     for start in range(0, len(rows()), block):
-        buffer.append(rows()[start : start + block] * scales)
+        buffer.append(rows()[start : start + block] * [*scales, 1.0])
         looks.look_at(buffer)
 
 

@@ -62,7 +62,7 @@ def test_a_rate_that_changes_is_said_once():
 @pytest.mark.parametrize("begin", [0, 990, 1030], ids=["from its beginning", "a little before", "goes on"])
 def test_a_counter_that_is_resumed_ends_with_the_same_counts(begin, block):
     """Through a checkpoint, and whether the source goes on or sends some once more, a few rows a time."""
-    rows = np.delete(np.random.default_rng(5).normal(size=(2000, 10)), slice(300, 1900, 100), axis=0)
+    rows = np.delete(np.random.default_rng(5).normal(size=(2000, 11)), slice(300, 1900, 100), axis=0)
     rows[:, 0] = t = np.delete(np.arange(2000) * 0.01, slice(300, 1900, 100))
     whole, _ = count(t, 50)
     before, said = LossCounter(print), []

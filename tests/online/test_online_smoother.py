@@ -189,7 +189,7 @@ def test_a_long_standing_given_in_pieces_is_one_rest():
         piece = footfall_at(np.array([start]), np.array([stop]), int(start + stop) // 2, continues)
         online.add_footfall(piece, stop)
     in_pieces, whole_walk = online.smoothed(), smooth(walk.recording, walk.stances).stances
-    np.testing.assert_allclose(in_pieces.gyro_bias_sigma[-1], whole_walk.gyro_bias_sigma[-1], rtol=0.1)
+    np.testing.assert_allclose(in_pieces.gyro_bias_sigma[-1], whole_walk.gyro_bias_sigma[-1], rtol=0.15)
     np.testing.assert_allclose(in_pieces.position[last - 1], whole_walk.position[last - 1], atol=0.1)
 
 
@@ -308,10 +308,10 @@ def test_a_bias_beyond_its_prior_widens_it_as_in_batch() -> None:
     p = SmootherParameters(rest=RestParameters(shortest_s=1e3, shortest_at_end_s=1e3))
     online, batch = fed(off, OnlineOptions(parameters=p)), smooth(off.recording, off.stances, p, 0.0)
     last, whole = (
-        float(note.removeprefix("gyro bias of up to ").partition(" ")[0])
+        float(note.removeprefix("gyro bias of ").partition(" ")[0])
         for notes in (online.notes, batch.notes)
         for note in notes
-        if note.startswith("gyro bias of up to")
+        if "deg/s before the walk, one sigma" in note
     )
     assert whole > 0.5
     assert last == pytest.approx(whole, rel=0.2)  # of some footfalls less

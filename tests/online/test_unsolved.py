@@ -57,7 +57,7 @@ def stand_on(rows: np.ndarray, seconds: float) -> np.ndarray:
     """Rows of a walk whose foot stands on at its end, at 100 Hz."""
     n, rng = round(100.0 * seconds), np.random.default_rng(1)
     more = np.repeat(rows[-100:].mean(axis=0)[None], n, axis=0)
-    more[:, 1:] += rng.normal(0.0, np.repeat([0.01, 0.001, 0.3], 3), (n, 9))
+    more[:, 1:10] += rng.normal(0.0, np.repeat([0.01, 0.001, 0.3], 3), (n, 9))
     more[:, 0] = rows[-1, 0] + 0.01 * np.arange(1, n + 1)
     return np.concatenate([rows, more])
 

@@ -55,7 +55,7 @@ def test_every_mutation_is_its_seed_s_and_changes_something(recording: Recording
     rows[:, 7:10] = [20.0, 0.0, -43.0]
     for name, mutate in mutations.SAMPLE_MUTATIONS.items():
         one, again = (mutate(rows.copy(), np.random.default_rng(3)) for _ in range(2))
-        assert one.shape[1] == 10, name
+        assert one.shape[1] == 11, name
         assert np.array_equal(one, again, equal_nan=True), name
         assert not np.array_equal(one, rows, equal_nan=True), name
     for seed in range(20):
