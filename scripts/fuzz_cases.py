@@ -47,7 +47,7 @@ from fg_nav.online.record_log import read_records, write_records
 from fg_nav.recording import RawRecording
 from fg_nav.verdict import UNUSABLE
 
-FASTEST_M_S, LONGEST_STRIDE_M = 12.0, 3.0
+FASTEST_M_S, LONGEST_STRIDE_M = 12.0, 4.0
 """Beyond these a path is no walk, and must be called not to be used."""
 
 MEMORY_BYTES = 8 << 30
