@@ -138,7 +138,7 @@ def test_numbers_that_must_not_be_are_seen() -> None:
     strides = pd.DataFrame({"x_m": [0.0, 1.0, 2.0], "y_m": 0.0, "sigma_x_m": [0.0, 0.1, 0.2]})
     assert list(cases._judge_numbers(path, strides)) == list(cases._judge_motion(path, strides)) == []
     fast = path * [1.0, 3.0, 1.0, 1.0]
-    assert list(cases._judge_motion(fast, strides * 4)) == ["absurd: 15.0 m/s", "absurd: a stride of 4.0 m"]
+    assert list(cases._judge_motion(fast, strides * 5)) == ["absurd: 15.0 m/s", "absurd: a stride of 5.0 m"]
     strides.loc[1, "sigma_x_m"], path[3, 1] = 0.0, np.nan
     assert [words.split(":")[0] for words in cases._judge_numbers(path, strides)] == [
         "not finite",
