@@ -73,15 +73,17 @@ def choose_parameters(options: Options, calibration: Calibration | None = None) 
 def _smoother(walk: Walk, progress: Progress | None) -> Solution:
     from fg_nav.smoother import smooth
 
-    parameters, heading = choose_parameters(walk.options, walk.calibration), walk.options.heading_rad
-    if walk.gnss is None:
-        given = (walk.field, walk.fixes, walk.extra, walk.known)
-        return smooth(walk.recording, walk.stances, parameters, heading, progress, *given)
-    from fg_nav.gnss import describe_fixes
-    from fg_nav.smoother.gnss_factors import make_gnss_factors
+    extra, start = walk.extra, None
+    if walk.gnss is not None:  # which is not combined with factors of the user's own (`walk.check_known`)
+        from fg_nav.gnss import describe_fixes
+        from fg_nav.smoother.gnss_factors import make_gnss_factors
 
-    extra, start = make_gnss_factors(walk.gnss)
-    solution = smooth(walk.recording, walk.stances, parameters, heading, progress, walk.field, extra=extra)
+        extra, start = make_gnss_factors(walk.gnss)
+    parameters, heading = choose_parameters(walk.options, walk.calibration), walk.options.heading_rad
+    given = (walk.field, walk.fixes, extra, walk.known)
+    solution = smooth(walk.recording, walk.stances, parameters, heading, progress, *given)
+    if start is None:
+        return solution
     notes = (describe_fixes(start), *solution.notes)
     return replace(solution, notes=notes, parameters={**solution.parameters, "gnss_start": start})
 

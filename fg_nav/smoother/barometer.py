@@ -42,7 +42,6 @@ from fg_nav.factors.residual import ResidualBlock, factor_of, one_of
 from fg_nav.factors.walk_constraints import BarometerDrift, BarometricHeight
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.recording import Recording
-from fg_nav.smoother.evidence import fit_shared
 from fg_nav.smoother.graph import WalkProblem
 from fg_nav.smoother.sensitivity import SharingFactors, weigh_shared
 from fg_nav.smoother.solver import GtsamFactors, LinearizableBlock, Solved
@@ -221,8 +220,7 @@ def spread_scale(factors: BarometerFactors, solved: Solved) -> Floats:
     by_scale = -jacobians[1][:, :, :1] * heights.height[:, None]
     sharing = SharingFactors(np.concatenate(jacobians, axis=2), -residual, block.keys, by_scale)
     columns, information, pull = weigh_shared(solved.root, [sharing], 1)
-    scale, covariance, _ = fit_shared(information, pull, np.array([[SCALE_SIGMA**2]]))
-    return columns.spread(covariance + np.outer(scale, scale))
+    return columns.spread_untaken(information, pull, np.array([[SCALE_SIGMA**2]]))
 
 
 def stride_factors(

@@ -50,10 +50,7 @@ DRIFT_TAILS = 2.0  # Degrees of freedom of its prior: one sensor in fifty is wor
 RISERS_M = np.arange(0.135, 0.2201, 0.005)  # Of stairs, indoors 0.15 to 0.19.
 FLIGHT = np.array([1.0, 2.0, -1.0, -2.0])  # Risers that a foot climbs at a stride.
 MIN_STRIDE_M = 0.25  # Over ground; on stairs a stride is half a metre.
-LENGTHS = (
-    0.5,
-    1.5,
-)  # Between which the length q of a stride over the usual one counts: landings are twice as long as stairs.
+LENGTHS = (0.5, 1.5)  # Between which the length q of a stride counts: a landing is twice as long as a stair.
 PILOT, PILOT_NATS = 400, 15.0  # Strides after which values of c so much less probable are left out: for speed.
 LATTICE_NOISES_M = np.array([0.007, 0.012, 0.02, 0.035])  # Noise of a climb that are tried where the riser is found.
 LATTICE_STEP = 2  # Of the grid of c, there.
@@ -127,16 +124,15 @@ def judge_ground(step: Floats, drift_sigma_m: float) -> Ground:
     strides = length > MIN_STRIDE_M
     q = np.clip(length / max(float(np.median(length[strides])) if strides.any() else 1.0, MIN_STRIDE_M), *LENGTHS)
     riser, noise = find_riser(step[strides, 2], q[strides], drift_sigma_m)
-    chain = _Chain(step, riser)
-    chain.climb = np.where(strides, chain.climb, np.nan)
+    climb, chain = np.where(strides, step[:, 2], np.nan), _Chain(step, riser)
     drifts, log_prior = DRIFTS_M, _prior_of_drift(drift_sigma_m)
     if len(step) > PILOT:
-        seen = _pass_forth(chain.climb[:PILOT], chain.expected[:PILOT], chain.share, noise, drifts, q)[1]
+        seen = _pass_forth(climb[:PILOT], chain.expected[:PILOT], chain.share, noise, drifts, q)[1]
         log_weight = np.log(seen).sum(axis=0) + log_prior
         kept = np.flatnonzero(log_weight > log_weight.max() - PILOT_NATS)
         drifts, log_prior = (one[max(kept[0] - 1, 0) : kept[-1] + 2] for one in (drifts, log_prior))
-    level, total = _pass_forth(chain.climb, chain.expected, chain.share, noise, drifts, q)
-    level *= _pass_back(chain.climb, chain.expected, chain.share, noise, total, drifts, q)
+    level, total = _pass_forth(climb, chain.expected, chain.share, noise, drifts, q)
+    level *= _pass_back(climb, chain.expected, chain.share, noise, total, drifts, q)
     log_weight = np.log(total).sum(axis=0) + log_prior
     weight = np.exp(log_weight - log_weight.max())
     weight /= weight.sum()
@@ -196,7 +192,6 @@ class _Chain:
         both_ways = np.concatenate([slopes, -slopes])
         on_planes = step[:, :2] @ gradients.T
         on_curves = np.linalg.norm(step[:, :2], axis=1)[:, None] * both_ways
-        self.climb = step[:, 2]
         self.expected = np.hstack(
             [np.zeros((len(step), 2)), np.tile(FLIGHT * riser, (len(step), 1)), on_planes, on_curves]
         )

@@ -188,21 +188,20 @@ def spread_clipped_peaks(problem: WalkProblem, solved: Solved) -> Floats:
     clipped = np.flatnonzero(np.concatenate([side.any(axis=0) for side in sides]))
     if not len(clipped):
         return np.zeros((solved.root.total, 0))
-    parts = zip(*(_share_rate_errors(problem, solved.linearized_at, side) for side in sides), strict=True)
-    joined = (one._replace(C=np.concatenate([one.C, other.C], axis=2)[:, :, clipped]) for one, other in parts)
-    columns, information, pull = weigh_shared(solved.root, joined, len(clipped))
-    found, covariance, _ = fit_shared(information, pull, np.eye(len(clipped)))
-    return columns.spread(covariance + np.outer(found, found))
+    shared = _share_rate_errors(problem, solved.linearized_at, *sides)
+    parts = (one._replace(C=one.C[:, :, clipped]) for one in shared)
+    columns, information, pull = weigh_shared(solved.root, parts, len(clipped))
+    return columns.spread_untaken(information, pull, np.eye(len(clipped)))
 
 
-def _share_rate_errors(problem: WalkProblem, values: gtsam.Values, error: Floats) -> Iterator[SharingFactors]:
-    """Yield the inertial factors with their columns of three numbers, one an axis, of an error of the rate.
+def _share_rate_errors(problem: WalkProblem, values: gtsam.Values, *errors: Floats) -> Iterator[SharingFactors]:
+    """Yield the inertial factors with their columns of three numbers, one an axis, for each error of the rate.
 
-    `error` (N, 3) is what an axis reads too much for a unit of its number, rad/s.
+    An error (N, 3) is what an axis reads too much for a unit of its number, rad/s.
     """
     recording, nodes, graph = problem.recording, problem.nodes, problem.graph
-    force, rate = recording.integrable
-    moved = sense_rate_error(recording.t, force, rate, nodes.sample, _list_rate_biases(problem, values), error)
+    given = recording.t, *recording.integrable, nodes.sample, _list_rate_biases(problem, values)
+    moved = np.concatenate([sense_rate_error(*given, error) for error in errors], axis=2)
     drop_pages()
     moved[:, 6:] = list_attitudes(range(1, len(nodes)), values) @ moved[:, 6:]
     moved = moved[~cross_holes(recording.t, nodes.sample)]

@@ -27,7 +27,6 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.factors.zero_velocity import StanceVelocity
 from fg_nav.samples.gaps import cross_holes
-from fg_nav.smoother.evidence import fit_shared
 from fg_nav.smoother.graph import WalkProblem
 from fg_nav.smoother.sensitivity import SharedColumns, SharingFactors, weigh_shared
 from fg_nav.smoother.solver import Solved, list_positions
@@ -41,9 +40,7 @@ LONGEST_STRIDE_S = 1.5  # What is longer was standing.
 def spread_moving_foot(problem: WalkProblem, solved: Solved) -> Floats:
     """Return by how much the walk moves (N, 2), for numbers of unit covariance, with what is not known of c."""
     columns, information, pull = weigh_moving_foot(problem, solved)
-    prior = np.diag([FORWARD_SIGMA**2, SIDEWAYS_SIGMA**2])
-    share, covariance, _ = fit_shared(information, pull, prior)
-    return columns.spread(covariance + np.outer(share, share))
+    return columns.spread_untaken(information, pull, np.diag([FORWARD_SIGMA**2, SIDEWAYS_SIGMA**2]))
 
 
 def weigh_moving_foot(problem: WalkProblem, solved: Solved) -> tuple[SharedColumns, Floats, Floats]:

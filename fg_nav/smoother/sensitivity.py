@@ -17,6 +17,7 @@ import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.factors.residual import Keys
+from fg_nav.smoother.evidence import fit_shared
 from fg_nav.smoother.solver import residuals_at_minimum
 from fg_nav.smoother.square_root import SquareRoot
 from fg_nav.system.spilled import drop_pages
@@ -37,6 +38,14 @@ class SharedColumns:
     def spread(self, covariance: Floats) -> Floats:
         """Return by how much the walk moves (N, n) with numbers of unit covariance, for one (n, n) of s."""
         return np.asarray(self.solve() @ np.linalg.cholesky(covariance))
+
+    def spread_untaken(self, information: Floats, pull: Floats, prior: Floats) -> Floats:
+        """Return the same for numbers that are not taken off, with what the walk says of them and the prior (n, n).
+
+        Their covariance is the second moment about the solution, in which they are zero (`evidence.fit_shared`).
+        """
+        found, covariance, _ = fit_shared(information, pull, prior)
+        return self.spread(covariance + np.outer(found, found))
 
 
 class SharingFactors(NamedTuple):
