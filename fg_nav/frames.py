@@ -39,19 +39,17 @@ def turn_heading(nav_R_body: Floats) -> Floats:
 
 
 def level_attitude(body_up: Floats, heading: float = 0.0) -> Floats:
-    """Attitude (3, 3) whose z row is `body_up` (3,), the direction of up in the body, and with this heading in rad.
+    """Attitude (..., 3, 3) whose z row is `body_up` (..., 3), the direction of up in the body, with a heading in rad.
 
     With the x axis within a hair of vertical the heading is that of no axis in particular.
     """
-    up = body_up / np.linalg.norm(body_up)
-    forward = np.array([1.0, 0.0, 0.0]) - up[0] * up
-    if np.linalg.norm(forward) < 1e-6:
-        forward = np.array([0.0, 0.0, 1.0]) - up[2] * up
-    forward /= np.linalg.norm(forward)
+    up = body_up / np.linalg.norm(body_up, axis=-1, keepdims=True)
+    of_x, of_z = (axis - up[..., k, None] * up for k, axis in ((0, np.eye(3)[0]), (2, np.eye(3)[2])))
+    forward = np.where(np.linalg.norm(of_x, axis=-1, keepdims=True) < 1e-6, of_z, of_x)
+    forward = forward / np.linalg.norm(forward, axis=-1, keepdims=True)
     left = np.cross(up, forward)
-    return np.stack(
-        [np.sin(heading) * forward - np.cos(heading) * left, np.cos(heading) * forward + np.sin(heading) * left, up]
-    )
+    east = np.sin(heading) * forward - np.cos(heading) * left
+    return np.stack([east, np.cos(heading) * forward + np.sin(heading) * left, up], axis=-2)
 
 
 def wrap_angle(angle: Floats) -> Floats:

@@ -21,7 +21,7 @@ import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.detection import find_rests
-from fg_nav.detection.handedness import LOOKED_S
+from fg_nav.detection.handedness import LOOKED_S, find_stance_strides
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.mechanisation import integrate_strides
 from fg_nav.recording import Recording
@@ -31,7 +31,6 @@ BIAS_M_S2, SCALE_SIGMA = (0.02, 0.4), (0.003, 0.01)  # Zero-g offset and sensiti
 PRIOR = (0.9, 0.1)  # Of these two sensors, before the walk.
 REST_M_S2, STRIDE_M_S, COMMON_M_S2 = 0.025, 0.15, 0.1  # Of ||f|| at a rest, of a stride's velocity, and c.
 MAX_READINGS = 40  # Strides and rests that are looked at of each, evenly over the recording: more tell no more.
-MAX_STRIDE_S = 2.5  # Between stances that are further apart the foot stood, or some were missed.
 
 
 def average_out_error(recording: Recording, stances: Stances) -> Recording:
@@ -69,16 +68,14 @@ def _read_sizes(recording: Recording, stances: Stances) -> tuple[Floats, Floats,
     turned = np.tile(np.eye(3), (len(rests), 1, 1))
     sigma, common = np.full(len(rests), REST_M_S2), np.zeros(len(rests))
     # strides in which no sensor was clipped
-    n, foot = len(recording), stances.stillest(recording.gyr) if len(stances) else np.zeros(0, dtype=np.int64)
-    n = min(n, int(np.searchsorted(recording.t, recording.t[0] + LOOKED_S)))
-    foot = foot[foot < n]
+    start, stop = find_stance_strides(recording, stances)
+    cut = np.cumsum(np.any([(peaks.run > 0).any(axis=1) for peaks in recording.peaks], axis=0))
+    kept = np.flatnonzero(cut[stop] == cut[start])
+    kept = kept[:: max(1, -(-len(kept) // MAX_READINGS))]
+    start, stop = start[kept], stop[kept]
+    n = int(np.searchsorted(recording.t, recording.t[0] + LOOKED_S))
     t, acc, gyr = recording.t[:n], recording.acc[:n], recording.gyr[:n]
     h = np.append(np.diff(t), recording.period_s)
-    cut = np.cumsum(np.any([(peaks.run > 0).any(axis=1) for peaks in recording.peaks], axis=0))
-    whole = (cut[foot[1:]] == cut[foot[:-1]]) & (np.diff(t[foot]) < MAX_STRIDE_S)
-    kept = np.flatnonzero(whole)
-    kept = kept[:: max(1, -(-len(kept) // MAX_READINGS))]
-    start, stop = foot[:-1][kept], foot[1:][kept]
     rate = np.tile(np.mean([rest.rate for rest in rests], axis=0) if rests else np.zeros(3), (len(kept), 1))
     lasts = (t[stop] - t[start])[:, None]
 

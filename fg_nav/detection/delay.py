@@ -20,8 +20,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fg_nav.arrays import Floats
-from fg_nav.detection.handedness import LOOKED_S, find_strides_of, measure_up
+from fg_nav.arrays import Floats, Ints
+from fg_nav.detection.handedness import LOOKED_S, average_force, find_strides_of
 from fg_nav.frames import GRAVITY_M_S2, level_attitude
 from fg_nav.mechanisation import integrate_strides
 from fg_nav.recording import Recording
@@ -77,17 +77,24 @@ def estimate_gyro_delay(recording: Recording) -> GyroDelay | None:
     start, stop = find_strides_of(t, recording.acc[looked], recording.gyr[looked])
     if len(start) < FEWEST_STRIDES:
         return None
-    h = np.diff(t, append=2 * t[-1] - t[-2])
+    up_start, up_stop = (average_force(t, acc, sample) for sample in (start, stop))
+    # The samples of the strides alone.
+    rows = np.unique(np.concatenate([np.arange(a, b + 1) for a, b in zip(start, stop, strict=True)]))
+    h, acc = np.diff(t, append=2 * t[-1] - t[-2])[rows], acc[rows]
+    start, stop = np.searchsorted(rows, start), np.searchsorted(rows, stop)
+
+    def read_rate(tau_s: float) -> Floats:
+        return read_rate_at(t, gyr, tau_s, rows)
 
     def miss(x: Floats, rate: Floats) -> Floats:
         """Return r (K, 6) with the rate at the stamps less tau."""
-        force = acc - x[4:]
-        attitude = np.array([level_attitude(up) for up in measure_up(t, force, start)])
-        bias = np.tile(x[1:4], (len(start), 1))
-        velocity = integrate_strides(force, rate, h, start, stop, attitude, bias, GRAVITY_M_S2)
-        return np.hstack([velocity / VELOCITY_M_S, (attitude[:, 2] - measure_up(t, force, stop)) / UP])
+        attitude, bias = level_attitude(up_start - x[4:]), np.tile(x[1:4], (len(start), 1))
+        velocity = integrate_strides(acc - x[4:], rate, h, start, stop, attitude, bias, GRAVITY_M_S2)
+        up = up_stop - x[4:]
+        up /= np.linalg.norm(up, axis=1, keepdims=True)
+        return np.hstack([velocity / VELOCITY_M_S, (attitude[:, 2] - up) / UP])
 
-    found = [_find_least(t, gyr, miss, tau_s) for tau_s in STARTS_S]
+    found = [_find_least(read_rate, miss, tau_s) for tau_s in STARTS_S]
     _, x, H, scores, square = min(found, key=lambda one: one[0])
     if np.median(square) > STRIDES_LEFT or not abs(x[0]) < 2 * MOST_S:
         return None
@@ -96,14 +103,14 @@ def estimate_gyro_delay(recording: Recording) -> GyroDelay | None:
 
 
 def _find_least(
-    t: Floats, gyr: Floats, miss: Callable[[Floats, Floats], Floats], tau_s: float
+    read_rate: Callable[[float], Floats], miss: Callable[[Floats, Floats], Floats], tau_s: float
 ) -> tuple[float, Floats, Floats, Floats, Floats]:
     """Gauss-Newton from a delay on: cost, unknowns (7,), normal matrix, scores (K, 7) and |r|^2 (K,)."""
     x, information = np.array([tau_s, *[0.0] * 6]), 1.0 / BIAS_SIGMA**2
     for _ in range(MOST_STEPS):
-        rate = read_rate_at(t, gyr, x[0])
+        rate = read_rate(x[0])
         r = miss(x, rate)
-        rates = [read_rate_at(t, gyr, x[0] + STEP[0]), *[rate] * 6]
+        rates = [read_rate(x[0] + STEP[0]), *[rate] * 6]
         J = np.stack([(miss(x + row, own) - r) / row.sum() for row, own in zip(np.diag(STEP), rates, strict=True)], 2)
         square = (r**2).sum(axis=1)
         scores = np.einsum("kij,ki->kj", J, r) / (1.0 + square / 4.0)[:, None]
@@ -116,9 +123,9 @@ def _find_least(
     return float(np.log1p(square / 4.0).sum()), x, H, scores, square
 
 
-def read_rate_at(t: Floats, gyr: Floats, tau_s: float) -> Floats:
-    """Rates (N, 3) at the stamps (N,) s plus tau, on straight lines."""
-    return np.column_stack([np.interp(t + tau_s, t, gyr[:, axis]) for axis in range(3)])
+def read_rate_at(t: Floats, gyr: Floats, tau_s: float, rows: Ints | slice = np.s_[:]) -> Floats:
+    """Rates (R, 3) at the stamps t (N,) s of these rows plus tau, on straight lines."""
+    return np.column_stack([np.interp(t[rows] + tau_s, t, gyr[:, axis]) for axis in range(3)])
 
 
 def remove_gyro_delay(recording: Recording) -> Recording:

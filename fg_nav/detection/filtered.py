@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.detection.handedness import DECISIVE, LOOKED_S
+from fg_nav.detection.handedness import DECISIVE, LOOKED_S, find_stance_strides
 from fg_nav.errors import RecordingError
 from fg_nav.mechanisation import integrate_strides
 from fg_nav.recording import Recording
@@ -33,7 +33,7 @@ from fg_nav.stances import Stances
 GAIT_HZ, STRIKE_HZ = (1.0, 4.0), (8.0, 12.0)
 SPECTRUM_S = 4.0  # Pieces of which the power is averaged.
 UP_S = 0.05  # Around the stillest sample, in which the specific force points up.
-MAX_STRIDE_S, MIN_STRIDES = 2.5, 12  # Stances further apart are a pause; four unknowns want more strides.
+MIN_STRIDES = 12  # Four unknowns want more strides.
 
 
 def measure_smoothing(recording: Recording) -> float:
@@ -75,34 +75,32 @@ def refuse_high_pass(recording: Recording, stances: Stances) -> None:
 
 def measure_high_pass(recording: Recording, stances: Stances) -> HighPass:
     """Find the high-pass that strides show; no evidence where there are too few."""
-    foot = stances.stillest(recording.gyr) if len(stances) else np.zeros(0, dtype=np.int64)
-    n = int(np.searchsorted(recording.t, recording.t[0] + LOOKED_S))
-    foot, t, acc, gyr = foot[foot < n], recording.t[:n], recording.acc[:n], recording.gyr[:n]
-    h = np.append(np.diff(t), recording.period_s)
-    near = np.flatnonzero(np.diff(t[foot]) < MAX_STRIDE_S)
-    if len(near) < MIN_STRIDES:
+    start, stop = find_stance_strides(recording, stances)
+    if len(start) < MIN_STRIDES:
         return HighPass(0.0, 0.0)
-    start, stop = foot[near], foot[near + 1]
+    n = int(np.searchsorted(recording.t, recording.t[0] + LOOKED_S))
+    t, acc, gyr = recording.t[:n], recording.acc[:n], recording.gyr[:n]
+    h = np.append(np.diff(t), recording.period_s)
     # up in the body, and where the gyroscope takes it
     reach = max(1, round(UP_S / recording.period_s))
     force = np.vstack([np.zeros(3), np.cumsum(acc, axis=0)])
-    up = force[np.minimum(foot + reach + 1, len(t))] - force[np.maximum(foot - reach, 0)]
-    up /= np.linalg.norm(up, axis=1, keepdims=True)
-    turn, none = np.tile(np.eye(3), (len(near), 1, 1)), np.zeros((len(near), 3))
+    before, up = (force[np.minimum(at + reach + 1, n)] - force[np.maximum(at - reach, 0)] for at in (start, stop))
+    before, up = (one / np.linalg.norm(one, axis=1, keepdims=True) for one in (before, up))
+    turn, none = np.tile(np.eye(3), (len(start), 1, 1)), np.zeros((len(start), 3))
     integrate_strides(acc, gyr, h, start, stop, turn, none, 0.0)
-    miss = up[near + 1] - np.einsum("kji,kj->ki", turn, up[near])
+    miss = up - np.einsum("kji,kj->ki", turn, before)
     # what a high-pass and a bias make of it
     taken = np.cumsum(np.cumsum((gyr - gyr.mean(axis=0)) * h[:, None], axis=0) * h[:, None], axis=0)
     lasts = (t[stop] - t[start])[:, None]
     columns = [taken[stop] - taken[start], *(lasts * one for one in np.eye(3))]
-    design = np.stack([np.cross(up[near + 1], column) for column in columns], axis=2)
-    weight = np.ones(len(near))
+    design = np.stack([np.cross(up, column) for column in columns], axis=2)
+    weight = np.ones(len(start))
     for _ in range(10):
         found = _solve(design, miss, weight)
         left = np.sum((miss - design @ found) ** 2, axis=1)
         weight = 1.0 / (1.0 + left / (4.0 * max(float(np.median(left)), 1e-30)))
     without = np.sum((miss - design[:, :, 1:] @ _solve(design[:, :, 1:], miss, weight)) ** 2, axis=1)
-    gain = len(near) * np.log(max(float(weight @ without), 1e-30) / max(float(weight @ left), 1e-30))
+    gain = len(start) * np.log(max(float(weight @ without), 1e-30) / max(float(weight @ left), 1e-30))
     return HighPass(float(found[0]), float(gain) if found[0] > 0.0 else 0.0)
 
 

@@ -37,6 +37,7 @@ from fg_nav.frames import GRAVITY_M_S2, level_attitude
 from fg_nav.mechanisation import integrate_strides
 from fg_nav.recording import MAX_GAP_S, Recording
 from fg_nav.samples.saturation import rebuild_peaks
+from fg_nav.stances import Stances
 from fg_nav.text import format_count
 
 APART_S = 0.35
@@ -59,6 +60,8 @@ MOST_STRIDES = 40
 
 LOOKED_S = 600.0
 """From the first sample on: axes do not change in a recording."""
+
+MAX_STRIDE_S = 2.5  # Between stances that are further apart the foot stood, or some were missed.
 
 AXES = np.array(
     [np.diag(sign)[list(order)] for sign in product((1.0, -1.0), repeat=3) for order in permutations(range(3))]
@@ -132,7 +135,7 @@ def measure_axes(t: Floats, acc: Floats, gyr: Floats) -> AxesEvidence:
     if not len(start):
         return NO_EVIDENCE
     acc, gyr = (rebuild_peaks(samples, period_s).whole for samples in (acc, gyr))
-    attitude = np.array([level_attitude(up) for up in measure_up(t, acc, start)])
+    attitude = level_attitude(measure_up(t, acc, start))
     up = measure_up(t, acc, stop)
     h = np.diff(t, append=2 * t[-1] - t[-2])
     velocity, tilt = zip(*(_integrate(h, acc, gyr @ M.T, start, stop, attitude, up) for M in AXES), strict=True)
@@ -193,12 +196,26 @@ def _integrate(
     return velocity, tilt
 
 
+def find_stance_strides(recording: Recording, stances: Stances) -> tuple[Ints, Ints]:
+    """First and last sample (K,) of the strides in `LOOKED_S`, from stillest sample to stillest, without pauses."""
+    foot = stances.stillest(recording.gyr) if len(stances) else np.zeros(0, dtype=np.int64)
+    foot = foot[foot < np.searchsorted(recording.t, recording.t[0] + LOOKED_S)]
+    near = np.flatnonzero(np.diff(recording.t[foot]) < MAX_STRIDE_S)
+    return foot[near], foot[near + 1]
+
+
 def measure_up(t: Floats, acc: Floats, sample: Ints) -> Floats:
     """Direction of up (K, 3) in the body about samples, over `WINDOW_S`."""
+    mean = average_force(t, acc, sample)
+    return np.asarray(mean / np.linalg.norm(mean, axis=1)[:, None])
+
+
+def average_force(t: Floats, acc: Floats, sample: Ints) -> Floats:
+    """Mean specific force (K, 3) m/s^2 about samples, over `WINDOW_S`."""
     sums = np.vstack([np.zeros(3), np.cumsum(acc, axis=0)])
     first, last = (np.searchsorted(t, t[sample] + side * WINDOW_S / 2) for side in (-1, 1))
-    mean = sums[np.minimum(np.maximum(last, first + 1), len(acc))] - sums[first]
-    return np.asarray(mean / np.linalg.norm(mean, axis=1)[:, None])
+    last = np.minimum(np.maximum(last, first + 1), len(acc))
+    return np.asarray((sums[last] - sums[first]) / (last - first)[:, None])
 
 
 def _describe_axes(M: Floats) -> str:

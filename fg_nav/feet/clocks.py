@@ -271,7 +271,7 @@ def list_swings(recording: Recording, stances: Stances) -> Swings:
 def _sum_turns(recording: Recording, sample: Ints) -> Floats:
     """Heading (F,) rad at footfalls, from zero, counter-clockwise: what each stride turned about up."""
     acc, gyr = recording.integrable
-    level = np.array([level_attitude(up) for up in acc[sample[:-1]]]).reshape(-1, 3, 3)
+    level = level_attitude(acc[sample[:-1]])
     attitude, h = level.copy(), np.append(np.diff(recording.t), recording.period_s)
     integrate_strides(acc, gyr, h, sample[:-1], sample[1:], attitude, np.zeros((len(level), 3)), GRAVITY_M_S2)
     turn = attitude @ np.swapaxes(level, 1, 2)
