@@ -13,7 +13,8 @@ import csv
 import io
 import os
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -109,6 +110,15 @@ class Content:
         if self.encoding == "utf-16":
             return io.BytesIO(self.read_text().encode())
         return self.path if self.fetch is None else io.BytesIO(self.fetch(None))
+
+
+@contextmanager
+def explain_missing(name: str, what: str, library: str, extra: str) -> Iterator[None]:
+    """Raise `FormatError` with the extra to install, where the library that reads a file is imported and absent."""
+    try:
+        yield
+    except ImportError:
+        raise FormatError(f"{name} is {what}, which {library} reads: pip install 'fg-nav[{extra}]'.") from None
 
 
 def split_lines(text: str) -> list[str]:

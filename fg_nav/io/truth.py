@@ -22,7 +22,7 @@ from fg_nav.arrays import Floats
 from fg_nav.errors import FormatError
 from fg_nav.frames import quaternion_xyzw
 from fg_nav.io.choice import choose_sensor
-from fg_nav.io.content import Content, load_mat, mat_array, read_content
+from fg_nav.io.content import Content, explain_missing, load_mat, mat_array, read_content
 from fg_nav.io.readers.canonical import format_rows, write_text
 from fg_nav.io.text_columns import find_column, read_table
 from fg_nav.system.spilled import drop_pages
@@ -93,10 +93,8 @@ def read_c3d(content: Content, marker: str | None = None) -> TrajectoryTruth:
     Raises `FormatError` if the file is damaged, the library absent, or it is not said which of several markers to take.
     """
     path = content.path
-    try:
+    with explain_missing(path.name, "a C3D file", "ezc3d", "c3d"):
         import ezc3d
-    except ImportError:
-        raise FormatError(f"{path.name} is a C3D file, which ezc3d reads: pip install 'fg-nav[c3d]'.") from None
     try:
         file = ezc3d.c3d(str(path))
         point, frames = file["parameters"]["POINT"], np.asarray(file["data"]["points"], dtype=np.float64)

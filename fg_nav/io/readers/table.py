@@ -38,7 +38,7 @@ from fg_nav.columns.samples import convert_samples, list_positions
 from fg_nav.columns.units import Quantity
 from fg_nav.errors import FgNavError, FormatError
 from fg_nav.io.choice import choose_sensor
-from fg_nav.io.content import Content, load_mat
+from fg_nav.io.content import Content, explain_missing, load_mat
 from fg_nav.io.layout import FEWEST_NUMBERS, find_layout
 from fg_nav.io.text_columns import drop_held
 from fg_nav.recording import Provenance, RawRecording, Recording
@@ -249,10 +249,8 @@ def _are_arrays(content: Content) -> bool:
 
 def _open_parquet(content: Content) -> Table:
     name = content.path.name
-    try:
+    with explain_missing(name, "a Parquet file", "pyarrow", "parquet"):
         import pyarrow.parquet
-    except ImportError:
-        raise FormatError(f"{name} is a Parquet file, which pyarrow reads: pip install 'fg-nav[parquet]'.") from None
     try:
         frame = pyarrow.parquet.read_table(content.source()).to_pandas()
     except Exception as error:  # pyarrow raises its own errors, OSError and ValueError on damaged files
@@ -269,10 +267,8 @@ def _open_sheet(content: Content) -> Table:
     import pandas as pd
 
     name = content.path.name
-    try:
+    with explain_missing(name, "an Excel file", "openpyxl", "xlsx"):
         import openpyxl  # noqa: F401
-    except ImportError:
-        raise FormatError(f"{name} is an Excel file, which openpyxl reads: pip install 'fg-nav[xlsx]'.") from None
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -335,10 +331,8 @@ def _open_npy(content: Content) -> Table:
 
 def _open_hdf5(content: Content) -> Table:
     name = content.path.name
-    try:
+    with explain_missing(name, "an HDF5 file", "h5py", "hdf5"):
         import h5py
-    except ImportError:
-        raise FormatError(f"{name} is an HDF5 file, which h5py reads: pip install 'fg-nav[hdf5]'.") from None
     arrays: dict[str, np.ndarray[Any, Any]] = {}
 
     def keep(place: str, node: Any) -> None:
