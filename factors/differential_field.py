@@ -42,14 +42,9 @@ import numpy as np
 from .residual import BIAS, Array
 from .rotation import Ints, skew
 
-LEAST_SHARE = 1e-9
-"""Of the largest information, below which there is none: rounding."""
-
-LEAST_INFORMATION = 1.0
-"""On a bias, s^2/rad^2: any bias is less than 1 rad/s."""
-
-GYRO = slice(3, 6)
-"""Of a bias, whose first half is that of the accelerometer."""
+MIN_SHARE = 1e-9  # Of the largest information, below which there is none: rounding.
+MIN_INFORMATION = 1.0  # On a bias, s^2/rad^2: any bias is less than 1 rad/s.
+GYRO = slice(3, 6)  # Of a bias, whose first half is that of the accelerometer.
 
 
 @dataclass(frozen=True)
@@ -128,14 +123,14 @@ class BiasInformation:
         matrix, vector = self.matrix.copy(), self.vector.copy()
         matrix[3:, 3:] += known
         vector[3:] += known @ before.mean_uT
-        matrix[:3, :3] += LEAST_INFORMATION * np.eye(3)
+        matrix[:3, :3] += MIN_INFORMATION * np.eye(3)
         covariance = np.asarray(np.linalg.inv(matrix), dtype=np.float64)
         return Iron((covariance @ vector)[3:], covariance[3:, 3:])
 
     def residual(self) -> DifferentialField:
         """Return it as the residual of a factor; rows of zeros where there is no information."""
         values, axes = np.linalg.eigh(self.matrix)
-        known = (values > LEAST_SHARE * values[..., -1:]) & (values > 0.0)
+        known = (values > MIN_SHARE * values[..., -1:]) & (values > 0.0)
         root = np.sqrt(np.where(known, values, 1.0))
         rows = np.swapaxes(axes, -1, -2)
         target = np.where(known, (rows @ self.vector[..., None])[..., 0] / root, 0.0)
@@ -230,8 +225,7 @@ def measure_bias(stretches: FieldStretches, noise: FieldNoise, most: int) -> Str
     return StretchInformation.join(found)
 
 
-AT_ONCE = 64
-"""Stretches that are in memory together."""
+AT_ONCE = 64  # Stretches that are in memory together.
 
 
 def _measure_bias(stretches: FieldStretches, noise: FieldNoise, most: int) -> StretchInformation:
@@ -321,7 +315,7 @@ def _eliminate_field(gram: Array, count: Ints, gyro_bias: Array, iron: Iron) -> 
 def _explained(matrix: Array, eta: Array, iron: Iron) -> Array:
     """What the best bias and the best iron of each stretch (S,) take off chi-square, with what is known of the iron."""
     known = np.zeros((6, 6))
-    known[:3, :3], known[3:, 3:] = LEAST_INFORMATION * np.eye(3), np.linalg.inv(iron.covariance)
+    known[:3, :3], known[3:, 3:] = MIN_INFORMATION * np.eye(3), np.linalg.inv(iron.covariance)
     offset = np.append(np.zeros(3), known[3:, 3:] @ iron.mean_uT)
     best = np.linalg.solve(matrix + known, (eta + offset)[..., None])[..., 0]
     return np.asarray((best * (eta + offset)).sum(axis=-1) - iron.mean_uT @ offset[3:])

@@ -131,12 +131,10 @@ import numpy as np
 from .residual import Array, hold_cauchy
 from .rotation import turn_from
 
-SIZE = 9
-"""Numbers of a state."""
+SIZE = 9  # Numbers of a state.
 
 PHI, DELTA, EAST, NORTH = 0, 1, 4, 5
-REGION, E_H, IRON = slice(2, 4), slice(4, 6), slice(6, 9)
-"""Where its parts stand."""
+REGION, E_H, IRON = slice(2, 4), slice(4, 6), slice(6, 9)  # Where its parts stand.
 
 
 @dataclass(frozen=True)
@@ -197,8 +195,7 @@ def across_field(nav_field: Array, horizontal: Array) -> Array:
     return np.asarray((nav_field[..., :2] * across_direction(horizontal)).sum(axis=-1))
 
 
-TAIL_SIGMAS = 3.0
-"""c: a footfall beside a magnet keeps half its weight at this many sigmas, a tenth at nine."""
+TAIL_SIGMAS = 3.0  # c: a footfall beside a magnet keeps half its weight at this many sigmas, a tenth at nine.
 
 
 @dataclass(frozen=True)
@@ -321,8 +318,7 @@ def integrate_field(
     return LineIntegral(u=out[:, 0], s=out[:, 1:4], moment=out[:, 4:])
 
 
-_BLOCK_ROWS = 1 << 16
-"""That are integrated at once."""
+_BLOCK_ROWS = 1 << 16  # That are integrated at once.
 
 
 def _integrate_steps(R: Array, step: Array, body_field: Array, vertical_uT: float) -> Array:

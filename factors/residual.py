@@ -90,8 +90,7 @@ class _Bias(int):
     """Dimension of a bias, distinguished from that of a pose by its type."""
 
 
-BIAS = _Bias(6)
-"""A gtsam.imuBias.ConstantBias, passed as its vector (..., 6): accelerometer, then gyroscope."""
+BIAS = _Bias(6)  # A gtsam.imuBias.ConstantBias, passed as its vector (..., 6): accelerometer, then gyroscope.
 
 
 Keys = NDArray[np.uint64]
@@ -127,8 +126,7 @@ def _read(values: gtsam.Values, key: int, dim: int) -> Array:
     return values.atPose3(key).matrix() if dim == POSE else values.atVector(key)
 
 
-FEW = 16
-"""Variables that are sooner read one by one than all of their kind together."""
+FEW = 16  # Variables that are sooner read one by one than all of their kind together.
 
 
 def read_variables(values: gtsam.Values, keys: Array | Sequence[int], dim: int) -> Array:
@@ -145,8 +143,7 @@ def read_variables(values: gtsam.Values, keys: Array | Sequence[int], dim: int) 
     return np.array([_read(values, int(key), dim) for key in keys])
 
 
-LETTER_SHIFT = 56
-"""A gtsam key carries its letter in the highest byte."""
+LETTER_SHIFT = 56  # A gtsam key carries its letter in the highest byte.
 
 
 def _read_poses(values: gtsam.Values) -> Array:
@@ -184,8 +181,7 @@ def _linear(keys: Sequence[int], b: Array, H: Sequence[Array], noise: gtsam.nois
     return factor
 
 
-_JACOBIAN_FACTOR: Any = gtsam.JacobianFactor
-"""Of any number of keys, which its types do not say."""
+_JACOBIAN_FACTOR: Any = gtsam.JacobianFactor  # Of any number of keys, which its types do not say.
 
 
 def hold_cauchy(square: Array, sigmas: float) -> tuple[Array, Array]:

@@ -77,8 +77,7 @@ import numpy as np
 
 from .residual import Array, hold_cauchy
 
-QUARTER = 0.5 * np.pi
-"""Between the directions of a building, rad."""
+QUARTER = 0.5 * np.pi  # Between the directions of a building, rad.
 
 
 def odds_of_elsewhere(sigma: float, share: float) -> float:

@@ -39,24 +39,19 @@ from fg_nav.text import format_count
 from fg_nav.truth import FootprintTruth, TrajectoryTruth, Truth
 from fg_nav.walk import Options, Walk, add_known, check_known, evaluate_solution, measure_field, read_walk
 
-FEET_METHODS = ("smoother", "inertial")
-"""Methods that solve both feet."""
+FEET_METHODS = ("smoother", "inertial")  # Methods that solve both feet.
 
 Order: TypeAlias = Literal["left,right", "right,left"]
 """Feet of the first and of the second recording."""
 
-FEWEST_FOOTFALLS = 4
-"""Of a foot that walked: three strides or fewer are no walk (`fg_nav.verdict`)."""
+MIN_FOOTFALLS = 4  # Of a foot that walked: three strides or fewer are no walk (`fg_nav.verdict`).
+LOST_SHARE = 0.5  # Of the other foot's footfalls: a foot with fewer recorded for less than half of the walk.
 
-LOST_SHARE = 0.5
-"""Of the other foot's footfalls: a foot with fewer recorded for less than half of the walk."""
-
-LONGEST_GAP_S = 3600.0
+MAX_GAP_S = 3600.0
 """A recording that was interrupted keeps all its parts, as the other foot goes on between them; a longer gap is that of
 a clock which was set."""
 
-CLEAR_SIGMAS = 3.0
-"""From zero, at which the width shows which foot is which."""
+CLEAR_SIGMAS = 3.0  # From zero, at which the width shows which foot is which.
 
 
 def navigate_feet(
@@ -175,7 +170,7 @@ def _check_pair(truth: object, sides: str | None) -> None:
 
 
 def _read(given: Recording | Path | str | Walk, truth: Truth | Path | str | None, options: Options | None) -> Walk:
-    reading = Reading(longest_gap_s=LONGEST_GAP_S)
+    reading = Reading(longest_gap_s=MAX_GAP_S)
     walk = given if isinstance(given, Walk) else read_walk(given, options or Options(), reading)
     return add_known(walk, None, truth)
 
@@ -203,7 +198,7 @@ def _prepare_both(walks: Sequence[Walk]) -> tuple[list[Walk], dict[int, str]]:
         alone, name = replace(walk, options=replace(walk.options, heading_deg=None, mount="foot")), _name(walk, number)
         try:
             alone = _prepare_parts(alone)
-            if alone.stances.n_footfalls >= FEWEST_FOOTFALLS:
+            if alone.stances.n_footfalls >= MIN_FOOTFALLS:
                 check_known(alone)
         except DetectionError as error:
             lost[number] = f"{name}: {error}"
@@ -211,7 +206,7 @@ def _prepare_both(walks: Sequence[Walk]) -> tuple[list[Walk], dict[int, str]]:
             raise error if name in str(error) else type(error)(f"{name}: {error}") from None
         else:
             count = alone.stances.n_footfalls
-            if count < FEWEST_FOOTFALLS:
+            if count < MIN_FOOTFALLS:
                 lost[number] = f"{name} has {format_count(count, 'footfall')}"
         prepared.append(alone)
     if len(lost) == len(walks):

@@ -20,8 +20,7 @@ Value: TypeAlias = Scalar | list[Any] | None
 Changes: TypeAlias = tuple[tuple[str, Value], ...]
 """Dotted names and values."""
 
-LARGEST, MOST = 1e100, 1000
-"""No parameter is larger, and no whole one, which counts rounds or footfalls."""
+LARGEST, MOST = 1e100, 1000  # No parameter is larger, and no whole one, which counts rounds or footfalls.
 
 SCALARS = (bool, int, float, str)
 

@@ -32,11 +32,8 @@ ONLINE = "online"
 
 SMOOTHER = "smoother"
 
-CARD: Literal["card"] = "card"
-"""The smoother with `Options.magnetic` "card"."""
-
-CARD_CHANGES: Changes = (("magnetic.potential", False), ("walk.places", False))
-"""What makes it of the smoother."""
+CARD: Literal["card"] = "card"  # The smoother with `Options.magnetic` "card".
+CARD_CHANGES: Changes = (("magnetic.potential", False), ("walk.places", False))  # What makes it of the smoother.
 
 WITH_EXTRA = ("smoother", CARD, "inertial")
 """Those that take factors of the user's own: a walk in progress has not all its variables yet."""
@@ -96,8 +93,7 @@ def _inertial(walk: Walk, progress: Progress | None) -> Solution:
     return replace(_smoother(replace(walk, field=None), progress), method="inertial")
 
 
-BLOCK = 64
-"""Samples that the online estimator is given at once; its estimates do not depend on it."""
+BLOCK = 64  # Samples that the online estimator is given at once; its estimates do not depend on it.
 
 
 def _online(walk: Walk, progress: Progress | None) -> Solution:

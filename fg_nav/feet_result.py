@@ -28,8 +28,7 @@ from fg_nav.walk import Outcome
 Known: TypeAlias = Literal["named", "shown", "assumed"]
 """How it is known which recording is of which foot: by the user, by the steps, or not."""
 
-WORDS: tuple[Word, ...] = ("trusted", "doubtful", UNUSABLE)
-"""From the best to the worst."""
+WORDS: tuple[Word, ...] = ("trusted", "doubtful", UNUSABLE)  # From the best to the worst.
 
 
 @dataclass(frozen=True)

@@ -18,26 +18,18 @@ import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import EstimationError
-from fg_nav.evaluation.truth_check import FASTEST_M_S
+from fg_nav.evaluation.truth_check import MAX_M_S
 from fg_nav.truth import Fix
 
-SIGMAS = 3.0
-"""Of each of two fixes: one in 400 true ones is farther off, and hardly ever two at once."""
-
-LARGEST_M = 1e7
-"""No walk leads farther, and no fix is worse: a quarter of the way round the Earth."""
-
-LEAST_SIGMA_M = 1e-4
-"""No survey of a foot is as good."""
-
-FIX_REACH_S = 1.5
-"""Farther than a stride from any footfall there is nothing to tie a fix to."""
+SIGMAS = 3.0  # Of each of two fixes: one in 400 true ones is farther off, and hardly ever two at once.
+MAX_M = 1e7  # No walk leads farther, and no fix is worse: a quarter of the way round the Earth.
+MIN_SIGMA_M = 1e-4  # No survey of a foot is as good.
+FIX_REACH_S = 1.5  # Farther than a stride from any footfall there is nothing to tie a fix to.
 
 LONGER, LONGER_BY_M = 1.25, 2.0
 """How much longer than on the first solution the path may be, as a factor of it and in m."""
 
-_NEIGHBORS = 50
-"""Fixes after each that it is compared with: from those farther off there is more time, or way."""
+_NEIGHBORS = 50  # Fixes after each that it is compared with: from those farther off there is more time, or way.
 
 
 def check_fix(fix: Fix) -> None:
@@ -47,10 +39,10 @@ def check_fix(fix: Fix) -> None:
             f"the fix at {fix.time_s:.2f} s needs a finite position and sigmas above zero: correct it or leave it out."
         )
     least, largest = min(fix.horizontal_sigma_m, fix.vertical_sigma_m), fix.horizontal_sigma_m
-    if least < LEAST_SIGMA_M or max(largest, *np.abs(fix.position)) > LARGEST_M:
+    if least < MIN_SIGMA_M or max(largest, *np.abs(fix.position)) > MAX_M:
         raise EstimationError(
-            f"the fix at {fix.time_s:.2f} s cannot be: give its place within {LARGEST_M:g} m of the start, and a sigma "
-            f"from {LEAST_SIGMA_M:g} to {LARGEST_M:g} m."
+            f"the fix at {fix.time_s:.2f} s cannot be: give its place within {MAX_M:g} m of the start, and a sigma "
+            f"from {MIN_SIGMA_M:g} to {MAX_M:g} m."
         )
 
 
@@ -66,7 +58,7 @@ def check_fixes(fixes: Sequence[Fix], t: Floats | None = None) -> None:
         fixes = (_start(float(t[0])), *fixes)
     fixes = sorted(fixes, key=lambda fix: fix.time_s)
     time = np.array([fix.time_s for fix in fixes])
-    _compare(fixes, FASTEST_M_S * time, 0.0, lambda i, j: f"in {time[j] - time[i]:.3g} s, faster than anyone runs")
+    _compare(fixes, MAX_M_S * time, 0.0, lambda i, j: f"in {time[j] - time[i]:.3g} s, faster than anyone runs")
 
 
 def check_fixes_on_path(fixes: Sequence[Fix], t: Floats, position: Floats, unseen_s: Floats) -> None:
@@ -83,14 +75,14 @@ def check_fixes_on_path(fixes: Sequence[Fix], t: Floats, position: Floats, unsee
     walked, unseen = np.interp(at, t, so_far), np.interp(at, t, unseen_s)
     _compare(
         fixes,
-        LONGER * walked + FASTEST_M_S * unseen,
+        LONGER * walked + MAX_M_S * unseen,
         LONGER_BY_M,
         lambda i, j: f"where {walked[j] - walked[i]:.3g} m were walked",
     )
 
 
 def _start(time_s: float) -> Fix:
-    return Fix(time_s, np.zeros(3), LEAST_SIGMA_M, LEAST_SIGMA_M)
+    return Fix(time_s, np.zeros(3), MIN_SIGMA_M, MIN_SIGMA_M)
 
 
 def check_times(fixes: Sequence[Fix], begin_s: float, end_s: float) -> None:
@@ -123,7 +115,7 @@ def _compare(fixes: Sequence[Fix], reach: Floats, slack_m: float, explain: Calla
 def _explain(fixes: Sequence[Fix], i: int, j: int, explain: Callable[[int, int], str]) -> EstimationError:
     one, other = fixes[i], fixes[j]
     apart = float(np.linalg.norm((other.position - one.position)[: 3 if np.isfinite(other.vertical_sigma_m) else 2]))
-    origin = "the start" if not one.position.any() and one.horizontal_sigma_m == LEAST_SIGMA_M else ""
+    origin = "the start" if not one.position.any() and one.horizontal_sigma_m == MIN_SIGMA_M else ""
     return EstimationError(
         f"the fix at {other.time_s:.2f} s is {apart:.4g} m from {origin or f'that at {one.time_s:.2f} s'}, "
         f"{explain(i, j)}: give places in m from the start of the walk and honest sigmas, or leave one out."

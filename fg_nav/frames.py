@@ -10,11 +10,8 @@ import numpy as np
 
 from fg_nav.arrays import Floats
 
-GRAVITY_M_S2 = 9.80665
-"""Standard gravity."""
-
-UNKNOWN_RAD = float(np.pi / np.sqrt(3.0))
-"""Sigma of an angle of which nothing is known."""
+GRAVITY_M_S2 = 9.80665  # Standard gravity.
+UNKNOWN_RAD = float(np.pi / np.sqrt(3.0))  # Sigma of an angle of which nothing is known.
 
 
 def compute_heading(nav_R_body: Floats) -> Floats:
@@ -23,8 +20,7 @@ def compute_heading(nav_R_body: Floats) -> Floats:
     return np.arctan2(east, north)
 
 
-LEAST_LEVEL = 1e-12
-"""Square of the level part of an axis, below which it has no heading."""
+MIN_LEVEL = 1e-12  # Square of the level part of an axis, below which it has no heading.
 
 
 def turn_heading(nav_R_body: Floats) -> Floats:
@@ -34,7 +30,7 @@ def turn_heading(nav_R_body: Floats) -> Floats:
     its side.
     """
     x, y, z = nav_R_body.T
-    level = np.array([-x[1], x[0], 0.0]) / max(x[0] ** 2 + x[1] ** 2, LEAST_LEVEL)
+    level = np.array([-x[1], x[0], 0.0]) / max(x[0] ** 2 + x[1] ** 2, MIN_LEVEL)
     return np.array([0.0, -level @ z, level @ y])
 
 

@@ -135,9 +135,9 @@ class Inspection:
     @property
     def obstacle(self) -> str | None:
         """Why no path can be had of it: refused, or without a stance or a length; None if one can."""
-        if self.refusal is not None or (self.wearing == "pocket" and self.duration_s >= SHORTEST_S):
+        if self.refusal is not None or (self.wearing == "pocket" and self.duration_s >= MIN_S):
             return self.refusal
-        if self.duration_s < SHORTEST_S:
+        if self.duration_s < MIN_S:
             return f"it lasts {self.duration_s:.2g} s, and a stride takes one: are its stamps in s?"
         return f"no stance was found: {self.stance.reason}" if np.isnan(self.stance.share) else None
 
@@ -296,20 +296,14 @@ def _describe_truth(truth: Truth | None) -> str:
     return f"path of {len(truth.t)} positions{attitude}"
 
 
-SHORTEST_S = 1.0
-"""A shorter recording holds no stride."""
-
-_JITTER_SHARE = 0.02
-"""Jitter above this share of the period is worth a word."""
+MIN_S = 1.0  # A shorter recording holds no stride.
+_JITTER_SHARE = 0.02  # Jitter above this share of the period is worth a word.
 
 _GRAVITY_TOLERANCE_M_S2 = 0.15
 """Above the variation of gravity over the Earth (0.03) and the error of a calibrated accelerometer."""
 
-_LONG_REST_S = 3.0
-"""Rest of this length shows the bias to better than a hundredth of a degree a second."""
-
-_SPREAD_SHARE = 0.15
-"""A field strength that varies more, in its standard deviation, is disturbed."""
+_LONG_REST_S = 3.0  # Rest of this length shows the bias to better than a hundredth of a degree a second.
+_SPREAD_SHARE = 0.15  # A field strength that varies more, in its standard deviation, is disturbed.
 
 _STANCE_SHARES = (0.15, 0.8)
 """A running foot stands for a fifth of the time or more; one that stands for longer hardly walks."""

@@ -38,8 +38,7 @@ SERIES_BELOW = 0.01
 """Squared angle, rad^2, under which the series below are exact to rounding (and the closed forms are not)."""
 
 
-TILT_TIME_S = 0.25
-"""Time constant of `nudge_tilt` where a foot that stands shows which way is up."""
+TILT_TIME_S = 0.25  # Time constant of `nudge_tilt` where a foot that stands shows which way is up.
 
 
 class NavState(NamedTuple):

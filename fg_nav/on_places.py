@@ -27,8 +27,7 @@ if TYPE_CHECKING:
     from fg_nav.places.location import Pieces
     from fg_nav.smoother.known_places import KnownTies
 
-ON_PLACES = ("smoother", "inertial")
-"""Methods that can be solved on known places."""
+ON_PLACES = ("smoother", "inertial")  # Methods that can be solved on known places.
 
 NOTHING = "nothing of the saved places was recognized: the walk is in a frame of its own"
 

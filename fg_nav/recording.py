@@ -55,11 +55,8 @@ from fg_nav.truth import FootprintTruth, TrajectoryTruth, Truth
 if TYPE_CHECKING:
     import pandas as pd
 
-NOMINAL_SIGMA = 0.02
-"""Of a nominal rate: makers allow 1 to 10 per cent."""
-
-MIN_SAMPLES = 20
-"""Fewer samples than this hold no stance and no stride."""
+NOMINAL_SIGMA = 0.02  # Of a nominal rate: makers allow 1 to 10 per cent.
+MIN_SAMPLES = 20  # Fewer samples than this hold no stance and no stride.
 
 MAX_GAP_S = 0.1
 """A longer hole is not known from the samples around it: in mid-swing a foot speeds up by meters a second within it."""

@@ -12,8 +12,7 @@ from typing import Any
 
 import numpy as np
 
-LARGEST_BYTES = 2**23
-"""Of a configuration, a calibration or a scenario, which are some kilobytes."""
+MAX_BYTES = 2**23  # Of a configuration, a calibration or a scenario, which are some kilobytes.
 
 
 def format_count(count: int, thing: str) -> str:
@@ -49,12 +48,12 @@ def to_json(value: object) -> Any:
 def read_small(path: Path) -> bytes:
     """Read a file that people write or a result holds, which may be a device that never ends.
 
-    Raises `OSError` if it cannot be read, or holds more than `LARGEST_BYTES`.
+    Raises `OSError` if it cannot be read, or holds more than `MAX_BYTES`.
     """
     with path.open("rb") as file:
-        content = file.read(LARGEST_BYTES + 1)
-    if len(content) > LARGEST_BYTES:
-        raise OSError(errno.EFBIG, f"it holds more than {LARGEST_BYTES >> 20} MiB", str(path))
+        content = file.read(MAX_BYTES + 1)
+    if len(content) > MAX_BYTES:
+        raise OSError(errno.EFBIG, f"it holds more than {MAX_BYTES >> 20} MiB", str(path))
     return content
 
 

@@ -52,13 +52,9 @@ Mount: TypeAlias = Literal["foot", "pocket"]
 Magnetic: TypeAlias = Literal["all", "card"]
 """Which factors of the field the graph has."""
 
-WITH_FIXES = ("smoother", "card", "inertial", "online")
-"""Methods that make use of fixes."""
-
+WITH_FIXES = ("smoother", "card", "inertial", "online")  # Methods that make use of fixes.
 OWN_GNSS = Path("own")  # in place of a file of GNSS fixes: those in the recording itself
-
-DETECTOR = "detector"
-"""First part of the names of the parameters of the stances (`Options.changes`)."""
+DETECTOR = "detector"  # First part of the names of the parameters of the stances (`Options.changes`).
 
 
 @dataclass(frozen=True)

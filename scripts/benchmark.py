@@ -291,8 +291,7 @@ def measure_filters(recording: Recording, repeats: int) -> list[Figure]:
 
 # --- the simulator ---------------------------------------------------------------------------------------------------
 
-MALL_S, HOUR_MB = 20.0, 2000.0
-"""What is asked of `mall`, s, and of an hour, MB."""
+MALL_S, HOUR_MB = 20.0, 2000.0  # What is asked of `mall`, s, and of an hour, MB.
 
 HOUR = """
 like = "mall"

@@ -54,8 +54,7 @@ from fg_nav.walk import Options, Walk
 
 BASELINE = Path(__file__).resolve().parents[1] / "docs" / "results" / "benchmark.json"
 
-SPEED, ERROR = 0.25, 0.03
-"""Tolerances."""
+SPEED, ERROR = 0.25, 0.03  # Tolerances.
 
 SEED = 1
 QUICK_MINUTES, MINUTES, BLOCK = 2.0, 20.0, 64

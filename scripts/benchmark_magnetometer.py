@@ -29,8 +29,7 @@ from fg_nav.pipeline import prepare_walk, run_method
 from fg_nav.recording import Recording
 from fg_nav.walk import Options, Walk
 
-RATIO = 1.5
-"""What is asked: with the magnetometer at most half as much time again."""
+RATIO = 1.5  # What is asked: with the magnetometer at most half as much time again.
 
 RATE_HZ = 200.0
 

@@ -33,11 +33,10 @@ from fg_nav.recording import Recording
 
 SEED = 1
 
-BLOCK_S = 0.1
-"""Samples that come at once."""
+BLOCK_S = 0.1  # Samples that come at once.
 
 EVERY, EARLY = 1000, slice(500, 1500)
-P50_MS, P99_MS, LONGEST_MS, LAG_RATIO, GROWTH = 10.0, 60.0, 250.0, 1.3, 1.05
+P50_MS, P99_MS, MAX_MS, LAG_RATIO, GROWTH = 10.0, 60.0, 250.0, 1.3, 1.05
 """What is asked: p50, p99 and longest of all lines; with a lag the ratio of p99 of the last thousand to that of lines
 500 to 1500, and of the memory at the end to that at half of the walk."""
 
@@ -141,7 +140,7 @@ def judge_footfalls(mode: str, milliseconds: Floats, megabytes: Floats, lag_s: f
     return [
         Figure(mode, "p50 (ms)", "online", float(p50), high=P50_MS),
         Figure(mode, "p99 (ms)", "online", float(p99), high=P99_MS),
-        Figure(mode, "longest (ms)", "online", float(longest), high=LONGEST_MS),
+        Figure(mode, "longest (ms)", "online", float(longest), high=MAX_MS),
         Figure(mode, ratio, "online", float(late / early), high=LAG_RATIO * lagged),
         Figure(mode, "memory at the end over that at half", "online", growth, high=GROWTH * lagged),
     ]

@@ -37,8 +37,7 @@ from fg_nav.solution import Solution
 from fg_nav.truth import FootprintTruth, TrajectoryTruth
 from fg_nav.verdict import UNUSABLE
 
-STORED = "stored"
-"""In place of a method: what came with the recording."""
+STORED = "stored"  # In place of a method: what came with the recording.
 
 WORSE_SHARE, WORSE_M, MAX_WORSE = 0.10, 0.03, 3
 WORSE = f"worse than iez by {100 * WORSE_SHARE:.0f} % and {100 * WORSE_M:.0f} cm"
@@ -46,8 +45,7 @@ WORSE = f"worse than iez by {100 * WORSE_SHARE:.0f} % and {100 * WORSE_M:.0f} cm
 RMSE, SPACE, NEES = "rmse_2d_m", "rmse_3d_m", "median_ratio"
 WRITTEN = (RMSE, SPACE, "max_error_m", "scale", "distance_m", "closure_m", "closure_percent", "points", "armse_m")
 WRITTEN += ("footprints_surveyed", "strides_detected", "strides_true", NEES)
-ENDS = ("ground_m", "z_m", "end_sigma_m", "ground_ratio", "z_ratio")
-"""Figures of merit that are written to the file."""
+ENDS = ("ground_m", "z_m", "end_sigma_m", "ground_ratio", "z_ratio")  # Figures of merit that are written to the file.
 
 
 @dataclass(frozen=True)

@@ -54,13 +54,11 @@ from fg_nav.pocket.track import PocketTrack
 from fg_nav.recording import Recording
 
 VQF_OFFLINE, VQF_ONLINE, BATCH, CAUSAL, PAPER = "VQF offline", "VQF online", "batch", "causal", "paper's filter"
-BESIDE = {BATCH: VQF_OFFLINE, CAUSAL: VQF_ONLINE, PAPER: VQF_ONLINE}
-"""Ours, and which VQF knows as much."""
+BESIDE = {BATCH: VQF_OFFLINE, CAUSAL: VQF_ONLINE, PAPER: VQF_ONLINE}  # Ours, and which VQF knows as much.
 
 MEASURES = ("total", "inclination", "heading", "bias")
 
-_PART_S = 0.5
-"""Means of the field over so long are those of a node of the graph."""
+_PART_S = 0.5  # Means of the field over so long are those of a node of the graph.
 
 
 @dataclass(frozen=True)

@@ -273,8 +273,7 @@ def _walk_row(found: Sequence[Outcome]) -> list[str]:
     ]
 
 
-MEDIAN_OF_GAUSSIAN = 0.6745
-"""Of its absolute value, in sigmas."""
+MEDIAN_OF_GAUSSIAN = 0.6745  # Of its absolute value, in sigmas.
 
 
 # --- noise -----------------------------------------------------------------------------------------------------------

@@ -38,13 +38,10 @@ from fg_nav.lab.campaign.folder import RESULTS, RESULTS_CSV, RESULTS_FOLDER
 
 METHODS = ("smoother", "matched-rts", "ma2018")
 SCENARIOS = ("office", "office-open")
-SPEED_UP = 1.7
-"""Asked for, of two workers over one."""
+SPEED_UP = 1.7  # Asked for, of two workers over one.
+RUNS = ("one", "two", "again", "disturbed")  # Names of their folders.
 
-RUNS = ("one", "two", "again", "disturbed")
-"""Names of their folders."""
-
-LONGEST_S = 3600.0
+MAX_S = 3600.0
 TICK_S = 0.1
 
 
@@ -196,7 +193,7 @@ def disturbed(plan: Path, out: Path) -> list[str]:
         running = subprocess.Popen(
             command(plan, out, "--scheduler", cluster.address), stdout=subprocess.PIPE, stderr=subprocess.STDOUT
         )
-        events, end = [], perf_counter() + LONGEST_S
+        events, end = [], perf_counter() + MAX_S
         try:
             while running.poll() is None and perf_counter() < end:
                 cluster.tend()

@@ -54,10 +54,9 @@ from fg_nav.walk import Walk
 FIELDS = ("homogeneous", "smooth", "indoor")
 BIAS_WALKS_DEG_S = (2e-4, 6e-4, 2e-3)
 SCALES = (0.0, 0.01)
-PARTS: Mapping[str, int] = {"position": 3, "heading": 1, "bias": 3}
-"""Degrees of freedom."""
+PARTS: Mapping[str, int] = {"position": 3, "heading": 1, "bias": 3}  # Degrees of freedom.
 
-LEAST_INSIDE, BAND = 0.8, 0.95
+MIN_INSIDE, BAND = 0.8, 0.95
 BIAS_AT_S, BIAS_SHARE, BIAS_FACTOR = 60.0, 0.9, 1.3
 BIAS_WITHIN_DEG_S: Mapping[str, float] = {"homogeneous": 0.02, "smooth": 0.1, "indoor": 0.1}
 
@@ -175,7 +174,7 @@ def judge_nees(conditions: Sequence[Condition], results: Sequence[Mapping[str, A
                 *(f"{rms(z[part]):.2f}" for part in PARTS),
             ]
         )
-        figures += [Figure("NEES", part, level, one, LEAST_INSIDE, pattern="{:.2f}") for part, one in inside.items()]
+        figures += [Figure("NEES", part, level, one, MIN_INSIDE, pattern="{:.2f}") for part, one in inside.items()]
     harness.print_heading("Walks inside the 95 % band, and rms of error over sigma, at the last footfall")
     harness.print_table(("condition", "walks", *PARTS, *(f"{part} / sigma" for part in PARTS)), rows)
     return figures

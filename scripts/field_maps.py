@@ -43,11 +43,8 @@ from fg_nav.lab.simulation.fields import (
 )
 
 HEIGHTS_M = {"foot": 0.10, "pocket": 0.75}
-FAR_M = 0.5
-"""Nearer to a source than this no point is judged."""
-
-BESIDE_M = 0.75
-"""Where there is a way, points are judged as near to it as a foot or a pocket comes."""
+FAR_M = 0.5  # Nearer to a source than this no point is judged.
+BESIDE_M = 0.75  # Where there is a way, points are judged as near to it as a foot or a pocket comes.
 
 MUNICH, EQUATOR = SITES["munich"], SITES["equator"]
 

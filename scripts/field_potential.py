@@ -67,8 +67,7 @@ IRON_SIGMA_UT, PHI_SIGMA_UT_M = 15.0, 5.0
 AGAIN_M, AGAIN_STRIDES, AGAIN_UT_M = 0.5, 5, 1.0
 """A place passed twice: so near, after so many strides, and how nearly phi is the same there."""
 
-FEWEST_PLACES = 3
-"""One pair alone is always made to agree, by the iron along the way."""
+MIN_PLACES = 3  # One pair alone is always made to agree, by the iron along the way.
 
 SHUFFLES, SHIFTS, PIECE, PIECE_SHUFFLES = 500, 9, 60, 50
 
@@ -278,7 +277,7 @@ def print_real(data: Path, names: Sequence[str] | None = None) -> None:
     controls = ("left (m)", "shuffled (m)", "p", "shifted (m)", "strange E (uT)")
     harness.print_heading("Real walks along the trajectory of the smoother without magnetometer")
     _print_rows((*headers, *controls), [(name, of_real(way)) for name, way in ways])
-    twice = [(name, of_places(way)) for name, way in ways if len(way.passed_twice()[0]) >= FEWEST_PLACES]
+    twice = [(name, of_places(way)) for name, way in ways if len(way.passed_twice()[0]) >= MIN_PLACES]
     if twice:
         harness.print_heading("Places passed twice (uT m)")
         words = ("pairs", "anywhere", "there", "left", "iron (uT)", "tied: left", "there", "iron (uT)")

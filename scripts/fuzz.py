@@ -48,8 +48,7 @@ FAULTS = ("crash", "hang", "exception", "warning", "not finite", "sigma", "absur
 """First words of faults, each a figure that is asked to be zero; all others are `other`."""
 
 
-TOLD_EVERY = 250
-"""Inputs, after which it is said how far it is."""
+TOLD_EVERY = 250  # Inputs, after which it is said how far it is.
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

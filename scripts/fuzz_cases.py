@@ -6,8 +6,8 @@ A case is drawn from its seed, kind and number alone, and run by the command lin
 ========== ===========================================================================================================
 refused    exit code 1, one sentence, and no result left behind
 accepted   exit code 0; every number of the result finite, stamps rising, sigmas above zero, a verdict
-never      another exit code, a traceback, a warning of Python's, or a path faster than `FASTEST_M_S` or with a stride
-           over `LONGEST_STRIDE_M` that is not called "not to be used"
+never      another exit code, a traceback, a warning of Python's, or a path faster than `MAX_M_S` or with a stride
+           over `MAX_STRIDE_M` that is not called "not to be used"
 ========== ===========================================================================================================
 """
 
@@ -47,11 +47,8 @@ from fg_nav.online.record_log import read_records, write_records
 from fg_nav.recording import RawRecording
 from fg_nav.verdict import UNUSABLE
 
-FASTEST_M_S, LONGEST_STRIDE_M = 12.0, 4.0
-"""Beyond these a path is no walk, and must be called not to be used."""
-
-MEMORY_BYTES = 8 << 30
-"""Of address space that a case may take."""
+MAX_M_S, MAX_STRIDE_M = 12.0, 4.0  # Beyond these a path is no walk, and must be called not to be used.
+MEMORY_BYTES = 8 << 30  # Of address space that a case may take.
 
 SPEED_S = 0.1
 """Over which a speed is measured: a causal filter moves its path at once where it learns of an error at a footfall."""
@@ -100,12 +97,10 @@ class Input:
 
 # --- recordings ------------------------------------------------------------------------------------------------------
 
-SHORTEST_S, USUAL_S, LONGEST_S = 3.0, 10.0, 25.0
-"""Of a piece; one in twenty may be longer than usual."""
+MIN_S, USUAL_S, MAX_S = 3.0, 10.0, 25.0  # Of a piece; one in twenty may be longer than usual.
 
 INERTIAL = ("smoother",) * 6 + ("inertial", "iez", "iez", "iez-rts")
-COMPASS = ("qsf", "iqsf-rts", "ma2018", "aiez", "matched")
-"""Methods without and with a magnetometer."""
+COMPASS = ("qsf", "iqsf-rts", "ma2018", "aiez", "matched")  # Methods without and with a magnetometer.
 
 ONLINE = ("online",)
 POCKET = ("pocket", "munoz-diaz2017", "online")
@@ -113,12 +108,12 @@ POCKET = ("pocket", "munoz-diaz2017", "online")
 
 def cut_piece(store: Store, rng: Rng, with_field: bool = False) -> tuple[Floats, str]:
     """Cut a piece out of a recording; its rows and its name."""
-    longest_s = LONGEST_S if rng.random() < 0.05 else USUAL_S
+    longest_s = MAX_S if rng.random() < 0.05 else USUAL_S
     name = draw(rng, store.recordings)
     rows = store.rows(name)
     if with_field and np.isnan(rows[:, 7:10]).all():
         rows[:, 7:10] = [20.0, 0.0, -43.0]
-    duration = np.exp(rng.uniform(np.log(SHORTEST_S), np.log(longest_s)))
+    duration = np.exp(rng.uniform(np.log(MIN_S), np.log(longest_s)))
     start = rng.uniform(rows[0, 0], max(rows[0, 0], rows[-1, 0] - duration))
     kept = rows[(rows[:, 0] >= start) & (rows[:, 0] < start + duration)]
     return kept, f"{name} from {start - rows[0, 0]:.1f} s, {duration:.1f} s"
@@ -226,8 +221,7 @@ TEXT_CHANGES: Mapping[str, Callable[[str, Rng, str], str]] = {
 """What is done to a text, given its separator."""
 
 
-REAL_BYTES = 1_500_000
-"""Of a real file; more is cut off a text, or not taken."""
+REAL_BYTES = 1_500_000  # Of a real file; more is cut off a text, or not taken.
 
 
 def make_real(store: Store, rng: Rng, folder: Path) -> Input:
@@ -564,8 +558,7 @@ def _write_all(descriptor: int, data: bytes) -> None:
 
 # --- judging ---------------------------------------------------------------------------------------------------------
 
-USAGE = 2
-"""Exit code of words that the command line does not understand."""
+USAGE = 2  # Exit code of words that the command line does not understand.
 
 
 def judge_answer(fate: Fate, code: int, out: str, err: str, result: Path, given: Input) -> None:
@@ -652,9 +645,9 @@ def _judge_motion(path: Floats, strides: pd.DataFrame) -> Iterator[str]:
     later = np.minimum(np.searchsorted(t, t + SPEED_S - 1e-9), len(t) - 1)
     moved = np.linalg.norm(position[later] - position, axis=1)
     fastest = float((moved / np.maximum(t[later] - t, SPEED_S)).max())
-    if fastest > FASTEST_M_S:
+    if fastest > MAX_M_S:
         yield f"absurd: {fastest:.1f} m/s"
     if len(strides) > 1:
         longest = float(np.hypot(np.diff(strides["x_m"]), np.diff(strides["y_m"])).max())
-        if longest > LONGEST_STRIDE_M:
+        if longest > MAX_STRIDE_M:
             yield f"absurd: a stride of {longest:.1f} m"

@@ -30,14 +30,12 @@ from fg_nav.recording import RawRecording, Recording
 from fg_nav.report.files import write_run
 from fg_nav.truth import TrajectoryTruth
 
-LONGEST_S = 90.0
-"""Of a recording from which pieces are cut."""
+MAX_S = 90.0  # Of a recording from which pieces are cut.
 
 BASE_S, BASE_HZ, SAVED_S = 16.0, 100.0, 12.0
 """The walk that companions and checkpoints are of: its duration, its rate, and when it was saved last."""
 
-SIMULATED = 8
-"""Random walks (`online_fuzz`)."""
+SIMULATED = 8  # Random walks (`online_fuzz`).
 
 SCENARIO = b"""like = "office"
 field = "smooth"
@@ -105,7 +103,7 @@ class Store:
 
     def _read(self, name: str) -> Recording:
         recording = read(self._real[name])
-        return recording.slice(0, int(np.searchsorted(recording.t, recording.t[0] + LONGEST_S)))
+        return recording.slice(0, int(np.searchsorted(recording.t, recording.t[0] + MAX_S)))
 
     def keep_readable(self, name: str, sources: Sequence[Path]) -> list[Path]:
         """Return those of the real files or folders of this name that are read as they are."""
@@ -148,7 +146,7 @@ def draw_random(seed: int) -> Recording:
 def draw_scenario(name: str) -> Recording:
     """Simulate the first minute and a half of a scenario."""
     whole = simulate(SCENARIOS[name], 1, Choices(rate_hz=BASE_HZ)).recording
-    return whole.slice(0, round(LONGEST_S * BASE_HZ))
+    return whole.slice(0, round(MAX_S * BASE_HZ))
 
 
 # --- the files that go with the base walk ----------------------------------------------------------------------------

@@ -359,8 +359,7 @@ FIELDS = (
 )  # fmt: skip
 """Texts in place of a number."""
 
-LONG = "x" * 200_000
-"""In place of one number only."""
+LONG = "x" * 200_000  # In place of one number only.
 
 
 def scramble_table(text: str, rng: Rng, separator: str = "") -> str:

@@ -21,8 +21,7 @@ from typing import Generic, TypeVar
 
 C, F = TypeVar("C"), TypeVar("F")
 
-FIRST_S = 120.0
-"""For its first case a worker may take longer: it loads and compiles."""
+FIRST_S = 120.0  # For its first case a worker may take longer: it loads and compiles.
 
 
 @dataclass

@@ -32,8 +32,7 @@ from fg_nav.lab.processes import run_tasks
 from fg_nav.report.plots import style
 from fg_nav.report.terminal import console, progress
 
-FIRST_SEED = 101
-"""Of walks that are reported: estimators were tuned on seeds below 100."""
+FIRST_SEED = 101  # Of walks that are reported: estimators were tuned on seeds below 100.
 
 S, T = TypeVar("S"), TypeVar("T")
 

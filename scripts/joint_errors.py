@@ -44,19 +44,13 @@ FREEDOM = {"horizontal": 2, "along": 1, "across": 1, "height": 1, "heading": 1, 
 
 REGION = 0.95
 
-PLACES = 8
-"""Lengths of the path are taken from the start to so many footfalls."""
-
-STRETCHES = 4
-"""A walk without true attitudes is turned in so many of its parts."""
-
-FEWEST = 3
-"""Surveyed footfalls that show anything."""
+PLACES = 8  # Lengths of the path are taken from the start to so many footfalls.
+STRETCHES = 4  # A walk without true attitudes is turned in so many of its parts.
+FEWEST = 3  # Surveyed footfalls that show anything.
 
 _ROUNDS = 10
 
-TURN = np.array([[0.0, -1.0], [1.0, 0.0]])
-"""A quarter to the left."""
+TURN = np.array([[0.0, -1.0], [1.0, 0.0]])  # A quarter to the left.
 
 
 @dataclass(frozen=True)
@@ -187,7 +181,7 @@ class _Errors:
         """Unit vectors (K, 2) along each move and left of it; zero where there is none."""
         move = np.diff(self.q[:, :2], axis=0)
         length = np.linalg.norm(move, axis=1, keepdims=True)
-        ahead = np.divide(move, length, out=np.zeros_like(move), where=length > LEAST_MOVE_M)
+        ahead = np.divide(move, length, out=np.zeros_like(move), where=length > MIN_MOVE_M)
         return ahead, ahead @ TURN.T
 
     def measure_lengths(self) -> Measured:
@@ -224,8 +218,7 @@ class _Errors:
         return self._measure(np.array(error), np.stack(columns, axis=2))
 
 
-LEAST_MOVE_M = 0.3
-"""A shorter move has no direction."""
+MIN_MOVE_M = 0.3  # A shorter move has no direction.
 
 
 def joint_blocks(stances: StanceTable) -> Floats:

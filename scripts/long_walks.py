@@ -34,13 +34,11 @@ from walks import RepeatedWalk, simulate_long_walk
 from fg_nav.columns.mapping import CANONICAL
 from fg_nav.io.readers.canonical import format_rows
 
-MINUTES = 60.0
-"""Of the walk that is repeated."""
+MINUTES = 60.0  # Of the walk that is repeated.
 
 BLOCK_ROWS = 100_000
 
-DOUBLING_RATIO = 2.2
-"""What is asked."""
+DOUBLING_RATIO = 2.2  # What is asked.
 
 
 @dataclass(frozen=True)

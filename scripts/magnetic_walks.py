@@ -39,11 +39,8 @@ FIELDS = ("homogeneous", "smooth", "indoor", CABLES)
 
 RATE_HZ = 100.0
 
-CABLE_A, CABLES_AT = 100.0, (0.2, 0.5, 0.8)
-"""Current of each frame, and where they stand, as shares of the strides."""
-
-FRAME_M = 1.2, 0.3, 2.7
-"""To either side of the way, below the floor, and the height of the frame."""
+CABLE_A, CABLES_AT = 100.0, (0.2, 0.5, 0.8)  # Current of each frame, and where they stand, as shares of the strides.
+FRAME_M = 1.2, 0.3, 2.7  # To either side of the way, below the floor, and the height of the frame.
 
 SMALL = ((0, 0), (0, 25), (45, 25), (45, 0), (0, 0))
 WINDING = ((0, 0), (0, 45), (30, 45), (30, 70), (75, 70), (75, 20), (40, 20), (40, 0), (0, 0))

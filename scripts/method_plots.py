@@ -31,14 +31,9 @@ from fg_nav.report.plots import style
 from fg_nav.truth import FootprintTruth, TrajectoryTruth
 from fg_nav.walk import Walk
 
-PANEL_IN = 3.2
-"""Width of a panel."""
-
-GRID_POINTS = 400
-"""Of a curve over the distance."""
-
-LOW, HIGH = 5.0, 95.0
-"""Percentiles of a band over walks."""
+PANEL_IN = 3.2  # Width of a panel.
+GRID_POINTS = 400  # Of a curve over the distance.
+LOW, HIGH = 5.0, 95.0  # Percentiles of a band over walks.
 
 _LEGEND_COLUMNS = 8
 
@@ -181,7 +176,7 @@ def _on_one_grid(tracks: Sequence[Track]) -> tuple[Floats, Floats]:
 WALK = 33
 DRAWN = {"smoother": "fg-nav", "iez": "zero-velocity filter (IEZ)"}
 COLORS = {"smoother": style.BLUE, "iez": style.VERMILION}
-MOST_POINTS = 4000
+MAX_POINTS = 4000
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -207,7 +202,7 @@ def draw_walk(axes: Axes, recording: Recording, methods: Sequence[str]) -> Mappi
     walk, errors = prepare_walk(Walk.of(recording)), {}
     truth = walk.truth
     if isinstance(truth, TrajectoryTruth):
-        path = truth.position[:: len(truth.position) // MOST_POINTS + 1]
+        path = truth.position[:: len(truth.position) // MAX_POINTS + 1]
         axes.plot(*path[:, :2].T, **style.TRUTH_LINE, label="truth")
     elif isinstance(truth, FootprintTruth):
         axes.plot(*truth.xy.T, "s", color=style.TRUTH, markersize=4.5, label="surveyed footprints")
@@ -215,7 +210,7 @@ def draw_walk(axes: Axes, recording: Recording, methods: Sequence[str]) -> Mappi
         outcome = run_method(walk, method)
         assert outcome.comparison is not None
         position = outcome.comparison.alignment.apply(outcome.solution.position)
-        path = position[:: len(position) // MOST_POINTS + 1]
+        path = position[:: len(position) // MAX_POINTS + 1]
         thin = 0.8 if method == "iez" else 1.2
         axes.plot(*path[:, :2].T, color=COLORS[method], linewidth=thin, label=DRAWN[method])
         errors[method] = float(np.asarray(outcome.metrics.rmse_2d_m))

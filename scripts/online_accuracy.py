@@ -43,8 +43,7 @@ from fg_nav.walk import Walk
 SCENARIOS, FIELDS = ("office", "mall"), ("smooth", "indoor")
 BLOCK_S = 0.5
 OVER_FILTER, GAP_BEFORE_M, GAP_AFTER_M = 0.7, 0.1, 0.02
-SAME_FOOTFALL_S = 0.3
-"""The stillest samples of one footfall, found on the way and in hindsight, are not farther apart."""
+SAME_FOOTFALL_S = 0.3  # The stillest samples of one footfall, found on the way and in hindsight, are not farther apart.
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ truncated  bytes are missing; and single bits of the file are other
 ========== ==============================================================
 
 A process of its own resumes it, takes the rest of the walk and solves it. Asked: a sentence, or a walk that goes on
-with nothing but numbers; no exception, no end of the process, no more than `LONGEST_S` and `MOST_MB`.
+with nothing but numbers; no exception, no end of the process, no more than `MAX_S` and `MAX_MB`.
 
 With `--streams` so many real walks are followed to a third and two thirds of their way, and resumed there: with the
 verdict of their lines, the checks of their source and the counts of losses in the checkpoint, none may be refused.
@@ -56,8 +56,8 @@ from fg_nav.online.follow import StreamOptions, follow_source
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.record_log import read_records, write_records
 
-LONGEST_S = 60
-MOST_MB = 4096
+MAX_S = 60
+MAX_MB = 4096
 SAVED, MORE, BLOCK = 3600, 800, 400
 RATE_HZ = 100.0
 Place = tuple[str | int, ...]
@@ -216,8 +216,8 @@ def try_one(path: Path, rows: np.ndarray, show: bool) -> str:
     child = os.fork()
     if child == 0:
         with suppress(BaseException):
-            signal.alarm(LONGEST_S)
-            resource.setrlimit(resource.RLIMIT_AS, (MOST_MB << 20, MOST_MB << 20))
+            signal.alarm(MAX_S)
+            resource.setrlimit(resource.RLIMIT_AS, (MAX_MB << 20, MAX_MB << 20))
             os.write(writer, _catch(partial(go_on, path, rows), show).encode())
         os._exit(0)
     os.close(writer)

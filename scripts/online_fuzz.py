@@ -46,8 +46,7 @@ from fg_nav.recording import Recording
 from fg_nav.solution import StanceTable
 from fg_nav.truth import TrajectoryTruth
 
-LOST_S = 1.0
-"""A loss of input that must show in the sigmas."""
+LOST_S = 1.0  # A loss of input that must show in the sigmas.
 
 RATES_HZ = (100.0, 200.0)
 SENSORS = ("demo", "mpu-9250x8", "lord-gx5")
@@ -55,11 +54,8 @@ GROWTH_M_S = 0.05
 """By so much for each second of a loss the sigma of the height grows, m in quadrature: a foot swings 0.1 to 0.3 m high.
 Over the ground a sigma may shrink instead, where north becomes known."""
 
-MOST_OFF = 3.0
-"""Of the ends behind a loss 95 % are nearer, in sigmas; 1.7 by right."""
-
-FAR_SIGMAS = 5.0
-"""An end this far off is named."""
+MAX_OFF = 3.0  # Of the ends behind a loss 95 % are nearer, in sigmas; 1.7 by right.
+FAR_SIGMAS = 5.0  # An end this far off is named.
 
 
 @dataclass
@@ -129,8 +125,7 @@ def spoil(recording: Recording, rng: np.random.Generator) -> tuple[Floats, tuple
 
 
 NAMES = ("clipped", "magnet", "no field", "gap", "burst", "single", "cut", "stamps")
-DEFECTS = {name: SAMPLE_MUTATIONS[name] for name in NAMES}
-"""What can go wrong with samples, in this order."""
+DEFECTS = {name: SAMPLE_MUTATIONS[name] for name in NAMES}  # What can go wrong with samples, in this order.
 
 
 def blocks(rows: Floats, rng: np.random.Generator) -> Iterator[Floats]:
@@ -232,7 +227,7 @@ def judge_all(fates: Sequence[Fate]) -> list[Figure]:
         figure(f"walks that lost {LOST_S:g} s or more", len(lost)),
         figure("of them with sigmas that did not grow", sum(not fate.grew for fate in lost), high=0),
     ]
-    for name, values, most in (("end off, sigmas: ", off, np.inf), ("after a loss: ", off_lost, MOST_OFF)):
+    for name, values, most in (("end off, sigmas: ", off, np.inf), ("after a loss: ", off_lost, MAX_OFF)):
         if len(values):
             found.append(figure(name + "median", np.median(values), pattern="{:.2f}"))
             found.append(figure(name + "95 %", np.quantile(values, 0.95), high=most, pattern="{:.2f}"))

@@ -63,11 +63,8 @@ SHARE_BEYOND, END_RATIO, SHARE_OF_GAPS, INJECTED_M = 1.0, 1.3, 95.0, 0.2
 """Asked: percent of the lines beyond 3 sigmas (and none beyond 5); ratio of the end errors, median; percent of walks
 with a gap of 0.1 m at most; m off ten footfalls after one that was false."""
 
-FAR_M = 50.0
-"""Of path, behind which sigmas that are much too wide count as a fault too."""
-
-LATER, FALSE_SAMPLES = 10, 5
-"""Footfalls after the false one; its length."""
+FAR_M = 50.0  # Of path, behind which sigmas that are much too wide count as a fault too.
+LATER, FALSE_SAMPLES = 10, 5  # Footfalls after the false one; its length.
 
 
 @dataclass(frozen=True)

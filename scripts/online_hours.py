@@ -52,17 +52,10 @@ HOUR_S, MINUTE_S = 3600.0, 60.0
 BLOCK_S, PACE_S = 1.0, 0.05
 """Of samples, written at once, as fast as they are read and as they are walked: a pipe holds some three seconds."""
 
-AGAIN_S = 10.0
-"""Of samples before the last save, sent again after a kill: less than the lag."""
-
-EVERY_S = 5.0
-"""Between two saves."""
-
-MINUTES = 60.0
-"""Of the walk that is repeated."""
-
-LONGEST_WAIT_S = 0.5
-"""Of rows that come as they are walked: a stride."""
+AGAIN_S = 10.0  # Of samples before the last save, sent again after a kill: less than the lag.
+EVERY_S = 5.0  # Between two saves.
+MINUTES = 60.0  # Of the walk that is repeated.
+MAX_WAIT_S = 0.5  # Of rows that come as they are walked: a stride.
 
 HEADER = ",".join(CANONICAL).encode() + b"\n"
 EXACT = 1e-9
@@ -253,7 +246,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     figures = judge_hours(hours, samples * rows.period_s)
     if chosen.real_time:
         name = f"{chosen.real_time:g} minutes as walked"
-        figures.append(Figure(name, "longest wait of rows (s)", "stream", wait_s, high=LONGEST_WAIT_S))
+        figures.append(Figure(name, "longest wait of rows (s)", "stream", wait_s, high=MAX_WAIT_S))
     if chosen.kills:
         samples += round(more_s / rows.period_s)
         figures += measure_kills(rows, samples, lines, chosen.kills, chosen.lag, chosen.seed)

@@ -37,11 +37,8 @@ from fg_nav.io import write_canonical
 
 RATE_HZ = 100.0
 
-EXACT = 1e-9
-"""What is asked of the difference."""
-
-EVERY_S = 0.3
-"""Between two saves."""
+EXACT = 1e-9  # What is asked of the difference.
+EVERY_S = 0.3  # Between two saves.
 
 KINDS = ("now", "turned", "retracted", "smoothed")
 """Lines that are compared; the first of a walk that is resumed is a `revised` one, which the other does not have."""

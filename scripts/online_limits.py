@@ -40,12 +40,9 @@ from fg_nav.online.rows import RowReader
 HEADER = ",".join(CANONICAL).encode() + b"\n"
 MEGABYTE = 1 << 20
 PIECE = 1 << 16
-LONGEST_DATAGRAM = 65507
-SILENCE_S = 10.0
-"""After which the walk ends."""
-
-BEGIN_S = 60.0
-"""A process may take to open its port."""
+MAX_DATAGRAM = 65507
+SILENCE_S = 10.0  # After which the walk ends.
+BEGIN_S = 60.0  # A process may take to open its port.
 
 
 @dataclass(frozen=True)
@@ -226,7 +223,7 @@ def measure_datagrams(name: str, rows: Floats, at_once: int, hogs: int) -> list[
         walk = command.finish()
     lost = len(rows) - len(walk.rows)
     longest = max(map(len, datagrams))
-    assert longest <= LONGEST_DATAGRAM
+    assert longest <= MAX_DATAGRAM
     return [
         Figure("datagrams", "rows sent", name, len(rows), pattern="{:.0f}"),
         Figure("datagrams", "largest, bytes", name, longest, pattern="{:.0f}"),

@@ -46,8 +46,7 @@ from fg_nav.view.page_server import LIVE
 from fg_nav.view.process import ListenerProcess
 
 TICK_S, TICKS_A_LINE = 0.02, 50
-COMING_S = 0.003
-"""For each client to connect."""
+COMING_S = 0.003  # For each client to connect.
 HELD_UP_MS = 50.0
 FEW_FILES = 150
 HOST = "127.0.0.1"

@@ -37,18 +37,15 @@ from fg_nav.recording import Recording
 from fg_nav.solution import StanceTable
 from fg_nav.truth import TrajectoryTruth
 
-AROUND_S = 25.0
-"""Walked before a loss, and behind it."""
+AROUND_S = 25.0  # Walked before a loss, and behind it.
 
 BLOCK_S = 0.1
 
-RESTART_S = 10.0
-"""Lost where the sensor starts again."""
+RESTART_S = 10.0  # Lost where the sensor starts again.
 
 RESTART = "restart"
 
-LATER = 10
-"""Lines behind the first."""
+LATER = 10  # Lines behind the first.
 
 
 @dataclass(frozen=True)

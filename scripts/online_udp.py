@@ -33,11 +33,8 @@ from fg_nav.online.rows import RowReader
 
 RATE_HZ = 400.0
 WALK_S = 60.0
-SILENCE_S = 10.0
-"""After which the walk ends."""
-
-BEGIN_S = 120.0
-"""A process may take to open its port on a busy machine."""
+SILENCE_S = 10.0  # After which the walk ends.
+BEGIN_S = 120.0  # A process may take to open its port on a busy machine.
 
 PROGRAM = """
 import json, socket, struct, sys, time

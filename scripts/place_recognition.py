@@ -57,17 +57,10 @@ RETURNING = ("office", "teaching-building", "mall")
 ALONE = ("office-open",)
 LEVELS = ("smooth", "indoor")
 
-ASIDE_M, ASIDE_LENGTH_M = 0.25, 5.0
-"""Wander of a pass, and its correlation length."""
-
-TIE_M = 6.0
-"""Between ties of a stretch: nearer ones share their errors."""
-
-MOST_PASSES = 3
-"""Earlier passes that a place is tied to: more of them share its own error."""
-
-PASSED_M, FALSE_M = 1.0, 2.0
-"""So near is a return; so far apart are the moments of a false tie."""
+ASIDE_M, ASIDE_LENGTH_M = 0.25, 5.0  # Wander of a pass, and its correlation length.
+TIE_M = 6.0  # Between ties of a stretch: nearer ones share their errors.
+MAX_PASSES = 3  # Earlier passes that a place is tied to: more of them share its own error.
+PASSED_M, FALSE_M = 1.0, 2.0  # So near is a return; so far apart are the moments of a false tie.
 
 
 @dataclass(frozen=True)
@@ -207,13 +200,13 @@ class Tie:
 
 
 def list_ties(path: Signature, stretches: Sequence[Stretch]) -> tuple[Tie, ...]:
-    """List ties along stretches, the best one first, `TIE_M` apart, of no place to more than `MOST_PASSES`."""
+    """List ties along stretches, the best one first, `TIE_M` apart, of no place to more than `MAX_PASSES`."""
     tied: Counter[int] = Counter()
     ties = []
     for number, stretch in enumerate(stretches):
         for tie in ties_of(path, number, stretch):
             piece = int(tie.later_m // TIE_M)
-            if tied[piece] < MOST_PASSES:
+            if tied[piece] < MAX_PASSES:
                 tied[piece] += 1
                 ties.append(tie)
     return tuple(ties)

@@ -33,9 +33,9 @@ from fg_nav.walk import Options, Walk
 
 REFUSED = "refused"
 WORDS = ("trusted", "doubtful", UNUSABLE, REFUSED)
-SHORTEST_S, LONGEST_S = 4.0, 40.0
-FASTEST_M_S, STRIDES_M_S = 18.0, 10.0
-FEWEST_STRIDES = 3
+MIN_S, MAX_S = 4.0, 40.0
+MAX_M_S, STRIDES_M_S = 18.0, 10.0
+MIN_STRIDES = 3
 ASKED_SHARE = 0.95
 
 Change = Callable[[RawRecording], RawRecording]
@@ -126,7 +126,7 @@ def draw_pieces(cases: Sequence[Case], seed: int, repeats: int) -> list[Piece]:
     for case in (one for one in cases if one.kind == GOOD):
         for kinds in ((OWN,), tuple(AXES), tuple(SCALES)):
             for kind in rng.choice(kinds, repeats):
-                length = float(np.exp(rng.uniform(*np.log([SHORTEST_S, LONGEST_S]))))
+                length = float(np.exp(rng.uniform(*np.log([MIN_S, MAX_S]))))
                 pieces.append(Piece(case, float(rng.random()), length, str(kind)))
     return pieces
 
@@ -150,7 +150,7 @@ def is_absurd(solution: Solution) -> bool:
     """Whether a path has a speed or a stride that no person has."""
     speed = np.linalg.norm(solution.velocity, axis=1).max()
     strides = np.linalg.norm(np.diff(solution.stances.position, axis=0), axis=1) / np.diff(solution.stances.t)
-    return bool(speed > FASTEST_M_S or strides.max(initial=0.0) > STRIDES_M_S)
+    return bool(speed > MAX_M_S or strides.max(initial=0.0) > STRIDES_M_S)
 
 
 def print_counts(method: str, judged: Sequence[Judged], per_walk: bool) -> None:
@@ -170,7 +170,7 @@ def judge_counts(method: str, judged: Sequence[Judged]) -> list[Figure]:
     """Absurd paths without the words, own axes refused, and wrong axes that do not pass."""
     own = [one for one in judged if one.kind == OWN]
     wrong = [one for one in judged if one.kind in AXES]
-    walked = [one for one in wrong if one.strides >= FEWEST_STRIDES]
+    walked = [one for one in wrong if one.strides >= MIN_STRIDES]
     stopped = sum(one.word not in WORDS[:2] for one in walked)
     pattern = "{:.0f}"
     return [

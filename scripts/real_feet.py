@@ -39,13 +39,11 @@ from fg_nav.smoother.parameters import PLAIN, WalkParameters
 from fg_nav.solution import Solution
 from fg_nav.truth import TrajectoryTruth
 
-ROLLING_RAD_S, ROLLING_M_S = 1.0, 0.3
-"""Above these the foot no longer rolls on the ground."""
+ROLLING_RAD_S, ROLLING_M_S = 1.0, 0.3  # Above these the foot no longer rolls on the ground.
 
 STRIDE_S = (0.5, 2.5)
-FEWEST_STRIDES = 10
-REACH = 8
-"""Samples on either side of the stillest one."""
+MIN_STRIDES = 10
+REACH = 8  # Samples on either side of the stillest one.
 
 FREE = SmootherParameters(walk=WalkParameters(floors=False))
 
@@ -112,7 +110,7 @@ def measure_trial(walk: Walk) -> Foot | None:
     assert isinstance(truth, TrajectoryTruth)
     seen = _seen(walk, smooth(walk.recording, stances), truth)
     strides = [(i, j) for i, j in pairwise(seen.stillest) if STRIDE_S[0] < seen.t[j] - seen.t[i] < STRIDE_S[1]]
-    if len(strides) < FEWEST_STRIDES:
+    if len(strides) < MIN_STRIDES:
         return None
     offset = _offset(seen, strides)
     climb = [_climb(smooth(walk.recording, stances, p), truth) for p in VARIANTS.values()]

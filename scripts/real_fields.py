@@ -154,8 +154,7 @@ def judge_pairs(group: str, pairs: Sequence[Pair], iron: str) -> list[Figure]:
     ]
 
 
-ANYWAY = WalkCalibrationParameters(must_gain=False, largest_sigma_uT=float("inf"))
-"""Calibrates on any walk."""
+ANYWAY = WalkCalibrationParameters(must_gain=False, largest_sigma_uT=float("inf"))  # Calibrates on any walk.
 
 
 @dataclass(frozen=True)

@@ -55,11 +55,8 @@ from fg_nav.recording import Recording
 Facts: TypeAlias = Sequence[Mapping[str, float]]
 """Of walks: name of a fact -> value."""
 
-UNHURRIED_M, UNHURRIED_S = 1.32, 1.18
-"""Stride of the real walkers: medians of the medians of ten walks."""
-
-NAME = "realism"
-"""Of the scenario, whose course follows."""
+UNHURRIED_M, UNHURRIED_S = 1.32, 1.18  # Stride of the real walkers: medians of the medians of ten walks.
+NAME = "realism"  # Of the scenario, whose course follows.
 
 COURSE_M = ((0.0, 0.0), (0.0, 25.0), (12.0, 25.0), (12.0, 5.0), (22.0, 5.0), (22.0, 30.0))
 CORNER_M = 0.8

@@ -34,28 +34,16 @@ from fg_nav.solution import Solution
 from fg_nav.stances import Stances
 from fg_nav.walk import Options, read_walk
 
-WALKED_M = 0.5
-"""A footfall less than this from the one before is the same standing foot."""
-
-LAGS = (1, 2, 3, 5)
-"""Strides apart."""
-
-DISTANCES_M = (0.1, 0.3)
-"""Along the path, within one swing."""
-
-SHORT = "variogram_10cm"
-"""The fact that is least at the right delay."""
-
-DELAYS_S = (0.0, 0.04)
-"""Delays of a magnetometer that are tried, sample by sample."""
+WALKED_M = 0.5  # A footfall less than this from the one before is the same standing foot.
+LAGS = (1, 2, 3, 5)  # Strides apart.
+DISTANCES_M = (0.1, 0.3)  # Along the path, within one swing.
+SHORT = "variogram_10cm"  # The fact that is least at the right delay.
+DELAYS_S = (0.0, 0.04)  # Delays of a magnetometer that are tried, sample by sample.
 
 NEAR_UT = 2.0
 
-FEWEST_PAIRS = 8
-"""Of footfalls, for a correlation."""
-
-NOTHING_UT2 = 1e-12
-"""A variance below this is rounding."""
+MIN_PAIRS = 8  # Of footfalls, for a correlation.
+NOTHING_UT2 = 1e-12  # A variance below this is rounding.
 
 
 FACTS: Mapping[str, tuple[str, str]] = {
@@ -235,11 +223,8 @@ def _with_magnetometer(walk: walks.Walk) -> Sensed:
 
 # --- floors ----------------------------------------------------------------------------------------------------------
 
-STRIDES_APART = (1, 2, 4, 8, 16)
-"""Lags of the correlation."""
-
-LEG, FEWEST_LEGS = 32, 3
-"""Footfalls of a leg, some 45 m, and legs of a walk."""
+STRIDES_APART = (1, 2, 4, 8, 16)  # Lags of the correlation.
+LEG, MIN_LEGS = 32, 3  # Footfalls of a leg, some 45 m, and legs of a walk.
 
 FLOOR_FACTS: Mapping[str, tuple[str, str]] = {
     "level_sd_uT": ("sd per axis over ground (uT)", "{:.1f}"),
@@ -263,11 +248,8 @@ FLOORS: Mapping[str, Sequence[str]] = {
 }
 """Walks on one floor of a building, by set; the squares and lines of mems_foot, sd 1 uT, have no floor of steel."""
 
-SENSOR_HEIGHT_M = 0.1
-"""Of a standing foot's sensor."""
-
-SAMPLES_A_STRIDE = 60
-"""Places on a path at which a drawn field is asked for."""
+SENSOR_HEIGHT_M = 0.1  # Of a standing foot's sensor.
+SAMPLES_A_STRIDE = 60  # Places on a path at which a drawn field is asked for.
 
 
 @dataclass(frozen=True)
@@ -337,7 +319,7 @@ class FloorWalk:
 
 def _correlation(deviation: Floats, lag: int) -> float:
     """Over both axes; NaN on a walk of few more strides than the lag."""
-    if len(deviation) < lag + FEWEST_PAIRS:
+    if len(deviation) < lag + MIN_PAIRS:
         return float("nan")
     return float(np.mean(deviation[lag:] * deviation[:-lag]) / np.mean(deviation**2))
 
@@ -345,7 +327,7 @@ def _correlation(deviation: Floats, lag: int) -> float:
 def _leg_sd(deviation: Floats) -> float:
     """Standard deviation per axis of the means of legs; NaN on a walk of few."""
     count = len(deviation) // LEG
-    if count < FEWEST_LEGS:
+    if count < MIN_LEGS:
         return float("nan")
     legs = deviation[: count * LEG].reshape(count, LEG, -1).mean(axis=1)
     return float(np.sqrt(np.mean((legs - legs.mean(axis=0)) ** 2)))

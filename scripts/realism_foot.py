@@ -28,28 +28,16 @@ from fg_nav.smoother import smooth
 from fg_nav.solution import Solution
 from fg_nav.truth import TrajectoryTruth
 
-STRIDE_S, SHORTEST_M = (0.6, 1.8), 0.8
-"""What counts as a stride of walking."""
-
-STRAIGHT_DEG = 20.0
-"""Yaw rates are compared on strides that turn by less."""
-
-WITHIN_S = 0.06
-"""On either side of the stillest instant: short enough for a cubic to follow the rolling foot."""
-
-MID_STANCE_S = 0.10
-"""On either side of the stillest instant, where the velocity in stance is looked at."""
-
-VICON_DAY = "2017-11-22"
-"""Its trials are of walking; on the other days people also ran."""
-
-FEWEST = 8
-"""A trial with fewer strides shows none."""
+STRIDE_S, MIN_M = (0.6, 1.8), 0.8  # What counts as a stride of walking.
+STRAIGHT_DEG = 20.0  # Yaw rates are compared on strides that turn by less.
+WITHIN_S = 0.06  # On either side of the stillest instant: short enough for a cubic to follow the rolling foot.
+MID_STANCE_S = 0.10  # On either side of the stillest instant, where the velocity in stance is looked at.
+VICON_DAY = "2017-11-22"  # Its trials are of walking; on the other days people also ran.
+FEWEST = 8  # A trial with fewer strides shows none.
 
 SHARP_HZ = 24.0
 
-SHARES = np.linspace(0.0, 1.0, 201)
-"""Of a stride, for curves."""
+SHARES = np.linspace(0.0, 1.0, 201)  # Of a stride, for curves.
 
 PEAK_SHARE = 0.35
 """Where curves are laid over each other: the foot is steepest, toe down, after a third of a stride from mid-stance."""
@@ -137,7 +125,7 @@ def measure_foot(name: str, recording: Recording) -> Foot:
         (i, j)
         for i, j in pairwise(still)
         if STRIDE_S[0] < recording.t[j] - recording.t[i] < STRIDE_S[1]
-        and np.linalg.norm(solution.position[j] - solution.position[i]) > SHORTEST_M
+        and np.linalg.norm(solution.position[j] - solution.position[i]) > MIN_M
     ]
     return Foot(
         name=name,

@@ -69,17 +69,13 @@ WITH, WITHOUT = (
     replace(SmootherParameters(), walk=replace(SmootherParameters().walk, places=places)) for places in (True, False)
 )
 
-KNOT_M = 0.5
-"""Between the points that a wandering path goes through: less than half the radius of a corner."""
-
-FALSE_M = 2.0
-"""So far apart are the footfalls of a false tie."""
+KNOT_M = 0.5  # Between the points that a wandering path goes through: less than half the radius of a corner.
+FALSE_M = 2.0  # So far apart are the footfalls of a false tie.
 
 GROWTH, LANDMARK_MEAN_M, LANDMARK_MAX_M = 1.2, 0.75, 2.0
 """Asked of the last lap's error over the first one's, and of the errors at the mall's landmarks."""
 
-WORSE, COST = 1.03, 1.5
-"""Asked of a walk that does not return, and of 30 minutes."""
+WORSE, COST = 1.03, 1.5  # Asked of a walk that does not return, and of 30 minutes.
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -179,11 +175,8 @@ OFFICE, MALL, TEN = walk_laps("office", 3), walk_laps("mall", 3), walk_laps("off
 # --- walks that do not return -----------------------------------------------------------------------------------------
 
 CORRIDOR_M, SHORT_M = 32.0, 220.0
-ROWS_M = 10.0
-"""By which the repeating building repeats itself."""
-
-FLOOR_M = 19 * 0.17
-"""Between two floors: as many stairs."""
+ROWS_M = 10.0  # By which the repeating building repeats itself.
+FLOOR_M = 19 * 0.17  # Between two floors: as many stairs.
 
 
 def walk_serpentine(corners: Floats) -> list[Section]:

@@ -196,8 +196,7 @@ def _rms_norm(errors: Floats) -> float:
 
 LOST = (1, 2, 3, 4)
 BRIDGES = ("held", "interpolated", "learned")
-APART = 50
-"""Samples from one gap to the next."""
+APART = 50  # Samples from one gap to the next.
 SWING_RAD_S = 2.0
 
 
@@ -335,8 +334,7 @@ def _rms(values: Floats) -> float:
 
 # --- peaks -----------------------------------------------------------------------------------------------------------
 
-SHARES = (0.95, 0.85, 0.7, 0.5)
-"""Of the median peak, where it is clipped."""
+SHARES = (0.95, 0.85, 0.7, 0.5)  # Of the median peak, where it is clipped.
 
 
 def print_peaks(chosen: argparse.Namespace) -> None:

@@ -52,10 +52,9 @@ ALL = (
 )
 """14 walks, walked and run, of four sets."""
 
-EDGE = 20
-"""Samples from the first and the last one; a fault at the very end moves nothing."""
+EDGE = 20  # Samples from the first and the last one; a fault at the very end moves nothing.
 
-MOST_M, MOST_SIGMAS = 0.3, 3.0
+MAX_M, MAX_SIGMAS = 0.3, 3.0
 
 SIZES = {"gyr": [30.0, 100.0, 300.0], "acc": [200.0, 1000.0]}
 
@@ -238,7 +237,7 @@ def print_faults(chosen: argparse.Namespace, data: Path) -> None:
 
 def is_beyond(one: Moved) -> bool:
     """Whether the end moved by more than is allowed."""
-    return one.moved_m > MOST_M or one.sigmas > MOST_SIGMAS
+    return one.moved_m > MAX_M or one.sigmas > MAX_SIGMAS
 
 
 def find_path(name: str, data: Path) -> Path:

@@ -39,11 +39,8 @@ from fg_nav.walk import Walk as Prepared
 
 LAPS = 2
 ASIDE_M = 0.25
-ANOTHER = 5000
-"""Added to the seed of a building for the person, the sensor and the noise of the second walk."""
-
-MOST_M, MOST_DEG = 1.0, 5.0
-"""Of a start that is found."""
+ANOTHER = 5000  # Added to the seed of a building for the person, the sensor and the noise of the second walk.
+MAX_M, MAX_DEG = 1.0, 5.0  # Of a start that is found.
 
 
 @dataclass(frozen=True)
@@ -61,7 +58,7 @@ class Second:
     @property
     def is_found(self) -> bool:
         """Whether the start is as near as was asked."""
-        return self.error_m <= MOST_M and self.error_deg <= MOST_DEG
+        return self.error_m <= MAX_M and self.error_deg <= MAX_DEG
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

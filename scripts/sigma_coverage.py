@@ -56,18 +56,14 @@ from fg_nav.walk import Options, Walk
 
 ASKED = 0.88, 0.99
 
-FOOTPRINT_SIGMA_M, CAPTURE_SIGMA_M = 0.01, 0.001
-"""A foot on a mark on the floor, and a marker on a shoe."""
-
-FIRST_SEED = 401
-"""Of ways that no estimator was tuned on."""
+FOOTPRINT_SIGMA_M, CAPTURE_SIGMA_M = 0.01, 0.001  # A foot on a mark on the floor, and a marker on a shoe.
+FIRST_SEED = 401  # Of ways that no estimator was tuned on.
 
 LEGS_M, TURNED_DEG, CORNER_M = (50.0, 120.0), 60.0, 1.2
 REST_S = 5.0
 FIELDS = (None, "smooth", "indoor")
 
-WITHIN_S = 0.3
-"""A footprint is that of the stance so near to its instant; else its stance was not found."""
+WITHIN_S = 0.3  # A footprint is that of the stance so near to its instant; else its stance was not found.
 
 
 @dataclass(frozen=True)

@@ -32,8 +32,7 @@ from fg_nav.io import write_canonical
 from fg_nav.lab.simulation import simulate
 
 HELP, FIRST, WARM = "help", "first run", "warm run"
-LIMITS_S: Mapping[str, float] = {HELP: 0.3, FIRST: 15.0, WARM: 3.0}
-"""What is asked."""
+LIMITS_S: Mapping[str, float] = {HELP: 0.3, FIRST: 15.0, WARM: 3.0}  # What is asked.
 
 SEED = 1
 

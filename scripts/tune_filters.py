@@ -53,7 +53,7 @@ from fg_nav.stances import Stances
 from fg_nav.truth import TrajectoryTruth
 
 SCENARIOS, FIELDS = ("teaching-building", "office", "mall"), ("smooth", "indoor")
-FIRST_SEED, MOST_SEEDS = 1, 12
+FIRST_SEED, MAX_SEEDS = 1, 12
 HELD_OUT = 31
 RATE_HZ = 100.0
 BASELINE = "iez"
@@ -86,8 +86,7 @@ STARTS: Sequence[Point] = ({}, {"allowance": 8.0, "compass_sigma_deg": 20.0})
 
 HELD_OUT_COLUMNS = ("method", "preset", "rmse (m)", "end (m)", "over the IEZ's", "least", "greatest")
 
-FLAT = 0.02
-"""Losses that differ by less are alike: 2 % of the error."""
+FLAT = 0.02  # Losses that differ by less are alike: 2 % of the error.
 
 DETECTORS_OWN = frozenset({"allowance", "window"})
 INERTIAL = frozenset(field.name for field in fields(IezParameters))
@@ -142,7 +141,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         __doc__,
         arguments,
         cache=option(None, "folder of walks and results", type=Path, required=True, metavar="DIR"),
-        seeds=option(3, "walks of a scenario", choices=range(1, MOST_SEEDS + 1)),
+        seeds=option(3, "walks of a scenario", choices=range(1, MAX_SEEDS + 1)),
         scenarios=SCENARIOS,
         methods=tuple(GRIDS),
         rounds=option(4, "at most so many rounds of the search", metavar="N"),

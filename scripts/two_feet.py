@@ -65,8 +65,7 @@ SENSORS = {False: "without", True: "with"}
 SHARE_WITHOUT, SHARE_WITH, COST = 0.7, 1.0, 2.3
 """Asked of the errors over those of the better foot without and with the magnetometer, and of the cost."""
 
-REPEATS = 5
-"""Of each call whose time is measured."""
+REPEATS = 5  # Of each call whose time is measured.
 
 OFFSETS_S = (0.0, 0.3, -0.3, 0.6, -1.1, 5.0, -20.0, 4000.0)
 
@@ -367,8 +366,7 @@ def measure_steps(chosen: argparse.Namespace) -> list[Figure]:
 
 # --- faults -----------------------------------------------------------------------------------------------------------
 
-LOST_S = (60.0, 120.0)
-"""When a foot's sensor was silent."""
+LOST_S = (60.0, 120.0)  # When a foot's sensor was silent.
 
 
 @dataclass(frozen=True)

@@ -43,11 +43,8 @@ GDIN_WALKS = (15, 18, 20, 22, 24, 29, 31, 33, 36, 40)
 RUNNING = (35, 43)
 GDLBIO_WALKED = (48, 50, 58, 62, 64, 72, 74, 76, 78, 80, 82)
 GDLBIO_RUN = (52, 54, 56, 60, 66, 68, 70)
-NEWEST_OBSOLETE = 29
-"""gdin walks up to this one lie in a folder of their own."""
-
-SHOE_ERROR = 0
-"""Of the five errors stored with a trial: that of the detector whose labels are used."""
+NEWEST_OBSOLETE = 29  # gdin walks up to this one lie in a folder of their own.
+SHOE_ERROR = 0  # Of the five errors stored with a trial: that of the detector whose labels are used.
 
 LOOPS = {
     "openshoe 1": "openshoe/data_inert1.txt",
@@ -197,8 +194,7 @@ def real_path(group: str, walk: str, data: Path) -> Path:
 # --- simulated -------------------------------------------------------------------------------------------------------
 
 PAUSE_S = 10.0
-SHORTEST_ROUND_S = 55.0
-"""A round of 61 strides takes some 57 s, and a pause follows."""
+MIN_ROUND_S = 55.0  # A round of 61 strides takes some 57 s, and a pause follows.
 
 
 def simulate_long_walk(minutes: float, seed: int, rate_hz: float = 200.0, field: str | None = None) -> Recording:
@@ -211,7 +207,7 @@ def simulate_long_walk(minutes: float, seed: int, rate_hz: float = 200.0, field:
     rate_hz : sample rate.
     field : level of the magnetic field; without one there is no magnetometer.
     """
-    rounds = int(np.ceil(60 * minutes / SHORTEST_ROUND_S))
+    rounds = int(np.ceil(60 * minutes / MIN_ROUND_S))
     demo = SCENARIOS["demo"]
     rest, around, _ = routes.demo()
     scenario = replace(
@@ -227,8 +223,7 @@ def simulate_long_walk(minutes: float, seed: int, rate_hz: float = 200.0, field:
     return replace(whole.slice(0, stop), truth=TrajectoryTruth(truth.t[:stop], truth.position[:stop]))
 
 
-STILL_RAD_S = 0.05
-"""No reading of a foot that stands is faster."""
+STILL_RAD_S = 0.05  # No reading of a foot that stands is faster.
 
 STILL_S = 1.0
 

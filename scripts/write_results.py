@@ -118,17 +118,13 @@ HEADLINES = {
 }
 """Lines of other pages."""
 
-BESIDE = {"README.md": ("tuned", "matched, both ways")}
-"""Columns that stand there between the paper's method and ours."""
-
-OURS = ("smoother", "online", "graph")
-"""Columns that they show beside the paper's method: the first there is."""
+BESIDE = {"README.md": ("tuned", "matched, both ways")}  # Columns that stand there between the paper's method and ours.
+OURS = ("smoother", "online", "graph")  # Columns that they show beside the paper's method: the first there is.
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDER = Path("docs/results")
 PAPERS = ("ma2018", "aiez2017", "munoz-diaz2017")
-MEASURED = ("real-walks", "coverage", "benchmark")
-"""Files of results of other scripts."""
+MEASURED = ("real-walks", "coverage", "benchmark")  # Files of results of other scripts.
 
 MARKED = re.compile(r"(<!-- written: ([\w-]+) -->\n).*?(<!-- end -->)", re.DOTALL)
 

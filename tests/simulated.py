@@ -52,8 +52,7 @@ LEVER = tuple(float(x) for x in FIRM.foot_R_body.T @ FIRM.lever_m)
 WALKERS = pytest.mark.parametrize(("person", "mount"), [(QUIET, FIRM), (PERSON, INSTEP)], ids=["quiet", "real"])
 """One whose foot rolls and does nothing else, and one whose foot is hit, trembles and slips."""
 
-INDUSTRIAL = replace(preset("demo"), mag=None)
-"""White noise and constant biases."""
+INDUSTRIAL = replace(preset("demo"), mag=None)  # White noise and constant biases.
 
 IDEAL = replace(preset("ideal"), mag=None)
 

@@ -9,8 +9,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs/equations.md"
-EQUATIONS = {"Ma": 39, "AIEZ": 32, "MD": 27}
-"""Of each paper the numbered ones."""
+EQUATIONS = {"Ma": 39, "AIEZ": 32, "MD": 27}  # Of each paper the numbered ones.
 
 CITATION = re.compile(r"\b(Ma|AIEZ|MD) (\(\d+\)(?:-\(\d+\))?(?:,\s+\(\d+\)(?:-\(\d+\))?)*)")
 READINGS = ("as printed", "same", "corrected: ", "replaced: ", "left out: ")

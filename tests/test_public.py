@@ -22,8 +22,7 @@ from fg_nav.recording import Recording
 from fg_nav.truth import TrajectoryTruth
 
 ROOT = Path(__file__).parents[1]
-NAMES = {"fg_nav": fg_nav, "np": np, "pd": pd, "Recording": Recording}
-"""What an example finds there."""
+NAMES = {"fg_nav": fg_nav, "np": np, "pd": pd, "Recording": Recording}  # What an example finds there.
 
 
 @cache

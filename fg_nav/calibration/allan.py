@@ -17,7 +17,7 @@ only prints sqrt(2) N. What sheets call bias instability is mostly the lowest po
 
 The deviation is the overlapping one (Riley, NIST SP 1065, 2008, Eq. 11). The fit is least squares on AVAR, no part
 below zero, each averaging time weighted by its variance under the fitted model, and no better than `MODEL_SHARE`: no
-sensor keeps to the three laws. A part less than `LEAST_SIGMAS` above zero is not seen; the fit is then made without it,
+sensor keeps to the three laws. A part less than `MIN_SIGMAS` above zero is not seen; the fit is then made without it,
 and `limit` says how much of it could be hidden. Filters and held values bend the short end of a curve, a
 magnetometer's above all: the fit begins where the laws hold.
 
@@ -49,29 +49,22 @@ from scipy.stats import chi2
 from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import CalibrationError
 
-FLOOR = float(np.sqrt(2 * np.log(2) / np.pi))
-"""Deviation of flicker with B = 1."""
-
-ONE_SIDED_95 = 1.645
-"""Sigmas that a normal error exceeds in one of twenty."""
-
-MIN_READINGS = 40
-"""Fewer make no curve of a decade."""
+FLOOR = float(np.sqrt(2 * np.log(2) / np.pi))  # Deviation of flicker with B = 1.
+ONE_SIDED_95 = 1.645  # Sigmas that a normal error exceeds in one of twenty.
+MIN_READINGS = 40  # Fewer make no curve of a decade.
 
 
 PER_DECADE = 8
 """Averaging times in a decade: their values are as good as independent from some 4 on, and a curve wants more."""
 
-LONGEST_SHARE = 0.25
-"""Of the record: the longest averaging time, which is then seen four times."""
+MAX_SHARE = 0.25  # Of the record: the longest averaging time, which is then seen four times.
 
 MODEL_SHARE = 0.03
 """Of AVAR: how closely a sensor follows the three laws (assumed; filters and quantization bend the short end)."""
 
-LEAST_SIGMAS = 2.0
-"""A part is seen if it is this far above zero."""
+MIN_SIGMAS = 2.0  # A part is seen if it is this far above zero.
 
-MOST_MISFIT = 2.0
+MAX_MISFIT = 2.0
 """A curve that fits worse is bent, by a filter, held values or the mains: its short end is then left out."""
 
 START_COUNT = 4
@@ -80,17 +73,13 @@ START_COUNT = 4
 START_SHARE = 0.015
 """Of AVAR: how far these may be off, rms, besides twice their statistical sigma; half of `MODEL_SHARE`."""
 
-FEWEST_TIMES = 8
-"""Averaging times that a fit is made of at least, a decade."""
+MIN_TIMES = 8  # Averaging times that a fit is made of at least, a decade.
+CONFIDENCE = 0.68  # Of the band about the deviation.
 
-CONFIDENCE = 0.68
-"""Of the band about the deviation."""
-
-LEAST_VARIANCE = 1e-12
+MIN_VARIANCE = 1e-12
 """Of the largest variance: coarse steps of a reading can hide all of its noise at one averaging time."""
 
-ROUNDS = 12
-"""The weights follow the model: after half as many it stays to a thousandth."""
+ROUNDS = 12  # The weights follow the model: after half as many it stays to a thousandth.
 
 EVERY_LAG, GROWTH = 24, 1.08
 """Covariance: every lag is summed within so many samples of an instant at which the two differences meet; beyond, each
@@ -157,7 +146,7 @@ class NoiseFit:
 
 def choose_averaging_factors(count: int) -> Ints:
     """Averaging times (F,) in samples, evenly spaced on a logarithmic scale where that leaves whole numbers."""
-    longest = max(1.0, LONGEST_SHARE * count)
+    longest = max(1.0, MAX_SHARE * count)
     steps = 1 + int(np.log10(longest) * PER_DECADE)
     return np.unique(np.round(np.geomspace(1.0, longest, max(2, steps)))).astype(np.int64)
 
@@ -222,9 +211,9 @@ class _Laws:
 def _fit_from_start(whole: _Laws) -> tuple[int, _Squares]:
     """Where the fit begins and what it is there: the first place that fits, or the best where none does."""
     tried = []
-    for first in range(max(1, len(whole.observed) - FEWEST_TIMES)):
+    for first in range(max(1, len(whole.observed) - MIN_TIMES)):
         found = _Squares.fit(whole.beginning(first), (0, 1, 2))
-        if found.misfit < MOST_MISFIT and found.starts_straight:
+        if found.misfit < MAX_MISFIT and found.starts_straight:
             return first, found
         tried.append(found)
     first = int(np.argmin([found.misfit for found in tried]))
@@ -233,7 +222,7 @@ def _fit_from_start(whole: _Laws) -> tuple[int, _Squares]:
 
 def _drop_unseen(whole: _Laws, found: _Squares) -> _Squares:
     """Fit without what is not seen, the least of it first."""
-    while len(found.parts) > 1 and found.significance.min() < LEAST_SIGMAS:
+    while len(found.parts) > 1 and found.significance.min() < MIN_SIGMAS:
         least = found.parts[int(np.argmin(found.significance))]
         found = _Squares.fit(whole, tuple(part for part in found.parts if part != least))
     return found
@@ -276,7 +265,7 @@ class _Squares:
         """Least squares on these parts, weighted by what the model itself says, until it stays."""
         chosen, value = list(parts), np.zeros(3)
         X, observed = whole.laws[:, chosen], whole.observed
-        weight = 1 / np.maximum(observed, LEAST_VARIANCE)
+        weight = 1 / np.maximum(observed, MIN_VARIANCE)
         for _ in range(ROUNDS):
             value[chosen], _ = nnls(weight[:, None] * X, weight * observed)
             model, covariance = whole.laws @ value, whole.covariance(value)

@@ -45,7 +45,7 @@ from fg_nav.calibration.allan import (
     fit_noise,
 )
 from fg_nav.detection import Rest, RestParameters, find_rests
-from fg_nav.detection.rest import LEAST_SIGMA_DEG_S, find_still_stretches
+from fg_nav.detection.rest import MIN_SIGMA_DEG_S, find_still_stretches
 from fg_nav.errors import CalibrationError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.recording import Recording
@@ -53,31 +53,23 @@ from fg_nav.solution import Solution
 from fg_nav.stances import find_runs
 from fg_nav.text import format_count
 
-UNKNOWNS = 4
-"""Scale and bias of the accelerometer; fewer attitudes than that cannot show them."""
-
-MOST_CONDITION = 1e3
-"""Of the sphere's equations: beyond it the attitudes lie in a plane, but for noise."""
+UNKNOWNS = 4  # Scale and bias of the accelerometer; fewer attitudes than that cannot show them.
+MAX_CONDITION = 1e3  # Of the sphere's equations: beyond it the attitudes lie in a plane, but for noise.
 
 
-GRAVITY_SIGMA_M_S2 = 0.013
-"""Of gravity where the place is not given: 9.780 on the equator, 9.832 on the poles."""
+GRAVITY_SIGMA_M_S2 = 0.013  # Of gravity where the place is not given: 9.780 on the equator, 9.832 on the poles.
 
 AXES_SIGMA = 0.003
 """e: what scales and axes of a consumer part differ by (cross-axis errors of `mpu-9250` in the simulator)."""
 
-FORCE_SIGMA_M_S2 = 0.01
-"""Of the mean force of a rest: 1 mg, for a hand's or a table's tremor and what a bias drifts."""
+FORCE_SIGMA_M_S2 = 0.01  # Of the mean force of a rest: 1 mg, for a hand's or a table's tremor and what a bias drifts.
+SAME_ATTITUDE_DEG = 20.0  # Attitudes closer than this are one: a sphere does not show in a cap of it.
 
-SAME_ATTITUDE_DEG = 20.0
-"""Attitudes closer than this are one: a sphere does not show in a cap of it."""
-
-SHORTEST_ATTITUDE_S = 2.0
+MIN_ATTITUDE_S = 2.0
 """A rest in a new attitude is at least this long: it is not compared with the bias of others, since that changes
 with the attitude (g-sensitivity), so a slow stance must not pass for one."""
 
-MOST_BIAS_SIGMA_M_S2 = 0.05
-"""A bias more uncertain than this (5 mg, a common one's size) is not worth to be taken off."""
+MAX_BIAS_SIGMA_M_S2 = 0.05  # A bias more uncertain than this (5 mg, a common one's size) is not worth to be taken off.
 
 
 CHANGES_DEG_S = (0.02, 0.06, 0.2, 0.6)  # tau: from a sensor kept warm to one of the 1990s; 0.06 is typical of MEMS.
@@ -156,7 +148,7 @@ class AccelerometerCalibration:
         if not self.separable:
             raise CalibrationError(
                 f"rests in {format_count(self.attitudes, 'attitude')} do not tell the accelerometer's scale "
-                f"from its bias: let it lie for {SHORTEST_ATTITUDE_S:g} s on each of its six faces."
+                f"from its bias: let it lie for {MIN_ATTITUDE_S:g} s on each of its six faces."
             )
         return replace(recording, acc=self.correct(recording.acc))
 
@@ -164,7 +156,7 @@ class AccelerometerCalibration:
 def calibrate_gyroscope(recording: Recording) -> GyroscopeCalibration | None:
     """Bias from all rests of a recording, weighted by what each is worth; None where nothing rests.
 
-    Its sigma is not below `fg_nav.detection.rest.LEAST_SIGMA_DEG_S`, however many rests there are, and grows where they
+    Its sigma is not below `fg_nav.detection.rest.MIN_SIGMA_DEG_S`, however many rests there are, and grows where they
     disagree by more than their own sigmas.
     """
     rests = find_rests(recording)
@@ -174,7 +166,7 @@ def calibrate_gyroscope(recording: Recording) -> GyroscopeCalibration | None:
     bias = (sigma**-2 * rate).sum(axis=0) / (sigma**-2).sum(axis=0)
     disagreement = (((rate - bias) / sigma) ** 2).sum(axis=0) / max(1, len(rests) - 1)
     spread = np.sqrt(np.maximum(disagreement, 1.0) / (sigma**-2).sum(axis=0))
-    least = np.radians(LEAST_SIGMA_DEG_S)
+    least = np.radians(MIN_SIGMA_DEG_S)
     sigma = np.maximum(spread, least)
     return _calibrate(bias, sigma, len(rests), _seconds(recording, rests))
 
@@ -233,7 +225,7 @@ def average_biases(biases: Floats, sigmas: Floats) -> tuple[Floats, Floats, floa
 
 def calibrate_accelerometer(recording: Recording) -> AccelerometerCalibration | None:
     """Scale and bias from rests in several attitudes, or ||acc|| / g from fewer; None where nothing rests."""
-    long = RestParameters(shortest_s=SHORTEST_ATTITUDE_S, shortest_at_end_s=SHORTEST_ATTITUDE_S)
+    long = RestParameters(shortest_s=MIN_ATTITUDE_S, shortest_at_end_s=MIN_ATTITUDE_S)
     rests = find_still_stretches(recording, long) or find_rests(recording)
     if not rests:
         return None
@@ -258,10 +250,10 @@ def _separate_scale(unknown: AccelerometerCalibration, force: Floats) -> Acceler
     found = least_squares(off_the_sphere, np.append(force.mean(axis=0), 1.0))
     direction = (force - found.x[:3]) / np.linalg.norm(force - found.x[:3], axis=1, keepdims=True)
     jacobian = np.column_stack([-direction, np.full(len(force), -g)])
-    if np.linalg.cond(jacobian) > MOST_CONDITION:
+    if np.linalg.cond(jacobian) > MAX_CONDITION:
         return unknown
     sigma = _sigmas(jacobian, direction, found.fun)
-    if sigma[:3].max() > MOST_BIAS_SIGMA_M_S2:
+    if sigma[:3].max() > MAX_BIAS_SIGMA_M_S2:
         return unknown
     scale_sigma = float(np.hypot(sigma[3], GRAVITY_SIGMA_M_S2 / g))
     return replace(
@@ -295,25 +287,17 @@ def _seconds(recording: Recording, rests: Sequence[Rest]) -> float:
     return float(sum(rest.stop - rest.start for rest in rests) * recording.period_s)
 
 
-BLOCK_S = 1.0
-"""Long enough to average noise, short enough to notice a touch."""
-
-QUIETEST_PERCENT = 10.0
-"""The noise is that of the quietest blocks: so many of a hundred are at rest, or nothing is."""
-
-MOST_SCATTER = 1.5
-"""Of a block over the noise; that of a hundred samples is off by 7 per cent, and blocks are many."""
-
-MOST_GYR_DEG_S, MOST_ACC_M_S2 = 2.0, 0.5
-"""Largest scatter of a resting sensor: noisier ones are not made, but feet are."""
+BLOCK_S = 1.0  # Long enough to average noise, short enough to notice a touch.
+QUIETEST_PERCENT = 10.0  # The noise is that of the quietest blocks: so many of a hundred are at rest, or nothing is.
+MAX_SCATTER = 1.5  # Of a block over the noise; that of a hundred samples is off by 7 per cent, and blocks are many.
+MAX_GYR_DEG_S, MAX_ACC_M_S2 = 2.0, 0.5  # Largest scatter of a resting sensor: noisier ones are not made, but feet are.
 
 GYR_STEP_DEG_S, ACC_STEP_M_S2 = 0.2, 0.03
 """By how much the means may change from block to block, besides noise: a finger's touch; 0.2 deg of tilt."""
 
-STEP_SIGMAS = 6.0
-"""Noise of a block's mean that is allowed on top, for an hour of blocks."""
+STEP_SIGMAS = 6.0  # Noise of a block's mean that is allowed on top, for an hour of blocks.
 
-SHORTEST_S = 30.0
+MIN_S = 30.0
 """Averages of a second are then seen thirty times, which shows N to some per cent, and as a rule nothing else."""
 
 
@@ -343,10 +327,10 @@ def measure_recording_noise(recording: Recording) -> RecordingNoise:
     """
     start, stop = find_longest_stillness(recording)
     seconds = (stop - start) * recording.period_s
-    if seconds < SHORTEST_S * (1 - 1e-3):
+    if seconds < MIN_S * (1 - 1e-3):
         raise CalibrationError(
             f"the sensor lies still for {seconds:.0f} s at most, which is too short for an Allan deviation: record it "
-            f"lying untouched, for {SHORTEST_S:.0f} s at least and for hours to see its bias instability."
+            f"lying untouched, for {MIN_S:.0f} s at least and for hours to see its bias instability."
         )
     rest = recording.slice(start, stop)
     sensors = [_sensor(name, t, readings) for name, t, readings in _readings(rest)]
@@ -361,8 +345,8 @@ def find_longest_stillness(recording: Recording) -> tuple[int, int]:
         return 0, 0
     quiet, together = np.ones(count, dtype=bool), np.ones(max(0, count - 1), dtype=bool)
     for samples, most, step in (
-        (recording.gyr, np.radians(MOST_GYR_DEG_S), np.radians(GYR_STEP_DEG_S)),
-        (recording.acc, MOST_ACC_M_S2, ACC_STEP_M_S2),
+        (recording.gyr, np.radians(MAX_GYR_DEG_S), np.radians(GYR_STEP_DEG_S)),
+        (recording.acc, MAX_ACC_M_S2, ACC_STEP_M_S2),
     ):
         here, joined = _still(samples[: count * block].reshape(count, block, 3), most, step)
         quiet &= here
@@ -374,7 +358,7 @@ def _still(blocks: Floats, most: float, step: float) -> tuple[Bools, Bools]:
     """Which blocks (B, n, 3) are quiet (B,), and which are together with the next (B - 1,)."""
     scatter, mean = blocks.std(axis=1), blocks.mean(axis=1)
     noise = np.percentile(scatter, QUIETEST_PERCENT, axis=0)
-    limit = np.minimum(most, MOST_SCATTER * noise + 1e-12)
+    limit = np.minimum(most, MAX_SCATTER * noise + 1e-12)
     allowed = step + STEP_SIGMAS * np.sqrt(2 / blocks.shape[1]) * noise
     return (scatter <= limit).all(axis=1), (np.abs(np.diff(mean, axis=0)) < allowed).all(axis=1)
 

@@ -30,12 +30,11 @@ from scipy.ndimage import uniform_filter1d
 from fg_nav.arrays import Bools, Floats
 from fg_nav.calibration.ellipse import Ellipse, half_turn, rise_deg, select_levelled
 from fg_nav.calibration.magnetometer import LEVEL_FIELD_UT, MagnetometerCalibration, check_strength, mean_up
-from fg_nav.calibration.quadric import LEAST_UT, Fit, distance, fit_robustly, fit_trimmed_quadric
+from fg_nav.calibration.quadric import MIN_UT, Fit, distance, fit_robustly, fit_trimmed_quadric
 from fg_nav.errors import CalibrationError
 from fg_nav.magnetic.footfall_field import FootfallField, compute_field_heading
 
-SIDE_FOOTFALLS = 5
-"""Turning is to the left or to the right in the mean over so many."""
+SIDE_FOOTFALLS = 5  # Turning is to the left or to the right in the mean over so many.
 
 UPRIGHT_DEG = 2.0
 """An x axis so close to vertical has no heading that a foot could repeat: levelled axes turn about at random."""
@@ -45,15 +44,13 @@ KNOWN_ETA_RAD = 0.3
 """A direction with more sigma than this is no direction: 17 degrees, and beyond it sigma is no more than a word."""
 
 
-FEWEST_FOOTFALLS = 10
-"""Five numbers want a few more footfalls to be judged by."""
+MIN_FOOTFALLS = 10  # Five numbers want a few more footfalls to be judged by.
 
-LARGEST_GAP_RAD = float(np.deg2rad(90.0))
+MAX_GAP_RAD = float(np.deg2rad(90.0))
 """Between neighboring directions about the center. Ma turns by 15 to 35 deg from step to step; with a quarter of the
 round missing the two ends of it still hold the ellipse."""
 
-LARGEST_SIGMA = 0.05
-"""Of the offset over the radius, and of half of tau: an error of 3 deg of heading for both."""
+MAX_SIGMA = 0.05  # Of the offset over the radius, and of half of tau: an error of 3 deg of heading for both.
 
 LEVELLING_SIGMA_RAD = 0.003
 """Steady error of up, per axis: an accelerometer that is wrong by 3 mg, as a calibrated MEMS part is. What vertical
@@ -97,7 +94,7 @@ def calibrate_on_loop(field: FootfallField) -> tuple[Ellipse, MagnetometerCalibr
 
 def _fit_round(level_xy: Floats) -> Ellipse:
     """Fit; refuse only where there is no ellipse or the headings do not go round."""
-    readings = select_levelled(level_xy, FEWEST_FOOTFALLS)
+    readings = select_levelled(level_xy, MIN_FOOTFALLS)
     ellipse, kept = fit_likeliest_ellipse(readings)
     _check_round(ellipse.correct(readings[kept]))
     left_out = int((~kept).sum())
@@ -117,7 +114,7 @@ def _compare_sides(field: FootfallField, ellipse: Ellipse) -> tuple[float, str]:
         )
     apart = (left.numbers - right.numbers) / 2
     apart[2] = half_turn(2 * apart[2]) / 2
-    covariance = ellipse.covariance + LEAST_UT**2 * np.eye(4)
+    covariance = ellipse.covariance + MIN_UT**2 * np.eye(4)
     growth = max(1.0, float(apart @ np.linalg.solve(covariance, apart)) / 4)
     disagree = f"{np.sqrt(growth):.1f} times what the scatter alone explains"
     return growth, f"sigmas are {disagree}, for circles to the left and to the right disagree by so much"
@@ -128,11 +125,11 @@ def _check_round(corrected: Floats) -> None:
     heading = np.sort(compute_field_heading(corrected))
     gaps = np.diff(heading, append=heading[0] + 2 * np.pi)
     k = int(np.argmax(gaps))
-    if gaps[k] > LARGEST_GAP_RAD:
+    if gaps[k] > MAX_GAP_RAD:
         first, last = np.degrees([heading[k], heading[k] + gaps[k]]) % 360.0
         raise CalibrationError(
             f"the footfalls do not go round: none has a magnetic heading from {first:.0f} to {last:.0f} deg clockwise "
-            f"({np.degrees(gaps[k]):.0f} deg wide, at most {np.degrees(LARGEST_GAP_RAD):.0f} are allowed); "
+            f"({np.degrees(gaps[k]):.0f} deg wide, at most {np.degrees(MAX_GAP_RAD):.0f} are allowed); "
             "walk a full circle, better one each way."
         )
 
@@ -142,11 +139,11 @@ def _check(ellipse: Ellipse) -> None:
     check_strength(ellipse.radius_uT, LEVEL_FIELD_UT)
     x, y, _, tau = ellipse.sigma
     offset = max(x, y) / ellipse.radius_uT
-    if max(offset, tau / 2) > LARGEST_SIGMA:
+    if max(offset, tau / 2) > MAX_SIGMA:
         raise CalibrationError(
             f"the footfalls scatter by {ellipse.residual_uT:.1f} uT about the ellipse and leave its offset open by "
             f"{offset:.2f} of its radius and tau by {tau:.2f} "
-            f"(at most {LARGEST_SIGMA:g} and {2 * LARGEST_SIGMA:g} are allowed): "
+            f"(at most {MAX_SIGMA:g} and {2 * MAX_SIGMA:g} are allowed): "
             "walk more circles, away from iron in the floor."
         )
 
@@ -169,13 +166,11 @@ def _check_x_axis(body_up: Floats) -> None:
         )
 
 
-SECTORS, FEWEST_SECTORS = 12, 9
-"""Of 30 degrees, and how many must hold a footfall for their means to say something."""
+SECTORS, MIN_SECTORS = 12, 9  # Of 30 degrees, and how many must hold a footfall for their means to say something.
 
 NO_ELLIPSE = "the footfalls lie on no ellipse: walk full circles, right and left, away from iron in the floor."
 
-_SIZES = np.array([0.01, 0.01, 30.0, 30.0, 30.0])
-"""Brings uT and 1/uT to numbers about 1, as fields on Earth have them."""
+_SIZES = np.array([0.01, 0.01, 30.0, 30.0, 30.0])  # Brings uT and 1/uT to numbers about 1, as fields on Earth have them
 
 
 def fit_likeliest_ellipse(readings: Floats) -> tuple[Ellipse, Bools]:
@@ -187,7 +182,7 @@ def fit_likeliest_ellipse(readings: Floats) -> tuple[Ellipse, Bools]:
     kept = readings[fit.kept]
     ellipse = _build_ellipse(fit.parameters, fit.covariance, fit.residual_uT, len(kept))
     lack = _measure_lack_of_fit(_distance(fit.parameters, kept), compute_field_heading(ellipse.correct(kept)))
-    worse = max(1.0, lack / max(fit.residual_uT, LEAST_UT) ** 2)
+    worse = max(1.0, lack / max(fit.residual_uT, MIN_UT) ** 2)
     return replace(ellipse, covariance=worse * ellipse.covariance), fit.kept
 
 
@@ -253,6 +248,6 @@ def _measure_lack_of_fit(residual: Floats, heading: Floats) -> float:
     count = np.bincount(sector, minlength=SECTORS)
     total = np.bincount(sector, residual, minlength=SECTORS)
     held = count > 0
-    if held.sum() < FEWEST_SECTORS:
+    if held.sum() < MIN_SECTORS:
         return 0.0
     return float((total[held] ** 2 / count[held]).sum() / (held.sum() - 5))

@@ -48,19 +48,18 @@ from fg_nav.calibration.quadric import (
 from fg_nav.errors import CalibrationError
 from fg_nav.text import format_count
 
-CHANGE_PERCENT, LEAST_CHANGE_UT = 90.0, 2.0
+CHANGE_PERCENT, MIN_CHANGE_UT = 90.0, 2.0
 """Readings of a sensor that was turned change by more than this from their median, a tenth of them at least. Noise
 changes by less: there is an ellipsoid through it, and the fit takes long to find it."""
 
 
-FEWEST_READINGS = 20
-"""Nine numbers want a few more readings to be judged by."""
+MIN_READINGS = 20  # Nine numbers want a few more readings to be judged by.
 
-LARGEST_SIGMA = 0.05
+MAX_SIGMA = 0.05
 """Of the hard iron over the size of the ellipsoid, and of any element of C of determinant 1: 0.05 of the field is an
 error of heading of 3 deg where it lies level, and 7 deg at Munich."""
 
-LARGEST_RESIDUAL = 0.05
+MAX_RESIDUAL = 0.05
 """Of the readings over the size of the ellipsoid: 2.4 uT on Earth, several times the noise of any chip. More is a field
 that changes from place to place, which sigma does not include."""
 
@@ -106,13 +105,13 @@ def symmetric(matrix: Floats) -> Floats:
 def select_readings(readings: Floats) -> Floats:
     """Readings (N, 3) without NaN rows; `CalibrationError` for too few, or of a sensor that was not turned."""
     present = readings[np.isfinite(readings).all(axis=1)]
-    if len(present) < FEWEST_READINGS:
+    if len(present) < MIN_READINGS:
         raise CalibrationError(
             f"{format_count(len(present), 'whole reading')} of the field cannot make an ellipsoid: record "
-            f"{FEWEST_READINGS} or more, of all three axes."
+            f"{MIN_READINGS} or more, of all three axes."
         )
     change = np.percentile(np.linalg.norm(present - np.median(present, axis=0), axis=1), CHANGE_PERCENT)
-    if change < LEAST_CHANGE_UT:
+    if change < MIN_CHANGE_UT:
         raise CalibrationError(
             f"nine in ten readings lie within {change:.2g} uT of their median and make no ellipsoid: "
             "does the magnetometer work, was it turned, and are its readings in uT?"
@@ -176,19 +175,19 @@ def check_fit(found: MagnetometerCalibration, residual_uT: float, coverage: Cove
     size_uT = found.strength_uT / scale
     _check_sigma(found.sigma[:3].max(), size_uT, found.sigma[3:].max() / scale, coverage)
     check_strength(size_uT)
-    if residual_uT > LARGEST_RESIDUAL * size_uT:
+    if residual_uT > MAX_RESIDUAL * size_uT:
         raise CalibrationError(
             f"the readings scatter by {residual_uT:.1f} uT about an ellipsoid of {size_uT:.0f} uT, and "
-            f"{100 * LARGEST_RESIDUAL:g} % of it at most are allowed: the field was not the same "
+            f"{100 * MAX_RESIDUAL:g} % of it at most are allowed: the field was not the same "
             "everywhere, so turn the sensor in one place away from iron."
         )
 
 
 def _check_sigma(hard_uT: float, size_uT: float, soft: float, coverage: Coverage) -> None:
-    if max(hard_uT / size_uT, soft) > LARGEST_SIGMA:
+    if max(hard_uT / size_uT, soft) > MAX_SIGMA:
         raise CalibrationError(
             f"the readings leave the hard iron open by {hard_uT:.1f} uT and the soft iron by "
-            f"{100 * soft:.0f} % (at most {100 * LARGEST_SIGMA:g} % of the field are allowed): {coverage.words}; "
+            f"{100 * soft:.0f} % (at most {100 * MAX_SIGMA:g} % of the field are allowed): {coverage.words}; "
             "turn the sensor so that the field points there too."
         )
 
@@ -271,8 +270,7 @@ def _slope(p: Floats, k: int, middle: Floats, scale: float) -> Floats:
     return (_parameters(p + step, middle, scale) - _parameters(p - step, middle, scale)) / 2e-6
 
 
-CELLS = 100
-"""Patches of 413 square degrees, about 20 degrees wide: a hand that tumbles a box leaves no finer holes."""
+CELLS = 100  # Patches of 413 square degrees, about 20 degrees wide: a hand that tumbles a box leaves no finer holes.
 
 
 @dataclass(frozen=True)

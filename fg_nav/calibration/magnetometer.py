@@ -20,8 +20,7 @@ from fg_nav.errors import CalibrationError
 from fg_nav.magnetic.footfall_field import FootfallField
 from fg_nav.recording import Recording
 
-UPPER = np.triu_indices(3)
-"""Where the six numbers of a symmetric matrix stand, row by row."""
+UPPER = np.triu_indices(3)  # Where the six numbers of a symmetric matrix stand, row by row.
 
 FIELD_UT, LEVEL_FIELD_UT = (5.0, 500.0), (3.0, 500.0)
 """Strengths that a field may be found to have, whole and over the ground. Earth's has 22 to 67, and over the ground

@@ -51,13 +51,12 @@ from fg_nav.recording import Recording
 from fg_nav.text import find_version, read_small, to_json
 
 FORMAT = "fg-nav calibration"
-VERSION = 2
-"""Of the file; a reader refuses what is newer."""
+VERSION = 2  # Of the file; a reader refuses what is newer.
 
-LARGEST_HARD_IRON_UT, LARGEST_GAIN = 10_000.0, 10.0
+MAX_HARD_IRON_UT, MAX_GAIN = 10_000.0, 10.0
 """Of a magnetometer: twice the range of those in phones and feet, and a gain that no maker sells."""
 
-LARGEST_BIAS, LARGEST_SCALE = 5.0, 1.5
+MAX_BIAS, MAX_SCALE = 5.0, 1.5
 """Of gyroscope (rad/s) and accelerometer (m/s^2), and of the latter's scale: a third is no error but a unit."""
 
 Part = TypeVar("Part")
@@ -164,14 +163,14 @@ def _check_magnetometer(path: Path, part: MagnetometerCalibration | None) -> Mag
 
 def _is_of_a_sensor(part: MagnetometerCalibration) -> bool:
     gain = np.linalg.eigvalsh(part.correction)
-    is_near = gain.min() >= 1 / LARGEST_GAIN and gain.max() <= LARGEST_GAIN
-    return bool(is_near and np.abs(part.hard_iron_uT).max() <= LARGEST_HARD_IRON_UT)
+    is_near = gain.min() >= 1 / MAX_GAIN and gain.max() <= MAX_GAIN
+    return bool(is_near and np.abs(part.hard_iron_uT).max() <= MAX_HARD_IRON_UT)
 
 
 def _is_covariance(covariance: Floats) -> bool:
     """Whether it is symmetric, and no entry is larger than its variances allow."""
     variance = np.diag(covariance)
-    if variance.min() < 0.0 or np.abs(covariance).max() > LARGEST_HARD_IRON_UT**2:
+    if variance.min() < 0.0 or np.abs(covariance).max() > MAX_HARD_IRON_UT**2:
         return False
     within = np.abs(covariance) <= 1.001 * np.sqrt(np.outer(variance, variance)) + 1e-12
     return bool(within.all() and np.allclose(covariance, covariance.T, rtol=1e-6, atol=1e-9))
@@ -182,8 +181,8 @@ def _check_at_rest(path: Path, name: str, part: AtRest) -> AtRest:
     if part is not None:
         scale = part.scale if isinstance(part, AccelerometerCalibration) else 1.0
         sigma = part.next_sigma if isinstance(part, GyroscopeCalibration) else 1.0
-        whole = part.bias.shape == (3,) and 0.0 < sigma <= LARGEST_BIAS
-        if not (whole and (np.abs(part.bias) <= LARGEST_BIAS).all() and 1 / LARGEST_SCALE <= scale <= LARGEST_SCALE):
+        whole = part.bias.shape == (3,) and 0.0 < sigma <= MAX_BIAS
+        if not (whole and (np.abs(part.bias) <= MAX_BIAS).all() and 1 / MAX_SCALE <= scale <= MAX_SCALE):
             raise CalibrationError(f"{path.name} has values in its part '{name}' that cannot be: calibrate again.")
     return part
 

@@ -31,11 +31,8 @@ from fg_nav.errors import CalibrationError
 TRIMS, TRIM_SIGMAS = 20, 2.5
 """Rounds, and what they leave: tight, for at first the wild readings pull the ellipsoid towards themselves."""
 
-MAD_TO_SD = 1.4826
-"""Standard deviation of a normal variable over its median absolute deviation."""
-
-LEAST_UT = 1e-6
-"""Of distances: below this they are rounding."""
+MAD_TO_SD = 1.4826  # Standard deviation of a normal variable over its median absolute deviation.
+MIN_UT = 1e-6  # Of distances: below this they are rounding.
 
 NO_ELLIPSOID = "the readings lie on no ellipsoid: turn the sensor in more directions, away from iron that stays behind."
 
@@ -72,7 +69,7 @@ def fit_trimmed_quadric(readings: Floats) -> tuple[Floats, Floats]:
     for _ in range(TRIMS):
         h, C = fit_constrained_quadric(readings[kept])
         far = np.abs(distance(h, C, readings))
-        before, kept = kept, far <= TRIM_SIGMAS * MAD_TO_SD * np.median(far) + LEAST_UT
+        before, kept = kept, far <= TRIM_SIGMAS * MAD_TO_SD * np.median(far) + MIN_UT
         if (kept == before).all():
             break
     return h, C
@@ -133,8 +130,7 @@ def find_center(quadratic: Floats, rest: Floats) -> tuple[Floats, Floats]:
 OUTLIER_SIGMAS = 4.0
 """Of normal residuals one in 16000 lies farther out, so leaving those out makes s too small by 0.05 %."""
 
-ROUNDS = 5
-"""Of leaving out and fitting again; two or three are enough."""
+ROUNDS = 5  # Of leaving out and fitting again; two or three are enough.
 
 
 @dataclass(frozen=True)
@@ -185,7 +181,7 @@ def _solved(
 
 
 def _scale(residual: Floats) -> float:
-    return max(float(MAD_TO_SD * np.median(np.abs(residual))), LEAST_UT)
+    return max(float(MAD_TO_SD * np.median(np.abs(residual))), MIN_UT)
 
 
 def is_near(residual: Floats) -> Bools:

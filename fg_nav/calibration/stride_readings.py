@@ -1,7 +1,7 @@
 """The readings of a magnetometer along each stride, from one footfall to the next, with the sensor's inertial motion.
 
 A stride has `PHASES` readings: the one at the footfall's stillest sample, and the others evenly over the swing that
-follows, each the measured one that is nearest. Only swings of `LONGEST_SWING_S` count: between others the walker stood.
+follows, each the measured one that is nearest. Only swings of `MAX_SWING_S` count: between others the walker stood.
 
 The attitude is given, or that of the gyroscope held upright by the stances (`fg_nav.magnetic.footfall_field`). Places
 follow from it and the specific force, with no velocity at the footfalls: good to a few percent of the way, which is
@@ -22,14 +22,9 @@ from fg_nav.magnetic.footfall_field import integrate_attitude
 from fg_nav.recording import Recording
 from fg_nav.stances import Stances
 
-PHASES = 16
-"""Readings of a stride: one every 5 cm of the way of a foot at the usual pace."""
-
-LONGEST_SWING_S = 2.0
-"""Beyond it the foot did not swing but stood where no stance was found."""
-
-FARTHEST_S = 0.1
-"""From the instant of a phase to its reading: a magnetometer of 10 Hz has one in every such time."""
+PHASES = 16  # Readings of a stride: one every 5 cm of the way of a foot at the usual pace.
+MAX_SWING_S = 2.0  # Beyond it the foot did not swing but stood where no stance was found.
+FARTHEST_S = 0.1  # From the instant of a phase to its reading: a magnetometer of 10 Hz has one in every such time.
 
 
 @dataclass(frozen=True)
@@ -105,7 +100,7 @@ def read_strides(recording: Recording, stances: Stances, nav_R_body: Floats | No
     wanted, lasts_s = _choose_phases(recording.t, stances, footfall)
     sample = _find_nearest(measured, wanted)
     off_s = np.abs(recording.t[sample] - recording.t[wanted.astype(np.int64)]).max(axis=1, initial=0.0)
-    kept = (lasts_s < LONGEST_SWING_S) & (off_s < FARTHEST_S)
+    kept = (lasts_s < MAX_SWING_S) & (off_s < FARTHEST_S)
     place = integrate_places(recording, attitude, footfall)
     sample = sample[kept]
     return StrideReadings(recording.t, attitude, recording.gyr, sample, recording.mag[sample], place[sample])

@@ -53,18 +53,14 @@ SEEN = -2.0 * float(np.log(0.05))
 """Squared sigmas over the ground, the 95 % quantile, below which iron may be none. Soft iron alone does not count: of
 what it does to the level field a real floor shows next to nothing."""
 
-FAR_SIGMAS = 6.0
-"""Soft iron this far from none, by its prior sigma, is no soft iron but another motion."""
+FAR_SIGMAS = 6.0  # Soft iron this far from none, by its prior sigma, is no soft iron but another motion.
 
 DRIFT_SIGMAS, LINE_STEP_RAD = 3.0, 0.1
 """How fast a drift is looked for where spreads are compared, and in what steps at the end of the walk."""
 
 
-FEWEST_STRIDES = 20
-"""One stride shows h to 10 uT, twenty to 2 uT."""
-
-BLOCKS = 8
-"""The walk is cut into so many for the trial out of sample: seven eighths show almost what all show."""
+MIN_STRIDES = 20  # One stride shows h to 10 uT, twenty to 2 uT.
+BLOCKS = 8  # The walk is cut into so many for the trial out of sample: seven eighths show almost what all show.
 
 
 @dataclass(frozen=True)
@@ -171,10 +167,10 @@ def find_level_iron(calibration: MagnetometerCalibration, field: FootfallField) 
 
 
 def _check_count(walk: Walk) -> None:
-    if len(walk) < FEWEST_STRIDES:
+    if len(walk) < MIN_STRIDES:
         raise CalibrationError(
             f"{format_count(len(walk), 'stride')} with a field cannot tell the shoe's iron from the building's: "
-            f"walk {FEWEST_STRIDES} strides or more, with turns."
+            f"walk {MIN_STRIDES} strides or more, with turns."
         )
 
 
@@ -302,10 +298,9 @@ def _describe_spread(spread: Spread | None) -> tuple[str, ...]:
     )
 
 
-START_UT = 10.0
-"""Of d, before its covariance is learned."""
+START_UT = 10.0  # Of d, before its covariance is learned.
 
-MOST_STEPS, FEWEST_STEPS, CLOSE_UT = 30, 5, 3e-3
+MAX_STEPS, MIN_STEPS, CLOSE_UT = 30, 5, 3e-3
 """Of Gauss-Newton: it takes 6 to 10, steps below this change nothing, and the covariance of d needs five."""
 
 
@@ -378,14 +373,14 @@ def fit_iron(walk: Walk) -> Fit:
     at, spread = start_unknowns(walk), START_UT**2 * np.stack([np.eye(PHASES)] * 3)
     prior, rest = prior_precision(walk), np.zeros(walk.unknowns)
     rest[IRON] = WITHOUT_IRON
-    for step in range(MOST_STEPS):
+    for step in range(MAX_STEPS):
         residual, jacobian = linearize(walk, at)
         whitening = find_whitening(spread)
         weight = compute_weights(whiten(whitening, residual))
         last = Linearization(residual, jacobian, weight, whitening, prior)
         normal = last.information.sum(axis=0) + prior
         change = np.linalg.solve(normal, last.pull.sum(axis=0) - prior @ (at - rest))
-        if step >= FEWEST_STEPS and np.abs(change[:3]).max() < CLOSE_UT:
+        if step >= MIN_STEPS and np.abs(change[:3]).max() < CLOSE_UT:
             break
         at = at + change
         spread = learn_spread(walk, residual - jacobian @ change, weight)

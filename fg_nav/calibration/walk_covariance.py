@@ -35,13 +35,11 @@ from fg_nav.calibration.walk_model import COMMON, FIELD, FIELD_LENGTH_M, Walk, w
 READING_UT = 0.25
 """Of d: what magnetometer and inertial attitude leave of a stride's readings where there is no building (0.2 uT)."""
 
-FLOOR_UT = 0.06
-"""Of h: readings in steps of 0.15 uT, attitudes between samples, gyroscopes at the end of their range."""
+FLOOR_UT = 0.06  # Of h: readings in steps of 0.15 uT, attitudes between samples, gyroscopes at the end of their range.
 
 REACH_M = 3.0 * FIELD_LENGTH_M
 
-SITES = 4
-"""Parts of a stride whose places are compared: a third of a meter each."""
+SITES = 4  # Parts of a stride whose places are compared: a third of a meter each.
 
 
 @dataclass(frozen=True)
@@ -127,8 +125,7 @@ def _count_taken(walk: Walk, fit: Linearization) -> float:
     _, alike = _compare_places(middle, np.arange(len(walk)))
     seen = 3 * len(walk) ** 2 / (len(walk) + 2 * _find_share(fit) * alike.sum())
     taken = 1 + FIELD.stop - 2 + walk.unknowns - COMMON.stop
-    return float(seen / max(seen - taken, LEAST_LEFT))
+    return float(seen / max(seen - taken, MIN_LEFT))
 
 
-LEAST_LEFT = 3.0
-"""Components of the field that are left where the unknowns take them all."""
+MIN_LEFT = 3.0  # Components of the field that are left where the unknowns take them all.

@@ -44,21 +44,13 @@ from fg_nav.calibration.stride_readings import PHASES, StrideReadings
 IRON, FIELD, DELAY, COMMON = slice(0, 9), slice(9, 12), 12, slice(13, 28)
 """Where the unknowns stand: h and S, b, the delay, e; the drift comes last."""
 
-DRIFT = 28
-"""First unknown of the drift."""
-
-WITHOUT_IRON = np.concatenate([np.zeros(3), np.eye(3)[UPPER]])
-"""h and S of a sensor that carries none."""
+DRIFT = 28  # First unknown of the drift.
+WITHOUT_IRON = np.concatenate([np.zeros(3), np.eye(3)[UPPER]])  # h and S of a sensor that carries none.
 
 
-HARD_IRON_SIGMA_UT = 30.0
-"""Prior of h per axis: wider than Ma's Table 1 (14 uT), which is a battery next to the chip."""
-
-SOFT_IRON_SIGMA = 0.06
-"""Prior of S about identity: half of all level axis ratios are then below that of Ma's Table 1."""
-
-DELAY_SIGMA_S = 0.03
-"""Of the readings: gdin's are 20 ms late."""
+HARD_IRON_SIGMA_UT = 30.0  # Prior of h per axis: wider than Ma's Table 1 (14 uT), which is a battery next to the chip.
+SOFT_IRON_SIGMA = 0.06  # Prior of S about identity: half of all level axis ratios are then below that of Ma's Table 1.
+DELAY_SIGMA_S = 0.03  # Of the readings: gdin's are 20 ms late.
 
 AXES_SIGMA_RAD = np.radians(3.0)
 """Of the magnetometer's axes about the gyroscope's: two chips on a board, and the rotation in a soft iron."""
@@ -70,21 +62,15 @@ knots."""
 DRIFT_RATE_DEG_S = 0.05
 """Of the inertial heading: what a rest leaves of the gyroscope's bias, and some more where there was none."""
 
-DRIFT_WALK_DEG_SQRT_MIN = 2.0
-"""Of the inertial heading: scale errors in turns, and the bias that moves."""
-
-KNOT_S = 60.0
-"""Between the knots of the drift."""
-
-TAIL = 5.0
-"""Degrees of freedom of the Student distribution: excess kurtosis of the field at a real foot is 0 to 4."""
+DRIFT_WALK_DEG_SQRT_MIN = 2.0  # Of the inertial heading: scale errors in turns, and the bias that moves.
+KNOT_S = 60.0  # Between the knots of the drift.
+TAIL = 5.0  # Degrees of freedom of the Student distribution: excess kurtosis of the field at a real foot is 0 to 4.
 
 FIELD_LENGTH_M = 1.0
 """Over which the field of a building is alike, as exp(-distance / length): the simulator's indoor field, and gdin's
 neighboring footfalls (0.2 to 0.25). Tuned on simulated walks, seeds 1 to 8."""
 
-LEAST_UT = 0.03
-"""Of d: no magnetometer resolves less."""
+MIN_UT = 0.03  # Of d: no magnetometer resolves less.
 
 
 @dataclass(frozen=True)
@@ -201,7 +187,7 @@ def learn_spread(walk: Walk, residual: Floats, weight: Floats) -> Floats:
 def _draw_toward(covariance: Floats, alike: Floats, count: int) -> Floats:
     share = PHASES / (PHASES + count)
     sigma = np.sqrt(np.diag(covariance))
-    return np.asarray((1 - share) * covariance + share * alike * np.outer(sigma, sigma) + LEAST_UT**2 * np.eye(PHASES))
+    return np.asarray((1 - share) * covariance + share * alike * np.outer(sigma, sigma) + MIN_UT**2 * np.eye(PHASES))
 
 
 def _alike_in_stride(walk: Walk) -> Floats:

@@ -52,8 +52,7 @@ _LETTERS: dict[str, Literal["acc", "gyr", "mag"]] = {
 }  # fmt: skip
 """In front of an axis."""
 
-_ALONE: dict[str, Kind] = {"t": "time", "n": "counter", "i": "counter"}
-"""As a whole name."""
+_ALONE: dict[str, Kind] = {"t": "time", "n": "counter", "i": "counter"}  # As a whole name.
 
 _TIME_UNITS = {word: unit for unit, words in {
     "s": "s sec secs second seconds", "ms": "ms msec msecs millis milliseconds",
@@ -63,8 +62,7 @@ _TIME_UNITS = {word: unit for unit, words in {
 
 _NO_GRAVITY = frozenset({"linear", "lin", "user", "free", "dynamic", "nograv"})
 
-_SATELLITES = frozenset({"gps", "gnss", "date", "datum", "fecha"})
-"""Words of clocks that say nothing of other columns."""
+_SATELLITES = frozenset({"gps", "gnss", "date", "datum", "fecha"})  # Words of clocks that say nothing of other columns.
 
 _NOTHING = frozenset({
     *("covariance", "cov", "variance", "var", "bias", "sigma", "std", "accuracy", "valid", "status", "rms", "norm"),
@@ -74,8 +72,7 @@ _NOTHING = frozenset({
     *_SATELLITES,
 })  # fmt: skip
 
-_RATES = frozenset({"roll", "pitch", "yaw", "velocity", "euler"})
-"""Of which angular rates are called."""
+_RATES = frozenset({"roll", "pitch", "yaw", "velocity", "euler"})  # Of which angular rates are called.
 
 _UNSURE = frozenset({"uncal", "uncalibrated", "raw", "uncomp", "uncompensated"})
 

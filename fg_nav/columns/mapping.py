@@ -26,8 +26,7 @@ ACC = ("acc_x_m_s2", "acc_y_m_s2", "acc_z_m_s2")
 GYR = ("gyr_x_rad_s", "gyr_y_rad_s", "gyr_z_rad_s")
 MAG = ("mag_x_uT", "mag_y_uT", "mag_z_uT")
 PRESSURE = ("pressure_pa",)
-CANONICAL = TIME + ACC + GYR + MAG + PRESSURE
-"""Names of the columns of a sample."""
+CANONICAL = TIME + ACC + GYR + MAG + PRESSURE  # Names of the columns of a sample.
 
 QUANTITIES: Mapping[Quantity, tuple[str, ...]] = {
     "time": TIME, "acc": ACC, "gyr": GYR, "mag": MAG, "pressure": PRESSURE,
@@ -36,8 +35,7 @@ QUANTITIES: Mapping[Quantity, tuple[str, ...]] = {
 SHORT = dict(zip(("t", "ax", "ay", "az", "gx", "gy", "gz", "mx", "my", "mz", "p"), CANONICAL, strict=True))
 """Names of the list for the command line."""
 
-PASSED_OVER = "-"
-"""In place of the name of a column that is not used."""
+PASSED_OVER = "-"  # In place of the name of a column that is not used.
 
 EXAMPLE = "time=t[ms],acc=ax:ay:az[g],gyr=gx:gy:gz[deg/s]"
 

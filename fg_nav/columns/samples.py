@@ -30,17 +30,10 @@ from fg_nav.samples import plausibility
 SI_UNITS: dict[Quantity, str] = {"time": "s", "acc": "m/s^2", "gyr": "rad/s", "mag": "uT", "pressure": "Pa"}
 """Words of the units of `Samples`."""
 
-_COUNTS_AT_REST = 1500.0
-"""A larger reading of gravity is no mg: it counts the steps of a converter."""
-
-_COARSE_SHARE = 0.4
-"""Of the steps between stamps, that are none: a clock that is coarser than the rate."""
-
-_DATES_S = (9e8, 4e9)
-"""Seconds since 1970, of this century."""
-
-_COUNTER_ENDS = (2.0**8, 2.0**16, 2.0**32)
-"""Counters of packets begin again at one of these."""
+_COUNTS_AT_REST = 1500.0  # A larger reading of gravity is no mg: it counts the steps of a converter.
+_COARSE_SHARE = 0.4  # Of the steps between stamps, that are none: a clock that is coarser than the rate.
+_DATES_S = (9e8, 4e9)  # Seconds since 1970, of this century.
+_COUNTER_ENDS = (2.0**8, 2.0**16, 2.0**32)  # Counters of packets begin again at one of these.
 
 
 @dataclass(frozen=True)

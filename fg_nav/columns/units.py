@@ -23,8 +23,7 @@ Quantity = Literal["time", "acc", "gyr", "mag", "pressure"]
 _DEGREE = np.pi / 180.0
 _ARBITRARY = dict.fromkeys(("au", "arb", "arbu", "arbitrary", "normalized", "localflux"), np.nan)
 
-GAUSS_UT = 100.0
-"""One gauss in uT."""
+GAUSS_UT = 100.0  # One gauss in uT.
 
 _FACTORS: Mapping[Quantity, Mapping[str, float]] = MappingProxyType({
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "\ufffds": 1e-6, "ns": 1e-9, "min": 60.0},

@@ -27,11 +27,8 @@ if TYPE_CHECKING:
 
 Simulated = TypeVar("Simulated")
 
-RESULTS = Path("results")
-"""Where results go for which no folder was named."""
-
-TUNED = "tuned"
-"""The preset of the filters that needs no check: the others load them all."""
+RESULTS = Path("results")  # Where results go for which no folder was named.
+TUNED = "tuned"  # The preset of the filters that needs no check: the others load them all.
 
 
 NAMELESS = re.compile(

@@ -22,8 +22,7 @@ from fg_nav.lab.store.results import Result
 from fg_nav.report.terminal import can_show_progress, console, remark, ruled_table
 from fg_nav.text import format_count, to_json
 
-MOST_REASONS = 10
-"""Of failures, that are printed."""
+MAX_REASONS = 10  # Of failures, that are printed.
 
 
 def campaign(request: Request) -> Answer:
@@ -106,11 +105,11 @@ def _notes(done: Summary) -> Iterator[str]:
 
 
 def _of_failures(failures: Sequence[Result]) -> Iterator[str]:
-    for one in failures[:MOST_REASONS]:
+    for one in failures[:MAX_REASONS]:
         key = one.key
         yield f"failed: {', '.join((key.group, key.field, key.walk, key.magnetometer, key.method))}: {one.failed}"
-    if len(failures) > MOST_REASONS:
-        yield f"and {len(failures) - MOST_REASONS} more failed: see the column `failed`"
+    if len(failures) > MAX_REASONS:
+        yield f"and {len(failures) - MAX_REASONS} more failed: see the column `failed`"
     if failures:
         fewer = ", with fewer --workers for memory" if any(one.failed == KILLED for one in failures) else ""
         yield f"{format_count(len(failures), 'result')} failed: --retry makes them again{fewer}"

@@ -44,8 +44,7 @@ from fg_nav.report.plots.style import save
 from fg_nav.report.terminal import console, listing, print_place, ruled_table
 from fg_nav.walk import Options, Walk, correct_walk, read_walk
 
-PATH_METHOD = "iez"
-"""Draws the path on which the field is looked at: quick, and good enough for a map."""
+PATH_METHOD = "iez"  # Draws the path on which the field is looked at: quick, and good enough for a map.
 
 FOOTFALL_COLUMNS = (
     "index", "time_s", "strength_uT", "inclination_deg", "compass_heading_deg", "gyro_heading_deg", "difference_deg",
@@ -164,8 +163,7 @@ READING = (
 )
 
 
-LONGEST_SWING_S = 10.0
-"""Between two stances; where none is found for longer, that foot does not walk."""
+MAX_SWING_S = 10.0  # Between two stances; where none is found for longer, that foot does not walk.
 
 
 def collect_survey_notes(walk: Walk) -> list[str]:
@@ -183,7 +181,7 @@ def _note_long_swing(walk: Walk) -> list[str]:
     t, stances = walk.recording.t, walk.stances
     swing_s = t[stances.start[1:]] - t[stances.stop[:-1] - 1]
     k = int(np.argmax(swing_s)) if len(swing_s) else 0
-    if not len(swing_s) or swing_s[k] < LONGEST_SWING_S:
+    if not len(swing_s) or swing_s[k] < MAX_SWING_S:
         return []
     return [
         f"no footfall for {swing_s[k]:.0f} s from {t[stances.stop[k] - 1]:.0f} s on: the shares are of the rest; a "

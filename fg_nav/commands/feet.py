@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-from fg_nav.both_feet import LONGEST_GAP_S, Order, check_method, navigate_feet
+from fg_nav.both_feet import MAX_GAP_S, Order, check_method, navigate_feet
 from fg_nav.commands import Answer, Target, name_walk
 from fg_nav.commands.run import RunRequest, refuse_unusable
 from fg_nav.errors import EstimationError
@@ -57,7 +57,7 @@ def run_feet(recordings: Sequence[Path], request: FeetRequest) -> Answer:
     target = Target(run.out, run.force, name)
     with target, progress(run.method) as report:
         walks = [
-            read_walk(path, _choose_options(run.options, *files), replace(reading, longest_gap_s=LONGEST_GAP_S))
+            read_walk(path, _choose_options(run.options, *files), replace(reading, longest_gap_s=MAX_GAP_S))
             for path, reading, *files in zip(recordings, readings, truths, calibrations, strict=True)
         ]
         result = navigate_feet(

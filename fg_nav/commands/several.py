@@ -18,8 +18,7 @@ Columns: TypeAlias = Mapping[str, Callable[[Mapping[str, Any]], str]]
 
 FAILED = "failed"
 
-MOST_SENTENCES = 5
-"""That are said at the end; each recording has its own in the JSON."""
+MAX_SENTENCES = 5  # That are said at the end; each recording has its own in the JSON.
 
 
 def answer_each(recordings: Sequence[Path], verb: Callable[[Path], Answer], columns: Columns) -> Answer:
@@ -46,8 +45,8 @@ def _try(verb: Callable[[Path], Answer], recording: Path) -> tuple[dict[str, Any
 def _sum_up(sentences: Sequence[str], number: int) -> FgNavError | None:
     if not sentences:
         return None
-    more = len(sentences) - MOST_SENTENCES
-    said = " ".join([*sentences[:MOST_SENTENCES], *([f"And {more} more."] if more > 0 else [])])
+    more = len(sentences) - MAX_SENTENCES
+    said = " ".join([*sentences[:MAX_SENTENCES], *([f"And {more} more."] if more > 0 else [])])
     return RecordingError(f"{len(sentences)} of {number} recordings failed. {said}")
 
 

@@ -28,9 +28,9 @@ import numpy as np
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.detection.footfalls import (
+    MIN_SWING_S,
     REST_LEVEL,
     ROUGH,
-    SHORTEST_SWING_S,
     SWING_RATE_RAD_S,
     WALKING,
     choose_footfalls,
@@ -38,14 +38,13 @@ from fg_nav.detection.footfalls import (
 )
 from fg_nav.detection.free_pass import FreePass
 from fg_nav.detection.sliding import Sliding, are_samples
-from fg_nav.detection.stance import SHORTEST_S, WINDOW_S, StanceParameters, shoe
+from fg_nav.detection.stance import MIN_S, WINDOW_S, StanceParameters, shoe
 from fg_nav.errors import DetectionError
 from fg_nav.recording import MAX_GAP_S
 from fg_nav.samples.gaps import find_holes
 from fg_nav.stances import Stances
 
-FIRST_SAMPLES = 64
-"""Their median period is that of the samples; nothing is searched before."""
+FIRST_SAMPLES = 64  # Their median period is that of the samples; nothing is searched before.
 
 
 @dataclass(frozen=True)
@@ -305,7 +304,7 @@ class _Search:
             keep = start >= reported
         else:
             keep, start = stop > reported, np.maximum(start, reported)
-        keep &= (stop - 1 - start) * self.period_s >= SHORTEST_S
+        keep &= (stop - 1 - start) * self.period_s >= MIN_S
         keep[keep] = [not self._crowds(a, b) for a, b in zip(start[keep], stop[keep], strict=True)]
         return start[keep], stop[keep], threshold[keep]
 
@@ -314,7 +313,7 @@ class _Search:
         first = self._reported - 1
         if self._reported == 0 or start <= first or self._level.between(start, stop).min(initial=np.inf) <= REST_LEVEL:
             return False
-        if self._t.between(start, start + 1)[0] - self._t.between(first, first + 1)[0] >= SHORTEST_SWING_S:
+        if self._t.between(start, start + 1)[0] - self._t.between(first, first + 1)[0] >= MIN_SWING_S:
             return False
         return is_too_close(self._t.between(first, start + 1), self._gyr.between(first, start + 1), 1, start - first)
 

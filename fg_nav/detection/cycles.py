@@ -5,7 +5,7 @@ velocity of `fg_nav.detection.footfalls` is then off by meters a second after fe
 minima are stances. What is left is the rhythm. In a gap without footfalls, a minimum of L (decades of SHOE) is a stance
 
 * if the motion about it has a period T: the autocorrelation of L, cut off above and below, over `REACH_S` either side
-  has its first high maximum there, by `LEAST_CORRELATION` or more;
+  has its first high maximum there, by `MIN_CORRELATION` or more;
 * if it is the lowest within `SHARE` T to either side: the middle of a swing is half a period from a stance. What is not
   yet recorded may be lower, and a walk in progress waits for it;
 * if the foot came down before it: a specific force above `LANDING_M_S2` within `LANDING_S`;
@@ -22,38 +22,23 @@ from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.system.compiled import njit
 
-CYCLE_S = 0.5, 1.2
-"""From stance to stance of one foot: sprinters to those who walk fast."""
-
-REACH_S = 2.5
-"""Some three cycles on either side: less shows no rhythm, in more it changes."""
-
-STEP_S = 0.02
-"""Samples of L for the autocorrelation: SHOE is averaged over 0.05 s."""
+CYCLE_S = 0.5, 1.2  # From stance to stance of one foot: sprinters to those who walk fast.
+REACH_S = 2.5  # Some three cycles on either side: less shows no rhythm, in more it changes.
+STEP_S = 0.02  # Samples of L for the autocorrelation: SHOE is averaged over 0.05 s.
 
 CUT_LEVELS = 4.0, 7.0
 """L is cut off at these: how still a rest is, and how hard a foot lands, says nothing of the rhythm."""
 
-LEAST_CORRELATION = 0.2
-"""White noise of as many samples as there are independent ones in the window stays below."""
-
-FIRST_MAXIMUM = 0.85
-"""Of the highest maximum: two periods correlate as well as one."""
-
-SHARE = 0.6
-"""Of a period."""
-
-GAP = 1.4
-"""Periods, from the end of a stance to the start of the next: with none left out there are less than one."""
+MIN_CORRELATION = 0.2  # White noise of as many samples as there are independent ones in the window stays below.
+FIRST_MAXIMUM = 0.85  # Of the highest maximum: two periods correlate as well as one.
+SHARE = 0.6  # Of a period.
+GAP = 1.4  # Periods, from the end of a stance to the start of the next: with none left out there are less than one.
 
 LANDING_M_S2, LANDING_S = 2 * GRAVITY_M_S2, 0.2
 """A foot that runs lands with 4 g and more, and stands 0.05 to 0.15 s later."""
 
-HIGHEST_LEVEL = 6.5
-"""A minimum above this is never a stance: 360 deg/s, or 36 m/s^2."""
-
-DOUBTFUL_LEVEL = 5.0
-"""Of feet that walk, one in a thousand has a stance above: 1.1 rad/s, or 6 m/s^2 off gravity."""
+MAX_LEVEL = 6.5  # A minimum above this is never a stance: 360 deg/s, or 36 m/s^2.
+DOUBTFUL_LEVEL = 5.0  # Of feet that walk, one in a thousand has a stance above: 1.1 rad/s, or 6 m/s^2 off gravity.
 
 
 def find_cycle_stances(t: Floats, acc: Floats, level: Floats, minima: Ints, start: Floats, stop: Floats) -> Ints:
@@ -68,7 +53,7 @@ def find_cycle_stances(t: Floats, acc: Floats, level: Floats, minima: Ints, star
     after = np.concatenate([start, ends[1:]]).astype(np.int64)
     gap = np.searchsorted(start, minima, side="right")
     longest_s = (t[after] - t[before])[gap] / GAP
-    inside = (minima > before[gap]) & (minima < after[gap]) & (level[minima] < HIGHEST_LEVEL)
+    inside = (minima > before[gap]) & (minima < after[gap]) & (level[minima] < MAX_LEVEL)
     chosen = inside & (longest_s > CYCLE_S[0])
     found = [
         i
@@ -106,7 +91,7 @@ def measure_period(t: Floats, level: Floats, sample: int) -> float:
         return 0.0
     correlation = _correlate(signal - signal.mean(), lags)
     inner = correlation[1:-1]
-    maxima = (inner >= correlation[:-2]) & (inner >= correlation[2:]) & (inner >= LEAST_CORRELATION)
+    maxima = (inner >= correlation[:-2]) & (inner >= correlation[2:]) & (inner >= MIN_CORRELATION)
     if not maxima.any():
         return 0.0
     return float(STEP_S * lags[1:-1][maxima & (inner >= FIRST_MAXIMUM * inner[maxima].max())][0])

@@ -26,29 +26,20 @@ from fg_nav.frames import GRAVITY_M_S2, level_attitude
 from fg_nav.mechanisation import integrate_strides
 from fg_nav.recording import Recording
 
-FEWEST_STRIDES = 8
-"""Fewer make no scatter."""
-
-VELOCITY_M_S, UP = 0.3, 0.05
-"""s_v and s_u: what ordinary strides leave."""
+MIN_STRIDES = 8  # Fewer make no scatter.
+VELOCITY_M_S, UP = 0.3, 0.05  # s_v and s_u: what ordinary strides leave.
 
 BIAS_SIGMA = np.array([1.0, *[0.05] * 3, *[0.3] * 3])
 """Priors of tau (s, none), of the gyroscope's bias (rad/s) and the accelerometer's (m/s^2)."""
 
-STEP = np.array([2e-3, *[1e-3] * 3, *[0.02] * 3])
-"""Of the differences by which r is linearized."""
+STEP = np.array([2e-3, *[1e-3] * 3, *[0.02] * 3])  # Of the differences by which r is linearized.
+STARTS_S = (0.0, -0.05, 0.05)  # From where the least is sought: beyond half a swing there are others.
+MAX_STEPS, MAX_STEP_S, CLOSE_S = 8, 0.02, 2e-4  # Of Gauss-Newton; it takes 4.
 
-STARTS_S = (0.0, -0.05, 0.05)
-"""From where the least is sought: beyond half a swing there are others."""
-
-MOST_STEPS, LONGEST_STEP_S, CLOSE_S = 8, 0.02, 2e-4
-"""Of Gauss-Newton; it takes 4."""
-
-SYSTEMATIC_S, SIGMAS, MOST_S = 4e-3, 3.0, 0.1
+SYSTEMATIC_S, SIGMAS, MAX_S = 4e-3, 3.0, 0.1
 """A delay is taken off where it is so many sigmas, and no longer than a sensor can have."""
 
-STRIDES_LEFT = 8.0
-"""Median of |r|^2 above which they are no strides of a foot."""
+STRIDES_LEFT = 8.0  # Median of |r|^2 above which they are no strides of a foot.
 
 
 @dataclass(frozen=True)
@@ -61,7 +52,7 @@ class GyroDelay:
     @property
     def is_clear(self) -> bool:
         """Whether it is one."""
-        return SIGMAS * self.sigma_s < abs(self.tau_s) <= MOST_S
+        return SIGMAS * self.sigma_s < abs(self.tau_s) <= MAX_S
 
     def __str__(self) -> str:
         """Say it to the user."""
@@ -75,7 +66,7 @@ def estimate_gyro_delay(recording: Recording) -> GyroDelay | None:
     looked = np.s_[: int(np.searchsorted(recording.t, recording.t[0] + LOOKED_S))]
     t, (acc, gyr) = recording.t[looked], (peaks.whole[looked] for peaks in recording.peaks)
     start, stop = find_strides_of(t, recording.acc[looked], recording.gyr[looked])
-    if len(start) < FEWEST_STRIDES:
+    if len(start) < MIN_STRIDES:
         return None
     up_start, up_stop = (average_force(t, acc, sample) for sample in (start, stop))
     # The samples of the strides alone.
@@ -96,7 +87,7 @@ def estimate_gyro_delay(recording: Recording) -> GyroDelay | None:
 
     found = [_find_least(read_rate, miss, tau_s) for tau_s in STARTS_S]
     _, x, H, scores, square = min(found, key=lambda one: one[0])
-    if np.median(square) > STRIDES_LEFT or not abs(x[0]) < 2 * MOST_S:
+    if np.median(square) > STRIDES_LEFT or not abs(x[0]) < 2 * MAX_S:
         return None
     variance = np.linalg.solve(H, np.linalg.solve(H, scores.T @ scores).T)[0, 0]
     return GyroDelay(float(x[0]), float(np.sqrt(variance + SYSTEMATIC_S**2)))
@@ -107,7 +98,7 @@ def _find_least(
 ) -> tuple[float, Floats, Floats, Floats, Floats]:
     """Gauss-Newton from a delay on: cost, unknowns (7,), normal matrix, scores (K, 7) and |r|^2 (K,)."""
     x, information = np.array([tau_s, *[0.0] * 6]), 1.0 / BIAS_SIGMA**2
-    for _ in range(MOST_STEPS):
+    for _ in range(MAX_STEPS):
         rate = read_rate(x[0])
         r = miss(x, rate)
         rates = [read_rate(x[0] + STEP[0]), *[rate] * 6]
@@ -116,7 +107,7 @@ def _find_least(
         scores = np.einsum("kij,ki->kj", J, r) / (1.0 + square / 4.0)[:, None]
         H = np.einsum("kij,kil,k->jl", J, J, 1.0 / (1.0 + square / 4.0)) + np.diag(information)
         step = np.linalg.solve(H, -(scores.sum(axis=0) + information * x))
-        step[0] = np.clip(step[0], -LONGEST_STEP_S, LONGEST_STEP_S)
+        step[0] = np.clip(step[0], -MAX_STEP_S, MAX_STEP_S)
         x = x + step
         if abs(step[0]) < CLOSE_S:
             break

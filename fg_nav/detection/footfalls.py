@@ -13,13 +13,13 @@ and that shows in the integrated acceleration. So:
        sum of u_i - c_ij,    u = reward - max(L - L_0, 0),
        c_ij = 2 log(1 + |V_j - V_i|^2 / (4 s^2)),   s^2 = s_0^2 + (s_a T_ij)^2,
    found by dynamic programming: still candidates earn, changes of velocity cost, with the tail of a Student t
-   (shocks and clipping spoil single strides). No link is longer than `LONGEST_LINK_S`, unless nothing is between.
-   A recording may begin or end in a swing, so a chain may leave out its first or last `LONGEST_SWING_S`.
+   (shocks and clipping spoil single strides). No link is longer than `MAX_LINK_S`, unless nothing is between.
+   A recording may begin or end in a swing, so a chain may leave out its first or last `MAX_SWING_S`.
 4. A stance reaches from its minimum as far as L stays below a threshold of its own, `MARGIN` above the minimum
    but between `FLOOR` and `CEILING`.
 5. Where no footfall was found for longer than a swing lasts, those of a second search, with wider s, are taken.
 6. Where there is still a gap of more than a cycle, it is filled with the stillest moment of each (`cycles`).
-7. No foot swings within `SHORTEST_SWING_S`: of two intervals closer than that, with the angular rate of a swing
+7. No foot swings within `MIN_SWING_S`: of two intervals closer than that, with the angular rate of a swing
    between them, only the stiller is a stance: the other is the landing before it, or a mid-swing. Two rests stay two.
 
 Behind a hole in the samples (`fg_nav.samples.gaps`) all begins anew: no stance reaches over one, and what a foot did in
@@ -61,44 +61,25 @@ class Link(NamedTuple):
 
 # Found once by looking at gait, not at single walks: stride counts do not change over wide ranges of these.
 
-WALKING = Link(4.0, 0.2, 0.3, 3.0)
-"""For the first search."""
+WALKING = Link(4.0, 0.2, 0.3, 3.0)  # For the first search.
+ROUGH = Link(5.0, 0.3, 0.5, 4.0)  # For the gaps: running, with clipped peaks and no stance that levels the sensor.
+PROMINENCE = 0.3  # Decades by which a minimum must lie below its surroundings.
+REST_LEVEL = 3.0  # L is cut off below: a foot this still rests, however its noise ripples.
+MAX_LEVEL = 5.8  # A minimum above this is never a stance: 160 deg/s, or 16 m/s^2.
+EASY_LEVEL = 3.5  # L_0: up to here a candidate earns the full reward.
+MAX_LINK_S = 2.5  # A stride takes no longer.
 
-ROUGH = Link(5.0, 0.3, 0.5, 4.0)
-"""For the gaps: running, with clipped peaks and no stance that levels the sensor."""
-
-PROMINENCE = 0.3
-"""Decades by which a minimum must lie below its surroundings."""
-
-REST_LEVEL = 3.0
-"""L is cut off below: a foot this still rests, however its noise ripples."""
-
-HIGHEST_LEVEL = 5.8
-"""A minimum above this is never a stance: 160 deg/s, or 16 m/s^2."""
-
-EASY_LEVEL = 3.5
-"""L_0: up to here a candidate earns the full reward."""
-
-LONGEST_LINK_S = 2.5
-"""A stride takes no longer."""
-
-LONGEST_SWING_S, SHORTEST_SWING_S = 1.2, 0.25
+MAX_SWING_S, MIN_SWING_S = 1.2, 0.25
 """No foot of a walking or running person is in the air for longer, nor for shorter; sprinters need 0.35."""
 
-SWING_RATE_RAD_S = 2.0
-"""No swing without a peak rate above this."""
-
-MARGIN = 0.6
-"""A stance's own threshold above its minimum, decades."""
+SWING_RATE_RAD_S = 2.0  # No swing without a peak rate above this.
+MARGIN = 0.6  # A stance's own threshold above its minimum, decades.
 
 FLOOR, CEILING = 4.0, 5.3
 """Its threshold is not below 20 deg/s or 2 m/s^2, nor above 90 deg/s or 9 m/s^2, unless the minimum itself is."""
 
-SHORTEST_REST_S = 0.2
-"""No swing is below `REST_LEVEL` for longer."""
-
-SHORTEST_REACH_S = 0.01
-"""Of the stance of a foot that runs, on either side of its stillest moment."""
+MIN_REST_S = 0.2  # No swing is below `REST_LEVEL` for longer.
+MIN_REACH_S = 0.01  # Of the stance of a foot that runs, on either side of its stillest moment.
 
 BROKEN = 24.0
 """Price of a chain that begins or ends more than a swing inside the recording; no link costs more than half of it."""
@@ -181,7 +162,7 @@ def _find_candidates(acc: Floats, level: Floats) -> Ints:
     cut = np.maximum(level, REST_LEVEL)
     first, last = _find_minima(cut, PROMINENCE)
     at_an_end = (first == 0) | (last == len(level) - 1)
-    low = cut[first] < np.where(at_an_end, FLOOR, HIGHEST_LEVEL)
+    low = cut[first] < np.where(at_an_end, FLOOR, MAX_LEVEL)
     return np.stack([first, last])[:, low & ~is_falling(acc[first])]
 
 
@@ -195,8 +176,8 @@ def _search(t: Floats, level: Floats, velocity: Floats, candidates: Ints, link: 
         velocity[candidates],
         link.velocity_sigma,
         link.acc_sigma,
-        LONGEST_LINK_S,
-        LONGEST_SWING_S,
+        MAX_LINK_S,
+        MAX_SWING_S,
     )
     return np.asarray(first[chain])
 
@@ -216,7 +197,7 @@ def _fill_gaps(t: Floats, stances: Floats, rough: Floats) -> Floats:
     gap = np.searchsorted(stances[0], rough[0], side="right")
     inside = (rough[0] >= before[gap]) & (rough[1] <= after[gap])
     edges = np.minimum(np.stack([before, after]), len(t) - 1).astype(np.int64)
-    wide = (t[edges[1]] - t[edges[0]])[gap] > LONGEST_SWING_S
+    wide = (t[edges[1]] - t[edges[0]])[gap] > MAX_SWING_S
     return _join(stances, rough[:, inside & wide])
 
 
@@ -229,8 +210,8 @@ def _fill_cycles(t: Floats, acc: Floats, level: Floats, stances: Floats) -> Floa
     found = find_cycle_stances(t, acc, level, first[~is_falling(acc[first])], *kept[:2])
     known = _join(kept, _widen(_grow_intervals(level, found), found, t))
     # A rest is a footfall, even where a run that ends in it shows no velocity.
-    rests = first[t[last] - t[first] >= SHORTEST_REST_S]
-    return _join(known, _grow_intervals(level, rests[is_next_to(t, rests, known, LONGEST_LINK_S)]))
+    rests = first[t[last] - t[first] >= MIN_REST_S]
+    return _join(known, _grow_intervals(level, rests[is_next_to(t, rests, known, MAX_LINK_S)]))
 
 
 def _join(stances: Floats, others: Floats) -> Floats:
@@ -240,10 +221,10 @@ def _join(stances: Floats, others: Floats) -> Floats:
 
 
 def _widen(intervals: Floats, samples: Ints, t: Floats) -> Floats:
-    """Widen intervals (3, K) to no less than `SHORTEST_REACH_S` on either side of the samples (S,) in them."""
+    """Widen intervals (3, K) to no less than `MIN_REACH_S` on either side of the samples (S,) in them."""
     wide, of = intervals.copy(), np.searchsorted(intervals[0], samples, side="right") - 1
-    np.minimum.at(wide[0], of, np.searchsorted(t, t[samples] - SHORTEST_REACH_S))
-    np.maximum.at(wide[1], of, np.minimum(np.searchsorted(t, t[samples] + SHORTEST_REACH_S) + 1, len(t)))
+    np.minimum.at(wide[0], of, np.searchsorted(t, t[samples] - MIN_REACH_S))
+    np.maximum.at(wide[1], of, np.minimum(np.searchsorted(t, t[samples] + MIN_REACH_S) + 1, len(t)))
     return wide
 
 
@@ -261,7 +242,7 @@ def _choose_apart(t: Floats, gyr: Floats, level: Floats, start: Ints, stop: Ints
 
 def is_too_close(t: Floats, gyr: Floats, stop: int, start: int) -> bool:
     """Whether from the end of one interval to the start of the next the foot turns as in a swing, but for less time."""
-    if t[start] - t[stop - 1] >= SHORTEST_SWING_S:
+    if t[start] - t[stop - 1] >= MIN_SWING_S:
         return False
     return bool(np.linalg.norm(gyr[stop : start + 1], axis=1).max() > SWING_RATE_RAD_S)
 

@@ -10,14 +10,11 @@ import numpy as np
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.frames import GRAVITY_M_S2, level_attitude
 from fg_nav.mechanisation import TILT_TIME_S, NavState, nudge_tilt, strapdown
-from fg_nav.samples.gaps import LONGEST_HELD_S
+from fg_nav.samples.gaps import MAX_HELD_S
 from fg_nav.system.compiled import njit
 
-FREE_FALL_M_S2 = 1.0
-"""A foot that stands feels gravity, and so more specific force than this."""
-
-MANY = 1 << 40
-"""Still samples, of which one more is nothing."""
+FREE_FALL_M_S2 = 1.0  # A foot that stands feels gravity, and so more specific force than this.
+MANY = 1 << 40  # Still samples, of which one more is nothing.
 
 
 def is_falling(acc: Floats) -> Bools:
@@ -79,7 +76,7 @@ class FreePass:
 
     def velocity(self, t: Floats, acc: Floats, gyr: Floats, level: Floats) -> Floats:
         """Velocity (n, 3) m/s at each of n samples; `t` (n + 1,) s has the stamp after the last one too."""
-        h, hole = np.minimum(np.diff(t), self._longest_step_s), np.diff(t) > LONGEST_HELD_S
+        h, hole = np.minimum(np.diff(t), self._longest_step_s), np.diff(t) > MAX_HELD_S
         still, since = level < self._still_level, self._still_since_hole
         if self._state is not None:
             return np.asarray(_continue_pass(self._state, since, acc, gyr, h, still, hole, GRAVITY_M_S2))

@@ -30,7 +30,7 @@ import numpy as np
 from scipy.ndimage import minimum_filter1d
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.detection.footfalls import HIGHEST_LEVEL, LONGEST_LINK_S, SWING_RATE_RAD_S
+from fg_nav.detection.footfalls import MAX_LEVEL, MAX_LINK_S, SWING_RATE_RAD_S
 from fg_nav.detection.stance import WINDOW_S, shoe
 from fg_nav.errors import RecordingError
 from fg_nav.frames import GRAVITY_M_S2, level_attitude
@@ -46,21 +46,11 @@ APART_S = 0.35
 VELOCITY_M_S, TILT_RAD = 0.3, np.radians(3.0)
 """s_v and s_t: what ordinary strides leave, by the foot's rolling, clipped peaks and a gyroscope bias of some deg/s."""
 
-NO_STRIDE = 6.0
-"""C: strides that leave 5 sigmas say nothing, so that a single one never decides."""
-
-DECISIVE = 7.0
-"""L from which on other axes are taken for certain: odds of 1000, and more than one stride can give."""
-
-SUSPECT = 3.0
-"""L from which on other axes are named: half a stride."""
-
-MOST_STRIDES = 40
-"""That are looked at, evenly over the recording."""
-
-LOOKED_S = 600.0
-"""From the first sample on: axes do not change in a recording."""
-
+NO_STRIDE = 6.0  # C: strides that leave 5 sigmas say nothing, so that a single one never decides.
+DECISIVE = 7.0  # L from which on other axes are taken for certain: odds of 1000, and more than one stride can give.
+SUSPECT = 3.0  # L from which on other axes are named: half a stride.
+MAX_STRIDES = 40  # That are looked at, evenly over the recording.
+LOOKED_S = 600.0  # From the first sample on: axes do not change in a recording.
 MAX_STRIDE_S = 2.5  # Between stances that are further apart the foot stood, or some were missed.
 
 AXES = np.array(
@@ -157,7 +147,7 @@ def refuse_wrong_axes(recording: Recording, measure: MeasureAxes = measure_axes)
 
 
 def find_strides_of(t: Floats, acc: Floats, gyr: Floats) -> tuple[Ints, Ints]:
-    """First and last sample (K,) of strides from standing to standing, at most `MOST_STRIDES`."""
+    """First and last sample (K,) of strides from standing to standing, at most `MAX_STRIDES`."""
     return _find_strides(t, acc, gyr, _find_still_moments(acc, gyr, float(np.median(np.diff(t)))))
 
 
@@ -165,7 +155,7 @@ def _find_still_moments(acc: Floats, gyr: Floats, period_s: float) -> Ints:
     """Samples (F,) at which the sensor is stillest for `APART_S` before and behind."""
     level = np.log10(shoe(acc, gyr, max(3, round(WINDOW_S / period_s))) + 1e-3)
     reach = max(round(APART_S / period_s), 1)
-    low = (level == minimum_filter1d(level, 2 * reach + 1)) & (level < HIGHEST_LEVEL)
+    low = (level == minimum_filter1d(level, 2 * reach + 1)) & (level < MAX_LEVEL)
     moments = np.flatnonzero(low)
     # a run of equal samples is one moment; at both ends there is no window around
     apart = np.diff(moments, prepend=-2 * reach) > reach
@@ -174,15 +164,15 @@ def _find_still_moments(acc: Floats, gyr: Floats, period_s: float) -> Ints:
 
 
 def _find_strides(t: Floats, acc: Floats, gyr: Floats, moments: Ints) -> tuple[Ints, Ints]:
-    """First and last sample (K,) of strides with a swing and without a gap, at most `MOST_STRIDES`."""
+    """First and last sample (K,) of strides with a swing and without a gap, at most `MAX_STRIDES`."""
     start, stop = moments[:-1], moments[1:]
     if not len(start):
         return start, stop
     between = np.stack([start, stop], axis=1).ravel()
     peak = np.maximum.reduceat(np.linalg.norm(gyr, axis=1), between)[::2]
     gap = np.maximum.reduceat(np.diff(t, append=t[-1]), between)[::2]
-    kept = np.flatnonzero((peak > SWING_RATE_RAD_S) & (gap < MAX_GAP_S) & (t[stop] - t[start] < LONGEST_LINK_S))
-    kept = kept[np.unique(np.linspace(0, len(kept) - 1, MOST_STRIDES).round().astype(int))] if len(kept) else kept
+    kept = np.flatnonzero((peak > SWING_RATE_RAD_S) & (gap < MAX_GAP_S) & (t[stop] - t[start] < MAX_LINK_S))
+    kept = kept[np.unique(np.linspace(0, len(kept) - 1, MAX_STRIDES).round().astype(int))] if len(kept) else kept
     return start[kept], stop[kept]
 
 

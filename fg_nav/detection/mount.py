@@ -38,35 +38,19 @@ from fg_nav.system.spilled import BLOCK_ROWS, drop_pages, empty_column
 
 Wearing: TypeAlias = Literal["foot", "pocket"]
 
-SLOW_HZ = 6.0
-"""A thigh's swing has parts of one, two and three a stride; ringing after a footfall is at 8 Hz and more."""
-
-WINDOW_S = 4.0
-"""Three or four strides."""
-
-MOVING_DEG_S = 80.0
-"""A window with a lower peak is one of standing or sitting."""
-
-LEAST_WINDOWS = 3
-"""In fewer nothing is said."""
-
-RESTING_PART = 0.15
-"""Of the peak; below it the sensor rests."""
-
-LEAST_RHYTHM = 0.6
-"""A correlation below this is no gait."""
-
-FOOT_SHARE = 0.2
-"""A rest share above this is that of a foot."""
-
-RUNNING_SHARE, RUNNING_DEG_S = 0.115, 430.0
-"""... and above this, with peaks above this, that of a foot that runs."""
+SLOW_HZ = 6.0  # A thigh's swing has parts of one, two and three a stride; ringing after a footfall is at 8 Hz and more.
+WINDOW_S = 4.0  # Three or four strides.
+MOVING_DEG_S = 80.0  # A window with a lower peak is one of standing or sitting.
+MIN_WINDOWS = 3  # In fewer nothing is said.
+RESTING_PART = 0.15  # Of the peak; below it the sensor rests.
+MIN_RHYTHM = 0.6  # A correlation below this is no gait.
+FOOT_SHARE = 0.2  # A rest share above this is that of a foot.
+RUNNING_SHARE, RUNNING_DEG_S = 0.115, 430.0  # ... and above this, with peaks above this, that of a foot that runs.
 
 POCKET_SHARE, POCKET_DEG_S, POCKET_M_S2 = 0.105, 450.0, 20.0
 """A rest share and peaks below these, with impacts above this, are those of a thigh."""
 
-STRIDE_S = (0.25, 1.8)
-"""Within this it comes back to what it was: half of the quickest stride, and the slowest."""
+STRIDE_S = (0.25, 1.8)  # Within this it comes back to what it was: half of the quickest stride, and the slowest.
 
 
 @dataclass(frozen=True)
@@ -82,7 +66,7 @@ class TurnSigns:
     @property
     def wearing(self) -> Wearing | None:
         """Where the sensor was worn; None where that is not clear."""
-        if self.windows < LEAST_WINDOWS or not self.rhythm > LEAST_RHYTHM:
+        if self.windows < MIN_WINDOWS or not self.rhythm > MIN_RHYTHM:
             return None
         running = self.rest_share > RUNNING_SHARE and self.peak_deg_s > RUNNING_DEG_S
         if self.rest_share > FOOT_SHARE or running:
@@ -117,8 +101,7 @@ def measure_turning(recording: Recording) -> TurnSigns:
     return TurnSigns(len(signs), rest_share, float(np.degrees(peak)), rhythm, impact)
 
 
-WINDOWS = 256
-"""That are looked at at once."""
+WINDOWS = 256  # That are looked at at once.
 
 
 def _measure_windows(rate: Floats, force: Floats, period_s: float) -> Floats:

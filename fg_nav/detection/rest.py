@@ -28,38 +28,31 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fg_nav.arrays import Bools, Floats
-from fg_nav.detection.footfalls import LONGEST_SWING_S
+from fg_nav.detection.footfalls import MAX_SWING_S
 from fg_nav.errors import EstimationError
 from fg_nav.frames import level_attitude
 from fg_nav.recording import Recording
 from fg_nav.samples.gaps import count_periods, cross_holes
 from fg_nav.stances import Stances, find_runs
 
-BLOCK_S = 0.25
-"""Shorter than body sway (about 0.5 Hz), long enough to average sensor noise."""
-
-GYR_STD_DEG_S, ACC_STD_M_S2 = 0.5, 0.2
-"""Largest standard deviations within a block, per axis."""
+BLOCK_S = 0.25  # Shorter than body sway (about 0.5 Hz), long enough to average sensor noise.
+GYR_STD_DEG_S, ACC_STD_M_S2 = 0.5, 0.2  # Largest standard deviations within a block, per axis.
 
 GYR_STEP_DEG_S, ACC_STEP_M_S2 = 0.5, 0.15
 """Largest changes of the means from block to block, per axis; of the force 1 deg of tilt."""
 
-LARGEST_BIAS_DEG_S = 10.0
-"""A steady rate above this is a motion: a MEMS gyroscope's zero-rate output is within 5 deg/s."""
+MAX_BIAS_DEG_S = 10.0  # A steady rate above this is a motion: a MEMS gyroscope's zero-rate output is within 5 deg/s.
 
 SWAY_SCALE = 2.0
 """Error of the slope over what the sway about it shows, for sway slower than the rest looks like a bias: pieces of
 0.75, 1.5 and 3 s of standing feet (mems_foot, openshoe, xio and others) differ from the bias of the whole standing by
 twice what their own sway says, in the median."""
 
-LEAST_SIGMA_DEG_S = 0.015
+MIN_SIGMA_DEG_S = 0.015
 """No rest shows the bias better: its own instability, and what a foot turns while it seems to rest."""
 
-LEAST_ADDED = 0.02
-"""Share of the information of an earlier view of a rest below which a later one adds nothing."""
-
-MOST_APART_SIGMAS = 4.0
-"""A rest this far from the longest one, in sigmas of both, was the rolling of a slow stance."""
+MIN_ADDED = 0.02  # Share of the information of an earlier view of a rest below which a later one adds nothing.
+MAX_APART_SIGMAS = 4.0  # A rest this far from the longest one, in sigmas of both, was the rolling of a slow stance.
 
 
 @dataclass(frozen=True)
@@ -98,7 +91,7 @@ class Rest:
     def agrees_with(self, longest: Rest) -> bool:
         """Whether it shows the same bias as the longest rest."""
         apart = self.rate - longest.rate
-        return bool(apart @ np.linalg.solve(self.covariance + longest.covariance, apart) <= MOST_APART_SIGMAS**2)
+        return bool(apart @ np.linalg.solve(self.covariance + longest.covariance, apart) <= MAX_APART_SIGMAS**2)
 
     def beyond(self, before: Rest) -> Rest | None:
         """Return what this rest shows beyond what an earlier view of it showed; None if nothing.
@@ -108,11 +101,11 @@ class Rest:
         """
         weight, counted = np.linalg.inv(self.covariance), np.linalg.inv(before.covariance)
         added, axes = np.linalg.eigh(weight - counted)
-        more = added > LEAST_ADDED * np.trace(counted)
+        more = added > MIN_ADDED * np.trace(counted)
         if not more.any():
             return None
         along = axes.T @ (weight @ self.rate - counted @ before.rate) / np.where(more, added, np.inf)
-        covariance = axes / np.where(more, added, LEAST_ADDED**2 * np.trace(counted)) @ axes.T
+        covariance = axes / np.where(more, added, MIN_ADDED**2 * np.trace(counted)) @ axes.T
         return replace(self, rate=axes @ along, covariance=covariance)
 
 
@@ -163,7 +156,7 @@ def _measure_rest(recording: Recording, start: int, stop: int) -> Rest:
     line = angle.mean(axis=0) + np.outer(t - t.mean(), slope)
     sway = (SWAY_SCALE * np.sqrt(12.0) / t[-1]) ** 2 * np.cov((angle - line).T, bias=True)
     noise = 1.2 / len(t) * gyr.var(axis=0).mean()  # of a slope, 6/5 of that of a mean
-    covariance = sway + (noise + np.radians(LEAST_SIGMA_DEG_S) ** 2) * np.eye(3)
+    covariance = sway + (noise + np.radians(MIN_SIGMA_DEG_S) ** 2) * np.eye(3)
     return Rest(start, stop, slope, covariance, recording.acc[start:stop].mean(axis=0))
 
 
@@ -171,7 +164,7 @@ def _is_long_and_slow(recording: Recording, rest: Rest, p: RestParameters) -> bo
     t = recording.t
     at_end = t[rest.start] - t[0] < 1.0 or t[-1] - t[rest.stop - 1] < 1.0
     shortest = p.shortest_at_end_s if at_end else p.shortest_s
-    return rest.lasts(recording, shortest) and bool(np.abs(rest.rate).max() <= np.radians(LARGEST_BIAS_DEG_S))
+    return rest.lasts(recording, shortest) and bool(np.abs(rest.rate).max() <= np.radians(MAX_BIAS_DEG_S))
 
 
 def _choose_in_agreement(rests: list[Rest]) -> tuple[Rest, ...]:
@@ -182,12 +175,10 @@ def _choose_in_agreement(rests: list[Rest]) -> tuple[Rest, ...]:
     return tuple(rest for rest in rests if rest.agrees_with(longest))
 
 
-LEAST_FORCE_M_S2 = 1.0
-"""A mean specific force below this has no direction worth the name."""
+MIN_FORCE_M_S2 = 1.0  # A mean specific force below this has no direction worth the name.
 
 
-LONGEST_FREE_S = LONGEST_SWING_S
-"""No foot of a walking or running person is in the air for longer."""
+MAX_FREE_S = MAX_SWING_S  # No foot of a walking or running person is in the air for longer.
 
 
 @dataclass(frozen=True)
@@ -230,7 +221,7 @@ def find_start(
     rests = find_rests(recording, parameters)
     level, rest = _longest_within(first, rests), _longest_within(footfall, rests)
     force = recording.acc[first].mean(axis=0) if level is None else level.force
-    if np.linalg.norm(force) < LEAST_FORCE_M_S2:
+    if np.linalg.norm(force) < MIN_FORCE_M_S2:
         raise EstimationError(
             f"the mean specific force in the first stance, at {recording.t[first.start]:.3f} s, is "
             f"{np.linalg.norm(force):.2f} m/s^2, so there is no up: accelerations must include gravity."
@@ -258,8 +249,8 @@ def _longest_within(span: slice, rests: tuple[Rest, ...]) -> Rest | None:
 
 def freeze_ends(t: Floats, stances: Stances, position: Floats, velocity: Floats) -> tuple[str, ...]:
     """Freeze position (N, 3) and velocity (N, 3) beyond the outermost stances; notes of how long."""
-    first = int(np.searchsorted(t, t[stances.start[0]] - LONGEST_FREE_S))
-    last = int(np.searchsorted(t, t[stances.stop[-1] - 1] + LONGEST_FREE_S, side="right")) - 1
+    first = int(np.searchsorted(t, t[stances.start[0]] - MAX_FREE_S))
+    last = int(np.searchsorted(t, t[stances.stop[-1] - 1] + MAX_FREE_S, side="right")) - 1
     position[:first], velocity[:first] = position[first], 0.0
     position[last + 1 :], velocity[last + 1 :] = position[last], 0.0
     held = ((t[first] - t[0], "before the first"), (t[-1] - t[last], "after the last"))

@@ -24,22 +24,16 @@ from fg_nav.recording import Recording
 from fg_nav.stances import Stances
 from fg_nav.system.compiled import njit
 
-FINEST_M = 1e-4
-"""No scatter shows a lever better than to this, m."""
+FINEST_M = 1e-4  # No scatter shows a lever better than to this, m.
 
 ABOVE_NOISE = 4.0
 """Rolling counts where its mean square is this many times that of the gyroscope's noise: noise, taken for rolling that
 moves nothing, would show a lever of zero."""
 
 
-LONGEST_S = 0.25
-"""On either side of the stillest instant: longer, and the nuisance ramp no longer covers the tilt."""
-
-LARGEST_RATE_RAD_S = 1.0
-"""Above this the foot no longer rolls on the ground but leaves it."""
-
-SHORTEST_S = 0.05
-"""Less of a stance than this shows no lever."""
+MAX_S = 0.25  # On either side of the stillest instant: longer, and the nuisance ramp no longer covers the tilt.
+MAX_RATE_RAD_S = 1.0  # Above this the foot no longer rolls on the ground but leaves it.
+MIN_S = 0.05  # Less of a stance than this shows no lever.
 
 GYR_NOISE_DEG_S = 0.2
 """White noise of the angular rate, per sample and axis; data sheets and recordings at rest have 0.1 to 0.4."""
@@ -77,7 +71,7 @@ def _find_windows(recording: Recording, stances: Stances) -> tuple[Ints, Ints]:
     # The very last sample has no period.
     stop = np.minimum(stances.stop, len(recording.t) - 1)
     first, last = _reach_out(recording.t, recording.integrable[1], stances.start, stop)
-    enough = last - first + 1 >= max(4, round(SHORTEST_S / recording.period_s))
+    enough = last - first + 1 >= max(4, round(MIN_S / recording.period_s))
     return first[enough], last[enough]
 
 
@@ -111,7 +105,7 @@ def _squared_rate(gyr: Floats, i: int) -> float:
 @njit(cache=True)
 def _is_slow(t: Floats, gyr: Floats, i: int, still: int) -> bool:
     """Whether a sample is near enough to the stillest, and its rate small enough."""
-    return bool(_squared_rate(gyr, i) < LARGEST_RATE_RAD_S**2 and abs(t[i] - t[still]) < LONGEST_S)
+    return bool(_squared_rate(gyr, i) < MAX_RATE_RAD_S**2 and abs(t[i] - t[still]) < MAX_S)
 
 
 def _solve(normal: Floats, right: Floats, noise: float) -> RollingLever:

@@ -38,17 +38,10 @@ from fg_nav.samples.gaps import cross_holes
 from fg_nav.stances import Stances, find_runs
 from fg_nav.system.spilled import measure_rows
 
-ACC_NOISE_M_S2 = 0.02
-"""s_a, of a sample of a sensor at rest; data sheets and the recordings at rest have 0.01 to 0.03."""
-
-GYR_NOISE_DEG_S = 0.2
-"""s_w, likewise; data sheets and the recordings at rest have 0.1 to 0.4."""
-
-WINDOW_S = 0.05
-"""Length of the sliding window."""
-
-SHORTEST_S = 0.015
-"""Shorter stances are dropped; those of running last 50 ms and more."""
+ACC_NOISE_M_S2 = 0.02  # s_a, of a sample of a sensor at rest; data sheets and the recordings at rest have 0.01 to 0.03.
+GYR_NOISE_DEG_S = 0.2  # s_w, likewise; data sheets and the recordings at rest have 0.1 to 0.4.
+WINDOW_S = 0.05  # Length of the sliding window.
+MIN_S = 0.015  # Shorter stances are dropped; those of running last 50 ms and more.
 
 
 def shoe(acc: Floats, gyr: Floats, window: int) -> Floats:
@@ -175,7 +168,7 @@ def _cut_below(statistic: Floats, threshold: float) -> tuple[Ints, Ints, Floats]
 
 
 def _drop_short(t: Floats, start: Ints, stop: Ints, threshold: Floats) -> tuple[Ints, Ints, Floats]:
-    keep = t[stop - 1] - t[start] >= SHORTEST_S
+    keep = t[stop - 1] - t[start] >= MIN_S
     return start[keep], stop[keep], threshold[keep]
 
 

@@ -24,30 +24,26 @@ from dataclasses import dataclass
 import numpy as np
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.detection.handedness import AXES, LOOKED_S, MOST_STRIDES, AxesEvidence
+from fg_nav.detection.handedness import AXES, LOOKED_S, MAX_STRIDES, AxesEvidence
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.mechanisation import integrate_strides
 from fg_nav.recording import MAX_GAP_S
 from fg_nav.text import format_count
 
-WINDOW_S = 6.0
-"""Five strides."""
+WINDOW_S = 6.0  # Five strides.
 
 STRIDE_S = 0.8, 1.6
 """From a fast walk to a slow one; a run's 0.65 to 0.75 s are not looked at: there was no thigh to try them on."""
 
-LEAST_RAD_S = 0.5
+MIN_RAD_S = 0.5
 """Standard deviation of the rate about the main axis: a thigh that swings by 7 deg to either side, once in 1.1 s."""
 
 REGULAR = 0.45
 """Autocorrelation at a period: an even gait has what of the window overlaps, 0.87 at 0.8 s and 0.73 at 1.6; so half of
 the power and more comes again."""
 
-FORCE_M_S2 = 0.03 * GRAVITY_M_S2
-"""s_g: an accelerometer's scale of 3 %, or its bias."""
-
-FEWEST_STRIDES = 10
-"""Fewer are not judged. Walkers change their speed by 0.3 m/s in a stride: of ten, 0.1 m/s^2 is left."""
+FORCE_M_S2 = 0.03 * GRAVITY_M_S2  # s_g: an accelerometer's scale of 3 %, or its bias.
+MIN_STRIDES = 10  # Fewer are not judged. Walkers change their speed by 0.3 m/s in a stride: of ten, 0.1 m/s^2 is left.
 
 
 @dataclass(frozen=True)
@@ -56,8 +52,8 @@ class SwingEvidence(AxesEvidence):
 
     @property
     def log_odds(self) -> Floats:
-        """(48,) L of each of `AXES`; 0 of fewer than `FEWEST_STRIDES`."""
-        if self.strides < FEWEST_STRIDES:
+        """(48,) L of each of `AXES`; 0 of fewer than `MIN_STRIDES`."""
+        if self.strides < MIN_STRIDES:
             return np.zeros(len(AXES))
         return np.asarray(np.median(self.scores - self.scores[:, :1], axis=0))
 
@@ -96,7 +92,7 @@ def _integrate(acc: Floats, gyr: Floats, h: Floats, start: Ints, stop: Ints) -> 
 
 
 def _find_strides(t: Floats, gyr: Floats) -> tuple[Ints, Ints]:
-    """First sample (K,) of strides and of the next ones, at most `MOST_STRIDES`, in windows without a gap."""
+    """First sample (K,) of strides and of the next ones, at most `MAX_STRIDES`, in windows without a gap."""
     period_s = float(np.median(np.diff(t)))
     edges = [np.zeros((0, 2), dtype=np.int64)]
     for begin in np.arange(t[0], t[-1] + 1.5 * period_s - WINDOW_S, WINDOW_S):
@@ -108,7 +104,7 @@ def _find_strides(t: Floats, gyr: Floats) -> tuple[Ints, Ints]:
             edges.append(np.column_stack([at[:-1], at[1:]]))
     found = np.concatenate(edges)
     found = found[found[:, 0] < found[:, 1]]  # none in a hole at the edge of a window
-    kept = np.unique(np.linspace(0, len(found) - 1, min(MOST_STRIDES, len(found))).round().astype(int))
+    kept = np.unique(np.linspace(0, len(found) - 1, min(MAX_STRIDES, len(found))).round().astype(int))
     return found[kept, 0].copy(), found[kept, 1].copy()
 
 
@@ -122,7 +118,7 @@ def _find_period(t: Floats, gyr: Floats, period_s: float) -> float:
     power = float(swing @ swing)
     lags = np.arange(*(round(limit / period_s) for limit in STRIDE_S))
     lags = lags[lags < len(swing)]
-    if not len(lags) or power < LEAST_RAD_S**2 * len(swing):
+    if not len(lags) or power < MIN_RAD_S**2 * len(swing):
         return 0.0
     alike = np.array([swing[lag:] @ swing[:-lag] for lag in lags]) / power
     return float(lags[alike.argmax()] * period_s) if alike.max() > REGULAR else 0.0

@@ -55,11 +55,8 @@ from fg_nav.solution import Solution
 from fg_nav.stances import Stances
 from fg_nav.text import format_ratio
 
-COURSE_STRIDES = 5
-"""n of AIEZ (27): strides before, whose mean is the reference of the course."""
-
-START_COMPASS = "here the compass gives the heading at the start"
-"""Reason not to test it."""
+COURSE_STRIDES = 5  # n of AIEZ (27): strides before, whose mean is the reference of the course.
+START_COMPASS = "here the compass gives the heading at the start"  # Reason not to test it.
 
 
 @dataclass(frozen=True)

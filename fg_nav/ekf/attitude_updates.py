@@ -35,8 +35,7 @@ COMPASS, TILT, COURSE, AGREEMENT = 0, 1, 2, 3
 """Columns of the standardized innovations; TILT is the root of half its NIS. AGREEMENT is the innovation by which the
 compass is tested; it is written where the compass is rejected, too."""
 
-SHORTEST_STRIDE_M = 0.3
-"""A shorter displacement has no course: the foot was only shifted."""
+MIN_STRIDE_M = 0.3  # A shorter displacement has no course: the foot was only shifted.
 
 
 class PseudoMeasurements(NamedTuple):
@@ -184,7 +183,7 @@ def compute_direction(nav_R_body: Floats, step: Floats, by_path: bool) -> float:
     if not by_path:
         return compute_heading(nav_R_body)
     length = np.sqrt(step[0] ** 2 + step[1] ** 2)
-    return float(np.arctan2(step[0], step[1])) if length > SHORTEST_STRIDE_M else np.nan
+    return float(np.arctan2(step[0], step[1])) if length > MIN_STRIDE_M else np.nan
 
 
 @njit(cache=True)

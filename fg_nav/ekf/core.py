@@ -69,8 +69,7 @@ from fg_nav.solution import Solution, StanceTable
 from fg_nav.stances import Stances
 from fg_nav.system.compiled import njit
 
-GAUGE_SIGMA = 1e-4
-"""Position (m) and heading (rad) at the start are known by definition; a trace keeps P invertible."""
+GAUGE_SIGMA = 1e-4  # Position (m) and heading (rad) at the start are known by definition; a trace keeps P invertible.
 
 
 def filter_walk(

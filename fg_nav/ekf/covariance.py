@@ -42,8 +42,7 @@ from typing import NamedTuple
 from fg_nav.arrays import Floats
 from fg_nav.system.compiled import njit
 
-POSITION, VELOCITY, ATTITUDE, GYRO_BIAS, ACC_BIAS = 0, 3, 6, 9, 12
-"""First index of each part of the error."""
+POSITION, VELOCITY, ATTITUDE, GYRO_BIAS, ACC_BIAS = 0, 3, 6, 9, 12  # First index of each part of the error.
 
 SIZE = 15
 

@@ -15,14 +15,9 @@ STANCE_CORRELATION_S = 0.04
 """Time over which the rolling lever, and a velocity from a force that is not gravity, stay the same: part of a stance.
 It equals half the spacing of the smoother's velocity factors (`fg_nav.ekf.presets`)."""
 
-ACC_BIAS_SIGMA = 0.02
-"""Accelerometer bias, m/s^2 (2 mg)."""
-
-ACC_BIAS_WALK = 1e-4
-"""Its random walk, m/s^2/sqrt(s)."""
-
-VELOCITY_SIGMA = 0.01
-"""Velocity at the start, in stance, m/s."""
+ACC_BIAS_SIGMA = 0.02  # Accelerometer bias, m/s^2 (2 mg).
+ACC_BIAS_WALK = 1e-4  # Its random walk, m/s^2/sqrt(s).
+VELOCITY_SIGMA = 0.01  # Velocity at the start, in stance, m/s.
 
 
 @dataclass(frozen=True)

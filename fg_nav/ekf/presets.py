@@ -119,8 +119,7 @@ Parameters: TypeAlias = IezParameters | GatedCompassParameters
 """Of any filter here."""
 
 AS_PRINTED, PHYSICAL, TUNED = "as-printed", "physical", "tuned"
-PRESETS = (TUNED, PHYSICAL, AS_PRINTED)
-"""Their names, the default first."""
+PRESETS = (TUNED, PHYSICAL, AS_PRINTED)  # Their names, the default first.
 
 GATED = ("qsf", "iqsf", "ma2018", "qsf-stance")
 """Filters whose compass is gated by the detector of the same name; `qsf-stance` is Zhang's "IEZ + classical QMD"."""
@@ -189,8 +188,7 @@ NOT_RUN: Mapping[str, str] = MappingProxyType(
 )
 """What breaks a filter as printed (docs/equations.md) and is run as corrected, in that preset too."""
 
-RTS = "-rts"
-"""After the name of any filter: smoothed backward over its pass (`fg_nav.ekf.rts`)."""
+RTS = "-rts"  # After the name of any filter: smoothed backward over its pass (`fg_nav.ekf.rts`).
 
 
 def find_parameters(method: str, preset: str = TUNED) -> Parameters:

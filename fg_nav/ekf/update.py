@@ -33,8 +33,7 @@ from fg_nav.ekf.covariance import ACC_BIAS, ATTITUDE, GYRO_BIAS, POSITION, SIZE,
 from fg_nav.mechanisation import NavState, rotation_series
 from fg_nav.system.compiled import njit
 
-VARIANCE, INNOVATION, ROW = SIZE, SIZE + 1, SIZE + 2
-"""Where a trace has s, nu and the first of h; c comes before."""
+VARIANCE, INNOVATION, ROW = SIZE, SIZE + 1, SIZE + 2  # Where a trace has s, nu and the first of h; c comes before.
 
 
 @njit(cache=True)

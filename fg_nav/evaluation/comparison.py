@@ -45,8 +45,7 @@ from fg_nav.truth import FootprintTruth, TrajectoryTruth, Truth
 
 AlignmentMode: TypeAlias = Literal["yaw", "none", "origin", "se3"]
 
-MODES: tuple[str, ...] = get_args(AlignmentMode)
-"""What `align` accepts."""
+MODES: tuple[str, ...] = get_args(AlignmentMode)  # What `align` accepts.
 
 
 @dataclass(frozen=True)
@@ -132,11 +131,8 @@ def _check(estimate: Floats, truth: Floats) -> None:
             )
 
 
-LEAST_SHARED = 3
-"""Samples that truth and solution must share: fewer fit anything."""
-
-HOLE_S = 0.1
-"""A truth silent for longer than this, and than `HOLE_PERIODS` of its periods, is not interpolated."""
+MIN_SHARED = 3  # Samples that truth and solution must share: fewer fit anything.
+HOLE_S = 0.1  # A truth silent for longer than this, and than `HOLE_PERIODS` of its periods, is not interpolated.
 
 HOLE_PERIODS = 3.0
 
@@ -236,7 +232,7 @@ def _compare_trajectory(solution: Solution, truth: TrajectoryTruth, mode: str) -
 def share_truth(truth: TrajectoryTruth, t: Floats) -> tuple[Ints, Floats]:
     """Return what `interpolate_truth` does; raises `EvaluationError` where that is too little to compare."""
     row, position = interpolate_truth(truth, t)
-    if len(row) < LEAST_SHARED:
+    if len(row) < MIN_SHARED:
         raise EvaluationError(
             f"the truth and the solution share only {len(row)} of {len(t)} samples: that is too little to compare."
         )
@@ -307,11 +303,10 @@ def _span(t: Floats) -> str:
 MIN_FOOTPRINTS = 3
 """Two footprints can nearly always be fitted by a rotation and a shift: they test only their distance."""
 
-MOST_SHIFTS = 10
+MAX_SHIFTS = 10
 """Stances too many or too few, or half of the walk's: with more, where the numbers are shifted is a guess."""
 
-MISSED = -1
-"""In place of a stance index: this footprint has no stance."""
+MISSED = -1  # In place of a stance index: this footprint has no stance.
 
 
 @dataclass(frozen=True)
@@ -333,7 +328,7 @@ def match_footprints(stance_xy: Floats, truth: FootprintTruth) -> FootprintMatch
     Raises `EvaluationError` where fewer than `MIN_FOOTPRINTS` footprints have a stance.
     """
     surplus = 0 if truth.stride_count is None else len(stance_xy) - 1 - truth.stride_count
-    if truth.stride_count is not None and abs(surplus) > max(MOST_SHIFTS, truth.stride_count / 2):
+    if truth.stride_count is not None and abs(surplus) > max(MAX_SHIFTS, truth.stride_count / 2):
         raise EvaluationError(
             f"the truth counts {truth.stride_count} strides, and {len(stance_xy) - 1} were found, too many apart "
             "to match footprints by number: check that it is of this recording."

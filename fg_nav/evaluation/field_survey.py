@@ -31,17 +31,13 @@ if TYPE_CHECKING:
 SAMPLEWISE = "munoz-diaz"
 """Judges every sample by the second before it; of a walk on a foot the samples of the footfalls count."""
 
-SURVEYED = (*DETECTORS, SAMPLEWISE)
-"""What can be put to a walk, in the order of tables and pictures."""
+SURVEYED = (*DETECTORS, SAMPLEWISE)  # What can be put to a walk, in the order of tables and pictures.
 
 USUAL = tuple(name for name in SURVEYED if not name.endswith("-printed"))
 """Those that are put to it unasked: the formulas as printed are for those who compare with the papers."""
 
-ALL = "all"
-"""Word for every one of `SURVEYED`."""
-
-FEWEST_FOOTFALLS = 4
-"""A window of three strides."""
+ALL = "all"  # Word for every one of `SURVEYED`.
+MIN_FOOTFALLS = 4  # A window of three strides.
 
 
 @dataclass(frozen=True)
@@ -124,9 +120,9 @@ def survey_field(
     MagneticError
         If there are too few footfalls for a window, or one cannot judge this walk.
     """
-    if len(field) < FEWEST_FOOTFALLS:
+    if len(field) < MIN_FOOTFALLS:
         raise MagneticError(
-            f"the recording has {format_count(len(field), 'footfall')}, too few to compare: walk {FEWEST_FOOTFALLS} or "
+            f"the recording has {format_count(len(field), 'footfall')}, too few to compare: walk {MIN_FOOTFALLS} or "
             f"more, or look at the samples with --gate {SAMPLEWISE}."
         )
     ordered = [name for name in SURVEYED if name in detectors]

@@ -184,8 +184,7 @@ OTHER_SIZE = 2.0
 
 DEGREES_OF_FREEDOM = 3
 
-TRUTH_SIGMA_M = 0.001
-"""Motion capture of a marker on a shoe: about a millimeter."""
+TRUTH_SIGMA_M = 0.001  # Motion capture of a marker on a shoe: about a millimeter.
 
 _YAW_STEPS = 10
 
@@ -258,11 +257,8 @@ def _most_likely_yaw(p: Floats, q: Floats, whiten: Floats) -> float:
 PARTS: Mapping[str, int] = {"pose": 4, "ground": 3, "position": 3, "horizontal": 2, "heading": 1, "up": 1}
 """Degrees of freedom by part."""
 
-PLACES = (0.25, 0.5, 0.75, 1.0)
-"""At which footfalls, as shares of the walk."""
-
-JOINT = ("pose", "ground")
-"""Parts that need the covariance of place with heading."""
+PLACES = (0.25, 0.5, 0.75, 1.0)  # At which footfalls, as shares of the walk.
+JOINT = ("pose", "ground")  # Parts that need the covariance of place with heading.
 
 _ROWS = {
     "pose": [0, 1, 2, 3],

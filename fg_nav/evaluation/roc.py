@@ -52,8 +52,7 @@ from fg_nav.errors import EvaluationError
 from fg_nav.frames import wrap_angle
 from fg_nav.magnetic.footfall_field import compute_inclination
 
-LEVEL = 0.9
-"""Of bands, where nothing else is said."""
+LEVEL = 0.9  # Of bands, where nothing else is said.
 
 
 @dataclass(frozen=True)

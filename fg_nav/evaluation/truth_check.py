@@ -15,17 +15,10 @@ from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import EvaluationError
 from fg_nav.truth import FootprintTruth, TrajectoryTruth, Truth
 
-FASTEST_M_S = 12.5
-"""A person on foot over a second: the fastest sprint is 12.4 m/s."""
-
-LONGEST_STRIDE_M = 5.0
-"""From a footprint to the next of the same foot, in a sprint."""
-
-LEAST_EXTENT_M = 0.05
-"""Over ground; a foot moves by more where one walks on the spot, and 5 km are 0.05 degrees."""
-
-MOST_STRIDES_PER_S = 3.0
-"""Of one foot, in a sprint."""
+MAX_M_S = 12.5  # A person on foot over a second: the fastest sprint is 12.4 m/s.
+MAX_STRIDE_M = 5.0  # From a footprint to the next of the same foot, in a sprint.
+MIN_EXTENT_M = 0.05  # Over ground; a foot moves by more where one walks on the spot, and 5 km are 0.05 degrees.
+MAX_STRIDES_PER_S = 3.0  # Of one foot, in a sprint.
 
 _UNITS = {"cm": 100.0, "mm": 1000.0}
 _USUAL_M_S, _USUAL_STRIDE_M, _TIMES_USUAL = 1.5, 1.3, 4.0
@@ -48,12 +41,12 @@ def _check_path(truth: TrajectoryTruth, t: Floats) -> None:
     if len(stamps) < 2:
         return  # that they share no time is said where they are compared
     first, speed = _measure_speeds(stamps, position)
-    if speed.max() > FASTEST_M_S:
+    if speed.max() > MAX_M_S:
         at = f"{speed.max():.3g} m/s from {stamps[first[np.argmax(speed)]]:.3f} s on"
-        what = _explain_size(speed, FASTEST_M_S, _USUAL_M_S)
+        what = _explain_size(speed, MAX_M_S, _USUAL_M_S)
         raise EvaluationError(f"the truth moves at {at}, faster than anyone runs: {what}.")
     extent = _measure_extent(position[:, :2])
-    if extent < LEAST_EXTENT_M:
+    if extent < MIN_EXTENT_M:
         raise EvaluationError(
             f"the truth moves by {extent:.2g} m over ground in the {stamps[-1] - stamps[0]:.3g} s that it shares with "
             "the recording: give places in m, not degrees, and stamps in s of the recording's clock."
@@ -76,7 +69,7 @@ def _measure_distances(one: Floats, other: Floats) -> Floats:
 
 def _check_footprints(truth: FootprintTruth, duration_s: float) -> None:
     strides = max(truth.stride_count or 0, int(truth.stride.max(initial=0)))
-    most = MOST_STRIDES_PER_S * (duration_s + 1.0)
+    most = MAX_STRIDES_PER_S * (duration_s + 1.0)
     if strides > most:
         raise EvaluationError(
             f"the truth counts {strides} strides, and in {duration_s:.1f} s a foot makes at most {most:.0f}: check "
@@ -85,14 +78,14 @@ def _check_footprints(truth: FootprintTruth, duration_s: float) -> None:
     if len(truth.stride) < 2:
         return  # too few to compare is said where they are compared
     apart = _measure_distances(truth.xy[1:], truth.xy[:-1]) / np.diff(truth.stride)
-    if apart.max() > LONGEST_STRIDE_M:
+    if apart.max() > MAX_STRIDE_M:
         stride = truth.stride[np.argmax(apart) + 1]
         raise EvaluationError(
             f"the footprints up to stride {stride} are {apart.max():.3g} m a stride apart, farther than anyone runs: "
-            f"{_explain_size(apart, LONGEST_STRIDE_M, _USUAL_STRIDE_M)}."
+            f"{_explain_size(apart, MAX_STRIDE_M, _USUAL_STRIDE_M)}."
         )
     extent = _measure_extent(truth.xy)
-    if extent < LEAST_EXTENT_M:
+    if extent < MIN_EXTENT_M:
         raise EvaluationError(f"the footprints lie within {extent:.2g} m: give their places in m, not degrees.")
 
 

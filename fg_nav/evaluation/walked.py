@@ -54,11 +54,8 @@ from fg_nav.frames import wrap_angle
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.truth import FootprintTruth, Truth
 
-AS_STARTED, BEST_YAW = "origin", "yaw"
-"""The two alignments of use."""
-
-CLOSURE = "closure"
-"""In place of an alignment: there was no truth."""
+AS_STARTED, BEST_YAW = "origin", "yaw"  # The two alignments of use.
+CLOSURE = "closure"  # In place of an alignment: there was no truth.
 
 
 @dataclass(frozen=True)

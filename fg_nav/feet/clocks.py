@@ -73,7 +73,7 @@ FOREIGN_NATS = 5.0  # It costs that recordings given as of one walk are not.
 
 AT_ONCE = 2000  # Offsets that are weighed at once.
 
-FEWEST_SWINGS, MAX_SWINGS = 3, 600  # Of the first foot that are compared: ten minutes.
+MIN_SWINGS, MAX_SWINGS = 3, 600  # Of the first foot that are compared: ten minutes.
 
 
 @dataclass(frozen=True)
@@ -121,7 +121,7 @@ def align_clocks(first: Recording, first_stances: Stances, second: Recording, se
 
 def match_swings(a: Swings, b: Swings) -> ClockOffset:
     """Find what is to be added to the times of b so that the feet swing in turn; raises as `align_clocks`."""
-    if min(len(a.middle), len(b.middle)) < FEWEST_SWINGS:
+    if min(len(a.middle), len(b.middle)) < MIN_SWINGS:
         return ClockOffset(0.0)
     a = replace(a, middle=a.middle[:MAX_SWINGS])
     # What is lost of other offsets is more than is to be had.

@@ -7,8 +7,7 @@ import numpy as np
 from fg_nav.errors import EstimationError
 from fg_nav.feet.steps import Footfalls, measure_turns
 
-SPAN_S = 60.0
-"""From the first step on: later a path that was found alone is turned by the drift of its gyroscope."""
+SPAN_S = 60.0  # From the first step on: later a path that was found alone is turned by the drift of its gyroscope.
 
 
 def measure_relative_heading(right: Footfalls, left: Footfalls) -> float:

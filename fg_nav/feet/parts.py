@@ -14,15 +14,14 @@ from fg_nav.recording import Recording
 from fg_nav.samples.gaps import find_holes
 from fg_nav.stances import Stances
 
-FEWEST_FOOTFALLS = 10
-"""Of a part: some fifteen meters, and two cells."""
+MIN_FOOTFALLS = 10  # Of a part: some fifteen meters, and two cells.
 
 
 def keep_walked_parts(recording: Recording, stances: Stances) -> Recording:
     """Return a recording without its parts of a few footfalls; the same where there are none."""
     part = number_parts(recording)
     footfalls = np.bincount(part[stances.spans[0]], minlength=part[-1] + 1)
-    return _keep(recording, (footfalls >= FEWEST_FOOTFALLS)[part], "too few footfalls to be laid beside the other foot")
+    return _keep(recording, (footfalls >= MIN_FOOTFALLS)[part], "too few footfalls to be laid beside the other foot")
 
 
 def keep_longest_part(recording: Recording) -> Recording:

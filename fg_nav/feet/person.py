@@ -26,11 +26,8 @@ from fg_nav.frames import yaw_rotation
 from fg_nav.samples.gaps import find_unrecorded, list_unrecorded
 from fg_nav.solution import Solution, StanceTable
 
-CHORD_M = 1.4
-"""Over which the direction of walking is taken."""
-
-SEAM_S = 1.5
-"""A stride: the middle of two feet is not that of one, but for a mean over both."""
+CHORD_M = 1.4  # Over which the direction of walking is taken.
+SEAM_S = 1.5  # A stride: the middle of two feet is not that of one, but for a mean over both.
 
 
 @dataclass(frozen=True)

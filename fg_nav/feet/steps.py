@@ -33,30 +33,27 @@ CELL_M, CELL_TURN_RAD = 8.0, np.deg2rad(60.0)
 """Of the way, and by how much it turns: six strides, over which a path that was found alone is bent by less than steps
 differ. In the mean over a turn the direction would be lost."""
 
-FEWEST_CELLS, LEAST_GROWN = 6, 0.25
-MOST_CELLS, MOST_GROWN, MOST_APART_M = 40, 2.0, 30.0
+MIN_CELLS, MIN_GROWN = 6, 0.25
+MAX_CELLS, MAX_GROWN, MAX_APART_M = 40, 2.0, 30.0
 """Of a walk: cells of a short one are smaller, down to a stride and a half, so that there are some. Those of a long one
 are up to twice as large, and no more of them are kept, as long as they are not further apart than that. With twice as
 many errors and sigmas of simulated walks are the same, and the solver takes longer."""
 
-FEWEST_TURNS = 4
-"""Steps whose directions show how two paths are turned: each does to some degrees."""
-
-FEWEST_STEPS = 1.0
-"""In a cell, by their weights (`Cells.steps`)."""
+MIN_TURNS = 4  # Steps whose directions show how two paths are turned: each does to some degrees.
+MIN_STEPS = 1.0  # In a cell, by their weights (`Cells.steps`).
 
 SHORT_M, LONG_M = 0.4, 4.0
 """Strides that count half: a shuffle has no direction, and what is longer than a runner's is an error of its path."""
 
 NEGLIGIBLE = 0.01  # Weight of a step that is none.
 
-LONGEST_S, TIMES_USUAL = 2.5, 2.0
+MAX_S, TIMES_USUAL = 2.5, 2.0
 """Of a stride: what takes longer, and more times as long as the person's usual stride, was a halt."""
 
 
 def find_longest_stride(t: Floats) -> float:
     """Longest time, s, of a stride of who walks on, by the times (F,) s of a foot's swings or footfalls."""
-    return max(LONGEST_S, TIMES_USUAL * float(np.median(np.diff(t)))) if len(t) > 1 else LONGEST_S
+    return max(MAX_S, TIMES_USUAL * float(np.median(np.diff(t)))) if len(t) > 1 else MAX_S
 
 
 @dataclass(frozen=True)
@@ -154,8 +151,8 @@ def average_cells(right: Footfalls, left: Footfalls) -> Cells:
     """Average the steps of a walk over cells, in order of time."""
     of_right, of_left = find_steps(right, left), find_steps(left, right)
     way, turned = _measure_way(left)
-    grown = float(np.clip((way + turned)[-1:].max(initial=0.0) / MOST_CELLS, 1.0, MOST_GROWN))
-    shrunk = float(np.clip(way[-1:].max(initial=0.0) / FEWEST_CELLS, LEAST_GROWN, 1.0))
+    grown = float(np.clip((way + turned)[-1:].max(initial=0.0) / MAX_CELLS, 1.0, MAX_GROWN))
+    shrunk = float(np.clip(way[-1:].max(initial=0.0) / MIN_CELLS, MIN_GROWN, 1.0))
     number = _number_cells(left, right.holes, way / (grown * shrunk) + turned / grown)
     cells = number[of_right.before], number[of_left.at]
     count = number.max(initial=0) + 1
@@ -163,7 +160,7 @@ def average_cells(right: Footfalls, left: Footfalls) -> Cells:
     # Both kinds count alike, or the bend of a curve would not fall out.
     with np.errstate(divide="ignore"):
         steps = 4.0 / (1.0 / weights[0] + 1.0 / weights[1])
-    kept = np.flatnonzero(steps >= FEWEST_STEPS)
+    kept = np.flatnonzero(steps >= MIN_STEPS)
     kept = kept[_spread_evenly(len(kept), _limit_cells(left))]
     means = [
         np.mean(
@@ -187,7 +184,7 @@ def average_cells(right: Footfalls, left: Footfalls) -> Cells:
 def _limit_cells(foot: Footfalls) -> int:
     """Return how many cells a walk has at most."""
     way = float(np.linalg.norm(np.diff(foot.position[:, :2], axis=0), axis=1).sum())
-    return max(MOST_CELLS, int(np.ceil(way / MOST_APART_M)))
+    return max(MAX_CELLS, int(np.ceil(way / MAX_APART_M)))
 
 
 def _spread_evenly(count: int, most: int) -> Ints:

@@ -19,8 +19,7 @@ from fg_nav.errors import FormatError
 from fg_nav.io.content import Content
 from fg_nav.io.text_columns import find_column, read_integers, read_table, table_options
 
-_MOST_LINES = 60
-"""The longest block of lines about a session is a third of this."""
+_MAX_LINES = 60  # The longest block of lines about a session is a third of this.
 
 _SEPARATORS = "\t;,"
 
@@ -75,7 +74,7 @@ class Header:
 def find_header(content: Content, is_header: Callable[[list[str]], bool]) -> Header | None:
     """Find the first line whose fields are those of a header."""
     said = find_said_separator(content)
-    for line, text in enumerate(content.lines[:_MOST_LINES]):
+    for line, text in enumerate(content.lines[:_MAX_LINES]):
         separator = said or guess_separator(text)
         names = split_line(text, separator)
         if is_header(names):
@@ -85,7 +84,7 @@ def find_header(content: Content, is_header: Callable[[list[str]], bool]) -> Hea
 
 def has_rows(content: Content) -> bool:
     """Whether there is more than a header: apps write that alone for a sensor which a phone does not have."""
-    return sum(bool(line.strip()) for line in content.lines[:_MOST_LINES]) > 1
+    return sum(bool(line.strip()) for line in content.lines[:_MAX_LINES]) > 1
 
 
 def find_said_separator(content: Content) -> str | None:

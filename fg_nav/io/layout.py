@@ -22,16 +22,11 @@ from fg_nav.columns.units import find_quantity
 from fg_nav.io.content import Content, split_lines
 from fg_nav.io.text_columns import read_table, table_options
 
-FEWEST_NUMBERS = 6
-"""Columns of numbers that a table of force and rate has at least."""
+MIN_NUMBERS = 6  # Columns of numbers that a table of force and rate has at least.
+_MAX_TOP = 200  # Lines above the data.
+_JUDGED = 40  # Lines of data from which the layout is told.
 
-_LONGEST_TOP = 200
-"""Lines above the data."""
-
-_JUDGED = 40
-"""Lines of data from which the layout is told."""
-
-_MOST_HEADER_ROWS = 4
+_MAX_HEADER_ROWS = 4
 
 _COMMENTS = ("#", "%", "//", "!", '"#')
 
@@ -119,10 +114,10 @@ def _read_times(text: NDArray[np.object_]) -> Floats:
     return np.asarray(t, dtype=np.float64)
 
 
-def find_layout(content: Content, fewest: int = FEWEST_NUMBERS) -> Layout | None:
+def find_layout(content: Content, fewest: int = MIN_NUMBERS) -> Layout | None:
     """Find the table in a text, with so many numbers in a row at least; None if there is none."""
     lines = content.lines
-    start = next((k for k in range(min(len(lines), _LONGEST_TOP)) if _is_data_from(lines, k, fewest)), None)
+    start = next((k for k in range(min(len(lines), _MAX_TOP)) if _is_data_from(lines, k, fewest)), None)
     if start is None:
         return None
     data = [line for line in lines[start : start + _JUDGED] if line.strip() and not _is_comment(line)]
@@ -194,7 +189,7 @@ def _read_header_rows(above: Sequence[str], separator: str, width: int) -> list[
                 break
             continue
         fields = _split_header(line, separator, width)
-        if fields is None or len(rows) == _MOST_HEADER_ROWS:
+        if fields is None or len(rows) == _MAX_HEADER_ROWS:
             break
         rows.insert(0, fields)
     return _join_rows(rows) if rows else None

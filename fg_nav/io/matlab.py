@@ -43,8 +43,7 @@ _NUMBERS = MappingProxyType({
 
 _OPAQUE, _NUMERIC_CLASSES, _COMPLEX = 17, range(6, 16), 0x0800
 
-_BEGINNING_BYTES = 4096
-"""Flags, dimensions and name of a variable take less than 400."""
+_BEGINNING_BYTES = 4096  # Flags, dimensions and name of a variable take less than 400.
 
 
 class DamagedError(ValueError):

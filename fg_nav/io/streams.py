@@ -37,32 +37,18 @@ NAMES: dict[Sensor, str] = {"acc": "accelerometer", "gyr": "gyroscope", "mag": "
 SLOWEST_HZ, SLOW_HZ = 9.0, 20.0
 """A leg swings once or twice a second: below the first rate little of a swing is seen, below the second not enough."""
 
-LARGEST_FIELD_UT = 200.0
-"""The Earth's field is 25 to 65 uT; buildings make up to this of it."""
-
-_SAME_SHARE = 0.9
-"""Stamps of which more than this are the same are those of one clock; at its ends one may miss some."""
-
-_FASTER = 1.5
-"""An accelerometer that is faster than the gyroscope by this is averaged."""
-
-_END_OF_TIME_S = 1e11
-"""Seconds since 1970 are 2e9."""
-
-_NONSENSE = 1e9
-"""No sensor reads as much in m/s^2, rad/s or uT."""
-
-_RESTART_S = 1.0
-"""A step backward by more is a clock that began again, not a sample that came late."""
+MAX_FIELD_UT = 200.0  # The Earth's field is 25 to 65 uT; buildings make up to this of it.
+_SAME_SHARE = 0.9  # Stamps of which more than this are the same are those of one clock; at its ends one may miss some.
+_FASTER = 1.5  # An accelerometer that is faster than the gyroscope by this is averaged.
+_END_OF_TIME_S = 1e11  # Seconds since 1970 are 2e9.
+_NONSENSE = 1e9  # No sensor reads as much in m/s^2, rad/s or uT.
+_RESTART_S = 1.0  # A step backward by more is a clock that began again, not a sample that came late.
 
 _FROZEN_S = 2.0
 """A sensor that wakes up repeats its first sample for less; a longer constant is a sensor at rest without noise."""
 
-_FROZEN_ROWS = 3
-"""Two equal samples are quantization."""
-
-_HELD_PERIODS = 3.0
-"""A value that lasts longer than so many samples was measured again."""
+_FROZEN_ROWS = 3  # Two equal samples are quantization.
+_HELD_PERIODS = 3.0  # A value that lasts longer than so many samples was measured again.
 
 
 @dataclass(frozen=True)
@@ -216,7 +202,7 @@ def _keep_field(mag: Stream | None, remarks: list[str]) -> Stream | None:
         remarks.append(f"the magnetometer ({mag.source}) has no samples: left out")
         return None
     strength = float(np.median(np.linalg.norm(mag.xyz, axis=1))) if mag is not None else 0.0
-    if strength < LARGEST_FIELD_UT:
+    if strength < MAX_FIELD_UT:
         return mag
     remarks.append(f"the magnetometer reads {strength:.0f} uT, most of it the device's own field: left out")
     return None

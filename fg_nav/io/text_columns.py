@@ -182,11 +182,8 @@ def _find_bad_cell(
     )
 
 
-_MOVING_RAD_S = 0.5
-"""Turning this fast, no real magnetometer gives the same three numbers twice by chance."""
-
-_HELD_SHARE = 0.1
-"""More repeats than this in motion are the logger's doing, not the quantization's."""
+_MOVING_RAD_S = 0.5  # Turning this fast, no real magnetometer gives the same three numbers twice by chance.
+_HELD_SHARE = 0.1  # More repeats than this in motion are the logger's doing, not the quantization's.
 
 
 def drop_held(mag: Floats, gyr: Floats) -> Floats:

@@ -79,12 +79,10 @@ def _tabulate(t: Floats, position: Floats, nav_R_body: Floats) -> Floats:
     return table
 
 
-_BLOCK_ROWS = 20_000
-"""Of which the quaternions are in memory together."""
+_BLOCK_ROWS = 20_000  # Of which the quaternions are in memory together.
 
 
-C3D_KEY = b"\x50"
-"""Second byte of a C3D file."""
+C3D_KEY = b"\x50"  # Second byte of a C3D file.
 
 
 def read_c3d(content: Content, marker: str | None = None) -> TrajectoryTruth:

@@ -7,7 +7,7 @@ permutations P two each, P and -P, satisfy dR P (y_2 - h) = P (y_1 - h) alike (`
     r = dR P y_2 - P y_1 - (dR - I) h',
 
 and h' is solved for each P with robust weights. The loss of each is summed over blocks of the recording; another P than
-the identity is accepted where the loss of the identity is `LEAST_RATIO` times as large, and larger by `LEAST_SIGMAS` of
+the identity is accepted where the loss of the identity is `MIN_RATIO` times as large, and larger by `MIN_SIGMAS` of
 the scatter of that difference over the blocks, each with the delay that it finds itself. A foot turns about one axis
 above all, about which half a turn of the magnetometer would hardly show, but it also rolls and turns into curves.
 
@@ -40,23 +40,15 @@ from fg_nav.system.spilled import measure_rows
 SPAN_S = 0.2
 """Between the readings of a pair: a swing turns the foot by a radian in it, and a delay is a small part of it."""
 
-MOST_PAIRS = 1000
-"""Enough for any walk."""
+MAX_PAIRS = 1000  # Enough for any walk.
+MIN_BLOCKS, MIN_PAIRS = 8, 40  # Fewer do not accuse.
 
-FEWEST_BLOCKS, FEWEST_PAIRS = 8, 40
-"""Fewer do not accuse."""
-
-LEAST_RATIO, LEAST_SIGMAS = 1.3, 5.0
+MIN_RATIO, MIN_SIGMAS = 1.3, 5.0
 """Of the losses; on 17 real walks and 90 simulated ones the identity is never worse than any other."""
 
-ROUNDS = 4
-"""Of reweighting: the loss of a wrong P need not be exact."""
-
-CLEARLY_UP_UT = 10.0
-"""Near the equator the field is level, and a shoe's iron decides."""
-
-SLOW_M_S2 = 1.0
-"""Of the specific force about gravity, where it shows which way is up."""
+ROUNDS = 4  # Of reweighting: the loss of a wrong P need not be exact.
+CLEARLY_UP_UT = 10.0  # Near the equator the field is level, and a shoe's iron decides.
+SLOW_M_S2 = 1.0  # Of the specific force about gravity, where it shows which way is up.
 
 
 @dataclass(frozen=True)
@@ -146,8 +138,8 @@ def align_magnetometer(recording: Recording, axes_given: bool = False) -> Aligne
 
 def find_wrong_axes(recording: Recording) -> MagAxes | None:
     """Find the axes of a magnetometer that are clearly not those of the gyroscope; None where they may well be."""
-    pairs = find_pairs(recording, SPAN_S, MOST_PAIRS)
-    if len(pairs) < FEWEST_PAIRS or pairs.n_blocks < FEWEST_BLOCKS:
+    pairs = find_pairs(recording, SPAN_S, MAX_PAIRS)
+    if len(pairs) < MIN_PAIRS or pairs.n_blocks < MIN_BLOCKS:
         return None
     size, _ = _solve_sizes(pairs, _PROPER, 0.0)
     best = int(np.argmin(_sum_losses(size, pairs).sum(axis=1)))
@@ -162,7 +154,7 @@ def find_wrong_axes(recording: Recording) -> MagAxes | None:
     loss, other = _sum_losses(np.array(sizes), pairs)
     excess = loss - other
     sigma = float(np.sqrt(((excess - excess.mean()) ** 2).sum()))
-    if loss.sum() < LEAST_RATIO * other.sum() or excess.sum() < LEAST_SIGMAS * sigma:
+    if loss.sum() < MIN_RATIO * other.sum() or excess.sum() < MIN_SIGMAS * sigma:
         return None
     return MagAxes(_point_down(recording, _PROPER[best], hard_iron[0]))
 

@@ -14,7 +14,7 @@ that are correlated within a swing:
 
     H^-1 (sum_b g_b g_b^T) H^-1,   plus the square of `SYSTEMATIC_S`.
 
-A magnetometer without a delay is not touched: what is taken off is above three sigmas and above `LEAST_S`. The readings
+A magnetometer without a delay is not touched: what is taken off is above three sigmas and above `MIN_S`. The readings
 are then those at t + tau, interpolated between measured ones; before the first and after the last there are none.
 """
 
@@ -40,26 +40,18 @@ from fg_nav.system.spilled import BLOCK_ROWS, drop_pages, empty_column, take_row
 SPAN_S = 0.04
 """Between the readings of a pair: a field that changes along the path has little time to, and noise does not rule."""
 
-MOST_PAIRS = 2000
-"""They show tau to 0.2 ms; a longer walk is thinned."""
-
-FEWEST_BLOCKS, FEWEST_PAIRS = 8, 100
-"""Fewer make no scatter."""
-
-SOFT_IRON_SIGMA = 0.05
-"""Prior of the elements of A: shoes, scale errors and the turn of one chip against the other."""
-
-MOST_STEPS, CLOSE_S = 15, 2e-5
-"""Of Gauss-Newton: it takes 3 to 6."""
+MAX_PAIRS = 2000  # They show tau to 0.2 ms; a longer walk is thinned.
+MIN_BLOCKS, MIN_PAIRS = 8, 100  # Fewer make no scatter.
+SOFT_IRON_SIGMA = 0.05  # Prior of the elements of A: shoes, scale errors and the turn of one chip against the other.
+MAX_STEPS, CLOSE_S = 15, 2e-5  # Of Gauss-Newton: it takes 3 to 6.
 
 SYSTEMATIC_S = 2e-4
 """What the model leaves out (iron beyond A, a rate that is not constant over a sample), on simulated walks."""
 
-SIGMAS, LEAST_S, MOST_S = 3.0, 1e-3, 0.1
+SIGMAS, MIN_S, MAX_S = 3.0, 1e-3, 0.1
 """A delay is taken off where it is so many sigmas and so long, and no longer than a sensor can have."""
 
-MOST_GAP = 3.0
-"""Spacings of the readings across which they are interpolated."""
+MAX_GAP = 3.0  # Spacings of the readings across which they are interpolated.
 
 
 @dataclass(frozen=True)
@@ -76,7 +68,7 @@ class MagnetometerDelay:
     @property
     def taken_off(self) -> bool:
         """Whether it is one."""
-        return max(SIGMAS * self.sigma_s, LEAST_S) < abs(self.tau_s) <= MOST_S
+        return max(SIGMAS * self.sigma_s, MIN_S) < abs(self.tau_s) <= MAX_S
 
     def __str__(self) -> str:
         """Say it to the user."""
@@ -88,15 +80,15 @@ class MagnetometerDelay:
 
 def estimate_delay(recording: Recording) -> MagnetometerDelay | None:
     """Estimate how late the magnetometer is; None where the sensor turns too little to show it."""
-    pairs = find_pairs(recording, SPAN_S, MOST_PAIRS)
-    if len(pairs) < FEWEST_PAIRS or pairs.n_blocks < FEWEST_BLOCKS:
+    pairs = find_pairs(recording, SPAN_S, MAX_PAIRS)
+    if len(pairs) < MIN_PAIRS or pairs.n_blocks < MIN_BLOCKS:
         return None
     unknowns = np.zeros(4 + len(_TRACELESS))
-    for _ in range(MOST_STEPS):
+    for _ in range(MAX_STEPS):
         H, scores = _linearize(pairs, unknowns)
         step = np.linalg.solve(H, -(scores.sum(axis=0) + _PRIOR * unknowns))
         unknowns = unknowns + step
-        if not abs(unknowns[0]) <= 2 * MOST_S:
+        if not abs(unknowns[0]) <= 2 * MAX_S:
             return None
         if abs(step[0]) < CLOSE_S:
             break
@@ -120,7 +112,7 @@ def _read_at(recording: Recording, rows: Ints, tau: float, held: bool) -> Floats
     """Field (N, 3) at the stamps, between the readings stamped before and after them, each turned by the gyroscope."""
     assert recording.mag is not None
     measured, read_at = take_rows(rows, recording.mag), recording.t[rows] - tau
-    longest = np.inf if held else MOST_GAP * float(np.median(np.diff(read_at)))
+    longest = np.inf if held else MAX_GAP * float(np.median(np.diff(read_at)))
     holes = recording.t[find_holes(recording.t)]
     mag = empty_column(*recording.mag.shape)
     for start in range(0, len(mag), BLOCK_ROWS):
@@ -172,8 +164,7 @@ def _compute_residual(pairs: TurningPairs, unknowns: Floats) -> tuple[Floats, Fl
     return np.einsum("kij,kj->ki", dR, m[:, 1]) - m[:, 0], J
 
 
-_TRACELESS = np.zeros((8, 3, 3))
-"""The matrices A is made of, of one size."""
+_TRACELESS = np.zeros((8, 3, 3))  # The matrices A is made of, of one size.
 for _k, (_i, _j) in enumerate(((0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1))):
     _TRACELESS[_k, _i, _j] = 1.0
 _TRACELESS[6] = np.diag([1.0, -1.0, 0.0]) / np.sqrt(2.0)

@@ -96,8 +96,7 @@ from fg_nav.magnetic.footfall_field import FootfallField
 FALSE_ALARM_RATE = 0.05
 """Share of the fields that change by what matters and pass all the same, where no threshold is fixed."""
 
-ALIGNMENT_FOOTFALLS = 3
-"""Footfalls whose mean aligns the inertial heading with the compass; they are not tested."""
+ALIGNMENT_FOOTFALLS = 3  # Footfalls whose mean aligns the inertial heading with the compass; they are not tested.
 
 HEADING_DRIFT = float(np.deg2rad(0.2))
 """Random walk of the inertial heading, rad/sqrt(s). 0.2 deg after 1 s is 1.5 deg after a minute: more than the
@@ -106,8 +105,7 @@ gyroscopes of the simulated walks drift, whose bias a rest has shown."""
 Form: TypeAlias = Literal["chi squared", "sum of squares", "squared sums"]
 FORMS: tuple[Form, ...] = get_args(Form)
 
-OFFSET = "heading offset"
-"""The one signal that depends on earlier verdicts."""
+OFFSET = "heading offset"  # The one signal that depends on earlier verdicts.
 
 
 @dataclass(frozen=True)
@@ -357,8 +355,7 @@ _ALL = (
 DETECTORS: Mapping[str, Detector] = MappingProxyType({detector.name: detector for detector in _ALL})
 """All detectors by name."""
 
-DEFAULT = "ma2018"
-"""It keeps to curved walks, where iQSF cannot, and needs no heading to begin with, as AIEZ does."""
+DEFAULT = "ma2018"  # It keeps to curved walks, where iQSF cannot, and needs no heading to begin with, as AIEZ does.
 
 
 def scale_detector(detector: Detector, allowance: float, window: int | None = None) -> Detector:

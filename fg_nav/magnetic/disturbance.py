@@ -33,12 +33,10 @@ from fg_nav.errors import MagneticError
 from fg_nav.magnetic.quasi_static import OverThreshold
 from fg_nav.recording import Recording
 
-FEWEST = 3
-"""Samples of the field in a window; with fewer it is not judged."""
+FEWEST = 3  # Samples of the field in a window; with fewer it is not judged.
 
 
-WINDOW_S = 1.0
-"""s; a walker passes a lamp or a car in one to three seconds."""
+WINDOW_S = 1.0  # s; a walker passes a lamp or a car in one to three seconds.
 
 SIGMA_UT = 0.15
 """uT, of one sample of |B|: noise and the residual of a calibration as the sensor turns. The simulated MTw has 0.11 uT
@@ -47,8 +45,7 @@ of the one; a percent of soft iron would be 0.3 uT of the other, and has to be a
 MATTERS_UT = 0.5
 """uT, least change over the window that is to be rejected; 0.5 uT across a field of 48 uT turns it by half a degree."""
 
-FALSE_ALARM_RATE = 0.05
-"""Share of such changes that pass all the same."""
+FALSE_ALARM_RATE = 0.05  # Share of such changes that pass all the same.
 
 SETTINGS: Mapping[str, float] = MappingProxyType(
     {

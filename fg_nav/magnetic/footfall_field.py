@@ -89,14 +89,12 @@ HALF_WINDOW_S = 0.5
 TILT_TIME_S = 0.5
 """Time in stance in which the tilt follows the specific force; 0.25 to 2 s differ by 0.1 deg on simulated walks."""
 
-MOST_FOOTFALLS = 1 << 12
-"""That are averaged at once: an hour of walking."""
+MAX_FOOTFALLS = 1 << 12  # That are averaged at once: an hour of walking.
 
 UNKNOWN_IRON_UT = np.full(3, 30.0)
 """Iron of shoe, battery and board that nobody measured, one sigma an axis: real feet here have 1 to 90 uT."""
 
-FEWEST = 2
-"""Samples of the field without which a footfall has none: scatter and drift need two."""
+FEWEST = 2  # Samples of the field without which a footfall has none: scatter and drift need two.
 
 
 @dataclass(frozen=True)
@@ -229,8 +227,8 @@ def average_footfall_field(
     sample = stances.stillest(recording.gyr)
     first, last = _find_windows(recording.t, stances, sample)
     parts = []
-    for start in range(0, max(len(sample), 1), MOST_FOOTFALLS):
-        some = np.s_[start : start + MOST_FOOTFALLS]
+    for start in range(0, max(len(sample), 1), MAX_FOOTFALLS):
+        some = np.s_[start : start + MAX_FOOTFALLS]
         windows = sample[some], first[some], last[some]
         parts.append(_average(recording.t, recording.acc, recording.mag, attitude, *windows))
         drop_pages()

@@ -25,14 +25,9 @@ from fg_nav.text import format_count, format_ratio
 
 __all__ = ["DEFAULT", "DETECTORS", "GATES", "NO_GATE", "Detector", "FieldVerdicts", "find_detector", "judge_field"]
 
-NO_GATE = "none"
-"""The gate that weighs all footfalls alike."""
-
-HARD = ":hard"
-"""Behind the name of a gate: the papers' switch. The compass is used at its full weight or not at all."""
-
-GATES = (*DETECTORS, NO_GATE, *(name + HARD for name in DETECTORS))
-"""Names of what weighs the compass at a footfall."""
+NO_GATE = "none"  # The gate that weighs all footfalls alike.
+HARD = ":hard"  # Behind the name of a gate: the papers' switch. The compass is used at its full weight or not at all.
+GATES = (*DETECTORS, NO_GATE, *(name + HARD for name in DETECTORS))  # Names of what weighs the compass at a footfall.
 
 NO_FIELD, TOO_LITTLE = "no field was measured at this footfall", "too little of the field was measured at this footfall"
 """Reasons; the second where a mean could be taken, and not what else a detector asks for."""

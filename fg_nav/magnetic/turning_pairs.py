@@ -32,20 +32,11 @@ from fg_nav.mechanisation import rotate_in_body
 from fg_nav.recording import Recording
 from fg_nav.system.compiled import njit
 
-TURNING_RAD_S = 1.0
-"""Mean rate of a pair: slower, the building's changes hide what the turning does."""
-
-BLOCK_S = 2.0
-"""Pairs of one block count as one observation where scatter is asked for: a stride or two."""
-
-HELD_SHARE = 0.2
-"""Of the readings of a turning sensor that repeat the one before: more, and the logger holds them."""
-
-MOST_SPACING = 1.6
-"""Readings of a pair are at most so many times as far apart as they should be."""
-
-HARD_IRON_SIGMA_UT = 100.0
-"""Prior of h per axis: what turns about one axis only does not show all of it."""
+TURNING_RAD_S = 1.0  # Mean rate of a pair: slower, the building's changes hide what the turning does.
+BLOCK_S = 2.0  # Pairs of one block count as one observation where scatter is asked for: a stride or two.
+HELD_SHARE = 0.2  # Of the readings of a turning sensor that repeat the one before: more, and the logger holds them.
+MAX_SPACING = 1.6  # Readings of a pair are at most so many times as far apart as they should be.
+HARD_IRON_SIGMA_UT = 100.0  # Prior of h per axis: what turns about one axis only does not show all of it.
 
 
 @dataclass(frozen=True)
@@ -116,7 +107,7 @@ def find_pairs(recording: Recording, span_s: float, most: int) -> TurningPairs:
     first = np.arange(0, len(t), max(1, round(span_s / spacing / 2)))
     second = np.searchsorted(t, t[first] + span_s - 0.01 * spacing)
     first, second = first[second < len(t)], second[second < len(t)]
-    near = t[second] - t[first] <= MOST_SPACING * max(span_s, spacing)
+    near = t[second] - t[first] <= MAX_SPACING * max(span_s, spacing)
     first, second = first[near], second[near]
     # those between which it turns
     stamps = np.stack([t[first], t[second]], axis=1)

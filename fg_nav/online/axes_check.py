@@ -1,7 +1,7 @@
 """Do the sensors of a stream have the same, right-handed axes? Asked of its first strides.
 
 Those of a foot are looked at as in `detection.handedness`, in a pocket as in `detection.swing_axes`. They are counted
-in blocks of `BLOCK_S`, until `ENOUGH` of them show the axes that were given, or `MOST_STRIDES` are there. Where others
+in blocks of `BLOCK_S`, until `ENOUGH` of them show the axes that were given, or `MAX_STRIDES` are there. Where others
 are certain, a stream is refused in its first minute; later there is a remark, for a walk is not ended, and each line
 says that it is not to be used.
 """
@@ -18,7 +18,7 @@ from fg_nav.arrays import Floats
 from fg_nav.detection.handedness import (
     AXES,
     DECISIVE,
-    MOST_STRIDES,
+    MAX_STRIDES,
     NO_EVIDENCE,
     AxesEvidence,
     MeasureAxes,
@@ -37,11 +37,8 @@ MEASURES: Mapping[Wearing, MeasureAxes] = {"foot": measure_axes, "pocket": measu
 
 UNSEEN: Mapping[Wearing, AxesEvidence] = {"foot": NO_EVIDENCE, "pocket": NO_SWINGS}
 
-ENOUGH = 15
-"""Strides that show the axes given."""
-
-FEWEST = 50
-"""Samples of a block; fewer show no stride."""
+ENOUGH = 15  # Strides that show the axes given.
+FEWEST = 50  # Samples of a block; fewer show no stride.
 
 
 class AxesCheck:
@@ -94,7 +91,7 @@ class AxesCheck:
     def _is_settled(self) -> bool:
         found = self.evidence
         agrees = found.strides >= ENOUGH and found.against < 1.0
-        return agrees or found.strides >= MOST_STRIDES or found.against > DECISIVE
+        return agrees or found.strides >= MAX_STRIDES or found.against > DECISIVE
 
     def _find_end(self, buffer: SampleBuffer) -> int | None:
         """Return the end of the block that begins now; None where it has not come."""

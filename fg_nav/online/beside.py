@@ -5,7 +5,7 @@
 
 Arrays and dataclasses go over pipes of our own two processes, pickled. Sending never waits: a thread writes what the
 worker, busy with a task, does not read yet. What a worker answers is what `WalkSolver` does, to the bit; where it dies
-(memory, a signal) or has not answered for `LONGEST_S` (it was stopped), that takes its place, on the samples the owner
+(memory, a signal) or has not answered for `MAX_S` (it was stopped), that takes its place, on the samples the owner
 has.
 """
 
@@ -27,11 +27,8 @@ from fg_nav.online.options import OnlineOptions
 from fg_nav.online.solving import Task, WalkSolver
 from fg_nav.system.processes import start_module
 
-WORKER = "fg_nav.online.worker"
-"""The module that the other process runs."""
-
-LONGEST_S = 120.0
-"""For an answer: twenty times what a solution takes on two cores."""
+WORKER = "fg_nav.online.worker"  # The module that the other process runs.
+MAX_S = 120.0  # For an answer: twenty times what a solution takes on two cores.
 
 
 class Messages(Protocol):
@@ -152,7 +149,7 @@ class WorkerSolver:
         if isinstance(answer, EOFError):
             answer = self._solve_here("has died")
         elif isinstance(answer, TimeoutError):
-            answer = self._solve_here(f"has not answered for {LONGEST_S:.0f} s")
+            answer = self._solve_here(f"has not answered for {MAX_S:.0f} s")
         assert answer is None or isinstance(answer, Handover)
         self._answer = (answer,)
 
@@ -166,7 +163,7 @@ class WorkerSolver:
     @property
     def _left_s(self) -> float:
         """Of the time in which an answer is waited for."""
-        return self._asked_s + LONGEST_S - time.monotonic()
+        return self._asked_s + MAX_S - time.monotonic()
 
     def _wait_for_answer(self) -> object:
         try:

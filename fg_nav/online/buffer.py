@@ -28,26 +28,16 @@ from fg_nav.recording import Recording
 from fg_nav.samples.saturation import find_saturation_level
 from fg_nav.stances import Stances
 
-COLUMNS = 11
-"""t (s), acc (m/s^2), gyr (rad/s), mag (uT) and pressure (Pa), the last two NaN without a sample."""
+COLUMNS = 11  # t (s), acc (m/s^2), gyr (rad/s), mag (uT) and pressure (Pa), the last two NaN without a sample.
 
 TAKEN = COLUMNS + 1
 """Behind them, once a sample is taken: which sensor was bad, as `unread` of a recording; 0 where none was."""
 
-CHUNK = 1 << 12
-"""Rows; 0.3 MB."""
-
-AT_END = 0.97
-"""Share of the largest reading, from which on a level may be that of a range: calibration smears it."""
-
-SETTLED_S = 5e-4
-"""Sigma of a delay that is not estimated again."""
-
-LEAD_S = 0.25
-"""Readings so long before a part of the walk are used for the field at its first samples."""
-
-_BEFORE = 40
-"""Samples before a node that are cut out with those after it: enough for a recording."""
+CHUNK = 1 << 12  # Rows; 0.3 MB.
+AT_END = 0.97  # Share of the largest reading, from which on a level may be that of a range: calibration smears it.
+SETTLED_S = 5e-4  # Sigma of a delay that is not estimated again.
+LEAD_S = 0.25  # Readings so long before a part of the walk are used for the field at its first samples.
+_BEFORE = 40  # Samples before a node that are cut out with those after it: enough for a recording.
 
 
 class SampleBuffer:
@@ -146,8 +136,7 @@ class SensorState:
     iron: MagnetometerCalibration | None = None
 
 
-UNSEEN = SensorState(np.zeros((2, 2, 3)))
-"""Of a walk that has not begun."""
+UNSEEN = SensorState(np.zeros((2, 2, 3)))  # Of a walk that has not begun.
 
 
 @dataclass(frozen=True)

@@ -41,14 +41,9 @@ from fg_nav.online.saved_state import StateChanges, StateReader, find_changes
 from fg_nav.system.locks import PathLock
 from fg_nav.text import format_count, to_json
 
-VERSION = 11
-"""Of the records in a checkpoint."""
-
-BLOCK = 1 << 14
-"""Rows that are replayed at once; the answer does not depend on it."""
-
-LEAST_BYTES = 1 << 20
-"""A file smaller than this is not written again."""
+VERSION = 11  # Of the records in a checkpoint.
+BLOCK = 1 << 14  # Rows that are replayed at once; the answer does not depend on it.
+MIN_BYTES = 1 << 20  # A file smaller than this is not written again.
 
 ROW_BYTES = 8 * TAKEN
 
@@ -170,7 +165,7 @@ class Checkpoint:
                 self._state, self._begun_at = state, state.smoother.starts[-1].place.sample
                 self._state_bytes = len(packed)
             # What is superseded is left out once it is more than half.
-            if self._size > max(2 * self._count_needed(record.kept_from), LEAST_BYTES):
+            if self._size > max(2 * self._count_needed(record.kept_from), MIN_BYTES):
                 self._size = _write_again(self._path)
                 self._renew_lock()
         except OSError as error:

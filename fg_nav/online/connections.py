@@ -19,17 +19,10 @@ from fg_nav.errors import StreamError
 Remark = Callable[[str], None]
 """Takes a sentence for people."""
 
-PIECE = 1 << 16
-"""Bytes that are read at once; no datagram has more."""
-
-POLL_S = 0.2
-"""How often a thread looks whether its source was closed."""
-
-CONNECT_S = 10.0
-"""How long a server may take to answer."""
-
-RESTARTED_S = 2.0
-"""Silence after which another port of the same host is the same sensor, switched on again."""
+PIECE = 1 << 16  # Bytes that are read at once; no datagram has more.
+POLL_S = 0.2  # How often a thread looks whether its source was closed.
+CONNECT_S = 10.0  # How long a server may take to answer.
+RESTARTED_S = 2.0  # Silence after which another port of the same host is the same sensor, switched on again.
 
 
 class Link(Protocol):

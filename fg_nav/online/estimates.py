@@ -186,8 +186,7 @@ class RowColumns(NamedTuple):
     compass_weight: Floats
 
 
-_ENDS = (1, 2, 5, 8, 17, 20, 36, 39)
-"""Columns of a row after which another part of it begins."""
+_ENDS = (1, 2, 5, 8, 17, 20, 36, 39)  # Columns of a row after which another part of it begins.
 
 
 def split_rows(rows: Sequence[EstimateRow]) -> RowColumns:
@@ -268,8 +267,7 @@ SMOOTHED, POLISHED = "smoothed", "polished"
 SensorTime = Callable[[int, float], float]
 """The stamp, s, that the sensor gave a sample which was taken with this stamp (`SampleJudge.sensor_time`)."""
 
-DIGITS = 6
-"""After the point: a micrometre, a microdegree."""
+DIGITS = 6  # After the point: a micrometre, a microdegree.
 
 
 def _same_time(sample: int, t: float) -> float:

@@ -26,7 +26,7 @@ from fg_nav.online.estimates import StanceEstimate, split_rows
 from fg_nav.online.feet_beside import FeetSolvers
 from fg_nav.online.feet_clocks import ENOUGH_SWINGS, check_clocks
 from fg_nav.online.feet_lines import FeetLine, FootState, State
-from fg_nav.online.feet_person import LONGEST_STEP_S, PersonTracker
+from fg_nav.online.feet_person import MAX_STEP_S, PersonTracker
 from fg_nav.online.handover import Handover, TiedHandover
 from fg_nav.online.navigator import OnlineNavigator
 from fg_nav.online.options import OnlineOptions
@@ -36,11 +36,8 @@ from fg_nav.online.smoother_state import Pending
 from fg_nav.smoother.feet_batch import measure_width_sigma, trace_solved_person
 from fg_nav.solution import Solution
 
-SILENT_S = 5.0
-"""By which the stamps of one foot are behind the other's: then it is said to be silent."""
-
-EVERY = 4
-"""Footfalls, at which a foot that is not tied yet is solved again."""
+SILENT_S = 5.0  # By which the stamps of one foot are behind the other's: then it is said to be silent.
+EVERY = 4  # Footfalls, at which a foot that is not tied yet is solved again.
 
 
 @dataclass(frozen=True)
@@ -215,7 +212,7 @@ class FeetNavigator:
             self._pending[side] = own.takeover.pending
             if own.takeover.pending is not None:
                 self._begun_s[side] = self._find_last(side)
-                if self._begun_s[side] - self._begun_s[_other(side)] > LONGEST_STEP_S:
+                if self._begun_s[side] - self._begun_s[_other(side)] > MAX_STEP_S:
                     other.hasten(other.n_told + 1)
 
     def _check_clocks(self) -> None:

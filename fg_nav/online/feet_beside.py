@@ -19,8 +19,7 @@ from fg_nav.online.options import OnlineOptions
 from fg_nav.online.solving import Solver, WalkSolver
 from fg_nav.system.processes import start_module
 
-WORKER = "fg_nav.online.feet_worker"
-"""The module that the other process runs."""
+WORKER = "fg_nav.online.feet_worker"  # The module that the other process runs.
 
 
 class FeetSolvers:

@@ -15,8 +15,7 @@ from fg_nav.feet.steps import SHORT_M, find_longest_stride
 from fg_nav.frames import compute_heading
 from fg_nav.online.estimates import EstimateRow, split_rows
 
-ENOUGH_SWINGS = 20
-"""Of each foot, that show it; some of them in a bend."""
+ENOUGH_SWINGS = 20  # Of each foot, that show it; some of them in a bend.
 
 
 def check_clocks(left: Sequence[EstimateRow], right: Sequence[EstimateRow], given_s: float) -> str | None:

@@ -27,8 +27,7 @@ from fg_nav.online.revision import Revision
 from fg_nav.online.silence import Silence
 from fg_nav.online.sources import SampleSource
 
-WAIT_S = 0.05
-"""For bytes of one foot, before the other's are looked for."""
+WAIT_S = 0.05  # For bytes of one foot, before the other's are looked for.
 
 
 def follow_feet(

@@ -19,8 +19,7 @@ BLOCK_S = 0.1
 
 HELD_S = 1.0
 
-HEAD = 1000
-"""Rows in a block at most, whatever their stamps."""
+HEAD = 1000  # Rows in a block at most, whatever their stamps.
 
 
 class FeetMerge:

@@ -18,11 +18,8 @@ from fg_nav.online.estimates import EstimateRow, split_rows
 from fg_nav.online.feet_lines import PersonEstimate
 from fg_nav.online.revision import Revision, thin_rows
 
-LONGEST_STEP_S = 2.0
-"""Between footfalls of different feet; who stands has one of each every two seconds."""
-
-REMEMBERED = 8
-"""Steps before, in which the direction is looked for."""
+MAX_STEP_S = 2.0  # Between footfalls of different feet; who stands has one of each every two seconds.
+REMEMBERED = 8  # Steps before, in which the direction is looked for.
 
 
 class PersonTracker:
@@ -36,7 +33,7 @@ class PersonTracker:
         """Return the step that two newest footfalls of both feet make; None where they make no new one."""
         feet = split_rows([left, right])
         t = float(feet.t.mean())
-        if np.ptp(feet.t) > LONGEST_STEP_S or (self._t and t <= self._t[-1]):
+        if np.ptp(feet.t) > MAX_STEP_S or (self._t and t <= self._t[-1]):
             return None
         position, heading = feet.position.mean(axis=0), self._find_heading(feet.position.mean(axis=0))
         self._t.append(t)

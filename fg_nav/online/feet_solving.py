@@ -6,7 +6,7 @@
 
 Both begin within a step of each other, and are joined when the first of them is due, so that both go on from one
 solution, each by its own marginal of it: nothing is counted twice. A foot that has no newer task is in it as it was
-solved last. Steps that tie fewer cells than `FEWEST_CELLS` do not show how the feet lie: then each is as it is alone,
+solved last. Steps that tie fewer cells than `MIN_CELLS` do not show how the feet lie: then each is as it is alone,
 the right one in a frame of its own.
 
 The frame of both is the left foot's. Where its heading was given, or it has no magnetometer, the right foot's is set by
@@ -24,7 +24,7 @@ import numpy as np
 from fg_nav.detection.stance import StanceParameters
 from fg_nav.errors import EstimationError
 from fg_nav.feet.sides import SIDES, Side
-from fg_nav.feet.steps import FEWEST_TURNS, measure_turns
+from fg_nav.feet.steps import MIN_TURNS, measure_turns
 from fg_nav.frames import compute_heading
 from fg_nav.online.anchor import condense_root
 from fg_nav.online.buffer import SampleBuffer, WalkSoFar
@@ -38,7 +38,7 @@ from fg_nav.smoother.feet import SolvedFeet, solve_feet
 from fg_nav.smoother.feet_factors import list_footfalls
 from fg_nav.smoother.solver import UNSOLVED, list_attitudes
 
-FEWEST_CELLS = 6  # That tie two feet in progress: the first ones are small, and each foot alone turns by its own drift.
+MIN_CELLS = 6  # That tie two feet in progress: the first ones are small, and each foot alone turns by its own drift.
 
 
 class WalksAlone:
@@ -77,7 +77,7 @@ class WalksAlone:
         if self._is_turned or self._is_parted or left is None or not _has_own_heading(left, options):
             return None
         turn = measure_turns(*(list_footfalls(one.problem, one.solved.values) for one in (right, left)))[1]
-        if np.abs(turn).sum() < FEWEST_TURNS:
+        if np.abs(turn).sum() < MIN_TURNS:
             return None
         self._is_turned = True
         start = compute_heading(list_attitudes([0], right.solved.values)[0])
@@ -94,7 +94,7 @@ class WalksAlone:
             self.solved = solve_feet(*(replace(one.problem, values=one.solved.values) for one in pair))
             self._of, self.count = pair, self.count + 1
         assert self.solved is not None
-        return self.solved if self.solved.problem.ties.cells >= FEWEST_CELLS else None
+        return self.solved if self.solved.problem.ties.cells >= MIN_CELLS else None
 
 
 class FootSolver(WalkSolver):

@@ -29,7 +29,7 @@ from fg_nav.smoother.field import compass_sigma, rotate_field, weigh_compass
 from fg_nav.smoother.field_factors import integrate_path, transition
 from fg_nav.smoother.field_rounds import FieldSolution
 from fg_nav.smoother.graph import Trajectory
-from fg_nav.smoother.potential import LEAST_JUMP_UT_M
+from fg_nav.smoother.potential import MIN_JUMP_UT_M
 from fg_nav.smoother.roughness import FieldRoughness, deviate_along, measure_roughness, split_potential
 from fg_nav.smoother.solver import list_attitudes
 from fg_nav.stances import Stances
@@ -42,8 +42,7 @@ JUMP_SIGMAS = 6.0
 """Of the potential, beyond which a stride's line integral is not used: 40 A over a rough floor. The next re-solve looks
 again, with the strides that follow."""
 
-ROUGH_EVERY = 10
-"""Footfalls after which the roughness is measured again."""
+ROUGH_EVERY = 10  # Footfalls after which the roughness is measured again.
 
 LEVEL, REFERENCE, DISTANCE, STATISTIC = slice(0, 2), slice(2, 4), 4, 5
 """Columns of what is remembered of a footfall: its field over the ground in nav and the mean field there, uT, length of
@@ -159,7 +158,7 @@ class OnlineField:
         e, _ = integral.evaluate([nav_T_body, before, np.zeros(SIZE)], with_jacobians=False)
         potential_after = float(e[0] * integral.sigma_uT_m)
         sigma = float(np.hypot(self._potential.sigma, integral.sigma_uT_m))
-        return bool(abs(potential_after) > max(JUMP_SIGMAS * sigma, LEAST_JUMP_UT_M))
+        return bool(abs(potential_after) > max(JUMP_SIGMAS * sigma, MIN_JUMP_UT_M))
 
     def _judge(self, seen: StrideField, nav_R_body: Floats, before: Floats) -> tuple[float, Verdict]:
         """Note the newest footfall; the sigma of its compass, infinite without a reading, and the verdict."""

@@ -20,17 +20,10 @@ from fg_nav.arrays import Bools, Floats
 from fg_nav.online.buffer import COLUMNS
 from fg_nav.samples.plausibility import find_mag_problem, is_field_on_earth, measure_field_strength
 
-MAG, STAMP_AND_MAG = slice(7, 10), (0, 7, 8, 9)
-"""Columns."""
-
-WINDOW, IN_A_ROW = 200, 3
-"""Rows with a field."""
-
-MOST = 32
-"""Windows of which the strength is remembered: a minute at 100 Hz, so a beginning beside iron is forgotten."""
-
-ANOTHER = 5.0
-"""Within buildings the field at a foot varies by a factor of two or three."""
+MAG, STAMP_AND_MAG = slice(7, 10), (0, 7, 8, 9)  # Columns.
+WINDOW, IN_A_ROW = 200, 3  # Rows with a field.
+MOST = 32  # Windows of which the strength is remembered: a minute at 100 Hz, so a beginning beside iron is forgotten.
+ANOTHER = 5.0  # Within buildings the field at a foot varies by a factor of two or three.
 
 
 class FieldWatch:

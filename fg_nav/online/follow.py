@@ -38,11 +38,8 @@ from fg_nav.online.sources import SampleSource
 from fg_nav.online.status import StatusReporter, Watcher
 from fg_nav.text import to_json
 
-WAIT_S = 0.2
-"""For bytes, before the stop signal is checked."""
-
-SAVING_SHARE = 0.05
-"""Of the time at most."""
+WAIT_S = 0.2  # For bytes, before the stop signal is checked.
+SAVING_SHARE = 0.05  # Of the time at most.
 
 
 @dataclass(frozen=True)

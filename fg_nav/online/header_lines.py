@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-LEAST_NAMES = 6
-"""Of a header, force and rate; fewer words are a message of the device."""
+MIN_NAMES = 6  # Of a header, force and rate; fewer words are a message of the device.
 
 
 def is_header(fields: list[str]) -> bool:
     """Whether a line is made of names: as many as a sample has, each another, text, and no number among them."""
     names = fields if fields[-1] else fields[:-1]
-    return len(set(names)) == len(names) >= LEAST_NAMES and all(map(_is_name, names))
+    return len(set(names)) == len(names) >= MIN_NAMES and all(map(_is_name, names))
 
 
 def _is_name(word: str) -> bool:

@@ -30,8 +30,7 @@ from fg_nav.online.graph_parts import list_variables, order_variables, result_ke
 from fg_nav.online.strides import Place
 from fg_nav.smoother.solver import UNSOLVED, marginal_covariances
 
-ATTITUDE_RAD = 0.005
-"""0.3 deg: half its square is 12 millionths of a stride's length."""
+ATTITUDE_RAD = 0.005  # 0.3 deg: half its square is 12 millionths of a stride's length.
 
 BIAS = (0.1, 2e-3)
 """m/s^2 and rad/s: over a stride 0.1 deg, of which the inertial measurements know the first derivative."""
@@ -40,14 +39,13 @@ FIELD = (20.0, 1.0, 0.2, 0.2, 0.2, 0.2, 1.0, 1.0, 1.0)
 """uT m and uT: only region and mean field multiply something large; 0.2 uT of them are 0.6 deg. The deviation of the
 place weighs its compass, whose loss is robust."""
 
-ANYTHING = 1e6
-"""Threshold of what enters linearly."""
+ANYTHING = 1e6  # Threshold of what enters linearly.
 
 WILDFIRE = 0.05
 """Steps (m, rad, uT) below which an update does not propagate a change into the past. The newest footfalls are at the
 root, where it makes no difference; at 0.01 each footfall moved all states of the field behind it."""
 
-MOST_UPDATES = 3
+MAX_UPDATES = 3
 
 IN_ORDER = 3
 """Last footfalls whose variables are eliminated in the order of time; ccolamd needs more variables than groups. On its
@@ -106,7 +104,7 @@ class ISAM2Backend:
             order = _group_by_time(places, IN_ORDER, self._theta, values)
             self._isam.update(graph, values, constrainedKeys=order)
             # Repeat the update while the newest footfall turns away from its linearization point.
-            for _ in range(MOST_UPDATES - 1):
+            for _ in range(MAX_UPDATES - 1):
                 if self._is_settled(X(places[-1].result)):
                     break
                 self._isam.update(gtsam.NonlinearFactorGraph(), gtsam.Values(), constrainedKeys=order)

@@ -10,7 +10,7 @@ stamp before the last one         waits, and is left out; but after `RESTART` of
                                   `UNKNOWN_GAP_S`
 stamp more than `JUMP_S` ahead    waits for the next: left out if that one is back in line, or never comes
 gap of more than `MAX_GAP_S`      remarked, and as long as it is; the estimator widens the sigmas across it
-more than `LONGEST_GAP_S` ahead   a clock that was set: a gap of `UNKNOWN_GAP_S`, and stamps from there on are set back
+more than `MAX_CLOCK_STEP_S`      a clock that was set: a gap of `UNKNOWN_GAP_S`, and stamps from there on set back
 wrong unit, gravity removed       refused, as in a file, once `CHECKED` samples are there
 ================================= ==========================================================================
 
@@ -44,24 +44,19 @@ from fg_nav.samples.outliers import ACC_OUT, BOTH_OUT, GYR_OUT, MAG_OUT
 from fg_nav.samples.plausibility import find_usable_samples, keep_air
 from fg_nav.samples.stamps import AROUND, SAME_S, goes_on
 
-JUMP_S = 1.0
-"""A step ahead that is accepted only if the next stamp goes on from there."""
+JUMP_S = 1.0  # A step ahead that is accepted only if the next stamp goes on from there.
 
 LEAP = 1.5
 """Behind a clock that restarted force and rate go on if they change by less than this many times their largest change
 around; anything may have happened, unlike within a file, so it is less than there."""
 
-RESTART = 100
-"""Stamps before the last one that follow each other: not a delayed block, but a clock that restarted."""
+RESTART = 100  # Stamps before the last one that follow each other: not a delayed block, but a clock that restarted.
 
-LONGEST_GAP_S = 86400.0
+MAX_CLOCK_STEP_S = 86400.0
 """A longer step is that of a clock that was set, from 1970 or from when the sensor was switched on."""
 
-MOST_CHANGES = 20
-"""Changes of the stamps that the notes name one by one."""
-
-MOST_LEFT = 4096
-"""Rows left out for their stamps that a checkpoint recognizes."""
+MAX_CHANGES = 20  # Changes of the stamps that the notes name one by one.
+MAX_LEFT = 4096  # Rows left out for their stamps that a checkpoint recognizes.
 
 
 class SampleJudge:
@@ -92,7 +87,7 @@ class SampleJudge:
         self._recent: deque[Floats] = deque(maxlen=AROUND)
         self._waits = np.empty((0, COLUMNS))
         self._tail = np.empty((0, COLUMNS))
-        self._left: deque[int] = deque(maxlen=MOST_LEFT)
+        self._left: deque[int] = deque(maxlen=MAX_LEFT)
         self._head = np.empty((0, COLUMNS))
         self.overlap: Overlap | None = None
         self._units = UnitCheck()
@@ -358,7 +353,7 @@ class SampleJudge:
 
     def _detect_set_clock(self, t: float) -> float:
         """Set the clock back where a step is too long for a gap; by how much it was set on."""
-        if t - self._last <= LONGEST_GAP_S:
+        if t - self._last <= MAX_CLOCK_STEP_S:
             return 0.0
         shift = self._last + UNKNOWN_GAP_S - t
         self._shift_clock("set", shift, f"at t = {t:.3f} s, after {self._last:.3f} s")
@@ -368,7 +363,7 @@ class SampleJudge:
         """Set the clock on or back from the next sample on, and say so."""
         words = f"{REMARKS[kind]}, {where}; from there on stamps are {_name_shift(shift)}"
         self._remark(f"{words}.")
-        self._changes += [words] * (len(self._changes) < MOST_CHANGES)
+        self._changes += [words] * (len(self._changes) < MAX_CHANGES)
         self.counts[kind] += 1
         self._drop_behind()
         self._offset += shift

@@ -38,16 +38,10 @@ from fg_nav.verdict.reason import Reason, Verdict, combine
 DUE_S = 4.0
 """The line of a footfall comes at least so soon after the one before it: a standing has one every two seconds."""
 
-FEWEST = 5
-"""Strides of which the median of gravity is judged."""
-
+FEWEST = 5  # Strides of which the median of gravity is judged.
 FASTEST = 4  # Strides, by the slowest of which the fastest is judged: who begins to run makes more of them.
-
-REMEMBERED = 32
-"""Heights, more than are made in the time over which their rate is measured."""
-
-SAME_S = 1e-3
-"""Stamps of one footfall, of any clock: less than a sample apart."""
+REMEMBERED = 32  # Heights, more than are made in the time over which their rate is measured.
+SAME_S = 1e-3  # Stamps of one footfall, of any clock: less than a sample apart.
 
 Judged: TypeAlias = tuple[StanceEstimate | Revision, Verdict | None]
 """What a walk tells, and the verdict on an estimate."""

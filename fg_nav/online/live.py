@@ -17,17 +17,10 @@ from contextlib import suppress
 
 from fg_nav.online.connections import PIECE, POLL_S, Connector, Remark, Senders
 
-RETRY_S = 0.5
-"""Between two attempts to connect."""
-
-REMARK_S = 10.0
-"""Between two remarks about a line that breaks again and again."""
-
-MOST_WAITING = 1 << 26
-"""Bytes in the queue: ten minutes of a fast sensor."""
-
-SYSTEM_BUFFER = 1 << 23
-"""Bytes that the system is asked to keep of datagrams; it may give less."""
+RETRY_S = 0.5  # Between two attempts to connect.
+REMARK_S = 10.0  # Between two remarks about a line that breaks again and again.
+MAX_WAITING = 1 << 26  # Bytes in the queue: ten minutes of a fast sensor.
+SYSTEM_BUFFER = 1 << 23  # Bytes that the system is asked to keep of datagrams; it may give less.
 
 _SO_RCVBUFFORCE, _SO_RXQ_OVFL = 33, 40
 """Of Linux, which Python does not name: more buffer than users have, and the count of datagrams without room."""
@@ -82,7 +75,7 @@ class LiveSource(ABC):
     def _make_room(self, size: int) -> bool:
         """Return whether a piece of some bytes is put into the queue, once there is room."""
         with self._changed:
-            return self._changed.wait_for(lambda: self._size + size < MOST_WAITING or self._closed.is_set())
+            return self._changed.wait_for(lambda: self._size + size < MAX_WAITING or self._closed.is_set())
 
     def _run(self) -> None:
         try:
@@ -140,7 +133,7 @@ class Datagrams(LiveSource):
 
     def _make_room(self, size: int) -> bool:
         """Return whether there is room; a datagram does not wait for it."""
-        if self._size + size < MOST_WAITING:
+        if self._size + size < MAX_WAITING:
             return True
         self._note_lost(self._lost_in_system, self._lost_in_queue + 1)
         return False

@@ -1,7 +1,7 @@
 """Samples that were lost on the way, counted by the stamps of those that came.
 
 A sensor samples evenly: within a window of `WINDOW` rows the median step between stamps is its period T, and a step of
-k T, k = 2, 3, ..., lacks k - 1 samples. Longer steps than `LONGEST_S` are gaps, which are remarked by themselves.
+k T, k = 2, 3, ..., lacks k - 1 samples. Longer steps than `MAX_S` are gaps, which are remarked by themselves.
 Of stamps that jitter only steps of more than `GAP_PERIODS` periods are counted. Where T is another in `IN_A_ROW`
 windows, the sensor's rate has changed, which is said.
 
@@ -21,13 +21,10 @@ from fg_nav.recording import GAP_PERIODS
 from fg_nav.samples.plausibility import find_stamp_problem, median_period_s
 from fg_nav.text import format_count
 
-WINDOW = 200
-"""Rows; more than half of the steps among them are one period, unless more than every third sample is lost."""
+WINDOW = 200  # Rows; more than half of the steps among them are one period, unless more than every third sample is lost
+MAX_S = 1.0  # A longer step is a sensor that was off, or a clock that was set.
 
-LONGEST_S = 1.0
-"""A longer step is a sensor that was off, or a clock that was set."""
-
-EVEN, MOST_UNEVEN = 0.25, 0.1
+EVEN, MAX_UNEVEN = 0.25, 0.1
 """Steps within so many periods of a whole number of them are even; so many of the others are let pass."""
 
 
@@ -128,12 +125,12 @@ class LossCounter:
 def count_missing(t: Floats) -> Ints:
     """Count the samples (n - 1,) that are missing between stamps (n,) s of a sensor that samples evenly."""
     step = np.diff(t)
-    forward = (step > 0.0) & (step <= LONGEST_S)
+    forward = (step > 0.0) & (step <= MAX_S)
     if not forward.any():
         return np.zeros(len(step), dtype=np.int64)
     period = float(np.median(step[forward]))
     periods = np.where(forward, step, period) / period
-    is_even = np.mean(np.abs(periods - np.rint(periods)) > EVEN) < MOST_UNEVEN
+    is_even = np.mean(np.abs(periods - np.rint(periods)) > EVEN) < MAX_UNEVEN
     missing = np.where(periods > (1.5 if is_even else GAP_PERIODS), np.rint(periods) - 1.0, 0.0)
     return np.asarray(missing, dtype=np.int64)
 

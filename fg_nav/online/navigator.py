@@ -52,8 +52,7 @@ METHOD = "online"
 
 SolverMaker: TypeAlias = Callable[[SampleBuffer], Solver]
 
-LONGEST_FREE_S = 3.0
-"""A stride and the wait for its footfall; a free strapdown is metres off by then."""
+MAX_FREE_S = 3.0  # A stride and the wait for its footfall; a free strapdown is metres off by then.
 
 
 @dataclass(frozen=True)
@@ -230,12 +229,12 @@ class OnlineNavigator(SampleIntake):
     def pose(self) -> Track | None:
         """Return the pose at the last sample, as a path of one row; None before the first footfall.
 
-        Strapdown from the last footfall on. Its error is not bounded: after `LONGEST_FREE_S` the position is held.
+        Strapdown from the last footfall on. Its error is not bounded: after `MAX_FREE_S` the position is held.
         """
         if not self._smoother.n_told:
             return None
         last_stamp = self.buffer.stamp(self.buffer.stop - 1)
-        longest = self.buffer.stamp(self._handed - 1) + LONGEST_FREE_S
+        longest = self.buffer.stamp(self._handed - 1) + MAX_FREE_S
         until = self.buffer.find_since(longest, self.buffer.stop)
         track = self._smoother.propagate(until)
         last = Track(*(part[-1:] for part in track))

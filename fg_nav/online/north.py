@@ -33,20 +33,11 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.frames import UNKNOWN_RAD
 
-FLOOR_UT = 7.0
-"""sigma_0: per axis, at the height of a foot over a reinforced floor."""
-
-FLOOR_WEIGHT = 5.0
-"""n_0: how many footfalls that is worth."""
-
-FLOOR_LENGTH_M = 1.5
-"""L: a quarter of the longest waves in such a floor, which are 1 to 6 m long."""
-
-ROOM_SHARE = 0.3
-"""c: by how much rooms turn the field, as a share of how it differs between footfalls."""
-
-ROOM_LENGTH_M = 20.0
-"""L_r."""
+FLOOR_UT = 7.0  # sigma_0: per axis, at the height of a foot over a reinforced floor.
+FLOOR_WEIGHT = 5.0  # n_0: how many footfalls that is worth.
+FLOOR_LENGTH_M = 1.5  # L: a quarter of the longest waves in such a floor, which are 1 to 6 m long.
+ROOM_SHARE = 0.3  # c: by how much rooms turn the field, as a share of how it differs between footfalls.
+ROOM_LENGTH_M = 20.0  # L_r.
 
 
 def find_north_sigma(across_uT: Floats, walked_m: float, strength_uT: float) -> float:
@@ -72,8 +63,7 @@ def average_along(lengths: float) -> float:
     return float(2.0 * (lengths - 1.0 + np.exp(-lengths)) / lengths**2)
 
 
-SHORT = 1e-4
-"""Lengths over which v is its Taylor series: the closed form loses its digits there."""
+SHORT = 1e-4  # Lengths over which v is its Taylor series: the closed form loses its digits there.
 
 
 def extend_with_north(pose_cov: Floats, position: Floats, sigma: float) -> Floats:

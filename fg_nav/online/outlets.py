@@ -15,8 +15,7 @@ from fg_nav.online.status import Watcher
 from fg_nav.view.loop import format_address, is_loopback, open_port
 from fg_nav.view.process import ListenerProcess
 
-HOST = "127.0.0.1"
-"""That serves lines."""
+HOST = "127.0.0.1"  # That serves lines.
 
 Say = Callable[[str], None]
 """Takes a line, or a sentence for people."""

@@ -26,23 +26,12 @@ from numpy.typing import NDArray
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.online.buffer import COLUMNS
 
-HEAD = 16
-"""Rows that show how a source goes on; so many wait until the last of them is there."""
-
-LEAST = 4
-"""Of them, more than chance makes alike; fewer are left out by their stamps."""
-
-TAIL = 8
-"""Rows in a row that no walk has twice."""
-
-LOST = 100
-"""Rows in a row, about a second."""
-
-LEFT_OUT, UNKNOWN = -1, -2
-"""In place of a sample's number."""
-
-TICK_S = 1e-6
-"""To which stamps are compared: an offset of the clock and its removal round differently."""
+HEAD = 16  # Rows that show how a source goes on; so many wait until the last of them is there.
+LEAST = 4  # Of them, more than chance makes alike; fewer are left out by their stamps.
+TAIL = 8  # Rows in a row that no walk has twice.
+LOST = 100  # Rows in a row, about a second.
+LEFT_OUT, UNKNOWN = -1, -2  # In place of a sample's number.
+TICK_S = 1e-6  # To which stamps are compared: an offset of the clock and its removal round differently.
 
 
 class Overlap:

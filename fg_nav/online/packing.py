@@ -25,11 +25,8 @@ from numpy.typing import NDArray
 
 from fg_nav.errors import FormatError
 
-PACKAGE = "fg_nav."
-"""Whose classes are taken."""
-
-KINDS = "biufc"
-"""Of arrays: numbers."""
+PACKAGE = "fg_nav."  # Whose classes are taken.
+KINDS = "biufc"  # Of arrays: numbers.
 
 SEQUENCES: dict[str, type[Any]] = {"tuple": tuple, "deque": deque}
 

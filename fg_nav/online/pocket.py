@@ -60,11 +60,8 @@ from fg_nav.pocket.track import STILL_S
 from fg_nav.recording import MAX_GAP_S, MIN_SAMPLES, Recording
 from fg_nav.solution import Return, Solution, StanceTable
 
-BLOCK_S = 0.25
-"""Orientation and steps are found so often, s: twice a step."""
-
-AXIS_SIGMA_DEG = 8.0
-"""Of the axis of the swing, by one stride; it falls with the root of their number."""
+BLOCK_S = 0.25  # Orientation and steps are found so often, s: twice a step.
+AXIS_SIGMA_DEG = 8.0  # Of the axis of the swing, by one stride; it falls with the root of their number.
 
 
 @dataclass(frozen=True)

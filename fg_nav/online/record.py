@@ -31,14 +31,9 @@ from fg_nav.online.rows import Columns
 from fg_nav.online.sources import SampleSource, open_samples
 from fg_nav.system.locks import lock
 
-WRITE_S = 1.0
-"""Between two writes."""
-
-MOST_WAITING = 500_000
-"""Samples that wait for a disk with room, twenty minutes at 400 Hz; then the oldest are given up."""
-
-PART = 5000
-"""Samples that are written at once, in some hundredths of a second."""
+WRITE_S = 1.0  # Between two writes.
+MAX_WAITING = 500_000  # Samples that wait for a disk with room, twenty minutes at 400 Hz; then the oldest are given up.
+PART = 5000  # Samples that are written at once, in some hundredths of a second.
 
 HEADER = ",".join(CANONICAL) + "\n"
 
@@ -112,7 +107,7 @@ class Recorder:
         with self._lock:
             self._waiting.append(rows)
             self._count += len(rows)
-            while self._count > MOST_WAITING:
+            while self._count > MAX_WAITING:
                 given_up = len(self._waiting.popleft())
                 self._count, self._lost = self._count - given_up, self._lost + given_up
 

@@ -39,8 +39,7 @@ from fg_nav.solution import Return
 if TYPE_CHECKING:
     from fg_nav.online.checkpoint import Record
 
-MOST = 10**10
-"""Samples of half a year at 400 Hz; no count is larger."""
+MOST = 10**10  # Samples of half a year at 400 Hz; no count is larger.
 
 UNBOUNDED = frozenset(
     {"keys", "left", "waits", "held", "gate", "fields", "behind", "tail", "head", "window", "seen", "_still_since_hole"}
@@ -53,14 +52,9 @@ WITHOUT_GAPS = frozenset({"position", "velocity", "gyro_bias", "acc_bias", "A", 
 ROTATIONS = frozenset({"nav_R_body"})
 COVARIANCES = frozenset({"covariance", "cov", "position_cov", "pose_cov"})
 
-ORTHONORMAL = 1e-5
-"""That a product of rotations stays within, over any walk."""
-
-NEGATIVE = -1e-9
-"""Of the largest variance: by so much rounding makes one negative."""
-
-LARGEST = 1e12
-"""Of any number in SI units; the stamps of a clock in seconds are 2e9."""
+ORTHONORMAL = 1e-5  # That a product of rotations stays within, over any walk.
+NEGATIVE = -1e-9  # Of the largest variance: by so much rounding makes one negative.
+LARGEST = 1e12  # Of any number in SI units; the stamps of a clock in seconds are 2e9.
 
 
 def find_fault(value: object, name: str = "", stop: int = MOST) -> str:

@@ -20,8 +20,7 @@ from fg_nav.errors import FormatError
 
 MAGIC = b"fg-nav walk"
 
-_CHECK = 12
-"""Bytes before those of a record."""
+_CHECK = 12  # Bytes before those of a record.
 
 
 def write_records(path: Path, version: int, records: Iterable[bytes]) -> int:

@@ -25,23 +25,12 @@ from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.solver import UNSOLVED
 from fg_nav.smoother.strides import ACC_BIAS_SIGMA, Stride, stride_graph
 
-REASON = "the walk had no solution here, and goes on from the footfall before"
-"""In place of a verdict on the field."""
-
-NODE_SPEED_M_S = 0.1
-"""Sigma of the velocity of a foot at the end of its stance."""
-
-WALKING_M_S = 1.5
-"""Sigma of the mean velocity of a person who was not observed ..."""
-
-TURNED_RAD = 1.0
-"""... of the heading after a stride that makes no sense ..."""
-
-SWINGING_M_S = 3.0
-"""... and of the velocity of the foot."""
-
-NORTH_UT = (0.0, 20.0)
-"""East and north part of a field that was not observed."""
+REASON = "the walk had no solution here, and goes on from the footfall before"  # In place of a verdict on the field.
+NODE_SPEED_M_S = 0.1  # Sigma of the velocity of a foot at the end of its stance.
+WALKING_M_S = 1.5  # Sigma of the mean velocity of a person who was not observed ...
+TURNED_RAD = 1.0  # ... of the heading after a stride that makes no sense ...
+SWINGING_M_S = 3.0  # ... and of the velocity of the foot.
+NORTH_UT = (0.0, 20.0)  # East and north part of a field that was not observed.
 
 
 def check_solution(backend: ISAM2Backend, place: Place) -> None:

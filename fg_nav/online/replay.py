@@ -15,11 +15,8 @@ from fg_nav.errors import StreamError
 from fg_nav.online.buffer import COLUMNS, rows_of
 from fg_nav.recording import Recording
 
-AS_FAST_AS_POSSIBLE = "max"
-"""In place of a speed."""
-
-MOST_AT_ONCE = 1000
-"""Samples; between two blocks it is looked whether the walk shall end."""
+AS_FAST_AS_POSSIBLE = "max"  # In place of a speed.
+MAX_AT_ONCE = 1000  # Samples; between two blocks it is looked whether the walk shall end.
 
 
 def parse_speed(words: str) -> float:
@@ -61,7 +58,7 @@ class Replay:
         due = float(self._due[self._given]) + self._began
         time.sleep(min(max(due - time.monotonic(), 0.0), wait_s))
         until = int(np.searchsorted(self._due, time.monotonic() - self._began, side="right"))
-        first, self._given = self._given, min(max(until, self._given), self._given + MOST_AT_ONCE)
+        first, self._given = self._given, min(max(until, self._given), self._given + MAX_AT_ONCE)
         return self._rows[first : self._given]
 
     def finish(self) -> Floats:

@@ -33,8 +33,7 @@ from fg_nav.system.signals import catch_signals
 ENDING = (signal.SIGINT, signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else []))
 """Signals that end the walk: Ctrl-C, a service that is stopped, a terminal or connection that is gone."""
 
-SHORTEST_LAG_S = 10.0
-"""A shorter lag holds fewer strides than the smoother needs to estimate sensor and foot."""
+MIN_LAG_S = 10.0  # A shorter lag holds fewer strides than the smoother needs to estimate sensor and foot.
 
 
 @dataclass(frozen=True)
@@ -136,8 +135,8 @@ def _online_options(request: StreamRequest, calibration: Calibration | None) -> 
     if request.step_constant_m is not None:
         raise EstimationError("--step-constant is for a sensor in a pocket: add --mount pocket, or leave it out.")
     lag_s = _check_positive(request.lag_s, "--lag")
-    if lag_s is not None and lag_s < SHORTEST_LAG_S:
-        raise EstimationError(f"a lag of {lag_s:g} s is too short: give {SHORTEST_LAG_S:g} or more.")
+    if lag_s is not None and lag_s < MIN_LAG_S:
+        raise EstimationError(f"a lag of {lag_s:g} s is too short: give {MIN_LAG_S:g} or more.")
     if lag_s is not None and request.polish:
         raise EstimationError("with --lag the samples are discarded, so there is no --polish: give one of the two.")
     magnetic = FieldParameters(gate=choose_gate(request.gate, request.use_magnetometer))

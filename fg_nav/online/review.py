@@ -19,11 +19,8 @@ from fg_nav.online.buffer import ToldFootfall
 from fg_nav.recording import Recording
 from fg_nav.stances import Stances
 
-OPEN_S = 1.5
-"""A swing and the beginning of the stance after it: by then a footfall has been seen from both sides."""
-
-UNTOLD = -1
-"""Number of the line of a footfall that had none."""
+OPEN_S = 1.5  # A swing and the beginning of the stance after it: by then a footfall has been seen from both sides.
+UNTOLD = -1  # Number of the line of a footfall that had none.
 
 
 def review_footfalls(

@@ -3,7 +3,7 @@
 ============ =========================================================================================================
 "turned"     the map was turned about its origin by `angle_deg`, clockwise: lines before are in the old one
 "retracted"  the footfall of line `stance`, whose `t` was `stance_t`, was none, and is taken back
-"revised"    the past as it is known now: `path`, [t, east, north, up] at `MOST_POINTS` footfalls at most, all of it
+"revised"    the past as it is known now: `path`, [t, east, north, up] at `MAX_POINTS` footfalls at most, all of it
 ============ =========================================================================================================
 
 All have `t`, s, of the newest footfall that they know.
@@ -23,14 +23,9 @@ from fg_nav.online.estimates import EstimateRow, split_rows
 from fg_nav.solution import StanceTable
 from fg_nav.text import to_json
 
-TURNED_RAD = float(np.radians(1.0))
-"""A smaller turn is one of many corrections of the past."""
-
-MOST_POINTS = 200
-"""Of a revised path."""
-
-DIGITS = 3
-"""After the point: a millimetre, a millidegree."""
+TURNED_RAD = float(np.radians(1.0))  # A smaller turn is one of many corrections of the past.
+MAX_POINTS = 200  # Of a revised path.
+DIGITS = 3  # After the point: a millimetre, a millidegree.
 
 
 @dataclass(frozen=True)
@@ -42,7 +37,7 @@ class Revision:
     t : of the newest footfall that was solved again, s.
     turn : of the map about its origin, rad clockwise; 0 where it did not turn.
     retracted : numbers and stamps of the lines whose footfalls were none.
-    path : (K, 4) t (s), east, north, up (m) at footfalls of the walk so far, `MOST_POINTS` at most.
+    path : (K, 4) t (s), east, north, up (m) at footfalls of the walk so far, `MAX_POINTS` at most.
     """
 
     t: float
@@ -75,8 +70,8 @@ def compare_pasts(
 
 
 def thin_rows(count: int) -> list[int]:
-    """Return the numbers of at most `MOST_POINTS` of so many footfalls, the first and the last among them."""
-    return sorted(set(np.linspace(0, count - 1, min(count, MOST_POINTS)).round().astype(int).tolist()))
+    """Return the numbers of at most `MAX_POINTS` of so many footfalls, the first and the last among them."""
+    return sorted(set(np.linspace(0, count - 1, min(count, MAX_POINTS)).round().astype(int).tolist()))
 
 
 def describe_past(table: StanceTable) -> Revision:

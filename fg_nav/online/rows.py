@@ -28,19 +28,14 @@ from fg_nav.online.buffer import COLUMNS
 from fg_nav.online.header_lines import is_header, is_number
 from fg_nav.samples.plausibility import find_unit_problems
 
-LONGEST_LINE = 1 << 16
-"""Bytes; a longer one has lost its end."""
+MAX_LINE = 1 << 16  # Bytes; a longer one has lost its end.
+MIN_BLOCK = 200  # Lines; fewer are sooner read one by one.
+PLAIN = b"0123456789+-.eE,\n"  # Of what numbers are made that every parser reads alike.
 
-SMALLEST_BLOCK = 200
-"""Lines; fewer are sooner read one by one."""
-
-PLAIN = b"0123456789+-.eE,\n"
-"""Of what numbers are made that every parser reads alike."""
-
-LINES_TO_REMARK, MOST_BEFORE_HEADER = 20, 5000
+LINES_TO_REMARK, MAX_BEFORE_HEADER = 20, 5000
 """Lines before the header: what was left in a device's buffer; and of a sender that sends its header every second."""
 
-HEADLESS, FEWEST_HEADLESS = 400, 100
+HEADLESS, MIN_HEADLESS = 400, 100
 """Rows of 7 or 10 numbers by which physics shows that each is a sample in SI; at the end of the source fewer do."""
 
 HINT = f"a line must name the columns ({TIME[0]},{ACC[0]},...), or --columns; --speed replays a whole recording"
@@ -185,9 +180,9 @@ class RowReader:
             self._is_too_long = not end
         *lines, self._rest = (self._rest + piece).split(b"\n")
         rows = self._read_lines(lines)
-        if len(self._rest) > LONGEST_LINE:
+        if len(self._rest) > MAX_LINE:
             self._line += 1
-            self._leave_out(f"it is longer than {LONGEST_LINE} bytes")
+            self._leave_out(f"it is longer than {MAX_LINE} bytes")
             self._rest, self._is_too_long = b"", True
         return rows
 
@@ -197,7 +192,7 @@ class RowReader:
         Raises `FormatError` where no header came.
         """
         rows = self.read(b"\n") if self._rest else np.empty((0, COLUMNS))
-        if self._columns is None and len(self._headless) >= FEWEST_HEADLESS and self._take_canonical():
+        if self._columns is None and len(self._headless) >= MIN_HEADLESS and self._take_canonical():
             rows = np.array(self._released, dtype=np.float64)
         if self._columns is None:
             raise self._cut_header or FormatError(f"{self._name} ended before a header came: {HINT}.")
@@ -215,7 +210,7 @@ class RowReader:
     def _read_block(self, lines: list[bytes]) -> Floats | None:
         """Return the samples of lines that are plain rows, headers or empty; None where one is not, or they are few."""
         columns = self._columns
-        if columns is None or self._is_foreign or len(lines) < SMALLEST_BLOCK:
+        if columns is None or self._is_foreign or len(lines) < MIN_BLOCK:
             return None
         header, commas = ",".join(columns.names).encode(), len(columns.names) - 1
         filled = [line for line in (line.rstrip(b"\r") for line in lines) if line and line != header]
@@ -237,8 +232,8 @@ class RowReader:
     def _read_line(self, line: bytes) -> list[float] | None:
         """Return the sample of a line, or None: take a header, leave out what is no row."""
         self._line += 1
-        if len(line) > LONGEST_LINE:
-            self._leave_out(f"it is longer than {LONGEST_LINE} bytes")
+        if len(line) > MAX_LINE:
+            self._leave_out(f"it is longer than {MAX_LINE} bytes")
             return None
         fields = [field.strip() for field in line.decode("utf-8", "replace").strip("\ufeff\r\n ").split(",")]
         if fields == [""]:
@@ -340,7 +335,7 @@ class RowReader:
             if self._cut_header is not None:
                 raise self._cut_header
             self._remark(f"no header yet from {self._name}, and rows before it are left out: {HINT}.")
-        if self._waited > MOST_BEFORE_HEADER:
+        if self._waited > MAX_BEFORE_HEADER:
             raise FormatError(f"{self._name} sends no header: {HINT}.")
 
     def _take_header_again(self, fields: list[str]) -> str:

@@ -26,8 +26,7 @@ from fg_nav.online.navigator import NavigatorState
 from fg_nav.online.smoother_state import Pending, SmootherState
 from fg_nav.online.solving import Task
 
-OF_WALK = -1
-"""In place of the sample of a handover: the start of the walk."""
+OF_WALK = -1  # In place of the sample of a handover: the start of the walk.
 
 
 @dataclass(frozen=True)

@@ -13,20 +13,14 @@ the end                  once more
 
 from __future__ import annotations
 
-AT_ONCE = (1, 2, 3, 4, 6, 8, 10)
-"""Footfalls at which all is solved at once: a tenth of a second."""
+AT_ONCE = (1, 2, 3, 4, 6, 8, 10)  # Footfalls at which all is solved at once: a tenth of a second.
 
 WHOLE_UNTIL, WHOLE_WITH_LAG = 2000, 512
 """The last footfall at which all of a walk is solved; with a lag its samples are discarded behind it."""
 
-WINDOW = 256
-"""Footfalls that are solved again behind it."""
-
-NEWEST = 20
-"""Footfalls that are looked at for one in doubt: those of the last 20 s, in which stances are searched."""
-
-DOUBT_DELAY = 3
-"""Footfalls behind which a walk is taken over that was solved again for one in doubt."""
+WINDOW = 256  # Footfalls that are solved again behind it.
+NEWEST = 20  # Footfalls that are looked at for one in doubt: those of the last 20 s, in which stances are searched.
+DOUBT_DELAY = 3  # Footfalls behind which a walk is taken over that was solved again for one in doubt.
 
 
 def is_windowed(n: int, has_lag: bool) -> bool:

@@ -40,8 +40,7 @@ from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.solver import UNSOLVED
 from fg_nav.solution import Return, StanceTable
 
-MOST_LATE = 6
-"""Footfalls since a solution was due that are added when it is taken over: each takes 10 ms."""
+MAX_LATE = 6  # Footfalls since a solution was due that are added when it is taken over: each takes 10 ms.
 
 
 class OnlineSmoother:
@@ -302,7 +301,7 @@ class OnlineSmoother:
         takeover, n = self._takeover, self.n_told
         assert takeover.pending is not None
         handover, late = takeover.take(n), n - takeover.pending.due_at
-        if handover is not None and late > MOST_LATE:
+        if handover is not None and late > MAX_LATE:
             # Too many footfalls have come since: they are added beside as well.
             takeover.ask(self._footfalls[-late:], n)
             return []

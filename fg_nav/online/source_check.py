@@ -34,33 +34,18 @@ from fg_nav.online.buffer import COLUMNS
 from fg_nav.recording import Recording
 from fg_nav.samples.plausibility import find_squarable
 
-WINDOW = 200
-"""Rows, one to four seconds."""
-
-MOST_RATIO = 2.0
-"""r of one sensor is below this."""
-
-IN_A_ROW = 3
-"""Windows that agree."""
-
-REFUSED_S = 60.0
-"""Of the stream, in which it is refused; later there is a remark, for a walk is not ended."""
-
-LOOKED_EVERY_S = 10.0
-"""Where the sensor is worn."""
-
-LEAST_SHARE = 0.25
-"""Of the rows, that the second sequence of stamps has; rows that a network delays are some per cent."""
-
-TURNS = 6
-"""Of the two sequences in a window, at least."""
-
-LONGEST_STEP_S = 1.0
-"""From row to row of one sequence."""
+WINDOW = 200  # Rows, one to four seconds.
+MAX_RATIO = 2.0  # r of one sensor is below this.
+IN_A_ROW = 3  # Windows that agree.
+REFUSED_S = 60.0  # Of the stream, in which it is refused; later there is a remark, for a walk is not ended.
+LOOKED_EVERY_S = 10.0  # Where the sensor is worn.
+MIN_SHARE = 0.25  # Of the rows, that the second sequence of stamps has; rows that a network delays are some per cent.
+TURNS = 6  # Of the two sequences in a window, at least.
+MAX_STEP_S = 1.0  # From row to row of one sequence.
 
 _RATE_RAD_S = 5.0
 
-MOST_WINDOWS = round(REFUSED_S * 5000.0 / WINDOW)
+MAX_WINDOWS = round(REFUSED_S * 5000.0 / WINDOW)
 """That are kept to see where the sensor is worn: those of the fastest sensor, however slowly its clock goes."""
 
 
@@ -96,12 +81,12 @@ class SourceCheck:
         while len(self._window) >= WINDOW:
             window, self._window = self._window[:WINDOW], self._window[WINDOW:]
             self._check_one_sensor(window)
-            self._is_settled |= self._passed_s >= REFUSED_S or len(self._seen) >= MOST_WINDOWS
+            self._is_settled |= self._passed_s >= REFUSED_S or len(self._seen) >= MAX_WINDOWS
             self._seen = [] if self._is_settled else self._seen
             if not self._is_settled:
                 self._check_mount(window)
             step = np.diff(window[:, 0])
-            self._passed_s += float(step[(step > 0.0) & (step < LONGEST_STEP_S)].sum())
+            self._passed_s += float(step[(step > 0.0) & (step < MAX_STEP_S)].sum())
 
     def state(self) -> dict[str, Any]:
         """Return what `resume` needs; what is in it does not change any more."""
@@ -172,7 +157,7 @@ def has_two_clocks(t: Floats) -> bool:
     last = [float(t[0]), np.nan]
     of = np.zeros(len(t), dtype=np.int64)
     for i, stamp in enumerate(t[1:].tolist(), 1):
-        step = np.array([stamp - one if 0 < stamp - one < LONGEST_STEP_S else np.inf for one in last])
+        step = np.array([stamp - one if 0 < stamp - one < MAX_STEP_S else np.inf for one in last])
         if np.isinf(step).all():
             if not np.isnan(last[1]):
                 return False  # no two sequences
@@ -181,11 +166,11 @@ def has_two_clocks(t: Floats) -> bool:
             of[i] = int(step.argmin())
         last[of[i]] = stamp
     turns = int((np.diff(of) != 0).sum())
-    return turns >= TURNS and LEAST_SHARE < float(of.mean()) < 1.0 - LEAST_SHARE
+    return turns >= TURNS and MIN_SHARE < float(of.mean()) < 1.0 - MIN_SHARE
 
 
 def _has_two_levels(window: Floats) -> bool:
     """Whether rows are nearer to those two or three before than to the last."""
     x = np.concatenate([window[:, 1:4] / GRAVITY_M_S2, window[:, 4:7] / _RATE_RAD_S], axis=1)
     last, second, third = (np.linalg.norm(x[3:] - x[3 - k : len(x) - k], axis=1) for k in (1, 2, 3))
-    return float(np.median(last)) > MOST_RATIO * float(np.median(np.minimum(second, third)))
+    return float(np.median(last)) > MAX_RATIO * float(np.median(np.minimum(second, third)))

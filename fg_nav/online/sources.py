@@ -35,8 +35,7 @@ from fg_nav.online.live import Datagrams, Reconnected
 from fg_nav.online.replay import Replay, parse_speed
 from fg_nav.online.rows import Columns, RowReader
 
-POLL_S = 0.05
-"""How often a file is looked at for more."""
+POLL_S = 0.05  # How often a file is looked at for more.
 
 
 class ByteSource(Protocol):

@@ -31,11 +31,8 @@ from fg_nav.online.estimates import DIGITS
 from fg_nav.online.pocket import Navigator
 from fg_nav.solution import Return
 
-RATE_S = 2.0
-"""In which samples are counted for their rate."""
-
-SILENT_S = 1.5
-"""A source that has sent nothing for so long is called silent."""
+RATE_S = 2.0  # In which samples are counted for their rate.
+SILENT_S = 1.5  # A source that has sent nothing for so long is called silent.
 
 
 class Watcher(Protocol):

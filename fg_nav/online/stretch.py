@@ -48,8 +48,7 @@ from fg_nav.smoother.graph import Trajectory
 from fg_nav.smoother.solver import UNSOLVED
 from fg_nav.smoother.strides import stride_graph
 
-STANDS_ON = "a further piece of a standing, whose field counts once"
-"""Reason of a verdict."""
+STANDS_ON = "a further piece of a standing, whose field counts once"  # Reason of a verdict.
 
 
 class Stretch:

@@ -26,11 +26,8 @@ from fg_nav.smoother.preintegration import preintegrate
 from fg_nav.smoother.strides import BIAS_SPACING_S, Nodes, Stride, measure_velocities, place_nodes, strides_of
 from fg_nav.stances import Stances
 
-CONTEXT_S = 10.0
-"""Before a window, in which sensors at the end of their range show themselves."""
-
-GAUSS_NEWTON_STEPS = 2
-"""Of a stride alone: from half a degree of dead reckoning the second step moves nothing."""
+CONTEXT_S = 10.0  # Before a window, in which sensors at the end of their range show themselves.
+GAUSS_NEWTON_STEPS = 2  # Of a stride alone: from half a degree of dead reckoning the second step moves nothing.
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,7 @@ from fg_nav.online.handover import Handover
 from fg_nav.online.smoother_state import Pending
 from fg_nav.online.solving import Solver, Task
 
-FAST = 2.0
-"""Times as fast as it was walked: then the samples are of a recording, and nobody watches."""
+FAST = 2.0  # Times as fast as it was walked: then the samples are of a recording, and nobody watches.
 
 
 class Takeover:

@@ -18,18 +18,12 @@ from fg_nav.samples.plausibility import (
 )
 from fg_nav.text import format_count
 
-PLAUSIBLE_G = (0.7, 2.0)
-"""Median specific force on a foot, in g."""
-
-FIELD_UT = (5.0, 200.0)
-"""Field on a foot; a magnet makes more of it for a while ..."""
-
-LEAST_SHARE = 0.05
-"""... but not always."""
+PLAUSIBLE_G = (0.7, 2.0)  # Median specific force on a foot, in g.
+FIELD_UT = (5.0, 200.0)  # Field on a foot; a magnet makes more of it for a while ...
+MIN_SHARE = 0.05  # ... but not always.
 
 
-CHECKED = 1000
-"""Samples, some seconds, that show in which unit they are."""
+CHECKED = 1000  # Samples, some seconds, that show in which unit they are.
 
 
 class UnitCheck:
@@ -63,5 +57,5 @@ def find_unit_problems(t: Floats, acc: Floats, mag: Floats) -> Iterator[str | No
     if not low < np.median(np.linalg.norm(acc, axis=1)) < high:
         yield find_acc_problem(acc, period)
     strength = measure_field_strength(mag)
-    if not np.mean((strength > FIELD_UT[0]) & (strength < FIELD_UT[1])) > LEAST_SHARE:
+    if not np.mean((strength > FIELD_UT[0]) & (strength < FIELD_UT[1])) > MIN_SHARE:
         yield find_mag_problem(mag)

@@ -4,8 +4,8 @@ A row is odd where no sensor that is worn gives it for long:
 
 ===== ==========================================================================================================
 t     a step of more than `ODD_STEPS` periods, or less than one part in so many of one
-acc   below `LEAST_M_S2` or above `MOST_M_S2`: gravity is in it but in free fall, so this is g, or mg
-gyr   above `MOST_RAD_S`, faster than a limb turns: deg/s
+acc   below `MIN_M_S2` or above `MAX_M_S2`: gravity is in it but in free fall, so this is g, or mg
+gyr   above `MAX_RAD_S`, faster than a limb turns: deg/s
 ===== ==========================================================================================================
 
 Odd rows wait, and what follows them. They are taken as soon as few enough of these are odd: a gap, an impact, a sample
@@ -39,38 +39,30 @@ from fg_nav.samples.plausibility import (
 )
 from fg_nav.text import format_count
 
-FIRST = 20
-"""Rows that show the unit of stamps."""
+FIRST = 20  # Rows that show the unit of stamps.
+NOT_ADVANCING = 1000  # Rows whose stamps never rise.
 
-NOT_ADVANCING = 1000
-"""Rows whose stamps never rise."""
-
-ODD_STEPS, SHORTEST_ODD_S = 100.0, 0.2
+ODD_STEPS, MIN_ODD_S = 100.0, 0.2
 """Units of time are a thousand apart; a shorter step is a few lost samples of a slow sensor."""
 
-LEAST_STEP_S = 1e-5
-"""Rows that a radio sends at once are stamped 50 us apart; no sensor is as fast."""
+MIN_STEP_S = 1e-5  # Rows that a radio sends at once are stamped 50 us apart; no sensor is as fast.
 
 STAMPS, EVEN = 10, 0.5
 """Steps in a row, and how far from their median: another unit has them all alike, a broken connection has not."""
 
-LEAST_M_S2, MOST_M_S2, MOST_RAD_S = 2.0, 500.0, 40.0
+MIN_M_S2, MAX_M_S2, MAX_RAD_S = 2.0, 500.0, 40.0
 """A foot swings with 4 to 30 m/s^2, and lands with 160; no limb turns faster than 2300 deg/s."""
 
 SHARES = {"acc": 0.5, "gyr": 0.05}
 """Of the rows that may be odd: free fall is over in less than a second, and the fastest turn of a run in less."""
 
-HELD_S, HELD = 1.0, 100
-"""And so many rows at least."""
-
-WINDOW, IN_A_ROW = 200, 3
-"""Rows in which it is seen whether units are right."""
+HELD_S, HELD = 1.0, 100  # And so many rows at least.
+WINDOW, IN_A_ROW = 200, 3  # Rows in which it is seen whether units are right.
 
 LIVELY_M_S2, SLOW_RAD_S = 2.0, 0.3
 """Who walks shakes the sensor by more, standard deviation, and turns it faster, for one sample in a hundred."""
 
-MOST_NOTES = 20
-"""Changes that are noted one by one."""
+MAX_NOTES = 20  # Changes that are noted one by one.
 
 _WHAT_TO_DO = "correct it at the sender, or say its unit in --columns, such as acc=ax:ay:az[g]"
 
@@ -105,7 +97,7 @@ class StampWatch:
             raise RecordingError(f"{find_stamp_problem(period_s)}.")
         if len(known) < FIRST or np.isnan(period_s):
             return len(t) >= NOT_ADVANCING  # of which hardly any has a stamp: they are missing
-        if period_s < LEAST_STEP_S:
+        if period_s < MIN_STEP_S:
             raise RecordingError(f"{find_stamp_problem(period_s)}.")
         if find_time_unit(period_s) not in ("s", None):
             raise RecordingError(f"{find_stamp_problem(period_s)}, or name the unit in --columns.")
@@ -150,12 +142,12 @@ class StampWatch:
         return []
 
     def _is_odd(self, step: Floats) -> Bools:
-        long = step > max(ODD_STEPS * self.period_s, SHORTEST_ODD_S)
+        long = step > max(ODD_STEPS * self.period_s, MIN_ODD_S)
         return np.asarray(long | ((step > 0.0) & (step < self.period_s / ODD_STEPS)))
 
 
 class UnitWatch:
-    """Admits rows in s, m/s^2, rad/s; `notes` says what was left out, up to `MOST_NOTES` times, and of how many fields.
+    """Admits rows in s, m/s^2, rad/s; `notes` says what was left out, up to `MAX_NOTES` times, and of how many fields.
 
     Parameters
     ----------
@@ -291,14 +283,14 @@ class UnitWatch:
 
     def _tell(self, words: str) -> None:
         self._remark(f"{words}.")
-        if len(self._notes) < MOST_NOTES and words not in self._notes:  # rows that a resumed walk is sent again
+        if len(self._notes) < MAX_NOTES and words not in self._notes:  # rows that a resumed walk is sent again
             self._notes.append(words)
 
 
 def _find_odd(rows: Floats) -> Bools:
     """(n, 2) which of force and rate are odd in rows (n, 11); NaN, and a force of zero, which is none, are not."""
     force, rate = _norm(rows[:, 1:4]), _norm(rows[:, 4:7])
-    return np.column_stack([((force > 0.0) & (force < LEAST_M_S2)) | (force > MOST_M_S2), rate > MOST_RAD_S])
+    return np.column_stack([((force > 0.0) & (force < MIN_M_S2)) | (force > MAX_M_S2), rate > MAX_RAD_S])
 
 
 def _norm(vectors: Floats) -> Floats:
@@ -308,7 +300,7 @@ def _norm(vectors: Floats) -> Floats:
 
 def _is_right(rows: Floats) -> bool:
     """Whether the rows are those of somebody who walks, in m/s^2 and rad/s."""
-    return _is_lively(rows) and bool(SLOW_RAD_S < np.quantile(_finite(_norm(rows[:, 4:7])), 0.99) < MOST_RAD_S)
+    return _is_lively(rows) and bool(SLOW_RAD_S < np.quantile(_finite(_norm(rows[:, 4:7])), 0.99) < MAX_RAD_S)
 
 
 def _is_slow(rows: Floats) -> bool:
@@ -322,7 +314,7 @@ def _is_lively(rows: Floats) -> bool:
     force = _norm(there[:, 1:4])
     if 2 * len(there) < len(rows):
         return False
-    return float(np.std(force)) > LIVELY_M_S2 and LEAST_M_S2 < float(np.median(force)) < MOST_M_S2
+    return float(np.std(force)) > LIVELY_M_S2 and MIN_M_S2 < float(np.median(force)) < MAX_M_S2
 
 
 def _finite(values: Floats) -> Floats:

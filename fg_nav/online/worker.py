@@ -21,8 +21,7 @@ from fg_nav.online.solving import Task, WalkSolver
 from fg_nav.smoother.solver import UNSOLVED
 from fg_nav.system.processes import collect_seldom
 
-NICENESS = 5
-"""The process that tells the walk comes first."""
+NICENESS = 5  # The process that tells the walk comes first.
 
 
 class Worker:

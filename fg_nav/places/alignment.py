@@ -32,30 +32,24 @@ import numpy as np
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.places.candidates import BlockPairs
 from fg_nav.places.signature import BLOCK, SPACING_M
-from fg_nav.places.whitening import LONGEST_M, SHORTEST_M, Features
+from fg_nav.places.whitening import MAX_M, MIN_M, Features
 from fg_nav.system.compiled import njit
 
 RHO = np.array([0.88, 0.6, 0.4])
 """Correlation of two passes some 0.35 m aside of each other, in the band: below, left, above. What comes from below is
 strongest and repeats best; to the left short waves across the path come in; the rest is of waves in all directions."""
 
-SHARE = 2.0 * SPACING_M * (1.0 / SHORTEST_M - 1.0 / LONGEST_M)
+SHARE = 2.0 * SPACING_M * (1.0 / MIN_M - 1.0 / MAX_M)
 """Independent values per point of a signal of this bandwidth (Nyquist)."""
 
-LEAST_RATIO = -4.0
-"""L at least, nats: a point in fifty is not that of its place, as next to something that was moved."""
-
-GAP = 3.0
-"""g, nats: a step without counterpart in twenty."""
-
-BESIDE = 16
-"""Points, 8 m: steps beside each other within which alignments are variants of one."""
+MIN_RATIO = -4.0  # L at least, nats: a point in fifty is not that of its place, as next to something that was moved.
+GAP = 3.0  # g, nats: a step without counterpart in twenty.
+BESIDE = 16  # Points, 8 m: steps beside each other within which alignments are variants of one.
 
 BAND, BAND_SHARE = 40, 0.01
 """Points, and share of its length, by which an alignment may leave the straight line between its ends."""
 
-LEAST_LISTED = 5.0
-"""S from which alignments are listed, nats: there are some of these by chance in any walk."""
+MIN_LISTED = 5.0  # S from which alignments are listed, nats: there are some of these by chance in any walk.
 
 
 @dataclass(frozen=True)
@@ -103,7 +97,7 @@ def _is_best(begin: Ints, end: Ints, beside: int) -> Bools:
     return is_kept
 
 
-def align(x: Features, y: Features, pairs: BlockPairs, least: float = LEAST_LISTED) -> Alignments:
+def align(x: Features, y: Features, pairs: BlockPairs, least: float = MIN_LISTED) -> Alignments:
     """List alignments of features x with features y over pairs of their blocks, from a score of `least` nats on."""
     score, begin, end, count = _align(
         x.values, x.signal, y.values, y.signal, pairs.start, pairs.earlier, RHO, SHARE, GAP, least, BLOCK
@@ -120,7 +114,7 @@ def _pair_ratio(x: Floats, sx: Floats, i: int, y: Floats, sy: Floats, j: int, rh
         one = 1.0 - r * r
         total = total * one + left * r * (r * (x[i, c] * x[i, c] + y[j, c] * y[j, c]) - 2.0 * x[i, c] * y[j, c])
         left *= one
-    ratio: float = max(-0.5 * (total / left + np.log(left)), LEAST_RATIO)
+    ratio: float = max(-0.5 * (total / left + np.log(left)), MIN_RATIO)
     return ratio
 
 

@@ -8,7 +8,7 @@ above), and belongs to no place of the walk: all that is found are chance alignm
 of a large one, in an even part of it.
 
 The scores of best local alignments of unrelated sequences have an exponential tail (Karlin and Altschul 1990). Of those
-above u = `LEAST_LISTED` there were n in an area A. Then
+above u = `MIN_LISTED` there were n in an area A. Then
 
     expected(S) = N exp(-lambda (S - u)),    N = searched area (n + n0) / (A + n0 / rate0),
     lambda = (n + m0) / (sum (S_k - u) + m0 / lambda0),
@@ -26,36 +26,34 @@ from dataclasses import dataclass
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.places.alignment import LEAST_LISTED
+from fg_nav.places.alignment import MIN_LISTED
 
-TINY = 1e-300
-"""Expected number that stands for none."""
+TINY = 1e-300  # Expected number that stands for none.
 
 USUAL_RATE, RATE_WEIGHT = 20.0 / 1e4, 3.0
 """rate0, chance alignments a square meter (both axes along the path), and n0: 15 to 20 a 10^4 m^2 on rough floors."""
 
-USUAL_DECAY, DECAY_WEIGHT = 0.75, 10.0
-"""lambda0 and m0: 0.7 to 0.95 on simulated walks on rough floors."""
+USUAL_DECAY, DECAY_WEIGHT = 0.75, 10.0  # lambda0 and m0: 0.7 to 0.95 on simulated walks on rough floors.
 
 
 @dataclass(frozen=True)
 class ChanceLevel:
-    """Expected number of chance alignments above `LEAST_LISTED` in the searched area, and the decay of their scores."""
+    """Expected number of chance alignments above `MIN_LISTED` in the searched area, and the decay of their scores."""
 
     count: float
     decay: float
 
     def score_of(self, expected: float) -> float:
-        """Score (nats) at which so many are expected; at least `LEAST_LISTED`."""
-        return LEAST_LISTED + max(float(np.log(max(self.count, TINY) / expected)) / self.decay, 0.0)
+        """Score (nats) at which so many are expected; at least `MIN_LISTED`."""
+        return MIN_LISTED + max(float(np.log(max(self.count, TINY) / expected)) / self.decay, 0.0)
 
     def expected(self, score: Floats) -> Floats:
         """Expected number (A,) of chance alignments of these scores (A,) or more."""
-        return np.asarray(self.count * np.exp(-self.decay * (score - LEAST_LISTED)))
+        return np.asarray(self.count * np.exp(-self.decay * (score - MIN_LISTED)))
 
 
 def measure_chance(scores: Floats, area_m2: float, searched_m2: float) -> ChanceLevel:
     """Fit the tail of the scores (n,) of chance alignments that were found in an area, for that which was searched."""
-    n, excess = len(scores), float(np.sum(scores - LEAST_LISTED))
+    n, excess = len(scores), float(np.sum(scores - MIN_LISTED))
     count = searched_m2 * (n + RATE_WEIGHT) / (area_m2 + RATE_WEIGHT / USUAL_RATE)
     return ChanceLevel(count, (n + DECAY_WEIGHT) / (excess + DECAY_WEIGHT / USUAL_DECAY))

@@ -26,20 +26,11 @@ from fg_nav.places.signature import BLOCK, SPACING_M, Signature
 if TYPE_CHECKING:
     from scipy.spatial import KDTree
 
-LIMIT = 3.0
-"""Sigmas."""
-
-APART_M = 12.0
-"""Walked in between, or the same wave of the field is seen twice."""
-
-PIECE = 16
-"""Blocks, 64 m: much longer than alignments by chance."""
-
-BEND_RAD = np.deg2rad(30.0)
-"""By which directions of walking differ in one corridor."""
-
-ALIKE_M = 2.0
-"""By which places differ that are walked as the same one: a corridor's width."""
+LIMIT = 3.0  # Sigmas.
+APART_M = 12.0  # Walked in between, or the same wave of the field is seen twice.
+PIECE = 16  # Blocks, 64 m: much longer than alignments by chance.
+BEND_RAD = np.deg2rad(30.0)  # By which directions of walking differ in one corridor.
+ALIKE_M = 2.0  # By which places differ that are walked as the same one: a corridor's width.
 
 
 class Uncertainty(Protocol):

@@ -36,14 +36,9 @@ from fg_nav.places.signature import Signature
 LONE_EXPECTED = 1e-3
 """False recognitions in a walk, with which a stretch is used that nothing confirms: one walk of a thousand."""
 
-MOST_CHI2 = 16.3
-"""chi^2 of three degrees of freedom that one true pair in a thousand exceeds."""
-
-TURN_LENGTH_M = 6.0
-"""Of a stretch, whose directions of walking differ independently of those of the next piece."""
-
-MOST_STARTS = 20
-"""Stretches that a clique is grown from."""
+MAX_CHI2 = 16.3  # chi^2 of three degrees of freedom that one true pair in a thousand exceeds.
+TURN_LENGTH_M = 6.0  # Of a stretch, whose directions of walking differ independently of those of the next piece.
+MAX_STARTS = 20  # Stretches that a clique is grown from.
 
 
 @dataclass(frozen=True)
@@ -71,7 +66,7 @@ def select_consistent(path: Signature, stretches: Sequence[Stretch], uncertainty
 def _heaviest_clique(agrees: Bools, weight: Floats) -> Ints:
     """Members of the heaviest clique, grown greedily from each of the heaviest members."""
     order = np.argsort(-weight, kind="stable")
-    cliques = [_grow(int(start), order, agrees) for start in order[:MOST_STARTS]]
+    cliques = [_grow(int(start), order, agrees) for start in order[:MAX_STARTS]]
     heaviest = max(cliques, key=lambda members: float(weight[members].sum()))
     return heaviest[np.argsort(-weight[heaviest], kind="stable")]
 
@@ -99,7 +94,7 @@ def _agreement(passes: _Passes, uncertainty: Uncertainty) -> Bools:
     variance = 2.0 * variance + (turn_variance + 0.25 * path_turn) * (earlier**2).sum(axis=1)
     chi2 = (error**2).sum(axis=1) / variance + turned**2 / (4.0 * turn_variance + path_turn)
     agrees = np.eye(len(passes.turn), dtype=bool)
-    agrees[a, b] = agrees[b, a] = chi2 <= MOST_CHI2
+    agrees[a, b] = agrees[b, a] = chi2 <= MAX_CHI2
     return agrees
 
 

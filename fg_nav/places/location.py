@@ -18,7 +18,7 @@ Each stretch is cut into pieces of `PIECE_M`. The errors of a piece have three p
 and c and psi are those of generalized least squares, with their covariance.
 
 Stretches that do not agree are left out. A set is grown from each of the heaviest stretches, heaviest first: one joins
-if its pieces lie within `MOST_CHI2` of the transform of those that are in already, with the covariance of both. The set
+if its pieces lie within `MAX_CHI2` of the transform of those that are in already, with the covariance of both. The set
 with the largest score is taken. Its expected number of false recognitions is that of its surest stretch, and the odds
 of each set that lies elsewhere, or leads elsewhere (`ELSEWHERE_SIGMAS`),
 
@@ -27,7 +27,7 @@ of each set that lies elsewhere, or leads elsewhere (`ELSEWHERE_SIGMAS`),
 S_set the sum of scores of its stretches where they do not overlap. Above `LONE_EXPECTED` nothing is said.
 
 Where the alignments of `recognition` say nothing, the same is asked of the pieces that lie on the known walk as a whole
-(`overlay`), of those whose own shape is that of the known path: all pieces within `MOST_CHI2` of their transform.
+(`overlay`), of those whose own shape is that of the known path: all pieces within `MAX_CHI2` of their transform.
 """
 
 from __future__ import annotations
@@ -55,26 +55,18 @@ from fg_nav.places.recognition import (
 from fg_nav.places.saved import SavedPlaces
 from fg_nav.places.signature import SPACING_M, Signature
 
-PIECE_M, MOST_PIECES = 8.0, 100
+PIECE_M, MAX_PIECES = 8.0, 100
 """Of a stretch: some strides, and short against what drifts. On a long walk they are longer: all are solved at once."""
 
-MOST_STRETCHES = 50
-"""That are looked at, the best ones."""
-
-MOST_CHI2 = 18.5
-"""chi^2 of four degrees of freedom that one true piece in a thousand exceeds."""
-
-MOST_SETS = 20
-"""Stretches that a set is grown from."""
+MAX_STRETCHES = 50  # That are looked at, the best ones.
+MAX_CHI2 = 18.5  # chi^2 of four degrees of freedom that one true piece in a thousand exceeds.
+MAX_SETS = 20  # Stretches that a set is grown from.
 
 ELSEWHERE_SIGMAS, ELSEWHERE_M, ELSEWHERE_RAD = 4.0, 2.0, np.deg2rad(10.0)
 """Two sets whose starts or turns differ by more say that the walk is at two places."""
 
-STEPS = 4
-"""Of Gauss-Newton, from a turn that is right to some degrees."""
-
-DRIFT = Drift(position_share=0.01)
-"""Of the solution over the first hundreds of meters."""
+STEPS = 4  # Of Gauss-Newton, from a turn that is right to some degrees.
+DRIFT = Drift(position_share=0.01)  # Of the solution over the first hundreds of meters.
 
 
 @dataclass(frozen=True)
@@ -165,10 +157,10 @@ def _place(path: Signature, known: SavedPlaces, found: Recognition) -> Location 
     """Find where a walk is by what was recognized of it."""
     if not found.stretches:
         return None
-    stretches = found.stretches[:MOST_STRETCHES]
+    stretches = found.stretches[:MAX_STRETCHES]
     pieces = _cut_pieces(path, known, stretches)
     # Sets of stretches that agree, and the one that most speaks for.
-    sets = [_grow(pieces, stretches, start) for start in range(min(len(stretches), MOST_SETS))]
+    sets = [_grow(pieces, stretches, start) for start in range(min(len(stretches), MAX_SETS))]
     scores = [_total_score(stretches, members) for members in sets]
     best = int(np.argmax(scores))
     fit = _fit(pieces.take(_rows_of(pieces, sets[best])), None)
@@ -184,7 +176,7 @@ def _place(path: Signature, known: SavedPlaces, found: Recognition) -> Location 
 
 
 def _cut_pieces(path: Signature, known: SavedPlaces, stretches: Sequence[Stretch]) -> Pieces:
-    length = max(PIECE_M, sum(stretch.length_m for stretch in stretches) / MOST_PIECES)
+    length = max(PIECE_M, sum(stretch.length_m for stretch in stretches) / MAX_PIECES)
     rows = [row for k, stretch in enumerate(stretches) for row in _pieces_of(path, known, k, stretch, length)]
     columns = zip(*rows, strict=True)
     return Pieces(*(np.array(column) for column in columns))
@@ -247,7 +239,7 @@ def _agrees(one: Pieces, fit: _Fit) -> bool:
     each = residual.reshape(-1, 4)
     blocks = [covariance[4 * k : 4 * k + 4, 4 * k : 4 * k + 4] for k in range(len(each))]
     chi2 = [r @ np.linalg.solve(block, r) for r, block in zip(each, blocks, strict=True)]
-    return bool(np.max(chi2) <= MOST_CHI2)
+    return bool(np.max(chi2) <= MAX_CHI2)
 
 
 def _fit(pieces: Pieces, begin: _Fit | None) -> _Fit:

@@ -13,7 +13,7 @@ the rest of the space, l its eigenvalues,
 
     a = U^T f / sqrt(l),    b_j = U^T g_j / sqrt(l),
 
-each scaled to a mean square of 1, as a quiet corridor compares like a rough one. A field beyond `MOST_SIGMAS` robust
+each scaled to a mean square of 1, as a quiet corridor compares like a rough one. A field beyond `MAX_SIGMAS` robust
 deviations counts as if it were there: one large object does not decide.
 
 One place or two. Of one place a and b_j have correlations r, of two places none. The log likelihood ratio, nats, is
@@ -41,35 +41,23 @@ from dataclasses import dataclass
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.places.alignment import BESIDE, LEAST_LISTED
+from fg_nav.places.alignment import BESIDE, MIN_LISTED
 from fg_nav.places.calibration import USUAL_DECAY, ChanceLevel
-from fg_nav.places.recognition import MOST_EXPECTED, NOTHING, Recognition, Stretch
-from fg_nav.places.signature import FEWEST_POINTS, SPACING_M, Signature
+from fg_nav.places.recognition import MAX_EXPECTED, NOTHING, Recognition, Stretch
+from fg_nav.places.signature import MIN_POINTS, SPACING_M, Signature
 from fg_nav.places.whitening import MAD_TO_SIGMA, TURNED, remove_common_field
 
-PIECE = 80
-"""Points, 40 m: over as much odometry is good to 0.4 m."""
-
-HOP = PIECE // 2
-"""Points from piece to piece."""
-
-MOST_SIGMAS = 3.0
-"""Of the field about its mean."""
+PIECE = 80  # Points, 40 m: over as much odometry is good to 0.4 m.
+HOP = PIECE // 2  # Points from piece to piece.
+MAX_SIGMAS = 3.0  # Of the field about its mean.
 
 LEVELS = ((0.15, (0.06, 0.06, 0.06)), (0.3, (0.1, 0.4, 0.2)), (0.5, (0.3, 0.7, 0.4)))
 """noise (uT) and share (along, left, up): steel some meters away, a floor of concrete, one that is rougher."""
 
-MOST_CHANCES = 1_000_000
-"""Comparisons with the negated field: those of some pieces of a long walk show the decay of all."""
-
-LEAST_DECAY = 1e-3
-"""lambda at least: nothing is recognized with it, where chance scores as well as one place."""
-
-WINDOWS = 4096
-"""That are compared at once, 10 MB."""
-
-LEAST_VARIANCE = 1.3 * LEVELS[0][0] ** 2
-"""uT^2, of an eigenvector that shows something."""
+MAX_CHANCES = 1_000_000  # Comparisons with the negated field: those of some pieces of a long walk show the decay of all
+MIN_DECAY = 1e-3  # lambda at least: nothing is recognized with it, where chance scores as well as one place.
+WINDOWS = 4096  # That are compared at once, 10 MB.
+MIN_VARIANCE = 1.3 * LEVELS[0][0] ** 2  # uT^2, of an eigenvector that shows something.
 
 COMMON_RANK = 1e-3
 """Singular value below which one of the nine vectors is no other than the rest, as on a straight piece."""
@@ -96,13 +84,13 @@ class _Piece:
 def overlay_known(path: Signature, known: Signature) -> Recognition:
     """Find the pieces of a path that lie on that of an earlier walk; `earlier` are points of that one."""
     size = min(PIECE, len(path), len(known))
-    if size < FEWEST_POINTS:
+    if size < MIN_POINTS:
         return NOTHING
     old, begins = _describe_known(known, size), _list_begins(len(path), size)
     count = len(begins) * 2 * (len(known) - size + 1)
-    some = begins[:: int(np.ceil(count / MOST_CHANCES))]
+    some = begins[:: int(np.ceil(count / MAX_CHANCES))]
     decay = find_decay(np.concatenate([_compare(_describe(path, k, old), -old.field).ravel() for k in some]))
-    chance = ChanceLevel(count * float(np.exp(-decay * LEAST_LISTED)), decay)
+    chance = ChanceLevel(count * float(np.exp(-decay * MIN_LISTED)), decay)
     scores = ((k, _compare(_describe(path, k, old), old.field)) for k in begins)
     found = [stretch for k, score in scores for stretch in _list_stretches(k, score, size, chance)]
     return Recognition(tuple(sorted(found, key=lambda one: -one.score)), chance, count * size * SPACING_M**2)
@@ -116,7 +104,7 @@ def _list_begins(length: int, size: int) -> list[int]:
 
 def _describe_known(known: Signature, size: int) -> _Known:
     field = remove_common_field(known.field, known.heading) * known.seen[:, None]
-    limit = MOST_SIGMAS * MAD_TO_SIGMA * np.median(np.abs(field), axis=0)
+    limit = MAX_SIGMAS * MAD_TO_SIGMA * np.median(np.abs(field), axis=0)
     field = np.clip(field, -limit, limit)
     return _Known(field, limit, _covariance(field, size))
 
@@ -135,7 +123,7 @@ def _describe(path: Signature, begin: int, known: _Known) -> _Piece:
     rows = slice(begin, begin + size)
     rest = _rest_of(path.heading[rows])
     variance, turned = np.linalg.eigh(rest.T @ known.covariance @ rest)
-    shows = variance > LEAST_VARIANCE
+    shows = variance > MIN_VARIANCE
     vectors, variance = rest @ turned[:, shows], variance[shows]
     # Its field about the common part, within the limits of the known one.
     field = (rest @ (rest.T @ path.field[rows].ravel())).reshape(-1, 3) * path.seen[rows, None]
@@ -192,13 +180,13 @@ def find_decay(scores: Floats) -> float:
 
     if excess(USUAL_DECAY) <= 0.0:
         return USUAL_DECAY
-    return float(brentq(excess, LEAST_DECAY, USUAL_DECAY)) if excess(LEAST_DECAY) < 0.0 else LEAST_DECAY
+    return float(brentq(excess, MIN_DECAY, USUAL_DECAY)) if excess(MIN_DECAY) < 0.0 else MIN_DECAY
 
 
 def _list_stretches(begin: int, scores: Floats, size: int, chance: ChanceLevel) -> Iterator[Stretch]:
     """Yield what chance does not explain of a piece, the best of those that lie next to each other."""
     later, left = np.arange(begin, begin + size, dtype=float), scores.copy()
-    least = chance.score_of(MOST_EXPECTED)
+    least = chance.score_of(MAX_EXPECTED)
     while left.max() >= least:
         way, j = np.unravel_index(left.argmax(), left.shape)
         earlier = np.arange(j, j + size, dtype=float)

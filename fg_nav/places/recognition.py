@@ -1,19 +1,19 @@
 """From a path with its field to the stretches of it that are one place.
 
 A stretch is recognized where its local alignment with an earlier one scores more than chance does: the expected number
-of chance alignments as good, in all that was searched (`calibration`), is below `MOST_EXPECTED`. Three things are
+of chance alignments as good, in all that was searched (`calibration`), is below `MAX_EXPECTED`. Three things are
 asked besides.
 
 Position. With e the mean of p(later) - p(earlier) over the stretch and sigma that of the path and of the tie,
 
     D^2 = |e|^2 / sigma^2
 
-is chi^2 of two degrees of freedom at one place. Beyond `MOST_CHI2` it is none, however alike: corridors next to each
+is chi^2 of two degrees of freedom at one place. Beyond `MAX_CHI2` it is none, however alike: corridors next to each
 other share large iron. Below, a chance alignment lies anywhere in the area, and a true one with the density
 exp(-D^2 / 2): expected = chance(S) exp(D^2 / 2).
 
 Likeness. At one place the score is 0.95 nats a meter where the model is right, 0.3 to 1.2 on real and simulated walks
-(`scripts/place_recognition.py`); a long stretch of less than `LEAST_LIKENESS` resembles, as the next corridor does.
+(`scripts/place_recognition.py`); a long stretch of less than `MIN_LIKENESS` resembles, as the next corridor does.
 
 Rivals. A stretch that resembles two places, b as well as a, which are not one by the path's own uncertainty, is a
 with the odds of their scores only,
@@ -51,23 +51,16 @@ from fg_nav.places.candidates import (
     find_candidates,
     pair_all,
 )
-from fg_nav.places.signature import BLOCK, FEWEST_POINTS, SPACING_M, Signature
+from fg_nav.places.signature import BLOCK, MIN_POINTS, SPACING_M, Signature
 from fg_nav.places.whitening import Features, whiten
 
-MOST_EXPECTED = 0.1
+MAX_EXPECTED = 0.1
 """False recognitions in a walk above which a stretch is not listed. What is used is decided in `consistency`."""
 
-MOST_CHI2 = 13.8
-"""D^2 that one true stretch in a thousand exceeds."""
-
-LEAST_LIKENESS = 0.2
-"""Score of a stretch, nats a meter: a fifth of what the model expects."""
-
-MOST_CHANCE_M2 = 5e5
-"""Area in which chance alignments are counted: there are some hundred in it."""
-
-PART_M = 2000.0
-"""Of a walk, half an hour."""
+MAX_CHI2 = 13.8  # D^2 that one true stretch in a thousand exceeds.
+MIN_LIKENESS = 0.2  # Score of a stretch, nats a meter: a fifth of what the model expects.
+MAX_CHANCE_M2 = 5e5  # Area in which chance alignments are counted: there are some hundred in it.
+PART_M = 2000.0  # Of a walk, half an hour.
 
 SURE_EXPECTED = 1e-6
 """False recognitions in a walk, with which a stretch needs no confirmation before later parts rest on it."""
@@ -78,14 +71,9 @@ AVERAGE_M = 6.0
 ALONG_SIGMA_M = 0.3
 """Of a tie along the path: rms of simulated walks on rough floors is 0.2 m (`scripts/place_recognition.py`)."""
 
-LATERAL_SIGMA_M = 0.6
-"""Of a tie to the side: two walks along one corridor, each within 0.4 m of its middle line."""
-
-UP_SIGMA_M = 0.2
-"""Of the heights: a floor is level, a ramp is not at the tie's own sigma along it."""
-
-HEADING_SIGMA_RAD = np.deg2rad(8.0)
-"""Of the directions of walking there: 0.35 m aside within 5 m."""
+LATERAL_SIGMA_M = 0.6  # Of a tie to the side: two walks along one corridor, each within 0.4 m of its middle line.
+UP_SIGMA_M = 0.2  # Of the heights: a floor is level, a ramp is not at the tie's own sigma along it.
+HEADING_SIGMA_RAD = np.deg2rad(8.0)  # Of the directions of walking there: 0.35 m aside within 5 m.
 
 
 @dataclass(frozen=True)
@@ -126,8 +114,7 @@ class Recognition:
     area_m2: float
 
 
-NOTHING = Recognition((), measure_chance(np.zeros(0), 0.0, 0.0), 0.0)
-"""Of a path too short to return on."""
+NOTHING = Recognition((), measure_chance(np.zeros(0), 0.0, 0.0), 0.0)  # Of a path too short to return on.
 
 
 def recognize(path: Signature, uncertainty: Uncertainty = Drift()) -> Recognition:
@@ -138,7 +125,7 @@ def recognize(path: Signature, uncertainty: Uncertainty = Drift()) -> Recognitio
     path : the field along it.
     uncertainty : of one place of the path relative to another.
     """
-    if len(path) < FEWEST_POINTS:
+    if len(path) < MIN_POINTS:
         return NOTHING
     pairs = find_candidates(path, uncertainty)
     if not (len(pairs.same) or len(pairs.opposite)):
@@ -174,7 +161,7 @@ def recognize_known(path: Signature, known: Signature) -> Recognition:
     Both are filtered alike, by the spectra of the longer one: a short one does not show its own, and two filters would
     make two signals of one place.
     """
-    if min(len(path), len(known)) < FEWEST_POINTS:
+    if min(len(path), len(known)) < MIN_POINTS:
         return NOTHING
     longer = max(path, known, key=len)
     features, old = whiten(path, longer), whiten(known, longer)
@@ -187,7 +174,7 @@ def recognize_known(path: Signature, known: Signature) -> Recognition:
 def _measure_chance(features: Features, old: Features, pairs: Candidates) -> tuple[ChanceLevel, float]:
     """Measure what chance does over pairs of blocks with an earlier path, from an even part of their area, m^2."""
     area = pairs.area_m2
-    every = int(np.ceil(area / MOST_CHANCE_M2)) if area else 1
+    every = int(np.ceil(area / MAX_CHANCE_M2)) if area else 1
     thin = [(other.negate(), some.thin(every)) for other, some, _ in _list_relations(old, pairs)]
     scores = np.concatenate([separate(align(features, other, some)).score for other, some in thin])
     return measure_chance(scores, sum(some.area_m2 for _, some in thin), area), area
@@ -211,7 +198,7 @@ def _trace_all(
     features: Features, other: Features, pairs: BlockPairs, opposite: bool, chance: ChanceLevel, length: int
 ) -> list[Stretch]:
     """Stretches of the alignments that chance does not explain; `length` of the earlier path in points."""
-    found = separate(align(features, other, pairs, chance.score_of(MOST_EXPECTED)))
+    found = separate(align(features, other, pairs, chance.score_of(MAX_EXPECTED)))
     expected = chance.expected(found.score)
     stretches = []
     for a in range(len(found)):
@@ -237,9 +224,9 @@ def _weigh_positions(
     stretches: Sequence[Stretch], chance: ChanceLevel, path: Signature, uncertainty: Uncertainty
 ) -> tuple[Stretch, ...]:
     """Stretches with what their positions and their rivals take away, without those of which too little is left."""
-    likely = [stretch for stretch in stretches if stretch.score >= LEAST_LIKENESS * stretch.length_m]
+    likely = [stretch for stretch in stretches if stretch.score >= MIN_LIKENESS * stretch.length_m]
     chi2 = np.array([_distance_chi2(stretch, path, uncertainty) for stretch in likely])
-    near = np.flatnonzero(chi2 <= MOST_CHI2)
+    near = np.flatnonzero(chi2 <= MAX_CHI2)
     if not len(near):
         return ()
     some, chi2 = [likely[k] for k in near], chi2[near]
@@ -248,7 +235,7 @@ def _weigh_positions(
     odds = np.exp(np.minimum(chance.decay * (score[other] - score[one]) + 0.5 * (chi2[one] - chi2[other]), 0.0))
     expected = expected * np.exp(0.5 * chi2) + np.bincount(one, odds, len(some))
     weighed = (replace(stretch, expected_false=float(e)) for stretch, e in zip(some, expected, strict=True))
-    return tuple(stretch for stretch in weighed if stretch.expected_false < MOST_EXPECTED)
+    return tuple(stretch for stretch in weighed if stretch.expected_false < MAX_EXPECTED)
 
 
 def _distance_chi2(stretch: Stretch, path: Signature, uncertainty: Uncertainty) -> float:

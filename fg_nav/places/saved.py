@@ -32,17 +32,14 @@ from numpy.typing import NDArray
 
 from fg_nav.arrays import Floats, interpolate_columns
 from fg_nav.errors import PlacesError, describe_reason
-from fg_nav.places.signature import FEWEST_POINTS, Signature, trace_signature
+from fg_nav.places.signature import MIN_POINTS, Signature, trace_signature
 from fg_nav.text import find_version
 
 FORMAT = "fg-nav places"
 VERSION = 1
 
-MOST_POINTS = 200_000
-"""A walk of 100 km."""
-
-LARGEST_BYTES = 200 * MOST_POINTS
-"""Of all arrays as they are unpacked: a point takes 97."""
+MAX_POINTS = 200_000  # A walk of 100 km.
+MAX_BYTES = 200 * MAX_POINTS  # Of all arrays as they are unpacked: a point takes 97.
 
 LARGEST = {"distance_m": 1e6, "t": 1e11, "position": 1e6, "heading": 1e6, "field": 1e4, "sigma_m": 1e6}
 """No walk is as long, no clock counts farther, no magnetometer on a foot reads as much."""
@@ -73,7 +70,7 @@ def trace_places(
         If the walk is too short to be recognized.
     """
     path = trace_signature(t, position, nav_R_body, mag)
-    if len(path) < FEWEST_POINTS:
+    if len(path) < MIN_POINTS:
         raise PlacesError("the walk is too short for its places to be saved: it has to lead over 20 m or more.")
     sigma = interpolate_columns(path.t, footfall_t, footfall_sigma_m)
     return SavedPlaces(path, sigma)
@@ -146,7 +143,7 @@ def _load(file: Path, names: tuple[str, ...] = ()) -> Arrays:
     """Load all arrays of an archive, or those of these names; without pickle, and none that is as large as no walk."""
     try:
         with zipfile.ZipFile(file) as archive:
-            if sum(member.file_size for member in archive.infolist()) > LARGEST_BYTES:
+            if sum(member.file_size for member in archive.infolist()) > MAX_BYTES:
                 raise PlacesError(f"{file.name} is larger than places can be: save them again.")
         with np.load(file, allow_pickle=False) as content:
             return {name: content[name] for name in names or content.files}
@@ -176,8 +173,8 @@ def _find_column_fault(name: str, arrays: Arrays) -> str | None:
 def _find_order_fault(arrays: Arrays) -> str | None:
     """Say whether there are too few points or too many, a path that does not go on, or sigmas below zero."""
     count = len(arrays["t"])
-    if not FEWEST_POINTS <= count <= MOST_POINTS:
-        return f"has {count} points, and places have {FEWEST_POINTS} to {MOST_POINTS}"
+    if not MIN_POINTS <= count <= MAX_POINTS:
+        return f"has {count} points, and places have {MIN_POINTS} to {MAX_POINTS}"
     goes_on = (np.diff(arrays["distance_m"]) > 0.0).all() and (np.diff(arrays["t"]) >= 0.0).all()
     if not goes_on or (arrays["sigma_m"] < 0.0).any():
         return "has places whose order or sigmas cannot be"

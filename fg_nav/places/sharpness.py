@@ -16,7 +16,7 @@ from __future__ import annotations
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.places.alignment import LEAST_RATIO, RHO, SHARE
+from fg_nav.places.alignment import MIN_RATIO, RHO, SHARE
 from fg_nav.places.recognition import Stretch
 from fg_nav.places.signature import SPACING_M
 from fg_nav.places.whitening import Features
@@ -25,12 +25,10 @@ REACH_M = 2.0
 """By which places differ that are walked as the same one, and the shortest wavelength of the features: beyond it the
 next wave fits as well."""
 
-SHIFTS_M = np.linspace(-REACH_M, REACH_M, 33)
-"""An eighth of a meter apart: a rough floor shows 20 m of a path to 0.1 m."""
+SHIFTS_M = np.linspace(-REACH_M, REACH_M, 33)  # An eighth of a meter apart: a rough floor shows 20 m of a path to 0.1 m
 
 
-MARGIN = 8
-"""Points around a piece, beyond which a spline through them is the same."""
+MARGIN = 8  # Points around a piece, beyond which a spline through them is the same.
 
 
 def weigh_shifts(features: Features, stretch: Stretch) -> Floats:
@@ -51,7 +49,7 @@ def weigh_shifts(features: Features, stretch: Stretch) -> Floats:
 def _weigh_points(x: Floats, y: Floats, r: Floats) -> Floats:
     """L (M, S) of features (M, 1, 3) and (M, S, 3) with correlation r (M, S, 3)."""
     ratio = -0.5 * np.log1p(-(r**2)) - (r**2 * (x**2 + y**2) - 2.0 * r * x * y) / (2.0 * (1.0 - r**2))
-    return np.asarray(SHARE * np.maximum(ratio.sum(axis=2), LEAST_RATIO))
+    return np.asarray(SHARE * np.maximum(ratio.sum(axis=2), MIN_RATIO))
 
 
 def find_shift(ratio: Floats) -> tuple[float, float]:

@@ -35,20 +35,14 @@ import numpy as np
 from fg_nav.arrays import Bools, Floats, interpolate_columns
 from fg_nav.system.spilled import BLOCK_ROWS, drop_pages, empty_column
 
-SPACING_M = 0.5
-"""Of the points along the path: four to the shortest wavelength that repeats (`whitening`)."""
+SPACING_M = 0.5  # Of the points along the path: four to the shortest wavelength that repeats (`whitening`).
+BLOCK = 8  # Points of a block, 4 m, the smallest piece that candidates are made of.
+CHORD_M = 3.0  # Whose direction is that of walking: two strides.
 
-BLOCK = 8
-"""Points of a block, 4 m, the smallest piece that candidates are made of."""
-
-CHORD_M = 3.0
-"""Whose direction is that of walking: two strides."""
-
-MOST_UNREAD_M = 0.5
+MAX_UNREAD_M = 0.5
 """Distance from a point to the nearest reading of the magnetometer, beyond which the field there is not known."""
 
-FEWEST_POINTS = 40
-"""A path of less than 20 m is no path to return on."""
+MIN_POINTS = 40  # A path of less than 20 m is no path to return on.
 
 
 @dataclass(frozen=True)
@@ -89,14 +83,14 @@ def trace_signature(t: Floats, position: Floats, nav_R_body: Floats, mag: Floats
     read = np.asarray(np.isfinite(mag).all(axis=1))
     walked = _measure_walked(position)
     edges = np.arange(0.0, walked[-1], SPACING_M)
-    if read.sum() < 2 or len(edges) <= FEWEST_POINTS:
+    if read.sum() < 2 or len(edges) <= MIN_POINTS:
         return _empty_signature()
     nav_field = _turn_into_nav(t, nav_R_body, mag, read)
     # Of each piece the means over distance: exact differences of line integrals, whatever the sample rate.
     middle = 0.5 * (edges[1:] + edges[:-1])
     place, field = _average(walked, position, edges), _average(walked, nav_field, edges)
     u = _walking_direction(place[:, :2])
-    seen = _distance_to_nearest(middle, walked[read]) < MOST_UNREAD_M
+    seen = _distance_to_nearest(middle, walked[read]) < MAX_UNREAD_M
     return Signature(
         distance_m=middle,
         t=_at_distance(walked, t[:, None], middle)[:, 0],

@@ -26,12 +26,12 @@ filter
     W(k) = band(k) / sqrt(S(k) + N)
 
 gives all wavelengths in the band the same weight, which is what their likelihood ratio asks for (Whittle 1953). The
-band is from `LONGEST_M`, beyond which drift and the Earth are, to `SHORTEST_M`, below which passes that lie some
+band is from `MAX_M`, beyond which drift and the Earth are, to `MIN_M`, below which passes that lie some
 decimeters aside of each other do not repeat, and where the height of a swinging foot shows.
 
 Scale. The result x is divided by its own rms a(d) over `LOCAL_M`: a quiet corridor compares as a rough one does,
 and one large object does not decide. Of a^2 the share q = 1 - n^2 / a^2 is the field's, n^2 being N's part; where it
-is small a quiet place resembles any other quiet one, and says nothing. A deviation beyond `MOST_SIGMAS` robust ones, as
+is small a quiet place resembles any other quiet one, and says nothing. A deviation beyond `MAX_SIGMAS` robust ones, as
 within a hand's breadth of iron, counts as if it were there.
 """
 
@@ -51,32 +51,18 @@ Complexes: TypeAlias = NDArray[np.complex128]
 EARTH_M = 80.0
 """Over which the Earth's field is averaged: many objects, and a heading that has drifted by a few degrees."""
 
-ROUNDS = 3
-"""In which Earth and iron are found in turns."""
+ROUNDS = 3  # In which Earth and iron are found in turns.
 
-LONGEST_M, SHORTEST_M = 20.0, 2.0
+MAX_M, MIN_M = 20.0, 2.0
 """Band of wavelengths: full from the one to 1.25 of the other, and none at half of it beyond (cosine edges)."""
 
-REPEATABILITY_UT = 0.5
-"""By which two readings of one place differ at each point: noise, and tilt (0.5 deg of 50 uT)."""
-
-LOCAL_M = 25.0
-"""Over which the scale is taken: several of the wavelengths."""
-
-TINY = 1e-12
-"""Keeps a field that is the same everywhere from a division by zero."""
-
-MAD_TO_SIGMA = 1.4826
-"""Median absolute deviation to standard deviation, of a normal distribution."""
-
-SEGMENT = 64
-"""Points (32 m) of Welch's segments."""
-
-MOST_SIGMAS = 5.0
-"""Of deviations: normal ones do not come near."""
-
-LEAST_SIGNAL = 0.02
-"""q below which there is none."""
+REPEATABILITY_UT = 0.5  # By which two readings of one place differ at each point: noise, and tilt (0.5 deg of 50 uT).
+LOCAL_M = 25.0  # Over which the scale is taken: several of the wavelengths.
+TINY = 1e-12  # Keeps a field that is the same everywhere from a division by zero.
+MAD_TO_SIGMA = 1.4826  # Median absolute deviation to standard deviation, of a normal distribution.
+SEGMENT = 64  # Points (32 m) of Welch's segments.
+MAX_SIGMAS = 5.0  # Of deviations: normal ones do not come near.
+MIN_SIGNAL = 0.02  # q below which there is none.
 
 
 @dataclass(frozen=True)
@@ -98,11 +84,8 @@ class Features:
         return Features(-self.values, self.signal)
 
 
-REVERSED = np.array([1.0, -1.0, 1.0])
-"""Signs of below, left, above in the opposite direction of walking."""
-
-TURNED = np.array([-1.0, -1.0, 1.0])
-"""Signs of along, left, up there."""
+REVERSED = np.array([1.0, -1.0, 1.0])  # Signs of below, left, above in the opposite direction of walking.
+TURNED = np.array([-1.0, -1.0, 1.0])  # Signs of along, left, up there.
 
 
 def whiten(path: Signature, like: Signature | None = None) -> Features:
@@ -114,7 +97,7 @@ def whiten(path: Signature, like: Signature | None = None) -> Features:
     # To the same scale everywhere, of which the field has a share.
     power = _smooth(values**2, LOCAL_M) + TINY
     signal = 1.0 - REPEATABILITY_UT**2 * np.mean(gain**2, axis=0) / power
-    signal = np.where((signal > LEAST_SIGNAL) & path.seen[:, None], signal, 0.0)
+    signal = np.where((signal > MIN_SIGNAL) & path.seen[:, None], signal, 0.0)
     return _pad(Features(values / np.sqrt(power), np.sqrt(signal)))
 
 
@@ -138,8 +121,8 @@ def _separate_sources(spectrum: Complexes) -> Complexes:
 
 
 def clip_deviation(deviation: Floats) -> Floats:
-    """Limit deviations (K, 3) to `MOST_SIGMAS` robust ones."""
-    limit = MOST_SIGMAS * MAD_TO_SIGMA * np.median(np.abs(deviation), axis=0)
+    """Limit deviations (K, 3) to `MAX_SIGMAS` robust ones."""
+    limit = MAX_SIGMAS * MAD_TO_SIGMA * np.median(np.abs(deviation), axis=0)
     return np.clip(deviation, -limit, limit)
 
 
@@ -174,8 +157,8 @@ def _gains(parts: Floats, k: Floats) -> Floats:
 
 
 def _band(k: Floats) -> Floats:
-    low = np.clip(2.0 * k * LONGEST_M - 1.0, 0.0, 1.0)
-    high = np.clip((1.0 / SHORTEST_M - k) / (0.2 / SHORTEST_M), 0.0, 1.0)
+    low = np.clip(2.0 * k * MAX_M - 1.0, 0.0, 1.0)
+    high = np.clip((1.0 / MIN_M - k) / (0.2 / MIN_M), 0.0, 1.0)
     return np.asarray(np.sin(0.5 * np.pi * low) * np.sin(0.5 * np.pi * high))
 
 

@@ -23,9 +23,9 @@ from fg_nav.detection.mount import remove_fast
 from fg_nav.pocket.steps import (
     GAIT_HZ,
     HYSTERESIS_DEG,
-    LEAST_STEPS,
     MIN_SHARE,
     MIN_SKEW,
+    MIN_STEPS,
     PAUSE_S,
     SWINGING_DEG_S,
     UPRIGHT_DEG,
@@ -40,23 +40,12 @@ from fg_nav.pocket.steps import (
     spread_flags,
 )
 
-EDGE_S = 0.25
-"""Later samples that a slow part needs, s: four times the memory of a filter of 6 Hz."""
-
-WARM_S = 0.75
-"""Earlier ones, s: the filter of 4 Hz begins in them."""
-
-AROUND_S = 0.5
-"""Samples so long before and after one show whether the leg swings about it, s (`steps.spread_flags`)."""
-
-LEAST_SWING_S = 1.0
-"""Swinging in all before which there are no axes, s, as in a recording."""
-
-LONGEST_S = 10.0
-"""An opening that takes longer is none, s; so much is kept while the axes are not known."""
-
-STANDING_S = 2.0
-"""Of a leg that stands so much is kept, s."""
+EDGE_S = 0.25  # Later samples that a slow part needs, s: four times the memory of a filter of 6 Hz.
+WARM_S = 0.75  # Earlier ones, s: the filter of 4 Hz begins in them.
+AROUND_S = 0.5  # Samples so long before and after one show whether the leg swings about it, s (`steps.spread_flags`).
+MIN_SWING_S = 1.0  # Swinging in all before which there are no axes, s, as in a recording.
+MAX_S = 10.0  # An opening that takes longer is none, s; so much is kept while the axes are not known.
+STANDING_S = 2.0  # Of a leg that stands so much is kept, s.
 
 
 class StepColumns(NamedTuple):
@@ -120,7 +109,7 @@ class SwingSums:
 
         Where the swing shows none any more, the axis is the one that was known last.
         """
-        if self._swinging_s < LEAST_SWING_S:
+        if self._swinging_s < MIN_SWING_S:
             return None
         up = self._up / np.linalg.norm(self._up)
         share, left = find_level_axis(self._power, up)
@@ -277,7 +266,7 @@ class CausalSteps:
         """Find turning points behind the last one."""
         axes, done = self._sums.axes, len(self._up)
         if axes is None:
-            self._turn = max(self._turn, done - round(LONGEST_S / self._period_s))
+            self._turn = max(self._turn, done - round(MAX_S / self._period_s))
         elif done - self._turn > 1:
             t, up = self._t[self._turn : done], self._up[self._turn : done]
             flexion = compute_flexion(up, *axes)
@@ -300,7 +289,7 @@ class CausalSteps:
             self._add_opening(t, flexion, up, turn, stands=True)
             self._close_bout()
             return last
-        return last if t[last] - t[turn[0]] > LONGEST_S else int(turn[0])
+        return last if t[last] - t[turn[0]] > MAX_S else int(turn[0])
 
     def _add_opening(self, t: Floats, flexion: Floats, up: Floats, turn: Ints, stands: bool = False) -> None:
         """Add what lies between two turning points, where it is a step; the leg `stands` behind it."""
@@ -329,7 +318,7 @@ class CausalSteps:
         self._bout.append(_Found(np.array([*numbers, *level.ravel()]), *ends))
         # a few in a row are a walk
         count = len(self._bout)
-        for number in range(0 if count == LEAST_STEPS else count - 1, count if count >= LEAST_STEPS else 0):
+        for number in range(0 if count == MIN_STEPS else count - 1, count if count >= MIN_STEPS else 0):
             self._store(self._bout[number], number)
 
     def _store(self, step: _Found, number: int) -> None:
@@ -345,7 +334,7 @@ class CausalSteps:
 
     def _close_bout(self) -> None:
         """End the bout in progress, and the stride in it that is not complete."""
-        if len(self._bout) >= LEAST_STEPS:
+        if len(self._bout) >= MIN_STEPS:
             self._bouts += 1
             if self._is_forward(self._bout[-1]):
                 self._end_stride(self._bout[-1])

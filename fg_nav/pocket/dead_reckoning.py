@@ -42,32 +42,22 @@ from fg_nav.errors import EstimationError
 from fg_nav.pocket.steps import Steps, ThighSwing
 from fg_nav.pocket.track import PocketTrack
 
-DEFAULT_CONSTANT_M = 0.90
-"""Step constant of an adult, m."""
-
+DEFAULT_CONSTANT_M = 0.90  # Step constant of an adult, m.
 WALK_RATIO_S = 0.0062 * 60.0 / DEFAULT_CONSTANT_M  # r: walk ratio 0.0062 m per step/min; the literature has about 0.006
 
 DEFAULT_SIGMA = 0.10
 """Relative, of the default constant: persons and trousers differ by 0.12 in the opening, by 0.10 in the walk ratio."""
 
-CALIBRATED_SIGMA = 0.03
-"""Relative, of a constant by a known distance: another pace, other trousers, the tape."""
-
-STEP_SIGMA = 0.06
-"""Relative, of each step on its own: steps of one opening differ by so much. Assumed; it averages out."""
-
-PLAUSIBLE_M = (0.3, 1.5)
-"""No person's constant is outside."""
+CALIBRATED_SIGMA = 0.03  # Relative, of a constant by a known distance: another pace, other trousers, the tape.
+STEP_SIGMA = 0.06  # Relative, of each step on its own: steps of one opening differ by so much. Assumed; it averages out
+PLAUSIBLE_M = (0.3, 1.5)  # No person's constant is outside.
 
 MOUNTING_SIGMA_DEG = 4.0
 """Axis of the swing against the path, deg: a leg that abducts while it swings turns it by 2 in the simulator, and toes
 that point out by some more. Assumed."""
 
-STEP_HEADING_SIGMA_DEG = 4.0
-"""Direction of each step on its own, deg. Assumed."""
-
-SLOPE_SIGMA = 0.03
-"""Rise over run: floors, streets and ramps. Stairs are ten times that, and not detected. Assumed."""
+STEP_HEADING_SIGMA_DEG = 4.0  # Direction of each step on its own, deg. Assumed.
+SLOPE_SIGMA = 0.03  # Rise over run: floors, streets and ramps. Stairs are ten times that, and not detected. Assumed.
 
 
 @dataclass(frozen=True)

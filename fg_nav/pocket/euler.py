@@ -13,8 +13,7 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.system.compiled import njit
 
-LEAST_COSINE = float(np.sin(np.radians(1.0)))
-"""Within a degree of a pitch of +-90 deg roll and yaw are not usable."""
+MIN_COSINE = float(np.sin(np.radians(1.0)))  # Within a degree of a pitch of +-90 deg roll and yaw are not usable.
 
 
 @njit(cache=True)
@@ -69,4 +68,4 @@ def angles_of_up(force: Floats) -> tuple[float, float]:
 @njit(cache=True)
 def is_degenerate(nav_R_body: Floats) -> bool:
     """Whether the x axis is within a degree of vertical, where Euler angles end."""
-    return bool(nav_R_body[0, 0] ** 2 + nav_R_body[1, 0] ** 2 < LEAST_COSINE**2)
+    return bool(nav_R_body[0, 0] ** 2 + nav_R_body[1, 0] ** 2 < MIN_COSINE**2)

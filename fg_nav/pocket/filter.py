@@ -77,8 +77,7 @@ from fg_nav.system.compiled import njit
 ZERO_ACCELERATION_M_S2 = 0.3
 """Zero-acceleration detector: largest distance of the specific force's strength from gravity, m/s^2. Not printed."""
 
-ZERO_ACCELERATION_S = 0.05
-"""... and for how long it must have been within it, s. Not printed."""
+ZERO_ACCELERATION_S = 0.05  # ... and for how long it must have been within it, s. Not printed.
 
 FIELD_WINDOW_S = 0.5
 """Disturbance detector: window over which the strength must hold still, s: half a stride. Not printed."""
@@ -86,8 +85,7 @@ FIELD_WINDOW_S = 0.5
 FIELD_DRIFT_UT_S = 0.5
 """... and the steady change of it that may pass, uT/s. Not printed: it may turn the field by some 1 deg/s."""
 
-FIELD_FALSE_ALARM = 0.01
-"""... and the false-alarm rate of noise alone."""
+FIELD_FALSE_ALARM = 0.01  # ... and the false-alarm rate of noise alone.
 
 
 class Inputs(NamedTuple):

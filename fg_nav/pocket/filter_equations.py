@@ -99,7 +99,7 @@ from fg_nav.system.compiled import njit
 
 ATTITUDE, GYRO_BIAS, SIZE = 0, 3, 6
 
-LONGEST_DIFFERENCE_S = 0.25
+MAX_DIFFERENCE_S = 0.25
 """Fields farther apart than the shortest difference and this, s, are not compared: a gap in the magnetometer."""
 
 
@@ -155,7 +155,7 @@ def build_model(p: PocketParameters) -> FilterModel:
         gravity_age_s=p.gravity_window_s / 2.0,
         mag_variance=p.mag_sigma_uT**2,
         shortest_s=p.shortest_difference_s,
-        longest_s=p.shortest_difference_s + LONGEST_DIFFERENCE_S,
+        longest_s=p.shortest_difference_s + MAX_DIFFERENCE_S,
         euler=p.euler_state,
         printed_difference=p.difference_as_printed,
         printed_arctangent=p.arctangent_as_printed,

@@ -50,26 +50,13 @@ from fg_nav.pocket.track import PocketStart
 ACC_DENSITY_M_S2 = 0.05
 """Error of the force, m/s^2/sqrt(Hz): white noise of 0.002, and a bias of 0.05 that the body rotates in a second."""
 
-REST_SIGMA_M_S = 0.05
-"""Velocity of a sensor at rest, m/s."""
-
-PACE_M_S = 1.4
-"""Velocity of the body, m/s an axis: a walker."""
-
-FIELD_PRIOR_UT = 60.0
-"""Prior sigma of the local field, uT an axis: more than the Earth's."""
-
-GAP_TURN_DEG_S = 100.0
-"""Where samples are missing, a thigh may have turned at this rate, deg/s: the rms of its swing ..."""
-
-GAP_TILT_DEG = 30.0
-"""... but its tilt by no more than this, half of a swing, deg ..."""
-
-GAP_TURN_DEG = 100.0
-"""... and its heading by no more than this, deg: about the sigma of an unknown one."""
-
-LAG_S = 10.0
-"""Lag of the online smoother, s: nodes within it are linearized and weighted again."""
+REST_SIGMA_M_S = 0.05  # Velocity of a sensor at rest, m/s.
+PACE_M_S = 1.4  # Velocity of the body, m/s an axis: a walker.
+FIELD_PRIOR_UT = 60.0  # Prior sigma of the local field, uT an axis: more than the Earth's.
+GAP_TURN_DEG_S = 100.0  # Where samples are missing, a thigh may have turned at this rate, deg/s: the rms of its swing
+GAP_TILT_DEG = 30.0  # ... but its tilt by no more than this, half of a swing, deg ...
+GAP_TURN_DEG = 100.0  # ... and its heading by no more than this, deg: about the sigma of an unknown one.
+LAG_S = 10.0  # Lag of the online smoother, s: nodes within it are linearized and weighted again.
 
 
 class Prior(NamedTuple):

@@ -36,11 +36,8 @@ from fg_nav.pocket.robust_variances import estimate_field_walk, reweigh_variance
 from fg_nav.pocket.track import STORED_EVERY_S, PocketStart, PocketTrack, level_start
 from fg_nav.recording import Recording
 
-MOST_ROUNDS = 20
-"""Most rounds, each with new weights ..."""
-
-ENOUGH_DEG_S = 1e-4
-"""... which end when no bias moves by more, deg/s."""
+MAX_ROUNDS = 20  # Most rounds, each with new weights ...
+ENOUGH_DEG_S = 1e-4  # ... which end when no bias moves by more, deg/s.
 
 
 def smooth_pocket(
@@ -84,7 +81,7 @@ def solve_links(
     noise, prior = build_noise(p, links.bias), build_prior(start, links, p)
     nodes, variances = initialize_nodes(links, start, p)
     walk, rests = estimate_field_walk(links, p.mag_sigma_uT), detect_rests(links)
-    for done in range(MOST_ROUNDS):
+    for done in range(MAX_ROUNDS):
         # linearize and solve
         nodes, smoothed = iterate_once(prior, nodes, noise, assemble_inputs(links, variances, rests))
         change = float(np.degrees(np.abs(smoothed.x[:, BIAS : BIAS + 3]).max()))
@@ -95,7 +92,7 @@ def solve_links(
         # recompute the robust weights
         variances = reweigh_variances(walk, links, smoothed)
         if progress is not None:
-            progress((done + 1) / MOST_ROUNDS)
+            progress((done + 1) / MAX_ROUNDS)
         if change < ENOUGH_DEG_S:
             break
     return nodes, smoothed

@@ -39,8 +39,7 @@ from fg_nav.system.compiled import njit
 ATTITUDE, BIAS, SCALE, FIELD, REGION, VELOCITY, SWING, BODY, SIZE = 0, 3, 6, 15, 18, 21, 23, 25, 27
 """Where the parts of x begin; y lacks the first."""
 
-SENSOR = slice(BIAS, FIELD)
-"""Errors of the gyroscope in x."""
+SENSOR = slice(BIAS, FIELD)  # Errors of the gyroscope in x.
 
 
 class Nodes(NamedTuple):

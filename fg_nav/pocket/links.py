@@ -34,30 +34,18 @@ from fg_nav.arrays import Floats, Ints
 from fg_nav.mechanisation import multiply, right_jacobian, rotate_in_body, rotation_about, transpose
 from fg_nav.system.compiled import njit
 
-SENSOR = 12
-"""Errors of a gyroscope: bias, scale and misalignment."""
-
-NODE_S = 0.5
-"""From node to node, s: a bias of 1 deg/s is off by 0.5 deg then, and a walker goes 0.6 m."""
-
-REST_LINKS = 6
-"""So many links alike, the one to come and those before it, are a rest: 2 s."""
-
-REST_RATE_DEG_S = 2.0
-"""At rest the mean rate is below this about each axis, deg/s, but for a worse sensor ..."""
-
-REST_SPREAD_DEG_S = 1.0
-"""... the spread of the rate is below this, deg/s: ten times the noise of MD Table 2 ..."""
-
-REST_SPREAD_M_S2 = 0.25
-"""... that of the force below this, m/s^2: a MEMS sensor's is 0.02 to 0.1 ..."""
+SENSOR = 12  # Errors of a gyroscope: bias, scale and misalignment.
+NODE_S = 0.5  # From node to node, s: a bias of 1 deg/s is off by 0.5 deg then, and a walker goes 0.6 m.
+REST_LINKS = 6  # So many links alike, the one to come and those before it, are a rest: 2 s.
+REST_RATE_DEG_S = 2.0  # At rest the mean rate is below this about each axis, deg/s, but for a worse sensor ...
+REST_SPREAD_DEG_S = 1.0  # ... the spread of the rate is below this, deg/s: ten times the noise of MD Table 2 ...
+REST_SPREAD_M_S2 = 0.25  # ... that of the force below this, m/s^2: a MEMS sensor's is 0.02 to 0.1 ...
 
 REST_APART_DEG_S = 0.05
 """... and means over half a second agree to this, deg/s, root mean square of an axis: white noise of 0.1 deg/s at
 100 Hz leaves 0.014, a thigh that stands 0.2."""
 
-REST_SIGMA_DEG_S = 0.03
-"""Error of such a mean as an observation of the bias, deg/s."""
+REST_SIGMA_DEG_S = 0.03  # Error of such a mean as an observation of the bias, deg/s.
 
 
 @dataclass(frozen=True)

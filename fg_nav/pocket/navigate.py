@@ -41,7 +41,7 @@ from fg_nav.pocket.dead_reckoning import (
 from fg_nav.pocket.filter import estimate_pocket
 from fg_nav.pocket.gnss import lay_on_fixes
 from fg_nav.pocket.parameters import PocketParameters
-from fg_nav.pocket.steps import LEAST_OPENING_DEG, Steps, ThighSwing, estimate_swing, find_all_steps
+from fg_nav.pocket.steps import MIN_OPENING_DEG, Steps, ThighSwing, estimate_swing, find_all_steps
 from fg_nav.pocket.track import PocketStart, PocketTrack, compass_start, estimate_field_noise_uT, level_start
 from fg_nav.recording import Recording
 from fg_nav.samples.saturation import find_saturated
@@ -50,24 +50,13 @@ from fg_nav.text import format_count
 
 Progress: TypeAlias = Callable[[float], None]
 
-METHODS = ("pocket", "munoz-diaz2017")
-"""By name, the default first."""
-
-MOST_SLIPPED_DEG = 15.0
-"""A pelvis that turns, and a leg that abducts, turn the axis of a walk's halves by a few deg."""
-
-LEAST_CLIPPED_PERCENT = 0.5
-"""A peak of a stride is some samples of a hundred."""
-
-LEAST_USED = 0.05
-"""Of the strides; in fewer the field is practically unused."""
-
+METHODS = ("pocket", "munoz-diaz2017")  # By name, the default first.
+MAX_SLIPPED_DEG = 15.0  # A pelvis that turns, and a leg that abducts, turn the axis of a walk's halves by a few deg.
+MIN_CLIPPED_PERCENT = 0.5  # A peak of a stride is some samples of a hundred.
+MIN_USED = 0.05  # Of the strides; in fewer the field is practically unused.
 GIVEN_HEADING_DEG = 10.0  # sigma of a heading that was given, where fixes show it too
-
 DECLINATION_DEG = 10.0  # sigma of magnetic north from true north, below the polar circles
-
-FIRST_STEPS = 4
-"""Two strides, so that the pelvis's turning to and fro cancels."""
+FIRST_STEPS = 4  # Two strides, so that the pelvis's turning to and fro cancels.
 
 
 def navigate_pocket(
@@ -144,7 +133,7 @@ def require_steps(steps: Steps) -> None:
     """Raise `EstimationError` if there is no step."""
     if not len(steps):
         raise EstimationError(
-            f"no step was found: neither does the thigh swing to and fro by {LEAST_OPENING_DEG:g} deg or more, three "
+            f"no step was found: neither does the thigh swing to and fro by {MIN_OPENING_DEG:g} deg or more, three "
             "times in a row, nor does the body bounce; was it walked with, in a trouser pocket?"
         )
 
@@ -226,16 +215,16 @@ def _warn(recording: Recording, signs: TurnSigns, swing: ThighSwing, verdicts: t
     notes = []
     if signs.wearing is None:
         notes.append("the sensor turns neither as on a thigh nor as on a foot: was it in a trouser pocket?")
-    if swing.slipped_deg > MOST_SLIPPED_DEG:
+    if swing.slipped_deg > MAX_SLIPPED_DEG:
         notes.append(
             f"the axis of the swing turns by {swing.slipped_deg:.0f} deg from one half of the walk to the other, so "
             "the sensor turned in the pocket and the path is bent: wear it tighter"
         )
     clipped = 100.0 * float(find_saturated(recording.gyr, recording.clipping[1]).any(axis=1).mean())
-    if clipped >= LEAST_CLIPPED_PERCENT:
+    if clipped >= MIN_CLIPPED_PERCENT:
         notes.append(f"the gyroscope is clipped in {clipped:.2g} % of the samples: openings and lengths are too small")
     strides = np.array(verdicts) == QUASI_STATIC
-    if recording.mag is not None and strides.mean() < LEAST_USED:
+    if recording.mag is not None and strides.mean() < MIN_USED:
         notes.append(
             f"the field was used in {int(strides.sum())} of {format_count(len(strides), 'stride')}: calibrate the "
             "magnetometer, as iron about the sensor turns with it"

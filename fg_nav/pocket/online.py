@@ -23,8 +23,7 @@ from fg_nav.pocket.track import STILL_S, PocketStart, PocketTrack, level_start
 from fg_nav.recording import MAX_GAP_S, MIN_SAMPLES, Recording
 from fg_nav.samples.gaps import compensate_coning
 
-UPDATE_S = 1.0
-"""Estimates are made so often, s."""
+UPDATE_S = 1.0  # Estimates are made so often, s.
 
 _EVERY = max(round(UPDATE_S / NODE_S), 1)
 

@@ -23,8 +23,7 @@ from fg_nav.pocket.track import PocketTrack
 from fg_nav.recording import MAX_GAP_S, Recording
 from fg_nav.text import format_count
 
-WALKER_M_S = 1.4
-"""Walking pace: so far an axis a person may go in a second that is lost."""
+WALKER_M_S = 1.4  # Walking pace: so far an axis a person may go in a second that is lost.
 
 
 class OnlineThigh:

@@ -31,11 +31,8 @@ GYR_DENSITY_DEG = 0.01
 BIAS_INSTABILITY_DEG_H = 10.0
 """B of MD (24), deg/h; its stationary standard deviation is B / sqrt(2). Not printed: usual for a good MEMS."""
 
-BIAS_TIME_S = 200.0
-"""t_B of MD (25), s, where the Allan deviation is lowest. Not printed: such sensors have 100 to 300."""
-
-EARTH_RATE_RAD_S = 7.29e-5
-"""Rotation rate of the Earth, MD (27)."""
+BIAS_TIME_S = 200.0  # t_B of MD (25), s, where the Allan deviation is lowest. Not printed: such sensors have 100 to 300
+EARTH_RATE_RAD_S = 7.29e-5  # Rotation rate of the Earth, MD (27).
 
 _ABOVE_ZERO = ("gyro_bias_sigma_deg_s", "acc_sigma_m_s2", "mag_sigma_uT")
 _NOT_BELOW_ZERO = ("gravity_window_s", "shortest_difference_s")

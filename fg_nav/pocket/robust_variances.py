@@ -45,32 +45,21 @@ FIELD_WALK_UT = 0.03
 """Random walk of the local field where it seems to hold still, uT/sqrt(s): 0.2 uT in 40 s, or 50 m. Over the strength
 of the field across, 0.1 deg/sqrt(s), it is the walk of heading that limits the bias."""
 
-FIELD_FREEDOM = 2.0
-"""Degrees of freedom of the t-distribution of a step of the field: low, for iron comes suddenly."""
-
-FIELD_WINDOW_S = 3.0
-"""Window of the strength's spread, s."""
-
-FIELD_FALSE_ALARM = 0.01
-"""Rate at which noise alone exceeds the limit of that spread."""
+FIELD_FREEDOM = 2.0  # Degrees of freedom of the t-distribution of a step of the field: low, for iron comes suddenly.
+FIELD_WINDOW_S = 3.0  # Window of the strength's spread, s.
+FIELD_FALSE_ALARM = 0.01  # Rate at which noise alone exceeds the limit of that spread.
 
 FIELD_DEVIATION_UT = 0.3
 """Deviation of the local field from that of the region, uT an axis: outdoors, some meters from iron."""
 
-FIELD_PLACE_S = 10.0
-"""The deviation is constant for so long, s: as many meters. Nodes within it are not independent."""
+FIELD_PLACE_S = 10.0  # The deviation is constant for so long, s: as many meters. Nodes within it are not independent.
 
 PACE_WALK_M_S = 0.05
 """Random walk of the body's velocity where it keeps its pace, m/s/sqrt(s): simulated walkers', by the NEES of tilt."""
 
-PACE_FREEDOM = 2.0
-"""Degrees of freedom of the t-distribution of its steps: seldom and sudden."""
-
-SWING_M = 0.3
-"""Swing of the sensor from its place on the body, m an axis: a thigh 0.2, an arm 0.4."""
-
-SWING_FREEDOM = 5.0
-"""Degrees of freedom of its t-distribution."""
+PACE_FREEDOM = 2.0  # Degrees of freedom of the t-distribution of its steps: seldom and sudden.
+SWING_M = 0.3  # Swing of the sensor from its place on the body, m an axis: a thigh 0.2, an arm 0.4.
+SWING_FREEDOM = 5.0  # Degrees of freedom of its t-distribution.
 
 
 class RobustVariances(NamedTuple):

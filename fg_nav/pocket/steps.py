@@ -60,62 +60,34 @@ from fg_nav.pocket.track import PocketTrack
 from fg_nav.recording import Recording
 from fg_nav.stances import find_runs
 
-SWINGING_DEG_S = 60.0
-"""A thigh that turns faster than this is on its way; one that stands or sits is not."""
-
+SWINGING_DEG_S = 60.0  # A thigh that turns faster than this is on its way; one that stands or sits is not.
 MIN_SHARE = 0.6  # of the level rate's power about its principal axis (evenly spread: half), else it shows no axis
-
 MIN_SWAY = 0.3  # correlation of the level force with -dh/dt, else it shows no direction: chance in ten strides is 0.2
-
 THIGH_DEG = 7.0  # rms of a swing by the least opening of a step, 20 deg
-
 SWING_HZ = 0.5, 1.3  # frequencies of strides, from a stroll to a quick walk
-
 STEP_HZ = 1.2, 3.5  # frequencies of steps, from a stroll to a run
-
 MIN_FORCE_M_S2 = 3.0  # slow vertical force: a third of gravity, and less is the flight of a run
-
-GAIT_HZ = 4.0
-"""Front and back follow from what is slower than this: three a stride, and nothing of the footfalls."""
-
-UPRIGHT_DEG = 45.0
-"""A thigh farther off its mean is sitting down or getting up, which shows nothing of front and back."""
-
+GAIT_HZ = 4.0  # Front and back follow from what is slower than this: three a stride, and nothing of the footfalls.
+UPRIGHT_DEG = 45.0  # A thigh farther off its mean is sitting down or getting up, which shows nothing of front and back.
 MIN_SKEW = 0.1  # a skewness below this does not distinguish forward from backward
 
 HYSTERESIS_DEG = 12.0
 """A turning point is one after which flexion comes back by so much, deg. After a footfall in a tight turn a real thigh
 (`qmt_fullbody`) gives way by 7 to 11 and goes on."""
 
-LEAST_OPENING_DEG = 20.0
+MIN_OPENING_DEG = 20.0
 """Less, deg, is no step: legs that turn on the spot open by some 16, and the first step out of standing by more."""
 
-MOST_OPENING_DEG = 85.0
-"""More, deg, is no step: a runner opens by up to 75."""
-
-MOST_FLEXED_DEG = 50.0
-"""The middle of a step is no farther from that of the walk, deg: seated it is at 60 to 80."""
-
-SHORTEST_S = 0.12
-"""A step takes longer, s, from a tenth of its opening to nine tenths: a runner's 0.2."""
-
-LONGEST_S = 1.0
-"""... and no longer than this, s: sitting down takes 1 or more."""
-
-PAUSE_S = 0.6
-"""Longer between two steps, s, is a pause."""
-
-LEAST_STEPS = 3
-"""Fewer steps in a row are not a walk: a kick, or a leg that is crossed."""
-
+MAX_OPENING_DEG = 85.0  # More, deg, is no step: a runner opens by up to 75.
+MAX_FLEXED_DEG = 50.0  # The middle of a step is no farther from that of the walk, deg: seated it is at 60 to 80.
+MIN_S = 0.12  # A step takes longer, s, from a tenth of its opening to nine tenths: a runner's 0.2.
+MAX_S = 1.0  # ... and no longer than this, s: sitting down takes 1 or more.
+PAUSE_S = 0.6  # Longer between two steps, s, is a pause.
+MIN_STEPS = 3  # Fewer steps in a row are not a walk: a kick, or a leg that is crossed.
 BOUNCE_M_S2 = 1.0  # hysteresis of the vertical force: the bounce of a slow walker is 1.5 to either side
-
 BOUNCE_S = 0.28, 1.0  # duration of a step by its bounce, from a run to a stroll
-
 MIN_BOUNCES = 6  # in a row: nothing else shows that it is a walk
-
-_LEVELS = np.arange(0.15, 0.9, 0.1)
-"""Shares of an opening; between two of them a leg on its way does not pause."""
+_LEVELS = np.arange(0.15, 0.9, 0.1)  # Shares of an opening; between two of them a leg on its way does not pause.
 
 
 @dataclass(frozen=True)
@@ -447,15 +419,15 @@ def find_inner_spans(flexion: Floats, turn: Ints) -> tuple[Ints, Ints]:
 def are_step_like(flexion: Floats, turn: Ints, took: Floats) -> Bools:
     """(S,) True where an opening is as large, as quick and as upright as that of a step."""
     swept, middle = np.degrees(np.abs(np.diff(flexion[turn]))), np.degrees(flexion[turn[1:]] + flexion[turn[:-1]]) / 2
-    large = (swept > LEAST_OPENING_DEG) & (swept < MOST_OPENING_DEG)
-    quick = (took > SHORTEST_S) & (took < LONGEST_S)
-    return np.asarray(large & quick & (np.abs(middle) < MOST_FLEXED_DEG))
+    large = (swept > MIN_OPENING_DEG) & (swept < MAX_OPENING_DEG)
+    quick = (took > MIN_S) & (took < MAX_S)
+    return np.asarray(large & quick & (np.abs(middle) < MAX_FLEXED_DEG))
 
 
 def _number_bouts(possible: Bools, together: Bools) -> tuple[Bools, Ints]:
     """(S,) which openings are steps of a walk, and the number of the walk of each."""
     walked, bout = np.zeros(len(possible), dtype=np.bool_), np.zeros(len(possible), dtype=np.int64)
-    walks = [(first, last) for first, last in _find_bouts(possible, together) if last - first >= LEAST_STEPS]
+    walks = [(first, last) for first, last in _find_bouts(possible, together) if last - first >= MIN_STEPS]
     for number, (first, last) in enumerate(walks):
         walked[first:last], bout[first:last] = True, number
     return walked, bout

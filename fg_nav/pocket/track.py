@@ -12,27 +12,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints
-from fg_nav.detection.rest import LEAST_FORCE_M_S2
+from fg_nav.detection.rest import MIN_FORCE_M_S2
 from fg_nav.errors import EstimationError
 from fg_nav.frames import level_attitude, yaw_rotation
 from fg_nav.magnetic.footfall_field import compute_field_heading, compute_true_heading
 from fg_nav.pocket.parameters import PocketParameters
 from fg_nav.recording import Recording
 
-GAUGE_SIGMA = 1e-4
-"""Sigma of a heading that is zero by definition, rad: small, but it keeps P invertible."""
-
-STILL_S = 1.0
-"""The attitude at the start is levelled by the mean over this, s (MD 2.1)."""
-
-TILT_SIGMA_DEG = 0.5
-"""Tilt after levelling at rest, deg: a MEMS accelerometer's bias. Not printed."""
-
-COMPASS_SIGMA_DEG = 10.0
-"""A compass is off by so much (one sigma) outdoors near houses and cars."""
-
-STORED_EVERY_S = 1.0
-"""The whole covariance is stored so often: 40 minutes of it are 0.7 MB."""
+GAUGE_SIGMA = 1e-4  # Sigma of a heading that is zero by definition, rad: small, but it keeps P invertible.
+STILL_S = 1.0  # The attitude at the start is levelled by the mean over this, s (MD 2.1).
+TILT_SIGMA_DEG = 0.5  # Tilt after levelling at rest, deg: a MEMS accelerometer's bias. Not printed.
+COMPASS_SIGMA_DEG = 10.0  # A compass is off by so much (one sigma) outdoors near houses and cars.
+STORED_EVERY_S = 1.0  # The whole covariance is stored so often: 40 minutes of it are 0.7 MB.
 
 
 @dataclass(frozen=True)
@@ -91,7 +82,7 @@ def level_start(recording: Recording, heading: float = 0.0, heading_sigma: float
     acc = recording.acc[_first_second(recording)]
     force = acc.mean(axis=0)
     strength = float(np.linalg.norm(force))
-    if strength < LEAST_FORCE_M_S2:
+    if strength < MIN_FORCE_M_S2:
         raise EstimationError(
             f"the mean specific force of the first {STILL_S:g} s is {strength:.2f} m/s^2, so there is no "
             "up: accelerations must include gravity."

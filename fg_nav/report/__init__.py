@@ -12,5 +12,4 @@ Plots: TypeAlias = Literal["none", "png", "html", "all"]
 WITH_PAGE: tuple[Plots, ...] = ("html", "all")
 WITH_PICTURES: tuple[Plots, ...] = ("png", "all")
 
-REPORT = "report.html"
-"""Name of the page in the folder of a result."""
+REPORT = "report.html"  # Name of the page in the folder of a result.

@@ -13,8 +13,7 @@ from fg_nav.report.decimation import spread_rows
 ELLIPSE_RADIUS = float(np.sqrt(-2.0 * np.log(1.0 - 0.95)))
 """Semi-axes of the 95 % ellipse of a two-dimensional normal distribution, in standard deviations."""
 
-REACH = 0.3
-"""Share of a map's extent that an ellipse may add to it: a huge one would hide the path."""
+REACH = 0.3  # Share of a map's extent that an ellipse may add to it: a huge one would hide the path.
 
 
 @dataclass(frozen=True)

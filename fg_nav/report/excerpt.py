@@ -7,8 +7,7 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.stances import Stances
 
-EXCERPT_S = 10.0
-"""Length of the close-up: about ten strides."""
+EXCERPT_S = 10.0  # Length of the close-up: about ten strides.
 
 
 def choose_excerpt(t: Floats, stances: Stances) -> slice:

@@ -54,15 +54,11 @@ FEET_FILES = frozenset(
 DETECT_FILES = frozenset({"field.png", "field_map.png", "field.csv", "detect.json"})
 """Every file name that a look at the field writes."""
 
-ALLAN_FILES = frozenset({"allan.json", "allan.png"})
-"""Every file name that an Allan deviation writes."""
-
-DEMO_FILES = RESULT_FILES | SIMULATION_FILES
-"""And the demonstration, which does both."""
+ALLAN_FILES = frozenset({"allan.json", "allan.png"})  # Every file name that an Allan deviation writes.
+DEMO_FILES = RESULT_FILES | SIMULATION_FILES  # And the demonstration, which does both.
 
 
-NEW, OLD, PAST = (".fg-nav-new-", ".fg-nav-old-", ".fg-nav-past-")
-"""How names of hidden folders begin."""
+NEW, OLD, PAST = (".fg-nav-new-", ".fg-nav-old-", ".fg-nav-past-")  # How names of hidden folders begin.
 
 
 @contextmanager

@@ -15,11 +15,8 @@ from fg_nav.report.aligned import AlignedSolution, has_sure_start
 from fg_nav.system.spilled import BLOCK_ROWS, drop_pages
 from fg_nav.truth import TrajectoryTruth
 
-TURNS_UNWRAPPED = 5.0
-"""A heading that turns more often than this is shown wrapped."""
-
-_STEEP = float(np.sin(np.deg2rad(60.0)))
-"""An axis steeper than this has hardly a heading."""
+TURNS_UNWRAPPED = 5.0  # A heading that turns more often than this is shown wrapped.
+_STEEP = float(np.sin(np.deg2rad(60.0)))  # An axis steeper than this has hardly a heading.
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ lost samples held interpolated learned
 ============ ==== ============ =======
 
 Where there is too little to learn from, and over gaps too long for a mean to stand for what moved, l is the linear
-interpolation, and its sigma the spread s of the recording. In a gap of T > `LONGEST_S` that is no less than the spread
+interpolation, and its sigma the spread s of the recording. In a gap of T > `MAX_S` that is no less than the spread
 of a walking foot: a foot that stood before the gap may have walked in it.
 
 Coning and sculling: a sample is the mean of rate w and specific force f over its period h, and strapdown integration
@@ -56,38 +56,32 @@ from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.system.compiled import njit
 from fg_nav.system.spilled import BLOCK_ROWS, drop_pages, empty_column
 
-LOST_PERIODS = 1.5
-"""After a step between stamps of more periods than this, a sample or more is missing."""
-
-REACH = 6
-"""R, periods on either side: more samples show no more of the gap, and need more windows."""
+LOST_PERIODS = 1.5  # After a step between stamps of more periods than this, a sample or more is missing.
+REACH = 6  # R, periods on either side: more samples show no more of the gap, and need more windows.
 
 ALIKE = 500
 """Windows that W and c are learned from: several times the 12 R + 1 unknowns, and few enough to be of one phase of
 gait."""
 
-LONGEST_S = 0.1
+MAX_S = 0.1
 """In a longer gap a foot turns too far for one mean of force and rate to stand for its motion, however well known."""
 
-LONGEST_HELD_S = 0.5
+MAX_HELD_S = 0.5
 """Over a longer gap the samples on either side say less of the motion than that a person walked: held, rate and force
 are off by the spread of a walking foot (`WALKING`), which turns it by a radian and moves it by 1.4 m before it stands.
 On simulated swings the sigmas of the place are alike at 0.45 s (1.25 m), and the errors at 0.7 (1.6 and 1.9 m)."""
 
-LONGEST_COUNTED_S = 1.0
-"""Up to here the periods in a gap are counted one by one."""
+MAX_COUNTED_S = 1.0  # Up to here the periods in a gap are counted one by one.
 
 WALKING = np.repeat([5.0, 2.0], 3)
 """Spread of a walking foot's specific force, m/s^2, and rate, rad/s; both axis by axis, however the sensor sits."""
 
-FEWEST = 100
-"""Windows that a regression needs."""
+FEWEST = 100  # Windows that a regression needs.
 
-MOST_WINDOWS = 20_000
+MAX_WINDOWS = 20_000
 """Of those in the recording, evenly taken: minutes of walking; the time to look through them grows with each gap."""
 
-DIGITS = 0.01
-"""Noise of a sample as a share of the sensor's spread, that W does not follow."""
+DIGITS = 0.01  # Noise of a sample as a share of the sensor's spread, that W does not follow.
 
 
 class Gaps(NamedTuple):
@@ -113,7 +107,7 @@ class Gaps(NamedTuple):
 
 def find_holes(t: Floats) -> Ints:
     """Find the samples (H,) before gaps between stamps `t` (N,) s that are too long for samples to be held over."""
-    return np.flatnonzero(np.diff(t) > LONGEST_HELD_S)
+    return np.flatnonzero(np.diff(t) > MAX_HELD_S)
 
 
 def cross_holes(t: Floats, sample: Ints) -> Bools:
@@ -137,7 +131,7 @@ def list_unrecorded(recorded: Floats) -> Floats:
 def list_bridged(recorded: Floats, beside: Floats) -> Floats:
     """List the holes (H, 2) s in stamps `recorded` (M,) s during which another recording (N,) s went on."""
     holes = list_unrecorded(recorded)[1:-1]
-    went_on = [measure_unseen(begin, end, beside) < LONGEST_HELD_S for begin, end in holes]
+    went_on = [measure_unseen(begin, end, beside) < MAX_HELD_S for begin, end in holes]
     return np.asarray(holes[np.array(went_on, dtype=np.bool_)])
 
 
@@ -150,9 +144,9 @@ def measure_unseen(begin: float, end: float, t: Floats) -> float:
 def count_periods(t: Floats, period_s: float) -> Ints:
     """Count (N,) how many periods, of samples that are there or missing, each stamp `t` (N,) s is behind the first.
 
-    A gap longer than `LONGEST_COUNTED_S` counts as one of that: what lies in it is not known from its length.
+    A gap longer than `MAX_COUNTED_S` counts as one of that: what lies in it is not known from its length.
     """
-    most = 4 + np.ceil(LONGEST_COUNTED_S / period_s)
+    most = 4 + np.ceil(MAX_COUNTED_S / period_s)
     return np.concatenate([[0], np.cumsum(np.clip(np.rint(np.diff(t) / period_s), 1, most).astype(np.int64))])
 
 
@@ -168,7 +162,7 @@ def fill_gaps(t: Floats, acc: Floats, gyr: Floats) -> Gaps:
     values = np.hstack([acc, gyr]) / scale
     tick = count_periods(t, period)
     around = [_find_ticks(tick, int(i)) for i in gap]
-    long = _Long(LONGEST_S / period, WALKING / scale)
+    long = _Long(MAX_S / period, WALKING / scale)
     mean, sigma = np.empty((len(gap), 6)), np.empty((len(gap), 6))
     for offsets in set(around):
         here = np.array([one == offsets for one in around])
@@ -225,7 +219,7 @@ def find_windows(gap: Ints, count: int, offsets: Ints) -> Ints:
         gaps_before = np.searchsorted(gap, [last + offsets[0], last + offsets[-1]])
         clear_blocks.append(last[gaps_before[0] == gaps_before[1]])
     clear = np.concatenate(clear_blocks)
-    return np.asarray(clear[:: max(1, -(-len(clear) // MOST_WINDOWS))])
+    return np.asarray(clear[:: max(1, -(-len(clear) // MAX_WINDOWS))])
 
 
 def regress(known: Floats, beyond: Floats, pattern: Floats, channel: Ints) -> Regression:
@@ -284,8 +278,7 @@ def _fit_line(x: Floats, y: Floats) -> _Line:
     return _Line(y_mean - x_mean @ slopes, slopes, float(1.0 + 1.0 / len(x) + x_mean @ unlike), noise * unlike)
 
 
-BLOCK = 1 << 16
-"""Samples that are prepared at once: more need memory, and no longer fit a processor's cache."""
+BLOCK = 1 << 16  # Samples that are prepared at once: more need memory, and no longer fit a processor's cache.
 
 
 def prepare_samples(acc: Floats, gyr: Floats, h: Floats, gaps: Gaps) -> tuple[Floats, Floats]:

@@ -36,18 +36,14 @@ from fg_nav.system.compiled import njit
 from fg_nav.system.spilled import join_columns, take_rows
 from fg_nav.text import format_count
 
-LONGEST = 6
-"""Samples of a run; a longer one is a motion, or a sensor that has failed."""
+LONGEST = 6  # Samples of a run; a longer one is a motion, or a sensor that has failed.
 
 AROUND = 4
 """Samples on either side that show how shaken the motion is; two less than `LONGEST`, so that two runs which are near
 each other are either one run, or not in what is around the other."""
 
-LAST = 2
-"""Samples at the very end that may be a run without others behind it; more are a motion that was cut off."""
-
-LOOK_AHEAD = LONGEST + AROUND + 1
-"""Samples that must be there behind one at which a run may begin."""
+LAST = 2  # Samples at the very end that may be a run without others behind it; more are a motion that was cut off.
+LOOK_AHEAD = LONGEST + AROUND + 1  # Samples that must be there behind one at which a run may begin.
 
 FACTOR = 2.2
 PERIOD_S = 5e-3
@@ -57,8 +53,7 @@ GYR_RAD_S, GYR_SHAKEN, GYR_STRUCK = 1.0, 2.0, 0.1
 ACC_M_S2, ACC_SHAKEN = 20.0, 6.0
 
 ACC_OUT, GYR_OUT, MAG_OUT = 1, 2, 4
-BOTH_OUT = ACC_OUT + GYR_OUT
-"""Of which sensor a run was found; the sum where it is of more."""
+BOTH_OUT = ACC_OUT + GYR_OUT  # Of which sensor a run was found; the sum where it is of more.
 
 
 class Outliers(NamedTuple):

@@ -23,25 +23,18 @@ from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.samples.outliers import find_outliers
 from fg_nav.system.spilled import BLOCK_ROWS, drop_pages
 
-_END_OF_TIME = 1e20
-"""No stamp in any unit is beyond this: nanoseconds since 1970 are 2e18."""
-
-LIMIT_M_S2 = 5000.0
-"""No accelerometer worn by a person reads more (500 g)."""
-
-LIMIT_RAD_S = 350.0
-"""No gyroscope worn by a person reads more (20 000 deg/s)."""
-
-LIMIT_UT = 1e5
-"""No magnetometer that is still of use reads more (0.1 T)."""
+_END_OF_TIME = 1e20  # No stamp in any unit is beyond this: nanoseconds since 1970 are 2e18.
+LIMIT_M_S2 = 5000.0  # No accelerometer worn by a person reads more (500 g).
+LIMIT_RAD_S = 350.0  # No gyroscope worn by a person reads more (20 000 deg/s).
+LIMIT_UT = 1e5  # No magnetometer that is still of use reads more (0.1 T).
 
 AIR_PA = (3e4, 1.2e5)
 """Pressure of the air, from above the highest mountains to below the deepest mines; what lies outside is no sample."""
 
-MOST_JUDGED, BLOCK = 2_000_000, 20_000
+MAX_JUDGED, BLOCK = 2_000_000, 20_000
 """Samples by which units are judged, hours of them, and those of a block, more than a minute."""
 
-_SLOWEST_PERIOD_S, _FASTEST_PERIOD_S = 0.1, 2e-4
+_SLOWEST_PERIOD_S, _MAX_PERIOD_S = 0.1, 2e-4
 _TIME_UNITS = {"ms": 1e3, "us": 1e6, "ns": 1e9}
 _USUAL_PERIOD_S = (4e-4, 0.1)
 _CLOCK_UNITS = {
@@ -49,7 +42,7 @@ _CLOCK_UNITS = {
     "0.1 ms": 1e-4, "10 ms": 1e-2, "10 us": 1e-5, "100 ns": 1e-7, "0.1 s": 0.1,
 }  # fmt: skip
 _WINDOWS = (3, 4, 6, 9, 13, 19, 28, 40, 57, 80, 113, 160)  # samples, half of those in which gravity turns
-_FEWEST_WINDOWS, _LEAST_CORRELATION, _SURE = 40, 0.45, 0.7
+_MIN_WINDOWS, _MIN_CORRELATION, _SURE = 40, 0.45, 0.7
 _NEAR = 1.8  # within this much of the period with which gravity turns a unit that is no usual one is taken
 _STRIDE_S = 1.15  # of one who walks 1, of one who runs 0.7, of one who dawdles 1.6
 _FAR = 5.0  # times as long or short is no period as gravity turns, which shows it to a factor of two on real walks
@@ -59,11 +52,10 @@ _GRAVITY_RANGE = (0.7, 1.3)  # of g: any m/s^2 accelerometer, even in a loaded s
 _ACC_UNIT_RANGE = (0.85, 1.15)
 _NO_GRAVITY_M_S2 = 3.0  # what is left of gravity where an attitude filter has removed it, at its worst
 _SPREAD = 2.5  # with gravity in it, half of the samples are below this multiple of rest
-
 _TURNING_M_S3 = 0.1  # gravity that turns by 0.6 deg/s; a sensor at rest shows nothing, for however long
 TOO_FAST_RAD_S = 40.0  # no limb turns so fast, one sample in a hundred
 _TOO_SLOW_RAD_S, _LIVELY_M_S2 = 0.3, 2.0
-_FASTEST_DEG_S = 4100.0  # the largest range of such gyroscopes is 4000 deg/s; more are counts, or mdeg/s
+_MAX_DEG_S = 4100.0  # the largest range of such gyroscopes is 4000 deg/s; more are counts, or mdeg/s
 _SAME_GAIN = (0.3, 3.0)  # rad/s and deg/s are 57 apart
 
 _FIELD_RANGE_UT = (5.0, 200.0)
@@ -124,9 +116,9 @@ def _is_even(t: Floats, period_s: float) -> bool:
 
 def _spread_blocks(n: int) -> slice | Ints:
     """Choose which of n samples are judged: all, or blocks of them spread evenly over a long recording."""
-    if n <= MOST_JUDGED:
+    if n <= MAX_JUDGED:
         return np.s_[:]
-    starts = np.linspace(0, n - BLOCK, MOST_JUDGED // BLOCK).astype(np.int64)
+    starts = np.linspace(0, n - BLOCK, MAX_JUDGED // BLOCK).astype(np.int64)
     return (starts[:, None] + np.arange(BLOCK)).ravel()
 
 
@@ -146,8 +138,7 @@ def find_lasting_problems(t: Floats, acc: Floats, gyr: Floats, mag: Floats | Non
     return find_unit_problems(t[kept], acc[kept], gyr[kept], None if mag is None else mag[kept])
 
 
-LATEST = 1e100
-"""Of a stamp in any unit, so that differences are numbers too."""
+LATEST = 1e100  # Of a stamp in any unit, so that differences are numbers too.
 
 
 def median_period_s(t: Floats) -> float:
@@ -161,7 +152,7 @@ def find_stamp_problem(period_s: float) -> str | None:
     """Say what is wrong with stamps of this median period, if anything."""
     if np.isnan(period_s):
         return "the stamps do not advance: export the recording again with its time column"
-    if _FASTEST_PERIOD_S <= period_s < _SLOWEST_PERIOD_S:
+    if _MAX_PERIOD_S <= period_s < _SLOWEST_PERIOD_S:
         return None
     for unit, per_second in _TIME_UNITS.items():
         if _USUAL_PERIOD_S[0] <= period_s / per_second <= _USUAL_PERIOD_S[1]:
@@ -218,7 +209,7 @@ def find_gyr_unit(acc: Floats, gyr: Floats, period_s: float) -> str | None:
     if peak <= TOO_FAST_RAD_S and (_SAME_GAIN[0] < gain < _SAME_GAIN[1] or is_too_slow_in_degrees):
         return "rad/s"
     is_degrees = peak > TOO_FAST_RAD_S or _SAME_GAIN[0] < gain * 180.0 / np.pi < _SAME_GAIN[1]
-    return "deg/s" if is_degrees and peak <= _FASTEST_DEG_S else None
+    return "deg/s" if is_degrees and peak <= _MAX_DEG_S else None
 
 
 def find_mag_unit(mag: Floats) -> str | None:
@@ -247,7 +238,7 @@ def find_time_unit(step: float, turning_s: float = np.nan) -> str | None:
     return usual[0] if usual else min((u for u in off if off[u] < np.log(_NEAR)), key=lambda u: off[u], default=None)
 
 
-def measure_turning_period(acc: Floats, gyr: Floats, least_correlation: float = _LEAST_CORRELATION) -> float:
+def measure_turning_period(acc: Floats, gyr: Floats, least_correlation: float = _MIN_CORRELATION) -> float:
     """Sample period, s, with which gravity turns in the body as the gyroscope (rad/s) says; NaN where too little does.
 
     Over two halves of n samples in which | |acc| / rest - 1 | stays below 0.06, the change between their means is
@@ -261,13 +252,13 @@ def measure_turning_period(acc: Floats, gyr: Floats, least_correlation: float = 
     best, period_s = least_correlation, np.nan
     for half in _WINDOWS:
         n_windows = len(acc) - 2 * half
-        if n_windows < _FEWEST_WINDOWS:
+        if n_windows < _MIN_WINDOWS:
             break
         quiet = loud[2 * half :][:n_windows] == loud[:n_windows]
         mean_acc, mean_gyr = _moving_mean(acc, half), _moving_mean(gyr, half)
         first, second = mean_acc[:n_windows][quiet], mean_acc[half:][:n_windows][quiet]
         change, expected = second - first, -np.cross(mean_gyr[half // 2 :][:n_windows][quiet], (first + second) / 2)
-        if np.count_nonzero(np.abs(change).max(axis=1) > 0.02 * rest) < _FEWEST_WINDOWS:
+        if np.count_nonzero(np.abs(change).max(axis=1) > 0.02 * rest) < _MIN_WINDOWS:
             continue
         product, power = float(np.sum(expected * change)), float(np.sum(expected**2))
         correlation = product / max(np.sqrt(power * float(np.sum(change**2))), 1e-300)
@@ -278,7 +269,7 @@ def measure_turning_period(acc: Floats, gyr: Floats, least_correlation: float = 
 
 def measure_gait_period(gyr: Floats) -> float:
     """Sample period, s, with which the turning of gyr (N, 3) repeats itself every `_STRIDE_S`; NaN if it does not."""
-    rate = np.linalg.norm(_usable(gyr)[0], axis=1)[:MOST_JUDGED]
+    rate = np.linalg.norm(_usable(gyr)[0], axis=1)[:MAX_JUDGED]
     if len(rate) < 200 or not np.ptp(rate) > 0:
         return np.nan
     spectrum = np.abs(np.fft.rfft(rate - rate.mean(), 2 * len(rate))) ** 2
@@ -465,7 +456,7 @@ def _samples_in(duration_s: float, period_s: float) -> int:
 
 def _assume_period(period_s: float) -> float:
     """Return a period as it is where a sensor can have it, else that of 200 Hz."""
-    return period_s if _FASTEST_PERIOD_S <= period_s < _SLOWEST_PERIOD_S else 0.005
+    return period_s if _MAX_PERIOD_S <= period_s < _SLOWEST_PERIOD_S else 0.005
 
 
 def _moving_mean(vectors: Floats, length: int) -> Floats:

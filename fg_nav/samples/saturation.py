@@ -23,7 +23,7 @@ T with the slope s at its ends, the mean of the two, is s T / 4 high; if s was f
 parabola is steeper, its height is H = s T / 4 * T / (T + 2 d), d less one step for flanks that bend the other way. A
 sensor's range L is not chosen for motions of a multiple of it, so of H there is taken
 
-    H / (1 + H / (`MOST_RANGES` L)),
+    H / (1 + H / (`MAX_RANGES` L)),
 
 and of its area, two thirds of height times T: never less than what was read.
 
@@ -32,7 +32,7 @@ peak that was higher was so in all its samples. A simulated foot's peak cut at 9
 it is off by 1.1; at 85 per cent 5.6 and 2.4, at 70 per cent 10 and 3.4, at 50 per cent 21 and 6.4;
 `scripts/sample_errors.py peaks` prints what is left over its sigma.
 
-Runs of more than `LONGEST_S`, and those without flanks, are left as they are, and may hide as much as they show.
+Runs of more than `MAX_S`, and those without flanks, are left as they are, and may hide as much as they show.
 """
 
 from __future__ import annotations
@@ -44,29 +44,19 @@ import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints
 
-_NEAR_EXTREME = 0.97
-"""Flat tops lie above this share of the extreme: calibration smears a level by a per cent or two."""
-
-_FLAT = 0.004
-"""Steps below this share of the extreme are flat."""
-
-_CORNER = 6.0
-"""A corner is a step this many times the flat bound; the parabola's largest within reach is four times."""
-
-_REACH = 3
-"""Samples next to a flat top in which its corner must come, or half the length of the top if that is more."""
-
-_LONE_STEPS = 5
-"""Flat steps of a top that counts though it does not recur."""
+_NEAR_EXTREME = 0.97  # Flat tops lie above this share of the extreme: calibration smears a level by a per cent or two.
+_FLAT = 0.004  # Steps below this share of the extreme are flat.
+_CORNER = 6.0  # A corner is a step this many times the flat bound; the parabola's largest within reach is four times.
+_REACH = 3  # Samples next to a flat top in which its corner must come, or half the length of the top if that is more.
+_LONE_STEPS = 5  # Flat steps of a top that counts though it does not recur.
 
 _CUT_SHARE = 0.1
 """At least this share of the peaks that reach the level must be cut: chance makes a few flat tops in many."""
 
-COARSEST, RECURRENCES, FEWEST_CUT = 15.0, 2.0, 3
+COARSEST, RECURRENCES, MIN_CUT = 15.0, 2.0, 3
 """Of a coarse signal: steps up to its extreme, how much more often than the next levels it is read, and cut peaks."""
 
-_PILE = 5
-"""Peaks within a per cent of the extreme that make a pile, if the next per cent holds less than half."""
+_PILE = 5  # Peaks within a per cent of the extreme that make a pile, if the next per cent holds less than half.
 
 
 def find_saturated(samples: Floats, levels: Floats | None = None) -> Bools:
@@ -126,7 +116,7 @@ def _find_recurring_top(signal: Floats, step: Floats, top: float, quantum: float
     flat = (signal[1:] > below[0]) & (signal[:-1] > below[0])
     cut = [run for run in _runs(flat) if _is_cut(step, run, _CORNER * quantum)]
     is_piled = counts[0] >= RECURRENCES * max(*counts[1:], 1)
-    return top if len(cut) >= FEWEST_CUT and is_piled else np.inf
+    return top if len(cut) >= MIN_CUT and is_piled else np.inf
 
 
 def _recurs(signal: Floats, cut: list[tuple[int, int]], level: float) -> bool:
@@ -160,20 +150,14 @@ def _is_cut(step: Floats, run: tuple[int, int], corner: float) -> bool:
     return bool(before.size and after.size and before.max() > corner and after.max() > corner)
 
 
-FLANK_STEPS = 4
-"""Next to a run; a low-pass behind the range bends the first two."""
+FLANK_STEPS = 4  # Next to a run; a low-pass behind the range bends the first two.
 
-LEAST_BEYOND = 0.25
+MIN_BEYOND = 0.25
 """Samples by which a peak is longer than from its first cut sample to its last, on either side; half of one mostly."""
 
-LONGEST_S = 0.3
-"""A swing lasts 0.4 s: in a longer run there is more than one peak."""
-
-MOST_RANGES = 2.0
-"""A peak is not more than this many ranges beyond the range."""
-
-OFF_SHARE = 0.6
-"""Of what is rebuilt, one sigma: peaks are flatter or more pointed than a parabola."""
+MAX_S = 0.3  # A swing lasts 0.4 s: in a longer run there is more than one peak.
+MAX_RANGES = 2.0  # A peak is not more than this many ranges beyond the range.
+OFF_SHARE = 0.6  # Of what is rebuilt, one sigma: peaks are flatter or more pointed than a parabola.
 
 
 class Peaks(NamedTuple):
@@ -222,13 +206,13 @@ def _rebuild_tops(signal: Floats, cut: Bools, clipped: Bools, period_s: float) -
         _measure_flank(signal, clipped, stop - 1, level, 1),
     )
     flanks = np.stack([before, after])
-    usable = (count * period_s <= LONGEST_S) & ~np.isnan(flanks[:, 0]).all(axis=0)
+    usable = (count * period_s <= MAX_S) & ~np.isnan(flanks[:, 0]).all(axis=0)
     slope, beyond, outward = np.zeros((3, len(start)))
     slope[usable], beyond[usable], outward[usable] = np.nanmean(flanks[:, :, usable], axis=0)
     length = count - 1 + 2 * beyond
     area = slope * length**2 / 6 * period_s
     inward = length / np.maximum(length + 2 * outward, 1.0)
-    hidden = area * inward / (1 + slope * length * inward / (4 * MOST_RANGES * level))
+    hidden = area * inward / (1 + slope * length * inward / (4 * MAX_RANGES * level))
     off = np.where(usable, OFF_SHARE * area, level * count * period_s)
     within = np.arange(len(start)).repeat(count)
     middle = (np.arange(len(within)) - (np.cumsum(count) - count)[within] + 0.5) / count[within]
@@ -256,6 +240,6 @@ def _measure_flank(signal: Floats, clipped: Bools, last: Ints, level: Floats, si
     outer = step.argmax(axis=0) + 1
     steepest = np.maximum(np.take_along_axis(step, outer[None] - 1, axis=0)[0], 0.0)
     below = level - np.take_along_axis(value, outer[None], axis=0)[0]
-    meets = np.clip(outer - below / np.maximum(steepest, 1e-12), LEAST_BEYOND, outer)
+    meets = np.clip(outer - below / np.maximum(steepest, 1e-12), MIN_BEYOND, outer)
     flank = np.stack([steepest, meets, np.maximum(outer - 1.5 - meets, 0.0)])
     return np.where(known.any(axis=0), flank, np.nan)

@@ -15,7 +15,7 @@ a gap of more than `MAX_BRIDGED_S`              the recording ends there, if no 
 
 Of the parts that an end leaves, the longest is taken, with a remark that says what was left out. A shorter gap is
 bridged as in a stream: what lies in it has the spread of a walking foot (`fg_nav.samples.gaps`), and the sigmas behind
-it are larger. With more than `MOST_BACKWARD` steps backward the column is no clock.
+it are larger. With more than `MAX_BACKWARD` steps backward the column is no clock.
 """
 
 from __future__ import annotations
@@ -27,30 +27,28 @@ import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import RecordingError
-from fg_nav.samples.gaps import LONGEST_HELD_S
+from fg_nav.samples.gaps import MAX_HELD_S
 from fg_nav.text import format_count
 
-MAX_BRIDGED_S = LONGEST_HELD_S
+MAX_BRIDGED_S = MAX_HELD_S
 """In a longer gap a foot may have stepped and turned anywhere: behind this one the heading's sigma is a radian."""
 
-LOST_PERIODS = 1.5
-"""A step of more periods than this leaves out a sample."""
+LOST_PERIODS = 1.5  # A step of more periods than this leaves out a sample.
 
 ROOM = 0.55
 """Least distance of two stamps, in periods, if they are those of two samples: with half a period for each, one is a
 repeat; polling every 6 ms leaves 0.6 of a sensor's 5 ms."""
 
-SAME_S = 1e-7
-"""Stamps that rise by no more are the same: no sensor samples as fast, and no result is written finer."""
+SAME_S = 1e-7  # Stamps that rise by no more are the same: no sensor samples as fast, and no result is written finer.
 
-JUMP_S, MOST_AHEAD = 1.0, 20
+JUMP_S, MAX_AHEAD = 1.0, 20
 """Stamps so far ahead, and not more of them, are wrong, if the next goes on from before them."""
 
 AROUND, JUMP = 20, 3.0
 """Force and rate go on without a jump if they change by less than this many times their largest change within so many
 samples on either side."""
 
-MOST_BACKWARD = 100
+MAX_BACKWARD = 100
 
 
 class Ordered(NamedTuple):
@@ -109,7 +107,7 @@ def _mean_period(t: Floats) -> float:
 def _follow_clock(t: Floats, samples: Floats, row: Ints, period: float) -> tuple[list[Ordered], list[str]]:
     """Cut the samples where their clock begins again; in each part the stamps do not fall any more."""
     backward = np.flatnonzero(np.diff(t) < 0) + 1
-    if len(backward) > MOST_BACKWARD:
+    if len(backward) > MAX_BACKWARD:
         raise RecordingError(
             f"the stamps run backward {len(backward)} times, the first at row {row[backward[0]]}: mend their column."
         )
@@ -139,7 +137,7 @@ def _follow_clock(t: Floats, samples: Floats, row: Ints, period: float) -> tuple
 
 def _find_ahead(t: Floats, at: int) -> int:
     """First of the wrong stamps far ahead that come before a sample; the sample itself where there are none."""
-    for first in range(at - 1, max(at - 1 - MOST_AHEAD, 0), -1):
+    for first in range(at - 1, max(at - 1 - MAX_AHEAD, 0), -1):
         if t[first - 1] < t[at]:
             return first if t[first] - t[first - 1] > JUMP_S else at
     return at
@@ -150,7 +148,7 @@ def _end_of_late(t: Floats, at: int, last: float, period: float) -> int:
     beyond = np.flatnonzero(t[at:] > last)
     stop = at + int(beyond[0]) if beyond.size else len(t)
     if stop == len(t):
-        return stop if stop - at <= MOST_AHEAD else at
+        return stop if stop - at <= MAX_AHEAD else at
     return stop if t[stop] - t[stop - 1] > LOST_PERIODS * period else at
 
 

@@ -23,20 +23,14 @@ import numpy as np
 from fg_nav.arrays import Floats, Ints
 from fg_nav.system.compiled import njit
 
-_WINDOW_S = 0.25
-"""A burst of delayed stamps is over within this."""
-
-_BLOCK_S = 2.0
-"""Drift is followed at this pace; crystals drift over minutes."""
+_WINDOW_S = 0.25  # A burst of delayed stamps is over within this.
+_BLOCK_S = 2.0  # Drift is followed at this pace; crystals drift over minutes.
 
 _LAGS = (1, 10, 100, 1000)
 """Ticks over which the period may show: above the bursts, and below the distance between dropped samples."""
 
-_NEGLIGIBLE = 0.005
-"""Jitter below this share of the period is left alone: it moves nothing."""
-
-_WANDERING = 3.0
-"""White deviations spread as far over half a second as over a tick, a random walk ten times as far."""
+_NEGLIGIBLE = 0.005  # Jitter below this share of the period is left alone: it moves nothing.
+_WANDERING = 3.0  # White deviations spread as far over half a second as over a tick, a random walk ten times as far.
 
 _MIN_SAMPLES = 50
 

@@ -33,7 +33,7 @@ from fg_nav.smoother.evidence import average
 from fg_nav.smoother.graph import WalkProblem
 from fg_nav.smoother.linear import LinearWalk
 from fg_nav.smoother.solver import list_in_time
-from fg_nav.smoother.strides import LEAST_WALK_DEG_S
+from fg_nav.smoother.strides import MIN_WALK_DEG_S
 
 LEVELS_DEG_S = (6e-4, 2e-3, 6e-3, 2e-2)
 """deg/s/sqrt(s), half a decade apart: 0.04 to 1.2 deg/s in an hour. None is below the walk assumed: a bias that may
@@ -49,7 +49,7 @@ Change = gtsam.BetweenFactorConstantBias
 
 def average_bias_walk(problem: WalkProblem, stacks: Sequence[Stack]) -> WalkProblem:
     """Return the problem with the random walk of its gyro bias averaged; `stacks` are its factors, linearized."""
-    assumed = max(problem.parameters.gyro_bias_walk_deg_s, LEAST_WALK_DEG_S)
+    assumed = max(problem.parameters.gyro_bias_walk_deg_s, MIN_WALK_DEG_S)
     changes = [one for one in stacks if _are_changes(one)]
     if not changes:
         return _with_note(problem, f"gyro bias walk {_write(assumed)}, as assumed")

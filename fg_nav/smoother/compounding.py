@@ -13,7 +13,7 @@ and as all functions of [theta] commute, with s = Gamma_1^-1 v / h,
 
 So R, v and p between two nodes are those of the samples, coning and sculling with them. How they change with the bias
 and the covariance of their noise are those of the two: they differ by the square of what turns in a block, which ends
-before it has turned by `MOST_TURN_RAD` or lasts `LONGEST_S`, by which the sigmas of a walk are right to 1 %, and its
+before it has turned by `MAX_TURN_RAD` or lasts `MAX_S`, by which the sigmas of a walk are right to 1 %, and its
 end moves by 1 % of its sigma at most.
 """
 
@@ -27,9 +27,9 @@ from fg_nav.arrays import Floats, Ints
 from fg_nav.mechanisation import NavState, rotation_series, rotation_vector, strapdown
 from fg_nav.system.compiled import njit
 
-MOST_TURN_RAD = 0.3  # Of the body in a block, along its way.
+MAX_TURN_RAD = 0.3  # Of the body in a block, along its way.
 
-LONGEST_S = 0.12
+MAX_S = 0.12
 
 SHORTEST = 3  # Samples in a block: fewer stand for themselves.
 
@@ -88,7 +88,7 @@ def _end_block(rate: Floats, h: Floats, first: int, last: int, gyro_bias: Floats
         turned += np.sqrt(square) * h[i]
         elapsed += h[i]
         # A quarter of a sample more: the rounding of stamps, as that of the hour, decides nothing.
-        if i > first and (turned > MOST_TURN_RAD or elapsed > LONGEST_S + 0.25 * h[i]):
+        if i > first and (turned > MAX_TURN_RAD or elapsed > MAX_S + 0.25 * h[i]):
             break
         i += 1
     return i

@@ -32,7 +32,7 @@ from fg_nav.factors.walk_constraints import FloorHeight, position_fix_factor, po
 from fg_nav.factors.zero_velocity import StanceVelocity
 from fg_nav.fix_check import FIX_REACH_S, check_fix, check_fixes_on_path, check_times
 from fg_nav.frames import yaw_rotation
-from fg_nav.samples.gaps import LONGEST_HELD_S, cross_holes
+from fg_nav.samples.gaps import MAX_HELD_S, cross_holes
 from fg_nav.smoother.floors import LEVEL_SIGMA_M, Ground, find_floors
 from fg_nav.smoother.graph import UNKNOWN_HEADING_DEG, StartPrior, WalkProblem, turn_walk
 from fg_nav.smoother.own_factors import ExtraFactors, GraphNodes, make_own_factors
@@ -47,9 +47,7 @@ GIVEN_HEADING_DEG = 5.0
 on a plan. Fixes show it once they leave a smaller one."""
 
 FIX_SPEED_M_S = 1.4  # Walking pace: for so much a second between a fix and the node it is tied to its sigma grows.
-
-LEAST_KNOWN_HEADING_RAD = 1.0
-"""Sigma that fixes leave of the heading at the start beyond which they show nothing of it."""
+MIN_KNOWN_HEADING_RAD = 1.0  # Sigma that fixes leave of the heading at the start beyond which they show nothing of it.
 
 
 class FixFactors(GtsamFactors):
@@ -139,7 +137,7 @@ def refuse_far_fixes(problem: WalkProblem, fixes: Sequence[Fix]) -> None:
     """Refuse fixes that the path of a first solution does not reach; raises `EstimationError`."""
     footfall, t = problem.nodes.result, problem.recording.t
     sample, step = problem.nodes.sample[footfall], np.diff(t, prepend=t[0])
-    unseen_s = np.cumsum(np.where(step > LONGEST_HELD_S, step, 0.0))
+    unseen_s = np.cumsum(np.where(step > MAX_HELD_S, step, 0.0))
     check_fixes_on_path(fixes, t[sample], list_positions(footfall, problem.values), unseen_s[sample])
 
 
@@ -192,7 +190,7 @@ def free_heading(problem: WalkProblem, pinned: ShowsHeading, values: gtsam.Value
         sigma = float(np.radians(GIVEN_HEADING_DEG))
         is_shown = pinned.heading_sigma < sigma and problem.start.heading_sigma < sigma
         return StartPrior(nav_R_body, sigma) if is_shown else None
-    if pinned.heading_sigma > LEAST_KNOWN_HEADING_RAD:
+    if pinned.heading_sigma > MIN_KNOWN_HEADING_RAD:
         return None
     turn = pinned.best_turn(values)
     turn_walk(values, problem.nodes, turn)

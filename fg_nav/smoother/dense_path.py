@@ -16,7 +16,7 @@ import numpy as np
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.mechanisation import NavState, rotate_in_body, rotation_vector, strapdown, write_state
-from fg_nav.samples.gaps import LONGEST_HELD_S
+from fg_nav.samples.gaps import MAX_HELD_S
 from fg_nav.system.compiled import njit
 from fg_nav.system.spilled import drop_pages, empty_column
 
@@ -90,7 +90,7 @@ def _fill(
 def _find_hole(h: Floats, first: int, last: int) -> int:
     """Sample before a hole, the first from `first` on towards `last`, which is returned where none is before it."""
     i, way = first, 1 if last > first else -1
-    while i != last and h[i] <= LONGEST_HELD_S:
+    while i != last and h[i] <= MAX_HELD_S:
         i += way
     return i
 

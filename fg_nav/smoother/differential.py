@@ -31,7 +31,7 @@ from fg_nav.smoother.graph import Trajectory, WalkProblem, biases_of
 from fg_nav.system.spilled import drop_pages
 from fg_nav.text import format_count
 
-FEWEST_ROUNDS, MOST_ROUNDS = 2, 4
+MIN_ROUNDS, MAX_ROUNDS = 2, 4
 """Of variogram and iron in turns: of 20 uT the first leaves a few, as the variogram of the swings hides the stances."""
 
 CLOSE_IRON_UT = 0.2  # A round that moves the iron by less is the last: a tenth of what may be left of it.
@@ -56,7 +56,7 @@ def add_differential_field(problem: WalkProblem, values: gtsam.Values, track: Tr
     sigma_uT = measure_noise(turned)
     # Iron turns with the body in the swings, too, so that the field varies less once it is known.
     iron = Iron.unknown(IRON_UT)
-    for done in range(1, MOST_ROUNDS + 1):
+    for done in range(1, MAX_ROUNDS + 1):
         variogram = fit_variogram(recording.mag - iron.mean_uT, track.position, track.nav_R_body, nodes, sigma_uT)
         if variogram is None:
             return problem
@@ -64,7 +64,7 @@ def add_differential_field(problem: WalkProblem, values: gtsam.Values, track: Tr
         drop_pages()
         stances, standings = _sum_kinds(stretches, turned, noise, len(biases))
         found = find_iron(stances.information, standings.information)
-        if done >= FEWEST_ROUNDS and np.linalg.norm(found.mean_uT - iron.mean_uT) < CLOSE_IRON_UT:
+        if done >= MIN_ROUNDS and np.linalg.norm(found.mean_uT - iron.mean_uT) < CLOSE_IRON_UT:
             break
         iron = found
     known = LevelBias(biases, track.nav_R_body[nodes.sample, 2].mean(axis=0))

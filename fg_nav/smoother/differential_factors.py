@@ -9,7 +9,7 @@ what it shows of the gyro bias (`factors.differential_field`), with what this wa
     gamma(r)     half the mean square per axis of differences of the field, in nav, between two samples of one swing
                  that are r apart, less sigma_n^2; median for mean; fitted by sigma^2 (1 - exp(-(r / l)^a))
 
-The information of a stretch is divided by max(1, chi^2 / freedom); beyond `MOST_CHI_SQUARE` the model is wrong, and the
+The information of a stretch is divided by max(1, chi^2 / freedom); beyond `MAX_CHI_SQUARE` the model is wrong, and the
 stretch is left out. The stretches of a bias variable are added, and limited by what is common to all of them. Stances
 and standings have each a limit of their own: a foot that rolls turns faster than one that stands, and what is wrong
 with the magnetometer's axes, its delay and the gyroscope's scale grows with that. A variable that contradicts gravity
@@ -28,7 +28,7 @@ from gtsam.symbol_shorthand import B
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.detection import Rest
 from fg_nav.factors.differential_field import (
-    LEAST_INFORMATION,
+    MIN_INFORMATION,
     BiasInformation,
     FieldNoise,
     FieldStretches,
@@ -50,23 +50,23 @@ MARGIN_S = 0.1
 """Before and after a stance, where the foot moves slowly: what a stretch shows of the bias grows with the cube of its
 length, and its drift by the variogram is less."""
 
-SHORTEST_S = 0.3  # A shorter stretch shows next to nothing.
+MIN_S = 0.3  # A shorter stretch shows next to nothing.
 
-LONGEST_S = 10.0
+MAX_S = 10.0
 """Of a piece of a standing: in it a bias of 0.3 deg/s turns the sensor by 3 deg, of which half the square is 1e-3."""
 
 LEVEL_SIGMA_DEG_S = 0.05
 """Of the gyro bias about the level axes in a solution without the field: a tilt that is nudged by a moving foot."""
 
-MOST_LEVEL_RATIO = 2.0
+MAX_LEVEL_RATIO = 2.0
 """Chi^2 per freedom up to which a variable is left as it is: one in seven of those that are right has more."""
 
-LEAST_RATIO = 1e-9
+MIN_RATIO = 1e-9
 
-FEWEST_SAMPLES = 5  # Of the field in a stretch.
-MOST_SAMPLES = 64  # Beyond, neighbours are averaged.
+MIN_SAMPLES = 5  # Of the field in a stretch.
+MAX_SAMPLES = 64  # Beyond, neighbours are averaged.
 
-MOST_CHI_SQUARE = 25.0
+MAX_CHI_SQUARE = 25.0
 """Per degree of freedom: the field of such a stretch changed by something that is not in the model."""
 
 STANCE_SIGMA_DEG_S, STANDING_SIGMA_DEG_S = 0.2, 0.05
@@ -74,20 +74,18 @@ STANCE_SIGMA_DEG_S, STANDING_SIGMA_DEG_S = 0.2, 0.05
 and soft iron of two per cent makes of it, by the vertical field, twice as much about up. Of 12 real walks it is 0.02 to
 0.7 deg/s, rms 0.3, without the noise of each (0.1 to 0.3) some 0.2."""
 
-IRON_UT, LEAST_IRON_UT = 30.0, 2.0
+IRON_UT, MIN_IRON_UT = 30.0, 2.0
 """Hard iron per axis before the walk has shown it, of shoe, battery and the sensor's own board, where nothing was
 calibrated; and what is left of it at least, as soft iron of four per cent in the field of the Earth looks like it."""
 
-LEAST_NOISE_UT = 0.05  # Of a magnetometer: quantization and filters make third differences smaller than the noise.
-LEAST_VARIOGRAM_UT2 = 1e-3  # Below, a difference of the field is the attitude's error.
-
-MOST_SWINGS, MOST_OF_SWING = 60, 40
-"""Swings, spread over the walk, and samples of each, of which all pairs are compared."""
+MIN_NOISE_UT = 0.05  # Of a magnetometer: quantization and filters make third differences smaller than the noise.
+MIN_VARIOGRAM_UT2 = 1e-3  # Below, a difference of the field is the attitude's error.
+MAX_SWINGS, MAX_OF_SWING = 60, 40  # Swings, spread over the walk, and samples of each, of which all pairs are compared.
 
 DISTANCES_M = np.geomspace(0.005, 1.0, 17)
 """Limits of the classes of distance: from what a foot rolls to most of a stride."""
 
-FEWEST_PAIRS, FEWEST_CLASSES = 30, 4  # In a class, and classes, without which there is no variogram.
+MIN_PAIRS, MIN_CLASSES = 30, 4  # In a class, and classes, without which there is no variogram.
 LENGTHS_M, EXPONENTS = np.geomspace(0.02, 5.0, 40), np.linspace(0.6, 2.0, 15)  # Of the variogram: tried by turns.
 MEDIAN_OF_CHI_SQUARE = 2.366  # Of the square of a normal vector of three components with unit variance each.
 
@@ -115,16 +113,16 @@ def find_stretches(recording: Recording, nodes: Nodes, rests: tuple[Rest, ...]) 
     before = np.maximum(np.append(0, stop[:-1]), edges[np.searchsorted(edges, start, side="right") - 1])
     after = np.minimum(np.append(start[1:], len(recording)), edges[np.searchsorted(edges, stop)])
     stretches = _cut(np.maximum(start - margin, before), np.minimum(stop + margin, after), nodes.bias, duration)
-    long_enough = recording.t[stretches.stop - 1] - recording.t[stretches.start] >= SHORTEST_S
+    long_enough = recording.t[stretches.stop - 1] - recording.t[stretches.start] >= MIN_S
     rested = np.zeros(len(long_enough), dtype=np.bool_)
     for rest in rests:
         rested |= (stretches.start < rest.stop) & (stretches.stop > rest.start)
-    return stretches.keep(long_enough & ~rested & (_count_fields(recording, stretches) >= FEWEST_SAMPLES))
+    return stretches.keep(long_enough & ~rested & (_count_fields(recording, stretches) >= MIN_SAMPLES))
 
 
 def _cut(start: Ints, stop: Ints, bias: Ints, duration: Floats) -> Stretches:
-    """Cut standings into pieces of `LONGEST_S` at most."""
-    pieces = np.maximum(np.ceil(duration / LONGEST_S).astype(np.int64), 1)
+    """Cut standings into pieces of `MAX_S` at most."""
+    pieces = np.maximum(np.ceil(duration / MAX_S).astype(np.int64), 1)
     of = np.repeat(np.arange(len(start)), pieces)
     number = np.arange(len(of)) - np.searchsorted(of, of)
     size = (stop - start)[of]
@@ -189,8 +187,8 @@ def measure_noise(turned: FieldStretches) -> float:
     third = np.diff(turned.in_first_frame(), n=3, axis=0)
     whole = turned.stretch[3:] == turned.stretch[:-3]
     if not whole.any():
-        return LEAST_NOISE_UT
-    return float(max(robust_sigma(third[whole]) / np.sqrt(20.0), LEAST_NOISE_UT))
+        return MIN_NOISE_UT
+    return float(max(robust_sigma(third[whole]) / np.sqrt(20.0), MIN_NOISE_UT))
 
 
 def fit_variogram(mag: Floats, position: Floats, nav_R_body: Floats, nodes: Nodes, sigma_uT: float) -> Variogram | None:
@@ -200,10 +198,10 @@ def fit_variogram(mag: Floats, position: Floats, nav_R_body: Floats, nodes: Node
     found = []
     for k in range(1, len(DISTANCES_M)):
         inside = number == k
-        if inside.sum() >= FEWEST_PAIRS:
+        if inside.sum() >= MIN_PAIRS:
             gamma = float(np.median(square[inside])) / MEDIAN_OF_CHI_SQUARE / 2.0 - sigma_uT**2
-            found.append((float(np.median(distance[inside])), max(gamma, LEAST_VARIOGRAM_UT2)))
-    if len(found) < FEWEST_CLASSES:
+            found.append((float(np.median(distance[inside])), max(gamma, MIN_VARIOGRAM_UT2)))
+    if len(found) < MIN_CLASSES:
         return None
     return _fit_classes(*np.array(found).T)
 
@@ -211,12 +209,12 @@ def fit_variogram(mag: Floats, position: Floats, nav_R_body: Floats, nodes: Node
 def _compare_pairs(mag: Floats, position: Floats, nav_R_body: Floats, nodes: Nodes) -> tuple[Floats, Floats]:
     """Squares (P,) uT^2 of differences of the field between samples of one swing, and how far they are apart (P,) m."""
     begins, ends = nodes.sample[nodes.first[1:-1] - 1], nodes.sample[nodes.first[1:-1]]
-    chosen = np.unique(np.linspace(0, len(begins) - 1, min(MOST_SWINGS, len(begins))).astype(np.int64))
+    chosen = np.unique(np.linspace(0, len(begins) - 1, min(MAX_SWINGS, len(begins))).astype(np.int64))
     squares, distances = [np.empty(0)], [np.empty(0)]
     for k in chosen:
         sample = np.arange(begins[k], ends[k] + 1)
         sample = sample[np.isfinite(mag[sample, 0])]
-        sample = sample[:: -(-max(len(sample), 1) // MOST_OF_SWING)]
+        sample = sample[:: -(-max(len(sample), 1) // MAX_OF_SWING)]
         i, j = np.triu_indices(len(sample), 1)
         nav_field = np.einsum("nij,nj->ni", nav_R_body[sample], mag[sample])
         squares.append(((nav_field[i] - nav_field[j]) ** 2).sum(axis=1))
@@ -254,14 +252,14 @@ class LevelBias:
     body_up: Floats
 
     def weaken(self, information: BiasInformation) -> BiasInformation:
-        """Divide the information (K, 3, 3) by its chi^2 per freedom about the level axes over `MOST_LEVEL_RATIO`."""
+        """Divide the information (K, 3, 3) by its chi^2 per freedom about the level axes over `MAX_LEVEL_RATIO`."""
         _, _, axes = np.linalg.svd(self.body_up[None])
         level = axes[1:]
-        covariance = np.linalg.inv(information.matrix + LEAST_INFORMATION * np.eye(3))
+        covariance = np.linalg.inv(information.matrix + MIN_INFORMATION * np.eye(3))
         off = ((covariance @ information.vector[..., None])[..., 0] - self.gyro_bias) @ level.T
         allowed = level @ covariance @ level.T + np.radians(LEVEL_SIGMA_DEG_S) ** 2 * np.eye(2)
         ratio = 0.5 * (off * np.linalg.solve(allowed, off[..., None])[..., 0]).sum(axis=-1)
-        weight = np.minimum(1.0, MOST_LEVEL_RATIO / np.maximum(ratio, LEAST_RATIO))
+        weight = np.minimum(1.0, MAX_LEVEL_RATIO / np.maximum(ratio, MIN_RATIO))
         return information.scale(weight)
 
 
@@ -321,21 +319,21 @@ def find_iron(stances: BiasInformation, standings: BiasInformation) -> Iron:
     """Find the iron of a walk, as that of all its bias variables together, and its bias too but for those limits."""
     total = _add_limited(stances, standings, len(stances.matrix))
     found = BiasInformation(total.matrix.sum(axis=0), total.vector.sum(axis=0)).find_iron(Iron.unknown(IRON_UT))
-    return replace(found, covariance=found.covariance + LEAST_IRON_UT**2 * np.eye(3))
+    return replace(found, covariance=found.covariance + MIN_IRON_UT**2 * np.eye(3))
 
 
 def measure_stretches(turned: FieldStretches, noise: FieldNoise) -> tuple[BiasInformation, Bools]:
     """What each of S stretches shows of the bias by the noise of the walk; and which of them are used."""
     found = []
     for first in range(0, len(turned.gyro_bias), AT_ONCE):
-        found.append(measure_bias(turned.select(first, first + AT_ONCE), noise, MOST_SAMPLES))
+        found.append(measure_bias(turned.select(first, first + AT_ONCE), noise, MAX_SAMPLES))
         drop_pages()
     return _inflate(StretchInformation.join(found))
 
 
 def _inflate(found: StretchInformation) -> tuple[BiasInformation, Bools]:
     ratio = found.chi_square / np.maximum(found.freedom, 1.0)
-    used = (found.freedom > 0.0) & (ratio <= MOST_CHI_SQUARE)
+    used = (found.freedom > 0.0) & (ratio <= MAX_CHI_SQUARE)
     weight = np.where(used, 1.0 / np.maximum(ratio, 1.0), 0.0)
     return found.information.scale(weight), used
 

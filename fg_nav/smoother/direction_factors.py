@@ -26,7 +26,7 @@ from fg_nav.frames import wrap_angle
 from fg_nav.smoother.solver import GtsamFactors, LinearizableBlock
 
 STRIDES = 5  # Of a displacement: 7 m, over which weaving by 7 cm is 0.8 deg (0.07 sqrt(2) / 7 rad).
-SHORTEST_M = 2.5  # Displacements below this have no course of a walk: half a metre a stride.
+MIN_M = 2.5  # Displacements below this have no course of a walk: half a metre a stride.
 
 STRAIGHT_WITHIN_M = 0.15
 """Off the line between its ends within which a displacement is straight: two sigmas of weaving by 7 cm."""
@@ -102,8 +102,8 @@ def find_straight(position: Floats) -> Bools:
     along = from_first[:, -1:]
     across = from_first[..., 0] * along[..., 1] - from_first[..., 1] * along[..., 0]
     length = np.linalg.norm(along, axis=2)
-    off = np.abs(across).max(axis=1) / np.maximum(length[:, 0], SHORTEST_M)
-    return np.asarray((length[:, 0] >= SHORTEST_M) & (off <= STRAIGHT_WITHIN_M))
+    off = np.abs(across).max(axis=1) / np.maximum(length[:, 0], MIN_M)
+    return np.asarray((length[:, 0] >= MIN_M) & (off <= STRAIGHT_WITHIN_M))
 
 
 def share_legs(course: Floats) -> Floats:

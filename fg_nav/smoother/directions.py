@@ -20,7 +20,7 @@ Over a hole in the samples the heading is lost, and with it which direction is w
 side (`split_drift`) have each an alpha of its own.
 
 The path is turned by phi_0 - phi_k, to start from; how much of that the drift is, the graph says with all its factors.
-Where the courses are more likely to be anything there are no directions: `LEAST_EVIDENCE`.
+Where the courses are more likely to be anything there are no directions: `MIN_EVIDENCE`.
 
 Limit: walks that turn steadily by less than the drift that their sigmas allow are taken for drifting ones.
 """
@@ -51,8 +51,8 @@ GRID = QUARTER * np.arange(CELLS) / CELLS
 ITERATIONS = 10  # Of expectation maximization, which has s to some per cent by then.
 
 FIRST_SIGMA_DEG, FIRST_SHARE = 4.0, 0.5
-LEAST_SIGMA_DEG, MOST_SIGMA_DEG = 1.5, 8.0
-LEAST_SHARE, MOST_SHARE = 0.05, 0.95
+MIN_SIGMA_DEG, MAX_SIGMA_DEG = 1.5, 8.0
+MIN_SHARE, MAX_SHARE = 0.05, 0.95
 """Of s and P: corridors are no straighter, and beyond 8 deg the four directions cover most of the circle."""
 
 DRIFT_DEG = 5.0, 15.0
@@ -68,7 +68,7 @@ be any other."""
 
 ANY_TURN = 10.0  # rad^2, of a turn that is uniform over the quarter circle.
 
-LEAST_EVIDENCE = 6.0
+MIN_EVIDENCE = 6.0
 """Log likelihood over that of courses that are anything: three numbers are chosen, half log M each, of M = 50."""
 
 NONE_FOUND = "no directions of a building are used: the courses of the walk do not show any"
@@ -120,7 +120,7 @@ def add_directions(problem: WalkProblem, solved: Solved) -> tuple[WalkProblem, M
     middle, (known, piece) = pairs.mean(axis=1), np.unique(drift.piece[pairs[:, 0]], return_inverse=True)
     share = share_legs(course)
     tracked = track_directions(course, share, middle / len(position), drift.sigma, np.diff(piece) > 0)
-    if tracked.evidence < LEAST_EVIDENCE:
+    if tracked.evidence < MIN_EVIDENCE:
         return None
     # The path without its drift, piece by piece.
     alpha, turn, values = tracked.phi[np.searchsorted(piece, range(len(known)))], np.zeros(len(nodes)), solved.values
@@ -213,8 +213,8 @@ def _maximize(density: Floats, off: Floats, share: Floats, mixture: Mixture) -> 
     followed = _weigh_followed(off, mixture)
     weight = share[:, None] * density * followed / (followed + 1.0 - mixture.share)
     sigma = np.sqrt((weight * off**2).sum() / weight.sum())
-    sigma = np.clip(sigma, *np.radians([LEAST_SIGMA_DEG, MOST_SIGMA_DEG]))
-    return Mixture(float(sigma), float(np.clip(weight.sum() / share.sum(), LEAST_SHARE, MOST_SHARE)))
+    sigma = np.clip(sigma, *np.radians([MIN_SIGMA_DEG, MAX_SIGMA_DEG]))
+    return Mixture(float(sigma), float(np.clip(weight.sum() / share.sum(), MIN_SHARE, MAX_SHARE)))
 
 
 def _weigh_followed(off: Floats, mixture: Mixture) -> Floats:

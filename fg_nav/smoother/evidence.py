@@ -17,7 +17,7 @@ import numpy as np
 
 from fg_nav.arrays import Floats
 
-MOST_NATS = 3.0  # Twenty to one: what counts as strong evidence (Kass and Raftery 1995).
+MAX_NATS = 3.0  # Twenty to one: what counts as strong evidence (Kass and Raftery 1995).
 
 
 def average(values: Floats, minus_log_evidence: Floats, prior: Floats | None = None) -> Floats:

@@ -25,7 +25,7 @@ from gtsam.symbol_shorthand import X
 from fg_nav.arrays import Complexes, Floats, Ints
 from fg_nav.errors import EstimationError
 from fg_nav.factors.residual import LETTER_SHIFT, Keys, Stack
-from fg_nav.feet.steps import FEWEST_TURNS, Cells, average_cells, measure_turns
+from fg_nav.feet.steps import MIN_TURNS, Cells, average_cells, measure_turns
 from fg_nav.samples.gaps import list_unrecorded
 from fg_nav.smoother.feet_factors import (
     RIGHT,
@@ -184,7 +184,7 @@ def _turn_behind_holes(values: FeetValues, right: WalkProblem, left: WalkProblem
     for begin, end, of, problem, sign in sorted(holes, key=lambda hole: hole[0]):
         t, turn = measure_turns(list_footfalls(right, values.right), list_footfalls(left, values.left))
         before, after = turn[t <= begin][-AROUND_HOLE:], turn[t >= end][:AROUND_HOLE]
-        if min(np.abs(before).sum(), np.abs(after).sum()) >= FEWEST_TURNS:
+        if min(np.abs(before).sum(), np.abs(after).sum()) >= MIN_TURNS:
             jump = float(np.angle(after.mean() / before.mean()))
             behind = problem.recording.t[problem.nodes.sample] >= end
             turn_walk(of, problem.nodes, sign * jump * behind)

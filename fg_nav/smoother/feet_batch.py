@@ -33,7 +33,7 @@ from fg_nav.smoother.square_root import SquareRoot
 from fg_nav.solution import Solution
 from fg_nav.stances import Stances
 
-FEWEST_CELLS = 2  # Of steps that tie two feet: fewer do not show how they lie.
+MIN_CELLS = 2  # Of steps that tie two feet: fewer do not show how they lie.
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ def _tell(progress: Callable[[float], None] | None, number: int, done: float) ->
 
 
 def _refuse_without_steps(solved: SolvedFeet) -> None:
-    if solved.problem.ties.cells < FEWEST_CELLS:
+    if solved.problem.ties.cells < MIN_CELLS:
         raise EstimationError(
             "the two feet hardly take steps in turn: are they of one person at one time, and their clocks aligned? "
             "Run each of them by itself, or give --clock-offset."

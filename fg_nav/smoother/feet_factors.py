@@ -24,7 +24,7 @@ from fg_nav.arrays import Floats, Ints
 from fg_nav.factors.residual import LETTER_SHIFT, Keys, Stack
 from fg_nav.factors.same_place import weigh_place
 from fg_nav.factors.two_feet import BesideEachOther, WithinReach
-from fg_nav.feet.steps import LONGEST_S, Footfalls, average_cells
+from fg_nav.feet.steps import MAX_S, Footfalls, average_cells
 from fg_nav.samples.gaps import find_holes
 from fg_nav.smoother.graph import WalkProblem
 from fg_nav.smoother.place_factors import find_footfalls
@@ -48,9 +48,7 @@ SAME_STAND_M, MAX_GROWN_SIGMA, NEAR_FOOTFALLS = 0.1, 2.0, 4
 a stride's time; and how many footfalls of the one foot are looked at during one of the other."""
 
 REACH_M, REACH_SIGMA_M = 1.2, 0.1  # Between two standing feet: what a tall person lunges, and soft edges.
-
-FLIGHT_M_S, LONGEST_FLIGHT_S = 3.0, 0.3
-"""Where neither is seen to stand the person moves on, and is not asked for longer."""
+FLIGHT_M_S, MAX_FLIGHT_S = 3.0, 0.3  # Where neither is seen to stand the person moves on, and is not asked for longer.
 
 WATCHED_S = 15.0
 """From the nearest cell, from which on a pair of footfalls is tied by nothing. Cells of long walks are 20 s apart."""
@@ -240,7 +238,7 @@ def _watch_between(feet: tuple[Footfalls, Footfalls], *by_tie: Ints) -> list[Int
     pairs = np.stack([find_footfalls(lonely, foot.t) for foot in feet], axis=1)
     apart_s = np.abs(right.t[pairs[:, 0]] - left.t[pairs[:, 1]])
     is_new = [~np.isin(pairs[:, k], by_tie[k]) & (np.diff(pairs[:, k], prepend=-1) > 0) for k in range(2)]
-    return list(pairs[is_new[0] & is_new[1] & (apart_s < LONGEST_S)].T)
+    return list(pairs[is_new[0] & is_new[1] & (apart_s < MAX_S)].T)
 
 
 def find_beyond_reach(right: WalkProblem, left: WalkProblem, values: FeetValues, known: ReachFactors) -> ReachFactors:
@@ -256,8 +254,8 @@ def find_beyond_reach(right: WalkProblem, left: WalkProblem, values: FeetValues,
 def _list_pairs(right: WalkProblem, left: WalkProblem) -> ReachFactors:
     """List the pairs of footfalls between which both feet were in the air for a moment, or for none."""
     (begin, end), (begin_left, end_left) = (_list_spans(problem) for problem in (right, left))
-    first = np.searchsorted(end_left, begin - LONGEST_FLIGHT_S)
-    count = np.maximum(np.searchsorted(begin_left, end + LONGEST_FLIGHT_S) - first, 0)
+    first = np.searchsorted(end_left, begin - MAX_FLIGHT_S)
+    count = np.maximum(np.searchsorted(begin_left, end + MAX_FLIGHT_S) - first, 0)
     at = np.repeat(np.arange(len(count)), count)
     at_left = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count) + np.repeat(first, count)
     flight = np.maximum(begin[at] - end_left[at_left], begin_left[at_left] - end[at])

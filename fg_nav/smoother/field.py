@@ -44,8 +44,8 @@ LEFT_IRON_LEVEL_UT, LEFT_IRON_UP_UT = 0.3, 4.0
 along the path in all strides alike: soft iron, delay, tilt. Line integrals of 21 closed walks end off by 0.1 to 2 uT
 times their length, of which iron upward makes a third."""
 
-LEAST_STRENGTH_UT = 3.0  # Horizontal strength below which there is no compass.
-FEWEST_SEEN = 4  # Footfalls with a field without which it is not used.
+MIN_STRENGTH_UT = 3.0  # Horizontal strength below which there is no compass.
+MIN_SEEN = 4  # Footfalls with a field without which it is not used.
 FOUND_SIGMA_DEG = 60.0  # Sigma of the field's direction where only the field shows it.
 DECLINATION_SIGMA_DEG = 0.05  # Where the heading was not given, north is magnetic north by definition.
 
@@ -99,10 +99,10 @@ def find_obstacle(field: FootfallField | None, p: FieldParameters) -> str:
     if field is None:
         return "the magnetometer was not used"
     seen = np.isfinite(field.strength)
-    if seen.sum() < FEWEST_SEEN:
+    if seen.sum() < MIN_SEEN:
         return f"the field was seen at {seen.sum()} footfalls only"
     level = float(np.median(np.hypot(field.level_field[seen, 0], field.level_field[seen, 1])))
-    if level < LEAST_STRENGTH_UT:
+    if level < MIN_STRENGTH_UT:
         return f"the field is {level:.1f} uT over ground, which is too little for a compass"
     return ""
 

@@ -20,13 +20,13 @@ from fg_nav.arrays import Floats
 from fg_nav.smoother.graph import turn_walk
 from fg_nav.smoother.strides import Nodes
 
-SHORTEST_WINDOW, LONGEST_WINDOW, PIECES = 40, 1024, 6
+MIN_WINDOW, MAX_WINDOW, PIECES = 40, 1024, 6
 """Footfalls of a window: a sixth of the walk, within these bounds. 40 of them on a rough floor show a heading to 10
 deg, a kilometre and more to 1 deg."""
 
 RATE_SIGMA_RAD_S = float(np.radians(0.3))  # Of the drift before the field has shown it: an uncalibrated bias.
-MOST_RATES = 4096  # That are tried at most, half a radian apart at the end of the walk where there are enough.
-LEAST_DRIFT_RAD = 0.3  # Below it the solver needs no help.
+MAX_RATES = 4096  # That are tried at most, half a radian apart at the end of the walk where there are enough.
+MIN_DRIFT_RAD = 0.3  # Below it the solver needs no help.
 
 
 def measure_drift(nav_field: Floats, t: Floats) -> Floats:
@@ -34,13 +34,13 @@ def measure_drift(nav_field: Floats, t: Floats) -> Floats:
 
     `t` (F,) s of the footfalls. Zero where there are fewer than two windows.
     """
-    window = int(np.clip(len(nav_field) // PIECES, SHORTEST_WINDOW, LONGEST_WINDOW))
+    window = int(np.clip(len(nav_field) // PIECES, MIN_WINDOW, MAX_WINDOW))
     if len(nav_field) < 2 * window:
         return np.zeros(len(nav_field))
     level, since = np.nan_to_num(nav_field[:, 0] + 1j * nav_field[:, 1]), t - t[0]
     # The rate of a constant bias.
     spread = np.abs(level).mean()
-    count = min(MOST_RATES, 3 + 2 * int(8.0 * RATE_SIGMA_RAD_S * since[-1]))
+    count = min(MAX_RATES, 3 + 2 * int(8.0 * RATE_SIGMA_RAD_S * since[-1]))
     rates = np.linspace(-4.0, 4.0, count) * RATE_SIGMA_RAD_S
     shown = np.array([np.abs((level * np.exp(-1j * rate * since)).sum()) for rate in rates]) / spread
     rate = rates[np.argmax(shown - 0.5 * (rates / RATE_SIGMA_RAD_S) ** 2)]
@@ -54,7 +54,7 @@ def measure_drift(nav_field: Floats, t: Floats) -> Floats:
 def remove_drift(values: gtsam.Values, nodes: Nodes, nav_field: Floats, t: Floats) -> gtsam.Values:
     """Return the values of a walk with its heading bent back where it has drifted far, else as they are."""
     drift = measure_drift(nav_field, t)
-    if np.ptp(drift) < LEAST_DRIFT_RAD:
+    if np.ptp(drift) < MIN_DRIFT_RAD:
         return values
     bent = gtsam.Values(values)
     turn_walk(bent, nodes, -np.interp(np.arange(len(nodes)), nodes.result, drift))

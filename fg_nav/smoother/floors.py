@@ -20,12 +20,12 @@ S of its soles (`constraints`).
 The ground passes from stride to stride into any other with probability `CHANGE`, by their shares. With c and g on
 grids this is a hidden Markov model: a pass forth and a pass back (Rabiner 1989) yield the probability of each ground
 under each stride, summed over c; a slope counts that climbs by `NOTICED_M` over the width of the walk. A stride is
-level where that has odds of `MOST_NATS`; level strides in a row are a stretch. The cost is linear in the walk.
+level where that has odds of `MAX_NATS`; level strides in a row are a stretch. The cost is linear in the walk.
 
 A stretch is on a floor that was left earlier if the strides between climbed by h = 0 +- sigma, their noise and that of
-their c, against being on any other level within `LEVELS_WITHIN_M`, again by `MOST_NATS`:
+their c, against being on any other level within `LEVELS_WITHIN_M`, again by `MAX_NATS`:
 
-    log N(h; 0, sigma^2) + log(2 LEVELS_WITHIN_M) > MOST_NATS.
+    log N(h; 0, sigma^2) + log(2 LEVELS_WITHIN_M) > MAX_NATS.
 
 Otherwise it is a floor of its own, whose height the walk alone knows. So a kerb separates two floors, and after too
 many strides elsewhere a floor is not recognized. The noise is that of the walk itself, by differences of successive
@@ -39,7 +39,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints
-from fg_nav.smoother.evidence import MOST_NATS
+from fg_nav.smoother.evidence import MAX_NATS
 from fg_nav.smoother.strides import SETTLING_TIME_S
 from fg_nav.system.compiled import njit
 from fg_nav.text import format_count
@@ -64,7 +64,7 @@ DIRECTIONS = 12  # Of a plane's gradient.
 SHARES = np.array([0.84, 0.05, 0.05, 0.059, 0.001])
 """Of strides on level ground, steps, stairs, planes and curved ramps, before any is seen: their logarithms count."""
 
-LEVEL_ODDS = float(np.exp(MOST_NATS))
+LEVEL_ODDS = float(np.exp(MAX_NATS))
 
 STEP_SCALE_M = 0.3  # Half of all steps climb by less: a riser is 0.15 to 0.19 m, and a foot climbs two at a time.
 
@@ -75,7 +75,7 @@ TILT_SIGMA, TILT_M = 0.005, 0.15
 """Gradient of ground that passes for level, before the walk, as of floors that drain; and of how much of height it may
 leave any footfall uncertain: a step."""
 
-LEAST_NOISE_M = 0.007  # Of the climb of a stride: floors are not more even.
+MIN_NOISE_M = 0.007  # Of the climb of a stride: floors are not more even.
 BLOCK = 5  # Strides in whose mean the noise that is common to neighbors shows.
 LEVELS_WITHIN_M = 10.0  # Of a floor lie the other levels that a walk may come to: three storeys.
 FEWEST = 4  # Footfalls of a level stretch: a landing has two or three.
@@ -281,7 +281,7 @@ def estimate_noise(climb: Floats) -> float:
     """Noise m of the climbs (K,) m of strides."""
     blocks = climb[: len(climb) // BLOCK * BLOCK].reshape(-1, BLOCK).mean(axis=1)
     each, together = (_scatter(np.diff(x)) for x in (climb, blocks))
-    return max(each, float(BLOCK**0.5) * together, LEAST_NOISE_M)
+    return max(each, float(BLOCK**0.5) * together, MIN_NOISE_M)
 
 
 def _scatter(difference: Floats) -> float:
@@ -318,7 +318,7 @@ def _recognize(at: int, left: list[int], strides: Floats, height: Floats, ground
     climbed = height[at] - height[left]
     nats = np.log(2.0 * LEVELS_WITHIN_M) - 0.5 * (climbed**2 / variance + np.log(2.0 * np.pi * variance))
     best = int(np.argmax(nats))
-    return best if nats[best] > MOST_NATS else len(left)
+    return best if nats[best] > MAX_NATS else len(left)
 
 
 def count_floors(floor: Ints | None) -> int:

@@ -15,7 +15,7 @@ from fg_nav.arrays import Floats, Ints
 from fg_nav.system.compiled import njit
 from fg_nav.system.spilled import drop_pages
 
-MOST_FRONTS = 1 << 15  # Of a part: some 40 MB of rows.
+MAX_FRONTS = 1 << 15  # Of a part: some 40 MB of rows.
 
 
 class Fronts(NamedTuple):
@@ -50,8 +50,8 @@ def get_front(fronts: Fronts, i: int) -> tuple[int, Ints, Floats]:
 
 def list_parts(begin: int, end: int) -> Iterator[tuple[int, int]]:
     """Yield where parts of `begin <= i < end` begin and end; pages of files are let go of behind each."""
-    for first in range(begin, end, MOST_FRONTS):
-        yield first, min(first + MOST_FRONTS, end)
+    for first in range(begin, end, MAX_FRONTS):
+        yield first, min(first + MAX_FRONTS, end)
         drop_pages()
 
 

@@ -31,9 +31,9 @@ FIRST_CONVERGENCE = 0.05
 """The same where the walk is looked at and solved again: it is then millimetres and thousandths of a degree a stride
 from the minimum."""
 
-LARGEST_STEPS = 25  # And gives up after so many.
+MAX_STEPS = 25  # And gives up after so many.
 
-MOST_HALVINGS = 6
+MAX_HALVINGS = 6
 
 V = TypeVar("V")
 
@@ -72,7 +72,7 @@ class Minimum(Generic[V]):
 
 
 def find_minimum(
-    system: System[V], values: V, keys: Keys, convergence: float = CONVERGENCE, largest_steps: int = LARGEST_STEPS
+    system: System[V], values: V, keys: Keys, convergence: float = CONVERGENCE, largest_steps: int = MAX_STEPS
 ) -> Minimum[V]:
     """Minimize the error of a system by Gauss-Newton.
 
@@ -108,7 +108,7 @@ def find_minimum(
 def _descend(system: System[V], values: V, root: SquareRoot, before: float) -> tuple[V, float]:
     """Values after the step, halved as often as it takes not to raise the error `before` it, and their error."""
     step = root.step
-    for _ in range(MOST_HALVINGS):
+    for _ in range(MAX_HALVINGS):
         moved = system.move(values, root.split(step))
         error = system.error(moved)
         if error <= before:

@@ -141,7 +141,7 @@ def average_models(information: Floats, pull: Floats, worse_nats: float = 0.0) -
     `worse_nats` count against one scale.
     """
     same, own = np.kron(np.ones((2, 2)), np.eye(3)), np.eye(6)
-    alike = ALIKE_SIGMA**2 * (same + LEAST_OWN * own)
+    alike = ALIKE_SIGMA**2 * (same + MIN_OWN * own)
     priors = alike, alike + SCALE_SIGMA**2 * same, alike + SCALE_SIGMA**2 * own
     fits = [fit_shared(information, pull, prior) for prior in priors]
     evidence = np.array([0.0, worse_nats, 0.0]) - [evidence for _, _, evidence in fits]
@@ -158,7 +158,7 @@ def average_models(information: Floats, pull: Floats, worse_nats: float = 0.0) -
     return GyroScale(scale, sigma, float(weight[1]), np.tensordot(weight, np.array(moments), axes=1))
 
 
-LEAST_OWN = 1e-3  # Share of what is alike that each half has of its own: keeps the prior invertible.
+MIN_OWN = 1e-3  # Share of what is alike that each half has of its own: keeps the prior invertible.
 
 
 POSE_END, VELOCITY_END = slice(9, 15), slice(15, 18)  # Columns of an inertial factor.

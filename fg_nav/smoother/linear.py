@@ -28,7 +28,7 @@ DIMENSION = dict(zip(map(ord, "xvbsmzwap"), (6, 3, 6, 1, 9, 1, 1, 1, 2), strict=
 """Of the tangent space of pose, velocity, bias, settling, state of the field, floor, width between two feet, direction
 of a building and state of the barometer, by the letter in the key."""
 
-MOST_STACKED = 1 << 14  # Factors of a stack: an hour of walking has as many inertial ones.
+MAX_STACKED = 1 << 14  # Factors of a stack: an hour of walking has as many inertial ones.
 
 NO_SOLUTION = "the smoother's equations have no unique solution: the recording holds too little, or not finite, motion."
 
@@ -37,7 +37,7 @@ EXACT_WEIGHT = 1e6
 
 
 def stack_factors(factors: Iterable[gtsam.GaussianFactor]) -> list[Stack]:
-    """Stack linear factors of gtsam, those alike together, `MOST_STACKED` at most."""
+    """Stack linear factors of gtsam, those alike together, `MAX_STACKED` at most."""
     # Keys one behind the other, as thousands of small lists would have the interpreter look for garbage.
     piles: dict[tuple[int, ...], tuple[list[int], list[Floats]]] = {}
     stacks = []
@@ -46,7 +46,7 @@ def stack_factors(factors: Iterable[gtsam.GaussianFactor]) -> list[Stack]:
         keys, rows = piles.setdefault((*A_b.shape, len(of)), ([], []))
         keys.extend(of)
         rows.append(A_b)
-        if len(rows) == MOST_STACKED:
+        if len(rows) == MAX_STACKED:
             stacks.append(_stack(keys, rows))
             keys.clear()
             rows.clear()

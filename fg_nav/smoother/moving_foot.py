@@ -34,7 +34,7 @@ from fg_nav.smoother.solver import Solved, list_positions
 FORWARD_SIGMA, SIDEWAYS_SIGMA = 0.02, 0.01
 """Shares of the walking speed: scatter between the shoes, mountings and gaits of motion-captured walks."""
 
-LONGEST_STRIDE_S = 1.5  # What is longer was standing.
+MAX_STRIDE_S = 1.5  # What is longer was standing.
 
 
 def spread_moving_foot(problem: WalkProblem, solved: Solved) -> Floats:
@@ -61,7 +61,7 @@ def find_motion(problem: WalkProblem, values: gtsam.Values) -> Floats:
     t = problem.recording.t[nodes.sample[nodes.result]]
     position = list_positions(nodes.result, values)
     d = np.diff(position, axis=0, prepend=position[:1])
-    a = d[:, :2] / np.minimum(np.diff(t, prepend=-np.inf), LONGEST_STRIDE_S)[:, None]
+    a = d[:, :2] / np.minimum(np.diff(t, prepend=-np.inf), MAX_STRIDE_S)[:, None]
     a[1:][cross_holes(problem.recording.t, nodes.sample[nodes.result])] = 0.0
     level = np.zeros(len(a))
     motion = np.stack([np.column_stack([a, level]), np.column_stack([-a[:, 1], a[:, 0], level])], axis=2)

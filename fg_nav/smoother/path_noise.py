@@ -33,7 +33,7 @@ from fg_nav.smoother.evidence import average
 from fg_nav.smoother.field_factors import FieldFactors
 from fg_nav.smoother.graph import WalkProblem
 from fg_nav.smoother.linear import LinearWalk
-from fg_nav.smoother.roughness import LEAST_STEP_M
+from fg_nav.smoother.roughness import MIN_STEP_M
 from fg_nav.smoother.solver import list_in_time, stack_walk
 
 SHARES, PRIOR = (0.0, 0.01, 0.1, 1.0, 4.0), (1.0, 1.0, 1.0, 1.0, 0.1)
@@ -71,7 +71,7 @@ def average_path_noise(problem: WalkProblem, values: gtsam.Values) -> PathNoise:
 
 def _drift_a_stride(field: FieldFactors) -> float:
     """Drift of the integral over the walk as a random walk's a stride, uT m."""
-    strides = int((field.path.distance_m > LEAST_STEP_M).sum())
+    strides = int((field.path.distance_m > MIN_STEP_M).sum())
     return float(np.sqrt(np.sum(field.drift_uT_m**2) / max(strides, 1)))
 
 

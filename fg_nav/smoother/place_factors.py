@@ -31,11 +31,11 @@ from fg_nav.places.signature import SPACING_M
 from fg_nav.places.whitening import Features, whiten
 from fg_nav.smoother.strides import Nodes
 
-CELL_M, MOST_CELLS = 20.0, 60
+CELL_M, MAX_CELLS = 20.0, 60
 """Length of a cell, and how many there are at most: where more ground is walked again, they are longer. The last fronts
 hold all cells, but the passes one after the other."""
 
-LEAST_SHARE = 0.5  # Of a cell that a pass has to cover.
+MIN_SHARE = 0.5  # Of a cell that a pass has to cover.
 APART_M = 6.0  # Between independent errors of a pass: those of an alignment, and the wander of a person.
 
 
@@ -113,7 +113,7 @@ def find_footfalls(at: Sequence[float] | Floats, t: Floats) -> Ints:
 
 def _choose_earliest(path: Signature, stretches: Sequence[Stretch]) -> list[_Tie]:
     """Tie each piece of the walk to its earliest pass."""
-    length = max(CELL_M, _measure_ground(path, stretches) / MOST_CELLS)
+    length = max(CELL_M, _measure_ground(path, stretches) / MAX_CELLS)
     pieces = [piece for stretch in stretches for piece in _cut_into_cells(path, stretch, length)]
     chosen: dict[int, _Piece] = {}
     for piece in sorted(pieces, key=lambda one: one.cell_m):
@@ -141,7 +141,7 @@ def _cut_into_cells(path: Signature, stretch: Stretch, length: float) -> Iterato
     for number in np.unique(cell):
         rows = np.flatnonzero(cell == number)
         covered = float(np.ptp(walked[rows]))
-        if covered >= min(LEAST_SHARE * length, 0.9 * np.ptp(walked)):
+        if covered >= min(MIN_SHARE * length, 0.9 * np.ptp(walked)):
             piece = replace(stretch, later=stretch.later[rows], earlier=stretch.earlier[rows])
             yield _Piece(piece, float(later_m[rows].mean()), (number + 0.5) * length, covered)
 

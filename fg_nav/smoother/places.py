@@ -26,7 +26,7 @@ from fg_nav.errors import EstimationError
 from fg_nav.places import Signature, Stretch, recognize, select_consistent, trace_signature
 from fg_nav.places.candidates import ALIKE_M
 from fg_nav.places.recognition import AVERAGE_M
-from fg_nav.places.signature import FEWEST_POINTS, SPACING_M
+from fg_nav.places.signature import MIN_POINTS, SPACING_M
 from fg_nav.places.whitening import TURNED
 from fg_nav.smoother.combinations import FootfallCovariance
 from fg_nav.smoother.graph import Trajectory, WalkProblem, solve, trajectory_of
@@ -40,11 +40,11 @@ ROUNDS = 3
 
 ANCHORS = 12  # Footfalls relative to which the uncertainty of all others is taken.
 
-LONGEST_M = 20_000.0
+MAX_M = 20_000.0
 """Walks of more than some four hours are not compared with themselves: what could be one place grows with the square of
 the laps in one building, and takes more memory than the walk."""
 
-LEAST_SIGMA_M, LEAST_SIGMA_DEG, LEAST_HEIGHT_M = 1.0, 3.0, 0.3
+MIN_SIGMA_M, MIN_SIGMA_DEG, MIN_HEIGHT_M = 1.0, 3.0, 0.3
 """Of one place relative to another: a corridor's width, and what a stride wanders."""
 
 
@@ -64,15 +64,15 @@ class PathUncertainty:
 
     def position_m(self, first: Floats, second: Floats) -> Floats:
         """(M,) m, of each horizontal axis."""
-        return np.hypot(self._look_up(self.place, first, second), LEAST_SIGMA_M)
+        return np.hypot(self._look_up(self.place, first, second), MIN_SIGMA_M)
 
     def height_m(self, first: Floats, second: Floats) -> Floats:
         """(M,) m."""
-        return np.hypot(self._look_up(self.height, first, second), LEAST_HEIGHT_M)
+        return np.hypot(self._look_up(self.height, first, second), MIN_HEIGHT_M)
 
     def heading_rad(self, first: Floats, second: Floats) -> Floats:
         """(M,) rad."""
-        return np.hypot(self._look_up(self.heading, first, second), np.radians(LEAST_SIGMA_DEG))
+        return np.hypot(self._look_up(self.heading, first, second), np.radians(MIN_SIGMA_DEG))
 
     def _look_up(self, variance: Floats, first: Floats, second: Floats) -> Floats:
         nearest = np.searchsorted(0.5 * (self.anchor_m[1:] + self.anchor_m[:-1]), first)
@@ -92,10 +92,10 @@ def tie_places(problem: WalkProblem, solved: Solved) -> tuple[WalkProblem, Solve
         return problem, solved, (), ()
     open_walk = problem, solved
     walked = _measure_walked(problem, solved)[-1]
-    if walked < FEWEST_POINTS * SPACING_M:
+    if walked < MIN_POINTS * SPACING_M:
         return *open_walk, (), ()
-    if walked > LONGEST_M:
-        return *open_walk, (), (f"no places are looked for on a walk of more than {LONGEST_M / 1000:.0f} km",)
+    if walked > MAX_M:
+        return *open_walk, (), (f"no places are looked for on a walk of more than {MAX_M / 1000:.0f} km",)
     uncertainty = measure_uncertainty(problem, solved)
     known: tuple[Stretch, ...] = ()
     path = None

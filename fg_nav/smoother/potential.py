@@ -17,7 +17,7 @@ rises where rows that are left out come back:
 
     fall = r^T (I - H)^-1 r,     rise = r^T (I + H)^-1 r,     r and J over sigma.
 
-Where the fall is more than `LEAST_FALL` the walk is solved again without them, the jump is kept if twice the error
+Where the fall is more than `MIN_FALL` the walk is solved again without them, the jump is kept if twice the error
 fell by as much, and the next one is looked for. The roughness of the potential is held meanwhile: measured on a walk
 with a jump it swells and hides the jump. Measured without it, it has to confirm it.
 """
@@ -36,18 +36,18 @@ from fg_nav.smoother.graph import WalkProblem, solve
 from fg_nav.smoother.sensitivity import SharingFactors, weigh_shared
 from fg_nav.smoother.solver import Solved, compute_error, residuals_at_minimum
 
-LEAST_STATISTIC = 15.0
+MIN_STATISTIC = 15.0
 """T below which no row is tried: the largest of clean walks of 500 strides is 1 to 15, of a circuit of 100 A 200."""
 
-LEAST_FALL = 25.0
+MIN_FALL = 25.0
 """Of twice the error, chi^2 of three degrees of freedom: one clean walk of a thousand strides in a hundred. On
 simulated ones it falls by 2 to 19, for the roughness is not exactly that of the walk."""
 
-LEAST_JUMP_UT_M = 15.0
+MIN_JUMP_UT_M = 15.0
 """Twelve amperes. Less is in the tails of the potential next to large iron, and its state has room for it."""
 
-MOST_JUMPS = 20  # After so many the walk's field is not one that a potential describes.
-LEAST_VARIANCE = 1e-9  # Share of a row's noise that the walk leaves open, below which rounding decides.
+MAX_JUMPS = 20  # After so many the walk's field is not one that a potential describes.
+MIN_VARIANCE = 1e-9  # Share of a row's noise that the walk leaves open, below which rounding decides.
 UT_M_PER_AMPERE = 1.2566  # mu_0, uT m/A.
 
 
@@ -72,28 +72,28 @@ def free_jumps(problem: WalkProblem, solved: Solved, convergence: float = CONVER
     """Leave the line integrals out where the potential jumps, and solve again; a clean walk comes back as it is."""
     # What was a jump at an earlier roughness has to be one at that of the walk without it.
     for stride in _freed_runs(problem):
-        if predict_change(problem, solved, stride) >= LEAST_FALL:
+        if predict_change(problem, solved, stride) >= MIN_FALL:
             continue
         restored = _solve_with(problem, solved, stride, False, convergence)
-        if _fall(restored, (problem, solved)) < LEAST_FALL:
+        if _fall(restored, (problem, solved)) < MIN_FALL:
             problem, solved = restored
-    for _ in range(MOST_JUMPS):
+    for _ in range(MAX_JUMPS):
         assert problem.field is not None
         # The row without which the error falls most.
         statistic = compute_jump_statistic(problem.field.potential, solved)
-        if not len(statistic) or statistic.max() < LEAST_STATISTIC:
+        if not len(statistic) or statistic.max() < MIN_STATISTIC:
             break
         # Leave it out with its neighbors; stop where that gains too little.
         stride = problem.field.strides[statistic.argmax()]
         near = np.arange(max(stride - 1, 0), min(stride + 2, len(problem.field.path.u)))
         near = near[np.isfinite(problem.field.path.sigma_uT_m[near])]
-        if predict_change(problem, solved, near) < LEAST_FALL:
+        if predict_change(problem, solved, near) < MIN_FALL:
             break
         try:
             freed = _solve_with(problem, solved, near, True, convergence)
         except EstimationError:
             break
-        if _fall((problem, solved), freed) < LEAST_FALL or abs(_size(*freed, near)) < LEAST_JUMP_UT_M:
+        if _fall((problem, solved), freed) < MIN_FALL or abs(_size(*freed, near)) < MIN_JUMP_UT_M:
             break
         problem, solved = freed
     return problem, solved
@@ -130,7 +130,7 @@ def compute_jump_statistic(block: ResidualBlock, solved: Solved) -> Floats:
     # The front of the pose, which is eliminated first, holds all variables of the row.
     row, covariance = jacobian[:, 0], solved.root.joint_covariances(block.keys)
     open_share = 1.0 - np.einsum("ki,kij,kj->k", row, covariance, row)
-    return np.asarray(left**2 / np.maximum(open_share, LEAST_VARIANCE))
+    return np.asarray(left**2 / np.maximum(open_share, MIN_VARIANCE))
 
 
 def predict_change(problem: WalkProblem, solved: Solved, stride: Ints) -> float:
@@ -149,7 +149,7 @@ def predict_change(problem: WalkProblem, solved: Solved, stride: Ints) -> float:
     factors = SharingFactors(np.concatenate(jacobians, axis=2), -residual, block.keys, own[:, None])
     columns, _, pull = weigh_shared(solved.root, [factors], len(those))
     share, axes = np.linalg.eigh(own + sign * columns.explained)
-    return float(((axes.T @ pull) ** 2 / np.maximum(share, LEAST_VARIANCE)).sum())
+    return float(((axes.T @ pull) ** 2 / np.maximum(share, MIN_VARIANCE)).sum())
 
 
 def list_jumps(problem: WalkProblem, solved: Solved) -> list[Jump]:

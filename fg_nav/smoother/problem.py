@@ -72,14 +72,14 @@ from fg_nav.text import format_count
 
 LEVELS = (8e-3, 4e-3, 2e-3, 1e-3)  # 1/sqrt(Hz): from a consumer sensor in a run to what strides of all sensors share.
 PIECES, PIECE_STRIDES = 3, 50  # 150 strides separate 2e-3 from 1e-3 by some 20 nats.
-LONGEST_PIECE_S = 90.0  # A third more than 50 strides take; standing in between shows nothing of a swing.
+MAX_PIECE_S = 90.0  # A third more than 50 strides take; standing in between shows nothing of a swing.
 STANDING_S = 1.0  # Of the standing before the first swing and after the last.
-FEWEST_STRIDES = 8  # A walk of fewer keeps the level it was given.
+MIN_STRIDES = 8  # A walk of fewer keeps the level it was given.
 
 HEIGHTS = (0.7, 1.0, 1.4, 1.8, 2.2)
 """Of rebuilt peaks of the rate, in what their flanks say: what they are off by is common to a gait and a sensor."""
 
-FEWEST_PEAKS = 8  # Fewer that were cut show no height.
+MIN_PEAKS = 8  # Fewer that were cut show no height.
 
 
 @dataclass(frozen=True)
@@ -125,7 +125,7 @@ def choose_peak_height(recording: Recording, stances: Stances, known: Known, p: 
     It is the most probable height; what the walk does not show the prior keeps at 1.
     """
     heights = np.array([1.0, *(height for height in HEIGHTS if height != 1.0)])
-    if _count_peaks(recording) < FEWEST_PEAKS:
+    if _count_peaks(recording) < MIN_PEAKS:
         return 1.0
     raised = (recording.raise_peaks(height) for height in heights)
     evidence = [_measure_evidence(one, stances, known, p, LEVELS)[0] for one in raised]
@@ -154,22 +154,22 @@ def _words(level: float) -> str:
 def _pieces(recording: Recording, stances: Stances) -> Iterator[tuple[Recording, Stances]]:
     """Cut out the stretches to choose by; they do not overlap."""
     strides = stances.n_footfalls - 1
-    if strides < FEWEST_STRIDES:
+    if strides < MIN_STRIDES:
         return
     pieces = min(PIECES, -(-strides // PIECE_STRIDES))
     length = min(strides // pieces, PIECE_STRIDES)
     for first in np.linspace(0, strides - length, pieces).astype(int):
         cut = _cut(recording, stances, first, first + length)
-        if cut[1].n_footfalls > FEWEST_STRIDES:
+        if cut[1].n_footfalls > MIN_STRIDES:
             yield cut
 
 
 def _cut(recording: Recording, stances: Stances, first: int, last: int) -> tuple[Recording, Stances]:
-    """Footfalls `first <= k <= last` or what `LONGEST_PIECE_S` holds of them, and little standing at the ends."""
+    """Footfalls `first <= k <= last` or what `MAX_PIECE_S` holds of them, and little standing at the ends."""
     t = recording.t
     arrives, leaves = (ends[first : last + 1] for ends in stances.spans)
     begin = max(int(arrives[0]), int(np.searchsorted(t, t[leaves[0] - 1] - STANDING_S)))
-    held = arrives[t[arrives] <= t[begin] + LONGEST_PIECE_S][-1]
+    held = arrives[t[arrives] <= t[begin] + MAX_PIECE_S][-1]
     leaves_last = int(leaves[arrives == held][0])
     end = min(leaves_last, int(np.searchsorted(t, t[held] + STANDING_S)) + 1)
     inside = (stances.stop > begin) & (stances.start < end)

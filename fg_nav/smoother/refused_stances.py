@@ -12,7 +12,7 @@ T_k is by how much twice the error falls at the minimum where d_k is free (a del
 three degrees of freedom where the stance is one. It costs one pass down the triangle (`square_root`), each footfall a
 group with G = J^T H.
 
-A stance is refused where T is above `LEAST_STATISTIC` (of a mid-swing `LEAST_OF_SWING`) and the largest within
+A stance is refused where T is above `MIN_STATISTIC` (of a mid-swing `MIN_OF_SWING`) and the largest within
 `NEIGHBORS` footfalls, for a wrong tie spoils those next to it, and |d_k| is more than a foot rolls with. Its ties are
 not dropped: their sigma grows to |d_k|. Then the walk is solved again, until none is refused.
 """
@@ -35,18 +35,18 @@ from fg_nav.smoother.square_root import SquareRoot
 from fg_nav.smoother.strides import Nodes
 from fg_nav.text import format_count
 
-LEAST_STATISTIC = 40.0
+MIN_STATISTIC = 40.0
 """T below which none is refused. On real walks the median is 0.1 to 2; a swing with a shock that its noise does not
 cover brings the stances on both sides to 15 to 35; one that moves at 0.35 m/s has 52, at 0.7 m/s 340."""
 
-SWINGS_M_S, LEAST_OF_SWING = 1.5, 20.0
+SWINGS_M_S, MIN_OF_SWING = 1.5, 20.0
 """With so large a |d| T need be no more than that: no shock makes a stance look like a mid-swing, and a mid-swing among
 the stances raises the noise of all swings, by which its T comes down to 21 to 40."""
 
-LEAST_SPEED_M_S = 0.15  # |d| below which none is refused: feet that walk fast roll with as much.
+MIN_SPEED_M_S = 0.15  # |d| below which none is refused: feet that walk fast roll with as much.
 NEIGHBORS = 2  # Footfalls on either side whose T a wrong tie swells.
 ROUNDS = 4  # Of solving again.
-LEAST_SHARE = 1e-6  # Of the strongest direction of F, below which rounding decides.
+MIN_SHARE = 1e-6  # Of the strongest direction of F, below which rounding decides.
 
 
 @dataclass(frozen=True)
@@ -60,8 +60,8 @@ class StanceStatistics:
         """Which footfalls (F,) are refused."""
         largest = self.statistic >= maximum_filter1d(self.statistic, 2 * NEIGHBORS + 1)
         speed = np.linalg.norm(self.velocity, axis=1)
-        limit = np.where(speed > SWINGS_M_S, LEAST_OF_SWING, LEAST_STATISTIC)
-        return np.asarray(largest & (self.statistic > limit) & (speed > LEAST_SPEED_M_S))
+        limit = np.where(speed > SWINGS_M_S, MIN_OF_SWING, MIN_STATISTIC)
+        return np.asarray(largest & (self.statistic > limit) & (speed > MIN_SPEED_M_S))
 
 
 def weaken_refused_stances(problem: WalkProblem, solved: Solved) -> tuple[WalkProblem, Solved]:
@@ -132,5 +132,5 @@ def _solve_shifts(F: Floats, by: Floats) -> Floats:
     """F^-1 b (F, 3), without the directions in which the walk leaves nothing open."""
     strength, axes = np.linalg.eigh(F)
     along = (np.swapaxes(axes, 1, 2) @ by[..., None])[..., 0]
-    along = np.divide(along, strength, out=np.zeros_like(along), where=strength > LEAST_SHARE * strength[:, -1:])
+    along = np.divide(along, strength, out=np.zeros_like(along), where=strength > MIN_SHARE * strength[:, -1:])
     return np.asarray((axes @ along[..., None])[..., 0])

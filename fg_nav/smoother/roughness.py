@@ -25,7 +25,7 @@ from fg_nav.arrays import Bools, Floats
 REGIONAL_LENGTH_M = 60.0  # For how long a region is alike: a corridor, a wing.
 MAD_TO_SIGMA = 1.4826  # Median absolute deviation to standard deviation, of a normal distribution.
 CLIP_SIGMAS = 4.0  # Beyond which a deviation counts as if it were there: an outlier shall not set the scale.
-LEAST_STEP_M = 0.2  # Shorter moves are no strides.
+MIN_STEP_M = 0.2  # Shorter moves are no strides.
 LAGS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)  # Footfalls apart whose deviations are compared.
 LENGTHS_M = np.geomspace(1.5, 6.0, 12)  # Correlation lengths that are tried, of what is alike for metres.
 
@@ -34,8 +34,8 @@ ASSUMED_PAIRS, ASSUMED_SHARE, ASSUMED_LENGTH_M, REGIONAL_SHARE = 20.0, 0.3, 3.0,
 many pairs of footfalls at each distance that is worth: feet on six floors have 0.1 to 0.5, 2 to 6 m, 0.05 to 0.15."""
 
 INDEPENDENT_M = 2.0  # Of the way from which on pairs of footfalls are others.
-LEAST_SIGMA_UT = 0.2  # Spread of the field below which a walk's differences are the magnetometer's.
-LEAST_REGIONAL_UT = 0.01  # Of a region: keeps the equations well conditioned where the field is the same everywhere.
+MIN_SIGMA_UT = 0.2  # Spread of the field below which a walk's differences are the magnetometer's.
+MIN_REGIONAL_UT = 0.01  # Of a region: keeps the equations well conditioned where the field is the same everywhere.
 
 POTENTIAL_PER_FIELD_M, POTENTIAL_LENGTH_M = 3.0, 12.0
 """Spread of the potential over that of the field at the footfalls, the reach of a building's steel, and its length.
@@ -56,7 +56,7 @@ class Roughness:
 
     def innovation(self, distance_m: Floats) -> Floats:
         """Standard deviation of what is new after a distance; never none at all."""
-        return self.sigma * np.sqrt(1.0 - np.minimum(self.left(distance_m), 1.0 - LEAST_NEW) ** 2)
+        return self.sigma * np.sqrt(1.0 - np.minimum(self.left(distance_m), 1.0 - MIN_INNOVATION) ** 2)
 
 
 @dataclass(frozen=True)
@@ -69,12 +69,12 @@ class FieldRoughness:
     white_uT: float
 
 
-LEAST_NEW = 1e-6
+MIN_INNOVATION = 1e-6
 """Of a deviation that is new at a footfall on the same spot: keeps the equations well conditioned. Of a potential it is
 less than the noise of a line integral, so that standing shows nothing of it."""
 
 
-LEAST_TELESCOPING = 0.01
+MIN_TELESCOPING = 0.01
 """Of the potential's variance, where no share of it telescopes: keeps the equations well conditioned."""
 
 
@@ -85,7 +85,7 @@ def split_potential(potential: Roughness, lost_share: float, distance_m: Floats)
     stride: pieces of a standing have none, and do not show whether the integrals of a walk telescope.
     """
     variance = 2.0 * potential.sigma**2 * (1.0 - potential.left(distance_m))
-    telescoping = max(1.0 - lost_share, LEAST_TELESCOPING)
+    telescoping = max(1.0 - lost_share, MIN_TELESCOPING)
     return replace(potential, sigma=potential.sigma * np.sqrt(telescoping)), np.sqrt(lost_share * variance)
 
 
@@ -110,11 +110,11 @@ def measure_roughness(deviation: Floats, seen: Bools, distance_m: Floats) -> Fie
     distance_m : (F-1,) from footfall to footfall.
     """
     x, variance = _clip(deviation, seen)
-    beyond_sensor = max(variance - LEAST_SIGMA_UT**2, LEAST_REGIONAL_UT**2)
+    beyond_sensor = max(variance - MIN_SIGMA_UT**2, MIN_REGIONAL_UT**2)
     across, regional = _fit_covariance(x, variance, seen, distance_m)
     alike = float(np.sqrt(beyond_sensor / variance))
     white_uT = float(np.sqrt(max(variance - across.sigma**2 - regional.sigma**2, 0.0)))
-    across, regional = (replace(one, sigma=max(alike * one.sigma, LEAST_REGIONAL_UT)) for one in (across, regional))
+    across, regional = (replace(one, sigma=max(alike * one.sigma, MIN_REGIONAL_UT)) for one in (across, regional))
     potential = Roughness(POTENTIAL_PER_FIELD_M * float(np.sqrt(variance)), POTENTIAL_LENGTH_M)
     return FieldRoughness(potential, across, regional, alike * white_uT)
 
@@ -123,10 +123,10 @@ def _clip(deviation: Floats, seen: Bools) -> tuple[Floats, float]:
     """Return deviations (F,) without their outliers, zero where they are not seen, and their variance."""
     x = np.where(seen, deviation, 0.0)
     if not seen.any():
-        return x, LEAST_SIGMA_UT**2
-    limit = CLIP_SIGMAS * max(robust_sigma(x[seen]), LEAST_SIGMA_UT)
+        return x, MIN_SIGMA_UT**2
+    limit = CLIP_SIGMAS * max(robust_sigma(x[seen]), MIN_SIGMA_UT)
     x = np.clip(x, -limit, limit)
-    return x, max(float(np.mean(x[seen] ** 2)), LEAST_SIGMA_UT**2)
+    return x, max(float(np.mean(x[seen] ** 2)), MIN_SIGMA_UT**2)
 
 
 def _fit_covariance(x: Floats, variance: float, seen: Bools, distance_m: Floats) -> tuple[Roughness, Roughness]:
@@ -134,7 +134,7 @@ def _fit_covariance(x: Floats, variance: float, seen: Bools, distance_m: Floats)
     walked, count, apart, alike = np.append(0.0, np.cumsum(distance_m)), [], [], []
     for lag in LAGS:
         between = walked[lag:] - walked[:-lag]
-        pair = seen[lag:] & seen[:-lag] & (between > LEAST_STEP_M) & (between < REGIONAL_LENGTH_M)
+        pair = seen[lag:] & seen[:-lag] & (between > MIN_STEP_M) & (between < REGIONAL_LENGTH_M)
         if pair.any():
             count.append(float(pair.sum()))
             apart.append(float(between[pair].mean()))
@@ -153,5 +153,5 @@ def _fit_covariance(x: Floats, variance: float, seen: Bools, distance_m: Floats)
         some = [both] if both.min() >= 0.0 else alone
         fits += [(float(n @ (c - shares @ found) ** 2), float(length_m), found) for found in some]
     _, length_m, found = min(fits, key=lambda one: one[0])
-    found = found * min(1.0, variance / max(float(found.sum()), LEAST_SIGMA_UT**2))
+    found = found * min(1.0, variance / max(float(found.sum()), MIN_SIGMA_UT**2))
     return Roughness(float(np.sqrt(found[0])), length_m), Roughness(float(np.sqrt(found[1])), REGIONAL_LENGTH_M)

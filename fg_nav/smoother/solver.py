@@ -26,7 +26,7 @@ from scipy.linalg.lapack import dtrtri
 from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import EstimationError, FgNavError
 from fg_nav.factors.residual import LETTER_SHIFT, POSE, Keys, Stack, read_variables
-from fg_nav.smoother.gauss_newton import CONVERGENCE, LARGEST_STEPS, Minimum, find_minimum
+from fg_nav.smoother.gauss_newton import CONVERGENCE, MAX_STEPS, Minimum, find_minimum
 from fg_nav.smoother.linear import DIMENSION, NO_SOLUTION, stack_factors
 from fg_nav.smoother.square_root import SquareRoot
 from fg_nav.smoother.strides import Nodes
@@ -169,7 +169,7 @@ def minimize(
     values: gtsam.Values,
     keys: Keys,
     convergence: float = CONVERGENCE,
-    largest_steps: int = LARGEST_STEPS,
+    largest_steps: int = MAX_STEPS,
 ) -> Solved:
     """Minimize the error of the graph and its blocks, as `find_minimum`."""
     found = find_minimum(WalkSystem(graph, blocks), values, keys, convergence, largest_steps)

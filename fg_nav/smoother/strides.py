@@ -151,9 +151,7 @@ def _keep_apart(t: Floats, nodes: Ints, keep: int, shortest: float) -> int:
     return count
 
 
-INERTIAL_KEYS = 5
-"""Pose, velocity, pose, velocity, bias: the variables of an inertial factor; none other joins as many."""
-
+INERTIAL_KEYS = 5  # Pose, velocity, pose, velocity, bias: the variables of an inertial factor; none other joins as many
 VELOCITY_SIGMA = 0.004  # Velocity of a foot that stands and does not turn, m/s (Peruzzi et al. 2011: below 0.011).
 
 SETTLING_WALK_M = 2e-5
@@ -163,7 +161,7 @@ SETTLING_TIME_S = 0.3  # Shortest time in which a sole settles.
 ACC_BIAS_SIGMA = 0.02  # Accelerometer bias, m/s^2 (2 mg).
 ACC_BIAS_WALK = 1e-4  # Random walk of the accelerometer bias, m/s^2/sqrt(s).
 
-LEAST_WALK_DEG_S = 1e-7
+MIN_WALK_DEG_S = 1e-7
 """Of the gyro bias, deg/s/sqrt(s), where none is assumed: a degree in forty hours; without any there is no factor."""
 
 UNREST_REACH_S = 0.01
@@ -276,7 +274,7 @@ def _add_inertial(graph: gtsam.NonlinearFactorGraph, stride: Stride) -> None:
 def _add_sensor(graph: gtsam.NonlinearFactorGraph, stride: Stride, p: SmootherParameters) -> None:
     """Add the random walk of bias and settling where a new one begins, and the rests."""
     if stride.bias != stride.bias_before:
-        walk = np.repeat([ACC_BIAS_WALK, np.radians(max(p.gyro_bias_walk_deg_s, LEAST_WALK_DEG_S))], 3)
+        walk = np.repeat([ACC_BIAS_WALK, np.radians(max(p.gyro_bias_walk_deg_s, MIN_WALK_DEG_S))], 3)
         noise = gtsam.noiseModel.Diagonal.Sigmas(walk * np.sqrt(stride.bias_age_s))
         graph.push_back(gtsam.BetweenFactorConstantBias(B(stride.bias_before), B(stride.bias), NO_CHANGE, noise))
         change = _one_sigma(SETTLING_WALK_M * np.sqrt(stride.bias_age_s))

@@ -1,6 +1,6 @@
 """What a person can have done while samples were missing: in place of an inertial measurement.
 
-In a gap of more than `LONGEST_HELD_S` nothing shows how the foot moved. Between the nodes on either side, of a time T
+In a gap of more than `MAX_HELD_S` nothing shows how the foot moved. Between the nodes on either side, of a time T
 apart, the foot has walked and turned (`factors.unseen_walk`) by
 
     0 +- WALKING_M_S d(T)      over ground on each axis

@@ -23,14 +23,9 @@ import numpy as np
 
 from fg_nav.arrays import Floats, Ints
 
-LEAST_BYTES = 1 << 24
-"""Shorter columns stay in memory: an hour at 200 Hz of three axes has 17 MB."""
-
-BLOCK_ROWS = 1 << 18
-"""That are gone through at once."""
-
-MOUNTS = Path("/proc/mounts")
-"""What lies where, on Linux; elsewhere temporary files are on a disk."""
+MIN_BYTES = 1 << 24  # Shorter columns stay in memory: an hour at 200 Hz of three axes has 17 MB.
+BLOCK_ROWS = 1 << 18  # That are gone through at once.
+MOUNTS = Path("/proc/mounts")  # What lies where, on Linux; elsewhere temporary files are on a disk.
 
 _MAPS: WeakSet[mmap.mmap] = WeakSet()
 _MAPS_LOCK = threading.Lock()
@@ -39,7 +34,7 @@ _MAPS_LOCK = threading.Lock()
 def empty_column(*shape: int) -> Floats:
     """Return an array of floats to write into, in a file where it is long."""
     size = 8 * int(np.prod(shape))
-    room = _map_file(size) if size >= LEAST_BYTES else None
+    room = _map_file(size) if size >= MIN_BYTES else None
     if room is None:
         return np.empty(shape)
     with _MAPS_LOCK:

@@ -34,11 +34,10 @@ from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.recording import Recording
 from fg_nav.stances import Stances
 from fg_nav.text import format_count
-from fg_nav.verdict.reason import LEAST_WAY_M, NO_USE, UNSEEN, USE_SHARE, Reason, weigh, weigh_error
+from fg_nav.verdict.reason import MIN_WAY_M, NO_USE, UNSEEN, USE_SHARE, Reason, weigh, weigh_error
 
 FEW_STRIDES = 1 / 4, 1 / 3
-SEEN_BY = 20
-"""Strides, of which those tested are at least a half in any ordinary walk."""
+SEEN_BY = 20  # Strides, of which those tested are at least a half in any ordinary walk.
 
 SPEED_M_S = 12.0, 18.0
 HEIGHT_RATE_M_S = 0.8, 1.5
@@ -46,12 +45,10 @@ AXES_ODDS = SUSPECT, DECISIVE
 USE_SHARE_IN_POCKET = 0.6
 FASTER, FAST_SHARE = 1.5, 0.9  # Than the strides of this quantile of speed no stride is, by so much.
 SIGMAS_95 = float(np.sqrt(-2.0 * np.log(0.05)))  # Of an ellipse that holds 95 % of a normal distribution.
-
 SMOOTHED = 100.0, 1e4  # Power at the gait's rate over that of heel strikes: 4 times the softest foot's, and 400 times.
 BAD_SHARE = 0.005, 0.05
 
-CLIMBED_S = 10.0
-"""Over which the height rate is measured: a jump, or a pole slid down, is shorter."""
+CLIMBED_S = 10.0  # Over which the height rate is measured: a jump, or a pole slid down, is shorter.
 
 
 def judge_strides(count: int, duration_s: float) -> Reason:
@@ -93,7 +90,7 @@ def judge_position(covariance: Floats, way: float, in_pocket: bool = False) -> R
     region = SIGMAS_95 * float(np.sqrt(np.linalg.eigvalsh(covariance)[-1])) if np.isfinite(covariance).all() else np.inf
     words = f"the end is known to {region:.1f} m only (95 %), after {way:.0f} m"
     limit = USE_SHARE_IN_POCKET if in_pocket else USE_SHARE
-    return Reason(UNSEEN if region <= limit * max(way, LEAST_WAY_M) else NO_USE, words)
+    return Reason(UNSEEN if region <= limit * max(way, MIN_WAY_M) else NO_USE, words)
 
 
 def judge_unfollowed(lost_s: float, usual_m_s: float, sigma: float, way: float, what: str) -> Reason:

@@ -12,20 +12,11 @@ Word = Literal["trusted", "doubtful", "not to be used"]
 
 UNUSABLE: Word = "not to be used"
 
-NO_USE = 2.0
-"""Weight of a sign that spoils a path alone."""
-
-LIGHT = 0.8
-"""Weight of a sign that makes no path doubtful, but is named."""
-
-NAMING = 0.0
-"""Weight of words that say what others may come from."""
-
-UNSEEN = -1.0
-"""Weight of a sign that there is not."""
-
-MANY = 4.0
-"""Sum of the weights, of those of 1 and more, that spoils a path."""
+NO_USE = 2.0  # Weight of a sign that spoils a path alone.
+LIGHT = 0.8  # Weight of a sign that makes no path doubtful, but is named.
+NAMING = 0.0  # Weight of words that say what others may come from.
+UNSEEN = -1.0  # Weight of a sign that there is not.
+MANY = 4.0  # Sum of the weights, of those of 1 and more, that spoils a path.
 
 
 @dataclass(frozen=True)
@@ -53,12 +44,12 @@ def weigh(value: float, doubtful: float, no_use: float) -> float:
 
 HARMLESS_SHARE = 0.01  # Of the way, m: what a good path is off by, whatever its sigma says.
 USE_SHARE = 0.1  # Of the way, m: a path that is off by more, or has so large a 95 % region, is of no use.
-LEAST_WAY_M = 10.0  # A shorter way is judged as if it were that: seven strides.
+MIN_WAY_M = 10.0  # A shorter way is judged as if it were that: seven strides.
 
 
 def weigh_error(error_m: float, sigma_m: float, way_m: float) -> float:
     """Weight of an error of the end, m: 1 at the sigma of the result, 2 at a tenth of the way, or two sigmas."""
-    way_m = max(way_m, LEAST_WAY_M)
+    way_m = max(way_m, MIN_WAY_M)
     known_m = float(np.hypot(sigma_m, HARMLESS_SHARE * way_m))
     return weigh(error_m, known_m, max(USE_SHARE * way_m, 2.0 * known_m))
 

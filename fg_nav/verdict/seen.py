@@ -18,11 +18,8 @@ from fg_nav.solution import Solution
 from fg_nav.system.spilled import measure_rows
 from fg_nav.walk import Walk, ignores_field
 
-SPAN_S = 0.1
-"""Over which the speed is taken from the places."""
-
-RUN_CYCLE_S = 0.85
-"""Strides that are shorter, median, are those of a run: the foot is never as still."""
+SPAN_S = 0.1  # Over which the speed is taken from the places.
+RUN_CYCLE_S = 0.85  # Strides that are shorter, median, are those of a run: the foot is never as still.
 
 
 class Seen:

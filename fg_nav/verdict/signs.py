@@ -37,11 +37,8 @@ MOVING_RAD_S = 1.0
 OPEN_SHARE = 0.3
 """Of the swing's speed: where so much is left at a stance, its stride is too long or short by half of it."""
 
-LOW_RATE_HZ = 80.0
-"""A heel strikes within 20 ms."""
-
-CLOSED_SHARE = 0.02
-"""A walk that ends so near to its start, of the distance, ends where it began."""
+LOW_RATE_HZ = 80.0  # A heel strikes within 20 ms.
+CLOSED_SHARE = 0.02  # A walk that ends so near to its start, of the distance, ends where it began.
 
 
 # --- signs of samples and stances ------------------------------------------------------------------------------------

@@ -8,7 +8,7 @@
     revised     rows move as the revised path does at their times, linear in time between its points
     smoothed, polished   the rows of the end take the place of those of the moment, in the order of time
 
-Above `MOST_ROWS` those are dropped that lie nearest to the line through their neighbors.
+Above `MAX_ROWS` those are dropped that lie nearest to the line through their neighbors.
 """
 
 from __future__ import annotations
@@ -20,20 +20,11 @@ import numpy as np
 
 from fg_nav.arrays import Floats
 
-MOST_ROWS = 3000
-"""Two hours of footfalls; as JSON 100 kB."""
-
-NEWEST_ROWS = 200
-"""Never thinned: what one looks at."""
-
-MILLIMETRES = 3
-"""Digits of a path after the point."""
-
-STILL_S = 2.5
-"""No stride takes so long: a person whose last footfall was before that stands."""
-
-SAME_S = 1e-3
-"""Stamps of one footfall in two lines are that close: those of a revised path are rounded."""
+MAX_ROWS = 3000  # Two hours of footfalls; as JSON 100 kB.
+NEWEST_ROWS = 200  # Never thinned: what one looks at.
+MILLIMETRES = 3  # Digits of a path after the point.
+STILL_S = 2.5  # No stride takes so long: a person whose last footfall was before that stands.
+SAME_S = 1e-3  # Stamps of one footfall in two lines are that close: those of a revised path are rounded.
 
 
 class History:
@@ -53,7 +44,7 @@ class History:
             case "now":
                 self._stands = bool(event["continues"])
                 self._stamps[event["stance"]] = event["t"]
-                self._stamps.pop(event["stance"] - MOST_ROWS, None)
+                self._stamps.pop(event["stance"] - MAX_ROWS, None)
                 return self._append(_row_of(event))
             case "turned":
                 self._rows = [turn_row(row, event["angle_deg"]) for row in self._rows]
@@ -112,9 +103,9 @@ class History:
 
     def _thin(self) -> bool:
         """Drop a quarter of the older rows while there are too many; return whether there were."""
-        if len(self._rows) <= MOST_ROWS:
+        if len(self._rows) <= MAX_ROWS:
             return False
-        while len(self._rows) > MOST_ROWS:
+        while len(self._rows) > MAX_ROWS:
             self._drop_quarter()
         return True
 

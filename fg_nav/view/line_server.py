@@ -1,6 +1,6 @@
 """Serves lines at a port, to each listener from its connection on.
 
-A line is written into the buffers of all listeners at once. One whose buffer holds more than `MOST_WAITING` bytes does
+A line is written into the buffers of all listeners at once. One whose buffer holds more than `MAX_WAITING` bytes does
 not read, and is disconnected; what listeners send is thrown away, and who sends much is disconnected too.
 """
 
@@ -12,11 +12,8 @@ from typing import cast
 
 from fg_nav.view.loop import AT_ONCE, BACKLOG, call_there, is_last_descriptor, run_there, start_loop
 
-MOST_WAITING = 1 << 18
-"""Bytes; ten minutes of walking, and what the system holds comes on top."""
-
-MOST_RECEIVED = 1 << 16
-"""Bytes from a listener, which has nothing to say."""
+MAX_WAITING = 1 << 18  # Bytes; ten minutes of walking, and what the system holds comes on top.
+MAX_RECEIVED = 1 << 16  # Bytes from a listener, which has nothing to say.
 
 
 class LineServer:
@@ -46,7 +43,7 @@ class LineServer:
     def _write(self, data: bytes) -> None:
         for listener in list(self._listeners):
             listener.write(data)
-            if listener.get_write_buffer_size() > MOST_WAITING:
+            if listener.get_write_buffer_size() > MAX_WAITING:
                 listener.abort()
 
     async def end(self) -> None:
@@ -74,7 +71,7 @@ class _Listener(asyncio.Protocol):
 
     def data_received(self, data: bytes) -> None:
         self._received += len(data)
-        if self._received > MOST_RECEIVED:
+        if self._received > MAX_RECEIVED:
             self._transport.abort()
 
     def connection_lost(self, error: Exception | None) -> None:

@@ -16,14 +16,12 @@ from typing import Any, TypeVar
 
 from fg_nav.errors import StreamError
 
-BACKLOG = 1024
-"""Listeners that connect at the same instant."""
+BACKLOG = 1024  # Listeners that connect at the same instant.
 
 AT_ONCE = 8
 """Of these that the loop takes before it sees to other things: a thousand handshakes in one go hold up a line."""
 
-SPARE_DESCRIPTORS = 64
-"""Of the process, left for the walk: its checkpoint, its source, its worker."""
+SPARE_DESCRIPTORS = 64  # Of the process, left for the walk: its checkpoint, its source, its worker.
 
 Result = TypeVar("Result")
 

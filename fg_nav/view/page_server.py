@@ -51,25 +51,15 @@ FILES = {
     "/view.js": ("view.js", "text/javascript; charset=utf-8"),
 }
 
-MOST_WAITING = 1 << 18
-"""Bytes in the buffer of a page that is sent more; two histories."""
+MAX_WAITING = 1 << 18  # Bytes in the buffer of a page that is sent more; two histories.
+MAX_MESSAGE = 1024  # Bytes; pages send none.
+CLOSING_S = 1.0  # How long the end waits for a page to agree.
 
-LONGEST_MESSAGE = 1024
-"""Bytes; pages send none."""
+MAX_REMARKS = 50
 
-CLOSING_S = 1.0
-"""How long the end waits for a page to agree."""
-
-MOST_REMARKS = 50
-
-STATUS_S = 0.2
-"""Between two messages of what holds between footfalls."""
-
-STATUS_SHARE = 0.1
-"""Of the time at most goes into them: with a thousand pages they are rarer."""
-
-REDRAW_S = 0.05
-"""Changes of the past that come together are one message."""
+STATUS_S = 0.2  # Between two messages of what holds between footfalls.
+STATUS_SHARE = 0.1  # Of the time at most goes into them: with a thousand pages they are rarer.
+REDRAW_S = 0.05  # Changes of the past that come together are one message.
 
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
@@ -104,7 +94,7 @@ class PageServer:
         self._files = {path: (_read_file(name), kind) for path, (name, kind) in FILES.items()}
         self._walkers = Walkers()
         self._status: dict[str, Any] | None = None
-        self._remarks: deque[dict[str, Any]] = deque(maxlen=MOST_REMARKS)
+        self._remarks: deque[dict[str, Any]] = deque(maxlen=MAX_REMARKS)
         self._viewers: set[_Viewer] = set()
         self._redraws: asyncio.TimerHandle | None = None
         self._status_s = STATUS_S
@@ -146,7 +136,7 @@ class PageServer:
             backlog=AT_ONCE,
             process_request=self._answer,
             compression=None,
-            max_size=LONGEST_MESSAGE,
+            max_size=MAX_MESSAGE,
             close_timeout=CLOSING_S,
             server_header=None,
             logger=logger,
@@ -246,7 +236,7 @@ class PageServer:
         ready = [viewer for viewer in viewers if not viewer.behind]
         _broadcast(ready, message)
         for viewer in ready:
-            viewer.behind = viewer.waiting > MOST_WAITING
+            viewer.behind = viewer.waiting > MAX_WAITING
         if late:
             for viewer in late:
                 viewer.behind = False

@@ -36,14 +36,9 @@ from fg_nav.view.line_server import LineServer
 from fg_nav.view.loop import call_there, run_there, start_loop
 from fg_nav.view.page_server import STATUS_S, PageServer
 
-MOST_WAITING = 10_000
-"""Messages that the process has not read; more are dropped."""
-
-CLOSING_S = 5.0
-"""How long the end waits for it."""
-
-REPORT_S = 0.1
-"""Between two looks at how many watch."""
+MAX_WAITING = 10_000  # Messages that the process has not read; more are dropped.
+CLOSING_S = 5.0  # How long the end waits for it.
+REPORT_S = 0.1  # Between two looks at how many watch.
 
 
 class ListenerProcess:
@@ -64,7 +59,7 @@ class ListenerProcess:
     ) -> None:
         self.viewers, self.status_s = 0, STATUS_S
         self._remark, self._closing, self._has_ended = remark, False, False
-        self._messages: queue.Queue[bytes | None] = queue.Queue(MOST_WAITING)
+        self._messages: queue.Queue[bytes | None] = queue.Queue(MAX_WAITING)
         doors = [door for door in (lines, page) if door is not None]
         descriptors = [-1 if door is None else door.fileno() for door in (lines, page)]
         passed = [door.fileno() for door in doors]

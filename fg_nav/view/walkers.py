@@ -14,8 +14,7 @@ from fg_nav.view.history import History, turn_ellipse, turn_row
 
 FEET = ("left", "right")
 
-ORDER = ("person", *FEET)
-"""Whose path is the page's, where it has one."""
+ORDER = ("person", *FEET)  # Whose path is the page's, where it has one.
 
 
 class Walker:

@@ -143,7 +143,7 @@ def test_headings_that_do_not_go_round_are_refused_and_the_missing_arc_is_named(
 
 
 def test_a_wider_gap_may_be_allowed(monkeypatch):
-    monkeypatch.setattr(ellipse_fit, "LARGEST_GAP_RAD", np.deg2rad(130.0))
+    monkeypatch.setattr(ellipse_fit, "MAX_GAP_RAD", np.deg2rad(130.0))
     readings = read(np.linspace(0.0, np.deg2rad(240.0), 60), noise_uT=0.05, rng=np.random.default_rng(4))
     found = fit_ellipse(readings)
     assert found.offset_uT == pytest.approx(OFFSET, abs=0.2)
@@ -219,7 +219,7 @@ def on_floor(left, right, seed):
 
 def test_circles_to_the_left_and_to_the_right_show_what_the_floor_does(monkeypatch):
     """Its share of the offset, over many floors, is about as large as the sigma says; scatter alone says a sixth."""
-    monkeypatch.setattr(ellipse_fit, "LARGEST_SIGMA", 1.0)
+    monkeypatch.setattr(ellipse_fit, "MAX_SIGMA", 1.0)
     errors, sigmas = [], []
     for seed in range(60):
         left, right = np.random.default_rng([seed, 1]).standard_normal((2, 2))

@@ -152,7 +152,7 @@ def test_a_field_that_changes_from_place_to_place_is_refused():
 def test_how_much_may_stay_open_is_limited(monkeypatch):
     readings = sensor(11, within=np.deg2rad(60.0))[0]
     found = fit_ellipsoid(readings)
-    monkeypatch.setattr(ellipsoid, "LARGEST_SIGMA", 0.5 * found.sigma[:3].max() / found.strength_uT)
+    monkeypatch.setattr(ellipsoid, "MAX_SIGMA", 0.5 * found.sigma[:3].max() / found.strength_uT)
     with pytest.raises(CalibrationError, match="open"):
         fit_ellipsoid(readings)
 

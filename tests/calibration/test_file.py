@@ -18,7 +18,7 @@ from fg_nav.calibration.of_recording import (
     write_calibration,
 )
 from fg_nav.errors import CalibrationError
-from fg_nav.text import LARGEST_BYTES
+from fg_nav.text import MAX_BYTES
 
 
 def magnetometer(rng: np.random.Generator) -> MagnetometerCalibration:
@@ -122,7 +122,7 @@ def test_what_is_wrong_is_said_in_one_sentence(
         (b"[]", "no calibration"),
         (b"null", "no calibration"),
         (b'{"version": 1}', "no calibration"),
-        (b" " * (LARGEST_BYTES + 1), "more than 8 mib"),
+        (b" " * (MAX_BYTES + 1), "more than 8 mib"),
         (b"time_s,acc_x_m_s2\n0,1\n", "damaged"),
     ],
     ids=["empty", "cut off", "binary", "deep", "a list", "null", "foreign", "large", "a recording"],

@@ -41,8 +41,8 @@ def test_one_wild_reading_in_a_hundred_spoils_it_and_not_the_likeliest_ellipsoid
     readings, hard, _ = sensor(2)
     readings[::100] += 40.0 * np.random.default_rng(3).standard_normal((4, 3))
     likeliest = fit_ellipsoid(readings)
-    monkeypatch.setattr(ellipsoid, "LARGEST_SIGMA", np.inf)
-    monkeypatch.setattr(ellipsoid, "LARGEST_RESIDUAL", np.inf)
+    monkeypatch.setattr(ellipsoid, "MAX_SIGMA", np.inf)
+    monkeypatch.setattr(ellipsoid, "MAX_RESIDUAL", np.inf)
     both = fit_unit_sphere(readings), likeliest
     errors = [np.abs(found.hard_iron_uT - hard).max() for found in both]
     assert errors[0] > 0.5

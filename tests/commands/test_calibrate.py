@@ -22,8 +22,7 @@ from fg_nav.recording import Recording
 from fg_nav.walk import read_walk
 from tests.command_line import FgNav, names
 
-EARTH = np.array([0.0, 21.0, -43.0])
-"""uT, in nav."""
+EARTH = np.array([0.0, 21.0, -43.0])  # uT, in nav.
 HARD_IRON = np.array([14.0, -8.0, 5.0])
 SOFT_IRON = np.array([[1.08, 0.03, 0.0], [0.03, 0.95, -0.02], [0.0, -0.02, 1.01]])
 NOISE_UT = 0.3

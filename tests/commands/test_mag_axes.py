@@ -13,8 +13,7 @@ from fg_nav.magnetic.axes import MagAxes
 from tests.command_line import FgNav
 from tests.magnetic.turning_walks import minute
 
-AXES = "-y,-x,z"
-"""A mirror."""
+AXES = "-y,-x,z"  # A mirror.
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from fg_nav.detection import StanceParameters, detect_stances
 from fg_nav.detection.causal import CausalParameters, CausalStances, Footfall, join_footfalls
-from fg_nav.detection.footfalls import LONGEST_SWING_S
+from fg_nav.detection.footfalls import MAX_SWING_S
 from fg_nav.detection.sliding import Sliding
 from fg_nav.errors import DetectionError
 from fg_nav.lab.simulation.motion import Style
@@ -115,7 +115,7 @@ def test_who_stands_for_long_is_told_of_in_pieces():
     p = CausalParameters()
     assert len(pieces) >= 6
     ends = recording.t[[f.stop[-1] - 1 for f in found]]
-    assert np.diff(ends).max() < p.piece_s + LONGEST_SWING_S
+    assert np.diff(ends).max() < p.piece_s + MAX_SWING_S
     assert join_footfalls(found, len(recording)).n_footfalls == detect_stances(recording).n_footfalls
 
 

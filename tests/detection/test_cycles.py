@@ -14,8 +14,7 @@ from fg_nav.recording import Recording
 from fg_nav.stances import Stances
 from tests.simulated import SimulatedFoot, straight_walk
 
-RANGE_RAD_S = 8.9
-"""Of a sensor of 500 deg/s."""
+RANGE_RAD_S = 8.9  # Of a sensor of 500 deg/s.
 
 
 def clipped(recording: Recording, limit: float = RANGE_RAD_S) -> Recording:

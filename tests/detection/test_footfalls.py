@@ -79,7 +79,7 @@ def test_sensor_noise_does_not_matter(person, mount, style, noise):
     assert_true(walk, detect_stances(walk.recording), SLOW_M_S[style])
 
 
-LONGEST_SWING_S = 0.87
+MAX_SWING_S = 0.87
 
 
 @WALKERS
@@ -89,7 +89,7 @@ def test_hurry_and_leisure(person, mount, stride_s):
 
     Who strolls stands for longer; the swing hardly takes more time.
     """
-    share = min(person.walk.swing_share, LONGEST_SWING_S / stride_s)
+    share = min(person.walk.swing_share, MAX_SWING_S / stride_s)
     paced = replace(person, walk=replace(person.walk, stride_s=stride_s, swing_share=share))
     walk = straight_walk(paced, seed=2, mount=mount)
     assert_true(walk, detect_stances(walk.recording), SLOW_M_S[Style.WALK])
@@ -180,8 +180,7 @@ def test_an_uncalibrated_gyroscope_does_not_matter(person, mount, bias_deg_s):
     assert_true(walk, detect_stances(recording), SLOW_M_S[Style.WALK])
 
 
-HARDLY_LIFTED_S = 0.06
-"""A foot that pushes off moves slowly for so long, and may pass for standing."""
+HARDLY_LIFTED_S = 0.06  # A foot that pushes off moves slowly for so long, and may pass for standing.
 
 
 def true_stances(walk, t, longer_s=0.0):

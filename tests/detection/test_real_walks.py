@@ -18,8 +18,7 @@ from tests.simulated import mounted
 pytestmark = needs_data
 
 GDIN = (15, 18, 20, 22, 24, 29, 31, 33, 36, 40)
-CRAWLING = ("2018-02-09-11-16-53", "2018-02-09-11-19-39")
-"""On these the foot is dragged over the ground."""
+CRAWLING = ("2018-02-09-11-16-53", "2018-02-09-11-19-39")  # On these the foot is dragged over the ground.
 
 
 def gdin(number):

@@ -66,7 +66,7 @@ def test_the_bias_is_known_to_within_its_sigma(seconds, gyr_noise_deg_s):
 @pytest.mark.parametrize(("sway_deg", "gyr_noise_deg_s"), [(0.02, 0.02), (0.0, 0.45)], ids=["sway", "noise"])
 def test_sway_and_noise_are_not_overrated(sway_deg, gyr_noise_deg_s, monkeypatch):
     """Without the floor for what a bias does in time, the sigma is that of the errors, give or take a factor of two."""
-    for name, value in (("LEAST_SIGMA_DEG_S", 0.0), ("GYR_STD_DEG_S", 1.0)):
+    for name, value in (("MIN_SIGMA_DEG_S", 0.0), ("GYR_STD_DEG_S", 1.0)):
         monkeypatch.setattr(rest_module, name, value)
     errors = []
     for seed in range(30):
@@ -80,13 +80,13 @@ def test_each_axis_has_the_sigma_of_its_own_sway():
     rocking = np.radians(0.04) * np.cos(2 * np.pi * 1.0 * recording.t) * 2 * np.pi  # by 0.04 deg, once a second
     (rest,) = find_rests(replace(recording, gyr=recording.gyr + np.outer(rocking, [0.0, 1.0, 0.0])))
     sway = rest_module.SWAY_SCALE * 0.04 / np.sqrt(2.0) * np.sqrt(12.0) / 3.0
-    assert np.degrees(rest.sigma[1]) == pytest.approx(np.hypot(sway, rest_module.LEAST_SIGMA_DEG_S), rel=0.1)
-    assert np.degrees(rest.sigma[[0, 2]]).max() < 1.3 * rest_module.LEAST_SIGMA_DEG_S
+    assert np.degrees(rest.sigma[1]) == pytest.approx(np.hypot(sway, rest_module.MIN_SIGMA_DEG_S), rel=0.1)
+    assert np.degrees(rest.sigma[[0, 2]]).max() < 1.3 * rest_module.MIN_SIGMA_DEG_S
 
 
 def test_a_still_sensor_claims_no_more_than_the_floor():
     (rest,) = find_rests(standing(600.0, sway_deg=0.0, gyr_noise_deg_s=0.0, rate_hz=50.0))
-    np.testing.assert_allclose(rest.sigma, np.radians(rest_module.LEAST_SIGMA_DEG_S))
+    np.testing.assert_allclose(rest.sigma, np.radians(rest_module.MIN_SIGMA_DEG_S))
 
 
 def test_a_longer_rest_knows_more():
@@ -94,7 +94,7 @@ def test_a_longer_rest_knows_more():
     first, second, third, last = np.sqrt(np.mean(sigmas**2, axis=1))
     assert first > 1.5 * second > 1.5**2 * third
     assert third > last
-    assert (sigmas > np.radians(rest_module.LEAST_SIGMA_DEG_S)).all()
+    assert (sigmas > np.radians(rest_module.MIN_SIGMA_DEG_S)).all()
 
 
 def test_a_rest_that_goes_on_counts_once():
@@ -137,8 +137,7 @@ def test_sample_rate_does_not_matter(rate_hz):
     assert (np.abs(rest.rate - np.radians(BIAS_DEG_S)) < 3 * rest.sigma).all()
 
 
-SETTLE_S, STIR_S = 0.3, 0.2
-"""For so long a foot still settles after it has come down, and stirs before it lifts."""
+SETTLE_S, STIR_S = 0.3, 0.2  # For so long a foot still settles after it has come down, and stirs before it lifts.
 
 
 @WALKERS

@@ -39,7 +39,7 @@ def with_turns(recording, rate_rad_s, at_s, lasting_s=0.15):
 
 @pytest.mark.parametrize("detector", STATISTICS)
 def test_one_threshold_cuts_the_statistic_at_that_level(detector, monkeypatch):
-    monkeypatch.setattr(stance_module, "SHORTEST_S", 0.0)
+    monkeypatch.setattr(stance_module, "MIN_S", 0.0)
     recording = straight_walk(strides=3).recording
     statistic = STATISTICS[detector](recording.acc, recording.gyr, 10)
     threshold = float(np.quantile(statistic, 0.4))
@@ -51,14 +51,14 @@ def test_one_threshold_cuts_the_statistic_at_that_level(detector, monkeypatch):
 
 @pytest.mark.parametrize("detector", STATISTICS)
 def test_a_false_alarm_rate_is_the_share_of_rest_called_motion(detector, monkeypatch):
-    monkeypatch.setattr(stance_module, "SHORTEST_S", 0.0)
+    monkeypatch.setattr(stance_module, "MIN_S", 0.0)
     recording = standing(100.0)
     stances = detect_stances(recording, StanceParameters(detector, false_alarm_rate=0.1))
     assert np.mean(~stances.mask) == pytest.approx(0.1, abs=0.025)  # 2000 windows that share no sample: 0.007
 
 
 def test_the_window_is_a_time(monkeypatch):
-    monkeypatch.setattr(stance_module, "SHORTEST_S", 0.0)
+    monkeypatch.setattr(stance_module, "MIN_S", 0.0)
     for rate_hz in (100.0, 800.0):
         recording = straight_walk(strides=3, rate_hz=rate_hz).recording
         window = round(0.05 * rate_hz)
@@ -68,12 +68,12 @@ def test_the_window_is_a_time(monkeypatch):
 
 
 def test_stances_shorter_than_the_shortest_are_dropped(monkeypatch):
-    monkeypatch.setattr(stance_module, "SHORTEST_S", 0.0)
+    monkeypatch.setattr(stance_module, "MIN_S", 0.0)
     recording = with_turns(standing(4.0), 1.0, [0.5, 0.8, 2.0, 2.4])
     found = detect_stances(recording, StanceParameters("are", threshold=100.0))
     lasting = recording.t[found.stop - 1] - recording.t[found.start]
     assert np.count_nonzero(lasting < 0.3) == 2
-    monkeypatch.setattr(stance_module, "SHORTEST_S", 0.3)
+    monkeypatch.setattr(stance_module, "MIN_S", 0.3)
     kept = detect_stances(recording, StanceParameters("are", threshold=100.0))
     np.testing.assert_array_equal(kept.start, found.start[lasting >= 0.3])
     np.testing.assert_array_equal(kept.stop, found.stop[lasting >= 0.3])

@@ -14,8 +14,7 @@ from tests.ekf.field_walks import STRAIGHT, off_deg, walked
 
 DRIFT = {"gyro_bias_deg_s": 0.2, "from_s": 3.0}
 OWN = find_parameters("aiez", PHYSICAL)
-PARAMETERS = replace(OWN, compass_sigma_deg=5.0, course_sigma_deg=2.0)
-"""Sure enough of both to show in a minute."""
+PARAMETERS = replace(OWN, compass_sigma_deg=5.0, course_sigma_deg=2.0)  # Sure enough of both to show in a minute.
 
 
 def solved(recording, stances, field, headings, parameters=PARAMETERS):

@@ -18,8 +18,7 @@ from fg_nav.ekf.attitude_updates import (
 from fg_nav.ekf.update import INNOVATION, ROW, inject_error
 from tests.ekf.errors import error_of, random_covariance, random_state, with_error
 
-NAV_FIELD = np.array([2.0, 21.0, -43.0])
-"""uT, with a declination of its own."""
+NAV_FIELD = np.array([2.0, 21.0, -43.0])  # uT, with a declination of its own.
 
 DECLINATION = np.arctan2(NAV_FIELD[0], NAV_FIELD[1])
 FORCE = np.array([0.0, 0.0, 9.81])

@@ -21,8 +21,7 @@ RATE = 100.0
 DENSITY = Densities(0.02**2, np.radians(0.05) ** 2, np.radians(0.01) ** 2, 0.003**2)
 STANCE_VARIANCE = 0.01**2
 PRIOR = np.repeat([1e-3, 0.02, 0.01, np.radians(0.2), 0.03], 3)
-SURE = 0.999
-"""Two-sided probability of the bounds: one seed is fixed, so this is how lucky the seed may be."""
+SURE = 0.999  # Two-sided probability of the bounds: one seed is fixed, so this is how lucky the seed may be.
 
 
 @njit

@@ -19,8 +19,7 @@ from fg_nav.mechanisation import NavState
 from tests.ekf.errors import error_of, random_state
 from tests.ekf.field_walks import STRAIGHT, off_deg, walked
 
-DRIFT = {"gyro_bias_deg_s": 0.2, "from_s": 3.0}
-"""Not seen in the rest at the start: 12 deg at the end."""
+DRIFT = {"gyro_bias_deg_s": 0.2, "from_s": 3.0}  # Not seen in the rest at the start: 12 deg at the end.
 
 
 def solved(method, recording, stances, field, heading):

@@ -17,8 +17,7 @@ from fg_nav.truth import TrajectoryTruth
 from tests.ekf.motion import Walk
 
 WALK = Walk(strides=20, turn=0.1)
-NORTH = yaw_rotation(np.pi / 2)
-"""With heading 0 the body's x axis points north; the walk's truth starts eastward."""
+NORTH = yaw_rotation(np.pi / 2)  # With heading 0 the body's x axis points north; the walk's truth starts eastward.
 
 
 def shaken(recording, seed=0, gyr_sigma=0.002, acc_sigma=0.02, gyro_bias=(0.0, 0.0, 0.0)):

@@ -21,8 +21,7 @@ SQUARE = np.array(
 )
 """Footfalls (101, 3) m round a square, one a metre, back to the start."""
 
-LINE = np.column_stack([np.zeros(201), np.arange(201.0), np.zeros(201)])
-"""Footfalls north, ending far from the start."""
+LINE = np.column_stack([np.zeros(201), np.arange(201.0), np.zeros(201)])  # Footfalls north, ending far from the start.
 
 
 def walked(estimate, truth, attitude=None, true_attitude=None):

@@ -22,8 +22,7 @@ from tests.factors.derivatives import differences, jacobians, residual
 
 KEYS = [X(0), X(1), A(0)]
 SIGMA = np.radians(2.0)
-ALWAYS = BuildingDirection(SIGMA, 1e-300, np.array(1.0))
-"""A mixture without its other component."""
+ALWAYS = BuildingDirection(SIGMA, 1e-300, np.array(1.0))  # A mixture without its other component.
 vectors = st.lists(st.floats(-3, 3), min_size=3, max_size=3).map(np.array)
 angles = st.floats(-3.0, 3.0)
 odds = st.floats(1e-6, 5.0)

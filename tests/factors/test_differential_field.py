@@ -25,8 +25,7 @@ RATE_HZ, SAMPLES = 100.0, 50
 EARTH = np.array([5.0, 20.0, -43.0])
 BIAS = np.radians([0.4, -0.3, 0.6])
 NO_IRON = Iron.unknown(1e-3)
-NOISE = FieldNoise(Variogram(1e-6, 1.0, 1.0), 0.3, NO_IRON)
-"""White, and nothing else."""
+NOISE = FieldNoise(Variogram(1e-6, 1.0, 1.0), 0.3, NO_IRON)  # White, and nothing else.
 
 
 def rocking(seed: int, stretches: int = 40, amplitude_rad_s: float = 0.15) -> tuple[Array, Array]:

@@ -17,8 +17,7 @@ from fg_nav.frames import yaw_rotation
 from fg_nav.lab.simulation.fields import Circuit, Cylinders, Sum, draw_floor, magnet, make_earth_field
 from tests.factors.attitudes import information, pose
 
-MU_0 = 0.4 * np.pi
-"""uT m / A."""
+MU_0 = 0.4 * np.pi  # uT m / A.
 
 EARTH = make_earth_field(48.0, 64.0, 12.0)
 H = float(np.hypot(*EARTH.vector[:2]))

@@ -15,8 +15,7 @@ from scipy.spatial.transform import Rotation
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.recording import RawRecording
 
-EPOCH_MS = 1_595_933_810_034
-"""Start of the files that have the time of day, ms since 1970."""
+EPOCH_MS = 1_595_933_810_034  # Start of the files that have the time of day, ms since 1970.
 
 _MT_LINES = (
     "// General information: ",

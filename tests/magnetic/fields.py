@@ -6,8 +6,7 @@ from fg_nav.frames import level_attitude
 from fg_nav.magnetic import FootfallField
 
 DIP = np.deg2rad(64.0)
-EARTH = 48.0 * np.array([0.0, np.cos(DIP), -np.sin(DIP)])
-"""uT, in nav: Munich."""
+EARTH = 48.0 * np.array([0.0, np.cos(DIP), -np.sin(DIP)])  # uT, in nav: Munich.
 
 
 def footfalls(nav_field, heading=0.0, drift=0.0, noise_uT=0.0, rate=0.0, rng=None, stride_s=1.1, mount=None):

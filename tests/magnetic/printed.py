@@ -35,8 +35,7 @@ from fg_nav.frames import GRAVITY_M_S2, wrap_angle
 Tilt: TypeAlias = tuple[Floats, Floats]
 """Roll and pitch (...,) rad in the sense of the paper."""
 
-FRD_FROM_FLU = np.array([1.0, -1.0, -1.0])
-"""Forward-left-up to forward-right-down, axis by axis, and back."""
+FRD_FROM_FLU = np.array([1.0, -1.0, -1.0])  # Forward-left-up to forward-right-down, axis by axis, and back.
 
 
 def ma_heading(body_field: Floats, acc: Floats, declination: float = 0.0, as_printed: bool = False) -> Floats:

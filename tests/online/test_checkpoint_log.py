@@ -37,7 +37,7 @@ def push_and_save(options, rows, path, every=150, resume_at=()):
 def test_killed_again_and_again_a_walk_in_windows_ends_with_the_same_answer(lag_s, strides, tmp_path, monkeypatch):
     """With a lag the samples of its beginning are not there any more, in memory nor in the file."""
     solve_in_windows(monkeypatch, behind=12)
-    monkeypatch.setattr("fg_nav.online.checkpoint.LEAST_BYTES", 0)
+    monkeypatch.setattr("fg_nav.online.checkpoint.MIN_BYTES", 0)
     rows, options = rows_of(short_walk(strides)), OnlineOptions(lag_s=lag_s)
     uninterrupted = OnlineNavigator(options)
     push(uninterrupted, rows)

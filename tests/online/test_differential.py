@@ -21,8 +21,7 @@ from tests.simulated import corridor
 from tests.smoother.test_differential import NO_REST
 from tests.smoother.walks import DEFAULT
 
-SOLVED_AGAIN = (1, 2, 3, 4, 8)
-"""Footfalls; those behind extend the graph."""
+SOLVED_AGAIN = (1, 2, 3, 4, 8)  # Footfalls; those behind extend the graph.
 
 WITHOUT_REST = replace(DEFAULT, rest=NO_REST)
 NO_HEADING = replace(DEFAULT.magnetic, compass=False, potential=False)

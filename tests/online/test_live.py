@@ -169,7 +169,7 @@ def test_a_server_that_comes_later_and_breaks_off_is_waited_for():
 
 
 def test_more_than_may_wait_holds_up_the_server_and_loses_nothing(monkeypatch):
-    monkeypatch.setattr(live, "MOST_WAITING", 100_000)
+    monkeypatch.setattr(live, "MAX_WAITING", 100_000)
     port = free_port(socket.SOCK_STREAM)
     with Opened(f"tcp-listen://127.0.0.1:{port}") as opened:
 

@@ -14,15 +14,11 @@ from fg_nav.online.buffer import rows_of
 from tests.online.walks import NORTH, push, short_walk, solve_in_windows, solve_only_at
 
 STRIDES = 16
-SOLVED_AGAIN = (1, 2, 3, 4)
-"""Footfalls; those behind are judged by the walk in progress."""
-
-AT = 8
-"""Footfall at the magnet."""
+SOLVED_AGAIN = (1, 2, 3, 4)  # Footfalls; those behind are judged by the walk in progress.
+AT = 8  # Footfall at the magnet.
 
 MAGNET_UT = np.array([50.0, -36.0, 24.0])
-NEAR = 8
-"""Samples before and after the stance that the magnet reaches."""
+NEAR = 8  # Samples before and after the stance that the magnet reaches.
 
 
 @pytest.fixture(autouse=True)

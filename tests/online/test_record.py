@@ -120,7 +120,7 @@ def test_a_full_disk_does_not_end_the_walk(rows, tmp_path, monkeypatch):
 
 
 def test_what_waits_for_a_full_disk_is_bounded_and_what_is_missing_is_said(rows, monkeypatch):
-    monkeypatch.setattr(record, "MOST_WAITING", 300)
+    monkeypatch.setattr(record, "MAX_WAITING", 300)
     said = write(Path("/dev/full"), rows[:1000])
     assert "cannot be written" in said[0]
     assert "lacks 1000 samples" in said[-1]

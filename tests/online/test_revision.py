@@ -12,7 +12,7 @@ from fg_nav.online.buffer import ToldFootfall
 from fg_nav.online.estimates import StanceEstimate
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.review import OPEN_S, UNTOLD, review_footfalls
-from fg_nav.online.revision import MOST_POINTS, Revision, compare_pasts, format_revision
+from fg_nav.online.revision import MAX_POINTS, Revision, compare_pasts, format_revision
 from fg_nav.online.smoother import OnlineSmoother
 from tests.online.test_online_smoother import add, farthest, footfall_at, in_field, smoother_of
 from tests.online.walks import estimates_of, revisions_of, short_walk
@@ -145,7 +145,7 @@ def test_lines_whose_footfalls_were_none_are_retracted_before_the_path() -> None
 def test_the_path_is_all_of_the_walk_in_two_hundred_points_at_most(count: int) -> None:
     rows = straight(count)
     path = np.array(lines(compare_pasts(rows[-10:], rows, max(count - 10, 0), []))[-1]["path"])
-    assert path.shape == (min(count, MOST_POINTS), 4)
+    assert path.shape == (min(count, MAX_POINTS), 4)
     np.testing.assert_allclose(path[-1], [count - 1, 0.0, 1.3 * (count - 1), 0.0], atol=1e-3)
     np.testing.assert_allclose(path[0], 0.0)
     gaps = np.diff(path[:, 0])

@@ -47,7 +47,7 @@ def test_a_block_gives_the_samples_of_its_lines(drawn, has_rate):
     results = []
     with pytest.MonkeyPatch.context() as patch:
         for smallest, reader in zip((1, 10**9), readers, strict=True):
-            patch.setattr(text, "SMALLEST_BLOCK", smallest)
+            patch.setattr(text, "MIN_BLOCK", smallest)
             results.append((reader.read(HEADER if columns is None else b"").tobytes(), reader.read(data).tobytes()))
     assert results[0] == results[1]
     assert readers[0].bad == readers[1].bad

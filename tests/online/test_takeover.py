@@ -13,8 +13,7 @@ from fg_nav.online.options import OnlineOptions
 from fg_nav.online.solving import WalkSolver
 from tests.online.walks import NORTH, push, short_walk, worst_difference
 
-STRIDE = 110
-"""Samples."""
+STRIDE = 110  # Samples.
 
 
 class LateSolver(WalkSolver):

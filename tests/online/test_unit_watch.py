@@ -10,7 +10,7 @@ from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.online import OnlineNavigator
 from fg_nav.online.buffer import rows_of
 from fg_nav.online.field_watch import FieldWatch
-from fg_nav.online.unit_watch import HELD, MOST_NOTES, UnitWatch
+from fg_nav.online.unit_watch import HELD, MAX_NOTES, UnitWatch
 
 STAMP, ACC, GYR, MAG = slice(0, 1), slice(1, 4), slice(4, 7), slice(7, 10)
 G = 9.80665
@@ -189,7 +189,7 @@ def test_a_magnetometer_that_comes_and_goes_is_noted_a_few_times_and_the_notes_a
         block = change(sent, MAG, 10.0 if k // 3 % 2 else 1.0)
         block[:, 0] += 2.0 * k
         watch.admit(block)
-    assert len(watch.notes) == MOST_NOTES + 1
+    assert len(watch.notes) == MAX_NOTES + 1
     later.resume(json.loads(json.dumps(watch.state())))
     assert later.notes == watch.notes
 

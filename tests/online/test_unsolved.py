@@ -16,8 +16,7 @@ from fg_nav.online.smoother import OnlineSmoother
 from fg_nav.smoother import SmootherParameters
 from tests.online.walks import NORTH, push, short_walk, solve_only_at
 
-BEGINS = 7
-"""Footfall at which it begins to fail, behind the last solution of the whole in these tests."""
+BEGINS = 7  # Footfall at which it begins to fail, behind the last solution of the whole in these tests.
 
 
 @pytest.fixture(autouse=True)

@@ -160,7 +160,7 @@ class Late(InPieces):
 
 
 @pytest.mark.usefixtures("windows")
-@pytest.mark.parametrize("late", [3, smoother.MOST_LATE + 3])
+@pytest.mark.parametrize("late", [3, smoother.MAX_LATE + 3])
 def test_a_walk_goes_on_without_a_solution_that_is_late(monkeypatch: pytest.MonkeyPatch, late: int) -> None:
     """What came in the meantime is added to it when it is there: here, or where it is solved if that is much."""
     usual = in_windows()
@@ -251,7 +251,7 @@ def test_a_process_beside_says_the_same_and_is_replaced_where_it_dies(
 
 
 def test_a_process_beside_that_was_stopped_is_not_waited_for_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(beside, "LONGEST_S", 0.1)
+    monkeypatch.setattr(beside, "MAX_S", 0.1)
     remarks: list[str] = []
     solver = WorkerSolver(OnlineOptions(), StanceParameters(), SampleBuffer(), remarks.append)
     try:

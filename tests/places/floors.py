@@ -55,8 +55,5 @@ def carry(floor: Floor, place: Floats, drift_deg_m: float = 0.0, noise_uT: float
     return trace_signature(walked / SPEED_M_S, position, R, mag)
 
 
-LOOP = np.array([(0, 0), (30, 0), (30, 18), (0, 18), (0, 0)])
-"""96 m."""
-
-OPEN = np.array([(0, 0), (60, 0), (60, 60), (120, 60), (120, 120)])
-"""240 m without a return."""
+LOOP = np.array([(0, 0), (30, 0), (30, 18), (0, 18), (0, 0)])  # 96 m.
+OPEN = np.array([(0, 0), (60, 0), (60, 60), (120, 60), (120, 120)])  # 240 m without a return.

@@ -6,7 +6,7 @@ import pytest
 from fg_nav.frames import yaw_rotation
 from fg_nav.places import SavedPlaces, locate
 from fg_nav.places.consistency import LONE_EXPECTED
-from fg_nav.places.location import MOST_PIECES, MOST_STRETCHES
+from fg_nav.places.location import MAX_PIECES, MAX_STRETCHES
 from tests.places.floors import EARTH, LOOP, OPEN, Floor, along, carry
 
 START = np.array([25.0, 0.2])
@@ -126,5 +126,5 @@ def test_a_long_walk_has_no_more_pieces_than_a_fit_can_take():
     laps = np.vstack([along(LOOP)] * 6)
     found = locate(carry(Floor.draw(4), laps, seed=1), saved(carry(Floor.draw(4), laps)))
     assert found is not None
-    assert len(found.pieces.t) < MOST_PIECES + MOST_STRETCHES
+    assert len(found.pieces.t) < MAX_PIECES + MAX_STRETCHES
     assert np.linalg.norm(found.start[:2]) < 1.0

@@ -8,8 +8,8 @@ import pytest
 from fg_nav.places import SavedPlaces, Signature, locate, recognize_known
 from fg_nav.places.calibration import USUAL_DECAY
 from fg_nav.places.consistency import LONE_EXPECTED
-from fg_nav.places.overlay import HOP, LEAST_DECAY, PIECE, find_decay, overlay_known
-from fg_nav.places.signature import FEWEST_POINTS
+from fg_nav.places.overlay import HOP, MIN_DECAY, PIECE, find_decay, overlay_known
+from fg_nav.places.signature import MIN_POINTS
 from tests.places.floors import EARTH, OPEN, Floor, along, carry
 
 START = np.array([25.0, 0.2])
@@ -91,12 +91,12 @@ def test_a_field_that_is_the_same_everywhere_shows_no_place():
 
 
 def test_where_chance_scores_as_well_as_a_place_nothing_is_recognized():
-    assert find_decay(np.full(100, 2.0)) == LEAST_DECAY
+    assert find_decay(np.full(100, 2.0)) == MIN_DECAY
     assert find_decay(np.array([-3.0, -2.0, 1.0])) == USUAL_DECAY
-    assert find_decay(np.array([-1.0, 2.0])) == LEAST_DECAY
+    assert find_decay(np.array([-1.0, 2.0])) == MIN_DECAY
     decay = find_decay(np.array([-1.0, -1.0, -1.0, 1.5]))
     assert 0.75 * np.exp(-decay) + 0.25 * np.exp(1.5 * decay) == pytest.approx(1.0)
-    assert LEAST_DECAY < decay < USUAL_DECAY
+    assert MIN_DECAY < decay < USUAL_DECAY
 
 
 def test_a_walk_of_another_shape_is_not_located(known):
@@ -113,7 +113,7 @@ def test_pieces_cover_a_long_walk_and_a_short_one_is_left(known):
     assert begins[0] == 0
     assert begins[-1] == len(known) - PIECE
     assert np.diff(begins).max() <= HOP
-    assert overlay_known(replace_points(known, FEWEST_POINTS - 1), known).stretches == ()
+    assert overlay_known(replace_points(known, MIN_POINTS - 1), known).stretches == ()
 
 
 def replace_points(path: Signature, count: int) -> Signature:

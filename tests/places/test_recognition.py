@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fg_nav.places import Drift, recognition, recognize, recognize_known, select_consistent
-from fg_nav.places.alignment import LEAST_LISTED, RHO, align, trace
+from fg_nav.places.alignment import MIN_LISTED, RHO, align, trace
 from fg_nav.places.calibration import measure_chance
 from fg_nav.places.candidates import BLOCK, find_candidates, pair_all
 from fg_nav.places.whitening import Features, whiten
@@ -128,7 +128,7 @@ def test_the_cost_follows_the_candidates():
 
 def test_chance_has_the_rate_and_decay_of_its_scores():
     rng = np.random.default_rng(2)
-    scores = LEAST_LISTED + rng.exponential(1 / 0.8, 2000)
+    scores = MIN_LISTED + rng.exponential(1 / 0.8, 2000)
     chance = measure_chance(scores, 1e6, 2e6)
     assert chance.count == pytest.approx(4000, rel=0.05)
     assert chance.decay == pytest.approx(0.8, rel=0.07)

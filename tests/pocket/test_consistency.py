@@ -19,8 +19,7 @@ from tests.pocket.leg import MUNICH, walking
 RUNS = 60
 SURE = 0.999
 PARAMETERS = PocketParameters(gyro_bias_sigma_deg_s=0.3, acc_sigma_m_s2=0.5, gravity_window_s=0.0)
-BIAS_WALK = np.radians(200.0 / 3600.0) / np.sqrt(50.0)
-"""Of a poor sensor: 200 deg/h at 50 s."""
+BIAS_WALK = np.radians(200.0 / 3600.0) / np.sqrt(50.0)  # Of a poor sensor: 200 deg/h at 50 s.
 MODEL = build_model(PARAMETERS)._replace(bias_density=BIAS_WALK**2)
 SIGMA0 = np.array([0.02, 0.02, 0.05, *[np.radians(0.3)] * 3])
 

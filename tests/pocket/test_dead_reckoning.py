@@ -18,8 +18,7 @@ from fg_nav.pocket.steps import Steps, ThighSwing
 from fg_nav.pocket.track import PocketTrack
 
 RATE_HZ = 20
-STEP = 10
-"""Samples to a step."""
+STEP = 10  # Samples to a step.
 
 LAW = StepLength(0.9, sigma=0.05)
 

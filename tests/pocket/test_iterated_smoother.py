@@ -30,8 +30,7 @@ from tests.pocket.leg import BIAS, resting, walking
 
 P = PocketSmootherParameters()
 NOISE = (np.radians(0.1), 0.05, 0.5)
-EXACT = replace(P, gyr_scale_sigma=1e-5, mag_left_uT=1e-3)
-"""Sensors without an error that goes with attitude or rate."""
+EXACT = replace(P, gyr_scale_sigma=1e-5, mag_left_uT=1e-3)  # Sensors without an error that goes with attitude or rate.
 ESTIMATORS = (smooth_pocket, follow_pocket)
 
 

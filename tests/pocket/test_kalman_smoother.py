@@ -36,8 +36,7 @@ from tests.pocket.leg import walking
 
 P = PocketSmootherParameters(latitude_deg=48.0, bias_returns_to_zero=True)
 NOISE = (np.radians(0.1), 0.03, 0.5)
-UNITS = np.repeat([1e-2, 1e-3, 1.0, 0.5], [3, 12, 6, 6])
-"""Of x: rad, rad/s and parts, uT, m and m/s."""
+UNITS = np.repeat([1e-2, 1e-3, 1.0, 0.5], [3, 12, 6, 6])  # Of x: rad, rad/s and parts, uT, m and m/s.
 
 
 class Problem:

@@ -24,8 +24,7 @@ from fg_nav.walk import Walk
 from tests.magnetic.fields import footfalls, turned
 from tests.report import walks
 
-DISTURBED = np.deg2rad([0.0, 1.0, 0.0, 30.0, 31.0, -20.0])
-"""What the compass is off at six footfalls, clockwise."""
+DISTURBED = np.deg2rad([0.0, 1.0, 0.0, 30.0, 31.0, -20.0])  # What the compass is off at six footfalls, clockwise.
 
 
 def field_of(heading: Floats, compass_off: Floats) -> FootfallField:

@@ -12,8 +12,7 @@ from fg_nav.mechanisation import NavState, strapdown
 from fg_nav.recording import Recording
 from fg_nav.samples.gaps import compensate_coning
 
-TURNS_RAD_S = 2 * np.pi * 2.0
-"""Two cones a second."""
+TURNS_RAD_S = 2 * np.pi * 2.0  # Two cones a second.
 HALF_ANGLE = 0.3
 SWAY_M = 0.2
 POINTS, WEIGHTS = np.polynomial.legendre.leggauss(12)

@@ -9,12 +9,11 @@ from scipy.spatial.transform import Rotation
 from fg_nav.arrays import Bools, Floats
 from fg_nav.recording import Recording
 from fg_nav.sample_noise import find_extra_sigmas
-from fg_nav.samples.gaps import LONGEST_S, REACH, WALKING, Gaps, fill_gaps
+from fg_nav.samples.gaps import MAX_S, REACH, WALKING, Gaps, fill_gaps
 from fg_nav.samples.saturation import rebuild_peaks
 
 RATE_HZ = 100.0
-STRIDE = 120
-"""Samples from one step to the next."""
+STRIDE = 120  # Samples from one step to the next.
 
 
 def strides(count: int, rng: np.random.Generator) -> tuple[Floats, Floats]:
@@ -171,7 +170,7 @@ def test_who_stood_before_a_long_gap_may_have_walked_in_it(lost: int) -> None:
     rng = np.random.default_rng(3)
     acc, gyr = (size * rng.standard_normal((600, 3)) for size in (0.01, 0.001))
     gaps = without((acc, gyr), dropped(600, np.array([300]), lost))
-    assert lost / RATE_HZ > LONGEST_S
+    assert lost / RATE_HZ > MAX_S
     np.testing.assert_allclose(gaps.acc_sigma[0], WALKING[:3])
     np.testing.assert_allclose(gaps.gyr_sigma[0], WALKING[3:])
 

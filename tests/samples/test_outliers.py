@@ -8,10 +8,8 @@ from fg_nav.samples.plausibility import find_unit_problems
 
 PERIOD_S = 0.005
 N = 600
-STANDS = 450
-"""From then on."""
-STRUCK = range(200, 210)
-"""A heel strikes: 100 m/s^2 within two samples, and the shoe rings."""
+STANDS = 450  # From then on.
+STRUCK = range(200, 210)  # A heel strikes: 100 m/s^2 within two samples, and the shoe rings.
 
 
 def striding() -> tuple[np.ndarray, np.ndarray, np.ndarray]:

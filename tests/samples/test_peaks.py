@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fg_nav.arrays import Floats
-from fg_nav.samples.saturation import LONGEST_S, MOST_RANGES, OFF_SHARE, rebuild_peaks
+from fg_nav.samples.saturation import MAX_RANGES, MAX_S, OFF_SHARE, rebuild_peaks
 
 RATE_HZ = 200.0
 LIMIT = 8.7
@@ -57,7 +57,7 @@ def test_a_parabola_sampled_finely_is_found_but_for_what_the_range_forbids() -> 
     found = rebuild_peaks(cut, 1 / rate_hz)
     hidden = (gyr - cut)[:, 2]
     np.testing.assert_allclose(
-        (found.whole - cut)[:, 2], hidden / (1 + height / (MOST_RANGES * LIMIT)), atol=0.07 * height
+        (found.whole - cut)[:, 2], hidden / (1 + height / (MAX_RANGES * LIMIT)), atol=0.07 * height
     )
     angle = hidden.sum() / 3 / rate_hz
     off_share = np.sqrt(np.sum(found.sigma[:, 2] ** 2) / 3) / rate_hz / angle
@@ -107,7 +107,7 @@ def test_without_flanks_a_run_stays_and_may_hide_as_much_as_it_shows(where: str)
     """A recording that is clipped for longer than a peak lasts, or that is nothing else."""
     gyr = swings(np.random.default_rng(2))[60:]
     cut = np.clip(gyr, -LIMIT, LIMIT)
-    long = slice(200, 201 + int(LONGEST_S * RATE_HZ))
+    long = slice(200, 201 + int(MAX_S * RATE_HZ))
     cut[long] = LIMIT
     if where == "all":
         cut = np.concatenate([cut[long], -cut[long]])

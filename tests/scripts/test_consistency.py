@@ -16,8 +16,7 @@ from tests.scripts import load_script
 consistency = load_script("filter_consistency")
 
 WALKS = 25
-SURE = 0.999
-"""Two-sided probability of the bounds: one seed is fixed, so this is how lucky the seed may be."""
+SURE = 0.999  # Two-sided probability of the bounds: one seed is fixed, so this is how lucky the seed may be.
 
 
 @pytest.fixture(scope="module")

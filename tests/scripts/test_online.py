@@ -146,7 +146,7 @@ def test_what_a_source_may_send_is_measured_with_what_is_lost(monkeypatch):
 def test_datagrams_hold_whole_rows_and_no_more_than_they_can(at_once):
     rows = limits.draw_walk(3.0, 400.0)
     datagrams = limits.cut_datagrams(limits.make_text(rows), at_once)
-    assert max(map(len, datagrams)) <= limits.LONGEST_DATAGRAM
+    assert max(map(len, datagrams)) <= limits.MAX_DATAGRAM
     reader = limits.RowReader("datagrams")
     assert np.array_equal(np.concatenate([reader.read(datagram) for datagram in datagrams]), rows, equal_nan=True)
 

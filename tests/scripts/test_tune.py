@@ -148,7 +148,7 @@ def test_held_out_walks_are_printed_and_are_not_those_tuned_on(monkeypatch, tmp_
     printed = capsys.readouterr().out
     assert "seeds 31 to 33" in printed
     assert ["qsf", "tuned", "32.00", "4.00", "1.000", "1.000", "1.000"] in [row.split() for row in printed.splitlines()]
-    assert tune.HELD_OUT > tune.FIRST_SEED + tune.MOST_SEEDS
+    assert tune.HELD_OUT > tune.FIRST_SEED + tune.MAX_SEEDS
 
 
 class _Entered(Inline):

@@ -25,8 +25,7 @@ from fg_nav.solution import Solution
 from tests.real_data import DATA, needs_data
 from tests.simulated import PERSON, simulated
 
-ALONE = SmootherParameters(walk=WalkParameters(floors=False))
-"""Heights by strides and pressure, without level floors."""
+ALONE = SmootherParameters(walk=WalkParameters(floors=False))  # Heights by strides and pressure, without level floors.
 
 GROUND_PA = 97_970.0
 

@@ -14,7 +14,7 @@ from fg_nav.smoother.gauss_newton import CONVERGENCE
 from fg_nav.smoother.graph import WalkProblem, solve_and_keep
 from fg_nav.smoother.problem import walk_problem
 from fg_nav.smoother.solver import linearize, time_order
-from fg_nav.smoother.strides import LEAST_WALK_DEG_S
+from fg_nav.smoother.strides import MIN_WALK_DEG_S
 from tests.smoother.walks import DEFAULT, Walk, demo, part
 
 GIVEN = replace(DEFAULT, choose_swing_noise=False, gyr_relative_density=1e-4, gyr_density_deg_s=0.015)
@@ -73,7 +73,7 @@ def test_a_bias_that_is_assumed_not_to_walk_has_a_factor_all_the_same() -> None:
     assert all((one > 0.0).all() for one in sigmas(found))
     assert 0.0 < max(np.degrees(one[3:]).max() for one in sigmas(found)) < 1e-4
     chosen = walk_problem(short.recording, short.stances, 0.0, replace(without, choose_bias_walk=True))
-    assert LEAST_WALK_DEG_S <= chosen.parameters.gyro_bias_walk_deg_s < 100.0 * LEAST_WALK_DEG_S
+    assert MIN_WALK_DEG_S <= chosen.parameters.gyro_bias_walk_deg_s < 100.0 * MIN_WALK_DEG_S
 
 
 def test_the_graph_has_the_walk_that_was_found() -> None:

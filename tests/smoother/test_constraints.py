@@ -130,8 +130,7 @@ def test_linear_model_has_the_error_at_hand_and_its_slope(kind: str) -> None:
         assert slope == pytest.approx(model.error(there) - model.error(back), rel=1e-3, abs=1e-9)
 
 
-SIGMA = np.array([1e-4, 1e-4, np.radians(0.05), 0.01, 0.01, 0.005])
-"""Of a stride: rotation rad, translation m."""
+SIGMA = np.array([1e-4, 1e-4, np.radians(0.05), 0.01, 0.01, 0.005])  # Of a stride: rotation rad, translation m.
 
 
 def storeys(level: int = 60, visits: tuple[int, ...] = (0, 1, 0, 2, 1, 0)) -> tuple[Floats, Ints]:

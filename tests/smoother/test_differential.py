@@ -135,7 +135,7 @@ def test_stretches_do_not_overlap_and_lie_about_their_stances() -> None:
     assert (stretches.start[1:] >= stretches.stop[:-1]).all()
     assert (np.diff(stretches.bias) >= 0).all()
     standing = (stretches.stop - stretches.start)[stretches.is_standing] * recording.period_s
-    assert (standing <= differential_factors.LONGEST_S + recording.period_s).all()
+    assert (standing <= differential_factors.MAX_S + recording.period_s).all()
 
 
 def test_stretches_without_a_field_are_left_out() -> None:
@@ -219,7 +219,7 @@ def test_what_contradicts_gravity_is_weakened_about_all_axes_and_nothing_else() 
     weaker = LevelBias(np.zeros((3, 3)), up).weaken(shown)
     of_gravity = math.radians(differential_factors.LEVEL_SIGMA_DEG_S)
     ratio = 0.5 * (10 * sigma) ** 2 / (sigma**2 + of_gravity**2)
-    weight = np.array([1.0, 1.0, differential_factors.MOST_LEVEL_RATIO / ratio])
+    weight = np.array([1.0, 1.0, differential_factors.MAX_LEVEL_RATIO / ratio])
     np.testing.assert_allclose(weaker.matrix, shown.matrix * weight[:, None, None], rtol=1e-5)
     np.testing.assert_allclose(weaker.vector, shown.vector * weight[:, None], rtol=1e-5, atol=1e-9)
 

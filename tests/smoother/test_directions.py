@@ -24,7 +24,7 @@ from fg_nav.smoother.direction_factors import (
     list_displacements,
     share_legs,
 )
-from fg_nav.smoother.directions import LEAST_EVIDENCE, NONE_FOUND, split_drift, track_directions
+from fg_nav.smoother.directions import MIN_EVIDENCE, NONE_FOUND, split_drift, track_directions
 from fg_nav.smoother.graph import order_variables
 from fg_nav.smoother.parameters import WalkParameters
 from tests.simulated import FIRM, INDUSTRIAL, QUIET, simulated
@@ -90,7 +90,7 @@ def test_directions_are_found_wherever_they_lie(alpha_deg: float) -> None:
     position = path_of(rounds(8, 20), 0.05) @ yaw_rotation(np.radians(alpha_deg)).T
     _, found = track(position)
     assert np.degrees(np.abs(wrap_quarter(found.phi - np.radians(alpha_deg))).max()) < 1.5
-    assert found.evidence > 2 * LEAST_EVIDENCE
+    assert found.evidence > 2 * MIN_EVIDENCE
     assert found.mixture.share > 0.9
     assert np.degrees(found.mixture.sigma) == pytest.approx(1.5, abs=0.5)
 
@@ -110,7 +110,7 @@ def test_a_circle_shows_no_directions(radius_m: float) -> None:
     position = path_of(np.full(200, STRIDE_M / radius_m), 0.03)
     pairs = list_displacements(position)
     if len(pairs):
-        assert track(position)[1].evidence < LEAST_EVIDENCE
+        assert track(position)[1].evidence < MIN_EVIDENCE
 
 
 @pytest.mark.parametrize("drift_deg", [3.0, 80.0])
@@ -118,7 +118,7 @@ def test_a_circle_shows_no_directions(radius_m: float) -> None:
 def test_courses_that_are_anything_show_none(seed: int, drift_deg: float) -> None:
     course = np.random.default_rng(seed).uniform(-np.pi, np.pi, 40)
     found = track_directions(course, np.ones(40), np.linspace(0.0, 1.0, 40), float(np.radians(drift_deg)))
-    assert found.evidence < LEAST_EVIDENCE
+    assert found.evidence < MIN_EVIDENCE
 
 
 def test_ways_across_an_open_space_do_not_spoil_the_corridors() -> None:
@@ -129,8 +129,7 @@ def test_ways_across_an_open_space_do_not_spoil_the_corridors() -> None:
     assert found.mixture.share == pytest.approx(7 / 8, abs=0.06)
 
 
-BIAS_DEG_S = 0.2
-"""About up where the foot stands: 13 deg over the walk."""
+BIAS_DEG_S = 0.2  # About up where the foot stands: 13 deg over the walk.
 
 
 @cache

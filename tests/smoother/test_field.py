@@ -20,7 +20,7 @@ from fg_nav.magnetic import FootfallField, average_footfall_field
 from fg_nav.magnetic.quasi_static import DISTURBED, NO_FIELD, QUASI_STATIC, UNKNOWN, find_gate
 from fg_nav.recording import Recording
 from fg_nav.smoother import SmootherParameters, smooth
-from fg_nav.smoother.field import FEWEST_SEEN
+from fg_nav.smoother.field import MIN_SEEN
 from fg_nav.smoother.parameters import FieldParameters
 from fg_nav.solution import Solution
 from fg_nav.stances import Stances
@@ -332,11 +332,11 @@ def test_without_a_field_it_is_the_inertial_walk_and_says_so() -> None:
 
 def test_too_few_fields_are_left_alone() -> None:
     stances = demo().stances
-    last = stances.stop[np.flatnonzero(stances.footfall < FEWEST_SEEN - 1)[-1]]
+    last = stances.stop[np.flatnonzero(stances.footfall < MIN_SEEN - 1)[-1]]
     recording = unseen(plain(), np.arange(len(plain().t)) >= last)
     found = smoothed(recording, p=replace_field(differential=False))
     assert set(found.stances.field) == {UNKNOWN}
-    assert set(found.stances.field_reason) == {f"the field was seen at {FEWEST_SEEN - 1} footfalls only"}
+    assert set(found.stances.field_reason) == {f"the field was seen at {MIN_SEEN - 1} footfalls only"}
     assert_same(found, inertial(plain()))
 
 
@@ -357,7 +357,7 @@ def test_a_foot_that_only_stands_keeps_its_heading() -> None:
     body_field = np.array([12.0, 16.0, UP])
     still = Recording(np.arange(n) / 100.0, acc, gyr, np.tile(body_field, (n, 1)))
     stances = Stances.from_mask(np.arange(n) % 300 < 250)
-    assert stances.n_footfalls >= FEWEST_SEEN
+    assert stances.n_footfalls >= MIN_SEEN
     found = smooth(still, stances, heading=None, field=average_footfall_field(still, stances))
     np.testing.assert_allclose(np.degrees(compute_heading(found.nav_R_body)), np.degrees(np.arctan2(16, 12)), atol=0.2)
     assert np.isfinite(found.stances.heading_sigma).all()

@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 
 from fg_nav.arrays import Floats
 from fg_nav.frames import yaw_rotation
-from fg_nav.smoother.field_drift import LONGEST_WINDOW, SHORTEST_WINDOW, measure_drift, remove_drift
+from fg_nav.smoother.field_drift import MAX_WINDOW, MIN_WINDOW, measure_drift, remove_drift
 from fg_nav.smoother.graph import WalkProblem, turn_walk
 from fg_nav.smoother.problem import walk_problem
 from fg_nav.smoother.solver import list_poses
@@ -44,10 +44,10 @@ def times(count: int) -> Floats:
 
 @pytest.mark.parametrize("most", [0.0, 1.0, -4.0])
 def test_the_drift_of_hours_is_measured(most: float) -> None:
-    drift = most * np.sin(np.linspace(0.0, 1.5, 8 * LONGEST_WINDOW))
+    drift = most * np.sin(np.linspace(0.0, 1.5, 8 * MAX_WINDOW))
     found = measure_drift(field_of(drift), times(len(drift)))
     # The first window has the drift of its middle.
-    half = LONGEST_WINDOW // 2
+    half = MAX_WINDOW // 2
     np.testing.assert_allclose((found - found[half])[half:-half], (drift - drift[half])[half:-half], atol=0.08)
 
 
@@ -62,12 +62,12 @@ def test_a_constant_bias_is_measured_over_a_rough_floor(rate_deg_s: float) -> No
 
 
 def test_a_walk_of_minutes_shows_none() -> None:
-    count = 2 * SHORTEST_WINDOW - 1
+    count = 2 * MIN_WINDOW - 1
     assert not measure_drift(field_of(np.linspace(0.0, 1.0, count)), times(count)).any()
 
 
 def test_a_walk_that_was_bent_is_bent_back_and_one_that_was_not_is_left_as_it_is(monkeypatch) -> None:
-    for bound in ("SHORTEST_WINDOW", "LONGEST_WINDOW"):
+    for bound in ("MIN_WINDOW", "MAX_WINDOW"):
         monkeypatch.setattr(f"fg_nav.smoother.field_drift.{bound}", 4)
     problem = short_problem()
     nodes, count = problem.nodes, len(problem.nodes)

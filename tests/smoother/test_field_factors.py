@@ -39,14 +39,12 @@ P = FieldParameters()
 COMPASS = replace(P, potential=False)
 EARTH = np.array([3.0, 20.0, -43.0])
 STRENGTH = float(np.hypot(3.0, 20.0))
-RIGHT = np.array([EARTH[1], -EARTH[0]]) / STRENGTH
-"""Of the field, over ground."""
+RIGHT = np.array([EARTH[1], -EARTH[0]]) / STRENGTH  # Of the field, over ground.
 ROUGH = FieldRoughness(Roughness(4.0, 2.0), Roughness(5.0, 1.5), Roughness(2.0, 60.0), 3.0)
 FIRST = FieldPrior(
     np.array([0.0, 0.0, 0.0, 0.0, *EARTH[:2], 0.0, 0.0, 0.0]), np.array([4.0, 5.0, 2.0, 2.0, 1.0, 5.0, 0.3, 0.3, 15.0])
 )
-NEVER = 1e-4
-"""Sigma of what is as good as known."""
+NEVER = 1e-4  # Sigma of what is as good as known.
 STEP = 1e-5
 UNIT = gtsam.noiseModel.Unit.Create(1)
 
@@ -371,8 +369,7 @@ def test_a_field_that_is_not_where_it_was_expected_turns_and_does_not_shrink() -
     assert 0.2 < direction.min() < direction.max() < 0.51
 
 
-KNOWN = FieldPrior(FIRST.mean, np.full(SIZE, NEVER))
-"""The Earth's field and no iron: nothing is asked."""
+KNOWN = FieldPrior(FIRST.mean, np.full(SIZE, NEVER))  # The Earth's field and no iron: nothing is asked.
 NONE = Roughness(NEVER, 1.0)
 
 
@@ -408,7 +405,7 @@ def test_a_deviation_that_is_new_at_each_footfall_adds_to_the_noise() -> None:
 @pytest.fixture
 def nothing_new(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of an endless deviation even the least that is new would be much."""
-    monkeypatch.setattr(roughness, "LEAST_NEW", 0.0)
+    monkeypatch.setattr(roughness, "MIN_INNOVATION", 0.0)
 
 
 @pytest.mark.usefixtures("nothing_new", "steady")

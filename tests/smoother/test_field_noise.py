@@ -6,8 +6,8 @@ import pytest
 from fg_nav.arrays import Floats
 from fg_nav.smoother.roughness import (
     ASSUMED_SHARE,
-    LEAST_REGIONAL_UT,
-    LEAST_SIGMA_UT,
+    MIN_REGIONAL_UT,
+    MIN_SIGMA_UT,
     POTENTIAL_PER_FIELD_M,
     REGIONAL_LENGTH_M,
     REGIONAL_SHARE,
@@ -78,9 +78,9 @@ def test_spread_length_and_regional_part_of_a_process_are_found(
 def test_a_homogeneous_field_has_next_to_no_roughness(noise_uT: float) -> None:
     """What is less than the sensor's own is none of the field."""
     found = measure(*draw_field(0, noise_uT, Roughness(0.0, 3.0), 0.0, 400))
-    assert found.across.sigma == found.regional.sigma == LEAST_REGIONAL_UT
+    assert found.across.sigma == found.regional.sigma == MIN_REGIONAL_UT
     assert found.white_uT < 0.02
-    assert found.potential.sigma == pytest.approx(POTENTIAL_PER_FIELD_M * LEAST_SIGMA_UT)
+    assert found.potential.sigma == pytest.approx(POTENTIAL_PER_FIELD_M * MIN_SIGMA_UT)
 
 
 def test_a_magnet_on_the_way_does_not_set_the_scale() -> None:
@@ -129,8 +129,8 @@ def test_a_short_walk_keeps_to_what_was_assumed() -> None:
 @pytest.mark.parametrize("seen", [np.zeros(30, dtype=np.bool_), np.arange(30) == 29], ids=["none", "the last"])
 def test_where_nothing_was_seen_the_spread_is_the_sensor_s(seen: np.ndarray) -> None:
     found = measure_roughness(np.zeros(30), seen, np.full(29, STRIDE_M))
-    assert found.potential.sigma == pytest.approx(POTENTIAL_PER_FIELD_M * LEAST_SIGMA_UT)
-    assert found.across.sigma == found.regional.sigma == LEAST_REGIONAL_UT
+    assert found.potential.sigma == pytest.approx(POTENTIAL_PER_FIELD_M * MIN_SIGMA_UT)
+    assert found.across.sigma == found.regional.sigma == MIN_REGIONAL_UT
     assert found.white_uT < 0.02
 
 

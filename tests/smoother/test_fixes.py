@@ -25,8 +25,7 @@ from fg_nav.truth import Fix
 from tests.smoother.walks import DEFAULT, Walk, demo
 
 P = WalkParameters()
-TURN_DEG = 130.0
-"""From the frame in which a walk starts with heading zero to the fixes' frame."""
+TURN_DEG = 130.0  # From the frame in which a walk starts with heading zero to the fixes' frame.
 
 
 @cache

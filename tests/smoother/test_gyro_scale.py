@@ -14,7 +14,7 @@ from fg_nav.recording import Recording
 from fg_nav.smoother import smooth, smooth_graph
 from fg_nav.smoother.gyro_scale import (
     ALIKE_SIGMA,
-    LEAST_OWN,
+    MIN_OWN,
     SCALE_SIGMA,
     GyroScale,
     average_models,
@@ -107,7 +107,7 @@ def test_a_scale_in_one_half_alone_is_left_as_it_is() -> None:
 def priors() -> list[Floats]:
     """Covariances of the errors of both halves: nothing but what is alike, one scale, one in each half."""
     same, own = np.kron(np.ones((2, 2)), np.eye(3)), np.eye(6)
-    alike = ALIKE_SIGMA**2 * (same + LEAST_OWN * own)
+    alike = ALIKE_SIGMA**2 * (same + MIN_OWN * own)
     return [alike, alike + SCALE_SIGMA**2 * same, alike + SCALE_SIGMA**2 * own]
 
 

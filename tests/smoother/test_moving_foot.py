@@ -26,8 +26,7 @@ from tests.simulated import RIGID
 from tests.smoother.walks import DEFAULT, noise_free
 
 P = replace(DEFAULT, settling_m=0.0)
-STRAIGHT = (4, 13)
-"""Footfalls in the corridor, before its first corner."""
+STRAIGHT = (4, 13)  # Footfalls in the corridor, before its first corner.
 
 
 @cache

@@ -121,6 +121,6 @@ def test_pieces_are_apart_and_no_longer_than_they_may() -> None:
         assert before.t[-1] < after.t[0]
     for cut, its in pieces:
         assert 8 < its.n_footfalls <= problem_module.PIECE_STRIDES + 1
-        assert cut.t[-1] - cut.t[0] <= problem_module.LONGEST_PIECE_S + problem_module.STANDING_S + 0.1
+        assert cut.t[-1] - cut.t[0] <= problem_module.MAX_PIECE_S + problem_module.STANDING_S + 0.1
         assert its.n_samples == len(cut)
         np.testing.assert_array_equal(its.start[1:] - its.start[:-1] >= per_stride, True)

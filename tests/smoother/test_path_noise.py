@@ -31,7 +31,7 @@ from fg_nav.smoother.path_noise import (
     average_path_noise,
 )
 from fg_nav.smoother.problem import walk_problem
-from fg_nav.smoother.roughness import LEAST_TELESCOPING, FieldRoughness
+from fg_nav.smoother.roughness import MIN_TELESCOPING, FieldRoughness
 from fg_nav.smoother.solver import list_in_time, stack_walk
 from fg_nav.stances import Stances
 from tests.smoother.test_field import heading_error_deg, in_field, replace_field, truth_of
@@ -55,7 +55,7 @@ def noise_of(seed: int, drift_uT_m: float) -> PathNoise:
 def potentials(share: float, walked: Walked) -> multivariate_normal:
     """Density of what the integrals of the strides deviate by from those of the building's field, poses known."""
     rough, way = ROUGH.potential, np.append(0.0, np.cumsum(walked.path.distance_m))
-    telescoping = max(1.0 - share, LEAST_TELESCOPING) * rough.sigma**2
+    telescoping = max(1.0 - share, MIN_TELESCOPING) * rough.sigma**2
     covariance = telescoping * np.exp(-np.abs(way[:, None] - way) / rough.length_m)
     own = share * 2.0 * rough.sigma**2 * (1.0 - np.exp(-walked.path.distance_m / rough.length_m))
     change = np.diff(np.eye(len(way)), axis=0)

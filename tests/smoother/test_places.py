@@ -217,7 +217,7 @@ def test_a_turn_within_a_cell_ties_nothing() -> None:
 
 
 def test_a_walk_that_is_too_long_is_not_compared_with_itself(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(places, "LONGEST_M", 70.0)
+    monkeypatch.setattr(places, "MAX_M", 70.0)
     walk = solved(2, False).walk
     problem = replace(walk.problem, parameters=WITH)
     same, minimum, returns, notes = places.tie_places(problem, walk.solved)

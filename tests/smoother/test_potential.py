@@ -15,7 +15,7 @@ from fg_nav.recording import Recording
 from fg_nav.smoother.field_rounds import FieldSolution, look_along, solve_with_field
 from fg_nav.smoother.graph import WalkProblem, solve
 from fg_nav.smoother.potential import (
-    LEAST_STATISTIC,
+    MIN_STATISTIC,
     UT_M_PER_AMPERE,
     compute_jump_statistic,
     describe_jumps,
@@ -93,7 +93,7 @@ def test_no_jump_is_found_over_a_clean_floor(seed: int, rough: bool) -> None:
     found, _ = solved_in(seed, rough=rough)
     assert not list_jumps(found.problem, found.solved)
     statistic = statistic_of(found)
-    assert statistic.max() < 1.5 * LEAST_STATISTIC
+    assert statistic.max() < 1.5 * MIN_STATISTIC
     assert 0.1 < statistic.mean() < 2.0
 
 

@@ -12,7 +12,7 @@ from fg_nav.smoother.graph import WalkProblem, solve
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.problem import walk_problem
 from fg_nav.smoother.refused_stances import (
-    LEAST_STATISTIC,
+    MIN_STATISTIC,
     _group_ties,
     compute_stance_statistics,
     weaken_refused_stances,
@@ -112,7 +112,7 @@ def shift(problem: WalkProblem, velocity: Floats) -> WalkProblem:
 
 def test_a_walk_keeps_all_its_stances(problem):
     solved = solve(problem)
-    assert compute_stance_statistics(problem, solved).statistic.max() < 0.15 * LEAST_STATISTIC
+    assert compute_stance_statistics(problem, solved).statistic.max() < 0.15 * MIN_STATISTIC
     assert weaken_refused_stances(problem, solved)[0].velocities is problem.velocities
 
 

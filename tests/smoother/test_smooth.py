@@ -40,8 +40,7 @@ MATCHED = replace(
 )
 """The simulated sensor's own noise, and a foot that rolls about one point, on a sole that is all but known."""
 
-MATCHED_WALK = replace(MATCHED, settling_sigma_m=DEFAULT.settling_sigma_m)
-"""The same on a sole that is not."""
+MATCHED_WALK = replace(MATCHED, settling_sigma_m=DEFAULT.settling_sigma_m)  # The same on a sole that is not.
 
 
 @cache

@@ -9,7 +9,7 @@ from gtsam.symbol_shorthand import B, S, V, X
 
 from fg_nav.errors import EstimationError
 from fg_nav.factors import guarded_factor
-from fg_nav.smoother.gauss_newton import CONVERGENCE, MOST_HALVINGS
+from fg_nav.smoother.gauss_newton import CONVERGENCE, MAX_HALVINGS
 from fg_nav.smoother.solver import Solved, minimize
 from tests.smoother.walks import demo, minimum, node_arrays, problem
 
@@ -99,7 +99,7 @@ def test_a_step_uphill_is_not_taken() -> None:
     with pytest.raises(EstimationError, match="did not converge"):
         run(graph, values, largest_steps=3)
     assert seen.count(2.0) >= 3  # where the first step led: linearized there, and there again
-    assert min(x for x in seen[2:] if x != 2.0) == pytest.approx(2.0 + 0.5 ** (MOST_HALVINGS - 1))
+    assert min(x for x in seen[2:] if x != 2.0) == pytest.approx(2.0 + 0.5 ** (MAX_HALVINGS - 1))
 
 
 def test_an_error_of_nearly_nothing_is_converged() -> None:

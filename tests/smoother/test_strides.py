@@ -35,8 +35,7 @@ from tests.smoother.walks import (
 )
 
 KNOWN = replace(DEFAULT, known_lever=LEVER)
-SOFT = replace(KNOWN, settling_m=0.0015)
-"""On a sole that is expected to give way by 1.5 mm."""
+SOFT = replace(KNOWN, settling_m=0.0015)  # On a sole that is expected to give way by 1.5 mm.
 
 
 def converged(one: Problem, steps: int = 12) -> gtsam.Values:

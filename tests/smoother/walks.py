@@ -20,7 +20,7 @@ from fg_nav.io import read, read_pyshoe_labels
 from fg_nav.lab.simulation.person import Person
 from fg_nav.recording import Recording
 from fg_nav.smoother import SmootherParameters
-from fg_nav.smoother.gauss_newton import CONVERGENCE, LARGEST_STEPS
+from fg_nav.smoother.gauss_newton import CONVERGENCE, MAX_STEPS
 from fg_nav.smoother.graph import GAUGE_SIGMA, StartPrior, Trajectory, WalkProblem, initial_values, trajectory_of
 from fg_nav.smoother.parameters import WalkParameters
 from fg_nav.smoother.preintegration import preintegrate
@@ -170,7 +170,7 @@ def with_exact_factors(walk: Walk) -> Problem:
 
 def minimum(one: Problem, convergence: float = CONVERGENCE) -> Solved:
     """Solve a problem as the smoother does."""
-    return minimize(one.graph, [one.velocities], one.initial, list_keys(one.ordering), convergence, LARGEST_STEPS)
+    return minimize(one.graph, [one.velocities], one.initial, list_keys(one.ordering), convergence, MAX_STEPS)
 
 
 def node_arrays(nodes: Nodes, values: gtsam.Values) -> tuple[Floats, Floats, Floats, Floats, Floats]:

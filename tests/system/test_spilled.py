@@ -15,7 +15,7 @@ def short_is_long(monkeypatch: pytest.MonkeyPatch) -> None:
     """Columns of 800 bytes lie in a file."""
     if spilled._find_disk() is None:
         pytest.skip("no temporary files on a disk")
-    monkeypatch.setattr(spilled, "LEAST_BYTES", 800)
+    monkeypatch.setattr(spilled, "MIN_BYTES", 800)
     monkeypatch.setattr(spilled, "BLOCK_ROWS", 7)
 
 
@@ -54,7 +54,7 @@ def test_a_full_disk_leaves_the_column_in_memory(monkeypatch: pytest.MonkeyPatch
     def fail(*_: int) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(spilled, "LEAST_BYTES", 800)
+    monkeypatch.setattr(spilled, "MIN_BYTES", 800)
     monkeypatch.setattr(spilled.os, "posix_fallocate", fail)
     column = empty_column(50, 3)
     column[...] = 1.0

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from fg_nav.view.history import MOST_ROWS, NEWEST_ROWS, History, turn_ellipse
+from fg_nav.view.history import MAX_ROWS, NEWEST_ROWS, History, turn_ellipse
 from tests.view.lines import circle, now
 
 
@@ -56,7 +56,7 @@ def test_a_path_of_a_day_is_bounded_at_once():
     history = History()
     rows = np.column_stack([np.arange(80_000.0), np.cumsum(np.ones(80_000)), np.zeros((80_000, 2))])
     history.add({"kind": "revised", "t": rows[-1, 0], "path": rows.tolist()})
-    assert len(history.rows()) <= MOST_ROWS
+    assert len(history.rows()) <= MAX_ROWS
 
 
 def test_the_past_moves_as_the_revised_path_does_and_keeps_its_shape():
@@ -112,9 +112,9 @@ def test_a_long_walk_stays_bounded_and_near_its_path():
         corner, way = [((0, 0), (1, 0)), ((1, 0), (0, 1)), ((1, 1), (-1, 0)), ((0, 1), (0, -1))][int(piece) % 4]
         east, north = side * corner[0] + along * way[0], side * corner[1] + along * way[1]
         history.add(json.loads(now(k, east, north)))
-        assert len(history._rows) <= MOST_ROWS
+        assert len(history._rows) <= MAX_ROWS
     rows = np.array(history.rows())
-    assert len(rows) > MOST_ROWS / 2
+    assert len(rows) > MAX_ROWS / 2
     assert np.all(np.diff(rows[:, 0]) > 0)
     assert np.all(np.diff(rows[-NEWEST_ROWS:, 0]) == 1.0)
     middle = (rows[1:, 1:3] + rows[:-1, 1:3]) / 2

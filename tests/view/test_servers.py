@@ -24,8 +24,7 @@ from tests.view.lines import circle, now, status
 
 HOST = "127.0.0.1"
 
-WAIT_S = 30.0
-"""Longer than any machine takes: a test waits so long only where it fails."""
+WAIT_S = 30.0  # Longer than any machine takes: a test waits so long only where it fails.
 
 
 def wait_for(condition):
@@ -84,7 +83,7 @@ def test_lines_go_to_all_who_are_connected(lines):
 
 
 def test_who_does_not_read_is_disconnected_and_others_read_on(lines, monkeypatch):
-    monkeypatch.setattr(line_server, "MOST_WAITING", 1 << 16)
+    monkeypatch.setattr(line_server, "MAX_WAITING", 1 << 16)
     with closing(listen(lines)) as deaf, closing(listen(lines)) as reader, reader.makefile() as file:
         deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
         wait_for(lambda: lines.listeners == 2)
@@ -206,7 +205,7 @@ def test_a_changed_past_is_sent_as_a_whole(page):
 
 
 def test_who_does_not_keep_up_gets_the_whole_path_later(page, monkeypatch):
-    monkeypatch.setattr(page_server, "MOST_WAITING", 1 << 14)
+    monkeypatch.setattr(page_server, "MAX_WAITING", 1 << 14)
     padded = json.dumps({"kind": "turned", "t": 0.0, "angle_deg": 0.0, "more": "x" * 100_000})
     with watch(page, max_queue=1, close_timeout=0.1) as slow:
         wait_for(lambda: page.viewers == 1)

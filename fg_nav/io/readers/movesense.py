@@ -38,8 +38,7 @@ _ARRAYS: Mapping[Sensor, tuple[str, float]] = MappingProxyType({
 """Names of the sensors' arrays, and how much of m/s^2, rad/s or uT they are in."""
 
 _NAMES = frozenset(name for name, _ in _ARRAYS.values())
-_DEEPEST = 12
-"""Blocks stand three to five levels deep; a file made of brackets is none."""
+_DEEPEST = 12  # Blocks stand three to five levels deep; a file made of brackets is none.
 
 
 def recognizes(content: Content) -> bool:

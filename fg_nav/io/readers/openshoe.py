@@ -39,11 +39,8 @@ _WANTED = [
     COLUMNS.index(name) for name in COLUMNS if name.startswith(("acc", "gyr", "mag", "row", "rate", "PC time 1"))
 ]
 
-_PACKET_DELAY_S = 0.05
-"""Packets come up to 15 ms late; a step of the PC's clock within this shows no lost sample."""
-
-_LONGEST_PAUSE_S = 1e4
-"""A clock that shows more was set."""
+_PACKET_DELAY_S = 0.05  # Packets come up to 15 ms late; a step of the PC's clock within this shows no lost sample.
+_MAX_PAUSE_S = 1e4  # A clock that shows more was set.
 
 
 def recognizes(content: Content) -> bool:
@@ -85,7 +82,7 @@ def continue_numbers(number: Floats, pc_s: Floats, rate_hz: float, row: Ints) ->
     number, notes = number.copy(), []
     for at in (np.flatnonzero(np.diff(number) < 0) + 1).tolist():
         passed_s = float(pc_s[at]) - float(pc_s[at - 1])
-        if not 0.0 < passed_s < _LONGEST_PAUSE_S:
+        if not 0.0 < passed_s < _MAX_PAUSE_S:
             continue
         steps = 1.0 if passed_s <= _PACKET_DELAY_S else round(passed_s * rate_hz)
         number[at:] += number[at - 1] + steps - number[at]

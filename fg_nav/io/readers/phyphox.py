@@ -43,8 +43,7 @@ _SENSORS: dict[str, _Column] = {
 _PRESSURE = re.compile(r"(?:Pressure|P) ?\((\w+)\)")
 _COLUMN = re.compile(rf"(?:({'|'.join(_SENSORS)}) ([xyz])|([XYZ])) ?\((.+)\)")
 
-_LATE_S = 1.0
-"""A sensor delivers its last samples within this time of the end."""
+_LATE_S = 1.0  # A sensor delivers its last samples within this time of the end.
 
 
 def recognizes(content: Content) -> bool:

@@ -46,9 +46,7 @@ _YES = ("true", "1", "yes", "on")
 UNCALIBRATED_FIELD = "the magnetometer is uncalibrated: the field of the phone is still in it"
 
 HPA = 100.0  # Pa.
-
-_MOST_FORCE_IN_G = 3.0
-"""A sensor at rest reads 1 in g, and 9.8 in m/s^2."""
+_MAX_FORCE_IN_G = 3.0  # A sensor at rest reads 1 in g, and 9.8 in m/s^2.
 
 
 def recognizes(content: Content) -> bool:
@@ -127,7 +125,7 @@ def _find_force(
         notes.append("specific force is TotalAcceleration")
         return streams["totalacceleration"]
     raw = streams.get("accelerometeruncalibrated")
-    in_g = raw is not None and _rest(raw) < _MOST_FORCE_IN_G
+    in_g = raw is not None and _rest(raw) < _MAX_FORCE_IN_G
     if {"accelerometer", "gravity"} <= streams.keys():
         linear, gravity = streams["accelerometer"], streams["gravity"]
         whole = replace(linear, xyz=linear.xyz + interpolate_rows(gravity, linear.t))

@@ -39,20 +39,19 @@ from fg_nav.columns.units import Quantity
 from fg_nav.errors import FgNavError, FormatError
 from fg_nav.io.choice import choose_sensor
 from fg_nav.io.content import Content, explain_missing, load_mat
-from fg_nav.io.layout import FEWEST_NUMBERS, find_layout
+from fg_nav.io.layout import MIN_NUMBERS, find_layout
 from fg_nav.io.text_columns import drop_held
 from fg_nav.recording import Provenance, RawRecording, Recording
 
 PARQUET_MARK, ZIP_MARK, NPY_MARK, HDF5_MARK = b"PAR1", b"PK\x03\x04", b"\x93NUMPY", b"\x89HDF"
 
-MOST_SENSORS, FEWEST_ROWS = 20, 20
-"""Of a column that names sensors: its values, and the rows that each of them has."""
+MAX_SENSORS, MIN_ROWS = 20, 20  # Of a column that names sensors: its values, and the rows that each of them has.
 
 SENSOR_WORD = re.compile(r"sensor|dev|imu|foot|side|node|addr|mac|body|segment|limb", re.IGNORECASE)
 _ALTERNATING = 0.1
 """Share of the rows at which a column changes that names their sensor; a label of what was done changes seldom."""
 
-_APART, MOST_ALTERNATING = 0.25, 4
+_APART, MAX_ALTERNATING = 0.25, 4
 """Rows of one sensor change by less than this much of what rows of two sensors do, median."""
 
 
@@ -181,8 +180,8 @@ def _find_rows(content: Content, table: Table, columns: ColumnMap, values: Float
             continue
         words = table.words(position, row)
         found = [word for word in dict.fromkeys(words.tolist()) if word is not None]
-        groups = [np.flatnonzero(words == word) for word in found[: MOST_SENSORS + 1]]
-        if not 2 <= len(groups) <= MOST_SENSORS or min(map(len, groups)) < FEWEST_ROWS:
+        groups = [np.flatnonzero(words == word) for word in found[: MAX_SENSORS + 1]]
+        if not 2 <= len(groups) <= MAX_SENSORS or min(map(len, groups)) < MIN_ROWS:
             continue
         changes = float(np.mean(words[1:] != words[:-1]))
         inside = 0.0 if clock is None else max(float(np.mean(np.diff(clock[group]) <= 0)) for group in groups)
@@ -206,14 +205,14 @@ def _find_rows(content: Content, table: Table, columns: ColumnMap, values: Float
 def _count_alternating(acc: Floats) -> int:
     """Count the sensors whose rows (N, 3) come in turn: as many apart they change by far less than side by side."""
     acc = acc[np.isfinite(acc).all(axis=1)]
-    if len(acc) < FEWEST_ROWS * MOST_ALTERNATING:
+    if len(acc) < MIN_ROWS * MAX_ALTERNATING:
         return 1
-    apart = [float(np.median(np.linalg.norm(acc[k:] - acc[:-k], axis=1))) for k in range(1, MOST_ALTERNATING + 1)]
-    found = (k + 1 for k in range(1, MOST_ALTERNATING) if apart[k] < _APART * min(apart[:k]))
+    apart = [float(np.median(np.linalg.norm(acc[k:] - acc[:-k], axis=1))) for k in range(1, MAX_ALTERNATING + 1)]
+    found = (k + 1 for k in range(1, MAX_ALTERNATING) if apart[k] < _APART * min(apart[:k]))
     return next(found, 1)
 
 
-def open_table(content: Content, fewest: int = FEWEST_NUMBERS) -> Table | None:
+def open_table(content: Content, fewest: int = MIN_NUMBERS) -> Table | None:
     """Open what is a table, of so many numbers in a row at least; None if it is none.
 
     Raises `FormatError` if it is one and damaged, or needs a library that is not installed.

@@ -29,7 +29,7 @@ from fg_nav.io.streams import NAMES, Sensor, Stream, join_streams
 from fg_nav.recording import RawRecording, Recording
 from fg_nav.samples.plausibility import find_mag_unit, find_time_unit, median_period_s
 
-_FEWEST_NUMBERS = 3
+_MIN_NUMBERS = 3
 _SENSOR = re.compile(
     r"[_ .-]*(accelerometers?|accelerations?|accel|acce|acc|gyroscopes?|gyros?|gyr|magnetometers?|magnet|magn|mag)"
     r"(?![a-z])",
@@ -128,7 +128,7 @@ def _list_singles(content: Content) -> list[Single]:
 def find_single(content: Content) -> Single | None:
     """Find what a table of one sensor holds; None where it is none, or has another's gravity removed."""
     try:
-        opened = table.open_table(content, _FEWEST_NUMBERS) if content.lines else None
+        opened = table.open_table(content, _MIN_NUMBERS) if content.lines else None
     except FormatError:
         return None
     if opened is None or not opened.has_header:

@@ -87,8 +87,7 @@ def find_rotations(wxyz: Floats) -> tuple[Rotation, Bools]:
     return Rotation.from_quat(np.where(known[:, None], wxyz, [1.0, 0.0, 0.0, 0.0]), scalar_first=True), known
 
 
-LOCAL_FIELD_UT = 48.0
-"""One unit of the local field: 25 to 65 uT on Earth, 48 in most of Europe and North America."""
+LOCAL_FIELD_UT = 48.0  # One unit of the local field: 25 to 65 uT on Earth, 48 in most of Europe and North America.
 
 
 def scale_local_field(mag: Floats | None, gyr: Floats) -> tuple[Floats | None, tuple[str, ...]]:

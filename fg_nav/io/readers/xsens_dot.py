@@ -55,8 +55,7 @@ _UNITS_S = {"us": 1e-6, "0.1 ms": 1e-4}
 _DEGREE = np.pi / 180.0
 
 _LIMB_RAD_S = 40.0
-_BIAS = 0.3
-"""A gyroscope whose bias reads more than this at rest reads in deg/s: 17 deg/s would be a broken one."""
+_BIAS = 0.3  # A gyroscope whose bias reads more than this at rest reads in deg/s: 17 deg/s would be a broken one.
 
 
 def recognizes(content: Content) -> bool:

@@ -18,30 +18,23 @@ from fg_nav.lab.store.code import code_sum
 
 EXTRA = "campaign"
 
-DEATHS = 3
-"""Workers that a task may end on a local cluster; on the user's, its scheduler counts."""
-
-PATIENCE_S = 300.0
-"""For a scheduler or workers that are gone: a restart takes seconds, a node of a queue minutes."""
+DEATHS = 3  # Workers that a task may end on a local cluster; on the user's, its scheduler counts.
+PATIENCE_S = 300.0  # For a scheduler or workers that are gone: a restart takes seconds, a node of a queue minutes.
 
 CONNECT_S = 10.0
 RETRY_S = 1.0
 
 LAST_PORT = 65535
 
-REST_S = 10.0
-"""For a worker that could not start a task."""
-
-LOOK_S = 1.0
-"""How often the workers are looked at."""
+REST_S = 10.0  # For a worker that could not start a task.
+LOOK_S = 1.0  # How often the workers are looked at.
 
 Client: TypeAlias = Any
 
 Notify: TypeAlias = Callable[[str], None]
 """Shows the user a sentence."""
 
-BROKEN = (OSError, RuntimeError, ValueError, CancelledError)
-"""What Dask raises if a connection breaks."""
+BROKEN = (OSError, RuntimeError, ValueError, CancelledError)  # What Dask raises if a connection breaks.
 
 _CODE_THERE = "__import__('fg_nav.lab.store.code', fromlist=['code_sum']).code_sum()"
 

@@ -59,14 +59,9 @@ from fg_nav.system.signals import catch_signals
 KILLED = "it ended its worker, again and again: out of memory, or a crash"
 """Why there is nothing of a result that ended too many workers."""
 
-TROUBLES = 3
-"""Times that workers may be unable to start a task."""
-
-FETCH_S = 120.0
-"""For one outcome to come from its worker."""
-
-AHEAD = 2
-"""Tasks sent for each worker: one that runs, and one that waits."""
+TROUBLES = 3  # Times that workers may be unable to start a task.
+FETCH_S = 120.0  # For one outcome to come from its worker.
+AHEAD = 2  # Tasks sent for each worker: one that runs, and one that waits.
 
 Take: TypeAlias = Callable[[Task, TaskResults], None]
 """Takes each outcome."""
@@ -240,8 +235,7 @@ class Dispatcher:
         self._queue.put_back(task)
 
 
-LATE = 0.1
-"""Share of the remaining time that is shown at least, while an outcome is late."""
+LATE = 0.1  # Share of the remaining time that is shown at least, while an outcome is late.
 
 
 @dataclass(frozen=True)

@@ -257,8 +257,7 @@ def _round_positions(position: Floats) -> list[list[float]]:
     return [[round(float(x), 2), round(float(y), 2)] for x, y in position[:, :2]]
 
 
-PROBE = ("demo", 1)
-"""A short walk that shows the effective parameters of a method, before it is run on long ones."""
+PROBE = ("demo", 1)  # A short walk that shows the effective parameters of a method, before it is run on long ones.
 
 
 def settings_of(

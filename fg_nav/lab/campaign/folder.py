@@ -37,14 +37,12 @@ from fg_nav.text import format_count, to_json
 RESULTS, RESULTS_CSV, TIMINGS = "results.parquet", "results.csv", "timings.parquet"
 TABLES = (RESULTS, RESULTS_CSV, TIMINGS)
 
-WORDS = ("group", "field", "walk", "magnetometer", "method", "preset", "parameters")
-"""Columns of the key."""
+WORDS = ("group", "field", "walk", "magnetometer", "method", "preset", "parameters")  # Columns of the key.
 
 ERRORS = tuple(item.name for item in fields(WalkErrors) if item.name != "alignment")
 
 
-BATCH = 1000
-"""Results that are written into the tables at once."""
+BATCH = 1000  # Results that are written into the tables at once.
 
 
 def write_tables(folder: Path, results: Iterable[Result]) -> None:

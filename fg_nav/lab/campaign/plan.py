@@ -55,10 +55,9 @@ from fg_nav.lab.simulation.scenarios import FIELDS
 from fg_nav.lab.store.results import Key
 from fg_nav.text import read_small, shorten
 
-FIRST_SEED = 101
-"""Filters are tuned on seeds below 100."""
+FIRST_SEED = 101  # Filters are tuned on seeds below 100.
 
-MOST_RESULTS = 1_000_000
+MAX_RESULTS = 1_000_000
 
 ON_A_FOOT = ("heel", "instep")
 
@@ -291,8 +290,8 @@ def _seeds(file: PlanFile) -> Sequence[int]:
 
 
 def _check_size(results: int) -> None:
-    if results > MOST_RESULTS:
-        raise CampaignError(f"{results} results are too many: plan at most {MOST_RESULTS}.")
+    if results > MAX_RESULTS:
+        raise CampaignError(f"{results} results are too many: plan at most {MAX_RESULTS}.")
 
 
 def _methods(words: Sequence[str], grids: Mapping[str, Mapping[str, Any]]) -> tuple[str, ...]:

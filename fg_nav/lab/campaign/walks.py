@@ -98,8 +98,7 @@ class Reading:
     calibration: Calibration | None = None
 
 
-PLAIN_READING = Reading()
-"""Of a folder for which the plan has no table."""
+PLAIN_READING = Reading()  # Of a folder for which the plan has no table.
 
 
 @dataclass(frozen=True)
@@ -250,11 +249,8 @@ def unpack(source: Source) -> Iterator[tuple[Source, str]]:
 
 SUFFIXES = (".csv", ".txt", ".mat")
 
-TRUTHS = (".tum", ".truth.tum", ".truth.csv", ".truth.mat")
-"""Behind the name of the walk."""
-
-SHARED_TRUTHS = ("truth.tum", "truth.csv", "truth.mat")
-"""Of a walk alone in its folder."""
+TRUTHS = (".tum", ".truth.tum", ".truth.csv", ".truth.mat")  # Behind the name of the walk.
+SHARED_TRUTHS = ("truth.tum", "truth.csv", "truth.mat")  # Of a walk alone in its folder.
 
 OUR_TABLES = (
     "landmarks.csv",
@@ -271,8 +267,7 @@ OUR_TABLES = (
     RESULTS_CSV,
 )
 
-RECORDED = "recorded"
-"""In place of a field."""
+RECORDED = "recorded"  # In place of a field.
 
 
 @dataclass(frozen=True)

@@ -48,8 +48,7 @@ from fg_nav.text import find_version, to_json
 
 PAPERS = ("ma2018", "aiez2017", "munoz-diaz2017")
 
-FIRST_SEED, SEEDS, QUICK_SEEDS = 101, 50, 3
-"""As in docs/results.md. Smaller seeds are those that anything was tuned on."""
+FIRST_SEED, SEEDS, QUICK_SEEDS = 101, 50, 3  # As in docs/results.md. Smaller seeds are those that anything was tuned on
 
 REPORT, RESULTS = "report.html", "results.json"
 

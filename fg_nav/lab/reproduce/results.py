@@ -185,8 +185,7 @@ def one_line(text: str) -> str:
     return " ".join(text.split())
 
 
-ABOVE, BELOW = 1, -1
-"""Where ours lies of the printed figure."""
+ABOVE, BELOW = 1, -1  # Where ours lies of the printed figure.
 
 
 @dataclass(frozen=True)
@@ -207,11 +206,8 @@ def reason_for(reasons: Sequence[Reason], field: str, off: float) -> str:
     return one_line(next(held, ""))
 
 
-VERDICTS = (REPRODUCED, BETTER, MISSED_EXPLAINED, MISSED)
-"""Of a printed figure, from good to bad."""
-
-ASIDE = (PUT_IN, AS_ASKED, SHORT)
-"""What is no comparison with the paper."""
+VERDICTS = (REPRODUCED, BETTER, MISSED_EXPLAINED, MISSED)  # Of a printed figure, from good to bad.
+ASIDE = (PUT_IN, AS_ASKED, SHORT)  # What is no comparison with the paper.
 
 MEANINGS = {
     REPRODUCED: "as printed within the row's tolerance, or within the printed bound",
@@ -290,8 +286,7 @@ def format_seeds(found: Reproduction) -> str:
     return ", ".join(str(seed) for seed in seeds)
 
 
-FORM = 2
-"""Of the file."""
+FORM = 2  # Of the file.
 
 
 def write_reproduction(found: Reproduction) -> str:

@@ -30,11 +30,8 @@ from fg_nav.lab.store.results import USED, Key, Measurement, Result, drop_paths,
 from fg_nav.magnetic import DETECTORS
 from fg_nav.text import format_count
 
-RESULTS_FOLDER = "cells"
-"""Of the folder of a reproduction."""
-
-FIELDS: dict[str, Any] = {"smooth": SMOOTH_KINDS, **CLUTTERS}
-"""Objects and floor of a level."""
+RESULTS_FOLDER = "cells"  # Of the folder of a reproduction.
+FIELDS: dict[str, Any] = {"smooth": SMOOTH_KINDS, **CLUTTERS}  # Objects and floor of a level.
 
 
 @dataclass(frozen=True)

@@ -31,11 +31,8 @@ from fg_nav.lab.simulation.path import GAP_M, KINK_RAD
 from fg_nav.lab.simulation.person import Gait, Person, Scatter
 from fg_nav.lab.simulation.plan import STEP_WIDTH_M, Leg, WalkPlan, place_foot
 
-USUAL_WIDTH_M, WIDTH_SD_M = 0.15, 0.025
-"""Step widths of persons, mean and standard deviation."""
-
-RAREST = 2.0
-"""No one treads wider or narrower by more standard deviations."""
+USUAL_WIDTH_M, WIDTH_SD_M = 0.15, 0.025  # Step widths of persons, mean and standard deviation.
+RAREST = 2.0  # No one treads wider or narrower by more standard deviations.
 
 _RANK = np.array([0, 1, 3, 4, 2])
 """By `Style`: of the styles at both ends of a stride it has the higher one, stairs before turns before running."""

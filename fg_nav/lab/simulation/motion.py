@@ -112,8 +112,7 @@ class Motion(Protocol):
         ...
 
 
-PEAK = 1 / 3
-"""Where in a burst its window is largest."""
+PEAK = 1 / 3  # Where in a burst its window is largest.
 
 _WINDOW_PEAK = PEAK**4 * (1 - PEAK) ** 8
 

@@ -25,11 +25,8 @@ from fg_nav.lab.simulation.steps import Steps
 JITTER = 0.1
 """Scatter of frequency, phase (in turns) and direction from stride to stride: shocks of a foot resemble each other."""
 
-RAREST = 2.5
-"""Strengths scatter by no more standard deviations than this."""
-
-HARDEST = 2.0
-"""At most this many times the strength of the usual pace."""
+RAREST = 2.5  # Strengths scatter by no more standard deviations than this.
+HARDEST = 2.0  # At most this many times the strength of the usual pace.
 
 
 NO_RINGING = Shock(0.0, 0.0, 40.0, 0.1)
@@ -146,8 +143,7 @@ BLOWS = (
 )
 """Of the gait. At heel strike the foot is braked, at toe-off pushed, and both rock it sideways most easily."""
 
-RINGING = Blow("ringing", 0.85, (1.0, 1.0, 1.0), (1.0, 1.0, 1.0))
-"""Of the sensor on its mounting."""
+RINGING = Blow("ringing", 0.85, (1.0, 1.0, 1.0), (1.0, 1.0, 1.0))  # Of the sensor on its mounting.
 
 TREMORS = tuple(Blow("tremor", begin, (0.6, 1.0, 0.4), (1.0, 0.6, 0.6)) for begin in (1.02, 1.15, 1.28, 1.41))
 """Four a stance, one after the other."""

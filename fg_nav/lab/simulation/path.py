@@ -25,15 +25,11 @@ from fg_nav.arrays import Floats
 from fg_nav.errors import SimulationError
 from fg_nav.frames import wrap_angle
 
-KNOT_RAD = 0.05
-"""Between the knots of an arc."""
-
-KNOT_M = 0.05
-"""Between the knots of a winding path."""
+KNOT_RAD = 0.05  # Between the knots of an arc.
+KNOT_M = 0.05  # Between the knots of a winding path.
 
 GAP_M = 1e-3
-KINK_RAD = 1e-3
-"""Paths join when they fit to within these: far above rounding, far below a foot."""
+KINK_RAD = 1e-3  # Paths join when they fit to within these: far above rounding, far below a foot.
 
 
 @dataclass(frozen=True)

@@ -115,8 +115,7 @@ _SHARED: Mapping[str, tuple[tuple[str, ...], ...]] = {
 }
 """Fields of a gait that a person's factors scale, those of one factor together; on stairs the treads fix the stride."""
 
-_RAREST = 2.5
-"""No person differs by more standard deviations than this, and no lever."""
+_RAREST = 2.5  # No person differs by more standard deviations than this, and no lever.
 
 
 def draw_usual(rng: np.random.Generator) -> float:
@@ -225,12 +224,10 @@ def _scale(value: float | Shock, factor: float) -> float | Shock:
 _SIDEWAYS = ("inversion_rad", "yaw_wobble_rad", "circumduction_m", "pronation_rad", "twist_rad")
 """Of a right foot: about its long axis or the vertical, or to its outside."""
 
-_ANY_SIGN = ("circumduction_m", "slip_m")
-"""The foot may go round to the inside, and slip back."""
+_ANY_SIGN = ("circumduction_m", "slip_m")  # The foot may go round to the inside, and slip back.
 
 STEEPEST_RAD = np.pi / 2
-SWING_SHARES = 0.3, 0.8
-"""Of an angle, and of a stride: what a gait may have."""
+SWING_SHARES = 0.3, 0.8  # Of an angle, and of a stride: what a gait may have.
 
 
 _SCATTERS = ("variation", "vigour", "rollover_scatter", "wobble_scatter")
@@ -258,8 +255,7 @@ FORWARD_S_M, SIDEWAYS = (0.012, 0.008), 0.010
 """Of moving feet, mean and standard deviation (Vicon, medians of 26 trials at the stillest instant of our stances: 5 to
 10 mm/s at 0.8 m/s, 7 to 39 at 1.3, 27 to 59 at 2.0; to the side within 2 % of the speed, in five trials 3 %)."""
 
-MOST_FORWARD_S_M, MOST_SIDEWAYS = 0.1, 0.1
-"""No foot that is walked on moves faster."""
+MAX_FORWARD_S_M, MAX_SIDEWAYS = 0.1, 0.1  # No foot that is walked on moves faster.
 
 
 @dataclass(frozen=True)
@@ -355,8 +351,8 @@ class Person:
 
     def __post_init__(self) -> None:
         checks.not_negative(self, "sway_rad", "rocking_rad_s")
-        _check_range(self, "forward_s_m", -MOST_FORWARD_S_M, MOST_FORWARD_S_M)
-        _check_range(self, "sideways", -MOST_SIDEWAYS, MOST_SIDEWAYS)
+        _check_range(self, "forward_s_m", -MAX_FORWARD_S_M, MAX_FORWARD_S_M)
+        _check_range(self, "sideways", -MAX_SIDEWAYS, MAX_SIDEWAYS)
         checks.positive_finite(self, "sway_s")
 
     def gait(self, style: Style) -> Gait:
@@ -389,8 +385,7 @@ class Person:
         return replace(self, forward_s_m=max(forward, 0.0), sideways=SIDEWAYS * draw_usual(rng))
 
 
-_PLANNED = ("stairs_up", "stairs_down", "turn")
-"""Gaits whose strides are as long as treads, or on the spot."""
+_PLANNED = ("stairs_up", "stairs_down", "turn")  # Gaits whose strides are as long as treads, or on the spot.
 
 
 def _draw_factors(variety: Variety, rng: np.random.Generator) -> dict[str, float]:

@@ -33,27 +33,14 @@ from fg_nav.lab.simulation.motion import Strides, Style
 from fg_nav.lab.simulation.path import GAP_M, KINK_RAD, Path, Pose
 from fg_nav.lab.simulation.person import Gait, Person, Scatter
 
-LONGEST_STRIDE = 2.0
-FASTEST_PACE = 3.0
-"""No one makes strides longer than this many times the usual one, or goes this many times as fast."""
-
-MOST_STRIDES = 200_000
-"""Two days of walking, and more than a computer's memory likes."""
-
-FLAT_SHARE = 0.85
-"""By this share of a stride the foot is down and flat in every manner of going."""
-
-STEP_WIDTH_M = 0.18
-"""Between the lines on which left and right foot tread (adults: 0.10-0.20)."""
-
-SLOW_STRIDES = 20.0
-"""Correlation length of wandering and of changes of pace."""
-
-BEND_M = 0.25
-"""c above: a curve of 1 m radius is walked in strides shorter by a fifth."""
-
-_TURN_RAD = 1.2
-"""By how much a foot turns in one stride on the spot: a right angle takes two, about-turn three."""
+MAX_STRIDE = 2.0
+MAX_PACE = 3.0  # No one makes strides longer than this many times the usual one, or goes this many times as fast.
+MAX_STRIDES = 200_000  # Two days of walking, and more than a computer's memory likes.
+FLAT_SHARE = 0.85  # By this share of a stride the foot is down and flat in every manner of going.
+STEP_WIDTH_M = 0.18  # Between the lines on which left and right foot tread (adults: 0.10-0.20).
+SLOW_STRIDES = 20.0  # Correlation length of wandering and of changes of pace.
+BEND_M = 0.25  # c above: a curve of 1 m radius is walked in strides shorter by a fifth.
+_TURN_RAD = 1.2  # By how much a foot turns in one stride on the spot: a right angle takes two, about-turn three.
 
 
 @dataclass(frozen=True)
@@ -84,9 +71,9 @@ class Walk:
                 f"A path is walked or run, not gone in style {self.style!r}: use Stairs or TurnOnSpot."
             )
         _check_positive("walk at a pace of", self.pace, "times the usual one")
-        if self.pace > FASTEST_PACE:
+        if self.pace > MAX_PACE:
             raise SimulationError(
-                f"No one walks {self.pace:g} times as fast as usual: give a pace of at most {FASTEST_PACE:g}."
+                f"No one walks {self.pace:g} times as fast as usual: give a pace of at most {MAX_PACE:g}."
             )
         if self.strides is not None and self.strides < 1:
             raise SimulationError(f"A path cannot be walked in {self.strides} strides: ask for one or more.")
@@ -305,12 +292,12 @@ def _count_strides(section: Walk, gait: Gait, halves: tuple[bool, bool]) -> int:
     """How many strides a path takes: as asked for, else the number nearest to the gait's."""
     usual_m = gait.stride_m * np.sqrt(section.pace)
     count = section.strides or max(1, round(section.path.length_m / usual_m + sum(halves) / 2))
-    if count > MOST_STRIDES:
+    if count > MAX_STRIDES:
         raise SimulationError(
-            f"{section.path.length_m:g} m take {float(count):.3g} strides: ask for at most {MOST_STRIDES}."
+            f"{section.path.length_m:g} m take {float(count):.3g} strides: ask for at most {MAX_STRIDES}."
         )
     mean_m = section.path.length_m / _weigh_strides(count, halves).sum()
-    if mean_m > LONGEST_STRIDE * usual_m:
+    if mean_m > MAX_STRIDE * usual_m:
         raise SimulationError(
             f"{section.path.length_m:g} m in {count} strides makes strides of {mean_m:.3g} m: "
             f"ask for about {round(section.path.length_m / usual_m)}."

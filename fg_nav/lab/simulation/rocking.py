@@ -29,17 +29,10 @@ from fg_nav.lab.simulation.steps import PAUSE_S, Moves, Steps, join_moves, rotat
 PIECE_S = 0.18
 """From one turning point to the next: a foot rocks to and fro in about a third of a second (gdin: 2 to 4 Hz)."""
 
-RAMP_SLOPE = 1.28
-"""Rms slope of a ramp over its mean slope: 140 sqrt(B(7, 7))."""
-
-SHARES = 0.65, 0.65, 0.4
-"""Of roll, pitch and yaw in the rate: the loaded sole turns least about the vertical."""
-
-JITTER = 0.25
-"""Ramps are shorter or longer by up to this share."""
-
-BACK = 0.10, 0.60
-"""Shares of the next swing between which the angle that is left is taken back."""
+RAMP_SLOPE = 1.28  # Rms slope of a ramp over its mean slope: 140 sqrt(B(7, 7)).
+SHARES = 0.65, 0.65, 0.4  # Of roll, pitch and yaw in the rate: the loaded sole turns least about the vertical.
+JITTER = 0.25  # Ramps are shorter or longer by up to this share.
+BACK = 0.10, 0.60  # Shares of the next swing between which the angle that is left is taken back.
 
 
 def draw_rocking(

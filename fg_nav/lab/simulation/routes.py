@@ -21,14 +21,9 @@ from fg_nav.lab.simulation.person import Person
 from fg_nav.lab.simulation.plan import Section, Stairs, Stand, TurnOnSpot, Walk, end_of
 
 REST_S = 5.0
-LONG_REST_S = 10.0
-"""Rests at both ends; the longer one for walks of more than ten minutes."""
-
-STANCE_S = 0.35
-"""What a walk without rests begins and ends with: the stance of a usual stride."""
-
-CORNER_M = 1.2
-"""Radius at which people take a corner of a corridor."""
+LONG_REST_S = 10.0  # Rests at both ends; the longer one for walks of more than ten minutes.
+STANCE_S = 0.35  # What a walk without rests begins and ends with: the stance of a usual stride.
+CORNER_M = 1.2  # Radius at which people take a corner of a corridor.
 
 MAGNET_POSITION = (0.45, 15.0, 0.0)
 """Of the magnet on the floor of the corridor, m: a foot's length to the right of a right foot on its way north."""
@@ -36,8 +31,7 @@ MAGNET_POSITION = (0.45, 15.0, 0.0)
 CLOSE_TO = {2: (230.0, 5.0), 3: (147.0, 4.25), 4: (470.0, 5.0), 5: (297.0, 4.25)}
 """By leg of `past_cars`: how far along the street one has come how far to its left, m; two cars, two lights."""
 
-TIGHTEST_M = 1.5
-"""Smallest radius of a winding path: below it a walker turns on the spot."""
+TIGHTEST_M = 1.5  # Smallest radius of a winding path: below it a walker turns on the spot.
 
 
 def office(rng: np.random.Generator) -> list[Section]:
@@ -178,8 +172,7 @@ def rotate(sections: Sequence[Section], angle: float) -> list[Section]:
     return [replace(s, path=s.path.rotate(angle)) if isinstance(s, Walk) else s for s in sections]
 
 
-_SHARES = (0.0, 0.12, 0.30, 0.55, 0.75, 1.0)
-"""Where the manner of going changes in a round of `mixed_gait`."""
+_SHARES = (0.0, 0.12, 0.30, 0.55, 0.75, 1.0)  # Where the manner of going changes in a round of `mixed_gait`.
 
 _CONCOURSES = np.array(
     [
@@ -203,8 +196,7 @@ def _office_loop(rng: np.random.Generator) -> Path:
 
 
 _OFFICE_EAST = [3, 3, 5, 5, 4, 4, 0, 0, 1, 1, 2, 2, 3, 3]
-_OFFICE_NORTH = [4, 5, 5, 3, 3, 0, 0, 2, 2, 5, 5, 1, 1, 4]
-"""Which wall each corner of the office stands at."""
+_OFFICE_NORTH = [4, 5, 5, 3, 3, 0, 0, 2, 2, 5, 5, 1, 1, 4]  # Which wall each corner of the office stands at.
 
 
 def _draw_winding(

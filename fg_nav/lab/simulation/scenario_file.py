@@ -45,20 +45,11 @@ from fg_nav.text import read_small, shorten
 
 SUFFIX = ".toml"
 
-LONGEST_M = 100_000.0
-"""A day of walking."""
-
-LONGEST_REST_S = 86_400.0
-"""A day."""
-
-LARGEST = 1e100
-"""No number is larger."""
-
-MOST = 1_000_000
-"""Laps and strides: more than in a day of walking."""
-
-UNKNOWN = ("extra_forbidden", "unexpected_keyword_argument")
-"""Types of errors of a key that no table has."""
+MAX_M = 100_000.0  # A day of walking.
+MAX_REST_S = 86_400.0  # A day.
+LARGEST = 1e100  # No number is larger.
+MOST = 1_000_000  # Laps and strides: more than in a day of walking.
+UNKNOWN = ("extra_forbidden", "unexpected_keyword_argument")  # Types of errors of a key that no table has.
 
 _STRICT = ConfigDict(extra="forbid", strict=True, frozen=True)
 
@@ -73,7 +64,7 @@ class RouteTable(BaseModel):
     points_m: Annotated[tuple[tuple[Number, Number], ...], Field(min_length=2)]
     corner_radius_m: Number = 1.2
     laps: Annotated[int, Field(ge=1, le=MOST)] = 1
-    rest_s: Annotated[float, Field(ge=0.0, le=LONGEST_REST_S)] = 5.0
+    rest_s: Annotated[float, Field(ge=0.0, le=MAX_REST_S)] = 5.0
     pace: Number = 1.0
     run: bool = False
     strides: Annotated[int, Field(ge=1, le=MOST)] | None = None
@@ -98,8 +89,8 @@ class RouteTable(BaseModel):
             middle = ((a + c) / 2, (b + d) / 2)
             points = [middle, *points[1:], middle]
         lap = polyline(points, self.corner_radius_m)
-        if lap.length_m * self.laps > LONGEST_M:
-            raise SimulationError(f"{self.laps} laps of {lap.length_m:.3g} m are too long: at most {LONGEST_M:.0f} m.")
+        if lap.length_m * self.laps > MAX_M:
+            raise SimulationError(f"{self.laps} laps of {lap.length_m:.3g} m are too long: at most {MAX_M:.0f} m.")
         return lap.repeat(self.laps)
 
 

@@ -111,8 +111,7 @@ LEAVES_AT = min(begin for phase in _SWINGING for begin, _, _ in phase)
 LANDED_AT = max(end for phase in _SWINGING for _, end, _ in phase)
 """Where the first of these begins and the last one ends: the foot is flat from landing to the next leaving."""
 
-TOE_DOWN_AT, HEEL_STRIKE_AT = 0.33, 0.86
-"""When the pitch is greatest, and when it is least."""
+TOE_DOWN_AT, HEEL_STRIKE_AT = 0.33, 0.86  # When the pitch is greatest, and when it is least.
 
 CLEAR_AT, PASSING_AT, HIGH_HEEL_AT = 0.41, 0.66, 0.84
 """When the pivot is highest, lowest in mid-swing, and highest again."""
@@ -149,20 +148,14 @@ def compute_lift_rises(clearance: Floats, midswing: Floats, heel: Floats) -> Flo
     return solve_rises((LIFT, RAISE, SET_DOWN), DROP, (CLEAR_AT, PASSING_AT, HIGH_HEEL_AT), heights)
 
 
-LEAST_EFFORT = 0.4
-"""Angles and heights of a stride on the spot, in those of a full one; they grow with its length."""
+MIN_EFFORT = 0.4  # Angles and heights of a stride on the spot, in those of a full one; they grow with its length.
+LONGEST = 1.3  # Longer strides than this many usual ones take no more effort.
+RAREST = 3.0  # No rhythm is further off than this many standard deviations: a swing that outlasts its stride is none.
 
-LONGEST = 1.3
-"""Longer strides than this many usual ones take no more effort."""
-
-RAREST = 3.0
-"""No rhythm is further off than this many standard deviations: a swing that outlasts its stride is none."""
-
-LEAST_FLAT_S = 0.01
+MIN_FLAT_S = 0.01
 """A foot that pushes off before it has landed, as runners may, counts as flat for so long in the middle of the two."""
 
-PAUSE_S = 0.02
-"""A foot that stays for longer than this after a stride stands."""
+PAUSE_S = 0.02  # A foot that stays for longer than this after a stride stands.
 
 
 class Moves(NamedTuple):
@@ -230,7 +223,7 @@ class Steps:
         """(K + 1, 2) s, from when to when no ramp of a swing moves the foot: flat on the floor."""
         landed = np.concatenate([[0.0], self.strides.start + LANDED_AT * self.swing_s])
         leaves = np.append(self.strides.start + LEAVES_AT * self.swing_s, self.strides.end_s)
-        middle, half = (landed + leaves) / 2, np.maximum(leaves - landed, LEAST_FLAT_S) / 2
+        middle, half = (landed + leaves) / 2, np.maximum(leaves - landed, MIN_FLAT_S) / 2
         flat: Floats = np.stack([middle - half, middle + half], axis=1)
         return np.clip(flat, 0.0, self.strides.end_s)
 
@@ -278,7 +271,7 @@ def _compute_effort(steps: Steps) -> Floats:
     usual = steps.gait("stride_m")
     length = np.linalg.norm(np.diff(steps.strides.footprint[:, :2], axis=0), axis=1)
     share: Floats = np.divide(length, usual, out=np.ones_like(usual), where=usual > 0)
-    return LEAST_EFFORT + (1 - LEAST_EFFORT) * np.minimum(share, LONGEST)
+    return MIN_EFFORT + (1 - MIN_EFFORT) * np.minimum(share, LONGEST)
 
 
 def _walks_on(strides: Strides) -> Bools:

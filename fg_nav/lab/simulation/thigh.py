@@ -42,14 +42,9 @@ from fg_nav.errors import SimulationError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.lab.simulation.motion import Kinematics, Strides, Style, average_over_period
 
-CONTROL_S = 0.0125
-"""Between control points."""
-
-_MARGIN_S = 2.0
-"""By how much the splines reach beyond the recording."""
-
-_MIDSTANCE = 0.87
-"""Share of a stride at which the hip is above the foot."""
+CONTROL_S = 0.0125  # Between control points.
+_MARGIN_S = 2.0  # By how much the splines reach beyond the recording.
+_MIDSTANCE = 0.87  # Share of a stride at which the hip is above the foot.
 
 _FLEXION = ((1, 1.0, 0.585), (2, 0.18, 0.70), (3, 0.07, 0.13))
 _ABDUCTION = ((1, 0.7, 0.30), (2, 0.5, 0.25))

@@ -70,10 +70,9 @@ class Streams:
         return np.random.default_rng([self.seed, zlib.crc32(f"{self.of}{name}".encode())])
 
 
-BLOCK = 50_000
-"""Samples worked on at a time."""
+BLOCK = 50_000  # Samples worked on at a time.
 
-MOST_SAMPLES = 20_000_000
+MAX_SAMPLES = 20_000_000
 """Three of Munoz Diaz' walks in a row at 2 kHz; 4 GB, for measured at its peak a sample takes 190 bytes."""
 
 Progress: TypeAlias = Callable[[float], None]
@@ -264,8 +263,8 @@ def _count_samples(end_s: float, rate_hz: float) -> int:
 
 def _check_size(end_s: float, rate_hz: float) -> None:
     size = f"{end_s / 60:.1f} minutes at {rate_hz:g} Hz are {end_s * rate_hz:.2g} samples"
-    if not end_s * rate_hz <= MOST_SAMPLES:
-        raise SimulationError(f"{size}: make the walk shorter or the rate lower, for at most {MOST_SAMPLES}.")
+    if not end_s * rate_hz <= MAX_SAMPLES:
+        raise SimulationError(f"{size}: make the walk shorter or the rate lower, for at most {MAX_SAMPLES}.")
     if _count_samples(end_s, rate_hz) < MIN_SAMPLES:
         raise SimulationError(f"{size}: make the walk longer or the rate higher, for at least {MIN_SAMPLES}.")
 
@@ -384,8 +383,7 @@ def _locate_landmarks(
     return tuple(Passing(c.landmark, float(s), p) for c, s, p in zip(crossings, t * clock_rate, place, strict=True))
 
 
-TABLE_TILT_RAD = 0.01
-"""About each axis, standard deviation: tables and cases are level to half a degree (assumed)."""
+TABLE_TILT_RAD = 0.01  # About each axis, standard deviation: tables and cases are level to half a degree (assumed).
 
 
 @dataclass(frozen=True)

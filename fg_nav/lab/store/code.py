@@ -16,11 +16,8 @@ from pathlib import Path
 
 import fg_nav
 
-SHOWS_ONLY = ("report/", "commands/", "lab/reproduce/", "cli/")
-"""Sources of the package that change no result."""
-
-LIBRARIES = ("gtsam", "numpy", "scipy", "numba", "pandas")
-"""Libraries that results depend on, to the last bit."""
+SHOWS_ONLY = ("report/", "commands/", "lab/reproduce/", "cli/")  # Sources of the package that change no result.
+LIBRARIES = ("gtsam", "numpy", "scipy", "numba", "pandas")  # Libraries that results depend on, to the last bit.
 
 _PARSING = threading.Lock()
 """Python 3.11 fails where two threads of a worker parse at once (its recursion depth is one for all)."""

@@ -16,8 +16,7 @@ from fg_nav.errors import OutputError, describe_reason
 CAMPAIGN_MARKER, REPRODUCTION_MARKER = ".fg-nav-campaign", ".fg-nav-reproduce"
 MARKERS = (CAMPAIGN_MARKER, REPRODUCTION_MARKER)
 
-PART = ".part"
-"""End of a file's name while it is written."""
+PART = ".part"  # End of a file's name while it is written.
 
 _DISK_FULL = (errno.ENOSPC, errno.EDQUOT)
 

@@ -34,8 +34,7 @@ from fg_nav.lab.store.code import code_sum, sum_sources
 from fg_nav.lab.store.files import atomic_write, make_folder, write_text
 from fg_nav.text import to_json
 
-FORM = 2
-"""Layout of the files; an entry of another form does not hold."""
+FORM = 2  # Layout of the files; an entry of another form does not hold.
 
 Arrays: TypeAlias = Mapping[str, NDArray[Any]]
 
@@ -90,8 +89,7 @@ class Entry:
         return json.dumps({"form": FORM, **to_json(self.settings)}, sort_keys=True)
 
 
-MEASUREMENTS = "parts"
-"""Folder of the measurements of a reproduction."""
+MEASUREMENTS = "parts"  # Folder of the measurements of a reproduction.
 
 
 @dataclass(frozen=True)
@@ -138,11 +136,10 @@ def _sum_module(function: Callable[..., Any]) -> str:
     return sum_sources([Path(inspect.getfile(function))])
 
 
-LONGEST_NAME, CUT = 200, 160
+MAX_NAME, CUT = 200, 160
 """Bytes of a file's name before `.json`, and of a longer one after cutting: file systems allow 255."""
 
-USED, NOT_USED = "u", "-"
-"""Flag of a footfall in `Result.used`."""
+USED, NOT_USED = "u", "-"  # Flag of a footfall in `Result.used`.
 
 
 @dataclass(frozen=True, order=True)
@@ -160,7 +157,7 @@ class Key:
         """Name of the file."""
         words = (self.group, self.field, self.magnetometer, self.method, self.walk)
         name = "_".join(word.replace(" ", "-").replace(":", "-").replace("/", "~") for word in words)
-        if len(name.encode()) > LONGEST_NAME:
+        if len(name.encode()) > MAX_NAME:
             name = f"{name.encode()[:CUT].decode(errors='ignore')}~{hashlib.sha256(name.encode()).hexdigest()[:16]}"
         return f"{name}.json"
 

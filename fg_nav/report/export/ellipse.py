@@ -11,11 +11,8 @@ from fg_nav.report.decimation import spread_rows
 from fg_nav.report.ellipses import ELLIPSE_RADIUS
 from fg_nav.report.export.track import POSITION, Track
 
-AT_MOST = 200
-"""More ellipses hide each other on any map."""
-
-CORNERS = 33
-"""Of an outline, the first again as the last: within half a percent of the ellipse."""
+AT_MOST = 200  # More ellipses hide each other on any map.
+CORNERS = 33  # Of an outline, the first again as the last: within half a percent of the ellipse.
 
 
 class Outlines(NamedTuple):

@@ -13,8 +13,7 @@ from fg_nav.report.export.place import DEGREE_DIGITS, METER_DIGITS, Origin
 from fg_nav.report.export.track import FRAME, POSITION, SIGMA, Track
 
 NAMESPACE = "http://www.topografix.com/GPX/1/1"
-SIGMA_NAMESPACE = "urn:fg-nav:strides"
-"""Of the sigmas: a name, not an address."""
+SIGMA_NAMESPACE = "urn:fg-nav:strides"  # Of the sigmas: a name, not an address.
 
 
 def write(track: Track, path: Path, origin: Origin) -> None:

@@ -22,8 +22,7 @@ SEMI = float(np.sqrt(chdtri(3, 0.05)))
 """Semi-axes of the 95 % ellipsoid of a normal distribution, in standard deviations."""
 
 BLUE, GRAY = (0, 114, 178), (120, 120, 120, 60)
-LINE_M, DOT_M = 0.01, 0.03
-"""Radii of the line and of the dots: a shoe is 0.1 m wide."""
+LINE_M, DOT_M = 0.01, 0.03  # Radii of the line and of the dots: a shoe is 0.1 m wide.
 
 
 def write(track: Track, path: Path) -> None:

@@ -27,11 +27,8 @@ from fg_nav.report.export.track import Track
 ODOMETRY, PATH = "/fg_nav/odometry", "/fg_nav/path"
 FRAME, CHILD = "odom", "foot"
 
-UNKNOWN = 1e6
-"""A variance of what is not told: far beyond that of any foot."""
-
-_LAST_S = 2.0**31
-"""Stamps of ROS are 32-bit seconds."""
+UNKNOWN = 1e6  # A variance of what is not told: far beyond that of any foot.
+_LAST_S = 2.0**31  # Stamps of ROS are 32-bit seconds.
 
 
 def write(track: Track, path: Path) -> None:

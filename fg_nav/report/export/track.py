@@ -42,14 +42,12 @@ POSITION = ["x_m", "y_m", "z_m"]
 SIGMA = ["sigma_x_m", "sigma_y_m", "sigma_z_m"]
 BETWEEN = {"cov_xy_m2": (0, 1), "cov_xz_m2": (0, 2), "cov_yz_m2": (1, 2)}
 
-PERSON = "person.csv"
-"""Table of the person's path where both feet were recorded, with the columns of `strides.csv`."""
+PERSON = "person.csv"  # Table of the person's path where both feet were recorded, with the columns of `strides.csv`.
 
 EPOCH_S = (1e9, 2.0**31)
 """Seconds since 1970 of the years 2001 to 2037: a clock that runs since power-on is never there."""
 
-LINE_STEP_S = 0.1
-"""Between two points of a drawn line: a foot swings for half a second."""
+LINE_STEP_S = 0.1  # Between two points of a drawn line: a foot swings for half a second.
 
 FRAME = (
     "East-North-Up from where the foot first stands: x east, y north, z up, m. nav_R_body maps vectors of the sensor's "

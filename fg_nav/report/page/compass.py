@@ -27,8 +27,7 @@ from fg_nav.report.page.figures import (
 )
 from fg_nav.solution import StanceTable
 
-LEAST_SPAN_UT, LEAST_SPAN_DEG = 5.0, 5.0
-"""Of the axes of strength and inclination: noise is not to look like a disturbance."""
+MIN_SPAN_UT, MIN_SPAN_DEG = 5.0, 5.0  # Of the axes of strength and inclination: noise is not to look like a disturbance
 
 _GROUPS = ((GREEN, "undisturbed"), (VERMILION, "disturbed"), (GRAY, "not judged"))
 
@@ -65,8 +64,8 @@ def draw_strength(field: FootfallField, table: StanceTable) -> Chart:
     """Draw strength and inclination over the length of the path."""
     travelled = measure_travelled(field.t, table)
     rows = [
-        ("strength (µT)", field.strength, LEAST_SPAN_UT),
-        ("inclination (deg)", np.rad2deg(field.inclination), LEAST_SPAN_DEG),
+        ("strength (µT)", field.strength, MIN_SPAN_UT),
+        ("inclination (deg)", np.rad2deg(field.inclination), MIN_SPAN_DEG),
     ]
     panels = [
         Panel(label, _draw_along(field, table, travelled, value), {"range": _span(value, least)})

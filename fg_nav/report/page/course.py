@@ -37,17 +37,10 @@ from fg_nav.truth import FootprintTruth, TrajectoryTruth, Truth
 from fg_nav.walk import Options, Outcome
 
 MAX_ELLIPSES = 250
-MAX_WITH_ELLIPSES = 2
-"""Methods whose ellipses lie over one another and can still be told apart."""
-
-_OUTLINE = 25
-"""Corners of an ellipse."""
-
-_LEAST_POINTS = 4
-"""Of a stride, for a line to be drawn by samples; with fewer it is drawn through the footfalls."""
-
-LATER = "legendonly"
-"""Of what is not drawn before the reader asks for it in the legend."""
+MAX_WITH_ELLIPSES = 2  # Methods whose ellipses lie over one another and can still be told apart.
+_OUTLINE = 25  # Corners of an ellipse.
+_MIN_POINTS = 4  # Of a stride, for a line to be drawn by samples; with fewer it is drawn through the footfalls.
+LATER = "legendonly"  # Of what is not drawn before the reader asks for it in the legend.
 
 _HOVER = (
     "footfall %{customdata[0]}, t %{customdata[1]:.2f} s<br>"
@@ -189,7 +182,7 @@ def _choose_path(view: AlignedSolution) -> Floats:
     """Points (M, 2) m: samples evenly spread, or the footfalls where there are too many of them; NaN in a hole."""
     solution, stances = view.solution, view.solution.stances
     t, dense = solution.t, solution.position
-    if len(stances) * _LEAST_POINTS > MAX_POINTS:
+    if len(stances) * _MIN_POINTS > MAX_POINTS:
         t, dense = stances.t, stances.position
     row = spread_rows(len(dense), MAX_POINTS)
     behind = np.searchsorted(t[row], solution.t[find_holes(solution.t) + 1])

@@ -25,20 +25,11 @@ CYCLE = (BLUE, VERMILION, GREEN, PURPLE, OCHRE, TEAL)
 GRAY = "#8a9096"
 """Of a truth, and of what was not judged."""
 
-MAX_POINTS = 6000
-"""Of a line: a desk shows some 1200 pixels, and a line is looked at closer by a factor of a few."""
-
-MAX_DOTS = 3000
-"""Dots that answer the pointer: more of them make a page slow."""
-
-SHADE = "rgba(42, 127, 201, 0.16)"
-"""Background of a stance."""
-
-_METERS, _SECONDS = 4, 3
-"""Decimals: tenths of millimeters, milliseconds."""
-
-_DIGITS = 6
-"""Significant digits of all else."""
+MAX_POINTS = 6000  # Of a line: a desk shows some 1200 pixels, and a line is looked at closer by a factor of a few.
+MAX_DOTS = 3000  # Dots that answer the pointer: more of them make a page slow.
+SHADE = "rgba(42, 127, 201, 0.16)"  # Background of a stance.
+_METERS, _SECONDS = 4, 3  # Decimals: tenths of millimeters, milliseconds.
+_DIGITS = 6  # Significant digits of all else.
 
 
 @dataclass(frozen=True)

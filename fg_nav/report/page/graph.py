@@ -38,8 +38,7 @@ from fg_nav.report.page.series import BAND
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.text import format_count
 
-HEAVIEST = 0.1
-"""Share of the footfalls that are marked as those that weigh most."""
+HEAVIEST = 0.1  # Share of the footfalls that are marked as those that weigh most.
 
 _KINDS = {
     "imu": "inertial",

@@ -24,17 +24,10 @@ from fg_nav.report.page.figures import (
 from fg_nav.solution import Return
 from fg_nav.text import format_count
 
-MOST_SHOWN = 3
-"""Returns whose field is drawn: the longest ones explain the others."""
-
-MOST_TIES = 60
-"""Lines on the map from a footfall to the earlier one at its place."""
-
-MOST_DRAWN_M = 120.0
-"""Of each return, from its begin: waves of some meters are to be seen."""
-
-NEVER = 1e-6
-"""Expected number below which the exact one says no more."""
+MAX_SHOWN = 3  # Returns whose field is drawn: the longest ones explain the others.
+MAX_TIES = 60  # Lines on the map from a footfall to the earlier one at its place.
+MAX_DRAWN_M = 120.0  # Of each return, from its begin: waves of some meters are to be seen.
+NEVER = 1e-6  # Expected number below which the exact one says no more.
 
 COMPONENTS = ("ahead (µT)", "to the left (µT)", "up (µT)")
 
@@ -44,10 +37,10 @@ def describe_returns(returns: Sequence[Return]) -> list[str]:
     if not returns:
         return ["No place was recognized as one where the walk was before."]
     shown = sorted(returns, key=lambda one: -one.length_m)
-    words = [_describe(one) for one in shown[:MOST_SHOWN]]
+    words = [_describe(one) for one in shown[:MAX_SHOWN]]
     more = len(shown) - len(words)
     if more:
-        words.append(f"{format_count(more, 'more return')} of {shown[MOST_SHOWN].length_m:.0f} m or less.")
+        words.append(f"{format_count(more, 'more return')} of {shown[MAX_SHOWN].length_m:.0f} m or less.")
     return words
 
 
@@ -63,13 +56,13 @@ def _describe(one: Return) -> str:
 
 def draw_returns(returns: Sequence[Return]) -> list[Chart]:
     """Draw the field of both passes of the longest returns along the path, as the later one was walked."""
-    shown = sorted(returns, key=lambda one: -one.length_m)[:MOST_SHOWN]
+    shown = sorted(returns, key=lambda one: -one.length_m)[:MAX_SHOWN]
     return [_draw_passes(f"return-{k}", one) for k, one in enumerate(shown, start=1)]
 
 
 def _draw_passes(name: str, one: Return) -> Chart:
     walked = np.linspace(0.0, one.length_m, len(one.t))
-    row = np.flatnonzero(walked <= MOST_DRAWN_M)
+    row = np.flatnonzero(walked <= MAX_DRAWN_M)
     along = to_meters(walked[row])
     passes = (("then", GRAY, one.earlier_field_uT), ("now", PURPLE, one.field_uT))
     panels = [
@@ -92,7 +85,7 @@ def mark_map(view: AlignedSolution) -> list[Trace]:
     breaks = np.flatnonzero(np.diff(later) > 1) + 1
     runs = [np.vstack([position[run], [[np.nan, np.nan]]]) for run in np.split(later, breaks)]
     path = np.vstack(runs)
-    chosen = later[spread_rows(len(later), MOST_TIES)]
+    chosen = later[spread_rows(len(later), MAX_TIES)]
     pairs = np.stack([position[chosen], position[table.same_place[chosen]], np.full((len(chosen), 2), np.nan)], axis=1)
     ties = pairs.reshape(-1, 2)
     words = "recognized as walked before"

@@ -28,8 +28,7 @@ from fg_nav.report.page.figures import (
 from fg_nav.stances import Stances
 from fg_nav.system.spilled import measure_rows
 
-MAX_SHADED = 2000
-"""More stances than this are less than a pixel wide in a walk, and make a page slow."""
+MAX_SHADED = 2000  # More stances than this are less than a pixel wide in a walk, and make a page slow.
 
 
 def draw_samples(recording: Recording, stances: Stances) -> list[Chart]:

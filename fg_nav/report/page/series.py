@@ -31,11 +31,8 @@ from fg_nav.report.page.figures import (
 )
 from fg_nav.truth import TrajectoryTruth
 
-BAND = 1.96
-"""Half width of a 95 % band, in standard deviations."""
-
-_FEW = 400
-"""Up to so many footfalls are marked on a line."""
+BAND = 1.96  # Half width of a 95 % band, in standard deviations.
+_FEW = 400  # Up to so many footfalls are marked on a line.
 
 Views = Mapping[str, AlignedSolution]
 

@@ -27,11 +27,8 @@ from fg_nav.report.plots.maps import draw_ends
 from fg_nav.report.plots.style import MAX_POINTS
 from fg_nav.truth import FootprintTruth, TrajectoryTruth
 
-_DOTS = ((100, 5.0), (400, 3.6))
-"""Up to so many footfalls, dots of this size in points; smaller ones for more."""
-
-LEAST_SPAN_UT, LEAST_SPAN_DEG = 5.0, 5.0
-"""Of the axes of strength and inclination."""
+_DOTS = ((100, 5.0), (400, 3.6))  # Up to so many footfalls, dots of this size in points; smaller ones for more.
+MIN_SPAN_UT, MIN_SPAN_DEG = 5.0, 5.0  # Of the axes of strength and inclination.
 
 ACCEPTED, REJECTED, UNJUDGED = style.GREEN, "#F3C6AE", style.GRID
 """Colours of the verdicts; also apart in grey."""
@@ -44,19 +41,13 @@ REACH_S, REACH_STEPS = 3.0, 2.0
 
 _LANE_IN = 0.21
 
-MAPS, MOST_MAPS = 3, 6
-"""Maps beside each other, and as many of a course that is far longer than wide."""
-
-TALL = 2.0
-"""Height over width of a course from which on it is."""
-
-_MAP_HEIGHTS_IN = (1.1, 4.2)
-"""Of one map, inches."""
+MAPS, MAX_MAPS = 3, 6  # Maps beside each other, and as many of a course that is far longer than wide.
+TALL = 2.0  # Height over width of a course from which on it is.
+_MAP_HEIGHTS_IN = (1.1, 4.2)  # Of one map, inches.
 
 MAP_TITLE = "Where each detector takes the field for quasi-static, and at what share of the footfalls"
 
-_MAP_DOTS = ((60, 5.0), (200, 3.6), (600, 2.6), (1500, 2.0))
-"""Up to so many footfalls, dots of this size in points."""
+_MAP_DOTS = ((60, 5.0), (200, 3.6), (600, 2.6), (1500, 2.0))  # Up to so many footfalls, dots of this size in points.
 
 Curve = dict[str, Any]
 
@@ -86,7 +77,7 @@ def _draw_strength(axes: Axes, survey: FieldSurvey) -> None:
     axes.plot(survey.field.t, survey.field.strength, **_dots(survey, style.BLUE))
     if survey.earth is not None:
         _expect(axes, survey.earth.strength_uT, f"the Earth's, {survey.earth.strength_uT:.1f} uT")
-    span_at_least(axes, LEAST_SPAN_UT)
+    span_at_least(axes, MIN_SPAN_UT)
     axes.set_ylabel("strength (uT)")
     style.head(axes, "Strength of the field at the footfalls")
 
@@ -96,7 +87,7 @@ def _draw_inclination(axes: Axes, survey: FieldSurvey) -> None:
     if survey.earth is not None:
         dip_deg = float(np.degrees(survey.earth.inclination))
         _expect(axes, dip_deg, f"the Earth's, {dip_deg:.1f} deg")
-    span_at_least(axes, LEAST_SPAN_DEG)
+    span_at_least(axes, MIN_SPAN_DEG)
     axes.set_ylabel("inclination (deg)")
     style.head(axes, "Its inclination below the horizon")
 
@@ -172,7 +163,7 @@ def plot_field_map(survey: FieldSurvey, view: AlignedSolution) -> Figure:
 
 def _map_columns(path: Floats, maps: int) -> int:
     width, height = np.ptp(path, axis=0)
-    return min(MOST_MAPS if height > TALL * width else MAPS, maps)
+    return min(MAX_MAPS if height > TALL * width else MAPS, maps)
 
 
 def _map_height(path: Floats, columns: int) -> float:
@@ -221,7 +212,7 @@ def plot_samples(survey: SampleSurvey) -> Figure:
         figure = style.new_figure(4.8)
         strength, statistic, lane = figure.subplots(3, 1, sharex=True, height_ratios=[6, 6, 1])
         strength.plot(*envelope(survey.t, survey.strength), color=style.BLUE, linewidth=0.8)
-        span_at_least(strength, LEAST_SPAN_UT)
+        span_at_least(strength, MIN_SPAN_UT)
         strength.set_ylabel("strength (uT)")
         style.head(strength, "Strength of the field at every sample")
         _draw_sample_statistic(statistic, survey)

@@ -11,8 +11,7 @@ from pathlib import Path
 
 from fg_nav.system.scratch import find_scratch
 
-VARIABLE = "MPLCONFIGDIR"
-"""That tells matplotlib the place."""
+VARIABLE = "MPLCONFIGDIR"  # That tells matplotlib the place.
 
 PLACES = {"XDG_CONFIG_HOME": ".config", "XDG_CACHE_HOME": ".cache"}
 """Variables, and the folders of the home that they stand for, in which it needs a folder of its own."""

@@ -29,8 +29,7 @@ if TYPE_CHECKING:
 
 
 MAX_ELLIPSES = 80
-MAX_DOTS = 400
-"""More stances than this are not marked one by one."""
+MAX_DOTS = 400  # More stances than this are not marked one by one.
 
 MAX_PIECES = 20_000
 WIDEST_SCALE = (2.0, 98.0)

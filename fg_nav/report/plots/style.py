@@ -20,8 +20,7 @@ from matplotlib.figure import Figure
 from matplotlib.image import imsave
 
 BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"
-CYCLE = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
-"""Colours of methods or axes, in order."""
+CYCLE = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)  # Colours of methods or axes, in order.
 
 INK = "#222222"
 SOFT_INK = "#6B6B6B"
@@ -121,5 +120,4 @@ def _columns_that_fit(labels: Sequence[str], most: int) -> int:
     return 1
 
 
-MAX_POINTS = 60_000
-"""Enough for a line: at walking speed ten points a stride over two hours. A PNG is 1200 pixels wide."""
+MAX_POINTS = 60_000  # Enough for a line: at walking speed ten points a stride over two hours. A PNG is 1200 pixels wide

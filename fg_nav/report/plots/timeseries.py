@@ -21,8 +21,7 @@ from fg_nav.stances import Stances
 
 _PALE: dict[str, Any] = {"alpha": 0.4, "linewidth": 0.7}
 
-_COMPASS_DEG = (5, 10, 15, 30, 45, 90, 180, 360)
-"""Steps of an axis of angles."""
+_COMPASS_DEG = (5, 10, 15, 30, 45, 90, 180, 360)  # Steps of an axis of angles.
 
 _MAX_DOTS = 400
 
@@ -118,8 +117,7 @@ def _draw_heading_error(axes: Axes, t: Floats, headings: Headings) -> None:
     style.head(axes, "Uncertainty and error at the stances" if known else "Uncertainty at the stances")
 
 
-MAX_STANCES_AS_LINE = 150
-"""With more stances than this the line of the statistic would fill the picture."""
+MAX_STANCES_AS_LINE = 150  # With more stances than this the line of the statistic would fill the picture.
 
 
 def plot_stance_statistic(t: Floats, stances: Stances) -> Figure:

@@ -3,7 +3,7 @@
 // and `view` how it is looked at. All that is drawn follows from these two.
 
 const CHI_95 = Math.sqrt(-2 * Math.log(0.05)); // semi-axis of the 95 % ellipse, in sigmas: chi-square of two
-const RETRY_MS = 1000, NOTICE_MS = 8000, MOST_REMARKS = 50, MOST_REASONS = 2, STALE_MS = 3000;
+const RETRY_MS = 1000, NOTICE_MS = 8000, MAX_REMARKS = 50, MAX_REASONS = 2, STALE_MS = 3000;
 const MARGIN = 62; // pixels above and below the path: what lies on the map
 const NEAREST = 2000, FARTHEST = 0.002; // pixels a metre
 
@@ -63,7 +63,7 @@ function addRemark(event) {
   const item = document.createElement("li");
   item.textContent = event.words;
   $("remarks").prepend(item);
-  while ($("remarks").children.length > MOST_REMARKS) $("remarks").lastChild.remove();
+  while ($("remarks").children.length > MAX_REMARKS) $("remarks").lastChild.remove();
 }
 
 let noticeTimer = 0;
@@ -160,8 +160,8 @@ const lines = () => walk.last?.foot === "person" ? Object.values(walk.feet).map(
 function showTrust() {
   const judged = lines().sort((a, b) => WORDS.indexOf(b.verdict) - WORDS.indexOf(a.verdict))[0];
   putLamp("trust", ...(TRUST[judged?.verdict] ?? ["", "Path not judged yet"]));
-  const reasons = judged?.reasons ?? [], more = reasons.length - MOST_REASONS;
-  const words = reasons.slice(0, MOST_REASONS).join("; ");
+  const reasons = judged?.reasons ?? [], more = reasons.length - MAX_REASONS;
+  const words = reasons.slice(0, MAX_REASONS).join("; ");
   $("trust-reason").textContent = words && `${words[0].toUpperCase()}${words.slice(1)}${more > 0 ? `; and ${more} more` : ""}.`;
   $("trust-reason").hidden = !words;
 }

@@ -44,8 +44,7 @@ def work(asked: Task, code: str | None = None) -> TaskResults:
     return TaskResults(results(asked), code or code_sum(), 0.01)
 
 
-LAST = "104"
-"""The walk that `hold` does not make."""
+LAST = "104"  # The walk that `hold` does not make.
 
 
 def hold(asked: Task) -> TaskResults:

@@ -21,8 +21,7 @@ maps = load_script("field_maps")
 
 EARTH = SITES["munich"]
 
-SAMPLES = 93
-"""Of a stride of 0.93 s."""
+SAMPLES = 93  # Of a stride of 0.93 s.
 
 STANCE_SHARE, STRIDE_M, SWING_RISE_M, ROLL_M = 0.4, 1.29, 0.12, 0.003
 

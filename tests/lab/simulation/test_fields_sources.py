@@ -27,8 +27,7 @@ from fg_nav.lab.simulation.fields import (
 from fg_nav.lab.simulation.fields.field import CAR_M, STREETLIGHT_M, TEMPLATE_LENGTH_M
 from fg_nav.lab.simulation.fields.sources import IRON_MU_R, compute_demagnetizing_factor
 
-MU_0 = 4 * np.pi * 0.1
-"""In uT m / A."""
+MU_0 = 4 * np.pi * 0.1  # In uT m / A.
 
 K = (IRON_MU_R - 1) / (IRON_MU_R + 1)
 SKEW = make_earth_field(50.0, 60.0, 30.0)

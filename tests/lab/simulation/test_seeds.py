@@ -5,8 +5,7 @@ import pytest
 
 from fg_nav.lab.simulation import SCENARIOS, Choices, simulate
 
-RATE_HZ = 41.0
-"""Quick for all scenarios, and fast enough that a lost sample leaves no gap."""
+RATE_HZ = 41.0  # Quick for all scenarios, and fast enough that a lost sample leaves no gap.
 
 LARGE = {"office", "office-open", "mall", "mall-open"}
 """Whose building takes seconds to draw; other scenarios have one too."""

@@ -37,8 +37,7 @@ CITATION = (
 
 FIELDS = ("smooth", "indoor")
 
-CORRIDORS = 20
-"""The first seeds of a run that are enough: of a quick one, and of walks past the magnet."""
+CORRIDORS = 20  # The first seeds of a run that are enough: of a quick one, and of walks past the magnet.
 
 
 def reproduce(

@@ -27,8 +27,7 @@ CLASSICAL, PRINTED, PHYSICAL = "classical", "as printed", "physical"
 
 DETECTOR_OF = {CLASSICAL: "qsf-stance", PRINTED: "aiez-printed", PHYSICAL: "aiez"}
 
-ACCEPTED, REJECTED = 0.8, 0.2
-"""Shares that stand for the paper's "accepts" and "rejects"."""
+ACCEPTED, REJECTED = 0.8, 0.2  # Shares that stand for the paper's "accepts" and "rejects".
 
 STRENGTHS = (1, STRONGER)
 
@@ -98,8 +97,7 @@ def _area(walks: Sequence[Judged], name: str) -> Spread:
     return Spread(area, area, area, len(walks) if np.isfinite(area) else 0)
 
 
-ZOOM_S = 8.0
-"""Before and after the footfall that the magnet turns most."""
+ZOOM_S = 8.0  # Before and after the footfall that the magnet turns most.
 
 
 def figure_5(pictures: Pictures, walk: Arrays) -> Picture:

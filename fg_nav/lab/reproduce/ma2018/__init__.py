@@ -28,8 +28,7 @@ FIELDS, QUICK_FIELDS = ("smooth", "indoor"), ("indoor",)
 LOOPS, NOISES, ROCS = 20, 10, 10
 """The first seeds of a run that are enough: of loops, of walks for the sigmas (two hours), and for the ROC."""
 
-WALK_MINUTES = 12.2
-"""Of one office."""
+WALK_MINUTES = 12.2  # Of one office.
 
 
 @dataclass(frozen=True)

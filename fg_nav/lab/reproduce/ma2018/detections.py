@@ -67,22 +67,14 @@ from fg_nav.recording import Recording
 from fg_nav.stances import Stances
 from fg_nav.truth import TrajectoryTruth
 
-WINDOW = 3
-"""Strides of a window, as Ma has it; one truth for all detectors, whatever their own windows."""
-
-FIELDS = {"smooth": 0.0, "between": 0.35, "indoor": 1.0}
-"""How much of `indoor` is in each; the rest is `smooth`."""
-
-LIMIT_UT = {"smooth": 2.0, "between": 10.0, "indoor": 20.0}
-"""Of the change of the vector over a window."""
+WINDOW = 3  # Strides of a window, as Ma has it; one truth for all detectors, whatever their own windows.
+FIELDS = {"smooth": 0.0, "between": 0.35, "indoor": 1.0}  # How much of `indoor` is in each; the rest is `smooth`.
+LIMIT_UT = {"smooth": 2.0, "between": 10.0, "indoor": 20.0}  # Of the change of the vector over a window.
 
 MA, MA_THRESHOLD, MA_P_D, OURS = "ma2018-printed", 170.0, 0.8, "ma2018"
 
-STRAIGHT_DEG, CURVED_DEG = 5.0, 15.0
-"""Of a window's three strides the directions differ by less, or by more."""
-
-FEWEST = 20
-"""Cases of a kind without which no ROC is drawn from them."""
+STRAIGHT_DEG, CURVED_DEG = 5.0, 15.0  # Of a window's three strides the directions differ by less, or by more.
+FEWEST = 20  # Cases of a kind without which no ROC is drawn from them.
 
 
 @dataclass(frozen=True)
@@ -227,8 +219,7 @@ _TRUE = ("vector_uT", "course", "deviation")
 
 SENSOR = "mpu-9250x8"
 
-WALK = "office"
-"""12.2 minutes: ten of them are two hours."""
+WALK = "office"  # 12.2 minutes: ten of them are two hours.
 
 WALKED, IRON_ON, AT_REST = "walked", "iron on", "at rest"
 
@@ -280,8 +271,7 @@ def _sigmas(heading: Floats, inclination: Floats, strength: Floats) -> Floats:
     return np.array([np.std(wrap_angle(np.diff(heading))), np.std(np.diff(inclination)), np.std(np.diff(strength))])
 
 
-STRENGTH_HZ = 5.0
-"""At which the strength of the field is stored."""
+STRENGTH_HZ = 5.0  # At which the strength of the field is stored.
 
 
 def headings_part(name: str, scenario: str, field: str, seed: int, method: str) -> Measurement:

@@ -51,8 +51,7 @@ SENSOR = "mpu-9250x8"
 MA_K = np.array([[1.027, 0.037, 0.046], [0.0, 1.018, -0.002], [0.0, 0.0, 1.062]])
 """K_c of Table 1, CLSEF: what brings readings less B_c to the field."""
 
-MA_B_UT = np.array([14.336, 7.975, -5.641])
-"""B_c of Table 1, CLSEF."""
+MA_B_UT = np.array([14.336, 7.975, -5.641])  # B_c of Table 1, CLSEF.
 
 TUMBLED_S = 60.0
 

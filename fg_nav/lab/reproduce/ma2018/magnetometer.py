@@ -38,8 +38,7 @@ PRINTED, QUADRANT, FITTED, FREE = "as printed", "right quadrant", "fitted", "CLS
 ON_SHOE = {PRINTED: "ellipse, as printed", QUADRANT: "ellipse, by extremes", FITTED: "ellipse, fitted"}
 """Columns whose calibration is made on the shoe, by the names of `loop`."""
 
-_CLOSE = 0.05
-"""Tolerance of what is put in and found again."""
+_CLOSE = 0.05  # Tolerance of what is put in and found again.
 
 _SETTING = """Scenario calibration-loop: circles to the right and to the left in a field without steel, eight MPU-9250
 in the heel, 400 Hz. Table 1 is what we put in: its first line is the iron of shoe and floor, its second the module
@@ -124,8 +123,7 @@ PHYSICAL = "physical"
 
 DETECTOR_OF = {PRINTED: MA, PHYSICAL: OURS}
 
-FIELD = "between"
-"""The field in which there are stances of both kinds."""
+FIELD = "between"  # The field in which there are stances of both kinds.
 
 _NOISE_SETTING = """Changes of what the detector looks at, Ma (13), standard deviations. Walked: from footfall to
 footfall in a field without steel, magnetometer calibrated on the loop, {minutes:.0f} minutes in all; iron on: the same
@@ -146,14 +144,12 @@ threshold. In brackets the band of 90 % over the walks. The paper names neither 
 change. Field and limit are chosen, on seeds below 100, so that both kinds of stances occur and 170 is where the paper
 has it; with others it is not (on smooth all passes, on indoor next to nothing)."""
 
-_MUCH = 2.0
-"""The least that "much faster" can mean."""
+_MUCH = 2.0  # The least that "much faster" can mean.
 
 _BEND = """Where the curve bends rests on what counts as a change, which is not printed: ours bends later and grows much
 steeper from P_D 0.9 on (row above)."""
 
-_KNEE = 0.8
-"""P_D from which on, in the paper, P_FA rises much faster."""
+_KNEE = 0.8  # P_D from which on, in the paper, P_FA rises much faster.
 
 
 def noise_experiment(noises: Sequence[Arrays], minutes: float, rest_s: float) -> Experiment:

@@ -46,8 +46,7 @@ METHODS = (
     SMOOTHER,
 )
 
-NAMES = {ZUPT: "pure ZUPT", IQSF: "iQSF", PROPOSED: "proposed"}
-"""The paper's words for its filters."""
+NAMES = {ZUPT: "pure ZUPT", IQSF: "iQSF", PROPOSED: "proposed"}  # The paper's words for its filters.
 
 
 def keys(fields: Sequence[str], seeds: Sequence[int]) -> list[Key]:
@@ -161,8 +160,7 @@ OFFICE_ROWS = (
 _OF_IQSF = (Reason(_CLOSED, ABOVE, _INDOOR), Reason(_HELD, BELOW, _SMOOTH))
 _OF_PROPOSED = (Reason(_FEW, ABOVE, _INDOOR), Reason(_TURNED, ABOVE, _SMOOTH))
 
-LAID = ", best turn and shift"
-"""After what a figure of the mall is of."""
+LAID = ", best turn and shift"  # After what a figure of the mall is of.
 
 _LAID_MAX, _LAID_MEAN = (
     partial(read.walk_error, name="max_m", mode=BEST_YAW),
@@ -284,5 +282,4 @@ def _reductions(walks: Walks, fields: Sequence[str]) -> Iterator[Row]:
         yield Row(quantity, "%", "85", ours, _REDUCTION, PRINTED, 0, 1, 0.15, why, "{:.0f}")
 
 
-_REDUCTION = 85.0
-"""As printed; the printed means give 86.7."""
+_REDUCTION = 85.0  # As printed; the printed means give 86.7.

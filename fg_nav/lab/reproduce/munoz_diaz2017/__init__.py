@@ -45,11 +45,8 @@ Values = dict[str, dict[str, Number]]
 Found = dict[str, dict[str, Run | None]]
 """By case and estimator; None where it ended."""
 
-DRAWN = (simulated.FILTER, simulated.ONLINE)
-"""Estimators whose runs are drawn."""
-
-FOG_HOURS, ALLAN_HOURS = 1.0, 14.0
-"""As in the paper."""
+DRAWN = (simulated.FILTER, simulated.ONLINE)  # Estimators whose runs are drawn.
+FOG_HOURS, ALLAN_HOURS = 1.0, 14.0  # As in the paper.
 
 
 @dataclass(frozen=True)
@@ -173,7 +170,7 @@ def _of_allan(pair: AllanPair) -> dict[str, float]:
     """What Figure 5 is read for: white noise, the lowest point, and where that lies, as decimal logarithms."""
     fog, mems = (np.median([_allan_points(curve) for curve in curves], axis=0) for curves in (pair.fog, pair.mems))
     white, lowest, at = np.log10(mems / fog)
-    return {table.AT_A_SECOND: float(white), table.LOWEST: float(lowest), table.LOWEST_AT: -float(at)}
+    return {table.AT_A_SECOND: float(white), table.LOWEST: float(lowest), table.MIN_AT: -float(at)}
 
 
 def _allan_points(curve: AllanCurve) -> tuple[float, float, float]:

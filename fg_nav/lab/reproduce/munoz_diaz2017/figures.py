@@ -23,8 +23,7 @@ COLOURS = (style.BLUE, "#CC3311", style.GREEN)
 NAMES = ("x", "y", "z")
 BOTH, ALONE = "#CC33AA", style.GREEN
 """Trajectories by both updates and by gravity only, as in Figure 14."""
-BLOCK_M = (40.0, 11.0)
-"""Half the length and half the width of what Figure 4 shows."""
+BLOCK_M = (40.0, 11.0)  # Half the length and half the width of what Figure 4 shows.
 
 
 FIGURES: Mapping[str, str] = MappingProxyType(

@@ -36,19 +36,13 @@ from fg_nav.lab.reproduce.munoz_diaz2017.runs import (
 from fg_nav.lab.reproduce.munoz_diaz2017.walks import ALL, BATCH, FILTER, ONLINE, PUBLISHED, SECOND_NOISES_UT
 from fg_nav.lab.reproduce.results import TOLERANCE, Row
 
-OURS, EXPECTED = "ours", "by the field"
-"""Columns of what no estimator has a hand in."""
+OURS, EXPECTED = "ours", "by the field"  # Columns of what no estimator has a hand in.
 
 AT_MOST, AT_LEAST = 1, -1
 
-NEAR_ONE = 0.15
-"""Of a ratio that the paper has at one: without an effect it is one as well."""
-
-NEAR_BIAS = 0.2
-"""Of a bias that the paper finds."""
-
-COMES_BACK = 1.5
-"""Up and down over what is got by it: half as much back as forth."""
+NEAR_ONE = 0.15  # Of a ratio that the paper has at one: without an effect it is one as well.
+NEAR_BIAS = 0.2  # Of a bias that the paper finds.
+COMES_BACK = 1.5  # Up and down over what is got by it: half as much back as forth.
 
 
 @dataclass(frozen=True)
@@ -122,7 +116,7 @@ FOG = {
     "not compensated": "largest angle in an hour at rest, the Earth's rate left in",
 }
 AT_A_SECOND, LOWEST = "white noise at 1 s, MTw over FOG", "lowest point B, MTw over FOG"
-LOWEST_AT = "averaging time of it, FOG over MTw"
+MIN_AT = "averaging time of it, FOG over MTw"
 
 
 def minutes_over(site: str) -> str:
@@ -141,7 +135,7 @@ _REST = (
     _own(FOG["not compensated"], "deg", "", None, "{:.1f}"),
     _own(AT_A_SECOND, "orders", "two orders", 2.0, "{:.1f}", tolerance=0.25),
     _own(LOWEST, "orders", "two orders", 2.0, "{:.1f}", tolerance=0.25, why=text.DRIFTS, side=1),
-    _own(LOWEST_AT, "orders", "one order", 1.0, "{:.1f}", tolerance=0.5, why=text.DRIFTS, side=1),
+    _own(MIN_AT, "orders", "one order", 1.0, "{:.1f}", tolerance=0.5, why=text.DRIFTS, side=1),
     *_errors(WHITE, (PUBLISHED.gyr_noise_deg_s,) * 3),
     *_errors(FIRST_BIAS, PUBLISHED.gyro_bias_deg_s),
     *_errors(SECOND_START, PUBLISHED.mtw_bias_start_deg_s),

@@ -52,8 +52,7 @@ from fg_nav.pocket.parameters import compute_earth_rate
 from fg_nav.recording import Recording
 from fg_nav.truth import TrajectoryTruth
 
-BORDER_S = 0.3
-"""For so long after a border there is no field."""
+BORDER_S = 0.3  # For so long after a border there is no field.
 
 
 def replace_field(
@@ -138,11 +137,8 @@ class Published(NamedTuple):
     """Length of the first walk (3.1)."""
 
 
-PUBLISHED = Published()
-"""The paper."""
-
-PRINTED, FILTER, BATCH, ONLINE = "as printed", "filter", "batch", "online"
-"""Who estimates: `runs`."""
+PUBLISHED = Published()  # The paper.
+PRINTED, FILTER, BATCH, ONLINE = "as printed", "filter", "batch", "online"  # Who estimates: `runs`.
 
 ALL = (PRINTED, FILTER, BATCH, ONLINE)
 

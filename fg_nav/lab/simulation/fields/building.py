@@ -51,8 +51,7 @@ from fg_nav.lab.simulation.fields.floor import (
 )
 from fg_nav.lab.simulation.fields.sources import UP, Circuit, Dipoles, compute_spheroid_moment, make_upright_loop, rod
 
-TRIES = 30
-"""So often another place is tried; a path that leaves no room has fewer objects."""
+TRIES = 30  # So often another place is tried; a path that leaves no room has fewer objects.
 
 PIECE_M = 0.4
 """Length of steel for which one dipole stands; half a meter from its end such a row is a rod to a few per cent."""

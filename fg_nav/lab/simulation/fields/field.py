@@ -71,8 +71,7 @@ class Sum:
         return total
 
 
-STEP_M = 0.02
-"""Short against what bends a field half a meter from steel, and far above rounding."""
+STEP_M = 0.02  # Short against what bends a field half a meter from steel, and far above rounding.
 
 
 def gradient(field: Field, position: Floats, step_m: float = STEP_M) -> Floats:
@@ -180,14 +179,9 @@ def find_earth_field(where: str) -> Homogeneous:
         raise SimulationError(f"{str(error).removesuffix('.')}, or choose one of {', '.join(SITES)}.") from None
 
 
-PHYSICAL, AS_PRINTED = 2.0, 1.0
-"""Exponents n: that of the physics, and that of MD (21) as printed."""
-
-STREETLIGHT_M, CAR_M = 0.30, 2.0
-"""Radii of the template's cylinders (paper, Section 2.2)."""
-
-TEMPLATE_LENGTH_M = 120.0
-"""After this the template repeats; our choice, a block of houses."""
+PHYSICAL, AS_PRINTED = 2.0, 1.0  # Exponents n: that of the physics, and that of MD (21) as printed.
+STREETLIGHT_M, CAR_M = 0.30, 2.0  # Radii of the template's cylinders (paper, Section 2.2).
+TEMPLATE_LENGTH_M = 120.0  # After this the template repeats; our choice, a block of houses.
 
 TEMPLATE: tuple[tuple[float, float, float], ...] = (
     (15.0, 1.0, STREETLIGHT_M),

@@ -37,17 +37,10 @@ from fg_nav.errors import SimulationError
 from fg_nav.lab.simulation.fields.sources import UP, Dipoles
 from fg_nav.system.compiled import njit
 
-SPACING_M = 0.2
-"""Points of a path lie no further apart than this."""
-
-SPOTS_M = 1.0
-"""Things are counted by the meter of path."""
-
-SENSOR_HEIGHTS_M = (0.1, 0.4, 0.7, 1.0)
-"""From a foot's sensor to above a pocket's."""
-
-LEVEL_M = 0.1
-"""A path that rises less than this in all lies on one floor."""
+SPACING_M = 0.2  # Points of a path lie no further apart than this.
+SPOTS_M = 1.0  # Things are counted by the meter of path.
+SENSOR_HEIGHTS_M = (0.1, 0.4, 0.7, 1.0)  # From a foot's sensor to above a pocket's.
+LEVEL_M = 0.1  # A path that rises less than this in all lies on one floor.
 
 
 @dataclass(frozen=True)
@@ -229,14 +222,9 @@ def _waves_at(above: Floats, wave: Floats, amplitude: Floats, phase: Floats) -> 
 TREADS_UT, TREADS_HEIGHT_M = 5.5, 0.1
 """Stairs: rms per axis, that of a floor, at the height over the path of a sensor on a standing foot."""
 
-TREADS_DEPTH_M, TREADS_HALF_WIDTH_M = (0.35, 0.9), 1.6
-"""Of the pieces under the path, and of their strip."""
-
-TREADS_PER_M = 12.0
-"""Pieces a meter of path: so many that several act at once."""
-
-TREADS_ROOM_M = 0.35
-"""From a piece to where a sensor may be, at least (winding stairs hang over the path below)."""
+TREADS_DEPTH_M, TREADS_HALF_WIDTH_M = (0.35, 0.9), 1.6  # Of the pieces under the path, and of their strip.
+TREADS_PER_M = 12.0  # Pieces a meter of path: so many that several act at once.
+TREADS_ROOM_M = 0.35  # From a piece to where a sensor may be, at least (winding stairs hang over the path below).
 
 
 def draw_treads(path: FloorPath, rng: np.random.Generator) -> Dipoles:

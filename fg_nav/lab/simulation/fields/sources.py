@@ -32,14 +32,9 @@ from fg_nav.arrays import Floats
 from fg_nav.errors import SimulationError
 from fg_nav.system.compiled import njit
 
-SCALE_UT = 0.1
-"""mu_0 / (4 pi) in uT m / A."""
-
-CLOSEST_M = 0.01
-"""Nearer to a point dipole than this nothing can be."""
-
-IRON_MU_R = 200.0
-"""Relative permeability of structural steel in weak fields; that of Munoz Diaz et al. (2017)."""
+SCALE_UT = 0.1  # mu_0 / (4 pi) in uT m / A.
+CLOSEST_M = 0.01  # Nearer to a point dipole than this nothing can be.
+IRON_MU_R = 200.0  # Relative permeability of structural steel in weak fields; that of Munoz Diaz et al. (2017).
 
 
 UP: Floats = np.array([0.0, 0.0, 1.0])

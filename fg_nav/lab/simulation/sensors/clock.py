@@ -21,19 +21,17 @@ from fg_nav.errors import SimulationError
 from fg_nav.lab.simulation.sensors import checks
 from fg_nav.system.compiled import njit
 
-SPACING = 0.02
-"""Samples out of a queue are at least this share of a period apart: the time it takes to send one."""
+SPACING = 0.02  # Samples out of a queue are at least this share of a period apart: the time it takes to send one.
 
-MOST_DROPPED = 0.5
+MAX_DROPPED = 0.5
 
-MOST_JITTER_S = 0.05
+MAX_JITTER_S = 0.05
 
-MOST_SCALE_SD = 0.01
-"""A clock that is worse gains a quarter of an hour a day."""
+MAX_SCALE_SD = 0.01  # A clock that is worse gains a quarter of an hour a day.
 
-MOST_BURST = 1000.0
+MAX_BURST = 1000.0
 
-MOST_GAP_S = 1.0
+MAX_GAP_S = 1.0
 
 
 @dataclass(frozen=True)
@@ -58,12 +56,12 @@ class ClockPrior:
     longest_gap_s: float = 0.05
 
     def __post_init__(self) -> None:
-        checks.up_to(MOST_JITTER_S, self, "jitter_s")
-        checks.up_to(MOST_SCALE_SD, self, "scale_sd")
-        checks.up_to(MOST_DROPPED, self, "dropped_share")
-        checks.between(1.0, MOST_BURST, self, "burst")
+        checks.up_to(MAX_JITTER_S, self, "jitter_s")
+        checks.up_to(MAX_SCALE_SD, self, "scale_sd")
+        checks.up_to(MAX_DROPPED, self, "dropped_share")
+        checks.between(1.0, MAX_BURST, self, "burst")
         checks.positive_finite(self, "longest_gap_s")
-        checks.up_to(MOST_GAP_S, self, "longest_gap_s")
+        checks.up_to(MAX_GAP_S, self, "longest_gap_s")
 
     def draw(self, rng: np.random.Generator) -> Clock:
         """Draw one clock."""

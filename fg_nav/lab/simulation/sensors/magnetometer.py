@@ -52,23 +52,16 @@ def average_units(values: list[Floats]) -> Floats:
     return total
 
 
-MA_OFFSET_UT = (13.795, 7.526)
-"""Hard iron of Ma's Table 1, 2-D method, along the levelled x and y axes, uT."""
-
-MA_ETA_RAD = 0.973
-"""Direction of the ellipse's long axis of Ma's Table 1, from x towards y."""
-
-MA_TAU = 0.896
-"""Ratio of the ellipse's short axis to its long one of Ma's Table 1."""
+MA_OFFSET_UT = (13.795, 7.526)  # Hard iron of Ma's Table 1, 2-D method, along the levelled x and y axes, uT.
+MA_ETA_RAD = 0.973  # Direction of the ellipse's long axis of Ma's Table 1, from x towards y.
+MA_TAU = 0.896  # Ratio of the ellipse's short axis to its long one of Ma's Table 1.
 
 
-MOST_UT = 1e4
-"""More than a magnet against the case, and twice the range of any of these chips."""
+MAX_UT = 1e4  # More than a magnet against the case, and twice the range of any of these chips.
 
-MOST_SOFT, MOST_SOFT_SD = 10.0, 0.5
+MAX_SOFT, MAX_SOFT_SD = 10.0, 0.5
 
-MOST_HARD_SPREAD = 2.0
-"""One shoe in forty then carries fifty times the usual."""
+MAX_HARD_SPREAD = 2.0  # One shoe in forty then carries fifty times the usual.
 
 
 @dataclass(frozen=True)
@@ -91,11 +84,11 @@ class IronPrior:
     hard_spread: float = 0.0
 
     def __post_init__(self) -> None:
-        checks.up_to(MOST_UT, self, "hard_sd_uT")
-        checks.up_to(MOST_HARD_SPREAD, self, "hard_spread")
-        checks.up_to(MOST_SOFT_SD, self, "soft_sd")
-        checks.vector(self, "hard_uT", most=MOST_UT)
-        checks.vector(self, "soft", (3, 3), most=MOST_SOFT)
+        checks.up_to(MAX_UT, self, "hard_sd_uT")
+        checks.up_to(MAX_HARD_SPREAD, self, "hard_spread")
+        checks.up_to(MAX_SOFT_SD, self, "soft_sd")
+        checks.vector(self, "hard_uT", most=MAX_UT)
+        checks.vector(self, "soft", (3, 3), most=MAX_SOFT)
 
     def draw(self, rng: np.random.Generator) -> Iron:
         """Draw the iron of one sensor."""
@@ -142,10 +135,9 @@ def make_iron(hard_uT: Floats, soft: Floats | None = None) -> IronPrior:
     return IronPrior(hard_uT=(x, y, z), soft=(a, b, c))
 
 
-MOST_SPREAD = 0.5
-"""Of a matrix' elements; beyond that the axes are anywhere."""
+MAX_SPREAD = 0.5  # Of a matrix' elements; beyond that the axes are anywhere.
 
-MOST_LAG_S = 0.2
+MAX_LAG_S = 0.2
 
 
 @dataclass(frozen=True)
@@ -179,9 +171,9 @@ class MagnetometerPrior:
 
     def __post_init__(self) -> None:
         checks.positive(self, "rate_hz", "limit_uT")
-        checks.up_to(MOST_UT, self, "noise_sd_uT", "offset_sd_uT", "resolution_uT")
-        checks.up_to(MOST_SPREAD, self, "scale_sd", "cross_axis_sd")
-        checks.up_to(MOST_LAG_S, self, "lag_s")
+        checks.up_to(MAX_UT, self, "noise_sd_uT", "offset_sd_uT", "resolution_uT")
+        checks.up_to(MAX_SPREAD, self, "scale_sd", "cross_axis_sd")
+        checks.up_to(MAX_LAG_S, self, "lag_s")
 
     def draw(self, rng: np.random.Generator) -> Magnetometer:
         """Draw one chip; takes the same number of draws whatever the parameters."""

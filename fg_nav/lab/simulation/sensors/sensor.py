@@ -37,9 +37,9 @@ from fg_nav.lab.simulation.sensors.magnetometer import (
 from fg_nav.lab.simulation.sensors.triad import Triad, TriadPrior
 from fg_nav.text import to_json
 
-MOST_UNITS = 256
+MAX_UNITS = 256
 
-MOST_RAD_S, MOST_M_S2 = 100.0, 1000.0
+MAX_RAD_S, MAX_M_S2 = 100.0, 1000.0
 """No error of a gyroscope or an accelerometer is larger: a few times the range of any of them."""
 
 
@@ -75,11 +75,11 @@ class SensorPrior:
     def __post_init__(self) -> None:
         checks.positive_finite(self, "rate_hz")
         checks.up_to(np.pi, self, "mount_sd_rad")
-        self.gyr.check_errors(MOST_RAD_S, "SensorPrior.gyr")
-        self.acc.check_errors(MOST_M_S2, "SensorPrior.acc")
-        if not isinstance(self.units, int) or not 1 <= self.units <= MOST_UNITS:
+        self.gyr.check_errors(MAX_RAD_S, "SensorPrior.gyr")
+        self.acc.check_errors(MAX_M_S2, "SensorPrior.acc")
+        if not isinstance(self.units, int) or not 1 <= self.units <= MAX_UNITS:
             raise SimulationError(
-                f"units of a SensorPrior is {self.units!r}: give a whole number from 1 to {MOST_UNITS}."
+                f"units of a SensorPrior is {self.units!r}: give a whole number from 1 to {MAX_UNITS}."
             )
 
     @property

@@ -49,14 +49,9 @@ from fg_nav.lab.simulation.sensors.checks import ZERO, Triple
 KNOTS_PER_TIME = 20.0
 """Knots in a correlation time: half-way between two of them the variance is 2.5 per cent too small."""
 
-LONGEST_STEP_S = 1.0
-"""Knots are no further apart than this, however slow the drift."""
-
-SHORTEST_TIME_S = 1.0
-"""What is forgotten faster is noise."""
-
-_CHUNK = 1024
-"""Knots are drawn this many at a time, so that the path does not depend on how far it is asked for."""
+MAX_STEP_S = 1.0  # Knots are no further apart than this, however slow the drift.
+MIN_TIME_S = 1.0  # What is forgotten faster is noise.
+_CHUNK = 1024  # Knots are drawn this many at a time, so that the path does not depend on how far it is asked for.
 
 
 @dataclass(frozen=True)
@@ -78,7 +73,7 @@ class Drift:
 
     def __post_init__(self) -> None:
         checks.not_negative(self, "sd", "walk")
-        checks.at_least(self, "time_s", SHORTEST_TIME_S)
+        checks.at_least(self, "time_s", MIN_TIME_S)
         checks.vector(self, "trend")
 
     @classmethod
@@ -89,7 +84,7 @@ class Drift:
     @property
     def step_s(self) -> float:
         """Distance of the knots, s."""
-        return min(LONGEST_STEP_S, self.time_s / KNOTS_PER_TIME)
+        return min(MAX_STEP_S, self.time_s / KNOTS_PER_TIME)
 
 
 class DriftPath:
@@ -131,8 +126,7 @@ class DriftPath:
         self._knots = np.vstack([self._knots, markov + walk])
 
 
-MOST_SPREAD = 0.5
-"""Of the elements of M; beyond that the axes are anywhere."""
+MAX_SPREAD = 0.5  # Of the elements of M; beyond that the axes are anywhere.
 
 
 @dataclass(frozen=True)
@@ -165,7 +159,7 @@ class TriadPrior:
 
     def __post_init__(self) -> None:
         checks.not_negative(self, "noise_density", "bias_sd", "g_sensitivity_sd", "resolution")
-        checks.up_to(MOST_SPREAD, self, "scale_sd", "cross_axis_sd")
+        checks.up_to(MAX_SPREAD, self, "scale_sd", "cross_axis_sd")
         checks.positive(self, "limit")
         checks.vector(self, "bias")
 
