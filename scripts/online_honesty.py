@@ -190,7 +190,7 @@ def push_walk(walk: Walk, heading: float | None, stances: CausalStances | None =
         lines += navigator.push(recording.t[part], recording.acc[part], recording.gyr[part], mag)
     lines += navigator.close()
     told = [line for line in lines if isinstance(line, StanceEstimate)]
-    new = [line for line in told if not navigator.told_continues[line.number]]
+    new = [line for line in told if not navigator.reported_continues[line.number]]
     return (
         Told(
             sample=np.array([line.sample for line in new]),

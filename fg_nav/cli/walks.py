@@ -109,12 +109,12 @@ def run(
 ) -> None:
     """Run one method on each recording and write trajectory, strides, summary and report.html; on two, of both feet."""
     from fg_nav.commands import choose_options, choose_reading
-    from fg_nav.commands.run import RunRequest, check_methods, check_sides, run, wear
+    from fg_nav.commands.run import RunRequest, check_feet_options, check_methods, run, set_mount
     from fg_nav.estimators import DEFAULT_METHOD
 
     both, worn = mount == "feet", "foot" if mount == "feet" else mount
     method = method or DEFAULT_METHOD[worn]
-    check_sides(both, method, sides, clock_offset)
+    check_feet_options(both, method, sides, clock_offset)
     check_methods([method], gate, polish, magnetic)
     known, changes = _read_parameters(config, settings, [method], worn, preset)
     files = (None, None) if both else (truth, calibration)
@@ -122,7 +122,7 @@ def run(
         not no_mag, heading, alignment, files[0], gate, files[1], preset, fixes, mag_axes, polish, changes, places,
         magnetic, gnss,
     )  # fmt: skip
-    options = wear(options, worn, (step_constant, known_distance), gate, preset)
+    options = set_mount(options, worn, (step_constant, known_distance), gate, preset)
     reading = choose_reading(format, columns, rate, sensor, barometer)
     request = RunRequest(method, options, reading, plots, out, force, strict, known, save_places)
     with answering(json, quiet) as answer:

@@ -187,7 +187,7 @@ def check_methods(
         )
 
 
-def check_sides(both: bool, method: str, sides: str | None, clock_offset_s: float | None) -> None:
+def check_feet_options(both: bool, method: str, sides: str | None, clock_offset_s: float | None) -> None:
     """Refuse a method that does not solve both feet, and options of two feet where there is one."""
     if both:
         from fg_nav.both_feet import check_method
@@ -197,7 +197,7 @@ def check_sides(both: bool, method: str, sides: str | None, clock_offset_s: floa
         raise EstimationError("--sides and --clock-offset are for two recordings of one walk: add --mount feet.")
 
 
-def wear(
+def set_mount(
     options: Options, mount: Mount, lengths_m: tuple[float | None, float | None], gate: str | None, preset: str
 ) -> Options:
     """Return the options for a sensor worn there; refuse those that are for one worn elsewhere.

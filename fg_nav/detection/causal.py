@@ -36,7 +36,7 @@ from fg_nav.detection.footfalls import (
     choose_footfalls,
     is_too_close,
 )
-from fg_nav.detection.free_pass import FreePass
+from fg_nav.detection.free_pass import StrapdownPass
 from fg_nav.detection.sliding import Sliding, are_samples
 from fg_nav.detection.stance import MIN_S, WINDOW_S, StanceParameters, shoe
 from fg_nav.errors import DetectionError
@@ -203,7 +203,7 @@ class _Search:
         keep = self._window + self.step + 4 * self._shoe_window + FIRST_SAMPLES
         self._t, self._level = Sliding(keep), Sliding(keep)
         self._acc, self._gyr = Sliding(keep, (3,)), Sliding(keep, (3,))
-        self._passes = [FreePass(link.still_level, MAX_GAP_S) for link in (WALKING, ROUGH)]
+        self._passes = [StrapdownPass(link.still_level, MAX_GAP_S) for link in (WALKING, ROUGH)]
         self._velocity = [Sliding(keep, (3,)) for _ in self._passes]
         self._reported, self._stands, self._last_end = 0, False, 0
         self.seen: Seen | None = None

@@ -52,7 +52,7 @@ def integrate_velocity(
     return velocity
 
 
-class FreePass:
+class StrapdownPass:
     """The free strapdown pass of step 2 as far as the samples have come: it goes forward, and never over a gap.
 
     It begins at the stillest of the samples of the first call, and goes back from there to the very first. Behind a

@@ -25,7 +25,7 @@ from fg_nav.smoother.square_root import SquareRoot
 
 
 @dataclass(frozen=True)
-class Anchor:
+class MarginalPrior:
     """Square-root information A (r, d) and b (r,) on the variables `keys`, at their `values`.
 
     The value of a pose is its matrix (4, 4), that of a bias (6,) accelerometer and gyroscope, others are vectors.
@@ -59,9 +59,9 @@ class Anchor:
         return values
 
 
-def condense(
+def marginalize(
     linear: gtsam.GaussianFactorGraph, values: gtsam.Values, keep: Sequence[int], others: Iterable[int]
-) -> Anchor:
+) -> MarginalPrior:
     """Condense a graph, linearized at these values, to what it says of the variables `keep`.
 
     Parameters
@@ -81,10 +81,12 @@ def condense(
     remaining = linear.eliminatePartialMultifrontal(order, gtsam.EliminateQR)[1] if order.size() else linear
     A, b = remaining.jacobian(kept)
     root: Floats = np.asarray(np.linalg.qr(np.column_stack([A, b]), mode="r"))
-    return Anchor(tuple(keep), tuple(_value_of(values, key) for key in keep), root[:, :-1].copy(), root[:, -1].copy())
+    return MarginalPrior(
+        tuple(keep), tuple(_value_of(values, key) for key in keep), root[:, :-1].copy(), root[:, -1].copy()
+    )
 
 
-def condense_root(root: SquareRoot, values: gtsam.Values, keep: Sequence[int]) -> Anchor:
+def condense_root(root: SquareRoot, values: gtsam.Values, keep: Sequence[int]) -> MarginalPrior:
     """Condense the triangle R of a solved graph to what it says of the variables `keep`, at these values, its minimum.
 
     With Y = R^-T E, E the columns of these variables, their covariance is Y^T Y = T^T T by QR of Y, so A = T^-T.
@@ -92,9 +94,9 @@ def condense_root(root: SquareRoot, values: gtsam.Values, keep: Sequence[int]) -
     columns = np.concatenate([root.find_columns([[key]])[0] for key in keep])
     unit = np.zeros((root.total, len(columns)))
     unit[columns, np.arange(len(columns))] = 1.0
-    T: Floats = np.asarray(np.linalg.qr(root.rise(unit), mode="r"))
+    T: Floats = np.asarray(np.linalg.qr(root.forward_substitute(unit), mode="r"))
     A: Floats = np.asarray(solve_triangular(T, np.eye(len(T)), trans="T"))
-    return Anchor(tuple(keep), tuple(_value_of(values, key) for key in keep), A, np.zeros(len(A)))
+    return MarginalPrior(tuple(keep), tuple(_value_of(values, key) for key in keep), A, np.zeros(len(A)))
 
 
 def _step_to(values: gtsam.Values, key: int, value: Floats) -> Floats:

@@ -21,7 +21,7 @@ from subprocess import Popen
 from typing import IO, Any, NamedTuple, Protocol
 
 from fg_nav.detection.stance import StanceParameters
-from fg_nav.online.buffer import SampleBuffer, ToldFootfall
+from fg_nav.online.buffer import ReportedFootfall, SampleBuffer
 from fg_nav.online.handover import Handover
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.solving import Task, WalkSolver
@@ -125,7 +125,7 @@ class WorkerSolver:
         self._outstanding = 0
         self._say("begin", task)
 
-    def ask(self, footfalls: Sequence[ToldFootfall]) -> None:
+    def ask(self, footfalls: Sequence[ReportedFootfall]) -> None:
         """See `Solver`."""
         self._asked_s = time.monotonic()
         self._here.ask(footfalls)

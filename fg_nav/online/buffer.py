@@ -1,6 +1,6 @@
 """The samples and footfalls of a walk in progress, cut out again as recordings with their stances.
 
-`SampleBuffer` holds every sample once, for the navigator, the smoother and the checkpoint. `WalkSoFar` is what the
+`SampleBuffer` holds every sample once, for the navigator, the smoother and the checkpoint. `PartialWalk` is what the
 smoother uses of it: the footfalls, and the samples up to one behind the newest. Samples, footfalls and stance intervals
 are counted from the first of the walk; what is discarded leaves the count as it is.
 
@@ -140,7 +140,7 @@ UNSEEN = SensorState(np.zeros((2, 2, 3)))  # Of a walk that has not begun.
 
 
 @dataclass(frozen=True)
-class ToldFootfall:
+class ReportedFootfall:
     """A footfall of a walk in progress.
 
     `told` is the number of its line, -1 where there was none; the samples up to one before `until` came with it.
@@ -151,7 +151,7 @@ class ToldFootfall:
     until: int
 
 
-class WalkSoFar:
+class PartialWalk:
     """Footfalls that were not yet discarded, and the samples `buffer.first <= i < stop` up to the newest.
 
     Parameters
@@ -171,7 +171,7 @@ class WalkSoFar:
         with_mag: bool = True,
         axes_given: bool = False,
         first: int = 0,
-        footfalls: Sequence[ToldFootfall] = (),
+        footfalls: Sequence[ReportedFootfall] = (),
         sensor: SensorState = UNSEEN,
     ) -> None:
         self._buffer, self._with_mag, self._axes_given = buffer, with_mag, axes_given
@@ -203,16 +203,16 @@ class WalkSoFar:
         """Return a footfall that was not discarded."""
         return self._footfalls[number - self._discarded].footfall
 
-    def footfalls_since(self, number: int) -> tuple[ToldFootfall, ...]:
+    def footfalls_since(self, number: int) -> tuple[ReportedFootfall, ...]:
         """Return the footfalls from one on that was not discarded."""
         return tuple(self._footfalls[number - self._discarded :])
 
-    def replace_footfalls(self, number: int, footfalls: Sequence[ToldFootfall]) -> None:
+    def replace_footfalls(self, number: int, footfalls: Sequence[ReportedFootfall]) -> None:
         """Put these in place of the footfalls from one on."""
         self._footfalls[max(number - self._discarded, 0) :] = footfalls[max(self._discarded - number, 0) :]
         self.stop = self._footfalls[-1].until
 
-    def add(self, footfall: ToldFootfall) -> None:
+    def add(self, footfall: ReportedFootfall) -> None:
         """Append a footfall, and the samples of the buffer up to one before its `until`.
 
         Raises

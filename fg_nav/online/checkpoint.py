@@ -30,7 +30,7 @@ from fg_nav.arrays import Floats
 from fg_nav.detection.causal import CausalParameters
 from fg_nav.errors import EstimationError, FormatError, OutputError, describe_reason
 from fg_nav.online.buffer import TAKEN
-from fg_nav.online.judge import SampleJudge
+from fg_nav.online.judge import SampleFilter
 from fg_nav.online.navigator import NavigatorState, OnlineNavigator
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.packing import pack, unpack
@@ -66,7 +66,7 @@ class Record:
     first, rows : number of the first of these samples (n, 11), which are new.
     kept_from : first sample that is still needed.
     changes : of the state of the walk; None where that of the record before will do.
-    judge, source, has_ended, n_told, takeovers : of the navigator, behind these samples.
+    judge, source, has_ended, n_reported, takeovers : of the navigator, behind these samples.
     """
 
     frame: Frame | None
@@ -77,7 +77,7 @@ class Record:
     judge: dict[str, Any]
     source: dict[str, Any]
     has_ended: bool
-    n_told: int
+    n_reported: int
     takeovers: tuple[int, ...]
 
 
@@ -128,8 +128,8 @@ class Checkpoint:
         buffer, is_new = navigator.buffer, self._size == 0
         # A state is needed where the walk was solved again, or where samples were discarded before they were saved.
         first, state = max(self._stop, buffer.first), None
-        if isinstance(navigator, OnlineNavigator) and navigator.begun_at >= 0:
-            needs_state = navigator.begun_at != self._begun_at or first > self._stop
+        if isinstance(navigator, OnlineNavigator) and navigator.anchor_sample >= 0:
+            needs_state = navigator.anchor_sample != self._begun_at or first > self._stop
             state = navigator.state() if needs_state else None
         record = Record(
             frame=Frame(navigator.options, navigator.detection) if is_new else None,
@@ -140,7 +140,7 @@ class Checkpoint:
             judge=navigator.judge.state(),
             source=dict(navigator.source),
             has_ended=navigator.has_ended,
-            n_told=len(navigator.told_continues),
+            n_reported=len(navigator.reported_continues),
             takeovers=navigator.takeovers,
         )
         return Snapshot(record, state)
@@ -199,7 +199,7 @@ class Checkpoint:
                 raise EstimationError(f"{name} was made with {other}: give the same, or name another checkpoint.")
         with say_damaged(self._path):
             navigator = _resume(content, self._state, remark, progress, beside)
-        if len(navigator.told_continues) != content.newest.n_told:
+        if len(navigator.reported_continues) != content.newest.n_reported:
             raise EstimationError(f"{name} is of a version that found other footfalls: begin the walk again.")
         self._size, self._stop = content.size, content.stop
         self._begun_at = -1 if self._state is None else self._state.smoother.starts[-1].place.sample
@@ -337,7 +337,7 @@ def _resume(
 ) -> Navigator:
     """Return a navigator that goes on from a state with the samples behind it."""
     newest, frame = content.newest, content.frame
-    judge = SampleJudge.resume(newest.judge, content.blocks, remark, content.first)
+    judge = SampleFilter.resume(newest.judge, content.blocks, remark, content.first)
     navigator = begin_walk(frame.options, remark, frame.detection, judge, beside)
     navigator.source.update(newest.source)
     if "units" in newest.source:
@@ -346,7 +346,7 @@ def _resume(
     later = _append_known(navigator, content, 0 if state is None else state.stop - content.first)
     if state is not None:
         assert isinstance(navigator, OnlineNavigator)
-        navigator.resume(state, newest.takeovers, newest.n_told)
+        navigator.resume(state, newest.takeovers, newest.n_reported)
     # Those behind it come as they came then.
     for start in range(0, len(later), BLOCK):
         navigator.add_rows(later[start : start + BLOCK])

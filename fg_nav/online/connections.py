@@ -49,7 +49,7 @@ class Connector(Protocol):
         ...
 
 
-class Senders:
+class SenderLock:
     """Whose datagrams or connections a walk is made of: the first one's, and those of its host once it is silent."""
 
     def __init__(self, name: str, remark: Remark) -> None:
@@ -133,20 +133,20 @@ class Server:
         """See `Connector`."""
 
 
-class Door:
+class TcpListener:
     """The sensor connects to us, at an address of this machine; raises `OSError` where it is taken."""
 
     def __init__(self, name: str, host: str, port: int, remark: Remark) -> None:
         kind = socket.AF_INET6 if ":" in host else socket.AF_INET
         self._socket = socket.create_server((host, port), family=kind)
-        self._senders = Senders(name, remark)
+        self._senders = SenderLock(name, remark)
         self._next: socket.socket | None = None
 
     def connect(self) -> Link | None:
         """See `Connector`."""
         self._admit_next(POLL_S, is_free=True)
         connection, self._next = self._next, None
-        return None if connection is None else _Visit(connection, self)
+        return None if connection is None else TcpConnection(connection, self)
 
     def is_replaced(self) -> bool:
         """Return whether the sensor has connected anew while its old connection was still open."""
@@ -175,10 +175,10 @@ class Door:
             self._next = connection
 
 
-class _Visit(SocketLink):
+class TcpConnection(SocketLink):
     """The connection of a sensor at a door."""
 
-    def __init__(self, connection: socket.socket, door: Door) -> None:
+    def __init__(self, connection: socket.socket, door: TcpListener) -> None:
         super().__init__(connection)
         self._door = door
 

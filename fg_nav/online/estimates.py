@@ -265,7 +265,7 @@ SMOOTHED, POLISHED = "smoothed", "polished"
 """Kinds of lines at the end: as the graph has it, and as the batch smoother has it."""
 
 SensorTime = Callable[[int, float], float]
-"""The stamp, s, that the sensor gave a sample which was taken with this stamp (`SampleJudge.sensor_time`)."""
+"""The stamp, s, that the sensor gave a sample which was taken with this stamp (`SampleFilter.sensor_time`)."""
 
 DIGITS = 6  # After the point: a micrometre, a microdegree.
 

@@ -135,7 +135,7 @@ class FeetNavigator:
 
     def label(self, side: Side, found: Iterable[StanceEstimate | Revision]) -> list[FeetLine]:
         """Return what a foot's navigator found as lines."""
-        frame, continues = self.frame(side), self.navigators[side].told_continues
+        frame, continues = self.frame(side), self.navigators[side].reported_continues
         return [FeetLine(side, frame, one, isinstance(one, StanceEstimate) and continues[one.number]) for one in found]
 
     def frame(self, side: Side) -> Side:
@@ -203,22 +203,22 @@ class FeetNavigator:
     def _hasten(self, side: Side) -> None:
         """Let a foot that is not tied yet be solved again soon, where both walk, and both be solved together."""
         own, other = (self.navigators[one].smoother for one in (side, _other(side)))
-        if min(own.n_told, other.n_told) < AT_ONCE[-1] or self._silent or self.refused or self.is_parted:
+        if min(own.n_reported, other.n_reported) < AT_ONCE[-1] or self._silent or self.refused or self.is_parted:
             return
-        if not isinstance(own.begun, TiedHandover) and own.n_told % EVERY == 0:
-            own.hasten(own.n_told + 1)
+        if not isinstance(own.begun, TiedHandover) and own.n_reported % EVERY == 0:
+            own.resolve_soon(own.n_reported + 1)
         # Both begin together.
         if own.takeover.pending is not self._pending[side]:
             self._pending[side] = own.takeover.pending
             if own.takeover.pending is not None:
                 self._begun_s[side] = self._find_last(side)
                 if self._begun_s[side] - self._begun_s[_other(side)] > MAX_STEP_S:
-                    other.hasten(other.n_told + 1)
+                    other.resolve_soon(other.n_reported + 1)
 
     def _check_clocks(self) -> None:
         """Say once, as soon as the steps show it, that the clocks do not fit."""
         left, right = (self.navigators[side].smoother for side in SIDES)
-        told, at = min(left.n_told, right.n_told), self._clocks_checked_at
+        told, at = min(left.n_reported, right.n_reported), self._clocks_checked_at
         if at is None or told < at or self.is_parted or self.refused:
             return
         words = check_clocks(left.rows, right.rows, self.offset_s["right"])

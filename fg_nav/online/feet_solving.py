@@ -27,7 +27,7 @@ from fg_nav.feet.sides import SIDES, Side
 from fg_nav.feet.steps import MIN_TURNS, measure_turns
 from fg_nav.frames import compute_heading
 from fg_nav.online.anchor import condense_root
-from fg_nav.online.buffer import SampleBuffer, WalkSoFar
+from fg_nav.online.buffer import PartialWalk, SampleBuffer
 from fg_nav.online.field import OnlineField
 from fg_nav.online.graph_parts import list_variables
 from fg_nav.online.handover import Handover, TiedHandover
@@ -111,7 +111,7 @@ class FootSolver(WalkSolver):
     ) -> None:
         super().__init__(options, stance, buffer)
         self._side, self._walks = side, walks
-        self._walk: WalkSoFar | None = None
+        self._walk: PartialWalk | None = None
         self._is_prepared = False
         walks.solvers[side] = self
 
@@ -130,14 +130,14 @@ class FootSolver(WalkSolver):
             self._solve_alone(walk, self._task.has_ended)
             self._walk = walk
 
-    def _collect_walk(self, task: Task) -> WalkSoFar:
+    def _collect_walk(self, task: Task) -> PartialWalk:
         for solver in self._walks.solvers.values():
             solver.prepare()
         if self._walk is None:
             raise EstimationError(f"the walk of the {self._side} foot has no solution.")
         return self._walk
 
-    def _solve_whole(self, walk: WalkSoFar, has_ended: bool) -> Handover:
+    def _solve_whole(self, walk: PartialWalk, has_ended: bool) -> Handover:
         alone, both = self._walks.get(self._side), self._walks.join()
         if both is None:
             return hand_over_solution(walk, self._options, alone, condense_at(alone, alone.newest))
@@ -147,7 +147,7 @@ class FootSolver(WalkSolver):
         handover = hand_over_solution(walk, self._options, found, anchor)
         return TiedHandover(**vars(handover), number=self._walks.count)
 
-    def _solve_alone(self, walk: WalkSoFar, has_ended: bool) -> None:
+    def _solve_alone(self, walk: PartialWalk, has_ended: bool) -> None:
         """Solve the walk of this foot alone, with the heading that the steps give the right one."""
         found = solve_alone(walk, self._options, has_ended)
         heading = self._walks.find_heading(found, self._options) if self._side == "right" else None

@@ -9,7 +9,7 @@ from typing import Any
 
 from fg_nav.detection.stance import StanceParameters
 from fg_nav.feet.sides import SIDES, Side
-from fg_nav.online.buffer import ToldFootfall
+from fg_nav.online.buffer import ReportedFootfall
 from fg_nav.online.feet_solving import FootSolver, WalksAlone
 from fg_nav.online.handover import Handover
 from fg_nav.online.options import OnlineOptions
@@ -32,7 +32,7 @@ class FootWorker(Worker):
         solver.begin(task)
         solver.prepare()
 
-    def _go_on(self, footfalls: tuple[ToldFootfall, ...]) -> Handover | None:
+    def _go_on(self, footfalls: tuple[ReportedFootfall, ...]) -> Handover | None:
         solver = self._walks.solvers[self._side]
         solver.ask(footfalls)
         return solver.take()

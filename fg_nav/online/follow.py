@@ -201,7 +201,7 @@ class FollowedWalk:
         made = self._navigator.push(rows[:, 0], acc, rows[:, 4:7], field, rows[:, 10])
         self._losses.add(rows[:, 0], overlap)
         self._verdict.look_at(self._navigator.buffer)
-        found = self._verdict.judge(made, self._navigator.told_continues)
+        found = self._verdict.judge(made, self._navigator.reported_continues)
         # What hung on the machine is saved before it is told, once the last save is done: it cannot be made again.
         raced = self._navigator.races != self._races and self._due < np.inf
         if self._checkpoint is not None and (raced or time.monotonic() >= self._due):
@@ -226,7 +226,7 @@ class FollowedWalk:
 
     def tell(self, made: Sequence[StanceEstimate | Revision]) -> None:
         """Judge what the navigator made, and emit its lines."""
-        self._emit_lines(self._verdict.judge(made, self._navigator.told_continues))
+        self._emit_lines(self._verdict.judge(made, self._navigator.reported_continues))
 
     def report_losses(self, lost_datagrams: int) -> dict[str, int]:
         """Return what was lost so far, with the datagrams for which there was no room."""
@@ -248,7 +248,7 @@ class FollowedWalk:
                 for line in format_revision(one):
                     self._emit(line)
             else:
-                continues = self._navigator.told_continues[one.number]
+                continues = self._navigator.reported_continues[one.number]
                 self._emit(format_estimate(one, continues, self._navigator.judge.sensor_time, verdict))
                 if self._status is not None:
                     self._status.note_line()

@@ -16,8 +16,8 @@ from typing import NamedTuple
 import numpy as np
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.online.anchor import Anchor
-from fg_nav.online.buffer import SensorState, ToldFootfall
+from fg_nav.online.anchor import MarginalPrior
+from fg_nav.online.buffer import ReportedFootfall, SensorState
 from fg_nav.online.differential import BiasLedger
 from fg_nav.online.estimates import EstimateRow
 from fg_nav.online.field import OnlineField, Verdict
@@ -106,10 +106,10 @@ class Handover:
 
     place: Place
     verdict: Verdict
-    anchor: Anchor
+    anchor: MarginalPrior
     past: Past
     first: int
-    footfalls: tuple[ToldFootfall, ...]
+    footfalls: tuple[ReportedFootfall, ...]
     t_first: float
     known: Known
     parameters: SmootherParameters
@@ -138,16 +138,16 @@ class TiedHandover(Handover):
     number: int = 0
 
 
-def list_untold(before: Sequence[ToldFootfall], after: Sequence[ToldFootfall]) -> list[ToldFootfall]:
+def list_untold(before: Sequence[ReportedFootfall], after: Sequence[ReportedFootfall]) -> list[ReportedFootfall]:
     """Return the footfalls that had a line and are none any more."""
     kept = {one.told for one in after}
     return [one for one in before if one.told >= 0 and one.told not in kept]
 
 
-def keep_starts(
+def window_anchors(
     earlier: Sequence[Handover],
     newest: Handover,
-    footfalls: Sequence[ToldFootfall],
+    footfalls: Sequence[ReportedFootfall],
     lag_s: float | None,
     window: int,
 ) -> list[Handover]:
@@ -164,5 +164,5 @@ def keep_starts(
     return starts[max(enough - 1, 0) :]
 
 
-def _has_footfall(footfalls: Sequence[ToldFootfall], place: Place) -> bool:
+def _has_footfall(footfalls: Sequence[ReportedFootfall], place: Place) -> bool:
     return any(one.footfall.stillest == place.sample for one in footfalls[place.number : place.number + 1])

@@ -13,7 +13,7 @@ from fg_nav.arrays import Floats
 from fg_nav.errors import EstimationError
 from fg_nav.online.buffer import COLUMNS, SampleBuffer, as_recording
 from fg_nav.online.estimates import StanceEstimate
-from fg_nav.online.judge import SampleJudge
+from fg_nav.online.judge import SampleFilter
 from fg_nav.online.revision import Revision
 from fg_nav.online.unit_watch import UnitWatch
 from fg_nav.recording import Recording
@@ -29,9 +29,9 @@ class SampleIntake(ABC):
     source : what a checkpoint keeps of the source for its reader, as JSON values.
     """
 
-    def __init__(self, remark: Callable[[str], None], judge: SampleJudge | None) -> None:
+    def __init__(self, remark: Callable[[str], None], judge: SampleFilter | None) -> None:
         self.buffer = SampleBuffer()
-        self.judge = SampleJudge(remark) if judge is None else judge
+        self.judge = SampleFilter(remark) if judge is None else judge
         self.units = UnitWatch(remark)
         self.source: dict[str, Any] = {}
         self._closed, self._busy_s = False, 0.0

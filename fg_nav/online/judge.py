@@ -35,7 +35,7 @@ import numpy as np
 
 from fg_nav.arrays import Bools, Floats
 from fg_nav.online.buffer import COLUMNS, TAKEN
-from fg_nav.online.outlier_gate import OutlierGate
+from fg_nav.online.outlier_gate import OutlierFilter
 from fg_nav.online.overlap import HEAD, TAIL, Overlap, fingerprint_rows
 from fg_nav.online.remarks import REMARKS, UNKNOWN_GAP_S
 from fg_nav.online.unit_check import UnitCheck
@@ -59,7 +59,7 @@ MAX_CHANGES = 20  # Changes of the stamps that the notes name one by one.
 MAX_LEFT = 4096  # Rows left out for their stamps that a checkpoint recognizes.
 
 
-class SampleJudge:
+class SampleFilter:
     """Takes what can be navigated with; `counts` holds how much of each kind of `REMARKS` there was.
 
     Parameters
@@ -91,7 +91,7 @@ class SampleJudge:
         self._head = np.empty((0, COLUMNS))
         self.overlap: Overlap | None = None
         self._units = UnitCheck()
-        self._gate = OutlierGate()
+        self._gate = OutlierFilter()
 
     def admit(
         self, t: Floats, acc: Floats, gyr: Floats, mag: Floats | None = None, pressure: Floats | None = None
@@ -147,7 +147,7 @@ class SampleJudge:
     @classmethod
     def resume(
         cls, state: Mapping[str, Any], blocks: Sequence[Floats], remark: Callable[[str], None], first: int = 0
-    ) -> SampleJudge:
+    ) -> SampleFilter:
         """Return a judge that goes on behind a checkpoint with these samples (n, 12), as if it had never stopped.
 
         They come in blocks one behind the other, from number `first` on: those before it were discarded.
@@ -164,7 +164,7 @@ class SampleJudge:
             judge._note_recent(rows)
         judge._waits, judge._tail, held = (_rows(state[name]) for name in ("waits", "tail", "held"))
         judge._head, judge._units = _rows(state["head"]), UnitCheck(int(state["to_check"]), blocks)
-        judge._gate = OutlierGate(np.array([*judge._recent]).reshape(-1, COLUMNS), gate, _rows(state["fields"]))
+        judge._gate = OutlierFilter(np.array([*judge._recent]).reshape(-1, COLUMNS), gate, _rows(state["fields"]))
         judge._missing_last = judge._missing_again = int(state["missing_last"])
         judge._left.extend(state["left"])
         undecided = judge._waits, judge._restore(judge._behind), judge._restore_samples(gate, judge._taken - len(gate))

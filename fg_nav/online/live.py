@@ -15,7 +15,7 @@ from collections import deque
 from collections.abc import Iterator
 from contextlib import suppress
 
-from fg_nav.online.connections import PIECE, POLL_S, Connector, Remark, Senders
+from fg_nav.online.connections import PIECE, POLL_S, Connector, Remark, SenderLock
 
 RETRY_S = 0.5  # Between two attempts to connect.
 REMARK_S = 10.0  # Between two remarks about a line that breaks again and again.
@@ -104,7 +104,7 @@ class Datagrams(LiveSource):
             raise
         self._socket.settimeout(POLL_S)
         self._buffer = _enlarge_buffer(self._socket)
-        self._senders = Senders(name, remark)
+        self._senders = SenderLock(name, remark)
         self._lost_in_system = self._lost_in_queue = 0
         super().__init__(name, remark)
 

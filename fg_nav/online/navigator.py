@@ -29,7 +29,7 @@ from fg_nav.online.beside import WorkerSolver
 from fg_nav.online.buffer import SampleBuffer
 from fg_nav.online.estimates import StanceEstimate, Track, select_rows
 from fg_nav.online.intake import SampleIntake
-from fg_nav.online.judge import SampleJudge
+from fg_nav.online.judge import SampleFilter
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.path import build_path
 from fg_nav.online.resolve import measure_walk_field
@@ -86,7 +86,7 @@ class OnlineNavigator(SampleIntake):
         options: OnlineOptions = OnlineOptions(),
         remark: Callable[[str], None] = lambda words: None,
         detection: CausalParameters = CausalParameters(),
-        judge: SampleJudge | None = None,
+        judge: SampleFilter | None = None,
         beside: bool = False,
         solver: SolverMaker | None = None,
     ) -> None:
@@ -117,9 +117,9 @@ class OnlineNavigator(SampleIntake):
         return [one.footfall for one in self._smoother.footfalls]
 
     @property
-    def told_continues(self) -> Sequence[bool]:
+    def reported_continues(self) -> Sequence[bool]:
         """Which lines are further pieces of a standing."""
-        return self._smoother.told_continues
+        return self._smoother.reported_continues
 
     def close(self) -> list[StanceEstimate | Revision]:
         """End the walk and return the estimates of the footfalls that were still open, and what its end takes back."""
@@ -169,7 +169,7 @@ class OnlineNavigator(SampleIntake):
             parameters=asdict(p),
             notes=(*self._smoother.notes, *ends, *self.notes),
             graph=self._smoother.counts,
-            moment=select_rows(self.causal(), ~np.array(self.told_continues, dtype=np.bool_)),
+            moment=select_rows(self.causal(), ~np.array(self.reported_continues, dtype=np.bool_)),
             recording=recording,
             returns=self.returns,
         )
@@ -231,7 +231,7 @@ class OnlineNavigator(SampleIntake):
 
         Strapdown from the last footfall on. Its error is not bounded: after `MAX_FREE_S` the position is held.
         """
-        if not self._smoother.n_told:
+        if not self._smoother.n_reported:
             return None
         last_stamp = self.buffer.stamp(self.buffer.stop - 1)
         longest = self.buffer.stamp(self._handed - 1) + MAX_FREE_S
@@ -264,14 +264,14 @@ class OnlineNavigator(SampleIntake):
         return self._smoother.returns
 
     @property
-    def begun_at(self) -> int:
+    def anchor_sample(self) -> int:
         """Which solution of the walk so far it goes on from: the sample of its last footfall; -1 before the first."""
-        return self._smoother.begun_at
+        return self._smoother.anchor_sample
 
     @property
-    def n_told(self) -> int:
+    def n_reported(self) -> int:
         """Number of lines so far."""
-        return self._smoother.n_told
+        return self._smoother.n_reported
 
     def state(self) -> NavigatorState:
         """Return what `resume` needs, of a walk that has begun: a copy of some ten seconds, and of nothing longer."""
@@ -289,13 +289,13 @@ class OnlineNavigator(SampleIntake):
         """Lines before which a solution made beside was taken over, since the walk goes on from the newest of them."""
         return tuple(self._smoother.takeover.taken)
 
-    def resume(self, state: NavigatorState, takeovers: Sequence[int] = (), n_told: int = 0) -> None:
+    def resume(self, state: NavigatorState, takeovers: Sequence[int] = (), n_reported: int = 0) -> None:
         """Go on where another navigator was, whose samples are in the buffer, as far as they were not discarded.
 
-        It had told `n_told` lines in the end, and solutions were taken over before the lines `takeovers` since; so they
-        are here, when the samples behind the state are added again.
+        It had reported `n_reported` lines in the end, and had taken over solutions before the lines `takeovers` since; the
+        same happens here when the samples behind the state are added again.
         """
-        self._smoother.takeover.note(takeovers, n_told)
+        self._smoother.takeover.note(takeovers, n_reported)
         self._smoother.resume(state.smoother)
         self._stances, self._handed, self._busy_s = state.stances.copy(), state.handed, state.busy_s
         self._waits, self._warned, self._closed = state.waits, state.warned, state.has_ended
@@ -324,7 +324,7 @@ class OnlineNavigator(SampleIntake):
             try:
                 found += self._add(footfall)
             except EstimationError as error:
-                if self._smoother.n_told:
+                if self._smoother.n_reported:
                     raise
                 if not self._waits:
                     self._remark(f"the walk does not begin yet: {error}")
@@ -337,7 +337,7 @@ class OnlineNavigator(SampleIntake):
 
     def _add(self, footfall: Footfall) -> list[StanceEstimate | Revision]:
         """Give a footfall and the samples up to the one behind it to the smoother."""
-        footfall = replace(footfall, continues=footfall.continues and self._smoother.n_told > 0)
+        footfall = replace(footfall, continues=footfall.continues and self._smoother.n_reported > 0)
         until = min(max(int(footfall.stop[-1]) + 1, MIN_SAMPLES), self.buffer.stop)
         found = self._smoother.add_footfall(_end_before(footfall, until), until, self._stances.seen)
         self._handed = until

@@ -33,7 +33,7 @@ class Passed(NamedTuple):
     sensor: Ints
 
 
-class OutlierGate:
+class OutlierFilter:
     """Lets rows (n, 11) of t, acc, gyr, mag pass that are good; `held` are those of which it is not clear yet.
 
     Parameters

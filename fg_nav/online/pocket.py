@@ -32,7 +32,7 @@ from fg_nav.magnetic.axes import align_magnetometer
 from fg_nav.online.buffer import as_recording
 from fg_nav.online.estimates import StanceEstimate, Track, build_table
 from fg_nav.online.intake import SampleIntake
-from fg_nav.online.judge import SampleJudge
+from fg_nav.online.judge import SampleFilter
 from fg_nav.online.navigator import METHOD, OnlineNavigator
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.revision import TURNED_RAD, Revision, thin_rows
@@ -116,7 +116,7 @@ class PocketNavigator(SampleIntake):
         self,
         options: PocketOptions = PocketOptions(),
         remark: Callable[[str], None] = lambda words: None,
-        judge: SampleJudge | None = None,
+        judge: SampleFilter | None = None,
     ) -> None:
         """`remark` is given, in a sentence, what is odd about the samples; once for each kind of oddity."""
         super().__init__(remark, judge)
@@ -145,7 +145,7 @@ class PocketNavigator(SampleIntake):
         return found if self._thigh is None else found + self._report(self._thigh.steps.cut())
 
     @property
-    def told_continues(self) -> Sequence[bool]:
+    def reported_continues(self) -> Sequence[bool]:
         """Which lines are further pieces of a standing: none."""
         return [False] * len(self._told)
 
@@ -347,7 +347,7 @@ def begin_walk(
     options: OnlineOptions | PocketOptions,
     remark: Callable[[str], None],
     detection: CausalParameters = CausalParameters(),
-    judge: SampleJudge | None = None,
+    judge: SampleFilter | None = None,
     beside: bool = False,
 ) -> Navigator:
     """Return the navigator of a new walk, on a foot or in a pocket; arguments as of `OnlineNavigator`."""

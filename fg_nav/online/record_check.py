@@ -97,7 +97,7 @@ def find_misfit(record: Record, before: Record | None) -> str:
     stop = record.first + len(record.rows)
     if not 0 <= record.kept_from <= stop:
         return "kept_from"
-    if record.first < 0 or record.n_told < 0:
+    if record.first < 0 or record.n_reported < 0:
         return "first"
     if before is not None and not _is_behind(record, before):
         return "order of its records"

@@ -16,7 +16,7 @@ from gtsam.symbol_shorthand import B, M, S, V, X
 
 from fg_nav.arrays import Floats
 from fg_nav.factors.magnetic_field import E_H, SIZE
-from fg_nav.online.anchor import condense
+from fg_nav.online.anchor import marginalize
 from fg_nav.online.estimates import StanceEstimate
 from fg_nav.online.graph_parts import list_variables, weak_priors
 from fg_nav.online.isam2 import ISAM2Backend
@@ -149,7 +149,7 @@ def _add_stride(
     before, place = window.before, window.place
     leaving = [X(before.stop - 1), V(before.stop - 1)]
     leaving += [B(before.bias), S(before.bias)] if place.bias != before.bias else []
-    anchor = condense(graph.linearize(whole), whole, list_variables(place, whole), leaving)
+    anchor = marginalize(graph.linearize(whole), whole, list_variables(place, whole), leaving)
     factors = gtsam.NonlinearFactorGraph()
     factors.push_back(anchor.factor())
     return factors, anchor.initial_values()

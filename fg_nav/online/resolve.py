@@ -16,8 +16,8 @@ from fg_nav.calibration.magnetometer import MagnetometerCalibration
 from fg_nav.calibration.walk_field import average_corrected_field, find_own_iron
 from fg_nav.errors import MagneticError
 from fg_nav.magnetic import FootfallField
-from fg_nav.online.anchor import Anchor, condense
-from fg_nav.online.buffer import WalkSoFar
+from fg_nav.online.anchor import MarginalPrior, marginalize
+from fg_nav.online.buffer import PartialWalk
 from fg_nav.online.differential import BiasLedger
 from fg_nav.online.estimates import EstimateRow, list_estimates
 from fg_nav.online.field import OnlineField, Verdict
@@ -88,13 +88,13 @@ class WalkSolution:
         return list_places(self.nodes, self.problem.recording.t)[-1]
 
 
-def solve_from_start(walk: WalkSoFar, options: OnlineOptions, has_ended: bool = False) -> Handover:
+def solve_from_start(walk: PartialWalk, options: OnlineOptions, has_ended: bool = False) -> Handover:
     """Solve a walk with all its footfalls and samples; raises what `UNSOLVED` has where there is no solution."""
     found = solve_alone(walk, options, has_ended)
     return hand_over_solution(walk, options, found, condense_at(found, found.newest))
 
 
-def solve_alone(walk: WalkSoFar, options: OnlineOptions, has_ended: bool = False) -> WalkSolution:
+def solve_alone(walk: PartialWalk, options: OnlineOptions, has_ended: bool = False) -> WalkSolution:
     """Solve a walk with all that it shows of its sensor, which is noted in it."""
     walk.align_magnetometer()
     recording, stances = walk.cut_whole(), walk.cut_stances(0, 0)
@@ -103,7 +103,9 @@ def solve_alone(walk: WalkSoFar, options: OnlineOptions, has_ended: bool = False
     return found
 
 
-def hand_over_solution(walk: WalkSoFar, options: OnlineOptions, found: WalkSolution, anchor: Anchor) -> Handover:
+def hand_over_solution(
+    walk: PartialWalk, options: OnlineOptions, found: WalkSolution, anchor: MarginalPrior
+) -> Handover:
     """Return what a solved walk leaves at its newest footfall, of which the anchor says all that is known."""
     places = list_places(found.nodes, found.problem.recording.t)
     problem, magnetometer = found.problem, walk.sensor.magnetometer
@@ -131,12 +133,12 @@ def hand_over_solution(walk: WalkSoFar, options: OnlineOptions, found: WalkSolut
     )
 
 
-def condense_at(found: WalkSolution, place: Place) -> Anchor:
+def condense_at(found: WalkSolution, place: Place) -> MarginalPrior:
     """Condense a solved walk to what it says of a footfall."""
     problem, values = found.problem, found.solved.values
     linear = linearize(problem.graph, problem.blocks, values)
     order, keep = order_variables(problem), list_variables(place, values)
-    return condense(linear, values, keep, [key for key in order.tolist() if key not in set(keep)])
+    return marginalize(linear, values, keep, [key for key in order.tolist() if key not in set(keep)])
 
 
 def _list_heights(found: WalkSolution) -> Floats:

@@ -15,7 +15,7 @@ from fg_nav.detection import detect_stances
 from fg_nav.detection.causal import Footfall
 from fg_nav.detection.stance import StanceParameters
 from fg_nav.errors import DetectionError
-from fg_nav.online.buffer import ToldFootfall
+from fg_nav.online.buffer import ReportedFootfall
 from fg_nav.recording import Recording
 from fg_nav.stances import Stances
 
@@ -24,8 +24,8 @@ UNTOLD = -1  # Number of the line of a footfall that had none.
 
 
 def review_footfalls(
-    recording: Recording, first: int, footfalls: Sequence[ToldFootfall], parameters: StanceParameters
-) -> list[ToldFootfall]:
+    recording: Recording, first: int, footfalls: Sequence[ReportedFootfall], parameters: StanceParameters
+) -> list[ReportedFootfall]:
     """Return the footfalls of a walk as they are seen now.
 
     Parameters
@@ -41,7 +41,7 @@ def review_footfalls(
     seen = _list_footfalls(stances, recording, first)
     begins = np.array([int(one.start[0]) for one in seen])
     ends = np.array([int(one.stop[-1]) for one in seen])
-    kept: list[ToldFootfall] = []
+    kept: list[ReportedFootfall] = []
     matched: set[int] = set()
     for one in footfalls:
         start, stop = int(one.footfall.start[0]), int(one.footfall.stop[-1])
@@ -50,7 +50,7 @@ def review_footfalls(
         if len(alike) or stop > open_from or start < first:
             kept.append(one)
     missed = [
-        ToldFootfall(footfall, UNTOLD, int(footfall.stop[-1]) + 1)
+        ReportedFootfall(footfall, UNTOLD, int(footfall.stop[-1]) + 1)
         for k, footfall in enumerate(seen)
         if k not in matched and footfall.stop[-1] <= open_from
     ]
@@ -67,13 +67,13 @@ def _list_footfalls(stances: Stances, recording: Recording, first: int) -> list[
     return [Footfall(start, stop, level, at, continues=False) for start, stop, level, at in rows]
 
 
-def _put_in(kept: list[ToldFootfall], missed: list[ToldFootfall]) -> list[ToldFootfall]:
+def _put_in(kept: list[ReportedFootfall], missed: list[ReportedFootfall]) -> list[ReportedFootfall]:
     """Put missed footfalls where they belong, but those that overlap the next one's samples or those before."""
     both = sorted([*kept, *missed], key=lambda one: int(one.footfall.start[0]))
-    found: list[ToldFootfall] = []
+    found: list[ReportedFootfall] = []
     for one in both:
         if found and one.footfall.start[0] < found[-1].footfall.stop[-1]:
             continue
         until = max(one.until, found[-1].until) if found else one.until
-        found.append(ToldFootfall(one.footfall, one.told, until))
+        found.append(ReportedFootfall(one.footfall, one.told, until))
     return found

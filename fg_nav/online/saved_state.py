@@ -19,7 +19,7 @@ import numpy as np
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.detection.causal import CausalStances, Footfall
-from fg_nav.online.buffer import SensorState, ToldFootfall
+from fg_nav.online.buffer import ReportedFootfall, SensorState
 from fg_nav.online.estimates import EstimateRow
 from fg_nav.online.handover import NO_NODES, Handover, Past, PathNodes
 from fg_nav.online.navigator import NavigatorState
@@ -58,7 +58,7 @@ class RowTable:
 
 @dataclass(frozen=True)
 class FootfallTable:
-    """Footfalls from number `first` on: their intervals, all in one, `counts` each; else as in `ToldFootfall`."""
+    """Footfalls from number `first` on: their intervals, all in one, `counts` each; else as in `ReportedFootfall`."""
 
     first: int
     counts: Ints
@@ -71,7 +71,7 @@ class FootfallTable:
     until: Ints
 
     @classmethod
-    def from_footfalls(cls, footfalls: Sequence[ToldFootfall], first: int) -> FootfallTable:
+    def from_footfalls(cls, footfalls: Sequence[ReportedFootfall], first: int) -> FootfallTable:
         """Return the table of those of some footfalls from one on."""
         new = footfalls[first:]
         found = [one.footfall for one in new]
@@ -86,14 +86,14 @@ class FootfallTable:
         counts, *others = (np.array(column, dtype=np.int64) for column in columns)
         return cls(first, counts, *parts, *others)
 
-    def footfalls(self) -> list[ToldFootfall]:
+    def footfalls(self) -> list[ReportedFootfall]:
         """Return the footfalls."""
         edges = np.cumsum(self.counts).tolist()
         found = []
         columns = (self.stillest.tolist(), self.continues.tolist(), self.told.tolist(), self.until.tolist())
         for begin, end, stillest, continues, told, until in zip([0, *edges], edges, *columns, strict=False):
             parts = self.start[begin:end], self.stop[begin:end], self.threshold[begin:end]
-            found.append(ToldFootfall(Footfall(*parts, stillest, bool(continues)), told, until))
+            found.append(ReportedFootfall(Footfall(*parts, stillest, bool(continues)), told, until))
         return found
 
     def cut(self, stop: int) -> FootfallTable:
@@ -138,7 +138,7 @@ class StateChanges:
     """
 
     told: RowTable
-    told_continues: Ints
+    reported_continues: Ints
     footfalls: FootfallTable
     past: PastTable
     handovers: tuple[Handover, ...]
@@ -163,7 +163,7 @@ def find_changes(state: NavigatorState, known: NavigatorState | None) -> StateCh
     others |= {name: getattr(new, name) for name in ("next", "doubted", "has_mag", "discarded")}
     return StateChanges(
         told=RowTable.from_rows(new.told, told),
-        told_continues=np.array(new.told_continues[told:], dtype=np.int64),
+        reported_continues=np.array(new.reported_continues[told:], dtype=np.int64),
         footfalls=FootfallTable.from_footfalls(new.footfalls, footfalls),
         past=PastTable.from_past(new.past, past),
         handovers=tuple(one for one in new.starts if one.place.sample not in at),
@@ -188,7 +188,7 @@ class StateReader:
     def add(self, changes: StateChanges) -> None:
         """Add the next changes."""
         self._newest = changes
-        self._told.append((changes.told, changes.told_continues))
+        self._told.append((changes.told, changes.reported_continues))
         # What is there of the footfalls and of the past from the first that changed on is superseded.
         footfalls, past = changes.footfalls, changes.past
         while self._footfalls and self._footfalls[-1].first >= footfalls.first:
@@ -215,7 +215,7 @@ class StateReader:
         going_on = {name: others.pop(name) for name in ("next", "doubted", "has_mag", "discarded")}
         smoother = SmootherState(
             told=tuple(row for table, _ in self._told for row in table.rows()),
-            told_continues=tuple(bool(one) for _, part in self._told for one in part.tolist()),
+            reported_continues=tuple(bool(one) for _, part in self._told for one in part.tolist()),
             footfalls=footfalls,
             past=_join_past(self._past),
             starts=starts,
@@ -226,7 +226,7 @@ class StateReader:
 
 
 def _restore_pending(
-    changes: StateChanges, handovers: dict[int, Handover], footfalls: tuple[ToldFootfall, ...]
+    changes: StateChanges, handovers: dict[int, Handover], footfalls: tuple[ReportedFootfall, ...]
 ) -> Pending | None:
     if changes.due is None or changes.sensor is None:
         return None

@@ -24,9 +24,9 @@ from fg_nav.detection.stance import StanceParameters
 from fg_nav.errors import EstimationError
 from fg_nav.frames import UNKNOWN_RAD
 from fg_nav.magnetic.axes import MagAxes
-from fg_nav.online.buffer import SampleBuffer, ToldFootfall, WalkSoFar
+from fg_nav.online.buffer import PartialWalk, ReportedFootfall, SampleBuffer
 from fg_nav.online.estimates import EstimateRow, StanceEstimate, Track, build_table
-from fg_nav.online.handover import Handover, Past, PathNodes, keep_starts, list_untold
+from fg_nav.online.handover import Handover, Past, PathNodes, list_untold, window_anchors
 from fg_nav.online.north import extend_with_north
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.resolve import solve_from_start
@@ -61,13 +61,13 @@ class OnlineSmoother:
         solver: Solver | None = None,
     ) -> None:
         self._options, self._buffer = options, buffer
-        self._walk = WalkSoFar(buffer, options.use_field, options.axes_given)
+        self._walk = PartialWalk(buffer, options.use_field, options.axes_given)
         self._takeover = Takeover(WalkSolver(options, stance, buffer) if solver is None else solver, buffer)
         self._stretch: Stretch | None = None
         self._past = Past()
         self._told: list[EstimateRow] = []
         self._told_continues: list[bool] = []
-        self._footfalls: list[ToldFootfall] = []
+        self._footfalls: list[ReportedFootfall] = []
         self._starts: list[Handover] = []
         self._next = AT_ONCE[-1]
         self._doubted: set[int] = set()
@@ -93,17 +93,17 @@ class OnlineSmoother:
             never raises, however the person moved.
         """
         # A solution that is due is taken over before the footfall that comes behind it.
-        revised = self._take_over() if self._takeover.is_taken(self.n_told) else []
-        told = ToldFootfall(footfall, self.n_told, until)
+        revised = self._take_over() if self._takeover.is_taken(self.n_reported) else []
+        told = ReportedFootfall(footfall, self.n_reported, until)
         self._walk.add(told)
         self._footfalls.append(told)
         # The first footfalls are solved as a whole at once; later ones extend the newest stretch.
-        if self.n_told + 1 in AT_ONCE or self._stretch is None:
+        if self.n_reported + 1 in AT_ONCE or self._stretch is None:
             revised += self._solve_at_once()
         else:
             self._stretch.add_newest()
         assert self._stretch is not None
-        estimate = self._count_north(replace(self._stretch.latest, number=self.n_told))
+        estimate = self._count_north(replace(self._stretch.latest, number=self.n_reported))
         self._told.append(estimate.as_row())
         self._told_continues.append(footfall.continues)
         # The next solution is begun, or asked for where it is due.
@@ -113,7 +113,7 @@ class OnlineSmoother:
     def prepare(self) -> None:
         """Get ready for samples that just came: wait for a solution that is due, where the walk waits for one."""
         self._takeover.start_clock()
-        self._takeover.prepare(self.n_told)
+        self._takeover.prepare(self.n_reported)
 
     def begin_end(self) -> None:
         """End the walk, and begin to solve it once more, as far as its samples are there."""
@@ -126,14 +126,14 @@ class OnlineSmoother:
         return [] if self._stretch is None else self._take_over()
 
     @property
-    def n_told(self) -> int:
+    def n_reported(self) -> int:
         """Number of footfalls that were added."""
         return len(self._told)
 
     @property
     def latest(self) -> StanceEstimate | None:
         """Of the newest footfall; None before the first."""
-        return None if self._stretch is None else replace(self._stretch.latest, number=self.n_told - 1)
+        return None if self._stretch is None else replace(self._stretch.latest, number=self.n_reported - 1)
 
     @property
     def parameters(self) -> SmootherParameters:
@@ -167,7 +167,7 @@ class OnlineSmoother:
         return None if found is None else found.wrong_axes
 
     @property
-    def footfalls(self) -> list[ToldFootfall]:
+    def footfalls(self) -> list[ReportedFootfall]:
         """Footfalls of the walk as they are taken now, those that `smoothed` has rows of."""
         return self._footfalls
 
@@ -176,7 +176,7 @@ class OnlineSmoother:
         return build_table(self._told)
 
     @property
-    def told_continues(self) -> Sequence[bool]:
+    def reported_continues(self) -> Sequence[bool]:
         """Which lines are further pieces of a standing."""
         return self._told_continues
 
@@ -216,12 +216,12 @@ class OnlineSmoother:
         """The newest line; None before the first."""
         return self._told[-1] if self._told else None
 
-    def hasten(self, footfall: int) -> None:
+    def resolve_soon(self, footfall: int) -> None:
         """Begin the next solution at this footfall at the latest."""
         self._next = min(self._next, footfall)
 
     @property
-    def begun_at(self) -> int:
+    def anchor_sample(self) -> int:
         """Sample of the footfall with which the newest stretch began; -1 before the first."""
         return self._starts[-1].place.sample if self._starts else -1
 
@@ -234,7 +234,7 @@ class OnlineSmoother:
         """Return what `resume` needs, of a walk that has begun: at no cost but that of the lists."""
         return SmootherState(
             told=tuple(self._told),
-            told_continues=tuple(self._told_continues),
+            reported_continues=tuple(self._told_continues),
             footfalls=tuple(self._footfalls),
             past=self._past,
             starts=tuple(self._starts),
@@ -247,7 +247,7 @@ class OnlineSmoother:
 
     def resume(self, state: SmootherState) -> None:
         """Go on where another smoother was, whose samples are in the buffer, as far as they were not discarded."""
-        self._told, self._told_continues = list(state.told), list(state.told_continues)
+        self._told, self._told_continues = list(state.told), list(state.reported_continues)
         self._footfalls, self._past, self._starts = list(state.footfalls), state.past, list(state.starts)
         self._next, self._has_mag = state.next, state.has_mag
         self._doubted = set(state.doubted)
@@ -255,7 +255,7 @@ class OnlineSmoother:
         begun = self._starts[-1]
         options, behind = self._options, begun.place.number + 1
         known = self._footfalls[state.discarded : behind]
-        self._walk = WalkSoFar(
+        self._walk = PartialWalk(
             self._buffer, options.use_field, options.axes_given, state.discarded, known, begun.sensor
         )
         self._stretch = Stretch(begun, self._walk)
@@ -263,7 +263,7 @@ class OnlineSmoother:
             self._walk.add(footfall)
             self._stretch.add_newest()
         # What was being solved is begun again, on the samples that it and what comes need.
-        pending, n, solver = state.pending, self.n_told, self._takeover.solver
+        pending, n, solver = state.pending, self.n_reported, self._takeover.solver
         is_whole = not is_windowed(n + 1, options.lag_s is not None) or (pending and pending.task.start is None)
         solver.discard(self._buffer.first if is_whole else self._find_window())
         solver.follow(self._walk.stop)
@@ -291,14 +291,14 @@ class OnlineSmoother:
             self._walk.sensor = known  # the newest stretch goes on as it began
             if self._stretch is None:
                 raise EstimationError(
-                    f"the walk has no beginning at footfall {self.n_told}: leave out the samples before it."
+                    f"the walk has no beginning at footfall {self.n_reported}: leave out the samples before it."
                 ) from error
             self._stretch.add_newest()
             return []
 
     def _take_over(self) -> list[StanceEstimate | Revision]:
         """Take over what was solved beside, unless there is no solution: then the newest stretch goes on."""
-        takeover, n = self._takeover, self.n_told
+        takeover, n = self._takeover, self.n_reported
         assert takeover.pending is not None
         handover, late = takeover.take(n), n - takeover.pending.due_at
         if handover is not None and late > MAX_LATE:
@@ -311,7 +311,7 @@ class OnlineSmoother:
         except UNSOLVED:
             return []
 
-    def _take(self, handover: Handover, since: Sequence[ToldFootfall] = ()) -> Revision:
+    def _take(self, handover: Handover, since: Sequence[ReportedFootfall] = ()) -> Revision:
         """Begin a new stretch at a handover, with the footfalls since, and take over its past; what this changes."""
         before, first = self._footfalls[handover.first :], handover.first
         old = self.rows
@@ -330,7 +330,7 @@ class OnlineSmoother:
         self._footfalls[first:] = [*handover.footfalls, *since]
         self._past = self._past.join(handover.past)
         earlier = [] if handover.first == 0 else self._starts
-        self._starts = keep_starts(earlier, handover, self._footfalls, self._options.lag_s, WINDOW)
+        self._starts = window_anchors(earlier, handover, self._footfalls, self._options.lag_s, WINDOW)
         self._takeover.taken.clear()
         rows = self.rows
         untold = [one.told for one in list_untold(before, self._footfalls[first:])]
@@ -347,11 +347,11 @@ class OnlineSmoother:
 
     @property
     def _window_start(self) -> Handover | None:
-        return self._starts[0] if is_windowed(self.n_told, self._options.lag_s is not None) else None
+        return self._starts[0] if is_windowed(self.n_reported, self._options.lag_s is not None) else None
 
     def _schedule(self, doubtful: int | None) -> None:
         """Begin the next solution, or ask for the one that is due behind the newest footfall."""
-        n, has_lag, pending = self.n_told, self._options.lag_s is not None, self._takeover.pending
+        n, has_lag, pending = self.n_reported, self._options.lag_s is not None, self._takeover.pending
         self._takeover.solver.follow(self._walk.stop)
         if pending is not None:
             if n == pending.due_at:
@@ -373,7 +373,7 @@ class OnlineSmoother:
 
     def _begin(self, task: Task, delay: int) -> None:
         """Begin with a task, whose solution is due so many lines later."""
-        self._takeover.begin(task, self.n_told + delay, len(self._footfalls))
+        self._takeover.begin(task, self.n_reported + delay, len(self._footfalls))
 
     def _build_task(self, start: Handover | None) -> Task:
         footfalls = self._footfalls[0 if start is None else start.place.number :]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from fg_nav.online.buffer import ToldFootfall
+from fg_nav.online.buffer import ReportedFootfall
 from fg_nav.online.estimates import EstimateRow
 from fg_nav.online.handover import Handover, Past
 from fg_nav.online.solving import Task
@@ -40,8 +40,8 @@ class SmootherState:
     """
 
     told: tuple[EstimateRow, ...]
-    told_continues: tuple[bool, ...]
-    footfalls: tuple[ToldFootfall, ...]
+    reported_continues: tuple[bool, ...]
+    footfalls: tuple[ReportedFootfall, ...]
     past: Past
     starts: tuple[Handover, ...]
     pending: Pending | None

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 from fg_nav.detection.stance import StanceParameters
-from fg_nav.online.buffer import SampleBuffer, SensorState, ToldFootfall, WalkSoFar, as_recording
+from fg_nav.online.buffer import PartialWalk, ReportedFootfall, SampleBuffer, SensorState, as_recording
 from fg_nav.online.handover import Handover
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.resolve import solve_from_start
@@ -41,7 +41,7 @@ class Task:
     """
 
     start: Handover | None
-    footfalls: tuple[ToldFootfall, ...]
+    footfalls: tuple[ReportedFootfall, ...]
     sensor: SensorState
     has_ended: bool = False
 
@@ -60,7 +60,7 @@ class Solver(Protocol):
     def begin(self, task: Task) -> None:
         """Begin with a task, all samples of whose footfalls are there."""
 
-    def ask(self, footfalls: Sequence[ToldFootfall]) -> None:
+    def ask(self, footfalls: Sequence[ReportedFootfall]) -> None:
         """Ask for the handover at the last of these footfalls, which came since the task, or since it was asked for."""
 
     def is_ready(self) -> bool:
@@ -84,8 +84,8 @@ class WalkSolver:
     def __init__(self, options: OnlineOptions, stance: StanceParameters, buffer: SampleBuffer) -> None:
         self._options, self._stance, self._buffer = options, stance, buffer
         self._task: Task | None = None
-        self._asked: list[Sequence[ToldFootfall]] = []
-        self._solved: tuple[Handover, WalkSoFar] | None = None
+        self._asked: list[Sequence[ReportedFootfall]] = []
+        self._solved: tuple[Handover, PartialWalk] | None = None
         self._is_done = False
 
     def follow(self, until: int) -> None:
@@ -98,7 +98,7 @@ class WalkSolver:
         """See `Solver`."""
         self._task, self._asked, self._solved, self._is_done = task, [], None, False
 
-    def ask(self, footfalls: Sequence[ToldFootfall]) -> None:
+    def ask(self, footfalls: Sequence[ReportedFootfall]) -> None:
         """See `Solver`."""
         self._asked.append(footfalls)
         self._is_done = False
@@ -130,7 +130,7 @@ class WalkSolver:
         """Nothing to give up."""
         return self
 
-    def solve(self, task: Task) -> tuple[Handover, WalkSoFar]:
+    def solve(self, task: Task) -> tuple[Handover, PartialWalk]:
         """Solve a task; return the walk too."""
         options, start = self._options, task.start
         if start is None:
@@ -138,14 +138,14 @@ class WalkSolver:
             return self._solve_whole(walk, task.has_ended), walk
         footfalls = self._review(task)
         begun = footfalls[:1]
-        walk = WalkSoFar(self._buffer, options.use_field, options.axes_given, start.place.number, begun, start.sensor)
+        walk = PartialWalk(self._buffer, options.use_field, options.axes_given, start.place.number, begun, start.sensor)
         stretch = Stretch(replace(start, footfalls=begun, first=start.place.number), walk)
         for footfall in footfalls[1:]:
             walk.add(footfall)
             stretch.add_newest()
         return stretch.hand_over(), walk
 
-    def go_on(self, solved: Handover, walk: WalkSoFar, footfalls: Sequence[ToldFootfall]) -> Handover:
+    def go_on(self, solved: Handover, walk: PartialWalk, footfalls: Sequence[ReportedFootfall]) -> Handover:
         """Return the handover at the last of the footfalls that came since."""
         if not footfalls:
             return solved
@@ -155,18 +155,18 @@ class WalkSolver:
             stretch.add_newest()
         return stretch.hand_over()
 
-    def _collect_walk(self, task: Task) -> WalkSoFar:
+    def _collect_walk(self, task: Task) -> PartialWalk:
         """Collect the walk of a task that begins at its start."""
-        walk = WalkSoFar(self._buffer, self._options.use_field, self._options.axes_given, sensor=task.sensor)
+        walk = PartialWalk(self._buffer, self._options.use_field, self._options.axes_given, sensor=task.sensor)
         for footfall in self._review(task):
             walk.add(footfall)
         return walk
 
-    def _solve_whole(self, walk: WalkSoFar, has_ended: bool) -> Handover:
+    def _solve_whole(self, walk: PartialWalk, has_ended: bool) -> Handover:
         """Solve all of a walk."""
         return solve_from_start(walk, self._options, has_ended)
 
-    def _review(self, task: Task) -> tuple[ToldFootfall, ...]:
+    def _review(self, task: Task) -> tuple[ReportedFootfall, ...]:
         """See the footfalls of a task in hindsight, but the one that it begins with."""
         begins, until = 0, task.footfalls[-1].until
         if task.start is not None:

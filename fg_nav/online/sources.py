@@ -30,7 +30,7 @@ from urllib.parse import urlsplit
 from fg_nav.arrays import Floats
 from fg_nav.errors import StreamError
 from fg_nav.io import read
-from fg_nav.online.connections import PIECE, Door, SerialDevice, Server
+from fg_nav.online.connections import PIECE, SerialDevice, Server, TcpListener
 from fg_nav.online.live import Datagrams, Reconnected
 from fg_nav.online.replay import Replay, parse_speed
 from fg_nav.online.rows import Columns, RowReader
@@ -236,5 +236,5 @@ def _open_socket(word: str, scheme: str, remark: Callable[[str], None]) -> ByteS
         raise StreamError(f"{word} has no port: give {scheme}://host:port.")
     if scheme == "udp":
         return Datagrams(word, host, port, remark)
-    connector = Server(host, port) if scheme == "tcp" else Door(word, host, port, remark)
+    connector = Server(host, port) if scheme == "tcp" else TcpListener(word, host, port, remark)
     return Reconnected(word, connector, remark)

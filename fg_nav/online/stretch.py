@@ -22,8 +22,8 @@ from gtsam.symbol_shorthand import B, M, P, V, X
 from fg_nav.arrays import Bools
 from fg_nav.magnetic.quasi_static import UNKNOWN
 from fg_nav.mechanisation import NavState
-from fg_nav.online.anchor import condense
-from fg_nav.online.buffer import WalkSoFar
+from fg_nav.online.anchor import marginalize
+from fg_nav.online.buffer import PartialWalk
 from fg_nav.online.differential import BiasLedger
 from fg_nav.online.estimates import (
     EstimateRow,
@@ -65,7 +65,7 @@ class Stretch:
         Where the handover determines no solution.
     """
 
-    def __init__(self, begun: Handover, walk: WalkSoFar) -> None:
+    def __init__(self, begun: Handover, walk: PartialWalk) -> None:
         self._begun, self._walk, self._p = begun, walk, begun.parameters
         self._field = deepcopy(begun.field)  # it changes with each stride
         self._rests, self._biases = begun.rests, begun.biases
@@ -136,7 +136,7 @@ class Stretch:
             begun,
             place=newest,
             verdict=self._verdicts[-1],
-            anchor=condense(linear, values, keep, others),
+            anchor=marginalize(linear, values, keep, others),
             past=begun.past.join(found.before(newest)),
             first=begun.first,
             footfalls=self._walk.footfalls_since(begun.first),

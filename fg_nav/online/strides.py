@@ -18,7 +18,7 @@ from gtsam.symbol_shorthand import B, S, V, X
 
 from fg_nav.arrays import Floats
 from fg_nav.detection import Rest, RestParameters, find_rests
-from fg_nav.online.buffer import WalkSoFar
+from fg_nav.online.buffer import PartialWalk
 from fg_nav.recording import MIN_SAMPLES, Recording
 from fg_nav.smoother.graph import initial_values
 from fg_nav.smoother.parameters import SmootherParameters
@@ -97,7 +97,7 @@ def list_places(nodes: Nodes, t: Floats) -> list[Place]:
     ]
 
 
-def cut_window(walk: WalkSoFar, before: Place, t_first: float, p: SmootherParameters) -> StrideWindow:
+def cut_window(walk: PartialWalk, before: Place, t_first: float, p: SmootherParameters) -> StrideWindow:
     """Cut out the window of the newest stride of a walk: `before` the footfall before, the first was at `t_first`."""
     begins = int(walk.footfall(before.number).start[0])
     context = walk.buffer.find_since(walk.buffer.stamp(begins) - CONTEXT_S, walk.stop)

@@ -11,7 +11,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 
-from fg_nav.online.buffer import SampleBuffer, ToldFootfall
+from fg_nav.online.buffer import ReportedFootfall, SampleBuffer
 from fg_nav.online.handover import Handover
 from fg_nav.online.smoother_state import Pending
 from fg_nav.online.solving import Solver, Task
@@ -44,13 +44,13 @@ class Takeover:
         self.solver.begin(task)
         self.pending, self._clock = Pending((due_at,), n_footfalls, task), None
 
-    def ask(self, footfalls: Sequence[ToldFootfall], line: int) -> None:
+    def ask(self, footfalls: Sequence[ReportedFootfall], line: int) -> None:
         """Ask for the solution at the last of the footfalls that came since, before a line."""
         assert self.pending is not None
         self.solver.ask(footfalls)
         self.pending = self.pending.ask_at(line)
 
-    def resume(self, pending: Pending, footfalls: Sequence[ToldFootfall], line: int) -> None:
+    def resume(self, pending: Pending, footfalls: Sequence[ReportedFootfall], line: int) -> None:
         """Begin again with what was being solved before a line of a walk with these footfalls."""
         self.solver.begin(pending.task)
         self.pending, begins = pending, pending.footfalls

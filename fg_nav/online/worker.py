@@ -14,7 +14,7 @@ from contextlib import suppress
 from typing import Any, cast
 
 from fg_nav.detection.stance import StanceParameters
-from fg_nav.online.buffer import SampleBuffer, ToldFootfall
+from fg_nav.online.buffer import ReportedFootfall, SampleBuffer
 from fg_nav.online.handover import Handover
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.solving import Task, WalkSolver
@@ -56,7 +56,7 @@ class Worker:
     def _begin(self, task: Task) -> None:
         self._begun = self._try(self._solver.solve, task)
 
-    def _go_on(self, footfalls: tuple[ToldFootfall, ...]) -> Handover | None:
+    def _go_on(self, footfalls: tuple[ReportedFootfall, ...]) -> Handover | None:
         if self._begun is None:
             return None
         handover = self._try(self._solver.go_on, *self._begun, footfalls)

@@ -43,7 +43,7 @@ from fg_nav.factors.walk_constraints import BarometerDrift, BarometricHeight
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.recording import Recording
 from fg_nav.smoother.graph import WalkProblem
-from fg_nav.smoother.sensitivity import SharingFactors, weigh_shared
+from fg_nav.smoother.sensitivity import SharingFactors, shared_information
 from fg_nav.smoother.solver import GtsamFactors, LinearizableBlock, Solved
 from fg_nav.smoother.strides import Nodes
 from fg_nav.stances import Stances
@@ -219,7 +219,7 @@ def spread_scale(factors: BarometerFactors, solved: Solved) -> Floats:
     # h grows by the scale, and e falls by as much as it rises with the offset.
     by_scale = -jacobians[1][:, :, :1] * heights.height[:, None]
     sharing = SharingFactors(np.concatenate(jacobians, axis=2), -residual, block.keys, by_scale)
-    columns, information, pull = weigh_shared(solved.root, [sharing], 1)
+    columns, information, pull = shared_information(solved.root, [sharing], 1)
     return columns.spread_untaken(information, pull, np.array([[SCALE_SIGMA**2]]))
 
 

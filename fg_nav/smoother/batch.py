@@ -198,7 +198,7 @@ def _smooth(
     fitted = fit_walk(recording, stances, parameters, heading, progress, field, fixes, extra, known)
     # The dense path, and the sigmas of its footfalls, with what the walk shares that its triangle does not hold.
     walk = fitted.walk
-    joint = FootfallCovariance.of(walk.solved, walk.problem.nodes, fitted.spread_shared())
+    joint = FootfallCovariance.of(walk.solved, walk.problem.nodes, fitted.shared_sqrt_covariance())
     covariances = list_covariances(list_table_keys(walk.problem.nodes), walk.solved.root, joint.shared)
     draft = Draft.of(walk, joint, covariances, stances, began)
     if progress is not None:

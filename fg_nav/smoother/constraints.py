@@ -92,7 +92,7 @@ class PinnedFixes:
         return float(np.arctan2(across, along))
 
 
-def pin_fixes(fixes: Sequence[Fix], t: Floats, nodes: Nodes) -> PinnedFixes:
+def fix_factors(fixes: Sequence[Fix], t: Floats, nodes: Nodes) -> PinnedFixes:
     """Find the node of each fix.
 
     Raises
@@ -104,7 +104,7 @@ def pin_fixes(fixes: Sequence[Fix], t: Floats, nodes: Nodes) -> PinnedFixes:
 
 
 def pin_to_times(fixes: Sequence[Fix], t_node: Floats) -> PinnedFixes:
-    """Find the node of each fix among nodes at these times (n,) s; errors as of `pin_fixes`."""
+    """Find the node of each fix among nodes at these times (n,) s; errors as of `fix_factors`."""
     node = [_node_of(fix, t_node) for fix in fixes]
     apart = np.array([fix.time_s - t_node[j] for fix, j in zip(fixes, node, strict=True)])
     return PinnedFixes(
@@ -133,7 +133,7 @@ def _node_of(fix: Fix, t_node: Floats) -> int:
     return int(apart.argmin())
 
 
-def refuse_far_fixes(problem: WalkProblem, fixes: Sequence[Fix]) -> None:
+def check_fix_distance(problem: WalkProblem, fixes: Sequence[Fix]) -> None:
     """Refuse fixes that the path of a first solution does not reach; raises `EstimationError`."""
     footfall, t = problem.nodes.result, problem.recording.t
     sample, step = problem.nodes.sample[footfall], np.diff(t, prepend=t[0])
@@ -150,9 +150,9 @@ def add_fixes(problem: WalkProblem, values: gtsam.Values, fixes: Sequence[Fix]) 
     Raises
     ------
     EstimationError
-        As `pin_fixes`.
+        As `fix_factors`.
     """
-    pinned = pin_fixes(fixes, problem.recording.t, problem.nodes)
+    pinned = fix_factors(fixes, problem.recording.t, problem.nodes)
     problem = replace(problem, constraints=(*problem.constraints, pinned.factors()))
     start = free_heading(problem, pinned, values)
     return problem if start is None else replace(problem, start=start, heading_known=True)

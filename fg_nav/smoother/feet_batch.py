@@ -102,7 +102,7 @@ def _finish(
     solved: SolvedFeet, right: tuple[FittedWalk, Foot], left: tuple[FittedWalk, Foot], began: float
 ) -> FeetSolution:
     """Take the sigmas of both feet and of the person, and the dense paths."""
-    shared = np.hstack([one.spread_shared() for one, _ in (right, left)])
+    shared = np.hstack([one.shared_sqrt_covariance() for one, _ in (right, left)])
     walks = [one.walk for one, _ in (right, left)]
     joints = [FootfallCovariance.of(walk.solved, walk.problem.nodes, shared) for walk in walks]
     covariances, apart_cov = _take_covariances(solved, shared)
@@ -185,4 +185,4 @@ def measure_width_sigma(root: SquareRoot) -> float:
     column = np.zeros((root.total, 1))
     (at,) = root.find_columns([[int(WIDTH)]])[0]
     column[at] = 1.0
-    return float(np.sqrt(root.descend(root.rise(column))[at, 0]))
+    return float(np.sqrt(root.back_substitute(root.forward_substitute(column))[at, 0]))

@@ -76,7 +76,7 @@ class _Round:
         return self.problem.field
 
 
-def look_along(problem: WalkProblem, field: FootfallField, track: Trajectory) -> FieldWalk:
+def sample_field(problem: WalkProblem, field: FootfallField, track: Trajectory) -> FieldWalk:
     """Look at the field along a walk, whose values are near its minimum without it; `track` is theirs."""
     path = integrate_field(problem, field, track)
     nav_field = rotate_field(field, list_attitudes(problem.nodes.result, problem.values))

@@ -17,7 +17,7 @@ from fg_nav.magnetic import FootfallField
 from fg_nav.recording import Recording
 from fg_nav.smoother.barometer import spread_scale
 from fg_nav.smoother.bias_prior import average_bias_prior
-from fg_nav.smoother.constraints import add_constraints, add_fixes, add_own, refuse_far_fixes
+from fg_nav.smoother.constraints import add_constraints, add_fixes, add_own, check_fix_distance
 from fg_nav.smoother.gauss_newton import FIRST_CONVERGENCE
 from fg_nav.smoother.graph import WalkProblem, solve
 from fg_nav.smoother.gyro_scale import WalkScale, estimate_gyro_scale, shows_heading, spread_clipped_peaks
@@ -42,7 +42,7 @@ class FittedWalk:
     walk: SolvedWalk
     scale: WalkScale | None
 
-    def spread_shared(self) -> Floats:
+    def shared_sqrt_covariance(self) -> Floats:
         """Return by how much the walk moves (N, n) by numbers of unit covariance that all of it shares."""
         walk = self.walk
         others = [spread_clipped_peaks(walk.problem, walk.solved)]
@@ -109,7 +109,7 @@ def _solve_from_samples(
     # Fixes, factors of the caller's own and known places need that solution to be placed, and constraints between
     # footfalls the one with them.
     if fixes:
-        refuse_far_fixes(problem, fixes)
+        check_fix_distance(problem, fixes)
         problem = add_fixes(problem, problem.values, fixes)
     if extra is not None:
         problem = add_own(problem, problem.values, extra)

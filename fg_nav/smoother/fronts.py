@@ -55,15 +55,15 @@ def list_parts(begin: int, end: int) -> Iterator[tuple[int, int]]:
         drop_pages()
 
 
-def rise(fronts: Fronts, C: Floats) -> None:
+def forward_substitute(fronts: Fronts, C: Floats) -> None:
     """Replace C (N, n) by Y."""
     count = len(fronts.size)
     for first, end in list_parts(0, count):
-        _rise(fronts, C, count - end, count - first)
+        _forward_substitute(fronts, C, count - end, count - first)
 
 
 @njit(cache=True)
-def _rise(fronts: Fronts, C: Floats, first: int, end: int) -> None:
+def _forward_substitute(fronts: Fronts, C: Floats, first: int, end: int) -> None:
     """Go up along the fronts `first <= i < end`."""
     for i in range(end - 1, first - 1, -1):
         d, columns, A = get_front(fronts, i)
@@ -76,14 +76,14 @@ def _rise(fronts: Fronts, C: Floats, first: int, end: int) -> None:
                         C[columns[j], n] -= A[k, j] * y
 
 
-def descend(fronts: Fronts, Y: Floats) -> None:
+def back_substitute(fronts: Fronts, Y: Floats) -> None:
     """Replace Y (N, n) by X."""
     for first, end in list_parts(0, len(fronts.size)):
-        _descend(fronts, Y, first, end)
+        _back_substitute(fronts, Y, first, end)
 
 
 @njit(cache=True)
-def _descend(fronts: Fronts, Y: Floats, first: int, end: int) -> None:
+def _back_substitute(fronts: Fronts, Y: Floats, first: int, end: int) -> None:
     """Go down along the fronts `first <= i < end`."""
     for i in range(first, end):
         d, columns, A = get_front(fronts, i)

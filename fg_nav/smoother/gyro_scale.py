@@ -49,7 +49,7 @@ from fg_nav.samples.gaps import cross_holes
 from fg_nav.smoother.evidence import average, fit_shared
 from fg_nav.smoother.graph import WalkProblem, biases_of
 from fg_nav.smoother.linear import stack_factors
-from fg_nav.smoother.sensitivity import SharedColumns, SharingFactors, weigh_shared
+from fg_nav.smoother.sensitivity import SharedColumns, SharingFactors, shared_information
 from fg_nav.smoother.solver import Solved, list_attitudes, residuals_at_minimum
 from fg_nav.smoother.strides import INERTIAL_KEYS
 from fg_nav.system.compiled import njit
@@ -114,7 +114,7 @@ def shows_heading(problem: WalkProblem) -> bool:
 def estimate_gyro_scale(problem: WalkProblem, solved: Solved) -> WalkScale:
     """Estimate the scale of the gyroscope at a solution of the walk."""
     # The walk is eliminated, and what the inertial factors of its halves say of the scale is weighed.
-    columns, information, pull = weigh_shared(solved.root, _list_inertial(problem, solved.linearized_at), 6)
+    columns, information, pull = shared_information(solved.root, _list_inertial(problem, solved.linearized_at), 6)
     found = average_models(information, pull)
     # Where tilt and velocity close worse with it, the field alone asks for it.
     worse = _compare_closure(problem, solved, columns, found) if found.matters else 0.0
@@ -190,7 +190,7 @@ def spread_clipped_peaks(problem: WalkProblem, solved: Solved) -> Floats:
         return np.zeros((solved.root.total, 0))
     shared = _share_rate_errors(problem, solved.linearized_at, *sides)
     parts = (one._replace(C=one.C[:, :, clipped]) for one in shared)
-    columns, information, pull = weigh_shared(solved.root, parts, len(clipped))
+    columns, information, pull = shared_information(solved.root, parts, len(clipped))
     return columns.spread_untaken(information, pull, np.eye(len(clipped)))
 
 

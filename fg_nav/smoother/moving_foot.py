@@ -28,7 +28,7 @@ from fg_nav.arrays import Floats
 from fg_nav.factors.zero_velocity import StanceVelocity
 from fg_nav.samples.gaps import cross_holes
 from fg_nav.smoother.graph import WalkProblem
-from fg_nav.smoother.sensitivity import SharedColumns, SharingFactors, weigh_shared
+from fg_nav.smoother.sensitivity import SharedColumns, SharingFactors, shared_information
 from fg_nav.smoother.solver import Solved, list_positions
 
 FORWARD_SIGMA, SIDEWAYS_SIGMA = 0.02, 0.01
@@ -49,7 +49,7 @@ def weigh_moving_foot(problem: WalkProblem, solved: Solved) -> tuple[SharedColum
     residual, jacobians = block.evaluate(solved.linearized_at)
     by_share = -jacobians[1] @ find_motion(problem, solved.values)
     factors = SharingFactors(np.concatenate(jacobians, axis=2), -residual, block.keys, by_share)
-    return weigh_shared(solved.root, [factors], 2)
+    return shared_information(solved.root, [factors], 2)
 
 
 def find_motion(problem: WalkProblem, values: gtsam.Values) -> Floats:

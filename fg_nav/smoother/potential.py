@@ -33,7 +33,7 @@ from fg_nav.errors import EstimationError
 from fg_nav.factors.residual import ResidualBlock
 from fg_nav.smoother.gauss_newton import CONVERGENCE
 from fg_nav.smoother.graph import WalkProblem, solve
-from fg_nav.smoother.sensitivity import SharingFactors, weigh_shared
+from fg_nav.smoother.sensitivity import SharingFactors, shared_information
 from fg_nav.smoother.solver import Solved, compute_error, residuals_at_minimum
 
 MIN_STATISTIC = 15.0
@@ -147,7 +147,7 @@ def predict_change(problem: WalkProblem, solved: Solved, stride: Ints) -> float:
     # One number to each integral, by which it may be off.
     own = np.eye(len(those))
     factors = SharingFactors(np.concatenate(jacobians, axis=2), -residual, block.keys, own[:, None])
-    columns, _, pull = weigh_shared(solved.root, [factors], len(those))
+    columns, _, pull = shared_information(solved.root, [factors], len(those))
     share, axes = np.linalg.eigh(own + sign * columns.explained)
     return float(((axes.T @ pull) ** 2 / np.maximum(share, MIN_VARIANCE)).sum())
 

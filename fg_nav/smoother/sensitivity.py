@@ -27,13 +27,13 @@ class SharedColumns:
     """The columns of the shared numbers, A^T C (N, n), taken up the tree of a walk."""
 
     def __init__(self, root: SquareRoot, products: Floats) -> None:
-        self._root, self._Y = root, root.rise(products)
+        self._root, self._Y = root, root.forward_substitute(products)
         self.explained = np.asarray(self._Y.T @ self._Y)
         """Y^T Y (n, n): what the variables of the walk take off the information C^T C."""
 
     def solve(self) -> Floats:
         """Return X (N, n): by how much each variable falls for a unit of each number."""
-        return self._root.descend(self._Y)
+        return self._root.back_substitute(self._Y)
 
     def spread(self, covariance: Floats) -> Floats:
         """Return by how much the walk moves (N, n) with numbers of unit covariance, for one (n, n) of s."""
@@ -60,7 +60,9 @@ class SharingFactors(NamedTuple):
     C: Floats
 
 
-def weigh_shared(root: SquareRoot, parts: Iterable[SharingFactors], n: int) -> tuple[SharedColumns, Floats, Floats]:
+def shared_information(
+    root: SquareRoot, parts: Iterable[SharingFactors], n: int
+) -> tuple[SharedColumns, Floats, Floats]:
     """Return the columns of n numbers that factors share, the walk's information L on them, and eta.
 
     L (n, n) and eta (n,) are what is left of the factors where the walk is eliminated. They come in parts, and each is

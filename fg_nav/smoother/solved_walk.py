@@ -8,7 +8,7 @@ from fg_nav.magnetic import FootfallField
 from fg_nav.smoother.differential import add_differential_field
 from fg_nav.smoother.directions import follow_directions
 from fg_nav.smoother.field import FieldVerdict, find_obstacle, ignore_field
-from fg_nav.smoother.field_rounds import FieldSolution, look_along, solve_with_field
+from fg_nav.smoother.field_rounds import FieldSolution, sample_field, solve_with_field
 from fg_nav.smoother.graph import WalkProblem, solve, trajectory_of
 from fg_nav.smoother.places import tie_places
 from fg_nav.smoother.solver import Solved
@@ -53,7 +53,7 @@ def _solve_with_field(problem: WalkProblem, field: FootfallField | None, unseen:
     if obstacle:
         del track
         return SolvedWalk(problem, solve(problem), ignore_field(problem, obstacle))
-    walk = look_along(problem, field, track)
+    walk = sample_field(problem, field, track)
     del track  # as large as the recording
     found = solve_with_field(walk)
     return SolvedWalk(found.problem, found.solved, found.verdict, found)

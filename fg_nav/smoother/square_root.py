@@ -23,7 +23,7 @@ import numpy as np
 from fg_nav.arrays import Floats, Ints
 from fg_nav.factors.residual import Keys
 from fg_nav.smoother.front_covariances import Groups, Wanted, spread_covariance
-from fg_nav.smoother.fronts import Fronts, descend, rise
+from fg_nav.smoother.fronts import Fronts, back_substitute, forward_substitute
 
 
 class SquareRoot:
@@ -36,7 +36,7 @@ class SquareRoot:
         self._fronts, self._keys, self._order = fronts, keys, np.argsort(keys)
         self._known, self._begins, self._size = keys[self._order], np.cumsum(size) - size, size
         self.total, self._shift = len(right), np.uint64(0)
-        self.step = self.descend(right[:, None])[:, 0]
+        self.step = self.back_substitute(right[:, None])[:, 0]
 
     @classmethod
     def of_nothing(cls) -> SquareRoot:
@@ -57,16 +57,16 @@ class SquareRoot:
         within = np.concatenate([np.arange(d) for d in size])
         return np.asarray(np.repeat(self._begins[place], size, axis=1) + within)
 
-    def rise(self, C: Floats) -> Floats:
+    def forward_substitute(self, C: Floats) -> Floats:
         """Return Y (N, n) of C (N, n)."""
         Y = C.copy()
-        rise(self._fronts, Y)
+        forward_substitute(self._fronts, Y)
         return Y
 
-    def descend(self, Y: Floats) -> Floats:
+    def back_substitute(self, Y: Floats) -> Floats:
         """Return X (N, n) of Y (N, n)."""
         X = Y.copy()
-        descend(self._fronts, X)
+        back_substitute(self._fronts, X)
         return X
 
     def covariances(self, keys: Iterable[int]) -> dict[int, Floats]:

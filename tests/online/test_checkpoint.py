@@ -11,7 +11,7 @@ from fg_nav.detection.causal import CausalParameters
 from fg_nav.errors import EstimationError
 from fg_nav.online import OnlineNavigator, load, save
 from fg_nav.online.buffer import COLUMNS, rows_of
-from fg_nav.online.judge import UNKNOWN_GAP_S, SampleJudge
+from fg_nav.online.judge import UNKNOWN_GAP_S, SampleFilter
 from tests.online.walks import NORTH, push, short_walk, worst_difference
 
 
@@ -61,9 +61,9 @@ def admitted(judge, rows, block):
 
 def resumed(rows, saved, then, block=7):
     """Samples that a judge takes of the first `saved` rows, and after a resume of the rows `then`; and that judge."""
-    judge = SampleJudge()
+    judge = SampleFilter()
     before = np.concatenate(admitted(judge, rows[:saved], 13))
-    again = SampleJudge.resume(json.loads(json.dumps(judge.state())), [before], lambda words: None)
+    again = SampleFilter.resume(json.loads(json.dumps(judge.state())), [before], lambda words: None)
     return np.concatenate([before, *admitted(again, then, block), again.flush()]), again
 
 
@@ -88,7 +88,7 @@ def odd_rows():
 def test_a_replay_is_known_up_to_the_checkpoint_whatever_the_clock_did(saved, block):
     """The rows before a restart have the stamps of those after it; only their values tell them apart."""
     rows = odd_rows()
-    whole = np.concatenate([*admitted(uninterrupted := SampleJudge(), rows, 11), uninterrupted.flush()])
+    whole = np.concatenate([*admitted(uninterrupted := SampleFilter(), rows, 11), uninterrupted.flush()])
     taken, judge = resumed(rows, saved, rows, block)
     np.testing.assert_array_equal(taken, whole)
     known = judge.counts.pop("known")
@@ -100,7 +100,7 @@ def test_a_replay_is_known_up_to_the_checkpoint_whatever_the_clock_did(saved, bl
 @pytest.mark.parametrize("back", [0, 2, 10, 150])
 def test_a_source_that_goes_on_some_way_back_or_at_once_loses_nothing(saved, back):
     rows = odd_rows()
-    whole = np.concatenate(admitted(SampleJudge(), rows, 11))
+    whole = np.concatenate(admitted(SampleFilter(), rows, 11))
     taken, _ = resumed(rows, saved, rows[max(saved - back, 0) :])
     np.testing.assert_array_equal(taken, whole)
 
@@ -130,7 +130,7 @@ def test_a_sensor_switched_off_and_on_is_carried_on_after_a_gap():
     sensor_t = [judge.sensor_time(i, float(t)) for i, t in enumerate(taken[:, 0])]
     np.testing.assert_allclose(sensor_t, np.delete(rows[:, 0], np.s_[700:740]), rtol=0, atol=1e-9)
     for begin in (0, 740):
-        again = SampleJudge.resume(json.loads(json.dumps(judge.state())), [taken], lambda words: None)
+        again = SampleFilter.resume(json.loads(json.dumps(judge.state())), [taken], lambda words: None)
         assert sum(map(len, admitted(again, rows[begin:], 50))) == 0
         assert again.counts["late"] == (40 if begin == 0 else 0)  # that nobody listened to
         assert again.counts["known"] == len(rows) - begin - again.counts["late"]
@@ -171,7 +171,7 @@ def test_what_was_lost_before_and_comes_now_is_too_late(block, until):
     rows[600:, 0] -= rows[600, 0]
     heard = np.delete(rows, np.s_[300:500], axis=0)
     taken, judge = resumed(heard, 800, rows[:until], block)
-    known = np.concatenate(admitted(SampleJudge(), heard, 13))
+    known = np.concatenate(admitted(SampleFilter(), heard, 13))
     np.testing.assert_array_equal(taken, known[: max(800, until - 200)])
     assert judge.counts["known"] == (min(until, 1000) - 200 if until > 450 else 300)
     assert judge.counts["late"] == min(until - 300, 200)

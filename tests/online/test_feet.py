@@ -274,6 +274,6 @@ def alone(side: Side, options: OnlineOptions, until_s: float) -> list[str]:
     for _, rows in list_blocks(lambda one, t: one == side and t < until_s):
         found += navigator.push(rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:10])
     found += navigator.close()
-    continues = navigator.told_continues
+    continues = navigator.reported_continues
     lines = [FeetLine(side, side, one, isinstance(one, StanceEstimate) and continues[one.number]) for one in found]
     return line_texts(lines, side)

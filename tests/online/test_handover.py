@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from gtsam.symbol_shorthand import B, M, V, X
 
-from fg_nav.online.anchor import Anchor, condense
+from fg_nav.online.anchor import MarginalPrior, marginalize
 from fg_nav.online.estimates import EstimateRow
 from fg_nav.online.graph_parts import list_variables
 from fg_nav.online.handover import Past, PathNodes
@@ -21,10 +21,10 @@ KEYS = X(3), V(3), M(2), B(1)
 DIMS = 6, 3, 9, 6
 
 
-def random_anchor(rng: np.random.Generator) -> Anchor:
+def random_anchor(rng: np.random.Generator) -> MarginalPrior:
     pose = gtsam.Pose3(gtsam.Rot3.RzRyRx(*rng.normal(size=3)), rng.normal(size=3))
     values = (np.array(pose.matrix()), *(rng.normal(size=d) for d in DIMS[1:]))
-    return Anchor(KEYS, values, rng.normal(size=(sum(DIMS), sum(DIMS))), rng.normal(size=sum(DIMS)))
+    return MarginalPrior(KEYS, values, rng.normal(size=(sum(DIMS), sum(DIMS))), rng.normal(size=sum(DIMS)))
 
 
 def moved(values: gtsam.Values, step: np.ndarray) -> gtsam.Values:
@@ -68,7 +68,7 @@ def test_an_anchor_and_the_strides_behind_it_say_what_the_whole_graph_says() -> 
         (before if set(factor.keys()) <= past else behind).push_back(factor)
     order = time_order(found.nodes, False, found.problem.floor)
     keys, keep = [order.at(i) for i in range(order.size())], list_variables(places[at], values)
-    anchor = condense(before, values, keep, [key for key in keys if key in past - set(keep)])
+    anchor = marginalize(before, values, keep, [key for key in keys if key in past - set(keep)])
     behind.push_back(anchor.factor().linearize(values))
     later = gtsam.Ordering()
     for key in keys:

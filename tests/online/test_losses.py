@@ -11,7 +11,7 @@ from fg_nav.detection import detect_stances
 from fg_nav.frames import compute_heading
 from fg_nav.magnetic import average_footfall_field
 from fg_nav.online import OnlineNavigator
-from fg_nav.online.judge import UNKNOWN_GAP_S, SampleJudge
+from fg_nav.online.judge import UNKNOWN_GAP_S, SampleFilter
 from fg_nav.online.options import OnlineOptions
 from fg_nav.recording import Recording
 from fg_nav.smoother import smooth
@@ -133,9 +133,9 @@ def rows_with(lost_s: float, begins_again: bool) -> np.ndarray:
     return kept
 
 
-def judged(rows: np.ndarray) -> tuple[SampleJudge, list[str], np.ndarray]:
+def judged(rows: np.ndarray) -> tuple[SampleFilter, list[str], np.ndarray]:
     told: list[str] = []
-    judge = SampleJudge(told.append)
+    judge = SampleFilter(told.append)
     taken = [judge.admit(part[:, 0], part[:, 1:4], part[:, 4:7], part[:, 7:10]) for part in np.array_split(rows, 60)]
     return judge, told, np.concatenate(taken)
 
@@ -160,7 +160,7 @@ def test_each_change_of_stamps_is_told_when_it_happens_and_noted():
     assert sum("from there on stamps are set on by" in words for words in judge.notes) == 3
     assert len(taken) == len(rows)
     assert not any("before the last one" in words for words in told)
-    again = SampleJudge.resume(json.loads(json.dumps(judge.state())), [taken], lambda words: None)
+    again = SampleFilter.resume(json.loads(json.dumps(judge.state())), [taken], lambda words: None)
     assert again.notes == judge.notes
 
 

@@ -14,7 +14,7 @@ from fg_nav.evaluation.metrics import measure_gap
 from fg_nav.magnetic import average_footfall_field
 from fg_nav.online import OnlineNavigator
 from fg_nav.online.buffer import rows_of
-from fg_nav.online.judge import MAX_GAP_S, UNKNOWN_GAP_S, SampleJudge
+from fg_nav.online.judge import MAX_GAP_S, UNKNOWN_GAP_S, SampleFilter
 from fg_nav.online.navigator import finish_walk
 from fg_nav.smoother import smooth
 from fg_nav.walk import Options, Walk
@@ -189,7 +189,7 @@ def test_a_gap_keeps_its_length_unless_the_clock_was_set_and_then_it_is_said_by_
     rows = rows_of(short_walk()).copy()
     rows[700:, 0] += step_s
     told = []
-    judge = SampleJudge(told.append)
+    judge = SampleFilter(told.append)
     taken = judge.admit(rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:10])
     assert taken[700, 0] - taken[699, 0] == pytest.approx(taken_s)
     sensor_t = [judge.sensor_time(i, float(t)) for i, t in enumerate(taken[:, 0])]
@@ -215,13 +215,13 @@ def restarted() -> tuple[Floats, Floats]:
 def test_stamps_go_on_after_a_restart_of_the_clock(block):
     """As if the clock had not restarted."""
     rows, sent = restarted()
-    judge = SampleJudge()
+    judge = SampleFilter()
     parts = [sent[i : i + block] for i in range(0, len(sent), block)]
     taken = np.concatenate([judge.admit(p[:, 0], p[:, 1:4], p[:, 4:7], p[:, 7:10]) for p in parts])
     np.testing.assert_allclose(taken[:, :11], rows, rtol=0, atol=1e-9)
     sensor_t = [judge.sensor_time(i, float(t)) for i, t in enumerate(taken[:, 0])]
     np.testing.assert_allclose(sensor_t, sent[:, 0], rtol=0, atol=1e-9)
-    again = SampleJudge.resume(json.loads(json.dumps(judge.state())), [taken], lambda words: None)
+    again = SampleFilter.resume(json.loads(json.dumps(judge.state())), [taken], lambda words: None)
     assert [again.sensor_time(i, float(t)) for i, t in enumerate(taken[:, 0])] == sensor_t
 
 

@@ -235,7 +235,7 @@ def test_what_is_no_walk_is_refused():
     online = OnlineSmoother(OnlineOptions(), buffer)
     with pytest.raises(EstimationError, match="not finite"):
         online.add_footfall(first, stop)
-    assert online.n_told == 0
+    assert online.n_reported == 0
     assert online.latest is None
 
 
@@ -297,7 +297,7 @@ def test_the_field_of_a_standing_counts_once_however_it_is_cut():
             online.add_footfall(
                 footfall_at(np.array([begin]), np.array([end]), int(inside), begin > start), int(end) + 5
             )
-    assert online.n_told == 16
+    assert online.n_reported == 16
     assert online.counts["magnetic_heading"] == 12
 
 

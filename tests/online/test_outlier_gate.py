@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fg_nav.online.buffer import rows_of, taken_rows
-from fg_nav.online.judge import SampleJudge
+from fg_nav.online.judge import SampleFilter
 from fg_nav.recording import RawRecording, Recording
 from fg_nav.samples.outliers import LOOK_AHEAD
 from tests.online.walks import short_walk
@@ -25,7 +25,7 @@ def spoiled() -> np.ndarray:
 @pytest.mark.parametrize("block", [1, 9, 5000])
 def test_a_stream_leaves_out_what_a_recording_does_and_counts_it(block):
     rows, told = spoiled(), []
-    judge = SampleJudge(told.append)
+    judge = SampleFilter(told.append)
     parts = [rows[i : i + block] for i in range(0, len(rows), block)]
     taken = [judge.admit(part[:, 0], part[:, 1:4], part[:, 4:7], part[:, 7:10]) for part in parts]
     whole = Recording.from_raw(

@@ -11,7 +11,7 @@ from fg_nav.detection.causal import CausalStances
 from fg_nav.errors import EstimationError, FormatError
 from fg_nav.factors.differential_field import Iron
 from fg_nav.online import OnlineNavigator, load
-from fg_nav.online.anchor import Anchor
+from fg_nav.online.anchor import MarginalPrior
 from fg_nav.online.buffer import rows_of
 from fg_nav.online.checkpoint import VERSION, Checkpoint
 from fg_nav.online.handover import PathNodes
@@ -75,9 +75,9 @@ def name_change(changes):
         {"kept_from": -1},
         {"kept_from": 10**12},
         {"first": -5},
-        {"n_told": -1},
-        {"n_told": "7"},
-        {"n_told": 1.5},
+        {"n_reported": -1},
+        {"n_reported": "7"},
+        {"n_reported": 1.5},
         {"has_ended": 0},
         {"takeovers": (1, None)},
         {"judge": {}},
@@ -135,7 +135,7 @@ ROWS = RowTable(0, np.stack([ROW, ROW + np.eye(40)[1]]), [("none", "")], np.zero
 LATER = np.array([5, 30])
 FALLS = FootfallTable(0, np.array([1, 1]), np.array([2, 20]), LATER, np.ones(2), LATER - 1, LATER, LATER, LATER)
 BENT = np.stack([np.eye(3), np.diag([1.0, 1.0, -1.0])])
-ANCHOR = Anchor((2**60,), (np.zeros(3),), np.eye(3), np.zeros(3))
+ANCHOR = MarginalPrior((2**60,), (np.zeros(3),), np.eye(3), np.zeros(3))
 IRON = Iron(np.zeros(3), np.eye(3))
 RETURN = Return(np.arange(4.0), np.arange(4.0), False, 9.0, 1e-9, 2.0, np.zeros((4, 3)), np.zeros((4, 3)))
 

@@ -8,7 +8,7 @@ import pytest
 
 from fg_nav.detection.causal import CausalParameters, CausalStances
 from fg_nav.frames import compute_heading, yaw_rotation
-from fg_nav.online.buffer import ToldFootfall
+from fg_nav.online.buffer import ReportedFootfall
 from fg_nav.online.estimates import StanceEstimate
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.review import OPEN_S, UNTOLD, review_footfalls
@@ -22,27 +22,27 @@ STANCE = CausalParameters().stance
 
 
 @cache
-def told_footfalls() -> tuple[ToldFootfall, ...]:
+def told_footfalls() -> tuple[ReportedFootfall, ...]:
     """Of the short walk, as they were told."""
     walk = short_walk()
     stances = CausalStances(CausalParameters())
     found = [*stances.push(walk.t, walk.acc, walk.gyr), *stances.finish()]
     ends = [min(int(one.stop[-1]) + 1, len(walk)) for one in found]
-    return tuple(ToldFootfall(one, k, end) for k, (one, end) in enumerate(zip(found, ends, strict=True)))
+    return tuple(ReportedFootfall(one, k, end) for k, (one, end) in enumerate(zip(found, ends, strict=True)))
 
 
-def swing_behind(k: int) -> ToldFootfall:
+def swing_behind(k: int) -> ReportedFootfall:
     """A false footfall in the middle of the swing behind one."""
     before, after = (told_footfalls()[i].footfall for i in (k, k + 1))
     middle = (int(before.stop[-1]) + int(after.start[0])) // 2
-    return ToldFootfall(footfall_at(np.array([middle - 5]), np.array([middle + 5]), middle), 99, middle + 6)
+    return ReportedFootfall(footfall_at(np.array([middle - 5]), np.array([middle + 5]), middle), 99, middle + 6)
 
 
-def review(footfalls: list[ToldFootfall]) -> list[ToldFootfall]:
+def review(footfalls: list[ReportedFootfall]) -> list[ReportedFootfall]:
     return review_footfalls(short_walk(), 0, footfalls, STANCE)
 
 
-def is_open(one: ToldFootfall) -> bool:
+def is_open(one: ReportedFootfall) -> bool:
     """Whether it ends in the newest part of the walk."""
     return bool(short_walk().t[one.footfall.stop[-1] - 1] > short_walk().t[-1] - OPEN_S)
 
@@ -181,10 +181,10 @@ def test_a_false_footfall_is_taken_back_and_what_rests_on_it_is_made_anew() -> N
     (retracted,) = [line for one in revisions_of(found) for line in one.retracted]
     assert retracted == (false, next(one.t for one in estimates_of(found) if one.number == false))
     assert [one.number for one in estimates_of(found)] == list(range(at + 11))
-    assert [one.told for one in online.footfalls] == [k for k in range(online.n_told) if k != false]
+    assert [one.told for one in online.footfalls] == [k for k in range(online.n_reported) if k != false]
     assert len(online.smoothed()) == len(online.causal()) - 1 == at + 10
     np.testing.assert_allclose(online.latest.position, undisturbed.latest.position, atol=0.05)
-    assert online.latest.number == online.n_told - 1
+    assert online.latest.number == online.n_reported - 1
 
 
 def test_a_footfall_that_was_missed_is_put_in() -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from fg_nav.detection.stance import StanceParameters
 from fg_nav.online import OnlineNavigator, navigator, takeover
-from fg_nav.online.buffer import SampleBuffer, ToldFootfall, rows_of
+from fg_nav.online.buffer import ReportedFootfall, SampleBuffer, rows_of
 from fg_nav.online.checkpoint import Checkpoint
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.solving import WalkSolver
@@ -29,7 +29,7 @@ class LateSolver(WalkSolver):
     def follow(self, until: int) -> None:
         self._followed = until
 
-    def ask(self, footfalls: tuple[ToldFootfall, ...]) -> None:
+    def ask(self, footfalls: tuple[ReportedFootfall, ...]) -> None:
         super().ask(footfalls)
         self._asked_at = footfalls[-1].until
 
@@ -83,8 +83,8 @@ def test_what_was_told_on_a_slow_machine_is_known_on_a_fast_one(
         push(walked, rows[start : start + 300], range(50, 300, 50))
         checkpoint.write(checkpoint.collect(walked))
         pending = walked._smoother.takeover.pending
-        if pending is not None and walked.n_told > pending.due_at:
-            late.append(walked.n_told)
+        if pending is not None and walked.n_reported > pending.due_at:
+            late.append(walked.n_reported)
             with monkeypatch.context() as fast:
                 fast.setattr(LateSolver, "late", 0)
                 resumed = Checkpoint(tmp_path / "walk").resume(NORTH, beside=True)

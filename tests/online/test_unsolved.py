@@ -78,7 +78,7 @@ class Failing:
         add = OnlineSmoother.add_footfall
 
         def counted(smoother: OnlineSmoother, *given):
-            self._now, self._left = smoother.n_told, self._calls
+            self._now, self._left = smoother.n_reported, self._calls
             try:
                 return add(smoother, *given)
             finally:

@@ -5,7 +5,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from fg_nav.detection.causal import Footfall
 from fg_nav.frames import GRAVITY_M_S2
-from fg_nav.online.buffer import SampleBuffer, ToldFootfall, WalkSoFar
+from fg_nav.online.buffer import PartialWalk, ReportedFootfall, SampleBuffer
 from fg_nav.samples.saturation import find_clipping_levels
 
 RATE_HZ = 100.0
@@ -27,20 +27,20 @@ def standing_with_taps(seconds: float) -> np.ndarray:
     return force
 
 
-def walk_of(*parts: np.ndarray) -> WalkSoFar:
+def walk_of(*parts: np.ndarray) -> PartialWalk:
     """A walk of one footfall for each part, cut out as a whole behind the first."""
-    walk, at = WalkSoFar(SampleBuffer()), 0
+    walk, at = PartialWalk(SampleBuffer()), 0
     for k, acc in enumerate(parts):
         append(walk, acc)
         footfall = Footfall(np.array([at + 5]), np.array([at + len(acc)]), np.ones(1), at + 6, False)
-        walk.add(ToldFootfall(footfall, k, at + len(acc)))
+        walk.add(ReportedFootfall(footfall, k, at + len(acc)))
         at += len(acc)
         if k == 0:
             walk.cut_whole()
     return walk
 
 
-def append(walk: WalkSoFar, acc: np.ndarray) -> None:
+def append(walk: PartialWalk, acc: np.ndarray) -> None:
     """Append samples behind those that are there."""
     t = (walk.buffer.stop + np.arange(len(acc))) / RATE_HZ
     walk.buffer.append(np.column_stack([t, acc, np.full((len(acc), 3), 0.01), np.full((len(acc), 3), np.nan)]))

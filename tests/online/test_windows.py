@@ -13,8 +13,8 @@ import pytest
 from fg_nav.detection.stance import StanceParameters
 from fg_nav.online import beside, smoother, solving, strides, takeover
 from fg_nav.online.beside import WorkerSolver
-from fg_nav.online.buffer import LEAD_S, UNSEEN, SampleBuffer, WalkSoFar, rows_of
-from fg_nav.online.handover import keep_starts
+from fg_nav.online.buffer import LEAD_S, UNSEEN, PartialWalk, SampleBuffer, rows_of
+from fg_nav.online.handover import window_anchors
 from fg_nav.online.isam2 import ISAM2Backend
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.smoother import OnlineSmoother
@@ -196,7 +196,7 @@ def test_what_came_after_a_solution_that_was_late_is_not_lost() -> None:
         solver.ask(told[17:])
         handover = solver.take()
         assert [one.told for one in handover.footfalls] == list(range(20))
-        found.append(Stretch(handover, WalkSoFar(buffer, footfalls=told)).latest)
+        found.append(Stretch(handover, PartialWalk(buffer, footfalls=told)).latest)
     np.testing.assert_array_equal(found[0].position, found[1].position)
 
 
@@ -212,7 +212,7 @@ def test_handovers_behind_footfalls_that_were_taken_back_are_left_out() -> None:
     newest, starts = online._stretch.begun, list(online._starts)
     del online._footfalls[starts[-1].place.number :]
     earlier = replace(newest, place=starts[-2].place)
-    kept = keep_starts(starts, earlier, online._footfalls, None, smoother.WINDOW)
+    kept = window_anchors(starts, earlier, online._footfalls, None, smoother.WINDOW)
     assert [one.place for one in kept] == [one.place for one in [*starts[:-1], earlier]]
 
 

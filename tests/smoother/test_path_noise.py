@@ -19,7 +19,7 @@ from fg_nav.magnetic import average_footfall_field
 from fg_nav.recording import Recording
 from fg_nav.smoother import path_noise, smooth
 from fg_nav.smoother.field_factors import PATH_SIGMA_UT_M, FieldFactors
-from fg_nav.smoother.field_rounds import look_along, solve_with_field
+from fg_nav.smoother.field_rounds import sample_field, solve_with_field
 from fg_nav.smoother.graph import WalkProblem
 from fg_nav.smoother.linear import LinearWalk
 from fg_nav.smoother.path_noise import (
@@ -144,7 +144,7 @@ def over_rough_floor(seed: int) -> Recording:
 def noise_on(recording: Recording, stances: Stances) -> PathNoise:
     """Of a walk solved with its integrals."""
     problem = walk_problem(recording, stances, None, DEFAULT)
-    found = solve_with_field(look_along(problem, average_footfall_field(recording, stances), track_of(problem)))
+    found = solve_with_field(sample_field(problem, average_footfall_field(recording, stances), track_of(problem)))
     return average_path_noise(found.problem, found.solved.values)
 
 
