@@ -292,7 +292,7 @@ class OnlineNavigator(SampleIntake):
     def resume(self, state: NavigatorState, takeovers: Sequence[int] = (), n_reported: int = 0) -> None:
         """Go on where another navigator was, whose samples are in the buffer, as far as they were not discarded.
 
-        It had reported `n_reported` lines in the end, and had taken over solutions before the lines `takeovers` since; the
+        It had reported `n_reported` lines, and had taken over solutions before the lines `takeovers` since; the
         same happens here when the samples behind the state are added again.
         """
         self._smoother.takeover.note(takeovers, n_reported)
