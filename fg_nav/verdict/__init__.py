@@ -1,11 +1,11 @@
-"""Is a path to be trusted? Measured signs make one verdict and its reasons.
+"""Whether a path is to be trusted: measured signs make one verdict and its reasons.
 
-The verdict speaks of the path, not of the sensor. Most signs are an error that something leaves in the end of the path,
-in m: what was estimated counts by what is left unknown of it, however large it is. Such a sign weighs 1 where the error
-is the sigma of the result (or 1 per cent of the way, where the sigma is less), from which on the path is doubtful, and
-2 at a tenth of the way, where it is of no use. Others contradict that a foot walked at all, each between two physical
-limits. Between and beyond the weight is linear in the logarithm. The verdict is by the heaviest sign, and signs of
-`MANY` together spoil a path as one of weight 2 does.
+The verdict is on the path, not on the sensor. Most signs are an error of the end of the path, m; an estimated quantity
+counts by its remaining uncertainty, not by its size. Such a sign weighs 1 where the error is the sigma of the result
+(or 1 per cent of the way, where the sigma is less), from which on the path is doubtful, and 2 at a tenth of the way,
+from which on it is of no use. Others contradict walking itself, each between two physical limits. Between and beyond
+the weight is linear in the logarithm. The heaviest sign decides, and signs of `MANY` together spoil a path as one of
+weight 2 does.
 
 ==================== ===============================================================================================
 error, m             what is left unknown
@@ -71,6 +71,10 @@ from fg_nav.solution import Solution, StanceTable
 from fg_nav.system.spilled import drop_pages
 from fg_nav.verdict.limits import (
     FAST_SHARE,
+    UNUSABLE,
+    Verdict,
+    Word,
+    combine,
     find_height_rate,
     judge_height_rate,
     judge_position,
@@ -78,9 +82,7 @@ from fg_nav.verdict.limits import (
     judge_stride,
     judge_strides,
 )
-from fg_nav.verdict.reason import UNUSABLE, Verdict, Word, combine
-from fg_nav.verdict.seen import Seen
-from fg_nav.verdict.signs import SIGNS, SIGNS_IN_POCKET, SIGNS_WITHOUT_FOOTFALLS
+from fg_nav.verdict.signs import SIGNS, SIGNS_IN_POCKET, SIGNS_WITHOUT_FOOTFALLS, WalkSigns
 from fg_nav.walk import Walk
 
 __all__ = ["UNUSABLE", "Verdict", "Word", "combine", "judge_footfalls", "judge_path"]
@@ -88,14 +90,14 @@ __all__ = ["UNUSABLE", "Verdict", "Word", "combine", "judge_footfalls", "judge_p
 
 def judge_path(walk: Walk, solution: Solution) -> Verdict:
     """Judge what a method made of a walk."""
-    seen = Seen(walk, solution)
+    observed = WalkSigns(walk, solution)
     if walk.options.mount == "pocket":
         signs = SIGNS_IN_POCKET
     else:
         signs = SIGNS if len(solution.stances) else SIGNS_WITHOUT_FOOTFALLS
     found = []
     for measure in signs:
-        found.append(measure(seen))
+        found.append(measure(observed))
         drop_pages()
     return combine([reason for reason in found if reason is not None])
 
@@ -106,10 +108,8 @@ def judge_footfalls(table: StanceTable) -> Verdict:
     speed, way = stride / took, float(np.hypot(*np.diff(table.position[:, :2], axis=0).T).sum())
     found = [judge_strides(len(stride), float(np.ptp(table.t)))]
     if len(stride):
-        fast, sigma = (
-            float(np.quantile(speed, FAST_SHARE, method="lower")),
-            float(np.hypot(*table.position_sigma[-1, :2])),
-        )
+        fast = float(np.quantile(speed, FAST_SHARE, method="lower"))
+        sigma = float(np.hypot(*table.position_sigma[-1, :2]))
         worst = int(np.argmax((speed - fast) * took))
         found.append(judge_stride(stride[worst], took[worst], float(table.t[worst + 1]), fast, sigma, way))
         found.append(judge_speed(float(speed.max()), float(table.t[1 + int(np.argmax(speed))])))
