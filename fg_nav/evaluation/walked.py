@@ -13,25 +13,25 @@ heading_deg            deg     final heading error: that of the heading's change
 heading_laid_deg       deg     heading error at the last footfall, clockwise, as laid on the truth
 heading_rmse_deg       deg     root mean square of the heading error, as laid, over all footfalls
 mean_m, max_m, rmse_m  m       over the ground, of all footfalls (Ma 2018, Figure 12: "maximum trajectory error")
-length_percent         %       by how much the path from footfall to footfall is too long: what each stride is worth,
-                               whatever the heading does
-scale_percent          %       by how much the path is too large: the best similarity over the ground. On an open path
-                               this is the error of scale; a closed loop hides it from the end error
+length_percent         %       excess length of the path from footfall to footfall: error of the strides, independent of
+                               the heading
+scale_percent          %       excess size of the path: the best similarity over the ground. On an open path this is the
+                               error of scale; a closed loop hides it from the end error
 ====================== ======= ======================================================================================
 
-R is the alignment (`fg_nav.evaluation.comparison`), and two are of use. Ma and Zhang do not say which one is theirs.
+R is the alignment (`fg_nav.evaluation.comparison`), and two are of use. Ma and Zhang do not specify theirs.
 
 ====== ==============================================================================================================
 origin as started. The filter was given its position and heading at the start, as in use, and keeps its errors. Only
        fair where all filters were given the same heading: a compass finds its own later on, a gyroscope cannot
-yaw    best yaw and shift over all footfalls: what shape the walk has, whatever heading it began with. It favours
-       methods without a compass, for the heading at the start is then fitted to the truth
+yaw    best yaw and shift over all footfalls: the shape of the walk, independent of its heading at the start. It favours
+       methods without a compass, as the heading at the start is then fitted to the truth
 ====== ==============================================================================================================
 
-The end error has the start on the start in both, and turned by R. On a closed walk it does not depend on R at all.
-Headings as laid are those of the attitude turned by R: laid as started, they have the error at the start in them.
-Of surveyed footprints only those count that were found; the distance is then the estimate's. Without a truth a walk
-has a closure, which is an error if it ended where it began.
+The end error has the start on the start in both, turned by R; on a closed walk it does not depend on R. Headings as
+laid are those of the attitude turned by R: laid as started, they include the error at the start. Of surveyed footprints
+only those that were found count; the distance is then the estimate's. Without a truth a walk has a closure, which is an
+error if it ended where it began.
 
 Landmarks: Ma et al. (2018, Figures 15 and 16) passed 14 of them three times each, and count the error at each of the 42
 crossings. With landmark l passed at t_l in q_l, and R and s the alignment of the footfalls, not one of the landmarks,

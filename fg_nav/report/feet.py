@@ -72,9 +72,10 @@ def write_feet(folder: Path, result: FeetResult, plots: Plots = "html") -> Summa
 
         write_feet_page(folder, result, summary, configs)
     if plots in WITH_PICTURES:
-        from fg_nav.report.plots.walk import draw_person
+        from fg_nav.report.plots import style
+        from fg_nav.report.plots.walk import plot_trajectory
 
-        draw_person(folder, view_person(result))
+        style.save(plot_trajectory(view_person(result)), folder / "trajectory.png")
     return summary
 
 

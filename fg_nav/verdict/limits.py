@@ -3,7 +3,7 @@
 The limits hold for a path at its end, and for each line online.
 
 ============== ======= ========= ======= ==============================================================================
-quantity       unit    doubtful  no use  what it rests on
+quantity       unit    doubtful  no use  basis
 ============== ======= ========= ======= ==============================================================================
 error          m       1 sigma   1/10    that a sign leaves in the end: over the sigma of the result, and over the way
 region         share   -         1/10    95 % region that the result itself claims, over the way; in a pocket 0.6, as
@@ -53,7 +53,7 @@ MANY = 4.0  # Sum of the weights, of those of 1 and more, that spoils a path.
 
 HARMLESS_SHARE = 0.01  # Error of a good path, whatever its sigma, over the way.
 USE_SHARE = 0.1  # Error, or 95 % region, from which on a path is of no use, over the way;
-USE_SHARE_IN_POCKET = 0.6  # in a pocket more, as the length of a step alone is known to 0.12.
+USE_SHARE_IN_POCKET = 0.6  # in a pocket more: the length of a step is known to 0.12.
 MIN_WAY_M = 10.0  # A shorter way counts as this: seven strides.
 
 FEW_STRIDES = 1 / 4, 1 / 3

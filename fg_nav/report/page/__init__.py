@@ -20,7 +20,7 @@ from fg_nav.text import find_version, to_json
 if TYPE_CHECKING:
     from fg_nav.feet_result import FeetResult
 
-__all__ = ["Findings", "render_page", "write_feet_page", "write_page"]
+__all__ = ["Findings", "write_feet_page", "write_page"]
 
 PLOTLY = "plotly-basic-4.1.1.min.js"
 _HERE = Path(__file__).parent
@@ -28,23 +28,17 @@ _HERE = Path(__file__).parent
 
 def write_page(folder: Path, found: Findings) -> None:
     """Write the page of a result into its folder."""
-    (folder / REPORT).write_text(render_page(found), encoding="utf-8")
+    _write(folder, compose_page(found, find_version()))
 
 
 def write_feet_page(
     folder: Path, result: FeetResult, summary: Mapping[str, object], configs: Mapping[str, Mapping[str, object]]
 ) -> None:
     """Write the page of a walk with a sensor on each foot."""
-    page = compose_feet_page(result, summary, configs, find_version())
-    (folder / REPORT).write_text(_render(page), encoding="utf-8")
+    _write(folder, compose_feet_page(result, summary, configs, find_version()))
 
 
-def render_page(found: Findings) -> str:
-    """Return the page of a result."""
-    return _render(compose_page(found, find_version()))
-
-
-def _render(page: Page) -> str:
+def _write(folder: Path, page: Page) -> None:
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
     from markupsafe import Markup
 
@@ -60,10 +54,11 @@ def _render(page: Page) -> str:
     charts = json.dumps(content, separators=(",", ":"), allow_nan=False, ensure_ascii=False)
     # no character may end an element of the page
     charts = charts.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")
-    return environment.get_template("report.html.j2").render(
+    text = environment.get_template("report.html.j2").render(
         page=page,
         charts=Markup(charts),
         plotly=Markup(gzip.decompress((_HERE / f"{PLOTLY}.gz").read_bytes()).decode("utf-8")),
         licence=(_HERE / "LICENSE-plotly.txt").read_text(encoding="utf-8"),
         script=Markup((_HERE / "report.js").read_text(encoding="utf-8")),
     )
+    (folder / REPORT).write_text(text, encoding="utf-8")

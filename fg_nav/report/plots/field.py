@@ -38,7 +38,7 @@ ACCEPTED, REJECTED, UNJUDGED = style.GREEN, "#F3C6AE", style.GRID  # Colours of 
 
 CELLS, FINE = 1000, 8  # Cells of a lane over the whole walk, and parts of a cell, whose colours mix.
 REACH_S, REACH_STEPS = 3.0, 2.0  # Time that a verdict colours around it, or of the usual step if that is longer.
-_LANE_IN = 0.21
+_LANE_IN = 0.21  # Height of a lane.
 
 MAPS, MAX_MAPS = 3, 6  # Maps beside each other, and of a course that is far longer than wide.
 TALL = 2.0  # Height over width of such a course.
@@ -56,7 +56,7 @@ def draw_survey(folder: Path, walk: Walk, survey: FieldSurvey, outcome: Outcome)
 
 def plot_field(survey: FieldSurvey) -> Figure:
     """Draw the field at the footfalls, and below it the verdicts of each detector."""
-    lanes_in, field, earth = _find_lanes_height(len(survey.verdicts)), survey.field, survey.earth
+    lanes_in, field, earth = _LANE_IN * len(survey.verdicts) + 0.25, survey.field, survey.earth
     with style.styled():
         figure = style.new_figure(7.0 + lanes_in)
         panels = figure.subplots(5, 1, sharex=True, height_ratios=[1.3, 1.3, 1.6, 1.6, lanes_in])
@@ -199,11 +199,6 @@ def plot_samples(survey: SampleSurvey) -> Figure:
         lane.set_xlim(survey.t[0], survey.t[-1])
         lane.set_xlabel("time (s)")
     return figure
-
-
-def _find_lanes_height(count: int) -> float:
-    """Height of the lanes, inches."""
-    return _LANE_IN * count + 0.25
 
 
 def _draw_lanes(axes: Axes, t: Floats, verdicts: Mapping[str, OverThreshold], title: str) -> None:

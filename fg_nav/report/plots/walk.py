@@ -67,11 +67,6 @@ def draw_result(folder: Path, walk: Walk, outcome: Outcome) -> None:
     style.save(plot_gyro_bias(view), folder / "gyro_bias.png")
 
 
-def draw_person(folder: Path, view: AlignedSolution) -> None:
-    """Draw the path between two feet."""
-    style.save(plot_trajectory(view), folder / "trajectory.png")
-
-
 def draw_stances(folder: Path, walk: Walk) -> None:
     """Draw the detection that all methods share, where the detector left a statistic."""
     if walk.stances.statistic is not None:
