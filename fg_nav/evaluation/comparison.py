@@ -24,7 +24,7 @@ yaw      rotation about up (the gauge of an IMU)        free: the default
 se3      any rotation (Kabsch 1976)                     free; forgives tilt errors as well
 ======== ============================================== =====================================
 
-The yaw solution is closed: with both paths centered, tan(psi) = sum (p x q)_z / sum (p . q)_horizontal.
+The yaw solution is closed: with both paths centred, tan(psi) = sum (p x q)_z / sum (p . q)_horizontal.
 """
 
 from __future__ import annotations

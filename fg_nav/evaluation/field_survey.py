@@ -145,9 +145,9 @@ class Coverage:
     detector : its name.
     footfalls, judged, accepted : counts.
     longest_run : accepted footfalls in a row.
-    change_deg : median of the change of compass minus gyroscope between neighbors that are both accepted; NaN
+    change_deg : median of the change of compass minus gyroscope between neighbours that are both accepted; NaN
         without any.
-    change_all_deg : the same over all neighbors.
+    change_all_deg : the same over all neighbours.
     """
 
     detector: str
@@ -180,7 +180,7 @@ def measure_coverage(field: FootfallField, name: str, verdicts: FieldVerdicts) -
 
 
 def _median_change(field: FootfallField, counted: Bools) -> float:
-    """Median |change| in deg of compass minus gyroscope between neighbors that both count."""
+    """Median |change| in deg of compass minus gyroscope between neighbours that both count."""
     change = np.abs(np.degrees(wrap_angle(np.diff(field.heading_difference))))[counted[1:] & counted[:-1]]
     change = change[np.isfinite(change)]
     return float(np.median(change)) if len(change) else float("nan")

@@ -59,7 +59,7 @@ _HOW_TO = "Drag to zoom, double-click for all of it; a touch on the legend hides
 
 MAX_SHOWN = 3  # Returns whose field is drawn: the longest ones explain the others.
 MAX_TIES = 60  # Lines on the map from a footfall to the earlier one at its place.
-MAX_DRAWN_M = 120.0  # Of each return, from its begin: waves of some meters are to be visible.
+MAX_DRAWN_M = 120.0  # Of each return, from its begin: waves of some metres are to be visible.
 NEVER = 1e-6  # Expected number below which the exact one is meaningless.
 COMPONENTS = ("ahead (µT)", "to the left (µT)", "up (µT)")
 
@@ -252,7 +252,7 @@ def _draw_ellipses(found: Ellipses | None, color: str, k: int, n_methods: int) -
 
 
 def _draw_footfalls(view: AlignedSolution, name: str, color: str, frame: Frame, alone: bool) -> list[Trace]:
-    """Footfalls with labels for the pointer; of a single method colored by the verdict on the field."""
+    """Footfalls with labels for the pointer; of a single method coloured by the verdict on the field."""
     table = view.solution.stances
     row = spread_rows(len(table), MAX_DOTS)
     # labels, in the order of `_HOVER`

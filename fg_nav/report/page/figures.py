@@ -1,7 +1,7 @@
 """Figures for plotly.js as plain dictionaries: lines, bands and dots in panels over one another.
 
-Numbers are rounded to visible digits, and non-finite ones become null, which breaks a line. Colors are legible on white
-and on dark gray; text and grid are colored by the page.
+Numbers are rounded to visible digits; non-finite ones become null, which breaks a line. Colours are legible on white
+and on dark grey; text and grid are coloured by the page.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ Trace: TypeAlias = dict[str, Any]
 
 BLUE, VERMILION, GREEN, PURPLE, OCHRE, TEAL = "#2a7fc9", "#d9601a", "#12946c", "#b8609c", "#b07d12", "#3a93b0"
 CYCLE = (BLUE, VERMILION, GREEN, PURPLE, OCHRE, TEAL)
-"""Colors of methods or axes, in order: those of Okabe and Ito, of a lightness that shows on white and on dark."""
+"""Colours of methods or axes, in order: those of Okabe and Ito, of a lightness that shows on white and on dark."""
 
 GRAY = "#8a9096"  # Of a truth, and of footfalls without a verdict.
 SHADE = "rgba(42, 127, 201, 0.16)"  # Background of a stance.
@@ -28,7 +28,7 @@ SHADE = "rgba(42, 127, 201, 0.16)"  # Background of a stance.
 MAX_POINTS = 6000  # Of a line: a desk shows some 1200 pixels, and a reader zooms in by a factor of a few.
 MAX_DOTS = 3000  # Dots with a label for the pointer: more of them make a page slow.
 BAND = 1.96  # Half width of a 95 % band, in standard deviations.
-_METERS, _SECONDS = 4, 3  # Decimals: tenths of millimeters, milliseconds.
+_METERS, _SECONDS = 4, 3  # Decimals: tenths of millimetres, milliseconds.
 _DIGITS = 6  # Significant digits of all else.
 
 
@@ -70,7 +70,7 @@ def to_numbers(values: Floats, decimals: int | None = None) -> list[float | None
 
 
 def to_meters(values: Floats) -> list[float | None]:
-    """Round to tenths of millimeters."""
+    """Round to tenths of millimetres."""
     return to_numbers(values, _METERS)
 
 
@@ -115,7 +115,7 @@ def level(t: Floats, value: float, color: str, name: str, **more: Any) -> Trace:
 
 
 def fade(color: str, opacity: float) -> str:
-    """Return a color "#rrggbb" with an opacity."""
+    """Return a colour "#rrggbb" with an opacity."""
     red, green, blue = (int(color[k : k + 2], 16) for k in (1, 3, 5))
     return f"rgba({red}, {green}, {blue}, {opacity:g})"
 

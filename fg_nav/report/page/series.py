@@ -197,7 +197,7 @@ def draw_headings(views: Views) -> Chart:
 
 
 def group_by_verdict(field: FootfallField, table: StanceTable) -> list[tuple[Bools, str, str]]:
-    """Footfalls (F,) by the verdict in the table of a solution, with color and word."""
+    """Footfalls (F,) by the verdict in the table of a solution, with colour and word."""
     nearest = np.clip(np.searchsorted(table.t, field.t - 1e-6), 0, max(len(table) - 1, 0))
     words = np.array(table.field, dtype=object)[nearest] if len(table) else np.full(len(field), "", dtype=object)
     clear, disturbed = words == QUASI_STATIC, words == DISTURBED
