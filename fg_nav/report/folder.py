@@ -221,8 +221,8 @@ def unwritable(out: Path, error: OSError) -> OutputError:
 
 
 def _list_visible(*folders: Path) -> list[Path]:
-    """Entries of folders by name, a summary last, without hidden ones."""
-    found = sorted(entry for folder in folders for entry in folder.iterdir() if not entry.name.startswith("."))
+    """Entries of folders in turn, by name, summaries last, without hidden ones."""
+    found = [entry for folder in folders for entry in sorted(folder.iterdir()) if not entry.name.startswith(".")]
     return sorted(found, key=lambda entry: entry.name in _SUMMARIES)
 
 
