@@ -26,8 +26,7 @@ from fg_nav.samples.timing import fit_clock
 from fg_nav.text import format_count
 from fg_nav.truth import FootprintTruth, Truth
 from fg_nav.verdict import UNUSABLE, Verdict, combine
-from fg_nav.verdict.limits import judge_bad_samples, judge_filters
-from fg_nav.verdict.reason import Reason
+from fg_nav.verdict.limits import Reason, judge_bad_samples, judge_filters
 
 
 @dataclass(frozen=True)

@@ -55,7 +55,7 @@ from fg_nav.smoother.solver import in_nav
 from fg_nav.solution import StanceTable
 from fg_nav.system.compiled import njit
 from fg_nav.text import to_json
-from fg_nav.verdict.reason import Verdict as PathVerdict
+from fg_nav.verdict.limits import Verdict as PathVerdict
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,9 @@ from fg_nav.online.buffer import SampleBuffer
 from fg_nav.online.estimates import StanceEstimate
 from fg_nav.online.revision import Revision
 from fg_nav.verdict.limits import (
+    Reason,
+    Verdict,
+    combine,
     find_height_rate,
     judge_axes,
     judge_beginning,
@@ -33,7 +36,6 @@ from fg_nav.verdict.limits import (
     judge_stride,
     judge_unfollowed,
 )
-from fg_nav.verdict.reason import Reason, Verdict, combine
 
 DUE_S = 4.0
 """The line of a footfall comes at least so soon after the one before it: a standing has one every two seconds."""

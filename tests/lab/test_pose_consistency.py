@@ -7,7 +7,7 @@ import pytest
 
 from fg_nav.errors import EvaluationError
 from fg_nav.evaluation.comparison import Alignment, Comparison
-from fg_nav.evaluation.metrics import PARTS, estimate_freedom_of_mean, nees_band, share_in_band, whiten_errors
+from fg_nav.lab.consistency import PARTS, estimate_freedom_of_mean, nees_band, share_in_band, whiten_errors
 from tests.evaluation.walks import solution
 
 K = 81

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from fg_nav.errors import EvaluationError
-from fg_nav.evaluation.metrics import compute_stance_nees
 from fg_nav.frames import yaw_rotation
+from fg_nav.lab.consistency import compute_stance_nees
 from fg_nav.truth import TrajectoryTruth
 from tests.evaluation.walks import stance_table, winding_path
 
