@@ -17,8 +17,8 @@ from fg_nav.online.estimates import StanceEstimate, format_estimate
 from fg_nav.online.follow import StreamOptions, follow_source
 from fg_nav.online.line_verdict import LineVerdict
 from fg_nav.online.losses import LossCounter
-from fg_nav.online.replay import Replay
 from fg_nav.online.revision import Revision
+from fg_nav.online.sources import Replay
 from fg_nav.verdict.limits import judge_position
 from tests.online.walks import NORTH, push, short_walk
 
