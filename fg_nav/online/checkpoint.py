@@ -30,13 +30,13 @@ from fg_nav.arrays import Floats
 from fg_nav.detection.causal import CausalParameters
 from fg_nav.errors import EstimationError, FormatError, OutputError, describe_reason
 from fg_nav.online.buffer import TAKEN
-from fg_nav.online.judge import SampleFilter
 from fg_nav.online.navigator import NavigatorState, OnlineNavigator
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.packing import pack, unpack
 from fg_nav.online.pocket import Navigator, PocketOptions, begin_walk
 from fg_nav.online.record_check import is_in_order, refuse_damaged, say_damaged
 from fg_nav.online.record_log import append_record, read_records, write_records
+from fg_nav.online.sample_filter import SampleFilter
 from fg_nav.online.saved_state import StateChanges, StateReader, find_changes
 from fg_nav.system.locks import PathLock
 from fg_nav.text import format_count, to_json

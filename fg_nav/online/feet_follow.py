@@ -24,7 +24,7 @@ from fg_nav.online.feet_status import FeetStatus
 from fg_nav.online.follow import FollowedWalk, StreamOptions
 from fg_nav.online.outlets import Outlets, Say
 from fg_nav.online.revision import Revision
-from fg_nav.online.silence import Silence
+from fg_nav.online.source_check import Silence
 from fg_nav.online.sources import SampleSource
 
 WAIT_S = 0.05  # For bytes of one foot, before the other's are looked for.

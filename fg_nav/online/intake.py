@@ -13,9 +13,9 @@ from fg_nav.arrays import Floats
 from fg_nav.errors import EstimationError
 from fg_nav.online.buffer import COLUMNS, SampleBuffer, as_recording
 from fg_nav.online.estimates import StanceEstimate
-from fg_nav.online.judge import SampleFilter
 from fg_nav.online.revision import Revision
-from fg_nav.online.unit_watch import UnitWatch
+from fg_nav.online.sample_filter import SampleFilter
+from fg_nav.online.unit_monitor import UnitMonitor
 from fg_nav.recording import Recording
 
 
@@ -32,7 +32,7 @@ class SampleIntake(ABC):
     def __init__(self, remark: Callable[[str], None], judge: SampleFilter | None) -> None:
         self.buffer = SampleBuffer()
         self.judge = SampleFilter(remark) if judge is None else judge
-        self.units = UnitWatch(remark)
+        self.units = UnitMonitor(remark)
         self.source: dict[str, Any] = {}
         self._closed, self._busy_s = False, 0.0
 
@@ -45,7 +45,7 @@ class SampleIntake(ABC):
         ----------
         t, acc, gyr, mag, pressure
             (n,) s, (n, 3) m/s^2, (n, 3) rad/s, (n, 3) uT and (n,) Pa, as they come; n may be 0 or 1. What cannot be
-            used is left out (`fg_nav.online.judge`).
+            used is left out (`fg_nav.online.sample_filter`).
 
         Raises
         ------
@@ -94,9 +94,9 @@ class SampleIntake(ABC):
 
     def _admit(self, sent: Floats, at_end: bool = False) -> Floats:
         """Return the rows (m, 12) to take, of these as they were sent and of what waited."""
-        rows = self.units.admit(sent, at_end)
+        rows = self.units.accept(sent, at_end)
         self.source["units"] = self.units.state()
-        rows = self.judge.admit(rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:10], rows[:, 10])
+        rows = self.judge.accept(rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:10], rows[:, 10])
         return np.concatenate([rows, self.judge.flush()]) if at_end else rows
 
     def _admit_rest(self) -> Floats:

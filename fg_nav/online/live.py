@@ -20,6 +20,7 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from functools import partial
 from typing import Any
 
 from fg_nav.errors import StreamError
@@ -50,7 +51,7 @@ class SenderLock:
         self._last = -float("inf")
         self._others: set[str] = set()
 
-    def admit(self, host: str, port: int, is_gone: bool = False) -> float | None:
+    def accept(self, host: str, port: int, is_gone: bool = False) -> float | None:
         """Return None for another sender; else how long this one was away before, s, 0 for one that goes on.
 
         `is_gone`: the sender of before is known to have ended.
@@ -177,7 +178,7 @@ class TcpListener(_TcpConnector):
             connection, address = self._listener.accept()
         except OSError:  # it has gone already
             return
-        if self._senders.admit(address[0], address[1], is_free) is None:
+        if self._senders.accept(address[0], address[1], is_free) is None:
             connection.close()
         else:
             self._next = connection
@@ -199,7 +200,7 @@ class SerialDevice(Connector):
             raise StreamError(
                 f"{path} is a serial device, and pyserial is not installed: pip install 'fg-nav[serial]'."
             ) from None
-        self._open = lambda: serial.Serial(path, baud, timeout=POLL_S)
+        self._open: Callable[[], Any] = partial(serial.Serial, path, baud, timeout=POLL_S)
         try:
             self._port: Any = self._open()
         except (OSError, ValueError) as error:
@@ -332,7 +333,7 @@ class Datagrams(LiveSource):
             for level, kind, value in notes:
                 if (level, kind) == (socket.SOL_SOCKET, _SO_RXQ_OVFL):  # the system's count of those it had no room for
                     self._note_lost(int.from_bytes(value, sys.byteorder), self._lost_in_queue)
-            away_s = self._senders.admit(sender[0], sender[1])
+            away_s = self._senders.accept(sender[0], sender[1])
             if away_s is not None:
                 yield away_s, piece if piece.endswith(b"\n") else piece + b"\n"
 

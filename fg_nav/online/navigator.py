@@ -29,11 +29,11 @@ from fg_nav.online.beside import WorkerSolver
 from fg_nav.online.buffer import SampleBuffer
 from fg_nav.online.estimates import StanceEstimate, Track, select_rows
 from fg_nav.online.intake import SampleIntake
-from fg_nav.online.judge import SampleFilter
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.path import build_path
 from fg_nav.online.resolve import measure_walk_field
 from fg_nav.online.revision import Revision
+from fg_nav.online.sample_filter import SampleFilter
 from fg_nav.online.smoother import OnlineSmoother
 from fg_nav.online.smoother_state import SmootherState
 from fg_nav.online.solving import Solver

@@ -32,10 +32,10 @@ from fg_nav.magnetic.axes import align_magnetometer
 from fg_nav.online.buffer import as_recording
 from fg_nav.online.estimates import StanceEstimate, Track, build_table
 from fg_nav.online.intake import SampleIntake
-from fg_nav.online.judge import SampleFilter
 from fg_nav.online.navigator import METHOD, OnlineNavigator
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.revision import TURNED_RAD, Revision, thin_rows
+from fg_nav.online.sample_filter import SampleFilter
 from fg_nav.pocket.causal_steps import StrideEnd
 from fg_nav.pocket.dead_reckoning import (
     MOUNTING_SIGMA_DEG,

@@ -116,14 +116,14 @@ def test_a_sender_that_was_switched_off_and_on_is_heard_again(monkeypatch):
 def test_datagrams_that_find_no_room_are_counted(monkeypatch):
     monkeypatch.setattr(live, "SYSTEM_BUFFER", 4096)
     is_busy = [True]
-    admit = live.SenderLock.admit
+    accept = live.SenderLock.accept
 
     def wait(*given):
         while is_busy[0]:
             time.sleep(0.001)
-        return admit(*given)
+        return accept(*given)
 
-    monkeypatch.setattr(live.SenderLock, "admit", wait)
+    monkeypatch.setattr(live.SenderLock, "accept", wait)
     port = free_port()
     with Opened(f"udp://127.0.0.1:{port}") as opened, closing(sender(port)) as out:
         out.send(HEADER)
