@@ -134,7 +134,7 @@ class _FollowedFeet:
     def _tell(self, line: FeetLine) -> None:
         """Tell a line; those of a foot with the verdict on its path."""
         if line.foot != "person" and isinstance(line.content, StanceEstimate | Revision):
-            self._walks[line.foot].tell([line.content])
+            self._walks[line.foot].report([line.content])
             return
         for text in format_feet_line(line):
             self._emit(text)

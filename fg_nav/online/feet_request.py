@@ -1,4 +1,4 @@
-"""What a user asks of `fg-nav stream LEFT RIGHT --mount feet`: as of one sensor (`request`), for two.
+"""What a user asks of `fg-nav stream LEFT RIGHT --mount feet`: as of one sensor (`follow`), for two.
 
 Calibrations are two files with a comma between; what is of one sensor alone is refused.
 """
@@ -14,9 +14,9 @@ from fg_nav.feet.options import refuse_for_two, split_pair
 from fg_nav.feet.sides import SIDES, Side
 from fg_nav.online.feet import FeetNavigator
 from fg_nav.online.feet_follow import follow_feet
+from fg_nav.online.follow import ENDING, StreamedWalk, StreamRequest, open_source_of, read_stream_options
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.outlets import Outlets
-from fg_nav.online.request import ENDING, StreamedWalk, StreamRequest, open_source_of, read_stream_options
 from fg_nav.system.signals import catch_signals
 
 

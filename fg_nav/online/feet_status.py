@@ -1,4 +1,4 @@
-"""What holds between footfalls of two feet, for whoever watches: keys as of one foot (`status`).
+"""What holds between footfalls of two feet, for whoever watches: keys as of one foot (`outlets`).
 
 The place of the moment is that of the newest step, which its line has: `position_m` and `heading_deg` are null.
 `standing` is whether both feet stand, `floor` and `returns` are the left foot's, and rate and losses those of both.
@@ -13,15 +13,15 @@ import numpy as np
 
 from fg_nav.online.estimates import DIGITS
 from fg_nav.online.feet import FeetNavigator
-from fg_nav.online.status import StatusReporter, list_ends
+from fg_nav.online.outlets import StatusReporter, list_ends
 
 
 class FeetStatus(StatusReporter):
     """Measures while two sources are followed, and reports to a watcher."""
 
     def report_feet(self, feet: FeetNavigator, lost: Mapping[str, int], ended: bool = False) -> None:
-        """Send the status, as `report` does of one foot."""
-        self._send(lambda: _describe(feet), lost, ended)
+        """Send the status."""
+        self.report(lambda: _describe(feet), lost, ended)
 
 
 def _describe(feet: FeetNavigator) -> dict[str, Any]:

@@ -7,7 +7,7 @@ history   `path`, rows t, east, north, up, as it is known now; `last`, the newes
           sent anew in place of `revised`, and behind `turned` and `retracted`: a page has no arithmetic of its own;
           `feet`, of two sensors, the path and the newest line of each by side, beside the person's (`walkers`)
 now, turned, retracted    the lines, as `fg-nav stream` prints them
-status    some five times a second while somebody watches: what holds between footfalls (`fg_nav.online.status`)
+status    some five times a second while somebody watches: what holds between footfalls (`fg_nav.online.outlets`)
 remark    `words`: what is odd, in a sentence
 ========= =======================================================================================================
 
