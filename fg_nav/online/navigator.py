@@ -128,7 +128,7 @@ class OnlineNavigator(SampleIntake):
     def begin_end(self) -> list[StanceEstimate | Revision]:
         """End the walk, return the estimates of the footfalls that were still open, and begin its last solution."""
         self._closed = True
-        found = self._add_rows(self._admit_rest())
+        found = self._add_rows(self._accept(at_end=True))
         if self.buffer.stop >= MIN_SAMPLES:
             # A stance of the very last sample alone is none.
             found += self._estimates(f for f in self._stances.finish() if f.start[0] + 1 < self.buffer.stop)

@@ -140,7 +140,7 @@ class PocketNavigator(SampleIntake):
         if self._closed:
             return []
         self._closed = True
-        self.buffer.append(self._admit_rest())
+        self.buffer.append(self._accept(at_end=True))
         found = self._add_blocks(at_end=True)
         return found if self._thigh is None else found + self._report(self._thigh.steps.cut())
 
