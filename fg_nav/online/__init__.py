@@ -2,7 +2,7 @@
 
 The data's way: `sources` (rows as they come), `judge` (which of them to take) with `overlap` (which of a resumed stream
 are new), `buffer` (the samples so far), `fg_nav.detection.causal` (footfalls), `navigator`, which hands them to
-`smoother` (the newest `stretch`, in `isam2`; all of it solved beside, `solving`), `estimates` and `revision` (lines of
+`smoother` (the newest `window`, in `isam2`; all of it solved again in the `background`, `solving`), `estimates` (lines of
 JSON), `checkpoint` (save and resume); `follow` calls them until the stream ends. For a thigh `pocket` is the navigator.
 """
 

@@ -23,14 +23,13 @@ from fg_nav.calibration.of_recording import Calibration
 from fg_nav.errors import EstimationError, FgNavError
 from fg_nav.magnetic.axes import MagAxes
 from fg_nav.online.checkpoint import Checkpoint, Snapshot
-from fg_nav.online.estimates import StanceEstimate, format_estimate
+from fg_nav.online.estimates import Revision, StanceEstimate, describe_past, format_estimate, format_revision
 from fg_nav.online.line_verdict import Judged, LineVerdict
 from fg_nav.online.losses import LossCounter, describe_losses
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.outlets import Say
 from fg_nav.online.pocket import Navigator, PocketOptions, begin_walk
 from fg_nav.online.record_check import say_damaged
-from fg_nav.online.revision import Revision, describe_past, format_revision
 from fg_nav.online.rows import Columns
 from fg_nav.online.silence import Silence
 from fg_nav.online.source_check import SourceCheck

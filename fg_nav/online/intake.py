@@ -12,9 +12,8 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.errors import EstimationError
 from fg_nav.online.buffer import COLUMNS, SampleBuffer, as_recording
-from fg_nav.online.estimates import StanceEstimate
+from fg_nav.online.estimates import Revision, StanceEstimate
 from fg_nav.online.judge import SampleFilter
-from fg_nav.online.revision import Revision
 from fg_nav.online.unit_watch import UnitWatch
 from fg_nav.recording import Recording
 

@@ -20,8 +20,7 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.online.axes_check import AxesCheck
 from fg_nav.online.buffer import SampleBuffer
-from fg_nav.online.estimates import StanceEstimate
-from fg_nav.online.revision import Revision
+from fg_nav.online.estimates import Revision, StanceEstimate
 from fg_nav.verdict.limits import (
     find_height_rate,
     judge_axes,
