@@ -162,7 +162,7 @@ class Checkpoint:
             # All of it is on the disk: the next save begins behind it.
             self._stop = record.first + len(record.rows)
             if state is not None:
-                self._state, self._begun_at = state, state.smoother.starts[-1].place.sample
+                self._state, self._begun_at = state, state.smoother.starts[-1].stance.sample
                 self._state_bytes = len(packed)
             # What is superseded is left out once it is more than half.
             if self._size > max(2 * self._count_needed(record.kept_from), MIN_BYTES):
@@ -202,7 +202,7 @@ class Checkpoint:
         if len(navigator.reported_continues) != content.newest.n_reported:
             raise EstimationError(f"{name} is of a version that found other footfalls: begin the walk again.")
         self._size, self._stop = content.size, content.stop
-        self._begun_at = -1 if self._state is None else self._state.smoother.starts[-1].place.sample
+        self._begun_at = -1 if self._state is None else self._state.smoother.starts[-1].stance.sample
         behind = self._path.stat().st_size - content.size
         if behind:
             remark(f"the last {format_count(behind, 'byte')} of {name} are not whole, and left out.")

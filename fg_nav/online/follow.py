@@ -30,14 +30,13 @@ from fg_nav.io import read_fixes
 from fg_nav.magnetic.axes import MagAxes
 from fg_nav.magnetic.quasi_static import choose_gate
 from fg_nav.online.checkpoint import Checkpoint, Snapshot
-from fg_nav.online.estimates import StanceEstimate, format_estimate
+from fg_nav.online.estimates import Revision, StanceEstimate, describe_past, format_estimate, format_revision
 from fg_nav.online.line_verdict import Judged, LineVerdict
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.outlets import Outlets, Say, StatusReporter, describe_walk
 from fg_nav.online.pocket import Navigator, PocketOptions, begin_walk
 from fg_nav.online.record import open_recorded
 from fg_nav.online.record_check import say_damaged
-from fg_nav.online.revision import Revision, describe_past, format_revision
 from fg_nav.online.rows import Columns, parse_columns
 from fg_nav.online.source_check import LossCounter, Silence, SourceCheck, describe_losses
 from fg_nav.online.sources import SampleSource, open_samples

@@ -12,8 +12,7 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.errors import EstimationError
 from fg_nav.online.buffer import COLUMNS, SampleBuffer, as_recording
-from fg_nav.online.estimates import StanceEstimate
-from fg_nav.online.revision import Revision
+from fg_nav.online.estimates import Revision, StanceEstimate
 from fg_nav.online.sample_filter import SampleFilter
 from fg_nav.online.unit_monitor import UnitMonitor
 from fg_nav.recording import Recording
@@ -95,7 +94,7 @@ class SampleIntake(ABC):
         return (*self.judge.notes, *self.units.notes)
 
     def _accept(self, sent: Floats = NO_ROWS, at_end: bool = False) -> Floats:
-        """Return the rows (m, 12) to use, of these as they were sent and of what waited; `at_end` none waits any more."""
+        """Return the rows (m, 12) to use, of these as sent and of what waited; `at_end` none waits any more."""
         rows = self.units.accept(sent, at_end)
         self.source["units"] = self.units.state()
         rows = self.judge.accept(rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:10], rows[:, 10])

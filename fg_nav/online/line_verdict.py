@@ -8,31 +8,19 @@ seen in as many.
 Between two lines the walk may be solved again, and its map move. A stride is measured within one map: where the past
 was revised, from its newest footfall in the new map; where the revision does not know it, the stride to the next line
 is not measured.
-
-Whether the sensors have the same, right-handed axes is measured in strides, those of a foot as in
-`detection.handedness`, in a pocket as in `detection.swing_axes`. They are counted in blocks of `BLOCK_S`, until
-`MIN_STRIDES` of them show the axes that were given, or `MAX_STRIDES` are there. If others are certain, a stream is
-refused in its first minute; later there is a remark, for a walk is not ended, and each line says that it is not to be
-used.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from typing import Any, TypeAlias
 
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.detection.handedness import AXES, DECISIVE, MAX_STRIDES, NO_EVIDENCE, measure_axes
-from fg_nav.detection.mount import Wearing
-from fg_nav.detection.swing_axes import NO_SWINGS, WINDOW_S, measure_swing_axes
-from fg_nav.errors import RecordingError
 from fg_nav.online.buffer import SampleBuffer
-from fg_nav.online.estimates import StanceEstimate
-from fg_nav.online.revision import Revision
-from fg_nav.online.source_check import REFUSED_S
+from fg_nav.online.estimates import Revision, StanceEstimate
+from fg_nav.online.source_check import AxesCheck
 from fg_nav.verdict.limits import (
     find_height_rate,
     judge_axes,
@@ -49,11 +37,6 @@ from fg_nav.verdict.reason import Reason, Verdict, combine
 DUE_S = 4.0
 """The line of a footfall comes at least so soon after the one before it: a standing has one every two seconds."""
 
-BLOCK_S: Mapping[Wearing, float] = {"foot": 5.0, "pocket": WINDOW_S + 0.05}
-"""Four strides, most of them whole; of a thigh a window in which their period is found."""
-
-MIN_STRIDES = 15  # that show the axes given
-MIN_SAMPLES = 50  # of a block; fewer show no stride
 FEWEST = 5  # Strides of which the median of gravity is judged.
 FASTEST = 4  # Strides, by the slowest of which the fastest is judged: who begins to run makes more of them.
 REMEMBERED = 32  # Heights, more than are made in the time over which their rate is measured.
@@ -61,79 +44,6 @@ SAME_S = 1e-3  # Stamps of one footfall, of any clock: less than a sample apart.
 
 Judged: TypeAlias = tuple[StanceEstimate | Revision, Verdict | None]
 """What a walk tells, and the verdict on an estimate."""
-
-
-class AxesCheck:
-    """Checks the axes of the samples of a walk as they come, whatever the blocks.
-
-    Parameters
-    ----------
-    remark : called with one sentence if wrong axes are found later than `REFUSED_S`.
-    refuses : whether a stream is refused in its first minute; not where a walk is resumed.
-    mount : where the sensor is worn.
-
-    Attributes
-    ----------
-    evidence : of the strides so far.
-    """
-
-    def __init__(self, remark: Callable[[str], None], refuses: bool = True, mount: Wearing = "foot") -> None:
-        is_foot = mount == "foot"
-        self.evidence = NO_EVIDENCE if is_foot else NO_SWINGS
-        self._block_s, self._measure = BLOCK_S[mount], measure_axes if is_foot else measure_swing_axes
-        self._remark, self._refuses = remark, refuses
-        self._begins = 0  # sample at which the next block begins
-        self._passed_s = 0.0
-
-    def look_at(self, buffer: SampleBuffer) -> None:
-        """Check the samples that have come since.
-
-        Raises
-        ------
-        RecordingError
-            If strides of the first minute surely show other axes than those given.
-        """
-        while not self._is_settled:
-            # the next block, once it has come
-            self._begins = max(self._begins, buffer.first)
-            if self._begins >= buffer.stop:
-                return
-            stop = buffer.find_since(buffer.stamp(self._begins) + self._block_s, buffer.stop)
-            if stop == buffer.stop:
-                return
-            rows = buffer.between(self._begins, stop)
-            if len(rows) >= MIN_SAMPLES:
-                self._count(rows)
-            self._begins = stop
-
-    def state(self) -> dict[str, Any]:
-        """Return what `resume` needs, as JSON values; of axes that are settled no more than their number."""
-        found = self.evidence
-        scores = [] if self._is_settled and not found.against else found.scores.tolist()
-        return {"begins": self._begins, "passed_s": self._passed_s, "scores": scores, "gravity": found.gravity.tolist()}
-
-    def resume(self, state: Mapping[str, Any]) -> None:
-        """Restore the state of another check."""
-        self._begins, self._passed_s = int(state["begins"]), float(state["passed_s"])
-        gravity = np.array(state["gravity"], dtype=np.float64)
-        scores = np.array(state["scores"] or np.zeros((len(gravity), len(AXES))), dtype=np.float64)
-        self.evidence = replace(self.evidence, scores=scores.reshape(len(gravity), len(AXES)), gravity=gravity)
-
-    @property
-    def _is_settled(self) -> bool:
-        found = self.evidence
-        agrees = found.strides >= MIN_STRIDES and found.against < 1.0
-        return agrees or found.strides >= MAX_STRIDES or found.against > DECISIVE
-
-    def _count(self, rows: Floats) -> None:
-        """Count the strides of a block."""
-        self._passed_s += float(np.ptp(rows[:, 0]))
-        self.evidence += self._measure(rows[:, 0], rows[:, 1:4], rows[:, 4:7])
-        if self.evidence.against <= DECISIVE:
-            return
-        if self._refuses and self._passed_s <= REFUSED_S:
-            raise RecordingError(f"{self.evidence.problem}.")
-        self._remark(f"{self.evidence.problem}; the track is not to be used.")
 
 
 class LineVerdict:

@@ -28,9 +28,9 @@ import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import EstimationError, FgNavError, FormatError
+from fg_nav.online.anchor import PathNodes
 from fg_nav.online.buffer import COLUMNS
 from fg_nav.online.estimates import split_rows
-from fg_nav.online.handover import PathNodes
 from fg_nav.online.saved_state import FootfallTable, RowTable
 from fg_nav.samples.outliers import ACC_OUT, GYR_OUT
 from fg_nav.samples.plausibility import find_squarable

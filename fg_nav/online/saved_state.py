@@ -19,9 +19,9 @@ import numpy as np
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.detection.causal import CausalStances, Footfall
+from fg_nav.online.anchor import NO_NODES, AnchorState, Past, PathNodes
 from fg_nav.online.buffer import ReportedFootfall, SensorState
 from fg_nav.online.estimates import EstimateRow
-from fg_nav.online.handover import NO_NODES, Handover, Past, PathNodes
 from fg_nav.online.navigator import NavigatorState
 from fg_nav.online.smoother_state import Pending, SmootherState
 from fg_nav.online.solving import Task
@@ -80,7 +80,7 @@ class FootfallTable:
             [len(one.start) for one in found],
             [one.stillest for one in found],
             [one.continues for one in found],
-            [one.told for one in new],
+            [one.line for one in new],
             [one.until for one in new],
         )
         counts, *others = (np.array(column, dtype=np.int64) for column in columns)
@@ -141,7 +141,7 @@ class StateChanges:
     reported_continues: Ints
     footfalls: FootfallTable
     past: PastTable
-    handovers: tuple[Handover, ...]
+    handovers: tuple[AnchorState, ...]
     starts: tuple[int, ...]
     due: tuple[tuple[int, ...], int, int] | None
     sensor: SensorState | None
@@ -157,7 +157,7 @@ def find_changes(state: NavigatorState, known: NavigatorState | None) -> StateCh
         told = _count_same(new.told, old.told)
         footfalls = _count_same(new.footfalls, old.footfalls)
         past = _count_same(new.past.rows, old.past.rows)
-    at = set() if old is None else {one.place.sample for one in old.starts}
+    at = set() if old is None else {one.stance.sample for one in old.starts}
     pending = new.pending
     others = {name: getattr(state, name) for name in ("stop", "handed", "waits", "warned", "has_ended", "busy_s")}
     others |= {name: getattr(new, name) for name in ("next", "doubted", "has_mag", "discarded")}
@@ -166,8 +166,8 @@ def find_changes(state: NavigatorState, known: NavigatorState | None) -> StateCh
         reported_continues=np.array(new.reported_continues[told:], dtype=np.int64),
         footfalls=FootfallTable.from_footfalls(new.footfalls, footfalls),
         past=PastTable.from_past(new.past, past),
-        handovers=tuple(one for one in new.starts if one.place.sample not in at),
-        starts=tuple(one.place.sample for one in new.starts),
+        handovers=tuple(one for one in new.starts if one.stance.sample not in at),
+        starts=tuple(one.stance.sample for one in new.starts),
         due=None if pending is None else (pending.asked, pending.footfalls, _name_start(pending.task)),
         sensor=None if pending is None else pending.task.sensor,
         others=others,
@@ -182,7 +182,7 @@ class StateReader:
         self._told: list[tuple[RowTable, Ints]] = []
         self._footfalls: list[FootfallTable] = []
         self._past: list[PastTable] = []
-        self._handovers: dict[int, Handover] = {}
+        self._handovers: dict[int, AnchorState] = {}
         self._newest: StateChanges | None = None
 
     def add(self, changes: StateChanges) -> None:
@@ -201,7 +201,7 @@ class StateReader:
         if self._past:
             self._past[-1] = self._past[-1].cut_at(past)
         self._past.append(past)
-        known = self._handovers | {one.place.sample: one for one in changes.handovers}
+        known = self._handovers | {one.stance.sample: one for one in changes.handovers}
         self._handovers = {sample: known[sample] for sample in changes.starts}
 
     def state(self) -> NavigatorState | None:
@@ -226,19 +226,19 @@ class StateReader:
 
 
 def _restore_pending(
-    changes: StateChanges, handovers: dict[int, Handover], footfalls: tuple[ReportedFootfall, ...]
+    changes: StateChanges, handovers: dict[int, AnchorState], footfalls: tuple[ReportedFootfall, ...]
 ) -> Pending | None:
     if changes.due is None or changes.sensor is None:
         return None
     asked, count, at = changes.due
     start = None if at == OF_WALK else handovers[at]
-    begins = 0 if start is None else start.place.number
+    begins = 0 if start is None else start.stance.number
     return Pending(asked, count, Task(start, footfalls[begins:count], changes.sensor))
 
 
 def _name_start(task: Task) -> int:
     """Sample of the handover that a task begins at."""
-    return OF_WALK if task.start is None else task.start.place.sample
+    return OF_WALK if task.start is None else task.start.stance.sample
 
 
 def _join_past(tables: Sequence[PastTable]) -> Past:

@@ -1,6 +1,7 @@
-"""Whether a stream is of one sensor, worn where it is said to be; else it is refused in its first minute.
+"""Checks of a source: one sensor, worn where it is said to be, with right axes, and how much of it is lost or silent.
 
-That minute is of the walk: one that is resumed from a checkpoint goes on with what was seen before.
+A stream of two sensors, or of one worn elsewhere, is refused in its first minute. That minute is of the walk: one that
+is resumed from a checkpoint goes on with what was seen before.
 
 Two sensors at once, such as one on a foot and one in a pocket that send to the same port, are seen in windows of
 `WINDOW` rows by either sign:
@@ -18,6 +19,11 @@ have 3 to 19 while they walk, over 100 while they stand, and 1.8 to 6 where one 
 Where a sensor is worn is seen as in a recording (`fg_nav.detection.mount`), as soon as it is clear. None of 63 real
 recordings of feet, walked and run (gdin, gdlbio, openshoe, xio, vicon, two feet), is refused by either.
 
+Whether its sensors have the same, right-handed axes is measured in strides, those of a foot as in
+`detection.handedness`, in a pocket as in `detection.swing_axes`. They are counted in blocks of `BLOCK_S`, until
+`MIN_AXES_STRIDES` of them show the axes that were given, or `MAX_STRIDES` are there. If others are certain, a stream is
+refused in its first minute; later there is a remark, and each line says that it is not to be used.
+
 Samples that were lost on the way are counted by the stamps of those that came. A sensor samples evenly: within a window
 of `WINDOW` rows the median step between stamps is its period T, and a step of k T, k = 2, 3, ..., lacks k - 1 samples.
 Longer steps than `MAX_STEP_S` are gaps, which are remarked by themselves. Of stamps that jitter only steps of more than
@@ -29,15 +35,18 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from fg_nav.arrays import Floats, Ints
+from fg_nav.detection.handedness import AXES, DECISIVE, MAX_STRIDES, NO_EVIDENCE, measure_axes
 from fg_nav.detection.mount import Wearing, measure_turning
+from fg_nav.detection.swing_axes import NO_SWINGS, WINDOW_S, measure_swing_axes
 from fg_nav.errors import EstimationError, RecordingError, StreamError
 from fg_nav.frames import GRAVITY_M_S2
-from fg_nav.online.buffer import COLUMNS
+from fg_nav.online.buffer import COLUMNS, SampleBuffer
 from fg_nav.online.overlap import Overlap
 from fg_nav.recording import GAP_PERIODS, Recording
 from fg_nav.samples.plausibility import find_squarable, find_stamp_problem, median_period_s
@@ -54,6 +63,10 @@ MAX_WINDOWS = round(REFUSED_S * 5000.0 / WINDOW)  # for that: of the fastest sen
 MIN_SHARE = 0.25  # of the rows, in the second sequence of stamps; rows that a network delays are some per cent
 TURNS = 6  # of the two sequences in a window, at least
 RATE_RAD_S = 5.0  # by which rates are divided
+
+MIN_AXES_STRIDES = 15  # that show the axes given
+MIN_SAMPLES = 50  # of a block for axes; fewer show no stride
+BLOCK_S: Mapping[Wearing, float] = {"foot": 5.0, "pocket": WINDOW_S + 0.05}  # four strides; a window for their period
 
 EVEN, MAX_UNEVEN = 0.25, 0.1  # deviation of even steps from whole periods, in periods; share of others that may be
 ANOTHER = 1.2  # times longer or shorter is a period of another rate
@@ -179,6 +192,79 @@ def has_two_clocks(t: Floats) -> bool:
         last[of[i]] = stamp
     turns = int((np.diff(of) != 0).sum())
     return turns >= TURNS and MIN_SHARE < float(of.mean()) < 1.0 - MIN_SHARE
+
+
+class AxesCheck:
+    """Checks the axes of the samples of a walk as they come, whatever the blocks.
+
+    Parameters
+    ----------
+    remark : called with one sentence if wrong axes are found later than `REFUSED_S`.
+    refuses : whether a stream is refused in its first minute; not where a walk is resumed.
+    mount : where the sensor is worn.
+
+    Attributes
+    ----------
+    evidence : of the strides so far.
+    """
+
+    def __init__(self, remark: Callable[[str], None], refuses: bool = True, mount: Wearing = "foot") -> None:
+        is_foot = mount == "foot"
+        self.evidence = NO_EVIDENCE if is_foot else NO_SWINGS
+        self._block_s, self._measure = BLOCK_S[mount], measure_axes if is_foot else measure_swing_axes
+        self._remark, self._refuses = remark, refuses
+        self._begins = 0  # sample at which the next block begins
+        self._passed_s = 0.0
+
+    def look_at(self, buffer: SampleBuffer) -> None:
+        """Check the samples that have come since.
+
+        Raises
+        ------
+        RecordingError
+            If strides of the first minute surely show other axes than those given.
+        """
+        while not self._is_settled:
+            # the next block, once it has come
+            self._begins = max(self._begins, buffer.first)
+            if self._begins >= buffer.stop:
+                return
+            stop = buffer.find_since(buffer.stamp(self._begins) + self._block_s, buffer.stop)
+            if stop == buffer.stop:
+                return
+            rows = buffer.between(self._begins, stop)
+            if len(rows) >= MIN_SAMPLES:
+                self._count(rows)
+            self._begins = stop
+
+    def state(self) -> dict[str, Any]:
+        """Return what `resume` needs, as JSON values; of axes that are settled no more than their number."""
+        found = self.evidence
+        scores = [] if self._is_settled and not found.against else found.scores.tolist()
+        return {"begins": self._begins, "passed_s": self._passed_s, "scores": scores, "gravity": found.gravity.tolist()}
+
+    def resume(self, state: Mapping[str, Any]) -> None:
+        """Restore the state of another check."""
+        self._begins, self._passed_s = int(state["begins"]), float(state["passed_s"])
+        gravity = np.array(state["gravity"], dtype=np.float64)
+        scores = np.array(state["scores"] or np.zeros((len(gravity), len(AXES))), dtype=np.float64)
+        self.evidence = replace(self.evidence, scores=scores.reshape(len(gravity), len(AXES)), gravity=gravity)
+
+    @property
+    def _is_settled(self) -> bool:
+        found = self.evidence
+        agrees = found.strides >= MIN_AXES_STRIDES and found.against < 1.0
+        return agrees or found.strides >= MAX_STRIDES or found.against > DECISIVE
+
+    def _count(self, rows: Floats) -> None:
+        """Count the strides of a block."""
+        self._passed_s += float(np.ptp(rows[:, 0]))
+        self.evidence += self._measure(rows[:, 0], rows[:, 1:4], rows[:, 4:7])
+        if self.evidence.against <= DECISIVE:
+            return
+        if self._refuses and self._passed_s <= REFUSED_S:
+            raise RecordingError(f"{self.evidence.problem}.")
+        self._remark(f"{self.evidence.problem}; the track is not to be used.")
 
 
 class LossCounter:

@@ -10,7 +10,7 @@ from fg_nav.detection.swing_axes import MIN_STRIDES, NO_SWINGS, measure_swing_ax
 from fg_nav.errors import RecordingError
 from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.online.buffer import SampleBuffer, rows_of
-from fg_nav.online.line_verdict import AxesCheck
+from fg_nav.online.source_check import AxesCheck
 from fg_nav.verdict.limits import judge_axes
 
 MIRRORS = {

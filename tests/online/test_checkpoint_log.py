@@ -153,8 +153,8 @@ def test_what_is_no_checkpoint_is_refused(tmp_path):
     [
         {"object": ["os:system", ["true"]]},
         {"object": ["fg_nav.errors:np", []]},
-        {"object": ["fg_nav.online.handover:Past", {"first": 1}]},
-        {"object": ["fg_nav.online.handover:PathNodes", [1]]},
+        {"object": ["fg_nav.online.anchor:Past", {"first": 1}]},
+        {"object": ["fg_nav.online.anchor:PathNodes", [1]]},
         {"array": 3},
         {"call": "os"},
     ],

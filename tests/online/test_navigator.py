@@ -104,7 +104,7 @@ def test_a_walk_whose_beginning_is_not_solved_again_still_has_its_path(whole, mo
     navigator = OnlineNavigator(NORTH)
     push(navigator, rows_of(short_walk()))
     found, expected = navigator.finish(), whole[0].finish()
-    assert navigator._smoother._starts[0].place.number > 2
+    assert navigator.smoother.anchors[0].stance.number > 2
     apart = np.abs(found.position - expected.position).max(axis=0)
     assert apart[:2].max() < 0.05
     assert apart[2] < 0.10  # a window has no level floors
