@@ -43,7 +43,7 @@ from fg_nav import cli
 from fg_nav.arrays import Floats
 from fg_nav.online import follow
 from fg_nav.online.checkpoint import VERSION
-from fg_nav.online.record_log import read_records, write_records
+from fg_nav.online.packing import read_records, write_records
 from fg_nav.recording import RawRecording
 from fg_nav.verdict import UNUSABLE
 

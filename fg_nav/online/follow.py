@@ -36,7 +36,7 @@ from fg_nav.online.options import OnlineOptions
 from fg_nav.online.outlets import Outlets, Say, StatusReporter, describe_walk
 from fg_nav.online.pocket import Navigator, PocketOptions, begin_walk
 from fg_nav.online.record import open_recorded
-from fg_nav.online.record_check import say_damaged
+from fg_nav.online.record_check import report_damaged
 from fg_nav.online.rows import Columns, parse_columns
 from fg_nav.online.source_check import LossCounter, Silence, SourceCheck, describe_losses
 from fg_nav.online.sources import SampleSource, open_samples
@@ -247,7 +247,7 @@ def follow_source(
         if navigator.footfalls:  # its path, for clients that have not seen it
             walk.emit_lines([(describe_past(navigator.smoothed()), None)])
         if navigator.source.get("header") and options.checkpoint is not None:
-            with say_damaged(options.checkpoint):
+            with report_damaged(options.checkpoint):
                 source.resume(navigator.source["header"])
         # the source, to its end
         silence = Silence(source.name, options.stalled_s, options.until_silent_s, remark)
@@ -311,7 +311,7 @@ class FollowedWalk:
             "verdict": self._verdict,
             "losses": self._losses,
         }
-        with nullcontext() if options.checkpoint is None else say_damaged(options.checkpoint):
+        with nullcontext() if options.checkpoint is None else report_damaged(options.checkpoint):
             for name, part in self._parts.items():
                 if name in navigator.source:
                     part.resume(navigator.source[name])

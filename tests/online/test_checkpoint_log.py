@@ -14,8 +14,7 @@ from fg_nav.online.buffer import rows_of
 from fg_nav.online.checkpoint import VERSION, Checkpoint
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.overlap import HEAD
-from fg_nav.online.packing import pack, unpack
-from fg_nav.online.record_log import write_records
+from fg_nav.online.packing import pack, unpack, write_records
 from tests.online.walks import NORTH, push, short_walk, solve_in_windows, worst_difference
 
 
