@@ -97,7 +97,7 @@ def test_gtsam_and_matplotlib_each_have_their_place():
 
 
 RUNS_CODE = {"pickle", "marshal", "shelve", "dill", "cloudpickle", "joblib", "code", "runpy"}
-OWN_CHILDREN = {ROOT / "fg_nav" / "online" / name for name in ("beside.py", "worker.py")}
+OWN_CHILDREN = {ROOT / "fg_nav" / "online" / name for name in ("background.py", "worker.py")}
 
 
 def test_what_could_run_code_of_a_file_is_not_there():

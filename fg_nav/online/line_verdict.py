@@ -1,7 +1,7 @@
 """Is the path of a walk in progress to be trusted up to this line? Each line says so, by what is wrong with the path.
 
 What counts is in `fg_nav.verdict.limits`: the fastest stride, the highest rate of the height, the time without a
-footfall, the region of the place over the way, and what strides show of the axes and of gravity (`axes_check`). A path
+footfall, the region of the place over the way, and what strides show of the axes and of gravity (`AxesCheck`). A path
 that was spoiled stays so, and one is not trusted before as many strides were walked as make a walk, and the axes were
 seen in as many.
 
@@ -18,10 +18,9 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.online.axes_check import AxesCheck
 from fg_nav.online.buffer import SampleBuffer
-from fg_nav.online.estimates import StanceEstimate
-from fg_nav.online.revision import Revision
+from fg_nav.online.estimates import Revision, StanceEstimate
+from fg_nav.online.source_check import AxesCheck
 from fg_nav.verdict.limits import (
     Reason,
     Verdict,

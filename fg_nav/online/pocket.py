@@ -30,12 +30,11 @@ from fg_nav.detection.mount import refuse_foot
 from fg_nav.frames import yaw_rotation
 from fg_nav.magnetic.axes import align_magnetometer
 from fg_nav.online.buffer import as_recording
-from fg_nav.online.estimates import StanceEstimate, Track, build_table
+from fg_nav.online.estimates import TURNED_RAD, Revision, StanceEstimate, StrapdownPath, build_table, thin_rows
 from fg_nav.online.intake import SampleIntake
-from fg_nav.online.judge import SampleFilter
 from fg_nav.online.navigator import METHOD, OnlineNavigator
 from fg_nav.online.options import OnlineOptions
-from fg_nav.online.revision import TURNED_RAD, Revision, thin_rows
+from fg_nav.online.sample_filter import SampleFilter
 from fg_nav.pocket.causal_steps import StrideEnd
 from fg_nav.pocket.dead_reckoning import (
     MOUNTING_SIGMA_DEG,
@@ -140,7 +139,7 @@ class PocketNavigator(SampleIntake):
         if self._closed:
             return []
         self._closed = True
-        self.buffer.append(self._admit_rest())
+        self.buffer.append(self._accept(at_end=True))
         found = self._add_blocks(at_end=True)
         return found if self._thigh is None else found + self._report(self._thigh.steps.cut())
 
@@ -163,13 +162,13 @@ class PocketNavigator(SampleIntake):
         """None: a pocket's path is not compared with itself."""
         return ()
 
-    def pose(self) -> Track | None:
+    def pose(self) -> StrapdownPath | None:
         """Return position and course at the last sample, as a path of one row: those of the newest line, if any."""
         if not self._told:
             return None
         last, t = self._told[-1], self.buffer.stamp(self.buffer.stop - 1)
         course = yaw_rotation(np.pi / 2 - last.heading)
-        return Track(np.array([t]), last.position[None], last.velocity[None], course[None])
+        return StrapdownPath(np.array([t]), last.position[None], last.velocity[None], course[None])
 
     def causal(self) -> StanceTable:
         """Return one row an estimate, as it was reported; its attitude is that of the sensor."""

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from fg_nav.online.anchor import AnchorState, Past
 from fg_nav.online.buffer import ReportedFootfall
 from fg_nav.online.estimates import EstimateRow
-from fg_nav.online.handover import Handover, Past
 from fg_nav.online.solving import Task
 
 
@@ -43,7 +43,7 @@ class SmootherState:
     reported_continues: tuple[bool, ...]
     footfalls: tuple[ReportedFootfall, ...]
     past: Past
-    starts: tuple[Handover, ...]
+    starts: tuple[AnchorState, ...]
     pending: Pending | None
     next: int
     doubted: tuple[int, ...]

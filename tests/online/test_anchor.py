@@ -5,14 +5,12 @@ import numpy as np
 import pytest
 from gtsam.symbol_shorthand import B, M, V, X
 
-from fg_nav.online.anchor import MarginalPrior, marginalize
+from fg_nav.online.anchor import MarginalPrior, Past, PathNodes, marginalize
 from fg_nav.online.estimates import EstimateRow
-from fg_nav.online.graph_parts import list_variables
-from fg_nav.online.handover import Past, PathNodes
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.resolve import solve_from_start, solve_so_far
-from fg_nav.online.stretch import Stretch
-from fg_nav.online.strides import Place, list_places
+from fg_nav.online.strides import StanceNodes, list_stances, list_variables
+from fg_nav.online.window import Window
 from fg_nav.smoother.solver import linearize, marginal_covariances, time_order
 from tests.online.test_online_smoother import add, fed, in_field
 from tests.smoother.walks import FREE, demo, part
@@ -60,33 +58,33 @@ def test_an_anchor_and_the_strides_behind_it_say_what_the_whole_graph_says() -> 
     """Of the newest footfall, to the precision of the arithmetic: where it is linearized nothing is lost."""
     walk, at = part(demo(), 16), 9
     found = solve_so_far(walk.recording, walk.stances, OnlineOptions(use_field=False, parameters=FREE))
-    places, values = list_places(found.nodes, walk.recording.t), found.solved.values
+    stances, values = list_stances(found.problem.nodes, walk.recording.t), found.solved.values
     linear = linearize(found.problem.graph, found.problem.blocks, values)
-    past = {key for place in places[: at + 1] for key in list_variables(place, values)}
+    past = {key for stance in stances[: at + 1] for key in list_variables(stance, values)}
     before, behind = gtsam.GaussianFactorGraph(), gtsam.GaussianFactorGraph()
     for factor in (linear.at(i) for i in range(linear.size())):
         (before if set(factor.keys()) <= past else behind).push_back(factor)
-    order = time_order(found.nodes, False, found.problem.floor)
-    keys, keep = [order.at(i) for i in range(order.size())], list_variables(places[at], values)
+    order = time_order(found.problem.nodes, False, found.problem.floor)
+    keys, keep = [order.at(i) for i in range(order.size())], list_variables(stances[at], values)
     anchor = marginalize(before, values, keep, [key for key in keys if key in past - set(keep)])
     behind.push_back(anchor.factor().linearize(values))
     later = gtsam.Ordering()
     for key in keys:
         if key not in past or key in keep:
             later.push_back(key)
-    tree, newest = behind.eliminateMultifrontal(later, gtsam.EliminateQR), X(places[-1].result)
+    tree, newest = behind.eliminateMultifrontal(later, gtsam.EliminateQR), X(stances[-1].result)
     whole = linear.eliminateMultifrontal(order, gtsam.EliminateQR)
     expected = marginal_covariances(whole, {newest})[newest]
     np.testing.assert_allclose(marginal_covariances(tree, {newest})[newest], expected, rtol=1e-6, atol=1e-12)
     assert np.abs(tree.optimize().at(newest)).max() < 1e-4  # the minimum of the whole is that of both parts
 
 
-def test_what_follows_a_handover_is_near_what_the_whole_says() -> None:
+def test_what_follows_an_anchor_state_is_near_what_the_whole_says() -> None:
     """The swing noise is settled by then."""
     online = fed(demo(), footfalls=30)
-    walk = online._walk
-    whole = Stretch(solve_from_start(walk, OnlineOptions()), walk).latest
-    assert online._stretch.begun.place.number == 27
+    walk = online.walk
+    whole = Window(solve_from_start(walk, OnlineOptions()), walk).latest
+    assert online.initial.stance.number == 27
     np.testing.assert_allclose(online.latest.position[:2], whole.position[:2], atol=0.02)
     flat = np.ix_([0, 1, 3], [0, 1, 3])  # whether the newest strides are on a level floor is known in hindsight
     assert differ(online.latest.pose_cov[flat], whole.pose_cov[flat]) < 0.15
@@ -98,17 +96,17 @@ def differ(one: np.ndarray, other: np.ndarray) -> float:
     return float(np.abs((one - other) / np.outer(sigma, sigma)).max())
 
 
-def test_a_handover_is_the_newest_estimate_of_the_walk_that_it_leaves() -> None:
+def test_an_anchor_state_is_the_newest_estimate_of_the_walk_that_it_leaves() -> None:
     online = fed(demo(), footfalls=20)
-    handover = online._stretch.hand_over()
-    again = Stretch(handover, online._walk).latest
+    anchor = online.window.to_anchor()
+    again = Window(anchor, online.walk).latest
     np.testing.assert_allclose(again.position, online.latest.position, atol=2e-3)
     assert differ(again.pose_cov, online.latest.pose_cov) < 0.005
-    assert len(handover.past.rows) == handover.place.number - handover.past.first
-    short = handover.forget_past()
+    assert len(anchor.past.rows) == anchor.stance.number - anchor.past.first
+    short = anchor.without_past()
     assert short.past.rows == ()
-    assert short.footfalls == handover.footfalls[-1:]
-    np.testing.assert_array_equal(Stretch(short, online._walk).latest.position, again.position)
+    assert short.footfalls == anchor.footfalls[-1:]
+    np.testing.assert_array_equal(Window(short, online.walk).latest.position, again.position)
 
 
 def nodes_at(*sample: int) -> PathNodes:
@@ -133,16 +131,16 @@ def test_a_later_past_takes_the_place_of_what_it_knows_again() -> None:
 
 def test_the_past_before_a_footfall_is_without_it() -> None:
     known = Past(2, rows_named("c", "d", "e"), nodes_at(20, 29, 30, 39, 40, 49))
-    place = Place(4, 8, 10, 8, 0, 0.0, 44, 4.4, (40, 49))
-    before = known.before(place)
+    stance = StanceNodes(4, 8, 10, 8, 0, 0.0, 44, 4.4, (40, 49))
+    before = known.before(stance)
     assert [row.field for row in before.rows] == ["c", "d"]
     assert before.nodes.sample.tolist() == [20, 29, 30, 39]
 
 
-def test_a_stretch_is_not_changed_by_its_handover() -> None:
-    """What is handed over is copied: the stretch goes on with it."""
+def test_a_window_is_not_changed_by_its_anchor_state() -> None:
+    """The field is copied: the window goes on with it."""
     one, other = (fed(in_field(), OnlineOptions(), 14) for _ in range(2))
-    one._stretch.hand_over()
+    one.window.to_anchor()
     for k in range(14, 17):
         add(one, in_field(), k)
         add(other, in_field(), k)

@@ -9,8 +9,7 @@ from fg_nav.errors import RecordingError
 from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.online import OnlineNavigator
 from fg_nav.online.buffer import rows_of
-from fg_nav.online.field_watch import FieldWatch
-from fg_nav.online.unit_watch import HELD, MAX_NOTES, UnitWatch
+from fg_nav.online.unit_monitor import HELD, MAX_NOTES, FieldMonitor, UnitMonitor
 
 STAMP, ACC, GYR, MAG = slice(0, 1), slice(1, 4), slice(4, 7), slice(7, 10)
 G = 9.80665
@@ -31,9 +30,9 @@ def change(rows, columns, factor, first=0, stop=None, offset=0.0):
 def admit(rows, block=61, watch=None):
     """The rows that are taken, and what is said."""
     said = []
-    watch = watch or UnitWatch(said.append)
-    taken = [watch.admit(rows[start : start + block]) for start in range(0, len(rows), block)]
-    return np.concatenate([*taken, watch.admit(rows[:0], at_end=True)]), said
+    watch = watch or UnitMonitor(said.append)
+    taken = [watch.accept(rows[start : start + block]) for start in range(0, len(rows), block)]
+    return np.concatenate([*taken, watch.accept(rows[:0], at_end=True)]), said
 
 
 @pytest.mark.parametrize("block", [1, 5000])
@@ -56,10 +55,10 @@ def test_seconds_since_1970_are_taken(rows):
 
 
 def test_rows_without_stamps_do_not_wait_for_ever(rows):
-    watch = UnitWatch(print)
+    watch = UnitMonitor(print)
     sent = change(rows[:1500], STAMP, np.nan)
-    assert sum(len(watch.admit(sent[k : k + 100])) for k in range(0, 1500, 100)) == 1000
-    assert len(watch.admit(rows[:0], at_end=True)) == 500
+    assert sum(len(watch.accept(sent[k : k + 100])) for k in range(0, 1500, 100)) == 1000
+    assert len(watch.accept(rows[:0], at_end=True)) == 500
 
 
 @pytest.mark.parametrize("factor", [0.0, -1.0])
@@ -124,10 +123,10 @@ def test_a_gyroscope_that_stops_turning_midway_is_said(rows):
 
 
 def test_resumed_it_leaves_out_what_a_new_one_would_refuse(rows):
-    first = UnitWatch(print)
+    first = UnitMonitor(print)
     admit(rows[:2000], watch=first)
     said: list[str] = []
-    later = UnitWatch(said.append)
+    later = UnitMonitor(said.append)
     later.resume(first.state())
     admit(change(rows[2000:4000], GYR, 57.3), watch=later)
     assert len(said) == 1
@@ -160,7 +159,7 @@ def test_a_field_beside_iron_a_broken_reading_and_a_magnetometer_that_is_off_are
 
 
 def test_strong_iron_is_named_no_unit_and_its_fields_are_counted(rows):
-    watch, (taken, said) = UnitWatch(print), admit(change(rows, MAG, 25.0, 2000, 3000))
+    watch, (taken, said) = UnitMonitor(print), admit(change(rows, MAG, 25.0, 2000, 3000))
     assert np.isnan(taken[2000:3000, MAG]).all()
     assert "strong iron" in said[0]
     short = change(rows, MAG, 25.0, 2000, 2200)  # too short to be said at once
@@ -175,29 +174,29 @@ def test_a_beginning_beside_iron_is_not_the_strength_of_the_walk(rows):
     strength = np.linalg.norm(rows[:, MAG], axis=1, keepdims=True)
     sent = rows.copy()
     sent[:, MAG] *= np.where(np.arange(len(rows)) < 400, 180.0, 45.0)[:, None] / strength
-    watch = FieldWatch(print)
-    watch.admit(sent)
-    assert np.isnan(watch.admit(change(sent[:100], MAG, 450.0 / 180.0))[:, MAG]).all()
+    watch = FieldMonitor(print)
+    watch.accept(sent)
+    assert np.isnan(watch.accept(change(sent[:100], MAG, 450.0 / 180.0))[:, MAG]).all()
     assert watch.left_out == 100
 
 
 def test_a_magnetometer_that_comes_and_goes_is_noted_a_few_times_and_the_notes_are_resumed(rows):
     sent = rows[600:800].copy()
     sent[:, MAG] = 45.0 / np.sqrt(3.0)
-    watch, later = UnitWatch(lambda words: None), UnitWatch(print)
+    watch, later = UnitMonitor(lambda words: None), UnitMonitor(print)
     for k in range(150):
         block = change(sent, MAG, 10.0 if k // 3 % 2 else 1.0)
         block[:, 0] += 2.0 * k
-        watch.admit(block)
+        watch.accept(block)
     assert len(watch.notes) == MAX_NOTES + 1
     later.resume(json.loads(json.dumps(watch.state())))
     assert later.notes == watch.notes
 
 
 def test_resumed_the_field_in_another_unit_is_left_out(rows):
-    first, said = UnitWatch(print), []
+    first, said = UnitMonitor(print), []
     admit(rows[:1000], watch=first)
-    later = UnitWatch(said.append)
+    later = UnitMonitor(said.append)
     later.resume(first.state())
     taken, _ = admit(change(rows[1000:2000], MAG, 1e3), watch=later)
     assert np.isnan(taken[:, MAG]).all()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fg_nav.detection.stance import StanceParameters
-from fg_nav.online import OnlineNavigator, navigator, takeover
+from fg_nav.online import OnlineNavigator, navigator, schedule
 from fg_nav.online.buffer import ReportedFootfall, SampleBuffer, rows_of
 from fg_nav.online.checkpoint import Checkpoint
 from fg_nav.online.options import OnlineOptions
@@ -24,23 +24,23 @@ class LateSolver(WalkSolver):
     def __init__(self, options: OnlineOptions, stance: StanceParameters, buffer: SampleBuffer, *_: object) -> None:
         super().__init__(options, stance, buffer)
         self.is_here = False
-        self._followed = self._asked_at = 0
+        self._followed = self._requested_at = 0
 
     def follow(self, until: int) -> None:
         self._followed = until
 
-    def ask(self, footfalls: tuple[ReportedFootfall, ...]) -> None:
-        super().ask(footfalls)
-        self._asked_at = footfalls[-1].until
+    def request(self, footfalls: tuple[ReportedFootfall, ...]) -> None:
+        super().request(footfalls)
+        self._requested_at = footfalls[-1].until
 
     def is_ready(self) -> bool:
-        return self._followed >= self._asked_at + self.late * STRIDE
+        return self._followed >= self._requested_at + self.late * STRIDE
 
 
 @pytest.fixture(autouse=True)
 def as_it_is_walked(monkeypatch: pytest.MonkeyPatch) -> None:
     """No solution is waited for."""
-    monkeypatch.setattr(takeover, "FAST", np.inf)
+    monkeypatch.setattr(schedule, "FAST", np.inf)
     monkeypatch.setattr(navigator, "WorkerSolver", LateSolver)
 
 
@@ -82,7 +82,7 @@ def test_what_was_told_on_a_slow_machine_is_known_on_a_fast_one(
     for start in range(0, len(rows), 300):
         push(walked, rows[start : start + 300], range(50, 300, 50))
         checkpoint.write(checkpoint.collect(walked))
-        pending = walked._smoother.takeover.pending
+        pending = walked.smoother.schedule.pending
         if pending is not None and walked.n_reported > pending.due_at:
             late.append(walked.n_reported)
             with monkeypatch.context() as fast:

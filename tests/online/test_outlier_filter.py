@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fg_nav.online.buffer import rows_of, taken_rows
-from fg_nav.online.judge import SampleFilter
+from fg_nav.online.sample_filter import SampleFilter
 from fg_nav.recording import RawRecording, Recording
 from fg_nav.samples.outliers import LOOK_AHEAD
 from tests.online.walks import short_walk
@@ -27,7 +27,7 @@ def test_a_stream_leaves_out_what_a_recording_does_and_counts_it(block):
     rows, told = spoiled(), []
     judge = SampleFilter(told.append)
     parts = [rows[i : i + block] for i in range(0, len(rows), block)]
-    taken = [judge.admit(part[:, 0], part[:, 1:4], part[:, 4:7], part[:, 7:10]) for part in parts]
+    taken = [judge.accept(part[:, 0], part[:, 1:4], part[:, 4:7], part[:, 7:10]) for part in parts]
     whole = Recording.from_raw(
         RawRecording(rows[:, 0], rows[:, 1:4], rows[:, 4:7], np.arange(len(rows)), rows[:, 7:10])
     )
