@@ -50,7 +50,7 @@ TOLERANCE = 2e-9  # m, rad and everything else, and relative: results are printe
 KEPT = {".json", ".csv", ".tum", ".jsonl", ".geojson", ".kml", ".npy"}
 PAGES = {"compare-gdin", "run-lap"}  # Results whose report.html is kept too.
 TIMED = re.compile(
-    r"runtime|real.?time|busy|latenc|processor|created|generated|_ms\"|fg-nav \d|no sample has come|in the checkpoint already"
+    r"runtime|real.?time|busy|latenc|processor|created|generated|_ms\"|fg-nav \d|no sample has come|in the checkpoint"
 )
 NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 MAX_SHOWN = 3  # Differing lines of a file.

@@ -95,10 +95,7 @@ def marginalize(
     ----------
     others : the other variables, in the order in which they are eliminated.
 
-    Raises
-    ------
-    RuntimeError
-        Where the factors do not determine the others.
+    Raises `RuntimeError` where the factors do not determine the others.
     """
     order, kept = gtsam.Ordering(), gtsam.Ordering()
     for key in others:

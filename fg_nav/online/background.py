@@ -17,7 +17,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
-from typing import Any
+from typing import Any, TypeAlias
 
 from fg_nav.detection.stance import StanceParameters
 from fg_nav.online.anchor import AnchorState
@@ -66,7 +66,7 @@ class WorkerProcess:
 
 
 class WorkerSolver:
-    """Solves in a worker process; attributes and methods as of `Solver`.
+    """Solves in a worker process; attributes and methods as of `WalkSolver`.
 
     Parameters
     ----------
@@ -104,36 +104,36 @@ class WorkerSolver:
         return self._worker.process.pid
 
     def follow(self, until: int) -> None:
-        """See `Solver`."""
+        """As of `WalkSolver`."""
         if until > self._sent and not self.is_here:
             self._send("samples", self._buffer.between(self._sent, until))
             self._sent = until
 
     def discard(self, before: int) -> None:
-        """See `Solver`."""
+        """As of `WalkSolver`."""
         self._send("discard" if before <= self._sent else "skip", before)
         self._sent = max(self._sent, before)
 
     def begin(self, task: Task) -> None:
-        """See `Solver`."""
+        """As of `WalkSolver`."""
         self._here.begin(task)
         self._outstanding = 0
         self._send("begin", task)
 
     def request(self, footfalls: Sequence[ReportedFootfall]) -> None:
-        """See `Solver`."""
+        """As of `WalkSolver`."""
         self._requested_s = time.monotonic()
         self._here.request(footfalls)
         self._outstanding += 1
         self._send("request", tuple(footfalls))
 
     def is_ready(self) -> bool:
-        """See `Solver`."""
+        """As of `WalkSolver`."""
         is_given_up = self._worker.process.poll() is not None or self._left_s <= 0.0
         return self._answer is not None or is_given_up or self._answers.qsize() >= self._outstanding > 0
 
     def wait(self) -> None:
-        """See `Solver`."""
+        """As of `WalkSolver`."""
         if self._answer is not None:
             return
         answer: object = EOFError() if self.is_here else None
@@ -152,14 +152,14 @@ class WorkerSolver:
         self._answer = (answer,)
 
     def take(self) -> AnchorState | None:
-        """See `Solver`."""
+        """As of `WalkSolver`."""
         self.wait()
         assert self._answer is not None
         answer, self._answer = self._answer[0], None
         return answer
 
     def close(self) -> WalkSolver:
-        """See `Solver`."""
+        """As of `WalkSolver`."""
         if self._is_owner:
             self._worker.close()
         return self._here
@@ -180,3 +180,6 @@ class WorkerSolver:
         """Send a message, unless nobody reads it any more."""
         if not self.is_here:
             self._worker.messages.put((self._key, kind, *content))
+
+
+Solver: TypeAlias = WalkSolver | WorkerSolver

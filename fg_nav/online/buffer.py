@@ -1,14 +1,13 @@
-"""The samples and footfalls of a walk in progress, cut out again as recordings with their stances.
+"""The samples and footfalls of a walk in progress, and parts of it as recordings with their stances.
 
-`SampleBuffer` holds every sample once, for the navigator, the smoother and the checkpoint. `PartialWalk` is what the
-smoother uses of it: the footfalls, and the samples up to one behind the newest. Samples, footfalls and stance intervals
-are counted from the first of the walk; what is discarded leaves the count as it is.
+`SampleBuffer` holds every sample once, for navigator, smoother and checkpoint; a `PartialWalk` the footfalls, and the
+samples up to one behind the newest. Samples, footfalls and stance intervals are counted from the first of the walk,
+discarded ones too.
 
-A part of the walk does not show everything about its sensor. The sample period and the levels at which the sensor clips
-are those of the walk when it was last cut out as a whole (`SensorState`). So are the delay and the axes of its
-magnetometer, until the delay is known well: what is cut out has its field at its stamps, and none in the last `tau`,
-or none at all. A part is corrected by the iron that the last solution found; the whole is not, as the next one finds it
-anew.
+A part of a walk does not show everything about its sensor. Sample period and clipping levels are those of the walk when
+it was last cut out as a whole (`SensorState`). So are delay and axes of its magnetometer, until the delay is known
+well: what is cut out has its field at its stamps, and none in the last `tau`, or none at all. A part is corrected by
+the iron of the last solution; the whole is not, as the next one estimates it anew.
 """
 
 from __future__ import annotations
@@ -98,17 +97,12 @@ class SampleBuffer:
 
 @dataclass(frozen=True)
 class KnownMagnetometer:
-    """What a walk so far shows of its magnetometer: its delay, wrong axes, whether it is used, and this in words."""
+    """The magnetometer of a walk so far: its delay, wrong axes, whether it is used, and notes on these."""
 
     delay: MagnetometerDelay | None
     wrong_axes: MagAxes | None
     used: bool
     notes: tuple[str, ...]
-
-    @property
-    def is_settled(self) -> bool:
-        """Whether its delay is not estimated again."""
-        return self.delay is not None and self.delay.sigma_s <= SETTLED_S
 
 
 @dataclass(frozen=True)
@@ -120,8 +114,8 @@ class SensorState:
     period_s : of its samples; None before it was cut out as a whole.
     clipping : levels of specific force and rate at which it clips, (3,) each.
     extreme : (2, 2, 3) largest readings so far: force and rate, upper and lower end.
-    peak_height : how high clipped peaks of the rate are above the range, in what their flanks say.
-    magnetometer : None before it was looked at.
+    peak_height : of clipped peaks of the rate above the range, in units of what their flanks show.
+    magnetometer : None before it was examined.
     iron : of the magnetometer, as the walk showed it when it was solved last; None where it did not.
     """
 
@@ -202,10 +196,7 @@ class PartialWalk:
     def add(self, footfall: ReportedFootfall) -> None:
         """Append a footfall, and the samples of the buffer up to one before its `until`.
 
-        Raises
-        ------
-        EstimationError
-            With samples that are not finite or out of order, or a footfall that is not among them.
+        Raises `EstimationError` with samples that are not finite or out of order, or a footfall that is not among them.
         """
         rows = self.buffer.between(max(self.stop - 1, self.buffer.first), footfall.until)
         begins = int(self._footfalls[-1].footfall.stop[-1]) if self._footfalls else 0
@@ -234,7 +225,8 @@ class PartialWalk:
     def align_magnetometer(self) -> None:
         """Find delay and axes of the magnetometer on all samples, unless its delay is known well."""
         found = self.sensor.magnetometer
-        if not self._with_mag or (found is not None and found.is_settled):
+        is_settled = found is not None and found.delay is not None and found.delay.sigma_s <= SETTLED_S
+        if not self._with_mag or is_settled:
             return
         aligned = align_magnetometer(self._cut(self.buffer.first, self.stop), self._axes_given)
         used = aligned.recording.mag is not None
@@ -248,7 +240,7 @@ class PartialWalk:
         return recording
 
     def cut_recording(self, first: int, mag_from: int | None = None) -> Recording:
-        """Cut out the samples from one on, with the field from sample `mag_from` on where only that is looked at."""
+        """Cut out the samples from one on, with the field from sample `mag_from` on where only that is used."""
         part = self._of_sensor(self._cut_aligned(first, first if mag_from is None else mag_from))
         iron = self.sensor.iron
         return part if iron is None or part.mag is None else iron.apply_to(part)

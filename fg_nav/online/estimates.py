@@ -255,30 +255,23 @@ class StrapdownPath(NamedTuple):
     nav_R_body: Floats
 
 
-def propagate_strapdown(
-    recording: Recording, first: int, state: NavState, stands: Bools, gravity: float
-) -> StrapdownPath:
-    """Propagate a state from sample `first` to the last; at samples of `stands` (N,) the foot does not move."""
+def propagate_strapdown(recording: Recording, first: int, state: NavState, gravity: float) -> StrapdownPath:
+    """Propagate a state from sample `first` to the last."""
     h = np.append(np.diff(recording.t), recording.period_s)
-    path = _propagate(h, *recording.integrable, stands, first, state, gravity)
-    return StrapdownPath(recording.t[first:], *path)
+    return StrapdownPath(recording.t[first:], *_propagate(h, *recording.integrable, first, state, gravity))
 
 
 @njit(cache=True)
 def _propagate(
-    h: Floats, acc: Floats, gyr: Floats, stands: Bools, first: int, state: NavState, gravity: float
+    h: Floats, acc: Floats, gyr: Floats, first: int, state: NavState, gravity: float
 ) -> tuple[Floats, Floats, Floats]:
     """Position (n, 3), velocity (n, 3) and attitude (n, 3, 3) from sample `first` on."""
     n = len(h) - first
     p, v, R = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3, 3))
-    turn, push, at = np.empty((3, 3)), np.empty(3), np.empty(3)
+    turn, push = np.empty((3, 3)), np.empty(3)
     for i in range(n):
         p[i], v[i], R[i] = state.position, state.velocity, state.nav_R_body
-        at[:] = state.position
         strapdown(state, acc[first + i], gyr[first + i], h[first + i], gravity, turn, push)
-        if stands[first + i]:
-            state.position[:] = at
-            state.velocity[:] = 0.0
     return p, v, R
 
 
@@ -289,23 +282,10 @@ def format_estimate(
     estimate: StanceEstimate,
     continues: bool,
     sensor_time: SensorTime = lambda sample, t: t,
-    verdict: Verdict | None = None,
+    verdict: PathVerdict | None = None,
 ) -> str:
     """Return the line of an estimate of the moment, with the verdict on the path up to it, where there is one."""
-    return _format_line(
-        "now",
-        estimate.number,
-        {"continues": continues, "floor": estimate.floor},
-        verdict,
-        (estimate.t, sensor_time(estimate.sample, estimate.t)),
-        estimate.position,
-        np.degrees(estimate.heading),
-        np.sqrt(np.diagonal(estimate.pose_cov)),
-        float(estimate.pose_cov[0, 1]),
-        estimate.gyro_bias,
-        estimate.gyro_bias_sigma,
-        (estimate.compass_weight, estimate.field, estimate.field_reason),
-    )
+    return _format_line("now", {"continues": continues, "floor": estimate.floor}, estimate, sensor_time, verdict)
 
 
 def format_table(
@@ -313,65 +293,55 @@ def format_table(
     sensor_time: SensorTime = lambda sample, t: t,
     kind: str = SMOOTHED,
     heading: Floats | None = None,
-    verdict: Verdict | None = None,
+    verdict: PathVerdict | None = None,
 ) -> Iterator[str]:
     """Yield the lines of the past as it is known at the end; `heading` (K,) rad, if not of the body's x axis.
 
     `verdict` is that on the whole path, where there is one.
     """
-    heading = np.degrees(compute_heading(table.nav_R_body) if heading is None else heading)
+    heading = compute_heading(table.nav_R_body) if heading is None else heading
     for k in range(len(table)):
-        yield _format_line(
-            kind,
-            k,
-            {},
-            verdict,
-            (float(table.t[k]), sensor_time(int(table.sample[k]), float(table.t[k]))),
-            table.position[k],
-            heading[k],
-            np.append(table.position_sigma[k], table.heading_sigma[k]),
-            float(table.position_cov[k, 0, 1]),
-            table.gyro_bias[k],
-            table.gyro_bias_sigma[k],
-            (
-                np.nan if table.compass_weight is None else table.compass_weight[k],
-                table.field[k],
-                table.field_reason[k],
-            ),
+        pose_cov = np.zeros((4, 4))
+        pose_cov[:3, :3], pose_cov[3, 3] = table.position_cov[k], table.heading_sigma[k] ** 2
+        estimate = StanceEstimate(
+            number=k,
+            sample=int(table.sample[k]),
+            t=float(table.t[k]),
+            position=table.position[k],
+            nav_R_body=table.nav_R_body[k],
+            heading=float(heading[k]),
+            velocity=np.zeros(3),
+            gyro_bias=table.gyro_bias[k],
+            pose_cov=pose_cov,
+            gyro_bias_sigma=table.gyro_bias_sigma[k],
+            compass_weight=np.nan if table.compass_weight is None else float(table.compass_weight[k]),
+            field=table.field[k],
+            field_reason=table.field_reason[k],
         )
+        yield _format_line(kind, {}, estimate, sensor_time, verdict)
 
 
 def _format_line(
-    kind: str,
-    number: int,
-    more: dict[str, object],
-    verdict: Verdict | None,
-    stamps: tuple[float, float],
-    position: Floats,
-    heading_deg: float,
-    sigma: Floats,
-    east_north_cov: float,
-    bias: Floats,
-    bias_sigma: Floats,
-    field: tuple[float, str, str],
+    kind: str, more: dict[str, object], estimate: StanceEstimate, sensor_time: SensorTime, verdict: PathVerdict | None
 ) -> str:
-    t, sensor_t = (round(stamp, 9) for stamp in stamps)
+    sigma = np.sqrt(np.diagonal(estimate.pose_cov))
+    t, sensor_t = round(estimate.t, 9), round(sensor_time(estimate.sample, estimate.t), 9)
     content: dict[str, object] = {
         "kind": kind,
-        "stance": number,
+        "stance": estimate.number,
         **more,
         "t": t,
         **({} if sensor_t == t else {"sensor_t": sensor_t}),
-        "position_m": np.round(position, DIGITS),
-        "heading_deg": round(float(heading_deg % 360.0), DIGITS),
+        "position_m": np.round(estimate.position, DIGITS),
+        "heading_deg": round(float(np.degrees(estimate.heading) % 360.0), DIGITS),
         "position_sigma_m": np.round(sigma[:3], DIGITS),
-        "east_north_cov_m2": round(east_north_cov, 2 * DIGITS),
+        "east_north_cov_m2": round(float(estimate.pose_cov[0, 1]), 2 * DIGITS),
         "heading_sigma_deg": round(float(np.degrees(sigma[3])), DIGITS),
-        "gyro_bias_deg_s": np.round(np.degrees(bias), DIGITS),
-        "gyro_bias_sigma_deg_s": np.round(np.degrees(bias_sigma), DIGITS),
-        "compass_weight": round(float(field[0]), DIGITS),
-        "field": field[1],
-        "field_reason": field[2],
+        "gyro_bias_deg_s": np.round(np.degrees(estimate.gyro_bias), DIGITS),
+        "gyro_bias_sigma_deg_s": np.round(np.degrees(estimate.gyro_bias_sigma), DIGITS),
+        "compass_weight": round(float(estimate.compass_weight), DIGITS),
+        "field": estimate.field,
+        "field_reason": estimate.field_reason,
     }
     if verdict is not None:
         content |= {"verdict": verdict.word, "reasons": list(verdict.reasons)}

@@ -36,7 +36,7 @@ from fg_nav.feet.sides import SIDES, Side
 from fg_nav.feet.steps import SHORT_M, find_longest_stride
 from fg_nav.frames import compute_heading
 from fg_nav.online.anchor import AnchorState, TiedAnchorState
-from fg_nav.online.background import WorkerProcess, WorkerSolver
+from fg_nav.online.background import Solver, WorkerProcess, WorkerSolver
 from fg_nav.online.buffer import SampleBuffer
 from fg_nav.online.estimates import EstimateRow, Revision, StanceEstimate, split_rows, thin_rows
 from fg_nav.online.feet_lines import FeetLine, FootState, PersonEstimate, State
@@ -45,14 +45,13 @@ from fg_nav.online.navigator import OnlineNavigator
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.schedule import AT_ONCE
 from fg_nav.online.smoother_state import Pending
-from fg_nav.online.solving import Solver
 from fg_nav.smoother.feet_batch import measure_width_sigma, trace_solved_person
 from fg_nav.solution import Solution
 
-SILENT_S = 5.0  # By which the stamps of one foot are behind the other's: then it is said to be silent.
+SILENT_S = 5.0  # By which the stamps of one foot are behind the other's: then it is silent.
 EVERY = 4  # Footfalls, at which a foot that is not tied yet is solved again.
 MAX_STEP_S = 2.0  # Between footfalls of different feet; a standing person has one of each every two seconds.
-MAX_REMEMBERED = 8  # Steps before, in which the direction is looked for.
+MAX_REMEMBERED = 8  # Steps before, by which the direction is found.
 ENOUGH_SWINGS = 20  # Of each foot, that show whether the clocks fit; some of them in a bend.
 
 OTHER: dict[Side, Side] = {"left": "right", "right": "left"}
@@ -105,10 +104,7 @@ class FeetNavigator:
         beside : whether both are solved again in another process.
         right : options of the right foot, where its sensor is calibrated for itself.
 
-        Raises
-        ------
-        EstimationError
-            With a lag or fixes, and for an offset that is no time.
+        Raises `EstimationError` with a lag or fixes, and for an offset that is no time.
         """
         for name, refused in (("a lag", options.lag_s), ("fixes", options.fixes or None)):
             if refused is not None:
@@ -143,13 +139,7 @@ class FeetNavigator:
         self._known: list[AnchorState | None] = [None, None]
 
     def push(
-        self,
-        side: Side,
-        t: Floats,
-        acc: Floats,
-        gyr: Floats,
-        mag: Floats | None = None,
-        pressure: Floats | None = None,
+        self, side: Side, t: Floats, acc: Floats, gyr: Floats, mag: Floats | None = None, pressure: Floats | None = None
     ) -> list[FeetLine]:
         """Add samples of a foot, as to `OnlineNavigator.push`: both in turn, in blocks of less than `SILENT_S`.
 
@@ -161,7 +151,7 @@ class FeetNavigator:
             found = self.navigators[side].push(np.asarray(t) + self.offset_s[side], acc, gyr, mag, pressure)
         except FgNavError as error:
             return [self.refuse(side, error)]
-        return [*self.label(side, found), *self.look(side)]
+        return [*self.label(side, found), *self.update_both(side)]
 
     def label(self, side: Side, found: Iterable[StanceEstimate | Revision]) -> list[FeetLine]:
         """Return what a foot's navigator found as lines."""
@@ -180,7 +170,7 @@ class FeetNavigator:
         self.refused[side] = str(error)
         return self._report_state(side, "refused", str(error))
 
-    def look(self, side: Side) -> list[FeetLine]:
+    def update_both(self, side: Side) -> list[FeetLine]:
         """Return the lines of both that follow from samples of a foot that were just pushed."""
         news = [*self._watch_clock(side), *self._watch_silence(side)]
         self._schedule_both(side)
@@ -243,15 +233,28 @@ class FeetNavigator:
                     other.resolve_soon(other.n_reported + 1)
 
     def _check_clocks(self) -> None:
-        """Say once, as soon as the steps show it, that the clocks do not fit."""
-        left, right = (self.navigators[side].smoother for side in SIDES)
-        count, at = min(left.n_reported, right.n_reported), self._clocks_checked_at
+        """Remark once, as soon as the steps show it, that the clocks do not fit."""
+        smoothers = [self.navigators[side].smoother for side in SIDES]
+        count, at = min(one.n_reported for one in smoothers), self._clocks_checked_at
         if at is None or count < at or self.is_parted or self.refused:
             return
-        words = check_clocks(left.rows, right.rows, self.offset_s["right"])
-        self._clocks_checked_at = None if words is not None else count + ENOUGH_SWINGS
-        if words:
-            self._remark(words)
+        swings = [list_swings(one.rows) for one in smoothers]
+        if min(len(one.middle) for one in swings) < ENOUGH_SWINGS:
+            self._clocks_checked_at = count + ENOUGH_SWINGS
+            return
+        self._clocks_checked_at = None
+        try:
+            clocks = match_swings(*swings)
+        except EstimationError as error:
+            self._remark(f"the clocks of both feet do not fit: {error}")
+            return
+        if clocks.note:
+            offset, given = clocks.offset_s, self.offset_s["right"]
+            fast = f" and drift by {100.0 * clocks.drift:+.2f} %, which a stream does not mend" if clocks.drift else ""
+            self._remark(
+                f"the clocks of both feet are {abs(offset):.2f} s apart{fast}, as their steps show: begin again with "
+                f"--clock-offset {given + offset:.2f}"
+            )
 
     def _watch_clock(self, side: Side) -> Iterator[FeetLine]:
         """Notice a foot whose clock restarted: its stamps were set on by a guess."""
@@ -350,28 +353,6 @@ class PersonTracker:
         path = np.column_stack([t, np.mean(places, axis=0).T])
         self._recent = list(path[-MAX_REMEMBERED:, 1:])
         return Revision(float(t[-1]), 0.0, (), path[thin_rows(len(t))])
-
-
-def check_clocks(left: Sequence[EstimateRow], right: Sequence[EstimateRow], given_s: float) -> str | None:
-    """Return a remark that the clocks do not fit; empty where they do, None where the footfalls are too few.
-
-    `given_s` was added to the right foot's stamps.
-    """
-    swings = [list_swings(rows) for rows in (left, right)]
-    if min(len(one.middle) for one in swings) < ENOUGH_SWINGS:
-        return None
-    try:
-        clocks = match_swings(*swings)
-    except EstimationError as error:
-        return f"the clocks of both feet do not fit: {error}"
-    if not clocks.note:
-        return ""
-    offset = clocks.offset_s
-    fast = f" and drift by {100.0 * clocks.drift:+.2f} %, which a stream does not mend" if clocks.drift else ""
-    return (
-        f"the clocks of both feet are {abs(offset):.2f} s apart{fast}, as their steps show: begin again with "
-        f"--clock-offset {given_s + offset:.2f}"
-    )
 
 
 def list_swings(rows: Sequence[EstimateRow]) -> Swings:

@@ -13,7 +13,6 @@ them; `standing` is whether both feet stand, `floor` and `returns` are the left 
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, closing
@@ -46,7 +45,7 @@ from fg_nav.online.source_check import Silence
 from fg_nav.online.sources import SampleSource
 from fg_nav.system.signals import catch_signals
 
-WAIT_S = 0.05  # For bytes of one foot, before the other's are looked for.
+WAIT_S = 0.05  # For bytes of one foot, before the other's are read.
 BLOCK_S = 0.1  # Of rows of one foot, so that no foot runs ahead of the other.
 HELD_S = 1.0  # Of the wall clock, that rows wait for the other foot's: then that is silent, or its stamps differ.
 MAX_ROWS = 1000  # In a block, whatever their stamps.
@@ -77,10 +76,7 @@ class StreamedFeet:
 def run_feet_stream(request: FeetStreamRequest, outlets: Outlets) -> StreamedFeet:
     """Follow both sources until they end or a signal says stop; lines and remarks go to the outlets.
 
-    Raises
-    ------
-    FgNavError
-        Where something that was asked for cannot be.
+    Raises `FgNavError` where something that was asked for cannot be.
     """
     # What is of one sensor alone is refused.
     both = request.both
@@ -117,29 +113,15 @@ def run_feet_stream(request: FeetStreamRequest, outlets: Outlets) -> StreamedFee
             )
             for side, word in request.sources.items()
         }
-        follow_feet(sources, options, navigator, outlets, stop)
+        walk = _FollowedFeet(sources, options, navigator, outlets)
+        while not stop.is_set() and walk.read():
+            walk.add_waiting()
+        walk.end()
     walks = {
         side: StreamedWalk(navigator.navigators[side], one.name, options[side].calibration, options[side].mag_axes)
         for side, one in sources.items()
     }
     return StreamedFeet(navigator, walks)
-
-
-def follow_feet(
-    sources: Mapping[Side, SampleSource],
-    options: Mapping[Side, StreamOptions],
-    navigator: FeetNavigator,
-    outlets: Outlets,
-    stop: threading.Event,
-) -> None:
-    """Follow both sources to their end, or until a stop; the navigator is closed then.
-
-    Raises `FgNavError` where the samples of neither foot can be used.
-    """
-    walk = _FollowedFeet(sources, options, navigator, outlets)
-    while not stop.is_set() and walk.read():
-        walk.add_waiting()
-    walk.end()
 
 
 class _FollowedFeet:
@@ -212,7 +194,7 @@ class _FollowedFeet:
         except FgNavError as error:
             self._report(self._feet.refuse(side, error))
             return
-        for line in self._feet.look(side):
+        for line in self._feet.update_both(side):
             self._report(line)
 
     def _end_source(self, side: Side) -> None:

@@ -110,7 +110,7 @@ class FootSolver(WalkSolver):
         walks.solvers[side] = self
 
     def begin(self, task: Task) -> None:
-        """See `Solver`."""
+        """As of `WalkSolver`."""
         super().begin(task)
         self._walk, self._is_prepared = None, False
 

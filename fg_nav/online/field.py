@@ -75,8 +75,8 @@ from fg_nav.smoother.roughness import FieldRoughness, deviate_along, measure_rou
 from fg_nav.smoother.solver import list_attitudes
 from fg_nav.stances import Stances
 
-RECENT = 4000  # Footfalls: how regions differ, which are fifteen footfalls long, takes all. Most that a gate looks at.
-JUMP_SIGMAS = 6.0  # Of the potential: 40 A over a rough floor. The next re-solve looks at the stride again.
+RECENT = 4000  # Footfalls: how regions differ, which are fifteen footfalls long, takes all. Most that a gate uses.
+JUMP_SIGMAS = 6.0  # Of the potential: 40 A over a rough floor. The next re-solve checks the stride again.
 ROUGH_EVERY = 10  # Footfalls after which the roughness is measured again.
 
 # Columns of a remembered footfall: its field over the ground in nav and the mean field there, uT, length of the stride
@@ -145,7 +145,7 @@ class OnlineField:
         k: int,
         node: int,
         node_before: int,
-        seen: StrideField,
+        stride: StrideField,
         pose: gtsam.Pose3,
         before: Floats,
     ) -> tuple[Floats, CompassVerdict]:
@@ -163,19 +163,21 @@ class OnlineField:
             The state (9,) to begin from, and the verdict.
         """
         # The compass of the footfall.
-        nav_R_body, body_field = pose.rotation().matrix(), seen.footfall.body_field[0]
-        sigma_uT, verdict = self._judge(seen, nav_R_body, before)
+        nav_R_body, body_field = pose.rotation().matrix(), stride.footfall.body_field[0]
+        sigma_uT, verdict = self._judge(stride, nav_R_body, before)
         if np.isfinite(sigma_uT):
             compass = MagneticHeading(body_field, self._level_R_body, nav_R_body, np.array(sigma_uT))
             graph.push_back(factor_of(compass, [X(node), M(k)]))
         # The line integral along its stride.
-        _, drift_uT_m = split_potential(self._with_lost, self._lost_share, np.array(seen.distance_m))
-        level_path, sigma = self._level_R_body @ seen.body_path, np.array(np.hypot(seen.sigma_uT_m, drift_uT_m))
-        integral = FieldPotential(np.array(seen.u), level_path, seen.by_up, seen.body_move, seen.nav_R_level, sigma)
-        if self._p.potential and np.isfinite(seen.sigma_uT_m) and not self._jumps(integral, before):
+        _, drift_uT_m = split_potential(self._with_lost, self._lost_share, np.array(stride.distance_m))
+        level_path, sigma = self._level_R_body @ stride.body_path, np.array(np.hypot(stride.sigma_uT_m, drift_uT_m))
+        integral = FieldPotential(
+            np.array(stride.u), level_path, stride.by_up, stride.body_move, stride.nav_R_level, sigma
+        )
+        if self._p.potential and np.isfinite(stride.sigma_uT_m) and not self._jumps(integral, before):
             graph.push_back(factor_of(integral, [X(node_before), M(k - 1), M(k)]))
         # The change of the field's state since the footfall before.
-        change = transition(np.array(seen.distance_m), self._rough)
+        change = transition(np.array(stride.distance_m), self._rough)
         graph.push_back(linear_factor_of(change, [M(k - 1), M(k)]))
         self._age += 1
         if self._age % ROUGH_EVERY == 0:
@@ -185,8 +187,8 @@ class OnlineField:
     @property
     def north_sigma(self) -> float:
         """Sigma, rad, of a north that only this field shows."""
-        seen = self._recent[np.isfinite(self._recent[:, 0])]
-        across = across_field(seen[:, LEVEL], seen[:, REFERENCE])
+        rows = self._recent[np.isfinite(self._recent[:, 0])]
+        across = across_field(rows[:, LEVEL], rows[:, REFERENCE])
         return find_north_sigma(across, float(self._recent[:, DISTANCE].sum()), self._strength_uT)
 
     def _jumps(self, integral: FieldPotential, before: Floats) -> bool:
@@ -198,13 +200,13 @@ class OnlineField:
         sigma = float(np.hypot(self._potential.sigma, integral.sigma_uT_m))
         return bool(abs(potential_after) > max(JUMP_SIGMAS * sigma, MIN_JUMP_UT_M))
 
-    def _judge(self, seen: StrideField, nav_R_body: Floats, before: Floats) -> tuple[float, CompassVerdict]:
+    def _judge(self, stride: StrideField, nav_R_body: Floats, before: Floats) -> tuple[float, CompassVerdict]:
         """Note the newest footfall; the sigma of its compass, infinite without a reading, and the verdict."""
-        newest = replace(seen.footfall, nav_R_body=nav_R_body[None])
+        newest = replace(stride.footfall, nav_R_body=nav_R_body[None])
         self._judged = self._judged.join(newest).select(slice(-self._needed, None))
         verdicts = apply_gate(self._judged, self._p.gate)
         level = rotate_field(newest, newest.nav_R_body)[0, :2]
-        row = np.concatenate([level, before[E_H], [seen.distance_m, verdicts.statistic[-1]]])
+        row = np.concatenate([level, before[E_H], [stride.distance_m, verdicts.statistic[-1]]])
         self._recent = np.vstack([self._recent, row])[-RECENT:]
         # Its statistic is weighed by those of the walk.
         of_walk = replace(verdicts, statistic=self._recent[:, STATISTIC])
@@ -347,13 +349,7 @@ class BiasLedger:
         further = known.weaken(limited - self.in_graph)
         return linear_factor_of(further.residual(), [B(variable)])
 
-    def add(
-        self,
-        window: StrideWindow,
-        track: Trajectory,
-        gyro_bias: Floats,
-        counted: Rest | None,
-    ) -> BiasLedger:
+    def add(self, window: StrideWindow, track: Trajectory, gyro_bias: Floats, counted: Rest | None) -> BiasLedger:
         """Add what the newest footfall shows.
 
         Parameters

@@ -5,7 +5,7 @@ A new footfall eliminates again what it changes, and the rest stays. Four things
 * Relinearization by attitude. Position and velocity enter the equations linearly once they are written in the body's
   axes; a heading that moved by a does not, and an old linearization costs a^2/2 of each stride. Thresholds are for
   attitude, bias and field; positions may move by any amount. Variables are checked from the newest footfall backward
-  until one is below its threshold, so that one stretch is relinearized and the check costs nothing.
+  until one is below its threshold, so that one part is relinearized and the check costs nothing.
 * New variables start where the footfall before is linearized, not at its estimate (`initialize_stride`). Otherwise each
   new one would be linearized at another heading than those before it, and none would ever pass a threshold.
 * The linearization point is held alive in Python. pybind then hands the same object to every factor written in Python;
@@ -26,14 +26,7 @@ import numpy as np
 from gtsam.symbol_shorthand import X
 
 from fg_nav.arrays import Floats
-from fg_nav.online.strides import (
-    StanceNodes,
-    list_variables,
-    order_variables,
-    result_keys,
-    weak_priors,
-    weak_sigmas,
-)
+from fg_nav.online.strides import StanceNodes, list_variables, order_variables, result_keys, weak_priors, weak_sigmas
 from fg_nav.smoother.solver import UNSOLVED, marginal_covariances
 
 # Thresholds of relinearization: of attitude, bias and field, and of what enters linearly.
@@ -71,13 +64,16 @@ def isam_parameters() -> gtsam.ISAM2Params:
 
 
 class ISAM2Backend:
-    """Factors of a window of a walk and their iSAM2 tree."""
+    """Factors of a window of a walk and their iSAM2 tree.
+
+    `linearization_point` is that of its variables; new ones start from there. Not to be copied.
+    """
 
     def __init__(self) -> None:
         self._graph = gtsam.NonlinearFactorGraph()
         self._covariances: dict[int, Floats] = {}
         self._isam = gtsam.ISAM2(isam_parameters())
-        self._theta = self._isam.getLinearizationPoint()  # held from before the first update on
+        self.linearization_point = self._isam.getLinearizationPoint()  # held from before the first update on
 
     def reset(self, graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, stances: list[StanceNodes]) -> None:
         """Begin again from a graph of these footfalls at its minimum; all stays as it was where that raises."""
@@ -85,25 +81,22 @@ class ISAM2Backend:
         theta = isam.getLinearizationPoint()
         isam.update(graph, values, constrainedKeys=_group_by_time(stances, len(stances), values))
         self._graph, self._covariances = gtsam.NonlinearFactorGraph(graph), {}
-        self._isam, self._theta = isam, theta
+        self._isam, self.linearization_point = isam, theta
 
     def add(self, graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, stances: list[StanceNodes]) -> None:
         """Add factors and their new variables, and solve; the last of the stances is the newest.
 
-        Raises
-        ------
-        RuntimeError
-            Where there is no solution, with weak priors either.
+        Raises `RuntimeError` where there is no solution, with weak priors either.
         """
         self._graph.push_back(graph)
         self._covariances = {}
         try:
-            order = _group_by_time(stances, IN_ORDER, self._theta, values)
+            order = _group_by_time(stances, IN_ORDER, self.linearization_point, values)
             self._isam.update(graph, values, constrainedKeys=order)
             # Repeat the update while the newest footfall turns away from its linearization point.
             for _ in range(MAX_UPDATES - 1):
                 newest = X(stances[-1].result)
-                turn = self._theta.atPose3(newest).rotation().between(self.pose(newest).rotation())
+                turn = self.linearization_point.atPose3(newest).rotation().between(self.pose(newest).rotation())
                 if np.abs(gtsam.Rot3.Logmap(turn)).max() <= ATTITUDE_RAD:
                     break
                 self._isam.update(gtsam.NonlinearFactorGraph(), gtsam.Values(), constrainedKeys=order)
@@ -121,10 +114,6 @@ class ISAM2Backend:
     def bias(self, key: int) -> gtsam.imuBias.ConstantBias:
         """Return the estimate of a bias."""
         return self._isam.calculateEstimateConstantBias(key)
-
-    def linearization_point(self) -> gtsam.Values:
-        """Return the values at which the variables are linearized; new ones start from there. Not to be copied."""
-        return self._theta
 
     def covariance(self, key: int) -> Floats:
         """Return the marginal covariance (d, d) of a variable, from all factors where iSAM2 finds none."""
@@ -169,11 +158,11 @@ class ISAM2Backend:
         try:
             return self._isam.calculateBestEstimate()
         except UNSOLVED:
-            return gtsam.Values(self._theta)
+            return gtsam.Values(self.linearization_point)
 
     def _rebuild(self, newest: gtsam.Values) -> None:
         """Build the tree again, from its linearization point, with weak priors on the newest variables."""
-        values, missing = gtsam.Values(self._theta), gtsam.Values(newest)
+        values, missing = gtsam.Values(self.linearization_point), gtsam.Values(newest)
         for key in list(newest.keys()):
             if values.exists(key):
                 missing.erase(key)
@@ -181,7 +170,7 @@ class ISAM2Backend:
         weak = weak_priors(newest)
         self._graph.push_back(weak)
         self._isam = gtsam.ISAM2(isam_parameters())
-        self._theta = self._isam.getLinearizationPoint()
+        self.linearization_point = self._isam.getLinearizationPoint()
         self._isam.update(self._graph, values)
 
 

@@ -26,7 +26,7 @@ from fg_nav.detection.causal import CausalParameters, CausalStances, Footfall, j
 from fg_nav.detection.rest import freeze_ends
 from fg_nav.errors import EstimationError
 from fg_nav.magnetic.axes import AlignedMagnetometer, align_magnetometer
-from fg_nav.online.background import WorkerSolver
+from fg_nav.online.background import Solver, WorkerSolver
 from fg_nav.online.buffer import SampleBuffer
 from fg_nav.online.estimates import Revision, StanceEstimate, StrapdownPath, select_rows
 from fg_nav.online.intake import SampleIntake
@@ -35,7 +35,6 @@ from fg_nav.online.resolve import measure_walk_field
 from fg_nav.online.sample_filter import SampleFilter
 from fg_nav.online.smoother import OnlineSmoother
 from fg_nav.online.smoother_state import SmootherState
-from fg_nav.online.solving import Solver
 from fg_nav.recording import MIN_SAMPLES, Recording
 from fg_nav.smoother import smooth
 from fg_nav.smoother.graph import Trajectory, dense_trajectory
@@ -141,10 +140,7 @@ class OnlineNavigator(SampleIntake):
     def finish(self) -> Solution:
         """End the walk and return its estimates as they are then, with their path.
 
-        Raises
-        ------
-        RecordingError, DetectionError
-            Where there was no walk.
+        Raises `RecordingError`, `DetectionError` where there was no walk.
         """
         began = perf_counter()
         self.close()
@@ -175,19 +171,13 @@ class OnlineNavigator(SampleIntake):
             returns=self.returns,
         )
 
-    def polish(
-        self,
-        progress: Callable[[float], None] | None = None,
-        stances: Stances | None = None,
-    ) -> Solution:
+    def polish(self, progress: Callable[[float], None] | None = None, stances: Stances | None = None) -> Solution:
         """End the walk and solve it as a whole in batch; without its field where that fails.
 
         Parameters
         ----------
-        progress
-            Given from time to time the fraction that is done.
-        stances
-            Of `recording()`, where they are known.
+        progress : called with the fraction that is done.
+        stances : of `recording()`, where they are known.
 
         Raises
         ------
@@ -241,7 +231,7 @@ class OnlineNavigator(SampleIntake):
 
     @property
     def stands(self) -> bool:
-        """Whether the foot stands at the last samples, as far as is seen."""
+        """Whether the foot stands at the last samples, as far as is known."""
         return self._stances.stands
 
     @property

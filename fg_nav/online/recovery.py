@@ -16,7 +16,7 @@ from gtsam.symbol_shorthand import B, M, S, V, X
 
 from fg_nav.arrays import Floats
 from fg_nav.factors.magnetic_field import E_H, SIZE
-from fg_nav.online.anchor import marginalize
+from fg_nav.online.anchor import MarginalPrior, marginalize
 from fg_nav.online.estimates import StanceEstimate
 from fg_nav.online.isam2 import ISAM2Backend
 from fg_nav.online.strides import StanceNodes, StrideWindow, initialize_stride, list_variables, weak_priors
@@ -70,15 +70,16 @@ def recover(
         # The field's state at the last footfall: its estimate, or linearization point, or a field that points north.
         state = np.zeros(SIZE)
         state[E_H] = NORTH_UT
-        for known in (backend.linearization_point().atVector, backend.vector):
+        for known in (backend.linearization_point.atVector, backend.vector):
             with suppress(*UNSOLVED):
                 found = np.asarray(known(M(window.before.number)))
                 state = found if np.isfinite(found).all() else state
         field.insert(M(window.stance.number), state)
     try:
-        prior = _build_prior(last, graph_cov, held, window.before, p)
-        factors, solved = _add_stride(window, stride, held, values, prior, p)
-        _reset(backend, factors, solved, field, window.stance)
+        anchor = _marginalize_last(last, graph_cov, window, stride, held, values, p)
+        factors = gtsam.NonlinearFactorGraph()
+        factors.push_back(anchor.factor())
+        _reset(backend, factors, anchor.initial_values(), field, window.stance)
     except UNSOLVED:
         factors = _build_wide_priors(last, graph_cov, values, window.stance, p)
         _reset(backend, factors, values, field, window.stance)
@@ -117,40 +118,29 @@ def _last_values(backend: ISAM2Backend, last: StanceEstimate, before: StanceNode
     return held
 
 
-def _build_prior(
-    last: StanceEstimate, graph_cov: Floats, held: gtsam.Values, before: StanceNodes, p: SmootherParameters
-) -> gtsam.NonlinearFactorGraph:
-    """Prior on the last node of the last footfall, from its estimate."""
-    graph = gtsam.NonlinearFactorGraph()
-    key, velocity_key = X(before.stop - 1), V(before.stop - 1)
-    pose = held.atPose3(key)
-    graph.addPriorPose3(key, pose, _pose_noise(pose, graph_cov, np.radians(p.tilt_sigma_deg)))
-    slow = gtsam.noiseModel.Isotropic.Sigma(3, NODE_SPEED_M_S)
-    graph.addPriorVector(velocity_key, held.atVector(velocity_key), slow)
-    _add_sensor_priors(graph, last, held.atConstantBias(B(before.bias)), before.bias, p)
-    return graph
-
-
-def _add_stride(
+def _marginalize_last(
+    last: StanceEstimate,
+    graph_cov: Floats,
     window: StrideWindow,
     stride: Stride,
     held: gtsam.Values,
     values: gtsam.Values,
-    prior: gtsam.NonlinearFactorGraph,
     p: SmootherParameters,
-) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
-    """Factors and values of the newest footfall: its stride and the prior, the last footfall marginalized."""
-    graph = gtsam.NonlinearFactorGraph(prior)
-    graph.push_back(stride_graph(stride, p))
-    whole = gtsam.Values(held)
-    whole.insert(values)
+) -> MarginalPrior:
+    """Marginal prior on the newest footfall, of its stride and the estimate of the footfall before."""
     before, stance = window.before, window.stance
-    leaving = [X(before.stop - 1), V(before.stop - 1)]
+    pose_key, velocity_key = X(before.stop - 1), V(before.stop - 1)
+    graph, pose = gtsam.NonlinearFactorGraph(), held.atPose3(pose_key)
+    graph.addPriorPose3(pose_key, pose, _pose_noise(pose, graph_cov, np.radians(p.tilt_sigma_deg)))
+    slow = gtsam.noiseModel.Isotropic.Sigma(3, NODE_SPEED_M_S)
+    graph.addPriorVector(velocity_key, held.atVector(velocity_key), slow)
+    _add_sensor_priors(graph, last, held.atConstantBias(B(before.bias)), before.bias, p)
+    graph.push_back(stride_graph(stride, p))
+    both = gtsam.Values(held)
+    both.insert(values)
+    leaving = [pose_key, velocity_key]
     leaving += [B(before.bias), S(before.bias)] if stance.bias != before.bias else []
-    anchor = marginalize(graph.linearize(whole), whole, list_variables(stance, whole), leaving)
-    factors = gtsam.NonlinearFactorGraph()
-    factors.push_back(anchor.factor())
-    return factors, anchor.initial_values()
+    return marginalize(graph.linearize(both), both, list_variables(stance, both), leaving)
 
 
 def _predict_stride(window: StrideWindow, stride: Stride, held: gtsam.Values, p: SmootherParameters) -> gtsam.Values:

@@ -23,14 +23,7 @@ from fg_nav.online.estimates import list_estimates
 from fg_nav.online.field import BiasLedger, CompassVerdict, OnlineField
 from fg_nav.online.floor_number import track_floors
 from fg_nav.online.options import OnlineOptions
-from fg_nav.online.strides import (
-    RestLedger,
-    StanceNodes,
-    list_stances,
-    list_variables,
-    result_keys,
-    select_fixes,
-)
+from fg_nav.online.strides import RestLedger, StanceNodes, list_stances, list_variables, result_keys, select_fixes
 from fg_nav.recording import Recording
 from fg_nav.smoother.constraints import add_constraints, add_fixes
 from fg_nav.smoother.count import count_factors
@@ -154,12 +147,9 @@ def solve_so_far(
     options : of the fixes those are used that the walk has come to.
     continues : (F,) which footfalls are further pieces of a standing: on the same spot each has the deviation of the
         first, so the field there counts once. None where there is none.
-    has_ended : whether nothing follows: then who stands at the end rests.
+    has_ended : whether nothing follows: then a standing at the end is a rest.
 
-    Raises
-    ------
-    EstimationError
-        Where the batch smoother does.
+    Raises `EstimationError` where the batch smoother does.
     """
     # The field at the footfalls, once for each standing.
     standings = stances

@@ -26,15 +26,15 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 
-from fg_nav.online.anchor import AnchorState
+from fg_nav.online.background import Solver
 from fg_nav.online.buffer import ReportedFootfall, SampleBuffer
 from fg_nav.online.smoother_state import Pending
-from fg_nav.online.solving import Solver, Task
+from fg_nav.online.solving import Task
 
 AT_ONCE = (1, 2, 3, 4, 6, 8, 10)  # Footfalls at which all is solved at once: a tenth of a second.
 WHOLE_UNTIL, WHOLE_WITH_LAG = 2000, 512  # The last footfall at which all is solved; with a lag, samples go then.
 WINDOW = 256  # Footfalls that are solved again behind it.
-NEWEST = 20  # Footfalls that are looked at for one in doubt: those of the last 20 s, in which stances are searched.
+NEWEST = 20  # Footfalls that are checked for one in doubt: those of the last 20 s, in which stances are searched.
 DOUBT_DELAY = 3  # Footfalls until a solution for one in doubt takes effect.
 FAST = 2.0  # Times as fast as it was walked: then the samples are of a recording, and nobody watches.
 
@@ -116,11 +116,6 @@ class ResolveSchedule:
             return True
         self.races += 1
         return self.solver.is_ready()
-
-    def take(self, line: int) -> AnchorState | None:
-        """Return the solution, before a line; None where the walk has none."""
-        self.taken.append(line)
-        return self.solver.take()
 
     def _is_due(self, line: int) -> bool:
         return self.pending is not None and self.pending.due_at <= line

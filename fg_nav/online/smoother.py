@@ -18,22 +18,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from fg_nav.arrays import Bools
 from fg_nav.detection.causal import Footfall, Seen
 from fg_nav.detection.stance import StanceParameters
 from fg_nav.errors import EstimationError
 from fg_nav.frames import UNKNOWN_RAD
 from fg_nav.magnetic.axes import MagAxes
 from fg_nav.online.anchor import AnchorState, Past, PathNodes, window_anchors
+from fg_nav.online.background import Solver
 from fg_nav.online.buffer import PartialWalk, ReportedFootfall, SampleBuffer
-from fg_nav.online.estimates import (
-    EstimateRow,
-    Revision,
-    StanceEstimate,
-    StrapdownPath,
-    build_table,
-    compare_pasts,
-)
+from fg_nav.online.estimates import EstimateRow, Revision, StanceEstimate, StrapdownPath, build_table, compare_pasts
 from fg_nav.online.field import extend_with_north
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.resolve import solve_from_start
@@ -48,7 +41,7 @@ from fg_nav.online.schedule import (
     is_windowed,
 )
 from fg_nav.online.smoother_state import SmootherState
-from fg_nav.online.solving import CONTEXT_S, Solver, Task, WalkSolver
+from fg_nav.online.solving import CONTEXT_S, Task, WalkSolver
 from fg_nav.online.window import Window
 from fg_nav.smoother.solver import UNSOLVED
 from fg_nav.solution import StanceTable
@@ -99,21 +92,14 @@ class OnlineSmoother:
     def add_footfall(self, footfall: Footfall, until: int, seen: Seen | None = None) -> list[StanceEstimate | Revision]:
         """Add a complete footfall; the revision before it, if there is one, and its estimate.
 
+        Raises `EstimationError` with samples or footfalls out of order or not finite, or if the first footfall has no
+        up. Valid input never raises, however the person moved.
+
         Parameters
         ----------
-        footfall
-            After the one before it.
-        until
-            Samples of the buffer before this one are used; they reach to the end of the footfall or beyond. Rests are
-            found in them.
-        seen
-            Stances as they are detected by now: a footfall that is none of them is in doubt.
-
-        Raises
-        ------
-        EstimationError
-            With samples or footfalls out of order or not finite, or if the first footfall has no up. Valid input
-            never raises, however the person moved.
+        footfall : after the one before it.
+        until : samples of the buffer before this one are used, rests found in them; to the end of the footfall or more.
+        seen : stances as they are detected by now: a footfall that is none of them is in doubt.
         """
         # A solution that is due takes effect before the footfall that comes behind it.
         revised = self._apply_solution() if self.schedule.is_taken(self.n_reported) else []
@@ -182,17 +168,14 @@ class OnlineSmoother:
         past = self._past if self.window is None else self._past.join(self.window.solve())
         return build_table(past.rows), past.nodes
 
-    def propagate(self, until: int, stands: Bools | None = None) -> StrapdownPath:
-        """Propagate the pose from the last footfall to the sample before `until`; see `Window.propagate`.
+    def propagate(self, until: int) -> StrapdownPath:
+        """Propagate the pose from the last footfall to the sample before `until`.
 
-        Raises
-        ------
-        EstimationError
-            Before the first footfall.
+        Raises `EstimationError` before the first footfall.
         """
         if self.window is None:
             raise EstimationError("there is no footfall yet to carry a pose on from: add one first.")
-        return self.window.propagate(until, stands)
+        return self.window.propagate(until)
 
     def resolve_soon(self, footfall: int) -> None:
         """Begin the next solution at this footfall at the latest."""
@@ -267,7 +250,8 @@ class OnlineSmoother:
         """Apply the solution that is due, unless the walk has none: then the newest window goes on."""
         schedule, n = self.schedule, self.n_reported
         assert schedule.pending is not None
-        anchor, late = schedule.take(n), n - schedule.pending.due_at
+        schedule.taken.append(n)
+        anchor, late = schedule.solver.take(), n - schedule.pending.due_at
         if anchor is not None and late > MAX_LATE:
             # Too many footfalls have come since: they are added in the background as well.
             schedule.request(self.footfalls[-late:], n)
@@ -335,7 +319,7 @@ class OnlineSmoother:
         if doubtful is None:
             self._next = choose_next(n, self._has_lag)
         else:
-            # One that is in doubt is looked at from the last anchor state before it, which is quick.
+            # One that is in doubt is checked from the last anchor state before it, which is quick.
             self._doubted.add(self.footfalls[doubtful].footfall.stillest)
             before = [one for one in self.anchors if one.stance.number < doubtful]
             start, delay = (before[-1], DOUBT_DELAY) if before else (start, delay)

@@ -36,7 +36,7 @@ class Pending:
 class SmootherState:
     """All that a smoother needs to go on with the samples; what is in it does not change any more.
 
-    The newest of the `starts` is what the newest stretch begins with; `discarded` footfalls have no samples any more.
+    The newest of the `starts` is what the newest window begins with; `discarded` footfalls have no samples any more.
     """
 
     told: tuple[EstimateRow, ...]

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 
@@ -57,38 +56,13 @@ class Task:
     has_ended: bool = False
 
 
-class Solver(Protocol):
-    """Solves a walk again while it goes on; `is_here` where it does so in this process."""
-
-    is_here: bool
-
-    def follow(self, until: int) -> None:
-        """Take the samples of the walk before this one."""
-
-    def discard(self, before: int) -> None:
-        """Discard samples that no task needs any more."""
-
-    def begin(self, task: Task) -> None:
-        """Begin a task, all samples of whose footfalls are there."""
-
-    def request(self, footfalls: Sequence[ReportedFootfall]) -> None:
-        """Request the anchor state at the last of these footfalls, which came since the task, or the last request."""
-
-    def is_ready(self) -> bool:
-        """Whether that is there."""
-
-    def wait(self) -> None:
-        """Wait until it is there."""
-
-    def take(self) -> AnchorState | None:
-        """Return it, as soon as it is there; None where the walk has no solution."""
-
-    def close(self) -> Solver:
-        """Release what it holds; return the solver in this process, for what follows."""
-
-
 class WalkSolver:
-    """Solves in this process, when an anchor state is waited for; methods as of `Solver`."""
+    """Solves a walk again while it goes on: in this process, when an anchor state is waited for.
+
+    Attributes
+    ----------
+    is_here : whether it solves in this process.
+    """
 
     is_here = True
 
@@ -100,22 +74,22 @@ class WalkSolver:
         self._is_done = False
 
     def follow(self, until: int) -> None:
-        """Nothing: the buffer is its owner's."""
+        """Take the samples of the walk before this one; here the buffer is the walk's."""
 
     def discard(self, before: int) -> None:
-        """Nothing: the buffer is its owner's."""
+        """Discard samples that no task needs any more; here the buffer is the walk's."""
 
     def begin(self, task: Task) -> None:
-        """See `Solver`."""
+        """Begin a task, all samples of whose footfalls are there."""
         self._task, self._requested, self._solved, self._is_done = task, [], None, False
 
     def request(self, footfalls: Sequence[ReportedFootfall]) -> None:
-        """See `Solver`."""
+        """Request the anchor state at the last of these footfalls, which came since the task, or the last request."""
         self._requested.append(footfalls)
         self._is_done = False
 
     def is_ready(self) -> bool:
-        """See `Solver`."""
+        """Whether that is there."""
         return self._is_done
 
     def prepare(self) -> None:
@@ -127,7 +101,7 @@ class WalkSolver:
             self._solved = None
 
     def wait(self) -> None:
-        """See `Solver`."""
+        """Wait until it is there."""
         if self._is_done:
             return
         assert self._task is not None
@@ -142,12 +116,12 @@ class WalkSolver:
         self._requested, self._is_done = [], True
 
     def take(self) -> AnchorState | None:
-        """See `Solver`."""
+        """Return it, as soon as it is there; None where the walk has no solution."""
         self.wait()
         return None if self._solved is None else self._solved[0]
 
-    def close(self) -> Solver:
-        """Nothing to release."""
+    def close(self) -> WalkSolver:
+        """Release what it holds; return the solver in this process, for what follows."""
         return self
 
     def _solve(self, task: Task) -> tuple[AnchorState, PartialWalk]:
@@ -171,7 +145,7 @@ class WalkSolver:
     def _solve_whole(self, walk: PartialWalk, has_ended: bool) -> AnchorState:
         return solve_from_start(walk, self._options, has_ended)
 
-    def _review(self, task: Task) -> tuple[ReportedFootfall, ...]:
+    def _review(self, task: Task) -> list[ReportedFootfall]:
         """Review the footfalls of a task, but the one at which it begins."""
         begins, until = 0, task.footfalls[-1].until
         if task.start is not None:
@@ -179,11 +153,10 @@ class WalkSolver:
             begins = self._buffer.find_since(stamp - CONTEXT_S, until)
         recording = as_recording(self._buffer.between(begins, until), with_mag=False)
         if task.start is None:
-            return tuple(review_footfalls(recording, begins, task.footfalls, self._stance))
+            return review_footfalls(recording, begins, task.footfalls, self._stance)
         first, *later = task.footfalls
         reviewed = review_footfalls(recording, begins, later, self._stance)
-        ends = int(first.footfall.stop[-1])
-        return (first, *(one for one in reviewed if one.footfall.start[0] >= ends))
+        return [first, *(one for one in reviewed if one.footfall.start[0] >= first.footfall.stop[-1])]
 
 
 def _extend(window: Window, walk: PartialWalk, footfalls: Sequence[ReportedFootfall]) -> AnchorState:

@@ -217,11 +217,11 @@ def initialize_stride(
     bias: gtsam.imuBias.ConstantBias,
     p: SmootherParameters,
 ) -> gtsam.Values:
-    """Return initial values of the new variables: the solution of the stride alone, what came before held fixed.
+    """Return initial values of the new variables: the solution of the stride alone, variables before held fixed.
 
-    It is fixed where it is linearized, not at its estimate. So a walk that has turned by a little turns as one piece,
-    and the second-order error of that turn comes once, not with every stride. Dead reckoning alone would leave a tilt
-    whose square is a turn, the same with every stride.
+    They are fixed at their linearization point, not at their estimate. So a walk that has turned by a little turns as
+    one piece, and the second-order error of that turn comes once, not with every stride. Dead reckoning alone would
+    leave a tilt whose square is a turn, the same with every stride.
 
     Parameters
     ----------

@@ -19,7 +19,6 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import B, M, P, V, X
 
-from fg_nav.arrays import Bools
 from fg_nav.factors.walk_constraints import position_fix_factor, position_fix_noise
 from fg_nav.magnetic.quasi_static import UNKNOWN
 from fg_nav.mechanisation import NavState
@@ -72,10 +71,7 @@ class Window:
     ----------
     walk : the samples and footfalls since; a footfall is added to it first, and here next.
 
-    Raises
-    ------
-    RuntimeError
-        Where the anchor state determines no solution.
+    Raises `RuntimeError` where the anchor state determines no solution.
     """
 
     def __init__(self, initial: AnchorState, walk: PartialWalk) -> None:
@@ -139,26 +135,10 @@ class Window:
             floors=self._floors,
         )
 
-    def propagate(self, until: int, stands: Bools | None = None) -> StrapdownPath:
-        """Propagate the pose by strapdown from the last node of the last footfall.
-
-        Parameters
-        ----------
-        until
-            Samples of the buffer before this one are used.
-        stands : (n,)
-            Where the foot is seen to stand in the last n of them: it does not move there. None where not known.
-
-        Returns
-        -------
-        StrapdownPath
-            At all samples from the last node on.
-        """
+    def propagate(self, until: int) -> StrapdownPath:
+        """Propagate the pose by strapdown from the last node of the last footfall to the sample before `until`."""
         stance = self._stances[-1]
         recording, first = self._walk.cut_onward(stance.samples[-1], until)
-        still = np.zeros(len(recording), dtype=np.bool_)
-        if stands is not None:
-            still[len(recording) - len(stands) :] = stands
         pose, bias = self._backend.pose(X(stance.stop - 1)), self._backend.bias(B(stance.bias))
         state = NavState(
             np.array(pose.translation()),
@@ -167,7 +147,7 @@ class Window:
             np.array(bias.gyroscope()),
             np.array(bias.accelerometer()),
         )
-        return propagate_strapdown(recording, first, state, still, self._p.gravity)
+        return propagate_strapdown(recording, first, state, self._p.gravity)
 
     def _extend(self) -> tuple[RestLedger, BiasLedger | None]:
         """Add the newest stride to the graph, first its motion, then its field; return the ledgers with its rests."""
@@ -185,7 +165,7 @@ class Window:
             graph.push_back(biases.complete(before.bias, level))
             biases = biases.begin()
         # Initial values of its variables.
-        linearized, bias = backend.linearization_point(), backend.bias(B(before.bias))
+        linearized, bias = backend.linearization_point, backend.bias(B(before.bias))
         values = initialize_stride(window, graph, linearized, bias, p)
         # The pressure at the footfall, and a state of the barometer.
         if self.initial.barometer is not None:

@@ -12,7 +12,7 @@ import sys
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 from fg_nav.detection.stance import StanceParameters
 from fg_nav.online.anchor import AnchorState
@@ -21,15 +21,18 @@ from fg_nav.online.options import OnlineOptions
 from fg_nav.online.solving import WalkSolver
 from fg_nav.system.processes import collect_seldom
 
-NICENESS = 5  # The process that reports the walk comes first.
+if TYPE_CHECKING:
+    from fg_nav.online.feet_solving import WalksAlone
 
-SolverMaker: TypeAlias = Callable[[OnlineOptions, StanceParameters, SampleBuffer], WalkSolver]
+NICENESS = 5  # The process that reports the walk comes first.
 
 
 class Worker:
     """Solves one walk as its messages say."""
 
-    def __init__(self, make_solver: SolverMaker = WalkSolver) -> None:
+    def __init__(
+        self, make_solver: Callable[[OnlineOptions, StanceParameters, SampleBuffer], WalkSolver] = WalkSolver
+    ) -> None:
         self._make_solver, self._buffer = make_solver, SampleBuffer()
         self._solver: WalkSolver
 
@@ -54,42 +57,28 @@ class Worker:
         return None
 
 
-class FeetWorker:
-    """Solves the walks of both feet, by side."""
-
-    def __init__(self) -> None:
-        from fg_nav.feet.sides import SIDES
-        from fg_nav.online.feet_solving import FootSolver, WalksAlone
-
-        self._walks = walks = WalksAlone()
-        self._workers = {side: Worker(partial(FootSolver, side, walks)) for side in SIDES}
-
-    def answer(self, side: Any, kind: str, *content: Any) -> tuple[AnchorState | None] | None:
-        """Return the answer to a message as `Worker` does; "part" is of both."""
-        if kind != "part":
-            return self._workers[side].answer(kind, *content)
-        self._walks.part()
-        return None
-
-
 def answer_messages() -> None:
-    """Answer the messages of one foot, whose key is "", or of both, until there are no more."""
+    """Answer the messages of one foot, whose key is "", or of both, by side, until there are no more."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that reports the walk
     os.nice(NICENESS)
     collect_seldom()
     messages, answers = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # whatever prints must not print into the answers
-    one: Worker | None = None
-    both: FeetWorker | None = None
+    workers: dict[str, Worker] = {"": Worker()}
+    walks: WalksAlone | None = None
     with suppress(EOFError, OSError, pickle.UnpicklingError):  # its owner has gone, maybe in the middle of a message
         while True:
-            key, *message = pickle.load(messages)
-            if key:
-                both = FeetWorker() if both is None else both
-                found = both.answer(key, *message)
-            else:
-                one = Worker() if one is None else one
-                found = one.answer(*message)
+            key, kind, *content = pickle.load(messages)
+            if key and walks is None:
+                from fg_nav.feet.sides import SIDES
+                from fg_nav.online import feet_solving
+
+                walks = feet_solving.WalksAlone()
+                workers |= {side: Worker(partial(feet_solving.FootSolver, side, walks)) for side in SIDES}
+            if kind == "part" and walks is not None:
+                walks.part()
+                continue
+            found = workers[key].answer(kind, *content)
             if found is not None:
                 pickle.dump((key, *found), answers, protocol=pickle.HIGHEST_PROTOCOL)
                 answers.flush()

@@ -148,20 +148,12 @@ def test_a_lag_longer_than_the_walk_is_none():
 
 def test_the_pose_is_carried_on_to_the_next_footfall():
     walk, online = demo(), fed(demo(), footfalls=20)
-    reached = int(walk.stances.stop[walk.stances.footfall == 19][-1]) + 5
     arrives = int(walk.stances.start[walk.stances.footfall == 20][0]) + 3
-    track = online.propagate(arrives + 200, stands_from(arrives - reached, 200))
+    track = online.propagate(arrives + 1)
     assert track.t[0] == pytest.approx(walk.recording.t[online.window._stances[-1].samples[-1]])
-    there = track.position[np.searchsorted(track.t, walk.recording.t[arrives])]
-    np.testing.assert_array_equal(track.position[-1], track.position[-50])
+    there = track.position[-1]
     add(online, walk, 20)
     assert np.linalg.norm(online.latest.position - there) < 0.15
-
-
-def stands_from(first: int, more: int):
-    stands = np.zeros(first + more, dtype=bool)
-    stands[first:] = True
-    return stands
 
 
 def test_an_indeterminate_graph_is_repaired():
