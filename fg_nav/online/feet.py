@@ -20,8 +20,8 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.detection.causal import CausalParameters
 from fg_nav.errors import EstimationError, FgNavError
+from fg_nav.feet import SIDES, Side
 from fg_nav.feet.person import FeetSolution
-from fg_nav.feet.sides import SIDES, Side
 from fg_nav.online.estimates import StanceEstimate, split_rows
 from fg_nav.online.feet_beside import FeetSolvers
 from fg_nav.online.feet_clocks import ENOUGH_SWINGS, check_clocks

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from fg_nav.detection.stance import StanceParameters
-from fg_nav.feet.sides import SIDES, Side
+from fg_nav.feet import SIDES, Side
 from fg_nav.online.beside import Link, WorkerSolver, read_answers, start_writer
 from fg_nav.online.buffer import SampleBuffer
 from fg_nav.online.feet_solving import FootSolver, WalksAlone

@@ -15,7 +15,7 @@ from functools import partial
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import FgNavError
-from fg_nav.feet.sides import SIDES, Side
+from fg_nav.feet import SIDES, Side
 from fg_nav.online.estimates import StanceEstimate
 from fg_nav.online.feet import FeetNavigator
 from fg_nav.online.feet_lines import FeetLine, format_feet_line, tag_line

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.feet.sides import SIDES, Side
+from fg_nav.feet import SIDES, Side
 from fg_nav.online.buffer import COLUMNS
 
 BLOCK_S = 0.1

@@ -10,8 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from fg_nav.errors import EstimationError, StreamError
-from fg_nav.feet.options import refuse_for_two, split_pair
-from fg_nav.feet.sides import SIDES, Side
+from fg_nav.feet import SIDES, Side, refuse_for_two, split_pair
 from fg_nav.online.feet import FeetNavigator
 from fg_nav.online.feet_follow import follow_feet
 from fg_nav.online.options import OnlineOptions

@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import Any
 
 from fg_nav.detection.stance import StanceParameters
-from fg_nav.feet.sides import SIDES, Side
+from fg_nav.feet import SIDES, Side
 from fg_nav.online.buffer import ReportedFootfall
 from fg_nav.online.feet_solving import FootSolver, WalksAlone
 from fg_nav.online.handover import Handover

@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from fg_nav.feet.sides import SIDES, Side
+from fg_nav.feet import SIDES, Side
 from fg_nav.feet_result import FeetResult, Pairing
 from fg_nav.report import WITH_PAGE, WITH_PICTURES, Plots
 from fg_nav.report.aligned import AlignedSolution

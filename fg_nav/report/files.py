@@ -24,7 +24,7 @@ import pandas as pd
 
 from fg_nav.estimators import ESTIMATORS, find_given_parameters
 from fg_nav.evaluation.metrics import evaluate, measure_gap
-from fg_nav.feet.sides import Side
+from fg_nav.feet import Side
 from fg_nav.io import write_tum
 from fg_nav.magnetic.quasi_static import NO_GATE, QUASI_STATIC, UNKNOWN, find_gate
 from fg_nav.report import WITH_PAGE, WITH_PICTURES, Plots

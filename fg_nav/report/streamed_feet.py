@@ -17,8 +17,8 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from fg_nav.evaluation.metrics import evaluate
+from fg_nav.feet import SIDES, Side
 from fg_nav.feet.person import FeetSolution
-from fg_nav.feet.sides import SIDES, Side
 from fg_nav.feet_result import solve_person
 from fg_nav.report.files import Summary, describe_end, summarize, write_foot, write_json, write_person, write_strides
 from fg_nav.solution import Solution
