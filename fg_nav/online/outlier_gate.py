@@ -1,6 +1,6 @@
 """Bad samples of a stream, as of a recording (`fg_nav.samples.outliers`): the same are found, some samples later.
 
-One of which only one sensor is bad passes with a line in place of that (`fg_nav.samples.bridging`), and says so.
+One of which only one sensor is bad passes with a line in place of that (`fg_nav.samples.gaps`), and says so.
 
 Most samples pass at once. One at which a run of bad ones may begin, far from the one before, is held until
 `LOOK_AHEAD` more are there: 55 ms at 200 Hz, in which a shoe that strikes is on its way to a footfall.
@@ -14,7 +14,7 @@ import numpy as np
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.online.buffer import COLUMNS
-from fg_nav.samples.bridging import interpolate_unread
+from fg_nav.samples.gaps import interpolate_unread
 from fg_nav.samples.outliers import AROUND, BOTH_OUT, MAG_OUT, scan_mag, scan_outliers
 
 NOTHING = np.empty((0, COLUMNS))
