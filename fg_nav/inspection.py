@@ -22,7 +22,7 @@ from fg_nav.recording import MIN_SAMPLES, RawRecording, Recording
 from fg_nav.samples import plausibility
 from fg_nav.samples.plausibility import GravityTransport, find_usable_samples
 from fg_nav.samples.saturation import find_saturated
-from fg_nav.samples.timing import fit_clock
+from fg_nav.samples.stamps import fit_clock
 from fg_nav.text import format_count
 from fg_nav.truth import FootprintTruth, Truth
 from fg_nav.verdict import UNUSABLE, Verdict, combine

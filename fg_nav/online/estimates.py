@@ -62,6 +62,7 @@ from fg_nav.smoother.solver import in_nav
 from fg_nav.solution import StanceTable
 from fg_nav.system.compiled import njit
 from fg_nav.text import to_json
+from fg_nav.verdict.limits import Verdict
 
 SMOOTHED, POLISHED = "smoothed", "polished"  # Kinds of lines at the end: of the graph, and of the batch smoother.
 TURNED_RAD = float(np.radians(1.0))  # A smaller turn is one of many corrections of the past.
@@ -282,7 +283,7 @@ def format_estimate(
     estimate: StanceEstimate,
     continues: bool,
     sensor_time: SensorTime = lambda sample, t: t,
-    verdict: PathVerdict | None = None,
+    verdict: Verdict | None = None,
 ) -> str:
     """Return the line of an estimate of the moment, with the verdict on the path up to it, where there is one."""
     return _format_line("now", {"continues": continues, "floor": estimate.floor}, estimate, sensor_time, verdict)
@@ -293,7 +294,7 @@ def format_table(
     sensor_time: SensorTime = lambda sample, t: t,
     kind: str = SMOOTHED,
     heading: Floats | None = None,
-    verdict: PathVerdict | None = None,
+    verdict: Verdict | None = None,
 ) -> Iterator[str]:
     """Yield the lines of the past as it is known at the end; `heading` (K,) rad, if not of the body's x axis.
 
@@ -322,7 +323,7 @@ def format_table(
 
 
 def _format_line(
-    kind: str, more: dict[str, object], estimate: StanceEstimate, sensor_time: SensorTime, verdict: PathVerdict | None
+    kind: str, more: dict[str, object], estimate: StanceEstimate, sensor_time: SensorTime, verdict: Verdict | None
 ) -> str:
     sigma = np.sqrt(np.diagonal(estimate.pose_cov))
     t, sensor_t = round(estimate.t, 9), round(sensor_time(estimate.sample, estimate.t), 9)

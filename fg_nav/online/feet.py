@@ -30,9 +30,9 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.detection.causal import CausalParameters
 from fg_nav.errors import EstimationError, FgNavError
+from fg_nav.feet import SIDES, Side
 from fg_nav.feet.clocks import Swings, match_swings
 from fg_nav.feet.person import CHORD_M, FeetSolution
-from fg_nav.feet.sides import SIDES, Side
 from fg_nav.feet.steps import SHORT_M, find_longest_stride
 from fg_nav.frames import compute_heading
 from fg_nav.online.anchor import AnchorState, TiedAnchorState

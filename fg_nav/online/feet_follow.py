@@ -24,8 +24,7 @@ import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import EstimationError, FgNavError, StreamError
-from fg_nav.feet.options import refuse_for_two, split_pair
-from fg_nav.feet.sides import SIDES, Side
+from fg_nav.feet import SIDES, Side, refuse_for_two, split_pair
 from fg_nav.online.buffer import COLUMNS
 from fg_nav.online.estimates import DIGITS, Revision, StanceEstimate
 from fg_nav.online.feet import FeetNavigator

@@ -22,7 +22,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.feet.sides import Side
+from fg_nav.feet import Side
 from fg_nav.online.estimates import DIGITS, Revision, StanceEstimate, format_estimate, format_revision
 from fg_nav.text import to_json
 

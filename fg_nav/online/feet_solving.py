@@ -23,7 +23,7 @@ import numpy as np
 
 from fg_nav.detection.stance import StanceParameters
 from fg_nav.errors import EstimationError
-from fg_nav.feet.sides import SIDES, Side
+from fg_nav.feet import SIDES, Side
 from fg_nav.feet.steps import MIN_TURNS, measure_turns
 from fg_nav.frames import compute_heading
 from fg_nav.online.anchor import AnchorState, TiedAnchorState, marginalize_root

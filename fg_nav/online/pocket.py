@@ -12,7 +12,7 @@ are uncertain, so the path turns about its origin; a degree and more is a `Revis
 covariances here (`AXIS_SIGMA_DEG`), unlike in batch, which has the axes of all the walk. So is what the filter learned
 of the heading later. While the gait does not show front and back, a heading that was not given is unknown.
 
-Over a gap a person walks at up to `pocket.online_thigh.WALKER_M_S` in any direction.
+Over a gap a person walks at up to `pocket.online.WALKER_M_S` in any direction.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ from fg_nav.pocket.navigate import (
     navigate_pocket,
     require_steps,
 )
-from fg_nav.pocket.online_thigh import OnlineThigh
+from fg_nav.pocket.online import OnlineThigh
 from fg_nav.pocket.steps import Steps
 from fg_nav.pocket.track import STILL_S
 from fg_nav.recording import MAX_GAP_S, MIN_SAMPLES, Recording

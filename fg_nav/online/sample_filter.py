@@ -3,7 +3,7 @@
 ================================= ==========================================================================
 missing (NaN, empty, no range)    left out
 bad samples                       found as in a file (`fg_nav.samples.outliers`); one of which one sensor is bad is
-                                  bridged by a line (`fg_nav.samples.bridging`), others are left out
+                                  bridged by a line (`fg_nav.samples.gaps`), others are left out
 stamp as the one before           left out
 stamp before the last one         waits, and is left out; but after `RESTART` of them in order the clock has restarted,
                                   and its stamps are shifted: where force and rate go on (a counter that began again)
@@ -44,7 +44,7 @@ from fg_nav.online.buffer import COLUMNS, TAKEN
 from fg_nav.online.overlap import HEAD, TAIL, Overlap, fingerprint_rows, restore_stamps
 from fg_nav.recording import MAX_GAP_S, find_field_samples
 from fg_nav.samples import outliers
-from fg_nav.samples.bridging import interpolate_unread
+from fg_nav.samples.gaps import interpolate_unread
 from fg_nav.samples.outliers import ACC_OUT, BOTH_OUT, GYR_OUT, MAG_OUT, scan_mag, scan_outliers
 from fg_nav.samples.plausibility import (
     find_acc_problem,

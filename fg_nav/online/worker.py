@@ -70,7 +70,7 @@ def answer_messages() -> None:
         while True:
             key, kind, *content = pickle.load(messages)
             if key and walks is None:
-                from fg_nav.feet.sides import SIDES
+                from fg_nav.feet import SIDES
                 from fg_nav.online import feet_solving
 
                 walks = feet_solving.WalksAlone()

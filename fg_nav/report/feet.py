@@ -21,8 +21,8 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from fg_nav.evaluation.metrics import evaluate
+from fg_nav.feet import SIDES, Side
 from fg_nav.feet.person import FeetSolution
-from fg_nav.feet.sides import SIDES, Side
 from fg_nav.feet_result import FeetResult, solve_person
 from fg_nav.io import write_tum
 from fg_nav.report import WITH_PAGE, WITH_PICTURES, Plots

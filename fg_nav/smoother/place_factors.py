@@ -25,10 +25,8 @@ from fg_nav.arrays import Bools, Floats, Ints, interpolate_columns
 from fg_nav.factors.residual import LETTER_SHIFT, Keys, ResidualBlock
 from fg_nav.factors.same_place import SamePlace, weigh_place
 from fg_nav.places import Signature, Stretch
-from fg_nav.places.recognition import ALONG_SIGMA_M, LATERAL_SIGMA_M, UP_SIGMA_M
-from fg_nav.places.sharpness import find_shift, weigh_shifts
-from fg_nav.places.signature import SPACING_M
-from fg_nav.places.whitening import Features, whiten
+from fg_nav.places.recognition import ALONG_SIGMA_M, LATERAL_SIGMA_M, UP_SIGMA_M, find_shift, weigh_shifts
+from fg_nav.places.signature import SPACING_M, Features, whiten
 from fg_nav.smoother.strides import Nodes
 
 CELL_M, MAX_CELLS = 20.0, 60

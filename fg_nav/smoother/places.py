@@ -26,8 +26,7 @@ from fg_nav.errors import EstimationError
 from fg_nav.places import Signature, Stretch, recognize, select_consistent, trace_signature
 from fg_nav.places.candidates import ALIKE_M
 from fg_nav.places.recognition import AVERAGE_M
-from fg_nav.places.signature import MIN_POINTS, SPACING_M
-from fg_nav.places.whitening import TURNED
+from fg_nav.places.signature import MIN_POINTS, SPACING_M, TURNED
 from fg_nav.smoother.combinations import FootfallCovariance
 from fg_nav.smoother.graph import Trajectory, WalkProblem, solve, trajectory_of
 from fg_nav.smoother.place_factors import PlaceFactors, make_place_factors
