@@ -269,6 +269,14 @@ def test_clipping_is_found_behind_rounding(name: str) -> None:
     assert result.verdict.word != "trusted"
 
 
+def test_checks_that_end_for_want_of_data_say_so() -> None:
+    whole, short = (RawRecording(T[:n], WALK.acc[:n], WALK.gyr[:n], np.arange(n)) for n in (len(T), 700))
+    assert not any("Not judged" in words for words in inspect(whole).verdict)
+    (words,) = (words for words in inspect(short).verdict if "Not judged" in words)
+    assert "axes and clocks of gyroscope and accelerometer (3 strides)" in words
+    assert "whether the samples are smoothed (3 s at 200 Hz)" in words
+
+
 @pytest.mark.parametrize("step", [0.5, 2.0, 5.0])
 def test_a_coarse_gyroscope_at_the_end_of_its_range(step: float) -> None:
     limit = 0.6 * np.abs(DEG).max()
