@@ -26,7 +26,7 @@ from fg_nav.errors import FormatError, StreamError
 from fg_nav.io.text_columns import find_column, scale_values
 from fg_nav.online.buffer import COLUMNS
 from fg_nav.online.header_lines import is_header, is_number
-from fg_nav.samples.plausibility import find_unit_problems
+from fg_nav.samples.plausibility import find_unit_problems, keep_air
 
 MAX_LINE = 1 << 16  # Bytes; a longer one has lost its end.
 MIN_BLOCK = 200  # Lines; fewer are sooner read one by one.
@@ -36,7 +36,7 @@ LINES_TO_REMARK, MAX_BEFORE_HEADER = 20, 5000
 """Lines before the header: what was left in a device's buffer; and of a sender that sends its header every second."""
 
 HEADLESS, MIN_HEADLESS = 400, 100
-"""Rows of 7 or 10 numbers by which physics shows that each is a sample in SI; at the end of the source fewer do."""
+"""Rows of 7, 10 or 11 numbers by which physics shows that each is a sample in SI; at the end of the source fewer do."""
 
 HINT = f"a line must name the columns ({TIME[0]},{ACC[0]},...), or --columns; --speed replays a whole recording"
 """What to do without a header."""
@@ -107,10 +107,10 @@ def _place_columns(wanted: mapping.Columns, fields: Sequence[str], rate_hz: floa
 class RowReader:
     """Turns bytes into samples: bytes in pieces of any length, rows (n, 11) out.
 
-    Without `columns` the first line that names canonical columns is the header; where it was lost, rows of 7 or 10
-    numbers are in canonical order if units and axes are then those of a sensor, and all of them are kept. Then each
-    line is a row. One that has another number of fields, or a field that is no number, is left out and counted in
-    `bad`; an empty field is NaN. The last line waits for its end.
+    Without `columns` the first line that names canonical columns is the header, or the end of one where the source began
+    before; where it was lost, rows of 7, 10 or 11 numbers are in canonical order if units and axes are then those of a
+    sensor, and all of them are kept. Then each line is a row. One that has another number of fields, or a field that is
+    no number, is left out and counted in `bad`; an empty field is NaN. The last line waits for its end.
 
     A line that names columns again is a header too: the rows behind it are in its order, in the units of its names.
     Behind one of other names, as where a sensor restarts with other software, rows are left out until one names those
@@ -145,6 +145,7 @@ class RowReader:
         self._is_foreign = False
         self._positions: list[int] = []
         self._headless: list[list[str]] = []
+        self._cut_names: tuple[str, ...] = ()
         self._released: list[list[float]] = []
         self._is_confirmed = True
         self._wanted = columns
@@ -250,22 +251,26 @@ class RowReader:
 
     def _keep_headless(self, fields: list[str]) -> None:
         """Keep a row that came without a header; with `HEADLESS` of them, find out whether they are canonical."""
-        is_row = len(fields) in (7, 10) and all(not field or is_number(field) for field in fields)
+        is_row = len(fields) in (7, 10, 11) and all(not field or is_number(field) for field in fields)
         if not is_row:
             return
         if self._headless and len(fields) != len(self._headless[0]):
             self._headless = []
         self._headless.append(fields)
-        if len(self._headless) == HEADLESS and not self._take_canonical():
+        is_known = len(fields) == len(self._cut_names)
+        if (is_known or len(self._headless) == HEADLESS) and not self._take_canonical(is_known):
             self._headless = []
 
-    def _take_canonical(self) -> bool:
-        """Take the rows that were kept for canonical ones if stamps, units and axes are then those of a sensor."""
+    def _take_canonical(self, is_known: bool = False) -> bool:
+        """Take the rows that were kept for canonical ones, if that is known or they are then those of a sensor."""
         width = len(self._headless[0])
-        table = np.array([[float(field or "nan") for field in fields] for fields in self._headless])
-        mag = table[:, 7:] if width > 7 else None
-        if find_unit_problems(table[:, 0], table[:, 1:4], table[:, 4:7], mag) or (np.diff(table[:, 0]) <= 0).any():
-            return False
+        if not is_known:
+            table = np.array([[float(field or "nan") for field in fields] for fields in self._headless])
+            mag = table[:, 7:10] if width > 7 else None
+            is_no_air = width == 11 and keep_air(table[:, 10]) is None
+            problems = find_unit_problems(table[:, 0], table[:, 1:4], table[:, 4:7], mag)
+            if problems or is_no_air or (np.diff(table[:, 0]) <= 0).any():
+                return False
         columns = Columns(CANONICAL[:width])
         self._use(columns, columns.names)
         self._released = [row for fields in self._headless if (row := self._read_row(fields, columns)) is not None]
@@ -326,6 +331,8 @@ class RowReader:
             if self._line > 1:
                 raise
             self._cut_header = error
+            ends = (CANONICAL[:width] for width in (7, 10, 11))
+            self._cut_names = next((names for names in ends if ",".join(names).endswith(",".join(fields))), ())
             return False
 
     def _wait_for_header(self) -> None:
