@@ -107,7 +107,7 @@ def _place_columns(wanted: mapping.Columns, fields: Sequence[str], rate_hz: floa
 class RowReader:
     """Turns bytes into samples: bytes in pieces of any length, rows (n, 11) out.
 
-    Without `columns` the first line that names canonical columns is the header, or the end of one where the source began
+    Without `columns` the first line that names canonical columns is the header, or the end of one if the source began
     before; where it was lost, rows of 7, 10 or 11 numbers are in canonical order if units and axes are then those of a
     sensor, and all of them are kept. Then each line is a row. One that has another number of fields, or a field that is
     no number, is left out and counted in `bad`; an empty field is NaN. The last line waits for its end.
@@ -252,9 +252,10 @@ class RowReader:
     def _keep_headless(self, fields: list[str]) -> None:
         """Keep a row that came without a header; with `HEADLESS` of them, find out whether they are canonical."""
         is_row = len(fields) in (7, 10, 11) and all(not field or is_number(field) for field in fields)
-        if not is_row:
+        known = len(self._headless[0]) if self._headless else 0
+        if not is_row or len(fields) < known:  # a row that was cut
             return
-        if self._headless and len(fields) != len(self._headless[0]):
+        if len(fields) > known:
             self._headless = []
         self._headless.append(fields)
         is_known = len(fields) == len(self._cut_names)
