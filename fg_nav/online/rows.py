@@ -25,17 +25,14 @@ from fg_nav.columns.units import find_factor
 from fg_nav.errors import FormatError, StreamError
 from fg_nav.io.text_columns import find_column, scale_values
 from fg_nav.online.buffer import COLUMNS
-from fg_nav.samples.plausibility import find_unit_problems
+from fg_nav.samples.plausibility import find_unit_problems, keep_air
 
 MAX_LINE = 1 << 16  # bytes; a longer line has lost its end
 MIN_BLOCK = 200  # lines; fewer are read faster one by one
 MIN_NAMES = 6  # of a header, force and rate; fewer words are a message of the device
 LINES_TO_REMARK = 20  # before the header; fewer were left in a device's buffer
 MAX_BEFORE_HEADER = 5000  # lines; some senders repeat their header every second
-HEADLESS, MIN_HEADLESS = (
-    400,
-    100,
-)  # rows by which physics shows canonical order in SI; at the end of the source fewer do
+HEADLESS, MIN_HEADLESS = 400, 100  # rows by which physics shows canonical order in SI; fewer at the end of the source
 PLAIN = b"0123456789+-.eE,\n"  # characters of numbers that every parser reads alike
 HINT = f"a line must name the columns ({TIME[0]},{ACC[0]},...), or --columns; --speed replays a whole recording"
 
@@ -105,10 +102,10 @@ def _place_columns(wanted: mapping.Columns, fields: Sequence[str], rate_hz: floa
 class RowReader:
     """Parses bytes, in pieces of any length, into samples (n, 11).
 
-    Without `columns` the first line that names canonical columns is the header; where it was lost, rows of 7 or 10
-    numbers are in canonical order if units and axes are then those of a sensor, and all of them are kept. Then each
-    line is a row. One that has another number of fields, or a field that is no number, is left out and counted in
-    `bad`; an empty field is NaN. The last line waits for its end.
+    Without `columns` the first line that names canonical columns is the header, or the end of one if the source began
+    before; where it was lost, rows of 7, 10 or 11 numbers are in canonical order if units and axes are then those of a
+    sensor, and all of them are kept. Then each line is a row. One that has another number of fields, or a field that is
+    no number, is left out and counted in `bad`; an empty field is NaN. The last line waits for its end.
 
     A line that names columns again is a header too: the rows behind it are in its order, in the units of its names.
     Behind one of other names, as where a sensor restarts with other software, rows are left out until one names those
@@ -146,6 +143,7 @@ class RowReader:
         self._cut_header: FormatError | None = None
         # rows without a header, and their samples once their order is clear
         self._headless: list[list[str]] = []
+        self._cut_names: tuple[str, ...] = ()
         self._released: list[list[float]] = []
         self._wanted = columns
         if columns is not None and columns.mapping is None:
@@ -259,23 +257,30 @@ class RowReader:
             except FormatError as error:
                 if self._line > 1:
                     raise
-                self._cut_header = error  # of the first line the beginning may be cut off
-        if len(fields) in (7, 10) and all(not field or is_number(field) for field in fields):
-            if self._headless and len(fields) != len(self._headless[0]):
-                self._headless = []
-            self._headless.append(fields)
-            if len(self._headless) == HEADLESS and not self._take_headless():
+                # of the first line the beginning may be cut off
+                self._cut_header = error
+                ends = (CANONICAL[:width] for width in (7, 10, 11))
+                self._cut_names = next((names for names in ends if ",".join(names).endswith(",".join(fields))), ())
+        known = len(self._headless[0]) if self._headless else 0
+        is_row = len(fields) in (7, 10, 11) and all(not field or is_number(field) for field in fields)
+        if is_row and len(fields) >= known:  # a shorter one was cut
+            self._headless = [*(self._headless if len(fields) == known else []), fields]
+            is_known = len(fields) == len(self._cut_names)
+            if (is_known or len(self._headless) == HEADLESS) and not self._take_headless(is_known):
                 self._headless = []
         if self._columns is None:
             self._count_waiting()
 
-    def _take_headless(self) -> bool:
-        """Read the rows without a header in canonical order, if stamps, units and axes are then those of a sensor."""
+    def _take_headless(self, is_known: bool = False) -> bool:
+        """Read the rows without a header in canonical order, if that is known or they are then those of a sensor."""
         width = len(self._headless[0])
-        table = np.array([[float(field or "nan") for field in fields] for fields in self._headless])
-        mag = table[:, 7:] if width > 7 else None
-        if find_unit_problems(table[:, 0], table[:, 1:4], table[:, 4:7], mag) or (np.diff(table[:, 0]) <= 0).any():
-            return False
+        if not is_known:
+            table = np.array([[float(field or "nan") for field in fields] for fields in self._headless])
+            mag = table[:, 7:10] if width > 7 else None
+            is_no_air = width == 11 and keep_air(table[:, 10]) is None
+            problems = find_unit_problems(table[:, 0], table[:, 1:4], table[:, 4:7], mag)
+            if problems or is_no_air or (np.diff(table[:, 0]) <= 0).any():
+                return False
         columns = Columns(CANONICAL[:width])
         self._use(columns, columns.names)
         self._released = [row for fields in self._headless if (row := self._read_row(fields, columns)) is not None]
