@@ -15,7 +15,7 @@ from fg_nav.magnetic import average_footfall_field
 from fg_nav.online import OnlineNavigator
 from fg_nav.online.buffer import rows_of
 from fg_nav.online.navigator import finish_walk
-from fg_nav.online.sample_filter import MAX_GAP_S, UNKNOWN_GAP_S, SampleFilter
+from fg_nav.online.sample_filter import MAX_CLOCK_STEP_S, UNKNOWN_GAP_S, SampleFilter
 from fg_nav.smoother import smooth
 from fg_nav.walk import Options, Walk
 from tests.online.walks import NORTH, estimates_of, push, short_walk, solve_in_windows, worst_difference
@@ -195,8 +195,8 @@ def test_a_gap_keeps_its_length_unless_the_clock_was_set_and_then_it_is_said_by_
     sensor_t = [judge.sensor_time(i, float(t)) for i, t in enumerate(taken[:, 0])]
     np.testing.assert_allclose(sensor_t, rows[:, 0], rtol=1e-15, atol=1e-9)
     back = f"{step_s + 0.01 - taken_s:.3f} s"
-    assert any(f"set back by {back}" in words for words in told) == (step_s > MAX_GAP_S)
-    assert any(f"set back by {back}" in words for words in judge.notes) == (step_s > MAX_GAP_S)
+    assert any(f"set back by {back}" in words for words in told) == (step_s > MAX_CLOCK_STEP_S)
+    assert any(f"set back by {back}" in words for words in judge.notes) == (step_s > MAX_CLOCK_STEP_S)
 
 
 RESTARTS = (500, 1000)  # Rows at which the sensor's clock begins again at zero.
