@@ -19,6 +19,7 @@ import traceback
 import types
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import fields, is_dataclass
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Union, get_args, get_origin, get_type_hints
@@ -156,13 +157,13 @@ def _list_parts(value: Any, name: str) -> Iterator[tuple[str, object]]:
 @cache
 def _hints_of(kind: type[Any]) -> dict[str, Any]:
     """Return the annotations of a dataclass or a named tuple of this package; none of other classes."""
-    if not (hasattr(kind, "__dataclass_fields__") or hasattr(kind, "_fields")):
+    if not (is_dataclass(kind) or hasattr(kind, "_fields")):
         return {}
     try:
         hints = get_type_hints(kind)
     except NameError:  # what is imported for the type checker alone
         return {}
-    names = kind.__dataclass_fields__ if hasattr(kind, "__dataclass_fields__") else kind._fields
+    names = [field.name for field in fields(kind)] if is_dataclass(kind) else kind._fields
     return {name: hints[name] for name in names if name in hints}
 
 
