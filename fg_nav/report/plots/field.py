@@ -18,8 +18,7 @@ from matplotlib.ticker import MaxNLocator, MultipleLocator
 from fg_nav.arrays import Floats, Ints
 from fg_nav.evaluation.field_survey import SAMPLEWISE, Coverage, FieldSurvey, SampleSurvey
 from fg_nav.frames import wrap_angle
-from fg_nav.magnetic.disturbance import WINDOW_S
-from fg_nav.magnetic.quasi_static import OverThreshold
+from fg_nav.magnetic.quasi_static import WINDOW_S, OverThreshold
 from fg_nav.report.aligned import AlignedSolution
 from fg_nav.report.decimation import envelope, spread_rows
 from fg_nav.report.plots import style
