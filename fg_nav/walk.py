@@ -333,7 +333,7 @@ def find_stances(walk: Walk) -> Walk:
     detection = change_parameters(StanceParameters(), select_changes(walk.options.changes, DETECTOR))
     stances = detect_stances(walk.recording, detection)
     if "accelerometer" not in walk.applied:
-        from fg_nav.calibration.accelerometer import average_out_error
+        from fg_nav.calibration.inertial import average_out_error
 
         corrected = average_out_error(walk.recording, stances)
         if corrected is not walk.recording:  # gravity decides what is a stance
@@ -378,7 +378,7 @@ def measure_walk_field(
     MagneticError
         Without a magnetometer that measures a field.
     """
-    from fg_nav.calibration.walk_field import average_corrected_field, find_own_iron
+    from fg_nav.calibration.walk import average_corrected_field, find_own_iron
 
     calibration, notes = None if given is None else given.magnetometer, tuple[str, ...]()
     if calibration is None:

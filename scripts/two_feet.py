@@ -255,7 +255,7 @@ REAL: Mapping[str, Callable[[Path | None], Captured]] = {
 
 def measure_real(chosen: argparse.Namespace) -> list[Figure]:
     """The motion-captured feet alone and together."""
-    from fg_nav.ekf.iez import run_iez
+    from fg_nav.ekf.core import run_iez
 
     rows, figures = [], []
     for name, read in REAL.items():

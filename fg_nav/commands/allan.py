@@ -15,8 +15,14 @@ from typing import Any
 
 import numpy as np
 
-from fg_nav.calibration.allan import AllanCurve, NoiseFit, NoisePart
-from fg_nav.calibration.at_rest import RecordingNoise, SensorNoise, measure_recording_noise
+from fg_nav.calibration.allan import (
+    AllanCurve,
+    NoiseFit,
+    NoisePart,
+    RecordingNoise,
+    SensorNoise,
+    measure_recording_noise,
+)
 from fg_nav.commands import Answer, Target, name_walk
 from fg_nav.io import Reading
 from fg_nav.report.files import write_json

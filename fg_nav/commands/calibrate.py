@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fg_nav.calibration.at_rest import (
+from fg_nav.calibration.inertial import (
     ALONE,
     AccelerometerCalibration,
     GyroscopeCalibration,

@@ -33,8 +33,7 @@ from fg_nav.evaluation.field_survey import (
 )
 from fg_nav.io import Reading
 from fg_nav.magnetic import FieldVerdicts
-from fg_nav.magnetic.disturbance import SETTINGS
-from fg_nav.magnetic.quasi_static import find_detector
+from fg_nav.magnetic.quasi_static import SETTINGS, find_detector
 from fg_nav.pipeline import prepare_walk
 from fg_nav.report.files import collect_remarks, describe_recording, write_json
 from fg_nav.report.folder import DETECT_FILES

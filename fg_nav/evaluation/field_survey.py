@@ -17,9 +17,17 @@ from fg_nav.arrays import Bools, Floats
 from fg_nav.errors import MagneticError
 from fg_nav.frames import average_angles, wrap_angle
 from fg_nav.magnetic import FieldVerdicts, FootfallField
-from fg_nav.magnetic.disturbance import FEWEST, WINDOW_S, Disturbance, find_threshold, judge_samples
 from fg_nav.magnetic.footfall_field import compute_true_heading
-from fg_nav.magnetic.quasi_static import DEFAULT, DETECTORS, judge_field
+from fg_nav.magnetic.quasi_static import (
+    DEFAULT,
+    DETECTORS,
+    MIN_SAMPLES,
+    WINDOW_S,
+    Disturbance,
+    find_sample_threshold,
+    judge_field,
+    judge_samples,
+)
 from fg_nav.recording import Recording
 from fg_nav.solution import Solution
 from fg_nav.stances import find_runs
@@ -132,8 +140,8 @@ def _judge_footfall_samples(recording: Recording, field: FootfallField) -> Field
     """Verdicts of the sample-wise detector where the footfalls are; its threshold is that of a full window."""
     statistic = judge_samples(recording).statistic[field.sample]
     reason = f"scatter of the strength over {WINDOW_S:g} s"
-    full = max(round(WINDOW_S / recording.period_s), FEWEST)
-    return FieldVerdicts(SAMPLEWISE, statistic, find_threshold(full), (reason,) * len(field))
+    full = max(round(WINDOW_S / recording.period_s), MIN_SAMPLES)
+    return FieldVerdicts(SAMPLEWISE, statistic, find_sample_threshold(full), (reason,) * len(field))
 
 
 @dataclass(frozen=True)

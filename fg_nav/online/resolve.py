@@ -14,7 +14,7 @@ import numpy as np
 
 from fg_nav.arrays import Bools
 from fg_nav.calibration.magnetometer import MagnetometerCalibration
-from fg_nav.calibration.walk_field import average_corrected_field, find_own_iron
+from fg_nav.calibration.walk import average_corrected_field, find_own_iron
 from fg_nav.errors import MagneticError
 from fg_nav.magnetic import FootfallField
 from fg_nav.online.anchor import AnchorState, MarginalPrior, Past, PathNodes, marginalize

@@ -84,7 +84,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.ekf.attitude_updates import wrap_angle
+from fg_nav.ekf.measurements import wrap_angle
 from fg_nav.ekf.update import rotate_in_nav, update_component, update_row
 from fg_nav.mechanisation import cross_matrix, multiply, right_jacobian, rotate_in_body, transpose
 from fg_nav.pocket.parameters import (

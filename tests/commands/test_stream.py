@@ -16,7 +16,7 @@ import pandas as pd
 import pytest
 
 from fg_nav import cli
-from fg_nav.calibration.at_rest import AccelerometerCalibration
+from fg_nav.calibration.inertial import AccelerometerCalibration
 from fg_nav.calibration.of_recording import Calibration
 from fg_nav.columns.mapping import CANONICAL
 from fg_nav.errors import EstimationError, FormatError

@@ -8,8 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from fg_nav.calibration.allan import FLOOR, AllanCurve, NoiseFit
-from fg_nav.calibration.at_rest import RecordingNoise
+from fg_nav.calibration.allan import FLOOR, AllanCurve, NoiseFit, RecordingNoise
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.report.plots import style
 

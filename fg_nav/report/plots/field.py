@@ -19,8 +19,7 @@ from matplotlib.ticker import MaxNLocator, MultipleLocator
 from fg_nav.arrays import Floats
 from fg_nav.evaluation.field_survey import SAMPLEWISE, Coverage, FieldSurvey, SampleSurvey
 from fg_nav.frames import wrap_angle
-from fg_nav.magnetic.disturbance import WINDOW_S
-from fg_nav.magnetic.quasi_static import OverThreshold
+from fg_nav.magnetic.quasi_static import WINDOW_S, OverThreshold
 from fg_nav.report.drawn import AlignedSolution, align_solution, envelope, spread_rows
 from fg_nav.report.plots import style
 from fg_nav.report.plots.style import MAX_POINTS
