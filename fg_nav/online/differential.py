@@ -22,7 +22,8 @@ from fg_nav.detection import Rest
 from fg_nav.factors.differential_field import BiasInformation, FieldNoise
 from fg_nav.factors.residual import linear_factor_of
 from fg_nav.online.strides import StrideWindow
-from fg_nav.smoother.differential_factors import (
+from fg_nav.smoother.dense_path import Trajectory
+from fg_nav.smoother.differential import (
     DifferentialFactors,
     LevelBias,
     find_stretches,
@@ -31,7 +32,6 @@ from fg_nav.smoother.differential_factors import (
     sum_stretches,
     turn_stretches,
 )
-from fg_nav.smoother.graph import Trajectory
 
 NOTHING = BiasInformation(np.zeros((6, 6)), np.zeros(6))
 NOTHING_OF_BIAS = BiasInformation(np.zeros((3, 3)), np.zeros(3))

@@ -10,7 +10,7 @@ from gtsam.symbol_shorthand import B, M, P, S, V, X
 
 from fg_nav.arrays import Floats
 from fg_nav.online.strides import Place
-from fg_nav.smoother.linear import DIMENSION
+from fg_nav.smoother.gauss_newton import DIMENSION
 
 
 def result_keys(places: Iterable[Place]) -> set[int]:
@@ -26,7 +26,7 @@ def list_variables(place: Place, values: gtsam.Values) -> list[int]:
 
 
 def order_variables(places: Sequence[Place], values: gtsam.Values) -> list[int]:
-    """Variables of some footfalls in a row in the order in which they are eliminated, as `solver.time_order`."""
+    """Variables of some footfalls in a row in the order in which they are eliminated, as `solver.list_in_time`."""
     keys = {}
     for place in reversed(places):
         keys.update(dict.fromkeys(reversed(list_variables(place, values))))

@@ -18,7 +18,7 @@ from fg_nav.online.handover import NO_NODES, PathNodes
 from fg_nav.online.isam2 import ISAM2Backend
 from fg_nav.online.strides import Place, StrideWindow
 from fg_nav.recording import Recording
-from fg_nav.smoother.graph import Trajectory, dense_trajectory
+from fg_nav.smoother.dense_path import Trajectory, dense_trajectory
 from fg_nav.stances import Stances
 
 

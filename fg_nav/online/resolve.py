@@ -29,15 +29,12 @@ from fg_nav.online.options import OnlineOptions
 from fg_nav.online.path import nodes_of_places
 from fg_nav.online.strides import Place, RestLedger, list_places
 from fg_nav.recording import Recording
+from fg_nav.smoother.batch import solve_walk, widen_bias_prior
 from fg_nav.smoother.constraints import add_constraints
-from fg_nav.smoother.count import count_factors
-from fg_nav.smoother.field import FieldVerdict
-from fg_nav.smoother.field_rounds import FieldSolution
-from fg_nav.smoother.fitting import widen_bias_prior
-from fg_nav.smoother.graph import Known, WalkProblem, order_variables
+from fg_nav.smoother.field import FieldSolution, FieldVerdict
+from fg_nav.smoother.graph import Known, WalkProblem, count_factors, order_variables
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.problem import walk_problem
-from fg_nav.smoother.solved_walk import solve_walk
 from fg_nav.smoother.solver import Solved, linearize, list_positions
 from fg_nav.smoother.strides import Nodes
 from fg_nav.solution import Return

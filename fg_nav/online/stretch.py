@@ -42,9 +42,9 @@ from fg_nav.online.path import nodes_of_places, nodes_of_rows, trace_stride
 from fg_nav.online.recovery import REASON, check_solution, recover
 from fg_nav.online.strides import Place, RestLedger, StrideWindow, cut_window, initialize_stride, measure_stride
 from fg_nav.smoother.barometer import average_pressures, stride_factors
-from fg_nav.smoother.count import POSITION_FIX, count_graph
-from fg_nav.smoother.differential_factors import LevelBias
-from fg_nav.smoother.graph import Trajectory
+from fg_nav.smoother.dense_path import Trajectory
+from fg_nav.smoother.differential import LevelBias
+from fg_nav.smoother.graph import POSITION_FIX, count_graph
 from fg_nav.smoother.solver import UNSOLVED
 from fg_nav.smoother.strides import stride_graph
 

@@ -309,7 +309,7 @@ def measure_heading_sigma(seen: Seen) -> Reason | None:
 
 
 def measure_hidden_turning(seen: Seen) -> Reason | None:
-    """Heading that clipped peaks may hide from a filter; the sigmas of a graph have it (`smoother.gyro_scale`)."""
+    """Heading that clipped peaks may hide from a filter; the sigmas of a graph have it (`smoother.shared_errors`)."""
     recording, solution = seen.recording, seen.solution
     peaks = recording.peaks[1]
     if seen.solution.graph or not peaks.run.any() or seen.holds_heading or not len(seen.strides):

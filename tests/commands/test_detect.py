@@ -23,7 +23,7 @@ from fg_nav.magnetic.quasi_static import DEFAULT, DETECTORS, apply_gate
 from fg_nav.pipeline import prepare_walk
 from fg_nav.recording import Recording
 from fg_nav.report.folder import DETECT_FILES
-from fg_nav.smoother.count import KINDS
+from fg_nav.smoother.graph import KINDS
 from fg_nav.truth import TrajectoryTruth
 from fg_nav.walk import read_walk
 from tests.command_line import FgNav, names
