@@ -349,14 +349,15 @@ def _judge_sides(
 
 def _solve(request: _Request, left: Walk, right: Walk) -> _Pair:
     """Solve the feet, each with a heading to begin with."""
-    from fg_nav.smoother.feet_batch import Foot, smooth_feet
+    from fg_nav.smoother.batch import WalkInput
+    from fg_nav.smoother.feet import smooth_feet
 
     if request.method == "inertial":
         left, right = (replace(walk, field=None) for walk in (left, right))
     left, right = _set_headings(request, left, right)
     with blaming_changes(request.method, left.options):
         of_right, of_left = (
-            Foot(
+            WalkInput(
                 one.recording,
                 one.stances,
                 one.options.heading_rad,

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from fg_nav.calibration.of_recording import Calibration
     from fg_nav.places import SavedPlaces
     from fg_nav.smoother import ExtraFactors
-    from fg_nav.smoother.known_places import KnownTies
+    from fg_nav.smoother.constraints import KnownTies
 
 Mount: TypeAlias = Literal["foot", "pocket"]
 """Where the sensor is worn."""

@@ -57,7 +57,7 @@ from fg_nav.online.field import CompassVerdict
 from fg_nav.online.strides import StanceNodes
 from fg_nav.recording import Recording
 from fg_nav.smoother.barometer import SCALE_SIGMA
-from fg_nav.smoother.moving_foot import extend_covariance
+from fg_nav.smoother.shared_errors import extend_covariance
 from fg_nav.smoother.solver import in_nav
 from fg_nav.solution import StanceTable
 from fg_nav.system.compiled import njit

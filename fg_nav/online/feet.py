@@ -45,7 +45,7 @@ from fg_nav.online.navigator import OnlineNavigator
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.schedule import AT_ONCE
 from fg_nav.online.smoother_state import Pending
-from fg_nav.smoother.feet_batch import measure_width_sigma, trace_solved_person
+from fg_nav.smoother.feet import measure_width_sigma, trace_solved_person
 from fg_nav.solution import Solution
 
 SILENT_S = 5.0  # By which the stamps of one foot are behind the other's: then it is silent.

@@ -57,7 +57,8 @@ from fg_nav.magnetic.footfall_field import UNKNOWN_IRON_UT
 from fg_nav.magnetic.quasi_static import apply_gate, count_needed, weigh_statistic
 from fg_nav.online.strides import StrideWindow
 from fg_nav.recording import Recording
-from fg_nav.smoother.differential_factors import (
+from fg_nav.smoother.dense_path import Trajectory
+from fg_nav.smoother.differential import (
     DifferentialFactors,
     LevelBias,
     find_stretches,
@@ -66,12 +67,16 @@ from fg_nav.smoother.differential_factors import (
     sum_stretches,
     turn_stretches,
 )
-from fg_nav.smoother.field import compass_sigma, rotate_field, weigh_compass
-from fg_nav.smoother.field_factors import integrate_path, transition
-from fg_nav.smoother.field_rounds import FieldSolution
-from fg_nav.smoother.graph import Trajectory
+from fg_nav.smoother.field import FieldSolution, compass_sigma, rotate_field, weigh_compass
+from fg_nav.smoother.field_factors import (
+    FieldRoughness,
+    deviate_along,
+    integrate_path,
+    measure_roughness,
+    split_potential,
+    transition,
+)
 from fg_nav.smoother.potential import MIN_JUMP_UT_M
-from fg_nav.smoother.roughness import FieldRoughness, deviate_along, measure_roughness, split_potential
 from fg_nav.smoother.solver import list_attitudes
 from fg_nav.stances import Stances
 

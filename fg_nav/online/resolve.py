@@ -25,15 +25,12 @@ from fg_nav.online.floor_number import track_floors
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.strides import RestLedger, StanceNodes, list_stances, list_variables, result_keys, select_fixes
 from fg_nav.recording import Recording
+from fg_nav.smoother.batch import solve_walk, widen_bias_prior
 from fg_nav.smoother.constraints import add_constraints, add_fixes
-from fg_nav.smoother.count import count_factors
-from fg_nav.smoother.field import FieldVerdict
-from fg_nav.smoother.field_rounds import FieldSolution
-from fg_nav.smoother.fitting import widen_bias_prior
+from fg_nav.smoother.field import FieldSolution, FieldVerdict
 from fg_nav.smoother.gauss_newton import FIRST_CONVERGENCE
-from fg_nav.smoother.graph import Known, WalkProblem, order_variables, solve
+from fg_nav.smoother.graph import Known, WalkProblem, count_factors, order_variables, solve
 from fg_nav.smoother.problem import walk_problem
-from fg_nav.smoother.solved_walk import solve_walk
 from fg_nav.smoother.solver import Solved, linearize, list_positions
 from fg_nav.solution import Return
 from fg_nav.stances import Stances

@@ -25,8 +25,8 @@ from fg_nav.fix_check import FIX_REACH_S
 from fg_nav.online.buffer import PartialWalk
 from fg_nav.recording import MIN_SAMPLES, Recording
 from fg_nav.smoother.constraints import pin_to_times
+from fg_nav.smoother.gauss_newton import DIMENSION
 from fg_nav.smoother.graph import initial_values
-from fg_nav.smoother.linear import DIMENSION
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.preintegration import preintegrate
 from fg_nav.smoother.solver import in_nav

@@ -390,7 +390,7 @@ def measure_heading_sigma(observed: WalkSigns) -> Reason | None:
 
 
 def measure_hidden_turning(observed: WalkSigns) -> Reason | None:
-    """Heading error of rebuilt clipped peaks in a filter; a graph's sigmas include it (`smoother.gyro_scale`)."""
+    """Heading error of rebuilt clipped peaks in a filter; a graph's sigmas include it (`smoother.shared_errors`)."""
     recording, solution = observed.recording, observed.solution
     peaks = recording.peaks[1]
     if solution.graph or not peaks.run.any() or not len(observed.strides):

@@ -11,9 +11,9 @@ from fg_nav.online.options import OnlineOptions
 from fg_nav.online.resolve import solve_from_start, solve_so_far
 from fg_nav.online.strides import StanceNodes, list_stances, list_variables
 from fg_nav.online.window import Window
-from fg_nav.smoother.solver import linearize, marginal_covariances, time_order
+from fg_nav.smoother.solver import linearize, marginal_covariances
 from tests.online.test_online_smoother import add, fed, in_field
-from tests.smoother.walks import FREE, demo, part
+from tests.smoother.walks import FREE, demo, part, time_order
 
 KEYS = X(3), V(3), M(2), B(1)
 DIMS = 6, 3, 9, 6

@@ -14,7 +14,7 @@ from fg_nav.online.isam2 import ISAM2Backend
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.window import Window
 from fg_nav.smoother import SmootherParameters
-from fg_nav.smoother.differential_factors import LevelBias, limit_information
+from fg_nav.smoother.differential import LevelBias, limit_information
 from tests.online.test_online_smoother import FOOTFALLS, fed, in_field, polished
 from tests.online.walks import solve_only_at
 from tests.simulated import corridor

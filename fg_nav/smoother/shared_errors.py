@@ -1,8 +1,30 @@
-"""The scale of the gyroscope's axes, found where the magnetic field shows the heading, and taken off.
+"""Errors that all strides of a walk share: a foot that moves in stance, the gyroscope's scale, clipped peaks.
 
-The gyroscope shows w = (1 + s) w_true + b on each axis, body frame, rad/s; s (3,) is the same for a whole walk. To the
-first order in s, the end of an interval preintegrated from the rates (w - b) / (1 + s) is that from w - b moved, in
-the tangent space of the state at the end, by D s,
+All are numbers s that the inertial or velocity factors share, whose information L and product eta are what is left of
+the walk when it is eliminated (`sensitivity`). They are counted in the sigmas, but for the scale, which is taken off.
+
+Moving foot. Motion capture sees the sensor on a shoe move on at 1 to 5 percent of the walking speed when it is
+stillest, forward more than sideways; some of that is the rolling about the lever, and some is not. So every stride is
+off by the same share, and the walk by its scale. In a stance after a stride of the horizontal displacement d (m) in T
+(s) the velocity is off by
+
+    c_1 a + c_2 (up x a),     a = d / T,     navigation axes, m/s,
+
+c = (c_1, c_2) the same for a whole walk, 0 +- (`FORWARD_SIGMA`, `SIDEWAYS_SIGMA`). A foot that stands for long does not
+move on. On a straight even walk nothing inertial shows c (Galilei). Where a walk turns, stops or changes its pace, it
+does, but rolling that the lever does not describe looks the same there. So c is not taken off, and the covariances of
+the walk grow by X (P + s s^T) X^T: the second moment about the solution with c = 0, X how a variable moves with c, s
+and P estimate and covariance. The columns C of c are those of the residual e of a stance's velocity
+(`factors.zero_velocity`),
+
+    C = -(de/dv) (a, up x a).
+
+A walk in progress has the prior instead: (c_1 d, c_2 up x d) in each position, d what the walk has come so far.
+
+Gyroscope's scale. Where the magnetic field shows the heading, it is found, and taken off. The gyroscope shows w = (1 +
+s) w_true + b on each axis, body frame, rad/s; s (3,) is the same for a whole walk. To the first order in s, the end of
+an interval preintegrated from the rates (w - b) / (1 + s) is that from w - b moved, in the tangent space of the state
+at the end, by D s,
 
     D = (theta, rho, nu),   theta' = R c,   nu' = (theta) x R f,   rho' = nu,      c = -(w - b) per axis,
 
@@ -13,22 +35,17 @@ its end. So s is one variable of the solved graph, linearized at its minimum, wi
 
 What else is wrong in all swings alike looks like a scale: axes that are not square, a bent mounting, soft iron. So s
 has a part 0 +- `ALIKE_SIGMA` in any case. And what differs between the halves of a walk is no scale, though one number
-may explain it better than none: a bias that moves, a wing with a field of its own. So each half has an s of its own,
-z = (s_1, s_2). The walk is eliminated first (`sensitivity`), which leaves the information L (6, 6) on z and its product
-eta with the estimate. With a prior of covariance S,
+may explain it better than none: a bias that moves, a wing with a field of its own. So each half has an s of its own, z
+= (s_1, s_2), and three models are as likely before the walk: nothing but what is alike (`ALIKE_SIGMA` in both halves,
+the same), one scale (`SCALE_SIGMA` more, the same in both), two that have nothing to do with each other (`SCALE_SIGMA`
+in each). Only the second is taken off: the samples are corrected by its s times its probability, where that is more
+than what is alike; nats by which tilt and velocity close worse with it count against it. The covariances of the walk
+hold the rest: a variable that moves by X s has X M X^T more, with M the second moment about what was taken off, over
+the three models (Hoeting et al. 1999).
 
-    log p(z | S) = 1/2 eta^T P eta - 1/2 log|I + S L| + const,     P = (L + S^-1)^-1     (`evidence.fit_shared`)
-
-and three models are as likely before the walk: nothing but what is alike (`ALIKE_SIGMA` in both halves, the same), one
-scale (`SCALE_SIGMA` more, the same in both), two that have nothing to do with each other (`SCALE_SIGMA` in each). Only
-the second is taken off: the samples are corrected by its s times its probability, where that is more than what is
-alike; nats by which tilt and velocity close worse with it count against it. The covariances of the walk hold the rest:
-a variable that moves by X s has X M X^T more, with M the second moment about what was taken off, over the three models
-(Hoeting et al. 1999).
-
-Peaks of the rate that were clipped and rebuilt are off alike too, on one side of an axis as they are one moment of the
-gait: z_side (rad/s over the sigma of a peak) has the same columns with c = -sigma of the peak on that side, the prior
-0 +- 1, and is not taken off but counted (`spread_clipped_peaks`), so that the heading's sigma carries it.
+Clipped peaks of the rate, rebuilt, are off alike too, on one side of an axis as they are one moment of the gait: z_side
+(rad/s over the sigma of a peak) has the same columns with c = -sigma of the peak on that side, the prior 0 +- 1, and is
+not taken off but counted (`spread_clipped_peaks`), so that the heading's sigma carries it.
 
 Model: IEEE Std 528; D is this project's derivation, tested against preintegration of corrected samples.
 """
@@ -43,24 +60,70 @@ import numpy as np
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.factors.differential_field import GYRO
+from fg_nav.factors.zero_velocity import StanceVelocity
 from fg_nav.mechanisation import rotate_in_body
 from fg_nav.recording import Recording
 from fg_nav.samples.gaps import cross_holes
-from fg_nav.smoother.evidence import average, fit_shared
-from fg_nav.smoother.graph import WalkProblem, biases_of
-from fg_nav.smoother.linear import stack_factors
-from fg_nav.smoother.sensitivity import SharedColumns, SharingFactors, shared_information
-from fg_nav.smoother.solver import Solved, list_attitudes, residuals_at_minimum
+from fg_nav.smoother.gauss_newton import stack_factors
+from fg_nav.smoother.graph import WalkProblem
+from fg_nav.smoother.sensitivity import SharedColumns, SharingFactors, average, fit_shared, shared_information
+from fg_nav.smoother.solver import Solved, list_attitudes, list_biases, list_positions, residuals_at_minimum
 from fg_nav.smoother.strides import INERTIAL_KEYS
 from fg_nav.system.compiled import njit
 from fg_nav.system.spilled import drop_pages
 
-SCALE_SIGMA = 0.01
-"""Prior of the scale of each axis: a few tenths of a percent after a calibration, 1 to 3 by the sheet of a raw part."""
+FORWARD_SIGMA, SIDEWAYS_SIGMA = 0.02, 0.01  # Shares of the walking speed: scatter between shoes, mountings and gaits.
+MAX_STRIDE_S = 1.5  # What is longer was standing.
+SCALE_SIGMA = 0.01  # Prior of each axis: tenths of a percent after a calibration, 1 to 3 by the sheet of a raw part.
+ALIKE_SIGMA = 0.002  # What looks like a scale: axes out of square by 0.1 to 0.3 deg, by the sheet of a calibrated part.
+MIN_OWN = 1e-3  # Share of what is alike that each half has of its own: keeps the prior invertible.
+POSE_END, VELOCITY_END = slice(9, 15), slice(15, 18)  # Columns of an inertial factor.
 
-ALIKE_SIGMA = 0.002
-"""What looks like a scale without being one: axes out of square by 0.1 to 0.3 deg, by the sheet of a calibrated
-part."""
+
+def spread_moving_foot(problem: WalkProblem, solved: Solved) -> Floats:
+    """Return by how much the walk moves (N, 2), for numbers of unit covariance, with what is not known of c."""
+    columns, information, pull = weigh_moving_foot(problem, solved)
+    return columns.spread_untaken(information, pull, np.diag([FORWARD_SIGMA**2, SIDEWAYS_SIGMA**2]))
+
+
+def weigh_moving_foot(problem: WalkProblem, solved: Solved) -> tuple[SharedColumns, Floats, Floats]:
+    """Return the columns of c in the tree of a solved walk, its information L (2, 2) on c, and eta (2,)."""
+    block = problem.velocities
+    residual, jacobians = block.evaluate(solved.linearized_at)
+    by_share = -jacobians[1] @ find_motion(problem, solved.values)
+    factors = SharingFactors(np.concatenate(jacobians, axis=2), -residual, block.keys, by_share)
+    return shared_information(solved.root, [factors], 2)
+
+
+def find_motion(problem: WalkProblem, values: gtsam.Values) -> Floats:
+    """Return (a, up x a) (M, 3, 2) m/s at each node, navigation axes; zero in the first and in long stances.
+
+    And after a stride that was not seen.
+    """
+    nodes = problem.nodes
+    t = problem.recording.t[nodes.sample[nodes.result]]
+    position = list_positions(nodes.result, values)
+    d = np.diff(position, axis=0, prepend=position[:1])
+    a = d[:, :2] / np.minimum(np.diff(t, prepend=-np.inf), MAX_STRIDE_S)[:, None]
+    a[1:][cross_holes(problem.recording.t, nodes.sample[nodes.result])] = 0.0
+    level = np.zeros(len(a))
+    motion = np.stack([np.column_stack([a, level]), np.column_stack([-a[:, 1], a[:, 0], level])], axis=2)
+    ties = problem.velocities.residuals
+    assert isinstance(ties, StanceVelocity)
+    walks = ties.sinks_per_m > 0.0
+    return np.asarray(motion[nodes.footfall] * walks[:, None, None])
+
+
+def extend_covariance(pose_cov: Floats, position: Floats) -> Floats:
+    """Return the covariance (4, 4) of a pose in a walk in progress, with what is not known of c.
+
+    `position` (3,) m from the start.
+    """
+    east, north = position[:2]
+    moved = np.array([[east, -north], [north, east]]) * (FORWARD_SIGMA, SIDEWAYS_SIGMA)
+    extended = pose_cov.copy()
+    extended[:2, :2] += moved @ moved.T
+    return extended
 
 
 @dataclass(frozen=True)
@@ -158,12 +221,6 @@ def average_models(information: Floats, pull: Floats, worse_nats: float = 0.0) -
     return GyroScale(scale, sigma, float(weight[1]), np.tensordot(weight, np.array(moments), axes=1))
 
 
-MIN_OWN = 1e-3  # Share of what is alike that each half has of its own: keeps the prior invertible.
-
-
-POSE_END, VELOCITY_END = slice(9, 15), slice(15, 18)  # Columns of an inertial factor.
-
-
 def _list_inertial(problem: WalkProblem, values: gtsam.Values) -> Iterator[SharingFactors]:
     """Yield the inertial factors with their columns of the scale."""
     nodes, bias = problem.nodes, _list_rate_biases(problem, values)
@@ -215,7 +272,7 @@ def _share_rate_errors(problem: WalkProblem, values: gtsam.Values, *errors: Floa
 
 def _list_rate_biases(problem: WalkProblem, values: gtsam.Values) -> Floats:
     """Bias (M-1, 3) rad/s of each interval between nodes."""
-    return biases_of(problem.nodes, values)[problem.nodes.bias[problem.nodes.footfall[:-1]], GYRO]
+    return list_biases(problem.nodes, values)[problem.nodes.bias[problem.nodes.footfall[:-1]], GYRO]
 
 
 def sense_rate_error(t: Floats, force: Floats, rate: Floats, sample: Ints, bias: Floats, error: Floats) -> Floats:
