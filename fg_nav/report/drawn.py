@@ -100,12 +100,6 @@ class AlignedSolution:
         bound = 1.0 / np.maximum(np.einsum("ki,kij,kj->k", v[known], inverse, v[known]), 1e-12)
         return float(np.min(bound))
 
-    def remaining_cov(self) -> Floats:
-        """(K, 3, 3) m^2, covariance of the stances' position without the turn that an alignment removes."""
-        moved = self.stance_position()
-        lever = np.cross([0.0, 0.0, 1.0], moved - moved[:1])
-        return np.asarray(self.position_cov() - self.turn_variance * lever[:, :, None] * lever[:, None, :])
-
     @property
     def alignment_words(self) -> str:
         """The alignment with the truth, to follow a title; empty without a truth."""
@@ -176,7 +170,11 @@ def find_extent(points: Floats) -> float:
 
 def find_ellipses(view: AlignedSolution, at_most: int) -> Ellipses | None:
     """Ellipses of footfalls evenly spread along the path, fewer where they are huge; None without a covariance."""
-    centre, cov = view.stance_position()[:, :2], view.remaining_cov()[:, :2, :2]
+    position = view.stance_position()
+    # covariance without the turn that an alignment removes
+    lever = np.cross([0.0, 0.0, 1.0], position - position[:1])
+    remaining = np.asarray(view.position_cov() - view.turn_variance * lever[:, :, None] * lever[:, None, :])
+    centre, cov = position[:, :2], remaining[:, :2, :2]
     claimed = np.flatnonzero(np.isfinite(cov).all(axis=(1, 2)))
     if not len(claimed):
         return None

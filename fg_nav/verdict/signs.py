@@ -220,7 +220,7 @@ def measure_cut(observed: WalkSigns) -> Reason | None:
     return judge_unfollowed(cut_s, speed, observed.sigma, observed.way, words)
 
 
-def name_nominal_rate(observed: WalkSigns) -> Reason | None:
+def check_nominal_rate(observed: WalkSigns) -> Reason | None:
     """A nominal sample rate, without stamps."""
     sigma = observed.recording.provenance.rate_sigma
     words = f"the sample rate is nominal, known to {100 * sigma:.2g} %, and the path to {200 * sigma:.2g} %"
@@ -241,14 +241,14 @@ def measure_gap(observed: WalkSigns) -> Reason | None:
     return Reason(max(weight, 1.0 if alone else UNSEEN), words)
 
 
-def name_rate(observed: WalkSigns) -> Reason | None:
+def check_rate(observed: WalkSigns) -> Reason | None:
     """A low sample rate, as a possible cause of other signs."""
     rate_hz = 1.0 / observed.recording.period_s
     words = f"the sample rate of {rate_hz:.0f} Hz is low for a foot"
     return Reason(NAMING, words) if rate_hz < LOW_RATE_HZ else None
 
 
-def name_wearing(observed: WalkSigns) -> Reason | None:
+def check_mount(observed: WalkSigns) -> Reason | None:
     """Mounting that the turning resembles, where it is not a foot."""
     turning = measure_turning(observed.recording)
     wearing = turning.wearing
@@ -430,7 +430,7 @@ def compare_heights(observed: WalkSigns) -> Reason | None:
     return Reason(LIGHT, f"it ends where it began, but {up:+.1f} m in height, {apart:.0f} of its sigmas")
 
 
-def contradict_magnetometer(observed: WalkSigns) -> Reason | None:
+def check_mag_axes(observed: WalkSigns) -> Reason | None:
     """Axes of the magnetometer that contradict the gyroscope's."""
     aligned = observed.walk.magnetometer
     if aligned is None or aligned.wrong_axes is None:
@@ -438,7 +438,7 @@ def contradict_magnetometer(observed: WalkSigns) -> Reason | None:
     return Reason(LIGHT, f"the magnetometer contradicts the gyroscope and is left out: {aligned.wrong_axes.warning}")
 
 
-def contradict_axes(observed: WalkSigns) -> Reason | None:
+def check_gyro_axes(observed: WalkSigns) -> Reason | None:
     """Axes of the gyroscope that contradict the accelerometer's."""
     measure = measure_swing_axes if observed.walk.options.mount == "pocket" else measure_axes
     recording = observed.recording
@@ -449,17 +449,17 @@ Sign = Callable[[WalkSigns], Reason | None]
 
 SIGNS_WITHOUT_FOOTFALLS: tuple[Sign, ...] = (
     lambda observed: judge_strides(len(observed.strides), observed.recording.duration_s),
-    name_nominal_rate,
+    check_nominal_rate,
     measure_gap,
     measure_cut,
     lambda observed: judge_bad_samples(observed.recording),
-    name_wearing,
+    check_mount,
 )
 
 SIGNS_IN_POCKET: tuple[Sign, ...] = (
     measure_speed,
     measure_longest_stride,
-    contradict_axes,
+    check_gyro_axes,
     measure_heading_sigma,
     measure_position_sigma,
     *SIGNS_WITHOUT_FOOTFALLS,
@@ -471,7 +471,7 @@ SIGNS: tuple[Sign, ...] = (
     measure_tilt_closure,
     measure_turning_at_stances,
     measure_shaking,
-    name_rate,
+    check_rate,
     lambda observed: judge_filters(observed.recording, observed.walk.stances),
     measure_time_without_footfall,
     measure_stride,
@@ -480,12 +480,12 @@ SIGNS: tuple[Sign, ...] = (
     measure_climbing,
     lambda observed: judge_height_rate(*find_height_rate(observed.table.t, observed.table.position[:, 2])),
     measure_gravity,
-    contradict_axes,
+    check_gyro_axes,
     compare_bias,
     measure_heading_sigma,
     measure_hidden_turning,
     measure_position_sigma,
     *SIGNS_WITHOUT_FOOTFALLS,
-    contradict_magnetometer,
+    check_mag_axes,
     compare_heights,
 )

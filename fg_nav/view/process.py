@@ -125,22 +125,6 @@ class ListenerProcess:
             self._remark("what serves the walk has ended: it goes on unseen.")
 
 
-def serve(lines: LineServer | None, page: PageServer | None, messages: IO[bytes]) -> None:
-    """Pass messages on until there are no more."""
-    for message in messages:
-        kind, words = message[:1], message[1:-1].decode()
-        if kind == b"L" and lines is not None:
-            lines.send(words)
-        if page is None:
-            continue
-        if kind in b"LP":
-            page.send(words)
-        elif kind == b"S":
-            page.send_status(json.loads(words))
-        else:
-            page.send_remark(json.loads(words))
-
-
 async def _report(page: PageServer) -> None:
     """Print the number of open pages and the period of statuses whenever one changes."""
     last = ""
@@ -162,7 +146,19 @@ def main() -> None:
     if page is not None:
         reports = _report(page)
         call_there(lambda: start_loop().create_task(reports))
-    serve(lines, page, sys.stdin.buffer)
+    # until the input ends
+    for message in sys.stdin.buffer:
+        kind, words = message[:1], message[1:-1].decode()
+        if kind == b"L" and lines is not None:
+            lines.send(words)
+        if page is None:
+            continue
+        if kind in b"LP":
+            page.send(words)
+        elif kind == b"S":
+            page.send_status(json.loads(words))
+        else:
+            page.send_remark(json.loads(words))
 
     async def end() -> None:
         await asyncio.gather(*(server.end() for server in (lines, page) if server is not None))

@@ -27,9 +27,9 @@ from fg_nav.verdict.limits import (
 )
 from fg_nav.verdict.signs import (
     WalkSigns,
+    check_gyro_axes,
     compare_bias,
     compare_heights,
-    contradict_axes,
     count_open_strides,
     measure_gravity,
     measure_hidden_turning,
@@ -455,7 +455,7 @@ def test_a_stride_of_three_metres_spoils_a_path_in_a_pocket_too() -> None:
 
 def test_wrong_axes_spoil_a_path_of_any_method() -> None:
     mirrored = replace(good().walk, recording=samples(gyr=-demo().gyr))
-    reason = contradict_axes(WalkSigns(mirrored, good().solution))
+    reason = check_gyro_axes(WalkSigns(mirrored, good().solution))
     assert reason.weight > 2
     assert "negate gyr" in reason.words
-    assert contradict_axes(good()).weight < 1
+    assert check_gyro_axes(good()).weight < 1
