@@ -91,11 +91,11 @@ def marginalize(
 ) -> MarginalPrior:
     """Marginalize a graph, linearized at these values, to the variables `keep`.
 
+    Raises `RuntimeError` where the factors do not determine the others.
+
     Parameters
     ----------
     others : the other variables, in the order in which they are eliminated.
-
-    Raises `RuntimeError` where the factors do not determine the others.
     """
     order, kept = gtsam.Ordering(), gtsam.Ordering()
     for key in others:

@@ -1,41 +1,9 @@
 """What a walk in progress reports: estimates of its footfalls, revisions of its past, and both as lines of JSON.
 
-A `StanceEstimate` is one object a line:
-
-========================= ======================================================================================
-kind                      "now": as known when the footfall was complete; "smoothed": as the graph has it at the end;
-                          "polished": as the batch smoother has it then
-stance                    number of the row, from 0
-continues                 of "now": a further piece of a long standing, no new footfall
-t                         s, of its stillest sample
-sensor_t                  s, the stamp that the sensor gave it, only where that is another: its clock was set on or back
-position_m                [east, north, up]
-heading_deg               of the body's x axis, clockwise from north, in [0, 360)
-position_sigma_m          [east, north, up]
-east_north_cov_m2         covariance of east and north: with their sigmas, the ellipse
-heading_sigma_deg
-gyro_bias_deg_s           [x, y, z], body axes
-gyro_bias_sigma_deg_s     [x, y, z]
-floor                     of now: of the building, 0 where the walk began, +1 the next above; null where not known,
-                          as on stairs, and in a pocket
-compass_weight            of the magnetic heading at the footfall: 1 where the field changes no more than it usually
-                          does on the walk, less where it changes more, 0 where it has none; null in a pocket
-field, field_reason       verdict of the gate on the magnetic field, in a word and in words
-verdict, reasons          on the path: of now up to this line (`line_verdict`), else on all of it (`fg_nav.verdict`);
-                          "trusted", "doubtful" or "not to be used", and what speaks against it
-========================= ======================================================================================
-
-Sigmas are one standard deviation. What is not finite is null.
-
-A `Revision` is up to three kinds of lines, before the next line of the moment:
-
-============ =========================================================================================================
-"turned"     the map was turned about its origin by `angle_deg`, clockwise: lines before are in the old one
-"retracted"  the footfall of line `stance`, whose `t` was `stance_t`, was none, and is taken back
-"revised"    the past as it is known now: `path`, [t, east, north, up] at `MAX_POINTS` footfalls at most, all of it
-============ =========================================================================================================
-
-All have `t`, s, of the newest footfall that they know.
+A `StanceEstimate` is one object a line, of the kind "now" when its footfall was complete, and "smoothed" or "polished"
+at the end. A `Revision` is up to three kinds of lines before the next of these: "turned", "retracted" for each footfall
+that was none, and "revised", the past as it is known now. Their keys are in docs/online.md. Sigmas are one standard
+deviation; what is not finite is null.
 """
 
 from __future__ import annotations

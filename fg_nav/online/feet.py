@@ -95,6 +95,8 @@ class FeetNavigator:
     ) -> None:
         """Begin a walk.
 
+        Raises `EstimationError` with a lag or fixes, and for an offset that is no time.
+
         Parameters
         ----------
         options : of both feet; a heading is that of the left sensor.
@@ -103,8 +105,6 @@ class FeetNavigator:
         clock_offset_s : to add to the stamps of the right foot.
         beside : whether both are solved again in another process.
         right : options of the right foot, where its sensor is calibrated for itself.
-
-        Raises `EstimationError` with a lag or fixes, and for an offset that is no time.
         """
         for name, refused in (("a lag", options.lag_s), ("fixes", options.fixes or None)):
             if refused is not None:

@@ -1,15 +1,13 @@
 """The graph of the newest window of a walk in iSAM2, solved again with every footfall.
 
-A new footfall eliminates again what it changes, and the rest stays. Four things make that quick and exact:
+Four choices make that quick and exact (measured in docs/online.md):
 
-* Relinearization by attitude. Position and velocity enter the equations linearly once they are written in the body's
-  axes; a heading that moved by a does not, and an old linearization costs a^2/2 of each stride. Thresholds are for
-  attitude, bias and field; positions may move by any amount. Variables are checked from the newest footfall backward
-  until one is below its threshold, so that one part is relinearized and the check costs nothing.
-* New variables start where the footfall before is linearized, not at its estimate (`initialize_stride`). Otherwise each
-  new one would be linearized at another heading than those before it, and none would ever pass a threshold.
-* The linearization point is held alive in Python. pybind then hands the same object to every factor written in Python;
-  else each of them would be given a copy of all values at each call.
+* Relinearization by attitude, bias and field. Position and velocity enter linearly once they are in the body's axes; a
+  heading that moved by a does not, and an old linearization costs a^2/2 of each stride. Variables are checked from the
+  newest footfall backward until one is below its threshold.
+* New variables start where the footfall before is linearized, not at its estimate (`initialize_stride`).
+* The linearization point is held alive in Python: pybind then passes the same object to every factor written in Python,
+  else each would get a copy of all values at each call.
 * QR: the information of a bias over hours and of a node over milliseconds differ by more than Cholesky resolves.
 
 An update after which the newest footfall has turned from its linearization point is repeated, but not often, so that

@@ -29,7 +29,7 @@ from fg_nav.smoother.batch import solve_walk, widen_bias_prior
 from fg_nav.smoother.constraints import add_constraints, add_fixes
 from fg_nav.smoother.field import FieldSolution, FieldVerdict
 from fg_nav.smoother.gauss_newton import FIRST_CONVERGENCE
-from fg_nav.smoother.graph import Known, WalkProblem, count_factors, order_variables, solve
+from fg_nav.smoother.graph import WalkProblem, count_factors, order_variables, solve
 from fg_nav.smoother.problem import walk_problem
 from fg_nav.smoother.solver import Solved, linearize, list_positions
 from fg_nav.solution import Return
@@ -60,11 +60,6 @@ class WalkSolution:
     solved_field: tuple[FieldSolution, FootfallField] | None = None
 
     @property
-    def known(self) -> Known:
-        """What is known of sensor and mounting."""
-        return self.problem.known
-
-    @property
     def stances(self) -> list[StanceNodes]:
         """Its footfalls."""
         return list_stances(self.problem.nodes, self.problem.recording.t)
@@ -81,14 +76,14 @@ def solve_alone(walk: PartialWalk, options: OnlineOptions, has_ended: bool = Fal
     walk.align_magnetometer()
     recording, stances = walk.cut_whole(), walk.cut_stances(0, 0)
     found = solve_so_far(recording, stances, options, walk.continues, has_ended)
-    walk.sensor = replace(walk.sensor, peak_height=found.known.peak_height, iron=found.iron)
+    walk.sensor = replace(walk.sensor, peak_height=found.problem.known.peak_height, iron=found.iron)
     return found
 
 
 def build_anchor(walk: PartialWalk, options: OnlineOptions, found: WalkSolution, prior: MarginalPrior) -> AnchorState:
     """Return the anchor state of a solved walk at its newest footfall, whose marginal prior is given."""
     problem, values, stances = found.problem, found.solved.values, found.stances
-    known, magnetometer = found.known, walk.sensor.magnetometer
+    known, magnetometer = problem.known, walk.sensor.magnetometer
     verdicts = [
         CompassVerdict(*one)
         for one in zip(found.verdict.words, found.verdict.reason, found.verdict.compass_weight.tolist(), strict=True)
@@ -138,6 +133,8 @@ def solve_so_far(
 ) -> WalkSolution:
     """Solve a walk so far.
 
+    Raises `EstimationError` where the batch smoother does.
+
     Parameters
     ----------
     recording : with the magnetometer as it measures, unless a calibration is among the options.
@@ -145,8 +142,6 @@ def solve_so_far(
     continues : (F,) which footfalls are further pieces of a standing: on the same spot each has the deviation of the
         first, so the field there counts once. None where there is none.
     has_ended : whether nothing follows: then a standing at the end is a rest.
-
-    Raises `EstimationError` where the batch smoother does.
     """
     # The field at the footfalls, once for each standing.
     standings = stances

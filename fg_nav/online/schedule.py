@@ -1,24 +1,16 @@
 """When a walk in progress is solved again, and when that solution takes effect.
 
-A walk is solved again by the count of its footfalls alone:
+A walk is solved again by the count of its footfalls alone: at the first ones at once, later every twelfth part of it,
+in a window behind `WHOLE_UNTIL`, where what is known of sensor and foot does not change any more; at once for a
+footfall in doubt, and at the end (docs/online.md). One of n footfalls takes some n / 250 s, a footfall one second: the
+solution takes effect two footfalls later, and one more for each 200 of the walk.
 
-======================== ==============================================================================================
-the first footfalls      at once, each time all of the walk
-then                     every n / 12, eight at least. The solution takes effect two footfalls later, and one more for
-                         each 200 of the walk: one of n footfalls takes some n / 250 s, a footfall one second
-behind `WHOLE_UNTIL`     what is known of sensor and foot does not change any more. Every `WINDOW` / 8 footfalls the
-                         last `WINDOW` are solved again, from the anchor state before them; with a lag, those in it
-a footfall in doubt      at once, from the last anchor state before it
-the end                  once more
-======================== ==============================================================================================
+It takes effect before the line for which it was requested, or later:
 
-A background solution takes effect before the line for which it was requested, or later:
-
-it is waited for         where it is solved in this process, or samples come faster than they were walked, as from a
-                         file: the same samples give the same answers, however fast the machine is
-it is not                where they come as they are walked: if it is late the walk goes on without it. Before which
-                         line it takes effect depends on the machine then, and is recorded; a walk that is resumed
-                         follows the record
+it is waited for   where it is solved in this process, or samples come faster than they were walked, as from a file:
+                   the same samples give the same answers, however fast the machine is
+it is not          where they come as they are walked: if it is late the walk goes on without it. Before which line it
+                   takes effect depends on the machine then, and is recorded; a walk that is resumed follows the record
 """
 
 from __future__ import annotations
@@ -121,7 +113,7 @@ class ResolveSchedule:
         return self.pending is not None and self.pending.due_at <= line
 
     def _waits(self) -> bool:
-        """Whether solutions are waited for."""
+        """Whether the walk waits for a solution that is due."""
         if self.solver.is_here or self._clock is None:
             return True
         began, stamp = self._clock

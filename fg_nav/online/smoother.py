@@ -209,9 +209,7 @@ class OnlineSmoother:
             self._buffer, options.use_field, options.axes_given, state.discarded, known, initial.sensor
         )
         self.window = Window(initial, self.walk)
-        for footfall in self.footfalls[behind:]:
-            self.walk.add(footfall)
-            self.window.add_newest()
+        self.window.extend(self.footfalls[behind:])
         # What was being solved is begun again, on the samples that it and what comes need.
         pending, n, solver = state.pending, self.n_reported, self.schedule.solver
         is_whole = not is_windowed(n + 1, self._has_lag) or (pending and pending.task.start is None)
@@ -269,9 +267,7 @@ class OnlineSmoother:
         self.walk.replace_footfalls(first, anchor.footfalls)
         try:
             window = Window(anchor.without_past(), self.walk)
-            for footfall in since:
-                self.walk.add(footfall)
-                window.add_newest()
+            window.extend(since)
         except UNSOLVED:
             self.walk.sensor = known
             self.walk.replace_footfalls(first, before)

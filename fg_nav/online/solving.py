@@ -109,7 +109,9 @@ class WalkSolver:
             anchor, walk = self._solve(self._task) if self._solved is None else self._solved
             for footfalls in self._requested:
                 if footfalls:
-                    anchor = _extend(Window(anchor, walk), walk, footfalls)
+                    window = Window(anchor, walk)
+                    window.extend(footfalls)
+                    anchor = window.to_anchor()
             self._solved = anchor, walk
         except UNSOLVED:
             self._solved = None
@@ -133,7 +135,9 @@ class WalkSolver:
         first, *later = self._review(task)
         number = start.stance.number
         walk = PartialWalk(self._buffer, options.use_field, options.axes_given, number, (first,), start.sensor)
-        return _extend(Window(replace(start, footfalls=(first,), first=number), walk), walk, later), walk
+        window = Window(replace(start, footfalls=(first,), first=number), walk)
+        window.extend(later)
+        return window.to_anchor(), walk
 
     def _collect_walk(self, task: Task) -> PartialWalk:
         """Collect the walk of a task that begins at its start."""
@@ -157,14 +161,6 @@ class WalkSolver:
         first, *later = task.footfalls
         reviewed = review_footfalls(recording, begins, later, self._stance)
         return [first, *(one for one in reviewed if one.footfall.start[0] >= first.footfall.stop[-1])]
-
-
-def _extend(window: Window, walk: PartialWalk, footfalls: Sequence[ReportedFootfall]) -> AnchorState:
-    """Add footfalls to a walk and its newest window; the anchor state at the last of them."""
-    for footfall in footfalls:
-        walk.add(footfall)
-        window.add_newest()
-    return window.to_anchor()
 
 
 def review_footfalls(

@@ -190,7 +190,7 @@ def measure_stride(
     Parameters
     ----------
     gyro_bias, lever : (3,) rad/s, (3,) m, as in `measure_velocities`.
-    rests : what the window shows of them that was not counted before.
+    rests : those in the window, as far as they were not counted before.
     """
     bias = gtsam.imuBias.ConstantBias(np.zeros(3), gyro_bias)
     new = preintegrate(window.recording, window.nodes.sample[window.last_before :], bias, p)
@@ -300,7 +300,7 @@ class RestLedger:
         return cls(longest, rests[-1] if rests else None)
 
     def collect(self, window: StrideWindow, p: RestParameters) -> tuple[tuple[Rest, ...], RestLedger]:
-        """Return what the rests of a window show that was not counted yet, and the ledger once that is in the graph."""
+        """Return the parts of rests in a window that were not counted yet, and the ledger with them in the graph."""
         earlier = len(window.with_context) - len(window.recording)
         ledger, begins = self, window.nodes.sample[window.last_before + 1] + earlier
         new: list[Rest] = []
@@ -317,7 +317,7 @@ class RestLedger:
         return tuple(new), ledger
 
     def _count(self, rest: Rest, first_sample: int) -> tuple[Rest | None, RestLedger]:
-        """What a rest shows beyond what was counted of it: a long one is seen again and again as it goes on."""
+        """The part of a rest that was not counted yet, as a long one is found again with each piece; and the ledger."""
         start, stop = rest.start + first_sample, rest.stop + first_sample
         in_walk = replace(self, counted=replace(rest, start=start, stop=stop))
         if self.counted is None or start >= self.counted.stop:

@@ -12,6 +12,7 @@ again at the last footfall (`recovery`).
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterable
 from copy import deepcopy
 from dataclasses import replace
 
@@ -23,7 +24,7 @@ from fg_nav.factors.walk_constraints import position_fix_factor, position_fix_no
 from fg_nav.magnetic.quasi_static import UNKNOWN
 from fg_nav.mechanisation import NavState
 from fg_nav.online.anchor import AnchorState, Past, PathNodes, marginalize
-from fg_nav.online.buffer import PartialWalk
+from fg_nav.online.buffer import PartialWalk, ReportedFootfall
 from fg_nav.online.estimates import (
     EstimateRow,
     StanceEstimate,
@@ -59,6 +60,8 @@ STANDS_ON = "a further piece of a standing, whose field counts once"  # Reason o
 class Window:
     """The newest window of a walk.
 
+    Raises `RuntimeError` where the anchor state determines no solution.
+
     Attributes
     ----------
     initial : the anchor state before its first stride.
@@ -70,8 +73,6 @@ class Window:
     Parameters
     ----------
     walk : the samples and footfalls since; a footfall is added to it first, and here next.
-
-    Raises `RuntimeError` where the anchor state determines no solution.
     """
 
     def __init__(self, initial: AnchorState, walk: PartialWalk) -> None:
@@ -89,8 +90,14 @@ class Window:
         self.latest = self._estimate()
         self.reported = [self.latest.as_row()]
 
-    def add_newest(self) -> StanceEstimate:
-        """Add the newest footfall of the walk; its estimate."""
+    def extend(self, footfalls: Iterable[ReportedFootfall]) -> None:
+        """Add footfalls to the walk and here."""
+        for footfall in footfalls:
+            self._walk.add(footfall)
+            self.add_newest()
+
+    def add_newest(self) -> None:
+        """Add the newest footfall of the walk."""
         n_before = len(self._stances)
         try:
             rests, biases = self._extend()
@@ -104,7 +111,6 @@ class Window:
             self._floors = self._floors.add(float(self._backend.pose(X(self._stances[-1].result)).z()))
         self.latest = self._estimate()
         self.reported.append(self.latest.as_row())
-        return self.latest
 
     def solve(self) -> Past:
         """Return the present estimates of all its footfalls, the first that of the anchor state."""

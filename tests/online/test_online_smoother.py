@@ -257,9 +257,9 @@ def test_the_end_of_the_samples_makes_no_rest():
     assert rests[-1].stop > len(recording) - 25
     assert not rests[-1].lasts(recording, RestParameters().shortest_s)
     solved = solve_so_far(recording, stances, OnlineOptions(use_field=False))
-    assert [rest.start for rest in solved.known.rests] == [rest.start for rest in rests[:-1]]
+    assert [rest.start for rest in solved.problem.known.rests] == [rest.start for rest in rests[:-1]]
     ended = solve_so_far(recording, stances, OnlineOptions(use_field=False), has_ended=True)
-    assert [rest.start for rest in ended.known.rests] == [rest.start for rest in rests]
+    assert [rest.start for rest in ended.problem.known.rests] == [rest.start for rest in rests]
 
 
 def test_nor_does_the_end_of_a_window(monkeypatch):
