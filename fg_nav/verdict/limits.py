@@ -34,7 +34,7 @@ from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.recording import Recording
 from fg_nav.stances import Stances
 from fg_nav.text import format_count
-from fg_nav.verdict.reason import MIN_WAY_M, NO_USE, UNSEEN, USE_SHARE, Reason, weigh, weigh_error
+from fg_nav.verdict.reason import LIGHT, MIN_WAY_M, NO_USE, UNSEEN, USE_SHARE, Reason, weigh, weigh_error
 
 FEW_STRIDES = 1 / 4, 1 / 3
 SEEN_BY = 20  # Strides, of which those tested are at least a half in any ordinary walk.
@@ -103,6 +103,12 @@ def judge_gravity(gravity: float, reach: float, sigma: float, way: float) -> Rea
     """Judge the mean vertical force of the strides, m/s^2, of a path that leads as far from its start, m."""
     words = f"gravity is {gravity:.2f} m/s^2 in the strides, not {GRAVITY_M_S2:.2f}: the accelerometer's scale or unit"
     return Reason(weigh_error(abs(gravity / GRAVITY_M_S2 - 1.0) * reach, sigma, way), words)
+
+
+def judge_rate(sigma: float) -> Reason:
+    """Judge a nominal sample rate by its sigma, a share of it; 0 where samples have stamps."""
+    words = f"the sample rate is nominal, known to {100 * sigma:.2g} %, and the path to {200 * sigma:.2g} %"
+    return Reason(LIGHT if sigma > 0.0 else UNSEEN, words)
 
 
 def judge_filters(recording: Recording, stances: Stances) -> Reason:

@@ -19,6 +19,7 @@ from fg_nav.verdict.limits import (
     judge_gravity,
     judge_height_rate,
     judge_position,
+    judge_rate,
     judge_speed,
     judge_stride,
     judge_strides,
@@ -116,9 +117,7 @@ def measure_cut(seen: Seen) -> Reason | None:
 
 def name_nominal_rate(seen: Seen) -> Reason | None:
     """A sample rate that nothing shows but what was said of it."""
-    sigma = seen.recording.provenance.rate_sigma
-    words = f"the sample rate is nominal, known to {100 * sigma:.2g} %, and the path to {200 * sigma:.2g} %"
-    return Reason(LIGHT, words) if sigma > 0.0 else None
+    return judge_rate(seen.recording.provenance.rate_sigma)
 
 
 def measure_gap(seen: Seen) -> Reason | None:
