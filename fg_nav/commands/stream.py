@@ -32,7 +32,7 @@ from fg_nav.online.pocket import PocketOptions, compute_stride_headings
 from fg_nav.online.record_check import doubt_resumed
 from fg_nav.online.source_check import describe_losses
 from fg_nav.pipeline import prepare_walk
-from fg_nav.recording import Provenance
+from fg_nav.recording import NOMINAL_SIGMA, Provenance
 from fg_nav.report import Plots, terminal
 from fg_nav.report.files import Summary, summarize, summarize_lagged, write_footfalls, write_lagged, write_run
 from fg_nav.report.folder import result_folder
@@ -204,8 +204,17 @@ def _finish_lagged(walk: StreamedWalk) -> Solution:
 
 
 def note_losses(solution: Solution, walk: StreamedWalk) -> Solution:
-    """Add what was lost on the way to the notes."""
-    return replace(solution, notes=(*solution.notes, *describe_losses(walk.navigator.source.get("lost", {}))))
+    """Add what was lost on the way to the notes, and what a nominal rate leaves open to the sigmas."""
+    rate_sigma = 0.0 if isinstance(walk.navigator.options, PocketOptions) else find_rate_sigma(walk)
+    polished = None if solution.polished is None else solution.polished.widen(rate_sigma)
+    notes = (*solution.notes, *describe_losses(walk.navigator.source.get("lost", {})))
+    return replace(solution.widen(rate_sigma), notes=notes, polished=polished)
+
+
+def find_rate_sigma(walk: StreamedWalk) -> float:
+    """Return the sigma of the rate by which stamps were counted, a share of it; 0 where rows have stamps."""
+    columns = walk.navigator.source.get("columns") or {}
+    return NOMINAL_SIGMA if columns.get("rate_hz") else 0.0
 
 
 def finish_stream(walk: StreamedWalk, progress: Progress | None = None) -> tuple[Walk, Outcome]:
@@ -234,7 +243,9 @@ def prepare_stream(walk: StreamedWalk) -> Walk:
     """Return a walk without a lag that has ended as one of a recording, with its stances and field."""
     navigator, calibration = walk.navigator, walk.calibration
     bad = max(navigator.judge.counts[sensor] for sensor in ("acc", "gyr"))
-    provenance = Provenance(format=f"canonical rows from {walk.name}", bad_samples=bad)
+    provenance = Provenance(
+        format=f"canonical rows from {walk.name}", bad_samples=bad, rate_sigma=find_rate_sigma(walk)
+    )
     recording = replace(navigator.recording(), provenance=provenance)
     # The rows were corrected as they came.
     applied = () if calibration is None else calibration.corrects(recording.mag is not None)

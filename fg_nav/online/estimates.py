@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from itertools import compress
 from typing import Any, NamedTuple
 
@@ -78,6 +78,15 @@ class StanceEstimate:
     field: str
     field_reason: str
     floor: int | None = None
+
+    def widen(self, rate_sigma: float) -> StanceEstimate:
+        """Return it with the sigma of a nominal sample rate, a share of it, in that of its place, as `Solution.widen`.
+
+        Paths go with the square of the period; of the turns, which go with the period, the walk so far is not known.
+        """
+        cov = self.pose_cov.copy()
+        cov[:3, :3] += np.outer(self.position, self.position) * (2.0 * rate_sigma) ** 2
+        return replace(self, pose_cov=cov)
 
     def as_row(self) -> EstimateRow:
         """Return it as a row of numbers and its words."""

@@ -303,7 +303,9 @@ class FollowedWalk:
         self._emit, self._remark, self._status, self._unsaved = emit, remark, status, False
         self._races, self._due = navigator.races, time.monotonic() + options.checkpoint_s
         self._check = SourceCheck("pocket" if isinstance(options.online, PocketOptions) else "foot", remark)
-        self._verdict = LineVerdict(isinstance(options.online, PocketOptions), remark, not navigator.footfalls)
+        rate_sigma = 0.0 if options.columns is None else options.columns.rate_sigma
+        in_pocket = isinstance(options.online, PocketOptions)
+        self._verdict = LineVerdict(in_pocket, remark, not navigator.footfalls, rate_sigma)
         self._losses = LossCounter(remark)
         # what a checkpoint keeps beside the navigator
         self._parts: dict[str, SourceCheck | LineVerdict | LossCounter] = {
@@ -331,7 +333,7 @@ class FollowedWalk:
         made = self._navigator.push(rows[:, 0], acc, rows[:, 4:7], field, rows[:, 10])
         self._losses.add(rows[:, 0], overlap)
         self._verdict.look_at(self._navigator.buffer)
-        found = self._verdict.judge(made, self._navigator.reported_continues)
+        found = self._judge(made)
         # What depends on the machine's speed is saved before it is sent, once the last save is done.
         raced = self._navigator.races != self._races and self._due < np.inf
         if self._checkpoint is not None and (raced or time.monotonic() >= self._due):
@@ -357,7 +359,13 @@ class FollowedWalk:
 
     def report(self, made: Sequence[StanceEstimate | Revision]) -> None:
         """Judge what the navigator made, and emit its lines."""
-        self.emit_lines(self._verdict.judge(made, self._navigator.reported_continues))
+        self.emit_lines(self._judge(made))
+
+    def _judge(self, made: Sequence[StanceEstimate | Revision]) -> list[Judged]:
+        columns = self._options.columns
+        if columns is not None and columns.rate_sigma > 0.0:
+            made = [one if isinstance(one, Revision) else one.widen(columns.rate_sigma) for one in made]
+        return self._verdict.judge(made, self._navigator.reported_continues)
 
     def report_losses(self, lost_datagrams: int) -> dict[str, int]:
         """Return what was lost so far, with the datagrams for which there was no room."""

@@ -30,6 +30,7 @@ from fg_nav.verdict.limits import (
     judge_gravity,
     judge_height_rate,
     judge_position,
+    judge_rate,
     judge_speed,
     judge_stride,
     judge_unfollowed,
@@ -52,12 +53,17 @@ class LineVerdict:
     ----------
     in_pocket : whether the sensor is in a pocket: a line is then two steps, and places are less certain.
     remark, refuses : as of `AxesCheck`.
+    rate_sigma : of a nominal sample rate, a share of it; 0 where rows have stamps.
     """
 
     def __init__(
-        self, in_pocket: bool = False, remark: Callable[[str], None] = lambda words: None, refuses: bool = True
+        self,
+        in_pocket: bool = False,
+        remark: Callable[[str], None] = lambda words: None,
+        refuses: bool = True,
+        rate_sigma: float = 0.0,
     ) -> None:
-        self._in_pocket = in_pocket
+        self._in_pocket, self._rate_sigma = in_pocket, rate_sigma
         self._axes = AxesCheck(remark, refuses, "pocket" if in_pocket else "foot")
         self._begun: float | None = None
         self._last = np.zeros(4)  # t, east, north, up of the newest footfall
@@ -129,7 +135,7 @@ class LineVerdict:
     def _list_reasons(self, covariance: Floats) -> list[Reason]:
         assert self._begun is not None
         axes, way, sigma = self._axes.evidence, self._distance, float(np.sqrt(np.trace(covariance)))
-        found = [judge_position(covariance, way, self._in_pocket), judge_axes(axes)]
+        found = [judge_position(covariance, way, self._in_pocket), judge_axes(axes), judge_rate(self._rate_sigma)]
         if len(self._fast):
             speed, took, end = map(float, self._fast[0])
             found.append(judge_speed(speed, end))

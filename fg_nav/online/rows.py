@@ -25,6 +25,7 @@ from fg_nav.columns.units import find_factor
 from fg_nav.errors import FormatError, StreamError
 from fg_nav.io.text_columns import find_column, scale_values
 from fg_nav.online.buffer import COLUMNS
+from fg_nav.recording import NOMINAL_SIGMA
 from fg_nav.samples.plausibility import find_unit_problems, keep_air
 
 MAX_LINE = 1 << 16  # bytes; a longer line has lost its end
@@ -53,6 +54,11 @@ class Columns:
     units: tuple[float, ...] = (1.0,) * COLUMNS
     rate_hz: float | None = None
     mapping: str | None = None
+
+    @property
+    def rate_sigma(self) -> float:
+        """That of the rate by which stamps are counted, a share of it."""
+        return 0.0 if self.rate_hz is None else NOMINAL_SIGMA
 
 
 def parse_columns(words: str | None, units: str | None = None, rate_hz: float | None = None) -> Columns | None:

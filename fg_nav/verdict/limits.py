@@ -164,6 +164,12 @@ def judge_gravity(gravity: float, reach: float, sigma: float, way: float) -> Rea
     return Reason(weigh_error(abs(gravity / GRAVITY_M_S2 - 1.0) * reach, sigma, way), words)
 
 
+def judge_rate(sigma: float) -> Reason:
+    """Judge a nominal sample rate by its sigma, a share of it; 0 where samples have stamps."""
+    words = f"the sample rate is nominal, known to {100 * sigma:.2g} %, and the path to {200 * sigma:.2g} %"
+    return Reason(LIGHT if sigma > 0.0 else UNSEEN, words)
+
+
 def judge_filters(recording: Recording, stances: Stances) -> Reason:
     """Judge the effect of filters in the sensor on its samples."""
     smoothing, passed = measure_smoothing(recording), measure_high_pass(recording, stances)

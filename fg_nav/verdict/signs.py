@@ -32,6 +32,7 @@ from fg_nav.verdict.limits import (
     judge_gravity,
     judge_height_rate,
     judge_position,
+    judge_rate,
     judge_speed,
     judge_stride,
     judge_strides,
@@ -222,9 +223,7 @@ def measure_cut(observed: WalkSigns) -> Reason | None:
 
 def check_nominal_rate(observed: WalkSigns) -> Reason | None:
     """A nominal sample rate, without stamps."""
-    sigma = observed.recording.provenance.rate_sigma
-    words = f"the sample rate is nominal, known to {100 * sigma:.2g} %, and the path to {200 * sigma:.2g} %"
-    return Reason(LIGHT, words) if sigma > 0.0 else None
+    return judge_rate(observed.recording.provenance.rate_sigma)
 
 
 def measure_gap(observed: WalkSigns) -> Reason | None:
