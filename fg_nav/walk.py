@@ -24,9 +24,8 @@ from fg_nav.detection.filtered import refuse_high_pass
 from fg_nav.detection.handedness import refuse_wrong_axes
 from fg_nav.detection.mount import refuse_pocket
 from fg_nav.errors import EstimationError, EvaluationError, MagneticError
-from fg_nav.evaluation.comparison import Comparison, compare, share_truth
+from fg_nav.evaluation.comparison import Comparison, check_truth, compare, share_truth
 from fg_nav.evaluation.metrics import Metrics, evaluate
-from fg_nav.evaluation.truth_check import check_truth
 from fg_nav.evaluation.walked import WalkErrors, measure_moment
 from fg_nav.fix_check import check_fixes
 from fg_nav.gnss import Gnss, select_fixes

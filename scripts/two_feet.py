@@ -44,11 +44,11 @@ from fg_nav.arrays import Floats, interpolate_columns
 from fg_nav.detection import detect_stances
 from fg_nav.errors import EstimationError, FgNavError
 from fg_nav.evaluation.comparison import align
-from fg_nav.evaluation.metrics import compute_stance_nees
 from fg_nav.feet.clocks import align_clocks
 from fg_nav.feet.person import FeetSolution
 from fg_nav.feet.steps import Footfalls, find_steps
 from fg_nav.frames import compute_heading, wrap_angle
+from fg_nav.lab.consistency import compute_stance_nees
 from fg_nav.lab.simulation import simulate_feet
 from fg_nav.magnetic import average_footfall_field
 from fg_nav.recording import Recording

@@ -22,6 +22,7 @@ import numpy as np
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.detection.handedness import LOOKED_S, average_force, find_strides_of
+from fg_nav.detection.rest import remove_large_bias
 from fg_nav.frames import GRAVITY_M_S2, level_attitude
 from fg_nav.mechanisation import integrate_strides
 from fg_nav.recording import Recording
@@ -68,6 +69,7 @@ def estimate_gyro_delay(recording: Recording) -> GyroDelay | None:
     start, stop = find_strides_of(t, recording.acc[looked], recording.gyr[looked])
     if len(start) < MIN_STRIDES:
         return None
+    gyr = remove_large_bias(t, acc, gyr)
     up_start, up_stop = (average_force(t, acc, sample) for sample in (start, stop))
     # The samples of the strides alone.
     rows = np.unique(np.concatenate([np.arange(a, b + 1) for a, b in zip(start, stop, strict=True)]))

@@ -31,6 +31,7 @@ from fg_nav.recording import Recording
 from fg_nav.stances import Stances
 
 GAIT_HZ, STRIKE_HZ = (1.0, 4.0), (8.0, 12.0)
+MIN_SMOOTHING_HZ = 30.0  # A slower recording does not show the strikes.
 SPECTRUM_S = 4.0  # Pieces of which the power is averaged.
 UP_S = 0.05  # Around the stillest sample, in which the specific force points up.
 MIN_STRIDES = 12  # Four unknowns want more strides.
@@ -38,7 +39,7 @@ MIN_STRIDES = 12  # Four unknowns want more strides.
 
 def measure_smoothing(recording: Recording) -> float:
     """Power of the specific force at the gait's rate over that of heel strikes; NaN where too slow or short for it."""
-    if recording.period_s > 0.4 / STRIKE_HZ[1] or recording.duration_s < SPECTRUM_S:
+    if recording.period_s > 1.0 / MIN_SMOOTHING_HZ or recording.duration_s < SPECTRUM_S:
         return np.nan
     acc = recording.acc[: round(LOOKED_S / recording.period_s)]
     length = round(SPECTRUM_S / recording.period_s)

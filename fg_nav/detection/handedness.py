@@ -31,6 +31,7 @@ from scipy.ndimage import minimum_filter1d
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.detection.footfalls import MAX_LEVEL, MAX_LINK_S, SWING_RATE_RAD_S
+from fg_nav.detection.rest import remove_large_bias
 from fg_nav.detection.stance import WINDOW_S, shoe
 from fg_nav.errors import RecordingError
 from fg_nav.frames import GRAVITY_M_S2, level_attitude
@@ -125,6 +126,7 @@ def measure_axes(t: Floats, acc: Floats, gyr: Floats) -> AxesEvidence:
     if not len(start):
         return NO_EVIDENCE
     acc, gyr = (rebuild_peaks(samples, period_s).whole for samples in (acc, gyr))
+    gyr = remove_large_bias(t, acc, gyr)
     attitude = level_attitude(measure_up(t, acc, start))
     up = measure_up(t, acc, stop)
     h = np.diff(t, append=2 * t[-1] - t[-2])

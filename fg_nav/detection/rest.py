@@ -41,7 +41,9 @@ GYR_STD_DEG_S, ACC_STD_M_S2 = 0.5, 0.2  # Largest standard deviations within a b
 GYR_STEP_DEG_S, ACC_STEP_M_S2 = 0.5, 0.15
 """Largest changes of the means from block to block, per axis; of the force 1 deg of tilt."""
 
-MAX_BIAS_DEG_S = 10.0  # A steady rate above this is a motion: a MEMS gyroscope's zero-rate output is within 5 deg/s.
+MAX_BIAS_DEG_S = 25.0  # A steady rate above this is a motion: data sheets of MEMS have zero-rate outputs to 20 deg/s.
+
+LARGE_BIAS_DEG_S = 5.0  # Beyond what checks of single strides leave room for.
 
 SWAY_SCALE = 2.0
 """Error of the slope over what the sway about it shows, for sway slower than the rest looks like a bias: pieces of
@@ -125,6 +127,13 @@ def find_still_stretches(recording: Recording, parameters: RestParameters) -> li
     first, last = find_runs(quiet[1:] & quiet[:-1] & agree & seen[1:] & seen[:-1])
     rests = [_measure_rest(recording, edge[a], edge[b + 1]) for a, b in zip(first, last, strict=True)]
     return [rest for rest in rests if _is_long_and_slow(recording, rest, parameters)]
+
+
+def remove_large_bias(t: Floats, acc: Floats, gyr: Floats) -> Floats:
+    """Take the rate of the longest rest off the rates (N, 3), where it is large, for checks that assume a small one."""
+    rests = find_still_stretches(Recording(t, acc, gyr), RestParameters())
+    rate = max(rests, key=lambda rest: rest.stop - rest.start).rate if rests else np.zeros(3)
+    return gyr - rate if np.linalg.norm(rate) > np.radians(LARGE_BIAS_DEG_S) else gyr
 
 
 def _cut_blocks(recording: Recording) -> list[int]:

@@ -50,6 +50,7 @@ _GRAVITY_RANGE = (0.7, 1.3)  # of g: any m/s^2 accelerometer, even in a loaded s
 _ACC_UNIT_RANGE = (0.85, 1.15)
 _NO_GRAVITY_M_S2 = 3.0  # what is left of gravity where an attitude filter has removed it, at its worst
 _SPREAD = 2.5  # with gravity in it, half of the samples are below this multiple of rest
+MIN_TURNING_WINDOWS = 100  # Stretches in which gravity turns, without which units are not set against each other.
 _TURNING_M_S3 = 0.1  # gravity that turns by 0.6 deg/s; a sensor at rest shows nothing, for however long
 TOO_FAST_RAD_S = 40.0  # no limb turns so fast, one sample in a hundred
 _TOO_SLOW_RAD_S, _LIVELY_M_S2 = 0.3, 2.0
@@ -81,7 +82,7 @@ class GravityTransport:
     @property
     def is_telling(self) -> bool:
         """Whether there was enough quiet turning to decide."""
-        return self.n_windows >= 100 and abs(self.correlation) > 0.4
+        return self.n_windows >= MIN_TURNING_WINDOWS and abs(self.correlation) > 0.4
 
     @property
     def is_mirrored(self) -> bool:

@@ -7,9 +7,9 @@ import pytest
 
 from fg_nav.detection import detect_stances
 from fg_nav.errors import EstimationError
-from fg_nav.evaluation.metrics import compute_stance_nees
 from fg_nav.feet.person import FeetSolution
 from fg_nav.frames import compute_heading, wrap_angle
+from fg_nav.lab.consistency import compute_stance_nees
 from fg_nav.lab.simulation import SimulatedFeet, simulate_feet
 from fg_nav.smoother import SmootherParameters, feet_factors, smooth
 from fg_nav.smoother.feet import SolvedFeet, find_beyond_reach, order_variables, solve_feet
