@@ -94,7 +94,7 @@ def write_places(file: Path, places: SavedPlaces) -> None:
 
 
 def is_places(file: Path) -> bool:
-    """Whether a file was written here."""
+    """Whether a file holds places."""
     try:
         return str(_load(file, ("format",))["format"]) == FORMAT
     except (PlacesError, KeyError, OSError):

@@ -215,7 +215,7 @@ class Features:
         return Features(np.ascontiguousarray(self.values[::-1] * REVERSED), np.ascontiguousarray(self.signal[::-1]))
 
     def negate(self) -> Features:
-        """Return those of the opposite field: of no place of this walk, but as rough, and with all it has in common."""
+        """Return those of the negated field: of no place of this walk, but as rough, with the same spectra."""
         return Features(-self.values, self.signal)
 
 

@@ -128,7 +128,7 @@ class SwingSums:
 
 
 class CausalSteps:
-    """Finds steps in samples that keep coming.
+    """Finder of steps in a stream of samples.
 
     Parameters
     ----------
@@ -173,7 +173,7 @@ class CausalSteps:
         return ends
 
     def cut(self, lost_m: float = 0.0) -> list[StrideEnd]:
-        """End here, and return the strides that this completes; samples that come then are of later.
+        """End the walk before a gap, and return the strides that this completes; later samples begin anew.
 
         `lost_m` is the sigma of what was walked between, m an axis.
         """
@@ -196,7 +196,7 @@ class CausalSteps:
 
     @property
     def stands(self) -> bool:
-        """Whether no step was seen last."""
+        """Whether the last step was followed by a pause."""
         return not self._bout
 
     @property
@@ -295,7 +295,7 @@ class CausalSteps:
         self._up, self._gait, self._swings = self._up[first:], self._gait[first:], self._swings[first:]
 
     def _add_opening(self, t: Floats, flexion: Floats, up: Floats, turn: Ints, stands: bool = False) -> None:
-        """Add what lies between two turning points, where it is a step; the leg `stands` behind it."""
+        """Add the openings between two turning points that are steps; the leg `stands` after them."""
         turn = split_at_pauses(t, flexion, turn)
         start, stop = find_inner_spans(flexion, turn)
         possible = are_step_like(flexion, turn, t[stop] - t[start])
@@ -330,19 +330,17 @@ class CausalSteps:
             self._rows[self.n_steps] = step.row
             self.n_steps += 1
             # the other leg's step ends a stride
-            if number > 0 and not self._is_forward(step):
-                self._end_stride(step)
+            if number > 0:
+                self._end_stride(step, if_forward=False)
 
     def _close_bout(self) -> None:
         """End the bout in progress, and the stride in it that is not complete."""
         if len(self._bout) >= MIN_STEPS:
             self._bouts += 1
-            if self._is_forward(self._bout[-1]):
-                self._end_stride(self._bout[-1])
+            self._end_stride(self._bout[-1], if_forward=True)
         self._bout = []
 
-    def _is_forward(self, step: _Found) -> bool:
-        return bool(self._front * step.row[3] > 0)
-
-    def _end_stride(self, step: _Found) -> None:
-        self._ends.append(StrideEnd(self.n_steps, int(step.row[1]), step.t[1], step.nav_R_body[1]))
+    def _end_stride(self, step: _Found, if_forward: bool) -> None:
+        """End a stride with a step, if it is, or is not, a swing of the leg that wears the sensor."""
+        if bool(self._front * step.row[3] > 0) == if_forward:
+            self._ends.append(StrideEnd(self.n_steps, int(step.row[1]), step.t[1], step.nav_R_body[1]))

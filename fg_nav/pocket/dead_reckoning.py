@@ -155,7 +155,7 @@ class SteppedPath:
 
 
 def reckon_path(track: PocketTrack, swing: ThighSwing, steps: Steps, step_length: StepLength) -> SteppedPath:
-    """Add up the steps of a track."""
+    """Add up the steps of a track to a path."""
     sigma = track.sigma[(steps.start + steps.stop) // 2, 2]
     return add_steps(steps, estimate_directions(track, swing, steps), sigma, step_length)
 
@@ -217,7 +217,7 @@ def turn_forward(left: Floats) -> Floats:
 
 
 def propagate_corrections(along: Floats, variance: Floats) -> Floats:
-    """Covariance (S, 2, 2) of the places after steps `along` (S, 2) m, by what a filter learned of the heading later.
+    """Covariance (S, 2, 2) of the places after steps `along` (S, 2) m, by later corrections of the heading.
 
     Where its variance (S,) of the heading falls by dv it was corrected by so much, and the steps before keep the
     direction that they had: sum dv_m (J p_m)(J p_m)^T over the m at which it fell, p_m the path until there.
@@ -331,7 +331,7 @@ def _smooth(
 def lay_on_fixes(
     track: PocketTrack, path: SteppedPath, gnss: Gnss, heading_sigma: float | None, step_length: StepLength
 ) -> tuple[PocketTrack, SteppedPath, StepLength, dict[str, float]]:
-    """Lay a stepped path, and its track, on fixes; the heading's sigma at its start is None where it is not known.
+    """Fuse a stepped path, and its track, with fixes; the heading's sigma at its start is None where unknown.
 
     Returns both, north being the true one and the origin where the path starts, the step length that came out, and
     where on Earth that start is. Errors as of `fuse_fixes`.

@@ -15,13 +15,11 @@ A rate is the mean over the period from its stamp to the next one; a field is th
 
 Specific force of the gravity update (`average_force`)
     MD uses a sample while its strength is gravity's. A walking thigh passes through that strength with as much and more
-    across, and to the same side in each stride. On the two thighs of a real walk (`qmt_fullbody`, 41 s) 0.1 % of the
-    samples have been within 0.3 m/s^2 for 50 ms, with an error of up to 4.7 m/s^2 an axis; in the simulated street 2 %,
-    with means of 3 to 5, and the tilt is 60 deg off. But over a stride the hip's velocity comes back to itself, and the
-    mean specific force, its samples rotated into one frame by the gyroscope, is gravity. Weighted by a raised cosine
-    over two seconds, so that it need not span a whole number of strides, it is so to 0.1 to 0.25 m/s^2 an axis on those
-    thighs and to 0.1 in the simulator. (A plain mean over one second has 0.15 to 0.35, in step with the leg, and the
-    bias along the thigh follows that.)
+    across, and to the same side in each stride: by up to 4.7 m/s^2 an axis on two real thighs (`qmt_fullbody`), by 3 to
+    5 in the mean in the simulated street, where the tilt is 60 deg off. But over a stride the hip's velocity comes back
+    to itself, and the mean specific force, its samples rotated into one frame by the gyroscope, is gravity. Weighted by
+    a raised cosine over two seconds, so that it need not span a whole number of strides, it is so to 0.1 to 0.25 m/s^2
+    an axis on those thighs and to 0.1 in the simulator (a plain mean over one second: 0.15 to 0.35).
 
         sum over the window of  w_j G_k^T G_j f_j,     G the attitude by the gyroscope alone, from any start
 
@@ -98,7 +96,7 @@ class Inputs(NamedTuple):
 
 
 class Output(NamedTuple):
-    """What the pass writes, as in `PocketTrack`; `covariance` of every `every`-th sample."""
+    """Output of the compiled pass, as in `PocketTrack`; `covariance` of every `every`-th sample."""
 
     nav_R_body: Floats
     gyro_bias: Floats
@@ -212,7 +210,7 @@ def _store_state(i: int, state: PocketState, euler: bool, output: Output) -> Non
 
 
 def allocate_output(samples: int, every: int) -> Output:
-    """Return an output to be written."""
+    """Return an empty output."""
     return Output(
         nav_R_body=np.empty((samples, 3, 3)),
         gyro_bias=np.empty((samples, 3)),

@@ -396,7 +396,7 @@ def _weigh(least: Floats, square: Floats, freedom: float, axes: int) -> Floats:
 
 
 def _scale_deviation(links: Links) -> Floats:
-    """By how much (K + 1,) the variance of a node's deviation counts more; the last node stands for no time."""
+    """Factors (K + 1,) of the variances of the nodes' deviations; the last node stands for no time."""
     h = np.append(links.h, 0.0)
     return np.asarray(2.0 * FIELD_PLACE_S / np.maximum(h, 1e-3 * NODE_S))
 
@@ -429,13 +429,13 @@ class FixedLagSmoother:
     @property
     def last(self) -> Prior:
         """Estimate and covariance of the last node."""
-        return _node_prior(self.nodes, -1, self.smoothed.P[-1])
+        return Prior(self.nodes.R[-1], self.nodes.y[-1], self.smoothed.P[-1])
 
     def extend(self, new: Links) -> int:
         """Add links and smooth; returns how many of the earlier nodes have left the window."""
         # predict the new nodes
         self._links = self._links.append(new)
-        more = predict_nodes(_node_prior(self.nodes, -1), new, self._noise)
+        more = predict_nodes(self.last, new, self._noise)
         self.nodes = Nodes(*(np.concatenate([x, y[1:]]) for x, y in zip(self.nodes, more, strict=True)))
         left = self._marginalize()
         # variances of the last round where there was one; the last node began no link
@@ -469,7 +469,7 @@ class FixedLagSmoother:
         if left:
             before = Nodes(*(part[: left + 1] for part in self._linearized))
             ahead = inject_correction(before, self.smoothed.x_ahead[: left + 1])
-            self._prior = _node_prior(ahead, left, self.smoothed.P_ahead[left])
+            self._prior = Prior(ahead.R[left], ahead.y[left], self.smoothed.P_ahead[left])
             self.nodes = Nodes(*(part[left:] for part in self.nodes))
         self._past += left
         reach = int(np.ceil(FIELD_WINDOW_S / NODE_S)) + REST_LINKS
@@ -496,7 +496,3 @@ def initialize_nodes(links: Links, start: PocketStart, p: PocketSmootherParamete
         Nodes(*(np.concatenate(x) for x in zip(*nodes, strict=True))),
         RobustVariances(*(np.concatenate(x) for x in zip(*variances, strict=True))),
     )
-
-
-def _node_prior(nodes: Nodes, k: int, P: Floats = np.zeros((SIZE, SIZE))) -> Prior:
-    return Prior(nodes.R[k], nodes.y[k], P)

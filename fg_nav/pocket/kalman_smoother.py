@@ -52,11 +52,6 @@ class Nodes(NamedTuple):
         """Bias (N, 3) rad/s."""
         return self.y[:, :3]
 
-    @property
-    def m(self) -> Floats:
-        """Local field (N, 3) uT in nav."""
-        return self.y[:, FIELD - 3 : REGION - 3]
-
 
 class Inputs(NamedTuple):
     """Transitions between N nodes and measurements at them, for the compiled pass; symbols above.
@@ -128,18 +123,11 @@ class Smoothed(NamedTuple):
 def smooth_nodes(nodes: Nodes, inputs: Inputs, noise: Noise, x0: Floats, P0: Floats) -> Smoothed:
     """Filter forward and smooth back about an estimate, given `x0` (27,) and `P0` (27, 27) of the first node."""
     n = len(nodes.y)
-    out = Smoothed(
-        np.zeros((n, SIZE)),
-        np.zeros((n, SIZE, SIZE)),
-        np.zeros((n, SIZE)),
-        np.zeros((n, SIZE, SIZE)),
-        np.zeros(n - 1),
-        np.zeros(n - 1),
-        np.zeros(n),
-        np.zeros(n),
-        np.full(n, np.nan),
-        np.full(n, np.nan),
-    )
+    x, x_ahead = np.zeros((n, SIZE)), np.zeros((n, SIZE))
+    P, P_ahead = np.zeros((n, SIZE, SIZE)), np.zeros((n, SIZE, SIZE))
+    step, pace, deviation, swing = np.zeros(n - 1), np.zeros(n - 1), np.zeros(n), np.zeros(n)
+    swing_nis, field_nis = np.full(n, np.nan), np.full(n, np.nan)
+    out = Smoothed(x, P, x_ahead, P_ahead, step, pace, deviation, swing, swing_nis, field_nis)
     F = np.zeros((n - 1, SIZE, SIZE))
     for i in range(SIZE):
         out.x_ahead[0, i] = x0[i]

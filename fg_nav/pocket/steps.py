@@ -7,7 +7,7 @@ pocket turns as much and more, which is left out. In the body
     left     the principal axis of the level part of the slow rate, and what follows from the force (below)
     forward  left x up
 
-and flexion is the angle by which the knee is ahead of that mean,
+and flexion, the angle by which the knee is ahead of that mean, is
 
     flexion = atan2(up_now . forward, up_now . up),     its rate = -rate . left,
 

@@ -111,12 +111,12 @@ def find_holes(t: Floats) -> Ints:
 
 
 def cross_holes(t: Floats, sample: Ints) -> Bools:
-    """Whether there is a hole (M-1,) between each of the samples (M,), in order, and the next of them."""
+    """(M-1,) True where there is a hole between one of the samples (M,), in order, and the next."""
     return np.asarray(np.diff(np.searchsorted(find_holes(t), sample)) > 0)
 
 
 def find_unrecorded(t: Floats, recorded: Floats) -> Bools:
-    """Which of the times t (N,) s are before, after or in a hole of stamps `recorded` (M,) s."""
+    """(N,) True where a time t (N,) s is before, after or in a hole of stamps `recorded` (M,) s."""
     spans = list_unrecorded(recorded)
     return np.asarray(np.searchsorted(spans[:, 0], t) > np.searchsorted(spans[:, 1], t, side="right"))
 
@@ -151,7 +151,7 @@ def count_periods(t: Floats, period_s: float) -> Ints:
 
 
 def fill_gaps(t: Floats, acc: Floats, gyr: Floats) -> Gaps:
-    """Find the gaps between stamps `t` (N,) s, N > 1, and what lies in them, from specific force and rate (N, 3)."""
+    """Find the gaps between stamps `t` (N,) s, N > 1, and estimate the force and rate (N, 3) in them."""
     step = np.diff(t)
     period = float(np.median(step))
     gap = np.flatnonzero(step > LOST_PERIODS * period)
@@ -175,7 +175,7 @@ def fill_gaps(t: Floats, acc: Floats, gyr: Floats) -> Gaps:
 
 
 def find_spread(samples: Floats) -> float:
-    """Standard deviation of a sensor, whatever its axes; 1 for one that shows nothing."""
+    """Standard deviation of a sensor over all axes; 1 for a constant one."""
     return float(np.sqrt(samples.var(axis=0).mean())) or 1.0
 
 
@@ -206,7 +206,7 @@ def _predict(
 
 
 def find_windows(gap: Ints, count: int, offsets: Ints) -> Ints:
-    """Sample (M,) from which the offsets count, of each window of the recording that has no gap in it."""
+    """Origins (M,) of the windows with these offsets that have no gap in them."""
     clear_blocks = [np.empty(0, dtype=np.int64)]
     for start in range(-offsets[0], count - offsets[-1], BLOCK_ROWS):
         last = np.arange(start, min(start + BLOCK_ROWS, count - offsets[-1]))
@@ -217,7 +217,7 @@ def find_windows(gap: Ints, count: int, offsets: Ints) -> Ints:
 
 
 def regress(known: Floats, beyond: Floats, pattern: Floats, channel: Ints) -> Regression:
-    """What follows (K,) from a `pattern` (C,), by the rows `known` (M, C) most like it and their `beyond` (M, K).
+    """Predict the values (K,) of a `pattern` (C,), by the rows `known` (M, C) nearest to it and their `beyond` (M, K).
 
     `channel` (C,) is which of the six of acc and gyr each column is of.
     """
@@ -233,7 +233,7 @@ def regress(known: Floats, beyond: Floats, pattern: Floats, channel: Ints) -> Re
 
 
 class Regression(NamedTuple):
-    """What a pattern leads to (K,), by how much either half of the rows `missed` (M, K) the other, and its uncertainty.
+    """Predicted values (K,), and residuals `missed` (M, K) of either half of the rows by the line of the other.
 
     `stretch` is how much larger the variance of a prediction is than that of a residual, by the uncertainty of the
     line. `strange` (6,) is the mean square, for each channel, of what is in the pattern but in no row: a motion of its
@@ -285,7 +285,7 @@ class Bridge(NamedTuple):
 
 
 def interpolate_unread(t: Floats, acc: Floats, gyr: Floats, unread: Ints) -> None:
-    """Write a line into acc or gyr (N, 3) where `unread` (N,), `ACC_OUT` or `GYR_OUT`, says that it was not read."""
+    """Write a line into acc or gyr (N, 3) where `unread` (N,), `ACC_OUT` or `GYR_OUT`, marks it as not read."""
     good = unread == 0
     for samples, which in ((acc, ACC_OUT), (gyr, GYR_OUT)):
         bad = (unread & which) > 0
@@ -295,7 +295,7 @@ def interpolate_unread(t: Floats, acc: Floats, gyr: Floats, unread: Ints) -> Non
 
 
 def bridge_unread(t: Floats, acc: Floats, gyr: Floats, unread: Ints | None) -> tuple[Bridge, Bridge]:
-    """Find what accelerometer and gyroscope would have read, from samples (N, 3) as of `interpolate_unread`."""
+    """Estimate the unread samples of accelerometer and gyroscope, from samples (N, 3) as of `interpolate_unread`."""
     if unread is None or not unread.any():
         nothing = Bridge(np.empty(0, dtype=np.int64), np.empty((0, 3)), np.empty((0, 3)))
         return nothing, nothing
@@ -335,12 +335,24 @@ class _UnreadSamples:
         self._breaks = np.unique(np.concatenate([gap, hurt, hurt - 1]))
 
     def bridge(self, which: int) -> Bridge:
-        """Find what one sensor would have read."""
+        """Estimate the unread samples of one sensor."""
         bad = (self._unread & which) > 0
         edge = np.flatnonzero(np.diff(np.concatenate([[False], bad, [False]]).astype(np.int8)))
         start, stop = edge[::2], edge[1::2]
         axes = np.s_[:3] if which == ACC_OUT else np.s_[3:]
-        runs = [self._describe(int(i), int(j), bad) for i, j in zip(start, stop, strict=True)]
+        # describe each run and what is around it
+        runs = []
+        for i, j in zip(start.tolist(), stop.tolist(), strict=True):
+            tick = self._tick - self._tick[i]
+            near = np.arange(max(i - REACH, 0), min(j + REACH, len(tick)))
+            near = near[(tick[near] >= -REACH) & (tick[near] < tick[j - 1] + 1 + REACH)]
+            unread = self._unread[near]
+            read = np.repeat(np.column_stack([unread & ACC_OUT, unread & GYR_OUT]) == 0, 3, axis=1)
+            first, last = i - 1, j if j < len(tick) else max(i - 1, 0)
+            ends = int(tick[first if first >= 0 else last]), int(tick[last])
+            patterns = tuple(tick[near].tolist()), tuple(map(tuple, read.tolist())), tuple(tick[i:j].tolist())
+            runs.append(_Run(*patterns, *ends))
+        # solve those that are alike at once
         sample = np.flatnonzero(bad)
         value, sigma = np.empty((len(sample), 3)), np.empty((len(sample), 3))
         for run in set(runs):
@@ -350,18 +362,6 @@ class _UnreadSamples:
                 at = int(np.searchsorted(sample, i))
                 value[at : at + j - i], sigma[at : at + j - i] = one[0], one[1] * np.sqrt(j - i)
         return Bridge(sample, value * self._scale[axes], sigma * self._scale[axes])
-
-    def _describe(self, start: int, stop: int, bad: Bools) -> _Run:
-        """Describe the run of the samples `start <= i < stop`."""
-        tick = self._tick - self._tick[start]
-        near = np.arange(max(start - REACH, 0), min(stop + REACH, len(tick)))
-        near = near[(tick[near] >= -REACH) & (tick[near] < tick[stop - 1] + 1 + REACH)]
-        unread = self._unread[near]
-        read = np.repeat(np.column_stack([unread & ACC_OUT, unread & GYR_OUT]) == 0, 3, axis=1)
-        first, last = start - 1, stop if stop < len(tick) else max(start - 1, 0)
-        ends = tick[first if first >= 0 else last], tick[last]
-        run = tuple(tick[start:stop].tolist())
-        return _Run(tuple(tick[near].tolist()), tuple(map(tuple, read.tolist())), run, int(ends[0]), int(ends[1]))
 
     def _predict(self, run: _Run, first: Ints, axes: slice) -> list[tuple[Floats, Floats]]:
         """Values (n, 3) and sigma (3,) of their mean for runs alike that begin with the samples `first`."""
@@ -433,7 +433,7 @@ def compensate_coning(acc: Floats, gyr: Floats, h: Floats) -> tuple[Floats, Floa
 
 @njit(cache=True)
 def _differentiate(samples: Floats, h: Floats, i: int, change: Floats) -> None:
-    """Write by how much a sample changes over its own period: a parabola's slope, at either end that to the next."""
+    """Write the change of a sample over its own period: a parabola's slope, at either end that to the next sample."""
     before = 0.5 * (h[i - 1] + h[i]) if i > 0 else np.inf
     after = 0.5 * (h[i] + h[i + 1]) if i + 1 < len(h) else np.inf
     from_before = h[i] / before / (1.0 + before / after)

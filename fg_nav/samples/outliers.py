@@ -105,7 +105,7 @@ def note_bad(bad: Bools, sensor: str, t: Floats, row: Ints) -> list[str]:
 
 @njit(cache=True)
 def scan_outliers(t: Floats, x: Floats, begin: int, at_end: bool, factor: float = FACTOR) -> tuple[Ints, int]:
-    """Judge the samples x (N, 6), acc and gyr, from `begin` on, behind good ones; what is found (N,), and up to where.
+    """Find bad samples in x (N, 6), acc and gyr, from `begin` on, behind good ones: (N,), and up to which sample.
 
     Unless it is `at_end`, a sample at which a run may begin is judged once `LOOK_AHEAD` samples are behind it.
     """
@@ -127,8 +127,13 @@ def scan_outliers(t: Floats, x: Floats, begin: int, at_end: bool, factor: float 
             last += 1
             i += 1
             continue
-        before = kept[max(last - AROUND - 1, 0) : last]
-        may_begin = _may_begin(x, before, i, factor)
+        # a run may begin where the step exceeds what the samples before allow; those behind allow more
+        before, may_begin = kept[max(last - AROUND - 1, 0) : last], last == 0
+        if last > 0:
+            acc, gyr = _measure_shaking(x, before)
+            step = np.abs(x[i] - x[before[-1]])
+            may_begin = step[:3].max() > factor * (ACC_M_S2 + ACC_SHAKEN * acc)
+            may_begin = may_begin or step[3:].max() > factor * (GYR_RAD_S + GYR_SHAKEN * gyr + GYR_STRUCK * acc)
         if may_begin and i + LOOK_AHEAD >= count and not at_end:
             break
         # a run that leaves here and returns
@@ -140,19 +145,6 @@ def scan_outliers(t: Floats, x: Floats, begin: int, at_end: bool, factor: float 
             last += 1
         i += max(length, 1)
     return found, i
-
-
-@njit(cache=True)
-def _may_begin(x: Floats, before: Ints, i: int, factor: float) -> bool:
-    """Whether a run may begin with sample i, by the good ones `before`: by what is behind it even less is a run."""
-    if len(before) == 0:
-        return True
-    acc, gyr = _measure_shaking(x, before)
-    step = np.abs(x[i] - x[before[-1]])
-    return bool(
-        step[:3].max() > factor * (ACC_M_S2 + ACC_SHAKEN * acc)
-        or step[3:].max() > factor * (GYR_RAD_S + GYR_SHAKEN * gyr + GYR_STRUCK * acc)
-    )
 
 
 @njit(cache=True)
@@ -196,7 +188,7 @@ def _measure_shaking(x: Floats, samples: Ints) -> Floats:
 
 @njit(cache=True)
 def _measure_run(x: Floats, before: Ints, behind: Ints, i: int, first_axis: int) -> float:
-    """By how much both ends of a run are off that begins with sample i, on the worst of three axes each."""
+    """Least deviation of both ends of the run that begins with sample i, on the worst of three axes each."""
     most_first, most_last = 0.0, 0.0
     for axis in range(first_axis, first_axis + 3):
         if len(behind) == 0:  # at the very end: off what the two before it lead to as well

@@ -5,7 +5,7 @@ A sensor on a person cannot help measuring some known things:
 * time: inertial sensors deliver 10 to 5000 samples a second;
 * force: in its stillest moments the accelerometer measures gravity, 9.8 m/s^2 and not 1 g, 1000 mg or 0;
 * rate: a limb turns at 1 to 20 rad/s, never at 40 rad/s for a hundredth of the time;
-* both: while the sensor turns without much acceleration, gravity turns in the body as the gyroscope says,
+* both: while the sensor turns without much acceleration, gravity turns in the body at the rate of the gyroscope,
   da/dt = -k w x a, with k = 1. k = pi/180 is a gyroscope in deg/s, k = -1 a mirrored set of axes;
 * field: the Earth's field is 25-65 uT, buildings and shoes make 10-200 uT of it.
 
@@ -69,7 +69,7 @@ _SAME_FIELD = 1.6  # times stronger or weaker is the field in another unit than 
 
 @dataclass(frozen=True)
 class GravityTransport:
-    """How well gravity turns in the body as the gyroscope says.
+    """How well gravity turns in the body at the rate of the gyroscope.
 
     `gain` is k in da/dt = -k w x a, `correlation` that of both sides, `n_windows` how many stretches in which
     gravity turns it rests on.
@@ -81,7 +81,7 @@ class GravityTransport:
 
     @property
     def is_telling(self) -> bool:
-        """Whether there was enough quiet turning for a verdict."""
+        """Whether there was enough quiet turning to decide."""
         return self.n_windows >= MIN_TURNING_WINDOWS and abs(self.correlation) > 0.4
 
     @property
@@ -182,7 +182,7 @@ def find_gyr_unit(acc: Floats, gyr: Floats, period_s: float) -> str | None:
     """Find the unit of gyr (N, 3) where physics decides: rad/s or deg/s; None where it does not.
 
     No limb turns at more than 40 rad/s; one that is shaken as by walking turns faster than 0.3 rad/s, 17 deg/s; and
-    where the sensor turns quietly, gravity turns as the gyroscope says in one of the two units only. `acc` is in m/s^2.
+    where it turns quietly, gravity turns at the rate of the gyroscope in one of the two units only. `acc` is in m/s^2.
     """
     acc, gyr = _usable(acc, gyr)
     if not len(gyr):
@@ -341,7 +341,7 @@ def find_mag_problem(mag: Floats, usual_uT: float = np.nan) -> str | None:
 
 
 def is_field_on_earth(strength_uT: Floats | float) -> Bools:
-    """Whether fields of this strength are met on Earth, beside iron and in shoes too; NaN are not."""
+    """Whether a field of this strength exists on Earth, beside iron and in shoes too; NaN does not."""
     return np.asarray((strength_uT > _FIELD_RANGE_UT[0]) & (strength_uT < _FIELD_RANGE_UT[1]))
 
 
@@ -360,7 +360,7 @@ def measure_rest_acc(acc: Floats, period_s: float) -> float:
     walking foot stands for far longer than that.
     """
     (acc,) = _usable(acc, limit=1e6)
-    length = _samples_in(0.1, period_s)
+    length = max(3, round(0.1 / _assume_period(period_s)))
     if len(acc) < 2 * length:
         return np.nan
     mean = _moving_mean(acc, length)
@@ -370,7 +370,7 @@ def measure_rest_acc(acc: Floats, period_s: float) -> float:
 
 
 def measure_gravity_transport(acc: Floats, gyr: Floats, period_s: float) -> GravityTransport:
-    """Test whether gravity turns in the body as the gyroscope says.
+    """Test whether gravity turns in the body at the rate of the gyroscope.
 
     Over 0.4 s in which | |acc| - g | stays below 0.6 m/s^2, the change between the means of its halves is set
     against the mean of -w x a between their middles; the gain is that of least squares.
@@ -378,7 +378,7 @@ def measure_gravity_transport(acc: Floats, gyr: Floats, period_s: float) -> Grav
     acc, gyr = _usable(acc, gyr)
     if not period_s > 0:
         return GravityTransport(np.nan, np.nan, 0)
-    half = _samples_in(0.2, period_s)
+    half = max(3, round(0.2 / _assume_period(period_s)))
     n_windows = len(acc) - 2 * half
     if n_windows <= 0:
         return GravityTransport(np.nan, np.nan, 0)
@@ -438,18 +438,13 @@ def find_squarable(vectors: Floats, limit: float = 1e6) -> Bools:
     return np.asarray((np.abs(vectors) < limit).all(axis=1))
 
 
-def _samples_in(duration_s: float, period_s: float) -> int:
-    """Count the samples in a duration, at least 3."""
-    return max(3, round(duration_s / _assume_period(period_s)))
-
-
 def _assume_period(period_s: float) -> float:
     """Return a period as it is where a sensor can have it, else that of 200 Hz."""
     return period_s if _MAX_PERIOD_S <= period_s < _SLOWEST_PERIOD_S else 0.005
 
 
 def _moving_mean(vectors: Floats, length: int) -> Floats:
-    """Average (N, 3) over `length` neighbors: (N - length + 1, 3)."""
+    """Average (N, 3) over `length` neighbours: (N - length + 1, 3)."""
     sums: Floats = np.concatenate([np.zeros((1, vectors.shape[1])), np.cumsum(vectors, axis=0)])
     means: Floats = (sums[length:] - sums[:-length]) / length
     return means

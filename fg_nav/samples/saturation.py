@@ -185,7 +185,7 @@ def rebuild_peaks(samples: Floats, period_s: float, levels: Floats | None = None
 
 
 def _rebuild_tops(signal: Floats, cut: Bools, clipped: Bools, period_s: float) -> Floats:
-    """What to add to each sample of a signal (N,) that is cut at its upper end, sigma and length of run: (3, N)."""
+    """Rise, sigma and length of run (3, N) of each sample of a signal (N,) that is cut at its upper end."""
     found = np.zeros((3, len(signal)))
     edge = np.flatnonzero(np.diff(np.concatenate([[False], cut, [False]]).astype(np.int8)))
     start, stop = edge[::2], edge[1::2]
@@ -215,7 +215,7 @@ def _rebuild_tops(signal: Floats, cut: Bools, clipped: Bools, period_s: float) -
 
 
 def _measure_flank(signal: Floats, clipped: Bools, last: Ints, level: Floats, side: int) -> Floats:
-    """How a flank rises to the `level` (R,) of runs that begin (`side` -1) or end (1) with the samples `last` (R,).
+    """Flanks up to the `level` (R,) of runs that begin (`side` -1) or end (1) with the samples `last` (R,).
 
     (3, R): the steepest of its steps; how far outside `last` the line through it meets the level; and how far outside
     of there it is, less one, in samples. NaN where there is none.

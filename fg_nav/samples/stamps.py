@@ -225,7 +225,7 @@ def _spread_doubles(part: Ordered, samples: Floats, row: Ints, period: float) ->
 
 
 def _describe_cut(pieces: list[tuple[Ints, Floats]], kept: Ints, row: Ints) -> list[str]:
-    """Say which part of a recording is used, if not the whole."""
+    """Remark on the part of a recording that is used, if not the whole."""
     if len(pieces) == 1:
         return []
     others = sum(len(piece) for piece, _ in pieces) - len(kept)
