@@ -1,6 +1,6 @@
 """Do the sensors of a stream have the same, right-handed axes? Asked of its first strides.
 
-Those of a foot are looked at as in `detection.handedness`, in a pocket as in `detection.swing_axes`. They are counted
+Foot and pocket as in `detection.handedness`. They are counted
 in blocks of `BLOCK_S`, until `ENOUGH` of them show the axes that were given, or `MAX_STRIDES` are there. Where others
 are certain, a stream is refused in its first minute; later there is a remark, for a walk is not ended, and each line
 says that it is not to be used.
@@ -20,17 +20,19 @@ from fg_nav.detection.handedness import (
     DECISIVE,
     MAX_STRIDES,
     NO_EVIDENCE,
+    NO_SWINGS,
+    SWINGS_S,
     AxesEvidence,
     MeasureAxes,
     measure_axes,
+    measure_swing_axes,
 )
 from fg_nav.detection.mount import Wearing
-from fg_nav.detection.swing_axes import NO_SWINGS, WINDOW_S, measure_swing_axes
 from fg_nav.errors import RecordingError
 from fg_nav.online.buffer import SampleBuffer
 from fg_nav.online.source_check import REFUSED_S
 
-BLOCK_S: Mapping[Wearing, float] = {"foot": 5.0, "pocket": WINDOW_S + 0.05}
+BLOCK_S: Mapping[Wearing, float] = {"foot": 5.0, "pocket": SWINGS_S + 0.05}
 """Four strides, most of them whole; of a thigh a window in which their period is found."""
 
 MEASURES: Mapping[Wearing, MeasureAxes] = {"foot": measure_axes, "pocket": measure_swing_axes}

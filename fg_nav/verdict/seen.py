@@ -7,9 +7,8 @@ from functools import cached_property
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.detection.handedness import AxesEvidence, measure_axes
+from fg_nav.detection.handedness import AxesEvidence, measure_axes, measure_swing_axes
 from fg_nav.detection.mount import TurnSigns, measure_turning
-from fg_nav.detection.swing_axes import measure_swing_axes
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.magnetic.quasi_static import QUASI_STATIC
 from fg_nav.mechanisation import integrate_strides
