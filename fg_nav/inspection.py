@@ -15,19 +15,19 @@ from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.detection import detect_stances, find_rests
 from fg_nav.detection.handedness import DECISIVE, NO_EVIDENCE, SUSPECT, AxesEvidence, measure_axes
 from fg_nav.detection.mount import measure_turning
+from fg_nav.detection.sensor_processing import MIN_DELAY_STRIDES, MIN_SMOOTHING_HZ, SPECTRUM_S
 from fg_nav.errors import DetectionError, RecordingError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.magnetic.axes import AlignedMagnetometer, align_magnetometer, field_points_up
 from fg_nav.recording import MIN_SAMPLES, RawRecording, Recording
 from fg_nav.samples import plausibility
-from fg_nav.samples.plausibility import GravityTransport, find_usable_samples
+from fg_nav.samples.plausibility import MIN_TURNING_WINDOWS, GravityTransport, find_usable_samples
 from fg_nav.samples.saturation import find_saturated
-from fg_nav.samples.timing import fit_clock
+from fg_nav.samples.stamps import fit_clock
 from fg_nav.text import format_count
 from fg_nav.truth import FootprintTruth, Truth
 from fg_nav.verdict import UNUSABLE, Verdict, combine
-from fg_nav.verdict.limits import judge_bad_samples, judge_filters
-from fg_nav.verdict.reason import Reason
+from fg_nav.verdict.limits import Reason, judge_bad_samples, judge_filters
 
 
 @dataclass(frozen=True)
@@ -155,7 +155,7 @@ class Inspection:
         further = [f"{p[0].upper()}{p[1:]}." for p in self.unit_problems if p not in (self.refusal or "")]
         problems = [*_axes_problems(self), *_stamp_problems(self), *_saturation(self)]
         problems += [*_rest_problems(self), *_field_problems(self)]
-        return (first, *further, *problems, *_stance_problems(self), *_good(self))
+        return (first, *further, *problems, *_stance_problems(self), *_list_unjudged(self), *_good(self))
 
 
 def inspect(raw: RawRecording) -> Inspection:
@@ -403,6 +403,20 @@ def _stance_problems(facts: Inspection) -> list[str]:
     if stance.share > high:
         return [f"The foot stands for {100 * stance.share:.0f} % of the time: there is little walk in it."]
     return []
+
+
+def _list_unjudged(facts: Inspection) -> list[str]:
+    """Checks for which a recording that is short, slow or hardly turns is too little."""
+    if facts.refusal is not None or facts.wearing == "pocket":
+        return []
+    rate_hz, strides, checks = facts.stamps.rate_hz, facts.axes.strides, list[str]()
+    if facts.gravity.n_windows < MIN_TURNING_WINDOWS and strides < MIN_DELAY_STRIDES:  # strides show them too
+        checks.append("units against each other (it hardly turns in quiet)")
+    if strides < MIN_DELAY_STRIDES:
+        checks.append(f"axes and clocks of gyroscope and accelerometer ({format_count(strides, 'stride')})")
+    if rate_hz < MIN_SMOOTHING_HZ or facts.duration_s < SPECTRUM_S:
+        checks.append(f"whether the samples are smoothed ({facts.duration_s:.0f} s at {rate_hz:.0f} Hz)")
+    return [f"Not judged, for want of data: {', '.join(checks)}."] if checks else []
 
 
 def _good(facts: Inspection) -> list[str]:

@@ -2,7 +2,7 @@
 
     path      of the solution, with the field along it                     (`fg_nav.places.signature`)
     location  start and heading in the known frame, by what is recognized  (`fg_nav.places.location`)
-    solution  again, tied to the known places, in axes of the known frame  (`fg_nav.smoother.known_places`)
+    solution  again, tied to the known places, in axes of the known frame  (`fg_nav.smoother.constraints`)
 
 Its sigmas are those in the known frame: of the ties, of the walk between them, and of the known walk itself at the
 places that were recognized, which all footfalls share. A walk that is not recognized stays as it is, in its own frame.
@@ -25,7 +25,7 @@ from fg_nav.walk import Mount, Walk
 if TYPE_CHECKING:
     from fg_nav.places import Location, SavedPlaces, Signature
     from fg_nav.places.location import Pieces
-    from fg_nav.smoother.known_places import KnownTies
+    from fg_nav.smoother.constraints import KnownTies
 
 ON_PLACES = ("smoother", "inertial")  # Methods that can be solved on known places.
 
@@ -106,7 +106,7 @@ def _trace(walk: Walk, solution: Solution) -> Signature:
 
 def _tie(location: Location, footfalls: StanceTable) -> KnownTies:
     """Tie the footfall nearest to each recognized piece, relative to the located start, in axes of the known frame."""
-    from fg_nav.smoother.known_places import KnownTies
+    from fg_nav.smoother.constraints import KnownTies
 
     pieces: Pieces = location.pieces
     nearest = np.abs(pieces.t[:, None] - footfalls.t).argmin(axis=1)

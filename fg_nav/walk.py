@@ -23,9 +23,8 @@ from fg_nav.detection.handedness import refuse_wrong_axes
 from fg_nav.detection.mount import refuse_pocket
 from fg_nav.detection.sensor_processing import refuse_high_pass, remove_gyro_delay
 from fg_nav.errors import EstimationError, EvaluationError, MagneticError
-from fg_nav.evaluation.comparison import Comparison, compare, share_truth
+from fg_nav.evaluation.comparison import Comparison, check_truth, compare, share_truth
 from fg_nav.evaluation.metrics import Metrics, evaluate
-from fg_nav.evaluation.truth_check import check_truth
 from fg_nav.evaluation.walked import WalkErrors, measure_moment
 from fg_nav.fix_check import check_fixes
 from fg_nav.gnss import Gnss, select_fixes
@@ -43,7 +42,7 @@ if TYPE_CHECKING:
     from fg_nav.calibration.of_recording import Calibration
     from fg_nav.places import SavedPlaces
     from fg_nav.smoother import ExtraFactors
-    from fg_nav.smoother.known_places import KnownTies
+    from fg_nav.smoother.constraints import KnownTies
 
 Mount: TypeAlias = Literal["foot", "pocket"]
 """Where the sensor is worn."""

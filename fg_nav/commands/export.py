@@ -11,8 +11,7 @@ from pathlib import Path
 from fg_nav.commands import Answer
 from fg_nav.errors import OutputError
 from fg_nav.report.export import check_export, export_track, is_map
-from fg_nav.report.export.place import Origin
-from fg_nav.report.export.track import Track, parse_start, read_result
+from fg_nav.report.export.track import ExportTrack, Origin, parse_start, read_result
 from fg_nav.report.folder import RESULT_FILES
 from fg_nav.report.terminal import console, listing
 
@@ -37,7 +36,7 @@ def export(
     if turn_deg:
         track = replace(track, notes=())  # whoever turns a path knows its north
     files = [made for file in out for made in export_track(track, file, place, force)]
-    times = track.tell_time(track.t[:1])
+    times = track.format_utc(track.t[:1])
     content = {
         "result": str(folder),
         "files": [str(file) for file in files],
@@ -50,8 +49,8 @@ def export(
     return Answer(content, partial(_print_export, track, files))
 
 
-def _print_export(track: Track, files: Sequence[Path]) -> None:
-    times = track.tell_time(track.t[:1])
+def _print_export(track: ExportTrack, files: Sequence[Path]) -> None:
+    times = track.format_utc(track.t[:1])
     rows = [
         ("read", f"{len(track.t)} samples and {len(track.footfalls)} footfalls of {track.method}"),
         ("time", f"from {times[0]}" if times else "of the recording's own clock; --start makes it absolute"),

@@ -14,7 +14,7 @@ from fg_nav.commands.stream import emit_solution, remark
 from fg_nav.errors import StreamError
 from fg_nav.online.follow import StreamOptions, follow_source
 from fg_nav.online.outlets import open_outlets
-from fg_nav.online.replay import Replay
+from fg_nav.online.sources import Replay
 from fg_nav.system.signals import catch_signals
 from fg_nav.verdict import judge_footfalls
 

@@ -43,6 +43,7 @@ from scipy.ndimage import minimum_filter1d
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.detection.footfalls import MAX_LEVEL, MAX_LINK_S, SWING_RATE_RAD_S
+from fg_nav.detection.rest import remove_large_bias
 from fg_nav.detection.stance import WINDOW_S, shoe
 from fg_nav.errors import RecordingError
 from fg_nav.frames import GRAVITY_M_S2, level_attitude
@@ -138,6 +139,7 @@ def measure_axes(t: Floats, acc: Floats, gyr: Floats) -> AxesEvidence:
     if not len(start):
         return NO_EVIDENCE
     acc, gyr = (rebuild_peaks(samples, period_s).whole for samples in (acc, gyr))
+    gyr = remove_large_bias(t, acc, gyr)
     up_start, up = (average_force(t, acc, sample) for sample in (start, stop))
     up_start, up = (force / np.linalg.norm(force, axis=1)[:, None] for force in (up_start, up))
     h, no_bias = np.diff(t, append=2 * t[-1] - t[-2]), np.zeros((len(start), 3))

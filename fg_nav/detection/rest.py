@@ -37,10 +37,9 @@ from fg_nav.stances import Stances, find_runs
 BLOCK_S = 0.25  # Shorter than body sway (about 0.5 Hz), long enough to average sensor noise.
 GYR_STD_DEG_S, ACC_STD_M_S2 = 0.5, 0.2  # Largest standard deviations within a block, per axis.
 GYR_STEP_DEG_S, ACC_STEP_M_S2 = 0.5, 0.15  # Largest changes between means of blocks, per axis; 1 deg of tilt.
-MAX_BIAS_DEG_S = 10.0  # A steady rate above this is a motion: a MEMS gyroscope's zero-rate output is within 5 deg/s.
-SWAY_SCALE = (
-    2.0  # Slow sway looks like a bias: error of 0.75 to 3 s of standing over its own sway, in the median.
-)
+MAX_BIAS_DEG_S = 25.0  # A steady rate above this is a motion: data sheets of MEMS have zero-rate outputs to 20 deg/s.
+LARGE_BIAS_DEG_S = 5.0  # Beyond the tolerance of checks of single strides.
+SWAY_SCALE = 2.0  # Slow sway looks like a bias: error of 0.75 to 3 s of standing over its sway, in the median.
 MIN_SIGMA_DEG_S = 0.015  # Instability of the bias, and of a foot that seems to rest.
 MIN_ADDED = 0.02  # Share of the information of an earlier view of a rest below which a later one adds nothing.
 MAX_APART_SIGMAS = 4.0  # A rest this far from the longest one, in sigmas of both, was the rolling of a slow stance.
@@ -129,6 +128,13 @@ def find_still_stretches(recording: Recording, parameters: RestParameters) -> li
         if rest.lasts(recording, shortest) and np.abs(rest.rate).max() <= np.radians(MAX_BIAS_DEG_S):
             found.append(rest)
     return found
+
+
+def remove_large_bias(t: Floats, acc: Floats, gyr: Floats) -> Floats:
+    """Subtract the rate of the longest rest from the rates (N, 3), if large, for checks that assume a small one."""
+    rests = find_still_stretches(Recording(t, acc, gyr), RestParameters())
+    rate = max(rests, key=lambda rest: rest.stop - rest.start).rate if rests else np.zeros(3)
+    return gyr - rate if np.linalg.norm(rate) > np.radians(LARGE_BIAS_DEG_S) else gyr
 
 
 def _measure_blocks(recording: Recording, edge: list[int]) -> tuple[Bools, Floats, Floats]:

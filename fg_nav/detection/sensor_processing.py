@@ -45,6 +45,7 @@ from fg_nav.detection.handedness import (
     find_stance_strides,
     find_strides_of,
 )
+from fg_nav.detection.rest import remove_large_bias
 from fg_nav.errors import RecordingError
 from fg_nav.frames import GRAVITY_M_S2, level_attitude
 from fg_nav.mechanisation import integrate_strides
@@ -52,13 +53,14 @@ from fg_nav.recording import Recording
 from fg_nav.stances import Stances
 
 GAIT_HZ, STRIKE_HZ = (1.0, 4.0), (8.0, 12.0)
+MIN_SMOOTHING_HZ = 30.0  # A slower recording does not show the strikes.
 SPECTRUM_S = 4.0  # Pieces of which the power is averaged.
 
 UP_S = 0.05  # Around the stillest sample, of the mean specific force.
 MIN_FILTER_STRIDES = 12  # For four unknowns.
 WEIGHT_ROUNDS = 10  # Of the Student weights.
 
-MIN_STRIDES = 8  # For a scatter.
+MIN_DELAY_STRIDES = 8  # For a scatter.
 VELOCITY_M_S, UP = 0.3, 0.05  # s_v and s_u, errors of ordinary strides.
 BIAS_SIGMA = np.array([1.0, *[0.05] * 3, *[0.3] * 3])  # Priors of tau (s, none), gyroscope (rad/s), accelerometer bias.
 STEP = np.array([2e-3, *[1e-3] * 3, *[0.02] * 3])  # Of the differences by which r is linearized.
@@ -70,7 +72,7 @@ MAX_MISS = 8.0  # Median of |r|^2 above which they are no strides of a foot.
 
 def measure_smoothing(recording: Recording) -> float:
     """Power of the specific force at the gait's rate over that of heel strikes; NaN of too short a recording."""
-    if recording.period_s > 0.4 / STRIKE_HZ[1] or recording.duration_s < SPECTRUM_S:
+    if recording.period_s > 1.0 / MIN_SMOOTHING_HZ or recording.duration_s < SPECTRUM_S:
         return np.nan
     acc = recording.acc[: round(LOOKED_S / recording.period_s)]
     length = round(SPECTRUM_S / recording.period_s)
@@ -167,8 +169,9 @@ def estimate_gyro_delay(recording: Recording) -> GyroDelay | None:
     looked = np.s_[: int(np.searchsorted(recording.t, recording.t[0] + LOOKED_S))]
     t, (acc, gyr) = recording.t[looked], (peaks.whole[looked] for peaks in recording.peaks)
     start, stop = find_strides_of(t, recording.acc[looked], recording.gyr[looked])
-    if len(start) < MIN_STRIDES:
+    if len(start) < MIN_DELAY_STRIDES:
         return None
+    gyr = remove_large_bias(t, acc, gyr)
     up_start, up_stop = (average_force(t, acc, sample) for sample in (start, stop))
     # the samples of the strides alone
     rows = np.unique(np.concatenate([np.arange(a, b + 1) for a, b in zip(start, stop, strict=True)]))

@@ -25,12 +25,8 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.errors import EstimationError
 
-GYR_DENSITY_DEG = 0.01
-"""White error of the rate, deg/s/sqrt(Hz): a MEMS sensor's; MD Table 2, 0.1 deg/s a sample, taken at 100 Hz."""
-
-BIAS_INSTABILITY_DEG_H = 10.0
-"""B of MD (24), deg/h; its stationary standard deviation is B / sqrt(2). Not printed: usual for a good MEMS."""
-
+GYR_DENSITY_DEG = 0.01  # White error of the rate, deg/s/sqrt(Hz): a MEMS's; MD Table 2, 0.1 deg/s at 100 Hz.
+BIAS_INSTABILITY_DEG_H = 10.0  # B of MD (24), deg/h, stationary sigma B / sqrt(2). Not printed: usual for a good MEMS.
 BIAS_TIME_S = 200.0  # t_B of MD (25), s, where the Allan deviation is lowest. Not printed: such sensors have 100 to 300
 EARTH_RATE_RAD_S = 7.29e-5  # Rotation rate of the Earth, MD (27).
 

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.arrays import Bools, Floats
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.samples.outliers import find_outliers
 from fg_nav.system.spilled import BLOCK_ROWS, drop_pages
@@ -28,11 +28,9 @@ LIMIT_M_S2 = 5000.0  # No accelerometer worn by a person reads more (500 g).
 LIMIT_RAD_S = 350.0  # No gyroscope worn by a person reads more (20 000 deg/s).
 LIMIT_UT = 1e5  # No magnetometer that is still of use reads more (0.1 T).
 
-AIR_PA = (3e4, 1.2e5)
-"""Pressure of the air, from above the highest mountains to below the deepest mines; what lies outside is no sample."""
-
-MAX_JUDGED, BLOCK = 2_000_000, 20_000
-"""Samples by which units are judged, hours of them, and those of a block, more than a minute."""
+LATEST = 1e100  # Of a stamp in any unit, so that differences are numbers too.
+AIR_PA = (3e4, 1.2e5)  # Pressure of the air, from above the highest mountains to below the deepest mines.
+MAX_JUDGED, BLOCK = 2_000_000, 20_000  # Samples by which units are judged, hours, and of a block, more than a minute.
 
 _SLOWEST_PERIOD_S, _MAX_PERIOD_S = 0.1, 2e-4
 _TIME_UNITS = {"ms": 1e3, "us": 1e6, "ns": 1e9}
@@ -52,6 +50,7 @@ _GRAVITY_RANGE = (0.7, 1.3)  # of g: any m/s^2 accelerometer, even in a loaded s
 _ACC_UNIT_RANGE = (0.85, 1.15)
 _NO_GRAVITY_M_S2 = 3.0  # what is left of gravity where an attitude filter has removed it, at its worst
 _SPREAD = 2.5  # with gravity in it, half of the samples are below this multiple of rest
+MIN_TURNING_WINDOWS = 100  # Stretches in which gravity turns, without which units are not set against each other.
 _TURNING_M_S3 = 0.1  # gravity that turns by 0.6 deg/s; a sensor at rest shows nothing, for however long
 TOO_FAST_RAD_S = 40.0  # no limb turns so fast, one sample in a hundred
 _TOO_SLOW_RAD_S, _LIVELY_M_S2 = 0.3, 2.0
@@ -83,7 +82,7 @@ class GravityTransport:
     @property
     def is_telling(self) -> bool:
         """Whether there was enough quiet turning for a verdict."""
-        return self.n_windows >= 100 and abs(self.correlation) > 0.4
+        return self.n_windows >= MIN_TURNING_WINDOWS and abs(self.correlation) > 0.4
 
     @property
     def is_mirrored(self) -> bool:
@@ -96,30 +95,20 @@ def find_unit_problems(t: Floats, acc: Floats, gyr: Floats, mag: Floats | None) 
 
     `t` (N,) s, `acc` (N, 3) m/s^2, `gyr` (N, 3) rad/s, `mag` (N, 3) uT or None, as claimed; NaN is ignored.
     """
-    period, judged = median_period_s(t), _spread_blocks(len(t))
-    acc, gyr, mag = acc[judged], gyr[judged], None if mag is None else mag[judged]
+    period, known = median_period_s(t), t[np.abs(t) < LATEST]
+    # all samples, or blocks of them spread evenly over a long recording
+    if len(t) > MAX_JUDGED:
+        starts = np.linspace(0, len(t) - BLOCK, MAX_JUDGED // BLOCK).astype(np.int64)
+        judged = (starts[:, None] + np.arange(BLOCK)).ravel()
+        acc, gyr, mag = acc[judged], gyr[judged], None if mag is None else mag[judged]
     drop_pages()
     stamps, force = find_stamp_problem(period), find_acc_problem(acc, period)
-    # Gravity turns at the right rate only if both its unit and that of time are right.
-    if not (stamps or force) and _is_even(t, period):
+    # gravity turns at the right rate only if both its unit and that of time are right, and the stamps are a clock
+    if not (stamps or force) and 0.5 < (known[-1] - known[0]) / (period * len(known)) < 2.0:
         stamps = find_clock_problem(acc, gyr, period)
     rate = find_gyr_problem(acc, gyr, np.nan if stamps or force else period)
     field = None if mag is None else find_mag_problem(mag)
     return tuple(problem for problem in (stamps, force, rate, field) if problem is not None)
-
-
-def _is_even(t: Floats, period_s: float) -> bool:
-    """Whether stamps (N,) take about as long as their number says: else they are no clock, or have long gaps."""
-    known = t[np.abs(t) < LATEST]
-    return bool(0.5 < (known[-1] - known[0]) / (period_s * len(known)) < 2.0)
-
-
-def _spread_blocks(n: int) -> slice | Ints:
-    """Choose which of n samples are judged: all, or blocks of them spread evenly over a long recording."""
-    if n <= MAX_JUDGED:
-        return np.s_[:]
-    starts = np.linspace(0, n - BLOCK, MAX_JUDGED // BLOCK).astype(np.int64)
-    return (starts[:, None] + np.arange(BLOCK)).ravel()
 
 
 def find_lasting_problems(t: Floats, acc: Floats, gyr: Floats, mag: Floats | None, usable: Bools) -> tuple[str, ...]:
@@ -127,7 +116,7 @@ def find_lasting_problems(t: Floats, acc: Floats, gyr: Floats, mag: Floats | Non
     problems = find_unit_problems(t, acc, gyr, mag)
     if not problems:
         return problems
-    # A bad sample of 300 rad/s, with which gravity does not turn, looks like a wrong unit.
+    # a bad sample of 300 rad/s, with which gravity does not turn, looks like a wrong unit
     kept, period = np.flatnonzero(usable), median_period_s(t)
     if 2 * len(kept) < len(t):
         return problems  # most are beyond what any sensor reads: that is no bad sample
@@ -136,9 +125,6 @@ def find_lasting_problems(t: Floats, acc: Floats, gyr: Floats, mag: Floats | Non
     if 2 * len(kept) < len(t):
         return problems
     return find_unit_problems(t[kept], acc[kept], gyr[kept], None if mag is None else mag[kept])
-
-
-LATEST = 1e100  # Of a stamp in any unit, so that differences are numbers too.
 
 
 def median_period_s(t: Floats) -> float:
@@ -255,9 +241,7 @@ def measure_turning_period(acc: Floats, gyr: Floats, least_correlation: float = 
         if n_windows < _MIN_WINDOWS:
             break
         quiet = loud[2 * half :][:n_windows] == loud[:n_windows]
-        mean_acc, mean_gyr = _moving_mean(acc, half), _moving_mean(gyr, half)
-        first, second = mean_acc[:n_windows][quiet], mean_acc[half:][:n_windows][quiet]
-        change, expected = second - first, -np.cross(mean_gyr[half // 2 :][:n_windows][quiet], (first + second) / 2)
+        change, expected = _compare_turning(acc, gyr, half, quiet)
         if np.count_nonzero(np.abs(change).max(axis=1) > 0.02 * rest) < _MIN_WINDOWS:
             continue
         product, power = float(np.sum(expected * change)), float(np.sum(expected**2))
@@ -403,16 +387,21 @@ def measure_gravity_transport(acc: Floats, gyr: Floats, period_s: float) -> Grav
     quiet = before[2 * half :][:n_windows] == before[:n_windows]
     if not quiet.any():
         return GravityTransport(np.nan, np.nan, 0)
-    mean_acc, mean_gyr = _moving_mean(acc, half), _moving_mean(gyr, half)
-    first, second = mean_acc[:n_windows][quiet], mean_acc[half:][:n_windows][quiet]
-    change = (second - first) / (half * period_s)
-    expected = -np.cross(mean_gyr[half // 2 :][:n_windows][quiet], (first + second) / 2)
+    change, expected = _compare_turning(acc, gyr, half, quiet)
+    change /= half * period_s
     turning = np.maximum(np.abs(change), np.abs(expected)).max(axis=1) > _TURNING_M_S3
     product, power = float(np.sum(expected * change)), float(np.sum(expected**2))
     scale = np.sqrt(power * float(np.sum(change**2)))
     if not scale > 0:
         return GravityTransport(np.nan, np.nan, 0)
     return GravityTransport(product / power, product / float(scale), int(np.count_nonzero(turning)))
+
+
+def _compare_turning(acc: Floats, gyr: Floats, half: int, quiet: Bools) -> tuple[Floats, Floats]:
+    """Change (Q, 3) of acc between the means of both halves of windows that are `quiet` (W,), and the mean -w x a."""
+    mean_acc, mean_gyr = _moving_mean(acc, half), _moving_mean(gyr, half)
+    first, second = mean_acc[: len(quiet)][quiet], mean_acc[half:][: len(quiet)][quiet]
+    return second - first, -np.cross(mean_gyr[half // 2 :][: len(quiet)][quiet], (first + second) / 2)
 
 
 def _is_lively(acc: Floats) -> bool:

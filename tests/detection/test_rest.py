@@ -222,8 +222,8 @@ def test_a_foot_that_rolls_to_and_fro_does_not_rest(period_s):
 
 
 def test_a_steady_turn_is_not_a_bias():
-    assert find_rests(turning(5.0, lambda t: np.full_like(t, 15.0))) == ()
-    assert len(find_rests(turning(5.0, lambda t: np.full_like(t, 4.0)))) == 1  # an uncalibrated gyroscope
+    assert find_rests(turning(5.0, lambda t: np.full_like(t, 30.0))) == ()
+    assert len(find_rests(turning(5.0, lambda t: np.full_like(t, 15.0)))) == 1  # an uncalibrated gyroscope
 
 
 def test_a_sensor_in_free_motion_at_a_steady_attitude_does_not_rest():

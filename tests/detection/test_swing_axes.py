@@ -8,8 +8,8 @@ import pytest
 from fg_nav.detection.handedness import DECISIVE, MIN_THIGH_STRIDES, NO_SWINGS, SUSPECT, measure_swing_axes
 from fg_nav.errors import RecordingError
 from fg_nav.lab.simulation import Choices, simulate
-from fg_nav.online.axes_check import AxesCheck
 from fg_nav.online.buffer import SampleBuffer, rows_of
+from fg_nav.online.source_check import AxesCheck
 from fg_nav.verdict.limits import judge_axes
 
 MIRRORS = {

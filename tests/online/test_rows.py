@@ -124,11 +124,13 @@ def test_where_columns_are_numbered_a_header_in_another_order_is_not_read_by_the
 
 @pytest.mark.parametrize("cut", [1, 7, 30])
 def test_a_sender_that_began_before_is_read_from_its_next_header_on(cut):
-    """Its first line may be the end of a row, or of a header."""
+    """Its first line may be the end of a row, or of a header, which then names the columns."""
     said = []
-    for first in (HEADER[cut:], ROW[cut:]):
-        reader = RowReader("a test", said.append)
-        assert len(reader.read(first + ROW * 15 + HEADER + ROW * 3)) == 3
+    reader = RowReader("a test", said.append)
+    assert len(reader.read(HEADER[cut:] + ROW * 300)) == 300
+    assert "no header came" in said.pop()
+    reader = RowReader("a test", said.append)
+    assert len(reader.read(ROW[cut:] + ROW * 15 + HEADER + ROW * 3)) == 3
     late = RowReader("a test", said.append)
     assert len(late.read(ROW * 400 + HEADER + ROW)) == 1
     assert len(said) == 1
@@ -267,10 +269,11 @@ def test_rows_are_read_in_any_order_and_ending():
     assert reader.bad == 1
 
 
-@pytest.mark.parametrize("width", [7, 10])
+@pytest.mark.parametrize("width", [7, 10, 11])
 def test_a_header_that_was_lost_is_found_by_physics_and_no_row_is(width: int) -> None:
     own = tilting(np.random.default_rng(6), duration_s=6.0, rate_hz=100.0)
-    table = np.column_stack([own.t, own.acc, own.gyr, own.mag])[:, :width]
+    air = 101325.0 + np.arange(len(own.t)) % 7
+    table = np.column_stack([own.t, own.acc, own.gyr, own.mag, air])[:, :width]
     said: list[str] = []
     reader = RowReader("a test", said.append)
     lines = "".join(",".join(f"{value:.6f}" for value in row) + "\n" for row in table.tolist()).encode()
