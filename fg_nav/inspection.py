@@ -13,10 +13,9 @@ import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.detection import detect_stances, find_rests
-from fg_nav.detection.delay import MIN_STRIDES as MIN_DELAY_STRIDES
-from fg_nav.detection.filtered import MIN_SMOOTHING_HZ, SPECTRUM_S
 from fg_nav.detection.handedness import DECISIVE, NO_EVIDENCE, SUSPECT, AxesEvidence, measure_axes
 from fg_nav.detection.mount import measure_turning
+from fg_nav.detection.sensor_processing import MIN_DELAY_STRIDES, MIN_SMOOTHING_HZ, SPECTRUM_S
 from fg_nav.errors import DetectionError, RecordingError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.magnetic.axes import AlignedMagnetometer, align_magnetometer, field_points_up

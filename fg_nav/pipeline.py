@@ -15,8 +15,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fg_nav.detection.handedness import refuse_wrong_axes
-from fg_nav.detection.swing_axes import measure_swing_axes
+from fg_nav.detection.handedness import measure_swing_axes, refuse_wrong_axes
 from fg_nav.estimators import Progress, check_changes
 from fg_nav.on_places import estimate_on_places
 from fg_nav.recording import Recording

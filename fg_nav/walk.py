@@ -19,10 +19,9 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.changes import Changes, change_parameters, select_changes
 from fg_nav.detection import StanceParameters, detect_stances
-from fg_nav.detection.delay import remove_gyro_delay
-from fg_nav.detection.filtered import refuse_high_pass
 from fg_nav.detection.handedness import refuse_wrong_axes
 from fg_nav.detection.mount import refuse_pocket
+from fg_nav.detection.sensor_processing import refuse_high_pass, remove_gyro_delay
 from fg_nav.errors import EstimationError, EvaluationError, MagneticError
 from fg_nav.evaluation.comparison import Comparison, check_truth, compare, share_truth
 from fg_nav.evaluation.metrics import Metrics, evaluate

@@ -139,7 +139,8 @@ def fit_unit_sphere(readings: Floats, strength_uT: float = 1.0) -> MagnetometerC
     quadratic, rest = design(x)
     columns = np.hstack([quadratic, rest[:, :3]])
     # nine numbers, and their covariance by the scatter of the equations
-    p, _, rank, _ = np.linalg.lstsq(columns, np.ones(len(columns)), rcond=1e-10)
+    solution, _, rank, _ = np.linalg.lstsq(columns, np.ones(len(columns)), rcond=1e-10)
+    p = np.asarray(solution, dtype=np.float64)
     if rank < columns.shape[1]:
         raise CalibrationError(NO_ELLIPSOID)
     influence = np.linalg.pinv(columns) * (1.0 - columns @ p)

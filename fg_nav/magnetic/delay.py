@@ -273,7 +273,8 @@ def remove_delay(recording: Recording, delay: MagnetometerDelay | None) -> Recor
         begin, end = read_at[after - 1], read_at[after]
         known = (begin <= t) & (t <= end) & (end - begin <= longest)
         known &= np.searchsorted(holes, begin) == np.searchsorted(holes, end)
-        k, t, after, begin, end = (one[known] for one in (k, t, after, begin, end))
+        k, after = k[known], after[known]
+        t, begin, end = t[known], begin[known], end[known]
         # both in the body axes of the sample
         from_before, _ = rotate_between(recording.t, recording.gyr, np.stack([begin, t], axis=1))
         to_after, _ = rotate_between(recording.t, recording.gyr, np.stack([t, end], axis=1))

@@ -34,10 +34,9 @@ The field passes where T < threshold: the likelihood ratio test of Ma (15)-(26) 
 Ma (16)-(21) and AIEZ (12)-(15) need powers of 1/2 and N/2 in place of those printed; the ratio is the same.
 
 Reason for another form. Changes of values that scatter independently are correlated by -1/2 from one to the next
-(MA(1)), so their squares do not add up to a chi squared, against Ma (14): a sum of N of them has the variance of two
-values, not of 2 N. A test of the values themselves for being one and the same does: T is chi squared with N degrees of
-freedom a channel, exactly, while the field stands still. A slow change, missed by every single difference, is seen
-across the window.
+(MA(1)), so their squares do not add up to a chi squared, against Ma (14). The scatter of the values themselves does: T
+is chi squared with N degrees of freedom a channel, exactly, in a static field. A slow change, missed by every single
+difference, shows across the window.
 
 Threshold. Ma's P_FA is the probability that a field passes which is *not* quasi-static. It needs a meaning of "not": a
 channel's `matters`, the change spread evenly over the window that has to be rejected (of a zero: its lasting value).
@@ -49,9 +48,8 @@ T is then noncentral chi squared with
 and the threshold its quantile at the false-alarm rate; P_D, the share of static fields that pass, follows. Ma (23)
 for P_FA cannot be computed: the density it integrates depends on the estimate from the same data.
 
-These rates are those of the channels' own sigmas. Where a footfall's is greater (the standard error of a short stance's
-slope, the drift of an inertial heading in the test of a heading offset), P_D is the same and more of what matters
-passes than the false-alarm rate says.
+These rates hold for the channels' own sigmas. With a greater one of a footfall (standard error of a short stance's
+slope, drift of the inertial heading) P_D is the same and more of what matters passes than the false-alarm rate.
 
 Alignment of the heading, for a heading offset. A scalar Kalman filter estimates the difference of inertial heading and
 compass: its first value is the mean of the first `ALIGNMENT_FOOTFALLS`, which are not tested; it is updated at each
@@ -71,10 +69,9 @@ therefore, fewer changes that matter pass than the false-alarm rate says, and ne
 itself, of foot and compass alike, scatters by 2 deg from stride to stride: iQSF is allowed 3 deg, and needs 20 deg as
 the least turn that matters. The compass of AIEZ is allowed 2.5 deg, beside the drift of the inertial heading.
 
-As printed: Ma's sigmas, N = 3 and threshold 170. These sigmas are given in rad/s and used on radians a step, and 170
-is no threshold of noise (it lets pass 28.9 deg a step in the heading difference alone). Zhang gives no value and
-Afzal's and iQSF's are not in these papers: Ma's sigmas where they apply, 10 deg and 0.5 uT/s for AIEZ, and the 99 %
-quantile that the authors' own assumption of independent changes asks for.
+As printed: Ma's sigmas, N = 3 and threshold 170 (28.9 deg a step in the heading difference alone). Zhang gives no value
+and Afzal's and iQSF's are not in these papers: Ma's sigmas where they apply, 10 deg and 0.5 uT/s for AIEZ, and the 99 %
+quantile of independent changes, the authors' assumption.
 """
 
 from __future__ import annotations

@@ -28,9 +28,7 @@ With H the horizontal strength and psi the heading, north lies psi to the left o
 
     level_field = (H cos psi, H sin psi, -H tan I),    psi = atan2(y, x),    I = atan2(-z, H).
 
-These are Ma (1)-(5) and AIEZ (19)-(25), each of which has axes of its own: the levelling of Ma (3)-(5) is right with an
-accelerometer that reads (0, 0, -g) at rest, that of AIEZ (19)-(24) with (0, 0, +g); the heading of Ma (1) and AIEZ (25)
-has the wrong sign, half of the circle, and for AIEZ the declination's sign. docs/equations.md lists them.
+These are Ma (1)-(5) and AIEZ (19)-(25), in axes of their own (docs/equations.md).
 """
 
 from __future__ import annotations
@@ -294,10 +292,10 @@ def integrate_attitude(recording: Recording, stances: Stances, heading: float = 
     attitude[start.row] = start.nav_R_body
     # from there to the end, and back to the first sample
     for first in range(start.row, n - 1, BLOCK_ROWS):
-        _integrate(t, acc, gyr, mask, bias, TILT_TIME_S, attitude, first, min(first + BLOCK_ROWS, n - 1))
+        _integrate(t, acc, gyr, mask, bias, attitude, first, min(first + BLOCK_ROWS, n - 1), True)
         drop_pages()
     for last in range(start.row, 0, -BLOCK_ROWS):
-        _integrate_back(t, gyr, bias, attitude, max(last - BLOCK_ROWS, 0), last)
+        _integrate(t, acc, gyr, mask, bias, attitude, max(last - BLOCK_ROWS, 0), last, False)
         drop_pages()
     return attitude
 
@@ -309,29 +307,20 @@ def _integrate(
     gyr: Floats,
     stands: Bools,
     bias: Floats,
-    tilt_time: float,
     attitude: Floats,
     first: int,
     last: int,
+    forward: bool,
 ) -> None:
-    """Step the attitude (N, 3, 3) forward from that at sample `first` to that at `last`."""
-    for i in range(first, last):
-        R, h = attitude[i + 1], t[i + 1] - t[i]
-        _rotate_by_rate(attitude[i], gyr[i], bias, h, R)
-        if stands[i + 1]:
-            nudge_tilt(R, acc[i + 1], min(h / tilt_time, 1.0))
-
-
-@njit(cache=True)
-def _integrate_back(t: Floats, gyr: Floats, bias: Floats, attitude: Floats, first: int, last: int) -> None:
-    """Step the attitude (N, 3, 3) back from that at sample `last` to that at `first`."""
-    for i in range(last - 1, first - 1, -1):
-        _rotate_by_rate(attitude[i + 1], gyr[i], bias, t[i] - t[i + 1], attitude[i])
-
-
-@njit(cache=True)
-def _rotate_by_rate(before: Floats, rate: Floats, bias: Floats, h: float, R: Floats) -> None:
-    for axis in range(3):
-        for k in range(3):
-            R[axis, k] = before[axis, k]
-    rotate_in_body(R, (rate[0] - bias[0]) * h, (rate[1] - bias[1]) * h, (rate[2] - bias[2]) * h)
+    """Step the attitude (N, 3, 3) forward from that at sample `first` to that at `last`, or back."""
+    for step in range(last - first):
+        # a sample holds from its stamp to the next
+        i = first + step if forward else last - 1 - step
+        before, after = (i, i + 1) if forward else (i + 1, i)
+        R, h = attitude[after], t[after] - t[before]
+        for axis in range(3):
+            for k in range(3):
+                R[axis, k] = attitude[before, axis, k]
+        rotate_in_body(R, (gyr[i, 0] - bias[0]) * h, (gyr[i, 1] - bias[1]) * h, (gyr[i, 2] - bias[2]) * h)
+        if forward and stands[after]:
+            nudge_tilt(R, acc[after], min(h / TILT_TIME_S, 1.0))

@@ -19,8 +19,8 @@ have 3 to 19 while they walk, over 100 while they stand, and 1.8 to 6 where one 
 Where a sensor is worn is seen as in a recording (`fg_nav.detection.mount`), as soon as it is clear. None of 63 real
 recordings of feet, walked and run (gdin, gdlbio, openshoe, xio, vicon, two feet), is refused by either.
 
-Whether its sensors have the same, right-handed axes is measured in strides, those of a foot as in
-`detection.handedness`, in a pocket as in `detection.swing_axes`. They are counted in blocks of `BLOCK_S`, until
+Whether its sensors have the same, right-handed axes is measured in strides, of a foot or a thigh
+(`detection.handedness`). They are counted in blocks of `BLOCK_S`, until
 `MIN_AXES_STRIDES` of them show the axes that were given, or `MAX_STRIDES` are there. If others are certain, a stream is
 refused in its first minute; later there is a remark, and each line says that it is not to be used.
 
@@ -41,9 +41,17 @@ from typing import Any
 import numpy as np
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.detection.handedness import AXES, DECISIVE, MAX_STRIDES, NO_EVIDENCE, measure_axes
+from fg_nav.detection.handedness import (
+    AXES,
+    DECISIVE,
+    MAX_STRIDES,
+    NO_EVIDENCE,
+    NO_SWINGS,
+    SWINGS_S,
+    measure_axes,
+    measure_swing_axes,
+)
 from fg_nav.detection.mount import Wearing, measure_turning
-from fg_nav.detection.swing_axes import NO_SWINGS, WINDOW_S, measure_swing_axes
 from fg_nav.errors import EstimationError, RecordingError, StreamError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.online.buffer import COLUMNS, SampleBuffer
@@ -66,7 +74,7 @@ RATE_RAD_S = 5.0  # by which rates are divided
 
 MIN_AXES_STRIDES = 15  # that show the axes given
 MIN_SAMPLES = 50  # of a block for axes; fewer show no stride
-BLOCK_S: Mapping[Wearing, float] = {"foot": 5.0, "pocket": WINDOW_S + 0.05}  # four strides; a window for their period
+BLOCK_S: Mapping[Wearing, float] = {"foot": 5.0, "pocket": SWINGS_S + 0.05}  # four strides; a window for their period
 
 EVEN, MAX_UNEVEN = 0.25, 0.1  # deviation of even steps from whole periods, in periods; share of others that may be
 ANOTHER = 1.2  # times longer or shorter is a period of another rate

@@ -46,7 +46,7 @@ climbing             m        0.5       1       95 % quantile of the height of a
 nominal rate         -        -         -       no stamps: the rate is nominal. Weight 0.8; its sigma is in those of
                                                 positions and distance
 smoothed             -        100       10^4    power of the force at 1 to 4 Hz over that at 8 to 12: 3 to 25 at a foot
-high-pass            nats     7         14      evidence for one in the gyroscope (`fg_nav.detection.filtered`)
+high-pass            nats     7         14      evidence for one in the gyroscope (`fg_nav.detection.sensor_processing`)
 bad samples          share    0.005     0.05    unused ones: at 200 Hz one in every stride, or ten; others may be as
                                                 wrong and unnoticed
 heading              deg      30        90      the solution's own sigma at the end
