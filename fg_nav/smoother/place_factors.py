@@ -7,7 +7,7 @@ aside of each other by decimeters here and there, and less on the mean. With an 
 
     sigma = sigma_one / sqrt(length / APART_M),
 
-and along the path, on top of that, what the field leaves open of the shift between the passes (`places.sharpness`),
+and along the path, on top of that, what the field leaves open of the shift between the passes (`places.recognition`),
 which is taken off first. A field that hardly changes ties weakly.
 
 A piece of the walk is tied to its earliest pass only.
