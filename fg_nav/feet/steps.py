@@ -17,7 +17,7 @@ footfalls of the right and of the left foot (1 where the foot is q, 1/2 and 1/2 
     q_R = sum a_k p_k,    q_L = sum b_k p_k,    n = mean of n,    q_R = q_L - w n.
 
 A stride that is short, as in a shuffle or a turn on the spot, or takes long, as a halt, has no direction, or the other
-foot not in its middle: it counts little, by `weigh_strides`; what is slow all along counts in full. Over a hole in a
+foot not in its middle: it counts little (`Steps.weight`); what is slow all along counts in full. Over a hole in a
 recording its path is no measure of a distance: no step and no cell crosses one. A part of a recording between holes
 with a few footfalls is tied by no cell, and left out.
 """
@@ -87,31 +87,26 @@ def find_steps(foot: Footfalls, other: Footfalls) -> Steps:
     """Find the footfalls of a foot that are one step between two of the other."""
     before = np.searchsorted(other.t, foot.t) - 1
     at = np.flatnonzero((before >= 0) & (before < len(other) - 1))
-    # No other footfall of this foot in that stride.
+    # no other footfall of this foot in that stride
     counts = np.bincount(before[at], minlength=len(other))
     at = at[counts[before[at]] == 1]
     before = before[at]
     stride, took = np.diff(other.position[:, :2], axis=0), np.diff(other.t)
     length = np.linalg.norm(stride, axis=1)
-    goes = weigh_strides(length, took)
+    # weight of a stride: half at `SHORT_M`, at `LONG_M` and at a halt, against the weighted median of the times
+    with np.errstate(divide="ignore", over="ignore"):
+        goes = 1.0 / ((1.0 + (SHORT_M / length) ** 4) * (1.0 + (length / LONG_M) ** 4))
+    usual = 1.0
+    if len(took):
+        order = np.argsort(took)
+        middle = np.searchsorted(np.cumsum(goes[order]), 0.5 * goes.sum())
+        usual = float(took[order[min(middle, len(took) - 1)]])
+    goes = goes / (1.0 + (np.maximum(took / usual, 1.0) - 1.0) ** 4)
     known = np.diff(other.count_holes(other.t)) + np.diff(foot.count_holes(other.t)) == 0
     kept = known[before] & (goes[before] > NEGLIGIBLE)
     at, before = at[kept], before[kept]
     u = stride[before] / length[before, None]
     return Steps(at, before, np.stack([-u[:, 1], u[:, 0]], axis=1), goes[before])
-
-
-def weigh_strides(length: Floats, took: Floats) -> Floats:
-    """Weights (F,) of strides of some length (F,) m that took (F,) s: half at `SHORT_M`, at `LONG_M`, at a halt."""
-    with np.errstate(divide="ignore", over="ignore"):
-        goes = 1.0 / ((1.0 + (SHORT_M / length) ** 4) * (1.0 + (length / LONG_M) ** 4))
-    # usual time: the weighted median
-    usual = 1.0
-    if len(took):
-        order = np.argsort(took)
-        at = np.searchsorted(np.cumsum(goes[order]), 0.5 * goes.sum())
-        usual = float(took[order[min(at, len(took) - 1)]])
-    return np.asarray(goes / (1.0 + (np.maximum(took / usual, 1.0) - 1.0) ** 4))
 
 
 @dataclass(frozen=True)

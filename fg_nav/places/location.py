@@ -126,7 +126,7 @@ class Location:
 
 
 @dataclass(frozen=True)
-class _Fit:
+class _Transform:
     """Transform x (4,), start and turn, with its covariance (4, 4), by some pieces."""
 
     x: Floats
@@ -142,7 +142,7 @@ def locate(path: Signature, known: SavedPlaces) -> Location | None:
     found, kept = overlay_known(path, known.path), list[Stretch]()
     for stretch in found.stretches:
         pieces = _cut_pieces(path, known, [stretch])
-        if _agrees(pieces, _fit(pieces, None)):
+        if _agrees(pieces, _fit_transform(pieces, None)):
             kept.append(stretch)
     return _place(path, known, replace(found, stretches=tuple(kept)))
 
@@ -165,11 +165,11 @@ def _place(path: Signature, known: SavedPlaces, found: Recognition) -> Location 
                 covered = np.concatenate([covered, stretches[k].later])
         scores.append(total)
     best = int(np.argmax(scores))
-    fit = _fit(pieces.of(sets[best]), None)
+    fit = _fit_transform(pieces.of(sets[best]), None)
     # odds of the sets that put the walk elsewhere, the best of each place
     places, odds = [fit], 0.0
     for k in np.argsort(-np.array(scores), kind="stable").tolist():
-        other = _fit(pieces.of(sets[k]), None)
+        other = _fit_transform(pieces.of(sets[k]), None)
         if all(_is_elsewhere(other, place) for place in places):
             places.append(other)
             odds += float(np.exp(-found.chance.decay * max(scores[best] - scores[k], 0.0)))
@@ -212,15 +212,15 @@ def _mean_angle(angles: Floats) -> float:
 def _grow(pieces: Pieces, count: int, start: int) -> list[int]:
     """Grow the set of stretches, of so many, that agree with one; the heaviest come first as they are listed."""
     members = [start]
-    fit = _fit(pieces.of(members), None)
+    fit = _fit_transform(pieces.of(members), None)
     for k in range(count):
         if k != start and _agrees(pieces.of([k]), fit):
             members.append(k)
-            fit = _fit(pieces.of(members), fit)
+            fit = _fit_transform(pieces.of(members), fit)
     return members
 
 
-def _agrees(one: Pieces, fit: _Fit) -> bool:
+def _agrees(one: Pieces, fit: _Transform) -> bool:
     """Whether all pieces of a stretch lie where a transform has them."""
     residual, jacobian = _linearize(one, fit.x)
     covariance = _covariance_of(one) + jacobian @ fit.covariance @ jacobian.T
@@ -230,7 +230,7 @@ def _agrees(one: Pieces, fit: _Fit) -> bool:
     return bool(np.max(chi2) <= MAX_CHI2)
 
 
-def _fit(pieces: Pieces, begin: _Fit | None) -> _Fit:
+def _fit_transform(pieces: Pieces, begin: _Transform | None) -> _Transform:
     """Generalized least squares, from the mean turn of the directions of walking on."""
     x = np.append(np.zeros(3), _mean_angle(pieces.turn)) if begin is None else begin.x
     weight = np.linalg.inv(_covariance_of(pieces))
@@ -239,7 +239,7 @@ def _fit(pieces: Pieces, begin: _Fit | None) -> _Fit:
         residual, jacobian = _linearize(pieces, x)
         information = jacobian.T @ weight @ jacobian
         x = x + np.linalg.solve(information, jacobian.T @ weight @ residual)
-    return _Fit(x, np.asarray(np.linalg.inv(information)))
+    return _Transform(x, np.asarray(np.linalg.inv(information)))
 
 
 def _linearize(pieces: Pieces, x: Floats) -> tuple[Floats, Floats]:
@@ -269,7 +269,7 @@ def _covariance_of(pieces: Pieces) -> Floats:
     return common.reshape(4 * count, 4 * count)
 
 
-def _is_elsewhere(one: _Fit, other: _Fit) -> bool:
+def _is_elsewhere(one: _Transform, other: _Transform) -> bool:
     """Whether two transforms put the start at two places, or lead from one place in two directions."""
     variance = np.diag(one.covariance + other.covariance)
     apart, turned = np.linalg.norm(one.x[:2] - other.x[:2]), abs(float(wrap_angle(one.x[3:] - other.x[3:])[0]))
