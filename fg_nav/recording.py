@@ -38,8 +38,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fg_nav.arrays import Bools, Floats, Ints
-from fg_nav.columns.arrays import ColumnNames, Units, convert_arrays, convert_frame
-from fg_nav.columns.samples import Samples
+from fg_nav.columns.samples import ColumnNames, Samples, Units, convert_arrays, convert_frame
 from fg_nav.errors import RecordingError
 from fg_nav.samples import plausibility
 from fg_nav.samples.gaps import Bridge, Gaps, bridge_unread, fill_gaps, interpolate_unread, prepare_samples
@@ -160,7 +159,7 @@ class Recording:
     def from_arrays(
         cls, t: ArrayLike, acc: ArrayLike, gyr: ArrayLike, mag: ArrayLike | None = None, units: Units = None
     ) -> Recording:
-        """Judge stamps (N,) and vectors (N, 3) as `from_raw` does a file's; `units` as of `fg_nav.columns.arrays`.
+        """Judge stamps (N,) and vectors (N, 3) as `from_raw` does a file's; `units` as of `fg_nav.columns.samples`.
 
         >>> still = np.zeros((50, 3))
         >>> Recording.from_arrays(10.0 * np.arange(50), still + [0, 0, 1], still, units="ms, g, deg/s").duration_s

@@ -24,7 +24,7 @@ from fg_nav.columns.mapping import CANONICAL
 from fg_nav.errors import FgNavError, FormatError, OutputError, describe_reason
 from fg_nav.io.content import read_content
 from fg_nav.io.formats import FORMATS
-from fg_nav.io.readers.canonical import format_rows
+from fg_nav.io.writing import format_rows
 from fg_nav.online.buffer import COLUMNS
 from fg_nav.online.overlap import TAIL, Overlap
 from fg_nav.online.rows import Columns

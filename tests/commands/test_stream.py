@@ -21,7 +21,7 @@ from fg_nav.calibration.of_recording import Calibration
 from fg_nav.columns.mapping import CANONICAL
 from fg_nav.errors import EstimationError, FormatError
 from fg_nav.io import write_canonical
-from fg_nav.io.readers.canonical import format_rows
+from fg_nav.io.writing import format_rows
 from fg_nav.online import OnlineNavigator, load
 from fg_nav.online.buffer import rows_of
 from fg_nav.online.checkpoint import Checkpoint
