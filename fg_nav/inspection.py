@@ -25,9 +25,16 @@ from fg_nav.samples.plausibility import MIN_TURNING_WINDOWS, GravityTransport, f
 from fg_nav.samples.saturation import find_saturated
 from fg_nav.samples.stamps import fit_clock
 from fg_nav.text import format_count
-from fg_nav.truth import FootprintTruth, Truth
+from fg_nav.truth import FootprintTruth
 from fg_nav.verdict import UNUSABLE, Verdict, combine
 from fg_nav.verdict.limits import Reason, judge_bad_samples, judge_filters
+
+MIN_S = 1.0  # A shorter recording holds no stride.
+JITTER_SHARE = 0.02  # Jitter above this share of the period is worth a word.
+GRAVITY_TOLERANCE_M_S2 = 0.15  # Gravity varies by 0.03 over the Earth; a calibrated accelerometer errs by less.
+LONG_REST_S = 3.0  # Rest of this length shows the bias to better than 0.01 deg/s.
+SPREAD_SHARE = 0.15  # A field whose strength has a larger standard deviation is disturbed.
+STANCE_SHARES = 0.15, 0.8  # A running foot stands for a fifth of the time; one that stands for longer hardly walks.
 
 
 @dataclass(frozen=True)
@@ -153,24 +160,51 @@ class Inspection:
         first = f"{word}: {'; '.join(reasons)}." if reasons else f"{word}: it can be navigated with."
         first = first if why is None else f"{UNUSABLE}: it cannot be navigated with: {why}"
         further = [f"{p[0].upper()}{p[1:]}." for p in self.unit_problems if p not in (self.refusal or "")]
-        problems = [*_axes_problems(self), *_stamp_problems(self), *_saturation(self)]
-        problems += [*_rest_problems(self), *_field_problems(self)]
-        return (first, *further, *problems, *_stance_problems(self), *_list_unjudged(self), *_good(self))
+        problems = [*_list_sample_problems(self), *_list_field_problems(self), *_list_stance_problems(self)]
+        return (first, *further, *problems, *_list_unjudged(self), *_list_merits(self))
 
 
 def inspect(raw: RawRecording) -> Inspection:
-    """Look at a recording, and say what is good about it and what is not. Never fails on content."""
-    recording, refusal = _admit(raw)
+    """Measure a recording. Never fails on content: what cannot be measured is NaN."""
+    recording, refusal = None, None
+    try:
+        recording = Recording.from_raw(raw)
+    except RecordingError as error:
+        refusal = str(error)
     notes = (recording or raw).provenance.notes
     axes = NO_EVIDENCE if recording is None else measure_axes(recording.t, recording.acc, recording.gyr)
     if axes.against > DECISIVE:
         recording, refusal = None, f"{axes.problem}."
+    # finite samples, and those later than all before them
     usable = find_usable_samples(raw.t, raw.acc, raw.gyr)
     t, acc, gyr = raw.t[usable], raw.acc[usable], raw.gyr[usable]
     duration = float(np.ptp(t)) if len(t) else 0.0
-    rising = _find_rising(raw, usable)
+    rising = np.flatnonzero(usable)[np.diff(np.maximum.accumulate(t), prepend=-np.inf) > 0]
     stamps = _measure_stamps(raw, usable, rising)
-    stance, signs = _measure_stances(recording)
+    # stances, and what speaks against the samples
+    stance, signs = (
+        StanceShare(0, np.nan, "not looked for, since the recording cannot be navigated with"),
+        list[Reason](),
+    )
+    if recording is not None:
+        signs = [judge_bad_samples(recording)]
+        try:
+            stances = detect_stances(recording)
+            stance = StanceShare(len(stances), float(np.mean(stances.mask)))
+            signs.insert(0, judge_filters(recording, stances))
+        except DetectionError as error:
+            stance = StanceShare(0, np.nan, str(error))
+    # the barometer
+    air, pressure = None, None if raw.pressure is None else plausibility.keep_air(raw.pressure)
+    if pressure is not None:
+        rate_hz = int(np.isfinite(pressure).sum()) / duration if duration > 0.0 else np.nan
+        air = Air(rate_hz, float(1e-2 * np.nanmin(pressure)), float(1e-2 * np.nanmax(pressure)))
+    # the truth it carries
+    truth = "none"
+    if isinstance(raw.truth, FootprintTruth):
+        truth = f"{len(raw.truth.stride)} footprints"
+    elif raw.truth is not None:
+        truth = f"path of {len(raw.truth.t)} positions{' with attitude' if raw.truth.nav_R_body is not None else ''}"
     return Inspection(
         name=raw.provenance.path.name if raw.provenance.path else "recording",
         format=raw.provenance.format,
@@ -186,35 +220,12 @@ def inspect(raw: RawRecording) -> Inspection:
         stance=stance,
         samples_verdict=combine(signs),
         wearing=None if recording is None else measure_turning(recording).wearing,
-        truth=_describe_truth(raw.truth),
+        truth=truth,
         refusal=refusal,
         unit_problems=plausibility.find_unit_problems(raw.t, raw.acc, raw.gyr, raw.mag),
         notes=notes,
-        air=_measure_air(raw.pressure, duration),
+        air=air,
     )
-
-
-def _measure_air(pressure: Floats | None, duration: float) -> Air | None:
-    """Measure what a barometer reads, (N,) Pa."""
-    air = None if pressure is None else plausibility.keep_air(pressure)
-    if air is None:
-        return None
-    count, ends = int(np.isfinite(air).sum()), 1e-2 * np.array([np.nanmin(air), np.nanmax(air)])
-    return Air(count / duration if duration > 0.0 else np.nan, float(ends[0]), float(ends[1]))
-
-
-def _admit(raw: RawRecording) -> tuple[Recording | None, str | None]:
-    try:
-        return Recording.from_raw(raw), None
-    except RecordingError as error:
-        return None, str(error)
-
-
-def _find_rising(raw: RawRecording, usable: Bools) -> Ints:
-    """Find the usable samples that are later than all before them."""
-    kept = np.flatnonzero(usable)
-    latest = np.maximum.accumulate(raw.t[kept])
-    return kept[np.diff(latest, prepend=-np.inf) > 0]
 
 
 def _measure_stamps(raw: RawRecording, usable: Bools, rising: Ints) -> Stamps:
@@ -274,134 +285,76 @@ def _measure_field(mag: Floats, duration: float, recording: Recording | None) ->
     return replace(found, aligned=align_magnetometer(recording), points_up=field_points_up(recording))
 
 
-def _measure_stances(recording: Recording | None) -> tuple[StanceShare, list[Reason]]:
-    """Return the stances, and what speaks against the samples."""
-    if recording is None:
-        return StanceShare(0, np.nan, "not looked for, since the recording cannot be navigated with"), []
-    bad = judge_bad_samples(recording)
-    try:
-        stances = detect_stances(recording)
-    except DetectionError as error:
-        return StanceShare(0, np.nan, str(error)), [bad]
-    share = StanceShare(len(stances), float(np.mean(stances.mask)))
-    return share, [judge_filters(recording, stances), bad]
-
-
-def _describe_truth(truth: Truth | None) -> str:
-    if truth is None:
-        return "none"
-    if isinstance(truth, FootprintTruth):
-        return f"{len(truth.stride)} footprints"
-    attitude = " with attitude" if truth.nav_R_body is not None else ""
-    return f"path of {len(truth.t)} positions{attitude}"
-
-
-MIN_S = 1.0  # A shorter recording holds no stride.
-_JITTER_SHARE = 0.02  # Jitter above this share of the period is worth a word.
-
-_GRAVITY_TOLERANCE_M_S2 = 0.15
-"""Above the variation of gravity over the Earth (0.03) and the error of a calibrated accelerometer."""
-
-_LONG_REST_S = 3.0  # Rest of this length shows the bias to better than a hundredth of a degree a second.
-_SPREAD_SHARE = 0.15  # A field strength that varies more, in its standard deviation, is disturbed.
-
-_STANCE_SHARES = (0.15, 0.8)
-"""A running foot stands for a fifth of the time or more; one that stands for longer hardly walks."""
-
-
-def _stamp_problems(facts: Inspection) -> list[str]:
-    stamps = facts.stamps
-    said = []
+def _list_sample_problems(facts: Inspection) -> list[str]:
+    """Axes, stamps, saturation, and what rests show."""
+    stamps, rest, found = facts.stamps, facts.rest, list[str]()
+    if SUSPECT <= facts.axes.against <= DECISIVE:
+        problem = facts.axes.problem
+        found.append(f"{problem[0].upper()}{problem[1:]}, perhaps: a few strides more would show it.")
     if stamps.missing:
-        said.append(f"Missing, or out of any range: {format_count(stamps.missing, 'sample')}.")
+        found.append(f"Missing, or out of any range: {format_count(stamps.missing, 'sample')}.")
     if stamps.repeated:
-        said.append(f"Repeated: {format_count(stamps.repeated, 'stamp')}.")
+        found.append(f"Repeated: {format_count(stamps.repeated, 'stamp')}.")
     if stamps.backward:
-        said.append(f"Running backward: {format_count(stamps.backward, 'stamp')}.")
+        found.append(f"Running backward: {format_count(stamps.backward, 'stamp')}.")
     if stamps.gaps:
         longest = f"{1e3 * stamps.longest_gap_s:.0f} ms before row {stamps.longest_gap_row}"
-        said.append(f"Samples were dropped in {format_count(stamps.gaps, 'place')}; the longest gap is {longest}.")
-    if stamps.jitter_s * stamps.rate_hz > _JITTER_SHARE:
-        said.append(f"The stamps jitter by {1e3 * stamps.jitter_s:.2f} ms about the sensor's even clock.")
-    return said
-
-
-def _axes_problems(facts: Inspection) -> list[str]:
-    if not SUSPECT <= facts.axes.against <= DECISIVE:
-        return []
-    problem = facts.axes.problem
-    return [f"{problem[0].upper()}{problem[1:]}, perhaps: a few strides more would show it."]
-
-
-def _saturation(facts: Inspection) -> list[str]:
-    return [
-        f"{name} saturates on {axis}: {100 * share:.2g} % of the samples are beyond {level:.4g} {unit}."
-        for name, unit, limits in (("gyr", "rad/s", facts.gyr_range), ("acc", "m/s^2", facts.acc_range))
-        for axis, share, level in _saturated_axes(limits)
-    ]
-
-
-def _saturated_axes(limits: Range) -> list[tuple[str, float, float]]:
-    rows = zip("xyz", limits.share.tolist(), limits.level.tolist(), strict=True)
-    return [row for row in rows if row[1] > 0]
-
-
-def _rest_problems(facts: Inspection) -> list[str]:
+        found.append(f"Samples were dropped in {format_count(stamps.gaps, 'place')}; the longest gap is {longest}.")
+    if stamps.jitter_s * stamps.rate_hz > JITTER_SHARE:
+        found.append(f"The stamps jitter by {1e3 * stamps.jitter_s:.2f} ms about the sensor's even clock.")
+    for name, unit, limits in (("gyr", "rad/s", facts.gyr_range), ("acc", "m/s^2", facts.acc_range)):
+        for axis, share, level in zip("xyz", limits.share.tolist(), limits.level.tolist(), strict=True):
+            if share > 0:
+                words = f"{100 * share:.2g} % of the samples are beyond {level:.4g} {unit}"
+                found.append(f"{name} saturates on {axis}: {words}.")
     if facts.unit_problems:
-        return []
-    rest, said = facts.rest, []
-    if abs(rest.acc_m_s2 - GRAVITY_M_S2) > _GRAVITY_TOLERANCE_M_S2:
-        said.append(
+        return found
+    if abs(rest.acc_m_s2 - GRAVITY_M_S2) > GRAVITY_TOLERANCE_M_S2:
+        found.append(
             f"|acc| at rest is {rest.acc_m_s2:.2f} m/s^2, gravity {GRAVITY_M_S2:.2f}: "
             f"the accelerometer has a bias or a scale error, which is taken off in a run."
         )
     if rest.duration_s == 0:
-        said.append("There is no rest to see the gyroscope's bias in: stand still at the start.")
-    elif rest.duration_s < _LONG_REST_S:
-        said.append(f"There is only {rest.duration_s:.1f} s of rest: stand still for longer at the start.")
-    return said
+        found.append("There is no rest to see the gyroscope's bias in: stand still at the start.")
+    elif rest.duration_s < LONG_REST_S:
+        found.append(f"There is only {rest.duration_s:.1f} s of rest: stand still for longer at the start.")
+    return found
 
 
-def _field_problems(facts: Inspection) -> list[str]:
+def _list_field_problems(facts: Inspection) -> list[str]:
+    """Magnetometer without samples, its axes and delay, a field that points up or is disturbed."""
     field = facts.field
     if field is None:
         return ["There is no magnetometer: the heading is that of the gyroscope alone."]
     if np.isnan(field.strength_uT):
         return ["The magnetometer has no sample."]
-    said = _alignment_problems(field)
-    if field.spread_uT > _SPREAD_SHARE * field.strength_uT:
-        spread = f"{field.strength_uT:.0f} uT with a standard deviation of {field.spread_uT:.0f} uT"
-        said.append(f"The field is disturbed: {spread}.")
-    return said
-
-
-def _alignment_problems(field: MagneticField) -> list[str]:
-    """Wrong axes, delay, and a field that points up."""
-    aligned = field.aligned
-    if aligned is None:
-        return []
-    if aligned.wrong_axes is not None:
+    found, aligned = list[str](), field.aligned
+    if aligned is not None and aligned.wrong_axes is not None:
         warning = aligned.wrong_axes.warning
-        return [f"{warning[0].upper()}{warning[1:]}."]
-    said = [f"{note[0].upper()}{note[1:]} in a run." for note in aligned.notes]
-    if field.points_up:
-        said.append("The field points up, as on the southern hemisphere: elsewhere all axes are the other way round.")
-    return said
+        found.append(f"{warning[0].upper()}{warning[1:]}.")
+    elif aligned is not None:
+        found += [f"{note[0].upper()}{note[1:]} in a run." for note in aligned.notes]
+        if field.points_up:
+            found.append(
+                "The field points up, as on the southern hemisphere: elsewhere all axes are the other way round."
+            )
+    if field.spread_uT > SPREAD_SHARE * field.strength_uT:
+        spread = f"{field.strength_uT:.0f} uT with a standard deviation of {field.spread_uT:.0f} uT"
+        found.append(f"The field is disturbed: {spread}.")
+    return found
 
 
-def _stance_problems(facts: Inspection) -> list[str]:
-    stance = facts.stance
+def _list_stance_problems(facts: Inspection) -> list[str]:
+    """A thigh in place of a foot; too few stances, or too many."""
+    share, (low, high) = facts.stance.share, STANCE_SHARES
     if facts.refusal is not None:
         return []
     if facts.wearing == "pocket":
         return ["It turns like a thigh that walks, not like a foot: run it with --mount pocket."]
-    if np.isnan(stance.share):
-        return []  # said first
-    low, high = _STANCE_SHARES
-    if stance.share < low:
-        return [f"The foot stands for only {100 * stance.share:.0f} % of the time: is this sensor on a foot?"]
-    if stance.share > high:
-        return [f"The foot stands for {100 * stance.share:.0f} % of the time: there is little walk in it."]
+    if share < low:
+        return [f"The foot stands for only {100 * share:.0f} % of the time: is this sensor on a foot?"]
+    if share > high:
+        return [f"The foot stands for {100 * share:.0f} % of the time: there is little walk in it."]
     return []
 
 
@@ -419,26 +372,24 @@ def _list_unjudged(facts: Inspection) -> list[str]:
     return [f"Not judged, for want of data: {', '.join(checks)}."] if checks else []
 
 
-def _good(facts: Inspection) -> list[str]:
+def _list_merits(facts: Inspection) -> list[str]:
+    """What is good about the recording."""
     stamps, rest, field = facts.stamps, facts.rest, facts.field
-    said = []
-    if stamps.jitter_s * stamps.rate_hz <= _JITTER_SHARE and not (stamps.gaps or stamps.backward):
-        said.append(f"The stamps are even, at {stamps.rate_hz:.1f} Hz.")
-    if not facts.unit_problems and abs(rest.acc_m_s2 - GRAVITY_M_S2) <= _GRAVITY_TOLERANCE_M_S2:
-        said.append(f"|acc| at rest is {rest.acc_m_s2:.2f} m/s^2: gravity.")
+    found = []
+    if stamps.jitter_s * stamps.rate_hz <= JITTER_SHARE and not (stamps.gaps or stamps.backward):
+        found.append(f"The stamps are even, at {stamps.rate_hz:.1f} Hz.")
+    if not facts.unit_problems and abs(rest.acc_m_s2 - GRAVITY_M_S2) <= GRAVITY_TOLERANCE_M_S2:
+        found.append(f"|acc| at rest is {rest.acc_m_s2:.2f} m/s^2: gravity.")
     if facts.gravity.is_telling and 0.3 < facts.gravity.gain < 3.0:
-        said.append("Gravity turns as the gyroscope says: units and axes agree.")
+        found.append("Gravity turns as the gyroscope says: units and axes agree.")
     if facts.axes.strides >= 5 and facts.axes.against < 1.0:  # fewer do not say so
-        said.append(f"The axes of gyroscope and accelerometer agree in {facts.axes.strides} strides.")
-    if rest.duration_s >= _LONG_REST_S and not facts.unit_problems:
-        said.append(f"{rest.duration_s:.0f} s of rest show the bias: {_triple(rest.gyro_bias_deg_s)} deg/s.")
-    if field is not None and field.spread_uT <= _SPREAD_SHARE * field.strength_uT and not facts.unit_problems:
-        said.append(f"The field is steady: {field.strength_uT:.0f} uT, {field.spread_uT:.0f} uT about it.")
-    low, high = _STANCE_SHARES
+        found.append(f"The axes of gyroscope and accelerometer agree in {facts.axes.strides} strides.")
+    if rest.duration_s >= LONG_REST_S and not facts.unit_problems:
+        bias = ", ".join(f"{value:.2f}" for value in rest.gyro_bias_deg_s)
+        found.append(f"{rest.duration_s:.0f} s of rest show the bias: {bias} deg/s.")
+    if field is not None and field.spread_uT <= SPREAD_SHARE * field.strength_uT and not facts.unit_problems:
+        found.append(f"The field is steady: {field.strength_uT:.0f} uT, {field.spread_uT:.0f} uT about it.")
+    low, high = STANCE_SHARES
     if low <= facts.stance.share <= high and facts.wearing != "pocket":
-        said.append(f"{facts.stance.count} stances make {100 * facts.stance.share:.0f} % of the time.")
-    return said
-
-
-def _triple(values: np.ndarray[tuple[int], np.dtype[np.float64]]) -> str:
-    return ", ".join(f"{value:.2f}" for value in values)
+        found.append(f"{facts.stance.count} stances make {100 * facts.stance.share:.0f} % of the time.")
+    return found
