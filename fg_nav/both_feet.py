@@ -105,13 +105,20 @@ def navigate_feet(
     True
     """
     check_method(method)
-    _check_pair(truth, sides)
-    walks = [_read(*given, options) for given in zip((first, second), truth, strict=True)]
+    if sides not in (None, "left,right", "right,left"):
+        raise EstimationError(f"sides '{sides}' are none: name them left,right or right,left, as the recordings are.")
+    if not isinstance(truth, tuple | list) or len(truth) != len(SIDES):
+        raise EstimationError("give a truth for each recording, in their order, or None: (left, right).")
+    reading, walks = Reading(longest_gap_s=MAX_GAP_S), list[Walk]()
+    for given, of_one in zip((first, second), truth, strict=True):
+        walk = given if isinstance(given, Walk) else read_walk(given, options or Options(), reading)
+        walks.append(add_known(walk, None, of_one))
     if clock_offset_s is not None:
         if not np.isfinite(clock_offset_s):
             raise EstimationError(f"a clock offset of {clock_offset_s} s is no time: give a number.")
         walks[1] = _shift_clock(walks[1], ClockOffset(clock_offset_s))
-    _refuse_own(walks)
+    if any(walk.fixes or walk.places is not None or walk.extra is not None for walk in walks):
+        raise EstimationError("fixes, places and factors of your own are for one foot: leave them out for two.")
     headings = (heading_deg, *(walk.options.heading_deg for walk in walks))
     heading_deg = next((one for one in headings if one is not None), None)
     request = _Request(method, heading_deg, sides, clock_offset_s, progress)
@@ -160,26 +167,6 @@ class _Pair:
     solution: FeetSolution
 
 
-def _check_pair(truth: object, sides: str | None) -> None:
-    if sides not in (None, "left,right", "right,left"):
-        raise EstimationError(f"sides '{sides}' are none: name them left,right or right,left, as the recordings are.")
-    if not isinstance(truth, tuple | list) or len(truth) != len(SIDES):
-        raise EstimationError("give a truth for each recording, in their order, or None: (left, right).")
-
-
-def _read(given: Recording | Path | str | Walk, truth: Truth | Path | str | None, options: Options | None) -> Walk:
-    reading = Reading(longest_gap_s=MAX_GAP_S)
-    walk = given if isinstance(given, Walk) else read_walk(given, options or Options(), reading)
-    return add_known(walk, None, truth)
-
-
-def _refuse_own(walks: Sequence[Walk]) -> None:
-    """Raise `EstimationError` for what is of one foot alone and has no part in the graph of both."""
-    for walk in walks:
-        if walk.fixes or walk.places is not None or walk.extra is not None:
-            raise EstimationError("fixes, places and factors of your own are for one foot: leave them out for two.")
-
-
 def _name(walk: Walk, number: int) -> str:
     path = walk.recording.provenance.path
     return ("the first recording", "the second recording")[number] if path is None else path.name
@@ -195,7 +182,11 @@ def _prepare_both(walks: Sequence[Walk]) -> tuple[list[Walk], dict[int, str]]:
         # The heading of the left foot is that of neither before it is known which is the left one.
         alone, name = replace(walk, options=replace(walk.options, heading_deg=None, mount="foot")), _name(walk, number)
         try:
-            alone = _prepare_parts(alone)
+            # without parts of an interrupted recording that nothing would tie
+            whole = alone.recording
+            alone = _prepare(alone, whole)
+            if (parts := keep_walked_parts(whole, alone.stances)) is not whole:
+                alone = _prepare(alone, parts)
             if alone.stances.n_footfalls >= MIN_FOOTFALLS:
                 check_known(alone)
         except DetectionError as error:
@@ -210,13 +201,6 @@ def _prepare_both(walks: Sequence[Walk]) -> tuple[list[Walk], dict[int, str]]:
     if len(lost) == len(walks):
         raise DetectionError(f"neither foot can be navigated: {' '.join(lost.values())}")
     return prepared, lost
-
-
-def _prepare_parts(walk: Walk) -> Walk:
-    """Prepare a walk, without parts of an interrupted recording that nothing would tie."""
-    prepared = _prepare(walk, walk.recording)
-    parts = keep_walked_parts(walk.recording, prepared.stances)
-    return prepared if parts is walk.recording else _prepare(walk, parts)
 
 
 def _prepare(walk: Walk, recording: Recording) -> Walk:
@@ -285,8 +269,17 @@ def _navigate_both(request: _Request, walks: Sequence[Walk]) -> FeetResult:
     notes = [clocks.note] if clocks.note else []
     first, second = replace(first, beside=second.recording.t), replace(second, beside=first.recording.t)
     pair, order, known = _find_sides(request, first, second)
-    doubts, said = _judge_sides(pair.solution, request.sides, order, known)
-    solution, feet = pair.solution, dict[str, Result]()
+    # doubts about which foot is which, and remarks on it
+    solution, doubts = pair.solution, tuple[str, ...]()
+    width = f"{solution.width_m:.2f} m within {solution.width_sigma_m:.2f} m"
+    if known == "named" and shows_sides(solution) and solution.width_m < 0.0:
+        doubts = (f"the feet look swapped: the one named right is on the left, by {width}; see --sides.",)
+    if known == "shown" and order != SIDES:
+        notes.append(f"the first recording is of the right foot, as the steps show: the feet are {width} apart")
+    if known == "assumed":
+        words = "the first recording was taken for the left foot's: the steps do not show which is which; see --sides"
+        notes.append(words)
+    feet = dict[str, Result]()
     for side, walk in zip(SIDES, (pair.left, pair.right), strict=True):
         found: Solution = replace(getattr(solution, side), method=request.method)
         found = found.widen(walk.recording.provenance.rate_sigma)
@@ -295,28 +288,21 @@ def _navigate_both(request: _Request, walks: Sequence[Walk]) -> FeetResult:
         order, known, clocks.offset_s, request.clock_offset_s is not None, clocks.drift, solution.width_m,
         solution.width_sigma_m, solution.cells, solution.beyond_reach, request.heading_deg, doubts,
     )  # fmt: skip
-    notes += [*said, *_describe_cover(pair)]
+    notes += _describe_cover(pair)
     return FeetResult.of(feet, solution.person, pairing, tuple(notes))
 
 
 def _find_sides(request: _Request, first: Walk, second: Walk) -> tuple[_Pair, tuple[Side, Side], Known]:
     """Solve both feet, the other way round where the steps show that."""
-    order = request.order
-    pair = _solve(request, *_sort(order, first, second))
+    order, left, right = request.order, *((first, second) if request.order == SIDES else (second, first))
+    pair = _solve(request, left, right)
     if request.sides is not None:
         return pair, order, "named"
     if not shows_sides(pair.solution):
         return pair, order, "assumed"
-    if pair.solution.width_m < 0.0:
-        # The frame and the heading are the left foot's: they are solved again in its own.
-        order = SIDES[::-1]
-        pair = _solve(request, *_sort(order, first, second))
+    if pair.solution.width_m < 0.0:  # frame and heading are the left foot's: solve again in its own
+        order, pair = order[::-1], _solve(request, right, left)
     return pair, order, "shown"
-
-
-def _sort(order: tuple[Side, Side], first: Walk, second: Walk) -> tuple[Walk, Walk]:
-    """Return the left foot, then the right one."""
-    return (first, second) if order == SIDES else (second, first)
 
 
 def shows_sides(solution: FeetSolution) -> bool:
@@ -328,23 +314,6 @@ def shows_sides(solution: FeetSolution) -> bool:
         return False
     by_steps = solution.width_m * solution.width_sigma_m**-2 - WIDTH_M * WIDTH_SIGMA_M**-2
     return bool(abs(by_steps) > CLEAR_SIGMAS * information**0.5 and by_steps * solution.width_m > 0.0)
-
-
-def _judge_sides(
-    solution: FeetSolution, named: Order | None, order: tuple[Side, Side], known: Known
-) -> tuple[tuple[str, ...], list[str]]:
-    """Doubts about which foot is which, and remarks on it."""
-    width = f"{solution.width_m:.2f} m within {solution.width_sigma_m:.2f} m"
-    if named is not None:
-        if shows_sides(solution) and solution.width_m < 0.0:
-            return (f"the feet look swapped: the one named right is on the left, by {width}; see --sides.",), []
-        return (), []
-    if known == "shown" and order != SIDES:
-        return (), [f"the first recording is of the right foot, as the steps show: the feet are {width} apart"]
-    if known == "assumed":
-        said = "the first recording was taken for the left foot's: the steps do not show which is which; see --sides"
-        return (), [said]
-    return (), []
 
 
 def _solve(request: _Request, left: Walk, right: Walk) -> _Pair:
