@@ -96,10 +96,7 @@ MIN_CORRELATION = 0.2  # White noise of as many independent samples stays below.
 FIRST_MAXIMUM = 0.85  # Of the highest maximum: two periods correlate as well as one.
 SHARE = 0.6  # Of a period.
 GAP = 1.4  # Periods, from the end of a stance to the start of the next: with none left out there are less than one.
-LANDING_M_S2, LANDING_S = (
-    2 * GRAVITY_M_S2,
-    0.2,
-)  # A runner lands with 4 g and more, and stands after 0.05 to 0.15 s.
+LANDING_M_S2, LANDING_S = 2 * GRAVITY_M_S2, 0.2  # A runner lands with 4 g and more, and stands within 0.15 s.
 MAX_CYCLE_LEVEL = 6.5  # A minimum above this is never a stance: 360 deg/s, or 36 m/s^2.
 DOUBTFUL_LEVEL = 5.0  # Of feet that walk, one in a thousand has a stance above: 1.1 rad/s, or 6 m/s^2 off gravity.
 

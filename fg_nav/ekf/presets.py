@@ -12,15 +12,12 @@ In all of them a footfall is one measurement, where the papers use each sample o
 Sigma of a heading as printed: Ma's 0.067 rad of a step's change, his only figure; AIEZ gives none: 5 deg for the
 compass, 1 deg for HDR within 5 deg of five strides, and 1 deg for roll and pitch are our choice.
 
-Tuned: chosen by `scripts/tune_filters.py` on simulated walks that are not reported. What is not named is as in the
-preset `physical`, the core of sensor and foot too. Detectors keep their shape: an `allowance` multiplies sigma and
-least change that matters of each channel; they are the smoother's gates too (`fg_nav.magnetic.detectors.TUNED`). The
-preset serves a smooth field and a rough one. On the smooth alone Ma's physical gate is best, with 7 to 10 deg; on the
-rough it passes nothing, and a filter that uses nearly every compass with 20 to 30 deg halves the error of the IEZ. So
-the tuned gates reject the wildest changes only, and gain at most 10 % on no gate at all, which `qsf-stance` is (errors
-over the IEZ's on 36 walks, seeds 1 to 6: 0.24 `ma2018`, 0.25 `iqsf` and `aiez`, 0.27 `qsf` and `qsf-stance`). What lies
-within 2 % of the best was left as it was: 20 deg and a window of 2 would gain `qsf` 1.5 %. AIEZ has no use for HDR
-there: with 16 deg or switched off its course weighs alike, and with 4 deg the error is a fifth more. It is left at 16.
+Tuned: by `scripts/tune_filters.py` on simulated walks that are not reported, smooth and rough fields alike
+(docs/filters.md has the figures). What is not named is as in the preset `physical`, the core of sensor and foot too.
+Detectors keep their shape: an `allowance` multiplies sigma and least change that matters of each channel; they are the
+smoother's gates too (`fg_nav.magnetic.detectors.TUNED`). On the smooth field alone Ma's physical gate is best, with 7
+to 10 deg; on the rough one it passes nothing, and a filter that uses nearly every compass with 20 to 30 deg halves the
+error of the IEZ. So the tuned gates reject the wildest changes only.
 
 `MATCHED` is the fair opponent of the factor graph: IEZ and gated compass with the smoother's model of sensor, foot and
 walk. It has the values of `fg_nav.smoother.parameters.SmootherParameters` (a test compares them), in the units of a
