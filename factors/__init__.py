@@ -20,12 +20,12 @@ from .differential_field import DifferentialField
 from .magnetic_field import FieldPotential, FieldPrior, FieldTransition, LineIntegral, MagneticHeading, integrate_field
 from .residual import Residual, ResidualBlock, factor_of, guarded_factor, linear_factor_of
 from .same_place import SamePlace, weigh_place
-from .unseen_walk import UnseenWalk
 from .walk_constraints import (
     BarometerDrift,
     BarometricHeight,
     BuildingDirection,
     FloorHeight,
+    UnseenWalk,
     position_fix_factor,
     position_fix_noise,
 )

@@ -45,6 +45,7 @@ from .rotation import Ints, skew
 MIN_SHARE = 1e-9  # Of the largest information, below which there is none: rounding.
 MIN_INFORMATION = 1.0  # On a bias, s^2/rad^2: any bias is less than 1 rad/s.
 GYRO = slice(3, 6)  # Of a bias, whose first half is that of the accelerometer.
+AT_ONCE = 64  # Stretches that are in memory together.
 
 
 @dataclass(frozen=True)
@@ -220,40 +221,22 @@ def measure_bias(stretches: FieldStretches, noise: FieldNoise, most: int) -> Str
     noise : of the walk.
     most : samples of a stretch; neighbours are averaged until they are no more.
     """
-    number = range(0, len(stretches.gyro_bias), AT_ONCE)
-    found = [_measure_bias(stretches.select(first, first + AT_ONCE), noise, most) for first in number]
+    found = []
+    for first in range(0, len(stretches.gyro_bias), AT_ONCE):
+        some = stretches.select(first, first + AT_ONCE)
+        columns, position, weight, count = _pad(some, most)
+        covariance = _covariance(position, weight, noise)
+        gram = np.swapaxes(columns, 1, 2) @ np.linalg.solve(covariance, columns)
+        found.append(_eliminate_field(gram, count, some.gyro_bias, noise.iron))
     return StretchInformation.join(found)
 
 
-AT_ONCE = 64  # Stretches that are in memory together.
+def _pad(stretches: FieldStretches, most: int) -> tuple[Array, Array, Array, Ints]:
+    """Average neighbouring samples: at most `most` means for each of S stretches, zero beyond its last.
 
-
-def _measure_bias(stretches: FieldStretches, noise: FieldNoise, most: int) -> StretchInformation:
-    """Reduce the field of some stretches."""
-    padded = _pad(stretches, most)
-    # What is beyond the last mean of the longest of them is empty.
-    filled = np.s_[:, : padded.count.max()]
-    columns = padded.columns[filled]
-    covariance = _covariance(padded.position[filled], padded.weight[filled], noise)
-    gram = np.swapaxes(columns, 1, 2) @ np.linalg.solve(covariance, columns)
-    return _eliminate_field(gram, padded.count, stretches.gyro_bias, noise.iron)
-
-
-@dataclass(frozen=True)
-class _Padded:
-    """Means of neighbouring samples, `most` for each of S stretches, zero beyond the last.
-
-    `columns` (S, most, 22): 1, z (3), K (9), dR (9); `position` (S, most, 3); `weight` (S, most) samples in each mean;
-    `count` (S,) means of each.
+    Returns columns (S, m, 22), which are 1, z (3), K (9), dR (9), positions (S, m, 3), samples in each mean (S, m), and
+    means of each stretch (S,), m of the longest.
     """
-
-    columns: Array
-    position: Array
-    weight: Array
-    count: Ints
-
-
-def _pad(stretches: FieldStretches, most: int) -> _Padded:
     samples = np.bincount(stretches.stretch)
     number = np.arange(len(stretches.stretch)) - np.searchsorted(stretches.stretch, stretches.stretch)
     group = -(-samples // most)
@@ -273,7 +256,9 @@ def _pad(stretches: FieldStretches, most: int) -> _Padded:
     means[slot[first]], weights[slot[first]] = mean, weight
     table = means.reshape(len(samples), most, 25)
     filled = weights.reshape(len(samples), most)
-    return _Padded(table[..., :22], table[..., 22:], filled, -(-samples // group))
+    count = -(-samples // group)
+    longest = np.s_[:, : count.max()]
+    return table[longest][..., :22], table[longest][..., 22:], filled[longest], count
 
 
 def _covariance(position: Array, weight: Array, noise: FieldNoise) -> Array:
@@ -306,16 +291,13 @@ def _eliminate_field(gram: Array, count: Ints, gyro_bias: Array, iron: Iron) -> 
     A = rows.reshape(-1, 3, 18, 6)
     matrix = np.einsum("saib,sij,sajc->sbc", A, left[:, 4:, 4:], A, optimize=True)
     eta = np.einsum("saib,sia->sb", A, left[:, 4:, 1:4])
-    chi_square = np.trace(left[:, 1:4, 1:4], axis1=1, axis2=2) - _explained(matrix, eta, iron)
-    x0 = np.concatenate([gyro_bias, np.zeros_like(gyro_bias)], axis=1)
-    vector = eta + (matrix @ x0[..., None])[..., 0]
-    return StretchInformation(BiasInformation(matrix, vector), chi_square, np.asarray(3.0 * (count - 2.0)))
-
-
-def _explained(matrix: Array, eta: Array, iron: Iron) -> Array:
-    """What the best bias and the best iron of each stretch (S,) take off chi-square, with what is known of the iron."""
+    # Chi-square less what the best bias and iron of each stretch take off, with what is known of the iron.
     known = np.zeros((6, 6))
     known[:3, :3], known[3:, 3:] = MIN_INFORMATION * np.eye(3), np.linalg.inv(iron.covariance)
     offset = np.append(np.zeros(3), known[3:, 3:] @ iron.mean_uT)
     best = np.linalg.solve(matrix + known, (eta + offset)[..., None])[..., 0]
-    return np.asarray((best * (eta + offset)).sum(axis=-1) - iron.mean_uT @ offset[3:])
+    explained = (best * (eta + offset)).sum(axis=-1) - iron.mean_uT @ offset[3:]
+    chi_square = np.trace(left[:, 1:4, 1:4], axis1=1, axis2=2) - explained
+    x0 = np.concatenate([gyro_bias, np.zeros_like(gyro_bias)], axis=1)
+    vector = eta + (matrix @ x0[..., None])[..., 0]
+    return StretchInformation(BiasInformation(matrix, vector), chi_square, np.asarray(3.0 * (count - 2.0)))

@@ -132,9 +132,10 @@ from .residual import Array, hold_cauchy
 from .rotation import turn_from
 
 SIZE = 9  # Numbers of a state.
-
 PHI, DELTA, EAST, NORTH = 0, 1, 4, 5
 REGION, E_H, IRON = slice(2, 4), slice(4, 6), slice(6, 9)  # Where its parts stand.
+TAIL_SIGMAS = 3.0  # c: a footfall beside a magnet keeps half its weight at this many sigmas, a tenth at nine.
+_BLOCK_ROWS = 1 << 16  # That are integrated at once.
 
 
 @dataclass(frozen=True)
@@ -193,9 +194,6 @@ def across_direction(horizontal: Array) -> Array:
 def across_field(nav_field: Array, horizontal: Array) -> Array:
     """Part (...) uT of fields (..., 3) across horizontal ones (..., 2), to their right."""
     return np.asarray((nav_field[..., :2] * across_direction(horizontal)).sum(axis=-1))
-
-
-TAIL_SIGMAS = 3.0  # c: a footfall beside a magnet keeps half its weight at this many sigmas, a tenth at nine.
 
 
 @dataclass(frozen=True)
@@ -309,26 +307,19 @@ def integrate_field(
     for start in range(0, len(ends) - 1, _BLOCK_ROWS):
         part = slice(start, start + _BLOCK_ROWS + 1)
         step = np.diff(position[ends[part]], axis=0)
-        share = _integrate_steps(nav_R_body[nearest[part]], step, body_field[nearest[part]], vertical_uT)
-        running = np.cumsum(np.vstack([total, share]), axis=0)
+        # Shares of u, s and the moment in the steps.
+        R = nav_R_body[nearest[part]]
+        field = np.einsum("nab,nb->na", R, body_field[nearest[part]])
+        of_moment = 0.5 * np.cross(field[1:] + field[:-1], step)
+        field[:, 2] -= vertical_uT
+        of_u = 0.5 * np.einsum("na,na->n", field[1:] + field[:-1], step)
+        of_s = 0.5 * (np.einsum("nba,nb->na", R[1:], step) + np.einsum("nba,nb->na", R[:-1], step))
+        running = np.cumsum(np.vstack([total, np.column_stack([of_u, of_s, of_moment])]), axis=0)
         behind, total = at >= t[ends[start]], running[-1]
         for column, of_column in zip(out.T, running.T, strict=True):
             column[behind] = np.interp(at[behind], t[ends[part]], of_column)
         after_block()
     return LineIntegral(u=out[:, 0], s=out[:, 1:4], moment=out[:, 4:])
-
-
-_BLOCK_ROWS = 1 << 16  # That are integrated at once.
-
-
-def _integrate_steps(R: Array, step: Array, body_field: Array, vertical_uT: float) -> Array:
-    """Shares (n - 1, 7) of u, s and the moment in the steps (n - 1, 3) between n rows."""
-    field = np.einsum("nab,nb->na", R, body_field)
-    of_moment = 0.5 * np.cross(field[1:] + field[:-1], step)
-    field[:, 2] -= vertical_uT
-    of_u = 0.5 * np.einsum("na,na->n", field[1:] + field[:-1], step)
-    of_s = 0.5 * (np.einsum("nba,nb->na", R[1:], step) + np.einsum("nba,nb->na", R[:-1], step))
-    return np.column_stack([of_u, of_s, of_moment])
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,11 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Evaluate = Callable[[gtsam.Values, bool], tuple[Array, Sequence[Array]]]
 
+POSE = 6  # Dimension of a pose, passed as its matrix (..., 4, 4) of nav_T_body; all others but `BIAS` are vectors.
+
+FEW = 16  # Variables that are sooner read one by one than all of their kind together.
+LETTER_SHIFT = 56  # A gtsam key carries its letter in the highest byte.
+
 
 def guarded_factor(
     name: str, keys: Sequence[int], dims: Sequence[int], noise: gtsam.noiseModel.Base, residual: Evaluate
@@ -79,13 +84,6 @@ def _check(name: str, what: str, array: object, shape: tuple[int, ...]) -> None:
         raise ValueError(f"{name}: the {what} is not finite.")
 
 
-POSE = 6
-"""A variable of this tangent-space dimension is a pose, passed as its matrix (..., 4, 4) of nav_T_body.
-
-All others but `BIAS` are vectors (..., d).
-"""
-
-
 class _Bias(int):
     """Dimension of a bias, distinguished from that of a pose by its type."""
 
@@ -126,32 +124,24 @@ def _read(values: gtsam.Values, key: int, dim: int) -> Array:
     return values.atPose3(key).matrix() if dim == POSE else values.atVector(key)
 
 
-FEW = 16  # Variables that are sooner read one by one than all of their kind together.
-
-
 def read_variables(values: gtsam.Values, keys: Array | Sequence[int], dim: int) -> Array:
     """Read K variables of a kind, (K, 4, 4) poses, (K, 6) biases or (K, d) vectors; a block's in a few calls."""
     letter = int(keys[0]) >> LETTER_SHIFT if len(keys) else 0
     if len(keys) >= FEW and not isinstance(dim, _Bias) and letter:
         known = np.array(values.keys(), dtype=np.uint64)
         known = known[known >> np.uint64(LETTER_SHIFT) == letter]
-        rows = _read_poses(values) if dim == POSE else gtsam.utilities.extractVectors(values, chr(letter))
+        # All of the kind, in the order of their keys.
+        if dim == POSE:
+            columns = gtsam.utilities.extractPose3(values)
+            rows = np.zeros((len(columns), 4, 4))
+            rows[:, :3, :3], rows[:, :3, 3], rows[:, 3, 3] = columns[:, :9].reshape(-1, 3, 3), columns[:, 9:], 1.0
+        else:
+            rows = gtsam.utilities.extractVectors(values, chr(letter))
         row = np.searchsorted(known, np.asarray(keys, dtype=np.uint64))
         # Rows are in the order of the keys: they are those of this letter if there are as many.
         if len(rows) == len(known) and np.array_equal(known[np.minimum(row, len(known) - 1)], keys):
             return np.asarray(rows[row])
     return np.array([_read(values, int(key), dim) for key in keys])
-
-
-LETTER_SHIFT = 56  # A gtsam key carries its letter in the highest byte.
-
-
-def _read_poses(values: gtsam.Values) -> Array:
-    """All poses (K, 4, 4), in the order of their keys."""
-    rows = gtsam.utilities.extractPose3(values)
-    poses = np.zeros((len(rows), 4, 4))
-    poses[:, :3, :3], poses[:, :3, 3], poses[:, 3, 3] = rows[:, :9].reshape(-1, 3, 3), rows[:, 9:], 1.0
-    return poses
 
 
 def factor_of(residual: Residual, keys: Sequence[int]) -> gtsam.CustomFactor:
@@ -196,10 +186,13 @@ def hold_cauchy(square: Array, sigmas: float) -> tuple[Array, Array]:
 
 
 class ResidualBlock:
-    """K residuals of a kind with their keys (K, n), linearized together."""
+    """K residuals of a kind with their keys (K, n), linearized together.
 
-    def __init__(self, residuals: Residual, keys: Sequence[Sequence[int]]) -> None:
-        self.residuals, self.keys = residuals, keys
+    `is_linear` ones become factors of gtsam that run in C++.
+    """
+
+    def __init__(self, residuals: Residual, keys: Sequence[Sequence[int]], is_linear: bool = False) -> None:
+        self.residuals, self.keys, self._make = residuals, keys, linear_factor_of if is_linear else factor_of
 
     def __len__(self) -> int:
         return len(self.keys)
@@ -242,21 +235,14 @@ class ResidualBlock:
         e, H = self.evaluate(values)
         return [Stack(self._columns.T, np.concatenate([*H, -e[..., None]], axis=2))]
 
-    def factors(self) -> Iterator[gtsam.CustomFactor]:
+    def factors(self) -> Iterator[gtsam.NonlinearFactor]:
         """Yield the same residuals as factors of gtsam, one by one."""
-        return (factor_of(one_of(self.residuals, k), keys) for k, keys in enumerate(self.keys))
+        return (self._make(one_of(self.residuals, k), keys) for k, keys in enumerate(self.keys))
 
 
 def one_of(residuals: R, k: int | slice) -> R:
     """Return the residual number k of K, its row of every array, or those of a slice."""
-    one: R = _with_arrays(residuals, {name: np.array(a[k]) for name, a in _arrays(residuals).items()})
+    of: Any = residuals
+    arrays = {f.name: getattr(of, f.name) for f in fields(of) if isinstance(getattr(of, f.name), np.ndarray)}
+    one: R = replace(of, **{name: np.array(array[k]) for name, array in arrays.items()})
     return one
-
-
-def _arrays(residuals: Any) -> dict[str, Array]:
-    values = {f.name: getattr(residuals, f.name) for f in fields(residuals)}
-    return {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
-
-
-def _with_arrays(residuals: Any, arrays: dict[str, Array]) -> Any:
-    return replace(residuals, **arrays)

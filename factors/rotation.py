@@ -22,12 +22,6 @@ from .residual import Array
 
 Ints = NDArray[np.int64]
 
-
-def skew(v: Array) -> Array:
-    """Matrices (..., 3, 3) of the cross product with the vectors (..., 3)."""
-    return np.asarray((v @ _CROSS).reshape(*v.shape, 3))
-
-
 _CROSS = np.array(
     [
         [0.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0],
@@ -36,6 +30,11 @@ _CROSS = np.array(
     ]
 )
 """Row i: the matrix [e_i]x, row by row."""
+
+
+def skew(v: Array) -> Array:
+    """Matrices (..., 3, 3) of the cross product with the vectors (..., 3)."""
+    return np.asarray((v @ _CROSS).reshape(*v.shape, 3))
 
 
 def unskew(R: Array) -> Array:
@@ -102,7 +101,12 @@ def relative_rotations(rates: Array, periods: Array, segment: Ints, bias: Array)
     before = np.roll(rotation_exp(turn), 1, axis=0)
     position = np.arange(len(segment)) - first
     before[position == 0] = np.eye(3)
-    rotations = _running_products(before, position)
+    # Products of all rotations from a stretch's first to each, by doubling: log2 of the longest passes.
+    rotations, width = before.copy(), 1
+    while width <= position.max(initial=0):
+        far = np.flatnonzero(position >= width)
+        rotations[far] = rotations[far - width] @ rotations[far]
+        width *= 2
     by_bias = rotations @ (left_jacobian(turn) * periods[:, None, None])
     total = np.cumsum(by_bias, axis=0) - by_bias
     return rotations, np.swapaxes(rotations, -1, -2) @ (total[first] - total)
@@ -119,14 +123,3 @@ def _sum_of(t: Array, one: Array, cross: Array, outer: Array) -> Array:
     out = skew(cross[..., None] * t) + (outer[..., None] * t)[..., :, None] * t[..., None, :]
     out[..., range(3), range(3)] += one[..., None]
     return np.asarray(out)
-
-
-def _running_products(factors: Array, position: Ints) -> Array:
-    """Products (T, 3, 3) of all rotations from a stretch's first to each, by doubling: log2 of the longest passes."""
-    out = factors.copy()
-    width = 1
-    while width <= position.max(initial=0):
-        far = np.flatnonzero(position >= width)
-        out[far] = out[far - width] @ out[far]
-        width *= 2
-    return out

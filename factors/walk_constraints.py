@@ -66,6 +66,18 @@ the weather, the residual of a footfall is
 with Cauchy's loss, as a slammed door or a gust is no height. Over tau s the state moves on by a random walk,
 
     e = (o' - o - r tau, r' - r),    the row of o with Cauchy's loss: a door that stays open is a step.
+
+Unseen walk (`UnseenWalk`): what a person can have done between two stances that no sensor saw
+----------------------------------------------------------------------------------------------
+Between nav_T_body of the last stance before and of the first behind, p position (navigation frame, z up, m), u the
+direction of up in the body frame, R^T e_z, psi the turn about up from one attitude to the other (`rotation.turn_from`):
+
+    e = (p_2 - p_1) / s_p                                       over ground and up, each with its own s_p
+    e = wrap(psi - turn) / s_psi                                rad
+    e = (u_2 - u_1) / s_u                                       a foot is put down as flat as before
+
+The rows of u are three and have rank two; they leave the heading alone, and hold at any angle. psi has no derivative
+where the foot has turned by exactly half a turn more than expected.
 """
 
 from collections.abc import Sequence
@@ -75,9 +87,12 @@ from typing import ClassVar
 import gtsam
 import numpy as np
 
-from .residual import Array, hold_cauchy
+from .residual import POSE, Array, hold_cauchy
+from .rotation import skew, turn_from
 
 QUARTER = 0.5 * np.pi  # Between the directions of a building, rad.
+BAROMETER_CAUCHY = 3.0  # Sigmas from which a pressure counts for less: Gaussian for 99.7 % of those that are no gust.
+ROWS = 7
 
 
 def odds_of_elsewhere(sigma: float, share: float) -> float:
@@ -121,7 +136,9 @@ class BuildingDirection:
         if not with_jacobians:
             return e, []
         scale = np.sqrt(self.share * weight) / self.sigma
-        by_place = scale[..., None] * differentiate_course(displacement)
+        # The derivative of the course by the displacement.
+        dx, dy = displacement[..., 0], displacement[..., 1]
+        by_place = scale[..., None] * (np.stack([-dy, dx, np.zeros_like(dx)], axis=-1) / (dx**2 + dy**2)[..., None])
         H = [np.zeros((*e.shape, dim)) for dim in self.dims]
         for by_pose, sign, nav_T_body in zip(H, (-1.0, 1.0), poses, strict=False):
             by_pose[..., 0, 3:] = sign * (by_place[..., None, :] @ nav_T_body[..., :3, :3])[..., 0, :]
@@ -137,12 +154,6 @@ def wrap_quarter(angle: Array) -> Array:
 def measure_course(displacement: Array) -> Array:
     """Course (...,) rad, anticlockwise from x, of displacements (..., 3)."""
     return np.asarray(np.arctan2(displacement[..., 1], displacement[..., 0]))
-
-
-def differentiate_course(displacement: Array) -> Array:
-    """Derivative (..., 3) of the course by a displacement (..., 3), in the navigation frame."""
-    x, y = displacement[..., 0], displacement[..., 1]
-    return np.stack([-y, x, np.zeros_like(x)], axis=-1) / (x**2 + y**2)[..., None]
 
 
 def direction_probability(whitened: Array | float, odds: float) -> Array:
@@ -201,9 +212,6 @@ class FloorHeight:
         return e, [by_pose, np.full((*e.shape, 1), -1.0 / self.sigma)]
 
 
-BAROMETER_CAUCHY = 3.0  # Sigmas from which a pressure counts for less: Gaussian for 99.7 % of those that are no gust.
-
-
 @dataclass(frozen=True)
 class BarometricHeight:
     """Barometric heights (..., 1) m of footfalls, with `sigma` (..., 1) m; variables nav_T_body and state (2,)."""
@@ -254,3 +262,50 @@ class BarometerDrift:
         by_old = -by_new
         by_old[..., 0, 1] = by_old[..., 0, 0] * self.elapsed[..., 0]
         return e, [by_old, by_new]
+
+
+@dataclass(frozen=True)
+class UnseenWalk:
+    """What is expected of a walk that was not seen; variables nav_T_body before and behind.
+
+    ============== ======== ================================================
+    move_sigma     (..., 3) m, of the displacement, east, north and up
+    turn           (...)     rad about up, counter-clockwise, as expected
+    turn_sigma     (...)     rad
+    tilt_sigma     (...)     rad, of the tilt behind against that before
+    ============== ======== ================================================
+    """
+
+    name: ClassVar[str] = "unseen walk"
+    dims: ClassVar[tuple[int, ...]] = (POSE, POSE)
+    rows: ClassVar[int] = ROWS
+
+    move_sigma: Array
+    turn: Array
+    turn_sigma: Array
+    tilt_sigma: Array
+
+    def evaluate(self, variables: Sequence[Array], with_jacobians: bool) -> tuple[Array, list[Array]]:
+        """Return the residual (..., 7) and its Jacobians by both poses."""
+        before, behind = variables
+        R_1, R_2 = before[..., :3, :3], behind[..., :3, :3]
+        cosine, sine, by_behind = turn_from(R_1, R_2)
+        psi = np.arctan2(sine, cosine) - self.turn
+        off = np.arctan2(np.sin(psi), np.cos(psi))[..., None]
+        e = np.concatenate([behind[..., :3, 3] - before[..., :3, 3], off, R_2[..., 2, :] - R_1[..., 2, :]], axis=-1)
+        others = np.stack([self.turn_sigma, self.tilt_sigma, self.tilt_sigma, self.tilt_sigma], axis=-1)
+        sigma = np.concatenate([self.move_sigma, others], axis=-1)
+        if not with_jacobians:
+            return e / sigma, []
+        by_before = -turn_from(R_2, R_1)[2]
+        H = [self._jacobian(R_1, by_before, -1.0), self._jacobian(R_2, by_behind, 1.0)]
+        return e / sigma, [one / sigma[..., None] for one in H]
+
+    @staticmethod
+    def _jacobian(nav_R_body: Array, by_turn: Array, sign: float) -> Array:
+        """Jacobian (..., 7, 6), not yet over sigma, by one of the poses; `by_turn` (..., 3) is dpsi by its rotation."""
+        H = np.zeros((*nav_R_body.shape[:-2], ROWS, POSE))
+        H[..., :3, 3:] = sign * nav_R_body
+        H[..., 3, :3] = by_turn
+        H[..., 4:, :3] = sign * skew(nav_R_body[..., 2, :])
+        return H

@@ -36,6 +36,8 @@ import numpy as np
 from .residual import BIAS, Array, factor_of, hold_cauchy
 from .rotation import skew
 
+REST_TAIL_SIGMAS = 4.0  # c of a rest: of feet whose sway says 0.05 deg/s one in twenty is 0.5 off.
+
 
 @dataclass(frozen=True)
 class StanceVelocity:
@@ -67,11 +69,6 @@ class StanceVelocity:
         by_pose = np.zeros((*e.shape, 6))
         by_pose[..., :3] = weight @ nav_R_body @ skew(self.body_velocity) + skew(e)
         return e, [by_pose, weight, self.sinks_per_m[..., None, None] * weight[..., 2:]]
-
-
-REST_TAIL_SIGMAS = 4.0
-"""c of a rest, of a norm of three numbers: of pieces of standing feet whose sway says 0.05 deg/s one in twenty is 0.5
-off, and a rest that is right keeps four fifths of its weight."""
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,8 @@ Complexes: TypeAlias = NDArray[np.complex128]
 Ints: TypeAlias = NDArray[np.int64]
 Bools: TypeAlias = NDArray[np.bool_]
 
+MAD_TO_SIGMA = 1.4826  # Median absolute deviation to standard deviation, of a normal distribution.
+
 
 def interpolate_columns(asked: Floats, x: Floats, values: Floats) -> Floats:
     """Return the rows (M, c) of values (K, c) at x (K,), interpolated where they are asked for (M,)."""

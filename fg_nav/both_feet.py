@@ -2,7 +2,7 @@
 
     prepare_walk    each recording: all that is checked and corrected of one foot's         (`fg_nav.pipeline`)
     align_clocks    the second recording's clock set to the first one's                     (`fg_nav.feet.clocks`)
-    headings        of both sensors at their starts, by the directions of the steps         (`fg_nav.feet.heading`)
+    headings        of both sensors at their starts, by the directions of the steps         (`fg_nav.feet.steps`)
     smooth_feet     both feet in one graph                                                  (`fg_nav.smoother.feet`)
     sides           which recording is of which foot: by the user, or by the width between
     FeetResult      each foot and the person, measured and judged
@@ -22,12 +22,10 @@ import numpy as np
 
 from fg_nav.errors import DetectionError, EstimationError, FgNavError
 from fg_nav.estimators import Progress, blaming_changes, choose_parameters, estimate
+from fg_nav.feet import SIDES, Side
 from fg_nav.feet.clocks import ClockOffset, align_clocks
-from fg_nav.feet.heading import measure_relative_heading
-from fg_nav.feet.parts import keep_longest_part, keep_walked_parts
 from fg_nav.feet.person import FeetSolution, trace_person
-from fg_nav.feet.sides import SIDES, Side
-from fg_nav.feet.steps import Footfalls
+from fg_nav.feet.steps import Footfalls, keep_longest_part, keep_walked_parts, measure_relative_heading
 from fg_nav.feet_result import FeetResult, Known, Pairing
 from fg_nav.io import Reading
 from fg_nav.pipeline import prepare_walk, run_method
@@ -351,14 +349,15 @@ def _judge_sides(
 
 def _solve(request: _Request, left: Walk, right: Walk) -> _Pair:
     """Solve the feet, each with a heading to begin with."""
-    from fg_nav.smoother.feet_batch import Foot, smooth_feet
+    from fg_nav.smoother.batch import WalkInput
+    from fg_nav.smoother.feet import smooth_feet
 
     if request.method == "inertial":
         left, right = (replace(walk, field=None) for walk in (left, right))
     left, right = _set_headings(request, left, right)
     with blaming_changes(request.method, left.options):
         of_right, of_left = (
-            Foot(
+            WalkInput(
                 one.recording,
                 one.stances,
                 one.options.heading_rad,

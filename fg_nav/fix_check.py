@@ -18,7 +18,7 @@ import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import EstimationError
-from fg_nav.evaluation.truth_check import MAX_M_S
+from fg_nav.evaluation.comparison import MAX_M_S
 from fg_nav.truth import Fix
 
 SIGMAS = 3.0  # Of each of two fixes: one in 400 true ones is farther off, and hardly ever two at once.

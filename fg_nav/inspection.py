@@ -13,10 +13,9 @@ import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.detection import detect_stances, find_rests
-from fg_nav.detection.delay import MIN_STRIDES as MIN_DELAY_STRIDES
-from fg_nav.detection.filtered import MIN_SMOOTHING_HZ, SPECTRUM_S
 from fg_nav.detection.handedness import DECISIVE, NO_EVIDENCE, SUSPECT, AxesEvidence, measure_axes
 from fg_nav.detection.mount import measure_turning
+from fg_nav.detection.sensor_processing import MIN_DELAY_STRIDES, MIN_SMOOTHING_HZ, SPECTRUM_S
 from fg_nav.errors import DetectionError, RecordingError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.magnetic.axes import AlignedMagnetometer, align_magnetometer, field_points_up
@@ -24,12 +23,11 @@ from fg_nav.recording import MIN_SAMPLES, RawRecording, Recording
 from fg_nav.samples import plausibility
 from fg_nav.samples.plausibility import MIN_TURNING_WINDOWS, GravityTransport, find_usable_samples
 from fg_nav.samples.saturation import find_saturated
-from fg_nav.samples.timing import fit_clock
+from fg_nav.samples.stamps import fit_clock
 from fg_nav.text import format_count
 from fg_nav.truth import FootprintTruth, Truth
 from fg_nav.verdict import UNUSABLE, Verdict, combine
-from fg_nav.verdict.limits import judge_bad_samples, judge_filters
-from fg_nav.verdict.reason import Reason
+from fg_nav.verdict.limits import Reason, judge_bad_samples, judge_filters
 
 
 @dataclass(frozen=True)

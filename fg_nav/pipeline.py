@@ -11,7 +11,7 @@ A walk on the places of an earlier one (`--places`), `estimate_on_places`, is so
 
     path      of the solution, with the field along it                     (`fg_nav.places.signature`)
     location  start and heading in the known frame, by what is recognized  (`fg_nav.places.location`)
-    solution  again, tied to the known places, in axes of the known frame  (`fg_nav.smoother.known_places`)
+    solution  again, tied to the known places, in axes of the known frame  (`fg_nav.smoother.constraints`)
 
 Its sigmas are those in the known frame: of the ties, of the walk between them, and of the known walk itself at the
 places that were recognized, which all footfalls share. A walk that is not recognized stays in its own frame.
@@ -27,8 +27,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.detection.handedness import refuse_wrong_axes
-from fg_nav.detection.swing_axes import measure_swing_axes
+from fg_nav.detection.handedness import measure_swing_axes, refuse_wrong_axes
 from fg_nav.errors import EstimationError, PlacesError
 from fg_nav.estimators import Progress, check_changes, estimate
 from fg_nav.frames import compute_heading
@@ -54,7 +53,7 @@ if TYPE_CHECKING:
     from fg_nav.places import Location, SavedPlaces, Signature
     from fg_nav.places.location import Pieces
     from fg_nav.smoother import ExtraFactors
-    from fg_nav.smoother.known_places import KnownTies
+    from fg_nav.smoother.constraints import KnownTies
 
 
 def navigate(
@@ -210,7 +209,7 @@ def require_mag(walk: Walk) -> Floats:
 
 def _tie(location: Location, footfalls: StanceTable) -> KnownTies:
     """Tie the footfall nearest to each recognized piece, relative to the located start, in axes of the known frame."""
-    from fg_nav.smoother.known_places import KnownTies
+    from fg_nav.smoother.constraints import KnownTies
 
     pieces: Pieces = location.pieces
     nearest = np.abs(pieces.t[:, None] - footfalls.t).argmin(axis=1)

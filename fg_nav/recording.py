@@ -19,7 +19,7 @@ wrong unit, gravity removed     refused, and named (`fg_nav.samples.plausibility
 stamps that repeat or fall      spread, sorted, set on, or left out, with a note (`fg_nav.samples.stamps`)
 missing (non-finite) samples    left out, with a note; refused if they are many
 bad samples                     left out where those around exclude them, with a note (`fg_nav.samples.outliers`);
-                                of one sensor alone bridged, the other kept (`fg_nav.samples.bridging`)
+                                of one sensor alone bridged, the other kept (`fg_nav.samples.gaps`)
 gaps between stamps             up to `MAX_BRIDGED_S` kept or bridged, with a note; the recording is cut at a longer one
                                 unless another foot was recorded too
 magnetometer without a sample   no magnetometer
@@ -38,16 +38,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fg_nav.arrays import Bools, Floats, Ints
-from fg_nav.columns.arrays import ColumnNames, Units, convert_arrays, convert_frame
-from fg_nav.columns.samples import Samples
+from fg_nav.columns.samples import ColumnNames, Samples, Units, convert_arrays, convert_frame
 from fg_nav.errors import RecordingError
 from fg_nav.samples import plausibility
-from fg_nav.samples.bridging import Bridge, bridge_unread, interpolate_unread
-from fg_nav.samples.gaps import Gaps, fill_gaps, prepare_samples
+from fg_nav.samples.gaps import Bridge, Gaps, bridge_unread, fill_gaps, interpolate_unread, prepare_samples
 from fg_nav.samples.outliers import find_mag_outliers, find_outliers, note_bad, note_outliers
 from fg_nav.samples.saturation import Peaks, find_clipping_levels, rebuild_peaks
-from fg_nav.samples.stamps import MAX_BRIDGED_S, order_stamps
-from fg_nav.samples.timing import even_stamps, find_lost_share
+from fg_nav.samples.stamps import MAX_BRIDGED_S, even_stamps, find_lost_share, order_stamps
 from fg_nav.system.spilled import drop_pages, take_rows
 from fg_nav.text import format_count
 from fg_nav.truth import FootprintTruth, TrajectoryTruth, Truth
@@ -162,7 +159,7 @@ class Recording:
     def from_arrays(
         cls, t: ArrayLike, acc: ArrayLike, gyr: ArrayLike, mag: ArrayLike | None = None, units: Units = None
     ) -> Recording:
-        """Judge stamps (N,) and vectors (N, 3) as `from_raw` does a file's; `units` as of `fg_nav.columns.arrays`.
+        """Judge stamps (N,) and vectors (N, 3) as `from_raw` does a file's; `units` as of `fg_nav.columns.samples`.
 
         >>> still = np.zeros((50, 3))
         >>> Recording.from_arrays(10.0 * np.arange(50), still + [0, 0, 1], still, units="ms, g, deg/s").duration_s

@@ -3,7 +3,7 @@
 A sample at the end of the sensor's range is part of a peak that was rebuilt, with the sigma of that
 (`fg_nav.samples.saturation`), and the peak may hide a share of the range besides. A sample before a gap stands for
 motion that was not observed, with the sigma of `fg_nav.samples.gaps` times the share of the period that the gap fills,
-and one that was bad of one sensor has that of `fg_nav.samples.bridging`. All are in the units of the sample, constant
+and one that was bad of one sensor has that of `fg_nav.samples.gaps`. All are in the units of the sample, constant
 over the sample's own period h, and axis by axis: a foot clips its pitch rate, and its heading need not suffer.
 """
 

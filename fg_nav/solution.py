@@ -240,7 +240,7 @@ class Solution:
     `t` (N,) s; `position` (N, 3) m; `velocity` (N, 3) m/s; `nav_R_body` (N, 3, 3).
     `parameters` are the effective ones, ready for JSON; `notes` are remarks for the user. `moment` is what an online
     estimator estimated at each footfall when it was complete, before it knew what came after; None from all others.
-    `graph` counts its factors by kind (`smoother.count`), empty where there is none.
+    `graph` counts its factors by kind (`smoother.graph`), empty where there is none.
     `distance_sigma_m` is that of the distance travelled, the sum of the moves from stance to stance; None where the
     estimator does not tell.
     `polished` is the batch solution of the same walk, where an online estimator was asked for it.

@@ -19,14 +19,12 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.changes import Changes, change_parameters, select_changes
 from fg_nav.detection import StanceParameters, detect_stances
-from fg_nav.detection.delay import remove_gyro_delay
-from fg_nav.detection.filtered import refuse_high_pass
 from fg_nav.detection.handedness import refuse_wrong_axes
 from fg_nav.detection.mount import refuse_pocket
+from fg_nav.detection.sensor_processing import refuse_high_pass, remove_gyro_delay
 from fg_nav.errors import EstimationError, EvaluationError, MagneticError
-from fg_nav.evaluation.comparison import Comparison, compare, share_truth
+from fg_nav.evaluation.comparison import Comparison, check_truth, compare, share_truth
 from fg_nav.evaluation.metrics import Metrics, evaluate
-from fg_nav.evaluation.truth_check import check_truth
 from fg_nav.evaluation.walked import WalkErrors, measure_moment
 from fg_nav.fix_check import check_fixes
 from fg_nav.gnss import Gnss, select_fixes
@@ -44,7 +42,7 @@ if TYPE_CHECKING:
     from fg_nav.calibration.of_recording import Calibration
     from fg_nav.places import SavedPlaces
     from fg_nav.smoother import ExtraFactors
-    from fg_nav.smoother.known_places import KnownTies
+    from fg_nav.smoother.constraints import KnownTies
 
 Mount: TypeAlias = Literal["foot", "pocket"]
 """Where the sensor is worn."""
@@ -334,7 +332,7 @@ def find_stances(walk: Walk) -> Walk:
     detection = change_parameters(StanceParameters(), select_changes(walk.options.changes, DETECTOR))
     stances = detect_stances(walk.recording, detection)
     if "accelerometer" not in walk.applied:
-        from fg_nav.calibration.accelerometer import average_out_error
+        from fg_nav.calibration.inertial import average_out_error
 
         corrected = average_out_error(walk.recording, stances)
         if corrected is not walk.recording:  # gravity decides what is a stance
@@ -379,7 +377,7 @@ def measure_walk_field(
     MagneticError
         Without a magnetometer that measures a field.
     """
-    from fg_nav.calibration.walk_field import average_corrected_field, find_own_iron
+    from fg_nav.calibration.walk import average_corrected_field, find_own_iron
 
     calibration, notes = None if given is None else given.magnetometer, tuple[str, ...]()
     if calibration is None:

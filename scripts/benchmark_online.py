@@ -25,7 +25,7 @@ from fg_nav.arrays import Floats
 from fg_nav.detection import detect_stances
 from fg_nav.errors import SimulationError
 from fg_nav.online import OnlineNavigator
-from fg_nav.online.beside import WorkerSolver
+from fg_nav.online.background import WorkerSolver
 from fg_nav.online.estimates import StanceEstimate
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.solving import Task
@@ -94,7 +94,7 @@ class PacedSolver(WorkerSolver):
     def __init__(self, navigator: OnlineNavigator) -> None:
         super().__init__(navigator.options, navigator.detection.stance, navigator.buffer)
         self.idle_s, self._begun = 0.0, (0.0, 0.0)
-        navigator._solver = navigator._smoother.takeover.solver = self
+        navigator._solver = navigator.smoother.schedule.solver = self
 
     def begin(self, task: Task) -> None:
         """As it does, and note when."""

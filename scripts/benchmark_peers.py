@@ -41,10 +41,10 @@ from fg_nav.detection import detect_stances
 from fg_nav.ekf import run_iez
 from fg_nav.errors import FgNavError
 from fg_nav.evaluation.comparison import align, interpolate_truth
+from fg_nav.lab.follow_pocket import follow_pocket
 from fg_nav.lab.simulation import simulate
 from fg_nav.pipeline import prepare_walk, run_method
 from fg_nav.pocket.iterated_smoother import smooth_pocket
-from fg_nav.pocket.online import follow_pocket
 from fg_nav.pocket.parameters import PocketSmootherParameters
 from fg_nav.recording import Recording
 from fg_nav.smoother import smooth

@@ -31,7 +31,7 @@ from walks import Walk
 from fg_nav.arrays import Floats
 from fg_nav.evaluation import Metrics
 from fg_nav.evaluation.comparison import align, fit_scale, interpolate_truth, lift_to_space
-from fg_nav.evaluation.metrics import Consistency
+from fg_nav.lab.consistency import Consistency
 from fg_nav.report.terminal import console
 from fg_nav.solution import Solution
 from fg_nav.truth import FootprintTruth, TrajectoryTruth

@@ -46,9 +46,9 @@ from fg_nav.arrays import Bools, Floats
 from fg_nav.errors import FormatError, OutputError
 from fg_nav.io import read
 from fg_nav.io.content import load_mat, mat_array, read_content
+from fg_nav.lab.follow_pocket import follow_pocket
 from fg_nav.pocket.filter import estimate_pocket
 from fg_nav.pocket.iterated_smoother import smooth_pocket
-from fg_nav.pocket.online import follow_pocket
 from fg_nav.pocket.parameters import PocketParameters, PocketSmootherParameters
 from fg_nav.pocket.track import PocketTrack
 from fg_nav.recording import Recording

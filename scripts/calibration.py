@@ -49,12 +49,11 @@ from numpy.linalg import inv
 from scipy.linalg import polar
 
 from fg_nav.arrays import Floats
-from fg_nav.calibration.allan import NoiseFit
-from fg_nav.calibration.at_rest import SensorNoise, measure_recording_noise
+from fg_nav.calibration.allan import NoiseFit, SensorNoise, measure_recording_noise
 from fg_nav.calibration.ellipsoid import fit_ellipsoid, symmetric
 from fg_nav.calibration.magnetometer import UPPER, circular_sd_deg
-from fg_nav.calibration.stride_readings import StrideReadings, read_strides
 from fg_nav.calibration.walk import WalkCalibrationParameters, calibrate_on_walk
+from fg_nav.calibration.walk_model import StrideReadings, read_strides
 from fg_nav.detection import detect_stances
 from fg_nav.errors import CalibrationError
 from fg_nav.frames import wrap_angle

@@ -17,7 +17,7 @@ and keeps its sign. A method that fails on a walk is infinitely wrong there. `as
 align a path with the truth, see `fg_nav.evaluation.walked`; the papers, whose figures stand below ours, do not say
 which is theirs. Real walks are aligned by the best yaw (gdin), or end where they began (openshoe).
 
-Are the claims true? `fg_nav.evaluation.metrics` has the errors over their claim, their parts and the bands.
+Are the claims true? `fg_nav.lab.consistency` has the errors over their claim, their parts and the bands.
 `end`: share of the walks whose NEES at the last footfall lies within the two-sided 95 % band; `mean`: the same of the
 mean over four footfalls; `above`: share above the band. `error / sigma`: rms over walks and footfalls.
 """
@@ -41,11 +41,11 @@ from walks import REAL_WALKS
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import SimulationError
-from fg_nav.evaluation.metrics import PARTS, estimate_freedom_of_mean, nees_band, share_in_band
 from fg_nav.evaluation.walked import AS_STARTED, BEST_YAW, CLOSURE, error_reduction_percent
 from fg_nav.lab.campaign.execute import recorded_keys, settings_of, simulated_keys, store_task, tasks_of
 from fg_nav.lab.campaign.methods import method_of
 from fg_nav.lab.campaign.walks import LOOP, MAGNETOMETERS, MIXTURES, WALK, Recorded
+from fg_nav.lab.consistency import PARTS, estimate_freedom_of_mean, nees_band, share_in_band
 from fg_nav.lab.reproduce.walks import at_landmarks, mean, used_percent, walk_error
 from fg_nav.lab.simulation import scenario
 from fg_nav.lab.simulation.scenarios import FIELDS

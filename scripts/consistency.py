@@ -43,8 +43,8 @@ from magnetic_walks import COURSES, Case
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import FgNavError
-from fg_nav.evaluation.metrics import share_in_band, whiten_errors
 from fg_nav.evaluation.walked import AS_STARTED, compare_at_footfalls
+from fg_nav.lab.consistency import share_in_band, whiten_errors
 from fg_nav.lab.simulation import SimulatedWalk
 from fg_nav.lab.store.code import code_sum
 from fg_nav.smoother import smooth

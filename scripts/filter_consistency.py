@@ -41,10 +41,17 @@ from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.detection import Rest
 from fg_nav.detection.rest import Start
 from fg_nav.ekf.aiez import AiezParameters
-from fg_nav.ekf.attitude_updates import COMPASS, TILT, PseudoMeasurements, make_pseudo_measurements
-from fg_nav.ekf.core import GAUGE_SIGMA, filter_walk, make_initial_state, make_noise_models
+from fg_nav.ekf.core import (
+    ACC_BIAS_SIGMA,
+    GAUGE_SIGMA,
+    VELOCITY_SIGMA,
+    IezParameters,
+    filter_walk,
+    make_initial_state,
+    make_noise_models,
+)
 from fg_nav.ekf.covariance import ATTITUDE, compute_densities
-from fg_nav.ekf.parameters import ACC_BIAS_SIGMA, VELOCITY_SIGMA, IezParameters
+from fg_nav.ekf.measurements import COMPASS, TILT, PseudoMeasurements, make_pseudo_measurements
 from fg_nav.ekf.presets import MatchedParameters, Parameters, find_parameters
 from fg_nav.ekf.rts import Track
 from fg_nav.frames import compute_heading, yaw_rotation

@@ -41,9 +41,9 @@ from fuzz_mutations import Rng, draw
 
 from fg_nav import cli
 from fg_nav.arrays import Floats
-from fg_nav.online import request
+from fg_nav.online import follow
 from fg_nav.online.checkpoint import VERSION
-from fg_nav.online.record_log import read_records, write_records
+from fg_nav.online.packing import read_records, write_records
 from fg_nav.recording import RawRecording
 from fg_nav.verdict import UNUSABLE
 
@@ -476,9 +476,9 @@ def prepare_process() -> None:
     with suppress(ValueError):
         resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, resource.RLIM_INFINITY))
     typer.main.get_command = cache(typer.main.get_command)
-    whole = request.StreamOptions
+    whole = follow.StreamOptions
     # The answers of a walk that is solved again in this process are the same, and it needs no second to start.
-    request.StreamOptions = lambda **given: whole(**{**given, "beside": False})  # type: ignore[assignment,misc]
+    follow.StreamOptions = lambda **given: whole(**{**given, "beside": False})  # type: ignore[assignment,misc]
 
 
 def run_case(case: Case, store: Store, keep: Path | None = None) -> Fate:

@@ -7,7 +7,7 @@ makes the errors most likely, the footfalls taken as independent of each other:
     e_k = (p_k - p_0) - R_z(psi) (q_k - q_0),      psi = argmin sum_k e_k^T W_k e_k,    W_k = cov(p_k - p_0)^-1, level.
 
 A fit is a linear combination of the errors it is made of, so is what it leaves, and the covariance of that is exact by
-the joint covariance of the footfalls (`fg_nav.smoother.combinations`): the degree of freedom that a fit takes counts
+the joint covariance of the footfalls (`fg_nav.smoother.sensitivity`): the degree of freedom that a fit takes counts
 where it takes it. With d_k the error of p_k, h_k = de_k / dpsi and s the sigma of each true position,
 
     e_k = d_k - d_0 + h_k psi',    psi' = sum_l w_l^T (d_l - d_0),    w_l = -W_l h_l / sum_j h_j^T W_j h_j.
@@ -36,7 +36,7 @@ from scipy.stats import chi2
 from fg_nav.arrays import Floats, Ints
 from fg_nav.evaluation.comparison import align, yaw_between
 from fg_nav.frames import wrap_angle, yaw_rotation
-from fg_nav.smoother.combinations import FootfallCovariance, weigh_path
+from fg_nav.smoother.sensitivity import FootfallCovariance, weigh_path
 from fg_nav.solution import StanceTable
 
 FREEDOM = {"horizontal": 2, "along": 1, "across": 1, "height": 1, "heading": 1, "length": 1}

@@ -32,7 +32,7 @@ from online_limits import read_peak_mb
 from walks import RepeatedWalk, simulate_long_walk
 
 from fg_nav.columns.mapping import CANONICAL
-from fg_nav.io.readers.canonical import format_rows
+from fg_nav.io.writing import format_rows
 
 MINUTES = 60.0  # Of the walk that is repeated.
 

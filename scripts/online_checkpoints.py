@@ -54,7 +54,7 @@ from fg_nav.online.buffer import rows_of
 from fg_nav.online.checkpoint import VERSION
 from fg_nav.online.follow import StreamOptions, follow_source
 from fg_nav.online.options import OnlineOptions
-from fg_nav.online.record_log import read_records, write_records
+from fg_nav.online.packing import read_records, write_records
 
 MAX_S = 60
 MAX_MB = 4096

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.feet.sides import SIDES, Side
+from fg_nav.feet import SIDES, Side
 from fg_nav.lab.simulation import SimulatedFeet, simulate_feet
 from fg_nav.online.buffer import rows_of
 from fg_nav.online.feet import FeetNavigator

@@ -45,7 +45,7 @@ from online_kills import compare_lines, read_lines
 from walks import RepeatedWalk, simulate_long_walk
 
 from fg_nav.columns.mapping import CANONICAL
-from fg_nav.io.readers.canonical import format_rows
+from fg_nav.io.writing import format_rows
 from fg_nav.online import load
 
 HOUR_S, MINUTE_S = 3600.0, 60.0

@@ -32,7 +32,7 @@ from harness import Figure, option
 from fg_nav.arrays import Floats
 from fg_nav.columns.mapping import CANONICAL
 from fg_nav.io import read_raw
-from fg_nav.io.readers.canonical import format_rows
+from fg_nav.io.writing import format_rows
 from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.online.buffer import rows_of
 from fg_nav.online.rows import RowReader

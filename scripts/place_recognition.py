@@ -47,8 +47,7 @@ from fg_nav.lab.campaign.walks import LOOP, RAW, Recorded, Simulated
 from fg_nav.lab.simulation.fields import Field, draw_environment, find_earth_field
 from fg_nav.places import Signature, Stretch, alignment, recognize, select_consistent, trace_signature
 from fg_nav.places.recognition import ALONG_SIGMA_M, LATERAL_SIGMA_M
-from fg_nav.places.signature import SPACING_M
-from fg_nav.places.whitening import clip_deviation, remove_common_field
+from fg_nav.places.signature import SPACING_M, clip_deviation, remove_common_field
 from fg_nav.smoother import smooth
 from fg_nav.truth import TrajectoryTruth
 

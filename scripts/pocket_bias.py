@@ -14,7 +14,7 @@ past-cars the walk of `pocket-past-cars`: two cars and two lamps, as in the pape
 ========= ==========================================================================================================
 
 ============== =====================================================================================================
-online         `fg_nav.pocket.follow_pocket`: each estimate is made of what was there until then
+online         `fg_nav.lab.follow_pocket`: each estimate is made of what was there until then
 batch          `fg_nav.pocket.smooth_pocket`: of all of the walk
 paper          `fg_nav.pocket.estimate_pocket`, given the noise of the magnetometer
 quarter        the same with fields a quarter of a second apart
@@ -42,6 +42,7 @@ import numpy as np
 from harness import FIRST_SEED, Figure, option, spread
 
 from fg_nav.arrays import Floats
+from fg_nav.lab.follow_pocket import follow_pocket
 from fg_nav.lab.reproduce.munoz_diaz2017.walks import FIELDS_UT, replace_field
 from fg_nav.lab.simulation import Choices, SimulatedWalk, simulate
 from fg_nav.lab.simulation.fields import Field, Homogeneous, street
@@ -51,7 +52,6 @@ from fg_nav.pocket import (
     PocketStart,
     PocketTrack,
     estimate_pocket,
-    follow_pocket,
     smooth_pocket,
 )
 from fg_nav.pocket.parameters import GYR_DENSITY_DEG

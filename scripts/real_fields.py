@@ -47,7 +47,6 @@ from walks import GDIN, OPENSHOE, REAL_WALKS
 
 from fg_nav.arrays import Bools, Floats
 from fg_nav.calibration.magnetometer import MagnetometerCalibration, circular_sd_deg, correct_field
-from fg_nav.calibration.stride_readings import StrideReadings, read_strides
 from fg_nav.calibration.walk import (
     Spread,
     WalkCalibrationParameters,
@@ -55,6 +54,7 @@ from fg_nav.calibration.walk import (
     find_level_iron,
     measure_spread,
 )
+from fg_nav.calibration.walk_model import StrideReadings, read_strides
 from fg_nav.detection import detect_stances
 from fg_nav.ekf import run_iez
 from fg_nav.errors import CalibrationError, EstimationError, EvaluationError

@@ -53,7 +53,7 @@ from fg_nav.arrays import Floats
 from fg_nav.ekf import run_iez
 from fg_nav.errors import EstimationError, EvaluationError
 from fg_nav.evaluation import evaluate
-from fg_nav.evaluation.metrics import compute_stance_nees
+from fg_nav.lab.consistency import compute_stance_nees
 from fg_nav.recording import Recording
 from fg_nav.report.terminal import console
 from fg_nav.smoother import SmootherParameters, smooth

@@ -38,7 +38,7 @@ from fg_nav.errors import FgNavError
 from fg_nav.io import read
 from fg_nav.pipeline import navigate
 from fg_nav.recording import RawRecording, Recording
-from fg_nav.samples.bridging import Bridge
+from fg_nav.samples.gaps import Bridge
 from fg_nav.samples.outliers import FACTOR, find_outliers
 from fg_nav.walk import Options
 

@@ -3,7 +3,7 @@
     python scripts/sensor_bias.py [--data DIR] [--json FILE]
 
 Each walk is solved three times: as it comes; under a wide prior, by which it shows its own bias
-(`calibration.at_rest.read_walk_bias`); and with mean and sigma of the bias from the *other* walks of the set, as a
+(`calibration.inertial.read_walk_bias`); and with mean and sigma of the bias from the *other* walks of the set, as a
 calibration file gives them. Own stances, no magnetometer.
 """
 
@@ -20,7 +20,7 @@ from harness import Figure
 from walks import Walk
 
 from fg_nav.arrays import Floats
-from fg_nav.calibration.at_rest import ALONE, average_gyroscopes, read_walk_bias
+from fg_nav.calibration.inertial import ALONE, average_gyroscopes, read_walk_bias
 from fg_nav.estimators import choose_parameters
 from fg_nav.evaluation import evaluate
 from fg_nav.smoother import SmootherParameters, smooth

@@ -44,16 +44,17 @@ from fg_nav.arrays import Floats, interpolate_columns
 from fg_nav.detection import detect_stances
 from fg_nav.errors import EstimationError, FgNavError
 from fg_nav.evaluation.comparison import align
-from fg_nav.evaluation.metrics import compute_stance_nees
 from fg_nav.feet.clocks import align_clocks
 from fg_nav.feet.person import FeetSolution
 from fg_nav.feet.steps import Footfalls, find_steps
 from fg_nav.frames import compute_heading, wrap_angle
+from fg_nav.lab.consistency import compute_stance_nees
 from fg_nav.lab.simulation import simulate_feet
 from fg_nav.magnetic import average_footfall_field
 from fg_nav.recording import Recording
 from fg_nav.smoother import smooth
-from fg_nav.smoother.feet_batch import Foot, smooth_feet
+from fg_nav.smoother.batch import WalkInput
+from fg_nav.smoother.feet import smooth_feet
 from fg_nav.solution import Solution
 from fg_nav.truth import TrajectoryTruth
 from fg_nav.walk import Options
@@ -104,19 +105,19 @@ Case = tuple[bool, bool, str]
 """Whether with the magnetometer, whether both feet are in one graph, and the side."""
 
 
-def draw_feet(name: str, seed: int, with_mag: bool) -> dict[str, Foot]:
+def draw_feet(name: str, seed: int, with_mag: bool) -> dict[str, WalkInput]:
     """Simulate a walk with a sensor on each foot."""
     walk = simulate_feet(name, seed)
     return {side: prepare_foot(getattr(walk, side).recording, with_mag) for side in SIDES}
 
 
-def prepare_foot(recording: Recording, with_mag: bool) -> Foot:
+def prepare_foot(recording: Recording, with_mag: bool) -> WalkInput:
     """Find the stances and the field of a foot, whose true heading at the start is known."""
     truth, stances = recording.truth, detect_stances(recording)
     assert isinstance(truth, TrajectoryTruth)
     assert truth.nav_R_body is not None
     field = average_footfall_field(recording, stances) if with_mag else None
-    return Foot(recording, stances, float(compute_heading(truth.nav_R_body[0])), field)
+    return WalkInput(recording, stances, float(compute_heading(truth.nav_R_body[0])), field)
 
 
 def measure_walk(name: str, seed: int) -> dict[Case, Errors]:
@@ -255,12 +256,12 @@ REAL: Mapping[str, Callable[[Path | None], Captured]] = {
 
 def measure_real(chosen: argparse.Namespace) -> list[Figure]:
     """The motion-captured feet alone and together."""
-    from fg_nav.ekf.iez import run_iez
+    from fg_nav.ekf.core import run_iez
 
     rows, figures = [], []
     for name, read in REAL.items():
         captured = read(chosen.data)
-        feet = {side: Foot(one, detect_stances(one)) for side, (one, _) in captured.items()}
+        feet = {side: WalkInput(one, detect_stances(one)) for side, (one, _) in captured.items()}
         both = smooth_feet(feet["right"], feet["left"])
         apart = measure_apart(both, feet)
         for side, foot in feet.items():
@@ -336,7 +337,7 @@ def format_error(error: float) -> str:
     return f"{error:.3f}" if np.isfinite(error) else "-"
 
 
-def measure_apart(both: FeetSolution, feet: Mapping[str, Foot]) -> float:
+def measure_apart(both: FeetSolution, feet: Mapping[str, WalkInput]) -> float:
     """Return the largest distance of both feet while both stand, m."""
     t = feet["left"].recording.t
     stands = feet["left"].stances.mask & (np.interp(t, feet["right"].recording.t, feet["right"].stances.mask) == 1.0)
@@ -465,7 +466,7 @@ def measure_cost(chosen: argparse.Namespace) -> list[Figure]:
 
 
 def measure_least(
-    alone: Callable[[Foot], object], both: Callable[[Foot, Foot], object], feet: Mapping[str, Foot]
+    alone: Callable[[WalkInput], object], both: Callable[[WalkInput, WalkInput], object], feet: Mapping[str, WalkInput]
 ) -> tuple[float, float]:
     """Least times, s, of one foot alone, in the mean of both, and of both together, repeated in turn."""
     calls = [*(partial(alone, foot) for foot in feet.values()), partial(both, feet["right"], feet["left"])]
@@ -473,18 +474,18 @@ def measure_least(
     return 0.5 * float(least[0] + least[1]), float(least[2])
 
 
-def run_alone(with_mag: bool, foot: Foot) -> object:
+def run_alone(with_mag: bool, foot: WalkInput) -> object:
     """Navigate a recording of one foot up to the verdict."""
     return navigate(replace(foot.recording, truth=None), options=Options(use_magnetometer=with_mag)).verdict
 
 
-def run_both(with_mag: bool, right: Foot, left: Foot) -> object:
+def run_both(with_mag: bool, right: WalkInput, left: WalkInput) -> object:
     """Navigate the recordings of both feet up to the verdict."""
     recordings = (replace(one.recording, truth=None) for one in (left, right))
     return navigate_feet(*recordings, options=Options(use_magnetometer=with_mag), sides="left,right").verdict
 
 
-def smooth_alone(foot: Foot) -> Solution:
+def smooth_alone(foot: WalkInput) -> Solution:
     """Smooth one foot."""
     return smooth(foot.recording, foot.stances, heading=foot.heading, field=foot.field)
 

@@ -25,7 +25,7 @@ from fg_nav.errors import OutputError
 from fg_nav.lab.simulation import simulate
 from fg_nav.online.follow import StreamOptions, follow_source
 from fg_nav.online.options import OnlineOptions
-from fg_nav.online.replay import Replay
+from fg_nav.online.sources import Replay
 from fg_nav.recording import Recording
 from fg_nav.view.loop import format_address, open_port
 from fg_nav.view.page_server import PageServer

@@ -10,7 +10,7 @@ import typer
 
 import fg_nav
 from fg_nav import recording
-from fg_nav.calibration.at_rest import AccelerometerCalibration, GyroscopeCalibration
+from fg_nav.calibration.inertial import AccelerometerCalibration, GyroscopeCalibration
 from fg_nav.calibration.magnetometer import MagnetometerCalibration
 from fg_nav.calibration.of_recording import METHODS, Calibration
 from fg_nav.cli import app, options

@@ -97,7 +97,7 @@ def test_gtsam_and_matplotlib_each_have_their_place():
 
 
 RUNS_CODE = {"pickle", "marshal", "shelve", "dill", "cloudpickle", "joblib", "code", "runpy"}
-OWN_CHILDREN = {ROOT / "fg_nav" / "online" / name for name in ("beside.py", "worker.py")}
+OWN_CHILDREN = {ROOT / "fg_nav" / "online" / name for name in ("background.py", "worker.py")}
 
 
 def test_what_could_run_code_of_a_file_is_not_there():
@@ -246,3 +246,113 @@ def test_no_recording_is_in_the_project():
     for path in our_files():
         assert path.suffix != ".mat", path.name
         assert path.stat().st_size < 2**20, path.name
+
+
+# --- the budget: `docs/architecture.md` ------------------------------------------------------------------------------
+
+SLACK = 0.03  # By which a count may lie under the budget before the budget is to be lowered.
+
+
+def read_budget(title):
+    """Rows of the table in docs/architecture.md whose first column is `title`, as numbers by their first cell."""
+    text = (ROOT / "docs" / "architecture.md").read_text()
+    table = text.partition(f"| {title} |")[2].split("\n\n")[0].splitlines()[2:]
+    cells = [[cell.strip() for cell in row.strip("| ").split("|")] for row in table]
+    return {name.strip("`"): [int(number) for number in numbers] for name, *numbers in cells}
+
+
+def count_package(folder):
+    """Lines, modules and functions of a package; of `fg_nav` itself those of its own files."""
+    paths = sorted(folder.glob("*.py") if folder.name == "fg_nav" else folder.rglob("*.py"))
+    texts = [path.read_text() for path in paths]
+    kinds = (ast.FunctionDef, ast.AsyncFunctionDef)
+    functions = sum(isinstance(node, kinds) for text in texts for node in ast.walk(ast.parse(text)))
+    return [sum(text.count("\n") for text in texts), len(paths), functions]
+
+
+def is_within(counts, budget):
+    """Whether no count is over its budget, nor so far under it that the budget says nothing."""
+    return all(b * (1 - SLACK) - 2 <= c <= b for c, b in zip(counts, budget, strict=True))
+
+
+def test_no_package_is_over_its_budget():
+    """A number in the table falls, or rises by a commit that says why."""
+    packages = [ROOT / "factors", ROOT / "fg_nav", *(ROOT / "fg_nav").iterdir()]
+    counts = {
+        str(p.relative_to(ROOT)): count_package(p) for p in packages if not p.is_symlink() and any(p.glob("*.py"))
+    }
+    budget = read_budget("package")
+    assert budget.keys() == counts.keys()
+    over = {name: (counts[name], budget[name]) for name in budget if not is_within(counts[name], budget[name])}
+    assert not over, "counted, budget"
+
+
+FILES_PASSED = """
+import sys, threading
+from pathlib import Path
+root, seen = str(Path(sys.argv[1])), set()
+def note(frame, event, _):
+    code = frame.f_code
+    is_function = code.co_flags & 1 and not code.co_name.startswith("<")  # no class body, nor part of a module
+    if event == "call" and is_function and code.co_filename.startswith(root):
+        seen.add(code.co_filename)
+def start():
+    threading.setprofile(note)
+    sys.setprofile(note)
+def stop():
+    sys.setprofile(None)
+    print(len(seen))
+"""
+
+
+def count_files(code, *arguments):
+    """Files of the library of which `code` runs a function between start() and stop(), in a process of its own."""
+    command = [sys.executable, "-c", FILES_PASSED + code, str(ROOT / "fg_nav"), *map(str, arguments)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+    return int(done.stdout.splitlines()[-1])
+
+
+RUN = """
+from fg_nav import cli
+sys.argv = ["fg-nav", "run", sys.argv[2], "--out", sys.argv[3], "--quiet"]
+start()
+try:
+    cli.main()
+except SystemExit as left:
+    assert not left.code
+stop()
+"""
+
+FOOTFALL = """
+from fg_nav import read
+from fg_nav.online import OnlineNavigator
+walk, at = read(sys.argv[2]), 0
+def push_until(footfalls):
+    global at
+    while len(navigator.footfalls) < footfalls:
+        part = slice(at, at + 10)
+        navigator.push(walk.t[part], walk.acc[part], walk.gyr[part], walk.mag[part])
+        at += 10
+navigator = OnlineNavigator(beside=True)
+push_until(8)
+start()
+push_until(9)
+stop()
+navigator.close()
+"""
+
+
+def test_the_way_through_the_files_is_within_its_budget(tmp_path):
+    """How many files a reader has to open who follows a recording through `run`, or one footfall online."""
+    from fg_nav.io import write_canonical
+    from fg_nav.lab.simulation import simulate
+
+    file = tmp_path / "walk.csv"
+    write_canonical(simulate("demo", 1).recording.slice(0, 4000), file)
+    counts = {
+        "fg-nav run": [count_files(RUN, file, tmp_path / "out")],
+        "one footfall online": [count_files(FOOTFALL, file)],
+    }
+    budget = read_budget("way")
+    assert budget.keys() == counts.keys()
+    assert {name: counts[name] for name in budget if not is_within(counts[name], budget[name])} == {}

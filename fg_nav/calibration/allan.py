@@ -12,14 +12,14 @@ B       u            flicker: spectral density B^2 / (2 pi |f|). The curve's flo
 K       u/sqrt(s)    random walk: after t seconds its standard deviation is K sqrt(t)
 ======= ============ ==========================================================================================
 
-Densities are over positive and negative frequencies (IEEE Std 952-1997, annex C): a sheet that counts the positive ones
-only prints sqrt(2) N. What sheets call bias instability is mostly the lowest point of the curve; it stands next to B.
+Densities are two-sided (IEEE Std 952-1997, annex C): a sheet with one-sided ones prints sqrt(2) N. Bias instability on
+sheets is mostly the lowest point of the curve; it stands next to B.
 
 The deviation is the overlapping one (Riley, NIST SP 1065, 2008, Eq. 11). The fit is least squares on AVAR, no part
-below zero, each averaging time weighted by its variance under the fitted model, and no better than `MODEL_SHARE`: no
-sensor keeps to the three laws. A part less than `MIN_SIGMAS` above zero is not seen; the fit is then made without it,
-and `limit` says how much of it could be hidden. Filters and held values bend the short end of a curve, a
-magnetometer's above all: the fit begins where the laws hold.
+below zero, each averaging time weighted by its variance under the fitted model, and no better than `MODEL_SHARE`, the
+model error of the three laws. A part less than `MIN_SIGMAS` above zero is not significant; the fit is repeated without
+it, and `limit` bounds it. Filters and held values bend the short end of a curve, a magnetometer's above all: the fit
+begins where the laws hold.
 
 Covariance of AVAR at several averaging times, exactly. With theta the integral of the reading y, in samples, and
 
@@ -34,6 +34,12 @@ where R_mm'(u) is the covariance of z_m(i) and z_m'(i + u), count(u) how many pa
 covariance of theta: -N^2 |t| / 2 of white noise, B^2 t^2 ln|t| / (2 pi) of flicker, K^2 |t|^3 / 12 of a random walk. R
 is a sum over the three, so the covariance is a quadratic form in (N^2, B^2, K^2) with nine matrices. It replaces the
 tables of equivalent degrees of freedom by noise type (Riley, section 5.4).
+
+A recording's noise is that of its longest stillness, by the sensor's own noise and not a foot's rest
+(`fg_nav.detection.rest`): a block of one second is quiet if its scatter is about that of the quietest blocks, and two
+neighbouring quiet blocks belong together if their means agree within noise. Any motion, even a step on the floor
+nearby, ends the stretch. A magnetometer with a rate of its own is evaluated at its own rows; lost samples are
+interpolated.
 """
 
 from __future__ import annotations
@@ -48,42 +54,32 @@ from scipy.stats import chi2
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import CalibrationError
+from fg_nav.recording import Recording
+from fg_nav.stances import find_runs
 
 FLOOR = float(np.sqrt(2 * np.log(2) / np.pi))  # Deviation of flicker with B = 1.
 ONE_SIDED_95 = 1.645  # Sigmas that a normal error exceeds in one of twenty.
-MIN_READINGS = 40  # Fewer make no curve of a decade.
-
-
-PER_DECADE = 8
-"""Averaging times in a decade: their values are as good as independent from some 4 on, and a curve wants more."""
-
-MAX_SHARE = 0.25  # Of the record: the longest averaging time, which is then seen four times.
-
-MODEL_SHARE = 0.03
-"""Of AVAR: how closely a sensor follows the three laws (assumed; filters and quantization bend the short end)."""
-
-MIN_SIGMAS = 2.0  # A part is seen if it is this far above zero.
-
-MAX_MISFIT = 2.0
-"""A curve that fits worse is bent, by a filter, held values or the mains: its short end is then left out."""
-
-START_COUNT = 4
-"""Averaging times at which the fit begins, half a decade, judged on their own: there a filter's end shows."""
-
-START_SHARE = 0.015
-"""Of AVAR: how far these may be off, rms, besides twice their statistical sigma; half of `MODEL_SHARE`."""
-
-MIN_TIMES = 8  # Averaging times that a fit is made of at least, a decade.
+MIN_READINGS = 40  # Of a curve of a decade.
+PER_DECADE = 8  # Averaging times: from some 4 on their values are nearly independent.
+MAX_SHARE = 0.25  # Of the record, the longest averaging time.
+MODEL_SHARE = 0.03  # Of AVAR: model error of the three laws (assumed; filters and quantization bend the short end).
+MIN_SIGMAS = 2.0  # Of a significant part above zero.
+MAX_MISFIT = 2.0  # Above it the curve is bent, by a filter, held values or the mains: its short end is left out.
+START_COUNT = 4  # Averaging times at which the fit begins, judged on their own: a filter bends them.
+START_SHARE = 0.015  # Of AVAR: their rms misfit besides twice their statistical sigma; half of `MODEL_SHARE`.
+MIN_TIMES = 8  # Averaging times of a fit, a decade.
 CONFIDENCE = 0.68  # Of the band about the deviation.
+MIN_VARIANCE = 1e-12  # Of the largest variance: coarse steps can hide all noise at one averaging time.
+ROUNDS = 12  # Of the weights by the model, which converge to a thousandth after six.
+EVERY_LAG, GROWTH = 24, 1.08  # Every lag so near to where the differences meet, then geometric: 4e-4 off the sum.
 
-MIN_VARIANCE = 1e-12
-"""Of the largest variance: coarse steps of a reading can hide all of its noise at one averaging time."""
-
-ROUNDS = 12  # The weights follow the model: after half as many it stays to a thousandth.
-
-EVERY_LAG, GROWTH = 24, 1.08
-"""Covariance: every lag is summed within so many samples of an instant at which the two differences meet; beyond, each
-lag is so many times as far from it as the one before: 4e-4 off the whole sum."""
+BLOCK_S = 1.0  # Of stillness: averages noise, resolves a touch.
+QUIETEST_PERCENT = 10.0  # Blocks whose scatter is the sensor's noise.
+MAX_SCATTER = 1.5  # Of a quiet block over the noise; that of a hundred samples is off by 7 per cent.
+MAX_GYR_DEG_S, MAX_ACC_M_S2 = 2.0, 0.5  # Largest scatter of a resting sensor: no part is noisier, feet are.
+GYR_STEP_DEG_S, ACC_STEP_M_S2 = 0.2, 0.03  # Change of the means between blocks besides noise: a touch; 0.2 deg of tilt.
+STEP_SIGMAS = 6.0  # Noise of a block's mean on top, for an hour of blocks.
+MIN_S = 30.0  # Thirty averages of a second show N to some per cent.
 
 
 @dataclass(frozen=True)
@@ -107,7 +103,7 @@ class AllanCurve:
 
 @dataclass(frozen=True)
 class NoisePart:
-    """N, B or K: `value` and its `sigma` where it is `seen`, else zero; `limit` is not exceeded with 95 per cent."""
+    """N, B or K: `value` and its `sigma` where significant (`seen`), else zero; `limit` is the 95 % upper bound."""
 
     value: float
     sigma: float
@@ -117,13 +113,13 @@ class NoisePart:
 
 @dataclass(frozen=True)
 class NoiseFit:
-    """What a curve shows.
+    """White noise, flicker and random walk of a curve.
 
     Attributes
     ----------
     white, flicker, walk : N, B and K in the units above.
     low, high : (F,) band about the measured deviation, of `CONFIDENCE`.
-    lowest, lowest_tau_s : the curve's lowest point, which sheets call bias instability.
+    lowest, lowest_tau_s : the curve's lowest point, the bias instability of sheets.
     fitted_from_s : averaging time at which the fit begins.
     misfit : mean square of the residuals in their sigmas, 1 or less where the three laws hold.
     """
@@ -172,76 +168,65 @@ def compute_allan_curve(readings: Floats, period_s: float, factors: Ints | None 
 def fit_noise(curve: AllanCurve) -> NoiseFit:
     """Find N, B and K of a curve, from the shortest averaging time on from which the three laws fit it."""
     observed = curve.deviation**2
-    if not observed.any():
-        return _fit_silence(curve)
+    if not observed.any():  # a reading that never changes
+        nothing, none, first_s = NoisePart(0.0, 0.0, 0.0, False), curve.deviation, float(curve.tau_s[0])
+        return NoiseFit(nothing, nothing, nothing, none, none, 0.0, first_s, first_s, misfit=0.0)
     scale, m = float(observed.max()), curve.factors.astype(np.float64)
     laws = np.column_stack([1 / m, np.full(len(m), FLOOR**2), m / 3])  # for a sampling period of 1
     products = compute_covariance_products(curve.count, tuple(int(f) for f in curve.factors))
     whole = _Laws(observed / scale, laws, products)
-    first, all_three = _fit_from_start(whole)
-    found = _drop_unseen(whole.beginning(first), all_three)
-    limit = all_three.value + ONE_SIDED_95 * all_three.sigma
+    # the first averaging time from which the laws fit, or the best where none does
+    tried: list[_Squares] = []
+    for first in range(max(1, len(observed) - MIN_TIMES)):
+        tried.append(_fit_squares(whole.beginning(first), (0, 1, 2)))
+        if tried[-1].misfit < MAX_MISFIT and tried[-1].starts_straight:
+            break
+    else:
+        first = int(np.argmin([one.misfit for one in tried]))
+    found = all_three = tried[first]
+    # without the parts that are not significant, the least first
+    while len(chosen := list(found.parts)) > 1:
+        significance = found.value[chosen] / np.maximum(found.sigma[chosen], 1e-300)
+        if significance.min() >= MIN_SIGMAS:
+            break
+        least = chosen[int(np.argmin(significance))]
+        found = _fit_squares(whole.beginning(first), tuple(part for part in chosen if part != least))
+    # N, B and K from their squares; the bound of an insignificant one from the fit of all three
+    bound = all_three.value + ONE_SIDED_95 * all_three.sigma
     to_si = scale * np.array([curve.period_s, 1.0, 1.0 / curve.period_s])
-    white, flicker, walk = (_part(found, k, float(limit[k]), float(to_si[k])) for k in range(3))
-    low, high = _band(curve.deviation, found.value, whole)
+    parts = []
+    for k in range(3):
+        square, sigma = float(found.value[k] * to_si[k]), float(found.sigma[k] * to_si[k])
+        if k in found.parts and square > 0.0:
+            value, limit = float(np.sqrt(square)), float(np.sqrt(square + ONE_SIDED_95 * sigma))
+            parts.append(NoisePart(value, sigma / (2 * value), limit, True))
+        else:
+            parts.append(NoisePart(0.0, 0.0, float(np.sqrt(max(bound[k] * to_si[k], 0.0))), False))
+    # AVAR is about chi-square with the degrees of freedom of its variance
+    freedom = 2 * (laws @ found.value) ** 2 / np.diag(whole.covariance(found.value))
+    high, low = (chi2.ppf(p, freedom) for p in ((1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2))
+    low, high = curve.deviation * np.sqrt(freedom / low), curve.deviation * np.sqrt(freedom / high)
     k = int(np.argmin(curve.deviation))
-    return NoiseFit(
-        white, flicker, walk, low, high, float(curve.deviation[k]), float(curve.tau_s[k]),
-        float(curve.tau_s[first]), found.misfit,
-    )  # fmt: skip
+    lowest, lowest_s, from_s = float(curve.deviation[k]), float(curve.tau_s[k]), float(curve.tau_s[first])
+    white, flicker, walk = parts
+    return NoiseFit(white, flicker, walk, low, high, lowest, lowest_s, from_s, found.misfit)
 
 
 @dataclass(frozen=True)
 class _Laws:
-    """Variances (F,) at their averaging times, the three laws there (F, 3), and what their covariance is made of."""
+    """Variances (F,) at their averaging times, the three laws there (F, 3), and the products of their covariance."""
 
     observed: Floats
     laws: Floats
     products: Floats
 
     def beginning(self, first: int) -> _Laws:
-        """The same without the first so many averaging times."""
+        """The same without the first averaging times."""
         return _Laws(self.observed[first:], self.laws[first:], self.products[:, :, first:, first:])
 
     def covariance(self, value: Floats) -> Floats:
         """Covariance (F, F) of the variances under N^2, B^2, K^2."""
         return np.asarray(np.einsum("k,l,klij->ij", value, value, self.products))
-
-
-def _fit_from_start(whole: _Laws) -> tuple[int, _Squares]:
-    """Where the fit begins and what it is there: the first place that fits, or the best where none does."""
-    tried = []
-    for first in range(max(1, len(whole.observed) - MIN_TIMES)):
-        found = _Squares.fit(whole.beginning(first), (0, 1, 2))
-        if found.misfit < MAX_MISFIT and found.starts_straight:
-            return first, found
-        tried.append(found)
-    first = int(np.argmin([found.misfit for found in tried]))
-    return first, tried[first]
-
-
-def _drop_unseen(whole: _Laws, found: _Squares) -> _Squares:
-    """Fit without what is not seen, the least of it first."""
-    while len(found.parts) > 1 and found.significance.min() < MIN_SIGMAS:
-        least = found.parts[int(np.argmin(found.significance))]
-        found = _Squares.fit(whole, tuple(part for part in found.parts if part != least))
-    return found
-
-
-def _fit_silence(curve: AllanCurve) -> NoiseFit:
-    """What a reading shows that never changes: nothing, whatever its resolution hides."""
-    nothing = NoisePart(0.0, 0.0, 0.0, False)
-    none, first_s = curve.deviation, float(curve.tau_s[0])
-    return NoiseFit(nothing, nothing, nothing, none, none, 0.0, first_s, first_s, misfit=0.0)
-
-
-def _part(found: _Squares, k: int, limit: float, to_si: float) -> NoisePart:
-    """N, B or K from its square; `limit` of the square is for where it is not seen."""
-    square, sigma = float(found.value[k]) * to_si, float(found.sigma[k]) * to_si
-    if k not in found.parts or square <= 0.0:
-        return NoisePart(0.0, 0.0, float(np.sqrt(max(limit * to_si, 0.0))), False)
-    value = float(np.sqrt(square))
-    return NoisePart(value, sigma / (2 * value), float(np.sqrt(square + ONE_SIDED_95 * sigma)), True)
 
 
 @dataclass(frozen=True)
@@ -254,38 +239,25 @@ class _Squares:
     misfit: float
     starts_straight: bool
 
-    @property
-    def significance(self) -> Floats:
-        """Of each of `parts`, in sigmas."""
-        chosen = list(self.parts)
-        return np.asarray(self.value[chosen] / np.maximum(self.sigma[chosen], 1e-300))
 
-    @classmethod
-    def fit(cls, whole: _Laws, parts: tuple[int, ...]) -> _Squares:
-        """Least squares on these parts, weighted by what the model itself says, until it stays."""
-        chosen, value = list(parts), np.zeros(3)
-        X, observed = whole.laws[:, chosen], whole.observed
-        weight = 1 / np.maximum(observed, MIN_VARIANCE)
-        for _ in range(ROUNDS):
-            value[chosen], _ = nnls(weight[:, None] * X, weight * observed)
-            model, covariance = whole.laws @ value, whole.covariance(value)
-            weight = 1 / np.sqrt(np.diag(covariance) + (MODEL_SHARE * model) ** 2)
-        residual = weight * (observed - model)
-        misfit = float(residual @ residual / max(1, len(observed) - len(chosen)))
-        inverse = np.linalg.pinv(weight[:, None] * X) * weight
-        sigma = np.zeros(3)
-        sigma[chosen] = np.sqrt(max(1.0, misfit) * np.diag(inverse @ covariance @ inverse.T))
-        start = slice(0, START_COUNT)
-        allowed = (START_SHARE * model) ** 2 + 4 * np.diag(covariance)
-        straight = bool(((observed - model)[start] ** 2 / allowed[start]).mean() < 1.0)
-        return cls(parts, value, sigma, misfit, straight)
-
-
-def _band(deviation: Floats, value: Floats, whole: _Laws) -> tuple[Floats, Floats]:
-    """Where the true deviation lies: AVAR is about chi-square with the degrees of freedom that its variance says."""
-    freedom = 2 * (whole.laws @ value) ** 2 / np.diag(whole.covariance(value))
-    high, low = (chi2.ppf(p, freedom) for p in ((1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2))
-    return deviation * np.sqrt(freedom / low), deviation * np.sqrt(freedom / high)
+def _fit_squares(whole: _Laws, parts: tuple[int, ...]) -> _Squares:
+    """Least squares on these parts, weighted by the model's own covariance, reweighted `ROUNDS` times."""
+    chosen, value = list(parts), np.zeros(3)
+    X, observed = whole.laws[:, chosen], whole.observed
+    weight = 1 / np.maximum(observed, MIN_VARIANCE)
+    for _ in range(ROUNDS):
+        value[chosen], _ = nnls(weight[:, None] * X, weight * observed)
+        model, covariance = whole.laws @ value, whole.covariance(value)
+        weight = 1 / np.sqrt(np.diag(covariance) + (MODEL_SHARE * model) ** 2)
+    residual = weight * (observed - model)
+    misfit = float(residual @ residual / max(1, len(observed) - len(chosen)))
+    inverse = np.linalg.pinv(weight[:, None] * X) * weight
+    sigma = np.zeros(3)
+    sigma[chosen] = np.sqrt(max(1.0, misfit) * np.diag(inverse @ covariance @ inverse.T))
+    start = slice(0, START_COUNT)
+    allowed = (START_SHARE * model) ** 2 + 4 * np.diag(covariance)
+    straight = bool(((observed - model)[start] ** 2 / allowed[start]).mean() < 1.0)
+    return _Squares(parts, value, sigma, misfit, straight)
 
 
 _COEFFICIENT = np.array([1.0, -2.0, 1.0])
@@ -307,22 +279,20 @@ def compute_covariance_products(count: int, factors: tuple[int, ...]) -> Floats:
     size = len(factors)
     products = np.empty((3, 3, size, size))
     for i, j in combinations_with_replacement(range(size), 2):
-        products[:, :, i, j] = products[:, :, j, i] = _pair(count, factors[i], factors[j])
+        m, other = factors[i], factors[j]
+        terms, others = count + 1 - 2 * m, count + 1 - 2 * other
+        lag, width = _list_lags(m, other, count)
+        pairs = np.clip(np.minimum(terms, others - lag) - np.maximum(0, -lag), 0, None)
+        R = np.stack(_compute_covariances(lag, m, other))
+        whole = (R * (width * pairs)) @ R.T
+        products[:, :, i, j] = whole / (2.0 * float(m) ** 2 * float(other) ** 2 * terms * others)
+        products[:, :, j, i] = products[:, :, i, j]
     products.flags.writeable = False
     return products
 
 
-def _pair(count: int, m: int, other: int) -> Floats:
-    terms, others = count + 1 - 2 * m, count + 1 - 2 * other
-    lag, width = _lags(m, other, count)
-    pairs = np.clip(np.minimum(terms, others - lag) - np.maximum(0, -lag), 0, None)
-    R = np.stack(_covariances(lag, m, other))
-    whole = (R * (width * pairs)) @ R.T
-    return np.asarray(whole / (2.0 * float(m) ** 2 * float(other) ** 2 * terms * others))
-
-
-def _lags(m: int, other: int, count: int) -> tuple[Ints, Floats]:
-    """Lags in order, and how many lags each stands for: every one near a meeting, few in between."""
+def _list_lags(m: int, other: int, count: int) -> tuple[Ints, Floats]:
+    """Lags in order, and the number of lags that each represents: every one near a meeting, few in between."""
     steps, farthest = [], 2 * (m + other) + 4 * max(m, other)
     growing = EVERY_LAG * GROWTH ** np.arange(1 + np.ceil(np.log(farthest / EVERY_LAG + 1) / np.log(GROWTH)))
     away = np.unique(np.concatenate([np.arange(EVERY_LAG), np.round(growing)])).astype(np.int64)
@@ -338,7 +308,7 @@ def _lags(m: int, other: int, count: int) -> tuple[Ints, Floats]:
     return lag, width
 
 
-def _covariances(lag: Ints, m: int, other: int) -> tuple[Floats, Floats, Floats]:
+def _compute_covariances(lag: Ints, m: int, other: int) -> tuple[Floats, Floats, Floats]:
     """R_mm'(u) at lags u of white noise, flicker and random walk, of density 1."""
     white, flicker, walk = np.zeros(len(lag)), np.zeros(len(lag)), np.zeros(len(lag))
     for a, left in enumerate(_COEFFICIENT):
@@ -347,6 +317,90 @@ def _covariances(lag: Ints, m: int, other: int) -> tuple[Floats, Floats, Floats]
             white -= left * right * t / 2
             flicker += left * right * t**2 * np.log(np.maximum(t, 1.0)) / (2 * np.pi)
             walk += left * right * t**3 / 12
-    apart = (lag <= -2 * other) | (lag >= 2 * m)  # the two differences share no reading: what is left is rounding
+    apart = (lag <= -2 * other) | (lag >= 2 * m)  # the two differences share no reading
     white[apart] = walk[apart] = 0.0
     return white, flicker, walk
+
+
+@dataclass(frozen=True)
+class SensorNoise:
+    """Allan deviation of a sensor (`gyr`, `acc` or `mag`), one curve and fit an axis; its rate in Hz."""
+
+    sensor: str
+    rate_hz: float
+    curves: tuple[AllanCurve, ...]
+    fits: tuple[NoiseFit, ...]
+
+
+@dataclass(frozen=True)
+class RecordingNoise:
+    """Noise of the sensors of a recording, over `seconds` from `start_s` on, on the recording's clock."""
+
+    start_s: float
+    seconds: float
+    sensors: tuple[SensorNoise, ...]
+
+
+def measure_recording_noise(recording: Recording) -> RecordingNoise:
+    """Allan deviations over the longest stretch at rest.
+
+    Raises `CalibrationError` if the sensor does not lie still, or not for long enough.
+    """
+    start, stop = find_longest_stillness(recording)
+    seconds = (stop - start) * recording.period_s
+    if seconds < MIN_S * (1 - 1e-3):
+        raise CalibrationError(
+            f"the sensor lies still for {seconds:.0f} s at most, which is too short for an Allan deviation: record it "
+            f"lying untouched, for {MIN_S:.0f} s at least and for hours to see its bias instability."
+        )
+    rest = recording.slice(start, stop)
+    read = [("gyr", rest.t, rest.gyr), ("acc", rest.t, rest.acc)]
+    if rest.mag is not None:
+        fresh = ~np.isnan(rest.mag).any(axis=1)
+        if np.count_nonzero(fresh) >= MIN_READINGS:
+            read.append(("mag", rest.t[fresh], rest.mag[fresh]))
+    sensors = []
+    for name, t, readings in read:
+        even, period_s = _fill_losses(t, readings)
+        factors = choose_averaging_factors(len(even))
+        curves = tuple(compute_allan_curve(axis, period_s, factors) for axis in even.T)
+        sensors.append(SensorNoise(name, 1 / period_s, curves, tuple(fit_noise(curve) for curve in curves)))
+    return RecordingNoise(float(rest.t[0]), seconds, tuple(sensors))
+
+
+def find_longest_stillness(recording: Recording) -> tuple[int, int]:
+    """Find the samples `start <= i < stop` of the longest stretch at rest; 0 and 0 where nothing rests."""
+    block = max(2, round(BLOCK_S / recording.period_s))
+    count = len(recording) // block
+    if not count:
+        return 0, 0
+    # blocks that are quiet, and those that agree with the next
+    quiet, together = np.ones(count, dtype=np.bool_), np.ones(max(0, count - 1), dtype=np.bool_)
+    for samples, most, step in (
+        (recording.gyr, np.radians(MAX_GYR_DEG_S), np.radians(GYR_STEP_DEG_S)),
+        (recording.acc, MAX_ACC_M_S2, ACC_STEP_M_S2),
+    ):
+        blocks = samples[: count * block].reshape(count, block, 3)
+        scatter, mean = blocks.std(axis=1), blocks.mean(axis=1)
+        noise = np.percentile(scatter, QUIETEST_PERCENT, axis=0)
+        quiet &= (scatter <= np.minimum(most, MAX_SCATTER * noise + 1e-12)).all(axis=1)
+        allowed = step + STEP_SIGMAS * np.sqrt(2 / block) * noise
+        together &= (np.abs(np.diff(mean, axis=0)) < allowed).all(axis=1)
+    if not quiet.any():
+        return 0, 0
+    # the longest run of them
+    first, last = find_runs(quiet[1:] & quiet[:-1] & together)
+    if not len(first):
+        return 0, block
+    longest = int(np.argmax(last - first))
+    return int(first[longest]) * block, (int(last[longest]) + 1) * block
+
+
+def _fill_losses(t: Floats, readings: Floats) -> tuple[Floats, float]:
+    """Readings with a row for every sample, lost ones interpolated, and the sampling period."""
+    place = np.concatenate([[0], np.cumsum(np.maximum(1, np.round(np.diff(t) / np.median(np.diff(t)))))])
+    period_s = float((t[-1] - t[0]) / place[-1])
+    if place[-1] == len(t) - 1:
+        return readings, period_s
+    every = np.arange(int(place[-1]) + 1)
+    return np.column_stack([np.interp(every, place, axis) for axis in readings.T]), period_s

@@ -1,30 +1,30 @@
-"""What is wrong with a magnetometer on its shoe, and how to take it off.
+"""Hard and soft iron of a magnetometer on its shoe, and their correction.
 
     reading = S B + h   (S soft iron, h hard iron; `fg_nav.lab.simulation.sensors.magnetometer`)
     B = C (reading - h),   C = S^-1
 
-Readings alone show how long B is and never how it is turned: C is known up to a rotation, and the symmetric one stands
-for all of them. Its parameters, in the order of the covariance, are
+Readings alone determine the length of B and not its direction: C is known up to a rotation, and the symmetric one
+represents all of them. Its parameters, in the order of the covariance, are
 
     h_x h_y h_z   C_xx C_xy C_xz C_yy C_yz C_zz.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fg_nav.arrays import Bools, Floats
+from fg_nav.arrays import Floats
 from fg_nav.errors import CalibrationError
 from fg_nav.magnetic.footfall_field import FootfallField
 from fg_nav.recording import Recording
 
-UPPER = np.triu_indices(3)  # Where the six numbers of a symmetric matrix stand, row by row.
+UPPER = np.triu_indices(3)  # Of the six numbers of a symmetric matrix, row by row.
 
 FIELD_UT, LEVEL_FIELD_UT = (5.0, 500.0), (3.0, 500.0)
-"""Strengths that a field may be found to have, whole and over the ground. Earth's has 22 to 67, and over the ground
-less than 3 only within 300 km or so of its poles; above 500 there is no building, only a magnet."""
+"""Possible strengths of a field, whole and horizontal. Earth's has 22 to 67, and horizontally less than 3 only within
+some 300 km of its poles; above 500 there is no building, only a magnet."""
 
 
 def matrix_of(upper: Floats) -> Floats:
@@ -56,17 +56,17 @@ def check_strength(found_uT: float, allowed_uT: tuple[float, float] = FIELD_UT) 
 
 @dataclass(frozen=True)
 class MagnetometerCalibration:
-    """A calibration, and how well it is known.
+    """A calibration and its covariance.
 
     Attributes
     ----------
-    method : how it was found.
+    method : by name.
     hard_iron_uT : h (3,) in the body frame.
     correction : C (3, 3), symmetric.
     covariance : (9, 9) of the parameters in the order above, uT and 1; zero where a method sets one.
-    strength_uT : of the field that the corrected readings were made to have.
-    residual_uT : rms of |B| - strength, or of what else the method fits, named in its notes.
-    samples : readings that it rests on.
+    strength_uT : of the field of the corrected readings.
+    residual_uT : rms of |B| - strength, or of another residual of the method, named in its notes.
+    samples : number of readings.
     notes : remarks for the user, the coverage verdict first.
     """
 
@@ -80,8 +80,7 @@ class MagnetometerCalibration:
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        shapes = {"hard_iron_uT": (3,), "correction": (3, 3), "covariance": (9, 9)}
-        for name, shape in shapes.items():
+        for name, shape in (("hard_iron_uT", (3,)), ("correction", (3, 3)), ("covariance", (9, 9))):
             value = np.asarray(getattr(self, name), dtype=np.float64)
             if value.shape != shape or not np.isfinite(value).all():
                 raise CalibrationError(f"{name} of a magnetometer calibration must be {shape} finite numbers.")
@@ -112,13 +111,8 @@ class MagnetometerCalibration:
         return replace(recording, mag=self.correct(recording.mag))
 
 
-def select_footfalls(field: FootfallField, chosen: Bools) -> FootfallField:
-    """Those footfalls for which `chosen` (F,) holds."""
-    return FootfallField(*(getattr(field, f.name)[chosen] for f in fields(field)))
-
-
 def correct_field(field: FootfallField, calibration: MagnetometerCalibration) -> FootfallField:
-    """Return the field at the footfalls as a corrected magnetometer would have it; its scatter and slope stay."""
+    """Return the field at the footfalls with a corrected mean; scatter and slope stay."""
     return replace(field, body_field=calibration.correct(field.body_field))
 
 

@@ -1,4 +1,4 @@
-"""All calibrations that one recording allows, and the file that keeps them.
+"""All calibrations that one recording allows, and their file.
 
 Magnetometer by one of four methods, gyroscope, accelerometer at rest.
 
@@ -6,7 +6,7 @@ Magnetometer by one of four methods, gyroscope, accelerometer at rest.
 method     what it needs                     module
 ========== ================================= ======================================================================
 walk       an ordinary walk that turns       `fg_nav.calibration.walk`
-levelled   a loop in an undisturbed place    `fg_nav.calibration.ellipse_fit` (Ma 2018, robust)
+levelled   a loop in an undisturbed place    `fg_nav.calibration.ellipse` (Ma 2018, robust)
 ellipsoid  the sensor turned over, no walk   `fg_nav.calibration.ellipsoid`
 sphere     the same                          `fg_nav.calibration.ellipsoid` (Munoz Diaz 2017)
 ========== ================================= ======================================================================
@@ -14,9 +14,8 @@ sphere     the same                          `fg_nav.calibration.ellipsoid` (Mun
 If no method is given, `ellipsoid` is taken where up goes round all of the sensor's axes, else `walk`: only the user
 knows that a place is undisturbed.
 
-The file keeps what one recording showed of its sensors, for other recordings of the same sensor and shoe. It is JSON,
-laid down in `docs/formats.md`. Numbers are written so that they are read back to the last bit; a part that the
-recording did not show is null, and so is an infinite sigma. Units are those of the parts' own types.
+The file is JSON (`docs/formats.md`), for other recordings of the same sensor and shoe. Numbers are exact to the last
+bit; a part that the recording did not show is null, and so is an infinite sigma. Units are those of the parts' types.
 """
 
 from __future__ import annotations
@@ -31,21 +30,20 @@ import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Strict, ValidationError, create_model
 
 from fg_nav.arrays import Floats
-from fg_nav.calibration.at_rest import (
+from fg_nav.calibration.ellipse import calibrate_on_loop
+from fg_nav.calibration.ellipsoid import fit_ellipsoid, fit_unit_sphere, is_near
+from fg_nav.calibration.inertial import (
     AccelerometerCalibration,
     GyroscopeCalibration,
     calibrate_accelerometer,
     calibrate_gyroscope,
 )
-from fg_nav.calibration.ellipse_fit import calibrate_on_loop
-from fg_nav.calibration.ellipsoid import fit_ellipsoid, fit_unit_sphere
 from fg_nav.calibration.magnetometer import MagnetometerCalibration, circular_sd_deg, correct_field
-from fg_nav.calibration.quadric import is_near
-from fg_nav.calibration.stride_readings import read_strides
 from fg_nav.calibration.walk import calibrate_on_walk
+from fg_nav.calibration.walk_model import read_strides
 from fg_nav.detection import detect_stances
 from fg_nav.errors import CalibrationError, DetectionError, MagneticError, describe_reason
-from fg_nav.magnetic import FootfallField, average_footfall_field
+from fg_nav.magnetic import average_footfall_field
 from fg_nav.magnetic.axes import MagAxes, align_magnetometer
 from fg_nav.recording import Recording
 from fg_nav.text import find_version, read_small, to_json
@@ -53,19 +51,15 @@ from fg_nav.text import find_version, read_small, to_json
 FORMAT = "fg-nav calibration"
 VERSION = 2  # Of the file; a reader refuses what is newer.
 
-MAX_HARD_IRON_UT, MAX_GAIN = 10_000.0, 10.0
-"""Of a magnetometer: twice the range of those in phones and feet, and a gain that no maker sells."""
-
-MAX_BIAS, MAX_SCALE = 5.0, 1.5
-"""Of gyroscope (rad/s) and accelerometer (m/s^2), and of the latter's scale: a third is no error but a unit."""
+MAX_HARD_IRON_UT, MAX_GAIN = 10_000.0, 10.0  # Of a magnetometer: twice the range of phones', and a gain of no part.
+MAX_BIAS, MAX_SCALE = 5.0, 1.5  # Of gyroscope (rad/s), accelerometer (m/s^2) and its scale: a third would be a unit.
 
 Part = TypeVar("Part")
-AtRest = TypeVar("AtRest", GyroscopeCalibration | None, AccelerometerCalibration | None)
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """What a recording showed of its sensors; None for a part that it did not show.
+    """Calibrations of a recording's sensors; None for a part that it did not show.
 
     `recording` is the name of the file it came from, the first one of several.
     """
@@ -76,7 +70,7 @@ class Calibration:
     accelerometer: AccelerometerCalibration | None = None
 
     def corrects(self, with_mag: bool) -> tuple[str, ...]:
-        """Say what it corrects; `with_mag` where the magnetometer is used."""
+        """Names of the sensors that it corrects; `with_mag` where the magnetometer is used."""
         words = []
         if self.magnetometer is not None and with_mag:
             words.append(f"magnetometer ({self.magnetometer.method})")
@@ -100,20 +94,8 @@ def is_calibration(path: Path) -> bool:
 def read_calibration(path: Path) -> Calibration:
     """Read a calibration.
 
-    Raises `CalibrationError` if the file cannot be read, is no calibration, is of a newer version, or lacks what it
-    should have.
+    Raises `CalibrationError` if the file cannot be read, is no calibration, is of a newer version, or is incomplete.
     """
-    content = _read_json(path)
-    recording = content.get("recording")
-    return Calibration(
-        recording if isinstance(recording, str) else None,
-        _check_magnetometer(path, _read_part(path, content, "magnetometer", MagnetometerCalibration)),
-        _check_at_rest(path, "gyroscope", _read_part(path, content, "gyroscope", GyroscopeCalibration)),
-        _check_at_rest(path, "accelerometer", _read_part(path, content, "accelerometer", AccelerometerCalibration)),
-    )
-
-
-def _read_json(path: Path) -> Mapping[str, Any]:
     content = _parse(path)
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         raise CalibrationError(f"{path.name} is no calibration: give a file that `fg-nav calibrate` wrote.")
@@ -122,10 +104,28 @@ def _read_json(path: Path) -> Mapping[str, Any]:
             f"{path.name} is a calibration of version {content.get('version')}, and version {VERSION} is read here: "
             "calibrate again, or use a newer fg-nav."
         )
-    return content
+    recording = content.get("recording")
+    found = Calibration(
+        recording if isinstance(recording, str) else None,
+        _read_part(path, content, "magnetometer", MagnetometerCalibration),
+        _read_part(path, content, "gyroscope", GyroscopeCalibration),
+        _read_part(path, content, "accelerometer", AccelerometerCalibration),
+    )
+    possible = {
+        "magnetometer": found.magnetometer is None or _is_possible_magnetometer(found.magnetometer),
+        "gyroscope": found.gyroscope is None
+        or (_is_possible_bias(found.gyroscope.bias) and 0.0 < found.gyroscope.next_sigma <= MAX_BIAS),
+        "accelerometer": found.accelerometer is None
+        or (_is_possible_bias(found.accelerometer.bias) and 1 / MAX_SCALE <= found.accelerometer.scale <= MAX_SCALE),
+    }
+    for name, is_possible in possible.items():
+        if not is_possible:
+            raise CalibrationError(f"{path.name} has values in its part '{name}' that cannot be: calibrate again.")
+    return found
 
 
 def _parse(path: Path) -> object:
+    """Content of a JSON file."""
     try:
         return json.loads(read_small(path).decode("utf-8"))
     except FileNotFoundError:
@@ -140,11 +140,13 @@ def _parse(path: Path) -> object:
 
 
 def _read_part(path: Path, content: Mapping[str, Any], name: str, kind: type[Part]) -> Part | None:
+    """Restore a dataclass of numbers, arrays and texts from JSON; None where the part is null."""
     part = content.get(name)
     if part is None:
         return None
+    types: dict[str, Any] = {field: (_AS_JSON[hint], ...) for field, hint in get_type_hints(kind).items()}
     try:
-        return _restore(kind, part)
+        return kind(**dict(create_model(kind.__name__, **types).model_validate(part)))
     except CalibrationError as error:
         raise CalibrationError(f"{path.name}: {error}") from None
     except ValidationError as error:
@@ -154,21 +156,11 @@ def _read_part(path: Path, content: Mapping[str, Any], name: str, kind: type[Par
         raise CalibrationError(f"{path.name} is damaged in its part '{name}': calibrate again.") from None
 
 
-def _check_magnetometer(path: Path, part: MagnetometerCalibration | None) -> MagnetometerCalibration | None:
-    """Refuse what no sensor has: a hard iron beyond its range, a gain far from one, a covariance that is none."""
-    if part is not None and not (_is_of_a_sensor(part) and _is_covariance(part.covariance)):
-        raise CalibrationError(f"{path.name} has values in its part 'magnetometer' that cannot be: calibrate again.")
-    return part
-
-
-def _is_of_a_sensor(part: MagnetometerCalibration) -> bool:
-    gain = np.linalg.eigvalsh(part.correction)
-    is_near = gain.min() >= 1 / MAX_GAIN and gain.max() <= MAX_GAIN
-    return bool(is_near and np.abs(part.hard_iron_uT).max() <= MAX_HARD_IRON_UT)
-
-
-def _is_covariance(covariance: Floats) -> bool:
-    """Whether it is symmetric, and no entry is larger than its variances allow."""
+def _is_possible_magnetometer(part: MagnetometerCalibration) -> bool:
+    """Whether hard iron and gain are those of a sensor, and the covariance is one."""
+    gain, covariance = np.linalg.eigvalsh(part.correction), part.covariance
+    if gain.min() < 1 / MAX_GAIN or gain.max() > MAX_GAIN or np.abs(part.hard_iron_uT).max() > MAX_HARD_IRON_UT:
+        return False
     variance = np.diag(covariance)
     if variance.min() < 0.0 or np.abs(covariance).max() > MAX_HARD_IRON_UT**2:
         return False
@@ -176,25 +168,13 @@ def _is_covariance(covariance: Floats) -> bool:
     return bool(within.all() and np.allclose(covariance, covariance.T, rtol=1e-6, atol=1e-9))
 
 
-def _check_at_rest(path: Path, name: str, part: AtRest) -> AtRest:
-    """Refuse a bias that is no vector, and a scale that would turn a sensor round."""
-    if part is not None:
-        scale = part.scale if isinstance(part, AccelerometerCalibration) else 1.0
-        sigma = part.next_sigma if isinstance(part, GyroscopeCalibration) else 1.0
-        whole = part.bias.shape == (3,) and 0.0 < sigma <= MAX_BIAS
-        if not (whole and (np.abs(part.bias) <= MAX_BIAS).all() and 1 / MAX_SCALE <= scale <= MAX_SCALE):
-            raise CalibrationError(f"{path.name} has values in its part '{name}' that cannot be: calibrate again.")
-    return part
+def _is_possible_bias(bias: Floats) -> bool:
+    """Whether it is a vector of the size of a sensor's bias."""
+    return bias.shape == (3,) and bool((np.abs(bias) <= MAX_BIAS).all())
 
 
-def _restore(kind: type[Part], part: object) -> Part:
-    """Build a dataclass of numbers, arrays and texts from what JSON made of it; raises `ValidationError`."""
-    types: dict[str, Any] = {name: (_AS_JSON[hint], ...) for name, hint in get_type_hints(kind).items()}
-    return kind(**dict(create_model(kind.__name__, **types).model_validate(part)))
-
-
+# null is an infinite sigma
 _Number: TypeAlias = Annotated[float, Strict(), BeforeValidator(lambda value: np.inf if value is None else value)]
-"""Null is an infinite sigma."""
 
 _AS_JSON: Mapping[object, object] = {
     str: Annotated[str, Strict()],
@@ -205,28 +185,25 @@ _AS_JSON: Mapping[object, object] = {
         list[_Number] | list[list[_Number]], AfterValidator(lambda rows: np.array(rows, dtype=np.float64))
     ],
     tuple[str, ...]: tuple[Annotated[str, Strict()], ...],
-}
-"""What each type of a part is in JSON."""
+}  # JSON type of each type of a part.
 
 
 ON_FOOT = ("walk", "levelled")
 TUMBLED = ("ellipsoid", "sphere")
 METHODS = ON_FOOT + TUMBLED
 
-TUMBLED_BELOW = 0.65
-"""Length of the mean direction of up below which a sensor was turned over: 0 for an even tumbling, about 0.5 where
-somebody turned it by hand (BROAD); at feet of simulated and real walks 0.75 to 0.94."""
+TUMBLED_BELOW = 0.65  # Mean direction of up of a sensor turned over: 0 evenly, 0.5 by hand (BROAD), feet 0.75 to 0.94.
 
 
 @dataclass(frozen=True)
 class Effect:
-    """What a calibration does to the readings it was made from, outliers left out.
+    """Effect of a calibration on its own readings, outliers left out.
 
     Attributes
     ----------
-    strength_before_uT, strength_after_uT : standard deviation of |B| over them.
+    strength_before_uT, strength_after_uT : standard deviation of |B|.
     heading_before_deg, heading_after_deg : circular standard deviation of compass minus gyroscope at the footfalls,
-        the gyroscope's drift with it; NaN for a sensor that was turned over.
+        including the gyroscope's drift; NaN for a sensor that was turned over.
     """
 
     strength_before_uT: float
@@ -237,10 +214,10 @@ class Effect:
 
 @dataclass(frozen=True)
 class CalibrationResult:
-    """A calibration, why its method was taken, and what it does to its own readings.
+    """A calibration, the reason of its method, and its effect on its own readings.
 
-    `effect` is None where the magnetometer is not calibrated; `axes` of it where they were given: the calibration is of
-    readings in those of the gyroscope. `remarks` are on its axes and its delay.
+    `effect` is None where the magnetometer is not calibrated. `axes` are those of the magnetometer, where given: the
+    calibration is of readings in the axes of the gyroscope. `remarks` are on its axes and its delay.
     """
 
     calibration: Calibration
@@ -257,7 +234,7 @@ def calibrate(
     axes: MagAxes | None = None,
     sensor: GyroscopeCalibration | None = None,
 ) -> CalibrationResult:
-    """Calibrate what can be calibrated from a recording.
+    """Calibrate the sensors of a recording.
 
     Without a magnetometer, or where the sensor lies still, gyroscope and accelerometer alone, unless more was asked
     for; else raises `CalibrationError` without a magnetometer or with wrong axes that were not given, for a method that
@@ -270,8 +247,8 @@ def calibrate(
     method : one of `METHODS`; None to choose by the recording.
     strength_uT : of the field at the place, for a sensor that was turned over; None if it is not known.
     axes : of the magnetometer in those of the gyroscope; None for the same.
-    sensor : gyroscope by several recordings of the sensor, this the first of them; None to take it from this one. The
-        magnetometer may then be one that does not show its errors.
+    sensor : gyroscope by several recordings of the sensor, this the first of them; None for that of this one. The
+        magnetometer need not be calibrated then.
     """
     gyroscope = calibrate_gyroscope(recording) if sensor is None else sensor
     path = recording.provenance.path
@@ -287,6 +264,7 @@ def calibrate(
 
 
 def _walks(recording: Recording) -> bool:
+    """Whether it has footfalls."""
     try:
         return detect_stances(recording).n_footfalls > 1
     except DetectionError:
@@ -307,12 +285,12 @@ def _calibrate_magnetometer(
     aligned = align_magnetometer(recording, axes is not None)
     if aligned.recording.mag is None:
         raise CalibrationError(f"{aligned.notes[0]}.")
-    # strengths need no stamps: of a sensor that was turned over the readings stay as they are
-    recording, remarks = (aligned.recording, aligned.notes) if name in ON_FOOT else (recording, ())
-    magnetometer, effect = (
-        _calibrate_on_foot(recording, name) if name in ON_FOOT else _calibrate_tumbled(recording, name, strength_uT)
-    )
-    return CalibrationResult(replace(others, magnetometer=magnetometer), choice, effect, axes, remarks)
+    if name in ON_FOOT:
+        magnetometer, effect = _calibrate_on_foot(aligned.recording, name)
+        return CalibrationResult(replace(others, magnetometer=magnetometer), choice, effect, axes, aligned.notes)
+    # strengths need no stamps: readings of a sensor that was turned over stay as they are
+    magnetometer, effect = _calibrate_tumbled(recording, name, strength_uT)
+    return CalibrationResult(replace(others, magnetometer=magnetometer), choice, effect, axes)
 
 
 def check_method(method: str) -> None:
@@ -328,50 +306,36 @@ def _choose_method(recording: Recording, method: str | None) -> tuple[str, str]:
     if method is not None:
         check_method(method)
         return method, f"{method}, as given"
-    length = mean_direction_of_up(recording)
-    if length < TUMBLED_BELOW:
+    # length of the mean direction of the specific force in the body
+    size = np.linalg.norm(recording.acc, axis=1)
+    felt = size > 0.0
+    if float(np.linalg.norm((recording.acc[felt] / size[felt, None]).mean(axis=0))) < TUMBLED_BELOW:
         return "ellipsoid", "ellipsoid, for the sensor was turned over in all directions"
     return "walk", "walk, for the sensor stayed upright"
 
 
-def mean_direction_of_up(recording: Recording) -> float:
-    """Length of the mean of the specific force's directions in the body: 1 if it is always the same axis that is up."""
-    size = np.linalg.norm(recording.acc, axis=1)
-    felt = size > 0.0
-    return float(np.linalg.norm((recording.acc[felt] / size[felt, None]).mean(axis=0)))
-
-
 def _calibrate_on_foot(recording: Recording, name: str) -> tuple[MagnetometerCalibration, Effect]:
+    """By a walk, or circles."""
     stances = detect_stances(recording)
     field = average_footfall_field(recording, stances)
     found = calibrate_on_walk(read_strides(recording, stances)) if name == "walk" else calibrate_on_loop(field)[1]
-    after = correct_field(field, found)
-    return found, Effect(_scatter(field.strength), _scatter(after.strength), _spread(field), _spread(after))
+    fields = (field, correct_field(field, found))
+    strength = [float(np.nanstd(one.strength)) for one in fields]
+    return found, Effect(*strength, *(circular_sd_deg(one.heading_difference) for one in fields))
 
 
 def _calibrate_tumbled(
     recording: Recording, name: str, strength_uT: float | None
 ) -> tuple[MagnetometerCalibration, Effect]:
+    """By an ellipsoid, or plain least squares on the unit sphere."""
     assert recording.mag is not None
-    find = fit_ellipsoid if name == "ellipsoid" else _fit_sphere
-    found = find(recording.mag, strength_uT)
+    if name == "ellipsoid":
+        found = fit_ellipsoid(recording.mag, strength_uT)
+    else:
+        if strength_uT is None:  # det C = 1, as for the ellipsoid
+            strength_uT = float(np.linalg.det(fit_unit_sphere(recording.mag).correction) ** (-1 / 3))
+        found = fit_unit_sphere(recording.mag, strength_uT)
     readings = recording.mag[np.isfinite(recording.mag).all(axis=1)]
     before, after = (np.linalg.norm(mag, axis=1) for mag in (readings, found.correct(readings)))
     kept = is_near(after - found.strength_uT)
-    return found, Effect(_scatter(before[kept]), _scatter(after[kept]))
-
-
-def _fit_sphere(readings: Floats, strength_uT: float | None) -> MagnetometerCalibration:
-    """To the unit sphere, and from it to the strength; if that is not known det C = 1, as for the ellipsoid."""
-    if strength_uT is None:
-        strength_uT = float(np.linalg.det(fit_unit_sphere(readings).correction) ** (-1 / 3))
-    return fit_unit_sphere(readings, strength_uT)
-
-
-def _scatter(values: Floats) -> float:
-    return float(np.nanstd(values))
-
-
-def _spread(field: FootfallField) -> float:
-    difference = field.heading_difference
-    return circular_sd_deg(difference[np.isfinite(difference)])
+    return found, Effect(float(np.nanstd(before[kept])), float(np.nanstd(after[kept])))

@@ -1,30 +1,35 @@
-"""The readings of a walk: what turns with the foot is the sensor's, what stays is the building's.
+"""Model of a magnetometer's readings along the strides of a walk, with the sensor's inertial motion.
 
-In stride k at phase i, with the inertial attitude R_ki of the moment at which the reading was measured, it is
+A stride has `PHASES` readings: the one at the footfall's stillest sample, and the others evenly over the swing that
+follows, each the nearest measured one. Only swings of `MAX_SWING_S` count: in longer ones the walker stood. The
+attitude is given, or that of the gyroscope levelled in the stances (`fg_nav.magnetic.footfall_field`). Places follow
+from it and the specific force, with zero velocity at the footfalls: good to a few percent of the way, enough to find
+the strides past the same place.
+
+In stride k at phase i, with the inertial attitude R_ki of the instant at which the reading was measured, it is
 
     m_ki = S (R_ki Exp(e_i))^T Z_k^T b + h + R_ki^T d_ki
 
 ============ ==== ==================================================================================================
 m_ki         uT   reading, body frame
 R_ki              inertial attitude nav_R_body, `delay` before the sample; its heading drifts
-e_i          rad  how the attitude of the magnetometer differs from it in all strides alike: axes that do not agree with
-                  the gyroscope's, and what the inertial attitude has wrong in each swing; a line between knots
-Z_k               turn about up by delta_k, the drift: a constant rate and a random walk, a line between knots
+e_i          rad  attitude of the magnetometer against it, the same in all strides: misalignment with the gyroscope, and
+                  the error of the inertial attitude common to all swings; linear between knots
+Z_k               rotation about up by delta_k, the drift: a constant rate and a random walk, linear between knots
 h, S         uT,1 hard iron; soft iron, symmetric
 b            uT   mean field along the walk, nav
-d_ki         uT   what the building adds there, nav: 6 to 13 uT per axis at a foot indoors, heavy-tailed, alike within
-                  about a meter
+d_ki         uT   field of the building there, nav: 6 to 13 uT per axis at a foot indoors, heavy-tailed, correlated
+                  within about a meter
 delay        s    of the readings behind the gyroscope
 ============ ==== ==================================================================================================
 
-Why the swings: at the footfalls the foot stands level, and h along the vertical is one with the vertical part of b but
-for the degrees by which the foot stands otherwise from time to time. The inertial tilt is wrong by as much. A fit that
-takes it for exact sees a field that does not turn as the tilt does, and calls the vertical field iron: 32 uT too much
-with a sigma of 3 in a field without a building. In the swing the pitch turns by 80 deg, and the error of the tilt is
-next to nothing.
+Why the swings: at the footfalls the foot stands level, and h along the vertical cannot be separated from the vertical
+part of b but for the few degrees by which the tilt varies. The inertial tilt is wrong by as much. A fit that takes it
+for exact has a field that does not turn with the tilt, and calls the vertical field iron: 32 uT too much with a sigma
+of 3 in a field without a building. In the swing the pitch turns by 80 deg, and the error of the tilt is negligible.
 
-d of one stride is Gaussian with a covariance over its phases, one over the ground and one upright, learned from the
-residuals: neighbors in a swing feel nearly one field, and the foot aloft feels less of the floor. A stride as a whole
+d of one stride is Gaussian with a covariance over its phases, one horizontal and one vertical, learned from the
+residuals: neighbors in a swing have nearly one field, and the foot aloft has less of the floor's. A stride as a whole
 is Student distributed. h, S, e, delta and the delay have Gaussian priors. The field explains the readings and not the
 other way round: fields explained by noisy readings would be least for S^-1 = 0. The unknowns are h, S (six), b, the
 delay, e at the knots and delta at the knots, in this order.
@@ -37,45 +42,140 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from fg_nav.arrays import Bools, Floats
+from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.calibration.magnetometer import UPPER, matrix_of
-from fg_nav.calibration.stride_readings import PHASES, StrideReadings
+from fg_nav.errors import MagneticError
+from fg_nav.frames import GRAVITY_M_S2
+from fg_nav.magnetic.footfall_field import integrate_attitude
+from fg_nav.recording import Recording
+from fg_nav.stances import Stances
 
-IRON, FIELD, DELAY, COMMON = slice(0, 9), slice(9, 12), 12, slice(13, 28)
-"""Where the unknowns stand: h and S, b, the delay, e; the drift comes last."""
+PHASES = 16  # Readings of a stride: one every 5 cm of the way of a foot at the usual pace.
+MAX_SWING_S = 2.0  # Beyond it the foot stood where no stance was found.
+MAX_APART_S = 0.1  # From the instant of a phase to its reading: the spacing of a magnetometer of 10 Hz.
 
-DRIFT = 28  # First unknown of the drift.
-WITHOUT_IRON = np.concatenate([np.zeros(3), np.eye(3)[UPPER]])  # h and S of a sensor that carries none.
-
+IRON, FIELD, DELAY, COMMON = slice(0, 9), slice(9, 12), 12, slice(13, 28)  # Places of h and S, b, the delay, e.
+DRIFT = 28  # First unknown of the drift, the last ones.
+WITHOUT_IRON = np.concatenate([np.zeros(3), np.eye(3)[UPPER]])  # h and S of a sensor without any.
 
 HARD_IRON_SIGMA_UT = 30.0  # Prior of h per axis: wider than Ma's Table 1 (14 uT), which is a battery next to the chip.
 SOFT_IRON_SIGMA = 0.06  # Prior of S about identity: half of all level axis ratios are then below that of Ma's Table 1.
 DELAY_SIGMA_S = 0.03  # Of the readings: gdin's are 20 ms late.
-
-AXES_SIGMA_RAD = np.radians(3.0)
-"""Of the magnetometer's axes about the gyroscope's: two chips on a board, and the rotation in a soft iron."""
-
-SWING_SIGMA_RAD, SWING_KNOTS = np.radians(0.3), 2.0
-"""Of the inertial attitude, what all swings have wrong alike (0.1 to 0.2 deg on simulated feet), and over how many
-knots."""
-
-DRIFT_RATE_DEG_S = 0.05
-"""Of the inertial heading: what a rest leaves of the gyroscope's bias, and some more where there was none."""
-
+AXES_SIGMA_RAD = np.radians(3.0)  # Misalignment with the gyroscope: two chips, and the rotation in a soft iron.
+SWING_SIGMA_RAD, SWING_KNOTS = np.radians(0.3), 2.0  # Common error of the swings (0.1 to 0.2 deg), and its length.
+DRIFT_RATE_DEG_S = 0.05  # Of the inertial heading: gyroscope bias after a rest, and some more where there was none.
 DRIFT_WALK_DEG_SQRT_MIN = 2.0  # Of the inertial heading: scale errors in turns, and the bias that moves.
 KNOT_S = 60.0  # Between the knots of the drift.
 TAIL = 5.0  # Degrees of freedom of the Student distribution: excess kurtosis of the field at a real foot is 0 to 4.
+FIELD_LENGTH_M = 1.0  # Of exp(-distance / length), a building's field: tuned on simulated walks, seeds 1 to 8; gdin.
+MIN_UT = 0.03  # Of d: resolution of magnetometers.
 
-FIELD_LENGTH_M = 1.0
-"""Over which the field of a building is alike, as exp(-distance / length): the simulator's indoor field, and gdin's
-neighboring footfalls (0.2 to 0.25). Tuned on simulated walks, seeds 1 to 8."""
-
-MIN_UT = 0.03  # Of d: no magnetometer resolves less.
+COMMON_KNOTS = (COMMON.stop - COMMON.start) // 3
+_AT = np.linspace(0.0, COMMON_KNOTS - 1, PHASES)
+PHASE_SHARES = np.stack([np.interp(_AT, np.arange(COMMON_KNOTS), row) for row in np.eye(COMMON_KNOTS)], axis=1)
+"""Shares (P, K) of the knots of e at each phase."""
 
 
 @dataclass(frozen=True)
-class Walk:
-    """S strides; shares (S, K) of the K knots of the drift at each, and the precision of the knots."""
+class StrideReadings:
+    """S strides of a walk, in order, over a recording of N samples.
+
+    ========== ============ ========================================================================================
+    t          (N,)         s
+    nav_R_body (N, 3, 3)    inertial attitude; its heading drifts
+    rate       (N, 3)       rad/s, of the gyroscope
+    sample     (S, P)       of each reading; the first of each stride is that of the footfall
+    reading    (S, P, 3)    uT, body frame, not calibrated
+    place      (S, P, 3)    m, nav, by the inertial attitude
+    ========== ============ ========================================================================================
+    """
+
+    t: Floats
+    nav_R_body: Floats
+    rate: Floats
+    sample: Ints
+    reading: Floats
+    place: Floats
+
+    def __len__(self) -> int:
+        return len(self.sample)
+
+    @property
+    def start_s(self) -> Floats:
+        """(S,) of each stride."""
+        return np.asarray(self.t[self.sample[:, 0]])
+
+    @property
+    def standing_R(self) -> Floats:
+        """Attitude (S, 3, 3) at the footfalls."""
+        return np.asarray(self.nav_R_body[self.sample[:, 0]])
+
+    def part(self, chosen: Bools) -> StrideReadings:
+        """Some of the strides (S,)."""
+        return replace(self, sample=self.sample[chosen], reading=self.reading[chosen], place=self.place[chosen])
+
+    def motion_before(self, delay_s: float) -> tuple[Floats, Floats]:
+        """Attitude (S, P, 3, 3) and rate (S, P, 3) at the instants of measurement of readings with this delay."""
+        t = self.t[self.sample] - delay_s
+        i = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.t) - 2)
+        since = np.clip(t - self.t[i], 0.0, self.t[i + 1] - self.t[i])[..., None]
+        turn = Rotation.from_rotvec((self.rate[i] * since).reshape(-1, 3)).as_matrix()
+        return self.nav_R_body[i] @ turn.reshape(*i.shape, 3, 3), self.rate[i]
+
+
+def read_strides(recording: Recording, stances: Stances, nav_R_body: Floats | None = None) -> StrideReadings:
+    """Select the readings of each stride.
+
+    Parameters
+    ----------
+    recording : with a magnetometer, not calibrated.
+    stances : of that recording.
+    nav_R_body : (N, 3, 3), the attitude to use; None for that of the gyroscope and the stances.
+
+    Raises
+    ------
+    MagneticError
+        Without a magnetometer, or if it never measures.
+    EstimationError
+        Without a stance, or with stances of another recording.
+    """
+    if recording.mag is None:
+        raise MagneticError("the recording has no magnetometer, so nothing is known of the field: record with one.")
+    measured = np.flatnonzero(np.isfinite(recording.mag).all(axis=1))
+    if not len(measured):
+        raise MagneticError("no sample of the magnetometer is a number: is it recorded?")
+    attitude = integrate_attitude(recording, stances) if nav_R_body is None else nav_R_body
+    footfall = stances.stillest(recording.gyr)
+    # phases (S, P) in samples: the footfall, and evenly over the swing
+    arrives, leaves = stances.spans
+    begin, end = leaves[:-1] - 1, arrives[1:]
+    swing = begin[:, None] + (end - begin)[:, None] * np.linspace(0.0, 1.0, PHASES - 1)
+    wanted = np.column_stack([footfall[:-1], swing])
+    # the measured sample nearest to each
+    after = np.clip(np.searchsorted(measured, wanted), 1, max(len(measured) - 1, 1))
+    low, high = measured[after - 1], measured[np.minimum(after, len(measured) - 1)]
+    sample = np.where(wanted - low < high - wanted, low, high)
+    off_s = np.abs(recording.t[sample] - recording.t[wanted.astype(np.int64)]).max(axis=1, initial=0.0)
+    kept = (recording.t[end] - recording.t[begin] < MAX_SWING_S) & (off_s < MAX_APART_S)
+    place = integrate_places(recording, attitude, footfall)
+    sample = sample[kept]
+    return StrideReadings(recording.t, attitude, recording.gyr, sample, recording.mag[sample], place[sample])
+
+
+def integrate_places(recording: Recording, nav_R_body: Floats, footfall: Ints) -> Floats:
+    """Places (N, 3) m by the specific force integrated twice, with zero velocity at the footfalls (F,)."""
+    step = np.diff(recording.t, append=recording.t[-1])[:, None]
+    force = np.einsum("nij,nj->ni", nav_R_body, recording.acc) - [0.0, 0.0, GRAVITY_M_S2]
+    velocity = np.cumsum(force * step, axis=0)
+    samples = np.arange(len(velocity))
+    false = np.stack([np.interp(samples, footfall, axis[footfall]) for axis in velocity.T], axis=1)
+    moves = (samples >= footfall[0]) & (samples <= footfall[-1])
+    return np.cumsum(np.where(moves[:, None], velocity - false, 0.0) * step, axis=0)
+
+
+@dataclass(frozen=True)
+class StrideModel:
+    """S strides; shares (S, K) of the K knots of the drift at each, and the prior precision of the knots."""
 
     strides: StrideReadings
     knots: Floats
@@ -86,12 +186,12 @@ class Walk:
 
     @property
     def unknowns(self) -> int:
-        """How many."""
+        """Number of unknowns."""
         return DRIFT + len(self.drift_precision)
 
     @classmethod
-    def of(cls, strides: StrideReadings) -> Walk:
-        """With knots from the first stride, where the drift is nothing, to the last."""
+    def of(cls, strides: StrideReadings) -> StrideModel:
+        """With knots from the first stride, where the drift is zero, to the last."""
         if len(strides) < 2:
             return cls(strides, np.empty((len(strides), 0)), np.empty((0, 0)))
         t = strides.start_s - strides.start_s[0]
@@ -102,19 +202,13 @@ class Walk:
         covariance = walk + np.radians(DRIFT_RATE_DEG_S) ** 2 * np.outer(since, since)
         return cls(strides, knots[:, 1:], np.linalg.inv(covariance))
 
-    def part(self, chosen: Bools) -> Walk:
+    def part(self, chosen: Bools) -> StrideModel:
         """Some of the strides, the same knots."""
         return replace(self, strides=self.strides.part(chosen), knots=self.knots[chosen])
 
 
-COMMON_KNOTS = (COMMON.stop - COMMON.start) // 3
-_AT = np.linspace(0.0, COMMON_KNOTS - 1, PHASES)
-PHASE_SHARES = np.stack([np.interp(_AT, np.arange(COMMON_KNOTS), row) for row in np.eye(COMMON_KNOTS)], axis=1)
-"""Shares (P, K) of the knots of e at each phase."""
-
-
-def prior_precision(walk: Walk) -> Floats:
-    """Of all unknowns; b has none. Off the diagonal S spreads less by the root of two, the same in all directions."""
+def prior_precision(walk: StrideModel) -> Floats:
+    """Prior precision of all unknowns; none of b. Off its diagonal S has sigma / sqrt(2), alike in all directions."""
     soft = np.where(UPPER[0] == UPPER[1], 1.0, 0.5) * SOFT_IRON_SIGMA**2
     precision = np.zeros((walk.unknowns,) * 2)
     precision[IRON, IRON] = np.diag(1 / np.concatenate([np.full(3, HARD_IRON_SIGMA_UT**2), soft]))
@@ -126,8 +220,8 @@ def prior_precision(walk: Walk) -> Floats:
     return precision
 
 
-def start_unknowns(walk: Walk) -> Floats:
-    """No iron, no delay, no drift, and the mean field."""
+def start_unknowns(walk: StrideModel) -> Floats:
+    """Initial values: no iron, no delay, no drift, and the mean field."""
     at = np.zeros(walk.unknowns)
     at[IRON] = WITHOUT_IRON
     strides = walk.strides
@@ -135,11 +229,13 @@ def start_unknowns(walk: Walk) -> Floats:
     return at
 
 
-def linearize(walk: Walk, at: Floats) -> tuple[Floats, Floats]:
-    """What the building adds (S, P, 3) uT, nav, and the derivative (S, P, 3, U) of the rest by the unknowns."""
+def linearize(walk: StrideModel, at: Floats) -> tuple[Floats, Floats]:
+    """Residual d (S, P, 3) uT, nav, and the derivative (S, P, 3, U) of the model by the unknowns."""
     R, rate = walk.strides.motion_before(float(at[DELAY]))
     R = R @ Rotation.from_rotvec(PHASE_SHARES @ at[COMMON].reshape(-1, 3)).as_matrix()
-    soft, back = matrix_of(at[3:9]), _rotate_back(walk, at)
+    soft, delta = matrix_of(at[3:9]), walk.knots @ at[DRIFT:]
+    c, s, zero = np.cos(delta), np.sin(delta), np.zeros(len(delta))
+    back = np.stack([c, s, zero, -s, c, zero, zero, zero, zero + 1], axis=1).reshape(-1, 3, 3)  # Z^T
     field = back @ at[FIELD]
     body = np.einsum("kpji,kj->kpi", R, field)
     residual = np.einsum("kpij,kpj->kpi", R, walk.strides.reading - body @ soft - at[:3])
@@ -158,13 +254,6 @@ def linearize(walk: Walk, at: Floats) -> tuple[Floats, Floats]:
     return residual, np.concatenate(parts, axis=3)
 
 
-def _rotate_back(walk: Walk, at: Floats) -> Floats:
-    """Z^T (S, 3, 3)."""
-    delta = walk.knots @ at[DRIFT:]
-    c, s, zero = np.cos(delta), np.sin(delta), np.zeros(len(delta))
-    return np.stack([c, s, zero, -s, c, zero, zero, zero, zero + 1], axis=1).reshape(-1, 3, 3)
-
-
 def _cross(vector: Floats) -> Floats:
     """[v]x (..., 3, 3)."""
     x, y, z = np.moveaxis(vector, -1, 0)
@@ -172,40 +261,35 @@ def _cross(vector: Floats) -> Floats:
     return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*x.shape, 3, 3)
 
 
-def learn_spread(walk: Walk, residual: Floats, weight: Floats) -> Floats:
+def learn_spread(walk: StrideModel, residual: Floats, weight: Floats) -> Floats:
     """Covariance (3, P, P) of d over the phases of a stride, the same for both axes over the ground.
 
-    Few strides show few of its numbers: it is drawn toward a field that is alike over `FIELD_LENGTH_M`.
+    Few strides determine few of its numbers: it is shrunk toward a field that is correlated over `FIELD_LENGTH_M`.
     """
     pulled = residual * np.sqrt(weight)[:, None, None]
     square = np.einsum("kpa,kqa->apq", pulled, pulled) / len(residual)
-    alike = _alike_in_stride(walk)
-    level = _draw_toward((square[0] + square[1]) / 2, alike, 2 * len(residual))
-    return np.stack([level, level, _draw_toward(square[2], alike, len(residual))])
+    place = walk.strides.place
+    alike = np.exp(-np.linalg.norm(place[:, :, None] - place[:, None], axis=3).mean(axis=0) / FIELD_LENGTH_M)
+    level = _shrink((square[0] + square[1]) / 2, alike, 2 * len(residual))
+    return np.stack([level, level, _shrink(square[2], alike, len(residual))])
 
 
-def _draw_toward(covariance: Floats, alike: Floats, count: int) -> Floats:
+def _shrink(covariance: Floats, alike: Floats, count: int) -> Floats:
+    """Covariance (P, P) of `count` strides, shrunk toward one with the correlation `alike` (P, P)."""
     share = PHASES / (PHASES + count)
     sigma = np.sqrt(np.diag(covariance))
     return np.asarray((1 - share) * covariance + share * alike * np.outer(sigma, sigma) + MIN_UT**2 * np.eye(PHASES))
 
 
-def _alike_in_stride(walk: Walk) -> Floats:
-    """Correlation (P, P) of a building's field between the phases of a stride."""
-    place = walk.strides.place
-    apart = np.linalg.norm(place[:, :, None] - place[:, None], axis=3).mean(axis=0)
-    return np.asarray(np.exp(-apart / FIELD_LENGTH_M))
-
-
 def compute_weights(whitened: Floats) -> Floats:
-    """(S,) of the Student distribution, of strides (S, P, 3) in sigmas; 1 in the mean."""
+    """Student weights (S,) of strides (S, P, 3) in sigmas; 1 in the mean."""
     size = whitened[0].size
     weight = (TAIL + size) / (TAIL + (whitened**2).sum(axis=(1, 2)))
     return np.asarray(weight / weight.mean())
 
 
 def find_whitening(spread: Floats) -> Floats:
-    """(3, P, P): what makes strides of this covariance white."""
+    """Whitening (3, P, P) of strides with this covariance."""
     return np.asarray(np.linalg.inv(np.linalg.cholesky(spread)))
 
 

@@ -53,8 +53,8 @@ def stream(
     from fg_nav.commands.stream import check_sources, stream
     from fg_nav.commands.stream_feet import stream_feet
     from fg_nav.detection.mount import Wearing
-    from fg_nav.online.feet_request import FeetStreamRequest
-    from fg_nav.online.request import StreamRequest
+    from fg_nav.online.feet_follow import FeetStreamRequest
+    from fg_nav.online.follow import StreamRequest
 
     right = check_sources(second, clock_offset, mount)
     worn: Wearing = "foot" if mount == "feet" else mount

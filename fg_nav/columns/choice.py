@@ -12,18 +12,17 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
+from typing import TypeAlias
 
-from fg_nav.columns.headers import Kind, Meaning, find_unit_kind, read_header
+from fg_nav.columns.headers import RAW, Kind, Meaning, find_unit_kind, read_header
 from fg_nav.columns.mapping import QUANTITIES, Channel, ColumnMap, Columns, shorten_names
 from fg_nav.columns.units import Quantity, find_factor
 from fg_nav.errors import FormatError
 
 _LONG = {"acc": "acceleration", "gyr": "angular rate", "mag": "magnetic field"}
-
 _AXES = (("x", "y", "z"), ("0", "1", "2"), ("1", "2", "3"))
 
-_ROS_RATE = re.compile(r"angular[\W_]*velocity", re.IGNORECASE)
-"""Next to it, linear acceleration is that of a ROS message, which has gravity in it."""
+_ROS_RATE = re.compile(r"angular[\W_]*velocity", re.IGNORECASE)  # Beside it, linear acceleration has gravity: ROS.
 
 _CLOCKS = (
     {"header"}, {"sensor", "device", "chip", "imu"}, set[str](),
@@ -32,15 +31,22 @@ _CLOCKS = (
 )  # fmt: skip
 """Words of clocks, the best first: a message's own stamp, the sensor's; others; what came late."""
 
+_NO_PRESSURE = frozenset({
+    *("altitude", "alt", "height", "relative", "sea", "temp", "temperature", "foot", "heel", "toe", "insole", "sole"),
+    *("time", "covariance", "variance", "var", "sigma", "std", "accuracy", "status", "valid", "delta", "tyre", "tire"),
+})  # fmt: skip
+"""Words of what a barometer has besides, and of pressures of something else than air."""
+
+Meanings: TypeAlias = Sequence[tuple[int, Meaning]]
+
 NONE: Mapping[Quantity, Channel] = MappingProxyType({})
 
-PATTERN = "time=NAME[UNIT],acc=NAME:NAME:NAME[UNIT],gyr=NAME:NAME:NAME[UNIT]"
-"""What to write where no mapping is known to work."""
+_PATTERN = "time=NAME[UNIT],acc=NAME:NAME:NAME[UNIT],gyr=NAME:NAME:NAME[UNIT]"  # Where no mapping is known to work.
 
 
 @dataclass(frozen=True)
-class Asker:
-    """Who asks the user: `name` of the table, `command` before a mapping, how a `rate` and a `sensor` are given.
+class Hints:
+    """What to type: `name` of the table, `command` before a mapping, how a `rate` and a `sensor` are given.
 
     `works` tries a mapping; without it the first is proposed.
     """
@@ -51,20 +57,16 @@ class Asker:
     sensor: str = ", or give a word of their names with --sensor"
     works: Callable[[str], bool] | None = None
 
-    def ask(self, *mappings: str) -> str:
+    def suggest(self, *mappings: str) -> str:
         """Return what to type: with the first mapping that works, else with the names left open."""
         chosen = next((words for words in mappings if self.works is None or self.works(words)), None)
         if chosen is not None:
             return f'as {self.command} "{chosen}"'
-        return f'as {self.command} "{PATTERN}", with names or numbers of columns'
+        return f'as {self.command} "{_PATTERN}", with names or numbers of columns'
 
 
 def choose_columns(
-    names: Sequence[str],
-    asker: Asker,
-    sensor: str | None = None,
-    given: Columns | None = None,
-    has_rate: bool = False,
+    names: Sequence[str], hints: Hints, sensor: str | None = None, given: Columns | None = None, has_rate: bool = False
 ) -> ColumnMap:
     """Choose the columns of a table by their names; of those of several sensors the ones with `sensor` in their names.
 
@@ -72,9 +74,8 @@ def choose_columns(
 
     Raises `FormatError` if the names of acceleration or rate are missing, or leave a choice.
     """
-    known = NONE if given is None else given.find(names, asker.name)
-    if given is not None and given.width is not None:
-        return _map(known)
+    known = NONE if given is None else given.find(names, hints.name)
+    is_listed = given is not None and given.width is not None
     used = {position for channel in known.values() for position in channel.positions}
     meanings = [(k, meaning) for k, name in enumerate(names) if k not in used and (meaning := read_header(name))]
     of_sensor = [(k, m) for k, m in meanings if m.kind in ("time", "counter") or has_word(names[k], sensor)]
@@ -83,28 +84,25 @@ def choose_columns(
         meanings = of_sensor
     is_ros = any(_ROS_RATE.search(name) for name in names)
     if is_ros and not any(meaning.kind in ("acc", "gravity") for _, meaning in meanings):
-        meanings = [(position, _as_acc(meaning)) for position, meaning in meanings]
-    if {"acc", "gyr"} <= known.keys():
-        clock = None if has_rate or "time" in known else choose_clock(meanings, names, asker, known)
-        return _map(known, clock)
+        meanings = [(k, replace(m, kind="acc") if m.kind == "no gravity" else m) for k, m in meanings]
+    if is_listed or {"acc", "gyr"} <= known.keys():
+        time = known.get("time")
+        if time is None and not is_listed and not has_rate:
+            time = choose_clock(meanings, names, hints, known)
+        return ColumnMap(known["acc"], known["gyr"], known.get("mag"), time, pressure=known.get("pressure"))
     found: dict[Quantity, Channel | None] = {
-        kind: known.get(kind) or _choose_triad(kind, meanings, names, asker, known) for kind in ("acc", "gyr", "mag")
+        kind: known.get(kind) or _choose_triad(kind, meanings, names, hints, known) for kind in ("acc", "gyr", "mag")
     }
     acc, gyr = found["acc"] or _add_gravity(meanings, names), found["gyr"]
     if acc is None or gyr is None:
-        raise FormatError(_say_missing(acc, gyr, meanings, names, asker, known))
-    time = known.get("time") or choose_clock(meanings, names, asker, known)
+        raise FormatError(_say_missing("acc" if acc is None else "gyr", meanings, names, hints, known))
+    time = known.get("time") or choose_clock(meanings, names, hints, known)
     counters = [k for k, meaning in meanings if meaning.kind == "counter"] if time is None else []
     counter = Channel((counters[0],), (names[counters[0]],)) if counters else None
     some = [names[k] for k, meaning in meanings if meaning.kind == "mag" and meaning.axis and found["mag"] is None]
     notes = (f"the magnetometer has not all three axes, only {shorten_names(some)}: left out",) if some else ()
     air = known.get("pressure") or find_pressure(names, sensor)
     return ColumnMap(acc, gyr, found["mag"], time, counter, notes, air)
-
-
-def _map(known: Mapping[Quantity, Channel], clock: Channel | None = None) -> ColumnMap:
-    time = known.get("time", clock)
-    return ColumnMap(known["acc"], known["gyr"], known.get("mag"), time, pressure=known.get("pressure"))
 
 
 def has_word(name: str, word: str | None) -> bool:
@@ -128,19 +126,6 @@ def find_pressure(names: Sequence[str], sensor: str | None = None) -> Channel | 
     return next(iter(of_sensor or found), None)
 
 
-_NO_PRESSURE = frozenset({
-    *("altitude", "alt", "height", "relative", "sea", "temp", "temperature", "foot", "heel", "toe", "insole", "sole"),
-    *("time", "covariance", "variance", "var", "sigma", "std", "accuracy", "status", "valid", "delta", "tyre", "tire"),
-})  # fmt: skip
-"""Words of what a barometer has besides, and of pressures of something else than air."""
-
-
-def names_sensor(names: Sequence[str]) -> bool:
-    """Whether some of the names are those of an accelerometer or a gyroscope."""
-    kinds = {meaning.kind for meaning in map(read_header, names) if meaning and meaning.axis}
-    return not kinds.isdisjoint({"acc", "gyr", "no gravity"})
-
-
 def write_mapping(columns: ColumnMap, **units: str) -> str:
     """Write the mapping that names these columns, with units for those that have none."""
     channels = {"time": columns.time, "acc": columns.acc, "gyr": columns.gyr, "mag": columns.mag}
@@ -158,38 +143,45 @@ def _write_channel(channel: Channel, unit: str | None) -> str:
     return ":".join(words) + (f"[{unit}]" if unit else "")
 
 
-def _as_acc(meaning: Meaning) -> Meaning:
-    return replace(meaning, kind="acc") if meaning.kind == "no gravity" else meaning
-
-
-Meanings = Sequence[tuple[int, Meaning]]
-
-
 def _choose_triad(
-    kind: Quantity, meanings: Meanings, names: Sequence[str], asker: Asker, known: Mapping[Quantity, Channel]
+    kind: Quantity, meanings: Meanings, names: Sequence[str], hints: Hints, known: Mapping[Quantity, Channel]
 ) -> Channel | None:
     """Choose the three columns of a kind; None if there are none."""
     triads = find_triads(kind, meanings, names)
     if not any(meaning.kind == kind and meaning.axis for _, meaning in meanings):
         triads = find_three_by_unit(kind, names, known)
-    sure = [triad for triad in triads if not any(m.is_unsure for p, m in meanings if p in triad.positions)]
-    named = [triad for triad in sure if not any(m.by_unit for p, m in meanings if p in triad.positions)]
-    whole = [triad for triad in named if any("whole" in m.stem.split() for p, m in meanings if p in triad.positions)]
+    # calibrated ones before raw ones, named ones before those by unit, and those with gravity in them
+    meant = {triad: [meaning for k, meaning in meanings if k in triad.positions] for triad in triads}
+    sure = [triad for triad in triads if not any(RAW & set(meaning.stem.split()) for meaning in meant[triad])]
+    named = [triad for triad in sure if not any(meaning.by_unit for meaning in meant[triad])]
+    whole = [triad for triad in named if any("whole" in meaning.stem.split() for meaning in meant[triad])]
     triads = whole or named or sure or triads
-    doubled = _find_doubled(kind, meanings, names)
+    said = [(m.stem, m.axis) for _, m in meanings if m.kind == kind and m.axis]
+    doubled = [names[k] for k, m in meanings if m.kind == kind and said.count((m.stem, m.axis)) > 1]
     if len(triads) > 1 or (doubled and not triads):
         candidates = doubled or [name for triad in triads for name in triad.names]
         examples = [_write_example(meanings, names, {**known, kind: triad}) for triad in triads]
         raise FormatError(
-            f"{asker.name} has more than one {_LONG[kind]} ({shorten_names(candidates, 12)}): say which, "
-            f"{asker.ask(*(examples or [_write_example(meanings, names, known)]))}{asker.sensor}."
+            f"{hints.name} has more than one {_LONG[kind]} ({shorten_names(candidates, 12)}): say which, "
+            f"{hints.suggest(*(examples or [_write_example(meanings, names, known)]))}{hints.sensor}."
         )
     return triads[0] if triads else None
 
 
 def find_triads(kind: Kind, meanings: Meanings, names: Sequence[str]) -> list[Channel]:
-    """Find the three columns of each sensor of a kind."""
-    return [triad for stem in _stems(kind, meanings) if (triad := _find_triad(kind, stem, meanings, names))]
+    """Find the three columns of each sensor of a kind, of which no axis is missing or doubled."""
+    found = list[Channel]()
+    own = [(k, meaning) for k, meaning in meanings if meaning.kind == kind]
+    for stem in dict.fromkeys(meaning.stem for _, meaning in own):
+        for axes in _AXES:
+            places = [[k for k, m in own if (m.stem, m.axis) == (stem, axis)] for axis in axes]
+            if all(len(place) == 1 for place in places):
+                positions = tuple(place[0] for place in places)
+                units = {m.unit for k, m in own if k in positions and m.unit}
+                unit = units.pop() if len(units) == 1 else None
+                found.append(Channel(positions, tuple(names[k] for k in positions), unit))
+                break
+    return found
 
 
 def find_three_by_unit(kind: Quantity, names: Sequence[str], known: Mapping[Quantity, Channel] = NONE) -> list[Channel]:
@@ -212,35 +204,12 @@ def _add_gravity(meanings: Meanings, names: Sequence[str]) -> Channel | None:
     return Channel(positions, both, free[0].unit or gravity[0].unit, (sign, sign))
 
 
-def _stems(kind: Kind, meanings: Meanings) -> list[str]:
-    return list(dict.fromkeys(meaning.stem for _, meaning in meanings if meaning.kind == kind))
-
-
-def _find_triad(kind: Kind, stem: str, meanings: Meanings, names: Sequence[str]) -> Channel | None:
-    """Find the columns of the three axes of one sensor; None if one is missing or doubled."""
-    own = [(position, meaning) for position, meaning in meanings if (meaning.kind, meaning.stem) == (kind, stem)]
-    for axes in _AXES:
-        places = [[position for position, meaning in own if meaning.axis == axis] for axis in axes]
-        if all(len(place) == 1 for place in places):
-            positions = tuple(place[0] for place in places)
-            units = {meaning.unit for position, meaning in own if position in positions and meaning.unit}
-            unit = units.pop() if len(units) == 1 else None
-            return Channel(positions, tuple(names[position] for position in positions), unit)
-    return None
-
-
-def _find_doubled(kind: Kind, meanings: Meanings, names: Sequence[str]) -> list[str]:
-    """Names that mean the same axis of the same sensor."""
-    said = [(m.stem, m.axis) for _, m in meanings if m.kind == kind and m.axis]
-    return [names[p] for p, m in meanings if m.kind == kind and said.count((m.stem, m.axis)) > 1]
-
-
 def choose_clock(
-    meanings: Meanings, names: Sequence[str], asker: Asker | None = None, known: Mapping[Quantity, Channel] = NONE
+    meanings: Meanings, names: Sequence[str], hints: Hints | None = None, known: Mapping[Quantity, Channel] = NONE
 ) -> Channel | None:
     """Choose the stamps: of the best clock by its words; seconds and the part of a second are added.
 
-    Raises `FormatError` where there is a choice, if there is an `asker`; else the first is taken.
+    Raises `FormatError` where there is a choice, if there is an `hints`; else the first is taken.
     """
     own = [(k, meaning) for k, meaning in meanings if meaning.kind == "time"]
     if not own:
@@ -257,29 +226,23 @@ def choose_clock(
             (whole, part), (names[whole], names[part]), "s", (1.0, find_factor("time", finer.unit or "") or 0.0)
         )
     channels = [Channel((k,), (names[k],), meaning.unit) for k, meaning in own]
-    if len(channels) > 1 and asker is not None:
+    if len(channels) > 1 and hints is not None:
         examples = [_write_example(meanings, names, {**known, "time": one}) for one in channels]
         raise FormatError(
-            f"{asker.name} has more than one time ({shorten_names([names[k] for k, _ in own])}): say which, "
-            f"{asker.ask(*examples)}."
+            f"{hints.name} has more than one time ({shorten_names([names[k] for k, _ in own])}): say which, "
+            f"{hints.suggest(*examples)}."
         )
     return channels[0]
 
 
 def _say_missing(
-    acc: Channel | None,
-    gyr: Channel | None,
-    meanings: Meanings,
-    names: Sequence[str],
-    asker: Asker,
-    known: Mapping[Quantity, Channel],
+    missing: Quantity, meanings: Meanings, names: Sequence[str], hints: Hints, known: Mapping[Quantity, Channel]
 ) -> str:
     """Say which columns are missing, and next to what."""
-    missing: Quantity = "acc" if acc is None else "gyr"
-    if acc is None and any(meaning.kind == "no gravity" for _, meaning in meanings):
+    if missing == "acc" and any(meaning.kind == "no gravity" for _, meaning in meanings):
         removed = shorten_names([names[at] for at, meaning in meanings if meaning.kind == "no gravity"], 3)
         return (
-            f"{asker.name} holds acceleration without gravity ({removed}), of which no path can be had: "
+            f"{hints.name} holds acceleration without gravity ({removed}), of which no path can be had: "
             f"export the accelerometer's own readings, or gravity in columns of its own."
         )
     some = [names[position] for position, meaning in meanings if meaning.kind == missing]
@@ -290,7 +253,7 @@ def _say_missing(
     rows = [left[i : i + 3] for i in range(len(left) - 2)]
     guesses = [{**known, missing: Channel((a, b, c), (names[a], names[b], names[c]))} for a, b, c in rows]
     examples = [_write_example(meanings, names, guess) for guess in guesses[:8]]
-    return f"{asker.name} {what}: name the columns, {asker.ask(*examples)}."
+    return f"{hints.name} {what}: name the columns, {hints.suggest(*examples)}."
 
 
 def _write_example(meanings: Meanings, names: Sequence[str], known: Mapping[Quantity, Channel]) -> str:

@@ -19,6 +19,12 @@ from fg_nav.columns.units import Quantity, find_factor, find_quantity, is_of_som
 
 Kind = Literal["time", "acc", "gyr", "mag", "counter", "no gravity", "gravity", "pressure"]
 
+_QUANTITIES: dict[Kind, Quantity] = {
+    "time": "time", "counter": "time", "acc": "acc", "no gravity": "acc", "gravity": "acc", "gyr": "gyr", "mag": "mag",
+    "pressure": "pressure",
+}  # fmt: skip
+"""Whose units a kind has."""
+
 _WORDS: dict[Kind, frozenset[str]] = {
     "time": frozenset({
         *("time", "times", "timestamp", "timestamps", "stamp", "stamps", "epoch", "epoc", "utc", "datetime", "ts"),
@@ -47,11 +53,7 @@ _PAIRS: dict[tuple[str, str], str] = {
     ("without", "gravity"): "linear", ("no", "gravity"): "linear",
 }  # fmt: skip
 
-_LETTERS: dict[str, Literal["acc", "gyr", "mag"]] = {
-    "a": "acc", "g": "gyr", "w": "gyr", "ω": "gyr", "m": "mag", "b": "mag",
-}  # fmt: skip
-"""In front of an axis."""
-
+_LETTERS: dict[str, Kind] = {"a": "acc", "g": "gyr", "w": "gyr", "ω": "gyr", "m": "mag", "b": "mag"}  # Before an axis.
 _ALONE: dict[str, Kind] = {"t": "time", "n": "counter", "i": "counter"}  # As a whole name.
 
 _TIME_UNITS = {word: unit for unit, words in {
@@ -61,7 +63,6 @@ _TIME_UNITS = {word: unit for unit, words in {
 """Words for time that are its unit too."""
 
 _NO_GRAVITY = frozenset({"linear", "lin", "user", "free", "dynamic", "nograv"})
-
 _SATELLITES = frozenset({"gps", "gnss", "date", "datum", "fecha"})  # Words of clocks that say nothing of other columns.
 
 _NOTHING = frozenset({
@@ -74,7 +75,7 @@ _NOTHING = frozenset({
 
 _RATES = frozenset({"roll", "pitch", "yaw", "velocity", "euler"})  # Of which angular rates are called.
 
-_UNSURE = frozenset({"uncal", "uncalibrated", "raw", "uncomp", "uncompensated"})
+RAW = frozenset({"uncal", "uncalibrated", "raw", "uncomp", "uncompensated"})  # Used where there are no others.
 
 _BRACKETS = re.compile(r"^(.*?)\s*[(\[{<]\s*(.*?)\s*[)\]}>]\s*$", re.DOTALL)
 _PIECES = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[^\W\d_A-Z]+|\d+")
@@ -99,11 +100,6 @@ class Meaning:
     stem: str
     by_unit: bool = field(default=False, repr=False)
 
-    @property
-    def is_unsure(self) -> bool:
-        """Whether the samples are raw or uncalibrated: used where there are no others."""
-        return not _UNSURE.isdisjoint(self.stem.split())
-
 
 def read_header(name: str) -> Meaning | None:
     """Say what a column's name means; None if nothing that is used here.
@@ -116,7 +112,7 @@ def read_header(name: str) -> Meaning | None:
     for stem, unit, is_certain in _readings(name):
         words, axis = _split_axis(_split_words(stem))
         kind, said = _find_kind(words, axis), None if unit is None else find_quantity(unit)
-        known = kind is not None and unit is not None and find_factor(quantity_of(kind), unit) is not None
+        known = kind is not None and unit is not None and find_factor(_QUANTITIES[kind], unit) is not None
         if kind == "time" and unit is not None and is_of_something_else(unit):
             continue
         if kind is not None and (known or (is_certain and said in (None, "time"))):
@@ -141,11 +137,6 @@ def _find_kind_of_unit(words: list[str], axis: str, said: Quantity | None, in_br
     if not axis or said != "acc":
         return said if axis else None
     return "no gravity" if not _NO_GRAVITY.isdisjoint(words) else "gravity" if "gravity" in words else "acc"
-
-
-def quantity_of(kind: Kind) -> Quantity:
-    """Return the quantity whose units a kind has."""
-    return "acc" if kind == "no gravity" or kind == "gravity" else "time" if kind == "counter" else kind
 
 
 def find_unit_kind(name: str) -> tuple[Quantity | None, str]:
@@ -187,10 +178,15 @@ def _split_words(name: str) -> list[str]:
     """Words of a name in lower case; the pairs that mean one thing are one word."""
     words: list[str] = []
     name = re.sub(r"(?<=[A-Z])([xyz])(?![a-z])", r" \1", name)  # ACCx
-    for piece in _PIECES.findall(
-        "".join(c for c in unicodedata.normalize("NFD", name) if not unicodedata.combining(c))
-    ):
-        words += _split_run(piece.lower())
+    plain = "".join(c for c in unicodedata.normalize("NFD", name) if not unicodedata.combining(c))
+    for word in map(str.lower, _PIECES.findall(plain)):
+        head, has_axis = word[:-1], word[-1] in "xyz"  # accx, ax
+        if has_axis and head in _LETTERS:
+            words += [_LETTERS[head], word[-1]]
+        elif has_axis and (head in ("f", "gravity") or _kinds_of([head])):
+            words += [head, word[-1]]
+        else:
+            words.append(word)
     joined: list[str] = []
     for word in words:
         if joined and (joined[-1], word) in _PAIRS:
@@ -198,17 +194,6 @@ def _split_words(name: str) -> list[str]:
         else:
             joined.append(word)
     return joined
-
-
-def _split_run(word: str) -> list[str]:
-    """Split a word that ends with its axis, such as accx or ax."""
-    head, axis = word[:-1], word[-1:]
-    if axis and axis in "xyz":
-        if head in _LETTERS:
-            return [_LETTERS[head], axis]
-        if head == "f" or head == "gravity" or _kinds_of([head]):
-            return [head, axis]
-    return [word]
 
 
 def _split_axis(words: list[str]) -> tuple[list[str], str]:

@@ -56,12 +56,10 @@ class Channel:
 
     def add(self, values: Floats) -> Floats:
         """Values (N, K) of the columns become those of the quantity, (N, 1) or (N, 3)."""
+        if self.factors == (1.0,):
+            return values
         parts = np.split(values, len(self.factors), axis=1)
-        return (
-            values
-            if self.factors == (1.0,)
-            else np.asarray(sum(part * factor for part, factor in zip(parts, self.factors, strict=True)))
-        )
+        return np.asarray(sum(part * factor for part, factor in zip(parts, self.factors, strict=True)))
 
 
 @dataclass(frozen=True)
@@ -102,15 +100,21 @@ class Columns:
                 f"--columns lists {self.width} fields and {source} has {len(names)} columns: list each, with - for one "
                 f"that is not used."
             )
-        found = {
-            quantity: Channel(tuple(_find_name(word, names, source) for word in words), (), self.units.get(quantity))
-            for quantity, words in self.words.items()
+        places = {
+            quantity: tuple(_find_name(word, names, source) for word in words) for quantity, words in self.words.items()
         }
-        used = [position for channel in found.values() for position in channel.positions]
+        used = [position for positions in places.values() for position in positions]
         double = next((position for position in used if used.count(position) > 1), None)
         if double is not None:
             raise FormatError(f"--columns names column '{names[double]}' twice: one column is one quantity.")
-        return {quantity: _name_channel(quantity, channel, names) for quantity, channel in found.items()}
+        found = dict[Quantity, Channel]()
+        for quantity, positions in places.items():
+            own = tuple(names[position] for position in positions)
+            said = {meaning.unit for meaning in map(read_header, own) if meaning and meaning.unit}
+            units = [unit for unit in said if find_factor(quantity, unit)]
+            unit = self.units.get(quantity) or (units[0] if len(units) == 1 else None)
+            found[quantity] = Channel(positions, own, unit)
+        return found
 
 
 def parse_columns(words: str, units: str | None = None) -> Columns:
@@ -127,43 +131,31 @@ def parse_columns(words: str, units: str | None = None) -> Columns:
         raise FormatError(
             "--units is for --columns that list all fields: write the units in brackets, acc=ax:ay:az[g]."
         )
-    return _parse_mapping(words)
-
-
-def _parse_mapping(words: str) -> Columns:
     starts = list(_PART.finditer(words))
     if not starts or words[: starts[0].start()].strip():
         raise FormatError(f"--columns '{words}' is no mapping: write it as {EXAMPLE}.")
-    columns, units = dict[Quantity, tuple[str, ...]](), dict[Quantity, str]()
+    columns, bracketed_units = dict[Quantity, tuple[str, ...]](), dict[Quantity, str]()
     for start, after in zip(starts, [*starts[1:], None], strict=True):
-        quantity = _quantity(start[1])
+        quantity = next(known for known in QUANTITIES if known == start[1].lower())
         if quantity in columns:
             raise FormatError(f"--columns names {quantity} twice: name the columns of one sensor.")
-        names, unit = _split_unit(words[start.end() : after.start() if after else None])
+        part = words[start.end() : after.start() if after else None]
+        bracketed = re.match(r"^(.*?)\s*\[([^\[\]]*)\]\s*$", part, re.DOTALL)
+        names = bracketed[1] if bracketed else part
         columns[quantity] = tuple(name.strip() for name in names.split(":"))
         if len(columns[quantity]) != len(QUANTITIES[quantity]) or not all(columns[quantity]):
             count = "one column" if len(QUANTITIES[quantity]) == 1 else "three columns with : between"
             raise FormatError(
                 f"--columns: {quantity} needs {count}, and '{names.strip()}' is not: write it as {EXAMPLE}."
             )
-        if unit is not None:
-            units[quantity] = _check_unit(quantity, unit)
-    return Columns(columns, units)
-
-
-def _quantity(word: str) -> Quantity:
-    return next(quantity for quantity in QUANTITIES if quantity == word.lower())
-
-
-def _split_unit(words: str) -> tuple[str, str | None]:
-    match = re.match(r"^(.*?)\s*\[([^\[\]]*)\]\s*$", words, re.DOTALL)
-    return (match[1], match[2]) if match else (words, None)
-
-
-def _check_unit(quantity: Quantity, unit: str) -> str:
-    if find_factor(quantity, unit) is None:
-        raise FormatError(f"--columns: there is no unit '{unit}' of {quantity}: choose one of {KNOWN_UNITS[quantity]}.")
-    return unit
+        if bracketed:
+            if find_factor(quantity, bracketed[2]) is None:
+                raise FormatError(
+                    f"--columns: there is no unit '{bracketed[2]}' of {quantity}: choose one of "
+                    f"{KNOWN_UNITS[quantity]}."
+                )
+            bracketed_units[quantity] = bracketed[2]
+    return Columns(columns, bracketed_units)
 
 
 def _parse_list(words: str, units: str | None) -> Columns:
@@ -208,7 +200,8 @@ def parse_units(words: str | None) -> dict[Quantity, str]:
 
 def _find_name(word: str, names: Sequence[str], source: str) -> int:
     """Position of the column that a word names."""
-    for simplify in (str, _fold):
+    without_unit = re.compile(r"\s*[(\[][^()\[\]]*[)\]]\s*$")
+    for simplify in (str, lambda name: without_unit.sub("", name).strip().casefold()):
         found = [position for position, name in enumerate(names) if simplify(name) == simplify(word)]
         if len(found) > 1:
             raise FormatError(f"{source} has {len(found)} columns '{word}': give its number, from 1, in --columns.")
@@ -219,20 +212,7 @@ def _find_name(word: str, names: Sequence[str], source: str) -> int:
     raise FormatError(f"{source} has no column '{word}' of --columns: it has {shorten_names(names)}.")
 
 
-def _fold(name: str) -> str:
-    """Return a name without case, blanks at its ends and a unit in brackets."""
-    return re.sub(r"\s*[(\[][^()\[\]]*[)\]]\s*$", "", name).strip().casefold()
-
-
 def shorten_names(names: Sequence[str], most: int = 24) -> str:
     """Names for a message; of many, the first."""
     listed = ", ".join(f"'{name[:40]}'" for name in names[:most])
     return f"{listed} and {len(names) - most} more" if len(names) > most else listed
-
-
-def _name_channel(quantity: Quantity, channel: Channel, names: Sequence[str]) -> Channel:
-    """Add the names of a channel, and where the user gives no unit, that in its names."""
-    own = tuple(names[position] for position in channel.positions)
-    meanings = [read_header(name) for name in own]
-    units = {meaning.unit for meaning in meanings if meaning and meaning.unit and find_factor(quantity, meaning.unit)}
-    return Channel(channel.positions, own, channel.unit or (units.pop() if len(units) == 1 else None))

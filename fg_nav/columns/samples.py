@@ -11,21 +11,37 @@ air    its pressure is 300 to 1200 hPa; one that is nowhere is left out
 
 Stamps too coarse for the rate are spread over the rows that share them. Without stamps a counter, or else the rows,
 give the time by the rate that the user says.
+
+Arrays and data frames of the user's own are converted by the same words as a file's columns. Units are a list,
+`"ms, g, deg/s"`, of which each says its quantity, or by quantity, `{"acc": "g"}`. Arrays without one are in s, m/s^2,
+rad/s and uT; of a data frame counts what the names of its columns say, and what they do not say is judged.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from fg_nav.arrays import Floats
-from fg_nav.columns.choice import Asker, write_mapping
-from fg_nav.columns.mapping import Channel, ColumnMap
+from fg_nav.columns.choice import Hints, choose_columns, write_mapping
+from fg_nav.columns.mapping import QUANTITIES, Channel, ColumnMap, Columns, parse_columns, parse_units
 from fg_nav.columns.units import KNOWN_UNITS, Quantity, find_factor
-from fg_nav.errors import FormatError
+from fg_nav.errors import FormatError, RecordingError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.samples import plausibility
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Units: TypeAlias = str | Mapping[Quantity, str] | None
+"""Words for the units: a list with commas, or one a quantity."""
+
+ColumnNames: TypeAlias = str | Mapping[Quantity, str | Sequence[str]] | None
+"""A mapping as of `--columns`, or the names by quantity."""
 
 SI_UNITS: dict[Quantity, str] = {"time": "s", "acc": "m/s^2", "gyr": "rad/s", "mag": "uT", "pressure": "Pa"}
 """Words of the units of `Samples`."""
@@ -54,7 +70,7 @@ def list_positions(columns: ColumnMap) -> list[int]:
     return [position for channel in channels if channel is not None for position in channel.positions]
 
 
-def convert_samples(values: Floats, columns: ColumnMap, rate_hz: float | None, asker: Asker) -> Samples:
+def convert_samples(values: Floats, columns: ColumnMap, rate_hz: float | None, hints: Hints) -> Samples:
     """Convert the columns of `list_positions`, (N, K), to SI.
 
     Raises `FormatError` if there is neither time nor rate, or a unit that nothing shows.
@@ -64,33 +80,27 @@ def convert_samples(values: Floats, columns: ColumnMap, rate_hz: float | None, a
     ends = np.cumsum([len(part.positions) if part else 0 for part in parts])
     clock, acc, gyr, mag, air = np.split(values, ends, axis=1)
     acc, gyr, time, period_s = columns.acc.add(acc), columns.gyr.add(gyr), columns.time, np.nan
+    if time is not None and len(time.factors) > 1:  # seconds and a part of them, which may be a whole clock by itself
+        whole, part = clock[:, :1], clock[:, 1:] * time.factors[1]
+        clock = whole + part if np.nanmax(np.abs(part), initial=0.0) <= 1.0 else part
     if time is not None:
-        clock = _add_parts(clock, time)
         period_s = plausibility.median_period_s(clock) * (find_factor("time", time.unit or "") or np.nan)
-    unit = columns.acc.unit or _judge_acc(acc, gyr, period_s, columns, asker, notes)
-    acc = _scale(acc, "acc", columns.acc, unit, asker)
+    unit = columns.acc.unit or _judge_acc(acc, gyr, period_s, columns, hints, notes)
+    acc = _scale(acc, "acc", columns.acc, unit, hints)
     if len(columns.acc.factors) > 1:
         sign = np.sign(columns.acc.factors[0])
         if find_factor("acc", unit) == GRAVITY_M_S2 and sign > 0:  # in g it is Apple's too
             acc, sign = -acc, -1.0
         notes.append(f"acc is {'-' if sign < 0 else ''}({columns.acc.names[0]} + {columns.acc.names[3]})")
         notes[-1] += ", as an iPhone has the sign turned" if sign < 0 else ""
-    t = _make_time(clock, acc, gyr, columns, rate_hz, asker, notes)
+    t = _make_time(clock, acc, gyr, columns, rate_hz, hints, notes)
     period_s = plausibility.median_period_s(t)
-    unit = columns.gyr.unit or _judge_gyr(acc, gyr, period_s, columns, asker, notes)
-    gyr = _scale(gyr, "gyr", columns.gyr, unit, asker)
-    field = None if columns.mag is None else _convert_mag(mag, columns, columns.mag, asker, notes)
+    unit = columns.gyr.unit or _judge_gyr(acc, gyr, period_s, columns, hints, notes)
+    gyr = _scale(gyr, "gyr", columns.gyr, unit, hints)
+    field = None if columns.mag is None else _convert_mag(mag, columns, columns.mag, hints, notes)
     channel = columns.pressure
     pressure = None if channel is None else convert_pressure(air[:, 0], channel, notes)
     return Samples(t, acc, gyr, field, (*columns.notes, *notes), pressure)
-
-
-def _add_parts(clock: Floats, time: Channel) -> Floats:
-    """Seconds and the part of a second as one column (N, 1); the second alone where it is a whole clock by itself."""
-    if len(time.factors) == 1:
-        return clock
-    whole, part = clock[:, :1], clock[:, 1:] * time.factors[1]
-    return whole + part if np.nanmax(np.abs(part), initial=0.0) <= 1.0 else part
 
 
 def convert_pressure(values: Floats, channel: Channel, notes: list[str]) -> Floats | None:
@@ -98,9 +108,8 @@ def convert_pressure(values: Floats, channel: Channel, notes: list[str]) -> Floa
 
     Without a unit in the name of the column the median says it, of Pa, hPa and kPa.
     """
-    factors = [
-        find_factor("pressure", unit) or 1.0 for unit in ([channel.unit] if channel.unit else ("Pa", "hPa", "kPa"))
-    ]
+    units = [channel.unit] if channel.unit else ["Pa", "hPa", "kPa"]
+    factors = [find_factor("pressure", unit) or 1.0 for unit in units]
     with np.errstate(over="ignore", invalid="ignore"):
         scaled = [plausibility.keep_air(values * factor) for factor in factors]
     counts = [0 if one is None else int(np.isfinite(one).sum()) for one in scaled]
@@ -114,11 +123,11 @@ def convert_pressure(values: Floats, channel: Channel, notes: list[str]) -> Floa
     return None
 
 
-def _scale(values: Floats, quantity: Quantity, channel: Channel, unit: str, asker: Asker) -> Floats:
+def _scale(values: Floats, quantity: Quantity, channel: Channel, unit: str, hints: Hints) -> Floats:
     factor = find_factor(quantity, unit)
     if factor is None:
         raise FormatError(
-            f"{asker.name}: column '{channel.names[0]}' has the unit '{unit}', which is not known: "
+            f"{hints.name}: column '{channel.names[0]}' has the unit '{unit}', which is not known: "
             f"write one of {KNOWN_UNITS[quantity]}."
         )
     with np.errstate(over="ignore", invalid="ignore"):  # nonsense numbers are found as such later
@@ -126,44 +135,32 @@ def _scale(values: Floats, quantity: Quantity, channel: Channel, unit: str, aske
 
 
 def _make_time(
-    clock: Floats,
-    acc: Floats,
-    gyr: Floats,
-    columns: ColumnMap,
-    rate_hz: float | None,
-    asker: Asker,
-    notes: list[str],
+    clock: Floats, acc: Floats, gyr: Floats, columns: ColumnMap, rate_hz: float | None, hints: Hints, notes: list[str]
 ) -> Floats:
     if rate_hz is not None and not 0.0 < rate_hz < np.inf:
         raise FormatError(f"a rate of {rate_hz:g} Hz is none: give samples a second.")
     if columns.time is not None:
         if rate_hz is not None:
             raise FormatError(
-                f"{asker.name} has stamps, '{columns.time.names[0]}': leave the rate out, or name the columns to use "
+                f"{hints.name} has stamps, '{columns.time.names[0]}': leave the rate out, or name the columns to use "
                 f"without time."
             )
-        turning_s = _measure_turning(acc, gyr, columns.gyr)
-        return _convert_time(clock[:, 0], turning_s, columns, columns.time, asker, notes)
+        return _convert_time(clock[:, 0], acc, gyr, columns, columns.time, hints, notes)
     if rate_hz is None:
         counted = f" but '{columns.counter.names[0]}', which counts samples" if columns.counter else ""
-        raise FormatError(f"{asker.name} has no stamps{counted}: give its rate, such as {asker.rate}.")
-    if columns.counter is not None and _counts_samples(count := _continue_counter(clock[:, 0])):
-        notes.append(f"time is '{columns.counter.names[0]}' at {rate_hz:g} Hz")
-        return np.asarray((count - float(count[np.isfinite(count)][0])) / rate_hz)
+        raise FormatError(f"{hints.name} has no stamps{counted}: give its rate, such as {hints.rate}.")
+    if columns.counter is not None:
+        count = clock[:, 0].copy()
+        known = np.isfinite(count)
+        largest = float(count[known].max(initial=0.0))
+        end = next((end for end in _COUNTER_ENDS if largest < end), np.inf)
+        if (np.diff(count[known]) < -0.5 * end).any():  # from the end of the fewest bits that hold it to its beginning
+            count[known] = np.unwrap(count[known], period=end)
+        if _counts_samples(count):
+            notes.append(f"time is '{columns.counter.names[0]}' at {rate_hz:g} Hz")
+            return np.asarray((count - float(count[known][0])) / rate_hz)
     notes.append(f"time is the number of the row at {rate_hz:g} Hz")
     return np.arange(len(clock)) / rate_hz
-
-
-def _continue_counter(count: Floats) -> Floats:
-    """Counter (N,) set on where it falls from the end of the fewest bits that hold it to its beginning."""
-    known = np.isfinite(count)
-    largest = float(count[known].max(initial=0.0))
-    end = next((end for end in _COUNTER_ENDS if largest < end), np.inf)
-    if not (np.diff(count[known]) < -0.5 * end).any():
-        return count
-    whole = count.copy()
-    whole[known] = np.unwrap(count[known], period=end)
-    return whole
 
 
 def _counts_samples(count: Floats) -> bool:
@@ -172,20 +169,18 @@ def _counts_samples(count: Floats) -> bool:
     return bool(step.size) and float(np.median(step)) == 1.0 and bool((step >= 0).all())
 
 
-def _measure_turning(acc: Floats, gyr: Floats, channel: Channel) -> tuple[float, ...]:
-    """Periods, s, by which gravity turns as the gyroscope says, in its unit or in each that it can have; or by gait."""
-    factor = None if channel.unit is None else find_factor("gyr", channel.unit)
+def _convert_time(
+    t: Floats, acc: Floats, gyr: Floats, columns: ColumnMap, channel: Channel, hints: Hints, notes: list[str]
+) -> Floats:
+    # periods, s, by which gravity turns as the gyroscope says, in its unit or in each that it can have; or by gait
+    factor = None if columns.gyr.unit is None else find_factor("gyr", columns.gyr.unit)
     if factor is None and np.nanmax(np.abs(gyr), initial=0.0) > plausibility.TOO_FAST_RAD_S:
         factor = np.pi / 180.0
     period_s = plausibility.measure_turning_period(acc, gyr)
+    turning_s = tuple(period_s / one for one in ((factor,) if factor else (1.0, np.pi / 180.0)))
     if np.isnan(period_s):
-        return (plausibility.measure_gait_period(gyr),)
-    return tuple(period_s / one for one in ((factor,) if factor else (1.0, np.pi / 180.0)))
-
-
-def _convert_time(
-    t: Floats, turning_s: tuple[float, ...], columns: ColumnMap, channel: Channel, asker: Asker, notes: list[str]
-) -> Floats:
+        turning_s = (plausibility.measure_gait_period(gyr),)
+    # unit
     unit = channel.unit if channel.unit and find_factor("time", channel.unit) is not None else None
     finite = t[np.isfinite(t)]
     steps = np.diff(finite)
@@ -204,14 +199,14 @@ def _convert_time(
         if unit is None or (counts and (np.isnan(turning_s[0]) or unit not in ("s", "ms", "us", "ns"))):
             how = "rises by ones" if counts else f"steps by {period:.6g}"
             raise FormatError(
-                f"{asker.name}: column '{channel.names[0]}' {how} and names no unit, and its samples show none: it "
-                f"counts samples, or say the unit, {asker.ask(*sayings)}, or name the columns without time and give "
-                f"{asker.rate}."
+                f"{hints.name}: column '{channel.names[0]}' {how} and names no unit, and its samples show none: it "
+                f"counts samples, or say the unit, {hints.suggest(*sayings)}, or name the columns without time and "
+                f"give {hints.rate}."
             )
         if unit != "s":
             shown = "by their step" if np.isnan(turning_s[0]) else "as gravity turns and by their step"
             notes.append(f"the stamps '{channel.names[0]}' are taken for {unit}, {shown} of {period:.6g}")
-    t = _scale(t, "time", channel, unit, asker)
+    t = _scale(t, "time", channel, unit, hints)
     return _spread_coarse(t, notes) if is_coarse else t
 
 
@@ -236,7 +231,7 @@ def _spread_coarse(t: Floats, notes: list[str]) -> Floats:
     return np.where(np.isfinite(t), even, np.nan)
 
 
-def _judge_acc(acc: Floats, gyr: Floats, period_s: float, columns: ColumnMap, asker: Asker, notes: list[str]) -> str:
+def _judge_acc(acc: Floats, gyr: Floats, period_s: float, columns: ColumnMap, hints: Hints, notes: list[str]) -> str:
     """Find the unit of acc (N, 3) by its norm at rest."""
     rest = plausibility.measure_rest_acc(acc, period_s)
     unit = plausibility.find_acc_unit(acc, period_s)
@@ -247,30 +242,27 @@ def _judge_acc(acc: Floats, gyr: Floats, period_s: float, columns: ColumnMap, as
         full = f"1/{2 ** round(np.log2(rest))} g"
         counts = ("1/16.4 deg/s", "1/131 deg/s", "1/65.5 deg/s", "1/32.8 deg/s", "deg/s", "rad/s")
         raise FormatError(
-            f"{asker.name}: acc is {rest:.5g} at rest, so it counts steps of a converter: say how much one is, "
-            f"{asker.ask(*(write_mapping(columns, acc=full, gyr=count) for count in counts))}."
+            f"{hints.name}: acc is {rest:.5g} at rest, so it counts steps of a converter: say how much one is, "
+            f"{hints.suggest(*(write_mapping(columns, acc=full, gyr=count) for count in counts))}."
         )
     turned = plausibility.find_acc_unit(gyr, period_s)
     if turned is not None:
         exchanged = replace(columns, acc=replace(columns.gyr, unit=turned), gyr=columns.acc)
         sayings = [write_mapping(exchanged, gyr=unit) for unit in ("deg/s", "rad/s")]
         raise FormatError(
-            f"{asker.name}: the columns called {', '.join(columns.gyr.names)} measure gravity "
+            f"{hints.name}: the columns called {', '.join(columns.gyr.names)} measure gravity "
             f"({plausibility.measure_rest_acc(gyr, period_s):.4g} at rest), and {', '.join(columns.acc.names)} do not: "
-            f"say so, {asker.ask(*sayings)}."
+            f"say so, {hints.suggest(*sayings)}."
         )
     problem = plausibility.find_acc_problem(acc, period_s)
     if problem is None or "removed" not in problem:
-        problem = f"acc is {rest:.4g} at rest and names no unit: say it, " + asker.ask(
-            *(
-                write_mapping(columns, acc=unit)
-                for unit in ("g", f"{GRAVITY_M_S2 / rest:.4g} m/s^2" if rest > 0 else "mg")
-            )
-        )
-    raise FormatError(f"{asker.name}: {problem}.")
+        units = ("g", f"{GRAVITY_M_S2 / rest:.4g} m/s^2" if rest > 0 else "mg")
+        words = hints.suggest(*(write_mapping(columns, acc=unit) for unit in units))
+        problem = f"acc is {rest:.4g} at rest and names no unit: say it, {words}"
+    raise FormatError(f"{hints.name}: {problem}.")
 
 
-def _judge_gyr(acc: Floats, gyr: Floats, period_s: float, columns: ColumnMap, asker: Asker, notes: list[str]) -> str:
+def _judge_gyr(acc: Floats, gyr: Floats, period_s: float, columns: ColumnMap, hints: Hints, notes: list[str]) -> str:
     """Find the unit of gyr (N, 3) where physics decides it; `acc` (N, 3) is in m/s^2."""
     unit = plausibility.find_gyr_unit(acc, gyr, period_s)
     finite = np.abs(gyr[np.isfinite(gyr).all(axis=1)])
@@ -278,14 +270,14 @@ def _judge_gyr(acc: Floats, gyr: Floats, period_s: float, columns: ColumnMap, as
     if unit is not None:
         notes.append(f"gyr is taken for {unit}, by its peak of {peak:.4g} next to acc")
         return unit
-    words = asker.ask(*(write_mapping(columns, gyr=unit) for unit in ("deg/s", "rad/s", "mdeg/s", "1/16.4 deg/s")))
+    words = hints.suggest(*(write_mapping(columns, gyr=unit) for unit in ("deg/s", "rad/s", "mdeg/s", "1/16.4 deg/s")))
     raise FormatError(
-        f"{asker.name}: gyr ('{columns.gyr.names[0]}' ..., peak {peak:.4g}) names no unit, and its samples show none: "
+        f"{hints.name}: gyr ('{columns.gyr.names[0]}' ..., peak {peak:.4g}) names no unit, and its samples show none: "
         f"say it, {words}, or with the unit that it has."
     )
 
 
-def _convert_mag(mag: Floats, columns: ColumnMap, channel: Channel, asker: Asker, notes: list[str]) -> Floats | None:
+def _convert_mag(mag: Floats, columns: ColumnMap, channel: Channel, hints: Hints, notes: list[str]) -> Floats | None:
     """Return the magnetometer in uT; None, with a note, where its unit is arbitrary or not clear."""
     unit = channel.unit
     if unit is None:
@@ -299,8 +291,108 @@ def _convert_mag(mag: Floats, columns: ColumnMap, channel: Channel, asker: Asker
             )
             return None
         notes.append(f"mag is taken for {unit}, by its strength")
-    scaled = _scale(mag, "mag", channel, unit, asker)
-    if find_factor("mag", unit) is not None and np.isnan(find_factor("mag", unit) or 0.0):
+    scaled = _scale(mag, "mag", channel, unit, hints)
+    if np.isnan(find_factor("mag", unit) or 0.0):
         notes.append("the magnetometer is in arbitrary units and was left out")
         return None
     return scaled
+
+
+# Arrays and data frames
+
+_FRAME = Hints("the table", "columns=", "rate_hz=100", "")
+_ARRAYS = Hints("the arrays", "units=", "rate_hz=100", "")
+
+
+def convert_arrays(t: ArrayLike, acc: ArrayLike, gyr: ArrayLike, mag: ArrayLike | None, units: Units) -> Samples:
+    """Convert stamps (N,), force, rate and field (N, 3) to SI.
+
+    Raises `FormatError` for a unit that is not known, and `RecordingError` for what are no numbers of that shape.
+    """
+    words = {**SI_UNITS, **_read_units(units)}
+    stamps = to_floats(np.asarray(t), "t", "the arrays")
+    if np.asarray(t).dtype.kind == "M":
+        words["time"] = "s"
+    values = [stamps.reshape(-1, 1) if stamps.ndim == 1 else stamps]
+    for name, vectors in (("acc", acc), ("gyr", gyr), ("mag", mag)):
+        if vectors is not None or name != "mag":
+            values.append(to_floats(np.asarray(vectors), name, "the arrays"))
+            if values[-1].shape != (len(stamps), 3):
+                raise RecordingError(
+                    f"{name} has shape {values[-1].shape}, not ({len(stamps)}, 3): give one row a stamp."
+                )
+    if stamps.ndim != 1:
+        raise RecordingError(f"t has shape {stamps.shape}, not (N,): give one stamp a sample.")
+    places: dict[Quantity, tuple[int, ...]] = {"time": (0,), "acc": (1, 2, 3), "gyr": (4, 5, 6), "mag": (7, 8, 9)}
+    channels = [Channel(at, (name,), words[name]) for name, at in places.items()]
+    columns = ColumnMap(channels[1], channels[2], None if mag is None else channels[3], channels[0])
+    return convert_samples(np.concatenate(values, axis=1), columns, None, _ARRAYS)
+
+
+def convert_frame(frame: pd.DataFrame, columns: ColumnNames, units: Units, rate_hz: float | None) -> Samples:
+    """Convert the columns of a data frame, by their names or as mapped, to SI.
+
+    Raises `FormatError` if a column or unit is missing and cannot be judged, or a value is no number.
+    """
+    if frame.index.name is not None or frame.index.dtype.kind == "M":
+        frame = frame.reset_index(names=[frame.index.name or "time"])
+    names = [" ".join(map(str, name)) if isinstance(name, tuple) else str(name) for name in frame.columns]
+    given = None
+    if isinstance(columns, str):
+        given = parse_columns(columns)
+    elif columns is not None:
+        words: dict[Quantity, tuple[str, ...]] = {}
+        for quantity, own in columns.items():
+            words[quantity] = (own,) if isinstance(own, str) else tuple(map(str, own))
+            if quantity not in QUANTITIES or len(words[quantity]) != len(QUANTITIES[quantity]):
+                raise FormatError(
+                    f"columns of '{quantity}' are {words[quantity]}: give time and pressure one, acc, gyr and mag "
+                    f"three."
+                )
+        given = Columns(words, {})
+    found = choose_columns(names, _FRAME, given=given, has_rate=rate_hz is not None)
+    for quantity, unit in _read_units(units).items():
+        channel = getattr(found, quantity)
+        found = found if channel is None else replace(found, **{quantity: replace(channel, unit=unit)})
+    stamps = found.time
+    if stamps is not None and frame.dtypes.iloc[stamps.positions[0]].kind == "M":
+        found = replace(found, time=replace(stamps, unit="s"))
+    taken = [to_floats(frame.iloc[:, at].to_numpy(), names[at], _FRAME.name) for at in list_positions(found)]
+    return convert_samples(np.column_stack(taken), found, rate_hz, _FRAME)
+
+
+def _read_units(units: Units) -> dict[Quantity, str]:
+    """Read unit words; raises `FormatError` for one that is not known."""
+    if units is None or isinstance(units, str):
+        return parse_units(units)
+    for quantity, word in units.items():
+        if quantity not in QUANTITIES:
+            raise FormatError(f"units name '{quantity}': choose of {', '.join(QUANTITIES)}.")
+        if find_factor(quantity, word) is None:
+            raise FormatError(f"there is no unit '{word}' of {quantity}: choose one of {KNOWN_UNITS[quantity]}.")
+    return dict(units)
+
+
+def to_floats(column: np.ndarray[Any, Any], name: str, source: str) -> Floats:
+    """Return a column as floats, instants as seconds since 1970; what is empty is NaN.
+
+    Raises `FormatError` with the row of what is no number.
+    """
+    if column.dtype.kind == "M":
+        seconds = column.astype("datetime64[ns]").astype(np.int64) * 1e-9
+        return np.where(np.isnat(column), np.nan, seconds)
+    if column.dtype.kind in "fiub":
+        return np.asarray(column, dtype=np.float64)
+    import pandas as pd
+
+    flat = column.reshape(-1)
+    values = pd.Series(flat)
+    numbers = np.asarray(pd.to_numeric(values, errors="coerce"), dtype=np.float64)
+    bad = np.isnan(numbers) & values.notna().to_numpy() & (values.astype(str).str.lower() != "nan").to_numpy()
+    if bad.any():
+        at = int(np.argmax(bad))
+        row = at // max(1, flat.size // max(1, len(column))) + 1
+        raise FormatError(
+            f"{source}, row {row}, column '{name}': {str(flat[at])[:40]!r} is not a number; correct or delete that row."
+        )
+    return numbers.reshape(column.shape)

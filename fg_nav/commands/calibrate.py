@@ -19,16 +19,20 @@ from typing import Any
 
 import numpy as np
 
-from fg_nav.calibration.allan import AllanCurve, NoiseFit, NoisePart
-from fg_nav.calibration.at_rest import (
+from fg_nav.calibration.allan import (
+    AllanCurve,
+    NoiseFit,
+    NoisePart,
+    RecordingNoise,
+    SensorNoise,
+    measure_recording_noise,
+)
+from fg_nav.calibration.inertial import (
     ALONE,
     AccelerometerCalibration,
     GyroscopeCalibration,
-    RecordingNoise,
-    SensorNoise,
     average_gyroscopes,
     calibrate_gyroscope,
-    measure_recording_noise,
     read_walk_bias,
 )
 from fg_nav.calibration.magnetometer import UPPER, MagnetometerCalibration

@@ -18,8 +18,7 @@ from fg_nav.io import Reading
 from fg_nav.io.writing import choose_writer
 from fg_nav.recording import RawRecording, Recording
 from fg_nav.report.export import check_export, export_track, is_map
-from fg_nav.report.export.place import Origin
-from fg_nav.report.export.track import Track, parse_start, read_result
+from fg_nav.report.export.track import ExportTrack, Origin, parse_start, read_result
 from fg_nav.report.folder import RESULT_FILES, check_file_free, result_file
 from fg_nav.report.terminal import console, listing
 
@@ -83,7 +82,7 @@ def export(
     if turn_deg:
         track = replace(track, notes=())  # whoever turns a path knows its north
     files = [made for file in out for made in export_track(track, file, place, force)]
-    times = track.tell_time(track.t[:1])
+    times = track.format_utc(track.t[:1])
     content = {
         "result": str(folder),
         "files": [str(file) for file in files],
@@ -96,8 +95,8 @@ def export(
     return Answer(content, partial(_print_export, track, files))
 
 
-def _print_export(track: Track, files: Sequence[Path]) -> None:
-    times = track.tell_time(track.t[:1])
+def _print_export(track: ExportTrack, files: Sequence[Path]) -> None:
+    times = track.format_utc(track.t[:1])
     rows = [
         ("read", f"{len(track.t)} samples and {len(track.footfalls)} footfalls of {track.method}"),
         ("time", f"from {times[0]}" if times else "of the recording's own clock; --start makes it absolute"),

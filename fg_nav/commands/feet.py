@@ -11,7 +11,7 @@ from fg_nav.both_feet import MAX_GAP_S, Order, check_method, navigate_feet
 from fg_nav.commands import Answer, Target, name_walk
 from fg_nav.commands.run import RunRequest, refuse_unusable
 from fg_nav.errors import EstimationError
-from fg_nav.feet.options import refuse_for_two, split_pair
+from fg_nav.feet import refuse_for_two, split_pair
 from fg_nav.io import Reading
 from fg_nav.report.feet import write_feet
 from fg_nav.report.terminal import print_results, progress

@@ -17,7 +17,7 @@ from fg_nav.commands.several import answer_each, name_walks, show_number
 from fg_nav.errors import EstimationError, PlacesError, VerdictError
 from fg_nav.estimators import DEFAULT_METHOD, ONLINE, SMOOTHER, WITH_OWN_DETECTOR, find_estimator
 from fg_nav.io import Reading
-from fg_nav.io.readers.tables import refuse_singles
+from fg_nav.io.readers.table import refuse_sensor_tables
 from fg_nav.pipeline import check_method, navigate, prepare_walk, require_mag, take_places
 from fg_nav.report import Plots
 from fg_nav.report.files import Summary, write_comparison, write_run
@@ -83,7 +83,7 @@ def run(recordings: Sequence[Path], request: RunRequest) -> Answer:
     recordings = list(dict.fromkeys(recordings))
     if len(recordings) == 1:
         return _run_one(request, recordings[0])
-    refuse_singles(recordings)
+    refuse_sensor_tables(recordings)
     own = {
         "--truth": options.truth_path,
         "--fixes": options.fixes_path,

@@ -25,15 +25,14 @@ from fg_nav.errors import EstimationError, OutputError, StreamError, describe_re
 from fg_nav.estimators import Progress
 from fg_nav.magnetic.axes import MagAxes
 from fg_nav.online.estimates import POLISHED, SMOOTHED, SensorTime, format_table
-from fg_nav.online.follow import StreamOptions, follow_source
-from fg_nav.online.losses import describe_losses
+from fg_nav.online.follow import StreamedWalk, StreamOptions, StreamRequest, follow_source, run_stream
 from fg_nav.online.navigator import finish_walk
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.outlets import Say, open_outlets
 from fg_nav.online.pocket import PocketOptions, compute_stride_headings
 from fg_nav.online.record_check import doubt_resumed
-from fg_nav.online.replay import Replay
-from fg_nav.online.request import StreamedWalk, StreamRequest, run_stream
+from fg_nav.online.source_check import describe_losses
+from fg_nav.online.sources import Replay
 from fg_nav.pipeline import prepare_walk
 from fg_nav.recording import NOMINAL_SIGMA, Provenance
 from fg_nav.report import Plots, terminal

@@ -1,4 +1,4 @@
-"""Stances as the walk goes on: a footfall is reported when the swing after it has begun, and never changed again.
+"""Stances of a walk in progress: a footfall is reported when the swing after it has begun, and never changed again.
 
 The same statistic, thresholds and choice among candidates as for a whole recording (`fg_nav.detection.footfalls`), over
 a window of the last `window_s` that slides on by `step_s`:
@@ -12,8 +12,8 @@ a window of the last `window_s` that slides on by `step_s`:
 Steps are counted in samples from the first one, so it does not matter how the samples come in blocks. The work and the
 memory for each sample are the same however long the walk is.
 
-`Sliding` has the last samples of a stream, in order and in one piece of memory, whatever the length of the stream:
-rows are counted from the first that was ever appended, and at least the last `keep` of them are there.
+`Sliding` holds the last samples of a stream, in order and in one piece of memory: rows are counted from the first that
+was ever appended, and at least the last `keep` of them are there.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from operator import attrgetter
 
 import numpy as np
 
-from fg_nav.arrays import Floats, Ints
+from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.detection.footfalls import (
     MIN_SWING_S,
     REST_LEVEL,
@@ -34,37 +34,40 @@ from fg_nav.detection.footfalls import (
     SWING_RATE_RAD_S,
     WALKING,
     choose_footfalls,
+    is_falling,
     is_too_close,
 )
-from fg_nav.detection.free_pass import StrapdownPass
-from fg_nav.detection.sliding import Sliding, are_samples
 from fg_nav.detection.stance import MIN_S, WINDOW_S, StanceParameters, shoe
 from fg_nav.errors import DetectionError
+from fg_nav.frames import GRAVITY_M_S2, level_attitude
+from fg_nav.mechanisation import TILT_TIME_S, NavState, nudge_tilt, strapdown
 from fg_nav.recording import MAX_GAP_S
-from fg_nav.samples.gaps import find_holes
+from fg_nav.samples.gaps import MAX_HELD_S, find_holes
 from fg_nav.stances import Stances
+from fg_nav.system.compiled import njit
 
 FIRST_SAMPLES = 64  # Their median period is that of the samples; nothing is searched before.
+MANY = 1 << 40  # Still samples since a hole, where there was none.
 
 
 @dataclass(frozen=True)
 class CausalParameters:
-    """How stances are found in a stream."""
+    """Search for stances in a stream."""
 
     stance: StanceParameters = field(default_factory=StanceParameters)
     """The same as for a recording; the detector is SHOE with automatic thresholds."""
     window_s: float = 20.0
-    """Some fifteen strides on which a footfall must be in line with the others; a longer one changes nothing."""
+    """Some fifteen strides, among which a footfall is chosen; a longer one changes nothing."""
     step_s: float = 0.1
-    """How often the window is searched."""
+    """Interval of the searches."""
     settle_s: float = 0.3
-    """A footfall ended so long ago: longer than the shortest swing, so that the still middle of a runner's is over."""
+    """Since the end of a footfall: longer than the shortest swing, so that the still middle of a runner's is over."""
     piece_s: float = 2.0
-    """Standing is reported in pieces so long ..."""
+    """Length of the pieces in which standing is reported."""
     edge_s: float = 0.1
-    """... that end so long before the last sample: a swing may be about to begin."""
+    """From the end of a piece to the last sample: a swing may be about to begin."""
     warm_up_s: float = 1.5
-    """Nothing is searched before: by then the foot has stood once, and shows which way is up."""
+    """Before the first search: by then the foot has stood once, for the direction of up."""
 
 
 @dataclass(frozen=True)
@@ -88,7 +91,7 @@ class Footfall:
 
 @dataclass(frozen=True)
 class Seen:
-    """Stance intervals `start <= i < stop`, (K,) each, that a search saw in the samples `first <= i < last`."""
+    """Stance intervals `start <= i < stop`, (K,) each, of a search in the samples `first <= i < last`."""
 
     first: int
     last: int
@@ -96,7 +99,7 @@ class Seen:
     stop: Ints
 
     def lacks(self, start: int, stop: int) -> bool:
-        """Whether the samples `start <= i < stop` lie within what was searched, and are of no stance."""
+        """Whether the samples `start <= i < stop` were searched, and are of no stance."""
         within = self.first <= start and stop <= self.last
         return within and not ((self.start < stop) & (start < self.stop)).any()
 
@@ -131,7 +134,7 @@ class CausalStances:
         return list(self.search(t, acc, gyr))
 
     def search(self, t: Floats, acc: Floats, gyr: Floats) -> Iterator[Footfall]:
-        """Add samples and yield the footfalls that they complete, each when `seen` is of the search that found it.
+        """Add samples and yield the footfalls that they complete, each while `seen` is of its own search.
 
         Parameters
         ----------
@@ -145,7 +148,7 @@ class CausalStances:
 
     @property
     def seen(self) -> Seen | None:
-        """What the last search saw; None before the first."""
+        """Result of the last search; None before the first."""
         return None if self._search is None else self._search.seen
 
     def finish(self) -> list[Footfall]:
@@ -163,17 +166,18 @@ class CausalStances:
 
     @property
     def stands(self) -> bool:
-        """Whether the foot stands at the last samples, as far as is seen."""
+        """Whether the foot stands at the last samples."""
         return self._search is not None and self._search.stands
 
     def _started_search(self) -> _Search:
+        """Search with the period of the first samples."""
         if self._search is None:
             t = np.concatenate([block[0] for block in self._waiting])[:FIRST_SAMPLES]
             self._search = _Search(float(np.median(np.diff(t))), self._p)
         return self._search
 
     def _take(self, size: int) -> tuple[Floats, Floats, Floats]:
-        """Return the first `size` samples that wait, and leave the others."""
+        """Remove and return the first `size` waiting samples."""
         taken, lacking = [(np.empty(0), np.empty((0, 3)), np.empty((0, 3)))], size
         while lacking:
             block = self._waiting.popleft()
@@ -192,14 +196,11 @@ class _Search:
     """The search of a window that slides on; `step` samples at a time."""
 
     def __init__(self, period_s: float, p: CausalParameters) -> None:
-        def samples(seconds: float, least: int) -> int:
-            return max(least, round(seconds / period_s))
-
         self.period_s, self._p = period_s, p
-        self.step = samples(p.step_s, 1)
-        self._shoe_window = samples(WINDOW_S, 3)
+        lengths = ((p.step_s, 1), (WINDOW_S, 3), (p.window_s, 100), (p.settle_s, 1), (p.edge_s, 1))
+        samples = (max(least, round(seconds / period_s)) for seconds, least in lengths)
+        self.step, self._shoe_window, self._window, self._settle, self._edge = samples
         self._reach = self._shoe_window - 1 - self._shoe_window // 2
-        self._window, self._settle, self._edge = samples(p.window_s, 100), samples(p.settle_s, 1), samples(p.edge_s, 1)
         keep = self._window + self.step + 4 * self._shoe_window + FIRST_SAMPLES
         self._t, self._level = Sliding(keep), Sliding(keep)
         self._acc, self._gyr = Sliding(keep, (3,)), Sliding(keep, (3,))
@@ -270,10 +271,10 @@ class _Search:
             velocity.append(free.velocity(t, *new))
 
     def _settled(self, at_end: bool) -> Iterator[Footfall]:
-        """Report the footfalls that will not change any more."""
+        """Report the footfalls that are final."""
         stop = self._level.stop
         for start, end, threshold in self._footfalls(stop):
-            if at_end or self._has_ended(int(end[-1]), stop):
+            if at_end or (stop - end[-1] >= self._settle and self._is_apart(int(end[-1]), stop)):
                 yield self._report(start, end, threshold, int(end[-1]), stands=False)
                 continue
             cut = stop - self._edge
@@ -323,13 +324,11 @@ class _Search:
         return bool(rate.max(initial=0.0) > SWING_RATE_RAD_S)
 
     def _is_apart(self, end: int, stop: int) -> bool:
-        """Whether the foot swings from the end of an interval to the sample `stop`, or is not seen."""
+        """Whether the foot swings from the end of an interval to the sample `stop`, or samples are missing."""
         return self._has_swung(end, stop) or len(find_holes(self._t.between(end - 1, min(stop + 1, self._t.stop)))) > 0
 
-    def _has_ended(self, end: int, stop: int) -> bool:
-        return stop - end >= self._settle and self._is_apart(end, stop)
-
     def _report(self, start: Ints, stop: Ints, threshold: Floats, until: int, stands: bool) -> Footfall:
+        """Footfall of these intervals; samples before `until` are reported."""
         continues = self._stands and not self._is_apart(self._reported, int(start[0]))
         relative = [self._level.between(a, b) - x for a, b, x in zip(start, stop, threshold, strict=True)]
         k = int(np.argmin([part.min() for part in relative]))
@@ -339,7 +338,7 @@ class _Search:
 
 
 def join_footfalls(footfalls: Sequence[Footfall], n_samples: int) -> Stances:
-    """Return the stances of `n_samples` that some footfalls are: pieces of one footfall become one.
+    """Return the stances of `n_samples` by footfalls: pieces of one footfall become one.
 
     Raises
     ------
@@ -356,3 +355,130 @@ def join_footfalls(footfalls: Sequence[Footfall], n_samples: int) -> Stances:
     return Stances(
         np.delete(start, joined + 1), np.delete(stop, joined), np.delete(footfall, joined), n_samples, "shoe", threshold
     )
+
+
+class StrapdownPass:
+    """The free strapdown pass of a stream: forward, and never over a gap.
+
+    It begins at the stillest of the samples of the first call, and goes back from there to the very first. Behind a
+    hole the tilt is unknown: up is the mean of the still samples that follow, until they are many.
+    """
+
+    def __init__(self, still_level: float, longest_step_s: float) -> None:
+        self._still_level, self._longest_step_s = still_level, longest_step_s
+        self._state: NavState | None = None
+        self._still_since_hole = np.array([MANY])
+
+    def is_sound(self) -> bool:
+        """Whether its numbers have the shapes of one that has begun, and are known."""
+        since, fresh = self._still_since_hole, _at_rest(np.eye(3))
+        counts = since.shape == (1,) and since.dtype == int and since[0] >= 0
+        state = fresh if self._state is None else self._state
+        known = all(
+            one.shape == other.shape and bool(np.isfinite(one).all()) for one, other in zip(state, fresh, strict=True)
+        )
+        return bool(counts and known and state.nav_R_body.dtype == float)
+
+    def velocity(self, t: Floats, acc: Floats, gyr: Floats, level: Floats) -> Floats:
+        """Velocity (n, 3) m/s at each of n samples; `t` (n + 1,) s has the stamp after the last one too."""
+        h, hole = np.minimum(np.diff(t), self._longest_step_s), np.diff(t) > MAX_HELD_S
+        still, since = level < self._still_level, self._still_since_hole
+        if self._state is not None:
+            return np.asarray(_continue_pass(self._state, since, acc, gyr, h, still, hole, GRAVITY_M_S2))
+        falls = is_falling(acc)
+        if falls.all():
+            return np.zeros_like(acc)
+        first = int(np.argmin(np.where(falls, np.inf, level)))
+        up = level_attitude(acc[first])
+        self._state = _at_rest(up)
+        there, back = np.arange(first, len(acc)), np.arange(first)[::-1]
+        after = _continue_pass(
+            self._state, since, acc[there], gyr[there], h[there], still[there], hole[there], GRAVITY_M_S2
+        )
+        before = _continue_pass(
+            _at_rest(up), np.array([MANY]), acc[back], gyr[back], -h[back], still[back], hole[back], GRAVITY_M_S2
+        )
+        return np.concatenate([before[::-1], after])
+
+
+def _at_rest(nav_R_body: Floats) -> NavState:
+    """State at rest at the origin."""
+    return NavState(np.zeros(3), np.zeros(3), nav_R_body.copy(), np.zeros(3), np.zeros(3))
+
+
+@njit(cache=True)
+def _continue_pass(
+    state: NavState, since: Ints, acc: Floats, gyr: Floats, h: Floats, still: Bools, hole: Bools, gravity: float
+) -> Floats:
+    """Velocity (n, 3) at the stamp of each sample; the state goes over all of them, backward where `h` is negative.
+
+    `since` (1,) counts the still samples since the last hole.
+    """
+    velocity = np.empty((len(h), 3))
+    turn, push = np.empty((3, 3)), np.empty(3)
+    for i in range(len(h)):
+        if h[i] > 0.0:
+            velocity[i] = state.velocity
+        strapdown(state, acc[i], gyr[i], h[i], gravity, turn, push)
+        if hole[i]:
+            since[0] = 0
+        elif still[i]:
+            since[0] += 1
+            nudge_tilt(state.nav_R_body, acc[i], max(min(abs(h[i]) / TILT_TIME_S, 1.0), 1.0 / since[0]))
+        if h[i] < 0.0:
+            velocity[i] = state.velocity
+    return velocity
+
+
+class Sliding:
+    """The last rows of a stream, by their numbers since its beginning; `shape` of a row, `stop` the number so far."""
+
+    def __init__(self, keep: int, shape: tuple[int, ...] = ()) -> None:
+        self._keep = keep
+        self._rows = np.empty((0, *shape))  # memory is taken when rows come
+        self._first = 0
+        self.stop = 0
+
+    def append(self, rows: Floats) -> None:
+        """Append rows (n, ...)."""
+        used = self.stop - self._first
+        if used + len(rows) > len(self._rows):
+            kept = min(self._keep, used)
+            size = max(2 * self._keep, kept + len(rows))
+            fresh = np.empty((size, *self._rows.shape[1:]))
+            fresh[:kept] = self._rows[used - kept : used]
+            self._rows, self._first, used = fresh, self.stop - kept, kept
+        self._rows[used : used + len(rows)] = rows
+        self.stop += len(rows)
+
+    def copy(self) -> Sliding:
+        """Return a copy of the last `keep` rows."""
+        found = Sliding.__new__(Sliding)
+        found._keep, found.stop = self._keep, self.stop
+        found._first = max(self._first, self.stop - self._keep)
+        found._rows = self._rows[found._first - self._first : self.stop - self._first].copy()
+        return found
+
+    def is_sound(self, fresh: Sliding) -> bool:
+        """Whether it can have come of one that was fresh."""
+        same = self._keep == fresh._keep and self._rows.shape[1:] == fresh._rows.shape[1:]
+        return same and 0 <= self.stop - self._first <= len(self._rows) and self._first >= 0
+
+    def between(self, start: int, stop: int) -> Floats:
+        """Return the rows `start <= i < stop` as a view that is good until the next `append`.
+
+        Raises `IndexError` if they are no longer there, or not yet.
+        """
+        if not self._first <= start <= stop <= self.stop:
+            raise IndexError(f"rows {start} to {stop} are not among {self._first} to {self.stop}")
+        return self._rows[start - self._first : stop - self._first]
+
+    def all(self) -> Floats:
+        """Return the last `keep` rows."""
+        return self.between(max(self._first, self.stop - self._keep), self.stop)
+
+
+def are_samples(t: Floats, acc: Floats, gyr: Floats) -> bool:
+    """Whether stamps (n,) rise, and force and rate (n, 3) of each are known."""
+    known = all(bool(np.isfinite(one).all()) for one in (t, acc, gyr))
+    return known and bool((np.diff(t) > 0.0).all())

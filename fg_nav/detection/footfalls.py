@@ -1,8 +1,8 @@
-"""Which moments of stillness are footfalls: an automatic threshold for each footfall of each recording.
+"""Footfalls among the moments of stillness: an automatic threshold for each footfall of each recording.
 
-Gait, shoe and sensor change how still a foot in stance is by a factor of a hundred between recordings, and the
-middle of a swing can look as still as the stance of a runner. But a foot in mid-swing moves at meters a second,
-and that shows in the integrated acceleration. So:
+Gait, shoe and sensor change the stillness of a foot in stance by a factor of a hundred between recordings, and the
+middle of a swing can be as still as the stance of a runner. But a foot in mid-swing moves at meters a second, and that
+shows in the integrated acceleration. So:
 
 1. Candidates are the local minima of L = log10(SHOE), at least `PROMINENCE` decades deep; a rest is one candidate,
    from its first sample to its last. Both ends of the recording may cut a slope: they are minima only below `FLOOR`.
@@ -18,15 +18,27 @@ and that shows in the integrated acceleration. So:
 4. A stance reaches from its minimum as far as L stays below a threshold of its own, `MARGIN` above the minimum
    but between `FLOOR` and `CEILING`.
 5. Where no footfall was found for longer than a swing lasts, those of a second search, with wider s, are taken.
-6. Where there is still a gap of more than a cycle, it is filled with the stillest moment of each (`cycles`).
+6. Where there is still a gap of more than a cycle, it is filled with the stillest moment of each (below).
 7. No foot swings within `MIN_SWING_S`: of two intervals closer than that, with the angular rate of a swing
    between them, only the stiller is a stance: the other is the landing before it, or a mid-swing. Two rests stay two.
 
-Behind a hole in the samples (`fg_nav.samples.gaps`) all begins anew: no stance reaches over one, and what a foot did in
-it links no footfalls.
+Behind a hole in the samples (`fg_nav.samples.gaps`) all begins anew: no stance and no link reaches over one.
 
 Levels L are in decades of SHOE at the noise of `fg_nav.detection.stance`: L is reached by an angular rate of 0.2 deg/s,
 or a specific force that is off gravity by 0.02 m/s^2, times 10^(L/2). A sensor at rest has L of about 1.
+
+Cycles of a foot that runs. It turns at 0.7 to 1.7 rad/s in its stillest moment, with a gyroscope that clips in each
+swing: the free velocity is then off by meters a second after few strides, and no longer separates stances from other
+minima. What is left is the rhythm. In a gap without footfalls, a minimum of L is a stance
+
+* if the motion about it has a period T: the autocorrelation of L, cut off above and below, over `REACH_S` either side
+  has its first high maximum there, by `MIN_CORRELATION` or more;
+* if it is the lowest within `SHARE` T to either side: the middle of a swing is half a period from a stance. Samples not
+  yet recorded may be lower: a walk in progress decides after them;
+* if the foot came down before it: a specific force above `LANDING_M_S2` within `LANDING_S`;
+* and where the gap is longer than `GAP` T.
+
+A footfall above `DOUBTFUL_LEVEL` that is not the lowest of its own cycle is a mid-swing and is dropped before.
 """
 
 from __future__ import annotations
@@ -37,20 +49,19 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from fg_nav.arrays import Floats, Ints
-from fg_nav.detection.cycles import find_cycle_stances, find_mid_swings, is_next_to
-from fg_nav.detection.free_pass import integrate_velocity, is_falling
+from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.frames import GRAVITY_M_S2, level_attitude
+from fg_nav.mechanisation import TILT_TIME_S, NavState, nudge_tilt, strapdown
 from fg_nav.samples.gaps import find_holes
 from fg_nav.system.compiled import njit
 
 
 class Link(NamedTuple):
-    """How much velocity may seem to change between two footfalls, and where tilt is corrected on the path.
+    """Noise of the free velocity between two footfalls, and the level of tilt correction on the path.
 
-    Below `still_level` the specific force is taken for gravity, and the tilt corrected a little. `velocity_sigma`, s_0
-    in m/s, is the error of a stance's velocity and of one shock; `acc_sigma`, s_a in m/s^2, that of the acceleration by
-    tilt, bias and scale; `reward` the worth of a perfectly still candidate, in units of log likelihood.
+    Below `still_level` the tilt is nudged toward the specific force. `velocity_sigma`, s_0 in m/s, is the error of a
+    stance's velocity and of one shock; `acc_sigma`, s_a in m/s^2, that of the acceleration by tilt, bias and scale;
+    `reward` the worth of a perfectly still candidate, in units of log likelihood.
     """
 
     still_level: float
@@ -59,8 +70,7 @@ class Link(NamedTuple):
     reward: float
 
 
-# Found once by looking at gait, not at single walks: stride counts do not change over wide ranges of these.
-
+# From gait, not from single walks: stride counts do not change over wide ranges of these.
 WALKING = Link(4.0, 0.2, 0.3, 3.0)  # For the first search.
 ROUGH = Link(5.0, 0.3, 0.5, 4.0)  # For the gaps: running, with clipped peaks and no stance that levels the sensor.
 PROMINENCE = 0.3  # Decades by which a minimum must lie below its surroundings.
@@ -69,24 +79,31 @@ MAX_LEVEL = 5.8  # A minimum above this is never a stance: 160 deg/s, or 16 m/s^
 EASY_LEVEL = 3.5  # L_0: up to here a candidate earns the full reward.
 MAX_LINK_S = 2.5  # A stride takes no longer.
 
-MAX_SWING_S, MIN_SWING_S = 1.2, 0.25
-"""No foot of a walking or running person is in the air for longer, nor for shorter; sprinters need 0.35."""
-
+MAX_SWING_S, MIN_SWING_S = 1.2, 0.25  # Of a walking or running person; sprinters need 0.35.
 SWING_RATE_RAD_S = 2.0  # No swing without a peak rate above this.
 MARGIN = 0.6  # A stance's own threshold above its minimum, decades.
-
-FLOOR, CEILING = 4.0, 5.3
-"""Its threshold is not below 20 deg/s or 2 m/s^2, nor above 90 deg/s or 9 m/s^2, unless the minimum itself is."""
-
+FLOOR, CEILING = 4.0, 5.3  # Of that: 20 deg/s or 2 m/s^2, 90 deg/s or 9 m/s^2, unless the minimum itself is above.
 MIN_REST_S = 0.2  # No swing is below `REST_LEVEL` for longer.
 MIN_REACH_S = 0.01  # Of the stance of a foot that runs, on either side of its stillest moment.
+BROKEN = 24.0  # Price of a chain that begins or ends more than a swing inside the recording; of a link at most half.
+FREE_FALL_M_S2 = 1.0  # Specific force of a foot that stands is above.
 
-BROKEN = 24.0
-"""Price of a chain that begins or ends more than a swing inside the recording; no link costs more than half of it."""
+CYCLE_S = 0.5, 1.2  # From stance to stance of one foot: sprinters to those who walk fast.
+REACH_S = 2.5  # Some three cycles on either side: less has no rhythm, in more it changes.
+STEP_S = 0.02  # Samples of L for the autocorrelation: SHOE is averaged over 0.05 s.
+CUT_LEVELS = 4.0, 7.0  # L is clipped: how still a rest is, and how hard a foot lands, is not part of the rhythm.
+MIN_CORRELATION = 0.2  # White noise of as many independent samples stays below.
+FIRST_MAXIMUM = 0.85  # Of the highest maximum: two periods correlate as well as one.
+SHARE = 0.6  # Of a period.
+GAP = 1.4  # Periods, from the end of a stance to the start of the next: with none left out there are less than one.
+LANDING_M_S2, LANDING_S = (
+    2 * GRAVITY_M_S2,
+    0.2,
+)  # A runner lands with 4 g and more, and stands after 0.05 to 0.15 s.
+MAX_CYCLE_LEVEL = 6.5  # A minimum above this is never a stance: 360 deg/s, or 36 m/s^2.
+DOUBTFUL_LEVEL = 5.0  # Of feet that walk, one in a thousand has a stance above: 1.1 rad/s, or 6 m/s^2 off gravity.
 
-
-Intervals: TypeAlias = tuple[Ints, Ints, Floats]
-"""First sample, sample after the last and threshold, each (K,)."""
+Intervals: TypeAlias = tuple[Ints, Ints, Floats]  # First sample, sample after the last and threshold, each (K,).
 
 
 def find_footfalls(t: Floats, acc: Floats, gyr: Floats, level: Floats) -> tuple[Ints, Ints, Floats]:
@@ -101,7 +118,12 @@ def find_footfalls(t: Floats, acc: Floats, gyr: Floats, level: Floats) -> tuple[
     -------
     start, stop, threshold : (K,) first sample, sample after the last, and level of the threshold of each interval.
     """
-    return _search_parts(t, lambda part: _find_in_part(t[part], acc[part], gyr[part], level[part]))
+
+    def find(part: slice) -> Intervals:
+        velocity = _integrate_free(t[part], acc[part], gyr[part], level[part])
+        return _choose_in_part(t[part], acc[part], gyr[part], level[part], velocity)
+
+    return _search_parts(t, find)
 
 
 def _search_parts(t: Floats, search: Callable[[slice], Intervals]) -> Intervals:
@@ -112,17 +134,15 @@ def _search_parts(t: Floats, search: Callable[[slice], Intervals]) -> Intervals:
     return np.concatenate(start), np.concatenate(stop), np.concatenate(threshold)
 
 
-def _find_in_part(t: Floats, acc: Floats, gyr: Floats, level: Floats) -> Intervals:
+def _integrate_free(t: Floats, acc: Floats, gyr: Floats, level: Floats) -> list[Floats]:
+    """Velocities (N, 3) m/s of free strapdown passes for `WALKING` and `ROUGH`: step 2."""
     falls = is_falling(acc)
-    if falls.all():
-        return _find_nothing()
     stillest = int(np.argmin(np.where(falls, np.inf, level)))
+    if falls.all():  # then no sample is a candidate
+        return [np.zeros_like(acc)] * 2
     up = level_attitude(acc[stillest])
-    velocity = [
-        integrate_velocity(t, acc, gyr, level < link.still_level, stillest, up, GRAVITY_M_S2)
-        for link in (WALKING, ROUGH)
-    ]
-    return _choose_in_part(t, acc, gyr, level, velocity)
+    links = (WALKING, ROUGH)
+    return [integrate_velocity(t, acc, gyr, level < one.still_level, stillest, up, GRAVITY_M_S2) for one in links]
 
 
 def choose_footfalls(
@@ -141,9 +161,16 @@ def choose_footfalls(
 
 
 def _choose_in_part(t: Floats, acc: Floats, gyr: Floats, level: Floats, velocity: Sequence[Floats]) -> Intervals:
-    candidates = _find_candidates(acc, level)
+    """Intervals of a part without holes: steps 1 and 3 to 7."""
+    # first and last sample (2, C) of the local minima; they differ where the foot rests
+    cut = np.maximum(level, REST_LEVEL)
+    minima = np.stack(_find_minima(cut, PROMINENCE))
+    at_an_end = (minima[0] == 0) | (minima[1] == len(level) - 1)
+    low = cut[minima[0]] < np.where(at_an_end, FLOOR, MAX_LEVEL)
+    candidates = minima[:, low & ~is_falling(acc[minima[0]])]
     if candidates.size == 0:
-        return _find_nothing()
+        nothing = np.empty(0, dtype=np.int64)
+        return nothing, nothing, np.empty(0)
     found = [_search(t, level, v, candidates, link) for v, link in zip(velocity, (WALKING, ROUGH), strict=True)]
     stances, rough = (_grow_intervals(level, samples) for samples in found)
     merged = _fill_cycles(t, acc, level, _fill_gaps(t, stances, rough))
@@ -152,33 +179,12 @@ def _choose_in_part(t: Floats, acc: Floats, gyr: Floats, level: Floats, velocity
     return start[kept], stop[kept], threshold[kept]
 
 
-def _find_nothing() -> tuple[Ints, Ints, Floats]:
-    nothing = np.empty(0, dtype=np.int64)
-    return nothing, nothing, np.empty(0)
-
-
-def _find_candidates(acc: Floats, level: Floats) -> Ints:
-    """First and last sample (2, C) of the local minima: step 1. They differ where the foot rests."""
-    cut = np.maximum(level, REST_LEVEL)
-    first, last = _find_minima(cut, PROMINENCE)
-    at_an_end = (first == 0) | (last == len(level) - 1)
-    low = cut[first] < np.where(at_an_end, FLOOR, MAX_LEVEL)
-    return np.stack([first, last])[:, low & ~is_falling(acc[first])]
-
-
 def _search(t: Floats, level: Floats, velocity: Floats, candidates: Ints, link: Link) -> Ints:
     """Samples of the footfalls: step 3."""
     first = candidates[0]
     worth = link.reward - np.maximum(level[first] - EASY_LEVEL, 0.0)
-    chain = _find_best_chain(
-        t[candidates],
-        worth,
-        velocity[candidates],
-        link.velocity_sigma,
-        link.acc_sigma,
-        MAX_LINK_S,
-        MAX_SWING_S,
-    )
+    sigmas = link.velocity_sigma, link.acc_sigma
+    chain = _find_best_chain(t[candidates], worth, velocity[candidates], *sigmas, MAX_LINK_S, MAX_SWING_S)
     return np.asarray(first[chain])
 
 
@@ -208,24 +214,21 @@ def _fill_cycles(t: Floats, acc: Floats, level: Floats, stances: Floats) -> Floa
     kept = stances[:, ~find_mid_swings(t, level, stillest)]
     first, last = _find_minima(np.maximum(level, REST_LEVEL), PROMINENCE)
     found = find_cycle_stances(t, acc, level, first[~is_falling(acc[first])], *kept[:2])
-    known = _join(kept, _widen(_grow_intervals(level, found), found, t))
-    # A rest is a footfall, even where a run that ends in it shows no velocity.
+    # no less than `MIN_REACH_S` on either side
+    grown = _grow_intervals(level, found)
+    of = np.searchsorted(grown[0], found, side="right") - 1
+    np.minimum.at(grown[0], of, np.searchsorted(t, t[found] - MIN_REACH_S))
+    np.maximum.at(grown[1], of, np.minimum(np.searchsorted(t, t[found] + MIN_REACH_S) + 1, len(t)))
+    known = _join(kept, grown)
+    # a rest is a footfall, even where a run that ends in it shows no velocity
     rests = first[t[last] - t[first] >= MIN_REST_S]
-    return _join(known, _grow_intervals(level, rests[is_next_to(t, rests, known, MAX_LINK_S)]))
+    return _join(known, _grow_intervals(level, rests[_is_next_to(t, rests, known, MAX_LINK_S)]))
 
 
 def _join(stances: Floats, others: Floats) -> Floats:
     """Intervals (3, K) in order."""
     both = np.concatenate([stances, others], axis=1)
     return both[:, np.argsort(both[0], kind="stable")]
-
-
-def _widen(intervals: Floats, samples: Ints, t: Floats) -> Floats:
-    """Widen intervals (3, K) to no less than `MIN_REACH_S` on either side of the samples (S,) in them."""
-    wide, of = intervals.copy(), np.searchsorted(intervals[0], samples, side="right") - 1
-    np.minimum.at(wide[0], of, np.searchsorted(t, t[samples] - MIN_REACH_S))
-    np.maximum.at(wide[1], of, np.minimum(np.searchsorted(t, t[samples] + MIN_REACH_S) + 1, len(t)))
-    return wide
 
 
 def _choose_apart(t: Floats, gyr: Floats, level: Floats, start: Ints, stop: Ints) -> Ints:
@@ -346,3 +349,121 @@ def _merge(level: Floats, samples: Ints, threshold: Floats, found: Floats) -> in
         start[k], stop[k], own[k] = a, b, limit
         k += 1
     return k
+
+
+def find_cycle_stances(t: Floats, acc: Floats, level: Floats, minima: Ints, start: Floats, stop: Floats) -> Ints:
+    """Find the samples of stances between the intervals from `start` to `stop` (K,), among the `minima` of the level.
+
+    Parameters
+    ----------
+    t, acc, level : (N,) s, (N, 3) m/s^2 and (N,) decades.
+    """
+    ends = np.array([0, len(t) - 1])
+    before = np.concatenate([ends[:1], np.minimum(stop, ends[1])]).astype(np.int64)
+    after = np.concatenate([start, ends[1:]]).astype(np.int64)
+    gap = np.searchsorted(start, minima, side="right")
+    longest_s = (t[after] - t[before])[gap] / GAP
+    inside = (minima > before[gap]) & (minima < after[gap]) & (level[minima] < MAX_CYCLE_LEVEL)
+    chosen = inside & (longest_s > CYCLE_S[0])
+    found = []
+    for i, seconds in zip(minima[chosen], longest_s[chosen], strict=True):
+        # the foot has landed shortly before
+        since = np.searchsorted(t, t[i] - LANDING_S)
+        landed = np.linalg.norm(acc[since : i + 1], axis=1).max() > LANDING_M_S2
+        if not landed or not is_lowest_of_cycle(t, level, i, CYCLE_S[0]):
+            continue
+        # lowest of its cycle, which fits into the gap and is recorded as far as it counts
+        period_s = measure_period(t, level, i)
+        recorded = t[i] + SHARE * period_s <= t[-1]
+        if 0.0 < period_s < seconds and recorded and is_lowest_of_cycle(t, level, i, period_s):
+            found.append(i)
+    return np.array(found, dtype=np.int64)
+
+
+def find_mid_swings(t: Floats, level: Floats, stillest: Ints) -> Bools:
+    """Find the footfalls, stillest at these samples (K,), that are above `DOUBTFUL_LEVEL` and not those of a cycle."""
+    found = np.zeros(len(stillest), dtype=np.bool_)
+    for k in np.flatnonzero(level[stillest] > DOUBTFUL_LEVEL):
+        period_s = measure_period(t, level, stillest[k])
+        found[k] = period_s > 0.0 and not is_lowest_of_cycle(t, level, stillest[k], period_s)
+    return found
+
+
+def measure_period(t: Floats, level: Floats, sample: int) -> float:
+    """Measure the period of the motion about a sample, s; zero where it has none."""
+    first, last = np.searchsorted(t, t[sample] + np.array([-REACH_S, REACH_S]))
+    times = np.arange(t[first], t[min(last, len(t) - 1)], STEP_S)
+    at = np.minimum(np.searchsorted(t, times), len(t) - 1)  # rounding may put the last beyond the end
+    signal = np.clip(level[at], *CUT_LEVELS)
+    lags = np.arange(round(CYCLE_S[0] / STEP_S) - 1, round(CYCLE_S[1] / STEP_S) + 2)
+    if len(signal) < 2 * lags[-1]:
+        return 0.0
+    correlation = _correlate(signal - signal.mean(), lags)
+    inner = correlation[1:-1]
+    maxima = (inner >= correlation[:-2]) & (inner >= correlation[2:]) & (inner >= MIN_CORRELATION)
+    if not maxima.any():
+        return 0.0
+    return float(STEP_S * lags[1:-1][maxima & (inner >= FIRST_MAXIMUM * inner[maxima].max())][0])
+
+
+@njit(cache=True)
+def _correlate(signal: Floats, lags: Ints) -> Floats:
+    """Autocorrelation (L,) of a signal without mean, at each lag the mean over what overlaps; zero where it is even."""
+    n, found = len(signal), np.zeros(len(lags))
+    power = (signal**2).mean()
+    if power > 0.0:
+        for k, lag in enumerate(lags):
+            found[k] = (signal[lag:] * signal[: n - lag]).mean() / power
+    return found
+
+
+def is_lowest_of_cycle(t: Floats, level: Floats, sample: int, period_s: float) -> bool:
+    """Whether the level is lowest at a sample for `SHARE` of a period on either side, as far as that is recorded."""
+    first, last = np.searchsorted(t, t[sample] + SHARE * period_s * np.array([-1.0, 1.0]))
+    return bool(level[sample] <= level[first:last].min())
+
+
+def _is_next_to(t: Floats, samples: Ints, stances: Floats, longest_s: float) -> Bools:
+    """Whether samples (K,) are outside the intervals (3, S), and less than `longest_s` away from one."""
+    if stances.shape[1] == 0:
+        return np.zeros(len(samples), dtype=np.bool_)
+    start, stop = stances[:2].astype(np.int64)
+    after = np.searchsorted(start, samples, side="right")
+    before_s = np.where(after > 0, t[samples] - t[stop[after - 1] - 1], np.inf)
+    until_s = np.where(after < len(start), t[start[np.minimum(after, len(start) - 1)]] - t[samples], np.inf)
+    return np.asarray((before_s > 0) & (np.minimum(before_s, until_s) < longest_s))
+
+
+def is_falling(acc: Floats) -> Bools:
+    """Whether the sensor falls freely (N,), or its gravity has been removed."""
+    return np.asarray(np.linalg.norm(acc, axis=1) < FREE_FALL_M_S2)
+
+
+@njit(cache=True)
+def integrate_velocity(
+    t: Floats, acc: Floats, gyr: Floats, still: Bools, first: int, nav_R_body: Floats, gravity: float
+) -> Floats:
+    """Velocity (N, 3) m/s of a strapdown pass from rest and this attitude at the sample `first`, both ways.
+
+    At still samples the tilt is nudged toward the specific force. The velocity has a slow drift.
+    """
+    n = len(t)
+    velocity = np.zeros((n, 3))
+    turn, push = np.empty((3, 3)), np.empty(3)
+    no_bias, R, position = np.zeros(3), np.empty((3, 3)), np.zeros(3)
+    for way in (1, -1):
+        for row in range(3):
+            for axis in range(3):
+                R[row, axis] = nav_R_body[row, axis]
+        i = first
+        while 0 <= i + way < n:
+            held = min(i, i + way)  # a sample holds from its stamp to the next
+            h = t[i + way] - t[i]
+            for axis in range(3):
+                velocity[i + way, axis] = velocity[i, axis]
+            state = NavState(position, velocity[i + way], R, no_bias, no_bias)
+            strapdown(state, acc[held], gyr[held], h, gravity, turn, push)
+            if still[held]:
+                nudge_tilt(R, acc[held], min(abs(h) / TILT_TIME_S, 1.0))
+            i += way
+    return velocity

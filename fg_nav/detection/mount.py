@@ -1,13 +1,13 @@
-"""Was the sensor on a foot or in a trouser pocket? What the rate of turn shows.
+"""Mount of the sensor, foot or trouser pocket, by its angular rate.
 
 A foot stands in every stride: it hardly turns for a third of the time (a fifth where it runs), and in between it turns
-at 300 to 600 deg/s. A thigh that walks never rests: its rate passes through nought only where it turns back, and peaks
-at 150 to 350. Looked at in windows of some strides, of the slow rate (below 6 Hz):
+at 300 to 600 deg/s. A thigh that walks never rests: its rate is zero only where it turns back, and peaks at 150 to 350.
+In windows of some strides, of the slow rate (below 6 Hz):
 
 * rest share   share of the time in which the rate is below 15 % of the window's peak
 * peak         the highest rate
-* rhythm       how much the rate about its principal axis comes back to that of one stride before
-* impact       the highest specific force: what walks is hit at every footfall
+* rhythm       autocorrelation of the rate about its principal axis at one stride
+* impact       the highest specific force: a walker's sensor is hit at every footfall
 
 ====================================== ========== ========== ========= ============
 medians over the windows that turn     rest share peak deg/s rhythm    impact m/s^2
@@ -20,7 +20,7 @@ simulated thighs                       0.06-0.08  240-260    0.96-0.99 45 to 60
 moved by hand, hand that swings        0.00-0.14  150-770    0.32-0.97 12 to 30
 ====================================== ========== ========== ========= ============
 
-What lies between is said to be neither, and so is what has no rhythm, or no impact.
+In between, without rhythm, or without impact, the mount is neither.
 """
 
 from __future__ import annotations
@@ -38,24 +38,22 @@ from fg_nav.system.spilled import BLOCK_ROWS, drop_pages, empty_column
 
 Wearing: TypeAlias = Literal["foot", "pocket"]
 
-SLOW_HZ = 6.0  # A thigh's swing has parts of one, two and three a stride; ringing after a footfall is at 8 Hz and more.
+SLOW_HZ = 6.0  # A thigh's swing has one to three cycles a stride; ringing after a footfall is at 8 Hz and more.
 WINDOW_S = 4.0  # Three or four strides.
 MOVING_DEG_S = 80.0  # A window with a lower peak is one of standing or sitting.
-MIN_WINDOWS = 3  # In fewer nothing is said.
+MIN_WINDOWS = 3  # For a decision.
 RESTING_PART = 0.15  # Of the peak; below it the sensor rests.
 MIN_RHYTHM = 0.6  # A correlation below this is no gait.
 FOOT_SHARE = 0.2  # A rest share above this is that of a foot.
-RUNNING_SHARE, RUNNING_DEG_S = 0.115, 430.0  # ... and above this, with peaks above this, that of a foot that runs.
-
-POCKET_SHARE, POCKET_DEG_S, POCKET_M_S2 = 0.105, 450.0, 20.0
-"""A rest share and peaks below these, with impacts above this, are those of a thigh."""
-
-STRIDE_S = (0.25, 1.8)  # Within this it comes back to what it was: half of the quickest stride, and the slowest.
+RUNNING_SHARE, RUNNING_DEG_S = 0.115, 430.0  # Rest share and peaks above these are those of a foot that runs.
+POCKET_SHARE, POCKET_DEG_S, POCKET_M_S2 = 0.105, 450.0, 20.0  # Shares and peaks below, impacts above: a thigh.
+STRIDE_S = (0.25, 1.8)  # Lags of the rhythm: half of the quickest stride, and the slowest.
+WINDOWS = 256  # Evaluated at once.
 
 
 @dataclass(frozen=True)
 class TurnSigns:
-    """What the rate of turn is like: medians over `windows` windows in which the sensor turns; NaN without one."""
+    """Signs of the mount: medians over `windows` windows in which the sensor turns; NaN without one."""
 
     windows: int
     rest_share: float
@@ -65,7 +63,7 @@ class TurnSigns:
 
     @property
     def wearing(self) -> Wearing | None:
-        """Where the sensor was worn; None where that is not clear."""
+        """Mount of the sensor; None where it is not clear."""
         if self.windows < MIN_WINDOWS or not self.rhythm > MIN_RHYTHM:
             return None
         running = self.rest_share > RUNNING_SHARE and self.peak_deg_s > RUNNING_DEG_S
@@ -76,12 +74,12 @@ class TurnSigns:
 
     @property
     def words(self) -> str:
-        """The signs in words."""
+        """Part of a sentence."""
         return f"{100 * self.rest_share:.0f} % of the time at rest between turns of {self.peak_deg_s:.0f} deg/s"
 
 
 def measure_turning(recording: Recording) -> TurnSigns:
-    """Measure how the sensor turns."""
+    """Measure the signs of the mount."""
     rate = empty_column(len(recording), 3)
     for slow, axis in zip(rate.T, recording.gyr.T, strict=True):  # a third of the memory
         slow[:] = remove_fast(axis - np.median(axis), recording.period_s)
@@ -96,12 +94,9 @@ def measure_turning(recording: Recording) -> TurnSigns:
     signs = np.concatenate(found) if found else np.zeros((0, 5))
     if not len(signs):
         return TurnSigns(0, np.nan, np.nan, np.nan, np.nan)
-    pauses = signs[:, 4] > 0  # in which a thigh rests as a foot does
+    pauses = signs[:, 4] > 0  # windows in which a thigh rests as a foot does
     rest_share, peak, rhythm, impact = np.median(signs[pauses == pauses.all(), :4], axis=0).tolist()
     return TurnSigns(len(signs), rest_share, float(np.degrees(peak)), rhythm, impact)
-
-
-WINDOWS = 256  # That are looked at at once.
 
 
 def _measure_windows(rate: Floats, force: Floats, period_s: float) -> Floats:
@@ -115,13 +110,13 @@ def _measure_windows(rate: Floats, force: Floats, period_s: float) -> Floats:
     thirds = np.array([part.max(axis=1) for part in np.array_split(size, 3, axis=1)])
     pauses = (thirds < np.radians(MOVING_DEG_S)).any(axis=0)
     drop_pages()
-    return np.column_stack([rest_share, peak, _rhythm(rate[moving], period_s), impact, pauses])
+    return np.column_stack([rest_share, peak, _measure_rhythm(rate[moving], period_s), impact, pauses])
 
 
 def remove_fast(values: Floats, period_s: float, below_hz: float = SLOW_HZ) -> Floats:
-    """Values (N, ...) without what is faster than this, not delayed: a second-order Butterworth filter, both ways.
+    """Low-pass values (N, ...) without delay: a second-order Butterworth filter, both ways.
 
-    The ends go on point-symmetrically for three periods. `scipy.signal` has it too, and takes half a second to load.
+    The ends are continued point-symmetrically for three periods. (`scipy.signal` takes half a second to load.)
     """
     share = min(below_hz * period_s, 0.45)
     more = min(3 * round(1 / share), len(values) - 1)
@@ -154,7 +149,7 @@ def _filter_forward(x: Floats, share: float) -> Floats:
 
 
 def refuse_foot(recording: Recording) -> TurnSigns:
-    """Return the signs of a recording that is to be of a pocket; raises `EstimationError` if it is clearly a foot's."""
+    """Return the signs of a pocket's recording; raises `EstimationError` if it is clearly a foot's."""
     signs = measure_turning(recording)
     if signs.wearing == "foot":
         raise EstimationError(f"the sensor was on a foot, not in a pocket ({signs.words}): leave --mount pocket out.")
@@ -162,7 +157,7 @@ def refuse_foot(recording: Recording) -> TurnSigns:
 
 
 def refuse_pocket(recording: Recording) -> None:
-    """Raise `EstimationError` if a recording that is to be of a foot is clearly that of a thigh."""
+    """Raise `EstimationError` if a foot's recording is clearly that of a thigh."""
     signs = measure_turning(recording)
     if signs.wearing == "pocket":
         raise EstimationError(
@@ -170,10 +165,10 @@ def refuse_pocket(recording: Recording) -> None:
         )
 
 
-def _rhythm(windows: Floats, period_s: float) -> Floats:
-    """Highest correlation (W,) of the rate (W, n, 3) with that before, once it has fallen to half and come back.
+def _measure_rhythm(windows: Floats, period_s: float) -> Floats:
+    """Highest autocorrelation (W,) of the rate (W, n, 3) about its principal axis, after it has fallen below half.
 
-    About its principal axis; what only turns slowly comes back to nothing within `STRIDE_S`.
+    A rate that only varies slowly does not return within `STRIDE_S`.
     """
     axes = np.linalg.eigh(np.einsum("wni,wnj->wij", windows, windows))[1][:, :, 2]
     about = np.einsum("wni,wi->wn", windows, axes)
@@ -181,11 +176,10 @@ def _rhythm(windows: Floats, period_s: float) -> Floats:
     lags = lags[(lags > 0) & (lags < about.shape[1])]
     if not lags.size:
         return np.zeros(len(windows))
-    found = np.array([_correlation(about[:, lag:], about[:, :-lag]) for lag in lags])
+    found = np.empty((len(lags), len(windows)))
+    for k, lag in enumerate(lags):
+        a, b = about[:, lag:], about[:, :-lag]
+        scale = np.sqrt((a**2).sum(axis=1) * (b**2).sum(axis=1))
+        found[k] = (a * b).sum(axis=1) / np.maximum(scale, 1e-12)
     back = np.logical_or.accumulate(found < 0.5, axis=0)
     return np.asarray(np.where(back, found, -1.0).max(axis=0))
-
-
-def _correlation(a: Floats, b: Floats) -> Floats:
-    scale = np.sqrt((a**2).sum(axis=1) * (b**2).sum(axis=1))
-    return np.asarray((a * b).sum(axis=1) / np.maximum(scale, 1e-12))

@@ -1,8 +1,8 @@
-"""Rests, in which the foot stands so still that its mean angular rate is the gyroscope's bias; and the walk's ends.
+"""Rests, in which the foot is so still that its mean angular rate is the gyroscope's bias; and the walk's ends.
 
-A foot "in stance" still turns at a few deg/s; a rest fixes the bias, so it must be one. The recording is
-cut into blocks of a quarter of a second, shorter than body sway. A rest is a run of blocks that are quiet within
-and agree with each other, in rate and in specific force. None reaches over a hole in the samples.
+A foot "in stance" still turns at a few deg/s; a rest fixes the bias. The recording is cut into blocks of a quarter of a
+second, shorter than body sway. A rest is a run of blocks that are quiet within and agree with each other, in rate and
+in specific force. None reaches over a hole in the samples.
 
 The bias is the slope of the integrated rate over the rest, not the mean rate: a standing foot sways by small angles,
 and fast sway is white in the angle. Each axis has its sigma from the rest's own sway: with s the measured rms of the
@@ -10,15 +10,14 @@ angle about that line, over a time T the slope is uncertain by
 
     `SWAY_SCALE` s sqrt(12) / T,
 
-for n independent angles would show it to s sqrt(12 / n) / T, and sway is about one. Further parts are the sensor's
-noise, and a floor for what a bias does within a walk. So 0.75 s of a foot that sways by 0.02 deg show the bias to 0.2
-deg/s, and three seconds to 0.05.
+for n independent angles have s sqrt(12 / n) / T, and sway has about one. Further parts are the sensor's noise, and a
+floor for changes of the bias within a walk. So 0.75 s of a foot that sways by 0.02 deg determine the bias to 0.2 deg/s,
+and three seconds to 0.05.
 
-Navigation begins in the first stance: the mean specific force points up and levels the sensor; the heading is given, or
-zero. A rest in the first footfall shows the gyro bias, and in the first stance it levels better. Before the first
-stance and after the last nothing bounds the motion. Within the longest swing of them the samples are integrated like
-any others. Beyond, the error of a free strapdown grows with the square of the time, to kilometres in half a minute: the
-path is frozen where it is.
+Navigation begins in the first stance: the mean specific force levels the sensor; the heading is given, or zero. A rest
+in the first footfall determines the gyro bias, and in the first stance it levels better. Before the first stance and
+after the last nothing bounds the motion: within the longest swing of them the samples are integrated like any others,
+and beyond the path is frozen, for the error of a free strapdown grows to kilometres in half a minute.
 """
 
 from __future__ import annotations
@@ -37,32 +36,23 @@ from fg_nav.stances import Stances, find_runs
 
 BLOCK_S = 0.25  # Shorter than body sway (about 0.5 Hz), long enough to average sensor noise.
 GYR_STD_DEG_S, ACC_STD_M_S2 = 0.5, 0.2  # Largest standard deviations within a block, per axis.
-
-GYR_STEP_DEG_S, ACC_STEP_M_S2 = 0.5, 0.15
-"""Largest changes of the means from block to block, per axis; of the force 1 deg of tilt."""
-
+GYR_STEP_DEG_S, ACC_STEP_M_S2 = 0.5, 0.15  # Largest changes between means of blocks, per axis; 1 deg of tilt.
 MAX_BIAS_DEG_S = 25.0  # A steady rate above this is a motion: data sheets of MEMS have zero-rate outputs to 20 deg/s.
-
-LARGE_BIAS_DEG_S = 5.0  # Beyond what checks of single strides leave room for.
-
-SWAY_SCALE = 2.0
-"""Error of the slope over what the sway about it shows, for sway slower than the rest looks like a bias: pieces of
-0.75, 1.5 and 3 s of standing feet (mems_foot, openshoe, xio and others) differ from the bias of the whole standing by
-twice what their own sway says, in the median."""
-
-MIN_SIGMA_DEG_S = 0.015
-"""No rest shows the bias better: its own instability, and what a foot turns while it seems to rest."""
-
+LARGE_BIAS_DEG_S = 5.0  # Beyond the tolerance of checks of single strides.
+SWAY_SCALE = 2.0  # Slow sway looks like a bias: error of 0.75 to 3 s of standing over its sway, in the median.
+MIN_SIGMA_DEG_S = 0.015  # Instability of the bias, and of a foot that seems to rest.
 MIN_ADDED = 0.02  # Share of the information of an earlier view of a rest below which a later one adds nothing.
 MAX_APART_SIGMAS = 4.0  # A rest this far from the longest one, in sigmas of both, was the rolling of a slow stance.
+MIN_FORCE_M_S2 = 1.0  # Of a mean specific force with a direction.
+MAX_FREE_S = MAX_SWING_S  # Integrated beyond the outermost stances.
 
 
 @dataclass(frozen=True)
 class RestParameters:
-    """When a stance is long enough for a rest."""
+    """Shortest rests."""
 
     shortest_s: float = 0.75
-    """Shortest rest: the stance of a stride is not as still for as long."""
+    """The stance of a stride is not as still for as long."""
     shortest_at_end_s: float = 0.5
     """The same within a second of the start or the end of the recording, where people stand."""
 
@@ -86,7 +76,7 @@ class Rest:
         return np.asarray(np.sqrt(np.diagonal(self.covariance)))
 
     def lasts(self, recording: Recording, shortest_s: float) -> bool:
-        """Whether it, of this recording, lasts that long to the rounding of its samples, there or missing."""
+        """Whether it lasts that long in its recording, within the rounding of its samples, lost ones included."""
         periods = int(count_periods(recording.t[self.start : self.stop], recording.period_s)[-1]) + 1
         return periods * recording.period_s >= shortest_s * (1 - 1e-3)
 
@@ -96,10 +86,10 @@ class Rest:
         return bool(apart @ np.linalg.solve(self.covariance + longest.covariance, apart) <= MAX_APART_SIGMAS**2)
 
     def beyond(self, before: Rest) -> Rest | None:
-        """Return what this rest shows beyond what an earlier view of it showed; None if nothing.
+        """Return the information of this rest beyond that of an earlier view of it; None if nothing.
 
-        The two together weigh as much as this one alone: information that was counted is not counted again. In a
-        direction in which it shows less than before, for a foot that began to sway, nothing is added.
+        The two together have the information of this one alone. In a direction with less information than before, as
+        of a foot that began to sway, nothing is added.
         """
         weight, counted = np.linalg.inv(self.covariance), np.linalg.inv(before.covariance)
         added, axes = np.linalg.eigh(weight - counted)
@@ -112,36 +102,39 @@ class Rest:
 
 
 def find_rests(recording: Recording, parameters: RestParameters = RestParameters()) -> tuple[Rest, ...]:
-    """Find the rests of a recording that show one bias, in order; none where there are none."""
-    return _choose_in_agreement(find_still_stretches(recording, parameters))
+    """Find the rests of a recording that agree with the longest one in the bias, in order."""
+    rests = find_still_stretches(recording, parameters)
+    longest = max(rests, key=lambda rest: rest.stop - rest.start, default=None)
+    return tuple(rest for rest in rests if longest is not None and rest.agrees_with(longest))
 
 
 def find_still_stretches(recording: Recording, parameters: RestParameters) -> list[Rest]:
-    """Find the stretches that are still for long enough, whether or not they show the same bias."""
-    edge = _cut_blocks(recording)
+    """Find the stretches that are still for long enough, whatever their bias."""
+    # edges of the blocks, as long where samples are missing as elsewhere
+    block, tick = max(2, round(BLOCK_S / recording.period_s)), count_periods(recording.t, recording.period_s)
+    edge = np.unique(np.searchsorted(tick, np.arange(0, tick[-1] + 2, block))).tolist()
+    # runs of blocks that are quiet and agree
     quiet, rate, force = _measure_blocks(recording, edge)
     agree = (np.abs(np.diff(rate, axis=0)).max(axis=1, initial=0.0) < np.radians(GYR_STEP_DEG_S)) & (
         np.abs(np.diff(force, axis=0)).max(axis=1, initial=0.0) < ACC_STEP_M_S2
     )
     seen = ~cross_holes(recording.t, np.array(edge))
     first, last = find_runs(quiet[1:] & quiet[:-1] & agree & seen[1:] & seen[:-1])
-    rests = [_measure_rest(recording, edge[a], edge[b + 1]) for a, b in zip(first, last, strict=True)]
-    return [rest for rest in rests if _is_long_and_slow(recording, rest, parameters)]
+    found, t = [], recording.t
+    for a, b in zip(first, last, strict=True):
+        rest = _measure_rest(recording, edge[a], edge[b + 1])
+        at_end = t[rest.start] - t[0] < 1.0 or t[-1] - t[rest.stop - 1] < 1.0
+        shortest = parameters.shortest_at_end_s if at_end else parameters.shortest_s
+        if rest.lasts(recording, shortest) and np.abs(rest.rate).max() <= np.radians(MAX_BIAS_DEG_S):
+            found.append(rest)
+    return found
 
 
 def remove_large_bias(t: Floats, acc: Floats, gyr: Floats) -> Floats:
-    """Take the rate of the longest rest off the rates (N, 3), where it is large, for checks that assume a small one."""
+    """Subtract the rate of the longest rest from the rates (N, 3), if large, for checks that assume a small one."""
     rests = find_still_stretches(Recording(t, acc, gyr), RestParameters())
     rate = max(rests, key=lambda rest: rest.stop - rest.start).rate if rests else np.zeros(3)
     return gyr - rate if np.linalg.norm(rate) > np.radians(LARGE_BIAS_DEG_S) else gyr
-
-
-def _cut_blocks(recording: Recording) -> list[int]:
-    """First sample of each block, and that behind the last: as long where samples are missing as elsewhere."""
-    block = max(2, round(BLOCK_S / recording.period_s))
-    tick = count_periods(recording.t, recording.period_s)
-    edges = np.unique(np.searchsorted(tick, np.arange(0, tick[-1] + 2, block)))
-    return [int(edge) for edge in edges]
 
 
 def _measure_blocks(recording: Recording, edge: list[int]) -> tuple[Bools, Floats, Floats]:
@@ -157,6 +150,7 @@ def _measure_blocks(recording: Recording, edge: list[int]) -> tuple[Bools, Float
 
 
 def _measure_rest(recording: Recording, start: int, stop: int) -> Rest:
+    """Bias by the slope of the integrated rate, its covariance by sway and noise."""
     t = recording.t[start:stop] - recording.t[start]
     gyr = recording.gyr[start:stop]
     steps = 0.5 * (gyr[1:] + gyr[:-1]) * np.diff(t)[:, None]
@@ -169,32 +163,11 @@ def _measure_rest(recording: Recording, start: int, stop: int) -> Rest:
     return Rest(start, stop, slope, covariance, recording.acc[start:stop].mean(axis=0))
 
 
-def _is_long_and_slow(recording: Recording, rest: Rest, p: RestParameters) -> bool:
-    t = recording.t
-    at_end = t[rest.start] - t[0] < 1.0 or t[-1] - t[rest.stop - 1] < 1.0
-    shortest = p.shortest_at_end_s if at_end else p.shortest_s
-    return rest.lasts(recording, shortest) and bool(np.abs(rest.rate).max() <= np.radians(MAX_BIAS_DEG_S))
-
-
-def _choose_in_agreement(rests: list[Rest]) -> tuple[Rest, ...]:
-    """Rests that show the same bias as the longest of them."""
-    if not rests:
-        return ()
-    longest = max(rests, key=lambda rest: rest.stop - rest.start)
-    return tuple(rest for rest in rests if rest.agrees_with(longest))
-
-
-MIN_FORCE_M_S2 = 1.0  # A mean specific force below this has no direction worth the name.
-
-
-MAX_FREE_S = MAX_SWING_S  # No foot of a walking or running person is in the air for longer.
-
-
 @dataclass(frozen=True)
 class Start:
-    """Where navigation begins: at sample `row` with this attitude.
+    """Start of navigation: sample `row` and its attitude.
 
-    `rest` is the rest of the first footfall, if there is one, and `rests` are those of the whole recording.
+    `rest` is that of the first footfall, if there is one, and `rests` are those of the whole recording.
     """
 
     row: int
@@ -214,10 +187,8 @@ def find_start(
 
     Parameters
     ----------
-    recording, stances
-        Of the same length.
-    heading : float
-        Of the body's x axis at the start, rad clockwise from north.
+    recording, stances : of one walk.
+    heading : rad clockwise from north, of the body's x axis at the start.
     parameters : RestParameters
 
     Raises
@@ -225,7 +196,14 @@ def find_start(
     EstimationError
         Without a stance, on stances of another recording, or where the specific force vanishes.
     """
-    first = find_first_stance(recording, stances)
+    if stances.n_samples != len(recording):
+        raise EstimationError(
+            f"the stances belong to {stances.n_samples} samples and the recording has {len(recording)}: "
+            "detect the stances on this recording."
+        )
+    if len(stances) == 0:
+        raise EstimationError("there is no stance to start from: check the stance detection.")
+    first = slice(int(stances.start[0]), int(stances.stop[0]))
     footfall = slice(first.start, int(stances.stop[stances.footfall == 0][-1]))
     rests = find_rests(recording, parameters)
     level, rest = _longest_within(first, rests), _longest_within(footfall, rests)
@@ -238,18 +216,6 @@ def find_start(
     return Start(first.start, level_attitude(force, heading), level is not None, rest, rests)
 
 
-def find_first_stance(recording: Recording, stances: Stances) -> slice:
-    """Return the samples of the first stance; `EstimationError` without one, or with stances of another walk."""
-    if stances.n_samples != len(recording):
-        raise EstimationError(
-            f"the stances belong to {stances.n_samples} samples and the recording has {len(recording)}: "
-            "detect the stances on this recording."
-        )
-    if len(stances) == 0:
-        raise EstimationError("there is no stance to start from: check the stance detection.")
-    return slice(int(stances.start[0]), int(stances.stop[0]))
-
-
 def _longest_within(span: slice, rests: tuple[Rest, ...]) -> Rest | None:
     """Return the longest rest with its middle in a span of samples."""
     inside = [rest for rest in rests if span.start <= (rest.start + rest.stop) // 2 < span.stop]
@@ -257,7 +223,7 @@ def _longest_within(span: slice, rests: tuple[Rest, ...]) -> Rest | None:
 
 
 def freeze_ends(t: Floats, stances: Stances, position: Floats, velocity: Floats) -> tuple[str, ...]:
-    """Freeze position (N, 3) and velocity (N, 3) beyond the outermost stances; notes of how long."""
+    """Freeze position (N, 3) and velocity (N, 3) far beyond the outermost stances; notes on the durations."""
     first = int(np.searchsorted(t, t[stances.start[0]] - MAX_FREE_S))
     last = int(np.searchsorted(t, t[stances.stop[-1] - 1] + MAX_FREE_S, side="right")) - 1
     position[:first], velocity[:first] = position[first], 0.0

@@ -1,4 +1,4 @@
-"""Where a foot's sensor stands above the point about which the foot rolls, known from the recording itself.
+"""Lever from the rolling point of a foot to its sensor, estimated from the recording itself.
 
 In stance a foot rolls slowly about a point near the ground, and a sensor at l from it (body frame) moves with
 v = w x l. With R(t) the attitude since the first sample of the stance,
@@ -6,10 +6,9 @@ v = w x l. With R(t) the attitude since the first sample of the stance,
     y(t) = int R f ds = R (w x l) + offset + ramp,    R (w x l) = A(t) l,    A = R [w]x,
 
 offset and ramp being the velocity at the start, gravity, tilt and bias. Both are projected out of each stance, and l is
-the least-squares solution over all of them. It assumes nothing about the velocity being zero, which is why it does not
-shrink: a blind estimate inside a graph whose zero-velocity factors pull v to zero is far too small.
-
-The stance-to-stance scatter gives the covariance (a sandwich estimate: errors within a stance are correlated).
+the least-squares solution over all of them. No velocity is assumed to be zero, so it does not shrink: an estimate in a
+graph whose zero-velocity factors pull v to zero is far too small. The covariance is that of the scatter from stance to
+stance (a sandwich estimate: errors within a stance are correlated).
 """
 
 from __future__ import annotations
@@ -24,25 +23,14 @@ from fg_nav.recording import Recording
 from fg_nav.stances import Stances
 from fg_nav.system.compiled import njit
 
-FINEST_M = 1e-4  # No scatter shows a lever better than to this, m.
-
-ABOVE_NOISE = 4.0
-"""Rolling counts where its mean square is this many times that of the gyroscope's noise: noise, taken for rolling that
-moves nothing, would show a lever of zero."""
-
-
+FINEST_M = 1e-4  # Least sigma of a lever, m.
+ABOVE_NOISE = 4.0  # Of rolling, mean square over that of the gyroscope's noise, which would make the lever zero.
 MAX_S = 0.25  # On either side of the stillest instant: longer, and the nuisance ramp no longer covers the tilt.
 MAX_RATE_RAD_S = 1.0  # Above this the foot no longer rolls on the ground but leaves it.
-MIN_S = 0.05  # Less of a stance than this shows no lever.
-
-GYR_NOISE_DEG_S = 0.2
-"""White noise of the angular rate, per sample and axis; data sheets and recordings at rest have 0.1 to 0.4."""
-
-PRIOR_SIGMA_M = 0.1
-"""A foot's sensor is within a hand of the ground; the prior mean is zero, the plain zero-velocity update."""
-
-ERROR_CORRELATION = 25.0
-"""Factor on the covariance of the scatter: all stances of a walk share their shape, and so their model error."""
+MIN_S = 0.05  # Of a stance that is used.
+GYR_NOISE_DEG_S = 0.2  # White noise of the angular rate, per sample and axis; sheets and recordings have 0.1 to 0.4.
+PRIOR_SIGMA_M = 0.1  # A foot's sensor is within a hand of the ground; the mean is zero, the plain zero-velocity update.
+ERROR_CORRELATION = 25.0  # Factor on the scatter's covariance: all stances share their shape, and so their model error.
 
 
 @dataclass(frozen=True)
@@ -56,7 +44,11 @@ class RollingLever:
 
 def estimate_lever(recording: Recording, stances: Stances) -> RollingLever:
     """Estimate the lever from every stance that rolls; few or unrolling stances leave it at the prior, zero."""
-    first, last = _find_windows(recording, stances)
+    # about the stillest instant of each stance; the very last sample has no period
+    stop = np.minimum(stances.stop, len(recording.t) - 1)
+    first, last = _reach_out(recording.t, recording.integrable[1], stances.start, stop)
+    enough = last - first + 1 >= max(4, round(MIN_S / recording.period_s))
+    first, last = first[enough], last[enough]
     middle = 0.5 * (recording.t[1:] + recording.t[:-1])
     products, s, q, squares = _sum_products(recording.t, middle, *recording.integrable, first, last)
     samples = last - first + 1
@@ -66,18 +58,9 @@ def estimate_lever(recording: Recording, stances: Stances) -> RollingLever:
     return _solve(products[:, :3, :3], products[:, :3, 3], noise)
 
 
-def _find_windows(recording: Recording, stances: Stances) -> tuple[Ints, Ints]:
-    """First and last sample (K,) about the stillest instant of each stance that has enough of them."""
-    # The very last sample has no period.
-    stop = np.minimum(stances.stop, len(recording.t) - 1)
-    first, last = _reach_out(recording.t, recording.integrable[1], stances.start, stop)
-    enough = last - first + 1 >= max(4, round(MIN_S / recording.period_s))
-    return first[enough], last[enough]
-
-
 @njit(cache=True)
 def _reach_out(t: Floats, gyr: Floats, start: Ints, stop: Ints) -> tuple[Ints, Ints]:
-    """First and last sample (K,) about the stillest of each stance, as far as the foot turns slowly."""
+    """First and last sample (K,) about the stillest of each stance, as far as it is near and the foot turns slowly."""
     first, last = start.copy(), stop - 1
     for k in range(len(start)):
         still, least = start[k], np.inf
@@ -87,7 +70,9 @@ def _reach_out(t: Floats, gyr: Floats, start: Ints, stop: Ints) -> tuple[Ints, I
                 still, least = i, rate
         for way in (-1, 1):
             i = still + way
-            while start[k] <= i < stop[k] and _is_slow(t, gyr, i, still):
+            while start[k] <= i < stop[k] and abs(t[i] - t[still]) < MAX_S:
+                if not _squared_rate(gyr, i) < MAX_RATE_RAD_S**2:
+                    break
                 i += way
             if start[k] <= i < stop[k]:
                 if way < 0:
@@ -99,20 +84,15 @@ def _reach_out(t: Floats, gyr: Floats, start: Ints, stop: Ints) -> tuple[Ints, I
 
 @njit(cache=True)
 def _squared_rate(gyr: Floats, i: int) -> float:
+    """Squared rate of a sample."""
     return float(gyr[i, 0] ** 2 + gyr[i, 1] ** 2 + gyr[i, 2] ** 2)
 
 
-@njit(cache=True)
-def _is_slow(t: Floats, gyr: Floats, i: int, still: int) -> bool:
-    """Whether a sample is near enough to the stillest, and its rate small enough."""
-    return bool(_squared_rate(gyr, i) < MAX_RATE_RAD_S**2 and abs(t[i] - t[still]) < MAX_S)
-
-
 def _solve(normal: Floats, right: Floats, noise: float) -> RollingLever:
-    """Least squares with the prior; the noise is what the stances scatter about the common solution.
+    """Least squares with the prior and the scatter of the stances about the common solution.
 
-    `noise` (rad/s)^2 is what the gyroscope's noise adds to every eigenvalue of the sum of the normal matrices. About
-    an axis with little more the foot does not roll, and across it nothing is known but the prior.
+    `noise` (rad/s)^2 is the part of the gyroscope's noise in every eigenvalue of the sum of the normal matrices. About
+    an axis with little more the foot does not roll, and across it there is only the prior.
     """
     if len(normal) < 4:
         return RollingLever(np.zeros(3), np.eye(3) * PRIOR_SIGMA_M**2, len(normal))

@@ -10,12 +10,11 @@ MV   (1/W) sum |y_a - ybar_a|^2 / s_a^2                               3 W - 3
 MAG  (1/W) sum (|y_a| - g)^2 / s_a^2                                  W
 ==== ===================================================== ==================
 
-The last column is the number of degrees of freedom f: for a sensor at perfect rest with white noise s_a
-(m/s^2) and s_w (rad/s), W times the statistic is chi-square with f. So a threshold has a meaning: the rate at
-which it would call a sensor at rest a moving one (`threshold_at_rest`). A foot in stance is not at rest, it rolls
-and trembles far above sensor noise: by default each footfall has its own threshold on SHOE, found from the recording
-(`fg_nav.detection.footfalls`). With a threshold or a false-alarm rate, any of the four cuts the recording at that one
-level. Either way, intervals with no swing between them are one footfall.
+The last column is the number of degrees of freedom f: for a sensor at perfect rest with white noise s_a (m/s^2) and s_w
+(rad/s), W times the statistic is chi-square with f. So a threshold has a false-alarm rate: that of a sensor at rest
+(`threshold_at_rest`). A foot in stance rolls and trembles far above sensor noise: by default each footfall has its own
+threshold on SHOE, found from the recording (`fg_nav.detection.footfalls`). With a threshold or a false-alarm rate, any
+of the four cuts the recording at that one level. Either way, intervals with no swing between them are one footfall.
 
 Source: Skog, Handel, Nilsson, Rantakokko (2010), "Zero-velocity detection - an algorithm evaluation", IEEE TBME.
 """
@@ -96,18 +95,18 @@ def _mean(samples: Floats, window: int) -> Floats:
 
 @dataclass(frozen=True)
 class StanceParameters:
-    """How stances are found."""
+    """Detector of stances and its threshold."""
 
     detector: str = "shoe"
     """shoe, are, mv or mag (`fg_nav.detection.stance`)."""
     threshold: float | None = None
     """One threshold for the whole recording, in the statistic's units; None: automatic, each footfall its own."""
     false_alarm_rate: float | None = None
-    """In place of a threshold: the probability a sample that a sensor at perfect rest is called moving."""
+    """Instead of a threshold: the probability that a sample of a sensor at perfect rest exceeds it."""
 
 
 def detect_stances(recording: Recording, parameters: StanceParameters = StanceParameters()) -> Stances:
-    """Find when the foot stands.
+    """Find the stances of a foot.
 
     Raises `DetectionError` for an unknown detector, an automatic threshold with another detector than SHOE, a threshold
     that makes no sense, or if no stance is found.
@@ -118,58 +117,41 @@ def detect_stances(recording: Recording, parameters: StanceParameters = StancePa
     >>> stances.n_footfalls
     17
     """
-    statistic = _compute_statistic(recording, parameters)
-    one = _choose_threshold(recording, parameters)
-    found = _detect_footfalls(recording, statistic, parameters) if one is None else _cut_below(statistic, one)
-    start, stop, threshold = _drop_short(recording.t, *found)
-    if len(start) == 0:
-        raise DetectionError(_explain_no_stance(recording, statistic, parameters.detector, one))
-    footfall = _number_footfalls(recording, start, stop)
-    relative = statistic / _spread_threshold(len(recording), start, stop, threshold)
-    return Stances(
-        start, stop, footfall, len(recording), parameters.detector, float(np.median(threshold)), statistic=relative
-    )
-
-
-def _compute_statistic(recording: Recording, p: StanceParameters) -> Floats:
-    if p.detector not in STATISTICS:
-        raise DetectionError(f"there is no stance detector '{p.detector}': choose one of {', '.join(STATISTICS)}.")
-    return STATISTICS[p.detector](recording.acc, recording.gyr, _window(recording))
-
-
-def _window(recording: Recording) -> int:
-    return max(3, round(WINDOW_S / recording.period_s))
-
-
-def _detect_footfalls(recording: Recording, statistic: Floats, p: StanceParameters) -> tuple[Ints, Ints, Floats]:
-    if p.detector != "shoe":
+    detector, t, window = parameters.detector, recording.t, max(3, round(WINDOW_S / recording.period_s))
+    if detector not in STATISTICS:
+        raise DetectionError(f"there is no stance detector '{detector}': choose one of {', '.join(STATISTICS)}.")
+    statistic = STATISTICS[detector](recording.acc, recording.gyr, window)
+    fixed = _choose_threshold(parameters, window)
+    if fixed is not None:
+        start, stop = find_runs(statistic < fixed)
+        threshold = np.full(len(start), fixed)
+    elif detector == "shoe":
+        start, stop, level = find_footfalls(t, recording.acc, recording.gyr, np.log10(statistic + 1e-3))
+        threshold = 10.0**level
+    else:
         raise DetectionError(
-            f"the automatic threshold works on shoe: give {p.detector} a threshold or a false-alarm rate."
+            f"the automatic threshold works on shoe: give {detector} a threshold or a false-alarm rate."
         )
-    level = np.log10(statistic + 1e-3)
-    start, stop, threshold = find_footfalls(recording.t, recording.acc, recording.gyr, level)
-    return start, stop, 10.0**threshold
+    long = t[stop - 1] - t[start] >= MIN_S
+    start, stop, threshold = start[long], stop[long], threshold[long]
+    if len(start) == 0:
+        raise DetectionError(_explain_no_stance(recording, statistic, detector, fixed))
+    # over the threshold of the nearest interval
+    n, edges = len(recording), (stop[:-1] + start[1:]) // 2
+    relative = statistic / np.repeat(threshold, np.diff(np.concatenate([[0], edges, [n]])))
+    footfall = _number_footfalls(recording, start, stop)
+    return Stances(start, stop, footfall, n, detector, float(np.median(threshold)), statistic=relative)
 
 
-def _choose_threshold(recording: Recording, p: StanceParameters) -> float | None:
-    """Threshold for the whole recording; None if it shall be automatic."""
+def _choose_threshold(p: StanceParameters, window: int) -> float | None:
+    """Threshold for the whole recording; None for an automatic one."""
     if p.threshold is not None and p.false_alarm_rate is not None:
         raise DetectionError("a threshold and a false-alarm rate are given: choose one of them.")
     if p.false_alarm_rate is None:
         return p.threshold
     if not 0 < p.false_alarm_rate < 1:
         raise DetectionError(f"the false-alarm rate is {p.false_alarm_rate:g}: give a probability between 0 and 1.")
-    return threshold_at_rest(p.detector, _window(recording), p.false_alarm_rate)
-
-
-def _cut_below(statistic: Floats, threshold: float) -> tuple[Ints, Ints, Floats]:
-    start, stop = find_runs(statistic < threshold)
-    return start, stop, np.full(len(start), threshold)
-
-
-def _drop_short(t: Floats, start: Ints, stop: Ints, threshold: Floats) -> tuple[Ints, Ints, Floats]:
-    keep = t[stop - 1] - t[start] >= MIN_S
-    return start[keep], stop[keep], threshold[keep]
+    return threshold_at_rest(p.detector, window, p.false_alarm_rate)
 
 
 def _number_footfalls(recording: Recording, start: Ints, stop: Ints) -> Ints:
@@ -177,17 +159,12 @@ def _number_footfalls(recording: Recording, start: Ints, stop: Ints) -> Ints:
     rate = measure_rows(recording.gyr)
     between = np.stack([stop[:-1], start[1:]], axis=1).ravel()
     peak = np.maximum.reduceat(rate, between)[::2] if len(between) else np.empty(0)
-    unseen = cross_holes(recording.t, np.append(start, stop[-1] - 1)) if len(start) else np.empty(0, dtype=np.bool_)
+    unseen = cross_holes(recording.t, np.append(start, stop[-1] - 1))
     return np.concatenate([[0], np.cumsum((peak > SWING_RATE_RAD_S) | unseen[:-1])])
 
 
-def _spread_threshold(n: int, start: Ints, stop: Ints, threshold: Floats) -> Floats:
-    """Threshold (N,) of the nearest interval."""
-    edges = (stop[:-1] + start[1:]) // 2
-    return np.repeat(threshold, np.diff(np.concatenate([[0], edges, [n]])))
-
-
 def _explain_no_stance(recording: Recording, statistic: Floats, detector: str, threshold: float | None) -> str:
+    """Sentence on the stillest sample."""
     i = int(np.argmin(statistic))
     if threshold is not None:
         return (

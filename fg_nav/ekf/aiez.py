@@ -8,18 +8,17 @@
         else nothing: it was a curve
     else as the IEZ                                                                  AIEZ (1)-(7), (29)-(32)
 
-T is that of the detector, with the heading of this filter and S = var + sigma^2 in place of the sigma^2 of AIEZ (17):
-with that alone the drift locks the compass out for good. The detector `aiez` of `fg_nav.magnetic`, which all methods
-share, has only the drifting heading of the gyroscope, knows less of its uncertainty, and follows wrong compasses
-further.
+T is that of the detector, with the heading of this filter and S = var + sigma^2 in place of the sigma^2 of AIEZ (17),
+with which the drift locks the compass out for good. The detector `aiez` of `fg_nav.magnetic`, shared by all methods,
+has only the drifting heading of the gyroscope with a cruder uncertainty, and follows wrong compasses further.
 
 The course is that of the stride, its change taken from the mean of the n last ones; the heading of the standing foot,
-as printed, scatters more (1.8 against 1.3 deg, half of them within), for it is not put down the same way twice. HDR
-takes a bend of less than xi for a straight line: of 36 deg in 60 strides it removes 6, of 60 deg nothing; with xi of
-5 deg and a sigma of 1 deg, 16 and 26. The first strides of a turn suffer the same. So xi is small and the sigma is not.
+as printed, scatters more (1.8 against 1.3 deg, half of them within). HDR takes a bend of less than xi for a straight
+line: of 36 deg in 60 strides it removes 6, of 60 deg nothing; with xi of 5 deg and a sigma of 1 deg, 16 and 26. The
+same holds for the first strides of a turn. So xi is small and the sigma is not.
 
-HDR has the row of the compass but measures no heading, only that the filter's own stays constant: its variance falls
-below that of any measured heading, and the next compass weighs less.
+HDR has the row of the compass but measures only that the filter's own heading stays constant: its variance falls below
+that of any measured heading, and the next compass weighs less.
 
 Read otherwise than printed: errors of roll and pitch are rotations about axes of nav, AIEZ (22), (29); angles are
 wrapped, AIEZ (26), (27); a curve is no measurement, where AIEZ (28), (32) take zero with the sigma of a straight line
@@ -36,7 +35,6 @@ from time import perf_counter
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.ekf.attitude_updates import AGREEMENT, COURSE, PseudoMeasurements
 from fg_nav.ekf.core import compile_filter
 from fg_nav.ekf.gated_compass import (
     GatedCompassParameters,
@@ -45,6 +43,7 @@ from fg_nav.ekf.gated_compass import (
     measure_compass,
     require_field,
 )
+from fg_nav.ekf.measurements import AGREEMENT, COURSE, PseudoMeasurements
 from fg_nav.ekf.rts import Track
 from fg_nav.errors import EstimationError
 from fg_nav.magnetic import Detector, FieldVerdicts, FootfallField
@@ -145,19 +144,16 @@ def make_verdicts(track: Track, steady: Floats, detector: Detector) -> FieldVerd
     """Verdicts on the field by the filter's own test, AIEZ (18); `steady` (F,) as from `compute_steadiness`."""
     heading = track.innovation[:, AGREEMENT] ** 2
     statistic = (heading + steady) / detector.threshold
-    reasons = tuple(
-        _describe(*row) for row in zip(heading, steady, statistic, track.innovation[:, COURSE], strict=True)
-    )
-    return FieldVerdicts(detector.name, statistic, detector.threshold, reasons)
-
-
-def _describe(heading: float, steady: float, statistic: float, course: float) -> str:
-    held = "" if np.isnan(course) else "; held to the course"
-    if np.isnan(steady):
-        return f"{TOO_LITTLE}{held}"
-    if np.isnan(statistic):
-        return f"{START_COMPASS}{held}"
-    parts = (
-        f"compass {np.sqrt(heading):.2g} sigma from the filter's heading, strength {np.sqrt(steady):.2g} from steady"
-    )
-    return f"{parts}; {format_ratio(statistic)} times the threshold{held}"
+    reasons = []
+    for own, others, ratio, course in zip(heading, steady, statistic, track.innovation[:, COURSE], strict=True):
+        if np.isnan(others):
+            reason = TOO_LITTLE
+        elif np.isnan(ratio):
+            reason = START_COMPASS
+        else:
+            reason = (
+                f"compass {np.sqrt(own):.2g} sigma from the filter's heading, "
+                f"strength {np.sqrt(others):.2g} from steady; {format_ratio(ratio)} times the threshold"
+            )
+        reasons.append(reason if np.isnan(course) else f"{reason}; held to the course")
+    return FieldVerdicts(detector.name, statistic, detector.threshold, tuple(reasons))

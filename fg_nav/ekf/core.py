@@ -3,41 +3,38 @@
     state      position, velocity, attitude, gyro bias, accelerometer bias       (mechanisation)
     error      15 numbers, estimate minus truth, with covariance P               (covariance)
 
-    start      level the sensor in the first stance; at rest, estimate the gyro bias too   (start)
+    start      level the sensor in the first stance; at rest, estimate the gyro bias too   (detection.rest)
     each sample
-        update     in stance the velocity is known: inject the estimated error        (zero_velocity, update)
-        update     at the stillest sample of a footfall: heading, direction of up      (attitude_updates)
+        update     in stance, by the known velocity: inject the estimated error       (measurements, update)
+        update     at the stillest sample of a footfall: heading, direction of up      (measurements)
         record     position, velocity, attitude; once a footfall, the biases and P
         propagate  state and P over the period for which the sample is held            (mechanisation, covariance)
 
     smooth     on request: backward over the pass, given the whole walk               (rts)
 
-Samples before the first stance are reached by stepping backward from it, without updates. What a filter makes of the
-field are its `PseudoMeasurements`; without any it is the IEZ. The uncertainty of a start heading that came from a
-compass is a considered (Schmidt) state: it joins P with the first compass that is used (`propagate_considered`).
+Samples before the first stance are reached by stepping backward from it, without updates. A filter's use of the field
+is its `PseudoMeasurements`; without any it is the IEZ (`run_iez`). The uncertainty of a start heading from a compass is
+a considered (Schmidt) state: it joins P with the first compass that is used (`propagate_considered`).
 
-The attitude is turned by Exp of the rotation vector, where Ma (27), (28) and AIEZ (4), (5) have a Cayley form and a
+The attitude is rotated by Exp of the rotation vector, where Ma (27), (28) and AIEZ (4), (5) have a Cayley form and a
 quaternion; the state of Ma (29) and its model Ma (30)-(32), AIEZ (1)-(3) are those of `fg_nav.ekf.covariance`.
+
+References: Foxlin (2005), "Pedestrian tracking with shoe-mounted inertial sensors"; Jimenez et al. (2010), "Indoor
+pedestrian navigation using an INS/EKF framework for yaw drift reduction and a foot-mounted IMU".
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from functools import cache
 from time import perf_counter
 
 import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints
-from fg_nav.detection import Rest
+from fg_nav.detection import RestParameters
 from fg_nav.detection.rest import Start, find_start, freeze_ends
-from fg_nav.ekf.attitude_updates import (
-    PseudoMeasurements,
-    compute_direction,
-    compute_heading,
-    make_pseudo_measurements,
-    update_at_footfall,
-)
 from fg_nav.ekf.covariance import (
     ACC_BIAS,
     ATTITUDE,
@@ -50,16 +47,17 @@ from fg_nav.ekf.covariance import (
     compute_densities,
     propagate_covariance,
 )
-from fg_nav.ekf.parameters import (
-    ACC_BIAS_SIGMA,
-    ACC_BIAS_WALK,
-    STANCE_CORRELATION_S,
-    VELOCITY_SIGMA,
-    IezParameters,
+from fg_nav.ekf.measurements import (
+    PseudoMeasurements,
+    StanceNoise,
+    compute_direction,
+    compute_heading,
+    make_pseudo_measurements,
+    update_at_footfall,
+    update_in_stance,
 )
-from fg_nav.ekf.rts import Samples, Tape, Track, allocate_tape, allocate_track, smooth_backward, view_state
-from fg_nav.ekf.update import inject_error
-from fg_nav.ekf.zero_velocity import StanceNoise, update_in_stance
+from fg_nav.ekf.rts import Samples, Tape, Track, allocate_track, smooth_backward, view_state
+from fg_nav.ekf.update import ROW, inject_error
 from fg_nav.errors import EstimationError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.mechanisation import NavState, strapdown, write_state
@@ -70,6 +68,70 @@ from fg_nav.stances import Stances
 from fg_nav.system.compiled import njit
 
 GAUGE_SIGMA = 1e-4  # Position (m) and heading (rad) at the start are known by definition; a trace keeps P invertible.
+STANCE_CORRELATION_S = 0.04  # Of lever and residual motion in stance: half the spacing of the smoother's factors.
+ACC_BIAS_SIGMA = 0.02  # Accelerometer bias, m/s^2 (2 mg).
+ACC_BIAS_WALK = 1e-4  # Its random walk, m/s^2/sqrt(s).
+VELOCITY_SIGMA = 0.01  # Velocity at the start, in stance, m/s.
+
+
+@dataclass(frozen=True)
+class IezParameters:
+    """Noises of sensor and foot, of every filter.
+
+    All are densities: a white error of s a sample at rate f has the density s / sqrt(f), and the result does not depend
+    on the sampling rate. `OPENSHOE` has the values of the literature.
+    """
+
+    acc_density: float = 0.02
+    """White error of the specific force, m/s^2/sqrt(Hz). Sheets say 0.001; impacts ring on."""
+    acc_relative_density: float = 0.007
+    """The same per m/s^2 of acceleration, sqrt(s): 2 %, correlated over 60 ms."""
+    gyr_density_deg: float = 0.015
+    """White error of the angular rate, deg/s/sqrt(Hz). Sheets of MEMS gyroscopes: 0.005 to 0.015."""
+    gyr_relative_density: float = 5e-4
+    """The same per rad/s of rate, sqrt(s): 0.15 %, correlated over 60 ms."""
+    saturated_share: float = 0.3
+    """Error of a sample clipped at the end of the range, as a share of the range."""
+    zero_velocity_density: float = 1e-3
+    """Velocity of a foot that stands and does not turn, m/s/sqrt(Hz): 5 mm/s, correlated over 20 ms."""
+    roll_height_m: float = 0.06
+    """Height of the sensor above the point about which the foot rolls, m; 0 for plain zero velocity."""
+    rolling_lever_m: tuple[float, float, float] | None = None
+    """From the point about which the foot rolls to the sensor, body frame, m; None for the height straight up."""
+    roll_sigma_m: float = 0.05
+    """Uncertainty of that lever, in any direction, m."""
+    unsteady_s: float = 0.0
+    """Time for which a specific force that is not gravity may already have lasted in stance, s; 0 to leave it out."""
+    gyro_bias_sigma_deg_s: float = 0.2
+    """Gyro bias of a calibrated sensor, deg/s, before a rest has measured it."""
+    gyro_bias_walk_deg_s: float = 1e-4
+    """Its random walk, deg/s/sqrt(s): 0.004 deg/s in half an hour."""
+    tilt_sigma_rest_deg: float = 0.3
+    """Tilt after levelling at rest, deg: the accelerometer bias, with a margin."""
+    tilt_sigma_deg: float = 2.0
+    """Tilt after levelling in a stance that is no rest, deg: 0.3 m/s^2 of motion is taken for gravity."""
+    gravity: float = GRAVITY_M_S2
+    """m/s^2."""
+    rest: RestParameters = field(default_factory=RestParameters)
+    """Criteria for the rest in the first stance."""
+    smoothed: bool = False
+    """Smooth backward over the pass (`fg_nav.ekf.rts`)."""
+
+
+OPENSHOE = IezParameters(
+    acc_density=0.5 / 200.0**0.5,
+    acc_relative_density=0.0,
+    gyr_density_deg=0.5 / 200.0**0.5,
+    gyr_relative_density=0.0,
+    saturated_share=0.0,
+    zero_velocity_density=0.01 / 200.0**0.5,
+    roll_height_m=0.0,
+    roll_sigma_m=0.0,
+    gyro_bias_sigma_deg_s=0.05,
+)
+"""Constant noise and a foot that does not roll: 0.5 m/s^2, 0.5 deg/s and 0.01 m/s a sample at 200 Hz (Nilsson
+et al. 2012, "Foot-mounted INS for everybody"; PyShoe has the same). Here the biases are estimated; there they are not.
+"""
 
 
 def filter_walk(
@@ -102,7 +164,9 @@ def filter_walk(
         Where the filter diverges to infinity.
     """
     n, k, back = len(recording), len(rows), parameters.smoothed
-    track, tape = allocate_track(n, k), allocate_tape(n, int(stands[start.row :].sum()), k, back)
+    taped, stood = (n, int(stands[start.row :].sum())) if back else (1, 1)  # without a backward pass overwritten
+    track = allocate_track(n, k)
+    tape = Tape(np.zeros((taped, 6)), np.empty((stood, 3, ROW)), np.zeros((k, 3, ROW + SIZE)))
     h = np.append(np.diff(recording.t), recording.period_s)
     extra = map(np.ascontiguousarray, find_extra_sigmas(recording, parameters.saturated_share))
     samples = Samples(h, *recording.integrable, *extra)
@@ -118,7 +182,10 @@ def filter_walk(
     if back:
         smooth_backward(start.row, samples, stands, rows, noise, gravity, track, tape)
         _step_backward(start.row, samples, _copy(view_state(start.row, track, tape)), gravity, track)
-    _check_finite(recording.t, track)
+    finite = np.isfinite(track.position).all(axis=1)
+    if not finite.all():
+        at_s = recording.t[np.argmin(finite)]
+        raise EstimationError(f"the filter diverged to infinity at {at_s:.3f} s: check the samples there.")
     return track
 
 
@@ -131,17 +198,13 @@ def make_initial_state(start: Start, parameters: IezParameters, heading_sigma: f
         parameters.tilt_sigma_rest_deg if start.levelled_at_rest else parameters.tilt_sigma_deg
     )
     sigma[ATTITUDE + 2] = heading_sigma
-    prior = np.radians(parameters.gyro_bias_sigma_deg_s)
-    trust, bias = (np.zeros(3), np.zeros(3)) if start.rest is None else _weigh_rest(start.rest, prior)
+    prior, trust, bias = np.radians(parameters.gyro_bias_sigma_deg_s), np.zeros(3), np.zeros(3)
+    if start.rest is not None:
+        trust, bias = prior**2 / (prior**2 + start.rest.sigma**2), start.rest.rate
     sigma[GYRO_BIAS : GYRO_BIAS + 3] = prior * np.sqrt(1.0 - trust)
     sigma[ACC_BIAS : ACC_BIAS + 3] = ACC_BIAS_SIGMA
     state = NavState(np.zeros(3), np.zeros(3), start.nav_R_body.copy(), trust * bias, np.zeros(3))
     return state, np.diag(sigma**2)
-
-
-def _weigh_rest(rest: Rest, prior: float) -> tuple[Floats, Floats]:
-    """Weights (3,) of the rest's bias against a prior about zero, and that bias, rad/s."""
-    return prior**2 / (prior**2 + rest.sigma**2), rest.rate
 
 
 @cache
@@ -265,23 +328,6 @@ def _copy(state: NavState) -> NavState:
     return NavState(*(part.copy() for part in state))
 
 
-def make_stance_table(t: Floats, rows: Ints, track: Track, field: Sequence[str], reason: Sequence[str]) -> StanceTable:
-    """Solution at the footfalls, with the verdicts on the `field` (K,) and their `reason` (K,)."""
-    variance = np.diagonal(track.covariance, axis1=1, axis2=2)
-    return StanceTable(
-        sample=rows,
-        t=t[rows],
-        position=track.position[rows],
-        nav_R_body=track.nav_R_body[rows],
-        gyro_bias=track.gyro_bias,
-        position_cov=track.covariance[:, POSITION : POSITION + 3, POSITION : POSITION + 3],
-        heading_sigma=np.sqrt(variance[:, ATTITUDE + 2]),
-        gyro_bias_sigma=np.sqrt(variance[:, GYRO_BIAS : GYRO_BIAS + 3]),
-        field=tuple(field),
-        field_reason=tuple(reason),
-    )
-
-
 def make_solution(
     recording: Recording,
     stances: Stances,
@@ -294,25 +340,31 @@ def make_solution(
 ) -> Solution:
     """Solution of a pass that `began` (perf_counter); `field` are verdicts and reasons, (K,) each."""
     tails = freeze_ends(recording.t, stances, track.position, track.velocity)
+    rows = stances.stillest(recording.gyr)
+    variance = np.diagonal(track.covariance, axis1=1, axis2=2)
+    table = StanceTable(
+        sample=rows,
+        t=recording.t[rows],
+        position=track.position[rows],
+        nav_R_body=track.nav_R_body[rows],
+        gyro_bias=track.gyro_bias,
+        position_cov=track.covariance[:, POSITION : POSITION + 3, POSITION : POSITION + 3],
+        heading_sigma=np.sqrt(variance[:, ATTITUDE + 2]),
+        gyro_bias_sigma=np.sqrt(variance[:, GYRO_BIAS : GYRO_BIAS + 3]),
+        field=tuple(field[0]),
+        field_reason=tuple(field[1]),
+    )
     return Solution(
         method=method,
         t=recording.t,
         position=track.position,
         velocity=track.velocity,
         nav_R_body=track.nav_R_body,
-        stances=make_stance_table(recording.t, stances.stillest(recording.gyr), track, *field),
+        stances=table,
         runtime_s=perf_counter() - began,
         parameters=parameters,
         notes=(note, *tails),
     )
-
-
-def _check_finite(t: Floats, track: Track) -> None:
-    finite = np.isfinite(track.position).all(axis=1)
-    if not finite.all():
-        raise EstimationError(
-            f"the filter diverged to infinity at {t[np.argmin(finite)]:.3f} s: check the samples there."
-        )
 
 
 def describe_start(recording: Recording, start: Start, parameters: IezParameters) -> str:
@@ -321,3 +373,41 @@ def describe_start(recording: Recording, start: Start, parameters: IezParameters
         return f"no rest at the start: gyro bias unknown to {parameters.gyro_bias_sigma_deg_s:g} deg/s"
     duration = (start.rest.stop - start.rest.start) * recording.period_s
     return f"gyro bias from a rest of {duration:.1f} s at the start"
+
+
+UNUSED = "the filter does not use the magnetometer"  # Reason at every footfall.
+
+
+def run_iez(
+    recording: Recording,
+    stances: Stances,
+    parameters: IezParameters = IezParameters(),
+    heading: float = 0.0,
+) -> Solution:
+    """IEZ: strapdown navigation, updated while the foot stands (INS + EKF + ZUPT), without the magnetometer.
+
+    Parameters
+    ----------
+    recording, stances : of one walk.
+    parameters : IezParameters
+    heading : rad clockwise from north, of the body's x axis at the start.
+
+    Raises
+    ------
+    EstimationError
+        Without a stance, with stances of another recording, without gravity in the specific force, or where
+        the filter diverges to infinity.
+
+    Examples
+    --------
+    >>> recording = fg_nav.read("walk.csv")
+    >>> fg_nav.run_iez(recording, fg_nav.detect_stances(recording)).method
+    'iez'
+    """
+    compile_filter()
+    began = perf_counter()
+    start = find_start(recording, stances, heading, parameters.rest)
+    rows = stances.stillest(recording.gyr)
+    track = filter_walk(recording, stances.mask, rows, start, parameters)
+    note, unused = describe_start(recording, start, parameters), (("none",) * len(rows), (UNUSED,) * len(rows))
+    return make_solution(recording, stances, track, unused, asdict(parameters), "iez", began, note)

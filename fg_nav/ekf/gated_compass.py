@@ -6,11 +6,11 @@
     else as the IEZ                                                                 Ma (27)-(33), (37)-(39)
 
 The three differ by their detector alone. Ma's z (heading of the gyroscope less that of the field) and its row of H are
-those of `fg_nav.ekf.attitude_updates`; Ma (36) as printed has the row of the gyro bias instead. The attitude is
+those of `fg_nav.ekf.measurements`; Ma (36) as printed has the row of the gyro bias instead. The attitude is
 corrected with the one sign that shrinks its error, and an angle needs no sample period; Ma (38), (39).
 
 A detector tests changes, and a filter uses the heading itself: a lasting deviation is followed. The compass's sigma
-stands for the deviations of the place, far above the compass's noise.
+covers the deviations of the place, far above the compass's noise.
 
 References: Afzal, Renaudin, Lachapelle (2011), "Use of Earth's magnetic field for mitigating gyroscope errors
 regardless of magnetic perturbation" (QSF); Ma et al. (2016) as cited by Ma et al. (2018) (iQSF); Ma et al. (2018).
@@ -25,9 +25,15 @@ import numpy as np
 
 from fg_nav.arrays import Bools
 from fg_nav.detection.rest import Start, find_start
-from fg_nav.ekf.attitude_updates import PseudoMeasurements, make_pseudo_measurements
-from fg_nav.ekf.core import GAUGE_SIGMA, compile_filter, describe_start, filter_walk, make_solution
-from fg_nav.ekf.parameters import IezParameters
+from fg_nav.ekf.core import (
+    GAUGE_SIGMA,
+    IezParameters,
+    compile_filter,
+    describe_start,
+    filter_walk,
+    make_solution,
+)
+from fg_nav.ekf.measurements import PseudoMeasurements, make_pseudo_measurements
 from fg_nav.ekf.rts import Track
 from fg_nav.errors import EstimationError
 from fg_nav.magnetic import FieldVerdicts, FootfallField
@@ -39,10 +45,10 @@ from fg_nav.stances import Stances
 
 @dataclass(frozen=True)
 class GatedCompassParameters:
-    """Detector and noises of the compass, and the core."""
+    """Detector and noises of the compass; noises of sensor and foot."""
 
     detector: Detector
-    """At which footfalls the compass is used."""
+    """Decides at which footfalls the compass is used."""
     compass_sigma_deg: float = 10.0
     """Of the heading of a footfall's field: the deviation of the place, alike at neighboring footfalls."""
     start_sigma_deg: float = 20.0
@@ -54,7 +60,7 @@ class GatedCompassParameters:
     declination_deg: float = 0.0
     """Of magnetic north, clockwise from true north."""
     inertial: IezParameters = field(default_factory=IezParameters)
-    """The core."""
+    """Sensor and foot."""
 
 
 def run_gated_compass(
@@ -97,13 +103,20 @@ def filter_with_compass(
     heading: float | None,
     pseudo: PseudoMeasurements,
 ) -> tuple[Track, Start]:
-    """Run the core with these pseudo-measurements; returns the start, too."""
-    start, sigma = choose_start(recording, stances, field, parameters, heading)
-    if heading is None:
-        pseudo = drop_compass(pseudo, find_first_measured(field))
-    rows = stances.stillest(recording.gyr)
-    core = parameters.inertial
+    """Run the core with these pseudo-measurements; returns the start, too.
+
+    Without a given heading it starts with that of the first compass, which is then not used again.
+    """
+    core, sigma, at_start = parameters.inertial, 0.0, heading
+    if at_start is None:
+        at_start = find_first_heading(field) + float(np.radians(parameters.declination_deg))
+        sigma = float(np.radians(parameters.start_sigma_deg))
+        variance = pseudo.compass_variance.copy()
+        variance[find_first_measured(field)] = np.nan
+        pseudo = pseudo._replace(compass_variance=variance)
+    start = find_start(recording, stances, at_start, core.rest)
     sigmas = (max(sigma, GAUGE_SIGMA), 0.0) if core.smoothed else (GAUGE_SIGMA, sigma)
+    rows = stances.stillest(recording.gyr)
     return filter_walk(recording, stances.mask, rows, start, core, pseudo, *sigmas), start
 
 
@@ -145,21 +158,6 @@ def measure_compass(field: FootfallField, used: Bools, parameters: GatedCompassP
     )
 
 
-def choose_start(
-    recording: Recording,
-    stances: Stances,
-    field: FootfallField,
-    parameters: GatedCompassParameters,
-    heading: float | None,
-) -> tuple[Start, float]:
-    """Start of the filter, and the sigma (rad) of its heading: 0 for a given one, else that of the first compass."""
-    if heading is not None:
-        return find_start(recording, stances, heading, parameters.inertial.rest), 0.0
-    at_start = find_first_heading(field) + float(np.radians(parameters.declination_deg))
-    sigma = float(np.radians(parameters.start_sigma_deg))
-    return find_start(recording, stances, at_start, parameters.inertial.rest), sigma
-
-
 def find_first_heading(field: FootfallField) -> float:
     """Magnetic heading (rad) at the start: of the first footfall that has a field, less the turn since the start."""
     k = find_first_measured(field)
@@ -169,10 +167,3 @@ def find_first_heading(field: FootfallField) -> float:
 def find_first_measured(field: FootfallField) -> int:
     """First footfall that has a field."""
     return int(np.flatnonzero(np.isfinite(field.strength))[0])
-
-
-def drop_compass(pseudo: PseudoMeasurements, footfall: int) -> PseudoMeasurements:
-    """Return the pseudo-measurements without the compass of a footfall: the start heading is not used twice."""
-    variance = pseudo.compass_variance.copy()
-    variance[footfall] = np.nan
-    return pseudo._replace(compass_variance=variance)

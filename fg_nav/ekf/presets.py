@@ -53,9 +53,8 @@ import numpy as np
 from fg_nav.changes import Changes, change_parameters
 from fg_nav.detection.rolling_lever import estimate_lever
 from fg_nav.ekf.aiez import AiezParameters, run_aiez
+from fg_nav.ekf.core import OPENSHOE, STANCE_CORRELATION_S, IezParameters, run_iez
 from fg_nav.ekf.gated_compass import GatedCompassParameters, run_gated_compass
-from fg_nav.ekf.iez import run_iez
-from fg_nav.ekf.parameters import OPENSHOE, STANCE_CORRELATION_S, IezParameters
 from fg_nav.errors import EstimationError
 from fg_nav.magnetic import FootfallField
 from fg_nav.magnetic.detectors import AGREEING, DETECTORS, MA_SIGMA_HEADING
@@ -82,7 +81,7 @@ MATCHED = IezParameters(
     tilt_sigma_rest_deg=1.0,
     tilt_sigma_deg=1.0,
 )
-"""The core; the lever is estimated from the recording."""
+"""Sensor and foot; the lever is estimated from the recording."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +89,7 @@ class MatchedParameters(GatedCompassParameters):
     """As of the gated compass, with the matched core."""
 
     inertial: IezParameters = MATCHED
-    """The core, its lever estimated where none is given."""
+    """Sensor and foot, the lever estimated where none is given."""
 
 
 def match_compass(compass: GatedCompassParameters) -> MatchedParameters:
@@ -115,15 +114,12 @@ def run_matched(
     return run_gated_compass(recording, stances, field, replace(parameters, inertial=core), heading, method)
 
 
-Parameters: TypeAlias = IezParameters | GatedCompassParameters
-"""Of any filter here."""
+Parameters: TypeAlias = IezParameters | GatedCompassParameters  # Of any filter here.
 
 AS_PRINTED, PHYSICAL, TUNED = "as-printed", "physical", "tuned"
 PRESETS = (TUNED, PHYSICAL, AS_PRINTED)  # Their names, the default first.
 
-GATED = ("qsf", "iqsf", "ma2018", "qsf-stance")
-"""Filters whose compass is gated by the detector of the same name; `qsf-stance` is Zhang's "IEZ + classical QMD"."""
-
+GATED = ("qsf", "iqsf", "ma2018", "qsf-stance")  # Gated by the detector of the same name; the last one is Zhang's QMD.
 _MA_SIGMA_DEG = float(np.degrees(MA_SIGMA_HEADING))
 
 
@@ -159,6 +155,7 @@ _PHYSICAL: Mapping[str, Parameters] = {
 }
 
 
+# The preset `tuned`, by method.
 TUNED_PARAMETERS: Mapping[str, GatedCompassParameters] = MappingProxyType(
     {
         "qsf": GatedCompassParameters(TUNED_DETECTORS["qsf"], compass_sigma_deg=30.0),
@@ -170,7 +167,6 @@ TUNED_PARAMETERS: Mapping[str, GatedCompassParameters] = MappingProxyType(
         ),
     }
 )
-"""The preset `tuned`, by method."""
 
 _SETS: Mapping[str, Mapping[str, Parameters]] = MappingProxyType(
     {
@@ -180,13 +176,13 @@ _SETS: Mapping[str, Mapping[str, Parameters]] = MappingProxyType(
     }
 )
 
+# What breaks a filter as printed (docs/equations.md) and is run as corrected, in that preset too.
 NOT_RUN: Mapping[str, str] = MappingProxyType(
     {
         "ma2018": "not run as printed: the sign of the heading, Ma (1), H on the gyro bias (36), attitude (38), (39)",
         "aiez": "not run as printed: heading without its sign, AIEZ (25), Euler angles for rotations (29)",
     }
 )
-"""What breaks a filter as printed (docs/equations.md) and is run as corrected, in that preset too."""
 
 RTS = "-rts"  # After the name of any filter: smoothed backward over its pass (`fg_nav.ekf.rts`).
 
@@ -204,10 +200,8 @@ def find_parameters(method: str, preset: str = TUNED) -> Parameters:
     if name not in _SETS[preset]:
         raise EstimationError(f"there is no preset '{preset}' of '{method}': only of {', '.join(_SETS[preset])}.")
     parameters = _SETS[preset][name]
-    return parameters if name == method else _smooth_backward(parameters)
-
-
-def _smooth_backward(parameters: Parameters) -> Parameters:
+    if name == method:
+        return parameters
     if isinstance(parameters, IezParameters):
         return replace(parameters, smoothed=True)
     return replace(parameters, inertial=replace(parameters.inertial, smoothed=True))
@@ -258,12 +252,9 @@ def run_filter(
         solution = run_gated_compass(recording, stances, field, parameters, heading, method)
     else:
         solution = run_iez(recording, stances, parameters, heading or 0.0)
-    return replace(solution, method=method, notes=(*solution.notes, *describe_preset(method.removesuffix(RTS), preset)))
-
-
-def describe_preset(method: str, preset: str) -> tuple[str, ...]:
-    """Notes for the user on a preset."""
-    if preset == TUNED and method not in TUNED_PARAMETERS:
-        return ()
-    left_out = (NOT_RUN[method],) if preset == AS_PRINTED and method in NOT_RUN else ()
-    return (f"preset {preset}", *left_out)
+    name, notes = method.removesuffix(RTS), list(solution.notes)
+    if preset != TUNED or name in TUNED_PARAMETERS:
+        notes.append(f"preset {preset}")
+    if preset == AS_PRINTED and name in NOT_RUN:
+        notes.append(NOT_RUN[name])
+    return replace(solution, method=method, notes=tuple(notes))

@@ -63,7 +63,7 @@ class Track(NamedTuple):
 
     Path `position`, `velocity` (N, 3), `nav_R_body` (N, 3, 3) and `nis` (N,) of the velocity, NaN without an update;
     at one sample a footfall `gyro_bias` (K, 3), `covariance` (K, 15, 15), and the standardized `innovation` (K, 4) of
-    compass, tilt and course, NaN where not used, and of the test of the compass (`fg_nav.ekf.attitude_updates`).
+    compass, tilt and course, NaN where not used, and of the test of the compass (`fg_nav.ekf.measurements`).
     """
 
     position: Floats
@@ -80,7 +80,8 @@ class Tape(NamedTuple):
 
     `bias` (N, 6) of gyroscope (rad/s) and accelerometer (m/s^2) at each sample; the traces (`fg_nav.ekf.update`) of
     all updates in their order: of the velocity `stance` (S, 3, 17) at the samples in stance from the start on, and of
-    the attitude `footfall` (K, 3, 32) with s = 0 without an update.
+    the attitude `footfall` (K, 3, 32) with s = 0 without an update. A pass without smoothing has one row of `bias` and
+    `stance`, which is overwritten.
     """
 
     bias: Floats
@@ -99,12 +100,6 @@ def allocate_track(samples: int, footfalls: int) -> Track:
         np.empty((footfalls, SIZE, SIZE)),
         np.full((footfalls, 4), np.nan),
     )
-
-
-def allocate_tape(samples: int, in_stance: int, footfalls: int, taping: bool) -> Tape:
-    """Tape to be written by a pass; without `taping` one row, which is overwritten."""
-    n, stood = (samples, in_stance) if taping else (1, 1)
-    return Tape(np.zeros((n, 6)), np.empty((stood, 3, ROW)), np.zeros((footfalls, 3, ROW + SIZE)))
 
 
 @njit(cache=True)
@@ -261,7 +256,10 @@ def smooth_backward(
             for axis in range(3):
                 track.gyro_bias[k, axis] = smoothed.gyro_bias[axis]
             # back over the updates of the footfall, then of the stance
-            _undo_footfall(tape.footfall[k], e, adjoint, information)
+            for row in range(2, -1, -1):
+                trace = tape.footfall[k, row]
+                if trace[VARIANCE] > 0.0:
+                    undo_update(e, adjoint, information, trace, trace[ROW:])
         if stands[i]:
             stood -= 1
             for axis in range(2, -1, -1):
@@ -306,7 +304,7 @@ def _smooth_footfall(P: Floats, e: Floats, adjoint: Floats, information: Floats,
             work[i, j] = 0.0
             for k in range(SIZE):
                 work[i, j] += information[i, k] * P[k, j]
-    # From P before it is changed, row by row.
+    # from P before it is changed, row by row
     for i in range(SIZE):
         row = np.empty(SIZE)
         for j in range(SIZE):
@@ -318,13 +316,6 @@ def _smooth_footfall(P: Floats, e: Floats, adjoint: Floats, information: Floats,
     for i in range(SIZE):
         for j in range(i):
             P[i, j] = P[j, i] = (P[i, j] + P[j, i]) / 2
-
-
-@njit(cache=True)
-def _undo_footfall(traces: Floats, e: Floats, adjoint: Floats, information: Floats) -> None:
-    for row in range(2, -1, -1):
-        if traces[row, VARIANCE] > 0.0:
-            undo_update(e, adjoint, information, traces[row], traces[row, ROW:])
 
 
 @njit(cache=True)

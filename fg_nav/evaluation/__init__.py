@@ -1,6 +1,7 @@
 """How good a solution is: alignment with truth and figures of merit.
 
-Whether claimed sigmas are true is in `metrics` too, the ROC of detectors in `roc`: a walk needs neither.
+The consistency of claimed sigmas (`fg_nav.lab.consistency`) and the ROC of detectors (`fg_nav.lab.reproduce.roc`) are
+in the laboratory.
 """
 
 from fg_nav.evaluation.comparison import MODES, Comparison, align, compare, fit_scale

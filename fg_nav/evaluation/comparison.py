@@ -1,20 +1,19 @@
 """Estimated and true positions, point by point, in the truth's frame, and the rigid motion into it.
 
-A true trajectory is read at the solution's stamps by linear interpolation (attitude by slerp), only where it
-was seen: not before its first stamp, after its last, or inside a hole. Footprints are compared in the horizontal plane.
+A true trajectory is interpolated at the solution's stamps (attitude by slerp), not before its first stamp, after its
+last, or inside a gap. Footprints are compared in the horizontal plane.
 
-Footprints carry a stride number n and no time; stance k = n + offset. Where the detector found as many stances as the
-walk has, offset is 0 throughout. Where it found D more (or fewer), the offset goes from 0 to D somewhere: an extra
-stance shifts all later numbers up, a missed one shifts them down. The places are unknown, so D single shifts are put,
-one after the other, where they make the rigid fit best without losing a footprint that need not be lost; `notes` say
-so. A footprint without a stance (the missed one, or one beyond the last stance) cannot be scored; it is counted.
+Footprints carry a stride number n and no time; stance k = n + offset. Where as many stances were detected as the walk
+has, offset is 0 throughout. Where D more (or fewer) were, the offset goes from 0 to D somewhere: an extra stance shifts
+all later numbers up, a missed one shifts them down. The D single shifts are placed one after the other where the rigid
+fit is best without losing a footprint needlessly; `notes` report it. A footprint without a stance (missed, or beyond
+the last stance) is counted, not scored.
 
-Where an instant within each stance is known, nothing has to be matched: the footprint is compared with the sensor's
-place at that instant, whatever the detector found there. So a stance that was missed counts as well, and two solutions
-are compared at the same places.
+Where an instant within each stance is known, nothing is matched: the footprint is compared with the sensor's position
+at that instant. A missed stance then counts as well, and two solutions are compared at the same places.
 
-An inertial walk knows neither where it started nor which way north is, so these are taken out before errors
-are counted. With estimate p_i and truth q_i (same instants), the modes minimize sum |R p_i + s - q_i|^2 over
+Position and heading at the start of an inertial walk are a gauge, which is removed first. With estimate p_i and truth
+q_i (same instants), the modes minimize sum |R p_i + s - q_i|^2 over
 
 ======== ============================================== =====================================
 mode     R                                              s
@@ -25,7 +24,7 @@ yaw      rotation about up (the gauge of an IMU)        free: the default
 se3      any rotation (Kabsch 1976)                     free; forgives tilt errors as well
 ======== ============================================== =====================================
 
-The yaw solution is closed: with both paths centered, tan(psi) = sum (p x q)_z / sum (p . q)_horizontal.
+The yaw solution is closed: with both paths centred, tan(psi) = sum (p x q)_z / sum (p . q)_horizontal.
 """
 
 from __future__ import annotations
@@ -38,14 +37,31 @@ import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import EvaluationError
-from fg_nav.evaluation.truth_check import check_truth
 from fg_nav.frames import wrap_angle, yaw_rotation
 from fg_nav.solution import Solution
 from fg_nav.truth import FootprintTruth, TrajectoryTruth, Truth
 
 AlignmentMode: TypeAlias = Literal["yaw", "none", "origin", "se3"]
 
-MODES: tuple[str, ...] = get_args(AlignmentMode)  # What `align` accepts.
+MODES: tuple[str, ...] = get_args(AlignmentMode)  # Accepted by `align`.
+
+MIN_SHARED = 3  # Samples common to truth and solution: fewer fit anything.
+HOLE_S = 0.1  # A gap of the truth longer than this, and than `HOLE_PERIODS` of its periods, is not interpolated.
+HOLE_PERIODS = 3.0
+
+MIN_FOOTPRINTS = 3  # Two can nearly always be fitted by a rotation and a shift: only their distance is tested.
+MAX_SHIFTS = 10  # Stances too many or too few, or half of the walk's: beyond, the places of the shifts are a guess.
+MISSED = -1  # Stance index of a footprint without a stance.
+
+MAX_M_S = 12.5  # Speed of a person on foot over a second: the fastest sprint is 12.4 m/s.
+MAX_STRIDE_M = 5.0  # From a footprint to the next of the same foot, in a sprint.
+MIN_EXTENT_M = 0.05  # Over ground; a foot moves by more where one walks on the spot, and 5 km are 0.05 degrees.
+MAX_STRIDES_PER_S = 3.0  # Of one foot, in a sprint.
+
+_UNITS = {"cm": 100.0, "mm": 1000.0}
+_USUAL_M_S, _USUAL_STRIDE_M = 1.5, 1.3  # Fastest second of a walk and its longest stride,
+_TIMES_USUAL = 4.0  # and the factor within which those of a given walk are.
+_WINDOW_S = 1.0  # Over which a speed is measured.
 
 
 @dataclass(frozen=True)
@@ -71,53 +87,6 @@ def align(estimate: Floats, truth: Floats, mode: str = "yaw") -> Alignment:
     Raises `EvaluationError` on an unknown mode, on shapes that differ, and where there is no point or one that is not
     finite.
     """
-    _check(estimate, truth)
-    if mode == "none":
-        return Alignment(mode, np.eye(3), np.zeros(3))
-    if mode == "origin":
-        return Alignment(mode, np.eye(3), truth[0] - estimate[0])
-    if mode == "yaw":
-        return _fit(mode, yaw_rotation(_yaw(estimate, truth)), estimate, truth)
-    if mode == "se3":
-        return _fit(mode, _kabsch(estimate - estimate.mean(0), truth - truth.mean(0)), estimate, truth)
-    raise EvaluationError(f"alignment '{mode}' is unknown: choose one of {', '.join(MODES)}.")
-
-
-def fit_scale(estimate: Floats, truth: Floats) -> float:
-    """Best scale of the horizontal `estimate` (N, 2 or 3) onto `truth`, after yaw and shift.
-
-    Above 1 the estimate is too short. A closed loop hides a scale error from every other figure. It is the
-    least squares scale of the estimate, so random errors of the estimate pull it below 1. NaN where the
-    estimate does not move.
-    """
-    p, q = _center_plane(estimate), _center_plane(truth)
-    spread = np.sum(np.abs(p) ** 2)
-    return float(np.abs(np.sum(np.conj(p) * q)) / spread) if spread > 0.0 else float("nan")
-
-
-def _fit(mode: str, truth_R_nav: Floats, estimate: Floats, truth: Floats) -> Alignment:
-    return Alignment(mode, truth_R_nav, truth.mean(0) - truth_R_nav @ estimate.mean(0))
-
-
-def _kabsch(p: Floats, q: Floats) -> Floats:
-    """Rotation (3, 3) that lays centered points `p` on centered points `q`; if straight, one of the best."""
-    left, _, right = np.linalg.svd(q.T @ p)
-    proper = np.diag([1.0, 1.0, np.linalg.det(left @ right)])
-    return np.asarray(left @ proper @ right)
-
-
-def _yaw(estimate: Floats, truth: Floats) -> float:
-    p, q = _center_plane(estimate), _center_plane(truth)
-    return float(np.angle(np.sum(np.conj(p) * q)))
-
-
-def _center_plane(position: Floats) -> np.ndarray[tuple[int], np.dtype[np.complex128]]:
-    """Horizontal positions as complex numbers x + iy about their mean: a rotation is then one factor."""
-    plane = position[:, 0] + 1j * position[:, 1]
-    return np.asarray(plane - plane.mean(), dtype=np.complex128)
-
-
-def _check(estimate: Floats, truth: Floats) -> None:
     if estimate.shape != truth.shape or estimate.ndim != 2 or estimate.shape[1] != 3 or len(estimate) == 0:
         raise EvaluationError(
             f"an estimate of shape {estimate.shape} cannot be aligned with a truth of shape {truth.shape}: "
@@ -129,12 +98,36 @@ def _check(estimate: Floats, truth: Floats) -> None:
             raise EvaluationError(
                 f"the {name} is not finite at point {bad[0]} ({len(bad)} in all): remove such points first."
             )
+    if mode == "none":
+        return Alignment(mode, np.eye(3), np.zeros(3))
+    if mode == "origin":
+        return Alignment(mode, np.eye(3), truth[0] - estimate[0])
+    if mode == "yaw":
+        truth_R_nav = yaw_rotation(float(np.angle(np.sum(np.conj(_center_plane(estimate)) * _center_plane(truth)))))
+    elif mode == "se3":
+        # Kabsch; of straight paths one of the best rotations
+        left, _, right = np.linalg.svd((truth - truth.mean(0)).T @ (estimate - estimate.mean(0)))
+        truth_R_nav = np.asarray(left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right)
+    else:
+        raise EvaluationError(f"alignment '{mode}' is unknown: choose one of {', '.join(MODES)}.")
+    return Alignment(mode, truth_R_nav, truth.mean(0) - truth_R_nav @ estimate.mean(0))
 
 
-MIN_SHARED = 3  # Samples that truth and solution must share: fewer fit anything.
-HOLE_S = 0.1  # A truth silent for longer than this, and than `HOLE_PERIODS` of its periods, is not interpolated.
+def fit_scale(estimate: Floats, truth: Floats) -> float:
+    """Best scale of the horizontal `estimate` (N, 2 or 3) onto `truth`, after yaw and shift.
 
-HOLE_PERIODS = 3.0
+    Above 1 the estimate is too short. A closed loop hides a scale error from every other figure. As a least squares
+    scale of the estimate it is biased low by the estimate's random errors. NaN where the estimate does not move.
+    """
+    p, q = _center_plane(estimate), _center_plane(truth)
+    spread = np.sum(np.abs(p) ** 2)
+    return float(np.abs(np.sum(np.conj(p) * q)) / spread) if spread > 0.0 else float("nan")
+
+
+def _center_plane(position: Floats) -> np.ndarray[tuple[int], np.dtype[np.complex128]]:
+    """Horizontal positions as complex numbers x + iy about their mean: a rotation is then one factor."""
+    plane = position[:, 0] + 1j * position[:, 1]
+    return np.asarray(plane - plane.mean(), dtype=np.complex128)
 
 
 @dataclass(frozen=True)
@@ -178,55 +171,44 @@ def compare(solution: Solution, truth: Truth, mode: str = "yaw") -> Comparison:
     """
     check_truth(truth, solution.t)
     if isinstance(truth, FootprintTruth):
-        return _compare_footprints(solution, truth, mode)
-    return _compare_trajectory(solution, truth, mode)
+        if mode != "yaw":
+            raise EvaluationError(
+                f"alignment '{mode}' needs a truth with a known frame, and footprints have none: use 'yaw'."
+            )
+        return _compare_numbers(solution, truth) if truth.t is None else _compare_in_time(solution, truth, truth.t)
+    row, true_position = share_truth(truth, solution.t)
+    alignment = align(solution.position[row], true_position, mode)
+    estimate, share = alignment.apply(solution.position[row]), len(row) / len(solution.t)
+    yaw_error = _measure_yaw_error(solution, truth, alignment)
+    notes = () if share > 0.99 else (f"the truth covers {100 * share:.0f} % of the solution's samples",)
+    return Comparison(alignment, row, solution.t[row], estimate, true_position, False, yaw_error, notes)
 
 
-def _compare_footprints(solution: Solution, truth: FootprintTruth, mode: str) -> Comparison:
-    if mode != "yaw":
-        raise EvaluationError(
-            f"alignment '{mode}' needs a truth with a known frame, and footprints have none: use 'yaw'."
-        )
-    if truth.t is not None:
-        return _compare_in_time(solution, truth, truth.t, mode)
+def _compare_numbers(solution: Solution, truth: FootprintTruth) -> Comparison:
+    """Compare footprints with the stances of their stride numbers."""
     match = match_footprints(solution.stances.position[:, :2], truth)
     stance = match.stance[match.found]
     estimate, surveyed = lift_to_space(solution.stances.position[stance]), lift_to_space(truth.xy[match.found])
-    alignment = align(estimate, surveyed, mode)
+    alignment = align(estimate, surveyed)
     t = solution.stances.t[stance]
     return Comparison(alignment, stance, t, alignment.apply(estimate), surveyed, planar=True, notes=match.notes)
 
 
-def _compare_in_time(solution: Solution, truth: FootprintTruth, t: Floats, mode: str) -> Comparison:
-    """Compare footprints with the places at their instants `t` (M,) s."""
+def _compare_in_time(solution: Solution, truth: FootprintTruth, t: Floats) -> Comparison:
+    """Compare footprints with the positions at their instants `t` (M,) s."""
     inside = (t >= solution.t[0]) & (t <= solution.t[-1])
     if np.count_nonzero(inside) < MIN_FOOTPRINTS:
         raise EvaluationError(
             f"only {np.count_nonzero(inside)} of {len(t)} surveyed footprints are within the time of the solution "
-            f"({_span(solution.t)}), and {MIN_FOOTPRINTS} are needed: check that their clocks have the same zero."
+            f"({_format_span(solution.t)}), and {MIN_FOOTPRINTS} are needed: check that their clocks have the same "
+            "zero."
         )
     t, surveyed = t[inside], lift_to_space(truth.xy[inside])
-    place = np.column_stack([np.interp(t, solution.t, axis) for axis in solution.position.T])
-    alignment = align(lift_to_space(place), surveyed, mode)
+    estimate = lift_to_space(np.column_stack([np.interp(t, solution.t, axis) for axis in solution.position.T]))
+    alignment = align(estimate, surveyed)
     row = np.rint(np.interp(t, solution.t, np.arange(len(solution.t)))).astype(np.int64)
-    left_out = _missed_note(truth.stride[~inside], "no sample at")
-    estimate = alignment.apply(lift_to_space(place))
-    return Comparison(alignment, row, t, estimate, surveyed, planar=True, notes=tuple(left_out))
-
-
-def _compare_trajectory(solution: Solution, truth: TrajectoryTruth, mode: str) -> Comparison:
-    row, true_position = share_truth(truth, solution.t)
-    alignment = align(solution.position[row], true_position, mode)
-    return Comparison(
-        alignment,
-        row,
-        solution.t[row],
-        alignment.apply(solution.position[row]),
-        true_position,
-        planar=False,
-        yaw_error=_yaw_error(solution, truth, alignment),
-        notes=_overlap_note(row, solution),
-    )
+    notes = tuple(_note_missed(truth.stride[~inside], "no sample at"))
+    return Comparison(alignment, row, t, alignment.apply(estimate), surveyed, planar=True, notes=notes)
 
 
 def share_truth(truth: TrajectoryTruth, t: Floats) -> tuple[Ints, Floats]:
@@ -249,7 +231,7 @@ def interpolate_truth(truth: TrajectoryTruth, t: Floats) -> tuple[Ints, Floats]:
     row = np.flatnonzero(_is_covered(t, stamps))
     if len(row) == 0:
         raise EvaluationError(
-            f"the truth ({_span(stamps)}) and the solution ({_span(t)}) share no time: "
+            f"the truth ({_format_span(stamps)}) and the solution ({_format_span(t)}) share no time: "
             "check that their clocks have the same zero."
         )
     return row, np.column_stack([np.interp(t[row], stamps, column) for column in position.T])
@@ -267,7 +249,7 @@ def _is_covered(t: Floats, truth_t: Floats) -> Bools:
     return np.asarray(inside & (~hole[left] | (t == truth_t[left]) | (t == truth_t[left + 1])))
 
 
-def _yaw_error(solution: Solution, truth: TrajectoryTruth, alignment: Alignment) -> Floats | None:
+def _measure_yaw_error(solution: Solution, truth: TrajectoryTruth, alignment: Alignment) -> Floats | None:
     """Rotation about up, rad, that the estimated attitude has too much; None without a true attitude."""
     if truth.nav_R_body is None:
         return None
@@ -291,22 +273,8 @@ def yaw_between(nav_R_a: Floats, nav_R_b: Floats) -> Floats:
     return np.asarray(np.arctan2(turn[..., 1, 0] - turn[..., 0, 1], turn[..., 0, 0] + turn[..., 1, 1]))
 
 
-def _overlap_note(row: Ints, solution: Solution) -> tuple[str, ...]:
-    share = len(row) / len(solution.t)
-    return () if share > 0.99 else (f"the truth covers {100 * share:.0f} % of the solution's samples",)
-
-
-def _span(t: Floats) -> str:
+def _format_span(t: Floats) -> str:
     return f"{t[0]:.3f} to {t[-1]:.3f} s" if len(t) else "no finite point"
-
-
-MIN_FOOTPRINTS = 3
-"""Two footprints can nearly always be fitted by a rotation and a shift: they test only their distance."""
-
-MAX_SHIFTS = 10
-"""Stances too many or too few, or half of the walk's: with more, where the numbers are shifted is a guess."""
-
-MISSED = -1  # In place of a stance index: this footprint has no stance.
 
 
 @dataclass(frozen=True)
@@ -338,9 +306,13 @@ def match_footprints(stance_xy: Floats, truth: FootprintTruth) -> FootprintMatch
         options = list(_shift_tails(stance, int(np.sign(surplus))))
         stance = min(options, key=lambda option: _misfit(option, stance_xy, truth.xy))
     if surplus:
-        notes.append(_surplus_note(surplus, len(stance_xy)))
+        count, kind = abs(surplus), "more" if surplus > 0 else "fewer"
+        notes.append(
+            f"{len(stance_xy)} stances are {count} {kind} than the walk has: stride numbers were shifted at {count} "
+            f"place{'s' if count > 1 else ''}, where that fits the footprints best"
+        )
     stance = np.where(stance < len(stance_xy), stance, MISSED)
-    match = FootprintMatch(stance, tuple(notes + _missed_note(truth.stride[stance == MISSED])))
+    match = FootprintMatch(stance, tuple(notes + _note_missed(truth.stride[stance == MISSED])))
     if len(match.found) < MIN_FOOTPRINTS:
         raise EvaluationError(
             f"only {len(match.found)} of {len(stance)} surveyed footprints have a stance "
@@ -379,16 +351,79 @@ def lift_to_space(xy: Floats) -> Floats:
     return np.column_stack([xy[:, :2], np.zeros(len(xy))])
 
 
-def _surplus_note(surplus: int, stances: int) -> str:
-    kind = "more" if surplus > 0 else "fewer"
-    return (
-        f"{stances} stances are {abs(surplus)} {kind} than the walk has: stride numbers were shifted at "
-        f"{abs(surplus)} place{'s' if abs(surplus) > 1 else ''}, where that fits the footprints best"
-    )
-
-
-def _missed_note(missed: Ints, why: str = "no stance for") -> list[str]:
+def _note_missed(missed: Ints, why: str = "no stance for") -> list[str]:
     """Name the footprints that are not scored."""
     if not len(missed):
         return []
     return [f"{why} footprint{'s' if len(missed) > 1 else ''} {', '.join(map(str, missed))}: not scored"]
+
+
+def check_truth(truth: Truth, t: Floats) -> None:
+    """Refuse a truth that cannot be that of a walk with samples at `t` (N,) s.
+
+    A person on foot moves no faster over a second, or a stride, and makes no more strides a second than in a sprint
+    (another unit, or a wrong row); and moves at all (degrees of latitude for m, a constant, another clock). A truth in
+    feet or in km passes; `evaluate` compares its size with that of the path.
+
+    Raises `EvaluationError`.
+    """
+    if isinstance(truth, FootprintTruth):
+        _check_footprints(truth, float(t[-1] - t[0]))
+        return
+    inside = np.isfinite(truth.position).all(axis=1) & (truth.t >= t[0]) & (truth.t <= t[-1])
+    stamps, position = truth.t[inside], truth.position[inside]
+    if len(stamps) < 2:
+        return  # that they share no time is said where they are compared
+    # mean speeds over a second or the next longer step
+    last = np.searchsorted(stamps, stamps + _WINDOW_S)
+    first = np.flatnonzero(last < len(stamps))
+    first, last = (first, last[first]) if len(first) else (np.array([0]), np.array([len(stamps) - 1]))
+    speed = _measure_distances(position[last], position[first]) / np.maximum(stamps[last] - stamps[first], _WINDOW_S)
+    if speed.max() > MAX_M_S:
+        at = f"{speed.max():.3g} m/s from {stamps[first[np.argmax(speed)]]:.3f} s on"
+        what = _explain_size(speed, MAX_M_S, _USUAL_M_S)
+        raise EvaluationError(f"the truth moves at {at}, faster than anyone runs: {what}.")
+    extent = float(np.linalg.norm(np.ptp(position[:, :2], axis=0)))
+    if extent < MIN_EXTENT_M:
+        raise EvaluationError(
+            f"the truth moves by {extent:.2g} m over ground in the {stamps[-1] - stamps[0]:.3g} s that it shares with "
+            "the recording: give places in m, not degrees, and stamps in s of the recording's clock."
+        )
+
+
+def _measure_distances(one: Floats, other: Floats) -> Floats:
+    """Distances (M,) m; of absurd numbers the largest there is."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return np.asarray(np.nan_to_num(np.linalg.norm(one - other, axis=1), nan=np.inf))
+
+
+def _check_footprints(truth: FootprintTruth, duration_s: float) -> None:
+    strides = max(truth.stride_count or 0, int(truth.stride.max(initial=0)))
+    most = MAX_STRIDES_PER_S * (duration_s + 1.0)
+    if strides > most:
+        raise EvaluationError(
+            f"the truth counts {strides} strides, and in {duration_s:.1f} s a foot makes at most {most:.0f}: check "
+            "that it is of this recording."
+        )
+    if len(truth.stride) < 2:
+        return  # too few to compare is said where they are compared
+    apart = _measure_distances(truth.xy[1:], truth.xy[:-1]) / np.diff(truth.stride)
+    if apart.max() > MAX_STRIDE_M:
+        stride = truth.stride[np.argmax(apart) + 1]
+        raise EvaluationError(
+            f"the footprints up to stride {stride} are {apart.max():.3g} m a stride apart, farther than anyone runs: "
+            f"{_explain_size(apart, MAX_STRIDE_M, _USUAL_STRIDE_M)}."
+        )
+    extent = float(np.linalg.norm(np.ptp(truth.xy, axis=0)))
+    if extent < MIN_EXTENT_M:
+        raise EvaluationError(f"the footprints lie within {extent:.2g} m: give their places in m, not degrees.")
+
+
+def _explain_size(sizes: Floats, most: float, usual: float) -> str:
+    """Advice on speeds or strides beyond their limit: another unit, if many are, else a wrong row."""
+    largest = float(sizes.max())
+    far = {unit: abs(float(np.log(largest / factor / usual))) for unit, factor in _UNITS.items()}
+    unit = min(far, key=lambda unit: far[unit])
+    if np.percentile(sizes, 75) > most and far[unit] < np.log(_TIMES_USUAL):
+        return f"it seems to be in {unit}, divide by {_UNITS[unit]:.0f}"
+    return "correct that row, and give places in m"

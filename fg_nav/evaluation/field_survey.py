@@ -1,7 +1,7 @@
-"""What the detectors make of the field along a walk, at its footfalls or at every sample, and what that is worth.
+"""Verdicts of the detectors on the field along a walk, at its footfalls or at every sample, and their quality.
 
-The change of the compass against the gyroscope from one footfall to the next is the one measure of a verdict's worth
-that needs no truth: over a stride the gyroscope is right to a tenth of a degree, so what is left is the field's.
+Quality without a truth: the change of compass minus gyroscope from one footfall to the next. Over a stride the
+gyroscope is right to a tenth of a degree, so the rest is the field's.
 """
 
 from __future__ import annotations
@@ -17,9 +17,17 @@ from fg_nav.arrays import Bools, Floats
 from fg_nav.errors import MagneticError
 from fg_nav.frames import average_angles, wrap_angle
 from fg_nav.magnetic import FieldVerdicts, FootfallField
-from fg_nav.magnetic.disturbance import FEWEST, WINDOW_S, Disturbance, find_threshold, judge_samples
 from fg_nav.magnetic.footfall_field import compute_true_heading
-from fg_nav.magnetic.quasi_static import DEFAULT, DETECTORS, judge_field
+from fg_nav.magnetic.quasi_static import (
+    DEFAULT,
+    DETECTORS,
+    MIN_SAMPLES,
+    WINDOW_S,
+    Disturbance,
+    find_sample_threshold,
+    judge_field,
+    judge_samples,
+)
 from fg_nav.recording import Recording
 from fg_nav.solution import Solution
 from fg_nav.stances import find_runs
@@ -28,27 +36,22 @@ from fg_nav.text import format_count
 if TYPE_CHECKING:
     from fg_nav.earth import EarthField
 
-SAMPLEWISE = "munoz-diaz"
-"""Judges every sample by the second before it; of a walk on a foot the samples of the footfalls count."""
-
-SURVEYED = (*DETECTORS, SAMPLEWISE)  # What can be put to a walk, in the order of tables and pictures.
-
-USUAL = tuple(name for name in SURVEYED if not name.endswith("-printed"))
-"""Those that are put to it unasked: the formulas as printed are for those who compare with the papers."""
-
-ALL = "all"  # Word for every one of `SURVEYED`.
+SAMPLEWISE = "munoz-diaz"  # Judges every sample by the second before it; at a foot the footfalls' samples count.
+SURVEYED = (*DETECTORS, SAMPLEWISE)  # All detectors, in the order of tables and pictures.
+USUAL = tuple(name for name in SURVEYED if not name.endswith("-printed"))  # By default: none as printed in the papers.
+ALL = "all"  # Every one of `SURVEYED`.
 MIN_FOOTFALLS = 4  # A window of three strides.
 
 
 @dataclass(frozen=True)
 class FieldSurvey:
-    """The field of a walk and what each detector says of it.
+    """The field of a walk and the verdicts of each detector.
 
     Attributes
     ----------
     field : at the footfalls.
     verdicts : by detector.
-    chosen : the detector that colors what has one color only.
+    chosen : the detector of the colours in pictures with one verdict a footfall.
     solution : of a quick estimator, to draw the map on.
     earth : undisturbed field at the place and date; None where they were not given.
     """
@@ -86,14 +89,14 @@ class FieldSurvey:
 
     @property
     def coverage(self) -> tuple[Coverage, ...]:
-        """What each detector accepts."""
+        """Coverage of each detector."""
         return tuple(measure_coverage(self.field, name, verdicts) for name, verdicts in self.verdicts.items())
 
 
 def parse_detectors(words: str | None) -> list[str]:
-    """Return the detectors of a list with commas, of "all", or without words the usual ones.
+    """Return the detectors of a comma-separated list, of "all", or without words the usual ones.
 
-    The first colors what has one color only. Raises `MagneticError` for a name that is none.
+    The first is `FieldSurvey.chosen`. Raises `MagneticError` for an unknown name.
     """
     if words is None or words.strip() == ALL:
         return list(dict.fromkeys([DEFAULT, *(USUAL if words is None else SURVEYED)]))
@@ -113,7 +116,7 @@ def survey_field(
     solution: Solution,
     earth: EarthField | None = None,
 ) -> FieldSurvey:
-    """Put each detector to a walk, in the order of `SURVEYED`; the first of `detectors` colors.
+    """Judge a walk by each detector, in the order of `SURVEYED`; the first of `detectors` is the chosen one.
 
     Raises
     ------
@@ -126,34 +129,33 @@ def survey_field(
             f"more, or look at the samples with --gate {SAMPLEWISE}."
         )
     ordered = [name for name in SURVEYED if name in detectors]
-    verdicts = {name: _judge(name, recording, field) for name in ordered}
+    verdicts = {
+        name: _judge_footfall_samples(recording, field) if name == SAMPLEWISE else judge_field(field, name)
+        for name in ordered
+    }
     return FieldSurvey(field, verdicts, detectors[0], solution, earth)
-
-
-def _judge(detector: str, recording: Recording, field: FootfallField) -> FieldVerdicts:
-    return _judge_footfall_samples(recording, field) if detector == SAMPLEWISE else judge_field(field, detector)
 
 
 def _judge_footfall_samples(recording: Recording, field: FootfallField) -> FieldVerdicts:
     """Verdicts of the sample-wise detector where the footfalls are; its threshold is that of a full window."""
     statistic = judge_samples(recording).statistic[field.sample]
     reason = f"scatter of the strength over {WINDOW_S:g} s"
-    full = max(round(WINDOW_S / recording.period_s), FEWEST)
-    return FieldVerdicts(SAMPLEWISE, statistic, find_threshold(full), (reason,) * len(field))
+    full = max(round(WINDOW_S / recording.period_s), MIN_SAMPLES)
+    return FieldVerdicts(SAMPLEWISE, statistic, find_sample_threshold(full), (reason,) * len(field))
 
 
 @dataclass(frozen=True)
 class Coverage:
-    """How much of a walk a detector accepts, and what that is worth.
+    """Share of a walk that a detector accepts, and the quality of its verdicts.
 
     Attributes
     ----------
     detector : its name.
     footfalls, judged, accepted : counts.
     longest_run : accepted footfalls in a row.
-    change_deg : median of the change of compass minus gyroscope between neighbors that are both accepted; NaN
+    change_deg : median of the change of compass minus gyroscope between neighbours that are both accepted; NaN
         without any.
-    change_all_deg : the same over all neighbors.
+    change_all_deg : the same over all neighbours.
     """
 
     detector: str
@@ -171,7 +173,7 @@ class Coverage:
 
 
 def measure_coverage(field: FootfallField, name: str, verdicts: FieldVerdicts) -> Coverage:
-    """Count what a detector accepts."""
+    """Count the footfalls that a detector accepts."""
     accepted = verdicts.quasi_static
     first, after = find_runs(accepted)
     return Coverage(
@@ -186,7 +188,7 @@ def measure_coverage(field: FootfallField, name: str, verdicts: FieldVerdicts) -
 
 
 def _median_change(field: FootfallField, counted: Bools) -> float:
-    """Median |change| in deg of compass minus gyroscope between neighbors that both count."""
+    """Median |change| in deg of compass minus gyroscope between neighbours that both count."""
     change = np.abs(np.degrees(wrap_angle(np.diff(field.heading_difference))))[counted[1:] & counted[:-1]]
     change = change[np.isfinite(change)]
     return float(np.median(change)) if len(change) else float("nan")
@@ -194,7 +196,7 @@ def _median_change(field: FootfallField, counted: Bools) -> float:
 
 @dataclass(frozen=True)
 class SampleSurvey:
-    """The field at every sample, and what the detector makes of it.
+    """The field at every sample, and the detector's verdicts.
 
     Attributes
     ----------

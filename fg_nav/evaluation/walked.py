@@ -13,25 +13,25 @@ heading_deg            deg     final heading error: that of the heading's change
 heading_laid_deg       deg     heading error at the last footfall, clockwise, as laid on the truth
 heading_rmse_deg       deg     root mean square of the heading error, as laid, over all footfalls
 mean_m, max_m, rmse_m  m       over the ground, of all footfalls (Ma 2018, Figure 12: "maximum trajectory error")
-length_percent         %       by how much the path from footfall to footfall is too long: what each stride is worth,
-                               whatever the heading does
-scale_percent          %       by how much the path is too large: the best similarity over the ground. On an open path
-                               this is the error of scale; a closed loop hides it from the end error
+length_percent         %       excess length of the path from footfall to footfall: error of the strides, independent of
+                               the heading
+scale_percent          %       excess size of the path: the best similarity over the ground. On an open path this is the
+                               error of scale; a closed loop hides it from the end error
 ====================== ======= ======================================================================================
 
-R is the alignment (`fg_nav.evaluation.comparison`), and two are of use. Ma and Zhang do not say which one is theirs.
+R is the alignment (`fg_nav.evaluation.comparison`), and two are of use. Ma and Zhang do not specify theirs.
 
 ====== ==============================================================================================================
 origin as started. The filter was given its position and heading at the start, as in use, and keeps its errors. Only
        fair where all filters were given the same heading: a compass finds its own later on, a gyroscope cannot
-yaw    best yaw and shift over all footfalls: what shape the walk has, whatever heading it began with. It favours
-       methods without a compass, for the heading at the start is then fitted to the truth
+yaw    best yaw and shift over all footfalls: the shape of the walk, independent of its heading at the start. It favours
+       methods without a compass, as the heading at the start is then fitted to the truth
 ====== ==============================================================================================================
 
-The end error has the start on the start in both, and turned by R. On a closed walk it does not depend on R at all.
-Headings as laid are those of the attitude turned by R: laid as started, they have the error at the start in them.
-Of surveyed footprints only those count that were found; the distance is then the estimate's. Without a truth a walk
-has a closure, which is an error if it ended where it began.
+The end error has the start on the start in both, turned by R; on a closed walk it does not depend on R. Headings as
+laid are those of the attitude turned by R: laid as started, they include the error at the start. Of surveyed footprints
+only those that were found count; the distance is then the estimate's. Without a truth a walk has a closure, which is an
+error if it ended where it began.
 
 Landmarks: Ma et al. (2018, Figures 15 and 16) passed 14 of them three times each, and count the error at each of the 42
 crossings. With landmark l passed at t_l in q_l, and R and s the alignment of the footfalls, not one of the landmarks,
@@ -89,17 +89,8 @@ def compare_at_footfalls(solution: Solution, truth: Truth, mode: str) -> Compari
     stances = solution.stances
     if isinstance(truth, FootprintTruth):
         return compare(solution, truth, mode)
-    return compare(
-        replace(
-            solution,
-            t=stances.t,
-            position=stances.position,
-            velocity=solution.velocity[stances.sample],
-            nav_R_body=stances.nav_R_body,
-        ),
-        truth,
-        mode,
-    )
+    path = {name: getattr(stances, name) for name in ("t", "position", "nav_R_body")}
+    return compare(replace(solution, velocity=solution.velocity[stances.sample], **path), truth, mode)
 
 
 def measure_walk(solution: Solution, truth: Truth | None = None, mode: str = AS_STARTED) -> WalkErrors:
@@ -110,17 +101,21 @@ def measure_walk(solution: Solution, truth: Truth | None = None, mode: str = AS_
 
     Raises `EvaluationError` where solution and truth cannot be compared, or there is no footfall.
     """
-    if truth is None:
-        return _measure_closure(solution.stances.position)
-    return measure_errors(compare_at_footfalls(solution, truth, mode), path_length_m(solution.stances.position))
+    position = solution.stances.position
+    if truth is not None:
+        return measure_errors(compare_at_footfalls(solution, truth, mode), path_length_m(position))
+    if len(position) == 0:
+        raise EvaluationError("the solution has no stance, so it has no end: check the stance detection.")
+    east, north, up = position[-1] - position[0]
+    return WalkErrors(CLOSURE, path_length_m(position), float(np.hypot(east, north)), float(up))
 
 
 def measure_moment(solution: Solution, moment: StanceTable, truth: Truth, end: Alignment) -> WalkErrors:
     """Errors of an online method's estimates at the moment, laid on the truth as its path at the end is.
 
-    Each is in the map as it was known then, which a re-solve turns about its origin. A fit to all of them would be to a
-    mixture of these frames. In that of the end, a wrong north of the moment is an error of the moment. Footprints are
-    matched by number, as nothing is known of the moment between footfalls.
+    Each is in the map of its moment, which a re-solve turns about its origin: a fit to all of them would mix frames.
+    With the alignment `end`, a wrong north of the moment is an error of the moment. Footprints are matched by number,
+    as there is no estimate of the moment between footfalls.
 
     Raises `EvaluationError` as `measure_walk`.
     """
@@ -131,7 +126,7 @@ def measure_moment(solution: Solution, moment: StanceTable, truth: Truth, end: A
 
 def measure_errors(found: Comparison, walked_m: float) -> WalkErrors:
     """Errors of footfalls that were laid on the truth; `walked_m` is the distance where the truth does not show it."""
-    over_ground = np.linalg.norm(found.error[:, :2], axis=1)
+    over_ground, yaw_error = np.linalg.norm(found.error[:, :2], axis=1), found.yaw_error
     end = found.error[-1] - found.error[0]
     scale = fit_scale(found.estimate, found.truth)
     true_length = path_length_m(found.truth)
@@ -140,12 +135,12 @@ def measure_errors(found: Comparison, walked_m: float) -> WalkErrors:
         distance_m=walked_m if found.planar else true_length,
         end_m=float(np.hypot(end[0], end[1])),
         end_height_m=None if found.planar else float(end[2]),
-        heading_deg=_final_heading(found.yaw_error),
+        heading_deg=None if yaw_error is None else float(np.rad2deg(wrap_angle(yaw_error[0] - yaw_error[-1]))),
         mean_m=float(over_ground.mean()),
         max_m=float(over_ground.max()),
         rmse_m=float(np.sqrt(np.mean(over_ground**2))),
-        heading_laid_deg=None if found.yaw_error is None else -float(np.rad2deg(found.yaw_error[-1])),
-        heading_rmse_deg=None if found.yaw_error is None else float(np.rad2deg(np.sqrt(np.mean(found.yaw_error**2)))),
+        heading_laid_deg=None if yaw_error is None else -float(np.rad2deg(yaw_error[-1])),
+        heading_rmse_deg=None if yaw_error is None else float(np.rad2deg(np.sqrt(np.mean(yaw_error**2)))),
         length_percent=None if found.planar else _percent_above(path_length_m(found.estimate), true_length),
         scale_percent=_percent_above(1.0, scale),
     )
@@ -158,20 +153,6 @@ def path_length_m(position: Floats) -> float:
 
 def _percent_above(estimate: float, truth: float) -> float | None:
     return 100.0 * (estimate / truth - 1.0) if truth > 0.0 else None
-
-
-def _final_heading(yaw_error: Floats | None) -> float | None:
-    """Change of the yaw error (K,) rad, about up, from first to last, as degrees clockwise."""
-    if yaw_error is None:
-        return None
-    return float(np.rad2deg(wrap_angle(yaw_error[0] - yaw_error[-1])))
-
-
-def _measure_closure(position: Floats) -> WalkErrors:
-    if len(position) == 0:
-        raise EvaluationError("the solution has no stance, so it has no end: check the stance detection.")
-    east, north, up = position[-1] - position[0]
-    return WalkErrors(CLOSURE, path_length_m(position), float(np.hypot(east, north)), float(up))
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.arrays import Bools, Floats
 from fg_nav.errors import EstimationError
 from fg_nav.feet.steps import find_longest_stride
 from fg_nav.frames import GRAVITY_M_S2, level_attitude
@@ -40,39 +40,24 @@ from fg_nav.recording import Recording
 from fg_nav.samples.gaps import cross_holes, list_unrecorded
 from fg_nav.stances import Stances
 
-PHASE_SIGMA, LIMP_SIGMA = 0.1, 0.05
-"""Of a cycle: steps of one foot are up to a tenth longer than those of the other, and so from step to step."""
-
+PHASE_SIGMA, LIMP_SIGMA = 0.1, 0.05  # Of a cycle: steps of one foot are up to a tenth longer than the other's.
 MISSED = 4.0  # nats: one swing in fifty has no partner, where one shuffles or the detector fails.
-
 TURN_SIGMA_RAD, TURN_SHARE = 0.15, 0.5  # Of the turns of both feet over one stride: they turn by turns.
-
-MAX_ALONE = 3  # Swings in a stand of the other foot that count.
-
 MAX_TURN_COST, TURN_WORTH = 4.0, 2.5  # nats, of a stride's turn; and how many swings it counts for.
-
+MAX_ALONE = 3  # Swings in a stand of the other foot that count.
 SHARE = 0.2  # Of independent steps.
-
 ENOUGH = 3.0  # nats between two cycles: twenty to one.
-
-FITTING, UNRELATED = 0.4, 1.8
-"""nats: mean cost of a swing of clocks that fit (0.1 to 0.4), and above which feet are not those of one walk
-(`scripts/two_feet.py`)."""
-
-NEAR_S, SPACING_S, COARSE_S = 30.0, 0.04, 0.2
-"""How far clocks are looked for first, and in which steps; then as far as the recordings share a moment, coarsely, and
-finely about the best of these."""
-
-MAX_DRIFT, DRIFT_NATS = 0.02, 4.0
-"""By which one clock runs faster than the other: oscillators of MEMS sensors are within a percent or two. And what it
-costs that it does at all."""
-
+FITTING, UNRELATED = (
+    0.4,
+    1.8,
+)  # nats a swing: of clocks that fit 0.1 to 0.4; above, not one walk.
+NEAR_S, SPACING_S = 30.0, 0.04  # Offsets that are searched first, and their spacing; then all with a moment in common.
+COARSE_S = 0.2  # Spacing of these, before they are searched finely about the best.
+MAX_DRIFT = 0.02  # By which one clock runs faster: oscillators of MEMS sensors are within a percent or two.
+DRIFT_NATS = 4.0  # It costs that one runs faster at all.
 APART_NATS, FAR_NATS = 5.5, 3.0  # It costs that clocks are apart: 300 offsets within `NEAR_S`; and more further away.
-
 FOREIGN_NATS = 5.0  # It costs that recordings given as of one walk are not.
-
 AT_ONCE = 2000  # Offsets that are weighed at once.
-
 MIN_SWINGS, MAX_SWINGS = 3, 600  # Of the first foot that are compared: ten minutes.
 
 
@@ -124,15 +109,15 @@ def match_swings(a: Swings, b: Swings) -> ClockOffset:
     if min(len(a.middle), len(b.middle)) < MIN_SWINGS:
         return ClockOffset(0.0)
     a = replace(a, middle=a.middle[:MAX_SWINGS])
-    # What is lost of other offsets is more than is to be had.
+    # on one clock
     as_it_is = float(_Match.of(a, b, np.zeros(1)).weigh(0.0)[0])
     if as_it_is > -APART_NATS:
         return ClockOffset(0.0)
-    # Sensors that were set to one time are apart by seconds.
+    # set to one time, and apart by seconds
     found = [_search(a, b, np.arange(-NEAR_S, NEAR_S, SPACING_S), -APART_NATS)]
     unrelated = -SHARE * UNRELATED * (len(a.middle) - 1) - FOREIGN_NATS
     if max(as_it_is, found[0].nats) < unrelated + FOREIGN_NATS + ENOUGH:
-        # Those that count from when they were switched on are apart by any.
+        # counted from when each was switched on: apart by any time
         far = np.arange(a.middle[0] - b.middle[-1], a.middle[-1] - b.middle[0], COARSE_S)
         pieces = np.array_split(far, 1 + len(far) // AT_ONCE)
         best = far[np.argmax(np.concatenate([_Match.of(a, b, some).weigh(0.0) for some in pieces]))]
@@ -143,12 +128,28 @@ def match_swings(a: Swings, b: Swings) -> ClockOffset:
             "the two recordings do not show the feet of one walk: with no offset of their clocks do they swing in "
             "turn; check the files, or give --clock-offset."
         )
-    return ClockOffset(0.0) if as_it_is >= best_found.nats else best_found.choose(b)
+    if as_it_is >= best_found.nats:
+        return ClockOffset(0.0)
+    best, drift = best_found.best, best_found.drift
+    others = best_found.by_offset[np.abs(best_found.tau - best) > 0.5 * best_found.cycle]
+    if len(others) and others.max() > best_found.nats - ENOUGH:
+        raise EstimationError(
+            "the clocks of the two recordings do not fit, as both feet swing at once, and their steps do not show "
+            f"by how much: it may be {best:+.2f} s or a stride more or less; give --clock-offset."
+        )
+    # tau(t) = best + drift (t - t_0), t by the first clock; the offset is by the second's
+    at = float(b.t[0])
+    began = (at + best - drift * best_found.t) / (1.0 - drift)
+    offset, drift = began - at, drift / (1.0 - drift)
+    note = f"clocks aligned by the steps: {offset:+.2f} s added to the second recording's stamps"
+    if drift:
+        note += f", and {100.0 * drift:+.2f} % of the time since its start: one of the clocks runs fast"
+    return ClockOffset(offset, note, drift, at)
 
 
 @dataclass(frozen=True)
 class _Found:
-    """Offsets (T,) s of the second clock when the first foot's strides begin, `nats` (T,) of each, and the best one."""
+    """Offsets `tau` (T,) s of the second clock, nats `by_offset` (T,) of each, and the best one: tau at `t` s."""
 
     tau: Floats
     by_offset: Floats
@@ -158,37 +159,20 @@ class _Found:
     t: float
     cycle: float
 
-    def choose(self, b: Swings) -> ClockOffset:
-        """Return the best one; raises `EstimationError` where that of another cycle is about as good."""
-        others = self.by_offset[np.abs(self.tau - self.best) > 0.5 * self.cycle]
-        if len(others) and others.max() > self.nats - ENOUGH:
-            raise EstimationError(
-                "the clocks of the two recordings do not fit, as both feet swing at once, and their steps do not show "
-                f"by how much: it may be {self.best:+.2f} s or a stride more or less; give --clock-offset."
-            )
-        # tau(t) = best + drift (t - t_0), t by the first clock.
-        at = float(b.t[0])
-        began = (at + self.best - self.drift * self.t) / (1.0 - self.drift)
-        offset, drift = began - at, self.drift / (1.0 - self.drift)
-        note = f"clocks aligned by the steps: {offset:+.2f} s added to the second recording's stamps"
-        if drift:
-            note += f", and {100.0 * drift:+.2f} % of the time since its start: one of the clocks runs fast"
-        return ClockOffset(offset, note, drift, at)
-
 
 def _search(a: Swings, b: Swings, tau: Floats, prior: float) -> _Found:
     """Find the best of offsets (T,) s, evenly spaced, and of rates, of a prior in nats."""
     match, spacing = _Match.of(a, b, tau), tau[1] - tau[0]
     span = match.t[-1] - match.t[0]
     rates, nats = np.zeros(1), match.weigh(0.0)[None]
-    # Where all fit, none runs fast.
+    # rates, where a common clock does not fit
     if nats.max() < -SHARE * FITTING * len(match.t):
         count = int(0.5 * MAX_DRIFT * span / (2.0 * spacing))
         rates = np.append(rates, np.delete(np.linspace(-MAX_DRIFT, MAX_DRIFT, 2 * count + 1), count))
         nats = np.stack([nats[0], *(match.weigh(rate) - DRIFT_NATS for rate in rates[1:])])
     nats += prior
     row, best = np.unravel_index(np.argmax(nats), nats.shape)
-    # Who limps does not show it: in the mean nobody does.
+    # the mean offset of that cycle; who limps does not show it: in the mean nobody does
     evenly = match.weigh(rates[row], limps=False)
     near = np.abs(tau - tau[best]) < 0.5 * match.cycle
     weight = np.exp(evenly[near] - evenly[near].max())
@@ -220,7 +204,7 @@ class _Match:
         at = np.searchsorted(b.middle, np.stack([begin - tau, end - tau]))
         count = at[1] - at[0]
         phase = (b.middle[np.minimum(at[0], len(b.middle) - 1)] + tau - begin) / (end - begin) - 0.5
-        # Turns of both over the same time.
+        # turns of both over the same time
         turn, other = (
             np.interp(end - d, one.t, one.heading) - np.interp(begin - d, one.t, one.heading)
             for one, d in ((a, 0.0), (b, tau))
@@ -232,7 +216,7 @@ class _Match:
         sigma = np.hypot(TURN_SIGMA_RAD, TURN_SHARE * np.maximum(np.maximum(around[:-2], around[2:]), np.abs(turn)))
         of_turn = np.nan_to_num(np.minimum(0.5 * (differ / sigma) ** 2, MAX_TURN_COST))
         rest = TURN_WORTH * of_turn + MISSED * (count != 1)
-        # While the first one stands for long the second one has none.
+        # while the first one stands for long the second one has none
         rest = np.where(walks, rest, MISSED * np.minimum(count, MAX_ALONE))
         rest = np.where(hidden, UNRELATED, rest)
         phase = np.where((count == 1) & walks & ~hidden & ~unseen, phase, np.nan)
@@ -262,18 +246,14 @@ def list_swings(recording: Recording, stances: Stances) -> Swings:
     arrives, leaves = stances.spans
     begin, end = t[leaves[:-1] - 1], t[arrives[1:]]
     sample = stances.stillest(recording.gyr)
-    seen, heading = ~cross_holes(t, sample), _sum_turns(recording, sample)
-    # It turns while it swings.
-    stands = np.stack([t[arrives], t[leaves - 1]], axis=1).ravel()
-    return Swings(0.5 * (begin + end)[seen], stands, np.repeat(heading, 2), list_unrecorded(t))
-
-
-def _sum_turns(recording: Recording, sample: Ints) -> Floats:
-    """Heading (F,) rad at footfalls, from zero, counter-clockwise: what each stride turned about up."""
+    # heading: what each stride turned about up, counter-clockwise
     acc, gyr = recording.integrable
     level = level_attitude(acc[sample[:-1]])
-    attitude, h = level.copy(), np.append(np.diff(recording.t), recording.period_s)
+    attitude, h = level.copy(), np.append(np.diff(t), recording.period_s)
     integrate_strides(acc, gyr, h, sample[:-1], sample[1:], attitude, np.zeros((len(level), 3)), GRAVITY_M_S2)
     turn = attitude @ np.swapaxes(level, 1, 2)
     twist = np.arctan2(turn[:, 1, 0] - turn[:, 0, 1], turn[:, 0, 0] + turn[:, 1, 1])
-    return np.concatenate([[0.0], np.cumsum(twist)])
+    heading = np.repeat(np.concatenate([[0.0], np.cumsum(twist)]), 2)
+    # it turns while the foot swings
+    stands = np.stack([t[arrives], t[leaves - 1]], axis=1).ravel()
+    return Swings(0.5 * (begin + end)[~cross_holes(t, sample)], stands, heading, list_unrecorded(t))

@@ -86,12 +86,27 @@ def trace_person(right: Solution, left: Solution, cell_t: Floats, apart_cov: Flo
     t = np.sort(np.concatenate([left.t, right.t[find_unrecorded(right.t, left.t)]]))
     position = 0.5 * (_carry_on(t, left, right) + _carry_on(t, right, left))
     velocity = 0.5 * (_follow(t, left, right) + _follow(t, right, left))
-    footfall_t, pose_cov = _find_covariance(right, left, cell_t, apart_cov)
-    return PersonPath(t, position, velocity, _find_heading(position), footfall_t, pose_cov)
+    # covariance at the footfalls
+    of_right = right.stances.t
+    alone = find_unrecorded(of_right, left.t)
+    footfall_t = np.concatenate([left.stances.t, of_right[alone]])
+    own = np.concatenate([find_pose_cov(left.stances), find_pose_cov(right.stances)[alone]])
+    order, in_time = np.argsort(footfall_t, kind="stable"), np.argsort(cell_t)
+    footfall_t = footfall_t[order]
+    apart = interpolate_columns(footfall_t, cell_t[in_time], apart_cov[in_time].reshape(len(cell_t), 16))
+    pose_cov = own[order] + 0.25 * apart.reshape(-1, 4, 4)
+    # heading: the direction of a chord; where the person stood, one distance has many places: any of them
+    walked = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(position[:, :2], axis=0), axis=1))])
+    rising = walked + 1e-9 * np.arange(len(walked))
+    ends = [np.clip(walked + half, 0.0, walked[-1]) for half in (-0.5 * CHORD_M, 0.5 * CHORD_M)]
+    first, last = (interpolate_columns(at, rising, position[:, :2]) for at in ends)
+    chord = last - first
+    heading = np.asarray(np.arctan2(chord[:, 0], chord[:, 1]))
+    return PersonPath(t, position, velocity, heading, footfall_t, pose_cov)
 
 
 def find_pose_cov(table: StanceTable) -> Floats:
-    """Covariance (K, 4, 4) of east, north, up and yaw; of an estimator that does not tell, without what joins them."""
+    """Covariance (K, 4, 4) of east, north, up and yaw; without correlations where the estimator has none."""
     if table.pose_cov is not None:
         return table.pose_cov
     cov = np.zeros((len(table), 4, 4))
@@ -100,15 +115,23 @@ def find_pose_cov(table: StanceTable) -> Floats:
 
 
 def _carry_on(t: Floats, foot: Solution, other: Solution) -> Floats:
-    """Places (N, 3) of a foot at times (N,), where it did not record as far from the other one as it was there."""
+    """Places (N, 3) of a foot at times (N,); where it did not record, as far from the other one as next to it."""
     place = _interpolate(t, foot.t, foot.position)
     for begin, end in list_unrecorded(foot.t):
         inside = (t > begin) & (t < end)
         if not inside.any():
             continue
-        at, apart = _measure_seams(begin, end, foot, other)
+        # how far the foot is from the other over a stride next to the span
+        at, apart = [], []
+        for edge, first in ((begin, begin - SEAM_S), (end, end)):
+            span = np.linspace(first, first + SEAM_S) if np.isfinite(edge) else np.empty(0)
+            seam = span[~find_unrecorded(span, other.t) & ~find_unrecorded(span, foot.t)]
+            if len(seam):
+                here, there = (interpolate_columns(seam, one.t, one.position) for one in (foot, other))
+                at.append(edge)
+                apart.append((here - there).mean(axis=0))
         if len(at):
-            moved = interpolate_columns(t[inside], at, apart)
+            moved = interpolate_columns(t[inside], np.array(at), np.array(apart))
             place[inside] = interpolate_columns(t[inside], other.t, other.position) + moved
     return place
 
@@ -118,47 +141,9 @@ def _interpolate(asked: Floats, t: Floats, values: Floats) -> Floats:
     return values.copy() if np.array_equal(asked, t) else interpolate_columns(asked, t, values)
 
 
-def _measure_seams(begin: float, end: float, foot: Solution, other: Solution) -> tuple[Floats, Floats]:
-    """Times (1 or 2,) s next to a span without records, and how far (1 or 2, 3) m the foot is from the other there."""
-    at, apart = [], []
-    for edge, first in ((begin, begin - SEAM_S), (end, end)):
-        if not np.isfinite(edge):
-            continue
-        span = np.linspace(first, first + SEAM_S)
-        seam = span[~find_unrecorded(span, other.t) & ~find_unrecorded(span, foot.t)]
-        if len(seam):
-            here, there = (interpolate_columns(seam, one.t, one.position) for one in (foot, other))
-            at.append(edge)
-            apart.append((here - there).mean(axis=0))
-    return np.array(at), np.array(apart)
-
-
 def _follow(t: Floats, foot: Solution, other: Solution) -> Floats:
     """Velocity (N, 3) of a foot, and where it did not record that of the other."""
     velocity = _interpolate(t, foot.t, foot.velocity)
     outside = find_unrecorded(t, foot.t)
     velocity[outside] = interpolate_columns(t[outside], other.t, other.velocity)
     return velocity
-
-
-def _find_covariance(right: Solution, left: Solution, cell_t: Floats, apart_cov: Floats) -> tuple[Floats, Floats]:
-    """Times (F,) of footfalls, and the covariance (F, 4, 4) of the person there."""
-    t, of_right = left.stances.t, right.stances.t
-    alone = find_unrecorded(of_right, left.t)
-    footfall_t = np.concatenate([t, of_right[alone]])
-    own = np.concatenate([find_pose_cov(left.stances), find_pose_cov(right.stances)[alone]])
-    order, in_time = np.argsort(footfall_t, kind="stable"), np.argsort(cell_t)
-    known = apart_cov[in_time].reshape(len(cell_t), 16)
-    apart = interpolate_columns(footfall_t[order], cell_t[in_time], known).reshape(-1, 4, 4)
-    return footfall_t[order], own[order] + 0.25 * apart
-
-
-def _find_heading(position: Floats) -> Floats:
-    """Direction (N,) in which places (N, 3) moved over a chord, clockwise from north."""
-    walked = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(position[:, :2], axis=0), axis=1))])
-    ends = [np.clip(walked + half, 0.0, walked[-1]) for half in (-0.5 * CHORD_M, 0.5 * CHORD_M)]
-    # Where it stood, one distance has many places: any of them.
-    rising = walked + 1e-9 * np.arange(len(walked))
-    first, last = (interpolate_columns(at, rising, position[:, :2]) for at in ends)
-    chord = last - first
-    return np.asarray(np.arctan2(chord[:, 0], chord[:, 1]))

@@ -1,4 +1,4 @@
-"""Steps of the two feet of one person: which footfalls are beside each other.
+"""Steps of the two feet of one person: which footfalls are beside each other, and how the sensors are turned by them.
 
 A person who walks sets the feet in turn. Between two footfalls of one foot, one stride apart, is one footfall of the
 other, halfway between them but for the width w of the walk to its side:
@@ -8,8 +8,8 @@ other, halfway between them but for the width w of the walk to its side:
 p the positions of the one foot's footfalls, q that of the other's, n the unit vector to the left of the stride, minus
 for a right foot. On 63 m of motion-captured walking in laps of 12 m the noise is 0.02 m along, 0.05 m across and
 0.003 m up (rms, `scripts/two_feet.py`); across it is the bend of the path, since the middle of a chord lies inside of
-a curve. In the mean over steps of both feet that falls out, as the middles of both feet's strides do so alike. A person
-also steps unevenly, or stands longer on one leg: that is the same from step to step, and does not fall out.
+a curve. In the mean over steps of both feet that cancels, as the middles of both feet's strides do so alike. A person
+also steps unevenly, or stands longer on one leg: that is the same from step to step, and does not cancel.
 
 So steps are averaged over cells, `CELL_M` of the way or a turn by `CELL_TURN_RAD`. With weights a_k and b_k of the
 footfalls of the right and of the left foot (1 where the foot is q, 1/2 and 1/2 in a stride), the means of a cell are
@@ -17,38 +17,34 @@ footfalls of the right and of the left foot (1 where the foot is q, 1/2 and 1/2 
     q_R = sum a_k p_k,    q_L = sum b_k p_k,    n = mean of n,    q_R = q_L - w n.
 
 A stride that is short, as in a shuffle or a turn on the spot, or takes long, as a halt, has no direction, or the other
-foot not in its middle: it counts little, by `weigh_strides`; what is slow all along counts in full. Over a hole in a
-recording its path is no measure of a distance: no step and no cell crosses one.
+foot not in its middle: it counts little (`Steps.weight`); what is slow all along counts in full. Over a hole in a
+recording its path is no measure of a distance: no step and no cell crosses one. A part of a recording between holes
+with a few footfalls is tied by no cell, and left out.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from fg_nav.arrays import Bools, Complexes, Floats, Ints
+from fg_nav.errors import EstimationError
+from fg_nav.recording import Recording
+from fg_nav.samples.gaps import find_holes
+from fg_nav.stances import Stances
 
-CELL_M, CELL_TURN_RAD = 8.0, np.deg2rad(60.0)
-"""Of the way, and by how much it turns: six strides, over which a path that was found alone is bent by less than steps
-differ. In the mean over a turn the direction would be lost."""
-
-MIN_CELLS, MIN_GROWN = 6, 0.25
-MAX_CELLS, MAX_GROWN, MAX_APART_M = 40, 2.0, 30.0
-"""Of a walk: cells of a short one are smaller, down to a stride and a half, so that there are some. Those of a long one
-are up to twice as large, and no more of them are kept, as long as they are not further apart than that. With twice as
-many errors and sigmas of simulated walks are the same, and the solver takes longer."""
-
+CELL_M, CELL_TURN_RAD = 8.0, np.deg2rad(60.0)  # Six strides: a path found alone bends by less than steps differ.
+MIN_CELLS, MIN_GROWN = 6, 0.25  # Cells of a short walk are smaller, down to a stride and a half.
+MAX_CELLS, MAX_GROWN = 40, 2.0  # Those of a long walk are larger: twice as many change no error, and take longer.
+MAX_APART_M = 30.0  # More than `MAX_CELLS` are kept where these would be further apart.
 MIN_TURNS = 4  # Steps whose directions show how two paths are turned: each does to some degrees.
 MIN_STEPS = 1.0  # In a cell, by their weights (`Cells.steps`).
-
-SHORT_M, LONG_M = 0.4, 4.0
-"""Strides that count half: a shuffle has no direction, and what is longer than a runner's is an error of its path."""
-
+SHORT_M, LONG_M = 0.4, 4.0  # Strides that count half: a shuffle has no direction, longer than a runner's is an error.
 NEGLIGIBLE = 0.01  # Weight of a step that is none.
-
-MAX_S, TIMES_USUAL = 2.5, 2.0
-"""Of a stride: what takes longer, and more times as long as the person's usual stride, was a halt."""
+MAX_S, TIMES_USUAL = 2.5, 2.0  # A stride longer than both, s and times the person's usual one, was a halt.
+SPAN_S = 60.0  # Of headings, from the first step on: later a path found alone is turned by the gyroscope's drift.
+MIN_FOOTFALLS = 10  # Of a part of a recording: some fifteen metres, and two cells.
 
 
 def find_longest_stride(t: Floats) -> float:
@@ -91,35 +87,26 @@ def find_steps(foot: Footfalls, other: Footfalls) -> Steps:
     """Find the footfalls of a foot that are one step between two of the other."""
     before = np.searchsorted(other.t, foot.t) - 1
     at = np.flatnonzero((before >= 0) & (before < len(other) - 1))
-    # No other footfall of this foot in that stride.
+    # no other footfall of this foot in that stride
     counts = np.bincount(before[at], minlength=len(other))
     at = at[counts[before[at]] == 1]
     before = before[at]
     stride, took = np.diff(other.position[:, :2], axis=0), np.diff(other.t)
     length = np.linalg.norm(stride, axis=1)
-    goes = weigh_strides(length, took)
+    # weight of a stride: half at `SHORT_M`, at `LONG_M` and at a halt, against the weighted median of the times
+    with np.errstate(divide="ignore", over="ignore"):
+        goes = 1.0 / ((1.0 + (SHORT_M / length) ** 4) * (1.0 + (length / LONG_M) ** 4))
+    usual = 1.0
+    if len(took):
+        order = np.argsort(took)
+        middle = np.searchsorted(np.cumsum(goes[order]), 0.5 * goes.sum())
+        usual = float(took[order[min(middle, len(took) - 1)]])
+    goes = goes / (1.0 + (np.maximum(took / usual, 1.0) - 1.0) ** 4)
     known = np.diff(other.count_holes(other.t)) + np.diff(foot.count_holes(other.t)) == 0
     kept = known[before] & (goes[before] > NEGLIGIBLE)
     at, before = at[kept], before[kept]
     u = stride[before] / length[before, None]
     return Steps(at, before, np.stack([-u[:, 1], u[:, 0]], axis=1), goes[before])
-
-
-def weigh_strides(length: Floats, took: Floats) -> Floats:
-    """Weights (F,) of strides of some length (F,) m that took (F,) s: half at `SHORT_M`, at `LONG_M`, at a halt."""
-    with np.errstate(divide="ignore", over="ignore"):
-        goes = 1.0 / ((1.0 + (SHORT_M / length) ** 4) * (1.0 + (length / LONG_M) ** 4))
-    usual = measure_usual_time(took, goes)
-    return np.asarray(goes / (1.0 + (np.maximum(took / usual, 1.0) - 1.0) ** 4))
-
-
-def measure_usual_time(took: Floats, weight: Floats) -> float:
-    """Median of times (F,) s of strides, by their weights (F,)."""
-    if not len(took):
-        return 1.0
-    order = np.argsort(took)
-    at = np.searchsorted(np.cumsum(weight[order]), 0.5 * weight.sum())
-    return float(took[order[min(at, len(took) - 1)]])
 
 
 @dataclass(frozen=True)
@@ -150,75 +137,50 @@ class Cells:
 def average_cells(right: Footfalls, left: Footfalls) -> Cells:
     """Average the steps of a walk over cells, in order of time."""
     of_right, of_left = find_steps(right, left), find_steps(left, right)
-    way, turned = _measure_way(left)
+    # way walked to each footfall of the left foot, and turns taken, in cells
+    move = np.diff(left.position[:, :2], axis=0, prepend=left.position[:1, :2])
+    length = np.linalg.norm(move, axis=1)
+    walks, turned = length > SHORT_M, np.zeros(len(left))
+    heading = np.unwrap(np.arctan2(move[walks, 1], move[walks, 0]))
+    turned[walks] = np.abs(np.diff(heading, prepend=heading[:1]))
+    way, turned = np.cumsum(length) / CELL_M, np.cumsum(turned) / CELL_TURN_RAD
     grown = float(np.clip((way + turned)[-1:].max(initial=0.0) / MAX_CELLS, 1.0, MAX_GROWN))
     shrunk = float(np.clip(way[-1:].max(initial=0.0) / MIN_CELLS, MIN_GROWN, 1.0))
-    number = _number_cells(left, right.holes, way / (grown * shrunk) + turned / grown)
-    cells = number[of_right.before], number[of_left.at]
+    # number of each footfall's cell: none crosses a hole of either recording
+    piece = left.count_holes(left.t) + np.searchsorted(right.holes, left.t)
+    pair = np.stack([piece, np.floor(way / (grown * shrunk) + turned / grown)], axis=1)
+    number = np.unique(pair, axis=0, return_inverse=True)[1].ravel()
+    cells, steps = (number[of_right.before], number[of_left.at]), (of_right, of_left)
     count = number.max(initial=0) + 1
-    weights = [np.bincount(cell, of.weight, count) for cell, of in zip(cells, (of_right, of_left), strict=True)]
-    # Both kinds count alike, or the bend of a curve would not fall out.
+    weights = [np.bincount(cell, of.weight, count) for cell, of in zip(cells, steps, strict=True)]
+    # both kinds count alike, or the bend of a curve would not cancel
     with np.errstate(divide="ignore"):
-        steps = 4.0 / (1.0 / weights[0] + 1.0 / weights[1])
-    kept = np.flatnonzero(steps >= MIN_STEPS)
-    kept = kept[_spread_evenly(len(kept), _limit_cells(left))]
-    means = [
-        np.mean(
-            [
-                _average_by(cell, of.weight, one, count)[kept]
-                for cell, of, one in zip(cells, (of_right, of_left), pair, strict=True)
-            ],
-            axis=0,
-        )
-        for pair in (
-            (right.t[of_right.at, None], left.t[of_left.at, None]),
-            (right.position[of_right.at], _middle(right, of_left)),
-            (_middle(left, of_right), left.position[of_left.at]),
-            (of_right.left_normal, of_left.left_normal),
-        )
-    ]
-    t, of_right_foot, of_left_foot, normal = means
-    return Cells(t[:, 0], of_right_foot, of_left_foot, normal, steps[kept], grown * shrunk)
+        n_steps = 4.0 / (1.0 / weights[0] + 1.0 / weights[1])
+    # cells that are kept, evenly
+    kept = np.flatnonzero(n_steps >= MIN_STEPS)
+    walked = float(np.linalg.norm(np.diff(left.position[:, :2], axis=0), axis=1).sum())
+    most = max(MAX_CELLS, int(np.ceil(walked / MAX_APART_M)))
+    if len(kept) > most:
+        kept = kept[np.rint(np.linspace(0, len(kept) - 1, most)).astype(np.int64)]
 
+    def mean(of_right_steps: Floats, of_left_steps: Floats) -> Floats:
+        """Weighted mean (C, c) of rows (S, c) of both kinds of steps."""
+        means = []
+        for cell, of, rows in zip(cells, steps, (of_right_steps, of_left_steps), strict=True):
+            with np.errstate(invalid="ignore"):
+                total = np.stack([np.bincount(cell, of.weight * column, count) for column in rows.T], axis=1)
+                means.append((total / np.bincount(cell, of.weight, count)[:, None])[kept])
+        return np.asarray(np.mean(means, axis=0))
 
-def _limit_cells(foot: Footfalls) -> int:
-    """Return how many cells a walk has at most."""
-    way = float(np.linalg.norm(np.diff(foot.position[:, :2], axis=0), axis=1).sum())
-    return max(MAX_CELLS, int(np.ceil(way / MAX_APART_M)))
-
-
-def _spread_evenly(count: int, most: int) -> Ints:
-    """Which of so many are kept, where they are more than `most`."""
-    return np.arange(count) if count <= most else np.rint(np.linspace(0, count - 1, most)).astype(np.int64)
-
-
-def _middle(foot: Footfalls, steps: Steps) -> Floats:
-    """Middles (S, 3) of a foot's strides."""
-    return np.asarray(0.5 * (foot.position[steps.before] + foot.position[steps.before + 1]))
-
-
-def _average_by(group: Ints, weight: Floats, values: Floats, count: int) -> Floats:
-    """Weighted means (G, c) of rows (S, c) over the groups 0 to G - 1 (S,) that they are in; of an empty one NaN."""
-    with np.errstate(invalid="ignore"):
-        total = np.stack([np.bincount(group, weight * column, count) for column in values.T], axis=1)
-        return np.asarray(total / np.bincount(group, weight, count)[:, None])
-
-
-def _number_cells(foot: Footfalls, holes: Floats, way: Floats) -> Ints:
-    """Cell (F,) of each footfall, from 0, by the way (F,) in cells, its holes and those (H,) s of the other foot."""
-    piece = foot.count_holes(foot.t) + np.searchsorted(holes, foot.t)
-    return np.unique(np.stack([piece, np.floor(way)], axis=1), axis=0, return_inverse=True)[1].ravel()
-
-
-def _measure_way(foot: Footfalls) -> tuple[Floats, Floats]:
-    """Way (F,) walked to each footfall, and turns (F,) taken, in cells."""
-    move = np.diff(foot.position[:, :2], axis=0, prepend=foot.position[:1, :2])
-    length = np.linalg.norm(move, axis=1)
-    walks = length > SHORT_M
-    heading = np.unwrap(np.arctan2(move[walks, 1], move[walks, 0]))
-    turned = np.zeros(len(foot))
-    turned[walks] = np.abs(np.diff(heading, prepend=heading[:1]))
-    return np.cumsum(length) / CELL_M, np.cumsum(turned) / CELL_TURN_RAD
+    middle = [0.5 * (one.position[:-1] + one.position[1:]) for one in (right, left)]
+    return Cells(
+        t=mean(right.t[of_right.at, None], left.t[of_left.at, None])[:, 0],
+        right=mean(right.position[of_right.at], middle[0][of_left.before]),
+        left=mean(middle[1][of_right.before], left.position[of_left.at]),
+        left_normal=mean(of_right.left_normal, of_left.left_normal),
+        steps=n_steps[kept],
+        grown=grown * shrunk,
+    )
 
 
 def measure_turns(right: Footfalls, left: Footfalls) -> tuple[Floats, Complexes]:
@@ -236,3 +198,58 @@ def measure_turns(right: Footfalls, left: Footfalls) -> tuple[Floats, Complexes]
     by_right = right.position[at + 1, :2] - right.position[at - 1, :2]
     turn = np.arctan2(by_right[:, 1], by_right[:, 0]) - np.arctan2(by_left[:, 1], by_left[:, 0])
     return right.t[at], weight * np.exp(1j * turn)
+
+
+def measure_relative_heading(right: Footfalls, left: Footfalls) -> float:
+    """Heading of the right sensor's x axis at its start less that of the left one's, rad clockwise.
+
+    Both paths begin with the same heading of their sensors. Behind a hole in a recording its path is turned by
+    anything: steps before the first one are taken, where there are any.
+
+    Raises `EstimationError` where no step of the one foot lies between two of the other.
+    """
+    t, turn = measure_turns(right, left)
+    if not len(t):
+        raise EstimationError(
+            "the two feet take no step in turn: are they of one person at one time, and their clocks aligned? "
+            "Run each of them by itself, or give --clock-offset."
+        )
+    first_hole = np.concatenate([right.holes, left.holes]).min(initial=np.inf)
+    end = min(t[0] + SPAN_S, first_hole if first_hole > t[0] else np.inf)
+    return float(np.angle(np.sum(turn[t < end])))
+
+
+# parts of a recording, between its holes
+
+
+def keep_walked_parts(recording: Recording, stances: Stances) -> Recording:
+    """Return a recording without its parts of a few footfalls; the same where there are none."""
+    part = number_parts(recording)
+    footfalls = np.bincount(part[stances.spans[0]], minlength=part[-1] + 1)
+    return _keep(recording, (footfalls >= MIN_FOOTFALLS)[part], "too few footfalls to be laid beside the other foot")
+
+
+def keep_longest_part(recording: Recording) -> Recording:
+    """Return the longest part of a recording, as of a foot alone; the same where there is one."""
+    part = number_parts(recording)
+    return _keep(recording, part == np.bincount(part).argmax(), "the longest part is used, as there is one foot alone")
+
+
+def number_parts(recording: Recording) -> Ints:
+    """Number (N,) the samples by the part that they are in, from 0."""
+    return np.searchsorted(find_holes(recording.t), np.arange(len(recording)))
+
+
+def _keep(recording: Recording, kept: Bools, why: str) -> Recording:
+    """Keep some samples of a recording, with a note; all of them where none would be left."""
+    if kept.all() or not kept.any():
+        return recording
+    t, lost = recording.t, np.flatnonzero(~kept)
+    note = f"left out {len(lost)} samples between {t[lost[0]]:.1f} and {t[lost[-1]]:.1f} s, about gaps: {why}"
+    provenance = replace(recording.provenance, notes=(*recording.provenance.notes, note))
+    mag = None if recording.mag is None else recording.mag[kept]
+    unread = None if recording.unread is None else recording.unread[kept]
+    return replace(
+        recording, t=t[kept], acc=recording.acc[kept], gyr=recording.gyr[kept], mag=mag, unread=unread,
+        provenance=provenance,
+    )  # fmt: skip

@@ -4,24 +4,12 @@
 inspection of broken files.
 """
 
+from fg_nav.io.aiding import read_fixes, read_gnss
 from fg_nav.io.formats import FORMATS, Format, Reading, read, read_raw, read_truth
-from fg_nav.io.gnss import read_gnss
-from fg_nav.io.readers.canonical import write_canonical
-from fg_nav.io.readers.gdlbio import read_pyshoe_track
-from fg_nav.io.readers.pyshoe import read_pyshoe_labels
-from fg_nav.io.truth import read_fixes, write_tum
+from fg_nav.io.readers.matlab_sets import read_pyshoe_labels, read_pyshoe_track
+from fg_nav.io.writing import write_canonical, write_tum
 
 __all__ = [
-    "FORMATS",
-    "Format",
-    "Reading",
-    "read",
-    "read_fixes",
-    "read_gnss",
-    "read_pyshoe_labels",
-    "read_pyshoe_track",
-    "read_raw",
-    "read_truth",
-    "write_canonical",
-    "write_tum",
-]
+    "FORMATS", "Format", "Reading", "read", "read_fixes", "read_gnss", "read_pyshoe_labels", "read_pyshoe_track",
+    "read_raw", "read_truth", "write_canonical", "write_tum",
+]  # fmt: skip

@@ -1,9 +1,8 @@
 """What a path holds: the first lines of a text, the variables of a MATLAB file, or further files.
 
 A folder, a zip archive and a gzip file are looked into (`fg_nav.io.packed`); nothing is unpacked onto the disk. Formats
-are recognized from the content alone, never from a name. MATLAB files are read by `fg_nav.io.matlab`.
-
-Text is UTF-8, with or without a byte-order mark, UTF-16 with one, or Latin-1.
+are recognized from the content alone, never from a name. Text is UTF-8, with or without a byte-order mark, UTF-16 with
+one, or Latin-1.
 """
 
 from __future__ import annotations
@@ -13,8 +12,9 @@ import csv
 import io
 import os
 import re
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+import shlex
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -30,12 +30,9 @@ from fg_nav.io import matlab
 from fg_nav.io.packed import Fetch, fetch_file, fetch_gzip, fetch_once, list_folder, list_zip, shared_folder
 
 _HEAD_BYTES = 65536
-_GZIP, _ZIP = b"\x1f\x8b", (b"PK\x03\x04", b"PK\x05\x06")
+_GZIP, _ZIP, _MAT = b"\x1f\x8b", (b"PK\x03\x04", b"PK\x05\x06"), b"MATLAB "
 
 TEXT, MATLAB, MEMBERS, BINARY = "a text file", "a MATLAB file", "a folder or archive", "a binary file"
-"""The kinds of content."""
-
-_LINE_END = re.compile("\r\n|\r|\n")
 
 _NOTHING: Mapping[str, Any] = MappingProxyType({})
 
@@ -97,6 +94,10 @@ class Content:
                 files.append(member)
         return files + [Content(self.path / name, members=inner) for name, inner in folders.items()]
 
+    def files(self) -> list[Content]:
+        """Files right in a folder or archive; the file itself if it is one."""
+        return [part for part in self.parts() if not part.members] if self.members else [self]
+
     def read_bytes(self) -> bytes:
         """All bytes, unpacked. Raises `FormatError` if they cannot be read, or are damaged where packed."""
         return (self.fetch or fetch_file(self.path))(None)
@@ -112,6 +113,84 @@ class Content:
         return self.path if self.fetch is None else io.BytesIO(self.fetch(None))
 
 
+def read_content(path: Path) -> Content:
+    """Open a path and see what it is made of.
+
+    Raises `FormatError` if there is nothing to read, or it is empty, damaged where packed, or too large.
+    """
+    path = path.resolve() if path.name in ("", "..") else path
+    if os.path.isdir(path):
+        return _look_inside(path, list_folder(path), is_folder=True)
+    is_packed = os.path.exists(path) and not os.path.isfile(path)  # a pipe is kept in memory
+    fetch = fetch_once(path) if is_packed else fetch_file(path)
+    head = fetch(_HEAD_BYTES)
+    if head.startswith(_GZIP):
+        is_packed, fetch = True, fetch_gzip(path.name, fetch)
+        head = fetch(_HEAD_BYTES)
+    if not head.strip():
+        raise FormatError(f"{path.name} is empty: record or export it again.")
+    if head.startswith(_ZIP):
+        files = list_zip(path.name, fetch, None if is_packed else path)
+        return _look_inside(path, files, is_folder=False, head=head, fetch=fetch if is_packed else None)
+    content = _look_at_file(path, fetch if is_packed else None, head)
+    return replace(content, variables=_parse_mat(content, matlab.list_names)) if head.startswith(_MAT) else content
+
+
+def _look_inside(path: Path, files: Mapping[str, Fetch], is_folder: bool, **known: Any) -> Content:
+    """Content of a folder or archive. Members that are archives stay shut."""
+    if not files:
+        raise FormatError(f"{path.name} holds no file that is not empty: record or export it again.")
+    shared, members = len(shared_folder(files)), dict[str, Content]()
+    for place, fetch in files.items():
+        is_packed, head = not is_folder, fetch(_HEAD_BYTES)
+        if head.startswith(_GZIP):
+            is_packed, fetch = True, fetch_gzip((path / place).name, fetch)
+            head = fetch(_HEAD_BYTES)
+        member = _look_at_file(path / place, fetch if is_packed else None, head)
+        if head.startswith(_MAT):
+            with suppress(FormatError):  # it may be none that is needed
+                member = replace(member, variables=_parse_mat(member, matlab.list_names))
+        members[place[shared:]] = member
+    return Content(path, members=MappingProxyType(members), **known)
+
+
+def _look_at_file(path: Path, fetch: Fetch | None, head: bytes) -> Content:
+    """Content of a text or binary file. A byte that is no UTF-8 (a degree or micro sign, mostly) is Latin-1."""
+    encoding = "utf-16" if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)) else "utf-8"
+    if head.startswith(_MAT) or (b"\0" in head and encoding == "utf-8"):
+        return Content(path, head=head, fetch=fetch)
+    if encoding == "utf-16":
+        text = head[: len(head) // 2 * 2].decode(encoding, errors="replace")
+    else:
+        is_cut = len(head) == _HEAD_BYTES  # perhaps within a character
+        whole = (head[: head.rfind(b"\n") + 1] or head) if is_cut else head
+        try:
+            text = whole.decode("utf-8-sig")
+        except UnicodeDecodeError:
+            text = whole.decode("latin-1").removeprefix("ï»¿")
+    return Content(path, tuple(split_lines(text)), head=head, encoding=encoding, fetch=fetch)
+
+
+def split_lines(text: str) -> list[str]:
+    """Lines of a text as the readers of tables count them: by LF, CR LF or CR, no other character ends one."""
+    lines = re.split("\r\n|\r|\n", text)
+    return lines if lines[-1] else lines[:-1]
+
+
+def split_fields(line: str, separator: str = ",", skip_blanks: bool = False) -> list[str]:
+    r"""Fields of a line, quotes and surrounding blanks removed; by any blanks where the separator is `\s+`.
+
+    With `skip_blanks` a quote may stand behind a blank.
+    """
+    if separator == r"\s+":
+        return line.split()
+    try:
+        rows = csv.reader([line], delimiter=separator, skipinitialspace=skip_blanks)
+        return [field.strip() for field in next(rows, [])]
+    except csv.Error:
+        return []
+
+
 @contextmanager
 def explain_missing(name: str, what: str, library: str, extra: str) -> Iterator[None]:
     """Raise `FormatError` with the extra to install, where the library that reads a file is imported and absent."""
@@ -121,88 +200,26 @@ def explain_missing(name: str, what: str, library: str, extra: str) -> Iterator[
         raise FormatError(f"{name} is {what}, which {library} reads: pip install 'fg-nav[{extra}]'.") from None
 
 
-def split_lines(text: str) -> list[str]:
-    """Lines of a text as the readers of tables count them: by LF, CR LF or CR, no other character ends one."""
-    lines = _LINE_END.split(text)
-    return lines if lines[-1] else lines[:-1]
+def choose_sensor(
+    names: Sequence[str], asked: str | None, path: Path, what: str = "sensors", before: str = "`--sensor "
+) -> str:
+    """Choose one of the names (at least one), by a part that no other has; `before` it stands what the user types.
 
-
-def split_fields(line: str) -> list[str]:
-    """Comma-separated fields of a line, quotes and surrounding blanks removed."""
-    try:
-        return [field.strip() for field in next(csv.reader([line]), [])]
-    except csv.Error:
-        return []
-
-
-def read_content(path: Path) -> Content:
-    """Open a path and see what it is made of.
-
-    Raises `FormatError` if there is nothing to read, or it is empty, damaged where packed, or too large.
+    Raises `FormatError` if there are several and none is asked for, or what is asked for is not one of them.
     """
-    path = path.resolve() if path.name in ("", "..") else path
-    if os.path.isdir(path):
-        return _look_inside(path, list_folder(path), plain=True)
-    is_pipe = os.path.exists(path) and not os.path.isfile(path)
-    fetch = fetch_once(path) if is_pipe else fetch_file(path)
-    head = fetch(_HEAD_BYTES)
-    if head.startswith(_GZIP):
-        fetch = fetch_gzip(path.name, fetch)
-        return _look(path, fetch, fetch(_HEAD_BYTES), packed=True)
-    return _look(path, fetch, head, packed=is_pipe)
-
-
-def _look(path: Path, fetch: Fetch, head: bytes, packed: bool) -> Content:
-    if not head.strip():
-        raise FormatError(f"{path.name} is empty: record or export it again.")
-    if head.startswith(_ZIP):
-        files = list_zip(path.name, fetch, None if packed else path)
-        return _look_inside(path, files, plain=False, head=head, fetch=fetch if packed else None)
-    content = _look_at_file(path, fetch if packed else None, head)
-    return replace(content, variables=list_variables(content)) if is_mat(head) else content
-
-
-def _look_inside(path: Path, files: Mapping[str, Fetch], plain: bool, **known: Any) -> Content:
-    """Content of a folder (`plain`) or archive. Members that are archives stay shut."""
-    if not files:
-        raise FormatError(f"{path.name} holds no file that is not empty: record or export it again.")
-    shared = len(shared_folder(files))
-    members = {place[shared:]: _look_at_member(path / place, fetch, plain) for place, fetch in files.items()}
-    return Content(path, members=MappingProxyType(members), **known)
-
-
-def _look_at_member(path: Path, fetch: Fetch, plain: bool) -> Content:
-    head = fetch(_HEAD_BYTES)
-    if head.startswith(_GZIP):
-        plain, fetch = False, fetch_gzip(path.name, fetch)
-        head = fetch(_HEAD_BYTES)
-    content = _look_at_file(path, None if plain else fetch, head)
-    if not is_mat(head):
-        return content
-    try:
-        return replace(content, variables=list_variables(content))
-    except FormatError:  # it may be none that is needed
-        return content
-
-
-def _look_at_file(path: Path, fetch: Fetch | None, head: bytes) -> Content:
-    encoding = "utf-16" if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)) else "utf-8"
-    if is_mat(head) or (b"\0" in head and encoding == "utf-8"):
-        return Content(path, head=head, fetch=fetch)
-    lines = tuple(split_lines(_decode(head, encoding)))
-    return Content(path, lines=lines, head=head, encoding=encoding, fetch=fetch)
-
-
-def _decode(head: bytes, encoding: str) -> str:
-    """Text of the head. A byte that is no UTF-8 (a degree or micro sign, mostly) is taken as Latin-1."""
-    if encoding == "utf-16":
-        return head[: len(head) // 2 * 2].decode(encoding, errors="replace")
-    if len(head) == _HEAD_BYTES:  # a character may be cut in two at the end
-        head = head[: head.rfind(b"\n") + 1] or head
-    try:
-        return head.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        return head.decode("latin-1").removeprefix("ï»¿")
+    if asked is None:
+        if len(names) == 1:
+            return names[0]
+        example = next((name for name in names if "foot" in name.lower()), names[0])
+        raise FormatError(
+            f"{path.name} holds {len(names)} {what} ({', '.join(names)}): name one, such as "
+            f"{before}{shlex.quote(example)}`."
+        )
+    same = [name for name in names if name.lower() == asked.lower()]
+    alike = same or [name for name in names if asked.lower() in name.lower()]
+    if len(alike) != 1:
+        raise FormatError(f"{path.name} has no one '{asked}' among its {what}: choose one of {', '.join(names)}.")
+    return alike[0]
 
 
 T = TypeVar("T")
@@ -211,17 +228,14 @@ Variables: TypeAlias = Mapping[str, NDArray[Any] | None]
 """Of a MATLAB file, by name: arrays of real numbers, None for all else."""
 
 
-def is_mat(head: bytes) -> bool:
-    """Whether a file that begins like this is a MATLAB file (version 5 or later)."""
-    return head.startswith(b"MATLAB ")
-
-
-def list_variables(content: Content) -> frozenset[str]:
-    """Names of the variables in a MATLAB file.
-
-    Raises `FormatError` if the file is damaged or of version 7.3.
-    """
-    return _parse_mat(content, matlab.list_names)
+def _parse_mat(content: Content, parse: Callable[[bytes], T]) -> T:
+    name = content.path.name
+    try:
+        return parse(content.read_bytes())
+    except matlab.TooNewError:
+        raise FormatError(f"{name} is a MATLAB 7.3 file, which is not read here: save it again with '-v7'.") from None
+    except matlab.DamagedError as error:
+        raise FormatError(f"{name} is a damaged MATLAB file ({error}): copy or export it again.") from None
 
 
 def load_mat(content: Content) -> Variables:
@@ -249,26 +263,3 @@ def mat_array(variables: Variables, name: str, path: Path, columns: int | None =
     # uint8 would wrap in differences: everything is a float from here on.
     numbers = np.array(value, dtype=np.float64, order="C")
     return numbers.reshape(-1) if columns is None else numbers
-
-
-def mat_samples(variables: Variables, imu: str, stamps: str, path: Path) -> tuple[Floats, Floats, Floats]:
-    """Take stamps (N,), specific force (N, 3) and rates (N, 3) from a vector, and an array of six columns.
-
-    Raises `FormatError` if one is missing, damaged, or does not fit the other.
-    """
-    samples, t = mat_array(variables, imu, path, columns=6), mat_array(variables, stamps, path)
-    if len(t) != len(samples):
-        raise FormatError(f"{path.name} has {len(samples)} samples but {len(t)} time stamps: export it again.")
-    return t, samples[:, :3].copy(), samples[:, 3:].copy()
-
-
-def _parse_mat(content: Content, parse: Callable[[bytes], T]) -> T:
-    path = content.path
-    try:
-        return parse(content.read_bytes())
-    except matlab.TooNewError:
-        raise FormatError(
-            f"{path.name} is a MATLAB 7.3 file, which is not read here: save it again with '-v7'."
-        ) from None
-    except matlab.DamagedError as error:
-        raise FormatError(f"{path.name} is a damaged MATLAB file ({error}): copy or export it again.") from None

@@ -1,45 +1,32 @@
 """The formats a recording may have, and the one way in: `read`.
 
-A format is recognized from the content of the file, never from its name. A folder or an archive is asked first whether
-it is a recording as a whole; else it is looked through for the one that it holds.
+A format is recognized from the content of the file, never from its name. A folder or an archive is tried first as a
+recording as a whole; else it is searched for the one that it holds. Of a file that is no recording a sentence says what
+it is nearest to, what it lacks, and what to type next.
 """
 
 from __future__ import annotations
 
+import codecs
+import math
+import shlex
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 
-from fg_nav.columns.mapping import Columns, parse_columns
+from fg_nav.columns.headers import read_header
+from fg_nav.columns.mapping import Columns, parse_columns, shorten_names
 from fg_nav.errors import FormatError
-from fg_nav.io.barometer import add_barometer
+from fg_nav.io.aiding import add_barometer
 from fg_nav.io.content import BINARY, MATLAB, MEMBERS, TEXT, Content, read_content
-from fg_nav.io.nearest import explain_unknown
-from fg_nav.io.readers import (
-    apdm,
-    broad,
-    canonical,
-    gdlbio,
-    gnss_logger,
-    known_tables,
-    metawear,
-    movesense,
-    openshoe,
-    phyphox,
-    pyshoe,
-    ros,
-    sensor_logger,
-    sensorconnect,
-    shimmer,
-    table,
-    tables,
-    xio,
-    xsens_dot,
-    xsens_mt,
-    yei,
-)
-from fg_nav.io.truth import C3D_KEY, CSV_COLUMNS, read_c3d, read_footprint_csv, read_footprint_mat, read_tum
+from fg_nav.io.readers import known_tables as known
+from fg_nav.io.readers import matlab_sets as sets
+from fg_nav.io.readers import phones, ros, table, xsens
+from fg_nav.io.readers import wearables as worn
+from fg_nav.io.tables import ZIP_MARK, open_table
+from fg_nav.io.text_columns import Header
+from fg_nav.io.truth import C3D_KEY, CSV_COLUMNS, pack_footprints, read_c3d, read_footprint_mat, read_tum
 from fg_nav.recording import NOMINAL_SIGMA, RawRecording, Recording, note_nominal_rate
 from fg_nav.samples.stamps import MAX_BRIDGED_S
 from fg_nav.truth import Truth
@@ -51,62 +38,74 @@ RATE, SENSOR = "rate", "sensor"
 class Format:
     """A file format: what it is, how it is recognized and how it is read.
 
-    `kinds` are those of content that it may have, `asks` what the user may have to say: the rate, or a sensor.
+    `recognizes` returns something true for a content of the format. `read` raises `FormatError` if a sensor or a column
+    is missing or doubled, a unit is not known, a field is no number, the file is damaged, or it is not said which of
+    several sensors to take. `kinds` are those of content that it may have, `options` what the user may have to say: the
+    rate, or a sensor.
     """
 
     name: str
     description: str
-    recognizes: Callable[[Content], bool]
+    recognizes: Callable[[Content], object]
     read: Callable[[Content], RawRecording]
     kinds: tuple[str, ...] = (TEXT,)
-    asks: tuple[str, ...] = ()
+    options: tuple[str, ...] = ()
 
 
-def _by_name(*formats: Format) -> Mapping[str, Format]:
-    return MappingProxyType({known.name: known for known in formats})
+def _hold(*names: str) -> Callable[[Content], bool]:
+    """Whether a MATLAB file holds a variable of one of these names."""
+    return lambda content: not content.variables.isdisjoint(names)
 
 
-FORMATS: Mapping[str, Format] = _by_name(
-    Format("canonical", "CSV of this project (time_s, acc_x_m_s2, ...)", canonical.recognizes, canonical.read),
-    Format("sensorconnect", "LORD/MicroStrain SensorConnect CSV", sensorconnect.recognizes, sensorconnect.read),
-    Format("pyshoe", "PyShoe MATLAB file", pyshoe.recognizes, pyshoe.read, (MATLAB,)),
-    Format("gdlbio", "MATLAB file of surveyed walks (gdlbio)", gdlbio.recognizes, gdlbio.read, (MATLAB,)),
-    Format("openshoe", "OpenShoe text", openshoe.recognizes, openshoe.read),
-    Format("phyphox", "phyphox folder, zip or CSV", phyphox.recognizes, phyphox.read, (MEMBERS, TEXT)),
-    Format("sensor-logger", "Sensor Logger folder, zip", sensor_logger.recognizes, sensor_logger.read, (MEMBERS, TEXT)),
-    Format("sensorlog", "SensorLog CSV (iPhone)", known_tables.SENSORLOG.recognizes, known_tables.SENSORLOG.read),
-    Format("androsensor", "AndroSensor CSV", known_tables.ANDROSENSOR.recognizes, known_tables.ANDROSENSOR.read),
+_ANY = (TEXT, BINARY, MEMBERS, MATLAB)
+_ALL = (
+    Format("canonical", "CSV of this project (time_s, acc_x_m_s2, ...)", known.is_canonical, known.read_canonical),
     Format(
-        "physics-toolbox",
-        "Physics Toolbox CSV",
-        known_tables.PHYSICS_TOOLBOX.recognizes,
-        known_tables.PHYSICS_TOOLBOX.read,
+        "sensorconnect", "LORD/MicroStrain SensorConnect CSV", known.find_sensorconnect_header, known.read_sensorconnect
     ),
-    Format("hyperimu", "HyperIMU CSV", known_tables.HYPERIMU.recognizes, known_tables.HYPERIMU.read, asks=(RATE,)),
-    Format("gnss-logger", "Google GnssLogger text", gnss_logger.recognizes, gnss_logger.read),
-    Format("xio", "x-io NGIMU or x-IMU3 CSV", xio.recognizes, xio.read, (TEXT, MEMBERS)),
-    Format("xsens", "Xsens MT Manager text (MTi, MTw)", xsens_mt.recognizes, xsens_mt.read, asks=(RATE,)),
-    Format("xsens-dot", "Xsens or Movella DOT CSV", xsens_dot.recognizes, xsens_dot.read),
+    Format("pyshoe", "PyShoe MATLAB file", _hold("imu", "zv_shoe_opt"), sets.read_pyshoe, (MATLAB,)),
     Format(
-        "metawear", "MetaWear CSV files of a session", metawear.recognizes, metawear.read, (TEXT, MEMBERS), (SENSOR,)
+        "gdlbio",
+        "MATLAB file of surveyed walks (gdlbio)",
+        _hold("imu_data", "strideIndex"),
+        sets.read_gdlbio,
+        (MATLAB,),
     ),
-    Format("movesense", "Movesense JSON", movesense.recognizes, movesense.read),
-    Format("shimmer", "Shimmer Consensys CSV", shimmer.recognizes, shimmer.read, asks=(SENSOR,)),
-    Format("apdm", "APDM Opal CSV", apdm.recognizes, apdm.read, asks=(SENSOR,)),
-    Format("vectornav", "VectorNav CSV of INSTINCT", known_tables.is_vectornav, known_tables.read_vectornav),
-    Format("yei", "YEI 3-Space CSV", yei.recognizes, yei.read),
+    Format("openshoe", "OpenShoe text", known.is_openshoe, known.read_openshoe),
+    Format("phyphox", "phyphox folder, zip or CSV", phones.is_phyphox, phones.read_phyphox, (MEMBERS, TEXT)),
+    Format(
+        "sensor-logger", "Sensor Logger folder, zip", phones.find_tables, phones.read_sensor_logger, (MEMBERS, TEXT)
+    ),
+    Format("sensorlog", "SensorLog CSV (iPhone)", known.SENSORLOG.recognizes, known.SENSORLOG.read),
+    Format("androsensor", "AndroSensor CSV", known.ANDROSENSOR.recognizes, known.ANDROSENSOR.read),
+    Format("physics-toolbox", "Physics Toolbox CSV", known.PHYSICS_TOOLBOX.recognizes, known.PHYSICS_TOOLBOX.read),
+    Format("hyperimu", "HyperIMU CSV", known.HYPERIMU.recognizes, known.HYPERIMU.read, options=(RATE,)),
+    Format("gnss-logger", "Google GnssLogger text", phones.is_gnss_logger, phones.read_gnss_logger),
+    Format("xio", "x-io NGIMU or x-IMU3 CSV", worn.is_xio, worn.read_xio, (TEXT, MEMBERS)),
+    Format("xsens", "Xsens MT Manager text (MTi, MTw)", xsens.is_mt, xsens.read_mt, options=(RATE,)),
+    Format("xsens-dot", "Xsens or Movella DOT CSV", xsens.is_dot, xsens.read_dot),
+    Format(
+        "metawear", "MetaWear CSV files of a session", worn.is_metawear, worn.read_metawear, (TEXT, MEMBERS), (SENSOR,)
+    ),
+    Format("movesense", "Movesense JSON", worn.is_movesense, worn.read_movesense),
+    Format("shimmer", "Shimmer Consensys CSV", worn.find_shimmer_header, worn.read_shimmer, options=(SENSOR,)),
+    Format("apdm", "APDM Opal CSV", worn.is_apdm, worn.read_apdm, options=(SENSOR,)),
+    Format("vectornav", "VectorNav CSV of INSTINCT", known.is_vectornav, known.read_vectornav),
+    Format("yei", "YEI 3-Space CSV", known.is_yei, known.read_yei),
     Format("ros", "ROS 1 or ROS 2 bag", ros.recognizes, ros.read, (BINARY, MEMBERS), (SENSOR,)),
-    Format("broad", "BROAD MATLAB file", broad.recognizes, broad.read, (MATLAB,)),
+    Format("broad", "BROAD MATLAB file", _hold("imu_acc", "imu_gyr"), sets.read_broad, (MATLAB,)),
+    Format("table", "any table, by its columns' names", table.recognizes, table.read, _ANY, (RATE, SENSOR)),
     Format(
-        "table",
-        "any table, by its columns' names",
-        table.recognizes,
-        table.read,
-        (TEXT, BINARY, MEMBERS, MATLAB),
-        (RATE, SENSOR),
+        "tables",
+        "folder or zip with a table a sensor",
+        table.are_sensor_tables,
+        table.read_sensor_tables,
+        (MEMBERS,),
+        (SENSOR,),
     ),
-    Format("tables", "folder or zip with a table a sensor", tables.recognizes, tables.read, (MEMBERS,), (SENSOR,)),
 )
+
+FORMATS: Mapping[str, Format] = MappingProxyType({one.name: one for one in _ALL})
 """All formats by name."""
 
 
@@ -147,9 +146,9 @@ class Reading:
         columns = parse_columns(self.columns) if isinstance(self.columns, str) else self.columns
         content = read_content(Path(path))
         format = "table" if columns is not None else format
-        chosen, found = find_recording(content) if format is None else _as_format(content, FORMATS[format])
+        chosen, found = _find_recording(content, None if format is None else FORMATS[format])
         for option, value in ((RATE, self.rate_hz), (SENSOR, self.sensor)):
-            if value is not None and option not in chosen.asks:
+            if value is not None and option not in chosen.options:
                 raise FormatError(
                     f"{found.path.name} is of format '{chosen.name}', which has no {option} to choose: "
                     f"leave --{option} out."
@@ -196,48 +195,40 @@ def read_raw(
     return Reading(format, columns, rate_hz, sensor, barometer=barometer).read_raw(path)
 
 
-def find_recording(content: Content) -> tuple[Format, Content]:
-    """Find the recording that a path holds, and its format.
+def _find_recording(content: Content, chosen: Format | None) -> tuple[Format, Content]:
+    """Find the recording that a path holds, and its format; a file is taken as of a chosen one, recognized or not.
 
-    Raises `FormatError` if there is none in one of `FORMATS`, or a folder or archive holds several.
+    Raises `FormatError` if there is none, or a folder or archive holds several.
     """
-    found = _choose(content, list(_find_all(content, FORMATS.values())))
-    if found is not None:
-        return found
-    if "GCP_meters" in content.variables:
-        raise FormatError(f"{content.path.name} holds surveyed footprints, no recording: give it as the truth.")
-    raise FormatError(explain_unknown(content, len(FORMATS)))
-
-
-def _as_format(content: Content, chosen: Format) -> tuple[Format, Content]:
-    """Take a file as of a format without asking whether it is; look for one in a folder or archive."""
-    fits = content.kind in chosen.kinds
-    found = None if fits and not content.members else _choose(content, list(_find_all(content, [chosen])))
-    if fits or found is not None:
-        return found or (chosen, content)
-    kinds = " or ".join(chosen.kinds)
-    raise FormatError(f"{content.path.name} is not {kinds}, so it cannot be '{chosen.name}': leave the format out.")
-
-
-def _find_all(content: Content, formats: Collection[Format]) -> Iterator[tuple[Format, Content]]:
-    """Recordings in a content: itself, or those of its files and folders."""
-    for known in formats:
-        if content.kind in known.kinds and known.recognizes(content):
-            yield known, content
-            return
-    for part in content.parts():
-        yield from _find_all(part, formats)
-
-
-def _choose(content: Content, found: list[tuple[Format, Content]]) -> tuple[Format, Content] | None:
+    name, fits = content.path.name, chosen is not None and content.kind in chosen.kinds
+    if chosen is not None and fits and not content.members:
+        return chosen, content
+    found = list(_find_all(content, FORMATS.values() if chosen is None else [chosen]))
     if len(found) > 1:
         names = ", ".join(part.path.relative_to(content.path).as_posix() for _, part in found[:3])
         more = ", ..." if len(found) > 3 else ""
         unpacked = "" if content.path.is_dir() else ", unpacked"
-        raise FormatError(
-            f"{content.path.name} holds {len(found)} recordings ({names}{more}): give one of them{unpacked}."
-        )
-    return found[0] if found else None
+        raise FormatError(f"{name} holds {len(found)} recordings ({names}{more}): give one of them{unpacked}.")
+    if found:
+        return found[0]
+    if chosen is not None and fits:
+        return chosen, content
+    if chosen is not None:
+        kinds = " or ".join(chosen.kinds)
+        raise FormatError(f"{name} is not {kinds}, so it cannot be '{chosen.name}': leave the format out.")
+    if "GCP_meters" in content.variables:
+        raise FormatError(f"{name} holds surveyed footprints, no recording: give it as the truth.")
+    raise FormatError(_explain_unknown(content))
+
+
+def _find_all(content: Content, formats: Collection[Format]) -> Iterator[tuple[Format, Content]]:
+    """Recordings in a content: itself, or those of its files and folders."""
+    for one in formats:
+        if content.kind in one.kinds and one.recognizes(content):
+            yield one, content
+            return
+    for part in content.parts():
+        yield from _find_all(part, formats)
 
 
 def read_truth(path: Path | str) -> Truth:
@@ -259,18 +250,127 @@ def read_truth(path: Path | str) -> Truth:
         return read_c3d(content, marker)
     if "GCP_meters" in content.variables:
         return read_footprint_mat(content)
-    if content.variables:
-        return _read_truth_of_recording(content)
+    if content.variables:  # a recording that carries its truth
+        of_matlab = (one for one in FORMATS.values() if MATLAB in one.kinds and one.recognizes(content))
+        truth = next((raw.truth for one in of_matlab if (raw := one.read(content)).truth is not None), None)
+        if truth is None:
+            raise FormatError(f"{path.name} holds neither footprints nor a true path: give another file.")
+        return truth
     if not set(CSV_COLUMNS).isdisjoint(content.fields()):
-        return read_footprint_csv(content)
+        footprints, _ = Header(0, content.fields()).read(content, CSV_COLUMNS)
+        return pack_footprints(footprints[:, 0], footprints[:, 1:], None, path)
     return read_tum(content)
 
 
-def _read_truth_of_recording(content: Content) -> Truth:
-    """Truth of a MATLAB recording that carries its own."""
-    for known in FORMATS.values():
-        if MATLAB in known.kinds and known.recognizes(content):
-            truth = known.read(content).truth
-            if truth is not None:
-                return truth
-    raise FormatError(f"{content.path.name} holds neither footprints nor a true path: give another file.")
+# What is no recording
+
+_MARKS = (
+    (b"\xd0\xcf\x11\xe0", "an old Excel file: save it as CSV"),
+    (b"SQLite format 3", "a database without topics of sensor_msgs/Imu: record these"),
+    (b"%PDF", "a PDF: export the samples as CSV"),
+    (b"\x89PNG", "a picture: give the recording"),
+    (b"\xff\xd8\xff", "a picture: give the recording"),
+    (codecs.BOM_UTF32_LE, "text in UTF-32: save it in UTF-8"),
+    (codecs.BOM_UTF32_BE, "text in UTF-32: save it in UTF-8"),
+    (b"BZh", "packed by bzip2: unpack it"),
+    (b"\xfd7zXZ", "packed by xz: unpack it"),
+    (b"\x28\xb5\x2f\xfd", "packed by zstd: unpack it"),
+    (b"7z\xbc\xaf", "a 7z archive: unpack it"),
+    (b"Rar!", "a RAR archive: unpack it"),
+)
+
+
+def _explain_unknown(content: Content) -> str:
+    """Say in one sentence what a content in none of the formats is nearest to, and what to do."""
+    name = content.path.name
+    if content.kind == MEMBERS:
+        return _explain_table(content) or f"{name} is in none of the formats read here: {_explain_members(content)}."
+    words = _explain_own(content)
+    if words is None:
+        words = next((said for mark, said in _MARKS if content.head.startswith(mark)), None)
+        # Latin text in UTF-16: every second byte is zero, and no other
+        halves = (content.head[::2], content.head[1::2])
+        if len(content.head) > 1 and any(not any(a) and all(b) for a, b in (halves, halves[::-1])):
+            words = "text in UTF-16 without a byte-order mark: save it in UTF-8"
+    if words is not None:
+        return f"{name} is no recording but {words}."
+    nearest = _explain_table(content) or table.explain_sensor_tables([content])
+    if nearest is not None:
+        return nearest
+    what = "text without a table of numbers" if content.lines else "a binary file of an unknown kind"
+    return (
+        f"{name} is in none of the {len(FORMATS)} formats read here, but {what}: export its samples as a table with "
+        f"the columns t,ax,ay,az,gx,gy,gz, and type fg-nav inspect "
+        f"{shlex.quote(str(content.path.with_suffix('.csv')))}."
+    )
+
+
+def _explain_own(content: Content) -> str | None:
+    """Name a file that this project reads elsewhere: a truth, fixes, a calibration."""
+    path, fields = shlex.quote(str(content.path)), set(content.fields())
+    if "stride" in fields:
+        return f"footprints: give them as the truth, fg-nav run RECORDING --truth {path}"
+    if fields >= {"time_s", "x_m", "y_m", "sigma_m"}:
+        return f"known positions: give them as fg-nav run RECORDING --fixes {path}"
+    if any('"fg-nav calibration"' in line for line in content.lines[:20]):
+        return f"a calibration: give it as fg-nav run RECORDING --calibration {path}"
+    # stamps, positions and quaternions of length one
+    rows = [line.split() for line in content.lines[:40] if line.strip() and not line.startswith("#")][:20]
+    try:
+        lengths = [math.hypot(*list(map(float, row))[4:8]) for row in rows]
+    except ValueError:
+        return None
+    if rows and all(len(row) == 8 for row in rows) and all(abs(length - 1.0) < 5e-4 for length in lengths):
+        return f"a true path (t x y z qx qy qz qw): give it as fg-nav run RECORDING --truth {path}"
+    return None
+
+
+def _explain_members(content: Content) -> str:
+    """Say what is in a folder or archive."""
+    packed = next((place for place, part in content.members.items() if part.head.startswith(ZIP_MARK)), None)
+    if packed is not None:
+        return f"it holds an archive in itself, unpack it and give '{packed}'"
+    kinds = {place: _find_kinds(part) for place, part in content.members.items()}
+    some = [f"'{place}' has {' and '.join(sorted(found))}" for place, found in kinds.items() if found]
+    if some:
+        return (
+            f"it is nearest to a table, but {', '.join(some[:4])}, none has both; "
+            f"export both sensors into one file, or give that file"
+        )
+    return f"it holds {shorten_names(list(content.members), 6)}, of which none is a recording; give the one that is"
+
+
+def _find_kinds(content: Content) -> set[str]:
+    """Which of acceleration and angular rate the columns of a table name."""
+    words = {"acc": "acceleration", "gyr": "angular rate", "no gravity": "acceleration without gravity"}
+    try:
+        named = table.find_kinds(open_table(content, 3))
+    except FormatError:
+        return set()
+    return {word for kind, word in words.items() if kind in named}
+
+
+def _explain_table(content: Content) -> str | None:
+    """Say what a table lacks to be read by its header; None if the content is no table."""
+    name = content.path.name
+    try:
+        opened = open_table(content)
+        if opened is None:
+            return None
+        if content.variables and not _find_kinds(content):
+            listed = shorten_names(sorted(content.variables), 8)
+            return (
+                f"{name} is no recording but a MATLAB file with the variables {listed}: save the samples in arrays "
+                f"t (N,), acc (N, 3) and gyr (N, 3)."
+            )
+        unnamed = sum(read_header(column) is None for column in opened.names)
+        if opened.has_header and unnamed < 3 and (single := table.explain_sensor_tables([content])):
+            return single
+        if not opened.has_header or _find_kinds(content):
+            table.choose(content, opened)
+    except FormatError as error:
+        return str(error)
+    return (
+        f"{name} is nearest to a table, with the columns {shorten_names(opened.names, 12)}, of which none names "
+        f"acceleration or angular rate: say which they are, {table.suggest_by_numbers(content)}."
+    )

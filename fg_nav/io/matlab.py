@@ -67,9 +67,13 @@ class _Variable:
 
 def list_names(data: bytes) -> frozenset[str]:
     """Names of the variables in the bytes of a file; raises `DamagedError` or `TooNewError`."""
-    order = _read_header(data)
-    parts = (_inflate_beginning(part, order) if kind == _COMPRESSED else part for kind, part in _variables(data, order))
-    return frozenset(_open_variable(part, order).name for part in parts) - {""}
+    order, names = _read_header(data), set[str]()
+    for kind, part in _variables(data, order):
+        if kind == _COMPRESSED:  # as far as the name is in it
+            begin = memoryview(_decompress(zlib.decompressobj(), part[:_BEGINNING_BYTES], _BEGINNING_BYTES))
+            part = begin[8 : 8 + _read_matrix_size(begin, order)]
+        names.add(_open_variable(part, order).name)
+    return frozenset(names - {""})
 
 
 def load_arrays(data: bytes) -> dict[str, NDArray[Any] | None]:
@@ -158,13 +162,6 @@ def _read_numbers(variable: _Variable, order: str) -> NDArray[Any] | None:
         return np.frombuffer(part, stored).reshape(variable.dimensions, order="F")
     except ValueError:  # more dimensions than an array can have
         raise DamagedError("a variable has too many dimensions") from None
-
-
-def _inflate_beginning(packed: memoryview, order: str) -> memoryview:
-    """The beginning of a compressed matrix, as far as its name is in it."""
-    data = memoryview(_decompress(zlib.decompressobj(), packed[:_BEGINNING_BYTES], _BEGINNING_BYTES))
-    size = _read_matrix_size(data, order)
-    return data[8 : 8 + size]
 
 
 def _inflate(packed: memoryview, order: str, budget: int) -> memoryview:

@@ -15,6 +15,7 @@ import zipfile
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import BinaryIO
 
@@ -22,15 +23,14 @@ from fg_nav.errors import FormatError
 
 MAX_BYTES = 2**30  # A day of six sensors at 100 Hz in text; more does not fit the memory of a small computer.
 MAX_FILES = 1000  # No tool writes as many files for one recording; a home folder has more.
-MAX_DEPTH = 4  # Folders within folders that are looked into.
-
-Fetch = Callable[[int | None], bytes]
-"""The first bytes of a file, at most as many as are given; all of them for None."""
+MAX_DEPTH = 4  # Folders within folders that are searched.
 
 _OVERHEAD_BYTES = 4096  # What does not shrink becomes a little longer by packing.
 _PART_BYTES = 2**20  # Read from a pipe at a time.
-
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+
+Fetch = Callable[[int | None], bytes]
+"""The first bytes of a file, at most as many as are given; all of them for None."""
 
 
 def fetch_file(path: Path) -> Fetch:
@@ -83,27 +83,23 @@ def fetch_gzip(name: str, packed: Fetch) -> Fetch:
     """
 
     def fetch(size: int | None) -> bytes:
-        budget, needed = (MAX_BYTES + 1, None) if size is None else (size, size + _OVERHEAD_BYTES)
-        data = b"".join(_inflate(packed(needed), budget, name, whole=size is None))
-        if len(data) > MAX_BYTES:
+        left, needed = (MAX_BYTES + 1, None) if size is None else (size, size + _OVERHEAD_BYTES)
+        parts, data = list[bytes](), packed(needed)
+        while data and left > 0 and data.strip(b"\0"):  # one member after the other
+            unpack = zlib.decompressobj(wbits=31)
+            try:
+                parts.append(unpack.decompress(data, left))
+            except zlib.error:
+                raise FormatError(f"{name} is a damaged gzip file: copy it again.") from None
+            if size is None and len(parts[-1]) < left and not unpack.eof:
+                raise FormatError(f"{name} is a gzip file that is cut off: copy it again.")
+            left, data = left - len(parts[-1]), unpack.unused_data
+        whole = b"".join(parts)
+        if len(whole) > MAX_BYTES:
             raise FormatError(f"{name} is larger than {_words(MAX_BYTES)} unpacked: unpack it, and cut it.")
-        return data
+        return whole
 
     return fetch
-
-
-def _inflate(data: bytes, budget: int, name: str, whole: bool) -> Iterator[bytes]:
-    """Unpack gzip members one after the other until `budget` bytes are there."""
-    while data and budget > 0 and data.strip(b"\0"):
-        unpack = zlib.decompressobj(wbits=31)
-        try:
-            part = unpack.decompress(data, budget)
-        except zlib.error:
-            raise FormatError(f"{name} is a damaged gzip file: copy it again.") from None
-        if whole and len(part) < budget and not unpack.eof:
-            raise FormatError(f"{name} is a gzip file that is cut off: copy it again.")
-        yield part
-        budget, data = budget - len(part), unpack.unused_data
 
 
 def list_folder(path: Path) -> Mapping[str, Fetch]:
@@ -111,8 +107,12 @@ def list_folder(path: Path) -> Mapping[str, Fetch]:
 
     Raises `FormatError` if it cannot be listed, or holds too many.
     """
+
+    def refuse(error: OSError) -> None:
+        raise FormatError(f"{error.filename} may not be listed: check its permissions.") from None
+
     found = {}
-    for folder, folders, files in os.walk(path, onerror=_refuse_folder):
+    for folder, folders, files in os.walk(path, onerror=refuse):
         place = Path(folder).relative_to(path)
         folders[:] = sorted(name for name in folders if not _is_hidden(name)) if len(place.parts) < MAX_DEPTH else []
         for name in sorted(files):
@@ -123,10 +123,6 @@ def list_folder(path: Path) -> Mapping[str, Fetch]:
     return found
 
 
-def _refuse_folder(error: OSError) -> None:
-    raise FormatError(f"{error.filename} may not be listed: check its permissions.") from None
-
-
 def list_zip(name: str, packed: Fetch, path: Path | None = None) -> Mapping[str, Fetch]:
     """Files of a zip archive by their place in it; `path` where the archive is a plain file, else `packed` reads it.
 
@@ -134,49 +130,41 @@ def list_zip(name: str, packed: Fetch, path: Path | None = None) -> Mapping[str,
     that one is damaged or locked.
     """
 
-    def open_archive() -> zipfile.ZipFile:
-        return zipfile.ZipFile(path if path is not None else io.BytesIO(packed(None)))
+    @contextmanager
+    def open_archive(what: str) -> Iterator[zipfile.ZipFile]:
+        try:
+            with zipfile.ZipFile(path if path is not None else io.BytesIO(packed(None))) as archive:
+                yield archive
+        except FormatError:
+            raise
+        except Exception as error:  # BadZipFile, struct, Value, OS, NotImplemented, Unicode ... errors
+            raise FormatError(
+                f"{what} is damaged or cut off ({type(error).__name__}): copy or export it again."
+            ) from None
 
-    try:
-        with open_archive() as archive:
-            entries = [entry for entry in archive.infolist() if _is_wanted(entry)]
-    except Exception as error:  # BadZipFile, struct, Value, OS, NotImplemented, Unicode ... errors
-        raise _damaged(name, error) from None
-    _check_count(len(entries), name)
-    if sum(entry.file_size for entry in entries) > MAX_BYTES:
-        raise FormatError(f"{name} holds more than {_words(MAX_BYTES)}: unpack it, and give one recording of it.")
-    return {_place(entry): _fetch_entry(name, open_archive, entry) for entry in entries}
-
-
-def _fetch_entry(name: str, open_archive: Callable[[], zipfile.ZipFile], entry: zipfile.ZipInfo) -> Fetch:
-    def fetch(size: int | None) -> bytes:
+    def fetch(entry: zipfile.ZipInfo, size: int | None) -> bytes:
         if entry.flag_bits & 1:
             raise FormatError(f"{name} is locked by a password: unpack it first.")
         if entry.compress_type not in _METHODS:
             raise FormatError(f"{name} is packed in a way that is not read here: unpack it first.")
-        try:
-            with open_archive() as archive, archive.open(entry) as file:
-                return file.read() if size is None else file.read(size)
-        except Exception as error:
-            raise _damaged(f"{_place(entry)} in {name}", error) from None
+        with open_archive(f"{_place(entry)} in {name}") as archive, archive.open(entry) as file:
+            return file.read() if size is None else file.read(size)
 
-    return fetch
-
-
-def _damaged(name: str, error: Exception) -> FormatError:
-    if isinstance(error, FormatError):
-        return error
-    return FormatError(f"{name} is damaged or cut off ({type(error).__name__}): copy or export it again.")
+    with open_archive(name) as archive:
+        entries = [entry for entry in archive.infolist() if not entry.is_dir() and entry.file_size > 0]
+    wanted = []
+    for entry in entries:
+        parts = _place(entry).split("/")
+        if all(parts) and ":" not in parts[0] and not any(map(_is_hidden, parts)):
+            wanted.append(entry)
+    _check_count(len(wanted), name)
+    if sum(entry.file_size for entry in wanted) > MAX_BYTES:
+        raise FormatError(f"{name} holds more than {_words(MAX_BYTES)}: unpack it, and give one recording of it.")
+    return {_place(entry): partial(fetch, entry) for entry in wanted}
 
 
 def _place(entry: zipfile.ZipInfo) -> str:
     return entry.filename.replace("\\", "/")
-
-
-def _is_wanted(entry: zipfile.ZipInfo) -> bool:
-    parts = _place(entry).split("/")
-    outside = not all(parts) or ":" in parts[0]
-    return not (entry.is_dir() or outside or any(_is_hidden(part) for part in parts)) and entry.file_size > 0
 
 
 def _is_hidden(name: str) -> bool:

@@ -33,20 +33,17 @@ from fg_nav.text import format_count
 Sensor = Literal["acc", "gyr", "mag", "pressure"]
 
 NAMES: dict[Sensor, str] = {"acc": "accelerometer", "gyr": "gyroscope", "mag": "magnetometer", "pressure": "barometer"}
+UNCALIBRATED_FIELD = "the magnetometer is uncalibrated: the field of the phone is still in it"
 
-SLOWEST_HZ, SLOW_HZ = 9.0, 20.0
-"""A leg swings once or twice a second: below the first rate little of a swing is seen, below the second not enough."""
-
+MIN_RATE_HZ, SLOW_HZ = 9.0, 20.0  # A leg swings once or twice a second: little of a swing is seen; not enough of it.
 MAX_FIELD_UT = 200.0  # The Earth's field is 25 to 65 uT; buildings make up to this of it.
+
 _SAME_SHARE = 0.9  # Stamps of which more than this are the same are those of one clock; at its ends one may miss some.
 _FASTER = 1.5  # An accelerometer that is faster than the gyroscope by this is averaged.
 _END_OF_TIME_S = 1e11  # Seconds since 1970 are 2e9.
 _NONSENSE = 1e9  # No sensor reads as much in m/s^2, rad/s or uT.
 _RESTART_S = 1.0  # A step backward by more is a clock that began again, not a sample that came late.
-
-_FROZEN_S = 2.0
-"""A sensor that wakes up repeats its first sample for less; a longer constant is a sensor at rest without noise."""
-
+_FROZEN_S = 2.0  # A sensor that wakes up repeats its first sample for less; longer, it rests without noise.
 _FROZEN_ROWS = 3  # Two equal samples are quantization.
 _HELD_PERIODS = 3.0  # A value that lasts longer than so many samples was measured again.
 
@@ -107,11 +104,25 @@ def join_streams(streams: Sequence[Stream], path: Path, format: str, notes: Sequ
             count = format_count(len(cleaned[needed].t), "sample")
             source = cleaned[needed].source
             raise FormatError(f"{path.name}: {source} has {count} of the {NAMES[needed]}: record it again.")
-    acc, gyr, mag = cleaned["acc"], cleaned["gyr"], _keep_field(cleaned.get("mag"), remarks)
-    _check_rates((acc, gyr), path, remarks)
-    air = cleaned.get("pressure")
+    acc, gyr, mag, air = cleaned["acc"], cleaned["gyr"], cleaned.get("mag"), cleaned.get("pressure")
+    if mag is not None and len(mag.t) < 2:
+        remarks.append(f"the magnetometer ({mag.source}) has no samples: left out")
+        mag = None
+    elif mag is not None and not (strength := float(np.median(np.linalg.norm(mag.xyz, axis=1)))) < MAX_FIELD_UT:
+        remarks.append(f"the magnetometer reads {strength:.0f} uT, most of it the device's own field: left out")
+        mag = None
+    slowest = max((acc, gyr), key=lambda stream: stream.period_s)
+    rate_hz = 1.0 / slowest.period_s
+    often = f"{rate_hz:.1f} samples a second" if rate_hz > 1 else f"a sample every {slowest.period_s:.3g} s"
+    if rate_hz < MIN_RATE_HZ:
+        raise FormatError(
+            f"{path.name}: the {slowest.name} has {often}, too few to follow a walk: record at 50 Hz or more, 100 Hz "
+            f"for a foot."
+        )
+    if rate_hz < SLOW_HZ:
+        remarks.append(f"the {slowest.name} has {often}, too few to follow a step well: record at 50 Hz or more")
     rates = _describe([acc, gyr, *(one for one in (mag, air) if one is not None and len(one.t) > 1)])
-    acc, gyr = _cut_to_shared(acc, gyr, path, remarks)
+    gyr = _cut_to_shared(acc, gyr, path, remarks)
     force = _interpolate(acc, gyr, remarks)
     field = None if mag is None else _place(mag, gyr)
     pressure = None if air is None else _place(air, gyr)[:, 0]
@@ -154,7 +165,18 @@ def _clean(stream: Stream, remarks: list[str]) -> Stream:
     whole = (np.abs(stream.t) < _END_OF_TIME_S) & (np.abs(stream.xyz) < _NONSENSE).all(axis=1)
     if stream.what == "mag":  # which is zero until it is calibrated
         whole &= stream.xyz.any(axis=1)
-    stream = _follow_clock(stream.take(whole), remarks)
+    stream = stream.take(whole)
+    # the longest part between stamps that begin again
+    restarts = np.flatnonzero(np.diff(stream.t) < -_RESTART_S) + 1
+    if len(restarts):
+        edges = [0, *restarts.tolist(), len(stream.t)]
+        longest = int(np.argmax(np.diff(edges)))
+        remarks.append(
+            f"the stamps of the {stream.name} begin again in row {stream.row[restarts[0]]}: of {len(edges) - 1} parts "
+            f"the longest is taken"
+        )
+        stream = stream.take(slice(edges[longest], edges[longest + 1]))
+    # late and repeated samples
     late = int(np.count_nonzero(np.diff(stream.t) < 0))
     if late:
         remarks.append(f"{format_count(late, 'sample')} of the {stream.name} came late: sorted")
@@ -164,20 +186,6 @@ def _clean(stream: Stream, remarks: list[str]) -> Stream:
         count = format_count(int(repeated.sum()), "sample")
         remarks.append(f"{count} of the {stream.name} with the stamp of the one before left out")
     return _drop_first_rows(stream.take(~repeated), remarks)
-
-
-def _follow_clock(stream: Stream, remarks: list[str]) -> Stream:
-    """The longest part between stamps that begin again."""
-    restarts = np.flatnonzero(np.diff(stream.t) < -_RESTART_S) + 1
-    if not len(restarts):
-        return stream
-    edges = [0, *restarts.tolist(), len(stream.t)]
-    longest = int(np.argmax(np.diff(edges)))
-    remarks.append(
-        f"the stamps of the {stream.name} begin again in row {stream.row[restarts[0]]}: of "
-        f"{len(edges) - 1} parts the longest is taken"
-    )
-    return stream.take(slice(edges[longest], edges[longest + 1]))
 
 
 def _drop_first_rows(stream: Stream, remarks: list[str]) -> Stream:
@@ -196,41 +204,13 @@ def _drop_first_rows(stream: Stream, remarks: list[str]) -> Stream:
     return stream.take(slice(count, None))
 
 
-def _keep_field(mag: Stream | None, remarks: list[str]) -> Stream | None:
-    """The magnetometer, unless it has no samples, or what it measures is mostly the device's own field."""
-    if mag is not None and len(mag.t) < 2:
-        remarks.append(f"the magnetometer ({mag.source}) has no samples: left out")
-        return None
-    strength = float(np.median(np.linalg.norm(mag.xyz, axis=1))) if mag is not None else 0.0
-    if strength < MAX_FIELD_UT:
-        return mag
-    remarks.append(f"the magnetometer reads {strength:.0f} uT, most of it the device's own field: left out")
-    return None
-
-
-def _check_rates(streams: Sequence[Stream], path: Path, remarks: list[str]) -> None:
-    slowest = max(streams, key=lambda stream: stream.period_s)
-    rate = 1.0 / slowest.period_s
-    words = (
-        f"the {slowest.name} has {rate:.1f} samples a second"
-        if rate > 1
-        else (f"the {slowest.name} has a sample every {slowest.period_s:.3g} s")
-    )
-    if rate < SLOWEST_HZ:
-        raise FormatError(
-            f"{path.name}: {words}, too few to follow a walk: record at 50 Hz or more, 100 Hz for a foot."
-        )
-    if rate < SLOW_HZ:
-        remarks.append(f"{words}, too few to follow a step well: record at 50 Hz or more")
-
-
-def _cut_to_shared(acc: Stream, gyr: Stream, path: Path, remarks: list[str]) -> tuple[Stream, Stream]:
+def _cut_to_shared(acc: Stream, gyr: Stream, path: Path, remarks: list[str]) -> Stream:
     """The gyroscope's rows while both ran."""
     first, last = max(acc.t[0], gyr.t[0]), min(acc.t[-1], gyr.t[-1])
     if last - first < 0.5 * min(acc.t[-1] - acc.t[0], gyr.t[-1] - gyr.t[0]):
+        spans = [f"{one.name} ({one.t[0]:.1f} to {one.t[-1]:.1f} s)" for one in (acc, gyr)]
         raise FormatError(
-            f"{path.name}: accelerometer ({_span(acc)}) and gyroscope ({_span(gyr)}) ran at different times: "
-            f"give the files of one recording."
+            f"{path.name}: {' and '.join(spans)} ran at different times: give the files of one recording."
         )
     before, after = first - min(acc.t[0], gyr.t[0]), max(acc.t[-1], gyr.t[-1]) - last
     if max(before, after) > GAP_PERIODS * gyr.period_s:
@@ -241,14 +221,10 @@ def _cut_to_shared(acc: Stream, gyr: Stream, path: Path, remarks: list[str]) -> 
     shared = gyr.take((gyr.t >= first) & (gyr.t <= last))
     if len(shared.t) < 2:
         raise FormatError(
-            f"{path.name}: {gyr.source} has {format_count(len(shared.t), 'sample')} of the "
-            f"{NAMES['gyr']} while the accelerometer ran: record it again."
+            f"{path.name}: {gyr.source} has {format_count(len(shared.t), 'sample')} of the gyroscope while the "
+            f"accelerometer ran: record it again."
         )
-    return acc, shared
-
-
-def _span(stream: Stream) -> str:
-    return f"{stream.t[0]:.1f} to {stream.t[-1]:.1f} s"
+    return shared
 
 
 def find_gap_s(t: Floats | Ints) -> float:
@@ -270,8 +246,13 @@ def interpolate_rows(stream: Stream, t: Floats | Ints) -> Floats:
 def _interpolate(acc: Stream, gyr: Stream, remarks: list[str]) -> Floats:
     """Force (N, 3) at the gyroscope's stamps, NaN where these lie in a gap of acc."""
     force = interpolate_rows(acc, gyr.t)
-    if acc.period_s * _FASTER < gyr.period_s:
-        force = _average(acc, gyr)
+    if acc.period_s * _FASTER < gyr.period_s:  # mean of the straight lines over one period about each stamp
+        steps = np.diff(acc.t)[:, None]
+        velocity = np.vstack([np.zeros(3), np.cumsum(0.5 * steps * (acc.xyz[1:] + acc.xyz[:-1]), axis=0)])
+        integral = replace(acc, xyz=velocity)
+        first = np.maximum(gyr.t - 0.5 * gyr.period_s, acc.t[0])
+        last = np.minimum(gyr.t + 0.5 * gyr.period_s, acc.t[-1])
+        force = (interpolate_rows(integral, last) - interpolate_rows(integral, first)) / (last - first)[:, None]
         remarks.append("the accelerometer is faster than the gyroscope: averaged over the gyroscope's period")
     after = np.clip(np.searchsorted(acc.t, gyr.t), 1, len(acc.t) - 1)
     steps = acc.t[after] - acc.t[after - 1]
@@ -283,17 +264,6 @@ def _interpolate(acc: Stream, gyr: Stream, remarks: list[str]) -> Floats:
             f"left out"
         )
     return force
-
-
-def _average(acc: Stream, gyr: Stream) -> Floats:
-    """Force (N, 3): mean of the straight lines over one period about each of the gyroscope's stamps."""
-    steps = np.diff(acc.t)[:, None]
-    velocity = np.vstack([np.zeros(3), np.cumsum(0.5 * steps * (acc.xyz[1:] + acc.xyz[:-1]), axis=0)])
-    integral = replace(acc, xyz=velocity)
-    first = np.maximum(gyr.t - 0.5 * gyr.period_s, acc.t[0])
-    last = np.minimum(gyr.t + 0.5 * gyr.period_s, acc.t[-1])
-    change = interpolate_rows(integral, last) - interpolate_rows(integral, first)
-    return np.asarray(change / (last - first)[:, None])
 
 
 def _place(mag: Stream, gyr: Stream) -> Floats:

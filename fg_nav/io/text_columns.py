@@ -1,13 +1,19 @@
-"""Columns of a text table as floats, read at C speed; what does not parse is named by line and column.
+"""Tables of text with a known header: where it stands, what separates fields, and columns as floats at C speed.
 
-Lines are counted from 1 as in an editor. Empty fields are NaN; wholly empty lines are left out. Many loggers repeat the
-last magnetometer sample until there is a new one; an estimator would count each repeat as a measurement (`drop_held`).
+A line `sep=;` names the separator, as spreadsheets have it; else it is the character of tab, semicolon and comma that
+is most often in the header, or a blank. Numbers have a decimal comma where that separates no fields and commas are more
+than points among the digits of the next lines.
+
+Lines are counted from 1 as in an editor. Empty fields are NaN; wholly empty lines are left out. What does not parse is
+named by line and column.
 """
 
 from __future__ import annotations
 
+import re
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +21,93 @@ import numpy as np
 import pandas as pd
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.columns.units import KNOWN_UNITS, Quantity, find_factor
 from fg_nav.errors import FormatError
-from fg_nav.io.content import Content
+from fg_nav.io.content import Content, split_fields
 from fg_nav.system.spilled import drop_pages, empty_column, join_rows, take_rows
+from fg_nav.text import format_count
+
+_MAX_LINES = 60  # Lines searched for a header; the longest block of lines about a session is a third of this.
+_SEPARATORS = "\t;,"
+_SAID = re.compile(r'^"?sep=(\\t|.)"?', re.IGNORECASE)
+_COMMA, _POINT = re.compile(r"\d,\d"), re.compile(r"\d\.\d")
+
+BLOCK_ROWS = 1 << 19  # Parsed at once: a whole table takes the parser four times its memory; less scatters on the heap.
+
+_MOVING_RAD_S = 0.5  # Turning this fast, no real magnetometer gives the same three numbers twice by chance.
+_HELD_SHARE = 0.1  # More repeats than this in motion are the logger's doing, not the quantization's.
+
+
+@dataclass(frozen=True)
+class Header:
+    """The header of a table: its line, counted from 0, the names of its columns, what separates them, decimal sign."""
+
+    line: int
+    names: list[str]
+    separator: str = ","
+    decimal: str = "."
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.names
+
+    def read(self, content: Content, names: Sequence[str], skip: int = 0) -> tuple[Floats, Ints]:
+        """Read columns (N, K) and the line (N,) of each row, from `skip` lines below the header on.
+
+        Raises `FormatError` if a column is missing or doubled, or a field is no number.
+        """
+        positions = [find_column(name, self.names, content.path) for name in names]
+        return read_table(content, self.names, positions, self.line + 2 + skip, self.separator, self.decimal)
+
+    def read_integers(self, content: Content, name: str, row: Ints) -> Ints | None:
+        """Read one column exactly at the lines (N,) `row`; None if one of its numbers is no whole one of 64 bits.
+
+        Raises `FormatError` if the column is missing or doubled.
+        """
+        position, first_line = find_column(name, self.names, content.path), self.line + 2
+        options = table_options(self.names, first_line, self.separator) | {"usecols": [position], "names": None}
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", RuntimeWarning)  # of an infinite number, which is then raised
+                frame = pd.read_csv(content.source(), dtype={position: np.int64}, **options)
+        except (ValueError, TypeError, OverflowError, pd.errors.ParserError, pd.errors.EmptyDataError):
+            return None
+        return np.asarray(frame[position].to_numpy(dtype=np.int64)[row - first_line])
+
+    def read_words(self, content: Content, name: str, row: Ints, skip: int = 0) -> pd.Series:
+        """Read a column as text in the lines `row` that `read` gave.
+
+        Raises `FormatError` if the column is missing or doubled, or the file is no table.
+        """
+        position, first_line = find_column(name, self.names, content.path), self.line + 2 + skip
+        try:
+            options = table_options(self.names, first_line, self.separator)
+            frame: pd.DataFrame = pd.read_csv(content.source(), dtype=str, **options)
+            return frame[position].iloc[row - first_line]
+        except (ValueError, IndexError, pd.errors.ParserError):
+            raise FormatError(f"{content.path.name}: column '{name}' cannot be read: export it again.") from None
+
+
+def find_header(content: Content, is_header: Callable[[list[str]], bool]) -> Header | None:
+    """Find the first line whose fields are those of a header."""
+    said = _SAID.match(content.lines[0]) if content.lines else None
+    for line, text in enumerate(content.lines[:_MAX_LINES]):
+        separator = said[1].replace("\\t", "\t") if said else guess_separator(text)
+        names = split_fields(text, separator)
+        if is_header(names):
+            below = "\n".join(content.lines[line + 1 : line + 10])
+            has_comma = separator != "," and len(_COMMA.findall(below)) > len(_POINT.findall(below))
+            return Header(line, names, separator, "," if has_comma else ".")
+    return None
+
+
+def guess_separator(line: str) -> str:
+    """Guess what separates the fields of a line."""
+    best = max(_SEPARATORS, key=line.count)
+    return best if best in line else " "
+
+
+def has_rows(content: Content) -> bool:
+    """Whether there is more than a header: apps write that alone for a sensor which a phone does not have."""
+    return sum(bool(line.strip()) for line in content.lines[:_MAX_LINES]) > 1
 
 
 def find_column(name: str, header: Sequence[str], path: Path) -> int:
@@ -34,28 +123,6 @@ def find_column(name: str, header: Sequence[str], path: Path) -> int:
     return list(header).index(name)
 
 
-def require_factor(quantity: Quantity, unit: str, column: str, path: Path) -> float:
-    """Return how much of s, m/s^2, rad/s or uT the unit of a column is; raises `FormatError` if it is not known."""
-    factor = find_factor(quantity, unit)
-    if factor is None or not np.isfinite(factor):
-        raise FormatError(
-            f"{path.name}: column '{column}' has the unit '{unit}', which is not known here: convert it to one of "
-            f"{KNOWN_UNITS[quantity]}."
-        )
-    return factor
-
-
-def scale_values(values: Floats, unit: Floats | float) -> Floats:
-    """Multiply by a unit. A nonsense number may become infinite, and is found as such later."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        return np.asarray(values * unit)
-
-
-BLOCK_ROWS = 1 << 19
-"""Of a table, that are parsed at once: in one piece the parser takes four times the memory of the numbers. A smaller
-block lies among others on the heap, and leaves its place there."""
-
-
 def read_table(
     content: Content,
     header: Sequence[str],
@@ -65,30 +132,37 @@ def read_table(
     decimal: str = ".",
     comment: str | None = None,
 ) -> tuple[Floats, Ints]:
-    r"""Read some columns of a text table, and the line of each row.
+    r"""Read the columns at some `positions` (K,) of a text table, (N, K), and the line (N,) of each row.
 
-    Parameters
-    ----------
-    content : of the file.
-    header : (C,) names of all columns of the file, for messages.
-    positions : (K,) indices into `header` of the wanted columns, in the wanted order.
-    first_line : counted from 1, that holds data.
-    separator : one character, or the regular expression `\s+`.
-    decimal : point or comma of the numbers.
-    comment : a character that begins a comment, up to the end of its line.
-
-    Returns
-    -------
-    (N, K) floats and (N,) line numbers.
+    `header` (C,) has the names of all its columns, `first_line`, from 1, is the first of data; a `separator` is one
+    character, or the regular expression `\s+`; `comment` begins one, up to the end of its line.
 
     Raises `FormatError` if a field is no number, a row has too many fields, or there is no row.
     """
     # One column more than the header has: a separator may end each row, and a field too many shows.
-    wanted: list[int] = [*positions, len(header)]
+    wanted, name = [*positions, len(header)], content.path.name
     options = table_options(header, first_line, separator) | {"decimal": decimal, "comment": comment}
-    path = content.path
-    blocks = _parse(content, wanted, options, [*header, "after the last"], first_line)[::-1]
+    blocks = list[Floats]()
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", pd.errors.ParserWarning)  # of fields it leaves out
+            types = dict.fromkeys(wanted, np.float64)
+            with pd.read_csv(content.source(), dtype=types, chunksize=BLOCK_ROWS, **options) as frames:
+                for frame in frames:
+                    blocks.append(empty_column(len(frame), len(wanted)))  # where it takes no memory
+                    blocks[-1][...] = frame[wanted].to_numpy(dtype=np.float64)
+                    drop_pages()
+    except pd.errors.EmptyDataError:
+        pass
+    except pd.errors.ParserWarning:
+        raise FormatError(f"{name} has rows with more fields than the header: correct them.") from None
+    except pd.errors.ParserError as error:
+        reason = " ".join(str(error).removeprefix("Error tokenizing data. C error: ").split())
+        raise FormatError(f"{name} is not a regular table ({reason}): correct that line.") from None
+    except (ValueError, OverflowError):
+        raise _find_bad_cell(content, wanted, options, [*header, "after the last"], first_line) from None
     table, row = [], []
+    blocks.reverse()
     while blocks:  # let go of as they are cut
         values = blocks.pop()
         line = np.arange(len(values), dtype=np.int64) + first_line
@@ -96,39 +170,14 @@ def read_table(
         longer = ~np.isnan(values[:, -1])
         if longer.any():
             raise FormatError(
-                f"{path.name}, line {line[np.argmax(longer)]} has more fields than the header: correct that line."
+                f"{name}, line {line[np.argmax(longer)]} has more fields than the header: correct that line."
             )
         filled = ~np.isnan(values).all(axis=1)
         table.append(take_rows(np.flatnonzero(filled), values[:, :-1]))
         row.append(line[filled])
     if not any(map(len, table)):
-        raise FormatError(f"{path.name} has a header but no samples: record or export it again.")
+        raise FormatError(f"{name} has a header but no samples: record or export it again.")
     return join_rows(table), np.concatenate(row)
-
-
-def _spill(values: Floats) -> Floats:
-    """Return a block of rows where it takes no memory."""
-    spilled = empty_column(*values.shape)
-    spilled[...] = values
-    drop_pages()
-    return spilled
-
-
-def read_integers(
-    content: Content, header: Sequence[str], position: int, first_line: int, separator: str = ","
-) -> Ints | None:
-    """Read one column (N,) of a text table exactly, a number for each line from `first_line` on.
-
-    None if one of them is no whole number of 64 bits: a float is as near as one gets then.
-    """
-    options = table_options(header, first_line, separator) | {"usecols": [position], "names": None}
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", RuntimeWarning)  # of an infinite number, which is then raised
-            frame = pd.read_csv(content.source(), dtype={position: np.int64}, **options)
-    except (ValueError, TypeError, OverflowError, pd.errors.ParserError, pd.errors.EmptyDataError):
-        return None
-    return np.asarray(frame[position].to_numpy(dtype=np.int64))
 
 
 def table_options(header: Sequence[str], first_line: int, separator: str) -> dict[str, Any]:
@@ -140,55 +189,38 @@ def table_options(header: Sequence[str], first_line: int, separator: str) -> dic
     }  # fmt: skip
 
 
-def _parse(
-    content: Content, wanted: Sequence[int], options: dict[str, Any], names: Sequence[str], first_line: int
-) -> list[Floats]:
-    """Return blocks (n, K) of rows, in order."""
-    path, options = content.path, options | {"chunksize": BLOCK_ROWS}
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", pd.errors.ParserWarning)  # of fields it leaves out
-            with pd.read_csv(content.source(), dtype=dict.fromkeys(wanted, np.float64), **options) as frames:
-                return [_spill(np.asarray(frame[wanted].to_numpy(dtype=np.float64))) for frame in frames]
-    except pd.errors.EmptyDataError:
-        return []
-    except pd.errors.ParserWarning:
-        raise FormatError(f"{path.name} has rows with more fields than the header: correct them.") from None
-    except pd.errors.ParserError as error:
-        reason = " ".join(str(error).removeprefix("Error tokenizing data. C error: ").split())
-        raise FormatError(f"{path.name} is not a regular table ({reason}): correct that line.") from None
-    except (ValueError, OverflowError):
-        raise _find_bad_cell(content, wanted, options | {"chunksize": None}, names, first_line) from None
-
-
 def _find_bad_cell(
     content: Content, wanted: Sequence[int], options: dict[str, Any], names: Sequence[str], first_line: int
 ) -> FormatError:
     """Find the first field that is no number. Slow, but only ever run on a broken file."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", pd.errors.ParserWarning)
-        path = content.path
         text = pd.read_csv(content.source(), dtype=str, **options)[wanted]
     if options["decimal"] != ".":
         text = text.apply(lambda cells: cells.str.replace(options["decimal"], ".", regex=False))
     numbers = text.apply(pd.to_numeric, errors="coerce")
     bad = np.argwhere((numbers.isna() & text.notna()).to_numpy())
+    name = content.path.name
     if not len(bad):
-        return FormatError(f"{path.name} does not read as numbers: look for odd characters in an editor.")
+        return FormatError(f"{name} does not read as numbers: look for odd characters in an editor.")
     row, column = bad[0]
-    cell, name = str(text.iat[row, column])[:40], names[wanted[column]]
+    cell = str(text.iat[row, column])[:40]
     return FormatError(
-        f"{path.name}, line {row + first_line}, column '{name}': {cell!r} is not a number; correct or delete that line."
+        f"{name}, line {row + first_line}, column '{names[wanted[column]]}': {cell!r} is not a number; correct or "
+        f"delete that line."
     )
 
 
-_MOVING_RAD_S = 0.5  # Turning this fast, no real magnetometer gives the same three numbers twice by chance.
-_HELD_SHARE = 0.1  # More repeats than this in motion are the logger's doing, not the quantization's.
+def scale_values(values: Floats, unit: Floats | float) -> Floats:
+    """Multiply by a unit. A nonsense number may become infinite, and is found as such later."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return np.asarray(values * unit)
 
 
 def drop_held(mag: Floats, gyr: Floats) -> Floats:
     """Set rows of `mag` (N, D) that repeat the row before exactly to NaN, if the logger holds samples at all.
 
+    Many loggers repeat a sample until there is a new one; an estimator would count each repeat as a measurement.
     `gyr` (N, 3) rad/s shows the motion: repeats at rest alone are quantization, and stay.
     """
     repeated = np.concatenate(([False], (mag[1:] == mag[:-1]).all(axis=1)))
@@ -197,3 +229,19 @@ def drop_held(mag: Floats, gyr: Floats) -> Floats:
     if judged.mean() < _HELD_SHARE:
         return mag
     return np.where(repeated[:, None], np.nan, mag)
+
+
+def continue_counter(count: Floats, end: float, name: str) -> tuple[Floats, tuple[str, ...]]:
+    """Counter or clock (N,) continued where that of the file begins again at `end`, and a note if it does.
+
+    A step of more than half of `end`, up or down, is one over the end: packets in the wrong order stay what they are,
+    and after a longer pause than half a round the time is wrong by whole rounds. NaN stays NaN; a column with numbers
+    beyond the end is no such counter, and stays what it is.
+    """
+    known = np.flatnonzero(np.isfinite(count))
+    if not known.size or count[known].max() >= end or count[known].min() < 0:
+        return count, ()
+    whole = count.copy()
+    whole[known] = np.unwrap(count[known], period=end)
+    rounds = int(np.count_nonzero(np.diff(whole[known] - count[known]) > 0.5 * end))
+    return whole, (f"{name} began again at its end {format_count(rounds, 'time')}: set on",) if rounds else ()

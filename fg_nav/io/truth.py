@@ -1,34 +1,24 @@
-"""Positions from files of their own: true paths, surveyed footprints, and fixes.
+"""Truth from files of its own: true paths (TUM, C3D) and surveyed footprints.
 
-A TUM line is `t x y z qx qy qz qw`: s, m, and the quaternion of nav_R_body; z is up. Lines that begin with
-`#` at the head of the file are comments.
-
-Footprints are MATLAB files with `GCP_meters`, or CSV files `stride,x_m,y_m`. The MATLAB files give stride numbers as
-uint8, which wraps in sums and differences; here they are int64.
-
-Fixes of the position, surveyed points or a receiver's, are CSV files `time_s,x_m,y_m,z_m,sigma_m`. Time is that of the
-recording as read; x is east, y north, z up from where the walk starts; an empty z is not known. The sigma is that of
-each axis that is given.
+A TUM line is `t x y z qx qy qz qw`: s, m, and the quaternion of nav_R_body; z is up. Lines that begin with `#` at the
+head of the file are comments. Footprints are MATLAB files with `GCP_meters`, or CSV files `stride,x_m,y_m`.
 """
 
 from __future__ import annotations
 
-from itertools import chain
 from pathlib import Path
 
 import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import FormatError
-from fg_nav.frames import quaternion_xyzw
-from fg_nav.io.choice import choose_sensor
-from fg_nav.io.content import Content, explain_missing, load_mat, mat_array, read_content
-from fg_nav.io.readers.canonical import format_rows, write_text
-from fg_nav.io.text_columns import find_column, read_table
-from fg_nav.system.spilled import drop_pages
-from fg_nav.truth import Fix, FootprintTruth, TrajectoryTruth
+from fg_nav.io.content import Content, choose_sensor, explain_missing, load_mat, mat_array
+from fg_nav.io.text_columns import read_table
+from fg_nav.truth import FootprintTruth, TrajectoryTruth
 
 TUM_COLUMNS = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")
+CSV_COLUMNS = ("stride", "x_m", "y_m")
+C3D_KEY = b"\x50"  # Second byte of a C3D file.
 
 
 def read_tum(content: Content) -> TrajectoryTruth:
@@ -60,31 +50,6 @@ def read_tum(content: Content) -> TrajectoryTruth:
     return TrajectoryTruth(table[:, 0], table[:, 1:4], Rotation.from_quat(table[:, 4:]).as_matrix())
 
 
-def write_tum(path: Path | str, t: Floats, position: Floats, nav_R_body: Floats) -> None:
-    """Write a trajectory as TUM lines `t x y z qx qy qz qw`, to the nanosecond and nanometer.
-
-    `t` (N,) s, `position` (N, 3) m, `nav_R_body` (N, 3, 3).
-
-    Raises `OutputError` if the file cannot be written.
-    """
-    blocks = (np.s_[start : start + _BLOCK_ROWS] for start in range(0, len(t), _BLOCK_ROWS))
-    tables = (_tabulate(t[b], position[b], nav_R_body[b]) for b in blocks)
-    write_text(Path(path), "", chain.from_iterable(format_rows(table, "%.9f", " ") for table in tables))
-
-
-def _tabulate(t: Floats, position: Floats, nav_R_body: Floats) -> Floats:
-    """Return the numbers of some lines."""
-    table = np.column_stack([t, position, quaternion_xyzw(nav_R_body)])
-    drop_pages()
-    return table
-
-
-_BLOCK_ROWS = 20_000  # Of which the quaternions are in memory together.
-
-
-C3D_KEY = b"\x50"  # Second byte of a C3D file.
-
-
 def read_c3d(content: Content, marker: str | None = None) -> TrajectoryTruth:
     """Read the path of a marker of a C3D file (needs ezc3d), from 0 s at its first frame on; z is up.
 
@@ -108,9 +73,6 @@ def read_c3d(content: Content, marker: str | None = None) -> TrajectoryTruth:
     return truth
 
 
-CSV_COLUMNS = ("stride", "x_m", "y_m")
-
-
 def read_footprint_mat(content: Content) -> FootprintTruth:
     """Footprints from `GCP_meters` (M, 2), `GCP_stride_numbers` (M,) and, where there, `numberOfStrides`.
 
@@ -123,16 +85,6 @@ def read_footprint_mat(content: Content) -> FootprintTruth:
         raise FormatError(f"{path.name} has {len(xy)} footprints but {len(stride)} stride numbers: export it again.")
     count = mat_array(variables, "numberOfStrides", path) if "numberOfStrides" in variables else np.empty(0)
     return pack_footprints(stride, xy, int(count[0]) if count.size and np.isfinite(count[0]) else None, path)
-
-
-def read_footprint_csv(content: Content) -> FootprintTruth:
-    """Footprints from a CSV with the columns `stride,x_m,y_m`.
-
-    Raises `FormatError` if a column is missing or a field is no number.
-    """
-    path, header = content.path, content.fields()
-    table, _ = read_table(content, header, [find_column(n, header, path) for n in CSV_COLUMNS], first_line=2)
-    return pack_footprints(table[:, 0], table[:, 1:], None, path)
 
 
 def pack_footprints(
@@ -163,28 +115,3 @@ def pack_true_path(t: Floats, position: Floats, nav_R_body: Floats | None = None
     if np.count_nonzero(seen) < 2:
         return None
     return TrajectoryTruth(t[seen], position[seen], None if nav_R_body is None else nav_R_body[seen])
-
-
-FIX_COLUMNS = ("time_s", "x_m", "y_m", "z_m", "sigma_m")
-
-
-def read_fixes(path: Path | str) -> tuple[Fix, ...]:
-    """Read the fixes of a file.
-
-    Raises `FormatError` if a column is missing, a field is no number, or anything but z is empty; or if a sigma is not
-    above zero.
-    """
-    content = read_content(Path(path))
-    path, header = content.path, content.fields()
-    table, line = read_table(content, header, [find_column(name, header, path) for name in FIX_COLUMNS], first_line=2)
-    needed = np.isfinite(np.delete(table, 3, axis=1)).all(axis=1) & ~np.isinf(table[:, 3])
-    for good, what in (
-        (needed, "lacks a number (only z_m may be empty)"),
-        (table[:, 4] > 0, "has no sigma above zero"),
-    ):
-        if not good.all():
-            raise FormatError(f"{path.name}, line {line[np.argmin(good)]} {what}: correct or delete that line.")
-    return tuple(
-        Fix(float(t), np.array([x, y, np.nan_to_num(z)]), float(sigma), float("inf") if np.isnan(z) else float(sigma))
-        for t, x, y, z, sigma in table
-    )

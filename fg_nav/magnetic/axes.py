@@ -1,24 +1,24 @@
-"""Whether the magnetometer's axes are those of the gyroscope: dm/dt = -w x m holds with the right ones only.
+"""Axes of the magnetometer against those of the gyroscope: dm/dt = -w x m holds for the right ones only.
 
-A magnetometer is a chip of its own, and is often soldered on turned or with an axis the other way. Of the 48 signed
-permutations P two each, P and -P, satisfy dR P (y_2 - h) = P (y_1 - h) alike (`fg_nav.magnetic.turning_pairs`), so that
-24 are compared. With h' = P h the residual is linear,
+A magnetometer is a chip of its own, often soldered on rotated or with an axis reversed. Of the 48 signed permutations P
+two each, P and -P, satisfy dR P (y_2 - h) = P (y_1 - h) alike (`fg_nav.magnetic.delay`), so 24 are compared. With
+h' = P h the residual is linear,
 
     r = dR P y_2 - P y_1 - (dR - I) h',
 
 and h' is solved for each P with robust weights. The loss of each is summed over blocks of the recording; another P than
 the identity is accepted where the loss of the identity is `MIN_RATIO` times as large, and larger by `MIN_SIGMAS` of
-the scatter of that difference over the blocks, each with the delay that it finds itself. A foot turns about one axis
-above all, about which half a turn of the magnetometer would hardly show, but it also rolls and turns into curves.
+the scatter of that difference over the blocks, each with its own estimate of the delay. A foot turns about one axis
+above all, about which half a turn of the magnetometer would hardly be observable, but it also rolls and turns into
+curves.
 
-Between P and -P the gyroscope cannot decide: the one is taken whose field points down where the foot is slow, as on the
+The gyroscope cannot separate P from -P: the one whose field points down where the foot is slow is chosen, as on the
 northern hemisphere.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 from itertools import permutations, product
 
 import numpy as np
@@ -26,29 +26,33 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.errors import MagneticError
 from fg_nav.frames import GRAVITY_M_S2
-from fg_nav.magnetic.delay import MagnetometerDelay, estimate_delay, remove_delay
-from fg_nav.magnetic.turning_pairs import (
+from fg_nav.magnetic.delay import (
     HARD_IRON_SIGMA_UT,
     TURNING_RAD_S,
+    MagnetometerDelay,
     TurningPairs,
     compute_weights,
+    estimate_delay,
     find_pairs,
+    remove_delay,
 )
 from fg_nav.recording import Recording
 from fg_nav.system.spilled import measure_rows
 
-SPAN_S = 0.2
-"""Between the readings of a pair: a swing turns the foot by a radian in it, and a delay is a small part of it."""
-
+SPAN_S = 0.2  # Distance of a pair: a swing turns the foot by a radian in it, and a delay is a small part of it.
 MAX_PAIRS = 1000  # Enough for any walk.
-MIN_BLOCKS, MIN_PAIRS = 8, 40  # Fewer do not accuse.
-
-MIN_RATIO, MIN_SIGMAS = 1.3, 5.0
-"""Of the losses; on 17 real walks and 90 simulated ones the identity is never worse than any other."""
-
+MIN_BLOCKS, MIN_PAIRS = 8, 40  # For a decision.
+MIN_RATIO, MIN_SIGMAS = 1.3, 5.0  # Of the losses: on 17 real walks and 90 simulated ones the identity is always best.
 ROUNDS = 4  # Of reweighting: the loss of a wrong P need not be exact.
 CLEARLY_UP_UT = 10.0  # Near the equator the field is level, and a shoe's iron decides.
-SLOW_M_S2 = 1.0  # Of the specific force about gravity, where it shows which way is up.
+SLOW_M_S2 = 1.0  # Of the specific force about gravity, for a known direction of up.
+
+_SIGNED = (
+    np.array(sign)[:, None] * np.eye(3)[list(order)]
+    for order in permutations(range(3))
+    for sign in product((1.0, -1.0), repeat=3)
+)
+_PROPER = np.array([P for P in _SIGNED if np.linalg.det(P) > 0])  # (24, 3, 3), the identity first.
 
 
 @dataclass(frozen=True)
@@ -75,19 +79,14 @@ class MagAxes:
         words = ("xyz"[int(np.flatnonzero(row)[0])] for row in self.P)
         return ",".join(("-" if row.sum() < 0 else "") + word for row, word in zip(self.P, words, strict=True))
 
-    @cached_property
-    def is_mirrored(self) -> bool:
-        """Whether no rotation makes them."""
-        return bool(np.linalg.det(self.P) < 0)
-
     def apply_to(self, recording: Recording) -> Recording:
         """Return the recording with its magnetometer in the axes of the gyroscope."""
         return recording if recording.mag is None else replace(recording, mag=recording.mag @ self.P.T)
 
     @property
     def warning(self) -> str:
-        """Say to the user that the magnetometer has these axes, and what to do."""
-        kind = "mirrored" if self.is_mirrored else "turned"
+        """Remark for the user: these axes, and the option to give."""
+        kind = "mirrored" if np.linalg.det(self.P) < 0 else "turned"
         south = MagAxes(-self.P)
         return (
             f"the magnetometer's axes are {kind}, as the gyroscope shows: give --mag-axes={self} if its {self} are the "
@@ -99,8 +98,8 @@ class MagAxes:
 class AlignedMagnetometer:
     """A recording with its field in the axes of the gyroscope and at its stamps.
 
-    `delay` is what was found and maybe taken off, `wrong_axes` those the magnetometer has; None where it shows nothing,
-    or they are right. With wrong axes that were not given the recording is without magnetometer.
+    `delay` as estimated, removed if significant; `wrong_axes` those of the magnetometer; None where not observable, or
+    where they are right. With wrong axes that were not given the recording has no magnetometer.
     """
 
     recording: Recording
@@ -120,12 +119,12 @@ class AlignedMagnetometer:
 
 
 def align_magnetometer(recording: Recording, axes_given: bool = False) -> AlignedMagnetometer:
-    """Check the axes of the magnetometer and take its delay off.
+    """Check the axes of the magnetometer and remove its delay.
 
     Parameters
     ----------
-    recording : with the magnetometer in the axes of the gyroscope, as far as that is known.
-    axes_given : by the user: the magnetometer is then used whatever its axes look like.
+    recording : with the magnetometer in the axes of the gyroscope, as far as known.
+    axes_given : by the user: the magnetometer is then used whatever the estimated axes.
     """
     if recording.mag is None:
         return AlignedMagnetometer(recording)
@@ -137,7 +136,7 @@ def align_magnetometer(recording: Recording, axes_given: bool = False) -> Aligne
 
 
 def find_wrong_axes(recording: Recording) -> MagAxes | None:
-    """Find the axes of a magnetometer that are clearly not those of the gyroscope; None where they may well be."""
+    """Estimate the axes of a magnetometer that clearly differ from those of the gyroscope; None if they do not."""
     pairs = find_pairs(recording, SPAN_S, MAX_PAIRS)
     if len(pairs) < MIN_PAIRS or pairs.n_blocks < MIN_BLOCKS:
         return None
@@ -156,16 +155,13 @@ def find_wrong_axes(recording: Recording) -> MagAxes | None:
     sigma = float(np.sqrt(((excess - excess.mean()) ** 2).sum()))
     if loss.sum() < MIN_RATIO * other.sum() or excess.sum() < MIN_SIGMAS * sigma:
         return None
-    return MagAxes(_point_down(recording, _PROPER[best], hard_iron[0]))
+    down = _measure_down(recording, _PROPER[best], hard_iron[0])
+    return MagAxes(_PROPER[best] if down >= 0.0 else -_PROPER[best])
 
 
 def field_points_up(recording: Recording) -> bool:
-    """Whether the field clearly points up where the sensor is slow: far south, or with all axes reversed."""
+    """Whether the field clearly points up where the sensor is slow: southern hemisphere, or all axes reversed."""
     return bool(_measure_down(recording, np.eye(3), np.zeros(3)) < -CLEARLY_UP_UT)
-
-
-def _point_down(recording: Recording, P: Floats, hard_iron: Floats) -> Floats:
-    return P if _measure_down(recording, P, hard_iron) >= 0.0 else -P
 
 
 def _measure_down(recording: Recording, P: Floats, hard_iron: Floats) -> float:
@@ -204,13 +200,3 @@ def _sum_losses(size: Floats, pairs: TurningPairs) -> Floats:
     scale = float(np.median(size, axis=1).min()) + 1e-9
     loss = np.sqrt(1.0 + (size / scale) ** 2) - 1.0
     return np.array([np.bincount(pairs.block, one, pairs.n_blocks) for one in loss])
-
-
-def _list_proper() -> Floats:
-    """List the 24 proper signed permutations (24, 3, 3), the identity first."""
-    rows = [np.eye(3)[list(order)] * np.array(sign)[:, None] for order in permutations(range(3)) for sign in _SIGNS]
-    return np.array([P for P in rows if np.linalg.det(P) > 0])
-
-
-_SIGNS = tuple(product((1.0, -1.0), repeat=3))
-_PROPER = _list_proper()

@@ -1,21 +1,39 @@
-"""How late the magnetometer is behind the gyroscope, found in the swings of a recording, and taken off.
+"""Delay of the magnetometer behind the gyroscope, from pairs of its readings while the sensor turns.
 
-A chip reports the middle of the time that it measured, its driver passes that on later, or a filter delays the
-gyroscope: tau has either sign. At 8 rad/s a delay of 20 ms turns the field in nav by 9 deg, which is 7 uT of 45. With
-the residual of `fg_nav.magnetic.turning_pairs`, and a correction I + A near the identity for soft iron, scale and axes,
+Symbols
 
-    r(tau, h, A) = dR(tau) m_2 - m_1,    m = (I + A) (y - h),
+========= ===== =======================================================================================
+y_1, y_2  uT    two readings a short time apart, in the axes of the magnetometer
+dR        -     body_1 to body_2 by the gyroscope, each sample held over its own period: w_1 = dR w_2
+tau       s     delay of the magnetometer: a reading stamped t was measured at t - tau; either sign
+h         uT    hard iron
+A         -     small correction for soft iron, scale and axes: m = (I + A) (y - h)
+P         -     axes of the magnetometer, a signed permutation: P y is in the axes of the gyroscope
+========= ===== =======================================================================================
 
-    dr/dtau = w_1 x m_1 - dR (w_2 x m_2),   dr/dh = -(dR - I) (I + A),   dr/dA_ij = (dR e_i) y_2j - e_i y_1j
+In a field that does not change along the path of one swing, dm/dt = -w x m, or over a short time
 
-tau, h and A are solved together by Gauss-Newton with robust weights. A has no trace, since |m| is not known, and a
-prior; h a wide one. The variance of tau is that of the scores g_b of blocks of the walk, which is true for residuals
-that are correlated within a swing:
+    r(tau, h, A) = dR(tau) m_2 - m_1 = 0.
+
+The building's field changes by some uT in a swing, which turns the reading by 50: r is small only for the right tau and
+P (`fg_nav.magnetic.axes`). Only the rotation between the two instants enters: no stances, attitude or gyroscope bias
+are needed. At 8 rad/s a delay of 20 ms turns the field in nav by 9 deg, which is 7 uT of 45.
+
+Pseudo-Huber loss with the median of |r| as its scale s:
+
+    rho(r) = s^2 (sqrt(1 + |r|^2 / s^2) - 1),   weight 1 / sqrt(1 + |r|^2 / s^2).
+
+tau, h and A by Gauss-Newton,
+
+    dr/dtau = w_1 x m_1 - dR (w_2 x m_2),   dr/dh = -(dR - I) (I + A),   dr/dA_ij = (dR e_i) y_2j - e_i y_1j.
+
+A is traceless, since |m| is unknown, with a prior; the prior of h is wide. The variance of tau is the sandwich of the
+scores g_b of blocks of the walk, valid for residuals that are correlated within a swing:
 
     H^-1 (sum_b g_b g_b^T) H^-1,   plus the square of `SYSTEMATIC_S`.
 
-A magnetometer without a delay is not touched: what is taken off is above three sigmas and above `MIN_S`. The readings
-are then those at t + tau, interpolated between measured ones; before the first and after the last there are none.
+Only a delay above three sigmas and `MIN_S` is removed. The readings are then interpolated to t + tau; before the first
+and after the last there are none.
 """
 
 from __future__ import annotations
@@ -24,39 +42,138 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fg_nav.arrays import Floats, Ints
-from fg_nav.magnetic.turning_pairs import (
-    HARD_IRON_SIGMA_UT,
-    TurningPairs,
-    compute_weights,
-    find_pairs,
-    list_readings,
-    rotate_between,
-)
+from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.mechanisation import rotate_in_body
 from fg_nav.recording import Recording
 from fg_nav.samples.gaps import find_holes
+from fg_nav.system.compiled import njit
 from fg_nav.system.spilled import BLOCK_ROWS, drop_pages, empty_column, take_rows
 
-SPAN_S = 0.04
-"""Between the readings of a pair: a field that changes along the path has little time to, and noise does not rule."""
+TURNING_RAD_S = 1.0  # Minimum mean rate of a pair: slower, changes of the building's field hide the turn.
+BLOCK_S = 2.0  # Pairs of one block, a stride or two, count as one observation of the scatter.
+MAX_HELD_SHARE = 0.2  # Of the readings of a turning sensor that repeat the one before; more, and the logger holds them.
+MAX_SPACING = 1.6  # Maximum distance of a pair, over the nominal one.
+HARD_IRON_SIGMA_UT = 100.0  # Prior of h per axis: a turn about one axis does not observe all of it.
 
-MAX_PAIRS = 2000  # They show tau to 0.2 ms; a longer walk is thinned.
-MIN_BLOCKS, MIN_PAIRS = 8, 100  # Fewer make no scatter.
-SOFT_IRON_SIGMA = 0.05  # Prior of the elements of A: shoes, scale errors and the turn of one chip against the other.
-MAX_STEPS, CLOSE_S = 15, 2e-5  # Of Gauss-Newton: it takes 3 to 6.
-
-SYSTEMATIC_S = 2e-4
-"""What the model leaves out (iron beyond A, a rate that is not constant over a sample), on simulated walks."""
-
-SIGMAS, MIN_S, MAX_S = 3.0, 1e-3, 0.1
-"""A delay is taken off where it is so many sigmas and so long, and no longer than a sensor can have."""
-
+SPAN_S = 0.04  # Distance of a pair: short, so that the field hardly changes on the path; long enough against noise.
+MAX_PAIRS = 2000  # They determine tau to 0.2 ms; a longer walk is thinned.
+MIN_BLOCKS, MIN_PAIRS = 8, 100  # For a scatter.
+SOFT_IRON_SIGMA = 0.05  # Prior of the elements of A: shoes, scale errors, misalignment of the chips.
+MAX_STEPS, CLOSE_S = 15, 2e-5  # Of Gauss-Newton, which takes 3 to 6.
+SYSTEMATIC_S = 2e-4  # Model error on simulated walks: iron beyond A, a rate that varies within a sample.
+SIGMAS, MIN_S, MAX_S = 3.0, 1e-3, 0.1  # A delay that is removed: significance, least, and greatest of any sensor.
 MAX_GAP = 3.0  # Spacings of the readings across which they are interpolated.
 
 
 @dataclass(frozen=True)
+class TurningPairs:
+    """K pairs of readings while the sensor turns.
+
+    Attributes
+    ----------
+    t, gyr : (N,) s and (N, 3) rad/s of the recording.
+    stamps : (K, 2) s, of the two readings.
+    readings : (K, 2, 3) uT.
+    block : (K,) block of the walk that each is in, from 0 on without holes.
+    n_blocks : number of blocks.
+    held : whether the logger repeats readings until there is a new one.
+    """
+
+    t: Floats
+    gyr: Floats
+    stamps: Floats
+    readings: Floats
+    block: Ints
+    n_blocks: int
+    held: bool
+
+    def __len__(self) -> int:
+        return len(self.stamps)
+
+    def rotations(self, tau: float) -> tuple[Floats, Floats]:
+        """Rotations dR (K, 3, 3) and the rates (K, 2, 3) rad/s at both ends, for a delay of tau s."""
+        return rotate_between(self.t, self.gyr, self.stamps - tau)
+
+
+def list_readings(recording: Recording, held: bool) -> Ints:
+    """Rows (M,) with a reading of the magnetometer; where the logger holds them, with a new one."""
+    if recording.mag is None:
+        return np.zeros(0, dtype=np.int64)
+    measured = np.flatnonzero(np.isfinite(recording.mag).all(axis=1))
+    return measured[_differs(recording.mag[measured])] if held else measured
+
+
+def holds_readings(recording: Recording) -> bool:
+    """Whether the rows between two readings of the magnetometer repeat the older one."""
+    if recording.mag is None:
+        return False
+    measured = np.flatnonzero(np.isfinite(recording.mag).all(axis=1))
+    turns = (recording.gyr[measured] ** 2).sum(axis=1) > TURNING_RAD_S**2
+    return bool(turns.any() and np.mean(~_differs(recording.mag[measured])[turns]) > MAX_HELD_SHARE)
+
+
+def _differs(mag: Floats) -> Bools:
+    """(N,) True where a reading is not the one before."""
+    return np.append(True, (np.diff(mag, axis=0) != 0.0).any(axis=1))[: len(mag)]
+
+
+def find_pairs(recording: Recording, span_s: float, most: int) -> TurningPairs:
+    """Find pairs of readings about `span_s` apart while the sensor turns, evenly thinned to `most`."""
+    held = holds_readings(recording)
+    rows = list_readings(recording, held)
+    if len(rows) < 2:
+        empty = np.zeros((0, 2)), np.zeros((0, 2, 3)), np.zeros(0, np.int64)
+        return TurningPairs(recording.t, recording.gyr, *empty, 0, held)
+    t, spacing = recording.t[rows], float(np.median(np.diff(recording.t[rows])))
+    # pairs that overlap by half
+    first = np.arange(0, len(t), max(1, round(span_s / spacing / 2)))
+    second = np.searchsorted(t, t[first] + span_s - 0.01 * spacing)
+    first, second = first[second < len(t)], second[second < len(t)]
+    near = t[second] - t[first] <= MAX_SPACING * max(span_s, spacing)
+    first, second = first[near], second[near]
+    # those with a turn between them
+    stamps = np.stack([t[first], t[second]], axis=1)
+    dR, _ = rotate_between(recording.t, recording.gyr, stamps)
+    angle = np.arccos(np.clip((np.trace(dR, axis1=1, axis2=2) - 1.0) / 2.0, -1.0, 1.0))
+    turning = np.flatnonzero(angle > TURNING_RAD_S * (stamps[:, 1] - stamps[:, 0]))
+    chosen = turning[:: max(1, -(-len(turning) // most))]
+    stamps = stamps[chosen]
+    blocks, block = np.unique(np.floor(stamps[:, 0] / BLOCK_S), return_inverse=True)
+    assert recording.mag is not None
+    readings = recording.mag[rows[np.stack([first[chosen], second[chosen]], axis=1)]]
+    return TurningPairs(recording.t, recording.gyr, stamps, readings, block.astype(np.int64), len(blocks), held)
+
+
+def compute_weights(size: Floats) -> Floats:
+    """Weights of residuals of these lengths (..., K) by the pseudo-Huber loss, scaled by the median of each row."""
+    scale = np.median(size, axis=-1, keepdims=True) + 1e-9
+    return np.asarray(1.0 / np.sqrt(1.0 + (size / scale) ** 2))
+
+
+def rotate_between(t: Floats, gyr: Floats, between: Floats) -> tuple[Floats, Floats]:
+    """Rotations (K, 3, 3) between the instants (K, 2), and the rates (K, 2, 3) there; the ends' rates are held."""
+    first = np.maximum(np.searchsorted(t, between[:, 0], side="right") - 1, 0)
+    rotations, last = np.tile(np.eye(3), (len(between), 1, 1)), first.copy()
+    _rotate(t, gyr, between, first, rotations, last)
+    return rotations, gyr[np.stack([first, last], axis=1)]
+
+
+@njit(cache=True)
+def _rotate(t: Floats, gyr: Floats, between: Floats, first: Ints, rotations: Floats, last: Ints) -> None:
+    """Turn the identities from sample `first` (K,) on, and write the sample that was held `last` (K,)."""
+    for k in range(len(between)):
+        at, end, i, R = between[k, 0], between[k, 1], first[k], rotations[k]
+        while at < end:
+            until = min(t[i + 1], end) if i + 1 < len(t) else end
+            rotate_in_body(R, gyr[i, 0] * (until - at), gyr[i, 1] * (until - at), gyr[i, 2] * (until - at))
+            last[k] = i
+            at = until
+            i = min(i + 1, len(t) - 1)
+
+
+@dataclass(frozen=True)
 class MagnetometerDelay:
-    """How late the magnetometer is: `tau_s`, negative where it is early, its `sigma_s`, and whether it is `taken_off`.
+    """Delay `tau_s` of the magnetometer, negative where it is early, with its `sigma_s`.
 
     `held` where the logger repeats readings until there is a new one: those between are then interpolated.
     """
@@ -67,11 +184,11 @@ class MagnetometerDelay:
 
     @property
     def taken_off(self) -> bool:
-        """Whether it is one."""
+        """Whether it is significant, and so removed."""
         return max(SIGMAS * self.sigma_s, MIN_S) < abs(self.tau_s) <= MAX_S
 
     def __str__(self) -> str:
-        """Say it to the user."""
+        """Remark for the user."""
         side = "late" if self.tau_s > 0 else "early"
         found = f"{1e3 * abs(self.tau_s):.1f} ms {side} (sigma {1e3 * self.sigma_s:.1f} ms)"
         said = f"the magnetometer is {found}, which is taken off" if self.taken_off else "the magnetometer has no delay"
@@ -79,7 +196,7 @@ class MagnetometerDelay:
 
 
 def estimate_delay(recording: Recording) -> MagnetometerDelay | None:
-    """Estimate how late the magnetometer is; None where the sensor turns too little to show it."""
+    """Estimate the delay of the magnetometer; None where the sensor turns too little to observe it."""
     pairs = find_pairs(recording, SPAN_S, MAX_PAIRS)
     if len(pairs) < MIN_PAIRS or pairs.n_blocks < MIN_BLOCKS:
         return None
@@ -97,48 +214,21 @@ def estimate_delay(recording: Recording) -> MagnetometerDelay | None:
     return MagnetometerDelay(float(unknowns[0]), float(np.sqrt(variance + SYSTEMATIC_S**2)), pairs.held)
 
 
-def remove_delay(recording: Recording, delay: MagnetometerDelay | None) -> Recording:
-    """Return the recording with its field at its stamps, where a delay is to be taken off or readings are held."""
-    if delay is None or recording.mag is None or not (delay.taken_off or delay.held):
-        return recording
-    rows = list_readings(recording, delay.held)
-    if len(rows) < 2:
-        return recording
-    tau = delay.tau_s if delay.taken_off else 0.0
-    return replace(recording, mag=_read_at(recording, rows, tau, delay.held))
-
-
-def _read_at(recording: Recording, rows: Ints, tau: float, held: bool) -> Floats:
-    """Field (N, 3) at the stamps, between the readings stamped before and after them, each turned by the gyroscope."""
-    assert recording.mag is not None
-    measured, read_at = take_rows(rows, recording.mag), recording.t[rows] - tau
-    longest = np.inf if held else MAX_GAP * float(np.median(np.diff(read_at)))
-    holes = recording.t[find_holes(recording.t)]
-    mag = empty_column(*recording.mag.shape)
-    for start in range(0, len(mag), BLOCK_ROWS):
-        block = np.s_[start : start + BLOCK_ROWS]
-        mag[block] = np.nan
-        k = start + np.flatnonzero(np.isfinite(recording.mag[block]).all(axis=1))
-        t = recording.t[k]
-        after = np.clip(np.searchsorted(read_at, t), 1, len(rows) - 1)
-        begin, end = read_at[after - 1], read_at[after]
-        known = (begin <= t) & (t <= end) & (end - begin <= longest)
-        known &= np.searchsorted(holes, begin) == np.searchsorted(holes, end)
-        k, after = k[known], after[known]
-        t, begin, end = t[known], begin[known], end[known]
-        share = ((t - begin) / (end - begin))[:, None]
-        from_before, _ = rotate_between(recording.t, recording.gyr, np.stack([begin, t], axis=1))
-        to_after, _ = rotate_between(recording.t, recording.gyr, np.stack([t, end], axis=1))
-        before = np.einsum("nji,nj->ni", from_before, measured[after - 1])
-        behind = np.einsum("nij,nj->ni", to_after, measured[after])
-        mag[k] = (1.0 - share) * before + share * behind
-        drop_pages()
-    return mag
-
-
 def _linearize(pairs: TurningPairs, unknowns: Floats) -> tuple[Floats, Floats]:
-    """Normal matrix (P, P) with its prior, and the scores (B, P) of the blocks without."""
-    r, J = _compute_residual(pairs, unknowns)
+    """Normal matrix (P, P) of tau, h and A with its prior, and the scores (B, P) of the blocks without."""
+    # residuals (K, 3) uT and their derivatives (K, 3, P)
+    correction = np.eye(3) + np.tensordot(unknowns[4:], _TRACELESS, axes=1)
+    dR, rates = pairs.rotations(float(unknowns[0]))
+    readings = pairs.readings - unknowns[1:4]
+    m = readings @ correction.T
+    turned = np.cross(rates, m)
+    by_soft = np.einsum("aij,knj->kain", _TRACELESS, readings)
+    J = np.empty((len(pairs), 3, len(unknowns)))
+    J[:, :, 0] = turned[:, 0] - np.einsum("kij,kj->ki", dR, turned[:, 1])
+    J[:, :, 1:4] = (np.eye(3) - dR) @ correction
+    J[:, :, 4:] = np.swapaxes(by_soft[..., 1] @ np.swapaxes(dR, 1, 2) - by_soft[..., 0], 1, 2)
+    r = np.einsum("kij,kj->ki", dR, m[:, 1]) - m[:, 0]
+    # robust weights in units of the residuals' own variance
     size = np.sqrt((r**2).sum(axis=1))
     weight = compute_weights(size)
     weight /= max(float((weight * size**2).sum() / (3.0 * weight.sum())), 1e-6)
@@ -149,26 +239,48 @@ def _linearize(pairs: TurningPairs, unknowns: Floats) -> tuple[Floats, Floats]:
     return H, scores
 
 
-def _compute_residual(pairs: TurningPairs, unknowns: Floats) -> tuple[Floats, Floats]:
-    """Residuals (K, 3) uT and their derivatives (K, 3, P) by tau, h and A."""
-    correction = np.eye(3) + np.tensordot(unknowns[4:], _TRACELESS, axes=1)
-    dR, rates = pairs.rotations(float(unknowns[0]))
-    readings = pairs.readings - unknowns[1:4]
-    m = readings @ correction.T
-    turned = np.cross(rates, m)
-    J = np.empty((len(pairs), 3, len(unknowns)))
-    J[:, :, 0] = turned[:, 0] - np.einsum("kij,kj->ki", dR, turned[:, 1])
-    J[:, :, 1:4] = (np.eye(3) - dR) @ correction
-    by_soft = np.einsum("aij,knj->kain", _TRACELESS, readings)
-    J[:, :, 4:] = np.swapaxes(by_soft[..., 1] @ np.swapaxes(dR, 1, 2) - by_soft[..., 0], 1, 2)
-    return np.einsum("kij,kj->ki", dR, m[:, 1]) - m[:, 0], J
-
-
-_TRACELESS = np.zeros((8, 3, 3))  # The matrices A is made of, of one size.
+_TRACELESS = np.zeros((8, 3, 3))  # Basis of A, of one size.
 for _k, (_i, _j) in enumerate(((0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1))):
     _TRACELESS[_k, _i, _j] = 1.0
 _TRACELESS[6] = np.diag([1.0, -1.0, 0.0]) / np.sqrt(2.0)
 _TRACELESS[7] = np.diag([1.0, 1.0, -2.0]) / np.sqrt(6.0)
 
-_PRIOR = np.array([0.0, *(HARD_IRON_SIGMA_UT**-2.0,) * 3, *(SOFT_IRON_SIGMA**-2.0,) * 8])
-"""Precision of tau, h and A about zero."""
+_PRIOR = np.array([0.0, *(HARD_IRON_SIGMA_UT**-2.0,) * 3, *(SOFT_IRON_SIGMA**-2.0,) * 8])  # Precision of tau, h, A.
+
+
+def remove_delay(recording: Recording, delay: MagnetometerDelay | None) -> Recording:
+    """Return the recording with its field at its stamps, where there is a significant delay or readings are held.
+
+    Each sample is interpolated between the readings measured before and after it, both rotated by the gyroscope.
+    """
+    if delay is None or recording.mag is None or not (delay.taken_off or delay.held):
+        return recording
+    rows = list_readings(recording, delay.held)
+    if len(rows) < 2:
+        return recording
+    tau = delay.tau_s if delay.taken_off else 0.0
+    measured, read_at = take_rows(rows, recording.mag), recording.t[rows] - tau
+    longest = np.inf if delay.held else MAX_GAP * float(np.median(np.diff(read_at)))
+    holes = recording.t[find_holes(recording.t)]
+    mag = empty_column(*recording.mag.shape)
+    for start in range(0, len(mag), BLOCK_ROWS):
+        block = np.s_[start : start + BLOCK_ROWS]
+        mag[block] = np.nan
+        k = start + np.flatnonzero(np.isfinite(recording.mag[block]).all(axis=1))
+        t = recording.t[k]
+        # readings before and after, without a hole or a long gap between them
+        after = np.clip(np.searchsorted(read_at, t), 1, len(rows) - 1)
+        begin, end = read_at[after - 1], read_at[after]
+        known = (begin <= t) & (t <= end) & (end - begin <= longest)
+        known &= np.searchsorted(holes, begin) == np.searchsorted(holes, end)
+        k, after = k[known], after[known]
+        t, begin, end = t[known], begin[known], end[known]
+        # both in the body axes of the sample
+        from_before, _ = rotate_between(recording.t, recording.gyr, np.stack([begin, t], axis=1))
+        to_after, _ = rotate_between(recording.t, recording.gyr, np.stack([t, end], axis=1))
+        before = np.einsum("nji,nj->ni", from_before, measured[after - 1])
+        behind = np.einsum("nij,nj->ni", to_after, measured[after])
+        share = ((t - begin) / (end - begin))[:, None]
+        mag[k] = (1.0 - share) * before + share * behind
+        drop_pages()
+    return replace(recording, mag=mag)

@@ -15,12 +15,12 @@ heading offset         zero  rad   compass minus inertial heading, that one alig
 strength rate          zero  uT/s  slope of |B| within the stance                   (AIEZ (9), QSF)
 ====================== ===== ===== ==========================================================================
 
-Ma's text wants the *change* of the heading difference, the equation after Ma (13) the difference itself: the one is
+Ma's text has the *change* of the heading difference, the equation after Ma (13) the difference itself: the one is
 `heading difference`, the other `heading offset`. AIEZ (9) has the norm of the rate of the field *vector*, which is that
-of any turn of the sensor; the slope of its norm is none of that.
+of any turn of the sensor; the slope of its norm is independent of it.
 
-At footfall k the window holds the last N changes of each channel c (the N + 1 last footfalls; of a *zero*, the N last):
-it ends at the footfall tested, so that a verdict never waits. With x the values, y the changes, all over sigma:
+At footfall k the window holds the last N changes of each channel c (the N + 1 last footfalls; of a *zero*, the N last);
+it ends at the footfall tested, so that a verdict is causal. With x the values, y the changes, all over sigma:
 
 =============== ====================================================================== ==========================
 form            statistic T                                                            source
@@ -34,10 +34,9 @@ The field passes where T < threshold: the likelihood ratio test of Ma (15)-(26) 
 Ma (16)-(21) and AIEZ (12)-(15) need powers of 1/2 and N/2 in place of those printed; the ratio is the same.
 
 Reason for another form. Changes of values that scatter independently are correlated by -1/2 from one to the next
-(MA(1)), so their squares do not add up to a chi squared, against Ma (14): a sum of N of them has the variance of two
-values, not of 2 N. A test of the values themselves for being one and the same does: T is chi squared with N degrees of
-freedom a channel, exactly, while the field stands still. A slow change, missed by every single difference, is seen
-across the window.
+(MA(1)), so their squares do not add up to a chi squared, against Ma (14). The scatter of the values themselves does: T
+is chi squared with N degrees of freedom a channel, exactly, in a static field. A slow change, missed by every single
+difference, shows across the window.
 
 Threshold. Ma's P_FA is the probability that a field passes which is *not* quasi-static. It needs a meaning of "not": a
 channel's `matters`, the change spread evenly over the window that has to be rejected (of a zero: its lasting value).
@@ -49,34 +48,30 @@ T is then noncentral chi squared with
 and the threshold its quantile at the false-alarm rate; P_D, the share of static fields that pass, follows. Ma (23)
 for P_FA cannot be computed: the density it integrates depends on the estimate from the same data.
 
-These rates are those of the channels' own sigmas. Where a footfall's is greater (the standard error of a short stance's
-slope, the drift of an inertial heading in the test of a heading offset), P_D is the same and more of what matters
-passes than the false-alarm rate says.
+These rates hold for the channels' own sigmas. With a greater one of a footfall (standard error of a short stance's
+slope, drift of the inertial heading) P_D is the same and more of what matters passes than the false-alarm rate.
 
-Alignment of the heading, for a heading offset. The difference of inertial heading and compass is followed by a scalar
-Kalman filter: its first value is the mean of the first `ALIGNMENT_FOOTFALLS`, which are not tested, it is updated at
-each footfall that passes, and left alone where the field is rejected. Two limits follow. A walk that begins in a wrong
-field is tested against that field. And while the field is rejected the test widens with the drift, so that a lasting
-deviation is accepted in the end: the sooner, the less it exceeds what matters.
+Alignment of the heading, for a heading offset. A scalar Kalman filter estimates the difference of inertial heading and
+compass: its first value is the mean of the first `ALIGNMENT_FOOTFALLS`, which are not tested; it is updated at each
+footfall that passes, and only predicted where the field is rejected. Two limits follow. A walk that begins in a
+disturbed field is tested against that field. And while the field is rejected the test widens with the drift, so that a
+lasting deviation is accepted in the end: the sooner, the less it exceeds what matters.
 
-The detectors by name are those of the papers, as physics has them and as printed. What matters is our choice: over
-three strides 3 uT, along the field or across it. In Munich's field that is 3 uT of strength, 4 deg of inclination or 8
-deg of heading, and a compass that wavers more is worth little beside a gyroscope. For AIEZ, a compass that is 10 deg
-off, or a strength that changes by 2.5 uT/s, 0.75 uT in a short stance.
+The detectors by name are those of the papers, physical and as printed. What matters is our choice: over three strides
+3 uT, along the field or across it. In Munich's field that is 3 uT of strength, 4 deg of inclination or 8 deg of
+heading. For AIEZ, a compass that is 10 deg off, or a strength that changes by 2.5 uT/s, 0.75 uT in a short stance.
 
 Sigmas of the physical presets are an eighth of that: 1 deg of heading difference, 0.5 deg, 0.375 uT for one stance's
-mean. On simulated walks in a homogeneous field noise is 0.1 deg, 0.05 deg and 0.04 uT with a calibrated sensor. With
-one that is not it is 0.9 deg, 0.4 deg and 0.15 uT on the straights, and 8 deg, 2 deg and 0.9 uT as it turns, which no
-detector can tell from a field that changes (MPU-9250 x 8, `scripts/calibration.py channels`). With a calibrated
-sensor, therefore, fewer changes that matter pass than the false-alarm rate says, and next to all still fields. A
-heading itself, of foot and compass alike, scatters by 2 deg from stride to stride, for a foot is not put down the
-same way twice: iQSF is allowed 3 deg, and has to take 20 deg for the least turn that matters to tell them apart. The
-compass of AIEZ is allowed 2.5 deg, beside the drift of the inertial heading.
+mean. On simulated walks in a homogeneous field noise is 0.1 deg, 0.05 deg and 0.04 uT with a calibrated sensor;
+uncalibrated, 0.9 deg, 0.4 deg and 0.15 uT on the straights, and 8 deg, 2 deg and 0.9 uT in turns, which no detector
+can separate from a field that changes (MPU-9250 x 8, `scripts/calibration.py channels`). With a calibrated sensor,
+therefore, fewer changes that matter pass than the false-alarm rate says, and nearly all static fields. A heading
+itself, of foot and compass alike, scatters by 2 deg from stride to stride: iQSF is allowed 3 deg, and needs 20 deg as
+the least turn that matters. The compass of AIEZ is allowed 2.5 deg, beside the drift of the inertial heading.
 
-As printed: Ma's sigmas, N = 3 and threshold 170. These sigmas are given in rad/s and used on radians a step, and 170
-is no threshold of noise (it lets pass 28.9 deg a step in the heading difference alone). Zhang gives no value and
-Afzal's and iQSF's are not in these papers: Ma's sigmas where they apply, 10 deg and 0.5 uT/s for AIEZ, and the 99 %
-quantile that the authors' own assumption of independent changes asks for.
+As printed: Ma's sigmas, N = 3 and threshold 170 (28.9 deg a step in the heading difference alone). Zhang gives no value
+and Afzal's and iQSF's are not in these papers: Ma's sigmas where they apply, 10 deg and 0.5 uT/s for AIEZ, and the 99 %
+quantile of independent changes, the authors' assumption.
 """
 
 from __future__ import annotations
@@ -93,19 +88,14 @@ from fg_nav.arrays import Bools, Floats
 from fg_nav.errors import MagneticError
 from fg_nav.magnetic.footfall_field import FootfallField
 
-FALSE_ALARM_RATE = 0.05
-"""Share of the fields that change by what matters and pass all the same, where no threshold is fixed."""
-
+FALSE_ALARM_RATE = 0.05  # Share of the fields that change by what matters and pass, where no threshold is fixed.
 ALIGNMENT_FOOTFALLS = 3  # Footfalls whose mean aligns the inertial heading with the compass; they are not tested.
-
-HEADING_DRIFT = float(np.deg2rad(0.2))
-"""Random walk of the inertial heading, rad/sqrt(s). 0.2 deg after 1 s is 1.5 deg after a minute: more than the
-gyroscopes of the simulated walks drift, whose bias a rest has shown."""
+HEADING_DRIFT = float(np.deg2rad(0.2))  # Random walk of the inertial heading, rad/sqrt(s): 1.5 deg after a minute.
 
 Form: TypeAlias = Literal["chi squared", "sum of squares", "squared sums"]
 FORMS: tuple[Form, ...] = get_args(Form)
 
-OFFSET = "heading offset"  # The one signal that depends on earlier verdicts.
+OFFSET = "heading offset"  # The only signal that depends on earlier verdicts.
 
 
 @dataclass(frozen=True)
@@ -119,20 +109,16 @@ class Signal:
     value: bool
 
 
-def _make_angle(of: Callable[[FootfallField], Floats], value: bool = True) -> Signal:
-    return Signal(of, "deg", float(np.degrees(1.0)), True, value)
-
-
+_ANGLE = "deg", float(np.degrees(1.0)), True
 SIGNALS: Mapping[str, Signal] = {
     "strength": Signal(lambda field: field.strength, "uT", 1.0, False, True),
-    "inclination": _make_angle(lambda field: field.inclination),
-    "magnetic heading": _make_angle(lambda field: field.magnetic_heading),
-    "gyro heading": _make_angle(lambda field: field.gyro_heading),
-    "heading difference": _make_angle(lambda field: field.heading_difference),
-    OFFSET: _make_angle(lambda field: field.heading_difference, value=False),
+    "inclination": Signal(lambda field: field.inclination, *_ANGLE, True),
+    "magnetic heading": Signal(lambda field: field.magnetic_heading, *_ANGLE, True),
+    "gyro heading": Signal(lambda field: field.gyro_heading, *_ANGLE, True),
+    "heading difference": Signal(lambda field: field.heading_difference, *_ANGLE, True),
+    OFFSET: Signal(lambda field: field.heading_difference, *_ANGLE, False),
     "strength rate": Signal(lambda field: field.strength_rate, "uT/s", 1.0, False, False),
 }
-"""All signals by name."""
 
 
 @dataclass(frozen=True)
@@ -160,7 +146,7 @@ class Channel:
 
     @property
     def signal(self) -> Signal:
-        """The signal of this name."""
+        """Entry of `SIGNALS`."""
         return SIGNALS[self.name]
 
     def values(self, field: FootfallField) -> Floats:
@@ -218,14 +204,14 @@ class Detector:
         return self.window + bool(self.changing.any())
 
     @property
-    def offset_column(self) -> int | None:
-        """Which channel is the heading offset."""
-        return next((c for c, channel in enumerate(self.channels) if channel.name == OFFSET), None)
+    def max_strides(self) -> int:
+        """Strides that a window may span, those without a field included."""
+        return 2 * (self.rows - 1)
 
     @property
-    def alignment_footfalls(self) -> int:
-        """Footfalls that only align the heading of a heading offset, and are not judged."""
-        return 0 if self.offset_column is None else ALIGNMENT_FOOTFALLS
+    def offset_column(self) -> int | None:
+        """Index of the heading offset among the channels."""
+        return next((c for c, channel in enumerate(self.channels) if channel.name == OFFSET), None)
 
     @property
     def degrees_of_freedom(self) -> int:
@@ -240,17 +226,14 @@ class Detector:
 
     @property
     def threshold(self) -> float:
-        """Of the statistic.
-
-        Raises
-        ------
-        MagneticError
-            Where none is fixed, for a form that is not chi squared or a channel that does not say what matters.
-        """
+        """Of the statistic; raises as `find_threshold` where none is fixed."""
         return self.find_threshold(FALSE_ALARM_RATE) if self.fixed_threshold is None else self.fixed_threshold
 
     def find_threshold(self, false_alarm_rate: float) -> float:
-        """Threshold at which this share of the fields that change by what matters passes; raises as `threshold`."""
+        """Threshold at which this share of the fields that change by what matters passes.
+
+        Raises `MagneticError` for a form that is not chi squared, or a channel without `matters`.
+        """
         if not 0.0 < false_alarm_rate < 1.0:
             raise MagneticError(f"a false-alarm rate must be between 0 and 1, not {false_alarm_rate}.")
         self._require_chi_squared()
@@ -295,9 +278,7 @@ _INCLINATION = _make_channel("inclination", sigma=0.5, matters=4.0)
 _DIFFERENCE = _make_channel("heading difference", sigma=1.0, matters=8.0)
 _STRENGTH_RATE = Channel("strength rate", sigma=0.5, matters=2.5)
 
-MA_SIGMA_HEADING, MA_SIGMA_INCLINATION, MA_SIGMA_STRENGTH = 0.067, 0.054, 0.535
-"""rad, rad, uT (5.35 mG): Ma 2018, from more than two hours of standing."""
-
+MA_SIGMA_HEADING, MA_SIGMA_INCLINATION, MA_SIGMA_STRENGTH = 0.067, 0.054, 0.535  # rad, rad, uT: Ma 2018, standing.
 _MA_STRENGTH = Channel("strength", MA_SIGMA_STRENGTH)
 _MA_INCLINATION = Channel("inclination", MA_SIGMA_INCLINATION)
 
@@ -353,8 +334,6 @@ _ALL = (
 )
 
 DETECTORS: Mapping[str, Detector] = MappingProxyType({detector.name: detector for detector in _ALL})
-"""All detectors by name."""
-
 DEFAULT = "ma2018"  # It keeps to curved walks, where iQSF cannot, and needs no heading to begin with, as AIEZ does.
 
 
@@ -370,8 +349,8 @@ def scale_detector(detector: Detector, allowance: float, window: int | None = No
 AGREEING = replace(DETECTORS["aiez"], channels=(_make_channel(OFFSET, 10.0, 40.0), *DETECTORS["aiez"].channels[1:]))
 """The detector `aiez` as the filter's own test, with the sigma of the compass's update.
 
-S is that of the innovation, and 25 deg pass. With the detector's 2.5 deg, 6 deg pass, and a filter whose heading is
-wrong by more rejects every right compass. The price are magnets that turn the compass by less than 25 deg.
+S is that of the innovation, and 25 deg pass. With the detector's 2.5 deg, 6 deg pass, and a filter whose heading error
+is larger rejects every correct compass. The price: magnets that turn the compass by less than 25 deg.
 """
 
 TUNED: Mapping[str, Detector] = MappingProxyType(
@@ -383,4 +362,4 @@ TUNED: Mapping[str, Detector] = MappingProxyType(
         "aiez": scale_detector(AGREEING, 1.4),
     }
 )
-"""The same as the filters' preset `tuned` and the gates of the smoother have them (`fg_nav.ekf.presets`)."""
+"""The detectors of the filters' preset `tuned` and of the smoother's gates (`fg_nav.ekf.presets`)."""

@@ -1,19 +1,18 @@
 """The field at each footfall, the input of every detector and every calibration from a walk; heading and inclination.
 
-At the stillest sample of a footfall the samples around it, within its stance and `HALF_WINDOW_S`, are turned by the
+At the stillest sample of a footfall the samples around it, within its stance and `HALF_WINDOW_S`, are rotated by the
 gyroscope into the body frame of that sample and averaged: field and specific force. A magnetometer slower than the rest
 leaves NaN rows; only measured ones count.
 
-The attitude is given, or that of the gyroscope, held upright by the stances: good to a degree of tilt, its heading
-drifts.
+The attitude is given, or that of the gyroscope, levelled in the stances: tilt good to a degree, heading drifting.
 
     start        level in the first stance; the gyro bias is that of the longest rest, or zero
     each sample  R <- R Exp((w - b) h); in stance, nudge the tilt towards the specific force
 
-So the field is judged before any estimator has run, the same for all of them. It uses the longest rest of the whole
-recording, so a live estimator gives the attitude that it has at the time.
+So the field is judged before any estimator has run, the same for all of them. The longest rest is that of the whole
+recording; a live estimator gives its attitude of the time instead.
 
-From a field in the body frame to a magnetic heading, an inclination and a strength, in the frames of this project:
+Magnetic heading, inclination and strength of a field in the body frame, in the frames of this project:
 
 =================== ===== ===================================================================================
 body_field          uT    flux density in the body frame
@@ -29,9 +28,7 @@ With H the horizontal strength and psi the heading, north lies psi to the left o
 
     level_field = (H cos psi, H sin psi, -H tan I),    psi = atan2(y, x),    I = atan2(-z, H).
 
-These are Ma (1)-(5) and AIEZ (19)-(25), each of which has axes of its own: the levelling of Ma (3)-(5) is right with an
-accelerometer that reads (0, 0, -g) at rest, that of AIEZ (19)-(24) with (0, 0, +g); the heading of Ma (1) and AIEZ (25)
-has the wrong sign, half of the circle, and for AIEZ the declination's sign. docs/equations.md lists them.
+These are Ma (1)-(5) and AIEZ (19)-(25), in axes of their own (docs/equations.md).
 """
 
 from __future__ import annotations
@@ -83,18 +80,11 @@ def compute_inclination(up_field: Floats) -> Floats:
     return np.asarray(np.arctan2(-up_field[..., 2], np.linalg.norm(up_field[..., :2], axis=-1)))
 
 
-HALF_WINDOW_S = 0.5
-"""Of a long stance only the second around its stillest instant is averaged: later the foot may stand elsewhere."""
-
-TILT_TIME_S = 0.5
-"""Time in stance in which the tilt follows the specific force; 0.25 to 2 s differ by 0.1 deg on simulated walks."""
-
-MAX_FOOTFALLS = 1 << 12  # That are averaged at once: an hour of walking.
-
-UNKNOWN_IRON_UT = np.full(3, 30.0)
-"""Iron of shoe, battery and board that nobody measured, one sigma an axis: real feet here have 1 to 90 uT."""
-
-FEWEST = 2  # Samples of the field without which a footfall has none: scatter and drift need two.
+HALF_WINDOW_S = 0.5  # About the stillest instant of a stance: later in a long one the foot may stand elsewhere.
+TILT_TIME_S = 0.5  # Time constant of levelling in stance; 0.25 to 2 s differ by 0.1 deg on simulated walks.
+MAX_FOOTFALLS = 1 << 12  # Averaged at once: an hour of walking.
+UNKNOWN_IRON_UT = np.full(3, 30.0)  # Uncalibrated iron of shoe, battery and board, one sigma; real feet: 1 to 90 uT.
+MIN_SAMPLES = 2  # Of the field at a footfall: scatter and drift need two.
 
 
 @dataclass(frozen=True)
@@ -129,7 +119,7 @@ class FootfallField:
     def __len__(self) -> int:
         return len(self.sample)
 
-    def select(self, rows: slice) -> FootfallField:
+    def select(self, rows: slice | Bools) -> FootfallField:
         """Return some of its footfalls."""
         return FootfallField(*(getattr(self, one.name)[rows] for one in fields(self)))
 
@@ -178,7 +168,7 @@ class FootfallField:
 
     @cached_property
     def gyro_heading(self) -> Floats:
-        """(F,) rad of the body's x axis by the gyroscope, clockwise from where the attitude has its north."""
+        """(F,) rad of the body's x axis by the gyroscope, clockwise from the north of the inertial attitude."""
         return compute_heading(self.nav_R_body)
 
     @cached_property
@@ -225,7 +215,11 @@ def average_footfall_field(
         raise MagneticError("the recording has no magnetometer, so nothing is known of the field: record with one.")
     attitude = integrate_attitude(recording, stances, heading) if nav_R_body is None else nav_R_body
     sample = stances.stillest(recording.gyr)
-    first, last = _find_windows(recording.t, stances, sample)
+    # about each of them, within its stance
+    interval = np.searchsorted(stances.stop, sample, side="right")
+    first = np.searchsorted(recording.t, recording.t[sample] - HALF_WINDOW_S)
+    last = np.searchsorted(recording.t, recording.t[sample] + HALF_WINDOW_S, side="right")
+    first, last = np.maximum(first, stances.start[interval]), np.minimum(last, stances.stop[interval])
     parts = []
     for start in range(0, max(len(sample), 1), MAX_FOOTFALLS):
         some = np.s_[start : start + MAX_FOOTFALLS]
@@ -233,9 +227,9 @@ def average_footfall_field(
         parts.append(_average(recording.t, recording.acc, recording.mag, attitude, *windows))
         drop_pages()
     body_field, body_force, count, scatter, rate, sigma = map(np.concatenate, zip(*parts, strict=True))
-    if not (count >= FEWEST).any():
+    if not (count >= MIN_SAMPLES).any():
         raise MagneticError(
-            f"none of the {len(sample)} footfalls has {FEWEST} samples of the field: "
+            f"none of the {len(sample)} footfalls has {MIN_SAMPLES} samples of the field: "
             "is the magnetometer recorded at 10 Hz or more?"
         )
     iron = np.tile(UNKNOWN_IRON_UT, (len(sample), 1))
@@ -244,19 +238,11 @@ def average_footfall_field(
     )
 
 
-def _find_windows(t: Floats, stances: Stances, sample: Ints) -> tuple[Ints, Ints]:
-    """First sample (F,) and sample after the last (F,) that are averaged about each `sample` (F,)."""
-    interval = np.searchsorted(stances.stop, sample, side="right")
-    first = np.searchsorted(t, t[sample] - HALF_WINDOW_S)
-    last = np.searchsorted(t, t[sample] + HALF_WINDOW_S, side="right")
-    return np.maximum(first, stances.start[interval]), np.minimum(last, stances.stop[interval])
-
-
 def _average(
     t: Floats, acc: Floats, mag: Floats, attitude: Floats, sample: Ints, first: Ints, last: Ints
 ) -> tuple[Floats, Floats, Ints, Floats, Floats, Floats]:
     """Mean field and force in the body frame at `sample`, count, scatter, slope of the strength and its sigma."""
-    # The samples of all windows, one after the other, turned into the body frame of their footfall.
+    # samples of all windows, one after the other, in the body frame of their footfall
     length, n = last - first, len(sample)
     of = np.repeat(np.arange(n), length)
     row = np.arange(len(of)) + np.repeat(first - np.cumsum(length) + length, length)
@@ -266,10 +252,10 @@ def _average(
     of, row, turn = of[measured], row[measured], turn[measured]
     count = np.bincount(of, minlength=n)
     b = np.einsum("nij,nj->ni", turn, mag[row])
-    few = count < FEWEST
+    few = count < MIN_SAMPLES
     weight = np.where(few, np.nan, 1.0 / np.maximum(count, 1))
     field = _sum_by(of, b, n) * weight[:, None]
-    # Scatter about the mean, and a straight line through the strength.
+    # scatter about the mean, and a straight line through the strength
     scatter = np.sqrt(_sum_by(of, ((b - field[of]) ** 2).sum(axis=1), n) / np.where(few, np.nan, 3.0 * (count - 1)))
     tau, strength = t[row], np.linalg.norm(mag[row], axis=1)
     tau = tau - (_sum_by(of, tau, n) * weight)[of]
@@ -289,7 +275,9 @@ def _sum_by(group: Ints, values: Floats, n: int) -> Floats:
 
 
 def integrate_attitude(recording: Recording, stances: Stances, heading: float = 0.0) -> Floats:
-    """Attitude nav_R_body (N, 3, 3), with this heading (rad clockwise from north) of the body's x axis at the start.
+    """Integrate the attitude nav_R_body (N, 3, 3) of a walk that starts with this heading of the body's x axis.
+
+    `heading` in rad, clockwise from north.
 
     Raises
     ------
@@ -302,12 +290,12 @@ def integrate_attitude(recording: Recording, stances: Stances, heading: float = 
     t, acc, gyr, mask, n = recording.t, recording.acc, recording.gyr, stances.mask, len(recording)
     attitude = empty_column(n, 3, 3)
     attitude[start.row] = start.nav_R_body
-    # From there to the end, and back to the first sample.
+    # from there to the end, and back to the first sample
     for first in range(start.row, n - 1, BLOCK_ROWS):
-        _integrate(t, acc, gyr, mask, bias, TILT_TIME_S, attitude, first, min(first + BLOCK_ROWS, n - 1))
+        _integrate(t, acc, gyr, mask, bias, attitude, first, min(first + BLOCK_ROWS, n - 1), True)
         drop_pages()
     for last in range(start.row, 0, -BLOCK_ROWS):
-        _integrate_back(t, gyr, bias, attitude, max(last - BLOCK_ROWS, 0), last)
+        _integrate(t, acc, gyr, mask, bias, attitude, max(last - BLOCK_ROWS, 0), last, False)
         drop_pages()
     return attitude
 
@@ -319,29 +307,20 @@ def _integrate(
     gyr: Floats,
     stands: Bools,
     bias: Floats,
-    tilt_time: float,
     attitude: Floats,
     first: int,
     last: int,
+    forward: bool,
 ) -> None:
-    """Step the attitude (N, 3, 3) forward from that at sample `first` to that at `last`."""
-    for i in range(first, last):
-        R, h = attitude[i + 1], t[i + 1] - t[i]
-        _rotate_by_rate(attitude[i], gyr[i], bias, h, R)
-        if stands[i + 1]:
-            nudge_tilt(R, acc[i + 1], min(h / tilt_time, 1.0))
-
-
-@njit(cache=True)
-def _integrate_back(t: Floats, gyr: Floats, bias: Floats, attitude: Floats, first: int, last: int) -> None:
-    """Step the attitude (N, 3, 3) back from that at sample `last` to that at `first`."""
-    for i in range(last - 1, first - 1, -1):
-        _rotate_by_rate(attitude[i + 1], gyr[i], bias, t[i] - t[i + 1], attitude[i])
-
-
-@njit(cache=True)
-def _rotate_by_rate(before: Floats, rate: Floats, bias: Floats, h: float, R: Floats) -> None:
-    for axis in range(3):
-        for k in range(3):
-            R[axis, k] = before[axis, k]
-    rotate_in_body(R, (rate[0] - bias[0]) * h, (rate[1] - bias[1]) * h, (rate[2] - bias[2]) * h)
+    """Step the attitude (N, 3, 3) forward from that at sample `first` to that at `last`, or back."""
+    for step in range(last - first):
+        # a sample holds from its stamp to the next
+        i = first + step if forward else last - 1 - step
+        before, after = (i, i + 1) if forward else (i + 1, i)
+        R, h = attitude[after], t[after] - t[before]
+        for axis in range(3):
+            for k in range(3):
+                R[axis, k] = attitude[before, axis, k]
+        rotate_in_body(R, (gyr[i, 0] - bias[0]) * h, (gyr[i, 1] - bias[1]) * h, (gyr[i, 2] - bias[2]) * h)
+        if forward and stands[after]:
+            nudge_tilt(R, acc[after], min(h / TILT_TIME_S, 1.0))

@@ -1,43 +1,80 @@
-"""Quasi-static footfalls: a detector applied to a walk, and its verdicts.
+"""Verdicts on the magnetic field: of each footfall by a detector, of each sample by the scatter of its strength.
 
-The detectors, their model and the place to add one are in `fg_nav.magnetic.detectors`.
+Footfalls. Detectors, their model and the place to add one: `fg_nav.magnetic.detectors`. A window holds the last
+footfalls that have a field, but none that spans more strides than twice its length, which would compare places far
+apart. The first footfalls, with too few before them, are not judged. A verdict uses its footfall and those before it.
+The inertial headings do not: their gyro bias is that of the longest rest of the recording
+(`fg_nav.magnetic.footfall_field`). An estimator with better attitudes replaces `nav_R_body` in the footfall field and
+has it judged again.
 
-A window holds the last footfalls that have a field, but none that spans more strides than twice its length, for that
-would compare places far apart. The first footfalls, before which there are too few, are not judged.
+Samples, for a sensor that never stands, as in a pocket. MD (16) is gated by a detector of the paper's reference 26,
+which was not available. This one is ours, on the one signal that an unknown attitude leaves: the strength |B|. Over a
+window that ends at the sample, of n samples of |B| with standard deviation sigma,
 
-A verdict uses its footfall and those before it. The inertial headings do not: their gyro bias is that of the longest
-rest, wherever it lies in the recording (`fg_nav.magnetic.footfall_field`). An estimator that has better attitudes
-replaces `nav_R_body` in the footfall field and has it judged again.
+    T = sum (|B| - mean)^2 / sigma^2      is chi squared with n - 1 degrees of freedom in a static field.
+
+The rate d|B|/dt alone vanishes where the strength is greatest, in the midst of a disturbance; the scatter does not.
+If the strength changes evenly by the least change that matters across the window, T is noncentral with
+
+    lambda = (matters / sigma)^2 sum_j (j/(n - 1) - 1/2)^2 = (matters / sigma)^2 n (n + 1) / (12 (n - 1)),
+
+and the threshold is its quantile at the false-alarm rate: the share of such changes that pass. A field that turns and
+keeps its strength is not detected, and an uncalibrated magnetometer is disturbed by its own turning. Only measured
+samples count, not the NaN rows of a slow magnetometer. At the beginning, and after a gap, the window is shorter, and is
+judged as if all of a change had to happen in it.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
+from scipy.special import chndtrix
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import MagneticError
-from fg_nav.frames import wrap_angle
-from fg_nav.magnetic.detectors import DEFAULT, DETECTORS, HEADING_DRIFT, TUNED, Channel, Detector
+from fg_nav.frames import average_angles, wrap_angle
+from fg_nav.magnetic.detectors import (
+    ALIGNMENT_FOOTFALLS,
+    DEFAULT,
+    DETECTORS,
+    FALSE_ALARM_RATE,
+    HEADING_DRIFT,
+    TUNED,
+    Detector,
+)
 from fg_nav.magnetic.footfall_field import FootfallField
+from fg_nav.recording import Recording
 from fg_nav.text import format_count, format_ratio
 
 __all__ = ["DEFAULT", "DETECTORS", "GATES", "NO_GATE", "Detector", "FieldVerdicts", "find_detector", "judge_field"]
 
 NO_GATE = "none"  # The gate that weighs all footfalls alike.
-HARD = ":hard"  # Behind the name of a gate: the papers' switch. The compass is used at its full weight or not at all.
-GATES = (*DETECTORS, NO_GATE, *(name + HARD for name in DETECTORS))  # Names of what weighs the compass at a footfall.
+HARD = ":hard"  # Suffix of a gate, the papers' switch: the compass is used at its full weight or not at all.
+GATES = (*DETECTORS, NO_GATE, *(name + HARD for name in DETECTORS))  # Weights of the compass at a footfall, by name.
+PRIOR_COUNT = 2.0  # Weight of the walk's own spread against one footfall's statistic, in changes of the field.
 
 NO_FIELD, TOO_LITTLE = "no field was measured at this footfall", "too little of the field was measured at this footfall"
-"""Reasons; the second where a mean could be taken, and not what else a detector asks for."""
+QUASI_STATIC, DISTURBED, UNKNOWN = "quasi-static", "disturbed", "none"  # Verdicts; `none` where there is none.
 
-QUASI_STATIC, DISTURBED, UNKNOWN = "quasi-static", "disturbed", "none"
-"""Verdicts in words; `none` where the field was not judged."""
+WINDOW_S = 1.0  # Of samples: a walker passes a lamp or a car in one to three seconds.
+MIN_SAMPLES = 3  # Of the field in a window that is judged.
+SIGMA_UT = 0.15  # Of one sample of |B|: noise, 0.11 on the simulated MTw, and the residual of a calibration in a turn.
+MATTERS_UT = 0.5  # Least change over the window to be rejected: across a field of 48 uT a turn of half a degree.
+SETTINGS: Mapping[str, float] = MappingProxyType(
+    {
+        "window_s": WINDOW_S,
+        "sigma_uT": SIGMA_UT,
+        "matters_uT": MATTERS_UT,
+        "false_alarm_rate": FALSE_ALARM_RATE,
+    }
+)  # For a file of results.
 
 
 class OverThreshold:
-    """Verdicts of a statistic (F,) over its threshold; NaN where there is none."""
+    """Verdicts by a statistic (F,) over its threshold: below 1 the field passes; NaN where there is none."""
 
     statistic: Floats
 
@@ -60,7 +97,7 @@ class FieldVerdicts(OverThreshold):
     Attributes
     ----------
     detector : its name.
-    statistic : (F,) the detector's statistic over its threshold: below 1 the field passes; NaN where there is none.
+    statistic : (F,) of the detector, over its threshold.
     threshold : of the statistic, in the detector's own units.
     reason : (F,) of the verdict, in words.
     """
@@ -117,12 +154,8 @@ def apply_gate(field: FootfallField, gate: str) -> FieldVerdicts:
     return FieldVerdicts(NO_GATE, np.where(seen, 0.0, np.nan), np.inf, reasons)
 
 
-PRIOR_COUNT = 2.0
-"""Of the walk's own spread against one footfall's statistic, in changes of the field: its weight never hangs on one."""
-
-
 def weigh_statistic(verdicts: FieldVerdicts, gate: str) -> Floats:
-    """Variance (F,) of the compass at each footfall over that of the whole walk's, by the statistic of the gate.
+    """Variance (F,) of the compass at each footfall over that of the whole walk, by the statistic of the gate.
 
     A statistic T is a sum of n squares of changes of the field; under a spread v it is v chi squared. So T over its
     median is the variance at the footfall over the walk's, and with the walk's worth `PRIOR_COUNT` changes its
@@ -148,7 +181,7 @@ def count_needed(gate: str) -> int | None:
     if gate == NO_GATE:
         return 1
     detector = find_gate(gate)
-    return _longest_span(detector) + 1 if detector.offset_column is None else None
+    return detector.max_strides + 1 if detector.offset_column is None else None
 
 
 def judge_field(field: FootfallField, detector: Detector | str = DEFAULT) -> FieldVerdicts:
@@ -171,15 +204,23 @@ def judge_field(field: FootfallField, detector: Detector | str = DEFAULT) -> Fie
     threshold = chosen.threshold
     values = np.stack([channel.values(field) for channel in chosen.channels], axis=1)
     sigmas = np.stack([channel.sigmas(field) for channel in chosen.channels], axis=1)
+    # the footfalls that have a field, without whole turns between neighbours
     measured = np.flatnonzero(np.isfinite(values + sigmas).all(axis=1))
-    # the footfalls that have a field, and those whose window is complete
-    values, sigmas = _unwrap_angles(values[measured], chosen), sigmas[measured]
-    complete = _find_complete(measured, chosen)
-    _align_heading(values, sigmas, field.t[measured], complete, chosen, threshold)
+    values, sigmas = values[measured], sigmas[measured]
+    angles = [c for c, channel in enumerate(chosen.channels) if channel.signal.angle and channel.signal.value]
+    values[:, angles] = np.unwrap(values[:, angles], axis=0)
+    # those whose window has all its footfalls, near enough to each other
+    strides = chosen.rows - 1
+    complete = np.zeros(len(measured), dtype=np.bool_)
+    complete[strides:] = measured[strides:] - measured[: max(len(measured) - strides, 0)] <= chosen.max_strides
+    if chosen.offset_column is not None:
+        complete[:ALIGNMENT_FOOTFALLS] = False
+        _align_heading(values, sigmas, field.t[measured], complete, chosen, threshold)
     # one statistic a window, over the threshold
     ends = np.flatnonzero(complete)
-    windows = _cut_windows(values, ends, chosen.rows)
-    parts = chosen.compute_parts(windows / _cut_windows(sigmas, ends, chosen.rows)) / threshold
+    rows = ends[:, None] + np.arange(-strides, 1)
+    windows = np.swapaxes(values[rows], 1, 2)
+    parts = chosen.compute_parts(windows / np.swapaxes(sigmas[rows], 1, 2)) / threshold
     statistic = np.full(len(field), np.nan)
     statistic[measured[ends]] = parts.sum(axis=1)
     reasons = _explain_missing(field, measured, chosen)
@@ -188,43 +229,15 @@ def judge_field(field: FootfallField, detector: Detector | str = DEFAULT) -> Fie
     return FieldVerdicts(chosen.name, statistic, threshold, tuple(reasons))
 
 
-def _unwrap_angles(values: Floats, detector: Detector) -> Floats:
-    """The values (M, C) without whole turns between neighbours, in place."""
-    angles = [c for c, channel in enumerate(detector.channels) if channel.signal.angle and channel.signal.value]
-    values[:, angles] = np.unwrap(values[:, angles], axis=0)
-    return values
-
-
-def _find_complete(measured: Ints, detector: Detector) -> Bools:
-    """(M,) True where the window that ends there has all its footfalls and they are near enough to each other."""
-    complete = np.zeros(len(measured), dtype=bool)
-    strides = detector.rows - 1
-    span = measured[strides:] - measured[: max(len(measured) - strides, 0)]
-    complete[strides:] = span <= _longest_span(detector)
-    complete[: detector.alignment_footfalls] = False
-    return complete
-
-
-def _longest_span(detector: Detector) -> int:
-    """Strides that a window may span, those without a field included."""
-    return 2 * (detector.rows - 1)
-
-
-def _cut_windows(values: Floats, ends: Ints, rows: int) -> Floats:
-    """(E, C, rows) the values (M, C) of as many footfalls up to each end."""
-    return np.swapaxes(values[ends[:, None] + np.arange(1 - rows, 1)], 1, 2)
-
-
 def _align_heading(
     values: Floats, sigmas: Floats, t: Floats, complete: Bools, detector: Detector, threshold: float
 ) -> None:
     """Subtract the alignment from the heading offset, and add its variance to the sigma; both in place."""
-    column, first = detector.offset_column, detector.alignment_footfalls
-    if column is None or not len(values):
+    column, first = detector.offset_column, min(ALIGNMENT_FOOTFALLS, len(values))
+    if column is None or not first:
         return
     difference, noise = values[:, column].copy(), detector.channels[column].sigma ** 2
-    first = min(first, len(values))
-    alignment, variance = _compute_circular_mean(difference[:first]), noise / first
+    alignment, variance = average_angles(difference[:first]), noise / first
     for k in range(len(values)):
         # predict: the inertial heading drifts
         if k >= first:
@@ -239,12 +252,8 @@ def _align_heading(
             alignment, variance = alignment + gain * values[k, column], (1.0 - gain) * variance
 
 
-def _compute_circular_mean(angle: Floats) -> float:
-    return float(np.arctan2(np.sin(angle).mean(), np.cos(angle).mean()))
-
-
 def _explain_missing(field: FootfallField, measured: Ints, detector: Detector) -> list[str]:
-    """(F,) in words, why a footfall is not judged."""
+    """Reasons (F,) why a footfall is not judged."""
     there = np.isfinite(field.strength)
     reasons = [TOO_LITTLE if known else NO_FIELD for known in there]
     for k, footfall in enumerate(measured):
@@ -253,19 +262,22 @@ def _explain_missing(field: FootfallField, measured: Ints, detector: Detector) -
         )
         if k < detector.rows - 1:
             reasons[footfall] = f"fewer than {format_count(detector.rows, 'footfall')} with a field so far"
-        if k < detector.alignment_footfalls:
+        if detector.offset_column is not None and k < ALIGNMENT_FOOTFALLS:
             reasons[footfall] = "here the inertial heading is aligned with the compass"
     return reasons
 
 
 def _explain_verdicts(windows: Floats, parts: Floats, measured: Ints, ends: Ints, detector: Detector) -> list[str]:
-    """(E,) in words, the reason of each verdict: the channel with the largest part first, the others in brackets."""
+    """Reasons (E,) of the verdicts: the channel with the largest part first, the others in brackets."""
+    described = []
+    for values, channel in zip(np.swapaxes(windows, 0, 1), detector.channels, strict=True):
+        signal = channel.signal
+        number = (np.ptp(values, axis=1) if signal.value else values[:, -1]) * signal.scale
+        words = f"{channel.name} changes by" if signal.value else channel.name
+        described.append([f"{words} {each:.2g} {signal.unit}" for each in number])
     strides = measured[ends] - measured[ends + 1 - detector.rows]
-    channels = zip(
-        *(_describe_channel(windows[:, c], channel) for c, channel in enumerate(detector.channels)), strict=True
-    )
     reasons = []
-    for each, part, count in zip(channels, parts, strides, strict=True):
+    for each, part, count in zip(zip(*described, strict=True), parts, strides, strict=True):
         first, *others = (each[c] for c in np.argsort(-part, kind="stable"))
         rest = f" ({', '.join(others)})" if others else ""
         over = f"over {format_count(int(count), 'stride')}" if count else "this stance"
@@ -273,9 +285,48 @@ def _explain_verdicts(windows: Floats, parts: Floats, measured: Ints, ends: Ints
     return reasons
 
 
-def _describe_channel(values: Floats, channel: Channel) -> list[str]:
-    """(E,) in words, the change of a channel in each window (E, rows)."""
-    signal = channel.signal
-    number = np.ptp(values, axis=1) if signal.value else values[:, -1]
-    words = f"{channel.name} changes by" if signal.value else channel.name
-    return [f"{words} {each:.2g} {signal.unit}" for each in number * signal.scale]
+@dataclass(frozen=True)
+class Disturbance(OverThreshold):
+    """Verdicts on each of N samples.
+
+    Attributes
+    ----------
+    statistic : (N,) over its threshold; NaN where there were too few samples of the field.
+    """
+
+    statistic: Floats
+
+
+def find_sample_threshold(count: int) -> float:
+    """Threshold of the statistic of a sample with `count` samples in its window."""
+    noncentrality = (MATTERS_UT / SIGMA_UT) ** 2 * count * (count + 1) / (12 * (count - 1))
+    return float(chndtrix(FALSE_ALARM_RATE, count - 1, noncentrality))
+
+
+def judge_samples(recording: Recording) -> Disturbance:
+    """Judge the field at each sample by the window that ends there.
+
+    Raises
+    ------
+    MagneticError
+        Without a magnetometer, or if no window has enough samples of the field.
+    """
+    if recording.mag is None:
+        raise MagneticError("the recording has no magnetometer, so nothing is known of the field: record with one.")
+    t, strength = recording.t, np.linalg.norm(recording.mag, axis=1)
+    fresh = np.isfinite(strength)
+    value = np.where(fresh, strength - (np.median(strength[fresh]) if fresh.any() else 0.0), 0.0)
+    # sums over the window that ends at each sample
+    begin = np.searchsorted(t, t - WINDOW_S, side="right")
+    totals = (np.concatenate([[0.0], np.cumsum(x)]) for x in (fresh.astype(np.float64), value, value**2))
+    samples, total, squares = (x[1:] - x[begin] for x in totals)
+    scatter = np.maximum(squares - total**2 / np.maximum(samples, 1.0), 0.0)
+    count = np.rint(samples).astype(np.int64)
+    if not (count >= MIN_SAMPLES).any():
+        raise MagneticError(
+            f"no {WINDOW_S:g} s of the recording have {MIN_SAMPLES} samples of the field: record it faster."
+        )
+    threshold = np.full(count.max() + 1, np.nan)
+    for n in np.unique(count[count >= MIN_SAMPLES]):
+        threshold[n] = find_sample_threshold(int(n))
+    return Disturbance(scatter / SIGMA_UT**2 / threshold[count])

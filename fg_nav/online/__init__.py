@@ -1,9 +1,10 @@
 """Navigating while the walk goes on: samples in, an estimate for each footfall out, and at the end the whole walk.
 
-The data's way: `sources` (rows as they come), `judge` (which of them to take) with `overlap` (which of a resumed stream
-are new), `buffer` (the samples so far), `fg_nav.detection.causal` (footfalls), `navigator`, which hands them to
-`smoother` (the newest `stretch`, in `isam2`; all of it solved beside, `solving`), `estimates` and `revision` (lines of
-JSON), `checkpoint` (save and resume); `follow` calls them until the stream ends. For a thigh `pocket` is the navigator.
+The way of the data, called by `follow` until the stream ends: `sources` with `rows` (samples as they come),
+`source_check`, `unit_monitor` and `sample_filter` (which of them can be used) with `overlap` (which of a resumed stream
+are new), `buffer` (the samples so far), `fg_nav.detection.causal` (footfalls), `navigator`, which adds them to
+`smoother` (the newest `window`, in `isam2`; all of it solved again in the `background`, `solving`), `estimates` (lines
+of JSON), `outlets`, `checkpoint` (save and resume). For a thigh `pocket` is the navigator.
 """
 
 from fg_nav.online.checkpoint import load, save

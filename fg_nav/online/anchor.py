@@ -1,27 +1,43 @@
-"""The anchor: all that a walk says of the variables of one footfall, as one Gaussian, in arrays.
+"""The anchor state: what a walk so far leaves to the strides that follow, of its newest footfall; arrays and no graph.
 
-A linear graph of a whole walk is eliminated by QR but for the variables x of its newest footfall. What is left is
+    batch solution of all footfalls         (`resolve`)  -> AnchorState
+    an anchor state and the strides since   (`window`)   -> AnchorState
+
+The linear graph of the walk is eliminated by QR but for the variables x of that footfall. What is left is
 
     1/2 |A d - b|^2,     d the step of x in its tangent space from the values where the graph was linearized:
 
-the Schur complement of the information matrix, as a square root. As one linear factor it stands for the whole past in
-the graph of the strides that follow (concurrent filtering and smoothing: Williams et al. 2014, IJRR 33, 1544).
-Nothing is lost but the choice to linearize the past again.
+the Schur complement of the information matrix, as a square root. As one linear factor, the marginal prior, it stands
+for the whole past in the graph of the strides that follow (concurrent filtering and smoothing: Williams et al. 2014,
+IJRR 33, 1544). Nothing is lost but the choice to linearize the past again. All that comes later follows from the anchor
+state and the samples since, to the bit.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import gtsam
 import numpy as np
+from gtsam.symbol_shorthand import B, V, X
 from scipy.linalg import solve_triangular
 
-from fg_nav.arrays import Floats
+from fg_nav.arrays import Floats, Ints
 from fg_nav.factors.residual import guarded_factor
+from fg_nav.online.buffer import ReportedFootfall, SensorState
+from fg_nav.online.estimates import EstimateRow, split_rows
+from fg_nav.online.field import BiasLedger, CompassVerdict, OnlineField
+from fg_nav.online.floor_number import FloorTrack
+from fg_nav.online.strides import RestLedger, StanceNodes
+from fg_nav.smoother.barometer import Barometer
+from fg_nav.smoother.graph import Known
+from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.solver import dimension_of
 from fg_nav.smoother.square_root import SquareRoot
+from fg_nav.solution import Return
+from fg_nav.truth import Fix
 
 
 @dataclass(frozen=True)
@@ -37,7 +53,7 @@ class MarginalPrior:
     b: Floats
 
     def factor(self) -> gtsam.CustomFactor:
-        """Return it as a factor, d the logarithm of what its variables have moved since."""
+        """Return the factor |A d - b|^2 / 2, d the logarithm of what its variables have moved since."""
         dims = [dimension_of(key) for key in self.keys]
         by_key = np.split(self.A, np.cumsum(dims)[:-1], axis=1)
 
@@ -46,7 +62,12 @@ class MarginalPrior:
             e = self.A @ np.concatenate(steps) - self.b
             if not with_jacobians:
                 return e, []
-            return e, [_differentiate(A, key, d) for A, key, d in zip(by_key, self.keys, steps, strict=True)]
+            # d is in the tangent space of the stored pose, the Jacobian in that of the present one.
+            jacobians = [
+                np.ascontiguousarray(A @ gtsam.Pose3.LogmapDerivative(d) if _letter(key) == "x" else A)
+                for A, key, d in zip(by_key, self.keys, steps, strict=True)
+            ]
+            return e, jacobians
 
         unit = gtsam.noiseModel.Unit.Create(len(self.b))
         return guarded_factor("anchor", self.keys, dims, unit, evaluate)
@@ -55,23 +76,26 @@ class MarginalPrior:
         """Return the values of its variables."""
         values = gtsam.Values()
         for key, value in zip(self.keys, self.values, strict=True):
-            _insert_value(values, key, value)
+            letter = _letter(key)
+            if letter == "x":
+                values.insert(key, gtsam.Pose3(value))
+            elif letter == "b":
+                values.insert(key, gtsam.imuBias.ConstantBias(value[:3], value[3:]))
+            else:
+                values.insert(key, value)
         return values
 
 
 def marginalize(
     linear: gtsam.GaussianFactorGraph, values: gtsam.Values, keep: Sequence[int], others: Iterable[int]
 ) -> MarginalPrior:
-    """Condense a graph, linearized at these values, to what it says of the variables `keep`.
+    """Marginalize a graph, linearized at these values, to the variables `keep`.
+
+    Raises `RuntimeError` where the factors do not determine the others.
 
     Parameters
     ----------
     others : the other variables, in the order in which they are eliminated.
-
-    Raises
-    ------
-    RuntimeError
-        Where the factors do not determine the others.
     """
     order, kept = gtsam.Ordering(), gtsam.Ordering()
     for key in others:
@@ -86,8 +110,8 @@ def marginalize(
     )
 
 
-def condense_root(root: SquareRoot, values: gtsam.Values, keep: Sequence[int]) -> MarginalPrior:
-    """Condense the triangle R of a solved graph to what it says of the variables `keep`, at these values, its minimum.
+def marginalize_root(root: SquareRoot, values: gtsam.Values, keep: Sequence[int]) -> MarginalPrior:
+    """Marginalize the triangle R of a solved graph to the variables `keep`, at these values, its minimum.
 
     With Y = R^-T E, E the columns of these variables, their covariance is Y^T Y = T^T T by QR of Y, so A = T^-T.
     """
@@ -99,6 +123,17 @@ def condense_root(root: SquareRoot, values: gtsam.Values, keep: Sequence[int]) -
     return MarginalPrior(tuple(keep), tuple(_value_of(values, key) for key in keep), A, np.zeros(len(A)))
 
 
+def _letter(key: int) -> str:
+    return chr(gtsam.Symbol(key).chr())
+
+
+def _value_of(values: gtsam.Values, key: int) -> Floats:
+    letter = _letter(key)
+    if letter == "x":
+        return np.array(values.atPose3(key).matrix())
+    return np.array(values.atConstantBias(key).vector() if letter == "b" else values.atVector(key))
+
+
 def _step_to(values: gtsam.Values, key: int, value: Floats) -> Floats:
     """Step (d,) in the tangent space from a value of a variable to its present one."""
     now = _value_of(values, key)
@@ -107,24 +142,157 @@ def _step_to(values: gtsam.Values, key: int, value: Floats) -> Floats:
     return np.asarray(gtsam.Pose3.Logmap(gtsam.Pose3(value).between(gtsam.Pose3(now))))
 
 
-def _differentiate(A: Floats, key: int, step: Floats) -> Floats:
-    """Columns of a variable by its present tangent space, a step from that of A."""
-    is_pose = chr(gtsam.Symbol(key).chr()) == "x"
-    return np.ascontiguousarray(A @ gtsam.Pose3.LogmapDerivative(step) if is_pose else A)
+# --- the past --------------------------------------------------------------------------------------------------------
 
 
-def _value_of(values: gtsam.Values, key: int) -> Floats:
-    letter = chr(gtsam.Symbol(key).chr())
-    if letter == "x":
-        return np.array(values.atPose3(key).matrix())
-    return np.array(values.atConstantBias(key).vector() if letter == "b" else values.atVector(key))
+class PathNodes(NamedTuple):
+    """Samples (M,) of the walk, and at each position (m), velocity (m/s), attitude, gyro (rad/s) and force bias."""
+
+    sample: Ints
+    position: Floats
+    velocity: Floats
+    nav_R_body: Floats
+    gyro_bias: Floats
+    acc_bias: Floats
+
+    @classmethod
+    def from_rows(cls, rows: Sequence[EstimateRow]) -> PathNodes:
+        """Return a node at the stillest sample of each footfall, without a bias of the accelerometer."""
+        known = split_rows(rows)
+        unknown = np.zeros_like(known.gyro_bias)
+        return cls(known.sample, known.position, known.velocity, known.nav_R_body, known.gyro_bias, unknown)
+
+    @classmethod
+    def from_values(cls, stances: Sequence[StanceNodes], values: gtsam.Values) -> PathNodes:
+        """Return the nodes of some footfalls in a graph."""
+        if not stances:
+            return NO_NODES
+        nodes = [j for stance in stances for j in range(stance.first, stance.stop)]
+        poses = [values.atPose3(X(j)) for j in nodes]
+        bias = [values.atConstantBias(B(stance.bias)).vector() for stance in stances for _ in stance.samples]
+        acc_bias, gyro_bias = np.split(np.array(bias), 2, axis=1)
+        return cls(
+            np.array([sample for stance in stances for sample in stance.samples]),
+            np.array([pose.translation() for pose in poses]),
+            np.array([values.atVector(V(j)) for j in nodes]),
+            np.array([pose.rotation().matrix() for pose in poses]),
+            gyro_bias,
+            acc_bias,
+        )
+
+    def cut(self, stop: int) -> PathNodes:
+        """Return the nodes before one."""
+        return PathNodes._make(part[:stop] for part in self)
+
+    def join(self, later: PathNodes) -> PathNodes:
+        """Return these nodes and those that follow."""
+        return PathNodes._make(np.concatenate(both) for both in zip(self, later, strict=True))
 
 
-def _insert_value(values: gtsam.Values, key: int, value: Floats) -> None:
-    letter = chr(gtsam.Symbol(key).chr())
-    if letter == "x":
-        values.insert(key, gtsam.Pose3(value))
-    elif letter == "b":
-        values.insert(key, gtsam.imuBias.ConstantBias(value[:3], value[3:]))
+NO_NODES = PathNodes.from_rows(())
+
+
+@dataclass(frozen=True)
+class Past:
+    """Estimates of the footfalls from number `first` on: one row each, and the nodes of the path through them."""
+
+    first: int = 0
+    rows: tuple[EstimateRow, ...] = ()
+    nodes: PathNodes = NO_NODES
+
+    def before(self, stance: StanceNodes) -> Past:
+        """Return the past without a footfall and those behind it."""
+        stop = int(np.searchsorted(self.nodes.sample, stance.samples[0]))
+        return Past(self.first, self.rows[: stance.number - self.first], self.nodes.cut(stop))
+
+    def join(self, later: Past) -> Past:
+        """Return the past with the present estimates of the footfalls from `later.first` on."""
+        rows = self.rows[: later.first - self.first] + later.rows
+        begins = later.nodes.sample[0] if len(later.nodes.sample) else np.iinfo(np.int64).max
+        stop = int(np.searchsorted(self.nodes.sample, begins))
+        return Past(self.first, rows, self.nodes.cut(stop).join(later.nodes))
+
+
+# --- the anchor state ------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class AnchorState:
+    """A walk up to its newest footfall.
+
+    Attributes
+    ----------
+    stance, verdict : of that footfall.
+    prior : of its variables, by the whole walk.
+    past : of the footfalls before.
+    footfalls : from number `first` on, as in this solution.
+    t_first : of the walk's first footfall, s.
+    known, parameters : of sensor and walk, as they were estimated.
+    field : state of the field model; None where the field is not used.
+    barometer : noise and drift of the air's pressure; None where it is not used, or was not seen yet.
+    rests, biases : which information on the gyro bias the graph has.
+    sensor : what the walk shows of it.
+    counts : factors so far, by kind.
+    fixes : of the walk, with those to come.
+    floors : those of the building so far, and on which the footfall is.
+    heading_known : whether the heading at the start was given, or fixes show it.
+    returns : stretches at which the walk was before.
+    notes : for the user.
+    """
+
+    stance: StanceNodes
+    verdict: CompassVerdict
+    prior: MarginalPrior
+    past: Past
+    first: int
+    footfalls: tuple[ReportedFootfall, ...]
+    t_first: float
+    known: Known
+    parameters: SmootherParameters
+    field: OnlineField | None
+    barometer: Barometer | None
+    rests: RestLedger
+    biases: BiasLedger | None
+    sensor: SensorState
+    counts: dict[str, int]
+    fixes: tuple[Fix, ...]
+    floors: FloorTrack
+    heading_known: bool
+    returns: tuple[Return, ...]
+    notes: tuple[str, ...]
+
+    def without_past(self) -> AnchorState:
+        """Return it without its past, and of the footfalls the newest: all that the strides since depend on."""
+        newest = self.stance.number
+        return replace(self, past=Past(newest), first=newest, footfalls=self.footfalls[newest - self.first :])
+
+
+@dataclass(frozen=True)
+class TiedAnchorState(AnchorState):
+    """That of a foot whose walk was solved with the other foot's, in the frame of both; `number` of that solution."""
+
+    number: int = 0
+
+
+def window_anchors(
+    earlier: Sequence[AnchorState],
+    newest: AnchorState,
+    footfalls: Sequence[ReportedFootfall],
+    lag_s: float | None,
+    window: int,
+) -> list[AnchorState]:
+    """Return the anchor states from the newest on that lies a window of footfalls, or a lag, back.
+
+    Those behind a footfall that was retracted or inserted are invalid, and left out.
+    """
+    valid = []
+    for one in earlier:
+        at = footfalls[one.stance.number : one.stance.number + 1]
+        if at and at[0].footfall.stillest == one.stance.sample:
+            valid.append(one)
+    anchors, stance = [*valid, newest.without_past()], newest.stance
+    if lag_s is None:
+        enough = sum(stance.number - one.stance.number >= window for one in anchors)
     else:
-        values.insert(key, value)
+        enough = sum(stance.t - one.stance.t >= lag_s for one in anchors)
+    return anchors[max(enough - 1, 0) :]

@@ -1,14 +1,13 @@
-"""The samples and footfalls of a walk in progress, cut out again as recordings with their stances.
+"""The samples and footfalls of a walk in progress, and parts of it as recordings with their stances.
 
-`SampleBuffer` holds every sample once, for the navigator, the smoother and the checkpoint. `PartialWalk` is what the
-smoother uses of it: the footfalls, and the samples up to one behind the newest. Samples, footfalls and stance intervals
-are counted from the first of the walk; what is discarded leaves the count as it is.
+`SampleBuffer` holds every sample once, for navigator, smoother and checkpoint; a `PartialWalk` the footfalls, and the
+samples up to one behind the newest. Samples, footfalls and stance intervals are counted from the first of the walk,
+discarded ones too.
 
-A part of the walk does not show everything about its sensor. The sample period and the levels at which the sensor clips
-are those of the walk when it was last cut out as a whole (`SensorState`). So are the delay and the axes of its
-magnetometer, until the delay is known well: what is cut out has its field at its stamps, and none in the last `tau`,
-or none at all. A part is corrected by the iron that the last solution found; the whole is not, as the next one finds it
-anew.
+A part of a walk does not show everything about its sensor. Sample period and clipping levels are those of the walk when
+it was last cut out as a whole (`SensorState`). So are delay and axes of its magnetometer, until the delay is known
+well: what is cut out has its field at its stamps, and none in the last `tau`, or none at all. A part is corrected by
+the iron of the last solution; the whole is not, as the next one estimates it anew.
 """
 
 from __future__ import annotations
@@ -29,15 +28,12 @@ from fg_nav.samples.saturation import find_saturation_level
 from fg_nav.stances import Stances
 
 COLUMNS = 11  # t (s), acc (m/s^2), gyr (rad/s), mag (uT) and pressure (Pa), the last two NaN without a sample.
-
-TAKEN = COLUMNS + 1
-"""Behind them, once a sample is taken: which sensor was bad, as `unread` of a recording; 0 where none was."""
-
+TAKEN = COLUMNS + 1  # Behind them, once accepted: which sensor was bad, as `unread` of a recording; 0 where none was.
 CHUNK = 1 << 12  # Rows; 0.3 MB.
 AT_END = 0.97  # Share of the largest reading, from which on a level may be that of a range: calibration smears it.
 SETTLED_S = 5e-4  # Sigma of a delay that is not estimated again.
 LEAD_S = 0.25  # Readings so long before a part of the walk are used for the field at its first samples.
-_BEFORE = 40  # Samples before a node that are cut out with those after it: enough for a recording.
+SAMPLES_BEFORE = 40  # A node, that are cut out with those after it: enough for a recording.
 
 
 class SampleBuffer:
@@ -101,17 +97,12 @@ class SampleBuffer:
 
 @dataclass(frozen=True)
 class KnownMagnetometer:
-    """What a walk so far shows of its magnetometer: its delay, wrong axes, whether it is used, and this in words."""
+    """The magnetometer of a walk so far: its delay, wrong axes, whether it is used, and notes on these."""
 
     delay: MagnetometerDelay | None
     wrong_axes: MagAxes | None
     used: bool
     notes: tuple[str, ...]
-
-    @property
-    def is_settled(self) -> bool:
-        """Whether its delay is not estimated again."""
-        return self.delay is not None and self.delay.sigma_s <= SETTLED_S
 
 
 @dataclass(frozen=True)
@@ -123,8 +114,8 @@ class SensorState:
     period_s : of its samples; None before it was cut out as a whole.
     clipping : levels of specific force and rate at which it clips, (3,) each.
     extreme : (2, 2, 3) largest readings so far: force and rate, upper and lower end.
-    peak_height : how high clipped peaks of the rate are above the range, in what their flanks say.
-    magnetometer : None before it was looked at.
+    peak_height : of clipped peaks of the rate above the range, in units of what their flanks show.
+    magnetometer : None before it was examined.
     iron : of the magnetometer, as the walk showed it when it was solved last; None where it did not.
     """
 
@@ -143,20 +134,25 @@ UNSEEN = SensorState(np.zeros((2, 2, 3)))  # Of a walk that has not begun.
 class ReportedFootfall:
     """A footfall of a walk in progress.
 
-    `told` is the number of its line, -1 where there was none; the samples up to one before `until` came with it.
+    `line` is the number of its line, -1 where there was none; the samples up to one before `until` came with it.
     """
 
     footfall: Footfall
-    told: int
+    line: int
     until: int
 
 
 class PartialWalk:
     """Footfalls that were not yet discarded, and the samples `buffer.first <= i < stop` up to the newest.
 
+    Attributes
+    ----------
+    buffer : all samples so far, those behind `stop` too; filled by its owner.
+    discarded : number of footfalls that were discarded.
+    sensor : what is known of it.
+
     Parameters
     ----------
-    buffer : filled by its owner.
     with_mag : whether recordings are cut out with the magnetometer.
     axes_given : whether it is used whatever its axes look like.
     first : number of the first footfall that is not discarded.
@@ -174,25 +170,10 @@ class PartialWalk:
         footfalls: Sequence[ReportedFootfall] = (),
         sensor: SensorState = UNSEEN,
     ) -> None:
-        self._buffer, self._with_mag, self._axes_given = buffer, with_mag, axes_given
-        self._discarded, self._footfalls = first, list(footfalls)
+        self.buffer, self._with_mag, self._axes_given = buffer, with_mag, axes_given
+        self.discarded, self._footfalls = first, list(footfalls)
         self.stop = footfalls[-1].until if footfalls else 0
         self.sensor = sensor
-
-    @property
-    def buffer(self) -> SampleBuffer:
-        """All samples that came, those behind `stop` too."""
-        return self._buffer
-
-    @property
-    def discarded(self) -> int:
-        """Number of footfalls that were discarded."""
-        return self._discarded
-
-    @property
-    def n_footfalls(self) -> int:
-        """Number of footfalls of the walk, with the discarded."""
-        return self._discarded + len(self._footfalls)
 
     @property
     def continues(self) -> Bools:
@@ -201,27 +182,34 @@ class PartialWalk:
 
     def footfall(self, number: int) -> Footfall:
         """Return a footfall that was not discarded."""
-        return self._footfalls[number - self._discarded].footfall
+        return self._footfalls[number - self.discarded].footfall
 
     def footfalls_since(self, number: int) -> tuple[ReportedFootfall, ...]:
         """Return the footfalls from one on that was not discarded."""
-        return tuple(self._footfalls[number - self._discarded :])
+        return tuple(self._footfalls[number - self.discarded :])
 
     def replace_footfalls(self, number: int, footfalls: Sequence[ReportedFootfall]) -> None:
         """Put these in place of the footfalls from one on."""
-        self._footfalls[max(number - self._discarded, 0) :] = footfalls[max(self._discarded - number, 0) :]
+        self._footfalls[max(number - self.discarded, 0) :] = footfalls[max(self.discarded - number, 0) :]
         self.stop = self._footfalls[-1].until
 
     def add(self, footfall: ReportedFootfall) -> None:
         """Append a footfall, and the samples of the buffer up to one before its `until`.
 
-        Raises
-        ------
-        EstimationError
-            With samples that are not finite or out of order, or a footfall that is not among them.
+        Raises `EstimationError` with samples that are not finite or out of order, or a footfall that is not among them.
         """
-        rows = self._buffer.between(max(self.stop - 1, self._buffer.first), footfall.until)
-        self._check(rows, footfall.footfall, footfall.until)
+        rows = self.buffer.between(max(self.stop - 1, self.buffer.first), footfall.until)
+        begins = int(self._footfalls[-1].footfall.stop[-1]) if self._footfalls else 0
+        number = self.discarded + len(self._footfalls)
+        if not (is_in_order(footfall.footfall, begins) and footfall.footfall.stop[-1] <= footfall.until):
+            raise EstimationError(
+                f"footfall {number} is not one: its stances must follow those before, within the samples, and the "
+                "stillest sample must be in one of them."
+            )
+        if not np.isfinite(rows[:, :7]).all() or not (np.diff(rows[:, 0]) > 0).all():
+            raise EstimationError(
+                f"samples of footfall {number} are not finite, or their stamps do not rise: leave them out."
+            )
         columns = rows[:, 1:4], rows[:, 4:7]
         ends = np.array([[one.max(axis=0, initial=0.0), -one.min(axis=0, initial=0.0)] for one in columns])
         self.sensor = replace(self.sensor, extreme=np.maximum(self.sensor.extreme, ends))
@@ -230,29 +218,29 @@ class PartialWalk:
 
     def discard(self, footfalls: int, samples: int) -> None:
         """Discard all footfalls before one, and all samples before one."""
-        self._footfalls = self._footfalls[max(footfalls - self._discarded, 0) :]
-        self._discarded = max(self._discarded, footfalls)
-        self._buffer.discard(samples)
+        self._footfalls = self._footfalls[max(footfalls - self.discarded, 0) :]
+        self.discarded = max(self.discarded, footfalls)
+        self.buffer.discard(samples)
 
     def align_magnetometer(self) -> None:
         """Find delay and axes of the magnetometer on all samples, unless its delay is known well."""
         found = self.sensor.magnetometer
-        if not self._with_mag or (found is not None and found.is_settled):
+        is_settled = found is not None and found.delay is not None and found.delay.sigma_s <= SETTLED_S
+        if not self._with_mag or is_settled:
             return
-        aligned = align_magnetometer(self._cut(self._buffer.first, self.stop), self._axes_given)
+        aligned = align_magnetometer(self._cut(self.buffer.first, self.stop), self._axes_given)
         used = aligned.recording.mag is not None
         known = KnownMagnetometer(aligned.delay, aligned.wrong_axes, used, aligned.notes)
         self.sensor = replace(self.sensor, magnetometer=known)
 
     def cut_whole(self) -> Recording:
         """Cut out all samples, the magnetometer not corrected."""
-        first = self._buffer.first
-        recording = self._cut_aligned(first, first)
+        recording = self._cut_aligned(self.buffer.first, self.buffer.first)
         self.sensor = replace(self.sensor, period_s=recording.period_s, clipping=recording.clipping)
         return recording
 
     def cut_recording(self, first: int, mag_from: int | None = None) -> Recording:
-        """Cut out the samples from one on, with the field from sample `mag_from` on where only that is looked at."""
+        """Cut out the samples from one on, with the field from sample `mag_from` on where only that is used."""
         part = self._of_sensor(self._cut_aligned(first, first if mag_from is None else mag_from))
         iron = self.sensor.iron
         return part if iron is None or part.mag is None else iron.apply_to(part)
@@ -262,7 +250,7 @@ class PartialWalk:
 
         Each piece of a long standing is a footfall of its own. The statistic is 0 at the stillest samples, else 1.
         """
-        footfalls = [one.footfall for one in self._footfalls[first_footfall - self._discarded :]]
+        footfalls = [one.footfall for one in self._footfalls[first_footfall - self.discarded :]]
         number = np.repeat(np.arange(len(footfalls)), [len(one.start) for one in footfalls])
         start = np.concatenate([one.start for one in footfalls]) - first
         end = np.concatenate([one.stop for one in footfalls]) - first
@@ -272,7 +260,7 @@ class PartialWalk:
 
     def cut_onward(self, sample: int, until: int) -> tuple[Recording, int]:
         """Cut out some samples before one and all up to `until`; and where in them that sample is."""
-        first = max(sample - _BEFORE, self._buffer.first)
+        first = max(sample - SAMPLES_BEFORE, self.buffer.first)
         return self._of_sensor(self._cut(first, until)), sample - first
 
     def _cut_aligned(self, first: int, mag_from: int) -> Recording:
@@ -282,7 +270,7 @@ class PartialWalk:
             return recording
         if not found.used:
             return replace(recording, mag=None)
-        lead = self._buffer.find_since(self._buffer.stamp(mag_from) - LEAD_S, mag_from)
+        lead = self.buffer.find_since(self.buffer.stamp(mag_from) - LEAD_S, mag_from)
         mag = remove_delay(self._cut(lead, self.stop), found.delay).mag
         if mag is None:
             return recording
@@ -290,7 +278,7 @@ class PartialWalk:
         return replace(recording, mag=np.concatenate([unseen, mag[mag_from - lead :]]))
 
     def _cut(self, first: int, stop: int) -> Recording:
-        return as_recording(self._buffer.between(first, stop), self._with_mag)
+        return as_recording(self.buffer.between(first, stop), self._with_mag)
 
     def _of_sensor(self, part: Recording) -> Recording:
         """A part of the walk, clipped at the levels of the whole, its peaks as high as the whole shows.
@@ -304,19 +292,6 @@ class PartialWalk:
         columns = zip((part.acc, part.gyr), sensor.clipping, sensor.extreme, strict=True)
         acc, gyr = (_complete_levels(*column) for column in columns)
         return part.assume(sensor.period_s, (acc, gyr)).raise_peaks(sensor.peak_height)
-
-    def _check(self, rows: Floats, footfall: Footfall, until: int) -> None:
-        """Refuse what is no walk; `rows` begin with the last one known."""
-        begins = self._footfalls[-1].footfall.stop[-1] if self._footfalls else 0
-        if not (is_in_order(footfall, int(begins)) and footfall.stop[-1] <= until):
-            raise EstimationError(
-                f"footfall {self.n_footfalls} is not one: its stances must follow those before, within the "
-                "samples, and the stillest sample must be in one of them."
-            )
-        if not np.isfinite(rows[:, :7]).all() or not (np.diff(rows[:, 0]) > 0).all():
-            raise EstimationError(
-                f"samples of footfall {self.n_footfalls} are not finite, or their stamps do not rise: leave them out."
-            )
 
 
 def _complete_levels(samples: Floats, known: Floats, extreme: Floats) -> Floats:

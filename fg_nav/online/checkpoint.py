@@ -1,6 +1,6 @@
 """Save a walk in progress and resume it, to the same answer.
 
-A checkpoint is a file that grows (`record_log`) with each save:
+A checkpoint is a file that grows (`packing`) with each save:
 
     samples since the last save, and what the judge of the samples knows       each time
     state of the walk, what changed of it (`saved_state`)                      after it was solved again
@@ -30,21 +30,19 @@ from fg_nav.arrays import Floats
 from fg_nav.detection.causal import CausalParameters
 from fg_nav.errors import EstimationError, FormatError, OutputError, describe_reason
 from fg_nav.online.buffer import TAKEN
-from fg_nav.online.judge import SampleFilter
 from fg_nav.online.navigator import NavigatorState, OnlineNavigator
 from fg_nav.online.options import OnlineOptions
-from fg_nav.online.packing import pack, unpack
+from fg_nav.online.packing import append_record, pack, read_records, unpack, write_records
 from fg_nav.online.pocket import Navigator, PocketOptions, begin_walk
-from fg_nav.online.record_check import is_in_order, refuse_damaged, say_damaged
-from fg_nav.online.record_log import append_record, read_records, write_records
+from fg_nav.online.record_check import is_in_order, refuse_damaged, report_damaged
+from fg_nav.online.sample_filter import SampleFilter
 from fg_nav.online.saved_state import StateChanges, StateReader, find_changes
 from fg_nav.system.locks import PathLock
 from fg_nav.text import format_count, to_json
 
-VERSION = 11  # Of the records in a checkpoint.
-BLOCK = 1 << 14  # Rows that are replayed at once; the answer does not depend on it.
-MIN_BYTES = 1 << 20  # A file smaller than this is not written again.
-
+VERSION = 11  # of the records in a checkpoint
+BLOCK = 1 << 14  # rows that are replayed at once; the answer does not depend on it
+MIN_BYTES = 1 << 20  # a smaller file is not written again
 ROW_BYTES = 8 * TAKEN
 
 
@@ -123,7 +121,10 @@ class Checkpoint:
 
     def collect(self, navigator: Navigator) -> Snapshot:
         """Return what is new of a walk, to be written while it goes on."""
-        if not self._is_as_left():
+        size = 0
+        with suppress(OSError):
+            size = self._path.stat().st_size
+        if not 0 < self._size == size:  # the file is not as the last save left it
             self._size, self._stop, self._state, self._begun_at = 0, 0, None, -1
         buffer, is_new = navigator.buffer, self._size == 0
         # A state is needed where the walk was solved again, or where samples were discarded before they were saved.
@@ -162,10 +163,15 @@ class Checkpoint:
             # All of it is on the disk: the next save begins behind it.
             self._stop = record.first + len(record.rows)
             if state is not None:
-                self._state, self._begun_at = state, state.smoother.starts[-1].place.sample
+                self._state, self._begun_at = state, state.smoother.starts[-1].stance.sample
                 self._state_bytes = len(packed)
-            # What is superseded is left out once it is more than half.
-            if self._size > max(2 * self._count_needed(record.kept_from), MIN_BYTES):
+            # What is superseded is left out once it is more than half: beside the newest state and the samples needed.
+            needed = (self._stop - record.kept_from) * ROW_BYTES + self._state_bytes
+            if self._state is not None:
+                smoother = self._state.smoother
+                rows = (*smoother.told, *smoother.past.rows)
+                needed += len(rows) * rows[0].numbers.nbytes + sum(part.nbytes for part in smoother.past.nodes)
+            if self._size > max(2 * needed, MIN_BYTES):
                 self._size = _write_again(self._path)
                 self._renew_lock()
         except OSError as error:
@@ -184,9 +190,9 @@ class Checkpoint:
     ) -> Navigator:
         """Resume the walk that the file holds, see `load`; what is saved from then on goes into the same file."""
         name = self._path.name
-        with say_damaged(self._path):
+        with report_damaged(self._path):
             content = _Content(self._path)
-            self._state = content.state()
+            self._state = content.state
         frame = content.frame
         calibration, known = (getattr(one, "calibration", None) for one in (options, frame.options))
         compared = (
@@ -197,34 +203,18 @@ class Checkpoint:
         for given, known, other in compared:
             if given is not None and to_json(given) != to_json(known):
                 raise EstimationError(f"{name} was made with {other}: give the same, or name another checkpoint.")
-        with say_damaged(self._path):
-            navigator = _resume(content, self._state, remark, progress, beside)
+        with report_damaged(self._path):
+            navigator = _resume(content, remark, progress, beside)
         if len(navigator.reported_continues) != content.newest.n_reported:
             raise EstimationError(f"{name} is of a version that found other footfalls: begin the walk again.")
         self._size, self._stop = content.size, content.stop
-        self._begun_at = -1 if self._state is None else self._state.smoother.starts[-1].place.sample
+        self._begun_at = -1 if self._state is None else self._state.smoother.starts[-1].stance.sample
         behind = self._path.stat().st_size - content.size
         if behind:
             remark(f"the last {format_count(behind, 'byte')} of {name} are not whole, and left out.")
             with suppress(OSError):
                 os.truncate(self._path, content.size)
         return navigator
-
-    def _is_as_left(self) -> bool:
-        """Whether the file is as the last save left it."""
-        try:
-            return self._size > 0 and self._path.stat().st_size == self._size
-        except OSError:
-            return False
-
-    def _count_needed(self, kept_from: int) -> int:
-        """Bytes that a file with the newest state and the samples behind `kept_from` has, roughly."""
-        samples = (self._stop - kept_from) * ROW_BYTES + self._state_bytes
-        if self._state is None:
-            return samples
-        smoother = self._state.smoother
-        rows = (*smoother.told, *smoother.past.rows)
-        return samples + len(rows) * rows[0].numbers.nbytes + sum(part.nbytes for part in smoother.past.nodes)
 
 
 def save(navigator: Navigator, path: Path | str) -> None:
@@ -270,84 +260,67 @@ def load(
 
 
 class _Content:
-    """What the records of a file come to.
+    """Content of the records of a file; raises `FormatError` if it is no checkpoint.
 
     The samples `first <= i < stop` are in `blocks`, unless they are not read; `size` is that of the file as far as it
-    is whole.
-
-    Raises
-    ------
-    FormatError
-        If the file is no checkpoint.
+    is whole, `frame` from its first record, `newest` its last record, and `state` the last state, None without.
     """
 
     def __init__(self, path: Path, with_samples: bool = True) -> None:
         self.blocks: list[Floats] = []
         self.first = self.stop = self.size = 0
-        self._reader = StateReader()
-        self._frame: Frame | None = None
-        self._newest: Record | None = None
-        records: list[Record] = []
+        reader, frame, records = StateReader(), None, list[Record]()
+        newest: Record | None = None
         for record, size in _read(path):
             records += [record] * with_samples
-            self.size, self._frame, self._newest = size, self._frame or record.frame, record
+            self.size, frame, newest = size, frame or record.frame, record
             if record.first > self.stop:
                 self.blocks, self.first = [], record.first
             self.stop = record.first + len(record.rows)
             if with_samples:
                 self.blocks.append(record.rows)
             if record.changes is not None:
-                self._reader.add(record.changes)
-        if self._frame is None:
+                reader.add(record.changes)
+        if frame is None or newest is None:
             raise FormatError(f"{path.name} is no checkpoint of a walk: name another file, or remove it.")
+        self.frame, self.newest = frame, newest
         if with_samples:  # to be resumed; else the program itself wrote them
             refuse_damaged(path, records, self.stop)
-            self._leave_out(self.newest.kept_from)
-
-    @property
-    def newest(self) -> Record:
-        """The last record."""
-        assert self._newest is not None
-        return self._newest
-
-    @property
-    def frame(self) -> Frame:
-        """With what the walk was begun."""
-        assert self._frame is not None
-        return self._frame
-
-    def state(self) -> NavigatorState | None:
-        """Return the last state; None where there is none."""
-        return self._reader.state()
-
-    def _leave_out(self, before: int) -> None:
-        """Leave out the samples before one."""
-        while self.blocks and self.first + len(self.blocks[0]) <= before:
-            self.first += len(self.blocks.pop(0))
-        if self.blocks and self.first < before:
-            self.blocks[0], self.first = self.blocks[0][before - self.first :], before
+            # samples that are not needed any more
+            before = newest.kept_from
+            while self.blocks and self.first + len(self.blocks[0]) <= before:
+                self.first += len(self.blocks.pop(0))
+            if self.blocks and self.first < before:
+                self.blocks[0], self.first = self.blocks[0][before - self.first :], before
+        self.state = reader.state()
 
 
 def _resume(
     content: _Content,
-    state: NavigatorState | None,
     remark: Callable[[str], None],
     progress: Callable[[float], None] | None,
     beside: bool,
 ) -> Navigator:
-    """Return a navigator that goes on from a state with the samples behind it."""
-    newest, frame = content.newest, content.frame
+    """Return a navigator that goes on from the last state with the samples behind it."""
+    newest, frame, state = content.newest, content.frame, content.state
     judge = SampleFilter.resume(newest.judge, content.blocks, remark, content.first)
     navigator = begin_walk(frame.options, remark, frame.detection, judge, beside)
     navigator.source.update(newest.source)
     if "units" in newest.source:
         navigator.units.resume(newest.source["units"])
     # The samples that the state knows, and the state.
-    later = _append_known(navigator, content, 0 if state is None else state.stop - content.first)
+    known = 0 if state is None else state.stop - content.first
+    navigator.buffer.skip_to(content.first)
+    behind = [np.empty((0, TAKEN))]
+    for block in content.blocks:
+        navigator.buffer.append(block[: max(known, 0)])
+        behind.append(block[max(known, 0) :])
+        known -= len(block)
     if state is not None:
         assert isinstance(navigator, OnlineNavigator)
         navigator.resume(state, newest.takeovers, newest.n_reported)
     # Those behind it come as they came then.
+    later = np.concatenate(behind)
     for start in range(0, len(later), BLOCK):
         navigator.add_rows(later[start : start + BLOCK])
         if progress is not None:
@@ -355,17 +328,6 @@ def _resume(
     if newest.has_ended:
         navigator.close()
     return navigator
-
-
-def _append_known(navigator: Navigator, content: _Content, known: int) -> Floats:
-    """Append the first `known` samples of a file to those of a navigator, and return those behind them."""
-    navigator.buffer.skip_to(content.first)
-    behind = [np.empty((0, TAKEN))]
-    for block in content.blocks:
-        navigator.buffer.append(block[: max(known, 0)])
-        behind.append(block[max(known, 0) :])
-        known -= len(block)
-    return np.concatenate(behind)
 
 
 def _read(path: Path) -> Iterator[tuple[Record, int]]:
@@ -383,7 +345,7 @@ def _read(path: Path) -> Iterator[tuple[Record, int]]:
 def _write_again(path: Path) -> int:
     """Write a file again without what is superseded; its size. The samples pass through, a record at a time."""
     content = _Content(path, with_samples=False)
-    newest, state = replace(content.newest, frame=None, changes=None), content.state()
+    newest, state = replace(content.newest, frame=None, changes=None), content.state
     changes = None if state is None else find_changes(state, None)
 
     def list_records() -> Iterator[bytes]:

@@ -1,34 +1,9 @@
-"""What a walk in progress reports: an estimate at each footfall, and the path between footfalls; as JSON.
+"""What a walk in progress reports: estimates of its footfalls, revisions of its past, and both as lines of JSON.
 
-StanceEstimate        a footfall, as known when it was complete; kept as a row of numbers, for a walk has thousands
-propagate_strapdown   from the last footfall to now: strapdown, standing still where the foot is seen to stand
-
-As JSON an estimate is one object a line.
-
-========================= ======================================================================================
-kind                      "now": as known when the footfall was complete; "smoothed": as the graph has it at the end;
-                          "polished": as the batch smoother has it then
-stance                    number of the row, from 0
-continues                 of "now": a further piece of a long standing, no new footfall
-t                         s, of its stillest sample
-sensor_t                  s, the stamp that the sensor gave it, only where that is another: its clock was set on or back
-position_m                [east, north, up]
-heading_deg               of the body's x axis, clockwise from north, in [0, 360)
-position_sigma_m          [east, north, up]
-east_north_cov_m2         covariance of east and north: with their sigmas, the ellipse
-heading_sigma_deg
-gyro_bias_deg_s           [x, y, z], body axes
-gyro_bias_sigma_deg_s     [x, y, z]
-floor                     of now: of the building, 0 where the walk began, +1 the next above; null where not known,
-                          as on stairs, and in a pocket
-compass_weight            of the magnetic heading at the footfall: 1 where the field changes no more than it usually
-                          does on the walk, less where it changes more, 0 where it has none; null in a pocket
-field, field_reason       verdict of the gate on the magnetic field, in a word and in words
-verdict, reasons          on the path: of now up to this line (`line_verdict`), else on all of it (`fg_nav.verdict`);
-                          "trusted", "doubtful" or "not to be used", and what speaks against it
-========================= ======================================================================================
-
-Sigmas are one standard deviation. What is not finite is null.
+A `StanceEstimate` is one object a line, of the kind "now" when its footfall was complete, and "smoothed" or "polished"
+at the end. A `Revision` is up to three kinds of lines before the next of these: "turned", "retracted" for each footfall
+that was none, and "revised", the past as it is known now. Their keys are in docs/online.md. Sigmas are one standard
+deviation; what is not finite is null.
 """
 
 from __future__ import annotations
@@ -46,16 +21,25 @@ from gtsam.symbol_shorthand import B, V, X
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.frames import UNKNOWN_RAD, compute_heading, turn_heading
 from fg_nav.mechanisation import NavState, strapdown
-from fg_nav.online.field import Verdict
-from fg_nav.online.strides import Place
+from fg_nav.online.field import CompassVerdict
+from fg_nav.online.strides import StanceNodes
 from fg_nav.recording import Recording
 from fg_nav.smoother.barometer import SCALE_SIGMA
-from fg_nav.smoother.moving_foot import extend_covariance
+from fg_nav.smoother.shared_errors import extend_covariance
 from fg_nav.smoother.solver import in_nav
 from fg_nav.solution import StanceTable
 from fg_nav.system.compiled import njit
 from fg_nav.text import to_json
-from fg_nav.verdict.reason import Verdict as PathVerdict
+from fg_nav.verdict.limits import Verdict
+
+SMOOTHED, POLISHED = "smoothed", "polished"  # Kinds of lines at the end: of the graph, and of the batch smoother.
+TURNED_RAD = float(np.radians(1.0))  # A smaller turn is one of many corrections of the past.
+MAX_POINTS = 200  # Of a revised path.
+DIGITS = 6  # After the point: a micrometre, a microdegree ...
+PAST_DIGITS = 3  # ... and of a revision a millimetre, a millidegree.
+
+SensorTime = Callable[[int, float], float]
+"""The stamp, s, that the sensor gave a sample which was taken with this stamp (`SampleFilter.sensor_time`)."""
 
 
 @dataclass(frozen=True)
@@ -106,22 +90,20 @@ class StanceEstimate:
 
     def as_row(self) -> EstimateRow:
         """Return it as a row of numbers and its words."""
-        matrices = (
-            self.position, self.velocity, self.nav_R_body, self.gyro_bias, self.pose_cov, self.gyro_bias_sigma
-        )  # fmt: skip
-        parts = (matrix.ravel() for matrix in matrices)
-        numbers = np.concatenate([[self.sample, self.t], *parts, [self.compass_weight]])
+        of_motion = self.position, self.velocity, self.nav_R_body.ravel(), self.gyro_bias
+        sigmas = self.pose_cov.ravel(), self.gyro_bias_sigma
+        numbers = np.concatenate([[self.sample, self.t], *of_motion, *sigmas, [self.compass_weight]])
         return EstimateRow(numbers, self.field, self.field_reason)
 
 
 def estimate_stance(
-    place: Place,
+    stance: StanceNodes,
     pose: gtsam.Pose3,
     velocity: Floats,
     bias: gtsam.imuBias.ConstantBias,
     body_cov: Floats,
     bias_cov: Floats,
-    verdict: Verdict,
+    verdict: CompassVerdict,
     moving_foot: bool,
     has_air: bool,
     floor: int | None = None,
@@ -138,9 +120,9 @@ def estimate_stance(
     pose_cov[3, 3] = max(pose_cov[3, 3], min(float(by_turn @ body_cov[:3, :3] @ by_turn), UNKNOWN_RAD**2))
     pose_cov[2, 2] += (SCALE_SIGMA * position[2]) ** 2 * has_air
     return StanceEstimate(
-        number=place.number,
-        sample=place.sample,
-        t=place.t,
+        number=stance.number,
+        sample=stance.sample,
+        t=stance.t,
         position=position,
         nav_R_body=attitude,
         heading=float(compute_heading(attitude)),
@@ -156,8 +138,8 @@ def estimate_stance(
 
 
 def list_estimates(
-    places: Sequence[Place],
-    verdicts: Sequence[Verdict],
+    stances: Sequence[StanceNodes],
+    verdicts: Sequence[CompassVerdict],
     values: gtsam.Values,
     covariances: Mapping[int, Floats],
     moving_foot: bool,
@@ -165,12 +147,15 @@ def list_estimates(
 ) -> list[EstimateRow]:
     """Return the estimates of some footfalls as rows, from the values of a graph and its covariances by variable."""
     rows = []
-    for place, verdict in zip(places, verdicts, strict=True):
-        pose, bias = X(place.result), B(place.bias)
-        state = values.atPose3(pose), values.atVector(V(place.result)), values.atConstantBias(bias)
+    for stance, verdict in zip(stances, verdicts, strict=True):
+        pose, bias = X(stance.result), B(stance.bias)
+        state = values.atPose3(pose), values.atVector(V(stance.result)), values.atConstantBias(bias)
         of_pose, of_bias = covariances[pose], covariances[bias]
-        rows.append(estimate_stance(place, *state, of_pose, of_bias, verdict, moving_foot, has_air).as_row())
+        rows.append(estimate_stance(stance, *state, of_pose, of_bias, verdict, moving_foot, has_air).as_row())
     return rows
+
+
+# --- rows and tables -------------------------------------------------------------------------------------------------
 
 
 class EstimateRow(NamedTuple):
@@ -236,7 +221,10 @@ def select_rows(table: StanceTable, keep: Bools) -> StanceTable:
     return StanceTable(**kept)
 
 
-class Track(NamedTuple):
+# --- between footfalls -----------------------------------------------------------------------------------------------
+
+
+class StrapdownPath(NamedTuple):
     """A path at the rate of the samples: `t` (n,), position (n, 3), velocity (n, 3), attitude (n, 3, 3)."""
 
     t: Floats
@@ -245,132 +233,163 @@ class Track(NamedTuple):
     nav_R_body: Floats
 
 
-def propagate_strapdown(recording: Recording, first: int, state: NavState, stands: Bools, gravity: float) -> Track:
-    """Propagate a state from sample `first` to the last; at samples of `stands` (N,) the foot does not move."""
+def propagate_strapdown(recording: Recording, first: int, state: NavState, gravity: float) -> StrapdownPath:
+    """Propagate a state from sample `first` to the last."""
     h = np.append(np.diff(recording.t), recording.period_s)
-    path = _propagate(h, *recording.integrable, stands, first, state, gravity)
-    return Track(recording.t[first:], *path)
+    return StrapdownPath(recording.t[first:], *_propagate(h, *recording.integrable, first, state, gravity))
 
 
 @njit(cache=True)
 def _propagate(
-    h: Floats, acc: Floats, gyr: Floats, stands: Bools, first: int, state: NavState, gravity: float
+    h: Floats, acc: Floats, gyr: Floats, first: int, state: NavState, gravity: float
 ) -> tuple[Floats, Floats, Floats]:
     """Position (n, 3), velocity (n, 3) and attitude (n, 3, 3) from sample `first` on."""
     n = len(h) - first
     p, v, R = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3, 3))
-    turn, push, at = np.empty((3, 3)), np.empty(3), np.empty(3)
+    turn, push = np.empty((3, 3)), np.empty(3)
     for i in range(n):
         p[i], v[i], R[i] = state.position, state.velocity, state.nav_R_body
-        at[:] = state.position
         strapdown(state, acc[first + i], gyr[first + i], h[first + i], gravity, turn, push)
-        if stands[first + i]:
-            state.position[:] = at
-            state.velocity[:] = 0.0
     return p, v, R
 
 
-SMOOTHED, POLISHED = "smoothed", "polished"
-"""Kinds of lines at the end: as the graph has it, and as the batch smoother has it."""
-
-SensorTime = Callable[[int, float], float]
-"""The stamp, s, that the sensor gave a sample which was taken with this stamp (`SampleFilter.sensor_time`)."""
-
-DIGITS = 6  # After the point: a micrometre, a microdegree.
-
-
-def _same_time(sample: int, t: float) -> float:
-    return t
+# --- lines -----------------------------------------------------------------------------------------------------------
 
 
 def format_estimate(
     estimate: StanceEstimate,
     continues: bool,
-    sensor_time: SensorTime = _same_time,
-    verdict: PathVerdict | None = None,
+    sensor_time: SensorTime = lambda sample, t: t,
+    verdict: Verdict | None = None,
 ) -> str:
     """Return the line of an estimate of the moment, with the verdict on the path up to it, where there is one."""
-    return _format_line(
-        "now",
-        estimate.number,
-        {"continues": continues, "floor": estimate.floor},
-        verdict,
-        (estimate.t, sensor_time(estimate.sample, estimate.t)),
-        estimate.position,
-        np.degrees(estimate.heading),
-        np.sqrt(np.diagonal(estimate.pose_cov)),
-        float(estimate.pose_cov[0, 1]),
-        estimate.gyro_bias,
-        estimate.gyro_bias_sigma,
-        (estimate.compass_weight, estimate.field, estimate.field_reason),
-    )
+    return _format_line("now", {"continues": continues, "floor": estimate.floor}, estimate, sensor_time, verdict)
 
 
 def format_table(
     table: StanceTable,
-    sensor_time: SensorTime = _same_time,
+    sensor_time: SensorTime = lambda sample, t: t,
     kind: str = SMOOTHED,
     heading: Floats | None = None,
-    verdict: PathVerdict | None = None,
+    verdict: Verdict | None = None,
 ) -> Iterator[str]:
     """Yield the lines of the past as it is known at the end; `heading` (K,) rad, if not of the body's x axis.
 
     `verdict` is that on the whole path, where there is one.
     """
-    heading = np.degrees(compute_heading(table.nav_R_body) if heading is None else heading)
+    heading = compute_heading(table.nav_R_body) if heading is None else heading
     for k in range(len(table)):
-        yield _format_line(
-            kind,
-            k,
-            {},
-            verdict,
-            (float(table.t[k]), sensor_time(int(table.sample[k]), float(table.t[k]))),
-            table.position[k],
-            heading[k],
-            np.append(table.position_sigma[k], table.heading_sigma[k]),
-            float(table.position_cov[k, 0, 1]),
-            table.gyro_bias[k],
-            table.gyro_bias_sigma[k],
-            (
-                np.nan if table.compass_weight is None else table.compass_weight[k],
-                table.field[k],
-                table.field_reason[k],
-            ),
+        pose_cov = np.zeros((4, 4))
+        pose_cov[:3, :3], pose_cov[3, 3] = table.position_cov[k], table.heading_sigma[k] ** 2
+        estimate = StanceEstimate(
+            number=k,
+            sample=int(table.sample[k]),
+            t=float(table.t[k]),
+            position=table.position[k],
+            nav_R_body=table.nav_R_body[k],
+            heading=float(heading[k]),
+            velocity=np.zeros(3),
+            gyro_bias=table.gyro_bias[k],
+            pose_cov=pose_cov,
+            gyro_bias_sigma=table.gyro_bias_sigma[k],
+            compass_weight=np.nan if table.compass_weight is None else float(table.compass_weight[k]),
+            field=table.field[k],
+            field_reason=table.field_reason[k],
         )
+        yield _format_line(kind, {}, estimate, sensor_time, verdict)
 
 
 def _format_line(
-    kind: str,
-    number: int,
-    more: dict[str, object],
-    verdict: PathVerdict | None,
-    stamps: tuple[float, float],
-    position: Floats,
-    heading_deg: float,
-    sigma: Floats,
-    east_north_cov: float,
-    bias: Floats,
-    bias_sigma: Floats,
-    field: tuple[float, str, str],
+    kind: str, more: dict[str, object], estimate: StanceEstimate, sensor_time: SensorTime, verdict: Verdict | None
 ) -> str:
-    t, sensor_t = (round(stamp, 9) for stamp in stamps)
+    sigma = np.sqrt(np.diagonal(estimate.pose_cov))
+    t, sensor_t = round(estimate.t, 9), round(sensor_time(estimate.sample, estimate.t), 9)
     content: dict[str, object] = {
         "kind": kind,
-        "stance": number,
+        "stance": estimate.number,
         **more,
         "t": t,
         **({} if sensor_t == t else {"sensor_t": sensor_t}),
-        "position_m": np.round(position, DIGITS),
-        "heading_deg": round(float(heading_deg % 360.0), DIGITS),
+        "position_m": np.round(estimate.position, DIGITS),
+        "heading_deg": round(float(np.degrees(estimate.heading) % 360.0), DIGITS),
         "position_sigma_m": np.round(sigma[:3], DIGITS),
-        "east_north_cov_m2": round(east_north_cov, 2 * DIGITS),
+        "east_north_cov_m2": round(float(estimate.pose_cov[0, 1]), 2 * DIGITS),
         "heading_sigma_deg": round(float(np.degrees(sigma[3])), DIGITS),
-        "gyro_bias_deg_s": np.round(np.degrees(bias), DIGITS),
-        "gyro_bias_sigma_deg_s": np.round(np.degrees(bias_sigma), DIGITS),
-        "compass_weight": round(float(field[0]), DIGITS),
-        "field": field[1],
-        "field_reason": field[2],
+        "gyro_bias_deg_s": np.round(np.degrees(estimate.gyro_bias), DIGITS),
+        "gyro_bias_sigma_deg_s": np.round(np.degrees(estimate.gyro_bias_sigma), DIGITS),
+        "compass_weight": round(float(estimate.compass_weight), DIGITS),
+        "field": estimate.field,
+        "field_reason": estimate.field_reason,
     }
     if verdict is not None:
         content |= {"verdict": verdict.word, "reasons": list(verdict.reasons)}
+    return _dump(content)
+
+
+def _dump(content: dict[str, object]) -> str:
     return json.dumps(to_json(content), allow_nan=False)
+
+
+# --- revisions -------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Revision:
+    """What changed when a walk was solved again.
+
+    Attributes
+    ----------
+    t : of the newest footfall that was solved again, s.
+    turn : of the map about its origin, rad clockwise; 0 where it did not turn.
+    retracted : numbers and stamps of the lines whose footfalls were none.
+    path : (K, 4) t (s), east, north, up (m) at footfalls of the walk so far, `MAX_POINTS` at most.
+    """
+
+    t: float
+    turn: float
+    retracted: tuple[tuple[int, float], ...]
+    path: Floats
+
+
+def compare_pasts(
+    before: Sequence[EstimateRow], after: Sequence[EstimateRow], first: int, retracted: Sequence[tuple[int, float]]
+) -> Revision:
+    """Return what changed of a walk from one solution to the next.
+
+    Parameters
+    ----------
+    before, after : estimates of the footfalls, before from number `first` on.
+    retracted : numbers and stamps of the lines whose footfalls are none.
+    """
+    old, new = split_rows(before), split_rows(after[first:])
+    _, i, j = np.intersect1d(old.sample, new.sample, return_indices=True)
+    turns = compute_heading(new.nav_R_body[j]) - compute_heading(old.nav_R_body[i])
+    turn = float(np.angle(np.exp(1j * turns).sum())) if len(turns) else 0.0
+    path = split_rows([after[k] for k in thin_rows(len(after))])
+    return Revision(
+        t=float(path.t[-1]),
+        turn=turn if abs(turn) > TURNED_RAD else 0.0,
+        retracted=tuple(retracted),
+        path=np.column_stack([path.t, path.position]),
+    )
+
+
+def thin_rows(count: int) -> list[int]:
+    """Return the numbers of at most `MAX_POINTS` of so many footfalls, the first and the last among them."""
+    return sorted(set(np.linspace(0, count - 1, min(count, MAX_POINTS)).round().astype(int).tolist()))
+
+
+def describe_past(table: StanceTable) -> Revision:
+    """Return the full current path, for a client that has just connected."""
+    path = np.column_stack([table.t, table.position])
+    return Revision(float(table.t[-1]), 0.0, (), path[thin_rows(len(path))])
+
+
+def format_revision(revision: Revision) -> Iterator[str]:
+    """Yield the lines of a revision."""
+    t = round(revision.t, 9)
+    if revision.turn:
+        yield _dump({"kind": "turned", "t": t, "angle_deg": round(float(np.degrees(revision.turn)), PAST_DIGITS)})
+    for number, stamp in revision.retracted:
+        yield _dump({"kind": "retracted", "stance": number, "t": t, "stance_t": round(stamp, 9)})
+    yield _dump({"kind": "revised", "t": t, "path": np.round(revision.path, PAST_DIGITS)})

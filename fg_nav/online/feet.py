@@ -2,16 +2,26 @@
 
     samples of a foot  -> its navigator, as of one foot alone               (`navigator`)
     its walk, again    -> with the other foot's, in one graph               (`feet_solving`)
-    two footfalls      -> the person between them                           (`feet_person`)
+    two footfalls      -> the person between them                           (`PersonTracker`)
 
 Both are on one clock, but for an offset that is given. A foot that falls silent or is refused leaves the other going on
 alone, from all that both had shown; one that comes back has a gap, and joins again by its steps. One whose clock
 restarts is on no clock of both any more: each is as it is alone from then on.
+
+Halfway in time between two footfalls of different feet both stand, so that the person, the middle of both, is at
+
+    p = (p_left + p_right) / 2,    P = (P_left + P_right) / 2 >= cov(p).
+
+The bound holds however the errors are correlated, as the covariance of their difference is none below zero; those of
+two feet that were solved together are nearly one, and then it is close.
+
+Whether the clocks of both fit is found by their first steps (`feet.clocks`), and reported once, with the offset to
+begin again with.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -20,24 +30,31 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.detection.causal import CausalParameters
 from fg_nav.errors import EstimationError, FgNavError
-from fg_nav.feet.person import FeetSolution
-from fg_nav.feet.sides import SIDES, Side
-from fg_nav.online.estimates import StanceEstimate, split_rows
-from fg_nav.online.feet_beside import FeetSolvers
-from fg_nav.online.feet_clocks import ENOUGH_SWINGS, check_clocks
-from fg_nav.online.feet_lines import FeetLine, FootState, State
-from fg_nav.online.feet_person import MAX_STEP_S, PersonTracker
-from fg_nav.online.handover import Handover, TiedHandover
+from fg_nav.feet import SIDES, Side
+from fg_nav.feet.clocks import Swings, match_swings
+from fg_nav.feet.person import CHORD_M, FeetSolution
+from fg_nav.feet.steps import SHORT_M, find_longest_stride
+from fg_nav.frames import compute_heading
+from fg_nav.online.anchor import AnchorState, TiedAnchorState
+from fg_nav.online.background import Solver, WorkerProcess, WorkerSolver
+from fg_nav.online.buffer import SampleBuffer
+from fg_nav.online.estimates import EstimateRow, Revision, StanceEstimate, split_rows, thin_rows
+from fg_nav.online.feet_lines import FeetLine, FootState, PersonEstimate, State
+from fg_nav.online.feet_solving import FootSolver, WalksAlone
 from fg_nav.online.navigator import OnlineNavigator
 from fg_nav.online.options import OnlineOptions
-from fg_nav.online.revision import Revision
 from fg_nav.online.schedule import AT_ONCE
 from fg_nav.online.smoother_state import Pending
-from fg_nav.smoother.feet_batch import measure_width_sigma, trace_solved_person
+from fg_nav.smoother.feet import measure_width_sigma, trace_solved_person
 from fg_nav.solution import Solution
 
-SILENT_S = 5.0  # By which the stamps of one foot are behind the other's: then it is said to be silent.
+SILENT_S = 5.0  # By which the stamps of one foot are behind the other's: then it is silent.
 EVERY = 4  # Footfalls, at which a foot that is not tied yet is solved again.
+MAX_STEP_S = 2.0  # Between footfalls of different feet; a standing person has one of each every two seconds.
+MAX_REMEMBERED = 8  # Steps before, by which the direction is found.
+ENOUGH_SWINGS = 20  # Of each foot, that show whether the clocks fit; some of them in a bend.
+
+OTHER: dict[Side, Side] = {"left": "right", "right": "left"}
 
 
 @dataclass(frozen=True)
@@ -78,6 +95,8 @@ class FeetNavigator:
     ) -> None:
         """Begin a walk.
 
+        Raises `EstimationError` with a lag or fixes, and for an offset that is no time.
+
         Parameters
         ----------
         options : of both feet; a heading is that of the left sensor.
@@ -86,22 +105,29 @@ class FeetNavigator:
         clock_offset_s : to add to the stamps of the right foot.
         beside : whether both are solved again in another process.
         right : options of the right foot, where its sensor is calibrated for itself.
-
-        Raises
-        ------
-        EstimationError
-            With a lag or fixes, and for an offset that is no time.
         """
-        _check(options, clock_offset_s)
+        for name, refused in (("a lag", options.lag_s), ("fixes", options.fixes or None)):
+            if refused is not None:
+                raise EstimationError(f"{name} cannot be used with two feet: leave it out, or follow one foot.")
+        if not np.isfinite(clock_offset_s):
+            raise EstimationError(f"a clock offset of {clock_offset_s} s is no time: give a number.")
         self._remark = remark
-        self._clocks_checked_at: int | None = ENOUGH_SWINGS
+        self._clocks_checked_at: int | None = ENOUGH_SWINGS  # lines of each foot
         self.offset_s: dict[Side, float] = {"left": 0.0, "right": clock_offset_s}
         given: dict[Side, OnlineOptions] = {"left": options, "right": options if right is None else right}
-        self._solvers = FeetSolvers(given, detection.stance, remark, beside)
+        self._walks, self._worker = WalksAlone(), WorkerProcess(SIDES) if beside else None
+
+        def make_solver(side: Side, buffer: SampleBuffer) -> Solver:
+            here = FootSolver(side, self._walks, given[side], detection.stance, buffer)
+            if self._worker is None:
+                return here
+            return WorkerSolver(given[side], detection.stance, buffer, remark, here, self._worker, side)
+
+        def remark_on(side: Side, words: str) -> None:
+            remark(f"{side} foot: {words}")
+
         self.navigators = {
-            side: OnlineNavigator(
-                given[side], partial(_say, remark, side), detection, solver=partial(self._solvers.open, side)
-            )
+            side: OnlineNavigator(given[side], partial(remark_on, side), detection, solver=partial(make_solver, side))
             for side in SIDES
         }
         self.refused: dict[Side, str] = {}
@@ -110,16 +136,10 @@ class FeetNavigator:
         self._person = PersonTracker()
         self._pending: dict[Side, Pending | None] = dict.fromkeys(SIDES)
         self._begun_s = dict.fromkeys(SIDES, -np.inf)
-        self._known: list[Handover | None] = [None, None]
+        self._known: list[AnchorState | None] = [None, None]
 
     def push(
-        self,
-        side: Side,
-        t: Floats,
-        acc: Floats,
-        gyr: Floats,
-        mag: Floats | None = None,
-        pressure: Floats | None = None,
+        self, side: Side, t: Floats, acc: Floats, gyr: Floats, mag: Floats | None = None, pressure: Floats | None = None
     ) -> list[FeetLine]:
         """Add samples of a foot, as to `OnlineNavigator.push`: both in turn, in blocks of less than `SILENT_S`.
 
@@ -131,7 +151,7 @@ class FeetNavigator:
             found = self.navigators[side].push(np.asarray(t) + self.offset_s[side], acc, gyr, mag, pressure)
         except FgNavError as error:
             return [self.refuse(side, error)]
-        return [*self.label(side, found), *self.look(side)]
+        return [*self.label(side, found), *self.update_both(side)]
 
     def label(self, side: Side, found: Iterable[StanceEstimate | Revision]) -> list[FeetLine]:
         """Return what a foot's navigator found as lines."""
@@ -140,20 +160,20 @@ class FeetNavigator:
 
     def frame(self, side: Side) -> Side:
         """Return in which frame a foot's lines are now."""
-        begun = self.navigators[side].smoother.begun
-        return "left" if side == "left" or isinstance(begun, TiedHandover) else "right"
+        initial = self.navigators[side].smoother.initial
+        return "left" if side == "left" or isinstance(initial, TiedAnchorState) else "right"
 
     def refuse(self, side: Side, error: FgNavError) -> FeetLine:
         """Leave a foot out from here on; raises the error where no other is left."""
         if len(self.refused) + 1 == len(SIDES):
             raise error
         self.refused[side] = str(error)
-        return self._tell(side, "refused", str(error))
+        return self._report_state(side, "refused", str(error))
 
-    def look(self, side: Side) -> list[FeetLine]:
-        """Look at what samples of a foot that were just pushed change for both; lines of that."""
+    def update_both(self, side: Side) -> list[FeetLine]:
+        """Return the lines of both that follow from samples of a foot that were just pushed."""
         news = [*self._watch_clock(side), *self._watch_silence(side)]
-        self._hasten(side)
+        self._schedule_both(side)
         self._check_clocks()
         return [*news, *self._follow_person()]
 
@@ -163,12 +183,13 @@ class FeetNavigator:
         found = [line for side in used for line in self.label(side, self.navigators[side].begin_end())]
         news = list(self._follow_person())
         ends = [line for side in used for line in self.label(side, self.navigators[side].take_end())]
-        self._solvers.close()
+        self.abandon()
         return [*found, *news, *ends, *self._follow_person()]
 
     def abandon(self) -> None:
-        """End the process beside, and nothing else."""
-        self._solvers.close()
+        """End the worker process, and nothing else."""
+        if self._worker is not None:
+            self._worker.close()
 
     def finish(self) -> FeetWalk:
         """End the walk and return what each foot, and both, come to; raises `FgNavError` where neither has a walk."""
@@ -185,8 +206,8 @@ class FeetNavigator:
 
     def _build_both(self, feet: Mapping[Side, Solution]) -> FeetSolution | None:
         """Return both feet as they were solved together; None where they were not."""
-        solved = self._solvers.walks.solved
-        if len(feet) < len(SIDES) or solved is None or not self._is_tied:
+        solved = self._walks.both
+        if len(feet) < len(SIDES) or solved is None or self.frame("right") != "left":
             return None
         left, right = feet["left"], feet["right"]
         person = trace_solved_person(solved, right, left)
@@ -195,36 +216,45 @@ class FeetNavigator:
             right, left, person, solved.minimum.values.width, measure_width_sigma(solved.minimum.root), *counts
         )
 
-    @property
-    def _is_tied(self) -> bool:
-        """Whether both feet are in one frame."""
-        return self.frame("right") == "left"
-
-    def _hasten(self, side: Side) -> None:
-        """Let a foot that is not tied yet be solved again soon, where both walk, and both be solved together."""
-        own, other = (self.navigators[one].smoother for one in (side, _other(side)))
+    def _schedule_both(self, side: Side) -> None:
+        """Have a foot that is not tied yet solved again soon, where both walk, and both be solved together."""
+        own, other = (self.navigators[one].smoother for one in (side, OTHER[side]))
         if min(own.n_reported, other.n_reported) < AT_ONCE[-1] or self._silent or self.refused or self.is_parted:
             return
-        if not isinstance(own.begun, TiedHandover) and own.n_reported % EVERY == 0:
+        if not isinstance(own.initial, TiedAnchorState) and own.n_reported % EVERY == 0:
             own.resolve_soon(own.n_reported + 1)
         # Both begin together.
-        if own.takeover.pending is not self._pending[side]:
-            self._pending[side] = own.takeover.pending
-            if own.takeover.pending is not None:
+        pending = own.schedule.pending
+        if pending is not self._pending[side]:
+            self._pending[side] = pending
+            if pending is not None:
                 self._begun_s[side] = self._find_last(side)
-                if self._begun_s[side] - self._begun_s[_other(side)] > MAX_STEP_S:
+                if self._begun_s[side] - self._begun_s[OTHER[side]] > MAX_STEP_S:
                     other.resolve_soon(other.n_reported + 1)
 
     def _check_clocks(self) -> None:
-        """Say once, as soon as the steps show it, that the clocks do not fit."""
-        left, right = (self.navigators[side].smoother for side in SIDES)
-        told, at = min(left.n_reported, right.n_reported), self._clocks_checked_at
-        if at is None or told < at or self.is_parted or self.refused:
+        """Remark once, as soon as the steps show it, that the clocks do not fit."""
+        smoothers = [self.navigators[side].smoother for side in SIDES]
+        count, at = min(one.n_reported for one in smoothers), self._clocks_checked_at
+        if at is None or count < at or self.is_parted or self.refused:
             return
-        words = check_clocks(left.rows, right.rows, self.offset_s["right"])
-        self._clocks_checked_at = None if words is not None else told + ENOUGH_SWINGS
-        if words:
-            self._remark(words)
+        swings = [list_swings(one.rows) for one in smoothers]
+        if min(len(one.middle) for one in swings) < ENOUGH_SWINGS:
+            self._clocks_checked_at = count + ENOUGH_SWINGS
+            return
+        self._clocks_checked_at = None
+        try:
+            clocks = match_swings(*swings)
+        except EstimationError as error:
+            self._remark(f"the clocks of both feet do not fit: {error}")
+            return
+        if clocks.note:
+            offset, given = clocks.offset_s, self.offset_s["right"]
+            fast = f" and drift by {100.0 * clocks.drift:+.2f} %, which a stream does not mend" if clocks.drift else ""
+            self._remark(
+                f"the clocks of both feet are {abs(offset):.2f} s apart{fast}, as their steps show: begin again with "
+                f"--clock-offset {given + offset:.2f}"
+            )
 
     def _watch_clock(self, side: Side) -> Iterator[FeetLine]:
         """Notice a foot whose clock restarted: its stamps were set on by a guess."""
@@ -232,22 +262,26 @@ class FeetNavigator:
         newest = navigator.buffer.stop - 1
         if not self.is_parted and newest >= 0 and navigator.judge.sensor_time(newest, 0.0):
             self.is_parted = True
-            self._solvers.part()
-            yield self._tell(side, "parted", "its clock began again: each foot goes on alone, in a frame of its own")
+            self._walks.part()
+            if self._worker is not None:
+                self._worker.messages.put((side, "part"))
+            yield self._report_state(
+                side, "parted", "its clock began again: each foot goes on alone, in a frame of its own"
+            )
 
     def _watch_silence(self, side: Side) -> Iterator[FeetLine]:
         """Notice that the other foot is behind, or that this one is back."""
-        last, other = {one: self._find_last(one) for one in SIDES}, _other(side)
+        last, other = {one: self._find_last(one) for one in SIDES}, OTHER[side]
         if not np.isfinite(last[side]):
             return
         self._begun = min(self._begun, last[side])
         behind = last[side] - max(last[other], self._begun)
         if behind > SILENT_S and other not in (*self._silent, *self.refused):
             self._silent.add(other)
-            yield self._tell(other, "silent", f"no samples for {SILENT_S:.0f} s: the {side} foot goes on alone")
+            yield self._report_state(other, "silent", f"no samples for {SILENT_S:.0f} s: the {side} foot goes on alone")
         if side in self._silent and behind > -SILENT_S:
             self._silent.discard(side)
-            yield self._tell(side, "back", "samples again: it joins the other foot by its next steps")
+            yield self._report_state(side, "back", "samples again: it joins the other foot by its next steps")
 
     def _find_last(self, side: Side) -> float:
         """Return the newest stamp of a foot, s."""
@@ -259,17 +293,20 @@ class FeetNavigator:
         if self.is_parted:
             return
         smoothers = [self.navigators[side].smoother for side in SIDES]
-        begun = [one.begun for one in smoothers]
-        is_one = _go_on_from_one(*begun)
-        if is_one and any(one is not known for one, known in zip(begun, self._known, strict=True)):
-            self._known = begun
+        left, right = initial = [one.initial for one in smoothers]
+        # For a step or two one of them goes on from an older solution.
+        is_one = (
+            isinstance(left, TiedAnchorState) and isinstance(right, TiedAnchorState) and left.number == right.number
+        )
+        if is_one and any(one is not known for one, known in zip(initial, self._known, strict=True)):
+            self._known = initial
             paths = (split_rows(one.rows) for one in smoothers)
             revised = self._person.revise(*(np.column_stack([path.t, path.position]) for path in paths))
             if revised is not None:
                 yield FeetLine("person", "left", revised)
-        left, right = (one.newest for one in smoothers)
-        step = None if left is None or right is None else self._person.add(left, right)
-        # Others are in the next path that is told.
+        newest = [one.reported[-1] for one in smoothers if one.reported]
+        step = self._person.add(*newest) if len(newest) == len(SIDES) else None
+        # Steps between are in the next path that is reported.
         if step is not None and is_one:
             yield FeetLine("person", "left", step)
 
@@ -278,27 +315,55 @@ class FeetNavigator:
         """The newest stamp of both, s; -inf before the first."""
         return max(self._find_last(side) for side in SIDES)
 
-    def _tell(self, side: Side, state: State, reason: str) -> FeetLine:
+    def _report_state(self, side: Side, state: State, reason: str) -> FeetLine:
         t = self.last_stamp
         return FeetLine(side, self.frame(side), FootState(t if np.isfinite(t) else 0.0, state, reason))
 
 
-def _go_on_from_one(left: Handover | None, right: Handover | None) -> bool:
-    """Whether both feet go on from the same solution: for a step or two one of them has the older one."""
-    return isinstance(left, TiedHandover) and isinstance(right, TiedHandover) and left.number == right.number
+class PersonTracker:
+    """The steps of a person so far."""
+
+    def __init__(self) -> None:
+        self._t: list[float] = []
+        self._recent: list[Floats] = []
+
+    def add(self, left: EstimateRow, right: EstimateRow) -> PersonEstimate | None:
+        """Return the step that two newest footfalls of both feet make; None where they make no new one."""
+        feet = split_rows([left, right])
+        t = float(feet.t.mean())
+        if np.ptp(feet.t) > MAX_STEP_S or (self._t and t <= self._t[-1]):
+            return None
+        # The heading is the direction from the newest step that is a chord away.
+        position, heading = feet.position.mean(axis=0), None
+        for before in reversed(self._recent):
+            east, north, _ = position - before
+            if np.hypot(east, north) >= CHORD_M:
+                heading = float(np.arctan2(east, north))
+                break
+        self._t.append(t)
+        self._recent = [*self._recent[1 - MAX_REMEMBERED :], position]
+        return PersonEstimate(len(self._t) - 1, t, position, heading, feet.pose_cov.mean(axis=0))
+
+    def revise(self, left: Floats, right: Floats) -> Revision | None:
+        """Return the path of all steps so far, by those of both feet (K, 4), t (s) and place (m), as known now."""
+        if not self._t:
+            return None
+        t = np.array(self._t)
+        places = [[np.interp(t, path[:, 0], column) for column in path[:, 1:].T] for path in (left, right)]
+        path = np.column_stack([t, np.mean(places, axis=0).T])
+        self._recent = list(path[-MAX_REMEMBERED:, 1:])
+        return Revision(float(t[-1]), 0.0, (), path[thin_rows(len(t))])
 
 
-def _other(side: Side) -> Side:
-    return "right" if side == "left" else "left"
-
-
-def _say(remark: Callable[[str], None], side: Side, words: str) -> None:
-    remark(f"{side} foot: {words}")
-
-
-def _check(options: OnlineOptions, clock_offset_s: float) -> None:
-    for name, given in (("a lag", options.lag_s), ("fixes", options.fixes or None)):
-        if given is not None:
-            raise EstimationError(f"{name} cannot be used with two feet: leave it out, or follow one foot.")
-    if not np.isfinite(clock_offset_s):
-        raise EstimationError(f"a clock offset of {clock_offset_s} s is no time: give a number.")
+def list_swings(rows: Sequence[EstimateRow]) -> Swings:
+    """List the swings between reported footfalls; a standing has footfalls without one, every two seconds."""
+    known = split_rows(rows)
+    middle = 0.5 * (known.t[1:] + known.t[:-1])
+    moved = np.linalg.norm(np.diff(known.position[:, :2], axis=0), axis=1)
+    took = np.diff(known.t)
+    longest = find_longest_stride(known.t)
+    is_swing = (moved > SHORT_M) & (took < longest)
+    heading = -np.unwrap(compute_heading(known.nav_R_body))  # counter-clockwise
+    begins = np.concatenate([[-np.inf], known.t[:-1][took > longest], known.t[-1:]])
+    ends = np.concatenate([known.t[:1], known.t[1:][took > longest], [np.inf]])
+    return Swings(middle[is_swing], known.t, heading, np.stack([begins, ends], axis=1))

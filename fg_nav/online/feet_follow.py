@@ -1,50 +1,126 @@
-"""Follow the sources of two feet to their end: `fg-nav stream LEFT RIGHT --mount feet`.
+"""`fg-nav stream LEFT RIGHT --mount feet`: follow the sources of two feet to their end.
 
-    two sources -> rows in the order of their stamps (`feet_merge`) -> the walk of each foot, as of one (`follow`)
-                -> its lines, with whose they are and in which frame; and those of both (`feet`)
+    two sources -> rows in the order of their stamps (`FeetMerge`) -> the walk of each foot, as of one (`follow`)
+                -> its lines, with foot and frame; and those of both (`feet`)
 
 A source that ends, falls silent or is refused leaves the other going on. The walk ends when both have ended, or are
-silent for as long as was asked for.
+silent for as long as was asked for. Calibrations are two files with a comma between; what is of one sensor alone is
+refused.
+
+A watcher gets the keys of one foot (`outlets`): `position_m` and `heading_deg` are null, as the newest step's line has
+them; `standing` is whether both feet stand, `floor` and `returns` are the left foot's, rate and losses those of both.
 """
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Mapping
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, closing
+from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
+
+import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.errors import FgNavError
-from fg_nav.feet.sides import SIDES, Side
-from fg_nav.online.estimates import StanceEstimate
+from fg_nav.errors import EstimationError, FgNavError, StreamError
+from fg_nav.feet import SIDES, Side, refuse_for_two, split_pair
+from fg_nav.online.buffer import COLUMNS
+from fg_nav.online.estimates import DIGITS, Revision, StanceEstimate
 from fg_nav.online.feet import FeetNavigator
 from fg_nav.online.feet_lines import FeetLine, format_feet_line, tag_line
-from fg_nav.online.feet_merge import FeetMerge
-from fg_nav.online.feet_status import FeetStatus
-from fg_nav.online.follow import FollowedWalk, StreamOptions
-from fg_nav.online.outlets import Outlets, Say
-from fg_nav.online.revision import Revision
-from fg_nav.online.silence import Silence
+from fg_nav.online.follow import (
+    ENDING,
+    FollowedWalk,
+    StreamedWalk,
+    StreamOptions,
+    StreamRequest,
+    open_source_of,
+    read_stream_options,
+)
+from fg_nav.online.options import OnlineOptions
+from fg_nav.online.outlets import Outlets, StatusReporter, list_ends
+from fg_nav.online.source_check import Silence
 from fg_nav.online.sources import SampleSource
+from fg_nav.system.signals import catch_signals
 
-WAIT_S = 0.05  # For bytes of one foot, before the other's are looked for.
+WAIT_S = 0.05  # For bytes of one foot, before the other's are read.
+BLOCK_S = 0.1  # Of rows of one foot, so that no foot runs ahead of the other.
+HELD_S = 1.0  # Of the wall clock, that rows wait for the other foot's: then that is silent, or its stamps differ.
+MAX_ROWS = 1000  # In a block, whatever their stamps.
 
 
-def follow_feet(
-    sources: Mapping[Side, SampleSource],
-    options: Mapping[Side, StreamOptions],
-    navigator: FeetNavigator,
-    outlets: Outlets,
-    stop: threading.Event,
-) -> None:
-    """Follow both sources to their end, or until a stop; the navigator is closed then.
+@dataclass(frozen=True)
+class FeetStreamRequest:
+    """What is asked for of both feet, whose `source` is the left one's; the right one's, and its clock's offset, s."""
 
-    Raises `FgNavError` where the samples of neither foot can be used.
+    both: StreamRequest
+    right: str
+    clock_offset_s: float = 0.0
+
+    @property
+    def sources(self) -> dict[Side, str]:
+        """By side."""
+        return {"left": self.both.source, "right": self.right}
+
+
+@dataclass(frozen=True)
+class StreamedFeet:
+    """Two feet whose walk has ended: their navigator, and the walk of each as of one foot."""
+
+    navigator: FeetNavigator
+    walks: dict[Side, StreamedWalk]
+
+
+def run_feet_stream(request: FeetStreamRequest, outlets: Outlets) -> StreamedFeet:
+    """Follow both sources until they end or a signal says stop; lines and remarks go to the outlets.
+
+    Raises `FgNavError` where something that was asked for cannot be.
     """
-    walk = _FollowedFeet(sources, options, navigator, outlets)
-    while not stop.is_set() and walk.read():
-        walk.add_waiting()
-    walk.end()
+    # What is of one sensor alone is refused.
+    both = request.both
+    if request.right == both.source:
+        raise StreamError(f"{request.right} is named twice: --mount feet takes two sources, the left foot's first.")
+    refused = {
+        "--checkpoint": both.checkpoint,
+        "--lag": both.lag_s,
+        "--fixes": both.fixes_path,
+        "--record": both.record,
+        "--step-constant": both.step_constant_m,
+        "--polish": both.polish or None,
+    }
+    refuse_for_two(refused)
+    # Options of each.
+    pair = (None, None) if both.calibration_path is None else split_pair(both.calibration_path)
+    if pair is None:
+        raise EstimationError(
+            f"--calibration {both.calibration_path} is of one sensor: with --mount feet give two files, the left "
+            "foot's first, as --calibration LEFT,RIGHT."
+        )
+    files = dict(zip(SIDES, pair, strict=True))
+    options = {side: read_stream_options(replace(both, calibration_path=files[side])) for side in SIDES}
+    left, right = (options[side].online for side in SIDES)
+    assert isinstance(left, OnlineOptions)
+    assert isinstance(right, OnlineOptions)
+    offset_s = request.clock_offset_s
+    navigator = FeetNavigator(left, outlets.remark, clock_offset_s=offset_s, beside=True, right=right)
+    with catch_signals(*ENDING) as stop, ExitStack() as opened:
+        opened.callback(navigator.abandon)
+        sources = {
+            side: opened.enter_context(
+                closing(open_source_of(replace(both, source=word), options[side].columns, outlets.remark))
+            )
+            for side, word in request.sources.items()
+        }
+        walk = _FollowedFeet(sources, options, navigator, outlets)
+        while not stop.is_set() and walk.read():
+            walk.add_waiting()
+        walk.end()
+    walks = {
+        side: StreamedWalk(navigator.navigators[side], one.name, options[side].calibration, options[side].mag_axes)
+        for side, one in sources.items()
+    }
+    return StreamedFeet(navigator, walks)
 
 
 class _FollowedFeet:
@@ -58,8 +134,12 @@ class _FollowedFeet:
         outlets: Outlets,
     ) -> None:
         self._sources, self._feet, self._emit = sources, navigator, outlets.emit
+
+        def remark_on(side: Side, words: str) -> None:
+            outlets.remark(f"{side} foot: {words}")
+
         self._walks = {
-            side: FollowedWalk(one, options[side], None, partial(self._tag, side), _name(outlets.remark, side))
+            side: FollowedWalk(one, options[side], None, partial(self._tag, side), partial(remark_on, side))
             for side, one in navigator.navigators.items()
         }
         self._silence = {
@@ -68,7 +148,7 @@ class _FollowedFeet:
         }
         self._open, self._over = list(SIDES), set[Side]()
         self._merge = FeetMerge()
-        self._status = None if outlets.watcher is None else FeetStatus(outlets.watcher)
+        self._status = None if outlets.watcher is None else _FeetStatus(outlets.watcher)
 
     def read(self) -> bool:
         """Read the foot that is behind, or the other one where it has sent nothing; False where nothing can come."""
@@ -101,7 +181,7 @@ class _FollowedFeet:
         for side in SIDES:
             self._walks[side].count_losses(self._sources[side].lost)
         for line in self._feet.close():
-            self._tell(line)
+            self._report(line)
         if self._status is not None:
             self._status.report_feet(self._feet, self._list_lost(), ended=True)
 
@@ -111,30 +191,30 @@ class _FollowedFeet:
         try:
             self._walks[side].add(rows, self._sources[side].header)
         except FgNavError as error:
-            self._tell(self._feet.refuse(side, error))
+            self._report(self._feet.refuse(side, error))
             return
-        for line in self._feet.look(side):
-            self._tell(line)
+        for line in self._feet.update_both(side):
+            self._report(line)
 
     def _end_source(self, side: Side) -> None:
         self._open.remove(side)
         try:
             self._put(side, self._sources[side].finish())
         except FgNavError as error:
-            self._tell(self._feet.refuse(side, error))
+            self._report(self._feet.refuse(side, error))
 
     def _put(self, side: Side, rows: Floats) -> None:
-        """Put rows by the clock of both where they wait."""
+        """Put rows by the clock of both into the merge."""
         rows = rows.copy()
         rows[:, 0] += self._feet.offset_s[side]
         self._merge.put(side, rows)
         if self._status is not None:
             self._status.count_samples(len(rows))
 
-    def _tell(self, line: FeetLine) -> None:
-        """Tell a line; those of a foot with the verdict on its path."""
+    def _report(self, line: FeetLine) -> None:
+        """Emit a line; those of a foot with the verdict on its path."""
         if line.foot != "person" and isinstance(line.content, StanceEstimate | Revision):
-            self._walks[line.foot].tell([line.content])
+            self._walks[line.foot].report([line.content])
             return
         for text in format_feet_line(line):
             self._emit(text)
@@ -149,5 +229,62 @@ class _FollowedFeet:
         return {name: sum(one[name] for one in lost) for name in ("samples", "datagrams")}
 
 
-def _name(remark: Say, side: Side) -> Say:
-    return lambda words: remark(f"{side} foot: {words}")
+class FeetMerge:
+    """Rows of two sources in the order of their stamps, in blocks of `BLOCK_S`.
+
+    A source gives its rows in pieces: a file some seconds at once, a sensor as they come. Rows wait until the other
+    foot's have come as far, but no longer than `HELD_S`.
+    """
+
+    def __init__(self) -> None:
+        self._waits = {side: np.empty((0, COLUMNS)) for side in SIDES}
+        self._since = dict.fromkeys(SIDES, 0.0)
+        self.newest = dict.fromkeys(SIDES, -np.inf)
+
+    def put(self, side: Side, rows: Floats) -> None:
+        """Put in rows (n, 11) of a foot."""
+        if len(rows):
+            if not len(self._waits[side]):
+                self._since[side] = time.monotonic()
+            self._waits[side] = np.concatenate([self._waits[side], rows])
+            self.newest[side] = float(rows[-1, 0])
+
+    def take(self, alone: bool) -> Iterator[tuple[Side, Floats]]:
+        """Yield blocks of both in turn, as far as both have come; all of them where there is no other to wait for."""
+        now = time.monotonic()
+        until = min(self.newest.values())
+        limit = {side: np.inf if alone or now - self._since[side] > HELD_S else until for side in SIDES}
+        while True:
+            heads = {side: rows[0, 0] for side, rows in self._waits.items() if len(rows) and rows[0, 0] <= limit[side]}
+            if not heads:
+                return
+            side = min(SIDES, key=lambda one: heads.get(one, np.inf))
+            yield side, self._cut(side, min(limit[side], heads[side] + BLOCK_S))
+
+    def _cut(self, side: Side, until: float) -> Floats:
+        """Cut the rows of a foot up to a stamp off, at least one."""
+        rows = self._waits[side]
+        beyond = np.flatnonzero(rows[:MAX_ROWS, 0] > until)
+        stop = int(beyond[0]) if len(beyond) else min(len(rows), MAX_ROWS)
+        self._waits[side], self._since[side] = rows[stop:], time.monotonic()
+        return rows[:stop]
+
+
+class _FeetStatus(StatusReporter):
+    """Measures while two sources are followed, and reports to a watcher."""
+
+    def report_feet(self, feet: FeetNavigator, lost: Mapping[str, int], ended: bool = False) -> None:
+        """Send the status, as `report` does of one foot."""
+
+        def describe() -> dict[str, Any]:
+            navigators, t = feet.navigators, feet.last_stamp
+            return {
+                "t": round(t, DIGITS) if np.isfinite(t) else None,
+                "standing": all(one.stands for one in navigators.values()),
+                "position_m": None,
+                "heading_deg": None,
+                "floor": navigators["left"].floor,
+                "returns": [list_ends(one) for one in navigators["left"].returns],
+            }
+
+        self.report(describe, lost, ended)

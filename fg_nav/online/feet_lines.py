@@ -1,6 +1,6 @@
 """What a walk of two feet reports: lines of each foot, of the person between them, and of a foot that is lost.
 
-A line of a foot is that of a walk of one (`estimates`, `revision`) with two keys more:
+A line of a foot is that of a walk of one (`estimates`) with two keys more:
 
 ========= ==========================================================================================================
 foot      "left", "right" or "person"
@@ -22,13 +22,11 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.feet.sides import Side
-from fg_nav.online.estimates import DIGITS, StanceEstimate, format_estimate
-from fg_nav.online.revision import Revision, format_revision
+from fg_nav.feet import Side
+from fg_nav.online.estimates import DIGITS, Revision, StanceEstimate, format_estimate, format_revision
 from fg_nav.text import to_json
 
 Who: TypeAlias = Literal["left", "right", "person"]
-
 State: TypeAlias = Literal["silent", "back", "refused", "parted"]
 
 
@@ -78,9 +76,23 @@ def format_feet_line(line: FeetLine) -> Iterator[str]:
         case Revision() as revision:
             lines = format_revision(revision)
         case PersonEstimate() as person:
-            lines = iter([_dump(_describe_person(person))])
+            sigma = np.sqrt(np.diagonal(person.pose_cov))
+            heading = None if person.heading is None else round(float(np.degrees(person.heading) % 360.0), DIGITS)
+            content = {
+                "kind": "now",
+                "stance": person.number,
+                "continues": False,
+                "t": round(person.t, 9),
+                "position_m": np.round(person.position, DIGITS),
+                "heading_deg": heading,
+                "position_sigma_m": np.round(sigma[:3], DIGITS),
+                "east_north_cov_m2": round(float(person.pose_cov[0, 1]), 2 * DIGITS),
+                "heading_sigma_deg": round(float(np.degrees(sigma[3])), DIGITS),
+            }
+            lines = iter([_dump(content)])
         case FootState() as state:
-            lines = iter([_dump({"kind": "foot", "t": round(state.t, 9), **_words(state)})])
+            content = {"kind": "foot", "t": round(state.t, 9), "state": state.state, "reason": state.reason}
+            lines = iter([_dump(content)])
     yield from (tag_line(one, line.foot, line.frame) for one in lines)
 
 
@@ -88,26 +100,6 @@ def tag_line(line: str, foot: Who, frame: Side) -> str:
     """Return a line of JSON with whose it is, and in which frame."""
     content = json.loads(line)
     return _dump({"kind": content.pop("kind"), "foot": foot, "frame": frame, **content})
-
-
-def _words(state: FootState) -> dict[str, object]:
-    return {"state": state.state, "reason": state.reason}
-
-
-def _describe_person(person: PersonEstimate) -> dict[str, object]:
-    sigma = np.sqrt(np.diagonal(person.pose_cov))
-    heading = None if person.heading is None else round(float(np.degrees(person.heading) % 360.0), DIGITS)
-    return {
-        "kind": "now",
-        "stance": person.number,
-        "continues": False,
-        "t": round(person.t, 9),
-        "position_m": np.round(person.position, DIGITS),
-        "heading_deg": heading,
-        "position_sigma_m": np.round(sigma[:3], DIGITS),
-        "east_north_cov_m2": round(float(person.pose_cov[0, 1]), 2 * DIGITS),
-        "heading_sigma_deg": round(float(np.degrees(sigma[3])), DIGITS),
-    }
 
 
 def _dump(content: dict[str, object]) -> str:

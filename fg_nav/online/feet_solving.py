@@ -1,8 +1,8 @@
-"""The walks of both feet of a person, solved again as one while they go on.
+"""The walks of both feet of a person in progress, solved again as one.
 
     each foot     its walk so far alone                       (`resolve.solve_alone`)
     both          in one graph                                (`smoother.feet.solve_feet`)
-    Handover      of each foot, by the triangle of both; its newest strides go on from there alone
+    AnchorState   of each foot, by the triangle of both; its newest strides go on from there alone
 
 Both begin within a step of each other, and are joined when the first of them is due, so that both go on from one
 solution, each by its own marginal of it: nothing is counted twice. A foot that has no newer task is in it as it was
@@ -23,17 +23,16 @@ import numpy as np
 
 from fg_nav.detection.stance import StanceParameters
 from fg_nav.errors import EstimationError
-from fg_nav.feet.sides import SIDES, Side
+from fg_nav.feet import SIDES, Side
 from fg_nav.feet.steps import MIN_TURNS, measure_turns
 from fg_nav.frames import compute_heading
-from fg_nav.online.anchor import condense_root
+from fg_nav.online.anchor import AnchorState, TiedAnchorState, marginalize_root
 from fg_nav.online.buffer import PartialWalk, SampleBuffer
 from fg_nav.online.field import OnlineField
-from fg_nav.online.graph_parts import list_variables
-from fg_nav.online.handover import Handover, TiedHandover
 from fg_nav.online.options import OnlineOptions
-from fg_nav.online.resolve import WalkSolution, condense_at, hand_over_solution, solve_alone
+from fg_nav.online.resolve import WalkSolution, build_anchor, marginalize_at, solve_alone
 from fg_nav.online.solving import Task, WalkSolver
+from fg_nav.online.strides import list_variables
 from fg_nav.smoother.feet import SolvedFeet, solve_feet
 from fg_nav.smoother.feet_factors import list_footfalls
 from fg_nav.smoother.solver import UNSOLVED, list_attitudes
@@ -42,30 +41,22 @@ MIN_CELLS = 6  # That tie two feet in progress: the first ones are small, and ea
 
 
 class WalksAlone:
-    """What each foot's walk came to alone when it was solved last, and both in one graph.
+    """The walk of each foot alone as it was solved last, and both in one graph.
 
     Attributes
     ----------
-    solvers : of the feet, by side.
-    solved : both as they were solved last; None before.
+    solvers, alone : of the feet, by side.
+    both : as they were solved last; None before.
     count : of such solutions.
     """
 
     def __init__(self) -> None:
         self.solvers: dict[Side, FootSolver] = {}
-        self.solved: SolvedFeet | None = None
+        self.alone: dict[Side, WalkSolution] = {}
+        self.both: SolvedFeet | None = None
         self.count = 0
-        self._alone: dict[Side, WalkSolution] = {}
         self._is_turned = self._is_parted = False
-        self._of: Sequence[WalkSolution] = ()
-
-    def put(self, side: Side, found: WalkSolution) -> None:
-        """Put in a foot's walk."""
-        self._alone[side] = found
-
-    def get(self, side: Side) -> WalkSolution:
-        """Return a foot's walk that was put in."""
-        return self._alone[side]
+        self._joined: Sequence[WalkSolution] = ()
 
     def part(self) -> None:
         """Leave each foot alone from here on: their clocks are not one any more."""
@@ -73,8 +64,11 @@ class WalksAlone:
 
     def find_heading(self, right: WalkSolution, options: OnlineOptions) -> float | None:
         """Return the heading, rad, with which the right foot's walk is to be solved again; None to leave it."""
-        left = self._alone.get("left")
-        if self._is_turned or self._is_parted or left is None or not _has_own_heading(left, options):
+        left = self.alone.get("left")
+        if self._is_turned or self._is_parted or left is None:
+            return None
+        # Only where the left foot's heading is one that the right foot's field does not show.
+        if options.heading_rad is None and left.problem.recording.mag is not None:
             return None
         turn = measure_turns(*(list_footfalls(one.problem, one.solved.values) for one in (right, left)))[1]
         if np.abs(turn).sum() < MIN_TURNS:
@@ -84,17 +78,17 @@ class WalksAlone:
         return float(start + np.angle(np.sum(turn)))
 
     def join(self) -> SolvedFeet | None:
-        """Solve both in one graph; None where they do not show how they lie. Raises what `UNSOLVED` has."""
-        if self._is_parted or len(self._alone) < len(SIDES):
+        """Solve both in one graph; None where they do not show how they lie. Raises `UNSOLVED`."""
+        if self._is_parted or len(self.alone) < len(SIDES):
             return None
-        pair = self._alone["right"], self._alone["left"]
+        pair = self.alone["right"], self.alone["left"]
         if not self._is_turned and pair[0].field is not None and pair[1].field is None:
             return None  # the one shows north, the other does not yet
-        if not self._of or any(one is not other for one, other in zip(pair, self._of, strict=True)):
-            self.solved = solve_feet(*(replace(one.problem, values=one.solved.values) for one in pair))
-            self._of, self.count = pair, self.count + 1
-        assert self.solved is not None
-        return self.solved if self.solved.problem.ties.cells >= MIN_CELLS else None
+        if not self._joined or any(one is not other for one, other in zip(pair, self._joined, strict=True)):
+            self.both = solve_feet(*(replace(one.problem, values=one.solved.values) for one in pair))
+            self._joined, self.count = pair, self.count + 1
+        assert self.both is not None
+        return self.both if self.both.problem.ties.cells >= MIN_CELLS else None
 
 
 class FootSolver(WalkSolver):
@@ -116,18 +110,24 @@ class FootSolver(WalkSolver):
         walks.solvers[side] = self
 
     def begin(self, task: Task) -> None:
-        """See `Solver`."""
+        """As of `WalkSolver`."""
         super().begin(task)
         self._walk, self._is_prepared = None, False
 
     def prepare(self) -> None:
-        """Solve the walk of its task alone, unless that is done: then the other foot has all of it."""
+        """Solve the walk of its task alone, unless that is done, so that the other foot can be joined to it."""
         if self._is_prepared or self._task is None or self._task.start is not None:
             return
         self._is_prepared = True
         with suppress(*UNSOLVED):
-            walk = super()._collect_walk(self._task)
-            self._solve_alone(walk, self._task.has_ended)
+            walk, has_ended = super()._collect_walk(self._task), self._task.has_ended
+            found = solve_alone(walk, self._options, has_ended)
+            # The steps give the right foot its heading, once.
+            heading = self._walks.find_heading(found, self._options) if self._side == "right" else None
+            if heading is not None:
+                self._options = replace(self._options, heading_rad=heading)
+                found = solve_alone(walk, self._options, has_ended)
+            self._walks.alone[self._side] = found
             self._walk = walk
 
     def _collect_walk(self, task: Task) -> PartialWalk:
@@ -137,36 +137,16 @@ class FootSolver(WalkSolver):
             raise EstimationError(f"the walk of the {self._side} foot has no solution.")
         return self._walk
 
-    def _solve_whole(self, walk: PartialWalk, has_ended: bool) -> Handover:
-        alone, both = self._walks.get(self._side), self._walks.join()
+    def _solve_whole(self, walk: PartialWalk, has_ended: bool) -> AnchorState:
+        alone, both = self._walks.alone[self._side], self._walks.join()
         if both is None:
-            return hand_over_solution(walk, self._options, alone, condense_at(alone, alone.newest))
-        found = _take_foot(alone, both, self._side)
-        root, values = found.solved.root, found.solved.values
-        anchor = condense_root(root, values, list_variables(found.newest, values))
-        handover = hand_over_solution(walk, self._options, found, anchor)
-        return TiedHandover(**vars(handover), number=self._walks.count)
-
-    def _solve_alone(self, walk: PartialWalk, has_ended: bool) -> None:
-        """Solve the walk of this foot alone, with the heading that the steps give the right one."""
-        found = solve_alone(walk, self._options, has_ended)
-        heading = self._walks.find_heading(found, self._options) if self._side == "right" else None
-        if heading is not None:
-            self._options = replace(self._options, heading_rad=heading)
-            found = solve_alone(walk, self._options, has_ended)
-        self._walks.put(self._side, found)
-
-
-def _has_own_heading(left: WalkSolution, options: OnlineOptions) -> bool:
-    """Whether the left foot's heading is one that the right foot's field does not show."""
-    return options.heading_rad is not None or left.problem.recording.mag is None
-
-
-def _take_foot(alone: WalkSolution, both: SolvedFeet, side: Side) -> WalkSolution:
-    """Return the walk of a foot as it is in the graph of both."""
-    problem, solved = getattr(both.problem, side), getattr(both, side)
-    if alone.shown is None or problem.field is None:
-        return replace(alone, problem=problem, solved=solved)
-    found, field = alone.shown
-    found = replace(found, problem=problem, solved=solved, states=problem.field.states(solved.values))
-    return replace(alone, problem=problem, solved=solved, field=OnlineField(found, field), shown=(found, field))
+            return build_anchor(walk, self._options, alone, marginalize_at(alone, alone.stances[-1]))
+        # The walk of this foot as it is in the graph of both.
+        problem, solved = getattr(both.problem, self._side), getattr(both, self._side)
+        found = replace(alone, problem=problem, solved=solved)
+        if alone.solved_field is not None and problem.field is not None:
+            own, field = alone.solved_field
+            own = replace(own, problem=problem, solved=solved, states=problem.field.states(solved.values))
+            found = replace(found, field=OnlineField(own, field), solved_field=(own, field))
+        prior = marginalize_root(solved.root, solved.values, list_variables(found.stances[-1], solved.values))
+        return TiedAnchorState(**vars(build_anchor(walk, self._options, found, prior)), number=self._walks.count)

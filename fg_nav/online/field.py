@@ -1,11 +1,40 @@
-"""The field of a walk in progress: the batch's states and residuals, one footfall at a time.
+"""The magnetic field of a walk in progress: the batch's states and residuals, one footfall at a time.
 
-How far the potential reaches, where it jumps and how much of the line integral drifts is that of the last re-solve, of
-the batch's own rounds (`smoother.field`). Since then a stride that takes the potential out of its bounds is left out.
-The other roughness of the field follows from the last `RECENT` footfalls, each as it was seen at its time, and so does
-the usual statistic of the gate, by which that of the newest footfall weighs its compass. The gate judges a footfall by
-it and those before it, as in batch, with the attitudes known then. Unlike in batch a verdict stays as it was given, and
-so does the noise of a footfall that is in the graph already.
+`OnlineField`: roughness of the potential and drift of the line integral are those of the last re-solve (the rounds of
+`smoother.field`); since then a stride whose potential jumps is left out. The other roughness follows from the last
+`RECENT` footfalls, as does the statistic of the gate that weighs the compass of the newest. The gate judges a footfall
+by it and those before, as in batch, with the attitudes known then. Unlike in batch, verdict and noise of a footfall
+that is in the graph stay as they were.
+
+`find_north_sigma`: where no heading was given, north is where the mean field of the walk points. At a foot the field
+deviates across that of the Earth by delta (uT): from one footfall to the next by what lies in the floor, from one room
+to the next by what stands in it. Both are taken for stationary processes along the path, of the correlation lengths L
+and L_r. Over a path of s m the mean of such a process has the variance sigma^2 v(s / L),
+
+    v(x) = 2 (x - 1 + exp(-x)) / x^2,    v(0) = 1,    v -> 2 / x,
+
+and north, with H the horizontal field,
+
+    sigma_north^2 = (sigma^2 v(s / L) + sigma_r^2 v(s / L_r)) / H^2
+    sigma^2 = (n_0 sigma_0^2 + sum e_k^2) / (n_0 + n - 1),    sigma_r = c sigma,
+
+e_k the deviation across the mean at the n footfalls so far. Few footfalls of one room agree and may all be wrong, so
+sigma begins from that of a reinforced floor, sigma_0. A short walk cannot show what rooms do: that is a share c. Before
+the field is in the graph the heading has the sigma of a uniform angle, pi / sqrt(3).
+
+`extend_with_north`: a north that is off by theta turns the walk about its origin. A position p from there is off by
+sin(theta) (up x p) - (1 - cos(theta)) p over the ground, with the second moments, theta normal,
+
+    <theta^2> = s^2,    <theta sin> = s^2 exp(-s^2 / 2),
+    <sin^2> = (1 - exp(-2 s^2)) / 2,    <(1 - cos)^2> = 3/2 - 2 exp(-s^2 / 2) + exp(-2 s^2) / 2.
+
+`BiasLedger`: the differential field of a bias variable is summed over its stances until its ten seconds are over; then
+its factor joins the graph. Noise, variogram, iron and the number of bias variables that share the limit are those of
+the last re-solve. The information F(L0) that a re-solve has added before is subtracted:
+
+    in the graph:  F(L0),    to add:  F(L) - F(L0),    F(L) = (L^-1 + s^2 I)^-1,
+
+which is never negative, as F grows with L. So the graph has the same factor in the end as a batch.
 """
 
 from __future__ import annotations
@@ -14,39 +43,57 @@ from dataclasses import dataclass, replace
 
 import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import M, X
+from gtsam.symbol_shorthand import B, M, X
 
 from fg_nav.arrays import Floats
+from fg_nav.detection import Rest
 from fg_nav.errors import MagneticError
+from fg_nav.factors.differential_field import BiasInformation, FieldNoise
 from fg_nav.factors.magnetic_field import E_H, SIZE, FieldPotential, MagneticHeading, across_field
 from fg_nav.factors.residual import factor_of, linear_factor_of
+from fg_nav.frames import UNKNOWN_RAD
 from fg_nav.magnetic import FootfallField, average_footfall_field
 from fg_nav.magnetic.footfall_field import UNKNOWN_IRON_UT
 from fg_nav.magnetic.quasi_static import apply_gate, count_needed, weigh_statistic
-from fg_nav.online.north import find_north_sigma
+from fg_nav.online.strides import StrideWindow
 from fg_nav.recording import Recording
-from fg_nav.smoother.field import compass_sigma, rotate_field, weigh_compass
-from fg_nav.smoother.field_factors import integrate_path, transition
-from fg_nav.smoother.field_rounds import FieldSolution
-from fg_nav.smoother.graph import Trajectory
+from fg_nav.smoother.dense_path import Trajectory
+from fg_nav.smoother.differential import (
+    DifferentialFactors,
+    LevelBias,
+    find_stretches,
+    limit_information,
+    measure_stretches,
+    sum_stretches,
+    turn_stretches,
+)
+from fg_nav.smoother.field import FieldSolution, compass_sigma, rotate_field, weigh_compass
+from fg_nav.smoother.field_factors import (
+    FieldRoughness,
+    deviate_along,
+    integrate_path,
+    measure_roughness,
+    split_potential,
+    transition,
+)
 from fg_nav.smoother.potential import MIN_JUMP_UT_M
-from fg_nav.smoother.roughness import FieldRoughness, deviate_along, measure_roughness, split_potential
 from fg_nav.smoother.solver import list_attitudes
 from fg_nav.stances import Stances
 
-RECENT = 4000
-"""Footfalls whose deviations show how rough the field is. A robust sigma needs a tenth of them; how regions differ,
-which are fifteen footfalls long, all. And the most that a gate judges a footfall by."""
-
-JUMP_SIGMAS = 6.0
-"""Of the potential, beyond which a stride's line integral is not used: 40 A over a rough floor. The next re-solve looks
-again, with the strides that follow."""
-
+RECENT = 4000  # Footfalls: how regions differ, which are fifteen footfalls long, takes all. Most that a gate uses.
+JUMP_SIGMAS = 6.0  # Of the potential: 40 A over a rough floor. The next re-solve checks the stride again.
 ROUGH_EVERY = 10  # Footfalls after which the roughness is measured again.
 
+# Columns of a remembered footfall: its field over the ground in nav and the mean field there, uT, length of the stride
+# to it, m, statistic of the gate.
 LEVEL, REFERENCE, DISTANCE, STATISTIC = slice(0, 2), slice(2, 4), 4, 5
-"""Columns of what is remembered of a footfall: its field over the ground in nav and the mean field there, uT, length of
-the stride to it, m, statistic of the gate."""
+
+FLOOR_UT = 7.0  # sigma_0: per axis, at the height of a foot over a reinforced floor.
+FLOOR_WEIGHT = 5.0  # n_0: how many footfalls that is worth.
+FLOOR_LENGTH_M = 1.5  # L: a quarter of the longest waves in such a floor, which are 1 to 6 m long.
+ROOM_SHARE = 0.3  # c: by how much rooms turn the field, as a share of how it differs between footfalls.
+ROOM_LENGTH_M = 20.0  # L_r.
+SHORT = 1e-4  # Lengths below which v is its Taylor series: the closed form loses its digits there.
 
 
 @dataclass(frozen=True)
@@ -69,7 +116,7 @@ class StrideField:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class CompassVerdict:
     """On the field at a footfall: `word` and `reason` as in a stance table, weight of its compass (`weigh_compass`)."""
 
     word: str
@@ -78,7 +125,7 @@ class Verdict:
 
 
 class OnlineField:
-    """The field so far, begun from what the batch found on a walk with the field `field` at its footfalls."""
+    """The field of a walk so far, from the batch solution of a walk with the field `field` at its footfalls."""
 
     def __init__(self, found: FieldSolution, field: FootfallField) -> None:
         factors, values = found.problem.field, found.solved.values
@@ -89,11 +136,8 @@ class OnlineField:
         nav, judged = rotate_field(field, nav_R_body), replace(field, nav_R_body=nav_R_body)
         distance, statistic = np.append(0.0, factors.path.distance_m), apply_gate(judged, self._p.gate).statistic
         self._recent = np.column_stack([nav[:, :2], found.states[:, E_H], distance, statistic])[-RECENT:]
-        self._potential, self._with_lost, self._lost_share = (
-            factors.telescoping,
-            factors.rough.potential,
-            factors.lost_share,
-        )
+        self._potential, self._with_lost = factors.telescoping, factors.rough.potential
+        self._lost_share = factors.lost_share
         self._needed = min(count_needed(self._p.gate) or RECENT, RECENT)
         self._judged = judged.select(slice(-self._needed, None))
         self._rough, self._age = self._measure_roughness(), 0
@@ -106,10 +150,10 @@ class OnlineField:
         k: int,
         node: int,
         node_before: int,
-        seen: StrideField,
+        stride: StrideField,
         pose: gtsam.Pose3,
         before: Floats,
-    ) -> tuple[Floats, Verdict]:
+    ) -> tuple[Floats, CompassVerdict]:
         """Add footfall k at `node` with the stride to it.
 
         Parameters
@@ -123,15 +167,22 @@ class OnlineField:
         tuple
             The state (9,) to begin from, and the verdict.
         """
-        nav_R_body, body_field = pose.rotation().matrix(), seen.footfall.body_field[0]
-        sigma_uT, verdict = self._judge(seen, nav_R_body, before)
-        change = transition(np.array(seen.distance_m), self._rough)
+        # The compass of the footfall.
+        nav_R_body, body_field = pose.rotation().matrix(), stride.footfall.body_field[0]
+        sigma_uT, verdict = self._judge(stride, nav_R_body, before)
         if np.isfinite(sigma_uT):
             compass = MagneticHeading(body_field, self._level_R_body, nav_R_body, np.array(sigma_uT))
             graph.push_back(factor_of(compass, [X(node), M(k)]))
-        integral = self._integrate_field(seen)
-        if self._p.potential and np.isfinite(seen.sigma_uT_m) and not self._jumps(integral, before):
+        # The line integral along its stride.
+        _, drift_uT_m = split_potential(self._with_lost, self._lost_share, np.array(stride.distance_m))
+        level_path, sigma = self._level_R_body @ stride.body_path, np.array(np.hypot(stride.sigma_uT_m, drift_uT_m))
+        integral = FieldPotential(
+            np.array(stride.u), level_path, stride.by_up, stride.body_move, stride.nav_R_level, sigma
+        )
+        if self._p.potential and np.isfinite(stride.sigma_uT_m) and not self._jumps(integral, before):
             graph.push_back(factor_of(integral, [X(node_before), M(k - 1), M(k)]))
+        # The change of the field's state since the footfall before.
+        change = transition(np.array(stride.distance_m), self._rough)
         graph.push_back(linear_factor_of(change, [M(k - 1), M(k)]))
         self._age += 1
         if self._age % ROUGH_EVERY == 0:
@@ -141,15 +192,9 @@ class OnlineField:
     @property
     def north_sigma(self) -> float:
         """Sigma, rad, of a north that only this field shows."""
-        seen = self._recent[np.isfinite(self._recent[:, 0])]
-        across = across_field(seen[:, LEVEL], seen[:, REFERENCE])
+        rows = self._recent[np.isfinite(self._recent[:, 0])]
+        across = across_field(rows[:, LEVEL], rows[:, REFERENCE])
         return find_north_sigma(across, float(self._recent[:, DISTANCE].sum()), self._strength_uT)
-
-    def _integrate_field(self, seen: StrideField) -> FieldPotential:
-        _, drift_uT_m = split_potential(self._with_lost, self._lost_share, np.array(seen.distance_m))
-        level_path, sigma = self._level_R_body @ seen.body_path, np.hypot(seen.sigma_uT_m, drift_uT_m)
-        u = np.array(seen.u)
-        return FieldPotential(u, level_path, seen.by_up, seen.body_move, seen.nav_R_level, np.array(sigma))
 
     def _jumps(self, integral: FieldPotential, before: Floats) -> bool:
         """Whether the stride takes the potential out of its bounds, as a circuit of current does."""
@@ -160,20 +205,20 @@ class OnlineField:
         sigma = float(np.hypot(self._potential.sigma, integral.sigma_uT_m))
         return bool(abs(potential_after) > max(JUMP_SIGMAS * sigma, MIN_JUMP_UT_M))
 
-    def _judge(self, seen: StrideField, nav_R_body: Floats, before: Floats) -> tuple[float, Verdict]:
+    def _judge(self, stride: StrideField, nav_R_body: Floats, before: Floats) -> tuple[float, CompassVerdict]:
         """Note the newest footfall; the sigma of its compass, infinite without a reading, and the verdict."""
-        newest = replace(seen.footfall, nav_R_body=nav_R_body[None])
+        newest = replace(stride.footfall, nav_R_body=nav_R_body[None])
         self._judged = self._judged.join(newest).select(slice(-self._needed, None))
         verdicts = apply_gate(self._judged, self._p.gate)
         level = rotate_field(newest, newest.nav_R_body)[0, :2]
-        row = np.concatenate([level, before[E_H], [seen.distance_m, verdicts.statistic[-1]]])
+        row = np.concatenate([level, before[E_H], [stride.distance_m, verdicts.statistic[-1]]])
         self._recent = np.vstack([self._recent, row])[-RECENT:]
         # Its statistic is weighed by those of the walk.
         of_walk = replace(verdicts, statistic=self._recent[:, STATISTIC])
         spread = compass_sigma(weigh_statistic(of_walk, self._p.gate)[-1], self._rough)
         sigma_uT = float(spread) if self._p.compass and np.isfinite(level[0]) else np.inf
         weight = float(weigh_compass(np.array(sigma_uT), self._rough))
-        return sigma_uT, Verdict(verdicts.words[-1], verdicts.reason[-1], weight)
+        return sigma_uT, CompassVerdict(verdicts.words[-1], verdicts.reason[-1], weight)
 
     def _measure_roughness(self) -> FieldRoughness:
         """Roughness of the field at the footfalls that are remembered, the potential's as in batch."""
@@ -195,7 +240,22 @@ def measure_field(recording: Recording, stances: Stances, track: Trajectory, up_
     sample = stances.stillest(recording.gyr)
     move, nav_R_level = track.position[sample[1]] - track.position[sample[0]], track.nav_R_body[sample[0]]
     distance = float(np.linalg.norm(move))
-    footfall = _measure_at_footfall(recording, stances, track, int(sample[1]))
+    try:
+        footfall = average_footfall_field(recording, stances, nav_R_body=track.nav_R_body).select(slice(1, 2))
+    except MagneticError:  # none at the footfall
+        at, unknown = sample[1:2], np.full(1, np.nan)
+        footfall = FootfallField(
+            at,
+            recording.t[at],
+            np.full((1, 3), np.nan),
+            np.full((1, 3), np.nan),
+            track.nav_R_body[at],
+            np.zeros(1, dtype=np.int64),
+            unknown,
+            unknown,
+            unknown,
+            UNKNOWN_IRON_UT[None],
+        )
     if recording.mag is None or not np.isfinite(recording.mag[:, 0]).any():
         none = np.zeros(3)
         return StrideField(footfall, 0.0, none, none, nav_R_level.T @ move, nav_R_level, np.inf, distance)
@@ -206,14 +266,119 @@ def measure_field(recording: Recording, stances: Stances, track: Trajectory, up_
     return StrideField(footfall, u, body_path, path.by_up[0], path.body_move[0], nav_R_level, sigma, distance)
 
 
-def _measure_at_footfall(recording: Recording, stances: Stances, track: Trajectory, sample: int) -> FootfallField:
-    """Field at the second of two footfalls; NaN where there was none."""
-    try:
-        return average_footfall_field(recording, stances, nav_R_body=track.nav_R_body).select(slice(1, 2))
-    except MagneticError:
-        unknown, nowhere = np.full(1, np.nan), np.full((1, 3), np.nan)
-        none = np.zeros(1, dtype=np.int64)
-        at, attitude = np.array([sample]), track.nav_R_body[[sample]]
-        t = recording.t[at]
-        iron = UNKNOWN_IRON_UT[None]
-        return FootfallField(at, t, nowhere, nowhere, attitude, none, unknown, unknown, unknown, iron)
+# --- north ------------------------------------------------------------------------------------------------------------
+
+
+def find_north_sigma(across_uT: Floats, walked_m: float, strength_uT: float) -> float:
+    """Sigma of north, rad.
+
+    Parameters
+    ----------
+    across_uT : (n,) deviations of the field across its mean, at the footfalls where it was seen.
+    walked_m : length of the path.
+    strength_uT : horizontal field of the walk.
+    """
+    freedom = FLOOR_WEIGHT + max(len(across_uT) - 1, 0)
+    variance = (FLOOR_WEIGHT * FLOOR_UT**2 + float(np.sum(across_uT**2))) / freedom
+    left = average_along(walked_m / FLOOR_LENGTH_M) + ROOM_SHARE**2 * average_along(walked_m / ROOM_LENGTH_M)
+    across = float(np.sqrt(variance * left))
+    return UNKNOWN_RAD if across >= UNKNOWN_RAD * strength_uT else across / strength_uT
+
+
+def average_along(lengths: float) -> float:
+    """Variance v of the mean of a process of unit variance over so many correlation lengths."""
+    if lengths < SHORT:
+        return 1.0 - lengths / 3.0
+    return float(2.0 * (lengths - 1.0 + np.exp(-lengths)) / lengths**2)
+
+
+def extend_with_north(pose_cov: Floats, position: Floats, sigma: float) -> Floats:
+    """Return the covariance (4, 4) of a pose with that of north, as far as its heading does not have it already.
+
+    Parameters
+    ----------
+    pose_cov : of east, north, up and yaw, as in `StanceEstimate`.
+    position : (3,) m from the origin of the walk.
+    sigma : of north, rad.
+    """
+    s2 = max(sigma**2 - float(pose_cov[3, 3]), 0.0)
+    east, north = position[:2]
+    across, along = np.array([-north, east, 0.0, 0.0]), np.array([-east, -north, 0.0, 0.0])
+    turn = np.array([0.0, 0.0, 0.0, 1.0])
+    by_sin, by_cos = np.exp(-s2 / 2.0), np.exp(-2.0 * s2)
+    both = s2 * by_sin * np.outer(turn, across)
+    return np.asarray(
+        pose_cov
+        + s2 * np.outer(turn, turn)
+        + both
+        + both.T
+        + 0.5 * (1.0 - by_cos) * np.outer(across, across)
+        + (1.5 - 2.0 * by_sin + 0.5 * by_cos) * np.outer(along, along)
+    )
+
+
+# --- the differential field -------------------------------------------------------------------------------------------
+
+NOTHING = BiasInformation(np.zeros((6, 6)), np.zeros(6))
+NOTHING_OF_BIAS = BiasInformation(np.zeros((3, 3)), np.zeros(3))
+
+
+@dataclass(frozen=True)
+class BiasLedger:
+    """What the stances and the standings of the newest bias variable show, and what the graph has of it."""
+
+    noise: FieldNoise
+    variables: int
+    stances: BiasInformation = NOTHING
+    standings: BiasInformation = NOTHING
+    in_graph: BiasInformation = NOTHING_OF_BIAS
+
+    @classmethod
+    def from_factors(cls, factors: DifferentialFactors | None) -> BiasLedger | None:
+        """Return the ledger of a walk with these factors, all of them in its graph; None without."""
+        if factors is None:
+            return None
+        stances, standings, limited = (
+            BiasInformation(one.matrix[-1], one.vector[-1])
+            for one in (factors.stances.information, factors.standings.information, factors.information)
+        )
+        return cls(factors.noise, len(factors.stances.count), stances, standings, limited)
+
+    def begin(self) -> BiasLedger:
+        """Return the ledger of a new variable, or of one whose graph begins again."""
+        return BiasLedger(self.noise, self.variables)
+
+    def complete(self, variable: int, known: LevelBias) -> gtsam.NonlinearFactor:
+        """Return the factor that the graph lacks of the variable, whose present estimate is `known`."""
+        limited = limit_information(self.stances, self.standings, self.noise.iron, self.variables)
+        further = known.weaken(limited - self.in_graph)
+        return linear_factor_of(further.residual(), [B(variable)])
+
+    def add(self, window: StrideWindow, track: Trajectory, gyro_bias: Floats, counted: Rest | None) -> BiasLedger:
+        """Add what the newest footfall shows.
+
+        Parameters
+        ----------
+        window, track : of its stride, and the path at its samples.
+        gyro_bias : (3,) rad/s, to linearize at.
+        counted : the last rest of the walk, in samples of the walk.
+        """
+        recording, nodes, first = window.recording, window.nodes, window.first_sample
+        if recording.mag is None:
+            return self
+        rests = () if counted is None else (replace(counted, start=counted.start - first, stop=counted.stop - first),)
+        stretches = find_stretches(recording, nodes, rests)
+        stretches = stretches.keep(stretches.stop > nodes.sample[nodes.first[1]])
+        if len(stretches.start) == 0:
+            return self
+        bias = np.tile(gyro_bias, (len(stretches.start), 1))
+        information, used = measure_stretches(turn_stretches(recording, stretches, track.position, bias), self.noise)
+        stances, standings = (
+            sum_stretches(information, np.zeros_like(stretches.bias), used & those, 1).information
+            for those in (~stretches.is_standing, stretches.is_standing)
+        )
+        return replace(
+            self,
+            stances=self.stances + BiasInformation(stances.matrix[0], stances.vector[0]),
+            standings=self.standings + BiasInformation(standings.matrix[0], standings.vector[0]),
+        )

@@ -25,9 +25,7 @@ from fg_nav.smoother.floors import FEWEST
 STEP_M = 0.08  # Between two footfalls on one floor: half a riser.
 SAME_M = 0.5  # A floor is found again within this: by so much heights drift on a way over stairs.
 
-DRIFT_SHARE = 0.1
-"""Of a footfall's height above its floor that is drift: a slope of 4 % is followed at `SAME_M`, and no floor."""
-
+DRIFT_SHARE = 0.1  # Of a footfall's height above its floor that is drift: a slope of 4 % is followed at `SAME_M`.
 STOREY_M = 2.0  # From a storey to the next at least: a low cellar.
 LANDING_M = 1.0  # From a storey to a landing at least: they are halfway.
 
@@ -53,19 +51,17 @@ class FloorTrack:
                 return replace(self, drift=self.drift + DRIFT_SHARE * above, recent=recent)
         if max(recent) - min(recent) > STEP_M:
             return replace(self, on=None, recent=recent)
-        return self._reach(float(np.mean(recent)) - self.drift, recent)
+        # On a floor again: the nearest, or a new one.
+        level = float(np.mean(recent)) - self.drift
+        nearest = min(range(len(self.floors)), key=lambda k: abs(self.floors[k] - level))
+        if abs(self.floors[nearest] - level) < SAME_M:
+            return replace(self, on=nearest, recent=recent)
+        return FloorTrack((*self.floors, level), len(self.floors), self.drift, recent)
 
     @property
     def number(self) -> int | None:
         """Number of the floor of the newest footfall; None where it is on none."""
         return None if self.on is None else number_floors(self.floors)[self.on]
-
-    def _reach(self, level: float, recent: tuple[float, ...]) -> FloorTrack:
-        """Return it on the floor at a level, m, which may be a new one."""
-        nearest = min(range(len(self.floors)), key=lambda k: abs(self.floors[k] - level))
-        if abs(self.floors[nearest] - level) < SAME_M:
-            return replace(self, on=nearest, recent=recent)
-        return FloorTrack((*self.floors, level), len(self.floors), self.drift, recent)
 
 
 def track_floors(heights: Floats, floor: Ints | None, is_piece: Sequence[bool] | Bools) -> FloorTrack:

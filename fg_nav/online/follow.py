@@ -1,6 +1,9 @@
-"""Follow a source to its end: rows in, estimates out, checkpoints on the way. `fg-nav stream` does (`request`).
+"""Follow a source to its end: rows in, estimates out, checkpoints on the way.
 
-    follow_source  -> rows -> navigator -> one line an estimate, until the source ends or an event says stop
+    StreamRequest  what a user asks of `fg-nav stream`: source, lag, heading, calibration, checkpoint
+    run_stream     opens the source, and follows it to its end
+    follow_source  rows -> navigator -> one line an estimate, until the source ends or an event says stop
+    StreamedWalk   the closed navigator, to be solved as a whole
 
 Nothing that happens to the stream ends the walk but its end: bad rows are left out, and a stalled source is waited for,
 with a remark on each. Checkpoints come every `checkpoint_s`, are written in a thread of their own, and less often once
@@ -9,37 +12,88 @@ that takes long: at most one part in twenty of the time goes into it.
 
 from __future__ import annotations
 
+import signal
 import threading
 import time
 from collections.abc import Sequence
-from contextlib import nullcontext
-from dataclasses import dataclass, field
+from contextlib import closing, nullcontext
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.calibration.of_recording import Calibration
-from fg_nav.errors import EstimationError, FgNavError
+from fg_nav.calibration.of_recording import Calibration, read_calibration
+from fg_nav.detection.mount import Wearing
+from fg_nav.errors import EstimationError, FgNavError, StreamError
+from fg_nav.io import read_fixes
 from fg_nav.magnetic.axes import MagAxes
+from fg_nav.magnetic.quasi_static import choose_gate
 from fg_nav.online.checkpoint import Checkpoint, Snapshot
-from fg_nav.online.estimates import StanceEstimate, format_estimate
+from fg_nav.online.estimates import Revision, StanceEstimate, describe_past, format_estimate, format_revision
 from fg_nav.online.line_verdict import Judged, LineVerdict
-from fg_nav.online.losses import LossCounter, describe_losses
 from fg_nav.online.options import OnlineOptions
-from fg_nav.online.outlets import Say
+from fg_nav.online.outlets import Outlets, Say, StatusReporter, describe_walk
 from fg_nav.online.pocket import Navigator, PocketOptions, begin_walk
-from fg_nav.online.record_check import say_damaged
-from fg_nav.online.revision import Revision, describe_past, format_revision
-from fg_nav.online.rows import Columns
-from fg_nav.online.silence import Silence
-from fg_nav.online.source_check import SourceCheck
-from fg_nav.online.sources import SampleSource
-from fg_nav.online.status import StatusReporter, Watcher
+from fg_nav.online.record import open_recorded
+from fg_nav.online.record_check import report_damaged
+from fg_nav.online.rows import Columns, parse_columns
+from fg_nav.online.source_check import LossCounter, Silence, SourceCheck, describe_losses
+from fg_nav.online.sources import SampleSource, open_samples
+from fg_nav.smoother.parameters import FieldParameters, SmootherParameters
+from fg_nav.system.signals import catch_signals
 from fg_nav.text import to_json
+from fg_nav.view.process import ListenerProcess
 
-WAIT_S = 0.2  # For bytes, before the stop signal is checked.
-SAVING_SHARE = 0.05  # Of the time at most.
+WAIT_S = 0.2  # for bytes, before the stop signal is checked
+SAVING_SHARE = 0.05  # of the time at most
+MIN_LAG_S = 10.0  # a shorter lag holds fewer strides than the smoother needs to estimate sensor and foot
+
+# Ctrl-C, a service that is stopped, a terminal or connection that is gone: they end the walk.
+ENDING = (signal.SIGINT, signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else []))
+
+
+@dataclass(frozen=True)
+class StreamRequest:
+    """Options of a user, as of `fg-nav stream --help`."""
+
+    source: str
+    checkpoint: Path | None = None
+    checkpoint_s: float = 10.0
+    lag_s: float | None = None
+    heading_deg: float | None = None
+    use_magnetometer: bool = True
+    gate: str | None = None
+    calibration_path: Path | None = None
+    serve: int | None = None
+    baud: int = 115200
+    silence_s: float | None = None
+    mag_axes: str | None = None
+    polish: bool = False
+    view: tuple[str, int] | None = None
+    columns: str | None = None
+    units: str | None = None
+    rate_hz: float | None = None
+    mount: Wearing = "foot"
+    fixes_path: Path | None = None
+    step_constant_m: float | None = None
+    speed: str | None = None
+    record: Path | None = None
+    force: bool = False
+
+
+@dataclass(frozen=True)
+class StreamedWalk:
+    """A walk that has ended: its navigator, the name of its source, and the calibration and axes that were applied.
+
+    `polish` requests its batch solution as well.
+    """
+
+    navigator: Navigator
+    name: str
+    calibration: Calibration | None
+    mag_axes: MagAxes | None = None
+    polish: bool = False
 
 
 @dataclass(frozen=True)
@@ -70,13 +124,92 @@ class StreamOptions:
     beside: bool = False
 
 
+def run_stream(request: StreamRequest, outlets: Outlets) -> StreamedWalk:
+    """Follow a source until it ends or a signal arrives; lines and remarks go to the outlets.
+
+    Raises
+    ------
+    FgNavError
+        If something that was requested cannot be: the source, the checkpoint, the rows.
+    """
+    options = read_stream_options(request)
+    with (
+        catch_signals(*ENDING) as stop,
+        closing(open_source_of(request, options.columns, outlets.remark)) as source,
+    ):
+        navigator = follow_source(source, options, outlets.emit, outlets.remark, stop, outlets.watcher)
+    return StreamedWalk(navigator, source.name, options.calibration, options.mag_axes, request.polish)
+
+
+def read_stream_options(request: StreamRequest) -> StreamOptions:
+    """Return how a source is followed, with the files that are named read; raises `FgNavError` for what cannot be."""
+    calibration = None if request.calibration_path is None else read_calibration(request.calibration_path)
+    axes = None if request.mag_axes is None else MagAxes.parse(request.mag_axes)
+    return StreamOptions(
+        online=_online_options(request, calibration),
+        checkpoint=request.checkpoint,
+        checkpoint_s=_check_positive(request.checkpoint_s, "--every") or 0.0,
+        until_silent_s=_check_positive(request.silence_s, "--silence"),
+        calibration=calibration,
+        mag_axes=axes,
+        columns=parse_columns(request.columns, request.units, request.rate_hz),
+        beside=True,
+    )
+
+
+def open_source_of(request: StreamRequest, columns: Columns | None, remark: Say) -> SampleSource:
+    """Open the source of a request, and the file that its rows are written to."""
+    given = (request.source, columns, request.baud, request.speed, remark)
+    if request.record is None:
+        return open_samples(*given)
+    goes_on = request.checkpoint is not None and request.checkpoint.exists()
+    return open_recorded(request.record, goes_on, request.force, *given)
+
+
+def _online_options(request: StreamRequest, calibration: Calibration | None) -> OnlineOptions | PocketOptions:
+    heading = request.heading_deg
+    if heading is not None and not np.isfinite(heading):
+        raise EstimationError(f"a heading of {heading} deg is no direction: give a number.")
+    heading_rad = None if heading is None else float(np.radians(heading))
+    if request.mount == "pocket":
+        for name, given in (("--lag", request.lag_s), ("--gate", request.gate), ("--fixes", request.fixes_path)):
+            if given is not None:
+                raise EstimationError(f"{name} is for a sensor on a foot: leave it out with --mount pocket.")
+        axes_given = request.mag_axes is not None
+        return PocketOptions(heading_rad, request.use_magnetometer, request.step_constant_m, axes_given)
+    if request.step_constant_m is not None:
+        raise EstimationError("--step-constant is for a sensor in a pocket: add --mount pocket, or leave it out.")
+    lag_s = _check_positive(request.lag_s, "--lag")
+    if lag_s is not None and lag_s < MIN_LAG_S:
+        raise EstimationError(f"a lag of {lag_s:g} s is too short: give {MIN_LAG_S:g} or more.")
+    if lag_s is not None and request.polish:
+        raise EstimationError("with --lag the samples are discarded, so there is no --polish: give one of the two.")
+    magnetic = FieldParameters(gate=choose_gate(request.gate, request.use_magnetometer))
+    parameters, known = SmootherParameters(magnetic=magnetic), None if calibration is None else calibration.gyroscope
+    return OnlineOptions(
+        heading_rad=heading_rad,
+        use_field=request.use_magnetometer,
+        lag_s=lag_s,
+        parameters=parameters if known is None else replace(parameters, **known.prior),
+        axes_given=request.mag_axes is not None,
+        fixes=() if request.fixes_path is None else read_fixes(request.fixes_path),
+        calibration=None if calibration is None else calibration.magnetometer,
+    )
+
+
+def _check_positive(value: float | None, name: str) -> float | None:
+    if value is not None and not 0 < value < np.inf:
+        raise StreamError(f"{name} {value:g} is no time: give seconds above zero.")
+    return value
+
+
 def follow_source(
     source: SampleSource,
     options: StreamOptions,
     emit: Say,
     remark: Say,
     stop: threading.Event | None = None,
-    watcher: Watcher | None = None,
+    watcher: ListenerProcess | None = None,
 ) -> Navigator:
     """Follow a source to its end.
 
@@ -87,18 +220,18 @@ def follow_source(
     options
         How.
     emit
-        Given one JSON line (`fg_nav.online.estimates`) for each estimate.
+        Called with one JSON line (`fg_nav.online.estimates`) for each estimate.
     remark
-        Given a sentence for people about what is odd.
+        Called with a sentence for people about what is odd.
     stop
         Ends the walk when it is set.
     watcher
-        Shown what holds between footfalls; None without.
+        Sent the status between footfalls; None without.
 
     Returns
     -------
     Navigator
-        Closed: ask it for the whole walk.
+        Closed, with the whole walk.
 
     Raises
     ------
@@ -107,34 +240,25 @@ def follow_source(
     """
     checkpoint = None if options.checkpoint is None else Checkpoint(options.checkpoint)
     with nullcontext() if checkpoint is None else checkpoint.hold():
-        return _follow(source, options, checkpoint, emit, remark, stop, watcher)
-
-
-def _follow(
-    source: SampleSource,
-    options: StreamOptions,
-    checkpoint: Checkpoint | None,
-    emit: Say,
-    remark: Say,
-    stop: threading.Event | None,
-    watcher: Watcher | None,
-) -> Navigator:
-    navigator = _open_navigator(options, checkpoint, remark)
-    status = None if watcher is None else StatusReporter(watcher)
-    walk = FollowedWalk(navigator, options, checkpoint, emit, remark, status)
-    walk.tell_past()
-    if navigator.source.get("header") and options.checkpoint is not None:
-        with say_damaged(options.checkpoint):
-            source.resume(navigator.source["header"])
-    silence = Silence(source.name, options.stalled_s, options.until_silent_s, remark)
-    while not (stop is not None and stop.is_set()):
-        rows = source.read(WAIT_S)
-        if rows is None or silence.is_over(len(rows)):
-            break
-        walk.add(rows, source.header)
-        walk.show_status(source.lost)
-    walk.add(source.finish(), source.header)
-    walk.end(source.lost)
+        # the walk, begun or resumed
+        navigator = _open_navigator(options, checkpoint, remark)
+        status = None if watcher is None else StatusReporter(watcher)
+        walk = FollowedWalk(navigator, options, checkpoint, emit, remark, status)
+        if navigator.footfalls:  # its path, for clients that have not seen it
+            walk.emit_lines([(describe_past(navigator.smoothed()), None)])
+        if navigator.source.get("header") and options.checkpoint is not None:
+            with report_damaged(options.checkpoint):
+                source.resume(navigator.source["header"])
+        # the source, to its end
+        silence = Silence(source.name, options.stalled_s, options.until_silent_s, remark)
+        while not (stop is not None and stop.is_set()):
+            rows = source.read(WAIT_S)
+            if rows is None or silence.is_over(len(rows)):
+                break
+            walk.add(rows, source.header)
+            walk.show_status(source.lost)
+        walk.add(source.finish(), source.header)
+        walk.end(source.lost)
     return navigator
 
 
@@ -157,13 +281,13 @@ def _open_navigator(options: StreamOptions, checkpoint: Checkpoint | None, remar
 
 
 class FollowedWalk:
-    """Samples to the navigator, lines of its estimates, and the walk into its checkpoint.
+    """Gives samples to the navigator, emits the lines of its estimates, and saves the walk in its checkpoint.
 
     Parameters
     ----------
     navigator, options, emit, remark : as of `follow_source`.
     checkpoint : that is held; None without.
-    status : reported to who watches; None without.
+    status : of the walk, if somebody may watch.
     """
 
     def __init__(
@@ -183,8 +307,14 @@ class FollowedWalk:
         in_pocket = isinstance(options.online, PocketOptions)
         self._verdict = LineVerdict(in_pocket, remark, not navigator.footfalls, rate_sigma)
         self._losses = LossCounter(remark)
-        with nullcontext() if options.checkpoint is None else say_damaged(options.checkpoint):
-            for name, part in self._parts().items():
+        # what a checkpoint keeps beside the navigator
+        self._parts: dict[str, SourceCheck | LineVerdict | LossCounter] = {
+            "check": self._check,
+            "verdict": self._verdict,
+            "losses": self._losses,
+        }
+        with nullcontext() if options.checkpoint is None else report_damaged(options.checkpoint):
+            for name, part in self._parts.items():
                 if name in navigator.source:
                     part.resume(navigator.source[name])
         self._saving: threading.Thread | None = None
@@ -204,31 +334,32 @@ class FollowedWalk:
         self._losses.add(rows[:, 0], overlap)
         self._verdict.look_at(self._navigator.buffer)
         found = self._judge(made)
-        # What hung on the machine is saved before it is told, once the last save is done: it cannot be made again.
+        # What depends on the machine's speed is saved before it is sent, once the last save is done.
         raced = self._navigator.races != self._races and self._due < np.inf
         if self._checkpoint is not None and (raced or time.monotonic() >= self._due):
             self._save(self._checkpoint)
-        self._emit_lines(found)
+        self.emit_lines(found)
 
     def end(self, lost_datagrams: int) -> None:
         """End the walk, with what its source lost."""
         self.count_losses(lost_datagrams)
         if self._checkpoint is not None:
             self._save(self._checkpoint)
-            self._wait()
-        self.tell(self._navigator.close())
+            if self._saving is not None:
+                self._saving.join()
+        self.report(self._navigator.close())
         self.show_status(lost_datagrams, ended=True)
 
     def count_losses(self, lost_datagrams: int) -> None:
-        """Count what was lost in all, and say it."""
+        """Count what was lost in all, and remark it."""
         self._losses.finish()
         self._navigator.source["lost"] = lost = self._losses.report(lost_datagrams)
         for words in describe_losses(lost):
             self._remark(f"{words}.")
 
-    def tell(self, made: Sequence[StanceEstimate | Revision]) -> None:
+    def report(self, made: Sequence[StanceEstimate | Revision]) -> None:
         """Judge what the navigator made, and emit its lines."""
-        self._emit_lines(self._judge(made))
+        self.emit_lines(self._judge(made))
 
     def _judge(self, made: Sequence[StanceEstimate | Revision]) -> list[Judged]:
         columns = self._options.columns
@@ -241,16 +372,12 @@ class FollowedWalk:
         return self._losses.report(lost_datagrams)
 
     def show_status(self, lost_datagrams: int, ended: bool = False) -> None:
-        """Report what holds between footfalls."""
+        """Send the status between footfalls."""
         if self._status is not None:
-            self._status.report(self._navigator, self._losses.report(lost_datagrams), ended)
+            self._status.report(lambda: describe_walk(self._navigator), self._losses.report(lost_datagrams), ended)
 
-    def tell_past(self) -> None:
-        """Tell the path of a walk that was resumed, for who has not seen it."""
-        if self._navigator.footfalls:
-            self._emit_lines([(describe_past(self._navigator.smoothed()), None)])
-
-    def _emit_lines(self, found: list[Judged]) -> None:
+    def emit_lines(self, found: Sequence[Judged]) -> None:
+        """Emit lines with their verdicts."""
         for one, verdict in found:
             if isinstance(one, Revision):
                 for line in format_revision(one):
@@ -261,14 +388,11 @@ class FollowedWalk:
                 if self._status is not None:
                     self._status.note_line()
 
-    def _parts(self) -> dict[str, SourceCheck | LineVerdict | LossCounter]:
-        """What a checkpoint keeps beside the navigator, by name."""
-        return {"check": self._check, "verdict": self._verdict, "losses": self._losses}
-
     def _save(self, checkpoint: Checkpoint) -> None:
         """Save in a thread: only what is collected holds the walk up."""
-        self._wait()
-        self._navigator.source |= {name: part.state() for name, part in self._parts().items()}
+        if self._saving is not None:
+            self._saving.join()
+        self._navigator.source |= {name: part.state() for name, part in self._parts.items()}
         snapshot, self._races = checkpoint.collect(self._navigator), self._navigator.races
         self._saving = threading.Thread(target=self._write, args=(snapshot, checkpoint))
         self._due = np.inf
@@ -286,10 +410,6 @@ class FollowedWalk:
         finally:
             took = time.monotonic() - began
             self._due = time.monotonic() + max(self._options.checkpoint_s, took / SAVING_SHARE)
-
-    def _wait(self) -> None:
-        if self._saving is not None:
-            self._saving.join()
 
     def _corrected(self, acc: Floats, mag: Floats) -> tuple[Floats, Floats]:
         """Apply axes and calibration as to a recording (`fg_nav.walk`)."""

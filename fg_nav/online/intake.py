@@ -1,4 +1,4 @@
-"""The way in of a walk in progress, wherever its sensor is worn: what the judge admits of its samples is kept."""
+"""The samples of a walk in progress, wherever its sensor is worn: those that pass the checks are kept."""
 
 from __future__ import annotations
 
@@ -12,15 +12,16 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.errors import EstimationError
 from fg_nav.online.buffer import COLUMNS, SampleBuffer, as_recording
-from fg_nav.online.estimates import StanceEstimate
-from fg_nav.online.judge import SampleFilter
-from fg_nav.online.revision import Revision
-from fg_nav.online.unit_watch import UnitWatch
+from fg_nav.online.estimates import Revision, StanceEstimate
+from fg_nav.online.sample_filter import SampleFilter
+from fg_nav.online.unit_monitor import UnitMonitor
 from fg_nav.recording import Recording
+
+NO_ROWS = np.empty((0, COLUMNS))
 
 
 class SampleIntake(ABC):
-    """Takes samples in blocks of any size.
+    """Navigates by samples in blocks of any size.
 
     Attributes
     ----------
@@ -32,7 +33,7 @@ class SampleIntake(ABC):
     def __init__(self, remark: Callable[[str], None], judge: SampleFilter | None) -> None:
         self.buffer = SampleBuffer()
         self.judge = SampleFilter(remark) if judge is None else judge
-        self.units = UnitWatch(remark)
+        self.units = UnitMonitor(remark)
         self.source: dict[str, Any] = {}
         self._closed, self._busy_s = False, 0.0
 
@@ -45,7 +46,7 @@ class SampleIntake(ABC):
         ----------
         t, acc, gyr, mag, pressure
             (n,) s, (n, 3) m/s^2, (n, 3) rad/s, (n, 3) uT and (n,) Pa, as they come; n may be 0 or 1. What cannot be
-            used is left out (`fg_nav.online.judge`).
+            used is left out (`fg_nav.online.sample_filter`).
 
         Raises
         ------
@@ -59,14 +60,14 @@ class SampleIntake(ABC):
         began = perf_counter()
         field = np.full((len(t), 3), np.nan) if mag is None else mag
         air = np.full(len(t), np.nan) if pressure is None else pressure
-        rows = self._admit(np.column_stack([t, acc, gyr, field, air]))
+        rows = self._accept(np.column_stack([t, acc, gyr, field, air]))
         self._busy_s += perf_counter() - began
         if len(rows):
             self._prepare()
         return self.add_rows(rows)
 
     def add_rows(self, rows: Floats) -> list[StanceEstimate | Revision]:
-        """Add rows (n, 12), or (n, 12), that were judged, here or as a recording; estimates as from `push`."""
+        """Add rows (n, 12) that passed the checks, here or as a recording; return estimates as `push` does."""
         began = perf_counter()
         found = self._add_rows(rows)
         self._busy_s += perf_counter() - began
@@ -79,12 +80,12 @@ class SampleIntake(ABC):
 
     @property
     def races(self) -> int:
-        """How often what was told hung on how fast this machine is."""
+        """Number of decisions that depended on solver timing."""
         return 0
 
     @property
     def takeovers(self) -> tuple[int, ...]:
-        """Lines before which a solution made beside was taken over, since the walk goes on from the newest of them."""
+        """Lines before which a background solution was adopted, since the newest state."""
         return ()
 
     @property
@@ -92,16 +93,12 @@ class SampleIntake(ABC):
         """What was left out or odd, in words."""
         return (*self.judge.notes, *self.units.notes)
 
-    def _admit(self, sent: Floats, at_end: bool = False) -> Floats:
-        """Return the rows (m, 12) to take, of these as they were sent and of what waited."""
-        rows = self.units.admit(sent, at_end)
+    def _accept(self, sent: Floats = NO_ROWS, at_end: bool = False) -> Floats:
+        """Return the rows (m, 12) to use, of these as sent and of what waited; `at_end` none waits any more."""
+        rows = self.units.accept(sent, at_end)
         self.source["units"] = self.units.state()
-        rows = self.judge.admit(rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:10], rows[:, 10])
+        rows = self.judge.accept(rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:10], rows[:, 10])
         return np.concatenate([rows, self.judge.flush()]) if at_end else rows
-
-    def _admit_rest(self) -> Floats:
-        """Return the rows (m, 12) to take of those that wait, at the end."""
-        return self._admit(np.empty((0, COLUMNS)), at_end=True)
 
     @abstractmethod
     def _prepare(self) -> None:

@@ -1,15 +1,13 @@
-"""The graph of a stretch of a walk, solved again with every footfall: iSAM2.
+"""The graph of the newest window of a walk in iSAM2, solved again with every footfall.
 
-A new footfall eliminates again what it changes, and the rest stays. Four things make that quick and exact:
+Four choices make that quick and exact (measured in docs/online.md):
 
-* Relinearization by attitude. Position and velocity enter the equations linearly once they are written in the body's
-  axes; a heading that moved by a does not, and an old linearization costs a^2/2 of each stride. Thresholds are for
-  attitude, bias and field; positions may move by any amount. Variables are checked from the newest footfall backward
-  until one is below its threshold, so that one stretch is relinearized and the check costs nothing.
-* New variables start where the footfall before is linearized, not at its estimate (`initialize_stride`). Otherwise each
-  new one would be linearized at another heading than those before it, and none would ever pass a threshold.
-* The linearization point is held alive in Python. pybind then hands the same object to every factor written in Python;
-  else each of them would be given a copy of all values at each call.
+* Relinearization by attitude, bias and field. Position and velocity enter linearly once they are in the body's axes; a
+  heading that moved by a does not, and an old linearization costs a^2/2 of each stride. Variables are checked from the
+  newest footfall backward until one is below its threshold.
+* New variables start where the footfall before is linearized, not at its estimate (`initialize_stride`).
+* The linearization point is held alive in Python: pybind then passes the same object to every factor written in Python,
+  else each would get a copy of all values at each call.
 * QR: the information of a bias over hours and of a node over milliseconds differ by more than Cholesky resolves.
 
 An update after which the newest footfall has turned from its linearization point is repeated, but not often, so that
@@ -26,32 +24,21 @@ import numpy as np
 from gtsam.symbol_shorthand import X
 
 from fg_nav.arrays import Floats
-from fg_nav.online.graph_parts import list_variables, order_variables, result_keys, weak_priors, weak_sigmas
-from fg_nav.online.strides import Place
+from fg_nav.online.strides import StanceNodes, list_variables, order_variables, result_keys, weak_priors, weak_sigmas
 from fg_nav.smoother.solver import UNSOLVED, marginal_covariances
 
+# Thresholds of relinearization: of attitude, bias and field, and of what enters linearly.
 ATTITUDE_RAD = 0.005  # 0.3 deg: half its square is 12 millionths of a stride's length.
+BIAS = (0.1, 2e-3)  # m/s^2, rad/s: over a stride 0.1 deg, of which inertial measurements know the first derivative.
+FIELD = (20.0, 1.0, 0.2, 0.2, 0.2, 0.2, 1.0, 1.0, 1.0)  # uT m, uT: 0.2 uT of the mean field or region are 0.6 deg.
+ANYTHING = 1e6
 
-BIAS = (0.1, 2e-3)
-"""m/s^2 and rad/s: over a stride 0.1 deg, of which the inertial measurements know the first derivative."""
-
-FIELD = (20.0, 1.0, 0.2, 0.2, 0.2, 0.2, 1.0, 1.0, 1.0)
-"""uT m and uT: only region and mean field multiply something large; 0.2 uT of them are 0.6 deg. The deviation of the
-place weighs its compass, whose loss is robust."""
-
-ANYTHING = 1e6  # Threshold of what enters linearly.
-
-WILDFIRE = 0.05
-"""Steps (m, rad, uT) below which an update does not propagate a change into the past. The newest footfalls are at the
-root, where it makes no difference; at 0.01 each footfall moved all states of the field behind it."""
-
+WILDFIRE = 0.05  # Steps (m, rad, uT) below which no change propagates into the past; at 0.01 all of the field moved.
 MAX_UPDATES = 3
 
+# Last footfalls whose variables are eliminated in the order of time; ccolamd needs more variables than groups. On its
+# own the ordering may reverse a part of the walk, newest first, which is eliminated again at each footfall then.
 IN_ORDER = 3
-"""Last footfalls whose variables are eliminated in the order of time; ccolamd needs more variables than groups. On its
-own the ordering may reverse a stretch of the walk, newest first: then all of it lies between the newest footfall and
-the root, and is eliminated again at each.
-"""
 
 
 def isam_parameters() -> gtsam.ISAM2Params:
@@ -75,37 +62,40 @@ def isam_parameters() -> gtsam.ISAM2Params:
 
 
 class ISAM2Backend:
-    """Factors of a stretch of a walk and their iSAM2 tree."""
+    """Factors of a window of a walk and their iSAM2 tree.
+
+    `linearization_point` is that of its variables; new ones start from there. Not to be copied.
+    """
 
     def __init__(self) -> None:
         self._graph = gtsam.NonlinearFactorGraph()
         self._covariances: dict[int, Floats] = {}
-        self._begin_empty()
+        self._isam = gtsam.ISAM2(isam_parameters())
+        self.linearization_point = self._isam.getLinearizationPoint()  # held from before the first update on
 
-    def reset(self, graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, places: list[Place]) -> None:
+    def reset(self, graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, stances: list[StanceNodes]) -> None:
         """Begin again from a graph of these footfalls at its minimum; all stays as it was where that raises."""
         isam = gtsam.ISAM2(isam_parameters())
         theta = isam.getLinearizationPoint()
-        isam.update(graph, values, constrainedKeys=_group_by_time(places, len(places), values))
-        self._graph = gtsam.NonlinearFactorGraph(graph)
-        self._begin(isam, theta)
+        isam.update(graph, values, constrainedKeys=_group_by_time(stances, len(stances), values))
+        self._graph, self._covariances = gtsam.NonlinearFactorGraph(graph), {}
+        self._isam, self.linearization_point = isam, theta
 
-    def add(self, graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, places: list[Place]) -> None:
-        """Add factors and their new variables, and solve; the last of the places is the newest.
+    def add(self, graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, stances: list[StanceNodes]) -> None:
+        """Add factors and their new variables, and solve; the last of the stances is the newest.
 
-        Raises
-        ------
-        RuntimeError
-            Where there is no solution, with weak priors either.
+        Raises `RuntimeError` where there is no solution, with weak priors either.
         """
         self._graph.push_back(graph)
         self._covariances = {}
         try:
-            order = _group_by_time(places, IN_ORDER, self._theta, values)
+            order = _group_by_time(stances, IN_ORDER, self.linearization_point, values)
             self._isam.update(graph, values, constrainedKeys=order)
             # Repeat the update while the newest footfall turns away from its linearization point.
             for _ in range(MAX_UPDATES - 1):
-                if self._is_settled(X(places[-1].result)):
+                newest = X(stances[-1].result)
+                turn = self.linearization_point.atPose3(newest).rotation().between(self.pose(newest).rotation())
+                if np.abs(gtsam.Rot3.Logmap(turn)).max() <= ATTITUDE_RAD:
                     break
                 self._isam.update(gtsam.NonlinearFactorGraph(), gtsam.Values(), constrainedKeys=order)
         except RuntimeError:
@@ -123,10 +113,6 @@ class ISAM2Backend:
         """Return the estimate of a bias."""
         return self._isam.calculateEstimateConstantBias(key)
 
-    def linearization_point(self) -> gtsam.Values:
-        """Return the values at which the variables are linearized; new ones start from there. Not to be copied."""
-        return self._theta
-
     def covariance(self, key: int) -> Floats:
         """Return the marginal covariance (d, d) of a variable, from all factors where iSAM2 finds none."""
         if key not in self._covariances:
@@ -138,7 +124,7 @@ class ISAM2Backend:
                 self._covariances[key] = marginal_covariances(tree, {key})[key]
         return self._covariances[key]
 
-    def solution(self, places: list[Place]) -> tuple[gtsam.Values, dict[int, Floats]]:
+    def solution(self, stances: list[StanceNodes]) -> tuple[gtsam.Values, dict[int, Floats]]:
         """Return the estimates of all variables, and the covariances of poses and biases at the footfalls.
 
         All factors are linearized at the estimates for the covariances, and the Gauss-Newton step of that is taken.
@@ -146,13 +132,13 @@ class ISAM2Backend:
         returned as they are, with the sigmas of the weak priors.
         """
         values = self._estimates()
-        keys = result_keys(places)
+        keys = result_keys(stances)
         for more in (gtsam.NonlinearFactorGraph(), weak_priors(values)):
             graph = gtsam.NonlinearFactorGraph(self._graph)
             graph.push_back(more)
             with suppress(*UNSOLVED):
                 order = gtsam.Ordering()
-                for key in order_variables(places, values):
+                for key in order_variables(stances, values):
                     order.push_back(key)
                 tree = graph.linearize(values).eliminateMultifrontal(order, gtsam.EliminateQR)
                 step, covariances = tree.optimize(), marginal_covariances(tree, keys)
@@ -170,40 +156,27 @@ class ISAM2Backend:
         try:
             return self._isam.calculateBestEstimate()
         except UNSOLVED:
-            return gtsam.Values(self._theta)
-
-    def _begin(self, isam: gtsam.ISAM2, theta: gtsam.Values) -> None:
-        """Go on with a tree and its linearization point, which is held from before the tree's first update on."""
-        self._isam, self._theta = isam, theta
-        self._covariances = {}
-
-    def _begin_empty(self) -> None:
-        isam = gtsam.ISAM2(isam_parameters())
-        self._begin(isam, isam.getLinearizationPoint())
-
-    def _is_settled(self, key: int) -> bool:
-        """Whether a pose is near its linearization point."""
-        turn = self._theta.atPose3(key).rotation().between(self.pose(key).rotation())
-        return bool(np.abs(gtsam.Rot3.Logmap(turn)).max() <= ATTITUDE_RAD)
+            return gtsam.Values(self.linearization_point)
 
     def _rebuild(self, newest: gtsam.Values) -> None:
         """Build the tree again, from its linearization point, with weak priors on the newest variables."""
-        values, missing = gtsam.Values(self._theta), gtsam.Values(newest)
+        values, missing = gtsam.Values(self.linearization_point), gtsam.Values(newest)
         for key in list(newest.keys()):
             if values.exists(key):
                 missing.erase(key)
         values.insert(missing)
         weak = weak_priors(newest)
         self._graph.push_back(weak)
-        self._begin_empty()
+        self._isam = gtsam.ISAM2(isam_parameters())
+        self.linearization_point = self._isam.getLinearizationPoint()
         self._isam.update(self._graph, values)
 
 
-def _group_by_time(places: list[Place], last: int, *known: gtsam.Values) -> gtsam.KeyGroupMap:
+def _group_by_time(stances: list[StanceNodes], last: int, *known: gtsam.Values) -> gtsam.KeyGroupMap:
     """Groups of the variables of the last few footfalls, eliminated one after the other; those with a value."""
     group_of: dict[int, int] = {}
-    for group, place in enumerate(places[-last:], start=1):
-        group_of.update({key: group for values in known for key in list_variables(place, values)})
+    for group, stance in enumerate(stances[-last:], start=1):
+        group_of.update({key: group for values in known for key in list_variables(stance, values)})
     groups = gtsam.KeyGroupMap()
     for key, group in group_of.items():
         groups.insert2(key, group)

@@ -1,13 +1,12 @@
-"""Is the path of a walk in progress to be trusted up to this line? Each line says so, by what is wrong with the path.
+"""Whether the path of a walk in progress is to be trusted up to a line: by what is wrong with it so far.
 
-What counts is in `fg_nav.verdict.limits`: the fastest stride, the highest rate of the height, the time without a
-footfall, the region of the place over the way, and what strides show of the axes and of gravity (`axes_check`). A path
-that was spoiled stays so, and one is not trusted before as many strides were walked as make a walk, and the axes were
-seen in as many.
+The limits are those of `fg_nav.verdict.limits`: the fastest stride, the highest rate of the height, the time without a
+footfall, the region of the place over the way, and what strides show of the axes and of gravity (`AxesCheck`). A path
+that was spoiled stays so, and none is trusted before it has as many strides as make a walk, and the axes were seen in
+as many.
 
-Between two lines the walk may be solved again, and its map move. A stride is measured within one map: where the past
-was revised, from its newest footfall in the new map; where the revision does not know it, the stride to the next line
-is not measured.
+Between two lines a new solution may move the map. A stride is measured within one map: where the past was revised, from
+its newest footfall in the new map; where the revision does not include it, the stride to the next line is not measured.
 """
 
 from __future__ import annotations
@@ -18,11 +17,13 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.online.axes_check import AxesCheck
 from fg_nav.online.buffer import SampleBuffer
-from fg_nav.online.estimates import StanceEstimate
-from fg_nav.online.revision import Revision
+from fg_nav.online.estimates import Revision, StanceEstimate
+from fg_nav.online.source_check import AxesCheck
 from fg_nav.verdict.limits import (
+    Reason,
+    Verdict,
+    combine,
     find_height_rate,
     judge_axes,
     judge_beginning,
@@ -34,18 +35,15 @@ from fg_nav.verdict.limits import (
     judge_stride,
     judge_unfollowed,
 )
-from fg_nav.verdict.reason import Reason, Verdict, combine
 
-DUE_S = 4.0
-"""The line of a footfall comes at least so soon after the one before it: a standing has one every two seconds."""
-
-FEWEST = 5  # Strides of which the median of gravity is judged.
-FASTEST = 4  # Strides, by the slowest of which the fastest is judged: who begins to run makes more of them.
-REMEMBERED = 32  # Heights, more than are made in the time over which their rate is measured.
+DUE_S = 4.0  # To the next line at most: a standing has one every two seconds.
+MIN_STRIDES = 5  # Of which the median of gravity is judged.
+N_FASTEST = 4  # Strides, by the slowest of which the fastest is judged: who begins to run makes more of them.
+MAX_HEIGHTS = 32  # More than are made in the time over which their rate is measured.
 SAME_S = 1e-3  # Stamps of one footfall, of any clock: less than a sample apart.
 
 Judged: TypeAlias = tuple[StanceEstimate | Revision, Verdict | None]
-"""What a walk tells, and the verdict on an estimate."""
+"""A line of a walk, and the verdict on an estimate."""
 
 
 class LineVerdict:
@@ -80,7 +78,16 @@ class LineVerdict:
 
     def judge(self, found: Sequence[StanceEstimate | Revision], continues: Sequence[bool]) -> list[Judged]:
         """Put to each estimate the verdict on the path up to it; `continues` of all lines of the walk."""
-        return [(one, self._judge(one, continues)) for one in found]
+        judged: list[Judged] = []
+        for one in found:
+            if isinstance(one, Revision):
+                is_newest = abs(one.path[-1, 0] - self._last[0]) < SAME_S
+                self._last = one.path[-1] if is_newest else np.full(4, np.nan)
+                judged.append((one, None))
+            else:
+                self._measure(np.append(one.t, one.position), continues[one.number])
+                judged.append((one, combine(self._list_reasons(one.pose_cov[:2, :2]))))
+        return judged
 
     def state(self) -> dict[str, Any]:
         """Return what `resume` needs, as JSON values."""
@@ -106,32 +113,23 @@ class LineVerdict:
         self._strides = int(state["strides"])
         self._axes.resume(state["axes"])
 
-    def _judge(self, one: StanceEstimate | Revision, continues: Sequence[bool]) -> Verdict | None:
-        if isinstance(one, Revision):
-            is_newest = abs(one.path[-1, 0] - self._last[0]) < SAME_S
-            self._last = one.path[-1] if is_newest else np.full(4, np.nan)
-            return None
-        self._measure(np.append(one.t, one.position), continues[one.number])
-        return combine(self._list_reasons(one.pose_cov[:2, :2]))
-
     def _measure(self, now: Floats, continues: bool) -> None:
-        """Take a footfall's t, east, north, up (4,)."""
+        """Measure the stride to a footfall, of which t, east, north, up (4,) are given."""
+        before, self._last = self._last, now
         if self._begun is None:
             self._begun, self._heights = float(now[0]), now[None, [0, 3]]
-        else:
-            self._strides += not continues
-            t, took, moved = float(now[0]), float(now[0] - self._last[0]), np.linalg.norm(now[1:] - self._last[1:])
-            if took > 0.0 and np.isfinite(moved):
-                self._note_stride(t, took, float(moved), float(now[3] - self._last[3]), continues)
-        self._last = now
-
-    def _note_stride(self, t: float, took: float, moved: float, climbed: float, continues: bool) -> None:
+            return
+        self._strides += not continues
+        took, moved = float(now[0] - before[0]), float(np.linalg.norm(now[1:] - before[1:]))
+        if not (took > 0.0 and np.isfinite(moved)):
+            return
         self._distance += moved
         self._lost_s += took if took > DUE_S and not continues else 0.0
-        self._reach = max(self._reach, float(np.hypot(*(self._last[1:3]))))
-        fast = np.vstack([self._fast, [moved / took, took, t]])
-        self._fast = fast[np.argsort(-fast[:, 0], kind="stable")][:FASTEST]
-        self._heights = np.vstack([self._heights, [t, self._heights[-1, 1] + climbed]])[-REMEMBERED:]
+        self._reach = max(self._reach, float(np.hypot(*before[1:3])))
+        fast = np.vstack([self._fast, [moved / took, took, now[0]]])
+        self._fast = fast[np.argsort(-fast[:, 0], kind="stable")][:N_FASTEST]
+        height = self._heights[-1, 1] + float(now[3] - before[3])
+        self._heights = np.vstack([self._heights, [now[0], height]])[-MAX_HEIGHTS:]
         self._steepest = max(self._steepest, find_height_rate(*self._heights.T))
 
     def _list_reasons(self, covariance: Floats) -> list[Reason]:
@@ -141,7 +139,7 @@ class LineVerdict:
         if len(self._fast):
             speed, took, end = map(float, self._fast[0])
             found.append(judge_speed(speed, end))
-            if len(self._fast) == FASTEST:
+            if len(self._fast) == N_FASTEST:
                 found.append(judge_stride(speed * took, took, end, float(self._fast[-1, 0]), sigma, way))
         if self._in_pocket:
             return found
@@ -150,6 +148,6 @@ class LineVerdict:
         usual = way / max(float(self._last[0]) - self._begun, 1e-9) if self._strides else 0.0
         words = f"{self._lost_s:.1f} s of motion without a footfall"
         found.append(judge_unfollowed(self._lost_s, usual, sigma, way, words))
-        if axes.strides >= FEWEST:
+        if axes.strides >= MIN_STRIDES:
             found.append(judge_gravity(float(np.median(axes.gravity)), self._reach, sigma, way))
         return found

@@ -1,33 +1,237 @@
 """Sources that do not wait: what a sensor sends over UDP, TCP or a serial line while the walk is being computed.
 
 Each is read in a thread of its own, into a queue: at 400 Hz a serial line would overflow after a tenth of a second, the
-system's buffer for datagrams after some seconds. TCP and a serial line are opened again whenever they break.
+system's buffer for datagrams after some seconds. TCP and a serial line (`Connector`) are opened again whenever they
+break.
+
+One walk has one sender (`SenderLock`). Datagrams and connections of another are left out, with a remark that names it:
+the stamps of two sensors would make one walk of two. A sender that was switched off and on has another port: its host
+is accepted again once its old connection has ended, or nothing came for `RESTARTED_S`.
 """
 
 from __future__ import annotations
 
+import select
 import socket
 import sys
 import threading
 import time
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
+from functools import partial
+from typing import Any
 
-from fg_nav.online.connections import PIECE, POLL_S, Connector, Remark, SenderLock
+from fg_nav.errors import StreamError
 
-RETRY_S = 0.5  # Between two attempts to connect.
-REMARK_S = 10.0  # Between two remarks about a line that breaks again and again.
-MAX_WAITING = 1 << 26  # Bytes in the queue: ten minutes of a fast sensor.
-SYSTEM_BUFFER = 1 << 23  # Bytes that the system is asked to keep of datagrams; it may give less.
+Remark = Callable[[str], None]
+"""Called with a sentence for people."""
 
+PIECE = 1 << 16  # bytes that are read at once; no datagram has more
+POLL_S = 0.2  # period at which a thread checks whether its source was closed
+CONNECT_S = 10.0  # a server must answer within it
+RETRY_S = 0.5  # between two attempts to connect
+RESTARTED_S = 2.0  # silence after which another port of the same host is the same sensor, switched on again
+REMARK_S = 10.0  # between two remarks about a line that breaks again and again
+MAX_WAITING = 1 << 26  # bytes in the queue: ten minutes of a fast sensor
+SYSTEM_BUFFER = 1 << 23  # bytes that the system is asked to keep of datagrams; it may give less
+KEEPALIVE = {"TCP_KEEPIDLE": 4, "TCP_KEEPINTVL": 2, "TCP_KEEPCNT": 3}  # a dead peer is found within ten seconds
+
+# Of Linux, and without a name in Python: more buffer than users may have, and the count of datagrams without room.
 _SO_RCVBUFFORCE, _SO_RXQ_OVFL = 33, 40
-"""Of Linux, which Python does not name: more buffer than users have, and the count of datagrams without room."""
+
+
+class SenderLock:
+    """Keeps a walk to one sender: the first one, and that of its host once the first is silent."""
+
+    def __init__(self, name: str, remark: Remark) -> None:
+        self._name, self._remark = name, remark
+        self._host, self._port = "", 0
+        self._last = -float("inf")
+        self._others: set[str] = set()
+
+    def accept(self, host: str, port: int, is_gone: bool = False) -> float | None:
+        """Return None for another sender; else how long this one was away before, s, 0 for one that goes on.
+
+        `is_gone`: the sender of before is known to have ended.
+        """
+        now = time.monotonic()
+        silent_s = now - self._last
+        if (host, port) == (self._host, self._port) or not self._host:
+            self._host, self._port, self._last = host, port, now
+            return 0.0
+        if host == self._host and (is_gone or silent_s > RESTARTED_S):
+            self._port, self._last = port, now
+            return silent_s
+        if host not in self._others:
+            self._others.add(host)
+            self._remark(
+                f"{self._name}: what {host} sends from port {port} is left out, for the walk is that of {self._host} "
+                f"port {self._port}: a walk has one sensor."
+            )
+        return None
+
+    def note(self) -> None:
+        """Note that the sender has sent something."""
+        self._last = time.monotonic()
+
+
+class Connector(ABC):
+    """A connection to a sensor that may break, and be opened again."""
+
+    @abstractmethod
+    def connect(self) -> bool:
+        """Open the connection; return whether there is one."""
+
+    @abstractmethod
+    def read(self) -> bytes | None:
+        """Return what came within `POLL_S`, b"" if nothing did, None if the connection is broken."""
+
+    @abstractmethod
+    def disconnect(self) -> None:
+        """Close the connection."""
+
+    def close(self) -> None:  # noqa: B027
+        """Close what accepts connections."""
+
+
+class _TcpConnector(Connector):
+    """An open TCP connection."""
+
+    _socket: socket.socket
+
+    def _hold(self, connection: socket.socket) -> None:
+        self._socket = connection
+        connection.settimeout(POLL_S)
+        with suppress(OSError):  # it is gone already
+            connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+            for name, value in KEEPALIVE.items():
+                if hasattr(socket, name):
+                    connection.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)
+
+    def read(self) -> bytes | None:
+        try:
+            return self._socket.recv(PIECE) or None
+        except TimeoutError:
+            return b""
+        except OSError:
+            return None
+
+    def disconnect(self) -> None:
+        self._socket.close()
+
+
+class TcpClient(_TcpConnector):
+    """The sensor is a server; raises `OSError` if its host has no address."""
+
+    def __init__(self, host: str, port: int) -> None:
+        self._address = host, port
+        socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
+
+    def connect(self) -> bool:
+        """See `Connector`."""
+        try:
+            self._hold(socket.create_connection(self._address, CONNECT_S))
+        except OSError:
+            return False
+        return True
+
+
+class TcpListener(_TcpConnector):
+    """The sensor connects to an address of this machine; raises `OSError` if that is taken."""
+
+    def __init__(self, name: str, host: str, port: int, remark: Remark) -> None:
+        kind = socket.AF_INET6 if ":" in host else socket.AF_INET
+        self._listener = socket.create_server((host, port), family=kind)
+        self._senders = SenderLock(name, remark)
+        self._next: socket.socket | None = None
+
+    def connect(self) -> bool:
+        """See `Connector`."""
+        self._accept(POLL_S, is_free=True)
+        if self._next is None:
+            return False
+        self._hold(self._next)
+        self._next = None
+        return True
+
+    def read(self) -> bytes | None:
+        """See `Connector`; a sensor that has connected anew breaks its old connection."""
+        self._accept(0.0, is_free=False)
+        if self._next is not None:
+            return None
+        piece = super().read()
+        if piece:
+            self._senders.note()
+        return piece
+
+    def close(self) -> None:
+        """See `Connector`."""
+        self._listener.close()
+
+    def _accept(self, wait_s: float, is_free: bool) -> None:
+        """Hold the next connection if it is that of the sensor, else end it."""
+        if self._next is not None or not select.select([self._listener], [], [], wait_s)[0]:
+            return
+        try:
+            connection, address = self._listener.accept()
+        except OSError:  # it has gone already
+            return
+        if self._senders.accept(address[0], address[1], is_free) is None:
+            connection.close()
+        else:
+            self._next = connection
+
+
+class SerialDevice(Connector):
+    """A serial device, opened at once and again when it is plugged in again; needs pyserial.
+
+    Raises
+    ------
+    StreamError
+        If pyserial is not installed, or the device cannot be opened.
+    """
+
+    def __init__(self, path: str, baud: int) -> None:
+        try:
+            import serial
+        except ImportError:
+            raise StreamError(
+                f"{path} is a serial device, and pyserial is not installed: pip install 'fg-nav[serial]'."
+            ) from None
+        self._open: Callable[[], Any] = partial(serial.Serial, path, baud, timeout=POLL_S)
+        try:
+            self._port: Any = self._open()
+        except (OSError, ValueError) as error:
+            reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+            raise StreamError(f"{path} cannot be opened as a serial device ({reason}): check it and --baud.") from None
+        self._is_first = True
+
+    def connect(self) -> bool:
+        """See `Connector`."""
+        try:
+            self._port = self._port if self._is_first else self._open()
+        except (OSError, ValueError):
+            return False
+        self._is_first = False
+        return True
+
+    def read(self) -> bytes | None:
+        """See `Connector`."""
+        try:
+            return bytes(self._port.read(max(1, self._port.in_waiting)))
+        except (OSError, TypeError):  # of a port that went away pyserial raises either
+            return None
+
+    def disconnect(self) -> None:
+        """See `Connector`."""
+        with suppress(OSError):
+            self._port.close()
 
 
 class LiveSource(ABC):
-    """A `ByteSource` that a thread reads; who makes one starts it."""
+    """A `ByteSource` that a thread reads, from its creation on."""
 
     def __init__(self, name: str, remark: Remark) -> None:
         self.name, self.away_s = name, 0.0
@@ -85,7 +289,7 @@ class LiveSource(ABC):
                         self._waiting.append((away_s, piece))
                         self._size += len(piece)
                         self._changed.notify_all()
-        except Exception as error:  # it rises where the source is read
+        except Exception as error:  # raised again where the source is read
             with self._changed:
                 self._failure = error
                 self._changed.notify_all()
@@ -126,8 +330,10 @@ class Datagrams(LiveSource):
                 piece, notes, _, sender = self._socket.recvmsg(PIECE, socket.CMSG_SPACE(4))
             except TimeoutError:
                 continue
-            self._count_lost(notes)
-            away_s = self._senders.admit(sender[0], sender[1])
+            for level, kind, value in notes:
+                if (level, kind) == (socket.SOL_SOCKET, _SO_RXQ_OVFL):  # the system's count of those it had no room for
+                    self._note_lost(int.from_bytes(value, sys.byteorder), self._lost_in_queue)
+            away_s = self._senders.accept(sender[0], sender[1])
             if away_s is not None:
                 yield away_s, piece if piece.endswith(b"\n") else piece + b"\n"
 
@@ -137,12 +343,6 @@ class Datagrams(LiveSource):
             return True
         self._note_lost(self._lost_in_system, self._lost_in_queue + 1)
         return False
-
-    def _count_lost(self, notes: list[tuple[int, int, bytes]]) -> None:
-        """Take the system's count of the datagrams that it had no room for."""
-        for level, kind, value in notes:
-            if (level, kind) == (socket.SOL_SOCKET, _SO_RXQ_OVFL):
-                self._note_lost(int.from_bytes(value, sys.byteorder), self._lost_in_queue)
 
     def _note_lost(self, in_system: int, in_queue: int) -> None:
         if in_system + in_queue and not self.lost:
@@ -154,10 +354,7 @@ class Datagrams(LiveSource):
 
 
 def _enlarge_buffer(receiver: socket.socket) -> int:
-    """Ask for a large buffer, and for the count of what it has no room for, where the system has them.
-
-    Returns the bytes that the system gave, its own for each datagram among them.
-    """
+    """Request a large buffer, and the count of datagrams without room; return the bytes that the system gave."""
     if sys.platform == "linux":
         with suppress(OSError):
             receiver.setsockopt(socket.SOL_SOCKET, _SO_RXQ_OVFL, 1)
@@ -184,22 +381,21 @@ class Reconnected(LiveSource):
     def _receive(self) -> Iterator[tuple[float, bytes]]:
         lost_at: float | None = None
         while not self._closed.is_set():
-            # Connect, the first time or again.
-            link = self._connector.connect()
-            if link is None:
+            # connect, the first time or again
+            if not self._connector.connect():
                 if lost_at is None:
                     self._remark_seldom(f"{self.name} is not there yet: waiting for it.")
                 self._closed.wait(RETRY_S)
                 continue
-            # Read until it breaks; the first piece says for how long there was no connection.
+            # read until it breaks; the first piece says for how long there was no connection
             away_s = 0.0 if lost_at is None else time.monotonic() - lost_at
             try:
-                while not self._closed.is_set() and (piece := link.read()) is not None:
+                while not self._closed.is_set() and (piece := self._connector.read()) is not None:
                     if piece:
                         yield away_s, piece
                         away_s = 0.0
             finally:
-                link.close()
+                self._connector.disconnect()
             lost_at = time.monotonic() if lost_at is None or away_s == 0.0 else lost_at
             if not self._closed.is_set():
                 self._remark_seldom(f"{self.name} broke off: waiting for it.")

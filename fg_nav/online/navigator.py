@@ -4,9 +4,9 @@
 
 The smoother uses the samples up to one behind the footfall, so that nothing depends on how the samples came in blocks.
 An estimate is that of the moment when the footfall was complete, and is reported once; `smoothed` returns the present
-estimates of all of them. At the end these are the result, with a path through the nodes of the graph. Where it is asked
-for, the whole walk is solved once more as well: stances and field are detected in all samples, as for a recording, and
-the batch smoother solves it (`polish`).
+estimates of all of them. At the end these are the result, with a path through the nodes of the graph: strapdown between
+two nodes, bent to meet the second. On demand the whole walk is solved in batch as well, its stances and field detected
+in all samples, as of a recording (`polish`).
 
 With a lag the samples are discarded once no stride needs them, and the path is known at footfalls only.
 """
@@ -20,26 +20,24 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from fg_nav.arrays import Bools, Floats
+from fg_nav.arrays import Floats
 from fg_nav.detection import detect_stances
 from fg_nav.detection.causal import CausalParameters, CausalStances, Footfall, join_footfalls
+from fg_nav.detection.rest import freeze_ends
 from fg_nav.errors import EstimationError
 from fg_nav.magnetic.axes import AlignedMagnetometer, align_magnetometer
-from fg_nav.online.beside import WorkerSolver
+from fg_nav.online.background import Solver, WorkerSolver
 from fg_nav.online.buffer import SampleBuffer
-from fg_nav.online.estimates import StanceEstimate, Track, select_rows
+from fg_nav.online.estimates import Revision, StanceEstimate, StrapdownPath, select_rows
 from fg_nav.online.intake import SampleIntake
-from fg_nav.online.judge import SampleFilter
 from fg_nav.online.options import OnlineOptions
-from fg_nav.online.path import build_path
 from fg_nav.online.resolve import measure_walk_field
-from fg_nav.online.revision import Revision
+from fg_nav.online.sample_filter import SampleFilter
 from fg_nav.online.smoother import OnlineSmoother
 from fg_nav.online.smoother_state import SmootherState
-from fg_nav.online.solving import Solver
 from fg_nav.recording import MIN_SAMPLES, Recording
 from fg_nav.smoother import smooth
-from fg_nav.smoother.graph import Trajectory
+from fg_nav.smoother.dense_path import Trajectory, dense_trajectory
 from fg_nav.smoother.places import mark_returns
 from fg_nav.smoother.solver import UNSOLVED
 from fg_nav.solution import Return, Solution, StanceTable
@@ -78,7 +76,8 @@ class OnlineNavigator(SampleIntake):
     Attributes
     ----------
     options : of the smoother.
-    detection : how footfalls are found.
+    detection : of footfalls.
+    smoother : of the footfalls.
     """
 
     def __init__(
@@ -94,32 +93,31 @@ class OnlineNavigator(SampleIntake):
 
         Parameters
         ----------
-        options, detection : of the smoother; how footfalls are found.
+        options, detection : of the smoother, and of footfalls.
         remark : given, in a sentence, what is odd about the samples; once for each kind of oddity.
         judge : of the samples, where a walk is resumed.
         beside : whether it is solved again in another process, so that no footfall waits for that.
-        solver : makes what solves it again, of its samples; None for the walk of one foot.
+        solver : makes the solver of the whole walk, of its samples; None for the walk of one foot.
         """
         super().__init__(remark, judge)
-        self.options = options
-        self.detection = detection
+        self.options, self.detection = options, detection
         self._stances = CausalStances(detection)
         self._solver: Solver | None = None if solver is None else solver(self.buffer)
         if beside and solver is None:
             self._solver = WorkerSolver(options, detection.stance, self.buffer, remark)
-        self._smoother = self._begin_smoother()
+        self.smoother = OnlineSmoother(options, self.buffer, detection.stance, self._solver)
         self._remark, self._waits, self._warned = remark, False, False
         self._handed = 0
 
     @property
     def footfalls(self) -> list[Footfall]:
         """Those of the walk so far, in the order of `smoothed`."""
-        return [one.footfall for one in self._smoother.footfalls]
+        return [one.footfall for one in self.smoother.footfalls]
 
     @property
     def reported_continues(self) -> Sequence[bool]:
         """Which lines are further pieces of a standing."""
-        return self._smoother.reported_continues
+        return self.smoother.reported_continues
 
     def close(self) -> list[StanceEstimate | Revision]:
         """End the walk and return the estimates of the footfalls that were still open, and what its end takes back."""
@@ -128,34 +126,33 @@ class OnlineNavigator(SampleIntake):
     def begin_end(self) -> list[StanceEstimate | Revision]:
         """End the walk, return the estimates of the footfalls that were still open, and begin its last solution."""
         self._closed = True
-        found = self._add_rows(self._admit_rest())
+        found = self._add_rows(self._accept(at_end=True))
         if self.buffer.stop >= MIN_SAMPLES:
             # A stance of the very last sample alone is none.
             found += self._estimates(f for f in self._stances.finish() if f.start[0] + 1 < self.buffer.stop)
-        self._smoother.begin_end()
+        self.smoother.begin_end()
         return found
 
     def take_end(self) -> list[StanceEstimate | Revision]:
-        """Take the last solution over; what it takes back."""
-        return self._smoother.take_end()
+        """Apply the last solution; what it revises."""
+        return self.smoother.take_end()
 
     def finish(self) -> Solution:
         """End the walk and return its estimates as they are then, with their path.
 
-        Raises
-        ------
-        RecordingError, DetectionError
-            Where there was no walk.
+        Raises `RecordingError`, `DetectionError` where there was no walk.
         """
         began = perf_counter()
         self.close()
-        stances, (table, nodes) = self.stances(), self._smoother.solution()
-        p, table = self._smoother.parameters, select_rows(table, self._is_new())
-        table = mark_returns(table, self.returns)
+        stances, (table, nodes), window = self.stances(), self.smoother.solution(), self.smoother.window
+        assert window is not None
+        p, is_new = window.initial.parameters, np.array([not footfall.continues for footfall in self.footfalls], bool)
+        table = mark_returns(select_rows(table, is_new), self.returns)
         if self.options.lag_s is None:
-            recording = self.recording().raise_peaks(self._smoother.peak_height)
-            path, ends = build_path(recording, nodes, stances, p.gravity)
-            t = recording.t
+            recording = self.recording().raise_peaks(self.smoother.walk.sensor.peak_height)
+            motion = nodes.position, nodes.velocity, nodes.nav_R_body, nodes.gyro_bias, nodes.acc_bias
+            path, t = dense_trajectory(recording, nodes.sample, *motion, p.gravity), recording.t
+            ends = freeze_ends(t, stances, path.position, path.velocity)
         else:
             recording = None
             path, t = Trajectory(table.position, np.zeros_like(table.position), table.nav_R_body), table.t
@@ -167,26 +164,20 @@ class OnlineNavigator(SampleIntake):
             stances=table,
             runtime_s=self._busy_s + perf_counter() - began,
             parameters=asdict(p),
-            notes=(*self._smoother.notes, *ends, *self.notes),
-            graph=self._smoother.counts,
+            notes=(*window.initial.notes, *ends, *self.notes),
+            graph=dict(window.counts),
             moment=select_rows(self.causal(), ~np.array(self.reported_continues, dtype=np.bool_)),
             recording=recording,
             returns=self.returns,
         )
 
-    def polish(
-        self,
-        progress: Callable[[float], None] | None = None,
-        stances: Stances | None = None,
-    ) -> Solution:
+    def polish(self, progress: Callable[[float], None] | None = None, stances: Stances | None = None) -> Solution:
         """End the walk and solve it as a whole in batch; without its field where that fails.
 
         Parameters
         ----------
-        progress
-            Given from time to time the fraction that is done.
-        stances
-            Of `recording()`, where they are known.
+        progress : called with the fraction that is done.
+        stances : of `recording()`, where they are known.
 
         Raises
         ------
@@ -194,16 +185,18 @@ class OnlineNavigator(SampleIntake):
             Where there was no walk, with a lag, or where it has no solution.
         """
         self.close()
-        aligned, options = self._align(self.recording()), self.options
-        known, recording = stances is not None, aligned.recording
+        recording, options, is_known = self.recording(), self.options, stances is not None
+        use_field, given = options.use_field, options.axes_given
+        aligned = align_magnetometer(recording, given) if use_field else AlignedMagnetometer(recording)
+        recording = aligned.recording
         stances = detect_stances(recording, self.detection.stance) if stances is None else stances
-        seen = measure_walk_field(recording, stances, options)
-        notes = () if known else (*aligned.notes, *seen.notes)
+        measured = measure_walk_field(recording, stances, options)
+        notes = () if is_known else (*aligned.notes, *measured.notes)
         fixes = tuple(fix for fix in options.fixes if fix.time_s <= recording.t[-1])
-        why = ""
-        for used in (None,) if seen.field is None else (seen.field, None):
+        p, heading, why = options.parameters, options.heading_rad, ""
+        for field in (None,) if measured.field is None else (measured.field, None):
             try:
-                found = smooth(seen.recording, stances, options.parameters, options.heading_rad, progress, used, fixes)
+                found = smooth(measured.recording, stances, p, heading, progress, field, fixes)
             except UNSOLVED as error:
                 why = why or str(error).strip().partition("\n")[0]
                 continue
@@ -217,86 +210,77 @@ class OnlineNavigator(SampleIntake):
             raise EstimationError("with a lag the samples of a walk are not kept: leave the lag out.")
         return self._cut_all()
 
-    def _align(self, recording: Recording) -> AlignedMagnetometer:
-        if not self.options.use_field:
-            return AlignedMagnetometer(recording)
-        return align_magnetometer(recording, self.options.axes_given)
-
     def stances(self) -> Stances:
         """Return the stances so far; raises `DetectionError` if there is none."""
         return join_footfalls(self.footfalls, self.buffer.stop)
 
-    def pose(self) -> Track | None:
+    def pose(self) -> StrapdownPath | None:
         """Return the pose at the last sample, as a path of one row; None before the first footfall.
 
         Strapdown from the last footfall on. Its error is not bounded: after `MAX_FREE_S` the position is held.
         """
-        if not self._smoother.n_reported:
+        if not self.n_reported:
             return None
         last_stamp = self.buffer.stamp(self.buffer.stop - 1)
         longest = self.buffer.stamp(self._handed - 1) + MAX_FREE_S
         until = self.buffer.find_since(longest, self.buffer.stop)
-        track = self._smoother.propagate(until)
-        last = Track(*(part[-1:] for part in track))
+        last = StrapdownPath(*(part[-1:] for part in self.smoother.propagate(until)))
         if until == self.buffer.stop:
             return last
         return last._replace(t=np.array([last_stamp]), velocity=np.zeros((1, 3)))
 
     @property
     def stands(self) -> bool:
-        """Whether the foot stands at the last samples, as far as is seen."""
+        """Whether the foot stands at the last samples, as far as is known."""
         return self._stances.stands
 
     @property
     def floor(self) -> int | None:
         """Number of the floor of the newest footfall, 0 where the walk began; None where it is not known."""
-        latest = self._smoother.latest
+        latest = self.smoother.latest
         return None if latest is None else latest.floor
-
-    @property
-    def smoother(self) -> OnlineSmoother:
-        """What the footfalls are given to."""
-        return self._smoother
 
     @property
     def returns(self) -> tuple[Return, ...]:
         """Stretches at which the walk was before, as they were recognized when it was last solved as a whole."""
-        return self._smoother.returns
+        initial = self.smoother.initial
+        return () if initial is None else initial.returns
 
     @property
     def anchor_sample(self) -> int:
-        """Which solution of the walk so far it goes on from: the sample of its last footfall; -1 before the first."""
-        return self._smoother.anchor_sample
+        """Sample of the footfall at which the newest window begins; -1 before the first."""
+        anchors = self.smoother.anchors
+        return anchors[-1].stance.sample if anchors else -1
 
     @property
     def n_reported(self) -> int:
         """Number of lines so far."""
-        return self._smoother.n_reported
+        return self.smoother.n_reported
+
+    @property
+    def races(self) -> int:
+        """Number of outputs that depended on solver timing."""
+        return self.smoother.schedule.races
+
+    @property
+    def takeovers(self) -> tuple[int, ...]:
+        """Lines before which a background solution took effect, since the newest window began."""
+        return tuple(self.smoother.schedule.taken)
 
     def state(self) -> NavigatorState:
         """Return what `resume` needs, of a walk that has begun: a copy of some ten seconds, and of nothing longer."""
         words = self._waits, self._warned, self._closed
         stances = self._stances.copy()
-        return NavigatorState(self.buffer.stop, self._smoother.state(), stances, self._handed, *words, self._busy_s)
-
-    @property
-    def races(self) -> int:
-        """How often what was told hung on how fast this machine is."""
-        return self._smoother.takeover.races
-
-    @property
-    def takeovers(self) -> tuple[int, ...]:
-        """Lines before which a solution made beside was taken over, since the walk goes on from the newest of them."""
-        return tuple(self._smoother.takeover.taken)
+        return NavigatorState(self.buffer.stop, self.smoother.state(), stances, self._handed, *words, self._busy_s)
 
     def resume(self, state: NavigatorState, takeovers: Sequence[int] = (), n_reported: int = 0) -> None:
         """Go on where another navigator was, whose samples are in the buffer, as far as they were not discarded.
 
-        It had reported `n_reported` lines, and had taken over solutions before the lines `takeovers` since; the
+        It had reported `n_reported` lines, and solutions had taken effect before the lines `takeovers` since; the
         same happens here when the samples behind the state are added again.
         """
-        self._smoother.takeover.note(takeovers, n_reported)
-        self._smoother.resume(state.smoother)
+        self.smoother.schedule.follow_record(takeovers, n_reported)
+        self.smoother.resume(state.smoother)
         self._stances, self._handed, self._busy_s = state.stances.copy(), state.handed, state.busy_s
         self._waits, self._warned, self._closed = state.waits, state.warned, state.has_ended
         if self._closed and self._solver is not None:
@@ -304,14 +288,14 @@ class OnlineNavigator(SampleIntake):
 
     def causal(self) -> StanceTable:
         """Return one row an estimate, as it was reported."""
-        return self._smoother.causal()
+        return self.smoother.causal()
 
     def smoothed(self) -> StanceTable:
         """Return one row an estimate, as it is now."""
-        return self._smoother.smoothed()
+        return self.smoother.smoothed()
 
     def _prepare(self) -> None:
-        self._smoother.prepare()
+        self.smoother.schedule.prepare(self.n_reported)
 
     def _add_rows(self, rows: Floats) -> list[StanceEstimate | Revision]:
         self.buffer.append(rows)
@@ -324,31 +308,34 @@ class OnlineNavigator(SampleIntake):
             try:
                 found += self._add(footfall)
             except EstimationError as error:
-                if self._smoother.n_reported:
+                if self.n_reported:
                     raise
                 if not self._waits:
                     self._remark(f"the walk does not begin yet: {error}")
                 self._waits = True
-                self._smoother = self._begin_smoother()
+                self.smoother = OnlineSmoother(self.options, self.buffer, self.detection.stance, self._solver)
         return found
-
-    def _begin_smoother(self) -> OnlineSmoother:
-        return OnlineSmoother(self.options, self.buffer, self.detection.stance, self._solver)
 
     def _add(self, footfall: Footfall) -> list[StanceEstimate | Revision]:
-        """Give a footfall and the samples up to the one behind it to the smoother."""
-        footfall = replace(footfall, continues=footfall.continues and self._smoother.n_reported > 0)
+        """Add a footfall and the samples up to the one behind it to the smoother."""
+        footfall = replace(footfall, continues=footfall.continues and self.n_reported > 0)
         until = min(max(int(footfall.stop[-1]) + 1, MIN_SAMPLES), self.buffer.stop)
-        found = self._smoother.add_footfall(_end_before(footfall, until), until, self._stances.seen)
+        # One that ends with the last of these samples is cut one before it.
+        stop = np.minimum(footfall.stop, until - 1)
+        inside = footfall.start < stop
+        footfall = replace(
+            footfall,
+            start=footfall.start[inside],
+            stop=stop[inside],
+            threshold=footfall.threshold[inside],
+            stillest=min(footfall.stillest, until - 2),
+        )
+        found = self.smoother.add_footfall(footfall, until, self._stances.seen)
         self._handed = until
-        if self._smoother.wrong_axes is not None and not self._warned:
-            self._remark(self._smoother.wrong_axes.warning)
+        if self.smoother.wrong_axes is not None and not self._warned:
+            self._remark(self.smoother.wrong_axes.warning)
             self._warned = True
         return found
-
-    def _is_new(self) -> Bools:
-        """(K,) True for the first piece of each footfall."""
-        return np.array([not footfall.continues for footfall in self.footfalls], dtype=bool)
 
 
 def finish_walk(
@@ -365,16 +352,3 @@ def finish_walk(
         return replace(found, polished=navigator.polish(progress, stances))
     except EstimationError as error:
         return replace(found, notes=(*found.notes, str(error)))
-
-
-def _end_before(footfall: Footfall, until: int) -> Footfall:
-    """Cut a footfall that ends with the last of `until` samples one before it."""
-    stop = np.minimum(footfall.stop, until - 1)
-    inside = footfall.start < stop
-    return replace(
-        footfall,
-        start=footfall.start[inside],
-        stop=stop[inside],
-        threshold=footfall.threshold[inside],
-        stillest=min(footfall.stillest, until - 2),
-    )

@@ -2,7 +2,7 @@
 
 A source resumes in one of two ways, and its first `HEAD` rows show which:
 
-* It begins again, or somewhat earlier: a file, a logger's buffer. `LEAST` of these rows are among those of the
+* It begins again, or somewhat earlier: a file, a logger's buffer. `MIN_KNOWN` of these rows are among those of the
   checkpoint, with the stamp that the sensor gave them and all that it measured. Then all is left out up to the
   last `TAIL` rows that were seen before the checkpoint, those that were not taken and restarts of the clock among them.
 * It goes on from a later moment: a socket, a device. Then nothing is left out.
@@ -23,15 +23,16 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.arrays import Floats, Ints
 from fg_nav.online.buffer import COLUMNS
 
-HEAD = 16  # Rows that show how a source goes on; so many wait until the last of them is there.
-LEAST = 4  # Of them, more than chance makes alike; fewer are left out by their stamps.
-TAIL = 8  # Rows in a row that no walk has twice.
-LOST = 100  # Rows in a row, about a second.
-LEFT_OUT, UNKNOWN = -1, -2  # In place of a sample's number.
-TICK_S = 1e-6  # To which stamps are compared: an offset of the clock and its removal round differently.
+HEAD = 16  # rows that show how a source goes on; so many wait until the last of them is there
+MIN_KNOWN = 4  # of them, more than chance makes alike; fewer are left out by their stamps
+TAIL = 8  # rows in a row that no walk has twice
+LOST = 100  # rows in a row, about a second
+LEFT_OUT, UNKNOWN = -1, -2  # in place of a sample's number
+TICK_S = 1e-6  # to which stamps are compared: an offset of the clock and its removal round differently
+HASH = np.random.default_rng(0).integers(1 << 62, 1 << 63, COLUMNS, dtype=np.uint64) * np.uint64(2) + np.uint64(1)
 
 
 class Overlap:
@@ -68,7 +69,7 @@ class Overlap:
         sent_t: list[Floats] = []
         begins = [0, *(first + np.cumsum([0, *map(len, blocks)])).tolist()]
         for at, rows in zip(begins, [head, *blocks], strict=False):
-            sent = _restore_stamps(rows[:, :COLUMNS], at, clocks)
+            sent = restore_stamps(rows[:, :COLUMNS], at, clocks)
             known.append(fingerprint_rows(sent))
             sent_t.append(sent[:, 0].copy())
         fingerprints = np.concatenate([*known, np.array(list(left), dtype=np.uint64)])
@@ -94,15 +95,28 @@ class Overlap:
             if len(rows) < HEAD and not at_end:
                 self.held = rows
                 return rows[:0]
-            self.skips = int((self._find_numbers(rows[:HEAD]) != UNKNOWN).sum()) >= LEAST
+            self.skips = int((self._find_numbers(rows[:HEAD]) != UNKNOWN).sum()) >= MIN_KNOWN
             self.is_over = not self.skips
         return rows if self.is_over else self._skip_to_tail_end(rows, at_end)
 
     def _skip_to_tail_end(self, rows: Floats, at_end: bool) -> Floats:
-        """Leave out all up to the last rows of the checkpoint, or up to what is new where they did not come."""
-        numbers = self._find_numbers(rows)
-        last = self._last_held(numbers)
-        stop, self.is_over = _find_run(self._are_new(rows[:, 0], numbers, last))
+        """Leave out all up to the last rows of the checkpoint, or up to what is new if they did not come."""
+        t, numbers = rows[:, 0], self._find_numbers(rows)
+        # the last sample of the checkpoint that has come up to each row; -1 before the first
+        at = np.maximum.accumulate(np.where(numbers >= 0, np.arange(len(numbers)), -1))
+        last = np.where(at >= 0, numbers[at], self._last)
+        # rows from the gap between it and the next one, which ends before it begins if the clock restarted in it, and
+        # those between what was not discarded
+        begin, end = self._sent_t[last], self._sent_t[last + 1]
+        in_gap = (t > begin) & (t < end)
+        in_gap |= (end < begin) & ((t > begin) | (t < end))
+        in_gap |= last == self._before_hole
+        is_new = (numbers == UNKNOWN) & ~in_gap
+        # where the first run of `LOST` new rows begins, or one at the end that may become so long
+        edges = np.concatenate([[-1], np.flatnonzero(~is_new), [len(rows)]])
+        long = np.flatnonzero(np.diff(edges) > LOST)
+        stop, self.is_over = int(edges[long[0]] if len(long) else edges[-2]) + 1, len(long) > 0
+        # where the last rows of the checkpoint end
         tail = self._find_tail_end(rows)
         if tail is not None and not (self.is_over and stop + LOST <= tail):
             stop, self.is_over = tail, True
@@ -115,22 +129,6 @@ class Overlap:
         self._last = int(last[stop - 1]) if stop else self._last
         self.held, self._before = rows[stop:], np.concatenate([self._before, rows[:stop]])[1 - TAIL :]
         return rows[:0]
-
-    def _last_held(self, numbers: Ints) -> Ints:
-        """(n,) The last sample of the checkpoint that has come up to each row; -1 before the first."""
-        at = np.maximum.accumulate(np.where(numbers >= 0, np.arange(len(numbers)), -1))
-        return np.where(at >= 0, numbers[at], self._last)
-
-    def _are_new(self, t: Floats, numbers: Ints, last: Ints) -> Bools:
-        """(n,) True for rows that are not held, and not from the gap between the last one held and the next.
-
-        A gap in which the clock of the sensor restarted ends before it begins. Of what was discarded nothing is new.
-        """
-        begin, end = self._sent_t[last], self._sent_t[last + 1]
-        within = (t > begin) & (t < end)
-        within |= (end < begin) & ((t > begin) | (t < end))
-        within |= last == self._before_hole
-        return np.asarray((numbers == UNKNOWN) & ~within)
 
     def _find_tail_end(self, rows: Floats) -> int | None:
         """Row after the first at which the last rows of the checkpoint have come, as far as they came at all."""
@@ -151,16 +149,11 @@ class Overlap:
         return np.where(self._fingerprints[at] == wanted, self._numbers[at], UNKNOWN)
 
 
-def _find_run(flags: Bools) -> tuple[int, bool]:
-    """Return where the first run of `LOST` flags (n,) begins, and True; or where that at the end begins, and False."""
-    edges = np.concatenate([[-1], np.flatnonzero(~flags), [len(flags)]])
-    long = np.flatnonzero(np.diff(edges) > LOST)
-    begin = edges[long[0]] if len(long) else edges[-2]
-    return int(begin) + 1, len(long) > 0
+def restore_stamps(samples: Floats, first: int, clocks: Sequence[tuple[int, float]]) -> Floats:
+    """Return samples of the walk, from number `first` on, with the stamps that the sensor gave them.
 
-
-def _restore_stamps(samples: Floats, first: int, clocks: Sequence[tuple[int, float]]) -> Floats:
-    """Samples of the walk, from number `first` on, with the stamps that the sensor gave them."""
+    `clocks` are the sample at which each clock of the sensor began, and by how much its stamps were set on, s.
+    """
     begins, offset = np.array(clocks).T
     sent = samples.copy()
     sent[:, 0] -= offset[np.searchsorted(begins, first + np.arange(len(samples)), side="right") - 1]
@@ -173,11 +166,8 @@ def _fill_missing(rows: Floats) -> Floats:
 
 
 def fingerprint_rows(rows: Floats) -> NDArray[np.uint64]:
-    """Return a fingerprint (n,) of each row (n, 11) as it was sent: 64 bits, another for other rows."""
+    """Return a hash (n,) of 64 bits of each row (n, 11) as it was sent."""
     alike = np.ascontiguousarray(_fill_missing(rows))
     alike[:, 0] = np.rint(alike[:, 0] / TICK_S)
     bits = (alike + 0.0).view(np.uint64)  # + 0: one zero of two
-    return np.asarray(((bits ^ (bits >> np.uint64(29))) * _ODD).sum(axis=1, dtype=np.uint64))
-
-
-_ODD = np.random.default_rng(0).integers(1 << 62, 1 << 63, COLUMNS, dtype=np.uint64) * np.uint64(2) + np.uint64(1)
+    return np.asarray(((bits ^ (bits >> np.uint64(29))) * HASH).sum(axis=1, dtype=np.uint64))

@@ -3,16 +3,16 @@
     samples -> judge -> blocks of `BLOCK_S` -> orientation (`pocket.online`) -> steps (`pocket.causal_steps`)
             -> their path so far (`pocket.dead_reckoning`) -> estimate
 
-The functions are those of the batch (`fg_nav.pocket.navigate`), with the orientation that is known at the moment: that
-of the filter forward, from the past alone. The blocks are those of the stamps, so that nothing depends on how the
-samples came. An estimate is where the body is at the end of a stride, and its heading is that of the stride.
+The functions are those of the batch (`fg_nav.pocket.navigate`), with the orientation of the filter forward, from the
+past alone. The blocks are those of the stamps, so that nothing depends on how the samples came. An estimate is where
+the body is at the end of a stride, and its heading is that of the stride.
 
 Every estimate adds up all steps so far, with the axes of the thigh as they are known then. In the first strides they
-are uncertain, so the path turns about its origin; a degree and more is told (`revision`). That is in no covariance of
-the batch, which has the axes of all the walk; here it is (`AXIS_SIGMA_DEG`). So is what the filter learned of the
-heading later. While the gait does not show front and back, a heading that was not given is unknown.
+are uncertain, so the path turns about its origin; a degree and more is a `Revision`. Their uncertainty is in the
+covariances here (`AXIS_SIGMA_DEG`), unlike in batch, which has the axes of all the walk. So is what the filter learned
+of the heading later. While the gait does not show front and back, a heading that was not given is unknown.
 
-Over a gap a person walks at up to `pocket.online_thigh.WALKER_M_S` in any direction.
+Over a gap a person walks at up to `pocket.online.WALKER_M_S` in any direction.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from time import perf_counter
-from typing import NamedTuple, TypeAlias
+from typing import ClassVar, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -30,12 +30,11 @@ from fg_nav.detection.mount import refuse_foot
 from fg_nav.frames import yaw_rotation
 from fg_nav.magnetic.axes import align_magnetometer
 from fg_nav.online.buffer import as_recording
-from fg_nav.online.estimates import StanceEstimate, Track, build_table
+from fg_nav.online.estimates import TURNED_RAD, Revision, StanceEstimate, StrapdownPath, build_table, thin_rows
 from fg_nav.online.intake import SampleIntake
-from fg_nav.online.judge import SampleFilter
 from fg_nav.online.navigator import METHOD, OnlineNavigator
 from fg_nav.online.options import OnlineOptions
-from fg_nav.online.revision import TURNED_RAD, Revision, thin_rows
+from fg_nav.online.sample_filter import SampleFilter
 from fg_nav.pocket.causal_steps import StrideEnd
 from fg_nav.pocket.dead_reckoning import (
     MOUNTING_SIGMA_DEG,
@@ -54,7 +53,7 @@ from fg_nav.pocket.navigate import (
     navigate_pocket,
     require_steps,
 )
-from fg_nav.pocket.online_thigh import OnlineThigh
+from fg_nav.pocket.online import OnlineThigh
 from fg_nav.pocket.steps import Steps
 from fg_nav.pocket.track import STILL_S
 from fg_nav.recording import MAX_GAP_S, MIN_SAMPLES, Recording
@@ -74,22 +73,15 @@ class PocketOptions:
     use_field : whether the magnetometer is used.
     step_constant_m : of the person (`fg_nav.pocket.dead_reckoning`); None for the default.
     axes_given : whether the batch solution uses the magnetometer whatever its axes look like.
+    lag_s : none: all samples are kept.
     """
+
+    lag_s: ClassVar[None] = None
 
     heading_rad: float | None = None
     use_field: bool = True
     step_constant_m: float | None = None
     axes_given: bool = False
-
-    @property
-    def lag_s(self) -> None:
-        """All samples are kept."""
-        return None
-
-    @property
-    def step_length(self) -> StepLength:
-        """Of the person; raises `EstimationError` for a constant that is no person's."""
-        return StepLength() if self.step_constant_m is None else use_step_constant(self.step_constant_m)
 
 
 class _PathSoFar(NamedTuple):
@@ -108,9 +100,12 @@ class PocketNavigator(SampleIntake):
     ----------
     options : of the walk.
     footfalls : one an estimate: the sample at which its stride ends.
+    floor, returns : none: a pocket has no heights, and its path is not compared with itself.
     """
 
     detection = CausalParameters()
+    floor: None = None
+    returns: tuple[Return, ...] = ()
 
     def __init__(
         self,
@@ -120,12 +115,13 @@ class PocketNavigator(SampleIntake):
     ) -> None:
         """`remark` is given, in a sentence, what is odd about the samples; once for each kind of oddity."""
         super().__init__(remark, judge)
-        self.options, self._step_length = options, options.step_length
+        self.options, constant = options, options.step_constant_m
+        self._step_length = StepLength() if constant is None else use_step_constant(constant)
         self.footfalls: list[Footfall] = []
         self._used = 0
         self._thigh: OnlineThigh | None = None
-        self._told: list[StanceEstimate] = []
-        self._made: list[int] = []  # steps until each line
+        self._reported: list[StanceEstimate] = []
+        self._n_steps: list[int] = []  # until each line
         self._directions = np.empty((0, 2))  # of the steps, in the map of the last line
 
     def _prepare(self) -> None:
@@ -140,48 +136,39 @@ class PocketNavigator(SampleIntake):
         if self._closed:
             return []
         self._closed = True
-        self.buffer.append(self._admit_rest())
+        self.buffer.append(self._accept(at_end=True))
         found = self._add_blocks(at_end=True)
         return found if self._thigh is None else found + self._report(self._thigh.steps.cut())
 
     @property
     def reported_continues(self) -> Sequence[bool]:
         """Which lines are further pieces of a standing: none."""
-        return [False] * len(self._told)
+        return [False] * len(self._reported)
 
     @property
     def stands(self) -> bool:
         """Whether the person stands, as far as is seen."""
         return self._thigh is None or self._thigh.steps.stands
 
-    @property
-    def floor(self) -> None:
-        """Not known: a pocket has no heights."""
-
-    @property
-    def returns(self) -> tuple[Return, ...]:
-        """None: a pocket's path is not compared with itself."""
-        return ()
-
-    def pose(self) -> Track | None:
+    def pose(self) -> StrapdownPath | None:
         """Return position and course at the last sample, as a path of one row: those of the newest line, if any."""
-        if not self._told:
+        if not self._reported:
             return None
-        last, t = self._told[-1], self.buffer.stamp(self.buffer.stop - 1)
+        last, t = self._reported[-1], self.buffer.stamp(self.buffer.stop - 1)
         course = yaw_rotation(np.pi / 2 - last.heading)
-        return Track(np.array([t]), last.position[None], last.velocity[None], course[None])
+        return StrapdownPath(np.array([t]), last.position[None], last.velocity[None], course[None])
 
     def causal(self) -> StanceTable:
         """Return one row an estimate, as it was reported; its attitude is that of the sensor."""
-        return build_table([estimate.as_row() for estimate in self._told])
+        return build_table([estimate.as_row() for estimate in self._reported])
 
     def smoothed(self) -> StanceTable:
         """Return one row an estimate, with its position as it is known now."""
         table = self.causal()
         if not len(table):
             return table
-        path = self._reckon_path(max(self._made)).path
-        at = np.maximum(2 * np.array(self._made) - 1, 0)
+        path = self._reckon_path(max(self._n_steps)).path
+        at = np.maximum(2 * np.array(self._n_steps) - 1, 0)
         return replace(table, position=path.position[at], position_cov=path.covariance[at], pose_cov=None)
 
     def recording(self) -> Recording:
@@ -191,16 +178,13 @@ class PocketNavigator(SampleIntake):
     def finish(self) -> Solution:
         """End the walk and return its steps with the axes known then, and the orientation of the moment between them.
 
-        Raises
-        ------
-        RecordingError, EstimationError
-            Where there was no walk, or the sensor was on a foot.
+        Raises `RecordingError`, `EstimationError` where there was no walk, or the sensor was on a foot.
         """
         began = perf_counter()
         self.close()
         recording = self.recording()
         refuse_foot(recording)
-        thigh = self._begin(self.buffer.stop) if self._thigh is None else self._thigh
+        thigh = self._begin_thigh(self.buffer.stop) if self._thigh is None else self._thigh
         steps = thigh.steps.steps
         require_steps(steps)
         so_far = self._reckon_path(len(steps))
@@ -225,8 +209,6 @@ class PocketNavigator(SampleIntake):
         found = navigate_pocket(recording, "pocket", *given, progress=progress)
         return found if aligned is None else replace(found, notes=(*aligned.notes, *found.notes))
 
-    # blocks
-
     def _add_blocks(self, at_end: bool) -> list[StanceEstimate | Revision]:
         """Process whole blocks: those behind which there is a sample."""
         rows = self.buffer.between(self._used, self.buffer.stop)
@@ -237,29 +219,22 @@ class PocketNavigator(SampleIntake):
         ends = 1 + np.flatnonzero((np.diff(block) > 0) | (step > MAX_GAP_S))
         found: list[StanceEstimate | Revision] = []
         for end in (self._used + np.append(ends, [len(rows)] if at_end else [])).astype(int).tolist():
-            found += self._add_block(end)
+            if self._thigh is None:
+                # The orientation begins with a second of samples.
+                if end < MIN_SAMPLES or self.buffer.stamp(end - 1) - self.buffer.stamp(0) < STILL_S:
+                    continue
+                self._thigh = self._begin_thigh(end)
+            first, self._used = self._used, end
+            rows, before = self.buffer.between(first, end), self.buffer.between(max(first - 1, 0), first)
+            if not self.options.use_field:
+                rows[:, 7:10] = np.nan
+            found += self._report(self._thigh.add(first, rows, before))
         return found
 
-    def _add_block(self, end: int) -> list[StanceEstimate | Revision]:
-        """Process the samples up to one before `end`; before there is a second of them, none."""
-        if self._thigh is None:
-            if end < MIN_SAMPLES or self.buffer.stamp(end - 1) - self.buffer.stamp(0) < STILL_S:
-                return []
-            self._thigh = self._begin(end)
-        first = self._used
-        before = self.buffer.between(max(first - 1, 0), first)
-        rows = self.buffer.between(first, end)
-        if not self.options.use_field:
-            rows[:, 7:10] = np.nan
-        self._used = end
-        return self._report(self._thigh.add(first, rows, before))
-
-    def _begin(self, end: int) -> OnlineThigh:
+    def _begin_thigh(self, end: int) -> OnlineThigh:
         rows = self.buffer.between(0, end)
         with_mag = self.options.use_field and bool(np.isfinite(rows[:, 7:10]).all(axis=1).any())
         return OnlineThigh(as_recording(rows, with_mag), self.options.heading_rad)
-
-    # estimates
 
     def _reckon_path(self, count: int) -> _PathSoFar:
         """Path of the first steps, with the axes of the thigh that are known now."""
@@ -270,9 +245,9 @@ class PocketNavigator(SampleIntake):
         forward = turn_forward(known.attitude @ axes[0])
         clockwise = 0.0 if given is None else given - measure_first_heading(forward)
         forward = forward @ yaw_rotation(-clockwise)[:2, :2].T
-        # what the axes are uncertain by turns all of the path; a given heading is that of the path, whatever the axes
-        axis_sigma = 0.0 if given is not None else np.radians(AXIS_SIGMA_DEG) * (2.0 / len(forward)) ** 0.5
-        axis_sigma = axis_sigma if given is not None or found.is_forward_known else np.pi
+        # The uncertainty of the axes turns all of the path; a given heading is that of the path, whatever the axes.
+        axis_sigma = np.radians(AXIS_SIGMA_DEG) * (2.0 / len(forward)) ** 0.5 if found.is_forward_known else np.pi
+        axis_sigma = axis_sigma if given is None else 0.0
         sigma, part = np.hypot(known.heading_sigma, axis_sigma), slice(0, count)
         steps = Steps(*(getattr(steps, item.name)[part] for item in fields(steps)))
         along = self._step_length.predict(steps)[:, None] * forward[part]
@@ -285,38 +260,36 @@ class PocketNavigator(SampleIntake):
         """Return the estimates at the ends of strides."""
         if not ends:
             return []
-        so_far = self._reckon_path(ends[-1].steps)
-        revised = self._revise(so_far)
-        found = [self._make_estimate(len(self._told) + k, end, so_far) for k, end in enumerate(ends)]
-        one = np.ones(1)
-        self._made += [end.steps for end in ends]
-        for end in ends:
-            interval = np.array([end.sample]), np.array([end.sample + 1])
-            self.footfalls.append(Footfall(*interval, one, end.sample, continues=False))
-        self._told += found
-        return [*revised, *found]
-
-    def _revise(self, so_far: _PathSoFar) -> list[Revision]:
-        """Say by how much the axes of the thigh, as they are known now, turn the path of the lines so far."""
+        so_far, revised = self._reckon_path(ends[-1].steps), list[Revision]()
+        # By how much the present axes of the thigh turn the path of the lines so far.
         known = len(self._directions)
         old, new = self._directions @ [1j, 1.0], so_far.forward @ [1j, 1.0]
         turn = float(np.angle((new[:known] * old.conj()).sum()))
-        if abs(turn) < TURNED_RAD or not self._told:
+        if abs(turn) < TURNED_RAD or not self._reported:
             self._directions = np.concatenate([self._directions, so_far.forward[known:]])
-            return []
-        self._directions = so_far.forward
-        thinned = thin_rows(len(self._made))
-        at, t = [max(2 * self._made[k] - 1, 0) for k in thinned], [self._told[k].t for k in thinned]
-        path = np.column_stack([t, so_far.path.position[at]])
-        return [Revision(self._told[-1].t, turn, (), path)]
+        else:
+            self._directions = so_far.forward
+            thinned = thin_rows(len(self._n_steps))
+            at = [max(2 * self._n_steps[k] - 1, 0) for k in thinned]
+            path = np.column_stack([[self._reported[k].t for k in thinned], so_far.path.position[at]])
+            revised = [Revision(self._reported[-1].t, turn, (), path)]
+        # The estimates, each with a footfall at the end of its stride.
+        found = [self._make_estimate(len(self._reported) + k, end, so_far) for k, end in enumerate(ends)]
+        for end in ends:
+            interval = np.array([end.sample]), np.array([end.sample + 1])
+            self.footfalls.append(Footfall(*interval, np.ones(1), end.sample, continues=False))
+        self._n_steps += [end.steps for end in ends]
+        self._reported += found
+        return [*revised, *found]
 
     def _make_estimate(self, number: int, end: StrideEnd, so_far: _PathSoFar) -> StanceEstimate:
         assert self._thigh is not None
         path, latest = so_far.path, self._thigh.latest
-        # the stride up to here, or the first one at the start
+        # The stride up to here, or the first one at the start.
         last = max(end.steps, 2)
-        moved = path.position[2 * last - 1] - path.position[2 * (last - 2)]
-        took = self.buffer.stamp(int(path.sample[2 * last - 1])) - self.buffer.stamp(int(path.sample[2 * (last - 2)]))
+        start, stop = 2 * (last - 2), 2 * last - 1
+        moved = path.position[stop] - path.position[start]
+        took = self.buffer.stamp(int(path.sample[stop])) - self.buffer.stamp(int(path.sample[start]))
         at = max(2 * end.steps - 1, 0)
         own = np.radians([MOUNTING_SIGMA_DEG, STEP_HEADING_SIGMA_DEG / 2**0.5])
         pose_cov = np.zeros((4, 4))

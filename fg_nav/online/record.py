@@ -24,17 +24,16 @@ from fg_nav.columns.mapping import CANONICAL
 from fg_nav.errors import FgNavError, FormatError, OutputError, describe_reason
 from fg_nav.io.content import read_content
 from fg_nav.io.formats import FORMATS
-from fg_nav.io.readers.canonical import format_rows
+from fg_nav.io.writing import format_rows
 from fg_nav.online.buffer import COLUMNS
 from fg_nav.online.overlap import TAIL, Overlap
 from fg_nav.online.rows import Columns
 from fg_nav.online.sources import SampleSource, open_samples
 from fg_nav.system.locks import lock
 
-WRITE_S = 1.0  # Between two writes.
-MAX_WAITING = 500_000  # Samples that wait for a disk with room, twenty minutes at 400 Hz; then the oldest are given up.
-PART = 5000  # Samples that are written at once, in some hundredths of a second.
-
+WRITE_S = 1.0  # between two writes
+MAX_WAITING = 500_000  # samples that wait for a disk with room, twenty minutes at 400 Hz; the oldest are dropped first
+PART = 5000  # samples that are written at once, in some hundredths of a second
 HEADER = ",".join(CANONICAL) + "\n"
 
 
@@ -50,7 +49,7 @@ class Recorder:
     force
         Whether another older file is replaced.
     remark
-        Given a sentence where the file cannot be written, and when it can again.
+        Called with a sentence if the file cannot be written, and when it can again.
 
     Raises
     ------
@@ -69,9 +68,7 @@ class Recorder:
         try:
             self._file = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
             lock(self._file)
-            if is_old and goes_on:
-                self._refuse_foreign()
-            self._good = self._cut_last_line() if is_old and goes_on else 0
+            self._good = self._find_end() if is_old and goes_on else 0
             if self._good:
                 known = _read_recorded(path)
                 self._overlap = Overlap([known], [(0, 0.0)], [], known[-TAIL:], known[:0])
@@ -89,7 +86,7 @@ class Recorder:
         self._thread.start()
 
     def add(self, rows: Floats) -> None:
-        """Take samples (n, 11), to be written within a second."""
+        """Add samples (n, 11), to be written within a second."""
         self._put(self._overlap.select_new(rows))
 
     def close(self) -> None:
@@ -119,32 +116,33 @@ class Recorder:
 
     def _write_waiting(self) -> None:
         """Write what waits, part by part; put back the part with which that fails."""
-        while blocks := self._take():
-            rows = np.concatenate(blocks)
-            text = self._text + "".join(format_rows(rows, "%r", ",")).replace("nan", "")
+        while True:
+            # the oldest samples, some `PART`
+            blocks: list[Floats] = []
+            with self._lock:
+                taken = 0
+                while self._waiting and taken < PART:
+                    blocks.append(self._waiting.popleft())
+                    taken += len(blocks[-1])
+                self._count -= taken
+            if not blocks:
+                break
+            text = self._text + "".join(format_rows(np.concatenate(blocks), "%r", ",")).replace("nan", "")
             try:
                 self._write(text.encode("ascii"))
             except OSError as error:
                 with self._lock:
                     self._waiting.extendleft(reversed(blocks))
-                    self._count += len(rows)
-                self._note_failure(describe_reason(error))
+                    self._count += taken
+                if not self._fails:
+                    reason = describe_reason(error)
+                    self._remark(f"{self._path} cannot be written ({reason}): the walk goes on, and it is tried again.")
+                self._fails = True
                 return
             self._text = ""
         if self._fails:
             self._remark(f"{self._path} is written again.")
         self._fails = False
-
-    def _take(self) -> list[Floats]:
-        """Take the oldest of what waits, some `PART` samples."""
-        blocks: list[Floats] = []
-        with self._lock:
-            taken = 0
-            while self._waiting and taken < PART:
-                blocks.append(self._waiting.popleft())
-                taken += len(blocks[-1])
-            self._count -= taken
-        return blocks
 
     def _write(self, data: bytes) -> None:
         """Append all of it, or nothing: what was written of it is cut off again."""
@@ -161,19 +159,11 @@ class Recorder:
             raise
         self._good = place
 
-    def _note_failure(self, reason: str) -> None:
-        if not self._fails:
-            self._remark(f"{self._path} cannot be written ({reason}): the walk goes on, and it is tried again.")
-        self._fails = True
-
-    def _refuse_foreign(self) -> None:
-        """Refuse a file that does not begin as ours do, before anything of it is changed."""
+    def _find_end(self) -> int:
+        """Return where to go on in a file of ours, which is then cut there: behind its last line with an end."""
         if not HEADER.encode().startswith(os.pread(self._file, len(HEADER), 0)):
             os.close(self._file)
             raise FormatError(f"{self._path.name} was not recorded by this command: name another file to record into.")
-
-    def _cut_last_line(self) -> int:
-        """Cut off a last line without an end; return how long the file is then."""
         size = os.fstat(self._file).st_size
         tail = os.pread(self._file, 1 << 16, max(size - (1 << 16), 0))
         good = size - len(tail) + tail.rfind(b"\n") + 1
@@ -192,8 +182,8 @@ def _read_recorded(path: Path) -> Floats:
     return np.column_stack([raw.t, raw.acc, raw.gyr, raw.mag, pressure])
 
 
-class RecordedSource:
-    """A `SampleSource` whose samples are recorded as they are read."""
+class _RecordedSource(SampleSource):
+    """A source whose samples are recorded as they are read."""
 
     def __init__(self, source: SampleSource, recorder: Recorder) -> None:
         self.name = source.name
@@ -201,33 +191,27 @@ class RecordedSource:
 
     @property
     def header(self) -> list[str] | None:
-        """See `SampleSource`."""
         return self._source.header
 
     @property
     def lost(self) -> int:
-        """See `SampleSource`."""
         return self._source.lost
 
     def resume(self, header: Sequence[str]) -> None:
-        """See `SampleSource`."""
         self._source.resume(header)
 
     def read(self, wait_s: float) -> Floats | None:
-        """See `SampleSource`."""
         rows = self._source.read(wait_s)
         if rows is not None:
             self._recorder.add(rows)
         return rows
 
     def finish(self) -> Floats:
-        """See `SampleSource`."""
         rows = self._source.finish()
         self._recorder.add(rows)
         return rows
 
     def close(self) -> None:
-        """Close both."""
         self._source.close()
         self._recorder.close()
 
@@ -241,13 +225,13 @@ def open_recorded(
     baud: int,
     speed: str | None,
     remark: Callable[[str], None],
-) -> RecordedSource:
+) -> SampleSource:
     """Open a source as `open_samples` does, and before it the file that it is recorded in (`Recorder`)."""
     if path.exists() and Path(word).exists() and path.samefile(word):
         raise OutputError(f"{path} is what is streamed: name another file to record into.")
     recorder = Recorder(path, goes_on, force, remark)
     try:
-        return RecordedSource(open_samples(word, columns, baud, speed, remark), recorder)
+        return _RecordedSource(open_samples(word, columns, baud, speed, remark), recorder)
     except FgNavError:
         recorder.close()
         raise

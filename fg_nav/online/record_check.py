@@ -1,17 +1,16 @@
 """Whether what a checkpoint holds can be: its bytes are whole, but somebody may have changed them.
 
-Every object of a record is looked at, by what its class says of itself and by what its attributes are called:
+Every object of a record is checked, by the annotations of its class and the names of its attributes:
 
     types           those of the annotations of dataclasses and named tuples
-    counts          whole numbers are below `MOST`, but keys of variables and sums over samples
-    numbers         below `LARGEST`; places, velocities, biases and what the graph knows are no NaN
+    counts          whole numbers are below `MAX_COUNT`, but keys of variables and sums over samples
+    numbers         below `MAX_NUMBER`; places, velocities, biases and what the graph knows are no NaN
     `nav_R_body`    a rotation: orthonormal to `ORTHONORMAL`, determinant 1
     covariances     symmetric, no variance below zero
     tables          parts of one length, numbers of samples in order and not beyond the last
     samples         (n, 11), their stamps in order; what was bad of each is nothing, or one of two sensors
 
-What is believable and still another walk is not found: a checkpoint is as trusted as a recording. Where a walk that was
-resumed cannot go on, `doubt_resumed` says so.
+What is believable and still another walk is not found: a checkpoint is as trusted as a recording.
 """
 
 from __future__ import annotations
@@ -20,6 +19,7 @@ import traceback
 import types
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import fields, is_dataclass
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Union, get_args, get_origin, get_type_hints
@@ -28,9 +28,9 @@ import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import EstimationError, FgNavError, FormatError
+from fg_nav.online.anchor import PathNodes
 from fg_nav.online.buffer import COLUMNS
 from fg_nav.online.estimates import split_rows
-from fg_nav.online.handover import PathNodes
 from fg_nav.online.saved_state import FootfallTable, RowTable
 from fg_nav.samples.outliers import ACC_OUT, GYR_OUT
 from fg_nav.samples.plausibility import find_squarable
@@ -39,32 +39,29 @@ from fg_nav.solution import Return
 if TYPE_CHECKING:
     from fg_nav.online.checkpoint import Record
 
-MOST = 10**10  # Samples of half a year at 400 Hz; no count is larger.
+MAX_COUNT = 10**10  # samples of half a year at 400 Hz; no count is larger
+MAX_NUMBER = 1e12  # of any number in SI units; the stamps of a clock in seconds are 2e9
+ORTHONORMAL = 1e-5  # that a product of rotations stays within, over any walk
+NEGATIVE = -1e-9  # of the largest variance: by so much rounding makes one negative
 
+# Names of what holds whole numbers of another kind, or raw readings as they came.
 UNBOUNDED = frozenset(
     {"keys", "left", "waits", "held", "gate", "fields", "behind", "tail", "head", "window", "seen", "_still_since_hole"}
 )
-"""Names of what holds whole numbers of another kind, or raw readings as they came."""
-
+# Names of arrays in which every number is known; others hold NaN where there was no field, say.
 WITHOUT_GAPS = frozenset({"position", "velocity", "gyro_bias", "acc_bias", "A", "b", "values", "extreme"})
-"""Names of arrays in which every number is known; others hold NaN where there was no field, say."""
-
 ROTATIONS = frozenset({"nav_R_body"})
 COVARIANCES = frozenset({"covariance", "cov", "position_cov", "pose_cov"})
 
-ORTHONORMAL = 1e-5  # That a product of rotations stays within, over any walk.
-NEGATIVE = -1e-9  # Of the largest variance: by so much rounding makes one negative.
-LARGEST = 1e12  # Of any number in SI units; the stamps of a clock in seconds are 2e9.
 
-
-def find_fault(value: object, name: str = "", stop: int = MOST) -> str:
+def find_fault(value: object, name: str = "", stop: int = MAX_COUNT) -> str:
     """Return the name of what cannot be in a value, read from a checkpoint of a walk of `stop` samples; "" for none."""
     if isinstance(value, np.ndarray):
-        return "" if _is_sound_array(value, name) else name
+        return "" if _is_valid_array(value, name) else name
     if isinstance(value, int | np.integer):
-        return "" if name in UNBOUNDED or abs(int(value)) < MOST else name
+        return "" if name in UNBOUNDED or abs(int(value)) < MAX_COUNT else name
     if isinstance(value, float):
-        return "" if name in UNBOUNDED or not abs(value) < np.inf or abs(value) < LARGEST else name
+        return "" if name in UNBOUNDED or not abs(value) < np.inf or abs(value) < MAX_NUMBER else name
     kind: Any = type(value)
     hints = _hints_of(kind)
     attributes = dict(_list_parts(value, name))
@@ -72,7 +69,7 @@ def find_fault(value: object, name: str = "", stop: int = MOST) -> str:
     parts = (find_fault(part, key.split("[")[0], stop) for key, part in attributes.items())
     # The parts are bounded before they are compared.
     found = next(wrong, "") or next(filter(None, parts), "")
-    return found or ("" if _is_sound_table(value, stop) else str(kind.__name__))
+    return found or ("" if _is_valid_table(value, stop) else str(kind.__name__))
 
 
 def is_in_order(rows: object, columns: int) -> bool:
@@ -85,34 +82,28 @@ def is_in_order(rows: object, columns: int) -> bool:
 
 
 def refuse_damaged(path: Path, records: Sequence[Record], stop: int) -> None:
-    """Raise `FormatError` where something in the records of a walk of `stop` samples cannot be."""
+    """Raise `FormatError` if something in the records of a walk of `stop` samples cannot be."""
     for record, before in zip(records, (None, *records), strict=False):
-        fault = find_fault(record, stop=stop) or find_misfit(record, before)
+        fault = find_fault(record, stop=stop)
+        # numbers that do not fit the others, or the record before
+        if not fault and not 0 <= record.kept_from <= record.first + len(record.rows):
+            fault = "kept_from"
+        if not fault and (record.first < 0 or record.n_reported < 0):
+            fault = "first"
+        if not fault and before is not None:
+            behind = before.first + len(before.rows)
+            adjacent = record.first == behind and len(record.rows) > 0 and len(before.rows) > 0
+            if record.first < behind or (adjacent and not record.rows[0, 0] > before.rows[-1, 0]):
+                fault = "order of its records"
+        if not fault and record.changes is not None and not record.changes.stances.is_sound():
+            fault = "stances"
         if fault:
             raise _damaged(path, fault)
 
 
-def find_misfit(record: Record, before: Record | None) -> str:
-    """Return the name of a number of a record that does not fit the others, or the record before; "" for none."""
-    stop = record.first + len(record.rows)
-    if not 0 <= record.kept_from <= stop:
-        return "kept_from"
-    if record.first < 0 or record.n_reported < 0:
-        return "first"
-    if before is not None and not _is_behind(record, before):
-        return "order of its records"
-    return "" if record.changes is None or record.changes.stances.is_sound() else "stances"
-
-
-def _is_behind(record: Record, before: Record) -> bool:
-    stop = before.first + len(before.rows)
-    adjacent = record.first == stop and len(record.rows) > 0 and len(before.rows) > 0
-    return record.first >= stop and (not adjacent or bool(record.rows[0, 0] > before.rows[-1, 0]))
-
-
 @contextmanager
-def say_damaged(path: Path) -> Iterator[None]:
-    """Say so where values that each can be cannot be together, whatever that raises in the block."""
+def report_damaged(path: Path) -> Iterator[None]:
+    """Raise `FormatError` if values that each can be cannot be together, whatever that raises in the block."""
     try:
         yield
     except (FgNavError, OSError):
@@ -123,7 +114,7 @@ def say_damaged(path: Path) -> Iterator[None]:
 
 @contextmanager
 def doubt_resumed(path: Path | None) -> Iterator[None]:
-    """Say where a walk cannot go on that was resumed from a checkpoint, if it was: values may be wrong that can be.
+    """Raise `EstimationError` if a walk that was resumed from a checkpoint cannot go on: its values may be wrong.
 
     That may be a bug as well, and so the sentence names the place in the program.
     """
@@ -135,17 +126,14 @@ def doubt_resumed(path: Path | None) -> Iterator[None]:
     except Exception as error:
         if path is None or not was_resumed:
             raise
-        what = f"{type(error).__name__} in {_find_place(error)}"
+        # the last module and line of this package that the error passed
+        frames = traceback.extract_tb(error.__traceback__)
+        place = [frame for frame in frames if "fg_nav" in Path(frame.filename).parts][-1]
+        what = f"{type(error).__name__} in {Path(place.filename).name}:{place.lineno}"
         raise EstimationError(
             f"the walk resumed from {path.name} cannot go on ({what}): the checkpoint was changed or damaged, or this "
             "is a bug; begin again without it."
         ) from error
-
-
-def _find_place(error: Exception) -> str:
-    """Return the last module and line of this package that an error passed."""
-    places = [frame for frame in traceback.extract_tb(error.__traceback__) if "fg_nav" in Path(frame.filename).parts]
-    return f"{Path(places[-1].filename).name}:{places[-1].lineno}"
 
 
 def _damaged(path: Path, what: str) -> FormatError:
@@ -169,13 +157,13 @@ def _list_parts(value: Any, name: str) -> Iterator[tuple[str, object]]:
 @cache
 def _hints_of(kind: type[Any]) -> dict[str, Any]:
     """Return the annotations of a dataclass or a named tuple of this package; none of other classes."""
-    if not (hasattr(kind, "__dataclass_fields__") or hasattr(kind, "_fields")):
+    if not (is_dataclass(kind) or hasattr(kind, "_fields")):
         return {}
     try:
         hints = get_type_hints(kind)
     except NameError:  # what is imported for the type checker alone
         return {}
-    names = kind.__dataclass_fields__ if hasattr(kind, "__dataclass_fields__") else kind._fields
+    names = [field.name for field in fields(kind)] if is_dataclass(kind) else kind._fields
     return {name: hints[name] for name in names if name in hints}
 
 
@@ -185,7 +173,10 @@ def _fits(value: object, hint: Any) -> bool:
     if origin in (Union, types.UnionType):
         return any(_fits(value, part) for part in parts)
     if origin is np.ndarray:
-        return isinstance(value, np.ndarray) and (value.dtype.kind in _kinds_of(parts))
+        (number,) = get_args(parts[1]) or (None,)
+        known = {np.floating: "f", np.integer: "iu", np.bool_: "b"}.items() if isinstance(number, type) else ()
+        kinds = next((kind for base, kind in known if issubclass(number, base)), "biuf")
+        return isinstance(value, np.ndarray) and value.dtype.kind in kinds
     if origin is tuple:
         same = len(parts) == 2 and parts[1] is Ellipsis
         expected = [parts[0]] * len(value) if same and isinstance(value, tuple) else list(parts)
@@ -201,24 +192,16 @@ def _fits(value: object, hint: Any) -> bool:
     return not isinstance(hint, type) or isinstance(value, hint)
 
 
-def _kinds_of(parts: tuple[Any, ...]) -> str:
-    """Return the kinds of number that an array of some type holds."""
-    (number,) = get_args(parts[1]) or (None,)
-    if not isinstance(number, type):
-        return "biuf"
-    return {np.floating: "f", np.integer: "iu", np.bool_: "b"}.get(
-        next((base for base in (np.floating, np.integer, np.bool_) if issubclass(number, base)), object), "biuf"
-    )
-
-
-def _is_sound_array(array: np.ndarray[Any, Any], name: str) -> bool:
+def _is_valid_array(array: np.ndarray[Any, Any], name: str) -> bool:
     if array.dtype.kind != "f":
-        return array.dtype.kind != "c" and (name in UNBOUNDED or not array.size or bool((np.abs(array) < MOST).all()))
+        return array.dtype.kind != "c" and (
+            name in UNBOUNDED or not array.size or bool((np.abs(array) < MAX_COUNT).all())
+        )
     if name in UNBOUNDED:
         return True
     finite = array[np.isfinite(array)]
     known = ~np.isnan(array) if name == "extreme" else np.isfinite(array)
-    if (name in WITHOUT_GAPS and not known.all()) or (finite.size and np.abs(finite).max() > LARGEST):
+    if (name in WITHOUT_GAPS and not known.all()) or (finite.size and np.abs(finite).max() > MAX_NUMBER):
         return False
     if name == "values" and array.shape == (4, 4):  # a pose of an anchor
         return bool((array[3] == [0.0, 0.0, 0.0, 1.0]).all()) and _is_rotation(array[:3, :3])
@@ -244,57 +227,40 @@ def _is_covariance(P: Floats) -> bool:
     return symmetric and bool((np.linalg.eigvalsh(P) >= NEGATIVE * scale).all())
 
 
-def _is_sound_table(value: object, stop: int) -> bool:
+def _is_valid_table(value: object, stop: int) -> bool:
     """Whether the parts of a table belong together."""
     if isinstance(value, PathNodes):
-        shapes = [part.shape for part in value]
-        n = len(value.sample)
-        return shapes == [(n,), (n, 3), (n, 3), (n, 3, 3), (n, 3), (n, 3)] and _rises(value.sample, stop)
+        n, sample = len(value.sample), value.sample
+        if [part.shape for part in value] != [(n,), (n, 3), (n, 3), (n, 3, 3), (n, 3), (n, 3)]:
+            return False
+        inside = bool(((sample >= 0) & (sample < stop)).all())
+        return sample.dtype.kind == "i" and inside and bool((np.diff(sample) > 0).all())
     if isinstance(value, RowTable):
-        return _is_sound_row_table(value, stop)
+        n = len(value.which)
+        if n == 0:
+            return value.first >= 0
+        if value.numbers.shape != (n, 40) or value.first < 0 or not (value.which >= 0).all():
+            return False
+        at = value.numbers[:, 0]  # inf and NaN are no whole numbers
+        if value.which.max() >= len(value.words) or not ((at >= 0) & (at < stop)).all():
+            return False
+        rows = split_rows(value.rows())
+        ordered = bool((np.diff(rows.t) >= 0).all())
+        return ordered and _is_rotation(rows.nav_R_body) and all(map(_is_covariance, rows.pose_cov))
     if isinstance(value, FootfallTable):
-        return _is_sound_footfall_table(value, stop)
+        n, intervals = len(value.counts), len(value.start)
+        columns = value.stillest, value.continues, value.told, value.until
+        if any(len(column) != n for column in columns) or not len(value.stop) == len(value.threshold) == intervals:
+            return False
+        if value.first < 0 or (value.counts < 1).any() or int(value.counts.sum()) != intervals:
+            return False
+        within = (value.start >= 0) & (value.start < value.stop) & (value.stop <= stop)
+        return bool(within.all()) and bool(((value.stillest >= 0) & (value.stillest < stop)).all())
     if isinstance(value, Return):
-        return _is_sound_return(value)
+        n = value.t.size
+        parts = value.t, value.earlier_t, value.field_uT, value.earlier_field_uT
+        if n == 0 or [part.shape for part in parts] != [(n,), (n,), (n, 3), (n, 3)]:
+            return False
+        known = all(bool(np.isfinite(part).all()) for part in (*parts, value.score, value.expected_false))
+        return known and bool(np.isfinite(value.length_m)) and bool((np.diff(value.t) >= 0).all())
     return True
-
-
-def _is_sound_row_table(table: RowTable, stop: int) -> bool:
-    n = len(table.which)
-    if n == 0:
-        return table.first >= 0
-    if table.numbers.shape != (n, 40) or table.first < 0 or not (table.which >= 0).all():
-        return False
-    if table.which.max() >= len(table.words):
-        return False
-    sample = table.numbers[:, 0]  # inf and NaN are no whole numbers
-    if not ((sample >= 0) & (sample < stop)).all():
-        return False
-    rows = split_rows(table.rows())
-    ordered = bool((np.diff(rows.t) >= 0).all())
-    return ordered and _is_rotation(rows.nav_R_body) and all(map(_is_covariance, rows.pose_cov))
-
-
-def _is_sound_footfall_table(table: FootfallTable, stop: int) -> bool:
-    n, intervals = len(table.counts), len(table.start)
-    columns = table.stillest, table.continues, table.told, table.until
-    if any(len(column) != n for column in columns) or len(table.stop) != intervals or len(table.threshold) != intervals:
-        return False
-    if table.first < 0 or (table.counts < 1).any() or int(table.counts.sum()) != intervals:
-        return False
-    inside = (table.start >= 0) & (table.start < table.stop) & (table.stop <= stop)
-    return bool(inside.all()) and bool(((table.stillest >= 0) & (table.stillest < stop)).all())
-
-
-def _is_sound_return(value: Return) -> bool:
-    n = value.t.size
-    columns = value.t, value.earlier_t, value.field_uT, value.earlier_field_uT
-    if n == 0 or [column.shape for column in columns] != [(n,), (n,), (n, 3), (n, 3)]:
-        return False
-    known = all(bool(np.isfinite(column).all()) for column in (*columns, value.score, value.expected_false))
-    return known and bool(np.isfinite(value.length_m)) and bool((np.diff(value.t) >= 0).all())
-
-
-def _rises(sample: np.ndarray[Any, Any], stop: int) -> bool:
-    inside = bool(((sample >= 0) & (sample < stop)).all())
-    return sample.dtype.kind == "i" and inside and bool((np.diff(sample) > 0).all())

@@ -3,7 +3,7 @@
     Columns    which field is what, in which unit; `parse_columns` makes them of the user's words
     RowReader  bytes in pieces of any length -> samples (n, 11): t, acc, gyr, mag, pressure in s, m/s^2, rad/s, uT, Pa
 
-A block of lines is taken apart column by column; where that fails, line by line, and what is wrong is named.
+A block of lines is parsed column by column; where that fails, line by line, and the first bad line is named.
 """
 
 from __future__ import annotations
@@ -25,22 +25,17 @@ from fg_nav.columns.units import find_factor
 from fg_nav.errors import FormatError, StreamError
 from fg_nav.io.text_columns import find_column, scale_values
 from fg_nav.online.buffer import COLUMNS
-from fg_nav.online.header_lines import is_header, is_number
 from fg_nav.recording import NOMINAL_SIGMA
 from fg_nav.samples.plausibility import find_unit_problems, keep_air
 
-MAX_LINE = 1 << 16  # Bytes; a longer one has lost its end.
-MIN_BLOCK = 200  # Lines; fewer are sooner read one by one.
-PLAIN = b"0123456789+-.eE,\n"  # Of what numbers are made that every parser reads alike.
-
-LINES_TO_REMARK, MAX_BEFORE_HEADER = 20, 5000
-"""Lines before the header: what was left in a device's buffer; and of a sender that sends its header every second."""
-
-HEADLESS, MIN_HEADLESS = 400, 100
-"""Rows of 7, 10 or 11 numbers by which physics shows that each is a sample in SI; at the end of the source fewer do."""
-
+MAX_LINE = 1 << 16  # bytes; a longer line has lost its end
+MIN_BLOCK = 200  # lines; fewer are read faster one by one
+MIN_NAMES = 6  # of a header, force and rate; fewer words are a message of the device
+LINES_TO_REMARK = 20  # before the header; fewer were left in a device's buffer
+MAX_BEFORE_HEADER = 5000  # lines; some senders repeat their header every second
+HEADLESS, MIN_HEADLESS = 400, 100  # rows by which physics shows canonical order in SI; fewer at the end of the source
+PLAIN = b"0123456789+-.eE,\n"  # characters of numbers that every parser reads alike
 HINT = f"a line must name the columns ({TIME[0]},{ACC[0]},...), or --columns; --speed replays a whole recording"
-"""What to do without a header."""
 
 
 @dataclass(frozen=True)
@@ -49,8 +44,8 @@ class Columns:
 
     Attributes
     ----------
-    names : of all fields of a row, in order; those that are not in `CANONICAL` are passed over.
-    units : (11,) by which the fields are multiplied.
+    names : of all fields of a row, in order; those that are not in `CANONICAL` are skipped.
+    units : (11,) factors of the fields.
     rate_hz : of rows without a stamp, whose stamps are counted by it; None where they have one.
     mapping : the user's words, where they name columns of a header that is still to come, or some numbers of fields.
     """
@@ -67,12 +62,12 @@ class Columns:
 
 
 def parse_columns(words: str | None, units: str | None = None, rate_hz: float | None = None) -> Columns | None:
-    """Return the columns that the user names, as `fg_nav.columns.mapping` has it; None without.
+    """Return the columns that the user names, in the grammar of `fg_nav.columns.mapping`; None without.
 
     Raises
     ------
     StreamError
-        Where a column is missing, doubled or unknown, or a unit is.
+        If a column is missing, doubled or unknown, or a unit is.
     """
     if words is None:
         for value, option in ((units, "--units"), (rate_hz, "--rate")):
@@ -111,7 +106,7 @@ def _place_columns(wanted: mapping.Columns, fields: Sequence[str], rate_hz: floa
 
 
 class RowReader:
-    """Turns bytes into samples: bytes in pieces of any length, rows (n, 11) out.
+    """Parses bytes, in pieces of any length, into samples (n, 11).
 
     Without `columns` the first line that names canonical columns is the header, or the end of one if the source began
     before; where it was lost, rows of 7, 10 or 11 numbers are in canonical order if units and axes are then those of a
@@ -127,14 +122,14 @@ class RowReader:
     name
         Of the source, for messages.
     remark
-        Given a sentence about the first bad row.
+        Called with a sentence about the first bad row.
     columns
         Of rows without a header; None where the source must send one.
 
     Raises
     ------
     FormatError
-        From `read`, where no header comes, or the first one lacks a column, or names others than before the walk
+        From `read`, if no header comes, or the first one lacks a column, or names others than before the walk
         resumed.
     """
 
@@ -143,23 +138,25 @@ class RowReader:
     ) -> None:
         self.bad = 0
         self._name, self._remark = name, remark
+        # the unfinished line; lines read, stamps counted by the rate, lines before the header
         self._rest, self._is_too_long = b"", False
         self._line = self._counted = self._waited = 0
-        self._cut_header: FormatError | None = None
+        # the order of the fields, the names of the header it is from, and whether the newest header has other names
         self._columns: Columns | None = None
         self._names: tuple[str, ...] | None = None
-        self._is_foreign = False
         self._positions: list[int] = []
+        self._is_foreign, self._is_confirmed = False, True
+        self._cut_header: FormatError | None = None
+        # rows without a header, and their samples once their order is clear
         self._headless: list[list[str]] = []
         self._cut_names: tuple[str, ...] = ()
         self._released: list[list[float]] = []
-        self._is_confirmed = True
         self._wanted = columns
         if columns is not None and columns.mapping is None:
             self._use(columns)
 
     def resume(self, header: Sequence[str]) -> None:
-        """Read on by a header that came before the walk was interrupted.
+        """Use the header from before an interruption.
 
         A source that begins again sends it again, and it must name the same columns, in any order.
         """
@@ -186,7 +183,11 @@ class RowReader:
             _, end, piece = piece.partition(b"\n")
             self._is_too_long = not end
         *lines, self._rest = (self._rest + piece).split(b"\n")
-        rows = self._read_lines(lines)
+        rows = self._read_block(lines)
+        if rows is None:
+            found = [row for line in lines if (row := self._read_line(line)) is not None]
+            rows = np.array([*self._released, *found], dtype=np.float64).reshape(-1, COLUMNS)
+            self._released = []
         if len(self._rest) > MAX_LINE:
             self._line += 1
             self._leave_out(f"it is longer than {MAX_LINE} bytes")
@@ -196,37 +197,38 @@ class RowReader:
     def finish(self) -> Floats:
         """Return the sample of a last line without an end, (0, 11) or (1, 11).
 
-        Raises `FormatError` where no header came.
+        Raises `FormatError` if no header came.
         """
         rows = self.read(b"\n") if self._rest else np.empty((0, COLUMNS))
-        if self._columns is None and len(self._headless) >= MIN_HEADLESS and self._take_canonical():
+        if self._columns is None and len(self._headless) >= MIN_HEADLESS and self._take_headless():
             rows = np.array(self._released, dtype=np.float64)
         if self._columns is None:
             raise self._cut_header or FormatError(f"{self._name} ended before a header came: {HINT}.")
         return rows
 
-    def _read_lines(self, lines: list[bytes]) -> Floats:
-        """Return the samples (n, 11) of whole lines."""
-        rows = self._read_block(lines)
-        if rows is None:
-            found = [row for line in lines if (row := self._read_line(line)) is not None]
-            rows = np.array([*self._released, *found], dtype=np.float64).reshape(-1, COLUMNS)
-            self._released = []
-        return rows
-
     def _read_block(self, lines: list[bytes]) -> Floats | None:
-        """Return the samples of lines that are plain rows, headers or empty; None where one is not, or they are few."""
+        """Return the samples of lines that are plain rows, headers or empty; None if one is not, or they are few."""
         columns = self._columns
         if columns is None or self._is_foreign or len(lines) < MIN_BLOCK:
             return None
-        header, commas = ",".join(columns.names).encode(), len(columns.names) - 1
+        # only characters of plain numbers, and the same number of fields in each line
+        header, width = ",".join(columns.names).encode(), len(columns.names)
         filled = [line for line in (line.rstrip(b"\r") for line in lines) if line and line != header]
         text = b"\n".join(filled)
-        if text.translate(None, PLAIN) or any(line.count(b",") != commas for line in filled):
+        if text.translate(None, PLAIN) or any(line.count(b",") != width - 1 for line in filled):
             return None
-        fields = _parse_plain(text, commas + 1)
-        if fields is None or len(fields) != len(filled):
+        fields = np.empty((0, width))
+        if text:
+            try:
+                frame = pd.read_csv(
+                    BytesIO(text), header=None, names=range(width), dtype=np.float64, skip_blank_lines=False
+                )
+            except (ValueError, OverflowError):
+                return None
+            fields = np.asarray(frame.to_numpy(dtype=np.float64))
+        if len(fields) != len(filled):
             return None
+        # in canonical order and units
         self._line += len(lines)
         table = np.full((len(fields), COLUMNS), np.nan)
         for k, position in enumerate(self._positions):
@@ -237,7 +239,7 @@ class RowReader:
         return table
 
     def _read_line(self, line: bytes) -> list[float] | None:
-        """Return the sample of a line, or None: take a header, leave out what is no row."""
+        """Return the sample of a line; None for a header, and for what is no row."""
         self._line += 1
         if len(line) > MAX_LINE:
             self._leave_out(f"it is longer than {MAX_LINE} bytes")
@@ -248,28 +250,35 @@ class RowReader:
         if self._columns is not None:
             return self._read_row(fields, self._columns)
         if self._wanted is not None and self._wanted.mapping is not None:
-            return self._find_columns(fields, self._wanted)
-        if set(CANONICAL[:7]).isdisjoint(fields) or not self._take_first_header(fields):
-            self._keep_headless(fields)
-            if self._columns is None:
-                self._wait_for_header()
+            return self._find_mapped(fields, self._wanted)
+        self._find_header(fields)
         return None
 
-    def _keep_headless(self, fields: list[str]) -> None:
-        """Keep a row that came without a header; with `HEADLESS` of them, find out whether they are canonical."""
-        is_row = len(fields) in (7, 10, 11) and all(not field or is_number(field) for field in fields)
+    def _find_header(self, fields: list[str]) -> None:
+        """Use the first header; keep rows before it, which may be canonical themselves."""
+        if not set(CANONICAL[:7]).isdisjoint(fields):
+            try:
+                self._use(columns := _name_columns(fields), columns.names)
+                return
+            except FormatError as error:
+                if self._line > 1:
+                    raise
+                # of the first line the beginning may be cut off
+                self._cut_header = error
+                ends = (CANONICAL[:width] for width in (7, 10, 11))
+                self._cut_names = next((names for names in ends if ",".join(names).endswith(",".join(fields))), ())
         known = len(self._headless[0]) if self._headless else 0
-        if not is_row or len(fields) < known:  # a row that was cut
-            return
-        if len(fields) > known:
-            self._headless = []
-        self._headless.append(fields)
-        is_known = len(fields) == len(self._cut_names)
-        if (is_known or len(self._headless) == HEADLESS) and not self._take_canonical(is_known):
-            self._headless = []
+        is_row = len(fields) in (7, 10, 11) and all(not field or is_number(field) for field in fields)
+        if is_row and len(fields) >= known:  # a shorter one was cut
+            self._headless = [*(self._headless if len(fields) == known else []), fields]
+            is_known = len(fields) == len(self._cut_names)
+            if (is_known or len(self._headless) == HEADLESS) and not self._take_headless(is_known):
+                self._headless = []
+        if self._columns is None:
+            self._count_waiting()
 
-    def _take_canonical(self, is_known: bool = False) -> bool:
-        """Take the rows that were kept for canonical ones, if that is known or they are then those of a sensor."""
+    def _take_headless(self, is_known: bool = False) -> bool:
+        """Read the rows without a header in canonical order, if that is known or they are then those of a sensor."""
         width = len(self._headless[0])
         if not is_known:
             table = np.array([[float(field or "nan") for field in fields] for fields in self._headless])
@@ -286,8 +295,8 @@ class RowReader:
         )
         return True
 
-    def _find_columns(self, fields: list[str], given: Columns) -> list[float] | None:
-        """Find what the user maps in a line: the names of a header, or numbers of fields in a first row."""
+    def _find_mapped(self, fields: list[str], given: Columns) -> list[float] | None:
+        """Find the user's columns in a line: the names of a header, or numbers of fields in a first row."""
         wanted = mapping.parse_columns(given.mapping or "")
         is_row = any(map(is_number, fields))
         try:
@@ -295,12 +304,23 @@ class RowReader:
             columns = _place_columns(wanted, names, given.rate_hz, self._name)
         except FormatError as error:
             self._cut_header = self._cut_header if is_row and self._cut_header else error
-            self._wait_for_header()
+            self._count_waiting()
             return None
         self._use(columns, None if is_row else fields)
         return self._read_row(fields, columns) if is_row else None
 
+    def _count_waiting(self) -> None:
+        """Count a line before the header."""
+        self._waited += 1
+        if self._waited == LINES_TO_REMARK:
+            if self._cut_header is not None:
+                raise self._cut_header
+            self._remark(f"no header yet from {self._name}, and rows before it are left out: {HINT}.")
+        if self._waited > MAX_BEFORE_HEADER:
+            raise FormatError(f"{self._name} sends no header: {HINT}.")
+
     def _read_row(self, fields: list[str], columns: Columns) -> list[float] | None:
+        """Return the sample of a row; None for a header again, and for what is no row."""
         width = len(columns.names)
         if len(fields) == width + 1 and not fields[-1]:
             fields.pop()  # a separator at the end of the row
@@ -317,50 +337,25 @@ class RowReader:
             except ValueError:
                 problem = "a field is not a number"
         if not set(CANONICAL[:7]).isdisjoint(fields):
-            problem = self._take_header_again(fields)
+            problem = self._use_header_again(fields, columns)
         elif is_header(fields):
-            problem = self._take_own_header(fields)
+            problem = self._use_own_header(fields)
         if problem:
             self._leave_out(problem)
         return None
 
     def _count_stamps(self, n: int, rate_hz: float) -> Floats:
-        """Return the stamps (n,) of the next rows of a sender that gives none, s."""
+        """Return the stamps (n,) s of the next rows of a sender that gives none."""
         self._counted += n
         return np.arange(self._counted - n, self._counted) / rate_hz
 
-    def _take_first_header(self, fields: list[str]) -> bool:
-        """Take the header; return False for one in the first line that lacks columns: its beginning may be cut off."""
+    def _use_header_again(self, fields: list[str], before: Columns) -> str:
+        """Use a canonical header behind the first one, or behind a resume; return why not, if it lacks columns."""
         try:
-            self._use(columns := _columns_of(fields), columns.names)
-            return True
-        except FormatError as error:
-            if self._line > 1:
-                raise
-            self._cut_header = error
-            ends = (CANONICAL[:width] for width in (7, 10, 11))
-            self._cut_names = next((names for names in ends if ",".join(names).endswith(",".join(fields))), ())
-            return False
-
-    def _wait_for_header(self) -> None:
-        """Count a line before the header."""
-        self._waited += 1
-        if self._waited == LINES_TO_REMARK:
-            if self._cut_header is not None:
-                raise self._cut_header
-            self._remark(f"no header yet from {self._name}, and rows before it are left out: {HINT}.")
-        if self._waited > MAX_BEFORE_HEADER:
-            raise FormatError(f"{self._name} sends no header: {HINT}.")
-
-    def _take_header_again(self, fields: list[str]) -> str:
-        """Take a header behind the first one, or behind a resume; return why not, if it lacks columns."""
-        before = self._columns
-        try:
-            self._use(columns := _columns_of(fields), columns.names)
+            self._use(columns := _name_columns(fields), columns.names)
         except FormatError as error:
             self._leave_out_foreign(fields)
             return f"it is no header ({str(error).partition(':')[0]})"
-        assert before is not None
         if not self._is_confirmed and set(MAG).isdisjoint(fields) != set(MAG).isdisjoint(before.names):
             raise FormatError(
                 f"{self._name} names other columns than before the walk resumed: name another checkpoint."
@@ -368,13 +363,13 @@ class RowReader:
         self._is_confirmed = True
         return ""
 
-    def _take_own_header(self, fields: list[str]) -> str:
-        """Take a header whose names are not ours, where the user maps them; return why not."""
+    def _use_own_header(self, fields: list[str]) -> str:
+        """Use a header of the sender's own names, if the user maps them; return why not."""
         if self._wanted is not None and self._wanted.mapping is not None:
             with suppress(FormatError):
                 wanted = mapping.parse_columns(self._wanted.mapping)
                 columns = _place_columns(wanted, fields, self._wanted.rate_hz, self._name)
-                if not _are_numbers(wanted):
+                if not all(word.isdigit() for words in wanted.words.values() for word in words):  # any header has these
                     self._use(columns, fields)
                     return ""
         if self._names is None:
@@ -383,7 +378,7 @@ class RowReader:
         return "it names other columns" if self._is_foreign else ""
 
     def _leave_out_foreign(self, fields: list[str]) -> None:
-        """Leave out the rows behind a header of other names than those known; not if it is damaged, or has no end."""
+        """Leave out the rows behind a header of other names, unless it is damaged or has no end."""
         known = self._names
         if known is None or (self._columns is not None and len(fields) < len(self._columns.names)):
             return
@@ -397,7 +392,7 @@ class RowReader:
         self._is_foreign = not is_known
 
     def _use(self, columns: Columns, names: Sequence[str] | None = None) -> None:
-        """Read rows by these columns, and by the names of the header that they are from."""
+        """Set the columns of the rows, and the names of the header that they are from."""
         place = Path(self._name)
         others = (names for names in (MAG, PRESSURE) if not set(names).isdisjoint(columns.names))
         wanted = (() if columns.rate_hz else TIME) + ACC + GYR + sum(others, ())
@@ -406,19 +401,15 @@ class RowReader:
         self._names = self._names if names is None else tuple(names)
 
     def _leave_out(self, why: str) -> None:
+        """Count a bad line, and name the first one."""
         if self.bad == 0:
             self._remark(f"rows that cannot be read are left out, the first in line {self._line}: {why}.")
         self.bad += 1
         self._counted += 1
 
 
-def _are_numbers(wanted: mapping.Columns) -> bool:
-    """Whether columns are given by their numbers, which any header has."""
-    return all(word.isdigit() for words in wanted.words.values() for word in words)
-
-
-def _columns_of(fields: list[str]) -> Columns:
-    """Columns of a header, without the empty name behind a separator at its end."""
+def _name_columns(fields: list[str]) -> Columns:
+    """Columns of a canonical header, without the empty name behind a separator at its end; pressure may be in hPa."""
     names = fields if fields[-1] else fields[:-1]
     hpa = f"{PRESSURE[0][:-2]}hpa"
     if hpa not in names or PRESSURE[0] in names:
@@ -426,12 +417,19 @@ def _columns_of(fields: list[str]) -> Columns:
     return Columns(tuple(PRESSURE[0] if name == hpa else name for name in names), (*[1.0] * (COLUMNS - 1), 100.0))
 
 
-def _parse_plain(text: bytes, width: int) -> Floats | None:
-    """Fields (n, width) of lines of plain numbers, NaN where one is empty; None where one is no number."""
-    if not text:
-        return np.empty((0, width))
+def is_header(fields: list[str]) -> bool:
+    """Whether a line is made of names: as many as a sample has, all different, text, and no number among them."""
+    names = fields if fields[-1] else fields[:-1]
+    return len(set(names)) == len(names) >= MIN_NAMES and all(
+        name.isprintable() and "\ufffd" not in name and any(map(str.isalpha, name)) and not is_number(name)
+        for name in names
+    )
+
+
+def is_number(field: str) -> bool:
+    """Whether a field is a number, NaN included."""
     try:
-        frame = pd.read_csv(BytesIO(text), header=None, names=range(width), dtype=np.float64, skip_blank_lines=False)
-    except (ValueError, OverflowError):
-        return None
-    return np.asarray(frame.to_numpy(dtype=np.float64))
+        float(field)
+    except ValueError:
+        return False
+    return True

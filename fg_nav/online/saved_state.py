@@ -1,11 +1,11 @@
 """The state of a walk in progress as a record of its checkpoint holds it: what changed since the record before.
 
-    lines, footfalls, past     those from the first that is another on; what was told stays, the past is
-                               revised as far back as the walk was solved again
-    handovers                  those that are new, by the sample at which they are
+    lines, footfalls, past     those from the first that differs on; lines stay, the past is revised as far back as the
+                               walk was solved again
+    anchor states              those that are new, by the sample at which they are
     all else                   as it is: small, and of the last seconds
 
-`find_changes` makes it, on objects that do not change any more; `StateReader` puts the records together again.
+`find_changes` returns it, of objects that do not change any more; `StateReader` joins the records again.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ import numpy as np
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.detection.causal import CausalStances, Footfall
+from fg_nav.online.anchor import NO_NODES, AnchorState, Past, PathNodes
 from fg_nav.online.buffer import ReportedFootfall, SensorState
 from fg_nav.online.estimates import EstimateRow
-from fg_nav.online.handover import NO_NODES, Handover, Past, PathNodes
 from fg_nav.online.navigator import NavigatorState
 from fg_nav.online.smoother_state import Pending, SmootherState
 from fg_nav.online.solving import Task
 
-OF_WALK = -1  # In place of the sample of a handover: the start of the walk.
+OF_WALK = -1  # in place of the sample of an anchor state: the start of the walk
 
 
 @dataclass(frozen=True)
@@ -75,12 +75,13 @@ class FootfallTable:
         """Return the table of those of some footfalls from one on."""
         new = footfalls[first:]
         found = [one.footfall for one in new]
-        parts = (_join([getattr(one, name) for one in found]) for name in ("start", "stop", "threshold"))
+        columns_of = ([getattr(one, name) for one in found] for name in ("start", "stop", "threshold"))
+        parts: list[Any] = [np.concatenate(column) if column else np.empty(0) for column in columns_of]
         columns = (
             [len(one.start) for one in found],
             [one.stillest for one in found],
             [one.continues for one in found],
-            [one.told for one in new],
+            [one.line for one in new],
             [one.until for one in new],
         )
         counts, *others = (np.array(column, dtype=np.int64) for column in columns)
@@ -133,15 +134,15 @@ class PastTable:
 class StateChanges:
     """What changed from one state of a walk to another.
 
-    `starts` are the samples of its handovers; `due` is when a solution is asked for, of how many footfalls, and where
-    it begins.
+    `starts` are the samples of its anchor states (`handovers`); `due` the lines before which a solution is requested,
+    of how many footfalls, and where it begins.
     """
 
     told: RowTable
     reported_continues: Ints
     footfalls: FootfallTable
     past: PastTable
-    handovers: tuple[Handover, ...]
+    handovers: tuple[AnchorState, ...]
     starts: tuple[int, ...]
     due: tuple[tuple[int, ...], int, int] | None
     sensor: SensorState | None
@@ -157,8 +158,12 @@ def find_changes(state: NavigatorState, known: NavigatorState | None) -> StateCh
         told = _count_same(new.told, old.told)
         footfalls = _count_same(new.footfalls, old.footfalls)
         past = _count_same(new.past.rows, old.past.rows)
-    at = set() if old is None else {one.place.sample for one in old.starts}
-    pending = new.pending
+    at = set() if old is None else {one.stance.sample for one in old.starts}
+    # the task that is pending, by the sample of the anchor state it begins at
+    pending, due = new.pending, None
+    if pending is not None:
+        start = pending.task.start
+        due = (pending.asked, pending.footfalls, OF_WALK if start is None else start.stance.sample)
     others = {name: getattr(state, name) for name in ("stop", "handed", "waits", "warned", "has_ended", "busy_s")}
     others |= {name: getattr(new, name) for name in ("next", "doubted", "has_mag", "discarded")}
     return StateChanges(
@@ -166,9 +171,9 @@ def find_changes(state: NavigatorState, known: NavigatorState | None) -> StateCh
         reported_continues=np.array(new.reported_continues[told:], dtype=np.int64),
         footfalls=FootfallTable.from_footfalls(new.footfalls, footfalls),
         past=PastTable.from_past(new.past, past),
-        handovers=tuple(one for one in new.starts if one.place.sample not in at),
-        starts=tuple(one.place.sample for one in new.starts),
-        due=None if pending is None else (pending.asked, pending.footfalls, _name_start(pending.task)),
+        handovers=tuple(one for one in new.starts if one.stance.sample not in at),
+        starts=tuple(one.stance.sample for one in new.starts),
+        due=due,
         sensor=None if pending is None else pending.task.sensor,
         others=others,
         stances=state.stances,
@@ -176,20 +181,20 @@ def find_changes(state: NavigatorState, known: NavigatorState | None) -> StateCh
 
 
 class StateReader:
-    """Puts the changes of a walk together, as they come."""
+    """Joins the changes of a walk, as they come."""
 
     def __init__(self) -> None:
         self._told: list[tuple[RowTable, Ints]] = []
         self._footfalls: list[FootfallTable] = []
         self._past: list[PastTable] = []
-        self._handovers: dict[int, Handover] = {}
+        self._handovers: dict[int, AnchorState] = {}
         self._newest: StateChanges | None = None
 
     def add(self, changes: StateChanges) -> None:
         """Add the next changes."""
         self._newest = changes
         self._told.append((changes.told, changes.reported_continues))
-        # What is there of the footfalls and of the past from the first that changed on is superseded.
+        # footfalls and past from the first that changed on are superseded
         footfalls, past = changes.footfalls, changes.past
         while self._footfalls and self._footfalls[-1].first >= footfalls.first:
             self._footfalls.pop()
@@ -201,7 +206,7 @@ class StateReader:
         if self._past:
             self._past[-1] = self._past[-1].cut_at(past)
         self._past.append(past)
-        known = self._handovers | {one.place.sample: one for one in changes.handovers}
+        known = self._handovers | {one.stance.sample: one for one in changes.handovers}
         self._handovers = {sample: known[sample] for sample in changes.starts}
 
     def state(self) -> NavigatorState | None:
@@ -212,48 +217,31 @@ class StateReader:
         starts = tuple(self._handovers[sample] for sample in newest.starts)
         footfalls = tuple(one for table in self._footfalls for one in table.footfalls())
         others = dict(newest.others)
-        going_on = {name: others.pop(name) for name in ("next", "doubted", "has_mag", "discarded")}
+        of_smoother = {name: others.pop(name) for name in ("next", "doubted", "has_mag", "discarded")}
+        # the path through all nodes
+        rows = tuple(row for table in self._past for row in table.rows.rows())
+        parts = [table.nodes for table in self._past if len(table.nodes.sample)]
+        nodes = PathNodes._make(np.concatenate(column) for column in zip(*parts, strict=True)) if parts else NO_NODES
+        # the task that is pending
+        pending = None
+        if newest.due is not None and newest.sensor is not None:
+            asked, count, at = newest.due
+            start = None if at == OF_WALK else self._handovers[at]
+            begins = 0 if start is None else start.stance.number
+            pending = Pending(asked, count, Task(start, footfalls[begins:count], newest.sensor))
         smoother = SmootherState(
             told=tuple(row for table, _ in self._told for row in table.rows()),
             reported_continues=tuple(bool(one) for _, part in self._told for one in part.tolist()),
             footfalls=footfalls,
-            past=_join_past(self._past),
+            past=Past(0, rows, nodes),
             starts=starts,
-            pending=_restore_pending(newest, self._handovers, footfalls),
-            **going_on,
+            pending=pending,
+            **of_smoother,
         )
         return NavigatorState(smoother=smoother, stances=newest.stances, **others)
-
-
-def _restore_pending(
-    changes: StateChanges, handovers: dict[int, Handover], footfalls: tuple[ReportedFootfall, ...]
-) -> Pending | None:
-    if changes.due is None or changes.sensor is None:
-        return None
-    asked, count, at = changes.due
-    start = None if at == OF_WALK else handovers[at]
-    begins = 0 if start is None else start.place.number
-    return Pending(asked, count, Task(start, footfalls[begins:count], changes.sensor))
-
-
-def _name_start(task: Task) -> int:
-    """Sample of the handover that a task begins at."""
-    return OF_WALK if task.start is None else task.start.place.sample
-
-
-def _join_past(tables: Sequence[PastTable]) -> Past:
-    rows = tuple(row for table in tables for row in table.rows.rows())
-    parts = [table.nodes for table in tables if len(table.nodes.sample)]
-    if not parts:
-        return Past(0, rows, NO_NODES)
-    return Past(0, rows, PathNodes._make(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
 def _count_same(new: Sequence[object], old: Sequence[object]) -> int:
     """Return how many objects, from the first on, are the same."""
     flags = list(map(operator.is_, new, old))
     return flags.index(False) if False in flags else len(flags)
-
-
-def _join(parts: Sequence[Any]) -> Any:
-    return np.concatenate(parts) if parts else np.empty(0)

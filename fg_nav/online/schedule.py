@@ -1,26 +1,34 @@
-"""When a walk in progress is solved again, by the count of its footfalls alone.
+"""When a walk in progress is solved again, and when that solution takes effect.
 
-======================== ==============================================================================================
-the first footfalls      at once, each time all of the walk
-then                     every n / 12, eight at least. The solution is taken over two footfalls later, and one more for
-                         each 200 of the walk: one of n footfalls takes some n / 250 s, a footfall one second
-behind `WHOLE_UNTIL`     what is known of sensor and foot does not change any more. Every `WINDOW` / 8 footfalls the
-                         last `WINDOW` are solved again, from what was handed over before them; with a lag, those in it
-a footfall in doubt      at once, from the last handover before it
-the end                  once more
-======================== ==============================================================================================
+A walk is solved again by the count of its footfalls alone: at the first ones at once, later every twelfth part of it,
+in a window behind `WHOLE_UNTIL`, where what is known of sensor and foot does not change any more; at once for a
+footfall in doubt, and at the end (docs/online.md). One of n footfalls takes some n / 250 s, a footfall one second: the
+solution takes effect two footfalls later, and one more for each 200 of the walk.
+
+It takes effect before the line for which it was requested, or later:
+
+it is waited for   where it is solved in this process, or samples come faster than they were walked, as from a file:
+                   the same samples give the same answers, however fast the machine is
+it is not          where they come as they are walked: if it is late the walk goes on without it. Before which line it
+                   takes effect depends on the machine then, and is recorded; a walk that is resumed follows the record
 """
 
 from __future__ import annotations
 
+import time
+from collections.abc import Sequence
+
+from fg_nav.online.background import Solver
+from fg_nav.online.buffer import ReportedFootfall, SampleBuffer
+from fg_nav.online.smoother_state import Pending
+from fg_nav.online.solving import Task
+
 AT_ONCE = (1, 2, 3, 4, 6, 8, 10)  # Footfalls at which all is solved at once: a tenth of a second.
-
-WHOLE_UNTIL, WHOLE_WITH_LAG = 2000, 512
-"""The last footfall at which all of a walk is solved; with a lag its samples are discarded behind it."""
-
+WHOLE_UNTIL, WHOLE_WITH_LAG = 2000, 512  # The last footfall at which all is solved; with a lag, samples go then.
 WINDOW = 256  # Footfalls that are solved again behind it.
-NEWEST = 20  # Footfalls that are looked at for one in doubt: those of the last 20 s, in which stances are searched.
-DOUBT_DELAY = 3  # Footfalls behind which a walk is taken over that was solved again for one in doubt.
+NEWEST = 20  # Footfalls that are checked for one in doubt: those of the last 20 s, in which stances are searched.
+DOUBT_DELAY = 3  # Footfalls until a solution for one in doubt takes effect.
+FAST = 2.0  # Times as fast as it was walked: then the samples are of a recording, and nobody watches.
 
 
 def is_windowed(n: int, has_lag: bool) -> bool:
@@ -34,5 +42,79 @@ def choose_next(n: int, has_lag: bool) -> int:
 
 
 def choose_delay(n: int, has_lag: bool) -> int:
-    """Return how many footfalls behind n a solution of n footfalls is taken over."""
+    """Return how many footfalls behind n a solution of n footfalls takes effect."""
     return 2 + (WINDOW if is_windowed(n, has_lag) else n) // 200
+
+
+class ResolveSchedule:
+    """The pending solution, and when those before took effect.
+
+    Attributes
+    ----------
+    solver : of the walk.
+    pending : the solution in progress; None between two.
+    taken : numbers of the lines before which one took effect, or was requested again, since the newest window began.
+    races : number of decisions that depended on solver timing.
+    """
+
+    def __init__(self, solver: Solver, buffer: SampleBuffer) -> None:
+        self.solver, self._buffer = solver, buffer
+        self.pending: Pending | None = None
+        self.taken: list[int] = []
+        self.races = 0
+        self._clock: tuple[float, float] | None = None  # time.monotonic() and stamp, s, when the solution was begun
+        self._recorded: frozenset[int] = frozenset()
+        self._recorded_until = 0
+
+    def begin(self, task: Task, due_at: int, n_footfalls: int) -> None:
+        """Begin a task on the first footfalls, whose solution is due before line `due_at`."""
+        self.solver.begin(task)
+        self.pending, self._clock = Pending((due_at,), n_footfalls, task), None
+
+    def request(self, footfalls: Sequence[ReportedFootfall], line: int) -> None:
+        """Request the solution at the last of the footfalls since, before a line."""
+        assert self.pending is not None
+        self.solver.request(footfalls)
+        self.pending = self.pending.ask_at(line)
+
+    def resume(self, pending: Pending, footfalls: Sequence[ReportedFootfall], line: int) -> None:
+        """Begin the solution again that was pending before a line of a walk with these footfalls."""
+        self.solver.begin(pending.task)
+        self.pending, begins = pending, pending.footfalls
+        for due_at in pending.asked:
+            if due_at <= line:
+                stop = len(footfalls) - line + due_at
+                self.solver.request(footfalls[begins:stop])
+                begins = stop
+
+    def follow_record(self, taken: Sequence[int], until: int) -> None:
+        """Follow the record of the lines before which solutions took effect, of all before line `until`."""
+        self._recorded, self._recorded_until = frozenset(taken), until
+
+    def prepare(self, line: int) -> None:
+        """Wait for a solution that is due, where it is waited for: now, and not when a footfall is complete."""
+        if self.pending is not None and self._clock is None and self._buffer.stop:
+            self._clock = time.monotonic(), self._buffer.stamp(self._buffer.stop - 1)
+        if self._is_due(line) and self._waits():
+            self.solver.wait()
+
+    def is_taken(self, line: int) -> bool:
+        """Decide whether a solution takes effect before a line."""
+        if not self._is_due(line):
+            return False
+        if line < self._recorded_until:
+            return line in self._recorded
+        if self._waits():
+            return True
+        self.races += 1
+        return self.solver.is_ready()
+
+    def _is_due(self, line: int) -> bool:
+        return self.pending is not None and self.pending.due_at <= line
+
+    def _waits(self) -> bool:
+        """Whether the walk waits for a solution that is due."""
+        if self.solver.is_here or self._clock is None:
+            return True
+        began, stamp = self._clock
+        return self._buffer.stamp(self._buffer.stop - 1) - stamp > FAST * (time.monotonic() - began)

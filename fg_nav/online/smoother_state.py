@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from fg_nav.online.anchor import AnchorState, Past
 from fg_nav.online.buffer import ReportedFootfall
 from fg_nav.online.estimates import EstimateRow
-from fg_nav.online.handover import Handover, Past
 from fg_nav.online.solving import Task
 
 
@@ -36,14 +36,14 @@ class Pending:
 class SmootherState:
     """All that a smoother needs to go on with the samples; what is in it does not change any more.
 
-    The newest of the `starts` is what the newest stretch begins with; `discarded` footfalls have no samples any more.
+    The newest of the `starts` is what the newest window begins with; `discarded` footfalls have no samples any more.
     """
 
     told: tuple[EstimateRow, ...]
     reported_continues: tuple[bool, ...]
     footfalls: tuple[ReportedFootfall, ...]
     past: Past
-    starts: tuple[Handover, ...]
+    starts: tuple[AnchorState, ...]
     pending: Pending | None
     next: int
     doubted: tuple[int, ...]

@@ -1,31 +1,41 @@
-"""The walk so far is solved again while it goes on: what is asked, and what comes of it.
+"""A walk in progress is solved again while it goes on.
 
-    Task                  -> footfalls in hindsight (`review`) -> solution of all of them (`resolve`), or of those since
-                             an earlier handover (`stretch`)
+    Task                  -> footfalls reviewed -> solution of the whole walk (`resolve`), or of the strides since an
+                             earlier anchor state (`window`)
     footfalls meanwhile   -> added to it
-    hand_over             -> Handover at the newest of these
+                          -> AnchorState at the newest of these
 
-`WalkSolver` does it in this process, when the handover is due; `beside` in another, meanwhile. Both answer the same,
-to the bit.
+`WalkSolver` does so in this process, when the anchor state is needed; `background` in another, meanwhile. Both give the
+same, to the bit.
+
+Review: online, a footfall is reported before it is known how the walk goes on. Stances are detected again in all
+samples so far, as in a recording. A footfall without a sample in any of those stances was none and is taken out; a
+stance without a sample in any footfall was missed and is put in. What ends less than `OPEN_S` before the last sample
+stays.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
 
+import numpy as np
+
+from fg_nav.detection import detect_stances
+from fg_nav.detection.causal import Footfall
 from fg_nav.detection.stance import StanceParameters
+from fg_nav.errors import DetectionError
+from fg_nav.online.anchor import AnchorState
 from fg_nav.online.buffer import PartialWalk, ReportedFootfall, SampleBuffer, SensorState, as_recording
-from fg_nav.online.handover import Handover
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.resolve import solve_from_start
-from fg_nav.online.review import review_footfalls
-from fg_nav.online.stretch import Stretch
+from fg_nav.online.window import Window
+from fg_nav.recording import Recording
 from fg_nav.smoother.solver import UNSOLVED
 
-CONTEXT_S = 20.0
-"""Before a handover, in which the stances behind it are detected, and levels at which sensors clip are seen."""
+CONTEXT_S = 20.0  # Before an anchor state: to detect the stances behind it, and levels at which sensors clip.
+OPEN_S = 1.5  # A swing and the beginning of the stance after it: by then a footfall has been seen from both sides.
+UNREPORTED = -1  # Number of the line of a footfall that had none.
 
 
 @dataclass(frozen=True)
@@ -34,126 +44,100 @@ class Task:
 
     Attributes
     ----------
-    start : handover to begin at, without its past; None for the start of the walk.
-    footfalls : from that of the handover on.
+    start : anchor state to begin at, without its past; None for the start of the walk.
+    footfalls : from that of the anchor state on.
     sensor : what the walk shows of it so far.
     has_ended : whether nothing follows.
     """
 
-    start: Handover | None
+    start: AnchorState | None
     footfalls: tuple[ReportedFootfall, ...]
     sensor: SensorState
     has_ended: bool = False
 
 
-class Solver(Protocol):
-    """Solves a walk again while it goes on; `is_here` where it does so in this process."""
-
-    is_here: bool
-
-    def follow(self, until: int) -> None:
-        """Take note of the samples of the walk before this one."""
-
-    def discard(self, before: int) -> None:
-        """Discard samples that no task needs any more."""
-
-    def begin(self, task: Task) -> None:
-        """Begin with a task, all samples of whose footfalls are there."""
-
-    def ask(self, footfalls: Sequence[ReportedFootfall]) -> None:
-        """Ask for the handover at the last of these footfalls, which came since the task, or since it was asked for."""
-
-    def is_ready(self) -> bool:
-        """Whether it is there."""
-
-    def wait(self) -> None:
-        """Wait until it is there."""
-
-    def take(self) -> Handover | None:
-        """Return it, as soon as it is there; None where the walk has no solution."""
-
-    def close(self) -> Solver:
-        """Give up what it holds; return who solves in this process from then on."""
-
-
 class WalkSolver:
-    """Solves in this process, when a handover is waited for."""
+    """Solves a walk again while it goes on: in this process, when an anchor state is waited for.
+
+    Attributes
+    ----------
+    is_here : whether it solves in this process.
+    """
 
     is_here = True
 
     def __init__(self, options: OnlineOptions, stance: StanceParameters, buffer: SampleBuffer) -> None:
         self._options, self._stance, self._buffer = options, stance, buffer
         self._task: Task | None = None
-        self._asked: list[Sequence[ReportedFootfall]] = []
-        self._solved: tuple[Handover, PartialWalk] | None = None
+        self._requested: list[Sequence[ReportedFootfall]] = []
+        self._solved: tuple[AnchorState, PartialWalk] | None = None
         self._is_done = False
 
     def follow(self, until: int) -> None:
-        """Nothing: the buffer is its owner's."""
+        """Take the samples of the walk before this one; here the buffer is the walk's."""
 
     def discard(self, before: int) -> None:
-        """Nothing: the buffer is its owner's."""
+        """Discard samples that no task needs any more; here the buffer is the walk's."""
 
     def begin(self, task: Task) -> None:
-        """See `Solver`."""
-        self._task, self._asked, self._solved, self._is_done = task, [], None, False
+        """Begin a task, all samples of whose footfalls are there."""
+        self._task, self._requested, self._solved, self._is_done = task, [], None, False
 
-    def ask(self, footfalls: Sequence[ReportedFootfall]) -> None:
-        """See `Solver`."""
-        self._asked.append(footfalls)
+    def request(self, footfalls: Sequence[ReportedFootfall]) -> None:
+        """Request the anchor state at the last of these footfalls, which came since the task, or the last request."""
+        self._requested.append(footfalls)
         self._is_done = False
 
     def is_ready(self) -> bool:
-        """See `Solver`."""
+        """Whether that is there."""
         return self._is_done
 
+    def prepare(self) -> None:
+        """Solve the task itself, before an anchor state is requested."""
+        assert self._task is not None
+        try:
+            self._solved = self._solve(self._task)
+        except UNSOLVED:
+            self._solved = None
+
     def wait(self) -> None:
-        """See `Solver`."""
+        """Wait until it is there."""
         if self._is_done:
             return
         assert self._task is not None
         try:
-            solved, walk = self.solve(self._task) if self._solved is None else self._solved
-            for footfalls in self._asked:
-                solved = self.go_on(solved, walk, footfalls)
-            self._solved = solved, walk
+            anchor, walk = self._solve(self._task) if self._solved is None else self._solved
+            for footfalls in self._requested:
+                if footfalls:
+                    window = Window(anchor, walk)
+                    window.extend(footfalls)
+                    anchor = window.to_anchor()
+            self._solved = anchor, walk
         except UNSOLVED:
             self._solved = None
-        self._asked, self._is_done = [], True
+        self._requested, self._is_done = [], True
 
-    def take(self) -> Handover | None:
-        """See `Solver`."""
+    def take(self) -> AnchorState | None:
+        """Return it, as soon as it is there; None where the walk has no solution."""
         self.wait()
         return None if self._solved is None else self._solved[0]
 
-    def close(self) -> Solver:
-        """Nothing to give up."""
+    def close(self) -> WalkSolver:
+        """Release what it holds; return the solver in this process, for what follows."""
         return self
 
-    def solve(self, task: Task) -> tuple[Handover, PartialWalk]:
+    def _solve(self, task: Task) -> tuple[AnchorState, PartialWalk]:
         """Solve a task; return the walk too."""
         options, start = self._options, task.start
         if start is None:
             walk = self._collect_walk(task)
             return self._solve_whole(walk, task.has_ended), walk
-        footfalls = self._review(task)
-        begun = footfalls[:1]
-        walk = PartialWalk(self._buffer, options.use_field, options.axes_given, start.place.number, begun, start.sensor)
-        stretch = Stretch(replace(start, footfalls=begun, first=start.place.number), walk)
-        for footfall in footfalls[1:]:
-            walk.add(footfall)
-            stretch.add_newest()
-        return stretch.hand_over(), walk
-
-    def go_on(self, solved: Handover, walk: PartialWalk, footfalls: Sequence[ReportedFootfall]) -> Handover:
-        """Return the handover at the last of the footfalls that came since."""
-        if not footfalls:
-            return solved
-        stretch = Stretch(solved, walk)
-        for footfall in footfalls:
-            walk.add(footfall)
-            stretch.add_newest()
-        return stretch.hand_over()
+        first, *later = self._review(task)
+        number = start.stance.number
+        walk = PartialWalk(self._buffer, options.use_field, options.axes_given, number, (first,), start.sensor)
+        window = Window(replace(start, footfalls=(first,), first=number), walk)
+        window.extend(later)
+        return window.to_anchor(), walk
 
     def _collect_walk(self, task: Task) -> PartialWalk:
         """Collect the walk of a task that begins at its start."""
@@ -162,21 +146,66 @@ class WalkSolver:
             walk.add(footfall)
         return walk
 
-    def _solve_whole(self, walk: PartialWalk, has_ended: bool) -> Handover:
-        """Solve all of a walk."""
+    def _solve_whole(self, walk: PartialWalk, has_ended: bool) -> AnchorState:
         return solve_from_start(walk, self._options, has_ended)
 
-    def _review(self, task: Task) -> tuple[ReportedFootfall, ...]:
-        """See the footfalls of a task in hindsight, but the one that it begins with."""
+    def _review(self, task: Task) -> list[ReportedFootfall]:
+        """Review the footfalls of a task, but the one at which it begins."""
         begins, until = 0, task.footfalls[-1].until
         if task.start is not None:
             stamp = self._buffer.stamp(int(task.footfalls[0].footfall.start[0]))
             begins = self._buffer.find_since(stamp - CONTEXT_S, until)
-        rows = self._buffer.between(begins, until)
-        recording = as_recording(rows, with_mag=False)
+        recording = as_recording(self._buffer.between(begins, until), with_mag=False)
         if task.start is None:
-            return tuple(review_footfalls(recording, begins, task.footfalls, self._stance))
+            return review_footfalls(recording, begins, task.footfalls, self._stance)
         first, *later = task.footfalls
-        seen = review_footfalls(recording, begins, later, self._stance)
-        ends = int(first.footfall.stop[-1])
-        return (first, *(one for one in seen if one.footfall.start[0] >= ends))
+        reviewed = review_footfalls(recording, begins, later, self._stance)
+        return [first, *(one for one in reviewed if one.footfall.start[0] >= first.footfall.stop[-1])]
+
+
+def review_footfalls(
+    recording: Recording, first: int, footfalls: Sequence[ReportedFootfall], parameters: StanceParameters
+) -> list[ReportedFootfall]:
+    """Return the footfalls of a walk as they are in hindsight.
+
+    Parameters
+    ----------
+    recording : samples of the walk from number `first` on.
+    footfalls : in it, in order.
+    """
+    try:
+        stances = detect_stances(recording, parameters)
+    except DetectionError:
+        return list(footfalls)
+    # The stances as footfalls, in samples of the walk.
+    stillest = stances.stillest(recording.gyr) + first
+    edges = np.searchsorted(stances.footfall, np.arange(1, stances.n_footfalls))
+    threshold = np.full(len(stances), np.nan if stances.threshold is None else stances.threshold)
+    parts = (np.split(part, edges) for part in (stances.start + first, stances.stop + first, threshold))
+    rows = zip(*parts, stillest.tolist(), strict=True)
+    detected = [Footfall(start, stop, level, at, continues=False) for start, stop, level, at in rows]
+    # Footfalls that share a sample with one of them are kept.
+    open_from = first + int(np.searchsorted(recording.t, recording.t[-1] - OPEN_S))
+    begins = np.array([int(one.start[0]) for one in detected])
+    ends = np.array([int(one.stop[-1]) for one in detected])
+    kept: list[ReportedFootfall] = []
+    matched: set[int] = set()
+    for one in footfalls:
+        start, stop = int(one.footfall.start[0]), int(one.footfall.stop[-1])
+        alike = np.arange(np.searchsorted(ends, start, side="right"), np.searchsorted(begins, stop, side="left"))
+        matched.update(alike.tolist())
+        if len(alike) or stop > open_from or start < first:
+            kept.append(one)
+    missed = [
+        ReportedFootfall(footfall, UNREPORTED, int(footfall.stop[-1]) + 1)
+        for k, footfall in enumerate(detected)
+        if k not in matched and footfall.stop[-1] <= open_from
+    ]
+    # Missed ones are put in where they do not overlap the next one's samples or those before.
+    found: list[ReportedFootfall] = []
+    for one in sorted([*kept, *missed], key=lambda one: int(one.footfall.start[0])):
+        if found and one.footfall.start[0] < found[-1].footfall.stop[-1]:
+            continue
+        until = max(one.until, found[-1].until) if found else one.until
+        found.append(ReportedFootfall(one.footfall, one.line, until))
+    return found

@@ -1,6 +1,7 @@
-"""Is what comes that of one sensor, worn where it is said to be? A stream is refused in its first minute if not.
+"""Checks of a source: one sensor, worn where it is said to be, with right axes, and how much of it is lost or silent.
 
-That minute is of the walk: one that is resumed from a checkpoint goes on with what was seen before.
+A stream of two sensors, or of one worn elsewhere, is refused in its first minute. That minute is of the walk: one that
+is resumed from a checkpoint goes on with what was seen before.
 
 Two sensors at once, such as one on a foot and one in a pocket that send to the same port, are seen in windows of
 `WINDOW` rows by either sign:
@@ -17,57 +18,88 @@ have 3 to 19 while they walk, over 100 while they stand, and 1.8 to 6 where one 
 
 Where a sensor is worn is seen as in a recording (`fg_nav.detection.mount`), as soon as it is clear. None of 63 real
 recordings of feet, walked and run (gdin, gdlbio, openshoe, xio, vicon, two feet), is refused by either.
+
+Whether its sensors have the same, right-handed axes is measured in strides, of a foot or a thigh
+(`detection.handedness`). They are counted in blocks of `BLOCK_S`, until
+`MIN_AXES_STRIDES` of them show the axes that were given, or `MAX_STRIDES` are there. If others are certain, a stream is
+refused in its first minute; later there is a remark, and each line says that it is not to be used.
+
+Samples that were lost on the way are counted by the stamps of those that came. A sensor samples evenly: within a window
+of `WINDOW` rows the median step between stamps is its period T, and a step of k T, k = 2, 3, ..., lacks k - 1 samples.
+Longer steps than `MAX_STEP_S` are gaps, which are remarked by themselves. Of stamps that jitter only steps of more than
+`GAP_PERIODS` periods are counted. If T is another in `IN_A_ROW` windows, the sensor's rate has changed, which is
+remarked. What this machine had no room for is counted by the system (`live.Datagrams`), as datagrams.
 """
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from fg_nav.arrays import Floats
+from fg_nav.arrays import Floats, Ints
+from fg_nav.detection.handedness import (
+    AXES,
+    DECISIVE,
+    MAX_STRIDES,
+    NO_EVIDENCE,
+    NO_SWINGS,
+    SWINGS_S,
+    measure_axes,
+    measure_swing_axes,
+)
 from fg_nav.detection.mount import Wearing, measure_turning
 from fg_nav.errors import EstimationError, RecordingError, StreamError
 from fg_nav.frames import GRAVITY_M_S2
-from fg_nav.online.buffer import COLUMNS
-from fg_nav.recording import Recording
-from fg_nav.samples.plausibility import find_squarable
+from fg_nav.online.buffer import COLUMNS, SampleBuffer
+from fg_nav.online.overlap import Overlap
+from fg_nav.recording import GAP_PERIODS, Recording
+from fg_nav.samples.plausibility import find_squarable, find_stamp_problem, median_period_s
+from fg_nav.text import format_count
 
-WINDOW = 200  # Rows, one to four seconds.
-MAX_RATIO = 2.0  # r of one sensor is below this.
-IN_A_ROW = 3  # Windows that agree.
-REFUSED_S = 60.0  # Of the stream, in which it is refused; later there is a remark, for a walk is not ended.
-LOOKED_EVERY_S = 10.0  # Where the sensor is worn.
-MIN_SHARE = 0.25  # Of the rows, that the second sequence of stamps has; rows that a network delays are some per cent.
-TURNS = 6  # Of the two sequences in a window, at least.
-MAX_STEP_S = 1.0  # From row to row of one sequence.
+WINDOW = 200  # rows, one to four seconds; most of their steps are one period, unless every third sample is lost
+IN_A_ROW = 3  # windows that agree
+MAX_STEP_S = 1.0  # from row to row of one sequence; a longer step is a sensor that was off, or a clock that was set
 
-_RATE_RAD_S = 5.0
+MAX_RATIO = 2.0  # r of one sensor is below this
+REFUSED_S = 60.0  # of the stream, in which it is refused; later there is a remark, for a walk is not ended
+MOUNT_EVERY_S = 10.0  # between two checks of where the sensor is worn
+MAX_WINDOWS = round(REFUSED_S * 5000.0 / WINDOW)  # for that: of the fastest sensor, however slowly its clock goes
+MIN_SHARE = 0.25  # of the rows, in the second sequence of stamps; rows that a network delays are some per cent
+TURNS = 6  # of the two sequences in a window, at least
+RATE_RAD_S = 5.0  # by which rates are divided
 
-MAX_WINDOWS = round(REFUSED_S * 5000.0 / WINDOW)
-"""That are kept to see where the sensor is worn: those of the fastest sensor, however slowly its clock goes."""
+MIN_AXES_STRIDES = 15  # that show the axes given
+MIN_SAMPLES = 50  # of a block for axes; fewer show no stride
+BLOCK_S: Mapping[Wearing, float] = {"foot": 5.0, "pocket": SWINGS_S + 0.05}  # four strides; a window for their period
+
+EVEN, MAX_UNEVEN = 0.25, 0.1  # deviation of even steps from whole periods, in periods; share of others that may be
+ANOTHER = 1.2  # times longer or shorter is a period of another rate
 
 
 class SourceCheck:
-    """Looks at the rows of a stream as they come, whatever the blocks.
+    """Checks the rows of a stream as they come, whatever the blocks.
 
     Parameters
     ----------
     mount : where the sensor is said to be worn.
-    remark : given one sentence if two sensors are seen later than `REFUSED_S`.
+    remark : called with one sentence if two sensors are found later than `REFUSED_S`.
     """
 
     def __init__(self, mount: Wearing, remark: Callable[[str], None]) -> None:
         self._mount, self._remark = mount, remark
         self._window = np.empty((0, COLUMNS))
-        self._suspect = 0
+        self._suspect = 0  # windows of two sensors in a row
+        # where it is worn: windows for it, checks so far, and whether it is known, or too late
         self._seen: list[Floats] = []
-        self._looked, self._is_settled = 0, False  # where it is worn: known, or asked no more
+        self._looked, self._is_settled = 0, False
         self._passed_s, self._remarked = 0.0, False
 
     def add(self, rows: Floats) -> None:
-        """Look at rows (n, 11) as they were sent.
+        """Check rows (n, 11) as they were sent.
 
         Raises
         ------
@@ -101,8 +133,13 @@ class SourceCheck:
         }
 
     def resume(self, state: Mapping[str, Any]) -> None:
-        """Go on where another check of the same stream was; raises `ValueError` for what none can be."""
-        self._window, *self._seen = map(_check_rows, (state["window"], *state["seen"]))
+        """Restore the state of another check; raises `ValueError` for what none can be."""
+        self._window, self._seen = state["window"], [*state["seen"]]
+        for rows in (self._window, *self._seen):
+            if not isinstance(rows, np.ndarray) or rows.dtype != np.float64 or rows.shape[1:] != (COLUMNS,):
+                raise ValueError("these are no rows")
+            if len(rows) > WINDOW or not np.isfinite(rows[:, :7]).all():
+                raise ValueError("these are no rows of a window")
         self._suspect, self._looked = int(state["suspect"]), int(state["looked"])
         self._is_settled, self._remarked = bool(state["is_settled"]), bool(state["remarked"])
         self._passed_s = float(state["passed_s"])
@@ -110,7 +147,12 @@ class SourceCheck:
             raise ValueError("a count below zero")
 
     def _check_one_sensor(self, window: Floats) -> None:
-        self._suspect = self._suspect + 1 if has_two_clocks(window[:, 0]) or _has_two_levels(window) else 0
+        """Refuse rows of two sensors in turn: by two clocks, or if they are nearer to those two or three before."""
+        x = np.concatenate([window[:, 1:4] / GRAVITY_M_S2, window[:, 4:7] / RATE_RAD_S], axis=1)
+        last, second, third = (np.linalg.norm(x[3:] - x[3 - k : len(x) - k], axis=1) for k in (1, 2, 3))
+        has_two = has_two_clocks(window[:, 0])
+        has_two = has_two or float(np.median(last)) > MAX_RATIO * float(np.median(np.minimum(second, third)))
+        self._suspect = self._suspect + 1 if has_two else 0
         if self._suspect < IN_A_ROW or self._remarked:
             return
         words = f"the rows about t = {window[-1, 0]:.1f} s come from two sensors in turn"
@@ -122,7 +164,7 @@ class SourceCheck:
     def _check_mount(self, window: Floats) -> None:
         """Refuse a sensor that is worn elsewhere."""
         self._seen.append(window[np.diff(window[:, 0], prepend=-np.inf) > 0])
-        looked = int(self._passed_s / LOOKED_EVERY_S)
+        looked = int(self._passed_s / MOUNT_EVERY_S)
         if looked == self._looked:
             return
         self._looked = looked
@@ -139,15 +181,6 @@ class SourceCheck:
                 f"the sensor is in a trouser pocket, not on a foot (only {signs.words}): add --mount pocket."
             )
         raise EstimationError(f"the sensor is on a foot, not in a pocket ({signs.words}): leave --mount pocket out.")
-
-
-def _check_rows(rows: Any) -> Floats:
-    """Return rows (n, 11), at most a window of them, whose stamps are numbers."""
-    if not isinstance(rows, np.ndarray) or rows.dtype != np.float64 or rows.shape[1:] != (COLUMNS,):
-        raise ValueError("these are no rows")
-    if len(rows) > WINDOW or not np.isfinite(rows[:, :7]).all():
-        raise ValueError("these are no rows of a window")
-    return rows
 
 
 def has_two_clocks(t: Floats) -> bool:
@@ -169,8 +202,218 @@ def has_two_clocks(t: Floats) -> bool:
     return turns >= TURNS and MIN_SHARE < float(of.mean()) < 1.0 - MIN_SHARE
 
 
-def _has_two_levels(window: Floats) -> bool:
-    """Whether rows are nearer to those two or three before than to the last."""
-    x = np.concatenate([window[:, 1:4] / GRAVITY_M_S2, window[:, 4:7] / _RATE_RAD_S], axis=1)
-    last, second, third = (np.linalg.norm(x[3:] - x[3 - k : len(x) - k], axis=1) for k in (1, 2, 3))
-    return float(np.median(last)) > MAX_RATIO * float(np.median(np.minimum(second, third)))
+class AxesCheck:
+    """Checks the axes of the samples of a walk as they come, whatever the blocks.
+
+    Parameters
+    ----------
+    remark : called with one sentence if wrong axes are found later than `REFUSED_S`.
+    refuses : whether a stream is refused in its first minute; not where a walk is resumed.
+    mount : where the sensor is worn.
+
+    Attributes
+    ----------
+    evidence : of the strides so far.
+    """
+
+    def __init__(self, remark: Callable[[str], None], refuses: bool = True, mount: Wearing = "foot") -> None:
+        is_foot = mount == "foot"
+        self.evidence = NO_EVIDENCE if is_foot else NO_SWINGS
+        self._block_s, self._measure = BLOCK_S[mount], measure_axes if is_foot else measure_swing_axes
+        self._remark, self._refuses = remark, refuses
+        self._begins = 0  # sample at which the next block begins
+        self._passed_s = 0.0
+
+    def look_at(self, buffer: SampleBuffer) -> None:
+        """Check the samples that have come since.
+
+        Raises
+        ------
+        RecordingError
+            If strides of the first minute surely show other axes than those given.
+        """
+        while not self._is_settled:
+            # the next block, once it has come
+            self._begins = max(self._begins, buffer.first)
+            if self._begins >= buffer.stop:
+                return
+            stop = buffer.find_since(buffer.stamp(self._begins) + self._block_s, buffer.stop)
+            if stop == buffer.stop:
+                return
+            rows = buffer.between(self._begins, stop)
+            if len(rows) >= MIN_SAMPLES:
+                self._count(rows)
+            self._begins = stop
+
+    def state(self) -> dict[str, Any]:
+        """Return what `resume` needs, as JSON values; of axes that are settled no more than their number."""
+        found = self.evidence
+        scores = [] if self._is_settled and not found.against else found.scores.tolist()
+        return {"begins": self._begins, "passed_s": self._passed_s, "scores": scores, "gravity": found.gravity.tolist()}
+
+    def resume(self, state: Mapping[str, Any]) -> None:
+        """Restore the state of another check."""
+        self._begins, self._passed_s = int(state["begins"]), float(state["passed_s"])
+        gravity = np.array(state["gravity"], dtype=np.float64)
+        scores = np.array(state["scores"] or np.zeros((len(gravity), len(AXES))), dtype=np.float64)
+        self.evidence = replace(self.evidence, scores=scores.reshape(len(gravity), len(AXES)), gravity=gravity)
+
+    @property
+    def _is_settled(self) -> bool:
+        found = self.evidence
+        agrees = found.strides >= MIN_AXES_STRIDES and found.against < 1.0
+        return agrees or found.strides >= MAX_STRIDES or found.against > DECISIVE
+
+    def _count(self, rows: Floats) -> None:
+        """Count the strides of a block."""
+        self._passed_s += float(np.ptp(rows[:, 0]))
+        self.evidence += self._measure(rows[:, 0], rows[:, 1:4], rows[:, 4:7])
+        if self.evidence.against <= DECISIVE:
+            return
+        if self._refuses and self._passed_s <= REFUSED_S:
+            raise RecordingError(f"{self.evidence.problem}.")
+        self._remark(f"{self.evidence.problem}; the track is not to be used.")
+
+
+class LossCounter:
+    """Counts what is lost of a stream, whatever the blocks in which its rows come.
+
+    Attributes
+    ----------
+    samples, came : how many are missing by the stamps, and how many came.
+
+    Parameters
+    ----------
+    remark : called with one sentence the first time that samples are missing, and whenever the rate changes.
+    """
+
+    def __init__(self, remark: Callable[[str], None]) -> None:
+        self.samples = self.came = 0
+        self._remark = remark
+        self._window = self._held = np.empty(0)
+        self._period_s, self._others = np.nan, 0
+
+    def add(self, t: Floats, overlap: Overlap | None = None) -> None:
+        """Count by the stamps (n,) s of rows as they were sent; NaN is ignored.
+
+        Those of a resumed walk wait until its `overlap`, which has seen them, is over: only what is new counts.
+        """
+        t, self._held = np.concatenate([self._held, t]), t[:0]
+        if overlap is not None and overlap.skips:
+            seen = np.flatnonzero(np.isin(t, [overlap.known_until, *self._window[-1:]]))
+            t = t[seen[-1] + 1 :] if len(seen) else t
+        if overlap is not None and not overlap.is_over:
+            self._held = t
+            return
+        self.came += len(t)
+        self._window = np.concatenate([self._window, t[np.isfinite(t)]])
+        while len(self._window) > WINDOW:
+            self._count(self._window[: WINDOW + 1])
+            self._check_rate(self._window[: WINDOW + 1])
+            self._window = self._window[WINDOW:]
+
+    def finish(self) -> None:
+        """Count, at the end, the rows of a window that is not full, and of those that wait the later ones."""
+        t, self._held = self._held, self._held[:0]
+        self.add(t[t > self._window[-1]] if len(self._window) else t)
+        self._count(self._window)
+        self._window = self._window[-1:]
+
+    def report(self, datagrams: int) -> dict[str, int]:
+        """Return what was lost so far, with the datagrams for which this machine had no room."""
+        return {"samples": self.samples, "came": self.came, "datagrams": datagrams}
+
+    def state(self) -> dict[str, Any]:
+        """Return what `resume` needs, as JSON values."""
+        period_s = self._period_s if np.isfinite(self._period_s) else None
+        counts = {"samples": self.samples, "came": self.came, "others": self._others}
+        return counts | {"window": self._window.tolist(), "held": self._held.tolist(), "period_s": period_s}
+
+    def resume(self, state: Mapping[str, Any]) -> None:
+        """Restore the state of another counter; raises `ValueError` for what none can be."""
+        self.samples, self.came, self._others = (int(state[name]) for name in ("samples", "came", "others"))
+        self._window, self._held = (np.array(state[name], dtype=float).reshape(-1) for name in ("window", "held"))
+        self._period_s = np.nan if state["period_s"] is None else float(state["period_s"])
+        if min(self.samples, self.came, self._others) < 0 or not np.isfinite(self._window).all():
+            raise ValueError("a count below zero, or a stamp that is none")
+
+    def _count(self, t: Floats) -> None:
+        missing = count_missing(t)
+        lost = int(missing.sum())
+        if lost and not self.samples:
+            first = int(np.argmax(missing > 0))
+            self._remark(
+                f"samples are lost on the way here, by the stamps: the first {missing[first]} before "
+                f"t = {t[first + 1]:.3f} s."
+            )
+        self.samples += lost
+
+    def _check_rate(self, t: Floats) -> None:
+        """Remark if the rate has changed."""
+        period_s = median_period_s(t)
+        if find_stamp_problem(period_s) is not None:
+            return  # no rate: stamps in another unit
+        if not max(period_s / self._period_s, self._period_s / period_s) > ANOTHER:
+            self._period_s, self._others = period_s, 0
+            return
+        self._others += 1
+        if self._others == IN_A_ROW:
+            self._remark(
+                f"the rate of the sensor has changed near t = {t[0]:.3f} s, from {1.0 / self._period_s:.4g} to "
+                f"{1.0 / period_s:.4g} Hz."
+            )
+            self._period_s, self._others = period_s, 0
+
+
+def count_missing(t: Floats) -> Ints:
+    """Count the samples (n - 1,) that are missing between stamps (n,) s of a sensor that samples evenly."""
+    step = np.diff(t)
+    forward = (step > 0.0) & (step <= MAX_STEP_S)
+    if not forward.any():
+        return np.zeros(len(step), dtype=np.int64)
+    period = float(np.median(step[forward]))
+    periods = np.where(forward, step, period) / period
+    is_even = np.mean(np.abs(periods - np.rint(periods)) > EVEN) < MAX_UNEVEN
+    missing = np.where(periods > (1.5 if is_even else GAP_PERIODS), np.rint(periods) - 1.0, 0.0)
+    return np.asarray(missing, dtype=np.int64)
+
+
+def describe_losses(lost: Mapping[str, int]) -> tuple[str, ...]:
+    """Describe what was lost in all: `samples`, where `came` samples came, and `datagrams`; nothing if nothing was."""
+    words = []
+    if lost.get("samples"):
+        words.append(
+            f"by the stamps {format_count(lost['samples'], 'sample')} of {lost['samples'] + lost['came']} were lost "
+            "on the way, steps of more than a second not counted"
+        )
+    if lost.get("datagrams"):
+        words.append(f"this machine had no room for {format_count(lost['datagrams'], 'datagram')}")
+    return tuple(words)
+
+
+class Silence:
+    """Time without a sample from a source of that name.
+
+    Silence of `stalled_s` is remarked; after `until_silent_s` the walk is over, None to wait for ever.
+    """
+
+    def __init__(
+        self, name: str, stalled_s: float, until_silent_s: float | None, remark: Callable[[str], None]
+    ) -> None:
+        self._name, self._stalled_s, self._until_silent_s, self._remark = name, stalled_s, until_silent_s, remark
+        self._since = time.monotonic()
+        self._remarked = False
+
+    def is_over(self, n_samples: int) -> bool:
+        """Note how many samples have come; return whether the silence is so long that the walk is over."""
+        now = time.monotonic()
+        silent = now - self._since
+        if n_samples:
+            if self._remarked:
+                self._remark(f"{self._name} sends again after {silent:.0f} s.")
+            self._since, self._remarked = now, False
+            return False
+        if silent >= self._stalled_s and not self._remarked:
+            self._remark(f"no sample has come from {self._name} for {silent:.0f} s: waiting.")
+            self._remarked = True
+        return self._until_silent_s is not None and silent >= self._until_silent_s

@@ -7,12 +7,13 @@ a serial device          such as /dev/ttyUSB0; again when it is plugged in again
 tcp://host:port          from a server, and again when it is there again
 tcp-listen://host:port   from a sensor that connects to that address of this machine, and again
 udp://host:port          datagrams sent to that address of this machine; each holds whole lines
+a recording, --speed     each sample when its time has come, at the speed of the walk or a faster one
 ======================== =================================================================================
 
 The host is 127.0.0.1 if none is given; 0.0.0.0 is heard by other machines too. Standard input, files and recordings
-(`replay`) wait for us; the others do not, and a thread reads them (`live`). These have no end but Ctrl-C and --silence.
+wait for us; the others do not, and a thread reads them (`live`). These have no end but Ctrl-C and --silence.
 
-A `SampleSource` gives samples. `TextSource` reads them from a `ByteSource`, one of these, by a `RowReader`.
+A `SampleSource` gives samples: `TextSource` parses those of a `ByteSource` by a `RowReader`, `Replay` has a recording.
 """
 
 from __future__ import annotations
@@ -27,19 +28,23 @@ from pathlib import Path
 from typing import Protocol
 from urllib.parse import urlsplit
 
+import numpy as np
+
 from fg_nav.arrays import Floats
 from fg_nav.errors import StreamError
 from fg_nav.io import read
-from fg_nav.online.connections import PIECE, SerialDevice, Server, TcpListener
-from fg_nav.online.live import Datagrams, Reconnected
-from fg_nav.online.replay import Replay, parse_speed
+from fg_nav.online.buffer import COLUMNS, rows_of
+from fg_nav.online.live import PIECE, Connector, Datagrams, Reconnected, SerialDevice, TcpClient, TcpListener
 from fg_nav.online.rows import Columns, RowReader
+from fg_nav.recording import Recording
 
-POLL_S = 0.05  # How often a file is looked at for more.
+POLL_S = 0.05  # period at which a file is checked for more
+AS_FAST_AS_POSSIBLE = "max"  # in place of a speed
+MAX_AT_ONCE = 1000  # samples of a recording, so that a stop is seen between two blocks
 
 
 class ByteSource(Protocol):
-    """A stream of bytes; `name` is for messages, `away_s` for how long it was not connected before what was read."""
+    """A stream of bytes; `name` is for messages, `away_s` how long it was not connected before what was read."""
 
     name: str
     away_s: float
@@ -65,33 +70,33 @@ class SampleSource(Protocol):
 
     @property
     def header(self) -> list[str] | None:
-        """Names of the columns that it sends; None where it sends none, or before they are known."""
-        ...
+        """Names of the columns that it sends; None if it sends none, or before they are known."""
+        return None
 
     @property
     def lost(self) -> int:
         """Datagrams for which this machine had no room."""
-        ...
+        return 0
 
     def resume(self, header: Sequence[str]) -> None:
-        """Go on by the header of before, where a walk is resumed."""
-        ...
+        """Use the header from before an interruption, where a walk is resumed."""
+        return
 
     def read(self, wait_s: float) -> Floats | None:
         """Return the samples (n, 11) that have come, n = 0 if none came within `wait_s`, None at the end."""
         ...
 
     def finish(self) -> Floats:
-        """Return what is left at the end; raises `FormatError` where nothing was understood."""
-        ...
+        """Return what is left at the end; raises `FormatError` if nothing could be parsed."""
+        return np.empty((0, COLUMNS))
 
     def close(self) -> None:
         """Close it."""
-        ...
+        return
 
 
-class TextSource:
-    """Samples in the text of a source; takes a sentence for people about the first row that it cannot read."""
+class TextSource(SampleSource):
+    """Samples in the text of a source; `remark` is called with a sentence about the first row that is not one."""
 
     def __init__(self, source: ByteSource, remark: Callable[[str], None], columns: Columns | None = None) -> None:
         self.name = source.name
@@ -129,6 +134,39 @@ class TextSource:
         self._source.close()
 
 
+class Replay(SampleSource):
+    """The samples of a recording as of `fg_nav.io.read`, `speed` times as fast as they were measured."""
+
+    def __init__(self, recording: Recording, speed: float, name: str) -> None:
+        self.name = name
+        self._rows = rows_of(recording)
+        self._due = (recording.t - recording.t[0]) / speed
+        self._given = 0
+        self._began: float | None = None
+
+    def read(self, wait_s: float) -> Floats | None:
+        """See `SampleSource`."""
+        if self._given == len(self._rows):
+            return None
+        self._began = time.monotonic() if self._began is None else self._began
+        due = float(self._due[self._given]) + self._began
+        time.sleep(min(max(due - time.monotonic(), 0.0), wait_s))
+        until = int(np.searchsorted(self._due, time.monotonic() - self._began, side="right"))
+        first, self._given = self._given, min(max(until, self._given), self._given + MAX_AT_ONCE)
+        return self._rows[first : self._given]
+
+
+def parse_speed(words: str) -> float:
+    """Return a speed in multiples of that of the walk; raises `StreamError` for what is no factor."""
+    try:
+        speed = np.inf if words == AS_FAST_AS_POSSIBLE else float(words)
+    except ValueError:
+        speed = np.nan
+    if not speed > 0.0:
+        raise StreamError(f"--speed {words} is no factor: give one above zero, or {AS_FAST_AS_POSSIBLE}.")
+    return speed
+
+
 def open_samples(
     word: str, columns: Columns | None, baud: int, speed: str | None, remark: Callable[[str], None]
 ) -> SampleSource:
@@ -149,7 +187,7 @@ def open_samples(
 
 
 def open_source(word: str, baud: int, remark: Callable[[str], None]) -> ByteSource:
-    """Open a source by the name that the user gave; what becomes of it is remarked.
+    """Open a source by the name that the user gave; `remark` is called with sentences about its connection.
 
     Raises
     ------
@@ -179,6 +217,20 @@ def open_source(word: str, baud: int, remark: Callable[[str], None]) -> ByteSour
         raise StreamError(f"{word} cannot be opened ({reason}): check its name, and that it is there.") from None
 
 
+def _open_socket(word: str, scheme: str, remark: Callable[[str], None]) -> ByteSource:
+    try:
+        address = urlsplit(word)
+        host, port = address.hostname or "127.0.0.1", address.port
+    except ValueError:
+        port = None
+    if port is None:
+        raise StreamError(f"{word} has no port: give {scheme}://host:port.")
+    if scheme == "udp":
+        return Datagrams(word, host, port, remark)
+    connector: Connector = TcpClient(host, port) if scheme == "tcp" else TcpListener(word, host, port, remark)
+    return Reconnected(word, connector, remark)
+
+
 class _Descriptor:
     """A pipe."""
 
@@ -188,12 +240,11 @@ class _Descriptor:
         self.name, self._descriptor = name, descriptor
 
     def read(self, wait_s: float) -> bytes | None:
-        """See `ByteSource`."""
         ready, _, _ = select.select([self._descriptor], [], [], wait_s)
         return (os.read(self._descriptor, PIECE) or None) if ready else b""
 
     def close(self) -> None:
-        """See `ByteSource`."""
+        pass
 
 
 class _GrowingFile:
@@ -208,7 +259,6 @@ class _GrowingFile:
         self._place = 0
 
     def read(self, wait_s: float) -> bytes | None:
-        """See `ByteSource`."""
         until = time.monotonic() + wait_s
         while True:
             piece = self._file.read(PIECE)
@@ -222,19 +272,4 @@ class _GrowingFile:
             time.sleep(POLL_S)
 
     def close(self) -> None:
-        """Close it."""
         self._file.close()
-
-
-def _open_socket(word: str, scheme: str, remark: Callable[[str], None]) -> ByteSource:
-    try:
-        address = urlsplit(word)
-        host, port = address.hostname or "127.0.0.1", address.port
-    except ValueError:
-        port = None
-    if port is None:
-        raise StreamError(f"{word} has no port: give {scheme}://host:port.")
-    if scheme == "udp":
-        return Datagrams(word, host, port, remark)
-    connector = Server(host, port) if scheme == "tcp" else TcpListener(word, host, port, remark)
-    return Reconnected(word, connector, remark)

@@ -1,44 +1,53 @@
-"""One stride of a walk in progress, by the functions that the batch smoother turns a whole walk into strides with.
+"""Strides of a walk in progress, measured by the functions of the batch smoother (`smoother.strides`), one at a time.
 
-These take a recording and its stances. Here they are given a window: the samples of the footfall before and of the new
-one, with some before for context. Nodes of the window are numbered from 0, those of the walk from its first;
-`StrideWindow` has both. What a stride measures depends on its own samples alone, but for two things that a recording
-shows as a whole: its sample period, and the range of its sensors (`fg_nav.samples.saturation`).
+A stride's window has the samples of the footfall before and of the new one, with some before for context. Its nodes are
+numbered from 0, those of the walk from its first; `StrideWindow` has both. What a stride measures depends on its own
+samples, and on two properties of the whole walk: sample period and range of the sensors (`samples.saturation`).
+
+Position fixes are added with the stride of their time, to the nearest node. The heading of a graph in progress is held
+by all strides before, so that a fix off by more than its sigmas would bend the walk instead of turning it: it waits for
+the next solution of the whole walk, which is turned to it (`smoother.constraints`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, repeat
 
 import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import B, S, V, X
+from gtsam.symbol_shorthand import B, M, P, S, V, X
 
 from fg_nav.arrays import Floats
 from fg_nav.detection import Rest, RestParameters, find_rests
+from fg_nav.fix_check import FIX_REACH_S
 from fg_nav.online.buffer import PartialWalk
 from fg_nav.recording import MIN_SAMPLES, Recording
+from fg_nav.smoother.constraints import pin_to_times
+from fg_nav.smoother.gauss_newton import DIMENSION
 from fg_nav.smoother.graph import initial_values
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.preintegration import preintegrate
+from fg_nav.smoother.solver import in_nav
 from fg_nav.smoother.strides import BIAS_SPACING_S, Nodes, Stride, measure_velocities, place_nodes, strides_of
 from fg_nav.stances import Stances
+from fg_nav.truth import Fix
 
 CONTEXT_S = 10.0  # Before a window, in which sensors at the end of their range show themselves.
 GAUSS_NEWTON_STEPS = 2  # Of a stride alone: from half a degree of dead reckoning the second step moves nothing.
+MAX_FIX_SIGMAS = 4.0  # Of a fix from the walk so far: one in 3000 that is true is beyond, and comes later.
 
 
 @dataclass(frozen=True)
-class Place:
-    """A footfall in the graph.
+class StanceNodes:
+    """The nodes of a footfall in the graph.
 
     ============== =============================================================
     number         of the footfall
     first, stop    its first node, and the one after its last
     result         node at its stillest sample
-    bias           number of its bias, begun at `bias_begun_s`
+    bias           number of its bias variable, the first footfall of which was at `bias_begun_s`
     sample, t      stillest sample, counted from the first of the walk; s
     samples        samples of its nodes, counted likewise
     ============== =============================================================
@@ -55,34 +64,82 @@ class Place:
     samples: tuple[int, ...]
 
 
+# --- variables of footfalls ------------------------------------------------------------------------------------------
+
+
+def result_keys(stances: Iterable[StanceNodes]) -> set[int]:
+    """Keys of the poses and biases that are reported of footfalls."""
+    return {key for stance in stances for key in (X(stance.result), B(stance.bias))}
+
+
+def list_variables(stance: StanceNodes, values: gtsam.Values) -> list[int]:
+    """Variables of a footfall that have a value, with the bias and the settling that it shares with others."""
+    keys = [key for j in range(stance.first, stance.stop) for key in (X(j), V(j))]
+    others = (M(stance.number), P(stance.number), B(stance.bias), S(stance.bias))
+    return [key for key in (*keys, *others) if values.exists(key)]
+
+
+def order_variables(stances: Sequence[StanceNodes], values: gtsam.Values) -> list[int]:
+    """Variables of consecutive footfalls in the order in which they are eliminated, as `solver.time_order`."""
+    keys = {}
+    for stance in reversed(stances):
+        keys.update(dict.fromkeys(reversed(list_variables(stance, values))))
+    return list(reversed(keys))
+
+
+def weak_priors(values: gtsam.Values) -> gtsam.NonlinearFactorGraph:
+    """Priors so wide that they make the equations solvable and no more: a hundred metres, of anything."""
+    graph = gtsam.NonlinearFactorGraph()
+    for key in list(values.keys()):
+        letter = chr(gtsam.Symbol(key).chr())
+        wide = gtsam.noiseModel.Diagonal.Sigmas(weak_sigmas(key))
+        if letter == "x":
+            graph.addPriorPose3(key, values.atPose3(key), wide)
+        elif letter == "b":
+            graph.addPriorConstantBias(key, values.atConstantBias(key), wide)
+        else:
+            graph.addPriorVector(key, values.atVector(key), wide)
+    return graph
+
+
+def weak_sigmas(key: int) -> Floats:
+    """Sigmas of a weak prior on a variable, in its tangent space."""
+    letter = gtsam.Symbol(key).chr()
+    if letter == ord("x"):
+        return np.repeat([3.0, 100.0], 3)
+    return np.full(DIMENSION[letter], 1.0 if letter == ord("b") else 100.0)
+
+
+# --- the newest stride -----------------------------------------------------------------------------------------------
+
+
 @dataclass(frozen=True)
 class StrideWindow:
-    """The samples from the footfall before to the new one, with nodes numbered within them; and what comes next.
+    """The samples from the footfall `before` to the new one, `stance`, with nodes and biases numbered within them.
 
-    `first_sample` is the number of sample 0 in the walk; node 0 is the first of the footfall `before`, `place` the new
-    one. Their biases are numbered from 0 too. `with_context` are the same samples and those of some seconds before.
+    `first_sample` is the number of sample 0 in the walk. `with_context` has the samples of some seconds before as well.
     """
 
     recording: Recording
     stances: Stances
     nodes: Nodes
     first_sample: int
-    before: Place
-    place: Place
+    before: StanceNodes
+    stance: StanceNodes
     with_context: Recording
 
     @property
-    def known(self) -> int:
+    def last_before(self) -> int:
         """Last node of the footfall before, within the window."""
         return int(self.nodes.first[1]) - 1
 
 
-def list_places(nodes: Nodes, t: Floats) -> list[Place]:
-    """Places of the footfalls of a whole walk with samples at `t` (N,) s."""
+def list_stances(nodes: Nodes, t: Floats) -> list[StanceNodes]:
+    """Return the footfalls of a whole walk with samples at `t` (N,) s."""
     at = t[nodes.sample[nodes.result]]
     begun = at[np.searchsorted(nodes.bias, nodes.bias)]
     return [
-        Place(
+        StanceNodes(
             number=k,
             first=int(nodes.first[k]),
             stop=int(nodes.first[k + 1]),
@@ -97,8 +154,8 @@ def list_places(nodes: Nodes, t: Floats) -> list[Place]:
     ]
 
 
-def cut_window(walk: PartialWalk, before: Place, t_first: float, p: SmootherParameters) -> StrideWindow:
-    """Cut out the window of the newest stride of a walk: `before` the footfall before, the first was at `t_first`."""
+def cut_stride(walk: PartialWalk, before: StanceNodes, t_first: float, p: SmootherParameters) -> StrideWindow:
+    """Cut out the newest stride of a walk whose first footfall was at `t_first` s; `before` the footfall before."""
     begins = int(walk.footfall(before.number).start[0])
     context = walk.buffer.find_since(walk.buffer.stamp(begins) - CONTEXT_S, walk.stop)
     begins = max(context, min(begins, walk.stop - MIN_SAMPLES))
@@ -110,7 +167,7 @@ def cut_window(walk: PartialWalk, before: Place, t_first: float, p: SmootherPara
     t = float(recording.t[nodes.sample[result]])
     interval, interval_before = (int(np.floor((at - t_first) / BIAS_SPACING_S)) for at in (t, before.t))
     another = interval > interval_before
-    place = Place(
+    stance = StanceNodes(
         number=before.number + 1,
         first=before.stop,
         stop=before.first + len(nodes),
@@ -122,7 +179,7 @@ def cut_window(walk: PartialWalk, before: Place, t_first: float, p: SmootherPara
         samples=tuple((begins + nodes.sample[nodes.first[1] :]).tolist()),
     )
     nodes = replace(nodes, bias=np.array([0, int(another)]))
-    return StrideWindow(recording, stances, nodes, begins, before, place, with_context)
+    return StrideWindow(recording, stances, nodes, begins, before, stance, with_context)
 
 
 def measure_stride(
@@ -133,22 +190,22 @@ def measure_stride(
     Parameters
     ----------
     gyro_bias, lever : (3,) rad/s, (3,) m, as in `measure_velocities`.
-    rests : what the window shows of them that was not counted before.
+    rests : those in the window, as far as they were not counted before.
     """
     bias = gtsam.imuBias.ConstantBias(np.zeros(3), gyro_bias)
-    new = preintegrate(window.recording, window.nodes.sample[window.known :], bias, p)
+    new = preintegrate(window.recording, window.nodes.sample[window.last_before :], bias, p)
     in_graph = gtsam.PreintegratedImuMeasurementsG(gtsam.PreintegrationParams.MakeSharedU(p.gravity))
-    measurements = chain(repeat(in_graph, window.known), new)
+    measurements = chain(repeat(in_graph, window.last_before), new)
     velocities = measure_velocities(window.recording, window.stances, window.nodes, gyro_bias, lever, p)
     strides = strides_of(window.recording, window.nodes, measurements, velocities, ())
     *_, stride = strides
     return replace(
         stride,
-        first=window.place.first,
-        last=window.place.stop,
-        bias=window.place.bias,
+        first=window.stance.first,
+        last=window.stance.stop,
+        bias=window.stance.bias,
         bias_before=window.before.bias,
-        bias_age_s=window.place.t - window.before.bias_begun_s,
+        bias_age_s=window.stance.t - window.before.bias_begun_s,
         rests=list(rests),
     )
 
@@ -160,11 +217,11 @@ def initialize_stride(
     bias: gtsam.imuBias.ConstantBias,
     p: SmootherParameters,
 ) -> gtsam.Values:
-    """Return initial values of the new variables: the solution of the stride alone, what came before held fixed.
+    """Return initial values of the new variables: the solution of the stride alone, variables before held fixed.
 
-    It is fixed where it is linearized, not at its estimate. So a walk that has turned by a little turns as one piece,
-    and the second-order error of that turn comes once, not with every stride. Dead reckoning alone would leave a tilt
-    whose square is a turn, the same with every stride.
+    They are fixed at their linearization point, not at their estimate. So a walk that has turned by a little turns as
+    one piece, and the second-order error of that turn comes once, not with every stride. Dead reckoning alone would
+    leave a tilt whose square is a turn, the same with every stride.
 
     Parameters
     ----------
@@ -180,11 +237,13 @@ def initialize_stride(
     fixed.insert(bias_key, linearized.atConstantBias(bias_key))
     fixed.insert(sole_key, linearized.atVector(sole_key))
     values = _dead_reckon(window, fixed, bias, p)
+    # A prior of a millionth on each holds them.
+    tight = {size: gtsam.noiseModel.Isotropic.Sigma(size, 1e-6) for size in (1, 3, 6)}
     alone = gtsam.NonlinearFactorGraph(graph)
-    alone.addPriorPose3(pose_key, fixed.atPose3(pose_key), _tight(6))
-    alone.addPriorVector(velocity_key, fixed.atVector(velocity_key), _tight(3))
-    alone.addPriorConstantBias(bias_key, fixed.atConstantBias(bias_key), _tight(6))
-    alone.addPriorVector(sole_key, fixed.atVector(sole_key), _tight(1))
+    alone.addPriorPose3(pose_key, fixed.atPose3(pose_key), tight[6])
+    alone.addPriorVector(velocity_key, fixed.atVector(velocity_key), tight[3])
+    alone.addPriorConstantBias(bias_key, fixed.atConstantBias(bias_key), tight[6])
+    alone.addPriorVector(sole_key, fixed.atVector(sole_key), tight[1])
     solved = gtsam.Values(fixed)
     solved.insert(values)
     order = gtsam.Ordering.ColamdNonlinearFactorGraph(alone)
@@ -198,16 +257,12 @@ def initialize_stride(
     return solved
 
 
-def _tight(size: int) -> gtsam.noiseModel.Isotropic:
-    return gtsam.noiseModel.Isotropic.Sigma(size, 1e-6)
-
-
 def _dead_reckon(
     window: StrideWindow, fixed: gtsam.Values, bias: gtsam.imuBias.ConstantBias, p: SmootherParameters
 ) -> gtsam.Values:
     """Dead reckoning from the last node before; zero velocity, a new bias like that before."""
     pose = fixed.atPose3(X(window.before.stop - 1))
-    sample = window.nodes.sample[window.known :]
+    sample = window.nodes.sample[window.last_before :]
     of_one = np.zeros(len(sample), dtype=np.int64)
     ends = np.array([0, len(sample)])
     alone = Nodes(sample, of_one, of_one, ends, of_one[:1], of_one[:1])
@@ -215,13 +270,16 @@ def _dead_reckon(
     path = initial_values(window.recording, window.stances, alone, attitude, bias.gyroscope(), p.gravity)
     from_there = gtsam.Pose3(gtsam.Rot3(), pose.translation())
     values = gtsam.Values()
-    for i, j in enumerate(range(window.place.first, window.place.stop), start=1):
+    for i, j in enumerate(range(window.stance.first, window.stance.stop), start=1):
         values.insert(X(j), from_there.compose(path.atPose3(X(i))))
         values.insert(V(j), np.zeros(3))
-    if window.place.bias != window.before.bias:
-        values.insert(B(window.place.bias), fixed.atConstantBias(B(window.before.bias)))
-        values.insert(S(window.place.bias), fixed.atVector(S(window.before.bias)))
+    if window.stance.bias != window.before.bias:
+        values.insert(B(window.stance.bias), fixed.atConstantBias(B(window.before.bias)))
+        values.insert(S(window.stance.bias), fixed.atVector(S(window.before.bias)))
     return values
+
+
+# --- rests and fixes of a stride -------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -242,9 +300,9 @@ class RestLedger:
         return cls(longest, rests[-1] if rests else None)
 
     def collect(self, window: StrideWindow, p: RestParameters) -> tuple[tuple[Rest, ...], RestLedger]:
-        """Return what the rests of a window show that was not counted yet, and the ledger once that is in the graph."""
+        """Return the parts of rests in a window that were not counted yet, and the ledger with them in the graph."""
         earlier = len(window.with_context) - len(window.recording)
-        ledger, begins = self, window.nodes.sample[window.known + 1] + earlier
+        ledger, begins = self, window.nodes.sample[window.last_before + 1] + earlier
         new: list[Rest] = []
         for rest in find_rests(window.with_context, p):
             # A rest that only the end of the window made one may be the beginning of a swing.
@@ -259,7 +317,7 @@ class RestLedger:
         return tuple(new), ledger
 
     def _count(self, rest: Rest, first_sample: int) -> tuple[Rest | None, RestLedger]:
-        """What a rest shows beyond what was counted of it: a long one is seen again and again as it goes on."""
+        """The part of a rest that was not counted yet, as a long one is found again with each piece; and the ledger."""
         start, stop = rest.start + first_sample, rest.stop + first_sample
         in_walk = replace(self, counted=replace(rest, start=start, stop=stop))
         if self.counted is None or start >= self.counted.stop:
@@ -268,3 +326,36 @@ class RestLedger:
         if further is None:
             return None, replace(self, counted=replace(self.counted, stop=stop))
         return further, in_walk
+
+
+def select_fixes(fixes: Sequence[Fix], t_node: Floats, after_s: float = -np.inf) -> tuple[Fix, ...]:
+    """Return the fixes after a time and up to the last of some nodes (n,) s that have one of them within reach."""
+    return tuple(
+        fix
+        for fix in fixes
+        if after_s < fix.time_s <= t_node[-1] and float(np.abs(t_node - fix.time_s).min()) <= FIX_REACH_S
+    )
+
+
+def find_stride_fixes(fixes: Sequence[Fix], t_node: Floats, before_s: float) -> list[tuple[int, Fix]]:
+    """Return the fixes of a stride, each with the number of its node and with the sigma that it has there.
+
+    Parameters
+    ----------
+    t_node : (n,) s, of the nodes of the footfall before and of the new one.
+    before_s : of the last node of the footfall before.
+    """
+    reached = select_fixes(fixes, t_node, before_s)
+    pinned = pin_to_times(reached, t_node)
+    return [
+        (int(node), replace(fix, horizontal_sigma_m=float(sigma)))
+        for node, fix, sigma in zip(pinned.node, reached, pinned.horizontal, strict=True)
+    ]
+
+
+def agrees(pose: gtsam.Pose3, body_cov: Floats, fix: Fix) -> bool:
+    """Whether a pose with this covariance (6, 6) in body axes agrees with a fix over ground."""
+    offset = fix.position[:2] - pose.translation()[:2]
+    covariance = in_nav(pose.rotation().matrix()[None], body_cov[None])[0, :2, :2]
+    total = covariance + fix.horizontal_sigma_m**2 * np.eye(2)
+    return bool(offset @ np.linalg.solve(total, offset) <= MAX_FIX_SIGMAS**2)

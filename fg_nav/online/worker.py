@@ -1,4 +1,4 @@
-"""The process beside a walk in progress (`beside`): it reads messages from its standard input, and answers tasks.
+"""The worker process of `background`: it reads messages from its standard input, and answers requests.
 
 It ends when its standard input does, so it never outlives the walk.
 """
@@ -11,33 +11,37 @@ import signal
 import sys
 from collections.abc import Callable
 from contextlib import suppress
-from typing import Any, cast
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 from fg_nav.detection.stance import StanceParameters
-from fg_nav.online.buffer import ReportedFootfall, SampleBuffer
-from fg_nav.online.handover import Handover
+from fg_nav.online.anchor import AnchorState
+from fg_nav.online.buffer import SampleBuffer
 from fg_nav.online.options import OnlineOptions
-from fg_nav.online.solving import Task, WalkSolver
-from fg_nav.smoother.solver import UNSOLVED
+from fg_nav.online.solving import WalkSolver
 from fg_nav.system.processes import collect_seldom
 
-NICENESS = 5  # The process that tells the walk comes first.
+if TYPE_CHECKING:
+    from fg_nav.online.feet_solving import WalksAlone
+
+NICENESS = 5  # The process that reports the walk comes first.
 
 
 class Worker:
-    """Does what the messages say."""
+    """Solves one walk as its messages say."""
 
-    def __init__(self) -> None:
-        self._buffer = SampleBuffer()
+    def __init__(
+        self, make_solver: Callable[[OnlineOptions, StanceParameters, SampleBuffer], WalkSolver] = WalkSolver
+    ) -> None:
+        self._make_solver, self._buffer = make_solver, SampleBuffer()
         self._solver: WalkSolver
-        self._begun: Any = None
 
-    def answer(self, kind: str, *content: Any) -> tuple[Handover | None] | None:
-        """Return the answer to a message as a tuple of one; None where it asks for none."""
+    def answer(self, kind: str, *content: Any) -> tuple[AnchorState | None] | None:
+        """Return the answer to a message as a tuple of one; None where it needs none."""
         match kind:
             case "options":
                 options, stance = content
-                self._solver = self._make_solver(options, stance)
+                self._solver = self._make_solver(options, stance, self._buffer)
             case "samples":
                 self._buffer.append(content[0])
             case "skip":
@@ -45,46 +49,40 @@ class Worker:
             case "discard":
                 self._buffer.discard(content[0])
             case "begin":
-                self._begin(content[0])
-            case "ask":
-                return (self._go_on(content[0]),)
+                self._solver.begin(content[0])
+                self._solver.prepare()
+            case "request":
+                self._solver.request(content[0])
+                return (self._solver.take(),)
         return None
 
-    def _make_solver(self, options: OnlineOptions, stance: StanceParameters) -> WalkSolver:
-        return WalkSolver(options, stance, self._buffer)
 
-    def _begin(self, task: Task) -> None:
-        self._begun = self._try(self._solver.solve, task)
-
-    def _go_on(self, footfalls: tuple[ReportedFootfall, ...]) -> Handover | None:
-        if self._begun is None:
-            return None
-        handover = self._try(self._solver.go_on, *self._begun, footfalls)
-        self._begun = None if handover is None else (handover, self._begun[1])
-        return cast("Handover | None", handover)
-
-    @staticmethod
-    def _try(work: Any, *content: Any) -> Any:
-        try:
-            return work(*content)
-        except UNSOLVED:
-            return None
-
-
-def answer_messages(answer: Callable[..., tuple[Any] | None]) -> None:
-    """Answer messages until there are no more, each by a tuple of one, or by none."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that tells the walk
+def answer_messages() -> None:
+    """Answer the messages of one foot, whose key is "", or of both, by side, until there are no more."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that reports the walk
     os.nice(NICENESS)
     collect_seldom()
     messages, answers = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # whatever prints must not print into the answers
+    workers: dict[str, Worker] = {"": Worker()}
+    walks: WalksAlone | None = None
     with suppress(EOFError, OSError, pickle.UnpicklingError):  # its owner has gone, maybe in the middle of a message
         while True:
-            found = answer(*pickle.load(messages))
+            key, kind, *content = pickle.load(messages)
+            if key and walks is None:
+                from fg_nav.feet import SIDES
+                from fg_nav.online import feet_solving
+
+                walks = feet_solving.WalksAlone()
+                workers |= {side: Worker(partial(feet_solving.FootSolver, side, walks)) for side in SIDES}
+            if kind == "part" and walks is not None:
+                walks.part()
+                continue
+            found = workers[key].answer(kind, *content)
             if found is not None:
-                pickle.dump(found[0], answers, protocol=pickle.HIGHEST_PROTOCOL)
+                pickle.dump((key, *found), answers, protocol=pickle.HIGHEST_PROTOCOL)
                 answers.flush()
 
 
 if __name__ == "__main__":
-    answer_messages(Worker().answer)
+    answer_messages()

@@ -5,14 +5,12 @@ to a corridor reads the same field along it again, in the same or in the opposit
 compared is the field along the path; positions enter only to say which stretches could be the same place at all.
 
 =============== =====================================================================================================
-`signature`     the field along the path, by distance: along the walking direction, to its left, up
-`whitening`     the part of it that repeats, with equal weight to all its wavelengths
+`signature`     the field along the path, by distance: along the walking direction, to its left, up; and the part of it
+                that repeats, with equal weight to all its wavelengths
 `candidates`    pairs of stretches that lie within the path's own uncertainty of each other
-`alignment`     the best local alignments of the walk with itself, among these pairs
-`calibration`   how many alignments so good are expected where nothing returns
-`recognition`   all of that: from a path with its field to stretches that are one place
-`sharpness`     how sharply the field shows where along the path a stretch is
-`consistency`   stretches that agree with each other and with the odometry
+`alignment`     the best local alignments of the walk with itself, among these pairs, and how many as good chance makes
+`recognition`   all of that: from a path with its field to stretches that are one place; how sharply the field shows
+                where, and which agree with each other and with the odometry
 `overlay`       pieces of a later walk that lie on an earlier one as a whole
 `saved`         the places of a walk in a file
 `location`      where a later walk is on them
@@ -22,9 +20,8 @@ Everything here is numpy and numba: no graph and no estimator.
 """
 
 from fg_nav.places.candidates import Drift
-from fg_nav.places.consistency import select_consistent
 from fg_nav.places.location import Location, locate
-from fg_nav.places.recognition import Stretch, recognize, recognize_known
+from fg_nav.places.recognition import Stretch, recognize, recognize_known, select_consistent
 from fg_nav.places.saved import SavedPlaces, read_places, trace_places, write_places
 from fg_nav.places.signature import Signature, trace_signature
 

@@ -1,6 +1,6 @@
-"""The best local alignments of a path with itself.
+"""The best local alignments of a path with itself, and how many as good chance makes.
 
-Symbols: features x_i, y_j (3,) of points i and j (`whitening`), s_i, s_j the square roots of their signal shares,
+Symbols: features x_i, y_j (3,) of points i and j (`signature`), s_i, s_j the square roots of their signal shares,
 rho (3,) the correlation of two passes at one place.
 
 A pair of points. Of one place, x and y are jointly normal with correlation r = rho s_i s_j; of two places they are
@@ -20,7 +20,22 @@ the logarithm of its odds. How long a stretch is follows from the data: it goes 
 blocks that are candidates all S are computed row by row. Each alignment carries its begin, and what is listed of each
 begin is the best end. The opposite direction is the same on reversed features: j then counts from the end.
 
-The reversed features come in as a second sequence, so one kernel serves all relations.
+Chance. The likelihood ratio is that of a model: values of neighbouring points that are independent, a field without
+favourite shapes, one pair of stretches and not the best of many. What a score is worth the walk itself shows. With its
+field negated it is aligned with itself over the very same pairs of stretches. The negated field is as rough, has the
+same spectra and the same relation of along to up (a potential's, of sources below or above), and belongs to no place of
+the walk: all that is found are chance alignments, in the area that was searched or, of a large one, in an even part.
+
+The scores of best local alignments of unrelated sequences have an exponential tail (Karlin and Altschul 1990). Of those
+above u = `MIN_LISTED` there were n in an area A. Then
+
+    expected(S) = N exp(-lambda (S - u)),    N = searched area (n + n0) / (A + n0 / rate0),
+    lambda = (n + m0) / (sum (S_k - u) + m0 / lambda0),
+
+where n0, rate0, m0 and lambda0 are what many simulated walks show, with the weight of so many alignments: a short walk
+has few of its own. lambda is 1 where the model is right. expected(S) is the number of false recognitions with a score
+of S or more on the whole walk (the "number of false alarms" of a-contrario detection, Desolneux, Moisan and Morel
+2000).
 """
 
 from __future__ import annotations
@@ -31,25 +46,20 @@ import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.places.candidates import BlockPairs
-from fg_nav.places.signature import BLOCK, SPACING_M
-from fg_nav.places.whitening import MAX_M, MIN_M, Features
+from fg_nav.places.signature import BLOCK, MAX_M, MIN_M, SPACING_M, Features
 from fg_nav.system.compiled import njit
 
-RHO = np.array([0.88, 0.6, 0.4])
-"""Correlation of two passes some 0.35 m aside of each other, in the band: below, left, above. What comes from below is
-strongest and repeats best; to the left short waves across the path come in; the rest is of waves in all directions."""
-
-SHARE = 2.0 * SPACING_M * (1.0 / MIN_M - 1.0 / MAX_M)
-"""Independent values per point of a signal of this bandwidth (Nyquist)."""
-
+RHO = np.array([0.88, 0.6, 0.4])  # Of below, left, above, of passes 0.35 m apart: what comes from below repeats best.
+SHARE = 2.0 * SPACING_M * (1.0 / MIN_M - 1.0 / MAX_M)  # Independent values a point of this bandwidth (Nyquist).
 MIN_RATIO = -4.0  # L at least, nats: a point in fifty is not that of its place, as next to something that was moved.
 GAP = 3.0  # g, nats: a step without counterpart in twenty.
 BESIDE = 16  # Points, 8 m: steps beside each other within which alignments are variants of one.
-
-BAND, BAND_SHARE = 40, 0.01
-"""Points, and share of its length, by which an alignment may leave the straight line between its ends."""
-
+BAND, BAND_SHARE = 40, 0.01  # Points, and share of its length, by which an alignment may leave the line of its ends.
 MIN_LISTED = 5.0  # S from which alignments are listed, nats: there are some of these by chance in any walk.
+
+TINY = 1e-300  # Expected number that stands for none.
+USUAL_RATE, RATE_WEIGHT = 20.0 / 1e4, 3.0  # rate0, of both axes along the path, 1/m^2 (15 to 20 a 10^4 m^2), and n0.
+USUAL_DECAY, DECAY_WEIGHT = 0.75, 10.0  # lambda0 and m0: 0.7 to 0.95 on simulated walks on rough floors.
 
 
 @dataclass(frozen=True)
@@ -66,15 +76,12 @@ class Alignments:
     def __len__(self) -> int:
         return len(self.score)
 
-    def take(self, rows: Ints) -> Alignments:
-        """Return some of them."""
-        return Alignments(self.score[rows], self.begin[rows], self.end[rows])
-
 
 def separate(found: Alignments) -> Alignments:
     """Keep the best of alignments that are variants of each other: that overlap, a few steps beside each other."""
     order = np.argsort(-found.score, kind="stable")
-    return found.take(order[_is_best(found.begin[order], found.end[order], BESIDE)])
+    best = order[_is_best(found.begin[order], found.end[order], BESIDE)]
+    return Alignments(found.score[best], found.begin[best], found.end[best])
 
 
 @njit(cache=True)
@@ -153,7 +160,9 @@ def _align(
                 column = o % m
                 if listed_row[column] != o // m:
                     if count == room:
-                        best, begin, end = _double(best), _double_rows(begin), _double_rows(end)
+                        best = np.concatenate((best, np.zeros_like(best)))
+                        begin = np.concatenate((begin, np.zeros_like(begin)))
+                        end = np.concatenate((end, np.zeros_like(end)))
                         room *= 2
                     listed_row[column], listed[column] = o // m, count
                     begin[count, 0], begin[count, 1] = o // m, column
@@ -162,16 +171,6 @@ def _align(
                 if s > best[k]:
                     best[k], end[k, 0], end[k, 1] = s, i, j
     return best, begin, end, count
-
-
-@njit(cache=True)
-def _double(values: Floats) -> Floats:
-    return np.concatenate((values, np.zeros_like(values)))
-
-
-@njit(cache=True)
-def _double_rows(values: Ints) -> Ints:
-    return np.concatenate((values, np.zeros_like(values)))
 
 
 def trace(x: Features, y: Features, begin: Ints, end: Ints) -> Ints:
@@ -221,3 +220,29 @@ def _trace(
         step = came[i, j - (int(i * slope) - half)]
         i, j = (i - 1 if step != 2 else i), (j - 1 if step != 1 else j)
     return points[:count][::-1].copy()
+
+
+# chance
+
+
+@dataclass(frozen=True)
+class ChanceLevel:
+    """Expected number of chance alignments above `MIN_LISTED` in the searched area, and the decay of their scores."""
+
+    count: float
+    decay: float
+
+    def score_of(self, expected: float) -> float:
+        """Score (nats) at which so many are expected; at least `MIN_LISTED`."""
+        return MIN_LISTED + max(float(np.log(max(self.count, TINY) / expected)) / self.decay, 0.0)
+
+    def expected(self, score: Floats) -> Floats:
+        """Expected number (A,) of chance alignments of these scores (A,) or more."""
+        return np.asarray(self.count * np.exp(-self.decay * (score - MIN_LISTED)))
+
+
+def measure_chance(scores: Floats, area_m2: float, searched_m2: float) -> ChanceLevel:
+    """Fit the tail of the scores (n,) of chance alignments that were found in an area, for that which was searched."""
+    n, excess = len(scores), float(np.sum(scores - MIN_LISTED))
+    count = searched_m2 * (n + RATE_WEIGHT) / (area_m2 + RATE_WEIGHT / USUAL_RATE)
+    return ChanceLevel(count, (n + DECAY_WEIGHT) / (excess + DECAY_WEIGHT / USUAL_DECAY))

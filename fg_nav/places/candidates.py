@@ -13,18 +13,14 @@ Source of the limits: three sigmas, so that a true return is missed in 1 % of th
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.frames import wrap_angle
 from fg_nav.places.signature import BLOCK, SPACING_M, Signature
-
-if TYPE_CHECKING:
-    from scipy.spatial import KDTree
 
 LIMIT = 3.0  # Sigmas.
 APART_M = 12.0  # Walked in between, or the same wave of the field is seen twice.
@@ -84,11 +80,15 @@ class BlockPairs:
     def __len__(self) -> int:
         return len(self.earlier)
 
+    @property
+    def later(self) -> Ints:
+        """The block a of each pair."""
+        return np.repeat(np.arange(len(self.start) - 1), np.diff(self.start))
+
     def reverse(self, blocks: int) -> BlockPairs:
         """Return the pairs with the earlier of so many blocks counted from the end, as `Features.reverse` has them."""
-        later = np.repeat(np.arange(len(self.start) - 1), np.diff(self.start))
         earlier = blocks - 1 - self.earlier
-        return BlockPairs(self.start, earlier[np.lexsort((earlier, later))])
+        return BlockPairs(self.start, earlier[np.lexsort((earlier, self.later))])
 
     def thin(self, every: int) -> BlockPairs:
         """Return the pairs of every so many-th piece (`PIECE`) of the later walk."""
@@ -97,15 +97,20 @@ class BlockPairs:
 
     def select(self, later: Bools, earlier: Bools) -> BlockPairs:
         """Return the pairs whose blocks are both marked."""
-        rows = np.repeat(np.arange(len(self.start) - 1), np.diff(self.start))
+        rows = self.later
         kept = later[rows] & earlier[self.earlier]
-        count = np.bincount(rows[kept], minlength=len(self.start) - 1)
-        return BlockPairs(np.concatenate([[0], np.cumsum(count)]).astype(np.int64), self.earlier[kept])
+        return list_pairs(rows[kept], self.earlier[kept], len(self.start) - 1)
 
     @property
     def area_m2(self) -> float:
         """Of all pairs of points that are compared."""
         return len(self) * (BLOCK * SPACING_M) ** 2
+
+
+def list_pairs(later: Ints, earlier: Ints, count: int) -> BlockPairs:
+    """List pairs, in order of the later blocks, of which there are so many."""
+    start = np.concatenate([[0], np.cumsum(np.bincount(later, minlength=count))])
+    return BlockPairs(start.astype(np.int64), earlier.astype(np.int64))
 
 
 @dataclass(frozen=True)
@@ -129,74 +134,40 @@ def find_candidates(path: Signature, uncertainty: Uncertainty) -> Candidates:
     """List the pairs of stretches that could be one place."""
     from scipy.spatial import KDTree  # loaded where a path is long enough to return
 
-    count = _count(path)
+    # blocks: distance walked and place in the middle, direction and bend around it
+    count = -(-len(path) // BLOCK)
     middle = np.minimum(np.arange(count) * BLOCK + BLOCK // 2, len(path) - 1)
-    blocks = _Blocks(path.distance_m[middle], path.position[middle], *_directions(path))
-    tree = KDTree(blocks.place[:, :2])
-    same, opposite = [], []
-    # Piece by piece: what is near of a long walk is many times what is a candidate.
-    for begin in range(0, count, PIECE):
-        rows = np.arange(begin, min(begin + PIECE, count))
-        later, earlier = _near_pairs(blocks, tree, rows, uncertainty)
-        d, bend = (blocks.walked_m[earlier], blocks.walked_m[later]), blocks.bend[earlier] + blocks.bend[later]
-        limit = LIMIT * uncertainty.heading_rad(*d) + BEND_RAD + bend
-        apart = np.abs(wrap_angle(blocks.direction[later] - blocks.direction[earlier]))
-        same.append(_list_pairs(later, earlier, apart < limit, rows))
-        opposite.append(_list_pairs(later, earlier, np.pi - apart < limit, rows))
-    return Candidates(_join(same), _join(opposite))
-
-
-@dataclass(frozen=True)
-class _Blocks:
-    """Of B blocks: distance walked (B,) m and place (B, 3) m of the middle, direction and bend (B,) rad around it."""
-
-    walked_m: Floats
-    place: Floats
-    direction: Floats
-    bend: Floats
-
-
-def _count(path: Signature) -> int:
-    return -(-len(path) // BLOCK)
-
-
-def _directions(path: Signature) -> tuple[Floats, Floats]:
-    """Direction of walking in the middle of the range of each block (B,) and around it, and half that range (B,)."""
+    walked, place = path.distance_m[middle], path.position[middle]
     padded = np.pad(path.heading, (BLOCK // 2, -len(path) % BLOCK + BLOCK // 2), mode="edge")
     around = np.lib.stride_tricks.sliding_window_view(padded, 2 * BLOCK)[::BLOCK]
     low, high = around.min(axis=1), around.max(axis=1)
-    return 0.5 * (low + high), 0.5 * (high - low)
-
-
-def _near_pairs(blocks: _Blocks, tree: KDTree, rows: Ints, uncertainty: Uncertainty) -> tuple[Ints, Ints]:
-    """Pairs (M,), (M,) of some blocks with earlier ones that are near them."""
-    d, place = blocks.walked_m, blocks.place
-    size = BLOCK * SPACING_M + ALIKE_M
-    reach = LIMIT * uncertainty.position_m(np.zeros(len(rows)), d[rows]) + size
-    found = tree.query_ball_point(place[rows, :2], reach)
-    count = [len(row) for row in found]
-    later, earlier = np.repeat(rows, count), np.concatenate([np.array(row, dtype=int) for row in found])
-    behind = d[later] - d[earlier] > APART_M
-    later, earlier = later[behind], earlier[behind]
-    apart = np.linalg.norm(place[later, :2] - place[earlier, :2], axis=1)
-    near = apart <= LIMIT * uncertainty.position_m(d[earlier], d[later]) + size
-    level = np.abs(place[later, 2] - place[earlier, 2]) <= LIMIT * uncertainty.height_m(d[earlier], d[later])
-    return later[near & level], earlier[near & level]
-
-
-def _list_pairs(later: Ints, earlier: Ints, usable: Bools, rows: Ints) -> BlockPairs:
-    """Pairs of some later blocks in a row, the first of which is the first of `start`."""
-    later, earlier = later[usable], earlier[usable]
-    order = np.lexsort((earlier, later))
-    start = np.searchsorted(later[order], np.append(rows, rows[-1] + 1))
-    return BlockPairs(start.astype(np.int64), earlier[order].astype(np.int64))
-
-
-def _join(parts: Sequence[BlockPairs]) -> BlockPairs:
-    """Pairs of parts of the later blocks, one behind the other."""
-    count = np.concatenate([np.diff(part.start) for part in parts])
-    start = np.concatenate([[0], np.cumsum(count)]).astype(np.int64)
-    return BlockPairs(start, np.concatenate([part.earlier for part in parts]))
+    direction, bends = 0.5 * (low + high), 0.5 * (high - low)
+    tree, size = KDTree(place[:, :2]), BLOCK * SPACING_M + ALIKE_M
+    found: list[list[tuple[Ints, Ints]]] = [[], []]
+    # piece by piece: what is near of a long walk is many times what is a candidate
+    for begin in range(0, count, PIECE):
+        rows = np.arange(begin, min(begin + PIECE, count))
+        # pairs within the largest uncertainty
+        reach = LIMIT * uncertainty.position_m(np.zeros(len(rows)), walked[rows]) + size
+        near = [np.array(sorted(row), dtype=np.int64) for row in tree.query_ball_point(place[rows, :2], reach)]
+        later, earlier = np.repeat(rows, [len(row) for row in near]), np.concatenate(near)
+        behind = walked[later] - walked[earlier] > APART_M
+        later, earlier = later[behind], earlier[behind]
+        # within their own
+        d = walked[earlier], walked[later]
+        apart = np.linalg.norm(place[later, :2] - place[earlier, :2], axis=1)
+        is_near = apart <= LIMIT * uncertainty.position_m(*d) + size
+        is_near &= np.abs(place[later, 2] - place[earlier, 2]) <= LIMIT * uncertainty.height_m(*d)
+        later, earlier = later[is_near], earlier[is_near]
+        # in the same or the opposite direction
+        limit = LIMIT * uncertainty.heading_rad(walked[earlier], walked[later]) + BEND_RAD
+        limit = limit + (bends[earlier] + bends[later])
+        turned = np.abs(wrap_angle(direction[later] - direction[earlier]))
+        for pairs, usable in zip(found, (turned < limit, np.pi - turned < limit), strict=True):
+            pairs.append((later[usable], earlier[usable]))
+    joined = ([np.concatenate(blocks) for blocks in zip(*pairs, strict=True)] for pairs in found)
+    same, opposite = (list_pairs(later, earlier, count) for later, earlier in joined)
+    return Candidates(same, opposite)
 
 
 def pair_all(later: int, earlier: int) -> BlockPairs:

@@ -24,29 +24,29 @@ of each set that lies elsewhere, or leads elsewhere (`ELSEWHERE_SIGMAS`),
 
     expected = min over the set of expected(S) + sum over other sets of exp(-lambda (S_set - S_other)),
 
-S_set the sum of scores of its stretches where they do not overlap. Above `LONE_EXPECTED` nothing is said.
+S_set the sum of scores of its stretches where they do not overlap. Above `LONE_EXPECTED` there is no location.
 
-Where the alignments of `recognition` say nothing, the same is asked of the pieces that lie on the known walk as a whole
-(`overlay`), of those whose own shape is that of the known path: all pieces within `MAX_CHI2` of their transform.
+Where the alignments of `recognition` show nothing, the same is done with the pieces that lie on the known walk as a
+whole (`overlay`), if their own shape is that of the known path: all pieces within `MAX_CHI2` of their transform.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fg_nav.arrays import Floats, Ints
+from fg_nav.arrays import Floats, Ints, interpolate_columns
 from fg_nav.frames import wrap_angle, yaw_rotation
 from fg_nav.places.candidates import Drift
-from fg_nav.places.consistency import LONE_EXPECTED
 from fg_nav.places.overlay import overlay_known
 from fg_nav.places.recognition import (
     ALONG_SIGMA_M,
     AVERAGE_M,
     HEADING_SIGMA_RAD,
     LATERAL_SIGMA_M,
+    LONE_EXPECTED,
     UP_SIGMA_M,
     Recognition,
     Stretch,
@@ -55,18 +55,13 @@ from fg_nav.places.recognition import (
 from fg_nav.places.saved import SavedPlaces
 from fg_nav.places.signature import SPACING_M, Signature
 
-PIECE_M, MAX_PIECES = 8.0, 100
-"""Of a stretch: some strides, and short against what drifts. On a long walk they are longer: all are solved at once."""
-
+PIECE_M, MAX_PIECES = 8.0, 100  # Of a stretch: some strides, longer on a long walk, for all are solved at once.
 MAX_STRETCHES = 50  # That are looked at, the best ones.
 MAX_CHI2 = 18.5  # chi^2 of four degrees of freedom that one true piece in a thousand exceeds.
 MAX_SETS = 20  # Stretches that a set is grown from.
-
-ELSEWHERE_SIGMAS, ELSEWHERE_M, ELSEWHERE_RAD = 4.0, 2.0, np.deg2rad(10.0)
-"""Two sets whose starts or turns differ by more say that the walk is at two places."""
-
+ELSEWHERE_SIGMAS, ELSEWHERE_M, ELSEWHERE_RAD = 4.0, 2.0, np.deg2rad(10.0)  # Starts or turns further apart are rivals.
 STEPS = 4  # Of Gauss-Newton, from a turn that is right to some degrees.
-DRIFT = Drift(position_share=0.01)  # Of the solution over the first hundreds of meters.
+DRIFT = Drift(position_share=0.01)  # Of the solution over the first hundreds of metres.
 
 
 @dataclass(frozen=True)
@@ -88,8 +83,9 @@ class Pieces:
     map_sigma: Floats
     count: Floats
 
-    def take(self, rows: Ints) -> Pieces:
-        """Return some of them."""
+    def of(self, members: Sequence[int]) -> Pieces:
+        """Return those of some stretches."""
+        rows = np.isin(self.stretch, members)
         return Pieces(**{name: value[rows] for name, value in vars(self).items()})
 
     @property
@@ -130,7 +126,7 @@ class Location:
 
 
 @dataclass(frozen=True)
-class _Fit:
+class _Transform:
     """Transform x (4,), start and turn, with its covariance (4, 4), by some pieces."""
 
     x: Floats
@@ -139,18 +135,16 @@ class _Fit:
 
 def locate(path: Signature, known: SavedPlaces) -> Location | None:
     """Find where a walk is on known places; None where it is not recognized, or at more than one place."""
-    return _place(path, known, recognize_known(path, known.path)) or _place(path, known, _overlay(path, known))
-
-
-def _overlay(path: Signature, known: SavedPlaces) -> Recognition:
-    """Find the pieces of a walk that lie on known places as a whole, those whose shape is that of the known path."""
-    found = overlay_known(path, known.path)
-    return replace(found, stretches=tuple(one for one in found.stretches if _keeps_shape(path, known, one)))
-
-
-def _keeps_shape(path: Signature, known: SavedPlaces, stretch: Stretch) -> bool:
-    pieces = _cut_pieces(path, known, [stretch])
-    return _agrees(pieces, _fit(pieces, None))
+    location = _place(path, known, recognize_known(path, known.path))
+    if location is not None:
+        return location
+    # pieces that lie on the known walk as a whole, and keep the shape of its path
+    found, kept = overlay_known(path, known.path), list[Stretch]()
+    for stretch in found.stretches:
+        pieces = _cut_pieces(path, known, [stretch])
+        if _agrees(pieces, _fit_transform(pieces, None)):
+            kept.append(stretch)
+    return _place(path, known, replace(found, stretches=tuple(kept)))
 
 
 def _place(path: Signature, known: SavedPlaces, found: Recognition) -> Location | None:
@@ -159,80 +153,74 @@ def _place(path: Signature, known: SavedPlaces, found: Recognition) -> Location 
         return None
     stretches = found.stretches[:MAX_STRETCHES]
     pieces = _cut_pieces(path, known, stretches)
-    # Sets of stretches that agree, and the one that most speaks for.
-    sets = [_grow(pieces, stretches, start) for start in range(min(len(stretches), MAX_SETS))]
-    scores = [_total_score(stretches, members) for members in sets]
+    # sets of stretches that agree, and the one with the largest score
+    sets = [_grow(pieces, len(stretches), start) for start in range(min(len(stretches), MAX_SETS))]
+    scores = []
+    for members in sets:
+        # of stretches that overlap on the walk the best
+        total, covered = 0.0, np.zeros(0)
+        for k in sorted(members, key=lambda number: -stretches[number].score):
+            if not np.isin(stretches[k].later, covered).any():
+                total += stretches[k].score
+                covered = np.concatenate([covered, stretches[k].later])
+        scores.append(total)
     best = int(np.argmax(scores))
-    fit = _fit(pieces.take(_rows_of(pieces, sets[best])), None)
-    # By how much it is surer than all that lie elsewhere.
-    rivals = _list_rivals(pieces, sets, scores, fit)
-    odds = sum(np.exp(-found.chance.decay * max(scores[best] - scores[k], 0.0)) for k in rivals)
-    expected = min(stretches[k].expected_false for k in sets[best]) + float(odds)
+    fit = _fit_transform(pieces.of(sets[best]), None)
+    # odds of the sets that put the walk elsewhere, the best of each place
+    places, odds = [fit], 0.0
+    for k in np.argsort(-np.array(scores), kind="stable").tolist():
+        other = _fit_transform(pieces.of(sets[k]), None)
+        if all(_is_elsewhere(other, place) for place in places):
+            places.append(other)
+            odds += float(np.exp(-found.chance.decay * max(scores[best] - scores[k], 0.0)))
+    expected = min(stretches[k].expected_false for k in sets[best]) + odds
     if expected >= LONE_EXPECTED:
         return None
-    members = tuple(stretches[k] for k in sets[best])
-    of_set = pieces.take(_rows_of(pieces, sets[best]))
-    return Location(fit.x[:3], _mean_angle(fit.x[3:]), fit.covariance, expected, members, of_set)
+    of_set = tuple(stretches[k] for k in sets[best])
+    return Location(fit.x[:3], _mean_angle(fit.x[3:]), fit.covariance, expected, of_set, pieces.of(sets[best]))
 
 
 def _cut_pieces(path: Signature, known: SavedPlaces, stretches: Sequence[Stretch]) -> Pieces:
-    length = max(PIECE_M, sum(stretch.length_m for stretch in stretches) / MAX_PIECES)
-    rows = [row for k, stretch in enumerate(stretches) for row in _pieces_of(path, known, k, stretch, length)]
-    columns = zip(*rows, strict=True)
-    return Pieces(*(np.array(column) for column in columns))
-
-
-def _pieces_of(
-    path: Signature, known: SavedPlaces, number: int, stretch: Stretch, length: float
-) -> Iterator[tuple[int | float | Floats, ...]]:
-    """Yield the pieces of a stretch, of some length, m, in the order of the columns of `Pieces`."""
-    count = max(round(stretch.length_m / length), 1)
-    for later, earlier in zip(
-        np.array_split(stretch.later, count), np.array_split(stretch.earlier, count), strict=True
-    ):
-        heading = _mean_angle(_at(earlier, known.path.heading)) + (np.pi if stretch.opposite else 0.0)
-        yield (
-            number,
-            float(_at(later, path.t).mean()),
-            float(_at(later, path.distance_m).mean()),
-            _rows_at(later, path.position).mean(axis=0),
-            _rows_at(earlier, known.path.position).mean(axis=0),
-            heading,
-            _mean_angle(heading - _at(later, path.heading)),
-            _rows_at(earlier, known.sigma_m).mean(axis=0),
-            max(len(later) * SPACING_M / AVERAGE_M, 1.0),
-        )
-
-
-def _at(points: Floats, values: Floats) -> Floats:
-    return np.asarray(np.interp(points, np.arange(len(values)), values))
-
-
-def _rows_at(points: Floats, values: Floats) -> Floats:
-    return np.stack([_at(points, column) for column in values.T], axis=1)
+    """Cut stretches into pieces; their rows are in the order of the columns of `Pieces`."""
+    length, rows = max(PIECE_M, sum(stretch.length_m for stretch in stretches) / MAX_PIECES), []
+    points, known_points = np.arange(len(path), dtype=float), np.arange(len(known.path), dtype=float)
+    for number, stretch in enumerate(stretches):
+        count = max(round(stretch.length_m / length), 1)
+        parts = (np.array_split(one, count) for one in (stretch.later, stretch.earlier))
+        for later, earlier in zip(*parts, strict=True):
+            heading = _mean_angle(np.interp(earlier, known_points, known.path.heading))
+            heading += np.pi if stretch.opposite else 0.0
+            row = (
+                number,
+                float(np.interp(later, points, path.t).mean()),
+                float(np.interp(later, points, path.distance_m).mean()),
+                interpolate_columns(later, points, path.position).mean(axis=0),
+                interpolate_columns(earlier, known_points, known.path.position).mean(axis=0),
+                heading,
+                _mean_angle(heading - np.interp(later, points, path.heading)),
+                interpolate_columns(earlier, known_points, known.sigma_m).mean(axis=0),
+                max(len(later) * SPACING_M / AVERAGE_M, 1.0),
+            )
+            rows.append(row)
+    return Pieces(*(np.array(column) for column in zip(*rows, strict=True)))
 
 
 def _mean_angle(angles: Floats) -> float:
     return float(np.angle(np.mean(np.exp(1j * angles))))
 
 
-def _rows_of(pieces: Pieces, members: Sequence[int]) -> Ints:
-    return np.flatnonzero(np.isin(pieces.stretch, members))
-
-
-def _grow(pieces: Pieces, stretches: Sequence[Stretch], start: int) -> list[int]:
-    """Grow the set of stretches that agree with one; the heaviest come first as they are listed."""
+def _grow(pieces: Pieces, count: int, start: int) -> list[int]:
+    """Grow the set of stretches, of so many, that agree with one; the heaviest come first as they are listed."""
     members = [start]
-    fit = _fit(pieces.take(_rows_of(pieces, members)), None)
-    for k in range(len(stretches)):
-        one = pieces.take(_rows_of(pieces, [k]))
-        if k != start and _agrees(one, fit):
+    fit = _fit_transform(pieces.of(members), None)
+    for k in range(count):
+        if k != start and _agrees(pieces.of([k]), fit):
             members.append(k)
-            fit = _fit(pieces.take(_rows_of(pieces, members)), fit)
+            fit = _fit_transform(pieces.of(members), fit)
     return members
 
 
-def _agrees(one: Pieces, fit: _Fit) -> bool:
+def _agrees(one: Pieces, fit: _Transform) -> bool:
     """Whether all pieces of a stretch lie where a transform has them."""
     residual, jacobian = _linearize(one, fit.x)
     covariance = _covariance_of(one) + jacobian @ fit.covariance @ jacobian.T
@@ -242,7 +230,7 @@ def _agrees(one: Pieces, fit: _Fit) -> bool:
     return bool(np.max(chi2) <= MAX_CHI2)
 
 
-def _fit(pieces: Pieces, begin: _Fit | None) -> _Fit:
+def _fit_transform(pieces: Pieces, begin: _Transform | None) -> _Transform:
     """Generalized least squares, from the mean turn of the directions of walking on."""
     x = np.append(np.zeros(3), _mean_angle(pieces.turn)) if begin is None else begin.x
     weight = np.linalg.inv(_covariance_of(pieces))
@@ -251,7 +239,7 @@ def _fit(pieces: Pieces, begin: _Fit | None) -> _Fit:
         residual, jacobian = _linearize(pieces, x)
         information = jacobian.T @ weight @ jacobian
         x = x + np.linalg.solve(information, jacobian.T @ weight @ residual)
-    return _Fit(x, np.asarray(np.linalg.inv(information)))
+    return _Transform(x, np.asarray(np.linalg.inv(information)))
 
 
 def _linearize(pieces: Pieces, x: Floats) -> tuple[Floats, Floats]:
@@ -281,28 +269,7 @@ def _covariance_of(pieces: Pieces) -> Floats:
     return common.reshape(4 * count, 4 * count)
 
 
-def _total_score(stretches: Sequence[Stretch], members: Sequence[int]) -> float:
-    """Sum of the scores of stretches, the best of those that overlap on the walk."""
-    total, covered = 0.0, np.zeros(0)
-    for k in sorted(members, key=lambda number: -stretches[number].score):
-        if not np.isin(stretches[k].later, covered).any():
-            total += stretches[k].score
-            covered = np.concatenate([covered, stretches[k].later])
-    return total
-
-
-def _list_rivals(pieces: Pieces, sets: Sequence[list[int]], scores: Sequence[float], fit: _Fit) -> list[int]:
-    """List the sets that put the walk elsewhere than a transform, the best of each place."""
-    places, rivals = [fit], list[int]()
-    for k in np.argsort(-np.array(scores), kind="stable").tolist():
-        other = _fit(pieces.take(_rows_of(pieces, sets[k])), None)
-        if all(_is_elsewhere(other, place) for place in places):
-            places.append(other)
-            rivals.append(k)
-    return rivals
-
-
-def _is_elsewhere(one: _Fit, other: _Fit) -> bool:
+def _is_elsewhere(one: _Transform, other: _Transform) -> bool:
     """Whether two transforms put the start at two places, or lead from one place in two directions."""
     variance = np.diag(one.covariance + other.covariance)
     apart, turned = np.linalg.norm(one.x[:2] - other.x[:2]), abs(float(wrap_angle(one.x[3:] - other.x[3:])[0]))

@@ -13,8 +13,8 @@ the rest of the space, l its eigenvalues,
 
     a = U^T f / sqrt(l),    b_j = U^T g_j / sqrt(l),
 
-each scaled to a mean square of 1, as a quiet corridor compares like a rough one. A field beyond `MAX_SIGMAS` robust
-deviations counts as if it were there: one large object does not decide.
+each scaled to a mean square of 1, as a quiet corridor compares like a rough one. A field is limited to
+`MAX_SIGMAS` robust deviations: one large object does not decide.
 
 One place or two. Of one place a and b_j have correlations r, of two places none. The log likelihood ratio, nats, is
 
@@ -26,7 +26,7 @@ where noise is that of a reading, and share_c of the field's variance differs be
 other's footprints. How much follows from how near the steel is: the ratio is the mean of those of `LEVELS`.
 
 Chance. Where the model is right, the mean of exp(S_j) over places that are none of the piece's is 1, so that of J
-comparisons J exp(-S) come out above S. With the known field negated (`calibration`) the decay lambda is found for which
+comparisons J exp(-S) come out above S. With the known field negated (`alignment`) the decay lambda is found for which
 
     mean of exp(lambda S_j) = 1    (Karlin and Altschul 1990),    expected(S) = J exp(-lambda S),
 
@@ -41,26 +41,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.places.alignment import BESIDE, MIN_LISTED
-from fg_nav.places.calibration import USUAL_DECAY, ChanceLevel
+from fg_nav.places.alignment import BESIDE, MIN_LISTED, USUAL_DECAY, ChanceLevel
 from fg_nav.places.recognition import MAX_EXPECTED, NOTHING, Recognition, Stretch
-from fg_nav.places.signature import MIN_POINTS, SPACING_M, Signature
-from fg_nav.places.whitening import MAD_TO_SIGMA, TURNED, remove_common_field
+from fg_nav.places.signature import MAD_TO_SIGMA, MIN_POINTS, SPACING_M, TURNED, Signature, remove_common_field
 
 PIECE = 80  # Points, 40 m: over as much odometry is good to 0.4 m.
 HOP = PIECE // 2  # Points from piece to piece.
 MAX_SIGMAS = 3.0  # Of the field about its mean.
 
+# noise (uT) and share (along, left, up): steel some metres away, a floor of concrete, one that is rougher
 LEVELS = ((0.15, (0.06, 0.06, 0.06)), (0.3, (0.1, 0.4, 0.2)), (0.5, (0.3, 0.7, 0.4)))
-"""noise (uT) and share (along, left, up): steel some meters away, a floor of concrete, one that is rougher."""
-
 MAX_CHANCES = 1_000_000  # Comparisons with the negated field: those of some pieces of a long walk show the decay of all
 MIN_DECAY = 1e-3  # lambda at least: nothing is recognized with it, where chance scores as well as one place.
 WINDOWS = 4096  # That are compared at once, 10 MB.
 MIN_VARIANCE = 1.3 * LEVELS[0][0] ** 2  # uT^2, of an eigenvector that shows something.
-
-COMMON_RANK = 1e-3
-"""Singular value below which one of the nine vectors is no other than the rest, as on a straight piece."""
+COMMON_RANK = 1e-3  # Singular value of the nine vectors below which one depends on the rest, as on a straight piece.
 
 
 @dataclass(frozen=True)
@@ -86,27 +81,23 @@ def overlay_known(path: Signature, known: Signature) -> Recognition:
     size = min(PIECE, len(path), len(known))
     if size < MIN_POINTS:
         return NOTHING
-    old, begins = _describe_known(known, size), _list_begins(len(path), size)
-    count = len(begins) * 2 * (len(known) - size + 1)
-    some = begins[:: int(np.ceil(count / MAX_CHANCES))]
-    decay = find_decay(np.concatenate([_compare(_describe(path, k, old), -old.field).ravel() for k in some]))
-    chance = ChanceLevel(count * float(np.exp(-decay * MIN_LISTED)), decay)
-    scores = ((k, _compare(_describe(path, k, old), old.field)) for k in begins)
-    found = [stretch for k, score in scores for stretch in _list_stretches(k, score, size, chance)]
-    return Recognition(tuple(sorted(found, key=lambda one: -one.score)), chance, count * size * SPACING_M**2)
-
-
-def _list_begins(length: int, size: int) -> list[int]:
-    """First points of the pieces of a path, which cover it."""
-    count = 1 + round((length - size) / HOP)
-    return [round(k) for k in np.linspace(0, length - size, count).tolist()]
-
-
-def _describe_known(known: Signature, size: int) -> _Known:
+    # the known field within its limits, and its covariance
     field = remove_common_field(known.field, known.heading) * known.seen[:, None]
     limit = MAX_SIGMAS * MAD_TO_SIGMA * np.median(np.abs(field), axis=0)
     field = np.clip(field, -limit, limit)
-    return _Known(field, limit, _covariance(field, size))
+    old = _Known(field, limit, _covariance(field, size))
+    # pieces, which cover the path
+    n_pieces = 1 + round((len(path) - size) / HOP)
+    begins = [round(k) for k in np.linspace(0, len(path) - size, n_pieces).tolist()]
+    count = len(begins) * 2 * (len(known) - size + 1)
+    # chance, by the negated field
+    some = begins[:: int(np.ceil(count / MAX_CHANCES))]
+    decay = find_decay(np.concatenate([_compare(_describe(path, k, old), -old.field).ravel() for k in some]))
+    chance = ChanceLevel(count * float(np.exp(-decay * MIN_LISTED)), decay)
+    found = list[Stretch]()
+    for k in begins:
+        found += _list_stretches(k, _compare(_describe(path, k, old), old.field), size, chance)
+    return Recognition(tuple(sorted(found, key=lambda one: -one.score)), chance, count * size * SPACING_M**2)
 
 
 def _covariance(field: Floats, size: int) -> Floats:
@@ -119,33 +110,24 @@ def _covariance(field: Floats, size: int) -> Floats:
 
 
 def _describe(path: Signature, begin: int, known: _Known) -> _Piece:
+    """Eigenvectors, and the field in them, of the piece from a point on."""
     size = len(known.covariance) // 3
     rows = slice(begin, begin + size)
-    rest = _rest_of(path.heading[rows])
+    # orthonormal vectors without the common part: what is constant, and what turns with the heading
+    heading = path.heading[rows]
+    u, s, _ = np.linalg.svd(np.stack([np.ones(size), np.cos(heading), np.sin(heading)], axis=1))
+    rest = np.kron(u[:, int(np.sum(s > COMMON_RANK * s[0])) :], np.eye(3))
     variance, turned = np.linalg.eigh(rest.T @ known.covariance @ rest)
     shows = variance > MIN_VARIANCE
     vectors, variance = rest @ turned[:, shows], variance[shows]
-    # Its field about the common part, within the limits of the known one.
-    field = (rest @ (rest.T @ path.field[rows].ravel())).reshape(-1, 3) * path.seen[rows, None]
-    scaled = vectors / np.sqrt(variance)
-    return _Piece(
-        scaled, _normalize(np.clip(field, -known.limit, known.limit).ravel() @ scaled), _correlate(vectors, variance)
-    )
-
-
-def _rest_of(heading: Floats) -> Floats:
-    """Orthonormal vectors (3 n, M) without the common part: what is constant, and what turns with the heading."""
-    common = np.stack([np.ones(len(heading)), np.cos(heading), np.sin(heading)], axis=1)
-    u, s, _ = np.linalg.svd(common)
-    rest = u[:, int(np.sum(s > COMMON_RANK * s[0])) :]
-    return np.asarray(np.kron(rest, np.eye(3)))
-
-
-def _correlate(vectors: Floats, variance: Floats) -> Floats:
-    """Correlations (L, R) of two passes at one place, at each level."""
+    # correlations of two passes at one place, at each level
     parts = np.sum(vectors.reshape(-1, 3, len(variance)) ** 2, axis=0)
     r = [1.0 - noise**2 / variance - np.array(share) @ parts for noise, share in LEVELS]
-    return np.asarray(np.clip(r, 0.0, 1.0))
+    # the field about the common part, within the limits of the known one
+    field = (rest @ (rest.T @ path.field[rows].ravel())).reshape(-1, 3) * path.seen[rows, None]
+    scaled = vectors / np.sqrt(variance)
+    a = _normalize(np.clip(field, -known.limit, known.limit).ravel() @ scaled)
+    return _Piece(scaled, a, np.clip(r, 0.0, 1.0))
 
 
 def _normalize(values: Floats) -> Floats:

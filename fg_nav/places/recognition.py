@@ -1,8 +1,7 @@
-"""From a path with its field to the stretches of it that are one place.
+"""From a path with its field to the stretches of it that are one place, and what they are worth as ties.
 
 A stretch is recognized where its local alignment with an earlier one scores more than chance does: the expected number
-of chance alignments as good, in all that was searched (`calibration`), is below `MAX_EXPECTED`. Three things are
-asked besides.
+of chance alignments as good, in all that was searched (`alignment`), is below `MAX_EXPECTED`. Three conditions besides:
 
 Position. With e the mean of p(later) - p(earlier) over the stretch and sigma that of the path and of the tie,
 
@@ -12,7 +11,7 @@ is chi^2 of two degrees of freedom at one place. Beyond `MAX_CHI2` it is none, h
 other share large iron. Below, a chance alignment lies anywhere in the area, and a true one with the density
 exp(-D^2 / 2): expected = chance(S) exp(D^2 / 2).
 
-Likeness. At one place the score is 0.95 nats a meter where the model is right, 0.3 to 1.2 on real and simulated walks
+Likeness. At one place the score is 0.95 nats a metre where the model is right, 0.3 to 1.2 on real and simulated walks
 (`scripts/place_recognition.py`); a long stretch of less than `MIN_LIKENESS` resembles, as the next corridor does.
 
 Rivals. A stretch that resembles two places, b as well as a, which are not one by the path's own uncertainty, is a
@@ -26,21 +25,48 @@ A long walk is searched part by part, of `PART_M` each. What of a part was recog
 one: what comes back to it finds its first pass too. So the cost grows with the ground that is covered times the walk,
 and not with the square of the laps.
 
-What a stretch is worth as a tie of two poses: along the path it is as sharp as the alignment, the mean of its steps
-over `AVERAGE_M`; to the side it has the freedom of a corridor, for who walks it again does not walk in his own
-footprints, and the field does not show by how much.
+Tie. A stretch as a tie of two poses is, along the path, as sharp as the alignment, the mean of its steps over
+`AVERAGE_M`; to the side it has the freedom of a corridor, for who walks it again does not walk in his own footprints,
+and the field does not show by how much.
+
+Sharpness. An alignment is the best of many. On a rough floor half a metre on or back is far less likely; where the
+field hardly changes all of two metres are as good. So a piece of a stretch is weighed at shifts s of the earlier pass
+about its alignment. With L(i, j) the log likelihood ratio of points i and j, between two points by a cubic spline of
+the features, and all s as likely before,
+
+    p(s) ~ exp(sum over the piece of L(i, j_i + s)),    |s| <= `REACH_M`,
+
+the piece is at the mean of p, and its sigma along the path is that of p: `REACH_M` / sqrt 3 where the field shows
+nothing. L counts only as many points as the field's band has independent ones, so p is as wide as they allow.
+
+Consistency. One false tie shall not bend a walk. Symbols: of stretch a the points i_a (later) and j_a (earlier) of its
+middle, their positions p; psi_a by how much the path's heading turned between the two passes: the mean difference of
+the directions of walking along the stretch, less half a turn where it was walked in the opposite direction. Two
+stretches a and b close a cycle: from i_a along the path to i_b, over to j_b, along the path to j_a, and over to i_a.
+With Rot(psi) the turn of the earlier part into the later part's frame,
+
+    e = (p(i_b) - p(i_a)) - Rot(psi) (p(j_b) - p(j_a)),        psi = (psi_a + psi_b) / 2,
+
+    sigma^2 = 2 tie^2 + odometry(i_a, i_b)^2 + odometry(j_a, j_b)^2 + (sigma_psi |p(j_b) - p(j_a)|)^2,
+
+    |e|^2 / sigma^2 + (psi_b - psi_a)^2 / sigma_turn^2 <= chi^2 of 3 degrees of freedom (Mangelson et al. 2018: pairwise
+    consistency maximization).
+
+The set that is kept is the heaviest of greedy cliques, a stretch's weight being minus the logarithm of its expected
+number of false recognitions. A stretch by itself has to be sure: `LONE_EXPECTED`. One that agrees with a sure one may
+be less so, for an accident would have to happen at the one place where it agrees.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints, interpolate_columns
-from fg_nav.places.alignment import align, separate, trace
-from fg_nav.places.calibration import ChanceLevel, measure_chance
+from fg_nav.frames import wrap_angle
+from fg_nav.places.alignment import MIN_RATIO, RHO, SHARE, TINY, ChanceLevel, align, measure_chance, separate, trace
 from fg_nav.places.candidates import (
     ALIKE_M,
     LIMIT,
@@ -51,29 +77,29 @@ from fg_nav.places.candidates import (
     find_candidates,
     pair_all,
 )
-from fg_nav.places.signature import BLOCK, MIN_POINTS, SPACING_M, Signature
-from fg_nav.places.whitening import Features, whiten
+from fg_nav.places.signature import BLOCK, MIN_POINTS, SPACING_M, Features, Signature, whiten
 
-MAX_EXPECTED = 0.1
-"""False recognitions in a walk above which a stretch is not listed. What is used is decided in `consistency`."""
-
+MAX_EXPECTED = 0.1  # False recognitions in a walk above which a stretch is not listed; see `select_consistent`.
+SURE_EXPECTED = 1e-6  # ... with which a stretch needs no confirmation before later parts rest on it.
+LONE_EXPECTED = 1e-3  # ... with which a stretch is used that nothing confirms: one walk of a thousand.
 MAX_CHI2 = 13.8  # D^2 that one true stretch in a thousand exceeds.
-MIN_LIKENESS = 0.2  # Score of a stretch, nats a meter: a fifth of what the model expects.
+MIN_LIKENESS = 0.2  # Score of a stretch, nats a metre: a fifth of what the model expects.
 MAX_CHANCE_M2 = 5e5  # Area in which chance alignments are counted: there are some hundred in it.
 PART_M = 2000.0  # Of a walk, half an hour.
 
-SURE_EXPECTED = 1e-6
-"""False recognitions in a walk, with which a stretch needs no confirmation before later parts rest on it."""
-
-AVERAGE_M = 6.0
-"""Over which the steps of an alignment are averaged: its points are half a meter apart, the path is even."""
-
-ALONG_SIGMA_M = 0.3
-"""Of a tie along the path: rms of simulated walks on rough floors is 0.2 m (`scripts/place_recognition.py`)."""
-
+AVERAGE_M = 6.0  # Over which the steps of an alignment are averaged: its points are 0.5 m apart, the path is even.
+ALONG_SIGMA_M = 0.3  # Of a tie along the path: 0.2 m rms on simulated rough floors (`scripts/place_recognition.py`).
 LATERAL_SIGMA_M = 0.6  # Of a tie to the side: two walks along one corridor, each within 0.4 m of its middle line.
 UP_SIGMA_M = 0.2  # Of the heights: a floor is level, a ramp is not at the tie's own sigma along it.
 HEADING_SIGMA_RAD = np.deg2rad(8.0)  # Of the directions of walking there: 0.35 m aside within 5 m.
+
+REACH_M = 2.0  # By which places differ that are walked as one, and the shortest wavelength: beyond, the next one fits.
+SHIFTS_M = np.linspace(-REACH_M, REACH_M, 33)  # An eighth of a metre apart: a rough floor shows 20 m of path to 0.1 m.
+MARGIN = 8  # Points around a piece, beyond which a spline through them is the same.
+
+MAX_CYCLE_CHI2 = 16.3  # chi^2 of three degrees of freedom that one true pair in a thousand exceeds.
+TURN_LENGTH_M = 6.0  # Of a stretch, whose directions of walking differ independently of those of the next piece.
+MAX_STARTS = 20  # Stretches that a clique is grown from.
 
 
 @dataclass(frozen=True)
@@ -132,27 +158,18 @@ def recognize(path: Signature, uncertainty: Uncertainty = Drift()) -> Recognitio
         return NOTHING
     features = whiten(path)
     chance, area = _measure_chance(features, features, pairs)
-    # Part by part, along all that was walked for the first time.
+    # part by part, along all that was walked for the first time
     part = np.arange(len(features) // BLOCK) * BLOCK * SPACING_M // PART_M
     is_first, stretches = np.ones(len(part), dtype=bool), list[Stretch]()
     for number in np.unique(part):
-        some = pairs.select(part == number, is_first)
-        found = _sort_by_score(_search(features, features, some, chance, len(path)))
+        found = _search(features, features, pairs.select(part == number, is_first), chance, len(path))
         weighed = _weigh_positions(found, chance, path, uncertainty)
-        _mark_recognized(is_first, weighed)
         stretches += weighed
-    return Recognition(_sort_by_score(stretches), chance, area)
-
-
-def _sort_by_score(stretches: Iterable[Stretch]) -> tuple[Stretch, ...]:
-    return tuple(sorted(stretches, key=lambda stretch: -stretch.score))
-
-
-def _mark_recognized(is_first: Bools, stretches: Sequence[Stretch]) -> None:
-    """Note which blocks (B,) lie within stretches that were recognized for sure: these are no first pass."""
-    for stretch in stretches:
-        if stretch.expected_false < SURE_EXPECTED:
-            is_first[-(-int(stretch.later[0]) // BLOCK) : (int(stretch.later[-1]) + 1) // BLOCK] = False
+        # blocks within what was recognized for sure are no first pass
+        for one in weighed:
+            if one.expected_false < SURE_EXPECTED:
+                is_first[-(-int(one.later[0]) // BLOCK) : (int(one.later[-1]) + 1) // BLOCK] = False
+    return Recognition(tuple(sorted(stretches, key=lambda stretch: -stretch.score)), chance, area)
 
 
 def recognize_known(path: Signature, known: Signature) -> Recognition:
@@ -168,7 +185,7 @@ def recognize_known(path: Signature, known: Signature) -> Recognition:
     everywhere = pair_all(len(features), len(old))
     pairs = Candidates(everywhere, everywhere)
     chance, area = _measure_chance(features, old, pairs)
-    return Recognition(_sort_by_score(_search(features, old, pairs, chance, len(known))), chance, area)
+    return Recognition(tuple(_search(features, old, pairs, chance, len(known))), chance, area)
 
 
 def _measure_chance(features: Features, old: Features, pairs: Candidates) -> tuple[ChanceLevel, float]:
@@ -186,63 +203,54 @@ def _list_relations(old: Features, pairs: Candidates) -> Iterator[tuple[Features
     yield old.reverse(), pairs.opposite.reverse(len(old) // BLOCK), True
 
 
-def _search(
-    features: Features, old: Features, pairs: Candidates, chance: ChanceLevel, length: int
-) -> Iterator[Stretch]:
-    """Yield what chance does not explain, point by point, of an earlier path of so many points."""
-    for other, some, is_opposite in _list_relations(old, pairs):
-        yield from _trace_all(features, other, some, is_opposite, chance, length)
-
-
-def _trace_all(
-    features: Features, other: Features, pairs: BlockPairs, opposite: bool, chance: ChanceLevel, length: int
-) -> list[Stretch]:
-    """Stretches of the alignments that chance does not explain; `length` of the earlier path in points."""
-    found = separate(align(features, other, pairs, chance.score_of(MAX_EXPECTED)))
-    expected = chance.expected(found.score)
+def _search(features: Features, old: Features, pairs: Candidates, chance: ChanceLevel, length: int) -> list[Stretch]:
+    """List what chance does not explain, the best first, of an earlier path of so many points."""
     stretches = []
-    for a in range(len(found)):
-        later, earlier = _even(trace(features, other, found.begin[a], found.end[a]))
-        earlier = len(other) - 1 - earlier if opposite else earlier
-        inside = (earlier >= 0) & (earlier <= length - 1)
-        stretches.append(Stretch(later[inside], earlier[inside], opposite, float(found.score[a]), float(expected[a])))
-    return stretches
-
-
-def _even(points: Ints) -> tuple[Floats, Floats]:
-    """Points (M,) of the later walk, each once, and those of the earlier one, by the mean of the steps between."""
-    later = np.arange(points[0, 0], points[-1, 0] + 1)
-    total = np.bincount(points[:, 0] - later[0], points[:, 1])
-    shift = total / np.bincount(points[:, 0] - later[0]) - later
-    width = min(round(AVERAGE_M / SPACING_M), (len(shift) - 1) // 2 * 2) | 1
-    window = np.ones(min(width, len(shift)))
-    mean = np.convolve(shift, window, "same") / np.convolve(np.ones(len(shift)), window, "same")
-    return later.astype(float), later + mean
+    for other, some, opposite in _list_relations(old, pairs):
+        found = separate(align(features, other, some, chance.score_of(MAX_EXPECTED)))
+        expected = chance.expected(found.score)
+        for a in range(len(found)):
+            # points of the later walk, each once, and those of the earlier one by the mean of the steps between
+            points = trace(features, other, found.begin[a], found.end[a])
+            later = np.arange(points[0, 0], points[-1, 0] + 1)
+            total = np.bincount(points[:, 0] - later[0], points[:, 1])
+            shift = total / np.bincount(points[:, 0] - later[0]) - later
+            width = min(round(AVERAGE_M / SPACING_M), (len(shift) - 1) // 2 * 2) | 1
+            window = np.ones(min(width, len(shift)))
+            mean = np.convolve(shift, window, "same") / np.convolve(np.ones(len(shift)), window, "same")
+            earlier = later + mean
+            earlier = len(other) - 1 - earlier if opposite else earlier
+            inside, score = (earlier >= 0) & (earlier <= length - 1), float(found.score[a])
+            one = Stretch(later.astype(float)[inside], earlier[inside], opposite, score, float(expected[a]))
+            stretches.append(one)
+    return sorted(stretches, key=lambda stretch: -stretch.score)
 
 
 def _weigh_positions(
     stretches: Sequence[Stretch], chance: ChanceLevel, path: Signature, uncertainty: Uncertainty
 ) -> tuple[Stretch, ...]:
     """Stretches with what their positions and their rivals take away, without those of which too little is left."""
-    likely = [stretch for stretch in stretches if stretch.score >= MIN_LIKENESS * stretch.length_m]
-    chi2 = np.array([_distance_chi2(stretch, path, uncertainty) for stretch in likely])
-    near = np.flatnonzero(chi2 <= MAX_CHI2)
-    if not len(near):
+    # likeness and position
+    some, chi2s = list[Stretch](), list[float]()
+    for stretch in stretches:
+        if stretch.score < MIN_LIKENESS * stretch.length_m:
+            continue
+        d, place = _passes(stretch.later, stretch.earlier, path)
+        sigma = uncertainty.position_m(np.mean(d[1], keepdims=True), np.mean(d[0], keepdims=True))[0]
+        off = float(np.sum(np.mean(place[0] - place[1], axis=0) ** 2) / (sigma**2 + LATERAL_SIGMA_M**2))
+        if off <= MAX_CHI2:
+            some.append(stretch)
+            chi2s.append(off)
+    if not some:
         return ()
-    some, chi2 = [likely[k] for k in near], chi2[near]
+    # rivals
+    chi2 = np.array(chi2s)
     score, expected = np.array([s.score for s in some]), np.array([s.expected_false for s in some])
     one, other = _list_rivals(some, path, uncertainty)
     odds = np.exp(np.minimum(chance.decay * (score[other] - score[one]) + 0.5 * (chi2[one] - chi2[other]), 0.0))
     expected = expected * np.exp(0.5 * chi2) + np.bincount(one, odds, len(some))
     weighed = (replace(stretch, expected_false=float(e)) for stretch, e in zip(some, expected, strict=True))
     return tuple(stretch for stretch in weighed if stretch.expected_false < MAX_EXPECTED)
-
-
-def _distance_chi2(stretch: Stretch, path: Signature, uncertainty: Uncertainty) -> float:
-    """D^2 of a stretch."""
-    d, place = _passes(stretch.later, stretch.earlier, path)
-    sigma = uncertainty.position_m(np.mean(d[1], keepdims=True), np.mean(d[0], keepdims=True))[0]
-    return float(np.sum(np.mean(place[0] - place[1], axis=0) ** 2) / (sigma**2 + LATERAL_SIGMA_M**2))
 
 
 def _passes(first: Floats, second: Floats, path: Signature) -> tuple[list[Floats], list[Floats]]:
@@ -254,29 +262,112 @@ def _passes(first: Floats, second: Floats, path: Signature) -> tuple[list[Floats
 
 
 def _list_rivals(stretches: Sequence[Stretch], path: Signature, uncertainty: Uncertainty) -> tuple[Ints, Ints]:
-    """Pairs (M,), (M,) of stretches which say that one piece of the walk is at two places that are not one."""
+    """Pairs (M,), (M,) of stretches which put one piece of the walk at two places that are not one."""
     begin, end = (np.array([stretch.later[k] for stretch in stretches]) for k in (0, -1))
     low, high = np.maximum(begin[:, None], begin), np.minimum(end[:, None], end)
     overlaps = high - low >= 0.5 * np.minimum((end - begin)[:, None], end - begin)
     np.fill_diagonal(overlaps, False)
     one, other = np.nonzero(overlaps)
     middle = 0.5 * (low + high)[one, other]
-    first, second = (_earlier_at(stretches, rows, middle) for rows in (one, other))
-    rivals = _apart(first, second, path, uncertainty)
+    # the earlier pass of each there: its points follow each other, the number of one is its place in the stretch
+    ends = np.cumsum([0, *(len(stretch.later) for stretch in stretches)])
+    earlier = np.concatenate([stretch.earlier for stretch in stretches])
+    first, second = (
+        np.asarray(np.interp(ends[rows] + middle - begin[rows], np.arange(len(earlier)), earlier))
+        for rows in (one, other)
+    )
+    d, place = _passes(first, second, path)
+    limit = LIMIT * uncertainty.position_m(np.minimum(*d), np.maximum(*d)) + 2.0 * ALIKE_M
+    rivals = np.linalg.norm(place[1] - place[0], axis=1) > limit
     return one[rivals], other[rivals]
 
 
-def _earlier_at(stretches: Sequence[Stretch], rows: Ints, later: Floats) -> Floats:
-    """Points (M,) of the earlier pass at those of the later one, each of one of the stretches `rows` (M,)."""
-    ends = np.cumsum([0, *(len(stretch.later) for stretch in stretches)])
-    begin = np.array([stretch.later[0] for stretch in stretches])
-    earlier = np.concatenate([stretch.earlier for stretch in stretches])
-    # The points of the later pass follow each other: the number of one is its place in the stretch.
-    return np.asarray(np.interp(ends[rows] + later - begin[rows], np.arange(len(earlier)), earlier))
+# sharpness
 
 
-def _apart(first: Floats, second: Floats, path: Signature, uncertainty: Uncertainty) -> Bools:
-    """Whether points (M,) and (M,) of a path are different places, by its own uncertainty."""
-    d, place = _passes(first, second, path)
-    limit = LIMIT * uncertainty.position_m(np.minimum(*d), np.maximum(*d)) + 2.0 * ALIKE_M
-    return np.asarray(np.linalg.norm(place[1] - place[0], axis=1) > limit)
+def weigh_shifts(features: Features, stretch: Stretch) -> Floats:
+    """Return sum L (M, S), nats, of each point of a stretch with the earlier pass at `SHIFTS_M` on from its own."""
+    from scipy.interpolate import CubicSpline  # loaded where something was recognized
+
+    last = len(features) - 1.0
+    other, earlier = (features.reverse(), last - stretch.earlier) if stretch.opposite else (features, stretch.earlier)
+    at = np.clip(earlier[:, None] + SHIFTS_M / SPACING_M, 0.0, last)
+    # the earlier pass, and what of it is the field's, between its points
+    near = np.arange(max(int(at.min()) - MARGIN, 0), min(int(at.max()) + MARGIN, len(other)))
+    y = CubicSpline(near, other.values[near])(at)
+    signal = np.stack([np.interp(at, near, column) for column in other.signal[near].T], axis=2)
+    later = stretch.later.astype(np.int64)[:, None]
+    x, r = features.values[later], RHO * features.signal[later] * signal
+    ratio = -0.5 * np.log1p(-(r**2)) - (r**2 * (x**2 + y**2) - 2.0 * r * x * y) / (2.0 * (1.0 - r**2))
+    return np.asarray(SHARE * np.maximum(ratio.sum(axis=2), MIN_RATIO))
+
+
+def find_shift(ratio: Floats) -> tuple[float, float]:
+    """Return the shift, m, of a piece whose points have these L (M, S), and its sigma."""
+    total = ratio.sum(axis=0)
+    p = np.exp(total - total.max())
+    p /= p.sum()
+    mean = float(p @ SHIFTS_M)
+    step = SHIFTS_M[1] - SHIFTS_M[0]
+    return mean, float(np.sqrt(p @ (SHIFTS_M - mean) ** 2 + step**2 / 12.0))
+
+
+# consistency
+
+
+def select_consistent(path: Signature, stretches: Sequence[Stretch], uncertainty: Uncertainty) -> tuple[Stretch, ...]:
+    """Select the heaviest set of stretches in which each agrees with each other, the heaviest one first."""
+    if not stretches:
+        return ()
+    agrees = _agreement(path, stretches, uncertainty)
+    expected = np.maximum([stretch.expected_false for stretch in stretches], TINY)
+    weight = -np.log(expected)
+    order = np.argsort(-weight, kind="stable")
+    # cliques, grown greedily from each of the heaviest members
+    cliques = []
+    for start in order[:MAX_STARTS].tolist():
+        members = [start]
+        for k in order.tolist():
+            if k != start and agrees[k, members].all():
+                members.append(k)
+        cliques.append(np.sort(members))
+    heaviest = max(cliques, key=lambda members: float(weight[members].sum()))
+    if expected[heaviest].min() >= LONE_EXPECTED:
+        return ()
+    return tuple(stretches[k] for k in heaviest[np.argsort(-weight[heaviest], kind="stable")])
+
+
+def _agreement(path: Signature, stretches: Sequence[Stretch], uncertainty: Uncertainty) -> Bools:
+    """Whether stretches (S, S) agree."""
+    # distances walked and places at their middles, and the turn of the path between the passes, rad
+    middle = [len(s.later) // 2 for s in stretches]
+    later_at = np.array([s.later[k] for s, k in zip(stretches, middle, strict=True)])
+    earlier_at = np.array([s.earlier[k] for s, k in zip(stretches, middle, strict=True)])
+    walked, (later, earlier) = _passes(later_at, earlier_at, path)
+    points, turns = np.arange(len(path), dtype=float), []
+    for s in stretches:
+        now, then = (np.interp(at, points, path.heading) for at in (s.later, s.earlier))
+        turned = now - then - (np.pi if s.opposite else 0.0)
+        turns.append(float(np.angle(np.mean(np.exp(1j * turned)))))
+    turn = np.array(turns)
+    own_variance = HEADING_SIGMA_RAD**2 / np.array([max(s.length_m / TURN_LENGTH_M, 1.0) for s in stretches])
+    # misclosure of each pair's cycle
+    a, b = np.triu_indices(len(turn), 1)
+    turned = wrap_angle(turn[b] - turn[a])
+    psi = turn[a] + 0.5 * turned
+    cosine, sine = np.cos(psi), np.sin(psi)
+    before = earlier[b] - earlier[a]
+    rotated = np.stack(
+        [cosine * before[:, 0] - sine * before[:, 1], sine * before[:, 0] + cosine * before[:, 1]], axis=1
+    )
+    error = later[b] - later[a] - rotated
+    # its variance: the ties, the path between them, and the turn with its lever
+    d = [np.sort(np.stack([m[a], m[b]]), axis=0) for m in walked]
+    turn_variance = 0.25 * (own_variance[a] + own_variance[b])
+    path_turn = sum(uncertainty.heading_rad(*ends) ** 2 for ends in d)
+    variance = LATERAL_SIGMA_M**2 + ALONG_SIGMA_M**2 + sum(uncertainty.position_m(*ends) ** 2 for ends in d)
+    variance = 2.0 * variance + (turn_variance + 0.25 * path_turn) * (before**2).sum(axis=1)
+    chi2 = (error**2).sum(axis=1) / variance + turned**2 / (4.0 * turn_variance + path_turn)
+    agrees = np.eye(len(turn), dtype=bool)
+    agrees[a, b] = agrees[b, a] = chi2 <= MAX_CYCLE_CHI2
+    return agrees

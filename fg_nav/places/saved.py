@@ -41,11 +41,10 @@ VERSION = 1
 MAX_POINTS = 200_000  # A walk of 100 km.
 MAX_BYTES = 200 * MAX_POINTS  # Of all arrays as they are unpacked: a point takes 97.
 
+# No walk is as long, no clock counts farther, no magnetometer on a foot reads as much.
 LARGEST = {"distance_m": 1e6, "t": 1e11, "position": 1e6, "heading": 1e6, "field": 1e4, "sigma_m": 1e6}
-"""No walk is as long, no clock counts farther, no magnetometer on a foot reads as much."""
-
+# Shapes of the rows.
 COLUMNS = {"distance_m": (), "t": (), "position": (3,), "heading": (), "field": (3,), "seen": (), "sigma_m": (3,)}
-"""Shapes of the rows."""
 
 Arrays: TypeAlias = dict[str, NDArray[Any]]
 
@@ -95,7 +94,7 @@ def write_places(file: Path, places: SavedPlaces) -> None:
 
 
 def is_places(file: Path) -> bool:
-    """Whether a file was written here."""
+    """Whether a file holds places."""
     try:
         return str(_load(file, ("format",))["format"]) == FORMAT
     except (PlacesError, KeyError, OSError):
@@ -103,14 +102,22 @@ def is_places(file: Path) -> bool:
 
 
 def read_places(file: Path) -> SavedPlaces:
-    """Read places, and judge them.
+    """Read places, and check them.
 
     Raises
     ------
     PlacesError
         If the file cannot be read, holds no places, is of a newer version, or has values that cannot be.
     """
-    arrays = _read(file)
+    try:
+        arrays = _load(file)
+    except FileNotFoundError:
+        raise PlacesError(f"{file} does not exist: check the path of the places.") from None
+    except IsADirectoryError:
+        raise PlacesError(f"{file} is a directory: give the file of places in it.") from None
+    except OSError as error:
+        reason = describe_reason(error)
+        raise PlacesError(f"{file} cannot be read ({reason}): give one of `fg-nav run --save-places`.") from None
     if str(arrays.get("format")) != FORMAT:
         raise PlacesError(f"{file.name} holds no places: give a file that `fg-nav run --save-places` wrote.")
     if str(arrays.get("version")) != str(VERSION):
@@ -125,18 +132,6 @@ def read_places(file: Path) -> SavedPlaces:
     return SavedPlaces(
         sigma_m=columns.pop("sigma_m"), path=Signature(**columns), recording=str(arrays.get("recording", ""))
     )
-
-
-def _read(file: Path) -> Arrays:
-    try:
-        return _load(file)
-    except FileNotFoundError:
-        raise PlacesError(f"{file} does not exist: check the path of the places.") from None
-    except IsADirectoryError:
-        raise PlacesError(f"{file} is a directory: give the file of places in it.") from None
-    except OSError as error:
-        reason = describe_reason(error)
-        raise PlacesError(f"{file} cannot be read ({reason}): give one of `fg-nav run --save-places`.") from None
 
 
 def _load(file: Path, names: tuple[str, ...] = ()) -> Arrays:
@@ -154,25 +149,14 @@ def _load(file: Path, names: tuple[str, ...] = ()) -> Arrays:
 
 
 def _find_fault(arrays: Arrays) -> str | None:
-    """Say what about the columns cannot be, as the end of a sentence about the file; None where nothing."""
-    faults = (_find_column_fault(name, arrays) for name in COLUMNS)
-    return next((fault for fault in faults if fault is not None), None) or _find_order_fault(arrays)
-
-
-def _find_column_fault(name: str, arrays: Arrays) -> str | None:
-    """Say whether a column is not there, has another shape or type, or numbers that cannot be."""
-    column, count = arrays.get(name), len(np.atleast_1d(arrays.get("t", np.zeros(0))))
-    kind = np.bool_ if name == "seen" else np.float64
-    if column is None or column.shape != (count, *COLUMNS[name]) or column.dtype != kind:
-        return f"is damaged at '{name}'"
-    if name in LARGEST and not (np.abs(column) <= LARGEST[name]).all():
-        return f"has numbers in '{name}' that cannot be"
-    return None
-
-
-def _find_order_fault(arrays: Arrays) -> str | None:
-    """Say whether there are too few points or too many, a path that does not go on, or sigmas below zero."""
-    count = len(arrays["t"])
+    """Fault of the columns, as the end of a sentence about the file; None without one."""
+    count = len(np.atleast_1d(arrays.get("t", np.zeros(0))))
+    for name, shape in COLUMNS.items():
+        column, kind = arrays.get(name), np.bool_ if name == "seen" else np.float64
+        if column is None or column.shape != (count, *shape) or column.dtype != kind:
+            return f"is damaged at '{name}'"
+        if name in LARGEST and not (np.abs(column) <= LARGEST[name]).all():
+            return f"has numbers in '{name}' that cannot be"
     if not MIN_POINTS <= count <= MAX_POINTS:
         return f"has {count} points, and places have {MIN_POINTS} to {MAX_POINTS}"
     goes_on = (np.diff(arrays["distance_m"]) > 0.0).all() and (np.diff(arrays["t"]) >= 0.0).all()

@@ -7,7 +7,7 @@ in its state. `fg_nav.pocket.navigate` adds steps and dead reckoning.
 
 from fg_nav.pocket.filter import estimate_pocket
 from fg_nav.pocket.iterated_smoother import smooth_pocket
-from fg_nav.pocket.online import OnlinePocket, PocketEstimate, follow_pocket
+from fg_nav.pocket.online import OnlinePocket, PocketEstimate
 from fg_nav.pocket.parameters import PRESETS, PocketParameters, PocketSmootherParameters
 from fg_nav.pocket.track import PocketStart, PocketTrack, compass_start, level_start
 
@@ -21,7 +21,6 @@ __all__ = [
     "PocketTrack",
     "compass_start",
     "estimate_pocket",
-    "follow_pocket",
     "level_start",
     "smooth_pocket",
 ]

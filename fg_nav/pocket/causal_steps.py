@@ -8,8 +8,8 @@ The functions are those of the batch, on what there is. Three things differ from
 * A slow part is that of the samples up to `EDGE_S` later, not of all.
 * The axes are those of the walk so far, by sums over it. A step that was found stays; its direction is that of the
   axes as they are now, as its mean attitude is kept and not its direction.
-* Standing is seen when it has lasted for `PAUSE_S`. The opening before it ends there, at its extreme, and the next one
-  begins where the leg stands; in a recording it may begin at the extreme.
+* Standing shows once it has lasted for `PAUSE_S`. The opening before it ends at its extreme, and the next one begins
+  where the leg stands; in a recording it may begin at the extreme.
 """
 
 from __future__ import annotations
@@ -128,7 +128,7 @@ class SwingSums:
 
 
 class CausalSteps:
-    """Finds steps in samples that keep coming.
+    """Finder of steps in a stream of samples.
 
     Parameters
     ----------
@@ -169,10 +169,11 @@ class CausalSteps:
         self._R = np.concatenate([self._R, nav_R_body])
         self._settle(len(self._t) - round(EDGE_S / self._period_s))
         self._search()
-        return self._take_ends()
+        ends, self._ends = self._ends, []
+        return ends
 
     def cut(self, lost_m: float = 0.0) -> list[StrideEnd]:
-        """End here, and return the strides that this completes; samples that come then are of later.
+        """End the walk before a gap, and return the strides that this completes; later samples begin anew.
 
         `lost_m` is the sigma of what was walked between, m an axis.
         """
@@ -180,8 +181,12 @@ class CausalSteps:
         self._search(at_end=True)
         self._close_bout()
         self._lost_m2 += lost_m**2
-        self._begin(self._base + len(self._t))
-        return self._take_ends()
+        # begin with nothing at the next sample
+        self._base, self._turn, self._summed = self._base + len(self._t), 0, 0
+        self._keep_from(len(self._t))
+        self._last_stop_t = -np.inf
+        ends, self._ends = self._ends, []
+        return ends
 
     @property
     def axes(self) -> tuple[Floats, Floats] | None:
@@ -191,7 +196,7 @@ class CausalSteps:
 
     @property
     def stands(self) -> bool:
-        """Whether no step was seen last."""
+        """Whether the last step was followed by a pause."""
         return not self._bout
 
     @property
@@ -203,9 +208,8 @@ class CausalSteps:
     def columns(self) -> StepColumns:
         """All steps so far."""
         rows = self._rows[: self.n_steps]
-        start, stop, opening, swept, bout, sigma, lost = rows[:, :7].T
-        whole = (start.astype(np.int64), stop.astype(np.int64)), bout.astype(np.int64)
-        return StepColumns(*whole[0], opening, swept, whole[1], rows[:, 7:13].reshape(-1, 2, 3), sigma, lost)
+        start, stop, bout = (rows[:, k].astype(np.int64) for k in (0, 1, 4))
+        return StepColumns(start, stop, rows[:, 2], rows[:, 3], bout, rows[:, 7:].reshape(-1, 2, 3), *rows[:, 5:7].T)
 
     @property
     def steps(self) -> Steps:
@@ -215,13 +219,6 @@ class CausalSteps:
         return Steps(known.start, known.stop, known.opening, took, self._front * known.swept > 0, known.bout)
 
     # slow parts
-
-    def _begin(self, sample: int) -> None:
-        """Begin with nothing at a sample."""
-        self._base, self._turn, self._summed = sample, 0, 0
-        self._t, self._rate, self._R = self._t[:0], self._rate[:0], self._R[:0]
-        self._up, self._gait, self._swings = self._up[:0], self._gait[:0], self._swings[:0]
-        self._last_stop_t = -np.inf
 
     def _settle(self, until: int) -> None:
         """Find the slow parts of the samples before one, and add them to the sums."""
@@ -241,12 +238,8 @@ class CausalSteps:
         self._sums.add_swing(slow[swings], up[swings], self._period_s)
         self._up, self._gait = np.concatenate([self._up, up]), np.concatenate([self._gait, gait])
         self._swings = np.concatenate([self._swings, swings])
-        self._add_gait()
-
-    def _add_gait(self) -> None:
-        """Add to the sums of the gait what is upright, and swings shortly before or after; that shows so much later."""
-        axes = self._sums.axes
-        around = round(AROUND_S / self._period_s)
+        # sums over the gait: what is upright, and swings shortly before or after, which shows so much later
+        axes, around = self._sums.axes, round(AROUND_S / self._period_s)
         until = len(self._up) - around
         if axes is None or until <= self._summed:
             return
@@ -275,24 +268,34 @@ class CausalSteps:
             for k in range(len(turn) - 2):
                 self._add_opening(t, flexion, up, turn[k : k + 2])
             # the last one goes on, or ends in standing
-            self._turn += self._find_begin(t, flexion, up, turn[-2:], at_end)
-        self._forget()
+            last = len(t) - 1
+            if not len(turn):
+                if t[last] - t[0] > STANDING_S:
+                    self._turn += max(last - round(0.5 * STANDING_S / self._period_s), 0)
+            elif at_end or t[last] - t[find_inner_spans(flexion, turn[-2:])[1][0]] > PAUSE_S:
+                self._add_opening(t, flexion, up, turn[-2:], stands=True)
+                self._close_bout()
+                self._turn += last
+            else:
+                self._turn += last if t[last] - t[turn[-2]] > MAX_S else int(turn[-2])
+        # drop the samples that nothing reaches any more
+        around = round(AROUND_S / self._period_s)
+        oldest = min(self._turn - 2 * around, self._summed - around, len(self._up) - round(WARM_S / self._period_s))
+        if self._sums.axes is None:
+            oldest = min(self._turn, len(self._up)) - 2 * around
+            self._summed = max(self._summed, oldest)
+        if oldest > 0:
+            self._base += oldest
+            self._turn, self._summed = self._turn - oldest, self._summed - oldest
+            self._keep_from(oldest)
 
-    def _find_begin(self, t: Floats, flexion: Floats, up: Floats, turn: Ints, at_end: bool) -> int:
-        """Sample at which the opening in progress begins; ends it if the leg stands."""
-        last = len(t) - 1
-        if not len(turn):
-            stands = t[last] - t[0] > STANDING_S
-            return max(last - round(0.5 * STANDING_S / self._period_s), 0) if stands else 0
-        stop = int(find_inner_spans(flexion, turn)[1][0])
-        if at_end or t[last] - t[stop] > PAUSE_S:
-            self._add_opening(t, flexion, up, turn, stands=True)
-            self._close_bout()
-            return last
-        return last if t[last] - t[turn[0]] > MAX_S else int(turn[0])
+    def _keep_from(self, first: int) -> None:
+        """Drop the stored samples before one."""
+        self._t, self._rate, self._R = self._t[first:], self._rate[first:], self._R[first:]
+        self._up, self._gait, self._swings = self._up[first:], self._gait[first:], self._swings[first:]
 
     def _add_opening(self, t: Floats, flexion: Floats, up: Floats, turn: Ints, stands: bool = False) -> None:
-        """Add what lies between two turning points, where it is a step; the leg `stands` behind it."""
+        """Add the openings between two turning points that are steps; the leg `stands` after them."""
         turn = split_at_pauses(t, flexion, turn)
         start, stop = find_inner_spans(flexion, turn)
         possible = are_step_like(flexion, turn, t[stop] - t[start])
@@ -316,50 +319,28 @@ class CausalSteps:
         numbers = (a + self._base, b + self._base, opening, swept, self._bouts, self._heading_sigma, self._lost_m2)
         ends = (float(self._t[a]), float(self._t[b])), (self._R[a].copy(), self._R[b].copy())
         self._bout.append(_Found(np.array([*numbers, *level.ravel()]), *ends))
-        # a few in a row are a walk
+        # a few in a row are a walk, and stored
         count = len(self._bout)
         for number in range(0 if count == MIN_STEPS else count - 1, count if count >= MIN_STEPS else 0):
-            self._store(self._bout[number], number)
-
-    def _store(self, step: _Found, number: int) -> None:
-        """Store a step of a bout, and note where it ends a stride: the other leg swings in it."""
-        if self.n_steps == len(self._rows):
-            self._rows = np.concatenate([self._rows, np.empty_like(self._rows)])
-        if self.n_steps == 0:
-            self._ends.append(StrideEnd(0, int(step.row[0]), step.t[0], step.nav_R_body[0]))
-        self._rows[self.n_steps] = step.row
-        self.n_steps += 1
-        if number > 0 and not self._is_forward(step):
-            self._end_stride(step)
+            step = self._bout[number]
+            if self.n_steps == len(self._rows):
+                self._rows = np.concatenate([self._rows, np.empty_like(self._rows)])
+            if self.n_steps == 0:
+                self._ends.append(StrideEnd(0, int(step.row[0]), step.t[0], step.nav_R_body[0]))
+            self._rows[self.n_steps] = step.row
+            self.n_steps += 1
+            # the other leg's step ends a stride
+            if number > 0:
+                self._end_stride(step, if_forward=False)
 
     def _close_bout(self) -> None:
         """End the bout in progress, and the stride in it that is not complete."""
         if len(self._bout) >= MIN_STEPS:
             self._bouts += 1
-            if self._is_forward(self._bout[-1]):
-                self._end_stride(self._bout[-1])
+            self._end_stride(self._bout[-1], if_forward=True)
         self._bout = []
 
-    def _is_forward(self, step: _Found) -> bool:
-        return bool(self._front * step.row[3] > 0)
-
-    def _end_stride(self, step: _Found) -> None:
-        self._ends.append(StrideEnd(self.n_steps, int(step.row[1]), step.t[1], step.nav_R_body[1]))
-
-    def _take_ends(self) -> list[StrideEnd]:
-        ends, self._ends = self._ends, []
-        return ends
-
-    def _forget(self) -> None:
-        """Forget the samples that nothing reaches any more."""
-        around = round(AROUND_S / self._period_s)
-        oldest = min(self._turn - 2 * around, self._summed - around, len(self._up) - round(WARM_S / self._period_s))
-        if self._sums.axes is None:
-            oldest = min(self._turn, len(self._up)) - 2 * around
-            self._summed = max(self._summed, oldest)
-        if oldest <= 0:
-            return
-        self._base += oldest
-        self._turn, self._summed = self._turn - oldest, self._summed - oldest
-        self._t, self._rate, self._R = self._t[oldest:], self._rate[oldest:], self._R[oldest:]
-        self._up, self._gait, self._swings = self._up[oldest:], self._gait[oldest:], self._swings[oldest:]
+    def _end_stride(self, step: _Found, if_forward: bool) -> None:
+        """End a stride with a step, if it is, or is not, a swing of the leg that wears the sensor."""
+        if bool(self._front * step.row[3] > 0) == if_forward:
+            self._ends.append(StrideEnd(self.n_steps, int(step.row[1]), step.t[1], step.nav_R_body[1]))

@@ -1,4 +1,4 @@
-"""Dead reckoning by steps alone: each a length along the path, in the direction in which the thigh swings.
+"""Dead reckoning by steps: each a length along the path, in the direction in which the thigh swings; and GNSS fixes.
 
     p_k+1 = p_k + l_k d_k,     d_k level and forward: the mean of the thigh's left over a stride, turned to the front
 
@@ -6,7 +6,7 @@ Over a stride the twist of the pelvis goes to and fro, and cancels. Height is no
 
 Length of a step, in step constants c of the person, by the opening a of the legs and by the time T that it takes:
 
-    length = c (2 sin(a / 2) + r / T) / 2,     or c r / T where no opening is seen
+    length = c (2 sin(a / 2) + r / T) / 2,     or c r / T without an opening
 
 The first is that of two straight legs of length c (Munoz Diaz and Mendiguchia Gonzalez 2014: the step grows with the
 opening, whatever the speed, and each person has his own figures). The second is the walk ratio, step length over
@@ -29,35 +29,47 @@ heading sum_m dv_m (J r_m)(J r_m)^T     v_m the track's variance of heading at s
 steps   sum l^2 (q^2 d d^T + r^2 n n^T) length and direction of each on its own
 slope   (g sum l)^2 on the vertical     stairs and ramps
 ======= =============================== ==============================================================================
+
+Fixes. A step d_k of the path is turned and scaled by what the walk does not know well of itself, and both change
+slowly: trousers, pace, and what the compass misses.
+
+    p_k+1 = p_k + exp(s_k) R(psi_k) d_k (+ its own error)       psi_k+1 = psi_k (+ w)       s_k+1 = s_k (+ v)
+
+psi is clockwise about up. A fix observes p at the node nearest in time, with its accuracy for sigma (`fg_nav.gnss`);
+each round multiplies the variance of a fix by 1 + (r / (c sigma))^2, which is Cauchy's. An extended Kalman filter
+forward and the smoother of Rauch, Tung and Striebel back, about the estimates of the filter.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import EstimationError
+from fg_nav.frames import yaw_rotation
+from fg_nav.gnss import CAUCHY, CORRELATED_S, Gnss, describe_start, find_turn, select_fixes
 from fg_nav.pocket.steps import Steps, ThighSwing
 from fg_nav.pocket.track import PocketTrack
+from fg_nav.truth import Fix
 
 DEFAULT_CONSTANT_M = 0.90  # Step constant of an adult, m.
 WALK_RATIO_S = 0.0062 * 60.0 / DEFAULT_CONSTANT_M  # r: walk ratio 0.0062 m per step/min; the literature has about 0.006
-
-DEFAULT_SIGMA = 0.10
-"""Relative, of the default constant: persons and trousers differ by 0.12 in the opening, by 0.10 in the walk ratio."""
-
+DEFAULT_SIGMA = 0.10  # Relative, of the default constant: 0.12 in the opening, 0.10 in the walk ratio of persons.
 CALIBRATED_SIGMA = 0.03  # Relative, of a constant by a known distance: another pace, other trousers, the tape.
 STEP_SIGMA = 0.06  # Relative, of each step on its own: steps of one opening differ by so much. Assumed; it averages out
 PLAUSIBLE_M = (0.3, 1.5)  # No person's constant is outside.
-
-MOUNTING_SIGMA_DEG = 4.0
-"""Axis of the swing against the path, deg: a leg that abducts while it swings turns it by 2 in the simulator, and toes
-that point out by some more. Assumed."""
-
+MOUNTING_SIGMA_DEG = 4.0  # Axis of the swing against the path, deg: abduction 2 in the simulator, toes more. Assumed.
 STEP_HEADING_SIGMA_DEG = 4.0  # Direction of each step on its own, deg. Assumed.
 SLOPE_SIGMA = 0.03  # Rise over run: floors, streets and ramps. Stairs are ten times that, and not detected. Assumed.
+
+TURN_WALK_DEG = 2.0  # Of psi, deg/sqrt(s): ten degrees in half a minute, of a sensor that shifts and of iron.
+SCALE_WALK = 0.02  # Of s, 1/sqrt(s): a tenth in half a minute, by kerbs, slopes and haste.
+UNSEEN_M_S = 0.7  # Walk of the place where no step is seen, m/sqrt(s): who carries the sensor in a hand goes on.
+ROUNDS = 8  # Of weights of the fixes.
+MAX_GIVEN_SIGMA = np.radians(45.0)  # A heading known worse is first sought in all directions.
 
 
 @dataclass(frozen=True)
@@ -143,7 +155,7 @@ class SteppedPath:
 
 
 def reckon_path(track: PocketTrack, swing: ThighSwing, steps: Steps, step_length: StepLength) -> SteppedPath:
-    """Add up the steps of a track."""
+    """Add up the steps of a track to a path."""
     sigma = track.sigma[(steps.start + steps.stop) // 2, 2]
     return add_steps(steps, estimate_directions(track, swing, steps), sigma, step_length)
 
@@ -160,9 +172,23 @@ def add_steps(
     unseen : (S, 2, 2) m^2, covariance of the place at the end of each by what the sigmas do not show; None for none.
     """
     length = step_length.predict(steps)
-    after = np.cumsum(length[:, None] * forward, axis=0)
+    along, left = length[:, None] * forward, np.stack([-forward[:, 1], forward[:, 0]], axis=1)
+    after = np.cumsum(along, axis=0)
     position = np.concatenate([np.zeros((1, 2)), after])
-    covariance = _propagate_covariance(forward, length, heading_sigma, step_length.sigma)
+    # scale, and each step on its own
+    own = _outer(STEP_SIGMA * along) + _outer(np.radians(STEP_HEADING_SIGMA_DEG) * length[:, None] * left)
+    planar = _outer(step_length.sigma * after) + np.cumsum(own, axis=0)
+    # heading: sum over m of dv_m (J (p - p_m))(J (p - p_m))^T
+    variance = np.maximum.accumulate(heading_sigma**2) + np.radians(MOUNTING_SIGMA_DEG) ** 2
+    grown, before = np.diff(variance, prepend=0.0), after - along
+    once = np.cumsum(grown[:, None] * before, axis=0)
+    twice = np.cumsum(grown[:, None, None] * _outer(before), axis=0)
+    mixed = once[:, :, None] * after[:, None, :]
+    total = variance[:, None, None] * _outer(after) - mixed - np.swapaxes(mixed, 1, 2) + twice
+    quarter = np.array([[0.0, -1.0], [1.0, 0.0]])
+    covariance = np.zeros((len(length) + 1, 3, 3))
+    covariance[1:, :2, :2] = planar + quarter @ total @ quarter.T
+    covariance[1:, 2, 2] = (SLOPE_SIGMA * np.cumsum(length)) ** 2
     if unseen is not None:
         covariance[1:, :2, :2] += unseen
     ends = np.repeat(np.arange(len(steps) + 1), 2)[1:-1]  # before and after each step
@@ -191,7 +217,7 @@ def turn_forward(left: Floats) -> Floats:
 
 
 def propagate_corrections(along: Floats, variance: Floats) -> Floats:
-    """Covariance (S, 2, 2) of the places after steps `along` (S, 2) m, by what a filter learned of the heading later.
+    """Covariance (S, 2, 2) of the places after steps `along` (S, 2) m, by later corrections of the heading.
 
     Where its variance (S,) of the heading falls by dv it was corrected by so much, and the steps before keep the
     direction that they had: sum dv_m (J p_m)(J p_m)^T over the m at which it fell, p_m the path until there.
@@ -202,31 +228,132 @@ def propagate_corrections(along: Floats, variance: Floats) -> Floats:
     return np.asarray(np.cumsum(fallen[:, None, None] * _outer(across), axis=0))
 
 
-def _propagate_covariance(forward: Floats, length: Floats, sigma: Floats, scale_sigma: float) -> Floats:
-    """Covariance (S + 1, 3, 3) m^2 before and after each step."""
-    along, left = length[:, None] * forward, np.stack([-forward[:, 1], forward[:, 0]], axis=1)
-    after = np.cumsum(along, axis=0)
-    own = _outer(STEP_SIGMA * along) + _outer(np.radians(STEP_HEADING_SIGMA_DEG) * length[:, None] * left)
-    variance = np.maximum.accumulate(sigma**2) + np.radians(MOUNTING_SIGMA_DEG) ** 2
-    covariance = np.zeros((len(length) + 1, 3, 3))
-    covariance[1:, :2, :2] = (
-        _outer(scale_sigma * after) + np.cumsum(own, axis=0) + _propagate_heading(after, along, variance)
-    )
-    covariance[1:, 2, 2] = (SLOPE_SIGMA * np.cumsum(length)) ** 2
-    return covariance
-
-
-def _propagate_heading(after: Floats, along: Floats, variance: Floats) -> Floats:
-    """Covariance (S, 2, 2) by a heading of this variance (S,): sum over m of dv_m (J (p - p_m))(J (p - p_m))^T."""
-    grown = np.diff(variance, prepend=0.0)
-    before = after - along
-    once = np.cumsum(grown[:, None] * before, axis=0)
-    twice = np.cumsum(grown[:, None, None] * _outer(before), axis=0)
-    mixed = once[:, :, None] * after[:, None, :]
-    total = variance[:, None, None] * _outer(after) - mixed - np.swapaxes(mixed, 1, 2) + twice
-    quarter = np.array([[0.0, -1.0], [1.0, 0.0]])
-    return np.asarray(quarter @ total @ quarter.T)
-
-
 def _outer(vectors: Floats) -> Floats:
     return np.asarray(vectors[:, :, None] * vectors[:, None, :])
+
+
+# fixes
+
+
+@dataclass(frozen=True)
+class FusedPath:
+    """Path of steps and fixes.
+
+    Attributes
+    ----------
+    t : (S + 1,) s, the first step's begin and the end of each.
+    position : (S + 1, 2) m east and north, in the frame of the fixes.
+    turn, log_scale : (S + 1,) psi in rad clockwise, and s.
+    covariance : (S + 1, 4, 4) of position, psi and s.
+    weights : (K,) of the fixes, 1 for one without a residual.
+    """
+
+    t: Floats
+    position: Floats
+    turn: Floats
+    log_scale: Floats
+    covariance: Floats
+    weights: Floats
+
+
+def fuse_fixes(t: Floats, steps: Floats, fixes: Sequence[Fix], heading_sigma: float, scale_sigma: float) -> FusedPath:
+    """Find the path through steps and fixes.
+
+    Parameters
+    ----------
+    t : (S + 1,) s, begin of the first step and end of each.
+    steps : (S, 2) m east and north, each.
+    fixes : at least `fg_nav.gnss.MIN_FIXES` within the walk; heights are not used.
+    heading_sigma, scale_sigma : of psi, rad, and s, at the start.
+
+    Raises `EstimationError` with fewer fixes.
+    """
+    # node of each fix, and its sigma with that of what was walked in between
+    seen = select_fixes(fixes, float(t[0]) - CORRELATED_S, float(t[-1]) + CORRELATED_S)
+    node = np.abs(seen.time[:, None] - t).argmin(axis=1)
+    place, variance = seen.place, seen.sigma**2 + (UNSEEN_M_S * (seen.time - t[node])) ** 2
+    # a heading that is not known is sought first
+    walked, turn = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)]), 0.0
+    if heading_sigma > MAX_GIVEN_SIGMA:
+        turn, heading_sigma = -find_turn(walked[node], seen)[0], float(MAX_GIVEN_SIGMA)
+    best = int(np.argmin(variance))
+    start = place[best] - walked[node[best]] @ yaw_rotation(-turn)[:2, :2].T
+    prior = np.array([*start, turn, 0.0])
+    spread = np.diag([1e4, 1e4, heading_sigma**2, scale_sigma**2])
+    # rounds of weights
+    scale = np.ones(len(node))
+    for _ in range(ROUNDS):
+        x, P = _smooth(t, steps, node, place, variance * scale, prior, spread)
+        off = ((place - x[node, :2]) ** 2).sum(axis=1) / variance
+        scale = 1.0 + off / CAUCHY**2
+    return FusedPath(t, x[:, :2], x[:, 2], x[:, 3], P, 1.0 / scale)
+
+
+def _smooth(
+    t: Floats, steps: Floats, node: Ints, place: Floats, variance: Floats, prior: Floats, spread: Floats
+) -> tuple[Floats, Floats]:
+    """States (S + 1, 4) and covariances (S + 1, 4, 4)."""
+    n = len(t)
+    x, P, F = np.empty((n, 4)), np.empty((n, 4, 4)), np.tile(np.eye(4), (n - 1, 1, 1))
+    ahead_x, ahead_P = np.empty((n, 4)), np.empty((n, 4, 4))
+    h, length = np.diff(t), np.linalg.norm(steps, axis=1)
+    unseen = UNSEEN_M_S**2 * np.maximum(h - 1.5 * float(np.median(h)), 0.0)
+    first = np.searchsorted(node, np.arange(n + 1))
+    ahead_x[0], ahead_P[0] = prior, spread
+    for k in range(n):
+        # fixes at the node: those at one are one, with their mean
+        x[k], P[k] = ahead_x[k], ahead_P[k]
+        here = slice(first[k], first[k + 1])
+        if first[k] < first[k + 1]:
+            information = 1.0 / variance[here]
+            mean, R = information @ place[here] / information.sum(), 1.0 / information.sum()
+            gain = P[k][:, :2] @ np.linalg.inv(P[k][:2, :2] + R * np.eye(2))
+            x[k] = x[k] + gain @ (mean - x[k, :2])
+            P[k] = P[k] - gain @ P[k][:2]
+        # the step
+        if k < n - 1:
+            move = np.exp(x[k, 3]) * (yaw_rotation(-x[k, 2])[:2, :2] @ steps[k])
+            across = np.array([move[1], -move[0]])
+            F[k][:2, 2], F[k][:2, 3] = across, move
+            Q = np.diag([unseen[k], unseen[k], np.radians(TURN_WALK_DEG) ** 2 * h[k], SCALE_WALK**2 * h[k]])
+            if length[k] > 0:
+                Q[:2, :2] += STEP_SIGMA**2 * np.outer(move, move)
+                Q[:2, :2] += np.radians(STEP_HEADING_SIGMA_DEG) ** 2 * np.outer(across, across)
+            ahead_x[k + 1] = x[k] + np.array([*move, 0.0, 0.0])
+            ahead_P[k + 1] = F[k] @ P[k] @ F[k].T + Q
+    for k in range(n - 2, -1, -1):
+        gain = P[k] @ F[k].T @ np.linalg.inv(ahead_P[k + 1])
+        x[k] = x[k] + gain @ (x[k + 1] - ahead_x[k + 1])
+        P[k] = P[k] + gain @ (P[k + 1] - ahead_P[k + 1]) @ gain.T
+    return x, P
+
+
+def lay_on_fixes(
+    track: PocketTrack, path: SteppedPath, gnss: Gnss, heading_sigma: float | None, step_length: StepLength
+) -> tuple[PocketTrack, SteppedPath, StepLength, dict[str, float]]:
+    """Fuse a stepped path, and its track, with fixes; the heading's sigma at its start is None where unknown.
+
+    Returns both, north being the true one and the origin where the path starts, the step length that came out, and
+    where on Earth that start is. Errors as of `fuse_fixes`.
+    """
+    t = track.t[np.append(path.sample[:1], path.sample[1::2])]
+    steps = path.position[1::2, :2] - path.position[::2, :2]
+    sigma = np.pi if heading_sigma is None else float(np.hypot(heading_sigma, np.radians(MOUNTING_SIGMA_DEG)))
+    fused = fuse_fixes(t, steps, gnss.fixes, sigma, step_length.sigma)
+    # the path: a step begins where the one before ended
+    length, at = path.length * np.exp(fused.log_scale[:-1]), np.repeat(np.arange(len(t)), 2)[1:-1]
+    position, covariance = np.zeros((len(at), 3)), path.covariance.copy()
+    position[:, :2], covariance[:, :2, :2] = (fused.position - fused.position[0])[at], fused.covariance[at, :2, :2]
+    laid = replace(
+        path, position=position, covariance=covariance, length=length, heading=path.heading + fused.turn[:-1]
+    )
+    # the track, turned as the path
+    turned = track.sigma.copy()
+    turned[:, 2] = np.interp(track.t, t, np.sqrt(fused.covariance[:, 2, 2]))
+    turn = np.interp(track.t, t, fused.turn)
+    track = replace(track, nav_R_body=yaw_rotation(-turn) @ track.nav_R_body, sigma=turned)
+    # the step constant
+    constant = step_length.constant_m * float(length.sum() / path.length.sum())
+    found = StepLength(constant, float(np.sqrt(np.mean(fused.covariance[:, 3, 3]))), "GNSS")
+    sigma_m = float(np.sqrt(np.trace(fused.covariance[0, :2, :2]) / 2))
+    return track, laid, found, describe_start(gnss, fused.position[0], sigma_m, fused.weights > 0.5)

@@ -7,22 +7,19 @@
         field       where the field holds still: its rotation since the last sample           MD (15), (16)
         store       attitude, bias, their sigmas
 
-What observes the bias: gravity shows drifts of the tilt, that is of the two biases that are level at the time. The
-differential field shows the bias across the field: two of three components while the body keeps one attitude to it. A
-leg that swings, or a walk that turns, brings the third across as well. The heading itself is never observed: turned
-about up, all results are the same.
+Gravity shows drifts of the tilt, that is of the two biases that are level at the time. The differential field shows the
+bias across the field: two of three components while the body keeps one attitude to it, the third as the leg swings or
+the walk turns. The heading itself is never observed: turned about up, all results are the same.
 
 A rate is the mean over the period from its stamp to the next one; a field is that of its stamp.
 
 Specific force of the gravity update (`average_force`)
     MD uses a sample while its strength is gravity's. A walking thigh passes through that strength with as much and more
-    across, and to the same side in each stride. On the two thighs of a real walk (`qmt_fullbody`, 41 s) 0.1 % of the
-    samples have been within 0.3 m/s^2 for 50 ms, with an error of up to 4.7 m/s^2 an axis; in the simulated street 2 %,
-    with means of 3 to 5, and the tilt is 60 deg off. But over a stride the hip's velocity comes back to itself, and the
-    mean specific force, its samples rotated into one frame by the gyroscope, is gravity. Weighted by a raised cosine
-    over two seconds, so that it need not span a whole number of strides, it is so to 0.1 to 0.25 m/s^2 an axis on those
-    thighs and to 0.1 in the simulator. (A plain mean over one second has 0.15 to 0.35, in step with the leg, and the
-    bias along the thigh follows that.)
+    across, and to the same side in each stride: by up to 4.7 m/s^2 an axis on two real thighs (`qmt_fullbody`), by 3 to
+    5 in the mean in the simulated street, where the tilt is 60 deg off. But over a stride the hip's velocity comes back
+    to itself, and the mean specific force, its samples rotated into one frame by the gyroscope, is gravity. Weighted by
+    a raised cosine over two seconds, so that it need not span a whole number of strides, it is so to 0.1 to 0.25 m/s^2
+    an axis on those thighs and to 0.1 in the simulator (a plain mean over one second: 0.15 to 0.35).
 
         sum over the window of  w_j G_k^T G_j f_j,     G the attitude by the gyroscope alone, from any start
 
@@ -51,11 +48,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import chdtri
 
-from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.arrays import Bools, Floats
 from fg_nav.errors import EstimationError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.mechanisation import multiply, rotate_in_body, transpose
-from fg_nav.pocket.euler import error_axes, inverse_error_axes, is_degenerate
 from fg_nav.pocket.filter_equations import (
     GYRO_BIAS,
     SIZE,
@@ -64,6 +60,9 @@ from fg_nav.pocket.filter_equations import (
     PocketState,
     build_model,
     create_reference,
+    error_axes,
+    inverse_error_axes,
+    is_degenerate,
     predict_state,
     set_reference,
     update_field,
@@ -74,17 +73,10 @@ from fg_nav.pocket.track import STORED_EVERY_S, PocketStart, PocketTrack, level_
 from fg_nav.recording import Recording
 from fg_nav.system.compiled import njit
 
-ZERO_ACCELERATION_M_S2 = 0.3
-"""Zero-acceleration detector: largest distance of the specific force's strength from gravity, m/s^2. Not printed."""
-
+ZERO_ACCELERATION_M_S2 = 0.3  # Largest distance of the specific force's strength from gravity, m/s^2. Not printed.
 ZERO_ACCELERATION_S = 0.05  # ... and for how long it must have been within it, s. Not printed.
-
-FIELD_WINDOW_S = 0.5
-"""Disturbance detector: window over which the strength must hold still, s: half a stride. Not printed."""
-
-FIELD_DRIFT_UT_S = 0.5
-"""... and the steady change of it that may pass, uT/s. Not printed: it may turn the field by some 1 deg/s."""
-
+FIELD_WINDOW_S = 0.5  # Window over which the field's strength must hold still, s: half a stride. Not printed.
+FIELD_DRIFT_UT_S = 0.5  # ... its steady change that may pass, uT/s: it may turn the field by 1 deg/s. Not printed.
 FIELD_FALSE_ALARM = 0.01  # ... and the false-alarm rate of noise alone.
 
 
@@ -104,7 +96,7 @@ class Inputs(NamedTuple):
 
 
 class Output(NamedTuple):
-    """What the pass writes, as in `PocketTrack`; `covariance` of every `every`-th sample."""
+    """Output of the compiled pass, as in `PocketTrack`; `covariance` of every `every`-th sample."""
 
     nav_R_body: Floats
     gyro_bias: Floats
@@ -142,13 +134,17 @@ def estimate_pocket(
             f"the body's x axis is vertical at {recording.t[end]:.3f} s, where the paper's Euler angles end: "
             f"set euler_state to False, as in the default preset."
         )
-    _check_finite(recording.t, output)
+    finite = np.isfinite(output.gyro_bias).all(axis=1) & np.isfinite(output.nav_R_body).all(axis=(1, 2))
+    if not finite.all():
+        raise EstimationError(
+            f"the filter diverged to infinity at {recording.t[np.argmin(finite)]:.3f} s: check the samples there."
+        )
     return PocketTrack(
         t=recording.t,
         nav_R_body=output.nav_R_body,
         gyro_bias=output.gyro_bias,
         sigma=output.sigma,
-        covariance_sample=_stored_samples(len(recording), every),
+        covariance_sample=np.arange(0, len(recording), every),
         covariance=output.covariance,
         gravity_nis=output.gravity_nis,
         field_nis=output.field_nis,
@@ -177,11 +173,15 @@ def run_filter(
             predict_state(state, reference, inputs.rate[i - 1], inputs.h[i - 1], model)
         if model.euler and is_degenerate(state.nav_R_body):
             return i
-        # correct by gravity, then by the field
+        # correct by gravity
         if inputs.gravity[i]:
             output.gravity_nis[i] = update_gravity(state, reference, inputs.force[i], model)
-        if inputs.fresh[i]:
-            _compare_field(i, inputs, state, reference, model, output)
+        # correct by the field, if it holds still and the reference is neither too near nor too far, and replace that
+        age = reference.age[0]
+        if inputs.fresh[i] and not (inputs.steady[i] and age < model.shortest_s - 1e-9):
+            if inputs.steady[i] and age <= model.longest_s + 1e-9:
+                output.field_nis[i] = update_field(state, reference, inputs.field[i], model)
+            set_reference(reference, inputs.field[i])
         if model.euler and is_degenerate(state.nav_R_body):
             return i
         _store_state(i, state, model.euler, output)
@@ -189,25 +189,19 @@ def run_filter(
 
 
 @njit(cache=True)
-def _compare_field(
-    i: int, inputs: Inputs, state: PocketState, reference: FieldReference, model: FilterModel, output: Output
-) -> None:
-    """Compare a field with the reference if it holds still and is neither too near nor too far, and replace that."""
-    age = reference.age[0]
-    if inputs.steady[i] and age < model.shortest_s - 1e-9:
-        return
-    if inputs.steady[i] and age <= model.longest_s + 1e-9:
-        output.field_nis[i] = update_field(state, reference, inputs.field[i], model)
-    set_reference(reference, inputs.field[i])
-
-
-@njit(cache=True)
 def _store_state(i: int, state: PocketState, euler: bool, output: Output) -> None:
+    """Write a sample's state, its covariance with the attitude as a rotation in nav."""
+    P = state.P
+    if euler:
+        G, axes = np.eye(6), error_axes(state.nav_R_body)
+        for row in range(3):
+            for column in range(3):
+                G[row, column] = axes[row, column]
+        P = multiply(multiply(G, P), transpose(G))
     for row in range(3):
         output.gyro_bias[i, row] = state.gyro_bias[row]
         for column in range(3):
             output.nav_R_body[i, row, column] = state.nav_R_body[row, column]
-    P = _rotate_covariance(state) if euler else state.P
     for row in range(SIZE):
         output.sigma[i, row] = np.sqrt(P[row, row])
         if i % output.every == 0:
@@ -215,39 +209,17 @@ def _store_state(i: int, state: PocketState, euler: bool, output: Output) -> Non
                 output.covariance[i // output.every, row, column] = P[row, column]
 
 
-@njit(cache=True)
-def _rotate_covariance(state: PocketState) -> Floats:
-    """Covariance (6, 6) with the attitude as a rotation in nav, of one with it in Euler angles."""
-    G, axes = np.eye(6), error_axes(state.nav_R_body)
-    for row in range(3):
-        for column in range(3):
-            G[row, column] = axes[row, column]
-    return multiply(multiply(G, state.P), transpose(G))
-
-
 def allocate_output(samples: int, every: int) -> Output:
-    """Return an output to be written."""
+    """Return an empty output."""
     return Output(
-        np.empty((samples, 3, 3)),
-        np.empty((samples, 3)),
-        np.empty((samples, SIZE)),
-        np.empty((len(_stored_samples(samples, every)), SIZE, SIZE)),
-        np.full(samples, np.nan),
-        np.full(samples, np.nan),
-        every,
+        nav_R_body=np.empty((samples, 3, 3)),
+        gyro_bias=np.empty((samples, 3)),
+        sigma=np.empty((samples, SIZE)),
+        covariance=np.empty((-(-samples // every), SIZE, SIZE)),
+        gravity_nis=np.full(samples, np.nan),
+        field_nis=np.full(samples, np.nan),
+        every=every,
     )
-
-
-def _stored_samples(samples: int, every: int) -> Ints:
-    return np.arange(0, samples, every)
-
-
-def _check_finite(t: Floats, output: Output) -> None:
-    finite = np.isfinite(output.gyro_bias).all(axis=1) & np.isfinite(output.nav_R_body).all(axis=(1, 2))
-    if not finite.all():
-        raise EstimationError(
-            f"the filter diverged to infinity at {t[np.argmin(finite)]:.3f} s: check the samples there."
-        )
 
 
 # inputs: specific force, field, and the detectors
@@ -256,22 +228,18 @@ def _check_finite(t: Floats, output: Output) -> None:
 def prepare_inputs(recording: Recording, parameters: PocketParameters) -> Inputs:
     """Collect samples and the detectors' flags."""
     t, n = recording.t, len(recording)
-    force, gravity = _prepare_gravity(recording, parameters)
+    # specific force at the stamps, and where it is gravity
+    count = round(parameters.gravity_window_s / recording.period_s)
+    force = average_force(recording, count) if count else interpolate_force(recording.acc)
+    gravity = np.zeros(n, dtype=np.bool_)
+    if parameters.gravity_update:
+        gravity = thin_flags(t, detect_gravity(t, force), parameters.gravity_window_s / 2)
+    # field, and where it holds still
     field = np.full((n, 3), np.nan) if recording.mag is None or not parameters.field_update else recording.mag
     fresh = np.asarray(np.isfinite(field).all(axis=1) & field.any(axis=1), dtype=np.bool_)
     steady = detect_steady_field(t, field, parameters.mag_sigma_uT) if parameters.field_gated else fresh
     h = np.append(np.diff(t), recording.period_s)
     return Inputs(h, recording.integrable[1], force, field, gravity, fresh, steady)
-
-
-def _prepare_gravity(recording: Recording, parameters: PocketParameters) -> tuple[Floats, Bools]:
-    """Specific force (N, 3) at the stamps, and (N,) where it is gravity and used."""
-    window = parameters.gravity_window_s
-    count = round(window / recording.period_s)
-    force = average_force(recording, count) if count else interpolate_force(recording.acc)
-    if not parameters.gravity_update:
-        return force, np.zeros(len(recording), dtype=np.bool_)
-    return force, thin_flags(recording.t, detect_gravity(recording.t, force), window / 2)
 
 
 def interpolate_force(acc: Floats) -> Floats:
@@ -341,11 +309,6 @@ def detect_steady_field(t: Floats, mag: Floats, mag_sigma_uT: float) -> Bools:
     if len(fresh) >= count:
         strength = np.linalg.norm(mag[fresh], axis=1)
         spread = np.lib.stride_tricks.sliding_window_view(strength, count).var(axis=1, ddof=1)
-        steady[fresh[count - 1 :]] = spread < _limit_spread(count, mag_sigma_uT)
+        noise = mag_sigma_uT**2 * float(chdtri(count - 1, FIELD_FALSE_ALARM)) / (count - 1)
+        steady[fresh[count - 1 :]] = spread < noise + (FIELD_DRIFT_UT_S * FIELD_WINDOW_S) ** 2 / 12.0
     return steady
-
-
-def _limit_spread(count: int, mag_sigma_uT: float) -> float:
-    """Variance, uT^2, that the strength may have over `count` samples."""
-    noise = mag_sigma_uT**2 * float(chdtri(count - 1, FIELD_FALSE_ALARM)) / (count - 1)
-    return noise + (FIELD_DRIFT_UT_S * FIELD_WINDOW_S) ** 2 / 12.0

@@ -64,7 +64,7 @@ MD        printed                                      read
 
 MD (21)'s (r_c / r) in place of its square concerns the field (`fg_nav.lab.simulation`).
 
-MD's Euler angles: roll, pitch and yaw, and their small errors as a rotation.
+MD's Euler angles: roll, pitch and yaw, rad, and their small errors as a rotation.
 
     nav_R_body = Rz(yaw) Ry(pitch) Rx(roll)         nav East-North-Up, so yaw is that of the x axis, counter-clockwise
                                                     from east: pi / 2 - heading
@@ -84,10 +84,9 @@ from typing import NamedTuple
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.ekf.attitude_updates import wrap_angle
+from fg_nav.ekf.measurements import wrap_angle
 from fg_nav.ekf.update import rotate_in_nav, update_component, update_row
 from fg_nav.mechanisation import cross_matrix, multiply, right_jacobian, rotate_in_body, transpose
-from fg_nav.pocket.euler import angles_of_rotation, angles_of_up, error_axes, inverse_error_axes, rotation_of_angles
 from fg_nav.pocket.parameters import (
     GYR_DENSITY_DEG,
     PocketParameters,
@@ -98,9 +97,8 @@ from fg_nav.pocket.parameters import (
 from fg_nav.system.compiled import njit
 
 ATTITUDE, GYRO_BIAS, SIZE = 0, 3, 6
-
-MAX_DIFFERENCE_S = 0.25
-"""Fields farther apart than the shortest difference and this, s, are not compared: a gap in the magnetometer."""
+MAX_DIFFERENCE_S = 0.25  # Fields farther apart than the shortest difference and this, s, are not compared: a gap.
+MIN_COSINE = float(np.sin(np.radians(1.0)))  # Within a degree of a pitch of +-90 deg roll and yaw are not usable.
 
 
 class PocketState(NamedTuple):
@@ -162,6 +160,70 @@ def build_model(p: PocketParameters) -> FilterModel:
     )
 
 
+# Euler angles: MD (12), (13)
+
+
+@njit(cache=True)
+def angles_of_rotation(nav_R_body: Floats) -> Floats:
+    """Roll, pitch, yaw (3,) rad."""
+    R = nav_R_body
+    pitch = np.arctan2(-R[2, 0], np.hypot(R[2, 1], R[2, 2]))
+    return np.array([np.arctan2(R[2, 1], R[2, 2]), pitch, np.arctan2(R[1, 0], R[0, 0])])
+
+
+@njit(cache=True)
+def rotation_of_angles(angles: Floats) -> Floats:
+    """nav_R_body (3, 3) of roll, pitch, yaw (3,) rad."""
+    cr, sr = np.cos(angles[0]), np.sin(angles[0])
+    cp, sp = np.cos(angles[1]), np.sin(angles[1])
+    cy, sy = np.cos(angles[2]), np.sin(angles[2])
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+
+
+@njit(cache=True)
+def error_axes(nav_R_body: Floats) -> Floats:
+    """E (3, 3): from errors of the angles to the rotation in nav."""
+    x, y = nav_R_body[0, 0], nav_R_body[1, 0]
+    cosine = np.hypot(x, y)
+    return np.array([[x, -y / cosine, 0.0], [y, x / cosine, 0.0], [nav_R_body[2, 0], 0.0, 1.0]])
+
+
+@njit(cache=True)
+def inverse_error_axes(nav_R_body: Floats) -> Floats:
+    """E^-1 (3, 3): from a small rotation in nav to errors of the angles."""
+    x, y, sine = nav_R_body[0, 0], nav_R_body[1, 0], -nav_R_body[2, 0]
+    square = x * x + y * y
+    cosine = np.sqrt(square)
+    return np.array(
+        [[x / square, y / square, 0.0], [-y / cosine, x / cosine, 0.0], [sine * x / square, sine * y / square, 1.0]]
+    )
+
+
+@njit(cache=True)
+def is_degenerate(nav_R_body: Floats) -> bool:
+    """Whether the x axis is within a degree of vertical, where Euler angles end."""
+    return bool(nav_R_body[0, 0] ** 2 + nav_R_body[1, 0] ** 2 < MIN_COSINE**2)
+
+
+@njit(cache=True)
+def angles_of_up(force: Floats) -> tuple[float, float]:
+    """Roll and pitch, rad, of a specific force (3,) of gravity alone, MD (12), (13), in all quadrants."""
+    roll = np.arctan2(force[1], force[2])
+    return roll, np.arctan2(-force[0], np.hypot(force[1], force[2]))
+
+
+@njit(cache=True)
+def roll_as_printed(force: Floats) -> float:
+    """Roll, rad within +-pi/2, of a specific force (3,) by MD (12) as printed."""
+    return float(np.arctan(force[1] / force[2])) if force[2] != 0.0 else float(np.sign(force[1]) * np.pi / 2)
+
+
 # prediction: MD (3)-(11), (26)
 
 
@@ -170,6 +232,7 @@ def predict_state(state: PocketState, reference: FieldReference, rate: Floats, h
     """Propagate state and reference over a sample of `rate` (3,) rad/s held for `h` seconds."""
     R, bias, P = state
     before = error_axes(R) if model.euler else np.eye(3)
+    # attitude, bias and reference
     theta, earth, decay = np.empty(3), model.earth_rate, np.exp(-h * model.bias_decay_per_s)
     for i in range(3):
         turned = R[0, i] * earth[0] + R[1, i] * earth[1] + R[2, i] * earth[2]
@@ -182,6 +245,7 @@ def predict_state(state: PocketState, reference: FieldReference, rate: Floats, h
             per_bias[i, j] *= -h
             level[i, j] = (1.0 if i == j else 0.0) - h * level[i, j]
     propagate_reference(reference, theta, per_bias, h)
+    # transition of the errors
     after = inverse_error_axes(R) if model.euler else np.eye(3)
     by_attitude = multiply(multiply(after, level), before)
     by_bias, noise = multiply(after, multiply(R, per_bias)), multiply(after, transpose(after))
@@ -190,6 +254,7 @@ def predict_state(state: PocketState, reference: FieldReference, rate: Floats, h
         F[GYRO_BIAS + i, GYRO_BIAS + i] = decay
         for j in range(3):
             F[i, j], F[i, GYRO_BIAS + j] = by_attitude[i, j], by_bias[i, j]
+    # covariance
     moved = multiply(multiply(F, P), transpose(F))
     for i in range(SIZE):
         for j in range(SIZE):
@@ -247,67 +312,52 @@ def predict_field(reference: FieldReference, printed: bool) -> tuple[Floats, Flo
     return field, per_bias
 
 
+@njit(cache=True)
+def shift_reference_bias(reference: FieldReference, change: Floats) -> None:
+    """Rotate A along with a change (3,) rad/s of the bias."""
+    theta = np.zeros(3)
+    for i in range(3):
+        for j in range(3):
+            theta[i] += reference.per_bias[i, j] * change[j]
+    rotate_in_body(reference.turn, theta[0], theta[1], theta[2])
+
+
 # absolute gravity update: MD (12)-(14)
 
 
 @njit(cache=True)
 def update_gravity(state: PocketState, reference: FieldReference, force: Floats, model: FilterModel) -> float:
     """Correct by a specific force (3,) m/s^2 that is gravity alone; returns the NIS, of two."""
+    R, b, age = state.nav_R_body, state.gyro_bias, model.gravity_age_s
     square, x = 0.0, np.zeros(SIZE)
+    # the force is `age` old: as it is in the body now
+    up = np.empty(3)
     for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
         square += force[i] ** 2
-    force = _turn_by_bias(state.gyro_bias, force, model.gravity_age_s)
+        up[i] = force[i] + age * (b[j] * force[k] - b[k] * force[j])
     if model.euler:
-        first, second = _correct_angles(state, x, force, square, model)
+        roll, pitch = angles_of_up(up)
+        if model.printed_arctangent:
+            roll = roll_as_printed(up)
+        angles = angles_of_rotation(R)
+        across = max(up[1] ** 2 + up[2] ** 2, 1e-12 * square)
+        first = update_component(state.P, x, ATTITUDE, wrap_angle(angles[0] - roll), model.acc_variance / across)
+        second = update_component(state.P, x, ATTITUDE + 1, angles[1] - pitch, model.acc_variance / square)
     else:
+        z, h = np.zeros(2), np.zeros((2, SIZE))
+        h[0, ATTITUDE + 1], h[1, ATTITUDE] = 1.0, -1.0
         for i in range(3):
-            force[i] /= np.sqrt(square)
-        first, second = _correct_up(state, x, force, model.acc_variance / square, model.gravity_age_s)
+            up[i] /= np.sqrt(square)
+        for row in range(2):  # R (db x up), row by row: r . (db x up) = db . (up x r)
+            for i in range(3):
+                j, k = (i + 1) % 3, (i + 2) % 3
+                h[row, GYRO_BIAS + i] = age * (up[j] * R[row, k] - up[k] * R[row, j])
+                z[row] += R[row, i] * up[i]
+        first = update_row(state.P, x, h[0], z[0], model.acc_variance / square)
+        second = update_row(state.P, x, h[1], z[1], model.acc_variance / square)
     inject_error(state, reference, x, model.euler)
     return first**2 + second**2
-
-
-@njit(cache=True)
-def _turn_by_bias(b: Floats, force: Floats, age: float) -> Floats:
-    """Specific force (3,) that is `age` s old, as it is in the body now by a bias (3,) rad/s."""
-    f, out = force, np.empty(3)
-    out[0] = f[0] + age * (b[1] * f[2] - b[2] * f[1])
-    out[1] = f[1] + age * (b[2] * f[0] - b[0] * f[2])
-    out[2] = f[2] + age * (b[0] * f[1] - b[1] * f[0])
-    return out
-
-
-@njit(cache=True)
-def _correct_up(state: PocketState, x: Floats, body_up: Floats, variance: float, age: float) -> tuple[float, float]:
-    R, up, h = state.nav_R_body, np.zeros(2), np.zeros((2, SIZE))
-    h[0, ATTITUDE + 1], h[1, ATTITUDE] = 1.0, -1.0
-    for row in range(2):  # R (db x up), row by row: r . (db x up) = db . (up x r)
-        for i in range(3):
-            j, k = (i + 1) % 3, (i + 2) % 3
-            h[row, GYRO_BIAS + i] = age * (body_up[j] * R[row, k] - body_up[k] * R[row, j])
-            up[row] += R[row, i] * body_up[i]
-    first = update_row(state.P, x, h[0], up[0], variance)
-    return first, update_row(state.P, x, h[1], up[1], variance)
-
-
-@njit(cache=True)
-def _correct_angles(
-    state: PocketState, x: Floats, force: Floats, square: float, model: FilterModel
-) -> tuple[float, float]:
-    roll, pitch = angles_of_up(force)
-    if model.printed_arctangent:
-        roll = roll_as_printed(force)
-    angles = angles_of_rotation(state.nav_R_body)
-    across = max(force[1] ** 2 + force[2] ** 2, 1e-12 * square)
-    first = update_component(state.P, x, ATTITUDE, wrap_angle(angles[0] - roll), model.acc_variance / across)
-    second = update_component(state.P, x, ATTITUDE + 1, angles[1] - pitch, model.acc_variance / square)
-    return first, second
-
-
-@njit(cache=True)
-def roll_as_printed(force: Floats) -> float:
-    """Roll, rad within +-pi/2, of a specific force (3,) by MD (12) as printed."""
-    return float(np.arctan(force[1] / force[2])) if force[2] != 0.0 else float(np.sign(force[1]) * np.pi / 2)
 
 
 # differential magnetic field update: MD (15), (16)
@@ -369,13 +419,3 @@ def inject_error(state: PocketState, reference: FieldReference, x: Floats, euler
         change[i] = -x[GYRO_BIAS + i]
         state.gyro_bias[i] += change[i]
     shift_reference_bias(reference, change)
-
-
-@njit(cache=True)
-def shift_reference_bias(reference: FieldReference, change: Floats) -> None:
-    """Rotate A along with a change (3,) rad/s of the bias."""
-    theta = np.zeros(3)
-    for i in range(3):
-        for j in range(3):
-            theta[i] += reference.per_bias[i, j] * change[j]
-    rotate_in_body(reference.turn, theta[0], theta[1], theta[2])

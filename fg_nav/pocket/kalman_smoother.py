@@ -15,8 +15,8 @@ each if there is one,
 
     field     m_k - R_k (z - [z]x K (c_k - c0))   is the noise of a mean of n, the calibration's error, and the mean of
                                                   the field's walk since
-    region    m_k - E_k                           is the deviation of a place (`robust_variances`)
-    swing     p_k                                 is as large as a leg or an arm swings (`robust_variances`)
+    region    m_k - E_k                           is the deviation of a place (`iterated_smoother`)
+    swing     p_k                                 is as large as a leg or an arm swings (`iterated_smoother`)
     rest      b_k + R_k^T W - w_k, and v_k        are zero but for noise (`links`)
 
 Each equation relates a node to itself or to the next one: a Kalman filter from the first node to the last, and the
@@ -36,9 +36,8 @@ from fg_nav.ekf.update import update_component, update_row
 from fg_nav.mechanisation import cross_matrix, multiply, rotation_about, rotation_vector, transpose
 from fg_nav.system.compiled import njit
 
+# Where the parts of x begin; y lacks the first.
 ATTITUDE, BIAS, SCALE, FIELD, REGION, VELOCITY, SWING, BODY, SIZE = 0, 3, 6, 15, 18, 21, 23, 25, 27
-"""Where the parts of x begin; y lacks the first."""
-
 SENSOR = slice(BIAS, FIELD)  # Errors of the gyroscope in x.
 
 
@@ -52,11 +51,6 @@ class Nodes(NamedTuple):
     def b(self) -> Floats:
         """Bias (N, 3) rad/s."""
         return self.y[:, :3]
-
-    @property
-    def m(self) -> Floats:
-        """Local field (N, 3) uT in nav."""
-        return self.y[:, FIELD - 3 : REGION - 3]
 
 
 class Inputs(NamedTuple):
@@ -129,18 +123,11 @@ class Smoothed(NamedTuple):
 def smooth_nodes(nodes: Nodes, inputs: Inputs, noise: Noise, x0: Floats, P0: Floats) -> Smoothed:
     """Filter forward and smooth back about an estimate, given `x0` (27,) and `P0` (27, 27) of the first node."""
     n = len(nodes.y)
-    out = Smoothed(
-        np.zeros((n, SIZE)),
-        np.zeros((n, SIZE, SIZE)),
-        np.zeros((n, SIZE)),
-        np.zeros((n, SIZE, SIZE)),
-        np.zeros(n - 1),
-        np.zeros(n - 1),
-        np.zeros(n),
-        np.zeros(n),
-        np.full(n, np.nan),
-        np.full(n, np.nan),
-    )
+    x, x_ahead = np.zeros((n, SIZE)), np.zeros((n, SIZE))
+    P, P_ahead = np.zeros((n, SIZE, SIZE)), np.zeros((n, SIZE, SIZE))
+    step, pace, deviation, swing = np.zeros(n - 1), np.zeros(n - 1), np.zeros(n), np.zeros(n)
+    swing_nis, field_nis = np.full(n, np.nan), np.full(n, np.nan)
+    out = Smoothed(x, P, x_ahead, P_ahead, step, pace, deviation, swing, swing_nis, field_nis)
     F = np.zeros((n - 1, SIZE, SIZE))
     for i in range(SIZE):
         out.x_ahead[0, i] = x0[i]
@@ -168,15 +155,6 @@ def smooth_nodes(nodes: Nodes, inputs: Inputs, noise: Noise, x0: Floats, P0: Flo
 
 
 @njit(cache=True)
-def _error_change(y: Floats, noise: Noise) -> Floats:
-    """Errors of the gyroscope (12,) less those that the links were made with."""
-    c = np.empty(FIELD - 3)
-    for i in range(FIELD - 3):
-        c[i] = y[i] - noise.bias0[i] if i < 3 else y[i]
-    return c
-
-
-@njit(cache=True)
 def _apply(A: Floats, x: Floats) -> Floats:
     """A x."""
     out = np.zeros(len(A))
@@ -187,8 +165,18 @@ def _apply(A: Floats, x: Floats) -> Floats:
 
 
 @njit(cache=True)
+def _error_change(y: Floats, noise: Noise) -> Floats:
+    """Errors of the gyroscope (12,) less those that the links were made with."""
+    c = np.empty(FIELD - 3)
+    for i in range(FIELD - 3):
+        c[i] = y[i] - noise.bias0[i] if i < 3 else y[i]
+    return c
+
+
+@njit(cache=True)
 def linearize_transition(k: int, nodes: Nodes, inputs: Inputs, noise: Noise, F: Floats) -> tuple[Floats, Floats]:
     """Write F (27, 27); returns the offset (27,) and the variances (27,) of x_k+1 = F x_k + offset + noise."""
+    # attitude by the link, and its misclosure
     h = inputs.h[k]
     y, then, c = nodes.y[k], nodes.y[k + 1], _error_change(nodes.y[k], noise)
     back, earth = np.empty(3), cross_matrix(noise.earth_rate)
@@ -205,6 +193,7 @@ def linearize_transition(k: int, nodes: Nodes, inputs: Inputs, noise: Noise, F: 
             F[i, ATTITUDE + j] = (1.0 if i == j else 0.0) - h * earth[i, j]
         for j in range(FIELD - BIAS):
             F[i, BIAS + j] = by_sensor[i, j]
+    # bias, scale and fields
     for i in range(3, SIZE):
         F[i, i] = 1.0
     for i in range(BIAS, BIAS + 3):
@@ -212,6 +201,7 @@ def linearize_transition(k: int, nodes: Nodes, inputs: Inputs, noise: Noise, F: 
         variance[i - BIAS] = noise.gyr * h
         variance[i] = noise.bias * h
         variance[FIELD + i - BIAS] = inputs.walk[k]
+    # level motion
     gained = _apply_force(nodes.R[k], inputs.delta_v[k], inputs.delta_v_per_sensor[k], c, F[VELOCITY:SWING])
     gone = _apply_force(nodes.R[k], inputs.delta_p[k], inputs.delta_p_per_sensor[k], c, F[SWING:BODY])
     for i in range(2):
@@ -220,6 +210,7 @@ def linearize_transition(k: int, nodes: Nodes, inputs: Inputs, noise: Noise, F: 
         variance[VELOCITY + i] = noise.acc * h
         variance[SWING + i] = noise.acc * h**3 / 3.0
         variance[BODY + i] = inputs.pace[k]
+    # offset of the linear parts
     for i in range(3, SIZE):
         offset[i] = -then[i - 3]
         for j in range(3, SIZE):
@@ -252,12 +243,19 @@ def _apply_force(R: Floats, delta: Floats, per_sensor: Floats, c: Floats, F: Flo
 def _update_node(k: int, nodes: Nodes, inputs: Inputs, noise: Noise, out: Smoothed) -> None:
     """Update x and P by the measurements at a node."""
     x, P, H, y = out.x[k], out.P[k], np.zeros((3, SIZE)), nodes.y[k]
+    # the swing
     nis = 0.0
     for i in range(2):
         nis += update_component(P, x, SWING + i, -y[SWING - 3 + i], inputs.swing[k]) ** 2
     out.swing_nis[k] = nis
+    # at rest the rate is the bias, and the velocity zero
     if np.isfinite(inputs.rest[k]):
-        _update_rest(k, nodes, inputs, noise, out)
+        earth = _apply(transpose(nodes.R[k]), noise.earth_rate)
+        for i in range(3):
+            update_component(P, x, BIAS + i, inputs.rate[k, i] - earth[i] - y[i], inputs.rest[k])
+        for i in range(2):
+            update_component(P, x, VELOCITY + i, -y[VELOCITY - 3 + i], noise.rest_velocity)
+    # the field, and its deviation from the region's
     if inputs.samples[k] > 0:
         z = linearize_field(k, nodes, inputs, noise, H)
         nis = 0.0
@@ -271,18 +269,6 @@ def _update_node(k: int, nodes: Nodes, inputs: Inputs, noise: Noise, out: Smooth
                 H[row, i] = 0.0
             H[row, FIELD + row], H[row, REGION + row] = 1.0, -1.0
             update_row(P, x, H[row], y[REGION - 3 + row] - y[FIELD - 3 + row], inputs.deviation[k])
-
-
-@njit(cache=True)
-def _update_rest(k: int, nodes: Nodes, inputs: Inputs, noise: Noise, out: Smoothed) -> None:
-    """Update by a rest: the rate is the bias, and the velocity zero."""
-    earth = _apply(transpose(nodes.R[k]), noise.earth_rate)
-    for i in range(3):
-        observed = inputs.rate[k, i] - earth[i]
-        update_component(out.P[k], out.x[k], BIAS + i, observed - nodes.y[k, i], inputs.rest[k])
-    for i in range(2):
-        v = nodes.y[k, VELOCITY - 3 + i]
-        update_component(out.P[k], out.x[k], VELOCITY + i, -v, noise.rest_velocity)
 
 
 @njit(cache=True)
@@ -310,32 +296,32 @@ def linearize_field(k: int, nodes: Nodes, inputs: Inputs, noise: Noise, H: Float
 @njit(cache=True)
 def _smooth_backward(nodes: Nodes, F: Floats, out: Smoothed) -> None:
     """Rauch-Tung-Striebel: x and P given all, and the expected squares of steps, deviations and swings."""
-    n = len(out.x)
+    n, gained = len(out.x), np.empty((SIZE, SIZE))
     for k in range(n - 1, -1, -1):
+        x, P = out.x[k], out.P[k]
         if k < n - 1:
-            G = _smoother_gain(multiply(out.P[k], transpose(F[k])), out.P_ahead[k + 1])
-            _smooth_node(k, G, out)
+            # correct by the next node
+            G = _smoother_gain(multiply(P, transpose(F[k])), out.P_ahead[k + 1])
+            for i in range(SIZE):
+                for j in range(SIZE):
+                    x[i] += G[i, j] * (out.x[k + 1, j] - out.x_ahead[k + 1, j])
+                    gained[i, j] = out.P[k + 1, i, j] - out.P_ahead[k + 1, i, j]
+            change = multiply(multiply(G, gained), transpose(G))
+            for i in range(SIZE):
+                for j in range(i + 1):
+                    P[i, j] = P[j, i] = (P[i, j] + change[i, j] + P[j, i] + change[j, i]) / 2
+            # expected squares of the steps of field and body
             for i in range(FIELD, FIELD + 3):
                 out.step_square[k] += _expect_step(k, i, nodes, F[k], out, G)
             for i in range(BODY, BODY + 2):
                 out.pace_square[k] += _expect_step(k, i, nodes, F[k], out, G)
-        out.deviation_square[k] = _expect_deviation(k, nodes, out)
+        # of the local field less the region's, and of the swing
+        for i in range(3):
+            m, e = FIELD + i, REGION + i
+            off = nodes.y[k, m - 3] + x[m] - nodes.y[k, e - 3] - x[e]
+            out.deviation_square[k] += off**2 + max(P[m, m] + P[e, e] - 2 * P[m, e], 0.0)
         for i in range(SWING, BODY):
-            out.swing_square[k] += (nodes.y[k, i - 3] + out.x[k, i]) ** 2 + out.P[k, i, i]
-
-
-@njit(cache=True)
-def _smooth_node(k: int, G: Floats, out: Smoothed) -> None:
-    """Correct x and P of node k by those of the next one, with the gain G."""
-    gained, x, P = np.empty((SIZE, SIZE)), out.x[k], out.P[k]
-    for i in range(SIZE):
-        for j in range(SIZE):
-            x[i] += G[i, j] * (out.x[k + 1, j] - out.x_ahead[k + 1, j])
-            gained[i, j] = out.P[k + 1, i, j] - out.P_ahead[k + 1, i, j]
-    change = multiply(multiply(G, gained), transpose(G))
-    for i in range(SIZE):
-        for j in range(i + 1):
-            P[i, j] = P[j, i] = (P[i, j] + change[i, j] + P[j, i] + change[j, i]) / 2
+            out.swing_square[k] += (nodes.y[k, i - 3] + x[i]) ** 2 + P[i, i]
 
 
 @njit(cache=True)
@@ -346,17 +332,6 @@ def _expect_step(k: int, i: int, nodes: Nodes, F: Floats, out: Smoothed, G: Floa
         between += then[i, j] * G[i, j]  # covariance of x_k+1 with x_k
     step = nodes.y[k + 1, i - 3] + out.x[k + 1, i] - e * (nodes.y[k, i - 3] + out.x[k, i])
     return float(step**2 + max(e**2 * out.P[k, i, i] + then[i, i] - 2 * e * between, 0.0))
-
-
-@njit(cache=True)
-def _expect_deviation(k: int, nodes: Nodes, out: Smoothed) -> float:
-    """Expected square of the local field less the region's, uT^2."""
-    P, total = out.P[k], 0.0
-    for i in range(3):
-        m, e = FIELD + i, REGION + i
-        off = nodes.y[k, m - 3] + out.x[k, m] - nodes.y[k, e - 3] - out.x[k, e]
-        total += off**2 + max(P[m, m] + P[e, e] - 2 * P[m, e], 0.0)
-    return total
 
 
 @njit(cache=True)

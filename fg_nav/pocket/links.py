@@ -17,7 +17,7 @@ the columns put in the order of c. In the body frame at the node, t running over
                position; d adds -sum [s_t]x K_t d
     rest       mean and spread of the rates, and the spread of the force
 
-Strengths |y_t| need no attitude at all: their mean shows where the field changes (`robust_variances`).
+Strengths |y_t| need no attitude at all: their mean shows where the field changes (`iterated_smoother`).
 
 A sensor at rest shows its bias: rate and force are quiet, and the mean rates of the last links agree but for noise. A
 standing thigh is quiet too, but it sways by a few tenths of a degree in a second, and its means disagree.
@@ -41,10 +41,7 @@ REST_RATE_DEG_S = 2.0  # At rest the mean rate is below this about each axis, de
 REST_SPREAD_DEG_S = 1.0  # ... the spread of the rate is below this, deg/s: ten times the noise of MD Table 2 ...
 REST_SPREAD_M_S2 = 0.25  # ... that of the force below this, m/s^2: a MEMS sensor's is 0.02 to 0.1 ...
 
-REST_APART_DEG_S = 0.05
-"""... and means over half a second agree to this, deg/s, root mean square of an axis: white noise of 0.1 deg/s at
-100 Hz leaves 0.014, a thigh that stands 0.2."""
-
+REST_APART_DEG_S = 0.05  # ... and means of 0.5 s agree to this, deg/s rms an axis: noise leaves 0.014, a thigh 0.2.
 REST_SIGMA_DEG_S = 0.03  # Error of such a mean as an observation of the bias, deg/s.
 
 
@@ -97,10 +94,6 @@ class Rests(NamedTuple):
     rate: Floats
     variance: Floats
 
-    def drop_before(self, first: int) -> Rests:
-        """Return those of the nodes from `first` on."""
-        return Rests(self.rate[first:], self.variance[first:])
-
 
 def place_nodes(t: Floats, node_s: float = NODE_S) -> Ints:
     """Samples at which nodes are: every `node_s` seconds, and the last; (K + 1,), never fewer than two."""
@@ -119,7 +112,9 @@ def preintegrate_links(node: Ints, t: Floats, acc: Floats, gyr: Floats, mag: Flo
     bias : (3,) rad/s, b0.
     """
     blank = {name: np.zeros((len(node) - 1, *shape)) for name, shape in _SHAPES.items()}
-    samples = [np.ascontiguousarray(x, dtype=np.float64) for x in (acc, gyr, _mark_missing(mag, len(t)))]
+    field = np.zeros((len(t), 3)) if mag is None else mag
+    field = np.where((field != 0.0).any(axis=1, keepdims=True), field, np.nan)
+    samples = [np.ascontiguousarray(x, dtype=np.float64) for x in (acc, gyr, field)]
     inputs: list[Floats] = [np.diff(t), *samples, np.asarray(bias), *blank.values()]
     _fill_links(node, *inputs)
     return Links(start_s=t[node[:-1]], h=np.diff(t[node]), bias=np.asarray(bias), **blank)
@@ -141,6 +136,7 @@ def detect_rests(links: Links) -> Rests:
     return Rests(rate, variance)
 
 
+# What `_fill_links` writes, in its order, for each link.
 _SHAPES: dict[str, tuple[int, ...]] = {
     "turn": (3, 3),
     "per_sensor": (3, SENSOR),
@@ -156,14 +152,6 @@ _SHAPES: dict[str, tuple[int, ...]] = {
     "rate_spread": (),
     "force_spread": (),
 }
-"""What `_fill_links` writes, in its order, for each link."""
-
-
-def _mark_missing(mag: Floats | None, samples: int) -> Floats:
-    """Fields (N, 3), NaN where there is none; all zeros is a logger's mark of a missing sample."""
-    if mag is None:
-        return np.full((samples, 3), np.nan)
-    return np.where((mag != 0.0).any(axis=1, keepdims=True), mag, np.nan)
 
 
 @njit(cache=True)
@@ -198,12 +186,28 @@ def _fill_links(
                 theta[axis] = (gyr[i, axis] - bias[axis]) * h
             by_turn = right_jacobian(theta)
             K = multiply(R, J)
+            # sums of the field
             if np.isfinite(mag[i, 0]) and np.isfinite(mag[i, 1]) and np.isfinite(mag[i, 2]):
+                square = 0.0
+                for axis in range(3):
+                    square += mag[i, axis] ** 2
+                    for column in range(3):
+                        field[k, axis] += R[axis, column] * mag[i, column]
+                    for column in range(SENSOR):
+                        lever[k, axis, column] += K[axis, column]
                 count[k] += 1.0
-                strength[k] += _add_field(R, K, mag[i], field[k], lever[k])
+                strength[k] += np.sqrt(square)
+            # delta velocity and delta position
             _add_force(R, K, by_turn, acc[i], h, delta_v[k], delta_v_per_sensor[k], delta_p[k], delta_p_per_sensor[k])
-            J = _propagate_derivative(J, theta, by_turn, h)
+            # rotation, and its derivative
+            J = multiply(transpose(rotation_about(theta)), J)
+            for axis in range(3):
+                for row in range(3):
+                    J[axis, row] -= by_turn[axis, row] * h
+                    for column in range(3):
+                        J[axis, 3 + 3 * row + column] -= by_turn[axis, row] * theta[column]
             rotate_in_body(R, theta[0], theta[1], theta[2])
+        # means of the link
         for axis in range(3):
             for column in range(3):
                 turn[k, axis, column] = R[axis, column]
@@ -214,19 +218,6 @@ def _fill_links(
         strength[k] = strength[k] / count[k] if count[k] > 0 else np.nan
         rate_spread[k] = _measure_spread(gyr, node[k], node[k + 1], rate[k])
         force_spread[k] = _measure_spread(acc, node[k], node[k + 1], theta)
-
-
-@njit(cache=True)
-def _add_field(R: Floats, K: Floats, mag: Floats, field: Floats, lever: Floats) -> float:
-    """Add a sample (3,) uT to the sums of dR_t y_t and K_t; returns its strength."""
-    square = 0.0
-    for axis in range(3):
-        square += mag[axis] ** 2
-        for column in range(3):
-            field[axis] += R[axis, column] * mag[column]
-        for column in range(SENSOR):
-            lever[axis, column] += K[axis, column]
-    return float(np.sqrt(square))
 
 
 @njit(cache=True)
@@ -255,18 +246,6 @@ def _add_force(
             changed = gained[right] * K[left, column] - gained[left] * K[right, column]
             delta_p_per_sensor[axis, column] += delta_v_per_sensor[axis, column] * h + changed * (h / 2)
             delta_v_per_sensor[axis, column] += changed
-
-
-@njit(cache=True)
-def _propagate_derivative(J: Floats, theta: Floats, by_turn: Floats, h: float) -> Floats:
-    """J (3, 12) after a sample that rotates by `theta` (3,) rad in `h` seconds; `by_turn` is Jr of it."""
-    out = multiply(transpose(rotation_about(theta)), J)
-    for axis in range(3):
-        for row in range(3):
-            out[axis, row] -= by_turn[axis, row] * h
-            for column in range(3):
-                out[axis, 3 + 3 * row + column] -= by_turn[axis, row] * theta[column]
-    return out
 
 
 @njit(cache=True)

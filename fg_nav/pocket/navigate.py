@@ -10,9 +10,9 @@ munoz-diaz2017   orientation by MD's filter (`filter`), its misprints corrected
 ================ =====================================================================
 
 A given heading is that of the path, over the first two strides. Without one it is from magnetic north, by the compass
-over all of the walk (`compass`), or with MD's filter at the start; without a magnetometer it is 0. Fixes of a receiver
-show the heading from true north, and the step constant (`gnss`). The white error of the magnetometer, on which MD's
-filter depends most, is estimated from the recording (`fg_nav.pocket.track`).
+over all of the walk (`track`), or with MD's filter at the start; without a magnetometer it is 0. Fixes of a receiver
+show the heading from true north, and the step constant (`dead_reckoning`). The white error of the magnetometer, on
+which MD's filter depends most, is estimated from the recording (`track`).
 """
 
 from __future__ import annotations
@@ -24,25 +24,24 @@ from typing import TypeAlias
 
 import numpy as np
 
-from fg_nav.arrays import Floats, Ints
+from fg_nav.arrays import Floats
 from fg_nav.detection.mount import TurnSigns, refuse_foot
 from fg_nav.errors import EstimationError
 from fg_nav.gnss import Gnss, describe_fixes
 from fg_nav.magnetic.quasi_static import DISTURBED, QUASI_STATIC, UNKNOWN
-from fg_nav.pocket.compass import CompassTurn, measure_turn
 from fg_nav.pocket.dead_reckoning import (
     StepLength,
     SteppedPath,
     calibrate_step_length,
     estimate_directions,
+    lay_on_fixes,
     reckon_path,
     use_step_constant,
 )
 from fg_nav.pocket.filter import estimate_pocket
-from fg_nav.pocket.gnss import lay_on_fixes
 from fg_nav.pocket.parameters import PocketParameters
 from fg_nav.pocket.steps import MIN_OPENING_DEG, Steps, ThighSwing, estimate_swing, find_all_steps
-from fg_nav.pocket.track import PocketStart, PocketTrack, compass_start, estimate_field_noise_uT, level_start
+from fg_nav.pocket.track import PocketTrack, choose_start, estimate_field_noise_uT, measure_turn
 from fg_nav.recording import Recording
 from fg_nav.samples.saturation import find_saturated
 from fg_nav.solution import Solution, StanceTable
@@ -91,25 +90,42 @@ def navigate_pocket(
     # orientation
     signs = refuse_foot(recording)
     start, start_notes = choose_start(recording, heading)
-    track = _estimate_track(recording, method, start, progress)
-    turn = measure_turn(recording, track) if method == METHODS[0] else None
-    if turn is not None:
-        track = turn.apply(track)
-        start_notes = [] if heading is not None else [turn.note]
-    # steps of the thigh
+    if method not in METHODS:
+        raise EstimationError(f"there is no method '{method}' for the pocket: choose one of {', '.join(METHODS)}.")
+    heading_sigma = None if heading is None else float(np.radians(GIVEN_HEADING_DEG))
+    if method == METHODS[0]:
+        from fg_nav.pocket.iterated_smoother import smooth_pocket
+
+        track = smooth_pocket(recording, start=start, progress=progress)
+        turn = measure_turn(recording, track)
+        track = track if turn is None else turn.apply(track)
+        if turn is not None and heading is None:
+            sigma = turn.sigma_at_start
+            heading_sigma = float(np.hypot(sigma, np.radians(DECLINATION_DEG)))
+            start_notes = [
+                "the heading is the compass's over all of the walk, from magnetic north: "
+                f"{np.degrees(sigma):.0f} deg at the start"
+            ]
+    else:
+        noise = PocketParameters(mag_sigma_uT=estimate_field_noise_uT(recording))
+        track = estimate_pocket(recording, noise, start)
+    # steps of the thigh, and their length
     swing = estimate_swing(recording, track)
     steps = find_all_steps(recording, track, swing)
     require_steps(steps)
-    step_length = _choose_step_length(steps, step_constant_m, known_distance_m)
+    if known_distance_m is not None:
+        step_length = calibrate_step_length(steps, known_distance_m)
+    else:
+        step_length = StepLength() if step_constant_m is None else use_step_constant(step_constant_m)
     # the given heading is that of the first strides
     if heading is not None:
-        track = track.rotate(heading - _first_heading(track, swing, steps))
-    # dead reckoning
+        track = track.rotate(heading - measure_first_heading(estimate_directions(track, swing, steps)))
+    # dead reckoning, and fixes
     path = reckon_path(track, swing, steps, step_length)
     on_earth: dict[str, float] = {}
     if gnss is not None:
-        sigma = _find_heading_sigma(heading, turn) if swing.is_forward_known else None
-        track, path, step_length, on_earth = lay_on_fixes(track, path, gnss, sigma, step_length)
+        known_sigma = heading_sigma if swing.is_forward_known else None
+        track, path, step_length, on_earth = lay_on_fixes(track, path, gnss, known_sigma, step_length)
         start_notes = [describe_fixes(on_earth)]
     notes = (*start_notes, *describe_steps(steps, step_length, swing.is_forward_known or gnss is not None))
     solution = assemble_solution(recording, track, steps, path, step_length)
@@ -120,13 +136,6 @@ def navigate_pocket(
         runtime_s=time.perf_counter() - began,
         notes=(*notes, *_warn(recording, signs, swing, solution.stances.field)),
     )
-
-
-def _find_heading_sigma(heading: float | None, turn: CompassTurn | None) -> float | None:
-    """Sigma of the heading at the start from true north, rad; None where nothing shows it but fixes."""
-    if heading is not None:
-        return float(np.radians(GIVEN_HEADING_DEG))
-    return None if turn is None else float(np.hypot(turn.sigma_at_start, np.radians(DECLINATION_DEG)))
 
 
 def require_steps(steps: Steps) -> None:
@@ -141,56 +150,50 @@ def require_steps(steps: Steps) -> None:
 def assemble_solution(
     recording: Recording, track: PocketTrack, steps: Steps, path: SteppedPath, step_length: StepLength
 ) -> Solution:
-    """Return the solution of steps on a track, without notes."""
-    position, velocity = _interpolate_path(recording.t, path)
+    """Return the solution of steps on a track, without notes; between the ends of a step the position moves evenly."""
+    t = recording.t
+    at, first = np.unique(t[path.sample], return_index=True)
+    position = np.stack([np.interp(t, at, axis) for axis in path.position[first].T], axis=1)
+    # rows where strides begin, and at the end of the last
+    rows = np.append(2 * steps.strides, 2 * len(steps) - 1)
+    sample = path.sample[rows]
+    # whether the field was used in the stride up to each row
+    verdicts, reasons = (UNKNOWN,) * len(sample), ("no magnetometer",) * len(sample)
+    if recording.mag is not None:
+        used = np.concatenate([[0], np.cumsum(track.field_used)])
+        fresh = np.concatenate([[0], np.cumsum(np.isfinite(recording.mag).all(axis=1))])
+        before = np.append(0, sample[:-1])
+        counts = list(zip(used[sample + 1] - used[before], fresh[sample + 1] - fresh[before], strict=True))
+        verdicts = tuple(QUASI_STATIC if c else DISTURBED if whole else UNKNOWN for c, whole in counts)
+        reasons = tuple(f"{c} of {whole} samples used" for c, whole in counts)
+    table = StanceTable(
+        sample=sample,
+        t=t[sample],
+        position=path.position[rows],
+        nav_R_body=track.nav_R_body[sample],
+        gyro_bias=track.gyro_bias[sample],
+        position_cov=path.covariance[rows],
+        heading_sigma=track.sigma[sample, 2],
+        gyro_bias_sigma=track.sigma[sample, 3:],
+        field=verdicts,
+        field_reason=reasons,
+    )
     return Solution(
         method=METHODS[0],
-        t=recording.t,
+        t=t,
         position=position,
-        velocity=velocity,
+        velocity=np.gradient(position, t, axis=0),
         nav_R_body=track.nav_R_body,
-        stances=_make_table(recording, track, steps, path),
+        stances=table,
         runtime_s=0.0,
         parameters={"step_length": asdict(step_length)},
     )
-
-
-def choose_start(recording: Recording, heading: float | None) -> tuple[PocketStart, list[str]]:
-    """Return the attitude to start with, by the compass unless a heading is given, and notes on it."""
-    if heading is not None:
-        return level_start(recording), []
-    try:
-        return compass_start(recording), ["the heading at the start is the compass's, from magnetic north"]
-    except EstimationError:
-        start = level_start(recording)  # without gravity this says so
-    return start, ["the heading at the start is unknown and set to 0: give it with --heading"]
-
-
-def _first_heading(track: PocketTrack, swing: ThighSwing, steps: Steps) -> float:
-    """Direction of the first strides, rad clockwise from north."""
-    return measure_first_heading(estimate_directions(track, swing, steps))
 
 
 def measure_first_heading(forward: Floats) -> float:
     """Heading of the first strides, rad clockwise from north, by the directions (S, 2) of all steps."""
     east, north = forward[:FIRST_STEPS].sum(axis=0)
     return float(np.arctan2(east, north))
-
-
-def _estimate_track(recording: Recording, method: str, start: PocketStart, progress: Progress | None) -> PocketTrack:
-    if method not in METHODS:
-        raise EstimationError(f"there is no method '{method}' for the pocket: choose one of {', '.join(METHODS)}.")
-    if method == METHODS[0]:
-        from fg_nav.pocket.iterated_smoother import smooth_pocket
-
-        return smooth_pocket(recording, start=start, progress=progress)
-    return estimate_pocket(recording, PocketParameters(mag_sigma_uT=estimate_field_noise_uT(recording)), start)
-
-
-def _choose_step_length(steps: Steps, constant_m: float | None, distance_m: float | None) -> StepLength:
-    if distance_m is not None:
-        return calibrate_step_length(steps, distance_m)
-    return StepLength() if constant_m is None else use_step_constant(constant_m)
 
 
 def describe_steps(steps: Steps, step_length: StepLength, is_forward_known: bool) -> list[str]:
@@ -230,40 +233,3 @@ def _warn(recording: Recording, signs: TurnSigns, swing: ThighSwing, verdicts: t
             "magnetometer, as iron about the sensor turns with it"
         )
     return notes
-
-
-def _interpolate_path(t: Floats, path: SteppedPath) -> tuple[Floats, Floats]:
-    """Position and velocity (N, 3) at all samples, even along each step."""
-    at, first = np.unique(t[path.sample], return_index=True)
-    position = np.stack([np.interp(t, at, axis) for axis in path.position[first].T], axis=1)
-    return position, np.gradient(position, t, axis=0)
-
-
-def _make_table(recording: Recording, track: PocketTrack, steps: Steps, path: SteppedPath) -> StanceTable:
-    rows = np.append(2 * steps.strides, 2 * len(steps) - 1)  # where strides begin, and the last
-    sample = path.sample[rows]
-    verdicts, reasons = _judge_field(recording, track, sample)
-    return StanceTable(
-        sample=sample,
-        t=recording.t[sample],
-        position=path.position[rows],
-        nav_R_body=track.nav_R_body[sample],
-        gyro_bias=track.gyro_bias[sample],
-        position_cov=path.covariance[rows],
-        heading_sigma=track.sigma[sample, 2],
-        gyro_bias_sigma=track.sigma[sample, 3:],
-        field=verdicts,
-        field_reason=reasons,
-    )
-
-
-def _judge_field(recording: Recording, track: PocketTrack, sample: Ints) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Whether the field was used in the stride up to each row."""
-    if recording.mag is None:
-        return (UNKNOWN,) * len(sample), ("no magnetometer",) * len(sample)
-    used = np.concatenate([[0], np.cumsum(track.field_used)])
-    fresh = np.concatenate([[0], np.cumsum(np.isfinite(recording.mag).all(axis=1))])
-    before = np.append(0, sample[:-1])
-    count, whole = used[sample + 1] - used[before], fresh[sample + 1] - fresh[before]
-    verdicts = tuple(QUASI_STATIC if c else DISTURBED if w else UNKNOWN for c, w in zip(count, whole, strict=True))
-    return verdicts, tuple(f"{c} of {w} samples used" for c, w in zip(count, whole, strict=True))

@@ -1,31 +1,34 @@
-"""The pocket's smoother while the walk goes on: orientation and gyro bias at the moment, from the past alone.
+"""The pocket's smoother and the steps of the thigh while the walk goes on, from the past alone.
 
-Samples are stored until the next nodes are complete, preintegrated (`links`), and smoothed with a fixed lag
-(`fixed_lag`). Between, the last node is propagated by the gyroscope. A rate's change within its sample (coning,
-`fg_nav.samples.gaps`) is known one sample late, and so is a node.
+    samples -> links of half a second -> fixed-lag smoother (`iterated_smoother`)
+            -> orientation at the last sample, propagated from the last node by the gyroscope
+            -> attitudes since the last estimate, by the gyroscope -> steps (`causal_steps`)
+
+A rate's change within its sample (coning, `fg_nav.samples.gaps`) is known one sample late, and so is a node. At the end
+of a walk the estimates are a track of it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import EstimationError
-from fg_nav.factors.rotation import rotation_exp
-from fg_nav.pocket.fixed_lag import FixedLagSmoother, Prior, build_prior, propagate_gap
-from fg_nav.pocket.iterated_smoother import propagate_track
-from fg_nav.pocket.links import NODE_S, place_nodes, preintegrate_links
+from fg_nav.factors.rotation import relative_rotations, rotation_exp
+from fg_nav.magnetic.quasi_static import QUASI_STATIC, UNKNOWN
+from fg_nav.pocket.causal_steps import CausalSteps, StrideEnd
+from fg_nav.pocket.iterated_smoother import FixedLagSmoother, Prior, build_prior, propagate_gap, propagate_track
+from fg_nav.pocket.links import NODE_S, preintegrate_links
 from fg_nav.pocket.parameters import PocketSmootherParameters
-from fg_nav.pocket.track import STILL_S, PocketStart, PocketTrack, level_start
+from fg_nav.pocket.track import STILL_S, PocketStart, PocketTrack, choose_start, level_start
 from fg_nav.recording import MAX_GAP_S, MIN_SAMPLES, Recording
 from fg_nav.samples.gaps import compensate_coning
+from fg_nav.text import format_count
 
-UPDATE_S = 1.0  # Estimates are made so often, s.
-
-_EVERY = max(round(UPDATE_S / NODE_S), 1)
+UPDATE_LINKS = max(round(1.0 / NODE_S), 1)  # From estimate to estimate: one second.
+WALKER_M_S = 1.4  # Walking pace: sigma an axis of what is walked in a second that is lost.
 
 
 @dataclass(frozen=True)
@@ -47,8 +50,8 @@ class OnlinePocket:
     """Orientation and gyro bias from samples as they come.
 
     A sample that is not finite is left out. Where more than `fg_nav.recording.MAX_GAP_S` is missing, the smoother
-    starts again after the gap from the prior of `fixed_lag.propagate_gap`; shorter gaps hold the last rate. Unlike in a
-    `Recording`, clipped peaks are not rebuilt.
+    starts again after the gap from the prior of `iterated_smoother.propagate_gap`; shorter gaps hold the last rate.
+    Unlike in a `Recording`, clipped peaks are not rebuilt.
 
     Attributes
     ----------
@@ -62,10 +65,9 @@ class OnlinePocket:
     ) -> None:
         self._p = parameters
         self._start = start
-        self._samples = np.empty((0, 10))
-        self._origin = np.nan
-        self._made = 0
+        self._samples = np.empty((0, 10))  # from the last node on, and `_before` (0 or 1) before it
         self._before = 0
+        self._origin, self._made = np.nan, 0  # stamp of the first node since the last gap, and links made since
         self._window: FixedLagSmoother | None = None
         self._resumed: Prior | None = None
         self.left_out = 0
@@ -82,131 +84,145 @@ class OnlinePocket:
         Raises `EstimationError` if a stamp is not after the one before, or it cannot be levelled.
         """
         new = np.column_stack([t, acc, gyr, np.full((len(t), 3), np.nan) if mag is None else mag])
-        for part in self._split_at_gaps(new):
-            if self._is_behind_gap(part):
-                self._restart(float(part[0, 0]))
-            self._store(part)
-            if self._has_begun():
-                self._make_nodes()
-        return self._estimate_now() if len(self._samples) and self._start is not None else None
-
-    def _split_at_gaps(self, new: Floats) -> list[Floats]:
-        """Samples (n, 10) that are finite, split at gaps; raises if a stamp goes back."""
+        # finite samples, in order, split at gaps
         finite = np.isfinite(new[:, :7]).all(axis=1)
         new = new[finite]
         if not (np.diff(np.append(self._samples[-1:, 0], new[:, 0])) > 0).all():
             raise EstimationError("the stamp of a sample that was pushed is not after the last one: leave it out.")
         self.left_out += int((~finite).sum())
-        return [part for part in np.split(new, 1 + np.flatnonzero(np.diff(new[:, 0]) > MAX_GAP_S)) if len(part)]
-
-    def _is_behind_gap(self, part: Floats) -> bool:
-        return len(self._samples) > 0 and part[0, 0] - self._samples[-1, 0] > MAX_GAP_S
+        for part in np.split(new, 1 + np.flatnonzero(np.diff(new[:, 0]) > MAX_GAP_S)):
+            if not len(part):
+                continue
+            if len(self._samples) and part[0, 0] - self._samples[-1, 0] > MAX_GAP_S:
+                self._restart(float(part[0, 0]))
+            if not len(self._samples):
+                self._origin = float(part[0, 0])
+            self._samples = np.concatenate([self._samples, part])
+            # the start, by the first second
+            t = self._samples[:, 0]
+            if self._start is None and len(t) >= MIN_SAMPLES and t[-1] - t[0] >= STILL_S:
+                s = self._samples
+                self._start = level_start(Recording(t=t, acc=s[:, 1:4], gyr=s[:, 4:7], mag=s[:, 7:]))
+            if self._start is not None:
+                self._make_nodes(self._start)
+        if not len(self._samples) or self._start is None:
+            return None
+        last = self._propagate_last(self._start)
+        return PocketEstimate(float(self._samples[-1, 0]), last.R, last.y[:3], last.P[:6, :6])
 
     def _restart(self, stamp: float) -> None:
         """Restart at a stamp after a gap; a beginning that was too short for a start is dropped."""
         last = float(self._samples[-1, 0])
         self.gaps.append((last, stamp))
         if self._start is not None:
-            self._resumed = propagate_gap(self._propagate_last(), stamp - last)
+            self._resumed = propagate_gap(self._propagate_last(self._start), stamp - last)
         self._samples, self._window = np.empty((0, 10)), None
-        self._origin, self._made, self._before = np.nan, 0, 0
+        self._made, self._before = 0, 0
 
-    def _store(self, new: Floats) -> None:
-        self._samples = np.concatenate([self._samples, new])
-        if np.isnan(self._origin):
-            self._origin = float(new[0, 0])
+    def _make_nodes(self, start: PocketStart) -> None:
+        """Make links of whole half seconds, if complete: one sample beyond is needed, and one before stays stored."""
+        while True:
+            s, t = self._samples, self._samples[:, 0]
+            ticks = self._origin + NODE_S * np.arange(self._made, self._made + UPDATE_LINKS + 1)
+            node = np.searchsorted(t, ticks - 1e-6)
+            if node[-1] >= len(t) - 1:
+                return
+            # preintegrate
+            h = np.append(np.diff(t), t[-1] - t[-2])
+            acc, gyr = compensate_coning(np.ascontiguousarray(s[:, 1:4]), np.ascontiguousarray(s[:, 4:7]), h)
+            node = np.unique(node).astype(np.int64)
+            links = preintegrate_links(node, t, acc, gyr, s[:, 7:], np.zeros(3))
+            # smooth
+            if self._window is None:
+                prior = self._resumed or build_prior(start, links, self._p)
+                self._window = FixedLagSmoother(prior, links, self._p)
+            else:
+                self._window.extend(links)
+            new, smoothed = slice(-len(links) - 1, -1), self._window.smoothed
+            self.nis += zip(t[node[:-1]].tolist(), smoothed.swing_nis[new], smoothed.field_nis[new], strict=True)
+            # drop the samples used
+            self._made += UPDATE_LINKS
+            self._before = min(int(node[-1]), 1)
+            self._samples = s[node[-1] - self._before :]
 
-    def _has_begun(self) -> bool:
-        """Whether there is a start, making it of the first second if there is enough of it."""
-        if self._start is None:
-            t, acc, gyr, mag = self._split_columns()
-            if len(t) < MIN_SAMPLES or t[-1] - t[0] < STILL_S:
-                return False
-            self._start = level_start(Recording(t=t, acc=acc, gyr=gyr, mag=mag))
-        return True
-
-    def _split_columns(self) -> tuple[Floats, Floats, Floats, Floats]:
-        s = self._samples
-        return s[:, 0], s[:, 1:4], s[:, 4:7], s[:, 7:]
-
-    def _make_nodes(self) -> None:
-        """Make links of whole half seconds, if complete; one sample beyond is needed, and one before stays stored."""
-        t, acc, gyr, mag = self._split_columns()
-        ticks = self._origin + NODE_S * np.arange(self._made, self._made + _EVERY + 1)
-        node = np.searchsorted(t, ticks - 1e-6)
-        if node[-1] >= len(t) - 1:
-            return
-        # preintegrate
-        h = np.append(np.diff(t), t[-1] - t[-2])
-        acc, gyr = compensate_coning(np.ascontiguousarray(acc), np.ascontiguousarray(gyr), h)
-        node = np.unique(node).astype(np.int64)
-        links = preintegrate_links(node, t, acc, gyr, mag, np.zeros(3))
-        # smooth
-        assert self._start is not None
-        if self._window is None:
-            prior = self._resumed or build_prior(self._start, links, self._p)
-            self._window = FixedLagSmoother(prior, links, self._p)
-        else:
-            self._window.extend(links)
-        new, smoothed = slice(-len(links) - 1, -1), self._window.smoothed
-        self.nis += zip(t[node[:-1]].tolist(), smoothed.swing_nis[new], smoothed.field_nis[new], strict=True)
-        # drop the samples used, and look for more
-        self._made += _EVERY
-        self._before = min(int(node[-1]), 1)
-        self._samples = self._samples[node[-1] - self._before :]
-        self._make_nodes()
-
-    def _estimate_now(self) -> PocketEstimate:
-        """The last node, propagated to the last sample."""
-        known = self._propagate_last()
-        return PocketEstimate(float(self._samples[-1, 0]), known.R, known.y[:3], known.P[:6, :6])
-
-    def _propagate_last(self) -> Prior:
+    def _propagate_last(self, start: PocketStart) -> Prior:
         """Estimate and covariance of the last node, its attitude propagated to the last sample by the gyroscope."""
-        t, _, gyr, _ = self._split_columns()
-        known = self._last_node()
+        known = self._window.last if self._window else self._resumed or build_prior(start, None, self._p)
+        t, gyr = self._samples[:, 0], self._samples[:, 4:7]
         R, part = known.R, slice(self._before, -1)
         for turn in rotation_exp((gyr[part] - known.y[:3]) * np.diff(t)[self._before :, None]):
             R = R @ turn
         return known._replace(R=R)
 
-    def _last_node(self) -> Prior:
-        if self._window is not None:
-            return self._window.last
-        assert self._start is not None
-        return self._resumed or build_prior(self._start, None, self._p)
 
+class OnlineThigh:
+    """Orientation and steps, block by block, from the first second (N, 10) on.
 
-def follow_pocket(
-    recording: Recording,
-    parameters: PocketSmootherParameters = PocketSmootherParameters(),
-    start: PocketStart | None = None,
-    progress: Callable[[float], None] | None = None,
-) -> PocketTrack:
-    """Estimates of `OnlinePocket` at each sample of a recording: each uses the data until then.
-
-    Parameters and errors as in `fg_nav.pocket.iterated_smoother.smooth_pocket`.
+    Attributes
+    ----------
+    steps : found so far.
+    notes : on the start.
     """
-    start = level_start(recording) if start is None else start
-    acc, gyr = recording.integrable
-    node = place_nodes(recording.t)
-    links = preintegrate_links(node, recording.t, acc, gyr, recording.mag, np.zeros(3))
-    ends = np.unique(np.append(np.arange(_EVERY, len(links), _EVERY), len(links)))
-    window = FixedLagSmoother(build_prior(start, links, parameters), links.slice(0, ends[0]), parameters)
-    R, b, P = [window.nodes.R[0]], [np.zeros(3)], [window.smoothed.P_ahead[0, :6, :6]]
-    nis = []
-    for first, last in zip(np.append(0, ends[:-1]), ends, strict=True):
-        # smooth with the new links
-        if first:
-            window.extend(links.slice(first, last))
-        # the last node is the estimate
-        R.append(window.nodes.R[-1])
-        b.append(window.nodes.b[-1])
-        P.append(window.smoothed.P[-1, :6, :6])
-        new = slice(-(last - first) - 1, -1)
-        nis.append(np.stack([window.smoothed.swing_nis[new], window.smoothed.field_nis[new]], axis=1))
-        if progress is not None:
-            progress(last / len(links))
-    at = node[np.append(0, ends)]
-    R[0] = start.nav_R_body
-    return propagate_track(recording, at, np.array(R), np.array(b), np.array(P), node[:-1], np.concatenate(nis))
+
+    def __init__(self, first: Recording, heading: float | None) -> None:
+        start, notes = choose_start(first, heading)
+        self.notes = tuple(notes)
+        self.steps = CausalSteps(first.period_s)
+        self._orientation = OnlinePocket(start=start)
+        self._known: list[tuple[int, PocketEstimate]] = []
+        self._latest: PocketEstimate | None = None
+        self._start = start.nav_R_body
+        self._judged, self._verdict = 0, (str(UNKNOWN), "no magnetometer")
+
+    @property
+    def latest(self) -> PocketEstimate:
+        """Orientation and bias at the last sample."""
+        assert self._latest is not None
+        return self._latest
+
+    def add(self, first: int, rows: Floats, before: Floats) -> list[StrideEnd]:
+        """Add rows (n, 11), the first of them that sample of the walk, `before` (0 or 1, 11) the row before them."""
+        ends: list[StrideEnd] = []
+        last, nodes = self._latest, len(self._orientation.nis)
+        R, bias = (self._start, np.zeros(3)) if last is None else (last.nav_R_body, last.gyro_bias)
+        lost_s = float(rows[0, 0] - before[0, 0]) if len(before) else 0.0
+        if lost_s > MAX_GAP_S:
+            ends += self.steps.cut(WALKER_M_S * lost_s)
+        # attitudes from the last estimate on; a gap turns nothing
+        both = np.concatenate([before, rows])
+        periods = np.append(np.diff(both[:, 0]), 0.0)
+        periods[periods > MAX_GAP_S] = 0.0
+        turned = relative_rotations(both[:, 4:7], periods, np.zeros(len(both), dtype=np.int64), bias)[0]
+        attitude = np.asarray(R @ turned)[len(before) :]
+        # the estimate at the end
+        self._latest = self._orientation.push(rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:10])
+        latest = self.latest
+        attitude[-1] = latest.nav_R_body
+        # estimates for the path at the end
+        if last is None or lost_s > MAX_GAP_S:
+            self._known.append((first, replace(latest, nav_R_body=attitude[0], gyro_bias=bias)))
+        if len(self._orientation.nis) > nodes and len(rows) > 1:
+            self._known.append((first + len(rows) - 1, latest))
+        # steps
+        return ends + self.steps.push(rows[:, 0], rows[:, 4:7] - latest.gyro_bias, attitude, float(latest.sigma[2]))
+
+    def judge_field(self) -> tuple[str, str]:
+        """Return whether the field was used at the nodes since the last call, in a word and in words."""
+        nis = np.array(self._orientation.nis[self._judged :]).reshape(-1, 3)
+        if not len(nis):
+            return self._verdict
+        used = int(np.isfinite(nis[:, 2]).sum())
+        self._judged += len(nis)
+        self._verdict = str(QUASI_STATIC if used else UNKNOWN), f"used at {used} of {format_count(len(nis), 'node')}"
+        return self._verdict
+
+    def build_track(self, recording: Recording) -> PocketTrack:
+        """Return the orientation of the moment at all samples of the walk so far."""
+        at = np.array([sample for sample, _ in self._known])
+        R, b, P = (
+            np.array([getattr(one, name) for _, one in self._known])
+            for name in ("nav_R_body", "gyro_bias", "covariance")
+        )
+        nis = np.array(self._orientation.nis).reshape(-1, 3)
+        node = np.minimum(np.searchsorted(recording.t, nis[:, 0] - 1e-9), len(recording) - 1)
+        return propagate_track(recording, at, R, b, P, node, nis[:, 1:])

@@ -7,7 +7,7 @@ pocket turns as much and more, which is left out. In the body
     left     the principal axis of the level part of the slow rate, and what follows from the force (below)
     forward  left x up
 
-and flexion is the angle by which the knee is ahead of that mean,
+and flexion, the angle by which the knee is ahead of that mean, is
 
     flexion = atan2(up_now . forward, up_now . up),     its rate = -rate . left,
 
@@ -20,8 +20,8 @@ Sway. A walker is an inverted pendulum, slowest where he is highest: at the freq
 
     a_forward = -k dh/dt,       h the height of the body, k > 0,
 
-so the level force that goes with -dh/dt points forward, without a look at the thigh. It is the only direction of a
-sensor that does not swing, at the hip or in a coat. Running has a flight phase, and the opposite phase: such samples
+so the level force that goes with -dh/dt points forward, whatever the thigh does. It is the only direction of a sensor
+that does not swing, at the hip or in a coat. Running has a flight phase, and the opposite phase: such samples
 are left out.
 
 The level force at the frequency of the swing lies in its plane as well. On 24 real thighs (`feet_thighs`) the direction
@@ -60,6 +60,7 @@ from fg_nav.pocket.track import PocketTrack
 from fg_nav.recording import Recording
 from fg_nav.stances import find_runs
 
+# the axis of the swing
 SWINGING_DEG_S = 60.0  # A thigh that turns faster than this is on its way; one that stands or sits is not.
 MIN_SHARE = 0.6  # of the level rate's power about its principal axis (evenly spread: half), else it shows no axis
 MIN_SWAY = 0.3  # correlation of the level force with -dh/dt, else it shows no direction: chance in ten strides is 0.2
@@ -71,13 +72,12 @@ GAIT_HZ = 4.0  # Front and back follow from what is slower than this: three a st
 UPRIGHT_DEG = 45.0  # A thigh farther off its mean is sitting down or getting up, which shows nothing of front and back.
 MIN_SKEW = 0.1  # a skewness below this does not distinguish forward from backward
 
-HYSTERESIS_DEG = 12.0
-"""A turning point is one after which flexion comes back by so much, deg. After a footfall in a tight turn a real thigh
-(`qmt_fullbody`) gives way by 7 to 11 and goes on."""
-
-MIN_OPENING_DEG = 20.0
-"""Less, deg, is no step: legs that turn on the spot open by some 16, and the first step out of standing by more."""
-
+HYSTERESIS_DEG = (
+    12.0  # Flexion comes back by so much after a turning point; a real thigh gives way by 7 to 11 in turns.
+)
+MIN_OPENING_DEG = (
+    20.0  # Less is no step: legs that turn on the spot open by 16, the first step out of standing by more.
+)
 MAX_OPENING_DEG = 85.0  # More, deg, is no step: a runner opens by up to 75.
 MAX_FLEXED_DEG = 50.0  # The middle of a step is no farther from that of the walk, deg: seated it is at 60 to 80.
 MIN_S = 0.12  # A step takes longer, s, from a tenth of its opening to nine tenths: a runner's 0.2.
@@ -132,64 +132,47 @@ def estimate_swing(recording: Recording, track: PocketTrack, with_force: bool = 
     up_now = remove_fast(track.nav_R_body[:, 2], period_s)
     up_now /= np.linalg.norm(up_now, axis=1, keepdims=True)
     up = _unit(up_now[swinging].mean(axis=0))
-    # axis of the rate
+    # axis of the rate; front and back by the skewness of flexion's rate
     share, left = find_level_axis(rate[swinging].T @ rate[swinging], up)
     near = spread_flags(swinging, period_s)
     flexion = compute_flexion(up_now, left, up)
     upright = near & (np.abs(flexion) < np.radians(UPRIGHT_DEG))
-    skewness = _compute_skewness(-remove_fast(rate @ left, period_s, GAIT_HZ)[upright])
+    slow = -remove_fast(rate @ left, period_s, GAIT_HZ)[upright]
+    skewness = float((slow**3).mean() / (slow**2).mean() ** 1.5) if slow.any() else 0.0
     forward, evidence = np.cross(left, up), skewness / MIN_SKEW
     # directions of the force
+    surely = 0.0
     if with_force:
+        sway, surely = measure_sway(recording, track, near)
+    if share < MIN_SHARE and surely < MIN_SWAY:
+        raise EstimationError(
+            "neither the rate nor the force of the sensor shows a level axis, as those of a walker do: "
+            "is it in a trouser pocket, and held there?"
+        )
+    if with_force:
+        # of a thigh, by the probability that the sensor swings as one: the mean of the axes of rate and force
         swing_deg = float(np.degrees(np.std(_select(flexion, SWING_HZ, period_s)[upright]))) if upright.any() else 0.0
         thigh = 1.0 / (1.0 + (THIGH_DEG / max(swing_deg, 1e-3)) ** 8)
-        forward, evidence = _turn_by_force(recording, track, near, up, (share, forward, evidence), thigh)
-    elif share < MIN_SHARE:
-        raise _no_axis()
+        swung = _select(_level_force(recording, track)[0], SWING_HZ, period_s)[near]
+        in_plane, plane = find_level_axis(swung.T @ swung, up)
+        plane = plane * (1.0 if plane @ forward >= 0 else -1.0)
+        weight = thigh * np.array([(2.0 * share - 1.0) ** 2, (2.0 * in_plane - 1.0) ** 2])
+        mean = weight @ np.array([forward, plane])
+        # front and back by the skewness, and by the sway
+        strength = float(np.linalg.norm(sway))
+        evidence += surely / MIN_SWAY * float(_unit(forward) @ sway) / max(strength, 1e-9)
+        sign = 1.0 if evidence >= 0 else -1.0
+        # of a sensor that does not swing: the sway
+        forward = _unit(sign * mean + (1.0 - thigh) * strength * (sway - (sway @ up) * up))
+        evidence = max(abs(evidence), surely / MIN_SWAY)
     sign = 1.0 if evidence >= 0 else -1.0
     left = np.cross(up, sign * forward)
-    flexion = compute_flexion(up_now, left, up)
-    return ThighSwing(left, up, up_now, flexion, abs(evidence), _measure_slip(rate[swinging], up))
-
-
-def _no_axis() -> EstimationError:
-    return EstimationError(
-        "neither the rate nor the force of the sensor shows a level axis, as those of a walker do: "
-        "is it in a trouser pocket, and held there?"
-    )
-
-
-def _turn_by_force(
-    recording: Recording,
-    track: PocketTrack,
-    moving: Bools,
-    up: Floats,
-    by_rate: tuple[float, Floats, float],
-    thigh: float,
-) -> tuple[Floats, float]:
-    """Mean of the directions of rate and force, forward (3,) or back, and the evidence that it is forward.
-
-    `by_rate` is the share of the axis, the direction (3,) that follows, and its evidence; `thigh` the probability that
-    the sensor swings as a thigh does.
-    """
-    share, forward, evidence = by_rate
-    sway, surely = measure_sway(recording, track, moving)
-    level = _level_force(recording, track)[0]
-    swung = _select(level, SWING_HZ, recording.period_s)[moving]
-    in_plane, plane = find_level_axis(swung.T @ swung, up)
-    strength = float(np.linalg.norm(sway))
-    if share < MIN_SHARE and surely < MIN_SWAY:
-        raise _no_axis()
-    # of a thigh
-    plane = plane * (1.0 if plane @ forward >= 0 else -1.0)
-    weight = thigh * np.array([(2.0 * share - 1.0) ** 2, (2.0 * in_plane - 1.0) ** 2])
-    mean = weight @ np.array([forward, plane])
-    # front and back by the skewness, and by the sway
-    evidence += surely / MIN_SWAY * float(_unit(forward) @ sway) / max(strength, 1e-9)
-    sign = 1.0 if evidence >= 0 else -1.0
-    # of a sensor that does not swing
-    mean = sign * mean + (1.0 - thigh) * strength * (sway - (sway @ up) * up)
-    return _unit(mean), max(abs(evidence), surely / MIN_SWAY)
+    # slip of the axis from one half of the swinging to the other
+    swings = rate[swinging]
+    halves = (swings[: len(swings) // 2], swings[len(swings) // 2 :])
+    one, other = (find_level_axis(half.T @ half, up)[1] for half in halves)
+    slipped_deg = float(np.degrees(np.arccos(min(abs(float(one @ other)), 1.0))))
+    return ThighSwing(left, up, up_now, compute_flexion(up_now, left, up), abs(evidence), slipped_deg)
 
 
 def _level_force(recording: Recording, track: PocketTrack) -> tuple[Floats, Floats]:
@@ -240,17 +223,6 @@ def find_level_axis(power: Floats, up: Floats) -> tuple[float, Floats]:
     level = np.eye(3) - np.outer(up, up)
     powers, axes = np.linalg.eigh(level @ power @ level)
     return float(powers[2] / max(powers[1] + powers[2], 1e-300)), axes[:, 2]
-
-
-def _measure_slip(rate: Floats, up: Floats) -> float:
-    """Angle between the axes of the first and the second half of the swinging."""
-    halves = (rate[: len(rate) // 2], rate[len(rate) // 2 :])
-    one, other = (find_level_axis(half.T @ half, up)[1] for half in halves)
-    return float(np.degrees(np.arccos(min(abs(float(one @ other)), 1.0))))
-
-
-def _compute_skewness(values: Floats) -> float:
-    return float((values**3).mean() / (values**2).mean() ** 1.5) if values.any() else 0.0
 
 
 def _unit(vector: Floats) -> Floats:
@@ -307,13 +279,19 @@ def find_steps(t: Floats, flexion: Floats, up: Floats) -> Steps:
     # turning points, and each pause within an opening
     turn = split_at_pauses(t, flexion, find_turning_points(flexion, float(np.radians(HYSTERESIS_DEG))))
     start, stop = find_inner_spans(flexion, turn)
-    # which openings are steps, and of which bout
+    # bouts: openings that may be steps, without a pause between
     swept = np.diff(flexion[turn])
-    took = t[stop] - t[start]
     together = t[start[1:]] - t[stop[:-1]] < PAUSE_S
-    walked, bout = _number_bouts(are_step_like(flexion, turn, took), together)
+    walked, bout, bouts = np.zeros(len(start), dtype=np.bool_), np.zeros(len(start), dtype=np.int64), 0
+    for first, last in zip(*find_runs(are_step_like(flexion, turn, t[stop] - t[start])), strict=True):
+        cuts = first + 1 + np.flatnonzero(~together[first : last - 1])
+        for begin, end in pairwise([int(first), *cuts.tolist(), int(last)]):
+            if end - begin >= MIN_STEPS:
+                walked[begin:end], bout[begin:end] = True, bouts
+                bouts += 1
     # steps that follow each other meet at the turning point
-    start, stop = _join_steps(start, stop, turn, together)
+    start[1:] = np.where(together, turn[1:-1], start[1:])
+    stop[:-1] = np.where(together, turn[1:-1], stop[:-1])
     opening = 2.0 * np.arcsin(np.linalg.norm(np.diff(up[turn], axis=0), axis=1) / 2.0)
     start, stop, bout = start[walked], stop[walked], bout[walked]
     took = average_durations(t[stop] - t[start], bout)
@@ -348,8 +326,7 @@ def find_all_steps(recording: Recording, track: PocketTrack, swing: ThighSwing) 
     moving = spread_flags(rate > np.radians(SWINGING_DEG_S), period_s)
     for a, b in zip(of_swing.start, of_swing.stop, strict=True):
         moving[a:b] = False
-    vertical = (np.nan_to_num(recording.acc) * track.nav_R_body[:, 2]).sum(axis=1)
-    of_bounce = find_bounces(t, vertical, moving)
+    of_bounce = find_bounces(t, _level_force(recording, track)[1], moving)
     # both in order, each bout with a number of its own
     bout = np.append(of_swing.bout, of_bounce.bout + len(of_swing))
     order = np.argsort(np.append(of_swing.start, of_bounce.start), kind="stable")
@@ -374,7 +351,10 @@ def average_durations(took: Floats, bout: Ints) -> Floats:
 def find_turning_points(values: Floats, hysteresis: float) -> Ints:
     """Samples (M,) at which values (N,) turn, from high to low and back, by more than the hysteresis; ends included."""
     found, extreme, sense = [0], 0, 0  # since the last turning point the extreme, and whether up or down to it
-    for corner in _find_corners(values):
+    # corners: where values stop rising or falling, and the last
+    moving = np.flatnonzero(np.diff(values))
+    rising = np.diff(values)[moving] > 0
+    for corner in [*moving[1:][rising[1:] != rising[:-1]].tolist(), len(values) - 1]:
         back = values[corner] - values[extreme]
         if sense != 0 and back * sense >= 0:
             extreme = corner
@@ -383,13 +363,6 @@ def find_turning_points(values: Floats, hysteresis: float) -> Ints:
                 found.append(extreme)
             extreme, sense = corner, 1 if back > 0 else -1
     return np.array([*found, extreme] if sense != 0 else [], dtype=np.int64)
-
-
-def _find_corners(values: Floats) -> list[int]:
-    """Samples at which values (N,) stop rising or falling, and the last."""
-    moving = np.flatnonzero(np.diff(values))
-    rising = np.diff(values)[moving] > 0
-    return [*moving[1:][rising[1:] != rising[:-1]].tolist(), len(values) - 1]
 
 
 def split_at_pauses(t: Floats, flexion: Floats, turn: Ints) -> Ints:
@@ -422,30 +395,3 @@ def are_step_like(flexion: Floats, turn: Ints, took: Floats) -> Bools:
     large = (swept > MIN_OPENING_DEG) & (swept < MAX_OPENING_DEG)
     quick = (took > MIN_S) & (took < MAX_S)
     return np.asarray(large & quick & (np.abs(middle) < MAX_FLEXED_DEG))
-
-
-def _number_bouts(possible: Bools, together: Bools) -> tuple[Bools, Ints]:
-    """(S,) which openings are steps of a walk, and the number of the walk of each."""
-    walked, bout = np.zeros(len(possible), dtype=np.bool_), np.zeros(len(possible), dtype=np.int64)
-    walks = [(first, last) for first, last in _find_bouts(possible, together) if last - first >= MIN_STEPS]
-    for number, (first, last) in enumerate(walks):
-        walked[first:last], bout[first:last] = True, number
-    return walked, bout
-
-
-def _find_bouts(possible: Bools, together: Bools) -> list[tuple[int, int]]:
-    """First, and after the last, of the openings that may be steps without a pause between."""
-    found = []
-    for first, last in zip(*find_runs(possible), strict=True):
-        cuts = first + 1 + np.flatnonzero(~together[first : last - 1])
-        ends = [int(first), *cuts.tolist(), int(last)]
-        found += list(pairwise(ends))
-    return found
-
-
-def _join_steps(start: Ints, stop: Ints, turn: Ints, together: Bools) -> tuple[Ints, Ints]:
-    """Let each step end at the turning point where the next begins, unless there is a pause between."""
-    start, stop = start.copy(), stop.copy()
-    start[1:] = np.where(together, turn[1:-1], start[1:])
-    stop[:-1] = np.where(together, turn[1:-1], stop[:-1])
-    return start, stop

@@ -1,8 +1,20 @@
-"""Where the estimation of orientation starts in a pocket, and the track that it returns.
+"""How a pocket's track starts, the track, and its turn to magnetic north.
 
-Start (MD 2.1, Figure 1): the mean specific force of the first second levels the sensor; biases are zero. MD sets the
-yaw to zero, so that all headings are relative to it; here the heading of the body's x axis is given, zero by default,
-or that of the magnetometer over the same second. Motion meanwhile is added to the sigma of the tilt.
+Start (MD 2.1, Figure 1): level by the mean specific force of the first second, biases zero, the heading of the body's x
+axis given (zero by default, as in MD) or that of the magnetometer over the same second. Motion meanwhile is added to
+the sigma of the tilt.
+
+Compass. A track is right to a few degrees from one minute to the next, but for the turn about up that it starts with,
+and for what a gyroscope loses: at 50 Hz a footfall is faster than its samples, and each leaves part of a degree, to the
+same side while the gait is the same. A compass is right in the mean, and off by tens of degrees beside iron. With mu_k
+the heading of the mean field over block k, in the track,
+
+    mu_k = x_k + n_k
+
+x the turn of the track, clockwise, from magnetic north, a random walk of q rad^2/s; n the deviation of a place, of
+sigma a / H and t-distributed: a the deviation of the field, uT, H its horizontal part. Iron that turns the field
+changes its strength as much, so a is the spread of the strength over the walk. q is not known: the smoothed x are
+averaged over a grid of q, weighted by the evidence of each.
 """
 
 from __future__ import annotations
@@ -22,8 +34,15 @@ from fg_nav.recording import Recording
 GAUGE_SIGMA = 1e-4  # Sigma of a heading that is zero by definition, rad: small, but it keeps P invertible.
 STILL_S = 1.0  # The attitude at the start is levelled by the mean over this, s (MD 2.1).
 TILT_SIGMA_DEG = 0.5  # Tilt after levelling at rest, deg: a MEMS accelerometer's bias. Not printed.
-COMPASS_SIGMA_DEG = 10.0  # A compass is off by so much (one sigma) outdoors near houses and cars.
-STORED_EVERY_S = 1.0  # The whole covariance is stored so often: 40 minutes of it are 0.7 MB.
+START_SIGMA_DEG = 10.0  # Of the compass over one second outdoors, near houses and cars, deg.
+STORED_EVERY_S = 1.0  # Interval at which the whole covariance is stored: 40 minutes of it are 0.7 MB.
+
+PLACE_S = 10.0  # Over which the field's deviation is one error: as many metres.
+WALKS_DEG = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0)  # sqrt(q), deg/sqrt(s)
+FREEDOM = 4.0  # Degrees of freedom of n.
+ROUNDS = 6  # Of weights of n.
+MIN_DEVIATION_UT = 0.5  # Of a calibrated magnetometer.
+COMPASS_SIGMA_DEG = 5.0  # Common to all of the walk: remaining iron of the phone, and a local declination.
 
 
 @dataclass(frozen=True)
@@ -105,9 +124,18 @@ def compass_start(recording: Recording, declination: float = 0.0) -> PocketStart
     east, north, up = start.nav_R_body @ np.nanmean(mag, axis=0)
     # levelled with heading 0 the body's x axis points north, that is ahead; left of it is west
     heading = compute_field_heading(np.array([north, -east, up]))
-    return level_start(
-        recording, float(compute_true_heading(heading, declination)), float(np.radians(COMPASS_SIGMA_DEG))
-    )
+    return level_start(recording, float(compute_true_heading(heading, declination)), float(np.radians(START_SIGMA_DEG)))
+
+
+def choose_start(recording: Recording, heading: float | None) -> tuple[PocketStart, list[str]]:
+    """Return the start, by the compass unless a heading is given, and notes on it."""
+    if heading is not None:
+        return level_start(recording), []
+    try:
+        return compass_start(recording), ["the heading at the start is the compass's, from magnetic north"]
+    except EstimationError:
+        start = level_start(recording)  # raises without gravity
+    return start, ["the heading at the start is unknown and set to 0: give it with --heading"]
 
 
 def estimate_field_noise_uT(recording: Recording) -> float:
@@ -127,3 +155,101 @@ def estimate_field_noise_uT(recording: Recording) -> float:
 
 def _first_second(recording: Recording) -> slice:
     return slice(0, int(np.searchsorted(recording.t, recording.t[0] + STILL_S)))
+
+
+# the turn to magnetic north
+
+
+@dataclass(frozen=True)
+class CompassTurn:
+    """Turn of a track from magnetic north: `t` (K,) s, `turn` (K,) rad clockwise, continuous, and `sigma` (K,) rad."""
+
+    t: Floats
+    turn: Floats
+    sigma: Floats
+
+    @property
+    def sigma_at_start(self) -> float:
+        """Of the heading at the start, rad, with what is common to all of the walk."""
+        return float(np.hypot(self.sigma[0], np.radians(COMPASS_SIGMA_DEG)))
+
+    def apply(self, track: PocketTrack) -> PocketTrack:
+        """Return the track turned to magnetic north at each sample."""
+        turn, own = np.interp(track.t, self.t, self.turn), np.interp(track.t, self.t, self.sigma)
+        sigma = track.sigma.copy()
+        sigma[:, 2] = np.hypot(own, np.radians(COMPASS_SIGMA_DEG))
+        return replace(track, nav_R_body=yaw_rotation(turn) @ track.nav_R_body, sigma=sigma)
+
+
+def measure_turn(recording: Recording, track: PocketTrack) -> CompassTurn | None:
+    """Estimate the turn of a track from magnetic north; None without a horizontal field."""
+    if recording.mag is None:
+        return None
+    seen = np.isfinite(recording.mag).all(axis=1)
+    if not seen.any():
+        return None
+    # mean field of each block
+    mag, t = recording.mag[seen], recording.t[seen]
+    field = (track.nav_R_body[seen] @ mag[:, :, None])[:, :, 0]
+    block = np.floor((t - t[0]) / PLACE_S).astype(np.int64)
+    _, block, count = np.unique(block, return_inverse=True, return_counts=True)
+    east, north, at = (np.bincount(block, x) / count for x in (field[:, 0], field[:, 1], t))
+    # its deviation, as that of the strength
+    strength = np.linalg.norm(mag, axis=1)
+    deviation = max(1.4826 * float(np.median(np.abs(strength - np.median(strength)))), MIN_DEVIATION_UT)
+    level = float(np.median(np.hypot(east, north)))
+    if not level > deviation:
+        return None
+    variance = (deviation / level) ** 2 * np.maximum(count.max() / count, 1.0)
+    return CompassTurn(at, *smooth_angles(at, np.arctan2(east, north), variance))
+
+
+def smooth_angles(t: Floats, angle: Floats, variance: Floats) -> tuple[Floats, Floats]:
+    """Smoothed angle (K,) rad, continuous, and its sigma (K,), of angles (K,) with variances (K,) at t (K,) s."""
+    fits = [_smooth(angle, variance, np.radians(walk) ** 2 * np.diff(t)) for walk in WALKS_DEG]
+    evidence = np.array([fit[2] for fit in fits])
+    weight = np.exp(evidence - evidence.max())
+    weight /= weight.sum()
+    best = fits[int(np.argmax(weight))][0]
+    smoothed = np.array([x - 2 * np.pi * np.round((x - best) / (2 * np.pi)) for x, _, _ in fits])
+    mean = weight @ smoothed
+    return mean, np.sqrt(weight @ (np.array([P for _, P, _ in fits]) + (smoothed - mean) ** 2))
+
+
+def _smooth(mu: Floats, variance: Floats, walk: Floats) -> tuple[Floats, Floats, float]:
+    """Smoothed turn (K,) rad, its variance (K,), and the log evidence, of headings (K,) with t-distributed errors.
+
+    `walk` (K - 1,) are the variances of the random walk's steps.
+    """
+    n, scale = len(mu), np.ones(len(mu))
+    for _ in range(ROUNDS):
+        # Kalman filter forward
+        x, P, weighted = np.empty(n), np.empty(n), variance * scale
+        x[0], P[0] = mu[0], weighted[0]
+        for k in range(1, n):
+            ahead = P[k - 1] + walk[k - 1]
+            x[k] = x[k - 1] + ahead / (ahead + weighted[k]) * np.angle(np.exp(1j * (mu[k] - x[k - 1])))
+            P[k] = ahead * weighted[k] / (ahead + weighted[k])
+        # Rauch-Tung-Striebel smoother back
+        for k in range(n - 2, -1, -1):
+            ahead = P[k] + walk[k]
+            gain = P[k] / ahead
+            x[k] += gain * (x[k + 1] - x[k])
+            P[k] += gain**2 * (P[k + 1] - ahead)
+        # weights of the t-distribution
+        miss = np.angle(np.exp(1j * (mu - x)))
+        scale = np.maximum((FREEDOM + (miss**2 + P) / variance) / (FREEDOM + 1.0), 1.0)
+    forth, back = _find_evidence(mu, variance, walk), _find_evidence(mu[::-1], variance[::-1], walk[::-1])
+    return x, P, 0.5 * (forth + back)
+
+
+def _find_evidence(mu: Floats, variance: Floats, walk: Floats) -> float:
+    """Log of the product of the innovations' t densities, less a constant; each is weighed as it comes."""
+    x, P, evidence = mu[0], variance[0], 0.0
+    for k in range(1, len(mu)):
+        ahead, miss = P + walk[k - 1], np.angle(np.exp(1j * (mu[k] - x)))
+        square = miss**2 / (ahead + variance[k])
+        evidence -= 0.5 * (np.log(ahead + variance[k]) + (FREEDOM + 1.0) * np.log1p(square / FREEDOM))
+        own = variance[k] * max((FREEDOM + square) / (FREEDOM + 1.0), 1.0)
+        x, P = x + ahead / (ahead + own) * miss, ahead * own / (ahead + own)
+    return float(evidence)

@@ -1,17 +1,18 @@
-"""The files of a walk with a sensor on each foot: the person's path, and each foot's.
+"""The files of a walk with a sensor on each foot, at the end of a recording or of a stream: the person's, each foot's.
 
 =========================== ================================================================================
 trajectory.tum              of the person, between the feet: t x y z qx qy qz qw, x in the direction of walking
-person.csv                  one row a footfall of the left foot, the columns of strides.csv; no gyroscope's bias
+person.csv                  one row a footfall of the left foot, the columns of strides.csv; no gyroscope bias
 trajectory_left/_right.tum  of each foot, as trajectory.tum of a run
 strides_left/_right.csv     of each foot, as strides.csv of a run
-summary.json                the person's figures of merit, how the feet were put together, each foot's as left, right
-config.json                 of each foot, and what was asked for
-report.html                 one page of all that
+online_left/_right.csv      of each foot of a stream, as online.csv of a stream
+summary.json                the person's figures of merit, the coupling of the feet, each foot's as left, right
+config.json                 of each foot, and of the request; not of a stream
+report.html                 one page of all that; not of a stream
 =========================== ================================================================================
 
-Of a foot that is missing there are no files, and its part of the summary is null. Stamps are those of the first
-recording's clock.
+A missing foot has no files; its part of the summary is null, or its reason as `lost` in a stream. There the person is
+the left foot while the feet are not tied. Stamps are those of the first recording's clock.
 """
 
 from __future__ import annotations
@@ -19,70 +20,89 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from fg_nav.feet.sides import SIDES, Side
-from fg_nav.feet_result import FeetResult, Pairing
+from fg_nav.evaluation.metrics import evaluate
+from fg_nav.feet import SIDES, Side
+from fg_nav.feet.person import FeetSolution
+from fg_nav.feet_result import FeetResult, solve_person
+from fg_nav.io import write_tum
 from fg_nav.report import WITH_PAGE, WITH_PICTURES, Plots
-from fg_nav.report.aligned import AlignedSolution
+from fg_nav.report.drawn import AlignedSolution
 from fg_nav.report.files import (
     TRUTH_KEYS,
     Summary,
     describe_end,
     describe_given,
+    describe_path,
     describe_run,
     summarize,
-    write_foot,
     write_json,
-    write_person,
+    write_strides,
 )
-from fg_nav.result import Result
+from fg_nav.solution import Solution
 from fg_nav.text import find_version, to_json
+from fg_nav.walk import Outcome, Walk
 
 FOOT_KEYS = (
     "distance_m", "distance_sigma_m", "strides", "closure_m", "closure_percent", "end_m", "end_sigma_m", "graph",
     *TRUTH_KEYS, "scale", "verdict", "reasons", "returns", "magnetometer", "magnetometer_delay", "notes",
 )  # fmt: skip
-"""Of each foot's summary; the rest is the person's too."""
+"""Of each foot's summary; the other keys are the same as the person's."""
 
 
 def write_feet(folder: Path, result: FeetResult, plots: Plots = "html") -> Summary:
-    """Write what came of both feet into an existing folder, with page and pictures; return the summary."""
-    summary = summarize_feet(result)
+    """Write the result of both feet into an existing folder, with page and pictures; return the summary."""
+    summary, pairing = _summarize_feet(result), result.pairing
     configs = {side: describe_run(foot.walk, foot) for side, foot in result.feet.items()}
-    write_person(folder, result)
-    for side in SIDES:
-        if side in result.feet:
-            write_foot(folder, side, result.feet[side])
-    write_json(folder / "config.json", _describe_request(result) | configs)
+    first = next(iter(result.feet.values())).walk
+    request: dict[str, object] = {
+        "fg_nav_version": find_version(),
+        "method": result.method,
+        "mount": "feet",
+        "sides": list(pairing.order),
+        "sides_known": pairing.sides,
+        "clock_offset_s": pairing.clock_offset_s,
+        "heading_deg": pairing.heading_deg,
+        "parameters": to_json(describe_given(first, result.method)["parameters"]),
+    }
+    _write_paths(folder, result, {side: result.feet[side] for side in SIDES if side in result.feet})
+    write_json(folder / "config.json", request | configs)
     write_json(folder / "summary.json", summary)
     if plots in WITH_PAGE:
         from fg_nav.report.page import write_feet_page
 
         write_feet_page(folder, result, summary, configs)
     if plots in WITH_PICTURES:
-        from fg_nav.report.plots import draw_person
+        from fg_nav.report.plots import style
+        from fg_nav.report.plots.walk import plot_trajectory
 
-        draw_person(folder, view_person(result))
+        style.save(plot_trajectory(view_person(result)), folder / "trajectory.png")
     return summary
 
 
 def view_person(result: FeetResult) -> AlignedSolution:
-    """Return the person's path as it is drawn: with its truth where it has one."""
+    """Return the person's path with its truth, where it has one."""
     return AlignedSolution(result, result.truth, result.outcome.comparison)
 
 
-def summarize_feet(result: FeetResult) -> Summary:
-    """Figures of merit of the person, how the feet were put together, and those of each foot."""
+def _write_paths(folder: Path, person: Solution, feet: Mapping[Side, Solution]) -> None:
+    """Write path and footfalls of the person and of each foot."""
+    write_tum(folder / "trajectory.tum", person.t, person.position, person.nav_R_body)
+    write_strides(folder / "person.csv", person.stances)
+    for side, foot in feet.items():
+        write_tum(folder / f"trajectory_{side}.tum", foot.t, foot.position, foot.nav_R_body)
+        write_strides(folder / f"strides_{side}.csv", foot.stances)
+
+
+def _summarize_feet(result: FeetResult) -> Summary:
+    """Figures of merit of the person, the coupling of the feet, and the figures of each foot."""
     metrics, pairing, verdict = result.metrics, result.pairing, result.verdict
     duration_s = float(result.t[-1] - result.t[0])
+    clock = "given" if pairing.clock_given else "by the signals" if pairing.cells else None
     figures: Summary = {
         "method": result.method,
         "mount": "feet",
         "duration_s": duration_s,
-        "distance_m": metrics.distance_m,
-        "strides": metrics.strides_detected,
-        "closure_m": metrics.closure_m,
-        "closure_percent": metrics.closure_percent,
-        "runtime_s": result.runtime_s,
+        **describe_path(metrics, result.runtime_s),
         "realtime_factor": duration_s / result.runtime_s if result.runtime_s > 0 else None,
         **describe_end(result.stances),
         "width_m": pairing.width_m,
@@ -93,50 +113,64 @@ def summarize_feet(result: FeetResult) -> Summary:
         "sides_known": pairing.sides,
         "clock_offset_s": pairing.clock_offset_s,
         "clock_drift": pairing.clock_drift,
-        "clock_offset_known": _say_how_clocks_are_known(pairing),
+        "clock_offset_known": clock,
     }
     if result.outcome.comparison is not None:
         figures |= {key: getattr(metrics, key) for key in (*TRUTH_KEYS, "scale", "points")}
     figures |= {"verdict": verdict.word, "reasons": list(verdict.reasons)}
-    of_feet = {side: _summarize_foot(result.feet.get(side)) for side in SIDES}
-    return figures | of_feet | {"magnetometer": _join_magnetometers(of_feet), "notes": [*result.notes, *metrics.notes]}
+
+    of_feet: dict[str, Summary] = {}
+    for side, foot in result.feet.items():
+        whole, path = summarize(foot.walk, foot.outcome), foot.walk.recording.provenance.path
+        known = {key: whole[key] for key in FOOT_KEYS if key in whole}
+        of_feet[side] = {"recording": None if path is None else str(path), **known}
+    figures |= {side: of_feet.get(side) for side in SIDES}
+
+    # the field in words of both feet, or of each where they differ
+    words = {side: str(of_feet[side]["magnetometer"]) for side in SIDES if side in of_feet}
+    same = len(set(words.values())) == 1
+    figures["magnetometer"] = (
+        next(iter(words.values())) if same else ", ".join(f"{side} {one}" for side, one in words.items())
+    )
+    return figures | {"notes": [*result.notes, *metrics.notes]}
 
 
-def _join_magnetometers(of_feet: Mapping[Side, Summary | None]) -> str:
-    """Say whether the field had a part: in words of both feet, or of each where they differ."""
-    words = {side: str(one["magnetometer"]) for side, one in of_feet.items() if one is not None}
-    if len(set(words.values())) == 1:
-        return next(iter(words.values()))
-    return ", ".join(f"{side} {one}" for side, one in words.items())
+def write_streamed_feet(
+    folder: Path, feet: Mapping[Side, Solution], both: FeetSolution | None, summary: Summary
+) -> None:
+    """Write the result of a stream of both feet into an existing folder."""
+    _write_paths(folder, _take_person(feet, both), feet)
+    for side, foot in feet.items():
+        if foot.moment is not None:
+            write_strides(folder / f"online_{side}.csv", foot.moment)
+    write_json(folder / "summary.json", summary)
 
 
-def _summarize_foot(foot: Result | None) -> Summary | None:
-    if foot is None:
-        return None
-    whole = summarize(foot.walk, foot.outcome)
-    path = foot.walk.recording.provenance.path
-    known = {key: whole[key] for key in FOOT_KEYS if key in whole}
-    return {"recording": None if path is None else str(path), **known}
-
-
-def _describe_request(result: FeetResult) -> dict[str, object]:
-    """What was asked for of both feet."""
-    pairing = result.pairing
-    walk = next(iter(result.feet.values())).walk
-    return {
-        "fg_nav_version": find_version(),
-        "method": result.method,
+def summarize_streamed_feet(
+    feet: Mapping[Side, tuple[Walk, Outcome]], both: FeetSolution | None, lost: Mapping[Side, str]
+) -> Summary:
+    """Figures of merit of the person, the coupling of the feet, and those of each foot, or the reason of its loss."""
+    known = {side: summarize(*one) for side, one in feet.items()}
+    of_feet: Summary = {side: {"lost": lost[side]} if side in lost else known[side] for side in SIDES}
+    person = _take_person({side: outcome.solution for side, (_, outcome) in feet.items()}, both)
+    metrics = evaluate(person)
+    figures: Summary = {
+        "method": person.method,
         "mount": "feet",
-        "sides": list(pairing.order),
-        "sides_known": pairing.sides,
-        "clock_offset_s": pairing.clock_offset_s,
-        "heading_deg": pairing.heading_deg,
-        "parameters": to_json(describe_given(walk, result.method)["parameters"]),
+        "duration_s": float(person.t[-1] - person.t[0]),
+        "distance_m": metrics.distance_m,
+        "strides": metrics.strides_detected,
+        "closure_m": metrics.closure_m,
+        **describe_end(person.stances),
+        "tied": both is not None,
     }
+    if both is not None:
+        figures |= {"width_m": both.width_m, "width_sigma_m": both.width_sigma_m}
+        figures |= {"cells": both.cells, "beyond_reach": both.beyond_reach}
+    return figures | of_feet
 
 
-def _say_how_clocks_are_known(pairing: Pairing) -> str | None:
-    """Say by what the clocks were set; None where one foot is missing."""
-    if pairing.clock_given:
-        return "given"
-    return "by the signals" if pairing.cells else None
+def _take_person(feet: Mapping[Side, Solution], both: FeetSolution | None) -> Solution:
+    """Return the path of the person: between the feet, or that of the first one where they were not tied."""
+    first = next(iter(feet.values()))
+    return first if both is None else solve_person(both.person, first, first.runtime_s)

@@ -4,11 +4,11 @@
 trajectory.tum       t x y z qx qy qz qw at the recording's rate, nav frame, quaternion of nav_R_body
 strides.csv          one row a stance: `fg_nav.solution.STRIDE_COLUMNS`
 online.csv           the same as estimated at the moment of each footfall, from an online method
-*_polished.*         trajectory.tum and strides.csv of the batch solution of the same walk, if it was asked for
+*_polished.*         trajectory.tum and strides.csv of the batch solution of the same walk, on request
 summary.json         the figures of merit: `SUMMARY_KEYS`, and with a truth `TRUTH_KEYS`; null where unknown
-config.json          what was run on what, with every parameter as it was in effect
+config.json          method, recording and all parameters in effect
 comparison.csv/json  the summaries of several methods, one row each
-report.html          all that is to be seen of them (`fg_nav.report.page`)
+report.html          the page (`fg_nav.report.page`)
 ==================== =======================================================================================
 """
 
@@ -23,15 +23,14 @@ from typing import TYPE_CHECKING, TypeAlias
 import pandas as pd
 
 from fg_nav.estimators import ESTIMATORS, find_given_parameters
-from fg_nav.evaluation.metrics import evaluate, measure_gap
-from fg_nav.feet.sides import Side
+from fg_nav.evaluation.metrics import Metrics, evaluate, measure_gap
 from fg_nav.io import write_tum
 from fg_nav.magnetic.quasi_static import NO_GATE, QUASI_STATIC, UNKNOWN, find_gate
 from fg_nav.report import WITH_PAGE, WITH_PICTURES, Plots
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.text import find_version, to_json
 from fg_nav.verdict import judge_footfalls, judge_path
-from fg_nav.walk import OWN_GNSS, Outcome
+from fg_nav.walk import Outcome
 
 if TYPE_CHECKING:
     from fg_nav.walk import Walk
@@ -43,8 +42,7 @@ SUMMARY_KEYS = (
     "method", "duration_s", "distance_m", "strides", "closure_m", "closure_percent", "runtime_s",
     "realtime_factor", "end_m", "end_sigma_m", "verdict", "reasons",
 )  # fmt: skip
-_STRUCTURED = ("magnetometer_delay", "located")
-"""Of the summary, what is no figure and may be null; lists and dictionaries are none either."""
+_STRUCTURED = ("magnetometer_delay", "located")  # Of the summary, no figures, nor are lists and dictionaries.
 
 TRUTH_KEYS = ("rmse_2d_m", "rmse_3d_m", "end_error_m", "max_error_m", "heading_rmse_deg", "alignment")
 _MORE_TRUTH_KEYS = ("scale", "points", "strides_true")
@@ -55,13 +53,19 @@ POLISHED_KEYS = ("distance_m", "closure_m", "closure_percent", "rmse_2d_m", "rms
 GAP_KEYS = ("polish_gap_rms_m", "polish_gap_max_m", "polish_gap_heading_deg")
 
 
+# --- writing ---------------------------------------------------------------------------------------------------------
+
+
 def write_run(folder: Path, walk: Walk, outcome: Outcome, plots: Plots = "html") -> Summary:
-    """Write what one method made of a walk into an existing folder, with page and pictures; return the summary."""
+    """Write the result of one method into an existing folder, with page and pictures; return the summary."""
     summary = write_result(folder, walk, outcome)
     if plots in WITH_PAGE:
-        _write_page(folder, walk, {outcome.solution.method: outcome}, [summary])
+        from fg_nav.report.page import Findings, write_page
+
+        config = describe_run(walk, outcome.solution)
+        write_page(folder, Findings({outcome.solution.method: outcome}, [summary], [config], walk))
     if plots in WITH_PICTURES:
-        from fg_nav.report.plots import draw_result, draw_stances
+        from fg_nav.report.plots.walk import draw_result, draw_stances
 
         draw_result(folder, walk, outcome)
         draw_stances(folder, walk)
@@ -72,24 +76,20 @@ def write_comparison(folder: Path, walk: Walk, outcomes: Mapping[str, Outcome], 
     """Write each method's files into its own folder, `comparison.csv` and `.json`, page and pictures."""
     summaries = write_results(folder, walk, outcomes)
     if plots in WITH_PAGE:
-        _write_page(folder, walk, outcomes, summaries)
+        from fg_nav.report.page import Findings, write_page
+
+        configs = [describe_run(walk, outcome.solution) for outcome in outcomes.values()]
+        write_page(folder, Findings(outcomes, summaries, configs, walk))
     if plots in WITH_PICTURES:
-        from fg_nav.report.plots import draw_comparison, draw_stances
+        from fg_nav.report.plots.walk import draw_comparison, draw_stances
 
         draw_comparison(folder, walk, outcomes)
         draw_stances(folder, walk)
     return summaries
 
 
-def _write_page(folder: Path, walk: Walk, outcomes: Mapping[str, Outcome], summaries: list[Summary]) -> None:
-    from fg_nav.report.page import Findings, write_page
-
-    configs = [describe_run(walk, outcome.solution) for outcome in outcomes.values()]
-    write_page(folder, Findings(outcomes, summaries, configs, walk))
-
-
 def write_lagged(folder: Path, solution: Solution, plots: Plots = "html") -> Summary:
-    """Write what is known of a walk in progress whose samples were not kept; return the summary."""
+    """Write the result of a walk in progress whose samples were not kept; return the summary."""
     write_paths(folder, solution)
     summary = summarize_lagged(solution)
     write_json(folder / "summary.json", summary)
@@ -103,27 +103,9 @@ def write_lagged(folder: Path, solution: Solution, plots: Plots = "html") -> Sum
 
 
 def write_footfalls(folder: Path, solution: Solution, summary: Summary) -> None:
-    """Write the least that is worth having: footfalls and summary, some hundred bytes a stride."""
+    """Write the smallest useful result: footfalls and summary, some hundred bytes a stride."""
     write_strides(folder / "strides.csv", solution.stances)
     write_json(folder / "summary.json", summary)
-
-
-def summarize_lagged(solution: Solution) -> Summary:
-    """Figures of merit that need no samples."""
-    metrics, verdict = evaluate(solution), judge_footfalls(solution.stances)
-    return {
-        "method": solution.method,
-        "verdict": verdict.word,
-        "reasons": list(verdict.reasons),
-        "duration_s": float(solution.t[-1] - solution.t[0]),
-        "distance_m": metrics.distance_m,
-        "strides": metrics.strides_detected,
-        "closure_m": metrics.closure_m,
-        "closure_percent": metrics.closure_percent,
-        "runtime_s": solution.runtime_s,
-        **describe_end(solution.stances),
-        "notes": list(solution.notes),
-    }
 
 
 def write_result(folder: Path, walk: Walk, outcome: Outcome) -> Summary:
@@ -164,25 +146,29 @@ def write_paths(folder: Path, solution: Solution) -> None:
 def write_strides(path: Path, table: StanceTable) -> None:
     """Write one row a footfall."""
     strides = table.to_dataframe()
-    strides["time_s"] = strides["time_s"].map("{:.9f}".format)  # nine digits would blur the stamps of a clock
+    strides["time_s"] = strides["time_s"].map("{:.9f}".format)  # nine significant digits would blur a clock's stamps
     strides.to_csv(path, index=False, float_format="%.9g")
 
 
+def write_json(path: Path, content: object) -> None:
+    """Write standard JSON: numbers that are not finite become null."""
+    path.write_text(json.dumps(to_json(content), indent=2, allow_nan=False) + "\n", encoding="utf-8")
+
+
+# --- summaries -------------------------------------------------------------------------------------------------------
+
+
 def summarize(walk: Walk, outcome: Outcome) -> Summary:
-    """Figures of merit, in the order of the contract; what is not known is None."""
+    """Figures of merit, in the order of the contract; None where unknown."""
     solution, metrics = outcome.solution, outcome.metrics
     duration_s = walk.recording.duration_s
-    figures: dict[str, object] = {
+    figures: Summary = {
         "method": solution.method,
         "duration_s": duration_s,
-        "distance_m": metrics.distance_m,
-        "strides": metrics.strides_detected,
-        "closure_m": metrics.closure_m,
-        "closure_percent": metrics.closure_percent,
-        "runtime_s": solution.runtime_s,
+        **describe_path(metrics, solution.runtime_s),
         "realtime_factor": duration_s / solution.runtime_s if solution.runtime_s > 0 else None,
+        **describe_end(solution.stances),
     }
-    figures |= describe_end(solution.stances)
     if solution.distance_sigma_m is not None:
         figures["distance_sigma_m"] = solution.distance_sigma_m
     if solution.graph:
@@ -193,45 +179,53 @@ def summarize(walk: Walk, outcome: Outcome) -> Summary:
         at_moment = (outcome.moment.rmse_m, outcome.moment.end_m, outcome.moment.max_m)
         figures |= dict(zip(MOMENT_KEYS, at_moment, strict=True))
     if outcome.polished is not None:
-        figures |= _describe_polished(outcome, outcome.polished)
-    notes = [*collect_remarks(walk), *solution.notes, *metrics.notes]
+        known = {f"polished_{key}": getattr(outcome.polished.metrics, key) for key in POLISHED_KEYS}
+        figures |= {key: value for key, value in known.items() if value is not None}
+        gap = measure_gap(solution, outcome.polished.solution)
+        figures |= dict(zip(GAP_KEYS, (gap.rms_m, gap.max_m, gap.heading_deg), strict=True))
     verdict = judge_path(walk, solution)
     figures |= {"verdict": verdict.word, "reasons": list(verdict.reasons)}
     if solution.returns:
         figures["returns"] = [one.describe() for one in solution.returns]
     if walk.places is not None:
         figures["located"] = None if solution.located is None else solution.located.describe()
-    about = {"magnetometer": describe_magnetometer(walk, outcome), "magnetometer_delay": describe_delay(walk)}
-    return figures | about | {"notes": notes}
+    figures["magnetometer"] = _describe_magnetometer(walk, outcome)
+    figures["magnetometer_delay"] = describe_delay(walk)
+    return figures | {"notes": [*collect_remarks(walk), *solution.notes, *metrics.notes]}
 
 
-def write_foot(folder: Path, side: Side, foot: Solution) -> None:
-    """Write the path and the footfalls of one foot of two."""
-    write_tum(folder / f"trajectory_{side}.tum", foot.t, foot.position, foot.nav_R_body)
-    write_strides(folder / f"strides_{side}.csv", foot.stances)
+def summarize_lagged(solution: Solution) -> Summary:
+    """Figures of merit that need no samples."""
+    metrics, verdict = evaluate(solution), judge_footfalls(solution.stances)
+    return {
+        "method": solution.method,
+        "verdict": verdict.word,
+        "reasons": list(verdict.reasons),
+        "duration_s": float(solution.t[-1] - solution.t[0]),
+        **describe_path(metrics, solution.runtime_s),
+        **describe_end(solution.stances),
+        "notes": list(solution.notes),
+    }
 
 
-def write_person(folder: Path, person: Solution) -> None:
-    """Write the path of the person between two feet, and what is known of it at footfalls."""
-    write_tum(folder / "trajectory.tum", person.t, person.position, person.nav_R_body)
-    write_strides(folder / "person.csv", person.stances)
+def describe_path(metrics: Metrics, runtime_s: float) -> Summary:
+    """Figures that need no truth."""
+    return {
+        "distance_m": metrics.distance_m,
+        "strides": metrics.strides_detected,
+        "closure_m": metrics.closure_m,
+        "closure_percent": metrics.closure_percent,
+        "runtime_s": runtime_s,
+    }
 
 
-def describe_end(table: StanceTable) -> dict[str, object]:
-    """Place of the last footfall from the first, and its sigmas: x, y, z m."""
+def describe_end(table: StanceTable) -> Summary:
+    """Position of the last footfall from the first, and its sigmas: x, y, z m."""
     return {"end_m": to_json(table.position[-1] - table.position[0]), "end_sigma_m": to_json(table.position_sigma[-1])}
 
 
-def _describe_polished(outcome: Outcome, polished: Outcome) -> dict[str, object]:
-    """Figures of the batch solution, and how far the online one is from it."""
-    known = {f"polished_{key}": getattr(polished.metrics, key) for key in POLISHED_KEYS}
-    gap = measure_gap(outcome.solution, polished.solution)
-    apart = dict(zip(GAP_KEYS, (gap.rms_m, gap.max_m, gap.heading_deg), strict=True))
-    return {key: value for key, value in known.items() if value is not None} | apart
-
-
-def describe_magnetometer(walk: Walk, outcome: Outcome) -> str:
-    """Say in words whether the magnetic field had a part in this solution."""
+def _describe_magnetometer(walk: Walk, outcome: Outcome) -> str:
+    """Use of the magnetic field in this solution, in words."""
     if outcome.field_used:
         return "used"
     if walk.magnetometer is not None and walk.magnetometer.wrong_axes is not None:
@@ -242,13 +236,21 @@ def describe_magnetometer(walk: Walk, outcome: Outcome) -> str:
 
 
 def describe_delay(walk: Walk) -> dict[str, object] | None:
-    """Return how late the magnetometer is, and whether that was taken off; None where it was not seen."""
+    """Delay of the magnetometer, and whether it was corrected; None where it was not observed."""
     delay = None if walk.magnetometer is None else walk.magnetometer.delay
     return None if delay is None else {**asdict(delay), "taken_off": delay.taken_off}
 
 
+def collect_remarks(walk: Walk) -> list[str]:
+    """Notes on the recording, its calibration and its field: independent of the method."""
+    return [*walk.recording.provenance.notes, *walk.notes]
+
+
+# --- configuration ---------------------------------------------------------------------------------------------------
+
+
 def describe_run(walk: Walk, solution: Solution) -> dict[str, object]:
-    """Return everything needed to run it again."""
+    """Return everything needed to repeat the run."""
     stances = walk.stances
     return {
         "fg_nav_version": find_version(),
@@ -262,14 +264,14 @@ def describe_run(walk: Walk, solution: Solution) -> dict[str, object]:
             "footfalls": stances.n_footfalls,
             **({} if walk.detection is None else {"parameters": asdict(walk.detection)}),
         },
-        "gate": describe_gate(walk, solution),
+        "gate": _describe_gate(walk, solution),
         "parameters": solution.parameters,
         "given": describe_given(walk, solution.method),
     }
 
 
 def describe_given(walk: Walk, method: str) -> dict[str, object]:
-    """Return what was asked for, before anything was estimated from the walk: `--config` takes it back."""
+    """Return the request, before anything was estimated from the walk, as `--config` reads it."""
     options = walk.options
     has_parameters = options.mount != "pocket" and method in ESTIMATORS  # and not somebody's own
     return {
@@ -288,7 +290,7 @@ def describe_given(walk: Walk, method: str) -> dict[str, object]:
         "heading_deg": options.heading_deg,
         "known_distance_m": options.known_distance_m,
         "fixes": _text(options.fixes_path),
-        "gnss": str(OWN_GNSS) if options.gnss_path == OWN_GNSS else _text(options.gnss_path),
+        "gnss": _text(options.gnss_path),
         "truth": _text(options.truth_path),
         "detector": {} if walk.detection is None else asdict(walk.detection),
         "parameters": find_given_parameters(method, options, walk.calibration) if has_parameters else {},
@@ -296,50 +298,40 @@ def describe_given(walk: Walk, method: str) -> dict[str, object]:
 
 
 def describe_recording(walk: Walk) -> dict[str, object]:
-    """Which recording it was, and what was done to it."""
-    recording, options = walk.recording, walk.options
+    """Return the recording, and what was applied to it."""
+    recording, options, found = walk.recording, walk.options, walk.calibration
+    calibration: dict[str, object] | None = None
+    if found is not None:
+        magnetometer, accelerometer, gyroscope = found.magnetometer, found.accelerometer, found.gyroscope
+        calibration = {
+            "file": _text(options.calibration_path),
+            "made_from": found.recording,
+            "corrected": walk.applied,
+            "hard_iron_uT": None if magnetometer is None else magnetometer.hard_iron_uT,
+            "correction": None if magnetometer is None else magnetometer.correction,
+            "gyro_bias": None if gyroscope is None else gyroscope.prior,
+            "acc_scale": None if accelerometer is None else accelerometer.scale,
+            "acc_bias_m_s2": None if accelerometer is None else accelerometer.bias,
+        }
     return {
         "recording": _text(recording.provenance.path),
         "format": recording.provenance.format,
         "samples": len(recording),
         "rate_hz": 1.0 / recording.period_s,
         "fixes": _text(options.fixes_path),
-        "gnss": str(OWN_GNSS) if options.gnss_path == OWN_GNSS else _text(options.gnss_path),
+        "gnss": _text(options.gnss_path),
         "truth": _text(options.truth_path) or ("in the recording" if walk.truth is not None else None),
         "heading_deg": options.heading_deg,
         "use_magnetometer": options.use_magnetometer,
         "mag_axes": None if options.mag_axes is None else str(options.mag_axes),
-        "calibration": describe_calibration(walk),
+        "calibration": calibration,
     }
 
 
-def collect_remarks(walk: Walk) -> list[str]:
-    """Notes on the recording, its calibration and its field: the same whatever is made of it."""
-    return [*walk.recording.provenance.notes, *walk.notes]
+def _describe_gate(walk: Walk, solution: Solution) -> dict[str, object] | None:
+    """Detector of the magnetic field, and its counts; None without one.
 
-
-def describe_calibration(walk: Walk) -> dict[str, object] | None:
-    """Return the calibration by file and value, and what it corrected; None without one."""
-    found = walk.calibration
-    if found is None:
-        return None
-    magnetometer, accelerometer, gyroscope = found.magnetometer, found.accelerometer, found.gyroscope
-    return {
-        "file": _text(walk.options.calibration_path),
-        "made_from": found.recording,
-        "corrected": walk.applied,
-        "hard_iron_uT": None if magnetometer is None else magnetometer.hard_iron_uT,
-        "correction": None if magnetometer is None else magnetometer.correction,
-        "gyro_bias": None if gyroscope is None else gyroscope.prior,
-        "acc_scale": None if accelerometer is None else accelerometer.scale,
-        "acc_bias_m_s2": None if accelerometer is None else accelerometer.bias,
-    }
-
-
-def describe_gate(walk: Walk, solution: Solution) -> dict[str, object] | None:
-    """Return what passed the magnetic field or not, and how often; None where nothing did.
-
-    A filter with a compass has a detector of its own, among its parameters.
+    A filter with a compass has its own detector, among its parameters.
     """
     words = solution.stances.field
     if walk.verdicts is None or "detector" in solution.parameters:
@@ -352,11 +344,6 @@ def describe_gate(walk: Walk, solution: Solution) -> dict[str, object] | None:
         "quasi_static": words.count(QUASI_STATIC),
         "parameters": detector,
     }
-
-
-def write_json(path: Path, content: object) -> None:
-    """Write standard JSON: numbers that are not finite become null."""
-    path.write_text(json.dumps(to_json(content), indent=2, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def _text(path: Path | None) -> str | None:

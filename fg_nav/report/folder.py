@@ -1,15 +1,15 @@
-"""A result, a folder or a single file, appears whole or not at all, and never in place of something else.
+"""Atomic results: a folder or a file appears whole or not at all, and never in place of something else.
 
-New files are written into a hidden folder inside the target and moved to their places when all are there,
-`summary.json`, `comparison.json` or `detect.json` last: a folder with a summary is complete. With `force` the
-files of an older result are kept aside until then, and put back if anything fails. Only names that this
-program writes are ever replaced; hidden files are left alone, but for those of a process that was killed:
+New files are written into a hidden folder inside the target and moved to their places when all are complete,
+`summary.json`, `comparison.json` or `detect.json` last: a folder with a summary is complete. With `force` the files of
+an older result are kept aside until then, and restored if anything fails. Only names that this program writes are ever
+replaced; hidden files are left alone, except those of a killed process:
 
-    .fg-nav-new-*    what it wrote: removed; moved on, if it was being moved to its place already
-    .fg-nav-old-*    an older result that was being taken aside: put back
-    .fg-nav-past-*   one that had been: removed, once the new one is in its place
+    .fg-nav-new-*    its output: removed; moved on, if the move to its place had begun
+    .fg-nav-old-*    an older result on its way aside: restored
+    .fg-nav-past-*   one that was aside: removed, once the new one is in its place
 
-A folder is locked (`fg_nav.system.locks`) from before the work until the result is there: of two runs the second is
+A folder is locked (`fg_nav.system.locks`) from before the work until the result is complete: of two runs the second is
 refused.
 """
 
@@ -28,6 +28,7 @@ from fg_nav.system.locks import lock_folder
 
 _SUMMARIES = ("summary.json", "comparison.json", "detect.json")
 
+# Every file name that a command writes.
 RESULT_FILES = frozenset(
     {
         "trajectory.tum", "strides.csv", "online.csv", "summary.json", "config.json", "report.html",
@@ -38,27 +39,18 @@ RESULT_FILES = frozenset(
         "online_left.csv", "online_right.csv",
     }
 )  # fmt: skip
-"""Every file name that a run or a comparison writes."""
-
 SIMULATION_FILES = frozenset({"recording.csv", "truth.tum", "truth.json", "landmarks.csv", "map.png"})
-"""Every file name that a simulation writes."""
-
 FEET_FILES = frozenset(
     {
         "left.csv", "left.truth.tum", "left.truth.json", "right.csv", "right.truth.tum", "right.truth.json",
         "person.tum", "landmarks.csv", "map.png",
     }
 )  # fmt: skip
-"""Every file name that a simulation of both feet writes."""
-
 DETECT_FILES = frozenset({"field.png", "field_map.png", "field.csv", "detect.json"})
-"""Every file name that a look at the field writes."""
+ALLAN_FILES = frozenset({"allan.json", "allan.png"})
+DEMO_FILES = RESULT_FILES | SIMULATION_FILES
 
-ALLAN_FILES = frozenset({"allan.json", "allan.png"})  # Every file name that an Allan deviation writes.
-DEMO_FILES = RESULT_FILES | SIMULATION_FILES  # And the demonstration, which does both.
-
-
-NEW, OLD, PAST = (".fg-nav-new-", ".fg-nav-old-", ".fg-nav-past-")  # How names of hidden folders begin.
+NEW, OLD, PAST = (".fg-nav-new-", ".fg-nav-old-", ".fg-nav-past-")  # Prefixes of hidden folders.
 
 
 @contextmanager
@@ -83,15 +75,15 @@ def result_folder(out: Path, force: bool = False, ours: frozenset[str] = RESULT_
 
 @contextmanager
 def hold_folder(out: Path, force: bool = False, ours: frozenset[str] = RESULT_FILES) -> Iterator[None]:
-    """Keep others out of a folder while the block runs, and mend what a process that was killed left in it.
+    """Lock a folder while the block runs, after repairing what a killed process left in it.
 
-    Raises `OutputError` as `result_folder` does. A folder that was made for the block is removed if it is empty then.
+    Raises `OutputError` as `result_folder` does. A folder that was made for the block is removed if it stays empty.
     """
     made = not out.exists()
     descriptor, locks = lock_result(out)
     try:
         if locks:
-            _mend(out)
+            _repair(out)
         check_free(out, force, ours)
         yield
     finally:
@@ -136,33 +128,41 @@ def _open_fresh(parent: Path) -> Iterator[Path]:
 
 
 def _list_left(parent: Path) -> list[Path]:
-    """Hidden folders that no process holds any more; none where there are no locks."""
+    """Hidden folders of ended processes; none where the disk has no locks."""
     left = []
     for folder in sorted(parent.glob(f"{NEW}*")):
-        with suppress(OSError):  # somebody writes there
+        with suppress(OSError):  # a running process
             descriptor, locks = lock_folder(folder)
             os.close(descriptor)
             left += [folder] * locks
     return left
 
 
-def _mend(out: Path) -> None:
-    """Put a folder right that a process was killed in: with the lock, no other is at work there."""
+def _repair(out: Path) -> None:
+    """Complete or undo the moves of a killed process in a folder that is locked."""
     new, old, past = _list_left(out), sorted(out.glob(f"{OLD}*")), sorted(out.glob(f"{PAST}*"))
     moved = old + new if past else old
     with suppress(OSError):
-        for entry in sorted((one for folder in moved for one in _visible(folder)), key=_is_summary):
+        for entry in _list_visible(*moved):
             os.replace(entry, out / entry.name)
         for folder in (*new, *old, *past):
             shutil.rmtree(folder, ignore_errors=True)
 
 
 def check_free(out: Path, force: bool = False, ours: frozenset[str] = RESULT_FILES) -> None:
-    """Say now, before long work, whether `out` can be used; raises `OutputError` as `result_folder` does."""
+    """Refuse early, before long work, an `out` that cannot be used; raises `OutputError` as `result_folder` does."""
     try:
         _refuse_file(out)
-        present = _visible(out) if out.exists() else []
-        foreign = _foreign(present, ours)
+        present = _list_visible(out) if out.exists() else []
+        foreign = []
+        for entry in sorted(present):
+            if entry.is_dir() and not entry.is_symlink():
+                # the folder of a method
+                inside = {child.name for child in entry.iterdir()} - {".DS_Store"}
+                foreign += sorted(f"{entry.name}/{name}" for name in inside - RESULT_FILES)
+                foreign += [] if inside else [entry.name]
+            elif entry.name not in ours:
+                foreign.append(entry.name)
     except OSError as error:
         raise unwritable(out, error) from None
     if foreign:
@@ -180,12 +180,17 @@ def _refuse_file(out: Path) -> None:
 def claim_folder(parent: Path, name: str) -> Iterator[Path]:
     """Make, hold and yield the first of `parent/name-1`, `-2`, ... that is new, or was left by a killed process.
 
-    It is removed if it is empty at the end. Raises `OutputError` if there can be none.
+    It is removed if it is empty at the end. Raises `OutputError` if none can be made.
     """
     for number in count(1):
         out = parent / f"{name}-{number}"
-        if _is_new(out) or _was_left(out):
+        if _is_new(out):
             break
+        with suppress(OSError, OutputError):
+            # a process was killed before its first result was complete
+            if not _list_visible(out) and any(out.glob(f"{NEW}*")):
+                with hold_folder(out):
+                    break
     try:
         with hold_folder(out):
             yield out
@@ -195,7 +200,7 @@ def claim_folder(parent: Path, name: str) -> Iterator[Path]:
 
 
 def _is_new(out: Path) -> bool:
-    """Make a folder; return whether it was not there."""
+    """Make a folder; return whether it did not exist."""
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         out.mkdir()
@@ -208,46 +213,27 @@ def _is_new(out: Path) -> bool:
     return True
 
 
-def _was_left(out: Path) -> bool:
-    """Whether a process was killed before its first result was there."""
-    with suppress(OSError, OutputError):
-        if not _visible(out) and any(out.glob(f"{NEW}*")):
-            with hold_folder(out):
-                return True
-    return False
-
-
 def unwritable(out: Path, error: OSError) -> OutputError:
-    """Return the sentence for a folder that the system does not let us write."""
-    words = f"{out} cannot be written ({describe_reason(error)}): choose another --out, or make room for it."
-    return OutputError(words)
+    """Return the error for a folder that cannot be written."""
+    return OutputError(
+        f"{out} cannot be written ({describe_reason(error)}): choose another --out, or make room for it."
+    )
 
 
-def _visible(folder: Path) -> list[Path]:
-    return sorted(entry for entry in folder.iterdir() if not entry.name.startswith("."))
-
-
-def _foreign(entries: list[Path], ours: frozenset[str]) -> list[str]:
-    """Names that are not ours, here or inside the folders of methods."""
-    names = []
-    for entry in entries:
-        if entry.is_dir() and not entry.is_symlink():
-            inside = {child.name for child in entry.iterdir()} - {".DS_Store"}
-            names += sorted(f"{entry.name}/{name}" for name in inside - RESULT_FILES)
-            names += [] if inside else [entry.name]
-        elif entry.name not in ours:
-            names.append(entry.name)
-    return names
+def _list_visible(*folders: Path) -> list[Path]:
+    """Entries of folders in turn, by name, summaries last, without hidden ones."""
+    found = [entry for folder in folders for entry in sorted(folder.iterdir()) if not entry.name.startswith(".")]
+    return sorted(found, key=lambda entry: entry.name in _SUMMARIES)
 
 
 def _take_over(fresh: Path, out: Path) -> None:
     """Move the new files to their places; undo everything if one cannot be moved."""
     aside = Path(tempfile.mkdtemp(prefix=OLD, dir=out))
     past = aside.with_name(aside.name.replace(OLD, PAST))
-    # The name of the folder aside says how far this is come, should the process be killed now.
-    moves = [(entry, aside / entry.name) for entry in sorted(_visible(out), key=_is_summary, reverse=True)]
+    # The name of the folder aside shows the progress, should the process be killed now.
+    moves = [(entry, aside / entry.name) for entry in _list_visible(out)[::-1]]
     moves += [(aside, past)]
-    moves += [(entry, out / entry.name) for entry in sorted(_visible(fresh), key=_is_summary)]
+    moves += [(entry, out / entry.name) for entry in _list_visible(fresh)]
     done: list[tuple[Path, Path]] = []
     try:
         for origin, place in moves:
@@ -259,10 +245,6 @@ def _take_over(fresh: Path, out: Path) -> None:
         aside.rmdir()
         raise
     shutil.rmtree(past, ignore_errors=True)
-
-
-def _is_summary(entry: Path) -> bool:
-    return entry.name in _SUMMARIES
 
 
 @contextmanager
@@ -309,26 +291,22 @@ def _take_places(fresh: Sequence[Path], out: Sequence[Path], ours: Callable[[Pat
             check_file_free(file, ours, force)
             if force:
                 os.replace(made, file)
-            else:
-                _move_if_free(made, file)
-                done.append(file)
+                continue
+            try:
+                os.link(made, file)
+            except FileExistsError:
+                raise OutputError(f"{file} was made by another meanwhile: name another file.") from None
+            except OSError:  # a disk without links
+                os.replace(made, file)
+            done.append(file)
     except BaseException:
         for file in done:
             file.unlink(missing_ok=True)
         raise
 
 
-def _move_if_free(made: Path, file: Path) -> None:
-    try:
-        os.link(made, file)
-    except FileExistsError:
-        raise OutputError(f"{file} was made by another meanwhile: name another file.") from None
-    except OSError:  # a disk without links
-        os.replace(made, file)
-
-
 def check_file_free(out: Path, ours: Callable[[Path], bool], force: bool = False) -> None:
-    """Say now, before long work, whether `out` can be written; raises `OutputError` as `result_file` does."""
+    """Refuse early, before long work, an `out` that cannot be written; raises `OutputError` as `result_file` does."""
     try:
         if out.is_dir():
             raise OutputError(f"{out} is a folder: name a file to write.")

@@ -1,4 +1,4 @@
-"""What is printed: tables, and progress on a terminal only. In a pipe all is plain text, lines unbroken."""
+"""Printed output: tables, and progress on a terminal only. In a pipe all is plain text, lines unbroken."""
 
 from __future__ import annotations
 
@@ -14,14 +14,10 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 from rich.text import Text
 
-from fg_nav.report import REPORT
-from fg_nav.report.rows import FIGURES, collect_notes
+from fg_nav.report import FIGURES, REPORT, collect_notes
 from fg_nav.text import format_count
 
-_PIPE_WIDTH = 1000
-
-_hushed = False
-"""Whether nothing but errors is to be printed (`hush`); of the process, whose threads print too."""
+_hushed = False  # Whether only errors are printed (`hush`); of the process, as its threads print too.
 
 
 @contextmanager
@@ -36,39 +32,34 @@ def hush(quiet: bool) -> Iterator[None]:
 
 
 def remark(words: str) -> None:
-    """Print a sentence for people on standard error, apart from what is asked for; where that is gone, go on."""
+    """Print a sentence for people on standard error; a closed one is ignored."""
     if not _hushed:
         with suppress(OSError):
             print(words, file=sys.stderr, flush=True)  # noqa: T201
 
 
 def console() -> Console:
-    """Return a console on standard output: as wide as the terminal, or as wide as needed in a pipe."""
-    return Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else _PIPE_WIDTH)
+    """Return a console on standard output, as wide as the terminal; wide enough for any line in a pipe."""
+    return Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else 1000)
 
 
 def print_results(summaries: Sequence[Mapping[str, object]], place: Path) -> None:
-    """Print what matters of one method in five lines, or the table and the verdicts of several."""
+    """Print the result of one method in five lines, or the table and the verdicts of several."""
     out = console()
     several = len(summaries) > 1
     if several:
         out.print(result_table(summaries))
     for summary in summaries:
-        out.print(_describe_verdict(summary, several), soft_wrap=True)
+        reasons = "; ".join(cast("list[str]", summary["reasons"]))
+        who = f" ({summary['method']})" if several else ""
+        out.print(f"verdict{who}: {summary['verdict']}" + (f": {reasons}" if reasons else ""), soft_wrap=True)
     if not several:
-        for line in describe_result(summaries[0]):
+        for line in _describe_result(summaries[0]):
             out.print(line, soft_wrap=True)
     out.print(describe_place(place, len(collect_notes(summaries))), soft_wrap=True)
 
 
-def _describe_verdict(summary: Mapping[str, object], named: bool) -> str:
-    """The verdict on a path in one line, with its reasons."""
-    reasons = "; ".join(cast("list[str]", summary["reasons"]))
-    who = f" ({summary['method']})" if named else ""
-    return f"verdict{who}: {summary['verdict']}" + (f": {reasons}" if reasons else "")
-
-
-def describe_result(summary: Mapping[str, object]) -> list[str]:
+def _describe_result(summary: Mapping[str, object]) -> list[str]:
     """Distance, end and, where it is known, error of one method, a line each."""
     known = {key: pattern.format(summary[key]) for key, _, pattern in FIGURES if summary.get(key) is not None}
     sigma = f", sigma {known['distance_sigma_m']} m" if "distance_sigma_m" in known else ""
@@ -88,7 +79,7 @@ def describe_result(summary: Mapping[str, object]) -> list[str]:
 
 
 def _describe_feet(summary: Mapping[str, object]) -> str:
-    """How the feet were put together, in one line."""
+    """The coupling of the feet, in one line."""
     sides = " and ".join(cast("list[str]", summary["sides"]))
     known = {"named": "as named", "shown": "as the steps show", "assumed": "assumed"}[str(summary["sides_known"])]
     feet = f"feet: {sides}, {known}"
@@ -101,19 +92,19 @@ def _describe_feet(summary: Mapping[str, object]) -> str:
 
 
 def _format_place(values: object) -> str:
-    """Put x, y, z (m) into words; a sigma that is not known is a dash."""
+    """Format x, y, z (m); a dash for an unknown sigma."""
     named = zip("xyz", cast("list[float | None]", values), strict=True)
     return ", ".join(f"{axis} {'-' if value is None else f'{value:z.2f}'}" for axis, value in named) + " m"
 
 
 def describe_place(place: Path, remarks: int = 0) -> str:
-    """Say where the page of a result is, or its files where there is no page."""
+    """Return the place of the page of a result, or of its files where there is no page."""
     more = f" ({format_count(remarks, 'remark')} in it)" if remarks else ""
     return f"report: {place / REPORT}{more}" if (place / REPORT).exists() else f"files: {place}"
 
 
 def print_place(notes: Sequence[str], place: Path) -> None:
-    """Print the notes, and where files and pictures are."""
+    """Print the notes, and the places of files and pictures."""
     out = console()
     for note in notes:
         out.print(f"note: {note}", soft_wrap=True)
@@ -157,7 +148,7 @@ def ruled_table(*headers: str) -> Table:
 
 @contextmanager
 def progress(words: str) -> Iterator[Callable[[float], None]]:
-    """Show a bar on standard error while the block runs; yields what takes the fraction done."""
+    """Show a bar on standard error while the block runs; yields a function of the fraction done."""
     errors = Console(stderr=True)
     columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn())
     shown = can_show_progress(errors)

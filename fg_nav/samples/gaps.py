@@ -1,4 +1,4 @@
-"""Lost samples, and the motion within a sample.
+"""Lost samples, those that one sensor did not read, and the motion within a sample.
 
 What a sensor would have read where a sample is missing follows from how the same foot moves elsewhere.
 
@@ -27,6 +27,17 @@ Where there is too little to learn from, and over gaps too long for a mean to st
 interpolation, and its sigma the spread s of the recording. In a gap of T > `MAX_S` that is no less than the spread
 of a walking foot: a foot that stood before the gap may have walked in it.
 
+A sensor that read wrongly for some samples while the other one did not: the other is kept, for a shoe that is struck
+turns. What was not read follows from the samples within R periods on either side, of both sensors, and from those of
+the other sensor between: with m all of these, each sensor over its own spread, the n samples of a run are
+
+    x_k = linear interpolation + W_k m + c_k,        k = 1 .. n,
+
+W and c as in a gap. The sigma of their mean, s, is measured there too. The errors of a run are one error, so each
+sample is given the s sqrt(n) of independent ones that add up to it. Where there is too little to learn from, it is the
+linear interpolation, and s the spread of the recording. Detectors use the linear interpolation in time between the
+nearest samples of which both sensors are good: a stream knows no more when it passes them on.
+
 Coning and sculling: a sample is the mean of rate w and specific force f over its period h, and strapdown integration
 holds it. Where both change within the period that misses, to third order in h, the angle and the velocity
 
@@ -53,35 +64,24 @@ from typing import NamedTuple
 import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.samples.outliers import ACC_OUT, GYR_OUT
 from fg_nav.system.compiled import njit
-from fg_nav.system.spilled import BLOCK_ROWS, drop_pages, empty_column
+from fg_nav.system.spilled import BLOCK_ROWS, drop_pages, empty_column, join_columns
 
 LOST_PERIODS = 1.5  # After a step between stamps of more periods than this, a sample or more is missing.
 REACH = 6  # R, periods on either side: more samples show no more of the gap, and need more windows.
-
-ALIKE = 500
-"""Windows that W and c are learned from: several times the 12 R + 1 unknowns, and few enough to be of one phase of
-gait."""
-
-MAX_S = 0.1
-"""In a longer gap a foot turns too far for one mean of force and rate to stand for its motion, however well known."""
-
-MAX_HELD_S = 0.5
-"""Over a longer gap the samples on either side say less of the motion than that a person walked: held, rate and force
-are off by the spread of a walking foot (`WALKING`), which turns it by a radian and moves it by 1.4 m before it stands.
-On simulated swings the sigmas of the place are alike at 0.45 s (1.25 m), and the errors at 0.7 (1.6 and 1.9 m)."""
-
-MAX_COUNTED_S = 1.0  # Up to here the periods in a gap are counted one by one.
-
-WALKING = np.repeat([5.0, 2.0], 3)
-"""Spread of a walking foot's specific force, m/s^2, and rate, rad/s; both axis by axis, however the sensor sits."""
-
-FEWEST = 100  # Windows that a regression needs.
-
-MAX_WINDOWS = 20_000
-"""Of those in the recording, evenly taken: minutes of walking; the time to look through them grows with each gap."""
-
+ALIKE = 500  # Windows that W and c are learned from: several times the 12 R + 1 unknowns, few enough of one gait phase.
+MIN_WINDOWS, MAX_WINDOWS = 100, 20_000  # Of a regression, evenly taken: minutes of walking; the time grows with them.
 DIGITS = 0.01  # Noise of a sample as a share of the sensor's spread, that W does not follow.
+MAX_S = 0.1  # In a longer gap a foot turns too far for one mean of force and rate to stand for its motion.
+MAX_COUNTED_S = 1.0  # Up to here the periods in a gap are counted one by one.
+BLOCK = 1 << 16  # Samples that are prepared at once: more need memory, and no longer fit a processor's cache.
+
+# In a longer gap the samples on either side show only that a person walked: held, rate and force are off by the spread
+# of a walking foot (`WALKING`), which turns it by a radian and moves it by 1.4 m before it stands. On simulated swings
+# the sigmas of the place are alike at 0.45 s (1.25 m), and the errors at 0.7 (1.6 and 1.9 m).
+MAX_HELD_S = 0.5
+WALKING = np.repeat([5.0, 2.0], 3)  # Spread of a walking foot's force, m/s^2, and rate, rad/s, each axis.
 
 
 class Gaps(NamedTuple):
@@ -111,12 +111,12 @@ def find_holes(t: Floats) -> Ints:
 
 
 def cross_holes(t: Floats, sample: Ints) -> Bools:
-    """Whether there is a hole (M-1,) between each of the samples (M,), in order, and the next of them."""
+    """(M-1,) True where there is a hole between one of the samples (M,), in order, and the next."""
     return np.asarray(np.diff(np.searchsorted(find_holes(t), sample)) > 0)
 
 
 def find_unrecorded(t: Floats, recorded: Floats) -> Bools:
-    """Which of the times t (N,) s are before, after or in a hole of stamps `recorded` (M,) s."""
+    """(N,) True where a time t (N,) s is before, after or in a hole of stamps `recorded` (M,) s."""
     spans = list_unrecorded(recorded)
     return np.asarray(np.searchsorted(spans[:, 0], t) > np.searchsorted(spans[:, 1], t, side="right"))
 
@@ -151,7 +151,7 @@ def count_periods(t: Floats, period_s: float) -> Ints:
 
 
 def fill_gaps(t: Floats, acc: Floats, gyr: Floats) -> Gaps:
-    """Find the gaps between stamps `t` (N,) s, N > 1, and what lies in them, from specific force and rate (N, 3)."""
+    """Find the gaps between stamps `t` (N,) s, N > 1, and estimate the force and rate (N, 3) in them."""
     step = np.diff(t)
     period = float(np.median(step))
     gap = np.flatnonzero(step > LOST_PERIODS * period)
@@ -161,43 +161,37 @@ def fill_gaps(t: Floats, acc: Floats, gyr: Floats) -> Gaps:
     scale = np.repeat([find_spread(acc), find_spread(gyr)], 3)
     values = np.hstack([acc, gyr]) / scale
     tick = count_periods(t, period)
-    around = [_find_ticks(tick, int(i)) for i in gap]
-    long = _Long(MAX_S / period, WALKING / scale)
+    # ticks of the samples within `REACH` of each gap, from the one before it
+    around = []
+    for i in gap.tolist():
+        near, after = tick[max(i + 1 - REACH, 0) : i + 1 + REACH] - tick[i], tick[i + 1] - tick[i]
+        around.append(tuple(int(k) for k in near if -REACH < k < after + REACH))
     mean, sigma = np.empty((len(gap), 6)), np.empty((len(gap), 6))
     for offsets in set(around):
         here = np.array([one == offsets for one in around])
-        mean[here], sigma[here] = _predict(values, gap, gap[here], np.array(offsets), long)
+        mean[here], sigma[here] = _predict(values, gap, gap[here], np.array(offsets), MAX_S / period, WALKING / scale)
     mean, sigma = mean * scale, sigma * scale
     return Gaps(gap, step[gap] - period, mean[:, :3], mean[:, 3:], sigma[:, :3], sigma[:, 3:])
 
 
 def find_spread(samples: Floats) -> float:
-    """Standard deviation of a sensor, whatever its axes; 1 for one that shows nothing."""
+    """Standard deviation of a sensor over all axes; 1 for a constant one."""
     return float(np.sqrt(samples.var(axis=0).mean())) or 1.0
 
 
-def _find_ticks(tick: Ints, i: int) -> tuple[int, ...]:
-    """Ticks from sample `i`, before a gap, to those samples within `REACH` of the gap that there are."""
-    near = tick[max(i + 1 - REACH, 0) : i + 1 + REACH] - tick[i]
-    after = tick[i + 1] - tick[i]
-    return tuple(int(k) for k in near if -REACH < k < after + REACH)
+def _predict(
+    values: Floats, gap: Ints, before: Ints, offsets: Ints, max_ticks: float, walking: Floats
+) -> tuple[Floats, Floats]:
+    """Mean and sigma (A, 6) in the gaps behind the samples `before` (A,), of which all have samples at these ticks.
 
-
-class _Long(NamedTuple):
-    """What a long gap is, in sample periods: of more than `ticks`; and the `least` (6,) spread."""
-
-    ticks: float
-    least: Floats
-
-
-def _predict(values: Floats, gap: Ints, before: Ints, offsets: Ints, long: _Long) -> tuple[Floats, Floats]:
-    """Mean and sigma (A, 6) in the gaps behind the samples `before` (A,), of which all have samples at these ticks."""
+    In a gap of more than `max_ticks` periods the sigma is at least `walking` (6,).
+    """
     after = int(offsets[offsets > 0][0])
     linear = (values[before] + values[before + 1]) / 2
     last = find_windows(gap, len(values), offsets)
-    if after > long.ticks:
-        return linear, np.tile(np.maximum(values.std(axis=0), long.least), (len(before), 1))
-    if len(last) < FEWEST:
+    if after > max_ticks:
+        return linear, np.tile(np.maximum(values.std(axis=0), walking), (len(before), 1))
+    if len(last) < MIN_WINDOWS:
         return linear, np.tile(values.std(axis=0), (len(before), 1))
     known = values[last[:, None] + offsets].reshape(len(last), -1)
     total = np.vstack([np.zeros(6), np.cumsum(values, axis=0)])
@@ -212,7 +206,7 @@ def _predict(values: Floats, gap: Ints, before: Ints, offsets: Ints, long: _Long
 
 
 def find_windows(gap: Ints, count: int, offsets: Ints) -> Ints:
-    """Sample (M,) from which the offsets count, of each window of the recording that has no gap in it."""
+    """Origins (M,) of the windows with these offsets that have no gap in them."""
     clear_blocks = [np.empty(0, dtype=np.int64)]
     for start in range(-offsets[0], count - offsets[-1], BLOCK_ROWS):
         last = np.arange(start, min(start + BLOCK_ROWS, count - offsets[-1]))
@@ -223,7 +217,7 @@ def find_windows(gap: Ints, count: int, offsets: Ints) -> Ints:
 
 
 def regress(known: Floats, beyond: Floats, pattern: Floats, channel: Ints) -> Regression:
-    """What follows (K,) from a `pattern` (C,), by the rows `known` (M, C) most like it and their `beyond` (M, K).
+    """Predict the values (K,) of a `pattern` (C,), by the rows `known` (M, C) nearest to it and their `beyond` (M, K).
 
     `channel` (C,) is which of the six of acc and gyr each column is of.
     """
@@ -232,14 +226,14 @@ def regress(known: Floats, beyond: Floats, pattern: Floats, channel: Ints) -> Re
     x, y = known[alike] - pattern, beyond[alike]
     half = len(x) // 2
     first, second = _fit_line(x[:half], y[:half]), _fit_line(x[half:], y[half:])
-    missed = np.vstack([y[half:] - first.at(x[half:]), y[:half] - second.at(x[:half])])
-    line = _fit_line(x, y)
-    strange = np.bincount(channel, line.unlike**2, 6) / np.maximum(np.bincount(channel, minlength=6), 1)
-    return Regression(line.at_zero, missed, line.stretch, strange)
+    missed = np.vstack([y[half:] - (first[0] + x[half:] @ first[1]), y[:half] - (second[0] + x[:half] @ second[1])])
+    at_zero, _, stretch, unlike = _fit_line(x, y)
+    strange = np.bincount(channel, unlike**2, 6) / np.maximum(np.bincount(channel, minlength=6), 1)
+    return Regression(at_zero, missed, stretch, strange)
 
 
 class Regression(NamedTuple):
-    """What a pattern leads to (K,), by how much either half of the rows `missed` (M, K) the other, and its uncertainty.
+    """Predicted values (K,), and residuals `missed` (M, K) of either half of the rows by the line of the other.
 
     `stretch` is how much larger the variance of a prediction is than that of a residual, by the uncertainty of the
     line. `strange` (6,) is the mean square, for each channel, of what is in the pattern but in no row: a motion of its
@@ -252,33 +246,153 @@ class Regression(NamedTuple):
     strange: Floats
 
 
-class _Line(NamedTuple):
-    """Least squares of y (M, K) over x (M, C): value at zero (K,) and slopes (C, K).
+def _fit_line(x: Floats, y: Floats) -> tuple[Floats, Floats, float, Floats]:
+    """Least squares of y (M, K) over x (M, C): value at zero (K,), slopes (C, K), and the line's uncertainty.
 
-    `stretch` as of a `Regression`; `unlike` (C,) is what is at zero but in no x.
+    The latter is `stretch` as of a `Regression`, and `unlike` (C,): what is at zero but in no x. `DIGITS` keeps the
+    slopes from following noise.
     """
-
-    at_zero: Floats
-    slopes: Floats
-    stretch: float
-    unlike: Floats
-
-    def at(self, x: Floats) -> Floats:
-        """Values (M, K) at x (M, C)."""
-        return np.asarray(self.at_zero + x @ self.slopes)
-
-
-def _fit_line(x: Floats, y: Floats) -> _Line:
-    """Fit a line; `DIGITS` keeps it from following noise."""
     x_mean, y_mean = x.mean(axis=0), y.mean(axis=0)
     x = x - x_mean
     noise = len(x) * DIGITS**2
     solved = np.linalg.solve(x.T @ x + noise * np.eye(x.shape[1]), np.column_stack([x.T @ (y - y_mean), x_mean]))
     slopes, unlike = solved[:, :-1], solved[:, -1]
-    return _Line(y_mean - x_mean @ slopes, slopes, float(1.0 + 1.0 / len(x) + x_mean @ unlike), noise * unlike)
+    return y_mean - x_mean @ slopes, slopes, float(1.0 + 1.0 / len(x) + x_mean @ unlike), noise * unlike
 
 
-BLOCK = 1 << 16  # Samples that are prepared at once: more need memory, and no longer fit a processor's cache.
+# samples that one sensor did not read
+
+
+class Bridge(NamedTuple):
+    """Samples (B,) that a sensor did not read, what it would have (B, 3), and the sigma (B, 3) of that."""
+
+    sample: Ints
+    value: Floats
+    sigma: Floats
+
+    def within(self, start: int, stop: int) -> Bridge:
+        """Return those among the samples `start <= i < stop`, counted from `start`."""
+        there = (self.sample >= start) & (self.sample < stop)
+        return Bridge(self.sample[there] - start, self.value[there], self.sigma[there])
+
+    def put(self, samples: Floats) -> Floats:
+        """Return samples (N, 3) with these in their place."""
+        if not len(self.sample):
+            return samples
+        bridged = samples.copy()
+        bridged[self.sample] = self.value
+        return bridged
+
+
+def interpolate_unread(t: Floats, acc: Floats, gyr: Floats, unread: Ints) -> None:
+    """Write a line into acc or gyr (N, 3) where `unread` (N,), `ACC_OUT` or `GYR_OUT`, marks it as not read."""
+    good = unread == 0
+    for samples, which in ((acc, ACC_OUT), (gyr, GYR_OUT)):
+        bad = (unread & which) > 0
+        if bad.any() and good.any():
+            for axis in samples.T:
+                axis[bad] = np.interp(t[bad], t[good], axis[good])
+
+
+def bridge_unread(t: Floats, acc: Floats, gyr: Floats, unread: Ints | None) -> tuple[Bridge, Bridge]:
+    """Estimate the unread samples of accelerometer and gyroscope, from samples (N, 3) as of `interpolate_unread`."""
+    if unread is None or not unread.any():
+        nothing = Bridge(np.empty(0, dtype=np.int64), np.empty((0, 3)), np.empty((0, 3)))
+        return nothing, nothing
+    seen = _UnreadSamples(t, acc, gyr, unread)
+    return seen.bridge(ACC_OUT), seen.bridge(GYR_OUT)
+
+
+class _Run(NamedTuple):
+    """Where a run and what is around it are, in periods from its first sample on; equal for runs that are alike.
+
+    `near` are the ticks of the samples around and within, `read` which of the six each of them has, `bad` the ticks
+    that the sensor did not read, `before` and `behind` those between which it is interpolated.
+    """
+
+    near: tuple[int, ...]
+    read: tuple[tuple[bool, ...], ...]
+    bad: tuple[int, ...]
+    before: int
+    behind: int
+
+
+class _UnreadSamples:
+    """A recording and which of its samples a sensor did not read."""
+
+    def __init__(self, t: Floats, acc: Floats, gyr: Floats, unread: Ints) -> None:
+        step = np.diff(t)
+        period = float(np.median(step))
+        self._tick = count_periods(t, period)
+        self._unread = unread
+        self._scale = np.repeat([find_spread(acc), find_spread(gyr)], 3)
+        self._values = join_columns(acc, gyr)
+        for start in range(0, len(t), BLOCK_ROWS):
+            self._values[start : start + BLOCK_ROWS] /= self._scale
+            drop_pages()
+        hurt = np.flatnonzero(unread)
+        gap = np.flatnonzero(step > LOST_PERIODS * period)
+        self._breaks = np.unique(np.concatenate([gap, hurt, hurt - 1]))
+
+    def bridge(self, which: int) -> Bridge:
+        """Estimate the unread samples of one sensor."""
+        bad = (self._unread & which) > 0
+        edge = np.flatnonzero(np.diff(np.concatenate([[False], bad, [False]]).astype(np.int8)))
+        start, stop = edge[::2], edge[1::2]
+        axes = np.s_[:3] if which == ACC_OUT else np.s_[3:]
+        # describe each run and what is around it
+        runs = []
+        for i, j in zip(start.tolist(), stop.tolist(), strict=True):
+            tick = self._tick - self._tick[i]
+            near = np.arange(max(i - REACH, 0), min(j + REACH, len(tick)))
+            near = near[(tick[near] >= -REACH) & (tick[near] < tick[j - 1] + 1 + REACH)]
+            unread = self._unread[near]
+            read = np.repeat(np.column_stack([unread & ACC_OUT, unread & GYR_OUT]) == 0, 3, axis=1)
+            first, last = i - 1, j if j < len(tick) else max(i - 1, 0)
+            ends = int(tick[first if first >= 0 else last]), int(tick[last])
+            patterns = tuple(tick[near].tolist()), tuple(map(tuple, read.tolist())), tuple(tick[i:j].tolist())
+            runs.append(_Run(*patterns, *ends))
+        # solve those that are alike at once
+        sample = np.flatnonzero(bad)
+        value, sigma = np.empty((len(sample), 3)), np.empty((len(sample), 3))
+        for run in set(runs):
+            alike = [(i, j) for i, j, one in zip(start, stop, runs, strict=True) if one == run]
+            found = self._predict(run, np.array([i for i, _ in alike]), axes)
+            for (i, j), one in zip(alike, found, strict=True):
+                at = int(np.searchsorted(sample, i))
+                value[at : at + j - i], sigma[at : at + j - i] = one[0], one[1] * np.sqrt(j - i)
+        return Bridge(sample, value * self._scale[axes], sigma * self._scale[axes])
+
+    def _predict(self, run: _Run, first: Ints, axes: slice) -> list[tuple[Floats, Floats]]:
+        """Values (n, 3) and sigma (3,) of their mean for runs alike that begin with the samples `first`."""
+        x, near, bad = self._values, np.array(run.near), np.array(run.bad)
+        extent = np.array([min(near[0], run.before), max(near[-1], run.behind)])
+        windows = find_windows(self._breaks, len(x), extent)
+        line = self._interpolate(run, first, axes)
+        if len(windows) < MIN_WINDOWS:
+            return [(one, x[:, axes].std(axis=0)) for one in line]
+        column, channel = np.nonzero(np.array(run.read))
+        beyond = x[windows[:, None] + bad][..., axes] - self._interpolate(run, windows, axes)
+        known = x[windows[:, None] + near[column], channel]
+        # the samples that are there, gaps or not, are those of the same ticks
+        rows = np.searchsorted(self._tick, self._tick[first][:, None] + near[column])
+        found = [regress(known, beyond.reshape(len(windows), -1), one, channel) for one in x[rows, channel]]
+        values = line + np.array([one.value for one in found]).reshape(line.shape)
+        missed = np.array([one.missed.reshape(len(one.missed), -1, 3).mean(axis=1) for one in found])
+        variance = (missed**2).mean(axis=1) * np.array([[one.stretch] for one in found])
+        sigma = np.sqrt(np.maximum(variance, [one.strange[axes] for one in found]))
+        return list(zip(values, sigma, strict=True))
+
+    def _interpolate(self, run: _Run, first: Ints, axes: slice) -> Floats:
+        """Line (A, n, 3) between the samples before and behind the runs that begin with the samples `first` (A,)."""
+        width = max(run.behind - run.before, 1)
+        share = ((np.array(run.bad) - run.before) / width)[:, None] * (run.behind != run.before)
+        rows = np.searchsorted(self._tick, self._tick[first][:, None] + [run.before, run.behind])
+        before, behind = self._values[rows, axes].swapaxes(0, 1)[:, :, None]
+        return np.asarray(before + (behind - before) * share)
+
+
+# motion within a sample
 
 
 def prepare_samples(acc: Floats, gyr: Floats, h: Floats, gaps: Gaps) -> tuple[Floats, Floats]:
@@ -286,23 +400,19 @@ def prepare_samples(acc: Floats, gyr: Floats, h: Floats, gaps: Gaps) -> tuple[Fl
     force, rate = empty_column(*acc.shape), empty_column(*gyr.shape)
     for start in range(0, len(h), BLOCK):
         stop = min(start + BLOCK, len(h))
-        # A sample's change is known from both of its neighbors.
+        # a sample's change is known from both of its neighbours
         first, last = max(start - 1, 0), min(stop + 1, len(h))
-        inside = np.s_[start - first : stop - first]
-        found = _prepare_block(acc[first:last].copy(), gyr[first:last].copy(), h[first:last], gaps, first)
+        part_acc, part_gyr, part_h = acc[first:last].copy(), gyr[first:last].copy(), h[first:last]
+        # before a gap the mean over all of the time until the next stamp
+        within = (gaps.sample >= first) & (gaps.sample < last)
+        sample = gaps.sample[within] - first
+        share = (gaps.unseen_s[within] / part_h[sample])[:, None]
+        part_acc[sample] += share * (gaps.acc[within] - part_acc[sample])
+        part_gyr[sample] += share * (gaps.gyr[within] - part_gyr[sample])
+        found, inside = compensate_coning(part_acc, part_gyr, part_h), np.s_[start - first : stop - first]
         force[start:stop], rate[start:stop] = found[0][inside], found[1][inside]
         drop_pages()
     return force, rate
-
-
-def _prepare_block(acc: Floats, gyr: Floats, h: Floats, gaps: Gaps, first: int) -> tuple[Floats, Floats]:
-    """Prepare the samples from `first` on; they are written over."""
-    inside = (gaps.sample >= first) & (gaps.sample < first + len(h))
-    sample = gaps.sample[inside] - first
-    share = (gaps.unseen_s[inside] / h[sample])[:, None]
-    acc[sample] += share * (gaps.acc[inside] - acc[sample])
-    gyr[sample] += share * (gaps.gyr[inside] - gyr[sample])
-    return compensate_coning(acc, gyr, h)
 
 
 @njit(cache=True)
@@ -323,7 +433,7 @@ def compensate_coning(acc: Floats, gyr: Floats, h: Floats) -> tuple[Floats, Floa
 
 @njit(cache=True)
 def _differentiate(samples: Floats, h: Floats, i: int, change: Floats) -> None:
-    """Write by how much a sample changes over its own period: a parabola's slope, at either end that to the next."""
+    """Write the change of a sample over its own period: a parabola's slope, at either end that to the next sample."""
     before = 0.5 * (h[i - 1] + h[i]) if i > 0 else np.inf
     after = 0.5 * (h[i] + h[i + 1]) if i + 1 < len(h) else np.inf
     from_before = h[i] / before / (1.0 + before / after)

@@ -13,8 +13,8 @@ accelerometer among the `AROUND` samples before and as many behind, what they al
     accelerometer    f (20 m/s^2 + 6 c_acc)
     magnetometer     f (20 uT + 6 c_mag), among its own samples
 
-since a shoe that is struck turns, and its accelerometer tells: at the very sample too, so where the forces of a run are
-good they count in the c_acc of its rates. With a sample every T s f = 2.2 sqrt(T / 5 ms), and no
+since a shoe that is struck turns, which its accelerometer shows: at the very sample too, so where the forces of a run
+are good they count in the c_acc of its rates. With a sample every T s f = 2.2 sqrt(T / 5 ms), and no
 less than 2.2; where samples are missing it is larger by the square of how much longer the run with its neighbors lasts.
 No sample of 80 real recordings, of feet, legs, hands, head and hip at 60 to 400 Hz, is found, nor with every second or
 fourth sample alone. In four of them the first would be where f is lowered to 0.6 or 0.5 of that, in all others at less
@@ -37,23 +37,14 @@ from fg_nav.system.spilled import join_columns, take_rows
 from fg_nav.text import format_count
 
 LONGEST = 6  # Samples of a run; a longer one is a motion, or a sensor that has failed.
-
-AROUND = 4
-"""Samples on either side that show how shaken the motion is; two less than `LONGEST`, so that two runs which are near
-each other are either one run, or not in what is around the other."""
-
+AROUND = 4  # Samples on either side that show how shaken it is; `LONGEST` - 2, so that near runs are one, or apart.
 LAST = 2  # Samples at the very end that may be a run without others behind it; more are a motion that was cut off.
 LOOK_AHEAD = LONGEST + AROUND + 1  # Samples that must be there behind one at which a run may begin.
-
-FACTOR = 2.2
-PERIOD_S = 5e-3
-"""f up to this period: 1.6 times what any recording needs of those that `scripts/sample_faults.py clean` reads."""
-
+FACTOR, PERIOD_S = 2.2, 5e-3  # f up to this period: 1.6 times what any recording needs (`sample_faults.py clean`).
 GYR_RAD_S, GYR_SHAKEN, GYR_STRUCK = 1.0, 2.0, 0.1
 ACC_M_S2, ACC_SHAKEN = 20.0, 6.0
-
-ACC_OUT, GYR_OUT, MAG_OUT = 1, 2, 4
-BOTH_OUT = ACC_OUT + GYR_OUT  # Of which sensor a run was found; the sum where it is of more.
+ACC_OUT, GYR_OUT, MAG_OUT = 1, 2, 4  # Of which sensor a run was found; the sum where it is of more.
+BOTH_OUT = ACC_OUT + GYR_OUT
 
 
 class Outliers(NamedTuple):
@@ -114,7 +105,7 @@ def note_bad(bad: Bools, sensor: str, t: Floats, row: Ints) -> list[str]:
 
 @njit(cache=True)
 def scan_outliers(t: Floats, x: Floats, begin: int, at_end: bool, factor: float = FACTOR) -> tuple[Ints, int]:
-    """Judge the samples x (N, 6), acc and gyr, from `begin` on, behind good ones; what is found (N,), and up to where.
+    """Find bad samples in x (N, 6), acc and gyr, from `begin` on, behind good ones: (N,), and up to which sample.
 
     Unless it is `at_end`, a sample at which a run may begin is judged once `LOOK_AHEAD` samples are behind it.
     """
@@ -126,17 +117,26 @@ def scan_outliers(t: Floats, x: Floats, begin: int, at_end: bool, factor: float 
     kept[:last] = good[:last]
     i = begin
     while i < count:
-        # Most samples go on from the one before.
-        if last > 0 and not _leaves(x[kept[last - 1]], x[i], factor):
+        # most samples go on from the one before: no step is larger than the least that is allowed anywhere
+        leaves = last == 0
+        for axis in range(6):
+            least = ACC_M_S2 if axis < 3 else GYR_RAD_S
+            leaves = leaves or abs(x[i, axis] - x[kept[last - 1], axis]) > factor * least
+        if not leaves:
             kept[last] = i
             last += 1
             i += 1
             continue
-        before = kept[max(last - AROUND - 1, 0) : last]
-        may_begin = _may_begin(x, before, i, factor)
+        # a run may begin where the step exceeds what the samples before allow; those behind allow more
+        before, may_begin = kept[max(last - AROUND - 1, 0) : last], last == 0
+        if last > 0:
+            acc, gyr = _measure_shaking(x, before)
+            step = np.abs(x[i] - x[before[-1]])
+            may_begin = step[:3].max() > factor * (ACC_M_S2 + ACC_SHAKEN * acc)
+            may_begin = may_begin or step[3:].max() > factor * (GYR_RAD_S + GYR_SHAKEN * gyr + GYR_STRUCK * acc)
         if may_begin and i + LOOK_AHEAD >= count and not at_end:
             break
-        # A run that leaves here and returns?
+        # a run that leaves here and returns
         length, which = _find_run(t, x, before, i, factor) if may_begin else (0, 0)
         for j in range(i, i + length):
             found[j] = which
@@ -148,29 +148,6 @@ def scan_outliers(t: Floats, x: Floats, begin: int, at_end: bool, factor: float 
 
 
 @njit(cache=True)
-def _leaves(before: Floats, after: Floats, factor: float) -> bool:
-    """Whether a step is larger than the least that is allowed anywhere."""
-    for axis in range(6):
-        least = ACC_M_S2 if axis < 3 else GYR_RAD_S
-        if abs(after[axis] - before[axis]) > factor * least:
-            return True
-    return False
-
-
-@njit(cache=True)
-def _may_begin(x: Floats, before: Ints, i: int, factor: float) -> bool:
-    """Whether a run may begin with sample i, by the good ones `before`: by what is behind it even less is a run."""
-    if len(before) == 0:
-        return True
-    acc, gyr = _measure_shaking(x, before)
-    step = np.abs(x[i] - x[before[-1]])
-    return bool(
-        step[:3].max() > factor * (ACC_M_S2 + ACC_SHAKEN * acc)
-        or step[3:].max() > factor * (GYR_RAD_S + GYR_SHAKEN * gyr + GYR_STRUCK * acc)
-    )
-
-
-@njit(cache=True)
 def _find_run(t: Floats, x: Floats, before: Ints, i: int, factor: float) -> tuple[int, int]:
     """Length of the shortest run that begins with sample i, behind good ones, and of which sensor it is."""
     shaken = _measure_shaking(x, before)
@@ -179,7 +156,12 @@ def _find_run(t: Floats, x: Floats, before: Ints, i: int, factor: float) -> tupl
         if i + length > len(x) or (len(behind) < 2 and (len(before) < 2 or len(x) - i > LAST)):
             return 0, 0
         acc, gyr = np.maximum(shaken, _measure_shaking(x, behind))
-        f = factor * _find_coarseness(t, before, behind, length)
+        # a coarser period, missing samples, and an end allow more
+        period = float(np.median(np.concatenate((np.diff(t[before]), np.diff(t[behind])))))
+        stretch = np.sqrt(3.0)  # at either end, where only one side shows what the motion is
+        if len(before) and len(behind):
+            stretch = max((t[behind[0]] - t[before[-1]]) / ((length + 1) * period), 1.0)
+        f = factor * (max(np.sqrt(period / PERIOD_S), 1.0) * stretch**2)
         which = 0
         if _measure_run(x, before, behind, i, 0) > f * (ACC_M_S2 + ACC_SHAKEN * acc):
             which += ACC_OUT
@@ -205,19 +187,8 @@ def _measure_shaking(x: Floats, samples: Ints) -> Floats:
 
 
 @njit(cache=True)
-def _find_coarseness(t: Floats, before: Ints, behind: Ints, length: int) -> float:
-    """By how much f is larger for a run of this length between samples before and behind it."""
-    steps = np.concatenate((np.diff(t[before]), np.diff(t[behind])))
-    period = float(np.median(steps))
-    stretch = np.sqrt(3.0)  # at either end, where only one side shows what the motion is
-    if len(before) and len(behind):
-        stretch = max((t[behind[0]] - t[before[-1]]) / ((length + 1) * period), 1.0)
-    return float(max(np.sqrt(period / PERIOD_S), 1.0) * stretch**2)
-
-
-@njit(cache=True)
 def _measure_run(x: Floats, before: Ints, behind: Ints, i: int, first_axis: int) -> float:
-    """By how much both ends of a run are off that begins with sample i, on the worst of three axes each."""
+    """Least deviation of both ends of the run that begins with sample i, on the worst of three axes each."""
     most_first, most_last = 0.0, 0.0
     for axis in range(first_axis, first_axis + 3):
         if len(behind) == 0:  # at the very end: off what the two before it lead to as well

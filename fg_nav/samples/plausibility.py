@@ -5,7 +5,7 @@ A sensor on a person cannot help measuring some known things:
 * time: inertial sensors deliver 10 to 5000 samples a second;
 * force: in its stillest moments the accelerometer measures gravity, 9.8 m/s^2 and not 1 g, 1000 mg or 0;
 * rate: a limb turns at 1 to 20 rad/s, never at 40 rad/s for a hundredth of the time;
-* both: while the sensor turns without much acceleration, gravity turns in the body as the gyroscope says,
+* both: while the sensor turns without much acceleration, gravity turns in the body at the rate of the gyroscope,
   da/dt = -k w x a, with k = 1. k = pi/180 is a gyroscope in deg/s, k = -1 a mirrored set of axes;
 * field: the Earth's field is 25-65 uT, buildings and shoes make 10-200 uT of it.
 
@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.arrays import Bools, Floats
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.samples.outliers import find_outliers
 from fg_nav.system.spilled import BLOCK_ROWS, drop_pages
@@ -28,11 +28,9 @@ LIMIT_M_S2 = 5000.0  # No accelerometer worn by a person reads more (500 g).
 LIMIT_RAD_S = 350.0  # No gyroscope worn by a person reads more (20 000 deg/s).
 LIMIT_UT = 1e5  # No magnetometer that is still of use reads more (0.1 T).
 
-AIR_PA = (3e4, 1.2e5)
-"""Pressure of the air, from above the highest mountains to below the deepest mines; what lies outside is no sample."""
-
-MAX_JUDGED, BLOCK = 2_000_000, 20_000
-"""Samples by which units are judged, hours of them, and those of a block, more than a minute."""
+LATEST = 1e100  # Of a stamp in any unit, so that differences are numbers too.
+AIR_PA = (3e4, 1.2e5)  # Pressure of the air, from above the highest mountains to below the deepest mines.
+MAX_JUDGED, BLOCK = 2_000_000, 20_000  # Samples by which units are judged, hours, and of a block, more than a minute.
 
 _SLOWEST_PERIOD_S, _MAX_PERIOD_S = 0.1, 2e-4
 _TIME_UNITS = {"ms": 1e3, "us": 1e6, "ns": 1e9}
@@ -71,7 +69,7 @@ _SAME_FIELD = 1.6  # times stronger or weaker is the field in another unit than 
 
 @dataclass(frozen=True)
 class GravityTransport:
-    """How well gravity turns in the body as the gyroscope says.
+    """How well gravity turns in the body at the rate of the gyroscope.
 
     `gain` is k in da/dt = -k w x a, `correlation` that of both sides, `n_windows` how many stretches in which
     gravity turns it rests on.
@@ -83,7 +81,7 @@ class GravityTransport:
 
     @property
     def is_telling(self) -> bool:
-        """Whether there was enough quiet turning for a verdict."""
+        """Whether there was enough quiet turning to decide."""
         return self.n_windows >= MIN_TURNING_WINDOWS and abs(self.correlation) > 0.4
 
     @property
@@ -97,30 +95,20 @@ def find_unit_problems(t: Floats, acc: Floats, gyr: Floats, mag: Floats | None) 
 
     `t` (N,) s, `acc` (N, 3) m/s^2, `gyr` (N, 3) rad/s, `mag` (N, 3) uT or None, as claimed; NaN is ignored.
     """
-    period, judged = median_period_s(t), _spread_blocks(len(t))
-    acc, gyr, mag = acc[judged], gyr[judged], None if mag is None else mag[judged]
+    period, known = median_period_s(t), t[np.abs(t) < LATEST]
+    # all samples, or blocks of them spread evenly over a long recording
+    if len(t) > MAX_JUDGED:
+        starts = np.linspace(0, len(t) - BLOCK, MAX_JUDGED // BLOCK).astype(np.int64)
+        judged = (starts[:, None] + np.arange(BLOCK)).ravel()
+        acc, gyr, mag = acc[judged], gyr[judged], None if mag is None else mag[judged]
     drop_pages()
     stamps, force = find_stamp_problem(period), find_acc_problem(acc, period)
-    # Gravity turns at the right rate only if both its unit and that of time are right.
-    if not (stamps or force) and _is_even(t, period):
+    # gravity turns at the right rate only if both its unit and that of time are right, and the stamps are a clock
+    if not (stamps or force) and 0.5 < (known[-1] - known[0]) / (period * len(known)) < 2.0:
         stamps = find_clock_problem(acc, gyr, period)
     rate = find_gyr_problem(acc, gyr, np.nan if stamps or force else period)
     field = None if mag is None else find_mag_problem(mag)
     return tuple(problem for problem in (stamps, force, rate, field) if problem is not None)
-
-
-def _is_even(t: Floats, period_s: float) -> bool:
-    """Whether stamps (N,) take about as long as their number says: else they are no clock, or have long gaps."""
-    known = t[np.abs(t) < LATEST]
-    return bool(0.5 < (known[-1] - known[0]) / (period_s * len(known)) < 2.0)
-
-
-def _spread_blocks(n: int) -> slice | Ints:
-    """Choose which of n samples are judged: all, or blocks of them spread evenly over a long recording."""
-    if n <= MAX_JUDGED:
-        return np.s_[:]
-    starts = np.linspace(0, n - BLOCK, MAX_JUDGED // BLOCK).astype(np.int64)
-    return (starts[:, None] + np.arange(BLOCK)).ravel()
 
 
 def find_lasting_problems(t: Floats, acc: Floats, gyr: Floats, mag: Floats | None, usable: Bools) -> tuple[str, ...]:
@@ -128,7 +116,7 @@ def find_lasting_problems(t: Floats, acc: Floats, gyr: Floats, mag: Floats | Non
     problems = find_unit_problems(t, acc, gyr, mag)
     if not problems:
         return problems
-    # A bad sample of 300 rad/s, with which gravity does not turn, looks like a wrong unit.
+    # a bad sample of 300 rad/s, with which gravity does not turn, looks like a wrong unit
     kept, period = np.flatnonzero(usable), median_period_s(t)
     if 2 * len(kept) < len(t):
         return problems  # most are beyond what any sensor reads: that is no bad sample
@@ -137,9 +125,6 @@ def find_lasting_problems(t: Floats, acc: Floats, gyr: Floats, mag: Floats | Non
     if 2 * len(kept) < len(t):
         return problems
     return find_unit_problems(t[kept], acc[kept], gyr[kept], None if mag is None else mag[kept])
-
-
-LATEST = 1e100  # Of a stamp in any unit, so that differences are numbers too.
 
 
 def median_period_s(t: Floats) -> float:
@@ -197,7 +182,7 @@ def find_gyr_unit(acc: Floats, gyr: Floats, period_s: float) -> str | None:
     """Find the unit of gyr (N, 3) where physics decides: rad/s or deg/s; None where it does not.
 
     No limb turns at more than 40 rad/s; one that is shaken as by walking turns faster than 0.3 rad/s, 17 deg/s; and
-    where the sensor turns quietly, gravity turns as the gyroscope says in one of the two units only. `acc` is in m/s^2.
+    where it turns quietly, gravity turns at the rate of the gyroscope in one of the two units only. `acc` is in m/s^2.
     """
     acc, gyr = _usable(acc, gyr)
     if not len(gyr):
@@ -256,9 +241,7 @@ def measure_turning_period(acc: Floats, gyr: Floats, least_correlation: float = 
         if n_windows < _MIN_WINDOWS:
             break
         quiet = loud[2 * half :][:n_windows] == loud[:n_windows]
-        mean_acc, mean_gyr = _moving_mean(acc, half), _moving_mean(gyr, half)
-        first, second = mean_acc[:n_windows][quiet], mean_acc[half:][:n_windows][quiet]
-        change, expected = second - first, -np.cross(mean_gyr[half // 2 :][:n_windows][quiet], (first + second) / 2)
+        change, expected = _compare_turning(acc, gyr, half, quiet)
         if np.count_nonzero(np.abs(change).max(axis=1) > 0.02 * rest) < _MIN_WINDOWS:
             continue
         product, power = float(np.sum(expected * change)), float(np.sum(expected**2))
@@ -358,7 +341,7 @@ def find_mag_problem(mag: Floats, usual_uT: float = np.nan) -> str | None:
 
 
 def is_field_on_earth(strength_uT: Floats | float) -> Bools:
-    """Whether fields of this strength are met on Earth, beside iron and in shoes too; NaN are not."""
+    """Whether a field of this strength exists on Earth, beside iron and in shoes too; NaN does not."""
     return np.asarray((strength_uT > _FIELD_RANGE_UT[0]) & (strength_uT < _FIELD_RANGE_UT[1]))
 
 
@@ -377,7 +360,7 @@ def measure_rest_acc(acc: Floats, period_s: float) -> float:
     walking foot stands for far longer than that.
     """
     (acc,) = _usable(acc, limit=1e6)
-    length = _samples_in(0.1, period_s)
+    length = max(3, round(0.1 / _assume_period(period_s)))
     if len(acc) < 2 * length:
         return np.nan
     mean = _moving_mean(acc, length)
@@ -387,7 +370,7 @@ def measure_rest_acc(acc: Floats, period_s: float) -> float:
 
 
 def measure_gravity_transport(acc: Floats, gyr: Floats, period_s: float) -> GravityTransport:
-    """Test whether gravity turns in the body as the gyroscope says.
+    """Test whether gravity turns in the body at the rate of the gyroscope.
 
     Over 0.4 s in which | |acc| - g | stays below 0.6 m/s^2, the change between the means of its halves is set
     against the mean of -w x a between their middles; the gain is that of least squares.
@@ -395,7 +378,7 @@ def measure_gravity_transport(acc: Floats, gyr: Floats, period_s: float) -> Grav
     acc, gyr = _usable(acc, gyr)
     if not period_s > 0:
         return GravityTransport(np.nan, np.nan, 0)
-    half = _samples_in(0.2, period_s)
+    half = max(3, round(0.2 / _assume_period(period_s)))
     n_windows = len(acc) - 2 * half
     if n_windows <= 0:
         return GravityTransport(np.nan, np.nan, 0)
@@ -404,16 +387,21 @@ def measure_gravity_transport(acc: Floats, gyr: Floats, period_s: float) -> Grav
     quiet = before[2 * half :][:n_windows] == before[:n_windows]
     if not quiet.any():
         return GravityTransport(np.nan, np.nan, 0)
-    mean_acc, mean_gyr = _moving_mean(acc, half), _moving_mean(gyr, half)
-    first, second = mean_acc[:n_windows][quiet], mean_acc[half:][:n_windows][quiet]
-    change = (second - first) / (half * period_s)
-    expected = -np.cross(mean_gyr[half // 2 :][:n_windows][quiet], (first + second) / 2)
+    change, expected = _compare_turning(acc, gyr, half, quiet)
+    change /= half * period_s
     turning = np.maximum(np.abs(change), np.abs(expected)).max(axis=1) > _TURNING_M_S3
     product, power = float(np.sum(expected * change)), float(np.sum(expected**2))
     scale = np.sqrt(power * float(np.sum(change**2)))
     if not scale > 0:
         return GravityTransport(np.nan, np.nan, 0)
     return GravityTransport(product / power, product / float(scale), int(np.count_nonzero(turning)))
+
+
+def _compare_turning(acc: Floats, gyr: Floats, half: int, quiet: Bools) -> tuple[Floats, Floats]:
+    """Change (Q, 3) of acc between the means of both halves of windows that are `quiet` (W,), and the mean -w x a."""
+    mean_acc, mean_gyr = _moving_mean(acc, half), _moving_mean(gyr, half)
+    first, second = mean_acc[: len(quiet)][quiet], mean_acc[half:][: len(quiet)][quiet]
+    return second - first, -np.cross(mean_gyr[half // 2 :][: len(quiet)][quiet], (first + second) / 2)
 
 
 def _is_lively(acc: Floats) -> bool:
@@ -450,18 +438,13 @@ def find_squarable(vectors: Floats, limit: float = 1e6) -> Bools:
     return np.asarray((np.abs(vectors) < limit).all(axis=1))
 
 
-def _samples_in(duration_s: float, period_s: float) -> int:
-    """Count the samples in a duration, at least 3."""
-    return max(3, round(duration_s / _assume_period(period_s)))
-
-
 def _assume_period(period_s: float) -> float:
     """Return a period as it is where a sensor can have it, else that of 200 Hz."""
     return period_s if _MAX_PERIOD_S <= period_s < _SLOWEST_PERIOD_S else 0.005
 
 
 def _moving_mean(vectors: Floats, length: int) -> Floats:
-    """Average (N, 3) over `length` neighbors: (N - length + 1, 3)."""
+    """Average (N, 3) over `length` neighbours: (N - length + 1, 3)."""
     sums: Floats = np.concatenate([np.zeros((1, vectors.shape[1])), np.cumsum(vectors, axis=0)])
     means: Floats = (sums[length:] - sums[:-length]) / length
     return means

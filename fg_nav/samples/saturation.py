@@ -50,13 +50,19 @@ _CORNER = 6.0  # A corner is a step this many times the flat bound; the parabola
 _REACH = 3  # Samples next to a flat top in which its corner must come, or half the length of the top if that is more.
 _LONE_STEPS = 5  # Flat steps of a top that counts though it does not recur.
 
-_CUT_SHARE = 0.1
-"""At least this share of the peaks that reach the level must be cut: chance makes a few flat tops in many."""
-
-COARSEST, RECURRENCES, MIN_CUT = 15.0, 2.0, 3
-"""Of a coarse signal: steps up to its extreme, how much more often than the next levels it is read, and cut peaks."""
-
+_CUT_SHARE = 0.1  # Least share of the peaks that reach the level to be cut: chance makes a few flat tops in many.
+COARSEST, RECURRENCES, MIN_CUT = (
+    15.0,
+    2.0,
+    3,
+)  # Of a coarse signal: steps to its extreme, recurrence, cut peaks.
 _PILE = 5  # Peaks within a per cent of the extreme that make a pile, if the next per cent holds less than half.
+
+FLANK_STEPS = 4  # Next to a run; a low-pass behind the range bends the first two.
+MIN_BEYOND = 0.25  # Samples by which a peak is longer than from its first cut sample to its last, on either side.
+MAX_S = 0.3  # A swing lasts 0.4 s: in a longer run there is more than one peak.
+MAX_RANGES = 2.0  # A peak is not more than this many ranges beyond the range.
+OFF_SHARE = 0.6  # Of what is rebuilt, one sigma: peaks are flatter or more pointed than a parabola.
 
 
 def find_saturated(samples: Floats, levels: Floats | None = None) -> Bools:
@@ -100,7 +106,12 @@ def find_saturation_level(signal: Floats) -> float:
     if not cut:
         return np.inf
     level = min(float(np.min(signal[start : stop + 1])) for start, stop in cut)
-    return level if _recurs(signal, cut, level) else np.inf
+    # the end of a range, and no chance shape: one long top, or many, or some that pile up below the extreme
+    if any(stop - start >= _LONE_STEPS for start, stop in cut):
+        return level
+    at_level, upper, both = (_count_peaks(signal, above) for above in (level, 0.99 * top, 0.98 * top))
+    recurs = len(cut) > 1 or (upper >= _PILE and both - upper < upper / 2)
+    return level if recurs and len(cut) >= max(1.0, _CUT_SHARE * at_level) else np.inf
 
 
 def _find_recurring_top(signal: Floats, step: Floats, top: float, quantum: float) -> float:
@@ -119,18 +130,7 @@ def _find_recurring_top(signal: Floats, step: Floats, top: float, quantum: float
     return top if len(cut) >= MIN_CUT and is_piled else np.inf
 
 
-def _recurs(signal: Floats, cut: list[tuple[int, int]], level: float) -> bool:
-    """Whether cut tops are the end of a range and not a chance shape."""
-    if any(stop - start >= _LONE_STEPS for start, stop in cut):
-        return True
-    if len(cut) < max(1.0, _CUT_SHARE * _peaks_above(signal, level)):
-        return False
-    top = float(np.max(signal))
-    upper, both = (_peaks_above(signal, share * top) for share in (0.99, 0.98))
-    return len(cut) > 1 or (upper >= _PILE and both - upper < upper / 2)
-
-
-def _peaks_above(signal: Floats, level: float) -> int:
+def _count_peaks(signal: Floats, level: float) -> int:
     """Count the times a signal rises to a level."""
     above = signal >= level
     return int(np.count_nonzero(above[1:] & ~above[:-1]) + above[0])
@@ -148,16 +148,6 @@ def _is_cut(step: Floats, run: tuple[int, int], corner: float) -> bool:
     reach = max(_REACH, (stop - start) // 2)
     before, after = step[max(0, start - reach) : start], step[stop : stop + reach]
     return bool(before.size and after.size and before.max() > corner and after.max() > corner)
-
-
-FLANK_STEPS = 4  # Next to a run; a low-pass behind the range bends the first two.
-
-MIN_BEYOND = 0.25
-"""Samples by which a peak is longer than from its first cut sample to its last, on either side; half of one mostly."""
-
-MAX_S = 0.3  # A swing lasts 0.4 s: in a longer run there is more than one peak.
-MAX_RANGES = 2.0  # A peak is not more than this many ranges beyond the range.
-OFF_SHARE = 0.6  # Of what is rebuilt, one sigma: peaks are flatter or more pointed than a parabola.
 
 
 class Peaks(NamedTuple):
@@ -195,25 +185,25 @@ def rebuild_peaks(samples: Floats, period_s: float, levels: Floats | None = None
 
 
 def _rebuild_tops(signal: Floats, cut: Bools, clipped: Bools, period_s: float) -> Floats:
-    """What to add to each sample of a signal (N,) that is cut at its upper end, sigma and length of run: (3, N)."""
+    """Rise, sigma and length of run (3, N) of each sample of a signal (N,) that is cut at its upper end."""
     found = np.zeros((3, len(signal)))
     edge = np.flatnonzero(np.diff(np.concatenate([[False], cut, [False]]).astype(np.int8)))
     start, stop = edge[::2], edge[1::2]
     count = stop - start
     level = np.add.reduceat(np.append(signal, 0.0), edge)[::2] / np.maximum(count, 1)
-    before, after = (
-        _measure_flank(signal, clipped, start, level, -1),
-        _measure_flank(signal, clipped, stop - 1, level, 1),
-    )
-    flanks = np.stack([before, after])
+    # flanks of each run
+    before = _measure_flank(signal, clipped, start, level, -1)
+    flanks = np.stack([before, _measure_flank(signal, clipped, stop - 1, level, 1)])
     usable = (count * period_s <= MAX_S) & ~np.isnan(flanks[:, 0]).all(axis=0)
     slope, beyond, outward = np.zeros((3, len(start)))
     slope[usable], beyond[usable], outward[usable] = np.nanmean(flanks[:, :, usable], axis=0)
+    # area of the peak beyond the level, and its sigma
     length = count - 1 + 2 * beyond
     area = slope * length**2 / 6 * period_s
     inward = length / np.maximum(length + 2 * outward, 1.0)
     hidden = area * inward / (1 + slope * length * inward / (4 * MAX_RANGES * level))
     off = np.where(usable, OFF_SHARE * area, level * count * period_s)
+    # as parabolas over the samples
     within = np.arange(len(start)).repeat(count)
     middle = (np.arange(len(within)) - (np.cumsum(count) - count)[within] + 0.5) / count[within]
     shape = middle * (1 - middle)
@@ -225,7 +215,7 @@ def _rebuild_tops(signal: Floats, cut: Bools, clipped: Bools, period_s: float) -
 
 
 def _measure_flank(signal: Floats, clipped: Bools, last: Ints, level: Floats, side: int) -> Floats:
-    """How a flank rises to the `level` (R,) of runs that begin (`side` -1) or end (1) with the samples `last` (R,).
+    """Flanks up to the `level` (R,) of runs that begin (`side` -1) or end (1) with the samples `last` (R,).
 
     (3, R): the steepest of its steps; how far outside `last` the line through it meets the level; and how far outside
     of there it is, less one, in samples. NaN where there is none.

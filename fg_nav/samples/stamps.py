@@ -1,4 +1,4 @@
-"""The stamps of a file in order: what is taken as it is, spread, sorted, set on, left out, bridged, or cut.
+"""The stamps of a file: put in order, and evened out where the logger stamped samples on arrival.
 
 A file is judged as a whole, so less is lost than in a stream, and nothing of unknown length is assumed:
 
@@ -16,6 +16,18 @@ a gap of more than `MAX_BRIDGED_S`              the recording ends there, if no 
 Of the parts that an end leaves, the longest is taken, with a remark that says what was left out. A shorter gap is
 bridged as in a stream: what lies in it has the spread of a walking foot (`fg_nav.samples.gaps`), and the sigmas behind
 it are larger. With more than `MAX_BACKWARD` steps backward the column is no clock.
+
+Jitter. A sensor samples evenly by its own clock; sample i is the n_i-th tick, stamped when it arrived:
+
+    t_i = s(n_i) + d_i,    s(n) = s_0 + T n + slow drift,    n_i - n_(i-1) = 1 + dropped samples
+
+with a transport delay d_i that is small on the whole, may be large for a burst, and does not accumulate. Since a stamp
+is late but never early, the earliest of the next stamps, each taken back by its number of ticks, bounds the true time
+of a sample from above. Where that bound jumps by whole ticks, samples were dropped; where it jumps otherwise, the clock
+was restarted. Drift is followed by medians over a few seconds.
+
+Not every uneven stamp is late: a sensor may sample unevenly. Then the deviations from even ticks wander instead of
+staying put, and the stamps are returned as they are.
 """
 
 from __future__ import annotations
@@ -28,27 +40,23 @@ import numpy as np
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import RecordingError
 from fg_nav.samples.gaps import MAX_HELD_S
+from fg_nav.system.compiled import njit
 from fg_nav.text import format_count
 
-MAX_BRIDGED_S = MAX_HELD_S
-"""In a longer gap a foot may have stepped and turned anywhere: behind this one the heading's sigma is a radian."""
-
+MAX_BRIDGED_S = MAX_HELD_S  # In a longer gap a foot may have turned anywhere: behind this, sigma of heading 1 rad.
 LOST_PERIODS = 1.5  # A step of more periods than this leaves out a sample.
-
-ROOM = 0.55
-"""Least distance of two stamps, in periods, if they are those of two samples: with half a period for each, one is a
-repeat; polling every 6 ms leaves 0.6 of a sensor's 5 ms."""
-
+ROOM = 0.55  # Least distance of two samples' stamps, in periods: polling every 6 ms leaves 0.6 of a sensor's 5 ms.
 SAME_S = 1e-7  # Stamps that rise by no more are the same: no sensor samples as fast, and no result is written finer.
-
-JUMP_S, MAX_AHEAD = 1.0, 20
-"""Stamps so far ahead, and not more of them, are wrong, if the next goes on from before them."""
-
-AROUND, JUMP = 20, 3.0
-"""Force and rate go on without a jump if they change by less than this many times their largest change within so many
-samples on either side."""
-
+JUMP_S, MAX_AHEAD = 1.0, 20  # Stamps so far ahead, and not more, are wrong if the next goes on from before them.
+AROUND, JUMP = 20, 3.0  # No jump is less than so many times the largest change within so many samples on either side.
 MAX_BACKWARD = 100
+
+WINDOW_S = 0.25  # A burst of delayed stamps is over within this.
+BLOCK_S = 2.0  # Drift is followed at this pace; crystals drift over minutes.
+LAGS = (1, 10, 100, 1000)  # Ticks over which the period may show: above bursts, below the distance of dropped samples.
+NEGLIGIBLE = 0.005  # Jitter below this share of the period is left alone: it moves nothing.
+WANDERING = 3.0  # White deviations spread as far over half a second as over a tick, a random walk ten times as far.
+MIN_CLOCKED = 50  # Samples; fewer show no clock.
 
 
 class Ordered(NamedTuple):
@@ -81,7 +89,11 @@ def order_stamps(t: Floats, samples: Floats, row: Ints, longest_gap_s: float = M
     period = _mean_period(t)
     parts, remarks = _follow_clock(t, samples, row, period)
     spread = [_spread_doubles(part, samples, row, period) for part in parts]
-    pieces = [piece for part in spread for piece in _split_at_gaps(part, longest_gap_s)]
+    # split at gaps that are too long to be bridged, and keep the longest piece
+    pieces: list[tuple[Ints, Floats]] = []
+    for part in spread:
+        ends = np.flatnonzero(np.diff(part.t) > longest_gap_s) + 1
+        pieces += zip(np.split(part.kept, ends), np.split(part.t, ends), strict=True)
     kept, stamps = max(pieces, key=lambda piece: len(piece[0]))
     remarks += [words for part in spread if kept[0] in part.kept for words in part.remarks]
     cut = sum(len(piece) for piece, _ in pieces) - len(kept)
@@ -166,7 +178,9 @@ def _sort_part(t: Floats, keep: Bools, late: Bools, start: int, stop: int, row: 
     index = np.arange(start, stop)
     kept = index[keep[start:stop] & ~late[start:stop]]
     came_late = index[keep[start:stop] & late[start:stop]]
-    away = np.abs(t[came_late][:, None] - t[kept][np.clip(_neighbors(t[kept], t[came_late]), 0, len(kept) - 1)])
+    place = np.searchsorted(t[kept], t[came_late])
+    beside = np.clip(np.stack([place - 1, place], axis=1), 0, len(kept) - 1)
+    away = np.abs(t[came_late][:, None] - t[kept][beside])
     fits = (away > ROOM * period).all(axis=1)
     both = np.concatenate([kept, came_late[fits]])
     both = both[np.argsort(t[both], kind="stable")]
@@ -179,12 +193,6 @@ def _sort_part(t: Floats, keep: Bools, late: Bools, start: int, stop: int, row: 
         if len(which):
             remarks.append(f"{format_count(len(which), 'stamp')}, the first in row {row[which[0]]}, {words}")
     return Ordered(both, t[both], tuple(remarks))
-
-
-def _neighbors(t: Floats, late: Floats) -> Ints:
-    """Positions (L, 2) among stamps that do not fall of those next to each of (L,)."""
-    place = np.searchsorted(t, late)
-    return np.stack([place - 1, place], axis=1)
 
 
 def _spread_doubles(part: Ordered, samples: Floats, row: Ints, period: float) -> Ordered:
@@ -204,11 +212,6 @@ def _spread_doubles(part: Ordered, samples: Floats, row: Ints, period: float) ->
             even[start:stop] = before + (t[start] - before) * np.arange(1, stop - start + 1) / (stop - start)
         else:
             keep[start + 1 : stop] = False
-    return Ordered(part.kept[keep], even[keep], (*part.remarks, *_describe_doubles(part, keep, spread, row)))
-
-
-def _describe_doubles(part: Ordered, keep: Bools, spread: Bools, row: Ints) -> list[str]:
-    """Remarks on samples with one stamp."""
     remarks = []
     if not keep.all():
         first = row[part.kept[np.argmin(keep)]]
@@ -218,31 +221,158 @@ def _describe_doubles(part: Ordered, keep: Bools, spread: Bools, row: Ints) -> l
         remarks.append(
             f"{int(spread.sum())} samples share their stamps with others, from row {first} on: spread evenly"
         )
-    return remarks
-
-
-def _split_at_gaps(part: Ordered, longest_s: float) -> list[tuple[Ints, Floats]]:
-    """Split samples where a gap is too long to be bridged."""
-    ends = np.flatnonzero(np.diff(part.t) > longest_s) + 1
-    return list(zip(np.split(part.kept, ends), np.split(part.t, ends), strict=True))
+    return Ordered(part.kept[keep], even[keep], (*part.remarks, *remarks))
 
 
 def _describe_cut(pieces: list[tuple[Ints, Floats]], kept: Ints, row: Ints) -> list[str]:
-    """Say which part of a recording is used, if not the whole."""
+    """Remark on the part of a recording that is used, if not the whole."""
     if len(pieces) == 1:
         return []
     others = sum(len(piece) for piece, _ in pieces) - len(kept)
     at = next(i for i, (piece, _) in enumerate(pieces) if piece[0] == kept[0])
-    t = pieces[at][1]
-    why = [] if at == 0 else [_describe_end(pieces[at - 1], pieces[at], row)]
-    why += [] if at == len(pieces) - 1 else [_describe_end(pieces[at], pieces[at + 1], row)]
+    t, why = pieces[at][1], []
+    for (_, before), (index, after) in pairwise(pieces[max(at - 1, 0) : at + 2]):
+        step, where = float(after[0] - before[-1]), f"row {row[index[0]]}"
+        words = f"there is a gap of {step:.2f} s before {where}" if step > 0 else f"the clock begins again at {where}"
+        why.append(words)
     return [
         f"only rows {row[kept[0]]} to {row[kept[-1]]} (t = {t[0]:.3f} to {t[-1]:.3f} s) are used, and "
         f"{format_count(others, 'sample')} left out: {' and '.join(why)}"
     ]
 
 
-def _describe_end(before: tuple[Ints, Floats], after: tuple[Ints, Floats], row: Ints) -> str:
-    step = float(after[1][0] - before[1][-1])
-    where = f"row {row[after[0][0]]}"
-    return f"there is a gap of {step:.2f} s before {where}" if step > 0 else f"the clock begins again at {where}"
+# the clock behind the stamps
+
+
+class Clock(NamedTuple):
+    """A sensor's clock behind stamps (N,) s.
+
+    `even` (N,) s are its ticks and `tick` (N,) their numbers: more than one apart where samples were dropped.
+    `period` s is that of one tick, `n_stretches` counts the stretches between restarts.
+    """
+
+    even: Floats
+    tick: Ints
+    period: float
+    n_stretches: int
+
+
+def even_stamps(t: Floats) -> tuple[Floats, list[str]]:
+    """Stamps without transport jitter: a sensor samples evenly, however its samples were stamped on the way."""
+    even = remove_jitter(t)
+    if np.array_equal(even, t):
+        return t, []
+    worst_ms = 1e3 * float(np.abs(even - t).max())
+    return even, [f"evened out the jitter of the stamps, up to {worst_ms:.1f} ms"]
+
+
+def remove_jitter(t: Floats) -> Floats:
+    """Even out stamps whose jitter is that of their transport.
+
+    From stamps (N,) s, strictly increasing, to the ticks of the sensor's clock, likewise. True gaps and dropped samples
+    stay. `t` itself where the jitter is negligible, or not that of transport, or the samples are too few to decide.
+    """
+    clock = fit_clock(t)
+    delay = t - clock.even
+    if not (np.diff(clock.even) > 0).all() or len(t) < MIN_CLOCKED:
+        return t
+    # worth removing, and of transport: white deviations, and no random walk
+    lag = int(np.clip(0.5 / clock.period, 10, len(t) // 2))
+    near, far = (_spread(delay[step:] - delay[:-step]) for step in (1, lag))
+    return clock.even if near > NEGLIGIBLE * clock.period and far < WANDERING * near else t
+
+
+def find_lost_share(gyr: Floats) -> float:
+    """Share of the rows that are missing from rates (N, 3) without stamps, by double steps; 0 where they show none.
+
+    Where the rate changes evenly, a step is the mean of those before and behind. With a row lost it is twice that: of
+    such steps those that are missing as often by chance are taken off. Found are 0.7 of the rows that were lost.
+    """
+    step = np.diff(gyr[np.isfinite(gyr).all(axis=1)], axis=0)
+    if len(step) < MIN_CLOCKED:
+        return 0.0
+    before, here, after = step[:-2], step[1:-1], step[2:]
+    usual = 0.5 * (before + after)
+    size = np.linalg.norm(usual, axis=1)
+    even = (size > np.quantile(size, 0.7)) & (np.linalg.norm(before - after, axis=1) < 0.5 * size)
+    usual, here, size = usual[even], here[even], size[even]
+    ratio = np.einsum("ij,ij->i", here, usual) / size**2
+    along = np.linalg.norm(here - ratio[:, None] * usual, axis=1) < 0.5 * size
+    double, none = (int(np.count_nonzero(along & (np.abs(ratio - at) < 0.4))) for at in (2.1, -0.1))
+    is_clear = double - none > 3.0 * np.sqrt(double + none + 1.0)
+    return (double - none) / (0.7 * len(ratio)) if is_clear else 0.0
+
+
+def fit_clock(t: Floats) -> Clock:
+    """Find the clock behind stamps.
+
+    The median step is a poor estimate of its period: a logger that looks for samples every 6 ms stamps most
+    samples of a 200 Hz sensor 6 ms apart, and some of them at once. So several periods are tried, and the
+    clock with the fewest restarts, then the least deviation, is taken.
+
+    `t` (N,) s, strictly increasing, N > 1. Fewer than 50 are taken as they are.
+    """
+    if len(t) < MIN_CLOCKED:
+        return Clock(t, np.arange(len(t)), float(np.median(np.diff(t))), 1)
+    clocks = (_clock_near(t, float(np.median(t[lag:] - t[:-lag])) / lag) for lag in LAGS if lag < len(t))
+    return min(clocks, key=lambda clock: (clock.n_stretches, _spread(t - clock.even)))
+
+
+def _clock_near(t: Floats, period: float) -> Clock:
+    """Find the clock of about this period; the first count of ticks makes the period good for the second."""
+    tick, _ = _count_ticks(t, period, int(np.clip(WINDOW_S / period, 10, 1000)))
+    off = tick - tick.mean()  # a line by least squares; `polyfit` takes ten times the memory
+    period = float(off @ (t - t[0]) / (off @ off))
+    tick, stretch = _count_ticks(t, period, int(np.clip(WINDOW_S / period, 10, 1000)))
+    n_stretches = int(stretch[-1]) + 1
+    if n_stretches > 1 + len(t) // MIN_CLOCKED:  # no clock at all
+        return Clock(t, tick, period, n_stretches)
+    edges = np.searchsorted(stretch, np.arange(n_stretches + 1))
+    parts = [slice(start, stop) for start, stop in pairwise(edges)]
+    even = np.concatenate([_tick_times(t[part], tick[part], period) for part in parts])
+    return Clock(even, tick, period, n_stretches)
+
+
+def _spread(values: Floats) -> float:
+    """Estimate the standard deviation by the middle nine tenths: rare bursts do not count."""
+    low, high = np.quantile(values, [0.05, 0.95])
+    return float(high - low) / 3.29
+
+
+def _tick_times(t: Floats, tick: Ints, period: float) -> Floats:
+    """Time the ticks (N,) of one even stretch: a line through medians of blocks, bent at each."""
+    residual = t - t[0] - period * (tick - tick[0])
+    n_blocks = int(min((t[-1] - t[0]) / BLOCK_S, len(t) / 20))
+    if n_blocks < 2:
+        return np.asarray(t - residual + np.median(residual))
+    middle = np.array([np.median(x) for x in np.array_split(tick.astype(np.float64), n_blocks)])
+    late = np.array([np.median(r) for r in np.array_split(residual, n_blocks)])
+    line = np.polyfit(middle, late, 1)
+    # the line goes on beyond the outermost medians, the bends do not
+    drift = np.polyval(line, tick) + np.interp(tick, middle, late - np.polyval(line, middle))
+    return np.asarray(t - residual + drift)
+
+
+@njit(cache=True)
+def _count_ticks(t: Floats, period: float, window: int) -> tuple[Ints, Ints]:
+    """Tick number (N,) of each stamp, and number (N,) of the stretch of even sampling it belongs to."""
+    n = len(t)
+    tick, stretch = np.zeros(n, np.int64), np.zeros(n, np.int64)
+    for i in range(1, n):
+        tick[i], stretch[i] = tick[i - 1] + 1, stretch[i - 1]
+        if t[i] - t[i - 1] < 1.5 * period:
+            continue
+        before = t[i - 1]
+        for j in range(max(0, i - window), i - 1):
+            if stretch[j] == stretch[i - 1]:
+                before = min(before, t[j] + (tick[i - 1] - tick[j]) * period)
+        after = t[i]
+        for j in range(i + 1, min(n, i + window)):
+            after = min(after, t[j] - (j - i) * period)
+        steps = min((after - before) / period, 1e9)
+        if steps > 1.5:
+            whole = np.rint(steps)
+            tick[i] = tick[i - 1] + int(whole)
+            if abs(steps - whole) > 0.3:
+                stretch[i] += 1
+    return tick, stretch

@@ -14,7 +14,7 @@ tendency  of the weather, constant for hours: 1 hPa in three hours, the mean of 
 
 Air of another temperature has heights larger by a scale of 0 +- `SCALE_SIGMA`, 15 +- 15 degC, one number of all stairs
 of a walk: it keeps them closed, up and down. It is not taken off, as the excess of the strides' climbs looks like it,
-and is counted in the sigmas as the moving foot is (`moving_foot`): the covariances of the walk grow by its second
+and is counted in the sigmas as the moving foot is (`shared_errors`): the covariances of the walk grow by its second
 moment about zero with what the walk says of it, 0.4 m of an 8 m staircase where the pressure alone shows the height. A
 walk in progress has the prior instead, `SCALE_SIGMA` of the height above the start.
 
@@ -44,7 +44,7 @@ from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.recording import Recording
 from fg_nav.smoother.graph import WalkProblem
 from fg_nav.smoother.sensitivity import SharingFactors, shared_information
-from fg_nav.smoother.solver import GtsamFactors, LinearizableBlock, Solved
+from fg_nav.smoother.solver import GtsamFactors, Solved
 from fg_nav.smoother.strides import Nodes
 from fg_nav.stances import Stances
 from fg_nav.text import format_count
@@ -171,14 +171,6 @@ class BarometerFactors:
     drift: ResidualBlock
     prior: GtsamFactors
 
-    def __len__(self) -> int:
-        return len(self.readings)
-
-    @property
-    def blocks(self) -> tuple[LinearizableBlock, ...]:
-        """What is linearized."""
-        return self.readings, self.drift, self.prior
-
 
 def add_barometer(problem: WalkProblem, stances: Stances) -> WalkProblem:
     """Add the barometer of a walk, where it has one that is to be used; its states join the values."""
@@ -203,15 +195,14 @@ def add_barometer(problem: WalkProblem, stances: Stances) -> WalkProblem:
     for k in states:
         problem.values.insert(P(k), np.zeros(2))
     note = (
-        f"barometer in {len(factors)} of {format_count(len(seen.mean), 'footfall')}, each to "
+        f"barometer in {len(factors.readings)} of {format_count(len(seen.mean), 'footfall')}, each to "
         f"{float(barometer.sigma_m(np.ones(1))[0]):.2f} m about an offset that drifts"
     )
-    known_so_far = replace(problem.known, notes=(*problem.known.notes, note))
-    return replace(problem, known=known_so_far, barometer=factors)
+    return replace(problem, barometer=factors).with_note(note)
 
 
 def spread_scale(factors: BarometerFactors, solved: Solved) -> Floats:
-    """Return by how much the walk moves (N, 1) with the scale of heights, as `moving_foot.spread_moving_foot`."""
+    """Return by how much the walk moves (N, 1) with the scale of heights, as `spread_moving_foot`."""
     block = factors.readings
     residual, jacobians = block.evaluate(solved.linearized_at)
     heights = block.residuals

@@ -1,26 +1,26 @@
-"""The smoother: a whole walk at once. What comes before the moving foot is in `fitting`.
+"""The smoother: a whole walk at once, solved from its samples with what it shows of its sensor.
 
-problem       rests, lever, swing noise; nodes, factors and initial values; first solution; bias walk
-              (`problem.walk_problem`, which calls `graph.build_problem`)
-fixes         known positions, factors of the caller's own (`own_factors`) and places of an earlier walk
-              (`known_places`), added to the first solution (`constraints`), which is solved again
-constraints   level floors found on that solution
-solve         Gauss-Newton (`gauss_newton`), where the field is not used
-differential  field while the foot stands: factors on the gyro bias (`differential`)
-field         the magnetic field, in rounds, each of which solves again (`field`); both by `solved_walk.solve_walk`
-prior         of the gyro bias: solved again with the one that the evidence averages (`bias_prior`)
-scale         of the gyroscope, by the field: all again with samples without what both halves agree on (`gyro_scale`)
-directions    of a building that the walk follows, where they are asked for (`directions`), in `solve_walk` too
-places        where the field shows that the walk was at a place before (`places`), in `solve_walk` too
-moving foot   what is not known of the walk's scale joins the sigmas (`moving_foot`)
-solution      marginals -> sigmas (`solver`), that of the distance (`combinations`); nodes -> trajectory (`graph`)
+    problem       rests, lever, swing noise; nodes, factors and initial values; first solution; bias walk (`problem`)
+    known         fixes, the caller's own factors and places of an earlier walk, added to the first solution, which is
+                  solved again; then the level floors found on it (`constraints`)
+    differential  field while the foot stands: factors on the gyro bias (`differential`)
+    field         the magnetic field, in rounds, each of which solves again (`field`)
+    directions    of a building that the walk follows, where they are asked for (`directions`)
+    places        where the field shows that the walk was at a place before (`places`)
+    bias prior    solved again with the one that the evidence averages (`gyro_bias`)
+    gyro scale    by the field: all again with samples without what both halves of the walk agree on (`shared_errors`)
+    shared        what all strides share and the triangle does not hold joins the sigmas (`shared_errors`)
+    solution      marginals -> sigmas (`solver`), that of the distance (`sensitivity`); nodes -> path (`dense_path`)
+
+A walk in progress is solved by `solve_walk` and `widen_bias_prior`, a foot of two by `fit_walk`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import cache, cached_property, partial
+from dataclasses import field as declare
+from functools import cache, cached_property
 from time import perf_counter
 
 import gtsam
@@ -32,23 +32,193 @@ from fg_nav.errors import EstimationError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.magnetic import FootfallField
 from fg_nav.recording import Recording
-from fg_nav.smoother.combinations import FootfallCovariance, weigh_path
-from fg_nav.smoother.count import count_factors
-from fg_nav.smoother.differential import write_note
-from fg_nav.smoother.fitting import fit_walk
+from fg_nav.smoother.barometer import spread_scale
+from fg_nav.smoother.constraints import (
+    ExtraFactors,
+    GraphNodes,
+    KnownTies,
+    add_constraints,
+    add_fixes,
+    add_known_places,
+    add_own,
+    check_fix_distance,
+)
+from fg_nav.smoother.dense_path import prepare_trajectory, trajectory_of
+from fg_nav.smoother.differential import add_differential_field, write_note
+from fg_nav.smoother.directions import follow_directions
+from fg_nav.smoother.field import (
+    FieldSolution,
+    FieldVerdict,
+    find_obstacle,
+    ignore_field,
+    sample_field,
+    solve_with_field,
+)
 from fg_nav.smoother.floors import write_floor_note
-from fg_nav.smoother.graph import Trajectory, prepare_trajectory
-from fg_nav.smoother.known_places import KnownTies
-from fg_nav.smoother.own_factors import ExtraFactors, GraphNodes
+from fg_nav.smoother.gauss_newton import FIRST_CONVERGENCE
+from fg_nav.smoother.graph import WalkProblem, count_factors, solve
+from fg_nav.smoother.gyro_bias import average_bias_prior
 from fg_nav.smoother.parameters import SmootherParameters
-from fg_nav.smoother.places import mark_returns
-from fg_nav.smoother.solved_walk import SolvedWalk
-from fg_nav.smoother.solver import list_covariances, list_table_keys, stance_table
-from fg_nav.solution import Solution
+from fg_nav.smoother.places import mark_returns, tie_places
+from fg_nav.smoother.problem import walk_problem
+from fg_nav.smoother.sensitivity import FootfallCovariance, weigh_path
+from fg_nav.smoother.shared_errors import (
+    WalkScale,
+    estimate_gyro_scale,
+    shows_heading,
+    spread_clipped_peaks,
+    spread_moving_foot,
+)
+from fg_nav.smoother.solver import Solved, list_covariances, list_table_keys, stance_table
+from fg_nav.solution import Return, Solution
 from fg_nav.stances import Stances
 from fg_nav.system.memory import return_freed
 from fg_nav.text import format_count
 from fg_nav.truth import Fix
+
+
+@dataclass(frozen=True)
+class WalkInput:
+    """What a walk is solved from: one sensor's recording, and what is known besides; see `batch.smooth`."""
+
+    recording: Recording
+    stances: Stances
+    heading: float | None = 0.0
+    field: FootfallField | None = None
+    parameters: SmootherParameters = declare(default_factory=SmootherParameters)
+    progress: Callable[[float], None] | None = None
+    fixes: Sequence[Fix] = ()
+    extra: ExtraFactors | None = None
+    known: KnownTies | None = None
+
+    def check_field(self) -> None:
+        """Raise `EstimationError` if the field is not that of the stances."""
+        if self.field is None:
+            return
+        if self.recording.mag is None:
+            raise EstimationError("there is a field and the recording has no magnetometer: leave the field out.")
+        if len(self.field) != self.stances.n_footfalls:
+            raise EstimationError(
+                f"the field is that of {len(self.field)} footfalls and the stances have {self.stances.n_footfalls}: "
+                "take the field at these stances."
+            )
+
+
+@dataclass(frozen=True)
+class SolvedWalk:
+    """The problem of the last solution, its minimum, verdict on the field, `field` where that was used, `returns`."""
+
+    problem: WalkProblem
+    solved: Solved
+    verdict: FieldVerdict
+    field: FieldSolution | None = None
+    returns: tuple[Return, ...] = ()
+
+
+@dataclass(frozen=True)
+class FittedWalk:
+    """A walk solved with the bias prior and the gyroscope's scale that it shows.
+
+    `scale` is what is left of the scale, in the triangle of the solution; None where nothing shows it.
+    """
+
+    walk: SolvedWalk
+    scale: WalkScale | None
+
+    def shared_sqrt_covariance(self) -> Floats:
+        """Return by how much the walk moves (N, n) by numbers of unit covariance that all of it shares."""
+        problem, solved = self.walk.problem, self.walk.solved
+        moved = [np.zeros((solved.root.total, 0)) if self.scale is None else self.scale.spread()]
+        moved.append(spread_clipped_peaks(problem, solved))
+        if problem.parameters.moving_foot:
+            moved.append(spread_moving_foot(problem, solved))
+        if problem.barometer is not None:
+            moved.append(spread_scale(problem.barometer, solved))
+        return np.hstack(moved)
+
+    def take_solution(self, problem: WalkProblem, solved: Solved) -> FittedWalk:
+        """Return it at another solution, of a problem that has its factors and more."""
+        scale = self.scale
+        if scale is not None:
+            scale = replace(scale, columns=estimate_gyro_scale(problem, solved).columns)
+        return replace(self, walk=replace(self.walk, problem=problem, solved=solved), scale=scale)
+
+
+def fit_walk(given: WalkInput) -> FittedWalk:
+    """Solve a walk with the bias prior and the gyroscope's scale that it shows; raises as `batch.smooth`."""
+    given.check_field()
+    walk = widen_bias_prior(_solve_from_samples(given))
+    # Where the field shows the heading it shows the gyroscope's scale: taken off the samples, or counted in the sigmas.
+    if not (given.parameters.gyro_scale and shows_heading(walk.problem)):
+        return FittedWalk(walk, None)
+    scale = estimate_gyro_scale(walk.problem, walk.solved)
+    walk.problem.recording.release()
+    if not scale.found.matters:
+        return FittedWalk(walk, scale)
+    walk = widen_bias_prior(_solve_from_samples(replace(given, recording=scale.found.remove_from(given.recording))))
+    walk = replace(walk, verdict=replace(walk.verdict, notes=(scale.found.note, *walk.verdict.notes)))
+    # The errors are those about what was taken off: its second moment stays.
+    columns = estimate_gyro_scale(walk.problem, walk.solved).columns
+    return FittedWalk(walk, replace(scale, columns=columns))
+
+
+def _solve_from_samples(given: WalkInput) -> SolvedWalk:
+    """Solve a walk with all that is known of it, with the default bias prior."""
+    # The walk by its inertial sensor and its stances, with values near the minimum. Where the field is not used it does
+    # not show how the person turned over a hole in the samples either.
+    p = given.parameters
+    magnetic = p.magnetic if given.field is not None else replace(p.magnetic, compass=False)
+    first = replace(p, magnetic=magnetic)
+    problem = walk_problem(given.recording, given.stances, given.heading, first, given.progress)
+    problem = replace(problem, parameters=replace(problem.parameters, magnetic=p.magnetic))
+    # Fixes, own factors and known places, placed on that solution.
+    if given.fixes:
+        check_fix_distance(problem, given.fixes)
+        problem = add_fixes(problem, problem.values, given.fixes)
+    if given.extra is not None:
+        problem = add_own(problem, problem.values, given.extra)
+    if given.known is not None:
+        problem = add_known_places(problem, given.known)
+    if given.fixes or given.extra is not None or given.known is not None:
+        problem = replace(problem, values=solve(problem, FIRST_CONVERGENCE).values)
+    # Level floors on the solution with them; field, building and places.
+    return solve_walk(add_constraints(problem, problem.values), given.field)
+
+
+def solve_walk(problem: WalkProblem, field: FootfallField | None, unseen: str = "") -> SolvedWalk:
+    """Solve a walk, whose values are near its minimum without the field, with field, directions and places.
+
+    `unseen` says why there is no field.
+    """
+    obstacle, track = unseen or find_obstacle(field, problem.parameters.magnetic), None
+    if field is not None:
+        # While the foot stands the field shows the gyro bias, also where it shows no heading.
+        track = trajectory_of(problem.recording, problem.nodes, problem.values, problem.parameters.gravity)
+        problem = add_differential_field(problem, problem.values, track)
+        problem.recording.release()
+    # The field is compared along the solution, and joins it.
+    if field is None or track is None or obstacle:
+        del track  # as large as the recording
+        walk = SolvedWalk(problem, solve(problem), ignore_field(problem, obstacle))
+    else:
+        sampled = sample_field(problem, field, track)
+        del track
+        found = solve_with_field(sampled)
+        walk = SolvedWalk(found.problem, found.solved, found.verdict, found)
+    # The field settles which direction is which, and the path along them where places are looked for.
+    problem, solved, notes = follow_directions(walk.problem, walk.solved)
+    returns: tuple[Return, ...] = ()
+    if field is not None:
+        problem, solved, returns, of_places = tie_places(problem, solved)
+        notes = (*notes, *of_places)
+    verdict = replace(walk.verdict, notes=(*walk.verdict.notes, *notes))
+    return replace(walk, problem=problem, solved=solved, verdict=verdict, returns=returns)
+
+
+def widen_bias_prior(walk: SolvedWalk) -> SolvedWalk:
+    """Return a walk with the prior of the gyro bias that it shows, solved again from its solution."""
+    problem = average_bias_prior(walk.problem, walk.solved)
+    return walk if problem is None else replace(walk, problem=problem, solved=solve(problem))
 
 
 def smooth(
@@ -82,10 +252,10 @@ def smooth(
         Positions known from elsewhere, in the walk's own frame (`constraints`).
     extra
         Makes factors of your own: it is given the variables of the walk (`GraphNodes`) and returns a
-        `gtsam.NonlinearFactorGraph`, which joins the walk's before it is solved, in all rounds (`own_factors`). It may
+        `gtsam.NonlinearFactorGraph`, which joins the walk's before it is solved, in all rounds (`constraints`). It may
         be called several times.
     known
-        Footfalls at places known from an earlier walk, in whose frame it is then solved (`known_places`).
+        Footfalls at places known from an earlier walk, in whose frame it is then solved (`constraints`).
 
     Raises
     ------
@@ -101,9 +271,8 @@ def smooth(
     True
     """
     compile_smoother()
-    check_field(recording, stances, field)
-    draft = _smooth(recording, stances, parameters, heading, progress, field, fixes, extra, known)[-1]
-    return draft.finish()
+    given = WalkInput(recording, stances, heading, field, parameters, progress, fixes, extra, known)
+    return _smooth(given)[-1]()
 
 
 def smooth_graph(
@@ -127,9 +296,9 @@ def smooth_graph(
     True
     """
     compile_smoother()
-    check_field(recording, stances, field)
-    walk, joint, draft = _smooth(recording, stances, parameters, heading, progress, field, fixes, extra)
-    return SmoothedWalk(draft.finish(), walk, joint)
+    given = WalkInput(recording, stances, heading, field, parameters, progress, fixes, extra)
+    walk, joint, finish = _smooth(given)
+    return SmoothedWalk(finish(), walk, joint)
 
 
 @dataclass(frozen=True)
@@ -183,99 +352,63 @@ class SmoothedWalk:
         return np.asarray(covariance)
 
 
-def _smooth(
-    recording: Recording,
-    stances: Stances,
-    parameters: SmootherParameters,
-    heading: float | None,
-    progress: Callable[[float], None] | None,
-    field: FootfallField | None,
-    fixes: Sequence[Fix],
-    extra: ExtraFactors | None,
-    known: KnownTies | None = None,
-) -> tuple[SolvedWalk, FootfallCovariance, Draft]:
+def _smooth(given: WalkInput) -> tuple[SolvedWalk, FootfallCovariance, Callable[[], Solution]]:
+    """Solve a walk; return it, the joint covariance of its footfalls, and a function that makes the solution."""
     began = perf_counter()
-    fitted = fit_walk(recording, stances, parameters, heading, progress, field, fixes, extra, known)
-    # The dense path, and the sigmas of its footfalls, with what the walk shares that its triangle does not hold.
+    fitted = fit_walk(given)
+    # The sigmas, including what the walk shares that its triangle does not hold.
     walk = fitted.walk
     joint = FootfallCovariance.of(walk.solved, walk.problem.nodes, fitted.shared_sqrt_covariance())
     covariances = list_covariances(list_table_keys(walk.problem.nodes), walk.solved.root, joint.shared)
-    draft = Draft.of(walk, joint, covariances, stances, began)
-    if progress is not None:
-        progress(1.0)
-    return walk, joint, draft
+    finish = prepare_solution(walk, joint, covariances, given.stances, began)
+    if given.progress is not None:
+        given.progress(1.0)
+    return walk, joint, finish
 
 
-@dataclass(frozen=True)
-class Draft:
-    """A solution without its dense path, of arrays alone: its graph can be let go of before `finish`.
+def prepare_solution(
+    walk: SolvedWalk, joint: FootfallCovariance, covariances: Floats, stances: Stances, began: float
+) -> Callable[[], Solution]:
+    """Return a function that adds the dense path, from arrays alone: the graph can be freed before it is called.
 
-    `known` makes the solution of what is still missing; the clock showed `began` at the start.
+    `covariances` (K, 6, 6) are those of the table (`solver.list_table_keys`); the clock showed `began` at the start.
     """
+    # Footfalls and biases, and the sigma of the distance.
+    problem, solved, verdict, returns = walk.problem, walk.solved, walk.verdict, walk.returns
+    recording, p = problem.recording, problem.parameters
+    table = mark_returns(stance_table(recording.t, problem.nodes, solved, verdict, covariances), returns)
+    if problem.differential is not None:
+        sigma = problem.differential.find_sigma(problem.nodes.bias, table.nav_R_body[:, 2])
+        table = replace(table, differential_sigma=sigma)
+    path_variance = joint.combine(weigh_path(table.position)[:, :, None])[0]
+    distance_sigma_m, graph = float(np.sqrt(path_variance[0, 0])), count_factors(problem)
+    steps = f"solved in {format_count(solved.steps, 'Gauss-Newton step')}"
+    floors, differential = write_floor_note(problem.floor), write_note(problem.differential)
+    notes = (*problem.known.notes, steps, *floors, *differential, *verdict.notes)
+    trajectory = prepare_trajectory(recording, problem.nodes, solved.values, p.gravity)
 
-    known: Callable[..., Solution]
-    trajectory: Callable[[], Trajectory]
-    recording: Recording
-    stances: Stances
-    notes: tuple[str, ...]
-    began: float
-
-    @classmethod
-    def of(
-        cls, walk: SolvedWalk, joint: FootfallCovariance, covariances: Floats, stances: Stances, began: float
-    ) -> Draft:
-        """Return that of a solved walk, with the covariances (K, 6, 6) of its table (`solver.list_table_keys`)."""
-        problem, solved, verdict = walk.problem, walk.solved, walk.verdict
-        recording, p = problem.recording, problem.parameters
-        table = stance_table(recording.t, problem.nodes, solved, verdict, covariances)
-        table = mark_returns(table, walk.returns)
-        if problem.differential is not None:
-            sigma = problem.differential.find_sigma(problem.nodes.bias, table.nav_R_body[:, 2])
-            table = replace(table, differential_sigma=sigma)
-        path_variance = joint.combine(weigh_path(table.position)[:, :, None])[0]
-        floors = write_floor_note(problem.floor)
-        steps = f"solved in {format_count(solved.steps, 'Gauss-Newton step')}"
-        known = partial(
-            Solution,
+    def finish() -> Solution:
+        return_freed()
+        position, velocity, nav_R_body = trajectory()
+        recording.release()
+        tails = freeze_ends(recording.t, stances, position, velocity)
+        return Solution(
             method="smoother",
             t=recording.t,
-            stances=table,
-            parameters=asdict(p),
-            graph=count_factors(problem),
-            recording=recording,
-            returns=walk.returns,
-            distance_sigma_m=float(np.sqrt(path_variance[0, 0])),
-        )
-        trajectory = prepare_trajectory(recording, problem.nodes, solved.values, p.gravity)
-        notes = (*problem.known.notes, steps, *floors, *write_note(problem.differential), *verdict.notes)
-        return cls(known, trajectory, recording, stances, notes, began)
-
-    def finish(self) -> Solution:
-        """Return the solution with its dense path."""
-        return_freed()
-        position, velocity, nav_R_body = self.trajectory()
-        self.recording.release()
-        tails = freeze_ends(self.recording.t, self.stances, position, velocity)
-        return self.known(
             position=position,
             velocity=velocity,
             nav_R_body=nav_R_body,
-            runtime_s=perf_counter() - self.began,
-            notes=(*self.notes, *tails),
+            stances=table,
+            parameters=asdict(p),
+            graph=graph,
+            recording=recording,
+            returns=returns,
+            distance_sigma_m=distance_sigma_m,
+            runtime_s=perf_counter() - began,
+            notes=(*notes, *tails),
         )
 
-
-def check_field(recording: Recording, stances: Stances, field: FootfallField | None) -> None:
-    """Raise `EstimationError` if a field is not that of these stances."""
-    if field is None:
-        return
-    if recording.mag is None:
-        raise EstimationError("there is a field and the recording has no magnetometer: leave the field out.")
-    if len(field) != stances.n_footfalls:
-        raise EstimationError(
-            f"the field is that of {len(field)} footfalls and the stances have {stances.n_footfalls}: "
-            "take the field at these stances."
-        )
+    return finish
 
 
 @cache
@@ -283,5 +416,4 @@ def compile_smoother() -> None:
     """Smooth two seconds of rest, so that no walk is charged for the compiler."""
     t = np.arange(200) / 100.0
     rest = Recording(t=t, acc=np.tile([0.0, 0.0, GRAVITY_M_S2], (200, 1)), gyr=np.zeros((200, 3)))
-    stances = Stances.from_mask(np.ones(200, dtype=np.bool_))
-    _smooth(rest, stances, SmootherParameters(), 0.0, None, None, (), None)[-1].finish()
+    _smooth(WalkInput(rest, Stances.from_mask(np.ones(200, dtype=np.bool_))))[-1]()

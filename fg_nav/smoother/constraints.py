@@ -1,4 +1,4 @@
-"""What is known of a walk beyond its sensor: fixes, and the level floors of buildings.
+"""What is known of a walk beyond its sensor: fixes, own factors, level floors, known places, a satellite receiver.
 
 Fixes are in the walk's own frame, with its start at the origin: where the walk began remains known. That it began in
 this heading does not, as any fix away from the start shows it as well, with
@@ -9,21 +9,53 @@ A heading that was given becomes a prior of some degrees as soon as the fixes sh
 is first turned about its start to where it fits the fixes best, and then its heading is free. A fix is tied to the node
 nearest in time. Between the two the foot moves on, at walking pace on the mean; its sigma grows by as much.
 
+Own factors. The caller makes a graph of gtsam from the variables of the nodes. It joins the walk where fixes do, on the
+first solution: what is found before that (noise of the swings, lever, random walk of the bias) rests on the sensor
+alone, and all rounds after it, sigmas included, have them.
+
+What own factors show of the heading at the start is what they say against a turn of the whole walk about the vertical
+at its start. With A d the change of their residuals over their sigmas for a turn d of one radian, linearized at the
+walk,
+
+    sigma^-2 = |A d|^2,     d = (R^T u, R^T (u x p)) of a pose, u x v of a velocity, 0 of a bias, u up,
+
+which for fixes is the formula above; where that is less than what is known, the heading is freed as there.
+Without a heading that was given the walk is first turned to where the error is least, of `TURNS` directions.
+
+A robust noise model is linearized by the weight that it has there (iteratively reweighted least squares): its loss is
+not the half square of that, and the solver, which compares the two, takes the difference `excess` into account.
+
 Floors (`factors.FloorHeight`), where the walk shows them (`floors.find_floors`). Each has its height Z as a variable.
 Factors from footfall to footfall would do without, but sum up to a walk of their own: after a thousand strides a floor
 of factors of 2 cm is as steep as 0.6 m. A variable costs one row in each clique between the first footfall on a floor
 and the last.
+
+Known places (`fg_nav.places.location`). The walk is solved in axes of the known frame, about its start as located
+there. A known place q (3,) m, c (3,) m from a footfall in body axes, is
+
+    e = p + R c - q,
+
+p and R the pose of the footfall, with the covariance of a tie: sharp along the path, as wide as a corridor across it.
+Start and heading are then no gauge any more. They get priors that say nothing, `UNKNOWN_PLACE_M` and
+`UNKNOWN_HEADING_DEG`, and the sigmas of the solution are those of the places in the known frame.
+
+Satellite fixes are factors as of the caller's own, which show the heading at the start as those do,
+
+    e = p_j + s - q_k,     Cauchy's loss, over ground
+
+p_j the footfall nearest in time, q_k the fix, s the start of the walk in the axes of the fixes: that which lays the
+first solution on them best, with its turn.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import TypeAlias
 
 import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import S, X, Z
+from gtsam.symbol_shorthand import B, S, V, X, Z
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import EstimationError
@@ -32,26 +64,174 @@ from fg_nav.factors.walk_constraints import FloorHeight, position_fix_factor, po
 from fg_nav.factors.zero_velocity import StanceVelocity
 from fg_nav.fix_check import FIX_REACH_S, check_fix, check_fixes_on_path, check_times
 from fg_nav.frames import yaw_rotation
+from fg_nav.gnss import CAUCHY, Gnss, describe_start, find_turn, select_fixes
 from fg_nav.samples.gaps import MAX_HELD_S, cross_holes
 from fg_nav.smoother.floors import LEVEL_SIGMA_M, Ground, find_floors
-from fg_nav.smoother.graph import UNKNOWN_HEADING_DEG, StartPrior, WalkProblem, turn_walk
-from fg_nav.smoother.own_factors import ExtraFactors, GraphNodes, make_own_factors
+from fg_nav.smoother.graph import KNOWN_PLACE, POSITION_FIX, UNKNOWN_HEADING_DEG, StartPrior, WalkProblem, turn_walk
 from fg_nav.smoother.solver import GtsamFactors, list_positions
 from fg_nav.smoother.strides import Nodes
 from fg_nav.truth import Fix
 
+REACH_S = 1.5  # Farther than a stride from any node there is nothing to tie a factor to.
+TURNS = 24  # Directions of the start that are tried: 15 deg apart, from which Gauss-Newton finds the rest.
+UP = np.array([0.0, 0.0, 1.0])
 DRIFT_FLOOR_M = 0.003  # What a walk shows of its climb a stride is no truer: on stairs it is another than on the level.
-
-GIVEN_HEADING_DEG = 5.0
-"""Sigma of the heading at the start that was given, where fixes show it as well: a compass held by hand, or a line
-on a plan. Fixes show it once they leave a smaller one."""
-
+GIVEN_HEADING_DEG = 5.0  # Sigma of a given heading where fixes show it as well: a compass held by hand, a plan.
 FIX_SPEED_M_S = 1.4  # Walking pace: for so much a second between a fix and the node it is tied to its sigma grows.
 MIN_KNOWN_HEADING_RAD = 1.0  # Sigma that fixes leave of the heading at the start beyond which they show nothing of it.
+UNKNOWN_PLACE_M = 100.0  # Sigma of the start where known places show it: more than a location is ever off.
 
 
-class FixFactors(GtsamFactors):
-    """Factors of fixes, which are counted as such."""
+@dataclass(frozen=True)
+class GraphNodes:
+    """The variables of a walk that a factor can join: M nodes, where the foot stands, several in each stance.
+
+    Attributes
+    ----------
+    t : (M,) s, in the recording's time.
+    pose : M keys of `gtsam.Pose3`, nav_T_body: east, north, up in m from the first stance.
+    velocity : M keys of vectors (3,), m/s, navigation frame.
+    bias : M keys of `gtsam.imuBias.ConstantBias`, m/s^2 and rad/s, body frame; footfalls of ten seconds share one.
+    footfall : (M,) number of the footfall that the node belongs to, from 0.
+    stillest : (F,) node of each footfall at its stillest sample, where results are given.
+    values : all variables of the walk without these factors, near its minimum: to place them. A copy.
+
+    Examples
+    --------
+    >>> import gtsam
+    >>> def at_the_door(nodes: fg_nav.GraphNodes) -> gtsam.NonlinearFactorGraph:
+    ...     graph = gtsam.NonlinearFactorGraph()
+    ...     sigmas = gtsam.noiseModel.Diagonal.Sigmas([0.1, 0.1, 10.0])
+    ...     graph.add(gtsam.GPSFactor(nodes.pose[nodes.at(18.0)], [10.3, 7.7, 0.0], sigmas))
+    ...     return graph
+    >>> result = fg_nav.navigate("walk.csv", extra=at_the_door)
+    >>> bool(result.stances.position_sigma[-1, 0] < 1.0)
+    True
+    """
+
+    t: Floats
+    pose: tuple[int, ...]
+    velocity: tuple[int, ...]
+    bias: tuple[int, ...]
+    footfall: Ints
+    stillest: Ints
+    values: gtsam.Values
+
+    @classmethod
+    def of(cls, nodes: Nodes, t: Floats, values: gtsam.Values) -> GraphNodes:
+        """Take those of a walk, `t` (N,) s the stamps of its recording."""
+        count = range(len(nodes))
+        bias = tuple(B(int(k)) for k in nodes.bias[nodes.footfall])
+        pose, velocity = tuple(map(X, count)), tuple(map(V, count))
+        return cls(t[nodes.sample], pose, velocity, bias, nodes.footfall, nodes.result, gtsam.Values(values))
+
+    def at(self, time_s: float) -> int:
+        """Return the number of the node nearest to an instant; `EstimationError` more than 1.5 s from any."""
+        apart = np.abs(self.t - time_s)
+        if not apart.min() <= REACH_S:
+            raise EstimationError(
+                f"there is no node within {REACH_S:g} s of {time_s:.2f} s: the walk lasts from {self.t[0]:.2f} s to "
+                f"{self.t[-1]:.2f} s, and has nodes where the foot stands."
+            )
+        return int(apart.argmin())
+
+
+ExtraFactors: TypeAlias = Callable[[GraphNodes], gtsam.NonlinearFactorGraph]
+"""Makes the caller's own factors. It is called again whenever a walk is built again, with nodes that may differ."""
+
+
+class OwnFactors(GtsamFactors):
+    """The caller's factors in the graph of a walk."""
+
+    def __init__(self, graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> None:
+        super().__init__(*(graph.at(i) for i in range(graph.size())), kind="own")
+        # What they say against a turn of the walk about its start, by second differences of their linearized error.
+        linear = self._graph.linearize(values)
+        forth, here, back = (linear.error(_move(self._graph, values, turn)) for turn in (1.0, 0.0, -1.0))
+        information = float(forth - 2.0 * here + back)
+        self.heading_sigma = information**-0.5 if information > 0.0 else float("inf")
+        """Sigma that they leave of the heading at the start, rad; infinite where they show nothing of it."""
+
+    def excess(self, values: gtsam.Values) -> float:
+        """Robust-loss excess; zero for quadratic factors."""
+        linear = self._graph.linearize(values)
+        return self.error(values) - linear.error(_move(self._graph, values, 0.0))
+
+    def best_turn(self, values: gtsam.Values) -> float:
+        """Turn about up and the start, rad counter-clockwise, of `TURNS`, that fits a walk best to them."""
+        turns = np.linspace(0.0, 2 * np.pi, TURNS, endpoint=False)
+        errors = [self.error(_turned(self._graph, values, turn)) for turn in yaw_rotation(turns)]
+        return float(turns[int(np.nanargmin(errors))])
+
+
+def make_own_factors(extra: ExtraFactors, nodes: GraphNodes) -> OwnFactors:
+    """Make the caller's factors, and check them.
+
+    Raises
+    ------
+    EstimationError
+        If they are no graph, join what is no variable of the walk, or cannot be evaluated at its values.
+    """
+    graph = extra(nodes)
+    if not isinstance(graph, gtsam.NonlinearFactorGraph):
+        raise EstimationError(f"extra returned a {type(graph).__name__}: return a gtsam.NonlinearFactorGraph.")
+    known = {*nodes.pose, *nodes.velocity, *nodes.bias}
+    for i in range(graph.size()):
+        factor: gtsam.NonlinearFactor | None = graph.at(i)
+        if factor is None:
+            raise EstimationError(f"extra factor {i} is none: add no empty places to the graph.")
+        joins = factor.keys()
+        if not joins:
+            raise EstimationError(f"extra factor {i} joins no variable: leave it out.")
+        for key in joins:
+            if key not in known:
+                raise EstimationError(
+                    f"extra factor {i} joins {gtsam.DefaultKeyFormatter(key)}, which is no variable of this walk: use "
+                    "the keys in pose, velocity and bias of the nodes."
+                )
+        try:
+            error = factor.error(nodes.values)
+            linear = factor.linearize(nodes.values)
+            if linear is not None:  # one that is not active there
+                gtsam.JacobianFactor(linear)
+        except Exception as reason:
+            words = " ".join(str(reason).split())
+            raise EstimationError(f"extra factor {i} cannot be linearized ({words}): correct it.") from reason
+        if not np.isfinite(error):
+            raise EstimationError(
+                f"the error of extra factor {i} is {error}: give finite measurements and sigmas above zero."
+            )
+    return OwnFactors(graph, nodes.values)
+
+
+def _move(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, turn: float) -> gtsam.VectorValues:
+    """Move the variables of a graph, in their tangent spaces, by a small turn of the walk about its start."""
+    moved = gtsam.VectorValues()
+    for key in graph.keyVector():
+        letter = gtsam.Symbol(key).chr()
+        step = np.zeros(6)
+        if letter == ord("x"):
+            pose = values.atPose3(key)
+            R = pose.rotation().matrix()
+            step = np.concatenate([R.T @ UP, R.T @ np.cross(UP, pose.translation())])
+        elif letter == ord("v"):
+            step = np.cross(UP, values.atVector(key))
+        moved.insert(key, turn * step)
+    return moved
+
+
+def _turned(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, turn: Floats) -> gtsam.Values:
+    """Values of the variables of a graph where the walk is turned about its start by a rotation (3, 3)."""
+    turned, about = gtsam.Values(), gtsam.Pose3(gtsam.Rot3(turn), np.zeros(3))
+    for key in graph.keyVector():
+        letter = gtsam.Symbol(key).chr()
+        if letter == ord("x"):
+            turned.insert(key, about.compose(values.atPose3(key)))
+        elif letter == ord("v"):
+            turned.insert(key, turn @ values.atVector(key))
+        else:
+            turned.insert(key, values.atConstantBias(key))
+    return turned
 
 
 @dataclass(frozen=True)
@@ -66,15 +246,16 @@ class PinnedFixes:
     def __len__(self) -> int:
         return len(self.node)
 
-    def factors(self) -> FixFactors:
+    def factors(self) -> GtsamFactors:
         """Tie the nodes to their fixes."""
-        return FixFactors(
+        return GtsamFactors(
             *(
                 position_fix_factor(X(int(j)), at, position_fix_noise(float(horizontal), float(vertical)))
                 for j, at, horizontal, vertical in zip(
                     self.node, self.position, self.horizontal, self.vertical, strict=True
                 )
-            )
+            ),
+            kind=POSITION_FIX,
         )
 
     @property
@@ -92,23 +273,28 @@ class PinnedFixes:
         return float(np.arctan2(across, along))
 
 
-def fix_factors(fixes: Sequence[Fix], t: Floats, nodes: Nodes) -> PinnedFixes:
-    """Find the node of each fix.
+def pin_to_times(fixes: Sequence[Fix], t_node: Floats) -> PinnedFixes:
+    """Find the node of each fix, nearest in time among nodes at these times (n,) s.
 
     Raises
     ------
     EstimationError
         For a fix outside the walk or farther than a stride from any node, or one without a place or a sigma.
     """
-    return pin_to_times(fixes, t[nodes.sample])
-
-
-def pin_to_times(fixes: Sequence[Fix], t_node: Floats) -> PinnedFixes:
-    """Find the node of each fix among nodes at these times (n,) s; errors as of `fix_factors`."""
-    node = [_node_of(fix, t_node) for fix in fixes]
-    apart = np.array([fix.time_s - t_node[j] for fix, j in zip(fixes, node, strict=True)])
+    node = np.zeros(len(fixes), dtype=np.intp)
+    for k, fix in enumerate(fixes):
+        check_fix(fix)
+        check_times([fix], float(t_node[0]), float(t_node[-1]))
+        off = np.abs(t_node - fix.time_s)
+        if off.min() > FIX_REACH_S:
+            raise EstimationError(
+                f"the fix at {fix.time_s:.2f} s is {off.min():.1f} s from the nearest footfall, which is farther than "
+                "a stride: take fixes where the foot stands, or leave it out."
+            )
+        node[k] = off.argmin()
+    apart = np.array([fix.time_s for fix in fixes], dtype=np.float64) - t_node[node]
     return PinnedFixes(
-        np.array(node, dtype=np.intp),
+        node,
         np.array([fix.position for fix in fixes], dtype=np.float64).reshape(-1, 3),
         np.hypot([fix.horizontal_sigma_m for fix in fixes], FIX_SPEED_M_S * apart),
         np.array([fix.vertical_sigma_m for fix in fixes], dtype=np.float64),
@@ -118,19 +304,6 @@ def pin_to_times(fixes: Sequence[Fix], t_node: Floats) -> PinnedFixes:
 def find_nearest_nodes(t: Floats, t_node: Floats) -> Ints:
     """Nodes (K,) nearest to instants (K,) s, among those at `t_node` (n,) s."""
     return np.asarray(np.abs(t[:, None] - t_node).argmin(axis=1))
-
-
-def _node_of(fix: Fix, t_node: Floats) -> int:
-    """Index of the node nearest to a fix in time."""
-    check_fix(fix)
-    check_times([fix], float(t_node[0]), float(t_node[-1]))
-    apart = np.abs(t_node - fix.time_s)
-    if apart.min() > FIX_REACH_S:
-        raise EstimationError(
-            f"the fix at {fix.time_s:.2f} s is {apart.min():.1f} s from the nearest footfall, which is farther than a "
-            "stride: take fixes where the foot stands, or leave it out."
-        )
-    return int(apart.argmin())
 
 
 def check_fix_distance(problem: WalkProblem, fixes: Sequence[Fix]) -> None:
@@ -150,12 +323,11 @@ def add_fixes(problem: WalkProblem, values: gtsam.Values, fixes: Sequence[Fix]) 
     Raises
     ------
     EstimationError
-        As `fix_factors`.
+        As `pin_to_times`.
     """
-    pinned = fix_factors(fixes, problem.recording.t, problem.nodes)
+    pinned = pin_to_times(fixes, problem.recording.t[problem.nodes.sample])
     problem = replace(problem, constraints=(*problem.constraints, pinned.factors()))
-    start = free_heading(problem, pinned, values)
-    return problem if start is None else replace(problem, start=start, heading_known=True)
+    return _free_heading(problem, pinned, values)
 
 
 def add_own(problem: WalkProblem, values: gtsam.Values, extra: ExtraFactors) -> WalkProblem:
@@ -168,33 +340,23 @@ def add_own(problem: WalkProblem, values: gtsam.Values, extra: ExtraFactors) -> 
     """
     own = make_own_factors(extra, GraphNodes.of(problem.nodes, problem.recording.t, values))
     problem = replace(problem, constraints=(*problem.constraints, own))
-    start = free_heading(problem, own, values)
-    return problem if start is None else replace(problem, start=start, heading_known=True)
+    return _free_heading(problem, own, values)
 
 
-class ShowsHeading(Protocol):
-    """What may show the heading at the start: the sigma that it leaves, and where a walk fits it best."""
-
-    @property
-    def heading_sigma(self) -> float:
-        """Sigma left of the heading at the start, rad."""
-
-    def best_turn(self, values: gtsam.Values) -> float:
-        """Turn about up and the start, rad counter-clockwise."""
-
-
-def free_heading(problem: WalkProblem, pinned: ShowsHeading, values: gtsam.Values) -> StartPrior | None:
-    """Return the start with a heading to be found, where it is shown; None where it stays as it is."""
+def _free_heading(problem: WalkProblem, placed: PinnedFixes | OwnFactors, values: gtsam.Values) -> WalkProblem:
+    """Free the heading at the start where placed factors show it; a walk without a heading is first turned to them."""
     nav_R_body = problem.start.nav_R_body
     if problem.heading_known:
         sigma = float(np.radians(GIVEN_HEADING_DEG))
-        is_shown = pinned.heading_sigma < sigma and problem.start.heading_sigma < sigma
-        return StartPrior(nav_R_body, sigma) if is_shown else None
-    if pinned.heading_sigma > MIN_KNOWN_HEADING_RAD:
-        return None
-    turn = pinned.best_turn(values)
+        if not placed.heading_sigma < sigma or not problem.start.heading_sigma < sigma:
+            return problem
+        return replace(problem, start=StartPrior(nav_R_body, sigma))
+    if placed.heading_sigma > MIN_KNOWN_HEADING_RAD:
+        return problem
+    turn = placed.best_turn(values)
     turn_walk(values, problem.nodes, turn)
-    return StartPrior(yaw_rotation(turn) @ nav_R_body, float(np.radians(UNKNOWN_HEADING_DEG)))
+    start = StartPrior(yaw_rotation(turn) @ nav_R_body, float(np.radians(UNKNOWN_HEADING_DEG)))
+    return replace(problem, start=start, heading_known=True)
 
 
 def add_constraints(problem: WalkProblem, values: gtsam.Values, continues: Bools | None = None) -> WalkProblem:
@@ -253,3 +415,56 @@ def constrain_heights(node: Ints, label: Ints, sigma_m: float) -> ResidualBlock:
     """Keep footfalls at `node` (F,) at the heights of their floors `label` (F,), -1 on none."""
     on_floor = np.flatnonzero(label >= 0)
     return ResidualBlock(FloorHeight(sigma_m), [(X(int(node[k])), Z(int(label[k]))) for k in on_floor])
+
+
+@dataclass(frozen=True)
+class KnownTies:
+    """Footfalls at known places.
+
+    `t` (P,) s, `in_body` (P, 3) m the point next to each footfall, `place` (P, 3) m where it is, east, north and up of
+    the located start in the axes of the known frame, `covariance` (P, 3, 3) m^2.
+    """
+
+    t: Floats
+    in_body: Floats
+    place: Floats
+    covariance: Floats
+
+
+def add_known_places(problem: WalkProblem, ties: KnownTies) -> WalkProblem:
+    """Tie a walk to known places, and free its start."""
+    nodes = find_nearest_nodes(ties.t, problem.recording.t[problem.nodes.sample])
+    rows = zip(nodes, ties.place, ties.in_body, ties.covariance, strict=True)
+    factors = GtsamFactors(
+        *(
+            gtsam.GPSFactorArm(X(int(j)), place, arm, gtsam.noiseModel.Gaussian.Covariance(covariance))
+            for j, place, arm, covariance in rows
+        ),
+        kind=KNOWN_PLACE,
+    )
+    start = StartPrior(problem.start.nav_R_body, float(np.radians(UNKNOWN_HEADING_DEG)), UNKNOWN_PLACE_M)
+    return replace(problem, constraints=(*problem.constraints, factors), start=start, heading_known=True)
+
+
+def make_gnss_factors(gnss: Gnss) -> tuple[ExtraFactors, dict[str, float]]:
+    """Return what makes the factors of these fixes, and where the walk starts on Earth, once they were made."""
+    found: dict[str, float] = {}
+
+    def make(nodes: GraphNodes) -> gtsam.NonlinearFactorGraph:
+        # the start, and with it the axes of the walk
+        seen = select_fixes(gnss.fixes, float(nodes.t[0]), float(nodes.t[-1]))
+        node = find_nearest_nodes(seen.time, nodes.t)
+        walked = list_positions(node, nodes.values)[:, :2]
+        turn, start = find_turn(walked, seen)
+        # the factors
+        sigma = np.hypot(seen.sigma, FIX_SPEED_M_S * (seen.time - nodes.t[node]))
+        loss = gtsam.noiseModel.mEstimator.Cauchy.Create(CAUCHY)
+        graph = gtsam.NonlinearFactorGraph()
+        for j, place, own in zip(node, seen.place - start, sigma, strict=True):
+            noise = gtsam.noiseModel.Robust.Create(loss, position_fix_noise(float(own)))
+            graph.add(gtsam.GPSFactor(nodes.pose[int(j)], np.array([*place, 0.0]), noise))
+        off = np.linalg.norm(seen.place - start - walked @ yaw_rotation(turn)[:2, :2].T, axis=1)
+        found.update(describe_start(gnss, start, float(np.sum(seen.sigma**-2.0) ** -0.5), off < CAUCHY * sigma))
+        return graph
+
+    return make, found

@@ -6,27 +6,66 @@ d_R, a velocity d_v and a position d_p, is given back smoothly over the interval
     R(s) Exp(a d_R),  a = 3 s^2 - 2 s^3;      p(s) + a d_p + b T d_v,  b = s^3 - s^2;      v(s) its derivative.
 
 So the trajectory passes through every smoothed node in position, velocity and attitude. Before the first node and
-after the last there is nothing to meet: the samples are integrated, backward and forward; so they are before a hole
-and behind it.
+after the last, and on both sides of a hole, the samples are integrated, backward and forward.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
+from typing import NamedTuple
+
+import gtsam
 import numpy as np
+from gtsam.symbol_shorthand import V
 
 from fg_nav.arrays import Floats, Ints
+from fg_nav.factors.residual import read_variables
 from fg_nav.mechanisation import NavState, rotate_in_body, rotation_vector, strapdown, write_state
+from fg_nav.recording import Recording
 from fg_nav.samples.gaps import MAX_HELD_S
+from fg_nav.smoother.solver import list_biases, list_poses
+from fg_nav.smoother.strides import Nodes
 from fg_nav.system.compiled import njit
 from fg_nav.system.spilled import drop_pages, empty_column
 
-BLOCK_NODES = 4096  # Behind which the path is filled in at once: a quarter of an hour.
+BLOCK_NODES = 4096  # Nodes whose path is filled in at once: a quarter of an hour.
 
 
-def fill_path(
-    h: Floats,
-    acc: Floats,
-    gyr: Floats,
+class Trajectory(NamedTuple):
+    """Position (N, 3) m, velocity (N, 3) m/s and attitude (N, 3, 3) at every sample."""
+
+    position: Floats
+    velocity: Floats
+    nav_R_body: Floats
+
+
+def trajectory_of(recording: Recording, nodes: Nodes, values: gtsam.Values, gravity: float) -> Trajectory:
+    """Return the trajectory of a solved walk at the recording's rate."""
+    return prepare_trajectory(recording, nodes, values, gravity)()
+
+
+def prepare_trajectory(
+    recording: Recording, nodes: Nodes, values: gtsam.Values, gravity: float
+) -> Callable[[], Trajectory]:
+    """Return a function that makes the trajectory from arrays alone: the graph can be freed before it is called."""
+    poses = list_poses(range(len(nodes)), values)
+    bias = list_biases(nodes, values)[nodes.bias[nodes.footfall]]
+    return partial(
+        dense_trajectory,
+        recording,
+        nodes.sample,
+        poses[:, :3, 3].copy(),
+        read_variables(values, [V(j) for j in range(len(nodes))], 3),
+        poses[:, :3, :3].copy(),
+        np.ascontiguousarray(bias[:, 3:]),
+        np.ascontiguousarray(bias[:, :3]),
+        gravity,
+    )
+
+
+def dense_trajectory(
+    recording: Recording,
     sample: Ints,
     position: Floats,
     velocity: Floats,
@@ -34,18 +73,19 @@ def fill_path(
     gyro_bias: Floats,
     acc_bias: Floats,
     gravity: float,
-) -> tuple[Floats, Floats, Floats]:
-    """Position (N, 3), velocity (N, 3) and attitude (N, 3, 3) at samples held for `h` (N,) s.
+) -> Trajectory:
+    """Return the trajectory at every sample from the states at nodes `sample` (M,), all (M, ...).
 
-    The states are those at nodes `sample` (M,): as in `Trajectory`, gyro bias (M, 3) rad/s, force bias (M, 3) m/s^2.
+    Position in m, velocity in m/s, gyro bias in rad/s, accelerometer bias in m/s^2.
     """
-    n = len(h)
+    h = np.append(np.diff(recording.t), recording.period_s)
+    (acc, gyr), n = recording.integrable, len(h)
     p, v, R = empty_column(n, 3), empty_column(n, 3), empty_column(n, 3, 3)
     for first in range(0, len(sample), BLOCK_NODES):
         last = min(first + BLOCK_NODES, len(sample))
         _fill(first, last, h, acc, gyr, sample, position, velocity, nav_R_body, gyro_bias, acc_bias, gravity, p, v, R)
         drop_pages()
-    return p, v, R
+    return Trajectory(p, v, R)
 
 
 @njit(cache=True)

@@ -3,9 +3,17 @@
     repeat   courses of the solution   -> alpha along the walk, s and P   -> path turned by its drift -> solved again
     `ROUNDS` times
 
-The heading of the solution may have drifted by so much that courses at the end are nearer to the wrong direction. So
-alpha is tracked: in the frame of the drifted solution it is phi_k at displacement k, of course psi_k, a random walk on
-the quarter circle, and a steady drift on top of it,
+Displacements (`factors.BuildingDirection`). Between footfalls one stride apart a course is some degrees off on the
+straightest walk, as feet are set down beside the line, and these errors cancel from one stride to the next. So
+displacements are `STRIDES` long, and share no stride. A corner that begins within the last stride of one turns its
+course by a few degrees, which passes for a corridor, and does not cancel where a walk turns one way more often than the
+other: no footfall may stand farther off the line between the ends than people weave. Displacements lie in the middle of
+such a straight stretch. Courses along one leg have the error of its corridor in common. A leg counts as `LEG_COURSES`
+of them at most, of 2 deg each 1.2 deg; a corridor that is walked again counts again.
+
+Tracking. The heading of the solution may have drifted by so much that courses at the end are nearer to the wrong
+direction. So alpha is tracked: in the frame of the drifted solution it is phi_k at displacement k, of course psi_k, a
+random walk on the quarter circle, and a steady drift on top of it,
 
     phi_(k+1) = phi_k + b n_k + N(0, q n_k),    b ~ N(0, (sigma / F)^2),
     p(psi_k | phi_k) = (P N(wrap(psi_k - phi_k); 0, s^2) + (1 - P) 2/pi)^h_k,
@@ -17,10 +25,9 @@ Markov model: Rabiner 1989), for each of some b; with the likeliest, s and P are
 No assignment is made: the graph's mixture has the same four directions.
 
 Over a hole in the samples the heading is lost, and with it which direction is which: the pieces of the walk on either
-side (`split_drift`) have each an alpha of its own.
-
-The path is turned by phi_0 - phi_k, to start from; how much of that the drift is, the graph says with all its factors.
-Where the courses are more likely to be anything there are no directions: `MIN_EVIDENCE`.
+side (`split_drift`) have each an alpha of its own. The path is turned by phi_0 - phi_k, to start from; how much of that
+the drift is, the graph says with all its factors. Where the courses are more likely to be anything there are no
+directions: `MIN_EVIDENCE`.
 
 Limit: walks that turn steadily by less than the drift that their sigmas allow are taken for drifting ones.
 """
@@ -32,46 +39,103 @@ from typing import NamedTuple
 
 import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import A
+from gtsam.symbol_shorthand import A, X
+from numpy.lib.stride_tricks import sliding_window_view
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import EstimationError
-from fg_nav.factors.walk_constraints import QUARTER, measure_course, wrap_quarter
-from fg_nav.smoother.combinations import FootfallCovariance
-from fg_nav.smoother.direction_factors import Mixture, list_displacements, make_direction_factors, share_legs
+from fg_nav.factors.residual import ResidualBlock
+from fg_nav.factors.walk_constraints import QUARTER, BuildingDirection, measure_course, odds_of_elsewhere, wrap_quarter
+from fg_nav.frames import wrap_angle
 from fg_nav.smoother.graph import WalkProblem, solve, turn_walk
-from fg_nav.smoother.solver import Solved, list_covariances, list_positions
+from fg_nav.smoother.sensitivity import FootfallCovariance
+from fg_nav.smoother.solver import GtsamFactors, Solved, list_covariances, list_positions
 from fg_nav.text import format_count
 
+STRIDES = 5  # Of a displacement: 7 m, over which weaving by 7 cm is 0.8 deg (0.07 sqrt(2) / 7 rad).
+MIN_M = 2.5  # Displacements below this have no course of a walk: half a metre a stride.
+STRAIGHT_WITHIN_M = 0.15  # Off the line between the ends of a straight displacement: two sigmas of weaving by 7 cm.
+LEG_COURSES = 3.0  # Independent courses that a leg counts as at most.
+NEW_LEG_RAD = np.radians(22.5)  # Change of course that begins another leg: a quarter of what is between two directions.
+OPEN_RAD = 2.0 * np.pi  # Sigma of the prior of a direction: a full turn, as open as the heading behind a hole.
 ROUNDS = 2  # The second finds s and P, and what follows the building, on a path without drift.
 CELLS = 180  # Of the quarter circle, half a degree each: a third of the least sigma.
-
 GRID = QUARTER * np.arange(CELLS) / CELLS
-
 ITERATIONS = 10  # Of expectation maximization, which has s to some per cent by then.
-
 FIRST_SIGMA_DEG, FIRST_SHARE = 4.0, 0.5
 MIN_SIGMA_DEG, MAX_SIGMA_DEG = 1.5, 8.0
-MIN_SHARE, MAX_SHARE = 0.05, 0.95
-"""Of s and P: corridors are no straighter, and beyond 8 deg the four directions cover most of the circle."""
-
-DRIFT_DEG = 5.0, 15.0
-"""Bounds of the random drift of a walk, one sigma: its own may be too small, and more of it is a bias, and steady."""
-
+MIN_SHARE, MAX_SHARE = 0.05, 0.95  # Of P.
+DRIFT_DEG = 5.0, 15.0  # Bounds of the random drift of a walk, one sigma: more of it is a bias, and steady.
 RATE_STEP_DEG = 5.0  # Between steady drifts that are tried, at the end of the walk, up to `RATE_SIGMAS` either way.
-
 RATE_SIGMAS = 3.0
-
-LOST_DEG = 10.0
-"""Growth of the heading's sigma over a stride, as over a hole in the samples: behind a few of them any direction could
-be any other."""
-
+LOST_DEG = 10.0  # Growth of the heading's sigma over a stride: behind a few of them any direction may be any other.
 ANY_TURN = 10.0  # rad^2, of a turn that is uniform over the quarter circle.
-
-MIN_EVIDENCE = 6.0
-"""Log likelihood over that of courses that are anything: three numbers are chosen, half log M each, of M = 50."""
-
+MIN_EVIDENCE = 6.0  # Log likelihood over that of any courses: three numbers are chosen, half log M each, M = 50.
 NONE_FOUND = "no directions of a building are used: the courses of the walk do not show any"
+
+
+@dataclass(frozen=True)
+class Mixture:
+    """What courses do: `share` P of them follow the building's directions, with `sigma` s, rad."""
+
+    sigma: float
+    share: float
+
+
+@dataclass(frozen=True)
+class DirectionFactors:
+    """Factors of the courses of a walk, and priors that leave the direction of each of its `pieces` open."""
+
+    courses: ResidualBlock
+    priors: GtsamFactors
+    pieces: int
+
+
+def make_direction_factors(node: Ints, piece: Ints, share: Floats, alpha: Floats, mixture: Mixture) -> DirectionFactors:
+    """Tie pairs of nodes (M, 2) to the directions A(k) + m pi/2 of their piece k of the walk.
+
+    Parameters
+    ----------
+    node, piece : (M, 2), (M,) of the displacements.
+    share : (M,) that each counts for.
+    alpha : (n,) rad of the pieces, to start from.
+    """
+    courses = BuildingDirection(mixture.sigma, odds_of_elsewhere(mixture.sigma, mixture.share), share)
+    wide = gtsam.noiseModel.Isotropic.Sigma(1, OPEN_RAD)
+    priors = (gtsam.PriorFactorVector(A(k), np.array([one]), wide) for k, one in enumerate(alpha))
+    keys = [(X(int(a)), X(int(b)), A(int(k))) for (a, b), k in zip(node, piece, strict=True)]
+    return DirectionFactors(ResidualBlock(courses, keys), GtsamFactors(*priors), len(alpha))
+
+
+def list_displacements(position: Floats) -> Ints:
+    """List the first and last footfalls (M, 2) of straight displacements of footfalls at `position` (F, 3) m."""
+    if len(position) <= STRIDES:
+        return np.zeros((0, 2), dtype=np.int64)
+    straight = np.flatnonzero(find_straight(position))
+    runs = np.split(straight, np.flatnonzero(np.diff(straight) > 1) + 1) if len(straight) else []
+    # As many as there are in a run of straight ones, in the middle of its strides.
+    first = [np.zeros(0, dtype=np.int64)]
+    for run in runs:
+        strides = len(run) + STRIDES - 1
+        first.append(run[0] + strides % STRIDES // 2 + STRIDES * np.arange(strides // STRIDES))
+    return np.asarray(np.concatenate(first)[:, None] + np.array([0, STRIDES]))
+
+
+def find_straight(position: Floats) -> Bools:
+    """Find whether the `STRIDES` strides from each footfall on, but for the last ones, go straight on over ground."""
+    places = np.moveaxis(sliding_window_view(position[:, :2], STRIDES + 1, axis=0), 2, 1)
+    from_first = places - places[:, :1]
+    along = from_first[:, -1:]
+    across = from_first[..., 0] * along[..., 1] - from_first[..., 1] * along[..., 0]
+    length = np.linalg.norm(along, axis=2)
+    off = np.abs(across).max(axis=1) / np.maximum(length[:, 0], MIN_M)
+    return np.asarray((length[:, 0] >= MIN_M) & (off <= STRAIGHT_WITHIN_M))
+
+
+def share_legs(course: Floats) -> Floats:
+    """Share (M,) that each course (M,) rad counts for: those of a leg, in a row, for `LEG_COURSES` at most."""
+    leg = np.cumsum(np.abs(wrap_angle(np.diff(course, prepend=course[:1]))) > NEW_LEG_RAD)
+    return np.asarray(np.minimum(1.0, LEG_COURSES / np.bincount(leg)[leg]))
 
 
 @dataclass(frozen=True)
@@ -105,7 +169,9 @@ def follow_directions(problem: WalkProblem, solved: Solved) -> tuple[WalkProblem
         except EstimationError:
             return *free, ("no directions of a building are used: with them there is no solution",)
     assert problem.directions is not None
-    return problem, solved, (_write_note(len(problem.directions), mixture),)
+    courses, sigma = format_count(len(problem.directions.courses), "course"), np.degrees(mixture.sigma)
+    follow = f"{100.0 * mixture.share:.0f} % of {courses} follow the directions of a building"
+    return problem, solved, (f"{follow}, at right angles, within {sigma:.1f} deg",)
 
 
 def add_directions(problem: WalkProblem, solved: Solved) -> tuple[WalkProblem, Mixture] | None:
@@ -183,7 +249,11 @@ def track_directions(
         density, evidence, off = _smooth(left, share, variance, mixture)
         phi = np.unwrap(np.angle(density @ np.exp(4j * GRID))) / 4.0
         tracked = TrackedDirections(phi + steady * at, mixture, evidence + gained)
-        mixture = _maximize(density, off, share, mixture)
+        # s and P that explain the courses best, with what is now known of where they belong.
+        followed = _weigh_followed(off, mixture)
+        weight = share[:, None] * density * followed / (followed + 1.0 - mixture.share)
+        sigma = np.clip(np.sqrt((weight * off**2).sum() / weight.sum()), *np.radians([MIN_SIGMA_DEG, MAX_SIGMA_DEG]))
+        mixture = Mixture(float(sigma), float(np.clip(weight.sum() / share.sum(), MIN_SHARE, MAX_SHARE)))
     return tracked
 
 
@@ -206,15 +276,6 @@ def _smooth(course: Floats, share: Floats, variance: Floats, mixture: Mixture) -
     off = wrap_quarter(course[:, None] - GRID)
     likelihood = (_weigh_followed(off, mixture) + 1.0 - mixture.share) ** share[:, None]
     return *_smooth_on_circle(likelihood, variance), off
-
-
-def _maximize(density: Floats, off: Floats, share: Floats, mixture: Mixture) -> Mixture:
-    """Return s and P that explain the courses best, with what is now known of where they belong."""
-    followed = _weigh_followed(off, mixture)
-    weight = share[:, None] * density * followed / (followed + 1.0 - mixture.share)
-    sigma = np.sqrt((weight * off**2).sum() / weight.sum())
-    sigma = np.clip(sigma, *np.radians([MIN_SIGMA_DEG, MAX_SIGMA_DEG]))
-    return Mixture(float(sigma), float(np.clip(weight.sum() / share.sum(), MIN_SHARE, MAX_SHARE)))
 
 
 def _weigh_followed(off: Floats, mixture: Mixture) -> Floats:
@@ -246,9 +307,3 @@ def _smooth_on_circle(likelihood: Floats, variance: Floats) -> tuple[Floats, flo
 def _blur(density: Floats, spread: Floats) -> Floats:
     """Convolve a density (`CELLS`,) with a normal one on the circle, given by its Fourier coefficients."""
     return np.maximum(np.fft.irfft(np.fft.rfft(density) * spread, CELLS), 1e-300)
-
-
-def _write_note(count: int, mixture: Mixture) -> str:
-    courses = format_count(count, "course")
-    sigma, share = np.degrees(mixture.sigma), 100.0 * mixture.share
-    return f"{share:.0f} % of {courses} follow the directions of a building, at right angles, within {sigma:.1f} deg"

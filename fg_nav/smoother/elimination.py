@@ -4,29 +4,318 @@ A linear factor is |A x - b|^2 in some variables. The variables are eliminated i
 factors that no earlier variable has taken, and what is left of the fronts whose next variable it is, stacked and
 brought to a triangle by Householder reflections,
 
-    Q^T (A b) = (R r),     the rows of the variable itself: R_FF x_F + R_FS x_S = r_F, which are kept (`fronts`),
+    Q^T (A b) = (R r),     the rows of the variable itself: R_FF x_F + R_FS x_S = r_F, which are kept (`Fronts`),
                 0 e        the others: a triangle on its separator S, which goes to the front of the next of these,
                            and e, whose squares over all fronts are twice the error at the minimum.
 
 What comes up from the first such front is a triangle in its columns already, so only the rows that are new are
 reflected into it, by a reflection for each column of one row of the triangle and all new rows (Golub and Van Loan 2013,
 section 5.1; LAPACK's `tpqrt`). On a chain that is half the work of a front that is reflected whole.
+
+Which variables meet in each front is planned before there are numbers in it (`plan_elimination`). The rows of a long
+walk lie in a file (`fg_nav.system.spilled`): every pass goes along the fronts in parts, and frees their pages behind
+each. The passes up and down along R, and the covariances, are those of `square_root`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.smoother.elimination_plan import Factors, Plan, plan_elimination
-from fg_nav.smoother.fronts import Fronts, list_parts
 from fg_nav.system.compiled import njit
 from fg_nav.system.spilled import drop_pages, empty_column
 
+MAX_FRONTS = 1 << 15  # Of a part: some 40 MB of rows.
 BLOCK_ROWS = 32  # New rows that are reflected into a triangle together.
 ROUNDING = 1e-14  # Of the norm of a column, below which what is left on the diagonal is none.
+
+
+class Fronts(NamedTuple):
+    """Rows of R, front by front.
+
+    ======= ====== ======================================================================
+    size    (V,)   dimensions d of the variable
+    first   (V,)   its first column in the arrays of all
+    parent  (V,)   front of its parent, -1 without a separator
+    begins  (V+1,) where its columns are in `column`: its own d first
+    column  (c,)   columns
+    at      (V,)   where its rows (d, columns) are in `rows`
+    rows    (r,)   R_FF and R_FS, row by row
+    ======= ====== ======================================================================
+    """
+
+    size: Ints
+    first: Ints
+    parent: Ints
+    begins: Ints
+    column: Ints
+    at: Ints
+    rows: Floats
+
+
+@njit(cache=True)
+def get_front(fronts: Fronts, i: int) -> tuple[int, Ints, Floats]:
+    """Dimensions, columns and rows of a front."""
+    d, columns = fronts.size[i], fronts.column[fronts.begins[i] : fronts.begins[i + 1]]
+    return d, columns, fronts.rows[fronts.at[i] : fronts.at[i] + d * len(columns)].reshape(d, len(columns))
+
+
+def list_parts(begin: int, end: int) -> Iterator[tuple[int, int]]:
+    """Yield where parts of `begin <= i < end` begin and end; pages of files are let go of behind each."""
+    for first in range(begin, end, MAX_FRONTS):
+        yield first, min(first + MAX_FRONTS, end)
+        drop_pages()
+
+
+@njit(cache=True)
+def forward_substitute(fronts: Fronts, C: Floats, first: int, end: int) -> None:
+    """Replace C (N, n) by Y, R^T Y = C: go up along the fronts `first <= i < end`."""
+    for i in range(end - 1, first - 1, -1):
+        d, columns, A = get_front(fronts, i)
+        for k in range(d):
+            for n in range(C.shape[1]):
+                y = C[columns[k], n] / A[k, k]
+                C[columns[k], n] = y
+                if y != 0.0:
+                    for j in range(k + 1, len(columns)):
+                        C[columns[j], n] -= A[k, j] * y
+
+
+@njit(cache=True)
+def back_substitute(fronts: Fronts, Y: Floats, first: int, end: int) -> None:
+    """Replace Y (N, n) by X, R X = Y: go down along the fronts `first <= i < end`."""
+    for i in range(first, end):
+        d, columns, A = get_front(fronts, i)
+        for k in range(d - 1, -1, -1):
+            for n in range(Y.shape[1]):
+                left = Y[columns[k], n]
+                for j in range(k + 1, len(columns)):
+                    left -= A[k, j] * Y[columns[j], n]
+                Y[columns[k], n] = left / A[k, k]
+
+
+@njit(cache=True)
+def add_log_diagonal(fronts: Fronts, total: float, first: int, end: int) -> float:
+    """Add log|R| of the fronts `first <= i < end` to a total."""
+    for i in range(first, end):
+        d, _, A = get_front(fronts, i)
+        for k in range(d):
+            total += np.log(abs(A[k, k]))
+    return total
+
+
+class Factors(NamedTuple):
+    """F linear factors.
+
+    ======= ====== ==================================================================
+    begins  (F+1,) where the variables of each are in `member`
+    member  (m,)   variables, by their places in the order of elimination
+    rows    (F,)   its rows
+    at      (F+1,) where its (A b) is in `values`, row by row
+    values  (v,)   A by its variables one after the other, and b
+    ======= ====== ==================================================================
+    """
+
+    begins: Ints
+    member: Ints
+    rows: Ints
+    at: Ints
+    values: Floats
+
+
+class Queue(NamedTuple):
+    """What each variable (V,) takes up: its first factor, or first front below it, and then that after each; or -1."""
+
+    first_factor: Ints
+    next_factor: Ints
+    first_front: Ints
+    next_front: Ints
+
+
+class Members(NamedTuple):
+    """Variables `member` of the fronts from `begin` on, up to `ends` (C,) of each, its own first, in their order."""
+
+    begin: int
+    ends: Ints
+    member: Ints
+
+
+class Plan(NamedTuple):
+    """How the variables from `begin` on, up to `end`, are eliminated.
+
+    ======= ====== =====================================================================================
+    queue          what each takes up
+    parent  (C,)   of each
+    slot    (C,)   where the triangle of its front goes: to one of `slots` places, or to the factors left
+    columns (V+1,) first column of each of all variables
+    ======= ====== =====================================================================================
+    """
+
+    begin: int
+    end: int
+    queue: Queue
+    parent: Ints
+    slot: Ints
+    slots: int
+    columns: Ints
+
+
+@njit(cache=True)
+def plan_elimination(factors: Factors, size: Ints, begin: int, end: int) -> tuple[Plan, Fronts, Factors]:
+    """Plan the elimination of the variables `begin <= v < end`.
+
+    Returns the plan, the fronts and the factors left, without their numbers.
+    """
+    queue = _queue_factors(factors, len(size))
+    members, parent = _gather_members(factors, queue, size, begin, end)
+    fronts = _shape_fronts(members, parent, size, end)
+    left, slot, slots = _plan_rest(members, parent, queue, size, end)
+    return Plan(begin, end, queue, parent, slot, slots, first_columns(size)), fronts, left
+
+
+@njit(cache=True)
+def first_columns(size: Ints) -> Ints:
+    """First column (V+1,) of each variable, and their number."""
+    first = np.zeros(len(size) + 1, np.int64)
+    for v in range(len(size)):
+        first[v + 1] = first[v] + size[v]
+    return first
+
+
+@njit(cache=True)
+def _queue_factors(factors: Factors, count: int) -> Queue:
+    """Queue each factor at its first variable."""
+    queue = Queue(np.full(count, -1), np.full(len(factors.rows), -1), np.full(count, -1), np.full(count, -1))
+    for f in range(len(factors.rows) - 1, -1, -1):
+        v = factors.member[factors.begins[f]]
+        for k in range(factors.begins[f], factors.begins[f + 1]):
+            v = min(v, factors.member[k])
+        queue.next_factor[f] = queue.first_factor[v]
+        queue.first_factor[v] = f
+    return queue
+
+
+@njit(cache=True)
+def _gather_members(factors: Factors, queue: Queue, size: Ints, begin: int, end: int) -> tuple[Members, Ints]:
+    """Gather the variables of the fronts, and the second of each, its parent, or -1."""
+    stamp, front, parent = np.full(len(size), -1), np.empty(len(size), np.int64), np.full(end - begin, -1)
+    members, filled = Members(begin, np.zeros(end - begin, np.int64), np.empty(16 * (end - begin), np.int64)), 0
+    for v in range(begin, end):
+        # The variables of its front in their order, v the first: of its factors, and of the fronts below.
+        front[0], stamp[v], many = v, v, 1
+        f = queue.first_factor[v]
+        while f >= 0:
+            for k in range(factors.begins[f], factors.begins[f + 1]):
+                many = _insert(factors.member[k], v, stamp, front, many)
+            f = queue.next_factor[f]
+        c = queue.first_front[v]
+        while c >= 0:
+            for k in range(_begin_of(members, c) + 1, members.ends[c - begin]):
+                many = _insert(members.member[k], v, stamp, front, many)
+            c = queue.next_front[c]
+        if filled + many > len(members.member):
+            members = Members(begin, members.ends, _grow(members.member, filled + many))
+        for k in range(many):
+            members.member[filled + k] = front[k]
+        filled += many
+        members.ends[v - begin] = filled
+        if many > 1:
+            parent[v - begin] = front[1]
+            queue.next_front[v] = queue.first_front[front[1]]
+            queue.first_front[front[1]] = v
+    return members, parent
+
+
+@njit(cache=True)
+def _grow(array: Ints, least: int) -> Ints:
+    """Return a longer array that begins with this one."""
+    out = np.empty(max(2 * len(array), least), np.int64)
+    for i in range(len(array)):
+        out[i] = array[i]
+    return out
+
+
+@njit(cache=True)
+def _begin_of(members: Members, v: int) -> int:
+    """Where the variables of a front begin."""
+    return members.ends[v - members.begin - 1] if v > members.begin else 0
+
+
+@njit(cache=True)
+def _insert(variable: int, v: int, stamp: Ints, front: Ints, many: int) -> int:
+    """Insert a variable into the sorted front of `v`, unless it is there; return how many it has."""
+    if stamp[variable] == v:
+        return many
+    stamp[variable] = v
+    k = many
+    while front[k - 1] > variable:
+        front[k] = front[k - 1]
+        k -= 1
+    front[k] = variable
+    return many + 1
+
+
+@njit(cache=True)
+def _shape_fronts(members: Members, parent: Ints, size: Ints, end: int) -> Fronts:
+    """Make the fronts, parents first, their rows not filled."""
+    count, first, filled = len(parent), first_columns(size), 0
+    begins, at, column = np.zeros(count + 1, np.int64), np.zeros(count + 1, np.int64), np.empty(0, np.int64)
+    sizes, firsts, parents = np.empty(count, np.int64), np.empty(count, np.int64), np.full(count, -1)
+    for i in range(count):
+        v = end - 1 - i
+        sizes[i], firsts[i] = size[v], first[v]
+        if 0 <= parent[v - members.begin] < end:
+            parents[i] = end - 1 - parent[v - members.begin]
+        for k in range(_begin_of(members, v), members.ends[v - members.begin]):
+            w = members.member[k]
+            if filled + size[w] > len(column):
+                column = _grow(column, 64 * count)
+            for c in range(first[w], first[w + 1]):
+                column[filled] = c
+                filled += 1
+        begins[i + 1] = filled
+        at[i + 1] = at[i] + size[v] * (filled - begins[i])
+    return Fronts(sizes, firsts, parents, begins, column[:filled].copy(), at, np.empty(0))
+
+
+@njit(cache=True)
+def _plan_rest(members: Members, parent: Ints, queue: Queue, size: Ints, end: int) -> tuple[Factors, Ints, int]:
+    """Plan where the triangle of each front (C,) goes: to a place of those that are used again, or to a factor left.
+
+    Returns the factors left, without their numbers, the place or factor, and the number of places.
+    """
+    count, places, lefts, frees, filled = len(parent), 0, 0, 0, 0
+    slot, free, rows = np.full(count, -1), np.empty(count, np.int64), np.zeros(count, np.int64)
+    begins, at, member = np.zeros(count + 1, np.int64), np.zeros(count + 1, np.int64), np.empty(0, np.int64)
+    for c in range(count):
+        v = members.begin + c
+        below = queue.first_front[v]
+        while below >= 0:
+            free[frees] = slot[below - members.begin]
+            frees += 1
+            below = queue.next_front[below]
+        if parent[c] >= end:
+            slot[c] = lefts
+            for k in range(_begin_of(members, v) + 1, members.ends[c]):
+                if filled == len(member):
+                    member = _grow(member, 64)
+                member[filled] = members.member[k]
+                rows[lefts] += size[members.member[k]]
+                filled += 1
+            lefts += 1
+            begins[lefts] = filled
+            at[lefts] = at[lefts - 1] + rows[lefts - 1] * (rows[lefts - 1] + 1)
+        elif parent[c] >= 0:
+            frees -= 1
+            if frees < 0:
+                slot[c], frees, places = places, 0, places + 1
+            else:
+                slot[c] = free[frees]
+    left = Factors(begins[: lefts + 1], member[:filled], rows[:lefts], at[: lefts + 1], np.empty(0))
+    return left, slot, places
 
 
 def eliminate_factors(
@@ -40,8 +329,10 @@ def eliminate_factors(
     plan, fronts, left = plan_elimination(factors, size, begin, end)
     fronts, left = (
         fronts._replace(rows=empty_column(int(fronts.at[-1]))),
-        left._replace(values=_zero_column(left.at[-1])),
+        left._replace(values=empty_column(int(left.at[-1]))),
     )
+    left.values[:] = 0.0
+    drop_pages()
     right = np.zeros(int(plan.columns[-1]))
     work, kept = _prepare(factors, fronts, len(right), plan.slots)
     error, determined = 0.0, True
@@ -50,14 +341,6 @@ def eliminate_factors(
         if not determined:
             break
     return fronts, right, error, left, determined
-
-
-def _zero_column(count: int) -> Floats:
-    """Return as many zeros, in a file where they are many."""
-    column = empty_column(int(count))
-    column[:] = 0.0
-    drop_pages()
-    return column
 
 
 @njit(cache=True)
@@ -74,18 +357,36 @@ def _fill_fronts(
     stop: int,
 ) -> tuple[float, bool]:
     """Eliminate the variables `first <= v < stop` as planned; add to twice the error; return whether all went."""
-    queue, begin, end = plan.queue, plan.begin, plan.end
+    queue, slot, begin, end = plan.queue, plan.slot, plan.begin, plan.end
     for v in range(first, stop):
+        # Clear the triangle, and note the place of each column in it.
         i = end - 1 - v
-        d, n = fronts.size[i], _clear(fronts, i, work)
-        error += _take_fronts(plan, v, fronts, kept, work, n)
+        d, column = fronts.size[i], fronts.begins[i]
+        n = int(fronts.begins[i + 1] - column)
+        for k in range(n):
+            work.place[fronts.column[column + k]] = k
+            for j in range(n + 1):
+                work.triangle[k, j] = 0.0
+        # What is left of the fronts below: the first as the triangle, the others as new rows.
+        below = queue.first_front[v]
+        if below >= 0:
+            _place(kept[slot[below - begin]], fronts, end - 1 - below, work.place, work.triangle, n, True)
+            below = queue.next_front[below]
+        of_fronts = 0.0
+        while below >= 0:
+            rows = _place(kept[slot[below - begin]], fronts, end - 1 - below, work.place, work.new, n, False)
+            of_fronts += _reflect(work, n, rows)
+            below = queue.next_front[below]
+        error += of_fronts
+        # Its factors.
         error += _take_factors(factors, queue.first_factor[v], queue.next_factor, plan.columns, work, n)
+        # Its own rows are kept; what is left on its separator goes up, or stays as a factor.
         if not _keep_rows(fronts, i, work, right):
             return error, False
         if n > d and plan.parent[v - begin] < end:
-            _copy_triangle(work.triangle, d, n, kept[plan.slot[v - begin]])
+            _copy_triangle(work.triangle, d, n, kept[slot[v - begin]])
         elif n > d:
-            k = plan.slot[v - begin]
+            k = slot[v - begin]
             _copy_triangle(work.triangle, d, n, left.values[left.at[k] : left.at[k + 1]].reshape(n - d, n - d + 1))
     return error, True
 
@@ -112,33 +413,6 @@ def _prepare(factors: Factors, fronts: Fronts, columns: int, slots: int) -> tupl
 
 
 @njit(cache=True)
-def _clear(fronts: Fronts, i: int, work: Work) -> int:
-    """Clear the triangle for a front, note where its columns are, and return how many it has."""
-    begin = fronts.begins[i]
-    n = int(fronts.begins[i + 1] - begin)
-    for k in range(n):
-        work.place[fronts.column[begin + k]] = k
-        for j in range(n + 1):
-            work.triangle[k, j] = 0.0
-    return n
-
-
-@njit(cache=True)
-def _take_fronts(plan: Plan, v: int, fronts: Fronts, kept: Floats, work: Work, n: int) -> float:
-    """Take what is left of the fronts below, the first as the triangle, the others as rows; return twice an error."""
-    queue, slot, begin, end = plan.queue, plan.slot, plan.begin, plan.end
-    below, error = queue.first_front[v], 0.0
-    if below >= 0:
-        _place(kept[slot[below - begin]], fronts, end - 1 - below, work.place, work.triangle, n, True)
-        below = queue.next_front[below]
-    while below >= 0:
-        rows = _place(kept[slot[below - begin]], fronts, end - 1 - below, work.place, work.new, n, False)
-        error += _reflect(work, n, rows)
-        below = queue.next_front[below]
-    return error
-
-
-@njit(cache=True)
 def _place(left: Floats, fronts: Fronts, below: int, place: Ints, out: Floats, n: int, as_triangle: bool) -> int:
     """Put what is left of the front `below` into the columns of a front, of which there are `n`; return its rows."""
     begin = fronts.begins[below] + fronts.size[below]
@@ -162,26 +436,21 @@ def _take_factors(factors: Factors, f: int, after: Ints, columns: Ints, work: Wo
         if rows + factors.rows[f] > len(work.new) - 3:
             error += _reflect(work, n, rows)
             rows = 0
-        rows = _add_factor(factors, f, columns, work, n, rows)
+        # Its rows behind the new ones.
+        e = factors.at[f]
+        for k in range(rows, rows + factors.rows[f]):
+            for j in range(n):
+                work.new[k, j] = 0.0
+            for m in range(factors.begins[f], factors.begins[f + 1]):
+                v = factors.member[m]
+                for column in range(columns[v], columns[v + 1]):
+                    work.new[k, work.place[column]] = factors.values[e]
+                    e += 1
+            work.new[k, n] = factors.values[e]
+            e += 1
+        rows += int(factors.rows[f])
         f = after[f]
     return error + _reflect(work, n, rows)
-
-
-@njit(cache=True)
-def _add_factor(factors: Factors, f: int, columns: Ints, work: Work, n: int, rows: int) -> int:
-    """Add the rows of a factor to the new ones; return how many they are."""
-    e = factors.at[f]
-    for k in range(rows, rows + factors.rows[f]):
-        for j in range(n):
-            work.new[k, j] = 0.0
-        for m in range(factors.begins[f], factors.begins[f + 1]):
-            v = factors.member[m]
-            for column in range(columns[v], columns[v + 1]):
-                work.new[k, work.place[column]] = factors.values[e]
-                e += 1
-        work.new[k, n] = factors.values[e]
-        e += 1
-    return rows + int(factors.rows[f])
 
 
 @njit(cache=True)
@@ -202,40 +471,30 @@ def _reflect(work: Work, n: int, rows: int) -> float:
         top = triangle[k, k]
         length = np.sqrt(top * top + square)
         head = top + length if top >= 0.0 else top - length
+        # The products of column k with those behind it.
         for j in range(k + 1, n + 1):
             dot[j] = head * triangle[k, j]
-        _add_products(new, k, n, rows, dot)
+        for r in range(0, rows, 4):
+            a, b, c, d = new[r, k], new[r + 1, k], new[r + 2, k], new[r + 3, k]
+            for j in range(k + 1, n + 1):
+                dot[j] += a * new[r, j] + b * new[r + 1, j] + c * new[r + 2, j] + d * new[r + 3, j]
+        # Column k, so many times, off the columns behind it.
         for j in range(k + 1, n + 1):
             dot[j] *= 2.0 / (head * head + square)
             triangle[k, j] -= head * dot[j]
-        _take_off(new, k, n, rows, dot)
+        for r in range(0, rows, 4):
+            a, b, c, d = new[r, k], new[r + 1, k], new[r + 2, k], new[r + 3, k]
+            for j in range(k + 1, n + 1):
+                y = dot[j]
+                new[r, j] -= a * y
+                new[r + 1, j] -= b * y
+                new[r + 2, j] -= c * y
+                new[r + 3, j] -= d * y
         triangle[k, k] = -length if top >= 0.0 else length
     error = 0.0
     for r in range(rows):
         error += new[r, n] * new[r, n]
     return error
-
-
-@njit(cache=True)
-def _add_products(new: Floats, k: int, n: int, rows: int, dot: Floats) -> None:
-    """Add to `dot` the products of column `k` of the new rows with those behind it."""
-    for r in range(0, rows, 4):
-        a, b, c, d = new[r, k], new[r + 1, k], new[r + 2, k], new[r + 3, k]
-        for j in range(k + 1, n + 1):
-            dot[j] += a * new[r, j] + b * new[r + 1, j] + c * new[r + 2, j] + d * new[r + 3, j]
-
-
-@njit(cache=True)
-def _take_off(new: Floats, k: int, n: int, rows: int, dot: Floats) -> None:
-    """Take column `k` of the new rows times `dot` off the columns behind it."""
-    for r in range(0, rows, 4):
-        a, b, c, d = new[r, k], new[r + 1, k], new[r + 2, k], new[r + 3, k]
-        for j in range(k + 1, n + 1):
-            y = dot[j]
-            new[r, j] -= a * y
-            new[r + 1, j] -= b * y
-            new[r + 2, j] -= c * y
-            new[r + 3, j] -= d * y
 
 
 @njit(cache=True)

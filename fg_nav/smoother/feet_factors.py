@@ -1,9 +1,9 @@
-"""Factors between the two feet of one person (`factors.two_feet`).
+"""Factors between the two feet of one person (`factors.same_place`).
 
 In each cell of steps (`feet.steps`) the mean places of both feet are beside each other. The mean places are points next
-to the footfalls nearest to the middle of the cell, as each path has them: what a path is bent by within a cell is
-less than what steps differ by. Along the way the mean is as good as a person steps evenly, across as one keeps the
-width, and up as the sensors are worn alike and the floor is level across.
+to the footfalls nearest to the middle of the cell, as each path has them: what a path is bent by within a cell is less
+than what steps differ by. Along the way the mean is as good as a person steps evenly, across as one keeps the width,
+and up as the sensors are worn alike and the floor is level across.
 
 Where for long there is no cell, pairs of footfalls are tied by nothing, with a weight of zero: they say nothing, and
 keep both feet's joint covariance there for the sigmas of the person.
@@ -22,37 +22,24 @@ from gtsam.symbol_shorthand import X
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.factors.residual import LETTER_SHIFT, Keys, Stack
-from fg_nav.factors.same_place import weigh_place
-from fg_nav.factors.two_feet import BesideEachOther, WithinReach
+from fg_nav.factors.same_place import BesideEachOther, WithinReach, weigh_place
 from fg_nav.feet.steps import MAX_S, Footfalls, average_cells
 from fg_nav.samples.gaps import find_holes
 from fg_nav.smoother.graph import WalkProblem
-from fg_nav.smoother.place_factors import find_footfalls
+from fg_nav.smoother.places import find_footfalls
 from fg_nav.smoother.solver import list_poses
 
-ALONG_SIGMA_M, ACROSS_SIGMA_M, UP_SIGMA_M = 0.08, 0.05, 0.04
-"""Of the mean places of a cell of a short walk. Those of motion-captured feet in laps: 0.03, 0.02 and 0.005 m; people
-on stairs and with a load step less evenly."""
-
+ALONG_SIGMA_M, ACROSS_SIGMA_M, UP_SIGMA_M = 0.08, 0.05, 0.04  # Of a cell of a short walk; laps 0.03, 0.02, 0.005.
 STEPS_HALF = 2.0  # Steps of a cell in whose mean they differ as much as what a person does alike from step to step.
-
-WIDTH_M, WIDTH_SIGMA_M = 0.15, 0.1
-"""Between the sensors of both feet, across the way: people walk 0.05 to 0.2 m wide, and wear sensors on the outside."""
-
-STAND_SIGMA_M, STAND_UP_SIGMA_M, STAND_SHARE = 0.25, 0.15, 0.5
-"""Between feet of who stands still, and of the usual time of a stride for how long: who walks has both feet on the
-ground for a tenth to a fourth of it, a step apart."""
-
-SAME_STAND_M, MAX_GROWN_SIGMA, NEAR_FOOTFALLS = 0.1, 2.0, 4
-"""Of feet that have not moved since; of sigmas of a stand, as nobody who walks has both feet on the ground for half of
-a stride's time; and how many footfalls of the one foot are looked at during one of the other."""
-
+WIDTH_M, WIDTH_SIGMA_M = 0.15, 0.1  # Between the sensors: people walk 0.05 to 0.2 m wide, with sensors outside.
+STAND_SIGMA_M, STAND_UP_SIGMA_M = 0.25, 0.15  # Between the feet of a person who stands still.
+STAND_SHARE = 0.5  # Of the usual time of a stride: who walks has both feet on the ground for a tenth to a fourth of it.
+SAME_STAND_M = 0.1  # Between stands of feet that have not moved since.
+MAX_GROWN_SIGMA = 2.0  # Of a stand: nobody who walks has both feet on the ground for half of a stride's time.
+NEAR_FOOTFALLS = 4  # Of the one foot, that are compared with one of the other.
 REACH_M, REACH_SIGMA_M = 1.2, 0.1  # Between two standing feet: what a tall person lunges, and soft edges.
 FLIGHT_M_S, MAX_FLIGHT_S = 3.0, 0.3  # Where neither is seen to stand the person moves on, and is not asked for longer.
-
-WATCHED_S = 15.0
-"""From the nearest cell, from which on a pair of footfalls is tied by nothing. Cells of long walks are 20 s apart."""
-
+WATCHED_S = 15.0  # From the nearest cell, beyond which pairs are tied by nothing: cells of long walks are 20 s apart.
 RIGHT = np.uint64(1 << 40)  # Added to the keys of the right foot's variables in the graph of both.
 WIDTH = np.uint64(ord("w") << LETTER_SHIFT)  # Key of the width.
 
@@ -168,7 +155,11 @@ def tie_feet(right: WalkProblem, left: WalkProblem, values: FeetValues) -> Footf
     *stands, stand_sigma = _find_stands(right, left, feet)
     # Each footfall in one tie only.
     free = [np.setdiff1d(np.arange(len(foot)), taken) for foot, taken in zip(feet, stands, strict=True)]
-    nearest = [_number_in_order(find_footfalls(cells.t, foot.t[one])) for foot, one in zip(feet, free, strict=True)]
+    count = np.arange(len(cells))
+    nearest = [
+        np.maximum.accumulate(find_footfalls(cells.t, foot.t[one]) - count) + count
+        for foot, one in zip(feet, free, strict=True)
+    ]
     cells = cells.take((nearest[0] < len(free[0])) & (nearest[1] < len(free[1])))
     by_tie = [
         np.concatenate([one[near[: len(cells)]], taken]) for one, near, taken in zip(free, nearest, stands, strict=True)
@@ -191,7 +182,12 @@ def tie_feet(right: WalkProblem, left: WalkProblem, values: FeetValues) -> Footf
     in_body = [np.concatenate([one, np.zeros((len(stand_sigma), 3))]) for one in in_body]
     near = np.array([STAND_SIGMA_M, STAND_SIGMA_M, STAND_UP_SIGMA_M])
     weight = np.concatenate([weight, np.eye(3) / (near * stand_sigma[:, None])[:, None]])
-    residuals = BesideEachOther(*(_append_zeros(one, len(of_right)) for one in (*in_body, in_left, weight)))
+    # Pairs that nothing ties have a weight of zero.
+    rows = [
+        np.concatenate([one, np.zeros((len(of_right) - len(one), *one.shape[1:]))])
+        for one in (*in_body, in_left, weight)
+    ]
+    residuals = BesideEachOther(*rows)
     return FootfallTies(of_right, of_left, *node, residuals, len(cells))
 
 
@@ -216,16 +212,6 @@ def _find_stands(right: WalkProblem, left: WalkProblem, feet: tuple[Footfalls, F
             placed.append(place)
     of_right, of_left, grown_by = (np.array(column) for column in zip(*pairs, strict=True)) if pairs else ([], [], [])
     return np.asarray(of_right, np.int64), np.asarray(of_left, np.int64), np.asarray(grown_by, np.float64)
-
-
-def _number_in_order(at: Ints) -> Ints:
-    """Raise places (C,) in a list until each is after the one before."""
-    count = np.arange(len(at))
-    return np.asarray(np.maximum.accumulate(at - count) + count)
-
-
-def _append_zeros(values: Floats, rows: int) -> Floats:
-    return np.concatenate([values, np.zeros((rows - len(values), *values.shape[1:]))])
 
 
 def _watch_between(feet: tuple[Footfalls, Footfalls], *by_tie: Ints) -> list[Ints]:

@@ -1,9 +1,13 @@
-"""The magnetic field along a smoothed walk: what it shows there, and the factors that it is to have in the next round.
+"""The magnetic field along a smoothed walk: factors of it, and rounds of making them and smoothing again.
 
-    attitudes      -> field at each footfall, in nav
-    gate           -> how much more or less than the walk's spread a footfall's compass may deviate
-    deviations     -> roughness of the field
-    all of these   -> readings of the compass, prior of the field's state, direction in which it is expected
+    drift              -> values to start from, with a heading that drifted far bent back
+    trajectory         -> line integrals of the field over the strides, which no heading changes
+    repeat a few times
+        attitudes      -> field at each footfall, in nav
+        gate           -> how much more or less than the walk's spread a footfall's compass may deviate
+        deviations     -> roughness of the field
+        all of these   -> readings of the compass, prior of the field's state, direction in which it is expected
+        walk and field -> solution
 
 Every footfall with a reading has its compass. The gate (`FieldParameters.gate`) is a detector of `magnetic.detectors`,
 judged with the attitudes of the round: with T_k its statistic, of n squares, and the walk's white spread of the field
@@ -11,10 +15,22 @@ judged with the attitudes of the round: with T_k its statistic, of n squares, an
     sigma_k^2 = noise^2 + white^2 (2 + n T_k / median T) / (2 + n)         (`magnetic.quasi_static.weigh_statistic`)
 
 from the noise of a quiet field to none of the information. What deviates alike for metres and in whole regions are
-states (`roughness`). The iron of the magnetometer has the prior of its calibration.
+states (`field_factors`). The iron of the magnetometer has the prior of its calibration. Whether the line integrals are
+used is decided by the evidence of the walk; where its potential jumps the strides are left out (`potential`).
 
-Whether a heading is given turns the path and changes nothing else: where it is, the direction of the field is free;
-where it is not, the start is, and north is where the field points.
+Whether a heading is given turns the path and changes nothing else: where it is, the direction of the field is free,
+estimated about the heading; where it is not, the start is, the walk is first turned to the field, and north is where
+the field points.
+
+Drift. Gauss-Newton steps find the heading by the compass where it is off by less than a radian: its residual has a
+second zero half a turn away. Without the field a heading drifts by more in minutes where no rest shows the bias, and in
+hours anywhere. So the values from which the solver starts are bent back; the minimum stays where it is. With z_k the
+field over ground at footfall k as the drifting heading has it, a complex number, and t_k the time,
+
+    rate     r = argmax  |sum z_k exp(-i r t_k)| / mean |z| - r^2 / (2 sigma_r^2)        a constant bias
+    drift_k  = r t_k + angle of the mean of z exp(-i r t) over `WINDOW` footfalls about k, less that of the first
+
+each node is turned by minus what the drift is there, and so is each move from node to node.
 """
 
 from __future__ import annotations
@@ -23,38 +39,51 @@ from dataclasses import dataclass, replace
 
 import gtsam
 import numpy as np
+from gtsam.symbol_shorthand import X
 
 from fg_nav.arrays import Floats
 from fg_nav.factors.magnetic_field import E_H, IRON, FieldPrior
 from fg_nav.magnetic import FootfallField
 from fg_nav.magnetic.quasi_static import UNKNOWN, FieldVerdicts, apply_gate, weigh_statistic
-from fg_nav.smoother.field_factors import CompassReadings, FieldFactors, FieldPath, integrate_path
-from fg_nav.smoother.graph import Trajectory, WalkProblem
+from fg_nav.smoother.dense_path import Trajectory
+from fg_nav.smoother.field_factors import (
+    CompassReadings,
+    FieldFactors,
+    FieldPath,
+    FieldRoughness,
+    Roughness,
+    deviate_along,
+    integrate_path,
+    measure_roughness,
+)
+from fg_nav.smoother.gauss_newton import CONVERGENCE, FIRST_CONVERGENCE
+from fg_nav.smoother.graph import UNKNOWN_HEADING_DEG, StartPrior, WalkProblem, solve, turn_walk
 from fg_nav.smoother.parameters import FieldParameters
-from fg_nav.smoother.roughness import FieldRoughness, Roughness, deviate_along, measure_roughness
-from fg_nav.smoother.solver import list_attitudes
+from fg_nav.smoother.potential import average_path_noise, describe_jumps, free_jumps
+from fg_nav.smoother.solver import Solved, list_attitudes
+from fg_nav.smoother.strides import Nodes
+from fg_nav.system.memory import return_freed
 
-COMPASS_SIGMA_UT = 0.3
-"""Noise of a footfall's mean field, uT: what levelling and a soft sole leave, white from stride to stride."""
-
+COMPASS_SIGMA_UT = 0.3  # Noise of a footfall's mean field, white: what levelling and a soft sole leave.
 STRENGTH_SIGMA_UT = 5.0  # Horizontal strength of the field about the walk's median, uT.
-
-LEFT_IRON_LEVEL_UT, LEFT_IRON_UP_UT = 0.3, 4.0
-"""What a calibration leaves, one sigma an axis. Upward it turns forward in the swing, and stands for all that adds up
-along the path in all strides alike: soft iron, delay, tilt. Line integrals of 21 closed walks end off by 0.1 to 2 uT
-times their length, of which iron upward makes a third."""
-
+LEFT_IRON_LEVEL_UT = 0.3  # Hard iron that a calibration leaves, one sigma, level axes.
+LEFT_IRON_UP_UT = 4.0  # Upward: all that adds up along the path alike, soft iron, delay, tilt; by 21 closed walks.
 MIN_STRENGTH_UT = 3.0  # Horizontal strength below which there is no compass.
 MIN_SEEN = 4  # Footfalls with a field without which it is not used.
 FOUND_SIGMA_DEG = 60.0  # Sigma of the field's direction where only the field shows it.
 DECLINATION_SIGMA_DEG = 0.05  # Where the heading was not given, north is magnetic north by definition.
+MIN_WINDOW, MAX_WINDOW = 40, 1024  # Footfalls: 40 on a rough floor show a heading to 10 deg, a kilometre to 1 deg.
+PIECES = 6  # Windows of a walk, within these bounds.
+RATE_SIGMA_RAD_S = float(np.radians(0.3))  # Of the drift before the field has shown it: an uncalibrated bias.
+MAX_RATES = 4096  # That are tried at most, half a radian apart at the end of the walk where there are enough.
+MIN_DRIFT_RAD = 0.3  # Below it the solver needs no help.
 
 
 @dataclass(frozen=True)
 class FieldVerdict:
-    """What the smoother made of the field at the footfalls, as in a stance table, and notes.
+    """Verdicts on the field at the footfalls, as in a stance table, and notes.
 
-    The words are the detector's verdicts; what a footfall's compass counts is its weight.
+    The words are the detector's; what a footfall's compass counts is its weight.
     """
 
     words: tuple[str, ...]
@@ -84,6 +113,109 @@ class FieldResiduals:
         return weigh_compass(self.sigma_uT, self.rough)
 
 
+@dataclass(frozen=True)
+class FieldWalk:
+    """A walk before it is solved with its field, turned to it where no heading was given; the integrals along it."""
+
+    problem: WalkProblem
+    field: FootfallField
+    path: FieldPath
+
+
+@dataclass(frozen=True)
+class FieldSolution:
+    """A walk solved with its field: the problem of the last round, its minimum, the states (F, 9), and the verdict."""
+
+    problem: WalkProblem
+    solved: Solved
+    states: Floats
+    verdict: FieldVerdict
+
+
+def sample_field(problem: WalkProblem, field: FootfallField, track: Trajectory) -> FieldWalk:
+    """Sample the field along a walk, whose values are near its minimum without it; `track` is their trajectory."""
+    path = integrate_field(problem, field, track)
+    nav_R_body = list_attitudes(problem.nodes.result, problem.values)
+    values = remove_drift(problem.values, problem.nodes, rotate_field(field, nav_R_body), field.t)
+    problem = replace(problem, values=values)
+    if problem.heading_known:
+        return FieldWalk(problem, field, path)
+    # Turned about up, so that its mean field points north; its start is free.
+    values = gtsam.Values(values)
+    mean = np.nanmean(rotate_field(field, list_attitudes(problem.nodes.result, values)), axis=0)
+    turn_walk(values, problem.nodes, float(np.arctan2(*mean[:2])))
+    start = StartPrior(values.atPose3(X(0)).rotation().matrix(), float(np.radians(UNKNOWN_HEADING_DEG)))
+    return FieldWalk(replace(problem, values=values, start=start), field, path)
+
+
+def solve_with_field(walk: FieldWalk) -> FieldSolution:
+    """Smooth a walk with its field, in rounds."""
+    problem, field, path, noise_notes = walk.problem, walk.field, walk.path, tuple[str, ...]()
+    p = problem.parameters.magnetic
+    # The first round, without the heading: it finds the direction in which the field is expected.
+    residuals = compare_field(problem, field, problem.values, path, None, p)
+    problem = add_field_factors(problem, field, residuals, path, p)
+    values = gtsam.Values(problem.values)
+    problem.field_factors.insert(values)
+    problem = replace(problem, values=values)
+    close = CONVERGENCE if p.rounds == 1 else FIRST_CONVERGENCE
+    problem, solved = free_jumps(problem, solve(problem, close), close)
+    for _ in range(p.rounds - 1):
+        # Spread and weights of the compass by the smoothed walk, whose triangle is freed.
+        factors, solved = problem.field_factors, solved.free_root()
+        residuals = compare_field(problem, field, solved.values, factors.path, factors.states(solved.values), p)
+        problem = add_field_factors(problem, field, residuals, factors.path, p)
+        # The noise of the line integrals by its evidence.
+        factors = problem.field_factors
+        if len(factors.potential):
+            noise = average_path_noise(problem, solved.values)
+            problem, noise_notes = (
+                replace(problem, field=factors.assume_lost_share(noise.lost_share)),
+                (noise.note,),
+            )
+        # And solved again.
+        problem = replace(problem, values=solved.values)
+        return_freed()
+        problem, solved = free_jumps(problem, solve(problem))
+    states, verdicts = problem.field_factors.states(solved.values), residuals.verdicts
+    notes = (*write_notes(residuals, states), *noise_notes, *describe_jumps(problem, solved))
+    weight = residuals.compass_weight
+    verdict = FieldVerdict(verdicts.words, verdicts.reason, notes, verdicts.statistic, weight)
+    return FieldSolution(problem, solved, states, verdict)
+
+
+def measure_drift(nav_field: Floats, t: Floats) -> Floats:
+    """Return by how much the heading drifts (F,) rad, counter-clockwise, by the field (F, 3) uT; NaN rows are not seen.
+
+    `t` (F,) s of the footfalls. Zero where there are fewer than two windows.
+    """
+    window = int(np.clip(len(nav_field) // PIECES, MIN_WINDOW, MAX_WINDOW))
+    if len(nav_field) < 2 * window:
+        return np.zeros(len(nav_field))
+    level, since = np.nan_to_num(nav_field[:, 0] + 1j * nav_field[:, 1]), t - t[0]
+    # The rate of a constant bias.
+    spread = np.abs(level).mean()
+    count = min(MAX_RATES, 3 + 2 * int(8.0 * RATE_SIGMA_RAD_S * since[-1]))
+    rates = np.linspace(-4.0, 4.0, count) * RATE_SIGMA_RAD_S
+    shown = np.array([np.abs((level * np.exp(-1j * rate * since)).sum()) for rate in rates]) / spread
+    rate = rates[np.argmax(shown - 0.5 * (rates / RATE_SIGMA_RAD_S) ** 2)]
+    # What is left of it, in windows.
+    total = np.append(0.0, np.cumsum(level * np.exp(-1j * rate * since)))
+    middle = np.arange(window // 2, len(level) - window // 2 + 1)
+    angle = np.unwrap(np.angle(total[middle + window // 2] - total[middle - window // 2]))
+    return np.asarray(rate * since + np.interp(np.arange(len(level)), middle, angle - angle[0]))
+
+
+def remove_drift(values: gtsam.Values, nodes: Nodes, nav_field: Floats, t: Floats) -> gtsam.Values:
+    """Return the values of a walk with its heading bent back where it has drifted far, else as they are."""
+    drift = measure_drift(nav_field, t)
+    if np.ptp(drift) < MIN_DRIFT_RAD:
+        return values
+    bent = gtsam.Values(values)
+    turn_walk(bent, nodes, -np.interp(np.arange(len(nodes)), nodes.result, drift))
+    return bent
+
+
 def compass_sigma(variance: Floats, rough: FieldRoughness) -> Floats:
     """Sigma (...) uT of compasses, by their variance over that of the walk's (`quasi_static.weigh_statistic`)."""
     return np.asarray(np.hypot(COMPASS_SIGMA_UT, rough.white_uT * np.sqrt(variance)))
@@ -95,7 +227,7 @@ def weigh_compass(sigma_uT: Floats, rough: FieldRoughness) -> Floats:
 
 
 def find_obstacle(field: FootfallField | None, p: FieldParameters) -> str:
-    """Say why the field of a walk shows no heading; empty where it does."""
+    """Return why the field of a walk shows no heading; empty where it does."""
     if field is None:
         return "the magnetometer was not used"
     seen = np.isfinite(field.strength)
@@ -164,12 +296,7 @@ def add_field_factors(
 ) -> WalkProblem:
     """Add the factors of the field to a walk, in place of those of the round before."""
     readings = CompassReadings(problem.nodes.result, field.body_field, residuals.nav_R_body, residuals.sigma_uT)
-    prior = _expect_field(problem, field, residuals, path)
-    return replace(problem, field=FieldFactors(readings, path, prior, residuals.rough, p))
-
-
-def _expect_field(problem: WalkProblem, field: FootfallField, residuals: FieldResiduals, path: FieldPath) -> FieldPrior:
-    """Prior of the first state: the mean field, north by definition where no heading was given, and the iron."""
+    # Prior of the first state: the mean field, north by definition where no heading was given, and the iron.
     strength, rough = float(np.linalg.norm(np.median(residuals.reference, axis=0))), residuals.rough
     east, north, direction_sigma = 0.0, strength, np.radians(DECLINATION_SIGMA_DEG)
     if problem.heading_known:
@@ -180,11 +307,12 @@ def _expect_field(problem: WalkProblem, field: FootfallField, residuals: FieldRe
     iron = np.sqrt(path.level_R_body**2 @ field.iron_sigma_uT[0] ** 2 + left**2)
     spreads = rough.potential.sigma, rough.across.sigma, rough.regional.sigma, rough.regional.sigma
     sigma = np.array([*spreads, direction_sigma * strength, STRENGTH_SIGMA_UT, *iron])
-    return FieldPrior(np.array([0.0, 0.0, 0.0, 0.0, east, north, 0.0, 0.0, 0.0]), sigma)
+    prior = FieldPrior(np.array([0.0, 0.0, 0.0, 0.0, east, north, 0.0, 0.0, 0.0]), sigma)
+    return replace(problem, field=FieldFactors(readings, path, prior, residuals.rough, p))
 
 
 def write_notes(residuals: FieldResiduals, states: Floats) -> tuple[str, ...]:
-    """Write what was found of the field, with its states (F, 9)."""
+    """Write notes on the field, with its states (F, 9)."""
     east, north = np.median(states[:, E_H], axis=0)
     forward, left, up = states[-1, IRON]
     rough, used, count = residuals.rough, int(np.isfinite(residuals.sigma_uT).sum()), len(residuals.sigma_uT)

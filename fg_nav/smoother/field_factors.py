@@ -2,7 +2,7 @@
 
     magnetic heading   (X_k, M_k)              compass of each footfall, weighed by the gate
     field potential    (X_k, M_k, M_k+1)       line integral of the field over the stride
-    transition         (M_k, M_k+1)            by how rough the field is (`roughness`)
+    transition         (M_k, M_k+1)            by how rough the field is
     prior              (M_0)                   by direction and strength
 
 Path. The line integrals come from the first trajectory of the walk. With y the body field and nav_T_body the
@@ -16,13 +16,25 @@ body axes into those of a stance: x forward as far as level, z up. A stride whos
 measured nothing, and one with a hole in its samples neither: that may have been as long as a person walks. The
 trajectory must be good within a stride; where it is and which way it heads makes no difference to u, s, d and w. Its
 tilt does: by w_k the residual follows the tilt of the pose at footfall k.
+
+Roughness. At footfall k the field deviates from the walk's mean by e_k over the ground, uT an axis, and in potential by
+phi_k, uT m. What lies within a stride of the footfall is its own; what a larger object does is alike for metres; what a
+corridor or a wing does, for tens of them. Along the path, with s_kj the way between two footfalls,
+
+    cov(e_k, e_j) = white^2 [k = j] + across^2 exp(-s_kj / length) + regional^2 exp(-s_kj / 60 m).
+
+The variance of e is that of the walk, deviations clipped at 4 robust sigmas. How much of it is alike, and for how long,
+fits the walk's own covariances at 1 to 32 strides by least squares, weighted by their pairs, with an assumption that is
+worth `ASSUMED_PAIRS`. Only the deviation along the mean field counts, which no heading hides; before the field has
+shown the heading, its level strength. The potential, of `POTENTIAL_PER_FIELD_M` times the spread, has no white part,
+
+    x_k = a_k x_{k-1} + w_k,    a_k = exp(-distance_k / length),    sd(w_k) = sigma sqrt(1 - a_k^2).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from itertools import chain, pairwise
+from itertools import pairwise
 
 import gtsam
 import numpy as np
@@ -42,26 +54,134 @@ from fg_nav.factors.magnetic_field import (
     MagneticHeading,
     integrate_field,
 )
-from fg_nav.factors.residual import ResidualBlock, Stack, factor_of, linear_factor_of, one_of
+from fg_nav.factors.residual import ResidualBlock, factor_of
 from fg_nav.frames import level_attitude
 from fg_nav.samples.gaps import cross_holes
 from fg_nav.smoother.parameters import FieldParameters
-from fg_nav.smoother.roughness import FieldRoughness, split_potential
+from fg_nav.smoother.preintegration import WALKING_M_S, walk_for
 from fg_nav.smoother.solver import GtsamFactors, LinearizableBlock
-from fg_nav.smoother.unseen import WALKING_M_S, walk_for
 from fg_nav.system.spilled import BLOCK_ROWS, drop_pages
 
-MEAN_WALK_UT = 0.003
-"""By how much the building's mean field changes from stride to stride, uT: 0.1 uT over a kilometre and a half."""
-
-HARD_IRON_WALK_UT = 5e-3
-"""Its random walk from stride to stride, uT: 0.16 uT in a thousand. A tilt that is wrong in every swing looks like
-iron too, and changes with the gait."""
-
+REGIONAL_LENGTH_M = 60.0  # For how long a region is alike: a corridor, a wing.
+MAD_TO_SIGMA = 1.4826  # Median absolute deviation to standard deviation, of a normal distribution.
+CLIP_SIGMAS = 4.0  # At which deviations are clipped (winsorized): an outlier shall not set the scale.
+MIN_STEP_M = 0.2  # Shorter moves are no strides.
+LAGS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)  # Footfalls apart whose deviations are compared.
+LENGTHS_M = np.geomspace(1.5, 6.0, 12)  # Correlation lengths that are tried, of what is alike for metres.
+ASSUMED_PAIRS = 20.0  # Pairs at each distance that the assumptions below are worth: feet on six floors have
+ASSUMED_SHARE, ASSUMED_LENGTH_M = 0.3, 3.0  # 0.1 to 0.5 of the variance alike for 2 to 6 m,
+REGIONAL_SHARE = 0.1  # and 0.05 to 0.15 of it in regions.
+INDEPENDENT_M = 2.0  # Of the way from which on pairs of footfalls are others.
+MIN_SIGMA_UT = 0.2  # Spread of the field below which a walk's differences are the magnetometer's.
+MIN_REGIONAL_UT = 0.01  # Of a region: keeps the equations well conditioned where the field is the same everywhere.
+POTENTIAL_PER_FIELD_M = 3.0  # Spread of the potential over that of the field: 2.6 to 3.8 m along 8 real walks.
+POTENTIAL_LENGTH_M = 12.0  # Correlation length of the potential.
+MIN_INNOVATION = 1e-6  # At a footfall on the same spot: for well-conditioned equations, below the noise of an integral.
+MIN_TELESCOPING = 0.01  # Of the potential's variance, where no share of it telescopes: for well-conditioned equations.
+MEAN_WALK_UT = 0.003  # Change of the building's mean field from stride to stride: 0.1 uT over a kilometre and a half.
+HARD_IRON_WALK_UT = 5e-3  # From stride to stride, 0.16 uT in a thousand: a wrong tilt in the swing looks like iron too.
 PATH_SIGMA_UT_M = 0.1  # Noise of the line integral over a stride, uT m: sampling, and what scale errors leave.
+COARSEST_M = 0.4  # Longest move between two samples of the field in a line integral: the floor's steel is as near.
 
-COARSEST_M = 0.4
-"""Longest move between two samples of the field that a line integral passes over: the floor's steel is as near."""
+
+@dataclass(frozen=True)
+class Roughness:
+    """Of a deviation along the path: spread `sigma` (its unit) and correlation length, m."""
+
+    sigma: float
+    length_m: float
+
+    def correlation(self, distance_m: Floats) -> Floats:
+        """Correlation a of deviations that are this far apart."""
+        return np.exp(-distance_m / self.length_m)
+
+    def innovation(self, distance_m: Floats) -> Floats:
+        """Standard deviation of the innovation over a distance; above zero."""
+        return self.sigma * np.sqrt(1.0 - np.minimum(self.correlation(distance_m), 1.0 - MIN_INNOVATION) ** 2)
+
+
+@dataclass(frozen=True)
+class FieldRoughness:
+    """Of a walk: potential (uT m), deviation across the field alike for metres, of regions, and white part (uT)."""
+
+    potential: Roughness
+    across: Roughness
+    regional: Roughness
+    white_uT: float
+
+
+def split_potential(potential: Roughness, lost_share: float, distance_m: Floats) -> tuple[Roughness, Floats]:
+    """Split the changes of a potential over strides (...) of these lengths, m, of whose variance a share is lost.
+
+    Returns what telescopes, and the noise (...) of each integral that does not, uT m (`potential`). It grows with the
+    stride: pieces of a standing have none, and do not show whether the integrals of a walk telescope.
+    """
+    variance = 2.0 * potential.sigma**2 * (1.0 - potential.correlation(distance_m))
+    telescoping = max(1.0 - lost_share, MIN_TELESCOPING)
+    return replace(potential, sigma=potential.sigma * np.sqrt(telescoping)), np.sqrt(lost_share * variance)
+
+
+def robust_sigma(values: Floats) -> float:
+    """Spread about zero without the tails."""
+    return MAD_TO_SIGMA * float(np.median(np.abs(values)))
+
+
+def deviate_along(nav_field: Floats, reference: Floats) -> Floats:
+    """(F,) uT of fields (F, 3) along a horizontal one (F, 2), about its median: no heading hides it to first order."""
+    along = (nav_field[:, :2] * reference).sum(axis=1) / np.linalg.norm(reference, axis=1)
+    return np.asarray(along - np.nanmedian(along))
+
+
+def measure_roughness(deviation: Floats, seen: Bools, distance_m: Floats) -> FieldRoughness:
+    """Measure the roughness of a walk's field.
+
+    Parameters
+    ----------
+    deviation : (F,) uT along the mean field: that across it, which turns the compass, is alike, but a heading hides it.
+    seen : (F,) footfalls with a field.
+    distance_m : (F-1,) from footfall to footfall.
+    """
+    # Deviations without their outliers, zero where they are not seen.
+    x, variance = np.where(seen, deviation, 0.0), MIN_SIGMA_UT**2
+    if seen.any():
+        limit = CLIP_SIGMAS * max(robust_sigma(x[seen]), MIN_SIGMA_UT)
+        x = np.clip(x, -limit, limit)
+        variance = max(float(np.mean(x[seen] ** 2)), MIN_SIGMA_UT**2)
+    beyond_sensor = max(variance - MIN_SIGMA_UT**2, MIN_REGIONAL_UT**2)
+    across, regional = _fit_covariance(x, variance, seen, distance_m)
+    alike = float(np.sqrt(beyond_sensor / variance))
+    white_uT = float(np.sqrt(max(variance - across.sigma**2 - regional.sigma**2, 0.0)))
+    across, regional = (replace(one, sigma=max(alike * one.sigma, MIN_REGIONAL_UT)) for one in (across, regional))
+    potential = Roughness(POTENTIAL_PER_FIELD_M * float(np.sqrt(variance)), POTENTIAL_LENGTH_M)
+    return FieldRoughness(potential, across, regional, alike * white_uT)
+
+
+def _fit_covariance(x: Floats, variance: float, seen: Bools, distance_m: Floats) -> tuple[Roughness, Roughness]:
+    """Fit what of the variance of deviations (F,) is alike along the path for metres, and in regions."""
+    walked, count, apart, alike = np.append(0.0, np.cumsum(distance_m)), [], [], []
+    for lag in LAGS:
+        between = walked[lag:] - walked[:-lag]
+        pair = seen[lag:] & seen[:-lag] & (between > MIN_STEP_M) & (between < REGIONAL_LENGTH_M)
+        if pair.any():
+            count.append(float(pair.sum()))
+            apart.append(float(between[pair].mean()))
+            alike.append(float(np.mean(x[lag:][pair] * x[:-lag][pair])))
+    d = np.array(apart)
+    # Pairs that overlap show one covariance: their number falls with the distance.
+    n = np.array(count) / (1.0 + d / INDEPENDENT_M) + ASSUMED_PAIRS
+    assumed = ASSUMED_SHARE * np.exp(-d / ASSUMED_LENGTH_M) + REGIONAL_SHARE * np.exp(-d / REGIONAL_LENGTH_M)
+    c = np.array(alike) + ASSUMED_PAIRS / n * (assumed * variance - np.array(alike))
+    # Least squares of two shares that are none below zero: both, or either alone.
+    fits = []
+    for length_m in LENGTHS_M:
+        shares = np.stack([np.exp(-d / length_m), np.exp(-d / REGIONAL_LENGTH_M)], axis=1)
+        normal, right = shares.T @ (n[:, None] * shares) + 1e-9 * np.eye(2), shares.T @ (n * c)
+        both, alone = np.linalg.solve(normal, right), np.diag(np.maximum(right, 0.0) / np.diagonal(normal))
+        some = [both] if both.min() >= 0.0 else alone
+        fits += [(float(n @ (c - shares @ found) ** 2), float(length_m), found) for found in some]
+    _, length_m, found = min(fits, key=lambda one: one[0])
+    found = found * min(1.0, variance / max(float(found.sum()), MIN_SIGMA_UT**2))
+    return Roughness(float(np.sqrt(found[0])), length_m), Roughness(float(np.sqrt(found[1])), REGIONAL_LENGTH_M)
 
 
 @dataclass(frozen=True)
@@ -111,7 +231,7 @@ class FieldPath:
 
 
 class FieldFactors:
-    """The factors of a walk's field, linearized together, or one by one as factors of gtsam."""
+    """The factors of a walk's field, in `blocks` that are linearized together."""
 
     def __init__(
         self,
@@ -136,7 +256,9 @@ class FieldFactors:
         self.potential = self.integrals_over(self.strides)
         changes = transition(path.distance_m, replace(rough, potential=self.telescoping))
         self.integral_sigma, self.change_sigma = self._integral_sigma(self.strides), changes.sigma
-        self.transition = ResidualBlock(changes, list(pairwise(state)))
+        self.transition = ResidualBlock(changes, list(pairwise(state)), is_linear=True)
+        of_prior = GtsamFactors(factor_of(self.prior, state[:1]))
+        self.blocks: tuple[LinearizableBlock, ...] = (self.heading, self.potential, of_prior, self.transition)
 
     def _integral_sigma(self, stride: Ints) -> Floats:
         return np.hypot(self.path.sigma_uT_m[stride], self.drift_uT_m[stride])
@@ -152,14 +274,12 @@ class FieldFactors:
         """Return them with the potential free to jump at these strides, whose line integrals are left out, or not."""
         jumps = self.path.jumps.copy()
         jumps[stride] = jump
-        return self._with(replace(self.path, jumps=jumps), self.lost_share)
+        path = replace(self.path, jumps=jumps)
+        return FieldFactors(self.readings, path, self.prior, self.rough, self.parameters, self.lost_share)
 
     def assume_lost_share(self, share: float) -> FieldFactors:
-        """Return them with another share of the potential's changes that does not telescope (`path_noise`)."""
-        return self._with(self.path, share)
-
-    def _with(self, path: FieldPath, lost_share: float) -> FieldFactors:
-        return FieldFactors(self.readings, path, self.prior, self.rough, self.parameters, lost_share)
+        """Return them with another share of the potential's changes that does not telescope (`potential`)."""
+        return FieldFactors(self.readings, self.path, self.prior, self.rough, self.parameters, share)
 
     def compute_jumps(self, values: gtsam.Values) -> Floats:
         """(J,) uT m, by how much the integrals of the strides that were left out differ from what was expected."""
@@ -170,41 +290,13 @@ class FieldFactors:
         return np.asarray(-e[:, 0] * self._integral_sigma(stride))
 
     def insert(self, values: gtsam.Values) -> None:
-        """Put the first state at all footfalls."""
+        """Insert the first state at all footfalls."""
         for key in self._states:
             values.insert(key, self.prior.mean)
 
     def states(self, values: gtsam.Values) -> Floats:
         """(F, 9)."""
         return np.array([values.atVector(key) for key in self._states])
-
-    def error(self, values: gtsam.Values) -> float:
-        """Half the sum of squares of the residuals over their sigmas."""
-        return sum(block.error(values) for block in self._blocks())
-
-    def linearize(self, values: gtsam.Values) -> Iterator[gtsam.GaussianFactor]:
-        """Yield its factors, linearized at these values."""
-        return chain.from_iterable(block.linearize(values) for block in self._blocks())
-
-    def stack(self, values: gtsam.Values) -> list[Stack]:
-        """Return the same as arrays."""
-        return [stack for block in self._blocks() for stack in block.stack(values)]
-
-    def _blocks(self) -> tuple[LinearizableBlock, ...]:
-        return self.heading, self.potential, GtsamFactors(factor_of(self.prior, self._states[:1])), self.transition
-
-    def factors(self) -> Iterator[gtsam.NonlinearFactor]:
-        """Yield the same as factors of gtsam, footfall by footfall."""
-        heading = {keys[1]: factor for keys, factor in zip(self.heading.keys, self.heading.factors(), strict=True)}
-        potential = {keys[2]: f for keys, f in zip(self.potential.keys, self.potential.factors(), strict=True)}
-        yield factor_of(self.prior, self._states[:1])
-        for k, state in enumerate(self._states):
-            if state in heading:
-                yield heading[state]
-            if k > 0:
-                yield linear_factor_of(one_of(self.transition.residuals, k - 1), self._states[k - 1 : k + 1])
-            if state in potential:
-                yield potential[state]
 
 
 def transition(distance_m: Floats, rough: FieldRoughness) -> FieldTransition:
@@ -213,7 +305,7 @@ def transition(distance_m: Floats, rough: FieldRoughness) -> FieldTransition:
     new[..., E_H], new[..., IRON] = MEAN_WALK_UT, HARD_IRON_WALK_UT
     parts = ([PHI], rough.potential), ([DELTA], rough.across), (REGION, rough.regional)
     for column, one in parts:
-        keep[..., column] = one.left(distance_m)[..., None]
+        keep[..., column] = one.correlation(distance_m)[..., None]
         new[..., column] = one.innovation(distance_m)[..., None]
     return FieldTransition(keep, new)
 

@@ -39,7 +39,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints
-from fg_nav.smoother.evidence import MAX_NATS
+from fg_nav.smoother.sensitivity import MAX_NATS
 from fg_nav.smoother.strides import SETTLING_TIME_S
 from fg_nav.system.compiled import njit
 from fg_nav.text import format_count
@@ -54,37 +54,23 @@ LENGTHS = (0.5, 1.5)  # Between which the length q of a stride counts: a landing
 PILOT, PILOT_NATS = 400, 15.0  # Strides after which values of c so much less probable are left out: for speed.
 LATTICE_NOISES_M = np.array([0.007, 0.012, 0.02, 0.035])  # Noise of a climb that are tried where the riser is found.
 LATTICE_STEP = 2  # Of the grid of c, there.
-
-SLOPES = np.array([0.003, 0.006, 0.012, 0.025, 0.05, 0.1])
-"""Grid of gradients: from below what is noticed to the steepest ramp, doubled from one to the next."""
-
+SLOPES = np.array([0.003, 0.006, 0.012, 0.025, 0.05, 0.1])  # Gradients, from below what is noticed to a steep ramp.
 NOTICED_M = 0.05  # What a slope climbs by over the width of the whole walk for it to matter.
 DIRECTIONS = 12  # Of a plane's gradient.
-
-SHARES = np.array([0.84, 0.05, 0.05, 0.059, 0.001])
-"""Of strides on level ground, steps, stairs, planes and curved ramps, before any is seen: their logarithms count."""
-
+SHARES = np.array([0.84, 0.05, 0.05, 0.059, 0.001])  # Prior of level, steps, stairs, planes, curved ramps.
 LEVEL_ODDS = float(np.exp(MAX_NATS))
-
 STEP_SCALE_M = 0.3  # Half of all steps climb by less: a riser is 0.15 to 0.19 m, and a foot climbs two at a time.
-
-OUTLIER_SHARE, OUTLIER_SCALE = 0.05, 3
-"""Of strides whose height is worse than the others', in runs above all: the more, the later a kerb is one."""
-
-TILT_SIGMA, TILT_M = 0.005, 0.15
-"""Gradient of ground that passes for level, before the walk, as of floors that drain; and of how much of height it may
-leave any footfall uncertain: a step."""
-
+OUTLIER_SHARE, OUTLIER_SCALE = (
+    0.05,
+    3,
+)  # Strides with a worse height, and how much: the more, the later a kerb is one.
+TILT_SIGMA, TILT_M = 0.005, 0.15  # Gradient of floors that drain; how much of height it may leave uncertain.
 MIN_NOISE_M = 0.007  # Of the climb of a stride: floors are not more even.
 BLOCK = 5  # Strides in whose mean the noise that is common to neighbors shows.
 LEVELS_WITHIN_M = 10.0  # Of a floor lie the other levels that a walk may come to: three storeys.
 FEWEST = 4  # Footfalls of a level stretch: a landing has two or three.
-
-
 FORGOTTEN = 1e6  # Strides whose climbs leave no floor to be recognized: as many as an unseen one counts for.
-
-LEVEL_SIGMA_M = 0.015
-"""Height of the sensor in a stance above its floor: mats, thresholds, and how the foot is set down."""
+LEVEL_SIGMA_M = 0.015  # Height of the sensor in a stance above its floor: mats, thresholds, how the foot is set.
 
 
 @dataclass(frozen=True)
@@ -112,27 +98,35 @@ def find_floors(
     drift_sigma_m = settling_sigma_m / SETTLING_TIME_S * float(np.median(np.diff(t)))
     ground = judge_ground(step, drift_sigma_m)
     level = ground.level > LEVEL_ODDS / (1.0 + LEVEL_ODDS)
-    level &= _find_tilt_sigma(step[level, :2], ground.noise, drift_sigma_m) < TILT_M
+    # No floor is level where a gradient common to the level strides (L, 2) m leaves the height of a footfall unknown, c
+    # being unknown as well.
+    over_ground = step[level, :2]
+    design = np.column_stack([np.ones(len(over_ground)), over_ground]) / ground.noise
+    prior = np.diag(np.array([drift_sigma_m, TILT_SIGMA, TILT_SIGMA]) ** -2.0)
+    gradient = np.linalg.inv(design.T @ design + prior)[1:, 1:]
+    place = np.cumsum(over_ground, axis=0)
+    tilt_sigma = float(np.einsum("ki,ij,kj->k", place, gradient, place).max(initial=0.0) ** 0.5)
+    level &= tilt_sigma < TILT_M
     unseen = np.zeros(len(level), dtype=np.bool_) if unseen is None else unseen
     return _number_floors(level & ~unseen, step[:, 2], ground, unseen), ground
 
 
 def judge_ground(step: Floats, drift_sigma_m: float) -> Ground:
-    """Judge the ground under strides `step` (K, 3) m, with c known to this sigma before."""
+    """Estimate the ground under strides `step` (K, 3) m, with c known to this sigma before."""
     # A foot that is only set down anew climbs by how it is set down, and shows nothing.
     length = np.hypot(*step.T[:2])
     strides = length > MIN_STRIDE_M
     q = np.clip(length / max(float(np.median(length[strides])) if strides.any() else 1.0, MIN_STRIDE_M), *LENGTHS)
     riser, noise = find_riser(step[strides, 2], q[strides], drift_sigma_m)
-    climb, chain = np.where(strides, step[:, 2], np.nan), _Chain(step, riser)
+    climb, (expected, ground_share) = np.where(strides, step[:, 2], np.nan), _list_grounds(step, riser)
     drifts, log_prior = DRIFTS_M, _prior_of_drift(drift_sigma_m)
     if len(step) > PILOT:
-        seen = _pass_forth(climb[:PILOT], chain.expected[:PILOT], chain.share, noise, drifts, q)[1]
+        seen = _pass_forth(climb[:PILOT], expected[:PILOT], ground_share, noise, drifts, q)[1]
         log_weight = np.log(seen).sum(axis=0) + log_prior
         kept = np.flatnonzero(log_weight > log_weight.max() - PILOT_NATS)
         drifts, log_prior = (one[max(kept[0] - 1, 0) : kept[-1] + 2] for one in (drifts, log_prior))
-    level, total = _pass_forth(climb, chain.expected, chain.share, noise, drifts, q)
-    level *= _pass_back(climb, chain.expected, chain.share, noise, total, drifts, q)
+    level, total = _pass_forth(climb, expected, ground_share, noise, drifts, q)
+    level *= _pass_back(climb, expected, ground_share, noise, total, drifts, q)
     log_weight = np.log(total).sum(axis=0) + log_prior
     weight = np.exp(log_weight - log_weight.max())
     weight /= weight.sum()
@@ -172,32 +166,22 @@ def find_riser(climb: Floats, length: Floats, drift_sigma_m: float) -> tuple[flo
     return riser, estimate_noise(left[np.abs(left) < 4.0 * noise])
 
 
-def _find_tilt_sigma(over_ground: Floats, noise: float, drift_sigma_m: float) -> float:
-    """Largest sigma of height, m, by a gradient common to the level strides (L, 2) m, c being unknown as well."""
-    design = np.column_stack([np.ones(len(over_ground)), over_ground]) / noise
-    prior = np.diag(np.array([drift_sigma_m, TILT_SIGMA, TILT_SIGMA]) ** -2.0)
-    gradient = np.linalg.inv(design.T @ design + prior)[1:, 1:]
-    place = np.cumsum(over_ground, axis=0)
-    return float(np.einsum("ki,ij,kj->k", place, gradient, place).max(initial=0.0) ** 0.5)
+def _list_grounds(step: Floats, riser: float) -> tuple[Floats, Floats]:
+    """Climb (K, S) m of strides (K, 3) m on each ground they may be on, and the share (S,) of each before any is seen.
 
-
-class _Chain:
-    """The grounds that strides (K, 3) m may be on: `level` the first, a step the second, stairs, and slopes."""
-
-    def __init__(self, step: Floats, riser: float) -> None:
-        width = np.linalg.norm(np.ptp(np.cumsum(step[:, :2], axis=0), axis=0))
-        slopes = SLOPES[SLOPES * width > NOTICED_M]
-        angle = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
-        gradients = (slopes[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)).reshape(-1, 2)
-        both_ways = np.concatenate([slopes, -slopes])
-        on_planes = step[:, :2] @ gradients.T
-        on_curves = np.linalg.norm(step[:, :2], axis=1)[:, None] * both_ways
-        self.expected = np.hstack(
-            [np.zeros((len(step), 2)), np.tile(FLIGHT * riser, (len(step), 1)), on_planes, on_curves]
-        )
-        counts = np.array([1, 1, len(FLIGHT), len(gradients), len(both_ways)])
-        self.share = np.repeat(SHARES / np.maximum(counts, 1), counts)
-        self.share /= self.share.sum()
+    Level ground is the first, a step the second, then stairs, planes and curved ramps.
+    """
+    width = np.linalg.norm(np.ptp(np.cumsum(step[:, :2], axis=0), axis=0))
+    slopes = SLOPES[SLOPES * width > NOTICED_M]
+    angle = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
+    gradients = (slopes[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)).reshape(-1, 2)
+    both_ways = np.concatenate([slopes, -slopes])
+    on_planes = step[:, :2] @ gradients.T
+    on_curves = np.linalg.norm(step[:, :2], axis=1)[:, None] * both_ways
+    on_stairs = np.tile(FLIGHT * riser, (len(step), 1))
+    counts = np.array([1, 1, len(FLIGHT), len(gradients), len(both_ways)])
+    share = np.repeat(SHARES / np.maximum(counts, 1), counts)
+    return np.hstack([np.zeros((len(step), 2)), on_stairs, on_planes, on_curves]), share / share.sum()
 
 
 @njit(cache=True)
@@ -296,17 +280,13 @@ def _number_floors(level: Bools, climb: Floats, ground: Ground, unseen: Bools) -
     strides = np.append(0.0, np.cumsum(off))
     height = np.append(0.0, np.cumsum(off * (climb - ground.drift)))
     left: list[int] = []
-    for first, last in _stretches(level):
+    # First and last footfall of level strides in a row.
+    edge = np.diff(np.concatenate([[0], level.astype(np.int64), [0]]))
+    for first, last in zip(np.flatnonzero(edge > 0).tolist(), np.flatnonzero(edge < 0).tolist(), strict=True):
         if last - first + 1 >= FEWEST:
             label[first : last + 1] = floor = _recognize(first, left, strides, height, ground)
             left[floor:] = [last, *left[floor + 1 :]]
     return label
-
-
-def _stretches(level: Bools) -> Ints:
-    """First and last footfall (n, 2) of level strides in a row."""
-    edge = np.diff(np.concatenate([[0], level.astype(np.int64), [0]]))
-    return np.stack([np.flatnonzero(edge > 0), np.flatnonzero(edge < 0)], axis=1)
 
 
 def _recognize(at: int, left: list[int], strides: Floats, height: Floats, ground: Ground) -> int:
@@ -321,14 +301,9 @@ def _recognize(at: int, left: list[int], strides: Floats, height: Floats, ground
     return best if nats[best] > MAX_NATS else len(left)
 
 
-def count_floors(floor: Ints | None) -> int:
-    """Count the floors of a walk; none where they were not looked for."""
-    return 0 if floor is None else int(floor.max(initial=-1)) + 1
-
-
 def write_floor_note(floor: Ints | None) -> tuple[str, ...]:
-    """Say how many floors were recognized, where there are any."""
-    count = count_floors(floor)
+    """Write a note on the floors that were recognized, where there are any."""
+    count = 0 if floor is None else int(floor.max(initial=-1)) + 1
     if floor is None or count == 0:
         return ()
     on = int(np.count_nonzero(floor >= 0))

@@ -7,17 +7,17 @@ The problem is factors, initial values, and the prior on the start.
 The initial values are dead reckoning, stopped at every node: strapdown from node to node; at a node the velocity is set
 to zero, the position gives back what the linear growth of the velocity error added, and while the foot stands the tilt
 is nudged towards gravity. Good to some degrees and per cents, which Gauss-Newton needs no better. Over a hole in the
-samples the position stays, and the attitude is turned and levelled as `unseen` says.
+samples the position stays, and the attitude is turned and levelled as `preintegration` says.
 
 Back to the recording's rate (`trajectory_of`) it goes by `dense_path`.
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import partial
-from typing import TYPE_CHECKING, NamedTuple
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import gtsam
 import numpy as np
@@ -26,20 +26,16 @@ from gtsam.symbol_shorthand import B, S, V, X
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.detection import Rest
 from fg_nav.detection.rolling_lever import RollingLever
-from fg_nav.factors.residual import Keys, ResidualBlock, read_variables
+from fg_nav.factors.residual import LETTER_SHIFT, Keys, ResidualBlock, read_variables
 from fg_nav.frames import yaw_rotation
 from fg_nav.mechanisation import TILT_TIME_S, NavState, nudge_tilt, strapdown
 from fg_nav.recording import Recording
-from fg_nav.smoother.dense_path import fill_path
-from fg_nav.smoother.differential_factors import DifferentialFactors
-from fg_nav.smoother.direction_factors import DirectionFactors
-from fg_nav.smoother.field_factors import FieldFactors
 from fg_nav.smoother.gauss_newton import CONVERGENCE
 from fg_nav.smoother.parameters import SmootherParameters
-from fg_nav.smoother.place_factors import PlaceFactors, postpone
-from fg_nav.smoother.preintegration import preintegrate
-from fg_nav.smoother.solver import GtsamFactors, LinearizableBlock, Solved, list_in_time, list_poses, minimize
+from fg_nav.smoother.preintegration import find_unseen_walks, preintegrate
+from fg_nav.smoother.solver import GtsamFactors, LinearizableBlock, Solved, list_in_time, list_poses, minimize, postpone
 from fg_nav.smoother.strides import (
+    INERTIAL_KEYS,
     Nodes,
     add_start,
     add_stride,
@@ -48,19 +44,37 @@ from fg_nav.smoother.strides import (
     place_nodes,
     strides_of,
 )
-from fg_nav.smoother.unseen import find_unseen_walks
 from fg_nav.stances import Stances
 from fg_nav.system.compiled import njit
 from fg_nav.system.spilled import drop_pages
 
 if TYPE_CHECKING:
     from fg_nav.smoother.barometer import BarometerFactors
+    from fg_nav.smoother.differential import DifferentialFactors
+    from fg_nav.smoother.directions import DirectionFactors
+    from fg_nav.smoother.field_factors import FieldFactors
+    from fg_nav.smoother.places import PlaceFactors
 
 GAUGE_SIGMA = 1e-4  # Position (m) and heading (rad) at the start are known by definition.
 LEVELLINGS = 3  # Of an attitude behind a hole, each of which takes a tilt of 45 deg to one of 10.
+UNKNOWN_HEADING_DEG = 60.0  # Sigma of a heading that is not given, about what the walk's mean field says.
+KINDS = ("imu", "zero_velocity", "magnetic_heading", "differential_field", "field_potential", "gated_out")
+"""As in `summary.json`; `gated_out` are the footfalls with a field whose compass a hard gate left out.
 
-UNKNOWN_HEADING_DEG = 60.0
-"""Sigma of the heading at the start about what the walk's mean field says, where it is not given."""
+The others of `count_factors` stand with these where there are any.
+"""
+
+POSITION_FIX, KNOWN_PLACE, OWN, BAROMETER = "position_fix", "known_place", "own", "barometer"
+
+KIND_OF_KEYS = {
+    "xvxvb": "imu",
+    "xvs": "zero_velocity",
+    "xm": "magnetic_heading",
+    "xmm": "field_potential",
+    "b": "differential_field",
+    "xp": BAROMETER,
+}
+"""By the letters of the variables that a factor joins. No other factor joins the same, but priors a bias."""
 
 
 @dataclass(frozen=True)
@@ -143,16 +157,32 @@ class WalkProblem:
     @property
     def blocks(self) -> tuple[LinearizableBlock, ...]:
         """What is linearized next to the graph."""
-        magnetic = (block for block in (self.field, self.differential, self.places) if block is not None)
-        of_building = () if self.directions is None else self.directions.blocks
-        air = () if self.barometer is None else self.barometer.blocks
-        start = GtsamFactors(self.start.factor(self.parameters))
-        return (self.velocities, start, *magnetic, *of_building, *air, *self.constraints)
+        blocks: list[LinearizableBlock] = [self.velocities, GtsamFactors(self.start.factor(self.parameters))]
+        if self.field is not None:
+            blocks += self.field.blocks
+        blocks += [block for block in (self.differential, self.places) if block is not None]
+        if self.directions is not None:
+            blocks += self.directions.courses, self.directions.priors
+        if self.barometer is not None:
+            blocks += self.barometer.readings, self.barometer.drift, self.barometer.prior
+        return (*blocks, *self.constraints)
 
     @property
-    def alphas(self) -> int:
-        """How many directions of a building are variables."""
-        return 0 if self.directions is None else self.directions.pieces
+    def field_factors(self) -> FieldFactors:
+        """Factors of the field, of a walk that is solved with it."""
+        assert self.field is not None
+        return self.field
+
+    def with_note(self, note: str) -> WalkProblem:
+        """Return it with another note."""
+        return replace(self, known=replace(self.known, notes=(*self.known.notes, note)))
+
+    @property
+    def time_order(self) -> Keys:
+        """Keys of all variables, node by node (`solver.list_in_time`)."""
+        n_directions = 0 if self.directions is None else self.directions.pieces
+        with_field, with_air = self.field is not None, self.barometer is not None
+        return list_in_time(self.nodes, with_field, self.floor, n_directions, with_air)
 
     def factors(self) -> gtsam.NonlinearFactorGraph:
         """Return all of it as factors of gtsam, one by one."""
@@ -165,7 +195,7 @@ class WalkProblem:
 
 def solve(problem: WalkProblem, convergence: float = CONVERGENCE) -> Solved:
     """Minimize the error of a walk, to this difference of promised and true error per variable."""
-    return solve_and_keep(problem, convergence).forget_stacks()
+    return replace(solve_and_keep(problem, convergence), stacks=())
 
 
 def solve_and_keep(problem: WalkProblem, convergence: float) -> Solved:
@@ -175,8 +205,7 @@ def solve_and_keep(problem: WalkProblem, convergence: float) -> Solved:
 
 def order_variables(problem: WalkProblem) -> Keys:
     """Keys of all variables in the order in which they are eliminated."""
-    with_field, with_air = problem.field is not None, problem.barometer is not None
-    keys = list_in_time(problem.nodes, with_field, problem.floor, problem.alphas, with_air)
+    keys = problem.time_order
     return keys if problem.places is None else postpone(keys, problem.nodes, problem.places.footfalls)
 
 
@@ -308,54 +337,37 @@ def _stop_and_go(
     return position, attitude
 
 
-class Trajectory(NamedTuple):
-    """Position (N, 3) m, velocity (N, 3) m/s and attitude (N, 3, 3) at every sample."""
-
-    position: Floats
-    velocity: Floats
-    nav_R_body: Floats
-
-
-def trajectory_of(recording: Recording, nodes: Nodes, values: gtsam.Values, gravity: float) -> Trajectory:
-    """Return the trajectory of a solved walk at the recording's rate."""
-    return prepare_trajectory(recording, nodes, values, gravity)()
-
-
-def prepare_trajectory(
-    recording: Recording, nodes: Nodes, values: gtsam.Values, gravity: float
-) -> Callable[[], Trajectory]:
-    """Return what makes the trajectory, of arrays alone, so that the graph can be let go of before."""
-    poses = list_poses(range(len(nodes)), values)
-    bias = biases_of(nodes, values)[nodes.bias[nodes.footfall]]
-    return partial(
-        dense_trajectory,
-        recording,
-        nodes.sample,
-        poses[:, :3, 3].copy(),
-        read_variables(values, [V(j) for j in range(len(nodes))], 3),
-        poses[:, :3, :3].copy(),
-        np.ascontiguousarray(bias[:, 3:]),
-        np.ascontiguousarray(bias[:, :3]),
-        gravity,
-    )
+def count_factors(problem: WalkProblem) -> Counter[str]:
+    """Count the factors of a walk by kind."""
+    counts = Counter(dict.fromkeys(KINDS, 0))
+    counts["imu"] = sum(problem.graph.at(i).size() == INERTIAL_KEYS for i in range(problem.graph.size()))
+    counts["zero_velocity"] = len(problem.velocities)
+    if problem.differential is not None:
+        counts["differential_field"] = len(problem.differential)
+    if (field := problem.field) is not None:
+        counts["magnetic_heading"], counts["field_potential"] = len(field.heading), len(field.potential)
+        seen = np.isfinite(field.readings.body_field).all(axis=1) & field.parameters.compass
+        counts["gated_out"] = int((seen & ~np.isfinite(field.readings.sigma_uT)).sum())
+    if problem.places is not None:
+        counts["same_place"] = len(problem.places)
+    if problem.directions is not None:
+        counts["direction"] = len(problem.directions.courses)
+    if problem.barometer is not None:
+        counts[BAROMETER] = len(problem.barometer.readings)
+    for kind in (POSITION_FIX, KNOWN_PLACE, OWN):
+        of_kind = [block for block in problem.constraints if isinstance(block, GtsamFactors) and block.kind == kind]
+        if count := sum(map(len, of_kind)):
+            counts[kind] = count
+    return counts
 
 
-def biases_of(nodes: Nodes, values: gtsam.Values) -> Floats:
-    """Return the bias variables (K, 6) of a walk: accelerometer m/s^2, gyroscope rad/s."""
-    return np.array([values.atConstantBias(B(k)).vector() for k in range(int(nodes.bias[-1]) + 1)])
-
-
-def dense_trajectory(
-    recording: Recording,
-    sample: Ints,
-    position: Floats,
-    velocity: Floats,
-    nav_R_body: Floats,
-    gyro_bias: Floats,
-    acc_bias: Floats,
-    gravity: float,
-) -> Trajectory:
-    """Return the trajectory at every sample, from states at nodes `sample` (M,)."""
-    h = np.append(np.diff(recording.t), recording.period_s)
-    acc, gyr = recording.integrable
-    return Trajectory(*fill_path(h, acc, gyr, sample, position, velocity, nav_R_body, gyro_bias, acc_bias, gravity))
+def count_graph(graph: gtsam.NonlinearFactorGraph) -> Counter[str]:
+    """Count the factors of gtsam by kind: as `count_factors` does those of the motion and of the field."""
+    counts = Counter[str]()
+    for factor in map(graph.at, range(graph.size())):
+        keys = factor.keys()
+        letters = "".join(chr(key >> LETTER_SHIFT) for key in keys)
+        is_prior = letters == "b" and not isinstance(factor, gtsam.LinearContainerFactor)
+        if letters in KIND_OF_KEYS and not is_prior:
+            counts[KIND_OF_KEYS[letters]] += 1
+    return counts

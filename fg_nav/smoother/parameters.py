@@ -89,7 +89,7 @@ class SmootherParameters:
     climbs by 0 +- 15 mm, of shoe, gait and mounting together; 4 mm in `SETTLING_TIME_S` make as much."""
     moving_foot: bool = True
     """Count in the sigmas that a foot moves on at its stillest instant, by a share that belongs to the walk
-    (`moving_foot`)."""
+    (`shared_errors`)."""
     known_lever: tuple[float, float, float] | None = None
     """Sensor above the rolling point, body frame, m; None: estimated from the recording."""
 
@@ -102,16 +102,16 @@ class SmootherParameters:
     """Gyro bias before the walk, deg/s: none, or as the sensor showed it in other recordings (`fg-nav calibrate`)."""
     gyro_bias_sigma_deg_s: float = 0.15
     """Gyro bias of a factory-calibrated sensor before the walk, about that mean, deg/s; a third of it and up to 33
-    times as much are weighed by the evidence of the walk (`bias_prior`)."""
+    times as much are weighed by the evidence of the walk (`gyro_bias`)."""
     gyro_bias_walk_deg_s: float = 6e-4
     """Random walk of the gyro bias, deg/s/sqrt(s): 0.04 deg/s in an hour."""
     choose_bias_walk: bool = True
-    """Average `gyro_bias_walk_deg_s` over levels by the evidence of the walk (`bias_walk`); the value above is the
+    """Average `gyro_bias_walk_deg_s` over levels by the evidence of the walk (`gyro_bias`); the value above is the
     smallest."""
     refuse_stances: bool = True
     """Trust stances less in which the foot moves by what the rest of the walk says (`refused_stances`)."""
     gyro_scale: bool = True
-    """Take off the scale errors of the gyroscope that both halves of a walk with a field show (`gyro_scale`)."""
+    """Take off the scale errors of the gyroscope that both halves of a walk with a field show (`shared_errors`)."""
     tilt_sigma_deg: float = 1.0
     """Tilt after levelling in the first stance, deg."""
     rest: RestParameters = field(default_factory=RestParameters)

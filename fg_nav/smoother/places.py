@@ -12,40 +12,143 @@ How far a place of the path may be from where it seems, relative to an earlier o
 closed: with the covariance of each footfall and with that of each of some `ANCHORS`,
 
     var(p_k - p_a) = P_kk + P_aa - P_ka - P_ak.
+
+Factors (`factors.same_place`). The earliest pass of each place is divided into cells by distance, and has one footfall
+in each to which all later passes are tied: so no error adds up from lap to lap, and few footfalls are joined over the
+walk (`solver.postpone`). What is tied are the means of both passes over the cell, relative to their footfalls: two
+passes along a corridor are aside of each other by decimeters here and there, and less on the mean. With an independent
+error every `APART_M`,
+
+    sigma = sigma_one / sqrt(length / APART_M),
+
+and along the path, on top of that, what the field leaves open of the shift between the passes (`places.sharpness`),
+which is taken off first. A field that hardly changes ties weakly. A piece of the walk is tied to its earliest pass
+only.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from gtsam.symbol_shorthand import X
 
-from fg_nav.arrays import Bools, Floats, Ints, interpolate_columns
+from fg_nav.arrays import Floats, Ints, interpolate_columns
 from fg_nav.errors import EstimationError
+from fg_nav.factors.residual import ResidualBlock
+from fg_nav.factors.same_place import SamePlace, weigh_place
 from fg_nav.places import Signature, Stretch, recognize, select_consistent, trace_signature
 from fg_nav.places.candidates import ALIKE_M
-from fg_nav.places.recognition import AVERAGE_M
-from fg_nav.places.signature import MIN_POINTS, SPACING_M
-from fg_nav.places.whitening import TURNED
-from fg_nav.smoother.combinations import FootfallCovariance
-from fg_nav.smoother.graph import Trajectory, WalkProblem, solve, trajectory_of
-from fg_nav.smoother.place_factors import PlaceFactors, make_place_factors
+from fg_nav.places.recognition import ALONG_SIGMA_M, AVERAGE_M, LATERAL_SIGMA_M, UP_SIGMA_M, find_shift, weigh_shifts
+from fg_nav.places.signature import MIN_POINTS, SPACING_M, TURNED, whiten
+from fg_nav.smoother.dense_path import trajectory_of
+from fg_nav.smoother.graph import WalkProblem, solve
+from fg_nav.smoother.sensitivity import FootfallCovariance
 from fg_nav.smoother.solver import Solved, list_covariances, list_positions
 from fg_nav.solution import Return, StanceTable
 from fg_nav.text import format_count
 
-ROUNDS = 3
-"""Of recognizing and solving: the second looks along a path that closes, the third mostly finds the same again."""
-
+CELL_M, MAX_CELLS = 20.0, 60  # Of a walk; where more ground is walked again cells are longer: the last fronts hold all.
+MIN_SHARE = 0.5  # Of a cell that a pass has to cover.
+APART_M = 6.0  # Between independent errors of a pass: those of an alignment, and the wander of a person.
+ROUNDS = 3  # Of recognizing and solving: the second looks along a path that closes, the third mostly finds the same.
 ANCHORS = 12  # Footfalls relative to which the uncertainty of all others is taken.
+MAX_M = 20_000.0  # Four hours: what could be one place grows with the square of the laps, as does its memory.
+MIN_SIGMA_M, MIN_SIGMA_DEG, MIN_HEIGHT_M = 1.0, 3.0, 0.3  # Between two places: a corridor's width, a stride's wander.
 
-MAX_M = 20_000.0
-"""Walks of more than some four hours are not compared with themselves: what could be one place grows with the square of
-the laps in one building, and takes more memory than the walk."""
 
-MIN_SIGMA_M, MIN_SIGMA_DEG, MIN_HEIGHT_M = 1.0, 3.0, 0.3
-"""Of one place relative to another: a corridor's width, and what a stride wanders."""
+class PlaceFactors(ResidualBlock):
+    """The ties of a walk; `footfalls` (n,) are those that they join, ascending."""
+
+    def __init__(self, residuals: SamePlace, keys: Sequence[Sequence[int]], footfalls: Ints) -> None:
+        super().__init__(residuals, keys)
+        self.footfalls = footfalls
+
+
+@dataclass(frozen=True)
+class _Piece:
+    """Part of a stretch, in one cell, of which it covers `covered_m`.
+
+    `later_m` were walked to the middle of the later pass, `cell_m` to that of the cell.
+    """
+
+    stretch: Stretch
+    later_m: float
+    cell_m: float
+    covered_m: float
+
+
+def make_place_factors(
+    path: Signature, stretches: Sequence[Stretch], t: Floats, position: Floats, nav_R_body: Floats, node: Ints
+) -> PlaceFactors:
+    """Tie the footfalls of recognized stretches.
+
+    Parameters
+    ----------
+    t, position, nav_R_body : of the F footfalls; s, m.
+    node : (F,) of the footfalls.
+    """
+    # Each piece of the walk in a cell, with its earliest pass.
+    length = max(CELL_M, _measure_ground(path, stretches) / MAX_CELLS)
+    pieces = [piece for stretch in stretches for piece in _cut_into_cells(path, stretch, length)]
+    chosen: dict[int, _Piece] = {}
+    for piece in sorted(pieces, key=lambda one: one.cell_m):
+        chosen.setdefault(int(piece.later_m // length), piece)
+    points, features, places = np.arange(len(path), dtype=float), whiten(path), list[list[Floats]]()
+    pairs, ties = list[Ints](), list[tuple[float, float, float]]()
+    for piece in chosen.values():
+        # The footfalls in the middle of the later pass and of the cell, which all its passes share. Where a walk turns
+        # back within a cell they are one, and nothing is tied.
+        pair = find_footfalls(np.interp([piece.later_m, piece.cell_m], path.distance_m, path.t), t)
+        if pair[0] == pair[1]:
+            continue
+        # Mean places of both passes, shifted to where the field has them, unless that leaves nothing of the walk.
+        stretch = piece.stretch
+        shift, shift_sigma = find_shift(weigh_shifts(features, stretch))
+        earlier = stretch.move_earlier(shift)
+        inside = (earlier >= 0.0) & (earlier <= points[-1])
+        later, earlier = (stretch.later[inside], earlier[inside]) if inside.any() else (stretch.later, stretch.earlier)
+        places.append([interpolate_columns(at, points, path.position).mean(axis=0) for at in (later, earlier)])
+        # The direction of walking, and how many errors the means average.
+        heading = float(np.interp(later.mean(), points, path.heading))
+        ties.append((heading, max(piece.covered_m / APART_M, 1.0), shift_sigma))
+        pairs.append(pair)
+    foot, place = np.array(pairs, dtype=np.int64).reshape(-1, 2), np.reshape(places, (-1, 2, 3))
+    in_body = [np.einsum("kji,kj->ki", nav_R_body[foot[:, k]], place[:, k] - position[foot[:, k]]) for k in range(2)]
+    headings, count, shift_sigmas = np.reshape(ties, (-1, 3)).T
+    along = np.hypot(ALONG_SIGMA_M / np.sqrt(count), shift_sigmas)
+    weight = weigh_place(headings, along, LATERAL_SIGMA_M / np.sqrt(count), UP_SIGMA_M)
+    keys = [(X(int(node[a])), X(int(node[b]))) for a, b in foot]
+    return PlaceFactors(SamePlace(in_body[0], in_body[1], weight), keys, np.unique(foot))
+
+
+def find_footfalls(at: Sequence[float] | Floats, t: Floats) -> Ints:
+    """Find the footfalls (M,), of those at times t (F,) s, nearest to moments (M,) s."""
+    return np.asarray(np.searchsorted(0.5 * (t[1:] + t[:-1]), at))
+
+
+def _measure_ground(path: Signature, stretches: Sequence[Stretch]) -> float:
+    """Length, m, of the first passes: of what is walked again, and was not itself recognized."""
+    is_first = np.zeros(len(path), dtype=bool)
+    for stretch in stretches:
+        is_first[int(stretch.earlier.min()) : int(stretch.earlier.max()) + 1] = True
+    for stretch in stretches:
+        is_first[int(stretch.later[0]) : int(stretch.later[-1]) + 1] = False
+    return float(is_first.sum()) * SPACING_M
+
+
+def _cut_into_cells(path: Signature, stretch: Stretch, length: float) -> Iterator[_Piece]:
+    """Yield the pieces of a stretch, one in each cell of this length, m, that it covers."""
+    points = np.arange(len(path))
+    later_m, walked = (np.interp(at, points, path.distance_m) for at in (stretch.later, stretch.earlier))
+    cell = (walked // length).astype(np.int64)
+    for number in np.unique(cell):
+        rows = np.flatnonzero(cell == number)
+        covered = float(np.ptp(walked[rows]))
+        if covered >= min(MIN_SHARE * length, 0.9 * np.ptp(walked)):
+            piece = replace(stretch, later=stretch.later[rows], earlier=stretch.earlier[rows])
+            yield _Piece(piece, float(later_m[rows].mean()), (number + 0.5) * length, covered)
 
 
 @dataclass(frozen=True)
@@ -100,7 +203,7 @@ def tie_places(problem: WalkProblem, solved: Solved) -> tuple[WalkProblem, Solve
     known: tuple[Stretch, ...] = ()
     path = None
     for number in range(1, ROUNDS + 1):
-        # The field along the path, and what of it is one place.
+        # Where the field along the path shows one place.
         track = trajectory_of(problem.recording, problem.nodes, solved.values, problem.parameters.gravity)
         path = trace_signature(problem.recording.t, track.position, track.nav_R_body, mag)
         found = _recognize(path, uncertainty)
@@ -111,8 +214,10 @@ def tie_places(problem: WalkProblem, solved: Solved) -> tuple[WalkProblem, Solve
             return *open_walk, (), ()
         if is_confirmed:
             break
-        # The walk with the ties of it.
-        places = _make_factors(problem, path, known, track)
+        # The walk with ties there.
+        sample = problem.nodes.sample[problem.nodes.result]
+        of_footfalls = problem.recording.t[sample], track.position[sample], track.nav_R_body[sample]
+        places = make_place_factors(path, known, *of_footfalls, problem.nodes.result)
         if not len(places):
             return *open_walk, (), ()
         problem = replace(problem, places=places, values=solved.values)
@@ -122,7 +227,9 @@ def tie_places(problem: WalkProblem, solved: Solved) -> tuple[WalkProblem, Solve
             return *open_walk, (), ("places that were recognized are not used: with them there is no solution",)
     assert path is not None
     returns = tuple(_describe_return(path, one) for one in known)
-    return problem, solved, returns, (_write_note(returns),)
+    many, total_m = format_count(len(returns), "return"), sum(one.length_m for one in returns)
+    note = f"{many} to where the walk was before, {total_m:.0f} m in all, recognized by the field"
+    return problem, solved, returns, (note,)
 
 
 def _measure_walked(problem: WalkProblem, solved: Solved) -> Floats:
@@ -149,7 +256,12 @@ def keep_common(found: Sequence[Stretch], known: Sequence[Stretch]) -> tuple[Str
     """Return the pieces of stretches, of `AVERAGE_M` at least, that lie within `ALIKE_M` of those of another round."""
     pieces = []
     for stretch in found:
-        rows = np.flatnonzero(np.any([_lie_on(stretch, one) for one in known], axis=0)) if known else np.zeros(0, int)
+        is_near = np.zeros(len(stretch.later), dtype=np.bool_)
+        for other in known:
+            if other.opposite == stretch.opposite:
+                earlier = np.interp(stretch.later, other.later, other.earlier, left=np.inf, right=np.inf)
+                is_near |= np.abs(earlier - stretch.earlier) <= ALIKE_M / SPACING_M
+        rows = np.flatnonzero(is_near)
         for part in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
             score = stretch.score * len(part) / len(stretch.later)
             piece = replace(stretch, later=stretch.later[part], earlier=stretch.earlier[part], score=score)
@@ -157,47 +269,23 @@ def keep_common(found: Sequence[Stretch], known: Sequence[Stretch]) -> tuple[Str
     return tuple(pieces)
 
 
-def _lie_on(stretch: Stretch, other: Stretch) -> Bools:
-    """Whether the points (M,) of a stretch are at the place that another one says."""
-    earlier = np.interp(stretch.later, other.later, other.earlier, left=np.inf, right=np.inf)
-    near = np.abs(earlier - stretch.earlier) <= ALIKE_M / SPACING_M
-    return near & (stretch.opposite == other.opposite)
-
-
-def _make_factors(
-    problem: WalkProblem, path: Signature, stretches: tuple[Stretch, ...], track: Trajectory
-) -> PlaceFactors:
-    nodes, t = problem.nodes, problem.recording.t
-    sample = nodes.sample[nodes.result]
-    return make_place_factors(
-        path, stretches, t[sample], track.position[sample], track.nav_R_body[sample], nodes.result
-    )
-
-
 def measure_uncertainty(problem: WalkProblem, solved: Solved) -> PathUncertainty:
     """Measure what a solved walk says of the place of each footfall relative to each anchor."""
     nodes = problem.nodes
     joint = FootfallCovariance.of(solved, nodes, np.zeros((solved.root.total, 0)))
-    own = _list_own(joint, solved)
+    body = list_covariances(joint.keys, solved.root, joint.shared)
+    own = joint.nav_T_body @ body @ np.swapaxes(joint.nav_T_body, 1, 2)
+    # Covariances (A, F, 4, 4) relative to each anchor.
     anchors = np.unique(np.linspace(0, len(nodes.result) - 1, ANCHORS).astype(np.int64))
-    relative = np.array([_relative_to(joint, own, int(a)) for a in anchors])
+    relative = np.zeros((len(anchors), *own.shape))
+    for of, anchor in zip(relative, anchors, strict=True):
+        weights = np.zeros(own.shape)
+        weights[anchor] = np.eye(4)
+        itself, cross = joint.combine(weights)
+        of[:] = own + itself - cross - np.swapaxes(cross, 1, 2)
     place = np.linalg.eigvalsh(relative[:, :, :2, :2])[..., 1]
     walked = _measure_walked(problem, solved)
     return PathUncertainty(walked, walked[anchors], place, relative[:, :, 2, 2], relative[:, :, 3, 3])
-
-
-def _list_own(joint: FootfallCovariance, solved: Solved) -> Floats:
-    """Covariances (F, 4, 4) of the footfalls."""
-    body = list_covariances(joint.keys, solved.root, joint.shared)
-    return joint.nav_T_body @ body @ np.swapaxes(joint.nav_T_body, 1, 2)
-
-
-def _relative_to(joint: FootfallCovariance, own: Floats, anchor: int) -> Floats:
-    """Covariances (F, 4, 4) of the footfalls relative to one of them."""
-    weights = np.zeros((len(own), 4, 4))
-    weights[anchor] = np.eye(4)
-    itself, cross = joint.combine(weights)
-    return own + itself - cross - np.swapaxes(cross, 1, 2)
 
 
 def _describe_return(path: Signature, stretch: Stretch) -> Return:
@@ -209,12 +297,6 @@ def _describe_return(path: Signature, stretch: Stretch) -> Return:
         of_before = of_before * TURNED
     length = float(np.ptp(np.interp(stretch.later, points, path.distance_m)))
     return Return(t, before, stretch.opposite, stretch.score, stretch.expected_false, length, field, of_before)
-
-
-def _write_note(returns: tuple[Return, ...]) -> str:
-    length = sum(one.length_m for one in returns)
-    many = format_count(len(returns), "return")
-    return f"{many} to where the walk was before, {length:.0f} m in all, recognized by the field"
 
 
 def mark_returns(table: StanceTable, returns: Sequence[Return]) -> StanceTable:

@@ -1,54 +1,68 @@
-"""Jumps of the field's potential: a path through a circuit of current, a lift, a magnet that is put down.
+"""Where and how far the line integral of the field can be used: jumps of its potential, and what does not telescope.
 
-Without a current the line integrals of the strides add up to the difference of two potentials, which stays within
-bounds (`factors.magnetic_field`). A path through a circuit of current I adds mu_0 I = 1.26 uT m for each ampere and
-keeps it: one row of the potential, that of stride k, is off by an unknown constant c. Whether it is, its own residual
-does not show: the potential's state takes the step up, and what does not fit is spread over the strides that follow. A
-robust kernel on the row therefore sees nothing. The likelihood of the whole walk does. With r_k the residual of the
-row at the minimum, sigma its noise, J its Jacobian and P the marginal covariance of its variables,
+Jumps: a path through a circuit of current, a lift, a magnet that is put down. Without a current the line integrals of
+the strides add up to the difference of two potentials, which stays within bounds (`factors.magnetic_field`). A path
+through a circuit of current I adds mu_0 I = 1.26 uT m for each ampere and keeps it: one row of the potential, that of
+stride k, is off by an unknown constant c. Whether it is, its own residual does not show: the potential's state takes
+the step up, and what does not fit is spread over the strides that follow. A robust kernel on the row therefore sees
+nothing. The likelihood of the whole walk does. With r_k the residual of the row at the minimum, sigma its noise, J its
+Jacobian and P the marginal covariance of its variables,
 
     T_k = r_k^2 / (sigma^2 - J P J^T)        chi^2 of one degree of freedom without a jump
 
 is by how much twice the error falls at the minimum where the row is left out, that is, with c free (a deletion
-diagnostic; Cook 1977). It costs one pass down the triangle. At the largest T the rows k-1, k, k+1 are left out, as
-the stride that passes the conductor is wrong in its shape too. By how much twice the error then falls follows in the
-same way, from all their residuals r, with H = J P J^T by one pass up the tree (`sensitivity`); so does by how much it
-rises where rows that are left out come back:
+diagnostic; Cook 1977). It costs one pass down the triangle. At the largest T the rows k-1, k, k+1 are left out, as the
+stride that passes the conductor is wrong in its shape too. By how much twice the error then falls follows in the same
+way, from all their residuals r, with H = J P J^T by one pass up the tree (`sensitivity`); so does by how much it rises
+where rows that are left out come back:
 
     fall = r^T (I - H)^-1 r,     rise = r^T (I + H)^-1 r,     r and J over sigma.
 
 Where the fall is more than `MIN_FALL` the walk is solved again without them, the jump is kept if twice the error
 fell by as much, and the next one is looked for. The roughness of the potential is held meanwhile: measured on a walk
 with a jump it swells and hides the jump. Measured without it, it has to confirm it.
+
+Noise. The integral over stride k differs from that of the building's field by the change of the potential, whose sum
+over a walk stays within bounds, and by an error of its own, whose sum does not: iron and delay of the magnetometer,
+tilt in the swing, an uneven clock, currents. From one stride alone the two look alike. With v the variance of all of it
+over a stride (from spread sigma and correlation length of the potential as the walk shows them, a what is left of it
+after the length of that stride, all of it where the foot stays), a share s is error:
+
+    v = 2 sigma^2 (1 - a),     noise of the integral^2 = sigma_u^2 + s v,     potential^2 = (1 - s) sigma^2.
+
+s = 0: the integral is a coordinate along north that does not drift. s = 1: it drifts as a random walk does and is worth
+no more than that. The evidence of the walk (`sensitivity`) tells them apart, the longer the better; of the noises those
+of integrals and potential count. The walk uses the mean of s under the posterior of s on `SHARES`, with `PRIOR` before
+the walk. The mean of a variance is that of the mixture, so no share has to win. Nodes between the footfalls are
+eliminated once; each level eliminates what is left, a quarter of the variables.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import gtsam
 import numpy as np
+from gtsam.symbol_shorthand import V, X
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import EstimationError
+from fg_nav.factors.magnetic_field import E_H, PHI
 from fg_nav.factors.residual import ResidualBlock
-from fg_nav.smoother.gauss_newton import CONVERGENCE
+from fg_nav.smoother.field_factors import MIN_STEP_M, FieldFactors
+from fg_nav.smoother.gauss_newton import CONVERGENCE, LinearWalk
 from fg_nav.smoother.graph import WalkProblem, solve
-from fg_nav.smoother.sensitivity import SharingFactors, shared_information
-from fg_nav.smoother.solver import Solved, compute_error, residuals_at_minimum
+from fg_nav.smoother.sensitivity import SharingFactors, average, shared_information
+from fg_nav.smoother.solver import Solved, compute_error, list_in_time, residuals_at_minimum, stack_walk
 
-MIN_STATISTIC = 15.0
-"""T below which no row is tried: the largest of clean walks of 500 strides is 1 to 15, of a circuit of 100 A 200."""
-
-MIN_FALL = 25.0
-"""Of twice the error, chi^2 of three degrees of freedom: one clean walk of a thousand strides in a hundred. On
-simulated ones it falls by 2 to 19, for the roughness is not exactly that of the walk."""
-
-MIN_JUMP_UT_M = 15.0
-"""Twelve amperes. Less is in the tails of the potential next to large iron, and its state has room for it."""
-
+MIN_STATISTIC = 15.0  # T below which no row is tried: the largest of clean walks is 1 to 15, of a circuit of 100 A 200.
+MIN_FALL = 25.0  # Of twice the error, chi^2 of three degrees of freedom: by 2 to 19 on clean simulated walks.
+MIN_JUMP_UT_M = 15.0  # Twelve amperes; less is in the tails of the potential next to large iron.
 MAX_JUMPS = 20  # After so many the walk's field is not one that a potential describes.
 MIN_VARIANCE = 1e-9  # Share of a row's noise that the walk leaves open, below which rounding decides.
 UT_M_PER_AMPERE = 1.2566  # mu_0, uT m/A.
+SHARES = (0.0, 0.01, 0.1, 1.0, 4.0)  # At 0 the sampling leaves a tenth of a uT m a stride; 4: a late sensor, currents.
+PRIOR = (1.0, 1.0, 1.0, 1.0, 0.1)  # Weights of the shares before the walk.
 
 
 @dataclass(frozen=True)
@@ -58,14 +72,6 @@ class Jump:
     first: int
     last: int
     size_uT_m: float
-
-    def describe(self, t: Floats) -> str:
-        """Return one sentence; `t` (F,) s of the footfalls."""
-        ampere = self.size_uT_m / UT_M_PER_AMPERE
-        return (
-            f"the potential jumps by {self.size_uT_m:+.0f} uT m at {t[self.first]:.0f} to {t[self.last]:.0f} s, "
-            f"as through a circuit of {abs(ampere):.0f} A: the line integral is not used there"
-        )
 
 
 def free_jumps(problem: WalkProblem, solved: Solved, convergence: float = CONVERGENCE) -> tuple[WalkProblem, Solved]:
@@ -78,15 +84,15 @@ def free_jumps(problem: WalkProblem, solved: Solved, convergence: float = CONVER
         if _fall(restored, (problem, solved)) < MIN_FALL:
             problem, solved = restored
     for _ in range(MAX_JUMPS):
-        assert problem.field is not None
         # The row without which the error falls most.
-        statistic = compute_jump_statistic(problem.field.potential, solved)
+        statistic = compute_jump_statistic(problem.field_factors.potential, solved)
         if not len(statistic) or statistic.max() < MIN_STATISTIC:
             break
         # Leave it out with its neighbors; stop where that gains too little.
-        stride = problem.field.strides[statistic.argmax()]
-        near = np.arange(max(stride - 1, 0), min(stride + 2, len(problem.field.path.u)))
-        near = near[np.isfinite(problem.field.path.sigma_uT_m[near])]
+        field = problem.field_factors
+        stride = field.strides[statistic.argmax()]
+        near = np.arange(max(stride - 1, 0), min(stride + 2, len(field.path.u)))
+        near = near[np.isfinite(field.path.sigma_uT_m[near])]
         if predict_change(problem, solved, near) < MIN_FALL:
             break
         try:
@@ -101,8 +107,7 @@ def free_jumps(problem: WalkProblem, solved: Solved, convergence: float = CONVER
 
 def _freed_runs(problem: WalkProblem) -> list[Ints]:
     """Strides that were left out, in runs without a gap."""
-    assert problem.field is not None
-    stride = np.flatnonzero(problem.field.path.jumps)
+    stride = np.flatnonzero(problem.field_factors.path.jumps)
     return np.split(stride, np.flatnonzero(np.diff(stride) > 1) + 1) if len(stride) else []
 
 
@@ -110,14 +115,14 @@ def _solve_with(
     problem: WalkProblem, solved: Solved, stride: Ints, jumps: bool, convergence: float
 ) -> tuple[WalkProblem, Solved]:
     """Solve again with the potential free to jump at these strides, or not."""
-    assert problem.field is not None
-    changed = replace(problem, field=problem.field.mark_jumps(stride, jumps), values=solved.values)
+    changed = replace(problem, field=problem.field_factors.mark_jumps(stride, jumps), values=solved.values)
     return changed, solve(changed, convergence)
 
 
 def _fall(before: tuple[WalkProblem, Solved], after: tuple[WalkProblem, Solved]) -> float:
     """By how much twice the error falls."""
-    return 2.0 * (_error(*before) - _error(*after))
+    errors = [compute_error(problem.graph, problem.blocks, solved.values) for problem, solved in (before, after)]
+    return 2.0 * (errors[0] - errors[1])
 
 
 def compute_jump_statistic(block: ResidualBlock, solved: Solved) -> Floats:
@@ -138,8 +143,7 @@ def predict_change(problem: WalkProblem, solved: Solved, stride: Ints) -> float:
 
     It is that of the last linearization: a fall of strides that are used, a rise of those that are not.
     """
-    field = problem.field
-    assert field is not None
+    field = problem.field_factors
     used = np.intersect1d(stride, field.strides)
     sign, those = (-1.0, used) if len(used) else (1.0, stride)
     block = field.integrals_over(those)
@@ -160,10 +164,9 @@ def list_jumps(problem: WalkProblem, solved: Solved) -> list[Jump]:
 
 def _size(problem: WalkProblem, solved: Solved, stride: Ints) -> float:
     """By how much the potential jumps over these strides, uT m."""
-    assert problem.field is not None
-    jumps = problem.field.path.jumps
-    size = np.zeros(len(jumps))
-    size[jumps] = problem.field.compute_jumps(solved.values)
+    field = problem.field_factors
+    size = np.zeros(len(field.path.jumps))
+    size[field.path.jumps] = field.compute_jumps(solved.values)
     return float(size[stride].sum())
 
 
@@ -171,8 +174,59 @@ def describe_jumps(problem: WalkProblem, solved: Solved) -> tuple[str, ...]:
     """Return notes on the jumps of a walk, none where there are none."""
     nodes = problem.nodes
     t = problem.recording.t[nodes.sample[nodes.result]]
-    return tuple(jump.describe(t) for jump in list_jumps(problem, solved))
+    return tuple(
+        f"the potential jumps by {jump.size_uT_m:+.0f} uT m at {t[jump.first]:.0f} to {t[jump.last]:.0f} s, as through "
+        f"a circuit of {abs(jump.size_uT_m / UT_M_PER_AMPERE):.0f} A: the line integral is not used there"
+        for jump in list_jumps(problem, solved)
+    )
 
 
-def _error(problem: WalkProblem, solved: Solved) -> float:
-    return compute_error(problem.graph, problem.blocks, solved.values)
+@dataclass(frozen=True)
+class PathNoise:
+    """What a walk shows of its line integrals: the share s used, the drift that may be, m a stride, and the strides."""
+
+    lost_share: float
+    drift_m: float
+    strides: int
+
+    @property
+    def note(self) -> str:
+        """The same in words."""
+        return (
+            f"line integral of the field: {100 * self.lost_share:.1f} % of its changes do not telescope, a drift of "
+            f"{self.drift_m:.2f} m a stride, by the evidence of {self.strides} strides"
+        )
+
+
+def average_path_noise(problem: WalkProblem, values: gtsam.Values) -> PathNoise:
+    """Average the share of the integral's changes that does not telescope, the graph linearized at these values."""
+    field = problem.field_factors
+    # The walk between its footfalls, which no share changes.
+    rest = _eliminate_between(problem, values)
+    evidence = np.array([_minus_log_evidence(rest, field.assume_lost_share(share), values) for share in SHARES])
+    share = float(average(np.array(SHARES), evidence, np.array(PRIOR)))
+    # The drift over the walk as a random walk's a stride.
+    horizontal, strides = float(np.linalg.norm(field.prior.mean[E_H])), int((field.path.distance_m > MIN_STEP_M).sum())
+    drift_uT_m = float(np.sqrt(np.sum(field.assume_lost_share(share).drift_uT_m ** 2) / max(strides, 1)))
+    return PathNoise(share, drift_uT_m / horizontal, len(field.potential))
+
+
+def _eliminate_between(problem: WalkProblem, values: gtsam.Values) -> LinearWalk:
+    """Linear graph of the walk without its field, the nodes between footfalls eliminated."""
+    blocks = replace(problem, field=None).blocks
+    between = np.delete(np.arange(len(problem.nodes)), problem.nodes.result)
+    nodes = np.array([key(int(j)) for j in between for key in (X, V)], dtype=np.uint64)
+    with_air = problem.barometer is not None
+    order = list_in_time(problem.nodes, with_field=True, floor=problem.floor, with_air=with_air)
+    first = np.isin(order, nodes)
+    walk = LinearWalk.of(stack_walk(problem.graph, blocks, values), np.concatenate([order[first], order[~first]]))
+    return walk.eliminate_before(len(nodes))
+
+
+def _minus_log_evidence(rest: LinearWalk, field: FieldFactors, values: gtsam.Values) -> float:
+    """Of a field, up to a constant."""
+    left = rest.join(stack for block in field.blocks for stack in block.stack(values)).eliminate_all()
+    noise = (
+        np.log(field.integral_sigma).sum() + np.log(field.change_sigma[:, PHI]).sum() + np.log(field.prior.sigma[PHI])
+    )
+    return float(left.error + left.volume + noise)

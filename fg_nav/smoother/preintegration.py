@@ -1,9 +1,8 @@
-"""From the samples between two nodes to one measurement, with the noise that the motion calls for.
+"""From the samples between two nodes to one measurement: of the inertial sensor, or of a person who was not seen.
 
 Preintegration is Galilean: each sample is held over its own period, and a constant body rate and specific force are
 integrated exactly; the default preintegration of GTSAM is first order in the period, and its error on a swinging foot
-looks like a yaw bias. A dozen samples are handed over as two of the same motion (`compounding`). The noise of an
-interval is the mean over its samples of
+looks like a yaw bias. The noise of an interval is the mean over its samples of
 
     s_a^2 = density^2 + (relative (|f| - g))^2,     s_w^2 = density^2 + (relative |w|)^2,
 
@@ -11,31 +10,77 @@ and the interval gets the same total as from a noise set sample by sample. What 
 of its range and before a gap (`fg_nav.sample_noise`), is so at its own sample: a force that was hidden when the foot
 pushed off moves the end of its swing, and one that was hidden when it came down does not. A gap is integrated in steps
 of the sample period: within a step, what turns does not yet move.
+
+Compounding. A call of GTSAM's preintegration takes Python some microseconds, and what a foot does in a dozen samples
+fits into two of the same motion. A block of samples turns the body by R and moves it by v (m/s) and p (m) in T seconds,
+exactly (`mechanisation`, without gravity). The two that stand for it hold one rate w for all of T, and a specific force
+each for half of it:
+
+    theta = w h,    h = T / 2,    Exp(2 theta) = R,
+    v = h Gamma_1 (f_1 + g),      p = h^2 ((Gamma_1 + Gamma_2) f_1 + Gamma_2 g),      g = Exp(theta) f_2,
+
+and as all functions of [theta] commute, with s = Gamma_1^-1 v / h,
+
+    f_1 = Gamma_1^-1 (p / h^2 - Gamma_2 s),    f_2 = Exp(theta)^T (s - f_1).
+
+So R, v and p between two nodes are those of the samples, coning and sculling with them. How they change with the bias
+and the covariance of their noise are those of the two: they differ by the square of what turns in a block, which ends
+before it has turned by `MAX_TURN_RAD` or lasts `MAX_S`, by which the sigmas of a walk are right to 1 %, and its end
+moves by 1 % of its sigma at most.
+
+Unseen walks. In a gap of more than `MAX_HELD_S` nothing shows how the foot moved, and the inertial measurement of the
+interval, before the gap and behind it, is given up. Between the nodes on either side, of a time T apart, the foot has
+walked and turned (`factors.walk_constraints`) by
+
+    0 +- WALKING_M_S d(T)      over ground on each axis
+    0 +- CLIMBING_M_S d(T)     up
+    turn +- min(TURNING_RAD sqrt(T), UNKNOWN_RAD),
+
+    d(T)^2 = 2 tau (T - tau (1 - exp(-T / tau))),     tau = `STRAIGHT_S`,
+
+the displacement of a velocity that is forgotten with the time tau (Fuerth 1920): T at first, sqrt(2 tau T) in the end.
+The turn is that of the magnetic field between the stances on either side, as far as it is better than nothing: with f
+the turn that makes the field there point as it did before, known to `FIELD_SIGMA_RAD` indoors,
+
+    turn = f s^2 / (s^2 + FIELD_SIGMA_RAD^2),     s the sigma of the turn;     0 without a field.
+
+It is where the compass of the footfalls begins from, whose residual has a second zero half a turn away; the sigma stays
+that of a person.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from itertools import pairwise
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import gtsam
 import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.factors.residual import one_of
-from fg_nav.factors.unseen_walk import UnseenWalk
+from fg_nav.factors.rotation import turn_about_up
+from fg_nav.factors.walk_constraints import UnseenWalk
+from fg_nav.frames import UNKNOWN_RAD, level_attitude, yaw_rotation
+from fg_nav.mechanisation import NavState, rotation_series, rotation_vector, strapdown
 from fg_nav.recording import Recording
 from fg_nav.sample_noise import find_extra_sigmas
-from fg_nav.smoother.compounding import compound_samples
+from fg_nav.samples.gaps import cross_holes, find_holes
 from fg_nav.smoother.parameters import SmootherParameters
-from fg_nav.smoother.unseen import find_unseen_walks
 from fg_nav.system.compiled import njit
 from fg_nav.system.spilled import drop_pages
 
-POSITION_DENSITY = 1e-3
-"""White error of velocity, m/s/sqrt(Hz): rounding of a sample's motion; keeps short intervals well conditioned."""
+POSITION_DENSITY = 1e-3  # White error of velocity, m/s/sqrt(Hz): rounding; keeps short intervals well conditioned.
+MAX_TURN_RAD = 0.3  # Of the body in a block of samples, along its way.
+MAX_S = 0.12  # Of a block.
+SHORTEST = 3  # Samples in a block: fewer stand for themselves.
+WALKING_M_S = 1.0  # On each axis over ground: 1.4 m/s on both together, as people walk.
+CLIMBING_M_S = 0.35  # Stairs are climbed at 0.3 to 0.5 m/s, and most ways are level.
+STRAIGHT_S = 120.0  # People go on in one direction, up to a street: after an hour they are within 1.3 km, one sigma.
+TURNING_RAD = 0.5  # In a second; a random walk: a right angle each ten seconds, as indoors.
+FIELD_SIGMA_RAD = 0.8  # Of the field's turn from one footfall to another, in a building.
+TILT_SIGMA_RAD = 0.3  # Of a foot in two stances: slopes, stairs, and the phase of its roll.
+REACH_S = 0.1  # On either side of a node, over which gravity and field are averaged.
 
 Measurement: TypeAlias = gtsam.PreintegratedImuMeasurementsG | UnseenWalk
 """From one node to the next: of the inertial sensor, or where its samples are missing what a person does."""
@@ -49,11 +94,17 @@ def preintegrate(
     progress: Callable[[float], None] | None = None,
 ) -> Iterator[Measurement]:
     """Yield the measurement from each node to the next, for nodes at `sample` (M,), linearised at `bias`."""
-    noise, extra = _interval_covariances(recording, sample, p), _ExtraNoise.of(recording, sample, p)
-    unseen = find_unseen_walks(recording, sample, p.magnetic.compass)
-    vector, h = bias.vector(), np.diff(recording.t)
+    # Squared noise densities of the intervals, extra sigmas of single samples, and the intervals that have such.
+    (force, rate), h = recording.integrable, np.diff(recording.t)
+    off_gravity, turning = _mean_squares(recording.t, recording.acc, recording.gyr, sample, p.gravity)
+    acc_noise = p.acc_density**2 + p.acc_relative_density**2 * off_gravity
+    gyr_noise = np.radians(p.gyr_density_deg_s) ** 2 + p.gyr_relative_density**2 * turning
+    acc_extra, gyr_extra = find_extra_sigmas(recording, p.saturated_share)
+    is_uncertain = np.diff(np.append(0, np.cumsum(acc_extra.any(axis=1) | gyr_extra.any(axis=1)))[sample]) > 0
+    # Walks that were not seen, and the samples compounded.
+    unseen, vector = find_unseen_walks(recording, sample, p.magnetic.compass), bias.vector()
     drop_pages()
-    few = compound_samples(*recording.integrable, h, sample, vector[:3], vector[3:])
+    few = compound_samples(force, rate, h, sample, vector[:3], vector[3:])
     drop_pages()
     held, begins = few.h.tolist(), few.first.tolist()
     params = gtsam.PreintegrationParams.MakeSharedU(p.gravity)
@@ -64,58 +115,24 @@ def preintegrate(
         if unseen.unseen[k]:
             yield one_of(unseen.walk, k)
             continue
-        params.setAccelerometerCovariance(noise[0][k])
-        params.setGyroscopeCovariance(noise[1][k])
+        of_acc, of_gyr = acc_noise[k] * np.eye(3), gyr_noise[k] * np.eye(3)
+        params.setAccelerometerCovariance(of_acc)
+        params.setGyroscopeCovariance(of_gyr)
         measurement = gtsam.PreintegratedImuMeasurementsG(params, bias)
-        if extra.uncertain[k]:
-            extra.integrate(measurement, params, (noise[0][k], noise[1][k]), slice(sample[k], sample[k + 1]))
+        if is_uncertain[k]:
+            # The samples one by one, each with its variance and the noise of the interval.
+            for i in range(sample[k], sample[k + 1]):
+                duration = float(h[i])
+                params.setAccelerometerCovariance(of_acc + np.diag(acc_extra[i] ** 2 * duration))
+                params.setGyroscopeCovariance(of_gyr + np.diag(gyr_extra[i] ** 2 * duration))
+                steps = max(1, round(duration / recording.period_s))
+                for _ in range(steps):
+                    measurement.integrateMeasurement(force[i], rate[i], duration / steps)
         else:
             rows = slice(*part)
             for one in zip(few.force[rows], few.rate[rows], held[rows], strict=True):
                 measurement.integrateMeasurement(*one)
         yield measurement
-
-
-@dataclass(frozen=True)
-class _ExtraNoise:
-    """The `sigma` (N, 3) of single samples, of force and rate, and which intervals (M-1,) have such samples."""
-
-    recording: Recording
-    sigma: tuple[Floats, Floats]
-    uncertain: Bools
-
-    @classmethod
-    def of(cls, recording: Recording, sample: Ints, p: SmootherParameters) -> _ExtraNoise:
-        acc, gyr = find_extra_sigmas(recording, p.saturated_share)
-        count = np.append(0, np.cumsum(acc.any(axis=1) | gyr.any(axis=1)))
-        return cls(recording, (acc, gyr), np.diff(count[sample]) > 0)
-
-    def integrate(
-        self,
-        measurement: gtsam.PreintegratedImuMeasurementsG,
-        params: gtsam.PreintegrationParams,
-        noise: tuple[Floats, Floats],
-        part: slice,
-    ) -> None:
-        """Integrate a part of the samples one by one, each with its variance and the noise (3, 3) of the interval."""
-        force, rate = self.recording.integrable
-        held, (acc_extra, gyr_extra) = np.diff(self.recording.t[part.start : part.stop + 1]), self.sigma
-        for acc, gyr, h, more, more_gyr in zip(
-            force[part], rate[part], held.tolist(), acc_extra[part] ** 2, gyr_extra[part] ** 2, strict=True
-        ):
-            params.setAccelerometerCovariance(noise[0] + np.diag(more * h))
-            params.setGyroscopeCovariance(noise[1] + np.diag(more_gyr * h))
-            steps = max(1, round(h / self.recording.period_s))
-            for _ in range(steps):
-                measurement.integrateMeasurement(acc, gyr, h / steps)
-
-
-def _interval_covariances(recording: Recording, sample: Ints, p: SmootherParameters) -> tuple[Floats, Floats]:
-    """Squared noise densities (M-1, 3, 3) of specific force and rate in each interval, without the extra variances."""
-    acc, gyr = _mean_squares(recording.t, recording.acc, recording.gyr, sample, p.gravity)
-    acc = p.acc_density**2 + p.acc_relative_density**2 * acc
-    gyr = np.radians(p.gyr_density_deg_s) ** 2 + p.gyr_relative_density**2 * gyr
-    return acc[:, None, None] * np.eye(3), gyr[:, None, None] * np.eye(3)
 
 
 @njit(cache=True)
@@ -132,3 +149,171 @@ def _mean_squares(t: Floats, acc: Floats, gyr: Floats, sample: Ints, gravity: fl
         off_gravity[k] /= duration
         rate[k] /= duration
     return off_gravity, rate
+
+
+class Compound(NamedTuple):
+    """Samples that stand for those between nodes: `force` (K, 3) m/s^2 and `rate` (K, 3) rad/s, held for `h` (K,) s.
+
+    Those from node k to the next are `first[k]` to `first[k + 1]`, (M,).
+    """
+
+    force: Floats
+    rate: Floats
+    h: Floats
+    first: Ints
+
+
+@njit(cache=True)
+def compound_samples(
+    force: Floats, rate: Floats, h: Floats, sample: Ints, acc_bias: Floats, gyro_bias: Floats
+) -> Compound:
+    """Compound samples (N, 3) held for `h` (N,) s between nodes at `sample` (M,), for these biases (3,)."""
+    most = sample[-1] - sample[0]
+    out = Compound(np.empty((most, 3)), np.empty((most, 3)), np.empty(most), np.zeros(len(sample), np.int64))
+    state = NavState(np.empty(3), np.empty(3), np.empty((3, 3)), gyro_bias, acc_bias)
+    turn, work, count = np.empty((3, 3)), np.empty((3, 3)), 0
+    for k in range(len(sample) - 1):
+        i = sample[k]
+        while i < sample[k + 1]:
+            stop = _end_block(rate, h, i, sample[k + 1], gyro_bias)
+            if stop - i < SHORTEST:
+                write_sample(out, count, force[i], rate[i], h[i])
+                i, count = i + 1, count + 1
+            else:
+                _halve(out, count, force, rate, h, i, stop, state, turn, work)
+                i, count = stop, count + 2
+        out.first[k + 1] = count
+    return Compound(out.force[:count].copy(), out.rate[:count].copy(), out.h[:count].copy(), out.first)
+
+
+@njit(cache=True)
+def write_sample(out: Compound, row: int, force: Floats, rate: Floats, h: float) -> None:
+    """Write one sample."""
+    out.h[row] = h
+    for axis in range(3):
+        out.force[row, axis], out.rate[row, axis] = force[axis], rate[axis]
+
+
+@njit(cache=True)
+def _end_block(rate: Floats, h: Floats, first: int, last: int, gyro_bias: Floats) -> int:
+    """Sample after the last of the block that begins with `first`, at most `last`."""
+    turned, elapsed, i = 0.0, 0.0, first
+    while i < last:
+        square = 0.0
+        for axis in range(3):
+            square += (rate[i, axis] - gyro_bias[axis]) ** 2
+        turned += np.sqrt(square) * h[i]
+        elapsed += h[i]
+        # A quarter of a sample more: the rounding of stamps, as that of the hour, decides nothing.
+        if i > first and (turned > MAX_TURN_RAD or elapsed > MAX_S + 0.25 * h[i]):
+            break
+        i += 1
+    return i
+
+
+@njit(cache=True)
+def _halve(
+    out: Compound,
+    row: int,
+    force: Floats,
+    rate: Floats,
+    h: Floats,
+    first: int,
+    stop: int,
+    state: NavState,
+    turn: Floats,
+    work: Floats,
+) -> None:
+    """Write the two samples that stand for the block from `first` to `stop`; state, turn and work are to work in."""
+    T, acc_bias, gyro_bias = 0.0, state.acc_bias, state.gyro_bias
+    for k in range(3):
+        state.position[k], state.velocity[k] = 0.0, 0.0
+        for axis in range(3):
+            state.nav_R_body[k, axis] = 1.0 if k == axis else 0.0
+    for i in range(first, stop):
+        strapdown(state, force[i], rate[i], h[i], 0.0, turn, work[0])
+        T += h[i]
+    half, theta = 0.5 * T, rotation_vector(state.nav_R_body)
+    x = 0.0
+    for axis in range(3):
+        theta[axis] *= 0.5
+        x += theta[axis] ** 2
+    a, b, c = rotation_series(x)
+    to_mean = (1.0 - (1.0 - b * x) / (2.0 * a)) / x if x > 1e-12 else 1.0 / 12.0
+    total, one, other = work[0], work[1], work[2]
+    _apply(theta, 1.0, -0.5, to_mean, state.velocity, total)
+    _apply(theta, 0.5, b, c, total, other)
+    for axis in range(3):
+        other[axis] = (state.position[axis] / half - other[axis]) / half
+    _apply(theta, 1.0, -0.5, to_mean, other, one)
+    for axis in range(3):
+        other[axis] = total[axis] / half - one[axis]
+    _apply(theta, 1.0, b * x - 1.0, a, other, total)
+    for axis in range(3):
+        one[axis] += acc_bias[axis]
+        total[axis] += acc_bias[axis]
+        theta[axis] = theta[axis] / half + gyro_bias[axis]
+    write_sample(out, row, one, theta, half)
+    write_sample(out, row + 1, total, theta, half)
+
+
+@njit(cache=True)
+def _apply(theta: Floats, by_itself: float, by_one: float, by_two: float, v: Floats, out: Floats) -> None:
+    """Write (by_itself I + by_one [theta] + by_two [theta]^2) v: in numbers, which are compiled sooner than arrays."""
+    x, y, z = theta[0], theta[1], theta[2]
+    c0, c1, c2 = y * v[2] - z * v[1], z * v[0] - x * v[2], x * v[1] - y * v[0]
+    out[0] = by_itself * v[0] + by_one * c0 + by_two * (y * c2 - z * c1)
+    out[1] = by_itself * v[1] + by_one * c1 + by_two * (z * c0 - x * c2)
+    out[2] = by_itself * v[2] + by_one * c2 + by_two * (x * c1 - y * c0)
+
+
+class UnseenWalks(NamedTuple):
+    """Of the intervals between M nodes.
+
+    ============ ======== =====================================================================
+    unseen       (M-1,)   whether samples are missing
+    body_up      (M-1, 3) specific force at the end of each that is unseen, m/s^2
+    walk                  what a person does in each; of those that are seen, nothing of meaning
+    ============ ======== =====================================================================
+    """
+
+    unseen: Bools
+    body_up: Floats
+    walk: UnseenWalk
+
+
+def find_unseen_walks(recording: Recording, sample: Ints, with_compass: bool = True) -> UnseenWalks:
+    """Find the intervals between nodes at `sample` (M,) in which samples are missing, and what is expected of them."""
+    unseen = cross_holes(recording.t, sample)
+    elapsed = np.diff(recording.t[sample])
+    move = walk_for(elapsed)[:, None] * np.array([WALKING_M_S, WALKING_M_S, CLIMBING_M_S])
+    turn, sigma = np.zeros(len(elapsed)), np.minimum(TURNING_RAD * np.sqrt(elapsed), UNKNOWN_RAD)
+    body_up = np.zeros((len(elapsed), 3))
+    for k in np.flatnonzero(unseen):
+        (_, before), (body_up[k], behind) = (_average_about(recording, int(i)) for i in sample[k : k + 2])
+        share, of_field = sigma[k] ** 2 / (sigma[k] ** 2 + FIELD_SIGMA_RAD**2), float(turn_about_up(behind @ before.T))
+        turn[k] = share * of_field if with_compass and np.isfinite(of_field) else 0.0
+    return UnseenWalks(unseen, body_up, UnseenWalk(move, turn, sigma, np.full(len(elapsed), TILT_SIGMA_RAD)))
+
+
+def walk_for(elapsed_s: Floats) -> Floats:
+    """Displacement d (...) of a person, rms, over these times (...) and over the speed: s."""
+    forgotten = -STRAIGHT_S * np.expm1(-elapsed_s / STRAIGHT_S)
+    return np.asarray(np.sqrt(2.0 * STRAIGHT_S * (elapsed_s - forgotten)))
+
+
+def _average_about(recording: Recording, node: int) -> tuple[Floats, Floats]:
+    """Mean specific force (3,) about a node, up to the next hole, and the attitude (3, 3) by it and the field there.
+
+    In that attitude the force points up and the field north; NaN without a field.
+    """
+    t = recording.t
+    first, stop = np.searchsorted(t, [t[node] - REACH_S, t[node] + REACH_S])
+    holes = find_holes(t[first:stop]) + first
+    about = slice(max([first, *(holes[holes < node] + 1)]), min([stop, *(holes[holes >= node] + 1)]))
+    force = recording.acc[about].mean(axis=0)
+    if recording.mag is None or not (seen := np.isfinite(recording.mag[about, 0])).any():
+        return force, np.full((3, 3), np.nan)
+    level_R_body = level_attitude(force)
+    east, north, _ = level_R_body @ recording.mag[about][seen].mean(axis=0)
+    return force, yaw_rotation(float(np.arctan2(east, north))) @ level_R_body

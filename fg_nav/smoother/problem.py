@@ -1,15 +1,15 @@
 """What a recording shows of sensor and mounting, and with it the problem that is solved.
 
-    find_start           -> start in the first stance, rests
-    rests                -> gyro bias and its sigma
-    estimate_lever       -> lever of the rolling foot
-    choose_peak_height   -> how far clipped peaks of the rate rise above the range, by the same evidence
-    choose_swing_noise   -> noise of a swing, by the evidence below
-    graph.build_problem  -> nodes, factors and initial values
-    add_barometer        -> heights by the pressure of the air (`barometer`)
-    solve                -> values near the minimum
+    find_start             -> start in the first stance, rests
+    rests                  -> gyro bias and its sigma
+    estimate_lever         -> lever of the rolling foot
+    choose_peak_height     -> height of clipped peaks of the rate above the range, by the evidence below
+    choose_swing_noise     -> noise of a swing, by the evidence below
+    graph.build_problem    -> nodes, factors and initial values
+    add_barometer          -> heights by the pressure of the air (`barometer`)
+    solve                  -> values near the minimum
     weaken_refused_stances -> the same, with ties weakened that the walk refuses (`refused_stances`)
-    average_bias_walk    -> random walk of the gyro bias (`bias_walk`)
+    average_bias_walk      -> random walk of the gyro bias (`gyro_bias`)
 
 `walk_problem` is all of it: the batch calls it once, a walk in progress at each re-solve. Between re-solves that
 walk adds `strides.stride_graph`. The evidence builds and solves, on pieces of the walk.
@@ -31,9 +31,9 @@ common to a gait, a sensor and its low-pass: one factor a walk on all, with the 
 `HEIGHTS` by the same evidence, at the k that is best with each.
 
 The strides come in up to `PIECES` stretches from the beginning, the middle and the end, each with a gauge of its own,
-and their evidence is added. A piece alone may show a larger mean, and then that is taken: a walk that is
-run in part is trusted no more than its running allows. Beyond `PIECES * PIECE_STRIDES` strides the cost is constant.
-The noise covariance of an interval is linear in k^2, so two preintegrations give it for every k:
+and their evidence is added. A piece alone may show a larger mean, and then that is taken: a walk that is run in part is
+trusted no more than its running allows. Beyond `PIECES * PIECE_STRIDES` strides the cost is constant. The noise
+covariance of an interval is linear in k^2, so two preintegrations give it for every k:
 
     S(k) = S(k0) + (k^2 - k0^2) / (k1^2 - k0^2) (S(k1) - S(k0))
 """
@@ -56,15 +56,14 @@ from fg_nav.factors.residual import Stack
 from fg_nav.recording import Recording
 from fg_nav.samples.saturation import OFF_SHARE
 from fg_nav.smoother.barometer import add_barometer
-from fg_nav.smoother.bias_walk import average_bias_walk
-from fg_nav.smoother.evidence import average
-from fg_nav.smoother.gauss_newton import FIRST_CONVERGENCE
+from fg_nav.smoother.gauss_newton import FIRST_CONVERGENCE, LinearWalk
 from fg_nav.smoother.graph import Known, WalkProblem, build_problem, solve_and_keep
-from fg_nav.smoother.linear import LinearWalk
+from fg_nav.smoother.gyro_bias import average_bias_walk
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.preintegration import preintegrate
 from fg_nav.smoother.refused_stances import weaken_refused_stances
-from fg_nav.smoother.solver import Solved, list_in_time, minimize
+from fg_nav.smoother.sensitivity import average
+from fg_nav.smoother.solver import list_in_time, minimize
 from fg_nav.smoother.strides import INERTIAL_KEYS
 from fg_nav.stances import Stances
 from fg_nav.system.memory import return_freed
@@ -75,11 +74,9 @@ PIECES, PIECE_STRIDES = 3, 50  # 150 strides separate 2e-3 from 1e-3 by some 20 
 MAX_PIECE_S = 90.0  # A third more than 50 strides take; standing in between shows nothing of a swing.
 STANDING_S = 1.0  # Of the standing before the first swing and after the last.
 MIN_STRIDES = 8  # A walk of fewer keeps the level it was given.
-
-HEIGHTS = (0.7, 1.0, 1.4, 1.8, 2.2)
-"""Of rebuilt peaks of the rate, in what their flanks say: what they are off by is common to a gait and a sensor."""
-
+HEIGHTS = (0.7, 1.0, 1.4, 1.8, 2.2)  # Of rebuilt peaks of the rate over what their flanks say: common to a gait.
 MIN_PEAKS = 8  # Fewer that were cut show no height.
+_BASE = (0.0, 1e-3)  # The two levels that are integrated, 1/sqrt(Hz): without noise of the swing, and with some.
 
 
 @dataclass(frozen=True)
@@ -98,11 +95,10 @@ def choose_swing_noise(
     The `gyr_relative_density` of `p` is kept where the walk is too short to show another.
     """
     evidence, strides = _measure_evidence(recording, stances, known, p, levels)
-    if not len(evidence):
-        level = p.gyr_relative_density
-        return SwingNoise(level, f"swing noise {_words(level)}: too few strides to see it from")
-    level = average_level(levels, evidence)
-    return SwingNoise(level, f"swing noise {_words(level)}, the evidence of {format_count(strides, 'stride')}")
+    level, source = p.gyr_relative_density, ": too few strides to see it from"
+    if len(evidence):
+        level, source = average_level(levels, evidence), f", the evidence of {format_count(strides, 'stride')}"
+    return SwingNoise(level, f"swing noise {np.degrees(level):.2g} deg/s/sqrt(Hz) per rad/s{source}")
 
 
 def _measure_evidence(
@@ -124,9 +120,10 @@ def choose_peak_height(recording: Recording, stances: Stances, known: Known, p: 
 
     It is the most probable height; what the walk does not show the prior keeps at 1.
     """
-    heights = np.array([1.0, *(height for height in HEIGHTS if height != 1.0)])
-    if _count_peaks(recording) < MIN_PEAKS:
+    run = recording.peaks[1].run
+    if np.round((1.0 / run[run > 0]).sum()) < MIN_PEAKS:
         return 1.0
+    heights = np.array([1.0, *(height for height in HEIGHTS if height != 1.0)])
     raised = (recording.raise_peaks(height) for height in heights)
     evidence = [_measure_evidence(one, stances, known, p, LEVELS)[0] for one in raised]
     # A height is out with which a piece cannot be solved, and its prior is what the sigma of a rebuilt peak says.
@@ -134,21 +131,11 @@ def choose_peak_height(recording: Recording, stances: Stances, known: Known, p: 
     return float(heights[np.argmin(cost + 0.5 * ((heights - 1.0) / OFF_SHARE) ** 2)])
 
 
-def _count_peaks(recording: Recording) -> int:
-    """Count the peaks of the rate that were cut."""
-    run = recording.peaks[1].run
-    return int(np.round((1.0 / run[run > 0]).sum()))
-
-
 def average_level(levels: tuple[float, ...], minus_log_evidence: Floats) -> float:
     """Return the mean level, rms, by the evidence (pieces, levels) of all pieces; by that of one, where larger."""
     squared = np.square(levels)
     together = average(squared, minus_log_evidence.sum(axis=0))
     return float(np.sqrt(max(together, *(average(squared, piece) for piece in minus_log_evidence))))
-
-
-def _words(level: float) -> str:
-    return f"{np.degrees(level):.2g} deg/s/sqrt(Hz) per rad/s"
 
 
 def _pieces(recording: Recording, stances: Stances) -> Iterator[tuple[Recording, Stances]]:
@@ -214,20 +201,18 @@ class _Piece:
         others = [one for one in solved.stacks if one is not inertial]
         root = np.linalg.cholesky(np.linalg.inv(self.covariances(levels[0])))  # of gtsam's whitening, transposed
         unit = Stack(inertial.keys, np.asarray(np.linalg.solve(root.transpose(0, 2, 1), inertial.rows)))
-        return [self._measure_level(level, unit, others) for level in levels]
-
-    def _measure_level(self, level: float, inertial: Stack, others: Sequence[Stack]) -> float:
-        root = np.linalg.cholesky(self.covariances(level))
-        whitened = Stack(inertial.keys, np.linalg.solve(root, inertial.rows))
-        left = LinearWalk.of([whitened, *others], self._keys).eliminate_all()
-        return float(left.error + left.volume + np.log(np.diagonal(root, axis1=1, axis2=2)).sum())
+        # Each level: whitened, and eliminated.
+        evidence = []
+        for level in levels:
+            root = np.linalg.cholesky(self.covariances(level))
+            whitened = Stack(unit.keys, np.linalg.solve(root, unit.rows))
+            left = LinearWalk.of([whitened, *others], self._keys).eliminate_all()
+            evidence.append(float(left.error + left.volume + np.log(np.diagonal(root, axis1=1, axis2=2)).sum()))
+        return evidence
 
     def covariances(self, level: float) -> Floats:
         """Noise covariances (K, 9, 9) of the inertial factors."""
         return np.asarray(self._at_zero + (level / _BASE[1]) ** 2 * self._by_square)
-
-
-_BASE = (0.0, 1e-3)  # The two levels that are integrated, 1/sqrt(Hz): without noise of the swing, and with some.
 
 
 def walk_problem(
@@ -248,25 +233,28 @@ def walk_problem(
         Whether the walk goes on after the recording: then a rest that is accepted only because it touches the
         recording's end is dropped.
     """
+    # Start and rests.
     start = find_start(recording, stances, heading or 0.0, p.rest)
-    rests = _whole_rests(start.rests, recording, p) if in_progress else start.rests
+    rests, first = start.rests, recording.t[0] + 1.0
+    if in_progress:
+        rests = tuple(one for one in rests if one.lasts(recording, p.rest.shortest_s) or recording.t[one.start] < first)
+    # Bias, lever and swing noise.
     recording, known, swing = _estimate_known(recording, stances, rests, p)
     p = replace(p, gyr_relative_density=swing.gyr_relative_density)
+    # Nodes, factors and initial values.
     problem = build_problem(recording, stances, start.nav_R_body, known, p, heading is not None, progress)
     problem = add_barometer(problem, stances)
     recording.release()
-    problem, solved = _solve_first(problem, p)
-    return_freed()
-    return average_bias_walk(problem, solved.stacks) if p.choose_bias_walk else problem
-
-
-def _solve_first(problem: WalkProblem, p: SmootherParameters) -> tuple[WalkProblem, Solved]:
-    """Return the problem with values near its minimum, and that solution, whose tree is let go of."""
+    # First solution, and ties that the walk refuses.
     solved = solve_and_keep(problem, FIRST_CONVERGENCE)
     problem = replace(problem, values=solved.values)
     if p.refuse_stances:
         problem, solved = weaken_refused_stances(problem, solved)
-    return problem, solved.forget_root()
+    # Random walk of the bias.
+    stacks = solved.stacks
+    del solved  # the triangle is larger than all else
+    return_freed()
+    return average_bias_walk(problem, stacks) if p.choose_bias_walk else problem
 
 
 def estimate_swing_noise(recording: Recording, stances: Stances, p: SmootherParameters) -> float:
@@ -291,14 +279,27 @@ def _estimate_known(
         known = replace(known, peak_height=choose_peak_height(recording, stances, known, p))
         recording = recording.raise_peaks(known.peak_height)
         swing = choose_swing_noise(recording, stances, known, p)
-    notes = *_prior_notes(p), _bias_note(known), _lever_note(lever), *_peak_notes(known.peak_height), swing.note
-    return recording, replace(known, notes=notes), swing
-
-
-def _whole_rests(rests: tuple[Rest, ...], recording: Recording, p: SmootherParameters) -> tuple[Rest, ...]:
-    """Leave out what is a rest only if the recording ends there."""
-    first = recording.t[0] + 1.0
-    return tuple(rest for rest in rests if rest.lasts(recording, p.rest.shortest_s) or recording.t[rest.start] < first)
+    # The same in words.
+    notes = []
+    if any(p.gyro_bias_deg_s):
+        prior = ", ".join(f"{one:.3f}" for one in p.gyro_bias_deg_s)
+        within = f"({prior}) deg/s within {p.gyro_bias_sigma_deg_s:.2g}"
+        notes.append(f"gyro bias of {within} before the walk, from the calibration")
+    if known.rests:
+        shown = np.round(np.degrees(known.gyro_bias), 3).tolist()
+        notes.append(f"gyro bias {shown} deg/s from {format_count(len(known.rests), 'rest')}")
+    else:
+        notes.append("gyro bias from the walk alone, there is no rest in it")
+    if lever.lever.any():
+        x, y, z = lever.lever * 1000
+        place = f"({x:.0f}, {y:.0f}, {z:.0f}) mm"
+        notes.append(f"sensor at {place} from the point about which the foot rolls, body axes")
+    else:
+        notes.append("sensor taken to stand where the foot rolls: plain zero velocity")
+    if known.peak_height != 1.0:
+        times = f"{known.peak_height:g} times"
+        notes.append(f"clipped peaks of the rate are taken {times} as high above the range as their flanks say")
+    return recording, replace(known, notes=(*notes, swing.note)), swing
 
 
 def _bias_from_rests(rests: tuple[Rest, ...], prior_mean: Floats, prior_sigma: float) -> tuple[Floats, float]:
@@ -312,30 +313,3 @@ def _bias_from_rests(rests: tuple[Rest, ...], prior_mean: Floats, prior_sigma: f
     shown = sum(one @ (rest.rate - prior_mean) for one, rest in zip(weight, rests, strict=True))
     sigma = float(np.hypot(prior_sigma, np.linalg.norm(np.linalg.solve(sum(weight), shown))))
     return np.asarray(prior_mean + np.linalg.solve(sum(weight) + np.eye(3) / sigma**2, shown)), sigma
-
-
-def _prior_notes(p: SmootherParameters) -> tuple[str, ...]:
-    if not any(p.gyro_bias_deg_s):
-        return ()
-    mean = ", ".join(f"{one:.3f}" for one in p.gyro_bias_deg_s)
-    return (f"gyro bias of ({mean}) deg/s within {p.gyro_bias_sigma_deg_s:.2g} before the walk, from the calibration",)
-
-
-def _bias_note(known: Known) -> str:
-    if not known.rests:
-        return "gyro bias from the walk alone, there is no rest in it"
-    bias = np.round(np.degrees(known.gyro_bias), 3).tolist()
-    return f"gyro bias {bias} deg/s from {format_count(len(known.rests), 'rest')}"
-
-
-def _peak_notes(height: float) -> tuple[str, ...]:
-    if height == 1.0:
-        return ()
-    return (f"clipped peaks of the rate are taken {height:g} times as high above the range as their flanks say",)
-
-
-def _lever_note(lever: RollingLever) -> str:
-    if not lever.lever.any():
-        return "sensor taken to stand where the foot rolls: plain zero velocity"
-    x, y, z = lever.lever * 1000
-    return f"sensor at ({x:.0f}, {y:.0f}, {z:.0f}) mm from the point about which the foot rolls, body axes"

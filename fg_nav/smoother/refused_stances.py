@@ -12,9 +12,9 @@ T_k is by how much twice the error falls at the minimum where d_k is free (a del
 three degrees of freedom where the stance is one. It costs one pass down the triangle (`square_root`), each footfall a
 group with G = J^T H.
 
-A stance is refused where T is above `MIN_STATISTIC` (of a mid-swing `MIN_OF_SWING`) and the largest within
-`NEIGHBORS` footfalls, for a wrong tie spoils those next to it, and |d_k| is more than a foot rolls with. Its ties are
-not dropped: their sigma grows to |d_k|. Then the walk is solved again, until none is refused.
+A stance is refused where T is above `MIN_STATISTIC` (of a mid-swing `MIN_OF_SWING`) and the largest within `NEIGHBORS`
+footfalls, for a wrong tie spoils those next to it, and |d_k| is more than a foot rolls with. Its ties are not dropped:
+their sigma grows to |d_k|. Then the walk is solved again, until none is refused.
 """
 
 from __future__ import annotations
@@ -27,22 +27,16 @@ from scipy.ndimage import maximum_filter1d
 from fg_nav.arrays import Bools, Floats
 from fg_nav.factors.residual import ResidualBlock
 from fg_nav.factors.zero_velocity import StanceVelocity
-from fg_nav.smoother.front_covariances import Groups
 from fg_nav.smoother.gauss_newton import FIRST_CONVERGENCE
 from fg_nav.smoother.graph import WalkProblem, solve_and_keep
 from fg_nav.smoother.solver import Solved, residuals_at_minimum
-from fg_nav.smoother.square_root import SquareRoot
+from fg_nav.smoother.square_root import Groups, SquareRoot
 from fg_nav.smoother.strides import Nodes
 from fg_nav.text import format_count
 
-MIN_STATISTIC = 40.0
-"""T below which none is refused. On real walks the median is 0.1 to 2; a swing with a shock that its noise does not
-cover brings the stances on both sides to 15 to 35; one that moves at 0.35 m/s has 52, at 0.7 m/s 340."""
-
-SWINGS_M_S, MIN_OF_SWING = 1.5, 20.0
-"""With so large a |d| T need be no more than that: no shock makes a stance look like a mid-swing, and a mid-swing among
-the stances raises the noise of all swings, by which its T comes down to 21 to 40."""
-
+MIN_STATISTIC = 40.0  # T of stances: median 0.1 to 2, beside a shock 15 to 35, of a foot at 0.35 m/s 52.
+SWINGS_M_S = 1.5  # |d| of a mid-swing: no shock makes a stance look like one.
+MIN_OF_SWING = 20.0  # T of a mid-swing: it raises the noise of all swings, by which its T comes down to 21 to 40.
 MIN_SPEED_M_S = 0.15  # |d| below which none is refused: feet that walk fast roll with as much.
 NEIGHBORS = 2  # Footfalls on either side whose T a wrong tie swells.
 ROUNDS = 4  # Of solving again.
@@ -68,35 +62,27 @@ def weaken_refused_stances(problem: WalkProblem, solved: Solved) -> tuple[WalkPr
     """Return a problem, solved near its minimum, with the ties weakened that the walk refuses, and its solution."""
     refused = np.zeros(len(problem.nodes.result), dtype=np.bool_)
     for _ in range(ROUNDS):
-        # What the rest of the walk says of each stance.
+        # The velocity of each stance by the rest of the walk.
         found = compute_stance_statistics(problem, solved)
         now = found.refused()
         if not now.any():
             break
         # The same ties with a sigma as large as what they are off by; and solve again.
         refused |= now
-        off = np.where(now, np.linalg.norm(found.velocity, axis=1), 0.0)
-        problem = replace(problem, velocities=_widen(problem.velocities, off[problem.nodes.footfall]))
+        off = np.where(now, np.linalg.norm(found.velocity, axis=1), 0.0)[problem.nodes.footfall]
+        ties = problem.velocities.residuals
+        assert isinstance(ties, StanceVelocity)
+        ties = replace(ties, sigma=np.hypot(ties.sigma, off[:, None]))
+        problem = replace(problem, velocities=ResidualBlock(ties, problem.velocities.keys))
         solved = solve_and_keep(problem, FIRST_CONVERGENCE)
         problem = replace(problem, values=solved.values)
-    return (_with_note(problem, refused) if refused.any() else problem), solved
-
-
-def _widen(block: ResidualBlock, off: Floats) -> ResidualBlock:
-    """Add a sigma `off` (M,) m/s to the ties of each node."""
-    ties = block.residuals
-    assert isinstance(ties, StanceVelocity)
-    return ResidualBlock(replace(ties, sigma=np.hypot(ties.sigma, off[:, None])), block.keys)
-
-
-def _with_note(problem: WalkProblem, refused: Bools) -> WalkProblem:
-    nodes = problem.nodes
-    first = problem.recording.t[nodes.sample[nodes.result[refused]]][0]
-    note = (
-        f"{format_count(int(refused.sum()), 'stance')} of {len(refused)} trusted less, the first at {first:.1f} s: "
-        "by the rest of the walk the foot moves there"
-    )
-    return replace(problem, known=replace(problem.known, notes=(*problem.known.notes, note)))
+    if refused.any():
+        first = problem.recording.t[problem.nodes.sample[problem.nodes.result[refused]]][0]
+        problem = problem.with_note(
+            f"{format_count(int(refused.sum()), 'stance')} of {len(refused)} trusted less, the first at {first:.1f} s: "
+            "by the rest of the walk the foot moves there"
+        )
+    return problem, solved
 
 
 def compute_stance_statistics(problem: WalkProblem, solved: Solved) -> StanceStatistics:
@@ -110,7 +96,11 @@ def compute_stance_statistics(problem: WalkProblem, solved: Solved) -> StanceSta
     seen = np.add.reduceat(np.swapaxes(H, 1, 2) @ H, begins)
     by = np.add.reduceat((np.swapaxes(H, 1, 2) @ left[..., None])[..., 0], begins)
     F = seen - root.quadratic_forms(_group_ties(root, block, nodes, np.swapaxes(jacobian, 1, 2) @ H))
-    velocity = _solve_shifts(F, by)
+    # Pseudo-inverse; directions without information are dropped.
+    strength, axes = np.linalg.eigh(F)
+    along = (np.swapaxes(axes, 1, 2) @ by[..., None])[..., 0]
+    along = np.divide(along, strength, out=np.zeros_like(along), where=strength > MIN_SHARE * strength[:, -1:])
+    velocity = (axes @ along[..., None])[..., 0]
     return StanceStatistics((velocity * by).sum(axis=1), velocity)
 
 
@@ -126,11 +116,3 @@ def _group_ties(root: SquareRoot, block: ResidualBlock, nodes: Nodes, products: 
     groups.of_column[columns[:, :-1]] = nodes.footfall[:, None]
     groups.G[columns[:, :-1]] = products[:, :-1]
     return groups
-
-
-def _solve_shifts(F: Floats, by: Floats) -> Floats:
-    """F^-1 b (F, 3), without the directions in which the walk leaves nothing open."""
-    strength, axes = np.linalg.eigh(F)
-    along = (np.swapaxes(axes, 1, 2) @ by[..., None])[..., 0]
-    along = np.divide(along, strength, out=np.zeros_like(along), where=strength > MIN_SHARE * strength[:, -1:])
-    return np.asarray((axes @ along[..., None])[..., 0])

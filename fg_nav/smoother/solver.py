@@ -2,9 +2,9 @@
 
 On a chain the order of time is as good as any and leaves the last footfall at the root.
 
-A Bayes tree of GTSAM, of a part of a walk online, gives its covariances by one pass down. QR left in each clique
-R x_F + S x_S = d, F its frontal variables, S its separator, whose variables all stand in the parent clique. With P_SS
-known from the parent,
+A Bayes tree of GTSAM, of a part of a walk online, gives its covariances by one pass down. QR left in each clique R x_F
++ S x_S = d, F its frontal variables, S its separator, whose variables all stand in the parent clique. With P_SS known
+from the parent,
 
     W = -R^-1 S,    P_FS = W P_SS,    P_FF = R^-1 R^-T + W P_SS W^T,
 
@@ -23,11 +23,18 @@ import numpy as np
 from gtsam.symbol_shorthand import B, X
 from scipy.linalg.lapack import dtrtri
 
-from fg_nav.arrays import Floats, Ints
+from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import EstimationError, FgNavError
 from fg_nav.factors.residual import LETTER_SHIFT, POSE, Keys, Stack, read_variables
-from fg_nav.smoother.gauss_newton import CONVERGENCE, MAX_STEPS, Minimum, find_minimum
-from fg_nav.smoother.linear import DIMENSION, NO_SOLUTION, stack_factors
+from fg_nav.smoother.gauss_newton import (
+    CONVERGENCE,
+    DIMENSION,
+    MAX_STEPS,
+    NO_SOLUTION,
+    Minimum,
+    find_minimum,
+    stack_factors,
+)
 from fg_nav.smoother.square_root import SquareRoot
 from fg_nav.smoother.strides import Nodes
 from fg_nav.solution import StanceTable
@@ -57,12 +64,19 @@ class LinearizableBlock(Protocol):
 
 
 class GtsamFactors:
-    """Factors of gtsam that are not in the graph of the walk."""
+    """Factors of gtsam that are not in the graph of the walk; `kind` is the word under which they are counted, if any.
 
-    def __init__(self, *factors: gtsam.NonlinearFactor) -> None:
-        self._graph = gtsam.NonlinearFactorGraph()
+    Their loss is half the square of their linearized residuals, but for factors with a robust one, of which `excess` is
+    what is above that.
+    """
+
+    def __init__(self, *factors: gtsam.NonlinearFactor, kind: str = "") -> None:
+        self._graph, self.kind = gtsam.NonlinearFactorGraph(), kind
         for factor in factors:
             self._graph.push_back(factor)
+
+    def __len__(self) -> int:
+        return int(self._graph.size())
 
     def error(self, values: gtsam.Values) -> float:
         """Half the sum of squares of the residuals over their sigmas."""
@@ -70,7 +84,8 @@ class GtsamFactors:
 
     def linearize(self, values: gtsam.Values) -> Iterator[gtsam.GaussianFactor]:
         """Yield its factors, linearized at these values."""
-        return list_linear(self._graph.linearize(values))
+        linear = self._graph.linearize(values)
+        return map(linear.at, range(linear.size()))
 
     def stack(self, values: gtsam.Values) -> list[Stack]:
         """Return the same as arrays."""
@@ -81,29 +96,19 @@ class GtsamFactors:
         return (self._graph.at(i) for i in range(self._graph.size()))
 
     def excess(self, values: gtsam.Values) -> float:
-        """By how much their loss is more than half the square of the linearized residuals: nothing."""
+        """Excess of the robust loss over the quadratic one; zero for quadratic factors."""
         return 0.0
-
-
-def time_order(
-    nodes: Nodes, with_field: bool = False, floor: Ints | None = None, directions: int = 0, with_air: bool = False
-) -> gtsam.Ordering:
-    """Order in which the variables are eliminated: node by node, bias and settling after the last node that uses them.
-
-    With the field its state M at each footfall follows the node of the footfall's result. Floors come after the last
-    footfall on them, of which `floor` (F,) has the number. The `directions` of a building, which all courses join,
-    are last. So does the state P of a barometer.
-    """
-    ordering = gtsam.Ordering()
-    for key in list_in_time(nodes, with_field, floor, directions, with_air).tolist():
-        ordering.push_back(key)
-    return ordering
 
 
 def list_in_time(
     nodes: Nodes, with_field: bool = False, floor: Ints | None = None, directions: int = 0, with_air: bool = False
 ) -> Keys:
-    """Keys in the order in which the variables are eliminated: see `time_order`."""
+    """Keys in the order in which the variables are eliminated: node by node, bias and settling after their last node.
+
+    The states M of the field and P of a barometer follow the node of their footfall's result. Floors come after the
+    last footfall on them, of which `floor` (F,) has the number. The `directions` of a building, which all courses join,
+    are last.
+    """
     number, bias = np.arange(len(nodes)), nodes.bias[nodes.footfall]
     ends = np.flatnonzero(np.diff(bias, append=bias[-1] + 1))
     # Behind which node each variable follows, and in which order there.
@@ -123,17 +128,35 @@ def list_in_time(
     return keys[np.argsort(behind, kind="stable")]
 
 
+def postpone(keys: Keys, nodes: Nodes, tied: Ints) -> Keys:
+    """Eliminate `tied` footfalls (n,) of a walk, which factors join over the walk, last and the newest of them first.
+
+    In the order of time every front between two footfalls at one place would carry the later one. A tied footfall is
+    left with all that joins its past to its future: then what lies between two of them is a chain by itself, and what
+    is left a short one. Floors and the direction of a building, which join many, end the order.
+    """
+    is_last, is_common = split_tied(keys, nodes, tied)
+    return np.concatenate([keys[~is_last & ~is_common], keys[is_last][::-1], keys[is_common]])
+
+
+def split_tied(keys: Keys, nodes: Nodes, tied: Ints) -> tuple[Bools, Bools]:
+    """Whether each key is of a tied footfall, its node, bias, settling and state of the field; and of what many join.
+
+    `tied` (n,) are footfalls of the walk.
+    """
+    node, bias = nodes.result[tied], np.unique(nodes.bias[tied])
+    kinds = (("x", node), ("v", node), ("m", tied), ("b", bias), ("s", bias))
+    names = [(ord(letter) << LETTER_SHIFT) + number.astype(np.uint64) for letter, number in kinds]
+    return np.isin(keys, np.concatenate(names)), np.isin(keys >> np.uint64(LETTER_SHIFT), [ord("z"), ord("a")])
+
+
 @dataclass(frozen=True)
 class Solved(Minimum[gtsam.Values]):
     """The minimum of a walk."""
 
-    def forget_root(self) -> Solved:
+    def free_root(self) -> Solved:
         """Return it without the triangle, which is larger than all else, before another is made."""
         return replace(self, root=SquareRoot.of_nothing())
-
-    def forget_stacks(self) -> Solved:
-        """Return it without the factors of the last linearization."""
-        return replace(self, stacks=())
 
 
 @dataclass(frozen=True)
@@ -144,16 +167,16 @@ class WalkSystem:
     blocks: Sequence[LinearizableBlock]
 
     def stack(self, values: gtsam.Values) -> list[Stack]:
-        """Linearize them as `stack_walk`."""
+        """Linearize all factors, as arrays."""
         return stack_walk(self.graph, self.blocks, values)
 
     def error(self, values: gtsam.Values) -> float:
-        """Compute it as `compute_error`."""
+        """Half the sum of squares of all residuals over their sigmas."""
         return compute_error(self.graph, self.blocks, values)
 
     def excess(self, values: gtsam.Values) -> float:
-        """Compute it as `compute_excess`."""
-        return compute_excess(self.blocks, values)
+        """Robust-loss excess; zero for quadratic factors."""
+        return sum(block.excess(values) for block in self.blocks if isinstance(block, GtsamFactors))
 
     def move(self, values: gtsam.Values, step: Mapping[int, Floats]) -> gtsam.Values:
         """Retract each variable."""
@@ -207,28 +230,28 @@ def compute_error(
     return float(graph.error(values) + sum(block.error(values) for block in blocks))
 
 
-def compute_excess(blocks: Sequence[LinearizableBlock], values: gtsam.Values) -> float:
-    """By how much the error is more than that of the graph linearized there: of factors with a robust loss."""
-    return sum(block.excess(values) for block in blocks if isinstance(block, GtsamFactors))
-
-
-def list_linear(linear: gtsam.GaussianFactorGraph) -> Iterator[gtsam.GaussianFactor]:
-    """Yield the factors of a linear graph."""
-    return map(linear.at, range(linear.size()))
-
-
 def dimension_of(key: int) -> int:
     """Dimension of the tangent space of a variable of the walk."""
     return DIMENSION[key >> LETTER_SHIFT]
 
 
 def marginal_covariances(tree: gtsam.GaussianBayesTree, wanted: set[int]) -> dict[int, Floats]:
-    """Covariance of each wanted key in its tangent space, from a tree eliminated by QR."""
+    """Covariance of each wanted key in its tangent space, from a tree eliminated by QR: one pass, parents first."""
     found: dict[int, Floats] = {}
-    for rows, covariance in clique_covariances(tree):
+    nothing: dict[int, tuple[int, int]] = {}  # first row of each key of a clique, and the row after its last
+    stack = [(root, nothing, np.zeros((1, 1))) for root in tree.roots()]
+    while stack:
+        clique, above, parent = stack.pop()
+        conditional, rows, end = clique.conditional(), dict[int, tuple[int, int]](), 0
+        keys = conditional.keys()
+        for key in keys:
+            rows[key] = (end, end := end + dimension_of(key))
+        known = np.array([i for key in keys if key in above for i in range(*above[key])], dtype=np.int64)
+        joint = _join_clique(conditional.R(), conditional.S(), parent, known)
         for key in wanted.intersection(rows).difference(found):
             first, last = rows[key]
-            found[key] = covariance[first:last, first:last].copy()
+            found[key] = joint[first:last, first:last].copy()
+        stack += [(clique[i], rows, joint) for i in range(clique.nrChildren())]
     return found
 
 
@@ -242,40 +265,7 @@ def residuals_at_minimum(
     return np.asarray(residual + (jacobian @ root.step[root.find_columns(keys)][..., None])[..., 0])
 
 
-Rows = dict[int, tuple[int, int]]
-"""First row and row after the last of each key."""
-
-
-def clique_covariances(tree: gtsam.GaussianBayesTree) -> Iterator[tuple[Rows, Floats]]:
-    """Yield the rows of each key and the joint covariance of every clique, parents first."""
-    nothing: Rows = {}
-    stack = [(root, nothing, np.zeros((1, 1))) for root in tree.roots()]
-    while stack:
-        clique, above, covariance = stack.pop()
-        conditional = clique.conditional()
-        keys = conditional.keys()
-        known = _rows_of([key for key in keys if key in above], above)
-        covariance = _joint(conditional.R(), conditional.S(), covariance, known)
-        rows = _stacked(keys)
-        yield rows, covariance
-        stack += [(clique[i], rows, covariance) for i in range(clique.nrChildren())]
-
-
-def _stacked(keys: list[int]) -> Rows:
-    """Rows of keys one below the other."""
-    rows, first = {}, 0
-    for key in keys:
-        last = first + dimension_of(key)
-        rows[key] = (first, last)
-        first = last
-    return rows
-
-
-def _rows_of(keys: list[int], rows: Rows) -> Ints:
-    return np.array([i for key in keys for i in range(*rows[key])], dtype=np.int64)
-
-
-def _joint(R: Floats, S: Floats, parent: Floats, known: Ints) -> Floats:
+def _join_clique(R: Floats, S: Floats, parent: Floats, known: Ints) -> Floats:
     """Covariance of the frontal variables and of the separator, at rows `known` of the parent's."""
     f = len(S)
     joint = np.empty((f + len(known), f + len(known)))
@@ -301,6 +291,11 @@ def list_positions(nodes: Iterable[int], values: gtsam.Values) -> Floats:
 def list_poses(nodes: Iterable[int], values: gtsam.Values) -> Floats:
     """List the poses (n, 4, 4) at some nodes."""
     return read_variables(values, [X(int(j)) for j in nodes], POSE).reshape(-1, 4, 4)
+
+
+def list_biases(nodes: Nodes, values: gtsam.Values) -> Floats:
+    """Return the bias variables (K, 6) of a walk: accelerometer m/s^2, gyroscope rad/s."""
+    return np.array([values.atConstantBias(B(k)).vector() for k in range(int(nodes.bias[-1]) + 1)])
 
 
 def pose_in_nav(nav_R_body: Floats) -> Floats:

@@ -11,19 +11,210 @@ among the parent's own variable and separator, so
 
 P the covariance, P_SS known from the parent. With a group of variables along a path of the tree, as those of a
 footfall, comes the covariance K of all others there with G^T x of the group, and G^T P G: P G is added front by front.
+
+Of the covariance only what is wanted is kept, and the rest freed once no child needs it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from copy import copy
+from typing import NamedTuple
 
 import numpy as np
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.factors.residual import Keys
-from fg_nav.smoother.front_covariances import Groups, Wanted, spread_covariance
-from fg_nav.smoother.fronts import Fronts, back_substitute, forward_substitute
+from fg_nav.smoother.elimination import Fronts, back_substitute, forward_substitute, get_front, list_parts
+from fg_nav.system.compiled import njit
+
+
+class Wanted(NamedTuple):
+    """Joint covariances that are asked for, each of columns of one front.
+
+    `of_column` (N,) number of that whose first column this is, or -1, `columns` (K, d), `found` (K, d, d) to write.
+    """
+
+    of_column: Ints
+    columns: Ints
+    found: Floats
+
+
+class Groups(NamedTuple):
+    """Groups of variables, each along a path of the tree, and its n sums G^T x.
+
+    `of_column` (N,) group of each column, -1 in none, `G` (N, n) of all columns, and one column that a group has in
+    common with others: `common` (F,), `by_common` (F, n).
+    """
+
+    of_column: Ints
+    G: Floats
+    common: Ints
+    by_common: Floats
+
+
+@njit(cache=True)
+def _plan_slots(parent: Ints) -> tuple[Ints, int]:
+    """Place of each front's covariance, used again when all its children are done, and how many there are."""
+    children, slot = np.zeros(len(parent), np.int64), np.zeros(len(parent), np.int64)
+    for p in parent:
+        if p >= 0:
+            children[p] += 1
+    free, frees, count = np.empty(len(parent), np.int64), 0, 0
+    for i in range(len(parent)):
+        if frees > 0:
+            frees -= 1
+            slot[i] = free[frees]
+        else:
+            slot[i] = count
+            count += 1
+        p = parent[i]
+        if p >= 0:
+            children[p] -= 1
+            if children[p] == 0:
+                free[frees] = slot[p]
+                frees += 1
+        if children[i] == 0:
+            free[frees] = slot[i]
+            frees += 1
+    return slot, count
+
+
+class _Above(NamedTuple):
+    """What is kept of fronts that children still need, in the place `slot` (V,) of each of the P places there are.
+
+    Covariances P (P, w, w), of the front's variables with the sums of its group K (P, w, n), and which group that is,
+    `active` (P,), or -1. `where` (N,) is to work in.
+    """
+
+    slot: Ints
+    P: Floats
+    K: Floats
+    active: Ints
+    where: Ints
+
+
+def spread_covariance(fronts: Fronts, wanted: Wanted, groups: Groups, forms: Floats) -> None:
+    """Write the covariances that are wanted, and the forms of groups."""
+    slot, slots = _plan_slots(fronts.parent)
+    widest, n = int(np.diff(fronts.begins).max(initial=0)), groups.G.shape[1]
+    P, K, active = np.zeros((slots, widest, widest)), np.zeros((slots, widest, n)), np.full(slots, -1)
+    above = _Above(slot, P, K, active, np.full(len(wanted.of_column), -1))
+    for first, end in list_parts(0, len(fronts.size)):
+        _spread(fronts, wanted, groups, forms, above, first, end)
+
+
+@njit(cache=True)
+def _spread(fronts: Fronts, wanted: Wanted, groups: Groups, forms: Floats, kept: _Above, first: int, end: int) -> None:
+    """Go down along the fronts `first <= i < end`."""
+    slot, P, K, active, where = kept
+    n = groups.G.shape[1]
+    for i in range(first, end):
+        p, here = fronts.parent[i], slot[i]
+        d, columns, A = get_front(fronts, i)
+        # Places of its separator among its parent's columns.
+        above = np.zeros(len(columns) - d, np.int64)
+        if p >= 0:
+            for k in range(fronts.begins[p], fronts.begins[p + 1]):
+                where[fronts.column[k]] = k - fronts.begins[p]
+            for k in range(len(above)):
+                above[k] = where[columns[d + k]]
+        # The joint covariance of its variables, and that with the sums of its group.
+        joint, cross = _join(A, d, P[slot[p]], above), np.zeros((len(columns), n))
+        group = active[slot[p]] if p >= 0 else -1
+        active[here] = _follow_group(groups, group, columns, A, d, K[slot[p]], above, joint, cross, forms)
+        _copy(joint, P[here])
+        _copy(cross, K[here])
+        # What of it is wanted.
+        number = wanted.of_column[columns[0]]
+        if number >= 0:
+            of = wanted.columns[number]
+            for k in range(len(columns)):
+                where[columns[k]] = k
+            for j in range(len(of)):
+                for k in range(len(of)):
+                    wanted.found[number, j, k] = joint[where[of[j]], where[of[k]]]
+
+
+@njit(cache=True)
+def _follow_group(
+    groups: Groups,
+    group: int,
+    columns: Ints,
+    A: Floats,
+    d: int,
+    parent: Floats,
+    above: Ints,
+    joint: Floats,
+    cross: Floats,
+    forms: Floats,
+) -> int:
+    """Add a front to the sums of its group, where it has one, or pass on its parent's; return which group it is."""
+    own: int = groups.of_column[columns[0]]
+    sums = cross.shape[1]
+    if group >= 0 and (own == group or own < 0):
+        # The covariance of the front's variables with the sums, from its parent's.
+        for n in range(sums):
+            for j in range(len(above)):
+                cross[d + j, n] = parent[above[j], n]
+            for k in range(d - 1, -1, -1):
+                total = 0.0
+                for j in range(k + 1, len(cross)):
+                    total -= A[k, j] * cross[j, n]
+                cross[k, n] = total / A[k, k]
+    elif own >= 0:
+        # A new group begins with what it has in common with others.
+        by = groups.by_common[own]
+        for k in range(len(columns)):
+            if columns[k] == groups.common[own]:
+                for n in range(sums):
+                    for j in range(len(columns)):
+                        cross[j, n] = joint[j, k] * by[n]
+                    for m in range(sums):
+                        forms[own, n, m] = joint[k, k] * by[n] * by[m]
+    if own < 0:
+        return group
+    # The front's own variable joins the sums.
+    for k in range(d):
+        g = groups.G[columns[k]]
+        for n in range(sums):
+            for m in range(sums):
+                forms[own, n, m] += g[n] * cross[k, m] + cross[k, n] * g[m] + joint[k, k] * g[n] * g[m]
+        for n in range(sums):
+            for j in range(len(columns)):
+                cross[j, n] += joint[j, k] * g[n]
+    return int(own)
+
+
+@njit(cache=True)
+def _copy(block: Floats, to: Floats) -> None:
+    """Copy a matrix into the corner of another: in loops, which are compiled sooner than slices."""
+    for j in range(block.shape[0]):
+        for k in range(block.shape[1]):
+            to[j, k] = block[j, k]
+
+
+@njit(cache=True)
+def _join(A: Floats, d: int, parent: Floats, above: Ints) -> Floats:
+    """Joint covariance of a front's own variable and its separator, at rows `above` of its parent's."""
+    s = len(above)
+    joint = np.zeros((d + s, d + s))
+    for j in range(s):
+        for k in range(s):
+            joint[d + j, d + k] = parent[above[j], above[k]]
+    # From the last row on: x_k = (r_k - sum A_kj x_j) / A_kk, r of unit covariance.
+    for k in range(d - 1, -1, -1):
+        for column in range(k + 1, d + s):
+            total = 0.0
+            for j in range(k + 1, d + s):
+                total -= A[k, j] * joint[j, column]
+            joint[k, column] = total / A[k, k]
+            joint[column, k] = joint[k, column]
+        total = 1.0 / A[k, k]
+        for j in range(k + 1, d + s):
+            total -= A[k, j] * joint[j, k]
+        joint[k, k] = total / A[k, k]
+    return joint
 
 
 class SquareRoot:
@@ -45,7 +236,7 @@ class SquareRoot:
         return cls(Fronts(none, none, none, none, none, none, np.zeros(0)), np.zeros(0), np.zeros(0, np.uint64), none)
 
     def shift_keys(self, shift: int) -> SquareRoot:
-        """Return the same triangle to whom variables are known by their keys less `shift`: one foot of two."""
+        """Return the same triangle with all keys less `shift`: one foot of two."""
         shifted = copy(self)
         shifted._shift = np.uint64(shift)
         return shifted
@@ -59,14 +250,16 @@ class SquareRoot:
 
     def forward_substitute(self, C: Floats) -> Floats:
         """Return Y (N, n) of C (N, n)."""
-        Y = C.copy()
-        forward_substitute(self._fronts, Y)
+        Y, count = C.copy(), len(self._fronts.size)
+        for first, end in list_parts(0, count):
+            forward_substitute(self._fronts, Y, count - end, count - first)
         return Y
 
     def back_substitute(self, Y: Floats) -> Floats:
         """Return X (N, n) of Y (N, n)."""
         X = Y.copy()
-        back_substitute(self._fronts, X)
+        for first, end in list_parts(0, len(self._fronts.size)):
+            back_substitute(self._fronts, X, first, end)
         return X
 
     def covariances(self, keys: Iterable[int]) -> dict[int, Floats]:

@@ -2,11 +2,11 @@
 
 Variables: pose X and velocity V at each node, and nodes stand in stances only: one at each end and more between, so
 that the inertial measurements tie the still middle to the rolling ends, the nearest moved onto the footfall's stillest
-sample, where results are given. For the footfalls of ten seconds one bias B and one excess S of the
-settling of the sole. A stride is a footfall and the swing that led to it. It adds
+sample, where results are given. For the footfalls of ten seconds one bias B and one excess S of the settling of the
+sole. A stride is a footfall and the swing that led to it. It adds
 
 * inertial factors from the last node of the footfall before, through all nodes of this one; where samples are missing
-  for too long, in place of one what a person can have done (`unseen`);
+  for too long, in place of one what a person can have done (`preintegration`);
 * at each node the velocity of the stance (`factors.zero_velocity`), V = R (w x l) + settling - S / (duration of the
   stance) up, with a sigma that grows with how fast the foot turns and how far its specific force is from gravity there;
 * where a new bias begins, random-walk factors of B and S from those before;
@@ -33,7 +33,7 @@ from gtsam.symbol_shorthand import B, S, V, X
 from fg_nav.arrays import Floats, Ints
 from fg_nav.detection import Rest
 from fg_nav.factors.residual import ResidualBlock, factor_of, one_of
-from fg_nav.factors.unseen_walk import UnseenWalk
+from fg_nav.factors.walk_constraints import UnseenWalk
 from fg_nav.factors.zero_velocity import StanceVelocity, zero_rate_factor
 from fg_nav.recording import Recording
 from fg_nav.smoother.parameters import SmootherParameters
@@ -43,10 +43,17 @@ from fg_nav.system.compiled import njit
 from fg_nav.system.spilled import measure_rows
 
 LONG_STANCE_S = 0.5  # Beyond this length of a stance, nodes stand `REST_SPACING_S` apart.
-
 REST_SPACING_S = 0.5
-
 BIAS_SPACING_S = 10.0  # Footfalls within this time share one bias: its random walk in between is 0.002 deg/s.
+STANDS_S = 1.5  # No walk has stances so long: the foot stands, and its sole has settled.
+INERTIAL_KEYS = 5  # Pose, velocity, pose, velocity, bias: the variables of an inertial factor; none other joins as many
+VELOCITY_SIGMA = 0.004  # Velocity of a foot that stands and does not turn, m/s (Peruzzi et al. 2011: below 0.011).
+SETTLING_WALK_M = 2e-5  # Random walk of the excess S, m/sqrt(s): 1 mm in an hour; a sole gets warm, a lace loose.
+SETTLING_TIME_S = 0.3  # Shortest time in which a sole settles.
+ACC_BIAS_SIGMA = 0.02  # Accelerometer bias, m/s^2 (2 mg).
+ACC_BIAS_WALK = 1e-4  # Random walk of the accelerometer bias, m/s^2/sqrt(s).
+MIN_WALK_DEG_S = 1e-7  # Of the gyro bias, deg/s/sqrt(s), where none is assumed; without any there is no factor.
+UNREST_REACH_S = 0.01  # On either side of a node, over which rate and force are averaged; not beyond the stance.
 
 
 @dataclass(frozen=True)
@@ -82,15 +89,11 @@ def place_nodes(recording: Recording, stances: Stances, p: SmootherParameters) -
     interval = np.repeat(np.arange(len(stances)), count)
     footfall = stances.footfall[interval]
     first = np.searchsorted(footfall, np.arange(stances.n_footfalls + 1))
-    return Nodes(
-        sample, interval, footfall, first, np.searchsorted(sample, stillest), _biases(recording.t[stillest], p)
-    )
-
-
-def _biases(t: Floats, p: SmootherParameters) -> Ints:
-    """Number (F,) of the bias variable of each footfall, at times `t` (F,): a new one after each spacing."""
+    # A new bias variable after each spacing.
+    t = recording.t[stillest]
     spacing = np.floor((t - t[0]) / BIAS_SPACING_S).astype(np.int64)
-    return np.cumsum(np.diff(spacing, prepend=spacing[0]) > 0)
+    bias = np.cumsum(np.diff(spacing, prepend=spacing[0]) > 0)
+    return Nodes(sample, interval, footfall, first, np.searchsorted(sample, stillest), bias)
 
 
 @njit(cache=True)
@@ -151,23 +154,6 @@ def _keep_apart(t: Floats, nodes: Ints, keep: int, shortest: float) -> int:
     return count
 
 
-INERTIAL_KEYS = 5  # Pose, velocity, pose, velocity, bias: the variables of an inertial factor; none other joins as many
-VELOCITY_SIGMA = 0.004  # Velocity of a foot that stands and does not turn, m/s (Peruzzi et al. 2011: below 0.011).
-
-SETTLING_WALK_M = 2e-5
-"""Random walk of the excess S, m/sqrt(s): 1 mm in an hour; a sole gets warm, a lace loose, a carpet begins."""
-
-SETTLING_TIME_S = 0.3  # Shortest time in which a sole settles.
-ACC_BIAS_SIGMA = 0.02  # Accelerometer bias, m/s^2 (2 mg).
-ACC_BIAS_WALK = 1e-4  # Random walk of the accelerometer bias, m/s^2/sqrt(s).
-
-MIN_WALK_DEG_S = 1e-7
-"""Of the gyro bias, deg/s/sqrt(s), where none is assumed: a degree in forty hours; without any there is no factor."""
-
-UNREST_REACH_S = 0.01
-"""On either side of a node, over which rate and specific force are averaged; not beyond the stance."""
-
-
 @dataclass(frozen=True)
 class Stride:
     """What a footfall and the swing before it measured.
@@ -193,21 +179,31 @@ class Stride:
         return one_of(self.velocities, self.own)
 
 
-STANDS_S = 1.5  # No walk has stances so long: the foot stands, and its sole has settled.
-
-
 def measure_velocities(
     recording: Recording, stances: Stances, nodes: Nodes, gyro_bias: Floats, lever: Floats, p: SmootherParameters
 ) -> StanceVelocity:
     """Velocities of the stances at all nodes; `gyro_bias` (3,) rad/s is the one the lever's velocity is taken with."""
+    # Rate and specific force about the nodes.
     reach = max(1, round(UNREST_REACH_S / recording.period_s))
     rate = _about_nodes(recording.gyr, stances, nodes, reach) - gyro_bias
     off_gravity = measure_rows(recording.acc)[:, None] - p.gravity
     off_gravity = np.sqrt(_about_nodes(off_gravity**2, stances, nodes, reach)[:, 0])
-    body_velocity = np.cross(rate, lever)
-    sinks_per_m = _sinking(recording.t, stances, p)[nodes.footfall]
-    settling, sigma = _stance_noise(sinks_per_m, rate, off_gravity, p)
-    return StanceVelocity(body_velocity, settling, sigma, sinks_per_m)
+    # The sole settles once in a footfall, though the stance may be in pieces. Who stands has settled: a long stance, or
+    # one that begins where the one before ended, settles no more.
+    t, first = recording.t, np.searchsorted(stances.footfall, np.arange(stances.n_footfalls))
+    last = np.append(first[1:], len(stances)) - 1
+    duration = t[stances.stop[last] - 1] - t[stances.start[first]]
+    continues = np.append(False, stances.start[first[1:]] == stances.stop[last[:-1]])
+    of_footfall = np.where(continues | (duration > STANDS_S), 0.0, 1.0 / np.maximum(duration, SETTLING_TIME_S))
+    sinks_per_m = of_footfall[nodes.footfall]
+    settling = np.zeros((len(rate), 3))
+    settling[:, 2] = -(p.settling_m * sinks_per_m)
+    # Sigma of a still foot, of a rolling one, and of the settling.
+    still = VELOCITY_SIGMA**2 + (p.unsteady_s * off_gravity) ** 2
+    rolling = p.roll_sigma_m**2 * (rate**2).sum(axis=1)
+    sigma = np.repeat(np.sqrt(still + rolling)[:, None], 3, axis=1)
+    sigma[:, 2] = np.hypot(sigma[:, 2], p.settling_sigma_m * sinks_per_m)
+    return StanceVelocity(np.cross(rate, lever), settling, sigma, sinks_per_m)
 
 
 def strides_of(
@@ -220,7 +216,12 @@ def strides_of(
     """Yield the strides of a walk in order, of its measurements and its velocities at the nodes."""
     t = recording.t[nodes.sample[nodes.result]]
     begun = t[np.flatnonzero(np.diff(nodes.bias, prepend=-1))]
-    rests_of = _by_footfall(rests, nodes)
+    # The footfall in which, or next to which, each rest lies.
+    middles = [(rest.start + rest.stop) // 2 for rest in rests]
+    nearest = np.clip(np.searchsorted(nodes.sample, middles), 0, len(nodes) - 1)
+    rests_of: dict[int, list[Rest]] = {}
+    for rest, footfall in zip(rests, nodes.footfall[nearest], strict=True):
+        rests_of.setdefault(int(footfall), []).append(rest)
     for k, (first, last) in enumerate(zip(nodes.first[:-1], nodes.first[1:], strict=True)):
         yield Stride(
             first=first,
@@ -276,8 +277,9 @@ def _add_sensor(graph: gtsam.NonlinearFactorGraph, stride: Stride, p: SmootherPa
     if stride.bias != stride.bias_before:
         walk = np.repeat([ACC_BIAS_WALK, np.radians(max(p.gyro_bias_walk_deg_s, MIN_WALK_DEG_S))], 3)
         noise = gtsam.noiseModel.Diagonal.Sigmas(walk * np.sqrt(stride.bias_age_s))
-        graph.push_back(gtsam.BetweenFactorConstantBias(B(stride.bias_before), B(stride.bias), NO_CHANGE, noise))
-        change = _one_sigma(SETTLING_WALK_M * np.sqrt(stride.bias_age_s))
+        no_change = gtsam.imuBias.ConstantBias()
+        graph.push_back(gtsam.BetweenFactorConstantBias(B(stride.bias_before), B(stride.bias), no_change, noise))
+        change = gtsam.noiseModel.Isotropic.Sigma(1, SETTLING_WALK_M * np.sqrt(stride.bias_age_s))
         graph.push_back(gtsam.BetweenFactorVector(S(stride.bias_before), S(stride.bias), np.zeros(1), change))
     for rest in stride.rests:
         graph.push_back(zero_rate_factor(B(stride.bias), rest.rate, rest.covariance))
@@ -287,51 +289,10 @@ def add_start(
     graph: gtsam.NonlinearFactorGraph, gyro_bias_mean: Floats, gyro_bias_sigma: float, p: SmootherParameters
 ) -> None:
     """Add the priors on the bias and on the excess of the settling."""
-    graph.addPriorConstantBias(B(0), _bias(gyro_bias_mean), _bias_noise(ACC_BIAS_SIGMA, gyro_bias_sigma))
-    graph.push_back(gtsam.PriorFactorVector(S(0), np.zeros(1), _one_sigma(p.settling_sigma_m)))
-
-
-NO_CHANGE = gtsam.imuBias.ConstantBias()
-
-
-def _bias(gyro: Floats) -> gtsam.imuBias.ConstantBias:
-    return gtsam.imuBias.ConstantBias(np.zeros(3), gyro)
-
-
-def _bias_noise(acc_sigma: float, gyro_sigma: float) -> gtsam.noiseModel.Diagonal:
-    return gtsam.noiseModel.Diagonal.Sigmas(np.repeat([acc_sigma, gyro_sigma], 3))
-
-
-def _one_sigma(sigma: float) -> gtsam.noiseModel.Isotropic:
-    return gtsam.noiseModel.Isotropic.Sigma(1, sigma)
-
-
-def _sinking(t: Floats, stances: Stances, p: SmootherParameters) -> Floats:
-    """Share (F,) 1/s of its settling by which the sole sinks in each second of a footfall.
-
-    It settles once, though the stance may be in pieces. Who stands has settled: a long stance, or one that begins where
-    the one before ended, is taken to settle no more.
-    """
-    first = np.searchsorted(stances.footfall, np.arange(stances.n_footfalls))
-    last = np.append(first[1:], len(stances)) - 1
-    duration = t[stances.stop[last] - 1] - t[stances.start[first]]
-    continues = np.append(False, stances.start[first[1:]] == stances.stop[last[:-1]])
-    sinking = 1.0 / np.maximum(duration, SETTLING_TIME_S)
-    return np.where(continues | (duration > STANDS_S), 0.0, sinking)
-
-
-def _stance_noise(
-    sinks_per_m: Floats, rate: Floats, off_gravity: Floats, p: SmootherParameters
-) -> tuple[Floats, Floats]:
-    """Velocity of the settling sole and sigma of the velocity, (M, 3) m/s, at each node."""
-    sinking = p.settling_m * sinks_per_m
-    settling = np.zeros((len(rate), 3))
-    settling[:, 2] = -sinking
-    still = VELOCITY_SIGMA**2 + (p.unsteady_s * off_gravity) ** 2
-    rolling = p.roll_sigma_m**2 * (rate**2).sum(axis=1)
-    sigma = np.repeat(np.sqrt(still + rolling)[:, None], 3, axis=1)
-    sigma[:, 2] = np.hypot(sigma[:, 2], p.settling_sigma_m * sinks_per_m)
-    return settling, sigma
+    noise = gtsam.noiseModel.Diagonal.Sigmas(np.repeat([ACC_BIAS_SIGMA, gyro_bias_sigma], 3))
+    graph.addPriorConstantBias(B(0), gtsam.imuBias.ConstantBias(np.zeros(3), gyro_bias_mean), noise)
+    excess = gtsam.noiseModel.Isotropic.Sigma(1, p.settling_sigma_m)
+    graph.push_back(gtsam.PriorFactorVector(S(0), np.zeros(1), excess))
 
 
 def _about_nodes(samples: Floats, stances: Stances, nodes: Nodes, reach: int) -> Floats:
@@ -340,13 +301,3 @@ def _about_nodes(samples: Floats, stances: Stances, nodes: Nodes, reach: int) ->
     last = np.minimum(nodes.sample + reach + 1, stances.stop[nodes.interval])
     total = np.concatenate([np.zeros((1, samples.shape[1])), np.cumsum(samples, axis=0)])
     return np.asarray((total[last] - total[first]) / (last - first)[:, None])
-
-
-def _by_footfall(rests: tuple[Rest, ...], nodes: Nodes) -> dict[int, list[Rest]]:
-    """Rests of each footfall, in which or next to which they lie."""
-    middles = [(rest.start + rest.stop) // 2 for rest in rests]
-    nearest = np.clip(np.searchsorted(nodes.sample, middles), 0, len(nodes) - 1)
-    found: dict[int, list[Rest]] = {}
-    for rest, footfall in zip(rests, nodes.footfall[nearest], strict=True):
-        found.setdefault(int(footfall), []).append(rest)
-    return found

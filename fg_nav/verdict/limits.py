@@ -1,7 +1,9 @@
-"""What no person on foot does, and what an error of the end is worth: of a path at its end, and of each line online.
+"""Physical limits of a person on foot, the weight of an error of the end, and the verdict of several reasons.
+
+The limits hold for a path at its end, and for each line online.
 
 ============== ======= ========= ======= ==============================================================================
-quantity       unit    doubtful  no use  what it rests on
+quantity       unit    doubtful  no use  basis
 ============== ======= ========= ======= ==============================================================================
 error          m       1 sigma   1/10    that a sign leaves in the end: over the sigma of the result, and over the way
 region         share   -         1/10    95 % region that the result itself claims, over the way; in a pocket 0.6, as
@@ -10,10 +12,10 @@ speed          m/s     12        18      of the foot: 2.5 times that of the pers
 height rate    m/s     0.8       1.5     over 10 s and more: 0.5 is to run up stairs, 1 to run down
 strides        1       1/4       1/3     one over their number
 axes           -       3         7       log of the odds of other axes of the gyroscope than those given
-                                         (`detection.handedness`, in a pocket `detection.swing_axes`)
+                                         (`detection.handedness`)
 ============== ======= ========= ======= ==============================================================================
 
-Errors that a sign leaves:
+Errors of the end:
 
 ============== =========================================================================================================
 long stride    by which it is longer than half as much again as the walk's fastest strides would be in its time
@@ -25,30 +27,87 @@ gravity        share by which the vertical force of a stride, from rest to rest,
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.detection.filtered import measure_high_pass, measure_smoothing
 from fg_nav.detection.handedness import DECISIVE, SUSPECT, AxesEvidence
+from fg_nav.detection.sensor_processing import measure_high_pass, measure_smoothing
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.recording import Recording
 from fg_nav.stances import Stances
 from fg_nav.text import format_count
-from fg_nav.verdict.reason import LIGHT, MIN_WAY_M, NO_USE, UNSEEN, USE_SHARE, Reason, weigh, weigh_error
+
+Word = Literal["trusted", "doubtful", "not to be used"]
+
+UNUSABLE: Word = "not to be used"
+
+NO_USE = 2.0  # Weight of a sign that spoils a path alone.
+LIGHT = 0.8  # Weight of a sign that is named, and makes no path doubtful.
+NAMING = 0.0  # Weight of words that name a possible cause of other signs.
+UNSEEN = -1.0  # Weight of an absent sign.
+MANY = 4.0  # Sum of the weights, of those of 1 and more, that spoils a path.
+
+HARMLESS_SHARE = 0.01  # Error of a good path, whatever its sigma, over the way.
+USE_SHARE = 0.1  # Error, or 95 % region, from which on a path is of no use, over the way;
+USE_SHARE_IN_POCKET = 0.6  # in a pocket more: the length of a step is known to 0.12.
+MIN_WAY_M = 10.0  # A shorter way counts as this: seven strides.
 
 FEW_STRIDES = 1 / 4, 1 / 3
 SEEN_BY = 20  # Strides, of which those tested are at least a half in any ordinary walk.
 
 SPEED_M_S = 12.0, 18.0
 HEIGHT_RATE_M_S = 0.8, 1.5
+CLIMBED_S = 10.0  # Over which the height rate is measured: a jump, or a slide down a pole, is shorter.
 AXES_ODDS = SUSPECT, DECISIVE
-USE_SHARE_IN_POCKET = 0.6
-FASTER, FAST_SHARE = 1.5, 0.9  # Than the strides of this quantile of speed no stride is, by so much.
-SIGMAS_95 = float(np.sqrt(-2.0 * np.log(0.05)))  # Of an ellipse that holds 95 % of a normal distribution.
+FASTER, FAST_SHARE = 1.5, 0.9  # No stride is faster by this factor than this quantile of the strides.
+SIGMAS_95 = float(np.sqrt(-2.0 * np.log(0.05)))  # Radius of the 95 % ellipse of a normal distribution.
 SMOOTHED = 100.0, 1e4  # Power at the gait's rate over that of heel strikes: 4 times the softest foot's, and 400 times.
 BAD_SHARE = 0.005, 0.05
 
-CLIMBED_S = 10.0  # Over which the height rate is measured: a jump, or a pole slid down, is shorter.
+
+@dataclass(frozen=True)
+class Reason:
+    """An observed sign: its weight, and words with the measured value."""
+
+    weight: float
+    words: str
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The word, and the reasons against the path, heaviest first; a trusted path may have light reasons."""
+
+    word: Word
+    reasons: tuple[str, ...]
+
+
+def weigh(value: float, doubtful: float, no_use: float) -> float:
+    """Weight of a value: 1 at the first limit, 2 at the second, linear in the logarithm; 2 for NaN."""
+    if np.isnan(value):
+        return NO_USE
+    return 1.0 + float(np.log(max(value, 1e-12) / doubtful) / np.log(no_use / doubtful))
+
+
+def weigh_error(error_m: float, sigma_m: float, way_m: float) -> float:
+    """Weight of an error of the end, m: 1 at the sigma of the result, 2 at a tenth of the way, or two sigmas."""
+    way_m = max(way_m, MIN_WAY_M)
+    known_m = float(np.hypot(sigma_m, HARMLESS_SHARE * way_m))
+    return weigh(error_m, known_m, max(USE_SHARE * way_m, 2.0 * known_m))
+
+
+def combine(found: Sequence[Reason]) -> Verdict:
+    """Combine reasons by their weight."""
+    heavy = sorted((reason for reason in found if reason.weight >= 1.0), key=lambda reason: -reason.weight)
+    light = [reason for reason in found if reason.weight in (LIGHT, NAMING)]
+    words = tuple(reason.words for reason in (*heavy, *light))
+    if not heavy:
+        return Verdict("trusted", tuple(reason.words for reason in light if reason.weight == LIGHT))
+    spoiled = heavy[0].weight >= NO_USE or sum(min(reason.weight, NO_USE) for reason in heavy) >= MANY
+    return Verdict(UNUSABLE if spoiled else "doubtful", words)
 
 
 def judge_strides(count: int, duration_s: float) -> Reason:
@@ -58,9 +117,9 @@ def judge_strides(count: int, duration_s: float) -> Reason:
 
 
 def judge_beginning(walked: int, tested: int) -> Reason:
-    """Judge the strides of a walk in progress, and of those so many whose axes were tested: too few are doubtful.
+    """Judge the number of strides of a walk in progress, and of those whose axes were tested: too few are doubtful.
 
-    Where `SEEN_BY` strides were walked and none can be tested, the sensor never stands, and shows nothing of its axes.
+    From `SEEN_BY` strides on, untested axes are no objection: a sensor that never stands cannot show them.
     """
     known = walked if walked >= SEEN_BY else min(walked, tested)
     few = weigh(1.0 / max(known, 1), *FEW_STRIDES) >= 1.0
@@ -94,7 +153,7 @@ def judge_position(covariance: Floats, way: float, in_pocket: bool = False) -> R
 
 
 def judge_unfollowed(lost_s: float, usual_m_s: float, sigma: float, way: float, what: str) -> Reason:
-    """Judge a time, s, in which the foot moved and was not followed, at a usual speed, m/s; `what` happened."""
+    """Judge a time, s, of untracked motion at a usual speed, m/s; `what` happened, in words."""
     missing = lost_s * usual_m_s
     return Reason(weigh_error(missing, sigma, way), f"{what}, {missing:.0f} m at the usual speed")
 
@@ -112,7 +171,7 @@ def judge_rate(sigma: float) -> Reason:
 
 
 def judge_filters(recording: Recording, stances: Stances) -> Reason:
-    """Judge what filters in the sensor left of its samples."""
+    """Judge the effect of filters in the sensor on its samples."""
     smoothing, passed = measure_smoothing(recording), measure_high_pass(recording, stances)
     smoothed = Reason(
         weigh(smoothing, *SMOOTHED) if np.isfinite(smoothing) else UNSEEN,
@@ -123,16 +182,16 @@ def judge_filters(recording: Recording, stances: Stances) -> Reason:
 
 
 def judge_bad_samples(recording: Recording) -> Reason:
-    """Judge the share of the samples of which a sensor was bad."""
+    """Judge the share of bad samples."""
     bad = recording.provenance.bad_samples
     share = bad / (bad + len(recording))
     words = f"{100 * share:.1f} % of the samples were bad, and not used: the sensor or its connection is broken"
     return Reason(weigh(share, *BAD_SHARE), words)
 
 
-def judge_axes(seen: AxesEvidence) -> Reason:
-    """Judge the axes of the gyroscope by what strides show of them."""
-    return Reason(weigh(seen.against, *AXES_ODDS), seen.problem)
+def judge_axes(axes: AxesEvidence) -> Reason:
+    """Judge the axes of the gyroscope by the evidence of the strides."""
+    return Reason(weigh(axes.against, *AXES_ODDS), axes.problem)
 
 
 def find_height_rate(t: Floats, height: Floats) -> tuple[float, float]:

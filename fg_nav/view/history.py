@@ -1,14 +1,18 @@
-"""The path of a walk in progress as it is known now, bounded however long the walk is.
+"""The current path of a walk in progress, for a client that has just connected; bounded for walks of any length.
 
-`History.add` follows the lines of a stream (`fg_nav.online.estimates`). A row is t (s), east, north, up (m):
+`History.add` takes the lines of a stream (`fg_nav.online.estimates`). A row is t (s), east, north, up (m):
 
-    now         one row more, and the distance to it
-    turned      all rows turn about the origin, clockwise
-    retracted   the row of that line is taken off
-    revised     rows move as the revised path does at their times, linear in time between its points
-    smoothed, polished   the rows of the end take the place of those of the moment, in the order of time
+    now         append a row, and add the distance to it
+    turned      turn all rows about the origin, clockwise
+    retracted   remove the row of that line
+    revised     move rows by the revised path's difference at their times, linear in time between its points
+    smoothed, polished   final rows, which replace those of the moment in the order of time
 
-Above `MAX_ROWS` those are dropped that lie nearest to the line through their neighbors.
+Above `MAX_ROWS` rows nearest to the line through their neighbours are dropped.
+
+A page draws one sensor, or two feet and the person between them (`Walkers`). Lines of two feet carry `foot` and `frame`
+(`fg_nav.online.feet_lines`). The main path is the person's, until there is one the left foot's, else the right one's;
+both feet come with it while they are in its frame.
 """
 
 from __future__ import annotations
@@ -18,49 +22,70 @@ from typing import Any
 
 import numpy as np
 
-from fg_nav.arrays import Floats
+from fg_nav.arrays import Floats, interpolate_columns
 
 MAX_ROWS = 3000  # Two hours of footfalls; as JSON 100 kB.
-NEWEST_ROWS = 200  # Never thinned: what one looks at.
-MILLIMETRES = 3  # Digits of a path after the point.
-STILL_S = 2.5  # No stride takes so long: a person whose last footfall was before that stands.
-SAME_S = 1e-3  # Stamps of one footfall in two lines are that close: those of a revised path are rounded.
+NEWEST_ROWS = 200  # Never thinned: the part in view.
+MILLIMETRES = 3  # Decimals of a path.
+STILL_S = 2.5  # Longer than any stride: a person whose last footfall is older stands.
+SAME_S = 1e-3  # Largest difference of the stamps of one footfall in two lines: those of a revised path are rounded.
+
+FEET = ("left", "right")
+ORDER = ("person", *FEET)  # Priority for the main path.
+
+Row = tuple[float, float, float, float]
 
 
 class History:
-    """The path so far. `distance_m` is that over the ground, from row to row as they came."""
+    """The path of one sensor, or of a person.
+
+    `distance_m` is that over the ground, summed from row to row as they came; `last` the newest line `now`; `frame`
+    that of the lines, empty where they name none.
+    """
 
     def __init__(self) -> None:
-        self.distance_m = 0.0
-        self._rows: list[tuple[float, float, float, float]] = []
+        self.distance_m, self.frame = 0.0, ""
+        self.last: dict[str, Any] | None = None
+        self._rows: list[Row] = []
         self._stamps: dict[int, float] = {}  # of the newest lines, by number
         self._stands = True
         self._at_end = ""
-        self._replaced: list[tuple[float, float, float, float]] = []
+        self._replaced: list[Row] = []
 
     def add(self, event: Mapping[str, Any]) -> bool:
-        """Follow one line; return whether rows that were there before have changed."""
-        match event["kind"]:
-            case "now":
-                self._stands = bool(event["continues"])
-                self._stamps[event["stance"]] = event["t"]
-                self._stamps.pop(event["stance"] - MAX_ROWS, None)
-                return self._append(_row_of(event))
-            case "turned":
-                self._rows = [turn_row(row, event["angle_deg"]) for row in self._rows]
-            case "retracted":
-                t = self._stamps.get(event["stance"], np.nan)
-                self._rows = [row for row in self._rows if not abs(row[0] - t) <= SAME_S]
-            case "revised":
-                self._revise(np.array(event["path"], dtype=np.float64).reshape(-1, 4))
-            case "smoothed" | "polished":
-                self._replace(event)
-            case _:
-                return False
+        """Follow one line; return whether earlier rows have changed."""
+        kind, self.frame = event["kind"], event.get("frame", "")
+        if kind == "now":
+            self.last, row = dict(event), _row_of(event)
+            self._stands = bool(event["continues"])
+            self._stamps[event["stance"]] = event["t"]
+            self._stamps.pop(event["stance"] - MAX_ROWS, None)
+            if self._rows:
+                self.distance_m += float(np.hypot(row[1] - self._rows[-1][1], row[2] - self._rows[-1][2]))
+            self._rows.append(row)
+            return self._thin()
+        if kind == "turned":
+            self._rows = [turn_row(row, event["angle_deg"]) for row in self._rows]
+            if self.last is not None:
+                turn_moment(self.last, event["angle_deg"])
+                turn_ellipse(self.last, event["angle_deg"])
+        elif kind == "retracted":
+            t = self._stamps.get(event["stance"], np.nan)
+            self._rows = [row for row in self._rows if not abs(row[0] - t) <= SAME_S]
+        elif kind == "revised":
+            self._revise(np.array(event["path"], dtype=np.float64).reshape(-1, 4))
+        elif kind in ("smoothed", "polished"):
+            # the first of its kind begins the path again
+            if kind != self._at_end:
+                self._at_end, self._replaced, self._rows = kind, self._rows, []
+            self._rows.append(_row_of(event))
+            self._thin()
+        else:
+            return False
         return True
 
     def speed_m_s(self, t: float) -> float:
-        """Return the speed at a time, of the last stride; 0 where the person stands."""
+        """Speed of the last stride at a time; 0 where the person stands."""
         if len(self._rows) < 2 or self._stands or t - self._rows[-1][0] > STILL_S:
             return 0.0
         (before, *start, _), (after, *stop, _) = self._rows[-2:]
@@ -72,21 +97,8 @@ class History:
         shown = self._rows + [row for row in self._replaced if row[0] > last]
         return [[round(value, MILLIMETRES) for value in row] for row in shown]
 
-    def _append(self, row: tuple[float, float, float, float]) -> bool:
-        if self._rows:
-            self.distance_m += float(np.hypot(row[1] - self._rows[-1][1], row[2] - self._rows[-1][2]))
-        self._rows.append(row)
-        return self._thin()
-
-    def _replace(self, event: Mapping[str, Any]) -> None:
-        """Take a row of the end: the first of its kind begins the path again."""
-        if event["kind"] != self._at_end:
-            self._at_end, self._replaced, self._rows = event["kind"], self._rows, []
-        self._rows.append(_row_of(event))
-        self._thin()
-
     def _revise(self, revised: Floats) -> None:
-        """Move the rows by what the revised path differs at its times; rows before and behind it as at its ends."""
+        """Move the rows by the difference of the revised path at their times; constant beyond its ends."""
         known = np.array(self._rows).reshape(-1, 4)
         if len(revised) == 0:
             return
@@ -95,31 +107,63 @@ class History:
         outside = (revised[:, 0] < known[0, 0] - SAME_S) | (revised[:, 0] > known[-1, 0] + SAME_S)
         inside = revised[~outside]
         if len(inside):
-            difference = inside[:, 1:] - _interpolate(inside[:, 0], known[:, 0], known[:, 1:])
-            known = known + np.column_stack([np.zeros(len(known)), _interpolate(known[:, 0], inside[:, 0], difference)])
+            difference = inside[:, 1:] - interpolate_columns(inside[:, 0], known[:, 0], known[:, 1:])
+            moved = interpolate_columns(known[:, 0], inside[:, 0], difference)
+            known = known + np.column_stack([np.zeros(len(known)), moved])
         joined = np.concatenate([known, revised[outside]])
         self._rows = [tuple(row) for row in joined[np.argsort(joined[:, 0], kind="stable")].tolist()]
         self._thin()
 
     def _thin(self) -> bool:
         """Drop a quarter of the older rows while there are too many; return whether there were."""
-        if len(self._rows) <= MAX_ROWS:
-            return False
+        is_full = len(self._rows) > MAX_ROWS
         while len(self._rows) > MAX_ROWS:
-            self._drop_quarter()
-        return True
-
-    def _drop_quarter(self) -> None:
-        rows = np.array(self._rows)
-        candidates = np.arange(1, len(rows) - NEWEST_ROWS, 2)
-        before, at, behind = (rows[candidates + step, 1:3] for step in (-1, 0, 1))
-        to, on = at - before, behind - before
-        area = np.abs(to[:, 0] * on[:, 1] - to[:, 1] * on[:, 0])
-        dropped = candidates[area <= np.median(area)]
-        self._rows = [tuple(row) for row in np.delete(rows, dropped, axis=0).tolist()]
+            rows = np.array(self._rows)
+            candidates = np.arange(1, len(rows) - NEWEST_ROWS, 2)
+            before, at, behind = (rows[candidates + step, 1:3] for step in (-1, 0, 1))
+            to, on = at - before, behind - before
+            area = np.abs(to[:, 0] * on[:, 1] - to[:, 1] * on[:, 0])
+            dropped = candidates[area <= np.median(area)]
+            self._rows = [tuple(row) for row in np.delete(rows, dropped, axis=0).tolist()]
+        return is_full
 
 
-def turn_row(row: tuple[float, float, float, float], angle_deg: float) -> tuple[float, float, float, float]:
+class Walkers:
+    """All paths of a page: one sensor's, or two feet's and the person's."""
+
+    def __init__(self) -> None:
+        self._known: dict[str, History] = {"": History()}
+
+    @property
+    def main(self) -> History:
+        """The main path."""
+        return self._known[self._find_main()]
+
+    def add(self, event: Mapping[str, Any]) -> tuple[bool, bool]:
+        """Follow a line; return whether anything earlier has changed, and whether the line is of the main path."""
+        who, before = event.get("foot", ""), self._find_main()
+        if event["kind"] == "foot":
+            return False, False
+        path = self._known.setdefault(who, History())
+        frame = path.frame
+        changed = path.add(event)
+        main = self._find_main()
+        return changed or main != before or frame != path.frame, who == main
+
+    def describe(self) -> dict[str, Any]:
+        """Return the main path and its newest line, and those of both feet where there are two."""
+        main = self.main
+        feet = {name: self._known[name] for name in FEET if name in self._known}
+        shown = {name: foot for name, foot in feet.items() if foot.frame == main.frame}
+        content = [{"path": one.rows(), "last": one.last} for one in (main, *shown.values())]
+        distance_m = round(main.distance_m, 3)
+        return {**content[0], "distance_m": distance_m, "feet": dict(zip(shown, content[1:], strict=True))}
+
+    def _find_main(self) -> str:
+        return next((name for name in ORDER if name in self._known and self._known[name].last is not None), "")
+
+
+def turn_row(row: Row, angle_deg: float) -> Row:
     """Turn a row about the origin, clockwise."""
     c, s = np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))
     return row[0], float(c * row[1] + s * row[2]), float(c * row[2] - s * row[1]), row[3]
@@ -136,11 +180,14 @@ def turn_ellipse(event: dict[str, Any], angle_deg: float) -> None:
     event["east_north_cov_m2"] = float(turned[0, 1])
 
 
-def _row_of(event: Mapping[str, Any]) -> tuple[float, float, float, float]:
+def turn_moment(known: dict[str, Any], angle_deg: float) -> None:
+    """Turn position and heading of a line or status with the map, where it has them."""
+    if known["position_m"] is not None:
+        known["position_m"] = turn_row((0.0, *known["position_m"]), angle_deg)[1:]
+    if known["heading_deg"] is not None:
+        known["heading_deg"] = (known["heading_deg"] + angle_deg) % 360.0
+
+
+def _row_of(event: Mapping[str, Any]) -> Row:
     east, north, up = event["position_m"]
     return event["t"], east, north, up
-
-
-def _interpolate(at: Floats, t: Floats, values: Floats) -> Floats:
-    """Return the columns of (K, 3) values at some times; before the first and after the last as there."""
-    return np.column_stack([np.interp(at, t, column) for column in values.T])

@@ -1,6 +1,8 @@
-"""An asyncio loop in a thread of its own, and sockets that listen on this machine.
+"""Network side of a walk: an asyncio loop in its own thread, ports of this machine, and the server of lines.
 
-Sockets are opened before the loop has them, so that a port that is taken is said at once.
+Sockets are opened before the loop takes them, so that an occupied port is reported at once. Each client of lines gets
+those made after its connection, written into the buffers of all clients at once. A client whose buffer exceeds
+`MAX_WAITING` does not read, and is disconnected, as is one that sends more than `MAX_RECEIVED`; input is discarded.
 """
 
 from __future__ import annotations
@@ -12,46 +14,43 @@ import socket
 import threading
 from collections.abc import Callable, Coroutine
 from functools import cache
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 from fg_nav.errors import StreamError
 
-BACKLOG = 1024  # Listeners that connect at the same instant.
-
-AT_ONCE = 8
-"""Of these that the loop takes before it sees to other things: a thousand handshakes in one go hold up a line."""
-
+BACKLOG = 1024  # Clients that connect at the same instant.
+AT_ONCE = 8  # Of these accepted in one pass of the loop: a thousand handshakes in one go delay a line.
 SPARE_DESCRIPTORS = 64  # Of the process, left for the walk: its checkpoint, its source, its worker.
+
+MAX_WAITING = 1 << 18  # Bytes; ten minutes of walking, beside the buffer of the system.
+MAX_RECEIVED = 1 << 16  # Bytes from a client, which has nothing to send.
 
 Result = TypeVar("Result")
 
 
 @cache
 def start_loop() -> asyncio.AbstractEventLoop:
-    """Return the loop, which runs in a thread of its own until the process ends; one serves all ports."""
+    """Return the loop, which runs in its own thread until the process ends; one serves all ports."""
     loop = asyncio.new_event_loop()
-    loop.set_exception_handler(lambda loop, context: None)  # a listener's fault is no news for the walk
+    loop.set_exception_handler(lambda loop, context: None)  # a client's fault does not concern the walk
     threading.Thread(target=loop.run_forever, name="listeners", daemon=True).start()
     return loop
 
 
 def run_there(work: Coroutine[Any, Any, Result]) -> Result:
-    """Run a coroutine in the loop, and wait for what it returns."""
+    """Run a coroutine in the loop, and wait for its result."""
     return asyncio.run_coroutine_threadsafe(work, start_loop()).result()
 
 
 def call_there(call: Callable[..., object], *arguments: object) -> None:
-    """Have a function called in the loop, and do not wait."""
+    """Schedule a call in the loop, without waiting."""
     start_loop().call_soon_threadsafe(call, *arguments)
 
 
 def open_port(host: str, port: int, option: str) -> socket.socket:
-    """Return a socket that listens; port 0 asks for a free one.
+    """Return a listening socket; port 0 chooses a free one.
 
-    Raises
-    ------
-    StreamError
-        If the port is taken, or is none; `option` is what chose it.
+    Raises `StreamError` if the port is taken, or is none; `option` is that of the command line which chose it.
     """
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     try:
@@ -62,7 +61,7 @@ def open_port(host: str, port: int, option: str) -> socket.socket:
 
 
 def format_address(host: str, port: int) -> str:
-    """Return where a browser of this machine finds a page."""
+    """Return the address of a page for a browser of this machine."""
     host = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(host, host)
     return f"http://[{host}]:{port}/" if ":" in host else f"http://{host}:{port}/"
 
@@ -76,6 +75,65 @@ def is_loopback(host: str) -> bool:
 
 
 def is_last_descriptor(descriptor: int) -> bool:
-    """Whether a socket took one of the last descriptors that the process has: the lowest free one is always taken."""
+    """Whether a socket has one of the last descriptors of the process, which assigns the lowest free one."""
     most = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
     return most != resource.RLIM_INFINITY and descriptor >= most - SPARE_DESCRIPTORS
+
+
+class LineServer:
+    """Serves lines to the clients of a listening socket."""
+
+    def __init__(self, door: socket.socket) -> None:
+        self.port = int(door.getsockname()[1])
+        self._clients: set[asyncio.Transport] = set()
+        self._server = run_there(start_loop().create_server(lambda: _Client(self._clients), sock=door, backlog=AT_ONCE))
+        door.listen(BACKLOG)  # again: asyncio has one number for both
+
+    @property
+    def listeners(self) -> int:
+        """Number of connected clients."""
+        return len(self._clients)
+
+    def send(self, line: str) -> None:
+        """Send a line to all clients, without waiting."""
+        call_there(self._write, (line + "\n").encode())
+
+    def close(self) -> None:
+        """Disconnect all, each after the lines that it takes at once."""
+        run_there(self.end())
+
+    async def end(self) -> None:
+        """Free the port at once, and disconnect all."""
+        self._server.close()
+        for client in self._clients:
+            client.close()
+        for _ in range(20):
+            if not self._clients:
+                break
+            await asyncio.sleep(0.05)
+
+    def _write(self, data: bytes) -> None:
+        for client in list(self._clients):
+            client.write(data)
+            if client.get_write_buffer_size() > MAX_WAITING:
+                client.abort()
+
+
+class _Client(asyncio.Protocol):
+    def __init__(self, clients: set[asyncio.Transport]) -> None:
+        self._clients, self._received = clients, 0
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        self._transport = cast(asyncio.Transport, transport)
+        if is_last_descriptor(transport.get_extra_info("socket").fileno()):
+            self._transport.abort()
+        else:
+            self._clients.add(self._transport)
+
+    def data_received(self, data: bytes) -> None:
+        self._received += len(data)
+        if self._received > MAX_RECEIVED:
+            self._transport.abort()
+
+    def connection_lost(self, error: Exception | None) -> None:
+        self._clients.discard(self._transport)

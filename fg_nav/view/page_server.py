@@ -1,19 +1,19 @@
-"""Serves the page of a walk: its files over HTTP, and what happens over a websocket (`/live`).
+"""Serves the page of a walk: its files over HTTP, and messages over a websocket (`/live`).
 
-A page is first sent one message `history`, and from then on the lines of the stream as they come:
+A page first gets one message `history`, then the lines of the stream as they come:
 
 ========= =======================================================================================================
-history   `path`, rows t, east, north, up, as it is known now; `last`, the newest line; `status`; `remarks`; also
-          sent anew in place of `revised`, and behind `turned` and `retracted`: a page has no arithmetic of its own;
-          `feet`, of two sensors, the path and the newest line of each by side, beside the person's (`walkers`)
+history   `path`, rows t, east, north, up, as it is now; `last`, the newest line; `status`; `remarks`; of two sensors
+          `feet`, path and newest line of each by side, beside the person's. Sent again in place of `revised`, and
+          after `turned` and `retracted`: the page does no arithmetic
 now, turned, retracted    the lines, as `fg-nav stream` prints them
-status    some five times a second while somebody watches: what holds between footfalls (`fg_nav.online.status`)
-remark    `words`: what is odd, in a sentence
+status    some five times a second while a page is open: the state between footfalls (`fg_nav.online.outlets`)
+remark    `words`: an irregularity, in a sentence
 ========= =======================================================================================================
 
-A page that does not keep up is sent nothing until its buffer has drained, and the history then. Pages have nothing to
-say: one that does is disconnected. Handshakes are answered only for pages that came from here, by the `Origin` and
-`Host` that the browser names: no other page that is open in it can listen.
+A page that does not keep up gets nothing until its buffer has drained, and then the history. A page that sends anything
+is disconnected. Handshakes are accepted only from pages served here, by the `Origin` and `Host` of the browser: no
+other page that is open in it can listen.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ from websockets.http11 import Request, Response
 from websockets.protocol import State
 
 from fg_nav.text import to_json
+from fg_nav.view.history import Walkers, turn_moment
 from fg_nav.view.loop import AT_ONCE, BACKLOG, call_there, is_last_descriptor, run_there, start_loop
-from fg_nav.view.walkers import Walkers, turn_moment
 
 LIVE = "/live"
 
@@ -51,15 +51,14 @@ FILES = {
     "/view.js": ("view.js", "text/javascript; charset=utf-8"),
 }
 
-MAX_WAITING = 1 << 18  # Bytes in the buffer of a page that is sent more; two histories.
+MAX_WAITING = 1 << 18  # Bytes in the buffer of a page that keeps up; two histories.
 MAX_MESSAGE = 1024  # Bytes; pages send none.
-CLOSING_S = 1.0  # How long the end waits for a page to agree.
-
 MAX_REMARKS = 50
+CLOSING_S = 1.0  # Timeout of the closing handshake with a page.
 
-STATUS_S = 0.2  # Between two messages of what holds between footfalls.
-STATUS_SHARE = 0.1  # Of the time at most goes into them: with a thousand pages they are rarer.
-REDRAW_S = 0.05  # Changes of the past that come together are one message.
+STATUS_S = 0.2  # Between two statuses.
+STATUS_SHARE = 0.1  # Largest share of the time spent on them: with a thousand pages they are rarer.
+REDRAW_S = 0.05  # Changes of the past within this time are one message.
 
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
@@ -70,53 +69,49 @@ HEADERS = {
     "Cache-Control": "no-cache",
     "Connection": "close",
 }
-"""Of every answer: nothing is loaded from elsewhere, and no other page frames this one."""
+"""Of every response: no external resources, and no framing by other pages."""
 
 
 @dataclass(eq=False)
 class _Viewer:
-    """A page that is open; `behind`, once something was not sent to it."""
+    """An open page; `behind` once it has missed a message."""
 
     connection: ServerConnection
     behind: bool = False
 
     @property
     def waiting(self) -> int:
-        """Bytes that it has not taken."""
+        """Bytes in its buffer."""
         return self.connection.transport.get_write_buffer_size()
 
 
 class PageServer:
-    """Serves the page to who connects to a socket that listens; `host` is its name for the user."""
+    """Serves the page to the clients of a listening socket; `host` is its name for the user."""
 
     def __init__(self, door: socket.socket, host: str) -> None:
         self.host, self.port = host, int(door.getsockname()[1])
-        self._files = {path: (_read_file(name), kind) for path, (name, kind) in FILES.items()}
+        folder = resources.files("fg_nav.view").joinpath("page")
+        self._files = {path: (folder.joinpath(name).read_bytes(), kind) for path, (name, kind) in FILES.items()}
         self._walkers = Walkers()
         self._status: dict[str, Any] | None = None
         self._remarks: deque[dict[str, Any]] = deque(maxlen=MAX_REMARKS)
         self._viewers: set[_Viewer] = set()
         self._redraws: asyncio.TimerHandle | None = None
-        self._status_s = STATUS_S
+        self.status_s = STATUS_S  # period of statuses that can be sent
         self._server = run_there(self._open(door))
         door.listen(BACKLOG)  # again: asyncio has one number for both
 
     @property
     def viewers(self) -> int:
-        """How many pages are open."""
+        """Number of open pages."""
         return len(self._viewers)
 
-    @property
-    def status_s(self) -> float:
-        """How often `send_status` has something to say."""
-        return self._status_s
-
     def send(self, line: str) -> None:
-        """Send a line of the stream; does not wait."""
+        """Send a line of the stream, without waiting."""
         call_there(self._take, line)
 
     def send_status(self, status: dict[str, Any]) -> None:
-        """Send what holds between footfalls."""
+        """Send the state between footfalls."""
         call_there(self._take_status, status)
 
     def send_remark(self, words: str) -> None:
@@ -143,12 +138,12 @@ class PageServer:
         )
 
     async def end(self) -> None:
-        """Give the port back at once, and disconnect all."""
+        """Free the port at once, and disconnect all."""
         self._server.close()
         await self._server.wait_closed()
 
     async def _follow(self, connection: ServerConnection) -> None:
-        """Serve one page until it goes, or says something."""
+        """Serve one page until it closes, or sends something."""
         viewer = _Viewer(connection)
         self._send_to([viewer], self._describe())
         self._viewers.add(viewer)
@@ -160,7 +155,7 @@ class PageServer:
             self._viewers.discard(viewer)
 
     def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
-        """Return the file that was asked for, or why not; None where a websocket is to be opened."""
+        """Return the requested file, or a refusal; None where a websocket is to be opened."""
         host = request.headers.get_all("Host")
         if len(host) != 1 or not self._is_ours(host[0]):
             return self._respond(HTTPStatus.FORBIDDEN, b"this page is not served under that name\n", "")
@@ -177,12 +172,14 @@ class PageServer:
         return self._respond(HTTPStatus.OK, *self._files[path], host=host[0])
 
     def _is_ours(self, host: str) -> bool:
-        """Whether a browser named an address, this machine or what was served: no name that leads here by a trick."""
+        """Whether a browser named an address, this machine or the served name: no foreign name that resolves here."""
         try:
             name = urlsplit(f"//{host}").hostname or ""
             ipaddress.ip_address(name)
         except ValueError:
-            return name in {"localhost", self.host.lower(), *_own_names()}
+            own = socket.gethostname().lower()
+            short = own.partition(".")[0]
+            return name in {"localhost", self.host.lower(), own, short, f"{short}.local"}
         return True
 
     def _respond(
@@ -194,7 +191,7 @@ class PageServer:
         return Response(status.value, status.phrase, headers, body)
 
     def _take(self, line: str) -> None:
-        """Follow a line, and send it; where it changed the past that follows as a whole."""
+        """Follow a line, and send it; where it changed the past, the history follows."""
         event = json.loads(line)
         changed, is_main = self._walkers.add(event)
         if event["kind"] == "turned" and is_main and self._status is not None:
@@ -205,12 +202,12 @@ class PageServer:
             self._redraws = start_loop().call_later(REDRAW_S, self._redraw)
 
     def _take_status(self, status: dict[str, Any]) -> None:
-        history = self._walkers.main.history
+        history = self._walkers.main
         known = {"distance_m": history.distance_m, "speed_m_s": history.speed_m_s(status["t"] or 0.0)}
         self._status = {"kind": "status", **status, **{name: round(value, 3) for name, value in known.items()}}
         began = perf_counter()
         self._send_to(self._viewers, json.dumps(to_json(self._status), allow_nan=False))
-        self._status_s = max(STATUS_S, (perf_counter() - began) / STATUS_SHARE)
+        self.status_s = max(STATUS_S, (perf_counter() - began) / STATUS_SHARE)
 
     def _take_remark(self, words: str) -> None:
         self._remarks.append({"kind": "remark", "words": words})
@@ -221,17 +218,13 @@ class PageServer:
         self._send_to(self._viewers, self._describe())
 
     def _describe(self) -> str:
-        """Return the message from which a page can draw all of it."""
-        content = {
-            "kind": "history",
-            **self._walkers.describe(),
-            "status": self._status,
-            "remarks": list(self._remarks),
-        }
+        """Return the message `history`."""
+        shown, remarks = self._walkers.describe(), list(self._remarks)
+        content = {"kind": "history", **shown, "status": self._status, "remarks": remarks}
         return json.dumps(to_json(content), allow_nan=False)
 
     def _send_to(self, viewers: Sequence[_Viewer] | set[_Viewer], message: str) -> None:
-        """Send to those that keep up; those that have caught up get the whole path instead."""
+        """Send to those that keep up; those that have caught up get the history instead."""
         late = [viewer for viewer in viewers if viewer.behind and viewer.waiting == 0]
         ready = [viewer for viewer in viewers if not viewer.behind]
         _broadcast(ready, message)
@@ -244,18 +237,8 @@ class PageServer:
 
 
 def _broadcast(viewers: Sequence[_Viewer], message: str) -> None:
-    """Send a message to all that are connected: its frame is the same for each, and made once, not a thousand times."""
+    """Send a message to all connected pages; its frame is the same for each, and made once."""
     frame = Frame(Opcode.TEXT, message.encode()).serialize(mask=False)
     for viewer in viewers:
         if viewer.connection.state is State.OPEN:
             viewer.connection.transport.write(frame)
-
-
-def _read_file(name: str) -> bytes:
-    return resources.files("fg_nav.view").joinpath("page", name).read_bytes()
-
-
-def _own_names() -> set[str]:
-    """Names under which other machines know this one."""
-    name = socket.gethostname().lower()
-    return {name, name.partition(".")[0], f"{name.partition('.')[0]}.local"}

@@ -1,19 +1,19 @@
-"""Lines and page are served by a process of their own: listeners and the walk share no interpreter, and no core.
+"""The process that serves lines and page: clients and the walk share neither interpreter nor core.
 
     python -m fg_nav.view.process LINES PAGE HOST      descriptors of the ports, -1 for none (`ListenerProcess`)
 
-The parent opens the ports, so that one that is taken is said at once, and writes to the process, one message a line: a
-letter, then JSON or the line itself.
+The parent opens the ports, so that an occupied one is reported at once, and writes one message a line: a letter, then
+JSON or the line itself.
 
 ==== ================================================================
-L    a line for those who listen to lines, and for the page
+L    a line for the clients of lines, and for the page
 P    one for the page alone
-S    what holds between footfalls
+S    the state between footfalls
 R    a remark
 ==== ================================================================
 
-It answers with two numbers a line, whenever they change: how many watch the page, and how often to send what holds
-between footfalls (s). It ends with its input, and so with the parent, however that ends.
+It answers with two numbers a line, whenever they change: the number of open pages, and the period of statuses (s). It
+ends with its input, and so with the parent, however that ends.
 """
 
 from __future__ import annotations
@@ -26,32 +26,25 @@ import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from typing import IO, Any
 
 from fg_nav.system.processes import collect_seldom, start_module
 from fg_nav.text import to_json
-from fg_nav.view.line_server import LineServer
-from fg_nav.view.loop import call_there, run_there, start_loop
+from fg_nav.view.loop import LineServer, call_there, run_there, start_loop
 from fg_nav.view.page_server import STATUS_S, PageServer
 
-MAX_WAITING = 10_000  # Messages that the process has not read; more are dropped.
-CLOSING_S = 5.0  # How long the end waits for it.
-REPORT_S = 0.1  # Between two looks at how many watch.
+MAX_WAITING = 10_000  # Messages in the queue; more are dropped.
+CLOSING_S = 5.0  # Timeout of the end of the process.
+REPORT_S = 0.1  # Between two counts of the open pages.
 
 
 class ListenerProcess:
-    """Hands lines, statuses and remarks to the process; nothing here waits for it.
+    """Passes lines, statuses and remarks to the process, without waiting.
 
-    Parameters
-    ----------
-    lines, page
-        Sockets that listen; they are closed here, for the process has them.
-    host
-        Of the page, as the user named it.
-    remark
-        Given a sentence where the process has ended before its time.
+    `lines` and `page` are listening sockets, which are closed here once the process has them; `host` the page's for the
+    user; `remark` takes a sentence if the process ends before its time.
     """
 
     def __init__(
@@ -77,11 +70,11 @@ class ListenerProcess:
 
     @property
     def pid(self) -> int:
-        """Of the process."""
+        """Number of the process."""
         return self._process.pid
 
     def send_line(self, line: str) -> None:
-        """Send a line to all."""
+        """Send a line to clients and page."""
         self._put(b"L", line)
 
     def send(self, line: str) -> None:
@@ -89,7 +82,7 @@ class ListenerProcess:
         self._put(b"P", line)
 
     def send_status(self, status: dict[str, Any]) -> None:
-        """Send what holds between footfalls."""
+        """Send the state between footfalls."""
         self._put(b"S", json.dumps(to_json(status), allow_nan=False))
 
     def send_remark(self, words: str) -> None:
@@ -97,7 +90,7 @@ class ListenerProcess:
         self._put(b"R", json.dumps(words))
 
     def close(self) -> None:
-        """End it, once all that was sent has been read."""
+        """End the process once it has read all messages."""
         self._closing = True
         with suppress(queue.Full):
             self._messages.put(None, timeout=CLOSING_S)
@@ -132,9 +125,29 @@ class ListenerProcess:
             self._remark("what serves the walk has ended: it goes on unseen.")
 
 
-def serve(lines: LineServer | None, page: PageServer | None, messages: IO[bytes]) -> None:
-    """Pass messages on until there are no more."""
-    for message in messages:
+async def _report(page: PageServer) -> None:
+    """Print the number of open pages and the period of statuses whenever one changes."""
+    last = ""
+    while True:
+        now = f"{page.viewers} {page.status_s:.3f}"
+        if now != last:
+            print(now, flush=True)  # noqa: T201
+            last = now
+        await asyncio.sleep(REPORT_S)
+
+
+def main() -> None:
+    """Serve the messages on standard input."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process of the walk
+    collect_seldom()  # a thousand pages are 300 000 objects, and a collection takes a tenth of a second
+    doors = [None if word == "-1" else socket.socket(fileno=int(word)) for word in sys.argv[1:3]]
+    lines = None if doors[0] is None else LineServer(doors[0])
+    page = None if doors[1] is None else PageServer(doors[1], sys.argv[3])
+    if page is not None:
+        reports = _report(page)
+        call_there(lambda: start_loop().create_task(reports))
+    # until the input ends
+    for message in sys.stdin.buffer:
         kind, words = message[:1], message[1:-1].decode()
         if kind == b"L" and lines is not None:
             lines.send(words)
@@ -147,34 +160,10 @@ def serve(lines: LineServer | None, page: PageServer | None, messages: IO[bytes]
         else:
             page.send_remark(json.loads(words))
 
+    async def end() -> None:
+        await asyncio.gather(*(server.end() for server in (lines, page) if server is not None))
 
-async def _report(page: PageServer) -> None:
-    """Print how many watch, and how often to send them what holds between footfalls, whenever one changes."""
-    said = ""
-    while True:
-        now = f"{page.viewers} {page.status_s:.3f}"
-        if now != said:
-            print(now, flush=True)  # noqa: T201
-            said = now
-        await asyncio.sleep(REPORT_S)
-
-
-def main() -> None:
-    """Serve what comes on standard input."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that tells the walk
-    collect_seldom()  # a thousand pages are 300 000 objects: to look through them takes a tenth of a second
-    doors = [None if word == "-1" else socket.socket(fileno=int(word)) for word in sys.argv[1:3]]
-    lines = None if doors[0] is None else LineServer(doors[0])
-    page = None if doors[1] is None else PageServer(doors[1], sys.argv[3])
-    if page is not None:
-        reports = _report(page)
-        call_there(lambda: start_loop().create_task(reports))
-    serve(lines, page, sys.stdin.buffer)
-    run_there(_end([server for server in (lines, page) if server is not None]))
-
-
-async def _end(servers: Sequence[LineServer | PageServer]) -> None:
-    await asyncio.gather(*(server.end() for server in servers))
+    run_there(end())
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fg_nav import navigate
-from fg_nav.calibration.accelerometer import _read_sizes, average_out_error
+from fg_nav.calibration.inertial import _read_sizes, average_out_error
 from fg_nav.detection import detect_stances
 from fg_nav.frames import GRAVITY_M_S2 as G
 from fg_nav.lab.simulation import simulate

@@ -12,9 +12,10 @@ from fg_nav.calibration.allan import (
     choose_averaging_factors,
     compute_allan_curve,
     compute_covariance_products,
+    find_longest_stillness,
     fit_noise,
+    measure_recording_noise,
 )
-from fg_nav.calibration.at_rest import find_longest_stillness, measure_recording_noise
 from fg_nav.errors import CalibrationError
 from fg_nav.lab.simulation import SCENARIOS, simulate
 from fg_nav.lab.simulation.plan import Stand

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fg_nav.calibration.at_rest import average_biases, calibrate_accelerometer, calibrate_gyroscope
+from fg_nav.calibration.inertial import average_biases, calibrate_accelerometer, calibrate_gyroscope
 from fg_nav.errors import CalibrationError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.lab.simulation import simulate

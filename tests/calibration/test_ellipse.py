@@ -5,15 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fg_nav.calibration import ellipse_fit
-from fg_nav.calibration.ellipse import UNKNOWN_UT, Ellipse, find_ellipse_as_printed, find_ellipse_by_extremes
-from fg_nav.calibration.ellipse_fit import (
-    calibrate_on_loop,
-    fit_ellipse,
-)
+from fg_nav.calibration import ellipse as ellipse_module
+from fg_nav.calibration.ellipse import UNKNOWN_UT, Ellipse, calibrate_on_loop, fit_ellipse
 from fg_nav.calibration.magnetometer import UPPER
 from fg_nav.errors import CalibrationError
 from fg_nav.frames import yaw_rotation
+from fg_nav.lab.reproduce.ma2018.extremes import find_ellipse_as_printed, find_ellipse_by_extremes
 from fg_nav.magnetic import FootfallField
 from fg_nav.magnetic.footfall_field import compute_field_heading, compute_level_R_body, rotate_to_level
 
@@ -143,7 +140,7 @@ def test_headings_that_do_not_go_round_are_refused_and_the_missing_arc_is_named(
 
 
 def test_a_wider_gap_may_be_allowed(monkeypatch):
-    monkeypatch.setattr(ellipse_fit, "MAX_GAP_RAD", np.deg2rad(130.0))
+    monkeypatch.setattr(ellipse_module, "MAX_GAP_RAD", np.deg2rad(130.0))
     readings = read(np.linspace(0.0, np.deg2rad(240.0), 60), noise_uT=0.05, rng=np.random.default_rng(4))
     found = fit_ellipse(readings)
     assert found.offset_uT == pytest.approx(OFFSET, abs=0.2)
@@ -219,7 +216,7 @@ def on_floor(left, right, seed):
 
 def test_circles_to_the_left_and_to_the_right_show_what_the_floor_does(monkeypatch):
     """Its share of the offset, over many floors, is about as large as the sigma says; scatter alone says a sixth."""
-    monkeypatch.setattr(ellipse_fit, "MAX_SIGMA", 1.0)
+    monkeypatch.setattr(ellipse_module, "MAX_SIGMA", 1.0)
     errors, sigmas = [], []
     for seed in range(60):
         left, right = np.random.default_rng([seed, 1]).standard_normal((2, 2))

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fg_nav.calibration.at_rest import AccelerometerCalibration, GyroscopeCalibration
+from fg_nav.calibration.inertial import AccelerometerCalibration, GyroscopeCalibration
 from fg_nav.calibration.magnetometer import MagnetometerCalibration
 from fg_nav.calibration.of_recording import (
     Calibration,

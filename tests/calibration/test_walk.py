@@ -9,7 +9,6 @@ from scipy.spatial.transform import Rotation
 
 from fg_nav.calibration import walk_model
 from fg_nav.calibration.magnetometer import UPPER, circular_sd_deg, correct_field
-from fg_nav.calibration.stride_readings import PHASES, StrideReadings, read_strides
 from fg_nav.calibration.walk import (
     WalkCalibrationParameters,
     calibrate_on_walk,
@@ -18,6 +17,7 @@ from fg_nav.calibration.walk import (
     find_level_iron,
     measure_spread,
 )
+from fg_nav.calibration.walk_model import PHASES, StrideReadings, read_strides
 from fg_nav.detection import detect_stances
 from fg_nav.errors import CalibrationError, MagneticError
 from fg_nav.frames import yaw_rotation
@@ -279,7 +279,7 @@ def test_what_is_left_of_the_iron_has_the_covariance_of_the_calibration():
 
 def test_the_jacobian_is_that_of_the_residual():
     """Where the model holds: what is left over turns with the attitude too, which is not counted."""
-    walk = walk_model.Walk.of(walked(round_walk(), np.random.default_rng(11), drift_deg=20.0))
+    walk = walk_model.StrideModel.of(walked(round_walk(), np.random.default_rng(11), drift_deg=20.0))
     rng = np.random.default_rng(12)
     at = walk_model.start_unknowns(walk)
     scales = [9.0] * 3 + [0.1] * 6 + [9.0] * 3 + [0.01] + [1e-5] * 15 + [0.3] * (len(at) - walk_model.DRIFT)

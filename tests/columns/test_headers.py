@@ -2,12 +2,12 @@
 
 import pytest
 
-from fg_nav.columns.choice import Asker, choose_columns, write_mapping
+from fg_nav.columns.choice import Hints, choose_columns, write_mapping
 from fg_nav.columns.headers import read_header
 from fg_nav.columns.mapping import parse_columns
 from fg_nav.errors import FormatError
 
-ASKER = Asker("walk.csv", "fg-nav inspect walk.csv --columns")
+HINTS = Hints("walk.csv", "fg-nav inspect walk.csv --columns")
 PLAIN = ["t", "ax", "ay", "az", "gx", "gy", "gz"]
 
 
@@ -53,7 +53,7 @@ def names_of(columns):
 
 
 def test_a_table_of_plain_letters():
-    columns = choose_columns([*PLAIN, "temp"], ASKER)
+    columns = choose_columns([*PLAIN, "temp"], HINTS)
     assert names_of(columns) == [("t",), ("ax", "ay", "az"), ("gx", "gy", "gz"), None]
     assert write_mapping(columns, acc="g", gyr="deg/s", time="ms") == "time=t[ms],acc=ax:ay:az[g],gyr=gx:gy:gz[deg/s]"
 
@@ -61,7 +61,7 @@ def test_a_table_of_plain_letters():
 def test_any_order_numbered_axes_and_one_unit_of_all():
     names = ["gyr2 (deg/s)", "gyr0 (deg/s)", "gyr1 (deg/s)", "a3", "a2", "a1", "mag x [uT]", "sample"]
     names[3:6] = ["acc 3", "acc 2", "acc 1"]
-    columns = choose_columns(names, ASKER)
+    columns = choose_columns(names, HINTS)
     assert columns.gyr.positions == (1, 2, 0)
     assert columns.gyr.unit == "deg/s"
     assert columns.acc.positions == (5, 4, 3)
@@ -78,7 +78,7 @@ def test_calibrated_before_raw_and_gravity_before_none():
         *(f"mag_{a}" for a in "xyz"),
         *(f"mag_raw_{a}" for a in "xyz"),
     ]
-    columns = choose_columns(names, ASKER)
+    columns = choose_columns(names, HINTS)
     assert columns.acc.names == ("ax", "ay", "az")
     assert columns.mag.names == ("mag_x", "mag_y", "mag_z")
 
@@ -86,7 +86,7 @@ def test_calibrated_before_raw_and_gravity_before_none():
 def test_linear_acceleration_next_to_angular_velocity_is_that_of_ros():
     names = ["field.header.stamp", "%time"]
     names += [f"field.{what}.{axis}" for what in ("linear_acceleration", "angular_velocity") for axis in "xyz"]
-    columns = choose_columns(names, ASKER)
+    columns = choose_columns(names, HINTS)
     assert columns.acc.names[0] == "field.linear_acceleration.x"
     assert columns.time.names == ("field.header.stamp",)
 
@@ -104,31 +104,31 @@ def test_linear_acceleration_next_to_angular_velocity_is_that_of_ros():
 )  # fmt: skip
 def test_what_names_leave_open_is_asked(names, words):
     with pytest.raises(FormatError, match=words) as caught:
-        choose_columns(names, ASKER)
+        choose_columns(names, HINTS)
     assert 'fg-nav inspect walk.csv --columns "' in str(caught.value) or "gravity" in str(caught.value)
 
 
 def test_one_of_several_sensors():
     names = ["t", *(f"{foot}_{name}" for foot in ("left", "right") for name in PLAIN[1:])]
-    assert choose_columns(names, ASKER, sensor="Right").acc.positions == (7, 8, 9)
+    assert choose_columns(names, HINTS, sensor="Right").acc.positions == (7, 8, 9)
 
 
 def test_a_mapping_finds_names_in_any_case_and_without_their_unit():
     names = ["TS (ms)", "Acc X [g]", "Acc Y [g]", "Acc Z [g]", "a", "b", "c"]
     given = parse_columns("time=ts,acc=Acc X:acc y:ACC Z [g],gyr=5:6:c[deg/s]")
-    columns = choose_columns(names, ASKER, given=given)
+    columns = choose_columns(names, HINTS, given=given)
     assert columns.acc.positions == (1, 2, 3)
     assert (columns.time.unit, columns.acc.unit, columns.gyr.unit) == ("ms", "g", "deg/s")
     found = parse_columns("acc=Acc X [g]:Acc Y [g]:Acc Z [g],gyr=a:b:c").find(names, "walk.csv")
     assert found["acc"].positions == (1, 2, 3)
     # what a mapping leaves out is what the names say
-    completed = choose_columns(names, ASKER, given=parse_columns("gyr=a:b:c[deg/s]"))
+    completed = choose_columns(names, HINTS, given=parse_columns("gyr=a:b:c[deg/s]"))
     assert (completed.acc, completed.time) == (columns.acc, columns.time)
 
 
 def test_what_is_written_can_be_read():
     columns = choose_columns(
-        ["Time [ms]", *(f"{what} {a}, {u}" for what, u in (("Acc", "g"), ("Gyr", "dps")) for a in "XYZ")], ASKER
+        ["Time [ms]", *(f"{what} {a}, {u}" for what, u in (("Acc", "g"), ("Gyr", "dps")) for a in "XYZ")], HINTS
     )
     words = write_mapping(columns)
     assert words == "time=1[ms],acc=2:3:4[g],gyr=5:6:7[dps]"

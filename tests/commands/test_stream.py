@@ -16,12 +16,12 @@ import pandas as pd
 import pytest
 
 from fg_nav import cli
-from fg_nav.calibration.at_rest import AccelerometerCalibration
+from fg_nav.calibration.inertial import AccelerometerCalibration
 from fg_nav.calibration.of_recording import Calibration
 from fg_nav.columns.mapping import CANONICAL
 from fg_nav.errors import EstimationError, FormatError
 from fg_nav.io import write_canonical
-from fg_nav.io.readers.canonical import format_rows
+from fg_nav.io.writing import format_rows
 from fg_nav.online import OnlineNavigator, load
 from fg_nav.online.buffer import rows_of
 from fg_nav.online.checkpoint import Checkpoint
@@ -35,7 +35,7 @@ from tests.online.walks import NORTH, push, short_walk, worst_difference
 @pytest.fixture(autouse=True)
 def waits_for_solutions(monkeypatch):
     """However slow the machine is: a walk that goes on without a late solution has other digits."""
-    monkeypatch.setattr("fg_nav.online.takeover.FAST", 0.0)
+    monkeypatch.setattr("fg_nav.online.schedule.FAST", 0.0)
 
 
 HEADER = b"time_s,acc_x_m_s2,acc_y_m_s2,acc_z_m_s2,gyr_x_rad_s,gyr_y_rad_s,gyr_z_rad_s\n"

@@ -17,7 +17,7 @@ from fg_nav.commands.stream import End, LinePrinter, save_end
 from fg_nav.errors import OutputError
 from fg_nav.online import OnlineNavigator
 from fg_nav.online.buffer import rows_of
-from fg_nav.online.request import ENDING
+from fg_nav.online.follow import ENDING
 from fg_nav.report.files import summarize_lagged
 from tests.command_line import names
 from tests.online.walks import NORTH, push, short_walk

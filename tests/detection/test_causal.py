@@ -9,9 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fg_nav.detection import StanceParameters, detect_stances
-from fg_nav.detection.causal import CausalParameters, CausalStances, Footfall, join_footfalls
+from fg_nav.detection.causal import CausalParameters, CausalStances, Footfall, Sliding, join_footfalls
 from fg_nav.detection.footfalls import MAX_SWING_S
-from fg_nav.detection.sliding import Sliding
 from fg_nav.errors import DetectionError
 from fg_nav.lab.simulation.motion import Style
 from fg_nav.lab.simulation.path import straight

@@ -8,7 +8,7 @@ import pytest
 from scipy.signal import butter, sosfilt
 
 from fg_nav.detection import detect_stances
-from fg_nav.detection.filtered import measure_high_pass, measure_smoothing, refuse_high_pass
+from fg_nav.detection.sensor_processing import measure_high_pass, measure_smoothing, refuse_high_pass
 from fg_nav.errors import RecordingError
 from fg_nav.lab.simulation import simulate
 from fg_nav.recording import Recording

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from fg_nav.detection import detect_stances
 from fg_nav.detection import footfalls as ff
-from fg_nav.detection.free_pass import integrate_velocity
+from fg_nav.detection.footfalls import integrate_velocity
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.lab.simulation.motion import Style

@@ -5,12 +5,11 @@ from functools import cache
 import numpy as np
 import pytest
 
-from fg_nav.detection.handedness import DECISIVE, SUSPECT
-from fg_nav.detection.swing_axes import MIN_STRIDES, NO_SWINGS, measure_swing_axes
+from fg_nav.detection.handedness import DECISIVE, MIN_THIGH_STRIDES, NO_SWINGS, SUSPECT, measure_swing_axes
 from fg_nav.errors import RecordingError
 from fg_nav.lab.simulation import Choices, simulate
-from fg_nav.online.axes_check import AxesCheck
 from fg_nav.online.buffer import SampleBuffer, rows_of
+from fg_nav.online.source_check import AxesCheck
 from fg_nav.verdict.limits import judge_axes
 
 MIRRORS = {
@@ -58,7 +57,7 @@ def toy(scale=1.0, bias=(0.0, 0.0, 0.0), swing_rad=0.4, lost=0.0):
 def test_an_accelerometer_that_is_off_as_sensors_are_is_no_reason_to_refuse(scale):
     for bias in 0.3 * np.vstack([np.zeros(3), np.eye(3), -np.eye(3), np.ones(3), -np.ones(3)]):
         found = measure(toy(scale, bias))
-        assert found.strides >= MIN_STRIDES
+        assert found.strides >= MIN_THIGH_STRIDES
         assert found.against < DECISIVE
         assert found.against < SUSPECT or scale != 1.0
 
@@ -74,14 +73,14 @@ def test_a_mirror_is_seen_where_the_thigh_swings_far_and_no_axis_is_named(mirror
 def test_a_hole_holds_no_stride():
     rows = toy()
     found = measure(rows[(rows[:, 0] < 6.0) | (rows[:, 0] > 8.5)])
-    assert found.strides >= MIN_STRIDES
+    assert found.strides >= MIN_THIGH_STRIDES
     assert np.isfinite(found.gravity).all()
 
 
 def test_few_strides_are_no_evidence_and_many_are_no_more_than_one():
     rows = change(toy(swing_rad=0.7), np.eye(3), -np.eye(3))
     few, many = measure(rows[:700]), measure(rows)
-    assert 0 < few.strides < MIN_STRIDES
+    assert 0 < few.strides < MIN_THIGH_STRIDES
     assert few.against == 0.0
     assert judge_axes(NO_SWINGS).weight < 0.0
     assert (many + many).against == pytest.approx(many.against)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fg_nav.ekf.aiez import run_aiez
-from fg_nav.ekf.iez import run_iez
+from fg_nav.ekf.core import run_iez
 from fg_nav.ekf.presets import AS_PRINTED, PHYSICAL, find_parameters
 from fg_nav.errors import EstimationError
 from fg_nav.magnetic.quasi_static import DETECTORS

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from fg_nav.ekf.attitude_updates import (
+from fg_nav.ekf.measurements import (
     AGREEMENT,
     COMPASS,
     COURSE,

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fg_nav.ekf.attitude_updates import COURSE, make_pseudo_measurements, update_at_footfall
 from fg_nav.ekf.covariance import ATTITUDE, GYRO_BIAS, Densities, propagate_covariance
+from fg_nav.ekf.measurements import COURSE, make_pseudo_measurements, update_at_footfall
 from fg_nav.ekf.update import inject_error, update_row
 from fg_nav.frames import compute_heading, wrap_angle
 from fg_nav.mechanisation import strapdown

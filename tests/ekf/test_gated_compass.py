@@ -7,10 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from fg_nav.detection.rest import find_start
-from fg_nav.ekf.core import filter_walk, propagate_considered
+from fg_nav.ekf.core import IezParameters, filter_walk, propagate_considered, run_iez
 from fg_nav.ekf.gated_compass import find_first_heading, run_gated_compass
-from fg_nav.ekf.iez import run_iez
-from fg_nav.ekf.parameters import IezParameters
 from fg_nav.ekf.presets import GATED, PHYSICAL, RTS, find_parameters, run_filter
 from fg_nav.errors import EstimationError
 from fg_nav.magnetic import average_footfall_field

@@ -7,10 +7,9 @@ import pytest
 
 from fg_nav.detection.rolling_lever import estimate_lever
 from fg_nav.ekf import IezParameters, run_iez
-from fg_nav.ekf.core import make_noise_models
-from fg_nav.ekf.parameters import ACC_BIAS_SIGMA, ACC_BIAS_WALK
+from fg_nav.ekf.core import ACC_BIAS_SIGMA, ACC_BIAS_WALK, make_noise_models
+from fg_nav.ekf.measurements import update_in_stance
 from fg_nav.ekf.presets import FACTOR_SPACING_S, FORCE_SHARE, MATCHED, MatchedParameters, find_parameters, run_matched
-from fg_nav.ekf.zero_velocity import update_in_stance
 from fg_nav.errors import EstimationError
 from fg_nav.mechanisation import NavState
 from fg_nav.smoother import strides

@@ -8,10 +8,9 @@ from scipy.spatial.transform import Rotation
 
 from fg_nav.detection.rest import find_start
 from fg_nav.ekf import core
-from fg_nav.ekf.attitude_updates import make_pseudo_measurements
-from fg_nav.ekf.core import filter_walk, make_initial_state
+from fg_nav.ekf.core import IezParameters, filter_walk, make_initial_state
 from fg_nav.ekf.covariance import SIZE, VELOCITY, compute_densities, propagate_columns
-from fg_nav.ekf.parameters import IezParameters
+from fg_nav.ekf.measurements import make_pseudo_measurements
 from fg_nav.ekf.presets import RTS, find_parameters
 from fg_nav.ekf.rts import propagate_adjoint, propagate_information, undo_step
 from fg_nav.ekf.update import INNOVATION, ROW, VARIANCE

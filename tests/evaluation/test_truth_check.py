@@ -10,9 +10,8 @@ import pytest
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import EvaluationError
-from fg_nav.evaluation.comparison import compare, match_footprints
+from fg_nav.evaluation.comparison import check_truth, compare, match_footprints
 from fg_nav.evaluation.metrics import evaluate
-from fg_nav.evaluation.truth_check import check_truth
 from fg_nav.pipeline import prepare_walk
 from fg_nav.recording import Recording
 from fg_nav.truth import FootprintTruth, TrajectoryTruth

@@ -4,7 +4,7 @@ import gtsam
 import numpy as np
 import pytest
 
-from fg_nav.factors.two_feet import BesideEachOther, WithinReach
+from fg_nav.factors.same_place import BesideEachOther, WithinReach
 from fg_nav.frames import yaw_rotation
 
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from fg_nav.factors.residual import factor_of
-from fg_nav.factors.unseen_walk import UnseenWalk
+from fg_nav.factors.walk_constraints import UnseenWalk
 from tests.factors.derivatives import assert_jacobians_are_derivatives, residual
 
 vectors = st.lists(st.floats(-2, 2), min_size=3, max_size=3).map(np.array)

@@ -5,8 +5,7 @@ import pytest
 
 from fg_nav.both_feet import _find_footfalls
 from fg_nav.errors import EstimationError
-from fg_nav.feet.heading import measure_relative_heading
-from fg_nav.feet.steps import Footfalls
+from fg_nav.feet.steps import Footfalls, measure_relative_heading
 from fg_nav.frames import compute_heading, wrap_angle
 from fg_nav.lab.simulation import simulate_feet
 from fg_nav.walk import Walk, find_stances

@@ -20,7 +20,7 @@ from scipy.signal import butter, filtfilt
 
 from fg_nav import navigate
 from fg_nav.columns.mapping import CANONICAL
-from fg_nav.detection.delay import estimate_gyro_delay, read_rate_at
+from fg_nav.detection.sensor_processing import estimate_gyro_delay, read_rate_at
 from fg_nav.errors import FgNavError, FormatError, RecordingError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.inspection import inspect

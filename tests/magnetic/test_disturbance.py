@@ -4,14 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.special import chdtr
 
 from fg_nav.errors import MagneticError
-from fg_nav.magnetic.disturbance import (
+from fg_nav.magnetic.quasi_static import (
     FALSE_ALARM_RATE,
     MATTERS_UT,
     SIGMA_UT,
     WINDOW_S,
-    compute_detection_rate,
+    find_sample_threshold,
     judge_samples,
 )
 from fg_nav.recording import Recording
@@ -65,7 +66,7 @@ def test_as_many_still_fields_and_least_changes_pass_as_are_said_to(rate_hz):
     ramp = np.tile(np.linspace(0.0, MATTERS_UT, count), 2000)
     changing = recording(strength(n) + ramp, rate_hz, SIGMA_UT, seed=2)
     passed = [judge_samples(walk).quasi_static[count - 1 :: count].mean() for walk in (still, changing)]
-    assert passed[0] == pytest.approx(compute_detection_rate(count), abs=0.03)
+    assert passed[0] == pytest.approx(chdtr(count - 1, find_sample_threshold(count)), abs=0.03)
     assert passed[1] == pytest.approx(FALSE_ALARM_RATE, abs=0.02)
 
 

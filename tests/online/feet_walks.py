@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.feet.sides import SIDES, Side
+from fg_nav.feet import SIDES, Side
 from fg_nav.frames import compute_heading
 from fg_nav.lab.simulation import SimulatedFeet, simulate_feet
 from fg_nav.online.buffer import rows_of

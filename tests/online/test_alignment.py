@@ -32,7 +32,7 @@ def walked() -> OnlineNavigator:
 
 
 def test_the_delay_is_found_on_the_way_and_taken_off_what_follows(walked):
-    walk = walked._smoother._walk
+    walk = walked.smoother.walk
     delay = walk.sensor.magnetometer.delay
     assert delay.taken_off
     assert delay.tau_s == pytest.approx(LATE_S, abs=0.0015)
@@ -43,7 +43,7 @@ def test_the_delay_is_found_on_the_way_and_taken_off_what_follows(walked):
     error, before = (mag[known] - right[known] for mag in (cut, rows_of(late_walk())[: walk.stop, 7:10]))
     assert np.sqrt(np.mean(error**2)) < 0.25 * np.sqrt(np.mean(before**2))
     np.testing.assert_allclose(walk.cut_recording(walk.stop - 500).mag, cut[-500:], atol=1e-9)
-    assert any("ms late" in note for note in walked._smoother.notes)
+    assert any("ms late" in note for note in walked.smoother.initial.notes)
 
 
 def test_a_resumed_walk_has_the_same_delay_to_the_bit(walked, tmp_path):
@@ -54,7 +54,7 @@ def test_a_resumed_walk_has_the_same_delay_to_the_bit(walked, tmp_path):
     again = load(tmp_path / "walk.npz", NORTH)
     push(again, rows[2200:])
     assert worst_difference(again.causal(), walked.causal()) < 1e-9
-    assert again._smoother._walk.sensor.magnetometer.delay == walked._smoother._walk.sensor.magnetometer.delay
+    assert again.smoother.walk.sensor.magnetometer.delay == walked.smoother.walk.sensor.magnetometer.delay
 
 
 def test_the_whole_walk_is_solved_with_the_field_at_its_stamps(walked):
@@ -68,7 +68,7 @@ def test_wrong_axes_are_said_once_and_not_used():
     navigator = OnlineNavigator(NORTH, said.append)
     push(navigator, rows_of(turned))
     assert sum("--mag-axes=y,x,z" in words for words in said) == 1
-    assert navigator._smoother._walk.cut_whole().mag is None
+    assert navigator.smoother.walk.cut_whole().mag is None
 
 
 def test_a_recording_that_was_aligned_stays_as_it_is():

@@ -11,7 +11,7 @@ from fg_nav.detection.causal import CausalParameters
 from fg_nav.errors import EstimationError
 from fg_nav.online import OnlineNavigator, load, save
 from fg_nav.online.buffer import COLUMNS, rows_of
-from fg_nav.online.judge import UNKNOWN_GAP_S, SampleFilter
+from fg_nav.online.sample_filter import UNKNOWN_GAP_S, SampleFilter
 from tests.online.walks import NORTH, push, short_walk, worst_difference
 
 
@@ -56,7 +56,7 @@ def test_what_the_checkpoint_knows_is_not_taken_twice(whole, tmp_path):
 def admitted(judge, rows, block):
     """Rows (n, 11) that a judge takes of these (n, 10) in blocks."""
     parts = [rows[i : i + block] for i in range(0, len(rows), block)]
-    return [judge.admit(part[:, 0], part[:, 1:4], part[:, 4:7], part[:, 7:10]) for part in parts]
+    return [judge.accept(part[:, 0], part[:, 1:4], part[:, 4:7], part[:, 7:10]) for part in parts]
 
 
 def resumed(rows, saved, then, block=7):

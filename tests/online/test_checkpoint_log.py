@@ -14,8 +14,7 @@ from fg_nav.online.buffer import rows_of
 from fg_nav.online.checkpoint import VERSION, Checkpoint
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.overlap import HEAD
-from fg_nav.online.packing import pack, unpack
-from fg_nav.online.record_log import write_records
+from fg_nav.online.packing import pack, unpack, write_records
 from tests.online.walks import NORTH, push, short_walk, solve_in_windows, worst_difference
 
 
@@ -153,8 +152,8 @@ def test_what_is_no_checkpoint_is_refused(tmp_path):
     [
         {"object": ["os:system", ["true"]]},
         {"object": ["fg_nav.errors:np", []]},
-        {"object": ["fg_nav.online.handover:Past", {"first": 1}]},
-        {"object": ["fg_nav.online.handover:PathNodes", [1]]},
+        {"object": ["fg_nav.online.anchor:Past", {"first": 1}]},
+        {"object": ["fg_nav.online.anchor:PathNodes", [1]]},
         {"array": 3},
         {"call": "os"},
     ],

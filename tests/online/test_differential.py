@@ -9,12 +9,12 @@ from gtsam.symbol_shorthand import B
 
 from fg_nav.factors.differential_field import BiasInformation, FieldNoise, Iron, Variogram
 from fg_nav.online import smoother as online_smoother
-from fg_nav.online.differential import BiasLedger
+from fg_nav.online.field import BiasLedger
 from fg_nav.online.isam2 import ISAM2Backend
 from fg_nav.online.options import OnlineOptions
-from fg_nav.online.stretch import Stretch
+from fg_nav.online.window import Window
 from fg_nav.smoother import SmootherParameters
-from fg_nav.smoother.differential_factors import LevelBias, limit_information
+from fg_nav.smoother.differential import LevelBias, limit_information
 from tests.online.test_online_smoother import FOOTFALLS, fed, in_field, polished
 from tests.online.walks import solve_only_at
 from tests.simulated import corridor
@@ -79,10 +79,10 @@ def test_a_stride_extends_the_graph_and_is_never_solved_in_batch_instead(
     """Neither by what is behind the schedule nor by a tree that had to be built again."""
     solved_again = count_calls(monkeypatch, online_smoother, "solve_from_start")
     others = [
-        count_calls(monkeypatch, owner, name) for owner, name in ((ISAM2Backend, "_rebuild"), (Stretch, "_recover"))
+        count_calls(monkeypatch, owner, name) for owner, name in ((ISAM2Backend, "_rebuild"), (Window, "_recover"))
     ]
     online = fed(in_field(), OnlineOptions(heading_rad=heading, parameters=parameters))
-    assert online.counts["differential_field"] > 0
+    assert online.window.counts["differential_field"] > 0
     assert len(solved_again) == len(SOLVED_AGAIN)
     assert not any(others)
 
@@ -95,7 +95,7 @@ def test_a_walk_in_progress_finds_the_bias_by_it_as_the_batch_does() -> None:
     table, batch = online.smoothed(), polished(in_field(), OnlineOptions(parameters=with_it)).stances
     inertial = fed(in_field(), OnlineOptions(parameters=without)).smoothed()
     middle = FOOTFALLS // 2
-    assert online.counts["differential_field"] > 2
+    assert online.window.counts["differential_field"] > 2
     truth = corridor(seed=0).gyro_bias
     assert (np.abs(table.gyro_bias - truth)[middle] < 3.0 * table.gyro_bias_sigma[middle]).all()
     assert (np.abs(table.gyro_bias - batch.gyro_bias)[middle] < batch.gyro_bias_sigma[middle]).all()

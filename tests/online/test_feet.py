@@ -12,15 +12,15 @@ import pytest
 
 from fg_nav.detection import detect_stances
 from fg_nav.errors import EstimationError, RecordingError
+from fg_nav.feet import SIDES, Side
 from fg_nav.feet.person import FeetSolution
-from fg_nav.feet.sides import SIDES, Side
-from fg_nav.online.estimates import StanceEstimate
+from fg_nav.online.estimates import Revision, StanceEstimate
 from fg_nav.online.feet import FeetNavigator, FeetWalk
 from fg_nav.online.feet_lines import FeetLine, FootState, PersonEstimate, format_feet_line
 from fg_nav.online.navigator import OnlineNavigator
 from fg_nav.online.options import OnlineOptions
-from fg_nav.online.revision import Revision
-from fg_nav.smoother.feet_batch import Foot, smooth_feet
+from fg_nav.smoother.batch import WalkInput
+from fg_nav.smoother.feet import smooth_feet
 from fg_nav.truth import Fix
 from tests.online.feet_walks import demo_feet, heading_of, heads_known, list_blocks, push_feet
 
@@ -42,7 +42,7 @@ def in_batch() -> FeetSolution:
     feet = {}
     for side, one in demo_feet().sides.items():
         recording = replace(one.recording, mag=None)
-        feet[side] = Foot(recording, detect_stances(recording), heading_of(side))
+        feet[side] = WalkInput(recording, detect_stances(recording), heading_of(side))
     return smooth_feet(feet["right"], feet["left"])
 
 

@@ -27,22 +27,22 @@ def online() -> OnlineSmoother:
 
 
 def test_it_is_found_by_the_walk_and_ends_where_the_batch_ends():
-    iron = online()._walk.sensor.iron
+    iron = online().walk.sensor.iron
     assert iron is not None
     assert (np.abs(iron.hard_iron_uT - IRON_UT) < 4.0 * iron.sigma[:3]).all()
-    assert any("corrected by the walk itself" in note for note in online().notes)
+    assert any("corrected by the walk itself" in note for note in online().initial.notes)
     assert farthest(online().smoothed(), polished(with_iron()).stances) < 0.10
 
 
 def test_a_part_is_corrected_and_the_whole_is_not():
-    walk, raw = online()._walk, with_iron().recording.mag
+    walk, raw = online().walk, with_iron().recording.mag
     np.testing.assert_array_equal(walk.cut_whole().mag, raw[: walk.stop])
     corrected = walk.sensor.iron.correct(raw[walk.stop - 500 : walk.stop])
     np.testing.assert_array_equal(walk.cut_recording(walk.stop - 500).mag, corrected)
 
 
 def test_a_checkpoint_keeps_it_to_the_bit():
-    sensor = online()._walk.sensor
+    sensor = online().walk.sensor
     again = unpack(pack(sensor))
     np.testing.assert_array_equal(again.iron.covariance, sensor.iron.covariance)
     assert pack(again) == pack(sensor)
@@ -52,8 +52,8 @@ def test_with_a_calibration_the_samples_stay_as_they_are():
     given = MagnetometerCalibration("loop", IRON_UT, np.eye(3), 0.01 * np.eye(9), 48.0, 1.0, 1000)
     options = OnlineOptions(calibration=given)
     calibrated = fed(in_field(), options)
-    assert calibrated._walk.sensor.iron is None
-    assert not any("by the walk itself" in note for note in calibrated.notes)
+    assert calibrated.walk.sensor.iron is None
+    assert not any("by the walk itself" in note for note in calibrated.initial.notes)
     assert farthest(calibrated.smoothed(), polished(in_field(), options).stances) < 0.10
 
 

@@ -10,15 +10,13 @@ import pytest
 from fg_nav.errors import FormatError, RecordingError
 from fg_nav.lab.simulation import simulate
 from fg_nav.online import OnlineNavigator
-from fg_nav.online.axes_check import AxesCheck
 from fg_nav.online.buffer import SampleBuffer, rows_of
 from fg_nav.online.checkpoint import Checkpoint
-from fg_nav.online.estimates import StanceEstimate, format_estimate
+from fg_nav.online.estimates import Revision, StanceEstimate, format_estimate
 from fg_nav.online.follow import StreamOptions, follow_source
 from fg_nav.online.line_verdict import LineVerdict
-from fg_nav.online.losses import LossCounter
-from fg_nav.online.replay import Replay
-from fg_nav.online.revision import Revision
+from fg_nav.online.source_check import AxesCheck, LossCounter
+from fg_nav.online.sources import Replay
 from fg_nav.verdict.limits import judge_position
 from tests.online.walks import NORTH, push, short_walk
 

@@ -13,7 +13,7 @@ import pytest
 
 from fg_nav.columns.mapping import CANONICAL
 from fg_nav.errors import StreamError
-from fg_nav.online import connections, live
+from fg_nav.online import live
 from fg_nav.online.sources import TextSource, open_source
 
 HEADER = ",".join(CANONICAL[:7]).encode() + b"\n"
@@ -23,7 +23,7 @@ PATIENCE_S = 30.0
 @pytest.fixture(autouse=True)
 def hurry(monkeypatch):
     monkeypatch.setattr(live, "RETRY_S", 0.02)
-    monkeypatch.setattr(connections, "POLL_S", 0.02)
+    monkeypatch.setattr(live, "POLL_S", 0.02)
 
 
 def row(k: int) -> bytes:
@@ -99,7 +99,7 @@ def test_datagrams_of_a_second_sender_are_left_out_and_it_is_named():
 
 
 def test_a_sender_that_was_switched_off_and_on_is_heard_again(monkeypatch):
-    monkeypatch.setattr(connections, "RESTARTED_S", 0.2)
+    monkeypatch.setattr(live, "RESTARTED_S", 0.2)
     port = free_port()
     with Opened(f"udp://127.0.0.1:{port}") as opened:
         with closing(sender(port)) as first:
@@ -116,14 +116,14 @@ def test_a_sender_that_was_switched_off_and_on_is_heard_again(monkeypatch):
 def test_datagrams_that_find_no_room_are_counted(monkeypatch):
     monkeypatch.setattr(live, "SYSTEM_BUFFER", 4096)
     is_busy = [True]
-    admit = connections.SenderLock.admit
+    accept = live.SenderLock.accept
 
     def wait(*given):
         while is_busy[0]:
             time.sleep(0.001)
-        return admit(*given)
+        return accept(*given)
 
-    monkeypatch.setattr(connections.SenderLock, "admit", wait)
+    monkeypatch.setattr(live.SenderLock, "accept", wait)
     port = free_port()
     with Opened(f"udp://127.0.0.1:{port}") as opened, closing(sender(port)) as out:
         out.send(HEADER)
@@ -206,7 +206,7 @@ def test_a_sensor_connects_and_connects_again_and_no_other_does():
 
 def test_a_sensor_that_lost_its_connection_without_a_word_is_heard_again(monkeypatch):
     """As a phone that walked out of reach: its old connection is never closed."""
-    monkeypatch.setattr(connections, "RESTARTED_S", 0.2)
+    monkeypatch.setattr(live, "RESTARTED_S", 0.2)
     port = free_port(socket.SOCK_STREAM)
     with Opened(f"tcp-listen://127.0.0.1:{port}") as opened, closing(connect(port)) as old:
         old.sendall(HEADER + row(0))

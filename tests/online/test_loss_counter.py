@@ -7,9 +7,9 @@ import pytest
 
 from fg_nav.online.buffer import rows_of
 from fg_nav.online.follow import StreamOptions, follow_source
-from fg_nav.online.losses import LossCounter, describe_losses
 from fg_nav.online.overlap import Overlap
-from fg_nav.online.replay import Replay
+from fg_nav.online.source_check import LossCounter, describe_losses
+from fg_nav.online.sources import Replay
 from fg_nav.recording import Recording
 from tests.online.walks import NORTH, short_walk
 

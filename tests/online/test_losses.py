@@ -11,8 +11,8 @@ from fg_nav.detection import detect_stances
 from fg_nav.frames import compute_heading
 from fg_nav.magnetic import average_footfall_field
 from fg_nav.online import OnlineNavigator
-from fg_nav.online.judge import UNKNOWN_GAP_S, SampleFilter
 from fg_nav.online.options import OnlineOptions
+from fg_nav.online.sample_filter import UNKNOWN_GAP_S, SampleFilter
 from fg_nav.recording import Recording
 from fg_nav.smoother import smooth
 from fg_nav.solution import Solution, StanceTable
@@ -136,7 +136,7 @@ def rows_with(lost_s: float, begins_again: bool) -> np.ndarray:
 def judged(rows: np.ndarray) -> tuple[SampleFilter, list[str], np.ndarray]:
     told: list[str] = []
     judge = SampleFilter(told.append)
-    taken = [judge.admit(part[:, 0], part[:, 1:4], part[:, 4:7], part[:, 7:10]) for part in np.array_split(rows, 60)]
+    taken = [judge.accept(part[:, 0], part[:, 1:4], part[:, 4:7], part[:, 7:10]) for part in np.array_split(rows, 60)]
     return judge, told, np.concatenate(taken)
 
 

@@ -14,8 +14,8 @@ from fg_nav.evaluation.metrics import measure_gap
 from fg_nav.magnetic import average_footfall_field
 from fg_nav.online import OnlineNavigator
 from fg_nav.online.buffer import rows_of
-from fg_nav.online.judge import MAX_GAP_S, UNKNOWN_GAP_S, SampleFilter
 from fg_nav.online.navigator import finish_walk
+from fg_nav.online.sample_filter import MAX_CLOCK_STEP_S, UNKNOWN_GAP_S, SampleFilter
 from fg_nav.smoother import smooth
 from fg_nav.walk import Options, Walk
 from tests.online.walks import NORTH, estimates_of, push, short_walk, solve_in_windows, worst_difference
@@ -104,7 +104,7 @@ def test_a_walk_whose_beginning_is_not_solved_again_still_has_its_path(whole, mo
     navigator = OnlineNavigator(NORTH)
     push(navigator, rows_of(short_walk()))
     found, expected = navigator.finish(), whole[0].finish()
-    assert navigator._smoother._starts[0].place.number > 2
+    assert navigator.smoother.anchors[0].stance.number > 2
     apart = np.abs(found.position - expected.position).max(axis=0)
     assert apart[:2].max() < 0.05
     assert apart[2] < 0.10  # a window has no level floors
@@ -177,7 +177,7 @@ def test_blocks_do_not_matter_to_the_judge(kind):
         navigator = OnlineNavigator(NORTH)
         for start, stop in zip([0, *cuts], [*cuts, len(rows)], strict=True):
             block = rows[start:stop]
-            navigator.buffer.append(navigator.judge.admit(block[:, 0], block[:, 1:4], block[:, 4:7], block[:, 7:10]))
+            navigator.buffer.append(navigator.judge.accept(block[:, 0], block[:, 1:4], block[:, 4:7], block[:, 7:10]))
         stores.append(navigator.buffer.between(0, navigator.buffer.stop))
     assert np.array_equal(stores[0], stores[1], equal_nan=True)
     assert np.array_equal(stores[0], stores[2], equal_nan=True)
@@ -190,13 +190,13 @@ def test_a_gap_keeps_its_length_unless_the_clock_was_set_and_then_it_is_said_by_
     rows[700:, 0] += step_s
     told = []
     judge = SampleFilter(told.append)
-    taken = judge.admit(rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:10])
+    taken = judge.accept(rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:10])
     assert taken[700, 0] - taken[699, 0] == pytest.approx(taken_s)
     sensor_t = [judge.sensor_time(i, float(t)) for i, t in enumerate(taken[:, 0])]
     np.testing.assert_allclose(sensor_t, rows[:, 0], rtol=1e-15, atol=1e-9)
     back = f"{step_s + 0.01 - taken_s:.3f} s"
-    assert any(f"set back by {back}" in words for words in told) == (step_s > MAX_GAP_S)
-    assert any(f"set back by {back}" in words for words in judge.notes) == (step_s > MAX_GAP_S)
+    assert any(f"set back by {back}" in words for words in told) == (step_s > MAX_CLOCK_STEP_S)
+    assert any(f"set back by {back}" in words for words in judge.notes) == (step_s > MAX_CLOCK_STEP_S)
 
 
 RESTARTS = (500, 1000)  # Rows at which the sensor's clock begins again at zero.
@@ -217,7 +217,7 @@ def test_stamps_go_on_after_a_restart_of_the_clock(block):
     rows, sent = restarted()
     judge = SampleFilter()
     parts = [sent[i : i + block] for i in range(0, len(sent), block)]
-    taken = np.concatenate([judge.admit(p[:, 0], p[:, 1:4], p[:, 4:7], p[:, 7:10]) for p in parts])
+    taken = np.concatenate([judge.accept(p[:, 0], p[:, 1:4], p[:, 4:7], p[:, 7:10]) for p in parts])
     np.testing.assert_allclose(taken[:, :11], rows, rtol=0, atol=1e-9)
     sensor_t = [judge.sensor_time(i, float(t)) for i, t in enumerate(taken[:, 0])]
     np.testing.assert_allclose(sensor_t, sent[:, 0], rtol=0, atol=1e-9)

@@ -11,13 +11,12 @@ from fg_nav.errors import EstimationError
 from fg_nav.evaluation import evaluate
 from fg_nav.frames import yaw_rotation
 from fg_nav.io import write_canonical
+from fg_nav.lab.follow_pocket import follow_pocket
 from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.online.buffer import rows_of
 from fg_nav.online.checkpoint import load, save
-from fg_nav.online.estimates import StanceEstimate, format_estimate
+from fg_nav.online.estimates import Revision, StanceEstimate, format_estimate
 from fg_nav.online.pocket import PocketNavigator, PocketOptions
-from fg_nav.online.revision import Revision
-from fg_nav.pocket import follow_pocket
 from fg_nav.pocket.dead_reckoning import StepLength, reckon_path
 from fg_nav.pocket.navigate import choose_start
 from fg_nav.pocket.steps import estimate_swing, find_steps

@@ -17,7 +17,7 @@ from fg_nav.io import read_raw, write_canonical
 from fg_nav.online import record
 from fg_nav.online.buffer import rows_of
 from fg_nav.online.record import Recorder
-from fg_nav.online.replay import Replay, parse_speed
+from fg_nav.online.sources import Replay, parse_speed
 from tests.online.walks import short_walk
 
 

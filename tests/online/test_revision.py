@@ -9,11 +9,10 @@ import pytest
 from fg_nav.detection.causal import CausalParameters, CausalStances
 from fg_nav.frames import compute_heading, yaw_rotation
 from fg_nav.online.buffer import ReportedFootfall
-from fg_nav.online.estimates import StanceEstimate
+from fg_nav.online.estimates import MAX_POINTS, Revision, StanceEstimate, compare_pasts, format_revision
 from fg_nav.online.options import OnlineOptions
-from fg_nav.online.review import OPEN_S, UNTOLD, review_footfalls
-from fg_nav.online.revision import MAX_POINTS, Revision, compare_pasts, format_revision
 from fg_nav.online.smoother import OnlineSmoother
+from fg_nav.online.solving import OPEN_S, UNREPORTED, review_footfalls
 from tests.online.test_online_smoother import add, farthest, footfall_at, in_field, smoother_of
 from tests.online.walks import estimates_of, revisions_of, short_walk
 from tests.smoother.walks import Walk, demo
@@ -56,7 +55,7 @@ def test_footfalls_that_are_none_are_taken_out() -> None:
 def test_footfalls_that_were_missed_are_put_in() -> None:
     told = list(told_footfalls())
     found = review([*told[:5], *told[6:]])
-    assert [one.told for one in found] == [*range(5), UNTOLD, *range(6, len(told))]
+    assert [one.line for one in found] == [*range(5), UNREPORTED, *range(6, len(told))]
     missed, true = found[5].footfall, told[5].footfall
     assert missed.start[0] < true.stop[-1]
     assert true.start[0] < missed.stop[-1]
@@ -181,7 +180,7 @@ def test_a_false_footfall_is_taken_back_and_what_rests_on_it_is_made_anew() -> N
     (retracted,) = [line for one in revisions_of(found) for line in one.retracted]
     assert retracted == (false, next(one.t for one in estimates_of(found) if one.number == false))
     assert [one.number for one in estimates_of(found)] == list(range(at + 11))
-    assert [one.told for one in online.footfalls] == [k for k in range(online.n_reported) if k != false]
+    assert [one.line for one in online.footfalls] == [k for k in range(online.n_reported) if k != false]
     assert len(online.smoothed()) == len(online.causal()) - 1 == at + 10
     np.testing.assert_allclose(online.latest.position, undisturbed.latest.position, atol=0.05)
     assert online.latest.number == online.n_reported - 1
@@ -194,7 +193,7 @@ def test_a_footfall_that_was_missed_is_put_in() -> None:
         if k != 14:
             add(online, walk, k)
     assert len(online.smoothed()) == len(online.causal()) + 1 == 24
-    assert [one.told for one in online.footfalls] == [*range(14), UNTOLD, *range(14, 23)]
+    assert [one.line for one in online.footfalls] == [*range(14), UNREPORTED, *range(14, 23)]
     expected = smoother_of(walk)
     for k in range(24):
         add(expected, walk, k)

@@ -161,7 +161,7 @@ def test_nothing_of_a_footfall_has_a_solution(monkeypatch, undisturbed, footfall
     """Nor the stride alone: then it begins again with sigmas for all that may have happened."""
     fault = Failing(monkeypatch, footfalls)
     fault.breaks(ISAM2Backend, "add")
-    fault.breaks(recovery, "condense")
+    fault.breaks(recovery, "marginalize")
     fault.breaks(recovery, "initialize_stride")
     navigator = walked()
     assert fault.failed == 3 * footfalls
@@ -209,7 +209,7 @@ def test_the_smoothed_past_is_returned_though_it_cannot_be_solved(monkeypatch, u
     monkeypatch.setattr(isam2, "marginal_covariances", never)
     told = navigator.smoothed()
     np.testing.assert_allclose(told.position, expected.position, atol=0.05)
-    begun = navigator._smoother._stretch.begun.place.number  # of what is before that is known already
+    begun = navigator.smoother.initial.stance.number  # of what is before that is known already
     assert begun == 3
     assert (told.position_sigma[begun:] > 50.0).all()
 

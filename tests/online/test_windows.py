@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 
 from fg_nav.detection.stance import StanceParameters
-from fg_nav.online import beside, smoother, solving, strides, takeover
-from fg_nav.online.beside import WorkerSolver
+from fg_nav.online import background, schedule, smoother, solving, strides
+from fg_nav.online.anchor import window_anchors
+from fg_nav.online.background import WorkerSolver
 from fg_nav.online.buffer import LEAD_S, UNSEEN, PartialWalk, SampleBuffer, rows_of
-from fg_nav.online.handover import window_anchors
 from fg_nav.online.isam2 import ISAM2Backend
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.smoother import OnlineSmoother
 from fg_nav.online.solving import Task, WalkSolver
-from fg_nav.online.stretch import Stretch
+from fg_nav.online.window import Window
 from fg_nav.online.worker import Worker
 from tests.online.test_online_smoother import (
     FOOTFALLS,
@@ -60,7 +60,7 @@ def in_windows(with_field: bool = False, lag_s: float | None = None) -> OnlineSm
 def test_it_stays_where_the_whole_is(solved_as_a_whole: dict[bool, OnlineSmoother], with_field: bool) -> None:
     """By its sigmas, which are larger: what a dozen footfalls showed of the sensor is all that it knows of it."""
     online, expected = in_windows(with_field), solved_as_a_whole[with_field]
-    assert online._stretch.begun.first > 0
+    assert online.initial.first > 0
     table, other = online.smoothed(), expected.smoothed()
     np.testing.assert_array_equal(table.sample, other.sample)
     apart = np.abs(table.position - other.position)
@@ -73,7 +73,7 @@ def test_it_stays_where_the_whole_is(solved_as_a_whole: dict[bool, OnlineSmoothe
 @pytest.mark.parametrize("with_field", [False, True])
 def test_with_a_lag_it_stays_where_it_is_without(with_field: bool) -> None:
     online, expected = in_windows(with_field, 12.0), in_windows(with_field)
-    assert online._stretch.begun.first > 0
+    assert online.initial.first > 0
     table, other = online.smoothed(), expected.smoothed()
     np.testing.assert_array_equal(table.sample, other.sample)
     assert farthest(table, other) < 0.10
@@ -102,8 +102,8 @@ class InPieces:
     def begin(self, task: object) -> None:
         self._say("begin", task)
 
-    def ask(self, footfalls: object) -> None:
-        self._answer = self._say("ask", tuple(footfalls))
+    def request(self, footfalls: object) -> None:
+        self._answer = self._say("request", tuple(footfalls))
 
     def is_ready(self) -> bool:
         return True
@@ -164,18 +164,18 @@ class Late(InPieces):
 def test_a_walk_goes_on_without_a_solution_that_is_late(monkeypatch: pytest.MonkeyPatch, late: int) -> None:
     """What came in the meantime is added to it when it is there: here, or where it is solved if that is much."""
     usual = in_windows()
-    monkeypatch.setattr(takeover, "FAST", np.inf)
+    monkeypatch.setattr(schedule, "FAST", np.inf)
     buffer = SampleBuffer()
     online = OnlineSmoother(OnlineOptions(), buffer, solver=Late(OnlineOptions(), buffer, late))
     buffer.append(rows_of(demo().recording))
     begun = []
     for k in range(FOOTFALLS):
-        online.prepare()
+        online.schedule.prepare(online.n_reported)
         add(online, demo(), k)
-        begun.append(online._stretch.begun.place.number)
+        begun.append(online.initial.stance.number)
     assert begun[11 + late] < 11 <= begun[13 + late]
     assert begun[-1] > 11 + late
-    assert [one.told for one in online.footfalls] == list(range(FOOTFALLS))
+    assert [one.line for one in online.footfalls] == list(range(FOOTFALLS))
     np.testing.assert_array_equal(online.smoothed().sample, usual.smoothed().sample)
     assert farthest(online.smoothed(), usual.smoothed()) < 0.10
     np.testing.assert_allclose(online.latest.position, online.smoothed().position[-1], atol=1e-3)
@@ -190,13 +190,13 @@ def test_what_came_after_a_solution_that_was_late_is_not_lost() -> None:
     for waits in (False, True):
         solver = WalkSolver(OnlineOptions(), StanceParameters(), buffer)
         solver.begin(Task(None, tuple(told[:14]), UNSEEN))
-        solver.ask(told[14:17])
+        solver.request(told[14:17])
         if waits:
             solver.wait()
-        solver.ask(told[17:])
-        handover = solver.take()
-        assert [one.told for one in handover.footfalls] == list(range(20))
-        found.append(Stretch(handover, PartialWalk(buffer, footfalls=told)).latest)
+        solver.request(told[17:])
+        anchor = solver.take()
+        assert [one.line for one in anchor.footfalls] == list(range(20))
+        found.append(Window(anchor, PartialWalk(buffer, footfalls=told)).latest)
     np.testing.assert_array_equal(found[0].position, found[1].position)
 
 
@@ -206,14 +206,14 @@ def test_what_is_kept_before_a_window_is_all_that_its_strides_look_at() -> None:
 
 
 @pytest.mark.usefixtures("windows")
-def test_handovers_behind_footfalls_that_were_taken_back_are_left_out() -> None:
+def test_anchor_states_behind_footfalls_that_were_taken_back_are_left_out() -> None:
     """Also where there are fewer footfalls now than such a handover had."""
     online = fed(demo(), footfalls=30)
-    newest, starts = online._stretch.begun, list(online._starts)
-    del online._footfalls[starts[-1].place.number :]
-    earlier = replace(newest, place=starts[-2].place)
-    kept = window_anchors(starts, earlier, online._footfalls, None, smoother.WINDOW)
-    assert [one.place for one in kept] == [one.place for one in [*starts[:-1], earlier]]
+    newest, starts = online.initial, list(online.anchors)
+    del online.footfalls[starts[-1].stance.number :]
+    earlier = replace(newest, stance=starts[-2].stance)
+    kept = window_anchors(starts, earlier, online.footfalls, None, smoother.WINDOW)
+    assert [one.stance for one in kept] == [one.stance for one in [*starts[:-1], earlier]]
 
 
 def test_a_process_beside_says_the_same_and_is_replaced_where_it_dies(
@@ -223,7 +223,7 @@ def test_a_process_beside_says_the_same_and_is_replaced_where_it_dies(
 
     Modules in the folder that the user is in are none of its own.
     """
-    monkeypatch.setattr(takeover, "FAST", 0.0)  # solutions are waited for, however slow the machine
+    monkeypatch.setattr(schedule, "FAST", 0.0)  # solutions are waited for, however slow the machine
     (tmp_path / "numpy.py").write_text("raise ImportError\n")
     monkeypatch.chdir(tmp_path)
     walk, buffer, remarks = in_field(), SampleBuffer(), []
@@ -235,14 +235,14 @@ def test_a_process_beside_says_the_same_and_is_replaced_where_it_dies(
         there = OnlineSmoother(options, buffer, solver=solver)
         for k in range(26):
             add(there, walk, k)
-        assert there._stretch.begun.place.number == 19
+        assert there.initial.stance.number == 19
         assert remarks == []
         os.kill(solver.pid, signal.SIGKILL)
         for k in range(26, 32):
             add(there, walk, k)
     finally:
         solver.close()
-    assert solver._messages.qsize() < 10  # it does not keep what nobody reads
+    assert solver._worker.messages.qsize() < 10  # it does not keep what nobody reads
     assert len(remarks) == 1
     assert "has died" in remarks[0]
     np.testing.assert_array_equal(here.causal().position, there.causal().position)
@@ -251,13 +251,13 @@ def test_a_process_beside_says_the_same_and_is_replaced_where_it_dies(
 
 
 def test_a_process_beside_that_was_stopped_is_not_waited_for_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(beside, "MAX_S", 0.1)
+    monkeypatch.setattr(background, "MAX_S", 0.1)
     remarks: list[str] = []
     solver = WorkerSolver(OnlineOptions(), StanceParameters(), SampleBuffer(), remarks.append)
     try:
         os.kill(solver.pid, signal.SIGSTOP)
         monkeypatch.setattr(solver._here, "take", lambda: None)
-        solver.ask(())
+        solver.request(())
         assert not solver.is_ready()
         assert [solver.take(), solver.take()] == [None, None]
         assert solver.is_here

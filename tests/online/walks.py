@@ -12,9 +12,8 @@ import pytest
 
 from fg_nav.arrays import Floats
 from fg_nav.online import OnlineNavigator, schedule, smoother
-from fg_nav.online.estimates import StanceEstimate
+from fg_nav.online.estimates import Revision, StanceEstimate
 from fg_nav.online.options import OnlineOptions
-from fg_nav.online.revision import Revision
 from fg_nav.recording import Recording
 from fg_nav.solution import StanceTable
 from tests.simulated import PERSON, straight_walk

@@ -5,8 +5,8 @@ import pytest
 
 from fg_nav.frames import yaw_rotation
 from fg_nav.places import SavedPlaces, locate
-from fg_nav.places.consistency import LONE_EXPECTED
 from fg_nav.places.location import MAX_PIECES, MAX_STRETCHES
+from fg_nav.places.recognition import LONE_EXPECTED
 from tests.places.floors import EARTH, LOOP, OPEN, Floor, along, carry
 
 START = np.array([25.0, 0.2])

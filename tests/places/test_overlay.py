@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from fg_nav.places import SavedPlaces, Signature, locate, recognize_known
-from fg_nav.places.calibration import USUAL_DECAY
-from fg_nav.places.consistency import LONE_EXPECTED
+from fg_nav.places.alignment import USUAL_DECAY
 from fg_nav.places.overlay import HOP, MIN_DECAY, PIECE, find_decay, overlay_known
+from fg_nav.places.recognition import LONE_EXPECTED
 from fg_nav.places.signature import MIN_POINTS
 from tests.places.floors import EARTH, OPEN, Floor, along, carry
 

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from fg_nav.places import Drift, recognition, recognize, recognize_known, select_consistent
-from fg_nav.places.alignment import MIN_LISTED, RHO, align, trace
-from fg_nav.places.calibration import measure_chance
+from fg_nav.places.alignment import MIN_LISTED, RHO, align, measure_chance, trace
 from fg_nav.places.candidates import BLOCK, find_candidates, pair_all
-from fg_nav.places.whitening import Features, whiten
+from fg_nav.places.signature import Features, whiten
 from tests.places.floors import LOOP, OPEN, Floor, along, carry
 
 ASIDE = [0.0, 0.25, 0.0]

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from fg_nav.places import Stretch
-from fg_nav.places.sharpness import REACH_M, SHIFTS_M, find_shift, weigh_shifts
-from fg_nav.places.whitening import whiten
+from fg_nav.places.recognition import REACH_M, SHIFTS_M, find_shift, weigh_shifts
+from fg_nav.places.signature import whiten
 from tests.places.floors import EARTH, LOOP, Floor, along, carry
 
 

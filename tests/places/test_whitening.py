@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from fg_nav.places.signature import BLOCK
-from fg_nav.places.whitening import remove_common_field, whiten
+from fg_nav.places.signature import BLOCK, remove_common_field, whiten
 from tests.places.floors import LOOP, OPEN, Floor, along, carry
 
 BELOW, LEFT, ABOVE = 0, 1, 2

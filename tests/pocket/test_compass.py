@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from fg_nav.frames import yaw_rotation
-from fg_nav.pocket.compass import COMPASS_SIGMA_DEG, measure_turn, smooth_angles
-from fg_nav.pocket.track import PocketTrack
+from fg_nav.pocket.track import COMPASS_SIGMA_DEG, PocketTrack, measure_turn, smooth_angles
 from tests.pocket.leg import MUNICH, walking
 
 NORTH = np.array([0.0, MUNICH[1], MUNICH[2]])

@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fg_nav.pocket.euler import (
+from fg_nav.pocket.filter_equations import (
     angles_of_rotation,
     angles_of_up,
     error_axes,
     inverse_error_axes,
     is_degenerate,
+    roll_as_printed,
     rotation_of_angles,
 )
-from fg_nav.pocket.filter_equations import roll_as_printed
 
 ANGLES = [(0.1, -0.4, 2.5), (-2.9, 1.2, -0.7), (1.4, 0.0, 0.0)]
 

@@ -9,7 +9,7 @@ from fg_nav.errors import EstimationError
 from fg_nav.gnss import FixColumns, Gnss, find_turn, select_fixes
 from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.pipeline import navigate
-from fg_nav.pocket.gnss import fuse_fixes
+from fg_nav.pocket.dead_reckoning import fuse_fixes
 from fg_nav.truth import Fix
 from fg_nav.walk import OWN_GNSS, Options, Walk, read_walk
 from tests.real_data import DATA, needs_data

@@ -12,16 +12,15 @@ from scipy.spatial.transform import Rotation
 
 from fg_nav.errors import EstimationError
 from fg_nav.frames import yaw_rotation
+from fg_nav.lab.follow_pocket import follow_pocket
 from fg_nav.pocket import (
     OnlinePocket,
     PocketParameters,
     PocketSmootherParameters,
     PocketStart,
     estimate_pocket,
-    fixed_lag,
-    follow_pocket,
+    iterated_smoother,
     parameters,
-    robust_variances,
     smooth_pocket,
 )
 from fg_nav.recording import Recording
@@ -40,7 +39,7 @@ def assume(monkeypatch):
 
     def set_constants(**constants):
         for name, value in constants.items():
-            for module in (parameters, robust_variances, fixed_lag):
+            for module in (parameters, iterated_smoother):
                 if hasattr(module, name):
                     monkeypatch.setattr(module, name, value)
 
@@ -109,7 +108,7 @@ def test_claims_are_true_over_many_walks(assume):
         bias = np.radians(P.gyro_bias_sigma_deg_s) * rng.standard_normal(3)
         recording = leg.recording(bias=bias, sigma=(NOISE[0], 0.3, 0.5), seed=seed)
         walk = (
-            robust_variances.FIELD_WALK_UT
+            iterated_smoother.FIELD_WALK_UT
             * np.sqrt(leg.h)
             * np.cumsum(rng.standard_normal((len(recording), 3)), axis=0)
         )

@@ -8,10 +8,12 @@ from scipy.spatial.transform import Rotation
 
 from fg_nav.factors.rotation import rotation_exp
 from fg_nav.pocket import PocketSmootherParameters, PocketStart
-from fg_nav.pocket.fixed_lag import (
+from fg_nav.pocket.iterated_smoother import (
     assemble_inputs,
     build_noise,
     build_prior,
+    estimate_field_walk,
+    initialize_variances,
     inject_correction,
     predict_nodes,
 )
@@ -31,7 +33,6 @@ from fg_nav.pocket.kalman_smoother import (
     smooth_nodes,
 )
 from fg_nav.pocket.links import NODE_S, detect_rests, place_nodes, preintegrate_links
-from fg_nav.pocket.robust_variances import estimate_field_walk, initialize_variances
 from tests.pocket.leg import walking
 
 P = PocketSmootherParameters(latitude_deg=48.0, bias_returns_to_zero=True)

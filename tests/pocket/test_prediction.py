@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fg_nav.pocket.euler import angles_of_rotation, rotation_of_angles
 from fg_nav.pocket.filter_equations import (
     PocketState,
+    angles_of_rotation,
     build_model,
     create_reference,
     predict_field,
     predict_state,
+    rotation_of_angles,
     set_reference,
 )
 from fg_nav.pocket.parameters import PocketParameters

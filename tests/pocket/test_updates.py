@@ -7,14 +7,16 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from fg_nav.mechanisation import cross_matrix, right_jacobian
-from fg_nav.pocket.euler import error_axes, inverse_error_axes, rotation_of_angles
 from fg_nav.pocket.filter_equations import (
     PocketState,
     build_model,
     create_reference,
+    error_axes,
+    inverse_error_axes,
     predict_field,
     predict_state,
     propagate_reference,
+    rotation_of_angles,
     set_reference,
     shift_reference_bias,
     update_field,

@@ -17,9 +17,8 @@ from scipy.spatial.transform import Rotation
 from fg_nav.errors import FgNavError, FormatError, OutputError
 from fg_nav.evaluation.metrics import evaluate
 from fg_nav.report.export import FORMATS, export_track, find_files
-from fg_nav.report.export.ellipse import outline_ellipses
-from fg_nav.report.export.place import Origin
-from fg_nav.report.export.track import POSITION, Track, parse_start, read_result
+from fg_nav.report.export.maps import outline_ellipses
+from fg_nav.report.export.track import POSITION, ExportTrack, Origin, parse_start, read_result
 from fg_nav.report.files import write_json, write_paths
 from fg_nav.solution import Solution, StanceTable
 from tests.command_line import FgNav
@@ -66,12 +65,12 @@ def folder(solution: Solution, tmp_path_factory: pytest.TempPathFactory) -> Path
 
 
 @pytest.fixture(scope="module")
-def track(folder: Path) -> Track:
+def track(folder: Path) -> ExportTrack:
     return read_result(folder)
 
 
-def test_the_folder_of_a_result_says_what_the_solution_says(solution: Solution, track: Track) -> None:
-    direct = Track.of(solution)
+def test_the_folder_of_a_result_says_what_the_solution_says(solution: Solution, track: ExportTrack) -> None:
+    direct = ExportTrack.of(solution)
     assert (track.name, track.method) == ("office-smoother-1", "smoother")
     for name in ("t", "position", "nav_R_body", "velocity"):
         np.testing.assert_allclose(getattr(track, name), getattr(direct, name), atol=3e-7)
@@ -100,7 +99,7 @@ def test_what_north_is_is_said(
     assert said in note
 
 
-def test_turning_lays_north_to_the_east(track: Track) -> None:
+def test_turning_lays_north_to_the_east(track: ExportTrack) -> None:
     turned = track.turn(90.0)
     x, y, z = track.position.T
     np.testing.assert_allclose(turned.position, np.stack([y, -x, z], axis=1), atol=1e-12)
@@ -133,7 +132,7 @@ def returned(place: np.ndarray) -> np.ndarray:
     return np.stack(pymap3d.geodetic2enu(latitude, longitude, height, 48.137, 11.575, 520.0), axis=1)
 
 
-def test_geojson_returns_the_path(track: Track, tmp_path: Path) -> None:
+def test_geojson_returns_the_path(track: ExportTrack, tmp_path: Path) -> None:
     export_track(track, tmp_path / "walk.geojson", MUNICH)
     content = json.loads((tmp_path / "walk.geojson").read_text())
     kinds = [feature["properties"]["kind"] for feature in content["features"]]
@@ -148,7 +147,7 @@ def test_geojson_returns_the_path(track: Track, tmp_path: Path) -> None:
         assert "time_utc" not in known
 
 
-def test_an_ellipse_is_95_percent_and_turns_left(track: Track) -> None:
+def test_an_ellipse_is_95_percent_and_turns_left(track: ExportTrack) -> None:
     found = outline_ellipses(track)
     np.testing.assert_array_equal(found.corner[:, 0], found.corner[:, -1])
     from_centre = found.corner[:, :, :2] - track.footfalls[POSITION].to_numpy()[:, None, :2]
@@ -159,7 +158,7 @@ def test_an_ellipse_is_95_percent_and_turns_left(track: Track) -> None:
 
 
 @pytest.mark.parametrize(("ending", "layers"), [(".geojson", 1), (".kml", 3)])
-def test_gdal_opens_the_maps(track: Track, tmp_path: Path, ending: str, layers: int) -> None:
+def test_gdal_opens_the_maps(track: ExportTrack, tmp_path: Path, ending: str, layers: int) -> None:
     pyogrio = pytest.importorskip("pyogrio", reason="of the extra checks")
     file = tmp_path / f"walk{ending}"
     export_track(replace(track, start=parse_start("2026-05-04T09:30:00Z")), file, MUNICH)
@@ -180,7 +179,7 @@ def test_gdal_opens_the_maps(track: Track, tmp_path: Path, ending: str, layers: 
     assert "WGS 84" in about["crs"] or "4326" in about["crs"]
 
 
-def test_kml_has_looks_heights_and_times(track: Track, tmp_path: Path) -> None:
+def test_kml_has_looks_heights_and_times(track: ExportTrack, tmp_path: Path) -> None:
     export_track(track, tmp_path / "walk.kml", Origin(48.137, 11.575))
     space = {"k": "http://www.opengis.net/kml/2.2"}
     root = ElementTree.parse(tmp_path / "walk.kml").getroot()
@@ -195,7 +194,7 @@ def test_kml_has_looks_heights_and_times(track: Track, tmp_path: Path) -> None:
     assert {one.text for one in timed.iterfind(".//k:altitudeMode", space)} == {"absolute"}
 
 
-def test_gpx_returns_footfalls_and_their_times(track: Track, tmp_path: Path) -> None:
+def test_gpx_returns_footfalls_and_their_times(track: ExportTrack, tmp_path: Path) -> None:
     gpxpy = pytest.importorskip("gpxpy")
     start = parse_start("2026-05-04T09:30:00Z")
     export_track(replace(track, start=start), tmp_path / "walk.gpx", MUNICH)
@@ -209,7 +208,7 @@ def test_gpx_returns_footfalls_and_their_times(track: Track, tmp_path: Path) -> 
     assert "<time>" not in (tmp_path / "timeless.gpx").read_text()
 
 
-def test_matlab_has_covariances_and_says_what_is_what(track: Track, tmp_path: Path) -> None:
+def test_matlab_has_covariances_and_says_what_is_what(track: ExportTrack, tmp_path: Path) -> None:
     export_track(track, tmp_path / "walk.mat")
     found = loadmat(tmp_path / "walk.mat", simplify_cells=True)
     np.testing.assert_array_equal(found["path"]["position_m"], track.position)
@@ -224,7 +223,7 @@ def test_matlab_has_covariances_and_says_what_is_what(track: Track, tmp_path: Pa
     assert found["about"]["start_utc"] == "not known"
 
 
-def test_parquet_has_path_and_footfalls(track: Track, tmp_path: Path) -> None:
+def test_parquet_has_path_and_footfalls(track: ExportTrack, tmp_path: Path) -> None:
     pytest.importorskip("pyarrow", reason="of the extra parquet")
     absolute = replace(track, t=track.t + 1.7e9, footfalls=track.footfalls.assign(time_s=track.t[AT] + 1.7e9))
     files = export_track(absolute, tmp_path / "walk.parquet")
@@ -236,7 +235,7 @@ def test_parquet_has_path_and_footfalls(track: Track, tmp_path: Path) -> None:
     assert "East-North-Up" in path.attrs["frame"]
 
 
-def test_a_ros_bag_returns_odometry_and_path(track: Track, tmp_path: Path) -> None:
+def test_a_ros_bag_returns_odometry_and_path(track: ExportTrack, tmp_path: Path) -> None:
     pytest.importorskip("rosbags", reason="of the extra ros")
     from rosbags.highlevel import AnyReader
 
@@ -268,7 +267,7 @@ def test_a_ros_bag_returns_odometry_and_path(track: Track, tmp_path: Path) -> No
     assert (path.header.frame_id, odometry[0][1].child_frame_id) == ("odom", "foot")
 
 
-def test_evo_reads_tum_and_bag(track: Track, tmp_path: Path) -> None:
+def test_evo_reads_tum_and_bag(track: ExportTrack, tmp_path: Path) -> None:
     pytest.importorskip("rosbags", reason="of the extra ros")
     interface = pytest.importorskip("evo.tools.file_interface", reason="of the extra checks")
     from rosbags.rosbag2 import Reader
@@ -283,7 +282,7 @@ def test_evo_reads_tum_and_bag(track: Track, tmp_path: Path) -> None:
         np.testing.assert_allclose(np.array(found.poses_se3)[:, :3, :3], track.nav_R_body, atol=1e-7)
 
 
-def test_rerun_has_the_foot_in_motion(track: Track, tmp_path: Path) -> None:
+def test_rerun_has_the_foot_in_motion(track: ExportTrack, tmp_path: Path) -> None:
     pytest.importorskip("rerun", reason="of the extra rerun")
     chunk = pytest.importorskip("rerun.chunk", reason="of later versions of it")
     export_track(track, tmp_path / "walk.rrd")
@@ -294,7 +293,7 @@ def test_rerun_has_the_foot_in_motion(track: Track, tmp_path: Path) -> None:
 
 
 def test_any_name_of_a_folder_does(solution: Solution, tmp_path: Path) -> None:
-    odd = Track.of(solution, "B\u00fcro \u8d70 <&>\x01\udce4")
+    odd = ExportTrack.of(solution, "B\u00fcro \u8d70 <&>\x01\udce4")
     for ending in (".geojson", ".kml", ".gpx", ".mat"):
         export_track(odd, tmp_path / f"walk{ending}", MUNICH if ending != ".mat" else None)
     space = {"k": "http://www.opengis.net/kml/2.2"}
@@ -304,15 +303,15 @@ def test_any_name_of_a_folder_does(solution: Solution, tmp_path: Path) -> None:
     assert loadmat(tmp_path / "walk.mat", simplify_cells=True)["about"]["name"] == name
 
 
-def test_time_is_absolute_where_stamps_are_since_1970(track: Track) -> None:
-    assert track.tell_time(track.t) is None
+def test_time_is_absolute_where_stamps_are_since_1970(track: ExportTrack) -> None:
+    assert track.format_utc(track.t) is None
     absolute = replace(track, t=track.t + 1.7e9)
-    assert absolute.tell_time(absolute.t[:1]) == ["2023-11-14T22:13:23.000Z"]
+    assert absolute.format_utc(absolute.t[:1]) == ["2023-11-14T22:13:23.000Z"]
     began = replace(absolute, start=parse_start("2026-05-04T09:30:00Z"))
-    assert began.tell_time(began.t[[0, -1]]) == ["2026-05-04T09:30:00.000Z", "2026-05-04T09:30:20.000Z"]
+    assert began.format_utc(began.t[[0, -1]]) == ["2026-05-04T09:30:00.000Z", "2026-05-04T09:30:20.000Z"]
 
 
-def test_what_is_not_claimed_is_left_out(track: Track, tmp_path: Path) -> None:
+def test_what_is_not_claimed_is_left_out(track: ExportTrack, tmp_path: Path) -> None:
     unknown = replace(track, footfalls=track.footfalls.assign(sigma_x_m=np.nan, cov_xy_m2=np.nan))
     for ending in (".geojson", ".kml", ".gpx"):
         export_track(unknown, tmp_path / f"walk{ending}", MUNICH)
@@ -339,7 +338,7 @@ def test_the_command_writes_several_files(fg_nav: FgNav, folder: Path) -> None:
     assert fg_nav("export", folder, own, "--turn", "9", "--force").refused("trajectory.tum", "result itself")
 
 
-def test_a_solution_saves_itself_as_the_command_does(solution: Solution, track: Track, tmp_path: Path) -> None:
+def test_a_solution_saves_itself_as_the_command_does(solution: Solution, track: ExportTrack, tmp_path: Path) -> None:
     file = solution.save(tmp_path / "walk.tum")
     direct, read = np.loadtxt(file), np.column_stack([track.t, track.position])
     np.testing.assert_allclose(direct[:, :4], read, atol=1e-9)
@@ -411,7 +410,7 @@ def test_what_is_no_result_is_told_in_a_sentence(folder: Path, tmp_path: Path) -
     assert "trajectory.tum" in refusal(broken)
 
 
-def test_an_extra_that_is_absent_is_named(track: Track, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_extra_that_is_absent_is_named(track: ExportTrack, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for ending, format in FORMATS.items():
         if format.extra is None:
             continue
@@ -422,7 +421,7 @@ def test_an_extra_that_is_absent_is_named(track: Track, tmp_path: Path, monkeypa
     assert not list(tmp_path.iterdir())
 
 
-def test_clocks_beyond_those_of_ros_are_refused(track: Track, tmp_path: Path) -> None:
+def test_clocks_beyond_those_of_ros_are_refused(track: ExportTrack, tmp_path: Path) -> None:
     pytest.importorskip("rosbags", reason="of the extra ros")
     with pytest.raises(FgNavError, match="--start"):
         export_track(replace(track, t=track.t + 1e10), tmp_path / "w.mcap")

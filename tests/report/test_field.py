@@ -15,7 +15,7 @@ from fg_nav.commands.detect import collect_survey_notes, describe_survey, tabula
 from fg_nav.earth import EarthField
 from fg_nav.evaluation.field_survey import FieldSurvey, measure_coverage, survey_field
 from fg_nav.magnetic import FieldVerdicts, FootfallField
-from fg_nav.report.aligned import AlignedSolution
+from fg_nav.report.drawn import AlignedSolution
 from fg_nav.report.plots import style
 from fg_nav.report.plots.field import ACCEPTED, REJECTED, UNJUDGED, plot_field, plot_field_map
 from fg_nav.solution import Solution

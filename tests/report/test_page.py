@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fg_nav.report.aligned import AlignedSolution
-from fg_nav.report.ellipses import find_ellipses
+from fg_nav.report.drawn import AlignedSolution, find_ellipses
 from fg_nav.report.files import write_comparison, write_lagged, write_run
 from fg_nav.report.page.content import Findings, Page, compose_page
 from fg_nav.report.page.course import describe_frame

@@ -15,11 +15,9 @@ from matplotlib.image import imread
 
 from fg_nav.evaluation import evaluate
 from fg_nav.recording import Recording
-from fg_nav.report.aligned import AlignedSolution
-from fg_nav.report.decimation import envelope, spread_rows
-from fg_nav.report.plots import draw_comparison, draw_result, draw_stances, style
-from fg_nav.report.plots.maps import plot_trajectory
-from fg_nav.report.plots.timeseries import plot_heading
+from fg_nav.report.drawn import AlignedSolution, envelope, spread_rows
+from fg_nav.report.plots import style
+from fg_nav.report.plots.walk import draw_comparison, draw_result, draw_stances, plot_heading, plot_trajectory
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.stances import Stances
 from fg_nav.truth import TrajectoryTruth

@@ -7,7 +7,7 @@ import pytest
 
 from fg_nav.recording import Recording
 from fg_nav.sample_noise import find_extra_sigmas
-from fg_nav.samples.bridging import _Seen, bridge_unread, interpolate_unread
+from fg_nav.samples.gaps import _UnreadSamples, bridge_unread, interpolate_unread
 from fg_nav.samples.outliers import ACC_OUT, GYR_OUT
 
 PERIOD_S = 0.005
@@ -80,7 +80,7 @@ def test_a_recording_of_which_a_sensor_read_nothing_is_kept_as_it_is():
 def test_one_bad_sample_of_an_hour_takes_less_memory_than_two_more_columns_of_it():
     t, acc, gyr = (np.zeros((720_000, *shape)) for shape in ((), (3,), (3,)))
     t += PERIOD_S * np.arange(len(t))
-    seen = _Seen(t, acc, gyr, np.where(np.arange(len(t)) == 803, ACC_OUT, 0))
+    seen = _UnreadSamples(t, acc, gyr, np.where(np.arange(len(t)) == 803, ACC_OUT, 0))
     tracemalloc.start()
     seen.bridge(ACC_OUT)
     peak = tracemalloc.get_traced_memory()[1]

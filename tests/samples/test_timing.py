@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fg_nav.io import read, read_raw
-from fg_nav.samples.timing import fit_clock, remove_jitter
+from fg_nav.samples.stamps import fit_clock, remove_jitter
 from tests.real_data import DATA, needs_data
 
 RATE = 200.0

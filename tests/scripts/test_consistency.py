@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from fg_nav.ekf import IezParameters
-from fg_nav.ekf.parameters import STANCE_CORRELATION_S
+from fg_nav.ekf.core import STANCE_CORRELATION_S
 from fg_nav.ekf.presets import MATCHED, find_parameters
 from tests.ekf.motion import Walk
 from tests.scripts import load_script

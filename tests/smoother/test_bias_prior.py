@@ -11,15 +11,15 @@ from fg_nav.arrays import Floats
 from fg_nav.factors.differential_field import GYRO
 from fg_nav.recording import Recording
 from fg_nav.smoother import smooth
-from fg_nav.smoother.bias_prior import LEVELS, PRIOR, average_bias_prior, match_mixture
 from fg_nav.smoother.graph import solve
+from fg_nav.smoother.gyro_bias import SIGMA_LEVELS, SIGMA_PRIOR, average_bias_prior, match_mixture
 from fg_nav.smoother.problem import walk_problem
 from fg_nav.smoother.strides import ACC_BIAS_SIGMA
 from fg_nav.solution import Solution
 from tests.smoother.walks import DEFAULT, demo, part
 
 ASSUMED = float(np.radians(0.15))
-SIGMAS = ASSUMED * np.array(LEVELS)
+SIGMAS = ASSUMED * np.array(SIGMA_LEVELS)
 
 
 def combine(measured: Floats, noise: Floats, mean: Floats, prior: Floats) -> tuple[Floats, Floats]:
@@ -31,7 +31,7 @@ def combine(measured: Floats, noise: Floats, mean: Floats, prior: Floats) -> tup
 def mix(measured: Floats, noise: Floats, mu: Floats) -> tuple[Floats, Floats]:
     """First two moments of the posterior under the mixture, by the marginal densities of what was measured."""
     levels = [s**2 * np.eye(3) for s in SIGMAS]
-    weight = np.array(PRIOR) * [multivariate_normal(mu, noise + one).pdf(measured) for one in levels]
+    weight = np.array(SIGMA_PRIOR) * [multivariate_normal(mu, noise + one).pdf(measured) for one in levels]
     weight /= weight.sum()
     means, spread = zip(*(combine(measured, noise, mu, one) for one in levels), strict=True)
     centre = weight @ np.array(means)
@@ -56,7 +56,7 @@ def test_posterior_is_that_of_the_mixture(seed: int, mu: Floats) -> None:
 def test_a_walk_that_shows_nothing_has_the_variance_of_the_levels_before_it() -> None:
     mean, prior, *_ = match_mixture(np.zeros(3), ASSUMED**2 * np.eye(3), np.zeros(3), ASSUMED)
     np.testing.assert_allclose(mean, 0.0, atol=1e-12)
-    np.testing.assert_allclose(prior, np.array(PRIOR) @ SIGMAS**2 * np.eye(3), rtol=1e-6, atol=1e-12)
+    np.testing.assert_allclose(prior, np.array(SIGMA_PRIOR) @ SIGMAS**2 * np.eye(3), rtol=1e-6, atol=1e-12)
 
 
 def test_a_bias_that_the_walk_shows_well_stays() -> None:
@@ -68,7 +68,7 @@ def test_a_bias_that_the_walk_shows_well_stays() -> None:
 def test_errors_over_sigmas_are_one_for_sensors_of_all_kinds() -> None:
     rng, z = np.random.default_rng(1), []
     noise = np.diag(np.radians([0.02, 0.05, 0.2])) ** 2
-    for s in rng.choice(SIGMAS, 800, p=PRIOR):
+    for s in rng.choice(SIGMAS, 800, p=SIGMA_PRIOR):
         true = s * rng.normal(size=3)
         measured = true + np.sqrt(np.diagonal(noise)) * rng.normal(size=3)
         prior_mean, prior, *_ = match_mixture(

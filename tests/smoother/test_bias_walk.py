@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from fg_nav.arrays import Floats
-from fg_nav.smoother.bias_walk import LEVELS_DEG_S, PRIOR, average_bias_walk
 from fg_nav.smoother.gauss_newton import CONVERGENCE
 from fg_nav.smoother.graph import WalkProblem, solve_and_keep
+from fg_nav.smoother.gyro_bias import WALK_LEVELS_DEG_S, WALK_PRIOR, average_bias_walk
 from fg_nav.smoother.problem import walk_problem
-from fg_nav.smoother.solver import linearize, time_order
+from fg_nav.smoother.solver import linearize
 from fg_nav.smoother.strides import MIN_WALK_DEG_S
-from tests.smoother.walks import DEFAULT, Walk, demo, part
+from tests.smoother.walks import DEFAULT, Walk, demo, part, time_order
 
 GIVEN = replace(DEFAULT, choose_swing_noise=False, gyr_relative_density=1e-4, gyr_density_deg_s=0.015)
 """Noise of the simulated gyroscope: with that of a shoe a minute shows no walk of the bias."""
@@ -48,14 +48,14 @@ def said(of: WalkProblem) -> str:
 
 def test_a_bias_that_walks_far_is_found() -> None:
     found = problem(0.02).parameters.gyro_bias_walk_deg_s
-    assert 0.8 * LEVELS_DEG_S[-2] < found < LEVELS_DEG_S[-1]
+    assert 0.8 * WALK_LEVELS_DEG_S[-2] < found < WALK_LEVELS_DEG_S[-1]
     assert f"gyro bias walk {found:.2g} deg/s/sqrt(s), the mean over the evidence of 6 changes" in said(problem(0.02))
 
 
 def test_a_minute_without_a_walk_has_no_more_than_before_it() -> None:
     """The variance of the levels as often as they are expected; a walk that is there would have shown itself."""
-    before = np.sqrt(np.array(PRIOR) @ np.square(LEVELS_DEG_S))
-    assert LEVELS_DEG_S[0] < problem(0.0).parameters.gyro_bias_walk_deg_s < before
+    before = np.sqrt(np.array(WALK_PRIOR) @ np.square(WALK_LEVELS_DEG_S))
+    assert WALK_LEVELS_DEG_S[0] < problem(0.0).parameters.gyro_bias_walk_deg_s < before
 
 
 def test_a_walk_with_one_bias_keeps_what_is_assumed() -> None:
@@ -90,9 +90,9 @@ def test_its_variance_is_the_mean_by_the_evidence_of_the_gaussian() -> None:
     one = walk_problem(walk.recording, walk.stances, 0.0, replace(GIVEN, choose_bias_walk=False))
     solved = solve_and_keep(one, CONVERGENCE)
     found = average_bias_walk(one, solved.stacks).parameters.gyro_bias_walk_deg_s
-    evidence = np.array([dense_evidence(walk, solved.linearized_at, level) for level in LEVELS_DEG_S])
-    weight = np.array(PRIOR) * np.exp(evidence.min() - evidence)
-    assert found == pytest.approx(np.sqrt(np.average(np.square(LEVELS_DEG_S), weights=weight)), rel=1e-4)
+    evidence = np.array([dense_evidence(walk, solved.linearized_at, level) for level in WALK_LEVELS_DEG_S])
+    weight = np.array(WALK_PRIOR) * np.exp(evidence.min() - evidence)
+    assert found == pytest.approx(np.sqrt(np.average(np.square(WALK_LEVELS_DEG_S), weights=weight)), rel=1e-4)
     assert np.ptp(evidence) > 0.05
 
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from fg_nav.smoother.batch import smooth_graph
-from fg_nav.smoother.combinations import FootfallCovariance, weigh_path
 from fg_nav.smoother.graph import WalkProblem, solve
 from fg_nav.smoother.problem import walk_problem
-from fg_nav.smoother.solver import Solved, dimension_of, linearize, time_order
-from tests.smoother.walks import DEFAULT, demo, part
+from fg_nav.smoother.sensitivity import FootfallCovariance, weigh_path
+from fg_nav.smoother.solver import Solved, dimension_of, linearize
+from tests.smoother.walks import DEFAULT, demo, part, time_order
 
 
 @cache

@@ -14,15 +14,15 @@ from fg_nav.factors.walk_constraints import FloorHeight
 from fg_nav.frames import yaw_rotation
 from fg_nav.smoother import smooth
 from fg_nav.smoother.constraints import constrain_heights
-from fg_nav.smoother.direction_factors import (
+from fg_nav.smoother.directions import (
     DirectionFactors,
     Mixture,
     list_displacements,
     make_direction_factors,
 )
 from fg_nav.smoother.floors import LEVEL_SIGMA_M
-from fg_nav.smoother.solver import LinearizableBlock, Solved, marginal_covariances, minimize, time_order
-from tests.smoother.walks import DEFAULT, FREE, demo, list_keys, problem
+from fg_nav.smoother.solver import LinearizableBlock, Solved, marginal_covariances, minimize
+from tests.smoother.walks import DEFAULT, FREE, demo, list_keys, problem, time_order
 
 STRIDE_M = 1.3
 FIRM = np.array([1e-4, 1e-4, 1e-4, 1e-3, 1e-3, 1e-3])
@@ -185,7 +185,7 @@ def test_marginals_are_those_of_the_information_matrix() -> None:
     values = values_of(poses)
     node = np.arange(len(poses))
     directions = tie_courses(positions(values, len(poses)), node)
-    blocks = *directions.blocks, constrain_heights(node, floor, LEVEL_SIGMA_M)
+    blocks = directions.courses, directions.priors, constrain_heights(node, floor, LEVEL_SIGMA_M)
     for k in range(2):
         values.insert(Z(k), np.zeros(1))
     values.insert(A(0), np.array([0.1]))

@@ -14,7 +14,7 @@ from fg_nav.lab.simulation.plan import Stand
 from fg_nav.lab.simulation.plan import Walk as Walking
 from fg_nav.pipeline import prepare_walk
 from fg_nav.smoother import SmoothedWalk, smooth_graph
-from fg_nav.smoother.count import KINDS, count_graph
+from fg_nav.smoother.graph import KINDS, count_graph
 from fg_nav.walk import Options, Walk
 
 COURSE = [Stand(3.0), Walking(straight(25.0)), Stand(3.0)]

@@ -14,17 +14,19 @@ from fg_nav.detection import RestParameters, find_rests
 from fg_nav.factors.differential_field import BiasInformation
 from fg_nav.magnetic import average_footfall_field
 from fg_nav.recording import Recording
-from fg_nav.smoother import differential_factors, smooth
-from fg_nav.smoother.differential import add_differential_field, write_note
-from fg_nav.smoother.differential_factors import (
+from fg_nav.smoother import differential, smooth
+from fg_nav.smoother.dense_path import trajectory_of
+from fg_nav.smoother.differential import (
     DifferentialFactors,
     LevelBias,
+    add_differential_field,
     find_stretches,
     fit_variogram,
     measure_noise,
     turn_stretches,
+    write_note,
 )
-from fg_nav.smoother.graph import WalkProblem, solve, trajectory_of
+from fg_nav.smoother.graph import WalkProblem, solve
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.problem import walk_problem
 from fg_nav.smoother.strides import place_nodes
@@ -135,7 +137,7 @@ def test_stretches_do_not_overlap_and_lie_about_their_stances() -> None:
     assert (stretches.start[1:] >= stretches.stop[:-1]).all()
     assert (np.diff(stretches.bias) >= 0).all()
     standing = (stretches.stop - stretches.start)[stretches.is_standing] * recording.period_s
-    assert (standing <= differential_factors.MAX_S + recording.period_s).all()
+    assert (standing <= differential.MAX_S + recording.period_s).all()
 
 
 def test_stretches_without_a_field_are_left_out() -> None:
@@ -217,9 +219,9 @@ def test_what_contradicts_gravity_is_weakened_about_all_axes_and_nothing_else() 
     off = np.array([np.zeros(3), 10 * sigma * up, 10 * sigma * np.array([1.0, 0.0, 0.0])])
     shown = BiasInformation(np.tile(np.eye(3) / sigma**2, (3, 1, 1)), off / sigma**2)
     weaker = LevelBias(np.zeros((3, 3)), up).weaken(shown)
-    of_gravity = math.radians(differential_factors.LEVEL_SIGMA_DEG_S)
+    of_gravity = math.radians(differential.LEVEL_SIGMA_DEG_S)
     ratio = 0.5 * (10 * sigma) ** 2 / (sigma**2 + of_gravity**2)
-    weight = np.array([1.0, 1.0, differential_factors.MAX_LEVEL_RATIO / ratio])
+    weight = np.array([1.0, 1.0, differential.MAX_LEVEL_RATIO / ratio])
     np.testing.assert_allclose(weaker.matrix, shown.matrix * weight[:, None, None], rtol=1e-5)
     np.testing.assert_allclose(weaker.vector, shown.vector * weight[:, None], rtol=1e-5, atol=1e-9)
 

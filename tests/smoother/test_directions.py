@@ -16,15 +16,18 @@ from fg_nav.lab.simulation.path import Path, arc, polyline
 from fg_nav.lab.simulation.plan import Walk
 from fg_nav.recording import Recording
 from fg_nav.smoother import smooth, smooth_graph
-from fg_nav.smoother.direction_factors import (
+from fg_nav.smoother.directions import (
     LEG_COURSES,
+    MIN_EVIDENCE,
+    NONE_FOUND,
     STRAIGHT_WITHIN_M,
     STRIDES,
     find_straight,
     list_displacements,
     share_legs,
+    split_drift,
+    track_directions,
 )
-from fg_nav.smoother.directions import MIN_EVIDENCE, NONE_FOUND, split_drift, track_directions
 from fg_nav.smoother.graph import order_variables
 from fg_nav.smoother.parameters import WalkParameters
 from tests.simulated import FIRM, INDUSTRIAL, QUIET, simulated

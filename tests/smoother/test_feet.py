@@ -7,18 +7,25 @@ import pytest
 
 from fg_nav.detection import detect_stances
 from fg_nav.errors import EstimationError
-from fg_nav.evaluation.metrics import compute_stance_nees
 from fg_nav.feet.person import FeetSolution
 from fg_nav.frames import compute_heading, wrap_angle
+from fg_nav.lab.consistency import compute_stance_nees
 from fg_nav.lab.simulation import SimulatedFeet, simulate_feet
 from fg_nav.smoother import SmootherParameters, feet_factors, smooth
-from fg_nav.smoother.feet import SolvedFeet, find_beyond_reach, order_variables, solve_feet
-from fg_nav.smoother.feet_batch import Foot, _list_tied_keys, _subtract_left, _take_covariances, smooth_feet
+from fg_nav.smoother.batch import WalkInput, fit_walk
+from fg_nav.smoother.feet import (
+    SolvedFeet,
+    _list_tied_keys,
+    _subtract_left,
+    _take_covariances,
+    find_beyond_reach,
+    order_variables,
+    smooth_feet,
+    solve_feet,
+)
 from fg_nav.smoother.feet_factors import REACH_M, RIGHT, ReachFactors, list_footfalls, list_pose_keys
-from fg_nav.smoother.fitting import fit_walk
-from fg_nav.smoother.gauss_newton import find_minimum
+from fg_nav.smoother.gauss_newton import LinearWalk, find_minimum, find_sizes
 from fg_nav.smoother.graph import turn_walk
-from fg_nav.smoother.linear import LinearWalk, find_sizes
 from fg_nav.truth import TrajectoryTruth
 
 SIDES = ("left", "right")
@@ -30,27 +37,27 @@ def walk() -> SimulatedFeet:
 
 
 @pytest.fixture(scope="module")
-def feet(walk: SimulatedFeet) -> dict[str, Foot]:
+def feet(walk: SimulatedFeet) -> dict[str, WalkInput]:
     return {side: without_field(one.recording) for side, one in walk.sides.items()}
 
 
-def without_field(recording) -> Foot:
+def without_field(recording) -> WalkInput:
     heading = float(compute_heading(recording.truth.nav_R_body[0]))
-    return Foot(replace(recording, mag=None), detect_stances(recording), heading)
+    return WalkInput(replace(recording, mag=None), detect_stances(recording), heading)
 
 
 @pytest.fixture(scope="module")
-def both(feet: dict[str, Foot]) -> FeetSolution:
+def both(feet: dict[str, WalkInput]) -> FeetSolution:
     return smooth_feet(feet["right"], feet["left"])
 
 
 @pytest.fixture(scope="module")
-def solved(feet: dict[str, Foot]) -> SolvedFeet:
+def solved(feet: dict[str, WalkInput]) -> SolvedFeet:
     return solve_feet(*(begin(feet[side]) for side in ("right", "left")))
 
 
-def begin(foot: Foot):
-    walk = fit_walk(foot.recording, foot.stances, SmootherParameters(), foot.heading, None, None).walk
+def begin(foot: WalkInput):
+    walk = fit_walk(foot).walk
     return replace(walk.problem, values=walk.solved.values)
 
 
@@ -73,7 +80,7 @@ def test_both_feet_are_found_in_one_frame_though_the_right_ones_start_is_not_kno
         assert np.abs(turned).max() < np.radians(3.0)
 
 
-def test_a_wrong_heading_of_the_right_foot_changes_nothing(feet: dict[str, Foot], both: FeetSolution) -> None:
+def test_a_wrong_heading_of_the_right_foot_changes_nothing(feet: dict[str, WalkInput], both: FeetSolution) -> None:
     """It is free: only the steps show how its path lies."""
     turned = replace(feet["right"], heading=feet["right"].heading + 2.0)
     other = smooth_feet(turned, feet["left"])
@@ -88,7 +95,7 @@ def test_the_width_is_that_of_the_person(walk: SimulatedFeet, both: FeetSolution
     assert both.beyond_reach == 0
 
 
-def test_swapped_feet_show_a_negative_width(feet: dict[str, Foot], both: FeetSolution) -> None:
+def test_swapped_feet_show_a_negative_width(feet: dict[str, WalkInput], both: FeetSolution) -> None:
     swapped = smooth_feet(feet["left"], feet["right"])
     assert swapped.width_m < -3.0 * swapped.width_sigma_m
     # The prior of the width is that of feet that are not swapped.
@@ -96,7 +103,7 @@ def test_swapped_feet_show_a_negative_width(feet: dict[str, Foot], both: FeetSol
 
 
 def test_a_foot_claims_less_beside_the_other_and_its_claim_is_true(
-    walk: SimulatedFeet, feet: dict[str, Foot], both: FeetSolution
+    walk: SimulatedFeet, feet: dict[str, WalkInput], both: FeetSolution
 ) -> None:
     foot = feet["left"]
     alone = smooth(foot.recording, foot.stances, heading=foot.heading)
@@ -128,12 +135,12 @@ def test_the_person_is_in_the_middle_and_as_uncertain_as_the_feet(walk: Simulate
 
 
 def test_where_one_foot_was_not_recorded_the_person_goes_as_the_other_one(
-    walk: SimulatedFeet, feet: dict[str, Foot], both: FeetSolution
+    walk: SimulatedFeet, feet: dict[str, WalkInput], both: FeetSolution
 ) -> None:
     for side in SIDES:
         foot = feet[side]
         cut = foot.recording.slice(0, len(foot.recording) * 2 // 3)
-        given = {**feet, side: Foot(cut, detect_stances(cut), foot.heading)}
+        given = {**feet, side: WalkInput(cut, detect_stances(cut), foot.heading)}
         person = smooth_feet(given["right"], given["left"]).person
         assert person.t[-1] == pytest.approx(both.person.t[-1], abs=0.1)
         apart = np.stack([np.interp(both.person.t, person.t, column) for column in person.position.T], axis=1)
@@ -184,7 +191,7 @@ def assert_like(found, dense) -> None:
 
 
 def test_where_no_steps_tie_the_feet_pairs_of_footfalls_hold_what_they_differ_by(
-    feet: dict[str, Foot], solved: SolvedFeet, monkeypatch: pytest.MonkeyPatch
+    feet: dict[str, WalkInput], solved: SolvedFeet, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """They say nothing, and the tables and the differences of all pairs are those of the dense information."""
     monkeypatch.setattr(feet_factors, "WATCHED_S", 1.5)
@@ -243,7 +250,7 @@ def test_standing_feet_beyond_reach_are_found_and_pulled_together(solved: Solved
     assert beyond.error(found) < 0.01
 
 
-def test_two_walks_of_two_people_are_refused(feet: dict[str, Foot]) -> None:
+def test_two_walks_of_two_people_are_refused(feet: dict[str, WalkInput]) -> None:
     """Their feet do not alternate, and nothing ties them."""
     late = feet["right"].recording
     late = replace(late, t=late.t + 500.0, truth=None)
@@ -251,7 +258,7 @@ def test_two_walks_of_two_people_are_refused(feet: dict[str, Foot]) -> None:
         smooth_feet(replace(feet["right"], recording=late), feet["left"])
 
 
-def test_each_foot_begins_with_the_bias_of_its_own_sensor(feet: dict[str, Foot], both: FeetSolution) -> None:
+def test_each_foot_begins_with_the_bias_of_its_own_sensor(feet: dict[str, WalkInput], both: FeetSolution) -> None:
     bias = (0.4, -0.3, 0.6)
     right = feet["right"]
     off = replace(right.recording, gyr=right.recording.gyr + np.radians(bias))

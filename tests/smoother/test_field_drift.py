@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 
 from fg_nav.arrays import Floats
 from fg_nav.frames import yaw_rotation
-from fg_nav.smoother.field_drift import MAX_WINDOW, MIN_WINDOW, measure_drift, remove_drift
+from fg_nav.smoother.field import MAX_WINDOW, MIN_WINDOW, measure_drift, remove_drift
 from fg_nav.smoother.graph import WalkProblem, turn_walk
 from fg_nav.smoother.problem import walk_problem
 from fg_nav.smoother.solver import list_poses
@@ -68,7 +68,7 @@ def test_a_walk_of_minutes_shows_none() -> None:
 
 def test_a_walk_that_was_bent_is_bent_back_and_one_that_was_not_is_left_as_it_is(monkeypatch) -> None:
     for bound in ("MIN_WINDOW", "MAX_WINDOW"):
-        monkeypatch.setattr(f"fg_nav.smoother.field_drift.{bound}", 4)
+        monkeypatch.setattr(f"fg_nav.smoother.field.{bound}", 4)
     problem = short_problem()
     nodes, count = problem.nodes, len(problem.nodes)
     footfalls = len(nodes.result)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fg_nav.arrays import Floats
-from fg_nav.smoother.roughness import (
+from fg_nav.smoother.field_factors import (
     ASSUMED_SHARE,
     MIN_REGIONAL_UT,
     MIN_SIGMA_UT,
@@ -144,8 +144,8 @@ def test_a_foot_that_only_stands_or_made_one_stride_has_a_roughness(count: int) 
 
 def test_what_is_left_and_what_is_new_make_up_the_same_spread() -> None:
     one, distance = Roughness(4.0, 2.5), np.array([0.5, 1.3, 5.0, 100.0])
-    np.testing.assert_allclose((one.left(distance) * one.sigma) ** 2 + one.innovation(distance) ** 2, 16.0)
-    np.testing.assert_allclose(one.left(distance[:2]).prod(), one.left(distance[:2].sum()))
+    np.testing.assert_allclose((one.correlation(distance) * one.sigma) ** 2 + one.innovation(distance) ** 2, 16.0)
+    np.testing.assert_allclose(one.correlation(distance[:2]).prod(), one.correlation(distance[:2].sum()))
 
 
 def test_a_foot_that_stands_on_one_spot_learns_nothing_new() -> None:
@@ -153,15 +153,15 @@ def test_a_foot_that_stands_on_one_spot_learns_nothing_new() -> None:
     new = one.innovation(np.array([0.0, 1.3]))
     assert 0.0 < new[0] < 0.02 * one.sigma
     assert new[1] > 0.9 * one.sigma
-    assert one.left(np.zeros(1)) == 1.0
+    assert one.correlation(np.zeros(1)) == 1.0
 
 
 def test_the_changes_of_a_potential_keep_their_variance_where_a_share_of_it_is_lost() -> None:
     one, distance = Roughness(6.0, 12.0), np.array([0.0, 1.3, 40.0])
     for share in (0.0, 0.3, 0.9):
         telescoping, noise = split_potential(one, share, distance)
-        changes = 2.0 * telescoping.sigma**2 * (1.0 - telescoping.left(distance)) + noise**2
-        np.testing.assert_allclose(changes, 2.0 * one.sigma**2 * (1.0 - one.left(distance)))
+        changes = 2.0 * telescoping.sigma**2 * (1.0 - telescoping.correlation(distance)) + noise**2
+        np.testing.assert_allclose(changes, 2.0 * one.sigma**2 * (1.0 - one.correlation(distance)))
 
 
 def test_a_deviation_along_the_field_hardly_hangs_on_the_heading() -> None:

@@ -15,7 +15,7 @@ from fg_nav.frames import yaw_rotation
 from fg_nav.magnetic import FootfallField, average_footfall_field
 from fg_nav.recording import Recording
 from fg_nav.smoother import constraints, smooth
-from fg_nav.smoother.constraints import FIX_SPEED_M_S, add_fixes, fix_factors
+from fg_nav.smoother.constraints import FIX_SPEED_M_S, add_fixes, pin_to_times
 from fg_nav.smoother.graph import GAUGE_SIGMA, StartPrior
 from fg_nav.smoother.parameters import WalkParameters
 from fg_nav.smoother.problem import walk_problem
@@ -166,7 +166,7 @@ def test_sigma_grows_by_walking_pace_between_fix_and_node() -> None:
     t = demo().recording.t
     node = int(nodes.first[5]) - 1
     at, later = (Fix(float(t[nodes.sample[node]]) + dt, np.ones(3), 0.1) for dt in (0.0, 0.05))
-    pinned = fix_factors([at, later], t, nodes)
+    pinned = pin_to_times([at, later], t[nodes.sample])
     assert list(pinned.node) == [node, node]
     np.testing.assert_allclose(pinned.horizontal, [0.1, np.hypot(0.1, 0.05 * FIX_SPEED_M_S)])
 
@@ -179,7 +179,7 @@ def test_best_turn_is_that_of_the_fixes() -> None:
         values.insert(X(j), gtsam.Pose3(gtsam.Rot3(), p))
     turn = yaw_rotation(2.0)
     fixes = [Fix(float(t[nodes.sample[j]]), turn @ walked[j], sigma) for j, sigma in ((10, 0.1), (40, 3.0))]
-    np.testing.assert_allclose(yaw_rotation(fix_factors(fixes, t, nodes).best_turn(values)), turn, atol=1e-9)
+    np.testing.assert_allclose(yaw_rotation(pin_to_times(fixes, t[nodes.sample]).best_turn(values)), turn, atol=1e-9)
 
 
 def test_a_walk_is_turned_as_a_whole_about_its_start() -> None:
@@ -209,9 +209,9 @@ def test_sigma_of_the_heading_is_that_of_a_lever() -> None:
     t = demo().recording.t
     at = float(t[nodes.sample[30]])
     one = Fix(at, np.array([3.0, 4.0, 9.0]), 0.5)
-    assert fix_factors([one], t, nodes).heading_sigma == pytest.approx(0.1)
-    assert fix_factors([one] * 4, t, nodes).heading_sigma == pytest.approx(0.05)
-    assert fix_factors([], t, nodes).heading_sigma == np.inf
+    assert pin_to_times([one], t[nodes.sample]).heading_sigma == pytest.approx(0.1)
+    assert pin_to_times([one] * 4, t[nodes.sample]).heading_sigma == pytest.approx(0.05)
+    assert pin_to_times([], t[nodes.sample]).heading_sigma == np.inf
 
 
 def refused(fix: Fix) -> str:

@@ -6,7 +6,7 @@ import pytest
 from fg_nav.detection import detect_stances
 from fg_nav.frames import compute_heading, yaw_rotation
 from fg_nav.smoother import smooth
-from fg_nav.smoother.known_places import KnownTies
+from fg_nav.smoother.constraints import KnownTies
 from fg_nav.solution import Solution
 from tests.smoother.walks import demo
 

@@ -9,8 +9,8 @@ from fg_nav.detection import detect_stances
 from fg_nav.errors import EstimationError
 from fg_nav.factors.residual import Stack
 from fg_nav.recording import Recording
-from fg_nav.smoother.linear import DIMENSION, LinearWalk, stack_factors
-from fg_nav.smoother.solver import list_linear, marginal_covariances
+from fg_nav.smoother.gauss_newton import DIMENSION, LinearWalk, stack_factors
+from fg_nav.smoother.solver import marginal_covariances
 from tests.smoother.walks import Problem, Walk, demo, list_keys, minimum, part, problem, with_exact_factors
 
 
@@ -85,7 +85,7 @@ def test_any_tree_will_do(shape: str, split: int) -> None:
         information += both.T @ both
     tree = graph.eliminateMultifrontal(order, gtsam.EliminateQR)
     found, step = marginal_covariances(tree, {V(i) for i in range(n)}), tree.optimize()
-    walk = LinearWalk.of(stack_factors(list_linear(graph)), list_keys(order))
+    walk = LinearWalk.of(stack_factors(graph.at(i) for i in range(graph.size())), list_keys(order))
     root, left = walk.eliminate_before(split).eliminate()
     dense, ours, moved = (
         np.linalg.inv(information),

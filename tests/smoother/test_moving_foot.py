@@ -13,14 +13,14 @@ from fg_nav.factors.residual import ResidualBlock
 from fg_nav.recording import Recording
 from fg_nav.smoother import smooth
 from fg_nav.smoother.graph import WalkProblem, solve
-from fg_nav.smoother.moving_foot import (
+from fg_nav.smoother.problem import _cut, walk_problem
+from fg_nav.smoother.shared_errors import (
     FORWARD_SIGMA,
     SIDEWAYS_SIGMA,
     extend_covariance,
     find_motion,
     weigh_moving_foot,
 )
-from fg_nav.smoother.problem import _cut, walk_problem
 from fg_nav.smoother.solver import Solved
 from tests.simulated import RIGID
 from tests.smoother.walks import DEFAULT, noise_free

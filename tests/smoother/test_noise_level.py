@@ -14,11 +14,11 @@ from fg_nav.smoother import problem as problem_module
 from fg_nav.smoother.graph import Known
 from fg_nav.smoother.preintegration import preintegrate
 from fg_nav.smoother.problem import LEVELS, average_level, choose_swing_noise
-from fg_nav.smoother.solver import linearize, time_order
+from fg_nav.smoother.solver import linearize
 from fg_nav.smoother.strides import place_nodes
 from fg_nav.stances import Stances
 from tests.simulated import LEVER
-from tests.smoother.walks import DEFAULT, Walk, noise_free, part
+from tests.smoother.walks import DEFAULT, Walk, noise_free, part, time_order
 
 BIAS_SIGMA = np.radians(DEFAULT.gyro_bias_sigma_deg_s)
 KNOWN = Known(np.zeros(3), np.zeros(3), BIAS_SIGMA, (), RollingLever(np.array(LEVER), np.zeros((3, 3)), 0))

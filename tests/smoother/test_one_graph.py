@@ -10,11 +10,10 @@ import pytest
 from fg_nav import factors
 from fg_nav.arrays import Floats
 from fg_nav.magnetic import average_footfall_field
-from fg_nav.smoother.field_rounds import sample_field, solve_with_field
+from fg_nav.smoother.field import sample_field, solve_with_field
 from fg_nav.smoother.graph import WalkProblem
 from fg_nav.smoother.problem import walk_problem
-from fg_nav.smoother.solver import time_order
-from tests.smoother.walks import DEFAULT, demo, part, track_of
+from tests.smoother.walks import DEFAULT, demo, part, time_order, track_of
 from tests.test_laws import LIBRARY, module_name
 
 FOOTFALLS = 9

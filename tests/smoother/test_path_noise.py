@@ -17,12 +17,12 @@ from fg_nav.factors.residual import Stack
 from fg_nav.lab.simulation.fields import draw_environment
 from fg_nav.magnetic import average_footfall_field
 from fg_nav.recording import Recording
-from fg_nav.smoother import path_noise, smooth
-from fg_nav.smoother.field_factors import PATH_SIGMA_UT_M, FieldFactors
-from fg_nav.smoother.field_rounds import sample_field, solve_with_field
+from fg_nav.smoother import potential, smooth
+from fg_nav.smoother.field import sample_field, solve_with_field
+from fg_nav.smoother.field_factors import MIN_TELESCOPING, PATH_SIGMA_UT_M, FieldFactors, FieldRoughness
+from fg_nav.smoother.gauss_newton import LinearWalk
 from fg_nav.smoother.graph import WalkProblem
-from fg_nav.smoother.linear import LinearWalk
-from fg_nav.smoother.path_noise import (
+from fg_nav.smoother.potential import (
     PRIOR,
     SHARES,
     PathNoise,
@@ -31,7 +31,6 @@ from fg_nav.smoother.path_noise import (
     average_path_noise,
 )
 from fg_nav.smoother.problem import walk_problem
-from fg_nav.smoother.roughness import MIN_TELESCOPING, FieldRoughness
 from fg_nav.smoother.solver import list_in_time, stack_walk
 from fg_nav.stances import Stances
 from tests.smoother.test_field import heading_error_deg, in_field, replace_field, truth_of
@@ -94,7 +93,7 @@ def find_shares(walked: Walked, true: float, draws: int, monkeypatch: pytest.Mon
     shares = []
     for added in potentials(true, walked).rvs(draws, random_state=1):
         field, rest, values = held(walked, added)
-        monkeypatch.setattr(path_noise, "_eliminate_between", lambda *_, rest=rest: rest)
+        monkeypatch.setattr(potential, "_eliminate_between", lambda *_, rest=rest: rest)
         problem = cast(WalkProblem, SimpleNamespace(field=field))
         shares.append(average_path_noise(problem, values).lost_share)
     return np.array(shares)

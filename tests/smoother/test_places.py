@@ -23,8 +23,14 @@ from fg_nav.smoother.batch import SmoothedWalk
 from fg_nav.smoother.gauss_newton import CONVERGENCE
 from fg_nav.smoother.graph import order_variables
 from fg_nav.smoother.parameters import FieldParameters, WalkParameters
-from fg_nav.smoother.place_factors import make_place_factors
-from fg_nav.smoother.places import PathUncertainty, are_alike, keep_common, mark_returns, measure_uncertainty
+from fg_nav.smoother.places import (
+    PathUncertainty,
+    are_alike,
+    keep_common,
+    make_place_factors,
+    mark_returns,
+    measure_uncertainty,
+)
 from fg_nav.smoother.solver import linearize, list_in_time, minimize
 from fg_nav.solution import Return
 from fg_nav.truth import TrajectoryTruth

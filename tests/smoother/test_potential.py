@@ -12,7 +12,7 @@ from fg_nav.lab.simulation.fields import Circuit, Sum, draw_environment
 from fg_nav.lab.simulation.fields.field import Homogeneous
 from fg_nav.magnetic import average_footfall_field
 from fg_nav.recording import Recording
-from fg_nav.smoother.field_rounds import FieldSolution, sample_field, solve_with_field
+from fg_nav.smoother.field import FieldSolution, sample_field, solve_with_field
 from fg_nav.smoother.graph import WalkProblem, solve
 from fg_nav.smoother.potential import (
     MIN_STATISTIC,

@@ -11,9 +11,8 @@ from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.mechanisation import NavState, strapdown
 from fg_nav.recording import Recording
 from fg_nav.samples.saturation import find_saturated, rebuild_peaks
-from fg_nav.smoother import compounding, preintegration
-from fg_nav.smoother.compounding import compound_samples
-from fg_nav.smoother.preintegration import preintegrate
+from fg_nav.smoother import preintegration
+from fg_nav.smoother.preintegration import compound_samples, preintegrate
 from tests.smoother.walks import DEFAULT, demo
 
 NO_BIAS = gtsam.imuBias.ConstantBias()
@@ -222,7 +221,7 @@ def test_few_samples_stand_for_many(recording: Recording, monkeypatch: pytest.Mo
     compounded = measurements(recording, sample, bias=gtsam.imuBias.ConstantBias(*bias))
     other = gtsam.imuBias.ConstantBias(bias[0] + 0.02, bias[1] + 0.002)
     monkeypatch.setattr(preintegration, "compound_samples", compound_samples.py_func)
-    monkeypatch.setattr(compounding, "_end_block", lambda rate, h, first, last, bias: first + 1)
+    monkeypatch.setattr(preintegration, "_end_block", lambda rate, h, first, last, bias: first + 1)
     one_by_one = measurements(recording, sample, bias=gtsam.imuBias.ConstantBias(*bias))
     for one, exact in zip(compounded, one_by_one, strict=True):
         L = np.linalg.inv(np.linalg.cholesky(exact.preintMeasCov()))

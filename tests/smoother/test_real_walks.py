@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fg_nav.evaluation import evaluate
-from fg_nav.evaluation.metrics import compute_stance_nees
+from fg_nav.lab.consistency import compute_stance_nees
 from fg_nav.smoother import smooth
 from fg_nav.solution import Solution
 from tests.real_data import needs_data

@@ -17,9 +17,10 @@ from fg_nav.smoother.refused_stances import (
     compute_stance_statistics,
     weaken_refused_stances,
 )
-from fg_nav.smoother.solver import compute_error, linearize, time_order
+from fg_nav.smoother.solver import compute_error, linearize
 from fg_nav.stances import Stances
 from tests.simulated import SimulatedFoot, straight_walk
+from tests.smoother.walks import time_order
 
 FIXED = SmootherParameters(choose_swing_noise=False, choose_bias_walk=False)
 

@@ -6,8 +6,8 @@ import pytest
 from fg_nav.smoother.graph import solve
 from fg_nav.smoother.problem import walk_problem
 from fg_nav.smoother.sensitivity import SharedColumns
-from fg_nav.smoother.solver import dimension_of, linearize, time_order
-from tests.smoother.walks import DEFAULT, demo, part
+from fg_nav.smoother.solver import dimension_of, linearize
+from tests.smoother.walks import DEFAULT, demo, part, time_order
 
 
 def test_tree_gives_what_the_dense_matrix_does() -> None:

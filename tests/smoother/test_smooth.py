@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 from fg_nav.detection import detect_stances
 from fg_nav.errors import EstimationError
 from fg_nav.evaluation import evaluate
-from fg_nav.evaluation.metrics import Consistency, compute_stance_nees
 from fg_nav.frames import GRAVITY_M_S2, compute_heading, wrap_angle, yaw_rotation
+from fg_nav.lab.consistency import Consistency, compute_stance_nees
 from fg_nav.lab.simulation import simulate
 from fg_nav.recording import Recording
 from fg_nav.smoother import SmootherParameters, smooth

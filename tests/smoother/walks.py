@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from gtsam.symbol_shorthand import B, V, X
 
-from fg_nav.arrays import Floats
+from fg_nav.arrays import Floats, Ints
 from fg_nav.detection import detect_stances, find_rests
 from fg_nav.detection.rolling_lever import estimate_lever
 from fg_nav.factors import guarded_factor
@@ -20,11 +20,12 @@ from fg_nav.io import read, read_pyshoe_labels
 from fg_nav.lab.simulation.person import Person
 from fg_nav.recording import Recording
 from fg_nav.smoother import SmootherParameters
+from fg_nav.smoother.dense_path import Trajectory, trajectory_of
 from fg_nav.smoother.gauss_newton import CONVERGENCE, MAX_STEPS
-from fg_nav.smoother.graph import GAUGE_SIGMA, StartPrior, Trajectory, WalkProblem, initial_values, trajectory_of
+from fg_nav.smoother.graph import GAUGE_SIGMA, StartPrior, WalkProblem, initial_values
 from fg_nav.smoother.parameters import WalkParameters
 from fg_nav.smoother.preintegration import preintegrate
-from fg_nav.smoother.solver import Solved, minimize, time_order
+from fg_nav.smoother.solver import Solved, list_in_time, minimize
 from fg_nav.smoother.strides import (
     Nodes,
     Stride,
@@ -43,6 +44,16 @@ DEFAULT = SmootherParameters()
 
 FREE = replace(DEFAULT, walk=WalkParameters(floors=False))
 """Without level floors: the height by the foot alone, as online."""
+
+
+def time_order(
+    nodes: Nodes, with_field: bool = False, floor: Ints | None = None, directions: int = 0, with_air: bool = False
+) -> gtsam.Ordering:
+    """Order in which the variables are eliminated, as `list_in_time`, for gtsam."""
+    ordering = gtsam.Ordering()
+    for key in list_in_time(nodes, with_field, floor, directions, with_air).tolist():
+        ordering.push_back(key)
+    return ordering
 
 
 def list_keys(ordering: gtsam.Ordering) -> Keys:

@@ -8,7 +8,7 @@ import numba
 import pytest
 from numba.core import caching
 
-from fg_nav.report.plots import fonts
+from fg_nav.report import plots
 from fg_nav.system import compiled, scratch
 
 PACKAGE = Path(compiled.__file__).parents[1]
@@ -81,13 +81,13 @@ def test_a_folder_that_others_may_write_is_not_trusted(case, tmp_path, monkeypat
 
 
 def test_fonts_are_listed_in_the_home_and_else_among_temporary_files(tmp_path, monkeypatch):
-    for name in (fonts.VARIABLE, *fonts.PLACES):
+    for name in (plots.VARIABLE, *plots.PLACES):
         monkeypatch.delenv(name, raising=False)
-    monkeypatch.setattr(fonts, "find_scratch", lambda: tmp_path)
+    monkeypatch.setattr(plots, "find_scratch", lambda: tmp_path)
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
-    fonts.choose_place()
-    assert fonts.VARIABLE not in os.environ
+    plots.choose_place()
+    assert plots.VARIABLE not in os.environ
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("HOME", str(tmp_path / "file"))
-    fonts.choose_place()
-    assert os.environ[fonts.VARIABLE] == str(tmp_path / "matplotlib")
+    plots.choose_place()
+    assert os.environ[plots.VARIABLE] == str(tmp_path / "matplotlib")

@@ -14,15 +14,23 @@ from fg_nav.pipeline import prepare_walk
 from fg_nav.recording import RawRecording, Recording
 from fg_nav.solution import Solution
 from fg_nav.verdict import Verdict, combine, judge_path
-from fg_nav.verdict.limits import find_height_rate, judge_position
-from fg_nav.verdict.reason import LIGHT, NAMING, NO_USE, Reason, weigh, weigh_error
-from fg_nav.verdict.seen import Seen
+from fg_nav.verdict.limits import (
+    LIGHT,
+    NAMING,
+    NO_USE,
+    Reason,
+    find_height_rate,
+    judge_filters,
+    judge_position,
+    weigh,
+    weigh_error,
+)
 from fg_nav.verdict.signs import (
+    WalkSigns,
+    check_gyro_axes,
     compare_bias,
     compare_heights,
-    contradict_axes,
     count_open_strides,
-    measure_filters,
     measure_gravity,
     measure_hidden_turning,
     measure_tilt_closure,
@@ -47,8 +55,8 @@ def judged(recording: Recording, method: str = "iez") -> Verdict:
 
 
 @cache
-def good() -> Seen:
-    return Seen(*solved(demo()))
+def good() -> WalkSigns:
+    return WalkSigns(*solved(demo()))
 
 
 def samples(**changed: np.ndarray) -> Recording:
@@ -120,7 +128,7 @@ def test_velocity_that_a_wrong_bias_leaves() -> None:
     """A force that is off by 0.5 m/s^2 leaves that times the stride's duration: 0.5 m/s, an eighth of the swing's."""
     walk, solution = good().walk, good().solution
     tilted = replace(walk, recording=samples(acc=demo().acc + np.array([0.5, 0.0, 0.0])))
-    seen = Seen(tilted, solution)
+    seen = WalkSigns(tilted, solution)
     left = np.linalg.norm(seen.ends[0] - good().ends[0], axis=1)
     np.testing.assert_allclose(left, 0.5 * np.diff(solution.stances.t), rtol=0.35)
     reason = measure_velocity_closure(seen)
@@ -129,7 +137,7 @@ def test_velocity_that_a_wrong_bias_leaves() -> None:
 
 
 def test_a_scale_error_shows_in_the_vertical() -> None:
-    scaled = Seen(replace(good().walk, recording=samples(gyr=demo().gyr * [1.0, 0.9, 1.0])), good().solution)
+    scaled = WalkSigns(replace(good().walk, recording=samples(gyr=demo().gyr * [1.0, 0.9, 1.0])), good().solution)
     assert measure_tilt_closure(good()).weight < 0
     assert measure_tilt_closure(scaled).weight > measure_tilt_closure(good()).weight + 1
 
@@ -140,7 +148,7 @@ def test_strides_without_footfalls_are_seen_between_and_at_the_ends() -> None:
     kept = walk.stances.footfall < walk.stances.n_footfalls // 2
     stances = replace(walk.stances, start=walk.stances.start[kept], stop=walk.stances.stop[kept],
                       footfall=walk.stances.footfall[kept])  # fmt: skip
-    cut = measure_time_without_footfall(Seen(replace(walk, stances=stances), solution))
+    cut = measure_time_without_footfall(WalkSigns(replace(walk, stances=stances), solution))
     assert cut.weight > 2
     lost_s = float(cut.words.split(" s ")[0])
     assert lost_s == pytest.approx(demo().t[-1] - demo().t[stances.stop[-1]], abs=0.1)
@@ -157,7 +165,7 @@ def test_a_bias_that_is_not_that_of_the_rests_turns_the_path() -> None:
     def left(deg_s: float) -> Reason:
         table = good().solution.stances
         shifted = replace(table, gyro_bias=table.gyro_bias + np.radians(deg_s) * table.nav_R_body[:, 2])
-        reason = compare_bias(Seen(good().walk, replace(good().solution, stances=shifted)))
+        reason = compare_bias(WalkSigns(good().walk, replace(good().solution, stances=shifted)))
         assert reason is not None
         return reason
 
@@ -178,7 +186,7 @@ def test_a_bias_that_no_rest_shows_is_judged_by_what_gravity_shows_of_it() -> No
     def found(level_deg_s: float) -> float:
         bias = np.radians(level_deg_s) * table.nav_R_body[:, 0]
         shifted = replace(solution, stances=replace(table, gyro_bias=bias))
-        reason = compare_bias(Seen(walk, shifted))
+        reason = compare_bias(WalkSigns(walk, shifted))
         assert reason is not None
         return reason.weight
 
@@ -193,11 +201,10 @@ def test_samples_behind_a_low_pass_and_a_gyroscope_behind_a_high_pass_are_named(
     for i in range(1, len(demo())):
         passed[i] = rate * (passed[i - 1] + demo().gyr[i] - demo().gyr[i - 1])
     for spoiled, words in ((smoothed, "smoothed"), (samples(gyr=passed), "high-pass")):
-        reason = measure_filters(Seen(replace(good().walk, recording=spoiled), good().solution))
-        assert reason is not None
+        reason = judge_filters(spoiled, good().walk.stances)
         assert reason.weight > 1.0
         assert words in reason.words
-    assert measure_filters(good()).weight < 1.0
+    assert judge_filters(demo(), good().walk.stances).weight < 1.0
 
 
 def test_a_height_that_does_not_close_is_named_but_not_doubted() -> None:
@@ -206,7 +213,9 @@ def test_a_height_that_does_not_close_is_named_but_not_doubted() -> None:
     closed = table.position - shape * (table.position[-1] - table.position[0])
     lifted = closed + shape * [0.0, 0.0, 5.0 * table.position_sigma[-1, 2]]
     for position, weight in ((closed, None), (lifted, LIGHT)):
-        reason = compare_heights(Seen(good().walk, replace(good().solution, stances=replace(table, position=position))))
+        reason = compare_heights(
+            WalkSigns(good().walk, replace(good().solution, stances=replace(table, position=position)))
+        )
         assert (None if reason is None else reason.weight) == weight
 
 
@@ -217,7 +226,7 @@ def test_strides_that_end_in_motion_are_counted_one_by_one() -> None:
     sample[1:-1:3] += np.searchsorted(t, t[0] + 0.5)
     moved = replace(good().solution, stances=replace(table, sample=sample, t=t[sample]))
     assert count_open_strides(good()).weight < 0
-    assert count_open_strides(Seen(good().walk, moved)).weight > 1
+    assert count_open_strides(WalkSigns(good().walk, moved)).weight > 1
 
 
 def test_the_samples_that_were_solved_are_judged() -> None:
@@ -226,10 +235,10 @@ def test_the_samples_that_were_solved_are_judged() -> None:
     clipped = samples(gyr=np.clip(demo().gyr, -limit, limit))
     walk, solution = solved(clipped)
     raised = clipped.raise_peaks(2.2)
-    seen = Seen(walk, replace(solution, recording=raised))
+    seen = WalkSigns(walk, replace(solution, recording=raised))
     assert seen.recording is raised
-    np.testing.assert_array_equal(seen.ends[1], Seen(replace(walk, recording=raised), solution).ends[1])
-    assert (seen.ends[1] != Seen(walk, solution).ends[1]).any()
+    np.testing.assert_array_equal(seen.ends[1], WalkSigns(replace(walk, recording=raised), solution).ends[1])
+    assert (seen.ends[1] != WalkSigns(walk, solution).ends[1]).any()
 
 
 def spinning(rate_rad_s: float, clipped: float, turns: int = 4) -> tuple[Recording, Recording]:
@@ -252,8 +261,8 @@ def test_what_clipped_peaks_hide_of_the_heading_adds_up_over_the_walk() -> None:
     def hidden(turns: int, sigma_deg: float) -> float:
         claimed = replace(table, heading_sigma=np.full(len(table), np.radians(sigma_deg)))
         whole, clipped = spinning(12.0, 9.0, turns)
-        seen = Seen(replace(walk, recording=clipped), replace(level, stances=claimed))
-        assert measure_hidden_turning(Seen(replace(walk, recording=whole), level)) is None
+        seen = WalkSigns(replace(walk, recording=clipped), replace(level, stances=claimed))
+        assert measure_hidden_turning(WalkSigns(replace(walk, recording=whole), level)) is None
         one = np.degrees(np.abs(whole.gyr - clipped.gyr).sum() * demo().period_s) / (2 * turns)
         reason = measure_hidden_turning(seen)
         open_deg = float(reason.words.split(" leave ")[1].split(" deg")[0])
@@ -267,18 +276,18 @@ def test_clipped_peaks_hide_no_heading_that_is_shown_otherwise() -> None:
     walk, solution = replace(good().walk, recording=spinning(12.0, 9.0)[1]), good().solution
     table = replace(solution.stances, field=("quasi-static",) * len(solution.stances))
     with_field = replace(solution, stances=table)
-    assert measure_hidden_turning(Seen(walk, solution)) is not None
-    assert measure_hidden_turning(Seen(walk, replace(with_field, method="ma2018", graph={}))) is None
-    assert measure_hidden_turning(Seen(walk, replace(with_field, method="iez", graph={}))) is not None
+    assert measure_hidden_turning(WalkSigns(walk, solution)) is not None
+    assert measure_hidden_turning(WalkSigns(walk, replace(with_field, method="ma2018", graph={}))) is None
+    assert measure_hidden_turning(WalkSigns(walk, replace(with_field, method="iez", graph={}))) is not None
     counted = replace(solution, method="smoother", graph={"inertial": 60})
-    assert measure_hidden_turning(Seen(walk, counted)) is None  # in its sigmas
+    assert measure_hidden_turning(WalkSigns(walk, counted)) is None  # in its sigmas
 
 
 def test_the_fastest_of_the_last_stride_is_not_what_came_after_it() -> None:
     walk, solution = good().walk, good().solution
     velocity, last = solution.velocity.copy(), int(solution.stances.sample[-1])
     velocity[last + 1 :] = [99.0, 0.0, 0.0]
-    np.testing.assert_array_equal(Seen(walk, replace(solution, velocity=velocity)).fastest, good().fastest)
+    np.testing.assert_array_equal(WalkSigns(walk, replace(solution, velocity=velocity)).fastest, good().fastest)
     speed = np.linalg.norm(solution.velocity, axis=1)
     assert good().fastest[-1] == speed[solution.stances.sample[-2] : last].max()
 
@@ -413,7 +422,7 @@ def test_height_that_changes_like_in_a_fall_for_ten_seconds() -> None:
 def test_a_scale_of_the_accelerometer_shows_in_the_strides() -> None:
     reach = np.hypot(*good().solution.stances.position[:, :2].T).max()
     for scale in (1.0, 1.04, 0.9):
-        seen = Seen(replace(good().walk, recording=samples(acc=scale * demo().acc)), good().solution)
+        seen = WalkSigns(replace(good().walk, recording=samples(acc=scale * demo().acc)), good().solution)
         error = abs(np.median(seen.gravity) / 9.80665 - 1.0) * reach
         assert measure_gravity(seen).weight == pytest.approx(weigh_error(error, seen.sigma, seen.way), abs=0.05)
         assert np.median(seen.gravity) == pytest.approx(scale * np.median(good().gravity), rel=0.02)
@@ -425,7 +434,7 @@ def test_swings_without_end_are_none_though_they_are_the_usual_ones() -> None:
     kept = np.isin(walk.stances.footfall, [0, 30, 59])
     stances = replace(walk.stances, start=walk.stances.start[kept], stop=walk.stances.stop[kept],
                       footfall=np.searchsorted([0, 30, 59], walk.stances.footfall[kept]))  # fmt: skip
-    assert measure_time_without_footfall(Seen(replace(walk, stances=stances), solution)).weight > 2
+    assert measure_time_without_footfall(WalkSigns(replace(walk, stances=stances), solution)).weight > 2
 
 
 def test_bad_samples_that_are_many_spoil_a_path_that_passes_else() -> None:
@@ -446,7 +455,7 @@ def test_a_stride_of_three_metres_spoils_a_path_in_a_pocket_too() -> None:
 
 def test_wrong_axes_spoil_a_path_of_any_method() -> None:
     mirrored = replace(good().walk, recording=samples(gyr=-demo().gyr))
-    reason = contradict_axes(Seen(mirrored, good().solution))
+    reason = check_gyro_axes(WalkSigns(mirrored, good().solution))
     assert reason.weight > 2
     assert "negate gyr" in reason.words
-    assert contradict_axes(good()).weight < 1
+    assert check_gyro_axes(good()).weight < 1

@@ -16,9 +16,8 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 from fg_nav.errors import StreamError
-from fg_nav.view import line_server, loop, page_server
-from fg_nav.view.line_server import LineServer
-from fg_nav.view.loop import format_address, open_port
+from fg_nav.view import loop, page_server
+from fg_nav.view.loop import LineServer, format_address, open_port
 from fg_nav.view.page_server import FILES, PageServer
 from tests.view.lines import circle, now, status
 
@@ -83,7 +82,7 @@ def test_lines_go_to_all_who_are_connected(lines):
 
 
 def test_who_does_not_read_is_disconnected_and_others_read_on(lines, monkeypatch):
-    monkeypatch.setattr(line_server, "MAX_WAITING", 1 << 16)
+    monkeypatch.setattr(loop, "MAX_WAITING", 1 << 16)
     with closing(listen(lines)) as deaf, closing(listen(lines)) as reader, reader.makefile() as file:
         deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
         wait_for(lambda: lines.listeners == 2)

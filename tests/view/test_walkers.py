@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from fg_nav.view.walkers import Walkers
+from fg_nav.view.history import Walkers
 
 
 def now(foot: str, t: float, east: float, frame: str = "left") -> dict[str, Any]:

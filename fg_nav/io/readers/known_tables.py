@@ -1,18 +1,21 @@
-"""Apps that write one table of all sensors, as data: which columns each sensor has, on which clock, in which unit.
+"""Programs that write one table of all sensors: columns, clock and unit of each (docs/formats.md).
 
 =============== ====================================================================================================
-sensorlog       SensorLog, iPhone: g **with Apple's sign**; each sensor has a clock of its own; `motion...` is without
-                bias, and the field 0 until it is calibrated; `loggingTime(txt)`, when the row was written, jitters
-androsensor     AndroSensor, Android: m/s^2, rad/s, uT, a row at a chosen rate; 2 Hz, as proposed, is too low
-physics-toolbox Physics Toolbox, Android: `gFx` in g, `ax` without gravity; a row whenever any sensor has a sample, in
-                which the others hold their last one, 0 before the first
-hyperimu        HyperIMU, Android: columns named after the phone's chips; `timestamp` in ms since 1970, or a nominal
-                time between the rows in the second line
-vectornav       VectorNav as INSTINCT converts it: a table as any, `IMU::Accel::X [m/s^2]`, on `Time::TimeStartup [ns]`,
-                compensated by the sensor before `UncompAccel`
+canonical       this project's own; mag and pressure may be absent, and empty where there is no sample
+sensorconnect   LORD/MicroStrain: names of channels behind the sensor's, `inertial-6253.76535:scaledAccelX`; those of a
+                filter in the sensor have `:valid` behind them; rows of other packets, without acc and gyr, are left out
+openshoe        17 columns by blanks without a header
+yei             a comment names the columns; `Corrected` by the sensor's calibration goes before `Raw`
+vectornav       as INSTINCT converts it: a table as any, compensated by the sensor before `UncompAccel`
+sensorlog       **Apple's sign**; each sensor has a clock of its own; `motion...` is without bias, and the field 0 until
+                it is calibrated; `loggingTime(txt)`, when the row was written, jitters
+androsensor     a row at a chosen rate; 2 Hz, as proposed, is too low
+physics-toolbox a row whenever any sensor has a sample, in which the others hold their last one, 0 before the first
+hyperimu        columns named after the phone's chips; without `timestamp` a nominal time between the rows
 =============== ====================================================================================================
 
-Names are compared without their units, which have been through many hands and are those of the app where not known.
+Names of the apps' columns are compared without their units, which have been through many hands and are those of the app
+where not known.
 """
 
 from __future__ import annotations
@@ -25,17 +28,209 @@ from functools import partial
 import numpy as np
 
 from fg_nav.arrays import Floats, Ints
+from fg_nav.columns.choice import find_pressure
 from fg_nav.columns.headers import read_header
-from fg_nav.columns.units import find_factor
+from fg_nav.columns.mapping import ACC, GYR, MAG, TIME
+from fg_nav.columns.samples import convert_pressure
+from fg_nav.columns.units import GAUSS_UT, find_factor
 from fg_nav.errors import FormatError
 from fg_nav.frames import GRAVITY_M_S2
-from fg_nav.io.content import Content
-from fg_nav.io.delimited import Header, find_header
+from fg_nav.io.content import Content, read_content, split_fields
 from fg_nav.io.readers import table
-from fg_nav.io.readers.sensor_logger import UNCALIBRATED_FIELD
-from fg_nav.io.streams import NAMES, Sensor, Stream, join_streams, keep_changes
-from fg_nav.io.text_columns import scale_values
-from fg_nav.recording import NOMINAL_SIGMA, RawRecording, note_nominal_rate
+from fg_nav.io.streams import NAMES, UNCALIBRATED_FIELD, Sensor, Stream, join_streams, keep_changes
+from fg_nav.io.text_columns import (
+    Header,
+    continue_counter,
+    drop_held,
+    find_column,
+    find_header,
+    read_table,
+    scale_values,
+)
+from fg_nav.io.truth import read_footprint_mat
+from fg_nav.recording import NOMINAL_SIGMA, Provenance, RawRecording, note_nominal_rate
+from fg_nav.truth import FootprintTruth
+
+
+def is_canonical(content: Content) -> bool:
+    """Whether the first line names at least one of the format's acc or gyr columns, and none that names sensors."""
+    names = content.fields()
+    return not {*ACC, *GYR}.isdisjoint(names) and not any(map(table.SENSOR_WORD.search, names))
+
+
+def read_canonical(content: Content) -> RawRecording:
+    """Read a canonical CSV; further columns are ignored, the order is free."""
+    header, notes = Header(0, content.fields()), list[str]()
+    magnetic = () if set(MAG).isdisjoint(header.names) else MAG
+    air = find_pressure(header.names)
+    names = [*TIME, *ACC, *GYR, *magnetic]
+    positions = [find_column(name, header.names, content.path) for name in names] + list(air.positions if air else ())
+    values, row = read_table(content, header.names, positions, first_line=2)
+    pressure = convert_pressure(values[:, -1], air, notes) if air else None
+    mag, provenance = values[:, 7:10] if magnetic else None, Provenance(content.path, "canonical", tuple(notes))
+    return RawRecording(
+        values[:, 0], values[:, 1:4], values[:, 4:7], row, mag, provenance=provenance, pressure=pressure
+    )
+
+
+# LORD/MicroStrain SensorConnect
+
+_EXPORTS = (("scaledAccel", "scaledGyro", GRAVITY_M_S2), ("estCompensatedAccel", "estAngularRate", 1.0))
+"""Channels of acc and gyr, and the unit of acc in m/s^2; raw ones before those a filter has touched."""
+
+_CHANNEL = re.compile(r"(scaledAccel|scaledGyro|estCompensatedAccel|estAngularRate|estLinearAccel)[XYZ]$")
+
+
+def find_sensorconnect_header(content: Content) -> Header | None:
+    """Header with SensorConnect's channel names; newer exports put lines about the session before it."""
+    headers = (Header(line, split_fields(text)) for line, text in enumerate(content.lines))
+    return next((header for header in headers if any(map(_CHANNEL.search, header.names))), None)
+
+
+def read_sensorconnect(content: Content) -> RawRecording:
+    """Read a SensorConnect CSV, with the surveyed footprints next to it, in a MATLAB file of the same name."""
+    path, full = content.path, find_sensorconnect_header(content) or Header(0, content.fields())
+    header = [name.split(":", 1)[1] if ":" in name else name for name in full.names]
+    export = next((one for one in _EXPORTS if any(name.startswith(one[:2]) for name in header)), None)
+    if export is None:
+        raise FormatError(
+            f"{path.name} holds estLinearAccel, from which gravity has been removed: "
+            f"export scaledAccel or estCompensatedAccel instead."
+        )
+    acc, gyr, unit = export
+    channels = [name + axis for name in (acc, gyr) for axis in "XYZ"]
+    magnetic = [f"scaledMag{axis}" for axis in "XYZ"] if "scaledMagX" in header else []
+    flags = [f"{name}:valid" for name in channels if f"{name}:valid" in header]
+    names = ["Time", *channels, *magnetic, *flags]
+    positions = [find_column(name, header, path) for name in names]
+    values, row = read_table(content, full.names, positions, first_line=full.line + 2)
+    inertial = ~np.isnan(values[:, 1:7]).all(axis=1)
+    values, row = values[inertial], row[inertial]
+    # what is not valid is no sample
+    for flag in flags:
+        values[values[:, names.index(flag)] != 1.0, names.index(flag.removesuffix(":valid"))] = np.nan
+    # footprints
+    truth, notes, beside = None, tuple[str, ...](), path.with_suffix(".mat")
+    if beside != path and beside.is_file():
+        try:
+            truth = read_footprint_mat(read_content(beside))
+        except FormatError as error:
+            notes = (f"the file next to it gave no truth: {error}",)
+    mag = values[:, 7:10] if magnetic else None
+    return _pack(content, "sensorconnect", values[:, 0], values[:, 1:7], unit, mag, row, notes, truth)
+
+
+def _pack(
+    content: Content, format: str, t: Floats, inertial: Floats, unit: float, mag: Floats | None, row: Ints,
+    notes: tuple[str, ...], truth: FootprintTruth | None = None,
+) -> RawRecording:  # fmt: skip
+    """Samples of stamps (N,) s, `inertial` (N, 6) with acc in a `unit` and gyr in rad/s, `mag` (N, 3) in gauss."""
+    gyr = np.ascontiguousarray(inertial[:, 3:])
+    field = None if mag is None else drop_held(scale_values(mag, GAUSS_UT), gyr)
+    acc = scale_values(inertial[:, :3], unit)
+    return RawRecording(t, acc, gyr, row, field, truth, Provenance(content.path, format, notes))
+
+
+# OpenShoe. "PC time" is that of the logging computer, s; "rate" is estimated from packet to packet, Hz.
+
+_OPENSHOE = (
+    *("header", "acc x", "acc y", "acc z", "gyr x", "gyr y", "gyr z", "ticks", "checksum", "row number"),
+    *("PC time 1", "PC time 2", "PC time 3", "rate", "mag x", "mag y", "mag z"),
+)
+_TAKEN = [k for k, n in enumerate(_OPENSHOE) if n.startswith(("acc", "gyr", "mag", "row", "rate", "PC time 1"))]
+
+_PACKET_DELAY_S = 0.05  # Packets come up to 15 ms late; a step of the PC's clock within this shows no lost sample.
+_MAX_PAUSE_S = 1e4  # A clock that shows more was set.
+_SET_HZ, _SET_SHARE = 5.0, 0.005  # Sensors are set to multiples of this rate; the median estimate is as near to it.
+
+
+def _split_first(content: Content) -> list[str]:
+    """Fields of the first line that is not empty."""
+    return next((line.split() for line in content.lines if line.strip()), [])
+
+
+def is_openshoe(content: Content) -> bool:
+    """Whether the first line that is not empty begins with the packet header."""
+    return [word.lower() for word in _split_first(content)[:1]] == ["0xcb"]
+
+
+def read_openshoe(content: Content) -> RawRecording:
+    """Read an OpenShoe recording: the sensor samples evenly, so time is the row number over the nominal rate.
+
+    Where the row numbers begin again, they go on by the time that has passed on the logging PC: by one, if that is
+    within the delays of its packets; where that clock shows no time between, they are left as they are.
+    """
+    path, width = content.path, len(_split_first(content))
+    if width != len(_OPENSHOE):
+        raise FormatError(
+            f"{path.name}: the first row has {width} columns, not {len(_OPENSHOE)}: copy the recording again."
+        )
+    values, row = read_table(content, _OPENSHOE, _TAKEN, first_line=1, separator=r"\s+")
+    number, pc_s, rates = values[:, 6].copy(), values[:, 7], values[:, 8]
+    # nominal rate
+    usable = rates[(rates >= 1.0) & (rates <= 1e5)]
+    if not usable.size:
+        raise FormatError(f"{path.name} holds no sample rate in column 14: export the recording as canonical CSV.")
+    rate_hz = float(np.median(usable))
+    nominal_hz = _SET_HZ * round(rate_hz / _SET_HZ)
+    rate_hz = nominal_hz if abs(nominal_hz - rate_hz) <= _SET_SHARE * rate_hz else rate_hz
+    # row numbers that begin again
+    notes = []
+    for at in (np.flatnonzero(np.diff(number) < 0) + 1).tolist():
+        passed_s = float(pc_s[at]) - float(pc_s[at - 1])
+        if 0.0 < passed_s < _MAX_PAUSE_S:
+            steps = 1.0 if passed_s <= _PACKET_DELAY_S else round(passed_s * rate_hz)
+            number[at:] += number[at - 1] + steps - number[at]
+            words = "nothing is missing there" if steps == 1.0 else f"{passed_s:.2f} s later"
+            notes.append(f"the row numbers begin again in row {row[at]}: by the computer's clock {words}")
+    t = scale_values(number, 1.0 / rate_hz)
+    return _pack(content, "openshoe", t, values[:, :6], GRAVITY_M_S2, values[:, 9:], row, tuple(notes))
+
+
+# YEI 3-Space
+
+_YEI_NAMES, _YEI_CLOCK = re.compile(r"%\w+\(([^)]*)\)"), "ChipTimeUS"
+
+
+def _find_yei_names(content: Content) -> list[str]:
+    first = content.lines[0] if content.lines else ""
+    return _YEI_NAMES.findall(first) if first.lstrip().startswith("#") else []
+
+
+def is_yei(content: Content) -> bool:
+    """Whether the first line is a comment with the names of the columns."""
+    return bool(_find_yei_names(content)) and "Data format" in content.lines[0]
+
+
+def read_yei(content: Content) -> RawRecording:
+    """Read a log of the 3-Space software."""
+    names, wanted = _find_yei_names(content), [_YEI_CLOCK]
+    for sensor in ("Accel", "Gyro", "Compass"):
+        kind = next((kind for kind in ("Corrected", "Raw") if f"{kind}{sensor}X" in names), None)
+        if kind is not None:
+            wanted += [f"{kind}{sensor}{axis}" for axis in "XYZ"]
+        elif sensor != "Compass":
+            raise FormatError(
+                f"{content.path.name} has no columns Raw{sensor}X, Y, Z: log them with the other sensors."
+            )
+    values, row = Header(0, names).read(content, wanted)
+    ticks, notes = continue_counter(values[:, 0], 2.0**32, _YEI_CLOCK)
+    mag = values[:, 7:10] if len(wanted) > 7 else None
+    return _pack(content, "yei", ticks * 1e-6, values[:, 1:7], GRAVITY_M_S2, mag, row, notes)
+
+
+def is_vectornav(content: Content) -> bool:
+    """Whether the first line has VectorNav's time since startup, or its names below `IMU::`."""
+    names = [name for name in content.fields() if re.match(r"(Time::)?TimeStartup\b|IMU::", name)]
+    return any("TimeStartup" in name or read_header(name) for name in names)
+
+
+read_vectornav = partial(table.read, format="vectornav")
+
+
+# Apps of phones, as data
+
+_STEP = re.compile(r"Sampling (?:Time|Rate)\s*:\s*(\d+(?:\.\d+)?)\s*ms", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -74,24 +269,31 @@ class TableFormat:
     def recognizes(self, content: Content) -> bool:
         """Whether a header is that of the app."""
         first = content.lines[0] if content.lines else ""
-        return bool(re.match(self.top, first, re.IGNORECASE)) and (bool(self.top) or self._find(content) is not None)
-
-    def _find(self, content: Content) -> Header | None:
-        return find_header(content, self.is_header)
+        is_below = bool(re.match(self.top, first, re.IGNORECASE))
+        return is_below and (bool(self.top) or find_header(content, self.is_header) is not None)
 
     @np.errstate(over="ignore", invalid="ignore")  # of numbers that a damaged file may hold
     def read(self, content: Content) -> RawRecording:
-        """Read a recording.
-
-        Raises `FormatError` if acceleration with gravity, rotation or time are absent, the rate is too low, or a field
-        is no number.
-        """
-        path, header, notes = content.path, self._find(content), list[str]()
+        """Read a recording."""
+        path, header, notes = content.path, find_header(content, self.is_header), list[str]()
         if header is None:
             raise FormatError(f"{path.name} has no header with columns of sensors: record it again.")
         plain = [re.sub(r"\s*\(.*$", "", name).strip() for name in header.names]
         found: dict[Sensor, Stream] = {}
-        nominal_s = self._find_step_s(content, notes) if self.is_epoch and "timestamp" not in plain else None
+        nominal_s = None  # time between the rows without stamps: by the rate that is given, or that in the first lines
+        if self.is_epoch and "timestamp" not in plain:
+            said = next((match for match in map(_STEP.search, content.lines[:5]) if match), None)
+            if content.rate_hz is not None:
+                nominal_s = 1.0 / content.rate_hz
+            elif said is not None and 0.1 <= float(said[1]) <= 1e4:
+                nominal_s = 1e-3 * float(said[1])
+                words = f"time is the row number at the nominal {said[1]} ms, which phones exceed"
+                notes.append(f"there is no clock: {words}")
+            else:
+                raise FormatError(
+                    f"{path.name} has neither a column 'timestamp' nor a rate: give the rate it was recorded at in "
+                    f"Hz, such as `--rate 50`."
+                )
         for source in self.sources:
             stream = None if source.what in found else self._read(content, header, plain, source, nominal_s)
             if stream is not None and (source.what != "mag" or stream.xyz.any()):
@@ -103,8 +305,7 @@ class TableFormat:
                 f"{path.name} holds {lacking[:-1].strip(' .')}, from which gravity has been removed: {self.instead}."
             )
         raw = join_streams([found[what] for what in NAMES if what in found], path, self.name, notes)
-        said = content.rate_hz is None and nominal_s is not None
-        return note_nominal_rate(raw, NOMINAL_SIGMA) if said else raw
+        return note_nominal_rate(raw, NOMINAL_SIGMA) if content.rate_hz is None and nominal_s is not None else raw
 
     def _read(
         self, content: Content, header: Header, plain: list[str], source: Source, nominal_s: float | None
@@ -122,33 +323,20 @@ class TableFormat:
             return None
         names = [header.names[k] for k in ([] if nominal_s is not None or clock is None else [clock]) + wanted]
         values, row = header.read(content, names)
+        # unit
         meaning = read_header(header.names[wanted[0]])
         unit = find_factor(source.what, meaning.unit) if meaning and meaning.unit and source.unit == 1.0 else None
         xyz = values[:, -len(wanted) :].reshape(len(values), -1, 3).sum(axis=1)
         xyz = scale_values(xyz, unit if unit is not None and np.isfinite(unit) else source.unit)
+        # stamps
         t: Floats | Ints = np.asarray((row - header.line - 2) * (nominal_s or 0.0), dtype=np.float64)
         if nominal_s is None:
-            t = values[:, 0] * self.tick_s
-        stamps = header.read_integers(content, names[0], row) if self.is_epoch and nominal_s is None else None
-        stream = Stream(source.what, t if stamps is None else stamps * 1_000_000, xyz, row, header.names[wanted[0]])
+            stamps = header.read_integers(content, names[0], row) if self.is_epoch else None
+            t = values[:, 0] * self.tick_s if stamps is None else stamps * 1_000_000
+        stream = Stream(source.what, t, xyz, row, header.names[wanted[0]])
         if self.keeps:
             return keep_changes(stream)
-        new = np.concatenate(([True], np.diff(stream.t) != 0))  # rows repeat a sample until there is a new one
-        return stream.take(new)
-
-    def _find_step_s(self, content: Content, notes: list[str]) -> float:
-        """Time between the rows, by the rate that is given, or the nominal one in the first lines."""
-        if content.rate_hz is not None:
-            return 1.0 / content.rate_hz
-        step = re.compile(r"Sampling (?:Time|Rate)\s*:\s*(\d+(?:\.\d+)?)\s*ms", re.IGNORECASE)
-        said = next((match for match in map(step.search, content.lines[:5]) if match), None)
-        if said is None or not 0.1 <= float(said[1]) <= 1e4:
-            raise FormatError(
-                f"{content.path.name} has neither a column 'timestamp' nor a rate: give the rate it was recorded at in "
-                f"Hz, such as `--rate 50`."
-            )
-        notes.append(f"there is no clock: time is the row number at the nominal {said[1]} ms, which phones exceed")
-        return 1e-3 * float(said[1])
+        return stream.take(np.concatenate(([True], np.diff(t) != 0)))  # rows repeat a sample until there is a new one
 
 
 _APPLE = "specific force is -9.80665 * {}, as an iPhone has the sign turned"
@@ -172,16 +360,16 @@ SENSORLOG = TableFormat(
     "log accelerometerAcceleration or motionGravity along",
 )  # fmt: skip
 
+_START = "Time since start in ms"
+_ANDRO = re.compile("(ACCELEROMETER|LINEAR ACCELERATION|GYROSCOPE|MAGNETIC FIELD) [XYZ]")
+
 ANDROSENSOR = TableFormat(
     "androsensor",
-    lambda names: (
-        any(name.startswith("Time since start in ms") for name in names)
-        and any(re.match("(ACCELEROMETER|LINEAR ACCELERATION|GYROSCOPE|MAGNETIC FIELD) [XYZ]", name) for name in names)
-    ),
+    lambda names: any(name.startswith(_START) for name in names) and any(map(_ANDRO.match, names)),
     (
-        Source("acc", ("ACCELEROMETER ",), "Time since start in ms"),
-        Source("gyr", ("GYROSCOPE ",), "Time since start in ms"),
-        Source("mag", ("MAGNETIC FIELD ",), "Time since start in ms"),
+        Source("acc", ("ACCELEROMETER ",), _START),
+        Source("gyr", ("GYROSCOPE ",), _START),
+        Source("mag", ("MAGNETIC FIELD ",), _START),
     ),
     "LINEAR ACCELERATION",
     "record ACCELEROMETER along",
@@ -216,12 +404,3 @@ HYPERIMU = TableFormat(
     tick_s=1e-3,
     is_epoch=True,
 )
-
-
-def is_vectornav(content: Content) -> bool:
-    """Whether the first line has VectorNav's time since startup, or its names below `IMU::`."""
-    names = [name for name in content.fields() if re.match(r"(Time::)?TimeStartup\b|IMU::", name)]
-    return any("TimeStartup" in name or read_header(name) for name in names)
-
-
-read_vectornav = partial(table.read, format="vectornav")

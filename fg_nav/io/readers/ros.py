@@ -16,7 +16,7 @@ that do not keep to tesla are found by the strength of the field, which is 25 to
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -26,8 +26,7 @@ import numpy as np
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import FgNavError, FormatError
-from fg_nav.io.choice import choose_sensor
-from fg_nav.io.content import Content
+from fg_nav.io.content import Content, choose_sensor
 from fg_nav.io.streams import Stream, join_streams
 from fg_nav.io.text_columns import scale_values
 from fg_nav.recording import RawRecording
@@ -41,24 +40,8 @@ _IMU = ("sensor_msgs/msg/Imu", "sensor_msgs/Imu")
 _FIELD = ("sensor_msgs/msg/MagneticField", "sensor_msgs/MagneticField")
 _VECTOR = ("geometry_msgs/msg/Vector3Stamped", "geometry_msgs/Vector3Stamped")
 
-_UNITS_UT = {"T": 1e6, "uT": 1.0, "gauss": 100.0, "mG": 0.1, "nT": 1e-3}
-"""Units that drivers give fields in; the first is the standard."""
-
-_SAME = 1e-6
-"""A field whose strength changes by less than this share is normalized: even a magnetometer at rest has noise."""
-
-
-class Vectors(NamedTuple):
-    """Messages of a topic: stamps (N,) ns of their headers and of the bag, and the vectors (N, 3) in them."""
-
-    stamp: Ints
-    taken_in: Ints
-    xyz: Floats
-
-    @property
-    def t(self) -> Ints:
-        """Stamps (N,) ns of the headers; those of the bag where the headers are empty."""
-        return self.stamp if self.stamp.any() else self.taken_in
+_UNITS_UT = {"T": 1e6, "uT": 1.0, "gauss": 100.0, "mG": 0.1, "nT": 1e-3}  # Of drivers; the first is the standard.
+_SAME = 1e-6  # A strength that changes by less of itself is that of a normalized field: even at rest there is noise.
 
 
 def recognizes(content: Content) -> bool:
@@ -71,11 +54,7 @@ def recognizes(content: Content) -> bool:
 
 
 def read(content: Content) -> RawRecording:
-    """Read the inertial sensor of a bag.
-
-    Raises `FormatError` if rosbags is not installed, the bag is damaged or holds no Imu, or it is not said which of
-    several topics to take.
-    """
+    """Read the inertial sensor of a bag."""
     path = content.path
     with _place(content) as place, _open(place, path) as reader:
         topics = {connection.topic: connection.msgtype for connection in reader.connections if connection.msgcount}
@@ -86,19 +65,26 @@ def read(content: Content) -> RawRecording:
                 f"record one with the raw samples."
             )
         imu = choose_sensor(imus, content.sensor, path, "topics of sensor_msgs/Imu")
-        magnetic = _choose_field(topics, imu)
-        acc, gyr = _read_imu(reader, imu, path)
-        field = None if magnetic is None else _read_vectors(reader, magnetic)
-    notes = [
-        f"the topic is {imu}",
-        *([] if acc.stamp.any() else ["headers have no stamps: those of the bag are taken"]),
-    ]
-    streams = [_pack("acc", acc, imu), _pack("gyr", gyr, imu)]
-    if field is not None and magnetic is not None and len(field.xyz):
-        scale, words = _judge_field(field.xyz, magnetic)
+        # the magnetometer that belongs to it
+        fields = [topic for topic, kind in topics.items() if kind in _FIELD]
+        fields = fields or [topic for topic, kind in topics.items() if kind in _VECTOR and "mag" in topic.lower()]
+        shared = {topic: sum(imu.startswith(topic[:k]) for k in range(1, len(topic) + 1)) for topic in sorted(fields)}
+        magnetic = max(shared, key=lambda topic: shared[topic], default=None)
+        inertial = _read_topic(reader, imu, 8, _take_inertial)
+        for name, covariance in (("linear_acceleration", 6), ("angular_velocity", 7)):
+            if (inertial.values[:, covariance] == -1.0).all():
+                raise FormatError(f"{path.name}: {imu} does not measure {name}: record the raw topic of the sensor.")
+        field = None if magnetic is None else _read_topic(reader, magnetic, 3, _take_field)
+    notes = [f"the topic is {imu}"]
+    if not inertial.has_stamps:
+        notes.append("headers have no stamps: those of the bag are taken")
+    acc, gyr = inertial.values[:, :3], inertial.values[:, 3:6]
+    streams = [Stream("acc", inertial.t, acc, inertial.row, imu), Stream("gyr", inertial.t, gyr, inertial.row, imu)]
+    if field is not None and magnetic is not None and len(field.t):
+        scale, words = _judge_field(field.values, magnetic)
         notes.append(words)
         if scale:
-            streams.append(_pack("mag", field._replace(xyz=scale_values(field.xyz, scale)), magnetic))
+            streams.append(Stream("mag", field.t, scale_values(field.values, scale), field.row, magnetic))
     return join_streams(streams, path, "ros", notes)
 
 
@@ -150,63 +136,39 @@ def _open(place: Path, path: Path) -> Iterator[Any]:
         raise FormatError(f"{path.name} is a damaged ROS bag ({reason}): copy it again, or try `{mend}`.") from None
 
 
-def _choose_field(topics: dict[str, str], imu: str) -> str | None:
-    """Choose the topic of the magnetometer that belongs to an Imu."""
-    fields = [topic for topic, kind in topics.items() if kind in _FIELD]
-    fields = fields or [topic for topic, kind in topics.items() if kind in _VECTOR and "mag" in topic.lower()]
-    return max(sorted(fields), key=lambda topic: _count_shared(topic, imu), default=None)
+class _Messages(NamedTuple):
+    """Messages of a topic: stamps (N,) ns, of the headers or else of the bag, numbers (N, K) in them, rows (N,)."""
+
+    t: Ints
+    has_stamps: bool
+    values: Floats
+    row: Ints
 
 
-def _count_shared(one: str, other: str) -> int:
-    """Count the characters that two names begin with together."""
-    differ = (k for k, (a, b) in enumerate(zip(one, other, strict=False)) if a != b)
-    return next(differ, min(len(one), len(other)))
-
-
-def _read_imu(reader: Any, topic: str, path: Path) -> tuple[Vectors, Vectors]:
-    """Specific force and rate of a topic."""
-    rows = []
-    absent = {"linear_acceleration": True, "angular_velocity": True}
-    for message, taken_in in _messages(reader, topic):
-        for name in absent:
-            absent[name] &= getattr(message, f"{name}_covariance")[0] == -1.0
-        a, w = message.linear_acceleration, message.angular_velocity
-        rows.append((_stamp(message), taken_in, a.x, a.y, a.z, w.x, w.y, w.z))
-    for name, missing in absent.items():
-        if missing:
-            raise FormatError(f"{path.name}: {topic} does not measure {name}: record the raw topic of the sensor.")
-    stamps, samples = _split(rows, 6)
-    return Vectors(*stamps, samples[:, :3]), Vectors(*stamps, samples[:, 3:])
-
-
-def _read_vectors(reader: Any, topic: str) -> Vectors:
-    rows = []
-    for message, taken_in in _messages(reader, topic):
-        field = message.magnetic_field if hasattr(message, "magnetic_field") else message.vector
-        rows.append((_stamp(message), taken_in, field.x, field.y, field.z))
-    stamps, xyz = _split(rows, 3)
-    return Vectors(*stamps, xyz)
-
-
-def _messages(reader: Any, topic: str) -> Iterator[tuple[Any, int]]:
-    """Messages of a topic, and when the bag took them in, ns."""
+def _read_topic(reader: Any, topic: str, width: int, take: Callable[[Any], tuple[float, ...]]) -> _Messages:
+    """Read a topic, of whose messages `take` gives the numbers."""
+    stamps, values = list[tuple[int, int]](), list[tuple[float, ...]]()
     connections = [connection for connection in reader.connections if connection.topic == topic]
     for connection, taken_in, data in reader.messages(connections):
-        yield reader.deserialize(data, connection.msgtype), taken_in
+        message = reader.deserialize(data, connection.msgtype)
+        values.append(take(message))
+        stamps.append((int(message.header.stamp.sec) * 10**9 + int(message.header.stamp.nanosec), taken_in))
+    of_header, of_bag = np.array(stamps, dtype=np.int64).reshape(-1, 2).T
+    has_stamps = bool(of_header.any())
+    numbers = np.array(values, dtype=np.float64).reshape(-1, width)
+    return _Messages(of_header if has_stamps else of_bag, has_stamps, numbers, np.arange(1, len(stamps) + 1))
 
 
-def _stamp(message: Any) -> int:
-    return int(message.header.stamp.sec) * 10**9 + int(message.header.stamp.nanosec)
+def _take_inertial(message: Any) -> tuple[float, ...]:
+    """Force and rate, and of each the first covariance, -1 where it is not measured."""
+    a, w = message.linear_acceleration, message.angular_velocity
+    absent = message.linear_acceleration_covariance[0], message.angular_velocity_covariance[0]
+    return (a.x, a.y, a.z, w.x, w.y, w.z, *absent)
 
 
-def _split(rows: list[tuple[Any, ...]], width: int) -> tuple[tuple[Ints, Ints], Floats]:
-    """Stamps and numbers (N, width) of rows."""
-    stamps = np.array([row[:2] for row in rows], dtype=np.int64).reshape(-1, 2)
-    return (stamps[:, 0], stamps[:, 1]), np.array([row[2:] for row in rows], dtype=np.float64).reshape(-1, width)
-
-
-def _pack(what: Any, vectors: Vectors, topic: str) -> Stream:
-    return Stream(what, vectors.t, vectors.xyz, np.arange(1, len(vectors.t) + 1), topic)
+def _take_field(message: Any) -> tuple[float, ...]:
+    field = message.magnetic_field if hasattr(message, "magnetic_field") else message.vector
+    return field.x, field.y, field.z
 
 
 def _judge_field(xyz: Floats, topic: str) -> tuple[float, str]:

@@ -23,7 +23,6 @@ from fg_nav.arrays import Floats
 from fg_nav.calibration.walk import WalkCalibrationParameters
 from fg_nav.detection import StanceParameters
 from fg_nav.errors import EstimationError, FgNavError
-from fg_nav.evaluation.metrics import whiten_errors
 from fg_nav.evaluation.walked import (
     AS_STARTED,
     BEST_YAW,
@@ -36,6 +35,7 @@ from fg_nav.evaluation.walked import (
 )
 from fg_nav.lab.campaign.methods import method_of, solve_by
 from fg_nav.lab.campaign.walks import LOOP, MIXTURES, NONE, RAW, WALK, Reading, Simulated, Source, UserScenario, unpack
+from fg_nav.lab.consistency import whiten_errors
 from fg_nav.lab.simulation import Choices, scenario, simulate
 from fg_nav.lab.store.code import code_sum
 from fg_nav.lab.store.results import Key, Result, encode_flags, write_result

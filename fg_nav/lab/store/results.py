@@ -173,7 +173,7 @@ class Result:
     errors : by alignment (`fg_nav.evaluation.walked`).
     landmark : names, one a crossing.
     landmark_m : error at each crossing, by alignment.
-    whitened : errors of position and heading over their sigma, by part (`fg_nav.evaluation.metrics`).
+    whitened : errors of position and heading over their sigma, by part (`fg_nav.lab.consistency`).
     estimate, truth : (K, 2) m, (M, 2) m at the footfalls, by alignment.
     every : whether the truth is that of every footfall.
     used : (K,) whether the method used the field.

@@ -1,8 +1,7 @@
-"""A path for other programs: maps, MATLAB, tables, robots, viewers; a file a format, chosen by the ending.
+"""A path for other programs: maps, MATLAB, tables, robots, viewers; one format for each ending.
 
-A `Track` (`fg_nav.report.export.track`) is what is exported, from a solution or from the folder of a result. Positions
-are East-North-Up, m from where the foot first stands; maps need the place of that point on the Earth
-(`fg_nav.report.export.place`). Nothing is loaded before it is needed.
+An `ExportTrack` is made from a solution or from the folder of a result. Positions are East-North-Up, m from where the
+foot first stands; maps need the position of that point on the Earth (`Origin`). Nothing is loaded before it is needed.
 """
 
 from __future__ import annotations
@@ -14,44 +13,44 @@ from pathlib import Path
 from typing import Any
 
 from fg_nav.errors import OutputError
-from fg_nav.report.export.place import Origin
-from fg_nav.report.export.track import Track
+from fg_nav.report.export.track import ExportTrack, Origin
 from fg_nav.report.folder import check_file_free, result_files
 
 
 @dataclass(frozen=True)
 class ExportFormat:
-    """How a file of one kind is written.
+    """Writer of one kind of file.
 
     Attributes
     ----------
-    module : of this package; its `write` takes track and file, and of a map also the origin.
+    module, function : of this package; the function takes track and file, and of a map also the origin.
     on_earth : whether it is a map.
     extra : the extra of this project that it needs, and the module that this brings.
-    beside : what is put behind the name of a second file, such as `-footfalls`.
+    second : suffix of the name of a second file, such as `-footfalls`.
     """
 
     module: str
+    function: str
     on_earth: bool = False
     extra: tuple[str, str] | None = None
-    beside: str = ""
+    second: str = ""
 
 
 FORMATS: dict[str, ExportFormat] = {
-    ".geojson": ExportFormat("geojson", on_earth=True),
-    ".kml": ExportFormat("kml", on_earth=True),
-    ".gpx": ExportFormat("gpx", on_earth=True),
-    ".tum": ExportFormat("tum"),
-    ".mat": ExportFormat("matlab"),
-    ".parquet": ExportFormat("parquet", extra=("parquet", "pyarrow"), beside="-footfalls"),
-    ".mcap": ExportFormat("ros", extra=("ros", "rosbags")),
-    ".rrd": ExportFormat("rerun", extra=("rerun", "rerun")),
+    ".geojson": ExportFormat("maps", "write_geojson", on_earth=True),
+    ".kml": ExportFormat("maps", "write_kml", on_earth=True),
+    ".gpx": ExportFormat("maps", "write_gpx", on_earth=True),
+    ".tum": ExportFormat("tables", "write_tum"),
+    ".mat": ExportFormat("tables", "write_matlab"),
+    ".parquet": ExportFormat("tables", "write_parquet", extra=("parquet", "pyarrow"), second="-footfalls"),
+    ".mcap": ExportFormat("viewers", "write_ros", extra=("ros", "rosbags")),
+    ".rrd": ExportFormat("viewers", "write_rerun", extra=("rerun", "rerun")),
 }
 """By the ending of the file."""
 
 
 def check_export(out: Path, origin: Origin | None = None, force: bool = False) -> None:
-    """Say before any work whether a file can be written.
+    """Refuse early, before any work, a file that cannot be written.
 
     Raises `OutputError` if its ending is none of `FORMATS`, it is a map and there is no origin, the extra is not
     installed, or the file is there and `force` is not set.
@@ -72,24 +71,24 @@ def check_export(out: Path, origin: Origin | None = None, force: bool = False) -
 
 
 def is_map(out: Path) -> bool:
-    """Whether the format of a file has places on the Earth; raises `OutputError` if there is no such format."""
+    """Whether the format of a file has positions on the Earth; raises `OutputError` if there is no such format."""
     return _find_format(out).on_earth
 
 
 def find_files(out: Path) -> list[Path]:
-    """Files that an export to `out` makes: itself and, where the format has two tables, the second."""
-    beside = _find_format(out).beside
-    return [out, *([out.with_stem(out.stem + beside)] if beside else [])]
+    """Files of an export to `out`: itself and, where the format has two tables, the second."""
+    second = _find_format(out).second
+    return [out, *([out.with_stem(out.stem + second)] if second else [])]
 
 
-def export_track(track: Track, out: Path, origin: Origin | None = None, force: bool = False) -> Sequence[Path]:
-    """Write a track in the format that the ending of `out` names; return the files.
+def export_track(track: ExportTrack, out: Path, origin: Origin | None = None, force: bool = False) -> Sequence[Path]:
+    """Write a track in the format of the ending of `out`; return the files.
 
     Raises `OutputError` as `check_export` does.
     """
     check_export(out, origin, force)
     format, files = _find_format(out), find_files(out)
-    write: Callable[..., Any] = import_module(f"{__name__}.{format.module}").write
+    write: Callable[..., Any] = getattr(import_module(f"{__name__}.{format.module}"), format.function)
     with result_files(files, Path.is_file, force) as fresh:
         write(track, *fresh, *([origin] if format.on_earth else []))
     return files

@@ -1,4 +1,4 @@
-"""What is exported: a path at the recording's rate and its footfalls, from a solution or from the folder of a result.
+"""The path that is exported, at the recording's rate, with its footfalls, from a solution or from a result folder.
 
 Symbols (frames: see `fg_nav`)
 
@@ -14,13 +14,17 @@ cov          m^2          (K, 3, 3) of the footfalls' positions
 Turning by a clockwise from above: p' = R p, nav'_R_body = R nav_R_body, P' = R P R^T with R = R_z(-a), heading' =
 heading + a. It lays a path whose north is magnetic, or that of the sensor at the start, onto true north.
 
-Time. Stamps that are seconds since 1970 are known by their size; any other clock is absolute only where it is said when
-its first stamp was.
+Time. Stamps that are seconds since 1970 are recognized by their size; any other clock is absolute only where the
+instant of its first stamp is given.
+
+Maps. Positions about an `Origin` become latitude, longitude and height (WGS 84); east, north and up are tangent to the
+ellipsoid there. `pymap3d` does the geodesy.
 """
 
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from datetime import datetime
@@ -44,22 +48,21 @@ BETWEEN = {"cov_xy_m2": (0, 1), "cov_xz_m2": (0, 2), "cov_yz_m2": (1, 2)}
 
 PERSON = "person.csv"  # Table of the person's path where both feet were recorded, with the columns of `strides.csv`.
 
-EPOCH_S = (1e9, 2.0**31)
-"""Seconds since 1970 of the years 2001 to 2037: a clock that runs since power-on is never there."""
-
+EPOCH_S = (1e9, 2.0**31)  # Seconds since 1970 of the years 2001 to 2037: beyond any clock since power-on.
 LINE_STEP_S = 0.1  # Between two points of a drawn line: a foot swings for half a second.
+DEGREE_DIGITS, METER_DIGITS = 9, 3  # Decimals in files: a billionth of a degree is a tenth of a millimetre.
 
 FRAME = (
     "East-North-Up from where the foot first stands: x east, y north, z up, m. nav_R_body maps vectors of the sensor's "
     "axes to it; quaternions are of nav_R_body. Headings are of the sensor's x axis, degrees clockwise from north. "
     "Sigmas are one standard deviation, relative to the start."
 )
-"""The words that go with every file that has room for them."""
+"""Description in every file with a place for it."""
 
 
 @dataclass(frozen=True)
-class Track:
-    """A path to export. `start` is the instant of the first stamp, where that is said; `notes` are for the user."""
+class ExportTrack:
+    """A path to export. `start` is the instant of the first stamp, where given; `notes` are for the user."""
 
     name: str
     method: str
@@ -72,11 +75,10 @@ class Track:
     notes: tuple[str, ...] = ()
 
     @classmethod
-    def of(cls, solution: Solution, name: str = "walk") -> Track:
-        """Return that of a solution."""
-        footfalls = solution.stances.to_dataframe()
+    def of(cls, solution: Solution, name: str = "walk") -> ExportTrack:
+        """Return the track of a solution."""
         path = (solution.t, solution.position, solution.nav_R_body, solution.velocity)
-        return cls(_clean_name(name), solution.method, *path, footfalls)
+        return cls(_clean_name(name), solution.method, *path, solution.stances.to_dataframe())
 
     @cached_property
     def cov(self) -> Floats:
@@ -89,14 +91,14 @@ class Track:
 
     @cached_property
     def epoch_s(self) -> float | None:
-        """What is added to a stamp to make it seconds since 1970; None where that is not known."""
+        """Offset from stamps to seconds since 1970; None where unknown."""
         if self.start is not None:
             return self.start.timestamp() - float(self.t[0])
         low, high = EPOCH_S
         return 0.0 if low < self.t[0] and self.t[-1] < high else None
 
-    def tell_time(self, t: Floats) -> list[str] | None:
-        """UTC of stamps (M,) to the millisecond, as ISO 8601; None where that is not known."""
+    def format_utc(self, t: Floats) -> list[str] | None:
+        """UTC of stamps (M,) to the millisecond, as ISO 8601; None where unknown."""
         if self.epoch_s is None:
             return None
         instants = np.round((t + self.epoch_s) * 1e3).astype("datetime64[ms]")
@@ -104,11 +106,11 @@ class Track:
 
     @property
     def line(self) -> Ints:
-        """Samples of the path that are enough to draw it, the last among them."""
+        """Samples of the path for a drawing, the last among them."""
         step = max(round(LINE_STEP_S / float(np.median(np.diff(self.t)))), 1)
         return np.unique(np.append(np.arange(0, len(self.t), step), len(self.t) - 1))
 
-    def turn(self, clockwise_deg: float) -> Track:
+    def turn(self, clockwise_deg: float) -> ExportTrack:
         """Return the path turned about the start, clockwise seen from above."""
         if clockwise_deg == 0.0:
             return self
@@ -119,8 +121,7 @@ class Track:
         table["heading_deg"] = (table["heading_deg"] + clockwise_deg) % 360.0
         for name, (i, j) in BETWEEN.items():
             table[name] = cov[:, i, j]
-        turned = (self.position @ R.T, R @ self.nav_R_body, self.velocity @ R.T)
-        position, nav_R_body, velocity = turned
+        position, nav_R_body, velocity = self.position @ R.T, R @ self.nav_R_body, self.velocity @ R.T
         return replace(self, position=position, nav_R_body=nav_R_body, velocity=velocity, footfalls=table)
 
     def tabulate(self) -> pd.DataFrame:
@@ -128,60 +129,42 @@ class Track:
         return tabulate_path(self.t, self.position, self.velocity, self.nav_R_body)
 
 
-def read_result(folder: Path) -> Track:
+def read_result(folder: Path) -> ExportTrack:
     """Read the path and the footfalls from the folder of a result.
 
     Raises `FormatError` if it is no such folder, or its files are damaged.
     """
-    _check_folder(folder)
-    path = read_truth(folder / "trajectory.tum")
-    if not isinstance(path, TrajectoryTruth) or path.nav_R_body is None or len(path.t) < 2:
-        raise FormatError(f"{folder / 'trajectory.tum'} has no path in it: run the walk again.")
-    table = folder / _name_footfalls(folder)
-    footfalls = _read_footfalls(table)
-    if not len(footfalls):
-        raise FormatError(f"{table} has no footfall: there is nothing to export.")
-    summary = _read_json(folder / "summary.json")
-    velocity = np.gradient(path.position, path.t, axis=0)
-    method = str(summary.get("method", "unknown"))
-    config = _read_json(folder / "config.json") if (folder / "config.json").is_file() else {}
-    notes: tuple[str, ...] = (_describe_north(summary, config),)
-    if summary.get("mount") == "feet":
-        notes += ("the path is the person's, between the feet: headings are of the direction of walking",)
-    return Track(
-        _clean_name(folder.resolve().name),
-        method,
-        path.t,
-        path.position,
-        path.nav_R_body,
-        velocity,
-        footfalls,
-        notes=notes,
-    )
-
-
-def _clean_name(name: str) -> str:
-    """Replace what no XML can hold: control characters, and bytes of a file's name that are no text."""
-    return "".join(letter if letter.isprintable() else "?" for letter in name)
-
-
-def _check_folder(folder: Path) -> None:
     if not folder.is_dir():
         what = "is a file" if folder.exists() else "is not there"
         raise FormatError(f"{folder} {what}: name the folder of a result, such as results/walk-smoother-1.")
     if (folder / "comparison.json").exists():
         methods = sorted(part.parent.name for part in folder.glob("*/trajectory.tum"))
         raise FormatError(f"{folder} is a comparison: name the folder of one method in it ({', '.join(methods)}).")
-    for name in ("trajectory.tum", _name_footfalls(folder), "summary.json"):
+    table = folder / (PERSON if (folder / PERSON).is_file() else "strides.csv")
+    for name in ("trajectory.tum", table.name, "summary.json"):
         if not (folder / name).is_file():
             raise FormatError(
                 f"{folder} is no result of `fg-nav run` (it has no {name}): name the folder that it printed."
             )
+    path = read_truth(folder / "trajectory.tum")
+    if not isinstance(path, TrajectoryTruth) or path.nav_R_body is None or len(path.t) < 2:
+        raise FormatError(f"{folder / 'trajectory.tum'} has no path in it: run the walk again.")
+    footfalls = _read_footfalls(table)
+    if not len(footfalls):
+        raise FormatError(f"{table} has no footfall: there is nothing to export.")
+    summary = _read_json(folder / "summary.json")
+    config = _read_json(folder / "config.json") if (folder / "config.json").is_file() else {}
+    notes: tuple[str, ...] = (_describe_north(summary, config),)
+    if summary.get("mount") == "feet":
+        notes += ("the path is the person's, between the feet: headings are of the direction of walking",)
+    name, method = _clean_name(folder.resolve().name), str(summary.get("method", "unknown"))
+    velocity = np.gradient(path.position, path.t, axis=0)
+    return ExportTrack(name, method, path.t, path.position, path.nav_R_body, velocity, footfalls, notes=notes)
 
 
-def _name_footfalls(folder: Path) -> str:
-    """Of two feet the path is the person's, between them."""
-    return PERSON if (folder / PERSON).is_file() else "strides.csv"
+def _clean_name(name: str) -> str:
+    """Replace characters that XML cannot hold: control characters, and undecodable bytes of a file's name."""
+    return "".join(letter if letter.isprintable() else "?" for letter in name)
 
 
 def _read_footfalls(path: Path) -> pd.DataFrame:
@@ -210,7 +193,7 @@ def _read_json(path: Path) -> dict[str, Any]:
 
 
 def _describe_north(summary: Mapping[str, Any], config: Mapping[str, Any]) -> str:
-    """Say what this path's north is, as far as the result tells."""
+    """North of the path, in words."""
     if config.get("heading_deg") is not None:
         return f"north is that of --heading {config['heading_deg']:g}"
     if summary.get("magnetometer") == "used":
@@ -231,3 +214,46 @@ def parse_start(words: str) -> datetime:
     if start.tzinfo is None:
         raise OutputError(f"--start {words} has no zone: add Z for UTC, or its offset, as +02:00.")
     return start
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Position of the start on the Earth: geodetic degrees, north and east positive; None for an unknown height.
+
+    Raises `OutputError` if it is not on the Earth.
+    """
+
+    latitude_deg: float
+    longitude_deg: float
+    height_m: float | None = None
+
+    def __post_init__(self) -> None:
+        latitude, longitude = self.latitude_deg, self.longitude_deg
+        if abs(latitude) <= 90.0 and abs(longitude) <= 180.0 and math.isfinite(self.height_m or 0.0):
+            return
+        swapped = 90.0 < abs(latitude) <= 180.0 and abs(longitude) <= 90.0
+        hint = f"latitude is first, try {longitude:g},{latitude:g}" if swapped else "give degrees, latitude first"
+        raise OutputError(f"latitude {latitude:g}, longitude {longitude:g} is not on the Earth: {hint}.")
+
+    @classmethod
+    def parse(cls, words: str) -> Origin:
+        """Read LAT,LON or LAT,LON,HEIGHT; raises `OutputError` for anything else."""
+        try:
+            numbers = [float(part) for part in words.split(",")]
+        except ValueError:
+            numbers = []
+        if len(numbers) not in (2, 3):
+            raise OutputError(f"--origin '{words}' is no place: give LAT,LON or LAT,LON,HEIGHT, as 48.137,11.575,520.")
+        return cls(*numbers)
+
+    def locate(self, position: Floats) -> Floats:
+        """Longitude, latitude (deg) and height (m) (N, 3) of positions (N, 3) m, rounded for files.
+
+        Heights are absolute, or above the start where that of the origin is unknown.
+        """
+        from pymap3d import enu2geodetic
+
+        at = (self.latitude_deg, self.longitude_deg, self.height_m or 0.0)
+        latitude, longitude, height = enu2geodetic(*position.T, *at)
+        degrees = np.round(np.stack([longitude, latitude], axis=1), DEGREE_DIGITS)
+        return np.column_stack([degrees, np.round(height, METER_DIGITS)])

@@ -1,8 +1,8 @@
-"""`report.html`: one page with all that a result shows, which asks nothing of a network.
+"""`report.html`: one self-contained page of a result.
 
 plotly.js (its basic bundle, MIT licence, in `LICENSE-plotly.txt`) stands in the page; it is packed in the package, and
 the figures are plain dictionaries, so no other package is needed. A policy in the page forbids every request, and all
-texts are escaped, so neither a recording nor its name can make the page do anything.
+texts are escaped, so neither a recording nor its name can inject code.
 """
 
 from __future__ import annotations
@@ -14,14 +14,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fg_nav.report import REPORT
-from fg_nav.report.page.content import Findings, Page, compose_page
-from fg_nav.report.page.figures import Chart
+from fg_nav.report.page.content import Findings, Page, compose_feet_page, compose_page
 from fg_nav.text import find_version, to_json
 
 if TYPE_CHECKING:
     from fg_nav.feet_result import FeetResult
 
-__all__ = ["Findings", "render_page", "write_feet_page", "write_page"]
+__all__ = ["Findings", "write_feet_page", "write_page"]
 
 PLOTLY = "plotly-basic-4.1.1.min.js"
 _HERE = Path(__file__).parent
@@ -29,25 +28,17 @@ _HERE = Path(__file__).parent
 
 def write_page(folder: Path, found: Findings) -> None:
     """Write the page of a result into its folder."""
-    (folder / REPORT).write_text(render_page(found), encoding="utf-8")
+    _write(folder, compose_page(found, find_version()))
 
 
 def write_feet_page(
     folder: Path, result: FeetResult, summary: Mapping[str, object], configs: Mapping[str, Mapping[str, object]]
 ) -> None:
     """Write the page of a walk with a sensor on each foot."""
-    from fg_nav.report.page.feet import compose_feet_page
-
-    page = compose_feet_page(result, summary, configs, find_version())
-    (folder / REPORT).write_text(_render(page), encoding="utf-8")
+    _write(folder, compose_feet_page(result, summary, configs, find_version()))
 
 
-def render_page(found: Findings) -> str:
-    """Return the page of a result."""
-    return _render(compose_page(found, find_version()))
-
-
-def _render(page: Page) -> str:
+def _write(folder: Path, page: Page) -> None:
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
     from markupsafe import Markup
 
@@ -55,20 +46,19 @@ def _render(page: Page) -> str:
         loader=FileSystemLoader(_HERE), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     environment.filters["json"] = lambda value: json.dumps(to_json(value), indent=1, ensure_ascii=False)
-    return environment.get_template("report.html.j2").render(
+    content = {
+        chart.name: {"data": chart.data, "layout": chart.layout, "scaled": chart.scaled, "north": chart.north}
+        for section in page.sections
+        for chart in section.charts
+    }
+    charts = json.dumps(content, separators=(",", ":"), allow_nan=False, ensure_ascii=False)
+    # no character may end an element of the page
+    charts = charts.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")
+    text = environment.get_template("report.html.j2").render(
         page=page,
-        charts=Markup(_encode(page.charts)),
+        charts=Markup(charts),
         plotly=Markup(gzip.decompress((_HERE / f"{PLOTLY}.gz").read_bytes()).decode("utf-8")),
         licence=(_HERE / "LICENSE-plotly.txt").read_text(encoding="utf-8"),
         script=Markup((_HERE / "report.js").read_text(encoding="utf-8")),
     )
-
-
-def _encode(charts: list[Chart]) -> str:
-    """Charts as JSON that ends no element of the page."""
-    content = {
-        chart.name: {"data": chart.data, "layout": chart.layout, "scaled": chart.scaled, "north": chart.north}
-        for chart in charts
-    }
-    words = json.dumps(content, separators=(",", ":"), allow_nan=False, ensure_ascii=False)
-    return words.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")
+    (folder / REPORT).write_text(text, encoding="utf-8")

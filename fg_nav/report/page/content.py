@@ -1,39 +1,80 @@
-"""What goes onto the page: the verdict, figures of merit, and sections with sentences and charts, in this order.
+"""Content of the page: verdict, figures of merit, sections with sentences and charts, remarks and parameters.
 
-path, graph, height, sigma, stances, gyroscope bias, heading (compass against gyroscope), field strength, places
-recognized, errors, remarks, parameters. Each section is always there, and says why where it has no chart.
+========= =============================================================================================================
+one foot  path, graph, height, sigma, stances, gyroscope bias, heading (compass against gyroscope), field strength,
+          places recognized, errors
+two feet  path of the person and of both feet, distance between the feet, height, sigma, gyroscope bias, heading,
+          errors
+========= =============================================================================================================
+
+Each section is always there, and gives the reason where it has no chart.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import PurePath
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fg_nav.report.aligned import AlignedSolution
-from fg_nav.report.page.compass import draw_compass, draw_strength, judge
-from fg_nav.report.page.course import Frame, describe_alignment, describe_ellipses, describe_frame, draw_course
-from fg_nav.report.page.figures import Chart
+from fg_nav.arrays import interpolate_columns
+from fg_nav.report import FIGURES, collect_notes
+from fg_nav.report.drawn import AlignedSolution, align_solution
+from fg_nav.report.page.course import (
+    describe_alignment,
+    describe_ellipses,
+    describe_frame,
+    describe_returns,
+    draw_course,
+    draw_feet,
+    draw_returns,
+)
+from fg_nav.report.page.figures import (
+    GRAY,
+    MAX_POINTS,
+    TEAL,
+    VERMILION,
+    Chart,
+    Panel,
+    level,
+    line,
+    signal,
+    stack,
+    to_numbers,
+    to_seconds,
+)
 from fg_nav.report.page.graph import describe_graph, draw_graph
-from fg_nav.report.page.returns import describe_returns, draw_returns
-from fg_nav.report.page.samples import draw_samples
-from fg_nav.report.page.series import draw_errors, draw_gyro_bias, draw_headings, draw_height, draw_sigmas
-from fg_nav.report.rows import FIGURES, collect_notes
+from fg_nav.report.page.series import (
+    draw_compass,
+    draw_errors,
+    draw_gyro_bias,
+    draw_headings,
+    draw_height,
+    draw_samples,
+    draw_sigmas,
+    draw_strength,
+    group_by_verdict,
+)
+from fg_nav.samples.gaps import find_unrecorded
+from fg_nav.solution import StanceTable
 from fg_nav.system.spilled import drop_pages
 from fg_nav.text import format_count
 from fg_nav.walk import Options, Outcome, Walk
 
+if TYPE_CHECKING:
+    from fg_nav.feet_result import FeetResult
+
 
 @dataclass(frozen=True)
 class Findings:
-    """What a page is made of.
+    """Results of one or more methods, for a page.
 
     Attributes
     ----------
     outcomes : by method.
-    summaries, configs : of each method, as they are written to files.
+    summaries, configs : of each method, as in the files.
     walk : None where the samples were not kept: of a walk in progress with a lag.
     """
 
@@ -54,7 +95,7 @@ class Section:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class MethodVerdict:
     """The verdict on one method: word and reasons."""
 
     method: str
@@ -64,7 +105,7 @@ class Verdict:
 
 @dataclass(frozen=True)
 class Cell:
-    """A figure of merit as it is shown, with its key and its value in the summary."""
+    """A figure of merit as text, with its key and its value in the summary."""
 
     key: str
     text: str
@@ -73,11 +114,11 @@ class Cell:
 
 @dataclass(frozen=True)
 class Page:
-    """All that the template puts into words."""
+    """Content of the template."""
 
     title: str
     about: str
-    verdicts: Sequence[Verdict]
+    verdicts: Sequence[MethodVerdict]
     highlights: Sequence[tuple[str, Cell, str]]
     methods: Sequence[str]
     table: Sequence[tuple[str, Sequence[Cell]]]
@@ -87,55 +128,9 @@ class Page:
     version: str = ""
     table_title: str = "All figures"
 
-    @property
-    def charts(self) -> list[Chart]:
-        """All charts, in their order."""
-        return [chart for section in self.sections for chart in section.charts]
 
-
-def compose_page(found: Findings, version: str) -> Page:
-    """Choose what goes onto the page."""
-    configs = dict(zip(found.outcomes, found.configs, strict=True))
-    return Page(
-        title=_name_recording(found),
-        about=_describe_recording(found),
-        verdicts=_collect_verdicts(found.summaries),
-        highlights=_choose_highlights(found) if len(found.outcomes) == 1 else [],
-        methods=list(found.outcomes),
-        table=tabulate_figures(found.summaries),
-        sections=_draw_sections(found),
-        remarks=collect_notes(found.summaries),
-        configs=configs,
-        version=version,
-        table_title="Methods side by side" if len(found.outcomes) > 1 else "All figures",
-    )
-
-
-def _name_recording(found: Findings) -> str:
-    path = found.configs[0].get("recording") if found.walk is not None else None
-    return PurePath(str(path)).name if path else "a walk in progress" if found.walk is None else "a walk"
-
-
-def _describe_recording(found: Findings) -> str:
-    methods = ", ".join(found.outcomes)
-    if found.walk is None:
-        return methods
-    recording = found.walk.recording
-    rate = f"{recording.duration_s:.1f} s at {1.0 / recording.period_s:.0f} Hz"
-    return f"{methods}; {recording.provenance.format}, {rate}"
-
-
-def _collect_verdicts(summaries: Sequence[Mapping[str, object]]) -> list[Verdict]:
-    found = []
-    for one in summaries:
-        reasons = one["reasons"]
-        assert isinstance(reasons, list)
-        found.append(Verdict(str(one["method"]), str(one["verdict"]), reasons))
-    return found
-
-
-def tabulate_figures(summaries: Sequence[Mapping[str, object]]) -> list[tuple[str, list[Cell]]]:
-    """Rows of figures that at least one of the methods has, or of other columns."""
+def _tabulate_figures(summaries: Sequence[Mapping[str, object]]) -> list[tuple[str, list[Cell]]]:
+    """Rows of the figures that at least one of the columns has."""
     rows = []
     for key, words, pattern in FIGURES:
         values = [summary.get(key) for summary in summaries]
@@ -145,75 +140,115 @@ def tabulate_figures(summaries: Sequence[Mapping[str, object]]) -> list[tuple[st
     return rows
 
 
-def _choose_highlights(found: Findings) -> list[tuple[str, Cell, str]]:
-    """The few figures that stand out: what, its cell, and what goes with it."""
-    summary = found.summaries[0]
-    table = next(iter(found.outcomes.values())).solution.stances
-    sigma = summary.get("distance_sigma_m")
-    strides = format_count(int(str(summary["strides"])), "stride")
-    shown = [("distance_m", "distance", strides if sigma is None else f"± {sigma:.2f} m, {strides}")]
-    end = f"± {float(np.hypot(*table.position_sigma[-1, :2])):.2f} m horizontally"
-    shown.append(("closure_m", "start to end", end))
-    alignment = summary.get("alignment")
-    shown += [
-        ("rmse_2d_m", "horizontal error, rms", f"aligned: {alignment}"),
-        ("end_error_m", "error at the end", f"aligned: {alignment}"),
+def _choose_highlights(
+    summary: Mapping[str, Any], table: StanceTable, more: Sequence[tuple[str, str, str]] = (), distance: str = ""
+) -> list[tuple[str, Cell, str]]:
+    """The few figures that stand out: name, cell, and addition; `more` after the closure."""
+    aligned = f"aligned: {summary.get('alignment')}"
+    shown = [
+        ("distance_m", "distance", distance),
+        ("closure_m", "start to end", f"± {float(np.hypot(*table.position_sigma[-1, :2])):.2f} m horizontally"),
+        *more,
+        ("rmse_2d_m", "horizontal error, rms", aligned),
+        ("end_error_m", "error at the end", aligned),
         ("duration_s", "duration", ""),
     ]
-    patterns = {key: pattern for key, _, pattern in FIGURES} | {"duration_s": "{:.1f}"}
+    patterns = {key: pattern for key, _, pattern in FIGURES} | {"duration_s": "{:.1f}", "width_m": "{:.2f}"}
     return [
-        (words, Cell(key, f"{patterns[key].format(value)} {key.rsplit('_', 1)[-1]}", value), more)
-        for key, words, more in shown
+        (words, Cell(key, f"{patterns[key].format(value)} {key.rsplit('_', 1)[-1]}", value), addition)
+        for key, words, addition in shown
         if (value := summary.get(key)) is not None
     ]
 
 
+# --- one foot, one or more methods -----------------------------------------------------------------------------------
+
+
+def compose_page(found: Findings, version: str) -> Page:
+    """Compose the page of one or more methods on one recording."""
+    several, methods, path = len(found.outcomes) > 1, ", ".join(found.outcomes), found.configs[0].get("recording")
+    title, about = "a walk in progress", methods
+    if found.walk is not None:
+        recording = found.walk.recording
+        rate = f"{recording.duration_s:.1f} s at {1.0 / recording.period_s:.0f} Hz"
+        title = PurePath(str(path)).name if path else "a walk"
+        about = f"{methods}; {recording.provenance.format}, {rate}"
+    highlights: list[tuple[str, Cell, str]] = []
+    if not several:
+        summary: Mapping[str, Any] = found.summaries[0]
+        sigma, strides = summary.get("distance_sigma_m"), format_count(int(summary["strides"]), "stride")
+        distance = strides if sigma is None else f"± {sigma:.2f} m, {strides}"
+        highlights = _choose_highlights(
+            summary, next(iter(found.outcomes.values())).solution.stances, distance=distance
+        )
+    verdicts = []
+    for one in found.summaries:
+        reasons = one["reasons"]
+        assert isinstance(reasons, list)
+        verdicts.append(MethodVerdict(str(one["method"]), str(one["verdict"]), reasons))
+    return Page(
+        title=title,
+        about=about,
+        verdicts=verdicts,
+        highlights=highlights,
+        methods=list(found.outcomes),
+        table=_tabulate_figures(found.summaries),
+        sections=_draw_sections(found),
+        remarks=collect_notes(found.summaries),
+        configs=dict(zip(found.outcomes, found.configs, strict=True)),
+        version=version,
+        table_title="Methods side by side" if several else "All figures",
+    )
+
+
 def _draw_sections(found: Findings) -> list[Section]:
     walk, outcomes = found.walk, found.outcomes
-    views = {name: _align(found, outcome) for name, outcome in outcomes.items()}
-    name, outcome = next(iter(outcomes.items()))
-    returns = outcome.solution.returns
-    frame = describe_frame(views[name], outcome, Options() if walk is None else walk.options)
-    return [
-        _draw_path(views, outcomes, frame),
-        _draw_graph(views, frame),
+    views = {name: align_solution(walk, outcome) for name, outcome in outcomes.items()}
+    first, outcome = next(iter(views.values())), next(iter(outcomes.values()))
+    returns, table = outcome.solution.returns, outcome.solution.stances
+    frame = describe_frame(first, outcome, Options() if walk is None else walk.options)
+    path = draw_course(views, outcomes, frame)
+    graph = describe_graph({name: view.solution for name, view in views.items()})
+    with_graph = next((view for view in views.values() if view.solution.graph), first)
+    sections = [
+        Section("path", "Path", [frame.words, describe_ellipses(first)], [path]),
+        Section("graph", "The graph", graph, draw_graph(with_graph, frame)),
         Section("height", "Height", [], [draw_height(views)]),
         Section("sigma", "Uncertainty", [], [draw_sigmas(views, (frame.x, frame.y))]),
         _draw_stances(walk),
         Section("bias", "Gyroscope bias", [], [draw_gyro_bias(views)]),
-        _draw_heading(walk, views, outcome),
-        _draw_strength(walk, outcome),
-        Section("returns", "Places recognized", describe_returns(returns), draw_returns(returns)),
-        _draw_errors(walk, views),
     ]
-
-
-def _align(found: Findings, outcome: Outcome) -> AlignedSolution:
-    usable = outcome.comparison is not None and found.walk is not None
-    truth = found.walk.truth if usable and found.walk is not None else None
-    return AlignedSolution(outcome.solution, truth, outcome.comparison)
-
-
-def _draw_path(views: Mapping[str, AlignedSolution], outcomes: Mapping[str, Outcome], frame: Frame) -> Section:
-    first = next(iter(views.values()))
-    words = [frame.words, describe_ellipses(first)]
-    return Section("path", "Path", words, [draw_course(views, outcomes, frame)])
-
-
-def _draw_graph(views: Mapping[str, AlignedSolution], frame: Frame) -> Section:
-    words = describe_graph({name: view.solution for name, view in views.items()})
-    drawn = next((view for view in views.values() if view.solution.graph), next(iter(views.values())))
-    return Section("graph", "The graph", words, draw_graph(drawn, frame))
+    # the field
+    headings, words = [draw_headings(views)], [_explain_missing_field(walk)]
+    strength = Section("strength", "Field strength along the path", words)
+    if walk is not None and walk.field is not None:
+        headings.append(draw_compass(walk.field, table))
+        turned = np.rad2deg(walk.field.mean_heading_difference)
+        words = [f"The compass shows {turned:+.1f}° more than the gyroscope on the mean."]
+        clear, disturbed, _ = (int(flag.sum()) for flag, _, _ in group_by_verdict(walk.field, table))
+        counts = f"At {clear} of {len(walk.field)} footfalls the field is undisturbed, at {disturbed} disturbed."
+        strength = replace(strength, words=[counts], charts=[draw_strength(walk.field, table)])
+    sections += [Section("heading", "Heading, and compass against gyroscope", words, headings), strength]
+    sections.append(Section("returns", "Places recognized", describe_returns(returns), draw_returns(returns)))
+    # errors
+    compared = {name: view for name, view in views.items() if view.comparison is not None}
+    aligned = [describe_alignment(view) for view in compared.values()]
+    if len(compared) > 1:
+        aligned = [f"{name}: {words}" for name, words in zip(compared, aligned, strict=True)]
+    if not compared:
+        had = walk is not None and walk.truth is not None
+        aligned = ["The truth could not be compared: see the remarks." if had else "No truth is known of this walk."]
+    return [*sections, Section("errors", "Errors", aligned, [draw_errors(compared)] if compared else [])]
 
 
 def _draw_stances(walk: Walk | None) -> Section:
     title = "Stances"
     if walk is None:
         return Section("stances", title, ["The samples of this walk were not kept, as asked by --lag."])
-    if not len(walk.stances):
-        words = ["No stances are used: a thigh never stands still."] if walk.options.mount == "pocket" else ["None."]
-        return Section("stances", title, words, draw_samples(walk.recording, walk.stances))
     found = walk.stances
+    if not len(found):
+        words = ["No stances are used: a thigh never stands still."] if walk.options.mount == "pocket" else ["None."]
+        return Section("stances", title, words, draw_samples(walk.recording, found))
     words = [
         f"{format_count(found.n_footfalls, 'footfall')} in {format_count(len(found), 'stance')} ({found.detector})."
     ]
@@ -222,26 +257,7 @@ def _draw_stances(walk: Walk | None) -> Section:
     return Section("stances", title, words, charts)
 
 
-def _draw_heading(walk: Walk | None, views: Mapping[str, AlignedSolution], outcome: Outcome) -> Section:
-    charts, words = [draw_headings(views)], [_why_no_field(walk)]
-    if walk is not None and walk.field is not None:
-        charts.append(draw_compass(walk.field, outcome.solution.stances))
-        turned = np.rad2deg(walk.field.mean_heading_difference)
-        words = [f"The compass shows {turned:+.1f}° more than the gyroscope on the mean."]
-    return Section("heading", "Heading, and compass against gyroscope", words, charts)
-
-
-def _draw_strength(walk: Walk | None, outcome: Outcome) -> Section:
-    title = "Field strength along the path"
-    if walk is None or walk.field is None:
-        return Section("strength", title, [_why_no_field(walk)])
-    table = outcome.solution.stances
-    clear, disturbed, _ = (int(flag.sum()) for flag, _, _ in judge(walk.field, table))
-    words = f"At {clear} of {len(walk.field)} footfalls the field is undisturbed, at {disturbed} disturbed."
-    return Section("strength", title, [words], [draw_strength(walk.field, table)])
-
-
-def _why_no_field(walk: Walk | None) -> str:
+def _explain_missing_field(walk: Walk | None) -> str:
     if walk is None:
         return "The samples of this walk were not kept, so its field is not shown."
     if walk.recording.mag is None and walk.options.use_magnetometer and not walk.unjudged:
@@ -249,13 +265,107 @@ def _why_no_field(walk: Walk | None) -> str:
     return f"No field is shown: {walk.unjudged.rstrip('.') or 'it was not looked at'}."
 
 
-def _draw_errors(walk: Walk | None, views: Mapping[str, AlignedSolution]) -> Section:
+# --- two feet --------------------------------------------------------------------------------------------------------
+
+
+def compose_feet_page(
+    result: FeetResult, summary: Mapping[str, Any], configs: Mapping[str, Mapping[str, object]], version: str
+) -> Page:
+    """Compose the page of a walk with a sensor on each foot."""
+    columns: dict[str, Mapping[str, Any]] = {"person": summary} | {side: summary[side] for side in result.feet}
+    notes = [{"method": name, "notes": one["notes"], "graph": one.get("graph")} for name, one in columns.items()]
+    names, about = [], []
+    for side, foot in result.feet.items():
+        recording = foot.walk.recording
+        path = recording.provenance.path
+        names.append(f"the {side} foot" if path is None else PurePath(path).name)
+        about.append(f"{side} foot {recording.duration_s:.1f} s at {1.0 / recording.period_s:.0f} Hz")
+    sigma, width = summary["width_sigma_m"], ""
+    if sigma is not None:
+        width = f"± {sigma:.2f} m, {format_count(summary['cells'], 'cell')} of steps"
+    more, strides = [("width_m", "feet apart, across", width)], format_count(summary["strides"], "stride")
+    return Page(
+        title=" and ".join(names),
+        about=f"{result.method}; {', '.join(about)}",
+        verdicts=[MethodVerdict(result.method, str(summary["verdict"]), summary["reasons"])],
+        highlights=_choose_highlights(summary, result.stances, more, strides),
+        methods=list(columns),
+        table=_tabulate_figures(list(columns.values())),
+        sections=_draw_feet_sections(result),
+        remarks=collect_notes(notes),
+        configs=configs,
+        version=version,
+        table_title="The person and each foot",
+    )
+
+
+def _draw_feet_sections(result: FeetResult) -> list[Section]:
+    # each foot is aligned as the person is: the feet stay as they are to each other
+    comparison, pairing = result.outcome.comparison, result.pairing
+    person = AlignedSolution(result, result.truth, comparison)
+    feet = {
+        side: AlignedSolution(foot, None if comparison is None else foot.walk.truth, comparison)
+        for side, foot in result.feet.items()
+    }
+    # the frame is the left foot's
+    side, foot = next(iter(result.feet.items()))
+    frame = describe_frame(person, foot.outcome, Options(heading_deg=pairing.heading_deg))
+    frame = replace(frame, words=f"{frame.words} The origin is where the {side} foot first stood.")
+    known = {"named": "as it was named", "shown": "as the steps show", "assumed": "which is assumed"}[pairing.sides]
+    origin = f"The first recording is of the {pairing.order[0]} foot, {known}."
+    if pairing.width_m is not None:
+        clock = f"{pairing.clock_offset_s:+.3f} s, {'as given' if pairing.clock_given else 'by the signals'}"
+        origin = f"{origin} To the stamps of the second one was added {clock}."
+    path = Section("path", "Path", [origin, frame.words, describe_ellipses(person)], [draw_feet(person, feet, frame)])
+    caption = "Of the direction of walking, clockwise from north. The band below is the 95 % that the method claims."
+    heading = replace(draw_headings({"person": person}), caption=caption)
+    # errors, each path by its own alignment
+    views = {side: align_solution(foot.walk, foot.outcome) for side, foot in result.feet.items()} | {"person": person}
     compared = {name: view for name, view in views.items() if view.comparison is not None}
-    if not compared:
-        had = walk is not None and walk.truth is not None
-        words = "The truth could not be compared: see the remarks." if had else "No truth is known of this walk."
-        return Section("errors", "Errors", [words])
-    aligned = [describe_alignment(view) for view in compared.values()]
-    if len(compared) > 1:
-        aligned = [f"{name}: {words}" for name, words in zip(compared, aligned, strict=True)]
-    return Section("errors", "Errors", aligned, [draw_errors(compared)])
+    aligned = [f"{name}: {describe_alignment(view)}" for name, view in compared.items()]
+    return [
+        path,
+        _draw_distance(result),
+        Section("height", "Height", [], [draw_height(feet)]),
+        Section("sigma", "Uncertainty", [], [draw_sigmas({**feet, "person": person}, (frame.x, frame.y))]),
+        Section("bias", "Gyroscope bias", [], [draw_gyro_bias(feet)]),
+        Section("heading", "Heading", [], [heading]),
+        Section("errors", "Errors", aligned, [draw_errors(compared)])
+        if compared
+        else Section("errors", "Errors", ["No truth is known of this walk."]),
+    ]
+
+
+def _draw_distance(result: FeetResult) -> Section:
+    """Draw the distance of the sensors, and the reach of two standing feet."""
+    title = "Distance between the feet"
+    left, right = result.left, result.right
+    if left is None or right is None:
+        return Section("distance", title, ["One foot is missing: see the remarks."])
+    if result.width_m is None:
+        return Section(
+            "distance", title, ["Nothing ties the feet, and each is in a frame of its own: see the remarks."]
+        )
+    from fg_nav.smoother.feet_factors import REACH_M
+
+    t, pairing = result.t, result.pairing
+    both, positions = np.ones(len(t), dtype=np.bool_), []
+    for foot in (left, right):
+        positions.append(interpolate_columns(t, foot.t, foot.position))
+        both &= foot.walk.stances.mask[np.clip(np.searchsorted(foot.t, t), 0, len(foot.t) - 1)]
+    apart = np.linalg.norm(positions[0] - positions[1], axis=1)
+    apart[find_unrecorded(t, left.t) | find_unrecorded(t, right.t)] = np.nan
+    words = [
+        f"{format_count(pairing.cells, 'cell')} of steps tie the feet, {pairing.width_m:.2f} ± "
+        f"{pairing.width_sigma_m:.2f} m apart across the way. "
+        f"{format_count(pairing.beyond_reach, 'pair')} of footfalls had to be held within reach."
+    ]
+    row = np.arange(0, len(t), max(1, len(t) // MAX_POINTS))
+    standing = to_numbers(np.where(both, apart, np.nan)[row], 3)
+    traces = [
+        signal(t, apart, GRAY, "between the sensors", width=0.8),
+        line(to_seconds(t[row]), standing, TEAL, "while both stand", width=2.5),
+        level(t, REACH_M, VERMILION, "reach of two standing feet"),
+    ]
+    caption = "In a swing the feet may be further apart than they ever stand."
+    return Section("distance", title, words, [stack("distance", [Panel("distance (m)", traces)], caption)])

@@ -1,4 +1,7 @@
-"""The path from above: methods, truth, ellipses, footfalls with all that is known of them, and the disturbed field."""
+"""Maps: methods, truth, ellipses, footfalls with their figures, the disturbed field, and places recognized.
+
+Returns are stretches of the path that were recognized as an earlier one by their field, which is drawn for both passes.
+"""
 
 from __future__ import annotations
 
@@ -11,9 +14,15 @@ import numpy as np
 from fg_nav.arrays import Bools, Floats
 from fg_nav.frames import compute_heading
 from fg_nav.magnetic.quasi_static import DISTURBED, QUASI_STATIC
-from fg_nav.report.aligned import AlignedSolution, has_sure_start
-from fg_nav.report.decimation import spread_rows
-from fg_nav.report.ellipses import REACH, Ellipses, find_ellipses, find_extent
+from fg_nav.report.drawn import (
+    REACH,
+    AlignedSolution,
+    Ellipses,
+    find_ellipses,
+    find_extent,
+    has_sure_start,
+    spread_rows,
+)
 from fg_nav.report.page.figures import (
     BLUE,
     CYCLE,
@@ -21,26 +30,38 @@ from fg_nav.report.page.figures import (
     GREEN,
     MAX_DOTS,
     MAX_POINTS,
+    PURPLE,
+    TEAL,
     VERMILION,
     Chart,
+    Panel,
     Trace,
     axis,
     dots,
     fade,
     line,
+    stack,
     to_meters,
+    to_numbers,
 )
-from fg_nav.report.page.returns import mark_map
 from fg_nav.samples.gaps import find_holes
-from fg_nav.solution import StanceTable
+from fg_nav.solution import Return
+from fg_nav.text import format_count
 from fg_nav.truth import FootprintTruth, TrajectoryTruth, Truth
 from fg_nav.walk import Options, Outcome
 
 MAX_ELLIPSES = 250
-MAX_WITH_ELLIPSES = 2  # Methods whose ellipses lie over one another and can still be told apart.
+MAX_WITH_ELLIPSES = 2  # Methods whose ellipses lie over one another and are still distinguishable.
 _OUTLINE = 25  # Corners of an ellipse.
-_MIN_POINTS = 4  # Of a stride, for a line to be drawn by samples; with fewer it is drawn through the footfalls.
-LATER = "legendonly"  # Of what is not drawn before the reader asks for it in the legend.
+_MIN_POINTS = 4  # Of a stride, for a line drawn by samples; with fewer it is drawn through the footfalls.
+LATER = "legendonly"  # Visibility of a trace that is drawn on a touch on the legend.
+_HOW_TO = "Drag to zoom, double-click for all of it; a touch on the legend hides and shows."
+
+MAX_SHOWN = 3  # Returns whose field is drawn: the longest ones explain the others.
+MAX_TIES = 60  # Lines on the map from a footfall to the earlier one at its place.
+MAX_DRAWN_M = 120.0  # Of each return, from its begin: waves of some metres are to be visible.
+NEVER = 1e-6  # Expected number below which the exact one is meaningless.
+COMPONENTS = ("ahead (µT)", "to the left (µT)", "up (µT)")
 
 _HOVER = (
     "footfall %{customdata[0]}, t %{customdata[1]:.2f} s<br>"
@@ -50,9 +71,12 @@ _HOVER = (
 )
 
 
+# --- frame and alignment in words ------------------------------------------------------------------------------------
+
+
 @dataclass(frozen=True)
 class Frame:
-    """Where the axes of a picture point: their names, the letters at the north arrow, and a sentence."""
+    """Directions of a picture's axes: their names, the letters at the north arrow, and a sentence."""
 
     x: str
     y: str
@@ -61,7 +85,7 @@ class Frame:
 
 
 def describe_frame(view: AlignedSolution, outcome: Outcome, options: Options) -> Frame:
-    """Say in which frame a solution is drawn, and what its ellipses are relative to."""
+    """Frame of a drawn solution."""
     if isinstance(view.truth, FootprintTruth):
         return Frame("x", "y", "y", "The axes are those of the survey; its azimuth is not known.")
     if view.truth is not None:
@@ -76,21 +100,20 @@ def describe_frame(view: AlignedSolution, outcome: Outcome, options: Options) ->
 
 
 def describe_ellipses(view: AlignedSolution) -> str:
-    """Say what the ellipses hold, and what they are relative to."""
-    table = view.solution.stances
+    """Content of the ellipses, and their reference, in words."""
     own = "Ellipses hold 95 % by the method's own covariance, relative to the first footfall"
     if view.is_turned:
         return (
             f"{own} and to a path that is turned onto the truth: the uncertainty of north is not in them. Laid on "
             "the truth as a whole, the path may lie closer to it than they are large, and apart from it at the start."
         )
-    if has_sure_start(table):
+    if has_sure_start(view.solution.stances):
         return f"{own} and to the heading there, which counts as known."
     return f"{own}; the uncertainty of north is in them."
 
 
 def describe_alignment(view: AlignedSolution) -> str:
-    """Say how a path was laid on its truth, in figures."""
+    """Alignment of a path with its truth, in words and figures."""
     if view.comparison is None:
         return ""
     found = view.comparison.alignment
@@ -107,25 +130,60 @@ def describe_alignment(view: AlignedSolution) -> str:
     return f"The path was {words}{turned}. {len(view.comparison.t)} points are compared."
 
 
+# --- maps ------------------------------------------------------------------------------------------------------------
+
+
 def draw_course(views: Mapping[str, AlignedSolution], outcomes: Mapping[str, Outcome], frame: Frame) -> Chart:
     """Draw the paths of one or more methods."""
     first, alone = next(iter(views.values())), len(views) == 1
-    data = _draw_truth(first.truth) + (mark_map(first) if alone else [])
+    data = _draw_truth(first.truth) + (_mark_returns(first) if alone else [])
     for k, (name, view) in enumerate(views.items()):
-        data += _draw_method(view, outcomes[name], name, CYCLE[k % len(CYCLE)], frame, alone)
-        data += _draw_ellipses(find_ellipses(view, MAX_ELLIPSES), CYCLE[k % len(CYCLE)], k, len(views))
+        color, outcome = CYCLE[k % len(CYCLE)], outcomes[name]
+        data.append(draw_path(view, color, name, width=1.5, legendgroup=name))
+        if outcome.polished is not None:
+            batch = AlignedSolution(outcome.polished.solution, view.truth, view.comparison)
+            data.append(draw_path(batch, GREEN, f"{name}, batch afterwards", width=1.2))
+        moment = outcome.solution.moment
+        if moment is not None:
+            at_moment = view.align_position(moment.position)[spread_rows(len(moment), MAX_POINTS)]
+            more: dict[str, Any] = {"style": {"dash": "dot"}, "hoverinfo": "skip", "visible": LATER}
+            data.append(_path(at_moment, color, f"{name}, as known at the moment", **more))
+        data += _draw_footfalls(view, name, color, frame, alone)
+        data += _draw_ellipses(find_ellipses(view, MAX_ELLIPSES), color, k, len(views))
     data += _draw_ends(first.stance_position())
     return compose_map(data, list(views.values()), frame)
 
 
-_HOW_TO = "Drag to zoom, double-click for all of it; a touch on the legend hides and shows."
+def draw_feet(person: AlignedSolution, feet: Mapping[str, AlignedSolution], frame: Frame) -> Chart:
+    """Draw the paths of both feet, and between them that of the person with its ellipses."""
+    data = _draw_truth(person.truth)
+    for color, (side, view) in zip(CYCLE, feet.items(), strict=False):
+        name = f"{side} foot"
+        data.append(draw_path(view, fade(color, 0.7), name, width=1, legendgroup=name))
+        data += _draw_footfalls(view, name, color, frame, alone=False)
+    data.append(draw_path(person, GREEN, "person", width=1.4))
+    data += _draw_ellipses(find_ellipses(person, MAX_ELLIPSES), GREEN, 0, 1) + _draw_ends(person.stance_position())
+    return compose_map(data, [person, *feet.values()], frame)
 
 
 def compose_map(
     data: list[Trace], views: Sequence[AlignedSolution], frame: Frame, name: str = "path", caption: str = _HOW_TO
 ) -> Chart:
-    """Put what is drawn onto axes that show all of these paths."""
-    ranges, shape = _frame_map(views)
+    """Put traces onto axes that show all of these paths."""
+    points = [_choose_path(view) for view in views]
+    truth = views[0].truth
+    if truth is not None:
+        points.append(truth.position[:, :2] if isinstance(truth, TrajectoryTruth) else truth.xy)
+    found = find_ellipses(views[0], MAX_ELLIPSES)
+    if found is not None:
+        reach = np.minimum(found.semi[:, 1:], REACH * find_extent(views[0].stance_position()))
+        points += [found.centre - reach, found.centre + reach]
+    every = np.vstack(points)
+    low, high = np.nanmin(every, axis=0), np.nanmax(every, axis=0)
+    margin = 0.06 * float(max(np.max(high - low), 0.5))
+    low, high = low - margin, high + margin
+    ranges = [[round(float(low[k]), 2), round(float(high[k]), 2)] for k in (0, 1)]
+    shape = float((high[1] - low[1]) / (high[0] - low[0]))
     layout: dict[str, Any] = {
         "xaxis": axis(f"{frame.x} (m)", range=ranges[0], constrain="range"),
         "yaxis": axis(f"{frame.y} (m)", range=ranges[1], scaleanchor="x", scaleratio=1),
@@ -135,47 +193,17 @@ def compose_map(
     return Chart(name, data, layout, caption, height, scaled=True, north=frame.north)
 
 
-def draw_feet(person: AlignedSolution, feet: Mapping[str, AlignedSolution], frame: Frame) -> Chart:
-    """Draw the paths of both feet, and between them that of the person with its ellipses."""
-    data = _draw_truth(person.truth)
-    for color, (side, view) in zip(CYCLE, feet.items(), strict=False):
-        name = f"{side} foot"
-        data.append(_path(_choose_path(view), fade(color, 0.7), name, width=1, hoverinfo="skip", legendgroup=name))
-        data += _draw_footfalls(view, name, color, frame, alone=False)
-    data.append(_path(_choose_path(person), GREEN, "person", width=1.4, hoverinfo="skip"))
-    data += _draw_ellipses(find_ellipses(person, MAX_ELLIPSES), GREEN, 0, 1) + _draw_ends(person.stance_position())
-    return compose_map(data, [person, *feet.values()], frame)
+def draw_path(view: AlignedSolution, color: str, name: str, **more: Any) -> Trace:
+    """Draw the path of a solution."""
+    return _path(_choose_path(view), color, name, hoverinfo="skip", **more)
 
 
-def _draw_truth(truth: Truth | None) -> list[Trace]:
-    if isinstance(truth, TrajectoryTruth):
-        path = truth.position[spread_rows(len(truth.position), MAX_POINTS)]
-        return [_path(path, GRAY, "truth", width=5, opacity=0.6, hoverinfo="skip")]
-    if truth is not None:
-        hover = "surveyed footprint of stride %{customdata}<extra></extra>"
-        kind: dict[str, Any] = {
-            "style": {"symbol": "square-open", "line": {"width": 2}},
-            "size": 9,
-            "hovertemplate": hover,
-        }
-        mark = dots(*_axes(truth.xy), GRAY, "surveyed footprints", customdata=truth.stride.tolist(), **kind)
-        return [mark]
-    return []
+def _path(xy: Floats, color: str, name: str, **more: Any) -> Trace:
+    return line(*_axes(xy), color, name, **more)
 
 
-def _draw_method(
-    view: AlignedSolution, outcome: Outcome, name: str, color: str, frame: Frame, alone: bool
-) -> list[Trace]:
-    solution = outcome.solution
-    data = [_path(_choose_path(view), color, name, width=1.5, hoverinfo="skip", legendgroup=name)]
-    if outcome.polished is not None:
-        batch = AlignedSolution(outcome.polished.solution, view.truth, view.comparison)
-        data.append(_path(_choose_path(batch), GREEN, f"{name}, batch afterwards", width=1.2, hoverinfo="skip"))
-    if solution.moment is not None:
-        at_moment = view.align_position(solution.moment.position)[spread_rows(len(solution.moment), MAX_POINTS)]
-        words_then = f"{name}, as known at the moment"
-        data.append(_path(at_moment, color, words_then, style={"dash": "dot"}, hoverinfo="skip", visible=LATER))
-    return data + _draw_footfalls(view, name, color, frame, alone)
+def _axes(xy: Floats) -> tuple[list[float | None], list[float | None]]:
+    return to_meters(xy[:, 0]), to_meters(xy[:, 1])
 
 
 def _choose_path(view: AlignedSolution) -> Floats:
@@ -189,21 +217,22 @@ def _choose_path(view: AlignedSolution) -> Floats:
     return np.insert(view.align_position(dense[row])[:, :2], behind, np.nan, axis=0)
 
 
-def draw_path(view: AlignedSolution, color: str, name: str) -> Trace:
-    """Draw the path of a solution alone."""
-    return _path(_choose_path(view), color, name, width=1.5, hoverinfo="skip")
-
-
-def _path(xy: Floats, color: str, name: str, **more: Any) -> Trace:
-    return line(*_axes(xy), color, name, **more)
-
-
-def _axes(xy: Floats) -> tuple[list[float | None], list[float | None]]:
-    return to_meters(xy[:, 0]), to_meters(xy[:, 1])
+def _draw_truth(truth: Truth | None) -> list[Trace]:
+    if isinstance(truth, TrajectoryTruth):
+        path = truth.position[spread_rows(len(truth.position), MAX_POINTS)]
+        return [_path(path, GRAY, "truth", width=5, opacity=0.6, hoverinfo="skip")]
+    if truth is None:
+        return []
+    kind: dict[str, Any] = {
+        "style": {"symbol": "square-open", "line": {"width": 2}},
+        "size": 9,
+        "hovertemplate": "surveyed footprint of stride %{customdata}<extra></extra>",
+    }
+    return [dots(*_axes(truth.xy), GRAY, "surveyed footprints", customdata=truth.stride.tolist(), **kind)]
 
 
 def _draw_ellipses(found: Ellipses | None, color: str, k: int, n_methods: int) -> list[Trace]:
-    """The ellipses of method `k` as large as they are; of one alone, where that is small, on demand enlarged.
+    """The ellipses of method `k` to scale; of a single method, where they are small, also enlarged on demand.
 
     One entry of the legend is for the ellipses of all methods; of many methods they are drawn on demand.
     """
@@ -223,9 +252,22 @@ def _draw_ellipses(found: Ellipses | None, color: str, k: int, n_methods: int) -
 
 
 def _draw_footfalls(view: AlignedSolution, name: str, color: str, frame: Frame, alone: bool) -> list[Trace]:
-    """Footfalls that answer the pointer; of one method alone colored by the verdict on the field."""
+    """Footfalls with labels for the pointer; of a single method coloured by the verdict on the field."""
     table = view.solution.stances
     row = spread_rows(len(table), MAX_DOTS)
+    # labels, in the order of `_HOVER`
+    sigma = np.sqrt(np.diagonal(view.position_cov(), axis1=1, axis2=2))
+    heading_deg = np.rad2deg(compute_heading(view.align_attitude(table.nav_R_body))) % 360.0
+    columns = [
+        table.t, sigma[:, 0], sigma[:, 1], view.stance_position()[:, 2], sigma[:, 2], heading_deg,
+        np.rad2deg(table.heading_sigma),
+    ]  # fmt: skip
+    figures = [to_meters(column) for column in columns]
+    verdicts = zip(table.field, table.field_reason, strict=True)
+    field = [f"{word}: {reason}" if reason else word for word, reason in verdicts]
+    labels = [[k, *values] for k, values in enumerate(zip(*figures, field, strict=True))]
+    hover = _HOVER.replace("{x}", frame.x).replace("{y}", frame.y).replace("{name}", "" if alone else name)
+    # groups
     verdict = np.array(table.field, dtype=object)[row]
     groups: list[tuple[Bools, str, str]] = [(np.ones(len(row), dtype=bool), color, name)]
     entry: dict[str, Any] = {} if alone else {"legendgroup": name, "showlegend": False}
@@ -237,34 +279,17 @@ def _draw_footfalls(view: AlignedSolution, name: str, color: str, frame: Frame, 
             (clear, GREEN, f"{what}, field undisturbed"),
             (disturbed, VERMILION, f"{what}, field disturbed"),
         ]
-    position, about = view.stance_position()[row], _describe_footfalls(view, table)
-    hover = _HOVER.replace("{x}", frame.x).replace("{y}", frame.y).replace("{name}", "" if alone else name)
-    return [
-        dots(
-            *_axes(position[use]), mark, label, size=5 if len(row) < 500 else 4, hovertemplate=hover,
-            customdata=[about[k] for k in row[use]], **entry,
-        )
-        for use, mark, label in groups
-        if use.any()
-    ]  # fmt: skip
-
-
-def _describe_footfalls(view: AlignedSolution, table: StanceTable) -> Sequence[list[object]]:
-    """What the pointer shows of each footfall, in the order of `_HOVER`."""
-    sigma = np.sqrt(np.diagonal(view.position_cov(), axis1=1, axis2=2))
-    heading_deg = np.rad2deg(compute_heading(view.align_attitude(table.nav_R_body))) % 360.0
-    columns = [
-        table.t, sigma[:, 0], sigma[:, 1], view.stance_position()[:, 2], sigma[:, 2], heading_deg,
-        np.rad2deg(table.heading_sigma),
-    ]  # fmt: skip
-    figures = [to_meters(column) for column in columns]
-    said = zip(table.field, table.field_reason, strict=True)
-    field = [f"{word}: {reason}" if reason else word for word, reason in said]
-    return [[k, *values] for k, values in enumerate(zip(*figures, field, strict=True))]
+    position, size = view.stance_position()[row], 5 if len(row) < 500 else 4
+    traces = []
+    for use, mark, label in groups:
+        if use.any():
+            more: dict[str, Any] = {"hovertemplate": hover, "customdata": [labels[k] for k in row[use]], **entry}
+            traces.append(dots(*_axes(position[use]), mark, label, size=size, **more))
+    return traces
 
 
 def _draw_ends(stance: Floats) -> list[Trace]:
-    """Mark where the walk begins and ends."""
+    """Mark the begin and the end of the walk."""
     apart = bool(np.linalg.norm(stance[-1, :2] - stance[0, :2]) > 0.05 * find_extent(stance))
     ends = stance[[0, -1], :2] if apart else stance[:1, :2]
     mark = {"symbol": ["circle-open", "square-open"][: len(ends)], "line": {"width": 2}}
@@ -274,19 +299,64 @@ def _draw_ends(stance: Floats) -> list[Trace]:
     return [dots(*_axes(ends), GRAY, "start and end", size=10, style=mark, showlegend=False, **more)]
 
 
-def _frame_map(views: Sequence[AlignedSolution]) -> tuple[list[list[float]], float]:
-    """Ranges of both axes that show all paths, and the height of the map over its width."""
-    points = [_choose_path(view) for view in views]
-    truth = views[0].truth
-    if truth is not None:
-        points.append(truth.position[:, :2] if isinstance(truth, TrajectoryTruth) else truth.xy)
-    found = find_ellipses(views[0], MAX_ELLIPSES)
-    if found is not None:
-        reach = np.minimum(found.semi[:, 1:], REACH * find_extent(views[0].stance_position()))
-        points += [found.centre - reach, found.centre + reach]
-    every = np.vstack(points)
-    low, high = np.nanmin(every, axis=0), np.nanmax(every, axis=0)
-    margin = 0.06 * float(max(np.max(high - low), 0.5))
-    low, high = low - margin, high + margin
-    ranges = [[round(float(low[k]), 2), round(float(high[k]), 2)] for k in (0, 1)]
-    return ranges, float((high[1] - low[1]) / (high[0] - low[0]))
+# --- returns ---------------------------------------------------------------------------------------------------------
+
+
+def _mark_returns(view: AlignedSolution) -> list[Trace]:
+    """Draw on the map the footfalls at an earlier place of the walk, and lines to the earlier ones."""
+    table = view.solution.stances
+    if table.same_place is None:
+        return []
+    later = np.flatnonzero(table.same_place >= 0)
+    if not len(later):
+        return []
+    position = view.stance_position()[:, :2]
+    # stretches, with NaN between them
+    breaks = np.flatnonzero(np.diff(later) > 1) + 1
+    path = np.vstack([np.vstack([position[run], [[np.nan, np.nan]]]) for run in np.split(later, breaks)])
+    # lines to the earlier footfalls
+    chosen = later[spread_rows(len(later), MAX_TIES)]
+    pairs = np.stack([position[chosen], position[table.same_place[chosen]], np.full((len(chosen), 2), np.nan)], axis=1)
+    words = "recognized as walked before"
+    wide = {"width": 9, "hoverinfo": "skip", "legendgroup": words}
+    thin = {"width": 1.2, "showlegend": False, "hoverinfo": "skip", "legendgroup": words}
+    return [_path(path, fade(PURPLE, 0.3), words, **wide), _path(pairs.reshape(-1, 2), TEAL, words, **thin)]
+
+
+def describe_returns(returns: Sequence[Return]) -> list[str]:
+    """Returns in words, the longest first."""
+    if not returns:
+        return ["No place was recognized as one where the walk was before."]
+    shown = sorted(returns, key=lambda one: -one.length_m)
+    words = [_describe_return(one) for one in shown[:MAX_SHOWN]]
+    more = len(shown) - len(words)
+    if more:
+        words.append(f"{format_count(more, 'more return')} of {shown[MAX_SHOWN].length_m:.0f} m or less.")
+    return words
+
+
+def _describe_return(one: Return) -> str:
+    way = "in the opposite direction" if one.opposite else "in the same direction"
+    chance = f"{one.expected_false:.1g}" if one.expected_false > NEVER else f"fewer than {NEVER:g}"
+    return (
+        f"{one.length_m:.0f} m from {one.t[0]:.0f} to {one.t[-1]:.0f} s are those of {one.earlier_t.min():.0f} to "
+        f"{one.earlier_t.max():.0f} s, walked {way}: by {one.score:.0f} nats, where chance makes {chance} such "
+        "recognitions in the walk."
+    )
+
+
+def draw_returns(returns: Sequence[Return]) -> list[Chart]:
+    """Draw the field of both passes of the longest returns along the path, as the later one was walked."""
+    charts = []
+    for k, one in enumerate(sorted(returns, key=lambda one: -one.length_m)[:MAX_SHOWN], start=1):
+        walked = np.linspace(0.0, one.length_m, len(one.t))
+        row = np.flatnonzero(walked <= MAX_DRAWN_M)
+        along = to_meters(walked[row])
+        passes = (("then", GRAY, one.earlier_field_uT), ("now", PURPLE, one.field_uT))
+        panels = [
+            Panel(label, [line(along, to_numbers(field[row, axis]), color, word) for word, color, field in passes])
+            for axis, label in enumerate(COMPONENTS)
+        ]
+        caption, label = _describe_return(one), "length of the path since the return began (m)"
+        charts.append(stack(f"return-{k}", panels, caption, label))
+    return charts

@@ -1,7 +1,7 @@
-"""Figures as plotly.js takes them, written as plain dictionaries: lines, bands and dots in panels over one another.
+"""Figures for plotly.js as plain dictionaries: lines, bands and dots in panels over one another.
 
-Numbers are rounded to what can be seen, and what is not finite becomes null, which breaks a line. Colors are legible on
-white and on dark gray; text and grid are colored by the page.
+Numbers are rounded to visible digits; non-finite ones become null, which breaks a line. Colours are legible on white
+and on dark grey; text and grid are coloured by the page.
 """
 
 from __future__ import annotations
@@ -13,28 +13,28 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.report.decimation import envelope, spread_rows
+from fg_nav.report.drawn import envelope, spread_rows
 
 Trace: TypeAlias = dict[str, Any]
 """One line, band or set of dots."""
 
 BLUE, VERMILION, GREEN, PURPLE, OCHRE, TEAL = "#2a7fc9", "#d9601a", "#12946c", "#b8609c", "#b07d12", "#3a93b0"
 CYCLE = (BLUE, VERMILION, GREEN, PURPLE, OCHRE, TEAL)
-"""Colors of methods or axes, in order: those of Okabe and Ito, of a lightness that shows on white and on dark."""
+"""Colours of methods or axes, in order: those of Okabe and Ito, of a lightness that shows on white and on dark."""
 
-GRAY = "#8a9096"
-"""Of a truth, and of what was not judged."""
-
-MAX_POINTS = 6000  # Of a line: a desk shows some 1200 pixels, and a line is looked at closer by a factor of a few.
-MAX_DOTS = 3000  # Dots that answer the pointer: more of them make a page slow.
+GRAY = "#8a9096"  # Of a truth, and of footfalls without a verdict.
 SHADE = "rgba(42, 127, 201, 0.16)"  # Background of a stance.
-_METERS, _SECONDS = 4, 3  # Decimals: tenths of millimeters, milliseconds.
+
+MAX_POINTS = 6000  # Of a line: a desk shows some 1200 pixels, and a reader zooms in by a factor of a few.
+MAX_DOTS = 3000  # Dots with a label for the pointer: more of them make a page slow.
+BAND = 1.96  # Half width of a 95 % band, in standard deviations.
+_METERS, _SECONDS = 4, 3  # Decimals: tenths of millimetres, milliseconds.
 _DIGITS = 6  # Significant digits of all else.
 
 
 @dataclass(frozen=True)
 class Panel:
-    """One pair of axes of a figure: the label of its y axis, what is drawn, and what its y axis is given."""
+    """One pair of axes of a figure: label of its y axis, traces, further attributes of the y axis, share of height."""
 
     label: str
     traces: Sequence[Trace]
@@ -44,7 +44,7 @@ class Panel:
 
 @dataclass(frozen=True)
 class Chart:
-    """A figure on the page: its name there, data and layout for plotly, what it shows, and its shape.
+    """A figure on the page: its name there, data and layout for plotly, caption, and shape.
 
     `height` is in CSS; `scaled` where a scale bar and a north arrow go with it, `north` the letters at that arrow.
     """
@@ -70,7 +70,7 @@ def to_numbers(values: Floats, decimals: int | None = None) -> list[float | None
 
 
 def to_meters(values: Floats) -> list[float | None]:
-    """Round to tenths of millimeters."""
+    """Round to tenths of millimetres."""
     return to_numbers(values, _METERS)
 
 
@@ -99,7 +99,7 @@ def dots(x: list[float | None], y: list[float | None], color: str, name: str, **
 
 
 def band(t: Floats, middle: Floats, half: Floats, color: str, name: str, **more: Any) -> Trace:
-    """Return the area within `half` (N,) of `middle` (N,), thinned to what is seen."""
+    """Return the area within `half` (N,) of `middle` (N,), thinned."""
     known = np.flatnonzero(np.isfinite(middle) & np.isfinite(half))
     row = known[spread_rows(len(known), MAX_POINTS // 2)] if len(known) else known
     t, low, high = t[row], (middle - half)[row], (middle + half)[row]
@@ -115,7 +115,7 @@ def level(t: Floats, value: float, color: str, name: str, **more: Any) -> Trace:
 
 
 def fade(color: str, opacity: float) -> str:
-    """Return a color "#rrggbb" that lets through what is behind it."""
+    """Return a colour "#rrggbb" with an opacity."""
     red, green, blue = (int(color[k : k + 2], 16) for k in (1, 3, 5))
     return f"rgba({red}, {green}, {blue}, {opacity:g})"
 
@@ -127,39 +127,31 @@ def thin(t: Floats, at_most: int = MAX_POINTS) -> Ints:
 
 def stack(name: str, panels: Sequence[Panel], caption: str, x_label: str = "time (s)") -> Chart:
     """Put panels over one another, on one axis of x; each trace is named in the legend once."""
-    layout: dict[str, Any] = {"xaxis": axis(x_label, anchor=_axis_name("y", len(panels) - 1))}
+    ends = ["" if k == 0 else str(k + 1) for k in range(len(panels))]  # of the names of axes
+    layout: dict[str, Any] = {"xaxis": axis(x_label, anchor=f"y{ends[-1]}")}
     gap = 0.09 if len(panels) > 1 else 0.0
     whole, top = sum(panel.share for panel in panels), 1.0
     room = (1.0 - gap * (len(panels) - 1)) / whole
     data: list[Trace] = []
     for k, panel in enumerate(panels):
         bottom = max(top - room * panel.share, 0.0)
-        layout[_axis_name("yaxis", k)] = axis(panel.label, domain=[bottom, top], **panel.axis)
-        data += [trace | {"xaxis": "x", "yaxis": _axis_name("y", k)} for trace in panel.traces]
+        layout[f"yaxis{ends[k]}"] = axis(panel.label, domain=[bottom, top], **panel.axis)
+        data += [trace | {"xaxis": "x", "yaxis": f"y{ends[k]}"} for trace in panel.traces]
         top = bottom - gap
-    return Chart(name, _name_once(data), layout, caption, f"{90 + 170 * round(max(whole, 1.4), 1):.0f}px")
-
-
-def axis(label: str, **more: Any) -> dict[str, Any]:
-    """Return an axis with a label."""
-    return {"title": {"text": label, "standoff": 6}, "zeroline": False, "automargin": True, **more}
-
-
-def _axis_name(kind: str, k: int) -> str:
-    return kind if k == 0 else f"{kind}{k + 1}"
-
-
-def _name_once(data: list[Trace]) -> list[Trace]:
-    """Show one entry of the legend for all traces of a name, which hides and shows all of them.
-
-    It looks like the last line or dots of that name in the uppermost panel, not like a band.
-    """
+    # One entry of the legend hides and shows all traces of a name. It looks like the last line or dots of that name in
+    # the uppermost panel, not like a band.
     entry: dict[str, int] = {}
     for k, trace in enumerate(data):
         kept = entry.setdefault(trace["name"], k)
         if "fill" not in trace and trace["yaxis"] == data[kept]["yaxis"]:
             entry[trace["name"]] = k
-    return [
+    named = [
         {"legendgroup": trace["name"], **trace, **({} if entry[trace["name"]] == k else {"showlegend": False})}
         for k, trace in enumerate(data)
     ]
+    return Chart(name, named, layout, caption, f"{90 + 170 * round(max(whole, 1.4), 1):.0f}px")
+
+
+def axis(label: str, **more: Any) -> dict[str, Any]:
+    """Return an axis with a label."""
+    return {"title": {"text": label, "standoff": 6}, "zeroline": False, "automargin": True, **more}

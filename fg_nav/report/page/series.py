@@ -1,26 +1,48 @@
-"""What changes along a walk, over time: height, sigmas, gyroscope bias, heading and its error, position error."""
+"""Charts over time, or along the path.
+
+height, sigmas, gyroscope bias, heading and its error, position error; the compass against the gyroscope and the
+strength of the field at the footfalls; the stances over specific force, rate and the detector's statistic.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 import numpy as np
 
-from fg_nav.arrays import Floats
-from fg_nav.report.aligned import AlignedSolution
-from fg_nav.report.decimation import spread_rows
-from fg_nav.report.headings import Headings, break_line, trace_headings
+from fg_nav.arrays import Bools, Floats
+from fg_nav.frames import wrap_angle
+from fg_nav.magnetic.footfall_field import FootfallField
+from fg_nav.magnetic.quasi_static import DISTURBED, QUASI_STATIC
+from fg_nav.recording import Recording
+from fg_nav.report.drawn import (
+    AlignedSolution,
+    break_line,
+    choose_excerpt,
+    find_log_limits,
+    spread_rows,
+    trace_headings,
+)
 from fg_nav.report.page.figures import (
+    BAND,
+    BLUE,
     CYCLE,
     GRAY,
+    GREEN,
+    MAX_DOTS,
     MAX_POINTS,
+    OCHRE,
     PURPLE,
+    SHADE,
+    VERMILION,
     Chart,
     Panel,
     Trace,
     band,
     dots,
     fade,
+    level,
     line,
     signal,
     stack,
@@ -29,10 +51,15 @@ from fg_nav.report.page.figures import (
     to_numbers,
     to_seconds,
 )
+from fg_nav.solution import StanceTable
+from fg_nav.stances import Stances
+from fg_nav.system.spilled import measure_rows
 from fg_nav.truth import TrajectoryTruth
 
-BAND = 1.96  # Half width of a 95 % band, in standard deviations.
-_FEW = 400  # Up to so many footfalls are marked on a line.
+_FEW = 400  # Most footfalls that are marked on a line.
+MAX_SHADED = 2000  # Most stances that are shaded: more are less than a pixel wide, and make a page slow.
+MIN_SPAN_UT, MIN_SPAN_DEG = 5.0, 5.0  # Of the axes of strength and inclination: noise is not a disturbance.
+_FROM_ZERO = {"rangemode": "tozero"}
 
 Views = Mapping[str, AlignedSolution]
 
@@ -43,15 +70,18 @@ def _colored(views: Views) -> Iterator[tuple[str, str, AlignedSolution]]:
 
 
 def _label(name: str, what: str, views: Views) -> str:
-    """Name of a line: of several methods the method's alone, by which the legend hides all that it drew."""
+    """Name of a line: of several methods the method's alone, by which the legend hides all its traces."""
     return what if len(views) == 1 else name
 
 
-def _at_stances(t: Floats, value: Floats, color: str, name: str, **more: object) -> Trace:
+def _at_stances(t: Floats, value: Floats, color: str, name: str) -> Trace:
     """A line with one point a stance."""
     row = thin(t)
     mode = "lines+markers" if len(t) <= _FEW else "lines"
-    return line(to_seconds(t[row]), to_numbers(value[row]), color, name, mode=mode, marker={"size": 3.5}, **more)
+    return line(to_seconds(t[row]), to_numbers(value[row]), color, name, mode=mode, marker={"size": 3.5})
+
+
+# --- of methods ------------------------------------------------------------------------------------------------------
 
 
 def draw_height(views: Views) -> Chart:
@@ -76,39 +106,26 @@ def draw_height(views: Views) -> Chart:
 
 
 def draw_sigmas(views: Views, axes: tuple[str, str]) -> Chart:
-    """Draw the sigmas of place and heading; of several methods the horizontal one along its largest axis."""
-    position = _compare_sigmas(views) if len(views) > 1 else [_split_sigmas(next(iter(views.values())), axes)]
-    heading = [
-        _at_stances(
-            view.solution.stances.t, np.rad2deg(view.solution.stances.heading_sigma),
-            PURPLE if len(views) == 1 else color, "heading" if len(views) == 1 else name,
-        )
-        for name, color, view in _colored(views)
-    ]  # fmt: skip
-    panels = [*position, Panel("heading (deg)", heading, _FROM_ZERO)]
-    return stack("sigma", panels, "One standard deviation, as the method estimates it.")
-
-
-_FROM_ZERO = {"rangemode": "tozero"}
-
-
-def _split_sigmas(view: AlignedSolution, axes: tuple[str, str]) -> Panel:
-    sigma = np.sqrt(np.diagonal(view.position_cov(), axis1=1, axis2=2))
-    names = zip((*axes, "up"), CYCLE, strict=False)
-    traces = [_at_stances(view.solution.stances.t, sigma[:, k], color, axis) for k, (axis, color) in enumerate(names)]
-    return Panel("place (m)", traces, _FROM_ZERO, share=1.4)
-
-
-def _compare_sigmas(views: Views) -> list[Panel]:
-    across, up = [], []
+    """Draw the sigmas of position and heading; of several methods the horizontal one along its largest axis."""
+    across, up, heading, alone = [], [], [], len(views) == 1
     for name, color, view in _colored(views):
         cov, t = view.position_cov(), view.solution.stances.t
-        known = np.isfinite(cov).all(axis=(1, 2))
-        largest = np.full(len(cov), np.nan)
-        largest[known] = np.sqrt(np.linalg.eigvalsh(cov[known, :2, :2])[:, -1])
-        across.append(_at_stances(t, largest, color, name))
-        up.append(_at_stances(t, np.sqrt(cov[:, 2, 2]), color, name))
-    return [Panel("horizontal (m)", across, _FROM_ZERO), Panel("vertical (m)", up, _FROM_ZERO)]
+        if alone:
+            sigma = np.sqrt(np.diagonal(cov, axis1=1, axis2=2))
+            across = [_at_stances(t, sigma[:, k], CYCLE[k], axis) for k, axis in enumerate((*axes, "up"))]
+        else:
+            known = np.isfinite(cov).all(axis=(1, 2))
+            largest = np.full(len(cov), np.nan)
+            largest[known] = np.sqrt(np.linalg.eigvalsh(cov[known, :2, :2])[:, -1])
+            across.append(_at_stances(t, largest, color, name))
+            up.append(_at_stances(t, np.sqrt(cov[:, 2, 2]), color, name))
+        sigma_deg = np.rad2deg(view.solution.stances.heading_sigma)
+        heading.append(_at_stances(t, sigma_deg, PURPLE if alone else color, "heading" if alone else name))
+    position = [Panel("place (m)", across, _FROM_ZERO, share=1.4)]
+    if not alone:
+        position = [Panel("horizontal (m)", across, _FROM_ZERO), Panel("vertical (m)", up, _FROM_ZERO)]
+    panels = [*position, Panel("heading (deg)", heading, _FROM_ZERO)]
+    return stack("sigma", panels, "One standard deviation, as the method estimates it.")
 
 
 def draw_gyro_bias(views: Views) -> Chart:
@@ -127,68 +144,174 @@ def draw_gyro_bias(views: Views) -> Chart:
 
 def draw_errors(views: Views) -> Chart:
     """Draw the errors of methods that were compared with a truth: horizontal, and vertical where that is known."""
-    panels = [Panel("horizontal (m)", [_draw_error(*one, vertical=False) for one in _colored(views)], _FROM_ZERO, 1.4)]
-    if not any(view.comparison is not None and view.comparison.planar for view in views.values()):
-        panels.append(Panel("vertical (m)", [_draw_error(*one, vertical=True) for one in _colored(views)]))
+    across, up, planar = [], [], False
+    for name, color, view in _colored(views):
+        found = view.comparison
+        assert found is not None
+        horizontal, planar = np.linalg.norm(found.error[:, :2], axis=1), planar or found.planar
+        if found.planar:
+            mark = {"mode": "lines+markers", "marker": {"size": 6}}
+            across.append(line(to_seconds(found.t), to_meters(horizontal), color, name, **mark))
+        else:
+            across.append(signal(found.t, horizontal, color, name))
+            up.append(signal(found.t, found.error[:, 2], color, name))
+    panels = [Panel("horizontal (m)", across, _FROM_ZERO, 1.4)]
+    if not planar:
+        panels.append(Panel("vertical (m)", up))
     return stack("errors", panels, "Estimate less truth after the alignment.")
-
-
-def _draw_error(name: str, color: str, view: AlignedSolution, vertical: bool) -> Trace:
-    found = view.comparison
-    assert found is not None
-    error = found.error[:, 2] if vertical else np.linalg.norm(found.error[:, :2], axis=1)
-    if found.planar:
-        return line(to_seconds(found.t), to_meters(error), color, name, mode="lines+markers", marker={"size": 6})
-    return signal(found.t, error, color, name)
 
 
 def draw_headings(views: Views) -> Chart:
     """Draw the heading of the body's x axis, and below it the claimed band and the error where it is known."""
-    traced = {name: trace_headings(view) for name, view in views.items()}
     above: list[Trace] = []
     below: list[Trace] = []
+    traced = {name: trace_headings(view) for name, view in views.items()}
     for name, color, view in _colored(views):
+        found, t, at = traced[name], view.solution.t, view.solution.stances.t
+        mark: dict[str, Any] = {"mode": "lines+markers" if len(at) <= _FEW else "lines", "marker": {"size": 4}}
+        lines: list[tuple[Floats, Floats, str, str, dict[str, Any]]] = []
         if not above:
-            above += _draw_angle(view.solution.t, traced[name].truth, traced[name], GRAY, "truth", width=5, opacity=0.6)
-        above += _draw_heading(view, traced[name], color, name, views)
-        below += _draw_heading_error(view, traced[name], color, name, views)
-    panels = [Panel("heading (deg)", above, share=1.5), Panel(_error_label(list(traced.values())), below)]
+            lines.append((t, found.truth, GRAY, "truth", {"width": 5, "opacity": 0.6}))
+        if len(views) == 1:
+            lines.append((t, found.between, fade(color, 0.5), "in between", {"width": 0.7}))
+        lines.append((at, found.at_stances, color, _label(name, "footfalls", views), mark))
+        for times, angle, shade, label, more in lines:
+            row = thin(times)
+            if np.isfinite(angle[row]).any():
+                x, y = break_line(times[row], np.rad2deg(angle[row]), found.wrapped)
+                above.append(line(to_seconds(x), to_numbers(y, 2), shade, label, **more))
+        half = BAND * np.rad2deg(found.sigma)
+        below.append(band(at, np.zeros(len(at)), half, color, _label(name, "95 %", views)))
+        if np.isfinite(found.error).any():
+            row = thin(at)
+            error = to_numbers(np.rad2deg(found.error[row]), 3)
+            below.append(dots(to_seconds(at[row]), error, color, _label(name, "error", views)))
+    known = any(np.isfinite(one.error).any() for one in traced.values())
+    gauge = any(one.gauge for one in traced.values())
+    label = ("error" if known else "95 %") + (" since start (deg)" if gauge else " (deg)")
     caption = "Of the sensor's x axis, clockwise from north. The band below is the 95 % that the method claims."
-    return stack("heading", panels, caption)
+    return stack("heading", [Panel("heading (deg)", above, share=1.5), Panel(label, below)], caption)
 
 
-def _error_label(traced: Sequence[Headings]) -> str:
-    known = any(np.isfinite(one.error).any() for one in traced)
-    gauge = any(one.gauge for one in traced)
-    return ("error" if known else "95 %") + (" since start (deg)" if gauge else " (deg)")
+# --- of the field at the footfalls -----------------------------------------------------------------------------------
 
 
-def _draw_heading(view: AlignedSolution, found: Headings, color: str, name: str, views: Views) -> list[Trace]:
-    alone = len(views) == 1
-    t, at = view.solution.t, view.solution.stances.t
-    between = (
-        _draw_angle(t, found.between, found, fade(color, 0.5), _label(name, "in between", views), width=0.7)
-        if alone
-        else []
-    )
-    mode = "lines+markers" if len(at) <= _FEW else "lines"
-    more = {"mode": mode, "marker": {"size": 4}}
-    return between + _draw_angle(at, found.at_stances, found, color, _label(name, "footfalls", views), **more)
+def group_by_verdict(field: FootfallField, table: StanceTable) -> list[tuple[Bools, str, str]]:
+    """Footfalls (F,) by the verdict in the table of a solution, with colour and word."""
+    nearest = np.clip(np.searchsorted(table.t, field.t - 1e-6), 0, max(len(table) - 1, 0))
+    words = np.array(table.field, dtype=object)[nearest] if len(table) else np.full(len(field), "", dtype=object)
+    clear, disturbed = words == QUASI_STATIC, words == DISTURBED
+    return [
+        (clear, GREEN, "undisturbed"),
+        (disturbed, VERMILION, "disturbed"),
+        (~clear & ~disturbed, GRAY, "not judged"),
+    ]
 
 
-def _draw_angle(t: Floats, angle: Floats, found: Headings, color: str, name: str, **more: object) -> list[Trace]:
-    row = thin(t)
-    if not np.isfinite(angle[row]).any():
-        return []
-    t, angle = break_line(t[row], np.rad2deg(angle[row]), found.wrapped)
-    return [line(to_seconds(t), to_numbers(angle, 2), color, name, **more)]
+def _group_drawn(field: FootfallField, table: StanceTable) -> list[tuple[Bools, str, str]]:
+    """Groups of the drawn footfalls, without empty ones."""
+    drawn = np.zeros(len(field), dtype=bool)
+    drawn[thin(field.t, MAX_DOTS)] = True
+    groups = group_by_verdict(field, table)
+    return [(flag & drawn, color, word) for flag, color, word in groups if (flag & drawn).any()]
 
 
-def _draw_heading_error(view: AlignedSolution, found: Headings, color: str, name: str, views: Views) -> list[Trace]:
-    t = view.solution.stances.t
-    claimed = band(t, np.zeros(len(t)), BAND * np.rad2deg(found.sigma), color, _label(name, "95 %", views))
-    if not np.isfinite(found.error).any():
-        return [claimed]
-    row = thin(t)
-    error = to_numbers(np.rad2deg(found.error[row]), 3)
-    return [claimed, dots(to_seconds(t[row]), error, color, _label(name, "error", views))]
+def draw_compass(field: FootfallField, table: StanceTable) -> Chart:
+    """Draw both headings, that of the gyroscope turned to lie on the compass, and their difference."""
+    row = thin(field.t, MAX_DOTS)
+    t = to_seconds(field.t[row])
+    turned = np.rad2deg(field.gyro_heading + field.mean_heading_difference)[row] % 360.0
+    compass = np.rad2deg(field.magnetic_heading)[row] % 360.0
+    above = [
+        dots(t, to_numbers(turned, 2), OCHRE, "gyroscope, turned onto the compass", size=5),
+        dots(t, to_numbers(compass, 2), BLUE, "compass", size=4),
+    ]
+    apart = np.rad2deg(wrap_angle(field.heading_difference - field.mean_heading_difference))
+    below = [
+        dots(to_seconds(field.t[use]), to_numbers(apart[use], 2), color, f"difference, field {word}", size=5)
+        for use, color, word in _group_drawn(field, table)
+    ]
+    quarters = {"range": [-8, 368], "tickvals": [0, 90, 180, 270, 360]}
+    panels = [Panel("heading (deg)", above, quarters, share=1.4), Panel("difference (deg)", below, share=1.2)]
+    return stack("compass", panels, "At the footfalls, clockwise from magnetic north. Below, compass less gyroscope.")
+
+
+def draw_strength(field: FootfallField, table: StanceTable) -> Chart:
+    """Draw strength and inclination over the length of the path."""
+    travelled = measure_travelled(field.t, table)
+    panels = []
+    for label, value, min_span in (
+        ("strength (µT)", field.strength, MIN_SPAN_UT),
+        ("inclination (deg)", np.rad2deg(field.inclination), MIN_SPAN_DEG),
+    ):
+        hover, traces = "%{y:.2f} at %{x:.1f} m, t %{customdata:.1f} s<extra></extra>", []
+        for use, color, word in _group_drawn(field, table):
+            more = {"hovertemplate": hover, "customdata": to_seconds(field.t[use])}
+            traces.append(dots(to_meters(travelled[use]), to_numbers(value[use]), color, word, size=5, **more))
+        # all values with a margin, and at least the span
+        known = value[np.isfinite(value)]
+        low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 1.0)
+        half = max(1.1 * (high - low), min_span) / 2
+        panels.append(Panel(label, traces, {"range": [(low + high) / 2 - half, (low + high) / 2 + half]}))
+    return stack("strength", panels, "At the footfalls, along the path.", "length of the path (m)")
+
+
+def measure_travelled(t: Floats, table: StanceTable) -> Floats:
+    """Length of the path (F,) m at times `t` (F,) s, by the moves from stance to stance."""
+    moves = np.linalg.norm(np.diff(table.position, axis=0), axis=1)
+    return np.asarray(np.interp(t, table.t, np.concatenate([[0.0], np.cumsum(moves)])))
+
+
+# --- of samples and stances ------------------------------------------------------------------------------------------
+
+
+def draw_samples(recording: Recording, stances: Stances) -> list[Chart]:
+    """Draw the whole walk, and the close-up in which single samples show."""
+    part = choose_excerpt(recording.t, stances)
+    few = len(stances) <= MAX_SHADED
+    words = "The whole walk."
+    if len(stances):
+        words = "Shaded where the foot was taken to stand" + ("." if few else ", in the close-up only.")
+    begin, end = recording.t[part.start], recording.t[part.stop - 1]
+    close = f"Close-up of {begin:.1f} to {end:.1f} s, every sample."
+    return [
+        _draw_samples("stances", recording, stances, slice(0, len(recording)), few, words),
+        _draw_samples("close-up", recording, stances, part, True, close),
+    ]
+
+
+def _draw_samples(name: str, recording: Recording, stances: Stances, part: slice, shaded: bool, caption: str) -> Chart:
+    t = recording.t[part]
+    panels = [
+        Panel("|acc| (m/s²)", [signal(t, measure_rows(recording.acc[part]), BLUE, "|acc|", width=1)]),
+        Panel("|gyr| (rad/s)", [signal(t, measure_rows(recording.gyr[part]), PURPLE, "|gyr|", width=1)]),
+    ]
+    if stances.statistic is not None:
+        low, high = find_log_limits(stances.statistic)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            value = np.where(stances.statistic[part] > 0, stances.statistic[part], np.nan)
+        traces = [signal(t, value, GREEN, "statistic", width=1), level(t, 1.0, VERMILION, "threshold")]
+        limits = [float(np.log10(low)), float(np.log10(high))]
+        axis = {"type": "log", "range": limits, "exponentformat": "power"}
+        panels.append(Panel("statistic / threshold", traces, axis))
+    if shaded and len(stances):
+        panels = [_shade(panel, recording.t, stances, part) for panel in panels]
+    return stack(name, panels, caption)
+
+
+def _shade(panel: Panel, t: Floats, stances: Stances, part: slice) -> Panel:
+    """Fix the range of a panel to its signals, and draw a box over all of it for each stance."""
+    axis: dict[str, Any] = dict(panel.axis)
+    if "range" in axis:
+        low, high = (10.0**end for end in axis["range"])
+    else:
+        values = [value for trace in panel.traces for value in trace["y"] if value is not None]
+        low, high = 0.0, 1.05 * max(values, default=1.0)
+        axis = {"range": [low, high]}
+    use = (stances.stop > part.start) & (stances.start < part.stop)
+    start, stop = t[stances.start[use]], t[stances.stop[use] - 1]
+    x = np.stack([start, start, stop, stop, start, np.full(len(start), np.nan)], axis=1).ravel()
+    y: list[float | None] = [low, high, high, low, low, None] * len(start)
+    more = {"fill": "toself", "fillcolor": SHADE, "hoverinfo": "skip"}
+    boxes = line(to_seconds(x), y, SHADE, "stance", width=0, **more)
+    return Panel(panel.label, [boxes, *panel.traces], axis, panel.share)

@@ -8,8 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from fg_nav.calibration.allan import FLOOR, AllanCurve, NoiseFit
-from fg_nav.calibration.at_rest import RecordingNoise, SensorNoise
+from fg_nav.calibration.allan import FLOOR, AllanCurve, NoiseFit, RecordingNoise
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.report.plots import style
 
@@ -51,7 +50,11 @@ def plot_allan(noise: RecordingNoise) -> Figure:
             for axes, name, curve, fit in zip(row, AXES, one.curves, one.fits, strict=True):
                 _draw(axes, curve, fit, UNITS[one.sensor].per_level)
                 axes.set_title(f"{UNITS[one.sensor].title} {name}")
-            row[0].set_ylim(*_limits(one, UNITS[one.sensor].per_level))
+            # range of the measured deviations and their bands; the parts of the fit may leave it
+            bounds = np.concatenate([bound for fit in one.fits for bound in (fit.low, fit.high)])
+            seen = UNITS[one.sensor].per_level * bounds[bounds > 0.0]
+            limits = (float(seen.min()) / 1.5, 1.5 * float(seen.max())) if len(seen) else (0.1, 1.0)
+            row[0].set_ylim(*limits)
             row[0].set_ylabel(f"Allan deviation ({UNITS[one.sensor].level})")
         for axes in grid[-1]:
             axes.set_xlabel("averaging time (s)")
@@ -60,13 +63,6 @@ def plot_allan(noise: RecordingNoise) -> Figure:
         }
         figure.legend(handles.values(), handles.keys(), loc="outside upper left", ncols=6, handlelength=1.8)
     return figure
-
-
-def _limits(one: SensorNoise, factor: float) -> tuple[float, float]:
-    """Range of the measured deviations and their bands; the parts of the fit may leave it."""
-    all_bounds = np.concatenate([bound for fit in one.fits for bound in (fit.low, fit.high)])
-    seen = factor * all_bounds[all_bounds > 0.0]
-    return (float(seen.min()) / 1.5, 1.5 * float(seen.max())) if len(seen) else (0.1, 1.0)
 
 
 def _draw(axes: Axes, curve: AllanCurve, fit: NoiseFit, factor: float) -> None:

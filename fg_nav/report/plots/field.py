@@ -1,13 +1,14 @@
-"""The field along a walk, and what each detector makes of it: over time, from above, and sample by sample.
+"""Pictures `field` and `field_map`: the field along a walk, and each detector's verdicts, over time and from above.
 
 Verdicts over time stand in lanes, one a detector, its share beside it. Where verdicts are denser than pixels their
-colours mix. Where there is none for a while, the lane is empty.
+colours mix; where there is none for a while, the lane is empty.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -15,55 +16,62 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, MultipleLocator
 
-from fg_nav.arrays import Floats, Ints
+from fg_nav.arrays import Floats
 from fg_nav.evaluation.field_survey import SAMPLEWISE, Coverage, FieldSurvey, SampleSurvey
 from fg_nav.frames import wrap_angle
-from fg_nav.magnetic.disturbance import WINDOW_S
-from fg_nav.magnetic.quasi_static import OverThreshold
-from fg_nav.report.aligned import AlignedSolution
-from fg_nav.report.decimation import envelope, spread_rows
+from fg_nav.magnetic.quasi_static import WINDOW_S, OverThreshold
+from fg_nav.report.drawn import AlignedSolution, align_solution, envelope, spread_rows
 from fg_nav.report.plots import style
-from fg_nav.report.plots.maps import draw_ends
 from fg_nav.report.plots.style import MAX_POINTS
+from fg_nav.report.plots.walk import draw_ends
 from fg_nav.truth import FootprintTruth, TrajectoryTruth
 
-_DOTS = ((100, 5.0), (400, 3.6))  # Up to so many footfalls, dots of this size in points; smaller ones for more.
-MIN_SPAN_UT, MIN_SPAN_DEG = 5.0, 5.0  # Of the axes of strength and inclination.
+if TYPE_CHECKING:
+    from fg_nav.walk import Outcome, Walk
 
-ACCEPTED, REJECTED, UNJUDGED = style.GREEN, "#F3C6AE", style.GRID
-"""Colours of the verdicts; also apart in grey."""
+_DOTS = ((100, 5.0), (400, 3.6))  # Most footfalls, and the size of their dots in points; smaller ones for more.
+_MAP_DOTS = ((60, 5.0), (200, 3.6), (600, 2.6), (1500, 2.0))
+MIN_SPAN_UT, MIN_SPAN_DEG = 5.0, 5.0  # Of the axes of strength and inclination: noise is not a disturbance.
 
-CELLS, FINE = 1000, 8
-"""Cells of a lane over the whole walk, and parts of a cell: where verdicts are denser the colours mix."""
+ACCEPTED, REJECTED, UNJUDGED = style.GREEN, "#F3C6AE", style.GRID  # Colours of the verdicts; also apart in grey.
 
-REACH_S, REACH_STEPS = 3.0, 2.0
-"""A verdict colours the time around it, up to so many seconds, or of the usual time between two if that is longer."""
+CELLS, FINE = 1000, 8  # Cells of a lane over the whole walk, and parts of a cell, whose colours mix.
+REACH_S, REACH_STEPS = 3.0, 2.0  # Time that a verdict colours around it, or of the usual step if that is longer.
+_LANE_IN = 0.21  # Height of a lane.
 
-_LANE_IN = 0.21
-
-MAPS, MAX_MAPS = 3, 6  # Maps beside each other, and as many of a course that is far longer than wide.
-TALL = 2.0  # Height over width of a course from which on it is.
+MAPS, MAX_MAPS = 3, 6  # Maps beside each other, and of a course that is far longer than wide.
+TALL = 2.0  # Height over width of such a course.
 _MAP_HEIGHTS_IN = (1.1, 4.2)  # Of one map, inches.
-
 MAP_TITLE = "Where each detector takes the field for quasi-static, and at what share of the footfalls"
-
-_MAP_DOTS = ((60, 5.0), (200, 3.6), (600, 2.6), (1500, 2.0))  # Up to so many footfalls, dots of this size in points.
 
 Curve = dict[str, Any]
 
 
+def draw_survey(folder: Path, walk: Walk, survey: FieldSurvey, outcome: Outcome) -> None:
+    """Draw the field along the walk and the detectors' verdicts."""
+    style.save(plot_field(survey), folder / "field.png")
+    style.save(plot_field_map(survey, align_solution(walk, outcome)), folder / "field_map.png")
+
+
 def plot_field(survey: FieldSurvey) -> Figure:
-    """Draw what the magnetometer shows at the footfalls, and below it what each detector makes of it."""
-    lanes_in = lanes_height_in(len(survey.verdicts))
+    """Draw the field at the footfalls, and below it the verdicts of each detector."""
+    lanes_in, field, earth = _LANE_IN * len(survey.verdicts) + 0.25, survey.field, survey.earth
     with style.styled():
         figure = style.new_figure(7.0 + lanes_in)
         panels = figure.subplots(5, 1, sharex=True, height_ratios=[1.3, 1.3, 1.6, 1.6, lanes_in])
-        _draw_strength(panels[0], survey)
-        _draw_inclination(panels[1], survey)
+        strength = None if earth is None else (earth.strength_uT, f"the Earth's, {earth.strength_uT:.1f} uT")
+        _draw_quantity(panels[0], survey, field.strength, strength, MIN_SPAN_UT)
+        panels[0].set_ylabel("strength (uT)")
+        style.head(panels[0], "Strength of the field at the footfalls")
+        dip_deg = 0.0 if earth is None else float(np.degrees(earth.inclination))
+        dip = None if earth is None else (dip_deg, f"the Earth's, {dip_deg:.1f} deg")
+        _draw_quantity(panels[1], survey, np.degrees(field.inclination), dip, MIN_SPAN_DEG)
+        panels[1].set_ylabel("inclination (deg)")
+        style.head(panels[1], "Its inclination below the horizon")
         _draw_headings(panels[2], survey)
         _draw_difference(panels[3], survey)
-        draw_lanes(panels[4], survey.field.t, survey.verdicts, "Verdicts, and the share of all footfalls that pass")
-        panels[4].set_xlim(*span_of(survey.field.t))
+        _draw_lanes(panels[4], field.t, survey.verdicts, "Verdicts, and the share of all footfalls that pass")
+        panels[4].set_xlim(*_find_span(field.t))
         panels[4].set_xlabel("time (s)")
     return figure
 
@@ -73,38 +81,24 @@ def _dots(survey: FieldSurvey, colour: str, label: str = "") -> Curve:
     return {"marker": ".", "linestyle": "none", "color": colour, "markersize": size, "label": label or "_dots"}
 
 
-def _draw_strength(axes: Axes, survey: FieldSurvey) -> None:
-    axes.plot(survey.field.t, survey.field.strength, **_dots(survey, style.BLUE))
-    if survey.earth is not None:
-        _expect(axes, survey.earth.strength_uT, f"the Earth's, {survey.earth.strength_uT:.1f} uT")
-    span_at_least(axes, MIN_SPAN_UT)
-    axes.set_ylabel("strength (uT)")
-    style.head(axes, "Strength of the field at the footfalls")
+def _draw_quantity(
+    axes: Axes, survey: FieldSurvey, value: Floats, expected: tuple[float, str] | None, min_span: float
+) -> None:
+    axes.plot(survey.field.t, value, **_dots(survey, style.BLUE))
+    if expected is not None:
+        axes.axhline(expected[0], color=style.ORANGE, linewidth=1.2, label=expected[1])
+    _widen(axes, min_span)
 
 
-def _draw_inclination(axes: Axes, survey: FieldSurvey) -> None:
-    axes.plot(survey.field.t, np.degrees(survey.field.inclination), **_dots(survey, style.BLUE))
-    if survey.earth is not None:
-        dip_deg = float(np.degrees(survey.earth.inclination))
-        _expect(axes, dip_deg, f"the Earth's, {dip_deg:.1f} deg")
-    span_at_least(axes, MIN_SPAN_DEG)
-    axes.set_ylabel("inclination (deg)")
-    style.head(axes, "Its inclination below the horizon")
-
-
-def span_at_least(axes: Axes, span: float) -> None:
-    """Widen an axis, so that noise does not look like a disturbance."""
+def _widen(axes: Axes, min_span: float) -> None:
+    """Widen an axis to a span, so that noise does not look like a disturbance."""
     low, high = axes.get_ylim()
-    middle, half = (low + high) / 2, max(high - low, span) / 2
+    middle, half = (low + high) / 2, max(high - low, min_span) / 2
     axes.set_ylim(middle - half, middle + half)
 
 
-def _expect(axes: Axes, value: float, label: str) -> None:
-    axes.axhline(value, color=style.ORANGE, linewidth=1.2, label=label)
-
-
 def _draw_headings(axes: Axes, survey: FieldSurvey) -> None:
-    """The gyroscope's are laid on the compass's: where north is it does not know."""
+    """Draw the compass's headings, and the gyroscope's turned onto them, as its north is unknown."""
     t, laid = survey.field.t, survey.field.gyro_heading + survey.offset
     words = f"gyroscope, turned by {np.degrees(survey.offset):+.0f} deg to lie on the compass"
     axes.plot(t, np.degrees(laid) % 360.0, **_dots(survey, style.ORANGE, words))
@@ -112,7 +106,9 @@ def _draw_headings(axes: Axes, survey: FieldSurvey) -> None:
     axes.set_ylim(-8.0, 368.0)
     axes.yaxis.set_major_locator(MultipleLocator(90))
     axes.set_ylabel("heading (deg)")
-    style.head(axes, f"Heading of the sensor's x axis, clockwise from {north_of(survey)}")
+    known = survey.earth is not None
+    north = f"north, declination {np.degrees(survey.declination):+.1f} deg" if known else "magnetic north"
+    style.head(axes, f"Heading of the sensor's x axis, clockwise from {north}")
 
 
 def _draw_difference(axes: Axes, survey: FieldSurvey) -> None:
@@ -123,54 +119,44 @@ def _draw_difference(axes: Axes, survey: FieldSurvey) -> None:
     words = f"quasi-static by {survey.chosen}" + ("" if passed.any() else ": none")
     green = _dots(survey, ACCEPTED, words)
     axes.plot(t[passed], np.degrees(difference[passed]), **green | {"markersize": 1.5 * green["markersize"]})
-    reach_deg = _half_circle_at_most(np.degrees(np.abs(difference[known])))
+    # least of a few round angles that holds them all
+    largest = float(np.max(np.degrees(np.abs(difference[known])), initial=0.0))
+    reach_deg = next((angle for angle in (10.0, 20.0, 30.0, 60.0, 90.0) if largest <= angle), 180.0)
     axes.set_ylim(-1.05 * reach_deg, 1.05 * reach_deg)
     axes.yaxis.set_major_locator(MultipleLocator(reach_deg / 2))
     axes.set_ylabel("difference (deg)")
     style.head(axes, f"Compass less gyroscope, about their mean difference of {np.degrees(survey.offset):+.0f} deg")
 
 
-def _half_circle_at_most(values_deg: Floats) -> float:
-    """Least of a few round angles that holds them all."""
-    largest = float(np.max(values_deg, initial=0.0))
-    return next((angle for angle in (10.0, 20.0, 30.0, 60.0, 90.0) if largest <= angle), 180.0)
-
-
-def north_of(survey: FieldSurvey) -> str:
-    """Words for the compass's north."""
-    if survey.earth is None:
-        return "magnetic north"
-    return f"north, declination {np.degrees(survey.declination):+.1f} deg"
-
-
 def plot_field_map(survey: FieldSurvey, view: AlignedSolution) -> Figure:
     """Draw the walk once for each detector, the footfalls whose field passes in colour."""
     found = survey.coverage
     path = view.align_position(survey.solution.position[spread_rows(len(survey.solution.position), MAX_POINTS)])[:, :2]
-    columns = _map_columns(path, len(found))
+    width, height = np.ptp(path, axis=0)
+    columns = min(MAX_MAPS if height > TALL * width else MAPS, len(found))
     rows = -(-len(found) // columns)
+    fitting = style.WIDTH_IN / columns * (height + 1e-9) / (width + 1e-9)
+    low, high = _MAP_HEIGHTS_IN
+    map_in = float(np.clip(fitting, low, high if columns > 1 else 2 * high)) + 0.55
     with style.styled():
-        figure = style.new_figure(rows * _map_height(path, columns) + 0.75)
+        figure = style.new_figure(rows * map_in + 0.75)
         grid = figure.subplots(rows, columns, squeeze=False)
         for axes, one in zip(grid.ravel(), found, strict=False):
             _draw_map(axes, survey, view, path, one, " " if columns <= MAPS else "\n")
         for axes in grid.ravel()[len(found) :]:
             axes.set_visible(False)
-        draw_ends(grid[0, 0], view.align_position(survey.position))  # its words would hide footfalls in all of them
-        _label_map(figure, grid[0, 0], view)
+        draw_ends(grid[0, 0], view.align_position(survey.position))  # in one only: its words hide footfalls
+        # legend and labels of all maps
+        for colour, label in ((ACCEPTED, "quasi-static"), (REJECTED, "disturbed or not judged")):
+            grid[0, 0].plot([], [], "o", color=colour, markersize=6, label=label)
+        handles, labels = grid[0, 0].get_legend_handles_labels()
+        figure.legend(
+            handles, labels, loc="outside upper left", ncols=3, title=MAP_TITLE, title_fontsize=10.5, alignment="left"
+        )
+        east, north = ("x", "y") if isinstance(view.truth, FootprintTruth) else ("east", "north")  # unknown azimuth
+        figure.supxlabel(f"{east} (m)", fontsize=9.0, color=style.SOFT_INK)
+        figure.supylabel(f"{north} (m)", fontsize=9.0, color=style.SOFT_INK)
     return figure
-
-
-def _map_columns(path: Floats, maps: int) -> int:
-    width, height = np.ptp(path, axis=0)
-    return min(MAX_MAPS if height > TALL * width else MAPS, maps)
-
-
-def _map_height(path: Floats, columns: int) -> float:
-    width, height = np.ptp(path, axis=0) + 1e-9
-    fitting = style.WIDTH_IN / columns * height / width
-    low, high = _MAP_HEIGHTS_IN
-    return float(np.clip(fitting, low, high if columns > 1 else 2 * high)) + 0.55
 
 
 def _draw_map(
@@ -181,9 +167,8 @@ def _draw_map(
     size = next((size for most, size in _MAP_DOTS if len(stance) <= most), 1.4)
     if isinstance(view.truth, TrajectoryTruth):
         true = view.truth.position[spread_rows(len(view.truth.position), MAX_POINTS)]
-        axes.plot(
-            true[:, 0], true[:, 1], **style.TRUTH_LINE | {"linewidth": 2.0, "alpha": 0.45}, zorder=1, label="truth"
-        )
+        line = style.TRUTH_LINE | {"linewidth": 2.0, "alpha": 0.45}
+        axes.plot(true[:, 0], true[:, 1], **line, zorder=1, label="truth")
     axes.plot(path[:, 0], path[:, 1], color=style.TRUTH, linewidth=0.4, zorder=2)
     axes.plot(*stance[~passed, :2].T, "o", color=REJECTED, markersize=size, markeredgewidth=0, zorder=3)
     axes.plot(*stance[passed, :2].T, "o", color=ACCEPTED, markersize=size + 1.0, markeredgewidth=0, zorder=4)
@@ -194,86 +179,57 @@ def _draw_map(
     axes.set_title(f"{found.detector}:{between}{100 * found.share:.0f} %")
 
 
-def _label_map(figure: Figure, axes: Axes, view: AlignedSolution) -> None:
-    for colour, label in ((ACCEPTED, "quasi-static"), (REJECTED, "disturbed or not judged")):
-        axes.plot([], [], "o", color=colour, markersize=6, label=label)
-    handles, labels = axes.get_legend_handles_labels()
-    figure.legend(
-        handles, labels, loc="outside upper left", ncols=3, title=MAP_TITLE, title_fontsize=10.5, alignment="left"
-    )
-    east, north = ("x", "y") if isinstance(view.truth, FootprintTruth) else ("east", "north")  # of unknown azimuth
-    figure.supxlabel(f"{east} (m)", fontsize=9.0, color=style.SOFT_INK)
-    figure.supylabel(f"{north} (m)", fontsize=9.0, color=style.SOFT_INK)
-
-
 def plot_samples(survey: SampleSurvey) -> Figure:
     """Draw strength, statistic and verdicts over time."""
     with style.styled():
         figure = style.new_figure(4.8)
         strength, statistic, lane = figure.subplots(3, 1, sharex=True, height_ratios=[6, 6, 1])
         strength.plot(*envelope(survey.t, survey.strength), color=style.BLUE, linewidth=0.8)
-        span_at_least(strength, MIN_SPAN_UT)
+        _widen(strength, MIN_SPAN_UT)
         strength.set_ylabel("strength (uT)")
         style.head(strength, "Strength of the field at every sample")
-        _draw_sample_statistic(statistic, survey)
+        statistic.plot(*envelope(survey.t, survey.verdicts.statistic), color=style.BLUE, linewidth=0.8)
+        statistic.axhline(1.0, color=style.VERMILION, linewidth=1.1, label="threshold: below it the field passes")
+        statistic.set_yscale("log")
+        statistic.set_ylabel("statistic / threshold")
+        style.head(statistic, f"Scatter of the strength over the {WINDOW_S:g} s before")
         words = f"Verdicts, and the share of all samples that pass; longest stretch {survey.longest_s:.0f} s"
-        draw_lanes(lane, survey.t, {SAMPLEWISE: survey.verdicts}, words)
+        _draw_lanes(lane, survey.t, {SAMPLEWISE: survey.verdicts}, words)
         lane.set_xlim(survey.t[0], survey.t[-1])
         lane.set_xlabel("time (s)")
     return figure
 
 
-def _draw_sample_statistic(axes: Axes, survey: SampleSurvey) -> None:
-    axes.plot(*envelope(survey.t, survey.verdicts.statistic), color=style.BLUE, linewidth=0.8)
-    axes.axhline(1.0, color=style.VERMILION, linewidth=1.1, label="threshold: below it the field passes")
-    axes.set_yscale("log")
-    axes.set_ylabel("statistic / threshold")
-    style.head(axes, f"Scatter of the strength over the {WINDOW_S:g} s before")
-
-
-def lanes_height_in(count: int) -> float:
-    """Height of so many lanes, inches."""
-    return _LANE_IN * count + 0.25
-
-
-def draw_lanes(axes: Axes, t: Floats, verdicts: Mapping[str, OverThreshold], title: str) -> None:
+def _draw_lanes(axes: Axes, t: Floats, verdicts: Mapping[str, OverThreshold], title: str) -> None:
     """Draw a lane for each detector's verdicts at the times `t` (F,) s."""
-    nearest, far = _cells(t)
-    lanes = np.stack([_lane(one, nearest, far) for one in verdicts.values()])
-    axes.imshow(
-        lanes, extent=(*span_of(t), len(lanes) - 0.5, -0.5), aspect="auto", interpolation="none", origin="upper",
-    )  # fmt: skip
+    # for each cell the nearest verdict, and its distance over its reach
+    middle = np.linspace(*_find_span(t), CELLS * FINE)
+    nearest = np.searchsorted(0.5 * (t[1:] + t[:-1]), middle)
+    far = np.abs(middle - t[nearest]) / max(REACH_S, REACH_STEPS * _find_step(t))
+    lanes = []
+    for one in verdicts.values():
+        colour = np.where(one.quasi_static[:, None], to_rgb(ACCEPTED), to_rgb(REJECTED))
+        colour = np.where(one.judged[:, None], colour, to_rgb(UNJUDGED))[nearest]
+        colour[far > 1.0] = 1.0
+        lanes.append(colour.reshape(CELLS, FINE, 3).mean(axis=1))
+    extent = (*_find_span(t), len(lanes) - 0.5, -0.5)
+    axes.imshow(np.stack(lanes), extent=extent, aspect="auto", interpolation="none", origin="upper")
     words = [f"{name}  {100 * one.quasi_static.mean():.0f} %" for name, one in verdicts.items()]
     axes.set_yticks(range(len(lanes)), words)
     axes.set_yticks(np.arange(0.5, len(lanes) - 1), minor=True)
     axes.grid(visible=False)
     axes.grid(visible=True, which="minor", axis="y", color="white", linewidth=3.0)
     axes.tick_params(axis="y", which="both", length=0)
-    for colour, label in ((ACCEPTED, "quasi-static"), (REJECTED, "disturbed"), (UNJUDGED, "not judged")):
-        axes.plot([], [], "s", color=colour, markersize=7, label=label)
+    for shown, label in ((ACCEPTED, "quasi-static"), (REJECTED, "disturbed"), (UNJUDGED, "not judged")):
+        axes.plot([], [], "s", color=shown, markersize=7, label=label)
     style.head(axes, title)
 
 
-def span_of(t: Floats) -> tuple[float, float]:
+def _find_span(t: Floats) -> tuple[float, float]:
     """Time from half a step before the first to half a step after the last."""
-    half = 0.5 * _step(t)
+    half = 0.5 * _find_step(t)
     return float(t[0]) - half, float(t[-1]) + half
 
 
-def _step(t: Floats) -> float:
+def _find_step(t: Floats) -> float:
     return float(np.median(np.diff(t))) if len(t) > 1 else 1.0
-
-
-def _cells(t: Floats) -> tuple[Ints, Floats]:
-    """Which verdict is nearest (CELLS * FINE,) along the walk, and how far it is over its reach."""
-    middle = np.linspace(*span_of(t), CELLS * FINE)
-    nearest = np.searchsorted(0.5 * (t[1:] + t[:-1]), middle)
-    return nearest, np.abs(middle - t[nearest]) / max(REACH_S, REACH_STEPS * _step(t))
-
-
-def _lane(verdicts: OverThreshold, nearest: Ints, far: Floats) -> Floats:
-    """Colours (CELLS, 3): in a cell of several verdicts, their mean."""
-    colour = np.where(verdicts.quasi_static[:, None], to_rgb(ACCEPTED), to_rgb(REJECTED))
-    colour = np.where(verdicts.judged[:, None], colour, to_rgb(UNJUDGED))[nearest]
-    colour[far > 1.0] = 1.0
-    return np.asarray(colour.reshape(CELLS, FINE, 3).mean(axis=1))

@@ -1,8 +1,8 @@
-"""One look for all pictures: quiet axes, a palette for all eyes, one width, and no more points than are seen.
+"""Common style of all pictures: quiet axes, a palette for all eyes, one width.
 
-The palette is that of Okabe and Ito (Color Universal Design, 2008), in an order that keeps neighbours apart
-also in grey; truth is always the same wide grey line below the others. No global state of matplotlib is
-touched beyond the `styled` block, and no window system is needed.
+The palette is that of Okabe and Ito (Color Universal Design, 2008), in an order that keeps neighbours apart also in
+grey; truth is always the same wide grey line below the others. No global state of matplotlib is touched beyond the
+`styled` block, and no window system is needed.
 """
 
 from __future__ import annotations
@@ -22,18 +22,13 @@ from matplotlib.image import imsave
 BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"
 CYCLE = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)  # Colours of methods or axes, in order.
 
-INK = "#222222"
-SOFT_INK = "#6B6B6B"
-GRID = "#E6E6E6"
-TRUTH = "#9A9A9A"
+INK, SOFT_INK, GRID, TRUTH = "#222222", "#6B6B6B", "#E6E6E6", "#9A9A9A"
 TRUTH_LINE: dict[str, Any] = {"color": TRUTH, "linewidth": 3.0, "alpha": 0.7}
-SHADE = "#DCE9F2"
-"""Background of a stance."""
+SHADE = "#DCE9F2"  # Background of a stance.
 
-WIDTH_IN = 8.0
-_LINE_LETTERS, _HANDLE_LETTERS = 105, 5
-"""Letters of a legend over the width of a picture, and what the sign before a label takes of them."""
-DPI = 150
+WIDTH_IN, DPI = 8.0, 150
+MAX_POINTS = 60_000  # Of a line: at walking speed ten points a stride over two hours. A PNG is 1200 pixels wide.
+_LINE_LETTERS, _HANDLE_LETTERS = 105, 5  # Letters of a legend over the width of a picture, and width of its signs.
 
 _RC: dict[Any, Any] = {
     "font.family": "DejaVu Sans",
@@ -75,7 +70,7 @@ def colours(count: int) -> list[str]:
 
 @contextmanager
 def styled() -> Iterator[None]:
-    """Draw inside this block to draw in the house's style."""
+    """Apply the style inside the block."""
     with mpl.rc_context(_RC):
         yield
 
@@ -88,7 +83,7 @@ def new_figure(height_in: float, width_in: float = WIDTH_IN) -> Figure:
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Write a PNG: the figure as drawn once, where `savefig` lays it out and draws it."""
+    """Write a PNG, drawn once, where `savefig` draws for the layout too."""
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     imsave(path, canvas.buffer_rgba(), dpi=DPI, metadata={"Software": "fg-nav"})
@@ -97,27 +92,19 @@ def save(figure: Figure, path: Path) -> None:
 def head(axes: Axes, title: str, columns: int = 6) -> None:
     """Put the title above the axes and the legend, if anything is labelled, in rows between the two."""
     handles, labels = axes.get_legend_handles_labels()
-    columns = _columns_that_fit(labels, columns)
+    columns = _count_columns(labels, columns)
     rows = -(-len(handles) // columns)
     axes.set_title(title, pad=8.0 + 15.0 * rows)
     if handles:
-        place: dict[str, Any] = {
-            "loc": "lower left",
-            "bbox_to_anchor": (-0.008, 1.0),
-            "ncols": columns,
-            "borderaxespad": 0.0,
-        }
-        axes.legend(handles, labels, **place, handlelength=1.6, columnspacing=1.6)
+        place: dict[str, Any] = {"loc": "lower left", "bbox_to_anchor": (-0.008, 1.0), "borderaxespad": 0.0}
+        axes.legend(handles, labels, **place, ncols=columns, handlelength=1.6, columnspacing=1.6)
 
 
-def _columns_that_fit(labels: Sequence[str], most: int) -> int:
-    """How many columns of a legend stand side by side over a picture; they are filled from top to bottom."""
+def _count_columns(labels: Sequence[str], most: int) -> int:
+    """Columns of a legend that fit side by side over a picture; they are filled from top to bottom."""
     for columns in range(min(most, len(labels)), 1, -1):
         lengths = np.array_split([len(label) for label in labels], columns)
         widest = (column.max() for column in lengths)
         if sum(_HANDLE_LETTERS + letters for letters in widest) <= _LINE_LETTERS:
             return columns
     return 1
-
-
-MAX_POINTS = 60_000  # Enough for a line: at walking speed ten points a stride over two hours. A PNG is 1200 pixels wide

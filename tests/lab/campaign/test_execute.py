@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fg_nav.errors import EstimationError
-from fg_nav.io.readers.canonical import write_canonical
+from fg_nav.io.writing import write_canonical
 from fg_nav.lab.campaign import execute, walks
 from fg_nav.lab.campaign.execute import WorkerError, execute_task, run_task, tasks_of
 from fg_nav.lab.campaign.walks import LOOP, RAW, Recorded, Simulated, pack

@@ -6,7 +6,7 @@ import pytest
 from fg_nav.errors import SimulationError
 from fg_nav.lab.simulation.sensors import ClockPrior
 from fg_nav.lab.simulation.sensors.clock import ClockRun
-from fg_nav.samples.timing import remove_jitter
+from fg_nav.samples.stamps import remove_jitter
 
 
 def started(prior: ClockPrior, rate_hz: float = 200.0, seed: int = 0) -> ClockRun:

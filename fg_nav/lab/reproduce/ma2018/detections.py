@@ -13,8 +13,8 @@ indoor  the level of that name, fitted to real walks over reinforced floors: 27 
 
 The mixture needs no walk of its own: with one seed the two levels have the same steps and the same noise, and the
 magnetometer's reading is linear in the field. Hard and soft iron are removed as drawn. Bands are of 90 % over walks
-(`fg_nav.evaluation.roc`). The fraction and the limits were chosen on seeds below 100. AIEZ's statistic depends on its
-own threshold, for what passes corrects the heading it is compared with.
+(`fg_nav.lab.reproduce.roc`). The fraction and the limits were chosen on seeds below 100. AIEZ's statistic depends on
+its own threshold, for what passes corrects the heading it is compared with.
 
 Noise, two hours, for the sigmas of Ma's detector (section 5.2): changes from one instant to the next of magnetic minus
 gyro heading, of the inclination and of the strength, Ma (13). The paper says neither whether the foot walked, nor from
@@ -42,16 +42,16 @@ import numpy as np
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.detection import detect_stances
 from fg_nav.errors import CalibrationError
-from fg_nav.evaluation.roc import (
+from fg_nav.frames import compute_heading, wrap_angle
+from fg_nav.lab.campaign.methods import solve_by
+from fg_nav.lab.campaign.walks import LOOP, RAW, Simulated
+from fg_nav.lab.reproduce.roc import (
     Roc,
     make_roc,
     measure_compass_deviation,
     measure_course_change,
     measure_field_change,
 )
-from fg_nav.frames import compute_heading, wrap_angle
-from fg_nav.lab.campaign.methods import solve_by
-from fg_nav.lab.campaign.walks import LOOP, RAW, Simulated
 from fg_nav.lab.simulation import SCENARIOS, Choices, SimulatedWalk, simulate
 from fg_nav.lab.simulation.plan import Stand
 from fg_nav.lab.store.results import Arrays, Measurement

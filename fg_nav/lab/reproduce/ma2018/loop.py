@@ -29,12 +29,16 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Floats
-from fg_nav.calibration.ellipse import Ellipse, find_ellipse_as_printed, find_ellipse_by_extremes
-from fg_nav.calibration.ellipse_fit import calibrate_on_loop
-from fg_nav.calibration.ellipsoid import fit_ellipsoid, upper_triangular
+from fg_nav.calibration.ellipse import Ellipse, calibrate_on_loop
+from fg_nav.calibration.ellipsoid import fit_ellipsoid
 from fg_nav.detection import detect_stances
 from fg_nav.errors import CalibrationError
 from fg_nav.frames import wrap_angle
+from fg_nav.lab.reproduce.ma2018.extremes import (
+    find_ellipse_as_printed,
+    find_ellipse_by_extremes,
+    upper_triangular,
+)
 from fg_nav.lab.simulation import Choices, SimulatedWalk, scenario, simulate
 from fg_nav.lab.simulation.fields import SITES
 from fg_nav.lab.simulation.sensors import IronPrior, SensorPrior, ma_table_1, make_iron, preset

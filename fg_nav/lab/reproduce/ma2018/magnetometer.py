@@ -14,7 +14,6 @@ from functools import partial
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.evaluation.roc import Band, Roc
 from fg_nav.lab.reproduce.ma2018.detections import AT_REST, IRON_ON, LIMIT_UT, MA, MA_P_D, OURS, WALKED, Case, split_way
 from fg_nav.lab.reproduce.ma2018.loop import CLSEF, MA_B_UT, MA_K, MG_PER_UT, Loop, heading_errors
 from fg_nav.lab.reproduce.results import (
@@ -29,6 +28,7 @@ from fg_nav.lab.reproduce.results import (
     reason_for,
     spread_of,
 )
+from fg_nav.lab.reproduce.roc import Band, Roc
 from fg_nav.lab.simulation.sensors.magnetometer import MA_ETA_RAD, MA_OFFSET_UT, MA_TAU
 from fg_nav.lab.store.results import Arrays
 from fg_nav.magnetic.detectors import MA_SIGMA_HEADING, MA_SIGMA_INCLINATION, MA_SIGMA_STRENGTH

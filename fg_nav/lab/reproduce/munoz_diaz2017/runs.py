@@ -4,7 +4,7 @@
 as printed the paper's filter, its equations as they stand, misprints and all (`fg_nav.pocket.filter_equations`)
 filter     with these corrected; gravity by a mean over two strides
 batch      `fg_nav.pocket.smooth_pocket`, an iterated Kalman smoother of the whole walk
-online     `fg_nav.pocket.follow_pocket`, the same with a fixed lag: each estimate is made of what was there until then
+online     `fg_nav.lab.follow_pocket`, the same with a fixed lag: each estimate is made of what was there until then
 ========== =========================================================================================================
 
 The graph is given what the filter assumes: that the emulated sensor of the first walk has no errors of scale
@@ -30,11 +30,11 @@ import numpy as np
 from fg_nav.arrays import Bools, Floats
 from fg_nav.errors import EstimationError
 from fg_nav.frames import compute_heading
+from fg_nav.lab.follow_pocket import follow_pocket
 from fg_nav.lab.reproduce.munoz_diaz2017.walks import BATCH, FILTER, FIRST, ONLINE, PRINTED, Case, Setting
 from fg_nav.pocket import PRESETS, PocketSmootherParameters, PocketTrack, estimate_pocket, level_start
 from fg_nav.pocket.dead_reckoning import calibrate_step_length, reckon_path
 from fg_nav.pocket.iterated_smoother import smooth_pocket
-from fg_nav.pocket.online import follow_pocket
 from fg_nav.pocket.steps import estimate_swing, find_steps
 from fg_nav.recording import Recording
 from fg_nav.truth import TrajectoryTruth

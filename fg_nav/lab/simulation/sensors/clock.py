@@ -4,7 +4,7 @@
 
 s_i (s) is when sample i was truly taken. e is the scale error of the clock, fixed for a unit. d_i (s) is the delay
 on the way to the logger, exponential and independent; its mean is taken off, so that stamps are right on average.
-Samples queue: none overtakes another, so stamps rise strictly. This is the model that `fg_nav.samples.timing` undoes.
+Samples queue: none overtakes another, so stamps rise strictly. This is the model that `fg_nav.samples.stamps` undoes.
 
 Samples are lost in bursts: after a sample that arrived one is lost with a fixed chance, and after a lost one the
 next is lost with another (Gilbert's channel), up to a longest gap. The first sample of all arrives.

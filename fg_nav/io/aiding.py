@@ -1,0 +1,178 @@
+"""Measurements beside a recording, from files of their own: position fixes, satellite fixes, air pressure.
+
+Fixes of the position, surveyed points or a receiver's, are CSV files `time_s,x_m,y_m,z_m,sigma_m`. Time is that of the
+recording as read; x is east, y north, z up from where the walk starts; an empty z is not known. The sigma is that of
+each axis that is given.
+
+Those of a satellite receiver are the `Location.csv` of a phone's app in a folder or zip, or a CSV of the user's own
+with time (`time_s`, `t`), latitude (`lat_deg`), longitude (`lon`) and accuracy (`hacc_m`), by any usual names. Rows
+without a place or with an accuracy that is not above zero (iOS: -1 is none) are no fixes. The origin is the first whose
+accuracy is no worse than twice the median.
+
+The columns of a barometer are found by their names (`fg_nav.columns.choice.find_pressure`); without a unit of pressure
+in the name the size of the readings says it. Stamps are in the recording's clock. Their unit, where the name has none,
+and which of several columns of time, are those that make both run at the same time. A reading is put at the row of the
+recording that is nearest in time, and of several at one row the nearest: rows without one are NaN.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from fg_nav.arrays import Floats
+from fg_nav.columns.choice import find_pressure
+from fg_nav.columns.headers import read_header
+from fg_nav.columns.samples import convert_pressure
+from fg_nav.columns.units import find_factor
+from fg_nav.errors import FormatError
+from fg_nav.gnss import Gnss
+from fg_nav.io.content import Content, read_content
+from fg_nav.io.readers.phones import put_on_recording_clock
+from fg_nav.io.streams import find_nearest_rows
+from fg_nav.io.text_columns import Header, find_header
+from fg_nav.recording import RawRecording
+from fg_nav.truth import Fix
+
+FIX_COLUMNS = ("time_s", "x_m", "y_m", "z_m", "sigma_m")
+
+_GNSS_COLUMNS = {
+    "time": ("secondselapsed", "times", "time", "t", "seconds"),
+    "latitude": ("latitude", "latitudedeg", "lat", "latdeg"),
+    "longitude": ("longitude", "longitudedeg", "lon", "londeg", "lng"),
+    "accuracy": ("horizontalaccuracy", "horizontalaccuracym", "accuracy", "accuracym", "hacc", "haccm", "sigmam"),
+}
+"""Names by their letters alone, without units, the first that is there."""
+
+_UNITS = re.compile(r"\(.*\)|\[.*\]")
+
+
+def read_fixes(path: Path | str) -> tuple[Fix, ...]:
+    """Read the fixes of a file.
+
+    Raises `FormatError` if a column is missing, a field is no number, or anything but z is empty; or if a sigma is not
+    above zero.
+    """
+    content = read_content(Path(path))
+    table, line = Header(0, content.fields()).read(content, FIX_COLUMNS)
+    needed = np.isfinite(np.delete(table, 3, axis=1)).all(axis=1) & ~np.isinf(table[:, 3])
+    for good, what in (
+        (needed, "lacks a number (only z_m may be empty)"),
+        (table[:, 4] > 0, "has no sigma above zero"),
+    ):
+        if not good.all():
+            raise FormatError(f"{content.path.name}, line {line[np.argmin(good)]} {what}: correct or delete that line.")
+    return tuple(
+        Fix(float(t), np.array([x, y, np.nan_to_num(z)]), float(sigma), float("inf") if np.isnan(z) else float(sigma))
+        for t, x, y, z, sigma in table
+    )
+
+
+def read_gnss(path: Path | str) -> Gnss:
+    """Read the fixes of a receiver from a table, or from the `Location.csv` in a folder or archive.
+
+    Raises `FormatError` if there is no such table, a column is missing, or no row is a fix.
+    """
+    content = read_content(Path(path))
+    tables = [one for place, one in content.members.items() if re.search(r"(^|/)location\.csv$", place, re.IGNORECASE)]
+    if content.members and not tables:
+        raise FormatError(
+            f"{content.path.name} holds no Location.csv: record the location too, or give a CSV with time_s, latitude, "
+            "longitude and accuracy."
+        )
+    table = tables[0] if tables else content
+    # columns
+    header = find_header(table, lambda names: {"latitude", "longitude"} <= _find_gnss_columns(names).keys())
+    found = {} if header is None else _find_gnss_columns(header.names)
+    if header is None or len(found) < len(_GNSS_COLUMNS):
+        missing = ", ".join(what for what in _GNSS_COLUMNS if what not in found)
+        raise FormatError(
+            f"{table.path.name} has no column of {missing}: fixes have time_s, latitude, longitude (deg) and accuracy "
+            "(m)."
+        )
+    values, _ = header.read(table, [found[what] for what in _GNSS_COLUMNS])
+    # rows that are fixes
+    t, latitude, longitude, accuracy = values[np.isfinite(values).all(axis=1)].T
+    good = (np.abs(latitude) <= 90.0) & (np.abs(longitude) <= 360.0) & (accuracy > 0.0)
+    if not good.any():
+        raise FormatError(f"{table.path.name} holds no fix with an accuracy above zero: was there a view of the sky?")
+    t, latitude, longitude, accuracy = (x[good] for x in (t, latitude, longitude, accuracy))
+    if tables:
+        t = put_on_recording_clock(content, t)
+    # level axes of the origin
+    from pymap3d import geodetic2enu
+
+    first = int(np.argmax(accuracy <= 2.0 * np.median(accuracy)))
+    origin = float(latitude[first]), float(longitude[first])
+    east, north, _ = geodetic2enu(latitude, longitude, 0.0, *origin, 0.0)
+    fixes = tuple(
+        Fix(float(time), np.array([x, y, 0.0]), float(sigma))
+        for time, x, y, sigma in zip(t, east, north, accuracy, strict=True)
+    )
+    return Gnss(fixes, *origin)
+
+
+def _find_gnss_columns(names: list[str]) -> dict[str, str]:
+    """Names of the columns of fixes, by what they are."""
+    letters = {re.sub(r"[^a-z]", "", _UNITS.sub("", name).lower()): name for name in names}
+    known = ((what, word) for what, words in _GNSS_COLUMNS.items() for word in words[::-1])
+    return {what: letters[word] for what, word in known if word in letters}  # of one quantity the first word
+
+
+def add_barometer(raw: RawRecording, path: Path) -> RawRecording:
+    """Return a recording with the pressure of a file.
+
+    Raises `FormatError` if the file has no time or no pressure of air, or ran at another time.
+    """
+    content = read_content(path)
+    header = find_header(content, lambda names: find_pressure(names) is not None)
+    channel = None if header is None else find_pressure(header.names)
+    if header is None or channel is None:
+        raise FormatError(f"{path.name} names no pressure: give a table with the columns time_s and pressure_pa.")
+    notes: list[str] = []
+    pressure = convert_pressure(header.read(content, channel.names)[0][:, 0], channel, notes)
+    if pressure is None:
+        why = notes[-1] if notes else f"'{channel.names[0]}' has no reading"
+        raise FormatError(f"{path.name}: {why}; give pressures in Pa, hPa or kPa, or leave --barometer out.")
+    known = np.isfinite(raw.t)
+    rows, t = np.flatnonzero(known), raw.t[known]
+    order = np.argsort(t, kind="stable")
+    if len(t) < 2:
+        return raw
+    stamps = _find_stamps(content, header, float(t[order[0]]), float(t[order[-1]]), path)
+    found = np.flatnonzero(np.isfinite(pressure) & np.isfinite(stamps))
+    at, chosen = find_nearest_rows(stamps[found], t[order])
+    placed = np.full(len(raw.t), np.nan)
+    placed[rows[order[at]]] = pressure[found[chosen]]
+    note = f"pressure of {path.name} in {int(np.isfinite(placed).sum())} rows"
+    provenance = replace(raw.provenance, notes=(*raw.provenance.notes, *notes, note))
+    return replace(raw, pressure=placed, provenance=provenance)
+
+
+def _find_stamps(content: Content, header: Header, first: float, last: float, path: Path) -> Floats:
+    """Stamps (N,) s of a barometer beside a recording from `first` to `last`, s."""
+    best, share, spans = np.empty(0), 0.0, list[str]()
+    for name in header.names:
+        meaning = read_header(name)
+        if meaning is None or meaning.kind != "time":
+            continue
+        said = meaning.unit if meaning.unit and find_factor("time", meaning.unit) else None
+        t = header.read(content, [name])[0][:, 0]
+        for unit in ("s", "ms", "us", "ns") if said is None else (said,):
+            stamps = t * (find_factor("time", unit) or 1.0)
+            begins, ends = (float(edge) for edge in np.nanquantile(stamps, [0.0, 1.0]))
+            common = min(ends, last) - max(begins, first)
+            if common > share * (max(ends, last) - min(begins, first)):
+                best, share = stamps, common / (max(ends, last) - min(begins, first))
+            spans.append(f"{begins:.1f} to {ends:.1f} s")
+    if not spans:
+        raise FormatError(f"{path.name} has no time: give a table with the columns time_s and pressure_pa.")
+    if not len(best):
+        raise FormatError(
+            f"{path.name} has pressures from {spans[0]} and the recording is from {first:.1f} to {last:.1f} s: give "
+            "the file of the same recording, with stamps on its clock."
+        )
+    return best

@@ -1,0 +1,415 @@
+"""Tables in files of any kind: the names of their columns, and columns as floats.
+
+======== ==========================================================================================================
+text     separated by comma, semicolon, tab, bar or blanks; decimal point or comma; comments; a row of units
+JSON     an array or lines of objects, or an object of arrays
+arrays   numpy's npz and npy, MATLAB files, HDF5 (needs h5py): an array a column, or (N, 3) for all axes of one
+         quantity; (N, 6) or (N, 9) whose name has `imu` in it: force, rate and field
+Parquet  a column a column (needs pyarrow); so is an Excel sheet (needs openpyxl)
+======== ==========================================================================================================
+
+Of a text the first long run of lines with as many numbers each is the data; separator and decimal sign are those by
+which most of its fields are numbers. What stands right above it with as many fields is the header, in one or more rows,
+which may be a comment; of these a row of units goes into brackets behind the names.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+import warnings
+import zipfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, TypeAlias
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from fg_nav.arrays import Floats, Ints
+from fg_nav.columns.headers import read_header
+from fg_nav.columns.samples import to_floats
+from fg_nav.columns.units import find_quantity
+from fg_nav.errors import FormatError
+from fg_nav.io.content import Content, explain_missing, load_mat, split_fields, split_lines
+from fg_nav.io.text_columns import read_table, table_options
+
+PARQUET_MARK, ZIP_MARK, NPY_MARK, HDF5_MARK = b"PAR1", b"PK\x03\x04", b"\x93NUMPY", b"\x89HDF"
+
+MIN_NUMBERS = 6  # Columns of numbers that a table of force and rate has at least.
+_MAX_TOP = 200  # Lines above the data.
+_JUDGED = 40  # Lines of data from which the layout is found.
+_MAX_HEADER_ROWS = 4
+
+_COMMENTS = ("#", "%", "//", "!", '"#')
+_SEPARATORS = ("\t", ";", ",", r"\s+", "|")
+_WAYS = tuple((separator, decimal) for separator in _SEPARATORS for decimal in ".," if separator != decimal)
+
+_DATE = re.compile(r"\d{4}[-/.]\d\d?[-/.]\d\d?(?:[ T]\d\d?:\d\d(?::\d\d(?:[.,]\d*)?)?(?:Z|[+-]\d\d:?\d\d)?)?\s*$")
+"""Of year, month and day, with a time of day or without: other orders leave month and day open."""
+
+_CLOCK = re.compile(r"(?:^|[ T])(?P<h>\d\d?):(?P<m>\d\d):(?P<s>\d\d)(?:[.,:](?P<f>\d+))?\s*(?P<p>[AaPp]\.?[Mm])?")
+"""A time of day, whatever date stands before it."""
+
+_DAY_S = 86400.0
+
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$")
+_EMPTY = frozenset({"", "nan", "NaN", "NAN", "inf", "-inf", "+nan", "null", "NULL", "NA", "n/a", "N/A", "-nan", "None"})
+
+_split_row = partial(split_fields, skip_blanks=True)
+
+Arrays: TypeAlias = Mapping[str, np.ndarray[Any, Any]]
+
+
+@dataclass(frozen=True)
+class TextTable:
+    """A table of text. `names` are numbers from 1 where it has no header; `first_line` of data is from 1."""
+
+    content: Content
+    names: Sequence[str]
+    first_line: int
+    separator: str
+    decimal: str
+    comment: str | None
+    has_header: bool = True
+
+    def read(self, positions: Sequence[int]) -> tuple[Floats, Ints]:
+        """Read columns (N, K) and the line (N,) of each row; raises `FormatError` as `read_table` does."""
+        # columns most of whose first fields are dates (True), or times of day
+        lines = self.content.lines[self.first_line - 1 :][:_JUDGED]
+        rows, clocks = [_split_row(line, self.separator) for line in lines], dict[int, bool]()
+        for position in positions:
+            fields = [row[position] for row in rows if len(row) > position]
+            for is_date, words in ((True, _DATE), (False, _CLOCK)):
+                if sum(bool(words.search(field)) for field in fields) * 2 > len(rows):
+                    clocks.setdefault(position, is_date)
+        # numbers, then these
+        numbers = [position for position in positions if position not in clocks]
+        values, row = read_table(
+            self.content, self.names, numbers, self.first_line, self.separator, self.decimal, self.comment
+        )
+        for place, position in enumerate(positions):
+            if position in clocks:
+                text = self.read_words(position, row)
+                values = np.insert(values, place, (_read_dates if clocks[position] else _read_times)(text), axis=1)
+        if self.comment is None:
+            return values, row
+        # lines of comments alone are not among the rows
+        all_lines = split_lines(self.content.read_text())
+        kept = [n for n, line in enumerate(all_lines, 1) if n >= self.first_line and not line.startswith(self.comment)]
+        return values, np.array([*kept, len(all_lines)])[np.minimum(row - self.first_line, len(kept))]
+
+    def read_words(self, position: int, row: Ints) -> NDArray[np.object_]:
+        """Read a column as text in the lines (N,) `row`; None where a field is empty."""
+        options = table_options(self.names, self.first_line, self.separator)
+        frame = pd.read_csv(self.content.source(), dtype={position: str}, comment=self.comment, **options)
+        words = np.asarray(frame[position].str.strip().replace({np.nan: None}), dtype=object)
+        return words[row - self.first_line]
+
+
+@dataclass(frozen=True)
+class ArrayTable:
+    """Columns (N,) in memory, by name; rows are counted from 1."""
+
+    source: str
+    names: Sequence[str]
+    columns: Sequence[np.ndarray[Any, Any]]
+    has_header: bool = True
+
+    def read(self, positions: Sequence[int]) -> tuple[Floats, Ints]:
+        """Return columns (N, K) and rows (N,) from 1; raises `FormatError` for what is no number."""
+        values = [to_floats(self.columns[position], self.names[position], self.source) for position in positions]
+        return np.column_stack(values), np.arange(1, len(self.columns[0]) + 1)
+
+    def read_words(self, position: int, row: Ints) -> NDArray[np.object_]:
+        """Return a column as text, in the rows (N,) `row`."""
+        return self.columns[position][row - 1].astype(str).astype(object)
+
+
+Table: TypeAlias = TextTable | ArrayTable
+
+
+def open_table(content: Content, min_numbers: int = MIN_NUMBERS) -> Table | None:
+    """Open what is a table, of so many numbers in a row at least; None if it is none.
+
+    Raises `FormatError` if it is one and damaged, or needs a library that is not installed.
+    """
+    head, name = content.head, content.path.name
+    if head.startswith(PARQUET_MARK):
+        return _open_parquet(content)
+    if head.startswith(NPY_MARK):
+        array = _load_numpy(content, "npy")["npy"]
+        if array.dtype.names:
+            return open_arrays({key: array[key] for key in array.dtype.names}, name)
+        if array.ndim == 2:
+            columns = {str(k + 1): column for k, column in enumerate(array.T)}
+            return replace(open_arrays(columns, name), has_header=False)
+        raise FormatError(f"{name} holds an array of shape {array.shape}: save one of (N, 7), or names its columns.")
+    if head.startswith(HDF5_MARK):
+        return _open_hdf5(content)
+    if head.startswith(ZIP_MARK):
+        if any(place.startswith(("xl/", "worksheets/")) for place in content.members):
+            return _open_sheet(content)
+        are_arrays = content.members and all(place.endswith(".npy") for place in content.members)
+        return open_arrays(_load_numpy(content, "npz"), name) if are_arrays else None
+    if content.variables:
+        arrays = {key: value for key, value in load_mat(content).items() if value is not None}
+        return open_arrays({key: value.squeeze() for key, value in arrays.items()}, name)
+    if content.lines and content.lines[0].lstrip()[:1] in ("{", "["):
+        return _open_json(content)
+    return _open_text(content, min_numbers) if content.lines else None
+
+
+def _open_text(content: Content, min_numbers: int) -> TextTable | None:
+    lines = content.lines
+    start = next((k for k in range(min(len(lines), _MAX_TOP)) if _is_data_from(lines, k, min_numbers)), None)
+    if start is None:
+        return None
+    data = [line for line in lines[start : start + _JUDGED] if line.strip() and not _is_comment(line)]
+    separator, decimal = max(_WAYS, key=lambda way: _score(data, way[0], way[1], min_numbers))
+    widths = [len(_split_row(line, separator)) for line in data]
+    width = max(set(widths), key=widths.count)
+    names = _read_names(lines[:start], separator, width)
+    comment = "#" if any("#" in line for line in lines[start:]) else None
+    numbered = tuple(str(k + 1) for k in range(width))
+    return TextTable(content, tuple(names or numbered), start + 1, separator, decimal, comment, names is not None)
+
+
+def _is_comment(line: str) -> bool:
+    return line.lstrip().startswith(_COMMENTS)
+
+
+def _is_data_from(lines: Sequence[str], start: int, min_numbers: int) -> bool:
+    """Whether a line and the next that are not empty have enough numbers, by the same separator."""
+    block = [line for line in lines[start : start + 6] if line.strip() and not _is_comment(line)][:3]
+    if len(block) < 2 or not lines[start].strip() or _is_comment(lines[start]):
+        return False
+    return any(all(_count_numbers(_split_row(line, s), d) >= min_numbers for line in block) for s, d in _WAYS)
+
+
+def _count_numbers(fields: Sequence[str], decimal: str) -> int:
+    """Count the fields that are numbers."""
+    if decimal == ",":
+        whole = [field for field in fields if "." not in field and not field.endswith(",")]
+        fields = [field.replace(",", ".", 1) for field in whole]
+    return sum(bool(_NUMBER.match(field)) for field in fields)
+
+
+def _score(data: Sequence[str], separator: str, decimal: str, min_numbers: int) -> tuple[float, float]:
+    """How well the lines split: the share of lines of enough numbers, and that of fields that are numbers or empty."""
+    rows = [_split_row(line, separator) for line in data]
+    counts = [_count_numbers(row, decimal) for row in rows]
+    enough = sum(count >= min_numbers for count in counts) / len(rows)
+    known = sum(count + sum(field in _EMPTY for field in row) for row, count in zip(rows, counts, strict=True))
+    return round(enough, 1), known / max(1, sum(map(len, rows)))
+
+
+def _read_names(above: Sequence[str], separator: str, width: int) -> list[str] | None:
+    """Names of the columns, from the rows right above the data; None if there are none."""
+    rows = list[list[str]]()
+    for line in reversed(above):
+        if not line.strip():
+            if rows:
+                break
+            continue
+        text = re.sub(r"^[\s#%/!\"]+", "", line) if _is_comment(line) else line
+        splits = (_split_row(text, way) for way in (separator, *_SEPARATORS))
+        fit = (f for f in splits if abs(len(f) - width) <= 1 and _count_numbers(f, ".") * 2 < width and any(f))
+        fields = next(fit, None)
+        if fields is None or len(rows) == _MAX_HEADER_ROWS:
+            break
+        rows.insert(0, fields + [""] * (width - len(fields)))
+    return _join_rows(rows) if rows else None
+
+
+def _join_rows(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Make one name of what stands above each column."""
+    width = max(map(len, rows))
+    filled = [[*row, *[""] * (width - len(row))] for row in rows]
+    units = next((row for row in filled[1:] if _is_units(row)), None)
+    named = [row for row in filled if row is not units]
+    if len(named) > 1:  # a name above the first of several columns is that of all
+        for row in named:
+            for k in range(1, width):
+                row[k] = row[k] or row[k - 1]
+        joined = [" ".join(words) for words in zip(*named, strict=True)]
+        if _count_axes(named[-1]) >= _count_axes(joined) and len(set(named[-1])) == len(named[-1]):
+            named = named[-1:]
+    names = [" ".join(dict.fromkeys(word for word in words if word)) for words in zip(*named, strict=True)]
+    if units is None:
+        return names
+    return [f"{name} [{unit}]" if find_quantity(unit) else name for name, unit in zip(names, units, strict=True)]
+
+
+def _is_units(row: Sequence[str]) -> bool:
+    """Whether most of the words in a row are units."""
+    words = [word for word in row if word]
+    return bool(words) and sum(find_quantity(word) is not None for word in words) * 2 > len(words)
+
+
+def _count_axes(names: Sequence[str]) -> int:
+    return sum(meaning is not None and meaning.axis != "" for meaning in map(read_header, names))
+
+
+def _read_dates(text: NDArray[np.object_]) -> Floats:
+    """Dates as s since 1970, NaN where there is none."""
+    words = pd.Series(text)
+    dates = pd.to_datetime(words, errors="coerce", utc=True, format="ISO8601")
+    other = dates.isna() & words.notna()
+    if other.any():  # each by itself, which is slow
+        dates[other] = pd.to_datetime(words[other], errors="coerce", utc=True, format="mixed", dayfirst=False)
+    stamps = dates.to_numpy(dtype="datetime64[ns]")
+    return np.where(np.isnat(stamps), np.nan, stamps.astype(np.int64) * 1e-9)
+
+
+def _read_times(text: NDArray[np.object_]) -> Floats:
+    """Times of day as s, set on over midnight, NaN where there is none."""
+    parts = pd.Series(text, dtype=object).astype(str).str.extract(_CLOCK)
+    numbers = parts[["h", "m", "s"]].apply(pd.to_numeric, errors="coerce").to_numpy(dtype=np.float64)
+    fraction = pd.to_numeric("0." + parts["f"].fillna("0"), errors="coerce").to_numpy(dtype=np.float64)
+    half = parts["p"].str.lower().str[0]
+    hours = np.where(half.isna(), numbers[:, 0], numbers[:, 0] % 12 + 12 * (half == "p"))
+    t = 3600.0 * hours + 60.0 * numbers[:, 1] + numbers[:, 2] + fraction
+    known = np.isfinite(t)
+    t[known] = np.unwrap(t[known], period=_DAY_S)
+    return np.asarray(t, dtype=np.float64)
+
+
+def _open_parquet(content: Content) -> ArrayTable:
+    name = content.path.name
+    with explain_missing(name, "a Parquet file", "pyarrow", "parquet"):
+        import pyarrow.parquet
+    try:
+        frame = pyarrow.parquet.read_table(content.source()).to_pandas()
+    except Exception as error:  # pyarrow raises its own errors, OSError and ValueError on damaged files
+        raise FormatError(f"{name} is a damaged Parquet file ({type(error).__name__}): export it again.") from None
+    return _open_frame(frame.reset_index() if any(frame.index.names) else frame, name)
+
+
+def _open_frame(frame: Any, name: str) -> ArrayTable:
+    return open_arrays({str(column): frame[column].to_numpy() for column in frame.columns}, name)
+
+
+def _open_sheet(content: Content) -> Table:
+    """Open the first sheet of an Excel file as a table of text is opened."""
+    name = content.path.name
+    with explain_missing(name, "an Excel file", "openpyxl", "xlsx"):
+        import openpyxl  # noqa: F401
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            frame = pd.read_excel(io.BytesIO(content.read_bytes()), header=None)
+    except Exception as error:  # of the zip, the XML and the sheet
+        raise FormatError(f"{name} is a damaged Excel file ({type(error).__name__}): save it again.") from None
+    text = frame.to_csv(index=False, header=False, sep="\t")
+    sheet = Content(content.path, lines=tuple(text.splitlines()[:400]), fetch=lambda n: text.encode()[:n])
+    found = open_table(sheet)
+    if found is None:
+        raise FormatError(f"{name} has no table of samples in its first sheet: save that alone, or as CSV.")
+    return found
+
+
+def _open_json(content: Content) -> ArrayTable | None:
+    """Open an array or lines of objects, or an object of arrays; names of what is nested go with points."""
+    name, text = content.path.name, content.read_text()
+    try:
+        lines = [line for line in text.splitlines() if line.strip()]
+        is_lines = len(lines) > 1 and lines[0].rstrip().endswith("}") and lines[1].lstrip().startswith("{")
+        value = [json.loads(line) for line in lines] if is_lines else json.loads(text)
+        while isinstance(value, dict) and len(value) == 1 and isinstance(next(iter(value.values())), dict | list):
+            value = next(iter(value.values()))
+        if isinstance(value, dict):
+            lists = {key: values for key, values in value.items() if isinstance(values, list)}
+            rows = max(lists.values(), key=len, default=[])
+            if not rows or not isinstance(rows[0], dict):
+                return open_arrays({key: np.asarray(values) for key, values in lists.items()}, name)
+            value = rows
+        if not value or not isinstance(value[0], dict):
+            return None
+        frame = pd.json_normalize(value)
+    except (ValueError, RecursionError, TypeError, AttributeError) as error:
+        reason = " ".join(str(error).split())[:80]
+        raise FormatError(f"{name} is no whole JSON of samples ({reason}): export it again.") from None
+    for column in list(frame.columns):  # [x, y, z]
+        cells = frame[column].dropna()
+        if len(cells) and all(isinstance(cell, list) and len(cell) == 3 for cell in cells.head(20)):
+            vectors = np.array([c if isinstance(c, list) and len(c) == 3 else [np.nan] * 3 for c in frame[column]])
+            for k, axis in enumerate("xyz"):
+                frame[f"{column}.{axis}"] = vectors[:, k]
+            del frame[column]
+    return _open_frame(frame, name)
+
+
+def _load_numpy(content: Content, kind: str) -> Arrays:
+    """Arrays of an npz file by name; that of an npy file by its kind."""
+    data = io.BytesIO(content.read_bytes())
+    try:
+        loaded = np.load(data, allow_pickle=False)
+        return {kind: loaded} if kind == "npy" else {key: loaded[key] for key in loaded.files}
+    except (ValueError, OSError, EOFError, KeyError, zipfile.BadZipFile, MemoryError, SyntaxError, TypeError) as error:
+        raise FormatError(
+            f"{content.path.name} is a damaged {kind} file ({type(error).__name__}): save it again."
+        ) from None
+
+
+def _open_hdf5(content: Content) -> ArrayTable:
+    name = content.path.name
+    with explain_missing(name, "an HDF5 file", "h5py", "hdf5"):
+        import h5py
+    arrays: dict[str, np.ndarray[Any, Any]] = {}
+
+    def keep(place: str, node: Any) -> None:
+        if isinstance(node, h5py.Dataset) and not place.startswith("#"):
+            value = node[()]
+            if value.dtype.names:
+                arrays.update({f"{place}/{key}": value[key] for key in value.dtype.names})
+            elif value.dtype.kind in "fiubS" and value.size > 1:
+                flat = value.squeeze()  # MATLAB's arrays lie on their side
+                arrays[place] = flat.T if flat.ndim == 2 and flat.shape[0] < flat.shape[1] else flat
+
+    try:
+        with h5py.File(io.BytesIO(content.read_bytes()), "r") as file:
+            file.visititems(keep)
+    except (OSError, RuntimeError, ValueError, KeyError, TypeError) as error:
+        raise FormatError(f"{name} is a damaged HDF5 file ({type(error).__name__}): save it again.") from None
+    lengths = [len(array) for array in arrays.values()]
+    longest = max(set(lengths), key=lengths.count) if lengths else 0
+    own = {place: array for place, array in arrays.items() if len(array) == longest}
+    short = [place.rsplit("/", 1)[-1] for place in own]
+    names = [one if short.count(one) == 1 else place.replace("/", " ") for place, one in zip(own, short, strict=True)]
+    return open_arrays(dict(zip(names, own.values(), strict=True)), name)
+
+
+def open_arrays(arrays: Arrays, source: str) -> ArrayTable:
+    """Open arrays (N,), (N, 3), (N, 6) or (N, 9) by name as a table; those of other lengths and kinds are left out.
+
+    Raises `FormatError` if there is none.
+    """
+    lengths = [len(array) for array in arrays.values() if array.ndim in (1, 2) and array.size]
+    length = max(set(lengths), key=lengths.count) if lengths else 0
+    names, columns = list[str](), list[np.ndarray[Any, Any]]()
+    for name, array in arrays.items():
+        flat = array[:, None] if array.ndim == 1 else array
+        if array.ndim in (1, 2) and len(flat) == length and array.dtype.kind in "fiubMOUS":
+            names += _expand_name(name, flat.shape[1])
+            columns += list(flat.T)
+    if not names:
+        raise FormatError(f"{source} holds no arrays of samples: save t (N,), acc (N, 3) and gyr (N, 3).")
+    return ArrayTable(source, names, columns)
+
+
+def _expand_name(name: str, width: int) -> list[str]:
+    """Names of the columns of an array: an axis goes before the unit."""
+    if width == 1:
+        return [name]
+    words = ("acc x", "acc y", "acc z", "gyr x", "gyr y", "gyr z", "mag x", "mag y", "mag z")
+    if width in (6, 9) and "imu" in name.lower():
+        return list(words[:width])
+    meaning = read_header(name)
+    if width != 3 or meaning is None or meaning.axis:
+        return [f"{name} {k + 1}" for k in range(width)]
+    unit = f" [{meaning.unit}]" if meaning.unit else ""
+    return [f"{meaning.stem} {axis}{unit}" for axis in "xyz"]

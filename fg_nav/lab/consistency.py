@@ -1,0 +1,191 @@
+"""Consistency of claimed sigmas: normalized estimation error squared (NEES) at the stances.
+
+Position alone (`compute_stance_nees`). Position and heading at the start are a gauge: the estimator sets them, the
+truth has others. Both paths are taken relative to the first stance that the truth covers, and the truth is turned by
+the yaw psi that makes the errors most likely under the claim,
+
+    e_k(psi) = (p_k - p_0) - R_z(psi)^T (q_k - q_0),    psi = argmin sum_k e_k^T C_k^-1 e_k,
+    C_k = P_k + 2 sigma_truth^2 I,                       nees_k = e_k^T C_k^-1 e_k.
+
+For an honest claim nees_k is chi-square with 3 degrees of freedom, less what the fit of psi absorbs: nothing of the
+vertical and the along-track error, but of the cross-track variance two thirds at the end of a straight walk with white
+steps. Errors of neighbouring stances are strongly correlated: judge the median over stances and over walks.
+
+Position and heading (`whiten_errors`). Where the estimator was given the true heading at its start nothing is fitted.
+With everything relative to the first footfall but the heading, which is absolute,
+
+    e_k = (p_k - p_0) - (q_k - q_0)  m, east, north, up;    psi_k  rad about up, estimate less truth.
+
+Errors are whitened by the claim, z = L^-1 e with P = L L^T, and an honest claim makes z standard normal:
+
+========== ======= =========================================================================================
+pose       4       position and heading together; only where the claim has their joint covariance
+ground     3       east, north and heading together; likewise
+position   3
+horizontal 2       east and north
+heading    1
+up         1
+========== ======= =========================================================================================
+
+|z_k|^2 is the NEES of footfall k, chi-square with n degrees of freedom. As errors along a walk are correlated, the
+share of seeds inside the two-sided band is judged at one footfall at a time, and for the mean over M footfalls the band
+is widened: for Gaussian z_k, z_l with unit variances and correlation C_kl, cov(|z_k|^2, |z_l|^2) = 2 |C_kl|^2 (sum of
+squares), so the mean has mean n and variance v = 2 / M^2 sum_kl |C_kl|^2. It is taken for a scaled chi-square of
+nu = 2 n^2 / v degrees of freedom (Satterthwaite 1946): M n for independent footfalls, n for equal ones; the band holds
+95 to 97 % of honest walks. C is measured over the seeds, as a correlation, so that a claim that is too small cannot
+widen its own band; the expected square of a chance correlation over S seeds, (1 - c^2) / S, is subtracted.
+
+Reference: Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and Navigation (2001), 5.4.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import gammaincinv
+
+from fg_nav.arrays import Floats, Ints
+from fg_nav.errors import EvaluationError
+from fg_nav.evaluation.comparison import Comparison, align, interpolate_truth
+from fg_nav.evaluation.metrics import pose_covariance
+from fg_nav.frames import yaw_rotation
+from fg_nav.solution import StanceTable
+from fg_nav.truth import TrajectoryTruth
+
+DEGREES_OF_FREEDOM = 3
+TRUTH_SIGMA_M = 0.001  # Motion capture of a marker on a shoe: about a millimetre.
+_YAW_STEPS = 10  # Gauss-Newton on one angle has converged long before.
+
+PARTS: Mapping[str, int] = {"pose": 4, "ground": 3, "position": 3, "horizontal": 2, "heading": 1, "up": 1}
+"""Degrees of freedom by part."""
+
+PLACES = (0.25, 0.5, 0.75, 1.0)  # Judged footfalls, as shares of the walk.
+JOINT = ("pose", "ground")  # Parts that need the covariance of position with heading.
+
+_ROWS = {
+    "pose": [0, 1, 2, 3],
+    "ground": [0, 1, 3],
+    "position": [0, 1, 2],
+    "horizontal": [0, 1],
+    "heading": [3],
+    "up": [2],
+}
+
+
+@dataclass(frozen=True)
+class Consistency:
+    """`nees` (M,) at the rows `stance` (M,) of the stance table, and the fitted yaw, rad."""
+
+    stance: Ints
+    nees: Floats
+    yaw: float
+
+    @property
+    def median_ratio(self) -> float:
+        """Median NEES over the median of chi-square: 1 for honest sigmas, above 1 for overconfident ones."""
+        return float(np.median(self.nees) / chi2_quantile(0.5, DEGREES_OF_FREEDOM))
+
+    @property
+    def mean_ratio(self) -> float:
+        """Mean NEES over its expectation: dominated by the worst stances."""
+        return float(np.mean(self.nees) / DEGREES_OF_FREEDOM)
+
+    def coverage(self, probability: float = 0.95) -> float:
+        """Share of stances whose error lies inside the ellipsoid of this probability."""
+        return float(np.mean(self.nees < chi2_quantile(probability, DEGREES_OF_FREEDOM)))
+
+
+def compute_stance_nees(
+    stances: StanceTable, truth: TrajectoryTruth, truth_sigma_m: float = TRUTH_SIGMA_M
+) -> Consistency:
+    """Compare claimed stance positions with a true trajectory.
+
+    Raises `EvaluationError` where the truth covers fewer than two stances, or a claimed covariance is not positive
+    definite.
+    """
+    row, true_position = interpolate_truth(truth, stances.t)
+    if len(row) < 2:
+        raise EvaluationError(f"the truth covers {len(row)} stances: the NEES of stance positions needs two.")
+    p, q = (path[1:] - path[0] for path in (stances.position[row], true_position))
+    try:
+        root = np.linalg.cholesky(stances.position_cov[row[1:]] + 2 * truth_sigma_m**2 * np.eye(3))
+        whiten = np.asarray(np.linalg.inv(root))
+    except np.linalg.LinAlgError:
+        raise EvaluationError(
+            "a claimed covariance of a stance position is not positive definite: the estimator has failed."
+        ) from None
+
+    def whitened_error(yaw: float) -> Floats:
+        return np.asarray(np.einsum("kij,kj->ki", whiten, p - q @ yaw_rotation(yaw)))
+
+    # most likely yaw: Gauss-Newton from the unweighted fit
+    turn = align(p, q).truth_R_nav
+    yaw = float(np.arctan2(turn[1, 0], turn[0, 0]))
+    for _ in range(_YAW_STEPS):
+        slope = np.einsum("kij,kj->ki", whiten, np.cross([0.0, 0.0, 1.0], q @ yaw_rotation(yaw)))
+        yaw -= float(np.sum(slope * whitened_error(yaw)) / np.sum(slope**2))
+    return Consistency(row[1:], np.sum(whitened_error(yaw) ** 2, axis=1), yaw)
+
+
+def whiten_errors(
+    found: Comparison, stances: StanceTable, places: Sequence[float] = PLACES
+) -> dict[str, list[list[float]]]:
+    """Errors over their claim, by part, one row a footfall.
+
+    Parameters
+    ----------
+    found : of the footfalls, laid as started (`fg_nav.evaluation.walked.compare_at_footfalls`), with a true attitude.
+    stances : of the same solution.
+    places : shares of the walk.
+
+    Raises `EvaluationError` without a true attitude, or where a claimed covariance is not positive definite.
+    """
+    if found.yaw_error is None or len(found.yaw_error) != len(found.row):
+        raise EvaluationError("the truth has no attitude at some footfalls, so their heading errors are not known.")
+    chosen = np.unique(np.round(np.array(places) * (len(found.row) - 1)).astype(int))
+    error = np.column_stack([found.error - found.error[0], found.yaw_error])[chosen]
+    covariance, joint = pose_covariance(stances, found.row[chosen])
+    whitened = {}
+    for part, rows in _ROWS.items():
+        if part in JOINT and not joint:
+            continue
+        try:
+            lower = np.linalg.cholesky(covariance[:, rows][:, :, rows])
+        except np.linalg.LinAlgError:
+            raise EvaluationError(
+                "a claimed covariance of place and heading is not positive definite: the estimator has failed."
+            ) from None
+        whitened[part] = np.linalg.solve(lower, error[:, rows][:, :, None])[:, :, 0].tolist()
+    return whitened
+
+
+def share_in_band(nees: Floats, freedom: float, mean: float, probability: float = 0.95) -> float:
+    """Share of NEES inside the two-sided band of a chi-square of `freedom`, scaled to this mean."""
+    low, high = nees_band(freedom, mean, probability)
+    return float(np.mean((nees >= low) & (nees <= high)))
+
+
+def chi2_quantile(probability: float, freedom: float) -> float:
+    """Quantile of a chi-square; `scipy.stats` has it too, and takes half a second to load."""
+    return 2.0 * float(gammaincinv(freedom / 2.0, probability))
+
+
+def nees_band(freedom: float, mean: float, probability: float = 0.95) -> tuple[float, float]:
+    """Two-sided band of a chi-square of `freedom`, scaled to this mean."""
+    edges = (1 - probability) / 2, (1 + probability) / 2
+    low, high = (float(chi2_quantile(edge, freedom)) * mean / freedom for edge in edges)
+    return low, high
+
+
+def estimate_freedom_of_mean(z: Floats) -> float:
+    """Degrees of freedom of the mean NEES over footfalls, from whitened errors (S, M, n) of S seeds; see above."""
+    seeds, places, n = z.shape
+    flat = z.reshape(seeds, places * n)
+    size = np.sqrt(np.mean(flat**2, axis=0))
+    correlation = (flat.T @ flat) / seeds / np.outer(size, size)
+    squares = np.maximum(correlation**2 - (1 - correlation**2) / seeds, 0.0)
+    block = np.kron(np.eye(places), np.ones((n, n))).astype(bool)
+    squares[block] = np.tile(np.eye(n), (places, places))[block]  # within a footfall the claim says they are white
+    return float(2 * n**2 / (2 * squares.sum() / places**2))

@@ -1,0 +1,49 @@
+"""Estimates of `fg_nav.pocket.OnlinePocket` at each sample of a recording, for experiments."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from fg_nav.pocket.iterated_smoother import FixedLagSmoother, build_prior, propagate_track
+from fg_nav.pocket.links import place_nodes, preintegrate_links
+from fg_nav.pocket.online import UPDATE_LINKS
+from fg_nav.pocket.parameters import PocketSmootherParameters
+from fg_nav.pocket.track import PocketStart, PocketTrack, level_start
+from fg_nav.recording import Recording
+
+
+def follow_pocket(
+    recording: Recording,
+    parameters: PocketSmootherParameters = PocketSmootherParameters(),
+    start: PocketStart | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> PocketTrack:
+    """Estimates of `OnlinePocket` at each sample of a recording: each uses the data until then.
+
+    Parameters and errors as in `fg_nav.pocket.iterated_smoother.smooth_pocket`.
+    """
+    start = level_start(recording) if start is None else start
+    acc, gyr = recording.integrable
+    node = place_nodes(recording.t)
+    links = preintegrate_links(node, recording.t, acc, gyr, recording.mag, np.zeros(3))
+    ends = np.unique(np.append(np.arange(UPDATE_LINKS, len(links), UPDATE_LINKS), len(links)))
+    window = FixedLagSmoother(build_prior(start, links, parameters), links.slice(0, ends[0]), parameters)
+    R, b, P = [window.nodes.R[0]], [np.zeros(3)], [window.smoothed.P_ahead[0, :6, :6]]
+    nis = []
+    for first, last in zip(np.append(0, ends[:-1]), ends, strict=True):
+        # smooth with the new links
+        if first:
+            window.extend(links.slice(first, last))
+        # the last node is the estimate
+        R.append(window.nodes.R[-1])
+        b.append(window.nodes.b[-1])
+        P.append(window.smoothed.P[-1, :6, :6])
+        new = slice(-(last - first) - 1, -1)
+        nis.append(np.stack([window.smoothed.swing_nis[new], window.smoothed.field_nis[new]], axis=1))
+        if progress is not None:
+            progress(last / len(links))
+    at = node[np.append(0, ends)]
+    R[0] = start.nav_R_body
+    return propagate_track(recording, at, np.array(R), np.array(b), np.array(P), node[:-1], np.concatenate(nis))

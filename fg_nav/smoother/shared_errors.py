@@ -1,0 +1,321 @@
+"""Errors that all strides of a walk share: a foot that moves in stance, the gyroscope's scale, clipped peaks.
+
+All are numbers s that the inertial or velocity factors share, whose information L and product eta are what is left of
+the walk when it is eliminated (`sensitivity`). They are counted in the sigmas, but for the scale, which is taken off.
+
+Moving foot. Motion capture sees the sensor on a shoe move on at 1 to 5 percent of the walking speed when it is
+stillest, forward more than sideways; some of that is the rolling about the lever, and some is not. So every stride is
+off by the same share, and the walk by its scale. In a stance after a stride of the horizontal displacement d (m) in T
+(s) the velocity is off by
+
+    c_1 a + c_2 (up x a),     a = d / T,     navigation axes, m/s,
+
+c = (c_1, c_2) the same for a whole walk, 0 +- (`FORWARD_SIGMA`, `SIDEWAYS_SIGMA`). A foot that stands for long does not
+move on. On a straight even walk nothing inertial shows c (Galilei). Where a walk turns, stops or changes its pace, it
+does, but rolling that the lever does not describe looks the same there. So c is not taken off, and the covariances of
+the walk grow by X (P + s s^T) X^T: the second moment about the solution with c = 0, X how a variable moves with c, s
+and P estimate and covariance. The columns C of c are those of the residual e of a stance's velocity
+(`factors.zero_velocity`),
+
+    C = -(de/dv) (a, up x a).
+
+A walk in progress has the prior instead: (c_1 d, c_2 up x d) in each position, d what the walk has come so far.
+
+Gyroscope's scale. Where the magnetic field shows the heading, it is found, and taken off. The gyroscope shows w = (1 +
+s) w_true + b on each axis, body frame, rad/s; s (3,) is the same for a whole walk. To the first order in s, the end of
+an interval preintegrated from the rates (w - b) / (1 + s) is that from w - b moved, in the tangent space of the state
+at the end, by D s,
+
+    D = (theta, rho, nu),   theta' = R c,   nu' = (theta) x R f,   rho' = nu,      c = -(w - b) per axis,
+
+R the attitude and f the specific force since the start of the interval, theta, rho and nu brought to the body axes at
+its end. So s is one variable of the solved graph, linearized at its minimum, with the columns J of each inertial factor
+
+    J = -(de/dpose_end, de/dv_end nav_R_end) D     and, if there is an error, the prior     s = 0 +- `SCALE_SIGMA`.
+
+What else is wrong in all swings alike looks like a scale: axes that are not square, a bent mounting, soft iron. So s
+has a part 0 +- `ALIKE_SIGMA` in any case. And what differs between the halves of a walk is no scale, though one number
+may explain it better than none: a bias that moves, a wing with a field of its own. So each half has an s of its own, z
+= (s_1, s_2), and three models are as likely before the walk: nothing but what is alike (`ALIKE_SIGMA` in both halves,
+the same), one scale (`SCALE_SIGMA` more, the same in both), two that have nothing to do with each other (`SCALE_SIGMA`
+in each). Only the second is taken off: the samples are corrected by its s times its probability, where that is more
+than what is alike; nats by which tilt and velocity close worse with it count against it. The covariances of the walk
+hold the rest: a variable that moves by X s has X M X^T more, with M the second moment about what was taken off, over
+the three models (Hoeting et al. 1999).
+
+Clipped peaks of the rate, rebuilt, are off alike too, on one side of an axis as they are one moment of the gait: z_side
+(rad/s over the sigma of a peak) has the same columns with c = -sigma of the peak on that side, the prior 0 +- 1, and is
+not taken off but counted (`spread_clipped_peaks`), so that the heading's sigma carries it.
+
+Model: IEEE Std 528; D is this project's derivation, tested against preintegration of corrected samples.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import gtsam
+import numpy as np
+
+from fg_nav.arrays import Floats, Ints
+from fg_nav.factors.differential_field import GYRO
+from fg_nav.factors.zero_velocity import StanceVelocity
+from fg_nav.mechanisation import rotate_in_body
+from fg_nav.recording import Recording
+from fg_nav.samples.gaps import cross_holes
+from fg_nav.smoother.gauss_newton import stack_factors
+from fg_nav.smoother.graph import WalkProblem
+from fg_nav.smoother.sensitivity import SharedColumns, SharingFactors, average, fit_shared, shared_information
+from fg_nav.smoother.solver import Solved, list_attitudes, list_biases, list_positions, residuals_at_minimum
+from fg_nav.smoother.strides import INERTIAL_KEYS
+from fg_nav.system.compiled import njit
+from fg_nav.system.spilled import drop_pages
+
+FORWARD_SIGMA, SIDEWAYS_SIGMA = 0.02, 0.01  # Shares of the walking speed: scatter between shoes, mountings and gaits.
+MAX_STRIDE_S = 1.5  # What is longer was standing.
+SCALE_SIGMA = 0.01  # Prior of each axis: tenths of a percent after a calibration, 1 to 3 by the sheet of a raw part.
+ALIKE_SIGMA = 0.002  # What looks like a scale: axes out of square by 0.1 to 0.3 deg, by the sheet of a calibrated part.
+MIN_OWN = 1e-3  # Share of what is alike that each half has of its own: keeps the prior invertible.
+POSE_END, VELOCITY_END = slice(9, 15), slice(15, 18)  # Columns of an inertial factor.
+
+
+def spread_moving_foot(problem: WalkProblem, solved: Solved) -> Floats:
+    """Return by how much the walk moves (N, 2), for numbers of unit covariance, with what is not known of c."""
+    columns, information, pull = weigh_moving_foot(problem, solved)
+    return columns.spread_untaken(information, pull, np.diag([FORWARD_SIGMA**2, SIDEWAYS_SIGMA**2]))
+
+
+def weigh_moving_foot(problem: WalkProblem, solved: Solved) -> tuple[SharedColumns, Floats, Floats]:
+    """Return the columns of c in the tree of a solved walk, its information L (2, 2) on c, and eta (2,)."""
+    block = problem.velocities
+    residual, jacobians = block.evaluate(solved.linearized_at)
+    by_share = -jacobians[1] @ find_motion(problem, solved.values)
+    factors = SharingFactors(np.concatenate(jacobians, axis=2), -residual, block.keys, by_share)
+    return shared_information(solved.root, [factors], 2)
+
+
+def find_motion(problem: WalkProblem, values: gtsam.Values) -> Floats:
+    """Return (a, up x a) (M, 3, 2) m/s at each node, navigation axes; zero in the first and in long stances.
+
+    And after a stride that was not seen.
+    """
+    nodes = problem.nodes
+    t = problem.recording.t[nodes.sample[nodes.result]]
+    position = list_positions(nodes.result, values)
+    d = np.diff(position, axis=0, prepend=position[:1])
+    a = d[:, :2] / np.minimum(np.diff(t, prepend=-np.inf), MAX_STRIDE_S)[:, None]
+    a[1:][cross_holes(problem.recording.t, nodes.sample[nodes.result])] = 0.0
+    level = np.zeros(len(a))
+    motion = np.stack([np.column_stack([a, level]), np.column_stack([-a[:, 1], a[:, 0], level])], axis=2)
+    ties = problem.velocities.residuals
+    assert isinstance(ties, StanceVelocity)
+    walks = ties.sinks_per_m > 0.0
+    return np.asarray(motion[nodes.footfall] * walks[:, None, None])
+
+
+def extend_covariance(pose_cov: Floats, position: Floats) -> Floats:
+    """Return the covariance (4, 4) of a pose in a walk in progress, with what is not known of c.
+
+    `position` (3,) m from the start.
+    """
+    east, north = position[:2]
+    moved = np.array([[east, -north], [north, east]]) * (FORWARD_SIGMA, SIDEWAYS_SIGMA)
+    extended = pose_cov.copy()
+    extended[:2, :2] += moved @ moved.T
+    return extended
+
+
+@dataclass(frozen=True)
+class GyroScale:
+    """Scale errors (3,) of the gyroscope that are taken off, and what is left about them.
+
+    `probability` of the model with one scale for the whole walk, `sigma` (3,) of its errors, and second moment (3, 3)
+    of what is wrong in all swings about the errors taken off, over all models; about none, where they do not matter.
+    """
+
+    scale: Floats
+    sigma: Floats
+    probability: float
+    second_moment: Floats
+
+    @property
+    def matters(self) -> bool:
+        """Whether they are more than what other errors of a swing make: else they stay, and are in the sigmas."""
+        return bool(np.abs(self.scale).max() > ALIKE_SIGMA)
+
+    @property
+    def note(self) -> str:
+        """The same in words."""
+        axes = ", ".join(f"{100 * s:+.2f} +- {100 * d:.2f}" for s, d in zip(self.scale, self.sigma, strict=True))
+        share = 100.0 * self.probability
+        return f"gyroscope's scale errors {axes} %, taken off: both halves of the walk agree on them by {share:.0f} %"
+
+    def remove_from(self, recording: Recording) -> Recording:
+        """Return the recording with the rates without these errors."""
+        return replace(recording, gyr=recording.gyr / (1.0 + self.scale))
+
+
+@dataclass(frozen=True)
+class WalkScale:
+    """The scale of a walk's gyroscope, and its columns in the walk's tree, one half of the walk after the other."""
+
+    found: GyroScale
+    columns: SharedColumns
+
+    def spread(self) -> Floats:
+        """Return by how much the walk moves (N, 3) by what is not known of the scale, alike in both halves."""
+        moved = self.columns.solve()
+        return np.asarray((moved[:, :3] + moved[:, 3:]) @ np.linalg.cholesky(self.found.second_moment))
+
+
+def shows_heading(problem: WalkProblem) -> bool:
+    """Whether a walk has a field with anything to compare the gyroscope's scale with."""
+    return problem.field is not None and len(problem.field.heading) + len(problem.field.strides) > 0
+
+
+def estimate_gyro_scale(problem: WalkProblem, solved: Solved) -> WalkScale:
+    """Estimate the scale of the gyroscope at a solution of the walk."""
+    # The walk is eliminated, and what the inertial factors of its halves say of the scale is weighed.
+    columns, information, pull = shared_information(solved.root, _list_inertial(problem, solved.linearized_at), 6)
+    found = average_models(information, pull)
+    # Where tilt and velocity close worse with it, the field alone asks for it.
+    worse = _compare_closure(problem, solved, columns, found) if found.matters else 0.0
+    return WalkScale(average_models(information, pull, worse), columns)
+
+
+def _compare_closure(problem: WalkProblem, solved: Solved, columns: SharedColumns, found: GyroScale) -> float:
+    """Nats by which inertial and velocity factors fit worse with one scale for the walk than without; 0 if better."""
+    both = np.tile(found.scale / found.probability, 2)
+    moved, worse = -columns.solve() @ both, 0.0
+    e, H = problem.velocities.evaluate(solved.linearized_at)
+    jacobian, none = np.concatenate(H, axis=2), np.zeros((*e.shape, 6))
+    velocities = SharingFactors(jacobian, -e, problem.velocities.keys, none)
+    for A, b, keys, C in (velocities, *_list_inertial(problem, solved.linearized_at)):
+        left = residuals_at_minimum(solved.root, keys, -b, A)
+        change = np.einsum("kij,kj->ki", A, moved[solved.root.find_columns(keys)]) + C @ both
+        worse += float(((left + 0.5 * change) * change).sum())
+    return max(worse, 0.0)
+
+
+def average_models(information: Floats, pull: Floats, worse_nats: float = 0.0) -> GyroScale:
+    """Average over the three models, by the information L (6, 6) on both halves and its product eta (6,).
+
+    `worse_nats` count against one scale.
+    """
+    same, own = np.kron(np.ones((2, 2)), np.eye(3)), np.eye(6)
+    alike = ALIKE_SIGMA**2 * (same + MIN_OWN * own)
+    priors = alike, alike + SCALE_SIGMA**2 * same, alike + SCALE_SIGMA**2 * own
+    fits = [fit_shared(information, pull, prior) for prior in priors]
+    evidence = np.array([0.0, worse_nats, 0.0]) - [evidence for _, _, evidence in fits]
+    weight = average(np.eye(3), evidence)
+    means, covariances = ([one[:3] + one[3:] for one, _, _ in fits], [P for _, P, _ in fits])
+    mean_of = np.kron(np.full((1, 2), 0.5), np.eye(3))
+    scale = weight[1] * 0.5 * means[1]
+    about = scale if np.abs(scale).max() > ALIKE_SIGMA else np.zeros(3)
+    moments = [
+        mean_of @ P @ mean_of.T + np.outer(0.5 * mean - about, 0.5 * mean - about)
+        for mean, P in zip(means, covariances, strict=True)
+    ]
+    sigma = np.sqrt(np.diagonal(mean_of @ covariances[1] @ mean_of.T))
+    return GyroScale(scale, sigma, float(weight[1]), np.tensordot(weight, np.array(moments), axes=1))
+
+
+def _list_inertial(problem: WalkProblem, values: gtsam.Values) -> Iterator[SharingFactors]:
+    """Yield the inertial factors with their columns of the scale."""
+    nodes, bias = problem.nodes, _list_rate_biases(problem, values)
+    error = problem.recording.integrable[1].copy()
+    error[nodes.sample[0] : nodes.sample[-1]] -= np.repeat(bias, np.diff(nodes.sample), axis=0)
+    at, count = 0, np.count_nonzero(~cross_holes(problem.recording.t, nodes.sample))
+    for A, b, keys, by_scale in _share_rate_errors(problem, values, error):
+        is_late = (np.arange(at, at + len(b)) >= count // 2)[:, None, None]
+        yield SharingFactors(A, b, keys, np.concatenate([by_scale * ~is_late, by_scale * is_late], axis=2))
+        at += len(b)
+
+
+def spread_clipped_peaks(problem: WalkProblem, solved: Solved) -> Floats:
+    """Return by how much the walk moves (N, n) by what rebuilt peaks have in common, for n numbers of unit covariance.
+
+    One number each for the peaks of an axis on one side; none where no peak was rebuilt.
+    """
+    peaks, gyr = problem.recording.peaks[1], problem.recording.gyr
+    # As one error of the whole peak, each sample has its share of the sigma of independent ones.
+    alike = peaks.sigma / np.sqrt(np.maximum(peaks.run, 1.0))
+    sides = [np.where(side * gyr > 0.0, alike, 0.0) for side in (1.0, -1.0)]
+    clipped = np.flatnonzero(np.concatenate([side.any(axis=0) for side in sides]))
+    if not len(clipped):
+        return np.zeros((solved.root.total, 0))
+    shared = _share_rate_errors(problem, solved.linearized_at, *sides)
+    parts = (one._replace(C=one.C[:, :, clipped]) for one in shared)
+    columns, information, pull = shared_information(solved.root, parts, len(clipped))
+    return columns.spread_untaken(information, pull, np.eye(len(clipped)))
+
+
+def _share_rate_errors(problem: WalkProblem, values: gtsam.Values, *errors: Floats) -> Iterator[SharingFactors]:
+    """Yield the inertial factors with their columns of three numbers, one an axis, for each error of the rate.
+
+    An error (N, 3) is what an axis reads too much for a unit of its number, rad/s.
+    """
+    recording, nodes, graph = problem.recording, problem.nodes, problem.graph
+    given = recording.t, *recording.integrable, nodes.sample, _list_rate_biases(problem, values)
+    moved = np.concatenate([sense_rate_error(*given, error) for error in errors], axis=2)
+    drop_pages()
+    moved[:, 6:] = list_attitudes(range(1, len(nodes)), values) @ moved[:, 6:]
+    moved = moved[~cross_holes(recording.t, nodes.sample)]
+    inertial = (graph.at(i) for i in range(graph.size()))
+    at = 0
+    for stack in stack_factors(factor.linearize(values) for factor in inertial if factor.size() == INERTIAL_KEYS):
+        A, b, D = stack.rows[..., :-1], stack.rows[..., -1], moved[at : at + len(stack.rows)]
+        yield SharingFactors(A, b, stack.keys, -(A[:, :, POSE_END] @ D[:, :6] + A[:, :, VELOCITY_END] @ D[:, 6:]))
+        at += len(stack.rows)
+
+
+def _list_rate_biases(problem: WalkProblem, values: gtsam.Values) -> Floats:
+    """Bias (M-1, 3) rad/s of each interval between nodes."""
+    return list_biases(problem.nodes, values)[problem.nodes.bias[problem.nodes.footfall[:-1]], GYRO]
+
+
+def sense_rate_error(t: Floats, force: Floats, rate: Floats, sample: Ints, bias: Floats, error: Floats) -> Floats:
+    """Derivative D (M-1, 9, 3) of the ends of the intervals between samples (M,) by the size of an error, axis by axis.
+
+    Rows: rotation (rad), position (m), velocity (m/s), all in the body axes at the end. `bias` (M-1, 3) rad/s, `error`
+    (N, 3) rad/s what the rate reads too much. The rotation acts in the middle of each sample.
+    """
+    count = len(sample) - 1
+    start_R_end, moved = np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3, 3, 3))
+    _integrate_error(t, force, rate, sample, bias, error, start_R_end, moved)
+    return np.asarray(np.einsum("kji,kpjl->kpil", start_R_end, moved).reshape(count, 9, 3))
+
+
+@njit(cache=True)
+def _integrate_error(
+    t: Floats,
+    force: Floats,
+    rate: Floats,
+    sample: Ints,
+    bias: Floats,
+    error: Floats,
+    start_R_end: Floats,
+    moved: Floats,
+) -> None:
+    """Add theta, rho and nu (M-1, 3, 3, 3) of the intervals, in the axes at their start, and turn the identities."""
+    turn, a, push = np.empty(3), np.empty(3), np.empty(3)
+    for k in range(len(sample) - 1):
+        R, theta, rho, nu = start_R_end[k], moved[k, 0], moved[k, 1], moved[k, 2]
+        for i in range(sample[k], sample[k + 1]):
+            h = t[i + 1] - t[i]
+            for axis in range(3):
+                turn[axis] = (rate[i, axis] - bias[k, axis]) * h
+            rotate_in_body(R, 0.5 * turn[0], 0.5 * turn[1], 0.5 * turn[2])
+            for row in range(3):
+                a[row] = R[row, 0] * force[i, 0] + R[row, 1] * force[i, 1] + R[row, 2] * force[i, 2]
+            for axis in range(3):
+                for row in range(3):
+                    theta[row, axis] -= 0.5 * R[row, axis] * error[i, axis] * h
+                x, y, z = theta[0, axis], theta[1, axis], theta[2, axis]
+                push[0], push[1], push[2] = y * a[2] - z * a[1], z * a[0] - x * a[2], x * a[1] - y * a[0]
+                for row in range(3):
+                    rho[row, axis] += (nu[row, axis] + 0.5 * push[row] * h) * h
+                    nu[row, axis] += push[row] * h
+                    theta[row, axis] -= 0.5 * R[row, axis] * error[i, axis] * h
+            rotate_in_body(R, 0.5 * turn[0], 0.5 * turn[1], 0.5 * turn[2])

@@ -1,0 +1,147 @@
+"""What a walk so far hands over: an anchor that says all of its past, and the past itself."""
+
+import gtsam
+import numpy as np
+import pytest
+from gtsam.symbol_shorthand import B, M, V, X
+
+from fg_nav.online.anchor import MarginalPrior, Past, PathNodes, marginalize
+from fg_nav.online.estimates import EstimateRow
+from fg_nav.online.options import OnlineOptions
+from fg_nav.online.resolve import solve_from_start, solve_so_far
+from fg_nav.online.strides import StanceNodes, list_stances, list_variables
+from fg_nav.online.window import Window
+from fg_nav.smoother.solver import linearize, marginal_covariances
+from tests.online.test_online_smoother import add, fed, in_field
+from tests.smoother.walks import FREE, demo, part, time_order
+
+KEYS = X(3), V(3), M(2), B(1)
+DIMS = 6, 3, 9, 6
+
+
+def random_anchor(rng: np.random.Generator) -> MarginalPrior:
+    pose = gtsam.Pose3(gtsam.Rot3.RzRyRx(*rng.normal(size=3)), rng.normal(size=3))
+    values = (np.array(pose.matrix()), *(rng.normal(size=d) for d in DIMS[1:]))
+    return MarginalPrior(KEYS, values, rng.normal(size=(sum(DIMS), sum(DIMS))), rng.normal(size=sum(DIMS)))
+
+
+def moved(values: gtsam.Values, step: np.ndarray) -> gtsam.Values:
+    delta = gtsam.VectorValues()
+    for key, one in zip(KEYS, np.split(step, np.cumsum(DIMS)[:-1]), strict=True):
+        delta.insert(key, one)
+    return values.retract(delta)
+
+
+def error_at(factor: gtsam.CustomFactor, values: gtsam.Values) -> np.ndarray:
+    return -np.asarray(factor.linearize(values).jacobian()[1])
+
+
+@pytest.mark.parametrize("far", [0.0, 0.4])
+def test_the_jacobian_of_an_anchor_is_the_derivative_of_its_error(far: float) -> None:
+    rng = np.random.default_rng(3)
+    anchor = random_anchor(rng)
+    factor, there = anchor.factor(), moved(anchor.initial_values(), far * rng.normal(size=sum(DIMS)))
+    analytic, h = np.asarray(factor.linearize(there).jacobian()[0]), 1e-5
+    steps = h * np.eye(sum(DIMS))
+    numeric = [(error_at(factor, moved(there, d)) - error_at(factor, moved(there, -d))) / (2 * h) for d in steps]
+    np.testing.assert_allclose(analytic, np.transpose(numeric), atol=1e-6)
+
+
+def test_an_anchor_at_its_values_is_what_was_eliminated() -> None:
+    anchor = random_anchor(np.random.default_rng(4))
+    A, b = anchor.factor().linearize(anchor.initial_values()).jacobian()
+    np.testing.assert_allclose(A, anchor.A, atol=1e-12)
+    np.testing.assert_allclose(b, anchor.b, atol=1e-12)
+
+
+def test_an_anchor_and_the_strides_behind_it_say_what_the_whole_graph_says() -> None:
+    """Of the newest footfall, to the precision of the arithmetic: where it is linearized nothing is lost."""
+    walk, at = part(demo(), 16), 9
+    found = solve_so_far(walk.recording, walk.stances, OnlineOptions(use_field=False, parameters=FREE))
+    stances, values = list_stances(found.problem.nodes, walk.recording.t), found.solved.values
+    linear = linearize(found.problem.graph, found.problem.blocks, values)
+    past = {key for stance in stances[: at + 1] for key in list_variables(stance, values)}
+    before, behind = gtsam.GaussianFactorGraph(), gtsam.GaussianFactorGraph()
+    for factor in (linear.at(i) for i in range(linear.size())):
+        (before if set(factor.keys()) <= past else behind).push_back(factor)
+    order = time_order(found.problem.nodes, False, found.problem.floor)
+    keys, keep = [order.at(i) for i in range(order.size())], list_variables(stances[at], values)
+    anchor = marginalize(before, values, keep, [key for key in keys if key in past - set(keep)])
+    behind.push_back(anchor.factor().linearize(values))
+    later = gtsam.Ordering()
+    for key in keys:
+        if key not in past or key in keep:
+            later.push_back(key)
+    tree, newest = behind.eliminateMultifrontal(later, gtsam.EliminateQR), X(stances[-1].result)
+    whole = linear.eliminateMultifrontal(order, gtsam.EliminateQR)
+    expected = marginal_covariances(whole, {newest})[newest]
+    np.testing.assert_allclose(marginal_covariances(tree, {newest})[newest], expected, rtol=1e-6, atol=1e-12)
+    assert np.abs(tree.optimize().at(newest)).max() < 1e-4  # the minimum of the whole is that of both parts
+
+
+def test_what_follows_an_anchor_state_is_near_what_the_whole_says() -> None:
+    """The swing noise is settled by then."""
+    online = fed(demo(), footfalls=30)
+    walk = online.walk
+    whole = Window(solve_from_start(walk, OnlineOptions()), walk).latest
+    assert online.initial.stance.number == 27
+    np.testing.assert_allclose(online.latest.position[:2], whole.position[:2], atol=0.02)
+    flat = np.ix_([0, 1, 3], [0, 1, 3])  # whether the newest strides are on a level floor is known in hindsight
+    assert differ(online.latest.pose_cov[flat], whole.pose_cov[flat]) < 0.15
+
+
+def differ(one: np.ndarray, other: np.ndarray) -> float:
+    """Largest difference of two covariances, over the sigmas of the second."""
+    sigma = np.sqrt(np.diagonal(other))
+    return float(np.abs((one - other) / np.outer(sigma, sigma)).max())
+
+
+def test_an_anchor_state_is_the_newest_estimate_of_the_walk_that_it_leaves() -> None:
+    online = fed(demo(), footfalls=20)
+    anchor = online.window.to_anchor()
+    again = Window(anchor, online.walk).latest
+    np.testing.assert_allclose(again.position, online.latest.position, atol=2e-3)
+    assert differ(again.pose_cov, online.latest.pose_cov) < 0.005
+    assert len(anchor.past.rows) == anchor.stance.number - anchor.past.first
+    short = anchor.without_past()
+    assert short.past.rows == ()
+    assert short.footfalls == anchor.footfalls[-1:]
+    np.testing.assert_array_equal(Window(short, online.walk).latest.position, again.position)
+
+
+def nodes_at(*sample: int) -> PathNodes:
+    n = len(sample)
+    matrices = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3, 3)), np.zeros((n, 3)), np.zeros((n, 3))
+    return PathNodes(np.array(sample, dtype=np.int64), *matrices)
+
+
+def rows_named(*names: str) -> tuple[EstimateRow, ...]:
+    return tuple(EstimateRow(np.zeros(1), name, "") for name in names)
+
+
+def test_a_later_past_takes_the_place_of_what_it_knows_again() -> None:
+    known = Past(0, rows_named("a", "b", "c", "d"), nodes_at(0, 9, 10, 19, 20, 29, 30, 39))
+    later = Past(2, rows_named("C", "D", "E"), nodes_at(21, 28, 30, 39, 40, 49))
+    joined = known.join(later)
+    assert [row.field for row in joined.rows] == ["a", "b", "C", "D", "E"]
+    assert joined.nodes.sample.tolist() == [0, 9, 10, 19, 20, 21, 28, 30, 39, 40, 49]
+    assert known.join(Past(3)).rows == known.rows[:3]
+    assert Past().join(known).rows == known.rows
+
+
+def test_the_past_before_a_footfall_is_without_it() -> None:
+    known = Past(2, rows_named("c", "d", "e"), nodes_at(20, 29, 30, 39, 40, 49))
+    stance = StanceNodes(4, 8, 10, 8, 0, 0.0, 44, 4.4, (40, 49))
+    before = known.before(stance)
+    assert [row.field for row in before.rows] == ["c", "d"]
+    assert before.nodes.sample.tolist() == [20, 29, 30, 39]
+
+
+def test_a_window_is_not_changed_by_its_anchor_state() -> None:
+    """The field is copied: the window goes on with it."""
+    one, other = (fed(in_field(), OnlineOptions(), 14) for _ in range(2))
+    one.window.to_anchor()
+    for k in range(14, 17):
+        add(one, in_field(), k)
+        add(other, in_field(), k)
+    np.testing.assert_array_equal(one.smoothed().position, other.smoothed().position)

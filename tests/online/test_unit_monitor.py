@@ -1,0 +1,203 @@
+"""A stream in another unit is refused before it is used; where the unit changes midway, what is wrong is left out."""
+
+import json
+
+import numpy as np
+import pytest
+
+from fg_nav.errors import RecordingError
+from fg_nav.lab.simulation import Choices, simulate
+from fg_nav.online import OnlineNavigator
+from fg_nav.online.buffer import rows_of
+from fg_nav.online.unit_monitor import HELD, MAX_NOTES, FieldMonitor, UnitMonitor
+
+STAMP, ACC, GYR, MAG = slice(0, 1), slice(1, 4), slice(4, 7), slice(7, 10)
+G = 9.80665
+
+
+@pytest.fixture(scope="module")
+def rows():
+    """A minute of a foot, 100 Hz, that stands for five seconds first."""
+    return rows_of(simulate("demo", 104, Choices(rate_hz=100.0)).recording)[:5000]
+
+
+def change(rows, columns, factor, first=0, stop=None, offset=0.0):
+    changed = rows.copy()
+    changed[first:stop, columns] = (changed[first:stop, columns] + offset) * factor
+    return changed
+
+
+def admit(rows, block=61, watch=None):
+    """The rows that are taken, and what is said."""
+    said = []
+    watch = watch or UnitMonitor(said.append)
+    taken = [watch.accept(rows[start : start + block]) for start in range(0, len(rows), block)]
+    return np.concatenate([*taken, watch.accept(rows[:0], at_end=True)]), said
+
+
+@pytest.mark.parametrize("block", [1, 5000])
+@pytest.mark.parametrize("since_s", [0.0, 3 * 86400.0, 1.7e9], ids=["start", "boot", "1970"])
+@pytest.mark.parametrize(("unit", "per_s"), [("ms", 1e3), ("us", 1e6), ("ns", 1e9)])
+def test_stamps_in_another_unit_are_refused_with_it(rows, unit, per_s, since_s, block):
+    with pytest.raises(RecordingError, match=f"in {unit} .*--columns"):
+        admit(change(rows[:100], STAMP, per_s, offset=since_s), block)
+
+
+def test_a_navigator_refuses_nanoseconds_since_1970(rows):
+    sent = change(rows[:1500], STAMP, 1e9, offset=1.7e9)
+    with pytest.raises(RecordingError, match="in ns"):
+        OnlineNavigator().push(sent[:, 0], sent[:, 1:4], sent[:, 4:7])
+
+
+def test_seconds_since_1970_are_taken(rows):
+    sent = change(rows, STAMP, 1.0, offset=1.7e9)
+    assert np.array_equal(admit(sent)[0], sent, equal_nan=True)
+
+
+def test_rows_without_stamps_do_not_wait_for_ever(rows):
+    watch = UnitMonitor(print)
+    sent = change(rows[:1500], STAMP, np.nan)
+    assert sum(len(watch.accept(sent[k : k + 100])) for k in range(0, 1500, 100)) == 1000
+    assert len(watch.accept(rows[:0], at_end=True)) == 500
+
+
+@pytest.mark.parametrize("factor", [0.0, -1.0])
+def test_stamps_that_never_rise_are_refused(rows, factor):
+    with pytest.raises(RecordingError, match="do not advance"):
+        admit(change(rows, STAMP, factor))
+
+
+@pytest.mark.parametrize(
+    ("columns", "factor", "words"),
+    [
+        (ACC, 1.0 / G, "acc seems to be in g "),
+        (ACC, 1e3 / G, "acc seems to be in mg"),
+        (GYR, 180.0 / np.pi, "gyr seems to be in deg/s"),
+        (GYR, np.pi / 180.0, "gyr turns by less than"),
+    ],
+)
+def test_readings_in_another_unit_are_refused(rows, columns, factor, words):
+    with pytest.raises(RecordingError, match=words):
+        admit(change(rows, columns, factor))
+
+
+@pytest.mark.parametrize("block", [7, 5000])
+@pytest.mark.parametrize(
+    ("columns", "factor", "words"),
+    [
+        (STAMP, 1e3, "in ms"),
+        (STAMP, 1e9, "in ns"),
+        (STAMP, 1e-3, "no inertial sensor's rate"),
+        (ACC, 1.0 / G, "in g "),
+        (GYR, 180.0 / np.pi, "in deg/s"),
+    ],
+)
+def test_a_unit_that_changes_midway_is_left_out_until_it_is_right_again(rows, columns, factor, words, block):
+    """Rows around the change, where the foot stands or swings, do not show it: less than a second of them."""
+    taken, said = admit(change(rows, columns, factor, 2000, 3000), block)
+    assert len(said) == 2
+    assert words in said[0]
+    assert "as before" in said[1]
+    known = {row.tobytes() for row in rows}
+    assert sum(row.tobytes() not in known for row in taken) < 100
+    assert 4000 - 2 * HELD < sum(row.tobytes() in known for row in taken) <= 4000
+
+
+def test_gaps_impacts_missing_samples_and_single_wrong_ones_are_let_pass(rows):
+    sent = np.delete(rows, slice(1500, 1900), axis=0)
+    sent[700, ACC], sent[800, GYR], sent[1000:1005, GYR], sent[1200:1210, ACC] = 800.0, 300.0, 100.0, 0.5
+    sent[2000:2300, 1:7], sent[2600, 0], sent[2700, ACC] = np.nan, 1e9, 0.0
+    sent[2800:3000:7, ACC], sent[3100, GYR] = 1e300, -1e200
+    sent[3200:3202, 0] = np.inf
+    with np.errstate(invalid="raise"):
+        taken, said = admit(sent)
+    assert np.array_equal(taken, sent, equal_nan=True)
+    assert said == []
+
+
+def test_a_gyroscope_that_stops_turning_midway_is_said(rows):
+    taken, said = admit(change(rows, GYR, 0.01, 2000))
+    assert len(taken) == len(rows)
+    assert len(said) == 1
+    assert "not to be used" in said[0]
+
+
+def test_resumed_it_leaves_out_what_a_new_one_would_refuse(rows):
+    first = UnitMonitor(print)
+    admit(rows[:2000], watch=first)
+    said: list[str] = []
+    later = UnitMonitor(said.append)
+    later.resume(first.state())
+    admit(change(rows[2000:4000], GYR, 57.3), watch=later)
+    assert len(said) == 1
+    with pytest.raises(RecordingError):
+        admit(change(rows[2000:4000], GYR, 57.3))
+
+
+@pytest.mark.parametrize("block", [1, 61, 5000])
+@pytest.mark.parametrize(
+    ("factor", "words"), [(10.0, "in mG"), (0.01, "in gauss"), (1e3, "in nT"), (1e-6, "in T"), (150.0, "no field")]
+)
+def test_a_magnetometer_in_another_unit_midway_is_left_out_and_the_rest_is_taken(rows, factor, words, block):
+    """None of what is in the other unit is taken, all of what is not."""
+    taken, said = admit(change(rows, MAG, factor, 2000, 3500), block)
+    wrong = slice(2000, 3500)
+    assert np.array_equal(np.delete(taken, wrong, axis=0), np.delete(rows, wrong, axis=0), equal_nan=True)
+    assert np.array_equal(taken[:, :7], rows[:, :7])
+    assert np.isnan(taken[wrong, MAG]).all()
+    assert len(said) == 2
+    assert words in said[0]
+    assert "mag is as before" in said[1]
+
+
+def test_a_field_beside_iron_a_broken_reading_and_a_magnetometer_that_is_off_are_let_pass(rows):
+    sent = change(rows, MAG, 2.5, 1000, 1400)
+    sent[2000:2900, MAG], sent[3000:3900:2, MAG] = np.nan, 0.0
+    taken, said = admit(sent)
+    assert said == []
+    assert np.array_equal(taken, sent, equal_nan=True)
+
+
+def test_strong_iron_is_named_no_unit_and_its_fields_are_counted(rows):
+    watch, (taken, said) = UnitMonitor(print), admit(change(rows, MAG, 25.0, 2000, 3000))
+    assert np.isnan(taken[2000:3000, MAG]).all()
+    assert "strong iron" in said[0]
+    short = change(rows, MAG, 25.0, 2000, 2200)  # too short to be said at once
+    admit(short[:2100], watch=watch)
+    watch.resume(json.loads(json.dumps(watch.state())))
+    admit(short, watch=watch)  # all of it again
+    assert watch.notes == ("200 fields of another strength than before left out",)
+
+
+def test_a_beginning_beside_iron_is_not_the_strength_of_the_walk(rows):
+    """At 180 uT for four seconds, and 45 uT from then on: 450 uT are left out."""
+    strength = np.linalg.norm(rows[:, MAG], axis=1, keepdims=True)
+    sent = rows.copy()
+    sent[:, MAG] *= np.where(np.arange(len(rows)) < 400, 180.0, 45.0)[:, None] / strength
+    watch = FieldMonitor(print)
+    watch.accept(sent)
+    assert np.isnan(watch.accept(change(sent[:100], MAG, 450.0 / 180.0))[:, MAG]).all()
+    assert watch.left_out == 100
+
+
+def test_a_magnetometer_that_comes_and_goes_is_noted_a_few_times_and_the_notes_are_resumed(rows):
+    sent = rows[600:800].copy()
+    sent[:, MAG] = 45.0 / np.sqrt(3.0)
+    watch, later = UnitMonitor(lambda words: None), UnitMonitor(print)
+    for k in range(150):
+        block = change(sent, MAG, 10.0 if k // 3 % 2 else 1.0)
+        block[:, 0] += 2.0 * k
+        watch.accept(block)
+    assert len(watch.notes) == MAX_NOTES + 1
+    later.resume(json.loads(json.dumps(watch.state())))
+    assert later.notes == watch.notes
+
+
+def test_resumed_the_field_in_another_unit_is_left_out(rows):
+    first, said = UnitMonitor(print), []
+    admit(rows[:1000], watch=first)
+    later = UnitMonitor(said.append)
+    later.resume(first.state())
+    taken, _ = admit(change(rows[1000:2000], MAG, 1e3), watch=later)
+    assert np.isnan(taken[:, MAG]).all()
+    assert len(said) == 1
