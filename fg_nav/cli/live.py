@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from fg_nav.cli import options as given
-from fg_nav.cli.output import answering
+from fg_nav.cli.options import answering
 
 verbs = typer.Typer()
 

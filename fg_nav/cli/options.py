@@ -1,14 +1,22 @@
-"""Options of the command line that several verbs have: their types for typer, with their help."""
+"""Options of the command line that several verbs have: their types for typer, with their help; how answers are printed.
+
+An answer is printed for people, as JSON for scripts (`--json`), or not at all (`--quiet`).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from fg_nav.report import Plots
+
+if TYPE_CHECKING:
+    from fg_nav.commands import Answer
 
 METHODS = ("smoother", "card", "inertial", "online", "iez", "qsf", "qsf-stance", "iqsf", "ma2018", "aiez", "matched")
 POCKET_METHODS = ("pocket", "munoz-diaz2017", "online")
@@ -391,3 +399,22 @@ Json = Annotated[
     bool, typer.Option("--json", help="Print one JSON document, for scripts, and nothing else on standard output.")
 ]
 Quiet = Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")]
+
+
+@contextmanager
+def answering(as_json: bool, quiet: bool) -> Iterator[Callable[[Answer], None]]:
+    """Keep quiet while a verb works, if that was asked for; yields what prints its answer: for people, or as JSON."""
+    from fg_nav.report.terminal import hush
+
+    def show(answer: Answer) -> None:
+        if as_json:
+            from fg_nav.text import to_json
+
+            typer.echo(json.dumps(to_json(answer.content), indent=2, allow_nan=False))
+        elif not quiet:
+            answer.show()
+        if answer.failure is not None:
+            raise answer.failure
+
+    with hush(quiet):
+        yield show

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from fg_nav.cli import options as given
-from fg_nav.cli.output import answering
+from fg_nav.cli.options import answering
 
 verbs = typer.Typer()
 
@@ -92,7 +92,7 @@ def allan(
 ) -> None:
     """Say how noisy the sensor is, from a recording of it lying still: allan.json, allan.png."""
     from fg_nav.commands import choose_reading
-    from fg_nav.commands.allan import allan
+    from fg_nav.commands.calibrate import allan
 
     reading = choose_reading(format, columns, rate, sensor)
     with answering(json, quiet) as answer:

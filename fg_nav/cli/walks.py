@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fg_nav.cli import options as given
-from fg_nav.cli.output import answering
+from fg_nav.cli.options import answering
 
 if TYPE_CHECKING:
     from fg_nav.changes import Changes
@@ -178,7 +178,7 @@ def export(
     quiet: given.Quiet = False,
 ) -> None:
     """Write the path of a result for other programs: maps, MATLAB, tables, ROS, Rerun."""
-    from fg_nav.commands.export import export
+    from fg_nav.commands.convert import export
 
     with answering(json, quiet) as answer:
         answer(export(folder, out, origin, turn, start, force))
@@ -251,7 +251,7 @@ def demo(
     """Simulate four minutes of walking and compare the methods on them; with --view show them as they are walked."""
     with answering(json, quiet) as answer:
         if view:
-            from fg_nav.commands.view import view_demo
+            from fg_nav.commands.stream import view_demo
 
             view_demo(seed, speed, host, port)
         else:

@@ -18,7 +18,7 @@ from fg_nav.errors import EstimationError, PlacesError, VerdictError
 from fg_nav.estimators import DEFAULT_METHOD, ONLINE, SMOOTHER, WITH_OWN_DETECTOR, find_estimator
 from fg_nav.io import Reading
 from fg_nav.io.readers.table import refuse_sensor_tables
-from fg_nav.pipeline import navigate, prepare_walk
+from fg_nav.pipeline import check_method, navigate, prepare_walk, require_mag, take_places
 from fg_nav.report import Plots
 from fg_nav.report.files import Summary, write_comparison, write_run
 from fg_nav.report.folder import DEMO_FILES, check_file_free, result_file
@@ -106,7 +106,6 @@ def _check_places(request: RunRequest) -> None:
     options = request.options
     if options.places_path is None and request.save_places is None:
         return
-    from fg_nav.on_places import check_method
     from fg_nav.places.saved import is_places
 
     if options.places_path is not None:
@@ -120,16 +119,8 @@ def _check_places(request: RunRequest) -> None:
         check_file_free(request.save_places, is_places, request.force)
 
 
-def _check_mag(walk: Walk) -> None:
-    """Refuse to save places of a walk without a magnetometer, before the work."""
-    from fg_nav.on_places import require_mag
-
-    require_mag(walk)
-
-
 def _save_places(file: Path, force: bool, result: Result) -> PlacesError | None:
     """Save the places of a solved walk; return why it has none to be saved, for its result is written all the same."""
-    from fg_nav.on_places import take_places
     from fg_nav.places.saved import is_places, write_places
 
     try:
@@ -152,7 +143,7 @@ def _run_one(request: RunRequest, recording: Path) -> Answer:
     with target, progress(method) as report:
         walk = read_walk(recording, options, request.reading)
         if request.save_places is not None:
-            _check_mag(walk)
+            require_mag(walk)  # before the work
         result = navigate(walk, method, progress=report)
         with target.open() as folder:
             summary = write_run(folder, result.walk, result.outcome, request.plots)
@@ -194,7 +185,9 @@ def check_feet_options(both: bool, method: str, sides: str | None, clock_offset_
 
         check_method(method)
     elif sides is not None or clock_offset_s is not None:
-        raise EstimationError("--sides and --clock-offset are for two recordings of one walk: add --mount feet.")
+        raise EstimationError(
+            "--sides and --clock-offset are for two recordings of one walk: name both, as --mount feet LEFT RIGHT."
+        )
 
 
 def set_mount(

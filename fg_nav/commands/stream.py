@@ -8,6 +8,7 @@ the batch smoother is run on the whole walk as well.
 from __future__ import annotations
 
 import os
+import signal
 import sys
 import tempfile
 from collections.abc import Sequence
@@ -19,24 +20,26 @@ from pathlib import Path
 import numpy as np
 import typer
 
-from fg_nav.commands import Answer, Target
-from fg_nav.errors import EstimationError, OutputError, describe_reason
+from fg_nav.commands import Answer, Target, simulate_walk
+from fg_nav.errors import EstimationError, OutputError, StreamError, describe_reason
 from fg_nav.estimators import Progress
 from fg_nav.magnetic.axes import MagAxes
 from fg_nav.online.estimates import POLISHED, SMOOTHED, SensorTime, format_table
-from fg_nav.online.follow import StreamedWalk, StreamRequest, run_stream
+from fg_nav.online.follow import StreamedWalk, StreamOptions, StreamRequest, follow_source, run_stream
 from fg_nav.online.navigator import finish_walk
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.outlets import Say, open_outlets
 from fg_nav.online.pocket import PocketOptions, compute_stride_headings
 from fg_nav.online.record_check import doubt_resumed
 from fg_nav.online.source_check import describe_losses
+from fg_nav.online.sources import Replay
 from fg_nav.pipeline import prepare_walk
 from fg_nav.recording import NOMINAL_SIGMA, Provenance
 from fg_nav.report import Plots, terminal
 from fg_nav.report.files import Summary, summarize, summarize_lagged, write_footfalls, write_lagged, write_run
 from fg_nav.report.folder import result_folder
 from fg_nav.solution import Solution
+from fg_nav.system.signals import catch_signals
 from fg_nav.verdict import Verdict, judge_footfalls, judge_path
 from fg_nav.walk import Options, Outcome, Walk, evaluate_solution
 
@@ -73,7 +76,9 @@ def check_sources(second: str | None, clock_offset_s: float | None, mount: str) 
     if mount != "feet":
         for name, value in (("a second source", second), ("--clock-offset", clock_offset_s)):
             if value is not None:
-                raise EstimationError(f"{name} is for a sensor on each foot: add --mount feet, or leave it out.")
+                raise EstimationError(
+                    f"{name} is for a sensor on each foot: name two, as --mount feet LEFT RIGHT, or leave it out."
+                )
         return None
     if second is None:
         raise EstimationError("--mount feet takes two sources: name the left foot's, then the right one's.")
@@ -261,3 +266,30 @@ def _options(options: OnlineOptions | PocketOptions) -> Options:
         return replace(given, mount="pocket", step_constant_m=options.step_constant_m)
     gate = options.parameters.magnetic.gate
     return Options(use_magnetometer=options.use_field, heading_deg=heading_deg, gate=gate, mag_axes=axes)
+
+
+def view_demo(seed: int, speed: float, host: str, port: int) -> None:
+    """Show the simulated walk while it is walked (`fg-nav demo --view`), and then until Ctrl-C.
+
+    Its samples come as a sensor's would, each when its time has come, through `follow_source`.
+    """
+    from fg_nav.commands.run import DEMO_SCENARIO
+
+    if not 0.0 < speed < float("inf"):
+        raise StreamError(f"--speed {speed:g} is no factor: give one above zero.")
+    with (
+        open_outlets(None, (host, port), lambda line: None, remark) as outlets,
+        catch_signals(signal.SIGINT, signal.SIGTERM) as stop,
+    ):
+        simulated = simulate_walk(DEMO_SCENARIO, seed).recording
+        remark(f"a walk of {simulated.t[-1] - simulated.t[0]:.0f} s; Ctrl-C ends it.")
+        source = Replay(simulated, speed, "the simulated walk")
+        navigator = follow_source(
+            source, StreamOptions(beside=True), outlets.emit, outlets.remark, stop, outlets.watcher
+        )
+        if not stop.is_set() and outlets.emit_end is not None:
+            solution = navigator.finish()
+            verdicts = [judge_footfalls(solution.stances)]
+            emit_solution(solution, navigator.judge.sensor_time, outlets.emit_end, verdicts)
+            remark("the walk is over, and stays on the page until Ctrl-C.")
+            stop.wait()

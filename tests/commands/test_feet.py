@@ -234,7 +234,7 @@ def test_what_cannot_be_two_feet_is_refused(fg_nav: FgNav, walked: Path) -> None
     truth = walked / "left.truth.tum"
     assert fg_nav("run", left, right, *FEET, "--truth", truth).refused("--truth", "A,B")
     assert fg_nav("run", left, right, *FEET, "--fixes", truth).refused("--fixes")
-    assert fg_nav("run", left, "--clock-offset", "1").refused("add --mount feet")
+    assert fg_nav("run", left, "--clock-offset", "1").refused("--mount feet LEFT RIGHT")
     assert not Path("results").exists()
 
 

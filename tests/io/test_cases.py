@@ -29,8 +29,9 @@ from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.recording import RawRecording, Recording
 from fg_nav.result import Result
 from fg_nav.samples.saturation import find_saturated
-from tests.command_line import FgNav
+from tests.command_line import FgNav, Ran
 from tests.io.samples import tilting
+from tests.proposals import check_proposals, list_changes, list_commands
 from tests.real_data import CASES, needs_cases
 
 DEMO = simulate("demo", 1)
@@ -606,20 +607,7 @@ def test_an_array_without_names_is_proposed_in_the_order_that_physics_shows(tmp_
 # --- proposals ----------------------------------------------------------------------------------------------------
 
 
-def list_proposals(words: str) -> list[list[str]]:
-    """Arguments of the commands of fg-nav that a refusal proposes, but for those with names left open."""
-    parts = words.split("fg-nav ")[1:]
-    found = []
-    for part in parts:
-        text = part.split(", or ")[0].rstrip(".")
-        quoted = text.split('"')
-        text = '"'.join(quoted[:2]) + '"' if len(quoted) > 2 else text.split(", with ")[0].split(":")[0]
-        if "NAME" not in text and "RECORDING" not in text:
-            found.append(shlex.split(text))
-    return found
-
-
-def _refused_files(folder: Path) -> list[tuple[Path, dict[str, object]]]:
+def _refused_files(folder: Path) -> list[Path]:
     """Files of the kinds that are refused, simulated and of the cases."""
     still = np.zeros((len(T), 3)) + 0.02 * np.random.default_rng(1).normal(size=(len(T), 3))
     rest = still + np.array([0.0, 0.0, 9.81])
@@ -645,29 +633,23 @@ def _refused_files(folder: Path) -> list[tuple[Path, dict[str, object]]]:
     for name, values in (("acc", WALK.acc), ("gyro", WALK.gyr)):
         made.append(write(single / f"{name}.csv", ["t", "x", "y", "z"], [T, values]))
     cases = [] if CASES is None else [p for p in sorted(CASES.glob("*/*")) if p.suffix in (".csv", ".txt", ".gz")]
-    return [(path, {}) for path in [*made, bare, *cases] if path.name != "README.txt"]
+    return [path for path in [*made, bare, *cases] if path.name != "README.txt"]
 
 
 def test_no_refusal_proposes_what_fails(tmp_path: Path, fg_nav: FgNav) -> None:
-    """Every command that a refusal proposes, and every option to add, is run: it must be accepted."""
-    tried = 0
-    for path, _ in _refused_files(tmp_path):
-        ran = fg_nav("inspect", path)
-        if ran.code == 0:
-            continue
-        assert ran.err.startswith("fg-nav: ")
-        words = ran.err.removeprefix("fg-nav: ").strip()
-        commands = list_proposals(words)
-        option = next((word for word in ("--sensor ", "--rate ") if f"such as {word}" in words.replace("`", "")), None)
-        if option is not None:
-            commands.append(
-                ["inspect", str(path), *shlex.split(words.replace("`", "").split("such as ")[1].rstrip("."))]
-            )
-        for command in commands:
-            again = fg_nav(*command)
-            assert again.code == 0, (words, command, again.err)
-            tried += 1
-    assert tried >= 10
+    """`fg_nav` tries what each refusal proposes, here as in all other tests (`tests/proposals.py`)."""
+    refusals = [ran.err for path in _refused_files(tmp_path) if (ran := fg_nav("inspect", path)).code == 1]
+    assert all(words.startswith("fg-nav: ") for words in refusals)
+    assert sum(bool(list_commands(words) or list_changes(words, ["inspect"])) for words in refusals) >= 10
+
+
+def test_a_proposal_that_fails_is_found(tmp_path: Path, fg_nav: FgNav) -> None:
+    path = write(tmp_path / "walk.csv", NAMES, [T, WALK.acc, WALK.gyr])
+    for words in (f"type fg-nav inspect {path} --sensor left.", "say which, such as `--columns t`.", "add --quieter."):
+        with pytest.raises(AssertionError):
+            check_proposals(fg_nav, ["inspect", path], Ran(1, "", f"fg-nav: {words}"))
+    works = f"type fg-nav inspect {path} --json, or leave --rate out."
+    assert check_proposals(fg_nav, ["inspect", path, "--rate", "9"], Ran(1, "", f"fg-nav: {works}")) == 2
 
 
 def test_a_refusal_without_a_mapping_that_works_leaves_the_names_open(tmp_path: Path) -> None:
