@@ -2,17 +2,17 @@
 
 A checkpoint is a file that grows (`packing`) with each save:
 
-    samples since the last save, and what the judge of the samples knows       each time
+    samples since the last save, and the state of their filter                 each time
     state of the walk, what changed of it (`saved_state`)                      after it was solved again
-    lines before which solutions were taken over since that state              each time
+    lines before which solutions took effect since that state                  each time
 
 To resume, the walk goes on from the last state with the samples behind it: some tens of footfalls, however long the
-walk. The same samples give the same answer to the last bit; where that hung on the machine, before which line a
-solution was taken over (`takeover`), it is in the records. With a lag, samples that no state needs any more are left
-out when the file is written again; that happens once it is more than twice as large as it must be.
+walk. The same samples give the same answer to the last bit; what depends on the machine, before which line a solution
+took effect (`schedule`), is in the records. With a lag, samples that no state needs any more are left out when the file
+is written again; that happens once it is more than twice as large as it must be.
 
-`collect` takes what does not change any more by reference, and copies what does, some seconds of samples. So a save
-holds the walk up for milliseconds, however long it is; all else is done in `write`, which may run in another thread.
+`collect` refers to what does not change any more, and copies what does, some seconds of samples. So a save holds the
+walk up for milliseconds, however long it is; all else is done in `write`, which may run in another thread.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from fg_nav.online.saved_state import StateChanges, StateReader, find_changes
 from fg_nav.system.locks import PathLock
 from fg_nav.text import format_count, to_json
 
-VERSION = 11  # of the records in a checkpoint
+VERSION = 12  # of the records in a checkpoint
 BLOCK = 1 << 14  # rows that are replayed at once; the answer does not depend on it
 MIN_BYTES = 1 << 20  # a smaller file is not written again
 ROW_BYTES = 8 * TAKEN
@@ -48,7 +48,7 @@ ROW_BYTES = 8 * TAKEN
 
 @dataclass(frozen=True)
 class Frame:
-    """What stays as it is from save to save: with what the walk was begun."""
+    """Options of the walk, which stay as they are from save to save."""
 
     options: OnlineOptions | PocketOptions
     detection: CausalParameters
@@ -63,7 +63,7 @@ class Record:
     frame : in the first record of a file; None in others.
     first, rows : number of the first of these samples (n, 11), which are new.
     kept_from : first sample that is still needed.
-    changes : of the state of the walk; None where that of the record before will do.
+    changes : of the state of the walk; None if that of the record before will do.
     judge, source, has_ended, n_reported, takeovers : of the navigator, behind these samples.
     """
 
@@ -81,7 +81,7 @@ class Record:
 
 @dataclass(frozen=True)
 class Snapshot:
-    """What was collected of a walk: a record without changes, and the state that they lead to, where there are any."""
+    """A record without its changes, and the state that they lead to; None without."""
 
     record: Record
     state: NavigatorState | None
@@ -103,7 +103,7 @@ class Checkpoint:
 
     @contextmanager
     def hold(self) -> Iterator[None]:
-        """Keep other streams out of the file while the block runs; raises `OutputError` where one saves in it."""
+        """Keep other streams out of the file while the block runs; raises `OutputError` if one saves in it."""
         self._lock = PathLock(self._path)
         try:
             self._renew_lock()
@@ -127,7 +127,7 @@ class Checkpoint:
         if not 0 < self._size == size:  # the file is not as the last save left it
             self._size, self._stop, self._state, self._begun_at = 0, 0, None, -1
         buffer, is_new = navigator.buffer, self._size == 0
-        # A state is needed where the walk was solved again, or where samples were discarded before they were saved.
+        # A state is needed if the walk was solved again, or if samples were discarded before they were saved.
         first, state = max(self._stop, buffer.first), None
         if isinstance(navigator, OnlineNavigator) and navigator.anchor_sample >= 0:
             needs_state = navigator.anchor_sample != self._begun_at or first > self._stop
@@ -160,12 +160,12 @@ class Checkpoint:
                 self._renew_lock()
             else:
                 self._size = append_record(self._path, self._size, packed)
-            # All of it is on the disk: the next save begins behind it.
+            # all of it is on the disk: the next save begins behind it
             self._stop = record.first + len(record.rows)
             if state is not None:
                 self._state, self._begun_at = state, state.smoother.starts[-1].stance.sample
                 self._state_bytes = len(packed)
-            # What is superseded is left out once it is more than half: beside the newest state and the samples needed.
+            # what is superseded is left out once it is more than half: beside the newest state and the samples needed
             needed = (self._stop - record.kept_from) * ROW_BYTES + self._state_bytes
             if self._state is not None:
                 smoother = self._state.smoother
@@ -234,7 +234,7 @@ def load(
     """Resume a walk where a checkpoint left it.
 
     Push what the source sends then, from its beginning or from a later moment on (`overlap`, `judge`). A walk that had
-    ended when it was saved has ended now too: it takes no more samples, and can be asked for all else.
+    ended when it was saved has ended now too: it accepts no more samples, and returns all else.
 
     Parameters
     ----------
@@ -245,7 +245,7 @@ def load(
     remark, beside
         As for `OnlineNavigator`.
     progress
-        Given from time to time the fraction that is done.
+        Called from time to time with the fraction that is done.
     detection
         How footfalls were found.
 
@@ -308,7 +308,7 @@ def _resume(
     navigator.source.update(newest.source)
     if "units" in newest.source:
         navigator.units.resume(newest.source["units"])
-    # The samples that the state knows, and the state.
+    # the samples that the state includes, and the state
     known = 0 if state is None else state.stop - content.first
     navigator.buffer.skip_to(content.first)
     behind = [np.empty((0, TAKEN))]
@@ -319,7 +319,7 @@ def _resume(
     if state is not None:
         assert isinstance(navigator, OnlineNavigator)
         navigator.resume(state, newest.takeovers, newest.n_reported)
-    # Those behind it come as they came then.
+    # those behind it, as they came
     later = np.concatenate(behind)
     for start in range(0, len(later), BLOCK):
         navigator.add_rows(later[start : start + BLOCK])
@@ -349,7 +349,7 @@ def _write_again(path: Path) -> int:
     changes = None if state is None else find_changes(state, None)
 
     def list_records() -> Iterator[bytes]:
-        # All but the samples first, then these, in records that add nothing else.
+        # all but the samples first, then these, in records that add nothing else
         kept_from = newest.kept_from
         yield pack(replace(newest, frame=content.frame, first=kept_from, rows=newest.rows[:0], changes=changes))
         for record, _ in _read(path):

@@ -1,8 +1,8 @@
 """Follow a source to its end: rows in, estimates out, checkpoints on the way.
 
-    StreamRequest  what a user asks of `fg-nav stream`: source, lag, heading, calibration, checkpoint
+    StreamRequest  options of `fg-nav stream`: source, lag, heading, calibration, checkpoint
     run_stream     opens the source, and follows it to its end
-    follow_source  rows -> navigator -> one line an estimate, until the source ends or an event says stop
+    follow_source  rows -> navigator -> one line an estimate, until the source ends or an event is set
     StreamedWalk   the closed navigator, to be solved as a whole
 
 Nothing that happens to the stream ends the walk but its end: bad rows are left out, and a stalled source is waited for,
@@ -105,11 +105,11 @@ class StreamOptions:
     online : options of the smoother, or of a sensor in a pocket.
     checkpoint : file to save the walk in, and to resume it from if it is there; None without.
     checkpoint_s : time between two saves, s.
-    stalled_s : silence after which a remark says that the source stalls, s.
+    stalled_s : silence after which it is remarked that the source stalls, s.
     until_silent_s : silence after which the walk ends, s; None to wait for ever.
     calibration : to apply; None without.
     mag_axes : of the magnetometer in those of the gyroscope; None for the same.
-    columns : of rows without a header, which a checkpoint must share; None where the source names them.
+    columns : of rows without a header, which a checkpoint must share; None if the source names them.
     beside : whether the walk is solved again in another process.
     """
 
@@ -236,7 +236,7 @@ def follow_source(
     Raises
     ------
     FormatError, RecordingError, EstimationError
-        Where the rows are of another format or unit, or a checkpoint cannot be resumed.
+        If the rows are of another format or unit, or a checkpoint cannot be resumed.
     """
     checkpoint = None if options.checkpoint is None else Checkpoint(options.checkpoint)
     with nullcontext() if checkpoint is None else checkpoint.hold():

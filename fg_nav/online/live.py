@@ -35,7 +35,7 @@ RETRY_S = 0.5  # between two attempts to connect
 RESTARTED_S = 2.0  # silence after which another port of the same host is the same sensor, switched on again
 REMARK_S = 10.0  # between two remarks about a line that breaks again and again
 MAX_WAITING = 1 << 26  # bytes in the queue: ten minutes of a fast sensor
-SYSTEM_BUFFER = 1 << 23  # bytes that the system is asked to keep of datagrams; it may give less
+SYSTEM_BUFFER = 1 << 23  # bytes of datagrams requested from the system, which may give less
 KEEPALIVE = {"TCP_KEEPIDLE": 4, "TCP_KEEPINTVL": 2, "TCP_KEEPCNT": 3}  # a dead peer is found within ten seconds
 
 # Of Linux, and without a name in Python: more buffer than users may have, and the count of datagrams without room.

@@ -82,8 +82,13 @@ def _to_tree(value: object, arrays: list[Array]) -> Any:
         return value
     if kind in (list, tuple, deque):
         assert isinstance(value, list | tuple | deque)
+        # rows of one shape and type are one array
         first = value[0] if len(value) > 1 else None
-        if type(first) is np.ndarray and first.ndim == 1 and _are_alike(value, first):
+        if (
+            isinstance(first, np.ndarray)
+            and first.ndim == 1
+            and all(type(one) is np.ndarray and one.shape == first.shape and one.dtype == first.dtype for one in value)
+        ):
             packed: Any = {"rows": _move(np.array(value), arrays)}
         else:
             packed = [_to_tree(item, arrays) for item in value]
@@ -104,11 +109,6 @@ def _to_tree(value: object, arrays: list[Array]) -> Any:
     if isinstance(value, tuple):
         return {"object": [name, [_to_tree(item, arrays) for item in value]]}
     return {"object": [name, {key: _to_tree(item, arrays) for key, item in vars(value).items()}]}
-
-
-def _are_alike(values: Iterable[object], first: Array) -> bool:
-    """Whether values are arrays of one shape and type."""
-    return all(type(one) is np.ndarray and one.shape == first.shape and one.dtype == first.dtype for one in values)
 
 
 def _move(array: Array, arrays: list[Array]) -> int:

@@ -249,7 +249,7 @@ def _is_valid_table(value: object, stop: int) -> bool:
         return ordered and _is_rotation(rows.nav_R_body) and all(map(_is_covariance, rows.pose_cov))
     if isinstance(value, FootfallTable):
         n, intervals = len(value.counts), len(value.start)
-        columns = value.stillest, value.continues, value.told, value.until
+        columns = value.stillest, value.continues, value.line, value.until
         if any(len(column) != n for column in columns) or not len(value.stop) == len(value.threshold) == intervals:
             return False
         if value.first < 0 or (value.counts < 1).any() or int(value.counts.sum()) != intervals:

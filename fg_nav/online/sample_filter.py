@@ -358,7 +358,7 @@ class SampleFilter:
             shift = self._last + UNKNOWN_GAP_S - t
             self._shift_clock("set", shift, t)
         self._drop_behind()
-        return [_shift_stamp(row, shift)]
+        return [np.append(row[0] + shift, row[1:])]
 
     def _wait_for_restart(self, row: Floats) -> list[Floats]:
         """Hold a row before the last one; after `RESTART` of them in order, shift the clock; the rows to use."""
@@ -376,7 +376,7 @@ class SampleFilter:
             kind, shift = "rebooted", self._last + UNKNOWN_GAP_S - t
             taken, self._behind = [row], self._behind[:-1]
         self._shift_clock(kind, shift, t)
-        return [_shift_stamp(one, shift) for one in taken]
+        return [np.append(one[0] + shift, one[1:]) for one in taken]
 
     def _drop_behind(self) -> None:
         """Leave out the rows before the last one that were held."""
@@ -472,11 +472,6 @@ class OutlierFilter:
         self.held = seen[stop:]
         self.fields = np.concatenate([self.fields, good[np.isfinite(good[:, 7]), :COLUMNS]])[kept:]
         return good, bad_rows, place, sensor[place]
-
-
-def _shift_stamp(row: Floats, shift: float) -> Floats:
-    """Return a row (11,) with its stamp shifted."""
-    return np.append(row[0] + shift, row[1:])
 
 
 def _describe_shift(shift: float) -> str:

@@ -67,7 +67,7 @@ class FootfallTable:
     threshold: Floats
     stillest: Ints
     continues: Ints
-    told: Ints
+    line: Ints
     until: Ints
 
     @classmethod
@@ -91,10 +91,10 @@ class FootfallTable:
         """Return the footfalls."""
         edges = np.cumsum(self.counts).tolist()
         found = []
-        columns = (self.stillest.tolist(), self.continues.tolist(), self.told.tolist(), self.until.tolist())
-        for begin, end, stillest, continues, told, until in zip([0, *edges], edges, *columns, strict=False):
+        columns = (self.stillest.tolist(), self.continues.tolist(), self.line.tolist(), self.until.tolist())
+        for begin, end, stillest, continues, line, until in zip([0, *edges], edges, *columns, strict=False):
             parts = self.start[begin:end], self.stop[begin:end], self.threshold[begin:end]
-            found.append(ReportedFootfall(Footfall(*parts, stillest, bool(continues)), told, until))
+            found.append(ReportedFootfall(Footfall(*parts, stillest, bool(continues)), line, until))
         return found
 
     def cut(self, stop: int) -> FootfallTable:
@@ -102,7 +102,7 @@ class FootfallTable:
         kept = stop - self.first
         intervals = int(self.counts[:kept].sum())
         each = {name: getattr(self, name)[:intervals].copy() for name in ("start", "stop", "threshold")}
-        one = {name: getattr(self, name)[:kept].copy() for name in ("counts", "stillest", "continues", "told", "until")}
+        one = {name: getattr(self, name)[:kept].copy() for name in ("counts", "stillest", "continues", "line", "until")}
         return replace(self, **each, **one)
 
 
@@ -134,15 +134,15 @@ class PastTable:
 class StateChanges:
     """What changed from one state of a walk to another.
 
-    `starts` are the samples of its anchor states (`handovers`); `due` the lines before which a solution is requested,
+    `starts` are the samples of its anchor states; `due` the lines before which a solution is requested,
     of how many footfalls, and where it begins.
     """
 
-    told: RowTable
+    lines: RowTable
     reported_continues: Ints
     footfalls: FootfallTable
     past: PastTable
-    handovers: tuple[AnchorState, ...]
+    anchors: tuple[AnchorState, ...]
     starts: tuple[int, ...]
     due: tuple[tuple[int, ...], int, int] | None
     sensor: SensorState | None
@@ -153,9 +153,9 @@ class StateChanges:
 def find_changes(state: NavigatorState, known: NavigatorState | None) -> StateChanges:
     """Return what changed since a state that is known; None for nothing that is known."""
     new, old = state.smoother, None if known is None else known.smoother
-    told, footfalls, past = 0, 0, 0
+    lines, footfalls, past = 0, 0, 0
     if old is not None:
-        told = _count_same(new.told, old.told)
+        lines = _count_same(new.told, old.told)
         footfalls = _count_same(new.footfalls, old.footfalls)
         past = _count_same(new.past.rows, old.past.rows)
     at = set() if old is None else {one.stance.sample for one in old.starts}
@@ -167,11 +167,11 @@ def find_changes(state: NavigatorState, known: NavigatorState | None) -> StateCh
     others = {name: getattr(state, name) for name in ("stop", "handed", "waits", "warned", "has_ended", "busy_s")}
     others |= {name: getattr(new, name) for name in ("next", "doubted", "has_mag", "discarded")}
     return StateChanges(
-        told=RowTable.from_rows(new.told, told),
-        reported_continues=np.array(new.reported_continues[told:], dtype=np.int64),
+        lines=RowTable.from_rows(new.told, lines),
+        reported_continues=np.array(new.reported_continues[lines:], dtype=np.int64),
         footfalls=FootfallTable.from_footfalls(new.footfalls, footfalls),
         past=PastTable.from_past(new.past, past),
-        handovers=tuple(one for one in new.starts if one.stance.sample not in at),
+        anchors=tuple(one for one in new.starts if one.stance.sample not in at),
         starts=tuple(one.stance.sample for one in new.starts),
         due=due,
         sensor=None if pending is None else pending.task.sensor,
@@ -184,16 +184,16 @@ class StateReader:
     """Joins the changes of a walk, as they come."""
 
     def __init__(self) -> None:
-        self._told: list[tuple[RowTable, Ints]] = []
+        self._lines: list[tuple[RowTable, Ints]] = []
         self._footfalls: list[FootfallTable] = []
         self._past: list[PastTable] = []
-        self._handovers: dict[int, AnchorState] = {}
+        self._anchors: dict[int, AnchorState] = {}
         self._newest: StateChanges | None = None
 
     def add(self, changes: StateChanges) -> None:
         """Add the next changes."""
         self._newest = changes
-        self._told.append((changes.told, changes.reported_continues))
+        self._lines.append((changes.lines, changes.reported_continues))
         # footfalls and past from the first that changed on are superseded
         footfalls, past = changes.footfalls, changes.past
         while self._footfalls and self._footfalls[-1].first >= footfalls.first:
@@ -206,15 +206,15 @@ class StateReader:
         if self._past:
             self._past[-1] = self._past[-1].cut_at(past)
         self._past.append(past)
-        known = self._handovers | {one.stance.sample: one for one in changes.handovers}
-        self._handovers = {sample: known[sample] for sample in changes.starts}
+        known = self._anchors | {one.stance.sample: one for one in changes.anchors}
+        self._anchors = {sample: known[sample] for sample in changes.starts}
 
     def state(self) -> NavigatorState | None:
         """Return the newest state; None before the walk had begun."""
         newest = self._newest
         if newest is None:
             return None
-        starts = tuple(self._handovers[sample] for sample in newest.starts)
+        starts = tuple(self._anchors[sample] for sample in newest.starts)
         footfalls = tuple(one for table in self._footfalls for one in table.footfalls())
         others = dict(newest.others)
         of_smoother = {name: others.pop(name) for name in ("next", "doubted", "has_mag", "discarded")}
@@ -226,12 +226,12 @@ class StateReader:
         pending = None
         if newest.due is not None and newest.sensor is not None:
             asked, count, at = newest.due
-            start = None if at == OF_WALK else self._handovers[at]
+            start = None if at == OF_WALK else self._anchors[at]
             begins = 0 if start is None else start.stance.number
             pending = Pending(asked, count, Task(start, footfalls[begins:count], newest.sensor))
         smoother = SmootherState(
-            told=tuple(row for table, _ in self._told for row in table.rows()),
-            reported_continues=tuple(bool(one) for _, part in self._told for one in part.tolist()),
+            told=tuple(row for table, _ in self._lines for row in table.rows()),
+            reported_continues=tuple(bool(one) for _, part in self._lines for one in part.tolist()),
             footfalls=footfalls,
             past=Past(0, rows, nodes),
             starts=starts,

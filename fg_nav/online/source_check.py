@@ -1,9 +1,9 @@
 """Checks of a source: one sensor, worn where it is said to be, with right axes, and how much of it is lost or silent.
 
 A stream of two sensors, or of one worn elsewhere, is refused in its first minute. That minute is of the walk: one that
-is resumed from a checkpoint goes on with what was seen before.
+is resumed from a checkpoint goes on where it was.
 
-Two sensors at once, such as one on a foot and one in a pocket that send to the same port, are seen in windows of
+Two sensors at once, such as one on a foot and one in a pocket that send to the same port, are found in windows of
 `WINDOW` rows by either sign:
 
 * stamps    rows fall into two sequences, each of rising stamps, that take turns: two clocks, or one and two delays
@@ -16,7 +16,7 @@ One sensor moves on from row to row: r is 0.5 to 0.6 for walking feet, 1.2 for o
 windows of 15 walks of gdin, openshoe, xio and gdlbio, and of simulated feet and thighs. Rows of two that take turns
 have 3 to 19 while they walk, over 100 while they stand, and 1.8 to 6 where one sends two for one of the other.
 
-Where a sensor is worn is seen as in a recording (`fg_nav.detection.mount`), as soon as it is clear. None of 63 real
+Where a sensor is worn is found as in a recording (`fg_nav.detection.mount`), as soon as it is clear. None of 63 real
 recordings of feet, walked and run (gdin, gdlbio, openshoe, xio, vicon, two feet), is refused by either.
 
 Whether its sensors have the same, right-handed axes is measured in strides, of a foot or a thigh
@@ -85,7 +85,7 @@ class SourceCheck:
 
     Parameters
     ----------
-    mount : where the sensor is said to be worn.
+    mount : where the sensor should be worn.
     remark : called with one sentence if two sensors are found later than `REFUSED_S`.
     """
 
@@ -296,7 +296,7 @@ class LossCounter:
     def add(self, t: Floats, overlap: Overlap | None = None) -> None:
         """Count by the stamps (n,) s of rows as they were sent; NaN is ignored.
 
-        Those of a resumed walk wait until its `overlap`, which has seen them, is over: only what is new counts.
+        Those of a resumed walk wait until its `overlap`, with the same rows, is over: only what is new counts.
         """
         t, self._held = np.concatenate([self._held, t]), t[:0]
         if overlap is not None and overlap.skips:

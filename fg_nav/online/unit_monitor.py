@@ -15,7 +15,7 @@ part of `SHARES` of the rows is odd. Stamps show their unit in the first rows, b
 first second, rate in the first strides. If that is so from the beginning the walk is refused; midway it is a sensor
 that restarts as another program set it up: what is wrong is left out, until it is right again.
 
-The other way round, a gyroscope that hardly turns while its wearer walks, is seen in windows, and remarked.
+The other way round, a gyroscope that hardly turns while its wearer walks, is found in windows, and remarked.
 
 Of a magnetometer in another unit than before the field alone is left out, at once, so that none of it is compared with
 what was before. The strength of the field of a walk is the median of those of its newest windows, `MAX_WINDOWS` at

@@ -159,7 +159,7 @@ RETURN = Return(np.arange(4.0), np.arange(4.0), False, 9.0, 1e-9, 2.0, np.zeros(
         (FALLS, {"stop": np.array([1, 30])}),
         (FALLS, {"start": np.array([-2, 20])}),
         (FALLS, {"stillest": np.array([4, 100])}),
-        (FALLS, {"told": np.array([4])}),
+        (FALLS, {"line": np.array([4])}),
         (ANCHOR, {"keys": (None,)}),
         (ANCHOR, {"A": np.full((3, 3), np.nan)}),
         (ANCHOR, {"A": np.full((3, 3), np.inf)}),
