@@ -134,7 +134,7 @@ def parse_columns(words: str, units: str | None = None) -> Columns:
     starts = list(_PART.finditer(words))
     if not starts or words[: starts[0].start()].strip():
         raise FormatError(f"--columns '{words}' is no mapping: write it as {EXAMPLE}.")
-    columns, bracketed_units = dict[Quantity, tuple[str, ...]](), dict[Quantity, str]()
+    columns, unit_of = dict[Quantity, tuple[str, ...]](), dict[Quantity, str]()
     for start, after in zip(starts, [*starts[1:], None], strict=True):
         quantity = next(known for known in QUANTITIES if known == start[1].lower())
         if quantity in columns:
@@ -154,8 +154,8 @@ def parse_columns(words: str, units: str | None = None) -> Columns:
                     f"--columns: there is no unit '{bracketed[2]}' of {quantity}: choose one of "
                     f"{KNOWN_UNITS[quantity]}."
                 )
-            bracketed_units[quantity] = bracketed[2]
-    return Columns(columns, bracketed_units)
+            unit_of[quantity] = bracketed[2]
+    return Columns(columns, unit_of)
 
 
 def _parse_list(words: str, units: str | None) -> Columns:
