@@ -41,11 +41,12 @@ from walks import REAL_WALKS
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import SimulationError
-from fg_nav.evaluation.walked import AS_STARTED, BEST_YAW, CLOSURE, error_reduction_percent
+from fg_nav.evaluation.walked import AS_STARTED, BEST_YAW, CLOSURE
 from fg_nav.lab.campaign.execute import recorded_keys, settings_of, simulated_keys, store_task, tasks_of
 from fg_nav.lab.campaign.methods import method_of
 from fg_nav.lab.campaign.walks import LOOP, MAGNETOMETERS, MIXTURES, WALK, Recorded
 from fg_nav.lab.consistency import PARTS, estimate_freedom_of_mean, nees_band, share_in_band
+from fg_nav.lab.landmarks import error_reduction_percent
 from fg_nav.lab.reproduce.walks import at_landmarks, mean, used_percent, walk_error
 from fg_nav.lab.simulation import scenario
 from fg_nav.lab.simulation.scenarios import FIELDS

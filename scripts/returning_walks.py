@@ -42,9 +42,9 @@ from fg_nav.arrays import Floats
 from fg_nav.calibration.of_recording import Calibration
 from fg_nav.detection import detect_stances
 from fg_nav.evaluation.comparison import align, interpolate_truth
-from fg_nav.evaluation.walked import measure_landmarks
 from fg_nav.frames import compute_heading
 from fg_nav.lab.campaign.walks import RAW, Recorded, simulate_calibration
+from fg_nav.lab.landmarks import measure_landmarks
 from fg_nav.lab.simulation import Choices, Scenario, SimulatedWalk, routes, scenario, simulate
 from fg_nav.lab.simulation.fields import Field, draw_environment
 from fg_nav.lab.simulation.path import Path, open_curve, polyline

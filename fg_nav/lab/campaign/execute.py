@@ -29,13 +29,13 @@ from fg_nav.evaluation.walked import (
     CLOSURE,
     compare_at_footfalls,
     measure_errors,
-    measure_landmarks,
     measure_walk,
     path_length_m,
 )
 from fg_nav.lab.campaign.methods import method_of, solve_by
 from fg_nav.lab.campaign.walks import LOOP, MIXTURES, NONE, RAW, WALK, Reading, Simulated, Source, UserScenario, unpack
 from fg_nav.lab.consistency import whiten_errors
+from fg_nav.lab.landmarks import measure_landmarks
 from fg_nav.lab.simulation import Choices, scenario, simulate
 from fg_nav.lab.store.code import code_sum
 from fg_nav.lab.store.results import Key, Result, encode_flags, write_result

@@ -18,9 +18,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from fg_nav.evaluation.walked import AS_STARTED, error_reduction_percent
+from fg_nav.evaluation.walked import AS_STARTED
 from fg_nav.lab.campaign.execute import settings_of, store_task, tasks_of
 from fg_nav.lab.campaign.walks import LOOP
+from fg_nav.lab.landmarks import error_reduction_percent
 from fg_nav.lab.processes import run_tasks
 from fg_nav.lab.reproduce.results import Spread, spread_of
 from fg_nav.lab.simulation.fields.building import CLUTTERS, SMOOTH_KINDS
