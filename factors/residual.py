@@ -12,7 +12,7 @@ about 30 us, and numpy evaluates a whole block at once.
 
 This is the one place that touches gtsam.CustomFactor. A custom factor whose error has the wrong shape, or that leaves a
 Jacobian unassigned, kills the interpreter; NaN, a wrong column count or float32 pass silently and spoil the solution.
-`guarded_factor` checks what a residual function returns before gtsam sees it, and says which factor it was.
+`guarded_factor` checks what a residual function returns before gtsam sees it, and names the factor.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -28,7 +28,6 @@ Array = NDArray[np.float64]
 Evaluate = Callable[[gtsam.Values, bool], tuple[Array, Sequence[Array]]]
 
 POSE = 6  # Dimension of a pose, passed as its matrix (..., 4, 4) of nav_T_body; all others but `BIAS` are vectors.
-
 FEW = 16  # Variables that are sooner read one by one than all of their kind together.
 LETTER_SHIFT = 56  # A gtsam key carries its letter in the highest byte.
 

@@ -36,7 +36,7 @@ import numpy as np
 from .residual import BIAS, Array, factor_of, hold_cauchy
 from .rotation import skew
 
-REST_TAIL_SIGMAS = 4.0  # c of a rest: of feet whose sway says 0.05 deg/s one in twenty is 0.5 off.
+REST_TAIL_SIGMAS = 4.0  # c of a rest: of feet whose sway shows 0.05 deg/s one in twenty is 0.5 off.
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,8 @@ tendency  of the weather, constant for hours: 1 hPa in three hours, the mean of 
 Air of another temperature has heights larger by a scale of 0 +- `SCALE_SIGMA`, 15 +- 15 degC, one number of all stairs
 of a walk: it keeps them closed, up and down. It is not taken off, as the excess of the strides' climbs looks like it,
 and is counted in the sigmas as the moving foot is (`shared_errors`): the covariances of the walk grow by its second
-moment about zero with what the walk says of it, 0.4 m of an 8 m staircase where the pressure alone shows the height. A
-walk in progress has the prior instead, `SCALE_SIGMA` of the height above the start.
+moment about zero with the walk's information on it, 0.4 m of an 8 m staircase where the pressure alone shows the
+height. A walk in progress has the prior instead, `SCALE_SIGMA` of the height above the start.
 
 Noise of p_k is the recording's own, with parts that no recording shows,
 

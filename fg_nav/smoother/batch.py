@@ -5,7 +5,7 @@
                   solved again; then the level floors found on it (`constraints`)
     differential  field while the foot stands: factors on the gyro bias (`differential`)
     field         the magnetic field, in rounds, each of which solves again (`field`)
-    directions    of a building that the walk follows, where they are asked for (`directions`)
+    directions    of a building that the walk follows, an option (`directions`)
     places        where the field shows that the walk was at a place before (`places`)
     bias prior    solved again with the one that the evidence averages (`gyro_bias`)
     gyro scale    by the field: all again with samples without what both halves of the walk agree on (`shared_errors`)
@@ -65,7 +65,6 @@ from fg_nav.smoother.sensitivity import FootfallCovariance, weigh_path
 from fg_nav.smoother.shared_errors import (
     WalkScale,
     estimate_gyro_scale,
-    shows_heading,
     spread_clipped_peaks,
     spread_moving_foot,
 )
@@ -90,18 +89,6 @@ class WalkInput:
     fixes: Sequence[Fix] = ()
     extra: ExtraFactors | None = None
     known: KnownTies | None = None
-
-    def check_field(self) -> None:
-        """Raise `EstimationError` if the field is not that of the stances."""
-        if self.field is None:
-            return
-        if self.recording.mag is None:
-            raise EstimationError("there is a field and the recording has no magnetometer: leave the field out.")
-        if len(self.field) != self.stances.n_footfalls:
-            raise EstimationError(
-                f"the field is that of {len(self.field)} footfalls and the stances have {self.stances.n_footfalls}: "
-                "take the field at these stances."
-            )
 
 
 @dataclass(frozen=True)
@@ -146,10 +133,17 @@ class FittedWalk:
 
 def fit_walk(given: WalkInput) -> FittedWalk:
     """Solve a walk with the bias prior and the gyroscope's scale that it shows; raises as `batch.smooth`."""
-    given.check_field()
+    if given.field is not None and given.recording.mag is None:
+        raise EstimationError("there is a field and the recording has no magnetometer: leave the field out.")
+    if given.field is not None and len(given.field) != (footfalls := given.stances.n_footfalls):
+        raise EstimationError(
+            f"the field is that of {len(given.field)} footfalls and the stances have {footfalls}: "
+            "take the field at these stances."
+        )
     walk = widen_bias_prior(_solve_from_samples(given))
     # Where the field shows the heading it shows the gyroscope's scale: taken off the samples, or counted in the sigmas.
-    if not (given.parameters.gyro_scale and shows_heading(walk.problem)):
+    field = walk.problem.field
+    if not given.parameters.gyro_scale or field is None or len(field.heading) + len(field.strides) == 0:
         return FittedWalk(walk, None)
     scale = estimate_gyro_scale(walk.problem, walk.solved)
     walk.problem.recording.release()
@@ -188,7 +182,7 @@ def _solve_from_samples(given: WalkInput) -> SolvedWalk:
 def solve_walk(problem: WalkProblem, field: FootfallField | None, unseen: str = "") -> SolvedWalk:
     """Solve a walk, whose values are near its minimum without the field, with field, directions and places.
 
-    `unseen` says why there is no field.
+    `unseen` is the reason why there is no field.
     """
     obstacle, track = unseen or find_obstacle(field, problem.parameters.magnetic), None
     if field is not None:
@@ -205,7 +199,7 @@ def solve_walk(problem: WalkProblem, field: FootfallField | None, unseen: str = 
         del track
         found = solve_with_field(sampled)
         walk = SolvedWalk(found.problem, found.solved, found.verdict, found)
-    # The field settles which direction is which, and the path along them where places are looked for.
+    # The field settles which direction is which, and the path along them where places are searched.
     problem, solved, notes = follow_directions(walk.problem, walk.solved)
     returns: tuple[Return, ...] = ()
     if field is not None:

@@ -13,9 +13,8 @@ Own factors. The caller makes a graph of gtsam from the variables of the nodes. 
 first solution: what is found before that (noise of the swings, lever, random walk of the bias) rests on the sensor
 alone, and all rounds after it, sigmas included, have them.
 
-What own factors show of the heading at the start is what they say against a turn of the whole walk about the vertical
-at its start. With A d the change of their residuals over their sigmas for a turn d of one radian, linearized at the
-walk,
+The information of own factors on the heading at the start is that on a turn of the whole walk about the vertical there.
+With A d the change of their residuals over their sigmas for a turn d of one radian, linearized at the walk,
 
     sigma^-2 = |A d|^2,     d = (R^T u, R^T (u x p)) of a pose, u x v of a velocity, 0 of a bias, u up,
 
@@ -36,7 +35,7 @@ there. A known place q (3,) m, c (3,) m from a footfall in body axes, is
     e = p + R c - q,
 
 p and R the pose of the footfall, with the covariance of a tie: sharp along the path, as wide as a corridor across it.
-Start and heading are then no gauge any more. They get priors that say nothing, `UNKNOWN_PLACE_M` and
+Start and heading are then no gauge any more. They get priors without information, `UNKNOWN_PLACE_M` and
 `UNKNOWN_HEADING_DEG`, and the sigmas of the solution are those of the places in the known frame.
 
 Satellite fixes are factors as of the caller's own, which show the heading at the start as those do,
@@ -145,7 +144,7 @@ class OwnFactors(GtsamFactors):
 
     def __init__(self, graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> None:
         super().__init__(*(graph.at(i) for i in range(graph.size())), kind="own")
-        # What they say against a turn of the walk about its start, by second differences of their linearized error.
+        # Information on a turn of the walk about its start, by second differences of the linearized error.
         linear = self._graph.linearize(values)
         forth, here, back = (linear.error(_move(self._graph, values, turn)) for turn in (1.0, 0.0, -1.0))
         information = float(forth - 2.0 * here + back)
@@ -374,28 +373,19 @@ def add_constraints(problem: WalkProblem, values: gtsam.Values, continues: Bools
     for number in range(floor.max(initial=-1) + 1):
         values.insert(Z(number), np.array([position[floor == number, 2].mean()]))
     heights = constrain_heights(nodes.result, floor, LEVEL_SIGMA_M)
-    climb = () if ground is None else measure_excess(problem, values, ground, np.diff(t[footfall])[stepped[1:]])
-    return replace(problem, constraints=(*problem.constraints, heights, *climb), floor=floor)
-
-
-def measure_excess(
-    problem: WalkProblem, values: gtsam.Values, ground: Ground, stride_s: Floats
-) -> tuple[GtsamFactors, ...]:
-    """Return what the ground shows of the excess S of the soles, in strides of these durations (K,) s.
-
-    An excess S lifts each stride by S (duration of the stride) / (time in which the sole settles). What the path at
-    `values` climbs is beyond the S that it has there.
-    """
-    ties = problem.velocities.residuals
+    problem = replace(problem, constraints=(*problem.constraints, heights), floor=floor)
+    # What the ground shows of the excess S of the soles: S lifts each stride by S (duration of the stride) / (time in
+    # which the sole settles). What the path climbs is beyond the S that it has at these values.
+    ties, stride_s = problem.velocities.residuals, np.diff(t[footfall])[stepped[1:]]
     assert isinstance(ties, StanceVelocity)
     sinks_per_m = ties.sinks_per_m[ties.sinks_per_m > 0.0]
-    if not len(sinks_per_m) or not len(stride_s):
-        return ()
+    if ground is None or not len(sinks_per_m) or not len(stride_s):
+        return problem
     lift = float(np.median(sinks_per_m) * np.median(stride_s))
-    sigma = np.hypot(ground.drift_sigma, DRIFT_FLOOR_M) / lift
-    noise = gtsam.noiseModel.Isotropic.Sigma(1, float(sigma))
-    middle = S(int(problem.nodes.bias[-1]) // 2)
-    return (GtsamFactors(gtsam.PriorFactorVector(middle, values.atVector(middle) + ground.drift / lift, noise)),)
+    noise = gtsam.noiseModel.Isotropic.Sigma(1, float(np.hypot(ground.drift_sigma, DRIFT_FLOOR_M) / lift))
+    middle = S(int(nodes.bias[-1]) // 2)
+    climb = GtsamFactors(gtsam.PriorFactorVector(middle, values.atVector(middle) + ground.drift / lift, noise))
+    return replace(problem, constraints=(*problem.constraints, climb))
 
 
 def find_floors_of_pieces(

@@ -166,7 +166,19 @@ def measure_noise(turned: FieldStretches) -> float:
 
 def fit_variogram(mag: Floats, position: Floats, nav_R_body: Floats, nodes: Nodes, sigma_uT: float) -> Variogram | None:
     """Fit the variogram of the field in the swings, by the trajectory at all samples; None where too little is seen."""
-    square, distance = _compare_pairs(mag, position, nav_R_body, nodes)
+    # Squares of differences of the field between samples of one swing, and how far they are apart.
+    begins, ends = nodes.sample[nodes.first[1:-1] - 1], nodes.sample[nodes.first[1:-1]]
+    squares, distances = [np.empty(0)], [np.empty(0)]
+    for swing in np.unique(np.linspace(0, len(begins) - 1, min(MAX_SWINGS, len(begins))).astype(np.int64)):
+        sample = np.arange(begins[swing], ends[swing] + 1)
+        sample = sample[np.isfinite(mag[sample, 0])]
+        sample = sample[:: -(-max(len(sample), 1) // MAX_OF_SWING)]
+        i, j = np.triu_indices(len(sample), 1)
+        nav_field = np.einsum("nij,nj->ni", nav_R_body[sample], mag[sample])
+        squares.append(((nav_field[i] - nav_field[j]) ** 2).sum(axis=1))
+        distances.append(np.linalg.norm(position[sample[i]] - position[sample[j]], axis=1))
+    square, distance = np.concatenate(squares), np.concatenate(distances)
+    # The median of each class of distance.
     number = np.digitize(distance, DISTANCES_M)
     found = []
     for k in range(1, len(DISTANCES_M)):
@@ -183,22 +195,6 @@ def fit_variogram(mag: Floats, position: Floats, nav_R_body: Floats, nodes: Node
     level = off.mean(axis=1)
     best = int(np.argmin(((off - level[:, None]) ** 2).sum(axis=1)))
     return Variogram(float(np.exp(level[best] / 2.0)), float(length[best]), float(exponent[best]))
-
-
-def _compare_pairs(mag: Floats, position: Floats, nav_R_body: Floats, nodes: Nodes) -> tuple[Floats, Floats]:
-    """Squares (P,) uT^2 of differences of the field between samples of one swing, and how far they are apart (P,) m."""
-    begins, ends = nodes.sample[nodes.first[1:-1] - 1], nodes.sample[nodes.first[1:-1]]
-    chosen = np.unique(np.linspace(0, len(begins) - 1, min(MAX_SWINGS, len(begins))).astype(np.int64))
-    squares, distances = [np.empty(0)], [np.empty(0)]
-    for k in chosen:
-        sample = np.arange(begins[k], ends[k] + 1)
-        sample = sample[np.isfinite(mag[sample, 0])]
-        sample = sample[:: -(-max(len(sample), 1) // MAX_OF_SWING)]
-        i, j = np.triu_indices(len(sample), 1)
-        nav_field = np.einsum("nij,nj->ni", nav_R_body[sample], mag[sample])
-        squares.append(((nav_field[i] - nav_field[j]) ** 2).sum(axis=1))
-        distances.append(np.linalg.norm(position[sample[i]] - position[sample[j]], axis=1))
-    return np.concatenate(squares), np.concatenate(distances)
 
 
 @dataclass(frozen=True)
@@ -292,7 +288,7 @@ def sum_stretches(information: BiasInformation, bias: Ints, those: Bools, variab
 
 
 def add_differential_field(problem: WalkProblem, values: gtsam.Values, track: Trajectory) -> WalkProblem:
-    """Return the problem with the factors of its differential field, by its first solution, where they are asked for.
+    """Return the problem with the factors of its differential field, by its first solution, where they are used.
 
     `track` is the trajectory of these values (`trajectory_of`).
 

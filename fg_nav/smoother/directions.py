@@ -18,15 +18,15 @@ random walk on the quarter circle, and a steady drift on top of it,
     phi_(k+1) = phi_k + b n_k + N(0, q n_k),    b ~ N(0, (sigma / F)^2),
     p(psi_k | phi_k) = (P N(wrap(psi_k - phi_k); 0, s^2) + (1 - P) 2/pi)^h_k,
 
-n_k the strides between their middles of F, sigma that of the heading at any footfall relative to the start as the
-solution says, h_k the share of each displacement in its leg; q adds up to sigma^2 over the walk, within the bounds of
+n_k the strides between their middles of F, sigma that of the heading at any footfall relative to the start in the
+solution, h_k the share of each displacement in its leg; q adds up to sigma^2 over the walk, within the bounds of
 `DRIFT_DEG`. phi_0 is anything. Forward and backward passes on a grid give p(phi_k | all psi) and the likelihood (hidden
 Markov model: Rabiner 1989), for each of some b; with the likeliest, s and P are estimated by expectation maximization.
 No assignment is made: the graph's mixture has the same four directions.
 
 Over a hole in the samples the heading is lost, and with it which direction is which: the pieces of the walk on either
 side (`split_drift`) have each an alpha of its own. The path is turned by phi_0 - phi_k, to start from; how much of that
-the drift is, the graph says with all its factors. Where the courses are more likely to be anything there are no
+is drift, the graph estimates with all its factors. Where the courses are more likely to be anything there are no
 directions: `MIN_EVIDENCE`.
 
 Limit: walks that turn steadily by less than the drift that their sigmas allow are taken for drifting ones.
@@ -242,7 +242,14 @@ def track_directions(
     variance = np.diff(at) * np.clip(drift, *np.radians(DRIFT_DEG)) ** 2
     variance = variance if is_lost is None else np.where(is_lost, ANY_TURN, variance)
     mixture = Mixture(float(np.radians(FIRST_SIGMA_DEG)), FIRST_SHARE)
-    steady, gained = _find_steady_drift(course, share, at, drift, variance, mixture)
+    # The likeliest steady drift, rad over the walk, and by how much all of them are likelier than it is.
+    count = int(RATE_SIGMAS * drift / np.radians(RATE_STEP_DEG))
+    rates = np.radians(RATE_STEP_DEG) * np.arange(-count, count + 1)
+    prior = -0.5 * (rates / drift) ** 2 if count else np.zeros(1)
+    likelihood = np.array([_smooth(course - rate * at, share, variance, mixture)[1] for rate in rates])
+    best = int((likelihood + prior).argmax())
+    steady = float(rates[best])
+    gained = float(np.logaddexp.reduce(likelihood + prior) - np.logaddexp.reduce(prior) - likelihood[best])
     left = course - steady * at
     # How many follow the directions, and within what.
     for _ in range(ITERATIONS):
@@ -257,37 +264,13 @@ def track_directions(
     return tracked
 
 
-def _find_steady_drift(
-    course: Floats, share: Floats, at: Floats, drift: float, variance: Floats, mixture: Mixture
-) -> tuple[float, float]:
-    """Return the likeliest steady drift, rad over the walk, and by how much all of them are likelier than it is."""
-    count = int(RATE_SIGMAS * drift / np.radians(RATE_STEP_DEG))
-    steady = np.radians(RATE_STEP_DEG) * np.arange(-count, count + 1)
-    prior = -0.5 * (steady / drift) ** 2 if count else np.zeros(1)
-    likelihood = np.array([_smooth(course - one * at, share, variance, mixture)[1] for one in steady])
-    best = int((likelihood + prior).argmax())
-    return float(steady[best]), float(
-        np.logaddexp.reduce(likelihood + prior) - np.logaddexp.reduce(prior) - likelihood[best]
-    )
-
-
 def _smooth(course: Floats, share: Floats, variance: Floats, mixture: Mixture) -> tuple[Floats, float, Floats]:
     """Return p(phi_k) (M, `CELLS`), the log likelihood, and how far courses are off each direction of the grid, rad."""
     off = wrap_quarter(course[:, None] - GRID)
     likelihood = (_weigh_followed(off, mixture) + 1.0 - mixture.share) ** share[:, None]
-    return *_smooth_on_circle(likelihood, variance), off
-
-
-def _weigh_followed(off: Floats, mixture: Mixture) -> Floats:
-    """Likelihood (...) of courses `off` a direction by so much, rad, and along it, over that of anything."""
-    s = mixture.sigma
-    return np.asarray(mixture.share * QUARTER / (s * np.sqrt(2.0 * np.pi)) * np.exp(-0.5 * (off / s) ** 2))
-
-
-def _smooth_on_circle(likelihood: Floats, variance: Floats) -> tuple[Floats, float]:
-    """Return p(phi_k) (M, `CELLS`) by all likelihoods (M, `CELLS`), and log of the likelihood of all of them."""
     harmonic = 4.0 * np.arange(CELLS // 2 + 1)
     spread = np.exp(-0.5 * harmonic**2 * variance[:, None])
+    # Forward.
     ahead, behind = np.ones_like(likelihood) / CELLS, np.ones_like(likelihood)
     log_likelihood = 0.0
     for k, here in enumerate(likelihood):
@@ -297,11 +280,18 @@ def _smooth_on_circle(likelihood: Floats, variance: Floats) -> tuple[Floats, flo
         total = ahead[k].sum()
         ahead[k] /= total
         log_likelihood += float(np.log(total))
+    # And backward.
     for k in range(len(likelihood) - 2, -1, -1):
         behind[k] = _blur(likelihood[k + 1] * behind[k + 1], spread[k])
         behind[k] /= behind[k].sum()
     both = ahead * behind
-    return both / both.sum(axis=1, keepdims=True), log_likelihood
+    return both / both.sum(axis=1, keepdims=True), log_likelihood, off
+
+
+def _weigh_followed(off: Floats, mixture: Mixture) -> Floats:
+    """Likelihood (...) of courses `off` a direction by so much, rad, and along it, over that of anything."""
+    s = mixture.sigma
+    return np.asarray(mixture.share * QUARTER / (s * np.sqrt(2.0 * np.pi)) * np.exp(-0.5 * (off / s) ** 2))
 
 
 def _blur(density: Floats, spread: Floats) -> Floats:

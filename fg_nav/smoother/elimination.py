@@ -64,7 +64,7 @@ def get_front(fronts: Fronts, i: int) -> tuple[int, Ints, Floats]:
 
 
 def list_parts(begin: int, end: int) -> Iterator[tuple[int, int]]:
-    """Yield where parts of `begin <= i < end` begin and end; pages of files are let go of behind each."""
+    """Yield where parts of `begin <= i < end` begin and end; pages of files are freed behind each."""
     for first in range(begin, end, MAX_FRONTS):
         yield first, min(first + MAX_FRONTS, end)
         drop_pages()
@@ -169,7 +169,15 @@ def plan_elimination(factors: Factors, size: Ints, begin: int, end: int) -> tupl
 
     Returns the plan, the fronts and the factors left, without their numbers.
     """
-    queue = _queue_factors(factors, len(size))
+    # Each factor is queued at its first variable.
+    count = len(size)
+    queue = Queue(np.full(count, -1), np.full(len(factors.rows), -1), np.full(count, -1), np.full(count, -1))
+    for f in range(len(factors.rows) - 1, -1, -1):
+        v = factors.member[factors.begins[f]]
+        for k in range(factors.begins[f], factors.begins[f + 1]):
+            v = min(v, factors.member[k])
+        queue.next_factor[f] = queue.first_factor[v]
+        queue.first_factor[v] = f
     members, parent = _gather_members(factors, queue, size, begin, end)
     fronts = _shape_fronts(members, parent, size, end)
     left, slot, slots = _plan_rest(members, parent, queue, size, end)
@@ -183,19 +191,6 @@ def first_columns(size: Ints) -> Ints:
     for v in range(len(size)):
         first[v + 1] = first[v] + size[v]
     return first
-
-
-@njit(cache=True)
-def _queue_factors(factors: Factors, count: int) -> Queue:
-    """Queue each factor at its first variable."""
-    queue = Queue(np.full(count, -1), np.full(len(factors.rows), -1), np.full(count, -1), np.full(count, -1))
-    for f in range(len(factors.rows) - 1, -1, -1):
-        v = factors.member[factors.begins[f]]
-        for k in range(factors.begins[f], factors.begins[f + 1]):
-            v = min(v, factors.member[k])
-        queue.next_factor[f] = queue.first_factor[v]
-        queue.first_factor[v] = f
-    return queue
 
 
 @njit(cache=True)

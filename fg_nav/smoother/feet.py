@@ -4,7 +4,7 @@
     alignment     both paths turned and moved to each other              -> values to start from
     ties          steps that are beside each other                       (`feet_factors`)
     solution      of all factors of both feet
-    reach         where standing feet are too far apart: asked for, and solved again
+    reach         where standing feet are too far apart: added, and solved again
     shared        errors that each foot's steps share (`shared_errors`), in the triangle of both
     paths         of each foot by its share of the triangle (`batch`), and of the person by both (`feet.person`)
 
@@ -64,7 +64,7 @@ FREE_PLACE_M, FREE_HEADING_DEG = 2.0, 60.0  # Sigmas of the right foot's start a
 SMOOTH_S = 10.0  # Before and after, over which turns of the right foot's path against the left one's are averaged.
 AROUND_HOLE = 10  # Strides on either side of a hole in a recording, by which the path behind it is turned.
 FEET_CONVERGENCE = 5e-6  # Per variable: what both feet show weakly, the heading of all, to a part of its sigma.
-REACH_ROUNDS = 2  # In which reach is asked for.
+REACH_ROUNDS = 2  # Of adding reach.
 MIN_CELLS = 2  # Of steps that tie two feet: fewer do not show how they lie.
 
 
@@ -147,7 +147,7 @@ def solve_feet(right: WalkProblem, left: WalkProblem) -> SolvedFeet:
     """Solve two feet, whose values are near the minima of each alone, as one walk."""
     # Both paths beside each other.
     right, values = align_feet(right, left)
-    problem = FeetProblem(right, left, values, tie_feet(right, left, values), ReachFactors.of_nothing())
+    problem = FeetProblem(right, left, values, tie_feet(right, left, values), ReachFactors())
     # All factors of both, from a start that may be turned far from where the fields of both have it.
     solved = _solve(problem)
     for _ in range(REACH_ROUNDS):
@@ -177,7 +177,7 @@ def align_feet(right: WalkProblem, left: WalkProblem) -> tuple[WalkProblem, Feet
     at_right, at_left = (_smooth_turn(*turns, one.recording.t[one.nodes.sample]) for one in (right, left))
     turn_walk(of_left, left.nodes, 0.5 * (at_left - at_left[0]))
     turn_walk(of_right, right.nodes, -0.5 * (at_right + at_left[0]))
-    # The right path beside the left one, in the mean of all cells. Its factors do not say where it is: the start moves,
+    # The right path beside the left one, in the mean of all cells. Its factors hold no place: the start moves,
     # and all nodes with it.
     cells, poses = (
         average_cells(list_footfalls(right, of_right), list_footfalls(left, of_left)),
@@ -214,12 +214,12 @@ def _smooth_turn(at: Floats, turn: Complexes, t: Floats) -> Floats:
     """Turn (M,) rad at times t (M,), a mean of the turns (S,), weighted exp(i turn), at times (S,) around."""
     if not len(at):
         return np.zeros(len(t))
-    asked = np.arange(t[0], t[-1] + SMOOTH_S, 0.5 * SMOOTH_S)
-    near = np.searchsorted(at, [asked - SMOOTH_S, asked + SMOOTH_S])
+    middle = np.arange(t[0], t[-1] + SMOOTH_S, 0.5 * SMOOTH_S)
+    near = np.searchsorted(at, [middle - SMOOTH_S, middle + SMOOTH_S])
     total = np.concatenate([[0.0], np.cumsum(turn)])
     mean = total[near[1]] - total[near[0]]
     seen = near[1] > near[0]
-    return np.asarray(np.interp(t, asked[seen], np.unwrap(np.angle(mean[seen]))))
+    return np.asarray(np.interp(t, middle[seen], np.unwrap(np.angle(mean[seen]))))
 
 
 def order_variables(problem: FeetProblem) -> Keys:

@@ -5,16 +5,16 @@ to the footfalls nearest to the middle of the cell, as each path has them: what 
 than what steps differ by. Along the way the mean is as good as a person steps evenly, across as one keeps the width,
 and up as the sensors are worn alike and the floor is level across.
 
-Where for long there is no cell, pairs of footfalls are tied by nothing, with a weight of zero: they say nothing, and
-keep both feet's joint covariance there for the sigmas of the person.
+Where for long there is no cell, pairs of footfalls are tied by nothing, with a weight of zero: they hold no
+information, and keep both feet's joint covariance there for the sigmas of the person.
 
-Feet that stand at about one time are within reach; that is asked of the pairs of footfalls that are not, and asked
-again where the walk was solved with it.
+Feet that stand at about one time are within reach: a factor of the pairs of footfalls that are not, and of further
+ones where the walk was solved with it.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import gtsam
 import numpy as np
@@ -38,7 +38,7 @@ SAME_STAND_M = 0.1  # Between stands of feet that have not moved since.
 MAX_GROWN_SIGMA = 2.0  # Of a stand: nobody who walks has both feet on the ground for half of a stride's time.
 NEAR_FOOTFALLS = 4  # Of the one foot, that are compared with one of the other.
 REACH_M, REACH_SIGMA_M = 1.2, 0.1  # Between two standing feet: what a tall person lunges, and soft edges.
-FLIGHT_M_S, MAX_FLIGHT_S = 3.0, 0.3  # Where neither is seen to stand the person moves on, and is not asked for longer.
+FLIGHT_M_S, MAX_FLIGHT_S = 3.0, 0.3  # Where neither is seen to stand the person moves on, for no longer.
 WATCHED_S = 15.0  # From the nearest cell, beyond which pairs are tied by nothing: cells of long walks are 20 s apart.
 RIGHT = np.uint64(1 << 40)  # Added to the keys of the right foot's variables in the graph of both.
 WIDTH = np.uint64(ord("w") << LETTER_SHIFT)  # Key of the width.
@@ -101,14 +101,9 @@ class FootfallTies:
 class ReachFactors:
     """Pairs of nodes `right`, `left` (P,) at which feet stand at about one time, `reach` (P,) m apart at most."""
 
-    right: Ints
-    left: Ints
-    reach: Floats
-
-    @classmethod
-    def of_nothing(cls) -> ReachFactors:
-        """Return those of no pairs."""
-        return cls(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))
+    right: Ints = field(default_factory=lambda: np.zeros(0, np.int64))
+    left: Ints = field(default_factory=lambda: np.zeros(0, np.int64))
+    reach: Floats = field(default_factory=lambda: np.zeros(0))
 
     def __len__(self) -> int:
         return len(self.right)

@@ -61,6 +61,7 @@ from fg_nav.smoother.graph import UNKNOWN_HEADING_DEG, StartPrior, WalkProblem, 
 from fg_nav.smoother.parameters import FieldParameters
 from fg_nav.smoother.potential import average_path_noise, describe_jumps, free_jumps
 from fg_nav.smoother.solver import Solved, list_attitudes
+from fg_nav.smoother.square_root import SquareRoot
 from fg_nav.smoother.strides import Nodes
 from fg_nav.system.memory import return_freed
 
@@ -106,11 +107,6 @@ class FieldResiduals:
     rough: FieldRoughness
     nav_R_body: Floats
     reference: Floats
-
-    @property
-    def compass_weight(self) -> Floats:
-        """(F,) information of the compass over that at the walk's own spread, at most 1; 0 where it is not used."""
-        return weigh_compass(self.sigma_uT, self.rough)
 
 
 @dataclass(frozen=True)
@@ -162,7 +158,7 @@ def solve_with_field(walk: FieldWalk) -> FieldSolution:
     problem, solved = free_jumps(problem, solve(problem, close), close)
     for _ in range(p.rounds - 1):
         # Spread and weights of the compass by the smoothed walk, whose triangle is freed.
-        factors, solved = problem.field_factors, solved.free_root()
+        factors, solved = problem.field_factors, replace(solved, root=SquareRoot.of_nothing())
         residuals = compare_field(problem, field, solved.values, factors.path, factors.states(solved.values), p)
         problem = add_field_factors(problem, field, residuals, factors.path, p)
         # The noise of the line integrals by its evidence.
@@ -179,7 +175,7 @@ def solve_with_field(walk: FieldWalk) -> FieldSolution:
         problem, solved = free_jumps(problem, solve(problem))
     states, verdicts = problem.field_factors.states(solved.values), residuals.verdicts
     notes = (*write_notes(residuals, states), *noise_notes, *describe_jumps(problem, solved))
-    weight = residuals.compass_weight
+    weight = weigh_compass(residuals.sigma_uT, residuals.rough)
     verdict = FieldVerdict(verdicts.words, verdicts.reason, notes, verdicts.statistic, weight)
     return FieldSolution(problem, solved, states, verdict)
 
@@ -222,7 +218,7 @@ def compass_sigma(variance: Floats, rough: FieldRoughness) -> Floats:
 
 
 def weigh_compass(sigma_uT: Floats, rough: FieldRoughness) -> Floats:
-    """Weight of compasses with these sigmas (...): 1 where the field changes as usual, 0 without a reading."""
+    """Information of compasses with these sigmas (...) over that at the walk's own spread, at most 1; 0 without one."""
     return np.asarray(np.minimum((compass_sigma(np.ones(()), rough) / sigma_uT) ** 2, 1.0))
 
 

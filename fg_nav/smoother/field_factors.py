@@ -215,7 +215,7 @@ class FieldPath:
     sigma_uT_m     (F-1,)       noise of u; infinite where the field was not seen
     distance_m     (F-1,)       from footfall to footfall; over a hole at least what a person walks
     level_R_body   (3, 3)       stance's axes from the body's
-    jumps          (F-1,)       where the potential jumps, so that u says nothing (`potential`)
+    jumps          (F-1,)       where the potential jumps, so that u is not used (`potential`)
     ============== ============ =============================================================================
     """
 
@@ -255,17 +255,18 @@ class FieldFactors:
         self.strides = np.flatnonzero(np.isfinite(path.sigma_uT_m) & ~path.jumps & p.potential)
         self.potential = self.integrals_over(self.strides)
         changes = transition(path.distance_m, replace(rough, potential=self.telescoping))
-        self.integral_sigma, self.change_sigma = self._integral_sigma(self.strides), changes.sigma
+        self.integral_sigma, self.change_sigma = self.sigma_of(self.strides), changes.sigma
         self.transition = ResidualBlock(changes, list(pairwise(state)), is_linear=True)
         of_prior = GtsamFactors(factor_of(self.prior, state[:1]))
         self.blocks: tuple[LinearizableBlock, ...] = (self.heading, self.potential, of_prior, self.transition)
 
-    def _integral_sigma(self, stride: Ints) -> Floats:
+    def sigma_of(self, stride: Ints) -> Floats:
+        """Sigma of the line integrals over some strides, uT m."""
         return np.hypot(self.path.sigma_uT_m[stride], self.drift_uT_m[stride])
 
     def integrals_over(self, stride: Ints) -> ResidualBlock:
         """Return the line integrals over some strides, whether they are used or not."""
-        path, node, sigma = self.path, self.readings.node, self._integral_sigma(stride)
+        path, node, sigma = self.path, self.readings.node, self.sigma_of(stride)
         level_path, move, nav_R_level = path.level_path[stride], path.body_move[stride], path.nav_R_level[stride]
         integrals = FieldPotential(path.u[stride], level_path, path.by_up[stride], move, nav_R_level, sigma)
         return ResidualBlock(integrals, [(X(int(node[k])), M(int(k)), M(int(k) + 1)) for k in stride])
@@ -280,14 +281,6 @@ class FieldFactors:
     def assume_lost_share(self, share: float) -> FieldFactors:
         """Return them with another share of the potential's changes that does not telescope (`potential`)."""
         return FieldFactors(self.readings, self.path, self.prior, self.rough, self.parameters, share)
-
-    def compute_jumps(self, values: gtsam.Values) -> Floats:
-        """(J,) uT m, by how much the integrals of the strides that were left out differ from what was expected."""
-        stride = np.flatnonzero(self.path.jumps)
-        if not len(stride):
-            return np.zeros(0)
-        e, _ = self.integrals_over(stride).evaluate(values, with_jacobians=False)
-        return np.asarray(-e[:, 0] * self._integral_sigma(stride))
 
     def insert(self, values: gtsam.Values) -> None:
         """Insert the first state at all footfalls."""
@@ -325,9 +318,23 @@ def integrate_path(
     row, unseen = np.flatnonzero(np.isfinite(mag[:, 0])), cross_holes(t, footfall)
     drop_pages()
     integral = integrate_field(t, nav_R_body, position, mag, t[footfall], up_uT, drop_pages)
-    nav_R_begin, level = nav_R_body[footfall[:-1]], _level_R_body(nav_R_body[footfall])
+    # Stance's axes from the body's: z is the median up of the footfalls, x the body's x as far as it is level.
+    nav_R_begin, level = (
+        nav_R_body[footfall[:-1]],
+        level_attitude(np.median(nav_R_body[footfall][:, 2], axis=0), heading=np.pi / 2),
+    )
     straight = np.diff(position[footfall], axis=0)
     drop_pages()
+    # The longest move between samples of the field that a stride has a part in; endless before the first of them and
+    # after the last.
+    size = np.full(len(row) + 2, np.inf)  # one more, for `reduceat` to end
+    for start in range(0, len(row) - 1, BLOCK_ROWS):
+        moved = np.linalg.norm(np.diff(position[row[start : start + BLOCK_ROWS + 1]], axis=0), axis=1)
+        size[start + 1 : start + 1 + len(moved)] = moved
+        drop_pages()
+    first = np.searchsorted(row, footfall[:-1], side="right")
+    stop = np.searchsorted(row, footfall[1:], side="left") + 1
+    coarsest_m = np.maximum.reduceat(size, np.stack([first, stop], axis=1).ravel())[::2]
     moment = np.diff(integral.moment, axis=0)
     by_up = np.stack([-moment[:, 1], moment[:, 0], np.zeros(len(moment))], axis=1)
     return FieldPath(
@@ -336,28 +343,8 @@ def integrate_path(
         by_up=np.einsum("nji,nj->ni", nav_R_begin, by_up),
         body_move=np.einsum("nji,nj->ni", nav_R_begin, straight),
         nav_R_level=nav_R_begin,
-        sigma_uT_m=np.where(~unseen & (_coarsest(position, row, footfall) <= COARSEST_M), PATH_SIGMA_UT_M, np.inf),
+        sigma_uT_m=np.where(~unseen & (coarsest_m <= COARSEST_M), PATH_SIGMA_UT_M, np.inf),
         distance_m=np.maximum(np.linalg.norm(straight, axis=1), unseen * WALKING_M_S * walk_for(np.diff(t[footfall]))),
         level_R_body=level,
         jumps=np.zeros(len(footfall) - 1, dtype=np.bool_),
     )
-
-
-def _coarsest(position: Floats, row: Ints, footfall: Ints) -> Floats:
-    """(F-1,) m, the longest move between samples of the field `row` (M,) that a stride has a part in.
-
-    Endless before the first sample and after the last.
-    """
-    size = np.full(len(row) + 2, np.inf)  # one more, for `reduceat` to end
-    for start in range(0, len(row) - 1, BLOCK_ROWS):
-        moved = np.linalg.norm(np.diff(position[row[start : start + BLOCK_ROWS + 1]], axis=0), axis=1)
-        size[start + 1 : start + 1 + len(moved)] = moved
-        drop_pages()
-    first = np.searchsorted(row, footfall[:-1], side="right")
-    stop = np.searchsorted(row, footfall[1:], side="left") + 1
-    return np.asarray(np.maximum.reduceat(size, np.stack([first, stop], axis=1).ravel())[::2])
-
-
-def _level_R_body(nav_R_body: Floats) -> Floats:
-    """Stance's axes from the body's: z is the median up of the footfalls, x the body's x as far as it is level."""
-    return level_attitude(np.median(nav_R_body[:, 2], axis=0), heading=np.pi / 2)

@@ -27,7 +27,7 @@ their c, against being on any other level within `LEVELS_WITHIN_M`, again by `MA
 
     log N(h; 0, sigma^2) + log(2 LEVELS_WITHIN_M) > MAX_NATS.
 
-Otherwise it is a floor of its own, whose height the walk alone knows. So a kerb separates two floors, and after too
+Otherwise it is a floor of its own, whose height the walk alone shows. So a kerb separates two floors, and after too
 many strides elsewhere a floor is not recognized. The noise is that of the walk itself, by differences of successive
 climbs and of successive means of `BLOCK` strides, the larger, by medians: slopes and steps do not move them.
 """
@@ -264,13 +264,11 @@ def _write_likelihood(climb: float, expected: Floats, noise: float, drift: Float
 def estimate_noise(climb: Floats) -> float:
     """Noise m of the climbs (K,) m of strides."""
     blocks = climb[: len(climb) // BLOCK * BLOCK].reshape(-1, BLOCK).mean(axis=1)
-    each, together = (_scatter(np.diff(x)) for x in (climb, blocks))
+    # Sigmas from differences of climbs, and of their means, by the median.
+    each, together = (
+        float(np.median(np.abs(np.diff(x))) / (0.6745 * np.sqrt(2.0))) if len(x) > 3 else 0.0 for x in (climb, blocks)
+    )
     return max(each, float(BLOCK**0.5) * together, MIN_NOISE_M)
-
-
-def _scatter(difference: Floats) -> float:
-    """Sigma of values from their differences, by the median."""
-    return float(np.median(np.abs(difference)) / (0.6745 * np.sqrt(2.0))) if len(difference) > 2 else 0.0
 
 
 def _number_floors(level: Bools, climb: Floats, ground: Ground, unseen: Bools) -> Ints:

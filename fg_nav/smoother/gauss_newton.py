@@ -45,7 +45,7 @@ MAX_HALVINGS = 6
 
 def stack_factors(factors: Iterable[gtsam.GaussianFactor]) -> list[Stack]:
     """Stack linear factors of gtsam, those alike together, `MAX_STACKED` at most."""
-    # Keys one behind the other, as thousands of small lists would have the interpreter look for garbage.
+    # Keys one behind the other, as thousands of small lists start the garbage collector.
     piles: dict[tuple[int, ...], tuple[list[int], list[Floats]]] = {}
     stacks = []
     for factor in factors:
@@ -131,7 +131,15 @@ class LinearWalk:
         return find_sizes(self.keys)
 
     def _eliminate(self, end: int) -> tuple[Fronts, Floats, LinearWalk]:
-        later = [] if end == len(self.keys) else [one for part in self.factors for one in _select_later(part, end)]
+        later = []
+        for begins, member, rows, at, values in () if end == len(self.keys) else self.factors:
+            # The factors, where there are any, that have no variable before place `end`.
+            kept = np.minimum.reduceat(member, begins[:-1]) >= end
+            if kept.any():
+                many, size = np.diff(begins), np.diff(at)
+                places = [np.concatenate([[0], np.cumsum(count[kept])]) for count in (many, size)]
+                of_kept = member[np.repeat(kept, many)], rows[kept]
+                later.append(Factors(places[0], *of_kept, places[1], values[np.repeat(kept, size)]))
         parts = self.factors
         factors = Factors(
             _chain_places([part.begins for part in parts]),
@@ -148,18 +156,6 @@ class LinearWalk:
             volume = add_log_diagonal(fronts, volume, first, stop)
         left_over = LinearWalk(self.keys, (left, *later), end, self.error + 0.5 * error, self.volume + volume)
         return fronts, right, left_over
-
-
-def _select_later(factors: Factors, end: int) -> tuple[Factors, ...]:
-    """Select the factors, where there are any, that have no variable before place `end`."""
-    begins, member, rows, at, values = factors
-    later = np.minimum.reduceat(member, begins[:-1]) >= end
-    if not later.any():
-        return ()
-    many, size = np.diff(begins), np.diff(at)
-    places = (np.concatenate([[0], np.cumsum(count[later])]) for count in (many, size))
-    begins, at = places
-    return (Factors(begins, member[np.repeat(later, many)], rows[later], at, values[np.repeat(later, size)]),)
 
 
 def _chain_places(parts: Sequence[Ints]) -> Ints:

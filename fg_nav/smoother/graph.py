@@ -7,7 +7,7 @@ The problem is factors, initial values, and the prior on the start.
 The initial values are dead reckoning, stopped at every node: strapdown from node to node; at a node the velocity is set
 to zero, the position gives back what the linear growth of the velocity error added, and while the foot stands the tilt
 is nudged towards gravity. Good to some degrees and per cents, which Gauss-Newton needs no better. Over a hole in the
-samples the position stays, and the attitude is turned and levelled as `preintegration` says.
+samples the position stays, and the attitude is turned and levelled as in `preintegration`.
 
 Back to the recording's rate (`trajectory_of`) it goes by `dense_path`.
 """
@@ -57,7 +57,7 @@ if TYPE_CHECKING:
 
 GAUGE_SIGMA = 1e-4  # Position (m) and heading (rad) at the start are known by definition.
 LEVELLINGS = 3  # Of an attitude behind a hole, each of which takes a tilt of 45 deg to one of 10.
-UNKNOWN_HEADING_DEG = 60.0  # Sigma of a heading that is not given, about what the walk's mean field says.
+UNKNOWN_HEADING_DEG = 60.0  # Sigma of a heading that is not given, about the direction of the walk's mean field.
 KINDS = ("imu", "zero_velocity", "magnetic_heading", "differential_field", "field_potential", "gated_out")
 """As in `summary.json`; `gated_out` are the footfalls with a field whose compass a hard gate left out.
 
@@ -82,7 +82,7 @@ class Known:
     """What is known of sensor, mounting and walk before the graph is built.
 
     Gyro bias (3,) rad/s to start from, mean (3,) and sigma of its prior, rests, lever, how high clipped peaks of the
-    rate are above the range, in what their flanks say; and the same in words.
+    rate are above the range, over what their flanks show; and the same in words.
     """
 
     gyro_bias: Floats
@@ -128,7 +128,7 @@ class WalkProblem:
     graph : inertial factors, and those on biases and settling.
     velocities : of the stances.
     constraints : factors of fixes and floors, and the caller's own.
-    floor : (F,) floor of each footfall, -1 on none; None where they were not looked for.
+    floor : (F,) floor of each footfall, -1 on none; None where they were not searched.
     field : factors of the magnetic field, where it is used.
     differential : those of the differential field on the gyro bias, where the magnetometer is used.
     places : of footfalls at places that were recognized, where there are any.

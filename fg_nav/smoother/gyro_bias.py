@@ -23,7 +23,7 @@ bias variable is a mixture,
     p(b) = sum_l p_l N(b; mu, s_l^2 I),     s_l = (`SIGMA_LEVELS`) times s0, mu and s0 of the parameters,
 
 mu zero, or as a calibration at rest shows it. The walk is solved with s0 first: mean m and covariance P of the bias.
-The walk alone says
+The information of the walk alone is
 
     Lambda = P^-1 - I / s0^2,     eta = P^-1 m - mu / s0^2,
 
@@ -57,7 +57,12 @@ from fg_nav.smoother.sensitivity import average
 from fg_nav.smoother.solver import Solved, list_in_time
 from fg_nav.smoother.strides import ACC_BIAS_SIGMA, MIN_WALK_DEG_S
 
-WALK_LEVELS_DEG_S = (6e-4, 2e-3, 6e-3, 2e-2)  # 0.04 to 1.2 deg/s in an hour; less also holds what only looks like it.
+WALK_LEVELS_DEG_S = (
+    6e-4,
+    2e-3,
+    6e-3,
+    2e-2,
+)  # 0.04 to 1.2 deg/s in an hour; less also holds scale errors and an uneven field.
 WALK_PRIOR = (0.9, 0.09, 0.009, 0.001)  # Before the walk: gyroscopes by their sheets, and one in ten that warms up.
 SIGMA_LEVELS = (1 / 3, 0.6, 1.0, 1.8, 10 / 3, 6.0, 10.0, 18.0, 33.0)  # Of s0: 0.05 to 5 deg/s.
 SIGMA_PRIOR = (0.13, 0.13, 0.15, 0.15, 0.13, 0.1, 0.08, 0.07, 0.06)  # Before the walk, of sensors as sold and worn.

@@ -109,7 +109,7 @@ class SmootherParameters:
     """Average `gyro_bias_walk_deg_s` over levels by the evidence of the walk (`gyro_bias`); the value above is the
     smallest."""
     refuse_stances: bool = True
-    """Trust stances less in which the foot moves by what the rest of the walk says (`refused_stances`)."""
+    """Trust stances less in which the foot moves by what the rest of the walk says (`problem`)."""
     gyro_scale: bool = True
     """Take off the scale errors of the gyroscope that both halves of a walk with a field show (`shared_errors`)."""
     tilt_sigma_deg: float = 1.0

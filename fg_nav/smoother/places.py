@@ -8,7 +8,7 @@ The path of a walk that was closed is compared with itself again, as more of it 
 was recognized by accident falls out. Where nothing is left, the walk is the one that was not closed. Of the last round
 only that is used which the one before had recognized too: so nothing is used that was not confirmed.
 
-How far a place of the path may be from where it seems, relative to an earlier one, is what the graph says before it is
+How far a place of the path may be from where it seems, relative to an earlier one, follows from the graph before it is
 closed: with the covariance of each footfall and with that of each of some `ANCHORS`,
 
     var(p_k - p_a) = P_kk + P_aa - P_ka - P_ak.
@@ -270,7 +270,7 @@ def keep_common(found: Sequence[Stretch], known: Sequence[Stretch]) -> tuple[Str
 
 
 def measure_uncertainty(problem: WalkProblem, solved: Solved) -> PathUncertainty:
-    """Measure what a solved walk says of the place of each footfall relative to each anchor."""
+    """Take the uncertainty of each footfall relative to each anchor from a solved walk."""
     nodes = problem.nodes
     joint = FootfallCovariance.of(solved, nodes, np.zeros((solved.root.total, 0)))
     body = list_covariances(joint.keys, solved.root, joint.shared)
@@ -300,7 +300,7 @@ def _describe_return(path: Signature, stretch: Stretch) -> Return:
 
 
 def mark_returns(table: StanceTable, returns: Sequence[Return]) -> StanceTable:
-    """Write into a table which earlier footfall each was at the place of, by the surest stretch that says so."""
+    """Write into a table which earlier footfall each was at the place of, by the surest stretch."""
     same, score = np.full(len(table), -1), np.zeros(len(table))
     halfway = 0.5 * (table.t[1:] + table.t[:-1])
     for one in sorted(returns, key=lambda of: of.score):

@@ -19,7 +19,7 @@ where rows that are left out come back:
     fall = r^T (I - H)^-1 r,     rise = r^T (I + H)^-1 r,     r and J over sigma.
 
 Where the fall is more than `MIN_FALL` the walk is solved again without them, the jump is kept if twice the error
-fell by as much, and the next one is looked for. The roughness of the potential is held meanwhile: measured on a walk
+fell by as much, and the next one is searched. The roughness of the potential is held meanwhile: measured on a walk
 with a jump it swells and hides the jump. Measured without it, it has to confirm it.
 
 Noise. The integral over stride k differs from that of the building's field by the change of the potential, whose sum
@@ -31,7 +31,7 @@ after the length of that stride, all of it where the foot stays), a share s is e
     v = 2 sigma^2 (1 - a),     noise of the integral^2 = sigma_u^2 + s v,     potential^2 = (1 - s) sigma^2.
 
 s = 0: the integral is a coordinate along north that does not drift. s = 1: it drifts as a random walk does and is worth
-no more than that. The evidence of the walk (`sensitivity`) tells them apart, the longer the better; of the noises those
+no more than that. The evidence of the walk (`sensitivity`) separates them, the longer the better; of the noises those
 of integrals and potential count. The walk uses the mean of s under the posterior of s on `SHARES`, with `PRIOR` before
 the walk. The mean of a variance is that of the mixture, so no share has to win. Nodes between the footfalls are
 eliminated once; each level eliminates what is left, a quarter of the variables.
@@ -53,7 +53,7 @@ from fg_nav.smoother.field_factors import MIN_STEP_M, FieldFactors
 from fg_nav.smoother.gauss_newton import CONVERGENCE, LinearWalk
 from fg_nav.smoother.graph import WalkProblem, solve
 from fg_nav.smoother.sensitivity import SharingFactors, average, shared_information
-from fg_nav.smoother.solver import Solved, compute_error, list_in_time, residuals_at_minimum, stack_walk
+from fg_nav.smoother.solver import Solved, WalkSystem, list_in_time, residuals_at_minimum
 
 MIN_STATISTIC = 15.0  # T below which no row is tried: the largest of clean walks is 1 to 15, of a circuit of 100 A 200.
 MIN_FALL = 25.0  # Of twice the error, chi^2 of three degrees of freedom: by 2 to 19 on clean simulated walks.
@@ -121,7 +121,7 @@ def _solve_with(
 
 def _fall(before: tuple[WalkProblem, Solved], after: tuple[WalkProblem, Solved]) -> float:
     """By how much twice the error falls."""
-    errors = [compute_error(problem.graph, problem.blocks, solved.values) for problem, solved in (before, after)]
+    errors = [WalkSystem(problem.graph, problem.blocks).error(solved.values) for problem, solved in (before, after)]
     return 2.0 * (errors[0] - errors[1])
 
 
@@ -165,8 +165,12 @@ def list_jumps(problem: WalkProblem, solved: Solved) -> list[Jump]:
 def _size(problem: WalkProblem, solved: Solved, stride: Ints) -> float:
     """By how much the potential jumps over these strides, uT m."""
     field = problem.field_factors
+    left_out = np.flatnonzero(field.path.jumps)
+    if not len(left_out):
+        return 0.0
+    e, _ = field.integrals_over(left_out).evaluate(solved.values, with_jacobians=False)
     size = np.zeros(len(field.path.jumps))
-    size[field.path.jumps] = field.compute_jumps(solved.values)
+    size[left_out] = -e[:, 0] * field.sigma_of(left_out)
     return float(size[stride].sum())
 
 
@@ -219,7 +223,7 @@ def _eliminate_between(problem: WalkProblem, values: gtsam.Values) -> LinearWalk
     with_air = problem.barometer is not None
     order = list_in_time(problem.nodes, with_field=True, floor=problem.floor, with_air=with_air)
     first = np.isin(order, nodes)
-    walk = LinearWalk.of(stack_walk(problem.graph, blocks, values), np.concatenate([order[first], order[~first]]))
+    walk = LinearWalk.of(WalkSystem(problem.graph, blocks).stack(values), np.concatenate([order[first], order[~first]]))
     return walk.eliminate_before(len(nodes))
 
 

@@ -8,7 +8,7 @@
     graph.build_problem    -> nodes, factors and initial values
     add_barometer          -> heights by the pressure of the air (`barometer`)
     solve                  -> values near the minimum
-    weaken_refused_stances -> the same, with ties weakened that the walk refuses (`refused_stances`)
+    weaken_refused_stances -> the same, with ties weakened that the walk refuses
     average_bias_walk      -> random walk of the gyro bias (`gyro_bias`)
 
 `walk_problem` is all of it: the batch calls it once, a walk in progress at each re-solve. Between re-solves that
@@ -36,6 +36,22 @@ trusted no more than its running allows. Beyond `PIECES * PIECE_STRIDES` strides
 covariance of an interval is linear in k^2, so two preintegrations give it for every k:
 
     S(k) = S(k0) + (k^2 - k0^2) / (k1^2 - k0^2) (S(k1) - S(k0))
+
+Refused stances. Crawling, ladders, a foot that drags or slips, a mid-swing taken for a stance: the detector sees a
+still sensor, and the tie of its velocity to zero is wrong by decimeters a second. Its own residual does not show it,
+since pose and velocity follow the tie. The velocity that the walk has without it does. Let the velocity of the stance
+of footfall k be off by a constant d_k (nav, m/s) in all its rows. With their residuals e_k at the minimum, whitened,
+H_k how they change with d_k, J their Jacobian and P the covariance of their variables,
+
+    M_k = I - J P J^T,     F_k = H_k^T M_k H_k,     d_k = F_k^-1 H_k^T e_k,     T_k = d_k^T F_k d_k
+
+T_k is by how much twice the error falls at the minimum where d_k is free (a deletion diagnostic; Cook 1977), chi^2 of
+three degrees of freedom where the stance is one. It costs one pass down the triangle (`square_root`), each footfall a
+group with G = J^T H.
+
+A stance is refused where T is above `MIN_STATISTIC` (of a mid-swing `MIN_OF_SWING`) and the largest within `NEIGHBORS`
+footfalls, for a wrong tie spoils those next to it, and |d_k| is more than a foot rolls with. Its ties are not dropped:
+their sigma grows to |d_k|. Then the walk is solved again, until none is refused.
 """
 
 from __future__ import annotations
@@ -46,13 +62,15 @@ from typing import cast
 
 import gtsam
 import numpy as np
+from scipy.ndimage import maximum_filter1d
 
-from fg_nav.arrays import Floats
+from fg_nav.arrays import Bools, Floats
 from fg_nav.detection import Rest
 from fg_nav.detection.rest import find_start
 from fg_nav.detection.rolling_lever import RollingLever, estimate_lever
 from fg_nav.errors import EstimationError
-from fg_nav.factors.residual import Stack
+from fg_nav.factors.residual import ResidualBlock, Stack
+from fg_nav.factors.zero_velocity import StanceVelocity
 from fg_nav.recording import Recording
 from fg_nav.samples.saturation import OFF_SHARE
 from fg_nav.smoother.barometer import add_barometer
@@ -61,14 +79,21 @@ from fg_nav.smoother.graph import Known, WalkProblem, build_problem, solve_and_k
 from fg_nav.smoother.gyro_bias import average_bias_walk
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.preintegration import preintegrate
-from fg_nav.smoother.refused_stances import weaken_refused_stances
 from fg_nav.smoother.sensitivity import average
-from fg_nav.smoother.solver import list_in_time, minimize
-from fg_nav.smoother.strides import INERTIAL_KEYS
+from fg_nav.smoother.solver import Solved, list_in_time, minimize, residuals_at_minimum
+from fg_nav.smoother.square_root import Groups, SquareRoot
+from fg_nav.smoother.strides import INERTIAL_KEYS, Nodes
 from fg_nav.stances import Stances
 from fg_nav.system.memory import return_freed
 from fg_nav.text import format_count
 
+MIN_STATISTIC = 40.0  # T of stances: median 0.1 to 2, beside a shock 15 to 35, of a foot at 0.35 m/s 52.
+SWINGS_M_S = 1.5  # |d| of a mid-swing: no shock makes a stance look like one.
+MIN_OF_SWING = 20.0  # T of a mid-swing: it raises the noise of all swings, by which its T comes down to 21 to 40.
+MIN_SPEED_M_S = 0.15  # |d| below which none is refused: feet that walk fast roll with as much.
+NEIGHBORS = 2  # Footfalls on either side whose T a wrong tie swells.
+ROUNDS = 4  # Of solving again.
+MIN_SHARE = 1e-6  # Of the strongest direction of F, below which rounding decides.
 LEVELS = (8e-3, 4e-3, 2e-3, 1e-3)  # 1/sqrt(Hz): from a consumer sensor in a run to what strides of all sensors share.
 PIECES, PIECE_STRIDES = 3, 50  # 150 strides separate 2e-3 from 1e-3 by some 20 nats.
 MAX_PIECE_S = 90.0  # A third more than 50 strides take; standing in between shows nothing of a swing.
@@ -77,6 +102,81 @@ MIN_STRIDES = 8  # A walk of fewer keeps the level it was given.
 HEIGHTS = (0.7, 1.0, 1.4, 1.8, 2.2)  # Of rebuilt peaks of the rate over what their flanks say: common to a gait.
 MIN_PEAKS = 8  # Fewer that were cut show no height.
 _BASE = (0.0, 1e-3)  # The two levels that are integrated, 1/sqrt(Hz): without noise of the swing, and with some.
+
+
+@dataclass(frozen=True)
+class StanceStatistics:
+    """Of each footfall: `statistic` T (F,), and the velocity d (F, 3) m/s, nav, that the rest of the walk gives it."""
+
+    statistic: Floats
+    velocity: Floats
+
+    def refused(self) -> Bools:
+        """Which footfalls (F,) are refused."""
+        largest = self.statistic >= maximum_filter1d(self.statistic, 2 * NEIGHBORS + 1)
+        speed = np.linalg.norm(self.velocity, axis=1)
+        limit = np.where(speed > SWINGS_M_S, MIN_OF_SWING, MIN_STATISTIC)
+        return np.asarray(largest & (self.statistic > limit) & (speed > MIN_SPEED_M_S))
+
+
+def weaken_refused_stances(problem: WalkProblem, solved: Solved) -> tuple[WalkProblem, Solved]:
+    """Return a problem, solved near its minimum, with the ties weakened that the walk refuses, and its solution."""
+    refused = np.zeros(len(problem.nodes.result), dtype=np.bool_)
+    for _ in range(ROUNDS):
+        # The velocity of each stance by the rest of the walk.
+        found = compute_stance_statistics(problem, solved)
+        now = found.refused()
+        if not now.any():
+            break
+        # The same ties with a sigma as large as what they are off by; and solve again.
+        refused |= now
+        off = np.where(now, np.linalg.norm(found.velocity, axis=1), 0.0)[problem.nodes.footfall]
+        ties = problem.velocities.residuals
+        assert isinstance(ties, StanceVelocity)
+        ties = replace(ties, sigma=np.hypot(ties.sigma, off[:, None]))
+        problem = replace(problem, velocities=ResidualBlock(ties, problem.velocities.keys))
+        solved = solve_and_keep(problem, FIRST_CONVERGENCE)
+        problem = replace(problem, values=solved.values)
+    if refused.any():
+        first = problem.recording.t[problem.nodes.sample[problem.nodes.result[refused]]][0]
+        problem = problem.with_note(
+            f"{format_count(int(refused.sum()), 'stance')} of {len(refused)} trusted less, the first at {first:.1f} s: "
+            "by the rest of the walk the foot moves there"
+        )
+    return problem, solved
+
+
+def compute_stance_statistics(problem: WalkProblem, solved: Solved) -> StanceStatistics:
+    """Measure T and d of every footfall, at the minimum of the last linearization."""
+    nodes, block = problem.nodes, problem.velocities
+    residual, jacobians = block.evaluate(solved.linearized_at)
+    jacobian, root = np.concatenate(jacobians, axis=2), solved.root
+    left = residuals_at_minimum(root, block.keys, residual, jacobian)
+    # H^T H and H^T e of each footfall, and what the walk explains of the first.
+    H, begins = jacobians[1], nodes.first[:-1]
+    seen = np.add.reduceat(np.swapaxes(H, 1, 2) @ H, begins)
+    by = np.add.reduceat((np.swapaxes(H, 1, 2) @ left[..., None])[..., 0], begins)
+    F = seen - root.quadratic_forms(_group_ties(root, block, nodes, np.swapaxes(jacobian, 1, 2) @ H))
+    # Pseudo-inverse; directions without information are dropped.
+    strength, axes = np.linalg.eigh(F)
+    along = (np.swapaxes(axes, 1, 2) @ by[..., None])[..., 0]
+    along = np.divide(along, strength, out=np.zeros_like(along), where=strength > MIN_SHARE * strength[:, -1:])
+    velocity = (axes @ along[..., None])[..., 0]
+    return StanceStatistics((velocity * by).sum(axis=1), velocity)
+
+
+def _group_ties(root: SquareRoot, block: ResidualBlock, nodes: Nodes, products: Floats) -> Groups:
+    """Group the variables of ties by footfall, with J^T H (M, d, 3) of each tie; the last, settling, is in common."""
+    columns, begins = root.find_columns(block.keys), nodes.first[:-1]
+    groups = Groups(
+        np.full(root.total, -1),
+        np.zeros((root.total, 3)),
+        columns[begins, -1],
+        np.add.reduceat(products[:, -1], begins),
+    )
+    groups.of_column[columns[:, :-1]] = nodes.footfall[:, None]
+    groups.G[columns[:, :-1]] = products[:, :-1]
+    return groups
 
 
 @dataclass(frozen=True)
@@ -116,7 +216,7 @@ def _measure_evidence(
 
 
 def choose_peak_height(recording: Recording, stances: Stances, known: Known, p: SmootherParameters) -> float:
-    """Choose how high the clipped peaks of the rate are above the range, in what their flanks say.
+    """Choose how high the clipped peaks of the rate are above the range, over what their flanks show.
 
     It is the most probable height; what the walk does not show the prior keeps at 1.
     """
@@ -126,7 +226,7 @@ def choose_peak_height(recording: Recording, stances: Stances, known: Known, p: 
     heights = np.array([1.0, *(height for height in HEIGHTS if height != 1.0)])
     raised = (recording.raise_peaks(height) for height in heights)
     evidence = [_measure_evidence(one, stances, known, p, LEVELS)[0] for one in raised]
-    # A height is out with which a piece cannot be solved, and its prior is what the sigma of a rebuilt peak says.
+    # A height is out with which a piece cannot be solved, and its prior is the sigma of a rebuilt peak.
     cost = [one.sum(axis=0).min() if len(one) == len(evidence[0]) > 0 else np.inf for one in evidence]
     return float(heights[np.argmin(cost + 0.5 * ((heights - 1.0) / OFF_SHARE) ** 2)])
 
@@ -268,7 +368,14 @@ def _estimate_known(
 ) -> tuple[Recording, Known, SwingNoise]:
     """Return the recording with clipped peaks as high as the walk shows, what is known of the walk, and its noise."""
     mean = np.radians(p.gyro_bias_deg_s)
-    bias, sigma = _bias_from_rests(rests, mean, np.radians(p.gyro_bias_sigma_deg_s))
+    # Bias to start from, and sigma of the prior about its mean that the walk is solved with first. Where rests show a
+    # bias far outside the prior the sensor was not calibrated: the prior widens to it.
+    bias, sigma = mean, float(np.radians(p.gyro_bias_sigma_deg_s))
+    if rests:
+        weight = [np.linalg.inv(rest.covariance) for rest in rests]
+        shown_by_rests = sum(one @ (rest.rate - mean) for one, rest in zip(weight, rests, strict=True))
+        sigma = float(np.hypot(sigma, np.linalg.norm(np.linalg.solve(sum(weight), shown_by_rests))))
+        bias = np.asarray(mean + np.linalg.solve(sum(weight) + np.eye(3) / sigma**2, shown_by_rests))
     if p.known_lever is not None:
         lever = RollingLever(np.array(p.known_lever), np.zeros((3, 3)), 0)
     else:
@@ -300,16 +407,3 @@ def _estimate_known(
         times = f"{known.peak_height:g} times"
         notes.append(f"clipped peaks of the rate are taken {times} as high above the range as their flanks say")
     return recording, replace(known, notes=(*notes, swing.note)), swing
-
-
-def _bias_from_rests(rests: tuple[Rest, ...], prior_mean: Floats, prior_sigma: float) -> tuple[Floats, float]:
-    """Bias (3,) to start from, and the sigma of the prior about its mean that the walk is solved with first, rad/s.
-
-    Rests that show a bias far outside the prior show a sensor that was not calibrated: the prior widens to it.
-    """
-    if not rests:
-        return prior_mean, prior_sigma
-    weight = [np.linalg.inv(rest.covariance) for rest in rests]
-    shown = sum(one @ (rest.rate - prior_mean) for one, rest in zip(weight, rests, strict=True))
-    sigma = float(np.hypot(prior_sigma, np.linalg.norm(np.linalg.solve(sum(weight), shown))))
-    return np.asarray(prior_mean + np.linalg.solve(sum(weight) + np.eye(3) / sigma**2, shown)), sigma

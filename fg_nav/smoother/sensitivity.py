@@ -85,7 +85,7 @@ class SharedColumns:
         return np.asarray(self.solve() @ np.linalg.cholesky(covariance))
 
     def spread_untaken(self, information: Floats, pull: Floats, prior: Floats) -> Floats:
-        """Return the same for numbers that are not taken off, with what the walk says of them and the prior (n, n).
+        """Return the same for numbers that are not taken off, with the walk's information on them and the prior (n, n).
 
         Their covariance is the second moment about the solution, in which they are zero (`fit_shared`).
         """

@@ -169,17 +169,12 @@ class WalkScale:
         return np.asarray((moved[:, :3] + moved[:, 3:]) @ np.linalg.cholesky(self.found.second_moment))
 
 
-def shows_heading(problem: WalkProblem) -> bool:
-    """Whether a walk has a field with anything to compare the gyroscope's scale with."""
-    return problem.field is not None and len(problem.field.heading) + len(problem.field.strides) > 0
-
-
 def estimate_gyro_scale(problem: WalkProblem, solved: Solved) -> WalkScale:
     """Estimate the scale of the gyroscope at a solution of the walk."""
-    # The walk is eliminated, and what the inertial factors of its halves say of the scale is weighed.
+    # The walk is eliminated, which leaves the information of the inertial factors of its halves on the scale.
     columns, information, pull = shared_information(solved.root, _list_inertial(problem, solved.linearized_at), 6)
     found = average_models(information, pull)
-    # Where tilt and velocity close worse with it, the field alone asks for it.
+    # Where tilt and velocity close worse with it, the field alone supports it.
     worse = _compare_closure(problem, solved, columns, found) if found.matters else 0.0
     return WalkScale(average_models(information, pull, worse), columns)
 

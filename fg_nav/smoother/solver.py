@@ -15,7 +15,7 @@ half an hour of walking its covariances are off by some per mille, and each take
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 import gtsam
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from fg_nav.smoother.field import FieldVerdict
 
 UNSOLVED = (RuntimeError, ValueError, IndexError, ArithmeticError, FgNavError)
-"""What gtsam, numpy and fg_nav say where there is no solution: an indeterminate system, a key that is not there, a
+"""What gtsam, numpy and fg_nav raise where there is no solution: an indeterminate system, a key that is not there, a
 matrix that cannot be divided by, no convergence."""
 
 
@@ -154,10 +154,6 @@ def split_tied(keys: Keys, nodes: Nodes, tied: Ints) -> tuple[Bools, Bools]:
 class Solved(Minimum[gtsam.Values]):
     """The minimum of a walk."""
 
-    def free_root(self) -> Solved:
-        """Return it without the triangle, which is larger than all else, before another is made."""
-        return replace(self, root=SquareRoot.of_nothing())
-
 
 @dataclass(frozen=True)
 class WalkSystem:
@@ -167,12 +163,18 @@ class WalkSystem:
     blocks: Sequence[LinearizableBlock]
 
     def stack(self, values: gtsam.Values) -> list[Stack]:
-        """Linearize all factors, as arrays."""
-        return stack_walk(self.graph, self.blocks, values)
+        """Linearize all factors, as arrays; raises `EstimationError` where that cannot be."""
+        try:
+            stacks = stack_factors(self.graph.at(i).linearize(values) for i in range(self.graph.size()))
+            for block in self.blocks:
+                stacks += block.stack(values)
+        except RuntimeError as reason:
+            raise EstimationError(NO_SOLUTION) from reason
+        return stacks
 
     def error(self, values: gtsam.Values) -> float:
         """Half the sum of squares of all residuals over their sigmas."""
-        return compute_error(self.graph, self.blocks, values)
+        return float(self.graph.error(values) + sum(block.error(values) for block in self.blocks))
 
     def excess(self, values: gtsam.Values) -> float:
         """Robust-loss excess; zero for quadratic factors."""
@@ -199,19 +201,6 @@ def minimize(
     return Solved(**vars(found))
 
 
-def stack_walk(
-    graph: gtsam.NonlinearFactorGraph, blocks: Sequence[LinearizableBlock], values: gtsam.Values
-) -> list[Stack]:
-    """Linearize the graph and its blocks at these values, as arrays; raises `EstimationError` where that cannot be."""
-    try:
-        stacks = stack_factors(graph.at(i).linearize(values) for i in range(graph.size()))
-        for block in blocks:
-            stacks += block.stack(values)
-    except RuntimeError as reason:
-        raise EstimationError(NO_SOLUTION) from reason
-    return stacks
-
-
 def linearize(
     graph: gtsam.NonlinearFactorGraph, blocks: Sequence[LinearizableBlock], values: gtsam.Values
 ) -> gtsam.GaussianFactorGraph:
@@ -221,13 +210,6 @@ def linearize(
         for factor in block.linearize(values):
             linear.push_back(factor)
     return linear
-
-
-def compute_error(
-    graph: gtsam.NonlinearFactorGraph, blocks: Sequence[LinearizableBlock], values: gtsam.Values
-) -> float:
-    """Half the sum of squares of all residuals over their sigmas."""
-    return float(graph.error(values) + sum(block.error(values) for block in blocks))
 
 
 def dimension_of(key: int) -> int:
@@ -247,7 +229,15 @@ def marginal_covariances(tree: gtsam.GaussianBayesTree, wanted: set[int]) -> dic
         for key in keys:
             rows[key] = (end, end := end + dimension_of(key))
         known = np.array([i for key in keys if key in above for i in range(*above[key])], dtype=np.int64)
-        joint = _join_clique(conditional.R(), conditional.S(), parent, known)
+        # Covariance of the frontal variables and of the separator, at rows `known` of the parent's.
+        S, R_inverse = conditional.S(), dtrtri(conditional.R())[0]
+        f = len(S)
+        joint = np.empty((f + len(known), f + len(known)))
+        joint[f:, f:] = parent[known[:, None], known]
+        W = -R_inverse @ S
+        cross = W @ joint[f:, f:]
+        joint[:f, f:], joint[f:, :f] = cross, cross.T
+        joint[:f, :f] = R_inverse @ R_inverse.T + cross @ W.T
         for key in wanted.intersection(rows).difference(found):
             first, last = rows[key]
             found[key] = joint[first:last, first:last].copy()
@@ -263,19 +253,6 @@ def residuals_at_minimum(
     `residual` (K, r) and `jacobian` (K, r, d), by the variables `keys`, are those where the tree was linearized.
     """
     return np.asarray(residual + (jacobian @ root.step[root.find_columns(keys)][..., None])[..., 0])
-
-
-def _join_clique(R: Floats, S: Floats, parent: Floats, known: Ints) -> Floats:
-    """Covariance of the frontal variables and of the separator, at rows `known` of the parent's."""
-    f = len(S)
-    joint = np.empty((f + len(known), f + len(known)))
-    joint[f:, f:] = parent[known[:, None], known]
-    R_inverse = dtrtri(R)[0]
-    W = -R_inverse @ S
-    cross = W @ joint[f:, f:]
-    joint[:f, f:], joint[f:, :f] = cross, cross.T
-    joint[:f, :f] = R_inverse @ R_inverse.T + cross @ W.T
-    return joint
 
 
 def list_attitudes(nodes: Iterable[int], values: gtsam.Values) -> Floats:

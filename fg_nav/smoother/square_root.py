@@ -30,7 +30,7 @@ from fg_nav.system.compiled import njit
 
 
 class Wanted(NamedTuple):
-    """Joint covariances that are asked for, each of columns of one front.
+    """Joint covariances to find, each of columns of one front.
 
     `of_column` (N,) number of that whose first column this is, or -1, `columns` (K, d), `found` (K, d, d) to write.
     """

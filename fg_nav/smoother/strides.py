@@ -14,8 +14,8 @@ sole. A stride is a footfall and the swing that led to it. It adds
 
 The sole of one walk settles in all its stances alike, by more or by less than expected: what a stride climbs for that
 adds up stride by stride, not by the root of their number. Nothing inertial shows it, as a constant vertical velocity
-looks like none. So S is a variable, m: known to its prior, but where floors or fixes show the height it is learned, and
-all strides between have the profit.
+looks like none. So S is a variable, m: known to its prior, but where floors or fixes show the height it is estimated,
+for all strides between.
 
 The first footfall has in place of the swing a prior on the bias, and the gauge: position and heading by definition,
 tilt from gravity.
@@ -108,8 +108,29 @@ def _list_nodes(
     for k in range(len(start)):
         pieces = _count_pieces(t[stop[k] - 1] - t[start[k]], spacing, shortest)
         nodes = out[filled : filled + pieces + 1]
-        _space_nodes(nodes, start[k], stop[k], stillest[k])
-        count[k] = _keep_apart(t, nodes, stillest[k], shortest)
+        # Evenly spaced, the one nearest to the stillest sample moved onto it.
+        inside = start[k] <= stillest[k] < stop[k]
+        if pieces == 0:
+            nodes[0] = stillest[k] if inside else (start[k] + stop[k]) // 2
+        else:
+            step, nearest = (stop[k] - 1 - start[k]) / pieces, 0
+            for n in range(pieces):
+                nodes[n] = int(np.rint(n * step + start[k]))
+            nodes[pieces] = stop[k] - 1
+            for n in range(pieces + 1):
+                if abs(nodes[n] - stillest[k]) < abs(nodes[nearest] - stillest[k]):
+                    nearest = n
+            if inside:
+                nodes[nearest] = stillest[k]
+        # Without those that follow another too closely, but never the stillest.
+        kept = 1
+        for n in range(1, len(nodes)):
+            if t[nodes[n]] - t[nodes[kept - 1]] >= shortest:
+                nodes[kept] = nodes[n]
+                kept += 1
+            elif nodes[n] == stillest[k]:
+                nodes[kept - 1] = nodes[n]
+        count[k] = kept
         filled += count[k]
     return out[:filled].copy(), count
 
@@ -121,37 +142,6 @@ def _count_pieces(duration: float, spacing: float, shortest: float) -> int:
         return 0
     dense = min(duration, LONG_STANCE_S)
     return int(np.ceil(dense / spacing) + np.ceil((duration - dense) / REST_SPACING_S))
-
-
-@njit(cache=True)
-def _space_nodes(nodes: Ints, start: int, stop: int, stillest: int) -> None:
-    """Place the nodes of one interval: evenly spaced, the one nearest to the stillest sample moved onto it."""
-    last, inside = len(nodes) - 1, start <= stillest < stop
-    if last == 0:
-        nodes[0] = stillest if inside else (start + stop) // 2
-        return
-    step, nearest = (stop - 1 - start) / last, 0
-    for k in range(last):
-        nodes[k] = int(np.rint(k * step + start))
-    nodes[last] = stop - 1
-    for k in range(len(nodes)):
-        if abs(nodes[k] - stillest) < abs(nodes[nearest] - stillest):
-            nearest = k
-    if inside:
-        nodes[nearest] = stillest
-
-
-@njit(cache=True)
-def _keep_apart(t: Floats, nodes: Ints, keep: int, shortest: float) -> int:
-    """Move the nodes that stay to the front, without those that follow another too closely, but never `keep`."""
-    count = 1
-    for k in range(1, len(nodes)):
-        if t[nodes[k]] - t[nodes[count - 1]] >= shortest:
-            nodes[count] = nodes[k]
-            count += 1
-        elif nodes[k] == keep:
-            nodes[count - 1] = nodes[k]
-    return count
 
 
 @dataclass(frozen=True)

@@ -231,7 +231,7 @@ def test_feet_that_were_bent_apart_are_found_as_before(solved: SolvedFeet) -> No
 
 def test_standing_feet_beyond_reach_are_found_and_pulled_together(solved: SolvedFeet) -> None:
     """Feet that stand at one time cannot be two meters apart; where they are near nothing is asked."""
-    problem, none = solved.problem, ReachFactors.of_nothing()
+    problem, none = solved.problem, ReachFactors()
     values = solved.minimum.values
     assert len(find_beyond_reach(problem.right, problem.left, values, none)) == 0
     away = replace(values, right=type(values.right)(values.right))

@@ -31,7 +31,7 @@ from fg_nav.smoother.potential import (
     average_path_noise,
 )
 from fg_nav.smoother.problem import walk_problem
-from fg_nav.smoother.solver import list_in_time, stack_walk
+from fg_nav.smoother.solver import WalkSystem, list_in_time
 from fg_nav.stances import Stances
 from tests.smoother.test_field import heading_error_deg, in_field, replace_field, truth_of
 from tests.smoother.test_field_factors import KNOWN, NEVER, NONE, ROUGH, Walked, steady  # noqa: F401
@@ -127,9 +127,9 @@ def test_nodes_eliminated_first_change_no_difference_of_evidence() -> None:
     rest = _eliminate_between(found.problem, values)
     levels = [field.assume_lost_share(share) for share in (1.0, 0.1)]
     short = np.diff([_minus_log_evidence(rest, one, values) for one in levels])
-    blocks = [block for block in found.problem.blocks if block is not found.problem.field]
+    blocks = replace(found.problem, field=None).blocks
     order = list_in_time(found.problem.nodes, with_field=True)
-    walk = LinearWalk.of(stack_walk(found.problem.graph, blocks, values), order)
+    walk = LinearWalk.of(WalkSystem(found.problem.graph, blocks).stack(values), order)
     whole = np.diff([_minus_log_evidence(walk, one, values) for one in levels])
     np.testing.assert_allclose(short, whole, atol=1e-6)
 

@@ -10,14 +10,14 @@ from fg_nav.detection import detect_stances
 from fg_nav.smoother import smooth
 from fg_nav.smoother.graph import WalkProblem, solve
 from fg_nav.smoother.parameters import SmootherParameters
-from fg_nav.smoother.problem import walk_problem
-from fg_nav.smoother.refused_stances import (
+from fg_nav.smoother.problem import (
     MIN_STATISTIC,
     _group_ties,
     compute_stance_statistics,
+    walk_problem,
     weaken_refused_stances,
 )
-from fg_nav.smoother.solver import compute_error, linearize
+from fg_nav.smoother.solver import WalkSystem, linearize
 from fg_nav.stances import Stances
 from tests.simulated import SimulatedFoot, straight_walk
 from tests.smoother.walks import time_order
@@ -86,11 +86,11 @@ def test_the_statistic_is_by_how_much_the_error_falls_where_the_velocity_is_free
     moved = shift(problem, moves)
     solved = solve(moved, 1e-9)
     found = compute_stance_statistics(moved, solved)
-    before = compute_error(moved.graph, moved.blocks, solved.values)
+    before = WalkSystem(moved.graph, moved.blocks).error(solved.values)
 
     def fall(velocity: Floats) -> float:
         free = shift(moved, np.where(problem.nodes.footfall == footfall, 1.0, 0.0)[:, None] * velocity)
-        return 2 * (before - compute_error(free.graph, free.blocks, solve(free, 1e-9).values))
+        return 2 * (before - WalkSystem(free.graph, free.blocks).error(solve(free, 1e-9).values))
 
     d, statistic = found.velocity[footfall], found.statistic[footfall]
     assert fall(d) == pytest.approx(statistic, rel=0.02, abs=1e-4)
@@ -130,7 +130,7 @@ def test_mid_swings_that_are_called_stances_are_refused_and_no_other(walk, stanc
 
 def test_a_walk_in_progress_is_handed_the_weakened_ties(walk, stances):
     refused = walk_problem(walk.recording, with_false(walk, stances, [5]), 0.0, FIXED)
-    in_batch = compute_error(refused.graph, refused.blocks, refused.values)
+    in_batch = WalkSystem(refused.graph, refused.blocks).error(refused.values)
     assert refused.factors().error(refused.values) == pytest.approx(in_batch, rel=1e-6)
 
 
