@@ -343,15 +343,16 @@ class _UnreadSamples:
         # describe each run and what is around it
         runs = []
         for i, j in zip(start.tolist(), stop.tolist(), strict=True):
-            tick = self._tick - self._tick[i]
-            near = np.arange(max(i - REACH, 0), min(j + REACH, len(tick)))
-            near = near[(tick[near] >= -REACH) & (tick[near] < tick[j - 1] + 1 + REACH)]
+            near = np.arange(max(i - REACH, 0), min(j + REACH, len(self._tick)))
+            tick, run = self._tick[near] - self._tick[i], self._tick[i:j] - self._tick[i]
+            inside = (tick >= -REACH) & (tick < run[-1] + 1 + REACH)
+            near, tick = near[inside], tick[inside]
             unread = self._unread[near]
             read = np.repeat(np.column_stack([unread & ACC_OUT, unread & GYR_OUT]) == 0, 3, axis=1)
-            first, last = i - 1, j if j < len(tick) else max(i - 1, 0)
-            ends = int(tick[first if first >= 0 else last]), int(tick[last])
-            patterns = tuple(tick[near].tolist()), tuple(map(tuple, read.tolist())), tuple(tick[i:j].tolist())
-            runs.append(_Run(*patterns, *ends))
+            first, last = i - 1, j if j < len(self._tick) else max(i - 1, 0)
+            before, behind = self._tick[[first if first >= 0 else last, last]] - self._tick[i]
+            patterns = tuple(tick.tolist()), tuple(map(tuple, read.tolist())), tuple(run.tolist())
+            runs.append(_Run(*patterns, int(before), int(behind)))
         # solve those that are alike at once
         sample = np.flatnonzero(bad)
         value, sigma = np.empty((len(sample), 3)), np.empty((len(sample), 3))
