@@ -192,7 +192,7 @@ def test_another_nominal_rate_stands_in_the_sigmas(rate_hz: float, tmp_path: Pat
 def test_lines_of_a_stream_have_the_sigma_of_its_nominal_rate(tmp_path: Path, fg_nav: FgNav) -> None:
     path = tmp_path / "rows.txt"
     np.savetxt(path, np.hstack([WALK.acc, WALK.gyr]), delimiter=",", fmt="%.6f")
-    ran = fg_nav("stream", path, "--columns", "ax,ay,az,gx,gy,gz", "--rate", "200")
+    ran = fg_nav("stream", path, "--columns", "ax,ay,az,gx,gy,gz", "--rate", "200", "--silence", "1")
     lines = [line for line in map(json.loads, ran.out.splitlines()) if "position_sigma_m" in line]
     assert len(lines) > 30
     for line in lines:
