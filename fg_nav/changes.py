@@ -17,8 +17,7 @@ Scalar: TypeAlias = bool | int | float | str
 
 Value: TypeAlias = Scalar | list[Any] | None
 
-Changes: TypeAlias = tuple[tuple[str, Value], ...]
-"""Dotted names and values."""
+Changes: TypeAlias = tuple[tuple[str, Value], ...]  # Dotted names and values.
 
 LARGEST, MOST = 1e100, 1000  # No parameter is larger, and no whole one, which counts rounds or footfalls.
 

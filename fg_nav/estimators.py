@@ -23,8 +23,7 @@ if TYPE_CHECKING:
     from fg_nav.recording import Recording
     from fg_nav.smoother import SmootherParameters
 
-Progress: TypeAlias = Callable[[float], None]
-"""Called from time to time with the fraction of the work that is done."""
+Progress: TypeAlias = Callable[[float], None]  # Called from time to time with the fraction of the work that is done.
 
 Estimator: TypeAlias = Callable[[Walk, Progress | None], Solution]
 

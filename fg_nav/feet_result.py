@@ -33,31 +33,21 @@ WORDS: tuple[Word, ...] = ("trusted", "doubtful", UNUSABLE)  # From the best to 
 
 @dataclass(frozen=True)
 class Pairing:
-    """How two recordings were put together.
+    """How two recordings were put together."""
 
-    Attributes
-    ----------
-    order : feet of the first and of the second recording, and `sides` how that is known.
-    clock_offset_s : was added to the second recording's stamps; `clock_given` by the user, else by the signals.
-    clock_drift : by how much more with each second since its start, s/s.
-    width_m, width_sigma_m : between the sensors, across the way; None where one foot is missing, or nothing ties them.
-    cells : of steps that tie the feet.
-    beyond_reach : pairs of footfalls that were out of reach of each other before they were tied.
-    heading_deg : of the left sensor at its start, as it was given; None where it was not.
-    doubts : sentences that make the result doubtful.
-    """
-
-    order: tuple[Side, Side]
+    order: tuple[Side, Side]  # feet of the first and of the second recording, and `sides` how that is known
     sides: Known
+    # was added to the second recording's stamps; `clock_given` by the user, else by the signals
     clock_offset_s: float = 0.0
     clock_given: bool = False
-    clock_drift: float = 0.0
+    clock_drift: float = 0.0  # by how much more with each second since its start, s/s
+    # between the sensors, across the way; None where one foot is missing, or nothing ties them
     width_m: float | None = None
     width_sigma_m: float | None = None
-    cells: int = 0
-    beyond_reach: int = 0
-    heading_deg: float | None = None
-    doubts: tuple[str, ...] = ()
+    cells: int = 0  # of steps that tie the feet
+    beyond_reach: int = 0  # pairs of footfalls that were out of reach of each other before they were tied
+    heading_deg: float | None = None  # of the left sensor at its start, as it was given; None where it was not
+    doubts: tuple[str, ...] = ()  # sentences that make the result doubtful
 
 
 @dataclass(frozen=True, repr=False)

@@ -120,25 +120,15 @@ def _heading_deg(nav_R_body: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class Return:
-    """A stretch of a walk that was recognized, by the field along it, as one where the walk was before.
+    """A stretch of a walk that was recognized, by the field along it, as one where the walk was before."""
 
-    Attributes
-    ----------
-    t, earlier_t : (M,) s, of the points of this pass and of those of the earlier one at the same places.
-    opposite : whether it was walked in the opposite direction.
-    score : log likelihood ratio of one place against two, nats.
-    expected_false : recognitions as good as this one that chance would make in the whole walk.
-    length_m : of this pass.
-    field_uT, earlier_field_uT : (M, 3) along the direction of walking of this pass, to its left, and up.
-    """
-
-    t: Floats
+    t: Floats  # (M,) s, of the points of this pass and of those of the earlier one at the same places
     earlier_t: Floats
-    opposite: bool
-    score: float
-    expected_false: float
-    length_m: float
-    field_uT: Floats
+    opposite: bool  # whether it was walked in the opposite direction
+    score: float  # log likelihood ratio of one place against two, nats
+    expected_false: float  # recognitions as good as this one that chance would make in the whole walk
+    length_m: float  # of this pass
+    field_uT: Floats  # (M, 3) along the direction of walking of this pass, to its left, and up
     earlier_field_uT: Floats
 
     def describe(self) -> dict[str, object]:
@@ -157,17 +147,11 @@ class Return:
 
 @dataclass(frozen=True)
 class KnownStretch:
-    """A stretch of a walk that was recognized as one of an earlier walk whose places were saved.
+    """A stretch of a walk that was recognized as one of an earlier walk whose places were saved."""
 
-    Attributes
-    ----------
-    t, known_t : (M,) s, of its points, and of those of the earlier walk at the same places, in that one's time.
-    opposite, length_m, score, expected_false : as of a `Return`.
-    """
-
-    t: Floats
+    t: Floats  # (M,) s, of its points, and of those of the earlier walk at the same places, in that one's time
     known_t: Floats
-    opposite: bool
+    opposite: bool  # as of a `Return`
     length_m: float
     score: float
     expected_false: float
@@ -188,24 +172,14 @@ class KnownStretch:
 
 @dataclass(frozen=True)
 class Located:
-    """Where a walk begins in the frame of an earlier one whose places were saved.
+    """Where a walk begins in the frame of an earlier one whose places were saved."""
 
-    Attributes
-    ----------
-    position : (3,) m, of its first footfall.
-    heading : rad clockwise from north, of the body's x axis there.
-    sigma : (4,) of position, m, and heading, rad.
-    expected_false : recognitions as good as this one that chance would make.
-    recording : name of that of the earlier walk.
-    stretches : that were recognized.
-    """
-
-    position: Floats
-    heading: float
-    sigma: Floats
-    expected_false: float
-    recording: str
-    stretches: tuple[KnownStretch, ...]
+    position: Floats  # (3,) m, of its first footfall
+    heading: float  # rad clockwise from north, of the body's x axis there
+    sigma: Floats  # (4,) of position, m, and heading, rad
+    expected_false: float  # recognitions as good as this one that chance would make
+    recording: str  # name of that of the earlier walk
+    stretches: tuple[KnownStretch, ...]  # that were recognized
 
     @property
     def sentence(self) -> str:

@@ -44,11 +44,9 @@ if TYPE_CHECKING:
     from fg_nav.smoother import ExtraFactors
     from fg_nav.smoother.constraints import KnownTies
 
-Mount: TypeAlias = Literal["foot", "pocket"]
-"""Where the sensor is worn."""
+Mount: TypeAlias = Literal["foot", "pocket"]  # Where the sensor is worn.
 
-Magnetic: TypeAlias = Literal["all", "card"]
-"""Which factors of the field the graph has."""
+Magnetic: TypeAlias = Literal["all", "card"]  # Which factors of the field the graph has.
 
 WITH_FIXES = ("smoother", "card", "inertial", "online")  # Methods that make use of fixes.
 OWN_GNSS = Path("own")  # in place of a file of GNSS fixes: those in the recording itself
@@ -121,49 +119,32 @@ class Options:
 
 @dataclass(frozen=True)
 class Walk:
-    """What every method is given.
+    """What every method is given."""
 
-    Attributes
-    ----------
-    recording : as the methods see it, once `correct_walk` has calibrated it.
-    stances : of this recording; none before `find_stances`, and with the sensor in a pocket.
-    truth, options : of this recording.
-    detection : how the stances were found; None where they were given.
-    field : at the footfalls; None where it is not known.
-    verdicts : of the gate on the field, for the report of methods without a compass; None where there are none.
-    unjudged : why the field was not judged; empty where it was, or before `measure_field`.
-    calibration : that was given; None without.
-    applied : what the calibration corrected, in words; such a recording is not corrected again.
-    iron : how the magnetometer was corrected by the walk itself, in words; empty where a calibration was given.
-    sensed : the recording before that, for a method that finds the iron on its way; None before `measure_field`.
-    magnetometer : its delay and its axes, as `correct_walk` found them; None before, and where it is not used.
-    fixes : positions known from elsewhere; used by the smoother only.
-    gnss : a receiver's fixes, for the smoother and in a pocket; None without.
-    extra : makes factors of the user's own; used by the smoother only.
-    places : of an earlier walk, on which this one is to be located; used by the smoother only.
-    known : footfalls at these places, where they were recognized, for the smoother.
-    beside : (N,) s, stamps of the recording of the other foot; None where there is none.
-    """
-
-    recording: Recording
-    stances: Stances
-    truth: Truth | None = None
+    recording: Recording  # as the methods see it, once `correct_walk` has calibrated it
+    stances: Stances  # of this recording; none before `find_stances`, and with the sensor in a pocket
+    truth: Truth | None = None  # of this recording
     options: Options = Options()
-    detection: StanceParameters | None = None
-    field: FootfallField | None = None
+    detection: StanceParameters | None = None  # how the stances were found; None where they were given
+    field: FootfallField | None = None  # at the footfalls; None where it is not known
+    # of the gate on the field, for the report of methods without a compass; None where there are none
     verdicts: FieldVerdicts | None = None
-    unjudged: str = ""
-    calibration: Calibration | None = None
-    applied: tuple[str, ...] = ()
+    unjudged: str = ""  # why the field was not judged; empty where it was, or before `measure_field`
+    calibration: Calibration | None = None  # that was given; None without
+    applied: tuple[str, ...] = ()  # what the calibration corrected, in words; such a recording is not corrected again
+    # how the magnetometer was corrected by the walk itself, in words; empty where a calibration was given
     iron: tuple[str, ...] = ()
+    # the recording before that, for a method that finds the iron on its way; None before `measure_field`
     sensed: Recording | None = None
+    # its delay and its axes, as `correct_walk` found them; None before, and where it is not used
     magnetometer: AlignedMagnetometer | None = None
-    fixes: tuple[Fix, ...] = ()
-    gnss: Gnss | None = None
-    extra: ExtraFactors | None = None
+    fixes: tuple[Fix, ...] = ()  # positions known from elsewhere; used by the smoother only
+    gnss: Gnss | None = None  # a receiver's fixes, for the smoother and in a pocket; None without
+    extra: ExtraFactors | None = None  # makes factors of the user's own; used by the smoother only
+    # of an earlier walk, on which this one is to be located; used by the smoother only
     places: SavedPlaces | None = None
-    known: KnownTies | None = None
-    beside: Floats | None = None
+    known: KnownTies | None = None  # footfalls at these places, where they were recognized, for the smoother
+    beside: Floats | None = None  # (N,) s, stamps of the recording of the other foot; None where there is none
 
     @classmethod
     def of(cls, recording: Recording, options: Options = Options(), calibration: Calibration | None = None) -> Walk:
@@ -193,24 +174,16 @@ class Walk:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What one method made of a walk.
+    """What one method made of a walk."""
 
-    Attributes
-    ----------
-    solution : with the verdicts on the field in its table of stances.
-    metrics, comparison : of the solution; `comparison` is None without a usable truth.
-    field_used : whether the method used the field, known from the verdicts in its own stance table.
-    moment : errors of an online method's estimates at the moment of each footfall; None from others, and without a
-        usable truth.
-    polished : what came of the batch solution next to an online one; None without.
-    """
-
-    solution: Solution
-    metrics: Metrics
+    solution: Solution  # with the verdicts on the field in its table of stances
+    metrics: Metrics  # of the solution; `comparison` is None without a usable truth
     comparison: Comparison | None
-    field_used: bool = False
+    field_used: bool = False  # whether the method used the field, known from the verdicts in its own stance table
+    # errors of an online method's estimates at the moment of each footfall; None from others, and without a usable
+    # truth
     moment: WalkErrors | None = None
-    polished: Outcome | None = None
+    polished: Outcome | None = None  # what came of the batch solution next to an online one; None without
 
 
 def read_walk(path: Path | str | Recording, options: Options = Options(), reading: Reading = Reading()) -> Walk:

@@ -83,22 +83,13 @@ _PIECES = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[^\W\d_A-Z]+|\d+")
 
 @dataclass(frozen=True)
 class Meaning:
-    """What a header says of its column.
+    """What a header says of its column."""
 
-    Attributes
-    ----------
-    kind : what the column measures.
-    axis : x, y, z or, where axes are numbered, 0 to 3; empty where there is none.
-    unit : the word for its unit, known or not; None where there is none.
-    stem : the words without axis and unit: the same for the three axes of a sensor.
-    by_unit : whether the unit alone says the kind.
-    """
-
-    kind: Kind
-    axis: str
-    unit: str | None
-    stem: str
-    by_unit: bool = field(default=False, repr=False)
+    kind: Kind  # what the column measures
+    axis: str  # x, y, z or, where axes are numbered, 0 to 3; empty where there is none
+    unit: str | None  # the word for its unit, known or not; None where there is none
+    stem: str  # the words without axis and unit: the same for the three axes of a sensor
+    by_unit: bool = field(default=False, repr=False)  # whether the unit alone says the kind
 
 
 def read_header(name: str) -> Meaning | None:

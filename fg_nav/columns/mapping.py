@@ -77,18 +77,11 @@ class ColumnMap:
 
 @dataclass(frozen=True)
 class Columns:
-    """What the user says of columns.
+    """What the user says of columns."""
 
-    Attributes
-    ----------
-    words : for each quantity the names of its columns, or their numbers from 1.
-    units : the word of the unit, for those that have one.
-    width : number of fields of a row, where all are listed; else None.
-    """
-
-    words: Mapping[Quantity, tuple[str, ...]]
-    units: Mapping[Quantity, str]
-    width: int | None = None
+    words: Mapping[Quantity, tuple[str, ...]]  # for each quantity the names of its columns, or their numbers from 1
+    units: Mapping[Quantity, str]  # the word of the unit, for those that have one
+    width: int | None = None  # number of fields of a row, where all are listed; else None
 
     def find(self, names: Sequence[str], source: str) -> dict[Quantity, Channel]:
         """Find the columns among those of a table from `source`.

@@ -37,8 +37,7 @@ from fg_nav.samples import plausibility
 if TYPE_CHECKING:
     import pandas as pd
 
-Units: TypeAlias = str | Mapping[Quantity, str] | None
-"""Words for the units: a list with commas, or one a quantity."""
+Units: TypeAlias = str | Mapping[Quantity, str] | None  # Words for the units: a list with commas, or one a quantity.
 
 ColumnNames: TypeAlias = str | Mapping[Quantity, str | Sequence[str]] | None
 """A mapping as of `--columns`, or the names by quantity."""

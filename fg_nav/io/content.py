@@ -44,32 +44,23 @@ class Content:
     A reader takes a table's columns by `read_table(content, ...)`, the whole text by `read_text()` and the bytes by
     `read_bytes()`, all at C speed and unpacked where they were packed; `source()` is what the reader of a library
     takes. For a folder or an archive it does so with `members[name]`.
-
-    Attributes
-    ----------
-    path : of the file, for messages (`path.name`) and provenance; that of a member goes on behind that of its archive.
-    lines : first lines of a text.
-    variables : names in a MATLAB file.
-    members : files of a folder or archive, by their place in it with `/` between, without folders that all share.
-    head : first bytes of a file, unpacked.
-    encoding : of the text.
-    fetch : reads the bytes where the file is packed; None for a plain file.
-    rate_hz, sensor, columns : what the user says where the file does not: its rate, which of several sensors, and which
-        columns of a table are what.
-    is_trial : whether it is read to try what is to be proposed.
     """
 
+    # of the file, for messages (`path.name`) and provenance; that of a member goes on behind that of its archive
     path: Path
-    lines: tuple[str, ...] = ()
-    variables: frozenset[str] = frozenset()
+    lines: tuple[str, ...] = ()  # first lines of a text
+    variables: frozenset[str] = frozenset()  # names in a MATLAB file
+    # files of a folder or archive, by their place in it with `/` between, without folders that all share
     members: Mapping[str, Content] = field(default_factory=lambda: _NOTHING)
-    head: bytes = b""
-    encoding: str = "utf-8"
-    fetch: Fetch | None = None
+    head: bytes = b""  # first bytes of a file, unpacked
+    encoding: str = "utf-8"  # of the text
+    fetch: Fetch | None = None  # reads the bytes where the file is packed; None for a plain file
+    # what the user says where the file does not: its rate, which of several sensors, and which columns of a table are
+    # what
     rate_hz: float | None = None
     sensor: str | None = None
     columns: Columns | None = None
-    is_trial: bool = False
+    is_trial: bool = False  # whether it is read to try what is to be proposed
 
     @property
     def kind(self) -> str:

@@ -105,8 +105,7 @@ _ALL = (
     ),
 )
 
-FORMATS: Mapping[str, Format] = MappingProxyType({one.name: one for one in _ALL})
-"""All formats by name."""
+FORMATS: Mapping[str, Format] = MappingProxyType({one.name: one for one in _ALL})  # All formats by name.
 
 
 @dataclass(frozen=True)

@@ -28,8 +28,7 @@ from numpy.typing import NDArray
 
 from fg_nav.io.packed import MAX_BYTES
 
-Element: TypeAlias = tuple[int, memoryview]
-"""Type and data of an element."""
+Element: TypeAlias = tuple[int, memoryview]  # Type and data of an element.
 
 _HEADER_BYTES, _VERSION, _VERSION_7_3 = 128, slice(124, 126), 0x0200
 _ORDERS = MappingProxyType({b"IM": "<", b"MI": ">"})

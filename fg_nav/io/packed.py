@@ -29,8 +29,7 @@ _OVERHEAD_BYTES = 4096  # What does not shrink becomes a little longer by packin
 _PART_BYTES = 2**20  # Read from a pipe at a time.
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 
-Fetch = Callable[[int | None], bytes]
-"""The first bytes of a file, at most as many as are given; all of them for None."""
+Fetch = Callable[[int | None], bytes]  # The first bytes of a file, at most as many as are given; all of them for None.
 
 
 def fetch_file(path: Path) -> Fetch:

@@ -50,22 +50,13 @@ _HELD_PERIODS = 3.0  # A value that lasts longer than so many samples was measur
 
 @dataclass(frozen=True)
 class Stream:
-    """Samples of one sensor.
+    """Samples of one sensor."""
 
-    Attributes
-    ----------
-    what : the sensor.
-    t : (N,) s, or whole ns as int64; the streams of a recording have the same zero and the same unit.
-    xyz : (N, 3) m/s^2, rad/s or uT, or (N, 1) Pa, NaN where there is none.
-    row : (N,) lines in its file.
-    source : what people call it, such as its file.
-    """
-
-    what: Sensor
-    t: Floats | Ints
-    xyz: Floats
-    row: Ints
-    source: str
+    what: Sensor  # the sensor
+    t: Floats | Ints  # (N,) s, or whole ns as int64; the streams of a recording have the same zero and the same unit
+    xyz: Floats  # (N, 3) m/s^2, rad/s or uT, or (N, 1) Pa, NaN where there is none
+    row: Ints  # (N,) lines in its file
+    source: str  # what people call it, such as its file
 
     @property
     def name(self) -> str:
