@@ -174,13 +174,9 @@ def estimate_gyro_scale(problem: WalkProblem, solved: Solved) -> WalkScale:
     # The walk is eliminated, which leaves the information of the inertial factors of its halves on the scale.
     columns, information, pull = shared_information(solved.root, _list_inertial(problem, solved.linearized_at), 6)
     found = average_models(information, pull)
-    # Where tilt and velocity close worse with it, the field alone supports it.
-    worse = _compare_closure(problem, solved, columns, found) if found.matters else 0.0
-    return WalkScale(average_models(information, pull, worse), columns)
-
-
-def _compare_closure(problem: WalkProblem, solved: Solved, columns: SharedColumns, found: GyroScale) -> float:
-    """Nats by which inertial and velocity factors fit worse with one scale for the walk than without; 0 if better."""
+    if not found.matters:
+        return WalkScale(found, columns)
+    # Nats by which inertial and velocity factors fit worse with one scale for the walk: the field alone supports it.
     both = np.tile(found.scale / found.probability, 2)
     moved, worse = -columns.solve() @ both, 0.0
     e, H = problem.velocities.evaluate(solved.linearized_at)
@@ -190,7 +186,7 @@ def _compare_closure(problem: WalkProblem, solved: Solved, columns: SharedColumn
         left = residuals_at_minimum(solved.root, keys, -b, A)
         change = np.einsum("kij,kj->ki", A, moved[solved.root.find_columns(keys)]) + C @ both
         worse += float(((left + 0.5 * change) * change).sum())
-    return max(worse, 0.0)
+    return WalkScale(average_models(information, pull, max(worse, 0.0)), columns)
 
 
 def average_models(information: Floats, pull: Floats, worse_nats: float = 0.0) -> GyroScale:
