@@ -360,10 +360,7 @@ UNUSED = "the filter does not use the magnetometer"  # Reason at every footfall.
 
 
 def run_iez(
-    recording: Recording,
-    stances: Stances,
-    parameters: IezParameters = IezParameters(),
-    heading: float = 0.0,
+    recording: Recording, stances: Stances, parameters: IezParameters = IezParameters(), heading: float = 0.0
 ) -> Solution:
     """IEZ: strapdown navigation, updated while the foot stands (INS + EKF + ZUPT), without the magnetometer.
 

@@ -177,11 +177,7 @@ def update_at_footfall(
         _update_by_compass(nav_R_body, P, x, k, pseudo, considered, innovation, traces[2])
     compass_used = np.isfinite(innovation[COMPASS])
     if not compass_used and np.isfinite(pseudo.course_variance[k]) and k >= pseudo.course_strides:
-        # How far the direction is clockwise of the mean of those before: the left side of AIEZ (27), wrapped.
-        change = 0.0
-        for n in range(k - pseudo.course_strides, k):
-            change += wrap_angle(direction - before[n])
-        change /= pseudo.course_strides
+        change = compute_turn(direction, before[k - pseudo.course_strides : k])
         straight = abs(change) <= pseudo.course_limit
         if straight or pseudo.curve_is_zero:
             z, variance = -change if straight else 0.0, pseudo.course_variance[k]
@@ -230,6 +226,15 @@ def _component(nav_R_body: Floats, axis: int, v: Floats) -> float:
 def _rotate(nav_R_body: Floats, v: Floats) -> tuple[float, float, float]:
     """East, north and up of a vector (3,) in the body frame."""
     return _component(nav_R_body, 0, v), _component(nav_R_body, 1, v), _component(nav_R_body, 2, v)
+
+
+@njit(cache=True)
+def compute_turn(direction: float, before: Floats) -> float:
+    """How far a direction is clockwise of the mean of those `before` (n,), rad: the left side of AIEZ (27), wrapped."""
+    total = 0.0
+    for k in range(len(before)):
+        total += wrap_angle(direction - before[k])
+    return total / len(before)
 
 
 @njit(cache=True)

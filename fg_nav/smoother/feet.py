@@ -140,10 +140,6 @@ class ReachFactors:
     def __len__(self) -> int:
         return len(self.right)
 
-    def take(self, rows: Ints) -> ReachFactors:
-        """Return some of them."""
-        return ReachFactors(self.right[rows], self.left[rows], self.reach[rows])
-
     def evaluate(self, values: FeetValues, with_jacobians: bool) -> tuple[Floats, list[Floats]]:
         """Return residuals (P, 1) and Jacobians."""
         poses = list_poses(self.right, values.right), list_poses(self.left, values.left)
@@ -267,10 +263,10 @@ def find_beyond_reach(right: WalkProblem, left: WalkProblem, values: FeetValues,
     pairs = ReachFactors(right.nodes.result[at], left.nodes.result[at_left], reach)
     # Those beyond reach, with the known ones, each once.
     beyond = np.flatnonzero(pairs.evaluate(values, False)[0][:, 0] > 0.0) if len(pairs) else np.zeros(0, np.int64)
-    found = pairs.take(beyond)
-    joined = [np.concatenate([getattr(one, name) for one in (known, found)]) for name in ("right", "left", "reach")]
+    parts = ((known.right, pairs.right), (known.left, pairs.left), (known.reach, pairs.reach))
+    joined = [np.concatenate([before, new[beyond]]) for before, new in parts]
     _, each = np.unique(np.stack(joined[:2], axis=1), axis=0, return_index=True)
-    return ReachFactors(*joined).take(each)
+    return ReachFactors(*(one[each] for one in joined))
 
 
 def _list_spans(problem: WalkProblem) -> tuple[Floats, Floats]:

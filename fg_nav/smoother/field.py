@@ -281,11 +281,7 @@ def compare_field(
 
 
 def add_field_factors(
-    problem: WalkProblem,
-    field: FootfallField,
-    residuals: FieldResiduals,
-    path: FieldPath,
-    p: FieldParameters,
+    problem: WalkProblem, field: FootfallField, residuals: FieldResiduals, path: FieldPath, p: FieldParameters
 ) -> WalkProblem:
     """Add the factors of the field to a walk, in place of those of the round before."""
     readings = CompassReadings(problem.nodes.result, field.body_field, residuals.nav_R_body, residuals.sigma_uT)

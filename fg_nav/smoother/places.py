@@ -15,9 +15,8 @@ closed: with the covariance of each footfall and with that of each of some `ANCH
 
 Factors (`factors.same_place`). The earliest pass of each place is divided into cells by distance, and has one footfall
 in each to which all later passes are tied: so no error adds up from lap to lap, and few footfalls are joined over the
-walk (`solver.postpone`). What is tied are the means of both passes over the cell, relative to their footfalls: two
-passes along a corridor are aside of each other by decimeters here and there, and less on the mean. With an independent
-error every `APART_M`,
+walk (`graph.order_variables`). What is tied are the means of both passes over the cell, relative to their footfalls;
+with an independent error every `APART_M`,
 
     sigma = sigma_one / sqrt(length / APART_M),
 

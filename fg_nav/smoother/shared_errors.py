@@ -3,19 +3,15 @@
 All are numbers s that the inertial or velocity factors share, whose information L and product eta are what is left of
 the walk when it is eliminated (`sensitivity`). They are counted in the sigmas, but for the scale, which is taken off.
 
-Moving foot. Motion capture sees the sensor on a shoe move on at 1 to 5 percent of the walking speed when it is
-stillest, forward more than sideways; some of that is the rolling about the lever, and some is not. So every stride is
-off by the same share, and the walk by its scale. In a stance after a stride of the horizontal displacement d (m) in T
-(s) the velocity is off by
+Moving foot (`docs/models.md`). Each stride is off by the same share, and the walk by its scale. In a stance after a
+stride of the horizontal displacement d (m) in T (s) the velocity is off by
 
     c_1 a + c_2 (up x a),     a = d / T,     navigation axes, m/s,
 
-c = (c_1, c_2) the same for a whole walk, 0 +- (`FORWARD_SIGMA`, `SIDEWAYS_SIGMA`). A foot that stands for long does not
-move on. On a straight even walk nothing inertial shows c (Galilei). Where a walk turns, stops or changes its pace, it
-does, but rolling that the lever does not describe looks the same there. So c is not taken off, and the covariances of
-the walk grow by X (P + s s^T) X^T: the second moment about the solution with c = 0, X how a variable moves with c, s
-and P estimate and covariance. The columns C of c are those of the residual e of a stance's velocity
-(`factors.zero_velocity`),
+c = (c_1, c_2) the same for a whole walk, 0 +- (`FORWARD_SIGMA`, `SIDEWAYS_SIGMA`), zero where a foot stands for long.
+It is not taken off: the covariances of the walk grow by X (P + s s^T) X^T, the second moment about the solution with
+c = 0, X how a variable moves with c, s and P estimate and covariance. The columns C of c are those of the residual e
+of a stance's velocity (`factors.zero_velocity`),
 
     C = -(de/dv) (a, up x a).
 
