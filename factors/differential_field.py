@@ -21,8 +21,7 @@ h0 what is expected of h. The iron stays as it is, while bias and field in the b
 the stances of a walk the two come apart. What is known of h, mean and covariance, enters when it is eliminated.
 
 No pose is needed, and absolute heading is not observed. Along u there is information only where u's direction in the
-body changes. Differences of neighbouring samples share a measurement; taken as white they lose most of this
-information, which is why all samples of the stretch enter together.
+body changes. Differences of neighbouring samples share a measurement, so all samples of a stretch enter together.
 
 With vectors v = eta + Lambda x0 the quadratics of several stretches add up whatever their b0. Errors that all of a kind
 have in common (soft iron, delay, gyroscope scale) do not average out. With a sigma s of those, in rad/s,

@@ -94,29 +94,18 @@ What d_k is wrong by, u_k is wrong by as well. Where the path is false by a cour
 
     error of e = integral of (E - B) . df = integral of grad phi . df:
 
-not E but the deviation counts. A stride 1 % too long is 0.01 (phi_k+1 - phi_k) wrong, some 0.05 uT m; joined to a
-length from elsewhere it would be 0.01 E L = 0.3. Hence no length of a stride enters as a variable.
+not E but the deviation counts: a stride 1 % too long is 0.01 (phi_k+1 - phi_k) wrong, some 0.05 uT m.
 
-The errors of successive strides telescope: over a walk only the first and the last phi are left, where a compass at
-each footfall is off by the slope of phi. E . p / |E_h| is a coordinate along magnetic north, good to sigma_phi / |E_h|
-wherever one stands. Over a leg of length L across the field, a constant error of heading is seen with
+Over a walk only the first and the last phi are left: E . p / |E_h| is a coordinate along magnetic north, good to
+sigma_phi / |E_h| wherever one stands. Over a leg of length L across the field, a constant error of heading is seen with
 
-    sigma = sqrt(2) sigma_phi / (|E_h| L)
+    sigma = sqrt(2) sigma_phi / (|E_h| L),
 
-by its ends, and by N + 1 footfalls of independent phi with sqrt(12 / N) in place of sqrt(2) (a straight line). Along
-the field it is not seen to first order: there n_E E_N = n_N E_E.
+and along the field not to first order: there n_E E_N = n_N E_E.
 
-Where it fails: a path that passes through a circuit of current I picks up mu_0 I = 1.257 uT m for each ampere, at each
-passage, and keeps it. (A path through steel would meet the currents bound in it, but steel is not walked through.)
-Soft iron makes another
-E_h of the Earth's field, and what adds along the path like h; of the building's field it makes what does not telescope.
-A delay of the magnetometer turns y in the swing: take it off first. A tilt that is the same in all strides looks like
-iron along the path: the two share it by their priors.
-
-The integral (`integrate_field`) is a trapezoid between every two measurements. What that leaves of a stride over a
-rough floor (9 cm above it, 1.4 m long, simulated gait; phi changes by 4.6 uT m from one to the next), rms:
-
-    25 Hz 0.04 uT m,     50 Hz 0.01,     100 Hz 0.0025,     200 Hz 0.0006     (of second order; mean below a tenth).
+Where it fails: a path that passes through a circuit of current I picks up mu_0 I = 1.257 uT m for each ampere and keeps
+it. Soft iron makes another E_h of the Earth's field, and what adds along the path like h. A delay of the magnetometer
+turns y in the swing: take it off first. A tilt that is the same in all strides looks like iron along the path.
 
 Source: Ampere's law. That u wants no heading, and its use for one, is this project's; `docs/magnetic.md` names what is
 near to it.

@@ -6,13 +6,11 @@ where its formula and its derivatives stand:
 
     e (..., r)  divided by its sigma,     H_i = de/dx_i (..., r, d_i)  in gtsam's tangent space of x_i.
 
-iSAM2 takes one `factor_of` for each instant; its noise model is the unit one, as e is divided by its sigma already. A
-batch solver takes a `ResidualBlock`: a walk has thousands of residuals of a kind, a callback from C++ into Python takes
-about 30 us, and numpy evaluates a whole block at once.
+iSAM2 takes one `factor_of` for each instant, with the unit noise model, as e is divided by its sigma already. A batch
+solver takes a `ResidualBlock`: a callback from C++ into Python takes about 30 us, and a walk has thousands of a kind.
 
-This is the one place that touches gtsam.CustomFactor. A custom factor whose error has the wrong shape, or that leaves a
-Jacobian unassigned, kills the interpreter; NaN, a wrong column count or float32 pass silently and spoil the solution.
-`guarded_factor` checks what a residual function returns before gtsam sees it, and names the factor.
+This is the one place that touches gtsam.CustomFactor, which kills the interpreter on a wrong shape or an unassigned
+Jacobian, and lets NaN and float32 pass. `guarded_factor` checks what a residual function returns before gtsam sees it.
 """
 
 from collections.abc import Callable, Iterator, Sequence

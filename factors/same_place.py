@@ -1,20 +1,16 @@
 """Two poses that lie at one place or near each other: of a walk that comes back, or of a person's two feet.
 
-Same place. A person came back, and the field along the path was the same again. Each moment is a point q next to a
-footfall, c (3,) m from its pose in body axes, as the path has it. Place and footfall turn together, so that the path
-may turn about up without being bent,
+Same place. Each of two moments is a point q next to a footfall, c (3,) m from its pose in body axes, by the path.
+Place and footfall turn together, so that the path may turn about up without being bent,
 
     q = p + R c,    e = W (q_later - q_earlier),    de/dlater = W [-R [c]x, R],    de/dearlier = -W [-R [c]x, R],
 
 R the attitude nav_R_body and p the position of a footfall. W (3, 3) is the inverse root of the covariance in navigation
-axes: along the direction of walking as sharp as the field was aligned, across it as wide as a corridor is walked, and
-up as level as one floor is.
+axes: along the direction of walking, across it and up.
 
-Two feet of one person are beside each other while they walk, and never further apart than a leg reaches. Over some
-steps that alternate the mean places of both feet are beside each other (`feet.steps`). Of the right foot that mean is a
-point c_R (3,) m next to one of its footfalls, of the left one c_L, both in body axes; n (3,) is the mean direction to
-the left of the walk there, in the body axes of the left footfall, and w (m) how far apart the feet are, one number for
-the walk. With q = p + R c, R the attitude nav_R_body, p the position of a footfall,
+Two feet of one person. Over some alternating steps the mean places of both feet are beside each other (`feet.steps`):
+points c_R and c_L (3,) m next to a footfall of each, in body axes; n (3,) is the mean direction to the left of the walk
+there, in the body axes of the left footfall, and w (m) how far apart the feet are, one number for the walk,
 
     e = W (q_R - (q_L - w R_L n)),
 

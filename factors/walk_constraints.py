@@ -19,12 +19,9 @@ The negative logarithm is the loss, with x = r / s the whitened residual and the
     rho(x) = log(1 + c) - log(exp(-x^2/2) + c),    c = s (1 - P) / P sqrt(8 / pi),
     rho'(x) / x = w(x) = exp(-x^2/2) / (exp(-x^2/2) + c).
 
-The weight with which the residual is repeatedly reweighted is the probability that the walk follows the building there.
-Across an open space it is zero, and so is the information.
-
-s is what people weave, and by how much corridors are off a right angle. The latter is one error of all displacements
-along a corridor, so each has a share h <= 1 of its loss (a power likelihood), by which a leg counts as few of them.
-Corridors walked again share it too, which is not counted. A building that bends slowly is taken to be straight.
+The weight is the probability that the walk follows the building; across an open space it is zero. s is what people
+weave, and by how much corridors are off a right angle: one error of all displacements along a corridor, so each has a
+share h <= 1 of its loss (a power likelihood), by which a leg counts as few of them.
 
 Source: Borenstein & Ojeda 2010 (J. Navigation 63); AIEZ (27), (28) compare a course with those before it instead, with
 a threshold, and a zero beyond it in place of no row. The mixture is this project's.
@@ -35,10 +32,8 @@ The residual is that of gtsam's own `GPSFactor`, on the axes of the navigation f
 
     e = p - fix,    de/dpose = [0, nav_R_body].
 
-A fix that is known in the plane only has an infinite sigma upwards, and says nothing of the height.
-
-Errors of a receiver persist for many seconds. Fixes are taken as independent here: take one each ten seconds or so,
-or enlarge sigma by the square root of how many share an error. Where some are plainly wrong (between houses) wrap the
+A fix that is known in the plane only has an infinite sigma upwards. Fixes are taken as independent: take one each ten
+seconds or so, or enlarge sigma by the square root of how many share an error; where some are plainly wrong wrap the
 noise in `gtsam.noiseModel.Robust`.
 
 Floors (`FloorHeight`): all footfalls on one floor of a building are at one height
@@ -47,10 +42,8 @@ Each floor has its height Z (1-vector, m) as a variable, each footfall on it the
 
     e = z - Z,    de/dpose = [0, e_z^T nav_R_body],    de/dZ = -1,
 
-z the height of the sensor (navigation frame, z up). The sensor is not at the same height above the floor in each
-stance, by a centimetre or so; that is the noise. No floor's height is known before, so a floor that is visited once
-gets flat, and nothing else; one that is visited again also gets its height back. Which footfall is on which floor has
-to be decided elsewhere (`fg_nav.smoother.floors`): a ramp looks like drift.
+z the height of the sensor (navigation frame, z up); its scatter above the floor from stance to stance is the noise.
+Which footfall is on which floor has to be decided elsewhere (`fg_nav.smoother.floors`): a ramp looks like drift.
 
 Barometric height (`BarometricHeight`, `BarometerDrift`): height plus an offset is what the pressure shows
 ----------------------------------------------------------------------------------------------------------

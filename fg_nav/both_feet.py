@@ -307,7 +307,7 @@ def _find_sides(request: _Request, first: Walk, second: Walk) -> tuple[_Pair, tu
 
 def shows_sides(solution: FeetSolution) -> bool:
     """Whether the steps, without the prior of the width, show a width that is clearly not zero."""
-    from fg_nav.smoother.feet_factors import WIDTH_M, WIDTH_SIGMA_M
+    from fg_nav.smoother.feet import WIDTH_M, WIDTH_SIGMA_M
 
     information = solution.width_sigma_m**-2 - WIDTH_SIGMA_M**-2
     if information <= 0.0:

@@ -13,9 +13,8 @@ with which the drift locks the compass out for good. The detector `aiez` of `fg_
 has only the drifting heading of the gyroscope with a cruder uncertainty, and follows wrong compasses further.
 
 The course is that of the stride, its change taken from the mean of the n last ones; the heading of the standing foot,
-as printed, scatters more (1.8 against 1.3 deg, half of them within). HDR takes a bend of less than xi for a straight
-line: of 36 deg in 60 strides it removes 6, of 60 deg nothing; with xi of 5 deg and a sigma of 1 deg, 16 and 26. The
-same holds for the first strides of a turn. So xi is small and the sigma is not.
+as printed, scatters more (1.8 against 1.3 deg). HDR takes a bend of less than xi for a straight line: of 36 deg in 60
+strides it removes 6; with xi of 5 deg and a sigma of 1 deg, 16. So xi is small and the sigma is not.
 
 HDR has the row of the compass but measures only that the filter's own heading stays constant: its variance falls below
 that of any measured heading, and the next compass weighs less.
@@ -62,14 +61,10 @@ START_COMPASS = "here the compass gives the heading at the start"  # Reason not 
 class AiezParameters(GatedCompassParameters):
     """Noises and limits; Zhang gives no value, so ranges are those of the literature."""
 
-    tilt_sigma_deg: float = 1.5
-    """Of the direction of up by a stance's force: 0.25 m/s^2 of motion is taken for gravity."""
-    course_sigma_deg: float = 4.0
-    """Of an unchanged course: strides scatter by 1.5 to 2 deg, and n changes in a row share their strides."""
-    course_limit_deg: float = 2.5
-    """xi: a change beyond this is a curve; twice the scatter of strides on a straight line."""
-    hdr_as_printed: bool = False
-    """AIEZ (27), (28) as printed: the course is the heading of the standing foot, and a curve measures zero change."""
+    tilt_sigma_deg: float = 1.5  #: Of the direction of up by a stance's force: 0.25 m/s^2 of motion.
+    course_sigma_deg: float = 4.0  #: Of an unchanged course: strides scatter by 1.5 to 2 deg, and n changes share some.
+    course_limit_deg: float = 2.5  #: xi: beyond it a change is a curve; twice the scatter of straight strides.
+    hdr_as_printed: bool = False  #: AIEZ (27), (28) as printed: course of the standing foot, and zero in a curve.
 
 
 def run_aiez(

@@ -56,7 +56,7 @@ from fg_nav.ekf.measurements import (
     update_at_footfall,
     update_in_stance,
 )
-from fg_nav.ekf.rts import Samples, Tape, Track, allocate_track, smooth_backward, view_state
+from fg_nav.ekf.rts import Samples, Tape, Track, smooth_backward, view_state
 from fg_nav.ekf.update import ROW, inject_error
 from fg_nav.errors import EstimationError
 from fg_nav.frames import GRAVITY_M_S2
@@ -76,46 +76,28 @@ VELOCITY_SIGMA = 0.01  # Velocity at the start, in stance, m/s.
 
 @dataclass(frozen=True)
 class IezParameters:
-    """Noises of sensor and foot, of every filter.
+    """Noises of sensor and foot, of every filter; `OPENSHOE` has the values of the literature.
 
-    All are densities: a white error of s a sample at rate f has the density s / sqrt(f), and the result does not depend
-    on the sampling rate. `OPENSHOE` has the values of the literature.
+    Densities: a white error of s a sample at rate f has s / sqrt(f), and no result depends on the sampling rate.
     """
 
-    acc_density: float = 0.02
-    """White error of the specific force, m/s^2/sqrt(Hz). Sheets say 0.001; impacts ring on."""
-    acc_relative_density: float = 0.007
-    """The same per m/s^2 of acceleration, sqrt(s): 2 %, correlated over 60 ms."""
-    gyr_density_deg: float = 0.015
-    """White error of the angular rate, deg/s/sqrt(Hz). Sheets of MEMS gyroscopes: 0.005 to 0.015."""
-    gyr_relative_density: float = 5e-4
-    """The same per rad/s of rate, sqrt(s): 0.15 %, correlated over 60 ms."""
-    saturated_share: float = 0.3
-    """Error of a sample clipped at the end of the range, as a share of the range."""
-    zero_velocity_density: float = 1e-3
-    """Velocity of a foot that stands and does not turn, m/s/sqrt(Hz): 5 mm/s, correlated over 20 ms."""
-    roll_height_m: float = 0.06
-    """Height of the sensor above the point about which the foot rolls, m; 0 for plain zero velocity."""
-    rolling_lever_m: tuple[float, float, float] | None = None
-    """From the point about which the foot rolls to the sensor, body frame, m; None for the height straight up."""
-    roll_sigma_m: float = 0.05
-    """Uncertainty of that lever, in any direction, m."""
-    unsteady_s: float = 0.0
-    """Time for which a specific force that is not gravity may already have lasted in stance, s; 0 to leave it out."""
-    gyro_bias_sigma_deg_s: float = 0.2
-    """Gyro bias of a calibrated sensor, deg/s, before a rest has measured it."""
-    gyro_bias_walk_deg_s: float = 1e-4
-    """Its random walk, deg/s/sqrt(s): 0.004 deg/s in half an hour."""
-    tilt_sigma_rest_deg: float = 0.3
-    """Tilt after levelling at rest, deg: the accelerometer bias, with a margin."""
-    tilt_sigma_deg: float = 2.0
-    """Tilt after levelling in a stance that is no rest, deg: 0.3 m/s^2 of motion is taken for gravity."""
-    gravity: float = GRAVITY_M_S2
-    """m/s^2."""
-    rest: RestParameters = field(default_factory=RestParameters)
-    """Criteria for the rest in the first stance."""
-    smoothed: bool = False
-    """Smooth backward over the pass (`fg_nav.ekf.rts`)."""
+    acc_density: float = 0.02  #: White error of the specific force, m/s^2/sqrt(Hz). Sheets say 0.001; impacts ring on.
+    acc_relative_density: float = 0.007  #: The same per m/s^2 of acceleration, sqrt(s): 2 %, correlated over 60 ms.
+    gyr_density_deg: float = 0.015  #: White error of the angular rate, deg/s/sqrt(Hz). Sheets: 0.005 to 0.015.
+    gyr_relative_density: float = 5e-4  #: The same per rad/s of rate, sqrt(s): 0.15 %, correlated over 60 ms.
+    saturated_share: float = 0.3  #: Error of a sample clipped at the end of the range, as a share of the range.
+    zero_velocity_density: float = 1e-3  #: Velocity of a still foot, m/s/sqrt(Hz): 5 mm/s, correlated over 20 ms.
+    roll_height_m: float = 0.06  #: Sensor above the point about which the foot rolls, m; 0 for plain zero velocity.
+    rolling_lever_m: tuple[float, float, float] | None = None  #: Its lever, body frame, m; None: the height.
+    roll_sigma_m: float = 0.05  #: Uncertainty of that lever, in any direction, m.
+    unsteady_s: float = 0.0  #: How long a force that is not gravity may already have lasted in stance, s; 0: left out.
+    gyro_bias_sigma_deg_s: float = 0.2  #: Gyro bias of a calibrated sensor, deg/s, before a rest has measured it.
+    gyro_bias_walk_deg_s: float = 1e-4  #: Its random walk, deg/s/sqrt(s): 0.004 deg/s in half an hour.
+    tilt_sigma_rest_deg: float = 0.3  #: Tilt after levelling at rest, deg: the accelerometer bias, with a margin.
+    tilt_sigma_deg: float = 2.0  #: Tilt after levelling in a stance that is no rest, deg: 0.3 m/s^2 of motion.
+    gravity: float = GRAVITY_M_S2  #: m/s^2.
+    rest: RestParameters = field(default_factory=RestParameters)  #: Criteria for the rest in the first stance.
+    smoothed: bool = False  #: Smooth backward over the pass (`fg_nav.ekf.rts`).
 
 
 OPENSHOE = IezParameters(
@@ -165,7 +147,8 @@ def filter_walk(
     """
     n, k, back = len(recording), len(rows), parameters.smoothed
     taped, stood = (n, int(stands[start.row :].sum())) if back else (1, 1)  # without a backward pass overwritten
-    track = allocate_track(n, k)
+    path = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3, 3)), np.full(n, np.nan)
+    track = Track(*path, np.empty((k, 3)), np.empty((k, SIZE, SIZE)), np.full((k, 4), np.nan))
     tape = Tape(np.zeros((taped, 6)), np.empty((stood, 3, ROW)), np.zeros((k, 3, ROW + SIZE)))
     h = np.append(np.diff(recording.t), recording.period_s)
     extra = map(np.ascontiguousarray, find_extra_sigmas(recording, parameters.saturated_share))
@@ -174,14 +157,14 @@ def filter_walk(
     noise, stance = make_noise_models(parameters)
     gravity = parameters.gravity
     if not back:
-        _step_backward(start.row, samples, _copy(state), gravity, track)
+        _step_backward(start.row, samples, state, gravity, track)
     used = make_pseudo_measurements(k) if pseudo is None else pseudo
     considered = np.zeros(SIZE)
     considered[ATTITUDE + 2] = start_sigma
     _forward(start.row, samples, stands, rows, state, P, noise, stance, used, considered, gravity, back, track, tape)
     if back:
         smooth_backward(start.row, samples, stands, rows, noise, gravity, track, tape)
-        _step_backward(start.row, samples, _copy(view_state(start.row, track, tape)), gravity, track)
+        _step_backward(start.row, samples, view_state(start.row, track, tape), gravity, track)
     finite = np.isfinite(track.position).all(axis=1)
     if not finite.all():
         at_s = recording.t[np.argmin(finite)]
@@ -291,7 +274,9 @@ def propagate_considered(considered: Floats, state: NavState) -> None:
 
 
 @njit(cache=True)
-def _step_backward(first: int, samples: Samples, state: NavState, gravity: float, track: Track) -> None:
+def _step_backward(first: int, samples: Samples, start: NavState, gravity: float, track: Track) -> None:
+    position, velocity, R, gyro_bias, acc_bias = start
+    state = NavState(position.copy(), velocity.copy(), R.copy(), gyro_bias, acc_bias)
     turn, delta_v = np.empty((3, 3)), np.empty(3)
     for i in range(first - 1, -1, -1):
         strapdown(state, samples.acc[i], samples.gyr[i], -samples.h[i], gravity, turn, delta_v)
@@ -322,10 +307,6 @@ def make_noise_models(p: IezParameters) -> tuple[MotionNoise, StanceNoise]:
         p.gravity,
     )
     return noise, stance
-
-
-def _copy(state: NavState) -> NavState:
-    return NavState(*(part.copy() for part in state))
 
 
 def make_solution(
@@ -379,10 +360,7 @@ UNUSED = "the filter does not use the magnetometer"  # Reason at every footfall.
 
 
 def run_iez(
-    recording: Recording,
-    stances: Stances,
-    parameters: IezParameters = IezParameters(),
-    heading: float = 0.0,
+    recording: Recording, stances: Stances, parameters: IezParameters = IezParameters(), heading: float = 0.0
 ) -> Solution:
     """IEZ: strapdown navigation, updated while the foot stands (INS + EKF + ZUPT), without the magnetometer.
 

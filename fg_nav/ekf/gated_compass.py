@@ -25,14 +25,7 @@ import numpy as np
 
 from fg_nav.arrays import Bools
 from fg_nav.detection.rest import Start, find_start
-from fg_nav.ekf.core import (
-    GAUGE_SIGMA,
-    IezParameters,
-    compile_filter,
-    describe_start,
-    filter_walk,
-    make_solution,
-)
+from fg_nav.ekf.core import GAUGE_SIGMA, IezParameters, compile_filter, describe_start, filter_walk, make_solution
 from fg_nav.ekf.measurements import PseudoMeasurements, make_pseudo_measurements
 from fg_nav.ekf.rts import Track
 from fg_nav.errors import EstimationError
@@ -47,20 +40,15 @@ from fg_nav.stances import Stances
 class GatedCompassParameters:
     """Detector and noises of the compass; noises of sensor and foot."""
 
-    detector: Detector
-    """Decides at which footfalls the compass is used."""
-    compass_sigma_deg: float = 10.0
-    """Of the heading of a footfall's field: the deviation of the place, alike at neighboring footfalls."""
+    detector: Detector  #: Decides at which footfalls the compass is used.
+    compass_sigma_deg: float = 10.0  #: Of the heading of a footfall's field: the deviation of the place.
     start_sigma_deg: float = 20.0
     """Of the heading of the first footfall's field, where no heading is given; a considered state until the detector
     passes a footfall (`fg_nav.ekf.core.propagate_considered`), so that without any the walk is that of the IEZ. With
     the backward pass it is in P from the start."""
-    levelled_by_force: bool = False
-    """Level the field by the stance's mean specific force, as printed; else by the filter's attitude."""
-    declination_deg: float = 0.0
-    """Of magnetic north, clockwise from true north."""
-    inertial: IezParameters = field(default_factory=IezParameters)
-    """Sensor and foot."""
+    levelled_by_force: bool = False  #: Level the field by the mean specific force, as printed; else by the attitude.
+    declination_deg: float = 0.0  #: Of magnetic north, clockwise from true north.
+    inertial: IezParameters = field(default_factory=IezParameters)  #: Sensor and foot.
 
 
 def run_gated_compass(
@@ -112,7 +100,7 @@ def filter_with_compass(
         at_start = find_first_heading(field) + float(np.radians(parameters.declination_deg))
         sigma = float(np.radians(parameters.start_sigma_deg))
         variance = pseudo.compass_variance.copy()
-        variance[find_first_measured(field)] = np.nan
+        variance[np.flatnonzero(np.isfinite(field.strength))[0]] = np.nan  # of the first footfall that has a field
         pseudo = pseudo._replace(compass_variance=variance)
     start = find_start(recording, stances, at_start, core.rest)
     sigmas = (max(sigma, GAUGE_SIGMA), 0.0) if core.smoothed else (GAUGE_SIGMA, sigma)
@@ -160,10 +148,5 @@ def measure_compass(field: FootfallField, used: Bools, parameters: GatedCompassP
 
 def find_first_heading(field: FootfallField) -> float:
     """Magnetic heading (rad) at the start: of the first footfall that has a field, less the turn since the start."""
-    k = find_first_measured(field)
+    k = int(np.flatnonzero(np.isfinite(field.strength))[0])
     return float(field.heading_difference[k]) + float(field.gyro_heading[0])
-
-
-def find_first_measured(field: FootfallField) -> int:
-    """First footfall that has a field."""
-    return int(np.flatnonzero(np.isfinite(field.strength))[0])

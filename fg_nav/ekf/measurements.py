@@ -5,13 +5,11 @@ point about which it rolls. With the angular rate w, both in nav,
 
     v = w x l + noise,    l = (0, 0, height) + unknown part.
 
-v = 0 makes strides too short, in the median by 2 % on motion-captured walks. The height is the mean lever: sensors sit
-5 to 10 cm above the sole, and the point moves. The unknown part, in any direction, is noise that grows with the rate;
-constant for a while, it has the density sigma |w| sqrt(2 tau). At rest both vanish and a small floor is left. The lever
-may also be given in the body frame, as estimated from a recording (`fg_nav.detection.rolling_lever`). A foot whose
-specific force f is not gravity has begun to move: with the time for which that may have lasted, the velocity has the
-further standard deviation unsteady | |f| - g |, again as a density. H leaves out how attitude and gyro bias enter
-through w x l: the lever times a hundredth of a radian.
+v = 0 makes strides too short, in the median by 2 % on motion-captured walks. The height is the mean lever, or the lever
+is given in the body frame (`fg_nav.detection.rolling_lever`). The unknown part is noise, constant for a while, of
+density sigma |w| sqrt(2 tau), with a small floor at rest. A foot whose specific force f is not gravity has begun to
+move: the velocity has the further standard deviation unsteady | |f| - g |, again as a density. H leaves out how
+attitude and gyro bias enter through w x l: the lever times a hundredth of a radian.
 
 Attitude. The error dphi is a rotation in nav, R_estimate = Exp(dphi) R_true (`fg_nav.ekf.covariance`), so that a vector
 v of nav appears to the estimate as v + dphi x v.

@@ -85,8 +85,7 @@ MATCHED = IezParameters(
 class MatchedParameters(GatedCompassParameters):
     """As of the gated compass, with the matched core."""
 
-    inertial: IezParameters = MATCHED
-    """Sensor and foot, the lever estimated where none is given."""
+    inertial: IezParameters = MATCHED  #: Sensor and foot, the lever estimated where none is given.
 
 
 def match_compass(compass: GatedCompassParameters) -> MatchedParameters:

@@ -89,19 +89,6 @@ class Tape(NamedTuple):
     footfall: Floats
 
 
-def allocate_track(samples: int, footfalls: int) -> Track:
-    """Track to be written by a pass."""
-    return Track(
-        np.empty((samples, 3)),
-        np.empty((samples, 3)),
-        np.empty((samples, 3, 3)),
-        np.full(samples, np.nan),
-        np.empty((footfalls, 3)),
-        np.empty((footfalls, SIZE, SIZE)),
-        np.full((footfalls, 4), np.nan),
-    )
-
-
 @njit(cache=True)
 def propagate_information(information: Floats, turn: Floats, delta_v: Floats, h: float) -> None:
     """Replace Lambda (15, 15) by F^T Lambda F in place; it stays exactly symmetric."""

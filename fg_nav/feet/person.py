@@ -12,7 +12,7 @@ Its error is that of one foot and half of what the other one's differs by,
 
 the latter known at the cells of steps (`steps`) and interpolated between. How the two go together is left out: in
 simulated walks of feet that step in turn sigmas are by 2 % larger for that at most. Where for long no steps tie the
-feet the difference is that of footfalls which nothing ties (`smoother.feet_factors.WATCHED_S`).
+feet the difference is that of footfalls which nothing ties (`smoother.feet.WATCHED_S`).
 """
 
 from __future__ import annotations

@@ -33,8 +33,7 @@ from fg_nav.online.options import OnlineOptions
 from fg_nav.online.resolve import WalkSolution, build_anchor, marginalize_at, solve_alone
 from fg_nav.online.solving import Task, WalkSolver
 from fg_nav.online.strides import list_variables
-from fg_nav.smoother.feet import SolvedFeet, solve_feet
-from fg_nav.smoother.feet_factors import list_footfalls
+from fg_nav.smoother.feet import SolvedFeet, list_footfalls, solve_feet
 from fg_nav.smoother.solver import UNSOLVED, list_attitudes
 
 MIN_CELLS = 6  # That tie two feet in progress: the first ones are small, and each foot alone turns by its own drift.

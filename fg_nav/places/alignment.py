@@ -20,11 +20,8 @@ the logarithm of its odds. How long a stretch is follows from the data: it goes 
 blocks that are candidates all S are computed row by row. Each alignment carries its begin, and what is listed of each
 begin is the best end. The opposite direction is the same on reversed features: j then counts from the end.
 
-Chance. The likelihood ratio is that of a model: values of neighbouring points that are independent, a field without
-favourite shapes, one pair of stretches and not the best of many. What a score is worth the walk itself shows. With its
-field negated it is aligned with itself over the very same pairs of stretches. The negated field is as rough, has the
-same spectra and the same relation of along to up (a potential's, of sources below or above), and belongs to no place of
-the walk: all that is found are chance alignments, in the area that was searched or, of a large one, in an even part.
+Chance. With its field negated the walk is aligned with itself over the very same pairs of stretches: the negated field
+is as rough, has the same spectra, and belongs to no place of the walk.
 
 The scores of best local alignments of unrelated sequences have an exponential tail (Karlin and Altschul 1990). Of those
 above u = `MIN_LISTED` there were n in an area A. Then

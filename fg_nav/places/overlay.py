@@ -1,9 +1,5 @@
 """A piece of a walk laid on an earlier one as a whole: for fields that only long wavelengths show.
 
-An alignment (`alignment`) goes on point by point, with the field in a band that a filter cuts out. Where steel is some
-meters away, what there is of it is in wavelengths of 5 to 40 m: too few in a piece of 40 m for a filter, whose response
-reaches over the ends. But odometry is good to a hundredth, so such a piece keeps its shape, and is compared as a whole.
-
 Symbols: f (3 n,) uT the field at the n points of the piece, along, left and up (`signature`), g_j that at the points
 from j on of the known walk, which is C, a covariance (3 n, 3 n), about its mean; psi_i the heading of the piece.
 
@@ -35,7 +31,6 @@ and it is at most `USUAL_DECAY`.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -95,8 +90,16 @@ def overlay_known(path: Signature, known: Signature) -> Recognition:
     decay = find_decay(np.concatenate([_compare(_describe(path, k, old), -old.field).ravel() for k in some]))
     chance = ChanceLevel(count * float(np.exp(-decay * MIN_LISTED)), decay)
     found = list[Stretch]()
+    least = chance.score_of(MAX_EXPECTED)
     for k in begins:
-        found += _list_stretches(k, _compare(_describe(path, k, old), old.field), size, chance)
+        # what chance does not explain of a piece, the best of those that lie next to each other
+        later, left = np.arange(k, k + size, dtype=float), _compare(_describe(path, k, old), old.field)
+        while left.max() >= least:
+            way, j = np.unravel_index(left.argmax(), left.shape)
+            earlier, score = np.arange(j, j + size, dtype=float), float(left[way, j])
+            expected = float(chance.expected(np.array(score)))
+            found.append(Stretch(later, earlier[::-1] if way else earlier, bool(way), score, expected))
+            left[way, max(j - BESIDE, 0) : j + BESIDE + 1] = -np.inf
     return Recognition(tuple(sorted(found, key=lambda one: -one.score)), chance, count * size * SPACING_M**2)
 
 
@@ -163,17 +166,3 @@ def find_decay(scores: Floats) -> float:
     if excess(USUAL_DECAY) <= 0.0:
         return USUAL_DECAY
     return float(brentq(excess, MIN_DECAY, USUAL_DECAY)) if excess(MIN_DECAY) < 0.0 else MIN_DECAY
-
-
-def _list_stretches(begin: int, scores: Floats, size: int, chance: ChanceLevel) -> Iterator[Stretch]:
-    """Yield what chance does not explain of a piece, the best of those that lie next to each other."""
-    later, left = np.arange(begin, begin + size, dtype=float), scores.copy()
-    least = chance.score_of(MAX_EXPECTED)
-    while left.max() >= least:
-        way, j = np.unravel_index(left.argmax(), left.shape)
-        earlier = np.arange(j, j + size, dtype=float)
-        score = float(left[way, j])
-        yield Stretch(
-            later, earlier[::-1] if way else earlier, bool(way), score, float(chance.expected(np.array(score)))
-        )
-        left[way, max(j - BESIDE, 0) : j + BESIDE + 1] = -np.inf

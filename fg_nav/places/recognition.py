@@ -19,25 +19,18 @@ with the odds of their scores only,
 
     expected_a = expected(S_a) + sum over rivals b of exp(-lambda (S_a - S_b) + (D_a^2 - D_b^2) / 2).
 
-A building that repeats itself thereby takes its own recognitions back.
-
 A long walk is searched part by part, of `PART_M` each. What of a part was recognized for sure is compared with no later
-one: what comes back to it finds its first pass too. So the cost grows with the ground that is covered times the walk,
-and not with the square of the laps.
+one, so the cost grows with the ground that is covered times the walk.
 
-Tie. A stretch as a tie of two poses is, along the path, as sharp as the alignment, the mean of its steps over
-`AVERAGE_M`; to the side it has the freedom of a corridor, for who walks it again does not walk in his own footprints,
-and the field does not show by how much.
+Tie. Along the path as sharp as the alignment, a mean over `AVERAGE_M`; to the side as wide as a corridor.
 
-Sharpness. An alignment is the best of many. On a rough floor half a metre on or back is far less likely; where the
-field hardly changes all of two metres are as good. So a piece of a stretch is weighed at shifts s of the earlier pass
-about its alignment. With L(i, j) the log likelihood ratio of points i and j, between two points by a cubic spline of
-the features, and all s as likely before,
+Sharpness. A piece of a stretch is weighed at shifts s of the earlier pass about its alignment. With L(i, j) the log
+likelihood ratio of points i and j, between two points by a cubic spline of the features, and all s as likely before,
 
     p(s) ~ exp(sum over the piece of L(i, j_i + s)),    |s| <= `REACH_M`,
 
 the piece is at the mean of p, and its sigma along the path is that of p: `REACH_M` / sqrt 3 where the field shows
-nothing. L counts only as many points as the field's band has independent ones, so p is as wide as they allow.
+nothing.
 
 Consistency. One false tie shall not bend a walk. Symbols: of stretch a the points i_a (later) and j_a (earlier) of its
 middle, their positions p; psi_a by how much the path's heading turned between the two passes: the mean difference of

@@ -14,20 +14,16 @@ so that a foot counts while it moves and a stance, however long, is one point of
 
     b_along = b . u,    b_left = b . l,    b_up.
 
-D b_along is the step of the magnetic potential, which does not depend on the way between its ends, nor much on the
-height of the swing. This mean repeats; the value at a footfall does not: on simulated rough floors whose passes lie
-0.35 m (rms) aside of each other, the coherence of two passes at wavelengths of 5 to 10 m is 0.92-0.95, 0.7-0.8,
-0.6-0.9 (along, left, up) of the mean over distance, and 0.70, 0.5, 0.6 of footfall values
-(`scripts/place_recognition.py coherence`).
+D b_along is the step of the magnetic potential. This mean repeats, and the value at a footfall does not: coherence of
+two passes 0.35 m (rms) apart, wavelengths of 5 to 10 m, 0.92-0.95, 0.7-0.8, 0.6-0.9 (along, left, up) against 0.70,
+0.5, 0.6 (`scripts/place_recognition.py coherence`).
 
-The components turn with the path: a heading that is wrong by a constant or a slow drift changes none of them. The
-walking direction is that of a chord of 3 m, which does not follow the steps. In reverse of the walk b_along and b_left
-change sign and b_up does not.
+The walking direction is that of a chord of 3 m. In reverse of the walk b_along and b_left change sign, b_up does not.
 
 Earth and iron
 --------------
-What is the same everywhere says nothing about a place. In nav that is the Earth's field e, which slowly turns as the
-path's heading drifts; in the walking frame the iron h of shoe and sensor:
+In nav, the Earth's field e, which slowly turns as the path's heading drifts; in the walking frame, the iron h of shoe
+and sensor:
 
     b(d) = Rot(-psi(d)) e(d) + h + deviation(d),
 
@@ -46,19 +42,15 @@ simulated floors and on the phones of `magnetic_paths`). Their signs in the oppo
 
 Whitening
 ---------
-The deviation has most power at long wavelengths: plain correlation would be decided by one or two of its waves. With
-its spectrum S(k), Welch's over the walk, and that of what two readings at one place differ by, N, the filter
+With the spectrum S(k) of the deviation, Welch's of the walk, and N, that of the difference of two readings, the filter
 
     W(k) = band(k) / sqrt(S(k) + N)
 
-gives all wavelengths in the band the same weight, which is what their likelihood ratio asks for (Whittle 1953). The
-band is from `MAX_M`, beyond which drift and the Earth are, to `MIN_M`, below which passes that lie some decimetres
-aside of each other do not repeat, and where the height of a swinging foot shows.
+gives all wavelengths in the band the same weight, as their likelihood ratio has it (Whittle 1953). The band is from
+`MAX_M`, beyond which drift and the Earth are, to `MIN_M`, below which passes some decimetres apart do not repeat.
 
-The result x is divided by its own rms a(d) over `LOCAL_M`: a quiet corridor compares as a rough one does, and one large
-object does not decide. Of a^2 the share q = 1 - n^2 / a^2 is the field's, n^2 being N's part; where it is small a quiet
-place resembles any other quiet one, and says nothing. A deviation beyond `MAX_SIGMAS` robust ones, as within a hand's
-breadth of iron, is limited to these.
+The result x is divided by its own rms a(d) over `LOCAL_M`. Of a^2 the share q = 1 - n^2 / a^2 is the field's, n^2 being
+N's part. A deviation beyond `MAX_SIGMAS` robust ones is limited to these.
 """
 
 from __future__ import annotations

@@ -6,17 +6,11 @@
 
 Offset and tendency are a state P of each footfall:
 
-offset    wind, ventilation and doors, a random walk of `DRIFT_PA`: 5 Pa (0.4 m) in a minute, 10 Pa in five. Spectra
-          of surface pressure fall with f^-2 to f^-2.5 from minutes to hours. A door that stays open, or a staircase
-          under the pressure of a lift, is a step, an outlier of the walk: Cauchy's loss. Days and buildings differ
-          threefold, and a walk of minutes does not show which: noise and the strides' own climb look like it.
+offset    of wind, ventilation and doors, a random walk of `DRIFT_PA`, with Cauchy's loss: doors left open are steps.
 tendency  of the weather, constant for hours: 1 hPa in three hours, the mean of the mid-latitudes, 33 Pa in one.
 
-Air of another temperature has heights larger by a scale of 0 +- `SCALE_SIGMA`, 15 +- 15 degC, one number of all stairs
-of a walk: it keeps them closed, up and down. It is not taken off, as the excess of the strides' climbs looks like it,
-and is counted in the sigmas as the moving foot is (`shared_errors`): the covariances of the walk grow by its second
-moment about zero with the walk's information on it, 0.4 m of an 8 m staircase where the pressure alone shows the
-height. A walk in progress has the prior instead, `SCALE_SIGMA` of the height above the start.
+Air of another temperature has heights larger by a scale of 0 +- `SCALE_SIGMA`, one number of a walk. It is not taken
+off, but counted in the sigmas as the moving foot is (`shared_errors`). A walk in progress has the prior instead.
 
 Noise of p_k is the recording's own, with parts that no recording shows,
 

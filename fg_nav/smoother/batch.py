@@ -31,6 +31,7 @@ from fg_nav.detection.rest import freeze_ends
 from fg_nav.errors import EstimationError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.magnetic import FootfallField
+from fg_nav.magnetic.quasi_static import UNKNOWN
 from fg_nav.recording import Recording
 from fg_nav.smoother.barometer import spread_scale
 from fg_nav.smoother.constraints import (
@@ -46,15 +47,7 @@ from fg_nav.smoother.constraints import (
 from fg_nav.smoother.dense_path import prepare_trajectory, trajectory_of
 from fg_nav.smoother.differential import add_differential_field, write_note
 from fg_nav.smoother.directions import follow_directions
-from fg_nav.smoother.field import (
-    FieldSolution,
-    FieldVerdict,
-    find_obstacle,
-    ignore_field,
-    sample_field,
-    solve_with_field,
-)
-from fg_nav.smoother.floors import write_floor_note
+from fg_nav.smoother.field import FieldSolution, FieldVerdict, find_obstacle, sample_field, solve_with_field
 from fg_nav.smoother.gauss_newton import FIRST_CONVERGENCE
 from fg_nav.smoother.graph import WalkProblem, count_factors, solve
 from fg_nav.smoother.gyro_bias import average_bias_prior
@@ -62,12 +55,7 @@ from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.places import mark_returns, tie_places
 from fg_nav.smoother.problem import walk_problem
 from fg_nav.smoother.sensitivity import FootfallCovariance, weigh_path
-from fg_nav.smoother.shared_errors import (
-    WalkScale,
-    estimate_gyro_scale,
-    spread_clipped_peaks,
-    spread_moving_foot,
-)
+from fg_nav.smoother.shared_errors import WalkScale, estimate_gyro_scale, spread_clipped_peaks, spread_moving_foot
 from fg_nav.smoother.solver import Solved, list_covariances, list_table_keys, stance_table
 from fg_nav.solution import Return, Solution
 from fg_nav.stances import Stances
@@ -193,7 +181,9 @@ def solve_walk(problem: WalkProblem, field: FootfallField | None, unseen: str = 
     # The field is compared along the solution, and joins it.
     if field is None or track is None or obstacle:
         del track  # as large as the recording
-        walk = SolvedWalk(problem, solve(problem), ignore_field(problem, obstacle))
+        unused, count = np.zeros(len(problem.nodes.result)), len(problem.nodes.result)
+        verdict = FieldVerdict((UNKNOWN,) * count, (obstacle,) * count, (), np.full(count, np.nan), unused)
+        walk = SolvedWalk(problem, solve(problem), verdict)
     else:
         sampled = sample_field(problem, field, track)
         del track
@@ -377,8 +367,11 @@ def prepare_solution(
     path_variance = joint.combine(weigh_path(table.position)[:, :, None])[0]
     distance_sigma_m, graph = float(np.sqrt(path_variance[0, 0])), count_factors(problem)
     steps = f"solved in {format_count(solved.steps, 'Gauss-Newton step')}"
-    floors, differential = write_floor_note(problem.floor), write_note(problem.differential)
-    notes = (*problem.known.notes, steps, *floors, *differential, *verdict.notes)
+    floors = list[str]()
+    if problem.floor is not None and problem.floor.max(initial=-1) >= 0:
+        count, on = format_count(int(problem.floor.max()) + 1, "level floor"), int(np.count_nonzero(problem.floor >= 0))
+        floors.append(f"{count} with {on} of {format_count(len(problem.floor), 'footfall')}")
+    notes = (*problem.known.notes, steps, *floors, *write_note(problem.differential), *verdict.notes)
     trajectory = prepare_trajectory(recording, problem.nodes, solved.values, p.gravity)
 
     def finish() -> Solution:

@@ -24,10 +24,8 @@ Without a heading that was given the walk is first turned to where the error is 
 A robust noise model is linearized by the weight that it has there (iteratively reweighted least squares): its loss is
 not the half square of that, and the solver, which compares the two, takes the difference `excess` into account.
 
-Floors (`factors.FloorHeight`), where the walk shows them (`floors.find_floors`). Each has its height Z as a variable.
-Factors from footfall to footfall would do without, but sum up to a walk of their own: after a thousand strides a floor
-of factors of 2 cm is as steep as 0.6 m. A variable costs one row in each clique between the first footfall on a floor
-and the last.
+Floors (`factors.FloorHeight`), where the walk shows them (`floors.find_floors`), have their height Z as a variable:
+factors from footfall to footfall would sum up to a walk of their own, 0.6 m after a thousand strides of 2 cm.
 
 Known places (`fg_nav.places.location`). The walk is solved in axes of the known frame, about its start as located
 there. A known place q (3,) m, c (3,) m from a footfall in body axes, is
@@ -148,8 +146,8 @@ class OwnFactors(GtsamFactors):
         linear = self._graph.linearize(values)
         forth, here, back = (linear.error(_move(self._graph, values, turn)) for turn in (1.0, 0.0, -1.0))
         information = float(forth - 2.0 * here + back)
+        # Sigma that they leave of the heading at the start, rad; infinite where they show nothing of it.
         self.heading_sigma = information**-0.5 if information > 0.0 else float("inf")
-        """Sigma that they leave of the heading at the start, rad; infinite where they show nothing of it."""
 
     def excess(self, values: gtsam.Values) -> float:
         """Robust-loss excess; zero for quadratic factors."""
@@ -159,7 +157,18 @@ class OwnFactors(GtsamFactors):
     def best_turn(self, values: gtsam.Values) -> float:
         """Turn about up and the start, rad counter-clockwise, of `TURNS`, that fits a walk best to them."""
         turns = np.linspace(0.0, 2 * np.pi, TURNS, endpoint=False)
-        errors = [self.error(_turned(self._graph, values, turn)) for turn in yaw_rotation(turns)]
+        errors = list[float]()
+        for turn in yaw_rotation(turns):
+            turned, about = gtsam.Values(), gtsam.Pose3(gtsam.Rot3(turn), np.zeros(3))
+            for key in self._graph.keyVector():
+                letter = gtsam.Symbol(key).chr()
+                if letter == ord("x"):
+                    turned.insert(key, about.compose(values.atPose3(key)))
+                elif letter == ord("v"):
+                    turned.insert(key, turn @ values.atVector(key))
+                else:
+                    turned.insert(key, values.atConstantBias(key))
+            errors.append(self.error(turned))
         return float(turns[int(np.nanargmin(errors))])
 
 
@@ -217,20 +226,6 @@ def _move(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, turn: float) 
             step = np.cross(UP, values.atVector(key))
         moved.insert(key, turn * step)
     return moved
-
-
-def _turned(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, turn: Floats) -> gtsam.Values:
-    """Values of the variables of a graph where the walk is turned about its start by a rotation (3, 3)."""
-    turned, about = gtsam.Values(), gtsam.Pose3(gtsam.Rot3(turn), np.zeros(3))
-    for key in graph.keyVector():
-        letter = gtsam.Symbol(key).chr()
-        if letter == ord("x"):
-            turned.insert(key, about.compose(values.atPose3(key)))
-        elif letter == ord("v"):
-            turned.insert(key, turn @ values.atVector(key))
-        else:
-            turned.insert(key, values.atConstantBias(key))
-    return turned
 
 
 @dataclass(frozen=True)

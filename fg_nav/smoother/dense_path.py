@@ -78,51 +78,50 @@ def dense_trajectory(
 
     Position in m, velocity in m/s, gyro bias in rad/s, accelerometer bias in m/s^2.
     """
-    h = np.append(np.diff(recording.t), recording.period_s)
-    (acc, gyr), n = recording.integrable, len(h)
-    p, v, R = empty_column(n, 3), empty_column(n, 3), empty_column(n, 3, 3)
+    samples, n = (
+        _HeldSamples(np.append(np.diff(recording.t), recording.period_s), *recording.integrable),
+        len(recording),
+    )
+    nodes = NavState(position, velocity, nav_R_body, gyro_bias, acc_bias)
+    path = Trajectory(empty_column(n, 3), empty_column(n, 3), empty_column(n, 3, 3))
     for first in range(0, len(sample), BLOCK_NODES):
         last = min(first + BLOCK_NODES, len(sample))
-        _fill(first, last, h, acc, gyr, sample, position, velocity, nav_R_body, gyro_bias, acc_bias, gravity, p, v, R)
+        _fill(first, last, samples, sample, nodes, gravity, path)
         drop_pages()
-    return Trajectory(p, v, R)
+    return path
+
+
+class _HeldSamples(NamedTuple):
+    """Time `h` (N,) s for which each is held, specific force `acc` and rate `gyr` (N, 3)."""
+
+    h: Floats
+    acc: Floats
+    gyr: Floats
 
 
 @njit(cache=True)
 def _fill(
-    first: int,
-    last: int,
-    h: Floats,
-    acc: Floats,
-    gyr: Floats,
-    sample: Ints,
-    position: Floats,
-    velocity: Floats,
-    nav_R_body: Floats,
-    gyro_bias: Floats,
-    acc_bias: Floats,
-    gravity: float,
-    p: Floats,
-    v: Floats,
-    R: Floats,
+    first: int, last: int, samples: _HeldSamples, sample: Ints, nodes: NavState, gravity: float, path: Trajectory
 ) -> None:
-    """Fill in the path behind the nodes `first` to `last`, to the next of each."""
+    """Fill in the path behind the nodes `first` to `last`, to the next of each; `nodes` has the states (M, ...)."""
+    p, v, R = path
+    h, position, velocity, nav_R_body = samples.h, nodes.position, nodes.velocity, nodes.nav_R_body
     m = len(sample)
     for j in range(first, last):
         if j == 0:
             write_state(position[j], velocity[j], nav_R_body[j], p, v, R, sample[j])
-            _integrate(h, acc, gyr, sample[j], j, gyro_bias[j], acc_bias[j], gravity, p, v, R)  # to the very first
+            _integrate(samples, sample[j], j, nodes.gyro_bias[j], nodes.acc_bias[j], gravity, path)  # to the very first
         end = sample[j + 1] if j + 1 < m else len(h) - 1
         before = _find_hole(h, sample[j], end) if j + 1 < m else end
         write_state(position[j], velocity[j], nav_R_body[j], p, v, R, sample[j])
-        _integrate(h, acc, gyr, sample[j], before, gyro_bias[j], acc_bias[j], gravity, p, v, R)
+        _integrate(samples, sample[j], before, nodes.gyro_bias[j], nodes.acc_bias[j], gravity, path)
         if before < end:
             behind = _find_hole(h, end - 1, sample[j] - 1) + 1
             write_state(position[j + 1], velocity[j + 1], nav_R_body[j + 1], p, v, R, end)
-            _integrate(h, acc, gyr, end, behind, gyro_bias[j], acc_bias[j], gravity, p, v, R)
-            _join(h, before, behind, p, v, R)
+            _integrate(samples, end, behind, nodes.gyro_bias[j], nodes.acc_bias[j], gravity, path)
+            _join(h, before, behind, path)
         elif j + 1 < m:
-            _meet(h, sample[j], end, position[j + 1], velocity[j + 1], nav_R_body[j + 1], p, v, R)
+            _meet(h, sample[j], end, position[j + 1], velocity[j + 1], nav_R_body[j + 1], path)
             write_state(position[j + 1], velocity[j + 1], nav_R_body[j + 1], p, v, R, end)
 
 
@@ -136,8 +135,9 @@ def _find_hole(h: Floats, first: int, last: int) -> int:
 
 
 @njit(cache=True)
-def _join(h: Floats, before: int, behind: int, p: Floats, v: Floats, R: Floats) -> None:
+def _join(h: Floats, before: int, behind: int, path: Trajectory) -> None:
     """Fill in between two holes or more: straight on, in the attitude of before."""
+    p, v, R = path
     duration, elapsed = 0.0, 0.0
     for i in range(before, behind):
         duration += h[i]
@@ -152,41 +152,25 @@ def _join(h: Floats, before: int, behind: int, p: Floats, v: Floats, R: Floats) 
 
 @njit(cache=True)
 def _integrate(
-    h: Floats,
-    acc: Floats,
-    gyr: Floats,
-    first: int,
-    last: int,
-    gyro_bias: Floats,
-    acc_bias: Floats,
-    gravity: float,
-    p: Floats,
-    v: Floats,
-    R: Floats,
+    samples: _HeldSamples, first: int, last: int, gyro_bias: Floats, acc_bias: Floats, gravity: float, path: Trajectory
 ) -> None:
     """Fill in from the state at sample `first` to `last` inclusive, forward or backward."""
+    p, v, R = path
     turn, push = np.empty((3, 3)), np.empty(3)
     state = NavState(p[first].copy(), v[first].copy(), R[first].copy(), gyro_bias, acc_bias)
     way = 1 if last > first else -1
     for i in range(first, last, way):
         held = min(i, i + way)  # a sample holds from its stamp to the next
-        strapdown(state, acc[held], gyr[held], way * h[held], gravity, turn, push)
+        strapdown(state, samples.acc[held], samples.gyr[held], way * samples.h[held], gravity, turn, push)
         write_state(state.position, state.velocity, state.nav_R_body, p, v, R, i + way)
 
 
 @njit(cache=True)
 def _meet(
-    h: Floats,
-    first: int,
-    last: int,
-    position: Floats,
-    velocity: Floats,
-    nav_R_body: Floats,
-    p: Floats,
-    v: Floats,
-    R: Floats,
+    h: Floats, first: int, last: int, position: Floats, velocity: Floats, nav_R_body: Floats, path: Trajectory
 ) -> None:
     """Bend the path between sample `first` and `last` so that it ends in the given state."""
+    p, v, R = path
     duration, elapsed = 0.0, 0.0
     for i in range(first, last):
         duration += h[i]

@@ -13,11 +13,9 @@ what it shows of the gyro bias (`factors.differential_field`), with what this wa
     gamma(r)     half the mean square per axis of differences of the field, in nav, between two samples of one swing
                  that are r apart, less sigma_n^2; median for mean; fitted by sigma^2 (1 - exp(-(r / l)^a))
 
-The information of a stretch is divided by max(1, chi^2 / freedom); beyond `MAX_CHI_SQUARE` the model is wrong, and the
-stretch is left out. The stretches of a bias variable are added, and limited by what is common to all of them. Stances
-and standings have each a limit of their own: a foot that rolls turns faster than one that stands, and what is wrong
-with the magnetometer's axes, its delay and the gyroscope's scale grows with that. A variable that contradicts gravity
-about the level axes is weakened (`LevelBias`).
+The information of a stretch is over max(1, chi^2 / freedom), none beyond `MAX_CHI_SQUARE`. The stretches of a bias
+variable are added, and limited by what is common to all stances and to all standings (`docs/magnetic.md`). A variable
+that contradicts gravity about the level axes is weakened (`LevelBias`).
 """
 
 from __future__ import annotations
@@ -126,33 +124,26 @@ def turn_stretches(recording: Recording, stretches: Stretches, position: Floats,
     """
     most, filled = int((stretches.stop - stretches.start).sum()), 0
     samples, number = [empty_column(most, *shape) for shape in ((3,), (3, 3), (3, 3), (3,))], np.empty(most, np.int64)
+    assert recording.mag is not None
     for first in range(0, len(gyro_bias), AT_ONCE):
-        some = _turn_some(recording, stretches, position, gyro_bias, slice(first, first + AT_ONCE))
-        part = slice(filled, filled := filled + len(some.stretch))
-        number[part] = some.stretch + first
-        of = some.body_field, some.rotation, some.bias_jacobian, some.position
+        # Samples of some stretches, numbered from the first of them.
+        some = slice(first, first + AT_ONCE)
+        count = (stretches.stop - stretches.start)[some]
+        stretch = np.repeat(np.arange(len(count)), count)
+        sample = np.arange(len(stretch)) - np.searchsorted(stretch, stretch) + stretches.start[some][stretch]
+        after = np.minimum(sample + 1, len(recording) - 1)
+        periods = np.where(after > sample, recording.t[after] - recording.t[sample], recording.period_s)
+        turned = relative_rotations(recording.integrable[1][sample], periods, stretch, gyro_bias[some])
+        # Those with a field.
+        seen = np.isfinite(recording.mag[sample, 0])
+        part = slice(filled, filled := filled + int(seen.sum()))
+        number[part] = stretch[seen] + first
+        of = recording.mag[sample[seen]], turned[0][seen], turned[1][seen], position[sample[seen]]
         for column, rows in zip(samples, of, strict=True):
             column[part] = rows
         drop_pages()
     field, rotation, jacobian, place = (column[:filled] for column in samples)
     return FieldStretches(field, rotation, jacobian, place, number[:filled], gyro_bias)
-
-
-def _turn_some(
-    recording: Recording, stretches: Stretches, position: Floats, gyro_bias: Floats, some: slice
-) -> FieldStretches:
-    """Turn the field of the samples of some stretches, counted from the first of them."""
-    assert recording.mag is not None
-    count = (stretches.stop - stretches.start)[some]
-    stretch = np.repeat(np.arange(len(count)), count)
-    sample = np.arange(len(stretch)) - np.searchsorted(stretch, stretch) + stretches.start[some][stretch]
-    after = np.minimum(sample + 1, len(recording) - 1)
-    periods = np.where(after > sample, recording.t[after] - recording.t[sample], recording.period_s)
-    rotation, jacobian = relative_rotations(recording.integrable[1][sample], periods, stretch, gyro_bias[some])
-    seen = np.isfinite(recording.mag[sample, 0])
-    sample, stretch = sample[seen], stretch[seen]
-    field, place = recording.mag[sample], position[sample]
-    return FieldStretches(field, rotation[seen], jacobian[seen], place, stretch, gyro_bias[some])
 
 
 def measure_noise(turned: FieldStretches) -> float:

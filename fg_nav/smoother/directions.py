@@ -3,13 +3,9 @@
     repeat   courses of the solution   -> alpha along the walk, s and P   -> path turned by its drift -> solved again
     `ROUNDS` times
 
-Displacements (`factors.BuildingDirection`). Between footfalls one stride apart a course is some degrees off on the
-straightest walk, as feet are set down beside the line, and these errors cancel from one stride to the next. So
-displacements are `STRIDES` long, and share no stride. A corner that begins within the last stride of one turns its
-course by a few degrees, which passes for a corridor, and does not cancel where a walk turns one way more often than the
-other: no footfall may stand farther off the line between the ends than people weave. Displacements lie in the middle of
-such a straight stretch. Courses along one leg have the error of its corridor in common. A leg counts as `LEG_COURSES`
-of them at most, of 2 deg each 1.2 deg; a corridor that is walked again counts again.
+Displacements (`factors.BuildingDirection`) are `STRIDES` long and share no stride: errors of how feet are set down
+cancel in them. They lie in the middle of straight stretches, from whose line no footfall is farther than people weave,
+so that no corner turns their course. A leg counts as `LEG_COURSES` of them at most.
 
 Tracking. The heading of the solution may have drifted by so much that courses at the end are nearer to the wrong
 direction. So alpha is tracked: in the frame of the drifted solution it is phi_k at displacement k, of course psi_k, a
@@ -24,12 +20,8 @@ solution, h_k the share of each displacement in its leg; q adds up to sigma^2 ov
 Markov model: Rabiner 1989), for each of some b; with the likeliest, s and P are estimated by expectation maximization.
 No assignment is made: the graph's mixture has the same four directions.
 
-Over a hole in the samples the heading is lost, and with it which direction is which: the pieces of the walk on either
-side (`split_drift`) have each an alpha of its own. The path is turned by phi_0 - phi_k, to start from; how much of that
-is drift, the graph estimates with all its factors. Where the courses are more likely to be anything there are no
-directions: `MIN_EVIDENCE`.
-
-Limit: walks that turn steadily by less than the drift that their sigmas allow are taken for drifting ones.
+The pieces of the walk on either side of a hole in the samples (`split_drift`) have each an alpha of their own. The path
+is turned by phi_0 - phi_k, to start from. Below `MIN_EVIDENCE` there are no directions. Limits: `docs/models.md`.
 """
 
 from __future__ import annotations
@@ -176,8 +168,16 @@ def follow_directions(problem: WalkProblem, solved: Solved) -> tuple[WalkProblem
 
 def add_directions(problem: WalkProblem, solved: Solved) -> tuple[WalkProblem, Mixture] | None:
     """Add the directions that a solution follows, with values turned to them; None where it shows none."""
-    nodes, drift = problem.nodes, split_drift(measure_heading_variance(problem, solved))
-    position = list_positions(nodes.result, solved.values)
+    # Variance of the heading at each footfall relative to that at the first one.
+    nodes, position = problem.nodes, list_positions(problem.nodes.result, solved.values)
+    joint = FootfallCovariance.of(solved, nodes, np.zeros((solved.root.total, 0)))
+    weights = np.zeros((len(joint.keys), 4, 1))
+    weights[0, 3] = 1.0
+    of_first, cross = joint.combine(weights)
+    yaw = joint.nav_T_body[:, 3:]
+    own = yaw @ list_covariances(joint.keys, solved.root, joint.shared) @ np.swapaxes(yaw, 1, 2)
+    drift = split_drift(np.asarray(own[:, 0, 0] + of_first[0, 0] - 2.0 * cross[:, 3, 0]))
+    # The directions that the courses of straight displacements follow.
     pairs = list_displacements(position)
     pairs = pairs[drift.piece[pairs[:, 0]] == drift.piece[pairs[:, 1]]]
     if not len(pairs):
@@ -214,17 +214,6 @@ def split_drift(variance: Floats) -> Drift:
     is_lost = growth > np.radians(LOST_DEG) ** 2
     left = variance - np.cumsum(np.where(is_lost, growth, 0.0))
     return Drift(float(np.sqrt(max(left.max(), 0.0))), np.cumsum(is_lost))
-
-
-def measure_heading_variance(problem: WalkProblem, solved: Solved) -> Floats:
-    """Variance (F,) rad^2 of the heading at each footfall relative to that at the first one."""
-    joint = FootfallCovariance.of(solved, problem.nodes, np.zeros((solved.root.total, 0)))
-    weights = np.zeros((len(joint.keys), 4, 1))
-    weights[0, 3] = 1.0
-    of_first, cross = joint.combine(weights)
-    yaw = joint.nav_T_body[:, 3:]
-    own = yaw @ list_covariances(joint.keys, solved.root, joint.shared) @ np.swapaxes(yaw, 1, 2)
-    return np.asarray(own[:, 0, 0] + of_first[0, 0] - 2.0 * cross[:, 3, 0])
 
 
 def track_directions(

@@ -2,51 +2,46 @@
 
     each foot     as a walk of its own (`batch`)                         -> its factors, with their noise and verdicts
     alignment     both paths turned and moved to each other              -> values to start from
-    ties          steps that are beside each other                       (`feet_factors`)
+    ties          steps that are beside each other                       (`factors.same_place`)
     solution      of all factors of both feet
     reach         where standing feet are too far apart: added, and solved again
     shared        errors that each foot's steps share (`shared_errors`), in the triangle of both
     paths         of each foot by its share of the triangle (`batch`), and of the person by both (`feet.person`)
 
-Each foot alone finds what only it can: rests, lever, noise, biases, what its field is worth. The graph of both has all
-these factors and the ties; the left foot's start is the gauge, and the right one's is free.
+Each foot alone shows rests, lever, noise, biases and the worth of its field. The graph of both has all these factors
+and the ties; the left foot's start is the gauge, and the right one's is free.
 
-The variables of the right foot have keys of their own (`feet_factors.RIGHT`), given to the linear factors only. The
-footfalls that are tied are eliminated last, the newest of them first: what lies between is a chain of each foot alone.
+Ties. In each cell of steps (`feet.steps`) the mean places of both feet, points next to the footfalls nearest to its
+middle, are beside each other: along the way to what a person steps evenly, across to how he keeps the width, up as the
+sensors are worn alike. Where for long there is no cell, pairs of footfalls have ties of zero weight, which keep both
+feet's joint covariance for the sigmas of the person. Pairs that stand at about one time are within reach: a factor
+where they are not, and of those with which the walk was solved before.
+
+The variables of the right foot have keys of their own (`RIGHT`), in the linear factors only. The footfalls that are
+tied are eliminated last, the newest of them first: what lies between is a chain of each foot alone.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from time import perf_counter
 
 import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import X
 
-from fg_nav.arrays import Complexes, Floats
+from fg_nav.arrays import Complexes, Floats, Ints
 from fg_nav.errors import EstimationError
 from fg_nav.factors.residual import LETTER_SHIFT, Keys, Stack
+from fg_nav.factors.same_place import BesideEachOther, WithinReach, weigh_place
 from fg_nav.feet.person import FeetSolution, PersonPath, trace_person
-from fg_nav.feet.steps import MIN_TURNS, average_cells, measure_turns
-from fg_nav.samples.gaps import list_unrecorded
+from fg_nav.feet.steps import MAX_S, MIN_TURNS, Footfalls, average_cells, measure_turns
+from fg_nav.samples.gaps import find_holes, list_unrecorded
 from fg_nav.smoother.batch import WalkInput, compile_smoother, fit_walk, prepare_solution
-from fg_nav.smoother.feet_factors import (
-    RIGHT,
-    WIDTH,
-    WIDTH_M,
-    FeetValues,
-    FootfallTies,
-    ReachFactors,
-    find_beyond_reach,
-    list_footfalls,
-    list_pose_keys,
-    mark_right,
-    tie_feet,
-)
 from fg_nav.smoother.gauss_newton import Minimum, find_minimum
 from fg_nav.smoother.graph import StartPrior, WalkProblem, turn_walk
+from fg_nav.smoother.places import find_footfalls
 from fg_nav.smoother.sensitivity import FootfallCovariance
 from fg_nav.smoother.solver import (
     Solved,
@@ -60,12 +55,224 @@ from fg_nav.smoother.solver import (
 from fg_nav.smoother.square_root import SquareRoot
 from fg_nav.solution import Solution
 
+ALONG_SIGMA_M, ACROSS_SIGMA_M, UP_SIGMA_M = 0.08, 0.05, 0.04  # Of a cell of a short walk; laps 0.03, 0.02, 0.005.
+STEPS_HALF = 2.0  # Steps of a cell in whose mean they differ as much as what a person does alike from step to step.
+WIDTH_M, WIDTH_SIGMA_M = 0.15, 0.1  # Between the sensors: people walk 0.05 to 0.2 m wide, with sensors outside.
+STAND_SIGMA_M, STAND_UP_SIGMA_M = 0.25, 0.15  # Between the feet of a person who stands still.
+STAND_SHARE = 0.5  # Of the usual time of a stride: who walks has both feet on the ground for a tenth to a fourth of it.
+SAME_STAND_M = 0.1  # Between stands of feet that have not moved since.
+MAX_GROWN_SIGMA = 2.0  # Of a stand: nobody who walks has both feet on the ground for half of a stride's time.
+NEAR_FOOTFALLS = 4  # Of the one foot, that are compared with one of the other.
+REACH_M, REACH_SIGMA_M = 1.2, 0.1  # Between two standing feet: what a tall person lunges, and soft edges.
+FLIGHT_M_S, MAX_FLIGHT_S = 3.0, 0.3  # Where neither is seen to stand the person moves on, for no longer.
+WATCHED_S = 15.0  # From the nearest cell, beyond which pairs are tied by nothing: cells of long walks are 20 s apart.
+RIGHT = np.uint64(1 << 40)  # Added to the keys of the right foot's variables in the graph of both.
+WIDTH = np.uint64(ord("w") << LETTER_SHIFT)  # Key of the width.
 FREE_PLACE_M, FREE_HEADING_DEG = 2.0, 60.0  # Sigmas of the right foot's start about its path beside the left.
 SMOOTH_S = 10.0  # Before and after, over which turns of the right foot's path against the left one's are averaged.
 AROUND_HOLE = 10  # Strides on either side of a hole in a recording, by which the path behind it is turned.
 FEET_CONVERGENCE = 5e-6  # Per variable: what both feet show weakly, the heading of all, to a part of its sigma.
 REACH_ROUNDS = 2  # Of adding reach.
 MIN_CELLS = 2  # Of steps that tie two feet: fewer do not show how they lie.
+
+
+@dataclass(frozen=True)
+class FeetValues:
+    """Values of all variables of both feet, and of the width, m."""
+
+    right: gtsam.Values
+    left: gtsam.Values
+    width: float
+
+
+def mark_right(keys: Keys) -> Keys:
+    """Return the keys of the right foot's variables in the graph of both."""
+    return np.asarray(keys, dtype=np.uint64) + RIGHT
+
+
+@dataclass(frozen=True)
+class FootfallTies:
+    """C pairs of footfalls `right`, `left` (C,) at nodes (C,), and the residuals.
+
+    The first `cells` of them stand for cells of steps, the others are tied by nothing.
+    """
+
+    right: Ints
+    left: Ints
+    right_node: Ints
+    left_node: Ints
+    residuals: BesideEachOther
+    cells: int
+
+    def __len__(self) -> int:
+        return len(self.right)
+
+    def evaluate(self, values: FeetValues, with_jacobians: bool) -> tuple[Floats, list[Floats]]:
+        """Return residuals (C, 3) and Jacobians."""
+        poses = list_poses(self.right_node, values.right), list_poses(self.left_node, values.left)
+        return self.residuals.evaluate((*poses, np.full((len(self), 1), values.width)), with_jacobians)
+
+    def stack(self, values: FeetValues) -> list[Stack]:
+        """Return them linearized, and the prior of the width."""
+        prior = np.array([[[1.0, WIDTH_M - values.width]]]) / WIDTH_SIGMA_M
+        stacks = [Stack(np.array([[WIDTH]]), prior)]
+        if len(self):
+            e, H = self.evaluate(values, True)
+            of_right, of_left = mark_right(list_pose_keys(self.right_node)), list_pose_keys(self.left_node)
+            keys = np.stack([of_right, of_left, np.full(len(self), WIDTH)], axis=1)
+            stacks.append(Stack(keys, np.concatenate([*H, -e[..., None]], axis=2)))
+        return stacks
+
+    def error(self, values: FeetValues) -> float:
+        """Half the sum of squares, with the prior of the width."""
+        of_cells = float((self.evaluate(values, False)[0] ** 2).sum()) if len(self) else 0.0
+        return 0.5 * (of_cells + ((values.width - WIDTH_M) / WIDTH_SIGMA_M) ** 2)
+
+
+@dataclass(frozen=True)
+class ReachFactors:
+    """Pairs of nodes `right`, `left` (P,) at which feet stand at about one time, `reach` (P,) m apart at most."""
+
+    right: Ints = field(default_factory=lambda: np.zeros(0, np.int64))
+    left: Ints = field(default_factory=lambda: np.zeros(0, np.int64))
+    reach: Floats = field(default_factory=lambda: np.zeros(0))
+
+    def __len__(self) -> int:
+        return len(self.right)
+
+    def evaluate(self, values: FeetValues, with_jacobians: bool) -> tuple[Floats, list[Floats]]:
+        """Return residuals (P, 1) and Jacobians."""
+        poses = list_poses(self.right, values.right), list_poses(self.left, values.left)
+        return WithinReach(self.reach, np.full(len(self), REACH_SIGMA_M)).evaluate(poses, with_jacobians)
+
+    def stack(self, values: FeetValues) -> list[Stack]:
+        """Return them linearized."""
+        if not len(self):
+            return []
+        e, H = self.evaluate(values, True)
+        keys = np.stack([mark_right(list_pose_keys(self.right)), list_pose_keys(self.left)], axis=1)
+        return [Stack(keys, np.concatenate([*H, -e[..., None]], axis=2))]
+
+    def error(self, values: FeetValues) -> float:
+        """Half the sum of squares."""
+        return 0.5 * float((self.evaluate(values, False)[0] ** 2).sum()) if len(self) else 0.0
+
+
+def list_pose_keys(nodes: Ints) -> Keys:
+    """List the keys (n,) of poses at nodes (n,)."""
+    return np.array([X(int(j)) for j in nodes], dtype=np.uint64)
+
+
+def list_footfalls(problem: WalkProblem, values: gtsam.Values) -> Footfalls:
+    """List the footfalls of a foot, in the middle of their standing."""
+    nodes, t = problem.nodes, problem.recording.t[problem.nodes.sample]
+    middle = 0.5 * (t[nodes.first[:-1]] + t[nodes.first[1:] - 1])
+    holes = problem.recording.t[find_holes(problem.recording.t)]
+    return Footfalls(middle, list_poses(nodes.result, values)[:, :3, 3].copy(), holes)
+
+
+def tie_feet(right: WalkProblem, left: WalkProblem, values: FeetValues) -> FootfallTies:
+    """Tie the cells of steps of two solved feet."""
+    feet = list_footfalls(right, values.right), list_footfalls(left, values.left)
+    cells = average_cells(*feet)
+    *stands, stand_sigma = _find_stands(right, left, feet)
+    # Each footfall in one tie only.
+    free = [np.setdiff1d(np.arange(len(foot)), taken) for foot, taken in zip(feet, stands, strict=True)]
+    count = np.arange(len(cells))
+    nearest = [
+        np.maximum.accumulate(find_footfalls(cells.t, foot.t[one]) - count) + count
+        for foot, one in zip(feet, free, strict=True)
+    ]
+    cells = cells.take((nearest[0] < len(free[0])) & (nearest[1] < len(free[1])))
+    by_tie = [
+        np.concatenate([one[near[: len(cells)]], taken]) for one, near, taken in zip(free, nearest, stands, strict=True)
+    ]
+    of_right, of_left = (np.concatenate(each) for each in zip(by_tie, _watch_between(feet, *by_tie), strict=True))
+    node = right.nodes.result[of_right], left.nodes.result[of_left]
+    poses = list_poses(node[0], values.right), list_poses(node[1], values.left)
+    in_body = [
+        np.einsum("kji,kj->ki", pose[: len(cells), :3, :3], place - pose[: len(cells), :3, 3])
+        for pose, place in zip(poses, (cells.right, cells.left), strict=True)
+    ]
+    normal = np.pad(cells.left_normal, ((0, 0), (0, 1)))
+    heading = np.arctan2(-normal[:, 0], normal[:, 1])
+    # The means of larger cells are those of more steps, and of few steps those of few.
+    times = np.sqrt(1.0 / cells.grown + STEPS_HALF / cells.steps)
+    along, across, up = np.array([ALONG_SIGMA_M, ACROSS_SIGMA_M, UP_SIGMA_M])[:, None] * times
+    weight = weigh_place(heading, along, across, up)
+    in_left = np.einsum("kji,kj->ki", poses[1][: len(cells), :3, :3], normal)
+    # Of who stands the sensors themselves are near each other, and it is not known which way.
+    in_body = [np.concatenate([one, np.zeros((len(stand_sigma), 3))]) for one in in_body]
+    near = np.array([STAND_SIGMA_M, STAND_SIGMA_M, STAND_UP_SIGMA_M])
+    weight = np.concatenate([weight, np.eye(3) / (near * stand_sigma[:, None])[:, None]])
+    # Pairs that nothing ties have a weight of zero.
+    rows = [
+        np.concatenate([one, np.zeros((len(of_right) - len(one), *one.shape[1:]))])
+        for one in (*in_body, in_left, weight)
+    ]
+    residuals = BesideEachOther(*rows)
+    return FootfallTies(of_right, of_left, *node, residuals, len(cells))
+
+
+def _find_stands(right: WalkProblem, left: WalkProblem, feet: tuple[Footfalls, Footfalls]) -> tuple[Ints, Ints, Floats]:
+    """Find pairs of footfalls (P,) at which the person stood with both feet, and by how much their sigmas grow (P,)."""
+    spans = [_list_spans(one) for one in (right, left)]
+    usual = np.median(np.concatenate([np.diff(foot.t) for foot in feet])) if min(map(len, feet)) > 1 else np.inf
+    first = np.searchsorted(spans[1][1], spans[0][0])
+    pairs, placed = list[tuple[int, int, float]](), list[Floats]()
+    for i, j in enumerate(first):
+        # Of the left foot's footfalls at that time the one that it shares the most of.
+        begin, end = (one[j : j + NEAR_FOOTFALLS] for one in spans[1])
+        shared = np.minimum(spans[0][1][i], end) - np.maximum(spans[0][0][i], begin)
+        if not len(shared) or shared.max() <= 0.0:
+            continue
+        k = int(j + shared.argmax())
+        grown = 1.0 + (STAND_SHARE * usual / shared.max()) ** 4
+        place = np.concatenate([feet[0].position[i], feet[1].position[k]])
+        is_same = bool(placed) and float(np.abs(place - placed[-1]).max()) < SAME_STAND_M
+        if grown < MAX_GROWN_SIGMA and not is_same and not (pairs and pairs[-1][1] == k):
+            pairs.append((i, k, grown))
+            placed.append(place)
+    of_right, of_left, grown_by = (np.array(column) for column in zip(*pairs, strict=True)) if pairs else ([], [], [])
+    return np.asarray(of_right, np.int64), np.asarray(of_left, np.int64), np.asarray(grown_by, np.float64)
+
+
+def _watch_between(feet: tuple[Footfalls, Footfalls], *by_tie: Ints) -> list[Ints]:
+    """Find pairs of footfalls, of no tie, where for long there is none."""
+    right, left = feet
+    cell_t = np.concatenate([[-np.inf], np.sort(left.t[by_tie[1]]), [np.inf]])
+    moment = np.arange(max(right.t[0], left.t[0]), min(right.t[-1], left.t[-1]), WATCHED_S)
+    after = np.searchsorted(cell_t, moment)
+    lonely = moment[np.minimum(moment - cell_t[after - 1], cell_t[after] - moment) > WATCHED_S]
+    pairs = np.stack([find_footfalls(lonely, foot.t) for foot in feet], axis=1)
+    apart_s = np.abs(right.t[pairs[:, 0]] - left.t[pairs[:, 1]])
+    is_new = [~np.isin(pairs[:, k], by_tie[k]) & (np.diff(pairs[:, k], prepend=-1) > 0) for k in range(2)]
+    return list(pairs[is_new[0] & is_new[1] & (apart_s < MAX_S)].T)
+
+
+def find_beyond_reach(right: WalkProblem, left: WalkProblem, values: FeetValues, known: ReachFactors) -> ReachFactors:
+    """Add to known pairs those of footfalls at about one time that are beyond reach."""
+    # The pairs of footfalls between which both feet were in the air for a moment, or for none.
+    (begin, end), (begin_left, end_left) = (_list_spans(problem) for problem in (right, left))
+    first = np.searchsorted(end_left, begin - MAX_FLIGHT_S)
+    count = np.maximum(np.searchsorted(begin_left, end + MAX_FLIGHT_S) - first, 0)
+    at = np.repeat(np.arange(len(count)), count)
+    at_left = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count) + np.repeat(first, count)
+    flight = np.maximum(begin[at] - end_left[at_left], begin_left[at_left] - end[at])
+    reach = REACH_M + FLIGHT_M_S * np.maximum(flight, 0.0)
+    pairs = ReachFactors(right.nodes.result[at], left.nodes.result[at_left], reach)
+    # Those beyond reach, with the known ones, each once.
+    beyond = np.flatnonzero(pairs.evaluate(values, False)[0][:, 0] > 0.0) if len(pairs) else np.zeros(0, np.int64)
+    parts = ((known.right, pairs.right), (known.left, pairs.left), (known.reach, pairs.reach))
+    joined = [np.concatenate([before, new[beyond]]) for before, new in parts]
+    _, each = np.unique(np.stack(joined[:2], axis=1), axis=0, return_index=True)
+    return ReachFactors(*(one[each] for one in joined))
+
+
+def _list_spans(problem: WalkProblem) -> tuple[Floats, Floats]:
+    """Begin and end (F,) of each footfall, s."""
+    nodes, t = problem.nodes, problem.recording.t[problem.nodes.sample]
+    return t[nodes.first[:-1]], t[nodes.first[1:] - 1]
 
 
 @dataclass(frozen=True)
@@ -172,17 +379,27 @@ def align_feet(right: WalkProblem, left: WalkProblem) -> tuple[WalkProblem, Feet
     The left one's heading at the start is the gauge.
     """
     of_right, of_left = gtsam.Values(right.values), gtsam.Values(left.values)
-    _turn_behind_holes(FeetValues(of_right, of_left, WIDTH_M), right, left)
+    # Behind a hole in its recording each path is turned as the other foot's goes on.
+    holes = [
+        (*span, of, problem, sign)
+        for of, problem, sign in ((of_right, right, -1.0), (of_left, left, 1.0))
+        for span in list_unrecorded(problem.recording.t)[1:-1]
+    ]
+    for begin, end, of, problem, sign in sorted(holes, key=lambda hole: hole[0]):
+        t, turn = measure_turns(list_footfalls(right, of_right), list_footfalls(left, of_left))
+        before, after = turn[t <= begin][-AROUND_HOLE:], turn[t >= end][:AROUND_HOLE]
+        if min(np.abs(before).sum(), np.abs(after).sum()) >= MIN_TURNS:
+            jump = float(np.angle(after.mean() / before.mean()))
+            turn_walk(of, problem.nodes, sign * jump * (problem.recording.t[problem.nodes.sample] >= end))
+    # The turn of one path against the other, half of it taken from each.
     turns = measure_turns(list_footfalls(right, of_right), list_footfalls(left, of_left))
     at_right, at_left = (_smooth_turn(*turns, one.recording.t[one.nodes.sample]) for one in (right, left))
     turn_walk(of_left, left.nodes, 0.5 * (at_left - at_left[0]))
     turn_walk(of_right, right.nodes, -0.5 * (at_right + at_left[0]))
     # The right path beside the left one, in the mean of all cells. Its factors hold no place: the start moves,
     # and all nodes with it.
-    cells, poses = (
-        average_cells(list_footfalls(right, of_right), list_footfalls(left, of_left)),
-        list_poses(range(len(right.nodes)), of_right),
-    )
+    cells = average_cells(list_footfalls(right, of_right), list_footfalls(left, of_left))
+    poses = list_poses(range(len(right.nodes)), of_right)
     if len(cells):
         beside = cells.left - cells.right
         beside[:, :2] -= WIDTH_M * cells.left_normal
@@ -192,22 +409,6 @@ def align_feet(right: WalkProblem, left: WalkProblem) -> tuple[WalkProblem, Feet
     start = of_right.atPose3(X(0))
     prior = StartPrior(start.rotation().matrix(), np.radians(FREE_HEADING_DEG), FREE_PLACE_M, start.translation())
     return replace(right, start=prior, values=of_right), FeetValues(of_right, of_left, WIDTH_M)
-
-
-def _turn_behind_holes(values: FeetValues, right: WalkProblem, left: WalkProblem) -> None:
-    """Turn each foot's path behind a hole in its recording as the other foot's goes on, in place."""
-    holes = [
-        (*span, of, problem, sign)
-        for of, problem, sign in ((values.right, right, -1.0), (values.left, left, 1.0))
-        for span in list_unrecorded(problem.recording.t)[1:-1]
-    ]
-    for begin, end, of, problem, sign in sorted(holes, key=lambda hole: hole[0]):
-        t, turn = measure_turns(list_footfalls(right, values.right), list_footfalls(left, values.left))
-        before, after = turn[t <= begin][-AROUND_HOLE:], turn[t >= end][:AROUND_HOLE]
-        if min(np.abs(before).sum(), np.abs(after).sum()) >= MIN_TURNS:
-            jump = float(np.angle(after.mean() / before.mean()))
-            behind = problem.recording.t[problem.nodes.sample] >= end
-            turn_walk(of, problem.nodes, sign * jump * behind)
 
 
 def _smooth_turn(at: Floats, turn: Complexes, t: Floats) -> Floats:
@@ -275,10 +476,8 @@ def smooth_feet(right: WalkInput, left: WalkInput, progress: Callable[[float], N
             "the two feet hardly take steps in turn: are they of one person at one time, and their clocks aligned? "
             "Run each of them by itself, or give --clock-offset."
         )
-    fitted = [
-        fitted[0].take_solution(solved.problem.right, solved.right),
-        fitted[1].take_solution(solved.problem.left, solved.left),
-    ]
+    of_each = ((solved.problem.right, solved.right), (solved.problem.left, solved.left))
+    fitted = [one.take_solution(*of) for one, of in zip(fitted, of_each, strict=True)]
     # The sigmas of both feet and of the person, and the dense paths.
     shared = np.hstack([one.shared_sqrt_covariance() for one in fitted])
     joints = [FootfallCovariance.of(one.walk.solved, one.walk.problem.nodes, shared) for one in fitted]

@@ -14,18 +14,13 @@ judged with the attitudes of the round: with T_k its statistic, of n squares, an
 
     sigma_k^2 = noise^2 + white^2 (2 + n T_k / median T) / (2 + n)         (`magnetic.quasi_static.weigh_statistic`)
 
-from the noise of a quiet field to none of the information. What deviates alike for metres and in whole regions are
-states (`field_factors`). The iron of the magnetometer has the prior of its calibration. Whether the line integrals are
-used is decided by the evidence of the walk; where its potential jumps the strides are left out (`potential`).
+What deviates alike for metres and in whole regions are states (`field_factors`). The iron of the magnetometer has the
+prior of its calibration. Strides where the potential jumps are left out (`potential`). Where a heading is given, the
+direction of the field is free about it; where not, the walk is first turned to the field, and its start is free.
 
-Whether a heading is given turns the path and changes nothing else: where it is, the direction of the field is free,
-estimated about the heading; where it is not, the start is, the walk is first turned to the field, and north is where
-the field points.
-
-Drift. Gauss-Newton steps find the heading by the compass where it is off by less than a radian: its residual has a
-second zero half a turn away. Without the field a heading drifts by more in minutes where no rest shows the bias, and in
-hours anywhere. So the values from which the solver starts are bent back; the minimum stays where it is. With z_k the
-field over ground at footfall k as the drifting heading has it, a complex number, and t_k the time,
+Drift. The residual of a compass has a second zero half a turn away, so a heading that drifted far is bent back to start
+from; the minimum stays where it is. With z_k the field over ground at footfall k as the drifting heading has it, a
+complex number, and t_k the time,
 
     rate     r = argmax  |sum z_k exp(-i r t_k)| / mean |z| - r^2 / (2 sigma_r^2)        a constant bias
     drift_k  = r t_k + angle of the mean of z exp(-i r t) over `WINDOW` footfalls about k, less that of the first
@@ -44,7 +39,7 @@ from gtsam.symbol_shorthand import X
 from fg_nav.arrays import Floats
 from fg_nav.factors.magnetic_field import E_H, IRON, FieldPrior
 from fg_nav.magnetic import FootfallField
-from fg_nav.magnetic.quasi_static import UNKNOWN, FieldVerdicts, apply_gate, weigh_statistic
+from fg_nav.magnetic.quasi_static import FieldVerdicts, apply_gate, weigh_statistic
 from fg_nav.smoother.dense_path import Trajectory
 from fg_nav.smoother.field_factors import (
     CompassReadings,
@@ -165,17 +160,26 @@ def solve_with_field(walk: FieldWalk) -> FieldSolution:
         factors = problem.field_factors
         if len(factors.potential):
             noise = average_path_noise(problem, solved.values)
-            problem, noise_notes = (
-                replace(problem, field=factors.assume_lost_share(noise.lost_share)),
-                (noise.note,),
-            )
+            problem, noise_notes = replace(problem, field=factors.assume_lost_share(noise.lost_share)), (noise.note,)
         # And solved again.
         problem = replace(problem, values=solved.values)
         return_freed()
         problem, solved = free_jumps(problem, solve(problem))
     states, verdicts = problem.field_factors.states(solved.values), residuals.verdicts
-    notes = (*write_notes(residuals, states), *noise_notes, *describe_jumps(problem, solved))
-    weight = weigh_compass(residuals.sigma_uT, residuals.rough)
+    # Notes.
+    east, north = np.median(states[:, E_H], axis=0)
+    forward, left, up = states[-1, IRON]
+    rough, used, count = residuals.rough, int(np.isfinite(residuals.sigma_uT).sum()), len(residuals.sigma_uT)
+    notes = (
+        f"field over ground {np.hypot(east, north):.1f} uT, {np.degrees(np.arctan2(east, north)):+.1f} deg from north; "
+        f"the compass of {used} of {count} footfalls weighs (gate {residuals.verdicts.detector})",
+        f"it deviates by {rough.white_uT:.1f} uT from stride to stride, {_write(rough.across, 'uT')}, by region "
+        f"{_write(rough.regional, 'uT')}, its potential by {_write(rough.potential, 'uT m')}",
+        f"hard iron left in the stance's axes: {forward:.1f}, {left:.1f}, {up:.1f} uT",
+        *noise_notes,
+        *describe_jumps(problem, solved),
+    )
+    weight = weigh_compass(residuals.sigma_uT, rough)
     verdict = FieldVerdict(verdicts.words, verdicts.reason, notes, verdicts.statistic, weight)
     return FieldSolution(problem, solved, states, verdict)
 
@@ -235,13 +239,6 @@ def find_obstacle(field: FootfallField | None, p: FieldParameters) -> str:
     return ""
 
 
-def ignore_field(problem: WalkProblem, reason: str) -> FieldVerdict:
-    """Return the verdict on a walk whose field is not used."""
-    footfalls = len(problem.nodes.result)
-    unjudged, unused = np.full(footfalls, np.nan), np.zeros(footfalls)
-    return FieldVerdict((UNKNOWN,) * footfalls, (reason,) * footfalls, (), unjudged, unused)
-
-
 def rotate_field(field: FootfallField, nav_R_body: Floats) -> Floats:
     """Rotate the field at the footfalls into nav, (F, 3) uT."""
     return np.asarray(np.einsum("kij,kj->ki", nav_R_body, field.body_field))
@@ -284,11 +281,7 @@ def compare_field(
 
 
 def add_field_factors(
-    problem: WalkProblem,
-    field: FootfallField,
-    residuals: FieldResiduals,
-    path: FieldPath,
-    p: FieldParameters,
+    problem: WalkProblem, field: FootfallField, residuals: FieldResiduals, path: FieldPath, p: FieldParameters
 ) -> WalkProblem:
     """Add the factors of the field to a walk, in place of those of the round before."""
     readings = CompassReadings(problem.nodes.result, field.body_field, residuals.nav_R_body, residuals.sigma_uT)
@@ -305,20 +298,6 @@ def add_field_factors(
     sigma = np.array([*spreads, direction_sigma * strength, STRENGTH_SIGMA_UT, *iron])
     prior = FieldPrior(np.array([0.0, 0.0, 0.0, 0.0, east, north, 0.0, 0.0, 0.0]), sigma)
     return replace(problem, field=FieldFactors(readings, path, prior, residuals.rough, p))
-
-
-def write_notes(residuals: FieldResiduals, states: Floats) -> tuple[str, ...]:
-    """Write notes on the field, with its states (F, 9)."""
-    east, north = np.median(states[:, E_H], axis=0)
-    forward, left, up = states[-1, IRON]
-    rough, used, count = residuals.rough, int(np.isfinite(residuals.sigma_uT).sum()), len(residuals.sigma_uT)
-    return (
-        f"field over ground {np.hypot(east, north):.1f} uT, {np.degrees(np.arctan2(east, north)):+.1f} deg from north; "
-        f"the compass of {used} of {count} footfalls weighs (gate {residuals.verdicts.detector})",
-        f"it deviates by {rough.white_uT:.1f} uT from stride to stride, {_write(rough.across, 'uT')}, by region "
-        f"{_write(rough.regional, 'uT')}, its potential by {_write(rough.potential, 'uT m')}",
-        f"hard iron left in the stance's axes: {forward:.1f}, {left:.1f}, {up:.1f} uT",
-    )
 
 
 def _write(rough: Roughness, unit: str) -> str:

@@ -8,28 +8,22 @@ Between footfalls of one foot the first solution moves by d = (dx, dy) over grou
                                s |d|       on a way that climbs though it turns: a curved ramp
                                anything    on a step: heavy tails about zero
 
-c is what strides of the walk climb in excess, in whatever direction: sole, mounting, and what a low rate loses of the
-strikes. Between sensors it is 10 to 60 mm, and grows with the stride: q is its length over that of the usual one. The
-prior of c is that of a Student distribution (`settling_sigma_m`). So straight ahead a slope of half a percent may be
-nothing but c. A walk that turns shows the two apart, as no ground climbs on all sides: where a gradient of `TILT_SIGMA`
-common to all strides would leave the height of a footfall unknown by more than `TILT_M`, no floor is taken for level.
-Stairs show c as well: up and down, landings, one riser and two are on one lattice c q + n r. The riser is the one of
-`RISERS_M` with the largest evidence, strides taken one by one. What the walk shows of c is a measurement of the excess
-S of its soles (`constraints`).
+c is what strides of the walk climb in excess whatever their direction, with a Student prior (`settling_sigma_m`), q the
+length of a stride over that of the usual one, r the riser of `RISERS_M` with the largest evidence, strides taken one by
+one. Where a gradient of `TILT_SIGMA` common to all strides would leave the height of a footfall unknown by more than
+`TILT_M`, no floor is level (`docs/models.md`). What the walk shows of c measures the excess S (`constraints`).
 
 The ground passes from stride to stride into any other with probability `CHANGE`, by their shares. With c and g on
 grids this is a hidden Markov model: a pass forth and a pass back (Rabiner 1989) yield the probability of each ground
-under each stride, summed over c; a slope counts that climbs by `NOTICED_M` over the width of the walk. A stride is
-level where that has odds of `MAX_NATS`; level strides in a row are a stretch. The cost is linear in the walk.
+under each stride, summed over c. A stride is level at odds of `MAX_NATS`; level strides in a row are a stretch.
 
 A stretch is on a floor that was left earlier if the strides between climbed by h = 0 +- sigma, their noise and that of
 their c, against being on any other level within `LEVELS_WITHIN_M`, again by `MAX_NATS`:
 
     log N(h; 0, sigma^2) + log(2 LEVELS_WITHIN_M) > MAX_NATS.
 
-Otherwise it is a floor of its own, whose height the walk alone shows. So a kerb separates two floors, and after too
-many strides elsewhere a floor is not recognized. The noise is that of the walk itself, by differences of successive
-climbs and of successive means of `BLOCK` strides, the larger, by medians: slopes and steps do not move them.
+Otherwise it is a floor of its own. The noise is that of the walk, by medians of differences of successive climbs and of
+successive means of `BLOCK` strides, the larger of both.
 """
 
 from __future__ import annotations
@@ -42,7 +36,6 @@ from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.smoother.sensitivity import MAX_NATS
 from fg_nav.smoother.strides import SETTLING_TIME_S
 from fg_nav.system.compiled import njit
-from fg_nav.text import format_count
 
 CHANGE = 1.0 / 30.0  # Probability that the ground changes from a stride to the next: each 40 m.
 DRIFTS_M = np.arange(-80.0, 80.1, 1.0) * 1e-3  # Grid of c, m a stride: a walk shows it to a millimetre.
@@ -60,10 +53,7 @@ DIRECTIONS = 12  # Of a plane's gradient.
 SHARES = np.array([0.84, 0.05, 0.05, 0.059, 0.001])  # Prior of level, steps, stairs, planes, curved ramps.
 LEVEL_ODDS = float(np.exp(MAX_NATS))
 STEP_SCALE_M = 0.3  # Half of all steps climb by less: a riser is 0.15 to 0.19 m, and a foot climbs two at a time.
-OUTLIER_SHARE, OUTLIER_SCALE = (
-    0.05,
-    3,
-)  # Strides with a worse height, and how much: the more, the later a kerb is one.
+OUTLIER_SHARE, OUTLIER_SCALE = 0.05, 3  # Strides with a worse height, by so much: the more, the later a kerb is one.
 TILT_SIGMA, TILT_M = 0.005, 0.15  # Gradient of floors that drain; how much of height it may leave uncertain.
 MIN_NOISE_M = 0.007  # Of the climb of a stride: floors are not more even.
 BLOCK = 5  # Strides in whose mean the noise that is common to neighbors shows.
@@ -108,7 +98,20 @@ def find_floors(
     tilt_sigma = float(np.einsum("ki,ij,kj->k", place, gradient, place).max(initial=0.0) ** 0.5)
     level &= tilt_sigma < TILT_M
     unseen = np.zeros(len(level), dtype=np.bool_) if unseen is None else unseen
-    return _number_floors(level & ~unseen, step[:, 2], ground, unseen), ground
+    level &= ~unseen
+    # What is climbed between footfalls that no level stride joins.
+    off = np.where(level, 0.0, np.where(unseen, FORGOTTEN, 1.0))
+    strides = np.append(0.0, np.cumsum(off))
+    height = np.append(0.0, np.cumsum(off * (step[:, 2] - ground.drift)))
+    # Level strides in a row, by their first and last footfall, are on a floor that was left or on the next one.
+    floor, left = np.full(len(position), -1, dtype=np.intp), list[int]()
+    edge = np.diff(np.concatenate([[0], level.astype(np.int64), [0]]))
+    for first, last in zip(np.flatnonzero(edge > 0).tolist(), np.flatnonzero(edge < 0).tolist(), strict=True):
+        if last - first + 1 >= FEWEST:
+            number = _recognize(first, left, strides, height, ground)
+            floor[first : last + 1] = number
+            left[number:] = [last, *left[number + 1 :]]
+    return floor, ground
 
 
 def judge_ground(step: Floats, drift_sigma_m: float) -> Ground:
@@ -118,15 +121,28 @@ def judge_ground(step: Floats, drift_sigma_m: float) -> Ground:
     strides = length > MIN_STRIDE_M
     q = np.clip(length / max(float(np.median(length[strides])) if strides.any() else 1.0, MIN_STRIDE_M), *LENGTHS)
     riser, noise = find_riser(step[strides, 2], q[strides], drift_sigma_m)
-    climb, (expected, ground_share) = np.where(strides, step[:, 2], np.nan), _list_grounds(step, riser)
+    # Climb (K, S) m on each ground: level, a step, stairs, planes, curved ramps; and the share (S,) of each before.
+    width = np.linalg.norm(np.ptp(np.cumsum(step[:, :2], axis=0), axis=0))
+    slopes = SLOPES[SLOPES * width > NOTICED_M]
+    angle = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
+    gradients = (slopes[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)).reshape(-1, 2)
+    both_ways = np.concatenate([slopes, -slopes])
+    on_planes = step[:, :2] @ gradients.T
+    on_curves = np.linalg.norm(step[:, :2], axis=1)[:, None] * both_ways
+    on_stairs = np.tile(FLIGHT * riser, (len(step), 1))
+    counts = np.array([1, 1, len(FLIGHT), len(gradients), len(both_ways)])
+    share = np.repeat(SHARES / np.maximum(counts, 1), counts)
+    expected, share = np.hstack([np.zeros((len(step), 2)), on_stairs, on_planes, on_curves]), share / share.sum()
+    # The values of c that the first strides leave, then both passes.
+    climb = np.where(strides, step[:, 2], np.nan)
     drifts, log_prior = DRIFTS_M, _prior_of_drift(drift_sigma_m)
     if len(step) > PILOT:
-        seen = _pass_forth(climb[:PILOT], expected[:PILOT], ground_share, noise, drifts, q)[1]
+        seen = _pass_forth(climb[:PILOT], expected[:PILOT], share, noise, drifts, q)[1]
         log_weight = np.log(seen).sum(axis=0) + log_prior
         kept = np.flatnonzero(log_weight > log_weight.max() - PILOT_NATS)
         drifts, log_prior = (one[max(kept[0] - 1, 0) : kept[-1] + 2] for one in (drifts, log_prior))
-    level, total = _pass_forth(climb, expected, ground_share, noise, drifts, q)
-    level *= _pass_back(climb, expected, ground_share, noise, total, drifts, q)
+    level, total = _pass_forth(climb, expected, share, noise, drifts, q)
+    level *= _pass_back(climb, expected, share, noise, total, drifts, q)
     log_weight = np.log(total).sum(axis=0) + log_prior
     weight = np.exp(log_weight - log_weight.max())
     weight /= weight.sum()
@@ -164,24 +180,6 @@ def find_riser(climb: Floats, length: Floats, drift_sigma_m: float) -> tuple[flo
     lattice, left = np.append(0.0, FLIGHT * riser), climb - length * drift
     left = left - lattice[np.abs(left[:, None] - lattice).argmin(axis=1)]
     return riser, estimate_noise(left[np.abs(left) < 4.0 * noise])
-
-
-def _list_grounds(step: Floats, riser: float) -> tuple[Floats, Floats]:
-    """Climb (K, S) m of strides (K, 3) m on each ground they may be on, and the share (S,) of each before any is seen.
-
-    Level ground is the first, a step the second, then stairs, planes and curved ramps.
-    """
-    width = np.linalg.norm(np.ptp(np.cumsum(step[:, :2], axis=0), axis=0))
-    slopes = SLOPES[SLOPES * width > NOTICED_M]
-    angle = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
-    gradients = (slopes[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)).reshape(-1, 2)
-    both_ways = np.concatenate([slopes, -slopes])
-    on_planes = step[:, :2] @ gradients.T
-    on_curves = np.linalg.norm(step[:, :2], axis=1)[:, None] * both_ways
-    on_stairs = np.tile(FLIGHT * riser, (len(step), 1))
-    counts = np.array([1, 1, len(FLIGHT), len(gradients), len(both_ways)])
-    share = np.repeat(SHARES / np.maximum(counts, 1), counts)
-    return np.hstack([np.zeros((len(step), 2)), on_stairs, on_planes, on_curves]), share / share.sum()
 
 
 @njit(cache=True)
@@ -271,22 +269,6 @@ def estimate_noise(climb: Floats) -> float:
     return max(each, float(BLOCK**0.5) * together, MIN_NOISE_M)
 
 
-def _number_floors(level: Bools, climb: Floats, ground: Ground, unseen: Bools) -> Ints:
-    """Floor (F,) of each footfall from which strides (F-1,) are level, or unseen, and what they climb."""
-    label = np.full(len(level) + 1, -1, dtype=np.intp)
-    off = np.where(level, 0.0, np.where(unseen, FORGOTTEN, 1.0))
-    strides = np.append(0.0, np.cumsum(off))
-    height = np.append(0.0, np.cumsum(off * (climb - ground.drift)))
-    left: list[int] = []
-    # First and last footfall of level strides in a row.
-    edge = np.diff(np.concatenate([[0], level.astype(np.int64), [0]]))
-    for first, last in zip(np.flatnonzero(edge > 0).tolist(), np.flatnonzero(edge < 0).tolist(), strict=True):
-        if last - first + 1 >= FEWEST:
-            label[first : last + 1] = floor = _recognize(first, left, strides, height, ground)
-            left[floor:] = [last, *left[floor + 1 :]]
-    return label
-
-
 def _recognize(at: int, left: list[int], strides: Floats, height: Floats, ground: Ground) -> int:
     """Floor on which footfall `at` is, of those left at footfalls `left`, or the next number."""
     if not left:
@@ -297,12 +279,3 @@ def _recognize(at: int, left: list[int], strides: Floats, height: Floats, ground
     nats = np.log(2.0 * LEVELS_WITHIN_M) - 0.5 * (climbed**2 / variance + np.log(2.0 * np.pi * variance))
     best = int(np.argmax(nats))
     return best if nats[best] > MAX_NATS else len(left)
-
-
-def write_floor_note(floor: Ints | None) -> tuple[str, ...]:
-    """Write a note on the floors that were recognized, where there are any."""
-    count = 0 if floor is None else int(floor.max(initial=-1)) + 1
-    if floor is None or count == 0:
-        return ()
-    on = int(np.count_nonzero(floor >= 0))
-    return (f"{format_count(count, 'level floor')} with {on} of {format_count(len(floor), 'footfall')}",)

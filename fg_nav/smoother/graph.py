@@ -33,7 +33,15 @@ from fg_nav.recording import Recording
 from fg_nav.smoother.gauss_newton import CONVERGENCE
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.preintegration import find_unseen_walks, preintegrate
-from fg_nav.smoother.solver import GtsamFactors, LinearizableBlock, Solved, list_in_time, list_poses, minimize, postpone
+from fg_nav.smoother.solver import (
+    GtsamFactors,
+    LinearizableBlock,
+    Solved,
+    list_in_time,
+    list_poses,
+    minimize,
+    split_tied,
+)
 from fg_nav.smoother.strides import (
     INERTIAL_KEYS,
     Nodes,
@@ -206,7 +214,13 @@ def solve_and_keep(problem: WalkProblem, convergence: float) -> Solved:
 def order_variables(problem: WalkProblem) -> Keys:
     """Keys of all variables in the order in which they are eliminated."""
     keys = problem.time_order
-    return keys if problem.places is None else postpone(keys, problem.nodes, problem.places.footfalls)
+    if problem.places is None:
+        return keys
+    # In the order of time every front between two footfalls at one place would carry the later one. So tied footfalls,
+    # with all that joins their past to their future, are last, the newest first: what is between is a chain by itself.
+    # Floors and the direction of a building, which join many, end the order.
+    is_last, is_common = split_tied(keys, problem.nodes, problem.places.footfalls)
+    return np.concatenate([keys[~is_last & ~is_common], keys[is_last][::-1], keys[is_common]])
 
 
 def build_problem(
@@ -242,12 +256,7 @@ def build_problem(
 
 
 def initial_values(
-    recording: Recording,
-    stances: Stances,
-    nodes: Nodes,
-    nav_R_body: Floats,
-    gyro_bias: Floats,
-    gravity: float,
+    recording: Recording, stances: Stances, nodes: Nodes, nav_R_body: Floats, gyro_bias: Floats, gravity: float
 ) -> gtsam.Values:
     """Values of all variables; `nav_R_body` (3, 3) is the attitude at the first node."""
     unseen = find_unseen_walks(recording, nodes.sample)

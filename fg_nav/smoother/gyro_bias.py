@@ -1,8 +1,7 @@
 """What a walk shows of its gyroscope's bias: the random walk of it, and the sigma of its prior, both by evidence.
 
 Random walk. q (deg/s/sqrt(s)) is its density: from one bias variable to the next, t seconds later, each axis changes by
-q sqrt(t), one sigma. Gyroscopes differ in it a hundredfold, and a shoe that warms up walks on top. Too small a q makes
-the sigmas of bias, heading and position too small, too large a q loses what the minutes before have shown.
+q sqrt(t), one sigma. Gyroscopes differ in it a hundredfold.
 
 Only the noise S_i(q) of these changes depends on q, so one linearization serves for all, the last one of the solution
 with the q that is assumed. What lies between the nodes at which the bias changes is eliminated once, and what is left,
@@ -15,10 +14,8 @@ q^2 over `WALK_LEVELS_DEG_S`, weighted by evidence and `WALK_PRIOR`: the varianc
 win, and a walk too short to show one has that of the prior. The evidence is that of the inertial graph; with the
 magnetic field it is larger, and chooses the same.
 
-Prior. Between recordings the bias of one good sensor scatters by 0.02 to 0.1 deg/s about its mean, that of an
-uncalibrated part by several deg/s, and no single sigma serves both: a narrow one holds a large bias back, so that the
-heading turns and the sigmas deny it; a wide one lets noise of the strides pass for a bias. So the prior of the first
-bias variable is a mixture,
+Prior. Between recordings the bias of a good sensor scatters by 0.02 to 0.1 deg/s, that of an uncalibrated part by
+several deg/s. So the prior of the first bias variable is a mixture,
 
     p(b) = sum_l p_l N(b; mu, s_l^2 I),     s_l = (`SIGMA_LEVELS`) times s0, mu and s0 of the parameters,
 
@@ -41,6 +38,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import compress
 from typing import cast
 
 import gtsam
@@ -57,12 +55,7 @@ from fg_nav.smoother.sensitivity import average
 from fg_nav.smoother.solver import Solved, list_in_time
 from fg_nav.smoother.strides import ACC_BIAS_SIGMA, MIN_WALK_DEG_S
 
-WALK_LEVELS_DEG_S = (
-    6e-4,
-    2e-3,
-    6e-3,
-    2e-2,
-)  # 0.04 to 1.2 deg/s in an hour; less also holds scale errors and an uneven field.
+WALK_LEVELS_DEG_S = (6e-4, 2e-3, 6e-3, 2e-2)  # 0.04 to 1.2 deg/s an hour; less also holds scale errors, uneven field.
 WALK_PRIOR = (0.9, 0.09, 0.009, 0.001)  # Before the walk: gyroscopes by their sheets, and one in ten that warms up.
 SIGMA_LEVELS = (1 / 3, 0.6, 1.0, 1.8, 10 / 3, 6.0, 10.0, 18.0, 33.0)  # Of s0: 0.05 to 5 deg/s.
 SIGMA_PRIOR = (0.13, 0.13, 0.15, 0.15, 0.13, 0.1, 0.08, 0.07, 0.06)  # Before the walk, of sensors as sold and worn.
@@ -73,7 +66,9 @@ MIN_SHIFT_SIGMAS, MIN_CHANGE = 0.05, 0.02  # Of the bias and its sigma: below th
 def average_bias_walk(problem: WalkProblem, stacks: Sequence[Stack]) -> WalkProblem:
     """Return the problem with the random walk of its gyro bias averaged; `stacks` are its factors, linearized."""
     assumed = max(problem.parameters.gyro_bias_walk_deg_s, MIN_WALK_DEG_S)
-    changes = [one for one in stacks if _are_changes(one)]
+    # The factors from one bias variable to the next.
+    is_change = [one.keys.shape[1] == 2 and (one.keys >> np.uint64(LETTER_SHIFT) == ord("b")).all() for one in stacks]
+    changes = list(compress(stacks, is_change))
     if not changes:
         return problem.with_note(f"gyro bias walk {assumed:.2g} deg/s/sqrt(s), as assumed")
     # The nodes within the time of one bias, but for those where a new one begins, are eliminated without the changes.
@@ -82,28 +77,28 @@ def average_bias_walk(problem: WalkProblem, stacks: Sequence[Stack]) -> WalkProb
     at_change = np.array([key(int(j)) for j in begins for key in (X, V)], dtype=np.uint64)
     keys = list_in_time(nodes, with_air=problem.barometer is not None)
     between = np.isin(keys >> np.uint64(LETTER_SHIFT), list(map(ord, "xvp"))) & ~np.isin(keys, at_change)
-    others = [one for one in stacks if not _are_changes(one)]
+    others = compress(stacks, np.logical_not(is_change))
     linear = LinearWalk.of(others, np.concatenate([keys[between], keys[~between]]))
     chain = linear.eliminate_before(int(between.sum()))
     # The evidence of each level, and the mean variance.
     levels = assumed / WALK_LEVELS_DEG_S[0] * np.array(WALK_LEVELS_DEG_S)
     evidence = np.array([_minus_log_evidence(chain, changes, level / assumed) for level in levels])
     level = float(np.sqrt(average(levels**2, evidence, np.array(WALK_PRIOR))))
-    # The problem with it.
-    problem = replace(
-        problem,
-        graph=_scale_changes(problem.graph, level / assumed),
-        parameters=replace(problem.parameters, gyro_bias_walk_deg_s=level),
-    )
+    # The problem with it: the sigmas of the changes scaled.
+    graph = gtsam.NonlinearFactorGraph()
+    for factor in map(problem.graph.at, range(problem.graph.size())):
+        if isinstance(factor, gtsam.BetweenFactorConstantBias):
+            sigmas = np.array(cast("gtsam.noiseModel.Diagonal", factor.noiseModel()).sigmas())
+            sigmas[GYRO] *= level / assumed
+            noise = gtsam.noiseModel.Diagonal.Sigmas(sigmas)
+            before, after = factor.keys()
+            factor = gtsam.BetweenFactorConstantBias(before, after, factor.measured(), noise)
+        graph.push_back(factor)
+    problem = replace(problem, graph=graph, parameters=replace(problem.parameters, gyro_bias_walk_deg_s=level))
     count = sum(len(one.keys) for one in changes)
     return problem.with_note(
         f"gyro bias walk {level:.2g} deg/s/sqrt(s), the mean over the evidence of {count} changes of the bias"
     )
-
-
-def _are_changes(stack: Stack) -> bool:
-    """Whether the factors of a stack are those from one bias variable to the next."""
-    return stack.keys.shape[1] == 2 and bool((stack.keys >> np.uint64(LETTER_SHIFT) == ord("b")).all())
 
 
 def _minus_log_evidence(chain: LinearWalk, changes: Sequence[Stack], by: float) -> float:
@@ -116,20 +111,6 @@ def _minus_log_evidence(chain: LinearWalk, changes: Sequence[Stack], by: float) 
         noise += 3 * len(keys) * np.log(by)
     left = chain.join(scaled).eliminate_all()
     return float(left.error + left.volume + noise)
-
-
-def _scale_changes(graph: gtsam.NonlinearFactorGraph, by: float) -> gtsam.NonlinearFactorGraph:
-    """Return the graph with the sigmas of the gyroscope in the changes of the bias so many times as large."""
-    scaled = gtsam.NonlinearFactorGraph()
-    for factor in map(graph.at, range(graph.size())):
-        if isinstance(factor, gtsam.BetweenFactorConstantBias):
-            sigmas = np.array(cast("gtsam.noiseModel.Diagonal", factor.noiseModel()).sigmas())
-            sigmas[GYRO] *= by
-            noise = gtsam.noiseModel.Diagonal.Sigmas(sigmas)
-            before, after = factor.keys()
-            factor = gtsam.BetweenFactorConstantBias(before, after, factor.measured(), noise)
-        scaled.push_back(factor)
-    return scaled
 
 
 def average_bias_prior(problem: WalkProblem, solved: Solved) -> WalkProblem | None:

@@ -15,9 +15,8 @@ closed: with the covariance of each footfall and with that of each of some `ANCH
 
 Factors (`factors.same_place`). The earliest pass of each place is divided into cells by distance, and has one footfall
 in each to which all later passes are tied: so no error adds up from lap to lap, and few footfalls are joined over the
-walk (`solver.postpone`). What is tied are the means of both passes over the cell, relative to their footfalls: two
-passes along a corridor are aside of each other by decimeters here and there, and less on the mean. With an independent
-error every `APART_M`,
+walk (`graph.order_variables`). What is tied are the means of both passes over the cell, relative to their footfalls;
+with an independent error every `APART_M`,
 
     sigma = sigma_one / sqrt(length / APART_M),
 
@@ -89,8 +88,14 @@ def make_place_factors(
     t, position, nav_R_body : of the F footfalls; s, m.
     node : (F,) of the footfalls.
     """
+    # Ground walked again: first passes that were not themselves recognized. Cells are longer where it is much.
+    is_first = np.zeros(len(path), dtype=bool)
+    for stretch in stretches:
+        is_first[int(stretch.earlier.min()) : int(stretch.earlier.max()) + 1] = True
+    for stretch in stretches:
+        is_first[int(stretch.later[0]) : int(stretch.later[-1]) + 1] = False
+    length = max(CELL_M, float(is_first.sum()) * SPACING_M / MAX_CELLS)
     # Each piece of the walk in a cell, with its earliest pass.
-    length = max(CELL_M, _measure_ground(path, stretches) / MAX_CELLS)
     pieces = [piece for stretch in stretches for piece in _cut_into_cells(path, stretch, length)]
     chosen: dict[int, _Piece] = {}
     for piece in sorted(pieces, key=lambda one: one.cell_m):
@@ -126,16 +131,6 @@ def make_place_factors(
 def find_footfalls(at: Sequence[float] | Floats, t: Floats) -> Ints:
     """Find the footfalls (M,), of those at times t (F,) s, nearest to moments (M,) s."""
     return np.asarray(np.searchsorted(0.5 * (t[1:] + t[:-1]), at))
-
-
-def _measure_ground(path: Signature, stretches: Sequence[Stretch]) -> float:
-    """Length, m, of the first passes: of what is walked again, and was not itself recognized."""
-    is_first = np.zeros(len(path), dtype=bool)
-    for stretch in stretches:
-        is_first[int(stretch.earlier.min()) : int(stretch.earlier.max()) + 1] = True
-    for stretch in stretches:
-        is_first[int(stretch.later[0]) : int(stretch.later[-1]) + 1] = False
-    return float(is_first.sum()) * SPACING_M
 
 
 def _cut_into_cells(path: Signature, stretch: Stretch, length: float) -> Iterator[_Piece]:
@@ -181,11 +176,9 @@ class PathUncertainty:
         nearest = np.searchsorted(0.5 * (self.anchor_m[1:] + self.anchor_m[:-1]), first)
         sigma = np.sqrt(np.maximum(variance, 0.0))
         # From an anchor before the first place on to the second; by way of one behind it, at most the sum of both ways.
-        to_anchor = np.where(self.anchor_m[nearest] > first, sigma[nearest, self._footfall_at(first)], 0.0)
-        return np.asarray(sigma[nearest, self._footfall_at(second)] + to_anchor)
-
-    def _footfall_at(self, walked_m: Floats) -> Ints:
-        return np.clip(np.searchsorted(self.walked_m, walked_m), 0, len(self.walked_m) - 1)
+        footfall = [np.minimum(np.searchsorted(self.walked_m, one), len(self.walked_m) - 1) for one in (first, second)]
+        to_anchor = np.where(self.anchor_m[nearest] > first, sigma[nearest, footfall[0]], 0.0)
+        return np.asarray(sigma[nearest, footfall[1]] + to_anchor)
 
 
 def tie_places(problem: WalkProblem, solved: Solved) -> tuple[WalkProblem, Solved, tuple[Return, ...], tuple[str, ...]]:
@@ -206,7 +199,7 @@ def tie_places(problem: WalkProblem, solved: Solved) -> tuple[WalkProblem, Solve
         # Where the field along the path shows one place.
         track = trajectory_of(problem.recording, problem.nodes, solved.values, problem.parameters.gravity)
         path = trace_signature(problem.recording.t, track.position, track.nav_R_body, mag)
-        found = _recognize(path, uncertainty)
+        found = select_consistent(path, recognize(path, uncertainty).stretches, uncertainty)
         is_confirmed = bool(known) and are_alike(found, known)
         known = keep_common(found, known) if number == ROUNDS and not is_confirmed else found
         if not known:
@@ -236,10 +229,6 @@ def _measure_walked(problem: WalkProblem, solved: Solved) -> Floats:
     """Distance over ground (F,) m walked to each footfall."""
     place = list_positions(problem.nodes.result, solved.values)[:, :2]
     return np.cumsum(np.linalg.norm(np.diff(place, axis=0, prepend=place[:1]), axis=1))
-
-
-def _recognize(path: Signature, uncertainty: PathUncertainty) -> tuple[Stretch, ...]:
-    return select_consistent(path, recognize(path, uncertainty).stretches, uncertainty)
 
 
 def are_alike(found: tuple[Stretch, ...], known: tuple[Stretch, ...]) -> bool:

@@ -1,12 +1,10 @@
 """Where and how far the line integral of the field can be used: jumps of its potential, and what does not telescope.
 
-Jumps: a path through a circuit of current, a lift, a magnet that is put down. Without a current the line integrals of
-the strides add up to the difference of two potentials, which stays within bounds (`factors.magnetic_field`). A path
-through a circuit of current I adds mu_0 I = 1.26 uT m for each ampere and keeps it: one row of the potential, that of
-stride k, is off by an unknown constant c. Whether it is, its own residual does not show: the potential's state takes
-the step up, and what does not fit is spread over the strides that follow. A robust kernel on the row therefore sees
-nothing. The likelihood of the whole walk does. With r_k the residual of the row at the minimum, sigma its noise, J its
-Jacobian and P the marginal covariance of its variables,
+Jumps: a path through a circuit of current I, a lift, a magnet that is put down. The line integrals of the strides add
+up to the difference of two potentials, within bounds (`factors.magnetic_field`), and mu_0 I = 1.26 uT m an ampere:
+one row of the potential, that of stride k, is off by an unknown constant c. Its own residual does not show it, as the
+potential's state takes the step up; the likelihood of the whole walk does. With r_k the residual of the row at the
+minimum, sigma its noise, J its Jacobian and P the marginal covariance of its variables,
 
     T_k = r_k^2 / (sigma^2 - J P J^T)        chi^2 of one degree of freedom without a jump
 
@@ -18,9 +16,9 @@ where rows that are left out come back:
 
     fall = r^T (I - H)^-1 r,     rise = r^T (I + H)^-1 r,     r and J over sigma.
 
-Where the fall is more than `MIN_FALL` the walk is solved again without them, the jump is kept if twice the error
-fell by as much, and the next one is searched. The roughness of the potential is held meanwhile: measured on a walk
-with a jump it swells and hides the jump. Measured without it, it has to confirm it.
+Where the fall is more than `MIN_FALL` the walk is solved again without them, the jump is kept if twice the error fell
+by as much, and the next one is searched. The roughness of the potential, which a jump swells, is held meanwhile;
+measured without the jump, it has to confirm it.
 
 Noise. The integral over stride k differs from that of the building's field by the change of the potential, whose sum
 over a walk stays within bounds, and by an error of its own, whose sum does not: iron and delay of the magnetometer,

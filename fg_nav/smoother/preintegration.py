@@ -6,14 +6,11 @@ looks like a yaw bias. The noise of an interval is the mean over its samples of
 
     s_a^2 = density^2 + (relative (|f| - g))^2,     s_w^2 = density^2 + (relative |w|)^2,
 
-and the interval gets the same total as from a noise set sample by sample. What is less certain, on an axis at the end
-of its range and before a gap (`fg_nav.sample_noise`), is so at its own sample: a force that was hidden when the foot
-pushed off moves the end of its swing, and one that was hidden when it came down does not. A gap is integrated in steps
-of the sample period: within a step, what turns does not yet move.
+and samples of extra sigma (`fg_nav.sample_noise`) have it at their own time. A gap is integrated in steps of the sample
+period: within a step, what turns does not yet move.
 
-Compounding. A call of GTSAM's preintegration takes Python some microseconds, and what a foot does in a dozen samples
-fits into two of the same motion. A block of samples turns the body by R and moves it by v (m/s) and p (m) in T seconds,
-exactly (`mechanisation`, without gravity). The two that stand for it hold one rate w for all of T, and a specific force
+Compounding, for speed. A block of samples turns the body by R and moves it by v (m/s) and p (m) in T seconds, exactly
+(`mechanisation`, without gravity). The two samples that stand for it hold one rate w for all of T, and a specific force
 each for half of it:
 
     theta = w h,    h = T / 2,    Exp(2 theta) = R,
@@ -44,8 +41,7 @@ the turn that makes the field there point as it did before, known to `FIELD_SIGM
 
     turn = f s^2 / (s^2 + FIELD_SIGMA_RAD^2),     s the sigma of the turn;     0 without a field.
 
-It is where the compass of the footfalls begins from, whose residual has a second zero half a turn away; the sigma stays
-that of a person.
+The sigma stays that of a person: the compass of the footfalls begins there, and has a second zero half a turn away.
 """
 
 from __future__ import annotations

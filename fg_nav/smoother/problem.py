@@ -23,8 +23,7 @@ its minimum, and all that does not depend on k left out,
 
 E the error at the minimum, R the triangle of its square-root information, S_i the noise covariance of inertial factor
 i. It is linearized at the minimum with the largest k. The walk has the mean of k^2 over `LEVELS`, weighted by evidence.
-What all strides share (a foot that twists in its stance, cross-axis and g-sensitivity) the evidence takes for signal,
-and would trust a swing down to 1e-4; so no level is below `LEVELS[-1]`.
+What all strides share the evidence takes for signal; so no level is below `LEVELS[-1]` (`docs/models.md`).
 
 Peaks of the rate that were clipped are rebuilt from their flanks (`fg_nav.samples.saturation`). What that is off by is
 common to a gait, a sensor and its low-pass: one factor a walk on all, with the prior 1 +- `OFF_SHARE`, is chosen among
@@ -37,11 +36,10 @@ covariance of an interval is linear in k^2, so two preintegrations give it for e
 
     S(k) = S(k0) + (k^2 - k0^2) / (k1^2 - k0^2) (S(k1) - S(k0))
 
-Refused stances. Crawling, ladders, a foot that drags or slips, a mid-swing taken for a stance: the detector sees a
-still sensor, and the tie of its velocity to zero is wrong by decimeters a second. Its own residual does not show it,
-since pose and velocity follow the tie. The velocity that the walk has without it does. Let the velocity of the stance
-of footfall k be off by a constant d_k (nav, m/s) in all its rows. With their residuals e_k at the minimum, whitened,
-H_k how they change with d_k, J their Jacobian and P the covariance of their variables,
+Refused stances. Where a stance is wrong its own residual does not show it, since pose and velocity follow the tie. The
+velocity that the walk has without it does. Let the velocity of the stance of footfall k be off by a constant d_k (nav,
+m/s) in all its rows. With their residuals e_k at the minimum, whitened, H_k how they change with d_k, J their Jacobian
+and P the covariance of their variables,
 
     M_k = I - J P J^T,     F_k = H_k^T M_k H_k,     d_k = F_k^-1 H_k^T e_k,     T_k = d_k^T F_k d_k
 

@@ -73,8 +73,7 @@ class SharedColumns:
 
     def __init__(self, root: SquareRoot, products: Floats) -> None:
         self._root, self._Y = root, root.forward_substitute(products)
-        self.explained = np.asarray(self._Y.T @ self._Y)
-        """Y^T Y (n, n): what the variables of the walk take off the information C^T C."""
+        self.explained = np.asarray(self._Y.T @ self._Y)  # (n, n), what the walk takes off the information C^T C.
 
     def solve(self) -> Floats:
         """Return X (N, n): by how much each variable falls for a unit of each number."""

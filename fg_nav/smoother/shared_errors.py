@@ -3,19 +3,15 @@
 All are numbers s that the inertial or velocity factors share, whose information L and product eta are what is left of
 the walk when it is eliminated (`sensitivity`). They are counted in the sigmas, but for the scale, which is taken off.
 
-Moving foot. Motion capture sees the sensor on a shoe move on at 1 to 5 percent of the walking speed when it is
-stillest, forward more than sideways; some of that is the rolling about the lever, and some is not. So every stride is
-off by the same share, and the walk by its scale. In a stance after a stride of the horizontal displacement d (m) in T
-(s) the velocity is off by
+Moving foot (`docs/models.md`). Each stride is off by the same share, and the walk by its scale. In a stance after a
+stride of the horizontal displacement d (m) in T (s) the velocity is off by
 
     c_1 a + c_2 (up x a),     a = d / T,     navigation axes, m/s,
 
-c = (c_1, c_2) the same for a whole walk, 0 +- (`FORWARD_SIGMA`, `SIDEWAYS_SIGMA`). A foot that stands for long does not
-move on. On a straight even walk nothing inertial shows c (Galilei). Where a walk turns, stops or changes its pace, it
-does, but rolling that the lever does not describe looks the same there. So c is not taken off, and the covariances of
-the walk grow by X (P + s s^T) X^T: the second moment about the solution with c = 0, X how a variable moves with c, s
-and P estimate and covariance. The columns C of c are those of the residual e of a stance's velocity
-(`factors.zero_velocity`),
+c = (c_1, c_2) the same for a whole walk, 0 +- (`FORWARD_SIGMA`, `SIDEWAYS_SIGMA`), zero where a foot stands for long.
+It is not taken off: the covariances of the walk grow by X (P + s s^T) X^T, the second moment about the solution with
+c = 0, X how a variable moves with c, s and P estimate and covariance. The columns C of c are those of the residual e
+of a stance's velocity (`factors.zero_velocity`),
 
     C = -(de/dv) (a, up x a).
 
@@ -174,13 +170,9 @@ def estimate_gyro_scale(problem: WalkProblem, solved: Solved) -> WalkScale:
     # The walk is eliminated, which leaves the information of the inertial factors of its halves on the scale.
     columns, information, pull = shared_information(solved.root, _list_inertial(problem, solved.linearized_at), 6)
     found = average_models(information, pull)
-    # Where tilt and velocity close worse with it, the field alone supports it.
-    worse = _compare_closure(problem, solved, columns, found) if found.matters else 0.0
-    return WalkScale(average_models(information, pull, worse), columns)
-
-
-def _compare_closure(problem: WalkProblem, solved: Solved, columns: SharedColumns, found: GyroScale) -> float:
-    """Nats by which inertial and velocity factors fit worse with one scale for the walk than without; 0 if better."""
+    if not found.matters:
+        return WalkScale(found, columns)
+    # Nats by which inertial and velocity factors fit worse with one scale for the walk: the field alone supports it.
     both = np.tile(found.scale / found.probability, 2)
     moved, worse = -columns.solve() @ both, 0.0
     e, H = problem.velocities.evaluate(solved.linearized_at)
@@ -190,7 +182,7 @@ def _compare_closure(problem: WalkProblem, solved: Solved, columns: SharedColumn
         left = residuals_at_minimum(solved.root, keys, -b, A)
         change = np.einsum("kij,kj->ki", A, moved[solved.root.find_columns(keys)]) + C @ both
         worse += float(((left + 0.5 * change) * change).sum())
-    return max(worse, 0.0)
+    return WalkScale(average_models(information, pull, max(worse, 0.0)), columns)
 
 
 def average_models(information: Floats, pull: Floats, worse_nats: float = 0.0) -> GyroScale:

@@ -128,17 +128,6 @@ def list_in_time(
     return keys[np.argsort(behind, kind="stable")]
 
 
-def postpone(keys: Keys, nodes: Nodes, tied: Ints) -> Keys:
-    """Eliminate `tied` footfalls (n,) of a walk, which factors join over the walk, last and the newest of them first.
-
-    In the order of time every front between two footfalls at one place would carry the later one. A tied footfall is
-    left with all that joins its past to its future: then what lies between two of them is a chain by itself, and what
-    is left a short one. Floors and the direction of a building, which join many, end the order.
-    """
-    is_last, is_common = split_tied(keys, nodes, tied)
-    return np.concatenate([keys[~is_last & ~is_common], keys[is_last][::-1], keys[is_common]])
-
-
 def split_tied(keys: Keys, nodes: Nodes, tied: Ints) -> tuple[Bools, Bools]:
     """Whether each key is of a tied footfall, its node, bias, settling and state of the field; and of what many join.
 

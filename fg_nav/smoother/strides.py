@@ -12,10 +12,8 @@ sole. A stride is a footfall and the swing that led to it. It adds
 * where a new bias begins, random-walk factors of B and S from those before;
 * for each rest in the footfall, what it shows of the gyro bias.
 
-The sole of one walk settles in all its stances alike, by more or by less than expected: what a stride climbs for that
-adds up stride by stride, not by the root of their number. Nothing inertial shows it, as a constant vertical velocity
-looks like none. So S is a variable, m: known to its prior, but where floors or fixes show the height it is estimated,
-for all strides between.
+The sole of one walk settles in all its stances alike, by more or by less than expected, and nothing inertial shows it.
+So S is a variable, m: known to its prior, and estimated where floors or fixes show the height (`docs/models.md`).
 
 The first footfall has in place of the swing a prior on the bias, and the gauge: position and heading by definition,
 tilt from gravity.

@@ -11,19 +11,23 @@ from fg_nav.feet.person import FeetSolution
 from fg_nav.frames import compute_heading, wrap_angle
 from fg_nav.lab.consistency import compute_stance_nees
 from fg_nav.lab.simulation import SimulatedFeet, simulate_feet
-from fg_nav.smoother import SmootherParameters, feet_factors, smooth
+from fg_nav.smoother import SmootherParameters, smooth
 from fg_nav.smoother.batch import WalkInput, fit_walk
 from fg_nav.smoother.feet import (
+    REACH_M,
+    RIGHT,
+    ReachFactors,
     SolvedFeet,
     _list_tied_keys,
     _subtract_left,
     _take_covariances,
     find_beyond_reach,
+    list_footfalls,
+    list_pose_keys,
     order_variables,
     smooth_feet,
     solve_feet,
 )
-from fg_nav.smoother.feet_factors import REACH_M, RIGHT, ReachFactors, list_footfalls, list_pose_keys
 from fg_nav.smoother.gauss_newton import LinearWalk, find_minimum, find_sizes
 from fg_nav.smoother.graph import turn_walk
 from fg_nav.truth import TrajectoryTruth
@@ -194,7 +198,7 @@ def test_where_no_steps_tie_the_feet_pairs_of_footfalls_hold_what_they_differ_by
     feet: dict[str, WalkInput], solved: SolvedFeet, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """They say nothing, and the tables and the differences of all pairs are those of the dense information."""
-    monkeypatch.setattr(feet_factors, "WATCHED_S", 1.5)
+    monkeypatch.setattr("fg_nav.smoother.feet.WATCHED_S", 1.5)
     watched = solve_feet(*(begin(feet[side]) for side in ("right", "left")))
     ties = watched.problem.ties
     assert len(ties) > ties.cells + 3

@@ -185,11 +185,11 @@ def test_a_walk_whose_rounds_say_different_things_is_not_closed(monkeypatch: pyt
     walk = solved(2, False).walk
     at = iter([0.0, 30.0, 60.0])
 
-    def recognize(path: Signature, _: PathUncertainty) -> tuple[Stretch, ...]:
+    def recognize(path: Signature, *_: object) -> tuple[Stretch, ...]:
         later = np.arange(30.0) + len(path) / 2 + next(at)
         return (Stretch(np.floor(later), np.floor(later) - len(path) // 2, False, 50.0, 1e-9),)
 
-    monkeypatch.setattr(places, "_recognize", recognize)
+    monkeypatch.setattr(places, "select_consistent", recognize)
     same, minimum, returns, notes = places.tie_places(replace(walk.problem, parameters=WITH), walk.solved)
     assert same.places is None
     assert minimum is walk.solved

@@ -346,7 +346,7 @@ def _draw_distance(result: FeetResult) -> Section:
         return Section(
             "distance", title, ["Nothing ties the feet, and each is in a frame of its own: see the remarks."]
         )
-    from fg_nav.smoother.feet_factors import REACH_M
+    from fg_nav.smoother.feet import REACH_M
 
     t, pairing = result.t, result.pairing
     both, positions = np.ones(len(t), dtype=np.bool_), []
