@@ -13,10 +13,9 @@ from pathlib import Path
 from fg_nav.commands import Answer, Target
 from fg_nav.commands.stream import LinePrinter, drop_line, note_losses, prepare_stream, remark, say_nothing
 from fg_nav.feet import Side
-from fg_nav.online.estimates import SMOOTHED, format_table
+from fg_nav.online.estimates import SMOOTHED, format_table, tag_line
 from fg_nav.online.feet import FeetWalk
 from fg_nav.online.feet_follow import FeetStreamRequest, StreamedFeet, run_feet_stream
-from fg_nav.online.feet_lines import tag_line
 from fg_nav.online.outlets import Say, open_outlets
 from fg_nav.report import terminal
 from fg_nav.report.feet import summarize_streamed_feet, write_streamed_feet

@@ -58,7 +58,13 @@ class MarginalPrior:
         by_key = np.split(self.A, np.cumsum(dims)[:-1], axis=1)
 
         def evaluate(values: gtsam.Values, with_jacobians: bool) -> tuple[Floats, list[Floats]]:
-            steps = [_step_to(values, key, value) for key, value in zip(self.keys, self.values, strict=True)]
+            steps = []  # in the tangent spaces of the stored values
+            for key, value in zip(self.keys, self.values, strict=True):
+                now = _value_of(values, key)
+                is_pose = value.ndim == 2
+                steps.append(
+                    gtsam.Pose3.Logmap(gtsam.Pose3(value).between(gtsam.Pose3(now))) if is_pose else now - value
+                )
             e = self.A @ np.concatenate(steps) - self.b
             if not with_jacobians:
                 return e, []
@@ -132,14 +138,6 @@ def _value_of(values: gtsam.Values, key: int) -> Floats:
     if letter == "x":
         return np.array(values.atPose3(key).matrix())
     return np.array(values.atConstantBias(key).vector() if letter == "b" else values.atVector(key))
-
-
-def _step_to(values: gtsam.Values, key: int, value: Floats) -> Floats:
-    """Step (d,) in the tangent space from a value of a variable to its present one."""
-    now = _value_of(values, key)
-    if value.ndim == 1:
-        return np.asarray(now - value)
-    return np.asarray(gtsam.Pose3.Logmap(gtsam.Pose3(value).between(gtsam.Pose3(now))))
 
 
 # --- the past --------------------------------------------------------------------------------------------------------
@@ -218,48 +216,28 @@ class Past:
 
 @dataclass(frozen=True)
 class AnchorState:
-    """A walk up to its newest footfall.
+    """A walk up to its newest footfall."""
 
-    Attributes
-    ----------
-    stance, verdict : of that footfall.
-    prior : of its variables, by the whole walk.
-    past : of the footfalls before.
-    footfalls : from number `first` on, as in this solution.
-    t_first : of the walk's first footfall, s.
-    known, parameters : of sensor and walk, as they were estimated.
-    field : state of the field model; None where the field is not used.
-    barometer : noise and drift of the air's pressure; None where it is not used, or was not seen yet.
-    rests, biases : which information on the gyro bias the graph has.
-    sensor : what the walk shows of it.
-    counts : factors so far, by kind.
-    fixes : of the walk, with those to come.
-    floors : those of the building so far, and on which the footfall is.
-    heading_known : whether the heading at the start was given, or fixes show it.
-    returns : stretches at which the walk was before.
-    notes : for the user.
-    """
-
-    stance: StanceNodes
+    stance: StanceNodes  # This and the verdict are of that footfall.
     verdict: CompassVerdict
-    prior: MarginalPrior
-    past: Past
+    prior: MarginalPrior  # On its variables, by the whole walk.
+    past: Past  # Of the footfalls before.
     first: int
-    footfalls: tuple[ReportedFootfall, ...]
-    t_first: float
-    known: Known
-    parameters: SmootherParameters
-    field: OnlineField | None
-    barometer: Barometer | None
-    rests: RestLedger
+    footfalls: tuple[ReportedFootfall, ...]  # From number `first` on, as in this solution.
+    t_first: float  # Of the walk's first footfall, s.
+    known: Known  # Sensor and
+    parameters: SmootherParameters  # walk as they were estimated.
+    field: OnlineField | None  # None where the field is not used.
+    barometer: Barometer | None  # None where it is not used, or has not been observed.
+    rests: RestLedger  # These two: which information on the gyro bias the graph has.
     biases: BiasLedger | None
     sensor: SensorState
-    counts: dict[str, int]
-    fixes: tuple[Fix, ...]
+    counts: dict[str, int]  # Factors so far, by kind.
+    fixes: tuple[Fix, ...]  # Of the walk, with those to come.
     floors: FloorTrack
-    heading_known: bool
-    returns: tuple[Return, ...]
-    notes: tuple[str, ...]
+    heading_known: bool  # Whether the heading at the start was given, or fixes show it.
+    returns: tuple[Return, ...]  # Stretches walked before.
+    notes: tuple[str, ...]  # For the user.
 
     def without_past(self) -> AnchorState:
         """Return it without its past, and of the footfalls the newest: all that the strides since depend on."""

@@ -144,10 +144,14 @@ class WorkerSolver:
             except queue.Empty:
                 answer = TimeoutError()
             self._outstanding -= 1
-        if isinstance(answer, EOFError):
-            answer = self._solve_here("has died")
-        elif isinstance(answer, TimeoutError):
-            answer = self._solve_here(f"has not answered for {MAX_S:.0f} s")
+        # Without an answer this process solves the walk, from here on.
+        if isinstance(answer, EOFError | TimeoutError):
+            if not self.is_here:
+                why = "has died" if isinstance(answer, EOFError) else f"has not answered for {MAX_S:.0f} s"
+                self._remark(f"the process that solves the walk again {why}: its work is done in between from here on.")
+                self._worker.process.kill()
+            self.is_here = True
+            answer = self._here.take()
         assert answer is None or isinstance(answer, AnchorState)
         self._answer = (answer,)
 
@@ -168,13 +172,6 @@ class WorkerSolver:
     def _left_s(self) -> float:
         """Of the time for an answer."""
         return self._requested_s + MAX_S - time.monotonic()
-
-    def _solve_here(self, why: str) -> AnchorState | None:
-        if not self.is_here:
-            self._remark(f"the process that solves the walk again {why}: its work is done in between from here on.")
-            self._worker.process.kill()
-        self.is_here = True
-        return self._here.take()
 
     def _send(self, kind: str, *content: Any) -> None:
         """Send a message, unless nobody reads it any more."""

@@ -107,24 +107,14 @@ class KnownMagnetometer:
 
 @dataclass(frozen=True)
 class SensorState:
-    """What a walk so far shows of its sensor.
+    """What a walk so far shows of its sensor."""
 
-    Attributes
-    ----------
-    period_s : of its samples; None before it was cut out as a whole.
-    clipping : levels of specific force and rate at which it clips, (3,) each.
-    extreme : (2, 2, 3) largest readings so far: force and rate, upper and lower end.
-    peak_height : of clipped peaks of the rate above the range, in units of what their flanks show.
-    magnetometer : None before it was examined.
-    iron : of the magnetometer, as the walk showed it when it was solved last; None where it did not.
-    """
-
-    extreme: Floats
-    period_s: float | None = None
-    clipping: tuple[Floats, Floats] | None = None
-    peak_height: float = 1.0
-    magnetometer: KnownMagnetometer | None = None
-    iron: MagnetometerCalibration | None = None
+    extreme: Floats  # (2, 2, 3) largest readings so far: force and rate, upper and lower end.
+    period_s: float | None = None  # None before the walk was cut out as a whole.
+    clipping: tuple[Floats, Floats] | None = None  # Levels of specific force and rate at which it clips, (2, 3) each.
+    peak_height: float = 1.0  # Of clipped peaks of the rate above the range, in units of what their flanks show.
+    magnetometer: KnownMagnetometer | None = None  # None before it was examined.
+    iron: MagnetometerCalibration | None = None  # Of the last solution; None where it showed none.
 
 
 UNSEEN = SensorState(np.zeros((2, 2, 3)))  # Of a walk that has not begun.
@@ -132,33 +122,24 @@ UNSEEN = SensorState(np.zeros((2, 2, 3)))  # Of a walk that has not begun.
 
 @dataclass(frozen=True)
 class ReportedFootfall:
-    """A footfall of a walk in progress.
-
-    `line` is the number of its line, -1 where there was none; the samples up to one before `until` came with it.
-    """
+    """A footfall of a walk in progress."""
 
     footfall: Footfall
-    line: int
-    until: int
+    line: int  # Number of its line, -1 where there was none.
+    until: int  # The samples before this one came with it.
 
 
 class PartialWalk:
-    """Footfalls that were not yet discarded, and the samples `buffer.first <= i < stop` up to the newest.
-
-    Attributes
-    ----------
-    buffer : all samples so far, those behind `stop` too; filled by its owner.
-    discarded : number of footfalls that were discarded.
-    sensor : what is known of it.
+    """Footfalls, without the first `discarded`, and the samples `buffer.first <= i < stop` up to the newest.
 
     Parameters
     ----------
+    buffer : all samples so far, those behind `stop` too; filled by its owner.
     with_mag : whether recordings are cut out with the magnetometer.
     axes_given : whether it is used whatever its axes look like.
     first : number of the first footfall that is not discarded.
     footfalls : from that one on.
-    sensor : what is known of it; clipped peaks have its `peak_height` in the recordings that are cut out, not in those
-        of all samples, by which it is chosen.
+    sensor : its `peak_height` is applied to the recordings that are cut out, not to that of all samples.
     """
 
     def __init__(
@@ -289,20 +270,15 @@ class PartialWalk:
         sensor = self.sensor
         if sensor.period_s is None or sensor.clipping is None:
             return part
-        columns = zip((part.acc, part.gyr), sensor.clipping, sensor.extreme, strict=True)
-        acc, gyr = (_complete_levels(*column) for column in columns)
-        return part.assume(sensor.period_s, (acc, gyr)).raise_peaks(sensor.peak_height)
-
-
-def _complete_levels(samples: Floats, known: Floats, extreme: Floats) -> Floats:
-    """Levels (2, 3) at which a sensor clips, with those that its samples (n, 3) show at the end of all readings."""
-    levels, ends = known.copy(), np.array([samples.max(axis=0), -samples.min(axis=0)])
-    # Only where a part reaches the end can its level be that of the range.
-    for end, axis in np.argwhere((ends >= AT_END * extreme) & ~np.isfinite(known)):
-        level = find_saturation_level((1.0 - 2.0 * end) * samples[:, axis])
-        if level >= AT_END * extreme[end, axis]:
-            levels[end, axis] = level
-    return levels
+        levels = sensor.clipping[0].copy(), sensor.clipping[1].copy()
+        for samples, level, extreme in zip((part.acc, part.gyr), levels, sensor.extreme, strict=True):
+            # Only where a part reaches the end can its level be that of the range.
+            ends = np.array([samples.max(axis=0), -samples.min(axis=0)])
+            for end, axis in np.argwhere((ends >= AT_END * extreme) & ~np.isfinite(level)):
+                own = find_saturation_level((1.0 - 2.0 * end) * samples[:, axis])
+                if own >= AT_END * extreme[end, axis]:
+                    level[end, axis] = own
+        return part.assume(sensor.period_s, levels).raise_peaks(sensor.peak_height)
 
 
 def is_in_order(footfall: Footfall, begins: int) -> bool:

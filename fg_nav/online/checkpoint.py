@@ -6,13 +6,12 @@ A checkpoint is a file that grows (`packing`) with each save:
     state of the walk, what changed of it (`saved_state`)                      after it was solved again
     lines before which solutions took effect since that state                  each time
 
-To resume, the walk goes on from the last state with the samples behind it: some tens of footfalls, however long the
-walk. The same samples give the same answer to the last bit; what depends on the machine, before which line a solution
-took effect (`schedule`), is in the records. With a lag, samples that no state needs any more are left out when the file
-is written again; that happens once it is more than twice as large as it must be.
+To resume, the walk goes on from the last state with the samples behind it, some tens of footfalls, to the same answer
+to the last bit. The file is written again, without what is superseded and samples that no state needs any more, once
+it is more than twice as large as it must be.
 
-`collect` refers to what does not change any more, and copies what does, some seconds of samples. So a save holds the
-walk up for milliseconds, however long it is; all else is done in `write`, which may run in another thread.
+`collect` refers to what does not change any more and copies some seconds of samples, in milliseconds; `write` may run
+in another thread.
 """
 
 from __future__ import annotations
@@ -56,23 +55,14 @@ class Frame:
 
 @dataclass(frozen=True)
 class Record:
-    """What the file holds of one save.
+    """What the file holds of one save."""
 
-    Attributes
-    ----------
-    frame : in the first record of a file; None in others.
-    first, rows : number of the first of these samples (n, 11), which are new.
-    kept_from : first sample that is still needed.
-    changes : of the state of the walk; None if that of the record before will do.
-    judge, source, has_ended, n_reported, takeovers : of the navigator, behind these samples.
-    """
-
-    frame: Frame | None
-    first: int
-    rows: Floats
-    kept_from: int
-    changes: StateChanges | None
-    judge: dict[str, Any]
+    frame: Frame | None  # In the first record of a file; None in others.
+    first: int  # Number of the first of the rows in the walk.
+    rows: Floats  # (n, 12) samples since the last save.
+    kept_from: int  # First sample that is still needed.
+    changes: StateChanges | None  # Of the state of the walk; None where that of the record before is valid.
+    judge: dict[str, Any]  # This and the rest are of the navigator, behind these samples.
     source: dict[str, Any]
     has_ended: bool
     n_reported: int
@@ -88,10 +78,7 @@ class Snapshot:
 
 
 class Checkpoint:
-    """A file in which a walk is saved as it goes on.
-
-    `collect` and `write` are called in turn, for one walk.
-    """
+    """A file in which a walk is saved as it goes on, by `collect` and `write` in turn."""
 
     def __init__(self, path: Path | str) -> None:
         self._path = Path(path)
@@ -129,9 +116,9 @@ class Checkpoint:
         buffer, is_new = navigator.buffer, self._size == 0
         # A state is needed if the walk was solved again, or if samples were discarded before they were saved.
         first, state = max(self._stop, buffer.first), None
-        if isinstance(navigator, OnlineNavigator) and navigator.anchor_sample >= 0:
-            needs_state = navigator.anchor_sample != self._begun_at or first > self._stop
-            state = navigator.state() if needs_state else None
+        if isinstance(navigator, OnlineNavigator) and navigator.smoother.anchors:
+            newest = navigator.smoother.anchors[-1].stance.sample
+            state = navigator.state() if newest != self._begun_at or first > self._stop else None
         record = Record(
             frame=Frame(navigator.options, navigator.detection) if is_new else None,
             first=first,
@@ -236,25 +223,14 @@ def load(
     Push what the source sends then, from its beginning or from a later moment on (`overlap`, `judge`). A walk that had
     ended when it was saved has ended now too: it accepts no more samples, and returns all else.
 
+    Raises `FormatError` if the file is no checkpoint, or one of another version, and `EstimationError` if it was made
+    with other options or another detection, or finds other footfalls now.
+
     Parameters
     ----------
-    path
-        Of the checkpoint.
-    options
-        Of the walk, for comparison; None for those of the checkpoint.
-    remark, beside
-        As for `OnlineNavigator`.
-    progress
-        Called from time to time with the fraction that is done.
-    detection
-        How footfalls were found.
-
-    Raises
-    ------
-    FormatError
-        If the file is no checkpoint, or one of another version.
-    EstimationError
-        If it was made with other options or another detection, or finds other footfalls now.
+    options : of the walk, for comparison; None for those of the checkpoint.
+    remark, detection, beside : as for `OnlineNavigator`.
+    progress : called from time to time with the fraction that is done.
     """
     return Checkpoint(path).resume(options, remark, progress, detection, beside)
 

@@ -1,9 +1,13 @@
 """What a walk in progress reports: estimates of its footfalls, revisions of its past, and both as lines of JSON.
 
-A `StanceEstimate` is one object a line, of the kind "now" when its footfall was complete, and "smoothed" or "polished"
-at the end. A `Revision` is up to three kinds of lines before the next of these: "turned", "retracted" for each footfall
-that was none, and "revised", the past as it is known now. Their keys are in docs/online.md. Sigmas are one standard
-deviation; what is not finite is null.
+A `StanceEstimate` is one line, a `Revision` up to three kinds of lines before the next estimate; their keys are in
+docs/online.md. Sigmas are one standard deviation; what is not finite is null. With two feet a line has two keys more:
+
+========= ==========================================================================================================
+foot      "left", "right" or "person"
+frame     in which its positions are: "left", that of both; of the right foot "right", one of its own, until the steps
+          show how the feet lie, which its next `turned` and `revised` lines put right
+========= ==========================================================================================================
 """
 
 from __future__ import annotations
@@ -12,18 +16,18 @@ import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import compress
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple, TypeAlias
 
 import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import B, V, X
 
 from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.feet import Side
 from fg_nav.frames import UNKNOWN_RAD, compute_heading, turn_heading
 from fg_nav.mechanisation import NavState, strapdown
 from fg_nav.online.field import CompassVerdict
 from fg_nav.online.strides import StanceNodes
-from fg_nav.recording import Recording
 from fg_nav.smoother.barometer import SCALE_SIGMA
 from fg_nav.smoother.shared_errors import extend_covariance
 from fg_nav.smoother.solver import in_nav
@@ -32,58 +36,36 @@ from fg_nav.system.compiled import njit
 from fg_nav.text import to_json
 from fg_nav.verdict.limits import Verdict
 
-SMOOTHED, POLISHED = "smoothed", "polished"  # Kinds of lines at the end: of the graph, and of the batch smoother.
+NOW, SMOOTHED, POLISHED = "now", "smoothed", "polished"  # Kinds of lines; at the end of the graph, and of the batch.
 TURNED_RAD = float(np.radians(1.0))  # A smaller turn is one of many corrections of the past.
 MAX_POINTS = 200  # Of a revised path.
 DIGITS = 6  # After the point: a micrometre, a microdegree ...
 PAST_DIGITS = 3  # ... and of a revision a millimetre, a millidegree.
 
-SensorTime = Callable[[int, float], float]
-"""The stamp, s, that the sensor gave a sample which was taken with this stamp (`SampleFilter.sensor_time`)."""
+SensorTime = Callable[[int, float], float]  # The sensor's own stamp, s, of a sample (`SampleFilter.sensor_time`).
 
 
 @dataclass(frozen=True)
 class StanceEstimate:
-    """Where the foot stands, as known when its footfall was complete; at the stillest sample of the footfall.
+    """Where the foot stands, as known when its footfall was complete; at the stillest sample of the footfall."""
 
-    ================ ======= =======================================================================
-    number                   of the footfall, from 0
-    sample                   counted from the first of the walk
-    t                        s
-    position         (3,)    m, navigation frame
-    nav_R_body       (3, 3)
-    heading                  rad, of the body's x axis, clockwise from north
-    velocity         (3,)    m/s
-    gyro_bias        (3,)    rad/s
-    pose_cov         (4, 4)  of east, north, up (m) and yaw about up (rad), in whose variance is the heading's
-    gyro_bias_sigma  (3,)    rad/s
-    compass_weight           of the magnetic heading, in [0, 1] (`field.weigh_compass`)
-    field                    verdict on the field, as in a stance table
-    field_reason             in words
-    floor                    of the building, 0 where the walk began (`floor_number`); None where not known
-    ================ ======= =======================================================================
-    """
-
-    number: int
-    sample: int
-    t: float
-    position: Floats
-    nav_R_body: Floats
-    heading: float
-    velocity: Floats
-    gyro_bias: Floats
-    pose_cov: Floats
-    gyro_bias_sigma: Floats
-    compass_weight: float
-    field: str
-    field_reason: str
-    floor: int | None = None
+    number: int  # Of the footfall, from 0.
+    sample: int  # Counted from the first of the walk.
+    t: float  # s
+    position: Floats  # (3,) m, navigation frame
+    nav_R_body: Floats  # (3, 3)
+    heading: float  # Of the body's x axis, rad clockwise from north.
+    velocity: Floats  # (3,) m/s
+    gyro_bias: Floats  # (3,) rad/s
+    pose_cov: Floats  # (4, 4) of east, north, up (m) and yaw about up (rad), in whose variance is the heading's.
+    gyro_bias_sigma: Floats  # (3,) rad/s
+    compass_weight: float  # Of the magnetic heading, in [0, 1] (`field.weigh_compass`).
+    field: str  # Verdict on the field, as in a stance table,
+    field_reason: str  # in words.
+    floor: int | None = None  # Of the building, 0 where the walk began (`floor_number`); None where not known.
 
     def widen(self, rate_sigma: float) -> StanceEstimate:
-        """Return it with the sigma of a nominal sample rate, a share of it, in that of its place, as `Solution.widen`.
-
-        Paths go with the square of the period; of the turns, which go with the period, the walk so far is not known.
-        """
+        """Return it with the sigma of a nominal sample rate, a share of it, in its place, as `Solution.widen`."""
         cov = self.pose_cov.copy()
         cov[:3, :3] += np.outer(self.position, self.position) * (2.0 * rate_sigma) ** 2
         return replace(self, pose_cov=cov)
@@ -233,17 +215,11 @@ class StrapdownPath(NamedTuple):
     nav_R_body: Floats
 
 
-def propagate_strapdown(recording: Recording, first: int, state: NavState, gravity: float) -> StrapdownPath:
-    """Propagate a state from sample `first` to the last."""
-    h = np.append(np.diff(recording.t), recording.period_s)
-    return StrapdownPath(recording.t[first:], *_propagate(h, *recording.integrable, first, state, gravity))
-
-
 @njit(cache=True)
-def _propagate(
+def propagate_strapdown(
     h: Floats, acc: Floats, gyr: Floats, first: int, state: NavState, gravity: float
 ) -> tuple[Floats, Floats, Floats]:
-    """Position (n, 3), velocity (n, 3) and attitude (n, 3, 3) from sample `first` on."""
+    """Propagate a state, which changes, over steps h (s); position, velocity and attitude from sample `first` on."""
     n = len(h) - first
     p, v, R = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3, 3))
     turn, push = np.empty((3, 3)), np.empty(3)
@@ -261,9 +237,31 @@ def format_estimate(
     continues: bool,
     sensor_time: SensorTime = lambda sample, t: t,
     verdict: Verdict | None = None,
+    kind: str = NOW,
 ) -> str:
-    """Return the line of an estimate of the moment, with the verdict on the path up to it, where there is one."""
-    return _format_line("now", {"continues": continues, "floor": estimate.floor}, estimate, sensor_time, verdict)
+    """Return the line of an estimate, with the verdict on the path up to it, where there is one."""
+    sigma = np.sqrt(np.diagonal(estimate.pose_cov))
+    t, sensor_t = round(estimate.t, 9), round(sensor_time(estimate.sample, estimate.t), 9)
+    content: dict[str, object] = {
+        "kind": kind,
+        "stance": estimate.number,
+        **({"continues": continues, "floor": estimate.floor} if kind == NOW else {}),
+        "t": t,
+        **({} if sensor_t == t else {"sensor_t": sensor_t}),
+        "position_m": np.round(estimate.position, DIGITS),
+        "heading_deg": round(float(np.degrees(estimate.heading) % 360.0), DIGITS),
+        "position_sigma_m": np.round(sigma[:3], DIGITS),
+        "east_north_cov_m2": round(float(estimate.pose_cov[0, 1]), 2 * DIGITS),
+        "heading_sigma_deg": round(float(np.degrees(sigma[3])), DIGITS),
+        "gyro_bias_deg_s": np.round(np.degrees(estimate.gyro_bias), DIGITS),
+        "gyro_bias_sigma_deg_s": np.round(np.degrees(estimate.gyro_bias_sigma), DIGITS),
+        "compass_weight": round(float(estimate.compass_weight), DIGITS),
+        "field": estimate.field,
+        "field_reason": estimate.field_reason,
+    }
+    if verdict is not None:
+        content |= {"verdict": verdict.word, "reasons": list(verdict.reasons)}
+    return _dump(content)
 
 
 def format_table(
@@ -296,34 +294,7 @@ def format_table(
             field=table.field[k],
             field_reason=table.field_reason[k],
         )
-        yield _format_line(kind, {}, estimate, sensor_time, verdict)
-
-
-def _format_line(
-    kind: str, more: dict[str, object], estimate: StanceEstimate, sensor_time: SensorTime, verdict: Verdict | None
-) -> str:
-    sigma = np.sqrt(np.diagonal(estimate.pose_cov))
-    t, sensor_t = round(estimate.t, 9), round(sensor_time(estimate.sample, estimate.t), 9)
-    content: dict[str, object] = {
-        "kind": kind,
-        "stance": estimate.number,
-        **more,
-        "t": t,
-        **({} if sensor_t == t else {"sensor_t": sensor_t}),
-        "position_m": np.round(estimate.position, DIGITS),
-        "heading_deg": round(float(np.degrees(estimate.heading) % 360.0), DIGITS),
-        "position_sigma_m": np.round(sigma[:3], DIGITS),
-        "east_north_cov_m2": round(float(estimate.pose_cov[0, 1]), 2 * DIGITS),
-        "heading_sigma_deg": round(float(np.degrees(sigma[3])), DIGITS),
-        "gyro_bias_deg_s": np.round(np.degrees(estimate.gyro_bias), DIGITS),
-        "gyro_bias_sigma_deg_s": np.round(np.degrees(estimate.gyro_bias_sigma), DIGITS),
-        "compass_weight": round(float(estimate.compass_weight), DIGITS),
-        "field": estimate.field,
-        "field_reason": estimate.field_reason,
-    }
-    if verdict is not None:
-        content |= {"verdict": verdict.word, "reasons": list(verdict.reasons)}
-    return _dump(content)
+        yield format_estimate(estimate, False, sensor_time, verdict, kind)
 
 
 def _dump(content: dict[str, object]) -> str:
@@ -335,20 +306,12 @@ def _dump(content: dict[str, object]) -> str:
 
 @dataclass(frozen=True)
 class Revision:
-    """What changed when a walk was solved again.
+    """What changed when a walk was solved again."""
 
-    Attributes
-    ----------
-    t : of the newest footfall that was solved again, s.
-    turn : of the map about its origin, rad clockwise; 0 where it did not turn.
-    retracted : numbers and stamps of the lines whose footfalls were none.
-    path : (K, 4) t (s), east, north, up (m) at footfalls of the walk so far, `MAX_POINTS` at most.
-    """
-
-    t: float
-    turn: float
-    retracted: tuple[tuple[int, float], ...]
-    path: Floats
+    t: float  # Of the newest footfall that was solved again, s.
+    turn: float  # Of the map about its origin, rad clockwise; 0 where it did not turn.
+    retracted: tuple[tuple[int, float], ...]  # Numbers and stamps of the lines whose footfalls were none.
+    path: Floats  # (K, 4) t (s), east, north, up (m) at footfalls of the walk so far, `MAX_POINTS` at most.
 
 
 def compare_pasts(
@@ -379,12 +342,6 @@ def thin_rows(count: int) -> list[int]:
     return sorted(set(np.linspace(0, count - 1, min(count, MAX_POINTS)).round().astype(int).tolist()))
 
 
-def describe_past(table: StanceTable) -> Revision:
-    """Return the full current path, for a client that has just connected."""
-    path = np.column_stack([table.t, table.position])
-    return Revision(float(table.t[-1]), 0.0, (), path[thin_rows(len(path))])
-
-
 def format_revision(revision: Revision) -> Iterator[str]:
     """Yield the lines of a revision."""
     t = round(revision.t, 9)
@@ -393,3 +350,73 @@ def format_revision(revision: Revision) -> Iterator[str]:
     for number, stamp in revision.retracted:
         yield _dump({"kind": "retracted", "stance": number, "t": t, "stance_t": round(stamp, 9)})
     yield _dump({"kind": "revised", "t": t, "path": np.round(revision.path, PAST_DIGITS)})
+
+
+# --- two feet --------------------------------------------------------------------------------------------------------
+
+Who: TypeAlias = Literal["left", "right", "person"]
+State: TypeAlias = Literal["silent", "back", "refused", "parted"]
+
+
+@dataclass(frozen=True)
+class PersonEstimate:
+    """The middle of both feet when both stood, halfway in time between two footfalls."""
+
+    number: int  # Of the step, from 0.
+    t: float  # s
+    position: Floats  # (3,) m
+    heading: float | None  # Of the motion, rad clockwise from north; None before that.
+    pose_cov: Floats  # (4, 4) of east, north, up (m) and yaw (rad): the mean of both feet's, an upper bound.
+
+
+@dataclass(frozen=True)
+class FootState:
+    """A foot that is lost, or back, at a time, s."""
+
+    t: float
+    state: State
+    reason: str
+
+
+@dataclass(frozen=True)
+class FeetLine:
+    """What is reported of a foot or of the person; `frame` in which it is, `continues` of an estimate of a foot."""
+
+    foot: Who
+    frame: Side
+    content: StanceEstimate | Revision | PersonEstimate | FootState
+    continues: bool = False
+
+
+def format_feet_line(line: FeetLine) -> Iterator[str]:
+    """Yield the lines of JSON."""
+    match line.content:
+        case StanceEstimate() as estimate:
+            lines = iter([format_estimate(estimate, line.continues)])
+        case Revision() as revision:
+            lines = format_revision(revision)
+        case PersonEstimate() as person:
+            sigma = np.sqrt(np.diagonal(person.pose_cov))
+            heading = None if person.heading is None else round(float(np.degrees(person.heading) % 360.0), DIGITS)
+            content = {
+                "kind": "now",
+                "stance": person.number,
+                "continues": False,
+                "t": round(person.t, 9),
+                "position_m": np.round(person.position, DIGITS),
+                "heading_deg": heading,
+                "position_sigma_m": np.round(sigma[:3], DIGITS),
+                "east_north_cov_m2": round(float(person.pose_cov[0, 1]), 2 * DIGITS),
+                "heading_sigma_deg": round(float(np.degrees(sigma[3])), DIGITS),
+            }
+            lines = iter([_dump(content)])
+        case FootState() as state:
+            content = {"kind": "foot", "t": round(state.t, 9), "state": state.state, "reason": state.reason}
+            lines = iter([_dump(content)])
+    yield from (tag_line(one, line.foot, line.frame) for one in lines)
+
+
+def tag_line(line: str, foot: Who, frame: Side) -> str:
+    """Return a line of JSON with whose it is, and in which frame."""
+    content = json.loads(line)
+    return _dump({"kind": content.pop("kind"), "foot": foot, "frame": frame, **content})

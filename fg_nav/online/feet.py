@@ -38,13 +38,21 @@ from fg_nav.frames import compute_heading
 from fg_nav.online.anchor import AnchorState, TiedAnchorState
 from fg_nav.online.background import Solver, WorkerProcess, WorkerSolver
 from fg_nav.online.buffer import SampleBuffer
-from fg_nav.online.estimates import EstimateRow, Revision, StanceEstimate, split_rows, thin_rows
-from fg_nav.online.feet_lines import FeetLine, FootState, PersonEstimate, State
+from fg_nav.online.estimates import (
+    EstimateRow,
+    FeetLine,
+    FootState,
+    PersonEstimate,
+    Revision,
+    StanceEstimate,
+    State,
+    split_rows,
+    thin_rows,
+)
 from fg_nav.online.feet_solving import FootSolver, WalksAlone
 from fg_nav.online.navigator import OnlineNavigator
 from fg_nav.online.options import OnlineOptions
-from fg_nav.online.schedule import AT_ONCE
-from fg_nav.online.smoother_state import Pending
+from fg_nav.online.schedule import AT_ONCE, Pending
 from fg_nav.smoother.feet import measure_width_sigma, trace_solved_person
 from fg_nav.solution import Solution
 
@@ -59,29 +67,18 @@ OTHER: dict[Side, Side] = {"left": "right", "right": "left"}
 
 @dataclass(frozen=True)
 class FeetWalk:
-    """Two feet at the end.
+    """Two feet at the end."""
 
-    Attributes
-    ----------
-    feet : each that has a walk, by side.
-    both : where they were solved together: with the person and the width between; else None.
-    lost : why a foot has no walk, by side.
-    """
-
-    feet: Mapping[Side, Solution]
-    both: FeetSolution | None
-    lost: Mapping[Side, str]
+    feet: Mapping[Side, Solution]  # Each that has a walk.
+    both: FeetSolution | None  # With the person and the width between; None where they were not solved together.
+    lost: Mapping[Side, str]  # Why a foot has no walk.
 
 
 class FeetNavigator:
-    """Navigates both feet while samples come in.
+    """Navigates both feet while samples come in, by a navigator each.
 
-    Attributes
-    ----------
-    navigators : of each foot, by side.
-    refused : feet whose samples cannot be used, and why.
-    offset_s : to add to the stamps of each; `push` does.
-    is_parted : whether their clocks are not one any more.
+    `refused` are feet whose samples cannot be used, and why; `offset_s` is added to the stamps of each by `push`;
+    `is_parted` is whether their clocks are not one any more.
     """
 
     def __init__(
@@ -172,7 +169,29 @@ class FeetNavigator:
 
     def update_both(self, side: Side) -> list[FeetLine]:
         """Return the lines of both that follow from samples of a foot that were just pushed."""
-        news = [*self._watch_clock(side), *self._watch_silence(side)]
+        news: list[FeetLine] = []
+        # A clock that restarted: its stamps were set on by a guess.
+        navigator = self.navigators[side]
+        newest = navigator.buffer.stop - 1
+        if not self.is_parted and newest >= 0 and navigator.judge.sensor_time(newest, 0.0):
+            self.is_parted = self._walks.is_parted = True
+            if self._worker is not None:
+                self._worker.messages.put((side, "part"))
+            why = "its clock began again: each foot goes on alone, in a frame of its own"
+            news.append(self._report_state(side, "parted", why))
+        # The other foot is behind, or this one is back.
+        last, other = {one: self._find_last(one) for one in SIDES}, OTHER[side]
+        if np.isfinite(last[side]):
+            self._begun = min(self._begun, last[side])
+            behind = last[side] - max(last[other], self._begun)
+            if behind > SILENT_S and other not in (*self._silent, *self.refused):
+                self._silent.add(other)
+                why = f"no samples for {SILENT_S:.0f} s: the {side} foot goes on alone"
+                news.append(self._report_state(other, "silent", why))
+            if side in self._silent and behind > -SILENT_S:
+                self._silent.discard(side)
+                why = "samples again: it joins the other foot by its next steps"
+                news.append(self._report_state(side, "back", why))
         self._schedule_both(side)
         self._check_clocks()
         return [*news, *self._follow_person()]
@@ -182,7 +201,7 @@ class FeetNavigator:
         used = [side for side in SIDES if side not in self.refused and not self.navigators[side].has_ended]
         found = [line for side in used for line in self.label(side, self.navigators[side].begin_end())]
         news = list(self._follow_person())
-        ends = [line for side in used for line in self.label(side, self.navigators[side].take_end())]
+        ends = [line for side in used for line in self.label(side, self.navigators[side].smoother.take_end())]
         self.abandon()
         return [*found, *news, *ends, *self._follow_person()]
 
@@ -202,19 +221,14 @@ class FeetNavigator:
                 lost[side] = str(error)
         if not feet:
             raise EstimationError(f"neither foot has a walk: {' '.join(lost.values())}")
-        return FeetWalk(feet, self._build_both(feet), lost)
-
-    def _build_both(self, feet: Mapping[Side, Solution]) -> FeetSolution | None:
-        """Return both feet as they were solved together; None where they were not."""
-        solved = self._walks.both
-        if len(feet) < len(SIDES) or solved is None or self.frame("right") != "left":
-            return None
-        left, right = feet["left"], feet["right"]
-        person = trace_solved_person(solved, right, left)
-        counts = solved.problem.ties.cells, len(solved.problem.reach)
-        return FeetSolution(
-            right, left, person, solved.minimum.values.width, measure_width_sigma(solved.minimum.root), *counts
-        )
+        # Both as they were solved together, where they were.
+        solved, both = self._walks.both, None
+        if len(feet) == len(SIDES) and solved is not None and self.frame("right") == "left":
+            left, right = feet["left"], feet["right"]
+            person, width = trace_solved_person(solved, right, left), solved.minimum.values.width
+            counts = solved.problem.ties.cells, len(solved.problem.reach)
+            both = FeetSolution(right, left, person, width, measure_width_sigma(solved.minimum.root), *counts)
+        return FeetWalk(feet, both, lost)
 
     def _schedule_both(self, side: Side) -> None:
         """Have a foot that is not tied yet solved again soon, where both walk, and both be solved together."""
@@ -255,33 +269,6 @@ class FeetNavigator:
                 f"the clocks of both feet are {abs(offset):.2f} s apart{fast}, as their steps show: begin again with "
                 f"--clock-offset {given + offset:.2f}"
             )
-
-    def _watch_clock(self, side: Side) -> Iterator[FeetLine]:
-        """Notice a foot whose clock restarted: its stamps were set on by a guess."""
-        navigator = self.navigators[side]
-        newest = navigator.buffer.stop - 1
-        if not self.is_parted and newest >= 0 and navigator.judge.sensor_time(newest, 0.0):
-            self.is_parted = True
-            self._walks.part()
-            if self._worker is not None:
-                self._worker.messages.put((side, "part"))
-            yield self._report_state(
-                side, "parted", "its clock began again: each foot goes on alone, in a frame of its own"
-            )
-
-    def _watch_silence(self, side: Side) -> Iterator[FeetLine]:
-        """Notice that the other foot is behind, or that this one is back."""
-        last, other = {one: self._find_last(one) for one in SIDES}, OTHER[side]
-        if not np.isfinite(last[side]):
-            return
-        self._begun = min(self._begun, last[side])
-        behind = last[side] - max(last[other], self._begun)
-        if behind > SILENT_S and other not in (*self._silent, *self.refused):
-            self._silent.add(other)
-            yield self._report_state(other, "silent", f"no samples for {SILENT_S:.0f} s: the {side} foot goes on alone")
-        if side in self._silent and behind > -SILENT_S:
-            self._silent.discard(side)
-            yield self._report_state(side, "back", "samples again: it joins the other foot by its next steps")
 
     def _find_last(self, side: Side) -> float:
         """Return the newest stamp of a foot, s."""

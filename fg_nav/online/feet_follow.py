@@ -3,10 +3,6 @@
     two sources -> rows in the order of their stamps (`FeetMerge`) -> the walk of each foot, as of one (`follow`)
                 -> its lines, with foot and frame; and those of both (`feet`)
 
-A source that ends, falls silent or is refused leaves the other going on. The walk ends when both have ended, or are
-silent for as long as was asked for. Calibrations are two files with a comma between; what is of one sensor alone is
-refused.
-
 A watcher gets the keys of one foot (`outlets`): `position_m` and `heading_deg` are null, as the newest step's line has
 them; `standing` is whether both feet stand, `floor` and `returns` are the left foot's, rate and losses those of both.
 """
@@ -26,9 +22,8 @@ from fg_nav.arrays import Floats
 from fg_nav.errors import EstimationError, FgNavError, StreamError
 from fg_nav.feet import SIDES, Side, refuse_for_two, split_pair
 from fg_nav.online.buffer import COLUMNS
-from fg_nav.online.estimates import DIGITS, Revision, StanceEstimate
+from fg_nav.online.estimates import DIGITS, FeetLine, Revision, StanceEstimate, format_feet_line, tag_line
 from fg_nav.online.feet import FeetNavigator
-from fg_nav.online.feet_lines import FeetLine, format_feet_line, tag_line
 from fg_nav.online.follow import (
     ENDING,
     FollowedWalk,
@@ -113,8 +108,8 @@ def run_feet_stream(request: FeetStreamRequest, outlets: Outlets) -> StreamedFee
             for side, word in request.sources.items()
         }
         walk = _FollowedFeet(sources, options, navigator, outlets)
-        while not stop.is_set() and walk.read():
-            walk.add_waiting()
+        while not stop.is_set() and walk.advance():
+            pass
         walk.end()
     walks = {
         side: StreamedWalk(navigator.navigators[side], one.name, options[side].calibration, options[side].mag_axes)
@@ -150,8 +145,8 @@ class _FollowedFeet:
         self._merge = FeetMerge()
         self._status = None if outlets.watcher is None else _FeetStatus(outlets.watcher)
 
-    def read(self) -> bool:
-        """Read the foot that is behind, or the other one where it has sent nothing; False where nothing can come."""
+    def advance(self) -> bool:
+        """Add rows of the foot that is behind, or of the other where it has sent nothing; False where none can come."""
         for side in sorted(self._open, key=lambda one: self._merge.newest[one]):
             rows = self._sources[side].read(WAIT_S)
             if rows is None:
@@ -162,15 +157,15 @@ class _FollowedFeet:
             self._put(side, rows)
             if len(rows):
                 break
-        return bool(set(self._open) - self._over)
-
-    def add_waiting(self) -> None:
-        """Add the rows that need not wait for the other foot's."""
+        if not set(self._open) - self._over:
+            return False
+        # Those that need not wait for the other foot's.
         is_alone = len(self._open) < len(SIDES) or bool(self._feet.refused) or self._feet.is_parted
         for side, rows in self._merge.take(is_alone):
             self._add(side, rows)
         if self._status is not None:
             self._status.report_feet(self._feet, self._list_lost())
+        return True
 
     def end(self) -> None:
         """End the walk."""
@@ -225,7 +220,7 @@ class _FollowedFeet:
             self._status.note_line()
 
     def _list_lost(self) -> dict[str, int]:
-        lost = [self._walks[side].report_losses(self._sources[side].lost) for side in SIDES]
+        lost = [self._walks[side].losses.report(self._sources[side].lost) for side in SIDES]
         return {name: sum(one[name] for one in lost) for name in ("samples", "datagrams")}
 
 

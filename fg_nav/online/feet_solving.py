@@ -40,31 +40,21 @@ MIN_CELLS = 6  # That tie two feet in progress: the first ones are small, and ea
 
 
 class WalksAlone:
-    """The walk of each foot alone as it was solved last, and both in one graph.
-
-    Attributes
-    ----------
-    solvers, alone : of the feet, by side.
-    both : as they were solved last; None before.
-    count : of such solutions.
-    """
+    """The walk of each foot alone as it was solved last, and both in one graph."""
 
     def __init__(self) -> None:
         self.solvers: dict[Side, FootSolver] = {}
         self.alone: dict[Side, WalkSolution] = {}
-        self.both: SolvedFeet | None = None
-        self.count = 0
-        self._is_turned = self._is_parted = False
+        self.both: SolvedFeet | None = None  # As they were solved last; None before.
+        self.count = 0  # Number of such solutions.
+        self._is_turned = False
+        self.is_parted = False  # Whether their clocks are not one any more: each foot is left alone.
         self._joined: Sequence[WalkSolution] = ()
-
-    def part(self) -> None:
-        """Leave each foot alone from here on: their clocks are not one any more."""
-        self._is_parted = True
 
     def find_heading(self, right: WalkSolution, options: OnlineOptions) -> float | None:
         """Return the heading, rad, with which the right foot's walk is to be solved again; None to leave it."""
         left = self.alone.get("left")
-        if self._is_turned or self._is_parted or left is None:
+        if self._is_turned or self.is_parted or left is None:
             return None
         # Only where the left foot's heading is one that the right foot's field does not show.
         if options.heading_rad is None and left.problem.recording.mag is not None:
@@ -78,7 +68,7 @@ class WalksAlone:
 
     def join(self) -> SolvedFeet | None:
         """Solve both in one graph; None where they do not show how they lie. Raises `UNSOLVED`."""
-        if self._is_parted or len(self.alone) < len(SIDES):
+        if self.is_parted or len(self.alone) < len(SIDES):
             return None
         pair = self.alone["right"], self.alone["left"]
         if not self._is_turned and pair[0].field is not None and pair[1].field is None:

@@ -154,18 +154,13 @@ class OnlineField:
         pose: gtsam.Pose3,
         before: Floats,
     ) -> tuple[Floats, CompassVerdict]:
-        """Add footfall k at `node` with the stride to it.
+        """Add footfall k at `node` with the stride to it; its initial state (9,), and the verdict.
 
         Parameters
         ----------
         graph : takes its factors.
         pose : at the footfall, as it is known without its field.
         before : (9,) state at the footfall before.
-
-        Returns
-        -------
-        tuple
-            The state (9,) to begin from, and the verdict.
         """
         # The compass of the footfall.
         nav_R_body, body_field = pose.rotation().matrix(), stride.footfall.body_field[0]
@@ -179,8 +174,14 @@ class OnlineField:
         integral = FieldPotential(
             np.array(stride.u), level_path, stride.by_up, stride.body_move, stride.nav_R_level, sigma
         )
-        if self._p.potential and np.isfinite(stride.sigma_uT_m) and not self._jumps(integral, before):
-            graph.push_back(factor_of(integral, [X(node_before), M(k - 1), M(k)]))
+        if self._p.potential and np.isfinite(stride.sigma_uT_m):
+            # It is left out where it takes the potential out of its bounds, as a circuit of current does.
+            nav_T_body = np.eye(4)
+            nav_T_body[:3, :3] = integral.nav_R_level
+            e, _ = integral.evaluate([nav_T_body, before, np.zeros(SIZE)], with_jacobians=False)
+            bound = JUMP_SIGMAS * float(np.hypot(self._potential.sigma, integral.sigma_uT_m))
+            if not abs(float(e[0] * integral.sigma_uT_m)) > max(bound, MIN_JUMP_UT_M):
+                graph.push_back(factor_of(integral, [X(node_before), M(k - 1), M(k)]))
         # The change of the field's state since the footfall before.
         change = transition(np.array(stride.distance_m), self._rough)
         graph.push_back(linear_factor_of(change, [M(k - 1), M(k)]))
@@ -195,15 +196,6 @@ class OnlineField:
         rows = self._recent[np.isfinite(self._recent[:, 0])]
         across = across_field(rows[:, LEVEL], rows[:, REFERENCE])
         return find_north_sigma(across, float(self._recent[:, DISTANCE].sum()), self._strength_uT)
-
-    def _jumps(self, integral: FieldPotential, before: Floats) -> bool:
-        """Whether the stride takes the potential out of its bounds, as a circuit of current does."""
-        nav_T_body = np.eye(4)
-        nav_T_body[:3, :3] = integral.nav_R_level
-        e, _ = integral.evaluate([nav_T_body, before, np.zeros(SIZE)], with_jacobians=False)
-        potential_after = float(e[0] * integral.sigma_uT_m)
-        sigma = float(np.hypot(self._potential.sigma, integral.sigma_uT_m))
-        return bool(abs(potential_after) > max(JUMP_SIGMAS * sigma, MIN_JUMP_UT_M))
 
     def _judge(self, stride: StrideField, nav_R_body: Floats, before: Floats) -> tuple[float, CompassVerdict]:
         """Note the newest footfall; the sigma of its compass, infinite without a reading, and the verdict."""

@@ -30,7 +30,7 @@ from fg_nav.io import read_fixes
 from fg_nav.magnetic.axes import MagAxes
 from fg_nav.magnetic.quasi_static import choose_gate
 from fg_nav.online.checkpoint import Checkpoint, Snapshot
-from fg_nav.online.estimates import Revision, StanceEstimate, describe_past, format_estimate, format_revision
+from fg_nav.online.estimates import Revision, StanceEstimate, format_estimate, format_revision, thin_rows
 from fg_nav.online.line_verdict import Judged, LineVerdict
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.outlets import Outlets, Say, StatusReporter, describe_walk
@@ -98,39 +98,23 @@ class StreamedWalk:
 
 @dataclass(frozen=True)
 class StreamOptions:
-    """How a source is followed.
-
-    Attributes
-    ----------
-    online : options of the smoother, or of a sensor in a pocket.
-    checkpoint : file to save the walk in, and to resume it from if it is there; None without.
-    checkpoint_s : time between two saves, s.
-    stalled_s : silence after which it is remarked that the source stalls, s.
-    until_silent_s : silence after which the walk ends, s; None to wait for ever.
-    calibration : to apply; None without.
-    mag_axes : of the magnetometer in those of the gyroscope; None for the same.
-    columns : of rows without a header, which a checkpoint must share; None if the source names them.
-    beside : whether the walk is solved again in another process.
-    """
+    """How a source is followed."""
 
     online: OnlineOptions | PocketOptions = field(default_factory=OnlineOptions)
-    checkpoint: Path | None = None
-    checkpoint_s: float = 10.0
-    stalled_s: float = 5.0
-    until_silent_s: float | None = None
-    calibration: Calibration | None = None
-    mag_axes: MagAxes | None = None
-    columns: Columns | None = None
-    beside: bool = False
+    checkpoint: Path | None = None  # File to save the walk in, and to resume it from if it is there.
+    checkpoint_s: float = 10.0  # Between two saves.
+    stalled_s: float = 5.0  # Silence after which it is remarked that the source stalls.
+    until_silent_s: float | None = None  # Silence after which the walk ends; None to wait for ever.
+    calibration: Calibration | None = None  # To apply.
+    mag_axes: MagAxes | None = None  # Of the magnetometer in those of the gyroscope; None for the same.
+    columns: Columns | None = None  # Of rows without a header, which a checkpoint must share.
+    beside: bool = False  # Whether the walk is solved again in another process.
 
 
 def run_stream(request: StreamRequest, outlets: Outlets) -> StreamedWalk:
     """Follow a source until it ends or a signal arrives; lines and remarks go to the outlets.
 
-    Raises
-    ------
-    FgNavError
-        If something that was requested cannot be: the source, the checkpoint, the rows.
+    Raises `FgNavError` if something that was requested cannot be: the source, the checkpoint, the rows.
     """
     options = read_stream_options(request)
     with (
@@ -211,32 +195,17 @@ def follow_source(
     stop: threading.Event | None = None,
     watcher: ListenerProcess | None = None,
 ) -> Navigator:
-    """Follow a source to its end.
+    """Follow a source to its end; its navigator, closed, with the whole walk.
+
+    Raises `FormatError`, `RecordingError`, `EstimationError` if the rows are of another format or unit, or a checkpoint
+    cannot be resumed.
 
     Parameters
     ----------
-    source
-        Of samples.
-    options
-        How.
-    emit
-        Called with one JSON line (`fg_nav.online.estimates`) for each estimate.
-    remark
-        Called with a sentence for people about what is odd.
-    stop
-        Ends the walk when it is set.
-    watcher
-        Sent the status between footfalls; None without.
-
-    Returns
-    -------
-    Navigator
-        Closed, with the whole walk.
-
-    Raises
-    ------
-    FormatError, RecordingError, EstimationError
-        If the rows are of another format or unit, or a checkpoint cannot be resumed.
+    emit : called with one line of JSON (`fg_nav.online.estimates`) for each estimate.
+    remark : called with a sentence for people about what is odd.
+    stop : ends the walk when it is set.
+    watcher : sent the status between footfalls; None without.
     """
     checkpoint = None if options.checkpoint is None else Checkpoint(options.checkpoint)
     with nullcontext() if checkpoint is None else checkpoint.hold():
@@ -245,7 +214,9 @@ def follow_source(
         status = None if watcher is None else StatusReporter(watcher)
         walk = FollowedWalk(navigator, options, checkpoint, emit, remark, status)
         if navigator.footfalls:  # its path, for clients that have not seen it
-            walk.emit_lines([(describe_past(navigator.smoothed()), None)])
+            table = navigator.smoothed()
+            path = np.column_stack([table.t, table.position])[thin_rows(len(table))]
+            walk.emit_lines([(Revision(float(table.t[-1]), 0.0, (), path), None)])
         if navigator.source.get("header") and options.checkpoint is not None:
             with report_damaged(options.checkpoint):
                 source.resume(navigator.source["header"])
@@ -283,11 +254,7 @@ def _open_navigator(options: StreamOptions, checkpoint: Checkpoint | None, remar
 class FollowedWalk:
     """Gives samples to the navigator, emits the lines of its estimates, and saves the walk in its checkpoint.
 
-    Parameters
-    ----------
-    navigator, options, emit, remark : as of `follow_source`.
-    checkpoint : that is held; None without.
-    status : of the walk, if somebody may watch.
+    Arguments are as of `follow_source`; the checkpoint is held, the status reported if somebody may watch.
     """
 
     def __init__(
@@ -306,12 +273,12 @@ class FollowedWalk:
         rate_sigma = 0.0 if options.columns is None else options.columns.rate_sigma
         in_pocket = isinstance(options.online, PocketOptions)
         self._verdict = LineVerdict(in_pocket, remark, not navigator.footfalls, rate_sigma)
-        self._losses = LossCounter(remark)
+        self.losses = LossCounter(remark)
         # what a checkpoint keeps beside the navigator
         self._parts: dict[str, SourceCheck | LineVerdict | LossCounter] = {
             "check": self._check,
             "verdict": self._verdict,
-            "losses": self._losses,
+            "losses": self.losses,
         }
         with nullcontext() if options.checkpoint is None else report_damaged(options.checkpoint):
             for name, part in self._parts.items():
@@ -328,17 +295,24 @@ class FollowedWalk:
         self._check.add(rows)
         self._navigator.source["header"] = header
         overlap = self._navigator.judge.overlap
-        acc, mag = self._corrected(rows[:, 1:4], rows[:, 7:10])
+        # Axes and calibration are applied as to a recording (`fg_nav.walk`).
+        acc, mag, found = rows[:, 1:4], rows[:, 7:10], self._options.calibration
+        if self._options.mag_axes is not None:
+            mag = mag @ self._options.mag_axes.P.T
+        if found is not None and found.magnetometer is not None:
+            mag = np.asarray(found.magnetometer.correct(mag))
+        if found is not None and found.accelerometer is not None:
+            acc = found.accelerometer.correct(acc)
         field = mag if self._options.online.use_field else None
         made = self._navigator.push(rows[:, 0], acc, rows[:, 4:7], field, rows[:, 10])
-        self._losses.add(rows[:, 0], overlap)
-        self._verdict.look_at(self._navigator.buffer)
-        found = self._judge(made)
+        self.losses.add(rows[:, 0], overlap)
+        self._verdict.axes.look_at(self._navigator.buffer)
+        judged = self._judge(made)
         # What depends on the machine's speed is saved before it is sent, once the last save is done.
         raced = self._navigator.races != self._races and self._due < np.inf
         if self._checkpoint is not None and (raced or time.monotonic() >= self._due):
             self._save(self._checkpoint)
-        self.emit_lines(found)
+        self.emit_lines(judged)
 
     def end(self, lost_datagrams: int) -> None:
         """End the walk, with what its source lost."""
@@ -352,8 +326,8 @@ class FollowedWalk:
 
     def count_losses(self, lost_datagrams: int) -> None:
         """Count what was lost in all, and remark it."""
-        self._losses.finish()
-        self._navigator.source["lost"] = lost = self._losses.report(lost_datagrams)
+        self.losses.finish()
+        self._navigator.source["lost"] = lost = self.losses.report(lost_datagrams)
         for words in describe_losses(lost):
             self._remark(f"{words}.")
 
@@ -367,14 +341,10 @@ class FollowedWalk:
             made = [one if isinstance(one, Revision) else one.widen(columns.rate_sigma) for one in made]
         return self._verdict.judge(made, self._navigator.reported_continues)
 
-    def report_losses(self, lost_datagrams: int) -> dict[str, int]:
-        """Return what was lost so far, with the datagrams for which there was no room."""
-        return self._losses.report(lost_datagrams)
-
     def show_status(self, lost_datagrams: int, ended: bool = False) -> None:
         """Send the status between footfalls."""
         if self._status is not None:
-            self._status.report(lambda: describe_walk(self._navigator), self._losses.report(lost_datagrams), ended)
+            self._status.report(lambda: describe_walk(self._navigator), self.losses.report(lost_datagrams), ended)
 
     def emit_lines(self, found: Sequence[Judged]) -> None:
         """Emit lines with their verdicts."""
@@ -410,16 +380,3 @@ class FollowedWalk:
         finally:
             took = time.monotonic() - began
             self._due = time.monotonic() + max(self._options.checkpoint_s, took / SAVING_SHARE)
-
-    def _corrected(self, acc: Floats, mag: Floats) -> tuple[Floats, Floats]:
-        """Apply axes and calibration as to a recording (`fg_nav.walk`)."""
-        found = self._options.calibration
-        if self._options.mag_axes is not None:
-            mag = mag @ self._options.mag_axes.P.T
-        if found is None:
-            return acc, mag
-        if found.magnetometer is not None:
-            mag = np.asarray(found.magnetometer.correct(mag))
-        if found.accelerometer is not None:
-            acc = found.accelerometer.correct(acc)
-        return acc, mag

@@ -1,9 +1,7 @@
 """Whether the path of a walk in progress is to be trusted up to a line: by what is wrong with it so far.
 
-The limits are those of `fg_nav.verdict.limits`: the fastest stride, the highest rate of the height, the time without a
-footfall, the region of the place over the way, and what strides show of the axes and of gravity (`AxesCheck`). A path
-that was spoiled stays so, and none is trusted before it has as many strides as make a walk, and the axes were seen in
-as many.
+The limits are those of `fg_nav.verdict.limits`. A path that was spoiled stays so, and none is trusted before it has as
+many strides as make a walk, and the axes were seen in as many.
 
 Between two lines a new solution may move the map. A stride is measured within one map: where the past was revised, from
 its newest footfall in the new map; where the revision does not include it, the stride to the next line is not measured.
@@ -17,7 +15,6 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.online.buffer import SampleBuffer
 from fg_nav.online.estimates import Revision, StanceEstimate
 from fg_nav.online.source_check import AxesCheck
 from fg_nav.verdict.limits import (
@@ -42,12 +39,11 @@ N_FASTEST = 4  # Strides, by the slowest of which the fastest is judged: who beg
 MAX_HEIGHTS = 32  # More than are made in the time over which their rate is measured.
 SAME_S = 1e-3  # Stamps of one footfall, of any clock: less than a sample apart.
 
-Judged: TypeAlias = tuple[StanceEstimate | Revision, Verdict | None]
-"""A line of a walk, and the verdict on an estimate."""
+Judged: TypeAlias = tuple[StanceEstimate | Revision, Verdict | None]  # A line of a walk; the verdict on an estimate.
 
 
 class LineVerdict:
-    """Judges the lines of a walk, in their order.
+    """Judges the lines of a walk, in their order; `axes` of its samples.
 
     Parameters
     ----------
@@ -64,17 +60,13 @@ class LineVerdict:
         rate_sigma: float = 0.0,
     ) -> None:
         self._in_pocket, self._rate_sigma = in_pocket, rate_sigma
-        self._axes = AxesCheck(remark, refuses, "pocket" if in_pocket else "foot")
+        self.axes = AxesCheck(remark, refuses, "pocket" if in_pocket else "foot")
         self._begun: float | None = None
         self._last = np.zeros(4)  # t, east, north, up of the newest footfall
         self._distance, self._lost_s, self._strides = 0.0, 0.0, 0
         self._steepest, self._reach = (0.0, 0.0), 0.0
         self._fast = np.zeros((0, 3))  # Speed, time and end of the fastest strides, the fastest first.
         self._heights = np.zeros((0, 2))
-
-    def look_at(self, buffer: SampleBuffer) -> None:
-        """Look at the axes of the samples that have come; raises `RecordingError` as `AxesCheck` does."""
-        self._axes.look_at(buffer)
 
     def judge(self, found: Sequence[StanceEstimate | Revision], continues: Sequence[bool]) -> list[Judged]:
         """Put to each estimate the verdict on the path up to it; `continues` of all lines of the walk."""
@@ -99,7 +91,7 @@ class LineVerdict:
             "heights": self._heights.tolist(),
             "fast": self._fast.tolist(),
             "strides": self._strides,
-            "axes": self._axes.state(),
+            "axes": self.axes.state(),
         }
 
     def resume(self, state: Mapping[str, Any]) -> None:
@@ -111,7 +103,7 @@ class LineVerdict:
         self._fast = np.array(state["fast"], dtype=float).reshape(-1, 3)
         self._heights = np.array(state["heights"], dtype=float).reshape(-1, 2)
         self._strides = int(state["strides"])
-        self._axes.resume(state["axes"])
+        self.axes.resume(state["axes"])
 
     def _measure(self, now: Floats, continues: bool) -> None:
         """Measure the stride to a footfall, of which t, east, north, up (4,) are given."""
@@ -134,7 +126,7 @@ class LineVerdict:
 
     def _list_reasons(self, covariance: Floats) -> list[Reason]:
         assert self._begun is not None
-        axes, way, sigma = self._axes.evidence, self._distance, float(np.sqrt(np.trace(covariance)))
+        axes, way, sigma = self.axes.evidence, self._distance, float(np.sqrt(np.trace(covariance)))
         found = [judge_position(covariance, way, self._in_pocket), judge_axes(axes), judge_rate(self._rate_sigma)]
         if len(self._fast):
             speed, took, end = map(float, self._fast[0])

@@ -25,8 +25,7 @@ from typing import Any
 
 from fg_nav.errors import StreamError
 
-Remark = Callable[[str], None]
-"""Called with a sentence for people."""
+Remark = Callable[[str], None]  # Called with a sentence for people.
 
 PIECE = 1 << 16  # bytes that are read at once; no datagram has more
 POLL_S = 0.2  # period at which a thread checks whether its source was closed
@@ -48,7 +47,7 @@ class SenderLock:
     def __init__(self, name: str, remark: Remark) -> None:
         self._name, self._remark = name, remark
         self._host, self._port = "", 0
-        self._last = -float("inf")
+        self.last = -float("inf")  # When the sender has sent something, by the monotonic clock.
         self._others: set[str] = set()
 
     def accept(self, host: str, port: int, is_gone: bool = False) -> float | None:
@@ -57,12 +56,12 @@ class SenderLock:
         `is_gone`: the sender of before is known to have ended.
         """
         now = time.monotonic()
-        silent_s = now - self._last
+        silent_s = now - self.last
         if (host, port) == (self._host, self._port) or not self._host:
-            self._host, self._port, self._last = host, port, now
+            self._host, self._port, self.last = host, port, now
             return 0.0
         if host == self._host and (is_gone or silent_s > RESTARTED_S):
-            self._port, self._last = port, now
+            self._port, self.last = port, now
             return silent_s
         if host not in self._others:
             self._others.add(host)
@@ -71,10 +70,6 @@ class SenderLock:
                 f"port {self._port}: a walk has one sensor."
             )
         return None
-
-    def note(self) -> None:
-        """Note that the sender has sent something."""
-        self._last = time.monotonic()
 
 
 class Connector(ABC):
@@ -163,7 +158,7 @@ class TcpListener(_TcpConnector):
             return None
         piece = super().read()
         if piece:
-            self._senders.note()
+            self._senders.last = time.monotonic()
         return piece
 
     def close(self) -> None:
@@ -187,10 +182,7 @@ class TcpListener(_TcpConnector):
 class SerialDevice(Connector):
     """A serial device, opened at once and again when it is plugged in again; needs pyserial.
 
-    Raises
-    ------
-    StreamError
-        If pyserial is not installed, or the device cannot be opened.
+    Raises `StreamError` if pyserial is not installed, or the device cannot be opened.
     """
 
     def __init__(self, path: str, baud: int) -> None:
@@ -234,7 +226,7 @@ class LiveSource(ABC):
     """A `ByteSource` that a thread reads, from its creation on."""
 
     def __init__(self, name: str, remark: Remark) -> None:
-        self.name, self.away_s = name, 0.0
+        self.name, self.away_s, self.lost = name, 0.0, 0
         self._remark = remark
         self._waiting: deque[tuple[float, bytes]] = deque()
         self._size = 0
@@ -243,11 +235,6 @@ class LiveSource(ABC):
         self._failure: Exception | None = None
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
-
-    @property
-    def lost(self) -> int:
-        """See `ByteSource`: a stream of bytes loses none."""
-        return 0
 
     def read(self, wait_s: float) -> bytes | None:
         """See `ByteSource`: all that waits, up to where the source was away."""
@@ -307,15 +294,19 @@ class Datagrams(LiveSource):
             self._socket.close()
             raise
         self._socket.settimeout(POLL_S)
-        self._buffer = _enlarge_buffer(self._socket)
+        # A large buffer, and the count of datagrams without room. Without the right to force a buffer, the system gives
+        # as much as it allows to anybody.
+        is_linux = sys.platform == "linux"
+        if is_linux:
+            with suppress(OSError):
+                self._socket.setsockopt(socket.SOL_SOCKET, _SO_RXQ_OVFL, 1)
+        for option in (socket.SO_RCVBUF, *([_SO_RCVBUFFORCE] if is_linux else [])):
+            with suppress(OSError):
+                self._socket.setsockopt(socket.SOL_SOCKET, option, SYSTEM_BUFFER)
+        self._buffer = self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
         self._senders = SenderLock(name, remark)
         self._lost_in_system = self._lost_in_queue = 0
         super().__init__(name, remark)
-
-    @property
-    def lost(self) -> int:
-        """Datagrams for which neither the system's buffer nor the queue had room."""
-        return self._lost_in_system + self._lost_in_queue
 
     def close(self) -> None:
         """Close it."""
@@ -350,19 +341,7 @@ class Datagrams(LiveSource):
                 f"datagrams from {self.name} are lost here: this machine has too much to do, or its buffer of "
                 f"{self._buffer >> 10} kB is too small (net.core.rmem_max)."
             )
-        self._lost_in_system, self._lost_in_queue = in_system, in_queue
-
-
-def _enlarge_buffer(receiver: socket.socket) -> int:
-    """Request a large buffer, and the count of datagrams without room; return the bytes that the system gave."""
-    if sys.platform == "linux":
-        with suppress(OSError):
-            receiver.setsockopt(socket.SOL_SOCKET, _SO_RXQ_OVFL, 1)
-    # Without the right to force a buffer, the system gives as much as it allows to anybody.
-    for option in (socket.SO_RCVBUF, *([_SO_RCVBUFFORCE] if sys.platform == "linux" else [])):
-        with suppress(OSError):
-            receiver.setsockopt(socket.SOL_SOCKET, option, SYSTEM_BUFFER)
-    return receiver.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
+        self._lost_in_system, self._lost_in_queue, self.lost = in_system, in_queue, in_system + in_queue
 
 
 class Reconnected(LiveSource):

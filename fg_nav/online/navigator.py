@@ -13,10 +13,11 @@ With a lag the samples are discarded once no stride needs them, and the path is 
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from time import perf_counter
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -27,14 +28,14 @@ from fg_nav.detection.rest import freeze_ends
 from fg_nav.errors import EstimationError
 from fg_nav.magnetic.axes import AlignedMagnetometer, align_magnetometer
 from fg_nav.online.background import Solver, WorkerSolver
-from fg_nav.online.buffer import SampleBuffer
+from fg_nav.online.buffer import COLUMNS, SampleBuffer, as_recording
 from fg_nav.online.estimates import Revision, StanceEstimate, StrapdownPath, select_rows
-from fg_nav.online.intake import SampleIntake
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.resolve import measure_walk_field
 from fg_nav.online.sample_filter import SampleFilter
+from fg_nav.online.schedule import SmootherState
 from fg_nav.online.smoother import OnlineSmoother
-from fg_nav.online.smoother_state import SmootherState
+from fg_nav.online.unit_monitor import UnitMonitor
 from fg_nav.recording import MIN_SAMPLES, Recording
 from fg_nav.smoother import smooth
 from fg_nav.smoother.dense_path import Trajectory, dense_trajectory
@@ -51,34 +52,93 @@ METHOD = "online"
 SolverMaker: TypeAlias = Callable[[SampleBuffer], Solver]
 
 MAX_FREE_S = 3.0  # A stride and the wait for its footfall; a free strapdown is metres off by then.
+NO_ROWS = np.empty((0, COLUMNS))
+
+
+class SampleIntake(ABC):
+    """Navigates by samples in blocks of any size.
+
+    `judge` filters them, `units` are those they are in; `source` is what a checkpoint keeps of the source, as JSON.
+    """
+
+    def __init__(self, remark: Callable[[str], None], judge: SampleFilter | None) -> None:
+        self.buffer = SampleBuffer()
+        self.judge = SampleFilter(remark) if judge is None else judge
+        self.units = UnitMonitor(remark)
+        self.source: dict[str, Any] = {}
+        self.has_ended, self._busy_s = False, 0.0
+
+    def push(
+        self, t: Floats, acc: Floats, gyr: Floats, mag: Floats | None = None, pressure: Floats | None = None
+    ) -> list[StanceEstimate | Revision]:
+        """Add samples and return the estimates that they complete, and what they take back, in order.
+
+        t, acc, gyr, mag, pressure are (n,) s, (n, 3) m/s^2, (n, 3) rad/s, (n, 3) uT and (n,) Pa, n >= 0; what cannot
+        be used is left out (`sample_filter`).
+
+        Raises `RecordingError` where the first seconds show that a unit is wrong, `EstimationError` after the end, and
+        in a pocket where there is no up to begin with.
+        """
+        if self.has_ended:
+            raise EstimationError("this walk has ended: begin a new one for more samples.")
+        began = perf_counter()
+        field = np.full((len(t), 3), np.nan) if mag is None else mag
+        air = np.full(len(t), np.nan) if pressure is None else pressure
+        rows = self._accept(np.column_stack([t, acc, gyr, field, air]))
+        self._busy_s += perf_counter() - began
+        if len(rows):
+            self._prepare()
+        return self.add_rows(rows)
+
+    def add_rows(self, rows: Floats) -> list[StanceEstimate | Revision]:
+        """Add rows (n, 12) that passed the checks, here or as a recording; return estimates as `push` does."""
+        began = perf_counter()
+        found = self._add_rows(rows)
+        self._busy_s += perf_counter() - began
+        return found
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was left out or odd, in words."""
+        return (*self.judge.notes, *self.units.notes)
+
+    def _accept(self, sent: Floats = NO_ROWS, at_end: bool = False) -> Floats:
+        """Return the rows (m, 12) to use, of these as sent and of what waited; `at_end` none waits any more."""
+        rows = self.units.accept(sent, at_end)
+        self.source["units"] = self.units.state()
+        rows = self.judge.accept(rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:10], rows[:, 10])
+        return np.concatenate([rows, self.judge.flush()]) if at_end else rows
+
+    @abstractmethod
+    def _prepare(self) -> None:
+        """Get ready for samples that just came from a source."""
+
+    @abstractmethod
+    def _add_rows(self, rows: Floats) -> list[StanceEstimate | Revision]:
+        """Put rows into the buffer, and estimate by them."""
+
+    def _cut_all(self, use_mag: bool = True) -> Recording:
+        """Cut out all samples, with the magnetometer if there is one; raises `RecordingError` if there are too few."""
+        rows = self.buffer.between(0, self.buffer.stop)
+        return as_recording(rows, use_mag and bool(np.isfinite(rows[:, 7:10]).all(axis=1).any()))
 
 
 @dataclass(frozen=True)
 class NavigatorState:
-    """All that a navigator needs to go on behind the sample before `stop`; what is in it does not change any more.
-
-    `handed` samples were given to the smoother; `waits` and `warned` say what was remarked.
-    """
+    """All that a navigator needs to go on behind the sample before `stop`, immutable."""
 
     stop: int
     smoother: SmootherState
     stances: CausalStances
-    handed: int
-    waits: bool
-    warned: bool
+    handed: int  # Number of samples that the smoother has.
+    waits: bool  # Whether it was remarked that the walk does not begin yet,
+    warned: bool  # and that the axes of the magnetometer are wrong.
     has_ended: bool
     busy_s: float
 
 
 class OnlineNavigator(SampleIntake):
-    """Navigates while samples come in.
-
-    Attributes
-    ----------
-    options : of the smoother.
-    detection : of footfalls.
-    smoother : of the footfalls.
-    """
+    """Navigates while samples come in."""
 
     def __init__(
         self,
@@ -121,21 +181,17 @@ class OnlineNavigator(SampleIntake):
 
     def close(self) -> list[StanceEstimate | Revision]:
         """End the walk and return the estimates of the footfalls that were still open, and what its end takes back."""
-        return [] if self._closed else [*self.begin_end(), *self.take_end()]
+        return [] if self.has_ended else [*self.begin_end(), *self.smoother.take_end()]
 
     def begin_end(self) -> list[StanceEstimate | Revision]:
         """End the walk, return the estimates of the footfalls that were still open, and begin its last solution."""
-        self._closed = True
+        self.has_ended = True
         found = self._add_rows(self._accept(at_end=True))
         if self.buffer.stop >= MIN_SAMPLES:
             # A stance of the very last sample alone is none.
             found += self._estimates(f for f in self._stances.finish() if f.start[0] + 1 < self.buffer.stop)
         self.smoother.begin_end()
         return found
-
-    def take_end(self) -> list[StanceEstimate | Revision]:
-        """Apply the last solution; what it revises."""
-        return self.smoother.take_end()
 
     def finish(self) -> Solution:
         """End the walk and return its estimates as they are then, with their path.
@@ -174,15 +230,13 @@ class OnlineNavigator(SampleIntake):
     def polish(self, progress: Callable[[float], None] | None = None, stances: Stances | None = None) -> Solution:
         """End the walk and solve it as a whole in batch; without its field where that fails.
 
+        Raises `RecordingError`, `DetectionError`, `EstimationError` where there was no walk, with a lag, or where it
+        has no solution.
+
         Parameters
         ----------
         progress : called with the fraction that is done.
         stances : of `recording()`, where they are known.
-
-        Raises
-        ------
-        RecordingError, DetectionError, EstimationError
-            Where there was no walk, with a lag, or where it has no solution.
         """
         self.close()
         recording, options, is_known = self.recording(), self.options, stances is not None
@@ -219,7 +273,7 @@ class OnlineNavigator(SampleIntake):
 
         Strapdown from the last footfall on. Its error is not bounded: after `MAX_FREE_S` the position is held.
         """
-        if not self.n_reported:
+        if not self.smoother.n_reported:
             return None
         last_stamp = self.buffer.stamp(self.buffer.stop - 1)
         longest = self.buffer.stamp(self._handed - 1) + MAX_FREE_S
@@ -247,17 +301,6 @@ class OnlineNavigator(SampleIntake):
         return () if initial is None else initial.returns
 
     @property
-    def anchor_sample(self) -> int:
-        """Sample of the footfall at which the newest window begins; -1 before the first."""
-        anchors = self.smoother.anchors
-        return anchors[-1].stance.sample if anchors else -1
-
-    @property
-    def n_reported(self) -> int:
-        """Number of lines so far."""
-        return self.smoother.n_reported
-
-    @property
     def races(self) -> int:
         """Number of outputs that depended on solver timing."""
         return self.smoother.schedule.races
@@ -269,7 +312,7 @@ class OnlineNavigator(SampleIntake):
 
     def state(self) -> NavigatorState:
         """Return what `resume` needs, of a walk that has begun: a copy of some ten seconds, and of nothing longer."""
-        words = self._waits, self._warned, self._closed
+        words = self._waits, self._warned, self.has_ended
         stances = self._stances.copy()
         return NavigatorState(self.buffer.stop, self.smoother.state(), stances, self._handed, *words, self._busy_s)
 
@@ -279,11 +322,12 @@ class OnlineNavigator(SampleIntake):
         It had reported `n_reported` lines, and solutions had taken effect before the lines `takeovers` since; the
         same happens here when the samples behind the state are added again.
         """
-        self.smoother.schedule.follow_record(takeovers, n_reported)
+        schedule = self.smoother.schedule
+        schedule.recorded, schedule.recorded_until = frozenset(takeovers), n_reported
         self.smoother.resume(state.smoother)
         self._stances, self._handed, self._busy_s = state.stances.copy(), state.handed, state.busy_s
-        self._waits, self._warned, self._closed = state.waits, state.warned, state.has_ended
-        if self._closed and self._solver is not None:
+        self._waits, self._warned, self.has_ended = state.waits, state.warned, state.has_ended
+        if self.has_ended and self._solver is not None:
             self._solver.close()
 
     def causal(self) -> StanceTable:
@@ -295,7 +339,7 @@ class OnlineNavigator(SampleIntake):
         return self.smoother.smoothed()
 
     def _prepare(self) -> None:
-        self.smoother.schedule.prepare(self.n_reported)
+        self.smoother.schedule.prepare(self.smoother.n_reported)
 
     def _add_rows(self, rows: Floats) -> list[StanceEstimate | Revision]:
         self.buffer.append(rows)
@@ -308,7 +352,7 @@ class OnlineNavigator(SampleIntake):
             try:
                 found += self._add(footfall)
             except EstimationError as error:
-                if self.n_reported:
+                if self.smoother.n_reported:
                     raise
                 if not self._waits:
                     self._remark(f"the walk does not begin yet: {error}")
@@ -318,7 +362,7 @@ class OnlineNavigator(SampleIntake):
 
     def _add(self, footfall: Footfall) -> list[StanceEstimate | Revision]:
         """Add a footfall and the samples up to the one behind it to the smoother."""
-        footfall = replace(footfall, continues=footfall.continues and self.n_reported > 0)
+        footfall = replace(footfall, continues=footfall.continues and self.smoother.n_reported > 0)
         until = min(max(int(footfall.stop[-1]) + 1, MIN_SAMPLES), self.buffer.stop)
         # One that ends with the last of these samples is cut one before it.
         stop = np.minimum(footfall.stop, until - 1)

@@ -43,8 +43,7 @@ HOST = "127.0.0.1"  # that serves lines
 RATE_S = 2.0  # in which samples are counted for their rate
 SILENT_S = 1.5  # without samples, after which a source is called silent
 
-Say = Callable[[str], None]
-"""Called with a line, or a sentence for people."""
+Say = Callable[[str], None]  # Called with a line, or a sentence for people.
 
 
 @dataclass(frozen=True)
@@ -61,19 +60,13 @@ class Outlets:
 def open_outlets(serve: int | None, view: tuple[str, int] | None, print_line: Say, remark: Say) -> Iterator[Outlets]:
     """Open what was requested.
 
+    Raises `StreamError` if a port cannot be served.
+
     Parameters
     ----------
-    serve
-        Port for the lines, which are then not printed; None without.
-    view
-        Host and port of the page; None without.
-    print_line, remark
-        Called with lines, and with sentences for people.
-
-    Raises
-    ------
-    StreamError
-        If a port cannot be served.
+    serve : port for the lines, which are then not printed; None without.
+    view : host and port of the page; None without.
+    print_line, remark : called with lines, and with sentences for people.
     """
     with ExitStack() as opened:
         lines = None if serve is None else opened.enter_context(open_port(HOST, serve, "--serve"))

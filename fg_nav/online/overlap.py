@@ -7,7 +7,7 @@ A source resumes in one of two ways, and its first `HEAD` rows show which:
   last `TAIL` rows that were seen before the checkpoint, those that were not taken and restarts of the clock among them.
 * It goes on from a later moment: a socket, a device. Then nothing is left out.
 
-Rows are compared by value, so it does not matter how often the sensor's clock restarted. Rows from a gap of the
+Rows are compared by value. Rows from a gap of the
 checkpoint, which were lost before and come now, are too late: they are left out too. If the last rows of the checkpoint
 never come, because they were lost this time, `LOST` rows that it does not hold, and that are not from the gap behind
 the last one that it holds, are taken for new; at the end of the stream as many as there are.

@@ -59,13 +59,7 @@ def pack(value: object) -> bytes:
 
 
 def unpack(content: bytes | memoryview) -> Any:
-    """Return the value of some bytes.
-
-    Raises
-    ------
-    FormatError
-        If they are none.
-    """
+    """Return the value of some bytes; raises `FormatError` if they are none."""
     try:
         view = memoryview(content)
         behind = 8 + int.from_bytes(view[:8], "little")
@@ -247,10 +241,7 @@ def append_record(path: Path, size: int, record: bytes) -> int:
 def read_records(path: Path, version: int) -> Iterator[tuple[bytes, int]]:
     """Yield the records of a file, each with the size of the file up to its end.
 
-    Raises
-    ------
-    FormatError
-        If the file is none, or one of another version.
+    Raises `FormatError` if the file is none, or one of another version.
     """
     with path.open("rb") as file:
         begin = file.read(len(MAGIC) + 2)

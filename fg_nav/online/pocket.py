@@ -31,8 +31,7 @@ from fg_nav.frames import yaw_rotation
 from fg_nav.magnetic.axes import align_magnetometer
 from fg_nav.online.buffer import as_recording
 from fg_nav.online.estimates import TURNED_RAD, Revision, StanceEstimate, StrapdownPath, build_table, thin_rows
-from fg_nav.online.intake import SampleIntake
-from fg_nav.online.navigator import METHOD, OnlineNavigator
+from fg_nav.online.navigator import METHOD, OnlineNavigator, SampleIntake
 from fg_nav.online.options import OnlineOptions
 from fg_nav.online.sample_filter import SampleFilter
 from fg_nav.pocket.causal_steps import StrideEnd
@@ -65,23 +64,14 @@ AXIS_SIGMA_DEG = 8.0  # Of the axis of the swing, by one stride; it falls with t
 
 @dataclass(frozen=True)
 class PocketOptions:
-    """How a walk with the sensor in a pocket is followed.
+    """How a walk with the sensor in a pocket is followed."""
 
-    Attributes
-    ----------
-    heading_rad : of the first two strides, clockwise from north; None to begin with the compass.
-    use_field : whether the magnetometer is used.
-    step_constant_m : of the person (`fg_nav.pocket.dead_reckoning`); None for the default.
-    axes_given : whether the batch solution uses the magnetometer whatever its axes look like.
-    lag_s : none: all samples are kept.
-    """
+    lag_s: ClassVar[None] = None  # All samples are kept.
 
-    lag_s: ClassVar[None] = None
-
-    heading_rad: float | None = None
+    heading_rad: float | None = None  # Of the first two strides, clockwise from north; None to begin with the compass.
     use_field: bool = True
-    step_constant_m: float | None = None
-    axes_given: bool = False
+    step_constant_m: float | None = None  # Of the person (`fg_nav.pocket.dead_reckoning`); None for the default.
+    axes_given: bool = False  # Whether the batch solution uses the magnetometer whatever its axes look like.
 
 
 class _PathSoFar(NamedTuple):
@@ -94,18 +84,12 @@ class _PathSoFar(NamedTuple):
 
 
 class PocketNavigator(SampleIntake):
-    """Navigates while samples come in, as `fg_nav.online.OnlineNavigator` does on a foot.
-
-    Attributes
-    ----------
-    options : of the walk.
-    footfalls : one an estimate: the sample at which its stride ends.
-    floor, returns : none: a pocket has no heights, and its path is not compared with itself.
-    """
+    """Navigates while samples come in, as `OnlineNavigator` does on a foot; a footfall is the end of a stride."""
 
     detection = CausalParameters()
-    floor: None = None
-    returns: tuple[Return, ...] = ()
+    floor: None = None  # A pocket has no heights,
+    returns: tuple[Return, ...] = ()  # its path is not compared with itself,
+    races, takeovers = 0, tuple[int, ...]()  # and nothing is solved in the background.
 
     def __init__(
         self,
@@ -133,9 +117,9 @@ class PocketNavigator(SampleIntake):
 
     def close(self) -> list[StanceEstimate | Revision]:
         """End the walk and return the estimates of the strides that were still open."""
-        if self._closed:
+        if self.has_ended:
             return []
-        self._closed = True
+        self.has_ended = True
         self.buffer.append(self._accept(at_end=True))
         found = self._add_blocks(at_end=True)
         return found if self._thigh is None else found + self._report(self._thigh.steps.cut())

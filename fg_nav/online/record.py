@@ -1,12 +1,8 @@
 """The raw samples of a stream, written as they come: canonical CSV, as `fg-nav run` reads it, exact to the last bit.
 
-Before calibration, and before anything is left out or set on. A thread writes once a second what has come since: killed
-at any instant the file lacks that second at most. What cannot be written, because the disk is full, waits and is tried
-again; the walk goes on.
-
-An older file that is to be replaced stays as it is until the first sample is there: a source that does not open, or
-never sends, costs nothing. A walk that is resumed goes on in its file. A source that begins again sends what is in it
-already; that is left out.
+Before calibration, and before anything is left out or set on. A thread writes once a second what has come since; what
+cannot be written, because the disk is full, waits and is tried again. An older file that is to be replaced stays as it
+is until the first sample is there. A walk that is resumed goes on in its file, without what is in it already.
 """
 
 from __future__ import annotations
@@ -15,6 +11,7 @@ import os
 import threading
 from collections import deque
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -40,23 +37,14 @@ HEADER = ",".join(CANONICAL) + "\n"
 class Recorder:
     """Writes samples into a file.
 
+    Raises `OutputError` if the file is there already and is not to be continued or replaced, or cannot be opened, and
+    `FormatError` if it is to be continued and is none of ours.
+
     Parameters
     ----------
-    path
-        Of the file.
-    goes_on
-        Whether an older file is that of the same walk, and is continued.
-    force
-        Whether another older file is replaced.
-    remark
-        Called with a sentence if the file cannot be written, and when it can again.
-
-    Raises
-    ------
-    OutputError
-        If the file is there already and is not to be continued or replaced, or cannot be opened.
-    FormatError
-        If it is to be continued and is none of ours.
+    goes_on : whether an older file is that of the same walk, and is continued.
+    force : whether another older file is replaced.
+    remark : called with a sentence if the file cannot be written, and when it can again.
     """
 
     def __init__(self, path: Path, goes_on: bool, force: bool, remark: Callable[[str], None]) -> None:
@@ -68,10 +56,9 @@ class Recorder:
         try:
             self._file = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
             lock(self._file)
-            self._good = self._find_end() if is_old and goes_on else 0
-            if self._good:
-                known = _read_recorded(path)
-                self._overlap = Overlap([known], [(0, 0.0)], [], known[-TAIL:], known[:0])
+            self._good = 0
+            if is_old and goes_on:
+                self._reopen()
         except BlockingIOError:
             raise OutputError(f"another stream records into {path}: name another file to record into.") from None
         except OSError as error:
@@ -159,27 +146,24 @@ class Recorder:
             raise
         self._good = place
 
-    def _find_end(self) -> int:
-        """Return where to go on in a file of ours, which is then cut there: behind its last line with an end."""
+    def _reopen(self) -> None:
+        """Go on in a file of ours behind its last line with an end, where it is cut; compare with its samples."""
         if not HEADER.encode().startswith(os.pread(self._file, len(HEADER), 0)):
             os.close(self._file)
             raise FormatError(f"{self._path.name} was not recorded by this command: name another file to record into.")
         size = os.fstat(self._file).st_size
         tail = os.pread(self._file, 1 << 16, max(size - (1 << 16), 0))
-        good = size - len(tail) + tail.rfind(b"\n") + 1
-        os.truncate(self._file, good)
-        return good
-
-
-def _read_recorded(path: Path) -> Floats:
-    """Return the samples (n, 11) of a file that was recorded."""
-    try:
-        raw = FORMATS["canonical"].read(read_content(path))
-    except FormatError:
-        return np.empty((0, COLUMNS))
-    pressure = np.full(len(raw.t), np.nan) if raw.pressure is None else raw.pressure
-    assert raw.mag is not None
-    return np.column_stack([raw.t, raw.acc, raw.gyr, raw.mag, pressure])
+        self._good = size - len(tail) + tail.rfind(b"\n") + 1
+        os.truncate(self._file, self._good)
+        if not self._good:
+            return
+        known = np.empty((0, COLUMNS))
+        with suppress(FormatError):  # it has no samples yet
+            raw = FORMATS["canonical"].read(read_content(self._path))
+            assert raw.mag is not None
+            pressure = np.full(len(raw.t), np.nan) if raw.pressure is None else raw.pressure
+            known = np.column_stack([raw.t, raw.acc, raw.gyr, raw.mag, pressure])
+        self._overlap = Overlap([known], [(0, 0.0)], [], known[-TAIL:], known[:0])
 
 
 class _RecordedSource(SampleSource):

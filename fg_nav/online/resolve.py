@@ -38,26 +38,15 @@ from fg_nav.stances import Stances
 
 @dataclass(frozen=True)
 class WalkSolution:
-    """A walk solved so far.
+    """A walk solved so far."""
 
-    Attributes
-    ----------
-    problem : of the walk, with its field where that is used.
-    solved : its minimum.
-    field : state of the field model; None where the field is not used.
-    verdict : on the field at all footfalls.
-    returns : stretches at which the walk was before.
-    iron : of the magnetometer, by the walk itself; None where it shows none, or a calibration was given.
-    solved_field : the solution of the field, and the field at the footfalls; None where it is not used.
-    """
-
-    problem: WalkProblem
-    solved: Solved
-    field: OnlineField | None
-    verdict: FieldVerdict
-    returns: tuple[Return, ...]
-    iron: MagnetometerCalibration | None
-    solved_field: tuple[FieldSolution, FootfallField] | None = None
+    problem: WalkProblem  # With the field where that is used.
+    solved: Solved  # Its minimum.
+    field: OnlineField | None  # None where the field is not used.
+    verdict: FieldVerdict  # On the field at all footfalls.
+    returns: tuple[Return, ...]  # Stretches walked before.
+    iron: MagnetometerCalibration | None  # By the walk itself; None where it shows none, or a calibration was given.
+    solved_field: tuple[FieldSolution, FootfallField] | None = None  # Of the field, with the field at the footfalls.
 
     @property
     def stances(self) -> list[StanceNodes]:
@@ -92,6 +81,7 @@ def build_anchor(walk: PartialWalk, options: OnlineOptions, found: WalkSolution,
     shared = problem.parameters.moving_foot, problem.barometer is not None
     rows = list_estimates(stances, verdicts, values, covariances, *shared)
     heights = np.asarray(list_positions(problem.nodes.result, values)[:, 2])
+    longest_rest = max(known.rests, key=lambda rest: rest.stop - rest.start, default=None)
     return AnchorState(
         stance=stances[-1],
         verdict=verdicts[-1],
@@ -104,7 +94,7 @@ def build_anchor(walk: PartialWalk, options: OnlineOptions, found: WalkSolution,
         parameters=problem.parameters,
         field=found.field,
         barometer=None if problem.barometer is None else problem.barometer.barometer,
-        rests=RestLedger.from_rests(known.rests),
+        rests=RestLedger(longest_rest, known.rests[-1] if known.rests else None),
         biases=BiasLedger.from_factors(problem.differential),
         sensor=walk.sensor,
         counts=dict(count_factors(problem)),
@@ -167,22 +157,13 @@ def solve_so_far(
 
 @dataclass(frozen=True)
 class MeasuredField:
-    """The field of a walk, as it is measured.
+    """The field of a walk, as it is measured."""
 
-    Attributes
-    ----------
-    recording : with the magnetometer corrected.
-    field : at the footfalls; None where it is not used, or not measured.
-    unseen : why it was not measured, though it was to be used.
-    iron : by which the walk itself corrected the recording; None where it shows none, or a calibration was given.
-    notes : how the magnetometer was corrected.
-    """
-
-    recording: Recording
-    field: FootfallField | None = None
-    unseen: str = ""
-    iron: MagnetometerCalibration | None = None
-    notes: tuple[str, ...] = ()
+    recording: Recording  # With the magnetometer corrected.
+    field: FootfallField | None = None  # None where it is not used, or not measured.
+    unseen: str = ""  # Why it was not measured, though it was to be used.
+    iron: MagnetometerCalibration | None = None  # As in `WalkSolution`.
+    notes: tuple[str, ...] = ()  # How the magnetometer was corrected.
 
 
 def measure_walk_field(

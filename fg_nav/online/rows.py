@@ -40,20 +40,12 @@ HINT = f"a line must name the columns ({TIME[0]},{ACC[0]},...), or --columns; --
 
 @dataclass(frozen=True)
 class Columns:
-    """The columns of rows without a canonical header.
+    """The columns of rows without a canonical header."""
 
-    Attributes
-    ----------
-    names : of all fields of a row, in order; those that are not in `CANONICAL` are skipped.
-    units : (11,) factors of the fields.
-    rate_hz : of rows without a stamp, whose stamps are counted by it; None where they have one.
-    mapping : the user's words, where they name columns of a header that is still to come, or some numbers of fields.
-    """
-
-    names: tuple[str, ...]
-    units: tuple[float, ...] = (1.0,) * COLUMNS
-    rate_hz: float | None = None
-    mapping: str | None = None
+    names: tuple[str, ...]  # Of all fields of a row, in order; those that are not in `CANONICAL` are skipped.
+    units: tuple[float, ...] = (1.0,) * COLUMNS  # (11,) factors of the fields.
+    rate_hz: float | None = None  # Of rows without a stamp, whose stamps are counted by it; None where they have one.
+    mapping: str | None = None  # The user's words, where they name columns of a header to come, or numbers of fields.
 
     @property
     def rate_sigma(self) -> float:
@@ -64,10 +56,7 @@ class Columns:
 def parse_columns(words: str | None, units: str | None = None, rate_hz: float | None = None) -> Columns | None:
     """Return the columns that the user names, in the grammar of `fg_nav.columns.mapping`; None without.
 
-    Raises
-    ------
-    StreamError
-        If a column is missing, doubled or unknown, or a unit is.
+    Raises `StreamError` if a column is missing, doubled or unknown, or a unit is.
     """
     if words is None:
         for value, option in ((units, "--units"), (rate_hz, "--rate")):
@@ -117,20 +106,14 @@ class RowReader:
     Behind one of other names, as where a sensor restarts with other software, rows are left out until one names those
     of before again. Where only its end is missing, or one name is damaged, the order stays.
 
+    Raises `FormatError` from `read`, if no header comes, or the first one lacks a column, or names others than before
+    the walk resumed.
+
     Parameters
     ----------
-    name
-        Of the source, for messages.
-    remark
-        Called with a sentence about the first bad row.
-    columns
-        Of rows without a header; None where the source must send one.
-
-    Raises
-    ------
-    FormatError
-        From `read`, if no header comes, or the first one lacks a column, or names others than before the walk
-        resumed.
+    name : of the source, for messages.
+    remark : called with a sentence about the first bad row.
+    columns : of rows without a header; None where the source must send one.
     """
 
     def __init__(

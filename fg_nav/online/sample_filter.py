@@ -16,8 +16,7 @@ wrong unit, gravity removed       refused, as in a file, once `CHECKED` samples 
 ================================= ==========================================================================
 
 Each kind is counted, and remarked once; a change of the stamps is remarked each time, and named in the notes. Nothing
-depends on the blocks in which the rows come. Where stamps were set on or back, `sensor_time` returns those that the
-sensor gave.
+depends on the blocks in which the rows come.
 
 Most samples pass at once. One at which a run of bad ones may begin, far from the one before, is held until `LOOK_AHEAD`
 more are there: 55 ms at 200 Hz, in which a shoe that strikes is on its way to a footfall.
@@ -86,7 +85,6 @@ REMARKS = {
     "known": "samples are in the checkpoint already and left out",
     "late": "samples that the checkpoint does not hold come before its last one, and are left out",
 }
-"""For each kind; what happens to samples is remarked the first time, what happens to stamps each time."""
 
 NOTHING = np.empty((0, COLUMNS))
 
@@ -94,19 +92,9 @@ NOTHING = np.empty((0, COLUMNS))
 class SampleFilter:
     """Accepts what can be navigated with; `counts` holds how much of each kind of `REMARKS` there was.
 
-    Attributes
-    ----------
-    overlap : what a resumed stream is compared with, as long as it may hold known samples; None otherwise.
-
-    Parameters
-    ----------
-    remark
-        Called with one sentence the first time that something of a kind happens, and whenever the stamps are changed.
-
-    Raises
-    ------
-    RecordingError
-        From `accept`, if the samples are in a wrong unit.
+    `overlap` is what a resumed stream is compared with, as long as it may hold known samples. `remark` is called with
+    one sentence the first time that something of a kind happens, and whenever the stamps are changed. Raises
+    `RecordingError` from `accept`, if the samples are in a wrong unit.
     """
 
     def __init__(self, remark: Callable[[str], None] = lambda words: None) -> None:
@@ -135,10 +123,7 @@ class SampleFilter:
     ) -> Floats:
         """Return the rows (m, 12) to use, of this block and of what waited: t, acc, gyr, mag, pressure, bad.
 
-        Parameters
-        ----------
-        t, acc, gyr, mag, pressure
-            (n,) s, (n, 3) m/s^2, (n, 3) rad/s, (n, 3) uT, (n,) Pa; whatever a sensor may deliver.
+        The block is (n,) s, (n, 3) m/s^2, (n, 3) rad/s, (n, 3) uT, (n,) Pa; whatever a sensor may deliver.
         """
         unseen = np.full((len(t), 3), np.nan)
         field = unseen if mag is None else np.where(find_field_samples(mag)[:, None], mag, unseen)
@@ -305,7 +290,7 @@ class SampleFilter:
         taken = [np.empty((0, TAKEN))]
         for i, stamp in enumerate(sent[:, 0].tolist()):
             following = float(sent[i + 1, 0]) if i + 1 < len(sent) else None
-            if following is None and not at_end and self._is_far_ahead(stamp + self._offset):
+            if following is None and not at_end and JUMP_S < stamp + self._offset - self._last < np.inf:
                 self._waits = sent[i:]
                 break
             row = np.append(stamp + self._offset, sent[i, 1:])
@@ -336,9 +321,6 @@ class SampleFilter:
         """Note those of the last rows (n, 12) of which no sensor was bad."""
         self._recent.extend(rows[rows[:, COLUMNS] == 0, :COLUMNS][-AROUND:])
 
-    def _is_far_ahead(self, t: float) -> bool:
-        return np.isfinite(self._last) and t - self._last > JUMP_S
-
     def _select(self, row: Floats, is_followed: bool) -> list[Floats]:
         """Return the rows to use now: this one, which `is_followed` by a later one, none, or those that waited too.
 
@@ -347,7 +329,7 @@ class SampleFilter:
         t = float(row[0])
         if t < self._last:
             return self._wait_for_restart(row)
-        is_ahead = self._is_far_ahead(t)
+        is_ahead = JUMP_S < t - self._last < np.inf
         kind = "repeated" if t - self._last <= SAME_S else "ahead"
         if kind == "repeated" or (is_ahead and not is_followed):
             self._count(kind, 1, f"at t = {t:.3f} s")

@@ -23,7 +23,7 @@ from fg_nav.online.anchor import NO_NODES, AnchorState, Past, PathNodes
 from fg_nav.online.buffer import ReportedFootfall, SensorState
 from fg_nav.online.estimates import EstimateRow
 from fg_nav.online.navigator import NavigatorState
-from fg_nav.online.smoother_state import Pending, SmootherState
+from fg_nav.online.schedule import Pending, SmootherState
 from fg_nav.online.solving import Task
 
 OF_WALK = -1  # in place of the sample of an anchor state: the start of the walk
@@ -49,11 +49,6 @@ class RowTable:
     def rows(self) -> list[EstimateRow]:
         """Return the rows."""
         return [EstimateRow(row, *self.words[k]) for row, k in zip(self.numbers, self.which.tolist(), strict=True)]
-
-    def cut(self, stop: int) -> RowTable:
-        """Return a copy of the rows before number `stop`."""
-        kept = stop - self.first
-        return replace(self, numbers=self.numbers[:kept].copy(), which=self.which[:kept].copy())
 
 
 @dataclass(frozen=True)
@@ -114,21 +109,6 @@ class PastTable:
     rows: RowTable
     nodes: PathNodes
 
-    @classmethod
-    def from_past(cls, past: Past, first: int) -> PastTable:
-        """Return the table of a past from a number on; nodes behind the row before it may have changed."""
-        begins = 0 if first == 0 else int(np.searchsorted(past.nodes.sample, past.rows[first - 1].numbers[0]))
-        nodes = PathNodes._make(part[begins:] for part in past.nodes)
-        return cls(first, RowTable.from_rows(past.rows, first), nodes)
-
-    def cut_at(self, later: PastTable) -> PastTable:
-        """Return a copy of what a later table leaves of it."""
-        stop = len(self.nodes.sample)
-        if len(later.nodes.sample):
-            stop = int(np.searchsorted(self.nodes.sample, later.nodes.sample[0]))
-        nodes = PathNodes._make(part[:stop].copy() for part in self.nodes)
-        return PastTable(self.first, self.rows.cut(later.first), nodes)
-
 
 @dataclass(frozen=True)
 class StateChanges:
@@ -159,6 +139,9 @@ def find_changes(state: NavigatorState, known: NavigatorState | None) -> StateCh
         footfalls = _count_same(new.footfalls, old.footfalls)
         past = _count_same(new.past.rows, old.past.rows)
     at = set() if old is None else {one.stance.sample for one in old.starts}
+    # nodes behind the row before the first that differs may have changed
+    begins = 0 if past == 0 else int(np.searchsorted(new.past.nodes.sample, new.past.rows[past - 1].numbers[0]))
+    nodes = PathNodes._make(part[begins:] for part in new.past.nodes)
     # the task that is pending, by the sample of the anchor state it begins at
     pending, due = new.pending, None
     if pending is not None:
@@ -170,7 +153,7 @@ def find_changes(state: NavigatorState, known: NavigatorState | None) -> StateCh
         lines=RowTable.from_rows(new.told, lines),
         reported_continues=np.array(new.reported_continues[lines:], dtype=np.int64),
         footfalls=FootfallTable.from_footfalls(new.footfalls, footfalls),
-        past=PastTable.from_past(new.past, past),
+        past=PastTable(past, RowTable.from_rows(new.past.rows, past), nodes),
         anchors=tuple(one for one in new.starts if one.stance.sample not in at),
         starts=tuple(one.stance.sample for one in new.starts),
         due=due,
@@ -204,7 +187,13 @@ class StateReader:
         while self._past and self._past[-1].first >= past.first:
             self._past.pop()
         if self._past:
-            self._past[-1] = self._past[-1].cut_at(past)
+            before, stop = self._past[-1], len(self._past[-1].nodes.sample)
+            if len(past.nodes.sample):
+                stop = int(np.searchsorted(before.nodes.sample, past.nodes.sample[0]))
+            nodes = PathNodes._make(part[:stop].copy() for part in before.nodes)
+            kept, rows = past.first - before.rows.first, before.rows
+            rows = replace(rows, numbers=rows.numbers[:kept].copy(), which=rows.which[:kept].copy())
+            self._past[-1] = PastTable(before.first, rows, nodes)
         self._past.append(past)
         known = self._anchors | {one.stance.sample: one for one in changes.anchors}
         self._anchors = {sample: known[sample] for sample in changes.starts}

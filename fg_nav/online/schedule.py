@@ -1,26 +1,21 @@
 """When a walk in progress is solved again, and when that solution takes effect.
 
-A walk is solved again by the count of its footfalls alone: at the first ones at once, later every twelfth part of it,
-in a window behind `WHOLE_UNTIL`, where what is known of sensor and foot does not change any more; at once for a
-footfall in doubt, and at the end (docs/online.md). One of n footfalls takes some n / 250 s, a footfall one second: the
-solution takes effect two footfalls later, and one more for each 200 of the walk.
-
-It takes effect before the line for which it was requested, or later:
-
-it is waited for   where it is solved in this process, or samples come faster than they were walked, as from a file:
-                   the same samples give the same answers, however fast the machine is
-it is not          where they come as they are walked: if it is late the walk goes on without it. Before which line it
-                   takes effect depends on the machine then, and is recorded; a walk that is resumed follows the record
+A walk is solved again by the count of its footfalls alone (table in docs/online.md). One of n footfalls takes some
+n / 250 s, a footfall one second: the solution takes effect two footfalls later, and one more for each 200 of the walk.
+It is waited for where it is solved in this process, or samples come faster than they were walked. Where they come as
+they are walked it takes effect once it is there; before which line is recorded, and a resumed walk follows the record.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
+from fg_nav.online.anchor import AnchorState, Past
 from fg_nav.online.background import Solver
 from fg_nav.online.buffer import ReportedFootfall, SampleBuffer
-from fg_nav.online.smoother_state import Pending
+from fg_nav.online.estimates import EstimateRow
 from fg_nav.online.solving import Task
 
 AT_ONCE = (1, 2, 3, 4, 6, 8, 10)  # Footfalls at which all is solved at once: a tenth of a second.
@@ -46,25 +41,47 @@ def choose_delay(n: int, has_lag: bool) -> int:
     return 2 + (WINDOW if is_windowed(n, has_lag) else n) // 200
 
 
-class ResolveSchedule:
-    """The pending solution, and when those before took effect.
+@dataclass(frozen=True)
+class Pending:
+    """A solution in progress."""
 
-    Attributes
-    ----------
-    solver : of the walk.
-    pending : the solution in progress; None between two.
-    taken : numbers of the lines before which one took effect, or was requested again, since the newest window began.
-    races : number of decisions that depended on solver timing.
-    """
+    asked: tuple[int, ...]  # Lines before which it is requested, each time with the footfalls up to there.
+    footfalls: int  # Number of footfalls of the task.
+    task: Task
+
+    @property
+    def due_at(self) -> int:
+        """The last of these lines: it takes effect there, or later."""
+        return self.asked[-1]
+
+
+@dataclass(frozen=True)
+class SmootherState:
+    """All that a smoother needs to go on with the samples, immutable."""
+
+    told: tuple[EstimateRow, ...]
+    reported_continues: tuple[bool, ...]
+    footfalls: tuple[ReportedFootfall, ...]
+    past: Past
+    starts: tuple[AnchorState, ...]  # The newest window begins at the newest of them.
+    pending: Pending | None
+    next: int
+    doubted: tuple[int, ...]
+    has_mag: bool
+    discarded: int  # Number of footfalls without samples.
+
+
+class ResolveSchedule:
+    """The pending solution, and when those before took effect."""
 
     def __init__(self, solver: Solver, buffer: SampleBuffer) -> None:
         self.solver, self._buffer = solver, buffer
-        self.pending: Pending | None = None
-        self.taken: list[int] = []
-        self.races = 0
+        self.pending: Pending | None = None  # None between two.
+        self.taken: list[int] = []  # Lines before which one took effect, or was requested again, in the newest window.
+        self.races = 0  # Number of decisions that depended on solver timing.
         self._clock: tuple[float, float] | None = None  # time.monotonic() and stamp, s, when the solution was begun
-        self._recorded: frozenset[int] = frozenset()
-        self._recorded_until = 0
+        self.recorded: frozenset[int] = frozenset()  # Of a resumed walk, lines before which solutions took effect,
+        self.recorded_until = 0  # of those before this one.
 
     def begin(self, task: Task, due_at: int, n_footfalls: int) -> None:
         """Begin a task on the first footfalls, whose solution is due before line `due_at`."""
@@ -75,7 +92,8 @@ class ResolveSchedule:
         """Request the solution at the last of the footfalls since, before a line."""
         assert self.pending is not None
         self.solver.request(footfalls)
-        self.pending = self.pending.ask_at(line)
+        if line != self.pending.due_at:
+            self.pending = replace(self.pending, asked=(*self.pending.asked, line))
 
     def resume(self, pending: Pending, footfalls: Sequence[ReportedFootfall], line: int) -> None:
         """Begin the solution again that was pending before a line of a walk with these footfalls."""
@@ -86,10 +104,6 @@ class ResolveSchedule:
                 stop = len(footfalls) - line + due_at
                 self.solver.request(footfalls[begins:stop])
                 begins = stop
-
-    def follow_record(self, taken: Sequence[int], until: int) -> None:
-        """Follow the record of the lines before which solutions took effect, of all before line `until`."""
-        self._recorded, self._recorded_until = frozenset(taken), until
 
     def prepare(self, line: int) -> None:
         """Wait for a solution that is due, where it is waited for: now, and not when a footfall is complete."""
@@ -102,8 +116,8 @@ class ResolveSchedule:
         """Decide whether a solution takes effect before a line."""
         if not self._is_due(line):
             return False
-        if line < self._recorded_until:
-            return line in self._recorded
+        if line < self.recorded_until:
+            return line in self.recorded
         if self._waits():
             return True
         self.races += 1

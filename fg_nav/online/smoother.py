@@ -6,9 +6,8 @@
                         revised (`estimates.Revision`)
 
 The newest window is short, so that a footfall costs the same however long the walk; all of the past is in its anchor
-state. Where it ends is fixed by the count of footfalls alone. So the same calls give the same answers to the bit, and
-how long a solution takes makes no difference, unless it takes longer than the footfalls until then. Then a walk whose
-samples come as they are walked goes on without it, and the solution takes effect when it is there (`schedule`).
+state. Where it ends is fixed by the count of footfalls alone, so the same calls give the same answers to the bit; a
+solution that is late takes effect later (`schedule`).
 """
 
 from __future__ import annotations
@@ -36,11 +35,11 @@ from fg_nav.online.schedule import (
     NEWEST,
     WINDOW,
     ResolveSchedule,
+    SmootherState,
     choose_delay,
     choose_next,
     is_windowed,
 )
-from fg_nav.online.smoother_state import SmootherState
 from fg_nav.online.solving import CONTEXT_S, Task, WalkSolver
 from fg_nav.online.window import Window
 from fg_nav.smoother.solver import UNSOLVED
@@ -51,15 +50,6 @@ MAX_LATE = 6  # Footfalls that are added when a late solution takes effect: each
 
 class OnlineSmoother:
     """A walk in progress. The same calls give the same answers to the bit, those since a `state` of it too.
-
-    Attributes
-    ----------
-    walk : its samples and footfalls.
-    window : the newest; None before the first footfall.
-    footfalls : of the walk as reviewed by now, those that `smoothed` has rows of.
-    reported, reported_continues : rows of all lines, as they were given out; which are further pieces of a standing.
-    anchors : at which a window may begin, the newest that of `window`.
-    schedule : of the solutions in the background.
 
     Parameters
     ----------
@@ -81,10 +71,10 @@ class OnlineSmoother:
         self.schedule = ResolveSchedule(WalkSolver(options, stance, buffer) if solver is None else solver, buffer)
         self.window: Window | None = None
         self._past = Past()
-        self.reported: list[EstimateRow] = []
+        self.reported: list[EstimateRow] = []  # all lines, as they were given out
         self.reported_continues: list[bool] = []
-        self.footfalls: list[ReportedFootfall] = []
-        self.anchors: list[AnchorState] = []
+        self.footfalls: list[ReportedFootfall] = []  # as reviewed by now: those that `smoothed` has rows of
+        self.anchors: list[AnchorState] = []  # at which a window may begin, the newest that of `window`
         self._next = AT_ONCE[-1]  # number of lines at which the next solution is begun
         self._doubted: set[int] = set()  # stillest samples of footfalls that were in doubt
         self._has_mag = False
@@ -93,7 +83,7 @@ class OnlineSmoother:
         """Add a complete footfall; the revision before it, if there is one, and its estimate.
 
         Raises `EstimationError` with samples or footfalls out of order or not finite, or if the first footfall has no
-        up. Valid input never raises, however the person moved.
+        up.
 
         Parameters
         ----------
@@ -112,18 +102,36 @@ class OnlineSmoother:
         else:
             self.window.add_newest()
         assert self.window is not None
-        estimate = self._add_north(replace(self.window.latest, number=self.n_reported))
+        estimate = replace(self.window.latest, number=self.n_reported)
+        # The uncertainty of a north that the field alone shows, or has yet to show.
+        if self._options.use_field and not self._has_mag:
+            begins = int(self.footfalls[-1].footfall.start[0])
+            self._has_mag = bool(np.isfinite(self._buffer.between(begins, self.walk.stop)[:, 7]).any())
+        shown_by_field = self._has_mag and self.wrong_axes is None
+        if (shown_by_field or self._options.fixes) and not self.window.initial.heading_known:
+            field = self.window.field
+            sigma = UNKNOWN_RAD if field is None else field.north_sigma
+            estimate = replace(estimate, pose_cov=extend_with_north(estimate.pose_cov, estimate.position, sigma))
         self.reported.append(estimate.as_row())
         self.reported_continues.append(footfall.continues)
+        # The newest footfall in doubt, one that is no stance any more, and was not in doubt before.
+        doubtful = None
+        if seen is not None:
+            for k in range(len(self.footfalls) - 2, max(len(self.footfalls) - NEWEST, 0), -1):
+                one = self.footfalls[k].footfall
+                if one.stillest not in self._doubted and seen.lacks(int(one.start[0]), int(one.stop[-1])):
+                    doubtful = k
+                    break
         # The next solution is begun, or requested where it is due.
-        self._schedule_solution(None if seen is None else self._find_doubtful(seen))
+        self._schedule_solution(doubtful)
         return [*revised, estimate]
 
     def begin_end(self) -> None:
         """End the walk, and begin to solve it once more, as far as its samples are there."""
         self.schedule.solver = self.schedule.solver.close()
         if self.window is not None:
-            self._begin_solution(self._window_start, 0, has_ended=True)
+            start = self.anchors[0] if is_windowed(self.n_reported, self._has_lag) else None
+            self._begin_solution(start, 0, has_ended=True)
 
     def take_end(self) -> list[StanceEstimate | Revision]:
         """Apply that solution; what it revises."""
@@ -218,18 +226,6 @@ class OnlineSmoother:
         if pending is not None:
             self.schedule.resume(pending, self.footfalls, n)
 
-    def _add_north(self, estimate: StanceEstimate) -> StanceEstimate:
-        """Add the uncertainty of a north that the field alone shows, or has yet to show."""
-        assert self.window is not None
-        field, begins = self.window.field, int(self.footfalls[-1].footfall.start[0])
-        if self._options.use_field and not self._has_mag:
-            self._has_mag = bool(np.isfinite(self._buffer.between(begins, self.walk.stop)[:, 7]).any())
-        shown_by_field = self._has_mag and self.wrong_axes is None
-        if self.window.initial.heading_known or not (shown_by_field or self._options.fixes):
-            return estimate
-        sigma = UNKNOWN_RAD if field is None else field.north_sigma
-        return replace(estimate, pose_cov=extend_with_north(estimate.pose_cov, estimate.position, sigma))
-
     def _solve_at_once(self) -> list[StanceEstimate | Revision]:
         """Solve all of the walk; extend the newest window where that has no solution."""
         known = self.walk.sensor
@@ -283,18 +279,6 @@ class OnlineSmoother:
         lost = [one.line for one in before if one.line >= 0 and one.line not in kept]
         return compare_pasts(old[first:], self.rows, first, [(k, float(self.reported[k].numbers[1])) for k in lost])
 
-    def _find_doubtful(self, seen: Seen) -> int | None:
-        """Return the newest footfall that is no stance any more, and was not in doubt before."""
-        for k in range(len(self.footfalls) - 2, max(len(self.footfalls) - NEWEST, 0), -1):
-            one = self.footfalls[k].footfall
-            if one.stillest not in self._doubted and seen.lacks(int(one.start[0]), int(one.stop[-1])):
-                return k
-        return None
-
-    @property
-    def _window_start(self) -> AnchorState | None:
-        return self.anchors[0] if is_windowed(self.n_reported, self._has_lag) else None
-
     def _schedule_solution(self, doubtful: int | None) -> None:
         """Begin the next solution, or request the one that is due behind the newest footfall."""
         n, pending = self.n_reported, self.schedule.pending
@@ -305,7 +289,7 @@ class OnlineSmoother:
             return
         if n < AT_ONCE[-1] or (doubtful is None and n < self._next):
             return
-        start, delay = self._window_start, choose_delay(n, self._has_lag)
+        start, delay = self.anchors[0] if is_windowed(n, self._has_lag) else None, choose_delay(n, self._has_lag)
         if start is not None:
             # What lies before the first anchor state is needed no more: with a lag by the walk either.
             since = self._find_window()

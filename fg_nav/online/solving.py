@@ -40,31 +40,18 @@ UNREPORTED = -1  # Number of the line of a footfall that had none.
 
 @dataclass(frozen=True)
 class Task:
-    """A walk to be solved.
+    """A walk to be solved."""
 
-    Attributes
-    ----------
-    start : anchor state to begin at, without its past; None for the start of the walk.
-    footfalls : from that of the anchor state on.
-    sensor : what the walk shows of it so far.
-    has_ended : whether nothing follows.
-    """
-
-    start: AnchorState | None
-    footfalls: tuple[ReportedFootfall, ...]
+    start: AnchorState | None  # Where to begin, without its past; None for the start of the walk.
+    footfalls: tuple[ReportedFootfall, ...]  # From that of the anchor state on.
     sensor: SensorState
-    has_ended: bool = False
+    has_ended: bool = False  # Whether nothing follows.
 
 
 class WalkSolver:
-    """Solves a walk again while it goes on: in this process, when an anchor state is waited for.
+    """Solves a walk again while it goes on: in this process, when an anchor state is waited for."""
 
-    Attributes
-    ----------
-    is_here : whether it solves in this process.
-    """
-
-    is_here = True
+    is_here = True  # Whether it solves in this process.
 
     def __init__(self, options: OnlineOptions, stance: StanceParameters, buffer: SampleBuffer) -> None:
         self._options, self._stance, self._buffer = options, stance, buffer

@@ -12,17 +12,14 @@ Two sensors at once, such as one on a foot and one in a pocket that send to the 
 
                 r = median |x_i - x_i-1| / median min(|x_i - x_i-2|, |x_i - x_i-3|)
 
-One sensor moves on from row to row: r is 0.5 to 0.6 for walking feet, 1.2 for one that stands, and 1.4 at most in all
-windows of 15 walks of gdin, openshoe, xio and gdlbio, and of simulated feet and thighs. Rows of two that take turns
-have 3 to 19 while they walk, over 100 while they stand, and 1.8 to 6 where one sends two for one of the other.
+Of one sensor r is 1.4 at most, in 15 real walks and simulated feet and thighs. Rows of two that take turns have 3 to 19
+while they walk, over 100 while they stand, and 1.8 to 6 where one sends two for one of the other.
 
 Where a sensor is worn is found as in a recording (`fg_nav.detection.mount`), as soon as it is clear. None of 63 real
-recordings of feet, walked and run (gdin, gdlbio, openshoe, xio, vicon, two feet), is refused by either.
+recordings of feet is refused by either.
 
-Whether its sensors have the same, right-handed axes is measured in strides, of a foot or a thigh
-(`detection.handedness`). They are counted in blocks of `BLOCK_S`, until
-`MIN_AXES_STRIDES` of them show the axes that were given, or `MAX_STRIDES` are there. If others are certain, a stream is
-refused in its first minute; later there is a remark, and each line says that it is not to be used.
+Whether its sensors have the same, right-handed axes is measured in strides (`detection.handedness`), in blocks of
+`BLOCK_S`, until `MIN_AXES_STRIDES` of them show the axes that were given, or `MAX_STRIDES` are there.
 
 Samples that were lost on the way are counted by the stamps of those that came. A sensor samples evenly: within a window
 of `WINDOW` rows the median step between stamps is its period T, and a step of k T, k = 2, 3, ..., lacks k - 1 samples.
@@ -40,7 +37,7 @@ from typing import Any
 
 import numpy as np
 
-from fg_nav.arrays import Floats, Ints
+from fg_nav.arrays import Floats
 from fg_nav.detection.handedness import (
     AXES,
     DECISIVE,
@@ -101,12 +98,7 @@ class SourceCheck:
     def add(self, rows: Floats) -> None:
         """Check rows (n, 11) as they were sent.
 
-        Raises
-        ------
-        StreamError
-            If they are of two sensors.
-        EstimationError
-            If the sensor is clearly worn elsewhere.
+        Raises `StreamError` if they are of two sensors, `EstimationError` if the sensor is clearly worn elsewhere.
         """
         usable = rows[np.isfinite(rows[:, 0]) & find_squarable(rows[:, 1:7])]
         self._window = np.concatenate([self._window, usable])
@@ -203,17 +195,13 @@ def has_two_clocks(t: Floats) -> bool:
 
 
 class AxesCheck:
-    """Checks the axes of the samples of a walk as they come, whatever the blocks.
+    """Checks the axes of the samples of a walk as they come, whatever the blocks, by the `evidence` of its strides.
 
     Parameters
     ----------
     remark : called with one sentence if wrong axes are found later than `REFUSED_S`.
     refuses : whether a stream is refused in its first minute; not where a walk is resumed.
     mount : where the sensor is worn.
-
-    Attributes
-    ----------
-    evidence : of the strides so far.
     """
 
     def __init__(self, remark: Callable[[str], None], refuses: bool = True, mount: Wearing = "foot") -> None:
@@ -225,13 +213,7 @@ class AxesCheck:
         self._passed_s = 0.0
 
     def look_at(self, buffer: SampleBuffer) -> None:
-        """Check the samples that have come since.
-
-        Raises
-        ------
-        RecordingError
-            If strides of the first minute surely show other axes than those given.
-        """
+        """Check the samples since; raises `RecordingError` if strides of the first minute surely show other axes."""
         while not self._is_settled:
             # the next block, once it has come
             self._begins = max(self._begins, buffer.first)
@@ -241,9 +223,16 @@ class AxesCheck:
             if stop == buffer.stop:
                 return
             rows = buffer.between(self._begins, stop)
-            if len(rows) >= MIN_SAMPLES:
-                self._count(rows)
             self._begins = stop
+            if len(rows) < MIN_SAMPLES:
+                continue
+            # its strides
+            self._passed_s += float(np.ptp(rows[:, 0]))
+            self.evidence += self._measure(rows[:, 0], rows[:, 1:4], rows[:, 4:7])
+            if self.evidence.against > DECISIVE:
+                if self._refuses and self._passed_s <= REFUSED_S:
+                    raise RecordingError(f"{self.evidence.problem}.")
+                self._remark(f"{self.evidence.problem}; the track is not to be used.")
 
     def state(self) -> dict[str, Any]:
         """Return what `resume` needs, as JSON values; of axes that are settled no more than their number."""
@@ -264,27 +253,11 @@ class AxesCheck:
         agrees = found.strides >= MIN_AXES_STRIDES and found.against < 1.0
         return agrees or found.strides >= MAX_STRIDES or found.against > DECISIVE
 
-    def _count(self, rows: Floats) -> None:
-        """Count the strides of a block."""
-        self._passed_s += float(np.ptp(rows[:, 0]))
-        self.evidence += self._measure(rows[:, 0], rows[:, 1:4], rows[:, 4:7])
-        if self.evidence.against <= DECISIVE:
-            return
-        if self._refuses and self._passed_s <= REFUSED_S:
-            raise RecordingError(f"{self.evidence.problem}.")
-        self._remark(f"{self.evidence.problem}; the track is not to be used.")
-
 
 class LossCounter:
-    """Counts what is lost of a stream, whatever the blocks in which its rows come.
+    """Counts what is lost of a stream, whatever the blocks: samples missing by the stamps, of those that came.
 
-    Attributes
-    ----------
-    samples, came : how many are missing by the stamps, and how many came.
-
-    Parameters
-    ----------
-    remark : called with one sentence the first time that samples are missing, and whenever the rate changes.
+    `remark` is called with one sentence the first time that samples are missing, and whenever the rate changes.
     """
 
     def __init__(self, remark: Callable[[str], None]) -> None:
@@ -338,7 +311,15 @@ class LossCounter:
             raise ValueError("a count below zero, or a stamp that is none")
 
     def _count(self, t: Floats) -> None:
-        missing = count_missing(t)
+        """Count the samples that are missing between stamps (n,) s of a sensor that samples evenly."""
+        step = np.diff(t)
+        forward = (step > 0.0) & (step <= MAX_STEP_S)
+        if not forward.any():
+            return
+        period = float(np.median(step[forward]))
+        periods = np.where(forward, step, period) / period
+        is_even = np.mean(np.abs(periods - np.rint(periods)) > EVEN) < MAX_UNEVEN
+        missing = np.where(periods > (1.5 if is_even else GAP_PERIODS), np.rint(periods) - 1.0, 0.0).astype(np.int64)
         lost = int(missing.sum())
         if lost and not self.samples:
             first = int(np.argmax(missing > 0))
@@ -363,19 +344,6 @@ class LossCounter:
                 f"{1.0 / period_s:.4g} Hz."
             )
             self._period_s, self._others = period_s, 0
-
-
-def count_missing(t: Floats) -> Ints:
-    """Count the samples (n - 1,) that are missing between stamps (n,) s of a sensor that samples evenly."""
-    step = np.diff(t)
-    forward = (step > 0.0) & (step <= MAX_STEP_S)
-    if not forward.any():
-        return np.zeros(len(step), dtype=np.int64)
-    period = float(np.median(step[forward]))
-    periods = np.where(forward, step, period) / period
-    is_even = np.mean(np.abs(periods - np.rint(periods)) > EVEN) < MAX_UNEVEN
-    missing = np.where(periods > (1.5 if is_even else GAP_PERIODS), np.rint(periods) - 1.0, 0.0)
-    return np.asarray(missing, dtype=np.int64)
 
 
 def describe_losses(lost: Mapping[str, int]) -> tuple[str, ...]:

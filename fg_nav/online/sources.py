@@ -172,10 +172,7 @@ def open_samples(
 ) -> SampleSource:
     """Open a source of samples: the rows of `open_source`, or with a speed the samples of a recording.
 
-    Raises
-    ------
-    StreamError, FormatError, RecordingError
-        If it cannot be opened, or is not what it is said to be.
+    Raises `StreamError`, `FormatError`, `RecordingError` if it cannot be opened, or is not what it is said to be.
     """
     if speed is None:
         return TextSource(open_source(word, baud, remark), remark, columns)
@@ -189,10 +186,7 @@ def open_samples(
 def open_source(word: str, baud: int, remark: Callable[[str], None]) -> ByteSource:
     """Open a source by the name that the user gave; `remark` is called with sentences about its connection.
 
-    Raises
-    ------
-    StreamError
-        If it cannot be opened: what is wrong, and what to try.
+    Raises `StreamError` if it cannot be opened: what is wrong, and what to try.
     """
     if word == "-":
         if sys.stdin is None:

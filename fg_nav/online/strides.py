@@ -1,8 +1,7 @@
 """Strides of a walk in progress, measured by the functions of the batch smoother (`smoother.strides`), one at a time.
 
 A stride's window has the samples of the footfall before and of the new one, with some before for context. Its nodes are
-numbered from 0, those of the walk from its first; `StrideWindow` has both. What a stride measures depends on its own
-samples, and on two properties of the whole walk: sample period and range of the sensors (`samples.saturation`).
+numbered from 0, those of the walk from its first; `StrideWindow` has both.
 
 Position fixes are added with the stride of their time, to the nearest node. The heading of a graph in progress is held
 by all strides before, so that a fix off by more than its sigmas would bend the walk instead of turning it: it waits for
@@ -41,27 +40,17 @@ MAX_FIX_SIGMAS = 4.0  # Of a fix from the walk so far: one in 3000 that is true 
 
 @dataclass(frozen=True)
 class StanceNodes:
-    """The nodes of a footfall in the graph.
+    """The nodes of a footfall in the graph."""
 
-    ============== =============================================================
-    number         of the footfall
-    first, stop    its first node, and the one after its last
-    result         node at its stillest sample
-    bias           number of its bias variable, the first footfall of which was at `bias_begun_s`
-    sample, t      stillest sample, counted from the first of the walk; s
-    samples        samples of its nodes, counted likewise
-    ============== =============================================================
-    """
-
-    number: int
-    first: int
-    stop: int
-    result: int
-    bias: int
-    bias_begun_s: float
-    sample: int
-    t: float
-    samples: tuple[int, ...]
+    number: int  # Of the footfall.
+    first: int  # Its first node,
+    stop: int  # and the one after its last.
+    result: int  # Node at its stillest sample.
+    bias: int  # Number of its bias variable,
+    bias_begun_s: float  # the first footfall of which was then.
+    sample: int  # Its stillest, counted from the first of the walk;
+    t: float  # its stamp, s.
+    samples: tuple[int, ...]  # Of its nodes, counted likewise.
 
 
 # --- variables of footfalls ------------------------------------------------------------------------------------------
@@ -284,20 +273,10 @@ def _dead_reckon(
 
 @dataclass(frozen=True)
 class RestLedger:
-    """Which rests of a walk in progress its graph has: each shows the gyroscope's bias once.
+    """Which rests of a walk in progress its graph has: each shows the gyroscope's bias once."""
 
-    `longest` is the longest rest of the walk, with which others must agree; `counted` the last that is in the graph, in
-    samples of the walk.
-    """
-
-    longest: Rest | None = None
-    counted: Rest | None = None
-
-    @classmethod
-    def from_rests(cls, rests: Sequence[Rest]) -> RestLedger:
-        """Return the ledger of a walk with these rests, all of them in its graph."""
-        longest = max(rests, key=lambda rest: rest.stop - rest.start, default=None)
-        return cls(longest, rests[-1] if rests else None)
+    longest: Rest | None = None  # Of the walk, with which others must agree.
+    counted: Rest | None = None  # The last that is in the graph, in samples of the walk.
 
     def collect(self, window: StrideWindow, p: RestParameters) -> tuple[tuple[Rest, ...], RestLedger]:
         """Return the parts of rests in a window that were not counted yet, and the ledger with them in the graph."""
@@ -311,21 +290,18 @@ class RestLedger:
             if ledger.longest is None or rest.stop - rest.start > ledger.longest.stop - ledger.longest.start:
                 ledger = replace(ledger, longest=rest)
             assert ledger.longest is not None
-            if rest.agrees_with(ledger.longest):
-                further, ledger = ledger._count(rest, window.first_sample - earlier)
-                new += [] if further is None else [further]
+            if not rest.agrees_with(ledger.longest):
+                continue
+            # The part of it that was not counted yet: a long rest is found again with each piece.
+            shift, counted = window.first_sample - earlier, ledger.counted
+            start, stop = rest.start + shift, rest.stop + shift
+            further = rest if counted is None or start >= counted.stop else rest.beyond(counted)
+            if further is not None:
+                new.append(further)
+            counted = rest if further is not None or counted is None else counted
+            first = start if further is not None else counted.start
+            ledger = replace(ledger, counted=replace(counted, start=first, stop=stop))
         return tuple(new), ledger
-
-    def _count(self, rest: Rest, first_sample: int) -> tuple[Rest | None, RestLedger]:
-        """The part of a rest that was not counted yet, as a long one is found again with each piece; and the ledger."""
-        start, stop = rest.start + first_sample, rest.stop + first_sample
-        in_walk = replace(self, counted=replace(rest, start=start, stop=stop))
-        if self.counted is None or start >= self.counted.stop:
-            return rest, in_walk
-        further = rest.beyond(self.counted)
-        if further is None:
-            return None, replace(self, counted=replace(self.counted, stop=stop))
-        return further, in_walk
 
 
 def select_fixes(fixes: Sequence[Fix], t_node: Floats, after_s: float = -np.inf) -> tuple[Fix, ...]:

@@ -88,31 +88,13 @@ class StampMonitor:
         if np.isnan(self.period_s) and not self._find_period(rows[:, 0]) and not at_end:
             self._held = rows
             return rows[:0]
-        return self._leave_out_wrong(rows, at_end)
-
-    def _find_period(self, t: Floats) -> bool:
-        """Whether the period is known by stamps (n,); refuse those of another unit."""
-        known = t[np.isfinite(t)][: NOT_ADVANCING if len(t) >= NOT_ADVANCING else FIRST]
-        period_s = median_period_s(known)
-        if len(known) >= NOT_ADVANCING and np.isnan(period_s):
-            raise RecordingError(f"{find_stamp_problem(period_s)}.")
-        if len(known) < FIRST or np.isnan(period_s):
-            return len(t) >= NOT_ADVANCING  # of which hardly any has a stamp: they are missing
-        if period_s < MIN_STEP_S:
-            raise RecordingError(f"{find_stamp_problem(period_s)}.")
-        if find_time_unit(period_s) not in ("s", None):
-            raise RecordingError(f"{find_stamp_problem(period_s)}, or name the unit in --columns.")
-        self.period_s = period_s
-        return True
-
-    def _leave_out_wrong(self, rows: Floats, at_end: bool) -> Floats:
-        """Return the rows to use; hold those at the end of which it is not clear yet."""
         t = np.where(np.isfinite(rows[:, 0]), rows[:, 0], np.nan)
         step = np.diff(t, prepend=self._last)
         odd = (step > max(ODD_STEPS * self.period_s, MIN_ODD_S)) | ((step > 0.0) & (step < self.period_s / ODD_STEPS))
         if not self._is_wrong and not odd.any():
             self._last = float(t[-1]) if len(t) else self._last
             return rows
+        # Row by row; those at the end of which it is not clear yet are held.
         taken: list[Floats] = []
         begins = 0  # of the rows that wait
         for i in range(len(rows)):
@@ -128,6 +110,21 @@ class StampMonitor:
         self._held = waits
         self._last = self._last if begins == 0 else float(t[begins - 1])
         return np.array(taken).reshape(-1, COLUMNS)
+
+    def _find_period(self, t: Floats) -> bool:
+        """Whether the period is known by stamps (n,); refuse those of another unit."""
+        known = t[np.isfinite(t)][: NOT_ADVANCING if len(t) >= NOT_ADVANCING else FIRST]
+        period_s = median_period_s(known)
+        if len(known) >= NOT_ADVANCING and np.isnan(period_s):
+            raise RecordingError(f"{find_stamp_problem(period_s)}.")
+        if len(known) < FIRST or np.isnan(period_s):
+            return len(t) >= NOT_ADVANCING  # of which hardly any has a stamp: they are missing
+        if period_s < MIN_STEP_S:
+            raise RecordingError(f"{find_stamp_problem(period_s)}.")
+        if find_time_unit(period_s) not in ("s", None):
+            raise RecordingError(f"{find_stamp_problem(period_s)}, or name the unit in --columns.")
+        self.period_s = period_s
+        return True
 
     def _decide(self, rows: Floats, before: float) -> list[Floats]:
         """Decide on rows with stamps unlike those up to `before`; return which to use."""
@@ -247,10 +244,7 @@ class UnitMonitor:
     def accept(self, rows: Floats, at_end: bool = False) -> Floats:
         """Return the rows (m, 11) to use, of these and of those that waited; `at_end` none waits any more.
 
-        Raises
-        ------
-        RecordingError
-            If the first rows are in another unit: which, and what to do.
+        Raises `RecordingError` if the first rows are in another unit.
         """
         rows = np.concatenate([self._held, self._stamps.accept(rows, at_end)])
         self._held = rows[:0]
@@ -317,23 +311,20 @@ class UnitMonitor:
             self._is_wrong = False
             self._note(f"from t = {rows[0, 0]:.3f} s on acc and gyr are as before, and taken again")
         elif (share > SHARES).any() and len(rows) >= HELD:
-            self._refuse(rows, share > SHARES)
+            # Refuse rows in another unit; if they were right before, note it.
+            usable = rows[np.isfinite(rows[:, 1:7]).all(axis=1)]
+            acc, gyr = usable[:, 1:4], usable[:, 4:7]
+            force = find_acc_problem(acc, self._stamps.period_s) or "acc has no gravity in it for a second"
+            rate = find_gyr_problem(acc, gyr, np.nan) or "gyr is faster than a limb turns for a second"
+            problem = " and ".join(np.array([force, rate])[share > SHARES])
+            if not self._was_right:
+                where = f"t = {rows[0, 0]:.3f} to {rows[-1, 0]:.3f} s"
+                raise RecordingError(f"{problem} ({where}): {WHAT_TO_DO}.")
+            self._note(f"{problem}: from t = {rows[0, 0]:.3f} s on rows are left out, until this is over")
             self._is_wrong = True
             return rows[:0]
         self._check_windows(rows)
         return rows
-
-    def _refuse(self, rows: Floats, is_odd: Bools) -> None:
-        """Refuse rows in another unit; if they were right before, note it."""
-        usable = rows[np.isfinite(rows[:, 1:7]).all(axis=1)]
-        acc, gyr = usable[:, 1:4], usable[:, 4:7]
-        force = find_acc_problem(acc, self._stamps.period_s) or "acc has no gravity in it for a second"
-        rate = find_gyr_problem(acc, gyr, np.nan) or "gyr is faster than a limb turns for a second"
-        problem = " and ".join(np.array([force, rate])[is_odd])
-        if not self._was_right:
-            where = f"t = {rows[0, 0]:.3f} to {rows[-1, 0]:.3f} s"
-            raise RecordingError(f"{problem} ({where}): {WHAT_TO_DO}.")
-        self._note(f"{problem}: from t = {rows[0, 0]:.3f} s on rows are left out, until this is over")
 
     def _check_windows(self, rows: Floats) -> None:
         """Find in windows of accepted rows whether units are right, and the gyroscope turns."""

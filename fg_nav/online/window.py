@@ -6,7 +6,7 @@
 
 Lever, swing noise, bias walk and the gyro bias to linearize at are those of the anchor state; the roughness of the
 field is measured again every `field.ROUGH_EVERY` footfalls. Where the graph has no solution with a stride, it begins
-again at the last footfall (`recovery`).
+again at the last footfall (`isam2.recover`).
 """
 
 from __future__ import annotations
@@ -34,8 +34,7 @@ from fg_nav.online.estimates import (
     propagate_strapdown,
 )
 from fg_nav.online.field import BiasLedger, CompassVerdict, measure_field
-from fg_nav.online.isam2 import ISAM2Backend
-from fg_nav.online.recovery import REASON, check_solution, recover
+from fg_nav.online.isam2 import REASON, ISAM2Backend, check_solution, recover
 from fg_nav.online.strides import (
     RestLedger,
     StrideWindow,
@@ -58,21 +57,9 @@ STANDS_ON = "a further piece of a standing, whose field counts once"  # Reason o
 
 
 class Window:
-    """The newest window of a walk.
+    """The newest window of a walk, since the anchor state `initial`; `latest` is the estimate of its newest footfall.
 
-    Raises `RuntimeError` where the anchor state determines no solution.
-
-    Attributes
-    ----------
-    initial : the anchor state before its first stride.
-    field : of the walk so far; None where it is not used.
-    counts : factors since the walk began, by kind.
-    latest : estimate of the newest footfall.
-    reported : its footfalls as they were reported, the first that of the anchor state.
-
-    Parameters
-    ----------
-    walk : the samples and footfalls since; a footfall is added to it first, and here next.
+    Raises `RuntimeError` where the anchor state determines no solution. Footfalls are added to the walk first.
     """
 
     def __init__(self, initial: AnchorState, walk: PartialWalk) -> None:
@@ -88,7 +75,7 @@ class Window:
         self._backend.reset(graph, initial.prior.initial_values(), self._stances)
         check_solution(self._backend, initial.stance)
         self.latest = self._estimate()
-        self.reported = [self.latest.as_row()]
+        self.reported = [self.latest.as_row()]  # its footfalls, the first that of the anchor state
 
     def extend(self, footfalls: Iterable[ReportedFootfall]) -> None:
         """Add footfalls to the walk and here."""
@@ -153,7 +140,9 @@ class Window:
             np.array(bias.gyroscope()),
             np.array(bias.accelerometer()),
         )
-        return propagate_strapdown(recording, first, state, self._p.gravity)
+        h = np.append(np.diff(recording.t), recording.period_s)
+        path = propagate_strapdown(h, *recording.integrable, first, state, self._p.gravity)
+        return StrapdownPath(recording.t[first:], *path)
 
     def _extend(self) -> tuple[RestLedger, BiasLedger | None]:
         """Add the newest stride to the graph, first its motion, then its field; return the ledgers with its rests."""

@@ -76,7 +76,7 @@ def answer_messages() -> None:
                 walks = feet_solving.WalksAlone()
                 workers |= {side: Worker(partial(feet_solving.FootSolver, side, walks)) for side in SIDES}
             if kind == "part" and walks is not None:
-                walks.part()
+                walks.is_parted = True
                 continue
             found = workers[key].answer(kind, *content)
             if found is not None:

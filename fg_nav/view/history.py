@@ -11,7 +11,7 @@
 Above `MAX_ROWS` rows nearest to the line through their neighbours are dropped.
 
 A page draws one sensor, or two feet and the person between them (`Walkers`). Lines of two feet carry `foot` and `frame`
-(`fg_nav.online.feet_lines`). The main path is the person's, until there is one the left foot's, else the right one's;
+(`fg_nav.online.estimates`). The main path is the person's, until there is one the left foot's, else the right one's;
 both feet come with it while they are in its frame.
 """
 

@@ -14,9 +14,15 @@ from fg_nav.detection import detect_stances
 from fg_nav.errors import EstimationError, RecordingError
 from fg_nav.feet import SIDES, Side
 from fg_nav.feet.person import FeetSolution
-from fg_nav.online.estimates import Revision, StanceEstimate
+from fg_nav.online.estimates import (
+    FeetLine,
+    FootState,
+    PersonEstimate,
+    Revision,
+    StanceEstimate,
+    format_feet_line,
+)
 from fg_nav.online.feet import FeetNavigator, FeetWalk
-from fg_nav.online.feet_lines import FeetLine, FootState, PersonEstimate, format_feet_line
 from fg_nav.online.navigator import OnlineNavigator
 from fg_nav.online.options import OnlineOptions
 from fg_nav.smoother.batch import WalkInput

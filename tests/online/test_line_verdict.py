@@ -62,7 +62,7 @@ def test_a_line_beyond_the_limits_of_a_person_says_so(
     t: float, position: list[float], sigma_m: float, word: str
 ) -> None:
     verdict = LineVerdict()
-    fed(verdict, OWN)
+    fed(verdict.axes, OWN)
     assert walked(verdict) == "trusted"
     assert next_word(verdict, t, position, sigma_m=sigma_m) == word
     if word != "trusted" and sigma_m < 1.0:
@@ -106,7 +106,7 @@ def test_word_and_reasons_stand_in_the_line() -> None:
     assert "a stride of 3.1 m, at 24.0 s" in line["reasons"][0]
 
 
-def fed(looks: AxesCheck | LineVerdict, scales: list[float], block: int = 64) -> None:
+def fed(looks: AxesCheck, scales: list[float], block: int = 64) -> None:
     """Give rows, t, acc, gyr and mag times `scales`, and their pressure, in blocks."""
     buffer = SampleBuffer()
     for start in range(0, len(rows()), block):
@@ -122,7 +122,7 @@ def test_wrong_axes_are_refused_in_the_first_minute_and_remarked_in_a_walk_that_
         fed(AxesCheck(lambda words: None), Z_NEGATED)
     remarks: list[str] = []
     verdict = LineVerdict(remark=remarks.append, refuses=False)
-    fed(verdict, NEGATED)
+    fed(verdict.axes, NEGATED)
     assert len(remarks) == 1
     assert "not to be used" in remarks[0]
     assert walked(verdict) == "not to be used"
@@ -134,7 +134,7 @@ def test_own_axes_are_taken_and_the_scale_of_gravity_is_seen() -> None:
     assert check.evidence.against == 0.0
     assert np.median(check.evidence.gravity) == pytest.approx(9.81, abs=0.1)
     verdict = LineVerdict()
-    fed(verdict, [1.0] + [0.9] * 3 + [1.0] * 6)
+    fed(verdict.axes, [1.0] + [0.9] * 3 + [1.0] * 6)
     assert walked(verdict) == "doubtful"  # a scale of a tenth puts the end off by 2 of 27 m
 
 
@@ -181,7 +181,7 @@ def test_a_walk_is_not_trusted_before_enough_was_walked_and_its_axes_were_seen()
     assert walked(verdict, 1, first=19) == "doubtful"
     assert walked(verdict, 1, first=20) == "trusted"  # such a sensor shows none
     verdict = LineVerdict()
-    fed(verdict, OWN)
+    fed(verdict.axes, OWN)
     assert walked(verdict, 5) == "doubtful"  # four strides
     assert walked(verdict, 1, first=5) == "trusted"
     ((_, found),) = LineVerdict().judge([estimate(0, 0.0, [0.0, 0.0, 0.0])], [False])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fg_nav.errors import EstimationError
-from fg_nav.online import OnlineNavigator, isam2, recovery, smoother
+from fg_nav.online import OnlineNavigator, isam2, smoother
 from fg_nav.online.buffer import rows_of
 from fg_nav.online.isam2 import ISAM2Backend
 from fg_nav.online.navigator import finish_walk
@@ -128,7 +128,7 @@ def test_the_equations_of_a_footfall_have_no_solution(monkeypatch, undisturbed, 
     navigator = walked()
     assert fault.failed == 1
     goes_on(navigator, undisturbed, 1.0)
-    assert navigator.causal().field_reason[BEGINS] == recovery.REASON
+    assert navigator.causal().field_reason[BEGINS] == isam2.REASON
 
 
 def test_the_uncertainty_about_north_outlasts_a_recovery(monkeypatch):
@@ -161,8 +161,8 @@ def test_nothing_of_a_footfall_has_a_solution(monkeypatch, undisturbed, footfall
     """Nor the stride alone: then it begins again with sigmas for all that may have happened."""
     fault = Failing(monkeypatch, footfalls)
     fault.breaks(ISAM2Backend, "add")
-    fault.breaks(recovery, "marginalize")
-    fault.breaks(recovery, "initialize_stride")
+    fault.breaks(isam2, "marginalize")
+    fault.breaks(isam2, "initialize_stride")
     navigator = walked()
     assert fault.failed == 3 * footfalls
     goes_on(navigator, undisturbed, 5.0)
