@@ -33,7 +33,7 @@ from fg_nav.detection.footfalls import (
     ROUGH,
     SWING_RATE_RAD_S,
     WALKING,
-    choose_footfalls,
+    find_footfalls,
     is_falling,
     is_too_close,
 )
@@ -55,38 +55,23 @@ class CausalParameters:
     """Search for stances in a stream."""
 
     stance: StanceParameters = field(default_factory=StanceParameters)
-    """The same as for a recording; the detector is SHOE with automatic thresholds."""
-    window_s: float = 20.0
-    """Some fifteen strides, among which a footfall is chosen; a longer one changes nothing."""
-    step_s: float = 0.1
-    """Interval of the searches."""
-    settle_s: float = 0.3
-    """Since the end of a footfall: longer than the shortest swing, so that the still middle of a runner's is over."""
-    piece_s: float = 2.0
-    """Length of the pieces in which standing is reported."""
-    edge_s: float = 0.1
-    """From the end of a piece to the last sample: a swing may be about to begin."""
-    warm_up_s: float = 1.5
-    """Before the first search: by then the foot has stood once, for the direction of up."""
+    window_s: float = 20.0  # Some fifteen strides, among which a footfall is chosen; a longer one changes nothing.
+    step_s: float = 0.1  # Interval of the searches.
+    settle_s: float = 0.3  # Since the end of a footfall: longer than the still middle of a runner's swing.
+    piece_s: float = 2.0  # Length of the pieces in which standing is reported.
+    edge_s: float = 0.1  # From the end of a piece to the last sample: a swing may be about to begin.
+    warm_up_s: float = 1.5  # Before the first search: by then the foot has stood once, for the direction of up.
 
 
 @dataclass(frozen=True)
 class Footfall:
-    """A footfall, or a piece of a long one. Samples are counted from the first of the stream.
+    """A footfall, or a piece of a long one. Samples are counted from the first of the stream."""
 
-    Attributes
-    ----------
-    start, stop : (K,) first sample of each stance interval, and sample after its last.
-    threshold : (K,) of SHOE, in each interval.
-    stillest : sample at which SHOE is lowest over its threshold.
-    continues : whether it is a further piece of the footfall before: the foot has not swung since.
-    """
-
-    start: Ints
-    stop: Ints
-    threshold: Floats
-    stillest: int
-    continues: bool
+    start: Ints  # (K,) first sample of each stance interval,
+    stop: Ints  # (K,) and sample after its last.
+    threshold: Floats  # (K,) of SHOE, in each interval.
+    stillest: int  # Sample at which SHOE is lowest over its threshold.
+    continues: bool  # A further piece of the footfall before: the foot has not swung since.
 
 
 @dataclass(frozen=True)
@@ -105,13 +90,7 @@ class Seen:
 
 
 class CausalStances:
-    """Finds footfalls in samples that keep coming.
-
-    Raises
-    ------
-    DetectionError
-        For any detector but SHOE with automatic thresholds.
-    """
+    """Finds footfalls in a stream; `DetectionError` for any detector but SHOE with automatic thresholds."""
 
     def __init__(self, parameters: CausalParameters = CausalParameters()) -> None:
         p = parameters.stance
@@ -136,10 +115,7 @@ class CausalStances:
     def search(self, t: Floats, acc: Floats, gyr: Floats) -> Iterator[Footfall]:
         """Add samples and yield the footfalls that they complete, each while `seen` is of its own search.
 
-        Parameters
-        ----------
-        t, acc, gyr
-            (n,) s, (n, 3) m/s^2 and (n, 3) rad/s, finite, stamps increasing from call to call too; n may be 0 or 1.
+        `t` (n,) s, `acc` (n, 3) m/s^2, `gyr` (n, 3) rad/s: finite, stamps increasing from call to call; n may be 0.
         """
         self._waiting.append((t, acc, gyr))
         self._n_waiting += len(t)
@@ -155,7 +131,7 @@ class CausalStances:
         """Return the footfalls left at the end of the stream; `push` no more after it."""
         if self._search is None and self._n_waiting < 2:
             return []
-        return self._started_search().finish(*self._take(self._n_waiting))
+        return self._started_search().advance(*self._take(self._n_waiting), at_end=True)
 
     def copy(self) -> CausalStances:
         """Return a copy that goes on in the same way; the same samples give it the same footfalls."""
@@ -236,24 +212,18 @@ class _Search:
         found._passes = deepcopy(self._passes)
         return found
 
-    def advance(self, t: Floats, acc: Floats, gyr: Floats) -> list[Footfall]:
-        """Add samples, search, and return the footfalls that are settled."""
-        self._append(t, acc, gyr)
+    def advance(self, t: Floats, acc: Floats, gyr: Floats, at_end: bool = False) -> list[Footfall]:
+        """Add samples, search, and return the footfalls that are settled, or at the end of the stream all."""
+        for column, rows in ((self._t, t), (self._acc, acc), (self._gyr, gyr)):
+            column.append(rows)
+        if at_end:
+            last = self._t.between(self._t.stop - 1, self._t.stop) + self.period_s
+            self._extend(self._t.stop, last)
+            return list(self._settled(at_end=True))
         if self._t.stop * self.period_s < self._p.warm_up_s:
             return []
         self._extend(self._t.stop - self._reach)
         return list(self._settled(at_end=False))
-
-    def finish(self, t: Floats, acc: Floats, gyr: Floats) -> list[Footfall]:
-        """Add the last samples, and return all footfalls that are left."""
-        self._append(t, acc, gyr)
-        last = self._t.between(self._t.stop - 1, self._t.stop) + self.period_s
-        self._extend(self._t.stop, last)
-        return list(self._settled(at_end=True))
-
-    def _append(self, t: Floats, acc: Floats, gyr: Floats) -> None:
-        for column, rows in ((self._t, t), (self._acc, acc), (self._gyr, gyr)):
-            column.append(rows)
 
     def _extend(self, stop: int, after_last: Floats | None = None) -> None:
         """Extend statistic and free velocity to the sample before `stop`."""
@@ -288,26 +258,23 @@ class _Search:
         first = max(0, stop - self._window)
         t, acc, gyr, level = (x.between(first, stop) for x in (self._t, self._acc, self._gyr, self._level))
         velocity = [column.between(first, stop) for column in self._velocity]
-        found = choose_footfalls(t, acc, gyr, level, velocity)
+        found = find_footfalls(t, acc, gyr, level, velocity)
         self.seen = Seen(first, stop, found[0] + first, found[1] + first)
-        start, end, threshold = self._after_reported(found[0] + first, found[1] + first, found[2])
+        # cut off, or leave out, what was reported or is too close to that; leave out what is too short
+        start, end, threshold = self.seen.start, self.seen.stop, found[2]
+        if self._reported and not self._stands:
+            keep = start >= self._reported
+        else:
+            keep, start = end > self._reported, np.maximum(start, self._reported)
+        keep &= (end - 1 - start) * self.period_s >= MIN_S
+        keep[keep] = [not self._crowds(a, b) for a, b in zip(start[keep], end[keep], strict=True)]
+        start, end, threshold = start[keep], end[keep], threshold[keep]
         self._last_end = int(end[-1]) if len(end) else 0
         if len(start) == 0:
             return []
         swings = [self._is_apart(a, b) for a, b in zip(end[:-1], start[1:], strict=True)]
         edges = np.flatnonzero(swings) + 1
         return list(zip(*(np.split(part, edges) for part in (start, end, threshold)), strict=True))
-
-    def _after_reported(self, start: Ints, stop: Ints, threshold: Floats) -> tuple[Ints, Ints, Floats]:
-        """Cut off, or leave out, what was reported or is too close to that; leave out what is too short."""
-        reported = self._reported
-        if reported and not self._stands:
-            keep = start >= reported
-        else:
-            keep, start = stop > reported, np.maximum(start, reported)
-        keep &= (stop - 1 - start) * self.period_s >= MIN_S
-        keep[keep] = [not self._crowds(a, b) for a, b in zip(start[keep], stop[keep], strict=True)]
-        return start[keep], stop[keep], threshold[keep]
 
     def _crowds(self, start: int, stop: int) -> bool:
         """Whether an interval is too close to the last footfall reported for a swing, and no rest."""
@@ -338,13 +305,7 @@ class _Search:
 
 
 def join_footfalls(footfalls: Sequence[Footfall], n_samples: int) -> Stances:
-    """Return the stances of `n_samples` by footfalls: pieces of one footfall become one.
-
-    Raises
-    ------
-    DetectionError
-        If there is none.
-    """
+    """Return the stances of `n_samples`: pieces of one footfall become one; `DetectionError` without any."""
     if not footfalls:
         raise DetectionError(f"no stance was found in {n_samples} samples: is the sensor on a foot?")
     start, stop = (np.concatenate([getattr(f, name) for f in footfalls]) for name in ("start", "stop"))

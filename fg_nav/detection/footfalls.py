@@ -43,7 +43,7 @@ A footfall above `DOUBTFUL_LEVEL` that is not the lowest of its own cycle is a m
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple, TypeAlias
 
@@ -103,32 +103,27 @@ DOUBTFUL_LEVEL = 5.0  # Of feet that walk, one in a thousand has a stance above:
 Intervals: TypeAlias = tuple[Ints, Ints, Floats]  # First sample, sample after the last and threshold, each (K,).
 
 
-def find_footfalls(t: Floats, acc: Floats, gyr: Floats, level: Floats) -> tuple[Ints, Ints, Floats]:
+def find_footfalls(
+    t: Floats, acc: Floats, gyr: Floats, level: Floats, velocity: Sequence[Floats] | None = None
+) -> Intervals:
     """Find the stance intervals of a walk.
 
     Parameters
     ----------
     t, acc, gyr : (N,) s, (N, 3) m/s^2 and (N, 3) rad/s.
     level : (N,) decades, log10 of SHOE.
-
-    Returns
-    -------
-    start, stop, threshold : (K,) first sample, sample after the last, and level of the threshold of each interval.
+    velocity : (N, 3) m/s of a free strapdown pass for `WALKING` and for `ROUGH`, up to a slow drift, where step 2 is
+        done.
     """
-
-    def find(part: slice) -> Intervals:
-        velocity = _integrate_free(t[part], acc[part], gyr[part], level[part])
-        return _choose_in_part(t[part], acc[part], gyr[part], level[part], velocity)
-
-    return _search_parts(t, find)
-
-
-def _search_parts(t: Floats, search: Callable[[slice], Intervals]) -> Intervals:
-    """Search each part between holes on its own, and count the samples found from the first of all."""
-    edges = [0, *(find_holes(t) + 1).tolist(), len(t)]
-    found = [(begin, search(slice(begin, end))) for begin, end in pairwise(edges)]
-    start, stop, threshold = zip(*((begin + a, begin + b, c) for begin, (a, b, c) in found), strict=True)
-    return np.concatenate(start), np.concatenate(stop), np.concatenate(threshold)
+    found = []
+    for begin, end in pairwise([0, *(find_holes(t) + 1).tolist(), len(t)]):
+        part = np.s_[begin:end]
+        samples = t[part], acc[part], gyr[part], level[part]
+        free = _integrate_free(*samples) if velocity is None else [one[part] for one in velocity]
+        start, stop, threshold = _choose_in_part(*samples, free)
+        found.append((begin + start, begin + stop, threshold))
+    start, stop, threshold = (np.concatenate(column) for column in zip(*found, strict=True))
+    return start, stop, threshold
 
 
 def _integrate_free(t: Floats, acc: Floats, gyr: Floats, level: Floats) -> list[Floats]:
@@ -140,21 +135,6 @@ def _integrate_free(t: Floats, acc: Floats, gyr: Floats, level: Floats) -> list[
     up = level_attitude(acc[stillest])
     links = (WALKING, ROUGH)
     return [integrate_velocity(t, acc, gyr, level < one.still_level, stillest, up, GRAVITY_M_S2) for one in links]
-
-
-def choose_footfalls(
-    t: Floats, acc: Floats, gyr: Floats, level: Floats, velocity: Sequence[Floats]
-) -> tuple[Ints, Ints, Floats]:
-    """Find the stance intervals where the free velocities are known: all but step 2.
-
-    As `find_footfalls`, with the `velocity` (N, 3) m/s of a free strapdown pass for `WALKING` and for `ROUGH`, up to a
-    slow drift.
-    """
-
-    def choose(part: slice) -> Intervals:
-        return _choose_in_part(t[part], acc[part], gyr[part], level[part], [v[part] for v in velocity])
-
-    return _search_parts(t, choose)
 
 
 def _choose_in_part(t: Floats, acc: Floats, gyr: Floats, level: Floats, velocity: Sequence[Floats]) -> Intervals:
@@ -188,7 +168,8 @@ def _search(t: Floats, level: Floats, velocity: Floats, candidates: Ints, link: 
 def _grow_intervals(level: Floats, samples: Ints) -> Floats:
     """Intervals around footfalls (3, K): start, stop, threshold: step 4. Overlapping ones become one."""
     own = np.clip(level[samples] + MARGIN, FLOOR, np.maximum(CEILING, level[samples] + 0.2))
-    return _grow(level, samples, own)
+    found = np.empty((3, len(samples)))
+    return found[:, : _merge(level, samples, own, found)]
 
 
 def _fill_gaps(t: Floats, stances: Floats, rough: Floats) -> Floats:
@@ -319,16 +300,9 @@ def _link(
                 best[j], previous[j] = total, i
 
 
-def _grow(level: Floats, samples: Ints, threshold: Floats) -> Floats:
-    """Intervals (3, K) in which the level stays below each sample's threshold, the last row."""
-    found = np.empty((3, len(samples)))
-    count = _merge(level, samples, threshold, found)
-    return found[:, :count]
-
-
 @njit(cache=True)
 def _merge(level: Floats, samples: Ints, threshold: Floats, found: Floats) -> int:
-    """Write the intervals, overlapping ones merged, and return how many they are."""
+    """Write the intervals (3, K) below each sample's threshold, overlapping ones merged; return their number."""
     start, stop, own = found[0], found[1], found[2]
     k = 0
     for n in range(len(samples)):

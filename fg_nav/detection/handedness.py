@@ -76,16 +76,10 @@ AXES = np.array(
 
 @dataclass(frozen=True)
 class AxesEvidence:
-    """Evidence of a foot's strides on the axes.
+    """Evidence of a foot's strides on the axes."""
 
-    Attributes
-    ----------
-    scores : (K, 48) l of each stride with each of `AXES`.
-    gravity : (K,) m/s^2, the mean force along the vertical in each stride, with the axes given.
-    """
-
-    scores: Floats
-    gravity: Floats
+    scores: Floats  # (K, 48) l of each stride with each of `AXES`.
+    gravity: Floats  # (K,) m/s^2, the mean force along the vertical in each stride, with the axes given.
 
     def __add__(self, other: AxesEvidence) -> AxesEvidence:
         """Join the strides of two parts."""

@@ -26,7 +26,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fg_nav.arrays import Bools, Floats
+from fg_nav.arrays import Floats
 from fg_nav.detection.footfalls import MAX_SWING_S
 from fg_nav.errors import EstimationError
 from fg_nav.frames import level_attitude
@@ -51,10 +51,8 @@ MAX_FREE_S = MAX_SWING_S  # Integrated beyond the outermost stances.
 class RestParameters:
     """Shortest rests."""
 
-    shortest_s: float = 0.75
-    """The stance of a stride is not as still for as long."""
-    shortest_at_end_s: float = 0.5
-    """The same within a second of the start or the end of the recording, where people stand."""
+    shortest_s: float = 0.75  # The stance of a stride is not as still for as long.
+    shortest_at_end_s: float = 0.5  # Within a second of the start or the end of the recording, where people stand.
 
 
 @dataclass(frozen=True)
@@ -114,7 +112,14 @@ def find_still_stretches(recording: Recording, parameters: RestParameters) -> li
     block, tick = max(2, round(BLOCK_S / recording.period_s)), count_periods(recording.t, recording.period_s)
     edge = np.unique(np.searchsorted(tick, np.arange(0, tick[-1] + 2, block))).tolist()
     # runs of blocks that are quiet and agree
-    quiet, rate, force = _measure_blocks(recording, edge)
+    start, count = np.array(edge[:-1], dtype=np.int64), np.diff(edge)
+    mean, std = np.empty((len(count), 6)), np.empty((len(count), 6))
+    for samples, columns in ((recording.gyr, np.s_[:3]), (recording.acc, np.s_[3:])):
+        mean[:, columns] = np.add.reduceat(samples[: edge[-1]], start) / count[:, None]
+        squares = np.add.reduceat(samples[: edge[-1]] ** 2, start) / count[:, None]
+        std[:, columns] = np.sqrt(np.maximum(squares - mean[:, columns] ** 2, 0.0))
+    quiet = (std[:, :3].max(axis=1) < np.radians(GYR_STD_DEG_S)) & (std[:, 3:].max(axis=1) < ACC_STD_M_S2)
+    quiet, rate, force = quiet & (count > count.max(initial=0) / 2), mean[:, :3], mean[:, 3:]
     agree = (np.abs(np.diff(rate, axis=0)).max(axis=1, initial=0.0) < np.radians(GYR_STEP_DEG_S)) & (
         np.abs(np.diff(force, axis=0)).max(axis=1, initial=0.0) < ACC_STEP_M_S2
     )
@@ -135,18 +140,6 @@ def remove_large_bias(t: Floats, acc: Floats, gyr: Floats) -> Floats:
     rests = find_still_stretches(Recording(t, acc, gyr), RestParameters())
     rate = max(rests, key=lambda rest: rest.stop - rest.start).rate if rests else np.zeros(3)
     return gyr - rate if np.linalg.norm(rate) > np.radians(LARGE_BIAS_DEG_S) else gyr
-
-
-def _measure_blocks(recording: Recording, edge: list[int]) -> tuple[Bools, Floats, Floats]:
-    """Of each block (n,): whether it is quiet within, its mean rate (n, 3) and its mean specific force (n, 3)."""
-    start, count = np.array(edge[:-1], dtype=np.int64), np.diff(edge)
-    mean, std = np.empty((len(count), 6)), np.empty((len(count), 6))
-    for samples, columns in ((recording.gyr, np.s_[:3]), (recording.acc, np.s_[3:])):
-        mean[:, columns] = np.add.reduceat(samples[: edge[-1]], start) / count[:, None]
-        squares = np.add.reduceat(samples[: edge[-1]] ** 2, start) / count[:, None]
-        std[:, columns] = np.sqrt(np.maximum(squares - mean[:, columns] ** 2, 0.0))
-    quiet = (std[:, :3].max(axis=1) < np.radians(GYR_STD_DEG_S)) & (std[:, 3:].max(axis=1) < ACC_STD_M_S2)
-    return quiet & (count > count.max(initial=0) / 2), mean[:, :3], mean[:, 3:]
 
 
 def _measure_rest(recording: Recording, start: int, stop: int) -> Rest:
@@ -185,16 +178,8 @@ def find_start(
 ) -> Start:
     """Level the sensor in its first stance, and find the rest in it.
 
-    Parameters
-    ----------
-    recording, stances : of one walk.
-    heading : rad clockwise from north, of the body's x axis at the start.
-    parameters : RestParameters
-
-    Raises
-    ------
-    EstimationError
-        Without a stance, on stances of another recording, or where the specific force vanishes.
+    `heading` is that of the body's x axis at the start, rad clockwise from north. Raises `EstimationError` without a
+    stance, on stances of another recording, or where the specific force vanishes.
     """
     if stances.n_samples != len(recording):
         raise EstimationError(

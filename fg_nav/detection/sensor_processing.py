@@ -38,13 +38,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.detection.handedness import (
-    DECISIVE,
-    LOOKED_S,
-    average_force,
-    find_stance_strides,
-    find_strides_of,
-)
+from fg_nav.detection.handedness import DECISIVE, LOOKED_S, average_force, find_stance_strides, find_strides_of
 from fg_nav.detection.rest import remove_large_bias
 from fg_nav.errors import RecordingError
 from fg_nav.frames import GRAVITY_M_S2, level_attitude
@@ -178,9 +172,6 @@ def estimate_gyro_delay(recording: Recording) -> GyroDelay | None:
     h, acc = np.diff(t, append=2 * t[-1] - t[-2])[rows], acc[rows]
     start, stop = np.searchsorted(rows, start), np.searchsorted(rows, stop)
 
-    def read_rate(tau_s: float) -> Floats:
-        return read_rate_at(t, gyr, tau_s, rows)
-
     def miss(x: Floats, rate: Floats) -> Floats:
         """Residuals r (K, 6) with this rate."""
         attitude, bias = level_attitude(up_start - x[4:]), np.tile(x[1:4], (len(start), 1))
@@ -189,7 +180,7 @@ def estimate_gyro_delay(recording: Recording) -> GyroDelay | None:
         up /= np.linalg.norm(up, axis=1, keepdims=True)
         return np.hstack([velocity / VELOCITY_M_S, (attitude[:, 2] - up) / UP])
 
-    found = [_find_least(read_rate, miss, tau_s) for tau_s in STARTS_S]
+    found = [_find_least(lambda tau_s: read_rate_at(t, gyr, tau_s, rows), miss, start_s) for start_s in STARTS_S]
     _, x, H, scores, square = min(found, key=lambda one: one[0])
     if np.median(square) > MAX_MISS or not abs(x[0]) < 2 * MAX_S:
         return None

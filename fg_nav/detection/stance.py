@@ -28,7 +28,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 from scipy.special import chdtri
 
-from fg_nav.arrays import Floats, Ints
+from fg_nav.arrays import Floats
 from fg_nav.detection.footfalls import SWING_RATE_RAD_S, find_footfalls
 from fg_nav.errors import DetectionError
 from fg_nav.frames import GRAVITY_M_S2
@@ -97,12 +97,9 @@ def _mean(samples: Floats, window: int) -> Floats:
 class StanceParameters:
     """Detector of stances and its threshold."""
 
-    detector: str = "shoe"
-    """shoe, are, mv or mag (`fg_nav.detection.stance`)."""
-    threshold: float | None = None
-    """One threshold for the whole recording, in the statistic's units; None: automatic, each footfall its own."""
-    false_alarm_rate: float | None = None
-    """Instead of a threshold: the probability that a sample of a sensor at perfect rest exceeds it."""
+    detector: str = "shoe"  # shoe, are, mv or mag.
+    threshold: float | None = None  # Of the statistic, for the whole recording; None: automatic, each footfall its own.
+    false_alarm_rate: float | None = None  # In its place: the probability that a sample at perfect rest exceeds it.
 
 
 def detect_stances(recording: Recording, parameters: StanceParameters = StanceParameters()) -> Stances:
@@ -121,7 +118,14 @@ def detect_stances(recording: Recording, parameters: StanceParameters = StancePa
     if detector not in STATISTICS:
         raise DetectionError(f"there is no stance detector '{detector}': choose one of {', '.join(STATISTICS)}.")
     statistic = STATISTICS[detector](recording.acc, recording.gyr, window)
-    fixed = _choose_threshold(parameters, window)
+    # one threshold for the whole recording, or None
+    fixed, alarms = parameters.threshold, parameters.false_alarm_rate
+    if alarms is not None:
+        if fixed is not None:
+            raise DetectionError("a threshold and a false-alarm rate are given: choose one of them.")
+        if not 0 < alarms < 1:
+            raise DetectionError(f"the false-alarm rate is {alarms:g}: give a probability between 0 and 1.")
+        fixed = threshold_at_rest(detector, window, alarms)
     if fixed is not None:
         start, stop = find_runs(statistic < fixed)
         threshold = np.full(len(start), fixed)
@@ -139,28 +143,13 @@ def detect_stances(recording: Recording, parameters: StanceParameters = StancePa
     # over the threshold of the nearest interval
     n, edges = len(recording), (stop[:-1] + start[1:]) // 2
     relative = statistic / np.repeat(threshold, np.diff(np.concatenate([[0], edges, [n]])))
-    footfall = _number_footfalls(recording, start, stop)
-    return Stances(start, stop, footfall, n, detector, float(np.median(threshold)), statistic=relative)
-
-
-def _choose_threshold(p: StanceParameters, window: int) -> float | None:
-    """Threshold for the whole recording; None for an automatic one."""
-    if p.threshold is not None and p.false_alarm_rate is not None:
-        raise DetectionError("a threshold and a false-alarm rate are given: choose one of them.")
-    if p.false_alarm_rate is None:
-        return p.threshold
-    if not 0 < p.false_alarm_rate < 1:
-        raise DetectionError(f"the false-alarm rate is {p.false_alarm_rate:g}: give a probability between 0 and 1.")
-    return threshold_at_rest(p.detector, window, p.false_alarm_rate)
-
-
-def _number_footfalls(recording: Recording, start: Ints, stop: Ints) -> Ints:
-    """Number (K,) of the footfall of each interval: a new one after each swing, and behind each hole."""
+    # a new footfall after each swing, and behind each hole
     rate = measure_rows(recording.gyr)
     between = np.stack([stop[:-1], start[1:]], axis=1).ravel()
     peak = np.maximum.reduceat(rate, between)[::2] if len(between) else np.empty(0)
-    unseen = cross_holes(recording.t, np.append(start, stop[-1] - 1))
-    return np.concatenate([[0], np.cumsum((peak > SWING_RATE_RAD_S) | unseen[:-1])])
+    unseen = cross_holes(t, np.append(start, stop[-1] - 1))
+    footfall = np.concatenate([[0], np.cumsum((peak > SWING_RATE_RAD_S) | unseen[:-1])])
+    return Stances(start, stop, footfall, n, detector, float(np.median(threshold)), statistic=relative)
 
 
 def _explain_no_stance(recording: Recording, statistic: Floats, detector: str, threshold: float | None) -> str:

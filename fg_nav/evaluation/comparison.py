@@ -132,20 +132,15 @@ def _center_plane(position: Floats) -> np.ndarray[tuple[int], np.dtype[np.comple
 
 @dataclass(frozen=True)
 class Comparison:
-    """Matched points in the truth's frame.
+    """Matched points in the truth's frame."""
 
-    `alignment` maps the solution into the truth's frame; `row` (M,) are the samples of the solution
-    (trajectory, footprints with their time) or its stances (footprints by number), `t` (M,) s when; `estimate` and
-    `truth` (M, 3) m; `yaw_error` rad where the truth has attitude; `planar` where the truth says nothing about height.
-    """
-
-    alignment: Alignment
-    row: Ints
-    t: Floats
-    estimate: Floats
-    truth: Floats
-    planar: bool
-    yaw_error: Floats | None = None
+    alignment: Alignment  # From the solution's frame to the truth's.
+    row: Ints  # (M,) samples of the solution; of footprints by number its stances.
+    t: Floats  # (M,) s.
+    estimate: Floats  # (M, 3) m.
+    truth: Floats  # (M, 3) m.
+    planar: bool  # The truth has no height.
+    yaw_error: Floats | None = None  # (M,) rad, where the truth has attitude.
     notes: tuple[str, ...] = ()
 
     @property
@@ -175,23 +170,20 @@ def compare(solution: Solution, truth: Truth, mode: str = "yaw") -> Comparison:
             raise EvaluationError(
                 f"alignment '{mode}' needs a truth with a known frame, and footprints have none: use 'yaw'."
             )
-        return _compare_numbers(solution, truth) if truth.t is None else _compare_in_time(solution, truth, truth.t)
+        if truth.t is not None:
+            return _compare_in_time(solution, truth, truth.t)
+        # by stride number
+        match = match_footprints(solution.stances.position[:, :2], truth)
+        row = match.stance[match.found]
+        estimate, surveyed = lift_to_space(solution.stances.position[row]), lift_to_space(truth.xy[match.found])
+        alignment, t = align(estimate, surveyed), solution.stances.t[row]
+        return Comparison(alignment, row, t, alignment.apply(estimate), surveyed, planar=True, notes=match.notes)
     row, true_position = share_truth(truth, solution.t)
     alignment = align(solution.position[row], true_position, mode)
     estimate, share = alignment.apply(solution.position[row]), len(row) / len(solution.t)
     yaw_error = _measure_yaw_error(solution, truth, alignment)
     notes = () if share > 0.99 else (f"the truth covers {100 * share:.0f} % of the solution's samples",)
     return Comparison(alignment, row, solution.t[row], estimate, true_position, False, yaw_error, notes)
-
-
-def _compare_numbers(solution: Solution, truth: FootprintTruth) -> Comparison:
-    """Compare footprints with the stances of their stride numbers."""
-    match = match_footprints(solution.stances.position[:, :2], truth)
-    stance = match.stance[match.found]
-    estimate, surveyed = lift_to_space(solution.stances.position[stance]), lift_to_space(truth.xy[match.found])
-    alignment = align(estimate, surveyed)
-    t = solution.stances.t[stance]
-    return Comparison(alignment, stance, t, alignment.apply(estimate), surveyed, planar=True, notes=match.notes)
 
 
 def _compare_in_time(solution: Solution, truth: FootprintTruth, t: Floats) -> Comparison:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fg_nav.arrays import Bools, Floats
+from fg_nav.arrays import Floats
 from fg_nav.errors import MagneticError
 from fg_nav.frames import average_angles, wrap_angle
 from fg_nav.magnetic import FieldVerdicts, FootfallField
@@ -45,22 +45,13 @@ MIN_FOOTFALLS = 4  # A window of three strides.
 
 @dataclass(frozen=True)
 class FieldSurvey:
-    """The field of a walk and the verdicts of each detector.
+    """The field of a walk and the verdicts of each detector."""
 
-    Attributes
-    ----------
-    field : at the footfalls.
-    verdicts : by detector.
-    chosen : the detector of the colours in pictures with one verdict a footfall.
-    solution : of a quick estimator, to draw the map on.
-    earth : undisturbed field at the place and date; None where they were not given.
-    """
-
-    field: FootfallField
-    verdicts: Mapping[str, FieldVerdicts]
-    chosen: str
-    solution: Solution
-    earth: EarthField | None = None
+    field: FootfallField  # At the footfalls.
+    verdicts: Mapping[str, FieldVerdicts]  # By detector.
+    chosen: str  # Detector of the colours in pictures with one verdict a footfall.
+    solution: Solution  # Of a quick estimator, to draw the map on.
+    earth: EarthField | None = None  # Undisturbed field at the place and date; None where they were not given.
 
     @property
     def declination(self) -> float:
@@ -118,53 +109,34 @@ def survey_field(
 ) -> FieldSurvey:
     """Judge a walk by each detector, in the order of `SURVEYED`; the first of `detectors` is the chosen one.
 
-    Raises
-    ------
-    MagneticError
-        If there are too few footfalls for a window, or one cannot judge this walk.
+    Raises `MagneticError` if there are too few footfalls for a window, or one cannot judge this walk.
     """
     if len(field) < MIN_FOOTFALLS:
         raise MagneticError(
             f"the recording has {format_count(len(field), 'footfall')}, too few to compare: walk {MIN_FOOTFALLS} or "
             f"more, or look at the samples with --gate {SAMPLEWISE}."
         )
-    ordered = [name for name in SURVEYED if name in detectors]
-    verdicts = {
-        name: _judge_footfall_samples(recording, field) if name == SAMPLEWISE else judge_field(field, name)
-        for name in ordered
-    }
+    verdicts = {name: judge_field(field, name) for name in SURVEYED if name in detectors and name != SAMPLEWISE}
+    if SAMPLEWISE in detectors:
+        # where the footfalls are, by the threshold of a full window
+        statistic = judge_samples(recording).statistic[field.sample]
+        reason = f"scatter of the strength over {WINDOW_S:g} s"
+        threshold = find_sample_threshold(max(round(WINDOW_S / recording.period_s), MIN_SAMPLES))
+        verdicts[SAMPLEWISE] = FieldVerdicts(SAMPLEWISE, statistic, threshold, (reason,) * len(field))
     return FieldSurvey(field, verdicts, detectors[0], solution, earth)
-
-
-def _judge_footfall_samples(recording: Recording, field: FootfallField) -> FieldVerdicts:
-    """Verdicts of the sample-wise detector where the footfalls are; its threshold is that of a full window."""
-    statistic = judge_samples(recording).statistic[field.sample]
-    reason = f"scatter of the strength over {WINDOW_S:g} s"
-    full = max(round(WINDOW_S / recording.period_s), MIN_SAMPLES)
-    return FieldVerdicts(SAMPLEWISE, statistic, find_sample_threshold(full), (reason,) * len(field))
 
 
 @dataclass(frozen=True)
 class Coverage:
-    """Share of a walk that a detector accepts, and the quality of its verdicts.
-
-    Attributes
-    ----------
-    detector : its name.
-    footfalls, judged, accepted : counts.
-    longest_run : accepted footfalls in a row.
-    change_deg : median of the change of compass minus gyroscope between neighbours that are both accepted; NaN
-        without any.
-    change_all_deg : the same over all neighbours.
-    """
+    """Share of a walk that a detector accepts, and the quality of its verdicts."""
 
     detector: str
     footfalls: int
     judged: int
     accepted: int
-    longest_run: int
-    change_deg: float
-    change_all_deg: float
+    longest_run: int  # Accepted footfalls in a row.
+    change_deg: float  # Median |change| of compass minus gyroscope between accepted neighbours; NaN without any,
+    change_all_deg: float  # and between all neighbours.
 
     @property
     def share(self) -> float:
@@ -176,38 +148,20 @@ def measure_coverage(field: FootfallField, name: str, verdicts: FieldVerdicts) -
     """Count the footfalls that a detector accepts."""
     accepted = verdicts.quasi_static
     first, after = find_runs(accepted)
-    return Coverage(
-        name,
-        len(field),
-        int(verdicts.judged.sum()),
-        int(accepted.sum()),
-        int(np.max(after - first, initial=0)),
-        _median_change(field, accepted),
-        _median_change(field, np.ones(len(field), dtype=bool)),
-    )
-
-
-def _median_change(field: FootfallField, counted: Bools) -> float:
-    """Median |change| in deg of compass minus gyroscope between neighbours that both count."""
-    change = np.abs(np.degrees(wrap_angle(np.diff(field.heading_difference))))[counted[1:] & counted[:-1]]
-    change = change[np.isfinite(change)]
-    return float(np.median(change)) if len(change) else float("nan")
+    change = np.abs(np.degrees(wrap_angle(np.diff(field.heading_difference))))
+    known, both = np.isfinite(change), accepted[1:] & accepted[:-1]
+    medians = (float(np.median(change[use])) if use.any() else float("nan") for use in (known & both, known))
+    longest = int(np.max(after - first, initial=0))
+    return Coverage(name, len(field), int(verdicts.judged.sum()), int(accepted.sum()), longest, *medians)
 
 
 @dataclass(frozen=True)
 class SampleSurvey:
-    """The field at every sample, and the detector's verdicts.
+    """The field at every sample, and the detector's verdicts."""
 
-    Attributes
-    ----------
-    t : (N,) s.
-    strength : (N,) uT; NaN where it was not measured.
-    verdicts : of N samples.
-    """
-
-    t: Floats
-    strength: Floats
-    verdicts: Disturbance
+    t: Floats  # (N,) s.
+    strength: Floats  # (N,) uT; NaN where it was not measured.
+    verdicts: Disturbance  # Of N samples.
 
     @property
     def share(self) -> float:

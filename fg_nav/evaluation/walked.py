@@ -123,6 +123,8 @@ def measure_errors(found: Comparison, walked_m: float) -> WalkErrors:
     end = found.error[-1] - found.error[0]
     scale = fit_scale(found.estimate, found.truth)
     true_length = path_length_m(found.truth)
+    length = path_length_m(found.estimate)
+    excess = None if found.planar or not true_length > 0.0 else 100.0 * (length / true_length - 1.0)
     return WalkErrors(
         alignment=found.alignment.mode,
         distance_m=walked_m if found.planar else true_length,
@@ -134,15 +136,11 @@ def measure_errors(found: Comparison, walked_m: float) -> WalkErrors:
         rmse_m=float(np.sqrt(np.mean(over_ground**2))),
         heading_laid_deg=None if yaw_error is None else -float(np.rad2deg(yaw_error[-1])),
         heading_rmse_deg=None if yaw_error is None else float(np.rad2deg(np.sqrt(np.mean(yaw_error**2)))),
-        length_percent=None if found.planar else _percent_above(path_length_m(found.estimate), true_length),
-        scale_percent=_percent_above(1.0, scale),
+        length_percent=excess,
+        scale_percent=100.0 * (1.0 / scale - 1.0) if scale > 0.0 else None,
     )
 
 
 def path_length_m(position: Floats) -> float:
     """Sum of the straight moves, in space, between places (K, 3) m."""
     return float(np.linalg.norm(np.diff(position, axis=0), axis=1).sum())
-
-
-def _percent_above(estimate: float, truth: float) -> float | None:
-    return 100.0 * (estimate / truth - 1.0) if truth > 0.0 else None

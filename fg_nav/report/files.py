@@ -35,8 +35,7 @@ from fg_nav.walk import Outcome
 if TYPE_CHECKING:
     from fg_nav.walk import Walk
 
-Summary: TypeAlias = dict[str, object]
-"""Figures of merit by `SUMMARY_KEYS`, ready for JSON."""
+Summary: TypeAlias = dict[str, object]  # Figures of merit by `SUMMARY_KEYS`, ready for JSON.
 
 SUMMARY_KEYS = (
     "method", "duration_s", "distance_m", "strides", "closure_m", "closure_percent", "runtime_s",
@@ -189,7 +188,14 @@ def summarize(walk: Walk, outcome: Outcome) -> Summary:
         figures["returns"] = [one.describe() for one in solution.returns]
     if walk.places is not None:
         figures["located"] = None if solution.located is None else solution.located.describe()
-    figures["magnetometer"] = _describe_magnetometer(walk, outcome)
+    field = "not used (none given)"
+    if outcome.field_used:
+        field = "used"
+    elif walk.magnetometer is not None and walk.magnetometer.wrong_axes is not None:
+        field = "not used (its axes are not the gyroscope's)"
+    elif walk.recording.mag is not None or not walk.options.use_magnetometer:
+        field = "not used"
+    figures["magnetometer"] = field
     figures["magnetometer_delay"] = describe_delay(walk)
     return figures | {"notes": [*collect_remarks(walk), *solution.notes, *metrics.notes]}
 
@@ -222,17 +228,6 @@ def describe_path(metrics: Metrics, runtime_s: float) -> Summary:
 def describe_end(table: StanceTable) -> Summary:
     """Position of the last footfall from the first, and its sigmas: x, y, z m."""
     return {"end_m": to_json(table.position[-1] - table.position[0]), "end_sigma_m": to_json(table.position_sigma[-1])}
-
-
-def _describe_magnetometer(walk: Walk, outcome: Outcome) -> str:
-    """Use of the magnetic field in this solution, in words."""
-    if outcome.field_used:
-        return "used"
-    if walk.magnetometer is not None and walk.magnetometer.wrong_axes is not None:
-        return "not used (its axes are not the gyroscope's)"
-    if walk.recording.mag is not None or not walk.options.use_magnetometer:
-        return "not used"
-    return "not used (none given)"
 
 
 def describe_delay(walk: Walk) -> dict[str, object] | None:

@@ -57,17 +57,8 @@ NEW, OLD, PAST = (".fg-nav-new-", ".fg-nav-old-", ".fg-nav-past-")  # Prefixes o
 def result_folder(out: Path, force: bool = False, ours: frozenset[str] = RESULT_FILES) -> Iterator[Path]:
     """Yield an empty folder to write into; at the end of the block its content becomes that of `out`.
 
-    Parameters
-    ----------
-    out : the folder to make, or an empty one, or with `force` one that holds an older result.
-    force : replace an older result.
-    ours : file names that may be replaced.
-
-    Raises
-    ------
-    OutputError
-        If `out` holds a result and `force` is not set, if it holds anything else, cannot be written, or if another
-        process is at work in it.
+    With `force` an older result in it, of files named in `ours`, is replaced. Raises `OutputError` if `out` holds a
+    result and `force` is not set, holds anything else, cannot be written, or another process is at work in it.
     """
     with hold_folder(out, force, ours), fill_folder(out, force, ours) as fresh:
         yield fresh
@@ -83,7 +74,13 @@ def hold_folder(out: Path, force: bool = False, ours: frozenset[str] = RESULT_FI
     descriptor, locks = lock_result(out)
     try:
         if locks:
-            _repair(out)
+            # complete or undo the moves of a killed process
+            new, old, past = _list_left(out), sorted(out.glob(f"{OLD}*")), sorted(out.glob(f"{PAST}*"))
+            with suppress(OSError):
+                for entry in _list_visible(*(old + new if past else old)):
+                    os.replace(entry, out / entry.name)
+                for folder in (*new, *old, *past):
+                    shutil.rmtree(folder, ignore_errors=True)
         check_free(out, force, ours)
         yield
     finally:
@@ -136,17 +133,6 @@ def _list_left(parent: Path) -> list[Path]:
             os.close(descriptor)
             left += [folder] * locks
     return left
-
-
-def _repair(out: Path) -> None:
-    """Complete or undo the moves of a killed process in a folder that is locked."""
-    new, old, past = _list_left(out), sorted(out.glob(f"{OLD}*")), sorted(out.glob(f"{PAST}*"))
-    moved = old + new if past else old
-    with suppress(OSError):
-        for entry in _list_visible(*moved):
-            os.replace(entry, out / entry.name)
-        for folder in (*new, *old, *past):
-            shutil.rmtree(folder, ignore_errors=True)
 
 
 def check_free(out: Path, force: bool = False, ours: frozenset[str] = RESULT_FILES) -> None:
@@ -256,18 +242,10 @@ def result_file(out: Path, ours: Callable[[Path], bool], force: bool = False) ->
 
 @contextmanager
 def result_files(out: Sequence[Path], ours: Callable[[Path], bool], force: bool = False) -> Iterator[list[Path]]:
-    """Yield paths to write to; at the end of the block these files take the places of `out`.
+    """Yield paths to write to; at the end of the block these files take the places of `out`, all in one folder.
 
-    Parameters
-    ----------
-    out : the files to make, in one folder.
-    ours : whether an existing file is an older result, and so may be replaced.
-    force : replace an older result.
-
-    Raises
-    ------
-    OutputError
-        If one exists and `force` is not set, if it is something else, or cannot be written.
+    With `force` existing files are replaced, if by `ours` they are older results. Raises `OutputError` if one exists
+    and `force` is not set, is something else, or cannot be written.
     """
     for file in out:
         check_file_free(file, ours, force)

@@ -19,8 +19,8 @@ from fg_nav.result import Result
 if TYPE_CHECKING:
     from fg_nav.solution import Solution
 
+# Options of the command line, and the arguments in their place.
 _OPTIONS = {"--out": "path", "--force": "force=True", "--origin 48.137,11.575": "origin=(48.137, 11.575)"}
-"""Options of the command line, and the arguments in their place."""
 
 
 def save_solution(solution: Solution, path: Path, force: bool = False, origin: Sequence[float] | None = None) -> Path:

@@ -60,7 +60,7 @@ def print_results(summaries: Sequence[Mapping[str, object]], place: Path) -> Non
 
 
 def _describe_result(summary: Mapping[str, object]) -> list[str]:
-    """Distance, end and, where it is known, error of one method, a line each."""
+    """Distance, end and, where known, error of one method, and the coupling of the feet, a line each."""
     known = {key: pattern.format(summary[key]) for key, _, pattern in FIGURES if summary.get(key) is not None}
     sigma = f", sigma {known['distance_sigma_m']} m" if "distance_sigma_m" in known else ""
     strides = format_count(cast("int", summary["strides"]), "stride")
@@ -73,22 +73,18 @@ def _describe_result(summary: Mapping[str, object]) -> list[str]:
     if "rmse_2d_m" in known:
         error = f"error: {known['rmse_2d_m']} m rms horizontally, {known['end_error_m']} m at the end"
         lines.append(f"{error}, {known['max_error_m']} m at most; alignment {known['alignment']}")
-    if summary.get("mount") == "feet":
-        lines.append(_describe_feet(summary))
-    return lines
-
-
-def _describe_feet(summary: Mapping[str, object]) -> str:
-    """The coupling of the feet, in one line."""
+    if summary.get("mount") != "feet":
+        return lines
+    # the coupling of the feet
     sides = " and ".join(cast("list[str]", summary["sides"]))
-    known = {"named": "as named", "shown": "as the steps show", "assumed": "assumed"}[str(summary["sides_known"])]
-    feet = f"feet: {sides}, {known}"
-    if summary["width_m"] is None:
-        return f"{feet}; one is missing" if None in (summary["left"], summary["right"]) else f"{feet}; two walks"
-    return (
-        f"{feet}; {summary['width_m']:.2f} m apart, sigma {summary['width_sigma_m']:.2f} m, by {summary['cells']} "
-        f"cells of steps; clock {summary['clock_offset_s']:+.3f} s"
-    )
+    how = {"named": "as named", "shown": "as the steps show", "assumed": "assumed"}[str(summary["sides_known"])]
+    coupled = "one is missing" if None in (summary["left"], summary["right"]) else "two walks"
+    if summary["width_m"] is not None:
+        coupled = (
+            f"{summary['width_m']:.2f} m apart, sigma {summary['width_sigma_m']:.2f} m, by {summary['cells']} "
+            f"cells of steps; clock {summary['clock_offset_s']:+.3f} s"
+        )
+    return [*lines, f"feet: {sides}, {how}; {coupled}"]
 
 
 def _format_place(values: object) -> str:

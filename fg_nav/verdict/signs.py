@@ -107,19 +107,6 @@ class WalkSigns:
         sample = self.table.sample
         return np.maximum.reduceat(speed[: sample[-1]], sample[:-1]) if len(sample) > 1 else np.zeros(0)
 
-    @cached_property
-    def gravity(self) -> Floats:
-        """(K,) m/s^2, the mean force along the vertical in each stride, which begins and ends at rest."""
-        return np.asarray(GRAVITY_M_S2 + self.ends[0][:, 2] / np.diff(self.table.t))
-
-    @cached_property
-    def swings(self) -> Floats:
-        """(K,) s without a stance, from footfall to footfall."""
-        stances, t = self.walk.stances, self.recording.t
-        between = np.diff(stances.footfall) > 0
-        spans = np.stack([t[stances.stop[:-1] - 1], t[stances.start[1:]]])[:, between]
-        return np.asarray(np.diff(spans - self.sum_bridged(spans), axis=0)[0])
-
     def sum_bridged(self, t: Floats) -> Floats:
         """Time until t, s, in which only the other foot was recorded."""
         beside = self.walk.beside
@@ -193,21 +180,22 @@ def measure_time_without_footfall(observed: WalkSigns) -> Reason | None:
     ends = [np.s_[: stances.start[0]], np.s_[stances.stop[-1] :]]
     moves = [t[end] for end in ends if len(t[end]) and rate[end].mean() > MOVING_RAD_S]
     outside = np.array([np.ptp(one - observed.sum_bridged(one)) for one in moves])
-    due_s = float(np.clip(DUE_SWINGS * _median(observed.swings), DUE_S, LATEST_S)) if len(observed.swings) else DUE_S
+    # s without a stance, from footfall to footfall
+    spans = np.stack([t[stances.stop[:-1] - 1], t[stances.start[1:]]])[:, np.diff(stances.footfall) > 0]
+    swings = np.asarray(np.diff(spans - observed.sum_bridged(spans), axis=0)[0])
+    due_s = float(np.clip(DUE_SWINGS * _median(swings), DUE_S, LATEST_S)) if len(swings) else DUE_S
     lost_s = float(outside[outside > due_s].sum())
     # between; where the rows of the solution are other footfalls, all of it is untracked
-    overdue, error = observed.swings > due_s, 0.0
+    overdue, error = swings > due_s, 0.0
     if len(overdue) != len(observed.strides):
-        lost_s += float(observed.swings[overdue].sum())
+        lost_s += float(swings[overdue].sum())
     elif overdue.any():
         left = np.linalg.norm(observed.ends[0], axis=1) * np.diff(observed.table.t)
         overdue &= np.diff(observed.sum_bridged(observed.table.t)) == 0.0
         error = float(np.sqrt(np.sum(left[overdue] ** 2) / 24.0))
     words = f"{lost_s:.1f} s of motion without a footfall are not followed"
     lost = judge_unfollowed(lost_s, observed.usual_m_s, observed.sigma, observed.way, words)
-    words = (
-        f"{observed.swings[overdue].sum():.1f} s of motion without a footfall: strides were missed, {error:.1f} m open"
-    )
+    words = f"{swings[overdue].sum():.1f} s of motion without a footfall: strides were missed, {error:.1f} m open"
     missed = Reason(weigh_error(error, observed.sigma, observed.way), words)
     return max(lost, missed, key=lambda reason: reason.weight)
 
@@ -218,11 +206,6 @@ def measure_cut(observed: WalkSigns) -> Reason | None:
     words = f"{cut_s:.0f} s of the recording are cut off by a hole, and not used"
     speed = max(observed.usual_m_s, observed.way / max(observed.recording.duration_s, 1e-9))
     return judge_unfollowed(cut_s, speed, observed.sigma, observed.way, words)
-
-
-def check_nominal_rate(observed: WalkSigns) -> Reason | None:
-    """A nominal sample rate, without stamps."""
-    return judge_rate(observed.recording.provenance.rate_sigma)
 
 
 def measure_gap(observed: WalkSigns) -> Reason | None:
@@ -331,12 +314,13 @@ def measure_speed(observed: WalkSigns) -> Reason | None:
 
 
 def measure_gravity(observed: WalkSigns) -> Reason | None:
-    """Mean vertical force of the strides, against gravity."""
+    """Mean vertical force of the strides, which begin and end at rest, against gravity."""
     if not len(observed.strides):
         return None
+    force = GRAVITY_M_S2 + observed.ends[0][:, 2] / np.diff(observed.table.t)
     moved = observed.table.position[:, :2] - observed.table.position[0, :2]
     reach = float(np.hypot(*moved.T).max())
-    return judge_gravity(_median(observed.gravity), reach, observed.sigma, observed.way)
+    return judge_gravity(_median(force), reach, observed.sigma, observed.way)
 
 
 def measure_climbing(observed: WalkSigns) -> Reason | None:
@@ -447,7 +431,7 @@ Sign = Callable[[WalkSigns], Reason | None]
 
 SIGNS_WITHOUT_FOOTFALLS: tuple[Sign, ...] = (
     lambda observed: judge_strides(len(observed.strides), observed.recording.duration_s),
-    check_nominal_rate,
+    lambda observed: judge_rate(observed.recording.provenance.rate_sigma),
     measure_gap,
     measure_cut,
     lambda observed: judge_bad_samples(observed.recording),

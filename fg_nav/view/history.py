@@ -56,7 +56,7 @@ class History:
         """Follow one line; return whether earlier rows have changed."""
         kind, self.frame = event["kind"], event.get("frame", "")
         if kind == "now":
-            self.last, row = dict(event), _row_of(event)
+            self.last, row = dict(event), (event["t"], *event["position_m"])
             self._stands = bool(event["continues"])
             self._stamps[event["stance"]] = event["t"]
             self._stamps.pop(event["stance"] - MAX_ROWS, None)
@@ -78,7 +78,7 @@ class History:
             # the first of its kind begins the path again
             if kind != self._at_end:
                 self._at_end, self._replaced, self._rows = kind, self._rows, []
-            self._rows.append(_row_of(event))
+            self._rows.append((event["t"], *event["position_m"]))
             self._thin()
         else:
             return False
@@ -186,8 +186,3 @@ def turn_moment(known: dict[str, Any], angle_deg: float) -> None:
         known["position_m"] = turn_row((0.0, *known["position_m"]), angle_deg)[1:]
     if known["heading_deg"] is not None:
         known["heading_deg"] = (known["heading_deg"] + angle_deg) % 360.0
-
-
-def _row_of(event: Mapping[str, Any]) -> Row:
-    east, north, up = event["position_m"]
-    return event["t"], east, north, up

@@ -60,7 +60,7 @@ STATUS_S = 0.2  # Between two statuses.
 STATUS_SHARE = 0.1  # Largest share of the time spent on them: with a thousand pages they are rarer.
 REDRAW_S = 0.05  # Changes of the past within this time are one message.
 
-HEADERS = {
+HEADERS = {  # Of every response: no external resources, and no framing by other pages.
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
     "connect-src 'self' ws://{host}; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
     "X-Content-Type-Options": "nosniff",
@@ -69,7 +69,6 @@ HEADERS = {
     "Cache-Control": "no-cache",
     "Connection": "close",
 }
-"""Of every response: no external resources, and no framing by other pages."""
 
 
 @dataclass(eq=False)
@@ -227,18 +226,12 @@ class PageServer:
         """Send to those that keep up; those that have caught up get the history instead."""
         late = [viewer for viewer in viewers if viewer.behind and viewer.waiting == 0]
         ready = [viewer for viewer in viewers if not viewer.behind]
-        _broadcast(ready, message)
+        for group, words in ((ready, message), (late, self._describe() if late else "")):
+            frame = Frame(Opcode.TEXT, words.encode()).serialize(mask=False)  # the same for each
+            for viewer in group:
+                if viewer.connection.state is State.OPEN:
+                    viewer.connection.transport.write(frame)
         for viewer in ready:
             viewer.behind = viewer.waiting > MAX_WAITING
-        if late:
-            for viewer in late:
-                viewer.behind = False
-            _broadcast(late, self._describe())
-
-
-def _broadcast(viewers: Sequence[_Viewer], message: str) -> None:
-    """Send a message to all connected pages; its frame is the same for each, and made once."""
-    frame = Frame(Opcode.TEXT, message.encode()).serialize(mask=False)
-    for viewer in viewers:
-        if viewer.connection.state is State.OPEN:
-            viewer.connection.transport.write(frame)
+        for viewer in late:
+            viewer.behind = False

@@ -19,21 +19,13 @@ from fg_nav.report.folder import check_file_free, result_files
 
 @dataclass(frozen=True)
 class ExportFormat:
-    """Writer of one kind of file.
+    """Writer of one kind of file."""
 
-    Attributes
-    ----------
-    module, function : of this package; the function takes track and file, and of a map also the origin.
-    on_earth : whether it is a map.
-    extra : the extra of this project that it needs, and the module that this brings.
-    second : suffix of the name of a second file, such as `-footfalls`.
-    """
-
-    module: str
-    function: str
-    on_earth: bool = False
-    extra: tuple[str, str] | None = None
-    second: str = ""
+    module: str  # Of this package,
+    function: str  # of track and file, and of a map also the origin.
+    on_earth: bool = False  # It is a map.
+    extra: tuple[str, str] | None = None  # The extra of this project that it needs, and the module that this brings.
+    second: str = ""  # Suffix of the name of a second file, such as `-footfalls`.
 
 
 FORMATS: dict[str, ExportFormat] = {

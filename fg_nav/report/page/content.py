@@ -69,19 +69,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Findings:
-    """Results of one or more methods, for a page.
-
-    Attributes
-    ----------
-    outcomes : by method.
-    summaries, configs : of each method, as in the files.
-    walk : None where the samples were not kept: of a walk in progress with a lag.
-    """
+    """Results of one or more methods, for a page."""
 
     outcomes: Mapping[str, Outcome]
-    summaries: Sequence[Mapping[str, object]]
-    configs: Sequence[Mapping[str, object]]
-    walk: Walk | None
+    summaries: Sequence[Mapping[str, object]]  # Of each method, as in the files;
+    configs: Sequence[Mapping[str, object]]  # likewise.
+    walk: Walk | None  # None where the samples were not kept: of a walk in progress with a lag.
 
 
 @dataclass(frozen=True)
@@ -219,7 +212,12 @@ def _draw_sections(found: Findings) -> list[Section]:
         Section("bias", "Gyroscope bias", [], [draw_gyro_bias(views)]),
     ]
     # the field
-    headings, words = [draw_headings(views)], [_explain_missing_field(walk)]
+    missing = "The samples of this walk were not kept, so its field is not shown."
+    if walk is not None and walk.recording.mag is None and walk.options.use_magnetometer and not walk.unjudged:
+        missing = "The recording has no magnetometer."
+    elif walk is not None:
+        missing = f"No field is shown: {walk.unjudged.rstrip('.') or 'it was not looked at'}."
+    headings, words = [draw_headings(views)], [missing]
     strength = Section("strength", "Field strength along the path", words)
     if walk is not None and walk.field is not None:
         headings.append(draw_compass(walk.field, table))
@@ -255,14 +253,6 @@ def _draw_stances(walk: Walk | None) -> Section:
     charts = draw_samples(walk.recording, found)
     drop_pages()
     return Section("stances", title, words, charts)
-
-
-def _explain_missing_field(walk: Walk | None) -> str:
-    if walk is None:
-        return "The samples of this walk were not kept, so its field is not shown."
-    if walk.recording.mag is None and walk.options.use_magnetometer and not walk.unjudged:
-        return "The recording has no magnetometer."
-    return f"No field is shown: {walk.unjudged.rstrip('.') or 'it was not looked at'}."
 
 
 # --- two feet --------------------------------------------------------------------------------------------------------

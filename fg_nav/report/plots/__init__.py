@@ -7,6 +7,7 @@ again in each process, a second or two, and warns.
 from __future__ import annotations
 
 import os
+from contextlib import suppress
 from pathlib import Path
 
 from fg_nav.system.scratch import find_scratch
@@ -20,18 +21,16 @@ def choose_place() -> None:
     """Set the scratch folder for matplotlib where it could not write, and the user has named none."""
     if os.environ.get(VARIABLE):
         return
-    bases = [os.environ.get(name) or os.path.join(os.path.expanduser("~"), PLACES[name]) for name in PLACES]
-    scratch = None if all(_can_be_written(Path(base) / "matplotlib") for base in bases) else find_scratch()
+    writable = True
+    for name, default in PLACES.items():
+        base = os.environ.get(name) or os.path.join(os.path.expanduser("~"), default)
+        folder = Path(base) / "matplotlib"
+        with suppress(OSError):
+            folder.mkdir(parents=True, exist_ok=True)
+        writable = writable and folder.is_dir() and os.access(folder, os.W_OK)
+    scratch = None if writable else find_scratch()
     if scratch is not None:
         os.environ[VARIABLE] = str(scratch / "matplotlib")
-
-
-def _can_be_written(folder: Path) -> bool:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError:
-        return False
-    return os.access(folder, os.W_OK)
 
 
 choose_place()

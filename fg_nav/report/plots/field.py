@@ -68,7 +68,18 @@ def plot_field(survey: FieldSurvey) -> Figure:
         _draw_quantity(panels[1], survey, np.degrees(field.inclination), dip, MIN_SPAN_DEG)
         panels[1].set_ylabel("inclination (deg)")
         style.head(panels[1], "Its inclination below the horizon")
-        _draw_headings(panels[2], survey)
+        # headings; the gyroscope's are turned onto the compass, as its north is unknown
+        words = f"gyroscope, turned by {np.degrees(survey.offset):+.0f} deg to lie on the compass"
+        laid = np.degrees(field.gyro_heading + survey.offset) % 360.0
+        panels[2].plot(field.t, laid, **_dots(survey, style.ORANGE, words))
+        compass = np.degrees(survey.compass_heading) % 360.0
+        panels[2].plot(field.t, compass, **_dots(survey, style.BLUE, "compass"))
+        panels[2].set_ylim(-8.0, 368.0)
+        panels[2].yaxis.set_major_locator(MultipleLocator(90))
+        panels[2].set_ylabel("heading (deg)")
+        declination_deg = np.degrees(survey.declination)
+        north = "magnetic north" if earth is None else f"north, declination {declination_deg:+.1f} deg"
+        style.head(panels[2], f"Heading of the sensor's x axis, clockwise from {north}")
         _draw_difference(panels[3], survey)
         _draw_lanes(panels[4], field.t, survey.verdicts, "Verdicts, and the share of all footfalls that pass")
         panels[4].set_xlim(*_find_span(field.t))
@@ -95,20 +106,6 @@ def _widen(axes: Axes, min_span: float) -> None:
     low, high = axes.get_ylim()
     middle, half = (low + high) / 2, max(high - low, min_span) / 2
     axes.set_ylim(middle - half, middle + half)
-
-
-def _draw_headings(axes: Axes, survey: FieldSurvey) -> None:
-    """Draw the compass's headings, and the gyroscope's turned onto them, as its north is unknown."""
-    t, laid = survey.field.t, survey.field.gyro_heading + survey.offset
-    words = f"gyroscope, turned by {np.degrees(survey.offset):+.0f} deg to lie on the compass"
-    axes.plot(t, np.degrees(laid) % 360.0, **_dots(survey, style.ORANGE, words))
-    axes.plot(t, np.degrees(survey.compass_heading) % 360.0, **_dots(survey, style.BLUE, "compass"))
-    axes.set_ylim(-8.0, 368.0)
-    axes.yaxis.set_major_locator(MultipleLocator(90))
-    axes.set_ylabel("heading (deg)")
-    known = survey.earth is not None
-    north = f"north, declination {np.degrees(survey.declination):+.1f} deg" if known else "magnetic north"
-    style.head(axes, f"Heading of the sensor's x axis, clockwise from {north}")
 
 
 def _draw_difference(axes: Axes, survey: FieldSurvey) -> None:

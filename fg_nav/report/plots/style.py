@@ -7,7 +7,7 @@ grey; truth is always the same wide grey line below the others. No global state 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -92,19 +92,15 @@ def save(figure: Figure, path: Path) -> None:
 def head(axes: Axes, title: str, columns: int = 6) -> None:
     """Put the title above the axes and the legend, if anything is labelled, in rows between the two."""
     handles, labels = axes.get_legend_handles_labels()
-    columns = _count_columns(labels, columns)
+    # columns that fit side by side over a picture; they are filled from top to bottom
+    columns = min(columns, max(len(labels), 1))
+    while columns > 1:
+        widest = (column.max() for column in np.array_split([len(label) for label in labels], columns))
+        if sum(_HANDLE_LETTERS + letters for letters in widest) <= _LINE_LETTERS:
+            break
+        columns -= 1
     rows = -(-len(handles) // columns)
     axes.set_title(title, pad=8.0 + 15.0 * rows)
     if handles:
         place: dict[str, Any] = {"loc": "lower left", "bbox_to_anchor": (-0.008, 1.0), "borderaxespad": 0.0}
         axes.legend(handles, labels, **place, ncols=columns, handlelength=1.6, columnspacing=1.6)
-
-
-def _count_columns(labels: Sequence[str], most: int) -> int:
-    """Columns of a legend that fit side by side over a picture; they are filled from top to bottom."""
-    for columns in range(min(most, len(labels)), 1, -1):
-        lengths = np.array_split([len(label) for label in labels], columns)
-        widest = (column.max() for column in lengths)
-        if sum(_HANDLE_LETTERS + letters for letters in widest) <= _LINE_LETTERS:
-            return columns
-    return 1

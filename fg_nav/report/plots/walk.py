@@ -76,7 +76,15 @@ def draw_stances(folder: Path, walk: Walk) -> None:
 def draw_comparison(folder: Path, walk: Walk, outcomes: Mapping[str, Outcome]) -> None:
     """Draw the methods over each other, and each into its own folder."""
     views = {name: align_solution(walk, outcome) for name, outcome in outcomes.items()}
-    style.save(plot_trajectories(views), folder / "trajectories.png")
+    first = next(iter(views.values()))
+    with style.styled():
+        figure, axes = _new_map(np.vstack([_choose_path(view) for view in views.values()]))
+        _draw_truth(axes, first.truth)
+        for colour, (name, view) in zip(style.colours(len(views)), views.items(), strict=True):
+            _draw_path(axes, view, colour, name)
+        draw_ends(axes, first.stance_position())
+        style.head(axes, f"Trajectories{first.alignment_words}")
+    style.save(figure, folder / "trajectories.png")
     if all(view.comparison is not None for view in views.values()):
         style.save(plot_errors(views), folder / "errors.png")
     for name, outcome in outcomes.items():
@@ -129,19 +137,6 @@ def _draw_trajectory(axes: Axes, view: AlignedSolution) -> None:
         axes.plot(*stance[:, :2].T, ".", color=style.BLUE, markersize=3.2, zorder=4)
     draw_ends(axes, stance)
     style.head(axes, f"Trajectory{view.alignment_words}")
-
-
-def plot_trajectories(views: Mapping[str, AlignedSolution]) -> Figure:
-    """Lay the walks of several methods over each other, and over the truth."""
-    first = next(iter(views.values()))
-    with style.styled():
-        figure, axes = _new_map(np.vstack([_choose_path(view) for view in views.values()]))
-        _draw_truth(axes, first.truth)
-        for colour, (name, view) in zip(style.colours(len(views)), views.items(), strict=True):
-            _draw_path(axes, view, colour, name)
-        draw_ends(axes, first.stance_position())
-        style.head(axes, f"Trajectories{first.alignment_words}")
-    return figure
 
 
 def _new_map(points: Floats) -> tuple[Figure, Axes]:
