@@ -98,7 +98,7 @@ class AxesEvidence:
 
     @property
     def best(self) -> Floats:
-        """M (3, 3) that is the likeliest."""
+        """The most likely M (3, 3)."""
         return np.asarray(AXES[int(np.argmax(self.log_odds))])
 
     @property
@@ -240,7 +240,7 @@ def measure_swing_axes(t: Floats, acc: Floats, gyr: Floats) -> SwingEvidence:
     """Compare the axes of acc (N, 3) m/s^2 and gyr (N, 3) rad/s of a thigh, at stamps (N,) s, stride by stride."""
     looked = np.s_[: int(np.searchsorted(t, t[0] + LOOKED_S))]
     t, acc, gyr = t[looked], acc[looked], gyr[looked]
-    start, stop = _find_swings(t, gyr)
+    start, stop = _cut_strides(t, gyr)
     if not len(start):
         return NO_SWINGS
     h, took = np.diff(t, append=2 * t[-1] - t[-2]), (t[stop] - t[start])[:, None]
@@ -253,8 +253,11 @@ def measure_swing_axes(t: Floats, acc: Floats, gyr: Floats) -> SwingEvidence:
     return SwingEvidence(-0.5 * ((force - GRAVITY_M_S2) / FORCE_M_S2) ** 2, force[:, 0])
 
 
-def _find_swings(t: Floats, gyr: Floats) -> tuple[Ints, Ints]:
-    """First sample (K,) of strides and of the next ones, at most `MAX_STRIDES`, in windows without a gap."""
+def _cut_strides(t: Floats, gyr: Floats) -> tuple[Ints, Ints]:
+    """Cut each evenly walked window into strides of its own period: first sample (K,) of each, and of the next.
+
+    Where in the gait a stride begins does not matter. At most `MAX_STRIDES`, spread evenly over the recording.
+    """
     period_s = float(np.median(np.diff(t)))
     edges = [np.zeros((0, 2), dtype=np.int64)]
     for begin in np.arange(t[0], t[-1] + 1.5 * period_s - SWINGS_S, SWINGS_S):
@@ -265,7 +268,7 @@ def _find_swings(t: Floats, gyr: Floats) -> tuple[Ints, Ints]:
             at = np.searchsorted(t, bounds - 0.5 * period_s)  # stamps are rounded
             edges.append(np.column_stack([at[:-1], at[1:]]))
     found = np.concatenate(edges)
-    found = found[found[:, 0] < found[:, 1]]  # none in a hole at the edge of a window
+    found = found[found[:, 0] < found[:, 1]]  # drop strides without samples, in a gap at the edge of a window
     kept = np.unique(np.linspace(0, len(found) - 1, min(MAX_STRIDES, len(found))).round().astype(int))
     return found[kept, 0].copy(), found[kept, 1].copy()
 

@@ -181,7 +181,8 @@ def undo_update(e: Floats, adjoint: Floats, information: Floats, trace: Floats, 
 
 @njit(cache=True)
 def undo_component(e: Floats, adjoint: Floats, information: Floats, trace: Floats, index: int) -> None:
-    """`undo_update` for a unit row, cheaper."""
+    """Step back over an update by one state: `undo_update` for h = unit row `index`, in O(n) after Lambda K."""
+    # weighted = Lambda K, gained = nu / s - K^T lambda, square = K^T Lambda K + 1 / s
     weighted = np.empty(SIZE)
     gained, square = _restore_error(e, adjoint, information, trace, weighted)
     adjoint[index] += gained

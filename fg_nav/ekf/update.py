@@ -44,7 +44,7 @@ def update_row(P: Floats, x: Floats, h: Floats, z: float, r: float) -> float:
 
 @njit(cache=True)
 def update_row_traced(P: Floats, x: Floats, h: Floats, z: float, r: float, trace: Floats) -> float:
-    """`update_row`, leaving the trace (2 n + 2,)."""
+    """`update_row`, which also writes `trace` = (c, s, nu, h) for the backward pass; returns nu / sqrt(s)."""
     n, hc, hx = len(x), 0.0, 0.0
     for i in range(n):
         trace[i] = 0.0

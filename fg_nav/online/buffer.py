@@ -304,7 +304,7 @@ def taken_rows(recording: Recording) -> Floats:
 
 
 def rows_of(recording: Recording) -> Floats:
-    """Return the samples of a recording as rows (N, 11), as a sensor sends them."""
+    """Return a recording's samples as rows (N, 11) of a stream; NaN for a sensor it lacks."""
     mag = np.full((len(recording), 3), np.nan) if recording.mag is None else recording.mag
     pressure = np.full(len(recording), np.nan) if recording.pressure is None else recording.pressure
     return np.column_stack([recording.t, recording.acc, recording.gyr, mag, pressure])

@@ -151,7 +151,7 @@ class FeetNavigator:
         return [*self.label(side, found), *self.update_both(side)]
 
     def label(self, side: Side, found: Iterable[StanceEstimate | Revision]) -> list[FeetLine]:
-        """Return what a foot's navigator found as lines."""
+        """Wrap results in lines, each with its foot, its frame, and whether it continues the same stance."""
         frame, continues = self.frame(side), self.navigators[side].reported_continues
         return [FeetLine(side, frame, one, isinstance(one, StanceEstimate) and continues[one.number]) for one in found]
 

@@ -164,7 +164,7 @@ class OnlineField:
         """
         # The compass of the footfall.
         nav_R_body, body_field = pose.rotation().matrix(), stride.footfall.body_field[0]
-        sigma_uT, verdict = self._judge(stride, nav_R_body, before)
+        sigma_uT, verdict = self._judge_compass(stride, nav_R_body, before)
         if np.isfinite(sigma_uT):
             compass = MagneticHeading(body_field, self._level_R_body, nav_R_body, np.array(sigma_uT))
             graph.push_back(factor_of(compass, [X(node), M(k)]))
@@ -197,15 +197,18 @@ class OnlineField:
         across = across_field(rows[:, LEVEL], rows[:, REFERENCE])
         return find_north_sigma(across, float(self._recent[:, DISTANCE].sum()), self._strength_uT)
 
-    def _judge(self, stride: StrideField, nav_R_body: Floats, before: Floats) -> tuple[float, CompassVerdict]:
-        """Note the newest footfall; the sigma of its compass, infinite without a reading, and the verdict."""
+    def _judge_compass(self, stride: StrideField, nav_R_body: Floats, before: Floats) -> tuple[float, CompassVerdict]:
+        """Run the gate on the newest footfall; return sigma (uT) of its compass, infinite without, and verdict.
+
+        `before` (9,) is the state of the field at the previous footfall.
+        """
         newest = replace(stride.footfall, nav_R_body=nav_R_body[None])
         self._judged = self._judged.join(newest).select(slice(-self._needed, None))
         verdicts = apply_gate(self._judged, self._p.gate)
         level = rotate_field(newest, newest.nav_R_body)[0, :2]
         row = np.concatenate([level, before[E_H], [stride.distance_m, verdicts.statistic[-1]]])
         self._recent = np.vstack([self._recent, row])[-RECENT:]
-        # Its statistic is weighed by those of the walk.
+        # a larger gate statistic than is usual on this walk gives a larger sigma
         of_walk = replace(verdicts, statistic=self._recent[:, STATISTIC])
         spread = compass_sigma(weigh_statistic(of_walk, self._p.gate)[-1], self._rough)
         sigma_uT = float(spread) if self._p.compass and np.isfinite(level[0]) else np.inf

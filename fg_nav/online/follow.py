@@ -126,7 +126,7 @@ def run_stream(request: StreamRequest, outlets: Outlets) -> StreamedWalk:
 
 
 def read_stream_options(request: StreamRequest) -> StreamOptions:
-    """Return how a source is followed, with the files that are named read; raises `FgNavError` for what cannot be."""
+    """Turn a request into stream options, reading the files it names; raises `FgNavError` if an option is invalid."""
     calibration = None if request.calibration_path is None else read_calibration(request.calibration_path)
     axes = None if request.mag_axes is None else MagAxes.parse(request.mag_axes)
     return StreamOptions(

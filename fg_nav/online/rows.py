@@ -347,12 +347,14 @@ class RowReader:
         return ""
 
     def _use_own_header(self, fields: list[str]) -> str:
-        """Use a header of the sender's own names, if the user maps them; return why not."""
+        """Switch to a header in the sender's own names if the mapping fits it; else return why not, "" for a repeat."""
         if self._wanted is not None and self._wanted.mapping is not None:
             with suppress(FormatError):
                 wanted = mapping.parse_columns(self._wanted.mapping)
                 columns = _place_columns(wanted, fields, self._wanted.rate_hz, self._name)
-                if not all(word.isdigit() for words in wanted.words.values() for word in words):  # any header has these
+                if not all(
+                    word.isdigit() for words in wanted.words.values() for word in words
+                ):  # column numbers fit any header
                     self._use(columns, fields)
                     return ""
         if self._names is None:

@@ -231,7 +231,7 @@ def describe_end(table: StanceTable) -> Summary:
 
 
 def describe_delay(walk: Walk) -> dict[str, object] | None:
-    """Delay of the magnetometer, and whether it was corrected; None where it was not observed."""
+    """Magnetometer delay, and whether it was corrected; None if it could not be observed."""
     delay = None if walk.magnetometer is None else walk.magnetometer.delay
     return None if delay is None else {**asdict(delay), "taken_off": delay.taken_off}
 

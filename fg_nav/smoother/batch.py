@@ -101,7 +101,7 @@ class FittedWalk:
     scale: WalkScale | None
 
     def shared_sqrt_covariance(self) -> Floats:
-        """Return by how much the walk moves (N, n) by numbers of unit covariance that all of it shares."""
+        """Return S (N, n): S S^T is the covariance of errors that all strides share, one a column at one sigma."""
         problem, solved = self.walk.problem, self.walk.solved
         moved = [np.zeros((solved.root.total, 0)) if self.scale is None else self.scale.spread()]
         moved.append(spread_clipped_peaks(problem, solved))

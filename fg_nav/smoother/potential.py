@@ -173,7 +173,7 @@ def _size(problem: WalkProblem, solved: Solved, stride: Ints) -> float:
 
 
 def describe_jumps(problem: WalkProblem, solved: Solved) -> tuple[str, ...]:
-    """Return notes on the jumps of a walk, none where there are none."""
+    """Return one note for each jump of the potential."""
     nodes = problem.nodes
     t = problem.recording.t[nodes.sample[nodes.result]]
     return tuple(

@@ -372,17 +372,17 @@ def measure_heading_sigma(observed: WalkSigns) -> Reason | None:
 
 
 def measure_hidden_turning(observed: WalkSigns) -> Reason | None:
-    """Heading error of rebuilt clipped peaks in a filter; a graph's sigmas include it (`smoother.shared_errors`)."""
+    """Weigh the heading error that rebuilt gyroscope peaks leave in a filter; a graph has it in its sigmas."""
     recording, solution = observed.recording, observed.solution
     peaks = recording.peaks[1]
     if solution.graph or not peaks.run.any() or not len(observed.strides):
         return None
     if QUASI_STATIC in solution.stances.field and not ignores_field(solution.method):
         return None  # the field shows the heading
-    # The sigmas of a peak's samples are those of independent errors; one common error is shared by all of them.
+    # the samples' sigmas are for independent errors; if the n samples of a peak share one, each has sigma / sqrt(n)
     missing = np.sign(recording.gyr) * peaks.sigma / np.sqrt(np.maximum(peaks.run, 1.0))
     about_up = (solution.nav_R_body[:, 2] * missing).sum(axis=1) * recording.period_s
-    # Peaks to the left and to the right belong to two phases of the gait, each with one error in all strides.
+    # left and right turns are two phases of the gait; each repeats its error in every stride, summed to each footfall
     row = solution.stances.sample
     sides = [np.cumsum(np.where(side * about_up > 0, about_up, 0.0))[row] for side in (1.0, -1.0)]
     error = float(np.linalg.norm([observed.displace_end(side - side[0]) for side in sides]))

@@ -126,7 +126,7 @@ def _draw_difference(axes: Axes, survey: FieldSurvey) -> None:
 
 
 def plot_field_map(survey: FieldSurvey, view: AlignedSolution) -> Figure:
-    """Draw the walk once for each detector, the footfalls whose field passes in colour."""
+    """Draw one map of the walk per detector, with the footfalls it accepts in colour."""
     found = survey.coverage
     path = view.align_position(survey.solution.position[spread_rows(len(survey.solution.position), MAX_POINTS)])[:, :2]
     width, height = np.ptp(path, axis=0)
@@ -142,7 +142,9 @@ def plot_field_map(survey: FieldSurvey, view: AlignedSolution) -> Figure:
             _draw_map(axes, survey, view, path, one, " " if columns <= MAPS else "\n")
         for axes in grid.ravel()[len(found) :]:
             axes.set_visible(False)
-        draw_ends(grid[0, 0], view.align_position(survey.position))  # in one only: its words hide footfalls
+        draw_ends(
+            grid[0, 0], view.align_position(survey.position)
+        )  # on the first map only: the labels would hide footfalls
         # legend and labels of all maps
         for colour, label in ((ACCEPTED, "quasi-static"), (REJECTED, "disturbed or not judged")):
             grid[0, 0].plot([], [], "o", color=colour, markersize=6, label=label)
