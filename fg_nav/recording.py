@@ -42,7 +42,7 @@ from fg_nav.columns.samples import ColumnNames, Samples, Units, convert_arrays, 
 from fg_nav.errors import RecordingError
 from fg_nav.samples import plausibility
 from fg_nav.samples.gaps import Bridge, Gaps, bridge_unread, fill_gaps, interpolate_unread, prepare_samples
-from fg_nav.samples.outliers import find_mag_outliers, find_outliers, note_bad, note_outliers
+from fg_nav.samples.outliers import find_mag_outliers, find_outliers, note_bad
 from fg_nav.samples.saturation import Peaks, find_clipping_levels, rebuild_peaks
 from fg_nav.samples.stamps import MAX_BRIDGED_S, even_stamps, find_lost_share, order_stamps
 from fg_nav.system.spilled import drop_pages, take_rows
@@ -319,7 +319,9 @@ def _admit(raw: RawRecording, longest_gap_s: float) -> Recording:
 def _leave_out_bad(raw: RawRecording, kept: Ints, t: Floats, notes: list[str]) -> Recording:
     """Return the recording of the samples `kept` (K,), at stamps `t` (K,) s, without the bad ones of each sensor."""
     outliers = find_outliers(t, take_rows(kept, raw.acc), take_rows(kept, raw.gyr))
-    notes = [*notes, *note_outliers(outliers, t, raw.row[kept])]
+    bad = outliers.which > 0
+    n_bad, found = int(bad.sum()), (("gyroscope", outliers.gyr), ("accelerometer", outliers.acc))
+    notes = [*notes, *note_bad(bad, " and ".join(name for name, of in found if of.any()), t, raw.row[kept])]
     good = ~(outliers.acc & outliers.gyr)
     kept, t, unread = kept[good], t[good], outliers.which[good]
     _check_count(len(kept))
@@ -328,7 +330,7 @@ def _leave_out_bad(raw: RawRecording, kept: Ints, t: Floats, notes: list[str]) -
         bad = find_mag_outliers(t, mag)
         mag[bad] = np.nan
         notes += note_bad(bad, "magnetometer", t, raw.row[kept])
-    provenance = replace(raw.provenance, notes=tuple(notes), bad_samples=int(outliers.any.sum()))
+    provenance = replace(raw.provenance, notes=tuple(notes), bad_samples=n_bad)
     acc, gyr = take_rows(kept, raw.acc), take_rows(kept, raw.gyr)
     interpolate_unread(t, acc, gyr, unread)
     pressure = None if raw.pressure is None else plausibility.keep_air(raw.pressure[kept])

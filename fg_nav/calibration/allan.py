@@ -283,7 +283,15 @@ def compute_covariance_products(count: int, factors: tuple[int, ...]) -> Floats:
         terms, others = count + 1 - 2 * m, count + 1 - 2 * other
         lag, width = _list_lags(m, other, count)
         pairs = np.clip(np.minimum(terms, others - lag) - np.maximum(0, -lag), 0, None)
-        R = np.stack(_compute_covariances(lag, m, other))
+        # R_mm'(u) at lags u of white noise, flicker and random walk, of density 1
+        R = np.zeros((3, len(lag)))
+        for a, left in enumerate(_COEFFICIENT):
+            for b, right in enumerate(_COEFFICIENT):
+                t = np.abs(lag + b * other - a * m).astype(np.float64)
+                R[0] -= left * right * t / 2
+                R[1] += left * right * t**2 * np.log(np.maximum(t, 1.0)) / (2 * np.pi)
+                R[2] += left * right * t**3 / 12
+        R[::2, (lag <= -2 * other) | (lag >= 2 * m)] = 0.0  # the two differences share no reading
         whole = (R * (width * pairs)) @ R.T
         products[:, :, i, j] = whole / (2.0 * float(m) ** 2 * float(other) ** 2 * terms * others)
         products[:, :, j, i] = products[:, :, i, j]
@@ -306,20 +314,6 @@ def _list_lags(m: int, other: int, count: int) -> tuple[Ints, Floats]:
     width[0], width[-1] = 0.5 + gap[0] / 2, 0.5 + gap[-1] / 2
     width[1:-1] = (gap[1:] + gap[:-1]) / 2
     return lag, width
-
-
-def _compute_covariances(lag: Ints, m: int, other: int) -> tuple[Floats, Floats, Floats]:
-    """R_mm'(u) at lags u of white noise, flicker and random walk, of density 1."""
-    white, flicker, walk = np.zeros(len(lag)), np.zeros(len(lag)), np.zeros(len(lag))
-    for a, left in enumerate(_COEFFICIENT):
-        for b, right in enumerate(_COEFFICIENT):
-            t = np.abs(lag + b * other - a * m).astype(np.float64)
-            white -= left * right * t / 2
-            flicker += left * right * t**2 * np.log(np.maximum(t, 1.0)) / (2 * np.pi)
-            walk += left * right * t**3 / 12
-    apart = (lag <= -2 * other) | (lag >= 2 * m)  # the two differences share no reading
-    white[apart] = walk[apart] = 0.0
-    return white, flicker, walk
 
 
 @dataclass(frozen=True)
@@ -361,9 +355,13 @@ def measure_recording_noise(recording: Recording) -> RecordingNoise:
             read.append(("mag", rest.t[fresh], rest.mag[fresh]))
     sensors = []
     for name, t, readings in read:
-        even, period_s = _fill_losses(t, readings)
-        factors = choose_averaging_factors(len(even))
-        curves = tuple(compute_allan_curve(axis, period_s, factors) for axis in even.T)
+        # a row for every sample, lost ones interpolated
+        place = np.concatenate([[0], np.cumsum(np.maximum(1, np.round(np.diff(t) / np.median(np.diff(t)))))])
+        period_s, axes = float((t[-1] - t[0]) / place[-1]), list(readings.T)
+        if place[-1] != len(t) - 1:
+            axes = [np.interp(np.arange(int(place[-1]) + 1), place, axis) for axis in axes]
+        factors = choose_averaging_factors(len(axes[0]))
+        curves = tuple(compute_allan_curve(axis, period_s, factors) for axis in axes)
         sensors.append(SensorNoise(name, 1 / period_s, curves, tuple(fit_noise(curve) for curve in curves)))
     return RecordingNoise(float(rest.t[0]), seconds, tuple(sensors))
 
@@ -394,13 +392,3 @@ def find_longest_stillness(recording: Recording) -> tuple[int, int]:
         return 0, block
     longest = int(np.argmax(last - first))
     return int(first[longest]) * block, (int(last[longest]) + 1) * block
-
-
-def _fill_losses(t: Floats, readings: Floats) -> tuple[Floats, float]:
-    """Readings with a row for every sample, lost ones interpolated, and the sampling period."""
-    place = np.concatenate([[0], np.cumsum(np.maximum(1, np.round(np.diff(t) / np.median(np.diff(t)))))])
-    period_s = float((t[-1] - t[0]) / place[-1])
-    if place[-1] == len(t) - 1:
-        return readings, period_s
-    every = np.arange(int(place[-1]) + 1)
-    return np.column_stack([np.interp(every, place, axis) for axis in readings.T]), period_s

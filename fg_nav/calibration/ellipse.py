@@ -214,10 +214,20 @@ def calibrate_on_loop(field: FootfallField) -> tuple[Ellipse, MagnetometerCalibr
 
 
 def _fit_round(level_xy: Floats) -> Ellipse:
-    """Fit, without a check of the sigmas."""
+    """Fit readings that go round, without a check of the sigmas."""
     readings = select_levelled(level_xy, MIN_FOOTFALLS)
     ellipse, kept = fit_likeliest_ellipse(readings)
-    _check_round(ellipse.correct(readings[kept]))
+    # a wide arc without a reading, by the headings that are missing
+    heading = np.sort(compute_field_heading(ellipse.correct(readings[kept])))
+    gaps = np.diff(heading, append=heading[0] + 2 * np.pi)
+    k = int(np.argmax(gaps))
+    if gaps[k] > MAX_GAP_RAD:
+        first, last = np.degrees([heading[k], heading[k] + gaps[k]]) % 360.0
+        raise CalibrationError(
+            f"the footfalls do not go round: none has a magnetic heading from {first:.0f} to {last:.0f} deg clockwise "
+            f"({np.degrees(gaps[k]):.0f} deg wide, at most {np.degrees(MAX_GAP_RAD):.0f} are allowed); "
+            "walk a full circle, better one each way."
+        )
     left_out = int((~kept).sum())
     notes = (f"{left_out} of {len(readings)} footfalls left out as outliers",) if left_out else ()
     return replace(ellipse, notes=notes)
@@ -239,20 +249,6 @@ def _compare_sides(field: FootfallField, ellipse: Ellipse) -> tuple[float, str]:
     growth = max(1.0, float(apart @ np.linalg.solve(covariance, apart)) / 4)
     disagree = f"{np.sqrt(growth):.1f} times what the scatter alone explains"
     return growth, f"sigmas are {disagree}, for circles to the left and to the right disagree by so much"
-
-
-def _check_round(corrected: Floats) -> None:
-    """Refuse a wide arc without a reading, and name it by the headings that are missing."""
-    heading = np.sort(compute_field_heading(corrected))
-    gaps = np.diff(heading, append=heading[0] + 2 * np.pi)
-    k = int(np.argmax(gaps))
-    if gaps[k] > MAX_GAP_RAD:
-        first, last = np.degrees([heading[k], heading[k] + gaps[k]]) % 360.0
-        raise CalibrationError(
-            f"the footfalls do not go round: none has a magnetic heading from {first:.0f} to {last:.0f} deg clockwise "
-            f"({np.degrees(gaps[k]):.0f} deg wide, at most {np.degrees(MAX_GAP_RAD):.0f} are allowed); "
-            "walk a full circle, better one each way."
-        )
 
 
 def _check(ellipse: Ellipse) -> None:
@@ -313,7 +309,12 @@ def fit_likeliest_ellipse(readings: Floats) -> tuple[Ellipse, Bools]:
         residual_uT=fit.residual_uT,
         samples=len(kept),
     )
-    lack = _measure_lack_of_fit(_distances(fit.parameters, kept), compute_field_heading(ellipse.correct(kept)))
+    # lack of fit: variance of a reading from the means of the distances over sectors of heading
+    heading = compute_field_heading(ellipse.correct(kept))
+    sector = np.floor((heading / (2 * np.pi) % 1.0) * SECTORS).astype(np.int64) % SECTORS
+    count = np.bincount(sector, minlength=SECTORS)
+    total, held = np.bincount(sector, _distances(fit.parameters, kept), minlength=SECTORS), count > 0
+    lack = float((total[held] ** 2 / count[held]).sum() / (held.sum() - 5)) if held.sum() >= MIN_SECTORS else 0.0
     worse = max(1.0, lack / max(fit.residual_uT, MIN_UT) ** 2)
     return replace(ellipse, covariance=worse * ellipse.covariance), fit.kept
 
@@ -327,14 +328,3 @@ def _distances(scaled: Floats, readings: Floats) -> Floats:
 def _differentiate_form(a: Floats, b: Floats) -> Floats:
     """Derivatives (3,) of a . C b by C_xx, C_xy, C_yy."""
     return np.array([a[0] * b[0], a[0] * b[1] + a[1] * b[0], a[1] * b[1]])
-
-
-def _measure_lack_of_fit(residual: Floats, heading: Floats) -> float:
-    """Variance (uT^2) of a reading, from the means of the residuals (F,) over sectors of heading (F,)."""
-    sector = np.floor((heading / (2 * np.pi) % 1.0) * SECTORS).astype(np.int64) % SECTORS
-    count = np.bincount(sector, minlength=SECTORS)
-    total = np.bincount(sector, residual, minlength=SECTORS)
-    held = count > 0
-    if held.sum() < MIN_SECTORS:
-        return 0.0
-    return float((total[held] ** 2 / count[held]).sum() / (held.sum() - 5))

@@ -239,11 +239,8 @@ def _separate_scale(unknown: AccelerometerCalibration, force: Floats) -> Acceler
     from scipy.optimize import least_squares  # slow to load, and a walk has no use for it
 
     g = GRAVITY_M_S2
-
-    def miss_sphere(x: Floats) -> Floats:
-        return np.asarray(np.linalg.norm(force - x[:3], axis=1) - x[3] * g)
-
-    found = least_squares(miss_sphere, np.append(force.mean(axis=0), 1.0))
+    start = np.append(force.mean(axis=0), 1.0)
+    found = least_squares(lambda x: np.linalg.norm(force - x[:3], axis=1) - x[3] * g, start)
     direction = (force - found.x[:3]) / np.linalg.norm(force - found.x[:3], axis=1, keepdims=True)
     jacobian = np.column_stack([-direction, np.full(len(force), -g)])
     if np.linalg.cond(jacobian) > MAX_CONDITION:
@@ -312,13 +309,12 @@ def _read_sizes(recording: Recording, stances: Stances) -> tuple[Floats, Floats,
     h = np.append(np.diff(t), recording.period_s)
     rate = np.tile(np.mean([rest.rate for rest in rests], axis=0) if rests else np.zeros(3), (len(kept), 1))
     lasts = (t[stop] - t[start])[:, None]
-
-    def average_turned(samples: Floats) -> Floats:
+    # means of the force, and of constant vectors of the body, in the frame of each stride's start
+    averages = []
+    for samples in (acc, *(np.ascontiguousarray(np.broadcast_to(one, gyr.shape)) for one in np.eye(3))):
         attitude = np.tile(np.eye(3), (len(kept), 1, 1))
-        return integrate_strides(samples, gyr, h, start, stop, attitude, rate, 0.0) / lasts
-
-    force = np.vstack([force, average_turned(acc)])
-    columns = [average_turned(np.ascontiguousarray(np.broadcast_to(one, gyr.shape))) for one in np.eye(3)]
+        averages.append(integrate_strides(samples, gyr, h, start, stop, attitude, rate, 0.0) / lasts)
+    force, columns = np.vstack([force, averages[0]]), averages[1:]
     turned = np.concatenate([turned, np.stack(columns, axis=2)])
     # Student weights: a stride in which the foot did not stand counts less
     size = np.linalg.norm(force, axis=1) - GRAVITY_M_S2

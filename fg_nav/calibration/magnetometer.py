@@ -22,9 +22,8 @@ from fg_nav.recording import Recording
 
 UPPER = np.triu_indices(3)  # Of the six numbers of a symmetric matrix, row by row.
 
+# Possible strengths of a field, whole and horizontal: Earth's has 22 to 67, below 3 horizontally only near its poles.
 FIELD_UT, LEVEL_FIELD_UT = (5.0, 500.0), (3.0, 500.0)
-"""Possible strengths of a field, whole and horizontal. Earth's has 22 to 67, and horizontally less than 3 only within
-some 300 km of its poles; above 500 there is no building, only a magnet."""
 
 
 def matrix_of(upper: Floats) -> Floats:

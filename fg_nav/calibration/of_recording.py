@@ -14,8 +14,7 @@ sphere     the same                          `fg_nav.calibration.ellipsoid` (Mun
 If no method is given, `ellipsoid` is taken where up goes round all of the sensor's axes, else `walk`: only the user
 knows that a place is undisturbed.
 
-The file is JSON (`docs/formats.md`), for other recordings of the same sensor and shoe. Numbers are exact to the last
-bit; a part that the recording did not show is null, and so is an infinite sigma. Units are those of the parts' types.
+The file is JSON (`docs/formats.md`).
 """
 
 from __future__ import annotations
@@ -96,7 +95,17 @@ def read_calibration(path: Path) -> Calibration:
 
     Raises `CalibrationError` if the file cannot be read, is no calibration, is of a newer version, or is incomplete.
     """
-    content = _parse(path)
+    try:
+        content = json.loads(read_small(path).decode("utf-8"))
+    except FileNotFoundError:
+        raise CalibrationError(f"{path} does not exist: check the path of the calibration.") from None
+    except IsADirectoryError:
+        raise CalibrationError(f"{path} is a directory: give the calibration in it.") from None
+    except OSError as error:
+        reason = describe_reason(error)
+        raise CalibrationError(f"{path} cannot be read ({reason}): give one of `fg-nav calibrate`.") from None
+    except (ValueError, RecursionError):
+        raise CalibrationError(f"{path.name} is no JSON, or damaged: calibrate again.") from None
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         raise CalibrationError(f"{path.name} is no calibration: give a file that `fg-nav calibrate` wrote.")
     if content.get("version") != VERSION:
@@ -122,21 +131,6 @@ def read_calibration(path: Path) -> Calibration:
         if not is_possible:
             raise CalibrationError(f"{path.name} has values in its part '{name}' that cannot be: calibrate again.")
     return found
-
-
-def _parse(path: Path) -> object:
-    """Content of a JSON file."""
-    try:
-        return json.loads(read_small(path).decode("utf-8"))
-    except FileNotFoundError:
-        raise CalibrationError(f"{path} does not exist: check the path of the calibration.") from None
-    except IsADirectoryError:
-        raise CalibrationError(f"{path} is a directory: give the calibration in it.") from None
-    except OSError as error:
-        reason = describe_reason(error)
-        raise CalibrationError(f"{path} cannot be read ({reason}): give one of `fg-nav calibrate`.") from None
-    except (ValueError, RecursionError):
-        raise CalibrationError(f"{path.name} is no JSON, or damaged: calibrate again.") from None
 
 
 def _read_part(path: Path, content: Mapping[str, Any], name: str, kind: type[Part]) -> Part | None:
@@ -286,11 +280,29 @@ def _calibrate_magnetometer(
     if aligned.recording.mag is None:
         raise CalibrationError(f"{aligned.notes[0]}.")
     if name in ON_FOOT:
-        magnetometer, effect = _calibrate_on_foot(aligned.recording, name)
-        return CalibrationResult(replace(others, magnetometer=magnetometer), choice, effect, axes, aligned.notes)
+        stances = detect_stances(aligned.recording)
+        field = average_footfall_field(aligned.recording, stances)
+        if name == "walk":
+            found = calibrate_on_walk(read_strides(aligned.recording, stances))
+        else:
+            found = calibrate_on_loop(field)[1]
+        fields = (field, correct_field(field, found))
+        spread = [float(np.nanstd(one.strength)) for one in fields]
+        effect = Effect(*spread, *(circular_sd_deg(one.heading_difference) for one in fields))
+        return CalibrationResult(replace(others, magnetometer=found), choice, effect, axes, aligned.notes)
     # strengths need no stamps: readings of a sensor that was turned over stay as they are
-    magnetometer, effect = _calibrate_tumbled(recording, name, strength_uT)
-    return CalibrationResult(replace(others, magnetometer=magnetometer), choice, effect, axes)
+    assert recording.mag is not None
+    if name == "ellipsoid":
+        found = fit_ellipsoid(recording.mag, strength_uT)
+    else:
+        if strength_uT is None:  # det C = 1, as for the ellipsoid
+            strength_uT = float(np.linalg.det(fit_unit_sphere(recording.mag).correction) ** (-1 / 3))
+        found = fit_unit_sphere(recording.mag, strength_uT)
+    readings = recording.mag[np.isfinite(recording.mag).all(axis=1)]
+    before, after = (np.linalg.norm(mag, axis=1) for mag in (readings, found.correct(readings)))
+    kept = is_near(after - found.strength_uT)
+    effect = Effect(float(np.nanstd(before[kept])), float(np.nanstd(after[kept])))
+    return CalibrationResult(replace(others, magnetometer=found), choice, effect, axes)
 
 
 def check_method(method: str) -> None:
@@ -312,30 +324,3 @@ def _choose_method(recording: Recording, method: str | None) -> tuple[str, str]:
     if float(np.linalg.norm((recording.acc[felt] / size[felt, None]).mean(axis=0))) < TUMBLED_BELOW:
         return "ellipsoid", "ellipsoid, for the sensor was turned over in all directions"
     return "walk", "walk, for the sensor stayed upright"
-
-
-def _calibrate_on_foot(recording: Recording, name: str) -> tuple[MagnetometerCalibration, Effect]:
-    """By a walk, or circles."""
-    stances = detect_stances(recording)
-    field = average_footfall_field(recording, stances)
-    found = calibrate_on_walk(read_strides(recording, stances)) if name == "walk" else calibrate_on_loop(field)[1]
-    fields = (field, correct_field(field, found))
-    strength = [float(np.nanstd(one.strength)) for one in fields]
-    return found, Effect(*strength, *(circular_sd_deg(one.heading_difference) for one in fields))
-
-
-def _calibrate_tumbled(
-    recording: Recording, name: str, strength_uT: float | None
-) -> tuple[MagnetometerCalibration, Effect]:
-    """By an ellipsoid, or plain least squares on the unit sphere."""
-    assert recording.mag is not None
-    if name == "ellipsoid":
-        found = fit_ellipsoid(recording.mag, strength_uT)
-    else:
-        if strength_uT is None:  # det C = 1, as for the ellipsoid
-            strength_uT = float(np.linalg.det(fit_unit_sphere(recording.mag).correction) ** (-1 / 3))
-        found = fit_unit_sphere(recording.mag, strength_uT)
-    readings = recording.mag[np.isfinite(recording.mag).all(axis=1)]
-    before, after = (np.linalg.norm(mag, axis=1) for mag in (readings, found.correct(readings)))
-    kept = is_near(after - found.strength_uT)
-    return found, Effect(float(np.nanstd(before[kept])), float(np.nanstd(after[kept])))

@@ -50,11 +50,8 @@ BLOCKS = 8  # Of the trial out of sample: seven eighths determine almost as much
 class WalkCalibrationParameters:
     """Requirements on the result."""
 
-    largest_sigma_uT: float = 4.0
-    """Of horizontal h: 11 deg of heading at 21 uT; a compass that is worse than that is no use."""
-    must_gain: bool = True
-    """Refuse where the field is none of Earth's, no iron shows, or it explains nothing out of sample; False to study
-    walks."""
+    largest_sigma_uT: float = 4.0  # Of horizontal h: 11 deg of heading at 21 uT; a worse compass is no use.
+    must_gain: bool = True  # Refuse a field none of Earth's, no iron, or no gain out of sample; False to study walks.
 
 
 @dataclass(frozen=True)
@@ -104,12 +101,8 @@ def calibrate_on_walk(
 def find_iron(strides: StrideReadings) -> MagnetometerCalibration:
     """Find the iron of a walk's own magnetometer, whatever its covariance.
 
-    Raises
-    ------
-    CalibrationError
-        For too few strides, or a fit that no shoe's iron explains.
-    MagneticError
-        Where the whole reading turns with the foot: a dead magnetometer.
+    Raises `CalibrationError` for too few strides, or a fit that no shoe's iron explains; `MagneticError` where the
+    whole reading turns with the foot: a dead magnetometer.
     """
     walk = StrideModel.of(strides)
     fit = _fit_counted(walk)
@@ -217,31 +210,27 @@ def _spread_blocks(walk: StrideModel, fit: IronFit) -> Spread:
         # at the solution the scores of all strides and the prior add up to zero
         at = fit.unknowns - np.linalg.solve(others, score[held].sum(axis=0))
         corrected[held] = replace(fit, unknowns=at).correct(reading[held])
-    return Spread(*(_find_least_spread(walk, readings) for readings in (reading, corrected)))
-
-
-def _find_least_spread(walk: StrideModel, standing: Floats) -> float:
-    """Least circular sd, deg, of compass minus inertial heading about a line in time.
-
-    `standing` (S, 3) uT is the field of each footfall in the body.
-    """
-    east, north, _ = np.einsum("kij,kj->ik", walk.strides.standing_R, standing)
-    difference, t = np.arctan2(north, east), walk.strides.start_s - walk.strides.start_s[0]
+    # compass minus inertial heading about the line in time with the least circular sd
+    t = walk.strides.start_s - walk.strides.start_s[0]
     most = DRIFT_SIGMAS * np.radians(DRIFT_RATE_DEG_S)
     rates = np.linspace(-most, most, 2 * max(1, int(np.ceil(most * t[-1] / LINE_STEP_RAD))) + 1)
-    return min(circular_sd_deg(difference - rate * t) for rate in rates)
+    least_deg = []
+    for standing in (reading, corrected):
+        east, north, _ = np.einsum("kij,kj->ik", walk.strides.standing_R, standing)
+        difference = np.arctan2(north, east)
+        least_deg.append(min(circular_sd_deg(difference - rate * t) for rate in rates))
+    return Spread(*least_deg)
 
 
 def _build_calibration(fit: IronFit, walk: StrideModel, spread: Spread | None) -> MagnetometerCalibration:
     """C and its covariance from S, with remarks."""
-    spreads = (
-        ()
-        if spread is None
-        else (
+    spreads = []
+    if spread is not None:
+        spreads.append(
             f"compass minus inertial heading spreads by {spread.after_deg:.1f} deg instead of {spread.before_deg:.1f}, "
-            f"each of its {BLOCKS} parts corrected by the others",
+            f"each of its {BLOCKS} parts corrected by the others"
         )
-    )
+    worst_uT = float(np.sqrt(np.linalg.eigvalsh(fit.covariance[:3, :3])[2]))
     correction = np.linalg.inv(fit.S)
     correction = (correction + correction.T) / 2
     by_soft = np.eye(len(WITHOUT_IRON))
@@ -256,7 +245,7 @@ def _build_calibration(fit: IronFit, walk: StrideModel, spread: Spread | None) -
         samples=PHASES * len(walk),
         notes=(
             f"hard iron over the ground, with what soft iron makes of the vertical field, is known to "
-            f"{fit.level_sigma:.1f} uT, and the rest of it to {fit.worst_sigma:.1f} uT, from {len(walk)} strides; the "
+            f"{fit.level_sigma:.1f} uT, and the rest of it to {worst_uT:.1f} uT, from {len(walk)} strides; the "
             "size of the soft iron keeps its wide sigma",
             *spreads,
             "the residual is what the building adds to the field, typically, per axis",
@@ -267,10 +256,7 @@ def _build_calibration(fit: IronFit, walk: StrideModel, spread: Spread | None) -
 def find_own_iron(recording: Recording, stances: Stances) -> tuple[MagnetometerCalibration | None, str]:
     """Find the iron of a walk's own magnetometer, with a remark; None where the walk does not show it.
 
-    Raises
-    ------
-    MagneticError
-        Without a magnetometer that measures a field.
+    Raises `MagneticError` without a magnetometer that measures a field.
     """
     try:
         found = find_iron(read_strides(recording, stances))
@@ -285,10 +271,7 @@ def average_corrected_field(
 ) -> FootfallField:
     """Average the field over each footfall of a corrected recording, with the sigma of the iron that is left.
 
-    Raises
-    ------
-    MagneticError
-        As `average_footfall_field`.
+    Raises `MagneticError` as `average_footfall_field`.
     """
     field = average_footfall_field(recording, stances, heading)
     if calibration is None:

@@ -42,7 +42,6 @@ from fg_nav.calibration.walk_model import (
     WITHOUT_IRON,
     StrideModel,
     compute_weights,
-    find_whitening,
     learn_spread,
     linearize,
     prior_precision,
@@ -138,11 +137,6 @@ class IronFit:
         return float(found @ np.linalg.solve(self.level_covariance, found))
 
     @property
-    def worst_sigma(self) -> float:
-        """Of h, in the worst direction, uT."""
-        return float(np.sqrt(np.linalg.eigvalsh(self.covariance[:3, :3])[2]))
-
-    @property
     def level_sigma(self) -> float:
         """Of the worse horizontal direction, uT."""
         return float(np.sqrt(np.linalg.eigvalsh(self.level_covariance)[1]))
@@ -155,7 +149,7 @@ def fit_iron(walk: StrideModel) -> IronFit:
     rest[IRON] = WITHOUT_IRON
     for step in range(MAX_STEPS):
         residual, jacobian = linearize(walk, at)
-        whitening = find_whitening(spread)
+        whitening = np.asarray(np.linalg.inv(np.linalg.cholesky(spread)))
         weight = compute_weights(whiten(whitening, residual))
         last = Linearization(residual, jacobian, weight, whitening, prior)
         normal = last.information.sum(axis=0) + prior

@@ -72,8 +72,8 @@ MIN_UT = 0.03  # Of d: resolution of magnetometers.
 
 COMMON_KNOTS = (COMMON.stop - COMMON.start) // 3
 _AT = np.linspace(0.0, COMMON_KNOTS - 1, PHASES)
+# Shares (P, K) of the knots of e at each phase.
 PHASE_SHARES = np.stack([np.interp(_AT, np.arange(COMMON_KNOTS), row) for row in np.eye(COMMON_KNOTS)], axis=1)
-"""Shares (P, K) of the knots of e at each phase."""
 
 
 @dataclass(frozen=True)
@@ -132,12 +132,8 @@ def read_strides(recording: Recording, stances: Stances, nav_R_body: Floats | No
     stances : of that recording.
     nav_R_body : (N, 3, 3), the attitude to use; None for that of the gyroscope and the stances.
 
-    Raises
-    ------
-    MagneticError
-        Without a magnetometer, or if it never measures.
-    EstimationError
-        Without a stance, or with stances of another recording.
+    Raises `MagneticError` without a magnetometer, or if it never measures; `EstimationError` without a stance, or with
+    stances of another recording.
     """
     if recording.mag is None:
         raise MagneticError("the recording has no magnetometer, so nothing is known of the field: record with one.")
@@ -157,20 +153,16 @@ def read_strides(recording: Recording, stances: Stances, nav_R_body: Floats | No
     sample = np.where(wanted - low < high - wanted, low, high)
     off_s = np.abs(recording.t[sample] - recording.t[wanted.astype(np.int64)]).max(axis=1, initial=0.0)
     kept = (recording.t[end] - recording.t[begin] < MAX_SWING_S) & (off_s < MAX_APART_S)
-    place = integrate_places(recording, attitude, footfall)
     sample = sample[kept]
-    return StrideReadings(recording.t, attitude, recording.gyr, sample, recording.mag[sample], place[sample])
-
-
-def integrate_places(recording: Recording, nav_R_body: Floats, footfall: Ints) -> Floats:
-    """Places (N, 3) m by the specific force integrated twice, with zero velocity at the footfalls (F,)."""
+    # places (N, 3) m by the specific force integrated twice, with zero velocity at the footfalls
     step = np.diff(recording.t, append=recording.t[-1])[:, None]
-    force = np.einsum("nij,nj->ni", nav_R_body, recording.acc) - [0.0, 0.0, GRAVITY_M_S2]
+    force = np.einsum("nij,nj->ni", attitude, recording.acc) - [0.0, 0.0, GRAVITY_M_S2]
     velocity = np.cumsum(force * step, axis=0)
     samples = np.arange(len(velocity))
     false = np.stack([np.interp(samples, footfall, axis[footfall]) for axis in velocity.T], axis=1)
     moves = (samples >= footfall[0]) & (samples <= footfall[-1])
-    return np.cumsum(np.where(moves[:, None], velocity - false, 0.0) * step, axis=0)
+    place = np.cumsum(np.where(moves[:, None], velocity - false, 0.0) * step, axis=0)
+    return StrideReadings(recording.t, attitude, recording.gyr, sample, recording.mag[sample], place[sample])
 
 
 @dataclass(frozen=True)
@@ -240,7 +232,10 @@ def linearize(walk: StrideModel, at: Floats) -> tuple[Floats, Floats]:
     body = np.einsum("kpji,kj->kpi", R, field)
     residual = np.einsum("kpij,kpj->kpi", R, walk.strides.reading - body @ soft - at[:3])
     bend = R @ soft
-    turn = bend @ _cross(body)
+    x, y, z = np.moveaxis(body, -1, 0)
+    none = np.zeros_like(x)
+    cross = np.stack([none, -z, y, z, none, -x, -y, x, none], axis=-1).reshape(*x.shape, 3, 3)  # [body]x
+    turn = bend @ cross
     level = bend @ np.swapaxes(R, -1, -2)
     by_delta = np.stack([field[:, 1], -field[:, 0], np.zeros(len(field))], axis=1)
     parts = (
@@ -252,13 +247,6 @@ def linearize(walk: StrideModel, at: Floats) -> tuple[Floats, Floats]:
         np.einsum("kpi,kq->kpiq", np.einsum("kpij,kj->kpi", level, by_delta), walk.knots),
     )
     return residual, np.concatenate(parts, axis=3)
-
-
-def _cross(vector: Floats) -> Floats:
-    """[v]x (..., 3, 3)."""
-    x, y, z = np.moveaxis(vector, -1, 0)
-    zero = np.zeros_like(x)
-    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*x.shape, 3, 3)
 
 
 def learn_spread(walk: StrideModel, residual: Floats, weight: Floats) -> Floats:
@@ -288,13 +276,8 @@ def compute_weights(whitened: Floats) -> Floats:
     return np.asarray(weight / weight.mean())
 
 
-def find_whitening(spread: Floats) -> Floats:
-    """Whitening (3, P, P) of strides with this covariance."""
-    return np.asarray(np.linalg.inv(np.linalg.cholesky(spread)))
-
-
 def whiten(whitening: Floats, values: Floats) -> Floats:
-    """Apply to residuals (S, P, 3) or their derivatives (S, P, 3, U)."""
+    """Apply a whitening (3, P, P) to residuals (S, P, 3) or their derivatives (S, P, 3, U)."""
     rows = np.moveaxis(values, 2, 0)
     turned = np.einsum("apq,akq...->akp...", whitening, rows, optimize=True)
     return np.asarray(np.moveaxis(turned, 0, 2))

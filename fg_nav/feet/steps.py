@@ -17,7 +17,7 @@ footfalls of the right and of the left foot (1 where the foot is q, 1/2 and 1/2 
     q_R = sum a_k p_k,    q_L = sum b_k p_k,    n = mean of n,    q_R = q_L - w n.
 
 A stride that is short, as in a shuffle or a turn on the spot, or takes long, as a halt, has no direction, or the other
-foot not in its middle: it counts little (`Steps.weight`); what is slow all along counts in full. Over a hole in a
+foot not in its middle: it counts little; what is slow all along counts in full. Over a hole in a
 recording its path is no measure of a distance: no step and no cell crosses one. A part of a recording between holes
 with a few footfalls is tied by no cell, and left out.
 """
@@ -69,7 +69,7 @@ class Footfalls:
 
 
 @dataclass(frozen=True)
-class Steps:
+class InterleavedSteps:
     """S footfalls of one foot, each between two of the other.
 
     `at` (S,) of the foot, `before` (S,) of the other one's footfall before it; the next one is after it. `left_normal`
@@ -83,7 +83,7 @@ class Steps:
     weight: Floats
 
 
-def find_steps(foot: Footfalls, other: Footfalls) -> Steps:
+def find_steps(foot: Footfalls, other: Footfalls) -> InterleavedSteps:
     """Find the footfalls of a foot that are one step between two of the other."""
     before = np.searchsorted(other.t, foot.t) - 1
     at = np.flatnonzero((before >= 0) & (before < len(other) - 1))
@@ -106,7 +106,7 @@ def find_steps(foot: Footfalls, other: Footfalls) -> Steps:
     kept = known[before] & (goes[before] > NEGLIGIBLE)
     at, before = at[kept], before[kept]
     u = stride[before] / length[before, None]
-    return Steps(at, before, np.stack([-u[:, 1], u[:, 0]], axis=1), goes[before])
+    return InterleavedSteps(at, before, np.stack([-u[:, 1], u[:, 0]], axis=1), goes[before])
 
 
 @dataclass(frozen=True)
@@ -224,20 +224,15 @@ def measure_relative_heading(right: Footfalls, left: Footfalls) -> float:
 
 def keep_walked_parts(recording: Recording, stances: Stances) -> Recording:
     """Return a recording without its parts of a few footfalls; the same where there are none."""
-    part = number_parts(recording)
+    part = np.searchsorted(find_holes(recording.t), np.arange(len(recording)))
     footfalls = np.bincount(part[stances.spans[0]], minlength=part[-1] + 1)
     return _keep(recording, (footfalls >= MIN_FOOTFALLS)[part], "too few footfalls to be laid beside the other foot")
 
 
 def keep_longest_part(recording: Recording) -> Recording:
     """Return the longest part of a recording, as of a foot alone; the same where there is one."""
-    part = number_parts(recording)
+    part = np.searchsorted(find_holes(recording.t), np.arange(len(recording)))
     return _keep(recording, part == np.bincount(part).argmax(), "the longest part is used, as there is one foot alone")
-
-
-def number_parts(recording: Recording) -> Ints:
-    """Number (N,) the samples by the part that they are in, from 0."""
-    return np.searchsorted(find_holes(recording.t), np.arange(len(recording)))
 
 
 def _keep(recording: Recording, kept: Bools, why: str) -> Recording:

@@ -346,13 +346,10 @@ def scale_detector(detector: Detector, allowance: float, window: int | None = No
     return replace(detector, channels=channels, window=detector.window if window is None else window)
 
 
+# `aiez` as the filter's own test, with the sigma of the compass's update: 25 deg pass. With 2.5 deg a filter whose
+# heading is off by more than 6 deg rejects every correct compass.
 AGREEING = replace(DETECTORS["aiez"], channels=(_make_channel(OFFSET, 10.0, 40.0), *DETECTORS["aiez"].channels[1:]))
-"""The detector `aiez` as the filter's own test, with the sigma of the compass's update.
-
-S is that of the innovation, and 25 deg pass. With the detector's 2.5 deg, 6 deg pass, and a filter whose heading error
-is larger rejects every correct compass. The price: magnets that turn the compass by less than 25 deg.
-"""
-
+# The detectors of the filters' preset `tuned` and of the smoother's gates (`fg_nav.ekf.presets`).
 TUNED: Mapping[str, Detector] = MappingProxyType(
     {
         **DETECTORS,
@@ -362,4 +359,3 @@ TUNED: Mapping[str, Detector] = MappingProxyType(
         "aiez": scale_detector(AGREEING, 1.4),
     }
 )
-"""The detectors of the filters' preset `tuned` and of the smoother's gates (`fg_nav.ekf.presets`)."""

@@ -197,12 +197,8 @@ def average_footfall_field(
     heading : rad clockwise from north, of the body's x axis at the start.
     nav_R_body : (N, 3, 3), the attitude to use; None for that of the gyroscope and the stances.
 
-    Raises
-    ------
-    MagneticError
-        Without a magnetometer, or if no footfall has a sample of the field.
-    EstimationError
-        Without a stance, or with stances of another recording.
+    Raises `MagneticError` without a magnetometer, or if no footfall has a sample of the field; `EstimationError`
+    without a stance, or with stances of another recording.
 
     Examples
     --------
@@ -279,10 +275,7 @@ def integrate_attitude(recording: Recording, stances: Stances, heading: float = 
 
     `heading` in rad, clockwise from north.
 
-    Raises
-    ------
-    EstimationError
-        Without a stance, on stances of another recording, or where the specific force vanishes.
+    Raises `EstimationError` without a stance, on stances of another recording, or where the specific force vanishes.
     """
     start = find_start(recording, stances, heading)
     longest = max(start.rests, key=lambda rest: rest.stop - rest.start, default=None)

@@ -195,10 +195,7 @@ def judge_field(field: FootfallField, detector: Detector | str = DEFAULT) -> Fie
     field : at F footfalls, in order of time.
     detector : or its name in `DETECTORS`.
 
-    Raises
-    ------
-    MagneticError
-        For a name that is none, or a detector without a threshold.
+    Raises `MagneticError` for a name that is none, or a detector without a threshold.
     """
     chosen = find_detector(detector) if isinstance(detector, str) else detector
     threshold = chosen.threshold
@@ -223,7 +220,14 @@ def judge_field(field: FootfallField, detector: Detector | str = DEFAULT) -> Fie
     parts = chosen.compute_parts(windows / np.swapaxes(sigmas[rows], 1, 2)) / threshold
     statistic = np.full(len(field), np.nan)
     statistic[measured[ends]] = parts.sum(axis=1)
-    reasons = _explain_missing(field, measured, chosen)
+    # reasons, first why a footfall is not judged
+    reasons = [TOO_LITTLE if known else NO_FIELD for known in np.isfinite(field.strength)]
+    for k, footfall in enumerate(measured):
+        reasons[footfall] = f"over {format_count(strides, 'stride')} there are too many footfalls without a field"
+        if k < strides:
+            reasons[footfall] = f"fewer than {format_count(chosen.rows, 'footfall')} with a field so far"
+        if chosen.offset_column is not None and k < ALIGNMENT_FOOTFALLS:
+            reasons[footfall] = "here the inertial heading is aligned with the compass"
     for k, reason in zip(ends, _explain_verdicts(windows, parts, measured, ends, chosen), strict=True):
         reasons[measured[k]] = reason
     return FieldVerdicts(chosen.name, statistic, threshold, tuple(reasons))
@@ -250,21 +254,6 @@ def _align_heading(
         if complete[k] and detector.compute_statistic((values[window] / sigmas[window]).T) < threshold:
             gain = variance / (variance + noise)
             alignment, variance = alignment + gain * values[k, column], (1.0 - gain) * variance
-
-
-def _explain_missing(field: FootfallField, measured: Ints, detector: Detector) -> list[str]:
-    """Reasons (F,) why a footfall is not judged."""
-    there = np.isfinite(field.strength)
-    reasons = [TOO_LITTLE if known else NO_FIELD for known in there]
-    for k, footfall in enumerate(measured):
-        reasons[footfall] = (
-            f"over {format_count(detector.rows - 1, 'stride')} there are too many footfalls without a field"
-        )
-        if k < detector.rows - 1:
-            reasons[footfall] = f"fewer than {format_count(detector.rows, 'footfall')} with a field so far"
-        if detector.offset_column is not None and k < ALIGNMENT_FOOTFALLS:
-            reasons[footfall] = "here the inertial heading is aligned with the compass"
-    return reasons
 
 
 def _explain_verdicts(windows: Floats, parts: Floats, measured: Ints, ends: Ints, detector: Detector) -> list[str]:
@@ -306,10 +295,7 @@ def find_sample_threshold(count: int) -> float:
 def judge_samples(recording: Recording) -> Disturbance:
     """Judge the field at each sample by the window that ends there.
 
-    Raises
-    ------
-    MagneticError
-        Without a magnetometer, or if no window has enough samples of the field.
+    Raises `MagneticError` without a magnetometer, or if no window has enough samples of the field.
     """
     if recording.mag is None:
         raise MagneticError("the recording has no magnetometer, so nothing is known of the field: record with one.")

@@ -97,11 +97,19 @@ class SwingSums:
         self._power += rate.T @ rate
         self._up += up.sum(axis=0)
 
-    def add_gait(self, rate: Floats) -> None:
-        """Add rates (n, 3) slower than `GAIT_HZ` of an upright leg."""
+    def update_skewness(self, rate: Floats, left: Floats) -> float:
+        """Add rates (n, 3) slower than `GAIT_HZ` of an upright leg; returns the skewness about `left`.
+
+        It is 0 where nothing is known.
+        """
         self._count += len(rate)
         self._square += rate.T @ rate
         self._cube += np.einsum("ni,nj,nk->ijk", rate, rate, rate)
+        square = float(left @ self._square @ left)
+        if square == 0.0:
+            return 0.0
+        cube = -float(np.einsum("ijk,i,j,k->", self._cube, left, left, left))
+        return float(cube / self._count / (square / self._count) ** 1.5)
 
     @property
     def axes(self) -> tuple[Floats, Floats] | None:
@@ -117,14 +125,6 @@ class SwingSums:
             return None if self._left is None else (self._left, up)
         self._left = left if self._left is None or left @ self._left > 0 else -left
         return self._left, up
-
-    def skewness(self, left: Floats) -> float:
-        """Skewness of the rate of flexion about an axis; 0 where nothing is known."""
-        square = float(left @ self._square @ left)
-        if square == 0.0:
-            return 0.0
-        cube = -float(np.einsum("ijk,i,j,k->", self._cube, left, left, left))
-        return float(cube / self._count / (square / self._count) ** 1.5)
 
 
 class CausalSteps:
@@ -247,10 +247,9 @@ class CausalSteps:
         upright = np.abs(compute_flexion(self._up[new], *axes)) < np.radians(UPRIGHT_DEG)
         first = max(self._summed - around, 0)
         near = spread_flags(self._swings[first:], self._period_s)[self._summed - first : until - first]
-        self._sums.add_gait(self._gait[new][near & upright])
         self._summed = until
         # front is where the leg swings faster
-        skewness = self._sums.skewness(axes[0])
+        skewness = self._sums.update_skewness(self._gait[new][near & upright], axes[0])
         self._front, self.skewness = (1.0 if skewness >= 0 else -1.0), abs(skewness)
 
     # turning points and openings

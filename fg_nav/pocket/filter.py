@@ -80,7 +80,7 @@ FIELD_DRIFT_UT_S = 0.5  # ... its steady change that may pass, uT/s: it may turn
 FIELD_FALSE_ALARM = 0.01  # ... and the false-alarm rate of noise alone.
 
 
-class Inputs(NamedTuple):
+class FilterInputs(NamedTuple):
     """Samples for the compiled pass: periods `h` (N,) s, `rate`, `force`, `field` (N, 3), and when to use the latter.
 
     `gravity`, `fresh` and `steady` (N,): whether the force is gravity alone, there is a field, and it holds still.
@@ -164,7 +164,7 @@ def initialize_state(start: PocketStart, parameters: PocketParameters) -> Pocket
 
 @njit(cache=True)
 def run_filter(
-    inputs: Inputs, state: PocketState, reference: FieldReference, model: FilterModel, output: Output
+    inputs: FilterInputs, state: PocketState, reference: FieldReference, model: FilterModel, output: Output
 ) -> int:
     """Process all samples; returns their number, or the sample at which Euler angles end."""
     for i in range(len(inputs.h)):
@@ -225,7 +225,7 @@ def allocate_output(samples: int, every: int) -> Output:
 # inputs: specific force, field, and the detectors
 
 
-def prepare_inputs(recording: Recording, parameters: PocketParameters) -> Inputs:
+def prepare_inputs(recording: Recording, parameters: PocketParameters) -> FilterInputs:
     """Collect samples and the detectors' flags."""
     t, n = recording.t, len(recording)
     # specific force at the stamps, and where it is gravity
@@ -239,7 +239,7 @@ def prepare_inputs(recording: Recording, parameters: PocketParameters) -> Inputs
     fresh = np.asarray(np.isfinite(field).all(axis=1) & field.any(axis=1), dtype=np.bool_)
     steady = detect_steady_field(t, field, parameters.mag_sigma_uT) if parameters.field_gated else fresh
     h = np.append(np.diff(t), recording.period_s)
-    return Inputs(h, recording.integrable[1], force, field, gravity, fresh, steady)
+    return FilterInputs(h, recording.integrable[1], force, field, gravity, fresh, steady)
 
 
 def interpolate_force(acc: Floats) -> Floats:

@@ -64,7 +64,7 @@ from fg_nav.pocket.kalman_smoother import (
     SCALE,
     SIZE,
     VELOCITY,
-    Inputs,
+    NodeInputs,
     Nodes,
     Noise,
     Smoothed,
@@ -85,9 +85,7 @@ MAX_ROUNDS = 20  # Each with new weights ...
 ENOUGH_DEG_S = 1e-4  # ... which end when no bias moves by more, deg/s.
 LAG_S = 10.0  # Lag of the online smoother, s: nodes within it are linearized and weighted again.
 
-ACC_DENSITY_M_S2 = (
-    0.05  # Of the force, m/s^2/sqrt(Hz): noise of 0.002, and a bias of 0.05 that the body rotates in 1 s.
-)
+ACC_DENSITY_M_S2 = 0.05  # Of the force, m/s^2/sqrt(Hz): noise of 0.002, and a bias of 0.05 that turns with the body.
 REST_SIGMA_M_S = 0.05  # Velocity of a sensor at rest, m/s.
 PACE_M_S = 1.4  # Velocity of the body, m/s an axis: a walker.
 FIELD_PRIOR_UT = 60.0  # Prior sigma of the local field, uT an axis: more than the Earth's.
@@ -95,17 +93,13 @@ GAP_TURN_DEG_S = 100.0  # Where samples are missing, a thigh may have turned at 
 GAP_TILT_DEG = 30.0  # ... but its tilt by no more than this, half of a swing, deg ...
 GAP_TURN_DEG = 100.0  # ... and its heading by no more than this, deg: about the sigma of an unknown one.
 
-FIELD_WALK_UT = (
-    0.03  # Least walk of the local field, uT/sqrt(s): 0.2 uT in 50 m. Over the field across, 0.1 deg/sqrt(s).
-)
+FIELD_WALK_UT = 0.03  # Least walk of the local field, uT/sqrt(s): 0.2 uT in 50 m, or 0.1 deg/sqrt(s) of heading.
 FIELD_FREEDOM = 2.0  # Degrees of freedom of the t-distribution of a step of the field: low, for iron comes suddenly.
 FIELD_WINDOW_S = 3.0  # Window of the strength's spread, s.
 FIELD_FALSE_ALARM = 0.01  # Rate at which noise alone exceeds the limit of that spread.
 FIELD_DEVIATION_UT = 0.3  # Deviation of the local field from the region's, uT an axis: outdoors, some metres from iron.
 FIELD_PLACE_S = 10.0  # The deviation is constant for so long, s: as many metres. Nodes within it are not independent.
-PACE_WALK_M_S = (
-    0.05  # Walk of the body's velocity at an even pace, m/s/sqrt(s): simulated walkers', by the NEES of tilt.
-)
+PACE_WALK_M_S = 0.05  # Walk of the body's velocity at an even pace, m/s/sqrt(s): simulated walkers', by tilt's NEES.
 PACE_FREEDOM = 2.0  # Degrees of freedom of the t-distribution of its steps: seldom and sudden.
 SWING_M = 0.3  # Swing of the sensor from its place on the body, m an axis: a thigh 0.2, an arm 0.4.
 SWING_FREEDOM = 5.0  # Degrees of freedom of its t-distribution.
@@ -280,12 +274,12 @@ def propagate_gap(known: Prior, gap_s: float) -> Prior:
     return Prior(known.R, y, P)
 
 
-def assemble_inputs(links: Links, variances: RobustVariances, rests: Rests) -> Inputs:
+def assemble_inputs(links: Links, variances: RobustVariances, rests: Rests) -> NodeInputs:
     """Collect the inputs of the compiled pass; the last node begins no link, and has no field."""
     field, lever, count = (
         np.concatenate([x, np.zeros((1, *x.shape[1:]))]) for x in (links.field, links.lever, links.count)
     )
-    return Inputs(
+    return NodeInputs(
         h=links.h,
         turn=links.turn,
         per_sensor=links.per_sensor,
@@ -323,7 +317,7 @@ def inject_correction(nodes: Nodes, x: Floats) -> Nodes:
     return Nodes(rotation_exp(x[:, ATTITUDE : ATTITUDE + 3]) @ nodes.R, nodes.y + x[:, ATTITUDE + 3 :])
 
 
-def iterate_once(prior: Prior, nodes: Nodes, noise: Noise, inputs: Inputs) -> tuple[Nodes, Smoothed]:
+def iterate_once(prior: Prior, nodes: Nodes, noise: Noise, inputs: NodeInputs) -> tuple[Nodes, Smoothed]:
     """One Gauss-Newton round: the nodes after it, and the linear solution about those before."""
     offset = np.concatenate([unskew(prior.R @ nodes.R[0].T), prior.y - nodes.y[0]])
     smoothed = smooth_nodes(nodes, inputs, noise, offset, np.ascontiguousarray(prior.P))
@@ -348,9 +342,11 @@ class RobustVariances(NamedTuple):
 
 def initialize_variances(walk: Floats, links: Links) -> RobustVariances:
     """Variances before the first round; `walk` (K,) of `estimate_field_walk`."""
+    # a node counts by the time that it stands for; the last one stands for none
+    scale = 2.0 * FIELD_PLACE_S / np.maximum(np.append(links.h, 0.0), 1e-3 * NODE_S)
     return RobustVariances(
         walk**2 * links.h,
-        _scale_deviation(links) * FIELD_DEVIATION_UT**2,
+        scale * FIELD_DEVIATION_UT**2,
         PACE_WALK_M_S**2 * links.h,
         np.full(len(links) + 1, SWING_M**2),
     )
@@ -359,11 +355,10 @@ def initialize_variances(walk: Floats, links: Links) -> RobustVariances:
 def reweigh_variances(walk: Floats, links: Links, smoothed: Smoothed) -> RobustVariances:
     """Variances by the expected squares of the last round."""
     least = initialize_variances(walk, links)
-    deviation = FIELD_DEVIATION_UT**2
-    heavier = (FIELD_FREEDOM + smoothed.deviation_square / deviation) / (FIELD_FREEDOM + 3.0)
+    heavier = (FIELD_FREEDOM + smoothed.deviation_square / FIELD_DEVIATION_UT**2) / (FIELD_FREEDOM + 3.0)
     return RobustVariances(
         _weigh(least.step, smoothed.step_square, FIELD_FREEDOM, 3),
-        deviation * _scale_deviation(links) * heavier,
+        least.deviation * heavier,
         _weigh(least.pace, smoothed.pace_square, PACE_FREEDOM, 2),
         _weigh(least.swing, smoothed.swing_square, SWING_FREEDOM, 2),
     )
@@ -393,12 +388,6 @@ def estimate_field_walk(links: Links, mag_sigma_uT: float) -> Floats:
 def _weigh(least: Floats, square: Floats, freedom: float, axes: int) -> Floats:
     """Variances of t-distributed terms of so many axes."""
     return np.asarray(least * (freedom + square / least) / (freedom + axes))
-
-
-def _scale_deviation(links: Links) -> Floats:
-    """Factors (K + 1,) of the variances of the nodes' deviations; the last node stands for no time."""
-    h = np.append(links.h, 0.0)
-    return np.asarray(2.0 * FIELD_PLACE_S / np.maximum(h, 1e-3 * NODE_S))
 
 
 # fixed lag

@@ -19,10 +19,8 @@ each if there is one,
     swing     p_k                                 is as large as a leg or an arm swings (`iterated_smoother`)
     rest      b_k + R_k^T W - w_k, and v_k        are zero but for noise (`links`)
 
-Each equation relates a node to itself or to the next one: a Kalman filter from the first node to the last, and the
-smoother of Rauch, Tung and Striebel back, solve all of them exactly, with all marginals, in a time that grows with the
-number of nodes. That is the Gauss-Newton step of the whole factor graph; iterated (`iterated_smoother`) it is an
-iterated Kalman smoother.
+A Kalman filter forward and the smoother of Rauch, Tung and Striebel back solve them exactly, with all marginals: the
+Gauss-Newton step of the whole factor graph, iterated in `iterated_smoother`.
 """
 
 from __future__ import annotations
@@ -53,7 +51,7 @@ class Nodes(NamedTuple):
         return self.y[:, :3]
 
 
-class Inputs(NamedTuple):
+class NodeInputs(NamedTuple):
     """Transitions between N nodes and measurements at them, for the compiled pass; symbols above.
 
     Of links: `h` (N-1,), `turn` (N-1, 3, 3), `per_sensor` (N-1, 3, 12); `delta_v` and `delta_p` (N-1, 3), with
@@ -120,7 +118,7 @@ class Smoothed(NamedTuple):
 
 
 @njit(cache=True)
-def smooth_nodes(nodes: Nodes, inputs: Inputs, noise: Noise, x0: Floats, P0: Floats) -> Smoothed:
+def smooth_nodes(nodes: Nodes, inputs: NodeInputs, noise: Noise, x0: Floats, P0: Floats) -> Smoothed:
     """Filter forward and smooth back about an estimate, given `x0` (27,) and `P0` (27, 27) of the first node."""
     n = len(nodes.y)
     x, x_ahead = np.zeros((n, SIZE)), np.zeros((n, SIZE))
@@ -174,7 +172,7 @@ def _error_change(y: Floats, noise: Noise) -> Floats:
 
 
 @njit(cache=True)
-def linearize_transition(k: int, nodes: Nodes, inputs: Inputs, noise: Noise, F: Floats) -> tuple[Floats, Floats]:
+def linearize_transition(k: int, nodes: Nodes, inputs: NodeInputs, noise: Noise, F: Floats) -> tuple[Floats, Floats]:
     """Write F (27, 27); returns the offset (27,) and the variances (27,) of x_k+1 = F x_k + offset + noise."""
     # attitude by the link, and its misclosure
     h = inputs.h[k]
@@ -240,7 +238,7 @@ def _apply_force(R: Floats, delta: Floats, per_sensor: Floats, c: Floats, F: Flo
 
 
 @njit(cache=True)
-def _update_node(k: int, nodes: Nodes, inputs: Inputs, noise: Noise, out: Smoothed) -> None:
+def _update_node(k: int, nodes: Nodes, inputs: NodeInputs, noise: Noise, out: Smoothed) -> None:
     """Update x and P by the measurements at a node."""
     x, P, H, y = out.x[k], out.P[k], np.zeros((3, SIZE)), nodes.y[k]
     # the swing
@@ -272,7 +270,7 @@ def _update_node(k: int, nodes: Nodes, inputs: Inputs, noise: Noise, out: Smooth
 
 
 @njit(cache=True)
-def linearize_field(k: int, nodes: Nodes, inputs: Inputs, noise: Noise, H: Floats) -> Floats:
+def linearize_field(k: int, nodes: Nodes, inputs: NodeInputs, noise: Noise, H: Floats) -> Floats:
     """Write the rows (3, 27) of a node's field, in nav; returns (3,) so that H x is it but for noise."""
     R, z = nodes.R[k], inputs.field[k]
     less = multiply(cross_matrix(z), inputs.lever[k])

@@ -9,10 +9,8 @@ pocket           orientation by the iterated Kalman smoother (`iterated_smoother
 munoz-diaz2017   orientation by MD's filter (`filter`), its misprints corrected
 ================ =====================================================================
 
-A given heading is that of the path, over the first two strides. Without one it is from magnetic north, by the compass
-over all of the walk (`track`), or with MD's filter at the start; without a magnetometer it is 0. Fixes of a receiver
-show the heading from true north, and the step constant (`dead_reckoning`). The white error of the magnetometer, on
-which MD's filter depends most, is estimated from the recording (`track`).
+With MD's filter the heading is that of the compass at the start, and the white error of the magnetometer, on which it
+depends most, is estimated from the recording (`track`); without a magnetometer the heading is 0.
 """
 
 from __future__ import annotations

@@ -94,7 +94,13 @@ class OnlinePocket:
             if not len(part):
                 continue
             if len(self._samples) and part[0, 0] - self._samples[-1, 0] > MAX_GAP_S:
-                self._restart(float(part[0, 0]))
+                # a gap: restart behind it; a beginning that was too short for a start is dropped
+                before, stamp = float(self._samples[-1, 0]), float(part[0, 0])
+                self.gaps.append((before, stamp))
+                if self._start is not None:
+                    self._resumed = propagate_gap(self._propagate_last(self._start), stamp - before)
+                self._samples, self._window = np.empty((0, 10)), None
+                self._made, self._before = 0, 0
             if not len(self._samples):
                 self._origin = float(part[0, 0])
             self._samples = np.concatenate([self._samples, part])
@@ -109,15 +115,6 @@ class OnlinePocket:
             return None
         last = self._propagate_last(self._start)
         return PocketEstimate(float(self._samples[-1, 0]), last.R, last.y[:3], last.P[:6, :6])
-
-    def _restart(self, stamp: float) -> None:
-        """Restart at a stamp after a gap; a beginning that was too short for a start is dropped."""
-        last = float(self._samples[-1, 0])
-        self.gaps.append((last, stamp))
-        if self._start is not None:
-            self._resumed = propagate_gap(self._propagate_last(self._start), stamp - last)
-        self._samples, self._window = np.empty((0, 10)), None
-        self._made, self._before = 0, 0
 
     def _make_nodes(self, start: PocketStart) -> None:
         """Make links of whole half seconds, if complete: one sample beyond is needed, and one before stays stored."""

@@ -72,12 +72,8 @@ GAIT_HZ = 4.0  # Front and back follow from what is slower than this: three a st
 UPRIGHT_DEG = 45.0  # A thigh farther off its mean is sitting down or getting up, which shows nothing of front and back.
 MIN_SKEW = 0.1  # a skewness below this does not distinguish forward from backward
 
-HYSTERESIS_DEG = (
-    12.0  # Flexion comes back by so much after a turning point; a real thigh gives way by 7 to 11 in turns.
-)
-MIN_OPENING_DEG = (
-    20.0  # Less is no step: legs that turn on the spot open by 16, the first step out of standing by more.
-)
+HYSTERESIS_DEG = 12.0  # Flexion comes back by so much after a turning point; a thigh gives way by 7 to 11 in turns.
+MIN_OPENING_DEG = 20.0  # Less is no step: legs that turn on the spot open by 16, the first step of a walk by more.
 MAX_OPENING_DEG = 85.0  # More, deg, is no step: a runner opens by up to 75.
 MAX_FLEXED_DEG = 50.0  # The middle of a step is no farther from that of the walk, deg: seated it is at 60 to 80.
 MIN_S = 0.12  # A step takes longer, s, from a tenth of its opening to nine tenths: a runner's 0.2.

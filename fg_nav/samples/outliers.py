@@ -54,11 +54,6 @@ class Outliers(NamedTuple):
     gyr: Bools
 
     @property
-    def any(self) -> Bools:
-        """Those of either."""
-        return np.asarray(self.acc | self.gyr)
-
-    @property
     def which(self) -> Ints:
         """Of which sensor each (N,) is: the sum of `ACC_OUT` and `GYR_OUT`."""
         return np.asarray(ACC_OUT * self.acc + GYR_OUT * self.gyr)
@@ -85,12 +80,6 @@ def scan_mag(t: Floats, mag: Floats, begin: int, at_end: bool) -> tuple[Ints, in
     """As `scan_outliers`, of finite samples mag (N, 3); they have the limits in uT that forces have in m/s^2."""
     found, until = scan_outliers(t, join_columns(mag, np.broadcast_to(0.0, mag.shape)), begin, at_end)
     return MAG_OUT * (found > 0), until
-
-
-def note_outliers(found: Outliers, t: Floats, row: Ints) -> list[str]:
-    """Say which samples (N,) are bad and not used, by stamps and rows (N,); nothing where there are none."""
-    sensors = [name for name, bad in (("gyroscope", found.gyr), ("accelerometer", found.acc)) if bad.any()]
-    return note_bad(found.any, " and ".join(sensors), t, row)
 
 
 def note_bad(bad: Bools, sensor: str, t: Floats, row: Ints) -> list[str]:

@@ -121,7 +121,7 @@ def find_lasting_problems(t: Floats, acc: Floats, gyr: Floats, mag: Floats | Non
     if 2 * len(kept) < len(t):
         return problems  # most are beyond what any sensor reads: that is no bad sample
     even = np.arange(len(kept), dtype=np.float64) * _assume_period(period)
-    kept = kept[~find_outliers(even, acc[kept], gyr[kept]).any]
+    kept = kept[find_outliers(even, acc[kept], gyr[kept]).which == 0]
     if 2 * len(kept) < len(t):
         return problems
     return find_unit_problems(t[kept], acc[kept], gyr[kept], None if mag is None else mag[kept])
@@ -152,14 +152,9 @@ def find_acc_unit(acc: Floats, period_s: float) -> str | None:
     (usable,) = _usable(acc, limit=1e6)
     if np.isnan(rest) or not float(np.median(np.linalg.norm(usable, axis=1))) < _SPREAD * rest:
         return None
-    return next(
-        (
-            unit
-            for unit, scale in {"m/s^2": 1.0, **_ACC_UNITS}.items()
-            if _ACC_UNIT_RANGE[0] < rest * scale / GRAVITY_M_S2 < _ACC_UNIT_RANGE[1]
-        ),
-        None,
-    )
+    low, high = _ACC_UNIT_RANGE
+    units = {"m/s^2": 1.0, **_ACC_UNITS}
+    return next((unit for unit, scale in units.items() if low < rest * scale / GRAVITY_M_S2 < high), None)
 
 
 def find_acc_problem(acc: Floats, period_s: float) -> str | None:

@@ -11,7 +11,7 @@ below (n + 2 j) / n times the bound. A larger one is a corner;
 * recurring: a range ends at the same level every time. One long flat top counts on its own, and so does
 one of many peaks that pile up just below the extreme, where those of a natural motion thin out.
 
-Where a signal is printed in steps coarser than what is flat, the extreme itself is counted (`_find_recurring_top`).
+Where a signal is printed in steps coarser than what is flat, the extreme itself is counted.
 
 Every sample at or above the lowest of the levels so found counts as clipped.
 
@@ -37,12 +37,12 @@ Runs of more than `MAX_S`, and those without flanks, are left as they are, and m
 
 from __future__ import annotations
 
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.stances import find_runs
 
 _NEAR_EXTREME = 0.97  # Flat tops lie above this share of the extreme: calibration smears a level by a per cent or two.
 _FLAT = 0.004  # Steps below this share of the extreme are flat.
@@ -51,11 +51,7 @@ _REACH = 3  # Samples next to a flat top in which its corner must come, or half 
 _LONE_STEPS = 5  # Flat steps of a top that counts though it does not recur.
 
 _CUT_SHARE = 0.1  # Least share of the peaks that reach the level to be cut: chance makes a few flat tops in many.
-COARSEST, RECURRENCES, MIN_CUT = (
-    15.0,
-    2.0,
-    3,
-)  # Of a coarse signal: steps to its extreme, recurrence, cut peaks.
+COARSEST, RECURRENCES, MIN_CUT = 15.0, 2.0, 3  # Of a coarse signal: steps to its extreme, recurrence, cut peaks.
 _PILE = 5  # Peaks within a per cent of the extreme that make a pile, if the next per cent holds less than half.
 
 FLANK_STEPS = 4  # Next to a run; a low-pass behind the range bends the first two.
@@ -99,47 +95,31 @@ def find_saturation_level(signal: Floats) -> float:
     if not moving.size:
         return np.inf
     if (quantum := float(moving.min())) > bound:
-        return _find_recurring_top(signal, step, top, quantum)
+        # coarse steps: of a natural motion the extreme is read less often than the levels next to it, at a range's end
+        # more often, by several samples in a row, with corners on either side steeper than those of a parabola
+        if top < COARSEST * quantum:
+            return np.inf
+        below = top - quantum * np.arange(0.5, 4.5)
+        counts = [int(np.count_nonzero((signal > low) & (signal <= low + quantum))) for low in below]
+        tops = zip(*find_runs((signal[1:] > below[0]) & (signal[:-1] > below[0])), strict=True)
+        n_cut = sum(_is_cut(step, run, _CORNER * quantum) for run in tops)
+        return top if n_cut >= MIN_CUT and counts[0] >= RECURRENCES * max(*counts[1:], 1) else np.inf
     high = signal >= _NEAR_EXTREME * top
     flat = (step < bound) & high[1:] & high[:-1]
-    cut = [run for run in _runs(flat) if run[1] - run[0] >= 2 and _is_cut(step, run, _CORNER * bound)]
+    cut = [
+        run
+        for run in zip(*find_runs(flat), strict=True)
+        if run[1] - run[0] >= 2 and _is_cut(step, run, _CORNER * bound)
+    ]
     if not cut:
         return np.inf
     level = min(float(np.min(signal[start : stop + 1])) for start, stop in cut)
     # the end of a range, and no chance shape: one long top, or many, or some that pile up below the extreme
     if any(stop - start >= _LONE_STEPS for start, stop in cut):
         return level
-    at_level, upper, both = (_count_peaks(signal, above) for above in (level, 0.99 * top, 0.98 * top))
+    at_level, upper, both = (len(find_runs(signal >= low)[0]) for low in (level, 0.99 * top, 0.98 * top))
     recurs = len(cut) > 1 or (upper >= _PILE and both - upper < upper / 2)
     return level if recurs and len(cut) >= max(1.0, _CUT_SHARE * at_level) else np.inf
-
-
-def _find_recurring_top(signal: Floats, step: Floats, top: float, quantum: float) -> float:
-    """Level of a signal whose steps are coarser than what is flat: its extreme, where that recurs; else infinite.
-
-    Of a natural motion the extreme is read less often than the levels next to it. A range's end is read more often, by
-    several samples in a row, with corners on either side that are steeper than those of a parabola.
-    """
-    if top < COARSEST * quantum:
-        return np.inf
-    below = top - quantum * np.arange(0.5, 4.5)
-    counts = [int(np.count_nonzero((signal > low) & (signal <= low + quantum))) for low in below]
-    flat = (signal[1:] > below[0]) & (signal[:-1] > below[0])
-    cut = [run for run in _runs(flat) if _is_cut(step, run, _CORNER * quantum)]
-    is_piled = counts[0] >= RECURRENCES * max(*counts[1:], 1)
-    return top if len(cut) >= MIN_CUT and is_piled else np.inf
-
-
-def _count_peaks(signal: Floats, level: float) -> int:
-    """Count the times a signal rises to a level."""
-    above = signal >= level
-    return int(np.count_nonzero(above[1:] & ~above[:-1]) + above[0])
-
-
-def _runs(flat: Bools) -> list[tuple[int, int]]:
-    """List the runs `start <= i < stop` of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], flat, [False])).astype(np.int8)))
-    return [(int(start), int(stop)) for start, stop in list(pairwise(edges))[::2]]
 
 
 def _is_cut(step: Floats, run: tuple[int, int], corner: float) -> bool:

@@ -81,12 +81,17 @@ def order_stamps(t: Floats, samples: Floats, row: Ints, longest_gap_s: float = M
     row : (N,) of each sample in its file, for the remarks.
     longest_gap_s : the recording ends at a longer one.
 
-    Raises
-    ------
-    RecordingError
-        Where the stamps are no clock.
+    Raises `RecordingError` where the stamps are no clock.
     """
-    period = _mean_period(t)
+    # mean step, of those that are neither backward nor gaps, so that polled samples count; what is no gap follows from
+    # the step that is usual where the time goes, of which stamps that all but coincide take none
+    step, period = np.diff(t), 0.0
+    forward = np.sort(step[step > 0])
+    if len(forward):
+        forward = forward[forward <= max(forward[0], MAX_BRIDGED_S)]
+        elapsed = np.cumsum(forward)
+        usual = forward[np.searchsorted(elapsed, elapsed[-1] / 2)]
+        period = float(step[(step >= 0) & (step < 10 * usual)].mean())
     parts, remarks = _follow_clock(t, samples, row, period)
     spread = [_spread_doubles(part, samples, row, period) for part in parts]
     # split at gaps that are too long to be bridged, and keep the longest piece
@@ -97,23 +102,19 @@ def order_stamps(t: Floats, samples: Floats, row: Ints, longest_gap_s: float = M
     kept, stamps = max(pieces, key=lambda piece: len(piece[0]))
     remarks += [words for part in spread if kept[0] in part.kept for words in part.remarks]
     cut = sum(len(piece) for piece, _ in pieces) - len(kept)
-    return Ordered(kept, stamps, (*remarks, *_describe_cut(pieces, kept, row)), cut)
-
-
-def _mean_period(t: Floats) -> float:
-    """Mean step, s, of those that are neither backward nor gaps; so polled samples count.
-
-    What is no gap follows from the step that is usual where the time goes: stamps that all but coincide, as those of
-    samples polled at once do, take none of it.
-    """
-    step = np.diff(t)
-    forward = np.sort(step[step > 0])
-    if not len(forward):
-        return 0.0
-    forward = forward[forward <= max(forward[0], MAX_BRIDGED_S)]
-    elapsed = np.cumsum(forward)
-    usual = forward[np.searchsorted(elapsed, elapsed[-1] / 2)]
-    return float(step[(step >= 0) & (step < 10 * usual)].mean())
+    if len(pieces) > 1:
+        at = next(i for i, (piece, _) in enumerate(pieces) if piece[0] == kept[0])
+        why = []
+        for (_, before), (index, after) in pairwise(pieces[max(at - 1, 0) : at + 2]):
+            gap_s, where = float(after[0] - before[-1]), f"row {row[index[0]]}"
+            why.append(
+                f"there is a gap of {gap_s:.2f} s before {where}" if gap_s > 0 else f"the clock begins again at {where}"
+            )
+        remarks.append(
+            f"only rows {row[kept[0]]} to {row[kept[-1]]} (t = {stamps[0]:.3f} to {stamps[-1]:.3f} s) are used, and "
+            f"{format_count(cut, 'sample')} left out: {' and '.join(why)}"
+        )
+    return Ordered(kept, stamps, tuple(remarks), cut)
 
 
 def _follow_clock(t: Floats, samples: Floats, row: Ints, period: float) -> tuple[list[Ordered], list[str]]:
@@ -222,23 +223,6 @@ def _spread_doubles(part: Ordered, samples: Floats, row: Ints, period: float) ->
             f"{int(spread.sum())} samples share their stamps with others, from row {first} on: spread evenly"
         )
     return Ordered(part.kept[keep], even[keep], (*part.remarks, *remarks))
-
-
-def _describe_cut(pieces: list[tuple[Ints, Floats]], kept: Ints, row: Ints) -> list[str]:
-    """Remark on the part of a recording that is used, if not the whole."""
-    if len(pieces) == 1:
-        return []
-    others = sum(len(piece) for piece, _ in pieces) - len(kept)
-    at = next(i for i, (piece, _) in enumerate(pieces) if piece[0] == kept[0])
-    t, why = pieces[at][1], []
-    for (_, before), (index, after) in pairwise(pieces[max(at - 1, 0) : at + 2]):
-        step, where = float(after[0] - before[-1]), f"row {row[index[0]]}"
-        words = f"there is a gap of {step:.2f} s before {where}" if step > 0 else f"the clock begins again at {where}"
-        why.append(words)
-    return [
-        f"only rows {row[kept[0]]} to {row[kept[-1]]} (t = {t[0]:.3f} to {t[-1]:.3f} s) are used, and "
-        f"{format_count(others, 'sample')} left out: {' and '.join(why)}"
-    ]
 
 
 # the clock behind the stamps
