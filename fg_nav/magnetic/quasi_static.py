@@ -228,8 +228,8 @@ def judge_field(field: FootfallField, detector: Detector | str = DEFAULT) -> Fie
             reasons[footfall] = f"fewer than {format_count(chosen.rows, 'footfall')} with a field so far"
         if chosen.offset_column is not None and k < ALIGNMENT_FOOTFALLS:
             reasons[footfall] = "here the inertial heading is aligned with the compass"
-    for k, reason in zip(ends, _explain_verdicts(windows, parts, measured, ends, chosen), strict=True):
-        reasons[measured[k]] = reason
+    for end, reason in zip(ends, _explain_verdicts(windows, parts, measured, ends, chosen), strict=True):
+        reasons[measured[end]] = reason
     return FieldVerdicts(chosen.name, statistic, threshold, tuple(reasons))
 
 
