@@ -14,9 +14,7 @@ from typing import Any, TypeAlias, TypeVar, cast
 from fg_nav.errors import EstimationError
 
 Scalar: TypeAlias = bool | int | float | str
-
 Value: TypeAlias = Scalar | list[Any] | None
-
 Changes: TypeAlias = tuple[tuple[str, Value], ...]  # Dotted names and values.
 
 LARGEST, MOST = 1e100, 1000  # No parameter is larger, and no whole one, which counts rounds or footfalls.
@@ -94,12 +92,21 @@ def _convert(owner: object, name: str, value: Value, whole: str) -> object:
         return value
     kinds = typing.get_args(hint) if isinstance(hint, UnionType) or typing.get_origin(hint) is typing.Union else (hint,)
     if isinstance(value, list):
-        return _convert_list(hint, kinds, value, whole)
+        from pydantic import TypeAdapter, ValidationError
+
+        try:
+            return TypeAdapter(hint).validate_json(json.dumps(value), strict=True)
+        except ValidationError:
+            words = f"the parameter '{whole}' cannot be {shorten(value)}: give {_describe_kinds((), kinds)}."
+            raise EstimationError(words) from None
     if value is None and NoneType in kinds:
         return None
     cannot = f"the parameter '{whole}' cannot be {shorten(value)}"
     is_number = isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < LARGEST
-    if is_number and _is_positive(getattr(owner, name)) and cast("float", value) < 0:
+    before = getattr(owner, name)
+    # a positive number is a sigma, a density, a time: no value below zero makes sense
+    is_positive = isinstance(before, int | float) and not isinstance(before, bool) and before > 0
+    if is_number and is_positive and cast("float", value) < 0:
         raise EstimationError(f"{cannot}: give a number that is not below zero.")
     if float in kinds and is_number:
         return float(cast("float", value))
@@ -108,22 +115,6 @@ def _convert(owner: object, name: str, value: Value, whole: str) -> object:
     if type(value) in kinds and type(value) is not float:
         return value
     raise EstimationError(f"{cannot}: give {_describe_kinds(literal, kinds)}.")
-
-
-def _is_positive(value: object) -> bool:
-    """Whether a parameter is a positive number: a sigma, a density, a time. Then no value below zero makes sense."""
-    return isinstance(value, int | float) and not isinstance(value, bool) and value > 0
-
-
-def _convert_list(hint: Any, kinds: tuple[Any, ...], value: list[Any], whole: str) -> object:
-    """Return what a list in JSON is as a field of this type."""
-    from pydantic import TypeAdapter, ValidationError
-
-    try:
-        return TypeAdapter(hint).validate_json(json.dumps(value), strict=True)
-    except ValidationError:
-        words = f"the parameter '{whole}' cannot be {shorten(value)}: give {_describe_kinds((), kinds)}."
-        raise EstimationError(words) from None
 
 
 def _describe_kinds(literal: tuple[Any, ...], kinds: tuple[Any, ...]) -> str:

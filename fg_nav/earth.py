@@ -16,7 +16,6 @@ import re
 from dataclasses import dataclass
 from datetime import date
 from importlib import import_module
-from typing import Any
 
 import numpy as np
 
@@ -24,7 +23,6 @@ from fg_nav.arrays import Floats
 from fg_nav.errors import EarthError
 
 EXTRA = "wmm"  # The extra of this project that brings the World Magnetic Model.
-
 MODEL_HEIGHT_M = (-1000.0, 850_000.0)
 """The World Magnetic Model holds between these heights above the ellipsoid (its own report)."""
 
@@ -105,26 +103,18 @@ def compute_field(place: Place) -> EarthField:
     Raises `EarthError` without the extra `wmm`, or for a day of no edition that `pygeomag` knows (2010 to 2029).
     """
     try:
-        model = _library().GeoMag(base_year=place.day.year)
-        found = model.calculate(
-            glat=place.latitude_deg, glon=place.longitude_deg, alt=place.height_m / 1000, time=_decimal_year(place.day)
-        )
+        library = import_module("pygeomag")
+    except ModuleNotFoundError:
+        raise EarthError(
+            f"the World Magnetic Model needs a library that is not installed: pip install 'fg-nav[{EXTRA}]'."
+        ) from None
+    try:
+        model = library.GeoMag(base_year=place.day.year)
+        first, next_first = date(place.day.year, 1, 1), date(place.day.year + 1, 1, 1)
+        year = place.day.year + (place.day - first).days / (next_first - first).days
+        found = model.calculate(glat=place.latitude_deg, glon=place.longitude_deg, alt=place.height_m / 1000, time=year)
     except ValueError as error:
         raise EarthError(
             f"the World Magnetic Model knows no field of {place.day} ({error}): name a date from 2010 to 2029."
         ) from None
     return EarthField((found.y / 1000, found.x / 1000, -found.z / 1000))
-
-
-def _decimal_year(when: date) -> float:
-    first, next_first = date(when.year, 1, 1), date(when.year + 1, 1, 1)
-    return when.year + (when - first).days / (next_first - first).days
-
-
-def _library() -> Any:
-    try:
-        return import_module("pygeomag")
-    except ModuleNotFoundError:
-        raise EarthError(
-            f"the World Magnetic Model needs a library that is not installed: pip install 'fg-nav[{EXTRA}]'."
-        ) from None

@@ -28,9 +28,7 @@ Progress: TypeAlias = Callable[[float], None]  # Called from time to time with t
 Estimator: TypeAlias = Callable[[Walk, Progress | None], Solution]
 
 ONLINE = "online"
-
 SMOOTHER = "smoother"
-
 CARD: Literal["card"] = "card"  # The smoother with `Options.magnetic` "card".
 CARD_CHANGES: Changes = (("magnetic.potential", False), ("walk.places", False))  # What makes it of the smoother.
 
@@ -130,19 +128,16 @@ def _filter(method: str) -> Estimator:
         from fg_nav.ekf.presets import run_filter
 
         options = walk.options
-        density = _swing_density(walk) if method.startswith("matched") else None
+        density = None
+        if method.startswith("matched"):  # noise of the rate in a swing as the smoother finds it
+            from fg_nav.smoother import SmootherParameters
+            from fg_nav.smoother.problem import estimate_swing_noise
+
+            density = estimate_swing_noise(walk.recording, walk.stances, SmootherParameters())
         given = (walk.recording, walk.stances, walk.field, options.heading_rad)
         return run_filter(method, options.preset, *given, density, select_changes(options.changes, find_owner(method)))
 
     return run
-
-
-def _swing_density(walk: Walk) -> float:
-    """Noise of the rate in a swing as the smoother finds it, for the filter that is to use the same."""
-    from fg_nav.smoother import SmootherParameters
-    from fg_nav.smoother.problem import estimate_swing_noise
-
-    return estimate_swing_noise(walk.recording, walk.stances, SmootherParameters())
 
 
 def _pocket(method: str) -> Estimator:
@@ -180,7 +175,6 @@ ESTIMATORS: dict[str, Estimator] = {
     **{method: _filter(method) for method in FILTERS},
     **{method + "-rts": _filter(method + "-rts") for method in FILTERS},
 }
-
 
 POCKET_ESTIMATORS: dict[str, Estimator] = {
     **{method: _pocket(method) for method in POCKET_METHODS},

@@ -88,7 +88,15 @@ class FeetResult(Solution):
         notes = (*pairing.doubts, *notes, *why_not)
         solution = solve_person(person, first, max(foot.runtime_s for foot in feet.values()), notes)
         solution = solution.widen(max(foot.walk.recording.provenance.rate_sigma for foot in feet.values()))
-        outcome = evaluate_person(solution, truth, first.walk.options.alignment)
+        outcome = Outcome(solution, evaluate(solution), None)
+        if truth is not None:
+            try:
+                comparison = compare(solution, truth, first.walk.options.alignment)
+                outcome = Outcome(solution, evaluate(solution, truth, comparison=comparison), comparison)
+            except EvaluationError as error:
+                metrics = outcome.metrics
+                metrics = replace(metrics, notes=(*metrics.notes, f"the person's truth left out: {error}"))
+                outcome = replace(outcome, metrics=metrics)
         known = {item.name: getattr(outcome.solution, item.name) for item in fields(Solution)}
         truth = None if outcome.comparison is None else truth
         return cls(**known, feet=feet, person=person, pairing=pairing, outcome=outcome, truth=truth)
@@ -144,37 +152,20 @@ class FeetResult(Solution):
 
 
 def solve_person(person: PersonPath, of: Solution, runtime_s: float, notes: tuple[str, ...] = ()) -> Solution:
-    """Return the person's path as a solution, by the method of one of the feet."""
-    return Solution(
-        of.method, person.t, person.position, person.velocity, person.nav_R_person, tabulate_person(person), runtime_s,
-        of.parameters, notes,
-    )  # fmt: skip
-
-
-def tabulate_person(person: PersonPath) -> StanceTable:
-    """Table of the person at its footfalls, without a gyroscope's bias or a field."""
+    """Return the person's path by the method of one of the feet; its footfalls have no gyroscope bias and no field."""
     sample, first = np.unique(
         np.clip(np.searchsorted(person.t, person.footfall_t), 0, len(person.t) - 1), return_index=True
     )
     cov, count = person.pose_cov[first], len(sample)
     unknown = np.full((count, 3), np.nan)
-    return StanceTable(
+    table = StanceTable(
         sample, person.t[sample], person.position[sample], person.nav_R_person[sample], unknown, cov[:, :3, :3],
         np.sqrt(cov[:, 3, 3]), unknown, ("none",) * count, ("",) * count, cov,
     )  # fmt: skip
-
-
-def evaluate_person(solution: Solution, truth: TrajectoryTruth | None, alignment: str) -> Outcome:
-    """Measure the person's path, against the truth where the two can be compared."""
-    if truth is None:
-        return Outcome(solution, evaluate(solution), None)
-    try:
-        comparison = compare(solution, truth, alignment)
-        return Outcome(solution, evaluate(solution, truth, comparison=comparison), comparison)
-    except EvaluationError as error:
-        metrics = evaluate(solution)
-        words = f"the person's truth left out: {error}"
-        return Outcome(solution, replace(metrics, notes=(*metrics.notes, words)), None)
+    return Solution(
+        of.method, person.t, person.position, person.velocity, person.nav_R_person, table, runtime_s, of.parameters,
+        notes,
+    )  # fmt: skip
 
 
 def _find_truth(feet: Mapping[str, Result]) -> tuple[TrajectoryTruth | None, tuple[str, ...]]:

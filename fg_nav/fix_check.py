@@ -95,13 +95,11 @@ def check_times(fixes: Sequence[Fix], begin_s: float, end_s: float) -> None:
         )
 
 
-_SIGMA_NAMES = ("horizontal_sigma_m", "vertical_sigma_m")
-
-
 def _compare(fixes: Sequence[Fix], reach: Floats, slack_m: float, explain: Callable[[int, int], str]) -> None:
     """Compare fixes (K,) in the order of time with how far one comes: `reach` (K,) m rises by as much between two."""
     place = np.array([fix.position for fix in fixes]).reshape(-1, 3)
-    level, height = (SIGMAS * np.array([getattr(fix, name) for fix in fixes]) for name in _SIGMA_NAMES)
+    level = SIGMAS * np.array([fix.horizontal_sigma_m for fix in fixes])
+    height = SIGMAS * np.array([fix.vertical_sigma_m for fix in fixes])
     for lag in range(1, min(_NEIGHBORS, len(fixes) - 1) + 1):
         apart = place[lag:] - place[:-lag]
         most = reach[lag:] - reach[:-lag] + slack_m
@@ -109,14 +107,13 @@ def _compare(fixes: Sequence[Fix], reach: Floats, slack_m: float, explain: Calla
         upward = np.abs(apart[:, 2]) - height[lag:] - height[:-lag]
         far = np.flatnonzero((over_ground > most) | (upward > most))
         if len(far):
-            raise _explain(fixes, int(far[0]), int(far[0]) + lag, explain)
-
-
-def _explain(fixes: Sequence[Fix], i: int, j: int, explain: Callable[[int, int], str]) -> EstimationError:
-    one, other = fixes[i], fixes[j]
-    apart = float(np.linalg.norm((other.position - one.position)[: 3 if np.isfinite(other.vertical_sigma_m) else 2]))
-    origin = "the start" if not one.position.any() and one.horizontal_sigma_m == MIN_SIGMA_M else ""
-    return EstimationError(
-        f"the fix at {other.time_s:.2f} s is {apart:.4g} m from {origin or f'that at {one.time_s:.2f} s'}, "
-        f"{explain(i, j)}: give places in m from the start of the walk and honest sigmas, or leave one out."
-    )
+            i, j = int(far[0]), int(far[0]) + lag
+            one, other = fixes[i], fixes[j]
+            axes = 3 if np.isfinite(other.vertical_sigma_m) else 2
+            apart_m = float(np.linalg.norm((other.position - one.position)[:axes]))
+            is_start = not one.position.any() and one.horizontal_sigma_m == MIN_SIGMA_M
+            raise EstimationError(
+                f"the fix at {other.time_s:.2f} s is {apart_m:.4g} m from "
+                f"{'the start' if is_start else f'that at {one.time_s:.2f} s'}, "
+                f"{explain(i, j)}: give places in m from the start of the walk and honest sigmas, or leave one out."
+            )

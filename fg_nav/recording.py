@@ -223,14 +223,9 @@ class Recording:
         if factor == 1.0:
             return self
         acc, gyr = self.peaks
-        raised = replace(self)
-        raised.__dict__.update(
-            period_s=self.period_s,
-            gaps=self.gaps,
-            bridges=self.bridges,
-            clipping=self.clipping,
-            peaks=(acc, gyr._replace(whole=self.gyr + factor * (gyr.whole - self.gyr))),
-        )
+        raised, peaks = replace(self), (acc, gyr._replace(whole=self.gyr + factor * (gyr.whole - self.gyr)))
+        raised.__dict__.update({name: getattr(self, name) for name in ("period_s", "gaps", "bridges", "clipping")})
+        raised.__dict__["peaks"] = peaks
         return raised
 
     @cached_property
@@ -325,7 +320,10 @@ def _leave_out_bad(raw: RawRecording, kept: Ints, t: Floats, notes: list[str]) -
     good = ~(outliers.acc & outliers.gyr)
     kept, t, unread = kept[good], t[good], outliers.which[good]
     _check_count(len(kept))
-    mag = _clean_magnetometer(raw, kept)
+    mag = None if raw.mag is None else take_rows(kept, raw.mag)
+    if mag is not None:  # whole rows only
+        mag[~find_field_samples(mag)] = np.nan
+        mag = None if np.isnan(mag).all() else mag
     if mag is not None:
         bad = find_mag_outliers(t, mag)
         mag[bad] = np.nan
@@ -399,12 +397,3 @@ def _note_gaps(raw: RawRecording, kept: Ints, t: Floats) -> list[str]:
 def find_field_samples(mag: Floats) -> Bools:
     """(N,) True where mag (N, 3) uT is a sample: no bad axis, and not zeros, which say that there was none."""
     return np.asarray((np.abs(mag) < plausibility.LIMIT_UT).all(axis=1) & mag.any(axis=1))
-
-
-def _clean_magnetometer(raw: RawRecording, kept: Ints) -> Floats | None:
-    """Magnetometer with whole rows only; None if there is no sample."""
-    if raw.mag is None:
-        return None
-    mag = take_rows(kept, raw.mag)
-    mag[~find_field_samples(mag)] = np.nan
-    return None if np.isnan(mag).all() else mag

@@ -133,16 +133,7 @@ class Return:
 
     def describe(self) -> dict[str, object]:
         """Return what goes into `summary.json`."""
-        return {
-            "begin_s": float(self.t[0]),
-            "end_s": float(self.t[-1]),
-            "earlier_begin_s": float(self.earlier_t[0]),
-            "earlier_end_s": float(self.earlier_t[-1]),
-            "opposite": self.opposite,
-            "length_m": self.length_m,
-            "score": self.score,
-            "expected_false": self.expected_false,
-        }
+        return _describe_stretch(self, "earlier", self.earlier_t)
 
 
 @dataclass(frozen=True)
@@ -158,16 +149,15 @@ class KnownStretch:
 
     def describe(self) -> dict[str, object]:
         """Return what goes into `summary.json`."""
-        return {
-            "begin_s": float(self.t[0]),
-            "end_s": float(self.t[-1]),
-            "known_begin_s": float(self.known_t[0]),
-            "known_end_s": float(self.known_t[-1]),
-            "opposite": self.opposite,
-            "length_m": self.length_m,
-            "score": self.score,
-            "expected_false": self.expected_false,
-        }
+        return _describe_stretch(self, "known", self.known_t)
+
+
+def _describe_stretch(stretch: Return | KnownStretch, other: str, t: Floats) -> dict[str, object]:
+    """A stretch, and the stamps (M,) s of the other one at the same places, for `summary.json`."""
+    begin, end, other_begin, other_end = map(float, (stretch.t[0], stretch.t[-1], t[0], t[-1]))
+    stamps = {"begin_s": begin, "end_s": end, f"{other}_begin_s": other_begin, f"{other}_end_s": other_end}
+    own = ("opposite", "length_m", "score", "expected_false")
+    return {**stamps, **{name: getattr(stretch, name) for name in own}}
 
 
 @dataclass(frozen=True)

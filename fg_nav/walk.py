@@ -375,23 +375,17 @@ def evaluate_solution(walk: Walk, solution: Solution) -> Outcome:
     if walk.truth is None:
         return Outcome(solution, evaluate(solution), None, used, polished=polished)
     try:
-        return replace(_compare_with_truth(solution, walk.truth, walk.options.alignment, used), polished=polished)
+        comparison, moment = compare(solution, walk.truth, walk.options.alignment), None
+        metrics = evaluate(solution, walk.truth, comparison=comparison)
+        if solution.moment is not None:
+            moment = measure_moment(solution, solution.moment, walk.truth, comparison.alignment)
+        return Outcome(solution, metrics, comparison, used, moment, polished)
     except EvaluationError as error:
         if walk.options.truth_path is not None:
             raise
         metrics = evaluate(solution)
-        left_out = f"truth left out: {error}"
-        metrics = replace(metrics, notes=(*metrics.notes, left_out))
+        metrics = replace(metrics, notes=(*metrics.notes, f"truth left out: {error}"))
         return Outcome(solution, metrics, None, used, polished=polished)
-
-
-def _compare_with_truth(solution: Solution, truth: Truth, alignment: str, field_used: bool) -> Outcome:
-    comparison = compare(solution, truth, alignment)
-    metrics = evaluate(solution, truth, comparison=comparison)
-    moment = None
-    if solution.moment is not None:
-        moment = measure_moment(solution, solution.moment, truth, comparison.alignment)
-    return Outcome(solution, metrics, comparison, field_used, moment)
 
 
 def _with_verdicts(solution: Solution, walk: Walk) -> Solution:

@@ -93,7 +93,12 @@ def choose_columns(
     found: dict[Quantity, Channel | None] = {
         kind: known.get(kind) or _choose_triad(kind, meanings, names, hints, known) for kind in ("acc", "gyr", "mag")
     }
-    acc, gyr = found["acc"] or _add_gravity(meanings, names), found["gyr"]
+    acc, gyr = found["acc"], found["gyr"]
+    free, gravity = (find_triads(kind, meanings, names) for kind in ("no gravity", "gravity"))
+    if acc is None and free and gravity:  # their sum, which Apple gives in g and with the sign turned
+        positions, both = free[0].positions + gravity[0].positions, free[0].names + gravity[0].names
+        sign = -1.0 if any("user" in m.stem.split() for p, m in meanings if p in free[0].positions) else 1.0
+        acc = Channel(positions, both, free[0].unit or gravity[0].unit, (sign, sign))
     if acc is None or gyr is None:
         raise FormatError(_say_missing("acc" if acc is None else "gyr", meanings, names, hints, known))
     time = known.get("time") or choose_clock(meanings, names, hints, known)
@@ -192,16 +197,6 @@ def find_three_by_unit(kind: Quantity, names: Sequence[str], known: Mapping[Quan
     if len(own) != 3 or len(units) != 1 or kind not in ("acc", "gyr"):
         return []
     return [Channel(tuple(own), tuple(names[k] for k in own), units.pop())]
-
-
-def _add_gravity(meanings: Meanings, names: Sequence[str]) -> Channel | None:
-    """Specific force as gravity and the acceleration without it, which Apple gives in g and with the sign turned."""
-    free, gravity = (find_triads(kind, meanings, names) for kind in ("no gravity", "gravity"))
-    if not free or not gravity:
-        return None
-    positions, both = free[0].positions + gravity[0].positions, free[0].names + gravity[0].names
-    sign = -1.0 if any("user" in m.stem.split() for p, m in meanings if p in free[0].positions) else 1.0
-    return Channel(positions, both, free[0].unit or gravity[0].unit, (sign, sign))
 
 
 def choose_clock(

@@ -94,8 +94,19 @@ def convert_samples(values: Floats, columns: ColumnMap, rate_hz: float | None, h
         notes[-1] += ", as an iPhone has the sign turned" if sign < 0 else ""
     t = _make_time(clock, acc, gyr, columns, rate_hz, hints, notes)
     period_s = plausibility.median_period_s(t)
-    unit = columns.gyr.unit or _judge_gyr(acc, gyr, period_s, columns, hints, notes)
-    gyr = _scale(gyr, "gyr", columns.gyr, unit, hints)
+    # unit of the rate, where physics decides it
+    said, judged = columns.gyr.unit, None if columns.gyr.unit else plausibility.find_gyr_unit(acc, gyr, period_s)
+    if not said:
+        peak = float(np.abs(gyr[np.isfinite(gyr).all(axis=1)]).max(initial=-1.0))
+        peak = peak if peak >= 0.0 else np.nan
+        if judged is None:
+            sayings = (write_mapping(columns, gyr=unit) for unit in ("deg/s", "rad/s", "mdeg/s", "1/16.4 deg/s"))
+            raise FormatError(
+                f"{hints.name}: gyr ('{columns.gyr.names[0]}' ..., peak {peak:.4g}) names no unit, and its samples "
+                f"show none: say it, {hints.suggest(*sayings)}, or with the unit that it has."
+            )
+        notes.append(f"gyr is taken for {judged}, by its peak of {peak:.4g} next to acc")
+    gyr = _scale(gyr, "gyr", columns.gyr, said or judged or "", hints)
     field = None if columns.mag is None else _convert_mag(mag, columns, columns.mag, hints, notes)
     channel = columns.pressure
     pressure = None if channel is None else convert_pressure(air[:, 0], channel, notes)
@@ -259,21 +270,6 @@ def _judge_acc(acc: Floats, gyr: Floats, period_s: float, columns: ColumnMap, hi
         words = hints.suggest(*(write_mapping(columns, acc=unit) for unit in units))
         problem = f"acc is {rest:.4g} at rest and names no unit: say it, {words}"
     raise FormatError(f"{hints.name}: {problem}.")
-
-
-def _judge_gyr(acc: Floats, gyr: Floats, period_s: float, columns: ColumnMap, hints: Hints, notes: list[str]) -> str:
-    """Find the unit of gyr (N, 3) where physics decides it; `acc` (N, 3) is in m/s^2."""
-    unit = plausibility.find_gyr_unit(acc, gyr, period_s)
-    finite = np.abs(gyr[np.isfinite(gyr).all(axis=1)])
-    peak = float(finite.max()) if finite.size else np.nan
-    if unit is not None:
-        notes.append(f"gyr is taken for {unit}, by its peak of {peak:.4g} next to acc")
-        return unit
-    words = hints.suggest(*(write_mapping(columns, gyr=unit) for unit in ("deg/s", "rad/s", "mdeg/s", "1/16.4 deg/s")))
-    raise FormatError(
-        f"{hints.name}: gyr ('{columns.gyr.names[0]}' ..., peak {peak:.4g}) names no unit, and its samples show none: "
-        f"say it, {words}, or with the unit that it has."
-    )
 
 
 def _convert_mag(mag: Floats, columns: ColumnMap, channel: Channel, hints: Hints, notes: list[str]) -> Floats | None:

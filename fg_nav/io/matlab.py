@@ -83,9 +83,16 @@ def load_arrays(data: bytes) -> dict[str, NDArray[Any] | None]:
     order = _read_header(data)
     arrays, budget = {}, MAX_BYTES
     for kind, part in _variables(data, order):
-        whole = _inflate(part, order, budget) if kind == _COMPRESSED else part
-        budget -= len(whole) if kind == _COMPRESSED else 0
-        variable = _open_variable(whole, order)
+        if kind == _COMPRESSED:  # of at most as many bytes as are left
+            unpack = zlib.decompressobj()
+            size = _read_matrix_size(memoryview(_decompress(unpack, part, 8)), order)
+            if size > budget:
+                raise DamagedError(f"it says that it holds more than {MAX_BYTES // 2**30} GiB")
+            part = memoryview(_decompress(unpack, unpack.unconsumed_tail, size + 1))
+            if len(part) != size or not unpack.eof:
+                raise DamagedError("a compressed part is not as long as it says")
+            budget -= size
+        variable = _open_variable(part, order)
         if variable.name:  # MATLAB keeps functions in one without a name
             arrays[variable.name] = _read_numbers(variable, order)
     return arrays
@@ -161,18 +168,6 @@ def _read_numbers(variable: _Variable, order: str) -> NDArray[Any] | None:
         return np.frombuffer(part, stored).reshape(variable.dimensions, order="F")
     except ValueError:  # more dimensions than an array can have
         raise DamagedError("a variable has too many dimensions") from None
-
-
-def _inflate(packed: memoryview, order: str, budget: int) -> memoryview:
-    """A compressed matrix, of at most as many bytes as are left."""
-    unpack = zlib.decompressobj()
-    size = _read_matrix_size(memoryview(_decompress(unpack, packed, 8)), order)
-    if size > budget:
-        raise DamagedError(f"it says that it holds more than {MAX_BYTES // 2**30} GiB")
-    data = _decompress(unpack, unpack.unconsumed_tail, size + 1)
-    if len(data) != size or not unpack.eof:
-        raise DamagedError("a compressed part is not as long as it says")
-    return memoryview(data)
 
 
 def _decompress(unpack: zlib._Decompress, packed: memoryview | bytes, most: int) -> bytes:

@@ -174,13 +174,10 @@ def _clean(stream: Stream, remarks: list[str]) -> Stream:
     stream = stream.take(np.argsort(stream.t, kind="stable"))
     repeated = np.concatenate(([False], np.diff(stream.t) <= 0))[: len(stream.t)]
     if repeated.any():
-        count = format_count(int(repeated.sum()), "sample")
-        remarks.append(f"{count} of the {stream.name} with the stamp of the one before left out")
-    return _drop_first_rows(stream.take(~repeated), remarks)
-
-
-def _drop_first_rows(stream: Stream, remarks: list[str]) -> Stream:
-    """Without the zeros, or repeats of one sample, that a sensor gives before it is awake."""
+        again = format_count(int(repeated.sum()), "sample")
+        remarks.append(f"{again} of the {stream.name} with the stamp of the one before left out")
+    stream = stream.take(~repeated)
+    # zeros, or repeats of one sample, before the sensor is awake
     if len(stream.t) < 2:
         return stream
     other = (stream.xyz != stream.xyz[0]).any(axis=1)

@@ -139,7 +139,13 @@ def open_table(content: Content, min_numbers: int = MIN_NUMBERS) -> Table | None
     """
     head, name = content.head, content.path.name
     if head.startswith(PARQUET_MARK):
-        return _open_parquet(content)
+        with explain_missing(name, "a Parquet file", "pyarrow", "parquet"):
+            import pyarrow.parquet
+        try:
+            frame = pyarrow.parquet.read_table(content.source()).to_pandas()
+        except Exception as error:  # pyarrow raises its own errors, OSError and ValueError on damaged files
+            raise FormatError(f"{name} is a damaged Parquet file ({type(error).__name__}): export it again.") from None
+        return _open_frame(frame.reset_index() if any(frame.index.names) else frame, name)
     if head.startswith(NPY_MARK):
         array = _load_numpy(content, "npy")["npy"]
         if array.dtype.names:
@@ -165,7 +171,15 @@ def open_table(content: Content, min_numbers: int = MIN_NUMBERS) -> Table | None
 
 def _open_text(content: Content, min_numbers: int) -> TextTable | None:
     lines = content.lines
-    start = next((k for k in range(min(len(lines), _MAX_TOP)) if _is_data_from(lines, k, min_numbers)), None)
+    # the first line that has, with the next two, enough numbers by the same separator
+    start = None
+    for k in range(min(len(lines), _MAX_TOP)):
+        block = [line for line in lines[k : k + 6] if line.strip() and not _is_comment(line)][:3]
+        if len(block) < 2 or not lines[k].strip() or _is_comment(lines[k]):
+            continue
+        if any(all(_count_numbers(_split_row(line, s), d) >= min_numbers for line in block) for s, d in _WAYS):
+            start = k
+            break
     if start is None:
         return None
     data = [line for line in lines[start : start + _JUDGED] if line.strip() and not _is_comment(line)]
@@ -180,14 +194,6 @@ def _open_text(content: Content, min_numbers: int) -> TextTable | None:
 
 def _is_comment(line: str) -> bool:
     return line.lstrip().startswith(_COMMENTS)
-
-
-def _is_data_from(lines: Sequence[str], start: int, min_numbers: int) -> bool:
-    """Whether a line and the next that are not empty have enough numbers, by the same separator."""
-    block = [line for line in lines[start : start + 6] if line.strip() and not _is_comment(line)][:3]
-    if len(block) < 2 or not lines[start].strip() or _is_comment(lines[start]):
-        return False
-    return any(all(_count_numbers(_split_row(line, s), d) >= min_numbers for line in block) for s, d in _WAYS)
 
 
 def _count_numbers(fields: Sequence[str], decimal: str) -> int:
@@ -229,7 +235,11 @@ def _join_rows(rows: Sequence[Sequence[str]]) -> list[str]:
     """Make one name of what stands above each column."""
     width = max(map(len, rows))
     filled = [[*row, *[""] * (width - len(row))] for row in rows]
-    units = next((row for row in filled[1:] if _is_units(row)), None)
+    units = None
+    for row in filled[1:]:  # the first of which most words are units
+        words = [word for word in row if word]
+        if units is None and words and sum(find_quantity(word) is not None for word in words) * 2 > len(words):
+            units = row
     named = [row for row in filled if row is not units]
     if len(named) > 1:  # a name above the first of several columns is that of all
         for row in named:
@@ -242,12 +252,6 @@ def _join_rows(rows: Sequence[Sequence[str]]) -> list[str]:
     if units is None:
         return names
     return [f"{name} [{unit}]" if find_quantity(unit) else name for name, unit in zip(names, units, strict=True)]
-
-
-def _is_units(row: Sequence[str]) -> bool:
-    """Whether most of the words in a row are units."""
-    words = [word for word in row if word]
-    return bool(words) and sum(find_quantity(word) is not None for word in words) * 2 > len(words)
 
 
 def _count_axes(names: Sequence[str]) -> int:
@@ -276,17 +280,6 @@ def _read_times(text: NDArray[np.object_]) -> Floats:
     known = np.isfinite(t)
     t[known] = np.unwrap(t[known], period=_DAY_S)
     return np.asarray(t, dtype=np.float64)
-
-
-def _open_parquet(content: Content) -> ArrayTable:
-    name = content.path.name
-    with explain_missing(name, "a Parquet file", "pyarrow", "parquet"):
-        import pyarrow.parquet
-    try:
-        frame = pyarrow.parquet.read_table(content.source()).to_pandas()
-    except Exception as error:  # pyarrow raises its own errors, OSError and ValueError on damaged files
-        raise FormatError(f"{name} is a damaged Parquet file ({type(error).__name__}): export it again.") from None
-    return _open_frame(frame.reset_index() if any(frame.index.names) else frame, name)
 
 
 def _open_frame(frame: Any, name: str) -> ArrayTable:

@@ -231,7 +231,19 @@ def read_sensor_logger(content: Content) -> RawRecording:
     if about is not None and len(about.lines) > 1:
         metadata = {name.lower(): value for name, value in zip(about.fields(0), about.fields(1), strict=False)}
     # sensors, calibrated before uncalibrated
-    streams = {name: _read_stream(name, table) for name, table in find_tables(content).items()}
+    streams = dict[str, Stream]()
+    for name, table in find_tables(content).items():
+        header = find_header(table, lambda names: "seconds_elapsed" in names)
+        assert header is not None, "recognized by it"
+        is_air = _WHAT[name] == "pressure"
+        values, row = header.read(table, ["time", *(["pressure"] if is_air else "xyz")])
+        stamps = header.read_integers(table, "time", row)
+        if stamps is None:
+            whole = np.abs(values[:, 0]) < 2.0**63
+            values, row = values[whole], row[whole]
+            stamps = np.rint(values[:, 0]).astype(np.int64)
+        xyz = values[:, 1:] * (_HPA if is_air else 1.0)
+        streams[name] = Stream(_WHAT[name], stamps, xyz, row, table.path.name)
     force = _find_force(streams, metadata, content, notes)
     gyr, mag = streams.get("gyroscope"), streams.get("magnetometer")
     if gyr is None and "gyroscopeuncalibrated" in streams:
@@ -244,19 +256,6 @@ def read_sensor_logger(content: Content) -> RawRecording:
         notes.insert(0, f"recorded by Sensor Logger {metadata.get('appversion', '')} on {metadata['device name']}")
     found = [stream for stream in (force, gyr, mag, streams.get("barometer")) if stream is not None]
     return join_streams(found, path, "sensor-logger", notes)
-
-
-def _read_stream(name: str, table: Content) -> Stream:
-    header = find_header(table, lambda names: "seconds_elapsed" in names)
-    assert header is not None, "recognized by it"
-    is_air = _WHAT[name] == "pressure"
-    values, row = header.read(table, ["time", *(["pressure"] if is_air else "xyz")])
-    stamps = header.read_integers(table, "time", row)
-    if stamps is None:
-        whole = np.abs(values[:, 0]) < 2.0**63
-        values, row = values[whole], row[whole]
-        stamps = np.rint(values[:, 0]).astype(np.int64)
-    return Stream(_WHAT[name], stamps, values[:, 1:] * (_HPA if is_air else 1.0), row, table.path.name)
 
 
 def _find_force(

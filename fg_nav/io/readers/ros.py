@@ -16,7 +16,7 @@ that do not keep to tesla are found by the strength of the field, which is 25 to
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -70,11 +70,11 @@ def read(content: Content) -> RawRecording:
         fields = fields or [topic for topic, kind in topics.items() if kind in _VECTOR and "mag" in topic.lower()]
         shared = {topic: sum(imu.startswith(topic[:k]) for k in range(1, len(topic) + 1)) for topic in sorted(fields)}
         magnetic = max(shared, key=lambda topic: shared[topic], default=None)
-        inertial = _read_topic(reader, imu, 8, _take_inertial)
+        inertial = _read_topic(reader, imu)
         for name, covariance in (("linear_acceleration", 6), ("angular_velocity", 7)):
             if (inertial.values[:, covariance] == -1.0).all():
                 raise FormatError(f"{path.name}: {imu} does not measure {name}: record the raw topic of the sensor.")
-        field = None if magnetic is None else _read_topic(reader, magnetic, 3, _take_field)
+        field = None if magnetic is None else _read_topic(reader, magnetic)
     notes = [f"the topic is {imu}"]
     if not inertial.has_stamps:
         notes.append("headers have no stamps: those of the bag are taken")
@@ -145,30 +145,24 @@ class _Messages(NamedTuple):
     row: Ints
 
 
-def _read_topic(reader: Any, topic: str, width: int, take: Callable[[Any], tuple[float, ...]]) -> _Messages:
-    """Read a topic, of whose messages `take` gives the numbers."""
+def _read_topic(reader: Any, topic: str) -> _Messages:
+    """Read a topic: force, rate, and of each the first covariance, -1 where it is not measured; or the field."""
     stamps, values = list[tuple[int, int]](), list[tuple[float, ...]]()
     connections = [connection for connection in reader.connections if connection.topic == topic]
     for connection, taken_in, data in reader.messages(connections):
         message = reader.deserialize(data, connection.msgtype)
-        values.append(take(message))
+        if hasattr(message, "linear_acceleration"):
+            a, w = message.linear_acceleration, message.angular_velocity
+            absent = message.linear_acceleration_covariance[0], message.angular_velocity_covariance[0]
+            values.append((a.x, a.y, a.z, w.x, w.y, w.z, *absent))
+        else:
+            field = message.magnetic_field if hasattr(message, "magnetic_field") else message.vector
+            values.append((field.x, field.y, field.z))
         stamps.append((int(message.header.stamp.sec) * 10**9 + int(message.header.stamp.nanosec), taken_in))
     of_header, of_bag = np.array(stamps, dtype=np.int64).reshape(-1, 2).T
     has_stamps = bool(of_header.any())
-    numbers = np.array(values, dtype=np.float64).reshape(-1, width)
+    numbers = np.array(values, dtype=np.float64).reshape(len(values), -1) if values else np.empty((0, 8))
     return _Messages(of_header if has_stamps else of_bag, has_stamps, numbers, np.arange(1, len(stamps) + 1))
-
-
-def _take_inertial(message: Any) -> tuple[float, ...]:
-    """Force and rate, and of each the first covariance, -1 where it is not measured."""
-    a, w = message.linear_acceleration, message.angular_velocity
-    absent = message.linear_acceleration_covariance[0], message.angular_velocity_covariance[0]
-    return (a.x, a.y, a.z, w.x, w.y, w.z, *absent)
-
-
-def _take_field(message: Any) -> tuple[float, ...]:
-    field = message.magnetic_field if hasattr(message, "magnetic_field") else message.vector
-    return field.x, field.y, field.z
 
 
 def _judge_field(xyz: Floats, topic: str) -> tuple[float, str]:

@@ -69,11 +69,7 @@ class _Column(NamedTuple):
 
 def is_apdm(content: Content) -> bool:
     """Whether the first line gives the number of the format, or a header has paths with acceleration or rate."""
-    return _is_numbered(content) or _find_paths(content) is not None
-
-
-def _is_numbered(content: Content) -> bool:
-    return bool(content.lines) and content.lines[0].lstrip('"').startswith("Format=")
+    return "".join(content.lines[:1]).lstrip('"').startswith("Format=") or _find_paths(content) is not None
 
 
 def _find_paths(content: Content) -> Header | None:
@@ -87,7 +83,8 @@ def _find_paths(content: Content) -> Header | None:
 def read_apdm(content: Content) -> RawRecording:
     """Read one sensor of an export."""
     path = content.path
-    columns, header, first_line, time_scale = _read_numbered(content) if _is_numbered(content) else _read_paths(content)
+    is_numbered = "".join(content.lines[:1]).lstrip('"').startswith("Format=")
+    columns, header, first_line, time_scale = (_read_numbered if is_numbered else _read_paths)(content)
     sensors = list(dict.fromkeys(column.sensor for column in columns))
     if not sensors:
         raise FormatError(
