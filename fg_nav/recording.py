@@ -314,9 +314,8 @@ def _admit(raw: RawRecording, longest_gap_s: float) -> Recording:
 def _leave_out_bad(raw: RawRecording, kept: Ints, t: Floats, notes: list[str]) -> Recording:
     """Return the recording of the samples `kept` (K,), at stamps `t` (K,) s, without the bad ones of each sensor."""
     outliers = find_outliers(t, take_rows(kept, raw.acc), take_rows(kept, raw.gyr))
-    bad = outliers.which > 0
-    n_bad, found = int(bad.sum()), (("gyroscope", outliers.gyr), ("accelerometer", outliers.acc))
-    notes = [*notes, *note_bad(bad, " and ".join(name for name, of in found if of.any()), t, raw.row[kept])]
+    bad, found = outliers.which > 0, {"gyroscope": outliers.gyr, "accelerometer": outliers.acc}
+    notes = [*notes, *note_bad(bad, " and ".join(name for name in found if found[name].any()), t, raw.row[kept])]
     good = ~(outliers.acc & outliers.gyr)
     kept, t, unread = kept[good], t[good], outliers.which[good]
     _check_count(len(kept))
@@ -325,10 +324,10 @@ def _leave_out_bad(raw: RawRecording, kept: Ints, t: Floats, notes: list[str]) -
         mag[~find_field_samples(mag)] = np.nan
         mag = None if np.isnan(mag).all() else mag
     if mag is not None:
-        bad = find_mag_outliers(t, mag)
-        mag[bad] = np.nan
-        notes += note_bad(bad, "magnetometer", t, raw.row[kept])
-    provenance = replace(raw.provenance, notes=tuple(notes), bad_samples=n_bad)
+        bad_mag = find_mag_outliers(t, mag)
+        mag[bad_mag] = np.nan
+        notes += note_bad(bad_mag, "magnetometer", t, raw.row[kept])
+    provenance = replace(raw.provenance, notes=tuple(notes), bad_samples=int(bad.sum()))
     acc, gyr = take_rows(kept, raw.acc), take_rows(kept, raw.gyr)
     interpolate_unread(t, acc, gyr, unread)
     pressure = None if raw.pressure is None else plausibility.keep_air(raw.pressure[kept])

@@ -297,7 +297,7 @@ def print_clean(data: Path) -> None:
 def count_found(recording: Recording, each: int, share: float) -> int:
     """Count the samples that are found at a share of f, where one sample in `each` is taken."""
     t, acc, gyr = (some[::each] for some in (recording.t, recording.acc, recording.gyr))
-    return int(find_outliers(t, acc, gyr, FACTOR * share).any.sum())
+    return int(np.count_nonzero(find_outliers(t, acc, gyr, FACTOR * share).which))
 
 
 if __name__ == "__main__":

@@ -222,11 +222,11 @@ def judge_field(field: FootfallField, detector: Detector | str = DEFAULT) -> Fie
     statistic[measured[ends]] = parts.sum(axis=1)
     # reasons, first why a footfall is not judged
     reasons = [TOO_LITTLE if known else NO_FIELD for known in np.isfinite(field.strength)]
-    for k, footfall in enumerate(measured):
+    for n, footfall in enumerate(measured):
         reasons[footfall] = f"over {format_count(strides, 'stride')} there are too many footfalls without a field"
-        if k < strides:
+        if n < strides:
             reasons[footfall] = f"fewer than {format_count(chosen.rows, 'footfall')} with a field so far"
-        if chosen.offset_column is not None and k < ALIGNMENT_FOOTFALLS:
+        if chosen.offset_column is not None and n < ALIGNMENT_FOOTFALLS:
             reasons[footfall] = "here the inertial heading is aligned with the compass"
     for end, reason in zip(ends, _explain_verdicts(windows, parts, measured, ends, chosen), strict=True):
         reasons[measured[end]] = reason
