@@ -35,7 +35,7 @@ from fg_nav.magnetic.quasi_static import DEFAULT, QUASI_STATIC, UNKNOWN, FieldVe
 from fg_nav.recording import Recording
 from fg_nav.solution import Solution
 from fg_nav.stances import Stances
-from fg_nav.system.memory import return_freed
+from fg_nav.system.spilled import return_freed
 from fg_nav.truth import Fix, TrajectoryTruth, Truth
 
 if TYPE_CHECKING:

@@ -2,9 +2,7 @@
 
 `options` has the types of the options. Each verb loads what it needs when it is called, so that the help is quick.
 
-`main` is the one error boundary. Exit codes: 0 done; 1 the input or the output is to blame, said in one
-line on standard error, with `--json` as `{"error": "..."}`; 2 the command was not understood; 70 a bug, with its
-traceback; 130 interrupted.
+`main` is the one error boundary; its exit codes are in docs/command_line.md.
 """
 
 from __future__ import annotations
@@ -19,7 +17,7 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from fg_nav.cli import laboratory, live, sensors, walks
+from fg_nav.cli import laboratory, sensors, walks
 from fg_nav.errors import FgNavError
 from fg_nav.system.processes import collect_seldom
 
@@ -36,7 +34,7 @@ app = typer.Typer(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
 )
-for group in (walks, sensors, live, laboratory):  # in the order of the help
+for group in (walks, sensors, laboratory):  # in the order of the help
     app.add_typer(group.verbs)
 
 
@@ -49,7 +47,7 @@ def main() -> NoReturn:
     try:
         app()
     except FgNavError as error:
-        _leave(_one_line(error), EXIT_USER)
+        _leave(" ".join(str(error).split()), EXIT_USER)
     except OSError as error:
         reason = error.strerror or type(error).__name__
         where = "" if error.filename is None else f" ({error.filename})"
@@ -80,10 +78,6 @@ def _open_outputs() -> None:
             os.open(os.devnull, os.O_RDWR)  # gets the lowest number that is free
     sys.stdout = sys.stdout or open(os.devnull, "w")  # noqa: SIM115
     sys.stderr = sys.stderr or open(os.devnull, "w")  # noqa: SIM115
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split())
 
 
 def _leave(words: str, code: int) -> NoReturn:

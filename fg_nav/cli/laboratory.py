@@ -47,13 +47,11 @@ def simulate(
     both_feet: Annotated[
         bool, typer.Option("--both-feet", help="A sensor on each foot: left.csv and right.csv with their truths.")
     ] = False,
-    out: given.OutDir = None,
-    force: given.Force = False,
-    json: given.Json = False,
-    quiet: given.Quiet = False,
-) -> None:
+    out: given.OutDir = None, force: given.Force = False,
+    json: given.Json = False, quiet: given.Quiet = False,
+) -> None:  # fmt: skip
     """Simulate a walk with its truth: recording.csv, truth.tum, truth.json, landmarks.csv, map.png."""
-    from fg_nav.commands.simulate import list_scenarios, simulate, simulate_feet
+    from fg_nav.commands.simulate import list_scenarios, simulate
     from fg_nav.lab.simulation import Choices
 
     choices = Choices(sensor, site, field, worn, rate, turn, calibrated, rests=rests, feet=feet)
@@ -63,7 +61,7 @@ def simulate(
         elif scenario is None:
             raise typer.BadParameter("name one, or a file; --list says what there is.", param_hint="SCENARIO")
         else:
-            answer((simulate_feet if both_feet else simulate)(scenario, seed, choices, out, force))
+            answer(simulate(scenario, seed, choices, both_feet, out, force))
 
 
 @verbs.command()
@@ -85,9 +83,8 @@ def campaign(
     ] = None,
     renew: Annotated[bool, typer.Option("--renew", help="Make again what other code made.")] = False,
     retry: Annotated[bool, typer.Option("--retry", help="Make again what failed.")] = False,
-    json: given.Json = False,
-    quiet: given.Quiet = False,
-) -> None:
+    json: given.Json = False, quiet: given.Quiet = False,
+) -> None:  # fmt: skip
     """Try methods on many walks, simulated and recorded; the same command goes on with what was stopped."""
     from fg_nav.commands import RESULTS
     from fg_nav.commands.campaign import campaign
@@ -113,9 +110,8 @@ def reproduce(
         typer.Option("--out", metavar="DIR", help="Folder for the result. \\[default: results/reproduce-PAPER]"),
     ] = None,
     force: given.Force = False,
-    json: given.Json = False,
-    quiet: given.Quiet = False,
-) -> None:
+    json: given.Json = False, quiet: given.Quiet = False,
+) -> None:  # fmt: skip
     """Lay the experiments of a paper beside ours, from simulated walks: report.html, results.json, pictures.
 
     A run that was ended goes on from there with the same command.

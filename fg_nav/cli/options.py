@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -36,12 +37,14 @@ METHOD_NAMES = f"{_list_words(METHODS)}; all but the first four also smoothed, a
 METHOD_WORDS = f"{METHOD_NAMES}. With --mount pocket: {_list_words(POCKET_METHODS)}."
 
 
-def _complete(*names: str) -> Callable[[str], list[str]]:
-    """Return what completes a word, or the last of a list with commas, to one of these names."""
+def _complete(*names: str, keys_of: str = "") -> Callable[[str], list[str]]:
+    """Return what completes a word, or the last of a list with commas, to a name, or a key of a table `module.NAME`."""
 
     def complete(incomplete: str) -> list[str]:
+        module, _, table = keys_of.rpartition(".")
+        known = getattr(import_module(module), table) if table else names
         before, comma, last = incomplete.rpartition(",")
-        return [before + comma + name for name in names if name.startswith(last)]
+        return [before + comma + name for name in known if name.startswith(last)]
 
     return complete
 
@@ -49,19 +52,7 @@ def _complete(*names: str) -> Callable[[str], list[str]]:
 _RTS = tuple(f"{name}-rts" for name in METHODS[4:])
 complete_methods = _complete(*METHODS, *POCKET_METHODS[:-1], *_RTS)
 complete_foot_methods = _complete(*METHODS, *_RTS)
-
-
-def _complete_formats(incomplete: str) -> list[str]:
-    from fg_nav.io.formats import FORMATS
-
-    return _complete(*FORMATS)(incomplete)
-
-
-def complete_scenarios(incomplete: str) -> list[str]:
-    """Complete the name of a scenario."""
-    from fg_nav.lab.simulation.scenarios import SCENARIOS
-
-    return _complete(*SCENARIOS)(incomplete)
+complete_scenarios = _complete(keys_of="fg_nav.lab.simulation.scenarios.SCENARIOS")
 
 
 def _complete_settings(incomplete: str) -> list[str]:
@@ -115,7 +106,7 @@ FormatName = Annotated[
         "--format",
         metavar="NAME",
         help="Its format. \\[default: recognised from the content]",
-        autocompletion=_complete_formats,
+        autocompletion=_complete(keys_of="fg_nav.io.formats.FORMATS"),
     ),
 ]
 PlotsChoice = Annotated[
@@ -160,8 +151,7 @@ MagneticFactors = Annotated[
     ),
 ]
 Polish = Annotated[
-    bool,
-    typer.Option("--polish", help="Solve the walk in batch too at its end: trajectory_polished.tum."),
+    bool, typer.Option("--polish", help="Solve the walk in batch too at its end: trajectory_polished.tum.")
 ]
 Preset = Annotated[
     str,
@@ -294,14 +284,11 @@ ColumnNames = Annotated[
 UnitNames = Annotated[
     str | None,
     typer.Option(
-        "--units",
-        metavar="A,B",
-        help="Of these columns, such as ms,g,deg/s,gauss. \\[default: s,m/s2,rad/s,uT]",
+        "--units", metavar="A,B", help="Of these columns, such as ms,g,deg/s,gauss. \\[default: s,m/s2,rad/s,uT]"
     ),
 ]
 RowRate = Annotated[
-    float | None,
-    typer.Option("--rate", metavar="HZ", help="Of rows without t: their stamps are counted."),
+    float | None, typer.Option("--rate", metavar="HZ", help="Of rows without t: their stamps are counted.")
 ]
 ReplaySpeed = Annotated[
     str | None,
@@ -312,8 +299,7 @@ ReplaySpeed = Annotated[
     ),
 ]
 RecordPath = Annotated[
-    Path | None,
-    typer.Option("--record", metavar="FILE", help="Write the samples as they come, before any correction."),
+    Path | None, typer.Option("--record", metavar="FILE", help="Write the samples as they come, before any correction.")
 ]
 StepConstant = Annotated[
     float | None,

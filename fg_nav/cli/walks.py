@@ -22,14 +22,10 @@ def inspect(
     files: Annotated[
         list[Path], typer.Argument(metavar="FILE...", show_default=False, help="Files with a recording each.")
     ],
-    format: given.FormatName = None,
-    columns: given.ColumnMapping = None,
-    rate: given.FileRate = None,
-    sensor: given.SensorName = None,
-    barometer: given.BarometerPath = None,
-    json: given.Json = False,
-    quiet: given.Quiet = False,
-) -> None:
+    format: given.FormatName = None, columns: given.ColumnMapping = None, rate: given.FileRate = None,
+    sensor: given.SensorName = None, barometer: given.BarometerPath = None,
+    json: given.Json = False, quiet: given.Quiet = False,
+) -> None:  # fmt: skip
     """Say what a file holds, and whether it can be navigated with; of several files in a table."""
     from fg_nav.commands import choose_reading
     from fg_nav.commands.inspect import inspect
@@ -45,15 +41,11 @@ def convert(
     out: Annotated[
         Path, typer.Argument(metavar="OUT", show_default=False, help="File to write: .csv, .csv.gz or .parquet.")
     ],
-    format: given.FormatName = None,
-    columns: given.ColumnMapping = None,
-    rate: given.FileRate = None,
-    sensor: given.SensorName = None,
-    barometer: given.BarometerPath = None,
+    format: given.FormatName = None, columns: given.ColumnMapping = None, rate: given.FileRate = None,
+    sensor: given.SensorName = None, barometer: given.BarometerPath = None,
     force: Annotated[bool, typer.Option("--force", help="Replace an older file.")] = False,
-    json: given.Json = False,
-    quiet: given.Quiet = False,
-) -> None:
+    json: given.Json = False, quiet: given.Quiet = False,
+) -> None:  # fmt: skip
     """Write a recording's samples, in SI and as they are, as canonical CSV or Parquet."""
     from fg_nav.commands import choose_reading
     from fg_nav.commands.convert import convert
@@ -74,39 +66,20 @@ def run(
             autocompletion=given.complete_methods,
         ),
     ] = None,
-    mount: given.MountPlaces = "foot",
-    sides: given.FeetSides = None,
-    clock_offset: given.ClockOffset = None,
-    step_constant: given.StepConstant = None,
-    known_distance: given.KnownDistance = None,
-    no_mag: given.NoMag = False,
-    heading: given.Heading = None,
-    truth: given.TruthPath = None,
-    calibration: given.CalibrationPath = None,
-    mag_axes: given.MagAxesWords = None,
-    gate: given.GateName = None,
-    magnetic: given.MagneticFactors = "all",
-    preset: given.Preset = "tuned",
-    fixes: given.FixesPath = None,
-    gnss: given.GnssSource = None,
-    places: given.KnownPlaces = None,
-    save_places: given.PlacesToSave = None,
+    mount: given.MountPlaces = "foot", sides: given.FeetSides = None, clock_offset: given.ClockOffset = None,
+    step_constant: given.StepConstant = None, known_distance: given.KnownDistance = None,
+    no_mag: given.NoMag = False, heading: given.Heading = None, truth: given.TruthPath = None,
+    calibration: given.CalibrationPath = None, mag_axes: given.MagAxesWords = None, gate: given.GateName = None,
+    magnetic: given.MagneticFactors = "all", preset: given.Preset = "tuned", fixes: given.FixesPath = None,
+    gnss: given.GnssSource = None, places: given.KnownPlaces = None, save_places: given.PlacesToSave = None,
     polish: given.Polish = False,
-    format: given.FormatName = None,
-    columns: given.ColumnMapping = None,
-    rate: given.FileRate = None,
-    sensor: given.SensorName = None,
-    barometer: given.BarometerPath = None,
-    alignment: given.AlignmentMode = "yaw",
+    format: given.FormatName = None, columns: given.ColumnMapping = None, rate: given.FileRate = None,
+    sensor: given.SensorName = None, barometer: given.BarometerPath = None, alignment: given.AlignmentMode = "yaw",
     plots: given.PlotsChoice = "html",
-    out: given.OutDir = None,
-    force: given.ForceAll = False,
-    strict: given.Strict = False,
-    config: given.ConfigPath = None,
-    settings: given.Settings = None,
-    json: given.Json = False,
-    quiet: given.Quiet = False,
-) -> None:
+    out: given.OutDir = None, force: given.ForceAll = False, strict: given.Strict = False,
+    config: given.ConfigPath = None, settings: given.Settings = None,
+    json: given.Json = False, quiet: given.Quiet = False,
+) -> None:  # fmt: skip
     """Run one method on each recording and write trajectory, strides, summary and report.html; on two, of both feet."""
     from fg_nav.commands import choose_options, choose_reading
     from fg_nav.commands.run import RunRequest, check_feet_options, check_methods, run, set_mount
@@ -127,7 +100,7 @@ def run(
     request = RunRequest(method, options, reading, plots, out, force, strict, known, save_places)
     with answering(json, quiet) as answer:
         if both:
-            from fg_nav.commands.feet import FeetRequest, run_feet
+            from fg_nav.commands.run import FeetRequest, run_feet
 
             answer(run_feet(recordings, FeetRequest(request, sides, clock_offset, truth, calibration)))
         else:
@@ -174,9 +147,8 @@ def export(
         ),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace older files.")] = False,
-    json: given.Json = False,
-    quiet: given.Quiet = False,
-) -> None:
+    json: given.Json = False, quiet: given.Quiet = False,
+) -> None:  # fmt: skip
     """Write the path of a result for other programs: maps, MATLAB, tables, ROS, Rerun."""
     from fg_nav.commands.convert import export
 
@@ -195,32 +167,21 @@ def compare(
             autocompletion=given.complete_foot_methods,
         ),
     ] = "smoother,iez",
-    no_mag: given.NoMag = False,
-    heading: given.Heading = None,
-    truth: given.TruthPath = None,
-    calibration: given.CalibrationPath = None,
-    mag_axes: given.MagAxesWords = None,
-    gate: given.GateName = None,
+    no_mag: given.NoMag = False, heading: given.Heading = None, truth: given.TruthPath = None,
+    calibration: given.CalibrationPath = None, mag_axes: given.MagAxesWords = None, gate: given.GateName = None,
     preset: given.Preset = "tuned",
-    format: given.FormatName = None,
-    columns: given.ColumnMapping = None,
-    rate: given.FileRate = None,
-    sensor: given.SensorName = None,
-    barometer: given.BarometerPath = None,
-    alignment: given.AlignmentMode = "yaw",
+    format: given.FormatName = None, columns: given.ColumnMapping = None, rate: given.FileRate = None,
+    sensor: given.SensorName = None, barometer: given.BarometerPath = None, alignment: given.AlignmentMode = "yaw",
     plots: given.PlotsChoice = "html",
-    out: given.OutDir = None,
-    force: given.Force = False,
-    config: given.ConfigPath = None,
+    out: given.OutDir = None, force: given.Force = False, config: given.ConfigPath = None,
     settings: given.Settings = None,
-    json: given.Json = False,
-    quiet: given.Quiet = False,
-) -> None:
+    json: given.Json = False, quiet: given.Quiet = False,
+) -> None:  # fmt: skip
     """Run several methods on the same recording and the same stances, and lay them side by side in report.html."""
     from fg_nav.commands import choose_options, choose_reading
-    from fg_nav.commands.run import check_methods, compare, split_methods
+    from fg_nav.commands.run import check_methods, compare
 
-    names = split_methods(methods)
+    names = list(dict.fromkeys(name.strip() for name in methods.split(",")))
     check_methods(names, gate)
     known, changes = _read_parameters(config, settings, names, "foot", preset)
     options = choose_options(
@@ -237,17 +198,11 @@ def compare(
 
 @verbs.command()
 def demo(
-    seed: given.Seed = 1,
-    view: given.ViewPage = False,
-    speed: given.Speed = 1.0,
-    host: given.ViewHost = "127.0.0.1",
-    port: given.ViewPort = 8642,
-    plots: given.PlotsChoice = "html",
-    out: given.OutDir = None,
-    force: given.Force = False,
-    json: given.Json = False,
-    quiet: given.Quiet = False,
-) -> None:
+    seed: given.Seed = 1, view: given.ViewPage = False, speed: given.Speed = 1.0,
+    host: given.ViewHost = "127.0.0.1", port: given.ViewPort = 8642, plots: given.PlotsChoice = "html",
+    out: given.OutDir = None, force: given.Force = False,
+    json: given.Json = False, quiet: given.Quiet = False,
+) -> None:  # fmt: skip
     """Simulate four minutes of walking and compare the methods on them; with --view show them as they are walked."""
     with answering(json, quiet) as answer:
         if view:

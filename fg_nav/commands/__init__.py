@@ -7,39 +7,40 @@ an `Answer`, which the command line prints.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
-from fg_nav.errors import FormatError, MagneticError, OutputError, SimulationError
+from fg_nav.errors import FgNavError, FormatError, MagneticError, OutputError, RecordingError, SimulationError
 from fg_nav.report.folder import RESULT_FILES, claim_folder, fill_folder, hold_folder
-from fg_nav.report.terminal import progress
+from fg_nav.report.terminal import console, progress, ruled_table
+from fg_nav.text import to_json
 
 if TYPE_CHECKING:
     from fg_nav.changes import Changes
     from fg_nav.earth import EarthField
-    from fg_nav.errors import FgNavError
     from fg_nav.io import Reading
-    from fg_nav.lab.simulation import Choices, SimulatedFeet, SimulatedWalk
+    from fg_nav.lab.simulation import Choices
     from fg_nav.walk import Magnetic, Options, Outcome, Walk
 
 Simulated = TypeVar("Simulated")
 
 RESULTS = Path("results")  # Where results go for which no folder was named.
 TUNED = "tuned"  # The preset of the filters that needs no check: the others load them all.
-
-
-NAMELESS = re.compile(
+MAX_SENTENCES = 5  # On recordings that failed; each has its own in the JSON.
+PACKED = (".gz", ".zip", ".bz2", ".xz")
+NAMELESS = re.compile(  # Names of files that say what is in them and not which walk it is: their folder says that.
     "recording|record|(raw)?data|samples|sensors?|imu|log|export"
     "|(total|linear)?acc(el|eleration|elerometer)?(uncalibrated)?|gyr(o|oscope)?(uncalibrated)?"
     "|mag(neticfield|netometer)?(uncalibrated)?",
     re.IGNORECASE,
 )
-"""Names of files that say what is in them and not which walk it is: that stands in the name of their folder."""
 
-PACKED = (".gz", ".zip", ".bz2", ".xz")
+Columns: TypeAlias = Mapping[str, Callable[[Mapping[str, Any]], str]]
+"""Heads of a table of several recordings, and what stands below each by the content of an answer."""
 
 
 def name_walk(recording: Path) -> str:
@@ -185,21 +186,10 @@ def run_methods(walk: Walk, methods: Sequence[str]) -> dict[str, Outcome]:
     return outcomes
 
 
-def simulate_walk(name: str, seed: int, choices: Choices | None = None) -> SimulatedWalk:
-    """Simulate a scenario by its name, or that of a file, with a bar on the terminal."""
-    from fg_nav.lab.simulation import simulate
-
-    return _simulate_named(simulate, name, seed, choices)
-
-
-def simulate_both_feet(name: str, seed: int, choices: Choices | None = None) -> SimulatedFeet:
-    """Simulate both feet, as `simulate_walk` does one."""
-    from fg_nav.lab.simulation import simulate_feet
-
-    return _simulate_named(simulate_feet, name, seed, choices)
-
-
-def _simulate_named(simulate: Callable[..., Simulated], name: str, seed: int, choices: Choices | None) -> Simulated:
+def simulate_named(
+    simulate: Callable[..., Simulated], name: str, seed: int, choices: Choices | None = None
+) -> Simulated:
+    """Simulate one foot or both of a scenario by its name, or that of a file, with a bar on the terminal."""
     from fg_nav.lab.simulation import Choices, scenario
     from fg_nav.lab.simulation.scenario_file import SUFFIX, read_scenario
 
@@ -210,3 +200,45 @@ def _simulate_named(simulate: Callable[..., Simulated], name: str, seed: int, ch
             return simulate(chosen, seed, choices or Choices(), progress=report)
     except SimulationError as error:
         raise SimulationError(f"{Path(name).name}: {error}" if own else str(error)) from None
+
+
+def answer_each(recordings: Sequence[Path], verb: Callable[[Path], Answer], columns: Columns) -> Answer:
+    """Return the answers of a verb to several recordings as one, a table; a bad one does not stop the others.
+
+    Its failure names those that failed.
+    """
+    contents, sentences = [], []
+    for recording in recordings:
+        content: dict[str, Any] = {"recording": str(recording)}
+        failure: Exception | None = None
+        try:
+            answer = verb(recording)
+            content, failure = to_json(answer.content), answer.failure
+        except (FgNavError, OSError) as error:
+            failure = error
+        if failure is not None:
+            content["error"] = " ".join(str(failure).split())
+            named = recording.name in content["error"]
+            sentences.append(content["error"] if named else f"{recording}: {content['error']}")
+        contents.append(content)
+    show = partial(print_table, contents, columns)
+    if not sentences:
+        return Answer(contents, show)
+    more = len(sentences) - MAX_SENTENCES
+    said = " ".join([*sentences[:MAX_SENTENCES], *([f"And {more} more."] if more > 0 else [])])
+    return Answer(contents, show, RecordingError(f"{len(sentences)} of {len(recordings)} recordings failed. {said}"))
+
+
+def print_table(contents: Sequence[Mapping[str, Any]], columns: Columns) -> None:
+    """Print one row a recording; where there is nothing to say of it, that it failed."""
+    table = ruled_table("recording", *columns)
+    for content in contents:
+        known = len(content.keys() - {"recording", "error"}) > 0
+        cells = [cell(content) for cell in columns.values()] if known else ["failed", *([""] * (len(columns) - 1))]
+        table.add_row(content["recording"], *cells)
+    console().print(table)
+
+
+def show_number(key: str, pattern: str) -> Callable[[Mapping[str, Any]], str]:
+    """Return what writes a number of a content; a dash where it is not known."""
+    return lambda content: "-" if content.get(key) is None else pattern.format(content[key])

@@ -1,13 +1,4 @@
-"""`fg-nav calibrate` and `allan`: errors of a sensor, and its noise.
-
-`calibrate`: each parameter with its sigma, what it does to the readings, how far to trust it.
-`allan`: the noise of a sensor at rest as a table in the units of data sheets, a picture, and JSON:
-
-=============== ==========================================================================================
-allan.json      per sensor and axis N, B, K with sigma and limit, the lowest point, and the curve; SI units and uT
-allan.png       deviation over averaging time, one panel an axis, with band, fit and its three parts
-=============== ==========================================================================================
-"""
+"""`fg-nav calibrate` and `allan`: errors of a sensor with their effect on its readings, and its noise."""
 
 from __future__ import annotations
 
@@ -19,23 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from fg_nav.calibration.allan import (
-    AllanCurve,
-    NoiseFit,
-    NoisePart,
-    RecordingNoise,
-    SensorNoise,
-    measure_recording_noise,
-)
+from fg_nav.calibration.allan import NoisePart, RecordingNoise, measure_recording_noise
 from fg_nav.calibration.inertial import (
     ALONE,
-    AccelerometerCalibration,
     GyroscopeCalibration,
     average_gyroscopes,
     calibrate_gyroscope,
     read_walk_bias,
 )
-from fg_nav.calibration.magnetometer import UPPER, MagnetometerCalibration
+from fg_nav.calibration.magnetometer import UPPER
 from fg_nav.calibration.of_recording import (
     Calibration,
     CalibrationResult,
@@ -52,14 +35,11 @@ from fg_nav.pipeline import navigate
 from fg_nav.recording import Recording
 from fg_nav.report.files import write_json
 from fg_nav.report.folder import ALLAN_FILES, check_file_free, result_file
-from fg_nav.report.plots.allan import AXES, UNITS, SheetUnit, plot_allan
+from fg_nav.report.plots.allan import AXES, UNITS, plot_allan
 from fg_nav.report.plots.style import save
 from fg_nav.report.terminal import console, listing, print_place, ruled_table
 from fg_nav.text import find_version
 from fg_nav.walk import Options
-
-Row = tuple[str, str, str]
-"""Name with unit, value, sigma."""
 
 
 def calibrate(
@@ -77,7 +57,13 @@ def calibrate(
         check_method(method)
     check_file_free(out, is_calibration, force)
     axes = None if mag_axes is None else MagAxes.parse(mag_axes)
-    strength_uT = _choose_strength(strength_uT, place)
+    # The strength of the field as given, or that of a place.
+    if strength_uT is not None and place is not None:
+        raise CalibrationError("--strength and --place both give the strength of the field: give one of them.")
+    if strength_uT is not None and not 5.0 <= strength_uT <= 200.0:
+        raise CalibrationError(f"a field of {strength_uT:g} uT is none on Earth (25 to 65): give its strength in uT.")
+    earth = find_earth_field(place)
+    strength_uT = strength_uT if earth is None else earth.strength_uT
     first, *others = [reading.read(file) for file in files]
     sensor = calibrate_sensor([first, *others]) if others else None
     found = calibrate_recording(first, method, strength_uT, axes, sensor)
@@ -111,134 +97,83 @@ def calibrate_sensor(recordings: Sequence[Recording]) -> GyroscopeCalibration:
     return average_gyroscopes(found)
 
 
-def _choose_strength(strength_uT: float | None, place: str | None) -> float | None:
-    """Strength of the field as given, or that of a place."""
-    if strength_uT is not None and place is not None:
-        raise CalibrationError("--strength and --place both give the strength of the field: give one of them.")
-    if strength_uT is not None and not 5.0 <= strength_uT <= 200.0:
-        raise CalibrationError(f"a field of {strength_uT:g} uT is none on Earth (25 to 65): give its strength in uT.")
-    earth = find_earth_field(place)
-    return strength_uT if earth is None else earth.strength_uT
-
-
 def print_calibration(found: CalibrationResult, place: Path) -> None:
-    """Print parameters, effect and notes, where the file is and how to use it."""
+    """Print parameters, effect on the readings themselves and notes, where the file is and how to use it."""
     out = console()
     table = ruled_table("parameter", "value", "sigma")
-    for row in parameter_rows(found.calibration):
+    for row in list_parameters(found.calibration):
         table.add_row(*row)
     out.print(table)
     out.print()
-    axes = "" if found.axes is None else f" --mag-axes={found.axes}"
-    use = f"fg-nav run RECORDING --calibration {place}{axes}"
-    rows = [*effect_rows(found), ("file", str(place)), ("to use it", use)]
-    out.print(listing(rows), soft_wrap=True)
-
-
-def parameter_rows(calibration: Calibration) -> list[Row]:
-    """Every parameter that was found."""
-    return [
-        *_of_magnetometer(calibration.magnetometer),
-        *_of_gyroscope(calibration.gyroscope),
-        *_of_accelerometer(calibration.accelerometer),
-    ]
-
-
-def effect_rows(found: CalibrationResult) -> list[tuple[str, str]]:
-    """Method, effect on its own readings, and notes."""
-    effect, magnetometer = found.effect, found.calibration.magnetometer
+    effect, magnetometer, change = found.effect, found.calibration.magnetometer, "{0:.2f} {2} before, {1:.2f} {2} after"
     rows = [("method", found.choice)]
     if effect is not None:
-        change = _change(effect.strength_before_uT, effect.strength_after_uT, "uT")
-        rows.append(("strength of the field, sd", change))
+        words = change.format(effect.strength_before_uT, effect.strength_after_uT, "uT")
+        rows.append(("strength of the field, sd", words))
     if effect is not None and np.isfinite(effect.heading_before_deg):
-        words = _change(effect.heading_before_deg, effect.heading_after_deg, "deg")
+        words = change.format(effect.heading_before_deg, effect.heading_after_deg, "deg")
         rows.append(("compass - gyroscope, circular sd", words))
     rows += [("magnetometer" if i == 0 else "", remark) for i, remark in enumerate(found.remarks)]
     if magnetometer is not None:
         rows.append(("residual", f"{magnetometer.residual_uT:.3g} uT over {magnetometer.samples} readings"))
         rows += [("notes" if i == 0 else "", note) for i, note in enumerate(magnetometer.notes)]
-    return rows
+    axes = "" if found.axes is None else f" --mag-axes={found.axes}"
+    rows += [("file", str(place)), ("to use it", f"fg-nav run RECORDING --calibration {place}{axes}")]
+    out.print(listing(rows), soft_wrap=True)
 
 
-def _change(before: float, after: float, unit: str) -> str:
-    return f"{before:.2f} {unit} before, {after:.2f} {unit} after"
-
-
-def _of_magnetometer(found: MagnetometerCalibration | None) -> Iterator[Row]:
-    if found is None:
-        return
-    for name, value, sigma in zip("xyz", found.hard_iron_uT, found.sigma[:3], strict=True):
-        yield f"hard iron {name} (uT)", f"{value:.2f}", f"{sigma:.2f}"
-    for i, j, sigma in zip(*UPPER, found.sigma[3:], strict=True):
-        yield f"correction {'xyz'[i]}{'xyz'[j]}", f"{found.correction[i, j]:.4f}", f"{sigma:.4f}"
-
-
-def _of_gyroscope(found: GyroscopeCalibration | None) -> Iterator[Row]:
-    if found is None:
-        return
-    for name, value, sigma in zip("xyz", np.degrees(found.bias), np.degrees(found.sigma), strict=True):
-        yield f"gyro bias {name} (deg/s)", f"{value:.3f}", f"{sigma:.3f}"
-    yield "of another recording, about it (deg/s)", "0", f"{np.degrees(found.next_sigma):.3f}"
-
-
-def _of_accelerometer(found: AccelerometerCalibration | None) -> Iterator[Row]:
-    if found is None:
-        return
-    if not found.separable:
-        yield "acc at rest, over gravity", f"{found.scale:.4f}", "-"
-        return
-    yield "acc scale", f"{found.scale:.4f}", f"{found.scale_sigma:.4f}"
-    for name, value, sigma in zip("xyz", found.bias, found.bias_sigma, strict=True):
-        yield f"acc bias {name} (m/s^2)", f"{value:.3f}", f"{sigma:.3f}"
+def list_parameters(found: Calibration) -> Iterator[tuple[str, str, str]]:
+    """Name with unit, value and sigma of every parameter that was found."""
+    magnetometer, gyroscope, accelerometer = found.magnetometer, found.gyroscope, found.accelerometer
+    if magnetometer is not None:
+        for name, value, sigma in zip("xyz", magnetometer.hard_iron_uT, magnetometer.sigma[:3], strict=True):
+            yield f"hard iron {name} (uT)", f"{value:.2f}", f"{sigma:.2f}"
+        for i, j, sigma in zip(*UPPER, magnetometer.sigma[3:], strict=True):
+            yield f"correction {'xyz'[i]}{'xyz'[j]}", f"{magnetometer.correction[i, j]:.4f}", f"{sigma:.4f}"
+    if gyroscope is not None:
+        for name, value, sigma in zip("xyz", np.degrees(gyroscope.bias), np.degrees(gyroscope.sigma), strict=True):
+            yield f"gyro bias {name} (deg/s)", f"{value:.3f}", f"{sigma:.3f}"
+        yield "of another recording, about it (deg/s)", "0", f"{np.degrees(gyroscope.next_sigma):.3f}"
+    if accelerometer is not None and accelerometer.separable:
+        yield "acc scale", f"{accelerometer.scale:.4f}", f"{accelerometer.scale_sigma:.4f}"
+        for name, value, sigma in zip("xyz", accelerometer.bias, accelerometer.bias_sigma, strict=True):
+            yield f"acc bias {name} (m/s^2)", f"{value:.3f}", f"{sigma:.3f}"
+    elif accelerometer is not None:
+        yield "acc at rest, over gravity", f"{accelerometer.scale:.4f}", "-"
 
 
 def allan(file: Path, reading: Reading, out: Path | None, force: bool) -> Answer:
     """Measure the noise in a recording of a sensor lying still, and write it into a folder."""
     with Target(out, force, f"{name_walk(file)}-allan", ALLAN_FILES) as target:
         noise = measure_recording_noise(reading.read(file))
+        described = describe_noise(noise, file)
         with target.open() as folder:
-            write_allan(folder, noise, file)
-    content = {"folder": str(target.place), **describe_noise(noise, file)}
-    return Answer(content, partial(print_allan, noise, target.place))
-
-
-def write_allan(folder: Path, noise: RecordingNoise, source: Path) -> None:
-    """Write `allan.json` and `allan.png` into an existing folder."""
-    save(plot_allan(noise), folder / "allan.png")
-    write_json(folder / "allan.json", describe_noise(noise, source))
+            save(plot_allan(noise), folder / "allan.png")
+            write_json(folder / "allan.json", described)
+    return Answer({"folder": str(target.place), **described}, partial(print_allan, noise, target.place))
 
 
 def describe_noise(noise: RecordingNoise, source: Path) -> dict[str, Any]:
     """Everything for JSON: rad/s, m/s^2 and uT, with sqrt(Hz) or sqrt(s) under N and K."""
-    return {
-        "version": find_version(),
-        "recording": str(source),
-        "start_s": noise.start_s,
-        "seconds": noise.seconds,
-        "sensors": {one.sensor: _sensor_content(one) for one in noise.sensors},
-    }
-
-
-def _sensor_content(one: SensorNoise) -> dict[str, Any]:
-    axes = zip(AXES, one.curves, one.fits, strict=True)
-    return {"rate_hz": one.rate_hz} | {name: _axis_content(curve, fit) for name, curve, fit in axes}
-
-
-def _axis_content(curve: AllanCurve, fit: NoiseFit) -> dict[str, Any]:
-    return {
-        "N": fit.white,
-        "B": fit.flicker,
-        "K": fit.walk,
-        "lowest": fit.lowest,
-        "lowest_tau_s": fit.lowest_tau_s,
-        "fitted_from_s": fit.fitted_from_s,
-        "misfit": fit.misfit,
-        "tau_s": curve.tau_s,
-        "deviation": curve.deviation,
-        "low": fit.low,
-        "high": fit.high,
-    }
+    sensors: dict[str, dict[str, Any]] = {}
+    for one in noise.sensors:
+        sensors[one.sensor] = {"rate_hz": one.rate_hz}
+        for axis, curve, fit in zip(AXES, one.curves, one.fits, strict=True):
+            sensors[one.sensor][axis] = {
+                "N": fit.white,
+                "B": fit.flicker,
+                "K": fit.walk,
+                "lowest": fit.lowest,
+                "lowest_tau_s": fit.lowest_tau_s,
+                "fitted_from_s": fit.fitted_from_s,
+                "misfit": fit.misfit,
+                "tau_s": curve.tau_s,
+                "deviation": curve.deviation,
+                "low": fit.low,
+                "high": fit.high,
+            }
+    known = {"version": find_version(), "recording": str(source)}
+    return {**known, "start_s": noise.start_s, "seconds": noise.seconds, "sensors": sensors}
 
 
 def print_allan(noise: RecordingNoise, place: Path) -> None:
@@ -247,38 +182,22 @@ def print_allan(noise: RecordingNoise, place: Path) -> None:
     out.print(f"at rest for {noise.seconds:.0f} s from {noise.start_s:.1f} s on", soft_wrap=True)
     for one in noise.sensors:
         unit = UNITS[one.sensor]
-        heads = (
-            f"N ({unit.white})",
-            f"B ({unit.level})",
-            f"K ({unit.walk})",
-            f"lowest ({unit.level})",
-            "at (s)",
-            "fit from (s)",
-        )
-        shown = ruled_table(f"{unit.title}, {one.rate_hz:.0f} Hz", *heads)
+        heads = (f"N ({unit.white})", f"B ({unit.level})", f"K ({unit.walk})", f"lowest ({unit.level})")
+        shown = ruled_table(f"{unit.title}, {one.rate_hz:.0f} Hz", *heads, "at (s)", "fit from (s)")
         for axis, fit in zip(AXES, one.fits, strict=True):
-            shown.add_row(axis, *_words(fit, unit))
+            parts = ((fit.white, unit.per_white), (fit.flicker, unit.per_level), (fit.walk, unit.per_walk))
+            lowest = (f"{fit.lowest * unit.per_level:.3g}", f"{fit.lowest_tau_s:.3g}", f"{fit.fitted_from_s:.2g}")
+            shown.add_row(axis, *(format_part(*part) for part in parts), *lowest)
         out.print(shown)
-    out.print(_READING, soft_wrap=True)
+    out.print(
+        "N white noise (sheets with one-sided densities print 1.41 N), B flicker (the curve's floor is 0.66 B), K "
+        "random walk. '< x': not seen in this record, and with 95 % not above x.",
+        soft_wrap=True,
+    )
     print_place([], place)
 
 
-_READING = (
-    "N white noise (sheets with one-sided densities print 1.41 N), B flicker (the curve's floor is 0.66 B), K random "
-    "walk. '< x': not seen in this record, and with 95 % not above x."
-)
-
-
-def _words(fit: NoiseFit, unit: SheetUnit) -> Iterator[str]:
-    yield _part_words(fit.white, unit.per_white)
-    yield _part_words(fit.flicker, unit.per_level)
-    yield _part_words(fit.walk, unit.per_walk)
-    yield f"{fit.lowest * unit.per_level:.3g}"
-    yield f"{fit.lowest_tau_s:.3g}"
-    yield f"{fit.fitted_from_s:.2g}"
-
-
-def _part_words(part: NoisePart, factor: float) -> str:
+def format_part(part: NoisePart, factor: float) -> str:
     """Value and sigma, both to the sigma's second digit but not finer than four digits of the value."""
     if not part.seen:
         return f"< {part.limit * factor:.2g}"

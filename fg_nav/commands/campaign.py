@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -22,13 +22,14 @@ from fg_nav.lab.store.results import Result
 from fg_nav.report.terminal import can_show_progress, console, remark, ruled_table
 from fg_nav.text import format_count, to_json
 
+MODES = (AS_STARTED, BEST_YAW, CLOSURE)  # Of errors, the first that a walk has counts.
 MAX_REASONS = 10  # Of failures, that are printed.
 
 
 def campaign(request: Request) -> Answer:
     """Make the results of a plan that are not there yet, and return them all."""
     with show_progress() as show:
-        done = run_campaign(request, show, print_note)
+        done = run_campaign(request, show, lambda words: remark(f"note: {words}"))
     results = [{**to_json(one.key), "failed": one.failed, "errors": one.errors} for one in done.results]
     content = {"folder": str(request.out), "stored_before": done.stored, "results": results}
     return Answer(content, partial(print_campaign, done, request.out))
@@ -58,11 +59,6 @@ def describe_duration(seconds: float) -> str:
     return f"{hours} h {m:02d} min" if hours else f"{m} min {s:02d} s" if m else f"{s} s"
 
 
-def print_note(words: str) -> None:
-    """Print a note on standard error."""
-    remark(f"note: {words}")
-
-
 def print_campaign(done: Summary, place: Path) -> None:
     """Print medians by case and method, what failed, and where the tables are."""
     out = console()
@@ -70,46 +66,34 @@ def print_campaign(done: Summary, place: Path) -> None:
     for result in done.results:
         key = result.key
         cases.setdefault((key.group, key.field, key.magnetometer, key.method), []).append(result)
+    # Medians of the first kind of error that a walk has.
     table = ruled_table("case", "walks", "failed", "end error (m)", "rmse (m)")
     for case, some in cases.items():
-        table.add_row(", ".join(case), str(len(some)), str(sum(bool(one.failed) for one in some)), *_medians(some))
+        kinds = [[one.errors[mode] for mode in MODES if mode in one.errors] for one in some if not one.failed]
+        medians = []
+        for name in ("end_m", "rmse_m"):
+            known = [value for value in (getattr(kind[0], name) for kind in kinds) if value is not None]
+            medians.append(f"{median(known):.3f}" if known else "-")
+        table.add_row(", ".join(case), str(len(some)), str(sum(bool(one.failed) for one in some)), *medians)
     out.print(table)
     out.print(
         "medians over the walks that did not fail; as started, or by the best yaw, or the closure without a truth"
     )
-    for note in _notes(done):
-        out.print(f"note: {note}", soft_wrap=True)
-    out.print(f"files: {place} ({', '.join(TABLES)})", soft_wrap=True)
-
-
-def _medians(some: Sequence[Result]) -> tuple[str, str]:
-    first = [_first(one.errors) for one in some if not one.failed]
-    return tuple(_median([getattr(one, name) for one in first]) for name in ("end_m", "rmse_m"))  # type: ignore[return-value]
-
-
-def _first(errors: Mapping[str, object]) -> object:
-    return next(errors[mode] for mode in (AS_STARTED, BEST_YAW, CLOSURE) if mode in errors)
-
-
-def _median(values: Sequence[float | None]) -> str:
-    known = [value for value in values if value is not None]
-    return f"{median(known):.3f}" if known else "-"
-
-
-def _notes(done: Summary) -> Iterator[str]:
-    yield f"{format_count(len(done.results), 'result')}, {done.stored} of them from before"
+    # Where the results are from, and why some failed.
+    notes = [f"{format_count(len(done.results), 'result')}, {done.stored} of them from before"]
     other = sum(one.code != code_sum() for one in done.results)
     if other:
-        yield f"{format_count(other, 'result')} made by other code or libraries: --renew makes them again"
-    yield from _of_failures([one for one in done.results if one.failed])
-
-
-def _of_failures(failures: Sequence[Result]) -> Iterator[str]:
+        notes.append(f"{format_count(other, 'result')} made by other code or libraries: --renew makes them again")
+    failures = [one for one in done.results if one.failed]
     for one in failures[:MAX_REASONS]:
         key = one.key
-        yield f"failed: {', '.join((key.group, key.field, key.walk, key.magnetometer, key.method))}: {one.failed}"
+        case = (key.group, key.field, key.walk, key.magnetometer, key.method)
+        notes.append(f"failed: {', '.join(case)}: {one.failed}")
     if len(failures) > MAX_REASONS:
-        yield f"and {len(failures) - MAX_REASONS} more failed: see the column `failed`"
+        notes.append(f"and {len(failures) - MAX_REASONS} more failed: see the column `failed`")
     if failures:
         fewer = ", with fewer --workers for memory" if any(one.failed == KILLED for one in failures) else ""
-        yield f"{format_count(len(failures), 'result')} failed: --retry makes them again{fewer}"
+        notes.append(f"{format_count(len(failures), 'result')} failed: --retry makes them again{fewer}")
+    for note in notes:
+        out.print(f"note: {note}", soft_wrap=True)
+    out.print(f"files: {place} ({', '.join(TABLES)})", soft_wrap=True)

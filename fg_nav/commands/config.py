@@ -23,8 +23,7 @@ from fg_nav.report.terminal import remark
 from fg_nav.text import read_small
 from fg_nav.walk import DETECTOR, Options
 
-BY_OTHER_MEANS = ("magnetic.gate", "smoothed", "inertial.smoothed")
-"""Parameters that `--gate` and the name of the method decide."""
+BY_OTHER_MEANS = ("magnetic.gate", "smoothed", "inertial.smoothed")  # `--gate` and the method's name decide them.
 
 
 class Given(BaseModel):
@@ -121,7 +120,21 @@ def choose_changes(
     for name, _ in settings:
         if name not in known:
             raise ConfigError(explain_no_parameter(name, known))
-    changes = (*(() if config is None else _of_config(config, methods, preset)), *settings)
+    changes: Changes = settings
+    if config is not None:
+        given, owner = config.given, find_owner(config.given.method)
+        if owner not in owners:
+            raise ConfigError(
+                f"--config has the parameters of {given.method}, not of {', '.join(methods)}: choose that."
+            )
+        if preset != given.preset:
+            raise ConfigError(f"--config has all parameters, of the preset {given.preset}: leave --preset out.")
+        # All but what the gate, the name of the method and `--magnetic card` decide.
+        found = (*flatten(given.detector, DETECTOR), *flatten(given.parameters, owner))
+        card = CARD in (given.method, given.magnetic)
+        others = (*BY_OTHER_MEANS, *(name for name, _ in CARD_CHANGES if card))
+        kept = tuple((name, value) for name, value in found if name.partition(".")[2] not in others)
+        changes = (*kept, *settings)
     for owner, parameters in owners.items():
         change_parameters(parameters, select_changes(changes, owner), owner)
     return changes
@@ -134,19 +147,6 @@ def list_settings(owner: str) -> list[str]:
 
 def _list_names(owner: str, parameters: object) -> list[str]:
     return [f"{owner}.{name}" for name in list_names(parameters) if name not in BY_OTHER_MEANS]
-
-
-def _of_config(config: Config, methods: Sequence[str], preset: str) -> Changes:
-    given = config.given
-    owner = find_owner(given.method)
-    if owner not in map(find_owner, methods):
-        raise ConfigError(f"--config has the parameters of {given.method}, not of {', '.join(methods)}: choose that.")
-    if preset != given.preset:
-        raise ConfigError(f"--config has all parameters, of the preset {given.preset}: leave --preset out.")
-    found = (*flatten(given.detector, DETECTOR), *flatten(given.parameters, owner))
-    card = CARD in (given.method, given.magnetic)
-    others = (*BY_OTHER_MEANS, *(name for name, _ in CARD_CHANGES if card))
-    return tuple((name, value) for name, value in found if name.partition(".")[2] not in others)
 
 
 def parse_setting(word: str) -> tuple[str, Value]:

@@ -9,16 +9,15 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 from fg_nav.commands import Answer
 from fg_nav.errors import OutputError, RecordingError
 from fg_nav.io import Reading
 from fg_nav.io.writing import choose_writer
-from fg_nav.recording import RawRecording, Recording
+from fg_nav.recording import Recording
 from fg_nav.report.export import check_export, export_track, is_map
-from fg_nav.report.export.track import ExportTrack, Origin, parse_start, read_result
+from fg_nav.report.export.track import Origin, parse_start, read_result
 from fg_nav.report.folder import RESULT_FILES, check_file_free, result_file
 from fg_nav.report.terminal import console, listing
 
@@ -32,7 +31,12 @@ def convert(file: Path, out: Path, reading: Reading, force: bool) -> Answer:
     raw = reading.read_raw(file)
     with result_file(out, Path.is_file, force) as fresh:
         write(raw, fresh)
-    remarks = [*raw.provenance.notes, *_find_refusal(raw)]
+    # Why the samples cannot be navigated with, and that a truth is left behind, where it is so.
+    remarks = [*raw.provenance.notes, *([] if raw.truth is None else ["the truth in the file is not written"])]
+    try:
+        Recording.from_raw(raw)
+    except RecordingError as error:
+        remarks.append(f"these samples cannot be navigated with: {error}")
     content = {
         "recording": str(file),
         "file": str(out),
@@ -42,24 +46,11 @@ def convert(file: Path, out: Path, reading: Reading, force: bool) -> Answer:
         "barometer": raw.pressure is not None,
         "remarks": remarks,
     }
-    return Answer(content, partial(_print_conversion, raw, out, remarks))
-
-
-def _find_refusal(raw: RawRecording) -> list[str]:
-    """Say why the samples cannot be navigated with, and that a truth is left behind, where it is so."""
-    said = [] if raw.truth is None else ["the truth in the file is not written"]
-    try:
-        Recording.from_raw(raw)
-    except RecordingError as error:
-        said.append(f"these samples cannot be navigated with: {error}")
-    return said
-
-
-def _print_conversion(raw: RawRecording, out: Path, remarks: list[str]) -> None:
     mag = "without a magnetometer" if raw.mag is None else "with the magnetometer"
     air = "" if raw.pressure is None else " and the barometer"
     rows = [("read", f"{len(raw.t)} samples of format {raw.provenance.format}, {mag}{air}"), ("written", str(out))]
-    console().print(listing([*rows, *(("remark", remark) for remark in remarks)]))
+    rows += [("remark", remark) for remark in remarks]
+    return Answer(content, lambda: console().print(listing(rows)))
 
 
 def export(
@@ -92,15 +83,10 @@ def export(
         "start_utc": None if times is None else times[0],
         "remarks": list(track.notes),
     }
-    return Answer(content, partial(_print_export, track, files))
-
-
-def _print_export(track: ExportTrack, files: Sequence[Path]) -> None:
-    times = track.format_utc(track.t[:1])
     rows = [
         ("read", f"{len(track.t)} samples and {len(track.footfalls)} footfalls of {track.method}"),
         ("time", f"from {times[0]}" if times else "of the recording's own clock; --start makes it absolute"),
         *(("written", str(file)) for file in files),
         *(("remark", remark) for remark in track.notes),
     ]
-    console().print(listing(rows))
+    return Answer(content, lambda: console().print(listing(rows)))

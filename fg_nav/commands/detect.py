@@ -1,30 +1,17 @@
-"""`fg-nav detect`: what each detector makes of the field along a walk, at its footfalls or at every sample.
-
-==================== =======================================================================================
-field.png            the field and a lane of verdicts for each detector, over time
-field_map.png        where along the path each detector accepts the field; at footfalls only
-field.csv            one row a footfall: `FOOTFALL_COLUMNS`, then statistic and verdict of each detector
-detect.json          what was looked at, the coverage and the parameters of each detector
-==================== =======================================================================================
-"""
+"""`fg-nav detect`: what each detector makes of the field along a walk, at its footfalls or at every sample."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from rich.table import Table
 
-from fg_nav.arrays import Floats
 from fg_nav.commands import Answer, Target, find_earth_field, name_walk, run_methods
-from fg_nav.earth import EarthField
 from fg_nav.errors import MagneticError
 from fg_nav.evaluation.field_survey import (
     SAMPLEWISE,
-    Coverage,
     FieldSurvey,
     SampleSurvey,
     parse_detectors,
@@ -32,7 +19,6 @@ from fg_nav.evaluation.field_survey import (
     survey_samples,
 )
 from fg_nav.io import Reading
-from fg_nav.magnetic import FieldVerdicts
 from fg_nav.magnetic.quasi_static import SETTINGS, find_detector
 from fg_nav.pipeline import prepare_walk
 from fg_nav.report.files import collect_remarks, describe_recording, write_json
@@ -43,6 +29,7 @@ from fg_nav.report.terminal import console, listing, print_place, ruled_table
 from fg_nav.walk import Options, Walk, correct_walk, read_walk
 
 PATH_METHOD = "iez"  # Draws the path on which the field is looked at: quick, and good enough for a map.
+MAX_SWING_S = 10.0  # Between two stances; where none is found for longer, that foot does not walk.
 
 FOOTFALL_COLUMNS = (
     "index", "time_s", "strength_uT", "inclination_deg", "compass_heading_deg", "gyro_heading_deg", "difference_deg",
@@ -64,31 +51,26 @@ def detect(
         raise MagneticError(f"{SAMPLEWISE} alone draws no map and no headings: leave --place and --truth out.")
     with Target(out, force, f"{name_walk(file)}-detect", DETECT_FILES) as target:
         if names == [SAMPLEWISE]:
-            return _detect_in_samples(file, options, reading, target)
-        earth = find_earth_field(place)
-        return _detect_at_footfalls(names, prepare_walk(read_walk(file, options, reading)), earth, target)
-
-
-def _detect_at_footfalls(names: list[str], walk: Walk, earth: EarthField | None, target: Target) -> Answer:
-    field = walk.require_field()
-    outcome = run_methods(walk, [PATH_METHOD])[PATH_METHOD]
-    survey = survey_field(walk.recording, field, names, outcome.solution, earth)
-    with target.open() as folder:
-        write_survey(folder, walk, survey)
-        draw_survey(folder, walk, survey, outcome)
-    content = {"folder": str(target.place), **describe_survey(walk, survey)}
-    return Answer(content, partial(print_survey, walk, survey, target.place))
-
-
-def _detect_in_samples(file: Path, options: Options, reading: Reading, target: Target) -> Answer:
-    walk = correct_walk(read_walk(file, options, reading))
-    if walk.recording.mag is None and walk.magnetometer is not None and walk.magnetometer.notes:
-        raise MagneticError(f"{walk.magnetometer.notes[0]}.")
-    survey = survey_samples(walk.recording)
-    with target.open() as folder:
-        write_samples(folder, walk, survey)
-    content = {"folder": str(target.place), **describe_samples(walk, survey)}
-    return Answer(content, partial(print_samples, walk, survey, target.place))
+            walk = correct_walk(read_walk(file, options, reading))
+            if walk.recording.mag is None and walk.magnetometer is not None and walk.magnetometer.notes:
+                raise MagneticError(f"{walk.magnetometer.notes[0]}.")
+            samples = survey_samples(walk.recording)
+            content = describe_samples(walk, samples)
+            with target.open() as folder:
+                save(plot_samples(samples), folder / "field.png")
+                write_json(folder / "detect.json", content)
+            show = partial(print_samples, walk, samples, target.place)
+        else:
+            earth = find_earth_field(place)
+            walk = prepare_walk(read_walk(file, options, reading))
+            field = walk.require_field()
+            outcome = run_methods(walk, [PATH_METHOD])[PATH_METHOD]
+            survey = survey_field(walk.recording, field, names, outcome.solution, earth)
+            with target.open() as folder:
+                write_survey(folder, walk, survey)
+                draw_survey(folder, walk, survey, outcome)
+            content, show = describe_survey(walk, survey), partial(print_survey, walk, survey, target.place)
+    return Answer({"folder": str(target.place), **content}, show)
 
 
 def write_survey(folder: Path, walk: Walk, survey: FieldSurvey) -> None:
@@ -116,96 +98,68 @@ def tabulate_footfalls(survey: FieldSurvey) -> pd.DataFrame:
 def describe_survey(walk: Walk, survey: FieldSurvey) -> dict[str, object]:
     """Everything needed to do it again, and the coverage."""
     field = survey.field
+    strength, inclination = field.strength, np.degrees(field.inclination)
+    detectors = {}
+    for one in survey.coverage:
+        detectors[one.detector] = {
+            "threshold": survey.verdicts[one.detector].threshold,
+            "judged": one.judged,
+            "quasi_static": one.accepted,
+            "share": one.share,
+            "longest_run": one.longest_run,
+            "change_deg": one.change_deg,
+            "change_all_deg": one.change_all_deg,
+            "parameters": SETTINGS if one.detector == SAMPLEWISE else find_detector(one.detector),
+        }
     return {
         **describe_recording(walk),
         "notes": collect_survey_notes(walk),
         "path_method": survey.solution.method,
         "earth": survey.earth,
         "footfalls": len(field),
-        "footfalls_with_field": int(np.isfinite(field.strength).sum()),
-        "strength_median_uT": _median(field.strength),
-        "inclination_median_deg": _median(np.degrees(field.inclination)),
+        "footfalls_with_field": int(np.isfinite(strength).sum()),
+        "strength_median_uT": float(np.median(strength[np.isfinite(strength)])),
+        "inclination_median_deg": float(np.median(inclination[np.isfinite(inclination)])),
         "drawn_in_colour": survey.chosen,
-        "detectors": {one.detector: _describe_detector(one, survey.verdicts[one.detector]) for one in survey.coverage},
+        "detectors": detectors,
     }
-
-
-def _describe_detector(found: Coverage, verdicts: FieldVerdicts) -> dict[str, object]:
-    return {
-        "threshold": verdicts.threshold,
-        "judged": found.judged,
-        "quasi_static": found.accepted,
-        "share": found.share,
-        "longest_run": found.longest_run,
-        "change_deg": found.change_deg,
-        "change_all_deg": found.change_all_deg,
-        "parameters": SETTINGS if found.detector == SAMPLEWISE else find_detector(found.detector),
-    }
-
-
-def _median(values: Floats) -> float:
-    return float(np.median(values[np.isfinite(values)]))
 
 
 def print_survey(walk: Walk, survey: FieldSurvey, place: Path) -> None:
     """Print the coverage of each detector and how to read it, the notes, and where the files are."""
     out = console()
-    out.print(tabulate_coverage(survey.coverage))
-    out.print(READING, soft_wrap=True)
+    heads = ("detector", "judged", "quasi-static", "of all", "longest run", "change, passing", "change, all")
+    table = ruled_table(*heads)
+    for one in survey.coverage:
+        counts = (str(one.judged), str(one.accepted), f"{100 * one.share:.1f} %", str(one.longest_run))
+        changes = (one.change_deg, one.change_all_deg)
+        table.add_row(one.detector, *counts, *(f"{deg:.1f} deg" if np.isfinite(deg) else "-" for deg in changes))
+    out.print(table)
+    out.print(
+        "change: of compass minus gyroscope from one footfall to the next, median; where both footfalls pass, and of "
+        "all. The gyroscope keeps to a tenth of a degree meanwhile: the rest is the field's.",
+        soft_wrap=True,
+    )
     print_place(collect_survey_notes(walk), place)
-
-
-READING = (
-    "change: of compass minus gyroscope from one footfall to the next, median; where both footfalls pass, and of all. "
-    "The gyroscope keeps to a tenth of a degree meanwhile: the rest is the field's."
-)
-
-
-MAX_SWING_S = 10.0  # Between two stances; where none is found for longer, that foot does not walk.
 
 
 def collect_survey_notes(walk: Walk) -> list[str]:
     """Remarks on the walk, and what else the shares have to be read with."""
-    notes = collect_remarks(walk)
-    calibration = walk.calibration
+    notes, calibration = collect_remarks(walk), walk.calibration
     if calibration is None or calibration.magnetometer is None:
         notes.append(
             "no calibration: iron that the walk itself did not show turns with the foot, and counts as disturbance"
         )
-    return notes + _note_long_swing(walk)
-
-
-def _note_long_swing(walk: Walk) -> list[str]:
+    # The longest swing.
     t, stances = walk.recording.t, walk.stances
     swing_s = t[stances.start[1:]] - t[stances.stop[:-1] - 1]
     k = int(np.argmax(swing_s)) if len(swing_s) else 0
-    if not len(swing_s) or swing_s[k] < MAX_SWING_S:
-        return []
-    return [
-        f"no footfall for {swing_s[k]:.0f} s from {t[stances.stop[k] - 1]:.0f} s on: the shares are of the rest; a "
-        f"sensor in a pocket never stands, look at its samples with --gate {SAMPLEWISE}"
-    ]
-
-
-def tabulate_coverage(found: Sequence[Coverage]) -> Table:
-    """One row a detector."""
-    table = ruled_table(
-        "detector", "judged", "quasi-static", "of all", "longest run", "change, passing", "change, all"
-    )  # fmt: skip
-    for one in found:
-        counts = (str(one.judged), str(one.accepted), f"{100 * one.share:.1f} %", str(one.longest_run))
-        table.add_row(one.detector, *counts, _format_degrees(one.change_deg), _format_degrees(one.change_all_deg))
-    return table
-
-
-def _format_degrees(value: float) -> str:
-    return f"{value:.1f} deg" if np.isfinite(value) else "-"
-
-
-def write_samples(folder: Path, walk: Walk, survey: SampleSurvey) -> None:
-    """Write both files into an existing folder."""
-    save(plot_samples(survey), folder / "field.png")
-    write_json(folder / "detect.json", describe_samples(walk, survey))
+    if len(swing_s) and swing_s[k] >= MAX_SWING_S:
+        notes.append(
+            f"no footfall for {swing_s[k]:.0f} s from {t[stances.stop[k] - 1]:.0f} s on: the shares are of the rest; a "
+            f"sensor in a pocket never stands, look at its samples with --gate {SAMPLEWISE}"
+        )
+    return notes
 
 
 def describe_samples(walk: Walk, survey: SampleSurvey) -> dict[str, object]:

@@ -11,13 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from fg_nav.arrays import Floats
-from fg_nav.commands import Answer
-from fg_nav.commands.several import answer_each, show_number
+from fg_nav.commands import Answer, answer_each, show_number
 from fg_nav.detection.handedness import NO_EVIDENCE, SUSPECT, AxesEvidence
 from fg_nav.errors import RecordingError
 from fg_nav.frames import GRAVITY_M_S2
-from fg_nav.inspection import Air, Inspection, MagneticField, Range, Rest, Stamps, StanceShare
+from fg_nav.inspection import Inspection, Range
 from fg_nav.inspection import inspect as inspect_recording
 from fg_nav.io import Reading
 from fg_nav.report.terminal import console, listing
@@ -69,56 +67,57 @@ def describe_inspection(found: Inspection, file: Path) -> dict[str, Any]:
 def print_inspection(found: Inspection) -> None:
     """Print figures, then the verdict, one sentence a line."""
     out = console()
-    out.print(listing(inspection_rows(found)))
+    out.print(listing(list_figures(found)))
     out.print()
     out.print(listing([("verdict" if i == 0 else "", words) for i, words in enumerate(found.verdict)]))
 
 
-def inspection_rows(found: Inspection) -> list[tuple[str, str]]:
+def list_figures(found: Inspection) -> list[tuple[str, str]]:
     """Names and values; what is not known is said to be unknown."""
+    stamps, rest, field, air, stance = found.stamps, found.rest, found.field, found.air, found.stance
+    # Stamps.
+    gaps = str(stamps.gaps)
+    if stamps.gaps:
+        gaps += f", the longest of {1e3 * stamps.longest_gap_s:.0f} ms before row {stamps.longest_gap_row}"
+    # Rest.
+    bias = ", ".join(f"{value:.3f}" for value in rest.gyro_bias_deg_s)
+    where = "at rest" if rest.duration_s > 0 else "when stillest"
+    # Field and air.
+    strength, pressure = "no magnetometer", []
+    if field is not None:
+        strength = _number(field.strength_uT, "{:.1f} uT") + _number(field.spread_uT, ", spread {:.1f} uT", "")
+        strength += _number(field.rate_hz, ", {:.1f} samples a second", "")
+    if air is not None:
+        rate = _number(air.rate_hz, ", {:.1f} samples a second", "")
+        pressure = [("barometer", f"{air.least_hpa:.2f} to {air.largest_hpa:.2f} hPa{rate}")]
+    # Stances.
+    stances = f"{stance.count}, {100 * stance.share:.0f} % of the time" if not math.isnan(stance.share) else ""
     return [
         ("file", found.name),
         ("format", found.format),
         ("samples", f"{found.samples} in {found.duration_s:.2f} s"),
-        *_stamp_rows(found.stamps),
-        ("acc saturated", _range_words(found.acc_range, "m/s^2")),
-        ("gyr saturated", _range_words(found.gyr_range, "rad/s")),
-        *_rest_rows(found.rest),
-        ("axes", _axes_words(found.axes)),
-        ("magnetic field", _field_words(found.field)),
-        *([] if found.air is None else [("barometer", _air_words(found.air))]),
-        ("stances", _stance_words(found.stance)),
-        ("truth", found.truth),
-        *(("note", note) for note in found.notes),
-    ]
-
-
-def _stamp_rows(stamps: Stamps) -> list[tuple[str, str]]:
-    gaps = str(stamps.gaps)
-    if stamps.gaps:
-        gaps += f", the longest of {1e3 * stamps.longest_gap_s:.0f} ms before row {stamps.longest_gap_row}"
-    return [
         ("rate", _number(stamps.rate_hz, "{:.2f} Hz")),
         ("jitter", _number(1e3 * stamps.jitter_s, "{:.3f} ms")),
         ("gaps", gaps),
         ("stamps", f"{stamps.repeated} repeated, {stamps.backward} backward"),
         ("missing samples", str(stamps.missing)),
-    ]
-
-
-def _rest_rows(rest: Rest) -> list[tuple[str, str]]:
-    bias = ", ".join(f"{value:.3f}" for value in rest.gyro_bias_deg_s)
-    where = "at rest" if rest.duration_s > 0 else "when stillest"
-    return [
+        ("acc saturated", _range_words(found.acc_range, "m/s^2")),
+        ("gyr saturated", _range_words(found.gyr_range, "rad/s")),
         ("rest", f"{rest.duration_s:.1f} s"),
         (f"|acc| {where}", _number(rest.acc_m_s2, "{:.3f} m/s^2") + f" (gravity {GRAVITY_M_S2:.3f})"),
         ("gyro bias at rest", f"{bias} deg/s" if np.isfinite(rest.gyro_bias_deg_s).all() else "unknown"),
+        ("axes", _axes_words(found.axes)),
+        ("magnetic field", strength),
+        *pressure,
+        ("stances", stances or stance.reason or "unknown"),
+        ("truth", found.truth),
+        *(("note", note) for note in found.notes),
     ]
 
 
 def _range_words(limits: Range, unit: str) -> str:
     share, level = limits.share, limits.level
-    axes = [f"{'xyz'[i]} {100 * share[i]:.2g} % at {level[i]:.4g} {unit}" for i in _positive(share)]
+    axes = [f"{'xyz'[i]} {100 * share[i]:.2g} % at {level[i]:.4g} {unit}" for i in np.flatnonzero(share > 0)]
     return ", ".join(axes) or "no"
 
 
@@ -130,26 +129,5 @@ def _axes_words(axes: AxesEvidence) -> str:
     return f"those of gyroscope and accelerometer agree in {format_count(axes.strides, 'stride')}"
 
 
-def _field_words(field: MagneticField | None) -> str:
-    if field is None:
-        return "no magnetometer"
-    strength = _number(field.strength_uT, "{:.1f} uT") + _number(field.spread_uT, ", spread {:.1f} uT", "")
-    return strength + _number(field.rate_hz, ", {:.1f} samples a second", "")
-
-
-def _air_words(air: Air) -> str:
-    return f"{air.least_hpa:.2f} to {air.largest_hpa:.2f} hPa" + _number(air.rate_hz, ", {:.1f} samples a second", "")
-
-
-def _stance_words(stance: StanceShare) -> str:
-    if math.isnan(stance.share):
-        return stance.reason or "unknown"
-    return f"{stance.count}, {100 * stance.share:.0f} % of the time"
-
-
 def _number(value: float, pattern: str, otherwise: str = "unknown") -> str:
     return pattern.format(value) if math.isfinite(value) else otherwise
-
-
-def _positive(share: Floats) -> list[int]:
-    return [int(i) for i in np.flatnonzero(share > 0)]

@@ -1,21 +1,21 @@
 """`fg-nav run`, `compare` and `demo`: methods on a recording, into a folder of results.
 
-`fg-nav run`: one method, with trajectory, strides, summary and a page of charts.
-`fg-nav compare` and `fg-nav demo`: several methods on the same walk, side by side.
+`fg-nav run LEFT RIGHT --mount feet`: two recordings, of a sensor on each foot, as one walk.
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fg_nav.commands import TUNED, Answer, Target, name_walk, run_methods, simulate_walk
-from fg_nav.commands.several import answer_each, name_walks, show_number
+from fg_nav.commands import TUNED, Answer, Target, answer_each, name_walk, run_methods, show_number, simulate_named
 from fg_nav.errors import EstimationError, PlacesError, VerdictError
 from fg_nav.estimators import DEFAULT_METHOD, ONLINE, SMOOTHER, WITH_OWN_DETECTOR, find_estimator
+from fg_nav.feet import refuse_for_two, split_pair
 from fg_nav.io import Reading
 from fg_nav.io.readers.table import refuse_sensor_tables
 from fg_nav.pipeline import check_method, navigate, prepare_walk, require_mag, take_places
@@ -27,9 +27,9 @@ from fg_nav.verdict import UNUSABLE
 from fg_nav.walk import OWN_GNSS, Magnetic, Mount, Options, Walk, read_walk
 
 if TYPE_CHECKING:
+    from fg_nav.both_feet import Order
     from fg_nav.commands.config import Config
     from fg_nav.errors import FgNavError
-    from fg_nav.result import Result
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,14 @@ def run(recordings: Sequence[Path], request: RunRequest) -> Answer:
             raise EstimationError(f"{option} is of one recording: run the {len(recordings)} one by one.")
     if request.out is None:
         return answer_each(recordings, partial(_run_one, request), RESULT_COLUMNS)
-    places = {one: request.out / f"{name}-{request.method}" for one, name in name_walks(recordings).items()}
+    # Their folders: a number behind names that are the same.
+    places: dict[Path, Path] = {}
+    known: Counter[str] = Counter()
+    for recording in recordings:
+        name = name_walk(recording)
+        known[name] += 1
+        name = name if known[name] == 1 else f"{name}-{known[name]}"
+        places[recording] = request.out / f"{name}-{request.method}"
     return answer_each(recordings, lambda one: _run_one(replace(request, out=places[one]), one), RESULT_COLUMNS)
 
 
@@ -119,19 +126,6 @@ def _check_places(request: RunRequest) -> None:
         check_file_free(request.save_places, is_places, request.force)
 
 
-def _save_places(file: Path, force: bool, result: Result) -> PlacesError | None:
-    """Save the places of a solved walk; return why it has none to be saved, for its result is written all the same."""
-    from fg_nav.places.saved import is_places, write_places
-
-    try:
-        places = take_places(result.walk, result.outcome.solution)
-        with result_file(file, is_places, force) as fresh:
-            write_places(fresh, places)
-    except PlacesError as error:
-        return error
-    return None
-
-
 def _run_one(request: RunRequest, recording: Path) -> Answer:
     method, strict, options = request.method, request.strict, request.options
     if request.config is not None:
@@ -149,7 +143,15 @@ def _run_one(request: RunRequest, recording: Path) -> Answer:
             summary = write_run(folder, result.walk, result.outcome, request.plots)
         failure: FgNavError | None = None
         if request.save_places is not None:
-            failure = _save_places(request.save_places, request.force, result)
+            # Where it has none to be saved, its result is written all the same.
+            from fg_nav.places.saved import is_places, write_places
+
+            try:
+                places = take_places(result.walk, result.outcome.solution)
+                with result_file(request.save_places, is_places, request.force) as fresh:
+                    write_places(fresh, places)
+            except PlacesError as error:
+                failure = error
     if failure is None and strict:
         failure = refuse_unusable(summary, target.place)
     content = {"recording": str(recording), "folder": str(target.place), **summary}
@@ -161,6 +163,114 @@ def refuse_unusable(summary: Summary, folder: Path) -> VerdictError | None:
     if summary["verdict"] != UNUSABLE:
         return None
     return VerdictError(f"the path is not to be used: see its reasons in {folder / 'summary.json'}.")
+
+
+@dataclass(frozen=True)
+class FeetRequest:
+    """What to run on two recordings.
+
+    Attributes
+    ----------
+    run : as for one recording; its options are those of both, without truth and calibration.
+    sides : feet of the recordings in their order; None where the steps are to show it.
+    clock_offset_s : to add to the second recording's stamps; None where the signals are to show it.
+    truths, calibrations : files with commas between, one a recording in their order; None without.
+    """
+
+    run: RunRequest
+    sides: Order | None
+    clock_offset_s: float | None
+    truths: Path | None
+    calibrations: Path | None
+
+
+def run_feet(recordings: Sequence[Path], request: FeetRequest) -> Answer:
+    """Navigate both feet as one walk, and return the summary.
+
+    Raises
+    ------
+    EstimationError
+        If there are not two recordings, the method does not solve both, or an option is of one recording.
+    """
+    from fg_nav.both_feet import MAX_GAP_S, navigate_feet
+    from fg_nav.report.feet import write_feet
+
+    run, readings = request.run, [request.run.reading] * len(recordings)
+    # Two sensors named of one file are that file twice.
+    sensors = [word.strip() for word in (run.reading.sensor or "").split(",")]
+    if len(recordings) == 1 and len(sensors) == 2 and all(sensors):
+        recordings, readings = [recordings[0]] * 2, [replace(run.reading, sensor=sensor) for sensor in sensors]
+    _check_feet(recordings, readings, run)
+    truths = _split_files("--truth", request.truths)
+    calibrations = _split_files("--calibration", request.calibrations)
+    options = replace(run.options, heading_deg=None, mount="foot")
+    name = "-".join([*dict.fromkeys(map(name_walk, recordings)), run.method])
+    in_one = recordings[0] == recordings[1]  # on one clock
+    words = "".join(str(one.sensor).lower() for one in readings)
+    named: Order | None = "left,right" if "left" in words and words.find("left") < words.find("right") else None
+    named = "right,left" if "right" in words and words.find("right") < words.find("left") else named
+    target = Target(run.out, run.force, name)
+    with target, progress(run.method) as report:
+        walks = [
+            read_walk(
+                path,
+                replace(options, truth_path=truth, calibration_path=calibration),
+                replace(reading, longest_gap_s=MAX_GAP_S),
+            )
+            for path, reading, truth, calibration in zip(recordings, readings, truths, calibrations, strict=True)
+        ]
+        result = navigate_feet(
+            walks[0],
+            walks[1],
+            run.method,
+            heading_deg=run.options.heading_deg,
+            clock_offset_s=0.0 if in_one and request.clock_offset_s is None else request.clock_offset_s,
+            sides=request.sides or (named if in_one else None),
+            progress=report,
+        )
+        with target.open() as folder:
+            summary = write_feet(folder, result, run.plots)
+    failure = refuse_unusable(summary, target.place) if run.strict else None
+    content = {"recordings": [str(one) for one in recordings], "folder": str(target.place), **summary}
+    return Answer(content, partial(print_results, [summary], target.place), failure)
+
+
+def _check_feet(recordings: Sequence[Path], readings: Sequence[Reading], run: RunRequest) -> None:
+    from fg_nav.both_feet import check_method
+
+    check_method(run.method)
+    count = len(recordings)
+    if count == 1:
+        raise EstimationError(
+            "--mount feet takes two recordings, one of each foot, or one of several sensors with two of them named by "
+            "--sensor A,B."
+        )
+    if count != 2 or (recordings[0] == recordings[1] and readings[0] == readings[1]):
+        given = "the same one twice" if count == 2 else f"{count} of them"
+        raise EstimationError(f"--mount feet takes two recordings, one of each foot, and was given {given}.")
+    options = run.options
+    refused = {
+        "--fixes": options.fixes_path,
+        "--gnss": options.gnss_path,
+        "--places": options.places_path,
+        "--save-places": run.save_places,
+        "--config": run.config,
+        "--barometer": run.reading.barometer,
+    }
+    refuse_for_two(refused)
+
+
+def _split_files(option: str, files: Path | None) -> tuple[Path | None, Path | None]:
+    """Return a file for each recording, of two with a comma between."""
+    if files is None:
+        return None, None
+    pair = split_pair(files)
+    if pair is None:
+        raise EstimationError(
+            f"{option} {files} is of one recording: with --mount feet give two files, one for each recording in their "
+            f"order, as {option} A,B."
+        )
+    return pair
 
 
 def check_methods(
@@ -212,11 +322,6 @@ DEMO_SCENARIO = "building-loop"
 DEMO_METHODS = ("smoother", "card", "inertial", "ma2018", "iez")
 
 
-def split_methods(methods: str) -> list[str]:
-    """Return the methods of a list with commas, each once."""
-    return list(dict.fromkeys(name.strip() for name in methods.split(",")))
-
-
 def compare(
     recording: Path,
     names: Sequence[str],
@@ -246,9 +351,10 @@ def answer_comparison(recording: Path, summaries: list[Summary], place: Path) ->
 def demo(seed: int, plots: Plots, out: Path | None, force: bool) -> Answer:
     """Simulate four minutes of walking round a floor, and compare the methods on it."""
     from fg_nav.commands.simulate import write_simulation  # loads the simulator, which no other of these needs
+    from fg_nav.lab.simulation import simulate
 
     with Target(out, force, "demo", DEMO_FILES) as target, target.open() as folder:
-        simulated = simulate_walk(DEMO_SCENARIO, seed)
+        simulated = simulate_named(simulate, DEMO_SCENARIO, seed)
         # the recording as it will be read from the folder
         provenance = replace(simulated.recording.provenance, path=target.place / "recording.csv", format="canonical")
         walk = prepare_walk(Walk.of(replace(simulated.recording, provenance=provenance)))

@@ -1,20 +1,7 @@
-"""`fg-nav simulate`: a simulated walk with its truth, into a folder.
-
-==================== ================================================================================================
-recording.csv        canonical; magnetometer columns empty where it has no new sample
-truth.tum            t x y z qx qy qz qw of the sensor at every sample; the origin is where it first is
-truth.json           biases once a second, when the foot stands flat, footprints, field model, all that was drawn
-landmarks.csv        landmark,time_s,x_m,y_m,z_m: where the sensor is as it passes; only where there are landmarks
-map.png              the walk from above over the strength of the field
-==================== ================================================================================================
-
-With both feet there are, in place of the first three, `left.csv`, `left.truth.tum`, `left.truth.json` and the same of
-the right foot, both truths in one frame; `person.tum` is the middle of the feet. Landmarks and map are the right one's.
-"""
+"""`fg-nav simulate`: a simulated walk with its truth, into a folder (docs/simulation.md)."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -22,9 +9,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from fg_nav.commands import Answer, Simulated, Target, simulate_both_feet, simulate_walk
+from fg_nav.commands import Answer, Target, simulate_named
 from fg_nav.io import write_canonical, write_tum
-from fg_nav.lab.simulation import SCENARIOS, Choices, Passing, SimulatedFeet, SimulatedWalk
+from fg_nav.lab.simulation import SCENARIOS, Choices, SimulatedFeet, SimulatedWalk
+from fg_nav.lab.simulation import simulate as simulate_one
+from fg_nav.lab.simulation import simulate_feet as simulate_both
 from fg_nav.lab.simulation.fields import SITES
 from fg_nav.lab.simulation.scenarios import FIELDS
 from fg_nav.lab.simulation.sensors import PRESETS
@@ -37,37 +26,27 @@ from fg_nav.truth import TrajectoryTruth, Truth
 LANDMARK_COLUMNS = ("landmark", "time_s", "x_m", "y_m", "z_m")
 
 
-def simulate(scenario: str, seed: int, choices: Choices, out: Path | None, force: bool) -> Answer:
-    """Simulate a scenario into a folder."""
-    with _open_target(scenario, out, force) as target:
-        walk = simulate_walk(scenario, seed, choices)
-        return _write_into(target, walk, write_simulation, describe_simulation(walk), list_rows(walk))
-
-
-def simulate_feet(scenario: str, seed: int, choices: Choices, out: Path | None, force: bool) -> Answer:
-    """Simulate both feet of a person into a folder."""
-    with _open_target(scenario, out, force) as target:
-        feet = simulate_both_feet(scenario, seed, choices)
-        return _write_into(target, feet, write_feet, describe_feet(feet), list_rows_of_feet(feet))
-
-
-def _open_target(scenario: str, out: Path | None, force: bool) -> Target:
-    return Target(out, force, Path(scenario).stem, SIMULATION_FILES | FEET_FILES)
-
-
-def _write_into(
-    target: Target,
-    simulated: Simulated,
-    write: Callable[[Path, Simulated], None],
-    content: dict[str, Any],
-    rows: dict[str, str],
-) -> Answer:
-    """Write what was simulated into the target, and return what it is and where."""
-    target.name = content["scenario"]
-    with target.open() as folder:
-        write(folder, simulated)
-    place = str(target.place)
-    return Answer(content | {"folder": place}, partial(print_simulation, rows | {"files": place}))
+def simulate(scenario: str, seed: int, choices: Choices, both_feet: bool, out: Path | None, force: bool) -> Answer:
+    """Simulate a scenario, or both feet of a person, into a folder."""
+    with Target(out, force, Path(scenario).stem, SIMULATION_FILES | FEET_FILES) as target:
+        if both_feet:
+            feet = simulate_named(simulate_both, scenario, seed, choices)
+            walk, content, write = feet.right, describe_simulation(feet.right), partial(write_feet, feet=feet)
+            content["step_width_m"] = feet.step_width_m
+            sides = {side: list_rows(one) for side, one in feet.sides.items()}
+            rows = sides["right"] | {
+                name: f"left {sides['left'][name]}, right {sides['right'][name]}" for name in ("samples", "strides")
+            }
+            rows["step width"] = f"{feet.step_width_m:.3f} m"
+        else:
+            walk = simulate_named(simulate_one, scenario, seed, choices)
+            content, write, rows = describe_simulation(walk), partial(write_simulation, walk=walk), list_rows(walk)
+        target.name = walk.scenario.name
+        with target.open() as folder:
+            write(folder)
+    rows["files"] = str(target.place)
+    shown = list(rows.items())
+    return Answer(content | {"folder": str(target.place)}, lambda: console().print(listing(shown), soft_wrap=True))
 
 
 def _name_walk(walk: SimulatedWalk) -> dict[str, Any]:
@@ -95,11 +74,6 @@ def describe_simulation(walk: SimulatedWalk) -> dict[str, Any]:
         "distance_m": measure_walked(walk),
         "landmarks": len(walk.landmarks),
     }
-
-
-def describe_feet(feet: SimulatedFeet) -> dict[str, Any]:
-    """Which walk it is: what `describe_simulation` says of the right foot, and how far apart the feet tread."""
-    return describe_simulation(feet.right) | {"step_width_m": feet.step_width_m}
 
 
 def measure_walked(walk: SimulatedWalk) -> float:
@@ -137,13 +111,10 @@ def _write_surroundings(folder: Path, walk: SimulatedWalk) -> None:
     from fg_nav.report.plots.walk import plot_simulated_walk
 
     if walk.landmarks:
-        _write_landmarks(folder / "landmarks.csv", walk.landmarks)
+        rows = [(mark.landmark, mark.time_s, *mark.position) for mark in walk.landmarks]
+        table = pd.DataFrame(rows, columns=LANDMARK_COLUMNS)
+        table.to_csv(folder / "landmarks.csv", index=False, float_format="%.9f")
     save(plot_simulated_walk(walk), folder / "map.png")
-
-
-def _write_landmarks(file: Path, landmarks: Sequence[Passing]) -> None:
-    rows = [(mark.landmark, mark.time_s, *mark.position) for mark in landmarks]
-    pd.DataFrame(rows, columns=LANDMARK_COLUMNS).to_csv(file, index=False, float_format="%.9f")
 
 
 def describe_truth(walk: SimulatedWalk) -> dict[str, Any]:
@@ -152,11 +123,7 @@ def describe_truth(walk: SimulatedWalk) -> dict[str, Any]:
     return {
         "version": find_version(),
         **_name_walk(walk),
-        "biases": {
-            "time_s": walk.biases.t,
-            "gyr_rad_s": walk.biases.gyr,
-            "acc_m_s2": walk.biases.acc,
-        },
+        "biases": {"time_s": walk.biases.t, "gyr_rad_s": walk.biases.gyr, "acc_m_s2": walk.biases.acc},
         "flat_s": walk.flat,
         "strides": {
             "start_s": strides.start,
@@ -196,18 +163,6 @@ def list_rows(walk: SimulatedWalk) -> dict[str, str]:
         "strides": f"{len(walk.strides)} over {measure_walked(walk):.1f} m of the foot",
         "landmarks": format_count(len(walk.landmarks), "crossing") if walk.landmarks else "none",
     }
-
-
-def list_rows_of_feet(feet: SimulatedFeet) -> dict[str, str]:
-    """What was simulated of both feet, for people."""
-    both = {side: list_rows(walk) for side, walk in feet.sides.items()}
-    rows = {name: f"left {both['left'][name]}, right {both['right'][name]}" for name in ("samples", "strides")}
-    return both["right"] | rows | {"step width": f"{feet.step_width_m:.3f} m"}
-
-
-def print_simulation(rows: dict[str, str]) -> None:
-    """Print what was simulated, and where the files are."""
-    console().print(listing(list(rows.items())), soft_wrap=True)
 
 
 def _describe_field(part: object) -> dict[str, Any]:

@@ -1,9 +1,4 @@
-"""`fg-nav stream`: lines on standard output, remarks on standard error, and the result of the walk at the end.
-
-The result is what the graph in progress has at the end: the path through its nodes, and one row a stance; with a lag
-one line of the trajectory a footfall. With `--polish` stances and field are found again in all that was recorded, and
-the batch smoother is run on the whole walk as well.
-"""
+"""`fg-nav stream`: lines on standard output, remarks on standard error, and the result of the walk at the end."""
 
 from __future__ import annotations
 
@@ -16,18 +11,18 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import typer
 
-from fg_nav.commands import Answer, Target, simulate_walk
+from fg_nav.commands import Answer, Target, simulate_named
 from fg_nav.errors import EstimationError, OutputError, StreamError, describe_reason
-from fg_nav.estimators import Progress
+from fg_nav.feet import Side
 from fg_nav.magnetic.axes import MagAxes
 from fg_nav.online.estimates import POLISHED, SMOOTHED, SensorTime, format_table
 from fg_nav.online.follow import StreamedWalk, StreamOptions, StreamRequest, follow_source, run_stream
 from fg_nav.online.navigator import finish_walk
-from fg_nav.online.options import OnlineOptions
 from fg_nav.online.outlets import Say, open_outlets
 from fg_nav.online.pocket import PocketOptions, compute_stride_headings
 from fg_nav.online.record_check import doubt_resumed
@@ -39,9 +34,12 @@ from fg_nav.report import Plots, terminal
 from fg_nav.report.files import Summary, summarize, summarize_lagged, write_footfalls, write_lagged, write_run
 from fg_nav.report.folder import result_folder
 from fg_nav.solution import Solution
-from fg_nav.system.signals import catch_signals
+from fg_nav.system.processes import catch_signals
 from fg_nav.verdict import Verdict, judge_footfalls, judge_path
 from fg_nav.walk import Options, Outcome, Walk, evaluate_solution
+
+if TYPE_CHECKING:
+    from fg_nav.online.feet_follow import FeetStreamRequest
 
 
 def stream(request: StreamRequest, plots: Plots, out: Path | None, force: bool, lines: bool = True) -> Answer:
@@ -68,6 +66,41 @@ def stream(request: StreamRequest, plots: Plots, out: Path | None, force: bool, 
     if failure is not None:
         return Answer(content, say_nothing, failure)
     content = {"source": request.source, "folder": str(target.place), **end.summary}
+    return Answer(content, partial(remark, terminal.describe_place(target.place)))
+
+
+def stream_feet(request: FeetStreamRequest, out: Path | None, force: bool, lines: bool = True) -> Answer:
+    """Follow a sensor on each foot as one walk, as `stream` does one; lines are of each foot and the person between."""
+    from fg_nav.online.feet_follow import run_feet_stream
+    from fg_nav.online.feet_lines import tag_line
+    from fg_nav.report.feet import summarize_streamed_feet, write_streamed_feet
+
+    both, printer = request.both, LinePrinter()
+    target = Target(out, force, "stream")
+    with target, open_outlets(both.serve, both.view, printer if lines else drop_line, remark) as outlets:
+        streamed = run_feet_stream(request, outlets)
+        if out is None and outlets.emit_end is None and lines:
+            return Answer({}, say_nothing)
+        # The solutions of both, and each foot measured.
+        walk, feet = streamed.navigator.finish(), dict[Side, tuple[Walk, Outcome]]()
+        for side, solution in walk.feet.items():
+            prepared = prepare_stream(streamed.walks[side])
+            feet[side] = prepared, evaluate_solution(prepared, note_losses(solution, streamed.walks[side]))
+        summary = summarize_streamed_feet(feet, walk.both, walk.lost)
+        content = {"sources": request.sources, **summary}
+        if out is None:
+            # One line a footfall of each foot, with the verdict on its path.
+            emit = outlets.emit_end or drop_line
+            for side, (prepared, outcome) in feet.items():
+                sensor_time = streamed.navigator.navigators[side].judge.sensor_time
+                verdict = judge_path(prepared, outcome.solution)
+                for line in format_table(outcome.solution.stances, sensor_time, SMOOTHED, None, verdict):
+                    emit(tag_line(line, side, streamed.navigator.frame(side)))
+            if not printer.has_failed:
+                return Answer(content, say_nothing)
+        with target.open() as folder:
+            write_streamed_feet(folder, walk.feet, walk.both, summary)
+    content = {"sources": request.sources, "folder": str(target.place), **summary}
     return Answer(content, partial(remark, terminal.describe_place(target.place)))
 
 
@@ -151,13 +184,17 @@ class End:
 
 def find_end(walk: StreamedWalk) -> End:
     """Return what a walk that was followed comes to."""
-    sensor_time = walk.navigator.judge.sensor_time
-    in_pocket = isinstance(walk.navigator.options, PocketOptions)
-    if _has_lag(walk):
-        solution = _finish_lagged(walk)
-        return End(solution, summarize_lagged(solution), sensor_time, in_pocket, None)
+    navigator = walk.navigator
+    sensor_time, in_pocket = navigator.judge.sensor_time, isinstance(navigator.options, PocketOptions)
+    if navigator.options.lag_s is not None:
+        lagged = note_losses(navigator.finish(), walk)
+        return End(lagged, summarize_lagged(lagged), sensor_time, in_pocket, None)
     with terminal.progress("online") as report:
-        prepared, outcome = finish_stream(walk, report)
+        # Stances and field as of a recording: for the pictures, and for the batch solution.
+        prepared = prepare_stream(walk)
+        # The path through the graph, and the batch solution next to it where it was asked for.
+        solution = finish_walk(navigator, walk.polish, report, prepared.stances)
+        outcome = evaluate_solution(prepared, note_losses(solution, walk))
     return End(outcome.solution, summarize(prepared, outcome), sensor_time, in_pocket, (prepared, outcome))
 
 
@@ -199,15 +236,6 @@ def _say_what_is_left(failure: str, words: str) -> OutputError:
     return OutputError(f"{failure.rstrip('.')}; {words}.")
 
 
-def _has_lag(walk: StreamedWalk) -> bool:
-    return walk.navigator.options.lag_s is not None
-
-
-def _finish_lagged(walk: StreamedWalk) -> Solution:
-    """End a walk with a lag."""
-    return note_losses(walk.navigator.finish(), walk)
-
-
 def note_losses(solution: Solution, walk: StreamedWalk) -> Solution:
     """Add what was lost on the way to the notes, and what a nominal rate leaves open to the sigmas."""
     rate_sigma = 0.0 if isinstance(walk.navigator.options, PocketOptions) else find_rate_sigma(walk)
@@ -222,28 +250,6 @@ def find_rate_sigma(walk: StreamedWalk) -> float:
     return NOMINAL_SIGMA if columns.get("rate_hz") else 0.0
 
 
-def finish_stream(walk: StreamedWalk, progress: Progress | None = None) -> tuple[Walk, Outcome]:
-    """End a walk without a lag, and measure it.
-
-    Parameters
-    ----------
-    walk
-        That was followed to its end.
-    progress
-        Called from time to time with the fraction of the batch solution that is done.
-
-    Raises
-    ------
-    RecordingError, DetectionError
-        Where there was no walk.
-    """
-    # Stances and field as of a recording: for the pictures, and for the batch solution.
-    prepared = prepare_stream(walk)
-    # The path through the graph, and the batch solution next to it where it was asked for.
-    solution = finish_walk(walk.navigator, walk.polish, progress, prepared.stances)
-    return prepared, evaluate_solution(prepared, note_losses(solution, walk))
-
-
 def prepare_stream(walk: StreamedWalk) -> Walk:
     """Return a walk without a lag that has ended as one of a recording, with its stances and field."""
     navigator, calibration = walk.navigator, walk.calibration
@@ -252,20 +258,17 @@ def prepare_stream(walk: StreamedWalk) -> Walk:
         format=f"canonical rows from {walk.name}", bad_samples=bad, rate_sigma=find_rate_sigma(walk)
     )
     recording = replace(navigator.recording(), provenance=provenance)
-    # The rows were corrected as they came.
+    # What was asked for: the rows have their axes already, and were corrected as they came.
+    asked, axes = navigator.options, MagAxes(np.eye(3)) if navigator.options.axes_given else None
+    heading_deg = None if asked.heading_rad is None else float(np.degrees(asked.heading_rad))
+    options = Options(use_magnetometer=asked.use_field, heading_deg=heading_deg, mag_axes=axes)
+    if isinstance(asked, PocketOptions):
+        options = replace(options, mount="pocket", step_constant_m=asked.step_constant_m)
+    else:
+        options = replace(options, gate=asked.parameters.magnetic.gate)
     applied = () if calibration is None else calibration.corrects(recording.mag is not None)
-    prepared = prepare_walk(replace(Walk.of(recording, _options(navigator.options), calibration), applied=applied))
+    prepared = prepare_walk(replace(Walk.of(recording, options, calibration), applied=applied))
     return replace(prepared, options=replace(prepared.options, mag_axes=walk.mag_axes))
-
-
-def _options(options: OnlineOptions | PocketOptions) -> Options:
-    heading_deg = None if options.heading_rad is None else float(np.degrees(options.heading_rad))
-    axes = MagAxes(np.eye(3)) if options.axes_given else None  # the rows have them already
-    if isinstance(options, PocketOptions):
-        given = Options(use_magnetometer=options.use_field, heading_deg=heading_deg, mag_axes=axes)
-        return replace(given, mount="pocket", step_constant_m=options.step_constant_m)
-    gate = options.parameters.magnetic.gate
-    return Options(use_magnetometer=options.use_field, heading_deg=heading_deg, gate=gate, mag_axes=axes)
 
 
 def view_demo(seed: int, speed: float, host: str, port: int) -> None:
@@ -274,6 +277,7 @@ def view_demo(seed: int, speed: float, host: str, port: int) -> None:
     Its samples come as a sensor's would, each when its time has come, through `follow_source`.
     """
     from fg_nav.commands.run import DEMO_SCENARIO
+    from fg_nav.lab.simulation import simulate
 
     if not 0.0 < speed < float("inf"):
         raise StreamError(f"--speed {speed:g} is no factor: give one above zero.")
@@ -281,7 +285,7 @@ def view_demo(seed: int, speed: float, host: str, port: int) -> None:
         open_outlets(None, (host, port), lambda line: None, remark) as outlets,
         catch_signals(signal.SIGINT, signal.SIGTERM) as stop,
     ):
-        simulated = simulate_walk(DEMO_SCENARIO, seed).recording
+        simulated = simulate_named(simulate, DEMO_SCENARIO, seed).recording
         remark(f"a walk of {simulated.t[-1] - simulated.t[0]:.0f} s; Ctrl-C ends it.")
         source = Replay(simulated, speed, "the simulated walk")
         navigator = follow_source(

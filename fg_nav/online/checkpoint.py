@@ -36,7 +36,7 @@ from fg_nav.online.pocket import Navigator, PocketOptions, begin_walk
 from fg_nav.online.record_check import is_in_order, refuse_damaged, report_damaged
 from fg_nav.online.sample_filter import SampleFilter
 from fg_nav.online.saved_state import StateChanges, StateReader, find_changes
-from fg_nav.system.locks import PathLock
+from fg_nav.system.processes import PathLock
 from fg_nav.text import format_count, to_json
 
 VERSION = 12  # of the records in a checkpoint
@@ -141,7 +141,7 @@ class Checkpoint:
         packed = pack(record)
         try:
             if record.frame is not None:
-                if self._lock is not None and not self._lock.is_held:
+                if self._lock is not None and self._lock.file is None:
                     self._renew_lock()
                 self._size = write_records(self._path, VERSION, [packed])
                 self._renew_lock()

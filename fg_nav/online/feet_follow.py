@@ -37,7 +37,7 @@ from fg_nav.online.options import OnlineOptions
 from fg_nav.online.outlets import Outlets, StatusReporter, list_ends
 from fg_nav.online.source_check import Silence
 from fg_nav.online.sources import SampleSource
-from fg_nav.system.signals import catch_signals
+from fg_nav.system.processes import catch_signals
 
 WAIT_S = 0.05  # For bytes of one foot, before the other's are read.
 BLOCK_S = 0.1  # Of rows of one foot, so that no foot runs ahead of the other.

@@ -41,7 +41,7 @@ from fg_nav.online.rows import Columns, parse_columns
 from fg_nav.online.source_check import LossCounter, Silence, SourceCheck, describe_losses
 from fg_nav.online.sources import SampleSource, open_samples
 from fg_nav.smoother.parameters import FieldParameters, SmootherParameters
-from fg_nav.system.signals import catch_signals
+from fg_nav.system.processes import catch_signals
 from fg_nav.text import to_json
 from fg_nav.view.process import ListenerProcess
 

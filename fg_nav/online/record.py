@@ -26,7 +26,7 @@ from fg_nav.online.buffer import COLUMNS
 from fg_nav.online.overlap import TAIL, Overlap
 from fg_nav.online.rows import Columns
 from fg_nav.online.sources import SampleSource, open_samples
-from fg_nav.system.locks import lock
+from fg_nav.system.processes import lock
 
 WRITE_S = 1.0  # between two writes
 MAX_WAITING = 500_000  # samples that wait for a disk with room, twenty minutes at 400 Hz; the oldest are dropped first

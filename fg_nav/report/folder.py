@@ -9,8 +9,8 @@ replaced; hidden files are left alone, except those of a killed process:
     .fg-nav-old-*    an older result on its way aside: restored
     .fg-nav-past-*   one that was aside: removed, once the new one is in its place
 
-A folder is locked (`fg_nav.system.locks`) from before the work until the result is complete: of two runs the second is
-refused.
+A folder is locked (`fg_nav.system.processes`) from before the work until the result is complete: of two runs the
+second is refused.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from itertools import count
 from pathlib import Path
 
 from fg_nav.errors import OutputError, describe_reason
-from fg_nav.system.locks import lock_folder
+from fg_nav.system.processes import lock_folder
 
 _SUMMARIES = ("summary.json", "comparison.json", "detect.json")
 

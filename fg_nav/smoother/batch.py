@@ -59,7 +59,7 @@ from fg_nav.smoother.shared_errors import WalkScale, estimate_gyro_scale, spread
 from fg_nav.smoother.solver import Solved, list_covariances, list_table_keys, stance_table
 from fg_nav.solution import Return, Solution
 from fg_nav.stances import Stances
-from fg_nav.system.memory import return_freed
+from fg_nav.system.spilled import return_freed
 from fg_nav.text import format_count
 from fg_nav.truth import Fix
 

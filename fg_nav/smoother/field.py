@@ -58,7 +58,7 @@ from fg_nav.smoother.potential import average_path_noise, describe_jumps, free_j
 from fg_nav.smoother.solver import Solved, list_attitudes
 from fg_nav.smoother.square_root import SquareRoot
 from fg_nav.smoother.strides import Nodes
-from fg_nav.system.memory import return_freed
+from fg_nav.system.spilled import return_freed
 
 COMPASS_SIGMA_UT = 0.3  # Noise of a footfall's mean field, white: what levelling and a soft sole leave.
 STRENGTH_SIGMA_UT = 5.0  # Horizontal strength of the field about the walk's median, uT.

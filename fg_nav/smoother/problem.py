@@ -82,7 +82,7 @@ from fg_nav.smoother.solver import Solved, list_in_time, minimize, residuals_at_
 from fg_nav.smoother.square_root import Groups, SquareRoot
 from fg_nav.smoother.strides import INERTIAL_KEYS, Nodes
 from fg_nav.stances import Stances
-from fg_nav.system.memory import return_freed
+from fg_nav.system.spilled import return_freed
 from fg_nav.text import format_count
 
 MIN_STATISTIC = 40.0  # T of stances: median 0.1 to 2, beside a shock 15 to 35, of a foot at 0.35 m/s 52.

@@ -1,21 +1,19 @@
 """Functions that numba compiles: the one place that decides where what was compiled is kept, and that lives without.
 
 numba keeps machine code where `NUMBA_CACHE_DIR` says, else in `__pycache__` next to the source, else in the home of the
-user, and refuses to load a function where none of these can be written. Then it is kept in `scratch`, or, where not
-even that can be, compiled again in each process: each run takes as long as the first (`scripts/startup.py`), and the
-numbers are the same.
-
-What is kept may be damaged, and the disk full: that costs the time of compiling, and nothing else.
+user, and refuses to load a function where none of these can be written. Then it is kept in the folder for scratch, or,
+where not even that can be, compiled again in each process (`scripts/startup.py`). What is kept may be damaged, and the
+disk full: that costs the time of compiling, and nothing else.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import numba
 
-from fg_nav.system.scratch import find_scratch
+from fg_nav.system.processes import find_scratch
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -25,38 +23,30 @@ def njit(**options: Any) -> Callable[[Function], Function]:
 
     def decorate(function: Function) -> Function:
         compiled: Function = numba.njit(**options | {"cache": False})(function)
-        if options.get("cache") and hasattr(compiled, "enable_caching") and _keep(compiled):
-            _forgive(compiled)
+        dispatcher: Any = compiled
+        if not options.get("cache") or not hasattr(dispatcher, "enable_caching"):
+            return compiled
+        # Where numba finds a place, else in the scratch folder.
+        try:
+            dispatcher.enable_caching()
+        except RuntimeError:  # numba's word for no place
+            folder, settings = find_scratch(), cast(Any, numba.config)
+            if folder is None:
+                return compiled
+            chosen, settings.CACHE_DIR = settings.CACHE_DIR, str(folder / "numba")
+            try:
+                dispatcher.enable_caching()
+            except RuntimeError:
+                return compiled
+            finally:
+                settings.CACHE_DIR = chosen
+        # Where what is kept cannot be read or written, the function is compiled.
+        kept = dispatcher._cache
+        for name in ("load_overload", "save_overload"):
+            setattr(kept, name, _return_none_for_errors(getattr(kept, name)))
         return compiled
 
     return decorate
-
-
-def _keep(compiled: Any) -> bool:
-    """Have a function kept where numba finds a place, else in the scratch folder; return whether it is."""
-    try:
-        compiled.enable_caching()
-        return True
-    except RuntimeError:  # numba's word for no place
-        folder = find_scratch()
-    if folder is None:
-        return False
-    settings: Any = numba.config
-    chosen, settings.CACHE_DIR = settings.CACHE_DIR, str(folder / "numba")
-    try:
-        compiled.enable_caching()
-        return True
-    except RuntimeError:
-        return False
-    finally:
-        settings.CACHE_DIR = chosen
-
-
-def _forgive(compiled: Any) -> None:
-    """Let a function be compiled where what is kept of it cannot be read or written."""
-    kept = compiled._cache
-    for name in ("load_overload", "save_overload"):
-        setattr(kept, name, _return_none_for_errors(getattr(kept, name)))
 
 
 def _return_none_for_errors(work: Callable[..., Any]) -> Callable[..., Any]:

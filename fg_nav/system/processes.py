@@ -1,15 +1,34 @@
-"""Processes of our own: modules of this package that another interpreter runs, and how all of them collect garbage."""
+"""Processes: modules of this package in another interpreter, signals, locks between processes, a folder for scratch.
+
+Signals that end a long job are an event that its loop checks: Python runs a handler between two lines of whatever the
+main thread does, and an exception that rises in a weak reference's callback or in `__del__` is printed and forgotten.
+Locks on files and folders end with the process that holds them, however that ends. A disk or a system without locks
+keeps nobody out.
+The folder for scratch keeps what is made once and read again where neither installation nor home can be written. It is
+read back as code (numba) or trusted (fonts): one that is somebody else's, a link, or that others may write is not used.
+"""
 
 from __future__ import annotations
 
 import gc
 import os
+import signal
+import stat
 import subprocess
 import sys
-from collections.abc import Iterable
+import tempfile
+import threading
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from subprocess import PIPE
+from types import FrameType
+from typing import IO, Any
 
-OBJECTS_BETWEEN_COLLECTIONS = 50_000
-"""Of the garbage collector: what is loaded stays, and looking through it again and again takes a tenth of a run."""
+OBJECTS_BETWEEN_COLLECTIONS = 50_000  # What is loaded stays: looking through it again and again takes a tenth of a run.
+OWNER_ONLY, OTHERS = 0o700, 0o077  # Modes of a folder.
 
 
 def collect_seldom() -> None:
@@ -23,11 +42,106 @@ def start_module(name: str, *arguments: str, pass_fds: Iterable[int] = ()) -> su
     It imports from where this process does, not from the folder that the user is in; `pass_fds` stay open in it.
     """
     places = os.pathsep.join(place or os.getcwd() for place in sys.path)
-    return subprocess.Popen(
-        [sys.executable, "-P", "-m", name, *arguments],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        pass_fds=tuple(pass_fds),
-        start_new_session=True,
-        env={**os.environ, "PYTHONPATH": places},
-    )
+    command, env = [sys.executable, "-P", "-m", name, *arguments], {**os.environ, "PYTHONPATH": places}
+    return subprocess.Popen(command, stdin=PIPE, stdout=PIPE, pass_fds=tuple(pass_fds), start_new_session=True, env=env)
+
+
+@contextmanager
+def catch_signals(*numbers: signal.Signals) -> Iterator[threading.Event]:
+    """Yield an event that the first of these signals sets; a second one interrupts as usual.
+
+    Outside the main thread no signal is caught, and the event is never set.
+    """
+    stop = threading.Event()
+    before: dict[int, Any] = {}
+
+    def set_stop(number: int, frame: FrameType | None) -> None:
+        if stop.is_set():
+            raise KeyboardInterrupt
+        stop.set()
+
+    if threading.current_thread() is threading.main_thread():
+        before = {number: signal.signal(number, set_stop) for number in numbers}
+    try:
+        yield stop
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def lock(descriptor: int) -> bool:
+    """Lock an open file or folder until it is closed; return whether there are locks.
+
+    Raises `BlockingIOError` where another has it.
+    """
+    try:
+        import fcntl
+    except ImportError:  # Windows
+        return False
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise
+    except OSError:  # a disk without locks
+        return False
+    return True
+
+
+def lock_folder(folder: Path) -> tuple[int, bool]:
+    """Make a folder if it is missing and lock it; return its descriptor, to be closed, and whether there are locks.
+
+    Raises `BlockingIOError` where another has it, and `OSError` where there can be no such folder.
+    """
+    while True:
+        folder.mkdir(parents=True, exist_ok=True)
+        descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+        try:
+            locks = lock(descriptor)
+            if os.path.samestat(os.fstat(descriptor), os.stat(folder)):
+                return descriptor, locks
+        except FileNotFoundError:  # removed by who had the lock
+            pass
+        except BaseException:
+            os.close(descriptor)
+            raise
+        os.close(descriptor)
+
+
+@dataclass
+class PathLock:
+    """A lock on whatever file is at a path, renewed where a file took the place of another."""
+
+    path: Path
+    file: IO[bytes] | None = None
+
+    def renew(self) -> None:
+        """Lock the file that is there now, if there is one; raises `BlockingIOError` where another has it."""
+        if not self.path.exists():
+            return
+        file = self.path.open("rb")
+        try:
+            lock(file.fileno())
+        except BlockingIOError:
+            file.close()
+            raise
+        self.release()
+        self.file = file
+
+    def release(self) -> None:
+        """Give it back."""
+        if self.file is not None:
+            self.file.close()
+        self.file = None
+
+
+@cache
+def find_scratch() -> Path | None:
+    """Return the folder, `fg-nav-UID` in the temporary files; None where there is none that is safe."""
+    try:
+        folder = Path(tempfile.gettempdir()) / f"fg-nav-{os.geteuid()}"
+        folder.mkdir(OWNER_ONLY, exist_ok=True)
+        found = folder.lstat()  # of a link itself
+    except OSError:  # nothing can be written at all
+        return None
+    ours = found.st_uid == os.geteuid() and not found.st_mode & OTHERS
+    return folder if stat.S_ISDIR(found.st_mode) and ours else None

@@ -1,20 +1,22 @@
 """Long columns of samples in a file instead of in memory: what is not looked at takes none.
 
 A column of many samples lies in a file without a name in the temporary files, so that nothing is left of it however
-the process ends, and is mapped into memory page by page as it is read and written. The system writes pages out and
-takes them back when others need the memory; `drop_pages` takes all of them out of the process at once, which is done
-where a pass over the samples is over. Their content stays, in the system's cache or on the disk. Short columns lie in
-memory, and so do long ones where no file can be written or the temporary files are in memory themselves. Processes that
-are forked share a long column, writes included.
+the process ends, and is mapped into memory page by page. The system writes pages out when others need the memory;
+`drop_pages`, where a pass over the samples is over, takes all of them out of the process, and their content stays in
+the system's cache or on the disk. Short columns lie in memory, and so do long ones where no file can be written or the
+temporary files are in memory themselves. Processes that are forked share a long column, writes included.
+`return_freed` gives memory that was let go of back to the system. A graph is millions of small pieces: between those
+that stay, glibc keeps what the others leave, and long arrays do not fit there: 0.1 GB in an hour of walking.
 """
 
 from __future__ import annotations
 
+import ctypes
 import mmap
 import os
 import tempfile
 import threading
-from collections.abc import Callable, Sequence
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from weakref import WeakSet
@@ -34,17 +36,36 @@ _MAPS_LOCK = threading.Lock()
 def empty_column(*shape: int) -> Floats:
     """Return an array of floats to write into, in a file where it is long."""
     size = 8 * int(np.prod(shape))
-    room = _map_file(size) if size >= MIN_BYTES else None
-    if room is None:
+    folder = _find_disk() if size >= MIN_BYTES else None
+    if folder is None:
+        return np.empty(shape)
+    try:
+        with tempfile.TemporaryFile(dir=folder) as file:
+            os.posix_fallocate(file.fileno(), 0, size)  # a full disk shows here, and not when it is written to
+            room = mmap.mmap(file.fileno(), size)
+    except OSError:
         return np.empty(shape)
     with _MAPS_LOCK:
         _MAPS.add(room)
     return np.frombuffer(room, dtype=np.float64, count=size // 8).reshape(shape)
 
 
-def take_rows(index: Ints, *columns: Floats) -> Floats:
-    """Return the rows `index` (K,) of columns (N, c) side by side, in a file where they are long."""
-    return _put_beside(len(index), columns, lambda part: index[part])
+def take_rows(index: Ints | None, *columns: Floats) -> Floats:
+    """Return the rows `index` (K,), None for all, of columns (N, c) side by side, in a file where they are long."""
+    count = len(columns[0] if index is None else index)
+    beside, at = empty_column(count, sum(one.shape[1] for one in columns)), 0
+    for one in columns:
+        for start in range(0, count, BLOCK_ROWS):
+            part = slice(start, min(start + BLOCK_ROWS, count))
+            beside[part, at : at + one.shape[1]] = one[part if index is None else index[part]]
+            drop_pages()
+        at += one.shape[1]
+    return beside
+
+
+def join_columns(*columns: Floats) -> Floats:
+    """Return columns (N, c) side by side, in a file where they are long."""
+    return take_rows(None, *columns)
 
 
 def measure_rows(rows: Floats) -> Floats:
@@ -55,23 +76,6 @@ def measure_rows(rows: Floats) -> Floats:
         length[part] = np.linalg.norm(rows[part], axis=1)
         drop_pages()
     return length
-
-
-def join_columns(*columns: Floats) -> Floats:
-    """Return columns (N, c) side by side, in a file where they are long."""
-    return _put_beside(len(columns[0]), columns, lambda part: part)
-
-
-def _put_beside(count: int, columns: Sequence[Floats], rows_of: Callable[[slice], Ints | slice]) -> Floats:
-    """Put `count` rows of columns side by side, those that `rows_of` names for each block."""
-    beside, at = empty_column(count, sum(one.shape[1] for one in columns)), 0
-    for one in columns:
-        for start in range(0, count, BLOCK_ROWS):
-            part = slice(start, min(start + BLOCK_ROWS, count))
-            beside[part, at : at + one.shape[1]] = one[rows_of(part)]
-            drop_pages()
-        at += one.shape[1]
-    return beside
 
 
 def join_rows(parts: list[Floats]) -> Floats:
@@ -94,17 +98,11 @@ def drop_pages() -> None:
         room.madvise(mmap.MADV_DONTNEED)
 
 
-def _map_file(size: int) -> mmap.mmap | None:
-    """Map a file of this size that has no name; None where there is no room for it on a disk."""
-    folder = _find_disk()
-    if folder is None:
-        return None
-    try:
-        with tempfile.TemporaryFile(dir=folder) as file:
-            os.posix_fallocate(file.fileno(), 0, size)  # a full disk shows here, and not when it is written to
-            return mmap.mmap(file.fileno(), size)
-    except OSError:
-        return None
+def return_freed() -> None:
+    """Give back to the system what is free, where its C library can: glibc's can."""
+    drop_pages()
+    with suppress(OSError, AttributeError):
+        ctypes.CDLL(None).malloc_trim(0)
 
 
 @cache

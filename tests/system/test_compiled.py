@@ -9,7 +9,7 @@ import pytest
 from numba.core import caching
 
 from fg_nav.report import plots
-from fg_nav.system import compiled, scratch
+from fg_nav.system import compiled, processes
 
 PACKAGE = Path(compiled.__file__).parents[1]
 
@@ -55,7 +55,7 @@ def test_one_module_alone_asks_numba():
 
 @pytest.mark.parametrize("case", ["ours", "open to others", "a link", "somebody else's", "a file", "no room"])
 def test_a_folder_that_others_may_write_is_not_trusted(case, tmp_path, monkeypatch):
-    monkeypatch.setattr(scratch.tempfile, "gettempdir", lambda: str(tmp_path))
+    monkeypatch.setattr(processes.tempfile, "gettempdir", lambda: str(tmp_path))
     place = tmp_path / f"fg-nav-{os.geteuid()}"
     match case:
         case "open to others":
@@ -67,17 +67,17 @@ def test_a_folder_that_others_may_write_is_not_trusted(case, tmp_path, monkeypat
         case "somebody else's":
             uid = os.geteuid()
             place.mkdir(0o700)
-            monkeypatch.setattr(scratch.os, "geteuid", lambda: uid + 1)
+            monkeypatch.setattr(processes.os, "geteuid", lambda: uid + 1)
             place.rename(tmp_path / f"fg-nav-{uid + 1}")
         case "a file":
             place.write_text("")
         case "no room":
-            monkeypatch.setattr(scratch.tempfile, "gettempdir", lambda: str(tmp_path / "none"))
-    found = scratch.find_scratch.__wrapped__()
+            monkeypatch.setattr(processes.tempfile, "gettempdir", lambda: str(tmp_path / "none"))
+    found = processes.find_scratch.__wrapped__()
     assert found == (place if case == "ours" else None)
     if case == "ours":
         assert found.stat().st_mode & 0o777 == 0o700
-        assert scratch.find_scratch.__wrapped__() == place
+        assert processes.find_scratch.__wrapped__() == place
 
 
 def test_fonts_are_listed_in_the_home_and_else_among_temporary_files(tmp_path, monkeypatch):

@@ -54,7 +54,7 @@ from fg_nav.lab.campaign.execute import Task, TaskResults, WorkerError, describe
 from fg_nav.lab.campaign.walks import pack
 from fg_nav.lab.store.code import code_sum
 from fg_nav.lab.store.results import Key, Result
-from fg_nav.system.signals import catch_signals
+from fg_nav.system.processes import catch_signals
 
 KILLED = "it ended its worker, again and again: out of memory, or a crash"
 """Why there is nothing of a result that ended too many workers."""

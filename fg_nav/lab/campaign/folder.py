@@ -31,7 +31,7 @@ from fg_nav.evaluation.walked import WalkErrors
 from fg_nav.lab.campaign.methods import method_of
 from fg_nav.lab.store.files import CAMPAIGN_MARKER, PART, atomic_write, find_foreign, list_visible
 from fg_nav.lab.store.results import USED, Key, Result
-from fg_nav.system.locks import lock
+from fg_nav.system.processes import lock
 from fg_nav.text import format_count, to_json
 
 RESULTS, RESULTS_CSV, TIMINGS = "results.parquet", "results.csv", "timings.parquet"

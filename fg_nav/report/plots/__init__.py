@@ -10,7 +10,7 @@ import os
 from contextlib import suppress
 from pathlib import Path
 
-from fg_nav.system.scratch import find_scratch
+from fg_nav.system.processes import find_scratch
 
 VARIABLE = "MPLCONFIGDIR"  # The place, for matplotlib.
 PLACES = {"XDG_CONFIG_HOME": ".config", "XDG_CACHE_HOME": ".cache"}
