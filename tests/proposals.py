@@ -56,7 +56,7 @@ def list_commands(words: str) -> list[list[str]]:
             text = re.split(r", or |; ", text)[0].rstrip(".`' ")
             quoted = text.split('"')
             text = '"'.join(quoted[:2]) + '"' if len(quoted) > 2 else text.split(", with ")[0].split(":")[0]
-        found.append(shlex.split(text))
+        found.append(_split(text))
     return [command for command in found if command[0] in _commands()]
 
 
@@ -64,7 +64,7 @@ def list_changes(words: str, arguments: Sequence[str]) -> list[list[str]]:
     """Arguments of the refused command with options that the refusal says to add, or without those to leave out."""
     options, found = _commands()[arguments[0]], list[list[str]]()
     for text in map("".join, ADDED.findall(words)):
-        added = shlex.split(text)
+        added = _split(text)
         if OPEN.search(text):
             continue
         left = list(arguments)
@@ -131,6 +131,14 @@ def _commands() -> dict[str, dict[str, bool]]:
     group: Any = typer.main.get_command(cli.app)
     options = {name: [p for p in one.params if hasattr(p, "is_flag")] for name, one in group.commands.items()}
     return {name: {opt: p.is_flag for p in own for opt in p.opts} for name, own in options.items()}
+
+
+def _split(text: str) -> list[str]:
+    """Words of a command, as a shell splits them; a sentence with an apostrophe at its blanks."""
+    try:
+        return shlex.split(text)
+    except ValueError:
+        return text.split()
 
 
 def _positional(command: Sequence[str]) -> list[str]:

@@ -71,8 +71,8 @@ def stream(request: StreamRequest, plots: Plots, out: Path | None, force: bool, 
 
 def stream_feet(request: FeetStreamRequest, out: Path | None, force: bool, lines: bool = True) -> Answer:
     """Follow a sensor on each foot as one walk, as `stream` does one; lines are of each foot and the person between."""
+    from fg_nav.online.estimates import tag_line
     from fg_nav.online.feet_follow import run_feet_stream
-    from fg_nav.online.feet_lines import tag_line
     from fg_nav.report.feet import summarize_streamed_feet, write_streamed_feet
 
     both, printer = request.both, LinePrinter()
