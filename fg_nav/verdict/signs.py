@@ -431,7 +431,7 @@ Sign = Callable[[WalkSigns], Reason | None]
 
 SIGNS_WITHOUT_FOOTFALLS: tuple[Sign, ...] = (
     lambda observed: judge_strides(len(observed.strides), observed.recording.duration_s),
-    lambda observed: judge_rate(observed.recording.provenance.rate_sigma),
+    lambda observed: judge_rate(observed.walk.recording.provenance.rate_sigma),
     measure_gap,
     measure_cut,
     lambda observed: judge_bad_samples(observed.recording),
