@@ -44,11 +44,7 @@ Order: TypeAlias = Literal["left,right", "right,left"]
 
 MIN_FOOTFALLS = 4  # Of a foot that walked: three strides or fewer are no walk (`fg_nav.verdict`).
 LOST_SHARE = 0.5  # Of the other foot's footfalls: a foot with fewer recorded for less than half of the walk.
-
-MAX_GAP_S = 3600.0
-"""A recording that was interrupted keeps all its parts, as the other foot goes on between them; a longer gap is that of
-a clock which was set."""
-
+MAX_GAP_S = 3600.0  # Parts of a recording stay, as the other foot goes on between; more is a clock that was set.
 CLEAR_SIGMAS = 3.0  # From zero, at which the width shows which foot is which.
 
 

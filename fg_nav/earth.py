@@ -23,9 +23,7 @@ from fg_nav.arrays import Floats
 from fg_nav.errors import EarthError
 
 EXTRA = "wmm"  # The extra of this project that brings the World Magnetic Model.
-MODEL_HEIGHT_M = (-1000.0, 850_000.0)
-"""The World Magnetic Model holds between these heights above the ellipsoid (its own report)."""
-
+MODEL_HEIGHT_M = (-1000.0, 850_000.0)  # Above the ellipsoid: where the World Magnetic Model holds.
 PLACE_FORM = "latitude,longitude,YYYY-MM-DD"  # How a place and date are written, degrees north and east.
 
 

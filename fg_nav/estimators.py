@@ -31,22 +31,13 @@ ONLINE = "online"
 SMOOTHER = "smoother"
 CARD: Literal["card"] = "card"  # The smoother with `Options.magnetic` "card".
 CARD_CHANGES: Changes = (("magnetic.potential", False), ("walk.places", False))  # What makes it of the smoother.
-
-WITH_EXTRA = ("smoother", CARD, "inertial")
-"""Those that take factors of the user's own: a walk in progress has not all its variables yet."""
-
-SMOOTHERS = (SMOOTHER, CARD, "inertial", ONLINE)
-"""The factor graph with the magnetic field, with compass and differential field alone, without, and while walking."""
-
-FILTERS = ("iez", "qsf", "qsf-stance", "iqsf", "ma2018", "aiez", "matched")
-"""Each also as `-rts`: with the way back over its pass."""
-
+WITH_EXTRA = ("smoother", CARD, "inertial")  # Take the user's own factors: a walk in progress lacks variables.
+SMOOTHERS = (SMOOTHER, CARD, "inertial", ONLINE)  # With the field, with compass and differential, without, online.
+FILTERS = ("iez", "qsf", "qsf-stance", "iqsf", "ma2018", "aiez", "matched")  # Each also as `-rts`, smoothed.
 WITH_OWN_DETECTOR = tuple(name + end for name in FILTERS if name != "iez" for end in ("", "-rts"))
 """Filters with a compass: a detector of their preset judges the field."""
 
-POCKET_METHODS = ("pocket", "munoz-diaz2017")
-"""For a sensor in a trouser pocket: orientation by the factor graph, and by the paper's filter; and `ONLINE`."""
-
+POCKET_METHODS = ("pocket", "munoz-diaz2017")  # Trouser pocket: factor graph, the paper's filter; and `ONLINE`.
 DEFAULT_METHOD: dict[Mount, str] = {"foot": "smoother", "pocket": "pocket"}
 
 

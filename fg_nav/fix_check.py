@@ -25,10 +25,7 @@ SIGMAS = 3.0  # Of each of two fixes: one in 400 true ones is farther off, and h
 MAX_M = 1e7  # No walk leads farther, and no fix is worse: a quarter of the way round the Earth.
 MIN_SIGMA_M = 1e-4  # No survey of a foot is as good.
 FIX_REACH_S = 1.5  # Farther than a stride from any footfall there is nothing to tie a fix to.
-
-LONGER, LONGER_BY_M = 1.25, 2.0
-"""How much longer than on the first solution the path may be, as a factor of it and in m."""
-
+LONGER, LONGER_BY_M = 1.25, 2.0  # Of the path, over that of the first solution: a factor, and m.
 _NEIGHBORS = 50  # Fixes after each that it is compared with: from those farther off there is more time, or way.
 
 

@@ -17,7 +17,6 @@ from fg_nav.frames import yaw_rotation
 from fg_nav.truth import Fix
 
 CORRELATED_S = 10.0  # a receiver's filter, and the walls about it, keep an error for so long
-
 CAUCHY = 2.0  # residual in sigmas at which a fix counts half
 
 MIN_FIXES = 3

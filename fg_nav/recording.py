@@ -54,15 +54,9 @@ if TYPE_CHECKING:
 
 NOMINAL_SIGMA = 0.02  # Of a nominal rate: makers allow 1 to 10 per cent.
 MIN_SAMPLES = 20  # Fewer samples than this hold no stance and no stride.
-
-MAX_GAP_S = 0.1
-"""A longer hole is not known from the samples around it: in mid-swing a foot speeds up by meters a second within it."""
-
-MAX_MISSING_SHARE = 0.2
-"""With more missing samples than this, however scattered, their neighbors do not show what lies between."""
-
-GAP_PERIODS = 2.5
-"""A step between stamps of more periods than this is called a gap; transport jitter makes smaller ones."""
+MAX_GAP_S = 0.1  # Longer holes stay open: in mid-swing a foot speeds up by metres a second in one.
+MAX_MISSING_SHARE = 0.2  # Of scattered samples, beyond which their neighbours do not show what lies between.
+GAP_PERIODS = 2.5  # Between stamps of a gap; transport jitter makes shorter steps.
 
 
 @dataclass(frozen=True)

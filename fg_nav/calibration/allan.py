@@ -72,7 +72,6 @@ CONFIDENCE = 0.68  # Of the band about the deviation.
 MIN_VARIANCE = 1e-12  # Of the largest variance: coarse steps can hide all noise at one averaging time.
 ROUNDS = 12  # Of the weights by the model, which converge to a thousandth after six.
 EVERY_LAG, GROWTH = 24, 1.08  # Every lag so near to where the differences meet, then geometric: 4e-4 off the sum.
-
 BLOCK_S = 1.0  # Of stillness: averages noise, resolves a touch.
 QUIETEST_PERCENT = 10.0  # Blocks whose scatter is the sensor's noise.
 MAX_SCATTER = 1.5  # Of a quiet block over the noise; that of a hundred samples is off by 7 per cent.

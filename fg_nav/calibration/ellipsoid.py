@@ -60,7 +60,6 @@ TRIMS, TRIM_SIGMAS = 20, 2.5  # Rounds of leaving out, and how far: tight, for a
 MIN_UT = 1e-6  # Of distances: below this they are rounding.
 OUTLIER_SIGMAS = 4.0  # One in 16000 normal residuals lies farther out: s is too small by 0.05 %.
 ROUNDS = 5  # Of leaving out and fitting again; two or three are enough.
-
 CHANGE_PERCENT, MIN_CHANGE_UT = 90.0, 2.0  # A tenth of the readings of a turned sensor are so far from their median.
 MIN_READINGS = 20  # Nine parameters, and some readings to judge them by.
 MAX_SIGMA = 0.05  # Of h over the size, and of C of determinant 1: 3 deg of heading in a level field, 7 deg at Munich.

@@ -58,13 +58,11 @@ FORCE_SIGMA_M_S2 = 0.01  # Of the mean force of a rest: 1 mg, for a hand's or a 
 SAME_ATTITUDE_DEG = 20.0  # Attitudes closer than this are one: a sphere does not show in a cap of it.
 MIN_ATTITUDE_S = 2.0  # Of a rest in a new attitude: g-sensitivity hides its bias, so a slow stance could pass for one.
 MAX_BIAS_SIGMA_M_S2 = 0.05  # Of a bias that is removed (5 mg, the size of a common one).
-
 CHANGES_DEG_S = (0.02, 0.06, 0.2, 0.6)  # tau: from a sensor kept warm to one of the 1990s; 0.06 is typical of MEMS.
 CHANGE_PRIOR = (0.3, 0.4, 0.2, 0.1)  # Of these levels, before the recordings.
 ALONE = (("smoother.gyro_bias_sigma_deg_s", 1.0),)  # `Options.changes` by which a walk estimates its bias alone.
 CHANGED_SHARE, CHANGED_DEG_S = 0.05, 1.0  # One recording in twenty is of a sensor that was hit, heated or exchanged.
 ROUNDS = 20  # Of the weights of such recordings.
-
 BIAS_M_S2, SCALE_SIGMA = (0.02, 0.4), (0.003, 0.01)  # Zero-g offset and sensitivity, one sigma: factory, and sheets.
 PRIOR = (0.9, 0.1)  # Of these two sensors, before the walk.
 REST_M_S2, STRIDE_M_S, COMMON_M_S2 = 0.025, 0.15, 0.1  # Of ||f|| at a rest, of a stride's velocity, and c.

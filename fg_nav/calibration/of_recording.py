@@ -49,7 +49,6 @@ from fg_nav.text import find_version, read_small, to_json
 
 FORMAT = "fg-nav calibration"
 VERSION = 2  # Of the file; a reader refuses what is newer.
-
 MAX_HARD_IRON_UT, MAX_GAIN = 10_000.0, 10.0  # Of a magnetometer: twice the range of phones', and a gain of no part.
 MAX_BIAS, MAX_SCALE = 5.0, 1.5  # Of gyroscope (rad/s), accelerometer (m/s^2) and its scale: a third would be a unit.
 

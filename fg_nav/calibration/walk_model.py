@@ -53,11 +53,9 @@ from fg_nav.stances import Stances
 PHASES = 16  # Readings of a stride: one every 5 cm of the way of a foot at the usual pace.
 MAX_SWING_S = 2.0  # Beyond it the foot stood where no stance was found.
 MAX_APART_S = 0.1  # From the instant of a phase to its reading: the spacing of a magnetometer of 10 Hz.
-
 IRON, FIELD, DELAY, COMMON = slice(0, 9), slice(9, 12), 12, slice(13, 28)  # Places of h and S, b, the delay, e.
 DRIFT = 28  # First unknown of the drift, the last ones.
 WITHOUT_IRON = np.concatenate([np.zeros(3), np.eye(3)[UPPER]])  # h and S of a sensor without any.
-
 HARD_IRON_SIGMA_UT = 30.0  # Prior of h per axis: wider than Ma's Table 1 (14 uT), which is a battery next to the chip.
 SOFT_IRON_SIGMA = 0.06  # Prior of S about identity: half of all level axis ratios are then below that of Ma's Table 1.
 DELAY_SIGMA_S = 0.03  # Of the readings: gdin's are 20 ms late.

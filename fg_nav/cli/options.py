@@ -25,8 +25,7 @@ PRESETS = ("tuned", "physical", "as-printed")
 PRINTED = ("qsf-printed", "iqsf-printed", "ma2018-printed", "aiez-printed")
 DETECTORS = ("qsf", "iqsf", "ma2018", "aiez", "qsf-stance", *PRINTED)
 GATES = (*DETECTORS, "none", *(f"{name}:hard" for name in DETECTORS))
-SURVEYED = (*DETECTORS, "munoz-diaz", "all")
-"""Names for help and completion, which must not load the methods; tests hold them to those that there are."""
+SURVEYED = (*DETECTORS, "munoz-diaz", "all")  # For help and completion, without loading methods; tests compare them.
 
 
 def _list_words(names: tuple[str, ...]) -> str:

@@ -74,7 +74,6 @@ _NOTHING = frozenset({
 })  # fmt: skip
 
 _RATES = frozenset({"roll", "pitch", "yaw", "velocity", "euler"})  # Of which angular rates are called.
-
 RAW = frozenset({"uncal", "uncalibrated", "raw", "uncomp", "uncompensated"})  # Used where there are no others.
 
 _BRACKETS = re.compile(r"^(.*?)\s*[(\[{<]\s*(.*?)\s*[)\]}>]\s*$", re.DOTALL)

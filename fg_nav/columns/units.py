@@ -50,8 +50,7 @@ KNOWN_UNITS: Mapping[Quantity, str] = MappingProxyType({
 
 _COUNTED = re.compile(r"^\s*(\d+(?:\.\d*)?(?:e-?\d+)?)(?:/(\d+(?:\.\d*)?))?\s*\*?\s*([^\d\s].*)$", re.IGNORECASE)
 
-_MANGLED = (("ï¿½", "\ufffd"), ("Î¼", "μ"), ("Â", ""), ("º", "°"), ("˚", "°"))
-"""UTF-8 that was read as Latin-1 on its way; other circles that stand for a degree."""
+_MANGLED = (("ï¿½", "\ufffd"), ("Î¼", "μ"), ("Â", ""), ("º", "°"), ("˚", "°"))  # UTF-8 read as Latin-1; circles.
 
 _LONG_WORDS = (
     *(("micro", "u"), ("milli", "m"), ("nano", "n"), ("centi", "c"), ("minutes?|mins", "min")),

@@ -78,7 +78,6 @@ REST_LEVEL = 3.0  # L is cut off below: a foot this still rests, however its noi
 MAX_LEVEL = 5.8  # A minimum above this is never a stance: 160 deg/s, or 16 m/s^2.
 EASY_LEVEL = 3.5  # L_0: up to here a candidate earns the full reward.
 MAX_LINK_S = 2.5  # A stride takes no longer.
-
 MAX_SWING_S, MIN_SWING_S = 1.2, 0.25  # Of a walking or running person; sprinters need 0.35.
 SWING_RATE_RAD_S = 2.0  # No swing without a peak rate above this.
 MARGIN = 0.6  # A stance's own threshold above its minimum, decades.
@@ -87,7 +86,6 @@ MIN_REST_S = 0.2  # No swing is below `REST_LEVEL` for longer.
 MIN_REACH_S = 0.01  # Of the stance of a foot that runs, on either side of its stillest moment.
 BROKEN = 24.0  # Price of a chain that begins or ends more than a swing inside the recording; of a link at most half.
 FREE_FALL_M_S2 = 1.0  # Specific force of a foot that stands is above.
-
 CYCLE_S = 0.5, 1.2  # From stance to stance of one foot: sprinters to those who walk fast.
 REACH_S = 2.5  # Some three cycles on either side: less has no rhythm, in more it changes.
 STEP_S = 0.02  # Samples of L for the autocorrelation: SHOE is averaged over 0.05 s.

@@ -61,7 +61,6 @@ SUSPECT = 3.0  # L of suspected axes: half a stride.
 MAX_STRIDES = 40  # Evenly over the recording.
 LOOKED_S = 600.0  # From the first sample on: axes do not change in a recording.
 MAX_STRIDE_S = 2.5  # Between stances that are further apart the foot stood, or some were missed.
-
 SWINGS_S = 6.0  # Window of a thigh's period: five strides.
 THIGH_STRIDE_S = 0.8, 1.6  # From a fast walk to a slow one; no thigh of a runner (0.65 to 0.75 s) was available.
 MIN_RAD_S = 0.5  # Standard deviation of the rate about the main axis: a swing by 7 deg to either side in 1.1 s.

@@ -49,11 +49,9 @@ from fg_nav.stances import Stances
 GAIT_HZ, STRIKE_HZ = (1.0, 4.0), (8.0, 12.0)
 MIN_SMOOTHING_HZ = 30.0  # A slower recording does not show the strikes.
 SPECTRUM_S = 4.0  # Pieces of which the power is averaged.
-
 UP_S = 0.05  # Around the stillest sample, of the mean specific force.
 MIN_FILTER_STRIDES = 12  # For four unknowns.
 WEIGHT_ROUNDS = 10  # Of the Student weights.
-
 MIN_DELAY_STRIDES = 8  # For a scatter.
 VELOCITY_M_S, UP = 0.3, 0.05  # s_v and s_u, errors of ordinary strides.
 BIAS_SIGMA = np.array([1.0, *[0.05] * 3, *[0.3] * 3])  # Priors of tau (s, none), gyroscope (rad/s), accelerometer bias.

@@ -114,7 +114,6 @@ Parameters: TypeAlias = IezParameters | GatedCompassParameters  # Of any filter 
 
 AS_PRINTED, PHYSICAL, TUNED = "as-printed", "physical", "tuned"
 PRESETS = (TUNED, PHYSICAL, AS_PRINTED)  # Their names, the default first.
-
 GATED = ("qsf", "iqsf", "ma2018", "qsf-stance")  # Gated by the detector of the same name; the last one is Zhang's QMD.
 _MA_SIGMA_DEG = float(np.degrees(MA_SIGMA_HEADING))
 

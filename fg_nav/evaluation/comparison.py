@@ -44,7 +44,6 @@ from fg_nav.truth import FootprintTruth, TrajectoryTruth, Truth
 AlignmentMode: TypeAlias = Literal["yaw", "none", "origin", "se3"]
 
 MODES: tuple[str, ...] = get_args(AlignmentMode)  # Accepted by `align`.
-
 MIN_SHARED = 3  # Samples common to truth and solution: fewer fit anything.
 HOLE_S = 0.1  # A gap of the truth longer than this, and than `HOLE_PERIODS` of its periods, is not interpolated.
 HOLE_PERIODS = 3.0
@@ -52,7 +51,6 @@ HOLE_PERIODS = 3.0
 MIN_FOOTPRINTS = 3  # Two can nearly always be fitted by a rotation and a shift: only their distance is tested.
 MAX_SHIFTS = 10  # Stances too many or too few, or half of the walk's: beyond, the places of the shifts are a guess.
 MISSED = -1  # Stance index of a footprint without a stance.
-
 MAX_M_S = 12.5  # Speed of a person on foot over a second: the fastest sprint is 12.4 m/s.
 MAX_STRIDE_M = 5.0  # From a footprint to the next of the same foot, in a sprint.
 MIN_EXTENT_M = 0.05  # Over ground; a foot moves by more where one walks on the spot, and 5 km are 0.05 degrees.

@@ -24,7 +24,6 @@ from fg_nav.errors import FormatError
 MAX_BYTES = 2**30  # A day of six sensors at 100 Hz in text; more does not fit the memory of a small computer.
 MAX_FILES = 1000  # No tool writes as many files for one recording; a home folder has more.
 MAX_DEPTH = 4  # Folders within folders that are searched.
-
 _OVERHEAD_BYTES = 4096  # What does not shrink becomes a little longer by packing.
 _PART_BYTES = 2**20  # Read from a pipe at a time.
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)

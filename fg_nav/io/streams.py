@@ -37,7 +37,6 @@ UNCALIBRATED_FIELD = "the magnetometer is uncalibrated: the field of the phone i
 
 MIN_RATE_HZ, SLOW_HZ = 9.0, 20.0  # A leg swings once or twice a second: little of a swing is seen; not enough of it.
 MAX_FIELD_UT = 200.0  # The Earth's field is 25 to 65 uT; buildings make up to this of it.
-
 _SAME_SHARE = 0.9  # Stamps of which more than this are the same are those of one clock; at its ends one may miss some.
 _FASTER = 1.5  # An accelerometer that is faster than the gyroscope by this is averaged.
 _END_OF_TIME_S = 1e11  # Seconds since 1970 are 2e9.

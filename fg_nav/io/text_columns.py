@@ -32,7 +32,6 @@ _SAID = re.compile(r'^"?sep=(\\t|.)"?', re.IGNORECASE)
 _COMMA, _POINT = re.compile(r"\d,\d"), re.compile(r"\d\.\d")
 
 BLOCK_ROWS = 1 << 19  # Parsed at once: a whole table takes the parser four times its memory; less scatters on the heap.
-
 _MOVING_RAD_S = 0.5  # Turning this fast, no real magnetometer gives the same three numbers twice by chance.
 _HELD_SHARE = 0.1  # More repeats than this in motion are the logger's doing, not the quantization's.
 

@@ -54,7 +54,6 @@ BLOCK_S = 2.0  # Pairs of one block, a stride or two, count as one observation o
 MAX_HELD_SHARE = 0.2  # Of the readings of a turning sensor that repeat the one before; more, and the logger holds them.
 MAX_SPACING = 1.6  # Maximum distance of a pair, over the nominal one.
 HARD_IRON_SIGMA_UT = 100.0  # Prior of h per axis: a turn about one axis does not observe all of it.
-
 SPAN_S = 0.04  # Distance of a pair: short, so that the field hardly changes on the path; long enough against noise.
 MAX_PAIRS = 2000  # They determine tau to 0.2 ms; a longer walk is thinned.
 MIN_BLOCKS, MIN_PAIRS = 8, 100  # For a scatter.

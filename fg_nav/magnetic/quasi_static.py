@@ -58,7 +58,6 @@ PRIOR_COUNT = 2.0  # Weight of the walk's own spread against one footfall's stat
 
 NO_FIELD, TOO_LITTLE = "no field was measured at this footfall", "too little of the field was measured at this footfall"
 QUASI_STATIC, DISTURBED, UNKNOWN = "quasi-static", "disturbed", "none"  # Verdicts; `none` where there is none.
-
 WINDOW_S = 1.0  # Of samples: a walker passes a lamp or a car in one to three seconds.
 MIN_SAMPLES = 3  # Of the field in a window that is judged.
 SIGMA_UT = 0.15  # Of one sample of |B|: noise, 0.11 on the simulated MTw, and the residual of a calibration in a turn.

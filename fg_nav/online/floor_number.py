@@ -24,7 +24,6 @@ from fg_nav.smoother.floors import FEWEST
 
 STEP_M = 0.08  # Between two footfalls on one floor: half a riser.
 SAME_M = 0.5  # A floor is found again within this: by so much heights drift on a way over stairs.
-
 DRIFT_SHARE = 0.1  # Of a footfall's height above its floor that is drift: a slope of 4 % is followed at `SAME_M`.
 STOREY_M = 2.0  # From a storey to the next at least: a low cellar.
 LANDING_M = 1.0  # From a storey to a landing at least: they are halfway.

@@ -64,7 +64,6 @@ MAX_CLOCK_STEP_S = 86400.0  # a longer step is a clock that was set, from 1970 o
 UNKNOWN_GAP_S = 60.0  # assumed for an unknown gap: a sensor is switched off and on in less; the heading is lost in it
 MAX_CHANGES = 20  # changes of the stamps that the notes name one by one
 MAX_LEFT = 4096  # rows left out for their stamps that a checkpoint recognizes
-
 CHECKED = 1000  # samples, some seconds, that show in which unit they are
 PLAUSIBLE_G = (0.7, 2.0)  # median specific force on a foot, in g
 FIELD_UT = (5.0, 200.0)  # field on a foot; a magnet makes more of it for a while ...

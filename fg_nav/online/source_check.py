@@ -60,7 +60,6 @@ from fg_nav.text import format_count
 WINDOW = 200  # rows, one to four seconds; most of their steps are one period, unless every third sample is lost
 IN_A_ROW = 3  # windows that agree
 MAX_STEP_S = 1.0  # from row to row of one sequence; a longer step is a sensor that was off, or a clock that was set
-
 MAX_RATIO = 2.0  # r of one sensor is below this
 REFUSED_S = 60.0  # of the stream, in which it is refused; later there is a remark, for a walk is not ended
 MOUNT_EVERY_S = 10.0  # between two checks of where the sensor is worn
@@ -68,11 +67,9 @@ MAX_WINDOWS = round(REFUSED_S * 5000.0 / WINDOW)  # for that: of the fastest sen
 MIN_SHARE = 0.25  # of the rows, in the second sequence of stamps; rows that a network delays are some per cent
 TURNS = 6  # of the two sequences in a window, at least
 RATE_RAD_S = 5.0  # by which rates are divided
-
 MIN_AXES_STRIDES = 15  # that show the axes given
 MIN_SAMPLES = 50  # of a block for axes; fewer show no stride
 BLOCK_S: Mapping[Wearing, float] = {"foot": 5.0, "pocket": SWINGS_S + 0.05}  # four strides; a window for their period
-
 EVEN, MAX_UNEVEN = 0.25, 0.1  # deviation of even steps from whole periods, in periods; share of others that may be
 ANOTHER = 1.2  # times longer or shorter is a period of another rate
 

@@ -53,7 +53,6 @@ NOT_ADVANCING = 1000  # rows whose stamps never rise
 ODD_STEPS, MIN_ODD_S = 100.0, 0.2  # units of time are 1000 apart; a shorter step is a few lost samples of a slow sensor
 MIN_STEP_S = 1e-5  # rows that a radio sends at once are stamped 50 us apart; no sensor is as fast
 STAMPS, EVEN = 10, 0.5  # steps in a row, and their deviation from the median: alike in another unit, not if broken
-
 MIN_M_S2, MAX_M_S2 = 2.0, 500.0  # a foot swings with 4 to 30 m/s^2, and lands with 160
 MAX_RAD_S = 40.0  # no limb turns faster than 2300 deg/s
 SHARES = np.array([0.5, 0.05])  # of odd force, free fall being over within 1 s; of odd rate, as for the fastest turn

@@ -53,7 +53,6 @@ GAP = 3.0  # g, nats: a step without counterpart in twenty.
 BESIDE = 16  # Points, 8 m: steps beside each other within which alignments are variants of one.
 BAND, BAND_SHARE = 40, 0.01  # Points, and share of its length, by which an alignment may leave the line of its ends.
 MIN_LISTED = 5.0  # S from which alignments are listed, nats: there are some of these by chance in any walk.
-
 TINY = 1e-300  # Expected number that stands for none.
 USUAL_RATE, RATE_WEIGHT = 20.0 / 1e4, 3.0  # rate0, of both axes along the path, 1/m^2 (15 to 20 a 10^4 m^2), and n0.
 USUAL_DECAY, DECAY_WEIGHT = 0.75, 10.0  # lambda0 and m0: 0.7 to 0.95 on simulated walks on rough floors.

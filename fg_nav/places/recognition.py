@@ -79,17 +79,14 @@ MAX_CHI2 = 13.8  # D^2 that one true stretch in a thousand exceeds.
 MIN_LIKENESS = 0.2  # Score of a stretch, nats a metre: a fifth of what the model expects.
 MAX_CHANCE_M2 = 5e5  # Area in which chance alignments are counted: there are some hundred in it.
 PART_M = 2000.0  # Of a walk, half an hour.
-
 AVERAGE_M = 6.0  # Over which the steps of an alignment are averaged: its points are 0.5 m apart, the path is even.
 ALONG_SIGMA_M = 0.3  # Of a tie along the path: 0.2 m rms on simulated rough floors (`scripts/place_recognition.py`).
 LATERAL_SIGMA_M = 0.6  # Of a tie to the side: two walks along one corridor, each within 0.4 m of its middle line.
 UP_SIGMA_M = 0.2  # Of the heights: a floor is level, a ramp is not at the tie's own sigma along it.
 HEADING_SIGMA_RAD = np.deg2rad(8.0)  # Of the directions of walking there: 0.35 m aside within 5 m.
-
 REACH_M = 2.0  # By which places differ that are walked as one, and the shortest wavelength: beyond, the next one fits.
 SHIFTS_M = np.linspace(-REACH_M, REACH_M, 33)  # An eighth of a metre apart: a rough floor shows 20 m of path to 0.1 m.
 MARGIN = 8  # Points around a piece, beyond which a spline through them is the same.
-
 MAX_CYCLE_CHI2 = 16.3  # chi^2 of three degrees of freedom that one true pair in a thousand exceeds.
 TURN_LENGTH_M = 6.0  # Of a stretch, whose directions of walking differ independently of those of the next piece.
 MAX_STARTS = 20  # Stretches that a clique is grown from.

@@ -72,7 +72,6 @@ BLOCK = 8  # Points of a block, 4 m, the smallest piece that candidates are made
 CHORD_M = 3.0  # Whose direction is that of walking: two strides.
 MAX_UNREAD_M = 0.5  # Distance to the nearest reading of the magnetometer, beyond which the field is not known.
 MIN_POINTS = 40  # A path of less than 20 m is no path to return on.
-
 EARTH_M = 80.0  # Over which the Earth's field is averaged: many objects, and a heading that drifts by a few degrees.
 ROUNDS = 3  # In which Earth and iron are found in turns.
 MAX_M, MIN_M = 20.0, 2.0  # Band: full from the one to 1.25 of the other, none at half of it beyond (cosine edges).

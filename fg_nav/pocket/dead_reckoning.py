@@ -64,7 +64,6 @@ PLAUSIBLE_M = (0.3, 1.5)  # No person's constant is outside.
 MOUNTING_SIGMA_DEG = 4.0  # Axis of the swing against the path, deg: abduction 2 in the simulator, toes more. Assumed.
 STEP_HEADING_SIGMA_DEG = 4.0  # Direction of each step on its own, deg. Assumed.
 SLOPE_SIGMA = 0.03  # Rise over run: floors, streets and ramps. Stairs are ten times that, and not detected. Assumed.
-
 TURN_WALK_DEG = 2.0  # Of psi, deg/sqrt(s): ten degrees in half a minute, of a sensor that shifts and of iron.
 SCALE_WALK = 0.02  # Of s, 1/sqrt(s): a tenth in half a minute, by kerbs, slopes and haste.
 UNSEEN_M_S = 0.7  # Walk of the place where no step is seen, m/sqrt(s): who carries the sensor in a hand goes on.

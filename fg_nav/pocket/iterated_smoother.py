@@ -84,7 +84,6 @@ from fg_nav.recording import Recording
 MAX_ROUNDS = 20  # Each with new weights ...
 ENOUGH_DEG_S = 1e-4  # ... which end when no bias moves by more, deg/s.
 LAG_S = 10.0  # Lag of the online smoother, s: nodes within it are linearized and weighted again.
-
 ACC_DENSITY_M_S2 = 0.05  # Of the force, m/s^2/sqrt(Hz): noise of 0.002, and a bias of 0.05 that turns with the body.
 REST_SIGMA_M_S = 0.05  # Velocity of a sensor at rest, m/s.
 PACE_M_S = 1.4  # Velocity of the body, m/s an axis: a walker.
@@ -92,7 +91,6 @@ FIELD_PRIOR_UT = 60.0  # Prior sigma of the local field, uT an axis: more than t
 GAP_TURN_DEG_S = 100.0  # Where samples are missing, a thigh may have turned at this rate, deg/s: the rms of its swing
 GAP_TILT_DEG = 30.0  # ... but its tilt by no more than this, half of a swing, deg ...
 GAP_TURN_DEG = 100.0  # ... and its heading by no more than this, deg: about the sigma of an unknown one.
-
 FIELD_WALK_UT = 0.03  # Least walk of the local field, uT/sqrt(s): 0.2 uT in 50 m, or 0.1 deg/sqrt(s) of heading.
 FIELD_FREEDOM = 2.0  # Degrees of freedom of the t-distribution of a step of the field: low, for iron comes suddenly.
 FIELD_WINDOW_S = 3.0  # Window of the strength's spread, s.

@@ -71,7 +71,6 @@ MIN_FORCE_M_S2 = 3.0  # slow vertical force: a third of gravity, and less is the
 GAIT_HZ = 4.0  # Front and back follow from what is slower than this: three a stride, and nothing of the footfalls.
 UPRIGHT_DEG = 45.0  # A thigh farther off its mean is sitting down or getting up, which shows nothing of front and back.
 MIN_SKEW = 0.1  # a skewness below this does not distinguish forward from backward
-
 HYSTERESIS_DEG = 12.0  # Flexion comes back by so much after a turning point; a thigh gives way by 7 to 11 in turns.
 MIN_OPENING_DEG = 20.0  # Less is no step: legs that turn on the spot open by 16, the first step of a walk by more.
 MAX_OPENING_DEG = 85.0  # More, deg, is no step: a runner opens by up to 75.

@@ -36,7 +36,6 @@ STILL_S = 1.0  # The attitude at the start is levelled by the mean over this, s 
 TILT_SIGMA_DEG = 0.5  # Tilt after levelling at rest, deg: a MEMS accelerometer's bias. Not printed.
 START_SIGMA_DEG = 10.0  # Of the compass over one second outdoors, near houses and cars, deg.
 STORED_EVERY_S = 1.0  # Interval at which the whole covariance is stored: 40 minutes of it are 0.7 MB.
-
 PLACE_S = 10.0  # Over which the field's deviation is one error: as many metres.
 WALKS_DEG = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0)  # sqrt(q), deg/sqrt(s)
 FREEDOM = 4.0  # Degrees of freedom of n.

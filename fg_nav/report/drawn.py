@@ -36,11 +36,9 @@ if TYPE_CHECKING:
 ELLIPSE_RADIUS = float(np.sqrt(-2.0 * np.log(1.0 - 0.95)))  # 95 % ellipse of a 2-D normal distribution, sigmas.
 REACH = 0.3  # Largest share of a map's extent that an ellipse adds to it: a huge one would hide the path.
 ZOOMS = np.array([1, 2, 5, 10, 20, 50, 100, 200, 500, 1000])  # By which small ellipses are enlarged.
-
 GAUGE_RAD = 0.02  # A heading surer than this at the start was given, or is zero by definition; no compass is as good.
 TURNS_UNWRAPPED = 5.0  # A heading that turns more often than this is shown wrapped.
 STEEP = float(np.sin(np.deg2rad(60.0)))  # The heading of an axis steeper than this is ill-defined.
-
 EXCERPT_S = 10.0  # Length of the close-up of the stance detection: about ten strides.
 
 _ALIGNMENTS = {

@@ -27,7 +27,6 @@ _END_OF_TIME = 1e20  # No stamp in any unit is beyond this: nanoseconds since 19
 LIMIT_M_S2 = 5000.0  # No accelerometer worn by a person reads more (500 g).
 LIMIT_RAD_S = 350.0  # No gyroscope worn by a person reads more (20 000 deg/s).
 LIMIT_UT = 1e5  # No magnetometer that is still of use reads more (0.1 T).
-
 LATEST = 1e100  # Of a stamp in any unit, so that differences are numbers too.
 AIR_PA = (3e4, 1.2e5)  # Pressure of the air, from above the highest mountains to below the deepest mines.
 MAX_JUDGED, BLOCK = 2_000_000, 20_000  # Samples by which units are judged, hours, and of a block, more than a minute.

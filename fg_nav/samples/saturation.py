@@ -49,11 +49,9 @@ _FLAT = 0.004  # Steps below this share of the extreme are flat.
 _CORNER = 6.0  # A corner is a step this many times the flat bound; the parabola's largest within reach is four times.
 _REACH = 3  # Samples next to a flat top in which its corner must come, or half the length of the top if that is more.
 _LONE_STEPS = 5  # Flat steps of a top that counts though it does not recur.
-
 _CUT_SHARE = 0.1  # Least share of the peaks that reach the level to be cut: chance makes a few flat tops in many.
 COARSEST, RECURRENCES, MIN_CUT = 15.0, 2.0, 3  # Of a coarse signal: steps to its extreme, recurrence, cut peaks.
 _PILE = 5  # Peaks within a per cent of the extreme that make a pile, if the next per cent holds less than half.
-
 FLANK_STEPS = 4  # Next to a run; a low-pass behind the range bends the first two.
 MIN_BEYOND = 0.25  # Samples by which a peak is longer than from its first cut sample to its last, on either side.
 MAX_S = 0.3  # A swing lasts 0.4 s: in a longer run there is more than one peak.

@@ -42,9 +42,7 @@ from fg_nav.solution import StanceTable
 if TYPE_CHECKING:
     from fg_nav.smoother.field import FieldVerdict
 
-UNSOLVED = (RuntimeError, ValueError, IndexError, ArithmeticError, FgNavError)
-"""What gtsam, numpy and fg_nav raise where there is no solution: an indeterminate system, a key that is not there, a
-matrix that cannot be divided by, no convergence."""
+UNSOLVED = (RuntimeError, ValueError, IndexError, ArithmeticError, FgNavError)  # Raised without a solution.
 
 
 class LinearizableBlock(Protocol):

@@ -50,7 +50,6 @@ LIGHT = 0.8  # Weight of a sign that is named, and makes no path doubtful.
 NAMING = 0.0  # Weight of words that name a possible cause of other signs.
 UNSEEN = -1.0  # Weight of an absent sign.
 MANY = 4.0  # Sum of the weights, of those of 1 and more, that spoils a path.
-
 HARMLESS_SHARE = 0.01  # Error of a good path, whatever its sigma, over the way.
 USE_SHARE = 0.1  # Error, or 95 % region, from which on a path is of no use, over the way;
 USE_SHARE_IN_POCKET = 0.6  # in a pocket more: the length of a step is known to 0.12.

@@ -43,10 +43,8 @@ from fg_nav.walk import Walk, ignores_field
 
 SPAN_S = 0.1  # Between the two positions of a speed.
 RUN_CYCLE_S = 0.85  # Median stride below which a walk is a run: the foot is never as still.
-
 DUE_SWINGS, DUE_S = 1.6, 1.2  # A stance is due when a swing has lasted for this many usual ones, and this long;
 LATEST_S = 2.0  # in any case after this: where most stances were missed no swing is usual.
-
 MOVING_RAD_S = 1.0  # Mean rate of a moving foot before or after all footfalls.
 OPEN_SHARE = 0.3  # Residual velocity at a stance over the swing's speed: its stride is wrong by half of it.
 LOW_RATE_HZ = 80.0  # A heel strikes within 20 ms.

@@ -55,11 +55,9 @@ MAX_WAITING = 1 << 18  # Bytes in the buffer of a page that keeps up; two histor
 MAX_MESSAGE = 1024  # Bytes; pages send none.
 MAX_REMARKS = 50
 CLOSING_S = 1.0  # Timeout of the closing handshake with a page.
-
 STATUS_S = 0.2  # Between two statuses.
 STATUS_SHARE = 0.1  # Largest share of the time spent on them: with a thousand pages they are rarer.
 REDRAW_S = 0.05  # Changes of the past within this time are one message.
-
 HEADERS = {  # Of every response: no external resources, and no framing by other pages.
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
     "connect-src 'self' ws://{host}; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",

@@ -39,7 +39,6 @@ SENSOR_WORD = re.compile(r"sensor|dev|imu|foot|side|node|addr|mac|body|segment|l
 
 _ALTERNATING = 0.1  # Share of rows at which a column changes that names their sensor; a label of an act changes seldom.
 _APART, MAX_ALTERNATING = 0.25, 4  # Rows of one sensor change by less than this of what rows of two do, median.
-
 _MIN_NUMBERS = 3  # Columns of numbers in a table of one sensor.
 _SENSOR = re.compile(
     r"[_ .-]*(accelerometers?|accelerations?|accel|acce|acc|gyroscopes?|gyros?|gyr|magnetometers?|magnet|magn|mag)"

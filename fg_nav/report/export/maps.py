@@ -28,7 +28,6 @@ from fg_nav.text import to_json
 
 MAX_ELLIPSES = 200  # More of them hide each other on any map.
 CORNERS = 33  # Of an outline, the first again as the last: within half a percent of the ellipse.
-
 BLUE, LINE_WIDTH, FILL_OPACITY = "#0072b2", 3, 0.08  # The blue of the pictures.
 
 KML = "http://www.opengis.net/kml/2.2"

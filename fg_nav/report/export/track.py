@@ -47,7 +47,6 @@ SIGMA = ["sigma_x_m", "sigma_y_m", "sigma_z_m"]
 BETWEEN = {"cov_xy_m2": (0, 1), "cov_xz_m2": (0, 2), "cov_yz_m2": (1, 2)}
 
 PERSON = "person.csv"  # Table of the person's path where both feet were recorded, with the columns of `strides.csv`.
-
 EPOCH_S = (1e9, 2.0**31)  # Seconds since 1970 of the years 2001 to 2037: beyond any clock since power-on.
 LINE_STEP_S = 0.1  # Between two points of a drawn line: a foot swings for half a second.
 DEGREE_DIGITS, METER_DIGITS = 9, 3  # Decimals in files: a billionth of a degree is a tenth of a millimetre.

@@ -35,7 +35,6 @@ FRAME, CHILD = "odom", "foot"
 
 UNKNOWN = 1e6  # Variance of an unknown quantity: far beyond that of any foot.
 _LAST_S = 2.0**31  # Stamps of ROS are 32-bit seconds.
-
 SEMI = float(np.sqrt(chdtri(3, 0.05)))  # Semi-axes of the 95 % ellipsoid of a normal distribution, sigmas.
 BLUE, GRAY = (0, 114, 178), (120, 120, 120, 60)
 LINE_M, DOT_M = 0.01, 0.03  # Radii of the line and of the dots: a shoe is 0.1 m wide.

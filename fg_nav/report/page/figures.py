@@ -19,12 +19,9 @@ Trace: TypeAlias = dict[str, Any]
 """One line, band or set of dots."""
 
 BLUE, VERMILION, GREEN, PURPLE, OCHRE, TEAL = "#2a7fc9", "#d9601a", "#12946c", "#b8609c", "#b07d12", "#3a93b0"
-CYCLE = (BLUE, VERMILION, GREEN, PURPLE, OCHRE, TEAL)
-"""Colours of methods or axes, in order: those of Okabe and Ito, of a lightness that shows on white and on dark."""
-
+CYCLE = (BLUE, VERMILION, GREEN, PURPLE, OCHRE, TEAL)  # Of methods and axes: Okabe and Ito, on white and dark.
 GRAY = "#8a9096"  # Of a truth, and of footfalls without a verdict.
 SHADE = "rgba(42, 127, 201, 0.16)"  # Background of a stance.
-
 MAX_POINTS = 6000  # Of a line: a desk shows some 1200 pixels, and a reader zooms in by a factor of a few.
 MAX_DOTS = 3000  # Dots with a label for the pointer: more of them make a page slow.
 BAND = 1.96  # Half width of a 95 % band, in standard deviations.

@@ -32,13 +32,10 @@ if TYPE_CHECKING:
 _DOTS = ((100, 5.0), (400, 3.6))  # Most footfalls, and the size of their dots in points; smaller ones for more.
 _MAP_DOTS = ((60, 5.0), (200, 3.6), (600, 2.6), (1500, 2.0))
 MIN_SPAN_UT, MIN_SPAN_DEG = 5.0, 5.0  # Of the axes of strength and inclination: noise is not a disturbance.
-
 ACCEPTED, REJECTED, UNJUDGED = style.GREEN, "#F3C6AE", style.GRID  # Colours of the verdicts; also apart in grey.
-
 CELLS, FINE = 1000, 8  # Cells of a lane over the whole walk, and parts of a cell, whose colours mix.
 REACH_S, REACH_STEPS = 3.0, 2.0  # Time that a verdict colours around it, or of the usual step if that is longer.
 _LANE_IN = 0.21  # Height of a lane.
-
 MAPS, MAX_MAPS = 3, 6  # Maps beside each other, and of a course that is far longer than wide.
 TALL = 2.0  # Height over width of such a course.
 _MAP_HEIGHTS_IN = (1.1, 4.2)  # Of one map, inches.
