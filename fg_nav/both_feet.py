@@ -169,16 +169,16 @@ def _name(walk: Walk, number: int) -> str:
 
 
 def _prepare_both(walks: Sequence[Walk]) -> tuple[list[Walk], dict[int, str]]:
-    """Prepare both walks; of those without footfalls why they cannot be navigated, by their numbers.
+    """Return both walks prepared, and by index the reason for each that has too few footfalls to be navigated.
 
-    Raises what else is wrong with a recording, with its name.
+    Raises any other fault of a recording, with its name.
     """
     prepared, lost = [], dict[int, str]()
     for number, walk in enumerate(walks):
-        # The heading of the left foot is that of neither before it is known which is the left one.
+        # The given heading is the left foot's: neither walk has it until the sides are known.
         alone, name = replace(walk, options=replace(walk.options, heading_deg=None, mount="foot")), _name(walk, number)
         try:
-            # without parts of an interrupted recording that nothing would tie
+            # drop the parts of an interrupted recording that have no footfalls to tie them to the rest
             whole = alone.recording
             alone = _prepare(alone, whole)
             if (parts := keep_walked_parts(whole, alone.stances)) is not whole:
@@ -205,7 +205,7 @@ def _prepare(walk: Walk, recording: Recording) -> Walk:
 
 
 def _find_lost(walks: Sequence[Walk], method: str) -> dict[int, str]:
-    """Which of two walks cannot be solved, or recorded too little of the other one's; none where both are walks."""
+    """Return by index why one walk is unusable: not solvable, or far fewer footfalls; empty if both fail or neither."""
     counts = [walk.stances.n_footfalls for walk in walks]
     few = int(np.argmin(counts))
     if counts[few] < LOST_SHARE * counts[1 - few]:
@@ -221,9 +221,9 @@ def _find_lost(walks: Sequence[Walk], method: str) -> dict[int, str]:
 
 
 def _go_alone(request: _Request, prepared: Sequence[Walk], lost: Mapping[int, str], untied: str = "") -> FeetResult:
-    """Navigate each foot that is left by itself, and take the left one of them for the person.
+    """Navigate each usable foot alone; the person's path is the left foot's, or that of the only usable one.
 
-    `untied` is why two feet that are left are not one walk.
+    `lost` has the reason for each unusable foot by its index; `untied`, why two usable feet cannot be solved as one.
     """
     feet, notes = dict[str, Result](), list[str]()
     for side in SIDES:
@@ -256,7 +256,7 @@ def _go_alone(request: _Request, prepared: Sequence[Walk], lost: Mapping[int, st
 
 
 def _navigate_both(request: _Request, walks: Sequence[Walk]) -> FeetResult:
-    """Solve two prepared walks as one."""
+    """Solve two prepared walks in one graph; return both feet, the person and how the feet were paired."""
     first, second = walks
     clocks = ClockOffset(request.clock_offset_s or 0.0)
     if request.clock_offset_s is None:
@@ -289,7 +289,7 @@ def _navigate_both(request: _Request, walks: Sequence[Walk]) -> FeetResult:
 
 
 def _find_sides(request: _Request, first: Walk, second: Walk) -> tuple[_Pair, tuple[Side, Side], Known]:
-    """Solve both feet, the other way round where the steps show that."""
+    """Solve both feet, swapped if the steps show it; return the pair, the sides in order, and how they are known."""
     order, left, right = request.order, *((first, second) if request.order == SIDES else (second, first))
     pair = _solve(request, left, right)
     if request.sides is not None:
@@ -313,7 +313,7 @@ def shows_sides(solution: FeetSolution) -> bool:
 
 
 def _solve(request: _Request, left: Walk, right: Walk) -> _Pair:
-    """Solve the feet, each with a heading to begin with."""
+    """Set initial headings and solve both feet in one graph; return the two walks with the solution."""
     from fg_nav.smoother.batch import WalkInput
     from fg_nav.smoother.feet import smooth_feet
 
@@ -336,9 +336,9 @@ def _solve(request: _Request, left: Walk, right: Walk) -> _Pair:
 
 
 def _set_headings(request: _Request, left: Walk, right: Walk) -> tuple[Walk, Walk]:
-    """Give both sensors headings at their starts; none where both have a field, and so north."""
+    """Set the initial headings, the right from the steps; with a field and none given, the field determines both."""
     if request.heading_deg is None and left.field is not None:
-        # North is the left foot's field; how the right one lies to it the steps show.
+        # The left foot's field gives north; the steps give the heading of the right foot relative to the left.
         return left, right
     start = Options(heading_deg=request.heading_deg or 0.0).heading_rad or 0.0
     relative = measure_relative_heading(_find_footfalls(right), _find_footfalls(left))
@@ -360,7 +360,7 @@ def _find_footfalls(walk: Walk) -> Footfalls:
 
 
 def _shift_clock(walk: Walk, clocks: ClockOffset) -> Walk:
-    """Set all stamps of a walk on."""
+    """Add the clock offset to the stamps of samples, truth and field."""
     if not clocks.offset_s and not clocks.drift:
         return walk
     move, recording, truth = clocks.shift, walk.recording, walk.truth
@@ -373,7 +373,7 @@ def _shift_clock(walk: Walk, clocks: ClockOffset) -> Walk:
 
 
 def _describe_cover(pair: _Pair) -> list[str]:
-    """Say where only one foot was recorded."""
+    """Return notes on the times (s) in which only one foot was recorded."""
     found = []
     for side, other, one, two in (("left", "right", pair.left, pair.right), ("right", "left", pair.right, pair.left)):
         t, of_other = one.recording.t, two.recording.t

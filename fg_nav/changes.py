@@ -25,14 +25,14 @@ T = TypeVar("T")
 
 
 def change_parameters(parameters: T, changes: Changes, owner: str = "") -> T:
-    """Return a dataclass of parameters with some of them, or of those in it, replaced.
+    """Return the dataclass `parameters` with each (name, value) of `changes` set; dotted names reach nested ones.
 
-    `owner` stands before their names in an error.
+    `owner` is put before the name in an error.
 
     Raises
     ------
     EstimationError
-        For a name that is none, and a value of another type.
+        If there is no such parameter, or its value is of another type.
     """
     known = list(list_names(parameters)) if changes else []
     for name, value in changes:
@@ -85,7 +85,7 @@ def _replace(parameters: T, path: list[str], value: Value, whole: str) -> T:
 
 
 def _convert(owner: object, name: str, value: Value, whole: str) -> object:
-    """Return the value as the field has it: a whole number is a real one too, and nothing else is something else."""
+    """Return `value` in the type of the field `name`; an integer passes as a float, any other mismatch raises."""
     hint = typing.get_type_hints(type(owner))[name]
     literal = typing.get_args(hint) if typing.get_origin(hint) is typing.Literal else ()
     if value in literal:
@@ -104,7 +104,7 @@ def _convert(owner: object, name: str, value: Value, whole: str) -> object:
     cannot = f"the parameter '{whole}' cannot be {shorten(value)}"
     is_number = isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < LARGEST
     before = getattr(owner, name)
-    # a positive number is a sigma, a density, a time: no value below zero makes sense
+    # a positive default is a sigma, a density or a time: a negative value makes no sense
     is_positive = isinstance(before, int | float) and not isinstance(before, bool) and before > 0
     if is_number and is_positive and cast("float", value) < 0:
         raise EstimationError(f"{cannot}: give a number that is not below zero.")

@@ -96,7 +96,7 @@ class EarthField:
 
 
 def compute_field(place: Place) -> EarthField:
-    """Field of the World Magnetic Model at a place and day.
+    """Return the field (uT; east, north, up) of the World Magnetic Model at a place and day.
 
     Raises `EarthError` without the extra `wmm`, or for a day of no edition that `pygeomag` knows (2010 to 2029).
     """

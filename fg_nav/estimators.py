@@ -44,7 +44,7 @@ DEFAULT_METHOD: dict[Mount, str] = {"foot": "smoother", "pocket": "pocket"}
 def choose_parameters(options: Options, calibration: Calibration | None = None) -> SmootherParameters:
     """Return the parameters of the smoother for these options and the calibration of the sensor.
 
-    In this order: the gyroscope's bias as calibrated, the gate, what the options change, and "card" at last.
+    Later ones prevail: calibrated gyroscope bias, gate, changes of the options, "card".
     """
     from fg_nav.smoother import SmootherParameters
 
@@ -85,7 +85,7 @@ BLOCK = 64  # Samples that the online estimator is given at once; its estimates 
 
 
 def _online(walk: Walk, progress: Progress | None) -> Solution:
-    """Push a recording through as if it were being walked; stances are found on the way."""
+    """Feed a recording sample by sample to the online navigator, which finds the stances itself; return its path."""
     from fg_nav.online import OnlineNavigator
     from fg_nav.online.navigator import finish_walk
     from fg_nav.online.options import OnlineOptions
@@ -143,7 +143,7 @@ def _pocket(method: str) -> Estimator:
 
 
 def _pocket_online(walk: Walk, progress: Progress | None) -> Solution:
-    """Push a recording from a pocket through as if it were being walked."""
+    """Feed a pocket recording sample by sample to the online pocket navigator; return its path."""
     from fg_nav.online.navigator import finish_walk
     from fg_nav.online.pocket import PocketNavigator, PocketOptions
 
@@ -245,7 +245,7 @@ def find_estimator(name: str, mount: Mount = "foot") -> Estimator:
 
 
 def find_parameters(method: str, preset: str = "tuned") -> object:
-    """Return the parameters of a method on a foot, a frozen dataclass, as it begins with them.
+    """Return the default parameters of a foot method, a frozen dataclass, in a preset.
 
     Raises
     ------

@@ -81,7 +81,7 @@ class FeetResult(Solution):
     def of(
         cls, feet: Mapping[str, Result], person: PersonPath, pairing: Pairing, notes: tuple[str, ...] = ()
     ) -> FeetResult:
-        """Join what was made of the feet, and measure the person against the truth of both."""
+        """Join the results of the feet, and evaluate the person's path against the mean of both true paths."""
         first = next(iter(feet.values()))
         tied = pairing.width_m is not None
         truth, why_not = _find_truth(feet if tied else dict([next(iter(feet.items()))]))
@@ -152,7 +152,7 @@ class FeetResult(Solution):
 
 
 def solve_person(person: PersonPath, of: Solution, runtime_s: float, notes: tuple[str, ...] = ()) -> Solution:
-    """Return the person's path by the method of one of the feet; its footfalls have no gyroscope bias and no field."""
+    """Return the person's path as a `Solution` with method and parameters of foot `of`; no bias, no field."""
     sample, first = np.unique(
         np.clip(np.searchsorted(person.t, person.footfall_t), 0, len(person.t) - 1), return_index=True
     )
@@ -169,7 +169,7 @@ def solve_person(person: PersonPath, of: Solution, runtime_s: float, notes: tupl
 
 
 def _find_truth(feet: Mapping[str, Result]) -> tuple[TrajectoryTruth | None, tuple[str, ...]]:
-    """Middle of the true paths of both feet, of one alone its own; or why there is none though both have one."""
+    """Return the mean of both feet's true paths (of one foot, its own) or None, and notes on why there is none."""
     truths = [foot.walk.truth for foot in feet.values() if foot.outcome.comparison is not None]
     paths = [truth for truth in truths if isinstance(truth, TrajectoryTruth)]
     if len(paths) < len(feet):

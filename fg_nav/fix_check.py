@@ -30,7 +30,7 @@ _NEIGHBORS = 50  # Fixes after each that it is compared with: from those farther
 
 
 def check_fix(fix: Fix) -> None:
-    """Raise `EstimationError` if a fix has no place, or a sigma that none has."""
+    """Raise `EstimationError` if the position of a fix is not finite, or its sigma impossible."""
     if not (np.isfinite(fix.position).all() and 0 < fix.horizontal_sigma_m < np.inf and fix.vertical_sigma_m > 0):
         raise EstimationError(
             f"the fix at {fix.time_s:.2f} s needs a finite position and sigmas above zero: correct it or leave it out."
@@ -44,7 +44,7 @@ def check_fix(fix: Fix) -> None:
 
 
 def check_fixes(fixes: Sequence[Fix], t: Floats | None = None) -> None:
-    """Refuse fixes that cannot be, by themselves and by each other; and by the stamps `t` (N,) s of the walk, if known.
+    """Refuse fixes that are invalid, contradict each other or, where its stamps `t` (N,) s are given, the walk's span.
 
     Raises `EstimationError` with the time of the fix.
     """
@@ -59,7 +59,7 @@ def check_fixes(fixes: Sequence[Fix], t: Floats | None = None) -> None:
 
 
 def check_fixes_on_path(fixes: Sequence[Fix], t: Floats, position: Floats, unseen_s: Floats) -> None:
-    """Refuse fixes farther apart over ground than what was walked between, on a path `position` (F, 3) m at `t` (F,) s.
+    """Refuse fixes farther apart than the distance walked between them on the path `position` (F, 3) m at `t` (F,) s.
 
     `unseen_s` (F,) is the time without samples up to each place. Heights may differ by more: there are lifts.
 
@@ -93,7 +93,7 @@ def check_times(fixes: Sequence[Fix], begin_s: float, end_s: float) -> None:
 
 
 def _compare(fixes: Sequence[Fix], reach: Floats, slack_m: float, explain: Callable[[int, int], str]) -> None:
-    """Compare fixes (K,) in the order of time with how far one comes: `reach` (K,) m rises by as much between two."""
+    """Refuse fixes (K,), sorted by time, farther apart than the rise of `reach` (K,) m, cumulative, plus the slack."""
     place = np.array([fix.position for fix in fixes]).reshape(-1, 3)
     level = SIGMAS * np.array([fix.horizontal_sigma_m for fix in fixes])
     height = SIGMAS * np.array([fix.vertical_sigma_m for fix in fixes])

@@ -35,9 +35,9 @@ def turn_heading(nav_R_body: Floats) -> Floats:
 
 
 def level_attitude(body_up: Floats, heading: float = 0.0) -> Floats:
-    """Attitude (..., 3, 3) whose z row is `body_up` (..., 3), the direction of up in the body, with a heading in rad.
+    """Return nav_R_body (..., 3, 3) from the up direction in the body frame, `body_up` (..., 3), and a heading in rad.
 
-    With the x axis within a hair of vertical the heading is that of no axis in particular.
+    With the x axis nearly vertical the heading is arbitrary.
     """
     up = body_up / np.linalg.norm(body_up, axis=-1, keepdims=True)
     of_x, of_z = (axis - up[..., k, None] * up for k, axis in ((0, np.eye(3)[0]), (2, np.eye(3)[2])))
@@ -70,7 +70,7 @@ def yaw_rotation(angle: float | Floats) -> Floats:
 def quaternion_xyzw(nav_R_body: Floats) -> Floats:
     """Quaternions (N, 4) as x, y, z, w of attitudes (N, 3, 3); `scipy.spatial` has it too, and is slow to load.
 
-    Of 4 q q^T, which is linear in the attitude, the row with the largest component of q is the most exact (Shepperd
+    4 q q^T is linear in the attitude; its row with the largest component of q is the most accurate (Shepperd
     1978).
     """
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = np.moveaxis(nav_R_body, 0, -1)

@@ -50,7 +50,7 @@ class FixColumns:
 
 
 def select_fixes(fixes: Sequence[Fix], begin_s: float, end_s: float) -> FixColumns:
-    """Select the fixes within a walk; raises `EstimationError` where they are too few."""
+    """Return the fixes in a walk, sigmas raised for their correlation; raises `EstimationError` if too few."""
     inside = sorted((fix for fix in fixes if begin_s <= fix.time_s <= end_s), key=lambda fix: fix.time_s)
     if len(inside) < MIN_FIXES:
         raise EstimationError(
@@ -64,11 +64,11 @@ def select_fixes(fixes: Sequence[Fix], begin_s: float, end_s: float) -> FixColum
 
 
 def find_turn(walked: Floats, fixes: FixColumns) -> tuple[float, Floats]:
-    """Turn rad, counter-clockwise about the origin, and shift (2,) m, that lay places walked (K, 2) best on fixes."""
+    """Fit walked positions (K, 2) m to the fixes, robustly; return turn (rad, counter-clockwise) and shift (2,) m."""
     best = (np.inf, 0.0, np.zeros(2))
     for turn in np.linspace(-np.pi, np.pi, TURNS, endpoint=False):
         miss = fixes.place - walked @ yaw_rotation(turn)[:2, :2].T
-        # iteratively reweighted mean, from the median on
+        # iteratively reweighted mean (Cauchy loss), starting from the median
         shift = np.median(miss, axis=0)
         for _ in range(5):
             off = ((miss - shift) ** 2).sum(axis=1) / fixes.sigma**2
@@ -81,7 +81,7 @@ def find_turn(walked: Floats, fixes: FixColumns) -> tuple[float, Floats]:
 
 
 def describe_start(gnss: Gnss, start: Floats, sigma_m: float, close: Bools) -> dict[str, float]:
-    """Return where a walk starts, (2,) m in the axes of the fixes, and its sigma; `close` (K,) fixes count in full."""
+    """Return latitude, longitude (deg) and sigma (m) of `start` (2,) m, with the fixes not `close` (K,) counted."""
     latitude, longitude = gnss.locate(float(start[0]), float(start[1]))
     return {
         "latitude_deg": latitude,

@@ -260,7 +260,7 @@ def _measure_range(samples: Floats) -> Range:
 
 
 def _measure_rest(raw: RawRecording, rising: Ints) -> Rest:
-    """Measure the rests among samples in order of time, even if the recording is refused."""
+    """Return duration (s), |force| (m/s^2) and rate (deg/s) at rest; `rising` (K,) are the samples in order of time."""
     t, acc, gyr = raw.t[rising], raw.acc[rising], raw.gyr[rising]
     period = plausibility.median_period_s(t)
     orderly = len(t) >= MIN_SAMPLES and plausibility.find_stamp_problem(period) is None
@@ -286,7 +286,7 @@ def _measure_field(mag: Floats, duration: float, recording: Recording | None) ->
 
 
 def _list_sample_problems(facts: Inspection) -> list[str]:
-    """Axes, stamps, saturation, and what rests show."""
+    """Return problems with axes, stamps, saturation and rests, one sentence each."""
     stamps, rest, found = facts.stamps, facts.rest, list[str]()
     if SUSPECT <= facts.axes.against <= DECISIVE:
         problem = facts.axes.problem
@@ -322,7 +322,7 @@ def _list_sample_problems(facts: Inspection) -> list[str]:
 
 
 def _list_field_problems(facts: Inspection) -> list[str]:
-    """Magnetometer without samples, its axes and delay, a field that points up or is disturbed."""
+    """Return problems with the magnetometer (absent, axes, delay) and field (up, disturbed), one sentence each."""
     field = facts.field
     if field is None:
         return ["There is no magnetometer: the heading is that of the gyroscope alone."]
@@ -345,7 +345,7 @@ def _list_field_problems(facts: Inspection) -> list[str]:
 
 
 def _list_stance_problems(facts: Inspection) -> list[str]:
-    """A thigh in place of a foot; too few stances, or too many."""
+    """Return at most one sentence: a thigh in place of a foot, too few stances, or too many."""
     share, (low, high) = facts.stance.share, STANCE_SHARES
     if facts.refusal is not None:
         return []
@@ -359,7 +359,7 @@ def _list_stance_problems(facts: Inspection) -> list[str]:
 
 
 def _list_unjudged(facts: Inspection) -> list[str]:
-    """Checks for which a recording that is short, slow or hardly turns is too little."""
+    """Return one sentence with the checks for which the recording is too short, too slow or turns too little."""
     if facts.refusal is not None or facts.wearing == "pocket":
         return []
     rate_hz, strides, checks = facts.stamps.rate_hz, facts.axes.strides, list[str]()
@@ -373,7 +373,7 @@ def _list_unjudged(facts: Inspection) -> list[str]:
 
 
 def _list_merits(facts: Inspection) -> list[str]:
-    """What is good about the recording."""
+    """Return what is good about the recording, one sentence each."""
     stamps, rest, field = facts.stamps, facts.rest, facts.field
     found = []
     if stamps.jitter_s * stamps.rate_hz <= JITTER_SHARE and not (stamps.gaps or stamps.backward):

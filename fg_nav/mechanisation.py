@@ -65,9 +65,9 @@ def rotation_series(x: float) -> tuple[float, float, float]:
 
 @njit(cache=True)
 def strapdown(state: NavState, acc: Floats, gyr: Floats, h: float, gravity: float, turn: Floats, push: Floats) -> None:
-    """Move `state` over one sample `acc` (3,) m/s^2, `gyr` (3,) rad/s held for `h` seconds.
+    """Propagate `state` in place over one sample `acc` (3,) m/s^2, `gyr` (3,) rad/s, held for `h` seconds.
 
-    Writes `turn` (3, 3) s and `push` (3,) m/s, which the propagation of the covariance needs.
+    Writes `turn` (3, 3) s and `push` (3,) m/s for the covariance propagation.
     """
     position, velocity, R, gyro_bias, acc_bias = state
     wx, wy, wz = gyr[0] - gyro_bias[0], gyr[1] - gyro_bias[1], gyr[2] - gyro_bias[2]
@@ -100,9 +100,9 @@ def strapdown(state: NavState, acc: Floats, gyr: Floats, h: float, gravity: floa
 def integrate_strides(
     acc: Floats, gyr: Floats, h: Floats, start: Ints, stop: Ints, nav_R_body: Floats, bias: Floats, gravity: float
 ) -> Floats:
-    """Velocity (K, 3) m/s after strides of samples `start` to `stop` (K,) that begin at rest.
+    """Return the velocity (K, 3) m/s at the end of K strides, samples `start` to `stop` (K,), each begun at rest.
 
-    `nav_R_body` (K or more, 3, 3) at their starts is moved on to their ends; `bias` (K or more, 3) rad/s is taken off.
+    `nav_R_body` (K or more, 3, 3) is propagated in place; `bias` (K or more, 3) rad/s is subtracted; `h` (N,) s.
     """
     count = len(start)
     velocity, position, acc_bias = np.zeros((count, 3)), np.zeros(3), np.zeros(3)
@@ -141,9 +141,9 @@ def rotate_in_body(R: Floats, x: float, y: float, z: float) -> None:
 
 @njit(cache=True)
 def nudge_tilt(nav_R_body: Floats, force: Floats, gain: float) -> None:
-    """Turn the attitude a share `gain` of the way that brings `force` (3,) to the vertical; keep it orthonormal.
+    """Correct the tilt in place by a share `gain` of the angle from `force` (3,), body frame, to up; orthonormalize.
 
-    In free fall there is no vertical, and the attitude stays.
+    In free fall there is no vertical: the attitude is left unchanged.
     """
     R = nav_R_body
     fx, fy, fz = force[0], force[1], force[2]

@@ -116,8 +116,8 @@ def navigate(
 
 
 def prepare_walk(walk: Walk) -> Walk:
-    """Correct a recording, find its stances, measure its field and judge it for the report: once, for all methods."""
-    # are truth and fixes of this walk, and is there what is changed?
+    """Return the walk with corrected samples, stances, and field with verdicts: once, for all methods."""
+    # do truth and fixes belong to this walk, and do the changed parameters exist?
     check_known(walk)
     check_changes(walk.options)
     # magnetometer and accelerometer by their calibration
@@ -153,7 +153,7 @@ def check_method(method: str, mount: Mount | None) -> None:
 
 
 def estimate_on_places(walk: Walk, method: str, progress: Progress | None = None) -> Solution:
-    """Solve a walk, and again on its known places where it has some that are recognized.
+    """Solve a walk; where known places are recognized, solve it again in their frame, tied to them.
 
     Raises
     ------
@@ -170,7 +170,7 @@ def estimate_on_places(walk: Walk, method: str, progress: Progress | None = None
     mag = require_mag(walk)
     solution = estimate(walk, method, progress)
     path = trace_signature(walk.recording.t, solution.position, solution.nav_R_body, mag)
-    # start and heading in the known frame, by what is recognized
+    # start and heading in the known frame, from the recognized places
     location = locate(path, walk.places)
     if location is None:
         return replace(solution, notes=(*solution.notes, NOTHING))
@@ -185,7 +185,7 @@ def estimate_on_places(walk: Walk, method: str, progress: Progress | None = None
 
 
 def take_places(walk: Walk, solution: Solution) -> SavedPlaces:
-    """Take the places of a solved walk, to be saved.
+    """Return the magnetic places along a solved walk, to be saved.
 
     Raises
     ------
@@ -219,7 +219,7 @@ def _tie(location: Location, footfalls: StanceTable) -> KnownTies:
 
 
 def _move(solution: Solution, location: Location) -> Solution:
-    """Move a walk that was solved about its located start to there, with the sigma of the known walk itself."""
+    """Shift a solution to its located start in the known frame, and add the variance of the known walk to its own."""
     table, variance = solution.stances, np.diag(location.map_variance)
     pose_cov = table.pose_cov
     if pose_cov is not None:

@@ -139,7 +139,7 @@ class Recording:
     def from_raw(cls, raw: RawRecording, longest_gap_s: float = MAX_BRIDGED_S) -> Recording:
         """Judge a file's samples and take what can be navigated with; the policy is on top of this file.
 
-        What was left out stands in the notes of `provenance`. At a gap of more than `longest_gap_s` it is cut.
+        Omissions are noted in `provenance`. The recording is cut at a gap longer than `longest_gap_s`.
 
         Raises `RecordingError` if the recording is refused: what is wrong, at which row and time, and what to try.
         """
@@ -251,7 +251,7 @@ class Recording:
     def slice(self, start: int, stop: int) -> Recording:
         """Cut out the samples `start <= i < stop`, as views; truth and provenance stay whole.
 
-        What lies in gaps and within samples stays what the whole recording makes of it.
+        Gaps and sub-sample motion are kept as estimated from the whole recording.
 
         Raises `RecordingError` if too few samples are left.
         """
@@ -272,9 +272,9 @@ class Recording:
 
 
 def note_nominal_rate(raw: RawRecording, sigma: float = NOMINAL_SIGMA) -> RawRecording:
-    """Return samples whose time is counted by a rate with its sigma, a share of it, and what that does to the path.
+    """Return the samples with the relative `sigma` of their nominal rate, widened by lost rows, and notes on it.
 
-    What is walked in a swing is force integrated twice, and goes with the square of the period.
+    A stride is force integrated twice, so its length goes with the square of the period.
     """
     notes = [f"the rate is nominal, known to {100 * sigma:.2g} %: 1 % of it is 2 % of the path"]
     lost = find_lost_share(raw.gyr)
@@ -329,9 +329,9 @@ def _leave_out_bad(raw: RawRecording, kept: Ints, t: Floats, notes: list[str]) -
 
 
 def _move_to_clock(truth: Truth | None, stamped: Floats, t: Floats) -> Truth | None:
-    """Truth that was recorded with the samples, stamp for stamp, moves with their stamps.
+    """Return the truth with its times moved from the `stamped` (K,) s clock of the samples to the corrected `t` (K,) s.
 
-    Footprints lose their times where the clock began again: one time is then that of two samples.
+    Footprints lose their times where the clock restarted: one stamp then belongs to two samples.
     """
     if isinstance(truth, FootprintTruth) and truth.t is not None:
         if (np.diff(truth.t) <= 0).any() or (np.diff(stamped) < 0).any():
@@ -360,7 +360,7 @@ def _check_count(count: int) -> None:
 
 
 def _judge_missing(raw: RawRecording, usable: Bools, first: int, last: int) -> list[str]:
-    """Note the missing samples; refuse them if they are many between the first and the last that are used."""
+    """Return a note on the missing samples; raise if too many lie between the used samples `first` and `last`."""
     missing = np.flatnonzero(~usable)
     if not len(missing):
         return []
@@ -375,7 +375,7 @@ def _judge_missing(raw: RawRecording, usable: Bools, first: int, last: int) -> l
 
 
 def _note_gaps(raw: RawRecording, kept: Ints, t: Floats) -> list[str]:
-    """Note the gaps: those that are known from the samples around, and those that are not."""
+    """Return notes on the gaps: those bridged from the samples around them, and those too long for that."""
     step = np.diff(t)
     worst = int(np.argmax(step))
     longest = f"{1e3 * step[worst]:.0f} ms before row {raw.row[kept[worst + 1]]}"

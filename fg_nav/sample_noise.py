@@ -16,10 +16,10 @@ from fg_nav.recording import Recording
 
 
 def find_extra_sigmas(recording: Recording, saturated_share: float) -> tuple[Floats, Floats]:
-    """Find the standard deviations (N, 3) of single samples on top of the densities: zero for most.
+    """Return extra sigmas of single samples on top of the noise densities, (N, 3) m/s^2 and (N, 3) rad/s; mostly zero.
 
-    `saturated_share` is what a clipped peak may hide beyond what is rebuilt, as a share of the range, one sigma; 0 for
-    no extra sigma of peaks. Returns those of specific forces, m/s^2, and of rates, rad/s; not to be written to.
+    `saturated_share` is the sigma of a clipped peak beyond its reconstruction, as a share of the range; 0 for
+    no extra sigma of peaks. The arrays are not to be written to.
     """
     gaps = recording.gaps
     held_s = recording.t[gaps.sample + 1] - recording.t[gaps.sample]

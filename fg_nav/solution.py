@@ -173,7 +173,7 @@ class Located:
 
     @property
     def sentence(self) -> str:
-        """In words for people."""
+        """Where the known places put the walk, in one sentence for the user."""
         first, length = self.stretches[0], sum(one.length_m for one in self.stretches)
         (x, y, z), sigma = self.position, float(np.hypot(*self.sigma[:2]))
         return (
@@ -241,10 +241,10 @@ class Solution:
     located: Located | None = None
 
     def widen(self, rate_sigma: float) -> Solution:
-        """Return the solution with the sigma of a nominal sample rate, a share of it, in those of places and distance.
+        """Return the solution with the relative sigma of a nominal rate added to its position and distance sigmas.
 
-        Force integrated twice goes with the square of the period, and so does the whole path; turns go with the period,
-        where the field does not show them: of a path in strides s after turns psi, with J a quarter turn,
+        The path goes with the square of the period dT (force integrated twice), turns with the period unless the field
+        shows them. For strides s after turns psi, with J the quarter turn,
 
             dp / (dT/T) = sum (2 s + psi J s).
         """
@@ -252,7 +252,7 @@ class Solution:
             return self
         scale_sigma, table = 2.0 * rate_sigma, self.stances
         stride, turned = np.diff(table.position, axis=0), np.zeros(len(table))
-        if self.graph.get("magnetic_heading", 0) <= 1:  # one alone says where north is
+        if self.graph.get("magnetic_heading", 0) <= 1:  # a single one fixes north alone, not the turns
             heading = np.unwrap(np.arctan2(table.nav_R_body[:, 1, 0], table.nav_R_body[:, 0, 0]))
             turned = rate_sigma * (heading - heading[0])
         sideways = turned[:-1, None] * stride[:, [1, 0, 2]] * [-1.0, 1.0, 0.0]

@@ -80,7 +80,7 @@ class Stances:
         return np.cumsum(steps[:-1]) > 0
 
     def stillest(self, gyr: Floats) -> Ints:
-        """Sample (F,) of each footfall at which the statistic, or without one the rate `gyr` (N, 3), is least."""
+        """Index (F,) of the stillest sample of each footfall: least statistic, or without it least `gyr` (N, 3)."""
         unrest = np.linalg.norm(gyr, axis=1) if self.statistic is None else self.statistic
         least = np.full(self.n_footfalls, np.inf)
         sample = np.zeros(self.n_footfalls, dtype=np.int64)

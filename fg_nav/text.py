@@ -31,7 +31,7 @@ def shorten(text: str, most: int = 80) -> str:
 
 
 def to_json(value: object) -> Any:
-    """Dataclasses, arrays and tuples become dictionaries and lists; what is not finite, None; all else, text."""
+    """Return `value` for JSON: dataclasses and arrays as dicts and lists, non-finite as None, the rest as text."""
     if is_dataclass(value) and not isinstance(value, type):
         return {item.name: to_json(getattr(value, item.name)) for item in fields(value)}
     if isinstance(value, Mapping):
@@ -46,7 +46,7 @@ def to_json(value: object) -> Any:
 
 
 def read_small(path: Path) -> bytes:
-    """Read a file that people write or a result holds, which may be a device that never ends.
+    """Return the bytes of a small file; bounded, because the path may be a device that never ends.
 
     Raises `OSError` if it cannot be read, or holds more than `MAX_BYTES`.
     """

@@ -187,7 +187,7 @@ class Outcome:
 
 
 def read_walk(path: Path | str | Recording, options: Options = Options(), reading: Reading = Reading()) -> Walk:
-    """Read a recording, unless it is there already, and the files that the options name for it.
+    """Return the walk: the recording, read if given as a path, with calibration, fixes, GNSS and places of the options.
 
     Raises
     ------
@@ -225,7 +225,7 @@ def add_known(
     fixes: Sequence[Fix] = (),
     extra: ExtraFactors | None = None,
 ) -> Walk:
-    """Add what is known of a walk besides its recording; None where that stays as it is.
+    """Return the walk with heading (deg), truth, fixes and extra factors added; None leaves its own.
 
     Raises `FormatError` if a file of the truth cannot be read.
     """
@@ -238,7 +238,7 @@ def add_known(
 
 
 def check_known(walk: Walk) -> None:
-    """Refuse a truth that the user named and fixes, where they cannot be of this walk, before it is solved.
+    """Refuse fixes, and a truth that the user named, that cannot belong to this walk, before it is solved.
 
     Raises
     ------
@@ -257,7 +257,7 @@ def check_known(walk: Walk) -> None:
 
 
 def correct_walk(walk: Walk) -> Walk:
-    """Correct the samples, read both sensors of a foot at one time; take away a magnetometer not used or misaligned.
+    """Return the walk calibrated and with aligned sensor times; drops a magnetometer that is unused or misaligned.
 
     Raises
     ------
@@ -288,7 +288,7 @@ def _apply_calibration(walk: Walk) -> Walk:
 
 
 def find_stances(walk: Walk) -> Walk:
-    """Return the walk with its stances, and without a large error of the accelerometer, which they show.
+    """Return the walk with its stances, corrected for a large accelerometer error if they show one.
 
     Raises
     ------
@@ -343,7 +343,7 @@ def measure_walk_field(
 ) -> tuple[Recording, FootfallField, tuple[str, ...]]:
     """Measure the field at the footfalls, the magnetometer corrected by the walk itself where no calibration was given.
 
-    Returns the recording as corrected, the field, and how it came about.
+    Returns the corrected recording, the field at its footfalls, and notes on the correction.
 
     Raises
     ------
@@ -360,7 +360,7 @@ def measure_walk_field(
 
 
 def evaluate_solution(walk: Walk, solution: Solution) -> Outcome:
-    """Measure a solution of this walk, against its truth where there is one.
+    """Return the solution with its metrics: distance and closure, and errors where the walk has a truth.
 
     Raises
     ------

@@ -37,7 +37,7 @@ METHOD_WORDS = f"{METHOD_NAMES}. With --mount pocket: {_list_words(POCKET_METHOD
 
 
 def _complete(*names: str, keys_of: str = "") -> Callable[[str], list[str]]:
-    """Return what completes a word, or the last of a list with commas, to a name, or a key of a table `module.NAME`."""
+    """Return a completer of the last word in a comma list to `names`, or to the keys of the table `module.NAME`."""
 
     def complete(incomplete: str) -> list[str]:
         module, _, table = keys_of.rpartition(".")

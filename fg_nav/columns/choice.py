@@ -68,9 +68,9 @@ class Hints:
 def choose_columns(
     names: Sequence[str], hints: Hints, sensor: str | None = None, given: Columns | None = None, has_rate: bool = False
 ) -> ColumnMap:
-    """Choose the columns of a table by their names; of those of several sensors the ones with `sensor` in their names.
+    """Return the columns of time, acc, gyr, mag and pressure by name; `sensor` selects, by a part of the name.
 
-    What the user has `given` goes before; without a rate its time is completed, and all where a sensor is not in it.
+    Columns `given` by the user prevail; only a missing time is added (not with a rate), or all without acc or gyr.
 
     Raises `FormatError` if the names of acceleration or rate are missing, or leave a choice.
     """
@@ -151,11 +151,11 @@ def _write_channel(channel: Channel, unit: str | None) -> str:
 def _choose_triad(
     kind: Quantity, meanings: Meanings, names: Sequence[str], hints: Hints, known: Mapping[Quantity, Channel]
 ) -> Channel | None:
-    """Choose the three columns of a kind; None if there are none."""
+    """Return the x, y, z columns of a kind, calibrated before raw, named before by unit; None if there are none."""
     triads = find_triads(kind, meanings, names)
     if not any(meaning.kind == kind and meaning.axis for _, meaning in meanings):
         triads = find_three_by_unit(kind, names, known)
-    # calibrated ones before raw ones, named ones before those by unit, and those with gravity in them
+    # preferred: calibrated, then named rather than found by unit, then with gravity included
     meant = {triad: [meaning for k, meaning in meanings if k in triad.positions] for triad in triads}
     sure = [triad for triad in triads if not any(RAW & set(meaning.stem.split()) for meaning in meant[triad])]
     named = [triad for triad in sure if not any(meaning.by_unit for meaning in meant[triad])]
@@ -174,7 +174,7 @@ def _choose_triad(
 
 
 def find_triads(kind: Kind, meanings: Meanings, names: Sequence[str]) -> list[Channel]:
-    """Find the three columns of each sensor of a kind, of which no axis is missing or doubled."""
+    """Return the x, y, z columns of each sensor of a kind that has every axis exactly once."""
     found = list[Channel]()
     own = [(k, meaning) for k, meaning in meanings if meaning.kind == kind]
     for stem in dict.fromkeys(meaning.stem for _, meaning in own):
@@ -202,9 +202,9 @@ def find_three_by_unit(kind: Quantity, names: Sequence[str], known: Mapping[Quan
 def choose_clock(
     meanings: Meanings, names: Sequence[str], hints: Hints | None = None, known: Mapping[Quantity, Channel] = NONE
 ) -> Channel | None:
-    """Choose the stamps: of the best clock by its words; seconds and the part of a second are added.
+    """Return the column of the best clock by name, or two to be added (seconds and fraction); None if there is none.
 
-    Raises `FormatError` where there is a choice, if there is an `hints`; else the first is taken.
+    Of several equals the first is taken; with `hints`, which word the error, `FormatError` is raised instead.
     """
     own = [(k, meaning) for k, meaning in meanings if meaning.kind == "time"]
     if not own:
@@ -233,7 +233,7 @@ def choose_clock(
 def _say_missing(
     missing: Quantity, meanings: Meanings, names: Sequence[str], hints: Hints, known: Mapping[Quantity, Channel]
 ) -> str:
-    """Say which columns are missing, and next to what."""
+    """Return an error sentence: the quantity that is missing, and the columns that are there."""
     if missing == "acc" and any(meaning.kind == "no gravity" for _, meaning in meanings):
         removed = shorten_names([names[at] for at, meaning in meanings if meaning.kind == "no gravity"], 3)
         return (
@@ -252,7 +252,7 @@ def _say_missing(
 
 
 def _write_example(meanings: Meanings, names: Sequence[str], known: Mapping[Quantity, Channel]) -> str:
-    """Write a mapping with what is known of the columns, and what their names say; units only where they are said."""
+    """Return an example of --columns from the known columns and names; units only where they are known."""
     found = dict(known)
     for kind in QUANTITIES:
         if kind in found:

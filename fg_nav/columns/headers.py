@@ -92,7 +92,7 @@ class Meaning:
 
 
 def read_header(name: str) -> Meaning | None:
-    """Say what a column's name means; None if nothing that is used here.
+    """Return quantity, axis and unit of a column from its name; None if it is not used here.
 
     >>> read_header("Gyro_X (deg/s)")
     Meaning(kind='gyr', axis='x', unit='deg/s', stem='gyro')
@@ -118,7 +118,7 @@ def read_header(name: str) -> Meaning | None:
 
 
 def _find_kind_of_unit(words: list[str], axis: str, said: Quantity | None, in_brackets: bool) -> Kind | None:
-    """Find the kind of a column by what its unit is a unit of, where its words say nothing against it."""
+    """Return the kind `said` by the unit, refined by the words of the name; None where they contradict it."""
     against = _NOTHING - {"velocity"} if said == "gyr" else _NOTHING
     if said is None or not (in_brackets or said == "gyr") or not against.isdisjoint(words):
         return None
@@ -150,7 +150,7 @@ def split_axis(name: str) -> str:
 
 
 def _readings(name: str) -> Iterator[tuple[str, str | None, bool]]:
-    """Ways to split a name into a rest and a unit, the likeliest first; True where the unit may be unknown."""
+    """Yield splits of a name into (rest, unit or None, whether the unit may be unknown), the likeliest first."""
     bracketed = _BRACKETS.match(name)
     if bracketed and bracketed[1] and not re.fullmatch(r"[xyzXYZ0-3]", bracketed[2]):
         yield bracketed[1], bracketed[2], True
@@ -165,7 +165,7 @@ def _readings(name: str) -> Iterator[tuple[str, str | None, bool]]:
 
 
 def _split_words(name: str) -> list[str]:
-    """Words of a name in lower case; the pairs that mean one thing are one word."""
+    """Return the words of a name in lower case, pairs with one meaning joined."""
     words: list[str] = []
     name = re.sub(r"(?<=[A-Z])([xyz])(?![a-z])", r" \1", name)  # ACCx
     plain = "".join(c for c in unicodedata.normalize("NFD", name) if not unicodedata.combining(c))

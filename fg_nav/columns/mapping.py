@@ -84,7 +84,7 @@ class Columns:
     width: int | None = None  # number of fields of a row, where all are listed; else None
 
     def find(self, names: Sequence[str], source: str) -> dict[Quantity, Channel]:
-        """Find the columns among those of a table from `source`.
+        """Return the columns by quantity, looked up in the `names` of a table from `source`.
 
         Raises `FormatError` if one is not there, or two of the names are the same column.
         """
@@ -111,7 +111,7 @@ class Columns:
 
 
 def parse_columns(words: str, units: str | None = None) -> Columns:
-    """Read what the user says of columns: a mapping, or a list with its `units`.
+    """Return columns and units as given by the user: a mapping, or a list of quantities with its `units`.
 
     >>> parse_columns("acc=2:3:4[g],gyr=5:6:7[deg/s]").units
     {'acc': 'g', 'gyr': 'deg/s'}
@@ -179,7 +179,7 @@ def _parse_list(words: str, units: str | None) -> Columns:
 
 
 def parse_units(words: str | None) -> dict[Quantity, str]:
-    """Read a list of units, of which each says its quantity; raises `FormatError` for one that is not known, or two."""
+    """Return the unit of each quantity from a list ("ms, g, deg/s"); raises `FormatError` if unknown or doubled."""
     units = dict[Quantity, str]()
     for word in (word.strip() for word in (words or "").split(",") if word.strip()):
         quantity = find_quantity(word)
@@ -192,7 +192,7 @@ def parse_units(words: str | None) -> dict[Quantity, str]:
 
 
 def _find_name(word: str, names: Sequence[str], source: str) -> int:
-    """Position of the column that a word names."""
+    """Return the index of the column given by its name, or by its number from 1."""
     without_unit = re.compile(r"\s*[(\[][^()\[\]]*[)\]]\s*$")
     for simplify in (str, lambda name: without_unit.sub("", name).strip().casefold()):
         found = [position for position, name in enumerate(names) if simplify(name) == simplify(word)]

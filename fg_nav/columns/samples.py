@@ -70,7 +70,7 @@ def list_positions(columns: ColumnMap) -> list[int]:
 
 
 def convert_samples(values: Floats, columns: ColumnMap, rate_hz: float | None, hints: Hints) -> Samples:
-    """Convert the columns of `list_positions`, (N, K), to SI.
+    """Return SI samples from `values` (N, K), the columns in the order of `list_positions`.
 
     Raises `FormatError` if there is neither time nor rate, or a unit that nothing shows.
     """
@@ -114,9 +114,9 @@ def convert_samples(values: Floats, columns: ColumnMap, rate_hz: float | None, h
 
 
 def convert_pressure(values: Floats, channel: Channel, notes: list[str]) -> Floats | None:
-    """Return pressures (N,) in Pa, NaN where they are none of air; None where they are nowhere, with a note.
+    """Return pressures (N,) in Pa, NaN where implausible for air; None, with a note, if all are.
 
-    Without a unit in the name of the column the median says it, of Pa, hPa and kPa.
+    Without a unit in its name the column is in Pa, hPa or kPa by its magnitude.
     """
     units = [channel.unit] if channel.unit else ["Pa", "hPa", "kPa"]
     factors = [find_factor("pressure", unit) or 1.0 for unit in units]
@@ -221,7 +221,7 @@ def _convert_time(
 
 
 def _spread_coarse(t: Floats, notes: list[str]) -> Floats:
-    """Stamps (N,) s of a clock coarser than the rate: the rows that share one are spread over the time to the next."""
+    """Return stamps (N,) s of a clock coarser than the rate, rows that share one spread over the time to the next."""
     known = np.flatnonzero(np.isfinite(t))
     first = known[np.diff(t[known], prepend=-np.inf) != 0]
     if len(first) < 3 or (np.diff(t[first]) < 0).any():
@@ -242,7 +242,7 @@ def _spread_coarse(t: Floats, notes: list[str]) -> Floats:
 
 
 def _judge_acc(acc: Floats, gyr: Floats, period_s: float, columns: ColumnMap, hints: Hints, notes: list[str]) -> str:
-    """Find the unit of acc (N, 3) by its norm at rest."""
+    """Return the unit of acc (N, 3), `m/s^2`, `g` or `mg`, from its norm at rest."""
     rest = plausibility.measure_rest_acc(acc, period_s)
     unit = plausibility.find_acc_unit(acc, period_s)
     if unit in ("m/s^2", "g", "mg"):

@@ -60,9 +60,9 @@ _LONG_WORDS = (
 
 
 def find_factor(quantity: Quantity, word: str) -> float | None:
-    """Return how much of s, m/s^2, rad/s or uT a unit is; NaN where it is arbitrary, None where it is not known.
+    """Return the factor from a unit to s, m/s^2, rad/s or uT; NaN if the unit is arbitrary, None if unknown.
 
-    A number before it is that of a converter's count, as data sheets have it: `0.061 mg`, `1/16.4 deg/s`.
+    A number before the unit is the size of one count, as in data sheets: `0.061 mg`, `1/16.4 deg/s`.
 
     >>> find_factor("acc", "(m/s²)"), find_factor("mag", "mG"), find_factor("acc", "1/4 m/s2"), find_factor("gyr", "mi")
     (1.0, 0.1, 0.25, None)

@@ -128,7 +128,7 @@ def choose_options(
     magnetic: Magnetic = "all",
     gnss: Path | None = None,
 ) -> Options:
-    """Return the options of a walk; refuse a preset or a gate that there is not, or that has nothing to judge."""
+    """Return the options of a walk; refuse an unknown preset or gate, and a gate without a magnetometer to judge."""
     from fg_nav.magnetic.axes import MagAxes
     from fg_nav.magnetic.quasi_static import choose_gate
     from fg_nav.walk import Options
@@ -150,7 +150,7 @@ def choose_options(
 def choose_reading(
     format: str | None, columns: str | None, rate: str | None, sensor: str | None, barometer: Path | None = None
 ) -> Reading:
-    """Return how a file is to be read where its content does not say; raises `FormatError` for a rate that is none."""
+    """Return how to read a file whose content leaves it open; raises `FormatError` for an invalid rate."""
     from fg_nav.columns.mapping import parse_columns
     from fg_nav.io import Reading
     from fg_nav.recording import NOMINAL_SIGMA
@@ -203,9 +203,9 @@ def simulate_named(
 
 
 def answer_each(recordings: Sequence[Path], verb: Callable[[Path], Answer], columns: Columns) -> Answer:
-    """Return the answers of a verb to several recordings as one, a table; a bad one does not stop the others.
+    """Run a verb on each recording and return one answer, a table with a row each; a failure does not stop the rest.
 
-    Its failure names those that failed.
+    The `failure` of the answer names the recordings that failed.
     """
     contents, sentences = [], []
     for recording in recordings:

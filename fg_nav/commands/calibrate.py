@@ -81,7 +81,7 @@ def calibrate(
 
 
 def calibrate_sensor(recordings: Sequence[Recording]) -> GyroscopeCalibration:
-    """Mean of a gyroscope's bias over walks of one sensor, each solved for itself, and over recordings at rest.
+    """Return the mean gyroscope bias over recordings of one sensor: walks, each solved on its own, and rests.
 
     Raises `FgNavError` for a recording that neither walks nor rests.
     """
@@ -123,7 +123,7 @@ def print_calibration(found: CalibrationResult, place: Path) -> None:
 
 
 def list_parameters(found: Calibration) -> Iterator[tuple[str, str, str]]:
-    """Name with unit, value and sigma of every parameter that was found."""
+    """Yield name with unit, value and sigma of every calibrated parameter."""
     magnetometer, gyroscope, accelerometer = found.magnetometer, found.gyroscope, found.accelerometer
     if magnetometer is not None:
         for name, value, sigma in zip("xyz", magnetometer.hard_iron_uT, magnetometer.sigma[:3], strict=True):
@@ -154,7 +154,7 @@ def allan(file: Path, reading: Reading, out: Path | None, force: bool) -> Answer
 
 
 def describe_noise(noise: RecordingNoise, source: Path) -> dict[str, Any]:
-    """Everything for JSON: rad/s, m/s^2 and uT, with sqrt(Hz) or sqrt(s) under N and K."""
+    """Return the Allan result for JSON: N per sqrt(Hz) and K per sqrt(s), B plain; in rad/s, m/s^2, uT."""
     sensors: dict[str, dict[str, Any]] = {}
     for one in noise.sensors:
         sensors[one.sensor] = {"rate_hz": one.rate_hz}

@@ -76,7 +76,7 @@ def read_config(path: Path) -> Config:
 
 
 def list_defaults(config: Config) -> dict[str, object]:
-    """Return values of the options of the command line by their names, as the configuration has them."""
+    """Return the values that the configuration gives to command-line options, by option name."""
     given = config.given
     return {
         "method": given.method,
@@ -97,12 +97,12 @@ def list_defaults(config: Config) -> dict[str, object]:
 def choose_changes(
     config: Config | None, words: Sequence[str], methods: Sequence[str], mount: str = "foot", preset: str = "tuned"
 ) -> Changes:
-    """Return the parameters that a configuration and the words of `--set` give to these methods.
+    """Return (name, value) of the parameters that a configuration and the `words` of `--set` change in these methods.
 
     Raises
     ------
     ConfigError
-        If the configuration is of none of them, or there is no such parameter.
+        If the configuration is for none of these methods, or there is no such parameter.
     EstimationError
         If a value is of another type.
     """
@@ -162,7 +162,7 @@ def parse_setting(word: str) -> tuple[str, Value]:
 
 
 def bind_to_recording(options: Options, config: Config, recording: Path) -> Options:
-    """Return the options with what a configuration says of this recording, where nothing else was given."""
+    """Return the options, completed from the configuration where it was written for this recording."""
     given = config.given
     own = {
         "heading_deg": given.heading_deg,

@@ -31,7 +31,7 @@ def convert(file: Path, out: Path, reading: Reading, force: bool) -> Answer:
     raw = reading.read_raw(file)
     with result_file(out, Path.is_file, force) as fresh:
         write(raw, fresh)
-    # Why the samples cannot be navigated with, and that a truth is left behind, where it is so.
+    # Notes: why the samples cannot be navigated with; that the truth is not converted.
     remarks = [*raw.provenance.notes, *([] if raw.truth is None else ["the truth in the file is not written"])]
     try:
         Recording.from_raw(raw)
@@ -56,7 +56,7 @@ def convert(file: Path, out: Path, reading: Reading, force: bool) -> Answer:
 def export(
     folder: Path, out: Sequence[Path], origin: str | None, turn_deg: float, start: str | None, force: bool
 ) -> Answer:
-    """Read the path in the folder of a result and write it into each file, which are all checked before."""
+    """Read the path of the result in `folder` and write it to each file of `out`, all checked first."""
     if not math.isfinite(turn_deg):
         raise OutputError(f"--turn {turn_deg} is no angle: give degrees, clockwise.")
     place = None if origin is None else Origin.parse(origin)

@@ -82,7 +82,7 @@ def write_survey(folder: Path, walk: Walk, survey: FieldSurvey) -> None:
 
 
 def tabulate_footfalls(survey: FieldSurvey) -> pd.DataFrame:
-    """Table of the footfalls; headings in [0, 360) deg clockwise from north, differences in [-180, 180)."""
+    """Return a table, one row a footfall; headings in [0, 360) deg clockwise from north, differences in [-180, 180)."""
     field = survey.field
     columns = [
         np.arange(len(field)), field.t, field.strength, np.degrees(field.inclination),
@@ -96,7 +96,7 @@ def tabulate_footfalls(survey: FieldSurvey) -> pd.DataFrame:
 
 
 def describe_survey(walk: Walk, survey: FieldSurvey) -> dict[str, object]:
-    """Everything needed to do it again, and the coverage."""
+    """Return for JSON all that reproduces the survey, and the coverage of each detector."""
     field = survey.field
     strength, inclination = field.strength, np.degrees(field.inclination)
     detectors = {}
@@ -144,7 +144,7 @@ def print_survey(walk: Walk, survey: FieldSurvey, place: Path) -> None:
 
 
 def collect_survey_notes(walk: Walk) -> list[str]:
-    """Remarks on the walk, and what else the shares have to be read with."""
+    """Return remarks on the walk, and caveats on the shares of accepted footfalls."""
     notes, calibration = collect_remarks(walk), walk.calibration
     if calibration is None or calibration.magnetometer is None:
         notes.append(
@@ -163,7 +163,7 @@ def collect_survey_notes(walk: Walk) -> list[str]:
 
 
 def describe_samples(walk: Walk, survey: SampleSurvey) -> dict[str, object]:
-    """Everything needed to do it again, and what came out."""
+    """Return for JSON all that reproduces the survey of the samples, and its result."""
     found = {
         "judged": int(survey.verdicts.judged.sum()),
         "quasi_static": int(survey.verdicts.quasi_static.sum()),

@@ -49,7 +49,7 @@ def inspect_one(file: Path, reading: Reading) -> Answer:
 
 
 def describe_inspection(found: Inspection, file: Path) -> dict[str, Any]:
-    """What was found, for JSON: SI units, deg/s and uT as the names say."""
+    """Return the inspection for JSON, units in the names (SI, deg/s, uT)."""
     field = found.field
     about_field = field and {
         "strength_uT": field.strength_uT,
@@ -73,7 +73,7 @@ def print_inspection(found: Inspection) -> None:
 
 
 def list_figures(found: Inspection) -> list[tuple[str, str]]:
-    """Names and values; what is not known is said to be unknown."""
+    """Return (name, value) rows for the terminal; NaN and None read "unknown"."""
     stamps, rest, field, air, stance = found.stamps, found.rest, found.field, found.air, found.stance
     # Stamps.
     gaps = str(stamps.gaps)

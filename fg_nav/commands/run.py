@@ -97,7 +97,7 @@ def run(recordings: Sequence[Path], request: RunRequest) -> Answer:
             raise EstimationError(f"{option} is of one recording: run the {len(recordings)} one by one.")
     if request.out is None:
         return answer_each(recordings, partial(_run_one, request), RESULT_COLUMNS)
-    # Their folders: a number behind names that are the same.
+    # A folder for each recording; equal names get a number appended.
     places: dict[Path, Path] = {}
     known: Counter[str] = Counter()
     for recording in recordings:
@@ -109,7 +109,7 @@ def run(recordings: Sequence[Path], request: RunRequest) -> Answer:
 
 
 def _check_places(request: RunRequest) -> None:
-    """Refuse places where the method has no use of them, or cannot be saved, before the work."""
+    """Refuse known places that the method cannot use, and places that cannot be saved, before the solve."""
     options = request.options
     if options.places_path is None and request.save_places is None:
         return
@@ -143,7 +143,7 @@ def _run_one(request: RunRequest, recording: Path) -> Answer:
             summary = write_run(folder, result.walk, result.outcome, request.plots)
         failure: FgNavError | None = None
         if request.save_places is not None:
-            # Where it has none to be saved, its result is written all the same.
+            # The result is already written: a walk without places to save is a failure, but loses nothing.
             from fg_nav.places.saved import is_places, write_places
 
             try:
@@ -196,7 +196,7 @@ def run_feet(recordings: Sequence[Path], request: FeetRequest) -> Answer:
     from fg_nav.report.feet import write_feet
 
     run, readings = request.run, [request.run.reading] * len(recordings)
-    # Two sensors named of one file are that file twice.
+    # Two sensors of one file: the file counts twice.
     sensors = [word.strip() for word in (run.reading.sensor or "").split(",")]
     if len(recordings) == 1 and len(sensors) == 2 and all(sensors):
         recordings, readings = [recordings[0]] * 2, [replace(run.reading, sensor=sensor) for sensor in sensors]
@@ -261,7 +261,7 @@ def _check_feet(recordings: Sequence[Path], readings: Sequence[Reading], run: Ru
 
 
 def _split_files(option: str, files: Path | None) -> tuple[Path | None, Path | None]:
-    """Return a file for each recording, of two with a comma between."""
+    """Return the two files of `A,B`, one for each recording; (None, None) if `files` is None."""
     if files is None:
         return None, None
     pair = split_pair(files)
@@ -276,7 +276,7 @@ def _split_files(option: str, files: Path | None) -> tuple[Path | None, Path | N
 def check_methods(
     methods: Sequence[str | None], gate: str | None, polish: bool = False, magnetic: Magnetic = "all"
 ) -> None:
-    """Refuse a gate where each method has its own, `magnetic` without a graph, and a batch solution next to one."""
+    """Refuse --gate for methods with their own, --magnetic for methods without a graph, --polish for batch methods."""
     names = [(name or DEFAULT_METHOD["foot"]).strip() for name in methods]
     if gate is not None and set(names) <= set(WITH_OWN_DETECTOR):
         raise EstimationError(f"{names[0]} judges the field by its own detector: leave --gate out.")
@@ -303,9 +303,9 @@ def check_feet_options(both: bool, method: str, sides: str | None, clock_offset_
 def set_mount(
     options: Options, mount: Mount, lengths_m: tuple[float | None, float | None], gate: str | None, preset: str
 ) -> Options:
-    """Return the options for a sensor worn there; refuse those that are for one worn elsewhere.
+    """Return the options for a sensor worn at `mount`; refuse those of the other mount.
 
-    `lengths_m` are the step constant and the known distance of one who walks with the sensor in a pocket.
+    `lengths_m`: step constant and known distance (m), of a sensor in a pocket.
     """
     if mount == "foot" and lengths_m != (None, None):
         raise EstimationError(

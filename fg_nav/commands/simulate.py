@@ -50,7 +50,7 @@ def simulate(scenario: str, seed: int, choices: Choices, both_feet: bool, out: P
 
 
 def _name_walk(walk: SimulatedWalk) -> dict[str, Any]:
-    """What makes the walk anew."""
+    """Return the arguments that reproduce the walk."""
     return {
         "scenario": walk.scenario.name,
         "seed": walk.seed,
@@ -65,7 +65,7 @@ def _name_walk(walk: SimulatedWalk) -> dict[str, Any]:
 
 
 def describe_simulation(walk: SimulatedWalk) -> dict[str, Any]:
-    """Which walk it is: `truth.json` has all that was drawn."""
+    """Return for JSON which walk this is; all drawn values are in `truth.json`."""
     return {
         **_name_walk(walk),
         "samples": len(walk.recording),
@@ -118,7 +118,7 @@ def _write_surroundings(folder: Path, walk: SimulatedWalk) -> None:
 
 
 def describe_truth(walk: SimulatedWalk) -> dict[str, Any]:
-    """All truth but the path, for JSON: SI units, rad, uT; vectors in nav from the origin unless the name says body."""
+    """Return all truth but the path for JSON: SI, rad, uT; vectors in nav, from the origin, unless named body."""
     strides = walk.strides
     return {
         "version": find_version(),
@@ -153,7 +153,7 @@ def print_scenarios(scenarios: dict[str, str], parts: dict[str, list[str]]) -> N
 
 
 def list_rows(walk: SimulatedWalk) -> dict[str, str]:
-    """What was simulated, for people."""
+    """Return name and text of what was simulated, for the terminal."""
     return {
         "scenario": f"{walk.scenario.name}: {walk.scenario.summary}",
         "seed": str(walk.seed),

@@ -45,8 +45,8 @@ if TYPE_CHECKING:
 def stream(request: StreamRequest, plots: Plots, out: Path | None, force: bool, lines: bool = True) -> Answer:
     """Follow a source to its end; then print the lines of the whole walk, or write its result into a folder.
 
-    Without `lines` none are printed on standard output. Where the lines cannot be printed any more, and no folder was
-    named, the result is written into a fresh one.
+    Lines go to standard output if `lines`. If they can no longer be printed and `out` is None, the result is written
+    into a fresh folder.
     """
     target = Target(out, force and (out is not None or request.record is None), "stream")
     printer = LinePrinter()
@@ -183,16 +183,16 @@ class End:
 
 
 def find_end(walk: StreamedWalk) -> End:
-    """Return what a walk that was followed comes to."""
+    """Finish a streamed walk; return its final solution (with a lag, the lagged one), summary and outcome."""
     navigator = walk.navigator
     sensor_time, in_pocket = navigator.judge.sensor_time, isinstance(navigator.options, PocketOptions)
     if navigator.options.lag_s is not None:
         lagged = note_losses(navigator.finish(), walk)
         return End(lagged, summarize_lagged(lagged), sensor_time, in_pocket, None)
     with terminal.progress("online") as report:
-        # Stances and field as of a recording: for the pictures, and for the batch solution.
+        # Stances and field of the whole recording, for the plots and the batch solution.
         prepared = prepare_stream(walk)
-        # The path through the graph, and the batch solution next to it where it was asked for.
+        # The full path of the online graph, and with --polish the batch solution.
         solution = finish_walk(navigator, walk.polish, report, prepared.stances)
         outcome = evaluate_solution(prepared, note_losses(solution, walk))
     return End(outcome.solution, summarize(prepared, outcome), sensor_time, in_pocket, (prepared, outcome))
@@ -210,9 +210,9 @@ def emit_solution(
 
 
 def save_end(end: End, target: Target, plots: Plots) -> OutputError | None:
-    """Write the end into its folder; where that cannot be, the footfalls, there or among the temporary files.
+    """Write the result into its folder; failing that, the footfalls alone, there or in a temporary folder.
 
-    Returns what to say then; raises `OutputError` where nothing can be written at all.
+    Returns the failure to report, None if all was written; raises `OutputError` if nothing can be written at all.
     """
     try:
         with target.open() as folder:
@@ -251,14 +251,14 @@ def find_rate_sigma(walk: StreamedWalk) -> float:
 
 
 def prepare_stream(walk: StreamedWalk) -> Walk:
-    """Return a walk without a lag that has ended as one of a recording, with its stances and field."""
+    """Return a finished streamed walk (without lag) as the walk of a recording, with its stances and field."""
     navigator, calibration = walk.navigator, walk.calibration
     bad = max(navigator.judge.counts[sensor] for sensor in ("acc", "gyr"))
     provenance = Provenance(
         format=f"canonical rows from {walk.name}", bad_samples=bad, rate_sigma=find_rate_sigma(walk)
     )
     recording = replace(navigator.recording(), provenance=provenance)
-    # What was asked for: the rows have their axes already, and were corrected as they came.
+    # Options only: the samples were already mapped to these axes and corrected on arrival.
     asked, axes = navigator.options, MagAxes(np.eye(3)) if navigator.options.axes_given else None
     heading_deg = None if asked.heading_rad is None else float(np.degrees(asked.heading_rad))
     options = Options(use_magnetometer=asked.use_field, heading_deg=heading_deg, mag_axes=axes)

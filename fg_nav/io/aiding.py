@@ -72,7 +72,7 @@ def read_fixes(path: Path | str) -> tuple[Fix, ...]:
 
 
 def read_gnss(path: Path | str) -> Gnss:
-    """Read the fixes of a receiver from a table, or from the `Location.csv` in a folder or archive.
+    """Return the fixes of a receiver in level axes with their origin, from a table or the `Location.csv` of a folder.
 
     Raises `FormatError` if there is no such table, a column is missing, or no row is a fix.
     """
@@ -123,7 +123,7 @@ def _find_gnss_columns(names: list[str]) -> dict[str, str]:
 
 
 def add_barometer(raw: RawRecording, path: Path) -> RawRecording:
-    """Return a recording with the pressure of a file.
+    """Return the recording with the pressure (Pa) of the file `path`, placed at the nearest of its samples.
 
     Raises `FormatError` if the file has no time or no pressure of air, or ran at another time.
     """
@@ -153,7 +153,7 @@ def add_barometer(raw: RawRecording, path: Path) -> RawRecording:
 
 
 def _find_stamps(content: Content, header: Header, first: float, last: float, path: Path) -> Floats:
-    """Stamps (N,) s of a barometer beside a recording from `first` to `last`, s."""
+    """Return stamps (N,) s of a barometer, by the column and unit that best overlap `first` to `last` (s)."""
     best, share, spans = np.empty(0), 0.0, list[str]()
     for name in header.names:
         meaning = read_header(name)

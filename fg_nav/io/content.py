@@ -105,7 +105,7 @@ class Content:
 
 
 def read_content(path: Path) -> Content:
-    """Open a path and see what it is made of.
+    """Return the content of a path: lines of a text, head of a binary file, members of a folder or archive.
 
     Raises `FormatError` if there is nothing to read, or it is empty, damaged where packed, or too large.
     """
@@ -194,7 +194,7 @@ def explain_missing(name: str, what: str, library: str, extra: str) -> Iterator[
 def choose_sensor(
     names: Sequence[str], asked: str | None, path: Path, what: str = "sensors", before: str = "`--sensor "
 ) -> str:
-    """Choose one of the names (at least one), by a part that no other has; `before` it stands what the user types.
+    """Return the only name, or the only one that contains `asked`; `before` is the option quoted in an error.
 
     Raises `FormatError` if there are several and none is asked for, or what is asked for is not one of them.
     """
@@ -238,7 +238,7 @@ def load_mat(content: Content) -> Variables:
 
 
 def mat_array(variables: Variables, name: str, path: Path, columns: int | None = None) -> Floats:
-    """Take a variable as floats: (M, columns), or (M,) without `columns`.
+    """Return the variable `name` as floats: (M, columns), or (M,) without `columns`.
 
     Raises `FormatError` if the variable is missing, not real numbers, or of another shape.
     """

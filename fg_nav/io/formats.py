@@ -195,7 +195,7 @@ def read_raw(
 
 
 def _find_recording(content: Content, chosen: Format | None) -> tuple[Format, Content]:
-    """Find the recording that a path holds, and its format; a file is taken as of a chosen one, recognized or not.
+    """Return the format of the recording in `content`, and the part that holds it; a file is of the `chosen` format.
 
     Raises `FormatError` if there is none, or a folder or archive holds several.
     """
@@ -280,7 +280,7 @@ _MARKS = (
 
 
 def _explain_unknown(content: Content) -> str:
-    """Say in one sentence what a content in none of the formats is nearest to, and what to do."""
+    """Return a sentence for content of unknown format: the nearest format or file type, and the remedy."""
     name = content.path.name
     if content.kind == MEMBERS:
         return _explain_table(content) or f"{name} is in none of the formats read here: {_explain_members(content)}."
@@ -305,7 +305,7 @@ def _explain_unknown(content: Content) -> str:
 
 
 def _explain_own(content: Content) -> str | None:
-    """Name a file that this project reads elsewhere: a truth, fixes, a calibration."""
+    """Name a truth, fixes or calibration given as the recording, and the option for it; None for other content."""
     path, fields = shlex.quote(str(content.path)), set(content.fields())
     if "stride" in fields:
         return f"footprints: give them as the truth, fg-nav run RECORDING --truth {path}"
@@ -325,7 +325,7 @@ def _explain_own(content: Content) -> str | None:
 
 
 def _explain_members(content: Content) -> str:
-    """Say what is in a folder or archive."""
+    """Return words on the members of a folder or archive, and which to give."""
     packed = next((place for place, part in content.members.items() if part.head.startswith(ZIP_MARK)), None)
     if packed is not None:
         return f"it holds an archive in itself, unpack it and give '{packed}'"
@@ -350,7 +350,7 @@ def _find_kinds(content: Content) -> set[str]:
 
 
 def _explain_table(content: Content) -> str | None:
-    """Say what a table lacks to be read by its header; None if the content is no table."""
+    """Return a sentence on what a table lacks to be read by its header; None if the content is no table."""
     name = content.path.name
     try:
         opened = open_table(content)

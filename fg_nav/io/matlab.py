@@ -76,7 +76,7 @@ def list_names(data: bytes) -> frozenset[str]:
 
 
 def load_arrays(data: bytes) -> dict[str, NDArray[Any] | None]:
-    """Arrays of real numbers in the bytes of a file by name, in the type they are stored in; None for what is none.
+    """Return the real arrays in the bytes of a file by name, in their stored type; None for other variables.
 
     Raises `DamagedError` or `TooNewError`.
     """
@@ -116,7 +116,7 @@ def _variables(data: bytes, order: str) -> Iterator[Element]:
 
 
 def _elements(data: memoryview, order: str) -> Iterator[Element]:
-    """Elements that follow one another up to the end of the data."""
+    """Yield type and data of each element, to the end; `order` is the byte order."""
     place = 0
     while place < len(data):
         kind, size = _read_tag(data[place:], order)
@@ -137,7 +137,7 @@ def _read_tag(data: memoryview, order: str) -> tuple[int, int]:
 
 
 def _open_variable(data: memoryview, order: str) -> _Variable:
-    """Read the beginning of a matrix, of which there may be no more than that."""
+    """Read name, type and dimensions of a matrix, whose values may be cut off; the values stay unread."""
     elements = _elements(data, order)
     flags, *_ = _take_integers(elements, order, 2)
     kind = flags & 0xFF

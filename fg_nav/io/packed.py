@@ -32,7 +32,7 @@ Fetch = Callable[[int | None], bytes]  # The first bytes of a file, at most as m
 
 
 def fetch_file(path: Path) -> Fetch:
-    """Reading of a plain file.
+    """Return a function that reads the first `size` bytes of a plain file, or all (None).
 
     Raises `FormatError` when called, if the file cannot be read.
     """
@@ -45,7 +45,7 @@ def fetch_file(path: Path) -> Fetch:
 
 
 def fetch_once(path: Path) -> Fetch:
-    """Reading of a pipe or a device: all that comes is kept in memory.
+    """Read a pipe or device to its end, into memory; return a function for its first `size` bytes, or all (None).
 
     Raises `FormatError` if it cannot be read, or more comes than `MAX_BYTES`.
     """
@@ -75,7 +75,7 @@ def _open_file(path: Path) -> Iterator[BinaryIO]:
 
 
 def fetch_gzip(name: str, packed: Fetch) -> Fetch:
-    """Reading of what is in a gzip file, which `packed` reads.
+    """Return a function that unpacks the first `size` bytes of the gzip file read by `packed`, or all (None).
 
     Raises `FormatError` when called, if it is damaged or too large.
     """
@@ -101,7 +101,7 @@ def fetch_gzip(name: str, packed: Fetch) -> Fetch:
 
 
 def list_folder(path: Path) -> Mapping[str, Fetch]:
-    """Files of a folder by their place in it.
+    """Return a reader for each file of a folder, by its relative path.
 
     Raises `FormatError` if it cannot be listed, or holds too many.
     """
@@ -122,7 +122,7 @@ def list_folder(path: Path) -> Mapping[str, Fetch]:
 
 
 def list_zip(name: str, packed: Fetch, path: Path | None = None) -> Mapping[str, Fetch]:
-    """Files of a zip archive by their place in it; `path` where the archive is a plain file, else `packed` reads it.
+    """Return a reader for each file of a zip archive, by its path in it; the archive is `path` or read by `packed`.
 
     Raises `FormatError` if the archive is damaged, holds too many files or too large ones; when a file is fetched, if
     that one is damaged or locked.

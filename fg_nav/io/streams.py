@@ -74,9 +74,9 @@ class Stream:
 
 @np.errstate(over="ignore", invalid="ignore")  # of numbers that a damaged file may hold
 def join_streams(streams: Sequence[Stream], path: Path, format: str, notes: Sequence[str] = ()) -> RawRecording:
-    """Bring accelerometer, gyroscope and, where there is one, magnetometer onto the gyroscope's stamps.
+    """Return one recording from a stream per sensor: force interpolated, field nearest, at the gyroscope's stamps.
 
-    `path` and `format` become the provenance, after `notes` it says what was done.
+    `path`, `format`, `notes` and remarks on the processing become the provenance.
 
     Raises `FormatError` if accelerometer or gyroscope is absent or too slow, or if they share no time.
     """
@@ -123,9 +123,9 @@ def join_streams(streams: Sequence[Stream], path: Path, format: str, notes: Sequ
 
 
 def keep_changes(stream: Stream) -> Stream:
-    """Leave out the rows in which the sensor had no new sample, of a table with a row for each event of any sensor.
+    """Drop rows that repeat the last sample, from a table with a row for each event of any sensor.
 
-    A value that lasts long is a sensor at rest: a row of it stays for every `_HELD_PERIODS` of its samples.
+    A value held for long is a sensor at rest: a row is kept every `_HELD_PERIODS` sample periods.
     """
     changed = np.concatenate(([True], (np.diff(stream.xyz, axis=0) != 0).any(axis=1)))
     at = np.flatnonzero(changed)
@@ -138,7 +138,7 @@ def keep_changes(stream: Stream) -> Stream:
 
 
 def _subtract_start(streams: Sequence[Stream], remarks: list[str]) -> list[Stream]:
-    """Stamps in s; of whole ns the first is subtracted before: a later one that is damaged may be anywhere."""
+    """Convert stamps to s; subtract the first first where they are integer ns: a later one may be damaged."""
     streams = [stream for stream in streams if len(stream.t)]
     if not streams or any(stream.t.dtype.kind == "f" for stream in streams):
         units = [1.0 if stream.t.dtype.kind == "f" else 1e-9 for stream in streams]
@@ -151,7 +151,7 @@ def _subtract_start(streams: Sequence[Stream], remarks: list[str]) -> list[Strea
 
 
 def _clean(stream: Stream, remarks: list[str]) -> Stream:
-    """Samples that are numbers, in order of time, each once, from the first that is none of a sensor that wakes up."""
+    """Keep finite samples in order of time, without duplicates and the constant ones of a sensor waking up."""
     whole = (np.abs(stream.t) < _END_OF_TIME_S) & (np.abs(stream.xyz) < _NONSENSE).all(axis=1)
     if stream.what == "mag":  # which is zero until it is calibrated
         whole &= stream.xyz.any(axis=1)
@@ -192,7 +192,7 @@ def _clean(stream: Stream, remarks: list[str]) -> Stream:
 
 
 def _cut_to_shared(acc: Stream, gyr: Stream, path: Path, remarks: list[str]) -> Stream:
-    """The gyroscope's rows while both ran."""
+    """Return the gyroscope stream cut to the time shared with the accelerometer."""
     first, last = max(acc.t[0], gyr.t[0]), min(acc.t[-1], gyr.t[-1])
     if last - first < 0.5 * min(acc.t[-1] - acc.t[0], gyr.t[-1] - gyr.t[0]):
         spans = [f"{one.name} ({one.t[0]:.1f} to {one.t[-1]:.1f} s)" for one in (acc, gyr)]
@@ -231,7 +231,7 @@ def interpolate_rows(stream: Stream, t: Floats | Ints) -> Floats:
 
 
 def _interpolate(acc: Stream, gyr: Stream, remarks: list[str]) -> Floats:
-    """Force (N, 3) at the gyroscope's stamps, NaN where these lie in a gap of acc."""
+    """Return specific force (N, 3) at the gyroscope's stamps, averaged if acc is faster; NaN in a gap of acc."""
     force = interpolate_rows(acc, gyr.t)
     if acc.period_s * _FASTER < gyr.period_s:  # mean of the straight lines over one period about each stamp
         steps = np.diff(acc.t)[:, None]
@@ -264,7 +264,7 @@ def _place(mag: Stream, gyr: Stream) -> Floats:
 
 
 def find_nearest_rows(t: Floats | Ints, t_row: Floats | Ints) -> tuple[Ints, Ints]:
-    """Return rows (K,) of a clock `t_row` (N,) s that rises, and which (K,) of some stamps (M,) s is the nearest.
+    """Return rows (K,) of the rising clock `t_row` (N,) s, and the index (K,) of the stamp in `t` (M,) s nearest each.
 
     Stamps in a gap of the clock, or beyond its ends, have no row.
     """

@@ -133,7 +133,7 @@ Table: TypeAlias = TextTable | ArrayTable
 
 
 def open_table(content: Content, min_numbers: int = MIN_NUMBERS) -> Table | None:
-    """Open what is a table, of so many numbers in a row at least; None if it is none.
+    """Return the content as a table; None if it is none, or text with fewer than `min_numbers` numbers in a row.
 
     Raises `FormatError` if it is one and damaged, or needs a library that is not installed.
     """
@@ -214,7 +214,7 @@ def _score(data: Sequence[str], separator: str, decimal: str, min_numbers: int) 
 
 
 def _read_names(above: Sequence[str], separator: str, width: int) -> list[str] | None:
-    """Names of the columns, from the rows right above the data; None if there are none."""
+    """Return the `width` column names from the header rows right above the data; None if there are none."""
     rows = list[list[str]]()
     for line in reversed(above):
         if not line.strip():
@@ -232,7 +232,7 @@ def _read_names(above: Sequence[str], separator: str, width: int) -> list[str] |
 
 
 def _join_rows(rows: Sequence[Sequence[str]]) -> list[str]:
-    """Make one name of what stands above each column."""
+    """Return one name per column, `name [unit]`, from the header rows above the data."""
     width = max(map(len, rows))
     filled = [[*row, *[""] * (width - len(row))] for row in rows]
     units = None
@@ -270,7 +270,7 @@ def _read_dates(text: NDArray[np.object_]) -> Floats:
 
 
 def _read_times(text: NDArray[np.object_]) -> Floats:
-    """Times of day as s, set on over midnight, NaN where there is none."""
+    """Return times of day (N,) in s, continued over midnight; NaN where there is none."""
     parts = pd.Series(text, dtype=object).astype(str).str.extract(_CLOCK)
     numbers = parts[["h", "m", "s"]].apply(pd.to_numeric, errors="coerce").to_numpy(dtype=np.float64)
     fraction = pd.to_numeric("0." + parts["f"].fillna("0"), errors="coerce").to_numpy(dtype=np.float64)
@@ -306,7 +306,7 @@ def _open_sheet(content: Content) -> Table:
 
 
 def _open_json(content: Content) -> ArrayTable | None:
-    """Open an array or lines of objects, or an object of arrays; names of what is nested go with points."""
+    """Open JSON (array or lines of objects, or object of arrays) as a table, nested names dotted; else None."""
     name, text = content.path.name, content.read_text()
     try:
         lines = [line for line in text.splitlines() if line.strip()]
@@ -337,7 +337,7 @@ def _open_json(content: Content) -> ArrayTable | None:
 
 
 def _load_numpy(content: Content, kind: str) -> Arrays:
-    """Arrays of an npz file by name; that of an npy file by its kind."""
+    """Return the arrays of an npz file by name, or that of an npy file under the name `npy`."""
     data = io.BytesIO(content.read_bytes())
     try:
         loaded = np.load(data, allow_pickle=False)
@@ -395,7 +395,7 @@ def open_arrays(arrays: Arrays, source: str) -> ArrayTable:
 
 
 def _expand_name(name: str, width: int) -> list[str]:
-    """Names of the columns of an array: an axis goes before the unit."""
+    """Return column names for an array `width` columns wide: axis or number appended, before the unit."""
     if width == 1:
         return [name]
     words = ("acc x", "acc y", "acc z", "gyr x", "gyr y", "gyr z", "mag x", "mag y", "mag z")

@@ -86,7 +86,7 @@ class Header:
 
 
 def find_header(content: Content, is_header: Callable[[list[str]], bool]) -> Header | None:
-    """Find the first line whose fields are those of a header."""
+    """Return the first line whose fields `is_header` accepts, with separator and decimal sign; None without."""
     said = _SAID.match(content.lines[0]) if content.lines else None
     for line, text in enumerate(content.lines[:_MAX_LINES]):
         separator = said[1].replace("\\t", "\t") if said else guess_separator(text)
@@ -231,11 +231,11 @@ def drop_held(mag: Floats, gyr: Floats) -> Floats:
 
 
 def continue_counter(count: Floats, end: float, name: str) -> tuple[Floats, tuple[str, ...]]:
-    """Counter or clock (N,) continued where that of the file begins again at `end`, and a note if it does.
+    """Return the counter or clock `count` (N,) unwrapped where it restarts at `end`, and a note if it does.
 
-    A step of more than half of `end`, up or down, is one over the end: packets in the wrong order stay what they are,
-    and after a longer pause than half a round the time is wrong by whole rounds. NaN stays NaN; a column with numbers
-    beyond the end is no such counter, and stays what it is.
+    A step of more than half of `end`, up or down, counts as a wrap: packets out of order stay so, and after a pause of
+    more than half a cycle the time is wrong by whole cycles. NaN stays NaN; a column with numbers beyond `end` is no
+    such counter, and is returned unchanged.
     """
     known = np.flatnonzero(np.isfinite(count))
     if not known.size or count[known].max() >= end or count[known].min() < 0:

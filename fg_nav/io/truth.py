@@ -90,7 +90,7 @@ def read_footprint_mat(content: Content) -> FootprintTruth:
 def pack_footprints(
     stride: Floats, xy: Floats, stride_count: int | None, path: Path, t: Floats | None = None
 ) -> FootprintTruth:
-    """Check and pack footprints, with their times (M,) s where they are known.
+    """Check and pack footprints `xy` (M, 2) m with stride numbers `stride` (M,) and, where known, times `t` (M,) s.
 
     Raises `FormatError` if a number is not finite, or the strides are not whole, rising numbers.
     """

@@ -19,14 +19,14 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 def njit(**options: Any) -> Callable[[Function], Function]:
-    """Return numba's decorator of this name; with `cache=True` what it compiles is kept where that can be."""
+    """Return `numba.njit` with these options; with `cache=True` machine code is cached on disk where possible."""
 
     def decorate(function: Function) -> Function:
         compiled: Function = numba.njit(**options | {"cache": False})(function)
         dispatcher: Any = compiled
         if not options.get("cache") or not hasattr(dispatcher, "enable_caching"):
             return compiled
-        # Where numba finds a place, else in the scratch folder.
+        # Cached where numba finds a folder, else in the scratch folder.
         try:
             dispatcher.enable_caching()
         except RuntimeError:  # numba's word for no place
@@ -40,7 +40,7 @@ def njit(**options: Any) -> Callable[[Function], Function]:
                 return compiled
             finally:
                 settings.CACHE_DIR = chosen
-        # Where what is kept cannot be read or written, the function is compiled.
+        # If the cache cannot be read or written, compile without it.
         kept = dispatcher._cache
         for name in ("load_overload", "save_overload"):
             setattr(kept, name, _return_none_for_errors(getattr(kept, name)))

@@ -70,7 +70,7 @@ def catch_signals(*numbers: signal.Signals) -> Iterator[threading.Event]:
 
 
 def lock(descriptor: int) -> bool:
-    """Lock an open file or folder until it is closed; return whether there are locks.
+    """Lock an open file or folder until it is closed; return False if the system has no locks.
 
     Raises `BlockingIOError` where another has it.
     """
@@ -88,7 +88,7 @@ def lock(descriptor: int) -> bool:
 
 
 def lock_folder(folder: Path) -> tuple[int, bool]:
-    """Make a folder if it is missing and lock it; return its descriptor, to be closed, and whether there are locks.
+    """Make a folder if missing and lock it; return its descriptor, to be closed, and False if there are no locks.
 
     Raises `BlockingIOError` where another has it, and `OSError` where there can be no such folder.
     """
@@ -136,7 +136,7 @@ class PathLock:
 
 @cache
 def find_scratch() -> Path | None:
-    """Return the folder, `fg-nav-UID` in the temporary files; None where there is none that is safe."""
+    """Return the scratch folder `fg-nav-UID`, temporary and owned by the user; None if there is none that is safe."""
     try:
         folder = Path(tempfile.gettempdir()) / f"fg-nav-{os.geteuid()}"
         folder.mkdir(OWNER_ONLY, exist_ok=True)

@@ -34,7 +34,7 @@ _MAPS_LOCK = threading.Lock()
 
 
 def empty_column(*shape: int) -> Floats:
-    """Return an array of floats to write into, in a file where it is long."""
+    """Return an uninitialized array of this shape, memory-mapped to a file if it is large."""
     size = 8 * int(np.prod(shape))
     folder = _find_disk() if size >= MIN_BYTES else None
     if folder is None:
@@ -51,7 +51,7 @@ def empty_column(*shape: int) -> Floats:
 
 
 def take_rows(index: Ints | None, *columns: Floats) -> Floats:
-    """Return the rows `index` (K,), None for all, of columns (N, c) side by side, in a file where they are long."""
+    """Return rows `index` (K,), None for all, of `columns` (N, c) side by side; memory-mapped if large."""
     count = len(columns[0] if index is None else index)
     beside, at = empty_column(count, sum(one.shape[1] for one in columns)), 0
     for one in columns:
@@ -79,7 +79,7 @@ def measure_rows(rows: Floats) -> Floats:
 
 
 def join_rows(parts: list[Floats]) -> Floats:
-    """Return arrays one behind the other, in a file where they are long; each is taken off the list when copied."""
+    """Return the concatenated arrays, memory-mapped if large; each is taken off the list once copied."""
     joined, start = empty_column(sum(map(len, parts)), *parts[0].shape[1:]), 0
     parts.reverse()
     while parts:

@@ -157,8 +157,8 @@ def is_openshoe(content: Content) -> bool:
 def read_openshoe(content: Content) -> RawRecording:
     """Read an OpenShoe recording: the sensor samples evenly, so time is the row number over the nominal rate.
 
-    Where the row numbers begin again, they go on by the time that has passed on the logging PC: by one, if that is
-    within the delays of its packets; where that clock shows no time between, they are left as they are.
+    Row numbers that restart are continued by the time elapsed on the logging PC, or by one if that is within its packet
+    delays; where that clock shows no time between, they are left unchanged.
     """
     path, width = content.path, len(_split_first(content))
     if width != len(_OPENSHOE):
@@ -310,7 +310,7 @@ class TableFormat:
     def _read(
         self, content: Content, header: Header, plain: list[str], source: Source, nominal_s: float | None
     ) -> Stream | None:
-        """Read a sensor; None where a column of it is absent."""
+        """Return the stream of one sensor in SI, or None if a column is absent; `nominal_s`: period without stamps."""
         clock = next((k for k, name in enumerate(plain) if re.fullmatch(source.clock, name, re.IGNORECASE)), None)
         wanted: list[int] = []
         for pattern in source.columns:

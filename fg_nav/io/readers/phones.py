@@ -121,7 +121,7 @@ def read_phyphox(content: Content) -> RawRecording:
 
 
 def _read_phyphox_table(table: Content) -> Iterator[Stream | None]:
-    """Streams of a table; None for one from which gravity has been removed."""
+    """Yield the streams in a table; None for one from which gravity has been removed."""
     header = _find_phyphox_header(table)
     if header is None or not has_rows(table):
         return
@@ -163,7 +163,7 @@ def _read_meta(content: Content, name: str) -> list[list[str]]:
 
 
 def _read_pauses(content: Content) -> tuple[list[tuple[float, float]], float]:
-    """Pauses of an experiment: when, s, and how long, s; and when it was paused last, s, if it was not resumed."""
+    """Return pauses (start, duration; s), and the time (s) of a last one that was not resumed, else infinity."""
     events = list[tuple[str, float, float]]()  # what, s of the experiment, s of the system's clock
     for row in _read_meta(content, "time.csv"):
         try:
@@ -207,7 +207,7 @@ _MAX_FORCE_IN_G = 3.0  # A sensor at rest reads 1 in g, and 9.8 in m/s^2.
 
 
 def find_tables(content: Content) -> dict[str, Content]:
-    """Tables of Sensor Logger right in a folder or archive, or the file itself, by their name in lower case."""
+    """Return the Sensor Logger tables of a folder or archive (top level), or the file itself, by lower-case name."""
     files: Iterable[tuple[str, Content]] = content.members.items() or [(content.path.name, content)]
     named = {place.lower().split(".")[0]: table for place, table in files if "/" not in place}
     found = {}
@@ -261,7 +261,7 @@ def read_sensor_logger(content: Content) -> RawRecording:
 def _find_force(
     streams: dict[str, Stream], metadata: dict[str, str], content: Content, notes: list[str]
 ) -> Stream | None:
-    """Specific force, m/s^2: measured in whole, or without gravity and gravity again."""
+    """Return specific force, m/s^2: as measured, or linear acceleration plus gravity; None without either."""
     if "totalacceleration" in streams:
         notes.append("specific force is TotalAcceleration")
         return streams["totalacceleration"]
@@ -337,7 +337,7 @@ def read_gnss_logger(content: Content) -> RawRecording:
 
 
 def _read_records(content: Content, what: Sensor, kind: str, lines: list[str], rows: list[int]) -> Stream:
-    """Read the records of a kind: its name, utc, elapsed, x, y, z, and of an uncalibrated one the bias."""
+    """Return the stream of a kind of record: kind, utc, elapsed, x, y, z[, bias]; `rows` (N,) are lines from 0."""
     width = 9 if kind.startswith("Uncal") else 6
     try:
         table = pd.read_csv(

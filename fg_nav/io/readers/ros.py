@@ -94,7 +94,7 @@ def _find_suffix(content: Content) -> str | None:
 
 @contextmanager
 def _place(content: Content) -> Iterator[Path]:
-    """Where rosbags finds the bag, named as it needs it: the path itself, or a copy of what is packed for the while."""
+    """Yield a path that rosbags can open: the bag itself, or a temporary copy, unpacked or renamed."""
     suffix = None if content.members else _find_suffix(content)
     packed = content.fetch is not None or any(member.fetch is not None for member in content.members.values())
     if not packed and (content.members or content.path.suffix == suffix):
@@ -146,7 +146,7 @@ class _Messages(NamedTuple):
 
 
 def _read_topic(reader: Any, topic: str) -> _Messages:
-    """Read a topic: force, rate, and of each the first covariance, -1 where it is not measured; or the field."""
+    """Return stamps and numbers of a topic: force, rate, first covariance of each (-1: not measured); or field."""
     stamps, values = list[tuple[int, int]](), list[tuple[float, ...]]()
     connections = [connection for connection in reader.connections if connection.topic == topic]
     for connection, taken_in, data in reader.messages(connections):
@@ -166,7 +166,7 @@ def _read_topic(reader: Any, topic: str) -> _Messages:
 
 
 def _judge_field(xyz: Floats, topic: str) -> tuple[float, str]:
-    """Size in uT of the unit of a field (N, 3), 0 if it has none, and what is to be said of it."""
+    """Return the factor from the unit of a field (N, 3) to uT, 0 if it is to be left out, and a note on it."""
     strength = measure_field_strength(xyz)
     strength = strength[np.isfinite(strength)]
     if not strength.size:

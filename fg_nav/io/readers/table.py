@@ -134,10 +134,10 @@ def _find_clock(columns: ColumnMap, values: Floats) -> Floats | None:
 
 
 def _find_rows(content: Content, table: Table, columns: ColumnMap, values: Floats, row: Ints) -> tuple[Ints, list[str]]:
-    """Rows of the sensor that is asked for, where there are several, and what is to be said of them.
+    """Return the row indices of the chosen sensor, all if there is only one, and notes on the choice.
 
-    A column that is no measurement names the sensors if its few values recur, and the stamps, which repeat or step
-    back, rise among the rows of each value; or if it is called so and changes from row to row.
+    A column that is no measurement names the sensors if its few values recur and the stamps, which repeat or step back
+    overall, rise within each value; or if its name says so and it changes from row to row.
     """
     names, everything = table.names, np.arange(len(values))
     clock, used = _find_clock(columns, values), set(list_positions(columns))
@@ -217,7 +217,7 @@ class SensorTable:
 
 
 def find_sensor_table(content: Content) -> SensorTable | None:
-    """Find what a table of one sensor holds; None where it is none, or has another's gravity removed."""
+    """Return quantity, columns and session of a one-sensor table; None if it is none, or its gravity is removed."""
     try:
         table = open_table(content, _MIN_NUMBERS) if content.lines else None
     except FormatError:
@@ -291,7 +291,7 @@ def refuse_sensor_tables(paths: Sequence[Path]) -> None:
 
 
 def explain_sensor_tables(contents: Sequence[Content]) -> str | None:
-    """Say how tables of one sensor each make a recording; None where they are none."""
+    """Return a sentence on how one-sensor tables make a recording together; None if they are none."""
     singles = [single for content in contents if (single := find_sensor_table(content)) is not None]
     if not singles or len(singles) < len(contents):
         return None

@@ -112,7 +112,7 @@ def read_apdm(content: Content) -> RawRecording:
 
 
 def _read_numbered(content: Content) -> tuple[list[_Column], list[str], int, float]:
-    """Columns, header, first line of data and the unit of time of a file in format 7."""
+    """Return columns, header, first line of data and time unit (s) of a file in format 7."""
     rows = [content.fields(line) for line in range(3)]
     width = max(map(len, rows))
     names, groups, axes = ([*fields, *[""] * (width - len(fields))] for fields in rows)
@@ -133,7 +133,7 @@ def _read_numbered(content: Content) -> tuple[list[_Column], list[str], int, flo
 
 
 def _read_paths(content: Content) -> tuple[list[_Column], list[str], int, float]:
-    """Columns, header, first line of data and the unit of time of a file with paths for names."""
+    """Return columns, header, first line of data and time unit (s) of a file with paths for column names."""
     header = _find_paths(content)
     if header is None:
         raise FormatError(f"{content.path.name} has no header of APDM: export it again.")
@@ -226,7 +226,7 @@ def read_shimmer(content: Content) -> RawRecording:
 
 
 def _find_scale(names: list[str], quantity: Quantity, header: Header, units: list[str], path: Path) -> float:
-    """Find the unit of a sensor's columns; NaN for one of the local field."""
+    """Return the factor to SI (uT) of a sensor's columns; NaN for units of the local field."""
     places = [header.names.index(name) for name in names if name in header]
     said = {units[k] for k in places if k < len(units)}
     if len(said) != 1:
@@ -239,7 +239,7 @@ def _find_scale(names: list[str], quantity: Quantity, header: Header, units: lis
 
 
 def _read_shimmer_time(clock: str, header: Header, units: list[str], skip: int, row: Ints, content: Content) -> Floats:
-    """Stamps (N,) s of the rows; since 1970, of the clock on the wall, from text such as `2017/11/14 17:07:24.254`."""
+    """Return stamps (N,) s of `row` (N,): the device clock, or wall time since 1970 (`2017/11/14 17:07:24.254`)."""
     if "Formatted" not in clock:
         values, lines = header.read(content, [clock], skip)
         k = header.names.index(clock)
@@ -368,7 +368,7 @@ def _find_blocks(value: Any, depth: int) -> Iterator[dict[str, Any]]:
 
 
 def _read_blocks(blocks: list[dict[str, Any]], what: Sensor, name: str) -> Stream:
-    """Samples of one sensor, of all blocks that have them."""
+    """Return the stream of one sensor, joined from all blocks with its samples."""
     (array, unit), parts, begins = _ARRAYS[what], [np.empty((0, 3))], list[float]()
     blocks = [block for block in blocks if array in block]
     for k, block in enumerate(blocks):
@@ -388,7 +388,7 @@ def _read_blocks(blocks: list[dict[str, Any]], what: Sensor, name: str) -> Strea
 
 
 def _spread_blocks(stamps: Floats, sizes: Ints) -> Floats:
-    """Stamps (N,) s of samples in blocks, from those (B,) s of their first samples and the sizes (B,) of the blocks."""
+    """Return sample stamps (N,) s, spread evenly between block `stamps` (B,) s; `sizes` (B,) are samples a block."""
     stamps, sizes = stamps[sizes > 0], sizes[sizes > 0]
     if not len(stamps):
         return stamps

@@ -69,7 +69,7 @@ class _Inertial(NamedTuple):
     gyr: tuple[str, ...]
 
     def to_samples(self, acc: Floats, gyr: Floats, t: Floats) -> tuple[Floats, Floats, list[str]]:
-        """Specific force in m/s^2, rate in the unit of the file or in rad/s, and what was done."""
+        """Return specific force (N, 3) m/s^2, rate (N, 3) in rad/s or the unit of the file, and notes."""
         per_s, remarks = 1.0 / median_period_s(t), []
         if self.acc != _ACC:
             acc = scale_values(acc, per_s)
@@ -81,7 +81,7 @@ class _Inertial(NamedTuple):
 
 
 def _find_inertial(header: Header, content: Content) -> _Inertial:
-    """Find the columns of specific force and rate; if one of a group is missing, reading it says which."""
+    """Return the columns of specific force and rate; a missing column of a group raises when it is read."""
     acc, gyr = (
         next((group for group in groups if not set(group).isdisjoint(header.names)), ())
         for groups in ((_ACC, *_VELOCITIES), (_GYR, *_TURNS))
@@ -116,9 +116,9 @@ def _find_rotations(wxyz: Floats) -> tuple[Rotation, Bools]:
 
 
 def scale_local_field(mag: Floats | None, gyr: Floats) -> tuple[Floats | None, tuple[str, ...]]:
-    """Return a magnetometer (N, 3) in units of the local field in uT, held samples left out, and what is said of it.
+    """Return `mag` (N, 3), in units of the local field, in uT, held samples NaN; None if unusable; and notes.
 
-    `gyr` (N, 3) is in rad/s. The direction, and changes over a walk, are what a path has of it: not the strength.
+    `gyr` (N, 3) is in rad/s. A path uses the direction and its changes along the walk, not the strength.
     """
     if mag is None or not mag.size:
         return None, ()
@@ -175,7 +175,7 @@ def read_mt(content: Content) -> RawRecording:
 
 
 def _make_mt_time(clocks: dict[str, Floats], count: int, content: Content) -> tuple[Floats, tuple[str, ...]]:
-    """Make the time (N,) s from the best clock of the file, and say which."""
+    """Return the time (N,) s from the best of `clocks`, else from `count` rows at the file's rate; and notes on it."""
     fine = clocks.get(_FINE)
     if fine is not None and np.isfinite(fine).mean() > 0.5 and np.nanmax(fine) > np.nanmin(fine):
         end = _TICKS_A_DAY if np.nanmax(fine) < _TICKS_A_DAY else 2.0**32
@@ -256,7 +256,7 @@ def _make_dot_time(fine: Floats, content: Content) -> tuple[Floats, tuple[str, .
 def _judge_rate_unit(
     t: Floats, acc: Floats, columns: dict[tuple[str, ...], Floats], content: Content
 ) -> tuple[float, tuple[str, ...]]:
-    """Find what one unit of the rate is in rad/s, and say why if it is not what the app gives."""
+    """Return the factor from the file's rate to rad/s, and a note if it was judged by the data, not the app's deg/s."""
     top = [line for line in content.lines[:12] if "DeviceTag" in line]
     if top and not any("FirmwareVersion" in line for line in top):  # of the app: the SDK has the keys in one line
         return _DEGREE, ()
@@ -291,7 +291,7 @@ def _judge_rate_unit(
 
 
 def _compare_turn(t: Floats, columns: dict[tuple[str, ...], Floats]) -> float | None:
-    """Rate by the turn since the sample before, or by the change of the attitude, over that of the gyroscope."""
+    """Return the scale of the rate from turns or attitude against the gyroscope (least squares); None if unclear."""
     gyr = columns[_GYR]
     if _TURN in columns:
         turned = _find_turns(columns[_TURN])
