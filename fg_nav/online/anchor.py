@@ -53,7 +53,7 @@ class MarginalPrior:
     b: Floats
 
     def factor(self) -> gtsam.CustomFactor:
-        """Return the factor |A d - b|^2 / 2, d the logarithm of what its variables have moved since."""
+        """Return the factor |A d - b|^2 / 2, d the step from the stored to the present values, in tangent space."""
         dims = [dimension_of(key) for key in self.keys]
         by_key = np.split(self.A, np.cumsum(dims)[:-1], axis=1)
 
@@ -68,7 +68,7 @@ class MarginalPrior:
             e = self.A @ np.concatenate(steps) - self.b
             if not with_jacobians:
                 return e, []
-            # d is in the tangent space of the stored pose, the Jacobian in that of the present one.
+            # d is in the tangent space of the stored pose, the Jacobian in that of the present pose: chain rule.
             jacobians = [
                 np.ascontiguousarray(A @ gtsam.Pose3.LogmapDerivative(d) if _letter(key) == "x" else A)
                 for A, key, d in zip(by_key, self.keys, steps, strict=True)
@@ -79,7 +79,7 @@ class MarginalPrior:
         return guarded_factor("anchor", self.keys, dims, unit, evaluate)
 
     def initial_values(self) -> gtsam.Values:
-        """Return the values of its variables."""
+        """Return the stored values, as initial estimate of a graph."""
         values = gtsam.Values()
         for key, value in zip(self.keys, self.values, strict=True):
             letter = _letter(key)
@@ -95,13 +95,13 @@ class MarginalPrior:
 def marginalize(
     linear: gtsam.GaussianFactorGraph, values: gtsam.Values, keep: Sequence[int], others: Iterable[int]
 ) -> MarginalPrior:
-    """Marginalize a graph, linearized at these values, to the variables `keep`.
+    """Return the marginal prior on the variables `keep` of a graph that is linearized at `values`.
 
     Raises `RuntimeError` where the factors do not determine the others.
 
     Parameters
     ----------
-    others : the other variables, in the order in which they are eliminated.
+    others : the other variables, in elimination order.
     """
     order, kept = gtsam.Ordering(), gtsam.Ordering()
     for key in others:
@@ -117,7 +117,7 @@ def marginalize(
 
 
 def marginalize_root(root: SquareRoot, values: gtsam.Values, keep: Sequence[int]) -> MarginalPrior:
-    """Marginalize the triangle R of a solved graph to the variables `keep`, at these values, its minimum.
+    """Return the marginal prior on the variables `keep`, from the square root R of a graph at its minimum `values`.
 
     With Y = R^-T E, E the columns of these variables, their covariance is Y^T Y = T^T T by QR of Y, so A = T^-T.
     """
@@ -144,7 +144,7 @@ def _value_of(values: gtsam.Values, key: int) -> Floats:
 
 
 class PathNodes(NamedTuple):
-    """Samples (M,) of the walk, and at each position (m), velocity (m/s), attitude, gyro (rad/s) and force bias."""
+    """Samples (M,) of the walk, and at each position (m), velocity (m/s), attitude, gyro (rad/s), force bias."""
 
     sample: Ints
     position: Floats
@@ -155,14 +155,14 @@ class PathNodes(NamedTuple):
 
     @classmethod
     def from_rows(cls, rows: Sequence[EstimateRow]) -> PathNodes:
-        """Return a node at the stillest sample of each footfall, without a bias of the accelerometer."""
+        """Return a node at the stillest sample of each footfall, its accelerometer bias zero."""
         known = split_rows(rows)
         unknown = np.zeros_like(known.gyro_bias)
         return cls(known.sample, known.position, known.velocity, known.nav_R_body, known.gyro_bias, unknown)
 
     @classmethod
     def from_values(cls, stances: Sequence[StanceNodes], values: gtsam.Values) -> PathNodes:
-        """Return the nodes of some footfalls in a graph."""
+        """Return all nodes of these footfalls, from the values of a graph."""
         if not stances:
             return NO_NODES
         nodes = [j for stance in stances for j in range(stance.first, stance.stop)]
@@ -179,7 +179,7 @@ class PathNodes(NamedTuple):
         )
 
     def cut(self, stop: int) -> PathNodes:
-        """Return the nodes before one."""
+        """Return the first `stop` nodes."""
         return PathNodes._make(part[:stop] for part in self)
 
     def join(self, later: PathNodes) -> PathNodes:
@@ -199,12 +199,12 @@ class Past:
     nodes: PathNodes = NO_NODES
 
     def before(self, stance: StanceNodes) -> Past:
-        """Return the past without a footfall and those behind it."""
+        """Return the estimates and nodes of the footfalls before this one."""
         stop = int(np.searchsorted(self.nodes.sample, stance.samples[0]))
         return Past(self.first, self.rows[: stance.number - self.first], self.nodes.cut(stop))
 
     def join(self, later: Past) -> Past:
-        """Return the past with the present estimates of the footfalls from `later.first` on."""
+        """Return this past up to footfall `later.first`, and `later` from there on."""
         rows = self.rows[: later.first - self.first] + later.rows
         begins = later.nodes.sample[0] if len(later.nodes.sample) else np.iinfo(np.int64).max
         stop = int(np.searchsorted(self.nodes.sample, begins))
@@ -240,14 +240,14 @@ class AnchorState:
     notes: tuple[str, ...]  # For the user.
 
     def without_past(self) -> AnchorState:
-        """Return it without its past, and of the footfalls the newest: all that the strides since depend on."""
+        """Return it without past and with the newest footfall alone: all that later strides depend on."""
         newest = self.stance.number
         return replace(self, past=Past(newest), first=newest, footfalls=self.footfalls[newest - self.first :])
 
 
 @dataclass(frozen=True)
 class TiedAnchorState(AnchorState):
-    """That of a foot whose walk was solved with the other foot's, in the frame of both; `number` of that solution."""
+    """Anchor state of a foot solved jointly with the other, in their common frame; `number` of the joint solution."""
 
     number: int = 0
 
@@ -259,7 +259,7 @@ def window_anchors(
     lag_s: float | None,
     window: int,
 ) -> list[AnchorState]:
-    """Return the anchor states from the newest on that lies a window of footfalls, or a lag, back.
+    """Return the anchor states to keep: from the last that is a window of footfalls, or a lag, back, up to `newest`.
 
     Those behind a footfall that was retracted or inserted are invalid, and left out.
     """

@@ -41,7 +41,7 @@ class WorkerProcess:
             threading.Thread(target=work, daemon=True).start()
 
     def close(self) -> None:
-        """End it."""
+        """Kill the process."""
         self.messages.put(None)
         with suppress(OSError):
             self.process.kill()
@@ -100,7 +100,7 @@ class WorkerSolver:
 
     @property
     def pid(self) -> int:
-        """Of the worker process."""
+        """Process id of the worker."""
         return self._worker.process.pid
 
     def follow(self, until: int) -> None:
@@ -170,7 +170,7 @@ class WorkerSolver:
 
     @property
     def _left_s(self) -> float:
-        """Of the time for an answer."""
+        """Seconds left until the answer is overdue."""
         return self._requested_s + MAX_S - time.monotonic()
 
     def _send(self, kind: str, *content: Any) -> None:

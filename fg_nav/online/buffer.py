@@ -77,7 +77,7 @@ class SampleBuffer:
         return float(self._chunk(sample // CHUNK)[sample % CHUNK, 0])
 
     def find_since(self, t: float, stop: int) -> int:
-        """Return the first of the samples before `stop` that is at t or later, not before `first`; or `stop`."""
+        """Return the first sample in [`first`, `stop`) with a stamp of t (s) or later; `stop` if there is none."""
         number = (stop - 1) // CHUNK
         while number * CHUNK > self.first and self._chunk(number)[0, 0] >= t:
             number -= 1
@@ -107,7 +107,7 @@ class KnownMagnetometer:
 
 @dataclass(frozen=True)
 class SensorState:
-    """What a walk so far shows of its sensor."""
+    """Sensor parameters estimated on the walk so far."""
 
     extreme: Floats  # (2, 2, 3) largest readings so far: force and rate, upper and lower end.
     period_s: float | None = None  # None before the walk was cut out as a whole.
@@ -166,11 +166,11 @@ class PartialWalk:
         return self._footfalls[number - self.discarded].footfall
 
     def footfalls_since(self, number: int) -> tuple[ReportedFootfall, ...]:
-        """Return the footfalls from one on that was not discarded."""
+        """Return the footfalls from `number` on, which was not discarded."""
         return tuple(self._footfalls[number - self.discarded :])
 
     def replace_footfalls(self, number: int, footfalls: Sequence[ReportedFootfall]) -> None:
-        """Put these in place of the footfalls from one on."""
+        """Replace the footfalls from `number` on."""
         self._footfalls[max(number - self.discarded, 0) :] = footfalls[max(self.discarded - number, 0) :]
         self.stop = self._footfalls[-1].until
 
@@ -198,7 +198,7 @@ class PartialWalk:
         self._footfalls.append(footfall)
 
     def discard(self, footfalls: int, samples: int) -> None:
-        """Discard all footfalls before one, and all samples before one."""
+        """Discard the footfalls before number `footfalls`, and the samples before number `samples`."""
         self._footfalls = self._footfalls[max(footfalls - self.discarded, 0) :]
         self.discarded = max(self.discarded, footfalls)
         self.buffer.discard(samples)
@@ -215,19 +215,19 @@ class PartialWalk:
         self.sensor = replace(self.sensor, magnetometer=known)
 
     def cut_whole(self) -> Recording:
-        """Cut out all samples, the magnetometer not corrected."""
+        """Return all samples, iron not corrected; note their period and clipping levels in `sensor`."""
         recording = self._cut_aligned(self.buffer.first, self.buffer.first)
         self.sensor = replace(self.sensor, period_s=recording.period_s, clipping=recording.clipping)
         return recording
 
     def cut_recording(self, first: int, mag_from: int | None = None) -> Recording:
-        """Cut out the samples from one on, with the field from sample `mag_from` on where only that is used."""
+        """Return the samples from `first` on, with the field from `mag_from` on, NaN before; None for all."""
         part = self._of_sensor(self._cut_aligned(first, first if mag_from is None else mag_from))
         iron = self.sensor.iron
         return part if iron is None or part.mag is None else iron.apply_to(part)
 
     def cut_stances(self, first_footfall: int, first: int) -> Stances:
-        """Cut out the footfalls from one on, for the recording from sample `first` on; earlier intervals are cut.
+        """Return the stances from `first_footfall` on, in samples from number `first` on; earlier intervals are cut.
 
         Each piece of a long standing is a footfall of its own. The statistic is 0 at the stillest samples, else 1.
         """
@@ -240,12 +240,12 @@ class PartialWalk:
         return Stances(start, end, number, n_samples=self.stop - first, statistic=statistic)
 
     def cut_onward(self, sample: int, until: int) -> tuple[Recording, int]:
-        """Cut out some samples before one and all up to `until`; and where in them that sample is."""
+        """Return the recording from `SAMPLES_BEFORE` before `sample` to `until`, and the index of `sample` in it."""
         first = max(sample - SAMPLES_BEFORE, self.buffer.first)
         return self._of_sensor(self._cut(first, until)), sample - first
 
     def _cut_aligned(self, first: int, mag_from: int) -> Recording:
-        """Samples from one on, from another on with the field at their stamps."""
+        """Return samples from `first` on, with the field from `mag_from` on, its delay removed; NaN before."""
         recording, found = self._cut(first, self.stop), self.sensor.magnetometer
         if found is None:
             return recording
@@ -262,7 +262,7 @@ class PartialWalk:
         return as_recording(self.buffer.between(first, stop), self._with_mag)
 
     def _of_sensor(self, part: Recording) -> Recording:
-        """A part of the walk, clipped at the levels of the whole, its peaks as high as the whole shows.
+        """Return a part with period and clipping levels of the whole walk, clipped peaks raised by `peak_height`.
 
         Where the whole had not clipped yet: at its own levels, if they are at the end of all readings so far. What is
         flat in a part may be a person who stands.

@@ -107,7 +107,7 @@ class Checkpoint:
             raise OutputError(f"another stream saves its walk in {self._path}: name another checkpoint.") from None
 
     def collect(self, navigator: Navigator) -> Snapshot:
-        """Return what is new of a walk, to be written while it goes on."""
+        """Return a snapshot of what is new since the last save, for `write` while the walk goes on."""
         size = 0
         with suppress(OSError):
             size = self._path.stat().st_size
@@ -319,7 +319,7 @@ def _read(path: Path) -> Iterator[tuple[Record, int]]:
 
 
 def _write_again(path: Path) -> int:
-    """Write a file again without what is superseded; its size. The samples pass through, a record at a time."""
+    """Rewrite a file without superseded records, samples one record at a time; return its size (bytes)."""
     content = _Content(path, with_samples=False)
     newest, state = replace(content.newest, frame=None, changes=None), content.state
     changes = None if state is None else find_changes(state, None)

@@ -65,13 +65,13 @@ class StanceEstimate:
     floor: int | None = None  # Of the building, 0 where the walk began (`floor_number`); None where not known.
 
     def widen(self, rate_sigma: float) -> StanceEstimate:
-        """Return it with the sigma of a nominal sample rate, a share of it, in its place, as `Solution.widen`."""
+        """Return it with the scale error of a nominal rate, relative sigma `rate_sigma`, added to its covariance."""
         cov = self.pose_cov.copy()
         cov[:3, :3] += np.outer(self.position, self.position) * (2.0 * rate_sigma) ** 2
         return replace(self, pose_cov=cov)
 
     def as_row(self) -> EstimateRow:
-        """Return it as a row of numbers and its words."""
+        """Return it as a row of numbers (40,) and the words of its verdict."""
         of_motion = self.position, self.velocity, self.nav_R_body.ravel(), self.gyro_bias
         sigmas = self.pose_cov.ravel(), self.gyro_bias_sigma
         numbers = np.concatenate([[self.sample, self.t], *of_motion, *sigmas, [self.compass_weight]])
@@ -92,12 +92,12 @@ def estimate_stance(
 ) -> StanceEstimate:
     """Return the estimate of a footfall in navigation axes, from its variables and their covariances in the graph.
 
-    With a `moving_foot` the scale of the walk that it leaves unknown is in the covariance, and where it `has_air` that
-    of the heights by a barometer.
+    `body_cov`, `bias_cov` (6, 6) are in the tangent spaces of pose and bias. A `moving_foot` adds the variance of the
+    unknown scale of the walk, a barometer (`has_air`) that of its heights.
     """
     position, attitude = np.asarray(pose.translation()), pose.rotation().matrix()
     pose_cov = in_nav(attitude[None], body_cov[None])[0]
-    # Heading is that of the x axis: where this is inclined, the tilt counts.
+    # Heading is the azimuth of the body's x axis: where that axis is inclined, tilt errors turn it too.
     by_turn = turn_heading(attitude)
     pose_cov[3, 3] = max(pose_cov[3, 3], min(float(by_turn @ body_cov[:3, :3] @ by_turn), UNKNOWN_RAD**2))
     pose_cov[2, 2] += (SCALE_SIGMA * position[2]) ** 2 * has_air
@@ -127,7 +127,7 @@ def list_estimates(
     moving_foot: bool,
     has_air: bool,
 ) -> list[EstimateRow]:
-    """Return the estimates of some footfalls as rows, from the values of a graph and its covariances by variable."""
+    """Return a row for each footfall, from the values of a graph and its covariances (6, 6) by variable key."""
     rows = []
     for stance, verdict in zip(stances, verdicts, strict=True):
         pose, bias = X(stance.result), B(stance.bias)
@@ -166,7 +166,7 @@ _ENDS = (1, 2, 5, 8, 17, 20, 36, 39)  # Columns of a row after which another par
 
 
 def split_rows(rows: Sequence[EstimateRow]) -> RowColumns:
-    """Return the numbers of some rows, part by part."""
+    """Return the numbers of K rows as named columns."""
     numbers = np.array([row.numbers for row in rows]).reshape(len(rows), _ENDS[-1] + 1)
     sample, t, position, velocity, attitude, bias, pose_cov, bias_sigma, weight = np.split(numbers, _ENDS, axis=1)
     matrices = attitude.reshape(-1, 3, 3), bias, pose_cov.reshape(-1, 4, 4), bias_sigma, weight[:, 0]
@@ -193,7 +193,7 @@ def build_table(rows: Sequence[EstimateRow]) -> StanceTable:
 
 
 def select_rows(table: StanceTable, keep: Bools) -> StanceTable:
-    """Return the rows of a table that are kept, (K,) flags."""
+    """Return the rows of a table where `keep` (K,) is true."""
     kept: dict[str, Any] = {}
     for item in fields(table):
         column = getattr(table, item.name)
@@ -219,7 +219,7 @@ class StrapdownPath(NamedTuple):
 def propagate_strapdown(
     h: Floats, acc: Floats, gyr: Floats, first: int, state: NavState, gravity: float
 ) -> tuple[Floats, Floats, Floats]:
-    """Propagate a state, which changes, over steps h (s); position, velocity and attitude from sample `first` on."""
+    """Integrate `state`, in place, from sample `first` on; return positions, velocities (n, 3), attitudes (n, 3, 3)."""
     n = len(h) - first
     p, v, R = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3, 3))
     turn, push = np.empty((3, 3)), np.empty(3)
@@ -239,7 +239,7 @@ def format_estimate(
     verdict: Verdict | None = None,
     kind: str = NOW,
 ) -> str:
-    """Return the line of an estimate, with the verdict on the path up to it, where there is one."""
+    """Return the JSON line of an estimate; `verdict` is that on the path up to it, None without."""
     sigma = np.sqrt(np.diagonal(estimate.pose_cov))
     t, sensor_t = round(estimate.t, 9), round(sensor_time(estimate.sample, estimate.t), 9)
     content: dict[str, object] = {
@@ -271,7 +271,7 @@ def format_table(
     heading: Floats | None = None,
     verdict: Verdict | None = None,
 ) -> Iterator[str]:
-    """Yield the lines of the past as it is known at the end; `heading` (K,) rad, if not of the body's x axis.
+    """Yield the JSON lines of the final estimates; `heading` (K,) rad, None for that of the body's x axis.
 
     `verdict` is that on the whole path, where there is one.
     """
@@ -306,7 +306,7 @@ def _dump(content: dict[str, object]) -> str:
 
 @dataclass(frozen=True)
 class Revision:
-    """What changed when a walk was solved again."""
+    """Changes of the reported past by a re-solve."""
 
     t: float  # Of the newest footfall that was solved again, s.
     turn: float  # Of the map about its origin, rad clockwise; 0 where it did not turn.
@@ -317,11 +317,11 @@ class Revision:
 def compare_pasts(
     before: Sequence[EstimateRow], after: Sequence[EstimateRow], first: int, retracted: Sequence[tuple[int, float]]
 ) -> Revision:
-    """Return what changed of a walk from one solution to the next.
+    """Return the revision from one solution to the next: turn of the map, retracted lines, present path.
 
     Parameters
     ----------
-    before, after : estimates of the footfalls, before from number `first` on.
+    before, after : rows of the footfalls, `before` from number `first` on, `after` from 0 on.
     retracted : numbers and stamps of the lines whose footfalls are none.
     """
     old, new = split_rows(before), split_rows(after[first:])
@@ -338,12 +338,12 @@ def compare_pasts(
 
 
 def thin_rows(count: int) -> list[int]:
-    """Return the numbers of at most `MAX_POINTS` of so many footfalls, the first and the last among them."""
+    """Return at most `MAX_POINTS` evenly spaced indices below `count`, the first and the last included."""
     return sorted(set(np.linspace(0, count - 1, min(count, MAX_POINTS)).round().astype(int).tolist()))
 
 
 def format_revision(revision: Revision) -> Iterator[str]:
-    """Yield the lines of a revision."""
+    """Yield the JSON lines of a revision: turned, retracted, revised."""
     t = round(revision.t, 9)
     if revision.turn:
         yield _dump({"kind": "turned", "t": t, "angle_deg": round(float(np.degrees(revision.turn)), PAST_DIGITS)})
@@ -417,6 +417,6 @@ def format_feet_line(line: FeetLine) -> Iterator[str]:
 
 
 def tag_line(line: str, foot: Who, frame: Side) -> str:
-    """Return a line of JSON with whose it is, and in which frame."""
+    """Return a line of JSON with the keys `foot` and `frame` added."""
     content = json.loads(line)
     return _dump({"kind": content.pop("kind"), "foot": foot, "frame": frame, **content})

@@ -156,21 +156,21 @@ class FeetNavigator:
         return [FeetLine(side, frame, one, isinstance(one, StanceEstimate) and continues[one.number]) for one in found]
 
     def frame(self, side: Side) -> Side:
-        """Return in which frame a foot's lines are now."""
+        """Return the frame of a foot's lines: the left foot's, and the right foot's own until it is tied."""
         initial = self.navigators[side].smoother.initial
         return "left" if side == "left" or isinstance(initial, TiedAnchorState) else "right"
 
     def refuse(self, side: Side, error: FgNavError) -> FeetLine:
-        """Leave a foot out from here on; raises the error where no other is left."""
+        """Leave a foot out from here on; return the line on that; raises the error where no other is left."""
         if len(self.refused) + 1 == len(SIDES):
             raise error
         self.refused[side] = str(error)
         return self._report_state(side, "refused", str(error))
 
     def update_both(self, side: Side) -> list[FeetLine]:
-        """Return the lines of both that follow from samples of a foot that were just pushed."""
+        """Return lines on lost and regained feet and on the person, after samples of this foot were pushed."""
         news: list[FeetLine] = []
-        # A clock that restarted: its stamps were set on by a guess.
+        # After a clock restart the shift of the stamps is a guess: the feet share no clock any more.
         navigator = self.navigators[side]
         newest = navigator.buffer.stop - 1
         if not self.is_parted and newest >= 0 and navigator.judge.sensor_time(newest, 0.0):
@@ -197,7 +197,7 @@ class FeetNavigator:
         return [*news, *self._follow_person()]
 
     def close(self) -> list[FeetLine]:
-        """End the walk; lines of the footfalls that were still open, and what its end takes back."""
+        """End the walk; return the lines of the footfalls that were still open, and the last revisions."""
         used = [side for side in SIDES if side not in self.refused and not self.navigators[side].has_ended]
         found = [line for side in used for line in self.label(side, self.navigators[side].begin_end())]
         news = list(self._follow_person())
@@ -231,13 +231,13 @@ class FeetNavigator:
         return FeetWalk(feet, both, lost)
 
     def _schedule_both(self, side: Side) -> None:
-        """Have a foot that is not tied yet solved again soon, where both walk, and both be solved together."""
+        """Schedule re-solves: of a foot not tied yet every `EVERY` footfalls, of the other foot along with this one."""
         own, other = (self.navigators[one].smoother for one in (side, OTHER[side]))
         if min(own.n_reported, other.n_reported) < AT_ONCE[-1] or self._silent or self.refused or self.is_parted:
             return
         if not isinstance(own.initial, TiedAnchorState) and own.n_reported % EVERY == 0:
             own.resolve_soon(own.n_reported + 1)
-        # Both begin together.
+        # A re-solve of one foot starts the other foot's too, so that both are in one graph.
         pending = own.schedule.pending
         if pending is not self._pending[side]:
             self._pending[side] = pending
@@ -271,7 +271,7 @@ class FeetNavigator:
             )
 
     def _find_last(self, side: Side) -> float:
-        """Return the newest stamp of a foot, s."""
+        """Return the newest stamp of a foot, s; -inf before the first."""
         buffer = self.navigators[side].buffer
         return buffer.stamp(buffer.stop - 1) if buffer.stop > buffer.first else -np.inf
 
@@ -281,7 +281,7 @@ class FeetNavigator:
             return
         smoothers = [self.navigators[side].smoother for side in SIDES]
         left, right = initial = [one.initial for one in smoothers]
-        # For a step or two one of them goes on from an older solution.
+        # For a step or two one foot goes on from an older joint solution.
         is_one = (
             isinstance(left, TiedAnchorState) and isinstance(right, TiedAnchorState) and left.number == right.number
         )
@@ -293,7 +293,7 @@ class FeetNavigator:
                 yield FeetLine("person", "left", revised)
         newest = [one.reported[-1] for one in smoothers if one.reported]
         step = self._person.add(*newest) if len(newest) == len(SIDES) else None
-        # Steps between are in the next path that is reported.
+        # Steps that are not reported now are in the next revised path.
         if step is not None and is_one:
             yield FeetLine("person", "left", step)
 
@@ -308,14 +308,14 @@ class FeetNavigator:
 
 
 class PersonTracker:
-    """The steps of a person so far."""
+    """Steps of a person so far, each midway between two footfalls of different feet."""
 
     def __init__(self) -> None:
         self._t: list[float] = []
         self._recent: list[Floats] = []
 
     def add(self, left: EstimateRow, right: EstimateRow) -> PersonEstimate | None:
-        """Return the step that two newest footfalls of both feet make; None where they make no new one."""
+        """Return the person midway between the newest footfall of each foot; None if these make no new step."""
         feet = split_rows([left, right])
         t = float(feet.t.mean())
         if np.ptp(feet.t) > MAX_STEP_S or (self._t and t <= self._t[-1]):
@@ -332,7 +332,7 @@ class PersonTracker:
         return PersonEstimate(len(self._t) - 1, t, position, heading, feet.pose_cov.mean(axis=0))
 
     def revise(self, left: Floats, right: Floats) -> Revision | None:
-        """Return the path of all steps so far, by those of both feet (K, 4), t (s) and place (m), as known now."""
+        """Return the person's path at all steps, from the paths (K, 4) of both feet: t (s), east, north, up (m)."""
         if not self._t:
             return None
         t = np.array(self._t)

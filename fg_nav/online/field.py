@@ -98,7 +98,7 @@ SHORT = 1e-4  # Lengths below which v is its Taylor series: the closed form lose
 
 @dataclass(frozen=True)
 class StrideField:
-    """What a stride showed of the field.
+    """Field measured at a footfall and along the stride to it.
 
     `footfall` is the field at its one footfall, NaN where there was none; of the stride to it, as in `FieldPath`: `u`
     uT m, `body_path` (3,) m in the body's axes, `by_up` (3,) uT m, `body_move` (3,) m, `nav_R_level` (3, 3),
@@ -117,7 +117,7 @@ class StrideField:
 
 @dataclass(frozen=True)
 class CompassVerdict:
-    """On the field at a footfall: `word` and `reason` as in a stance table, weight of its compass (`weigh_compass`)."""
+    """Verdict on the field at a footfall: `word`, `reason` as in a stance table, compass weight (`weigh_compass`)."""
 
     word: str
     reason: str
@@ -154,12 +154,12 @@ class OnlineField:
         pose: gtsam.Pose3,
         before: Floats,
     ) -> tuple[Floats, CompassVerdict]:
-        """Add footfall k at `node` with the stride to it; its initial state (9,), and the verdict.
+        """Add footfall k and the stride to it; return the initial value (9,) of its field state, and the verdict.
 
         Parameters
         ----------
-        graph : takes its factors.
-        pose : at the footfall, as it is known without its field.
+        graph, node, node_before : graph to extend; pose nodes of this footfall and of the one before.
+        pose : estimate at the footfall without its field.
         before : (9,) state at the footfall before.
         """
         # The compass of the footfall.
@@ -175,7 +175,7 @@ class OnlineField:
             np.array(stride.u), level_path, stride.by_up, stride.body_move, stride.nav_R_level, sigma
         )
         if self._p.potential and np.isfinite(stride.sigma_uT_m):
-            # It is left out where it takes the potential out of its bounds, as a circuit of current does.
+            # Left out where the potential jumps, as beside a conductor: there the field has no single-valued potential.
             nav_T_body = np.eye(4)
             nav_T_body[:3, :3] = integral.nav_R_level
             e, _ = integral.evaluate([nav_T_body, before, np.zeros(SIZE)], with_jacobians=False)
@@ -216,7 +216,7 @@ class OnlineField:
         return sigma_uT, CompassVerdict(verdicts.words[-1], verdicts.reason[-1], weight)
 
     def _measure_roughness(self) -> FieldRoughness:
-        """Roughness of the field at the footfalls that are remembered, the potential's as in batch."""
+        """Return the roughness of the field over the last `RECENT` footfalls; that of the potential is the batch's."""
         rows = self._recent
         deviation = deviate_along(rows[:, LEVEL], rows[:, REFERENCE])
         measured = measure_roughness(deviation, np.isfinite(deviation), rows[1:, DISTANCE])
@@ -224,12 +224,12 @@ class OnlineField:
 
 
 def measure_field(recording: Recording, stances: Stances, track: Trajectory, up_uT: float) -> StrideField:
-    """Return what the second of two footfalls and the stride to it show of the field, as the batch measures it.
+    """Return the mean field at the second of two footfalls and the line integral along the stride, as in batch.
 
     Parameters
     ----------
     recording, stances : of the two footfalls.
-    track : at its samples, known without the field: where it is and which way it heads makes no difference.
+    track : path at the samples, without the field; its origin and heading make no difference.
     up_uT : vertical field of the walk.
     """
     sample = stances.stillest(recording.gyr)
@@ -265,7 +265,7 @@ def measure_field(recording: Recording, stances: Stances, track: Trajectory, up_
 
 
 def find_north_sigma(across_uT: Floats, walked_m: float, strength_uT: float) -> float:
-    """Sigma of north, rad.
+    """Return the sigma (rad) of a north that is found by the mean field, `UNKNOWN_RAD` at most.
 
     Parameters
     ----------
@@ -281,14 +281,14 @@ def find_north_sigma(across_uT: Floats, walked_m: float, strength_uT: float) -> 
 
 
 def average_along(lengths: float) -> float:
-    """Variance v of the mean of a process of unit variance over so many correlation lengths."""
+    """Return v, the variance of the mean of a unit-variance process over this many correlation lengths."""
     if lengths < SHORT:
         return 1.0 - lengths / 3.0
     return float(2.0 * (lengths - 1.0 + np.exp(-lengths)) / lengths**2)
 
 
 def extend_with_north(pose_cov: Floats, position: Floats, sigma: float) -> Floats:
-    """Return the covariance (4, 4) of a pose with that of north, as far as its heading does not have it already.
+    """Return `pose_cov` (4, 4) plus the error of north, for the part of its variance that the heading lacks.
 
     Parameters
     ----------
@@ -320,7 +320,7 @@ NOTHING_OF_BIAS = BiasInformation(np.zeros((3, 3)), np.zeros(3))
 
 @dataclass(frozen=True)
 class BiasLedger:
-    """What the stances and the standings of the newest bias variable show, and what the graph has of it."""
+    """Differential-field information on the newest bias: of its stances and standings, and already in the graph."""
 
     noise: FieldNoise
     variables: int
@@ -344,13 +344,13 @@ class BiasLedger:
         return BiasLedger(self.noise, self.variables)
 
     def complete(self, variable: int, known: LevelBias) -> gtsam.NonlinearFactor:
-        """Return the factor that the graph lacks of the variable, whose present estimate is `known`."""
+        """Return the factor with the information on bias `variable` that the graph lacks, at its estimate `known`."""
         limited = limit_information(self.stances, self.standings, self.noise.iron, self.variables)
         further = known.weaken(limited - self.in_graph)
         return linear_factor_of(further.residual(), [B(variable)])
 
     def add(self, window: StrideWindow, track: Trajectory, gyro_bias: Floats, counted: Rest | None) -> BiasLedger:
-        """Add what the newest footfall shows.
+        """Return the ledger with the differential-field information of the newest footfall.
 
         Parameters
         ----------

@@ -64,7 +64,7 @@ class FloorTrack:
 
 
 def track_floors(heights: Floats, floor: Ints | None, is_piece: Sequence[bool] | Bools) -> FloorTrack:
-    """Follow a walk that was solved as a whole to its newest footfall.
+    """Return the floor track of a walk solved as a whole, at its newest footfall.
 
     Parameters
     ----------

@@ -195,7 +195,7 @@ def follow_source(
     stop: threading.Event | None = None,
     watcher: ListenerProcess | None = None,
 ) -> Navigator:
-    """Follow a source to its end; its navigator, closed, with the whole walk.
+    """Follow a source to its end; return the navigator, closed, with the whole walk.
 
     Raises `FormatError`, `RecordingError`, `EstimationError` if the rows are of another format or unit, or a checkpoint
     cannot be resumed.
@@ -209,7 +209,7 @@ def follow_source(
     """
     checkpoint = None if options.checkpoint is None else Checkpoint(options.checkpoint)
     with nullcontext() if checkpoint is None else checkpoint.hold():
-        # the walk, begun or resumed
+        # the walk, new or resumed
         navigator = _open_navigator(options, checkpoint, remark)
         status = None if watcher is None else StatusReporter(watcher)
         walk = FollowedWalk(navigator, options, checkpoint, emit, remark, status)
@@ -287,7 +287,7 @@ class FollowedWalk:
         self._saving: threading.Thread | None = None
 
     def add(self, rows: Floats, header: list[str] | None) -> None:
-        """Add rows (n, 11) of a source with this header."""
+        """Calibrate and push rows (n, 11), emit the lines that they complete, save if due; `header` names columns."""
         if self._status is not None:
             self._status.count_samples(len(rows))
         if not len(rows):
@@ -315,7 +315,7 @@ class FollowedWalk:
         self.emit_lines(judged)
 
     def end(self, lost_datagrams: int) -> None:
-        """End the walk, with what its source lost."""
+        """Save and end the walk, and emit its last lines; `lost_datagrams` as the source counted them."""
         self.count_losses(lost_datagrams)
         if self._checkpoint is not None:
             self._save(self._checkpoint)
@@ -347,7 +347,7 @@ class FollowedWalk:
             self._status.report(lambda: describe_walk(self._navigator), self.losses.report(lost_datagrams), ended)
 
     def emit_lines(self, found: Sequence[Judged]) -> None:
-        """Emit lines with their verdicts."""
+        """Emit the JSON lines of estimates, each with its verdict, and of revisions."""
         for one, verdict in found:
             if isinstance(one, Revision):
                 for line in format_revision(one):

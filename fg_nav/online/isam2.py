@@ -66,7 +66,7 @@ NORTH_UT = (0.0, 20.0)  # East and north part of a field that was not observed.
 
 
 def isam_parameters() -> gtsam.ISAM2Params:
-    """Return the parameters of iSAM2."""
+    """Return the parameters of iSAM2: QR, wildfire threshold, relinearization by kind of variable."""
     parameters = gtsam.ISAM2Params()
     parameters.setFactorization("QR")
     parameters.setOptimizationParams(gtsam.ISAM2GaussNewtonParams(WILDFIRE))
@@ -98,7 +98,7 @@ class ISAM2Backend:
         self.linearization_point = self._isam.getLinearizationPoint()  # held from before the first update on
 
     def reset(self, graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, stances: list[StanceNodes]) -> None:
-        """Begin again from a graph of these footfalls at its minimum; all stays as it was where that raises."""
+        """Rebuild the tree from a graph of these footfalls at its minimum `values`; unchanged where that raises."""
         isam = gtsam.ISAM2(isam_parameters())
         theta = isam.getLinearizationPoint()
         isam.update(graph, values, constrainedKeys=_group_by_time(stances, len(stances), values))
@@ -126,7 +126,7 @@ class ISAM2Backend:
             self._rebuild(values)
 
     def pose(self, key: int) -> gtsam.Pose3:
-        """Return the estimate of a pose."""
+        """Return the estimate of the pose `X(j)` with this key."""
         return self._isam.calculateEstimatePose3(key)
 
     def vector(self, key: int) -> Floats:
@@ -176,7 +176,7 @@ class ISAM2Backend:
         return values, self._graph.linearize(values)
 
     def _estimates(self) -> gtsam.Values:
-        """Estimates of all variables; their linearization point, if the tree cannot be solved."""
+        """Return the estimates of all variables; their linearization point, if the tree cannot be solved."""
         try:
             return self._isam.calculateBestEstimate()
         except UNSOLVED:
@@ -197,7 +197,7 @@ class ISAM2Backend:
 
 
 def _group_by_time(stances: list[StanceNodes], last: int, *known: gtsam.Values) -> gtsam.KeyGroupMap:
-    """Groups of the variables of the last few footfalls, eliminated one after the other; those with a value."""
+    """Return elimination groups, oldest first, of the variables of the `last` footfalls that have a `known` value."""
     group_of: dict[int, int] = {}
     for group, stance in enumerate(stances[-last:], start=1):
         group_of.update({key: group for values in known for key in list_variables(stance, values)})
@@ -239,7 +239,7 @@ def recover(
     last : estimate of that footfall, as it was reported.
     graph_cov : (4, 4) covariance of its position and yaw in the graph: without the uncertainty about north, which is of
         the walk as a whole and added to all that is reported.
-    window, stride : the newest.
+    window, stride : the newest stride, its samples and its measurements.
     with_field : whether the footfall needs a state of the field.
     """
     held = _last_values(backend, last, window.before)
@@ -270,7 +270,7 @@ def _reset(
     field: gtsam.Values,
     stance: StanceNodes,
 ) -> None:
-    """Begin with a footfall and its state of the field, if it has one."""
+    """Reset the backend to one footfall, with weak priors on its `field` state; `RuntimeError` if not solvable."""
     factors.push_back(weak_priors(field))
     values.insert(field)
     backend.reset(factors, values, [stance])
@@ -278,7 +278,7 @@ def _reset(
 
 
 def _last_values(backend: ISAM2Backend, last: StanceEstimate, before: StanceNodes) -> gtsam.Values:
-    """Variables at the end of the last footfall: estimates of the graph where it has any, else those reported."""
+    """Return the variables at the last node before: the graph's estimates where it has any, else those reported."""
     reported = gtsam.Pose3(gtsam.Rot3(last.nav_R_body), last.position)
     pose, velocity, bias = reported, np.zeros(3), gtsam.imuBias.ConstantBias(np.zeros(3), last.gyro_bias)
     try:
@@ -305,7 +305,7 @@ def _marginalize_last(
     values: gtsam.Values,
     p: SmootherParameters,
 ) -> MarginalPrior:
-    """Marginal prior on the newest footfall, of its stride and the estimate of the footfall before."""
+    """Return the marginal prior on the newest footfall, from its stride and the estimate of the footfall before."""
     before, stance = window.before, window.stance
     pose_key, velocity_key = X(before.stop - 1), V(before.stop - 1)
     graph, pose = gtsam.NonlinearFactorGraph(), held.atPose3(pose_key)
@@ -322,7 +322,7 @@ def _marginalize_last(
 
 
 def _predict_stride(window: StrideWindow, stride: Stride, held: gtsam.Values, p: SmootherParameters) -> gtsam.Values:
-    """Values of the newest footfall by its stride alone; those of the last one, if they are not finite."""
+    """Return values of the newest footfall by its stride alone; those of the last one where they are not finite."""
     stance, bias = window.stance, held.atConstantBias(B(window.before.bias))
     nodes = range(stance.first, stance.stop)
     try:
@@ -345,7 +345,7 @@ def _predict_stride(window: StrideWindow, stride: Stride, held: gtsam.Values, p:
 def _build_wide_priors(
     last: StanceEstimate, graph_cov: Floats, values: gtsam.Values, stance: StanceNodes, p: SmootherParameters
 ) -> gtsam.NonlinearFactorGraph:
-    """Priors on the newest footfall, as wide as a person may have moved since the last; missing `values` are added."""
+    """Return priors on the newest footfall, as wide as a person may have moved since; add missing `values`."""
     elapsed = max(stance.t - last.t, 0.0)
     wide = graph_cov + np.diag([(WALKING_M_S * elapsed) ** 2] * 3 + [TURNED_RAD**2])
     graph = gtsam.NonlinearFactorGraph()
@@ -368,14 +368,14 @@ def _add_sensor_priors(
     number: int,
     p: SmootherParameters,
 ) -> None:
-    """Priors on bias and settling."""
+    """Add priors on bias `number`, with the gyro sigmas of the last estimate, and on its settling variable."""
     sigma = np.concatenate([np.repeat(ACC_BIAS_SIGMA, 3), last.gyro_bias_sigma])
     graph.addPriorConstantBias(B(number), bias, gtsam.noiseModel.Diagonal.Sigmas(sigma))
     graph.addPriorVector(S(number), np.zeros(1), gtsam.noiseModel.Isotropic.Sigma(1, p.settling_sigma_m))
 
 
 def _pose_noise(pose: gtsam.Pose3, nav_cov: Floats, tilt_rad: float) -> gtsam.noiseModel.Gaussian:
-    """Noise of a pose in its tangent space, from position and yaw (4, 4) and tilt in navigation axes."""
+    """Return the noise of a pose in its tangent space, from the covariance (4, 4) of position and yaw, and tilt."""
     covariance = np.diag([tilt_rad**2, tilt_rad**2, 0.0, 0.0, 0.0, 0.0])
     covariance[np.ix_([3, 4, 5, 2], [3, 4, 5, 2])] = nav_cov
     turn, body_R_nav = np.zeros((6, 6)), pose.rotation().matrix().T

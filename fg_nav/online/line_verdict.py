@@ -69,7 +69,7 @@ class LineVerdict:
         self._heights = np.zeros((0, 2))
 
     def judge(self, found: Sequence[StanceEstimate | Revision], continues: Sequence[bool]) -> list[Judged]:
-        """Put to each estimate the verdict on the path up to it; `continues` of all lines of the walk."""
+        """Return the lines, each estimate with the verdict on the path up to it; `continues` is that of all lines."""
         judged: list[Judged] = []
         for one in found:
             if isinstance(one, Revision):

@@ -51,7 +51,7 @@ class SenderLock:
         self._others: set[str] = set()
 
     def accept(self, host: str, port: int, is_gone: bool = False) -> float | None:
-        """Return None for another sender; else how long this one was away before, s, 0 for one that goes on.
+        """Return how long the sender was away, s, 0 for one that goes on; None for another one, to be left out.
 
         `is_gone`: the sender of before is known to have ended.
         """
@@ -264,7 +264,7 @@ class LiveSource(ABC):
         """Yield how long the source was away, s, and what came then, until it is closed."""
 
     def _make_room(self, size: int) -> bool:
-        """Return whether a piece of some bytes is put into the queue, once there is room."""
+        """Wait for room for `size` bytes in the queue, or its closing; return whether the piece is put in."""
         with self._changed:
             return self._changed.wait_for(lambda: self._size + size < MAX_WAITING or self._closed.is_set())
 

@@ -103,7 +103,7 @@ class SampleIntake(ABC):
         return (*self.judge.notes, *self.units.notes)
 
     def _accept(self, sent: Floats = NO_ROWS, at_end: bool = False) -> Floats:
-        """Return the rows (m, 12) to use, of these as sent and of what waited; `at_end` none waits any more."""
+        """Return the rows (m, 12) to use, of `sent` (n, 11) and of those held; `at_end` none is held any more."""
         rows = self.units.accept(sent, at_end)
         self.source["units"] = self.units.state()
         rows = self.judge.accept(rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:10], rows[:, 10])
@@ -194,7 +194,7 @@ class OnlineNavigator(SampleIntake):
         return found
 
     def finish(self) -> Solution:
-        """End the walk and return its estimates as they are then, with their path.
+        """End the walk and return its solution: present estimates of the footfalls, and the path through them.
 
         Raises `RecordingError`, `DetectionError` where there was no walk.
         """
@@ -361,7 +361,7 @@ class OnlineNavigator(SampleIntake):
         return found
 
     def _add(self, footfall: Footfall) -> list[StanceEstimate | Revision]:
-        """Add a footfall and the samples up to the one behind it to the smoother."""
+        """Add a footfall, and the samples up to one behind it, to the smoother; return its estimate and revisions."""
         footfall = replace(footfall, continues=footfall.continues and self.smoother.n_reported > 0)
         until = min(max(int(footfall.stop[-1]) + 1, MIN_SAMPLES), self.buffer.stop)
         # One that ends with the last of these samples is cut one before it.

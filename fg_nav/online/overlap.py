@@ -100,7 +100,7 @@ class Overlap:
         return rows if self.is_over else self._skip_to_tail_end(rows, at_end)
 
     def _skip_to_tail_end(self, rows: Floats, at_end: bool) -> Floats:
-        """Leave out all up to the last rows of the checkpoint, or up to what is new if they did not come."""
+        """Return the rows behind the last of the checkpoint, or from `LOST` new ones in a row on; hold the rest."""
         t, numbers = rows[:, 0], self._find_numbers(rows)
         # the last sample of the checkpoint that has come up to each row; -1 before the first
         at = np.maximum.accumulate(np.where(numbers >= 0, np.arange(len(numbers)), -1))
@@ -131,7 +131,7 @@ class Overlap:
         return rows[:0]
 
     def _find_tail_end(self, rows: Floats) -> int | None:
-        """Row after the first at which the last rows of the checkpoint have come, as far as they came at all."""
+        """Return the index of the row behind the last ones of the checkpoint, as far as they came; None without."""
         came = _fill_missing(np.concatenate([self._before, rows]))
         first = len(self._before)
         for last in np.flatnonzero((came[first:] == self._tail[-1]).all(axis=1)).tolist():
@@ -141,7 +141,7 @@ class Overlap:
         return None
 
     def _find_numbers(self, rows: Floats) -> Ints:
-        """(n,) The sample of the checkpoint that each row is; `LEFT_OUT` if it was, `UNKNOWN` if it is none."""
+        """Return the number (n,) of each row in the checkpoint; `LEFT_OUT` if left out, `UNKNOWN` if not in it."""
         if not len(self._fingerprints):
             return np.full(len(rows), UNKNOWN)
         wanted = fingerprint_rows(rows)
@@ -161,7 +161,7 @@ def restore_stamps(samples: Floats, first: int, clocks: Sequence[tuple[int, floa
 
 
 def _fill_missing(rows: Floats) -> Floats:
-    """Rows that equal each other where NaN stands too: infinity in its place, which no sample is."""
+    """Return rows with infinity, which no sample is, for NaN: so missing readings compare equal."""
     return np.where(np.isnan(rows), np.inf, rows)
 
 

@@ -194,7 +194,7 @@ class PocketNavigator(SampleIntake):
         return found if aligned is None else replace(found, notes=(*aligned.notes, *found.notes))
 
     def _add_blocks(self, at_end: bool) -> list[StanceEstimate | Revision]:
-        """Process whole blocks: those behind which there is a sample."""
+        """Process whole blocks, those with a later sample, `at_end` the rest too; return estimates and revisions."""
         rows = self.buffer.between(self._used, self.buffer.stop)
         if not len(rows):
             return []
@@ -221,7 +221,7 @@ class PocketNavigator(SampleIntake):
         return OnlineThigh(as_recording(rows, with_mag), self.options.heading_rad)
 
     def _reckon_path(self, count: int) -> _PathSoFar:
-        """Path of the first steps, with the axes of the thigh that are known now."""
+        """Return the path of the first `count` steps, with the present estimate of the thigh's axes."""
         assert self._thigh is not None
         found, given = self._thigh.steps, self.options.heading_rad
         known, steps, axes = found.columns, found.steps, found.axes
@@ -241,11 +241,11 @@ class PocketNavigator(SampleIntake):
         return _PathSoFar(path, forward, np.maximum.accumulate(sigma), clockwise)
 
     def _report(self, ends: list[StrideEnd]) -> list[StanceEstimate | Revision]:
-        """Return the estimates at the ends of strides."""
+        """Return the estimates at the ends of strides, after a revision where the axes turn by `TURNED_RAD`."""
         if not ends:
             return []
         so_far, revised = self._reckon_path(ends[-1].steps), list[Revision]()
-        # By how much the present axes of the thigh turn the path of the lines so far.
+        # Mean turn (rad, clockwise) of the reported steps by the present axes of the thigh.
         known = len(self._directions)
         old, new = self._directions @ [1j, 1.0], so_far.forward @ [1j, 1.0]
         turn = float(np.angle((new[:known] * old.conj()).sum()))
@@ -269,7 +269,7 @@ class PocketNavigator(SampleIntake):
     def _make_estimate(self, number: int, end: StrideEnd, so_far: _PathSoFar) -> StanceEstimate:
         assert self._thigh is not None
         path, latest = so_far.path, self._thigh.latest
-        # The stride up to here, or the first one at the start.
+        # Heading and velocity are those of the last two steps, at the start of the first two.
         last = max(end.steps, 2)
         start, stop = 2 * (last - 2), 2 * last - 1
         moved = path.position[stop] - path.position[start]
@@ -314,7 +314,7 @@ def begin_walk(
 
 
 def compute_stride_headings(table: StanceTable) -> Floats:
-    """Heading (K,) rad of the stride before each row, of the first one at the start: as in the lines of a walk."""
+    """Return the heading (K,) rad of the stride up to each row, of the first one at the start, as in the lines."""
     moved = np.diff(table.position[:, :2], axis=0)
     heading = np.arctan2(moved[:, 0], moved[:, 1])
     return np.append(heading[:1], heading)

@@ -55,13 +55,13 @@ class WalkSolution:
 
 
 def solve_from_start(walk: PartialWalk, options: OnlineOptions, has_ended: bool = False) -> AnchorState:
-    """Solve a walk with all its footfalls and samples; raises `UNSOLVED` where there is no solution."""
+    """Solve the whole walk; return the anchor state at its newest footfall. Raises `UNSOLVED` without a solution."""
     found = solve_alone(walk, options, has_ended)
     return build_anchor(walk, options, found, marginalize_at(found, found.stances[-1]))
 
 
 def solve_alone(walk: PartialWalk, options: OnlineOptions, has_ended: bool = False) -> WalkSolution:
-    """Solve a walk, and put what it shows of its sensor into `walk.sensor`."""
+    """Return the solution of a walk; note its clipped peaks' height and its iron in `walk.sensor`."""
     walk.align_magnetometer()
     recording, stances = walk.cut_whole(), walk.cut_stances(0, 0)
     found = solve_so_far(recording, stances, options, walk.continues, has_ended)
@@ -107,7 +107,7 @@ def build_anchor(walk: PartialWalk, options: OnlineOptions, found: WalkSolution,
 
 
 def marginalize_at(found: WalkSolution, stance: StanceNodes) -> MarginalPrior:
-    """Marginalize a solved walk to the variables of a footfall."""
+    """Return the marginal prior on the variables of a footfall, from the whole solved walk."""
     problem, values = found.problem, found.solved.values
     linear = linearize(problem.graph, problem.blocks, values)
     order, keep = order_variables(problem), list_variables(stance, values)
@@ -131,7 +131,7 @@ def solve_so_far(
     options : of the fixes those are used that the walk has come to.
     continues : (F,) which footfalls are further pieces of a standing: on the same spot each has the deviation of the
         first, so the field there counts once. None where there is none.
-    has_ended : whether nothing follows: then a standing at the end is a rest.
+    has_ended : whether no samples follow: then a standing at the end is a rest.
     """
     # The field at the footfalls, once for each standing.
     standings = stances
@@ -169,7 +169,7 @@ class MeasuredField:
 def measure_walk_field(
     recording: Recording, stances: Stances, options: OnlineOptions, standings: Stances | None = None
 ) -> MeasuredField:
-    """Measure the field at the footfalls as the batch does; `standings` are its stances, where they are others."""
+    """Return the field at the footfalls as in batch; `standings` are the stances for the iron, None for the same."""
     if not options.use_field or recording.mag is None:
         return MeasuredField(recording)
     iron, notes = None, tuple[str, ...]()

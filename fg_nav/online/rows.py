@@ -49,7 +49,7 @@ class Columns:
 
     @property
     def rate_sigma(self) -> float:
-        """That of the rate by which stamps are counted, a share of it."""
+        """Relative sigma of the nominal rate by which stamps are counted; 0 where rows have stamps."""
         return 0.0 if self.rate_hz is None else NOMINAL_SIGMA
 
 
@@ -222,7 +222,7 @@ class RowReader:
         return table
 
     def _read_line(self, line: bytes) -> list[float] | None:
-        """Return the sample of a line; None for a header, and for what is no row."""
+        """Return the sample (11 numbers, SI) of a line; None for a header, and for what is no row."""
         self._line += 1
         if len(line) > MAX_LINE:
             self._leave_out(f"it is longer than {MAX_LINE} bytes")
@@ -261,7 +261,7 @@ class RowReader:
             self._count_waiting()
 
     def _take_headless(self, is_known: bool = False) -> bool:
-        """Read the rows without a header in canonical order, if that is known or they are then those of a sensor."""
+        """Read the headless rows in canonical order, if `is_known` or their values are plausible; return whether so."""
         width = len(self._headless[0])
         if not is_known:
             table = np.array([[float(field or "nan") for field in fields] for fields in self._headless])
@@ -279,7 +279,7 @@ class RowReader:
         return True
 
     def _find_mapped(self, fields: list[str], given: Columns) -> list[float] | None:
-        """Find the user's columns in a line: the names of a header, or numbers of fields in a first row."""
+        """Find the user's columns in a header, or by number in a first row; return that row's sample, else None."""
         wanted = mapping.parse_columns(given.mapping or "")
         is_row = any(map(is_number, fields))
         try:
@@ -303,7 +303,7 @@ class RowReader:
             raise FormatError(f"{self._name} sends no header: {HINT}.")
 
     def _read_row(self, fields: list[str], columns: Columns) -> list[float] | None:
-        """Return the sample of a row; None for a header again, and for what is no row."""
+        """Return the sample (11 numbers, SI) of a row; None for a repeated header, and for what is no row."""
         width = len(columns.names)
         if len(fields) == width + 1 and not fields[-1]:
             fields.pop()  # a separator at the end of the row
@@ -412,7 +412,7 @@ def is_header(fields: list[str]) -> bool:
 
 
 def is_number(field: str) -> bool:
-    """Whether a field is a number, NaN included."""
+    """Return whether a field is a number, NaN included."""
     try:
         float(field)
     except ValueError:

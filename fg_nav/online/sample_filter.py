@@ -207,7 +207,7 @@ class SampleFilter:
         return (*notes, *changes)
 
     def _accept(self, sent: Floats, usable: Bools, at_end: bool = False) -> Floats:
-        """Return the rows to use of usable ones as they were sent, `usable` (n,) of those that came, and of others."""
+        """Return the rows (m, 12) to use, of usable ones `sent` and of those held; `usable` (n,) flags all rows."""
         # what the checkpoint of a resumed walk does not hold
         new = self._drop_known(sent, at_end)
         self._count_missing(usable, len(new))
@@ -255,7 +255,7 @@ class SampleFilter:
         self._missing_unsure = 0
 
     def _drop_known(self, rows: Floats, at_end: bool = False) -> Floats:
-        """Leave out the rows of a checkpoint, and what comes before them; shift the clock of a sensor that rebooted."""
+        """Return the rows that are new behind the checkpoint; shift the clock of a sensor that rebooted."""
         overlap = self.overlap
         if overlap is None:
             return rows
@@ -275,7 +275,7 @@ class SampleFilter:
         return rows
 
     def _put_in_order(self, sent: Floats, at_end: bool) -> Floats:
-        """Leave out the rows whose stamps do not go on from the last one, and shift the clock where it must be."""
+        """Return the rows (m, 12) whose stamps go on; hold or drop the others, and shift a clock that restarted."""
         self._waits = sent[:0]
         rows = sent.copy()
         rows[:, 0] += self._offset
@@ -321,7 +321,7 @@ class SampleFilter:
         self._recent.extend(rows[rows[:, COLUMNS] == 0, :COLUMNS][-AROUND:])
 
     def _select(self, row: Floats, is_followed: bool) -> list[Floats]:
-        """Return the rows to use now: this one, which `is_followed` by a later one, none, or those that waited too.
+        """Return the rows to use now: none, this one, or those that waited too; `is_followed` if a later stamp is next.
 
         Shifts the clock if the row shows a restart.
         """
@@ -342,7 +342,7 @@ class SampleFilter:
         return [np.append(row[0] + shift, row[1:])]
 
     def _wait_for_restart(self, row: Floats) -> list[Floats]:
-        """Hold a row before the last one; after `RESTART` of them in order, shift the clock; the rows to use."""
+        """Hold a row stamped before the last one; after `RESTART` in order shift the clock; return the rows to use."""
         if self._behind and row[0] <= self._behind[-1][0]:
             self._drop_behind()
         self._behind.append(row)

@@ -40,7 +40,7 @@ class RowTable:
 
     @classmethod
     def from_rows(cls, rows: Sequence[EstimateRow], first: int) -> RowTable:
-        """Return the table of those of some rows from one on."""
+        """Return the table of these rows from number `first` on."""
         known: dict[tuple[str, str], int] = {}
         which = [known.setdefault((row.field, row.field_reason), len(known)) for row in rows[first:]]
         numbers = np.array([row.numbers for row in rows[first:]]) if which else np.empty((0, 0))
@@ -67,7 +67,7 @@ class FootfallTable:
 
     @classmethod
     def from_footfalls(cls, footfalls: Sequence[ReportedFootfall], first: int) -> FootfallTable:
-        """Return the table of those of some footfalls from one on."""
+        """Return the table of these footfalls from number `first` on."""
         new = footfalls[first:]
         found = [one.footfall for one in new]
         columns_of = ([getattr(one, name) for one in found] for name in ("start", "stop", "threshold"))
@@ -131,7 +131,7 @@ class StateChanges:
 
 
 def find_changes(state: NavigatorState, known: NavigatorState | None) -> StateChanges:
-    """Return what changed since a state that is known; None for nothing that is known."""
+    """Return what changed from the state `known` to this one; all of it where `known` is None."""
     new, old = state.smoother, None if known is None else known.smoother
     lines, footfalls, past = 0, 0, 0
     if old is not None:
@@ -231,6 +231,6 @@ class StateReader:
 
 
 def _count_same(new: Sequence[object], old: Sequence[object]) -> int:
-    """Return how many objects, from the first on, are the same."""
+    """Return the number of identical objects before the first that differs."""
     flags = list(map(operator.is_, new, old))
     return flags.index(False) if False in flags else len(flags)

@@ -57,7 +57,7 @@ class Pending:
 
 @dataclass(frozen=True)
 class SmootherState:
-    """All that a smoother needs to go on with the samples, immutable."""
+    """All that a smoother needs to resume, besides the samples; immutable."""
 
     told: tuple[EstimateRow, ...]
     reported_continues: tuple[bool, ...]
@@ -89,14 +89,14 @@ class ResolveSchedule:
         self.pending, self._clock = Pending((due_at,), n_footfalls, task), None
 
     def request(self, footfalls: Sequence[ReportedFootfall], line: int) -> None:
-        """Request the solution at the last of the footfalls since, before a line."""
+        """Request the anchor state at the last of `footfalls`, those since the task or last request, before a line."""
         assert self.pending is not None
         self.solver.request(footfalls)
         if line != self.pending.due_at:
             self.pending = replace(self.pending, asked=(*self.pending.asked, line))
 
     def resume(self, pending: Pending, footfalls: Sequence[ReportedFootfall], line: int) -> None:
-        """Begin the solution again that was pending before a line of a walk with these footfalls."""
+        """Restart the `pending` solution of a resumed walk, which has these footfalls before line `line`."""
         self.solver.begin(pending.task)
         self.pending, begins = pending, pending.footfalls
         for due_at in pending.asked:

@@ -103,7 +103,7 @@ class OnlineSmoother:
             self.window.add_newest()
         assert self.window is not None
         estimate = replace(self.window.latest, number=self.n_reported)
-        # The uncertainty of a north that the field alone shows, or has yet to show.
+        # North by field or fixes, not given: its error turns the walk as a whole; no factor has it, it is added here.
         if self._options.use_field and not self._has_mag:
             begins = int(self.footfalls[-1].footfall.start[0])
             self._has_mag = bool(np.isfinite(self._buffer.between(begins, self.walk.stop)[:, 7]).any())
@@ -114,7 +114,7 @@ class OnlineSmoother:
             estimate = replace(estimate, pose_cov=extend_with_north(estimate.pose_cov, estimate.position, sigma))
         self.reported.append(estimate.as_row())
         self.reported_continues.append(footfall.continues)
-        # The newest footfall in doubt, one that is no stance any more, and was not in doubt before.
+        # The newest footfall that hindsight detects as no stance any more, unless it was in doubt before.
         doubtful = None
         if seen is not None:
             for k in range(len(self.footfalls) - 2, max(len(self.footfalls) - NEWEST, 0), -1):
@@ -134,7 +134,7 @@ class OnlineSmoother:
             self._begin_solution(start, 0, has_ended=True)
 
     def take_end(self) -> list[StanceEstimate | Revision]:
-        """Apply that solution; what it revises."""
+        """Apply the last solution; return the revision, if any."""
         return [] if self.window is None else self._apply_solution()
 
     @property
@@ -144,7 +144,7 @@ class OnlineSmoother:
 
     @property
     def latest(self) -> StanceEstimate | None:
-        """Of the newest footfall; None before the first."""
+        """Estimate of the newest footfall; None before the first."""
         return None if self.window is None else replace(self.window.latest, number=self.n_reported - 1)
 
     @property
@@ -227,7 +227,7 @@ class OnlineSmoother:
             self.schedule.resume(pending, self.footfalls, n)
 
     def _solve_at_once(self) -> list[StanceEstimate | Revision]:
-        """Solve all of the walk; extend the newest window where that has no solution."""
+        """Solve the whole walk and return the revision; where that fails extend the newest window and return none."""
         known = self.walk.sensor
         try:
             return [self._begin_window(solve_from_start(self.walk, self._options))]
@@ -241,7 +241,7 @@ class OnlineSmoother:
             return []
 
     def _apply_solution(self) -> list[StanceEstimate | Revision]:
-        """Apply the solution that is due, unless the walk has none: then the newest window goes on."""
+        """Apply the solution that is due, return the revision; none if it failed or is late: the window goes on."""
         schedule, n = self.schedule, self.n_reported
         assert schedule.pending is not None
         schedule.taken.append(n)
@@ -257,7 +257,7 @@ class OnlineSmoother:
             return []
 
     def _begin_window(self, anchor: AnchorState, since: Sequence[ReportedFootfall] = ()) -> Revision:
-        """Begin a new window at an anchor state, with the footfalls since, and adopt its past; what this changes."""
+        """Begin a window at an anchor state, with the footfalls since, and adopt its past; return the revision."""
         first, before, old = anchor.first, self.footfalls[anchor.first :], self.rows
         known, self.walk.sensor = self.walk.sensor, anchor.sensor
         self.walk.replace_footfalls(first, anchor.footfalls)
@@ -280,7 +280,7 @@ class OnlineSmoother:
         return compare_pasts(old[first:], self.rows, first, [(k, float(self.reported[k].numbers[1])) for k in lost])
 
     def _schedule_solution(self, doubtful: int | None) -> None:
-        """Begin the next solution, or request the one that is due behind the newest footfall."""
+        """Begin the next solution, soon for footfall `doubtful` (None without), or request the one that is due."""
         n, pending = self.n_reported, self.schedule.pending
         self.schedule.solver.follow(self.walk.stop)
         if pending is not None:
@@ -312,6 +312,6 @@ class OnlineSmoother:
         self.schedule.begin(task, self.n_reported + delay, len(self.footfalls))
 
     def _find_window(self) -> int:
-        """First sample that a window from the first anchor state needs."""
+        """Return the first sample that a window from the first anchor state needs."""
         begins = self.footfalls[self.anchors[0].stance.number].footfall.start[0]
         return self._buffer.find_since(self._buffer.stamp(int(begins)) - CONTEXT_S, self.walk.stop)

@@ -40,7 +40,7 @@ UNREPORTED = -1  # Number of the line of a footfall that had none.
 
 @dataclass(frozen=True)
 class Task:
-    """A walk to be solved."""
+    """Input of a re-solve."""
 
     start: AnchorState | None  # Where to begin, without its past; None for the start of the walk.
     footfalls: tuple[ReportedFootfall, ...]  # From that of the anchor state on.
@@ -76,7 +76,7 @@ class WalkSolver:
         self._is_done = False
 
     def is_ready(self) -> bool:
-        """Whether that is there."""
+        """Return whether the requested anchor state is there."""
         return self._is_done
 
     def prepare(self) -> None:
@@ -88,7 +88,7 @@ class WalkSolver:
             self._solved = None
 
     def wait(self) -> None:
-        """Wait until it is there."""
+        """Solve the task and add the footfalls requested since, unless done."""
         if self._is_done:
             return
         assert self._task is not None
@@ -105,7 +105,7 @@ class WalkSolver:
         self._requested, self._is_done = [], True
 
     def take(self) -> AnchorState | None:
-        """Return it, as soon as it is there; None where the walk has no solution."""
+        """Return the requested anchor state, once solved; None where the walk has no solution."""
         self.wait()
         return None if self._solved is None else self._solved[0]
 
@@ -114,7 +114,7 @@ class WalkSolver:
         return self
 
     def _solve(self, task: Task) -> tuple[AnchorState, PartialWalk]:
-        """Solve a task; return the walk too."""
+        """Solve a task; return the anchor state at its last footfall, and the walk."""
         options, start = self._options, task.start
         if start is None:
             walk = self._collect_walk(task)
@@ -127,7 +127,7 @@ class WalkSolver:
         return window.to_anchor(), walk
 
     def _collect_walk(self, task: Task) -> PartialWalk:
-        """Collect the walk of a task that begins at its start."""
+        """Return the walk of a task from the start, with its footfalls reviewed."""
         walk = PartialWalk(self._buffer, self._options.use_field, self._options.axes_given, sensor=task.sensor)
         for footfall in self._review(task):
             walk.add(footfall)
@@ -137,7 +137,7 @@ class WalkSolver:
         return solve_from_start(walk, self._options, has_ended)
 
     def _review(self, task: Task) -> list[ReportedFootfall]:
-        """Review the footfalls of a task, but the one at which it begins."""
+        """Return the footfalls of a task, reviewed; that of its anchor state stays."""
         begins, until = 0, task.footfalls[-1].until
         if task.start is not None:
             stamp = self._buffer.stamp(int(task.footfalls[0].footfall.start[0]))
@@ -153,7 +153,7 @@ class WalkSolver:
 def review_footfalls(
     recording: Recording, first: int, footfalls: Sequence[ReportedFootfall], parameters: StanceParameters
 ) -> list[ReportedFootfall]:
-    """Return the footfalls of a walk as they are in hindsight.
+    """Return the footfalls after review: false ones taken out, missed stances put in.
 
     Parameters
     ----------
@@ -171,7 +171,7 @@ def review_footfalls(
     parts = (np.split(part, edges) for part in (stances.start + first, stances.stop + first, threshold))
     rows = zip(*parts, stillest.tolist(), strict=True)
     detected = [Footfall(start, stop, level, at, continues=False) for start, stop, level, at in rows]
-    # Footfalls that share a sample with one of them are kept.
+    # A footfall is confirmed by any detected stance that shares a sample with it.
     open_from = first + int(np.searchsorted(recording.t, recording.t[-1] - OPEN_S))
     begins = np.array([int(one.start[0]) for one in detected])
     ends = np.array([int(one.stop[-1]) for one in detected])

@@ -57,19 +57,19 @@ class StanceNodes:
 
 
 def result_keys(stances: Iterable[StanceNodes]) -> set[int]:
-    """Keys of the poses and biases that are reported of footfalls."""
+    """Return the keys of the poses and biases that are reported of footfalls."""
     return {key for stance in stances for key in (X(stance.result), B(stance.bias))}
 
 
 def list_variables(stance: StanceNodes, values: gtsam.Values) -> list[int]:
-    """Variables of a footfall that have a value, with the bias and the settling that it shares with others."""
+    """Return the keys of a footfall's variables that have a value, shared bias and settling included."""
     keys = [key for j in range(stance.first, stance.stop) for key in (X(j), V(j))]
     others = (M(stance.number), P(stance.number), B(stance.bias), S(stance.bias))
     return [key for key in (*keys, *others) if values.exists(key)]
 
 
 def order_variables(stances: Sequence[StanceNodes], values: gtsam.Values) -> list[int]:
-    """Variables of consecutive footfalls in the order in which they are eliminated, as `solver.time_order`."""
+    """Return the keys of the variables of consecutive footfalls in elimination order, as `solver.time_order`."""
     keys = {}
     for stance in reversed(stances):
         keys.update(dict.fromkeys(reversed(list_variables(stance, values))))
@@ -77,7 +77,7 @@ def order_variables(stances: Sequence[StanceNodes], values: gtsam.Values) -> lis
 
 
 def weak_priors(values: gtsam.Values) -> gtsam.NonlinearFactorGraph:
-    """Priors so wide that they make the equations solvable and no more: a hundred metres, of anything."""
+    """Return priors so wide that they make the equations solvable and no more: a hundred metres, of anything."""
     graph = gtsam.NonlinearFactorGraph()
     for key in list(values.keys()):
         letter = chr(gtsam.Symbol(key).chr())
@@ -92,7 +92,7 @@ def weak_priors(values: gtsam.Values) -> gtsam.NonlinearFactorGraph:
 
 
 def weak_sigmas(key: int) -> Floats:
-    """Sigmas of a weak prior on a variable, in its tangent space."""
+    """Return the sigmas (d,) of a weak prior on a variable, in its tangent space."""
     letter = gtsam.Symbol(key).chr()
     if letter == ord("x"):
         return np.repeat([3.0, 100.0], 3)
@@ -174,7 +174,7 @@ def cut_stride(walk: PartialWalk, before: StanceNodes, t_first: float, p: Smooth
 def measure_stride(
     window: StrideWindow, gyro_bias: Floats, lever: Floats, rests: tuple[Rest, ...], p: SmootherParameters
 ) -> Stride:
-    """Return the newest stride of a walk, in the walk's numbers.
+    """Return the newest stride: preintegrated IMU, stance velocities and rests, nodes numbered as in the walk.
 
     Parameters
     ----------
@@ -249,7 +249,7 @@ def initialize_stride(
 def _dead_reckon(
     window: StrideWindow, fixed: gtsam.Values, bias: gtsam.imuBias.ConstantBias, p: SmootherParameters
 ) -> gtsam.Values:
-    """Dead reckoning from the last node before; zero velocity, a new bias like that before."""
+    """Return values of the new nodes by dead reckoning from the last one before; zero velocity, bias carried on."""
     pose = fixed.atPose3(X(window.before.stop - 1))
     sample = window.nodes.sample[window.last_before :]
     of_one = np.zeros(len(sample), dtype=np.int64)
@@ -292,7 +292,7 @@ class RestLedger:
             assert ledger.longest is not None
             if not rest.agrees_with(ledger.longest):
                 continue
-            # The part of it that was not counted yet: a long rest is found again with each piece.
+            # Only samples not counted yet, so that none is in the graph twice: each piece finds a long rest again.
             shift, counted = window.first_sample - earlier, ledger.counted
             start, stop = rest.start + shift, rest.stop + shift
             further = rest if counted is None or start >= counted.stop else rest.beyond(counted)
@@ -330,7 +330,7 @@ def find_stride_fixes(fixes: Sequence[Fix], t_node: Floats, before_s: float) -> 
 
 
 def agrees(pose: gtsam.Pose3, body_cov: Floats, fix: Fix) -> bool:
-    """Whether a pose with this covariance (6, 6) in body axes agrees with a fix over ground."""
+    """Return whether a fix is within `MAX_FIX_SIGMAS` (Mahalanobis, horizontal) of a pose, `body_cov` (6, 6)."""
     offset = fix.position[:2] - pose.translation()[:2]
     covariance = in_nav(pose.rotation().matrix()[None], body_cov[None])[0, :2, :2]
     total = covariance + fix.horizontal_sigma_m**2 * np.eye(2)

@@ -194,7 +194,7 @@ class FieldMonitor:
         self._counted_until = self._left_out_until = float(state["until"])
 
     def _find_odd(self, strength: Floats) -> Bools:
-        """(n,) which fields are in another unit; none before the strength of the walk is known."""
+        """Return flags (n,) of fields in another unit; none before the strength of the walk is known."""
         far = (strength > ANOTHER * self._usual_uT) | (strength < self._usual_uT / ANOTHER)
         return np.asarray(far & ~is_field_on_earth(strength))
 
@@ -281,7 +281,7 @@ class UnitMonitor:
         self._notes = [str(words) for words in state["notes"]]
 
     def _find_piece(self, odd: Bools, begins: int, at_end: bool) -> tuple[int, int | None]:
-        """Return from and to which row it can be judged what waits; to None if too few are there.
+        """Return the rows [first, stop) of the next piece to judge; `stop` is None where it needs more rows.
 
         Of rows that are right a piece begins with an odd one, and ends once few enough are; of others it is all `HELD`.
         """
@@ -370,7 +370,7 @@ def _judge_walking(rows: Floats) -> str:
 
 
 def _measure_strength(mag: Floats) -> Floats:
-    """Strength (n,) of fields (n, 3); NaN if there is none, zeros included."""
+    """Return the strength (n,) of fields (n, 3); NaN if there is none, zeros included."""
     strength = measure_field_strength(mag)
     strength[strength == 0.0] = np.nan
     return strength

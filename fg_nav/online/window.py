@@ -78,13 +78,13 @@ class Window:
         self.reported = [self.latest.as_row()]  # its footfalls, the first that of the anchor state
 
     def extend(self, footfalls: Iterable[ReportedFootfall]) -> None:
-        """Add footfalls to the walk and here."""
+        """Add footfalls to the walk and to the graph."""
         for footfall in footfalls:
             self._walk.add(footfall)
             self.add_newest()
 
     def add_newest(self) -> None:
-        """Add the newest footfall of the walk."""
+        """Add the newest footfall of the walk; restart from the one before where the graph has no solution."""
         n_before = len(self._stances)
         try:
             rests, biases = self._extend()
@@ -175,7 +175,7 @@ class Window:
         backend.add(graph, values, self._stances)
         self.counts.update(count_graph(graph))
         self._add_fixes(window)
-        # The field is compared along the path of the stride in that solution.
+        # The field needs the stride's path for its line integral: it is added after that solution.
         track = self._trace_stride(window)
         self._verdicts.append(self._add_field(window, track))
         if biases is not None:
@@ -198,7 +198,7 @@ class Window:
             self.counts[POSITION_FIX] += graph.size()
 
     def _trace_stride(self, window: StrideWindow) -> Trajectory:
-        """Path of the newest stride at the samples of its window."""
+        """Return the path of the newest stride at the samples of its window."""
         nodes = range(window.before.first, window.stance.stop)
         poses = [self._backend.pose(X(j)) for j in nodes]
         bias = [self._backend.bias(B(stance.bias)).vector() for stance in (window.before, window.stance)]
@@ -215,7 +215,7 @@ class Window:
         )
 
     def _add_field(self, window: StrideWindow, track: Trajectory) -> CompassVerdict:
-        """Add the field at the newest footfall and along its stride; the verdict on it."""
+        """Add the field at the newest footfall and along its stride; return the verdict on it."""
         field = self.field
         if field is None:
             return self._verdicts[-1]
@@ -245,7 +245,7 @@ class Window:
         self._biases = None if self._biases is None else self._biases.begin()
 
     def _estimate(self) -> StanceEstimate:
-        """Estimate of the newest footfall."""
+        """Return the estimate of the newest footfall."""
         stance, backend = self._stances[-1], self._backend
         pose_key, bias_key = X(stance.result), B(stance.bias)
         return estimate_stance(

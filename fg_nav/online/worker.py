@@ -28,7 +28,7 @@ NICENESS = 5  # The process that reports the walk comes first.
 
 
 class Worker:
-    """Solves one walk as its messages say."""
+    """Samples and solver of one walk, driven by messages."""
 
     def __init__(
         self, make_solver: Callable[[OnlineOptions, StanceParameters, SampleBuffer], WalkSolver] = WalkSolver
@@ -37,7 +37,7 @@ class Worker:
         self._solver: WalkSolver
 
     def answer(self, kind: str, *content: Any) -> tuple[AnchorState | None] | None:
-        """Return the answer to a message as a tuple of one; None where it needs none."""
+        """Process a message; return (anchor state or None,) for a request, None for other messages."""
         match kind:
             case "options":
                 options, stance = content
