@@ -102,18 +102,18 @@ class CausalStances:
         self._search: _Search | None = None
 
     def is_sound(self) -> bool:
-        """Whether its numbers fit each other."""
+        """Whether a restored state is consistent: blocks of equal lengths and valid samples, a valid search."""
         lengths = [tuple(map(len, part)) for part in self._waiting]
         waits = all(n == n[:1] * 3 for n in lengths) and sum(n[0] for n in lengths) == self._n_waiting
         waits = waits and all(are_samples(*block) for block in self._waiting)
         return waits and (self._search is None or self._search.is_sound())
 
     def push(self, t: Floats, acc: Floats, gyr: Floats) -> list[Footfall]:
-        """Add samples and return the footfalls that they complete; see `search`."""
+        """Add samples (arguments of `search`) and return the footfalls that they complete, in order."""
         return list(self.search(t, acc, gyr))
 
     def search(self, t: Floats, acc: Floats, gyr: Floats) -> Iterator[Footfall]:
-        """Add samples and yield the footfalls that they complete, each while `seen` is of its own search.
+        """Add samples and yield each footfall that they complete, while `seen` is still the search that found it.
 
         `t` (n,) s, `acc` (n, 3) m/s^2, `gyr` (n, 3) rad/s: finite, stamps increasing from call to call; n may be 0.
         """
@@ -124,7 +124,7 @@ class CausalStances:
 
     @property
     def seen(self) -> Seen | None:
-        """Result of the last search; None before the first."""
+        """Stance intervals of the last search; None before the first."""
         return None if self._search is None else self._search.seen
 
     def finish(self) -> list[Footfall]:
@@ -146,14 +146,14 @@ class CausalStances:
         return self._search is not None and self._search.stands
 
     def _started_search(self) -> _Search:
-        """Search with the period of the first samples."""
+        """Return the search, created at the first call with the median period of the first samples."""
         if self._search is None:
             t = np.concatenate([block[0] for block in self._waiting])[:FIRST_SAMPLES]
             self._search = _Search(float(np.median(np.diff(t))), self._p)
         return self._search
 
     def _take(self, size: int) -> tuple[Floats, Floats, Floats]:
-        """Remove and return the first `size` waiting samples."""
+        """Remove the first `size` queued samples; return stamps (n,), specific force (n, 3) and rate (n, 3)."""
         taken, lacking = [(np.empty(0), np.empty((0, 3)), np.empty((0, 3)))], size
         while lacking:
             block = self._waiting.popleft()
@@ -169,7 +169,7 @@ class CausalStances:
 
 
 class _Search:
-    """The search of a window that slides on; `step` samples at a time."""
+    """Search in a sliding window, advanced by `step` samples at a time."""
 
     def __init__(self, period_s: float, p: CausalParameters) -> None:
         self.period_s, self._p = period_s, p
@@ -192,7 +192,7 @@ class _Search:
         return self._last_end > stop - self.step or (self._stands and not self._has_swung(self._reported, stop))
 
     def is_sound(self) -> bool:
-        """Whether its numbers fit each other."""
+        """Whether a restored search is consistent: lengths as for its period, buffers and passes valid."""
         fresh = _Search(max(self.period_s, 1e-4), self._p)
         of_period = attrgetter("step", "_shoe_window", "_reach", "_window", "_settle", "_edge")
         kinds = [[type(part) for part in (*one._windows(), *one._passes)] for one in (self, fresh)]
@@ -213,7 +213,7 @@ class _Search:
         return found
 
     def advance(self, t: Floats, acc: Floats, gyr: Floats, at_end: bool = False) -> list[Footfall]:
-        """Add samples, search, and return the footfalls that are settled, or at the end of the stream all."""
+        """Add samples, search the window, and return the footfalls that are now final; at the end of the stream all."""
         for column, rows in ((self._t, t), (self._acc, acc), (self._gyr, gyr)):
             column.append(rows)
         if at_end:
@@ -226,7 +226,7 @@ class _Search:
         return list(self._settled(at_end=False))
 
     def _extend(self, stop: int, after_last: Floats | None = None) -> None:
-        """Extend statistic and free velocity to the sample before `stop`."""
+        """Append log10 SHOE and free velocities up to sample `stop`; `after_last` (1,) s ends the last period."""
         known = self._level.stop
         if stop <= known:
             return
@@ -241,7 +241,7 @@ class _Search:
             velocity.append(free.velocity(t, *new))
 
     def _settled(self, at_end: bool) -> Iterator[Footfall]:
-        """Report the footfalls that are final."""
+        """Yield the final footfalls: with a swing after them, or at the end; of a long standing the piece until now."""
         stop = self._level.stop
         for start, end, threshold in self._footfalls(stop):
             if at_end or (stop - end[-1] >= self._settle and self._is_apart(int(end[-1]), stop)):
@@ -254,7 +254,7 @@ class _Search:
             return
 
     def _footfalls(self, stop: int) -> list[tuple[Ints, Ints, Floats]]:
-        """Intervals of each footfall in the window after those reported: start, stop, threshold."""
+        """Search up to `stop`; return start, stop, log10 threshold (k,) of each footfall not yet reported."""
         first = max(0, stop - self._window)
         t, acc, gyr, level = (x.between(first, stop) for x in (self._t, self._acc, self._gyr, self._level))
         velocity = [column.between(first, stop) for column in self._velocity]
@@ -277,7 +277,7 @@ class _Search:
         return list(zip(*(np.split(part, edges) for part in (start, end, threshold)), strict=True))
 
     def _crowds(self, start: int, stop: int) -> bool:
-        """Whether an interval is too close to the last footfall reported for a swing, and no rest."""
+        """Whether an interval, unless a rest, follows the last reported footfall too soon for a swing between."""
         first = self._reported - 1
         if self._reported == 0 or start <= first or self._level.between(start, stop).min(initial=np.inf) <= REST_LEVEL:
             return False
@@ -295,7 +295,7 @@ class _Search:
         return self._has_swung(end, stop) or len(find_holes(self._t.between(end - 1, min(stop + 1, self._t.stop)))) > 0
 
     def _report(self, start: Ints, stop: Ints, threshold: Floats, until: int, stands: bool) -> Footfall:
-        """Footfall of these intervals; samples before `until` are reported."""
+        """Return the footfall of these intervals; mark samples before `until` reported, `stands` if it goes on."""
         continues = self._stands and not self._is_apart(self._reported, int(start[0]))
         relative = [self._level.between(a, b) - x for a, b, x in zip(start, stop, threshold, strict=True)]
         k = int(np.argmin([part.min() for part in relative]))
@@ -331,7 +331,7 @@ class StrapdownPass:
         self._still_since_hole = np.array([MANY])
 
     def is_sound(self) -> bool:
-        """Whether its numbers have the shapes of one that has begun, and are known."""
+        """Whether a restored pass is consistent: finite state of the right shapes, a count that is not negative."""
         since, fresh = self._still_since_hole, _at_rest(np.eye(3))
         counts = since.shape == (1,) and since.dtype == int and since[0] >= 0
         state = fresh if self._state is None else self._state
@@ -341,7 +341,7 @@ class StrapdownPass:
         return bool(counts and known and state.nav_R_body.dtype == float)
 
     def velocity(self, t: Floats, acc: Floats, gyr: Floats, level: Floats) -> Floats:
-        """Velocity (n, 3) m/s at each of n samples; `t` (n + 1,) s has the stamp after the last one too."""
+        """Return the free velocity (n, 3) m/s at n more samples; `t` (n + 1,) s includes the stamp after the last."""
         h, hole = np.minimum(np.diff(t), self._longest_step_s), np.diff(t) > MAX_HELD_S
         still, since = level < self._still_level, self._still_since_hole
         if self._state is not None:
@@ -371,9 +371,9 @@ def _at_rest(nav_R_body: Floats) -> NavState:
 def _continue_pass(
     state: NavState, since: Ints, acc: Floats, gyr: Floats, h: Floats, still: Bools, hole: Bools, gravity: float
 ) -> Floats:
-    """Velocity (n, 3) at the stamp of each sample; the state goes over all of them, backward where `h` is negative.
+    """Propagate `state` over n samples in place, backward where `h` < 0; return velocity (n, 3) m/s at their stamps.
 
-    `since` (1,) counts the still samples since the last hole.
+    `since` (1,) counts the still samples since the last hole: the first ones level the sensor by their mean.
     """
     velocity = np.empty((len(h), 3))
     turn, push = np.empty((3, 3)), np.empty(3)
@@ -421,7 +421,7 @@ class Sliding:
         return found
 
     def is_sound(self, fresh: Sliding) -> bool:
-        """Whether it can have come of one that was fresh."""
+        """Whether a restored buffer is consistent: `keep` and row shape of a fresh one, counts within its memory."""
         same = self._keep == fresh._keep and self._rows.shape[1:] == fresh._rows.shape[1:]
         return same and 0 <= self.stop - self._first <= len(self._rows) and self._first >= 0
 

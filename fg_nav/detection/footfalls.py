@@ -98,20 +98,19 @@ LANDING_M_S2, LANDING_S = 2 * GRAVITY_M_S2, 0.2  # A runner lands with 4 g and m
 MAX_CYCLE_LEVEL = 6.5  # A minimum above this is never a stance: 360 deg/s, or 36 m/s^2.
 DOUBTFUL_LEVEL = 5.0  # Of feet that walk, one in a thousand has a stance above: 1.1 rad/s, or 6 m/s^2 off gravity.
 
-Intervals: TypeAlias = tuple[Ints, Ints, Floats]  # First sample, sample after the last and threshold, each (K,).
+Intervals: TypeAlias = tuple[Ints, Ints, Floats]  # First sample, sample after the last, log10 threshold, each (K,).
 
 
 def find_footfalls(
     t: Floats, acc: Floats, gyr: Floats, level: Floats, velocity: Sequence[Floats] | None = None
 ) -> Intervals:
-    """Find the stance intervals of a walk.
+    """Find the stance intervals of a walk; return first sample, sample after the last and log10 threshold, (K,) each.
 
     Parameters
     ----------
     t, acc, gyr : (N,) s, (N, 3) m/s^2 and (N, 3) rad/s.
     level : (N,) decades, log10 of SHOE.
-    velocity : (N, 3) m/s of a free strapdown pass for `WALKING` and for `ROUGH`, up to a slow drift, where step 2 is
-        done.
+    velocity : (N, 3) m/s each, of the free strapdown passes for `WALKING` and `ROUGH`; None to integrate them (step 2).
     """
     found = []
     for begin, end in pairwise([0, *(find_holes(t) + 1).tolist(), len(t)]):
@@ -136,7 +135,7 @@ def _integrate_free(t: Floats, acc: Floats, gyr: Floats, level: Floats) -> list[
 
 
 def _choose_in_part(t: Floats, acc: Floats, gyr: Floats, level: Floats, velocity: Sequence[Floats]) -> Intervals:
-    """Intervals of a part without holes: steps 1 and 3 to 7."""
+    """Stance intervals of a part without holes, from the free velocities for `WALKING`, `ROUGH`: steps 1, 3 to 7."""
     # first and last sample (2, C) of the local minima; they differ where the foot rests
     cut = np.maximum(level, REST_LEVEL)
     minima = np.stack(_find_minima(cut, PROMINENCE))
@@ -155,7 +154,7 @@ def _choose_in_part(t: Floats, acc: Floats, gyr: Floats, level: Floats, velocity
 
 
 def _search(t: Floats, level: Floats, velocity: Floats, candidates: Ints, link: Link) -> Ints:
-    """Samples of the footfalls: step 3."""
+    """Samples (F,) of the best chain of candidates (2, C), the first and last samples of the minima: step 3."""
     first = candidates[0]
     worth = link.reward - np.maximum(level[first] - EASY_LEVEL, 0.0)
     sigmas = link.velocity_sigma, link.acc_sigma
@@ -164,14 +163,14 @@ def _search(t: Floats, level: Floats, velocity: Floats, candidates: Ints, link: 
 
 
 def _grow_intervals(level: Floats, samples: Ints) -> Floats:
-    """Intervals around footfalls (3, K): start, stop, threshold: step 4. Overlapping ones become one."""
+    """Start, stop, log10 threshold (3, K) of the intervals about `samples` (F,), overlapping ones merged: step 4."""
     own = np.clip(level[samples] + MARGIN, FLOOR, np.maximum(CEILING, level[samples] + 0.2))
     found = np.empty((3, len(samples)))
-    return found[:, : _merge(level, samples, own, found)]
+    return found[:, : _grow_and_merge(level, samples, own, found)]
 
 
 def _fill_gaps(t: Floats, stances: Floats, rough: Floats) -> Floats:
-    """Add those of the rough intervals (3, R) that lie in a gap too long for a swing: step 5."""
+    """Add to the stances (3, K) those of `rough` (3, R) in gaps too long for a swing; return all by time: step 5."""
     if stances.shape[1] == 0:
         return rough
     before = np.concatenate([[0.0], stances[1]])
@@ -184,7 +183,7 @@ def _fill_gaps(t: Floats, stances: Floats, rough: Floats) -> Floats:
 
 
 def _fill_cycles(t: Floats, acc: Floats, level: Floats, stances: Floats) -> Floats:
-    """Drop mid-swings from the intervals (3, K), and fill gaps with the stances of a foot that runs: step 6."""
+    """Drop mid-swings from the stances (3, K), fill gaps with those of a running foot; return all by time: step 6."""
     start, stop = stances[:2].astype(np.int64)
     stillest = np.array([a + np.argmin(level[a:b]) for a, b in zip(start, stop, strict=True)], dtype=np.int64)
     kept = stances[:, ~find_mid_swings(t, level, stillest)]
@@ -202,13 +201,13 @@ def _fill_cycles(t: Floats, acc: Floats, level: Floats, stances: Floats) -> Floa
 
 
 def _join(stances: Floats, others: Floats) -> Floats:
-    """Intervals (3, K) in order."""
+    """Both sets of intervals (3, K), sorted by start."""
     both = np.concatenate([stances, others], axis=1)
     return both[:, np.argsort(both[0], kind="stable")]
 
 
 def _choose_apart(t: Floats, gyr: Floats, level: Floats, start: Ints, stop: Ints) -> Ints:
-    """Intervals (K,) that stay when those too close for a swing have gone, but for rests: step 7."""
+    """Indices of the intervals kept: of two too close for a swing only the stiller, but every rest: step 7."""
     least = np.array([level[a:b].min() for a, b in zip(start, stop, strict=True)])
     kept: list[int] = []
     for k in range(len(start)):
@@ -220,7 +219,7 @@ def _choose_apart(t: Floats, gyr: Floats, level: Floats, start: Ints, stop: Ints
 
 
 def is_too_close(t: Floats, gyr: Floats, stop: int, start: int) -> bool:
-    """Whether from the end of one interval to the start of the next the foot turns as in a swing, but for less time."""
+    """Whether between an interval's `stop` and the next one's `start` the foot turns as in a swing, but too briefly."""
     if t[start] - t[stop - 1] >= MIN_SWING_S:
         return False
     return bool(np.linalg.norm(gyr[stop : start + 1], axis=1).max() > SWING_RATE_RAD_S)
@@ -228,7 +227,7 @@ def is_too_close(t: Floats, gyr: Floats, stop: int, start: int) -> bool:
 
 @njit(cache=True)
 def _find_minima(level: Floats, prominence: float) -> tuple[Ints, Ints]:
-    """First and last lowest sample of the minima from which the level rises by `PROMINENCE` before it falls lower.
+    """First and last lowest sample (M,) of the minima from which the level rises by `prominence` before it falls lower.
 
     Beyond both ends the level is high. (`scipy.signal.find_peaks` takes quadratic time where many minima are cut off
     at one level.)
@@ -258,9 +257,9 @@ def _find_minima(level: Floats, prominence: float) -> tuple[Ints, Ints]:
 def _find_best_chain(
     t: Floats, worth: Floats, velocity: Floats, s0: float, sa: float, longest: float, swing: float
 ) -> Ints:
-    """Indices of the candidates of the best chain: the dynamic programme of step 3.
+    """Indices of the candidates of the best chain, in order: the dynamic programme of step 3; `worth` (C,) is u.
 
-    `t` (2, C) s and `velocity` (2, C, 3) m/s of the candidates' first and last samples: a link spans what is between.
+    `t` (2, C) s and `velocity` (2, C, 3) m/s at the candidates' first and last samples: links lead from last to first.
     """
     best, previous = np.empty(len(worth)), np.full(len(worth), -1)
     _link(t, worth, velocity, s0, sa, longest, swing, best, previous)
@@ -282,7 +281,7 @@ def _link(
     best: Floats,
     previous: Ints,
 ) -> None:
-    """Write what the best chain up to each candidate is worth, and the candidate before."""
+    """Write the score `best` (C,) of the best chain that ends at each candidate, and its `previous` (C,) candidate."""
     for j in range(len(worth)):
         best[j] = worth[j] - (BROKEN if t[0, j] - t[0, 0] > swing else 0.0)
         for i in range(j - 1, -1, -1):
@@ -299,8 +298,8 @@ def _link(
 
 
 @njit(cache=True)
-def _merge(level: Floats, samples: Ints, threshold: Floats, found: Floats) -> int:
-    """Write the intervals (3, K) below each sample's threshold, overlapping ones merged; return their number."""
+def _grow_and_merge(level: Floats, samples: Ints, threshold: Floats, found: Floats) -> int:
+    """Grow intervals about `samples` (F,) below their thresholds, merged into `found` (3, F); return their number."""
     start, stop, own = found[0], found[1], found[2]
     k = 0
     for n in range(len(samples)):
@@ -321,7 +320,7 @@ def _merge(level: Floats, samples: Ints, threshold: Floats, found: Floats) -> in
 
 
 def find_cycle_stances(t: Floats, acc: Floats, level: Floats, minima: Ints, start: Floats, stop: Floats) -> Ints:
-    """Find the samples of stances between the intervals from `start` to `stop` (K,), among the `minima` of the level.
+    """Find the stances of a running foot between the intervals `start` to `stop` (K,); return samples from `minima`.
 
     Parameters
     ----------
@@ -350,7 +349,7 @@ def find_cycle_stances(t: Floats, acc: Floats, level: Floats, minima: Ints, star
 
 
 def find_mid_swings(t: Floats, level: Floats, stillest: Ints) -> Bools:
-    """Find the footfalls, stillest at these samples (K,), that are above `DOUBTFUL_LEVEL` and not those of a cycle."""
+    """Mask (K,) of footfalls, by stillest sample, above `DOUBTFUL_LEVEL` and not lowest of their gait cycle."""
     found = np.zeros(len(stillest), dtype=np.bool_)
     for k in np.flatnonzero(level[stillest] > DOUBTFUL_LEVEL):
         period_s = measure_period(t, level, stillest[k])
@@ -359,7 +358,7 @@ def find_mid_swings(t: Floats, level: Floats, stillest: Ints) -> Bools:
 
 
 def measure_period(t: Floats, level: Floats, sample: int) -> float:
-    """Measure the period of the motion about a sample, s; zero where it has none."""
+    """Return the gait period about a sample, s, by the autocorrelation of `level` (N,); zero where it shows none."""
     first, last = np.searchsorted(t, t[sample] + np.array([-REACH_S, REACH_S]))
     times = np.arange(t[first], t[min(last, len(t) - 1)], STEP_S)
     at = np.minimum(np.searchsorted(t, times), len(t) - 1)  # rounding may put the last beyond the end
@@ -377,7 +376,7 @@ def measure_period(t: Floats, level: Floats, sample: int) -> float:
 
 @njit(cache=True)
 def _correlate(signal: Floats, lags: Ints) -> Floats:
-    """Autocorrelation (L,) of a signal without mean, at each lag the mean over what overlaps; zero where it is even."""
+    """Autocorrelation (L,) of a zero-mean signal, at each lag the mean of the overlap; zero for a constant signal."""
     n, found = len(signal), np.zeros(len(lags))
     power = (signal**2).mean()
     if power > 0.0:
@@ -393,7 +392,7 @@ def is_lowest_of_cycle(t: Floats, level: Floats, sample: int, period_s: float) -
 
 
 def _is_next_to(t: Floats, samples: Ints, stances: Floats, longest_s: float) -> Bools:
-    """Whether samples (K,) are outside the intervals (3, S), and less than `longest_s` away from one."""
+    """Mask (K,) of the samples outside the intervals (3, S), and less than `longest_s` from the nearest."""
     if stances.shape[1] == 0:
         return np.zeros(len(samples), dtype=np.bool_)
     start, stop = stances[:2].astype(np.int64)
@@ -404,7 +403,7 @@ def _is_next_to(t: Floats, samples: Ints, stances: Floats, longest_s: float) -> 
 
 
 def is_falling(acc: Floats) -> Bools:
-    """Whether the sensor falls freely (N,), or its gravity has been removed."""
+    """Mask (N,) of the samples in free fall, or with gravity removed: no specific force to level by."""
     return np.asarray(np.linalg.norm(acc, axis=1) < FREE_FALL_M_S2)
 
 

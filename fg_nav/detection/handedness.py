@@ -124,7 +124,7 @@ MeasureAxes: TypeAlias = Callable[[Floats, Floats, Floats], AxesEvidence]  # Of 
 
 
 def measure_axes(t: Floats, acc: Floats, gyr: Floats) -> AxesEvidence:
-    """Compare the axes of acc (N, 3) m/s^2 and gyr (N, 3) rad/s, at stamps (N,) s, stride by stride."""
+    """Score the 48 signed permutations of gyr (N, 3) rad/s against acc (N, 3) m/s^2 at t (N,) s, by foot strides."""
     looked = np.s_[: int(np.searchsorted(t, t[0] + LOOKED_S))]
     t, acc, gyr = t[looked], acc[looked], gyr[looked]
     period_s = float(np.median(np.diff(t)))
@@ -188,7 +188,7 @@ def find_stance_strides(recording: Recording, stances: Stances) -> tuple[Ints, I
 
 
 def average_force(t: Floats, acc: Floats, sample: Ints) -> Floats:
-    """Mean specific force (K, 3) m/s^2 about samples, over `WINDOW_S`."""
+    """Mean specific force (K, 3) m/s^2 about the samples (K,), over `WINDOW_S`."""
     sums = np.vstack([np.zeros(3), np.cumsum(acc, axis=0)])
     first, last = (np.searchsorted(t, t[sample] + side * WINDOW_S / 2) for side in (-1, 1))
     last = np.minimum(np.maximum(last, first + 1), len(acc))
@@ -196,7 +196,7 @@ def average_force(t: Floats, acc: Floats, sample: Ints) -> Floats:
 
 
 def _describe_axes(M: Floats) -> str:
-    """Axes that fit, and those to try."""
+    """Words for the user: the fault that the likeliest axes M (3, 3) show, and the axes to negate."""
     axes = np.array(list("xyz"))
     negated = axes[np.diagonal(M) < 0]
     if len(negated) == 3:
@@ -236,7 +236,7 @@ NO_SWINGS = SwingEvidence(np.zeros((0, len(AXES))), np.zeros(0))
 
 
 def measure_swing_axes(t: Floats, acc: Floats, gyr: Floats) -> SwingEvidence:
-    """Compare the axes of acc (N, 3) m/s^2 and gyr (N, 3) rad/s of a thigh, at stamps (N,) s, stride by stride."""
+    """Score the 48 signed permutations of gyr (N, 3) rad/s against acc (N, 3) m/s^2 at t (N,) s, by thigh strides."""
     looked = np.s_[: int(np.searchsorted(t, t[0] + LOOKED_S))]
     t, acc, gyr = t[looked], acc[looked], gyr[looked]
     start, stop = _cut_strides(t, gyr)

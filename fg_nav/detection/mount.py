@@ -79,9 +79,9 @@ class TurnSigns:
 
 
 def measure_turning(recording: Recording) -> TurnSigns:
-    """Measure the signs of the mount."""
+    """Measure the signs of the mount, medians over the windows in which the sensor turns."""
     rate = empty_column(len(recording), 3)
-    for slow, axis in zip(rate.T, recording.gyr.T, strict=True):  # a third of the memory
+    for slow, axis in zip(rate.T, recording.gyr.T, strict=True):  # axis by axis: a third of the memory
         slow[:] = remove_fast(axis - np.median(axis), recording.period_s)
         drop_pages()
     count = round(WINDOW_S / recording.period_s)
@@ -94,7 +94,7 @@ def measure_turning(recording: Recording) -> TurnSigns:
     signs = np.concatenate(found) if found else np.zeros((0, 5))
     if not len(signs):
         return TurnSigns(0, np.nan, np.nan, np.nan, np.nan)
-    pauses = signs[:, 4] > 0  # windows in which a thigh rests as a foot does
+    pauses = signs[:, 4] > 0  # a thigh rests as a foot does: left out unless all windows pause
     rest_share, peak, rhythm, impact = np.median(signs[pauses == pauses.all(), :4], axis=0).tolist()
     return TurnSigns(len(signs), rest_share, float(np.degrees(peak)), rhythm, impact)
 

@@ -107,7 +107,7 @@ def find_rests(recording: Recording, parameters: RestParameters = RestParameters
 
 
 def find_still_stretches(recording: Recording, parameters: RestParameters) -> list[Rest]:
-    """Find the stretches that are still for long enough, whatever their bias."""
+    """Find all rests that last long enough, in order, whether or not their biases agree."""
     # edges of the blocks, as long where samples are missing as elsewhere
     block, tick = max(2, round(BLOCK_S / recording.period_s)), count_periods(recording.t, recording.period_s)
     edge = np.unique(np.searchsorted(tick, np.arange(0, tick[-1] + 2, block))).tolist()
@@ -143,7 +143,7 @@ def remove_large_bias(t: Floats, acc: Floats, gyr: Floats) -> Floats:
 
 
 def _measure_rest(recording: Recording, start: int, stop: int) -> Rest:
-    """Bias by the slope of the integrated rate, its covariance by sway and noise."""
+    """Rest in these samples: bias as the slope of the integrated rate, covariance from its sway and noise."""
     t = recording.t[start:stop] - recording.t[start]
     gyr = recording.gyr[start:stop]
     steps = 0.5 * (gyr[1:] + gyr[:-1]) * np.diff(t)[:, None]
@@ -208,7 +208,7 @@ def _longest_within(span: slice, rests: tuple[Rest, ...]) -> Rest | None:
 
 
 def freeze_ends(t: Floats, stances: Stances, position: Floats, velocity: Floats) -> tuple[str, ...]:
-    """Freeze position (N, 3) and velocity (N, 3) far beyond the outermost stances; notes on the durations."""
+    """Hold position and velocity (N, 3) in place beyond `MAX_FREE_S` from the outermost stances; return notes on it."""
     first = int(np.searchsorted(t, t[stances.start[0]] - MAX_FREE_S))
     last = int(np.searchsorted(t, t[stances.stop[-1] - 1] + MAX_FREE_S, side="right")) - 1
     position[:first], velocity[:first] = position[first], 0.0

@@ -60,7 +60,7 @@ def estimate_lever(recording: Recording, stances: Stances) -> RollingLever:
 
 @njit(cache=True)
 def _reach_out(t: Floats, gyr: Floats, start: Ints, stop: Ints) -> tuple[Ints, Ints]:
-    """First and last sample (K,) about the stillest of each stance, as far as it is near and the foot turns slowly."""
+    """First and last sample (K,) of the span about each stance's stillest sample: near in time, and turning slowly."""
     first, last = start.copy(), stop - 1
     for k in range(len(start)):
         still, least = start[k], np.inf
@@ -89,7 +89,7 @@ def _squared_rate(gyr: Floats, i: int) -> float:
 
 
 def _solve(normal: Floats, right: Floats, noise: float) -> RollingLever:
-    """Least squares with the prior and the scatter of the stances about the common solution.
+    """Lever from the stances' normal equations (K, 3, 3), (K, 3) and the prior; its covariance from their scatter.
 
     `noise` (rad/s)^2 is the part of the gyroscope's noise in every eigenvalue of the sum of the normal matrices. About
     an axis with little more the foot does not roll, and across it there is only the prior.
@@ -111,7 +111,7 @@ def _solve(normal: Floats, right: Floats, noise: float) -> RollingLever:
 def _sum_products(
     t: Floats, middle: Floats, acc: Floats, gyr: Floats, first: Ints, last: Ints
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """Sums over the samples `first` to `last` (K,) of each stance, of which a line in time is to be taken off.
+    """Sums over the samples `first` to `last` (K,) of each stance, for a fit with a free line in time.
 
     A sample is the mean over its period, so all is taken at the periods' middles. Each nav axis r has at each sample
     the row z = (A_r1, A_r2, A_r3, y_r). Its products less those of its line are

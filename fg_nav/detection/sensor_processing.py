@@ -100,14 +100,14 @@ def refuse_high_pass(recording: Recording, stances: Stances) -> None:
 
 
 def measure_high_pass(recording: Recording, stances: Stances) -> HighPass:
-    """Estimate the high-pass from strides; no evidence where there are too few."""
+    """Estimate the gyroscope's high-pass from the tilt errors of strides; no evidence where there are too few."""
     start, stop = find_stance_strides(recording, stances)
     if len(start) < MIN_FILTER_STRIDES:
         return HighPass(0.0, 0.0)
     n = int(np.searchsorted(recording.t, recording.t[0] + LOOKED_S))
     t, acc, gyr = recording.t[:n], recording.acc[:n], recording.gyr[:n]
     h = np.append(np.diff(t), recording.period_s)
-    # up in the body, and the same rotated by the gyroscope
+    # tilt error of each stride: up at its end, less up at its start rotated by the gyroscope
     reach = max(1, round(UP_S / recording.period_s))
     force = np.vstack([np.zeros(3), np.cumsum(acc, axis=0)])
     before, up = (force[np.minimum(at + reach + 1, n)] - force[np.maximum(at - reach, 0)] for at in (start, stop))
@@ -115,7 +115,7 @@ def measure_high_pass(recording: Recording, stances: Stances) -> HighPass:
     turn, none = np.tile(np.eye(3), (len(start), 1, 1)), np.zeros((len(start), 3))
     integrate_strides(acc, gyr, h, start, stop, turn, none, 0.0)
     miss = up - np.einsum("kji,kj->ki", turn, before)
-    # effects of a high-pass and a bias
+    # regress it on a high-pass (double integral of the rate) and a bias, reweighted against outliers
     taken = np.cumsum(np.cumsum((gyr - gyr.mean(axis=0)) * h[:, None], axis=0) * h[:, None], axis=0)
     lasts = (t[stop] - t[start])[:, None]
     columns = [taken[stop] - taken[start], *(lasts * one for one in np.eye(3))]
@@ -131,7 +131,7 @@ def measure_high_pass(recording: Recording, stances: Stances) -> HighPass:
 
 
 def _solve(design: Floats, miss: Floats, weight: Floats) -> Floats:
-    """Weighted least squares of vectors (K, 3)."""
+    """Coefficients (p,) of weighted least squares: design (K, 3, p), observations (K, 3), weights (K,)."""
     root = np.sqrt(weight)[:, None]
     rows = (root[..., None] * design).reshape(-1, design.shape[2])
     return np.asarray(np.linalg.lstsq(rows, (root * miss).ravel(), rcond=None)[0])
@@ -157,7 +157,7 @@ class GyroDelay:
 
 
 def estimate_gyro_delay(recording: Recording) -> GyroDelay | None:
-    """Estimate the delay of the gyroscope; None where there are too few strides of a foot."""
+    """Estimate the gyroscope's delay by strapdown over strides of a foot; None where they are too few or do not fit."""
     looked = np.s_[: int(np.searchsorted(recording.t, recording.t[0] + LOOKED_S))]
     t, (acc, gyr) = recording.t[looked], (peaks.whole[looked] for peaks in recording.peaks)
     start, stop = find_strides_of(t, recording.acc[looked], recording.gyr[looked])
@@ -171,14 +171,14 @@ def estimate_gyro_delay(recording: Recording) -> GyroDelay | None:
     start, stop = np.searchsorted(rows, start), np.searchsorted(rows, stop)
 
     def miss(x: Floats, rate: Floats) -> Floats:
-        """Residuals r (K, 6) with this rate."""
+        """Residuals r (K, 6), velocity and vertical at the strides' ends; x (7,) is delay, gyro and acc bias."""
         attitude, bias = level_attitude(up_start - x[4:]), np.tile(x[1:4], (len(start), 1))
         velocity = integrate_strides(acc - x[4:], rate, h, start, stop, attitude, bias, GRAVITY_M_S2)
         up = up_stop - x[4:]
         up /= np.linalg.norm(up, axis=1, keepdims=True)
         return np.hstack([velocity / VELOCITY_M_S, (attitude[:, 2] - up) / UP])
 
-    found = [_find_least(lambda tau_s: read_rate_at(t, gyr, tau_s, rows), miss, start_s) for start_s in STARTS_S]
+    found = [_minimize(lambda tau_s: read_rate_at(t, gyr, tau_s, rows), miss, start_s) for start_s in STARTS_S]
     _, x, H, scores, square = min(found, key=lambda one: one[0])
     if np.median(square) > MAX_MISS or not abs(x[0]) < 2 * MAX_S:
         return None
@@ -186,10 +186,10 @@ def estimate_gyro_delay(recording: Recording) -> GyroDelay | None:
     return GyroDelay(float(x[0]), float(np.sqrt(variance + SYSTEMATIC_S**2)))
 
 
-def _find_least(
+def _minimize(
     read_rate: Callable[[float], Floats], miss: Callable[[Floats, Floats], Floats], tau_s: float
 ) -> tuple[float, Floats, Floats, Floats, Floats]:
-    """Gauss-Newton from a delay on: cost, unknowns (7,), normal matrix, scores (K, 7) and |r|^2 (K,)."""
+    """Gauss-Newton from `tau_s`: robust cost, unknowns (7,), normal matrix (7, 7), scores (K, 7), |r|^2 (K,)."""
     x, information = np.array([tau_s, *[0.0] * 6]), 1.0 / BIAS_SIGMA**2
     for _ in range(MAX_STEPS):
         rate = read_rate(x[0])
@@ -208,7 +208,7 @@ def _find_least(
 
 
 def read_rate_at(t: Floats, gyr: Floats, tau_s: float, rows: Ints | slice = np.s_[:]) -> Floats:
-    """Rates (R, 3) at the stamps t (N,) s of these rows plus tau, on straight lines."""
+    """Interpolate the rates gyr (N, 3) linearly at the stamps of `rows`, shifted by `tau_s`; return (R, 3)."""
     return np.column_stack([np.interp(t[rows] + tau_s, t, gyr[:, axis]) for axis in range(3)])
 
 

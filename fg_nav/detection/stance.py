@@ -118,7 +118,7 @@ def detect_stances(recording: Recording, parameters: StanceParameters = StancePa
     if detector not in STATISTICS:
         raise DetectionError(f"there is no stance detector '{detector}': choose one of {', '.join(STATISTICS)}.")
     statistic = STATISTICS[detector](recording.acc, recording.gyr, window)
-    # one threshold for the whole recording, or None
+    # threshold for the whole recording; None if each footfall gets its own
     fixed, alarms = parameters.threshold, parameters.false_alarm_rate
     if alarms is not None:
         if fixed is not None:
@@ -140,7 +140,7 @@ def detect_stances(recording: Recording, parameters: StanceParameters = StancePa
     start, stop, threshold = start[long], stop[long], threshold[long]
     if len(start) == 0:
         raise DetectionError(_explain_no_stance(recording, statistic, detector, fixed))
-    # over the threshold of the nearest interval
+    # statistic over the threshold of the nearest interval
     n, edges = len(recording), (stop[:-1] + start[1:]) // 2
     relative = statistic / np.repeat(threshold, np.diff(np.concatenate([[0], edges, [n]])))
     # a new footfall after each swing, and behind each hole
@@ -153,7 +153,7 @@ def detect_stances(recording: Recording, parameters: StanceParameters = StancePa
 
 
 def _explain_no_stance(recording: Recording, statistic: Floats, detector: str, threshold: float | None) -> str:
-    """Sentence on the stillest sample."""
+    """Message for the user: the statistic, or rate and force, at the stillest sample."""
     i = int(np.argmin(statistic))
     if threshold is not None:
         return (

@@ -101,7 +101,7 @@ def run_aiez(
 
 
 def compute_steadiness(field: FootfallField, detector: Detector) -> Floats:
-    """(F,) the part of T, AIEZ (17), that is not the heading's; NaN where too little of the field was measured.
+    """Return T (F,), AIEZ (17), without its heading term; NaN where too little of the field was measured.
 
     Raises
     ------

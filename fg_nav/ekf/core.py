@@ -126,12 +126,12 @@ def filter_walk(
     heading_sigma: float = GAUGE_SIGMA,
     start_sigma: float = 0.0,
 ) -> Track:
-    """Run a filter, and smooth backward over its pass where its parameters say so (`smoothed`).
+    """Run a filter, smooth backward where its parameters say so (`smoothed`), and return path and footfalls.
 
     Parameters
     ----------
     recording : Recording
-    stands : (N,) when the foot stands.
+    stands : (N,) mask of the samples in stance.
     rows : (K,) the stillest sample of each footfall, ascending: where the attitude is updated and P recorded.
     start : where it begins.
     parameters : of sensor and foot.
@@ -218,6 +218,7 @@ def _forward(
     track: Track,
     tape: Tape,
 ) -> None:
+    """Filter from sample `first` on and write `track`; with `taping` the tape too. `state`, `P` change in place."""
     h, acc, gyr, acc_sigma, gyr_sigma = samples
     x, turn, delta_v = np.zeros(SIZE), np.empty((3, 3)), np.empty(3)
     k, stood, directions, last, step = 0, 0, np.empty(len(rows)), np.empty(3), np.empty(3)
@@ -262,7 +263,7 @@ def _forward(
 
 @njit(cache=True)
 def propagate_considered(considered: Floats, state: NavState) -> None:
-    """Write the position and velocity of `considered` (15,) for its heading part, an error a of the start heading.
+    """Set position and velocity of `considered` (15,), one sigma, by its heading part, an error a of the start heading.
 
     The walk is then turned counter-clockwise about its start: dp = a z x p and dv = a z x v, with z up. Zero velocity
     does not observe the start heading. But an update with velocities of a turned path reduces its variance, the more
@@ -275,6 +276,7 @@ def propagate_considered(considered: Floats, state: NavState) -> None:
 
 @njit(cache=True)
 def _step_backward(first: int, samples: Samples, start: NavState, gravity: float, track: Track) -> None:
+    """Strapdown without updates from the state at sample `first` back to the first of all; write `track`."""
     position, velocity, R, gyro_bias, acc_bias = start
     state = NavState(position.copy(), velocity.copy(), R.copy(), gyro_bias, acc_bias)
     turn, delta_v = np.empty((3, 3)), np.empty(3)
@@ -289,7 +291,7 @@ def _record(i: int, state: NavState, track: Track) -> None:
 
 
 def make_noise_models(p: IezParameters) -> tuple[MotionNoise, StanceNoise]:
-    """Densities of the parameters, squared and in SI units."""
+    """Squared densities of the process noise, and of the velocity in stance, in SI units."""
     noise = MotionNoise(
         p.acc_density**2,
         p.acc_relative_density**2,

@@ -46,7 +46,7 @@ POSITION, VELOCITY, ATTITUDE, GYRO_BIAS, ACC_BIAS = 0, 3, 6, 9, 12  # First inde
 
 SIZE = 15
 
-_MOVING = 9
+_MOVING = 9  # Position, velocity, attitude; the biases below have unit rows in F.
 
 
 class Densities(NamedTuple):
@@ -63,7 +63,7 @@ class Densities(NamedTuple):
 
 @njit(cache=True)
 def propagate_covariance(P: Floats, turn: Floats, delta_v: Floats, h: float, density: Densities) -> None:
-    """Move the covariance `P` (15, 15) over a step of `h` seconds in place; it stays exactly symmetric."""
+    """Replace `P` (15, 15) by F P F^T + Q over `h` s in place, exactly symmetric; T is `turn`, u is `delta_v`, m/s."""
     propagate_columns(P, SIZE, turn, delta_v, h)
     propagate_columns(P.T, _MOVING, turn, delta_v, h)
     for i in range(3):
@@ -107,7 +107,7 @@ def propagate_columns(X: Floats, columns: int, turn: Floats, delta_v: Floats, h:
 
 @njit(cache=True)
 def add_body_noise(P: Floats, first: int, turn: Floats, sigma: Floats) -> None:
-    """Add to the block of `P` from `first` on the effect of a sample's own `sigma` (3,) in body axes."""
+    """Add to the 3 x 3 block of `P` at `first` the extra noise of a sample, `sigma` (3,) in body axes."""
     for axis in range(3):
         if sigma[axis] > 0.0:
             variance = sigma[axis] ** 2

@@ -91,9 +91,9 @@ def filter_with_compass(
     heading: float | None,
     pseudo: PseudoMeasurements,
 ) -> tuple[Track, Start]:
-    """Run the core with these pseudo-measurements; returns the start, too.
+    """Run the core with these pseudo-measurements; return its track and its start.
 
-    Without a given heading it starts with that of the first compass, which is then not used again.
+    Without a `heading` (rad) the first compass sets that of the start, and is not used again: it would count twice.
     """
     core, sigma, at_start = parameters.inertial, 0.0, heading
     if at_start is None:
@@ -134,7 +134,7 @@ def require_field(field: FootfallField | None, method: str) -> FootfallField:
 
 
 def measure_compass(field: FootfallField, used: Bools, parameters: GatedCompassParameters) -> PseudoMeasurements:
-    """The compass at each footfall (F,) where it is used, and nothing else."""
+    """Pseudo-measurements of F footfalls: the compass where `used` (F,), and nothing else."""
     variance = np.radians(parameters.compass_sigma_deg) ** 2
     heading = field.force_heading if parameters.levelled_by_force else np.full(len(field), np.nan)
     return make_pseudo_measurements(len(field))._replace(

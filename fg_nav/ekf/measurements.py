@@ -74,10 +74,7 @@ class StanceNoise(NamedTuple):
 def update_in_stance(
     state: NavState, P: Floats, x: Floats, acc: Floats, gyr: Floats, h: float, stance: StanceNoise, traces: Floats
 ) -> float:
-    """Update the error `x` (15,) and `P` by the known velocity over a sample of `h` s; returns its NIS.
-
-    Leaves the `traces` (3, 17) of east, north and up.
-    """
+    """Update `x` and `P` by the velocity in stance over `h` s; write `traces` (3, 17), east first; return the NIS."""
     w, v, expected, square, force = np.empty(3), np.empty(3), np.empty(3), 0.0, 0.0
     for axis in range(3):
         w[axis] = gyr[axis] - state.gyro_bias[axis]
@@ -195,6 +192,7 @@ def _update_by_compass(
     innovation: Floats,
     trace: Floats,
 ) -> None:
+    """Test the compass of footfall `k`; if it passes, add `considered` to `P`, set that to zero, and update."""
     h = np.zeros(SIZE)
     h[ATTITUDE + 2] = 1.0
     if np.isfinite(pseudo.compass_heading[k]):

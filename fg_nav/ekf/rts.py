@@ -101,7 +101,7 @@ def propagate_information(information: Floats, turn: Floats, delta_v: Floats, h:
 
 @njit(cache=True)
 def propagate_adjoint(X: Floats, first: int, stop: int, turn: Floats, delta_v: Floats, h: float) -> None:
-    """Replace the columns `first` <= j < `stop` of `X` (15, .) by F^T times them, in place."""
+    """Replace the columns x, `first` <= j < `stop`, of `X` (15, .) by F^T x in place."""
     t00, t01, t02 = turn[0, 0], turn[0, 1], turn[0, 2]
     t10, t11, t12 = turn[1, 0], turn[1, 1], turn[1, 2]
     t20, t21, t22 = turn[2, 0], turn[2, 1], turn[2, 2]
@@ -159,6 +159,7 @@ def remove_noise(
 
 @njit(cache=True)
 def _remove_body_noise(e: Floats, adjoint: Floats, first: int, turn: Floats, sigma: Floats) -> None:
+    """Subtract from `e` at `first` the smoothed extra noise of a sample, `sigma` (3,) in body axes."""
     for axis in range(3):
         if sigma[axis] > 0.0:
             along = 0.0
@@ -170,7 +171,7 @@ def _remove_body_noise(e: Floats, adjoint: Floats, first: int, turn: Floats, sig
 
 @njit(cache=True)
 def undo_update(e: Floats, adjoint: Floats, information: Floats, trace: Floats, h: Floats) -> None:
-    """Step backward over the update by the row `h` (15,) that left this trace."""
+    """Carry `e`, lambda (`adjoint`) and Lambda back over the update by row `h` (15,) that left this trace."""
     weighted = np.empty(SIZE)
     gained, square = _restore_error(e, adjoint, information, trace, weighted)
     for i in range(SIZE):
@@ -196,7 +197,7 @@ def undo_component(e: Floats, adjoint: Floats, information: Floats, trace: Float
 def _restore_error(
     e: Floats, adjoint: Floats, information: Floats, trace: Floats, weighted: Floats
 ) -> tuple[float, float]:
-    """Add K nu to `e` again and write Lambda K (15,); returns nu / s - K lambda and K Lambda K + 1 / s."""
+    """Add K nu to `e`, write Lambda K to `weighted`; return nu / s - K^T lambda and K^T Lambda K + 1 / s."""
     s = trace[VARIANCE]
     gained, square = trace[INNOVATION] / s, 1.0 / s
     for i in range(SIZE):
@@ -230,7 +231,7 @@ def smooth_backward(
         # back over the period of the sample
         if i < last:
             _undo_step(i, samples, noise, gravity, track, tape, e, adjoint, information)
-        # at a footfall: error and covariance from P
+        # at a footfall: error P lambda anew, and the smoothed covariance
         at_footfall = k > 0 and rows[k - 1] == i
         if at_footfall:
             k -= 1
@@ -266,7 +267,7 @@ def _undo_step(
     adjoint: Floats,
     information: Floats,
 ) -> None:
-    """Step backward over the period of sample `i`, along the path of the filter."""
+    """Carry `e`, lambda (15,), Lambda (15, 15) back over the period of sample `i`; F and Q from the filter's path."""
     turn, delta_v, h = np.empty((3, 3)), np.empty(3), samples.h[i]
     before = view_state(i, track, tape)
     R = np.empty((3, 3))
@@ -284,7 +285,7 @@ def _undo_step(
 
 @njit(cache=True)
 def _smooth_footfall(P: Floats, e: Floats, adjoint: Floats, information: Floats, work: Floats) -> None:
-    """Write the error `e` (15,) and make the filter's `P` (15, 15) the smoothed one, P - P Lambda P."""
+    """Set `e` to P lambda and the filter's `P` (15, 15) to the smoothed P - P Lambda P; `work` is scratch."""
     for i in range(SIZE):
         e[i] = 0.0
         for j in range(SIZE):
@@ -292,7 +293,7 @@ def _smooth_footfall(P: Floats, e: Floats, adjoint: Floats, information: Floats,
             work[i, j] = 0.0
             for k in range(SIZE):
                 work[i, j] += information[i, k] * P[k, j]
-    # from P before it is changed, row by row
+    # row by row, as each row needs only itself of the old P
     for i in range(SIZE):
         row = np.empty(SIZE)
         for j in range(SIZE):

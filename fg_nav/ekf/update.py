@@ -75,7 +75,7 @@ def update_component_traced(P: Floats, x: Floats, index: int, z: float, r: float
 
 @njit(cache=True)
 def _update(P: Floats, x: Floats, hc: float, nu: float, r: float, trace: Floats) -> float:
-    """Update by an innovation `nu` with c = P h^T in the trace and hc = h c."""
+    """Joseph update of `x`, `P` by innovation `nu`: the trace holds c = P h^T, hc = h c; returns nu / sqrt(s)."""
     c, s = trace, hc + r
     trace[len(x)], trace[len(x) + 1] = s, nu
     for i in range(len(x)):

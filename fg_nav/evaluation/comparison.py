@@ -202,7 +202,7 @@ def _compare_in_time(solution: Solution, truth: FootprintTruth, t: Floats) -> Co
 
 
 def share_truth(truth: TrajectoryTruth, t: Floats) -> tuple[Ints, Floats]:
-    """Return what `interpolate_truth` does; raises `EvaluationError` where that is too little to compare."""
+    """Return rows and positions as `interpolate_truth`; raises `EvaluationError` where they are too few to compare."""
     row, position = interpolate_truth(truth, t)
     if len(row) < MIN_SHARED:
         raise EvaluationError(
@@ -212,7 +212,7 @@ def share_truth(truth: TrajectoryTruth, t: Floats) -> tuple[Ints, Floats]:
 
 
 def interpolate_truth(truth: TrajectoryTruth, t: Floats) -> tuple[Ints, Floats]:
-    """Rows of `t` (N,) s at which the truth was seen, and its positions (M, 3) m there.
+    """Indices (M,) into `t` (N,) s at which the truth is known, and its positions (M, 3) m there.
 
     Raises `EvaluationError` where there is no such row.
     """
@@ -228,7 +228,7 @@ def interpolate_truth(truth: TrajectoryTruth, t: Floats) -> tuple[Ints, Floats]:
 
 
 def _is_covered(t: Floats, truth_t: Floats) -> Bools:
-    """Whether each of `t` lies on the truth or between two stamps of it that are not the edges of a hole."""
+    """Mask (N,) of the stamps `t` at a stamp of the truth, or between two that are not the edges of a hole."""
     if len(truth_t) < 2:
         return np.isin(t, truth_t)
     gap = np.diff(truth_t)
@@ -240,7 +240,7 @@ def _is_covered(t: Floats, truth_t: Floats) -> Bools:
 
 
 def _measure_yaw_error(solution: Solution, truth: TrajectoryTruth, alignment: Alignment) -> Floats | None:
-    """Rotation about up, rad, that the estimated attitude has too much; None without a true attitude."""
+    """Yaw error (M,) rad, estimate minus truth, where the true attitude is known; None where it nowhere is."""
     if truth.nav_R_body is None:
         return None
     seen = np.isfinite(truth.nav_R_body).all(axis=(1, 2))
@@ -312,7 +312,7 @@ def match_footprints(stance_xy: Floats, truth: FootprintTruth) -> FootprintMatch
 
 
 def _shift_tails(stance: Ints, step: int) -> Iterator[Ints]:
-    """All ways to shift the stances of a tail of the footprints by one; two footprints never share a stance.
+    """Yield the stance indices (M,) with each tail of them shifted by `step`, +1 or -1; none is used twice.
 
     Where they would, the missed stance was that of the earlier footprint (another row covers the later one).
     """
@@ -327,7 +327,7 @@ def _shift_tails(stance: Ints, step: int) -> Iterator[Ints]:
 
 
 def _misfit(stance: Ints, stance_xy: Floats, xy: Floats) -> tuple[int, float]:
-    """Footprints without a stance, then mean square distance in m^2: losing a footprint must not pay."""
+    """Number of footprints without a stance, then mean square distance, m^2: losing a footprint must not pay."""
     use = (stance != MISSED) & (stance < len(stance_xy))
     lost = int(np.count_nonzero(~use))
     if lost == len(use):
@@ -382,7 +382,7 @@ def check_truth(truth: Truth, t: Floats) -> None:
 
 
 def _measure_distances(one: Floats, other: Floats) -> Floats:
-    """Distances (M,) m; of absurd numbers the largest there is."""
+    """Distances (M,) m between points; the largest float, or infinity, where they overflow."""
     with np.errstate(over="ignore", invalid="ignore"):
         return np.asarray(np.nan_to_num(np.linalg.norm(one - other, axis=1), nan=np.inf))
 

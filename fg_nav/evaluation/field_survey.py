@@ -118,7 +118,7 @@ def survey_field(
         )
     verdicts = {name: judge_field(field, name) for name in SURVEYED if name in detectors and name != SAMPLEWISE}
     if SAMPLEWISE in detectors:
-        # where the footfalls are, by the threshold of a full window
+        # the statistic of the samples, read at the footfalls; threshold of a full window
         statistic = judge_samples(recording).statistic[field.sample]
         reason = f"scatter of the strength over {WINDOW_S:g} s"
         threshold = find_sample_threshold(max(round(WINDOW_S / recording.period_s), MIN_SAMPLES))

@@ -84,7 +84,7 @@ class AlignedSolution:
 
     @cached_property
     def turn_variance(self) -> float:
-        """Variance (rad^2) of the turn of the whole path that the alignment removes; 0 where there is none."""
+        """Variance (rad^2) of the turn that the alignment removes: the most that all covariances allow; 0 for none."""
         table = self.solution.stances
         if not self.is_turned or has_sure_start(table):
             return 0.0
@@ -183,7 +183,7 @@ def find_ellipses(view: AlignedSolution, at_most: int) -> Ellipses | None:
     variance, direction = np.linalg.eigh(cov[row])
     semi = ELLIPSE_RADIUS * np.sqrt(np.maximum(variance, 0.0))
     angle = np.arctan2(direction[:, 1, 1], direction[:, 0, 1])
-    # the largest is to be a fiftieth of the extent at least
+    # zoom the largest to a fiftieth of the extent at least
     wanted = 0.02 * extent_m / max(largest_m, 1e-9)
     zoom = int(ZOOMS[np.searchsorted(ZOOMS, min(wanted, 1000.0))]) if wanted > 2.0 else 1
     return Ellipses(centre[row], semi, angle, zoom)
@@ -219,7 +219,7 @@ class Headings:
 def trace_headings(view: AlignedSolution) -> Headings:
     """Return the headings of a solution that is aligned with its truth, if there is one."""
     stances, t, nav_R_body = view.solution.stances, view.solution.t, view.solution.nav_R_body
-    # of the axis at every sample
+    # heading and steepness of the body's x axis at every sample
     heading, steep = np.empty(len(nav_R_body)), np.empty(len(nav_R_body), dtype=np.bool_)
     for start in range(0, len(nav_R_body), BLOCK_ROWS):
         part = np.s_[start : start + BLOCK_ROWS]

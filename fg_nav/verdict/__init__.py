@@ -88,7 +88,7 @@ __all__ = ["UNUSABLE", "Verdict", "Word", "combine", "judge_footfalls", "judge_p
 
 
 def judge_path(walk: Walk, solution: Solution) -> Verdict:
-    """Judge the solution of a walk."""
+    """Judge the solution of a walk by all signs that apply to its mount; return word and reasons."""
     observed = WalkSigns(walk, solution)
     if walk.options.mount == "pocket":
         signs = SIGNS_IN_POCKET

@@ -99,7 +99,7 @@ def weigh_error(error_m: float, sigma_m: float, way_m: float) -> float:
 
 
 def combine(found: Sequence[Reason]) -> Verdict:
-    """Combine reasons by their weight."""
+    """Return the verdict: unusable from a weight of `NO_USE`, or a sum of `MANY`; doubtful from 1 on."""
     heavy = sorted((reason for reason in found if reason.weight >= 1.0), key=lambda reason: -reason.weight)
     light = [reason for reason in found if reason.weight in (LIGHT, NAMING)]
     words = tuple(reason.words for reason in (*heavy, *light))
@@ -131,7 +131,7 @@ def judge_speed(speed: float, t: float) -> Reason:
 
 
 def judge_stride(length: float, took_s: float, t: float, fast_m_s: float, sigma: float, way: float) -> Reason:
-    """Judge a stride, m, that took a time, s, and ends at time t, s, by the speed of the walk's fastest strides."""
+    """Judge a stride of `length` m in `took_s`, up to t, s: the excess over one at `FASTER` times `fast_m_s`."""
     excess = length - FASTER * fast_m_s * took_s
     words = f"a stride of {length:.1f} m, at {t:.1f} s, is {excess:.1f} m longer than others: it drifted, or slipped"
     return Reason(weigh_error(excess, sigma, way), words)
@@ -158,7 +158,7 @@ def judge_unfollowed(lost_s: float, usual_m_s: float, sigma: float, way: float, 
 
 
 def judge_gravity(gravity: float, reach: float, sigma: float, way: float) -> Reason:
-    """Judge the mean vertical force of the strides, m/s^2, of a path that leads as far from its start, m."""
+    """Judge the strides' mean vertical force, m/s^2, as a scale error at `reach`, the farthest from the start, m."""
     words = f"gravity is {gravity:.2f} m/s^2 in the strides, not {GRAVITY_M_S2:.2f}: the accelerometer's scale or unit"
     return Reason(weigh_error(abs(gravity / GRAVITY_M_S2 - 1.0) * reach, sigma, way), words)
 
@@ -170,7 +170,7 @@ def judge_rate(sigma: float) -> Reason:
 
 
 def judge_filters(recording: Recording, stances: Stances) -> Reason:
-    """Judge the effect of filters in the sensor on its samples."""
+    """Judge low-pass and high-pass filters in the sensor; return the heavier reason."""
     smoothing, passed = measure_smoothing(recording), measure_high_pass(recording, stances)
     smoothed = Reason(
         weigh(smoothing, *SMOOTHED) if np.isfinite(smoothing) else UNSEEN,
@@ -194,7 +194,7 @@ def judge_axes(axes: AxesEvidence) -> Reason:
 
 
 def find_height_rate(t: Floats, height: Floats) -> tuple[float, float]:
-    """Highest rate, m/s, of a height (K,) m at stamps (K,) s over the first that is `CLIMBED_S` back, and when."""
+    """Largest rate of height (K,) m at stamps t (K,) s over `CLIMBED_S` or just more, m/s, and its end, s."""
     since = np.searchsorted(t, t - CLIMBED_S, side="right") - 1
     known = since >= 0
     if not known.any():

@@ -106,7 +106,7 @@ class WalkSigns:
         return np.maximum.reduceat(speed[: sample[-1]], sample[:-1]) if len(sample) > 1 else np.zeros(0)
 
     def sum_bridged(self, t: Floats) -> Floats:
-        """Time until t, s, in which only the other foot was recorded."""
+        """Cumulative time, s, up to each stamp of `t`, in which only the other foot was recorded."""
         beside = self.walk.beside
         if beside is None:
             return np.zeros(t.shape)
@@ -155,7 +155,7 @@ def measure_turning_at_stances(observed: WalkSigns) -> Reason | None:
 def measure_shaking(observed: WalkSigns) -> Reason | None:
     """Ringing of the sensor on the shoe in stances."""
     gyr, stances = observed.recording.gyr, observed.walk.stances
-    power = sum((axis - remove_fast(axis, observed.recording.period_s)) ** 2 for axis in gyr.T)  # a third of the memory
+    power = sum((axis - remove_fast(axis, observed.recording.period_s)) ** 2 for axis in gyr.T)  # by axis: less memory
     mean = np.add.reduceat(power, np.column_stack([stances.start, np.minimum(stances.stop, len(gyr) - 1)]).ravel())[::2]
     shaking = _median(np.sqrt(mean / (stances.stop - stances.start)))
     words = (
@@ -207,7 +207,7 @@ def measure_cut(observed: WalkSigns) -> Reason | None:
 
 
 def measure_gap(observed: WalkSigns) -> Reason | None:
-    """Unobserved time; the motion of half of it is one sigma."""
+    """Motion in the gaps, at one sigma: half of each at the usual speed, root sum square of all."""
     longest_s = float(observed.recording.gaps.unseen_s.max(initial=0.0))
     words, beside = f"nothing was recorded for {longest_s:.2f} s amid the walk", observed.walk.beside
     unseen_s = observed.recording.gaps.unseen_s
@@ -228,7 +228,7 @@ def check_rate(observed: WalkSigns) -> Reason | None:
 
 
 def check_mount(observed: WalkSigns) -> Reason | None:
-    """Mounting that the turning resembles, where it is not a foot."""
+    """Turning that contradicts the stated mount: of a thigh on a foot, of a foot in a pocket, or of neither."""
     turning = measure_turning(observed.recording)
     wearing = turning.wearing
     on_foot = observed.walk.options.mount != "pocket"
@@ -290,7 +290,7 @@ def measure_stride(observed: WalkSigns) -> Reason | None:
 
 
 def measure_longest_stride(observed: WalkSigns) -> Reason | None:
-    """The stride that is longest for its time."""
+    """The stride with the largest excess over the length that a fast stride has in its time."""
     if not len(observed.strides):
         return None
     t, speed = observed.table.t, observed.stride_speed
@@ -343,7 +343,7 @@ def compare_bias(observed: WalkSigns) -> Reason | None:
         up, biases = table.nav_R_body[row, 2], table.gyro_bias[row]
         left = np.array([(rest.rate - bias) @ one for rest, bias, one in zip(rests, biases, up, strict=True)])
         variance = np.array([one @ rest.covariance @ one for rest, one in zip(rests, up, strict=True)])
-        # within the sway of a rest it counts as none; between rests it is on a line
+        # shrink a residual rate within the sway of its rest toward zero; linear between rests
         rate = np.interp(table.t, middle, left**3 / (left**2 + variance))
         turn = np.append(0.0, np.cumsum((rate[1:] + rate[:-1]) / 2 * np.diff(table.t)))
         error, worst = observed.displace_end(turn), np.degrees(np.abs(rate).max())

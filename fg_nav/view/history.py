@@ -53,7 +53,7 @@ class History:
         self._replaced: list[Row] = []
 
     def add(self, event: Mapping[str, Any]) -> bool:
-        """Follow one line; return whether earlier rows have changed."""
+        """Apply a line of the stream; return whether earlier rows have changed."""
         kind, self.frame = event["kind"], event.get("frame", "")
         if kind == "now":
             self.last, row = dict(event), (event["t"], *event["position_m"])
@@ -98,7 +98,7 @@ class History:
         return [[round(value, MILLIMETRES) for value in row] for row in shown]
 
     def _revise(self, revised: Floats) -> None:
-        """Move the rows by the difference of the revised path at their times; constant beyond its ends."""
+        """Shift the rows onto the revised path (R, 4), linear in time, constant beyond its ends; add its new rows."""
         known = np.array(self._rows).reshape(-1, 4)
         if len(revised) == 0:
             return
@@ -115,7 +115,7 @@ class History:
         self._thin()
 
     def _thin(self) -> bool:
-        """Drop a quarter of the older rows while there are too many; return whether there were."""
+        """Drop older rows nearest to their neighbours' line down to `MAX_ROWS`; return whether there were more."""
         is_full = len(self._rows) > MAX_ROWS
         while len(self._rows) > MAX_ROWS:
             rows = np.array(self._rows)
@@ -140,7 +140,7 @@ class Walkers:
         return self._known[self._find_main()]
 
     def add(self, event: Mapping[str, Any]) -> tuple[bool, bool]:
-        """Follow a line; return whether anything earlier has changed, and whether the line is of the main path."""
+        """Apply a line; return whether anything earlier has changed, and whether the line is of the main path."""
         who, before = event.get("foot", ""), self._find_main()
         if event["kind"] == "foot":
             return False, False
@@ -170,7 +170,7 @@ def turn_row(row: Row, angle_deg: float) -> Row:
 
 
 def turn_ellipse(event: dict[str, Any], angle_deg: float) -> None:
-    """Turn the sigmas of a line about the vertical, clockwise."""
+    """Turn the horizontal sigmas and covariance of a line clockwise about the vertical, in place."""
     east, north, up = event["position_sigma_m"]
     c, s = np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))
     turn = np.array([[c, s], [-s, c]])

@@ -123,7 +123,7 @@ def thin(t: Floats, at_most: int = MAX_POINTS) -> Ints:
 
 
 def stack(name: str, panels: Sequence[Panel], caption: str, x_label: str = "time (s)") -> Chart:
-    """Put panels over one another, on one axis of x; each trace is named in the legend once."""
+    """Stack panels on a shared x axis; the legend names each trace once."""
     ends = ["" if k == 0 else str(k + 1) for k in range(len(panels))]  # of the names of axes
     layout: dict[str, Any] = {"xaxis": axis(x_label, anchor=f"y{ends[-1]}")}
     gap = 0.09 if len(panels) > 1 else 0.0
