@@ -217,8 +217,8 @@ def measure_bias(stretches: FieldStretches, noise: FieldNoise, most: int) -> Str
 
     Parameters
     ----------
-    noise : of the walk.
-    most : samples of a stretch; neighbours are averaged until they are no more.
+    noise : field noise and hard-iron prior of the walk.
+    most : maximum samples of a stretch; neighbours are averaged down to it.
     """
     found = []
     for first in range(0, len(stretches.gyro_bias), AT_ONCE):
@@ -261,10 +261,10 @@ def _pad(stretches: FieldStretches, most: int) -> tuple[Array, Array, Array, Int
 
 
 def _covariance(position: Array, weight: Array, noise: FieldNoise) -> Array:
-    """C (S, most, most) uT^2; the identity where there is no sample."""
+    """Return the field covariance C (S, m, m) uT^2 by the variogram; identity rows for padding."""
     used = weight > 0.0
     covariance = np.zeros((*weight.shape, weight.shape[1]))
-    # Each pair once: powers and exponentials cost the most.
+    # Each pair once: the powers and exponentials dominate the cost.
     i, j = np.tril_indices(weight.shape[1], -1)
     apart = position[:, i] - position[:, j]
     square = np.einsum("spx,spx->sp", apart, apart)
@@ -277,7 +277,7 @@ def _covariance(position: Array, weight: Array, noise: FieldNoise) -> Array:
 
 
 def _eliminate_field(gram: Array, count: Ints, gyro_bias: Array, iron: Iron) -> StretchInformation:
-    """From X^T W X (S, 22, 22) of X = (1, z, K, dR) to the quadratics."""
+    """Eliminate the constant field from X^T W X (S, 22, 22), X = (1, z, K, dR); return the bias and iron quadratics."""
     total = gram[:, 0, 0]
     mean = gram[:, 0] / total[:, None]
     u = mean[:, 1:4] - mean[:, 13:].reshape(-1, 3, 3) @ iron.mean_uT
@@ -290,7 +290,7 @@ def _eliminate_field(gram: Array, count: Ints, gyro_bias: Array, iron: Iron) -> 
     A = rows.reshape(-1, 3, 18, 6)
     matrix = np.einsum("saib,sij,sajc->sbc", A, left[:, 4:, 4:], A, optimize=True)
     eta = np.einsum("saib,sia->sb", A, left[:, 4:, 1:4])
-    # Chi-square less what the best bias and iron of each stretch take off, with what is known of the iron.
+    # Chi^2 at the best bias and iron of each stretch, given the iron prior.
     known = np.zeros((6, 6))
     known[:3, :3], known[3:, 3:] = MIN_INFORMATION * np.eye(3), np.linalg.inv(iron.covariance)
     offset = np.append(np.zeros(3), known[3:, 3:] @ iron.mean_uT)

@@ -263,23 +263,23 @@ def integrate_field(
     vertical_uT: float = 0.0,
     after_block: Callable[[], None] = lambda: None,
 ) -> LineIntegral:
-    """Sum the field over the path, by trapezoids.
+    """Integrate the field along the path by the trapezoidal rule, up to each instant of `at`.
 
     Parameters
     ----------
     t : (N,) s
-        Rising.
+        Ascending.
     nav_R_body, position : (N, 3, 3) and (N, 3) m
         The trajectory at these instants; its heading is of no consequence.
     body_field : (N, 3) uT
         NaN where there is no new field: a value that is only held would be taken for that of another place.
         Before the first and after the last one it is taken to stay as it is in the navigation frame, in one piece.
     at : (K,) s
-        Where the integrals are asked for; between two measurements they grow evenly.
+        Instants of the K integrals; linear between two measurements.
     vertical_uT : float
         E_U, whose share E_U dz is taken off: a foot goes down as far as up, but for stairs.
     after_block
-        Called when a part of the rows is done, and not looked at again.
+        Called after each block of rows, which is not read again.
 
     Raises
     ------

@@ -51,7 +51,7 @@ def guarded_factor(
     ------
     ValueError
         If keys and dims do not match; later, from within gtsam, if what the residual function returns does not.
-        That a key's variable has the dimension given here, nothing checks.
+        The dimension of a key's variable is not checked.
     """
     if len(keys) != len(dims):
         raise ValueError(f"{name}: there are {len(keys)} keys and {len(dims)} dimensions.")
@@ -122,7 +122,7 @@ def _read(values: gtsam.Values, key: int, dim: int) -> Array:
 
 
 def read_variables(values: gtsam.Values, keys: Array | Sequence[int], dim: int) -> Array:
-    """Read K variables of a kind, (K, 4, 4) poses, (K, 6) biases or (K, d) vectors; a block's in a few calls."""
+    """Return K variables of a kind, (K, 4, 4) poses, (K, 6) biases or (K, d) vectors; many by bulk extraction."""
     letter = int(keys[0]) >> LETTER_SHIFT if len(keys) else 0
     if len(keys) >= FEW and not isinstance(dim, _Bias) and letter:
         known = np.array(values.keys(), dtype=np.uint64)
@@ -135,7 +135,7 @@ def read_variables(values: gtsam.Values, keys: Array | Sequence[int], dim: int) 
         else:
             rows = gtsam.utilities.extractVectors(values, chr(letter))
         row = np.searchsorted(known, np.asarray(keys, dtype=np.uint64))
-        # Rows are in the order of the keys: they are those of this letter if there are as many.
+        # extractVectors skips other types: only if the counts agree do rows match the keys.
         if len(rows) == len(known) and np.array_equal(known[np.minimum(row, len(known) - 1)], keys):
             return np.asarray(rows[row])
     return np.array([_read(values, int(key), dim) for key in keys])
@@ -172,7 +172,7 @@ _JACOBIAN_FACTOR: Any = gtsam.JacobianFactor  # Of any number of keys, which its
 
 
 def hold_cauchy(square: Array, sigmas: float) -> tuple[Array, Array]:
-    """Root of the weight of whitened residuals of these squares (...), and the row (...) that makes up their loss.
+    """Return sqrt(w) (...) for whitened residuals with squares x^2 (...), and the second row (...) of Cauchy's loss.
 
     Cauchy's loss rho = c^2 / 2 log(1 + x^2 / c^2), c = `sigmas`, in rows [sqrt(w) x | sqrt(2 rho - w x^2)] with the
     weight w = 1 / (1 + x^2 / c^2) held: arrays, gtsam's optimisers and iSAM2 then have the same loss (IRLS).
@@ -226,7 +226,7 @@ class ResidualBlock:
                 yield factor
 
     def stack(self, values: gtsam.Values) -> list[Stack]:
-        """Return them linearized at these values."""
+        """Return the block as one stack [A | b] linearized at these values, b = -e; empty for no residuals."""
         if not len(self):
             return []
         e, H = self.evaluate(values)
@@ -238,7 +238,7 @@ class ResidualBlock:
 
 
 def one_of(residuals: R, k: int | slice) -> R:
-    """Return the residual number k of K, its row of every array, or those of a slice."""
+    """Return residual k of K, or a slice: every array indexed by k, all else unchanged."""
     of: Any = residuals
     arrays = {f.name: getattr(of, f.name) for f in fields(of) if isinstance(getattr(of, f.name), np.ndarray)}
     one: R = replace(of, **{name: np.array(array[k]) for name, array in arrays.items()})

@@ -64,7 +64,7 @@ def turn_about_up(turn: Array) -> Array:
 
 
 def turn_from(nav_R_level: Array, nav_R_body: Array) -> tuple[Array, Array, Array]:
-    """Turn psi about up from attitudes (..., 3, 3) to others: cos psi, sin psi (...), derivative of psi (..., 3).
+    """Return cos psi, sin psi (...) and d psi (..., 3) of the turn about up between attitudes (..., 3, 3).
 
     psi is the twist about up of D = nav_R_body nav_R_level^T, the angle of `turn_about_up`; its derivative is that by
     the tangent space of nav_R_body. It is e_z^T nav_R_body where both have the same tilt.
@@ -89,7 +89,7 @@ def relative_rotations(rates: Array, periods: Array, segment: Ints, bias: Array)
     segment : (T,) int
         Stretch of each sample, in ascending order.
     bias : (3,) or (S, 3) rad/s
-        b0, one for all or one a stretch.
+        Linearization point b0, common or for each stretch.
 
     Returns
     -------
@@ -101,7 +101,7 @@ def relative_rotations(rates: Array, periods: Array, segment: Ints, bias: Array)
     before = np.roll(rotation_exp(turn), 1, axis=0)
     position = np.arange(len(segment)) - first
     before[position == 0] = np.eye(3)
-    # Products of all rotations from a stretch's first to each, by doubling: log2 of the longest passes.
+    # Cumulative rotations by a parallel prefix product: log2(longest stretch) passes.
     rotations, width = before.copy(), 1
     while width <= position.max(initial=0):
         far = np.flatnonzero(position >= width)

@@ -61,7 +61,7 @@ class SamePlace:
 
 
 def weigh_place(heading: Array, along_m: Array | float, across_m: Array | float, up_m: Array | float) -> Array:
-    """W (K, 3, 3) for these directions of walking (K,) rad, counterclockwise from east, and sigmas, (K,) or one, m."""
+    """Return W (K, 3, 3) 1/m, rows along, across and up, for walking directions (K,) rad, anticlockwise from east."""
     c, s, none, one = np.cos(heading), np.sin(heading), np.zeros_like(heading), np.ones_like(heading)
     axes = np.array([[c, s, none], [-s, c, none], [none, none, one]])
     sigma = np.stack([np.broadcast_to(sigma, heading.shape) for sigma in (along_m, across_m, up_m)], axis=-1)

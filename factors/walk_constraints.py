@@ -89,7 +89,7 @@ ROWS = 7
 
 
 def odds_of_elsewhere(sigma: float, share: float) -> float:
-    """Return c, the likelihood of no direction against that of one exactly followed, with sigma in rad."""
+    """Return c, the odds at r = 0 of walking anywhere over along a direction; sigma in rad, share P in [0, 1]."""
     return float(sigma * (1.0 - share) / share * np.sqrt(8.0 / np.pi))
 
 
@@ -150,13 +150,13 @@ def measure_course(displacement: Array) -> Array:
 
 
 def direction_probability(whitened: Array | float, odds: float) -> Array:
-    """Probability (...) that the building is followed, and weight, of residuals (...) over their sigma."""
+    """Return the posterior (...) that the building is followed, the IRLS weight, for whitened residuals (...)."""
     followed = np.exp(-0.5 * np.square(whitened))
     return np.asarray(followed / (followed + odds))
 
 
 def direction_loss(whitened: Array | float, odds: float) -> Array:
-    """Loss (...) of residuals (...) over their sigma: half a square near zero, and log(1 + 1/c) far out."""
+    """Return the loss rho (...) of whitened residuals (...): quadratic near zero, log(1 + 1/c) far out."""
     either = np.logaddexp(-0.5 * np.square(whitened), np.log(odds))
     return np.asarray(np.log1p(odds) - either)
 

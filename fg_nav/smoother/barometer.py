@@ -74,23 +74,23 @@ class Barometer:
         return SCALE_HEIGHT_M / self.reference_pa
 
     def sigma_m(self, count: Floats) -> Floats:
-        """Sigmas m of the heights of footfalls with so many readings."""
+        """Return the sigma (K,) m of a height averaged over `count` (K,) readings."""
         averaged = np.minimum(1.0, self.readings / np.maximum(count, 1.0))
         return np.asarray(self.m_per_pa * np.sqrt(self.white_pa**2 * averaged + self.common_pa**2))
 
     def heights(self, seen: StancePressures, k: Ints) -> BarometricHeight:
-        """Heights of the footfalls `k` (K,)."""
+        """Return barometric height (K, 1) m and sigma of footfalls `k` (K,), above the reference pressure."""
         height = SCALE_HEIGHT_M * np.log(self.reference_pa / seen.mean[k])
         return BarometricHeight(height[:, None], self.sigma_m(seen.number[k])[:, None])
 
     def drift(self, elapsed_s: Floats) -> BarometerDrift:
-        """Change of the state in these times (K,) s."""
+        """Return the random-walk factor of offset and tendency over intervals `elapsed_s` (K,)."""
         tendency = self.m_per_pa * TENDENCY_PA_S
         rates = self.m_per_pa * DRIFT_PA, tendency / np.sqrt(10800.0)
         return BarometerDrift(elapsed_s[:, None], np.sqrt(elapsed_s)[:, None] * rates)
 
     def prior(self, key: int, offset: float = 0.0) -> gtsam.PriorFactorVector:
-        """Prior on a state before which there is none, at this offset, m, which is free."""
+        """Return the prior on the first state: a practically free offset about `offset` m, zero tendency."""
         sigmas = np.array([OFFSET_SIGMA_M, self.m_per_pa * TENDENCY_PA_S])
         return gtsam.PriorFactorVector(key, np.array([offset, 0.0]), gtsam.noiseModel.Diagonal.Sigmas(sigmas))
 
@@ -111,8 +111,8 @@ class StancePressures(NamedTuple):
 
 
 def average_pressures(recording: Recording, stances: Stances, nodes: Nodes) -> StancePressures:
-    """Average the pressure of each footfall, as said above."""
-    # The readings alone, and which of them are near the stillest sample within its stance.
+    """Average the pressure of each footfall over its stance, and over both halves of the readings for the noise."""
+    # Samples with a reading; `first`, `last` those of each footfall: within the stance, `REACH_S` of the stillest.
     pressure = np.empty(0) if recording.pressure is None else recording.pressure
     at = np.flatnonzero(np.isfinite(pressure))
     readings = pressure[at]
@@ -120,7 +120,7 @@ def average_pressures(recording: Recording, stances: Stances, nodes: Nodes) -> S
     near = np.searchsorted(recording.t, recording.t[sample] + [[-REACH_S], [REACH_S]])
     first = np.searchsorted(at, np.maximum(near[0], stances.start[interval]))
     last = np.searchsorted(at, np.minimum(near[1], stances.stop[interval]))
-    # Their means, and those of both halves.
+    # Means of all and of both halves, by cumulative sums about the median: without it they lose digits.
     base = float(np.median(readings)) if len(readings) else 0.0
     total, middle = np.append(0.0, np.cumsum(readings - base)), (first + last) // 2
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -132,11 +132,11 @@ def average_pressures(recording: Recording, stances: Stances, nodes: Nodes) -> S
 
 
 def calibrate_barometer(recording: Recording, seen: StancePressures) -> Barometer | None:
-    """Estimate the noise of a barometer by its pressures on a walk; None where there are none, or all are the same."""
+    """Estimate reference pressure and noise of a walk's barometer; None without readings, or if it is stuck."""
     mean = seen.mean[np.isfinite(seen.mean)]
     if recording.pressure is None or not len(mean):
         return None
-    # Noise of a stance's mean, by the halves of stances or by differences of readings.
+    # White noise of a stance's mean: from its halves, else from second differences (variance 6 sigma^2); MAD to sigma.
     readings = recording.pressure[np.isfinite(recording.pressure)]
     halves = np.abs(seen.halves[seen.number >= MIN_READINGS])
     if len(halves) >= MIN_STANCES:
@@ -144,7 +144,7 @@ def calibrate_barometer(recording: Recording, seen: StancePressures) -> Baromete
     else:
         second = np.abs(np.diff(readings, 2))
         noise = float(np.median(second)) / (0.6745 * np.sqrt(6.0)) if len(second) else 0.0
-    # Steps in which it reads, and over how many footfalls it reads the same.
+    # Resolution, and the run of footfalls with one reading, whose rounding error is common to all of them.
     steps = np.abs(np.diff(readings))
     if not steps.any():
         return None  # it is stuck, or its steps are too large to be known
@@ -167,7 +167,7 @@ class BarometerFactors:
 
 
 def add_barometer(problem: WalkProblem, stances: Stances) -> WalkProblem:
-    """Add the barometer of a walk, where it has one that is to be used; its states join the values."""
+    """Return the problem with its barometer factors and states P; unchanged without usable pressure."""
     recording, nodes = problem.recording, problem.nodes
     if recording.pressure is None or not problem.parameters.walk.barometer:
         return problem
@@ -196,12 +196,12 @@ def add_barometer(problem: WalkProblem, stances: Stances) -> WalkProblem:
 
 
 def spread_scale(factors: BarometerFactors, solved: Solved) -> Floats:
-    """Return by how much the walk moves (N, 1) with the scale of heights, as `spread_moving_foot`."""
+    """Return S (N, 1): S S^T is the covariance from the unknown scale of barometric heights, not estimated."""
     block = factors.readings
     residual, jacobians = block.evaluate(solved.linearized_at)
     heights = block.residuals
     assert isinstance(heights, BarometricHeight)
-    # h grows by the scale, and e falls by as much as it rises with the offset.
+    # e = z + o - (1 + scale) h: the derivative by the scale is -h times that by the offset.
     by_scale = -jacobians[1][:, :, :1] * heights.height[:, None]
     sharing = SharingFactors(np.concatenate(jacobians, axis=2), -residual, block.keys, by_scale)
     columns, information, pull = shared_information(solved.root, [sharing], 1)
@@ -217,14 +217,14 @@ def stride_factors(
     elapsed_s: float,
     values: gtsam.Values,
 ) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
-    """Return the factors of a new footfall, and the value of its state where one of them shows it.
+    """Return the barometer factors of a new footfall, and the initial value of its state, empty without a reading.
 
     Parameters
     ----------
-    seen : of a window whose last footfall it is.
-    pose_key, height_m : of the footfall at its stillest sample.
+    seen : pressures of the window; the new footfall is the last.
+    pose_key, height_m : pose of the footfall at its stillest sample, and the height estimated there.
     states : keys of the states of the footfall before and of this one, `elapsed_s` later.
-    values : of the graph before.
+    values : current estimate, before this footfall.
     """
     graph, new = gtsam.NonlinearFactorGraph(), gtsam.Values()
     (before, state), has_reading = states, bool(np.isfinite(seen.mean[-1]))

@@ -120,7 +120,7 @@ class FittedWalk:
 
 
 def fit_walk(given: WalkInput) -> FittedWalk:
-    """Solve a walk with the bias prior and the gyroscope's scale that it shows; raises as `batch.smooth`."""
+    """Solve a walk, again if it shows another bias prior or a gyro scale error; raises as `batch.smooth`."""
     if given.field is not None and given.recording.mag is None:
         raise EstimationError("there is a field and the recording has no magnetometer: leave the field out.")
     if given.field is not None and len(given.field) != (footfalls := given.stances.n_footfalls):
@@ -145,7 +145,7 @@ def fit_walk(given: WalkInput) -> FittedWalk:
 
 
 def _solve_from_samples(given: WalkInput) -> SolvedWalk:
-    """Solve a walk with all that is known of it, with the default bias prior."""
+    """Solve a walk with all its factors (fixes, floors, field, places), and the default bias prior."""
     # The walk by its inertial sensor and its stances, with values near the minimum. Where the field is not used it does
     # not show how the person turned over a hole in the samples either.
     p = given.parameters
@@ -168,9 +168,9 @@ def _solve_from_samples(given: WalkInput) -> SolvedWalk:
 
 
 def solve_walk(problem: WalkProblem, field: FootfallField | None, unseen: str = "") -> SolvedWalk:
-    """Solve a walk, whose values are near its minimum without the field, with field, directions and places.
+    """Solve a walk with field, building directions and places, from its minimum without the field.
 
-    `unseen` is the reason why there is no field.
+    `unseen` is the reason why the field gives no heading; where it is empty `find_obstacle` decides.
     """
     obstacle, track = unseen or find_obstacle(field, problem.parameters.magnetic), None
     if field is not None:
@@ -337,10 +337,10 @@ class SmoothedWalk:
 
 
 def _smooth(given: WalkInput) -> tuple[SolvedWalk, FootfallCovariance, Callable[[], Solution]]:
-    """Solve a walk; return it, the joint covariance of its footfalls, and a function that makes the solution."""
+    """Solve a walk; return it, the joint covariance of its footfalls, and a function that builds the `Solution`."""
     began = perf_counter()
     fitted = fit_walk(given)
-    # The sigmas, including what the walk shares that its triangle does not hold.
+    # Covariances, including walk-wide parameters outside the square-root information (gyro scale, moving foot).
     walk = fitted.walk
     joint = FootfallCovariance.of(walk.solved, walk.problem.nodes, fitted.shared_sqrt_covariance())
     covariances = list_covariances(list_table_keys(walk.problem.nodes), walk.solved.root, joint.shared)
@@ -355,7 +355,7 @@ def prepare_solution(
 ) -> Callable[[], Solution]:
     """Return a function that adds the dense path, from arrays alone: the graph can be freed before it is called.
 
-    `covariances` (K, 6, 6) are those of the table (`solver.list_table_keys`); the clock showed `began` at the start.
+    `covariances` (K, 6, 6) are those of `solver.list_table_keys`; `began` s is the start of the solve.
     """
     # Footfalls and biases, and the sigma of the distance.
     problem, solved, verdict, returns = walk.problem, walk.solved, walk.verdict, walk.returns

@@ -155,7 +155,7 @@ class OwnFactors(GtsamFactors):
         return self.error(values) - linear.error(_move(self._graph, values, 0.0))
 
     def best_turn(self, values: gtsam.Values) -> float:
-        """Turn about up and the start, rad counter-clockwise, of `TURNS`, that fits a walk best to them."""
+        """Return the turn about up at the start, rad counter-clockwise, with the least error, of a grid of `TURNS`."""
         turns = np.linspace(0.0, 2 * np.pi, TURNS, endpoint=False)
         errors = list[float]()
         for turn in yaw_rotation(turns):
@@ -213,7 +213,7 @@ def make_own_factors(extra: ExtraFactors, nodes: GraphNodes) -> OwnFactors:
 
 
 def _move(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, turn: float) -> gtsam.VectorValues:
-    """Move the variables of a graph, in their tangent spaces, by a small turn of the walk about its start."""
+    """Return the tangent-space increments of the variables for a turn (rad) of the walk about its start, linearized."""
     moved = gtsam.VectorValues()
     for key in graph.keyVector():
         letter = gtsam.Symbol(key).chr()
@@ -338,7 +338,7 @@ def add_own(problem: WalkProblem, values: gtsam.Values, extra: ExtraFactors) -> 
 
 
 def _free_heading(problem: WalkProblem, placed: PinnedFixes | OwnFactors, values: gtsam.Values) -> WalkProblem:
-    """Free the heading at the start where placed factors show it; a walk without a heading is first turned to them."""
+    """Return the problem with its start heading free where fixes show it; an unknown one is first turned to fit."""
     nav_R_body = problem.start.nav_R_body
     if problem.heading_known:
         sigma = float(np.radians(GIVEN_HEADING_DEG))
@@ -354,9 +354,9 @@ def _free_heading(problem: WalkProblem, placed: PinnedFixes | OwnFactors, values
 
 
 def add_constraints(problem: WalkProblem, values: gtsam.Values, continues: Bools | None = None) -> WalkProblem:
-    """Add the floors found on a first solution, into whose values they are put.
+    """Return the problem with level floors and the soles' climb from a first solution; floor heights join `values`.
 
-    `continues` (F,) are the footfalls that are further pieces of a standing: no stride leads to them.
+    `continues` (F,): footfalls that continue the standing of the one before, without a stride between.
     """
     p, nodes = problem.parameters, problem.nodes
     if not p.walk.floors:
@@ -386,9 +386,9 @@ def add_constraints(problem: WalkProblem, values: gtsam.Values, continues: Bools
 def find_floors_of_pieces(
     t: Floats, footfall: Ints, position: Floats, stepped: Bools, settling_sigma_m: float
 ) -> tuple[Ints, Ground | None]:
-    """Return the floor (F,) of each footfall; one that was not stepped to is on that of the footfall before.
+    """Return the floor number (F,) of each footfall, -1 on none, and the ground; pieces of a standing share a floor.
 
-    `t` (N,) s are the recording's stamps, `footfall` (F,) samples; the others, and the ground, as of `find_floors`.
+    `t` (N,) s of the recording, `footfall` (F,) indices into it, `stepped` (F,) False where a standing continues.
     """
     first = np.flatnonzero(stepped | (np.arange(len(stepped)) == 0))
     holes = cross_holes(t, footfall[first])
@@ -432,7 +432,7 @@ def add_known_places(problem: WalkProblem, ties: KnownTies) -> WalkProblem:
 
 
 def make_gnss_factors(gnss: Gnss) -> tuple[ExtraFactors, dict[str, float]]:
-    """Return what makes the factors of these fixes, and where the walk starts on Earth, once they were made."""
+    """Return the factory of GNSS factors, and a dict that it fills with the geodetic start of the walk."""
     found: dict[str, float] = {}
 
     def make(nodes: GraphNodes) -> gtsam.NonlinearFactorGraph:

@@ -48,7 +48,7 @@ def trajectory_of(recording: Recording, nodes: Nodes, values: gtsam.Values, grav
 def prepare_trajectory(
     recording: Recording, nodes: Nodes, values: gtsam.Values, gravity: float
 ) -> Callable[[], Trajectory]:
-    """Return a function that makes the trajectory from arrays alone: the graph can be freed before it is called."""
+    """Return a function that integrates the dense trajectory; it keeps arrays only, so the graph can be freed first."""
     poses = list_poses(range(len(nodes)), values)
     bias = list_biases(nodes, values)[nodes.bias[nodes.footfall]]
     return partial(
@@ -74,7 +74,7 @@ def dense_trajectory(
     acc_bias: Floats,
     gravity: float,
 ) -> Trajectory:
-    """Return the trajectory at every sample from the states at nodes `sample` (M,), all (M, ...).
+    """Return the trajectory at every sample, strapdown between the states (M, ...) at nodes `sample` (M,).
 
     Position in m, velocity in m/s, gyro bias in rad/s, accelerometer bias in m/s^2.
     """
@@ -103,7 +103,7 @@ class _HeldSamples(NamedTuple):
 def _fill(
     first: int, last: int, samples: _HeldSamples, sample: Ints, nodes: NavState, gravity: float, path: Trajectory
 ) -> None:
-    """Fill in the path behind the nodes `first` to `last`, to the next of each; `nodes` has the states (M, ...)."""
+    """Write `path` from each node `first <= j < last` to the next; `nodes` are the solved states (M, ...)."""
     p, v, R = path
     h, position, velocity, nav_R_body = samples.h, nodes.position, nodes.velocity, nodes.nav_R_body
     m = len(sample)
@@ -127,7 +127,7 @@ def _fill(
 
 @njit(cache=True)
 def _find_hole(h: Floats, first: int, last: int) -> int:
-    """Sample before a hole, the first from `first` on towards `last`, which is returned where none is before it."""
+    """Return the first sample from `first` towards `last` that is held over a gap; `last` if there is none."""
     i, way = first, 1 if last > first else -1
     while i != last and h[i] <= MAX_HELD_S:
         i += way
@@ -136,7 +136,7 @@ def _find_hole(h: Floats, first: int, last: int) -> int:
 
 @njit(cache=True)
 def _join(h: Floats, before: int, behind: int, path: Trajectory) -> None:
-    """Fill in between two holes or more: straight on, in the attitude of before."""
+    """Write `path` between samples `before` and `behind` of a gap: a straight line, attitude held from `before`."""
     p, v, R = path
     duration, elapsed = 0.0, 0.0
     for i in range(before, behind):
@@ -154,7 +154,7 @@ def _join(h: Floats, before: int, behind: int, path: Trajectory) -> None:
 def _integrate(
     samples: _HeldSamples, first: int, last: int, gyro_bias: Floats, acc_bias: Floats, gravity: float, path: Trajectory
 ) -> None:
-    """Fill in from the state at sample `first` to `last` inclusive, forward or backward."""
+    """Write `path` by strapdown from its state at sample `first` to `last` inclusive, forward or backward."""
     p, v, R = path
     turn, push = np.empty((3, 3)), np.empty(3)
     state = NavState(p[first].copy(), v[first].copy(), R[first].copy(), gyro_bias, acc_bias)
@@ -169,7 +169,7 @@ def _integrate(
 def _meet(
     h: Floats, first: int, last: int, position: Floats, velocity: Floats, nav_R_body: Floats, path: Trajectory
 ) -> None:
-    """Bend the path between sample `first` and `last` so that it ends in the given state."""
+    """Spread the mismatch at sample `last` over `path` since `first`, so that it ends in the solved state."""
     p, v, R = path
     duration, elapsed = 0.0, 0.0
     for i in range(first, last):

@@ -92,7 +92,7 @@ class Stretches:
 
 def find_stretches(recording: Recording, nodes: Nodes, rests: tuple[Rest, ...]) -> Stretches:
     """Find the stances and standings in which the field is seen and no rest was found."""
-    # Stances with a margin, up to their neighbours and holes in the samples.
+    # Stances extended by a margin, but not into their neighbours or across gaps.
     start, stop = nodes.sample[nodes.first[:-1]], nodes.sample[nodes.first[1:] - 1] + 1
     duration = recording.t[stop - 1] - recording.t[start]
     margin = np.where(duration > STANDS_S, 0, round(MARGIN_S / recording.period_s))
@@ -115,12 +115,12 @@ def find_stretches(recording: Recording, nodes: Nodes, rests: tuple[Rest, ...]) 
 
 
 def turn_stretches(recording: Recording, stretches: Stretches, position: Floats, gyro_bias: Floats) -> FieldStretches:
-    """Turn the field of all samples to the first of their stretch.
+    """Return the field with the rotation of each sample to the first of its stretch, from the integrated rate.
 
     Parameters
     ----------
     position : (N, 3) m, at every sample.
-    gyro_bias : (S, 3) rad/s, at which it is linearized.
+    gyro_bias : (S, 3) rad/s, linearization point of the rotations.
     """
     most, filled = int((stretches.stop - stretches.start).sum()), 0
     samples, number = [empty_column(most, *shape) for shape in ((3,), (3, 3), (3, 3), (3,))], np.empty(most, np.int64)
@@ -156,8 +156,8 @@ def measure_noise(turned: FieldStretches) -> float:
 
 
 def fit_variogram(mag: Floats, position: Floats, nav_R_body: Floats, nodes: Nodes, sigma_uT: float) -> Variogram | None:
-    """Fit the variogram of the field in the swings, by the trajectory at all samples; None where too little is seen."""
-    # Squares of differences of the field between samples of one swing, and how far they are apart.
+    """Fit the field's variogram to its differences within swings (nav axes); None with too few samples."""
+    # Squared field differences between samples of a swing, and the distance between them.
     begins, ends = nodes.sample[nodes.first[1:-1] - 1], nodes.sample[nodes.first[1:-1]]
     squares, distances = [np.empty(0)], [np.empty(0)]
     for swing in np.unique(np.linspace(0, len(begins) - 1, min(MAX_SWINGS, len(begins))).astype(np.int64)):
@@ -208,7 +208,7 @@ class LevelBias:
     body_up: Floats
 
     def weaken(self, information: BiasInformation) -> BiasInformation:
-        """Divide the information (K, 3, 3) by its chi^2 per freedom about the level axes over `MAX_LEVEL_RATIO`."""
+        """Scale down information (K, 3, 3) whose level bias contradicts gravity: chi^2 / dof > `MAX_LEVEL_RATIO`."""
         _, _, axes = np.linalg.svd(self.body_up[None])
         level = axes[1:]
         covariance = np.linalg.inv(information.matrix + MIN_INFORMATION * np.eye(3))
@@ -230,7 +230,7 @@ class DifferentialFactors(GtsamFactors):
         super().__init__(*(linear_factor_of(one_of(residual, int(k)), [B(int(k))]) for k in seen))
 
     def find_sigma(self, bias: Ints, axis: Floats) -> Floats:
-        """Sigma (F,) rad/s of these bias variables about axes (F, 3) by their factors alone; NaN without one."""
+        """Return the sigma (F,) rad/s of bias variables `bias` (F,) about unit axes (F, 3), field only; NaN without."""
         information = np.einsum("fi,fij,fj->f", axis, self.information.matrix[bias], axis)
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.where(information > 0.0, information**-0.5, np.nan)
@@ -258,13 +258,13 @@ def find_iron(stances: BiasInformation, standings: BiasInformation) -> Iron:
 
 
 def measure_stretches(turned: FieldStretches, noise: FieldNoise) -> tuple[BiasInformation, Bools]:
-    """What each of S stretches shows of the bias by the noise of the walk; and which of them are used."""
+    """Return the information of each of S stretches on the gyro bias, and which (S,) pass the chi^2 test."""
     found = []
     for first in range(0, len(turned.gyro_bias), AT_ONCE):
         found.append(measure_bias(turned.select(first, first + AT_ONCE), noise, MAX_SAMPLES))
         drop_pages()
     whole = StretchInformation.join(found)
-    # Inflated where chi^2 is more than its freedom, and left out where it is far more.
+    # Covariance scaled by chi^2 per degree of freedom where that exceeds 1; left out where the model clearly fails.
     ratio = whole.chi_square / np.maximum(whole.freedom, 1.0)
     used = (whole.freedom > 0.0) & (ratio <= MAX_CHI_SQUARE)
     return whole.information.scale(np.where(used, 1.0 / np.maximum(ratio, 1.0), 0.0)), used
@@ -279,7 +279,7 @@ def sum_stretches(information: BiasInformation, bias: Ints, those: Bools, variab
 
 
 def add_differential_field(problem: WalkProblem, values: gtsam.Values, track: Trajectory) -> WalkProblem:
-    """Return the problem with the factors of its differential field, by its first solution, where they are used.
+    """Return the problem with gyro-bias factors from the differential field; unchanged where it is not used.
 
     `track` is the trajectory of these values (`trajectory_of`).
 

@@ -88,9 +88,9 @@ def make_direction_factors(node: Ints, piece: Ints, share: Floats, alpha: Floats
 
     Parameters
     ----------
-    node, piece : (M, 2), (M,) of the displacements.
-    share : (M,) that each counts for.
-    alpha : (n,) rad of the pieces, to start from.
+    node, piece : (M, 2) end nodes of each displacement, and (M,) the piece it lies in.
+    share : (M,) power of each likelihood, <= 1: displacements along one corridor share its error.
+    alpha : (n,) rad, initial direction of each piece, and mean of its prior.
     """
     courses = BuildingDirection(mixture.sigma, odds_of_elsewhere(mixture.sigma, mixture.share), share)
     wide = gtsam.noiseModel.Isotropic.Sigma(1, OPEN_RAD)
@@ -105,7 +105,7 @@ def list_displacements(position: Floats) -> Ints:
         return np.zeros((0, 2), dtype=np.int64)
     straight = np.flatnonzero(find_straight(position))
     runs = np.split(straight, np.flatnonzero(np.diff(straight) > 1) + 1) if len(straight) else []
-    # As many as there are in a run of straight ones, in the middle of its strides.
+    # Non-overlapping displacements, centred in each straight run.
     first = [np.zeros(0, dtype=np.int64)]
     for run in runs:
         strides = len(run) + STRIDES - 1
@@ -147,7 +147,7 @@ class TrackedDirections:
 
 
 def follow_directions(problem: WalkProblem, solved: Solved) -> tuple[WalkProblem, Solved, tuple[str, ...]]:
-    """Find the building's directions on a solved walk, and solve it with them; return notes too."""
+    """Find the building's directions on a solved walk; return problem, solution with them, and notes."""
     if not problem.parameters.walk.directions:
         return problem, solved, ()
     free = problem, solved
@@ -167,8 +167,8 @@ def follow_directions(problem: WalkProblem, solved: Solved) -> tuple[WalkProblem
 
 
 def add_directions(problem: WalkProblem, solved: Solved) -> tuple[WalkProblem, Mixture] | None:
-    """Add the directions that a solution follows, with values turned to them; None where it shows none."""
-    # Variance of the heading at each footfall relative to that at the first one.
+    """Return the problem with direction factors and headings turned to them, and the mixture; None if none is found."""
+    # Variance of heading at each footfall relative to the first, the random walk allowed between directions.
     nodes, position = problem.nodes, list_positions(problem.nodes.result, solved.values)
     joint = FootfallCovariance.of(solved, nodes, np.zeros((solved.root.total, 0)))
     weights = np.zeros((len(joint.keys), 4, 1))
@@ -219,19 +219,19 @@ def split_drift(variance: Floats) -> Drift:
 def track_directions(
     course: Floats, share: Floats, at: Floats, drift: float, is_lost: Bools | None = None
 ) -> TrackedDirections:
-    """Find the directions that courses (M,) rad follow.
+    """Estimate the building direction, modulo pi/2, along courses (M,) rad: a hidden Markov model on a circular grid.
 
     Parameters
     ----------
-    share : (M,) of its likelihood that each counts for.
-    at : (M,) where each is on the walk, from 0 to 1.
-    drift : sigma of that of the walk, rad.
-    is_lost : (M-1,) whether nothing is known of the turn from one to the next; None where it is known of all.
+    share : (M,) power of the likelihood of each course, <= 1.
+    at : (M,) position of each course along the walk, 0 to 1.
+    drift : sigma of heading drift over the whole walk, rad.
+    is_lost : (M-1,) whether heading is lost (uniform turn) before the next course; None if nowhere.
     """
     variance = np.diff(at) * np.clip(drift, *np.radians(DRIFT_DEG)) ** 2
     variance = variance if is_lost is None else np.where(is_lost, ANY_TURN, variance)
     mixture = Mixture(float(np.radians(FIRST_SIGMA_DEG)), FIRST_SHARE)
-    # The likeliest steady drift, rad over the walk, and by how much all of them are likelier than it is.
+    # Steady drift: the most probable rate, rad over the walk; `gained` is log evidence of all rates over that one.
     count = int(RATE_SIGMAS * drift / np.radians(RATE_STEP_DEG))
     rates = np.radians(RATE_STEP_DEG) * np.arange(-count, count + 1)
     prior = -0.5 * (rates / drift) ** 2 if count else np.zeros(1)
@@ -240,12 +240,12 @@ def track_directions(
     steady = float(rates[best])
     gained = float(np.logaddexp.reduce(likelihood + prior) - np.logaddexp.reduce(prior) - likelihood[best])
     left = course - steady * at
-    # How many follow the directions, and within what.
+    # EM for the mixture: sigma s and share P of courses that follow the directions.
     for _ in range(ITERATIONS):
         density, evidence, off = _smooth(left, share, variance, mixture)
         phi = np.unwrap(np.angle(density @ np.exp(4j * GRID))) / 4.0
         tracked = TrackedDirections(phi + steady * at, mixture, evidence + gained)
-        # s and P that explain the courses best, with what is now known of where they belong.
+        # M step: s and P, weighted by the posterior of direction and of being followed.
         followed = _weigh_followed(off, mixture)
         weight = share[:, None] * density * followed / (followed + 1.0 - mixture.share)
         sigma = np.clip(np.sqrt((weight * off**2).sum() / weight.sum()), *np.radians([MIN_SIGMA_DEG, MAX_SIGMA_DEG]))
@@ -254,12 +254,12 @@ def track_directions(
 
 
 def _smooth(course: Floats, share: Floats, variance: Floats, mixture: Mixture) -> tuple[Floats, float, Floats]:
-    """Return p(phi_k) (M, `CELLS`), the log likelihood, and how far courses are off each direction of the grid, rad."""
+    """Return posterior p(phi_k) (M, `CELLS`), log evidence, and each course less each grid direction, rad."""
     off = wrap_quarter(course[:, None] - GRID)
     likelihood = (_weigh_followed(off, mixture) + 1.0 - mixture.share) ** share[:, None]
     harmonic = 4.0 * np.arange(CELLS // 2 + 1)
     spread = np.exp(-0.5 * harmonic**2 * variance[:, None])
-    # Forward.
+    # Forward pass: filter, with its normalizers as log evidence.
     ahead, behind = np.ones_like(likelihood) / CELLS, np.ones_like(likelihood)
     log_likelihood = 0.0
     for k, here in enumerate(likelihood):
@@ -269,7 +269,7 @@ def _smooth(course: Floats, share: Floats, variance: Floats, mixture: Mixture) -
         total = ahead[k].sum()
         ahead[k] /= total
         log_likelihood += float(np.log(total))
-    # And backward.
+    # Backward pass.
     for k in range(len(likelihood) - 2, -1, -1):
         behind[k] = _blur(likelihood[k + 1] * behind[k + 1], spread[k])
         behind[k] /= behind[k].sum()

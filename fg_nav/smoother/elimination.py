@@ -72,7 +72,7 @@ def list_parts(begin: int, end: int) -> Iterator[tuple[int, int]]:
 
 @njit(cache=True)
 def forward_substitute(fronts: Fronts, C: Floats, first: int, end: int) -> None:
-    """Replace C (N, n) by Y, R^T Y = C: go up along the fronts `first <= i < end`."""
+    """Solve R^T Y = C in place, C (N, n), for fronts `first <= i < end`, children before parents."""
     for i in range(end - 1, first - 1, -1):
         d, columns, A = get_front(fronts, i)
         for k in range(d):
@@ -86,7 +86,7 @@ def forward_substitute(fronts: Fronts, C: Floats, first: int, end: int) -> None:
 
 @njit(cache=True)
 def back_substitute(fronts: Fronts, Y: Floats, first: int, end: int) -> None:
-    """Replace Y (N, n) by X, R X = Y: go down along the fronts `first <= i < end`."""
+    """Solve R X = Y in place, Y (N, n), for fronts `first <= i < end`, parents before children."""
     for i in range(first, end):
         d, columns, A = get_front(fronts, i)
         for k in range(d - 1, -1, -1):
@@ -195,7 +195,7 @@ def first_columns(size: Ints) -> Ints:
 
 @njit(cache=True)
 def _gather_members(factors: Factors, queue: Queue, size: Ints, begin: int, end: int) -> tuple[Members, Ints]:
-    """Gather the variables of the fronts, and the second of each, its parent, or -1."""
+    """Return the variables of each front, ascending, and its parent (C,): the second variable, -1 without one."""
     stamp, front, parent = np.full(len(size), -1), np.empty(len(size), np.int64), np.full(end - begin, -1)
     members, filled = Members(begin, np.zeros(end - begin, np.int64), np.empty(16 * (end - begin), np.int64)), 0
     for v in range(begin, end):
@@ -241,7 +241,7 @@ def _begin_of(members: Members, v: int) -> int:
 
 @njit(cache=True)
 def _insert(variable: int, v: int, stamp: Ints, front: Ints, many: int) -> int:
-    """Insert a variable into the sorted front of `v`, unless it is there; return how many it has."""
+    """Insert a variable into the sorted front of `v` unless `stamp` marks it as there; return the new length."""
     if stamp[variable] == v:
         return many
     stamp[variable] = v
@@ -255,7 +255,7 @@ def _insert(variable: int, v: int, stamp: Ints, front: Ints, many: int) -> int:
 
 @njit(cache=True)
 def _shape_fronts(members: Members, parent: Ints, size: Ints, end: int) -> Fronts:
-    """Make the fronts, parents first, their rows not filled."""
+    """Return the fronts with their structure, parents first; `rows` is empty until the numeric pass."""
     count, first, filled = len(parent), first_columns(size), 0
     begins, at, column = np.zeros(count + 1, np.int64), np.zeros(count + 1, np.int64), np.empty(0, np.int64)
     sizes, firsts, parents = np.empty(count, np.int64), np.empty(count, np.int64), np.full(count, -1)
@@ -278,9 +278,9 @@ def _shape_fronts(members: Members, parent: Ints, size: Ints, end: int) -> Front
 
 @njit(cache=True)
 def _plan_rest(members: Members, parent: Ints, queue: Queue, size: Ints, end: int) -> tuple[Factors, Ints, int]:
-    """Plan where the triangle of each front (C,) goes: to a place of those that are used again, or to a factor left.
+    """Plan where the separator triangle of each front is stored: a reusable buffer slot, or a remaining factor.
 
-    Returns the factors left, without their numbers, the place or factor, and the number of places.
+    Returns remaining factors (structure only), slot or factor number (C,) of each front, and number of slots.
     """
     count, places, lefts, frees, filled = len(parent), 0, 0, 0, 0
     slot, free, rows = np.full(count, -1), np.empty(count, np.int64), np.zeros(count, np.int64)
@@ -316,10 +316,10 @@ def _plan_rest(members: Members, parent: Ints, queue: Queue, size: Ints, end: in
 def eliminate_factors(
     factors: Factors, size: Ints, begin: int, end: int
 ) -> tuple[Fronts, Floats, float, Factors, bool]:
-    """Eliminate the variables `begin <= v < end` of those of sizes (V,), which are all that factors join.
+    """Eliminate the variables `begin <= v < end` by QR; `size` (V,) are the dimensions of all variables.
 
-    Returns their fronts, parents first, r of all columns (N,), twice the error, the factors that are left in the
-    others, and whether each is determined.
+    Returns fronts, parents first; right-hand side r (N,); twice the error at the minimum; the marginal factors on the
+    other variables; and whether R has full rank.
     """
     plan, fronts, left = plan_elimination(factors, size, begin, end)
     fronts, left = (
@@ -351,7 +351,7 @@ def _fill_fronts(
     first: int,
     stop: int,
 ) -> tuple[float, bool]:
-    """Eliminate the variables `first <= v < stop` as planned; add to twice the error; return whether all went."""
+    """Eliminate `first <= v < stop` into `fronts`, `left`, `right`; return twice the error so far, full rank."""
     queue, slot, begin, end = plan.queue, plan.slot, plan.begin, plan.end
     for v in range(first, stop):
         # Clear the triangle, and note the place of each column in it.
@@ -362,7 +362,7 @@ def _fill_fronts(
             work.place[fronts.column[column + k]] = k
             for j in range(n + 1):
                 work.triangle[k, j] = 0.0
-        # What is left of the fronts below: the first as the triangle, the others as new rows.
+        # Separator triangles of its children: the first becomes the triangle, the others are new rows.
         below = queue.first_front[v]
         if below >= 0:
             _place(kept[slot[below - begin]], fronts, end - 1 - below, work.place, work.triangle, n, True)
@@ -375,7 +375,7 @@ def _fill_fronts(
         error += of_fronts
         # Its factors.
         error += _take_factors(factors, queue.first_factor[v], queue.next_factor, plan.columns, work, n)
-        # Its own rows are kept; what is left on its separator goes up, or stays as a factor.
+        # Store its own rows; its separator triangle goes to the parent, or remains as a marginal factor.
         if not _keep_rows(fronts, i, work, right):
             return error, False
         if n > d and plan.parent[v - begin] < end:
@@ -396,7 +396,7 @@ class Work(NamedTuple):
 
 @njit(cache=True)
 def _prepare(factors: Factors, fronts: Fronts, columns: int, slots: int) -> tuple[Work, Floats]:
-    """Make what there is to work in, and the places of triangles."""
+    """Allocate the workspace of a front, and the triangles (slots, w, w + 1) that await their parent."""
     widest, most = 0, BLOCK_ROWS
     for i in range(len(fronts.size)):
         widest = max(widest, fronts.begins[i + 1] - fronts.begins[i])
@@ -409,7 +409,7 @@ def _prepare(factors: Factors, fronts: Fronts, columns: int, slots: int) -> tupl
 
 @njit(cache=True)
 def _place(left: Floats, fronts: Fronts, below: int, place: Ints, out: Floats, n: int, as_triangle: bool) -> int:
-    """Put what is left of the front `below` into the columns of a front, of which there are `n`; return its rows."""
+    """Scatter the separator triangle `left` of child `below` into its parent's `n` columns; return the row count."""
     begin = fronts.begins[below] + fronts.size[below]
     rows = int(fronts.begins[below + 1] - begin)
     for k in range(rows):
@@ -425,7 +425,7 @@ def _place(left: Floats, fronts: Fronts, below: int, place: Ints, out: Floats, n
 
 @njit(cache=True)
 def _take_factors(factors: Factors, f: int, after: Ints, columns: Ints, work: Work, n: int) -> float:
-    """Take the factors of a queue that begins with `f`; return twice an error."""
+    """Reflect the factors queued from `f` (linked by `after`) into the triangle; return the squared remainder of b."""
     rows, error = 0, 0.0
     while f >= 0:
         if rows + factors.rows[f] > len(work.new) - 3:
@@ -450,7 +450,7 @@ def _take_factors(factors: Factors, f: int, after: Ints, columns: Ints, work: Wo
 
 @njit(cache=True)
 def _reflect(work: Work, n: int, rows: int) -> float:
-    """Reflect new rows into the triangle of `n` columns; return the sum of the squares of what is left of b."""
+    """Reflect `rows` new rows into the triangle of `n` columns (Householder); return the squared remainder of b."""
     triangle, new, _ = work
     dot = np.empty(n + 1)
     # Rows go in fours, the last filled up with zeros, which takes half the time of one by one.
@@ -466,14 +466,14 @@ def _reflect(work: Work, n: int, rows: int) -> float:
         top = triangle[k, k]
         length = np.sqrt(top * top + square)
         head = top + length if top >= 0.0 else top - length
-        # The products of column k with those behind it.
+        # Inner products of the reflector of column k with the later columns.
         for j in range(k + 1, n + 1):
             dot[j] = head * triangle[k, j]
         for r in range(0, rows, 4):
             a, b, c, d = new[r, k], new[r + 1, k], new[r + 2, k], new[r + 3, k]
             for j in range(k + 1, n + 1):
                 dot[j] += a * new[r, j] + b * new[r + 1, j] + c * new[r + 2, j] + d * new[r + 3, j]
-        # Column k, so many times, off the columns behind it.
+        # Apply the reflection to the later columns.
         for j in range(k + 1, n + 1):
             dot[j] *= 2.0 / (head * head + square)
             triangle[k, j] -= head * dot[j]
@@ -494,7 +494,7 @@ def _reflect(work: Work, n: int, rows: int) -> float:
 
 @njit(cache=True)
 def _keep_rows(fronts: Fronts, i: int, work: Work, right: Floats) -> bool:
-    """Keep the rows of a front's own variable, and its r; return whether it is determined."""
+    """Store the rows and r of front i's own variable; return whether its diagonal is above rounding."""
     triangle, d, n = work.triangle, fronts.size[i], fronts.begins[i + 1] - fronts.begins[i]
     for k in range(n):
         square = 0.0

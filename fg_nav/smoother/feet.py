@@ -113,7 +113,7 @@ class FootfallTies:
         return self.residuals.evaluate((*poses, np.full((len(self), 1), values.width)), with_jacobians)
 
     def stack(self, values: FeetValues) -> list[Stack]:
-        """Return them linearized, and the prior of the width."""
+        """Return the ties linearized (at `values`), and the prior of the width between the feet."""
         prior = np.array([[[1.0, WIDTH_M - values.width]]]) / WIDTH_SIGMA_M
         stacks = [Stack(np.array([[WIDTH]]), prior)]
         if len(self):
@@ -154,7 +154,7 @@ class ReachFactors:
         return [Stack(keys, np.concatenate([*H, -e[..., None]], axis=2))]
 
     def error(self, values: FeetValues) -> float:
-        """Half the sum of squares."""
+        """Return half the sum of squared whitened residuals."""
         return 0.5 * float((self.evaluate(values, False)[0] ** 2).sum()) if len(self) else 0.0
 
 
@@ -172,11 +172,11 @@ def list_footfalls(problem: WalkProblem, values: gtsam.Values) -> Footfalls:
 
 
 def tie_feet(right: WalkProblem, left: WalkProblem, values: FeetValues) -> FootfallTies:
-    """Tie the cells of steps of two solved feet."""
+    """Return the ties of mean right and left places: a cell of steps each, and standings with both feet."""
     feet = list_footfalls(right, values.right), list_footfalls(left, values.left)
     cells = average_cells(*feet)
     *stands, stand_sigma = _find_stands(right, left, feet)
-    # Each footfall in one tie only.
+    # Each footfall has one tie at most: joint covariances are found by their first variable.
     free = [np.setdiff1d(np.arange(len(foot)), taken) for foot, taken in zip(feet, stands, strict=True)]
     count = np.arange(len(cells))
     nearest = [
@@ -196,16 +196,16 @@ def tie_feet(right: WalkProblem, left: WalkProblem, values: FeetValues) -> Footf
     ]
     normal = np.pad(cells.left_normal, ((0, 0), (0, 1)))
     heading = np.arctan2(-normal[:, 0], normal[:, 1])
-    # The means of larger cells are those of more steps, and of few steps those of few.
+    # Sigma of a cell's mean by how many steps it averages.
     times = np.sqrt(1.0 / cells.grown + STEPS_HALF / cells.steps)
     along, across, up = np.array([ALONG_SIGMA_M, ACROSS_SIGMA_M, UP_SIGMA_M])[:, None] * times
     weight = weigh_place(heading, along, across, up)
     in_left = np.einsum("kji,kj->ki", poses[1][: len(cells), :3, :3], normal)
-    # Of who stands the sensors themselves are near each other, and it is not known which way.
+    # In a standing the sensors themselves are close, in an unknown direction: an isotropic sigma.
     in_body = [np.concatenate([one, np.zeros((len(stand_sigma), 3))]) for one in in_body]
     near = np.array([STAND_SIGMA_M, STAND_SIGMA_M, STAND_UP_SIGMA_M])
     weight = np.concatenate([weight, np.eye(3) / (near * stand_sigma[:, None])[:, None]])
-    # Pairs that nothing ties have a weight of zero.
+    # Watched pairs, only there for their covariance, have zero weight.
     rows = [
         np.concatenate([one, np.zeros((len(of_right) - len(one), *one.shape[1:]))])
         for one in (*in_body, in_left, weight)
@@ -215,13 +215,13 @@ def tie_feet(right: WalkProblem, left: WalkProblem, values: FeetValues) -> Footf
 
 
 def _find_stands(right: WalkProblem, left: WalkProblem, feet: tuple[Footfalls, Footfalls]) -> tuple[Ints, Ints, Floats]:
-    """Find pairs of footfalls (P,) at which the person stood with both feet, and by how much their sigmas grow (P,)."""
+    """Return right and left footfalls (P,) of standings with both feet, and the factors (P,) on their sigmas."""
     spans = [_list_spans(one) for one in (right, left)]
     usual = np.median(np.concatenate([np.diff(foot.t) for foot in feet])) if min(map(len, feet)) > 1 else np.inf
     first = np.searchsorted(spans[1][1], spans[0][0])
     pairs, placed = list[tuple[int, int, float]](), list[Floats]()
     for i, j in enumerate(first):
-        # Of the left foot's footfalls at that time the one that it shares the most of.
+        # The left footfall with the longest common stance; the shorter that is, the larger the sigma.
         begin, end = (one[j : j + NEAR_FOOTFALLS] for one in spans[1])
         shared = np.minimum(spans[0][1][i], end) - np.maximum(spans[0][0][i], begin)
         if not len(shared) or shared.max() <= 0.0:
@@ -238,7 +238,7 @@ def _find_stands(right: WalkProblem, left: WalkProblem, feet: tuple[Footfalls, F
 
 
 def _watch_between(feet: tuple[Footfalls, Footfalls], *by_tie: Ints) -> list[Ints]:
-    """Find pairs of footfalls, of no tie, where for long there is none."""
+    """Return untied right and left footfalls, where no tie is within `WATCHED_S`: their covariance is reported."""
     right, left = feet
     cell_t = np.concatenate([[-np.inf], np.sort(left.t[by_tie[1]]), [np.inf]])
     moment = np.arange(max(right.t[0], left.t[0]), min(right.t[-1], left.t[-1]), WATCHED_S)
@@ -251,7 +251,7 @@ def _watch_between(feet: tuple[Footfalls, Footfalls], *by_tie: Ints) -> list[Int
 
 
 def find_beyond_reach(right: WalkProblem, left: WalkProblem, values: FeetValues, known: ReachFactors) -> ReachFactors:
-    """Add to known pairs those of footfalls at about one time that are beyond reach."""
+    """Return `known` with further pairs of near-simultaneous footfalls that violate the reach of a step."""
     # The pairs of footfalls between which both feet were in the air for a moment, or for none.
     (begin, end), (begin_left, end_left) = (_list_spans(problem) for problem in (right, left))
     first = np.searchsorted(end_left, begin - MAX_FLIGHT_S)
@@ -412,7 +412,7 @@ def align_feet(right: WalkProblem, left: WalkProblem) -> tuple[WalkProblem, Feet
 
 
 def _smooth_turn(at: Floats, turn: Complexes, t: Floats) -> Floats:
-    """Turn (M,) rad at times t (M,), a mean of the turns (S,), weighted exp(i turn), at times (S,) around."""
+    """Return the smoothed turn (M,) rad at times t (M,) s: moving mean of phasors `turn` (S,), weight exp(i angle)."""
     if not len(at):
         return np.zeros(len(t))
     middle = np.arange(t[0], t[-1] + SMOOTH_S, 0.5 * SMOOTH_S)
@@ -424,7 +424,7 @@ def _smooth_turn(at: Floats, turn: Complexes, t: Floats) -> Floats:
 
 
 def order_variables(problem: FeetProblem) -> Keys:
-    """Keys of all variables in the order in which they are eliminated.
+    """Return the keys of all variables in elimination order, chosen for small fronts.
 
     First the chain of each foot alone, then the tied footfalls, the newest of them first, and what many join.
     """
@@ -519,11 +519,10 @@ def _list_tied_keys(ties: FootfallTies) -> Keys:
 
 
 def _take_covariances(solved: SolvedFeet, shared: Floats) -> tuple[tuple[Floats, Floats], Floats]:
-    """Covariances (K, 6, 6) of the tables of the right and of the left foot, and (C, 4, 4) of what they differ by.
+    """Return table covariances (K, 6, 6) of right and left, and (C, 4, 4) of right less left pose (4) at ties.
 
-    `shared` (N, n) has by how much both are moved by numbers of unit covariance that the triangle does not hold. One
-    pass along it finds all: of a pose that is tied, and eliminated before the other one, the joint covariance with
-    that, of all else that with itself.
+    `shared` S (N, n): S S^T is the covariance of errors that all strides share, outside the triangle. One pass along it
+    finds all: of a tied pose that is eliminated before the other one the joint covariance of both, of all else its own.
     """
     root, ties = solved.minimum.root, solved.problem.ties
     right, left = (list_table_keys(one.nodes) for one in (solved.problem.right, solved.problem.left))
@@ -544,7 +543,7 @@ def _take_covariances(solved: SolvedFeet, shared: Floats) -> tuple[tuple[Floats,
 
 
 def _subtract_left(solved: SolvedFeet, joint: Floats) -> Floats:
-    """Covariance (C, 4, 4) of the right foot's errors less the left one's, from that (C, 12, 12) of both poses."""
+    """Return the covariance (C, 4, 4) of right less left errors, from the joint one (C, 12, 12) of both poses."""
     ties = solved.problem.ties
     of_right, of_left = (
         pose_in_nav(list_attitudes(node, one.values))

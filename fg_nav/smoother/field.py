@@ -124,7 +124,7 @@ class FieldSolution:
 
 
 def sample_field(problem: WalkProblem, field: FootfallField, track: Trajectory) -> FieldWalk:
-    """Sample the field along a walk, whose values are near its minimum without it; `track` is their trajectory."""
+    """Return the walk with the field integrated along its path `track`, and an unknown heading set by the field."""
     path = integrate_field(problem, field, track)
     nav_R_body = list_attitudes(problem.nodes.result, problem.values)
     values = remove_drift(problem.values, problem.nodes, rotate_field(field, nav_R_body), field.t)
@@ -140,7 +140,7 @@ def sample_field(problem: WalkProblem, field: FootfallField, track: Trajectory) 
 
 
 def solve_with_field(walk: FieldWalk) -> FieldSolution:
-    """Smooth a walk with its field, in rounds."""
+    """Smooth a walk with its field, in rounds: compass sigmas, verdicts and roughness from the walk of the last."""
     problem, field, path, noise_notes = walk.problem, walk.field, walk.path, tuple[str, ...]()
     p = problem.parameters.magnetic
     # The first round, without the heading: it finds the direction in which the field is expected.
@@ -185,7 +185,7 @@ def solve_with_field(walk: FieldWalk) -> FieldSolution:
 
 
 def measure_drift(nav_field: Floats, t: Floats) -> Floats:
-    """Return by how much the heading drifts (F,) rad, counter-clockwise, by the field (F, 3) uT; NaN rows are not seen.
+    """Return the heading drift (F,) rad, counter-clockwise, from the nav-frame field (F, 3) uT; NaN rows are skipped.
 
     `t` (F,) s of the footfalls. Zero where there are fewer than two windows.
     """
@@ -193,13 +193,13 @@ def measure_drift(nav_field: Floats, t: Floats) -> Floats:
     if len(nav_field) < 2 * window:
         return np.zeros(len(nav_field))
     level, since = np.nan_to_num(nav_field[:, 0] + 1j * nav_field[:, 1]), t - t[0]
-    # The rate of a constant bias.
+    # Drift rate of a constant bias: the peak of the spectrum of the level field, with its prior.
     spread = np.abs(level).mean()
     count = min(MAX_RATES, 3 + 2 * int(8.0 * RATE_SIGMA_RAD_S * since[-1]))
     rates = np.linspace(-4.0, 4.0, count) * RATE_SIGMA_RAD_S
     shown = np.array([np.abs((level * np.exp(-1j * rate * since)).sum()) for rate in rates]) / spread
     rate = rates[np.argmax(shown - 0.5 * (rates / RATE_SIGMA_RAD_S) ** 2)]
-    # What is left of it, in windows.
+    # Remaining drift, by the mean field direction in moving windows.
     total = np.append(0.0, np.cumsum(level * np.exp(-1j * rate * since)))
     middle = np.arange(window // 2, len(level) - window // 2 + 1)
     angle = np.unwrap(np.angle(total[middle + window // 2] - total[middle - window // 2]))
@@ -261,7 +261,7 @@ def compare_field(
     states: Floats | None,
     p: FieldParameters,
 ) -> FieldResiduals:
-    """Compare the field along the walk with its mean; `states` (F, 9) of the last round, None before the first."""
+    """Return gate verdicts, sigmas (uT), roughness and reference field; `states` (F, 9) of the last round."""
     nav_R_body = list_attitudes(problem.nodes.result, values)
     nav_field = rotate_field(field, nav_R_body)
     seen = np.isfinite(nav_field[:, 0])

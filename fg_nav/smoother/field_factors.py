@@ -133,15 +133,15 @@ def deviate_along(nav_field: Floats, reference: Floats) -> Floats:
 
 
 def measure_roughness(deviation: Floats, seen: Bools, distance_m: Floats) -> FieldRoughness:
-    """Measure the roughness of a walk's field.
+    """Return sigmas and correlation lengths of the field's deviations along the walk.
 
     Parameters
     ----------
-    deviation : (F,) uT along the mean field: that across it, which turns the compass, is alike, but a heading hides it.
+    deviation : (F,) uT along the mean field. That across it has the same sigma, but heading errors would hide it.
     seen : (F,) footfalls with a field.
     distance_m : (F-1,) from footfall to footfall.
     """
-    # Deviations without their outliers, zero where they are not seen.
+    # Winsorized deviations, zero where the field is missing.
     x, variance = np.where(seen, deviation, 0.0), MIN_SIGMA_UT**2
     if seen.any():
         limit = CLIP_SIGMAS * max(robust_sigma(x[seen]), MIN_SIGMA_UT)
@@ -157,7 +157,7 @@ def measure_roughness(deviation: Floats, seen: Bools, distance_m: Floats) -> Fie
 
 
 def _fit_covariance(x: Floats, variance: float, seen: Bools, distance_m: Floats) -> tuple[Roughness, Roughness]:
-    """Fit what of the variance of deviations (F,) is alike along the path for metres, and in regions."""
+    """Fit the autocovariance of deviations x (F,) uT by two exponentials; return the local and the regional one."""
     walked, count, apart, alike = np.append(0.0, np.cumsum(distance_m)), [], [], []
     for lag in LAGS:
         between = walked[lag:] - walked[:-lag]
@@ -167,11 +167,11 @@ def _fit_covariance(x: Floats, variance: float, seen: Bools, distance_m: Floats)
             apart.append(float(between[pair].mean()))
             alike.append(float(np.mean(x[lag:][pair] * x[:-lag][pair])))
     d = np.array(apart)
-    # Pairs that overlap show one covariance: their number falls with the distance.
+    # Overlapping pairs are not independent: their effective number falls with the lag.
     n = np.array(count) / (1.0 + d / INDEPENDENT_M) + ASSUMED_PAIRS
     assumed = ASSUMED_SHARE * np.exp(-d / ASSUMED_LENGTH_M) + REGIONAL_SHARE * np.exp(-d / REGIONAL_LENGTH_M)
     c = np.array(alike) + ASSUMED_PAIRS / n * (assumed * variance - np.array(alike))
-    # Least squares of two shares that are none below zero: both, or either alone.
+    # Non-negative least squares of the two variances: both, or either alone.
     fits = []
     for length_m in LENGTHS_M:
         shares = np.stack([np.exp(-d / length_m), np.exp(-d / REGIONAL_LENGTH_M)], axis=1)

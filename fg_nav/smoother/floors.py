@@ -99,7 +99,7 @@ def find_floors(
     level &= tilt_sigma < TILT_M
     unseen = np.zeros(len(level), dtype=np.bool_) if unseen is None else unseen
     level &= ~unseen
-    # What is climbed between footfalls that no level stride joins.
+    # Net climb between footfalls that no level stride joins.
     off = np.where(level, 0.0, np.where(unseen, FORGOTTEN, 1.0))
     strides = np.append(0.0, np.cumsum(off))
     height = np.append(0.0, np.cumsum(off * (step[:, 2] - ground.drift)))
@@ -115,8 +115,8 @@ def find_floors(
 
 
 def judge_ground(step: Floats, drift_sigma_m: float) -> Ground:
-    """Estimate the ground under strides `step` (K, 3) m, with c known to this sigma before."""
-    # A foot that is only set down anew climbs by how it is set down, and shows nothing.
+    """Return P(level) of each stride, c and noise, by a hidden Markov model; `step` (K, 3) m, prior sigma of c in m."""
+    # Steps on the spot are not counted: their climb is that of setting the foot down.
     length = np.hypot(*step.T[:2])
     strides = length > MIN_STRIDE_M
     q = np.clip(length / max(float(np.median(length[strides])) if strides.any() else 1.0, MIN_STRIDE_M), *LENGTHS)
@@ -156,9 +156,9 @@ def _prior_of_drift(drift_sigma_m: float) -> Floats:
 
 
 def find_riser(climb: Floats, length: Floats, drift_sigma_m: float) -> tuple[float, float]:
-    """Riser of the stairs of a walk and noise of a climb, m, by climbs (K,) m: those with the largest evidence.
+    """Return riser of the stairs and noise of a climb, m, of largest evidence, from climbs (K,) m.
 
-    `length` (K,) is that of the strides over the usual one. They count one by one, as a mixture of level ground, stairs
+    `length` (K,) is stride length over the usual one. Strides are independent here, a mixture of level ground, stairs
     and steps; at most `PILOT` of them, evenly over the walk. The noise is that of what climbs are off the lattice.
     """
     some = np.linspace(0, len(climb) - 1, min(len(climb), PILOT)).astype(int)
@@ -176,7 +176,7 @@ def find_riser(climb: Floats, length: Floats, drift_sigma_m: float) -> tuple[flo
             if evidence > best[0]:
                 best = evidence, float(riser), float(noise), float(drifts[int(np.argmax(log_of_drift))])
     _, riser, noise, drift = best
-    # What is left of the strides on the lattice.
+    # Residual of each climb from the nearest multiple of the riser.
     lattice, left = np.append(0.0, FLIGHT * riser), climb - length * drift
     left = left - lattice[np.abs(left[:, None] - lattice).argmin(axis=1)]
     return riser, estimate_noise(left[np.abs(left) < 4.0 * noise])
@@ -186,7 +186,7 @@ def find_riser(climb: Floats, length: Floats, drift_sigma_m: float) -> tuple[flo
 def _pass_forth(
     climb: Floats, expected: Floats, share: Floats, noise: float, drift: Floats, length: Floats
 ) -> tuple[Floats, Floats]:
-    """Probability (K, C) of level ground under each stride by what was seen so far, and of what is seen next."""
+    """Forward pass: filtered P(level) (K, C) by stride and c, and likelihood (K, C) of each climb given the past."""
     count, drifts, grounds = len(climb), len(drift), len(share)
     level, total = np.empty((count, drifts)), np.empty((count, drifts))
     seen, likely = np.empty((grounds, drifts)), np.empty((grounds, drifts))
@@ -213,7 +213,7 @@ def _pass_forth(
 def _pass_back(
     climb: Floats, expected: Floats, share: Floats, noise: float, total: Floats, drift: Floats, length: Floats
 ) -> Floats:
-    """By how much (K, C) what is seen after each stride makes level ground under it more probable."""
+    """Backward pass: factor (K, C) by which later strides change the filtered P(level) of each stride."""
     count, drifts, grounds = len(climb), len(drift), len(share)
     more, after, likely = np.empty((count, drifts)), np.ones((grounds, drifts)), np.empty((grounds, drifts))
     mean = np.empty(drifts)
@@ -270,7 +270,7 @@ def estimate_noise(climb: Floats) -> float:
 
 
 def _recognize(at: int, left: list[int], strides: Floats, height: Floats, ground: Ground) -> int:
-    """Floor on which footfall `at` is, of those left at footfalls `left`, or the next number."""
+    """Return the floor of footfall `at`: the number of that left at footfall `left[k]`, or a new one."""
     if not left:
         return 0
     between = strides[at] - strides[left]

@@ -44,7 +44,7 @@ MAX_HALVINGS = 6
 
 
 def stack_factors(factors: Iterable[gtsam.GaussianFactor]) -> list[Stack]:
-    """Stack linear factors of gtsam, those alike together, `MAX_STACKED` at most."""
+    """Stack gtsam's linear factors of equal shape into arrays of `MAX_STACKED` at most."""
     # Keys one behind the other, as thousands of small lists start the garbage collector.
     piles: dict[tuple[int, ...], tuple[list[int], list[Floats]]] = {}
     stacks = []
@@ -223,7 +223,7 @@ def find_minimum(
         linearized_at, stacks = values, system.stack(values)
         root, left = LinearWalk.of(stacks, keys).eliminate()
         promised = left.error + system.excess(values)
-        # The step, halved as often as it takes not to raise the error.
+        # Step, halved until the error no longer rises (backtracking).
         step, before = root.step, error
         for _ in range(MAX_HALVINGS):
             moved = system.move(linearized_at, root.split(step))

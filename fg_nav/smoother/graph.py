@@ -164,7 +164,7 @@ class WalkProblem:
 
     @property
     def blocks(self) -> tuple[LinearizableBlock, ...]:
-        """What is linearized next to the graph."""
+        """Return the blocks of Python factors, which are linearized beside the gtsam graph."""
         blocks: list[LinearizableBlock] = [self.velocities, GtsamFactors(self.start.factor(self.parameters))]
         if self.field is not None:
             blocks += self.field.blocks
@@ -212,7 +212,7 @@ def solve_and_keep(problem: WalkProblem, convergence: float) -> Solved:
 
 
 def order_variables(problem: WalkProblem) -> Keys:
-    """Keys of all variables in the order in which they are eliminated."""
+    """Return the keys of all variables in elimination order, chosen for small fronts."""
     keys = problem.time_order
     if problem.places is None:
         return keys
@@ -232,7 +232,7 @@ def build_problem(
     heading_known: bool = True,
     progress: Callable[[float], None] | None = None,
 ) -> WalkProblem:
-    """Turn a walk that starts in this attitude (3, 3) into nodes, factors and initial values."""
+    """Build nodes, inertial and stance factors and initial values; `nav_R_body` (3, 3) is the attitude at the start."""
     nodes = place_nodes(recording, stances, p)
     bias = gtsam.imuBias.ConstantBias(np.zeros(3), known.gyro_bias)
     measurements = preintegrate(recording, nodes.sample, bias, p, progress)
@@ -258,7 +258,7 @@ def build_problem(
 def initial_values(
     recording: Recording, stances: Stances, nodes: Nodes, nav_R_body: Floats, gyro_bias: Floats, gravity: float
 ) -> gtsam.Values:
-    """Values of all variables; `nav_R_body` (3, 3) is the attitude at the first node."""
+    """Return initial values by dead reckoning, velocity zeroed at each node; `nav_R_body` (3, 3) at the first."""
     unseen = find_unseen_walks(recording, nodes.sample)
     position, attitude = _stop_and_go(
         unseen.unseen,
@@ -314,7 +314,7 @@ def _stop_and_go(
     gyro_bias: Floats,
     gravity: float,
 ) -> tuple[Floats, Floats]:
-    """Position (M, 3) and attitude (M, 3, 3) at the nodes."""
+    """Return position (M, 3) m and attitude (M, 3, 3) at the nodes: strapdown from rest to rest, levelled in stance."""
     position, attitude = np.zeros((len(sample), 3)), np.empty((len(sample), 3, 3))
     velocity, acc_bias, turn, push = np.zeros(3), np.zeros(3), np.empty((3, 3)), np.empty(3)
     for row in range(3):

@@ -64,14 +64,14 @@ MIN_SHIFT_SIGMAS, MIN_CHANGE = 0.05, 0.02  # Of the bias and its sigma: below th
 
 
 def average_bias_walk(problem: WalkProblem, stacks: Sequence[Stack]) -> WalkProblem:
-    """Return the problem with the random walk of its gyro bias averaged; `stacks` are its factors, linearized."""
+    """Return the problem with its gyro-bias random walk averaged over levels by evidence; `stacks`: linear factors."""
     assumed = max(problem.parameters.gyro_bias_walk_deg_s, MIN_WALK_DEG_S)
     # The factors from one bias variable to the next.
     is_change = [one.keys.shape[1] == 2 and (one.keys >> np.uint64(LETTER_SHIFT) == ord("b")).all() for one in stacks]
     changes = list(compress(stacks, is_change))
     if not changes:
         return problem.with_note(f"gyro bias walk {assumed:.2g} deg/s/sqrt(s), as assumed")
-    # The nodes within the time of one bias, but for those where a new one begins, are eliminated without the changes.
+    # Marginalize the nodes of each bias variable once, without the random-walk factors, which vary by level.
     nodes = problem.nodes
     begins = np.flatnonzero(np.diff(nodes.bias[nodes.footfall])) + 1
     at_change = np.array([key(int(j)) for j in begins for key in (X, V)], dtype=np.uint64)
@@ -84,7 +84,7 @@ def average_bias_walk(problem: WalkProblem, stacks: Sequence[Stack]) -> WalkProb
     levels = assumed / WALK_LEVELS_DEG_S[0] * np.array(WALK_LEVELS_DEG_S)
     evidence = np.array([_minus_log_evidence(chain, changes, level / assumed) for level in levels])
     level = float(np.sqrt(average(levels**2, evidence, np.array(WALK_PRIOR))))
-    # The problem with it: the sigmas of the changes scaled.
+    # The random-walk factors with the averaged sigma.
     graph = gtsam.NonlinearFactorGraph()
     for factor in map(problem.graph.at, range(problem.graph.size())):
         if isinstance(factor, gtsam.BetweenFactorConstantBias):
@@ -102,7 +102,7 @@ def average_bias_walk(problem: WalkProblem, stacks: Sequence[Stack]) -> WalkProb
 
 
 def _minus_log_evidence(chain: LinearWalk, changes: Sequence[Stack], by: float) -> float:
-    """-log evidence of the walk, the sigmas of the gyroscope in the changes of the bias so many times as large."""
+    """Return -log evidence of the walk with the gyro-bias random-walk sigmas in `changes` multiplied by `by`."""
     scaled, noise = [], 0.0
     for keys, rows in changes:
         rows = rows.copy()
@@ -135,22 +135,22 @@ def match_mixture(mean: Floats, covariance: Floats, mu: Floats, s0: float) -> tu
     posterior changes, in multiples of what matters, the last the levels' root mean square by the evidence, rad/s.
     """
     posterior, size = np.linalg.inv(covariance), np.eye(3)
-    # What the walk shows, free of rounding where it shows nothing.
+    # Likelihood of the walk: posterior information less the prior's, negative rounding clipped.
     values, axes = np.linalg.eigh(posterior - size / s0**2)
     shown = np.where(values > MIN_SHARE / s0**2, values, 0.0)
     eta = axes.T @ (posterior @ mean - mu / s0**2)
     off = eta - shown * (axes.T @ mu)
-    # Posterior and evidence of each level, in the axes of what is shown.
+    # Posterior and evidence of each prior sigma, in the eigenvectors of the likelihood.
     variance = (s0 * np.array(SIGMA_LEVELS))[:, None] ** 2
     spread = 1.0 / (shown + 1.0 / variance)
     means = spread * (eta + (axes.T @ mu) / variance)
     minus_log = -0.5 * np.sum(off**2 * spread - np.log1p(variance * shown), axis=1)
-    # Their first two moments.
+    # Moment matching: mean and covariance of the mixture.
     centre = average(means, minus_log, np.array(SIGMA_PRIOR))
     apart = means - centre
     moments = spread[:, :, None] * size + apart[:, :, None] * apart[:, None, :]
     matched = average(moments, minus_log, np.array(SIGMA_PRIOR))
-    # The prior that makes them of what the walk shows; never wider than the widest level.
+    # Divide by the likelihood to obtain the prior; never wider than the widest level.
     information, turn = np.linalg.eigh(np.linalg.inv(matched) - np.diag(shown))
     information = np.maximum(information, 1.0 / variance[-1])
     prior = axes @ (turn / information) @ turn.T @ axes.T

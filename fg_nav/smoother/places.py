@@ -81,12 +81,12 @@ class _Piece:
 def make_place_factors(
     path: Signature, stretches: Sequence[Stretch], t: Floats, position: Floats, nav_R_body: Floats, node: Ints
 ) -> PlaceFactors:
-    """Tie the footfalls of recognized stretches.
+    """Return a tie for each cell of ground that was walked again: its mean place in the later and the earliest pass.
 
     Parameters
     ----------
-    t, position, nav_R_body : of the F footfalls; s, m.
-    node : (F,) of the footfalls.
+    t, position, nav_R_body : (F,) s, (F, 3) m and (F, 3, 3) of the footfalls, from the current solution.
+    node : (F,) result node of each footfall.
     """
     # Ground walked again: first passes that were not themselves recognized. Cells are longer where it is much.
     is_first = np.zeros(len(path), dtype=bool)
@@ -182,7 +182,7 @@ class PathUncertainty:
 
 
 def tie_places(problem: WalkProblem, solved: Solved) -> tuple[WalkProblem, Solved, tuple[Return, ...], tuple[str, ...]]:
-    """Recognize where a solved walk was before, and solve it with that; return the stretches and notes too."""
+    """Detect loop closures on a solved walk; return problem, solution with them, the returns and notes."""
     mag = problem.recording.mag
     if not problem.parameters.walk.places or mag is None:
         return problem, solved, (), ()
@@ -259,7 +259,7 @@ def keep_common(found: Sequence[Stretch], known: Sequence[Stretch]) -> tuple[Str
 
 
 def measure_uncertainty(problem: WalkProblem, solved: Solved) -> PathUncertainty:
-    """Take the uncertainty of each footfall relative to each anchor from a solved walk."""
+    """Return the uncertainty of position and heading of each footfall relative to each anchor, from the marginals."""
     nodes = problem.nodes
     joint = FootfallCovariance.of(solved, nodes, np.zeros((solved.root.total, 0)))
     body = list_covariances(joint.keys, solved.root, joint.shared)

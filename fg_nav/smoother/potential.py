@@ -73,8 +73,8 @@ class Jump:
 
 
 def free_jumps(problem: WalkProblem, solved: Solved, convergence: float = CONVERGENCE) -> tuple[WalkProblem, Solved]:
-    """Leave the line integrals out where the potential jumps, and solve again; a clean walk comes back as it is."""
-    # What was a jump at an earlier roughness has to be one at that of the walk without it.
+    """Return the walk solved without the line integrals across potential jumps; unchanged if there are none."""
+    # Test earlier jumps again: the roughness they were found at included them.
     for stride in _freed_runs(problem):
         if predict_change(problem, solved, stride) >= MIN_FALL:
             continue
@@ -118,13 +118,13 @@ def _solve_with(
 
 
 def _fall(before: tuple[WalkProblem, Solved], after: tuple[WalkProblem, Solved]) -> float:
-    """By how much twice the error falls."""
+    """Return the fall of twice the error from solution `before` to `after`."""
     errors = [WalkSystem(problem.graph, problem.blocks).error(solved.values) for problem, solved in (before, after)]
     return 2.0 * (errors[0] - errors[1])
 
 
 def compute_jump_statistic(block: ResidualBlock, solved: Solved) -> Floats:
-    """T (K,) of each row of the potential, at the minimum of the last linearization."""
+    """Return T (K,), squared residual over 1 - leverage: the fall of twice the error without that row, chi^2 of 1."""
     if not len(block):
         return np.zeros(0)
     residual, jacobians = block.evaluate(solved.linearized_at)
@@ -137,16 +137,16 @@ def compute_jump_statistic(block: ResidualBlock, solved: Solved) -> Floats:
 
 
 def predict_change(problem: WalkProblem, solved: Solved, stride: Ints) -> float:
-    """By how much twice the error changes where the integrals of these strides are left out, or come back if they were.
+    """Return the predicted change of twice the error if the line integrals of strides `stride` are toggled.
 
-    It is that of the last linearization: a fall of strides that are used, a rise of those that are not.
+    By the last linearization: the fall without integrals that are in use, the rise with those that are left out.
     """
     field = problem.field_factors
     used = np.intersect1d(stride, field.strides)
     sign, those = (-1.0, used) if len(used) else (1.0, stride)
     block = field.integrals_over(those)
     residual, jacobians = block.evaluate(solved.linearized_at)
-    # One number to each integral, by which it may be off.
+    # A free offset on each integral is equivalent to leaving it out.
     own = np.eye(len(those))
     factors = SharingFactors(np.concatenate(jacobians, axis=2), -residual, block.keys, own[:, None])
     columns, _, pull = shared_information(solved.root, [factors], len(those))
@@ -155,13 +155,13 @@ def predict_change(problem: WalkProblem, solved: Solved, stride: Ints) -> float:
 
 
 def list_jumps(problem: WalkProblem, solved: Solved) -> list[Jump]:
-    """List where the line integrals were left out, and what they miss there."""
+    """List the jumps: runs of strides without line integrals, and the change of potential (uT m) over each."""
     runs = _freed_runs(problem)
     return [Jump(int(run[0]), int(run[-1]) + 1, _size(problem, solved, run)) for run in runs]
 
 
 def _size(problem: WalkProblem, solved: Solved, stride: Ints) -> float:
-    """By how much the potential jumps over these strides, uT m."""
+    """Return the total jump of the potential over these strides, uT m: minus the residuals left out."""
     field = problem.field_factors
     left_out = np.flatnonzero(field.path.jumps)
     if not len(left_out):
@@ -214,7 +214,7 @@ def average_path_noise(problem: WalkProblem, values: gtsam.Values) -> PathNoise:
 
 
 def _eliminate_between(problem: WalkProblem, values: gtsam.Values) -> LinearWalk:
-    """Linear graph of the walk without its field, the nodes between footfalls eliminated."""
+    """Return the linearized walk without its field, nodes between footfalls marginalized."""
     blocks = replace(problem, field=None).blocks
     between = np.delete(np.arange(len(problem.nodes)), problem.nodes.result)
     nodes = np.array([key(int(j)) for j in between for key in (X, V)], dtype=np.uint64)

@@ -89,7 +89,7 @@ def preintegrate(
     p: SmootherParameters,
     progress: Callable[[float], None] | None = None,
 ) -> Iterator[Measurement]:
-    """Yield the measurement from each node to the next, for nodes at `sample` (M,), linearised at `bias`."""
+    """Yield the preintegrated measurement, or `UnseenWalk` over a gap, between nodes at `sample` (M,), at `bias`."""
     # Squared noise densities of the intervals, extra sigmas of single samples, and the intervals that have such.
     (force, rate), h = recording.integrable, np.diff(recording.t)
     off_gravity, turning = _mean_squares(recording.t, recording.acc, recording.gyr, sample, p.gravity)
@@ -133,7 +133,7 @@ def preintegrate(
 
 @njit(cache=True)
 def _mean_squares(t: Floats, acc: Floats, gyr: Floats, sample: Ints, gravity: float) -> tuple[Floats, Floats]:
-    """Mean squares (M-1,) of |f| - g and |w| over the time from each node to the next."""
+    """Return mean squares (M-1,) of |f| - g (m/s^2) and |w| (rad/s) between nodes: noise grows with them."""
     off_gravity, rate = np.zeros(len(sample) - 1), np.zeros(len(sample) - 1)
     for k in range(len(sample) - 1):
         for i in range(sample[k], sample[k + 1]):
@@ -163,7 +163,7 @@ class Compound(NamedTuple):
 def compound_samples(
     force: Floats, rate: Floats, h: Floats, sample: Ints, acc_bias: Floats, gyro_bias: Floats
 ) -> Compound:
-    """Compound samples (N, 3) held for `h` (N,) s between nodes at `sample` (M,), for these biases (3,)."""
+    """Replace each short block of samples (N, 3), held `h` (N,) s, by two with the same integrals, at these biases."""
     most = sample[-1] - sample[0]
     out = Compound(np.empty((most, 3)), np.empty((most, 3)), np.empty(most), np.zeros(len(sample), np.int64))
     state = NavState(np.empty(3), np.empty(3), np.empty((3, 3)), gyro_bias, acc_bias)
@@ -192,7 +192,7 @@ def write_sample(out: Compound, row: int, force: Floats, rate: Floats, h: float)
 
 @njit(cache=True)
 def _end_block(rate: Floats, h: Floats, first: int, last: int, gyro_bias: Floats) -> int:
-    """Sample after the last of the block that begins with `first`, at most `last`."""
+    """Return the end (exclusive) of the block from `first`: limited by turn, duration and `last`."""
     turned, elapsed, i = 0.0, 0.0, first
     while i < last:
         square = 0.0
@@ -200,7 +200,7 @@ def _end_block(rate: Floats, h: Floats, first: int, last: int, gyro_bias: Floats
             square += (rate[i, axis] - gyro_bias[axis]) ** 2
         turned += np.sqrt(square) * h[i]
         elapsed += h[i]
-        # A quarter of a sample more: the rounding of stamps, as that of the hour, decides nothing.
+        # Tolerance of a quarter of a sample: rounded stamps must not move the end of a block.
         if i > first and (turned > MAX_TURN_RAD or elapsed > MAX_S + 0.25 * h[i]):
             break
         i += 1
@@ -220,7 +220,7 @@ def _halve(
     turn: Floats,
     work: Floats,
 ) -> None:
-    """Write the two samples that stand for the block from `first` to `stop`; state, turn and work are to work in."""
+    """Write two samples that reproduce the block's attitude, velocity and position to `out`, from row `row`."""
     T, acc_bias, gyro_bias = 0.0, state.acc_bias, state.gyro_bias
     for k in range(3):
         state.position[k], state.velocity[k] = 0.0, 0.0
@@ -279,7 +279,7 @@ class UnseenWalks(NamedTuple):
 
 
 def find_unseen_walks(recording: Recording, sample: Ints, with_compass: bool = True) -> UnseenWalks:
-    """Find the intervals between nodes at `sample` (M,) in which samples are missing, and what is expected of them."""
+    """Return the intervals between nodes at `sample` (M,) with gaps, and the expected move and turn over each."""
     unseen = cross_holes(recording.t, sample)
     elapsed = np.diff(recording.t[sample])
     move = walk_for(elapsed)[:, None] * np.array([WALKING_M_S, WALKING_M_S, CLIMBING_M_S])

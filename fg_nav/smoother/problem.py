@@ -110,7 +110,7 @@ class StanceStatistics:
     velocity: Floats
 
     def refused(self) -> Bools:
-        """Which footfalls (F,) are refused."""
+        """Return whether each stance (F,) is refused: T above threshold, a local maximum, |d| beyond rolling."""
         largest = self.statistic >= maximum_filter1d(self.statistic, 2 * NEIGHBORS + 1)
         speed = np.linalg.norm(self.velocity, axis=1)
         limit = np.where(speed > SWINGS_M_S, MIN_OF_SWING, MIN_STATISTIC)
@@ -118,15 +118,15 @@ class StanceStatistics:
 
 
 def weaken_refused_stances(problem: WalkProblem, solved: Solved) -> tuple[WalkProblem, Solved]:
-    """Return a problem, solved near its minimum, with the ties weakened that the walk refuses, and its solution."""
+    """Return the problem with inflated sigmas on stances that fail their test (T too large), and its new solution."""
     refused = np.zeros(len(problem.nodes.result), dtype=np.bool_)
     for _ in range(ROUNDS):
-        # The velocity of each stance by the rest of the walk.
+        # Chi^2 and velocity of each stance, by the rest of the walk (leave-one-out).
         found = compute_stance_statistics(problem, solved)
         now = found.refused()
         if not now.any():
             break
-        # The same ties with a sigma as large as what they are off by; and solve again.
+        # Inflate their sigma to the speed found, and solve again.
         refused |= now
         off = np.where(now, np.linalg.norm(found.velocity, axis=1), 0.0)[problem.nodes.footfall]
         ties = problem.velocities.residuals
@@ -145,12 +145,12 @@ def weaken_refused_stances(problem: WalkProblem, solved: Solved) -> tuple[WalkPr
 
 
 def compute_stance_statistics(problem: WalkProblem, solved: Solved) -> StanceStatistics:
-    """Measure T and d of every footfall, at the minimum of the last linearization."""
+    """Return T = d^T F d (chi^2 of 3) and d = F^-1 H^T e (F, 3) m/s of each footfall, F as above, at the minimum."""
     nodes, block = problem.nodes, problem.velocities
     residual, jacobians = block.evaluate(solved.linearized_at)
     jacobian, root = np.concatenate(jacobians, axis=2), solved.root
     left = residuals_at_minimum(root, block.keys, residual, jacobian)
-    # H^T H and H^T e of each footfall, and what the walk explains of the first.
+    # H^T H and H^T e of each footfall; F = H^T H - H^T J P J^T H, the Schur complement on its velocity.
     H, begins = jacobians[1], nodes.first[:-1]
     seen = np.add.reduceat(np.swapaxes(H, 1, 2) @ H, begins)
     by = np.add.reduceat((np.swapaxes(H, 1, 2) @ left[..., None])[..., 0], begins)
@@ -164,7 +164,7 @@ def compute_stance_statistics(problem: WalkProblem, solved: Solved) -> StanceSta
 
 
 def _group_ties(root: SquareRoot, block: ResidualBlock, nodes: Nodes, products: Floats) -> Groups:
-    """Group the variables of ties by footfall, with J^T H (M, d, 3) of each tie; the last, settling, is in common."""
+    """Return the variables of each footfall's ties with G = J^T H (M, d, 3); S, the last, is shared by footfalls."""
     columns, begins = root.find_columns(block.keys), nodes.first[:-1]
     groups = Groups(
         np.full(root.total, -1),
@@ -188,9 +188,9 @@ class SwingNoise:
 def choose_swing_noise(
     recording: Recording, stances: Stances, known: Known, p: SmootherParameters, levels: tuple[float, ...] = LEVELS
 ) -> SwingNoise:
-    """Choose the noise of the rate in a swing from these levels, 1/sqrt(Hz), falling.
+    """Average the swing noise density of the rate over `levels`, 1/sqrt(Hz), descending, by their evidence.
 
-    The `gyr_relative_density` of `p` is kept where the walk is too short to show another.
+    The `gyr_relative_density` of `p` is kept where the walk is too short.
     """
     evidence, strides = _measure_evidence(recording, stances, known, p, levels)
     level, source = p.gyr_relative_density, ": too few strides to see it from"
@@ -202,7 +202,7 @@ def choose_swing_noise(
 def _measure_evidence(
     recording: Recording, stances: Stances, known: Known, p: SmootherParameters, levels: tuple[float, ...]
 ) -> tuple[Floats, int]:
-    """Return -log evidence (pieces, levels) of these levels of swing noise, and of how many strides it is."""
+    """Return -log evidence (pieces, levels) of the swing noise levels, and the number of strides in all pieces."""
     evidences, strides = [], 0
     for piece_recording, piece_stances in _pieces(recording, stances):
         try:
@@ -214,7 +214,7 @@ def _measure_evidence(
 
 
 def choose_peak_height(recording: Recording, stances: Stances, known: Known, p: SmootherParameters) -> float:
-    """Choose how high the clipped peaks of the rate are above the range, over what their flanks show.
+    """Return the factor on the height of rebuilt (clipped) rate peaks over what their flanks show.
 
     It is the most probable height; what the walk does not show the prior keeps at 1.
     """
@@ -224,7 +224,7 @@ def choose_peak_height(recording: Recording, stances: Stances, known: Known, p: 
     heights = np.array([1.0, *(height for height in HEIGHTS if height != 1.0)])
     raised = (recording.raise_peaks(height) for height in heights)
     evidence = [_measure_evidence(one, stances, known, p, LEVELS)[0] for one in raised]
-    # A height is out with which a piece cannot be solved, and its prior is the sigma of a rebuilt peak.
+    # A height at which a piece has no solution is out; the prior is the sigma of a rebuilt peak.
     cost = [one.sum(axis=0).min() if len(one) == len(evidence[0]) > 0 else np.inf for one in evidence]
     return float(heights[np.argmin(cost + 0.5 * ((heights - 1.0) / OFF_SHARE) ** 2)])
 
@@ -237,7 +237,7 @@ def average_level(levels: tuple[float, ...], minus_log_evidence: Floats) -> floa
 
 
 def _pieces(recording: Recording, stances: Stances) -> Iterator[tuple[Recording, Stances]]:
-    """Cut out the stretches to choose by; they do not overlap."""
+    """Yield evenly spaced pieces of the walk, without overlap, to evaluate hyperparameters on."""
     strides = stances.n_footfalls - 1
     if strides < MIN_STRIDES:
         return
@@ -250,7 +250,7 @@ def _pieces(recording: Recording, stances: Stances) -> Iterator[tuple[Recording,
 
 
 def _cut(recording: Recording, stances: Stances, first: int, last: int) -> tuple[Recording, Stances]:
-    """Footfalls `first <= k <= last` or what `MAX_PIECE_S` holds of them, and little standing at the ends."""
+    """Return recording and stances of footfalls `first <= k <= last`, `MAX_PIECE_S` at most, standings trimmed."""
     t = recording.t
     arrives, leaves = (ends[first : last + 1] for ends in stances.spans)
     begin = max(int(arrives[0]), int(np.searchsorted(t, t[leaves[0] - 1] - STANDING_S)))
@@ -271,7 +271,7 @@ def _cut(recording: Recording, stances: Stances, first: int, last: int) -> tuple
 
 
 class _Piece:
-    """The problem of a stretch, its noise free to change."""
+    """The problem of a piece of a walk, whose swing noise can be varied without a rebuild."""
 
     def __init__(self, recording: Recording, stances: Stances, known: Known, p: SmootherParameters) -> None:
         nav_R_body = find_start(recording, stances, 0.0, p.rest).nav_R_body
@@ -287,14 +287,14 @@ class _Piece:
         self._by_square = np.array([measured.preintMeasCov() for measured in seen]) - self._at_zero
 
     def measure_evidence(self, levels: Sequence[float]) -> list[float]:
-        """-log evidence of these levels of swing noise, up to a constant; linear about the minimum of the first."""
+        """Return -log evidence of each swing noise level, up to a constant, linearized at the minimum of the first."""
         graph, blocks = self._problem.graph, self._problem.blocks
         noise = map(gtsam.noiseModel.Gaussian.Covariance, self.covariances(levels[0]))
         for (i, factor), one in zip(self._inertial, noise, strict=True):
             graph.replace(i, factor.cloneWithNewNoiseModel(one))
         solved = minimize(graph, blocks, self._problem.values, self._keys)
         self._problem = replace(self._problem, values=solved.linearized_at)
-        # The last linearization without noise, which is divided by level by level.
+        # Undo the whitening of the inertial factors once; each level whitens them anew.
         inertial = next(one for one in solved.stacks if one.keys.shape[1] == INERTIAL_KEYS)
         others = [one for one in solved.stacks if one is not inertial]
         root = np.linalg.cholesky(np.linalg.inv(self.covariances(levels[0])))  # of gtsam's whitening, transposed
@@ -364,7 +364,7 @@ def estimate_swing_noise(recording: Recording, stances: Stances, p: SmootherPara
 def _estimate_known(
     recording: Recording, stances: Stances, rests: tuple[Rest, ...], p: SmootherParameters
 ) -> tuple[Recording, Known, SwingNoise]:
-    """Return the recording with clipped peaks as high as the walk shows, what is known of the walk, and its noise."""
+    """Return the recording with scaled rebuilt peaks, bias prior, lever and rests (`Known`), and the swing noise."""
     mean = np.radians(p.gyro_bias_deg_s)
     # Bias to start from, and sigma of the prior about its mean that the walk is solved with first. Where rests show a
     # bias far outside the prior the sensor was not calibrated: the prior widens to it.

@@ -61,7 +61,7 @@ def average(values: Floats, minus_log_evidence: Floats, prior: Floats | None = N
 
 
 def fit_shared(information: Floats, pull: Floats, prior: Floats) -> tuple[Floats, Floats, float]:
-    """Return s (n,), P (n, n) and log p(z | S), by L (n, n), eta (n,) and the prior S (n, n)."""
+    """Return mean s (n,), covariance P (n, n), log evidence, from information L, its vector eta and N(0, S) prior."""
     covariance = np.asarray(np.linalg.inv(information + np.linalg.inv(prior)))
     found = covariance @ pull
     occam = 0.5 * np.linalg.slogdet(np.eye(len(prior)) + prior @ information)[1]
@@ -76,15 +76,15 @@ class SharedColumns:
         self.explained = np.asarray(self._Y.T @ self._Y)  # (n, n), what the walk takes off the information C^T C.
 
     def solve(self) -> Floats:
-        """Return X (N, n): by how much each variable falls for a unit of each number."""
+        """Return X (N, n) = R^-1 Y: the walk moves by -X s if the shared numbers are s (n,)."""
         return self._root.back_substitute(self._Y)
 
     def spread(self, covariance: Floats) -> Floats:
-        """Return by how much the walk moves (N, n) by numbers of unit covariance, for the covariance (n, n) of s."""
+        """Return S (N, n): S S^T is the walk's covariance from the shared numbers, theirs being `covariance` (n, n)."""
         return np.asarray(self.solve() @ np.linalg.cholesky(covariance))
 
     def spread_untaken(self, information: Floats, pull: Floats, prior: Floats) -> Floats:
-        """Return the same for numbers that are not taken off, with the walk's information on them and the prior (n, n).
+        """Return S (N, n) as `spread`, for numbers left at zero: L, eta and prior covariance (n, n) as of `fit_shared`.
 
         Their covariance is the second moment about the solution, in which they are zero (`fit_shared`).
         """
@@ -107,20 +107,19 @@ class SharingFactors(NamedTuple):
 def shared_information(
     root: SquareRoot, parts: Iterable[SharingFactors], n: int
 ) -> tuple[SharedColumns, Floats, Floats]:
-    """Return the columns of n numbers that factors share, the walk's information L on them, and eta.
+    """Return the columns of n shared numbers, and their information L and information vector eta, walk marginalized.
 
-    L (n, n) and eta (n,) are what is left of the factors where the walk is eliminated. They come in parts, and each is
-    freed before the next.
+    L (n, n) = C^T C - Y^T Y (Schur complement), eta (n,) = C^T residual. `parts`: linear factors, freed one by one.
     """
     products, information, pull = np.zeros((root.total, n)), np.zeros((n, n)), np.zeros(n)
     for A, b, keys, C in parts:
-        # What is left of the factors at the minimum without the numbers.
+        # b less A x at the minimum without the shared numbers.
         left = -residuals_at_minimum(root, keys, -b, A)
         np.add.at(products, root.find_columns(keys), np.swapaxes(A, 1, 2) @ C)
         information += np.einsum("kri,krj->ij", C, C)
         pull += np.einsum("kri,kr->i", C, left)
         drop_pages()
-    # The walk is eliminated, and takes off what it explains.
+    # Schur complement: less the information that the walk absorbs.
     columns = SharedColumns(root, products)
     return columns, information - columns.explained, pull
 
@@ -160,7 +159,7 @@ class FootfallCovariance:
 
 
 def weigh_path(position: Floats, until: int | None = None) -> Floats:
-    """Weights (F, 4) of the length of the path through footfalls at `position` (F, 3) m, up to footfall `until`.
+    """Return the gradient (F, 4) of path length by the error of each footfall, position (F, 3) m, up to `until`.
 
     With heights of zero it is the length over the ground.
     """

@@ -92,9 +92,9 @@ def weigh_moving_foot(problem: WalkProblem, solved: Solved) -> tuple[SharedColum
 
 
 def find_motion(problem: WalkProblem, values: gtsam.Values) -> Floats:
-    """Return (a, up x a) (M, 3, 2) m/s at each node, navigation axes; zero in the first and in long stances.
+    """Return (a, up x a) (M, 3, 2) m/s at each node, nav axes, a the mean velocity of the stride over ground.
 
-    And after a stride that was not seen.
+    Zero in the first stance, in long ones, and after a gap in the samples.
     """
     nodes = problem.nodes
     t = problem.recording.t[nodes.sample[nodes.result]]
@@ -111,7 +111,7 @@ def find_motion(problem: WalkProblem, values: gtsam.Values) -> Floats:
 
 
 def extend_covariance(pose_cov: Floats, position: Floats) -> Floats:
-    """Return the covariance (4, 4) of a pose in a walk in progress, with what is not known of c.
+    """Return the covariance (4, 4) of a pose in a walk in progress, plus that of the prior on the moving foot c.
 
     `position` (3,) m from the start.
     """
@@ -160,14 +160,14 @@ class WalkScale:
     columns: SharedColumns
 
     def spread(self) -> Floats:
-        """Return by how much the walk moves (N, 3) by what is not known of the scale, alike in both halves."""
+        """Return S (N, 3): S S^T is the covariance from the scale errors left, equal in both halves."""
         moved = self.columns.solve()
         return np.asarray((moved[:, :3] + moved[:, 3:]) @ np.linalg.cholesky(self.found.second_moment))
 
 
 def estimate_gyro_scale(problem: WalkProblem, solved: Solved) -> WalkScale:
-    """Estimate the scale of the gyroscope at a solution of the walk."""
-    # The walk is eliminated, which leaves the information of the inertial factors of its halves on the scale.
+    """Return the model-averaged scale errors of the gyroscope, and their sensitivity columns, at a solution."""
+    # Marginalize the walk: information on three scale errors in each half, 6 in all.
     columns, information, pull = shared_information(solved.root, _list_inertial(problem, solved.linearized_at), 6)
     found = average_models(information, pull)
     if not found.matters:
@@ -186,9 +186,9 @@ def estimate_gyro_scale(problem: WalkProblem, solved: Solved) -> WalkScale:
 
 
 def average_models(information: Floats, pull: Floats, worse_nats: float = 0.0) -> GyroScale:
-    """Average over the three models, by the information L (6, 6) on both halves and its product eta (6,).
+    """Average scale errors over the three models, by information L (6, 6) and its vector eta (6,) of both halves.
 
-    `worse_nats` count against one scale.
+    `worse_nats` are taken off the log evidence of one scale for the whole walk.
     """
     same, own = np.kron(np.ones((2, 2)), np.eye(3)), np.eye(6)
     alike = ALIKE_SIGMA**2 * (same + MIN_OWN * own)
@@ -221,12 +221,12 @@ def _list_inertial(problem: WalkProblem, values: gtsam.Values) -> Iterator[Shari
 
 
 def spread_clipped_peaks(problem: WalkProblem, solved: Solved) -> Floats:
-    """Return by how much the walk moves (N, n) by what rebuilt peaks have in common, for n numbers of unit covariance.
+    """Return S (N, n): S S^T is the covariance of errors common to rebuilt (clipped) peaks of the rate.
 
     One number each for the peaks of an axis on one side; none where no peak was rebuilt.
     """
     peaks, gyr = problem.recording.peaks[1], problem.recording.gyr
-    # As one error of the whole peak, each sample has its share of the sigma of independent ones.
+    # A peak errs as a whole: scale the sigma of its samples, which holds for independent errors.
     alike = peaks.sigma / np.sqrt(np.maximum(peaks.run, 1.0))
     sides = [np.where(side * gyr > 0.0, alike, 0.0) for side in (1.0, -1.0)]
     clipped = np.flatnonzero(np.concatenate([side.any(axis=0) for side in sides]))
@@ -263,7 +263,7 @@ def _list_rate_biases(problem: WalkProblem, values: gtsam.Values) -> Floats:
 
 
 def sense_rate_error(t: Floats, force: Floats, rate: Floats, sample: Ints, bias: Floats, error: Floats) -> Floats:
-    """Derivative D (M-1, 9, 3) of the ends of the intervals between samples (M,) by the size of an error, axis by axis.
+    """Return D (M-1, 9, 3): end state of each interval between samples (M,), by the size of a rate error on each axis.
 
     Rows: rotation (rad), position (m), velocity (m/s), all in the body axes at the end. `bias` (M-1, 3) rad/s, `error`
     (N, 3) rad/s what the rate reads too much. The rotation acts in the middle of each sample.
@@ -285,7 +285,7 @@ def _integrate_error(
     start_R_end: Floats,
     moved: Floats,
 ) -> None:
-    """Add theta, rho and nu (M-1, 3, 3, 3) of the intervals, in the axes at their start, and turn the identities."""
+    """Integrate rotation, position and velocity errors into `moved`, start axes, and attitude into `start_R_end`."""
     turn, a, push = np.empty(3), np.empty(3), np.empty(3)
     for k in range(len(sample) - 1):
         R, theta, rho, nu = start_R_end[k], moved[k, 0], moved[k, 1], moved[k, 2]

@@ -101,7 +101,7 @@ class GtsamFactors:
 def list_in_time(
     nodes: Nodes, with_field: bool = False, floor: Ints | None = None, directions: int = 0, with_air: bool = False
 ) -> Keys:
-    """Keys in the order in which the variables are eliminated: node by node, bias and settling after their last node.
+    """Return the keys in elimination order: node by node, bias and settling after their last node.
 
     The states M of the field and P of a barometer follow the node of their footfall's result. Floors come after the
     last footfall on them, of which `floor` (F,) has the number. The `directions` of a building, which all courses join,
@@ -109,7 +109,7 @@ def list_in_time(
     """
     number, bias = np.arange(len(nodes)), nodes.bias[nodes.footfall]
     ends = np.flatnonzero(np.diff(bias, append=bias[-1] + 1))
-    # Behind which node each variable follows, and in which order there.
+    # Sort key: node that each variable follows, plus a fraction for its order there.
     parts = [("x", number, number), ("v", number, number)]
     if with_field:
         parts.append(("m", np.arange(len(nodes.result)), nodes.result))
@@ -205,7 +205,7 @@ def dimension_of(key: int) -> int:
 
 
 def marginal_covariances(tree: gtsam.GaussianBayesTree, wanted: set[int]) -> dict[int, Floats]:
-    """Covariance of each wanted key in its tangent space, from a tree eliminated by QR: one pass, parents first."""
+    """Return the marginal covariance (d, d) of each wanted key, tangent space, from a Bayes tree, parents first."""
     found: dict[int, Floats] = {}
     nothing: dict[int, tuple[int, int]] = {}  # first row of each key of a clique, and the row after its last
     stack = [(root, nothing, np.zeros((1, 1))) for root in tree.roots()]

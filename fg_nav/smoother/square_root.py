@@ -55,7 +55,7 @@ class Groups(NamedTuple):
 
 @njit(cache=True)
 def _plan_slots(parent: Ints) -> tuple[Ints, int]:
-    """Place of each front's covariance, used again when all its children are done, and how many there are."""
+    """Return the buffer slot (V,) of each front's covariance, reused after its last child, and the slot count."""
     children, slot = np.zeros(len(parent), np.int64), np.zeros(len(parent), np.int64)
     for p in parent:
         if p >= 0:
@@ -95,7 +95,7 @@ class _Above(NamedTuple):
 
 
 def spread_covariance(fronts: Fronts, wanted: Wanted, groups: Groups, forms: Floats) -> None:
-    """Write the covariances that are wanted, and the forms of groups."""
+    """Write wanted covariances to `wanted.found`, and G^T P G (F, n, n) of groups to `forms`."""
     slot, slots = _plan_slots(fronts.parent)
     widest, n = int(np.diff(fronts.begins).max(initial=0)), groups.G.shape[1]
     P, K, active = np.zeros((slots, widest, widest)), np.zeros((slots, widest, n)), np.full(slots, -1)
@@ -106,13 +106,13 @@ def spread_covariance(fronts: Fronts, wanted: Wanted, groups: Groups, forms: Flo
 
 @njit(cache=True)
 def _spread(fronts: Fronts, wanted: Wanted, groups: Groups, forms: Floats, kept: _Above, first: int, end: int) -> None:
-    """Go down along the fronts `first <= i < end`."""
+    """Propagate covariances from parent to child over fronts `first <= i < end`; `kept` holds the parents'."""
     slot, P, K, active, where = kept
     n = groups.G.shape[1]
     for i in range(first, end):
         p, here = fronts.parent[i], slot[i]
         d, columns, A = get_front(fronts, i)
-        # Places of its separator among its parent's columns.
+        # Rows of its separator in its parent's covariance.
         above = np.zeros(len(columns) - d, np.int64)
         if p >= 0:
             for k in range(fronts.begins[p], fronts.begins[p + 1]):
@@ -149,7 +149,7 @@ def _follow_group(
     cross: Floats,
     forms: Floats,
 ) -> int:
-    """Add a front to the sums of its group, where it has one, or pass on its parent's; return which group it is."""
+    """Write Cov(front, G^T x) to `cross` and update G^T P G in `forms`; return the active group, -1 for none."""
     own: int = groups.of_column[columns[0]]
     sums = cross.shape[1]
     if group >= 0 and (own == group or own < 0):
@@ -196,7 +196,7 @@ def _copy(block: Floats, to: Floats) -> None:
 
 @njit(cache=True)
 def _join(A: Floats, d: int, parent: Floats, above: Ints) -> Floats:
-    """Joint covariance of a front's own variable and its separator, at rows `above` of its parent's."""
+    """Return the joint covariance of a front's variable and separator; that is rows `above` of `parent`."""
     s = len(above)
     joint = np.zeros((d + s, d + s))
     for j in range(s):
@@ -249,14 +249,14 @@ class SquareRoot:
         return np.asarray(np.repeat(self._begins[place], size, axis=1) + within)
 
     def forward_substitute(self, C: Floats) -> Floats:
-        """Return Y (N, n) of C (N, n)."""
+        """Return Y (N, n), R^T Y = C."""
         Y, count = C.copy(), len(self._fronts.size)
         for first, end in list_parts(0, count):
             forward_substitute(self._fronts, Y, count - end, count - first)
         return Y
 
     def back_substitute(self, Y: Floats) -> Floats:
-        """Return X (N, n) of Y (N, n)."""
+        """Return X (N, n), R X = Y."""
         X = Y.copy()
         for first, end in list_parts(0, len(self._fronts.size)):
             back_substitute(self._fronts, X, first, end)
@@ -293,7 +293,7 @@ class SquareRoot:
         return {key: X[first:end] for key, first, end in rows}
 
     def quadratic_forms(self, groups: Groups) -> Floats:
-        """Return G^T P G (F, n, n) of each group."""
+        """Return G^T P G (F, n, n), the covariance of the sums G^T x, of each group."""
         forms = np.zeros((len(groups.common), groups.G.shape[1], groups.G.shape[1]))
         nothing = Wanted(np.full(self.total, -1), np.zeros((0, 1), np.int64), np.zeros((0, 1, 1)))
         spread_covariance(self._fronts, nothing, groups, forms)

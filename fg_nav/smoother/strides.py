@@ -80,7 +80,7 @@ class Nodes:
 
 
 def place_nodes(recording: Recording, stances: Stances, p: SmootherParameters) -> Nodes:
-    """Place the nodes of all stances."""
+    """Return the nodes of all stances: both ends, evenly between, the nearest on each stillest sample."""
     stillest = stances.stillest(recording.gyr)
     at = stillest[stances.footfall]
     sample, count = _list_nodes(recording.t, stances.start, stances.stop, at, p.node_spacing_s, p.shortest_interval_s)
@@ -98,7 +98,7 @@ def place_nodes(recording: Recording, stances: Stances, p: SmootherParameters) -
 def _list_nodes(
     t: Floats, start: Ints, stop: Ints, stillest: Ints, spacing: float, shortest: float
 ) -> tuple[Ints, Ints]:
-    """Nodes of all stance intervals, and how many (S,) each has."""
+    """Return node samples (M,) and their count (S,) in each stance interval; `spacing` and `shortest` in s."""
     most = 0
     for k in range(len(start)):
         most += _count_pieces(t[stop[k] - 1] - t[start[k]], spacing, shortest) + 1
@@ -120,7 +120,7 @@ def _list_nodes(
                     nearest = n
             if inside:
                 nodes[nearest] = stillest[k]
-        # Without those that follow another too closely, but never the stillest.
+        # Drop nodes that follow another within `shortest`, but never the stillest.
         kept = 1
         for n in range(1, len(nodes)):
             if t[nodes[n]] - t[nodes[kept - 1]] >= shortest:
@@ -135,7 +135,7 @@ def _list_nodes(
 
 @njit(cache=True)
 def _count_pieces(duration: float, spacing: float, shortest: float) -> int:
-    """Pieces into which the nodes of an interval cut it; none where it has one node."""
+    """Return the number of node spacings in a stance of `duration` s; zero for a single node."""
     if duration < 2 * shortest:
         return 0
     dense = min(duration, LONG_STANCE_S)
@@ -170,7 +170,7 @@ class Stride:
 def measure_velocities(
     recording: Recording, stances: Stances, nodes: Nodes, gyro_bias: Floats, lever: Floats, p: SmootherParameters
 ) -> StanceVelocity:
-    """Velocities of the stances at all nodes; `gyro_bias` (3,) rad/s is the one the lever's velocity is taken with."""
+    """Return expected velocity and sigma at each node: w x lever and settling; `gyro_bias` (3,) rad/s is off w."""
     # Rate and specific force about the nodes.
     reach = max(1, round(UNREST_REACH_S / recording.period_s))
     rate = _about_nodes(recording.gyr, stances, nodes, reach) - gyro_bias
@@ -201,7 +201,7 @@ def strides_of(
     velocities: StanceVelocity,
     rests: tuple[Rest, ...],
 ) -> Iterator[Stride]:
-    """Yield the strides of a walk in order, of its measurements and its velocities at the nodes."""
+    """Yield the strides of a walk in order; `measurements` one an interval, `velocities` (M,) of all nodes."""
     t = recording.t[nodes.sample[nodes.result]]
     begun = t[np.flatnonzero(np.diff(nodes.bias, prepend=-1))]
     # The footfall in which, or next to which, each rest lies.
@@ -236,7 +236,7 @@ def velocity_block(stride: Stride) -> ResidualBlock:
 
 
 def join_velocities(velocities: StanceVelocity, nodes: Nodes) -> ResidualBlock:
-    """Return those of all strides of a walk."""
+    """Return the stance velocities of all nodes of a walk as one block, with their keys."""
     bias = nodes.bias[nodes.footfall].tolist()
     return ResidualBlock(velocities, [(X(j), V(j), S(k)) for j, k in enumerate(bias)])
 
@@ -284,7 +284,7 @@ def add_start(
 
 
 def _about_nodes(samples: Floats, stances: Stances, nodes: Nodes, reach: int) -> Floats:
-    """Mean (M, d) of the samples (N, d) about each node, as far as its stance goes."""
+    """Return the mean (M, d) of samples (N, d) within `reach` samples of each node, inside its stance."""
     first = np.maximum(nodes.sample - reach, stances.start[nodes.interval])
     last = np.minimum(nodes.sample + reach + 1, stances.stop[nodes.interval])
     total = np.concatenate([np.zeros((1, samples.shape[1])), np.cumsum(samples, axis=0)])
