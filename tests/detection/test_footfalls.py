@@ -388,5 +388,5 @@ def test_overlapping_intervals_become_one():
     level = np.array([9, 4, 3, 4, 5, 4, 2, 4, 9, 3, 9.0])
     for limits, expected in (([4.5, 4.5, 4.0], [(1, 4), (5, 8), (9, 10)]), ([4.5, 5.5, 4.0], [(1, 8), (9, 10)])):
         found = np.empty((3, 3))
-        start, stop, _ = found[:, : ff._merge(level, np.array([2, 6, 9]), np.array(limits), found)]
+        start, stop, _ = found[:, : ff._grow_and_merge(level, np.array([2, 6, 9]), np.array(limits), found)]
         assert list(zip(start, stop, strict=True)) == expected
