@@ -165,7 +165,7 @@ def compute_allan_curve(readings: Floats, period_s: float, factors: Ints | None 
 
 
 def fit_noise(curve: AllanCurve) -> NoiseFit:
-    """Find N, B and K of a curve, from the shortest averaging time on from which the three laws fit it."""
+    """Fit white noise N, flicker B and random walk K to a curve, from the shortest averaging time at which they fit."""
     observed = curve.deviation**2
     if not observed.any():  # a reading that never changes
         nothing, none, first_s = NoisePart(0.0, 0.0, 0.0, False), curve.deviation, float(curve.tau_s[0])
@@ -240,7 +240,7 @@ class _Squares:
 
 
 def _fit_squares(whole: _Laws, parts: tuple[int, ...]) -> _Squares:
-    """Least squares on these parts, weighted by the model's own covariance, reweighted `ROUNDS` times."""
+    """Non-negative least squares of the laws `parts`, weighted by the modelled covariance, which depends on the fit."""
     chosen, value = list(parts), np.zeros(3)
     X, observed = whole.laws[:, chosen], whole.observed
     weight = 1 / np.maximum(observed, MIN_VARIANCE)
@@ -299,7 +299,7 @@ def compute_covariance_products(count: int, factors: tuple[int, ...]) -> Floats:
 
 
 def _list_lags(m: int, other: int, count: int) -> tuple[Ints, Floats]:
-    """Lags in order, and the number of lags that each represents: every one near a meeting, few in between."""
+    """Lags and quadrature weights (L,): dense where the differences of m and `other` meet, growing steps elsewhere."""
     steps, farthest = [], 2 * (m + other) + 4 * max(m, other)
     growing = EVERY_LAG * GROWTH ** np.arange(1 + np.ceil(np.log(farthest / EVERY_LAG + 1) / np.log(GROWTH)))
     away = np.unique(np.concatenate([np.arange(EVERY_LAG), np.round(growing)])).astype(np.int64)
@@ -366,7 +366,7 @@ def measure_recording_noise(recording: Recording) -> RecordingNoise:
 
 
 def find_longest_stillness(recording: Recording) -> tuple[int, int]:
-    """Find the samples `start <= i < stop` of the longest stretch at rest; 0 and 0 where nothing rests."""
+    """Return start and stop of the longest stretch at rest, start <= i < stop; 0, 0 if there is none."""
     block = max(2, round(BLOCK_S / recording.period_s))
     count = len(recording) // block
     if not count:

@@ -214,7 +214,7 @@ def calibrate_on_loop(field: FootfallField) -> tuple[Ellipse, MagnetometerCalibr
 
 
 def _fit_round(level_xy: Floats) -> Ellipse:
-    """Fit readings that go round, without a check of the sigmas."""
+    """Fit levelled readings (F, 2) uT of all headings; raises where an arc is missing, but leaves sigmas unchecked."""
     readings = select_levelled(level_xy, MIN_FOOTFALLS)
     ellipse, kept = fit_likeliest_ellipse(readings)
     # a wide arc without a reading, by the headings that are missing
@@ -234,7 +234,7 @@ def _fit_round(level_xy: Floats) -> Ellipse:
 
 
 def _compare_sides(field: FootfallField, ellipse: Ellipse) -> tuple[float, str]:
-    """Factor on the covariance by the disagreement of circles to the left and to the right, and a note on them."""
+    """Covariance inflation factor from the disagreement of left and right circles, 1 without both, and a note."""
     turn = uniform_filter1d(np.gradient(np.unwrap(field.gyro_heading)), SIDE_FOOTFALLS)
     try:
         left, right = (_fit_round(field.level_field[side, :2]) for side in (turn < 0.0, turn > 0.0))
@@ -252,7 +252,7 @@ def _compare_sides(field: FootfallField, ellipse: Ellipse) -> tuple[float, str]:
 
 
 def _check(ellipse: Ellipse) -> None:
-    """Refuse a radius that no field has, and parameters that are too uncertain."""
+    """Raise `CalibrationError` for a radius no field on Earth has, or sigmas above the limits."""
     check_strength(ellipse.radius_uT, LEVEL_FIELD_UT)
     x, y, _, tau = ellipse.sigma
     offset = max(x, y) / ellipse.radius_uT
@@ -277,7 +277,7 @@ def _note_on_eta(ellipse: Ellipse) -> tuple[str, ...]:
 
 
 def fit_likeliest_ellipse(readings: Floats) -> tuple[Ellipse, Bools]:
-    """Fit readings (F, 2) uT, all finite; returns the ellipse and which of them were kept (F,).
+    """Fit finite readings (F, 2) uT; return the ellipse and flags (F,) of the readings kept as inliers.
 
     Raises `CalibrationError` where there is no ellipse.
     """

@@ -254,7 +254,7 @@ class Coverage:
 
 
 def measure_coverage(body_field: Floats) -> Coverage:
-    """Coverage by readings (N, 3) less hard iron: soft iron is mild enough to be left in."""
+    """Coverage of the sphere by readings (N, 3) uT less hard iron, and its weakest direction; soft iron is ignored."""
     direction = body_field / np.linalg.norm(body_field, axis=1, keepdims=True)
     k = np.arange(CELLS) + 0.5
     z, angle = 1.0 - 2.0 * k / CELLS, np.pi * (1.0 + np.sqrt(5.0)) * k
@@ -294,7 +294,7 @@ def fit_constrained_quadric(readings: Floats) -> tuple[Floats, Floats]:
 def fit_trimmed_quadric(readings: Floats) -> tuple[Floats, Floats]:
     """Center (n,) and C (n, n) as by `fit_constrained_quadric`, without readings beyond `TRIM_SIGMAS` of the bulk.
 
-    A start that a few wild readings do not spoil; the fit decides on them again.
+    An initial guess robust to a few outliers; the fit judges them anew.
     """
     kept = np.ones(len(readings), dtype=np.bool_)
     for _ in range(TRIMS):
@@ -329,7 +329,7 @@ def design(x: Floats) -> tuple[Floats, Floats]:
 
 
 def find_center(quadratic: Floats, rest: Floats) -> tuple[Floats, Floats]:
-    """Center and C from the coefficients of the two halves of `design`; `CalibrationError` where there is none."""
+    """Center (n,) and C (n, n) by coefficients of a quadric, second-order and `rest`; raises if it is no ellipsoid."""
     n = len(rest) - 1
     i, j = np.triu_indices(n, k=1)
     A = np.diag(quadratic[:n])
@@ -355,7 +355,7 @@ class Fit:
 
 
 def fit_robustly(residuals: Residuals, readings: Floats, start: Floats) -> Fit:
-    """Fit parameters to readings.
+    """Fit parameters to readings by robust least squares, then by plain least squares on the inliers.
 
     Parameters
     ----------
@@ -386,7 +386,7 @@ def fit_robustly(residuals: Residuals, readings: Floats, start: Floats) -> Fit:
 
 
 def _solve(residuals: Residuals, readings: Floats, start: Floats, loss: Literal["linear", "cauchy"]) -> Floats:
-    """Least squares with this loss, scaled by the bulk of the first residuals."""
+    """Least-squares parameters (P,) with this loss, its scale the robust spread of the residuals at `start`."""
     if len(readings) <= len(start):
         raise CalibrationError(f"{len(readings)} readings do not determine {len(start)} parameters: record more.")
     first = residuals(start, readings)

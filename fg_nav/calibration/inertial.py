@@ -184,10 +184,10 @@ def average_gyroscopes(found: Sequence[GyroscopeCalibration]) -> GyroscopeCalibr
 
 
 def average_biases(biases: Floats, sigmas: Floats) -> tuple[Floats, Floats, float]:
-    """Mean (3,) of a sensor's biases (n, 3) in n recordings, its sigma (3,), and that of the next recording's bias.
+    """Mean (3,) of biases (n, 3) of n recordings, its sigma (3,), and the predictive sigma of the next one's bias.
 
-    `sigmas` (n, 3) are of each recording's own bias; the last number is the root mean square over the axes. All in
-    rad/s.
+    `sigmas` (n, 3) are those of each bias; the predictive sigma is the rms over the axes, and includes the change from
+    one recording to the next. All in rad/s.
     """
     levels = []
     for change in np.radians(CHANGES_DEG_S):
@@ -233,7 +233,7 @@ def calibrate_accelerometer(recording: Recording) -> AccelerometerCalibration | 
 
 
 def _separate_scale(unknown: AccelerometerCalibration, force: Floats) -> AccelerometerCalibration:
-    """The same with scale and bias by the sphere through `force` (n, 3) m/s^2, if it is known well enough."""
+    """Return scale and bias by the sphere through resting `force` (n, 3) m/s^2; `unknown` if too uncertain."""
     from scipy.optimize import least_squares  # slow to load, and a walk has no use for it
 
     g = GRAVITY_M_S2
@@ -292,7 +292,7 @@ def average_out_error(recording: Recording, stances: Stances) -> Recording:
 
 
 def _read_sizes(recording: Recording, stances: Stances) -> tuple[Floats, Floats, Floats]:
-    """||f|| - g (K,) m/s^2 of rests and strides, its derivative (K, 3) by the bias, and its covariance (K, K)."""
+    """Residuals ||f|| - g (K,) m/s^2 of rests and strides, their Jacobian (K, 3) by the bias, and covariance (K, K)."""
     # rests
     rests = find_rests(recording)
     rests = rests[:: -(-len(rests) // MAX_READINGS)] if rests else ()

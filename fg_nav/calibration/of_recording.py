@@ -150,7 +150,7 @@ def _read_part(path: Path, content: Mapping[str, Any], name: str, kind: type[Par
 
 
 def _is_possible_magnetometer(part: MagnetometerCalibration) -> bool:
-    """Whether hard iron and gain are those of a sensor, and the covariance is one."""
+    """Whether hard iron and gain are within a sensor's limits, and the covariance has valid correlations."""
     gain, covariance = np.linalg.eigvalsh(part.correction), part.covariance
     if gain.min() < 1 / MAX_GAIN or gain.max() > MAX_GAIN or np.abs(part.hard_iron_uT).max() > MAX_HARD_IRON_UT:
         return False
@@ -267,7 +267,7 @@ def _walks(recording: Recording) -> bool:
 def _calibrate_magnetometer(
     recording: Recording, others: Calibration, method: str | None, strength_uT: float | None, axes: MagAxes | None
 ) -> CalibrationResult:
-    """Add the magnetometer to the other sensors' calibration."""
+    """Return the calibration `others` with the magnetometer added, the method, why, and its effect."""
     name, choice = _choose_method(recording, method)
     if strength_uT is not None and name in ON_FOOT:
         raise CalibrationError(
@@ -311,7 +311,7 @@ def check_method(method: str) -> None:
 
 
 def _choose_method(recording: Recording, method: str | None) -> tuple[str, str]:
-    """Name of the method, and why."""
+    """Return the name of the method, by attitude coverage if None, and the reason as a phrase."""
     if recording.mag is None:
         raise CalibrationError("the recording has no magnetometer to calibrate: record it with one, or lying still.")
     if method is not None:

@@ -176,7 +176,7 @@ def _check_bending(fit: IronFit) -> None:
 
 
 def _measure_gain(walk: StrideModel, fit: IronFit) -> float:
-    """Squared sigmas by which the iron of the other blocks explains a block better than none, all together."""
+    """Cross-validated gain: chi squared of each block without iron less that with the other blocks' iron, summed."""
     last, iron = fit.linearization, np.arange(walk.unknowns) < IRON.stop
     information, score = last.information, last.score
     none = WITHOUT_IRON - fit.unknowns[IRON]
@@ -200,14 +200,14 @@ def _cut_blocks(walk: StrideModel) -> list[Bools]:
 
 
 def _spread_blocks(walk: StrideModel, fit: IronFit) -> Spread:
-    """Spread before, and after a calibration on the other blocks of the walk: one step from that on all of them."""
+    """Compass spread, deg, before and after cross-validation: each block corrected by one Newton step without it."""
     last = fit.linearization
     information, score = last.information, last.score
     reading = walk.strides.reading[:, 0]
     corrected = np.empty_like(reading)
     for held in _cut_blocks(walk):
         others = information[~held].sum(axis=0) + last.prior
-        # at the solution the scores of all strides and the prior add up to zero
+        # at the solution all scores and the prior sum to zero: leaving a block out leaves minus its score
         at = fit.unknowns - np.linalg.solve(others, score[held].sum(axis=0))
         corrected[held] = replace(fit, unknowns=at).correct(reading[held])
     # compass minus inertial heading about the line in time with the least circular sd
@@ -223,7 +223,7 @@ def _spread_blocks(walk: StrideModel, fit: IronFit) -> Spread:
 
 
 def _build_calibration(fit: IronFit, walk: StrideModel, spread: Spread | None) -> MagnetometerCalibration:
-    """C and its covariance from S, with remarks."""
+    """Return the calibration: C and its covariance from S, and remarks, on `spread` too unless None."""
     spreads = []
     if spread is not None:
         spreads.append(

@@ -143,7 +143,7 @@ class IronFit:
 
 
 def fit_iron(walk: StrideModel) -> IronFit:
-    """Estimate the iron, from none on, with its covariance."""
+    """Estimate the iron, with all other unknowns, by robust Gauss-Newton from zero, and its sandwich covariance."""
     at, spread = start_unknowns(walk), START_UT**2 * np.stack([np.eye(PHASES)] * 3)
     prior, rest = prior_precision(walk), np.zeros(walk.unknowns)
     rest[IRON] = WITHOUT_IRON
@@ -169,16 +169,16 @@ def level_sum(up: Floats, vertical_uT: float) -> Floats:
 
 
 def compute_covariance(walk: StrideModel, fit: Linearization) -> Floats:
-    """Covariance of all unknowns (U, U)."""
+    """Sandwich covariance (U, U) of all unknowns: strides passing one place are not independent."""
     information = fit.information
     bread = np.linalg.inv(information.sum(axis=0) + fit.prior)
     size = float((whiten(fit.whitening, fit.residual) ** 2).mean())
     within = size * np.einsum("k,kij->ij", fit.weight, information)
-    # share of d, in squares, that is the building's
+    # share of the variance of d that is the building's field, repeated wherever the walk returns
     square = float((fit.residual**2).mean())
     share = 1.0 - READING_UT**2 / max(square, READING_UT**2)
     between = share * _sum_over_places(walk, fit)
-    # it may only add uncertainty
+    # project to positive semidefinite: correlation may only add uncertainty
     value, axes = np.linalg.eigh(between)
     between = (axes * np.maximum(value, 0.0)) @ axes.T
     # independent fields of three components, and those left by the unknowns: all but e and the delay
@@ -192,7 +192,7 @@ def compute_covariance(walk: StrideModel, fit: Linearization) -> Floats:
 
 
 def _sum_over_places(walk: StrideModel, fit: Linearization) -> Floats:
-    """M between strides (U, U), for a field that is all the building's."""
+    """Cross-stride part (U, U) of M, the covariance of the score, if all of d were the building's field."""
     sigma = (fit.residual**2).mean(axis=0)
     sigma[:, :2] = sigma[:, :2].mean(axis=1, keepdims=True)
     sigma = np.sqrt(sigma)

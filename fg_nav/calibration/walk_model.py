@@ -181,7 +181,7 @@ class StrideModel:
 
     @classmethod
     def of(cls, strides: StrideReadings) -> StrideModel:
-        """With knots from the first stride, where the drift is zero, to the last."""
+        """Return the model with drift linear between knots, zero at the first stride."""
         if len(strides) < 2:
             return cls(strides, np.empty((len(strides), 0)), np.empty((0, 0)))
         t = strides.start_s - strides.start_s[0]
@@ -198,7 +198,7 @@ class StrideModel:
 
 
 def prior_precision(walk: StrideModel) -> Floats:
-    """Prior precision of all unknowns; none of b. Off its diagonal S has sigma / sqrt(2), alike in all directions."""
+    """Prior precision (U, U), zero for b. Off-diagonal S has sigma / sqrt(2), which makes the prior isotropic."""
     soft = np.where(UPPER[0] == UPPER[1], 1.0, 0.5) * SOFT_IRON_SIGMA**2
     precision = np.zeros((walk.unknowns,) * 2)
     precision[IRON, IRON] = np.diag(1 / np.concatenate([np.full(3, HARD_IRON_SIGMA_UT**2), soft]))
@@ -220,7 +220,7 @@ def start_unknowns(walk: StrideModel) -> Floats:
 
 
 def linearize(walk: StrideModel, at: Floats) -> tuple[Floats, Floats]:
-    """Residual d (S, P, 3) uT, nav, and the derivative (S, P, 3, U) of the model by the unknowns."""
+    """Residual d (S, P, 3) uT in nav, and Jacobian (S, P, 3, U) by the unknowns, at `at` (U,)."""
     R, rate = walk.strides.motion_before(float(at[DELAY]))
     R = R @ Rotation.from_rotvec(PHASE_SHARES @ at[COMMON].reshape(-1, 3)).as_matrix()
     soft, delta = matrix_of(at[3:9]), walk.knots @ at[DRIFT:]
@@ -250,7 +250,7 @@ def linearize(walk: StrideModel, at: Floats) -> tuple[Floats, Floats]:
 def learn_spread(walk: StrideModel, residual: Floats, weight: Floats) -> Floats:
     """Covariance (3, P, P) of d over the phases of a stride, the same for both axes over the ground.
 
-    Few strides determine few of its numbers: it is shrunk toward a field that is correlated over `FIELD_LENGTH_M`.
+    Shrunk toward the covariance of a field correlated over `FIELD_LENGTH_M`, for few strides determine it poorly.
     """
     pulled = residual * np.sqrt(weight)[:, None, None]
     square = np.einsum("kpa,kqa->apq", pulled, pulled) / len(residual)

@@ -105,7 +105,7 @@ def align_clocks(first: Recording, first_stances: Stances, second: Recording, se
 
 
 def match_swings(a: Swings, b: Swings) -> ClockOffset:
-    """Find what is to be added to the times of b so that the feet swing in turn; raises as `align_clocks`."""
+    """Find the offset, s, to add to the times of b for which the feet swing alternately; raises as `align_clocks`."""
     if min(len(a.middle), len(b.middle)) < MIN_SWINGS:
         return ClockOffset(0.0)
     a = replace(a, middle=a.middle[:MAX_SWINGS])
@@ -161,18 +161,18 @@ class _Found:
 
 
 def _search(a: Swings, b: Swings, tau: Floats, prior: float) -> _Found:
-    """Find the best of offsets (T,) s, evenly spaced, and of rates, of a prior in nats."""
+    """Maximize likelihood plus `prior` (T,) nats over offsets `tau` (T,) s, evenly spaced, and over clock drift."""
     match, spacing = _Match.of(a, b, tau), tau[1] - tau[0]
     span = match.t[-1] - match.t[0]
     rates, nats = np.zeros(1), match.weigh(0.0)[None]
-    # rates, where a common clock does not fit
+    # search drift only if no constant offset fits
     if nats.max() < -SHARE * FITTING * len(match.t):
         count = int(0.5 * MAX_DRIFT * span / (2.0 * spacing))
         rates = np.append(rates, np.delete(np.linspace(-MAX_DRIFT, MAX_DRIFT, 2 * count + 1), count))
         nats = np.stack([nats[0], *(match.weigh(rate) - DRIFT_NATS for rate in rates[1:])])
     nats += prior
     row, best = np.unravel_index(np.argmax(nats), nats.shape)
-    # the mean offset of that cycle; who limps does not show it: in the mean nobody does
+    # posterior mean within that gait cycle, without the limp, which is indistinguishable from an offset
     evenly = match.weigh(rates[row], limps=False)
     near = np.abs(tau - tau[best]) < 0.5 * match.cycle
     weight = np.exp(evenly[near] - evenly[near].max())
@@ -197,7 +197,7 @@ class _Match:
 
     @classmethod
     def of(cls, a: Swings, b: Swings, tau: Floats) -> _Match:
-        """Compare the strides of the first foot, from middle to middle of its swings, with the second foot's swings."""
+        """Match the second foot's swings to strides (mid-swing to mid-swing) of the first, at each offset `tau`."""
         begin, end = (one[:, None] for one in (a.middle[:-1], a.middle[1:]))
         walks = end - begin < find_longest_stride(a.middle)
         hidden, unseen = b.hides(begin - tau, end - tau), a.hides(begin, end)
@@ -223,7 +223,7 @@ class _Match:
         return cls(tau, 0.5 * (begin + end)[:, 0], phase, np.where(unseen, 0.0, rest), float(np.median(end - begin)))
 
     def weigh(self, drift: float, limps: bool = True) -> Floats:
-        """L (T,) of offsets in the middle of the walk, nats, where one clock runs faster by a share of time."""
+        """Log likelihood (T,) nats of the offset at mid-walk, at relative clock `drift`; `limps`: estimate a limp."""
         phase, rest = self.phase, self.rest
         if drift:
             late = drift * (self.t - 0.5 * (self.t[0] + self.t[-1])) / (self.tau[1] - self.tau[0])
@@ -241,7 +241,7 @@ class _Match:
 
 
 def list_swings(recording: Recording, stances: Stances) -> Swings:
-    """List the swings between footfalls, and how the foot turned about up from stance to stance."""
+    """Return the times of swings and stances, heading change between stances, and unrecorded spans."""
     t = recording.t
     arrives, leaves = stances.spans
     begin, end = t[leaves[:-1] - 1], t[arrives[1:]]

@@ -78,7 +78,7 @@ class FeetSolution:
 
 
 def trace_person(right: Solution, left: Solution, cell_t: Floats, apart_cov: Floats) -> PersonPath:
-    """Trace the middle of two feet.
+    """Return the path of the point midway between two feet, with pose covariance at its footfalls.
 
     `apart_cov` (C, 4, 4) is the covariance of the right foot's errors less those of the left one, at times (C,) s, in
     any order.
@@ -115,7 +115,7 @@ def find_pose_cov(table: StanceTable) -> Floats:
 
 
 def _carry_on(t: Floats, foot: Solution, other: Solution) -> Floats:
-    """Places (N, 3) of a foot at times (N,); where it did not record, as far from the other one as next to it."""
+    """Positions (N, 3) m of a foot at `t` (N,) s; unrecorded spans: other foot plus interpolated offset."""
     place = _interpolate(t, foot.t, foot.position)
     for begin, end in list_unrecorded(foot.t):
         inside = (t > begin) & (t < end)

@@ -84,7 +84,7 @@ class InterleavedSteps:
 
 
 def find_steps(foot: Footfalls, other: Footfalls) -> InterleavedSteps:
-    """Find the footfalls of a foot that are one step between two of the other."""
+    """Find the footfalls of a foot that lie, as a single step, between two successive ones of the other."""
     before = np.searchsorted(other.t, foot.t) - 1
     at = np.flatnonzero((before >= 0) & (before < len(other) - 1))
     # no other footfall of this foot in that stride
@@ -135,7 +135,7 @@ class Cells:
 
 
 def average_cells(right: Footfalls, left: Footfalls) -> Cells:
-    """Average the steps of a walk over cells, in order of time."""
+    """Average interleaved steps of both feet over cells of the walk; return the cells in order of time."""
     of_right, of_left = find_steps(right, left), find_steps(left, right)
     # way walked to each footfall of the left foot, and turns taken, in cells
     move = np.diff(left.position[:, :2], axis=0, prepend=left.position[:1, :2])
@@ -184,10 +184,9 @@ def average_cells(right: Footfalls, left: Footfalls) -> Cells:
 
 
 def measure_turns(right: Footfalls, left: Footfalls) -> tuple[Floats, Complexes]:
-    """Times (S,) s of steps, and by how much the right foot's directions are turned from the left one's there (S,).
+    """Times (S,) s of steps, and weight exp(i turn) (S,), turn being the right foot's direction less the left one's.
 
-    The latter is exp(i turn), times the step's weight. The direction of the one foot's stride is compared with the mean
-    of the other's two that overlap it.
+    The stride direction of one foot is compared with the mean direction of the other's two overlapping strides.
     """
     of_right = find_steps(right, left)
     inner = (of_right.at > 0) & (of_right.at < len(right) - 1)
@@ -203,8 +202,8 @@ def measure_turns(right: Footfalls, left: Footfalls) -> tuple[Floats, Complexes]
 def measure_relative_heading(right: Footfalls, left: Footfalls) -> float:
     """Heading of the right sensor's x axis at its start less that of the left one's, rad clockwise.
 
-    Both paths begin with the same heading of their sensors. Behind a hole in a recording its path is turned by
-    anything: steps before the first one are taken, where there are any.
+    Both paths begin with the same sensor heading. After a hole in a recording the heading of its path is arbitrary, so
+    only steps before the first hole are used, if there are any.
 
     Raises `EstimationError` where no step of the one foot lies between two of the other.
     """
@@ -236,7 +235,7 @@ def keep_longest_part(recording: Recording) -> Recording:
 
 
 def _keep(recording: Recording, kept: Bools, why: str) -> Recording:
-    """Keep some samples of a recording, with a note; all of them where none would be left."""
+    """Return the recording at the samples `kept` (N,), with the note `why`; unchanged if none would be left."""
     if kept.all() or not kept.any():
         return recording
     t, lost = recording.t, np.flatnonzero(~kept)

@@ -165,7 +165,7 @@ def field_points_up(recording: Recording) -> bool:
 
 
 def _measure_down(recording: Recording, P: Floats, hard_iron: Floats) -> float:
-    """Median of the field along down, uT, where the sensor is slow; `hard_iron` in the gyroscope's axes."""
+    """Median downward field, uT, at slow samples; P (3, 3) to, `hard_iron` (3,) uT in gyroscope axes; 0 if none."""
     assert recording.mag is not None
     force, strength = recording.acc, measure_rows(recording.acc)
     slow = (np.abs(strength - GRAVITY_M_S2) < SLOW_M_S2) & (measure_rows(recording.gyr) < TURNING_RAD_S)
@@ -177,7 +177,7 @@ def _measure_down(recording: Recording, P: Floats, hard_iron: Floats) -> float:
 
 
 def _solve_sizes(pairs: TurningPairs, P: Floats, tau: float) -> tuple[Floats, Floats]:
-    """Lengths (A, K) uT of the residuals of axes P (A, 3, 3), each with its own hard iron (A, 3)."""
+    """Residual norms (A, K) uT of K pairs and hard iron (A, 3) uT, by IRLS, for axes P (A, 3, 3) and delay `tau` s."""
     dR, _ = pairs.rotations(tau)
     m = np.einsum("aij,knj->akni", P, pairs.readings)
     difference = np.einsum("kij,akj->aki", dR, m[:, :, 1]) - m[:, :, 0]
@@ -196,7 +196,7 @@ def _solve_sizes(pairs: TurningPairs, P: Floats, tau: float) -> tuple[Floats, Fl
 
 
 def _sum_losses(size: Floats, pairs: TurningPairs) -> Floats:
-    """Pseudo-Huber loss (A, B) of each block, scaled alike for all axes by the best of them."""
+    """Pseudo-Huber loss (A, B) of A axes over B blocks; the scale is that of the best axes, so losses compare."""
     scale = float(np.median(size, axis=1).min()) + 1e-9
     loss = np.sqrt(1.0 + (size / scale) ** 2) - 1.0
     return np.array([np.bincount(pairs.block, one, pairs.n_blocks) for one in loss])

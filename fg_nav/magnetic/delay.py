@@ -117,7 +117,7 @@ def _differs(mag: Floats) -> Bools:
 
 
 def find_pairs(recording: Recording, span_s: float, most: int) -> TurningPairs:
-    """Find pairs of readings about `span_s` apart while the sensor turns, evenly thinned to `most`."""
+    """Return pairs of readings about `span_s` apart while the sensor turns, thinned evenly to at most `most`."""
     held = holds_readings(recording)
     rows = list_readings(recording, held)
     if len(rows) < 2:
@@ -159,7 +159,7 @@ def rotate_between(t: Floats, gyr: Floats, between: Floats) -> tuple[Floats, Flo
 
 @njit(cache=True)
 def _rotate(t: Floats, gyr: Floats, between: Floats, first: Ints, rotations: Floats, last: Ints) -> None:
-    """Turn the identities from sample `first` (K,) on, and write the sample that was held `last` (K,)."""
+    """Integrate the rate, from sample `first`, over intervals `between` (K, 2) s; write rotations and `last` sample."""
     for k in range(len(between)):
         at, end, i, R = between[k, 0], between[k, 1], first[k], rotations[k]
         while at < end:
@@ -214,7 +214,7 @@ def estimate_delay(recording: Recording) -> MagnetometerDelay | None:
 
 
 def _linearize(pairs: TurningPairs, unknowns: Floats) -> tuple[Floats, Floats]:
-    """Normal matrix (P, P) of tau, h and A with its prior, and the scores (B, P) of the blocks without."""
+    """Normal matrix (P, P) of tau, h and A, prior included, and score (B, P) of each block, prior excluded."""
     # residuals (K, 3) uT and their derivatives (K, 3, P)
     correction = np.eye(3) + np.tensordot(unknowns[4:], _TRACELESS, axes=1)
     dR, rates = pairs.rotations(float(unknowns[0]))

@@ -50,7 +50,7 @@ from fg_nav.system.spilled import BLOCK_ROWS, drop_pages, empty_column
 
 
 def compute_level_R_body(body_up: Floats) -> Floats:
-    """Rotation (..., 3, 3) to levelled axes from the body frame, by the direction of up (..., 3) in the body frame.
+    """Rotation level_R_body (..., 3, 3): x is the body's x axis made level, z up; `body_up` (..., 3) in the body frame.
 
     The body's x axis must not be vertical: over the ground it then has no direction.
     """
@@ -237,7 +237,7 @@ def average_footfall_field(
 def _average(
     t: Floats, acc: Floats, mag: Floats, attitude: Floats, sample: Ints, first: Ints, last: Ints
 ) -> tuple[Floats, Floats, Ints, Floats, Floats, Floats]:
-    """Mean field and force in the body frame at `sample`, count, scatter, slope of the strength and its sigma."""
+    """Mean field and force (F, 3) in the body at `sample`; count, scatter uT, slope of strength uT/s and its sigma."""
     # samples of all windows, one after the other, in the body frame of their footfall
     length, n = last - first, len(sample)
     of = np.repeat(np.arange(n), length)
@@ -251,7 +251,7 @@ def _average(
     few = count < MIN_SAMPLES
     weight = np.where(few, np.nan, 1.0 / np.maximum(count, 1))
     field = _sum_by(of, b, n) * weight[:, None]
-    # scatter about the mean, and a straight line through the strength
+    # rms scatter per axis about the mean, and a line in time through the strength
     scatter = np.sqrt(_sum_by(of, ((b - field[of]) ** 2).sum(axis=1), n) / np.where(few, np.nan, 3.0 * (count - 1)))
     tau, strength = t[row], np.linalg.norm(mag[row], axis=1)
     tau = tau - (_sum_by(of, tau, n) * weight)[of]
@@ -305,7 +305,7 @@ def _integrate(
     last: int,
     forward: bool,
 ) -> None:
-    """Step the attitude (N, 3, 3) forward from that at sample `first` to that at `last`, or back."""
+    """Integrate the attitude (N, 3, 3), in place, between samples `first` and `last`; if `forward`, level in stance."""
     for step in range(last - first):
         # a sample holds from its stamp to the next
         i = first + step if forward else last - 1 - step

@@ -156,9 +156,8 @@ def apply_gate(field: FootfallField, gate: str) -> FieldVerdicts:
 def weigh_statistic(verdicts: FieldVerdicts, gate: str) -> Floats:
     """Variance (F,) of the compass at each footfall over that of the whole walk, by the statistic of the gate.
 
-    A statistic T is a sum of n squares of changes of the field; under a spread v it is v chi squared. So T over its
-    median is the variance at the footfall over the walk's, and with the walk's worth `PRIOR_COUNT` changes its
-    posterior mean is
+    The statistic T sums n squared changes of the field, and is v chi squared for a field of variance v. So T over its
+    median estimates v relative to the walk; with a prior worth `PRIOR_COUNT` changes the posterior mean is
 
         (PRIOR_COUNT + n T / median T) / (PRIOR_COUNT + n).
 
@@ -235,7 +234,7 @@ def judge_field(field: FootfallField, detector: Detector | str = DEFAULT) -> Fie
 def _align_heading(
     values: Floats, sigmas: Floats, t: Floats, complete: Bools, detector: Detector, threshold: float
 ) -> None:
-    """Subtract the alignment from the heading offset, and add its variance to the sigma; both in place."""
+    """Subtract the alignment (scalar Kalman filter) from the heading offset, and add its variance; both in place."""
     column, first = detector.offset_column, min(ALIGNMENT_FOOTFALLS, len(values))
     if column is None or not first:
         return
@@ -256,7 +255,7 @@ def _align_heading(
 
 
 def _explain_verdicts(windows: Floats, parts: Floats, measured: Ints, ends: Ints, detector: Detector) -> list[str]:
-    """Reasons (E,) of the verdicts: the channel with the largest part first, the others in brackets."""
+    """Reasons (E,) of the verdicts at footfalls `ends`: channel of the largest part of T, the others in brackets."""
     described = []
     for values, channel in zip(np.swapaxes(windows, 0, 1), detector.channels, strict=True):
         signal = channel.signal

@@ -82,7 +82,7 @@ def separate(found: Alignments) -> Alignments:
 
 @njit(cache=True)
 def _is_best(begin: Ints, end: Ints, beside: int) -> Bools:
-    """Whether no alignment of a row before, which is better, is a variant of that row."""
+    """Flags (A,) of alignments, best first, that overlap no better one within `beside` points of its diagonal."""
     n = len(begin)
     kept, is_kept, count = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.bool_), 0
     for a in range(n):
@@ -110,7 +110,7 @@ def align(x: Features, y: Features, pairs: BlockPairs, least: float = MIN_LISTED
 
 @njit(cache=True)
 def _pair_ratio(x: Floats, sx: Floats, i: int, y: Floats, sy: Floats, j: int, rho: Floats) -> float:
-    """L of points i and j, before `SHARE`; the three components over one denominator."""
+    """Log-likelihood ratio, nats, same place against chance, of points i and j; one division for three components."""
     total, left = 0.0, 1.0
     for c in range(3):
         r = rho[c] * sx[i, c] * sy[j, c]
@@ -152,7 +152,7 @@ def _align(
                 row[now, j], score[now, j], origin[now, j] = i, max(s, 0.0), o
                 if s < least:
                     continue
-                # The best end of each begin.
+                # Of all alignments from one begin only the best end is listed.
                 column = o % m
                 if listed_row[column] != o // m:
                     if count == room:

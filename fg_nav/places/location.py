@@ -134,7 +134,7 @@ class _Transform:
 
 
 def locate(path: Signature, known: SavedPlaces) -> Location | None:
-    """Find where a walk is on known places; None where it is not recognized, or at more than one place."""
+    """Return the transform of a walk onto known places, with covariance; None if unrecognized or ambiguous."""
     location = _place(path, known, recognize_known(path, known.path))
     if location is not None:
         return location
@@ -148,16 +148,16 @@ def locate(path: Signature, known: SavedPlaces) -> Location | None:
 
 
 def _place(path: Signature, known: SavedPlaces, found: Recognition) -> Location | None:
-    """Find where a walk is by what was recognized of it."""
+    """Return the transform of the best consistent set of stretches; None if false or rival places are too likely."""
     if not found.stretches:
         return None
     stretches = found.stretches[:MAX_STRETCHES]
     pieces = _cut_pieces(path, known, stretches)
-    # sets of stretches that agree, and the one with the largest score
+    # consistent sets of stretches, scored without counting a part of the walk twice
     sets = [_grow(pieces, len(stretches), start) for start in range(min(len(stretches), MAX_SETS))]
     scores = []
     for members in sets:
-        # of stretches that overlap on the walk the best
+        # of stretches that overlap on the walk, the best alone counts
         total, covered = 0.0, np.zeros(0)
         for k in sorted(members, key=lambda number: -stretches[number].score):
             if not np.isin(stretches[k].later, covered).any():
@@ -166,7 +166,7 @@ def _place(path: Signature, known: SavedPlaces, found: Recognition) -> Location 
         scores.append(total)
     best = int(np.argmax(scores))
     fit = _fit_transform(pieces.of(sets[best]), None)
-    # odds of the sets that put the walk elsewhere, the best of each place
+    # odds of rival sets, which put the walk elsewhere: the best set of each place
     places, odds = [fit], 0.0
     for k in np.argsort(-np.array(scores), kind="stable").tolist():
         other = _fit_transform(pieces.of(sets[k]), None)
@@ -181,7 +181,7 @@ def _place(path: Signature, known: SavedPlaces, found: Recognition) -> Location 
 
 
 def _cut_pieces(path: Signature, known: SavedPlaces, stretches: Sequence[Stretch]) -> Pieces:
-    """Cut stretches into pieces; their rows are in the order of the columns of `Pieces`."""
+    """Cut stretches into pieces and average each: time, distance, positions, headings and sigmas."""
     length, rows = max(PIECE_M, sum(stretch.length_m for stretch in stretches) / MAX_PIECES), []
     points, known_points = np.arange(len(path), dtype=float), np.arange(len(known.path), dtype=float)
     for number, stretch in enumerate(stretches):
@@ -210,7 +210,7 @@ def _mean_angle(angles: Floats) -> float:
 
 
 def _grow(pieces: Pieces, count: int, start: int) -> list[int]:
-    """Grow the set of stretches, of so many, that agree with one; the heaviest come first as they are listed."""
+    """Return the stretches consistent with stretch `start`: greedy, best of `count` first, refitted each time."""
     members = [start]
     fit = _fit_transform(pieces.of(members), None)
     for k in range(count):
@@ -221,7 +221,7 @@ def _grow(pieces: Pieces, count: int, start: int) -> list[int]:
 
 
 def _agrees(one: Pieces, fit: _Transform) -> bool:
-    """Whether all pieces of a stretch lie where a transform has them."""
+    """Whether the squared Mahalanobis distance of each piece of a stretch from the transform is at most `MAX_CHI2`."""
     residual, jacobian = _linearize(one, fit.x)
     covariance = _covariance_of(one) + jacobian @ fit.covariance @ jacobian.T
     each = residual.reshape(-1, 4)
@@ -231,7 +231,7 @@ def _agrees(one: Pieces, fit: _Transform) -> bool:
 
 
 def _fit_transform(pieces: Pieces, begin: _Transform | None) -> _Transform:
-    """Generalized least squares, from the mean turn of the directions of walking on."""
+    """Gauss-Newton generalized least squares of translation and heading, from `begin` or the mean turn."""
     x = np.append(np.zeros(3), _mean_angle(pieces.turn)) if begin is None else begin.x
     weight = np.linalg.inv(_covariance_of(pieces))
     information = np.eye(4)
@@ -252,10 +252,10 @@ def _linearize(pieces: Pieces, x: Floats) -> tuple[Floats, Floats]:
 
 
 def _covariance_of(pieces: Pieces) -> Floats:
-    """Covariance (4 P, 4 P) of the residuals: tie, drift and map."""
+    """Covariance (4 P, 4 P) of the residuals, m and rad: common drift and map errors, independent tie errors."""
     count, d = len(pieces.t), pieces.walked_m
     common = np.zeros((count, 4, count, 4))
-    # What two pieces share.
+    # Common to two pieces: the drift until the first, and the smaller map sigma.
     first, none = np.minimum(d[:, None], d[None, :]), np.zeros((count, count))
     drift = [DRIFT.position_m(none, first) ** 2] * 2 + [DRIFT.height_m(none, first) ** 2]
     for axis in range(3):

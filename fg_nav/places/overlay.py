@@ -113,7 +113,7 @@ def _covariance(field: Floats, size: int) -> Floats:
 
 
 def _describe(path: Signature, begin: int, known: _Known) -> _Piece:
-    """Eigenvectors, and the field in them, of the piece from a point on."""
+    """Whiten the field of the piece at point `begin` by eigenvectors of its covariance; r: correlation per level."""
     size = len(known.covariance) // 3
     rows = slice(begin, begin + size)
     # orthonormal vectors without the common part: what is constant, and what turns with the heading
@@ -157,7 +157,7 @@ def _ratio(piece: _Piece, ahead: Floats) -> Floats:
 
 
 def find_decay(scores: Floats) -> float:
-    """Decay lambda of the scores (M,) of chance."""
+    """Decay rate lambda of chance scores (M,): E exp(lambda score) = 1, bounded by `MIN_DECAY` and `USUAL_DECAY`."""
     from scipy.optimize import brentq
 
     def excess(decay: float) -> float:

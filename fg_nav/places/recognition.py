@@ -165,8 +165,8 @@ def recognize(path: Signature, uncertainty: Uncertainty = Drift()) -> Recognitio
 def recognize_known(path: Signature, known: Signature) -> Recognition:
     """Find the stretches of a path that lie on that of an earlier walk, wherever; `earlier` are points of that one.
 
-    Both are filtered alike, by the spectra of the longer one: a short one does not show its own, and two filters would
-    make two signals of one place.
+    Both are whitened with the spectra of the longer path: a short one does not determine its own, and different filters
+    would decorrelate the same place.
     """
     if min(len(path), len(known)) < MIN_POINTS:
         return NOTHING
@@ -194,7 +194,7 @@ def _list_relations(old: Features, pairs: Candidates) -> Iterator[tuple[Features
 
 
 def _search(features: Features, old: Features, pairs: Candidates, chance: ChanceLevel, length: int) -> list[Stretch]:
-    """List what chance does not explain, the best first, of an earlier path of so many points."""
+    """Return the stretches above the chance level, best first; the earlier path has `length` points."""
     stretches = []
     for other, some, opposite in _list_relations(old, pairs):
         found = separate(align(features, other, some, chance.score_of(MAX_EXPECTED)))
@@ -219,7 +219,7 @@ def _search(features: Features, old: Features, pairs: Candidates, chance: Chance
 def _weigh_positions(
     stretches: Sequence[Stretch], chance: ChanceLevel, path: Signature, uncertainty: Uncertainty
 ) -> tuple[Stretch, ...]:
-    """Stretches with what their positions and their rivals take away, without those of which too little is left."""
+    """Stretches with `expected_false` raised for position mismatch and rivals; only those below `MAX_EXPECTED`."""
     # likeness and position
     some, chi2s = list[Stretch](), list[float]()
     for stretch in stretches:
@@ -252,7 +252,7 @@ def _passes(first: Floats, second: Floats, path: Signature) -> tuple[list[Floats
 
 
 def _list_rivals(stretches: Sequence[Stretch], path: Signature, uncertainty: Uncertainty) -> tuple[Ints, Ints]:
-    """Pairs (M,), (M,) of stretches which put one piece of the walk at two places that are not one."""
+    """Indices (M,), (M,) of pairs of stretches that put the same piece of the walk at two distinct places."""
     begin, end = (np.array([stretch.later[k] for stretch in stretches]) for k in (0, -1))
     low, high = np.maximum(begin[:, None], begin), np.minimum(end[:, None], end)
     overlaps = high - low >= 0.5 * np.minimum((end - begin)[:, None], end - begin)
@@ -276,7 +276,7 @@ def _list_rivals(stretches: Sequence[Stretch], path: Signature, uncertainty: Unc
 
 
 def weigh_shifts(features: Features, stretch: Stretch) -> Floats:
-    """Return sum L (M, S), nats, of each point of a stretch with the earlier pass at `SHIFTS_M` on from its own."""
+    """Log-likelihood ratio (M, S) nats at each point of a stretch, the earlier pass shifted by `SHIFTS_M` (S,)."""
     from scipy.interpolate import CubicSpline  # loaded where something was recognized
 
     last = len(features) - 1.0
@@ -306,7 +306,7 @@ def find_shift(ratio: Floats) -> tuple[float, float]:
 
 
 def select_consistent(path: Signature, stretches: Sequence[Stretch], uncertainty: Uncertainty) -> tuple[Stretch, ...]:
-    """Select the heaviest set of stretches in which each agrees with each other, the heaviest one first."""
+    """Select the heaviest clique of mutually consistent stretches, grown greedily; heaviest stretch first."""
     if not stretches:
         return ()
     agrees = _agreement(path, stretches, uncertainty)
@@ -328,7 +328,7 @@ def select_consistent(path: Signature, stretches: Sequence[Stretch], uncertainty
 
 
 def _agreement(path: Signature, stretches: Sequence[Stretch], uncertainty: Uncertainty) -> Bools:
-    """Whether stretches (S, S) agree."""
+    """Flags (S, S) of pairs of stretches whose offsets agree within drift."""
     # distances walked and places at their middles, and the turn of the path between the passes, rad
     middle = [len(s.later) // 2 for s in stretches]
     later_at = np.array([s.later[k] for s, k in zip(stretches, middle, strict=True)])

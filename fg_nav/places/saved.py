@@ -61,7 +61,7 @@ class SavedPlaces:
 def trace_places(
     t: Floats, position: Floats, nav_R_body: Floats, mag: Floats, footfall_t: Floats, footfall_sigma_m: Floats
 ) -> SavedPlaces:
-    """Take the places of a solved walk, at samples (N,) as `trace_signature`; its sigmas (F, 3) m at footfalls (F,) s.
+    """Return field and position along a solved walk; arguments as `trace_signature`; sigmas (F, 3) m at F footfalls.
 
     Raises
     ------
@@ -135,7 +135,7 @@ def read_places(file: Path) -> SavedPlaces:
 
 
 def _load(file: Path, names: tuple[str, ...] = ()) -> Arrays:
-    """Load all arrays of an archive, or those of these names; without pickle, and none that is as large as no walk."""
+    """Load the arrays `names`, or all if empty, of an archive; without pickle, and none larger than any walk."""
     try:
         with zipfile.ZipFile(file) as archive:
             if sum(member.file_size for member in archive.infolist()) > MAX_BYTES:
@@ -149,7 +149,7 @@ def _load(file: Path, names: tuple[str, ...] = ()) -> Arrays:
 
 
 def _find_fault(arrays: Arrays) -> str | None:
-    """Fault of the columns, as the end of a sentence about the file; None without one."""
+    """Return the first fault of the columns, to follow the file's name in an error; None if valid."""
     count = len(np.atleast_1d(arrays.get("t", np.zeros(0))))
     for name, shape in COLUMNS.items():
         column, kind = arrays.get(name), np.bool_ if name == "seen" else np.float64

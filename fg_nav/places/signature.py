@@ -112,7 +112,7 @@ class Signature:
 
 
 def trace_signature(t: Floats, position: Floats, nav_R_body: Floats, mag: Floats) -> Signature:
-    """Average the field over the distance along a path.
+    """Return the field and pose along a path, averaged over equal distances.
 
     Parameters
     ----------
@@ -169,7 +169,7 @@ def _list_blocks(count: int) -> Iterator[slice]:
 
 
 def _average(walked: Floats, values: Floats, edges: Floats) -> Floats:
-    """Means (K, c) over distance of values (N, c) that were read at distances (N,), between edges (K + 1,)."""
+    """Means over distance (K, c) between `edges` (K + 1,) m of values (N, c) at distances `walked` (N,) m."""
     integral, total = np.zeros((len(edges), values.shape[1])), np.zeros((1, values.shape[1]))
     for part in _list_blocks(len(walked)):
         d, value = walked[part], values[part]
@@ -211,7 +211,7 @@ class Features:
 
 
 def whiten(path: Signature, like: Signature | None = None) -> Features:
-    """Separate, filter and scale the field of a path; the filter is of its own spectra, or of those of `like`."""
+    """Return the field of a path, whitened by its own spectra or those of `like`, and its signal correlation."""
     from scipy.signal import welch
 
     spectrum = _transform(path)
@@ -255,7 +255,7 @@ def clip_deviation(deviation: Floats) -> Floats:
 
 
 def remove_common_field(field: Floats, heading: Floats) -> Floats:
-    """Take the Earth's field and the walker's iron from a field (K, 3) uT along paths of heading (K,) rad."""
+    """Return the anomaly (K, 3) uT: field less its smooth part in nav (Earth) and constant part on the path (iron)."""
     c, s = np.cos(heading), np.sin(heading)
     iron = np.zeros(3)
     deviation = field

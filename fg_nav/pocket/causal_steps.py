@@ -92,15 +92,15 @@ class SwingSums:
         self._left: Floats | None = None
 
     def add_swing(self, rate: Floats, up: Floats, period_s: float) -> None:
-        """Add slow rates and directions of up (n, 3) of a leg that swings."""
+        """Add low-passed rates (n, 3) rad/s and unit vectors up (n, 3), in the body, while the leg swings."""
         self._swinging_s += len(rate) * period_s
         self._power += rate.T @ rate
         self._up += up.sum(axis=0)
 
     def update_skewness(self, rate: Floats, left: Floats) -> float:
-        """Add rates (n, 3) slower than `GAIT_HZ` of an upright leg; returns the skewness about `left`.
+        """Add rates (n, 3) rad/s below `GAIT_HZ` of an upright leg; return the skewness of all about `left` (3,).
 
-        It is 0 where nothing is known.
+        The sign gives the front: a leg swings faster forward than back. 0 without any rotation.
         """
         self._count += len(rate)
         self._square += rate.T @ rate
@@ -113,9 +113,9 @@ class SwingSums:
 
     @property
     def axes(self) -> tuple[Floats, Floats] | None:
-        """Level axis of the swing, one way or the other but always the same, and up, (3,); None before they show.
+        """Level axis of the swing, its sign arbitrary but constant, and up, unit vectors (3,) in body; None at first.
 
-        Where the swing shows none any more, the axis is the one that was known last.
+        Once the swing no longer has a dominant axis, the last one is kept.
         """
         if self._swinging_s < MIN_SWING_S:
             return None
@@ -160,8 +160,8 @@ class CausalSteps:
 
         Parameters
         ----------
-        t, rate, nav_R_body : (n,) s, (n, 3) rad/s without bias, (n, 3, 3).
-        heading_sigma : rad, of the attitudes.
+        t, rate, nav_R_body : stamps (n,) s, angular rates less bias (n, 3) rad/s, attitudes (n, 3, 3).
+        heading_sigma : rad, one standard deviation of the heading of these attitudes.
         """
         self._heading_sigma = heading_sigma
         self._t = np.concatenate([self._t, t])
@@ -173,9 +173,9 @@ class CausalSteps:
         return ends
 
     def cut(self, lost_m: float = 0.0) -> list[StrideEnd]:
-        """End the walk before a gap, and return the strides that this completes; later samples begin anew.
+        """End the bout before a gap and return the strides completed by that; the filters restart at the next sample.
 
-        `lost_m` is the sigma of what was walked between, m an axis.
+        `lost_m` is the sigma, m per axis, of the displacement during the gap.
         """
         self._settle(len(self._t))
         self._search(at_end=True)
@@ -190,7 +190,7 @@ class CausalSteps:
 
     @property
     def axes(self) -> tuple[Floats, Floats] | None:
-        """Left and up of the thigh in the body (3,), as they are known now; None before they show."""
+        """Current left and up of the thigh, unit vectors (3,) in the body; None before the leg has swung."""
         axes = self._sums.axes
         return None if axes is None else (self._front * axes[0], axes[1])
 
@@ -221,7 +221,7 @@ class CausalSteps:
     # slow parts
 
     def _settle(self, until: int) -> None:
-        """Find the slow parts of the samples before one, and add them to the sums."""
+        """Low-pass the samples before index `until`, and add them to the sums from which the axes follow."""
         done = len(self._up)
         if until <= done:
             return
@@ -238,7 +238,7 @@ class CausalSteps:
         self._sums.add_swing(slow[swings], up[swings], self._period_s)
         self._up, self._gait = np.concatenate([self._up, up]), np.concatenate([self._gait, gait])
         self._swings = np.concatenate([self._swings, swings])
-        # sums over the gait: what is upright, and swings shortly before or after, which shows so much later
+        # skewness of the gait: samples upright and within `AROUND_S` of a swing, hence known that much later
         axes, around = self._sums.axes, round(AROUND_S / self._period_s)
         until = len(self._up) - around
         if axes is None or until <= self._summed:
@@ -255,7 +255,7 @@ class CausalSteps:
     # turning points and openings
 
     def _search(self, at_end: bool = False) -> None:
-        """Find turning points behind the last one."""
+        """Add the openings completed since the last turning point; `at_end` closes the last one. Drop old samples."""
         axes, done = self._sums.axes, len(self._up)
         if axes is None:
             self._turn = max(self._turn, done - round(MAX_S / self._period_s))
@@ -263,10 +263,10 @@ class CausalSteps:
             t, up = self._t[self._turn : done], self._up[self._turn : done]
             flexion = compute_flexion(up, *axes)
             turn = find_turning_points(flexion, float(np.radians(HYSTERESIS_DEG)))
-            # openings between two of them
+            # openings between consecutive turning points
             for k in range(len(turn) - 2):
                 self._add_opening(t, flexion, up, turn[k : k + 2])
-            # the last one goes on, or ends in standing
+            # the last opening is still in progress, or has ended in standing
             last = len(t) - 1
             if not len(turn):
                 if t[last] - t[0] > STANDING_S:
@@ -277,7 +277,7 @@ class CausalSteps:
                 self._turn += last
             else:
                 self._turn += last if t[last] - t[turn[-2]] > MAX_S else int(turn[-2])
-        # drop the samples that nothing reaches any more
+        # drop the samples that neither filter nor mean attitude needs any more
         around = round(AROUND_S / self._period_s)
         oldest = min(self._turn - 2 * around, self._summed - around, len(self._up) - round(WARM_S / self._period_s))
         if self._sums.axes is None:
@@ -294,7 +294,7 @@ class CausalSteps:
         self._up, self._gait, self._swings = self._up[first:], self._gait[first:], self._swings[first:]
 
     def _add_opening(self, t: Floats, flexion: Floats, up: Floats, turn: Ints, stands: bool = False) -> None:
-        """Add the openings between two turning points that are steps; the leg `stands` after them."""
+        """Add the steps in the opening between samples `turn` (2,), split at pauses; `stands`: standing follows."""
         turn = split_at_pauses(t, flexion, turn)
         start, stop = find_inner_spans(flexion, turn)
         possible = are_step_like(flexion, turn, t[stop] - t[start])
@@ -311,14 +311,14 @@ class CausalSteps:
             self._add_step(begin, end, 2.0 * np.arcsin(chord / 2.0), float(flexion[turn[k + 1]] - flexion[turn[k]]))
 
     def _add_step(self, start: int, stop: int, opening: float, swept: float) -> None:
-        """Add a step between two samples, counted from the last turning point, to the bout."""
+        """Add a step between samples counted from the last turning point; `opening` rad, signed flexion `swept` rad."""
         a, b = start + self._turn, stop + self._turn
         half = (b - a + 1) // 2
         level = self._R[max(a - half, 0) : b + half, :2].mean(axis=0)
         numbers = (a + self._base, b + self._base, opening, swept, self._bouts, self._heading_sigma, self._lost_m2)
         ends = (float(self._t[a]), float(self._t[b])), (self._R[a].copy(), self._R[b].copy())
         self._bout.append(_Found(np.array([*numbers, *level.ravel()]), *ends))
-        # a few in a row are a walk, and stored
+        # `MIN_STEPS` in a row are a walk: store all of them, then each further one
         count = len(self._bout)
         for number in range(0 if count == MIN_STEPS else count - 1, count if count >= MIN_STEPS else 0):
             step = self._bout[number]
@@ -340,6 +340,6 @@ class CausalSteps:
         self._bout = []
 
     def _end_stride(self, step: _Found, if_forward: bool) -> None:
-        """End a stride with a step, if it is, or is not, a swing of the leg that wears the sensor."""
+        """Record the end of a stride at this step if its leg swings forward (`if_forward`), or if it does not."""
         if bool(self._front * step.row[3] > 0) == if_forward:
             self._ends.append(StrideEnd(self.n_steps, int(step.row[1]), step.t[1], step.nav_R_body[1]))

@@ -105,7 +105,7 @@ def compute_chords(opening: Floats) -> Floats:
 
 
 def measure_steps(steps: Steps) -> Floats:
-    """Lengths (S,) of steps in step constants, by their openings, where these are known, and their durations."""
+    """Lengths (S,) in step constants: mean of those by opening and by cadence; cadence alone where opening is NaN."""
     by_cadence = WALK_RATIO_S / np.maximum(steps.took, 1e-3)
     by_opening = compute_chords(steps.opening)
     return np.asarray(0.5 * (np.where(np.isnan(by_opening), by_cadence, by_opening) + by_cadence))
@@ -154,7 +154,7 @@ class SteppedPath:
 
 
 def reckon_path(track: PocketTrack, swing: ThighSwing, steps: Steps, step_length: StepLength) -> SteppedPath:
-    """Add up the steps of a track to a path."""
+    """Return the path of the steps and its covariance, with directions and heading sigma from the track."""
     sigma = track.sigma[(steps.start + steps.stop) // 2, 2]
     return add_steps(steps, estimate_directions(track, swing, steps), sigma, step_length)
 
@@ -162,19 +162,19 @@ def reckon_path(track: PocketTrack, swing: ThighSwing, steps: Steps, step_length
 def add_steps(
     steps: Steps, forward: Floats, heading_sigma: Floats, step_length: StepLength, unseen: Floats | None = None
 ) -> SteppedPath:
-    """Add up steps.
+    """Return the dead-reckoned path of steps from the origin, with its covariance (table in the module's docstring).
 
     Parameters
     ----------
-    forward : (S, 2) direction of each, of length 1.
-    heading_sigma : (S,) rad, of the track at each.
-    unseen : (S, 2, 2) m^2, covariance of the place at the end of each by what the sigmas do not show; None for none.
+    forward : (S, 2) unit vector east and north of each step.
+    heading_sigma : (S,) rad, one standard deviation of the track's heading at each step.
+    unseen : (S, 2, 2) m^2, covariance to add at the end of each step, as of gaps and later corrections; None for none.
     """
     length = step_length.predict(steps)
     along, left = length[:, None] * forward, np.stack([-forward[:, 1], forward[:, 0]], axis=1)
     after = np.cumsum(along, axis=0)
     position = np.concatenate([np.zeros((1, 2)), after])
-    # scale, and each step on its own
+    # scale error common to all steps, and independent errors of length and direction of each
     own = _outer(STEP_SIGMA * along) + _outer(np.radians(STEP_HEADING_SIGMA_DEG) * length[:, None] * left)
     planar = _outer(step_length.sigma * after) + np.cumsum(own, axis=0)
     # heading: sum over m of dv_m (J (p - p_m))(J (p - p_m))^T
@@ -201,7 +201,7 @@ def add_steps(
 
 
 def estimate_directions(track: PocketTrack, swing: ThighSwing, steps: Steps) -> Floats:
-    """Directions (S, 2) east and north, of length 1, in which the thigh swings over the stride about each step."""
+    """Unit vectors (S, 2) east and north: direction of the thigh's swing, averaged over the stride about each step."""
     left = track.nav_R_body[:, :2] @ swing.left
     total = np.concatenate([np.zeros((1, 2)), np.cumsum(left, axis=0)])
     half = (steps.stop - steps.start + 1) // 2
@@ -210,16 +210,16 @@ def estimate_directions(track: PocketTrack, swing: ThighSwing, steps: Steps) -> 
 
 
 def turn_forward(left: Floats) -> Floats:
-    """Directions (S, 2) east and north, of length 1, a quarter turn to the right of these (S, 2), of any length."""
+    """Unit vectors (S, 2) east and north, 90 deg to the right of the vectors `left` (S, 2)."""
     left = left / np.linalg.norm(left, axis=1, keepdims=True)
     return np.stack([left[:, 1], -left[:, 0]], axis=1)
 
 
 def propagate_corrections(along: Floats, variance: Floats) -> Floats:
-    """Covariance (S, 2, 2) of the places after steps `along` (S, 2) m, by later corrections of the heading.
+    """Covariance (S, 2, 2) m^2 of positions after steps `along` (S, 2) m, by heading corrections that came too late.
 
-    Where its variance (S,) of the heading falls by dv it was corrected by so much, and the steps before keep the
-    direction that they had: sum dv_m (J p_m)(J p_m)^T over the m at which it fell, p_m the path until there.
+    A fall dv in heading `variance` (S,) rad^2 is the variance of a correction, and steps before it keep their old
+    direction: sum dv_m (J p_m)(J p_m)^T over the m at which it fell, p_m the path until there.
     """
     fallen = np.maximum(-np.diff(variance, prepend=variance[0]), 0.0)
     before = np.cumsum(along, axis=0) - along
@@ -256,22 +256,22 @@ class FusedPath:
 
 
 def fuse_fixes(t: Floats, steps: Floats, fixes: Sequence[Fix], heading_sigma: float, scale_sigma: float) -> FusedPath:
-    """Find the path through steps and fixes.
+    """Estimate path, heading offset psi and log scale s from steps and position fixes (EKF and RTS smoother).
 
     Parameters
     ----------
     t : (S + 1,) s, begin of the first step and end of each.
-    steps : (S, 2) m east and north, each.
+    steps : (S, 2) m, dead-reckoned displacement east and north of each.
     fixes : at least `fg_nav.gnss.MIN_FIXES` within the walk; heights are not used.
-    heading_sigma, scale_sigma : of psi, rad, and s, at the start.
+    heading_sigma, scale_sigma : prior sigmas of psi, rad, and of s, at the start.
 
     Raises `EstimationError` with fewer fixes.
     """
-    # node of each fix, and its sigma with that of what was walked in between
+    # nearest node of each fix; its variance includes the walk between node and fix
     seen = select_fixes(fixes, float(t[0]) - CORRELATED_S, float(t[-1]) + CORRELATED_S)
     node = np.abs(seen.time[:, None] - t).argmin(axis=1)
     place, variance = seen.place, seen.sigma**2 + (UNSEEN_M_S * (seen.time - t[node])) ** 2
-    # a heading that is not known is sought first
+    # an unknown heading needs an initial guess, or the filter linearizes too far off
     walked, turn = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)]), 0.0
     if heading_sigma > MAX_GIVEN_SIGMA:
         turn, heading_sigma = -find_turn(walked[node], seen)[0], float(MAX_GIVEN_SIGMA)
@@ -291,7 +291,7 @@ def fuse_fixes(t: Floats, steps: Floats, fixes: Sequence[Fix], heading_sigma: fl
 def _smooth(
     t: Floats, steps: Floats, node: Ints, place: Floats, variance: Floats, prior: Floats, spread: Floats
 ) -> tuple[Floats, Floats]:
-    """States (S + 1, 4) and covariances (S + 1, 4, 4)."""
+    """Smoothed states (S + 1, 4): east and north in m, psi in rad, s; and their covariances (S + 1, 4, 4)."""
     n = len(t)
     x, P, F = np.empty((n, 4)), np.empty((n, 4, 4)), np.tile(np.eye(4), (n - 1, 1, 1))
     ahead_x, ahead_P = np.empty((n, 4)), np.empty((n, 4, 4))
@@ -330,10 +330,10 @@ def _smooth(
 def lay_on_fixes(
     track: PocketTrack, path: SteppedPath, gnss: Gnss, heading_sigma: float | None, step_length: StepLength
 ) -> tuple[PocketTrack, SteppedPath, StepLength, dict[str, float]]:
-    """Fuse a stepped path, and its track, with fixes; the heading's sigma at its start is None where unknown.
+    """Fuse a dead-reckoned path with fixes; `heading_sigma` rad of the start heading, None if unknown.
 
-    Returns both, north being the true one and the origin where the path starts, the step length that came out, and
-    where on Earth that start is. Errors as of `fuse_fixes`.
+    Returns track and path turned to true north, with the path's start for origin, the estimated step length, and the
+    start's geodetic coordinates. Errors as of `fuse_fixes`.
     """
     t = track.t[np.append(path.sample[:1], path.sample[1::2])]
     steps = path.position[1::2, :2] - path.position[::2, :2]

@@ -152,7 +152,7 @@ def estimate_pocket(
 
 
 def initialize_state(start: PocketStart, parameters: PocketParameters) -> PocketState:
-    """Return the state at the first sample; the covariance in the coordinates that the parameters choose."""
+    """Return attitude, zero bias and covariance at the first sample, in the attitude coordinates of the parameters."""
     R = np.ascontiguousarray(start.nav_R_body, dtype=np.float64).copy()
     P = np.zeros((SIZE, SIZE))
     tilt = np.diag([start.tilt_sigma, start.tilt_sigma, start.heading_sigma]) ** 2
@@ -166,7 +166,7 @@ def initialize_state(start: PocketStart, parameters: PocketParameters) -> Pocket
 def run_filter(
     inputs: FilterInputs, state: PocketState, reference: FieldReference, model: FilterModel, output: Output
 ) -> int:
-    """Process all samples; returns their number, or the sample at which Euler angles end."""
+    """Filter all samples into `output`; return their number, or the sample at which Euler angles become singular."""
     for i in range(len(inputs.h)):
         # propagate over the sample before
         if i > 0:
@@ -190,7 +190,7 @@ def run_filter(
 
 @njit(cache=True)
 def _store_state(i: int, state: PocketState, euler: bool, output: Output) -> None:
-    """Write a sample's state, its covariance with the attitude as a rotation in nav."""
+    """Write the state at sample i; its attitude covariance is that of a rotation vector in nav, also with `euler`."""
     P = state.P
     if euler:
         G, axes = np.eye(6), error_axes(state.nav_R_body)
@@ -210,7 +210,7 @@ def _store_state(i: int, state: PocketState, euler: bool, output: Output) -> Non
 
 
 def allocate_output(samples: int, every: int) -> Output:
-    """Return an empty output."""
+    """Return an uninitialized output for so many samples, with the covariance at each `every`-th."""
     return Output(
         nav_R_body=np.empty((samples, 3, 3)),
         gyro_bias=np.empty((samples, 3)),
@@ -226,7 +226,7 @@ def allocate_output(samples: int, every: int) -> Output:
 
 
 def prepare_inputs(recording: Recording, parameters: PocketParameters) -> FilterInputs:
-    """Collect samples and the detectors' flags."""
+    """Return samples, periods and the flags of the gravity and field detectors, as the compiled filter needs them."""
     t, n = recording.t, len(recording)
     # specific force at the stamps, and where it is gravity
     count = round(parameters.gravity_window_s / recording.period_s)
@@ -250,9 +250,9 @@ def interpolate_force(acc: Floats) -> Floats:
 
 
 def average_force(recording: Recording, count: int) -> Floats:
-    """Mean specific force (N, 3) m/s^2 over the `count` periods before each stamp, in the body at it; NaN at first.
+    """Mean specific force (N, 3) m/s^2 over the last `count` periods, in the body frame at each stamp; NaN at first.
 
-    Weighted by a raised cosine, so it is half a window old.
+    Weights are a raised cosine: the mean lags by half the window.
     """
     h = np.append(np.diff(recording.t), recording.period_s)
     acc, gyr = recording.integrable
@@ -269,7 +269,7 @@ def average_force(recording: Recording, count: int) -> Floats:
 
 @njit(cache=True)
 def _integrate_rates(gyr: Floats, h: Floats) -> Floats:
-    """Attitudes (N, 3, 3) at the stamps by rates (N, 3) rad/s held for `h` (N,) s, from the identity on."""
+    """Attitudes (N, 3, 3) at the stamps, from the identity, by strapdown of rates (N, 3) rad/s held for `h` (N,) s."""
     attitude = np.empty((len(gyr), 3, 3))
     R = np.eye(3)
     for i in range(len(gyr)):
@@ -300,7 +300,7 @@ def detect_gravity(t: Floats, acc: Floats) -> Bools:
 
 
 def detect_steady_field(t: Floats, mag: Floats, mag_sigma_uT: float) -> Bools:
-    """(N,) True where there is a field, and the strength of `mag` (N, 3) uT holds still; NaN where there is none."""
+    """(N,) True where the strength of `mag` (N, 3) uT, NaN without a reading, is constant within its noise."""
     fresh = np.flatnonzero(np.isfinite(mag).all(axis=1))
     steady = np.zeros(len(t), dtype=np.bool_)
     if len(fresh) < 2:

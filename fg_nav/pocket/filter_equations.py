@@ -143,7 +143,7 @@ class FilterModel(NamedTuple):
 
 
 def build_model(p: PocketParameters) -> FilterModel:
-    """Convert parameters for the compiled filter."""
+    """Return noise densities, gates and switches of the compiled filter, in rad, m/s^2 and uT."""
     return FilterModel(
         gyr_density=float(np.radians(GYR_DENSITY_DEG)) ** 2,
         bias_density=compute_bias_walk() ** 2,
@@ -173,7 +173,7 @@ def angles_of_rotation(nav_R_body: Floats) -> Floats:
 
 @njit(cache=True)
 def rotation_of_angles(angles: Floats) -> Floats:
-    """nav_R_body (3, 3) of roll, pitch, yaw (3,) rad."""
+    """Return nav_R_body (3, 3) from Euler angles roll, pitch, yaw (3,) rad."""
     cr, sr = np.cos(angles[0]), np.sin(angles[0])
     cp, sp = np.cos(angles[1]), np.sin(angles[1])
     cy, sy = np.cos(angles[2]), np.sin(angles[2])
@@ -229,7 +229,7 @@ def roll_as_printed(force: Floats) -> float:
 
 @njit(cache=True)
 def predict_state(state: PocketState, reference: FieldReference, rate: Floats, h: float, model: FilterModel) -> None:
-    """Propagate state and reference over a sample of `rate` (3,) rad/s held for `h` seconds."""
+    """Propagate state, covariance and field reference, in place, over angular `rate` (3,) rad/s held for `h` s."""
     R, bias, P = state
     before = error_axes(R) if model.euler else np.eye(3)
     # attitude, bias and reference
@@ -286,7 +286,7 @@ def set_reference(reference: FieldReference, field: Floats) -> None:
 
 @njit(cache=True)
 def propagate_reference(reference: FieldReference, theta: Floats, per_bias: Floats, h: float) -> None:
-    """Rotate by `theta` (3,) rad over `h` seconds; `per_bias` (3, 3) s is its derivative by the bias."""
+    """Propagate the field reference, in place, by `theta` (3,) rad in `h` s; `per_bias` (3, 3) s: d theta / d bias."""
     S = transpose(reference.per_bias)
     rotate_in_body(S, theta[0], theta[1], theta[2])  # S^T A_i is (A_i^T S)^T
     for i in range(3):
@@ -298,7 +298,7 @@ def propagate_reference(reference: FieldReference, theta: Floats, per_bias: Floa
 
 @njit(cache=True)
 def predict_field(reference: FieldReference, printed: bool) -> tuple[Floats, Floats]:
-    """Field (3,) uT predicted now, m', and G (3, 3) s so that a bias higher by db moves it by m' x (G db)."""
+    """Predicted body field m' (3,) uT, and G (3, 3) s: a bias higher by db moves the prediction by m' x (G db)."""
     A, S, field, per_bias = reference.turn, reference.per_bias, np.zeros(3), np.zeros((3, 3))
     for i in range(3):
         for j in range(3):
@@ -327,7 +327,7 @@ def shift_reference_bias(reference: FieldReference, change: Floats) -> None:
 
 @njit(cache=True)
 def update_gravity(state: PocketState, reference: FieldReference, force: Floats, model: FilterModel) -> float:
-    """Correct by a specific force (3,) m/s^2 that is gravity alone; returns the NIS, of two."""
+    """Update roll and pitch by a specific force (3,) m/s^2 of gravity alone; return the NIS, two degrees of freedom."""
     R, b, age = state.nav_R_body, state.gyro_bias, model.gravity_age_s
     square, x = 0.0, np.zeros(SIZE)
     # the force is `age` old: as it is in the body now
@@ -365,7 +365,7 @@ def update_gravity(state: PocketState, reference: FieldReference, force: Floats,
 
 @njit(cache=True)
 def update_field(state: PocketState, reference: FieldReference, field: Floats, model: FilterModel) -> float:
-    """Correct by a field (3,) uT in the body, against the reference; returns the NIS, of two."""
+    """Update by a body field (3,) uT, across the predicted one; return the NIS, two degrees of freedom."""
     expected, per_bias = predict_field(reference, model.printed_difference)
     strength = np.sqrt(expected[0] ** 2 + expected[1] ** 2 + expected[2] ** 2)
     for i in range(3):
@@ -387,7 +387,7 @@ def update_field(state: PocketState, reference: FieldReference, field: Floats, m
 
 @njit(cache=True)
 def _span_across(along: Floats) -> Floats:
-    """Two unit vectors u, v (2, 3) so that u, v, along (3,) are a right-handed set."""
+    """Unit vectors u, v (2, 3) across `along` (3,), such that u, v, along are right-handed."""
     least = 0
     for i in range(1, 3):
         if abs(along[i]) < abs(along[least]):
@@ -403,7 +403,7 @@ def _span_across(along: Floats) -> Floats:
 
 @njit(cache=True)
 def inject_error(state: PocketState, reference: FieldReference, x: Floats, euler: bool) -> None:
-    """Subtract the estimated error `x` (6,) from the state, and rotate the reference along with the bias."""
+    """Subtract error `x` (6,), attitude rad and bias rad/s, from the state; correct the reference for the new bias."""
     if euler:
         angles = angles_of_rotation(state.nav_R_body)
         for i in range(3):

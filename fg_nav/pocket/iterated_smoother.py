@@ -167,7 +167,7 @@ def smooth_pocket(
 
 
 def _join_attitudes(recording: Recording, node: Ints, nodes: Nodes) -> Floats:
-    """Attitudes (N, 3, 3): from each node on by the gyroscope, the misclosure at the next spread over the link."""
+    """Attitudes (N, 3, 3) at the samples: strapdown from each node, misclosure at the next spread over the link."""
     gyr = recording.integrable[1]
     periods = np.append(np.diff(recording.t), recording.period_s)
     segment = np.append(np.repeat(np.arange(len(node) - 1), np.diff(node)), len(node) - 1)
@@ -192,9 +192,9 @@ def _scatter(node: Ints, values: Floats, samples: int) -> Floats:
 def propagate_track(
     recording: Recording, at: Ints, R: Floats, b: Floats, P: Floats, node: Ints, nis: Floats
 ) -> PocketTrack:
-    """Estimates R (M, 3, 3), b (M, 3) and P (M, 6, 6) at samples `at` (M,), propagated by the gyroscope to the next.
+    """Track of estimates at samples `at` (M,), each propagated by strapdown until the next.
 
-    `nis` (K, 2) of force and field at samples `node` (K,).
+    `R` (M, 3, 3) attitude, `b` (M, 3) rad/s bias, `P` (M, 6, 6); `nis` (K, 2) of force and field at `node` (K,).
     """
     n = len(recording)
     segment = np.repeat(np.arange(len(at)), np.diff(np.append(at, n)))
@@ -224,7 +224,7 @@ class Prior(NamedTuple):
 
 
 def build_noise(p: PocketSmootherParameters, bias: Floats) -> Noise:
-    """Convert parameters for the compiled pass; `bias` (3,) rad/s is that of the links."""
+    """Return the noise densities of the compiled smoother; `bias` (3,) rad/s is where the links were preintegrated."""
     return Noise(
         gyr=float(np.radians(GYR_DENSITY_DEG)) ** 2,
         bias=compute_bias_walk() ** 2,
@@ -240,7 +240,7 @@ def build_noise(p: PocketSmootherParameters, bias: Floats) -> Noise:
 
 
 def build_prior(start: PocketStart, links: Links | None, p: PocketSmootherParameters) -> Prior:
-    """Prior of the first node: the start, no errors, the first field with a wide sigma, and no velocity."""
+    """Prior of the first node: start attitude, zero bias, scale error and velocity, and the first field, wide."""
     R = np.asarray(start.nav_R_body, dtype=np.float64)
     m = np.zeros(3)
     if links is not None and links.count.any():
@@ -254,10 +254,10 @@ def build_prior(start: PocketStart, links: Links | None, p: PocketSmootherParame
 
 
 def propagate_gap(known: Prior, gap_s: float) -> Prior:
-    """Prior of a node `gap_s` s after this one, with no sample between.
+    """Prior of the first node after `gap_s` s without samples, from that of the last node before.
 
-    The attitude may have turned, the local field is a new one, and of the motion nothing remains; bias, scale and the
-    region's field hold, and so the heading is found again.
+    Attitude variance grows, local field and motion are reset; bias, scale and the regional field are kept, so that the
+    compass finds the heading again.
     """
     P, y = known.P.copy(), known.y.copy()
     lost = np.r_[FIELD:REGION, VELOCITY:SIZE]
@@ -273,7 +273,7 @@ def propagate_gap(known: Prior, gap_s: float) -> Prior:
 
 
 def assemble_inputs(links: Links, variances: RobustVariances, rests: Rests) -> NodeInputs:
-    """Collect the inputs of the compiled pass; the last node begins no link, and has no field."""
+    """Return the inputs of the compiled smoother, a row per node or link; the last node has neither link nor field."""
     field, lever, count = (
         np.concatenate([x, np.zeros((1, *x.shape[1:]))]) for x in (links.field, links.lever, links.count)
     )
@@ -298,7 +298,7 @@ def assemble_inputs(links: Links, variances: RobustVariances, rests: Rests) -> N
 
 
 def predict_nodes(known: Prior, links: Links, noise: Noise) -> Nodes:
-    """Nodes (K + 1) by the gyroscope alone from the first; all else stays as at the first."""
+    """Initial K + 1 nodes: attitudes by strapdown from the prior, all other states constant."""
     nodes = len(links) + 1
     errors = known.y[: FIELD - 3].copy()
     errors[:3] -= noise.bias0
@@ -339,8 +339,8 @@ class RobustVariances(NamedTuple):
 
 
 def initialize_variances(walk: Floats, links: Links) -> RobustVariances:
-    """Variances before the first round; `walk` (K,) of `estimate_field_walk`."""
-    # a node counts by the time that it stands for; the last one stands for none
+    """Variances before the first reweighting; `walk` (K,) uT/sqrt(s) by `estimate_field_walk`."""
+    # the field deviation is correlated over `FIELD_PLACE_S`: weight a node by the time of its link
     scale = 2.0 * FIELD_PLACE_S / np.maximum(np.append(links.h, 0.0), 1e-3 * NODE_S)
     return RobustVariances(
         walk**2 * links.h,
@@ -351,7 +351,7 @@ def initialize_variances(walk: Floats, links: Links) -> RobustVariances:
 
 
 def reweigh_variances(walk: Floats, links: Links, smoothed: Smoothed) -> RobustVariances:
-    """Variances by the expected squares of the last round."""
+    """Variances of the next round: expectation step of Student's t, by the expected squares of the last smoothing."""
     least = initialize_variances(walk, links)
     heavier = (FIELD_FREEDOM + smoothed.deviation_square / FIELD_DEVIATION_UT**2) / (FIELD_FREEDOM + 3.0)
     return RobustVariances(
@@ -363,7 +363,7 @@ def reweigh_variances(walk: Floats, links: Links, smoothed: Smoothed) -> RobustV
 
 
 def estimate_field_walk(links: Links, mag_sigma_uT: float) -> Floats:
-    """Random walk (K,) uT/sqrt(s) of the field about the end of each link by its strength, at least `FIELD_WALK_UT`."""
+    """Random walk (K,) uT/sqrt(s) of the field about each link's end, by that of its strength; min. `FIELD_WALK_UT`."""
     reach = max(round(FIELD_WINDOW_S / NODE_S / 2), 1)
     variance = mag_sigma_uT**2 / np.maximum(links.count, 1.0)
     weight = np.where(np.isfinite(links.strength), 1.0, 0.0)
@@ -419,7 +419,7 @@ class FixedLagSmoother:
         return Prior(self.nodes.R[-1], self.nodes.y[-1], self.smoothed.P[-1])
 
     def extend(self, new: Links) -> int:
-        """Add links and smooth; returns how many of the earlier nodes have left the window."""
+        """Add links and smooth; return how many nodes left the window, from its oldest on."""
         # predict the new nodes
         self._links = self._links.append(new)
         more = predict_nodes(self.last, new, self._noise)
@@ -448,7 +448,7 @@ class FixedLagSmoother:
         self.variances = reweigh_variances(walk, links, self.smoothed)
 
     def _marginalize(self) -> int:
-        """Drop nodes older than the lag, but keep the links that rests and the spread of strength still reach."""
+        """Marginalize nodes older than the lag into the prior; return their number. Links needed for rests are kept."""
         links = self._links
         oldest = links.start_s[-1] + links.h[-1] - LAG_S
         left = int(np.searchsorted(links.start_s[self._past :], oldest - 1e-6))
@@ -467,7 +467,7 @@ class FixedLagSmoother:
 
 
 def initialize_nodes(links: Links, start: PocketStart, p: PocketSmootherParameters) -> tuple[Nodes, RobustVariances]:
-    """Nodes and variances of all links as they left the window of a fixed-lag smoother, and as they are at the end."""
+    """Initial nodes and variances of all links, by a fixed-lag smoother: each as it left the window, or at the end."""
     every = max(round(LAG_S / 2 / NODE_S), 1)
     window = FixedLagSmoother(build_prior(start, links, p), links.slice(0, every), p)
     nodes: list[Nodes] = []

@@ -119,7 +119,7 @@ class Smoothed(NamedTuple):
 
 @njit(cache=True)
 def smooth_nodes(nodes: Nodes, inputs: NodeInputs, noise: Noise, x0: Floats, P0: Floats) -> Smoothed:
-    """Filter forward and smooth back about an estimate, given `x0` (27,) and `P0` (27, 27) of the first node."""
+    """Linearize about `nodes`, filter forward and smooth back; `x0` (27,), `P0` (27, 27): prior of first node."""
     n = len(nodes.y)
     x, x_ahead = np.zeros((n, SIZE)), np.zeros((n, SIZE))
     P, P_ahead = np.zeros((n, SIZE, SIZE)), np.zeros((n, SIZE, SIZE))
@@ -173,7 +173,7 @@ def _error_change(y: Floats, noise: Noise) -> Floats:
 
 @njit(cache=True)
 def linearize_transition(k: int, nodes: Nodes, inputs: NodeInputs, noise: Noise, F: Floats) -> tuple[Floats, Floats]:
-    """Write F (27, 27); returns the offset (27,) and the variances (27,) of x_k+1 = F x_k + offset + noise."""
+    """Write F (27, 27) of x_k+1 = F x_k + offset + noise; return the offset (27,) and the noise variances (27,)."""
     # attitude by the link, and its misclosure
     h = inputs.h[k]
     y, then, c = nodes.y[k], nodes.y[k + 1], _error_change(nodes.y[k], noise)
@@ -223,7 +223,7 @@ def linearize_transition(k: int, nodes: Nodes, inputs: NodeInputs, noise: Noise,
 
 @njit(cache=True)
 def _apply_force(R: Floats, delta: Floats, per_sensor: Floats, c: Floats, F: Floats) -> Floats:
-    """Change of velocity or position by a force, (3,) in nav; writes the derivatives of its two level parts."""
+    """Return `delta` (3,) velocity or position in nav, sensor errors `c` corrected; write its two level rows of F."""
     change, by_sensor = _apply(per_sensor, c), multiply(R, per_sensor)
     for i in range(3):
         change[i] += delta[i]
@@ -239,7 +239,7 @@ def _apply_force(R: Floats, delta: Floats, per_sensor: Floats, c: Floats, F: Flo
 
 @njit(cache=True)
 def _update_node(k: int, nodes: Nodes, inputs: NodeInputs, noise: Noise, out: Smoothed) -> None:
-    """Update x and P by the measurements at a node."""
+    """Update x and P of `out`, in place, by swing, rest and field at node k, and store the NIS."""
     x, P, H, y = out.x[k], out.P[k], np.zeros((3, SIZE)), nodes.y[k]
     # the swing
     nis = 0.0
@@ -271,7 +271,7 @@ def _update_node(k: int, nodes: Nodes, inputs: NodeInputs, noise: Noise, out: Sm
 
 @njit(cache=True)
 def linearize_field(k: int, nodes: Nodes, inputs: NodeInputs, noise: Noise, H: Floats) -> Floats:
-    """Write the rows (3, 27) of a node's field, in nav; returns (3,) so that H x is it but for noise."""
+    """Write H (3, 27) of the field at node k, in nav; return the measurement z (3,) uT, z = H x + noise."""
     R, z = nodes.R[k], inputs.field[k]
     less = multiply(cross_matrix(z), inputs.lever[k])
     change = _apply(less, _error_change(nodes.y[k], noise))
@@ -293,7 +293,7 @@ def linearize_field(k: int, nodes: Nodes, inputs: NodeInputs, noise: Noise, H: F
 
 @njit(cache=True)
 def _smooth_backward(nodes: Nodes, F: Floats, out: Smoothed) -> None:
-    """Rauch-Tung-Striebel: x and P given all, and the expected squares of steps, deviations and swings."""
+    """RTS pass, in place: smoothed x and P, and the expected squares by which Student's t reweights."""
     n, gained = len(out.x), np.empty((SIZE, SIZE))
     for k in range(n - 1, -1, -1):
         x, P = out.x[k], out.P[k]
@@ -334,7 +334,7 @@ def _expect_step(k: int, i: int, nodes: Nodes, F: Floats, out: Smoothed, G: Floa
 
 @njit(cache=True)
 def _smoother_gain(A: Floats, P: Floats) -> Floats:
-    """A P^-1, P scaled to a diagonal of ones first: its units differ."""
+    """Gain A P^-1; P is scaled to unit diagonal first, as its mixed units make it ill-conditioned."""
     scale, scaled, right = np.empty(SIZE), np.empty((SIZE, SIZE)), np.empty((SIZE, SIZE))
     for i in range(SIZE):
         scale[i] = 1.0 / np.sqrt(P[i, i])

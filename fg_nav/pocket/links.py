@@ -101,7 +101,7 @@ def place_nodes(t: Floats, node_s: float = NODE_S) -> Ints:
 
 
 def preintegrate_links(node: Ints, t: Floats, acc: Floats, gyr: Floats, mag: Floats | None, bias: Floats) -> Links:
-    """Reduce samples to links.
+    """Preintegrate rate, force and field between nodes to K links.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ def preintegrate_links(node: Ints, t: Floats, acc: Floats, gyr: Floats, mag: Flo
 
 
 def detect_rests(links: Links) -> Rests:
-    """Rests at the K + 1 nodes of links, by the link after each node and those before it."""
+    """Return rate (K + 1, 3) and variance, infinite without a rest, at each node; causal but for the link after it."""
     slow = np.abs(links.rate).max(axis=1) < np.radians(REST_RATE_DEG_S)
     quiet = slow & (links.rate_spread < np.radians(REST_SPREAD_DEG_S)) & (links.force_spread < REST_SPREAD_M_S2)
     variance, rate = np.full(len(links) + 1, np.inf), np.zeros((len(links) + 1, 3))
@@ -175,7 +175,7 @@ def _fill_links(
     rate_spread: Floats,
     force_spread: Floats,
 ) -> None:
-    """Write the arrays of all links."""
+    """Write the preintegrated arrays of all K links, in place: `turn` and all after it, in the order of `_SHAPES`."""
     theta = np.empty(3)
     for k in range(len(node) - 1):
         R, J = np.eye(3), np.zeros((3, SENSOR))
@@ -231,7 +231,7 @@ def _add_force(
     delta_p: Floats,
     delta_p_per_sensor: Floats,
 ) -> None:
-    """Add a sample (3,) m/s^2 held for `h` seconds to delta velocity and position; `by_turn` is Jr (w h)."""
+    """Add force `acc` (3,) m/s^2 held for `h` s, in place, to deltas and derivatives; `by_turn` (3, 3) is Jr (w h)."""
     gained = np.zeros(3)
     for axis in range(3):
         mean = by_turn[0, axis] * acc[0] + by_turn[1, axis] * acc[1] + by_turn[2, axis] * acc[2]  # Jl is Jr^T
@@ -249,7 +249,7 @@ def _add_force(
 
 @njit(cache=True)
 def _measure_spread(x: Floats, first: int, stop: int, mean: Floats) -> float:
-    """Write the mean (3,) of samples (N, 3) from `first` to before `stop`; returns the root of the summed variances."""
+    """Write the mean (3,) of samples first <= i < stop of x (N, 3); return the rms distance from that mean."""
     square = 0.0
     for axis in range(3):
         total = 0.0

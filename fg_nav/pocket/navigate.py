@@ -148,7 +148,7 @@ def require_steps(steps: Steps) -> None:
 def assemble_solution(
     recording: Recording, track: PocketTrack, steps: Steps, path: SteppedPath, step_length: StepLength
 ) -> Solution:
-    """Return the solution of steps on a track, without notes; between the ends of a step the position moves evenly."""
+    """Return the solution, without notes; position is interpolated linearly between the ends of each step."""
     t = recording.t
     at, first = np.unique(t[path.sample], return_index=True)
     position = np.stack([np.interp(t, at, axis) for axis in path.position[first].T], axis=1)
@@ -195,7 +195,7 @@ def measure_first_heading(forward: Floats) -> float:
 
 
 def describe_steps(steps: Steps, step_length: StepLength, is_forward_known: bool) -> list[str]:
-    """Return notes on steps and their length."""
+    """Return notes on number of steps, step constant and its source, and an ambiguous forward direction."""
     bouts = int(steps.bout[-1]) + 1
     pauses = f", in {bouts} stretches" if bouts > 1 else ""
     notes = [f"{format_count(len(steps), 'step')} of both legs{pauses}; height is not estimated"]
@@ -212,7 +212,7 @@ def describe_steps(steps: Steps, step_length: StepLength, is_forward_known: bool
 
 
 def _warn(recording: Recording, signs: TurnSigns, swing: ThighSwing, verdicts: tuple[str, ...]) -> list[str]:
-    """Notes on what makes the recording questionable."""
+    """Return warnings on field, sampling, swing and shifts of the sensor."""
     notes = []
     if signs.wearing is None:
         notes.append("the sensor turns neither as on a thigh nor as on a foot: was it in a trouser pocket?")

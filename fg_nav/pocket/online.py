@@ -117,7 +117,7 @@ class OnlinePocket:
         return PocketEstimate(float(self._samples[-1, 0]), last.R, last.y[:3], last.P[:6, :6])
 
     def _make_nodes(self, start: PocketStart) -> None:
-        """Make links of whole half seconds, if complete: one sample beyond is needed, and one before stays stored."""
+        """Preintegrate complete half seconds and extend the smoother; a link needs one sample beyond its end."""
         while True:
             s, t = self._samples, self._samples[:, 0]
             ticks = self._origin + NODE_S * np.arange(self._made, self._made + UPDATE_LINKS + 1)
@@ -178,7 +178,7 @@ class OnlineThigh:
         return self._latest
 
     def add(self, first: int, rows: Floats, before: Floats) -> list[StrideEnd]:
-        """Add rows (n, 11), the first of them that sample of the walk, `before` (0 or 1, 11) the row before them."""
+        """Add rows (n, 11) from sample `first` on; `before` (0 or 1, 11) precedes them. Return completed strides."""
         ends: list[StrideEnd] = []
         last, nodes = self._latest, len(self._orientation.nis)
         R, bias = (self._start, np.zeros(3)) if last is None else (last.nav_R_body, last.gyro_bias)
@@ -204,7 +204,7 @@ class OnlineThigh:
         return ends + self.steps.push(rows[:, 0], rows[:, 4:7] - latest.gyro_bias, attitude, float(latest.sigma[2]))
 
     def judge_field(self) -> tuple[str, str]:
-        """Return whether the field was used at the nodes since the last call, in a word and in words."""
+        """Return the verdict on the field at the nodes since the last call, and the share of nodes in words."""
         nis = np.array(self._orientation.nis[self._judged :]).reshape(-1, 3)
         if not len(nis):
             return self._verdict
@@ -214,7 +214,7 @@ class OnlineThigh:
         return self._verdict
 
     def build_track(self, recording: Recording) -> PocketTrack:
-        """Return the orientation of the moment at all samples of the walk so far."""
+        """Return the causal track: at each sample of the walk so far, the estimate known at that time."""
         at = np.array([sample for sample, _ in self._known])
         R, b, P = (
             np.array([getattr(one, name) for _, one in self._known])

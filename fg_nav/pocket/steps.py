@@ -112,7 +112,7 @@ class ThighSwing:
 
 
 def estimate_swing(recording: Recording, track: PocketTrack, with_force: bool = True) -> ThighSwing:
-    """Find the axes of the thigh, and its flexion; without the force by the rate alone, as while it is walked.
+    """Find left and up of the thigh in the body, and its flexion; without the force by the rate alone, as online.
 
     Raises `EstimationError` if the sensor hardly turns, or neither its rate nor its force shows a level axis.
     """
@@ -178,10 +178,10 @@ def _level_force(recording: Recording, track: PocketTrack) -> tuple[Floats, Floa
 
 
 def measure_sway(recording: Recording, track: PocketTrack, moving: Bools) -> tuple[Floats, float]:
-    """Direction (3,) in the body of the level force that is coherent with the vertical one, and how surely it is ahead.
+    """Axis (3,) in the body of the level force coherent with the vertical one, and the evidence that it points forward.
 
-    The direction is as long as its coherence; ahead is where it goes with -dh/dt. `moving` (N,) are the samples that
-    are looked at, less those in the flight of a run.
+    The axis has the coherence for length. Forward, the level force correlates with -dh/dt. `moving` (N,) flags the
+    samples to use; those in the flight of a run are left out.
     """
     period_s = recording.period_s
     level, vertical = _level_force(recording, track)
@@ -269,7 +269,7 @@ def find_steps(t: Floats, flexion: Floats, up: Floats) -> Steps:
     ----------
     t : (N,) s.
     flexion : (N,) rad, positive with the knee ahead, and free of what is faster than 6 Hz.
-    up : (N, 3) direction of up in the body, likewise.
+    up : (N, 3) unit vector up in the body, low-passed alike.
     """
     # turning points, and each pause within an opening
     turn = split_at_pauses(t, flexion, find_turning_points(flexion, float(np.radians(HYSTERESIS_DEG))))
@@ -294,9 +294,9 @@ def find_steps(t: Floats, flexion: Floats, up: Floats) -> Steps:
 
 
 def find_bounces(t: Floats, vertical: Floats, moving: Bools) -> Steps:
-    """Find the steps of a walker by the vertical force (N,) m/s^2 of a sensor that need not swing; there may be none.
+    """Find steps by the bounce in the `vertical` force (N,) m/s^2, for a sensor that need not swing; possibly none.
 
-    `moving` (N,) are the samples in which there can be steps.
+    `moving` (N,) flags the samples in which steps may be.
     """
     period_s = float(np.median(np.diff(t)))
     slow = remove_fast(vertical, period_s, STEP_HZ[1])
@@ -314,7 +314,7 @@ def find_bounces(t: Floats, vertical: Floats, moving: Bools) -> Steps:
 
 
 def find_all_steps(recording: Recording, track: PocketTrack, swing: ThighSwing) -> Steps:
-    """Find the steps by the swing of the thigh, and by the bounce of the body in between."""
+    """Find the steps by the swing of the thigh and, outside its bouts, by the bounce of the body; in order of time."""
     t, period_s = recording.t, recording.period_s
     of_swing = find_steps(t, swing.flexion, swing.up_now)
     rate = np.linalg.norm(remove_fast(recording.gyr - track.gyro_bias, period_s), axis=1)
@@ -333,7 +333,7 @@ def find_all_steps(recording: Recording, track: PocketTrack, swing: ThighSwing) 
 
 
 def average_durations(took: Floats, bout: Ints) -> Floats:
-    """Durations (S,) s of steps, each averaged with its neighbours in the bout, which are the other leg's."""
+    """Durations (S,) s smoothed over neighbours in the bout: the two legs alternate, so asymmetry cancels."""
     total, weight = 2.0 * took, np.full(len(took), 2.0)
     same = np.diff(bout) == 0
     total[1:][same] += took[:-1][same]
@@ -344,7 +344,7 @@ def average_durations(took: Floats, bout: Ints) -> Floats:
 
 
 def find_turning_points(values: Floats, hysteresis: float) -> Ints:
-    """Samples (M,) at which values (N,) turn, from high to low and back, by more than the hysteresis; ends included."""
+    """Samples (M,) of alternating maxima and minima of values (N,) more than `hysteresis` apart; both ends included."""
     found, extreme, sense = [0], 0, 0  # since the last turning point the extreme, and whether up or down to it
     # corners: where values stop rising or falling, and the last
     moving = np.flatnonzero(np.diff(values))
@@ -361,7 +361,7 @@ def find_turning_points(values: Floats, hysteresis: float) -> Ints:
 
 
 def split_at_pauses(t: Floats, flexion: Floats, turn: Ints) -> Ints:
-    """Turning points, and one more in each opening with a pause: into standing, and on in the same direction."""
+    """Turning points with one added in each opening interrupted by a pause: a step into standing, and one out of it."""
     parted = []
     for a, b in pairwise(turn.tolist()):
         if t[b] - t[a] > PAUSE_S:
@@ -374,7 +374,7 @@ def split_at_pauses(t: Floats, flexion: Floats, turn: Ints) -> Ints:
 
 
 def find_inner_spans(flexion: Floats, turn: Ints) -> tuple[Ints, Ints]:
-    """First and last sample (S,) of each opening that are a tenth of it away from its ends."""
+    """First and last sample (S,) of the inner 80 % of the flexion of each opening: without the slow ends."""
     start, stop = np.zeros(max(len(turn) - 1, 0), dtype=np.int64), np.zeros(max(len(turn) - 1, 0), dtype=np.int64)
     for k, (a, b) in enumerate(pairwise(turn.tolist())):
         done = (flexion[a : b + 1] - flexion[a]) / (flexion[b] - flexion[a])

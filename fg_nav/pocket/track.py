@@ -138,7 +138,7 @@ def choose_start(recording: Recording, heading: float | None) -> tuple[PocketSta
 
 
 def estimate_field_noise_uT(recording: Recording) -> float:
-    """White error of the magnetometer, uT an axis and sample, from the quietest tenth of the seconds.
+    """White noise of the magnetometer, uT per axis and sample: first decile over the seconds of the recording.
 
     By second differences, of variance 6 sigma^2, in which a thigh that swings leaves 0.1 uT or less at 100 Hz where it
     turns back. It is never below that of MD Table 2.
@@ -181,7 +181,7 @@ class CompassTurn:
 
 
 def measure_turn(recording: Recording, track: PocketTrack) -> CompassTurn | None:
-    """Estimate the turn of a track from magnetic north; None without a horizontal field."""
+    """Estimate the heading offset of a track from magnetic north over time; None without a horizontal field."""
     if recording.mag is None:
         return None
     seen = np.isfinite(recording.mag).all(axis=1)
@@ -193,7 +193,7 @@ def measure_turn(recording: Recording, track: PocketTrack) -> CompassTurn | None
     block = np.floor((t - t[0]) / PLACE_S).astype(np.int64)
     _, block, count = np.unique(block, return_inverse=True, return_counts=True)
     east, north, at = (np.bincount(block, x) / count for x in (field[:, 0], field[:, 1], t))
-    # its deviation, as that of the strength
+    # direction noise is taken from that of the strength, which heading errors leave alone
     strength = np.linalg.norm(mag, axis=1)
     deviation = max(1.4826 * float(np.median(np.abs(strength - np.median(strength)))), MIN_DEVIATION_UT)
     level = float(np.median(np.hypot(east, north)))
@@ -204,7 +204,7 @@ def measure_turn(recording: Recording, track: PocketTrack) -> CompassTurn | None
 
 
 def smooth_angles(t: Floats, angle: Floats, variance: Floats) -> tuple[Floats, Floats]:
-    """Smoothed angle (K,) rad, continuous, and its sigma (K,), of angles (K,) with variances (K,) at t (K,) s."""
+    """Smoothed, unwrapped `angle` (K,) rad and its sigma (K,) rad, averaged over random walks by their evidence."""
     fits = [_smooth(angle, variance, np.radians(walk) ** 2 * np.diff(t)) for walk in WALKS_DEG]
     evidence = np.array([fit[2] for fit in fits])
     weight = np.exp(evidence - evidence.max())
@@ -216,9 +216,9 @@ def smooth_angles(t: Floats, angle: Floats, variance: Floats) -> tuple[Floats, F
 
 
 def _smooth(mu: Floats, variance: Floats, walk: Floats) -> tuple[Floats, Floats, float]:
-    """Smoothed turn (K,) rad, its variance (K,), and the log evidence, of headings (K,) with t-distributed errors.
+    """Smoothed heading offset (K,) rad, its variance (K,), and the log evidence, with t-distributed errors of mu (K,).
 
-    `walk` (K - 1,) are the variances of the random walk's steps.
+    `variance` (K,) rad^2 is that of mu, `walk` (K - 1,) rad^2 that of the random walk between them.
     """
     n, scale = len(mu), np.ones(len(mu))
     for _ in range(ROUNDS):
@@ -243,7 +243,7 @@ def _smooth(mu: Floats, variance: Floats, walk: Floats) -> tuple[Floats, Floats,
 
 
 def _find_evidence(mu: Floats, variance: Floats, walk: Floats) -> float:
-    """Log of the product of the innovations' t densities, less a constant; each is weighed as it comes."""
+    """Log evidence: sum of the log t densities of the innovations of a causal robust filter, up to a constant."""
     x, P, evidence = mu[0], variance[0], 0.0
     for k in range(1, len(mu)):
         ahead, miss = P + walk[k - 1], np.angle(np.exp(1j * (mu[k] - x)))

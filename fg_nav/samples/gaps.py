@@ -182,9 +182,10 @@ def find_spread(samples: Floats) -> float:
 def _predict(
     values: Floats, gap: Ints, before: Ints, offsets: Ints, max_ticks: float, walking: Floats
 ) -> tuple[Floats, Floats]:
-    """Mean and sigma (A, 6) in the gaps behind the samples `before` (A,), of which all have samples at these ticks.
+    """Mean and its sigma (A, 6) of force and rate over the gaps after samples `before` (A,), by regression.
 
-    In a gap of more than `max_ticks` periods the sigma is at least `walking` (6,).
+    Regressors are the samples at ticks `offsets` from `before`. A gap of more than `max_ticks` periods is not
+    regressed: its sigma is at least `walking` (6,).
     """
     after = int(offsets[offsets > 0][0])
     linear = (values[before] + values[before + 1]) / 2
@@ -206,7 +207,7 @@ def _predict(
 
 
 def find_windows(gap: Ints, count: int, offsets: Ints) -> Ints:
-    """Origins (M,) of the windows with these offsets that have no gap in them."""
+    """Origins (M,) of training windows: samples with no gap between the first and the last of `offsets`."""
     clear_blocks = [np.empty(0, dtype=np.int64)]
     for start in range(-offsets[0], count - offsets[-1], BLOCK_ROWS):
         last = np.arange(start, min(start + BLOCK_ROWS, count - offsets[-1]))
@@ -217,9 +218,9 @@ def find_windows(gap: Ints, count: int, offsets: Ints) -> Ints:
 
 
 def regress(known: Floats, beyond: Floats, pattern: Floats, channel: Ints) -> Regression:
-    """Predict the values (K,) of a `pattern` (C,), by the rows `known` (M, C) nearest to it and their `beyond` (M, K).
+    """Local linear regression of `beyond` (M, K) at `pattern` (C,) on the rows of `known` (M, C) nearest to it.
 
-    `channel` (C,) is which of the six of acc and gyr each column is of.
+    `channel` (C,) is the sensor axis, 0 to 5, of each column. The two halves validate each other.
     """
     distance = ((known - pattern) ** 2).sum(axis=1)
     alike = np.sort(np.argpartition(distance, min(ALIKE, len(known)) - 1)[:ALIKE])
@@ -247,10 +248,10 @@ class Regression(NamedTuple):
 
 
 def _fit_line(x: Floats, y: Floats) -> tuple[Floats, Floats, float, Floats]:
-    """Least squares of y (M, K) over x (M, C): value at zero (K,), slopes (C, K), and the line's uncertainty.
+    """Least squares of y (M, K) over x (M, C): value at zero (K,), slopes (C, K), `stretch`, `unlike` (C,).
 
-    The latter is `stretch` as of a `Regression`, and `unlike` (C,): what is at zero but in no x. `DIGITS` keeps the
-    slopes from following noise.
+    `stretch` is as in `Regression`; `unlike` is the part of the pattern outside the span of x. Ridge regression by
+    `DIGITS` keeps the slopes from following noise.
     """
     x_mean, y_mean = x.mean(axis=0), y.mean(axis=0)
     x = x - x_mean
@@ -335,7 +336,7 @@ class _UnreadSamples:
         self._breaks = np.unique(np.concatenate([gap, hurt, hurt - 1]))
 
     def bridge(self, which: int) -> Bridge:
-        """Estimate the unread samples of one sensor."""
+        """Return indices, values and sigmas of the unread samples of one sensor, `ACC_OUT` or `GYR_OUT`."""
         bad = (self._unread & which) > 0
         edge = np.flatnonzero(np.diff(np.concatenate([[False], bad, [False]]).astype(np.int8)))
         start, stop = edge[::2], edge[1::2]
@@ -365,7 +366,7 @@ class _UnreadSamples:
         return Bridge(sample, value * self._scale[axes], sigma * self._scale[axes])
 
     def _predict(self, run: _Run, first: Ints, axes: slice) -> list[tuple[Floats, Floats]]:
-        """Values (n, 3) and sigma (3,) of their mean for runs alike that begin with the samples `first`."""
+        """Predict runs of one shape from samples `first` on: values (n, 3) and sigma (3,) of their mean, each."""
         x, near, bad = self._values, np.array(run.near), np.array(run.bad)
         extent = np.array([min(near[0], run.before), max(near[-1], run.behind)])
         windows = find_windows(self._breaks, len(x), extent)
@@ -397,7 +398,7 @@ class _UnreadSamples:
 
 
 def prepare_samples(acc: Floats, gyr: Floats, h: Floats, gaps: Gaps) -> tuple[Floats, Floats]:
-    """Specific forces and rates (N, 3), from rebuilt ones, that integrate to the motion when held over `h` (N,) s."""
+    """Specific forces and rates (N, 3), held over `h` (N,) s, that integrate to the motion: gaps, coning, sculling."""
     force, rate = empty_column(*acc.shape), empty_column(*gyr.shape)
     for start in range(0, len(h), BLOCK):
         stop = min(start + BLOCK, len(h))
@@ -418,7 +419,7 @@ def prepare_samples(acc: Floats, gyr: Floats, h: Floats, gaps: Gaps) -> tuple[Fl
 
 @njit(cache=True)
 def compensate_coning(acc: Floats, gyr: Floats, h: Floats) -> tuple[Floats, Floats]:
-    """Add sculling to specific forces and coning to rates, both (N, 3) means over periods `h` (N,) s, N > 1."""
+    """Return forces and rates (N, 3), means over periods `h` (N,) s, N > 1, with sculling and coning added."""
     force, rate, d_acc, d_gyr = acc.copy(), gyr.copy(), np.empty(3), np.empty(3)
     for i in range(len(h)):
         _differentiate(acc, h, i, d_acc)
@@ -434,7 +435,7 @@ def compensate_coning(acc: Floats, gyr: Floats, h: Floats) -> tuple[Floats, Floa
 
 @njit(cache=True)
 def _differentiate(samples: Floats, h: Floats, i: int, change: Floats) -> None:
-    """Write the change of a sample over its own period: a parabola's slope, at either end that to the next sample."""
+    """Write to `change` the change of sample i over its period: slope of a parabola, or of a line at either end."""
     before = 0.5 * (h[i - 1] + h[i]) if i > 0 else np.inf
     after = 0.5 * (h[i] + h[i + 1]) if i + 1 < len(h) else np.inf
     from_before = h[i] / before / (1.0 + before / after)

@@ -94,7 +94,7 @@ def note_bad(bad: Bools, sensor: str, t: Floats, row: Ints) -> list[str]:
 
 @njit(cache=True)
 def scan_outliers(t: Floats, x: Floats, begin: int, at_end: bool, factor: float = FACTOR) -> tuple[Ints, int]:
-    """Find bad samples in x (N, 6), acc and gyr, from `begin` on, behind good ones: (N,), and up to which sample.
+    """Find outliers in x (N, 6), acc and gyr, from sample `begin` on; return sensor bits (N,), and the next to judge.
 
     Unless it is `at_end`, a sample at which a run may begin is judged once `LOOK_AHEAD` samples are behind it.
     """
@@ -138,14 +138,14 @@ def scan_outliers(t: Floats, x: Floats, begin: int, at_end: bool, factor: float 
 
 @njit(cache=True)
 def _find_run(t: Floats, x: Floats, before: Ints, i: int, factor: float) -> tuple[int, int]:
-    """Length of the shortest run that begins with sample i, behind good ones, and of which sensor it is."""
+    """Length of the shortest run of outliers from sample i on, and bits `ACC_OUT`, `GYR_OUT`; 0, 0 if none."""
     shaken = _measure_shaking(x, before)
     for length in range(1, LONGEST + 1):
         behind = np.arange(i + length, min(i + length + AROUND + 1, len(x)))
         if i + length > len(x) or (len(behind) < 2 and (len(before) < 2 or len(x) - i > LAST)):
             return 0, 0
         acc, gyr = np.maximum(shaken, _measure_shaking(x, behind))
-        # a coarser period, missing samples, and an end allow more
+        # raise the threshold for coarse sampling, missing samples and the ends of the recording
         period = float(np.median(np.concatenate((np.diff(t[before]), np.diff(t[behind])))))
         stretch = np.sqrt(3.0)  # at either end, where only one side shows what the motion is
         if len(before) and len(behind):
@@ -166,7 +166,7 @@ def _find_run(t: Floats, x: Floats, before: Ints, i: int, factor: float) -> tupl
 
 @njit(cache=True)
 def _measure_shaking(x: Floats, samples: Ints) -> Floats:
-    """Largest second difference of acc and of gyr, of any axis, among some samples that follow each other."""
+    """Largest deviation (2,) of acc and gyr, any axis, from the mean of both neighbours: half the second difference."""
     largest = np.zeros(2)
     for j in range(1, len(samples) - 1):
         for axis in range(6):
@@ -177,7 +177,7 @@ def _measure_shaking(x: Floats, samples: Ints) -> Floats:
 
 @njit(cache=True)
 def _measure_run(x: Floats, before: Ints, behind: Ints, i: int, first_axis: int) -> float:
-    """Least deviation of both ends of the run that begins with sample i, on the worst of three axes each."""
+    """Smaller deviation, first or last sample of the run from i on, from its neighbours, on the worst of three axes."""
     most_first, most_last = 0.0, 0.0
     for axis in range(first_axis, first_axis + 3):
         if len(behind) == 0:  # at the very end: off what the two before it lead to as well
@@ -203,7 +203,7 @@ def _measure_run(x: Floats, before: Ints, behind: Ints, i: int, first_axis: int)
 
 @njit(cache=True)
 def _interpolate(near2: float, near: float, far: float, far2: float, width: float) -> float:
-    """Third order through samples at -1, 0, `width` and `width` + 1, at 1."""
+    """Value at 1 of the cubic through samples at -1, 0, `width` and `width` + 1."""
     w = width
     return (
         near2 * (1 - w) * -w / ((-1) * (-1 - w) * (-2 - w))

@@ -206,8 +206,8 @@ def find_mag_unit(mag: Floats) -> str | None:
 def find_time_unit(step: float, turning_s: float = np.nan) -> str | None:
     """Find the unit in which stamps of this step are those of an inertial sensor, None if in none.
 
-    The usual units go first, s to ns; if gravity turns as with a period of `turning_s`, the unit must make it of the
-    step, within a factor of three; within 1.8 where it is not usual, such as 0.1 ms.
+    Usual units, s to ns, go first. If gravity turns as with a period of `turning_s`, the step must agree with it within
+    a factor of 3, or 1.8 for an unusual unit such as 0.1 ms.
     """
     low, high = _USUAL_PERIOD_S
     fitting = {u: step * size for u, size in _CLOCK_UNITS.items() if low <= step * size <= high}
@@ -221,8 +221,8 @@ def find_time_unit(step: float, turning_s: float = np.nan) -> str | None:
 def measure_turning_period(acc: Floats, gyr: Floats, least_correlation: float = _MIN_CORRELATION) -> float:
     """Sample period, s, with which gravity turns in the body as the gyroscope (rad/s) says; NaN where too little does.
 
-    Over two halves of n samples in which | |acc| / rest - 1 | stays below 0.06, the change between their means is
-    -T n w x a; of the n tried the one is taken by which they correlate best. No clock is needed.
+    Over two halves of n samples with | |acc| / rest - 1 | < 0.06, the change between their means is -T n w x a. The n
+    of highest correlation is used. No clock is needed.
     """
     acc, gyr = _usable(acc, gyr)
     rest = measure_rest_acc(acc, np.nan)
@@ -246,7 +246,7 @@ def measure_turning_period(acc: Floats, gyr: Floats, least_correlation: float = 
 
 
 def measure_gait_period(gyr: Floats) -> float:
-    """Sample period, s, with which the turning of gyr (N, 3) repeats itself every `_STRIDE_S`; NaN if it does not."""
+    """Sample period, s, for which the autocorrelation of gyr (N, 3) peaks at `_STRIDE_S`; NaN without a peak."""
     rate = np.linalg.norm(_usable(gyr)[0], axis=1)[:MAX_JUDGED]
     if len(rate) < 200 or not np.ptp(rate) > 0:
         return np.nan

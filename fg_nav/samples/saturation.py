@@ -84,7 +84,7 @@ def find_clipping_levels(samples: Floats) -> Floats:
 
 
 def find_saturation_level(signal: Floats) -> float:
-    """Level from which on a signal (N,) is clipped at its upper end; infinite if it is not."""
+    """Upper level at which a signal (N,) is clipped, by repeated equal maxima; infinite if it is not."""
     if len(signal) < 2 * _REACH + 2 or not (top := float(np.max(signal))) > 0:
         return np.inf
     step = np.abs(np.diff(signal))
@@ -163,7 +163,7 @@ def rebuild_peaks(samples: Floats, period_s: float, levels: Floats | None = None
 
 
 def _rebuild_tops(signal: Floats, cut: Bools, clipped: Bools, period_s: float) -> Floats:
-    """Rise, sigma and length of run (3, N) of each sample of a signal (N,) that is cut at its upper end."""
+    """Rise above the level, its sigma and length of run (3, N) at each sample of a signal (N,) cut at its upper end."""
     found = np.zeros((3, len(signal)))
     edge = np.flatnonzero(np.diff(np.concatenate([[False], cut, [False]]).astype(np.int8)))
     start, stop = edge[::2], edge[1::2]
@@ -195,8 +195,8 @@ def _rebuild_tops(signal: Floats, cut: Bools, clipped: Bools, period_s: float) -
 def _measure_flank(signal: Floats, clipped: Bools, last: Ints, level: Floats, side: int) -> Floats:
     """Flanks up to the `level` (R,) of runs that begin (`side` -1) or end (1) with the samples `last` (R,).
 
-    (3, R): the steepest of its steps; how far outside `last` the line through it meets the level; and how far outside
-    of there it is, less one, in samples. NaN where there is none.
+    Rows of (3, R): steepest slope; distance outside `last` at which its tangent meets the level; and distance of that
+    slope from there less one, in samples. NaN without a flank.
     """
     index = last + side * np.arange(FLANK_STEPS + 1)[:, None]
     inside = (index >= 0) & (index < len(signal))

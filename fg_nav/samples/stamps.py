@@ -118,7 +118,7 @@ def order_stamps(t: Floats, samples: Floats, row: Ints, longest_gap_s: float = M
 
 
 def _follow_clock(t: Floats, samples: Floats, row: Ints, period: float) -> tuple[list[Ordered], list[str]]:
-    """Cut the samples where their clock begins again; in each part the stamps do not fall any more."""
+    """Cut the samples where the clock restarts; return the sorted parts, nondecreasing in time, and remarks."""
     backward = np.flatnonzero(np.diff(t) < 0) + 1
     if len(backward) > MAX_BACKWARD:
         raise RecordingError(
@@ -175,7 +175,7 @@ def goes_on(samples: Floats, at: int, jump: float = JUMP) -> bool:
 
 
 def _sort_part(t: Floats, keep: Bools, late: Bools, start: int, stop: int, row: Ints, period: float) -> Ordered:
-    """Put the samples `start <= i < stop` in order of time."""
+    """Return samples start <= i < stop in order of time: those of `keep`, with the `late` ones moved to their place."""
     index = np.arange(start, stop)
     kept = index[keep[start:stop] & ~late[start:stop]]
     came_late = index[keep[start:stop] & late[start:stop]]
@@ -197,7 +197,7 @@ def _sort_part(t: Floats, keep: Bools, late: Bools, start: int, stop: int, row: 
 
 
 def _spread_doubles(part: Ordered, samples: Floats, row: Ints, period: float) -> Ordered:
-    """Give samples with one stamp stamps of their own, or leave out all but the first."""
+    """Space samples of equal stamps evenly if they differ; drop all but the first if they repeat."""
     t = part.t
     first = np.flatnonzero(np.diff(t, prepend=-np.inf) > SAME_S)
     if len(first) == len(t):
@@ -269,8 +269,8 @@ def remove_jitter(t: Floats) -> Floats:
 def find_lost_share(gyr: Floats) -> float:
     """Share of the rows that are missing from rates (N, 3) without stamps, by double steps; 0 where they show none.
 
-    Where the rate changes evenly, a step is the mean of those before and behind. With a row lost it is twice that: of
-    such steps those that are missing as often by chance are taken off. Found are 0.7 of the rows that were lost.
+    Where the rate changes evenly, a step is the mean of those before and after; with a row lost it is twice that. The
+    chance level of double steps is subtracted, and the rest divided by 0.7, the share of lost rows that is detected.
     """
     step = np.diff(gyr[np.isfinite(gyr).all(axis=1)], axis=0)
     if len(step) < MIN_CLOCKED:
@@ -303,7 +303,7 @@ def fit_clock(t: Floats) -> Clock:
 
 
 def _clock_near(t: Floats, period: float) -> Clock:
-    """Find the clock of about this period; the first count of ticks makes the period good for the second."""
+    """Fit a clock near `period` s: count ticks, refine the period by them, count again."""
     tick, _ = _count_ticks(t, period, int(np.clip(WINDOW_S / period, 10, 1000)))
     off = tick - tick.mean()  # a line by least squares; `polyfit` takes ten times the memory
     period = float(off @ (t - t[0]) / (off @ off))
@@ -324,7 +324,7 @@ def _spread(values: Floats) -> float:
 
 
 def _tick_times(t: Floats, tick: Ints, period: float) -> Floats:
-    """Time the ticks (N,) of one even stretch: a line through medians of blocks, bent at each."""
+    """Times (N,) s of the ticks of one even stretch: piecewise linear through block medians, against clock drift."""
     residual = t - t[0] - period * (tick - tick[0])
     n_blocks = int(min((t[-1] - t[0]) / BLOCK_S, len(t) / 20))
     if n_blocks < 2:
@@ -339,7 +339,7 @@ def _tick_times(t: Floats, tick: Ints, period: float) -> Floats:
 
 @njit(cache=True)
 def _count_ticks(t: Floats, period: float, window: int) -> tuple[Ints, Ints]:
-    """Tick number (N,) of each stamp, and number (N,) of the stretch of even sampling it belongs to."""
+    """Tick number (N,) of each stamp by a median over `window`, and number (N,) of its stretch of even sampling."""
     n = len(t)
     tick, stretch = np.zeros(n, np.int64), np.zeros(n, np.int64)
     for i in range(1, n):
