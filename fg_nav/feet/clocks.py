@@ -105,7 +105,7 @@ def align_clocks(first: Recording, first_stances: Stances, second: Recording, se
 
 
 def match_swings(a: Swings, b: Swings) -> ClockOffset:
-    """Find the offset s to add to the times of b for which the feet swing alternately; raises as `align_clocks`."""
+    """Find the offset, s, to add to the times of b for which the feet swing alternately; raises as `align_clocks`."""
     if min(len(a.middle), len(b.middle)) < MIN_SWINGS:
         return ClockOffset(0.0)
     a = replace(a, middle=a.middle[:MAX_SWINGS])

@@ -259,7 +259,7 @@ class Detector:
         return np.asarray(self.compute_parts(window).sum(axis=-1))
 
     def compute_parts(self, window: Floats) -> Floats:
-        """Contribution (..., C) of each channel to T, whose sum is T; `window` as in `compute_statistic`."""
+        """Contribution (..., C) of each channel to T, their sum; `window` as in `compute_statistic`."""
         latest = window[..., -self.window :]
         if self.form == "chi squared":
             about_mean = window - window.mean(axis=-1, keepdims=True)

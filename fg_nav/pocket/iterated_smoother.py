@@ -273,7 +273,7 @@ def propagate_gap(known: Prior, gap_s: float) -> Prior:
 
 
 def assemble_inputs(links: Links, variances: RobustVariances, rests: Rests) -> NodeInputs:
-    """Return the inputs of the compiled smoother, a row a node; the last node begins no link and has no field."""
+    """Return the inputs of the compiled smoother, a row per node or link; the last node has neither link nor field."""
     field, lever, count = (
         np.concatenate([x, np.zeros((1, *x.shape[1:]))]) for x in (links.field, links.lever, links.count)
     )

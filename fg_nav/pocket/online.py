@@ -214,7 +214,7 @@ class OnlineThigh:
         return self._verdict
 
     def build_track(self, recording: Recording) -> PocketTrack:
-        """Return the causal track (filter, not smoother) at all samples of the walk so far."""
+        """Return the causal track: at each sample of the walk so far, the estimate known at that time."""
         at = np.array([sample for sample, _ in self._known])
         R, b, P = (
             np.array([getattr(one, name) for _, one in self._known])
