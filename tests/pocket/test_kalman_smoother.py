@@ -192,7 +192,7 @@ def test_the_chain_is_the_dense_least_squares_solution(problem):
     # the expected squares: of a step, mean and variance of m_1 - m_0 there
     d = np.zeros((3, n * SIZE))
     d[:, FIELD:REGION], d[:, SIZE + FIELD : SIZE + REGION] = -np.eye(3), np.eye(3)
-    mean = np.diff(q.nodes.y[:2, FIELD:REGION], axis=0)[0] + d @ x
+    mean = np.diff(q.nodes.y[:2, FIELD - 3 : REGION - 3], axis=0)[0] + d @ x
     assert solved.step_square[0] == pytest.approx((mean**2).sum() + np.trace(d @ covariance @ d.T), rel=1e-3)
 
 
