@@ -10,7 +10,7 @@ from fg_nav.lab.reproduce.ma2018.detections import measure_headings, measure_noi
 from fg_nav.lab.reproduce.ma2018.magnetometer import _bend, _slope
 from fg_nav.lab.reproduce.ma2018.walks import LAID
 from fg_nav.lab.reproduce.results import ABOVE, MISSED, MISSED_EXPLAINED, PUT_IN, REPRODUCED, Reason, reason_for
-from fg_nav.lab.reproduce.roc import make_roc
+from fg_nav.lab.roc import make_roc
 from fg_nav.magnetic import DETECTORS
 from tests.lab.reproduce.stored_walks import figures_of, rows_of, store_walks
 from tests.pictures import sketch_pictures

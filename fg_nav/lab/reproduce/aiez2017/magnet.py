@@ -18,7 +18,7 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.detection import detect_stances
 from fg_nav.frames import compute_heading
-from fg_nav.lab.reproduce.roc import make_roc, measure_compass_deviation
+from fg_nav.lab.roc import make_roc, measure_compass_deviation
 from fg_nav.lab.simulation import SCENARIOS, SimulatedWalk, simulate
 from fg_nav.lab.simulation.fields import Sum
 from fg_nav.lab.simulation.scenarios import Choices

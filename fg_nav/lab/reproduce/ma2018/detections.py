@@ -13,7 +13,7 @@ indoor  the level of that name, fitted to real walks over reinforced floors: 27 
 
 The mixture needs no walk of its own: with one seed the two levels have the same steps and the same noise, and the
 magnetometer's reading is linear in the field. Hard and soft iron are removed as drawn. Bands are of 90 % over walks
-(`fg_nav.lab.reproduce.roc`). The fraction and the limits were chosen on seeds below 100. AIEZ's statistic depends on
+(`fg_nav.lab.roc`). The fraction and the limits were chosen on seeds below 100. AIEZ's statistic depends on
 its own threshold, for what passes corrects the heading it is compared with.
 
 Noise, two hours, for the sigmas of Ma's detector (section 5.2): changes from one instant to the next of magnetic minus
@@ -45,7 +45,7 @@ from fg_nav.errors import CalibrationError
 from fg_nav.frames import compute_heading, wrap_angle
 from fg_nav.lab.campaign.methods import solve_by
 from fg_nav.lab.campaign.walks import LOOP, RAW, Simulated
-from fg_nav.lab.reproduce.roc import (
+from fg_nav.lab.roc import (
     Roc,
     make_roc,
     measure_compass_deviation,

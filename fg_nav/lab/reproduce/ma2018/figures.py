@@ -19,8 +19,8 @@ from fg_nav.lab.reproduce.ma2018.detections import LIMIT_UT, MA, MA_THRESHOLD, O
 from fg_nav.lab.reproduce.ma2018.loop import CLSEF, MA_B_UT, MA_K, MG_PER_UT, Loop
 from fg_nav.lab.reproduce.ma2018.magnetometer import FIELD
 from fg_nav.lab.reproduce.results import Picture
-from fg_nav.lab.reproduce.roc import Roc
 from fg_nav.lab.reproduce.walks import Walks
+from fg_nav.lab.roc import Roc
 from fg_nav.lab.store.results import Arrays, Result
 from fg_nav.report.plots import style
 

@@ -28,7 +28,7 @@ from fg_nav.lab.reproduce.results import (
     reason_for,
     spread_of,
 )
-from fg_nav.lab.reproduce.roc import Band, Roc
+from fg_nav.lab.roc import Band, Roc
 from fg_nav.lab.simulation.sensors.magnetometer import MA_ETA_RAD, MA_OFFSET_UT, MA_TAU
 from fg_nav.lab.store.results import Arrays
 from fg_nav.magnetic.detectors import MA_SIGMA_HEADING, MA_SIGMA_INCLINATION, MA_SIGMA_STRENGTH
