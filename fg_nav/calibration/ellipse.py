@@ -9,7 +9,7 @@ so the corrected field lies on a circle whose radius is the short axis. The offs
 iron as long as the foot stands at the same tilt, plus the vertical field that soft iron and a steady levelling error
 rotate into the plane. eta is a direction modulo pi. Center and symmetric matrix are fitted by least squares of
 distances, |C (m - o)| = 1, a few wild footfalls left out (`fg_nav.calibration.ellipsoid`); they give offset, eta and
-tau with their covariance. The paper's own way, by extremes: `fg_nav.lab.reproduce.ma2018.extremes`.
+tau with their covariance. The paper's own way, by extremes: `fg_nav.lab.extremes`.
 
 Lack of fit. Iron in the floor differs from place to place, and circles pass the same places again with the same
 heading: its effect does not average out. So the variance of a reading is that of its distance from the ellipse, or, if

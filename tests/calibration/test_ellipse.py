@@ -10,7 +10,7 @@ from fg_nav.calibration.ellipse import UNKNOWN_UT, Ellipse, calibrate_on_loop, f
 from fg_nav.calibration.magnetometer import UPPER
 from fg_nav.errors import CalibrationError
 from fg_nav.frames import yaw_rotation
-from fg_nav.lab.reproduce.ma2018.extremes import find_ellipse_as_printed, find_ellipse_by_extremes
+from fg_nav.lab.extremes import find_ellipse_as_printed, find_ellipse_by_extremes
 from fg_nav.magnetic import FootfallField
 from fg_nav.magnetic.footfall_field import compute_field_heading, compute_level_R_body, rotate_to_level
 

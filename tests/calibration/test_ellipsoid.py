@@ -8,7 +8,7 @@ from fg_nav.calibration import ellipsoid
 from fg_nav.calibration.ellipsoid import fit_constrained_quadric, fit_ellipsoid, measure_coverage, symmetric
 from fg_nav.calibration.magnetometer import UPPER
 from fg_nav.errors import CalibrationError
-from fg_nav.lab.reproduce.ma2018.extremes import upper_triangular
+from fg_nav.lab.extremes import upper_triangular
 
 STRENGTH = 48.0
 MA_K = np.array([[1.027, 0.037, 0.046], [0.0, 1.018, -0.002], [0.0, 0.0, 1.062]])  # Ma et al. 2018, Table 1

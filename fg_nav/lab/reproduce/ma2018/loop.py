@@ -34,7 +34,7 @@ from fg_nav.calibration.ellipsoid import fit_ellipsoid
 from fg_nav.detection import detect_stances
 from fg_nav.errors import CalibrationError
 from fg_nav.frames import wrap_angle
-from fg_nav.lab.reproduce.ma2018.extremes import (
+from fg_nav.lab.extremes import (
     find_ellipse_as_printed,
     find_ellipse_by_extremes,
     upper_triangular,
