@@ -60,6 +60,7 @@ WALK_PRIOR = (0.9, 0.09, 0.009, 0.001)  # Before the walk: gyroscopes by their s
 SIGMA_LEVELS = (1 / 3, 0.6, 1.0, 1.8, 10 / 3, 6.0, 10.0, 18.0, 33.0)  # Of s0: 0.05 to 5 deg/s.
 SIGMA_PRIOR = (0.13, 0.13, 0.15, 0.15, 0.13, 0.1, 0.08, 0.07, 0.06)  # Before the walk, of sensors as sold and worn.
 MIN_SHARE = 1e-9  # Of the prior's information, below which the walk shows nothing: rounding.
+Change = gtsam.BetweenFactorConstantBias  # From one bias variable to the next; `strides` alone makes them.
 MIN_SHIFT_SIGMAS, MIN_CHANGE = 0.05, 0.02  # Of the bias and its sigma: below them the walk would stay as it is.
 
 
@@ -87,12 +88,12 @@ def average_bias_walk(problem: WalkProblem, stacks: Sequence[Stack]) -> WalkProb
     # The random-walk factors with the averaged sigma.
     graph = gtsam.NonlinearFactorGraph()
     for factor in map(problem.graph.at, range(problem.graph.size())):
-        if isinstance(factor, gtsam.BetweenFactorConstantBias):
+        if isinstance(factor, Change):
             sigmas = np.array(cast("gtsam.noiseModel.Diagonal", factor.noiseModel()).sigmas())
             sigmas[GYRO] *= level / assumed
             noise = gtsam.noiseModel.Diagonal.Sigmas(sigmas)
             before, after = factor.keys()
-            factor = gtsam.BetweenFactorConstantBias(before, after, factor.measured(), noise)
+            factor = Change(before, after, factor.measured(), noise)
         graph.push_back(factor)
     problem = replace(problem, graph=graph, parameters=replace(problem.parameters, gyro_bias_walk_deg_s=level))
     count = sum(len(one.keys) for one in changes)

@@ -83,8 +83,8 @@ def test_what_was_told_on_a_slow_machine_is_known_on_a_fast_one(
         push(walked, rows[start : start + 300], range(50, 300, 50))
         checkpoint.write(checkpoint.collect(walked))
         pending = walked.smoother.schedule.pending
-        if pending is not None and walked.n_reported > pending.due_at:
-            late.append(walked.n_reported)
+        if pending is not None and walked.smoother.n_reported > pending.due_at:
+            late.append(walked.smoother.n_reported)
             with monkeypatch.context() as fast:
                 fast.setattr(LateSolver, "late", 0)
                 resumed = Checkpoint(tmp_path / "walk").resume(NORTH, beside=True)

@@ -39,6 +39,12 @@ from tests.smoother.test_potential import EARTH, solved_in
 from tests.smoother.walks import DEFAULT, demo, track_of
 
 
+def with_integrals(field: FieldFactors, added: Floats) -> FieldFactors:
+    """Factors of the field with so much added to the line integrals, all of whose changes telescope."""
+    path = replace(field.path, u=field.path.u + added)
+    return FieldFactors(field.readings, path, field.prior, field.rough, field.parameters, 0.0)
+
+
 @cache
 def noise_of(seed: int, drift_uT_m: float) -> PathNoise:
     """Of the demonstration over a rough floor, its integrals with so much white noise a stride."""
@@ -47,7 +53,7 @@ def noise_of(seed: int, drift_uT_m: float) -> PathNoise:
     assert problem.field is not None
     bold = problem.field.assume_lost_share(0.0)
     noise = drift_uT_m * np.random.default_rng(seed).standard_normal(len(bold.path.u))
-    noisy = bold._with(replace(bold.path, u=bold.path.u + noise), 0.0)
+    noisy = with_integrals(bold, noise)
     return average_path_noise(replace(problem, field=noisy), found.solved.values)
 
 
@@ -63,7 +69,7 @@ def potentials(share: float, walked: Walked) -> multivariate_normal:
 
 def held(walked: Walked, added: Floats) -> tuple[FieldFactors, LinearWalk, gtsam.Values]:
     """Factors of a walk whose integrals are off by so much in a building that is known, and the walk without them."""
-    field = walked.factors._with(replace(walked.path, u=walked.path.u + added), 0.0)
+    field = with_integrals(walked.factors, added)
     count = walked.count
     poses = np.array([[X(2 * k)] for k in range(count)], dtype=np.uint64)
     known = np.tile(np.hstack([np.eye(6) / NEVER**2, np.zeros((6, 1))]), (count, 1, 1))
@@ -94,7 +100,7 @@ def find_shares(walked: Walked, true: float, draws: int, monkeypatch: pytest.Mon
     for added in potentials(true, walked).rvs(draws, random_state=1):
         field, rest, values = held(walked, added)
         monkeypatch.setattr(potential, "_eliminate_between", lambda *_, rest=rest: rest)
-        problem = cast(WalkProblem, SimpleNamespace(field=field))
+        problem = cast(WalkProblem, SimpleNamespace(field_factors=field))
         shares.append(average_path_noise(problem, values).lost_share)
     return np.array(shares)
 
