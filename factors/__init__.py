@@ -3,7 +3,7 @@
 Vocabulary
 ----------
 Pose keys hold `nav_T_body` (gtsam.Pose3), velocity keys hold nav_v (3-vector, m/s), field keys hold the state of the
-magnetic field at a footfall (8-vector, `magnetic_field`). Tangent-space order of a pose is rotation first, then
+magnetic field at a footfall (9-vector, `magnetic_field`). Tangent-space order of a pose is rotation first, then
 translation, both in the body frame (gtsam's convention). A residual is what the variables predict minus what was
 measured. SI units, and uT.
 

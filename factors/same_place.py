@@ -14,7 +14,7 @@ there, in the body axes of the left footfall, and w (m) how far apart the feet a
 
     e = W (q_R - (q_L - w R_L n)),
 
-that of two points at one place (`same_place`) where the left one is moved by w to the right; de/dw = W R_L n.
+that of two points at one place (`SamePlace`) where the left one is moved by w to the right; de/dw = W R_L n.
 
 Within reach. While both feet stand they are at most r (m) apart, with soft edges of sigma (m):
 

@@ -17,7 +17,7 @@ unchanged. In navigation axes it would rotate with the heading; Gauss-Newton dro
 this, and gains spurious information on the heading, 1 rad^-2 per stance.
 
 With l = 0 and no settling this is the plain zero-velocity update (ZUPT). Used by `fg_nav.smoother.strides`: in batch by
-`velocity_block`, online by `stride_graph`.
+`join_velocities`, online by `stride_graph`.
 
 Zero rate (ZARU). Over a rest the mean rate of the gyroscope is its bias, since scale factors do not act on a sensor
 that does not turn. A still part of a stride's stance is not a rest (Skog et al. 2010, on zero angular rate): a foot

@@ -248,6 +248,11 @@ class Recording:
         rate = f"{len(self)} samples over {self.duration_s:.1f} s at {1.0 / self.period_s:.0f} Hz"
         return f"<Recording: {rate}{', with ' if known else ''}{' and '.join(known)}>"
 
+    def take(self, part: Bools | slice) -> Recording:
+        """Return some of the samples; truth and provenance stay whole. Raises `RecordingError` if too few are left."""
+        columns = {name: getattr(self, name) for name in ("t", "acc", "gyr", "mag", "unread", "pressure")}
+        return replace(self, **{name: column[part] for name, column in columns.items() if column is not None})
+
     def slice(self, start: int, stop: int) -> Recording:
         """Cut out the samples `start <= i < stop`, as views; truth and provenance stay whole.
 
@@ -256,8 +261,7 @@ class Recording:
         Raises `RecordingError` if too few samples are left.
         """
         part = np.s_[start:stop]
-        whole = {name: getattr(self, name) for name in ("t", "acc", "gyr", "mag", "unread", "pressure")}
-        cut = replace(self, **{name: column[part] for name, column in whole.items() if column is not None})
+        cut = self.take(part)
         acc, gyr = self.integrable
         cut.__dict__.update(
             _is_cut=True,

@@ -22,9 +22,6 @@ read    `inspect` of every foreign format
 
 from __future__ import annotations
 
-import contextlib
-import io
-import os
 import re
 import shlex
 import shutil
@@ -41,9 +38,9 @@ from pathlib import Path
 import harness
 import numpy as np
 import walks
+from fuzz_cases import call
 from harness import option
 
-from fg_nav import cli
 from fg_nav.errors import SimulationError
 
 TOLERANCE = 2e-9  # m, rad and everything else, and relative: results are printed with nine digits.
@@ -215,21 +212,7 @@ def run_command(words: Sequence[str], folder: Path) -> tuple[int, str, str]:
     if words[0] == "stream":
         ran = subprocess.run([sys.executable, "-m", "fg_nav.cli", *words], cwd=folder, capture_output=True, text=True)
         return ran.returncode, ran.stdout, ran.stderr
-    out, err = (io.TextIOWrapper(io.BytesIO(), encoding="utf-8", write_through=True) for _ in range(2))
-    code: object = 0
-    before, arguments = Path.cwd(), sys.argv
-    os.chdir(folder)
-    sys.argv = ["fg-nav", *words]
-    try:
-        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-            cli.main()
-    except SystemExit as left:
-        code = left.code
-    finally:
-        os.chdir(before)
-        sys.argv = arguments
-    texts = [stream.buffer.getvalue().decode() for stream in (out, err)]  # type: ignore[attr-defined]
-    return code if isinstance(code, int) else 0, texts[0], texts[1]
+    return call(words, folder)
 
 
 def kill_amid(words: Sequence[str], folder: Path) -> None:

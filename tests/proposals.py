@@ -26,7 +26,7 @@ WORK = ("run_method", "estimate", "smooth_feet", "open_samples", "open_recorded"
         "result_file", "result_files")  # fmt: skip
 """Functions, of whatever module, where the work begins or a file is written."""
 
-SERVES = ("view", "demo", "campaign")  # Commands that are not called again.
+SERVES = ("demo", "campaign")  # Commands that are not called again.
 
 OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]*[a-z]")
 OPEN = re.compile(r"\b[A-Z]{3,}\b|\bA,B\b")  # Names in capitals, left to the user.

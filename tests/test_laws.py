@@ -289,8 +289,8 @@ def test_no_package_is_over_its_budget():
 
 FILES_PASSED = """
 import sys, threading
-from pathlib import Path
-root, seen = str(Path(sys.argv[1])), set()
+from importlib.util import find_spec
+root, seen = find_spec("fg_nav").submodule_search_locations[0], set()  # As installed, which CI tests.
 def note(frame, event, _):
     code = frame.f_code
     is_function = code.co_flags & 1 and not code.co_name.startswith("<")  # no class body, nor part of a module
@@ -307,14 +307,14 @@ def stop():
 
 def count_files(code, *arguments):
     """Files of the library of which `code` runs a function between start() and stop(), in a process of its own."""
-    command = [sys.executable, "-c", FILES_PASSED + code, str(ROOT / "fg_nav"), *map(str, arguments)]
+    command = [sys.executable, "-c", FILES_PASSED + code, *map(str, arguments)]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
     return int(done.stdout.splitlines()[-1])
 
 
 RUN = """
 from fg_nav import cli
-sys.argv = ["fg-nav", "run", sys.argv[2], "--out", sys.argv[3], "--quiet"]
+sys.argv = ["fg-nav", "run", sys.argv[1], "--out", sys.argv[2], "--quiet"]
 start()
 try:
     cli.main()
@@ -326,7 +326,7 @@ stop()
 FOOTFALL = """
 from fg_nav import read
 from fg_nav.online import OnlineNavigator
-walk, at = read(sys.argv[2]), 0
+walk, at = read(sys.argv[1]), 0
 def push_until(footfalls):
     global at
     while len(navigator.footfalls) < footfalls:

@@ -18,10 +18,9 @@ from fg_nav.calibration.magnetometer import (
     circular_sd_deg,
     correct_field,
     differentiate_inverse,
-    matrix_of,
     mean_up,
 )
-from fg_nav.calibration.walk_fit import IronFit, fit_iron, level_sum
+from fg_nav.calibration.walk_fit import IronFit, body_sum, fit_iron, level_sum
 from fg_nav.calibration.walk_model import (
     DRIFT_RATE_DEG_S,
     IRON,
@@ -121,7 +120,7 @@ def find_iron_sigma(calibration: MagnetometerCalibration, field: FootfallField) 
     up, vertical_uT = mean_up(field.nav_R_body), float(np.nanmean(field.nav_field[:, 2]))
     by_correction = np.eye(len(WITHOUT_IRON))
     by_correction[3:, 3:] = differentiate_inverse(calibration.correction)
-    added = np.hstack([np.eye(3), vertical_uT * np.stack([matrix_of(one) @ up for one in np.eye(6)], axis=1)])
+    added = body_sum(up, vertical_uT)
     covariance = added @ by_correction @ calibration.covariance @ by_correction.T @ added.T
     return np.asarray(np.sqrt(np.diag(covariance)))
 

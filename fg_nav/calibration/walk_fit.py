@@ -26,6 +26,7 @@ independent fields that the unknowns absorb. Cost: linear in the strides, times 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.sparse import coo_matrix
@@ -69,18 +70,21 @@ class Linearization:
     whitening: Floats
     prior: Floats
 
-    @property
+    @cached_property
     def information(self) -> Floats:
         """(S, U, U) of each stride, without the prior."""
-        white = whiten(self.whitening, self.jacobian).reshape(len(self.weight), 3 * PHASES, -1)
-        return np.asarray(self.weight[:, None, None] * (white.transpose(0, 2, 1) @ white))
+        return np.asarray(self.weight[:, None, None] * (self._white.transpose(0, 2, 1) @ self._white))
 
-    @property
+    @cached_property
     def score(self) -> Floats:
         """(S, U) of each stride: derivative of its log likelihood."""
-        white = whiten(self.whitening, self.jacobian).reshape(len(self.weight), 3 * PHASES, -1)
         rows = whiten(self.whitening, self.residual).reshape(len(self.weight), 3 * PHASES, 1)
-        return np.asarray(self.weight[:, None] * (white.transpose(0, 2, 1) @ rows)[..., 0])
+        return np.asarray(self.weight[:, None] * (self._white.transpose(0, 2, 1) @ rows)[..., 0])
+
+    @cached_property
+    def _white(self) -> Floats:
+        """Whitened jacobian (S, 3 P, U)."""
+        return whiten(self.whitening, self.jacobian).reshape(len(self.weight), 3 * PHASES, -1)
 
 
 @dataclass(frozen=True)
@@ -164,8 +168,13 @@ def fit_iron(walk: StrideModel) -> IronFit:
 
 def level_sum(up: Floats, vertical_uT: float) -> Floats:
     """Jacobian (2, 9) of the horizontal iron, in levelled axes, by h and the six of S; `up` (3,) in the body."""
+    return np.asarray(compute_level_R_body(up)[:2] @ body_sum(up, vertical_uT))
+
+
+def body_sum(up: Floats, vertical_uT: float) -> Floats:
+    """Jacobian (3, 9) of the iron, in body axes, by h and the six of S with the vertical field along `up` (3,)."""
     by_soft = np.stack([matrix_of(one) @ up for one in np.eye(6)], axis=1)
-    return np.asarray(compute_level_R_body(up)[:2] @ np.hstack([np.eye(3), vertical_uT * by_soft]))
+    return np.hstack([np.eye(3), vertical_uT * by_soft])
 
 
 def compute_covariance(walk: StrideModel, fit: Linearization) -> Floats:

@@ -216,9 +216,6 @@ AlignmentMode = Annotated[
     Literal["yaw", "none", "origin", "se3"],
     typer.Option("--alignment", help="How the solution is laid on the truth before errors are counted."),
 ]
-MountPlace = Annotated[
-    Literal["foot", "pocket"], typer.Option("--mount", help="Where the sensor was worn; a pocket is one of trousers.")
-]
 MountPlaces = Annotated[
     Literal["foot", "feet", "pocket"],
     typer.Option(

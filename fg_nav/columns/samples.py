@@ -107,7 +107,7 @@ def convert_samples(values: Floats, columns: ColumnMap, rate_hz: float | None, h
             )
         notes.append(f"gyr is taken for {judged}, by its peak of {peak:.4g} next to acc")
     gyr = _scale(gyr, "gyr", columns.gyr, said or judged or "", hints)
-    field = None if columns.mag is None else _convert_mag(mag, columns, columns.mag, hints, notes)
+    field = None if columns.mag is None else _convert_mag(mag, columns.mag, hints, notes)
     channel = columns.pressure
     pressure = None if channel is None else convert_pressure(air[:, 0], channel, notes)
     return Samples(t, acc, gyr, field, (*columns.notes, *notes), pressure)
@@ -231,8 +231,8 @@ def _spread_coarse(t: Floats, notes: list[str]) -> Floats:
     line = np.polyfit(inner, t[inner], 1)
     even = np.polyval(line, rows)
     if np.abs(even[inner] - t[inner]).max() > tick:  # rows were lost: from each stamp to the next
-        after = (rows - inner[-1]) * np.median(np.diff(t[inner]) / np.diff(inner))
-        before = (rows - inner[0]) * np.median(np.diff(t[inner]) / np.diff(inner))
+        pace = np.median(np.diff(t[inner]) / np.diff(inner))
+        before, after = (rows - inner[0]) * pace, (rows - inner[-1]) * pace
         even = np.interp(rows, inner, t[inner])
         even = np.where(rows < inner[0], t[inner[0]] + before, np.where(rows > inner[-1], t[inner[-1]] + after, even))
     notes.append(
@@ -272,7 +272,7 @@ def _judge_acc(acc: Floats, gyr: Floats, period_s: float, columns: ColumnMap, hi
     raise FormatError(f"{hints.name}: {problem}.")
 
 
-def _convert_mag(mag: Floats, columns: ColumnMap, channel: Channel, hints: Hints, notes: list[str]) -> Floats | None:
+def _convert_mag(mag: Floats, channel: Channel, hints: Hints, notes: list[str]) -> Floats | None:
     """Return the magnetometer in uT; None, with a note, where its unit is arbitrary or not clear."""
     unit = channel.unit
     if unit is None:

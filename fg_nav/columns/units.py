@@ -60,7 +60,7 @@ _LONG_WORDS = (
 
 
 def find_factor(quantity: Quantity, word: str) -> float | None:
-    """Return the factor from a unit to s, m/s^2, rad/s or uT; NaN if the unit is arbitrary, None if unknown.
+    """Return the factor from a unit to s, m/s^2, rad/s, uT or Pa; NaN if the unit is arbitrary, None if unknown.
 
     A number before the unit is the size of one count, as in data sheets: `0.061 mg`, `1/16.4 deg/s`.
 

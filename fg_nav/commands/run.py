@@ -236,9 +236,6 @@ def run_feet(recordings: Sequence[Path], request: FeetRequest) -> Answer:
 
 
 def _check_feet(recordings: Sequence[Path], readings: Sequence[Reading], run: RunRequest) -> None:
-    from fg_nav.both_feet import check_method
-
-    check_method(run.method)
     count = len(recordings)
     if count == 1:
         raise EstimationError(

@@ -29,7 +29,7 @@ from fg_nav.online.record_check import doubt_resumed
 from fg_nav.online.source_check import describe_losses
 from fg_nav.online.sources import Replay
 from fg_nav.pipeline import prepare_walk
-from fg_nav.recording import NOMINAL_SIGMA, Provenance
+from fg_nav.recording import Provenance
 from fg_nav.report import Plots, terminal
 from fg_nav.report.files import Summary, summarize, summarize_lagged, write_footfalls, write_lagged, write_run
 from fg_nav.report.folder import result_folder
@@ -238,25 +238,17 @@ def _say_what_is_left(failure: str, words: str) -> OutputError:
 
 def note_losses(solution: Solution, walk: StreamedWalk) -> Solution:
     """Add what was lost on the way to the notes, and what a nominal rate leaves open to the sigmas."""
-    rate_sigma = 0.0 if isinstance(walk.navigator.options, PocketOptions) else find_rate_sigma(walk)
+    rate_sigma = 0.0 if isinstance(walk.navigator.options, PocketOptions) else walk.rate_sigma
     polished = None if solution.polished is None else solution.polished.widen(rate_sigma)
     notes = (*solution.notes, *describe_losses(walk.navigator.source.get("lost", {})))
     return replace(solution.widen(rate_sigma), notes=notes, polished=polished)
-
-
-def find_rate_sigma(walk: StreamedWalk) -> float:
-    """Return the sigma of the rate by which stamps were counted, a share of it; 0 where rows have stamps."""
-    columns = walk.navigator.source.get("columns") or {}
-    return NOMINAL_SIGMA if columns.get("rate_hz") else 0.0
 
 
 def prepare_stream(walk: StreamedWalk) -> Walk:
     """Return a finished streamed walk (without lag) as the walk of a recording, with its stances and field."""
     navigator, calibration = walk.navigator, walk.calibration
     bad = max(navigator.judge.counts[sensor] for sensor in ("acc", "gyr"))
-    provenance = Provenance(
-        format=f"canonical rows from {walk.name}", bad_samples=bad, rate_sigma=find_rate_sigma(walk)
-    )
+    provenance = Provenance(format=f"canonical rows from {walk.name}", bad_samples=bad, rate_sigma=walk.rate_sigma)
     recording = replace(navigator.recording(), provenance=provenance)
     # Options only: the samples were already mapped to these axes and corrected on arrival.
     asked, axes = navigator.options, MagAxes(np.eye(3)) if navigator.options.axes_given else None

@@ -37,7 +37,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fg_nav.arrays import Floats, Ints
+from fg_nav.arrays import Floats, Ints, interpolate_columns
 from fg_nav.detection.handedness import DECISIVE, LOOKED_S, average_force, find_stance_strides, find_strides_of
 from fg_nav.detection.rest import remove_large_bias
 from fg_nav.errors import RecordingError
@@ -209,7 +209,7 @@ def _minimize(
 
 def read_rate_at(t: Floats, gyr: Floats, tau_s: float, rows: Ints | slice = np.s_[:]) -> Floats:
     """Interpolate the rates gyr (N, 3) linearly at the stamps of `rows`, shifted by `tau_s`; return (R, 3)."""
-    return np.column_stack([np.interp(t[rows] + tau_s, t, gyr[:, axis]) for axis in range(3)])
+    return interpolate_columns(t[rows] + tau_s, t, gyr)
 
 
 def remove_gyro_delay(recording: Recording) -> Recording:

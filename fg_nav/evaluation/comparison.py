@@ -35,7 +35,7 @@ from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
-from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.arrays import Bools, Floats, Ints, interpolate_columns
 from fg_nav.errors import EvaluationError
 from fg_nav.frames import wrap_angle, yaw_rotation
 from fg_nav.solution import Solution
@@ -194,7 +194,7 @@ def _compare_in_time(solution: Solution, truth: FootprintTruth, t: Floats) -> Co
             "zero."
         )
     t, surveyed = t[inside], lift_to_space(truth.xy[inside])
-    estimate = lift_to_space(np.column_stack([np.interp(t, solution.t, axis) for axis in solution.position.T]))
+    estimate = lift_to_space(interpolate_columns(t, solution.t, solution.position))
     alignment = align(estimate, surveyed)
     row = np.rint(np.interp(t, solution.t, np.arange(len(solution.t)))).astype(np.int64)
     notes = tuple(_note_missed(truth.stride[~inside], "no sample at"))
@@ -224,7 +224,7 @@ def interpolate_truth(truth: TrajectoryTruth, t: Floats) -> tuple[Ints, Floats]:
             f"the truth ({_format_span(stamps)}) and the solution ({_format_span(t)}) share no time: "
             "check that their clocks have the same zero."
         )
-    return row, np.column_stack([np.interp(t[row], stamps, column) for column in position.T])
+    return row, interpolate_columns(t[row], stamps, position)
 
 
 def _is_covered(t: Floats, truth_t: Floats) -> Bools:

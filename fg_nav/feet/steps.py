@@ -158,8 +158,7 @@ def average_cells(right: Footfalls, left: Footfalls) -> Cells:
         n_steps = 4.0 / (1.0 / weights[0] + 1.0 / weights[1])
     # cells that are kept, evenly
     kept = np.flatnonzero(n_steps >= MIN_STEPS)
-    walked = float(np.linalg.norm(np.diff(left.position[:, :2], axis=0), axis=1).sum())
-    most = max(MAX_CELLS, int(np.ceil(walked / MAX_APART_M)))
+    most = max(MAX_CELLS, int(np.ceil(float(length[1:].sum()) / MAX_APART_M)))
     if len(kept) > most:
         kept = kept[np.rint(np.linspace(0, len(kept) - 1, most)).astype(np.int64)]
 
@@ -241,9 +240,4 @@ def _keep(recording: Recording, kept: Bools, why: str) -> Recording:
     t, lost = recording.t, np.flatnonzero(~kept)
     note = f"left out {len(lost)} samples between {t[lost[0]]:.1f} and {t[lost[-1]]:.1f} s, about gaps: {why}"
     provenance = replace(recording.provenance, notes=(*recording.provenance.notes, note))
-    mag = None if recording.mag is None else recording.mag[kept]
-    unread = None if recording.unread is None else recording.unread[kept]
-    return replace(
-        recording, t=t[kept], acc=recording.acc[kept], gyr=recording.gyr[kept], mag=mag, unread=unread,
-        provenance=provenance,
-    )  # fmt: skip
+    return replace(recording.take(kept), provenance=provenance)

@@ -24,7 +24,7 @@ from typing import Literal
 
 import numpy as np
 
-from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.arrays import Bools, Floats, Ints, interpolate_columns
 from fg_nav.errors import FormatError
 from fg_nav.io.text_columns import drop_held
 from fg_nav.recording import GAP_PERIODS, Provenance, RawRecording
@@ -227,7 +227,7 @@ def interpolate_rows(stream: Stream, t: Floats | Ints) -> Floats:
         return np.full((len(t), 3), np.nan)
     zero = stream.t[0]
     stream = stream.take(np.argsort(stream.t, kind="stable"))
-    return np.column_stack([np.interp(t - zero, stream.t - zero, stream.xyz[:, axis]) for axis in range(3)])
+    return interpolate_columns(t - zero, stream.t - zero, stream.xyz)
 
 
 def _interpolate(acc: Stream, gyr: Stream, remarks: list[str]) -> Floats:

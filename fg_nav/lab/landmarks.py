@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fg_nav.arrays import Floats
+from fg_nav.arrays import Floats, interpolate_columns
 from fg_nav.errors import EvaluationError
 from fg_nav.evaluation.comparison import Alignment
 from fg_nav.solution import Solution
@@ -71,7 +71,7 @@ def measure_landmarks(
             f"landmark {landmark[first]} is crossed at {time_s[first]:.3f} s, and the solution goes from "
             f"{solution.t[0]:.3f} to {solution.t[-1]:.3f} s: check that their clocks have the same zero."
         )
-    crossing = np.column_stack([np.interp(time_s, solution.t, axis) for axis in solution.position.T])
+    crossing = interpolate_columns(time_s, solution.t, solution.position)
     error = alignment.apply(crossing)[:, :2] - position[:, :2]
     return LandmarkErrors(tuple(landmark), np.asarray(np.linalg.norm(error, axis=1)))
 

@@ -23,7 +23,7 @@ from fg_nav.detection.causal import Footfall
 from fg_nav.errors import EstimationError
 from fg_nav.magnetic.axes import MagAxes, align_magnetometer
 from fg_nav.magnetic.delay import MagnetometerDelay, remove_delay
-from fg_nav.recording import Recording
+from fg_nav.recording import RawRecording, Recording
 from fg_nav.samples.saturation import find_saturation_level
 from fg_nav.stances import Stances
 
@@ -303,8 +303,8 @@ def taken_rows(recording: Recording) -> Floats:
     return np.column_stack([rows_of(recording), bad])
 
 
-def rows_of(recording: Recording) -> Floats:
+def rows_of(recording: Recording | RawRecording) -> Floats:
     """Return a recording's samples as rows (N, 11) of a stream; NaN for a sensor it lacks."""
-    mag = np.full((len(recording), 3), np.nan) if recording.mag is None else recording.mag
-    pressure = np.full(len(recording), np.nan) if recording.pressure is None else recording.pressure
+    mag = np.full((len(recording.t), 3), np.nan) if recording.mag is None else recording.mag
+    pressure = np.full(len(recording.t), np.nan) if recording.pressure is None else recording.pressure
     return np.column_stack([recording.t, recording.acc, recording.gyr, mag, pressure])

@@ -86,7 +86,7 @@ class StreamRequest:
 class StreamedWalk:
     """A walk that has ended: its navigator, the name of its source, and the calibration and axes that were applied.
 
-    `polish` requests its batch solution as well.
+    `polish` requests its batch solution as well; `rate_sigma` as of `StreamOptions`.
     """
 
     navigator: Navigator
@@ -94,6 +94,7 @@ class StreamedWalk:
     calibration: Calibration | None
     mag_axes: MagAxes | None = None
     polish: bool = False
+    rate_sigma: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -110,6 +111,11 @@ class StreamOptions:
     columns: Columns | None = None  # Of rows without a header, which a checkpoint must share.
     beside: bool = False  # Whether the walk is solved again in another process.
 
+    @property
+    def rate_sigma(self) -> float:
+        """Sigma of the rate by which stamps are counted, a share of it; 0 where rows have stamps."""
+        return 0.0 if self.columns is None else self.columns.rate_sigma
+
 
 def run_stream(request: StreamRequest, outlets: Outlets) -> StreamedWalk:
     """Follow a source until it ends or a signal arrives; lines and remarks go to the outlets.
@@ -122,7 +128,8 @@ def run_stream(request: StreamRequest, outlets: Outlets) -> StreamedWalk:
         closing(open_source_of(request, options.columns, outlets.remark)) as source,
     ):
         navigator = follow_source(source, options, outlets.emit, outlets.remark, stop, outlets.watcher)
-    return StreamedWalk(navigator, source.name, options.calibration, options.mag_axes, request.polish)
+    given = options.calibration, options.mag_axes
+    return StreamedWalk(navigator, source.name, *given, request.polish, options.rate_sigma)
 
 
 def read_stream_options(request: StreamRequest) -> StreamOptions:
@@ -270,9 +277,8 @@ class FollowedWalk:
         self._emit, self._remark, self._status, self._unsaved = emit, remark, status, False
         self._races, self._due = navigator.races, time.monotonic() + options.checkpoint_s
         self._check = SourceCheck("pocket" if isinstance(options.online, PocketOptions) else "foot", remark)
-        rate_sigma = 0.0 if options.columns is None else options.columns.rate_sigma
         in_pocket = isinstance(options.online, PocketOptions)
-        self._verdict = LineVerdict(in_pocket, remark, not navigator.footfalls, rate_sigma)
+        self._verdict = LineVerdict(in_pocket, remark, not navigator.footfalls, options.rate_sigma)
         self.losses = LossCounter(remark)
         # what a checkpoint keeps beside the navigator
         self._parts: dict[str, SourceCheck | LineVerdict | LossCounter] = {
@@ -336,9 +342,8 @@ class FollowedWalk:
         self.emit_lines(self._judge(made))
 
     def _judge(self, made: Sequence[StanceEstimate | Revision]) -> list[Judged]:
-        columns = self._options.columns
-        if columns is not None and columns.rate_sigma > 0.0:
-            made = [one if isinstance(one, Revision) else one.widen(columns.rate_sigma) for one in made]
+        if self._options.rate_sigma > 0.0:
+            made = [one if isinstance(one, Revision) else one.widen(self._options.rate_sigma) for one in made]
         return self._verdict.judge(made, self._navigator.reported_continues)
 
     def show_status(self, lost_datagrams: int, ended: bool = False) -> None:

@@ -117,9 +117,9 @@ class SampleIntake(ABC):
     def _add_rows(self, rows: Floats) -> list[StanceEstimate | Revision]:
         """Put rows into the buffer, and estimate by them."""
 
-    def _cut_all(self, use_mag: bool = True) -> Recording:
-        """Cut out all samples, with the magnetometer if there is one; raises `RecordingError` if there are too few."""
-        rows = self.buffer.between(0, self.buffer.stop)
+    def _cut_until(self, stop: int, use_mag: bool = True) -> Recording:
+        """Cut out the samples before `stop`, with the magnetometer if there is one; `RecordingError` if too few."""
+        rows = self.buffer.between(0, stop)
         return as_recording(rows, use_mag and bool(np.isfinite(rows[:, 7:10]).all(axis=1).any()))
 
 
@@ -262,7 +262,7 @@ class OnlineNavigator(SampleIntake):
         """Return all samples; raises `EstimationError` with a lag, and `RecordingError` if there are too few."""
         if self.options.lag_s is not None:
             raise EstimationError("with a lag the samples of a walk are not kept: leave the lag out.")
-        return self._cut_all()
+        return self._cut_until(self.buffer.stop)
 
     def stances(self) -> Stances:
         """Return the stances so far; raises `DetectionError` if there is none."""

@@ -29,7 +29,6 @@ from fg_nav.detection.causal import CausalParameters, Footfall
 from fg_nav.detection.mount import refuse_foot
 from fg_nav.frames import yaw_rotation
 from fg_nav.magnetic.axes import align_magnetometer
-from fg_nav.online.buffer import as_recording
 from fg_nav.online.estimates import TURNED_RAD, Revision, StanceEstimate, StrapdownPath, build_table, thin_rows
 from fg_nav.online.navigator import METHOD, OnlineNavigator, SampleIntake
 from fg_nav.online.options import OnlineOptions
@@ -157,7 +156,7 @@ class PocketNavigator(SampleIntake):
 
     def recording(self) -> Recording:
         """Return all samples; raises `RecordingError` if there are too few."""
-        return self._cut_all(self.options.use_field)
+        return self._cut_until(self.buffer.stop, self.options.use_field)
 
     def finish(self) -> Solution:
         """End the walk and return its steps with the axes known then, and the orientation of the moment between them.
@@ -216,9 +215,7 @@ class PocketNavigator(SampleIntake):
         return found
 
     def _begin_thigh(self, end: int) -> OnlineThigh:
-        rows = self.buffer.between(0, end)
-        with_mag = self.options.use_field and bool(np.isfinite(rows[:, 7:10]).all(axis=1).any())
-        return OnlineThigh(as_recording(rows, with_mag), self.options.heading_rad)
+        return OnlineThigh(self._cut_until(end, self.options.use_field), self.options.heading_rad)
 
     def _reckon_path(self, count: int) -> _PathSoFar:
         """Return the path of the first `count` steps, with the present estimate of the thigh's axes."""

@@ -22,7 +22,7 @@ from fg_nav.errors import FgNavError, FormatError, OutputError, describe_reason
 from fg_nav.io.content import read_content
 from fg_nav.io.formats import FORMATS
 from fg_nav.io.writing import format_rows
-from fg_nav.online.buffer import COLUMNS
+from fg_nav.online.buffer import COLUMNS, rows_of
 from fg_nav.online.overlap import TAIL, Overlap
 from fg_nav.online.rows import Columns
 from fg_nav.online.sources import SampleSource, open_samples
@@ -159,10 +159,7 @@ class Recorder:
             return
         known = np.empty((0, COLUMNS))
         with suppress(FormatError):  # it has no samples yet
-            raw = FORMATS["canonical"].read(read_content(self._path))
-            assert raw.mag is not None
-            pressure = np.full(len(raw.t), np.nan) if raw.pressure is None else raw.pressure
-            known = np.column_stack([raw.t, raw.acc, raw.gyr, raw.mag, pressure])
+            known = rows_of(FORMATS["canonical"].read(read_content(self._path)))
         self._overlap = Overlap([known], [(0, 0.0)], [], known[-TAIL:], known[:0])
 
 

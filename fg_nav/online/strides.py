@@ -69,7 +69,7 @@ def list_variables(stance: StanceNodes, values: gtsam.Values) -> list[int]:
 
 
 def order_variables(stances: Sequence[StanceNodes], values: gtsam.Values) -> list[int]:
-    """Return the keys of the variables of consecutive footfalls in elimination order, as `solver.time_order`."""
+    """Return the keys of the variables of consecutive footfalls in elimination order, as `solver.list_in_time`."""
     keys = {}
     for stance in reversed(stances):
         keys.update(dict.fromkeys(reversed(list_variables(stance, values))))

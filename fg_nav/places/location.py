@@ -38,7 +38,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fg_nav.arrays import Floats, Ints, interpolate_columns
-from fg_nav.frames import wrap_angle, yaw_rotation
+from fg_nav.frames import average_angles, wrap_angle, yaw_rotation
 from fg_nav.places.candidates import Drift
 from fg_nav.places.overlay import overlay_known
 from fg_nav.places.recognition import (
@@ -177,7 +177,7 @@ def _place(path: Signature, known: SavedPlaces, found: Recognition) -> Location 
     if expected >= LONE_EXPECTED:
         return None
     of_set = tuple(stretches[k] for k in sets[best])
-    return Location(fit.x[:3], _mean_angle(fit.x[3:]), fit.covariance, expected, of_set, pieces.of(sets[best]))
+    return Location(fit.x[:3], average_angles(fit.x[3:]), fit.covariance, expected, of_set, pieces.of(sets[best]))
 
 
 def _cut_pieces(path: Signature, known: SavedPlaces, stretches: Sequence[Stretch]) -> Pieces:
@@ -188,7 +188,7 @@ def _cut_pieces(path: Signature, known: SavedPlaces, stretches: Sequence[Stretch
         count = max(round(stretch.length_m / length), 1)
         parts = (np.array_split(one, count) for one in (stretch.later, stretch.earlier))
         for later, earlier in zip(*parts, strict=True):
-            heading = _mean_angle(np.interp(earlier, known_points, known.path.heading))
+            heading = average_angles(np.interp(earlier, known_points, known.path.heading))
             heading += np.pi if stretch.opposite else 0.0
             row = (
                 number,
@@ -197,16 +197,12 @@ def _cut_pieces(path: Signature, known: SavedPlaces, stretches: Sequence[Stretch
                 interpolate_columns(later, points, path.position).mean(axis=0),
                 interpolate_columns(earlier, known_points, known.path.position).mean(axis=0),
                 heading,
-                _mean_angle(heading - np.interp(later, points, path.heading)),
+                average_angles(heading - np.interp(later, points, path.heading)),
                 interpolate_columns(earlier, known_points, known.sigma_m).mean(axis=0),
                 max(len(later) * SPACING_M / AVERAGE_M, 1.0),
             )
             rows.append(row)
     return Pieces(*(np.array(column) for column in zip(*rows, strict=True)))
-
-
-def _mean_angle(angles: Floats) -> float:
-    return float(np.angle(np.mean(np.exp(1j * angles))))
 
 
 def _grow(pieces: Pieces, count: int, start: int) -> list[int]:
@@ -232,7 +228,7 @@ def _agrees(one: Pieces, fit: _Transform) -> bool:
 
 def _fit_transform(pieces: Pieces, begin: _Transform | None) -> _Transform:
     """Gauss-Newton generalized least squares of translation and heading, from `begin` or the mean turn."""
-    x = np.append(np.zeros(3), _mean_angle(pieces.turn)) if begin is None else begin.x
+    x = np.append(np.zeros(3), average_angles(pieces.turn)) if begin is None else begin.x
     weight = np.linalg.inv(_covariance_of(pieces))
     information = np.eye(4)
     for _ in range(STEPS):

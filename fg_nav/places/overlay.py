@@ -35,10 +35,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fg_nav.arrays import Floats
+from fg_nav.arrays import MAD_TO_SIGMA, Floats
 from fg_nav.places.alignment import BESIDE, MIN_LISTED, USUAL_DECAY, ChanceLevel
 from fg_nav.places.recognition import MAX_EXPECTED, NOTHING, Recognition, Stretch
-from fg_nav.places.signature import MAD_TO_SIGMA, MIN_POINTS, SPACING_M, TURNED, Signature, remove_common_field
+from fg_nav.places.signature import MIN_POINTS, SPACING_M, TURNED, Signature, remove_common_field
 
 PIECE = 80  # Points, 40 m: over as much odometry is good to 0.4 m.
 HOP = PIECE // 2  # Points from piece to piece.

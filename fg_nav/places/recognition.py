@@ -58,7 +58,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints, interpolate_columns
-from fg_nav.frames import wrap_angle
+from fg_nav.frames import average_angles, wrap_angle
 from fg_nav.places.alignment import MIN_RATIO, RHO, SHARE, TINY, ChanceLevel, align, measure_chance, separate, trace
 from fg_nav.places.candidates import (
     ALIKE_M,
@@ -338,7 +338,7 @@ def _agreement(path: Signature, stretches: Sequence[Stretch], uncertainty: Uncer
     for s in stretches:
         now, then = (np.interp(at, points, path.heading) for at in (s.later, s.earlier))
         turned = now - then - (np.pi if s.opposite else 0.0)
-        turns.append(float(np.angle(np.mean(np.exp(1j * turned)))))
+        turns.append(average_angles(turned))
     turn = np.array(turns)
     own_variance = HEADING_SIGMA_RAD**2 / np.array([max(s.length_m / TURN_LENGTH_M, 1.0) for s in stretches])
     # misclosure of each pair's cycle

@@ -57,15 +57,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
-from fg_nav.arrays import Bools, Floats, interpolate_columns
+from fg_nav.arrays import MAD_TO_SIGMA, Bools, Complexes, Floats, interpolate_columns
 from fg_nav.system.spilled import BLOCK_ROWS, drop_pages, empty_column
-
-Complexes: TypeAlias = NDArray[np.complex128]
 
 SPACING_M = 0.5  # Of the points along the path: four to the shortest wavelength that repeats.
 BLOCK = 8  # Points of a block, 4 m, the smallest piece that candidates are made of.
@@ -78,7 +74,6 @@ MAX_M, MIN_M = 20.0, 2.0  # Band: full from the one to 1.25 of the other, none a
 REPEATABILITY_UT = 0.5  # By which two readings of one place differ at each point: noise, and tilt (0.5 deg of 50 uT).
 LOCAL_M = 25.0  # Over which the scale is taken: several of the wavelengths.
 MIN_POWER = 1e-12  # Keeps a field that is the same everywhere from a division by zero.
-MAD_TO_SIGMA = 1.4826  # Median absolute deviation to standard deviation, of a normal distribution.
 SEGMENT = 64  # Points (32 m) of Welch's segments.
 MAX_SIGMAS = 5.0  # Of deviations: normal ones do not come near.
 MIN_SIGNAL = 0.02  # q below which there is none.

@@ -172,7 +172,7 @@ def solve_walk(problem: WalkProblem, field: FootfallField | None, unseen: str = 
 
     `unseen` is the reason why the field gives no heading; where it is empty `find_obstacle` decides.
     """
-    obstacle, track = unseen or find_obstacle(field, problem.parameters.magnetic), None
+    obstacle, track = unseen or find_obstacle(field), None
     if field is not None:
         # While the foot stands the field shows the gyro bias, also where it shows no heading.
         track = trajectory_of(problem.recording, problem.nodes, problem.values, problem.parameters.gravity)

@@ -64,12 +64,19 @@ from fg_nav.frames import yaw_rotation
 from fg_nav.gnss import CAUCHY, Gnss, describe_start, find_turn, select_fixes
 from fg_nav.samples.gaps import MAX_HELD_S, cross_holes
 from fg_nav.smoother.floors import LEVEL_SIGMA_M, Ground, find_floors
-from fg_nav.smoother.graph import KNOWN_PLACE, POSITION_FIX, UNKNOWN_HEADING_DEG, StartPrior, WalkProblem, turn_walk
+from fg_nav.smoother.graph import (
+    KNOWN_PLACE,
+    OWN,
+    POSITION_FIX,
+    UNKNOWN_HEADING_DEG,
+    StartPrior,
+    WalkProblem,
+    turn_walk,
+)
 from fg_nav.smoother.solver import GtsamFactors, list_positions
 from fg_nav.smoother.strides import Nodes
 from fg_nav.truth import Fix
 
-REACH_S = 1.5  # Farther than a stride from any node there is nothing to tie a factor to.
 TURNS = 24  # Directions of the start that are tried: 15 deg apart, from which Gauss-Newton finds the rest.
 UP = np.array([0.0, 0.0, 1.0])
 DRIFT_FLOOR_M = 0.003  # What a walk shows of its climb a stride is no truer: on stairs it is another than on the level.
@@ -125,10 +132,10 @@ class GraphNodes:
     def at(self, time_s: float) -> int:
         """Return the number of the node nearest to an instant; `EstimationError` more than 1.5 s from any."""
         apart = np.abs(self.t - time_s)
-        if not apart.min() <= REACH_S:
+        if not apart.min() <= FIX_REACH_S:
             raise EstimationError(
-                f"there is no node within {REACH_S:g} s of {time_s:.2f} s: the walk lasts from {self.t[0]:.2f} s to "
-                f"{self.t[-1]:.2f} s, and has nodes where the foot stands."
+                f"there is no node within {FIX_REACH_S:g} s of {time_s:.2f} s: the walk lasts from {self.t[0]:.2f} s "
+                f"to {self.t[-1]:.2f} s, and has nodes where the foot stands."
             )
         return int(apart.argmin())
 
@@ -141,7 +148,7 @@ class OwnFactors(GtsamFactors):
     """The caller's factors in the graph of a walk."""
 
     def __init__(self, graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> None:
-        super().__init__(*(graph.at(i) for i in range(graph.size())), kind="own")
+        super().__init__(*(graph.at(i) for i in range(graph.size())), kind=OWN)
         # Information on a turn of the walk about its start, by second differences of the linearized error.
         linear = self._graph.linearize(values)
         forth, here, back = (linear.error(_move(self._graph, values, turn)) for turn in (1.0, 0.0, -1.0))

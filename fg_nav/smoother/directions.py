@@ -42,6 +42,7 @@ from fg_nav.frames import wrap_angle
 from fg_nav.smoother.graph import WalkProblem, solve, turn_walk
 from fg_nav.smoother.sensitivity import FootfallCovariance
 from fg_nav.smoother.solver import GtsamFactors, Solved, list_covariances, list_positions
+from fg_nav.stances import find_runs
 from fg_nav.text import format_count
 
 STRIDES = 5  # Of a displacement: 7 m, over which weaving by 7 cm is 0.8 deg (0.07 sqrt(2) / 7 rad).
@@ -103,13 +104,11 @@ def list_displacements(position: Floats) -> Ints:
     """List the first and last footfalls (M, 2) of straight displacements of footfalls at `position` (F, 3) m."""
     if len(position) <= STRIDES:
         return np.zeros((0, 2), dtype=np.int64)
-    straight = np.flatnonzero(find_straight(position))
-    runs = np.split(straight, np.flatnonzero(np.diff(straight) > 1) + 1) if len(straight) else []
     # Non-overlapping displacements, centred in each straight run.
     first = [np.zeros(0, dtype=np.int64)]
-    for run in runs:
-        strides = len(run) + STRIDES - 1
-        first.append(run[0] + strides % STRIDES // 2 + STRIDES * np.arange(strides // STRIDES))
+    for begin, end in zip(*find_runs(find_straight(position)), strict=True):
+        strides = end - begin + STRIDES - 1
+        first.append(begin + strides % STRIDES // 2 + STRIDES * np.arange(strides // STRIDES))
     return np.asarray(np.concatenate(first)[:, None] + np.array([0, STRIDES]))
 
 

@@ -226,7 +226,7 @@ def weigh_compass(sigma_uT: Floats, rough: FieldRoughness) -> Floats:
     return np.asarray(np.minimum((compass_sigma(np.ones(()), rough) / sigma_uT) ** 2, 1.0))
 
 
-def find_obstacle(field: FootfallField | None, p: FieldParameters) -> str:
+def find_obstacle(field: FootfallField | None) -> str:
     """Return why the field of a walk shows no heading; empty where it does."""
     if field is None:
         return "the magnetometer was not used"

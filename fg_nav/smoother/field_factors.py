@@ -40,7 +40,7 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import M, X
 
-from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.arrays import MAD_TO_SIGMA, Bools, Floats, Ints
 from fg_nav.factors.magnetic_field import (
     DELTA,
     E_H,
@@ -63,7 +63,6 @@ from fg_nav.smoother.solver import GtsamFactors, LinearizableBlock
 from fg_nav.system.spilled import BLOCK_ROWS, drop_pages
 
 REGIONAL_LENGTH_M = 60.0  # For how long a region is alike: a corridor, a wing.
-MAD_TO_SIGMA = 1.4826  # Median absolute deviation to standard deviation, of a normal distribution.
 CLIP_SIGMAS = 4.0  # At which deviations are clipped (winsorized): an outlier shall not set the scale.
 MIN_STEP_M = 0.2  # Shorter moves are no strides.
 LAGS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)  # Footfalls apart whose deviations are compared.

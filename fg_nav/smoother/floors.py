@@ -35,6 +35,7 @@ import numpy as np
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.smoother.sensitivity import MAX_NATS
 from fg_nav.smoother.strides import SETTLING_TIME_S
+from fg_nav.stances import find_runs
 from fg_nav.system.compiled import njit
 
 CHANGE = 1.0 / 30.0  # Probability that the ground changes from a stride to the next: each 40 m.
@@ -105,8 +106,7 @@ def find_floors(
     height = np.append(0.0, np.cumsum(off * (step[:, 2] - ground.drift)))
     # Level strides in a row, by their first and last footfall, are on a floor that was left or on the next one.
     floor, left = np.full(len(position), -1, dtype=np.intp), list[int]()
-    edge = np.diff(np.concatenate([[0], level.astype(np.int64), [0]]))
-    for first, last in zip(np.flatnonzero(edge > 0).tolist(), np.flatnonzero(edge < 0).tolist(), strict=True):
+    for first, last in zip(*(ends.tolist() for ends in find_runs(level)), strict=True):
         if last - first + 1 >= FEWEST:
             number = _recognize(first, left, strides, height, ground)
             floor[first : last + 1] = number

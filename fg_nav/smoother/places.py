@@ -20,7 +20,7 @@ with an independent error every `APART_M`,
 
     sigma = sigma_one / sqrt(length / APART_M),
 
-and along the path, on top of that, what the field leaves open of the shift between the passes (`places.sharpness`),
+and along the path, on top of that, what the field leaves open of the shift between the passes (`places.recognition`),
 which is taken off first. A field that hardly changes ties weakly. A piece of the walk is tied to its earliest pass
 only.
 """
@@ -46,6 +46,7 @@ from fg_nav.smoother.graph import WalkProblem, solve
 from fg_nav.smoother.sensitivity import FootfallCovariance
 from fg_nav.smoother.solver import Solved, list_covariances, list_positions
 from fg_nav.solution import Return, StanceTable
+from fg_nav.stances import find_runs
 from fg_nav.text import format_count
 
 CELL_M, MAX_CELLS = 20.0, 60  # Of a walk; where more ground is walked again cells are longer: the last fronts hold all.
@@ -250,8 +251,7 @@ def keep_common(found: Sequence[Stretch], known: Sequence[Stretch]) -> tuple[Str
             if other.opposite == stretch.opposite:
                 earlier = np.interp(stretch.later, other.later, other.earlier, left=np.inf, right=np.inf)
                 is_near |= np.abs(earlier - stretch.earlier) <= ALIKE_M / SPACING_M
-        rows = np.flatnonzero(is_near)
-        for part in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
+        for part in (np.arange(*run) for run in zip(*find_runs(is_near), strict=True)):
             score = stretch.score * len(part) / len(stretch.later)
             piece = replace(stretch, later=stretch.later[part], earlier=stretch.earlier[part], score=score)
             pieces += [piece] if len(part) * SPACING_M >= AVERAGE_M else []

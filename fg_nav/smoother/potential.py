@@ -52,6 +52,7 @@ from fg_nav.smoother.gauss_newton import CONVERGENCE, LinearWalk
 from fg_nav.smoother.graph import WalkProblem, solve
 from fg_nav.smoother.sensitivity import SharingFactors, average, shared_information
 from fg_nav.smoother.solver import Solved, WalkSystem, list_in_time, residuals_at_minimum
+from fg_nav.stances import find_runs
 
 MIN_STATISTIC = 15.0  # T below which no row is tried: the largest of clean walks is 1 to 15, of a circuit of 100 A 200.
 MIN_FALL = 25.0  # Of twice the error, chi^2 of three degrees of freedom: by 2 to 19 on clean simulated walks.
@@ -105,8 +106,7 @@ def free_jumps(problem: WalkProblem, solved: Solved, convergence: float = CONVER
 
 def _freed_runs(problem: WalkProblem) -> list[Ints]:
     """Strides that were left out, in runs without a gap."""
-    stride = np.flatnonzero(problem.field_factors.path.jumps)
-    return np.split(stride, np.flatnonzero(np.diff(stride) > 1) + 1) if len(stride) else []
+    return [np.arange(*run) for run in zip(*find_runs(problem.field_factors.path.jumps), strict=True)]
 
 
 def _solve_with(

@@ -185,28 +185,26 @@ class SwingNoise:
     note: str
 
 
-def choose_swing_noise(
-    recording: Recording, stances: Stances, known: Known, p: SmootherParameters, levels: tuple[float, ...] = LEVELS
-) -> SwingNoise:
-    """Average the swing noise density of the rate over `levels`, 1/sqrt(Hz), descending, by their evidence.
+def choose_swing_noise(recording: Recording, stances: Stances, known: Known, p: SmootherParameters) -> SwingNoise:
+    """Average the swing noise density of the rate over `LEVELS`, 1/sqrt(Hz), by their evidence.
 
     The `gyr_relative_density` of `p` is kept where the walk is too short.
     """
-    evidence, strides = _measure_evidence(recording, stances, known, p, levels)
+    evidence, strides = _measure_evidence(recording, stances, known, p)
     level, source = p.gyr_relative_density, ": too few strides to see it from"
     if len(evidence):
-        level, source = average_level(levels, evidence), f", the evidence of {format_count(strides, 'stride')}"
+        level, source = average_level(LEVELS, evidence), f", the evidence of {format_count(strides, 'stride')}"
     return SwingNoise(level, f"swing noise {np.degrees(level):.2g} deg/s/sqrt(Hz) per rad/s{source}")
 
 
 def _measure_evidence(
-    recording: Recording, stances: Stances, known: Known, p: SmootherParameters, levels: tuple[float, ...]
+    recording: Recording, stances: Stances, known: Known, p: SmootherParameters
 ) -> tuple[Floats, int]:
     """Return -log evidence (pieces, levels) of the swing noise levels, and the number of strides in all pieces."""
     evidences, strides = [], 0
     for piece_recording, piece_stances in _pieces(recording, stances):
         try:
-            evidences.append(_Piece(piece_recording, piece_stances, known, p).measure_evidence(levels))
+            evidences.append(_Piece(piece_recording, piece_stances, known, p).measure_evidence(LEVELS))
         except (EstimationError, np.linalg.LinAlgError):
             continue
         strides += piece_stances.n_footfalls - 1
@@ -223,7 +221,7 @@ def choose_peak_height(recording: Recording, stances: Stances, known: Known, p: 
         return 1.0
     heights = np.array([1.0, *(height for height in HEIGHTS if height != 1.0)])
     raised = (recording.raise_peaks(height) for height in heights)
-    evidence = [_measure_evidence(one, stances, known, p, LEVELS)[0] for one in raised]
+    evidence = [_measure_evidence(one, stances, known, p)[0] for one in raised]
     # A height at which a piece has no solution is out; the prior is the sigma of a rebuilt peak.
     cost = [one.sum(axis=0).min() if len(one) == len(evidence[0]) > 0 else np.inf for one in evidence]
     return float(heights[np.argmin(cost + 0.5 * ((heights - 1.0) / OFF_SHARE) ** 2)])

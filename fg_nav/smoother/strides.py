@@ -225,7 +225,7 @@ def strides_of(
 
 
 def add_stride(graph: gtsam.NonlinearFactorGraph, stride: Stride, p: SmootherParameters) -> None:
-    """Add the factors of a stride but those of its velocities, which a batch linearizes together (`velocity_block`)."""
+    """Add the factors of a stride but those of its velocities, which a batch linearizes jointly (`join_velocities`)."""
     _add_inertial(graph, stride)
     _add_sensor(graph, stride, p)
 

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from fg_nav.feet.steps import CELL_M, Footfalls, average_cells, find_steps, measure_turns
+from fg_nav.feet.steps import CELL_M, Footfalls, average_cells, find_steps, keep_longest_part, measure_turns
+from fg_nav.recording import Recording
 
 WIDTH, STEP = 0.16, 0.7
 
@@ -103,3 +104,16 @@ def test_no_turn_is_measured_across_a_hole(foot: int) -> None:
     aside = [0.0, 40.0, 0.0] * (feet[foot].t > hole)[:, None]
     feet[foot] = Footfalls(feet[foot].t, feet[foot].position + aside, np.array([hole]))
     np.testing.assert_allclose(np.angle(measure_turns(*feet)[1]), 0.0, atol=1e-9)
+
+
+def test_the_longest_part_of_an_interrupted_recording_keeps_what_each_sensor_read() -> None:
+    t = np.append(np.arange(500), 3000.0 + np.arange(300)) / 100.0
+    xyz = np.random.default_rng(1).normal(size=(3, len(t), 3))
+    xyz[0, :, 2] += 9.8
+    unread, pressure = np.zeros(len(t), dtype=np.uint8), 1e5 + t
+    whole = Recording(t, *xyz, unread=unread, pressure=pressure)
+    longest = keep_longest_part(whole)
+    assert len(longest) == 500
+    for name in ("t", "acc", "gyr", "mag", "pressure"):
+        np.testing.assert_array_equal(getattr(longest, name), getattr(whole, name)[:500])
+    assert "left out 300 samples" in longest.provenance.notes[-1]
