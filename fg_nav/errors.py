@@ -74,6 +74,10 @@ class ConfigError(FgNavError):
     """A configuration cannot be read, or does not fit what it is given for (`fg_nav.commands.config`)."""
 
 
+class PluginError(FgNavError):
+    """What another package adds cannot be used (`fg_nav.plugins`)."""
+
+
 class OutputError(FgNavError):
     """A result could not be written, or would have overwritten one (`fg_nav.report`, `fg_nav.cli`)."""
 
