@@ -13,6 +13,11 @@ Bools: TypeAlias = NDArray[np.bool_]
 MAD_TO_SIGMA = 1.4826  # Median absolute deviation to standard deviation, of a normal distribution.
 
 
+def robust_sigma(values: Floats) -> float:
+    """Standard deviation of values (N,) about zero, without the tails, by their median."""
+    return MAD_TO_SIGMA * float(np.median(np.abs(values)))
+
+
 def weigh_models(log_evidence: Floats, prior: Floats | None = None) -> Floats:
     """Posterior weights (L,) of L models, by log evidence (L,) and, if given, prior weights (L,); their sum is 1."""
     weight = np.exp(log_evidence - log_evidence.max()) * (1.0 if prior is None else prior)

@@ -74,7 +74,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 from scipy.optimize import least_squares
 
-from fg_nav.arrays import MAD_TO_SIGMA, Bools, Floats
+from fg_nav.arrays import Bools, Floats, robust_sigma
 from fg_nav.calibration.magnetometer import (
     LEVEL_FIELD_UT,
     UPPER,
@@ -553,18 +553,13 @@ def _solve(residuals: Residuals, readings: Floats, start: Floats, loss: Literal[
     first = residuals(start, readings)
     if not np.isfinite(first).all():
         raise CalibrationError("the readings lie on no ellipse or ellipsoid: is this a magnetometer, turned about?")
-    scale = _robust_sigma(first)
+    scale = max(robust_sigma(first), MIN_UT)
     return np.asarray(least_squares(residuals, start, loss=loss, f_scale=scale, max_nfev=100, args=(readings,)).x)
-
-
-def _robust_sigma(residual: Floats) -> float:
-    """Standard deviation of residuals (N,) by their median."""
-    return max(float(MAD_TO_SIGMA * np.median(np.abs(residual))), MIN_UT)
 
 
 def is_near(residual: Floats) -> Bools:
     """Flags (N,) of the residuals that are no outliers of their bulk."""
-    return np.asarray(np.abs(residual) <= OUTLIER_SIGMAS * _robust_sigma(residual))
+    return np.asarray(np.abs(residual) <= OUTLIER_SIGMAS * max(robust_sigma(residual), MIN_UT))
 
 
 def compute_distances(h: Floats, C: Floats, readings: Floats) -> Floats:
@@ -582,8 +577,8 @@ def _fit_trimmed(readings: Floats) -> tuple[Floats, Floats]:
     kept = np.ones(len(readings), dtype=np.bool_)
     for _ in range(TRIMS):
         h, C = fit_constrained_quadric(readings[kept])
-        far = np.abs(compute_distances(h, C, readings))
-        before, kept = kept, far <= TRIM_SIGMAS * MAD_TO_SIGMA * np.median(far) + MIN_UT
+        far = compute_distances(h, C, readings)
+        before, kept = kept, np.abs(far) <= TRIM_SIGMAS * robust_sigma(far) + MIN_UT
         if (kept == before).all():
             break
     return h, C

@@ -33,7 +33,7 @@ from fg_nav.calibration.walk_model import (
     sum_iron,
 )
 from fg_nav.errors import CalibrationError, MagneticError
-from fg_nav.frames import compute_heading, wrap_angle
+from fg_nav.frames import average_angles, compute_heading, wrap_angle
 from fg_nav.magnetic.footfall_field import FootfallField, average_footfall_field
 from fg_nav.recording import Recording
 from fg_nav.stances import Stances
@@ -74,7 +74,7 @@ def calibrate_on_walk(
     fit = _fit_counted(walk)
     if fit.level_sigma > parameters.largest_sigma_uT:
         heading = compute_heading(walk.strides.standing_R)
-        share = np.mean(np.abs(wrap_angle(heading - np.angle(np.exp(1j * heading).mean()))) < np.pi / 4)
+        share = np.mean(np.abs(wrap_angle(heading - average_angles(heading))) < np.pi / 4)
         raise CalibrationError(
             f"after {len(walk)} strides the hard iron would be known to {fit.level_sigma:.1f} uT only, for "
             f"{100 * share:.0f} % of them head within 45 deg of one direction: walk longer and through all headings, "
