@@ -35,7 +35,6 @@ from fg_nav.magnetic.quasi_static import DEFAULT, QUASI_STATIC, UNKNOWN, FieldVe
 from fg_nav.recording import Recording
 from fg_nav.solution import Solution
 from fg_nav.stances import Stances
-from fg_nav.system.spilled import return_freed
 from fg_nav.truth import Fix, TrajectoryTruth, Truth
 
 if TYPE_CHECKING:
@@ -214,7 +213,6 @@ def read_walk(path: Path | str | Recording, options: Options = Options(), readin
         gnss = read_gnss(source if options.gnss_path == OWN_GNSS and source else options.gnss_path)
     recording = path if isinstance(path, Recording) else reading.read(path)
     recording = recording if truth is None else replace(recording, truth=truth)
-    return_freed()
     return replace(Walk.of(recording, options, calibration), fixes=fixes, gnss=gnss, places=places)
 
 

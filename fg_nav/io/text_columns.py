@@ -23,7 +23,6 @@ import pandas as pd
 from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import FormatError
 from fg_nav.io.content import Content, split_fields
-from fg_nav.system.spilled import drop_pages, empty_column, join_rows, take_rows
 from fg_nav.text import format_count
 
 _MAX_LINES = 60  # Lines searched for a header; the longest block of lines about a session is a third of this.
@@ -147,10 +146,7 @@ def read_table(
             warnings.simplefilter("error", pd.errors.ParserWarning)  # of fields it leaves out
             types = dict.fromkeys(wanted, np.float64)
             with pd.read_csv(content.source(), dtype=types, chunksize=BLOCK_ROWS, **options) as frames:
-                for frame in frames:
-                    blocks.append(empty_column(len(frame), len(wanted)))  # where it takes no memory
-                    blocks[-1][...] = frame[wanted].to_numpy(dtype=np.float64)
-                    drop_pages()
+                blocks += (frame[wanted].to_numpy(dtype=np.float64) for frame in frames)
     except pd.errors.EmptyDataError:
         pass
     except pd.errors.ParserWarning:
@@ -160,23 +156,14 @@ def read_table(
         raise FormatError(f"{name} is not a regular table ({reason}): correct that line.") from None
     except (ValueError, OverflowError):
         raise _find_bad_cell(content, wanted, options, [*header, "after the last"], first_line) from None
-    table, row = [], []
-    blocks.reverse()
-    while blocks:  # let go of as they are cut
-        values = blocks.pop()
-        line = np.arange(len(values), dtype=np.int64) + first_line
-        first_line += len(values)
-        longer = ~np.isnan(values[:, -1])
-        if longer.any():
-            raise FormatError(
-                f"{name}, line {line[np.argmax(longer)]} has more fields than the header: correct that line."
-            )
-        filled = ~np.isnan(values).all(axis=1)
-        table.append(take_rows(np.flatnonzero(filled), values[:, :-1]))
-        row.append(line[filled])
-    if not any(map(len, table)):
+    values = np.concatenate([np.zeros((0, len(wanted))), *blocks])
+    longer, filled = ~np.isnan(values[:, -1]), ~np.isnan(values).all(axis=1)
+    if longer.any():
+        number = first_line + int(np.argmax(longer))
+        raise FormatError(f"{name}, line {number} has more fields than the header: correct that line.")
+    if not filled.any():
         raise FormatError(f"{name} has a header but no samples: record or export it again.")
-    return join_rows(table), np.concatenate(row)
+    return np.ascontiguousarray(values[filled, :-1]), first_line + np.flatnonzero(filled)
 
 
 def table_options(header: Sequence[str], first_line: int, separator: str) -> dict[str, Any]:

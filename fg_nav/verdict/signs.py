@@ -16,7 +16,6 @@ from fg_nav.magnetic.quasi_static import QUASI_STATIC
 from fg_nav.mechanisation import integrate_strides
 from fg_nav.samples.gaps import list_bridged, measure_unseen
 from fg_nav.solution import Solution
-from fg_nav.system.spilled import measure_rows
 from fg_nav.verdict.limits import (
     FAST_SHARE,
     LIGHT,
@@ -132,7 +131,6 @@ class WalkSigns:
         bias = np.ascontiguousarray(table.gyro_bias)
         strides = table.sample[:-1], table.sample[1:]
         velocity = integrate_strides(acc, gyr, h, *strides, attitude, bias, GRAVITY_M_S2)
-        self.recording.release()
         return velocity, attitude[: len(velocity), 2]
 
 
@@ -304,7 +302,7 @@ def measure_longest_stride(observed: WalkSigns) -> Reason | None:
 def measure_speed(observed: WalkSigns) -> Reason | None:
     """Highest speed on the path, by its velocity and by its positions, the greater of the two."""
     solution, over = observed.solution, max(1, round(SPAN_S / observed.recording.period_s))
-    speed = measure_rows(solution.velocity)
+    speed = np.linalg.norm(solution.velocity, axis=1)
     moved = np.linalg.norm(solution.position[over:] - solution.position[:-over], axis=1)
     speed[over:] = np.maximum(speed[over:], moved / (solution.t[over:] - solution.t[:-over]))
     fastest = int(np.argmax(np.where(np.isnan(speed), np.inf, speed)))
