@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from fg_nav.calibration.allan import NoisePart, RecordingNoise, measure_recording_noise
 from fg_nav.calibration.inertial import (
     ALONE,
     GyroscopeCalibration,
@@ -30,6 +29,7 @@ from fg_nav.calibration.of_recording import calibrate as calibrate_recording
 from fg_nav.commands import Answer, Target, find_earth_field, name_walk
 from fg_nav.errors import CalibrationError, DetectionError, EstimationError
 from fg_nav.io import Reading
+from fg_nav.lab.allan import NoisePart, RecordingNoise, measure_recording_noise
 from fg_nav.magnetic.axes import MagAxes
 from fg_nav.pipeline import navigate
 from fg_nav.recording import Recording

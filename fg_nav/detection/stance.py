@@ -74,17 +74,13 @@ Statistic = Callable[[Floats, Floats, int], Floats]
 
 STATISTICS: dict[str, Statistic] = {"shoe": shoe, "are": are, "mv": mv, "mag": mag}
 
-_DEGREES_OF_FREEDOM: dict[str, Callable[[int], int]] = {
-    "shoe": lambda window: 6 * window - 2,
-    "are": lambda window: 3 * window,
-    "mv": lambda window: 3 * window - 3,
-    "mag": lambda window: window,
-}
+_DEGREES_OF_FREEDOM = {"shoe": (6, 2), "are": (3, 0), "mv": (3, 3), "mag": (1, 0)}  # (a, b) of f = a W - b.
 
 
 def threshold_at_rest(detector: str, window: int, false_alarm_rate: float) -> float:
     """Threshold which a sensor at perfect rest exceeds with this probability a sample."""
-    return float(chdtri(_DEGREES_OF_FREEDOM[detector](window), false_alarm_rate) / window)
+    each, fitted = _DEGREES_OF_FREEDOM[detector]
+    return float(chdtri(each * window - fitted, false_alarm_rate) / window)
 
 
 def _mean(samples: Floats, window: int) -> Floats:

@@ -82,7 +82,7 @@ from types import MappingProxyType
 from typing import Literal, TypeAlias, get_args
 
 import numpy as np
-from scipy.special import chdtr, chdtri, chndtrix
+from scipy.special import chdtri, chndtrix
 
 from fg_nav.arrays import Bools, Floats
 from fg_nav.errors import MagneticError
@@ -236,23 +236,14 @@ class Detector:
         """
         if not 0.0 < false_alarm_rate < 1.0:
             raise MagneticError(f"a false-alarm rate must be between 0 and 1, not {false_alarm_rate}.")
-        self._require_chi_squared()
-        if not np.isfinite(self.noncentrality):
-            raise MagneticError(f"detector '{self.name}' does not say which changes matter: fix its threshold.")
-        return float(chndtrix(false_alarm_rate, self.degrees_of_freedom, self.noncentrality))
-
-    @property
-    def detection_rate(self) -> float:
-        """P_D, the share of static fields that pass; raises `MagneticError` for a form that is not chi squared."""
-        self._require_chi_squared()
-        return float(chdtr(self.degrees_of_freedom, self.threshold))
-
-    def _require_chi_squared(self) -> None:
         if self.form != "chi squared":
             raise MagneticError(
                 f"the form '{self.form}' of detector '{self.name}' has no distribution to take a rate from: "
                 "fix its threshold, or choose 'chi squared'."
             )
+        if not np.isfinite(self.noncentrality):
+            raise MagneticError(f"detector '{self.name}' does not say which changes matter: fix its threshold.")
+        return float(chndtrix(false_alarm_rate, self.degrees_of_freedom, self.noncentrality))
 
     def compute_statistic(self, window: Floats) -> Floats:
         """T (...,) of windows (..., C, rows) of the channels' values over their sigmas, angles unwrapped."""

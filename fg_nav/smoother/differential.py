@@ -26,7 +26,7 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import B
 
-from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.arrays import Bools, Floats, Ints, robust_sigma
 from fg_nav.detection import Rest
 from fg_nav.factors.differential_field import (
     GYRO,
@@ -44,7 +44,6 @@ from fg_nav.factors.rotation import relative_rotations
 from fg_nav.recording import Recording
 from fg_nav.samples.gaps import find_holes
 from fg_nav.smoother.dense_path import Trajectory
-from fg_nav.smoother.field_factors import robust_sigma
 from fg_nav.smoother.graph import WalkProblem
 from fg_nav.smoother.solver import GtsamFactors, list_biases
 from fg_nav.smoother.strides import STANDS_S, Nodes

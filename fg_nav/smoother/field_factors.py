@@ -40,7 +40,7 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import M, X
 
-from fg_nav.arrays import MAD_TO_SIGMA, Bools, Floats, Ints
+from fg_nav.arrays import Bools, Floats, Ints, robust_sigma
 from fg_nav.factors.magnetic_field import (
     DELTA,
     E_H,
@@ -117,11 +117,6 @@ def split_potential(potential: Roughness, lost_share: float, distance_m: Floats)
     variance = 2.0 * potential.sigma**2 * (1.0 - potential.correlation(distance_m))
     telescoping = max(1.0 - lost_share, MIN_TELESCOPING)
     return replace(potential, sigma=potential.sigma * np.sqrt(telescoping)), np.sqrt(lost_share * variance)
-
-
-def robust_sigma(values: Floats) -> float:
-    """Spread about zero without the tails."""
-    return MAD_TO_SIGMA * float(np.median(np.abs(values)))
 
 
 def deviate_along(nav_field: Floats, reference: Floats) -> Floats:

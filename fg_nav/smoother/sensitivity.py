@@ -44,7 +44,7 @@ from typing import NamedTuple
 import numpy as np
 from gtsam.symbol_shorthand import X
 
-from fg_nav.arrays import Floats
+from fg_nav.arrays import Floats, weigh_models
 from fg_nav.factors.residual import Keys
 from fg_nav.smoother.solver import Solved, list_attitudes, pose_in_nav, residuals_at_minimum
 from fg_nav.smoother.square_root import SquareRoot
@@ -55,8 +55,7 @@ MAX_NATS = 3.0  # Twenty to one: what counts as strong evidence (Kass and Rafter
 
 def average(values: Floats, minus_log_evidence: Floats, prior: Floats | None = None) -> Floats:
     """Mean of values (L, ...) of L models, weighted by their evidence (L,) and, if given, by prior weights (L,)."""
-    weight = np.exp(minus_log_evidence.min() - minus_log_evidence) * (1.0 if prior is None else prior)
-    return np.asarray(np.tensordot(weight / weight.sum(), values, axes=1))
+    return np.asarray(np.tensordot(weigh_models(-minus_log_evidence, prior), values, axes=1))
 
 
 def fit_shared(information: Floats, pull: Floats, prior: Floats) -> tuple[Floats, Floats, float]:

@@ -50,10 +50,10 @@ from fg_nav.lab.campaign.walks import (
     find_walks,
 )
 from fg_nav.lab.simulation import Scenario, scenario
-from fg_nav.lab.simulation.scenario_file import SUFFIX
+from fg_nav.lab.simulation.scenario_file import SUFFIX, shorten
 from fg_nav.lab.simulation.scenarios import FIELDS
 from fg_nav.lab.store.results import Key
-from fg_nav.text import read_small, shorten
+from fg_nav.text import read_small
 
 FIRST_SEED = 101  # Filters are tuned on seeds below 100.
 

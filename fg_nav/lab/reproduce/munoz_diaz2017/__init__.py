@@ -21,7 +21,7 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from fg_nav.arrays import Floats
-from fg_nav.calibration.allan import AllanCurve
+from fg_nav.lab.allan import AllanCurve
 from fg_nav.lab.processes import run_tasks
 from fg_nav.lab.reproduce.munoz_diaz2017 import figures as pictures
 from fg_nav.lab.reproduce.munoz_diaz2017 import rows as table

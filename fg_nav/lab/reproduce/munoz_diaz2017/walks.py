@@ -38,10 +38,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Bools, Floats, Ints
-from fg_nav.calibration.allan import AllanCurve, compute_allan_curve
 from fg_nav.calibration.ellipsoid import fit_ellipsoid
 from fg_nav.errors import SimulationError
 from fg_nav.frames import yaw_rotation
+from fg_nav.lab.allan import AllanCurve, compute_allan_curve
 from fg_nav.lab.simulation import SCENARIOS, Choices, Scenario, SimulatedWalk, routes, simulate
 from fg_nav.lab.simulation.fields import AS_PRINTED, Cylinders, Field, Homogeneous, Sum
 from fg_nav.lab.simulation.motion import Style
