@@ -20,7 +20,7 @@ from fg_nav.factors.rotation import relative_rotations, rotation_exp
 from fg_nav.magnetic.quasi_static import QUASI_STATIC, UNKNOWN
 from fg_nav.pocket.causal_steps import CausalSteps, StrideEnd
 from fg_nav.pocket.iterated_smoother import FixedLagSmoother, Prior, build_prior, propagate_gap, propagate_track
-from fg_nav.pocket.links import NODE_S, preintegrate_links
+from fg_nav.pocket.kalman_smoother import NODE_S, preintegrate_links
 from fg_nav.pocket.parameters import PocketSmootherParameters
 from fg_nav.pocket.track import STILL_S, PocketStart, PocketTrack, choose_start, level_start
 from fg_nav.recording import MAX_GAP_S, MIN_SAMPLES, Recording
@@ -128,14 +128,14 @@ class OnlinePocket:
             h = np.append(np.diff(t), t[-1] - t[-2])
             acc, gyr = compensate_coning(np.ascontiguousarray(s[:, 1:4]), np.ascontiguousarray(s[:, 4:7]), h)
             node = np.unique(node).astype(np.int64)
-            links = preintegrate_links(node, t, acc, gyr, s[:, 7:], np.zeros(3))
+            links = preintegrate_links(node, t, acc, gyr, s[:, 7:])
             # smooth
             if self._window is None:
                 prior = self._resumed or build_prior(start, links, self._p)
                 self._window = FixedLagSmoother(prior, links, self._p)
             else:
                 self._window.extend(links)
-            new, smoothed = slice(-len(links) - 1, -1), self._window.smoothed
+            new, smoothed = slice(-len(links.h) - 1, -1), self._window.smoothed
             self.nis += zip(t[node[:-1]].tolist(), smoothed.swing_nis[new], smoothed.field_nis[new], strict=True)
             # drop the samples used
             self._made += UPDATE_LINKS
