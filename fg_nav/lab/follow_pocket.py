@@ -6,10 +6,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from fg_nav.pocket.iterated_smoother import FixedLagSmoother, build_prior, propagate_track
+from fg_nav.pocket.iterated_smoother import FixedLagSmoother, PocketSmootherParameters, build_prior, propagate_track
 from fg_nav.pocket.kalman_smoother import place_nodes, preintegrate_links
 from fg_nav.pocket.online import UPDATE_LINKS
-from fg_nav.pocket.parameters import PocketSmootherParameters
 from fg_nav.pocket.track import PocketStart, PocketTrack, level_start
 from fg_nav.recording import Recording
 

@@ -48,6 +48,7 @@ Reference: Lange, Little, Taylor (1989), "Robust statistical modeling using the 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -56,6 +57,12 @@ from scipy.special import chdtri
 from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import EstimationError
 from fg_nav.factors.rotation import relative_rotations, rotation_exp, unskew
+from fg_nav.pocket.filter_equations import (
+    GYR_DENSITY_DEG,
+    compute_bias_decay,
+    compute_bias_walk,
+    compute_earth_rate,
+)
 from fg_nav.pocket.kalman_smoother import (
     ATTITUDE,
     BIAS,
@@ -77,13 +84,6 @@ from fg_nav.pocket.kalman_smoother import (
     place_nodes,
     preintegrate_links,
     smooth_nodes,
-)
-from fg_nav.pocket.parameters import (
-    GYR_DENSITY_DEG,
-    PocketSmootherParameters,
-    compute_bias_decay,
-    compute_bias_walk,
-    compute_earth_rate,
 )
 from fg_nav.pocket.track import STORED_EVERY_S, PocketStart, PocketTrack, level_start
 from fg_nav.recording import Recording
@@ -108,6 +108,29 @@ PACE_WALK_M_S = 0.05  # Walk of the body's velocity at an even pace, m/s/sqrt(s)
 PACE_FREEDOM = 2.0  # Degrees of freedom of the t-distribution of its steps: seldom and sudden.
 SWING_M = 0.3  # Swing of the sensor from its place on the body, m an axis: a thigh 0.2, an arm 0.4.
 SWING_FREEDOM = 5.0  # Degrees of freedom of its t-distribution.
+
+
+@dataclass(frozen=True)
+class PocketSmootherParameters:
+    """Of `smooth_pocket` and `OnlinePocket`: errors of the sensors, which differ from one to the next.
+
+    Attributes
+    ----------
+    gyro_bias_sigma_deg_s : prior sigma of the bias: a MEMS sensor's is 0.1 to 0.5.
+    gyr_scale_sigma : of scale and misalignment, a fraction of the rate: a sensor calibrated by its maker, 0.1 deg of
+        axes. Assumed; chosen with the BROAD trials in view (docs/pocket.md). 0.01 for a bare chip.
+    bias_returns_to_zero : AR(1) as in MD (10); otherwise a random walk of the same steps.
+    latitude_deg : north, to remove the Earth's rate; None to leave it.
+    mag_sigma_uT : white error of the magnetometer, an axis and sample: a MEMS one's at 100 Hz.
+    mag_left_uT : error left by its calibration, an axis: 1 % of the field, different at each attitude.
+    """
+
+    gyro_bias_sigma_deg_s: float = 0.3
+    gyr_scale_sigma: float = 0.002
+    bias_returns_to_zero: bool = False
+    latitude_deg: float | None = None
+    mag_sigma_uT: float = 0.5
+    mag_left_uT: float = 0.5
 
 
 def smooth_pocket(

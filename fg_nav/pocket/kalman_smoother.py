@@ -3,7 +3,7 @@
 Nodes. Each node k has an attitude R_k and y_k = (b, S, m, E, v, p, u): bias b of the gyroscope, rad/s, and its scale
 and misalignment S (9,), row by row, so that it measures w + b + S w; the local field m and that of the region E, both
 in nav, uT; and of the level motion the velocity v of the sensor, m/s, its displacement p from its place on the body, m,
-and the velocity u of the body that wears it. The correction x = (phi, dy), with R <- Exp(phi) R, is truth less estimate.
+and the velocity u of the body that wears it. The correction x = (phi, dy), R <- Exp(phi) R, is truth less estimate.
 
 Links. A link begins at node k, a sample's stamp, and ends at node k + 1. By the gyroscope alone the body at sample t is
 rotated against that at the node by dR_t, and with errors c = (b, S), to first order, by
