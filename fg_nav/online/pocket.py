@@ -50,9 +50,9 @@ from fg_nav.pocket.navigate import (
     navigate_pocket,
     require_steps,
 )
-from fg_nav.pocket.online import OnlineThigh, StrideEnd
+from fg_nav.pocket.online import OnlinePocket, StrideEnd
 from fg_nav.pocket.steps import Steps
-from fg_nav.pocket.track import STILL_S
+from fg_nav.pocket.track import STILL_S, choose_start
 from fg_nav.recording import MAX_GAP_S, MIN_SAMPLES, Recording
 from fg_nav.solution import Return, Solution, StanceTable
 
@@ -101,7 +101,7 @@ class PocketNavigator(SampleIntake):
         self._step_length = StepLength() if constant is None else use_step_constant(constant)
         self.footfalls: list[Footfall] = []
         self._used = 0
-        self._thigh: OnlineThigh | None = None
+        self._thigh: OnlinePocket | None = None
         self._reported: list[StanceEstimate] = []
         self._n_steps: list[int] = []  # until each line
         self._directions = np.empty((0, 2))  # of the steps, in the map of the last line
@@ -210,11 +210,13 @@ class PocketNavigator(SampleIntake):
             rows = self.buffer.between(first, end)
             if not self.options.use_field:
                 rows[:, 7:10] = np.nan
-            found += self._report(self._thigh.add(first, rows))
+            found += self._report(self._thigh.push(first, rows))
         return found
 
-    def _begin_thigh(self, end: int) -> OnlineThigh:
-        return OnlineThigh(self._cut_until(end, self.options.use_field), self.options.heading_rad)
+    def _begin_thigh(self, end: int) -> OnlinePocket:
+        first = self._cut_until(end, self.options.use_field)
+        start, notes = choose_start(first, self.options.heading_rad)
+        return OnlinePocket(start, first.period_s, notes=tuple(notes))
 
     def _reckon_path(self, count: int) -> _PathSoFar:
         """Return the path of the first `count` steps, with the present estimate of the thigh's axes."""

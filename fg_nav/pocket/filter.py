@@ -182,8 +182,7 @@ def prepare_inputs(recording: Recording, parameters: PocketParameters) -> Filter
     field = np.full((n, 3), np.nan) if recording.mag is None or not parameters.field_update else recording.mag
     fresh = np.asarray(np.isfinite(field).all(axis=1) & field.any(axis=1), dtype=np.bool_)
     steady = detect_steady_field(t, field, parameters.mag_sigma_uT) if parameters.field_gated else fresh
-    h = np.append(np.diff(t), recording.period_s)
-    return FilterInputs(h, recording.integrable[1], force, field, gravity, fresh, steady)
+    return FilterInputs(recording.periods_s, recording.integrable[1], force, field, gravity, fresh, steady)
 
 
 def interpolate_force(acc: Floats) -> Floats:
@@ -198,8 +197,7 @@ def average_force(recording: Recording, count: int) -> Floats:
 
     Weights are a raised cosine: the mean lags by half the window.
     """
-    h = np.append(np.diff(recording.t), recording.period_s)
-    acc, gyr = recording.integrable
+    h, (acc, gyr) = recording.periods_s, recording.integrable
     attitude = _integrate_rates(gyr, h)
     force = acc + np.cross(gyr, acc) * (h / 2)[:, None]
     weight = 1.0 - np.cos(2 * np.pi * (np.arange(count) + 0.5) / count)

@@ -198,8 +198,7 @@ def smooth_pocket(
 
 def _join_attitudes(recording: Recording, node: Ints, nodes: Nodes) -> Floats:
     """Attitudes (N, 3, 3) at the samples: strapdown from each node, misclosure at the next spread over the link."""
-    gyr = recording.integrable[1]
-    periods = np.append(np.diff(recording.t), recording.period_s)
+    gyr, periods = recording.integrable[1], recording.periods_s
     segment = np.append(np.repeat(np.arange(len(node) - 1), np.diff(node)), len(node) - 1)
     # propagate from each node
     R, _ = relative_rotations(gyr, periods, segment, nodes.b)
@@ -228,8 +227,7 @@ def propagate_track(
     """
     n = len(recording)
     segment = np.repeat(np.arange(len(at)), np.diff(np.append(at, n)))
-    periods = np.append(np.diff(recording.t), recording.period_s)
-    turned, _ = relative_rotations(recording.integrable[1], periods, segment, b)
+    turned, _ = relative_rotations(recording.integrable[1], recording.periods_s, segment, b)
     return PocketTrack(
         t=recording.t,
         nav_R_body=R[segment] @ turned,
@@ -272,8 +270,8 @@ def build_prior(start: PocketStart, links: Links | None, p: PocketSmootherParame
     """Prior of the first node: start attitude, zero bias, scale error and velocity, and the first field, wide."""
     R = np.asarray(start.nav_R_body, dtype=np.float64)
     m = np.zeros(3)
-    if links is not None and links.count.any():
-        m = R @ links.field[int(np.argmax(links.count > 0))]
+    if links is not None and links.n_fields.any():
+        m = R @ links.field[int(np.argmax(links.n_fields > 0))]
     y = np.zeros(SIZE - 3)
     y[FIELD - 3 : REGION - 3] = y[REGION - 3 : VELOCITY - 3] = m
     parts = [start.tilt_sigma, np.radians(p.gyro_bias_sigma_deg_s), p.gyr_scale_sigma, FIELD_PRIOR_UT]
@@ -354,7 +352,7 @@ def reweigh_variances(walk: Floats, links: Links, square: RobustVariances) -> Ro
 def estimate_field_walk(links: Links, mag_sigma_uT: float) -> Floats:
     """Random walk (K,) uT/sqrt(s) of the field about each link's end, by that of its strength; min. `FIELD_WALK_UT`."""
     reach = max(round(FIELD_WINDOW_S / NODE_S / 2), 1)
-    variance = mag_sigma_uT**2 / np.maximum(links.count, 1.0)
+    variance = mag_sigma_uT**2 / np.maximum(links.n_fields, 1.0)
     weight = np.where(np.isfinite(links.strength), 1.0, 0.0)
     S = np.nan_to_num(links.strength)
     level = float(np.median(S[weight > 0])) if weight.any() else 0.0

@@ -78,7 +78,7 @@ class Links(NamedTuple):
 
     `start_s` (K,) and `h` (K,) s; `turn` (K, 3, 3) and `per_sensor` (K, 3, 12), dR and J; `delta_v` (K, 3) m/s and
     `delta_p` (K, 3) m, and their derivatives by the errors, `delta_v_per_sensor` and `delta_p_per_sensor` (K, 3, 12);
-    `count` (K,) fields; `field` (K, 3) uT and `lever` (K, 3, 12), the means z and K, zero where there is none;
+    `n_fields` (K,); `field` (K, 3) uT and `lever` (K, 3, 12), the means z and K, zero where there is none;
     `strength` (K,) uT, mean |y|, NaN where there is none; `rate` (K, 3) rad/s, the mean as measured, and `rate_spread`
     (K,) rad/s and `force_spread` (K,) m/s^2, roots of the summed variances of three axes.
     """
@@ -91,7 +91,7 @@ class Links(NamedTuple):
     delta_v_per_sensor: Floats
     delta_p: Floats
     delta_p_per_sensor: Floats
-    count: Floats
+    n_fields: Floats
     field: Floats
     lever: Floats
     strength: Floats
@@ -183,7 +183,7 @@ def _fill_links(node: Ints, periods: Floats, acc: Floats, gyr: Floats, mag: Floa
                         field[axis] += R[axis, column] * mag[i, column]
                     for column in range(SENSOR):
                         lever[axis, column] += K[axis, column]
-                links.count[k] += 1.0
+                links.n_fields[k] += 1.0
                 links.strength[k] += np.sqrt(square)
             # delta velocity and delta position
             _add_force(R, K, by_turn, acc[i], h, k, links)
@@ -197,7 +197,7 @@ def _fill_links(node: Ints, periods: Floats, acc: Floats, gyr: Floats, mag: Floa
             rotate_in_body(R, theta[0], theta[1], theta[2])
         # means of the link
         links.turn[k], links.per_sensor[k] = R, J
-        count = links.count[k]
+        count = links.n_fields[k]
         for axis in range(3):
             for column in range(SENSOR):
                 lever[axis, column] /= max(count, 1.0)
@@ -427,10 +427,10 @@ def _update_node(
         for i in range(2):
             update_component(P, x, VELOCITY + i, -y[VELOCITY - 3 + i], noise.rest_velocity)
     # the field of the link that begins here, and its deviation from the region's
-    if k < len(links.h) and links.count[k] > 0:
+    if k < len(links.h) and links.n_fields[k] > 0:
         z = linearize_field(k, nodes, links, H)
         nis = 0.0
-        variance = noise.mag / links.count[k] + noise.mag_left + variances.step[k] / 3.0
+        variance = noise.mag / links.n_fields[k] + noise.mag_left + variances.step[k] / 3.0
         for row in range(3):
             nis += update_row(P, x, H[row], z[row], variance) ** 2
         out.field_nis[k] = nis

@@ -172,10 +172,10 @@ def test_the_chain_is_the_dense_least_squares_solution(problem):
             rate = q.rests.rate[k] - q.nodes.R[k].T @ q.noise.earth_rate
             add(k, unit[BIAS:SCALE], rate - y[:3], q.rests.variance[k])
             add(k, unit[VELOCITY:SWING], -y[VELOCITY - 3 : SWING - 3], q.noise.rest_velocity)
-        if k < n - 1 and q.links.count[k] > 0:
+        if k < n - 1 and q.links.n_fields[k] > 0:
             z = linearize_field(k, q.nodes, q.links, H)
             walked = q.variances.step[k] / 3  # mean of a walk over its link, against its start
-            add(k, H.copy(), z, q.noise.mag / q.links.count[k] + q.noise.mag_left + walked)
+            add(k, H.copy(), z, q.noise.mag / q.links.n_fields[k] + q.noise.mag_left + walked)
             tie = np.zeros((3, SIZE))
             tie[:, FIELD:REGION], tie[:, REGION:VELOCITY] = np.eye(3), -np.eye(3)
             add(k, tie, -tie[:, 3:] @ y, q.variances.deviation[k])

@@ -69,7 +69,7 @@ def test_a_known_field_is_its_mean_in_the_body_at_the_node(leg):
     node, links = links_of(leg.recording(bias=np.zeros(3)))
     assert np.allclose(links.field, leg.attitude[node[:-1]].transpose(0, 2, 1) @ MUNICH, atol=1e-9)
     assert np.allclose(links.strength, np.linalg.norm(MUNICH))
-    assert (links.count == np.diff(node)).all()
+    assert (links.n_fields == np.diff(node)).all()
 
 
 def test_rows_without_a_field_are_left_out(leg):
@@ -80,16 +80,16 @@ def test_rows_without_a_field_are_left_out(leg):
     mag[260:320] = 0.0
     node = place_nodes(recording.t, 0.5)
     links = preintegrate_links(node, recording.t, recording.acc, recording.gyr, mag)
-    assert (links.count[4:6] == 0).all()
+    assert (links.n_fields[4:6] == 0).all()
     assert np.isnan(links.strength[4:6]).all()
-    full = links.count > 0
+    full = links.n_fields > 0
     expected = leg.attitude[node[:-1]].transpose(0, 2, 1) @ MUNICH
     assert np.allclose(links.field[full], expected[full], atol=1e-9)
 
 
 def test_no_magnetometer_is_no_field(leg):
     _, links = links_of(leg.recording(field=None))
-    assert not links.count.any()
+    assert not links.n_fields.any()
     assert not links.field.any()
 
 
