@@ -180,6 +180,11 @@ class Recording:
         """Median sample period in seconds."""
         return float(np.median(np.diff(self.t)))
 
+    @property
+    def periods_s(self) -> Floats:
+        """(N,) s, for which each sample is held: until the next stamp; the last one for the median period."""
+        return np.append(np.diff(self.t), self.period_s)
+
     @cached_property
     def gaps(self) -> Gaps:
         """Where samples are missing, and what lies there as far as the recording shows."""
@@ -193,9 +198,8 @@ class Recording:
     @cached_property
     def integrable(self) -> tuple[Floats, Floats]:
         """Specific force (N, 3) m/s^2 and rate (N, 3) rad/s for strapdown navigation (`fg_nav.samples.gaps`)."""
-        h = np.append(np.diff(self.t), self.period_s)
         acc, gyr = (bridge.put(peaks.whole) for bridge, peaks in zip(self.bridges, self.peaks, strict=True))
-        return prepare_samples(acc, gyr, h, self.gaps)
+        return prepare_samples(acc, gyr, self.periods_s, self.gaps)
 
     @cached_property
     def peaks(self) -> tuple[Peaks, Peaks]:

@@ -11,7 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import typer
@@ -35,7 +35,7 @@ from fg_nav.report.files import Summary, summarize, summarize_lagged, write_foot
 from fg_nav.report.folder import result_folder
 from fg_nav.solution import Solution
 from fg_nav.system.processes import catch_signals
-from fg_nav.verdict import Verdict, judge_footfalls, judge_path
+from fg_nav.verdict import Verdict, Word, judge_footfalls, judge_path
 from fg_nav.walk import Options, Outcome, Walk, evaluate_solution
 
 if TYPE_CHECKING:
@@ -169,10 +169,11 @@ class End:
     @property
     def verdicts(self) -> list[Verdict]:
         """On the solution and on the batch solution next to it, where there is one."""
-        if self.whole is None:
-            return [judge_footfalls(self.solution.stances)]
-        found = (self.solution, self.solution.polished)
-        return [judge_path(self.whole[0], one) for one in found if one is not None]
+        reasons = cast("list[str]", self.summary["reasons"])
+        verdict, polished = Verdict(cast("Word", self.summary["verdict"]), tuple(reasons)), self.solution.polished
+        if self.whole is None or polished is None:
+            return [verdict]
+        return [verdict, judge_path(self.whole[0], polished)]
 
     def write(self, folder: Path, plots: Plots) -> None:
         """Write what `fg-nav run` writes; with a lag, what needs no samples."""

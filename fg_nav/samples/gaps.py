@@ -65,6 +65,7 @@ import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.samples.outliers import ACC_OUT, GYR_OUT
+from fg_nav.stances import find_runs
 from fg_nav.system.compiled import njit
 
 LOST_PERIODS = 1.5  # After a step between stamps of more periods than this, a sample or more is missing.
@@ -331,8 +332,7 @@ class _UnreadSamples:
     def bridge(self, which: int) -> Bridge:
         """Return indices, values and sigmas of the unread samples of one sensor, `ACC_OUT` or `GYR_OUT`."""
         bad = (self._unread & which) > 0
-        edge = np.flatnonzero(np.diff(np.concatenate([[False], bad, [False]]).astype(np.int8)))
-        start, stop = edge[::2], edge[1::2]
+        start, stop = find_runs(bad)
         axes = np.s_[:3] if which == ACC_OUT else np.s_[3:]
         # describe each run and what is around it
         runs = []

@@ -192,9 +192,7 @@ def find_gyr_unit(acc: Floats, gyr: Floats, period_s: float) -> str | None:
 
 def find_mag_unit(mag: Floats) -> str | None:
     """Find the unit in which mag (N, 3) is a field on Earth; None if there is no such unit, or more than one."""
-    strength = measure_field_strength(mag)
-    strength = strength[np.isfinite(strength)]
-    median = float(np.median(strength)) if strength.size else np.nan
+    median = find_median_strength(mag)
     if is_field_on_earth(median):
         return "uT"
     # From 200 on, what reads as mG can as well be uT with the iron of a telephone in it.
@@ -314,12 +312,8 @@ def find_mag_problem(mag: Floats, usual_uT: float = np.nan) -> str | None:
 
     Where its strength was `usual_uT` before, a unit is named if it makes that of it: iron reads like a field in mG.
     """
-    strength = measure_field_strength(mag)
-    strength = strength[np.isfinite(strength)]
-    if not strength.size:
-        return None
-    median = float(np.median(strength))
-    if is_field_on_earth(median):
+    median = find_median_strength(mag)
+    if np.isnan(median) or is_field_on_earth(median):
         return None
     for unit, (scale, (low, high)) in _FIELD_UNITS.items():
         ratio = median * scale / usual_uT
@@ -343,6 +337,13 @@ def measure_field_strength(mag: Floats) -> Floats:
     strength = np.full(len(mag), np.nan)
     strength[sensible] = np.linalg.norm(mag[sensible], axis=1)
     return strength
+
+
+def find_median_strength(mag: Floats) -> float:
+    """Median strength of mag (N, 3) in its unit; NaN without a sample."""
+    strength = measure_field_strength(mag)
+    known = strength[np.isfinite(strength)]
+    return float(np.median(known)) if known.size else np.nan
 
 
 def measure_rest_acc(acc: Floats, period_s: float) -> float:

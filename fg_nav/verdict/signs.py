@@ -53,7 +53,8 @@ CLOSED_SHARE = 0.02  # Distance of the end from the start, over the way, of a wa
 class WalkSigns:
     """Quantities of a walk and its solution that several signs need.
 
-    Strides are those from one row of the solution's table to the next; the recording is the one that was solved.
+    Strides are those from one row of the solution's table to the next; the recording is the one that was solved, which
+    of a stream has no provenance: that is the walk's.
     """
 
     def __init__(self, walk: Walk, solution: Solution) -> None:
@@ -126,11 +127,10 @@ class WalkSigns:
     def ends(self) -> tuple[Floats, Floats]:
         """Velocity (K, 3) m/s and vertical axis (K, 3) in the body at the end of each stride, by strapdown alone."""
         table, (acc, gyr) = self.table, self.recording.integrable
-        h = np.append(np.diff(self.recording.t), self.recording.period_s)
         attitude = np.array(table.nav_R_body, order="C")
         bias = np.ascontiguousarray(table.gyro_bias)
         strides = table.sample[:-1], table.sample[1:]
-        velocity = integrate_strides(acc, gyr, h, *strides, attitude, bias, GRAVITY_M_S2)
+        velocity = integrate_strides(acc, gyr, self.recording.periods_s, *strides, attitude, bias, GRAVITY_M_S2)
         return velocity, attitude[: len(velocity), 2]
 
 
@@ -198,7 +198,7 @@ def measure_time_without_footfall(observed: WalkSigns) -> Reason | None:
 
 def measure_cut(observed: WalkSigns) -> Reason | None:
     """Part of the recording that a hole cut off."""
-    cut_s = observed.recording.provenance.cut_samples * observed.recording.period_s
+    cut_s = observed.walk.recording.provenance.cut_samples * observed.recording.period_s
     words = f"{cut_s:.0f} s of the recording are cut off by a hole, and not used"
     speed = max(observed.usual_m_s, observed.way / max(observed.recording.duration_s, 1e-9))
     return judge_unfollowed(cut_s, speed, observed.sigma, observed.way, words)
@@ -430,7 +430,7 @@ SIGNS_WITHOUT_FOOTFALLS: tuple[Sign, ...] = (
     lambda observed: judge_rate(observed.walk.recording.provenance.rate_sigma),
     measure_gap,
     measure_cut,
-    lambda observed: judge_bad_samples(observed.recording),
+    lambda observed: judge_bad_samples(observed.walk.recording),
     check_mount,
 )
 
