@@ -27,6 +27,7 @@ from fg_nav.io.readers import wearables as worn
 from fg_nav.io.tables import ZIP_MARK, open_table
 from fg_nav.io.text_columns import Header
 from fg_nav.io.truth import C3D_KEY, CSV_COLUMNS, pack_footprints, read_c3d, read_footprint_mat, read_tum
+from fg_nav.plugins import find_plugins
 from fg_nav.recording import NOMINAL_SIGMA, RawRecording, Recording, note_nominal_rate
 from fg_nav.samples.stamps import MAX_BRIDGED_S
 from fg_nav.truth import Truth
@@ -105,7 +106,12 @@ _ALL = (
     ),
 )
 
-FORMATS: Mapping[str, Format] = MappingProxyType({one.name: one for one in _ALL})  # All formats by name.
+FORMATS: Mapping[str, Format] = MappingProxyType({one.name: one for one in _ALL})  # Those known here, by name.
+
+
+def list_formats() -> dict[str, Format]:
+    """Formats by name, last those of other packages (`fg_nav.plugins`); raises `PluginError` as `find_plugins`."""
+    return {**FORMATS, **find_plugins("readers", Format)}
 
 
 @dataclass(frozen=True)
@@ -114,7 +120,7 @@ class Reading:
 
     Attributes
     ----------
-    format : a name of `FORMATS` to read it as; without one the format is recognized from the content.
+    format : a name of `list_formats` to read it as; without one the format is recognized from the content.
     columns : of a table, which are what: `time=ts[ms],acc=ax:ay:az[g],gyr=gx:gy:gz[deg/s]` (`fg_nav.columns.mapping`).
     rate_hz : the rate of a file that has neither a clock nor a rate.
     rate_sigma : of that rate, a share of it.
@@ -138,14 +144,15 @@ class Reading:
     def read_raw(self, path: Path | str) -> RawRecording:
         """Read what a file says, unchecked; raises `FormatError` as `fg_nav.io.read`."""
         format = self.format
-        if format is not None and format not in FORMATS:
-            raise FormatError(f"there is no format '{format}': choose one of {', '.join(FORMATS)}.")
+        if format is not None and format not in FORMATS and format not in list_formats():
+            raise FormatError(f"there is no format '{format}': choose one of {', '.join(list_formats())}.")
         if self.columns is not None and format not in (None, "table"):
             raise FormatError(f"--columns maps a table, and the format given is '{format}': leave one of them out.")
         columns = parse_columns(self.columns) if isinstance(self.columns, str) else self.columns
         content = read_content(Path(path))
         format = "table" if columns is not None else format
-        chosen, found = _find_recording(content, None if format is None else FORMATS[format])
+        wanted = None if format is None else FORMATS.get(format) or list_formats()[format]
+        chosen, found = _find_recording(content, wanted)
         for option, value in ((RATE, self.rate_hz), (SENSOR, self.sensor)):
             if value is not None and option not in chosen.options:
                 raise FormatError(
@@ -203,6 +210,8 @@ def _find_recording(content: Content, chosen: Format | None) -> tuple[Format, Co
     if chosen is not None and fits and not content.members:
         return chosen, content
     found = list(_find_all(content, FORMATS.values() if chosen is None else [chosen]))
+    if chosen is None and not found:
+        found = list(_find_all(content, find_plugins("readers", Format).values()))
     if len(found) > 1:
         names = ", ".join(part.path.relative_to(content.path).as_posix() for _, part in found[:3])
         more = ", ..." if len(found) > 3 else ""
@@ -298,8 +307,8 @@ def _explain_unknown(content: Content) -> str:
         return nearest
     what = "text without a table of numbers" if content.lines else "a binary file of an unknown kind"
     return (
-        f"{name} is in none of the {len(FORMATS)} formats read here, but {what}: export its samples as a table with "
-        f"the columns t,ax,ay,az,gx,gy,gz, and type fg-nav inspect "
+        f"{name} is in none of the {len(list_formats())} formats read here, but {what}: export its samples as a table "
+        f"with the columns t,ax,ay,az,gx,gy,gz, and type fg-nav inspect "
         f"{shlex.quote(str(content.path.with_suffix('.csv')))}."
     )
 
