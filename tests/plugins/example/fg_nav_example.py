@@ -25,5 +25,5 @@ def read_example(content: Content) -> RawRecording:
     )
 
 
-example_format = Format("example", "log of the example", is_example, read_example, (TEXT,))
+example_format = Format("example", is_example, read_example, (TEXT,))
 example_detector = Detector("strict", (Channel("strength", sigma=0.1, matters=1.0),))
