@@ -37,11 +37,12 @@ METHOD_WORDS = f"{METHOD_NAMES}. With --mount pocket: {_list_words(POCKET_METHOD
 
 
 def _complete(*names: str, keys_of: str = "") -> Callable[[str], list[str]]:
-    """Return a completer of the last word in a comma list to `names`, or to the keys of the table `module.NAME`."""
+    """Return a completer of the last word in a comma list to `names`, or to what `module.NAME` has or lists."""
 
     def complete(incomplete: str) -> list[str]:
         module, _, table = keys_of.rpartition(".")
         known = getattr(import_module(module), table) if table else names
+        known = known() if callable(known) else known
         before, comma, last = incomplete.rpartition(",")
         return [before + comma + name for name in known if name.startswith(last)]
 
@@ -105,7 +106,7 @@ FormatName = Annotated[
         "--format",
         metavar="NAME",
         help="Its format. \\[default: recognised from the content]",
-        autocompletion=_complete(keys_of="fg_nav.io.formats.FORMATS"),
+        autocompletion=_complete(keys_of="fg_nav.io.formats.list_formats"),
     ),
 ]
 PlotsChoice = Annotated[
