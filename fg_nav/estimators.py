@@ -87,8 +87,8 @@ BLOCK = 64  # Samples that the online estimator is given at once; its estimates 
 def _online(walk: Walk, progress: Progress | None) -> Solution:
     """Feed a recording sample by sample to the online navigator, which finds the stances itself; return its path."""
     from fg_nav.online import OnlineNavigator
+    from fg_nav.online.buffer import OnlineOptions
     from fg_nav.online.navigator import finish_walk
-    from fg_nav.online.options import OnlineOptions
 
     options, calibration = walk.options, None if walk.calibration is None else walk.calibration.magnetometer
     given = OnlineOptions(

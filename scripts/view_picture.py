@@ -23,8 +23,8 @@ from PIL import Image
 from fg_nav.arrays import Floats
 from fg_nav.errors import OutputError
 from fg_nav.lab.simulation import simulate
+from fg_nav.online.buffer import OnlineOptions
 from fg_nav.online.follow import StreamOptions, follow_source
-from fg_nav.online.options import OnlineOptions
 from fg_nav.online.sources import Replay
 from fg_nav.recording import Recording
 from fg_nav.view.line_server import format_address, open_port
@@ -72,7 +72,7 @@ def draw_page(recording: Recording, heading_rad: float | None) -> Image.Image:
             page = browser.new_page(viewport={"width": width, "height": height}, color_scheme=scheme)
             page.goto(address)
             pages.append(page)
-        options = StreamOptions(online=OnlineOptions(heading_rad=heading_rad), beside=True)
+        options = StreamOptions(online=OnlineOptions(heading_rad=heading_rad), background=True)
         follow_source(LateReplay(recording), options, server.send, server.send_remark, watcher=server)
         shots = []
         for page in pages:

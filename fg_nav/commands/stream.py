@@ -282,7 +282,7 @@ def view_demo(seed: int, speed: float, host: str, port: int) -> None:
         remark(f"a walk of {simulated.t[-1] - simulated.t[0]:.0f} s; Ctrl-C ends it.")
         source = Replay(simulated, speed, "the simulated walk")
         navigator = follow_source(
-            source, StreamOptions(beside=True), outlets.emit, outlets.remark, stop, outlets.watcher
+            source, StreamOptions(background=True), outlets.emit, outlets.remark, stop, outlets.watcher
         )
         if not stop.is_set() and outlets.emit_end is not None:
             solution = navigator.finish()

@@ -21,7 +21,7 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.errors import EstimationError, FgNavError, StreamError
 from fg_nav.feet import SIDES, Side, refuse_for_two, split_pair
-from fg_nav.online.buffer import COLUMNS
+from fg_nav.online.buffer import COLUMNS, OnlineOptions
 from fg_nav.online.estimates import DIGITS, FeetLine, Revision, StanceEstimate, format_feet_line, tag_line
 from fg_nav.online.feet import FeetNavigator
 from fg_nav.online.follow import (
@@ -33,7 +33,6 @@ from fg_nav.online.follow import (
     open_source_of,
     read_stream_options,
 )
-from fg_nav.online.options import OnlineOptions
 from fg_nav.online.outlets import Outlets, StatusReporter, list_ends
 from fg_nav.online.source_check import Silence
 from fg_nav.online.sources import SampleSource
@@ -98,7 +97,7 @@ def run_feet_stream(request: FeetStreamRequest, outlets: Outlets) -> StreamedFee
     assert isinstance(left, OnlineOptions)
     assert isinstance(right, OnlineOptions)
     offset_s = request.clock_offset_s
-    navigator = FeetNavigator(left, outlets.remark, clock_offset_s=offset_s, beside=True, right=right)
+    navigator = FeetNavigator(left, outlets.remark, clock_offset_s=offset_s, background=True, right=right)
     with catch_signals(*ENDING) as stop, ExitStack() as opened:
         opened.callback(navigator.abandon)
         sources = {

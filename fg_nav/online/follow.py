@@ -29,10 +29,10 @@ from fg_nav.errors import EstimationError, FgNavError, StreamError
 from fg_nav.io import read_fixes
 from fg_nav.magnetic.axes import MagAxes
 from fg_nav.magnetic.quasi_static import choose_gate
+from fg_nav.online.buffer import OnlineOptions
 from fg_nav.online.checkpoint import Checkpoint, Snapshot
 from fg_nav.online.estimates import Revision, StanceEstimate, format_estimate, format_revision, thin_rows
 from fg_nav.online.line_verdict import Judged, LineVerdict
-from fg_nav.online.options import OnlineOptions
 from fg_nav.online.outlets import Outlets, Say, StatusReporter, describe_walk
 from fg_nav.online.pocket import Navigator, PocketOptions, begin_walk
 from fg_nav.online.record import open_recorded
@@ -109,7 +109,7 @@ class StreamOptions:
     calibration: Calibration | None = None  # To apply.
     mag_axes: MagAxes | None = None  # Of the magnetometer in those of the gyroscope; None for the same.
     columns: Columns | None = None  # Of rows without a header, which a checkpoint must share.
-    beside: bool = False  # Whether the walk is solved again in another process.
+    background: bool = False  # Whether the walk is solved again in another process.
 
     @property
     def rate_sigma(self) -> float:
@@ -144,7 +144,7 @@ def read_stream_options(request: StreamRequest) -> StreamOptions:
         calibration=calibration,
         mag_axes=axes,
         columns=parse_columns(request.columns, request.units, request.rate_hz),
-        beside=True,
+        background=True,
     )
 
 
@@ -245,10 +245,10 @@ def _open_navigator(options: StreamOptions, checkpoint: Checkpoint | None, remar
     given = {"calibration": to_json(options.calibration), "columns": to_json(options.columns)}
     given["mag_axes"] = None if axes is None else str(axes)
     if path is None or checkpoint is None or not path.exists():
-        navigator = begin_walk(options.online, remark, beside=options.beside)
+        navigator = begin_walk(options.online, remark, background=options.background)
         navigator.source |= given
         return navigator
-    navigator = checkpoint.resume(options.online, remark, beside=options.beside)
+    navigator = checkpoint.resume(options.online, remark, background=options.background)
     changed = {"calibration": "another calibration", "columns": "other --columns", "mag_axes": "other --mag-axes"}
     for key, words in changed.items():
         if navigator.source.get(key) != given[key]:

@@ -29,9 +29,9 @@ from fg_nav.detection.causal import CausalParameters, Footfall
 from fg_nav.detection.mount import refuse_foot
 from fg_nav.frames import yaw_rotation
 from fg_nav.magnetic.axes import align_magnetometer
+from fg_nav.online.buffer import OnlineOptions
 from fg_nav.online.estimates import TURNED_RAD, Revision, StanceEstimate, StrapdownPath, build_table, thin_rows
 from fg_nav.online.navigator import METHOD, OnlineNavigator, SampleIntake
-from fg_nav.online.options import OnlineOptions
 from fg_nav.online.sample_filter import SampleFilter
 from fg_nav.pocket.dead_reckoning import (
     MOUNTING_SIGMA_DEG,
@@ -303,12 +303,12 @@ def begin_walk(
     remark: Callable[[str], None],
     detection: CausalParameters = CausalParameters(),
     judge: SampleFilter | None = None,
-    beside: bool = False,
+    background: bool = False,
 ) -> Navigator:
     """Return the navigator of a new walk, on a foot or in a pocket; arguments as of `OnlineNavigator`."""
     if isinstance(options, PocketOptions):
         return PocketNavigator(options, remark, judge)
-    return OnlineNavigator(options, remark, detection, judge, beside)
+    return OnlineNavigator(options, remark, detection, judge, background)
 
 
 def compute_stride_headings(table: StanceTable) -> Floats:

@@ -15,8 +15,8 @@ from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.io import read, write_canonical
 from fg_nav.lab.simulation import simulate
 from fg_nav.magnetic import average_footfall_field
+from fg_nav.online.buffer import OnlineOptions
 from fg_nav.online.follow import StreamRequest, read_stream_options
-from fg_nav.online.options import OnlineOptions
 from fg_nav.pipeline import prepare_walk
 from fg_nav.recording import Recording
 from fg_nav.walk import read_walk

@@ -9,9 +9,8 @@ import pytest
 
 from fg_nav.io import write_canonical
 from fg_nav.online import OnlineNavigator, load, save
-from fg_nav.online.buffer import rows_of
+from fg_nav.online.buffer import OnlineOptions, rows_of
 from fg_nav.online.estimates import Revision
-from fg_nav.online.options import OnlineOptions
 from fg_nav.online.strides import agrees, find_stride_fixes
 from fg_nav.smoother.constraints import pin_to_times, select_reached_fixes
 from fg_nav.truth import Fix
