@@ -12,10 +12,11 @@ import fg_nav
 from fg_nav import recording
 from fg_nav.calibration.inertial import AccelerometerCalibration, GyroscopeCalibration
 from fg_nav.calibration.magnetometer import MagnetometerCalibration
-from fg_nav.calibration.of_recording import METHODS, Calibration
+from fg_nav.calibration.of_recording import METHODS as CALIBRATIONS
+from fg_nav.calibration.of_recording import Calibration
 from fg_nav.cli import app, options
 from fg_nav.ekf.presets import PRESETS
-from fg_nav.estimators import ESTIMATORS, FILTERS, SMOOTHERS
+from fg_nav.estimators import METHODS, RTS
 from fg_nav.evaluation.field_survey import SURVEYED
 from fg_nav.io import FORMATS, write_canonical
 from fg_nav.lab.simulation import SCENARIOS, simulate
@@ -180,7 +181,7 @@ def test_every_field_and_level_is_explained() -> None:
 
 def test_every_detector_and_method_of_calibration_has_its_row() -> None:
     assert names_of(MAGNETIC_PAGE, "detector") == list(SURVEYED)
-    assert names_of(MAGNETIC_PAGE, "`--method`") == list(METHODS)
+    assert names_of(MAGNETIC_PAGE, "`--method`") == list(CALIBRATIONS)
     assert f"| `{DEFAULT}` |" in MAGNETIC_PAGE.read_text(encoding="utf-8")
 
 
@@ -192,15 +193,17 @@ def test_every_key_of_a_calibration_file_is_told() -> None:
 
 
 def test_help_and_tables_have_every_method_and_preset() -> None:
-    assert (*SMOOTHERS, *FILTERS) == options.METHODS
-    assert set(options.complete_foot_methods("")) == set(ESTIMATORS)
+    named = [name for name in METHODS["foot"] if not name.endswith(RTS)]
+    filters = [name for name in named if name + RTS in METHODS["foot"]]
+    assert options.complete_foot_methods("") == list(METHODS["foot"])
+    assert set(options.complete_methods("")) == METHODS["foot"].keys() | METHODS["pocket"].keys()
     assert options.complete_foot_methods("iez,qsf-s") == ["iez,qsf-stance", "iez,qsf-stance-rts"]
-    assert set(ESTIMATORS) == {*SMOOTHERS, *FILTERS, *(f"{name}-rts" for name in FILTERS)}
+    assert set(named) <= set(re.findall(r"[\w-]+", options.METHOD_NAMES))
     assert options.PRESETS == PRESETS
     assert options.GATES == GATES
     assert {*options.SURVEYED} == {*SURVEYED, "all"}
-    assert set(names_of(README, "method")) == {*SMOOTHERS, *FILTERS, "-rts", "iez-rts"}
-    assert names_of(FILTERS_PAGE, "method") == list(FILTERS)
+    assert set(names_of(README, "method")) == {*named, RTS, f"iez{RTS}"}
+    assert names_of(FILTERS_PAGE, "method") == filters
     assert names_of(FILTERS_PAGE, "preset") == list(PRESETS)
     assert not [name for name in PRESETS if f"`{name}`" not in README.read_text(encoding="utf-8")]
 

@@ -6,21 +6,23 @@ An answer is printed for people, as JSON for scripts (`--json`), or not at all (
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 
 import typer
 
+from fg_nav.changes import DETECTOR
+from fg_nav.estimators import METHODS, RTS, list_methods
 from fg_nav.report import Plots
 
 if TYPE_CHECKING:
     from fg_nav.commands import Answer
 
-METHODS = ("smoother", "card", "inertial", "online", "iez", "qsf", "qsf-stance", "iqsf", "ma2018", "aiez", "matched")
-POCKET_METHODS = ("pocket", "munoz-diaz2017", "online")
+Completer: TypeAlias = Callable[[str], list[str]]
+
 PRESETS = ("tuned", "physical", "as-printed")
 PRINTED = ("qsf-printed", "iqsf-printed", "ma2018-printed", "aiez-printed")
 DETECTORS = ("qsf", "iqsf", "ma2018", "aiez", "qsf-stance", *PRINTED)
@@ -32,30 +34,30 @@ def _list_words(names: tuple[str, ...]) -> str:
     return f"{', '.join(names[:-1])} or {names[-1]}"
 
 
-METHOD_NAMES = f"{_list_words(METHODS)}; all but the first four also smoothed, as `iez-rts`"
-METHOD_WORDS = f"{METHOD_NAMES}. With --mount pocket: {_list_words(POCKET_METHODS)}."
+_BEFORE = tuple(name for name in METHODS["foot"] if not name.endswith(RTS))
+METHOD_NAMES = f"{_list_words(_BEFORE)}; all but the first four also smoothed, as `iez{RTS}`"
+METHOD_WORDS = f"{METHOD_NAMES}. With --mount pocket: {_list_words(tuple(METHODS['pocket']))}."
 
 
-def _complete(*names: str, keys_of: str = "") -> Callable[[str], list[str]]:
+def _complete(*names: str, keys_of: str = "", list_names: Callable[[], Iterable[str]] | None = None) -> Completer:
     """Return a completer of the last word in a comma list to `names`, or to the keys of the table `module.NAME`."""
 
     def complete(incomplete: str) -> list[str]:
         module, _, table = keys_of.rpartition(".")
-        known = getattr(import_module(module), table) if table else names
+        known = getattr(import_module(module), table) if table else list_names() if list_names else names
         before, comma, last = incomplete.rpartition(",")
         return [before + comma + name for name in known if name.startswith(last)]
 
     return complete
 
 
-_RTS = tuple(f"{name}-rts" for name in METHODS[4:])
-complete_methods = _complete(*METHODS, *POCKET_METHODS[:-1], *_RTS)
-complete_foot_methods = _complete(*METHODS, *_RTS)
+complete_methods = _complete(list_names=lambda: list_methods("foot") | list_methods("pocket"))
+complete_foot_methods = _complete(list_names=lambda: list_methods("foot"))
 complete_scenarios = _complete(keys_of="fg_nav.lab.simulation.scenarios.SCENARIOS")
 
 
 def _complete_settings(incomplete: str) -> list[str]:
-    owners = [f"{name}." for name in ("smoother", *METHODS[4:], "detector")]
+    owners = [f"{name}." for name in (*dict.fromkeys(one.owner for one in list_methods().values()), DETECTOR) if name]
     begun = [owner for owner in owners if owner.startswith(incomplete) or incomplete.startswith(owner)]
     if len(begun) != 1:
         return begun

@@ -83,12 +83,12 @@ def run(
     """Run one method on each recording and write trajectory, strides, summary and report.html; on two, of both feet."""
     from fg_nav.commands import choose_options, choose_reading
     from fg_nav.commands.run import RunRequest, check_feet_options, check_methods, run, set_mount
-    from fg_nav.estimators import DEFAULT_METHOD
+    from fg_nav.estimators import METHODS, find_method
 
     both, worn = mount == "feet", "foot" if mount == "feet" else mount
-    method = method or DEFAULT_METHOD[worn]
+    method = method or next(iter(METHODS[worn]))
     check_feet_options(both, method, sides, clock_offset)
-    check_methods([method], gate, polish, magnetic)
+    check_methods([find_method(method, worn)], gate, polish, magnetic)
     known, changes = _read_parameters(config, settings, [method], worn, preset)
     files = (None, None) if both else (truth, calibration)
     options = choose_options(
@@ -180,9 +180,10 @@ def compare(
     """Run several methods on the same recording and the same stances, and lay them side by side in report.html."""
     from fg_nav.commands import choose_options, choose_reading
     from fg_nav.commands.run import check_methods, compare
+    from fg_nav.estimators import find_method
 
     names = list(dict.fromkeys(name.strip() for name in methods.split(",")))
-    check_methods(names, gate)
+    check_methods([find_method(name) for name in names], gate)
     known, changes = _read_parameters(config, settings, names, "foot", preset)
     options = choose_options(
         not no_mag, heading, alignment, truth, gate, calibration, preset, mag_axes=mag_axes, changes=changes

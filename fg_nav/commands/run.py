@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING
 
 from fg_nav.commands import TUNED, Answer, Target, answer_each, name_walk, run_methods, show_number, simulate_named
 from fg_nav.errors import EstimationError, PlacesError, VerdictError
-from fg_nav.estimators import DEFAULT_METHOD, ONLINE, SMOOTHER, WITH_OWN_DETECTOR, find_estimator
+from fg_nav.estimators import Method, Use, check_use, find_method
 from fg_nav.feet import refuse_for_two, split_pair
 from fg_nav.io import Reading
 from fg_nav.io.readers.table import refuse_sensor_tables
-from fg_nav.pipeline import check_method, navigate, prepare_walk, require_mag, take_places
+from fg_nav.pipeline import navigate, prepare_walk, require_mag, take_places
 from fg_nav.report import Plots
 from fg_nav.report.files import Summary, write_comparison, write_run
 from fg_nav.report.folder import DEMO_FILES, check_file_free, result_file
@@ -78,7 +78,7 @@ def run(recordings: Sequence[Path], request: RunRequest) -> Answer:
         If there is no such method, or the options are of one recording and there are several.
     """
     options = request.options
-    find_estimator(request.method, options.mount or "foot")
+    find_method(request.method, options.mount or "foot")
     _check_places(request)
     recordings = list(dict.fromkeys(recordings))
     if len(recordings) == 1:
@@ -116,7 +116,7 @@ def _check_places(request: RunRequest) -> None:
     from fg_nav.places.saved import is_places
 
     if options.places_path is not None:
-        check_method(request.method, options.mount)
+        check_use(find_method(request.method, options.mount or "foot"), "places")
     if not options.use_magnetometer or options.mount == "pocket":
         raise PlacesError(
             "places are known by the magnetic field along a foot's path: leave out --places and --save-places, or "
@@ -271,26 +271,19 @@ def _split_files(option: str, files: Path | None) -> tuple[Path | None, Path | N
 
 
 def check_methods(
-    methods: Sequence[str | None], gate: str | None, polish: bool = False, magnetic: Magnetic = "all"
+    methods: Sequence[Method], gate: str | None, polish: bool = False, magnetic: Magnetic = "all"
 ) -> None:
     """Refuse --gate for methods with their own, --magnetic for methods without a graph, --polish for batch methods."""
-    names = [(name or DEFAULT_METHOD["foot"]).strip() for name in methods]
-    if gate is not None and set(names) <= set(WITH_OWN_DETECTOR):
-        raise EstimationError(f"{names[0]} judges the field by its own detector: leave --gate out.")
-    if magnetic != "all" and set(names).isdisjoint((SMOOTHER, ONLINE)):
-        raise EstimationError(f"--magnetic is for --method {SMOOTHER} and {ONLINE}: leave it out for {names[0]}.")
-    if polish and names != [ONLINE]:
-        raise EstimationError(
-            f"--polish is for --method {ONLINE}: leave it out, {names[0]} solves the walk as a whole."
-        )
+    given: dict[Use, bool] = {"gate": gate is not None, "magnetic": magnetic != "all", "polish": polish}
+    for use, is_given in given.items():
+        if is_given and not any(use in one.uses for one in methods):
+            check_use(methods[0], use)
 
 
 def check_feet_options(both: bool, method: str, sides: str | None, clock_offset_s: float | None) -> None:
     """Refuse a method that does not solve both feet, and options of two feet where there is one."""
     if both:
-        from fg_nav.both_feet import check_method
-
-        check_method(method)
+        check_use(find_method(method), "feet")
     elif sides is not None or clock_offset_s is not None:
         raise EstimationError(
             "--sides and --clock-offset are for two recordings of one walk: name both, as --mount feet LEFT RIGHT."
@@ -330,7 +323,7 @@ def compare(
 ) -> Answer:
     """Run several methods on a recording, and return their summaries."""
     for name in names:
-        find_estimator(name)
+        find_method(name)
     with Target(out, force, f"{name_walk(recording)}-compare") as target:
         walk = prepare_walk(read_walk(recording, options, reading))
         outcomes = run_methods(walk, names)

@@ -8,7 +8,7 @@ import pytest
 from fg_nav.changes import change_parameters
 from fg_nav.commands import config
 from fg_nav.errors import ConfigError, EstimationError, FgNavError
-from fg_nav.estimators import choose_parameters, find_given_parameters
+from fg_nav.estimators import METHODS, choose_parameters
 from fg_nav.io import write_canonical
 from fg_nav.lab.simulation import simulate
 from fg_nav.magnetic.detectors import Detector
@@ -126,7 +126,7 @@ def test_changes_in_python_are_checked_as_on_the_command_line(walk: Path, name: 
 def test_card_has_compass_and_differential_field_alone(fg_nav: FgNav, walk: Path) -> None:
     set_all = (("smoother.magnetic.potential", True), ("smoother.acc_density", 0.02))
     found = choose_parameters(Options(magnetic="card", changes=set_all))
-    assert found == find_given_parameters("card", Options(changes=set_all))
+    assert found == METHODS["foot"]["card"].parameters(Options(changes=set_all), None)
     assert (found.magnetic.compass, found.magnetic.differential, found.acc_density) == (True, True, 0.02)
     assert (found.magnetic.potential, found.walk.places) == (False, False)
     assert fg_nav("run", walk, "--magnetic", "card", "--plots", "none", "--out", "one").code == 0

@@ -208,13 +208,9 @@ def test_a_magnetometer_that_is_empty_is_none(walk):
 
 
 def test_the_names_of_the_methods_are_the_same_everywhere():
-    from fg_nav.cli.options import POCKET_METHODS
-
-    assert estimators.POCKET_METHODS == METHODS
-    assert tuple(estimators.POCKET_ESTIMATORS) == POCKET_METHODS
-    assert estimators.DEFAULT_METHOD["pocket"] == METHODS[0]
+    assert tuple(estimators.METHODS["pocket"]) == (*METHODS, "online")
     with pytest.raises(EstimationError, match="no method"):
-        estimators.find_estimator("best", "pocket")
+        estimators.find_method("best", "pocket")
 
 
 def test_a_pocket_of_few_strides_is_never_trusted_and_none_is_told_of_a_foots_rate(walk):
