@@ -15,7 +15,7 @@ import sys
 import traceback
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import MISSING, fields
+from dataclasses import fields
 from importlib import import_module
 from inspect import Parameter, Signature, cleandoc
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn, get_type_hints
@@ -49,36 +49,27 @@ app = typer.Typer(
 lab = typer.Typer(help="Simulated walks, campaigns of them, experiments of papers, and noise of sensors.", **SETTINGS)
 
 
-def rank(hint: Any) -> int:
-    """Return the place of an option by its group in the help; arguments are before all."""
-    panel = getattr(hint.__metadata__[0], "rich_help_panel", None)
-    return GROUPS.index(panel) if panel in GROUPS else -1
-
-
 def add_command(verbs: typer.Typer, form: type[Request]) -> None:
     """Add the verb of a request: its options are the fields by group, the class's own before those of its bases."""
-    module, _, name = form.verb.partition(":")
+    module, _, verb = form.verb.partition(":")
 
     def call(**given: Any) -> None:
-        request = form(**given)
-        verb = getattr(import_module(module), name)
-        answer(request, verb)
+        answer(form(**given), getattr(import_module(module), verb))
 
-    hints, items = get_type_hints(form, include_extras=True), {item.name: item for item in fields(form)}
-    named = dict.fromkeys(field for one in form.__mro__ for field in vars(one).get("__annotations__", ()))
-    order = sorted(items.keys() & named, key=lambda field: (rank(hints[field]), list(named).index(field)))
-    parameters = [
-        Parameter(
-            field,
-            Parameter.KEYWORD_ONLY,
-            default=Parameter.empty if items[field].default is MISSING else items[field].default,
-            annotation=hints[field],
-        )
-        for field in order
-    ]
-    call.__dict__["__signature__"] = Signature(parameters)
-    call.__annotations__ = {one.name: one.annotation for one in parameters}
-    verbs.command(name, help=cleandoc(form.__doc__ or ""))(call)
+    items, hints = {item.name: item for item in fields(form)}, get_type_hints(form)
+    names = dict.fromkeys(
+        name for one in form.__mro__ for name in vars(one).get("__annotations__", ()) if name in items
+    )
+    groups = (None, *GROUPS)  # arguments are in none
+    options = {name: items[name].metadata["typer"] for name in names}
+    call.__dict__["__signature__"] = Signature(
+        [
+            Parameter(name, Parameter.KEYWORD_ONLY, default=options[name], annotation=hints[name])
+            for name in sorted(names, key=lambda name: groups.index(options[name].rich_help_panel))
+        ]
+    )
+    call.__annotations__ = {name: hints[name] for name in names}
+    verbs.command(verb, help=cleandoc(form.__doc__ or ""))(call)
 
 
 def answer(request: Request, verb: Callable[[Any], Answer]) -> None:

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from fg_nav.commands.requests import (
     PRESETS,
+    BarometerOptions,
     FieldOptions,
     ParameterOptions,
     ReadingOptions,
-    RecordingOptions,
     Request,
     SensorOptions,
     TruthOptions,
@@ -215,7 +215,7 @@ def choose_reading(request: ReadingOptions) -> Reading:
         None if request.columns is None else parse_columns(request.columns),
         None,
         request.sensor,
-        barometer=request.barometer if isinstance(request, RecordingOptions) else None,
+        barometer=request.barometer if isinstance(request, BarometerOptions) else None,
     )
     if request.rate is None:
         return reading

@@ -8,9 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Annotated, Literal
-
-import typer
+from typing import Literal
 
 from fg_nav.commands.requests import (
     METHOD,
@@ -19,12 +17,11 @@ from fg_nav.commands.requests import (
     FolderOptions,
     PlotOptions,
     ReadingOptions,
-    RecordingPath,
     Request,
-    ViewHost,
-    ViewPage,
-    ViewPort,
+    ViewOptions,
+    argument,
     complete_by,
+    flag,
     option,
 )
 
@@ -37,50 +34,36 @@ class SimulateRequest(FolderOptions, Request):
 
     verb = "fg_nav.lab.verbs.simulate:simulate"
 
-    scenario: Annotated[
-        str | None,
-        typer.Argument(
-            metavar="SCENARIO",
-            show_default=False,
-            help="Its name, or a .toml file with one.",
-            autocompletion=complete_by(lambda: import_module("fg_nav.lab.simulation.scenarios").SCENARIOS),
-        ),
-    ] = None
-    seed: Annotated[int, option(WALK, SEED, min=0)] = 1
-    list_all: Annotated[bool, option(WALK, "Say what there is to choose from.", name="--list")] = False
-    sensor: Annotated[str | None, option(WALK, "Another sensor.", "NAME")] = None
-    field: Annotated[str | None, option(WALK, "Another field.", "NAME")] = None
-    site: Annotated[str | None, option(WALK, "Another site, or latitude,longitude,YYYY-MM-DD.", "NAME")] = None
-    worn: Annotated[Literal["heel", "instep", "pocket", "table"] | None, option(WALK, "Where it is worn.")] = None
-    rate: Annotated[float | None, option(WALK, "Another rate of the recording.", "HZ")] = None
-    turn: Annotated[float, option(WALK, "Turn the whole course clockwise.", "DEG")] = 0.0
-    calibrated: Annotated[
-        bool, option(WALK, "A perfectly calibrated magnetometer: only noise is left.", name="--calibrated")
-    ] = False
-    rests: Annotated[
-        Literal["still", "rocking", "none"] | None,
-        option(WALK, "What the foot does where the person stands; none: there is no standing."),
-    ] = None
-    feet: Annotated[
-        Literal["still", "moving"] | None, option(WALK, "Whether the loaded foot moves on, as real ones do.")
-    ] = None
-    both_feet: Annotated[
-        bool,
-        option(WALK, "A sensor on each foot: left.csv and right.csv with their truths.", name="--both-feet"),
-    ] = False
+    scenario: str | None = argument(
+        "SCENARIO",
+        "Its name, or a .toml file with one.",
+        default=None,
+        autocompletion=complete_by(lambda: import_module("fg_nav.lab.simulation.scenarios").SCENARIOS),
+    )
+    seed: int = option(WALK, SEED, default=1, min=0)
+    list_all: bool = flag(WALK, "Say what there is to choose from.", name="--list")
+    sensor: str | None = option(WALK, "Another sensor.", "NAME")
+    field: str | None = option(WALK, "Another field.", "NAME")
+    site: str | None = option(WALK, "Another site, or latitude,longitude,YYYY-MM-DD.", "NAME")
+    worn: Literal["heel", "instep", "pocket", "table"] | None = option(WALK, "Where it is worn.")
+    rate: float | None = option(WALK, "Another rate of the recording.", "HZ")
+    turn: float = option(WALK, "Turn the whole course clockwise.", "DEG", default=0.0)
+    calibrated: bool = flag(WALK, "A perfectly calibrated magnetometer: only noise is left.", "--calibrated")
+    rests: Literal["still", "rocking", "none"] | None = option(
+        WALK, "What the foot does where the person stands; none: there is no standing."
+    )
+    feet: Literal["still", "moving"] | None = option(WALK, "Whether the loaded foot moves on, as real ones do.")
+    both_feet: bool = flag(WALK, "A sensor on each foot: left.csv and right.csv with their truths.", "--both-feet")
 
 
 @dataclass(frozen=True, kw_only=True)
-class DemoRequest(PlotOptions, FolderOptions, Request):
+class DemoRequest(ViewOptions, PlotOptions, FolderOptions, Request):
     """Simulate four minutes of walking and compare the methods on them; with --view show them as they are walked."""
 
     verb = "fg_nav.lab.verbs.simulate:demo"
 
-    seed: Annotated[int, option(WALK, SEED, min=0)] = 1
-    view: ViewPage = False
-    speed: Annotated[float, option(OUTPUT, "Of the walk that is shown; 1 is its own.", "FACTOR")] = 1.0
-    host: ViewHost = "127.0.0.1"
-    port: ViewPort = 8642
+    seed: int = option(WALK, SEED, default=1, min=0)
+    speed: float = option(OUTPUT, "Of the walk that is shown; 1 is its own.", "FACTOR", default=1.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,21 +72,16 @@ class CampaignRequest(Request):
 
     verb = "fg_nav.lab.verbs.experiments:campaign"
 
-    plan: Annotated[Path, typer.Argument(metavar="FILE.toml", show_default=False, help="What is to be made.")]
-    out: Annotated[
-        Path | None, option(OUTPUT, "Folder of the campaign. \\[default: results/ and the file's name]", "DIR")
-    ] = None
-    scheduler: Annotated[
-        str | None,
-        option(
-            METHOD,
-            "Of a Dask cluster, which runs code for all who reach it. \\[default: one of our own]",
-            "tcp://HOST:PORT",
-        ),
-    ] = None
-    workers: Annotated[int | None, option(METHOD, "Processes of our own. \\[default: one a core]", "N", min=1)] = None
-    renew: Annotated[bool, option(METHOD, "Make again what other code made.", name="--renew")] = False
-    retry: Annotated[bool, option(METHOD, "Make again what failed.", name="--retry")] = False
+    plan: Path = argument("FILE.toml", "What is to be made.")
+    out: Path | None = option(OUTPUT, "Folder of the campaign. \\[default: results/ and the file's name]", "DIR")
+    scheduler: str | None = option(
+        METHOD,
+        "Of a Dask cluster, which runs code for all who reach it. \\[default: one of our own]",
+        "tcp://HOST:PORT",
+    )
+    workers: int | None = option(METHOD, "Processes of our own. \\[default: one a core]", "N", min=1)
+    renew: bool = flag(METHOD, "Make again what other code made.", "--renew")
+    retry: bool = flag(METHOD, "Make again what failed.", "--retry")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,17 +93,13 @@ class ReproduceRequest(Request):
 
     verb = "fg_nav.lab.verbs.experiments:reproduce"
 
-    paper: Annotated[
-        Literal["ma2018", "aiez2017", "munoz-diaz2017"], typer.Argument(show_default=False, help="Its short name.")
-    ]
-    quick: Annotated[bool, option(METHOD, "3 seeds, and only what takes minutes.", name="--quick")] = False
-    seeds: Annotated[int | None, option(METHOD, "Walks of each kind. \\[default: 50, quick 3]", "N", min=1)] = None
-    first: Annotated[int, option(METHOD, "Seed of the first walk.", "SEED", min=0)] = 101
-    workers: Annotated[int | None, option(METHOD, "Processes. \\[default: one a core]", "N", min=1)] = None
-    out: Annotated[
-        Path | None, option(OUTPUT, "Folder for the result. \\[default: results/reproduce-PAPER]", "DIR")
-    ] = None
-    force: Annotated[bool, option(OUTPUT, "Replace an older result in the folder.", name="--force")] = False
+    paper: Literal["ma2018", "aiez2017", "munoz-diaz2017"] = argument(None, "Its short name.")
+    quick: bool = flag(METHOD, "3 seeds, and only what takes minutes.", "--quick")
+    seeds: int | None = option(METHOD, "Walks of each kind. \\[default: 50, quick 3]", "N", min=1)
+    first: int = option(METHOD, "Seed of the first walk.", "SEED", default=101, min=0)
+    workers: int | None = option(METHOD, "Processes. \\[default: one a core]", "N", min=1)
+    out: Path | None = option(OUTPUT, "Folder for the result. \\[default: results/reproduce-PAPER]", "DIR")
+    force: bool = flag(OUTPUT, "Replace an older result in the folder.", "--force")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,7 +108,7 @@ class AllanRequest(ReadingOptions, FolderOptions, Request):
 
     verb = "fg_nav.lab.verbs.allan:allan"
 
-    recording: RecordingPath
+    recording: Path = argument("RECORDING", "File with the recording.")
 
 
 BESIDE: tuple[type[Request], ...] = (SimulateRequest, DemoRequest)
