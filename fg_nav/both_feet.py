@@ -21,7 +21,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from fg_nav.errors import DetectionError, EstimationError, FgNavError
-from fg_nav.estimators import Progress, blaming_changes, choose_parameters, estimate
+from fg_nav.estimators import Progress, blaming_changes, check_use, choose_parameters, estimate, find_method
 from fg_nav.feet import SIDES, Side
 from fg_nav.feet.clocks import ClockOffset, align_clocks
 from fg_nav.feet.person import FeetSolution, trace_person
@@ -36,8 +36,6 @@ from fg_nav.solution import Solution
 from fg_nav.text import format_count
 from fg_nav.truth import FootprintTruth, TrajectoryTruth, Truth
 from fg_nav.walk import Options, Walk, add_known, check_known, evaluate_solution, measure_field, read_walk
-
-FEET_METHODS = ("smoother", "inertial")  # Methods that solve both feet.
 
 Order: TypeAlias = Literal["left,right", "right,left"]
 """Feet of the first and of the second recording."""
@@ -100,7 +98,7 @@ def navigate_feet(
     >>> bool(result.stances.position_sigma[-1, 0] < 0.5)  # m
     True
     """
-    check_method(method)
+    check_use(find_method(method), "feet")
     if sides not in (None, "left,right", "right,left"):
         raise EstimationError(f"sides '{sides}' are none: name them left,right or right,left, as the recordings are.")
     if not isinstance(truth, tuple | list) or len(truth) != len(SIDES):
@@ -130,14 +128,6 @@ def navigate_feet(
         return _go_alone(request, prepared, lost, str(error))
 
 
-def check_method(method: str) -> None:
-    """Raise `EstimationError` if a method does not solve both feet."""
-    if method not in FEET_METHODS:
-        raise EstimationError(
-            f"{method} does not solve two feet as one walk: choose {' or '.join(FEET_METHODS)}, or run each by itself."
-        )
-
-
 @dataclass(frozen=True)
 class _Request:
     """What `navigate_feet` was asked for."""
@@ -147,6 +137,11 @@ class _Request:
     sides: Order | None
     clock_offset_s: float | None
     progress: Progress | None
+
+    @property
+    def uses_field(self) -> bool:
+        """Whether the method makes use of the magnetic field."""
+        return find_method(self.method).uses_field
 
     @property
     def order(self) -> tuple[Side, Side]:
@@ -278,7 +273,7 @@ def _navigate_both(request: _Request, walks: Sequence[Walk]) -> FeetResult:
         notes.append(words)
     feet = dict[str, Result]()
     for side, walk in zip(SIDES, (left, right), strict=True):
-        found: Solution = replace(getattr(solution, side), method=request.method)
+        found: Solution = replace(getattr(solution, side), method=request.method, uses_field=request.uses_field)
         found = found.widen(walk.recording.provenance.rate_sigma)
         feet[side] = Result.of(walk, evaluate_solution(walk, found))
     pairing = Pairing(
@@ -305,14 +300,14 @@ def _solve(request: _Request, left: Walk, right: Walk) -> tuple[Walk, Walk, Feet
     from fg_nav.smoother.batch import WalkInput
     from fg_nav.smoother.feet import smooth_feet
 
-    if request.method == "inertial":
+    if not request.uses_field:
         left, right = (replace(walk, field=None) for walk in (left, right))
     # initial headings, the right foot's from the steps; with a field and none given, the field determines both
     if request.heading_deg is not None or left.field is None:
         start = Options(heading_deg=request.heading_deg or 0.0).heading_rad or 0.0
         relative = measure_relative_heading(_find_footfalls(right), _find_footfalls(left))
         left, right = _turn(left, start), _turn(right, start + relative)
-        if request.method != "inertial":
+        if request.uses_field:
             left, right = (walk if walk.field is None else measure_field(walk) for walk in (left, right))
     with blaming_changes(request.method, left.options):
         of_right, of_left = (

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fg_nav.cli.options import _complete
+from fg_nav.commands.requests import complete_formats
 from fg_nav.errors import FormatError, MagneticError, PluginError
 from fg_nav.evaluation.field_survey import parse_detectors
 from fg_nav.io import FORMATS, read_raw
@@ -46,7 +46,7 @@ def test_a_format_of_another_package_is_recognized_and_chosen(format: str | None
 @pytest.mark.usefixtures("installed")
 def test_a_format_of_another_package_stands_in_listings() -> None:
     assert list(list_formats()) == [*FORMATS, "example"]
-    assert _complete(keys_of="fg_nav.io.formats.list_formats")("exam") == ["example"]
+    assert complete_formats("exam") == ["example"]
     with pytest.raises(FormatError, match=r"choose one of canonical.*, tables, example\.$"):
         read_raw("walk.csv", "nonsense")
 

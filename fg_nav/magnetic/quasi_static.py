@@ -137,13 +137,11 @@ def find_gate(gate: str) -> Detector:
     return TUNED.get(name) or find_detector(name)
 
 
-def choose_gate(name: str | None, use_magnetometer: bool = True) -> str:
-    """Return the gate that was asked for, or the default; raises `MagneticError` if it cannot be."""
+def choose_gate(name: str | None) -> str:
+    """Return the gate that was asked for, or the default; raises `MagneticError` if there is none of this name."""
     if name is not None and name not in GATES and name.removesuffix(HARD) not in find_own_detectors():
         known = ", ".join((*GATES, *find_own_detectors()))
         raise MagneticError(f"there is no gate '{name}': choose one of {known}.")
-    if name is not None and not use_magnetometer:
-        raise MagneticError("--no-mag leaves --gate nothing to judge: give one of them.")
     return DEFAULT if name is None else name
 
 

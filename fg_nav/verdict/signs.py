@@ -38,7 +38,7 @@ from fg_nav.verdict.limits import (
     weigh,
     weigh_error,
 )
-from fg_nav.walk import Walk, ignores_field
+from fg_nav.walk import Walk
 
 SPAN_S = 0.1  # Between the two positions of a speed.
 RUN_CYCLE_S = 0.85  # Median stride below which a walk is a run: the foot is never as still.
@@ -373,7 +373,7 @@ def measure_hidden_turning(observed: WalkSigns) -> Reason | None:
     peaks = recording.peaks[1]
     if solution.graph or not peaks.run.any() or not len(observed.strides):
         return None
-    if QUASI_STATIC in solution.stances.field and not ignores_field(solution.method):
+    if QUASI_STATIC in solution.stances.field and solution.uses_field:
         return None  # the field shows the heading
     # the samples' sigmas are for independent errors; if the n samples of a peak share one, each has sigma / sqrt(n)
     missing = np.sign(recording.gyr) * peaks.sigma / np.sqrt(np.maximum(peaks.run, 1.0))

@@ -1,7 +1,10 @@
-"""What a package of somebody else adds to fg-nav, for tests: a format of recordings and a detector of the field."""
+"""What a package of somebody else adds to fg-nav: a method, a format of recordings and a detector of the field."""
+
+from dataclasses import replace
 
 import numpy as np
 
+from fg_nav.estimators import Method, find_method
 from fg_nav.io.content import TEXT, Content
 from fg_nav.io.formats import Format
 from fg_nav.magnetic.detectors import Channel, Detector
@@ -27,3 +30,13 @@ def read_example(content: Content) -> RawRecording:
 
 example_format = Format("example", is_example, read_example, (TEXT,))
 example_detector = Detector("strict", (Channel("strength", sigma=0.1, matters=1.0),))
+
+
+def stand_still(walk, progress):
+    """Solve a walk by the plain filter, and leave out where it went."""
+    solution = find_method("iez").run(walk, progress)
+    stances = replace(solution.stances, position=np.zeros_like(solution.stances.position))
+    return replace(solution, position=np.zeros_like(solution.position), stances=stances)
+
+
+standing = Method("standing", stand_still, uses_field=False)
