@@ -43,9 +43,8 @@ from fg_nav.ekf.presets import TUNED, run_filter
 from fg_nav.errors import FgNavError, OutputError
 from fg_nav.evaluation import evaluate
 from fg_nav.frames import GRAVITY_M_S2
-from fg_nav.online.buffer import rows_of
+from fg_nav.online.buffer import OnlineOptions, rows_of
 from fg_nav.online.navigator import OnlineNavigator
-from fg_nav.online.options import OnlineOptions
 from fg_nav.pipeline import prepare_walk, run_method
 from fg_nav.recording import Recording
 from fg_nav.smoother import smooth

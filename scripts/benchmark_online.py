@@ -18,6 +18,7 @@ from time import perf_counter, sleep
 
 import harness
 import numpy as np
+from fg_nav.online.solving import Task
 from harness import Figure, option
 from walks import simulate_long_walk
 
@@ -26,9 +27,8 @@ from fg_nav.detection import detect_stances
 from fg_nav.errors import SimulationError
 from fg_nav.online import OnlineNavigator
 from fg_nav.online.background import WorkerSolver
+from fg_nav.online.buffer import OnlineOptions
 from fg_nav.online.estimates import StanceEstimate
-from fg_nav.online.options import OnlineOptions
-from fg_nav.online.solving import Task
 from fg_nav.recording import Recording
 
 SEED = 1

@@ -21,9 +21,8 @@ from fg_nav.calibration.of_recording import calibrate, write_calibration
 from fg_nav.errors import FgNavError
 from fg_nav.io import read, write_canonical, write_tum
 from fg_nav.lab.simulation import SCENARIOS, Choices, SimulatedWalk, simulate
-from fg_nav.online.buffer import rows_of
+from fg_nav.online.buffer import OnlineOptions, rows_of
 from fg_nav.online.checkpoint import Checkpoint
-from fg_nav.online.options import OnlineOptions
 from fg_nav.online.pocket import PocketOptions, begin_walk
 from fg_nav.pipeline import navigate
 from fg_nav.recording import RawRecording, Recording

@@ -35,7 +35,7 @@ from fg_nav.evaluation.walked import AS_STARTED, compare_at_footfalls
 from fg_nav.lab.campaign.methods import solve_by
 from fg_nav.lab.campaign.walks import LOOP, Recorded, Simulated, Source
 from fg_nav.online import OnlineNavigator
-from fg_nav.online.options import OnlineOptions
+from fg_nav.online.buffer import OnlineOptions
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.truth import Truth
 from fg_nav.walk import Walk

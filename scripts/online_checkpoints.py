@@ -50,10 +50,9 @@ from verdicts import GOOD, list_cases
 from fg_nav.errors import FgNavError
 from fg_nav.lab.simulation import simulate
 from fg_nav.online import OnlineNavigator, load, save
-from fg_nav.online.buffer import rows_of
+from fg_nav.online.buffer import OnlineOptions, rows_of
 from fg_nav.online.checkpoint import VERSION
 from fg_nav.online.follow import StreamOptions, follow_source
-from fg_nav.online.options import OnlineOptions
 from fg_nav.online.packing import read_records, write_records
 
 MAX_S = 60

@@ -19,10 +19,9 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.feet import SIDES, Side
 from fg_nav.lab.simulation import SimulatedFeet, simulate_feet
-from fg_nav.online.buffer import rows_of
+from fg_nav.online.buffer import OnlineOptions, rows_of
 from fg_nav.online.feet import FeetNavigator
 from fg_nav.online.navigator import OnlineNavigator
-from fg_nav.online.options import OnlineOptions
 
 BLOCK_S = 0.1
 
@@ -36,10 +35,10 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=5)
     given = parser.parse_args()
     feet = simulate_feet(given.scenario, given.seed)
-    one = OnlineNavigator(OPTIONS, beside=True)
+    one = OnlineNavigator(OPTIONS, background=True)
     print_row("left foot alone", time_lines(feet, ("left",), lambda side, *part: one.push(*part)))
     one.close()
-    both = FeetNavigator(OPTIONS, beside=True)
+    both = FeetNavigator(OPTIONS, background=True)
     print_row("both feet", time_lines(feet, SIDES, both.push))
     both.close()
 

@@ -40,7 +40,7 @@ from fg_nav.lab.simulation.motion import Style
 from fg_nav.lab.simulation.path import Pose, arc, straight
 from fg_nav.lab.simulation.plan import Section, Stairs, Stand, TurnOnSpot, Walk, end_of
 from fg_nav.online import OnlineNavigator
-from fg_nav.online.options import OnlineOptions
+from fg_nav.online.buffer import OnlineOptions
 from fg_nav.online.sample_filter import SampleFilter
 from fg_nav.recording import Recording
 from fg_nav.solution import StanceTable

@@ -44,8 +44,8 @@ from fg_nav.evaluation.walked import AS_STARTED, BEST_YAW, compare_at_footfalls
 from fg_nav.frames import compute_heading, wrap_angle, yaw_rotation
 from fg_nav.lab.campaign.walks import LOOP, Recorded, Simulated
 from fg_nav.online import OnlineNavigator
+from fg_nav.online.buffer import OnlineOptions
 from fg_nav.online.estimates import StanceEstimate
-from fg_nav.online.options import OnlineOptions
 from fg_nav.solution import Solution
 from fg_nav.truth import FootprintTruth, Truth
 from fg_nav.walk import Walk

@@ -32,7 +32,7 @@ from fg_nav.arrays import Floats
 from fg_nav.frames import compute_heading, wrap_angle, yaw_rotation
 from fg_nav.lab.simulation import Choices, Scenario, simulate
 from fg_nav.online import OnlineNavigator
-from fg_nav.online.options import OnlineOptions
+from fg_nav.online.buffer import OnlineOptions
 from fg_nav.recording import Recording
 from fg_nav.solution import StanceTable
 from fg_nav.truth import TrajectoryTruth

@@ -35,7 +35,6 @@ from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.recording import Recording
 from fg_nav.samples.gaps import cross_holes
 from fg_nav.stances import Stances, find_runs
-from fg_nav.system.spilled import measure_rows
 
 ACC_NOISE_M_S2 = 0.02  # s_a, of a sample of a sensor at rest; data sheets and the recordings at rest have 0.01 to 0.03.
 GYR_NOISE_DEG_S = 0.2  # s_w, likewise; data sheets and the recordings at rest have 0.1 to 0.4.
@@ -140,7 +139,7 @@ def detect_stances(recording: Recording, parameters: StanceParameters = StancePa
     n, edges = len(recording), (stop[:-1] + start[1:]) // 2
     relative = statistic / np.repeat(threshold, np.diff(np.concatenate([[0], edges, [n]])))
     # a new footfall after each swing, and behind each hole
-    rate = measure_rows(recording.gyr)
+    rate = np.linalg.norm(recording.gyr, axis=1)
     between = np.stack([stop[:-1], start[1:]], axis=1).ravel()
     peak = np.maximum.reduceat(rate, between)[::2] if len(between) else np.empty(0)
     unseen = cross_holes(t, np.append(start, stop[-1] - 1))

@@ -87,6 +87,7 @@ from scipy.special import chdtri, chndtrix
 from fg_nav.arrays import Bools, Floats
 from fg_nav.errors import MagneticError
 from fg_nav.magnetic.footfall_field import FootfallField
+from fg_nav.plugins import find_plugins
 
 FALSE_ALARM_RATE = 0.05  # Share of the fields that change by what matters and pass, where no threshold is fixed.
 ALIGNMENT_FOOTFALLS = 3  # Footfalls whose mean aligns the inertial heading with the compass; they are not tested.
@@ -326,6 +327,11 @@ _ALL = (
 
 DETECTORS: Mapping[str, Detector] = MappingProxyType({detector.name: detector for detector in _ALL})
 DEFAULT = "ma2018"  # It keeps to curved walks, where iQSF cannot, and needs no heading to begin with, as AIEZ does.
+
+
+def find_own_detectors() -> Mapping[str, Detector]:
+    """Detectors of other packages by name (`fg_nav.plugins`); raises `PluginError` as `find_plugins`."""
+    return find_plugins("detectors", Detector)
 
 
 def scale_detector(detector: Detector, allowance: float, window: int | None = None) -> Detector:

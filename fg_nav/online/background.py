@@ -1,182 +1,191 @@
-"""Background re-solve of a walk in a worker process, which is sent the walk's samples as they come.
+"""Background re-solve of a walk, or of those of two feet, in another process (`concurrent.futures`).
 
-    WorkerSolver  --- samples, tasks, footfalls --->  `python -m fg_nav.online.worker`
-                  <-------- anchor states ----------
+    begin, request    a task, or the footfalls since, with the samples up to there    -> submitted
+    is_ready, take    its result                                                      -> AnchorState
 
-A message is (key, kind, *content), an answer (key, anchor state or None), pickled over pipes between our own two
-processes; the key is the side of a foot, "" of one foot alone. A thread writes, so that sending never blocks. An answer
-is what `WalkSolver` returns, to the bit. Where the process dies (memory, a signal) or has not answered for `MAX_S` (it
-was stopped), the `WalkSolver` of this process takes its place, on the samples the owner has.
+The process holds samples and newest task of each walk, by the side of the foot, "" of one foot alone. A result is what
+`WalkSolver` returns, to the bit. Where the process dies (memory, a signal) or has not answered for `MAX_S` (it was
+stopped), the `WalkSolver` of this process takes its place, on the samples the owner has.
 """
 
 from __future__ import annotations
 
-import pickle
-import queue
-import threading
+import os
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
-from typing import Any, TypeAlias
+from typing import TypeAlias, TypeVar
 
+from fg_nav.arrays import Floats
 from fg_nav.detection.stance import StanceParameters
+from fg_nav.feet import Side
 from fg_nav.online.anchor import AnchorState
-from fg_nav.online.buffer import ReportedFootfall, SampleBuffer
-from fg_nav.online.options import OnlineOptions
-from fg_nav.online.solving import Task, WalkSolver
-from fg_nav.system.processes import start_module
+from fg_nav.online.buffer import OnlineOptions, ReportedFootfall, SampleBuffer
+from fg_nav.online.resolve import FootSolver, Pace, Task, WalksAlone, WalkSolver
+from fg_nav.system.processes import Worker
 
-WORKER = "fg_nav.online.worker"  # The module that the other process runs.
-MAX_S = 120.0  # For an answer: twenty times what a solution takes on two cores.
+MAX_S = 120.0  # For a result: twenty times what a solution takes on two cores.
+NICENESS = 5  # The process that reports the walk comes first.
+
+T = TypeVar("T")
 
 
-class WorkerProcess:
-    """The worker process: messages to it, and its answers in a queue a key; an EOFError where there are no more."""
+class SolverProcess:
+    """The other process, which starts with the first call; `options` by side of the foot, None of one foot alone."""
 
-    def __init__(self, keys: Iterable[str] = ("",)) -> None:
-        self.process = start_module(WORKER)
-        self.messages = queue.SimpleQueue[Any]()
-        self.answers = {key: queue.SimpleQueue[Any]() for key in keys}
-        for work in (self._write, self._read):
-            threading.Thread(target=work, daemon=True).start()
+    def __init__(self, options: Mapping[Side | None, OnlineOptions], stance: StanceParameters) -> None:
+        self._worker, self.pace, self.is_closed = Worker(_set_up, options, stance), Pace(), False
+
+    @property
+    def pid(self) -> int | None:
+        """Process id; None before it starts."""
+        return self._worker.pid
+
+    def submit(self, function: Callable[..., T], *arguments: object) -> Future[T]:
+        """Call a function there; raises `BrokenProcessPool` where it has died or was closed."""
+        if self.is_closed:
+            raise BrokenProcessPool
+        return self._worker.submit(function, *arguments)
+
+    def part(self) -> None:
+        """Leave each of two feet alone from here on."""
+        with suppress(BrokenProcessPool):
+            self.submit(_part)
 
     def close(self) -> None:
         """Kill the process."""
-        self.messages.put(None)
-        with suppress(OSError):
-            self.process.kill()
-        self.process.wait()
-
-    def _write(self) -> None:
-        pipe = self.process.stdin
-        assert pipe is not None
-        with suppress(OSError, ValueError):
-            while (message := self.messages.get()) is not None:
-                pickle.dump(message, pipe, protocol=pickle.HIGHEST_PROTOCOL)
-                pipe.flush()
-
-    def _read(self) -> None:
-        assert self.process.stdout is not None
-        with suppress(EOFError, OSError, ValueError, pickle.UnpicklingError):
-            while True:
-                key, answer = pickle.load(self.process.stdout)
-                self.answers[key].put(answer)
-        for answers in self.answers.values():
-            answers.put(EOFError())
+        self.is_closed = True
+        self._worker.kill()
 
 
-class WorkerSolver:
-    """Solves in a worker process; attributes and methods as of `WalkSolver`.
+class BackgroundSolver:
+    """Solves in another process; attributes and methods as of `WalkSolver`.
 
     Parameters
     ----------
-    buffer : of the walk's samples.
-    remark : given a sentence where the worker process dies.
-    here : solves in this process where that has died; None for the walk of one foot.
-    worker : the process, closed by its owner; None to start one.
-    key : of this walk.
+    process, side : where, and the side of the foot; None of one foot alone.
+    here : solves in this process where that has died.
+    remark : given a sentence then.
     """
 
     def __init__(
         self,
-        options: OnlineOptions,
-        stance: StanceParameters,
-        buffer: SampleBuffer,
+        process: SolverProcess,
+        here: WalkSolver,
         remark: Callable[[str], None] = lambda words: None,
-        here: WalkSolver | None = None,
-        worker: WorkerProcess | None = None,
-        key: str = "",
+        side: Side | None = None,
     ) -> None:
-        self.is_here = False
-        self._here, self._buffer = WalkSolver(options, stance, buffer) if here is None else here, buffer
-        self._remark, self._sent = remark, 0
-        self._requested_s = time.monotonic()
-        self._answer: tuple[AnchorState | None] | None = None
-        self._outstanding = 0
-        self._is_owner, self._key = worker is None, key
-        self._worker = WorkerProcess() if worker is None else worker
-        self._answers = self._worker.answers[key]
-        self._send("options", options, stance)
+        self.is_here, self.pace = False, process.pace
+        self._process, self._here, self._remark, self._side = process, here, remark, side
+        self._sent, self._requested_s = 0, time.monotonic()
+        self._future: Future[AnchorState | None] | None = None
 
-    @property
-    def pid(self) -> int:
-        """Process id of the worker."""
-        return self._worker.process.pid
-
-    def follow(self, until: int) -> None:
-        """As of `WalkSolver`."""
-        if until > self._sent and not self.is_here:
-            self._send("samples", self._buffer.between(self._sent, until))
-            self._sent = until
-
-    def discard(self, before: int) -> None:
-        """As of `WalkSolver`."""
-        self._send("discard" if before <= self._sent else "skip", before)
-        self._sent = max(self._sent, before)
+    def start(self) -> None:
+        """As of `WalkSolver`: it takes some seconds until the process has loaded what it needs."""
+        self._submit(_load)
 
     def begin(self, task: Task) -> None:
         """As of `WalkSolver`."""
         self._here.begin(task)
-        self._outstanding = 0
-        self._send("begin", task)
+        self._sent = max(self._sent, task.since)
+        self._submit(_begin, *self._cut_samples(task.footfalls), task)
 
     def request(self, footfalls: Sequence[ReportedFootfall]) -> None:
         """As of `WalkSolver`."""
         self._requested_s = time.monotonic()
         self._here.request(footfalls)
-        self._outstanding += 1
-        self._send("request", tuple(footfalls))
+        self._submit(_request, *self._cut_samples(footfalls), tuple(footfalls))
 
     def is_ready(self) -> bool:
         """As of `WalkSolver`."""
-        is_given_up = self._worker.process.poll() is not None or self._left_s <= 0.0
-        return self._answer is not None or is_given_up or self._answers.qsize() >= self._outstanding > 0
-
-    def wait(self) -> None:
-        """As of `WalkSolver`."""
-        if self._answer is not None:
-            return
-        answer: object = EOFError() if self.is_here else None
-        # Of several requests the last answer counts.
-        while self._outstanding and not isinstance(answer, EOFError | TimeoutError):
-            try:
-                answer = self._answers.get(timeout=max(self._left_s, 0.0))
-            except queue.Empty:
-                answer = TimeoutError()
-            self._outstanding -= 1
-        # Without an answer this process solves the walk, from here on.
-        if isinstance(answer, EOFError | TimeoutError):
-            if not self.is_here:
-                why = "has died" if isinstance(answer, EOFError) else f"has not answered for {MAX_S:.0f} s"
-                self._remark(f"the process that solves the walk again {why}: its work is done in between from here on.")
-                self._worker.process.kill()
-            self.is_here = True
-            answer = self._here.take()
-        assert answer is None or isinstance(answer, AnchorState)
-        self._answer = (answer,)
+        return self._future is None or self._future.done() or self._left_s <= 0.0
 
     def take(self) -> AnchorState | None:
         """As of `WalkSolver`."""
-        self.wait()
-        assert self._answer is not None
-        answer, self._answer = self._answer[0], None
-        return answer
+        if self._future is not None:
+            try:
+                return self._future.result(max(self._left_s, 0.0))
+            except BrokenProcessPool:
+                self._solve_here("has died")
+            except TimeoutError:
+                self._solve_here(f"has not answered for {MAX_S:.0f} s")
+        return self._here.take()
 
     def close(self) -> WalkSolver:
-        """As of `WalkSolver`."""
-        if self._is_owner:
-            self._worker.close()
+        """As of `WalkSolver`; that of a foot leaves the process to the other foot."""
+        if self._side is None:
+            self._process.close()
         return self._here
 
     @property
     def _left_s(self) -> float:
-        """Seconds left until the answer is overdue."""
+        """Seconds left until the result is overdue."""
         return self._requested_s + MAX_S - time.monotonic()
 
-    def _send(self, kind: str, *content: Any) -> None:
-        """Send a message, unless nobody reads it any more."""
-        if not self.is_here:
-            self._worker.messages.put((self._key, kind, *content))
+    def _cut_samples(self, footfalls: Sequence[ReportedFootfall]) -> tuple[int, Floats]:
+        """Return the first sample that was not sent, and the samples from there up to the last of some footfalls."""
+        first, stop = self._sent, footfalls[-1].until if footfalls else 0
+        self._sent = max(first, stop)
+        return first, self._here.buffer.between(first, self._sent)
+
+    def _submit(self, function: Callable[..., AnchorState | None], *content: object) -> None:
+        if self.is_here:
+            return
+        try:
+            self._future = self._process.submit(function, self._side, *content)
+        except BrokenProcessPool:
+            self._solve_here("has died")
+
+    def _solve_here(self, why: str) -> None:
+        if not self._process.is_closed:  # Else it was reported for the other foot, or nobody waits for it any more.
+            self._remark(f"the process that solves the walk again {why}: its work is done in between from here on.")
+        self._process.close()
+        self.is_here, self._future = True, None
 
 
-Solver: TypeAlias = WalkSolver | WorkerSolver
+Solver: TypeAlias = WalkSolver | BackgroundSolver
+
+# --- in the other process ---------------------------------------------------------------------------------------------
+
+_solvers: dict[Side | None, WalkSolver] = {}
+_walks = WalksAlone()
+
+
+def _set_up(options: Mapping[Side | None, OnlineOptions], stance: StanceParameters) -> None:
+    os.nice(NICENESS)
+    for side, given in options.items():
+        walk = given, stance, SampleBuffer()
+        _solvers[side] = WalkSolver(*walk) if side is None else FootSolver(side, _walks, *walk)
+
+
+def _load(side: Side | None) -> None:
+    """Nothing more than to have loaded this module."""
+
+
+def _begin(side: Side | None, first: int, rows: Floats, task: Task) -> None:
+    """Solve a task, with samples from number `first` on that came since the last time."""
+    solver = _add_samples(side, first, rows)
+    solver.buffer.discard(task.since)
+    solver.begin(task)
+    solver.prepare()
+
+
+def _request(side: Side | None, first: int, rows: Floats, footfalls: Sequence[ReportedFootfall]) -> AnchorState | None:
+    """Return the anchor state at the last of these footfalls."""
+    solver = _add_samples(side, first, rows)
+    solver.request(footfalls)
+    return solver.take()
+
+
+def _add_samples(side: Side | None, first: int, rows: Floats) -> WalkSolver:
+    solver = _solvers[side]
+    if first > solver.buffer.stop:
+        solver.buffer.skip_to(first)
+    solver.buffer.append(rows)
+    return solver
+
+
+def _part() -> None:
+    _walks.is_parted = True

@@ -1,4 +1,4 @@
-"""The samples and footfalls of a walk in progress, and parts of it as recordings with their stances.
+"""The samples and footfalls of a walk in progress, parts of it as recordings with their stances, its options.
 
 `SampleBuffer` holds every sample once, for navigator, smoother and checkpoint; a `PartialWalk` the footfalls, and the
 samples up to one behind the newest. Samples, footfalls and stance intervals are counted from the first of the walk,
@@ -13,7 +13,7 @@ the iron of the last solution; the whole is not, as the next one estimates it an
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -21,11 +21,14 @@ from fg_nav.arrays import Bools, Floats
 from fg_nav.calibration.magnetometer import MagnetometerCalibration
 from fg_nav.detection.causal import Footfall
 from fg_nav.errors import EstimationError
+from fg_nav.fix_check import check_fixes
 from fg_nav.magnetic.axes import MagAxes, align_magnetometer
 from fg_nav.magnetic.delay import MagnetometerDelay, remove_delay
 from fg_nav.recording import RawRecording, Recording
 from fg_nav.samples.saturation import find_saturation_level
+from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.stances import Stances
+from fg_nav.truth import Fix
 
 COLUMNS = 11  # t (s), acc (m/s^2), gyr (rad/s), mag (uT) and pressure (Pa), the last two NaN without a sample.
 TAKEN = COLUMNS + 1  # Behind them, once accepted: which sensor was bad, as `unread` of a recording; 0 where none was.
@@ -34,6 +37,24 @@ AT_END = 0.97  # Share of the largest reading, from which on a level may be that
 SETTLED_S = 5e-4  # Sigma of a delay that is not estimated again.
 LEAD_S = 0.25  # Readings so long before a part of the walk are used for the field at its first samples.
 SAMPLES_BEFORE = 40  # A node, that are cut out with those after it: enough for a recording.
+
+
+@dataclass(frozen=True)
+class OnlineOptions:
+    """What a user can choose; raises `EstimationError` for fixes that cannot be."""
+
+    # Of the body's x axis at the first stance, clockwise from north. None where it is not known: then zero, or with the
+    # field so that the mean field points north (from footfall 4 on, refined each time the walk is solved again).
+    heading_rad: float | None = 0.0
+    use_field: bool = True  # Whether the magnetometer is used; samples without one are then allowed.
+    lag_s: float | None = None  # How far back the past is corrected; None for the whole walk.
+    parameters: SmootherParameters = field(default_factory=SmootherParameters)
+    axes_given: bool = False  # Whether the magnetometer is used whatever its axes look like.
+    fixes: tuple[Fix, ...] = ()  # Positions known from elsewhere, at times of the walk to come.
+    calibration: MagnetometerCalibration | None = None  # Already applied; None to estimate it on the walk.
+
+    def __post_init__(self) -> None:
+        check_fixes(self.fixes)
 
 
 class SampleBuffer:
@@ -135,8 +156,7 @@ class PartialWalk:
     Parameters
     ----------
     buffer : all samples so far, those behind `stop` too; filled by its owner.
-    with_mag : whether recordings are cut out with the magnetometer.
-    axes_given : whether it is used whatever its axes look like.
+    options : whether recordings are cut out with the magnetometer, and whatever its axes look like.
     first : number of the first footfall that is not discarded.
     footfalls : from that one on.
     sensor : its `peak_height` is applied to the recordings that are cut out, not to that of all samples.
@@ -145,13 +165,12 @@ class PartialWalk:
     def __init__(
         self,
         buffer: SampleBuffer,
-        with_mag: bool = True,
-        axes_given: bool = False,
+        options: OnlineOptions = OnlineOptions(),
         first: int = 0,
         footfalls: Sequence[ReportedFootfall] = (),
         sensor: SensorState = UNSEEN,
     ) -> None:
-        self.buffer, self._with_mag, self._axes_given = buffer, with_mag, axes_given
+        self.buffer, self._options = buffer, options
         self.discarded, self._footfalls = first, list(footfalls)
         self.stop = footfalls[-1].until if footfalls else 0
         self.sensor = sensor
@@ -207,9 +226,9 @@ class PartialWalk:
         """Find delay and axes of the magnetometer on all samples, unless its delay is known well."""
         found = self.sensor.magnetometer
         is_settled = found is not None and found.delay is not None and found.delay.sigma_s <= SETTLED_S
-        if not self._with_mag or is_settled:
+        if not self._options.use_field or is_settled:
             return
-        aligned = align_magnetometer(self._cut(self.buffer.first, self.stop), self._axes_given)
+        aligned = align_magnetometer(self._cut(self.buffer.first, self.stop), self._options.axes_given)
         used = aligned.recording.mag is not None
         known = KnownMagnetometer(aligned.delay, aligned.wrong_axes, used, aligned.notes)
         self.sensor = replace(self.sensor, magnetometer=known)
@@ -259,7 +278,7 @@ class PartialWalk:
         return replace(recording, mag=np.concatenate([unseen, mag[mag_from - lead :]]))
 
     def _cut(self, first: int, stop: int) -> Recording:
-        return as_recording(self.buffer.between(first, stop), self._with_mag)
+        return as_recording(self.buffer.between(first, stop), self._options.use_field)
 
     def _of_sensor(self, part: Recording) -> Recording:
         """Return a part with period and clipping levels of the whole walk, clipped peaks raised by `peak_height`.

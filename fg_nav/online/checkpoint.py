@@ -28,9 +28,8 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.detection.causal import CausalParameters
 from fg_nav.errors import EstimationError, FormatError, OutputError, describe_reason
-from fg_nav.online.buffer import TAKEN
+from fg_nav.online.buffer import TAKEN, OnlineOptions
 from fg_nav.online.navigator import NavigatorState, OnlineNavigator
-from fg_nav.online.options import OnlineOptions
 from fg_nav.online.packing import append_record, pack, read_records, unpack, write_records
 from fg_nav.online.pocket import Navigator, PocketOptions, begin_walk
 from fg_nav.online.record_check import is_in_order, refuse_damaged, report_damaged
@@ -39,7 +38,7 @@ from fg_nav.online.saved_state import StateChanges, StateReader, find_changes
 from fg_nav.system.processes import PathLock
 from fg_nav.text import format_count, to_json
 
-VERSION = 12  # of the records in a checkpoint
+VERSION = 13  # of the records in a checkpoint
 BLOCK = 1 << 14  # rows that are replayed at once; the answer does not depend on it
 MIN_BYTES = 1 << 20  # a smaller file is not written again
 ROW_BYTES = 8 * TAKEN
@@ -173,7 +172,7 @@ class Checkpoint:
         remark: Callable[[str], None] = lambda words: None,
         progress: Callable[[float], None] | None = None,
         detection: CausalParameters = CausalParameters(),
-        beside: bool = False,
+        background: bool = False,
     ) -> Navigator:
         """Resume the walk that the file holds, see `load`; what is saved from then on goes into the same file."""
         name = self._path.name
@@ -191,7 +190,7 @@ class Checkpoint:
             if given is not None and to_json(given) != to_json(known):
                 raise EstimationError(f"{name} was made with {other}: give the same, or name another checkpoint.")
         with report_damaged(self._path):
-            navigator = _resume(content, remark, progress, beside)
+            navigator = _resume(content, remark, progress, background)
         if len(navigator.reported_continues) != content.newest.n_reported:
             raise EstimationError(f"{name} is of a version that found other footfalls: begin the walk again.")
         self._size, self._stop = content.size, content.stop
@@ -216,7 +215,7 @@ def load(
     remark: Callable[[str], None] = lambda words: None,
     progress: Callable[[float], None] | None = None,
     detection: CausalParameters = CausalParameters(),
-    beside: bool = False,
+    background: bool = False,
 ) -> Navigator:
     """Resume a walk where a checkpoint left it.
 
@@ -229,10 +228,10 @@ def load(
     Parameters
     ----------
     options : of the walk, for comparison; None for those of the checkpoint.
-    remark, detection, beside : as for `OnlineNavigator`.
+    remark, detection, background : as for `OnlineNavigator`.
     progress : called from time to time with the fraction that is done.
     """
-    return Checkpoint(path).resume(options, remark, progress, detection, beside)
+    return Checkpoint(path).resume(options, remark, progress, detection, background)
 
 
 class _Content:
@@ -275,12 +274,12 @@ def _resume(
     content: _Content,
     remark: Callable[[str], None],
     progress: Callable[[float], None] | None,
-    beside: bool,
+    background: bool,
 ) -> Navigator:
     """Return a navigator that goes on from the last state with the samples behind it."""
     newest, frame, state = content.newest, content.frame, content.state
     judge = SampleFilter.resume(newest.judge, content.blocks, remark, content.first)
-    navigator = begin_walk(frame.options, remark, frame.detection, judge, beside)
+    navigator = begin_walk(frame.options, remark, frame.detection, judge, background)
     navigator.source.update(newest.source)
     if "units" in newest.source:
         navigator.units.resume(newest.source["units"])

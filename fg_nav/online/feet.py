@@ -1,7 +1,7 @@
 """Two feet of one person in progress: samples of each as they come, lines of both and of the person.
 
     samples of a foot  -> its navigator, as of one foot alone               (`navigator`)
-    its walk, again    -> with the other foot's, in one graph               (`feet_solving`)
+    its walk, again    -> with the other foot's, in one graph               (`resolve`)
     two footfalls      -> the person between them                           (`PersonTracker`)
 
 Both are on one clock, but for an offset that is given. A foot that falls silent or is refused leaves the other going on
@@ -36,8 +36,8 @@ from fg_nav.feet.person import CHORD_M, FeetSolution
 from fg_nav.feet.steps import SHORT_M, find_longest_stride
 from fg_nav.frames import compute_heading
 from fg_nav.online.anchor import AnchorState, TiedAnchorState
-from fg_nav.online.background import Solver, WorkerProcess, WorkerSolver
-from fg_nav.online.buffer import SampleBuffer
+from fg_nav.online.background import BackgroundSolver, Solver, SolverProcess
+from fg_nav.online.buffer import OnlineOptions, SampleBuffer
 from fg_nav.online.estimates import (
     EstimateRow,
     FeetLine,
@@ -49,10 +49,9 @@ from fg_nav.online.estimates import (
     split_rows,
     thin_rows,
 )
-from fg_nav.online.feet_solving import FootSolver, WalksAlone
 from fg_nav.online.navigator import OnlineNavigator
-from fg_nav.online.options import OnlineOptions
-from fg_nav.online.schedule import AT_ONCE, Pending
+from fg_nav.online.resolve import FootSolver, WalksAlone
+from fg_nav.online.smoother import AT_ONCE, Pending
 from fg_nav.smoother.feet import measure_width_sigma, trace_solved_person
 from fg_nav.solution import Solution
 
@@ -87,7 +86,7 @@ class FeetNavigator:
         remark: Callable[[str], None] = lambda words: None,
         detection: CausalParameters = CausalParameters(),
         clock_offset_s: float = 0.0,
-        beside: bool = False,
+        background: bool = False,
         right: OnlineOptions | None = None,
     ) -> None:
         """Begin a walk.
@@ -100,7 +99,7 @@ class FeetNavigator:
         remark : given, in a sentence, what is odd about the samples, with the foot's name.
         detection : how footfalls are found.
         clock_offset_s : to add to the stamps of the right foot.
-        beside : whether both are solved again in another process.
+        background : whether both are solved again in another process, as of `OnlineNavigator`.
         right : options of the right foot, where its sensor is calibrated for itself.
         """
         for name, refused in (("a lag", options.lag_s), ("fixes", options.fixes or None)):
@@ -112,13 +111,12 @@ class FeetNavigator:
         self._clocks_checked_at: int | None = ENOUGH_SWINGS  # lines of each foot
         self.offset_s: dict[Side, float] = {"left": 0.0, "right": clock_offset_s}
         given: dict[Side, OnlineOptions] = {"left": options, "right": options if right is None else right}
-        self._walks, self._worker = WalksAlone(), WorkerProcess(SIDES) if beside else None
+        self._walks = WalksAlone()
+        self._process = SolverProcess({side: given[side] for side in SIDES}, detection.stance) if background else None
 
         def make_solver(side: Side, buffer: SampleBuffer) -> Solver:
             here = FootSolver(side, self._walks, given[side], detection.stance, buffer)
-            if self._worker is None:
-                return here
-            return WorkerSolver(given[side], detection.stance, buffer, remark, here, self._worker, side)
+            return here if self._process is None else BackgroundSolver(self._process, here, remark, side)
 
         def remark_on(side: Side, words: str) -> None:
             remark(f"{side} foot: {words}")
@@ -175,8 +173,8 @@ class FeetNavigator:
         newest = navigator.buffer.stop - 1
         if not self.is_parted and newest >= 0 and navigator.judge.sensor_time(newest, 0.0):
             self.is_parted = self._walks.is_parted = True
-            if self._worker is not None:
-                self._worker.messages.put((side, "part"))
+            if self._process is not None:
+                self._process.part()
             why = "its clock began again: each foot goes on alone, in a frame of its own"
             news.append(self._report_state(side, "parted", why))
         # The other foot is behind, or this one is back.
@@ -206,9 +204,9 @@ class FeetNavigator:
         return [*found, *news, *ends, *self._follow_person()]
 
     def abandon(self) -> None:
-        """End the worker process, and nothing else."""
-        if self._worker is not None:
-            self._worker.close()
+        """End the process that solves the walks in the background, and nothing else."""
+        if self._process is not None:
+            self._process.close()
 
     def finish(self) -> FeetWalk:
         """End the walk and return what each foot, and both, come to; raises `FgNavError` where neither has a walk."""

@@ -27,14 +27,12 @@ from fg_nav.detection.causal import CausalParameters, CausalStances, Footfall, j
 from fg_nav.detection.rest import freeze_ends
 from fg_nav.errors import EstimationError
 from fg_nav.magnetic.axes import AlignedMagnetometer, align_magnetometer
-from fg_nav.online.background import Solver, WorkerSolver
-from fg_nav.online.buffer import COLUMNS, SampleBuffer, as_recording
+from fg_nav.online.background import BackgroundSolver, Solver, SolverProcess
+from fg_nav.online.buffer import COLUMNS, OnlineOptions, SampleBuffer, as_recording
 from fg_nav.online.estimates import Revision, StanceEstimate, StrapdownPath, select_rows
-from fg_nav.online.options import OnlineOptions
-from fg_nav.online.resolve import measure_walk_field
+from fg_nav.online.resolve import WalkSolver, measure_walk_field
 from fg_nav.online.sample_filter import SampleFilter
-from fg_nav.online.schedule import SmootherState
-from fg_nav.online.smoother import OnlineSmoother
+from fg_nav.online.smoother import OnlineSmoother, SmootherState
 from fg_nav.online.unit_monitor import UnitMonitor
 from fg_nav.recording import MIN_SAMPLES, Recording
 from fg_nav.smoother import smooth
@@ -146,7 +144,7 @@ class OnlineNavigator(SampleIntake):
         remark: Callable[[str], None] = lambda words: None,
         detection: CausalParameters = CausalParameters(),
         judge: SampleFilter | None = None,
-        beside: bool = False,
+        background: bool = False,
         solver: SolverMaker | None = None,
     ) -> None:
         """Begin a walk.
@@ -156,15 +154,18 @@ class OnlineNavigator(SampleIntake):
         options, detection : of the smoother, and of footfalls.
         remark : given, in a sentence, what is odd about the samples; once for each kind of oddity.
         judge : of the samples, where a walk is resumed.
-        beside : whether it is solved again in another process, so that no footfall waits for that.
+        background : whether it is solved again in another process, so that no footfall waits for that. That process
+            imports the main script, which needs `if __name__ == "__main__":`.
         solver : makes the solver of the whole walk, of its samples; None for the walk of one foot.
         """
         super().__init__(remark, judge)
         self.options, self.detection = options, detection
         self._stances = CausalStances(detection)
-        self._solver: Solver | None = None if solver is None else solver(self.buffer)
-        if beside and solver is None:
-            self._solver = WorkerSolver(options, detection.stance, self.buffer, remark)
+        self._solver: Solver = WalkSolver(options, detection.stance, self.buffer)
+        if solver is not None:
+            self._solver = solver(self.buffer)
+        elif background:
+            self._solver = BackgroundSolver(SolverProcess({None: options}, detection.stance), self._solver, remark)
         self.smoother = OnlineSmoother(options, self.buffer, detection.stance, self._solver)
         self._remark, self._waits, self._warned = remark, False, False
         self._handed = 0
@@ -182,6 +183,10 @@ class OnlineNavigator(SampleIntake):
     def close(self) -> list[StanceEstimate | Revision]:
         """End the walk and return the estimates of the footfalls that were still open, and what its end takes back."""
         return [] if self.has_ended else [*self.begin_end(), *self.smoother.take_end()]
+
+    def abandon(self) -> None:
+        """End the process that solves the walk in the background, and nothing else."""
+        self._solver.close()
 
     def begin_end(self) -> list[StanceEstimate | Revision]:
         """End the walk, return the estimates of the footfalls that were still open, and begin its last solution."""
@@ -327,8 +332,8 @@ class OnlineNavigator(SampleIntake):
         self.smoother.resume(state.smoother)
         self._stances, self._handed, self._busy_s = state.stances.copy(), state.handed, state.busy_s
         self._waits, self._warned, self.has_ended = state.waits, state.warned, state.has_ended
-        if self.has_ended and self._solver is not None:
-            self._solver.close()
+        if self.has_ended:
+            self.abandon()
 
     def causal(self) -> StanceTable:
         """Return one row an estimate, as it was reported."""
@@ -337,6 +342,13 @@ class OnlineNavigator(SampleIntake):
     def smoothed(self) -> StanceTable:
         """Return one row an estimate, as it is now."""
         return self.smoother.smoothed()
+
+    def push(
+        self, t: Floats, acc: Floats, gyr: Floats, mag: Floats | None = None, pressure: Floats | None = None
+    ) -> list[StanceEstimate | Revision]:
+        """See `SampleIntake`."""
+        with self._solver.pace:
+            return super().push(t, acc, gyr, mag, pressure)
 
     def _prepare(self) -> None:
         self.smoother.schedule.prepare(self.smoother.n_reported)

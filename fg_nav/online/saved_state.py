@@ -23,8 +23,8 @@ from fg_nav.online.anchor import NO_NODES, AnchorState, Past, PathNodes
 from fg_nav.online.buffer import ReportedFootfall, SensorState
 from fg_nav.online.estimates import EstimateRow
 from fg_nav.online.navigator import NavigatorState
-from fg_nav.online.schedule import Pending, SmootherState
-from fg_nav.online.solving import Task
+from fg_nav.online.resolve import Task
+from fg_nav.online.smoother import Pending, SmootherState
 
 OF_WALK = -1  # in place of the sample of an anchor state: the start of the walk
 
@@ -217,7 +217,7 @@ class StateReader:
             asked, count, at = newest.due
             start = None if at == OF_WALK else self._anchors[at]
             begins = 0 if start is None else start.stance.number
-            pending = Pending(asked, count, Task(start, footfalls[begins:count], newest.sensor))
+            pending = Pending(asked, count, Task(start, footfalls[begins:count], newest.sensor, since=0))
         smoother = SmootherState(
             told=tuple(row for table, _ in self._lines for row in table.rows()),
             reported_continues=tuple(bool(one) for _, part in self._lines for one in part.tolist()),

@@ -6,14 +6,19 @@
                         revised (`estimates.Revision`)
 
 The newest window is short, so that a footfall costs the same however long the walk; all of the past is in its anchor
-state. Where it ends is fixed by the count of footfalls alone, so the same calls give the same answers to the bit; a
-solution that is late takes effect later (`schedule`).
+state. Where it ends is fixed by the count of footfalls alone, so the same calls give the same answers to the bit.
+
+A walk is solved again by the count of its footfalls alone (table in docs/online.md). One of n footfalls takes some
+n / 250 s, a footfall one second: the solution takes effect two footfalls later, and one more for each 200 of the walk.
+It is waited for where it is solved in this process, or the walk spends less than half of its time waiting for samples:
+those of a recording. Where they come as they are walked it takes effect once it is there; before which line is
+recorded, and a resumed walk follows the record.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,28 +29,129 @@ from fg_nav.frames import UNKNOWN_RAD
 from fg_nav.magnetic.axes import MagAxes
 from fg_nav.online.anchor import AnchorState, Past, PathNodes, window_anchors
 from fg_nav.online.background import Solver
-from fg_nav.online.buffer import PartialWalk, ReportedFootfall, SampleBuffer
+from fg_nav.online.buffer import OnlineOptions, PartialWalk, ReportedFootfall, SampleBuffer
 from fg_nav.online.estimates import EstimateRow, Revision, StanceEstimate, StrapdownPath, build_table, compare_pasts
 from fg_nav.online.field import extend_with_north
-from fg_nav.online.options import OnlineOptions
-from fg_nav.online.resolve import solve_from_start
-from fg_nav.online.schedule import (
-    AT_ONCE,
-    DOUBT_DELAY,
-    NEWEST,
-    WINDOW,
-    ResolveSchedule,
-    SmootherState,
-    choose_delay,
-    choose_next,
-    is_windowed,
-)
-from fg_nav.online.solving import CONTEXT_S, Task, WalkSolver
+from fg_nav.online.resolve import CONTEXT_S, Task, WalkSolver, solve_from_start
 from fg_nav.online.window import Window
 from fg_nav.smoother.solver import UNSOLVED
 from fg_nav.solution import StanceTable
 
+AT_ONCE = (1, 2, 3, 4, 6, 8, 10)  # Footfalls at which all is solved at once: a tenth of a second.
+WHOLE_UNTIL, WHOLE_WITH_LAG = 2000, 512  # The last footfall at which all is solved; with a lag, samples go then.
+WINDOW = 256  # Footfalls that are solved again behind it.
+NEWEST = 20  # Footfalls that are checked for one in doubt: those of the last 20 s, in which stances are searched.
+DOUBT_DELAY = 3  # Footfalls until a solution for one in doubt takes effect.
+FAST = 2.0  # Seconds walked in one second of waiting for samples: then they are of a recording, and nobody watches.
 MAX_LATE = 6  # Footfalls that are added when a late solution takes effect: each takes 10 ms.
+
+
+def is_windowed(n: int, has_lag: bool) -> bool:
+    """Whether a walk of n footfalls is not solved as a whole any more."""
+    return n > (WHOLE_WITH_LAG if has_lag else WHOLE_UNTIL)
+
+
+def choose_next(n: int, has_lag: bool) -> int:
+    """Return the footfall behind n, after the first ones, at which the walk is solved next."""
+    return n + (WINDOW // 8 if is_windowed(n, has_lag) else max(8, n // 12))
+
+
+def choose_delay(n: int, has_lag: bool) -> int:
+    """Return how many footfalls behind n a solution of n footfalls takes effect."""
+    return 2 + (WINDOW if is_windowed(n, has_lag) else n) // 200
+
+
+@dataclass(frozen=True)
+class Pending:
+    """A solution in progress."""
+
+    asked: tuple[int, ...]  # Lines before which it is requested, each time with the footfalls up to there.
+    footfalls: int  # Number of footfalls of the task.
+    task: Task
+
+    @property
+    def due_at(self) -> int:
+        """The last of these lines: it takes effect there, or later."""
+        return self.asked[-1]
+
+
+@dataclass(frozen=True)
+class SmootherState:
+    """All that a smoother needs to resume, besides the samples; immutable."""
+
+    told: tuple[EstimateRow, ...]
+    reported_continues: tuple[bool, ...]
+    footfalls: tuple[ReportedFootfall, ...]
+    past: Past
+    starts: tuple[AnchorState, ...]  # The newest window begins at the newest of them.
+    pending: Pending | None
+    next: int
+    doubted: tuple[int, ...]
+    has_mag: bool
+    discarded: int  # Number of footfalls without samples.
+
+
+class ResolveSchedule:
+    """The pending solution, and when those before took effect."""
+
+    def __init__(self, solver: Solver, buffer: SampleBuffer) -> None:
+        self.solver, self._buffer = solver, buffer
+        self.pending: Pending | None = None  # None between two.
+        self.taken: list[int] = []  # Lines before which one took effect, or was requested again, in the newest window.
+        self.races = 0  # Number of decisions that depended on solver timing.
+        self._clock: tuple[float, float] | None = None  # time idle and stamp, s, when the solution was begun
+        self.recorded: frozenset[int] = frozenset()  # Of a resumed walk, lines before which solutions took effect,
+        self.recorded_until = 0  # of those before this one.
+
+    def begin(self, task: Task, due_at: int, n_footfalls: int) -> None:
+        """Begin a task on the first footfalls, whose solution is due before line `due_at`."""
+        self.solver.begin(task)
+        self.pending, self._clock = Pending((due_at,), n_footfalls, task), None
+
+    def request(self, footfalls: Sequence[ReportedFootfall], line: int) -> None:
+        """Request the anchor state at the last of `footfalls`, those since the task or last request, before a line."""
+        assert self.pending is not None
+        self.solver.request(footfalls)
+        if line != self.pending.due_at:
+            self.pending = replace(self.pending, asked=(*self.pending.asked, line))
+
+    def resume(self, pending: Pending, footfalls: Sequence[ReportedFootfall], line: int) -> None:
+        """Restart the `pending` solution of a resumed walk, which has these footfalls before line `line`."""
+        self.solver.begin(pending.task)
+        self.pending, begins = pending, pending.footfalls
+        for due_at in pending.asked:
+            if due_at <= line:
+                stop = len(footfalls) - line + due_at
+                self.solver.request(footfalls[begins:stop])
+                begins = stop
+
+    def prepare(self, line: int) -> None:
+        """Wait for a solution that is due, where it is waited for: now, and not when a footfall is complete."""
+        if self.pending is not None and self._clock is None and self._buffer.stop:
+            self._clock = self.solver.pace.idle_s, self._buffer.stamp(self._buffer.stop - 1)
+        if self._is_due(line) and self._waits():
+            self.solver.take()
+
+    def is_taken(self, line: int) -> bool:
+        """Decide whether a solution takes effect before a line."""
+        if not self._is_due(line):
+            return False
+        if line < self.recorded_until:
+            return line in self.recorded
+        if self._waits():
+            return True
+        self.races += 1
+        return self.solver.is_ready()
+
+    def _is_due(self, line: int) -> bool:
+        return self.pending is not None and self.pending.due_at <= line
+
+    def _waits(self) -> bool:
+        """Whether the walk waits for a solution that is due."""
+        if self.solver.is_here or self._clock is None:
+            return True
+        idle_s, stamp = self._clock
+        return self._buffer.stamp(self._buffer.stop - 1) - stamp > FAST * (self.solver.pace.idle_s - idle_s)
 
 
 class OnlineSmoother:
@@ -67,7 +173,7 @@ class OnlineSmoother:
         solver: Solver | None = None,
     ) -> None:
         self._options, self._buffer, self._has_lag = options, buffer, options.lag_s is not None
-        self.walk = PartialWalk(buffer, options.use_field, options.axes_given)
+        self.walk = PartialWalk(buffer, options)
         self.schedule = ResolveSchedule(WalkSolver(options, stance, buffer) if solver is None else solver, buffer)
         self.window: Window | None = None
         self._past = Past()
@@ -97,6 +203,8 @@ class OnlineSmoother:
         self.walk.add(reported)
         self.footfalls.append(reported)
         # The first footfalls are solved as a whole at once; later ones extend the newest window.
+        if self.window is None:
+            self.schedule.solver.start()
         if self.n_reported + 1 in AT_ONCE or self.window is None:
             revised += self._solve_at_once()
         else:
@@ -210,21 +318,18 @@ class OnlineSmoother:
         self.footfalls, self._past, self.anchors = list(state.footfalls), state.past, list(state.starts)
         self._next, self._has_mag, self._doubted = state.next, state.has_mag, set(state.doubted)
         # The newest window is made again of the strides since its anchor state.
-        initial, options = self.anchors[-1], self._options
+        initial = self.anchors[-1]
         behind = initial.stance.number + 1
         known = self.footfalls[state.discarded : behind]
-        self.walk = PartialWalk(
-            self._buffer, options.use_field, options.axes_given, state.discarded, known, initial.sensor
-        )
+        self.walk = PartialWalk(self._buffer, self._options, state.discarded, known, initial.sensor)
         self.window = Window(initial, self.walk)
         self.window.extend(self.footfalls[behind:])
         # What was being solved is begun again, on the samples that it and what comes need.
-        pending, n, solver = state.pending, self.n_reported, self.schedule.solver
-        is_whole = not is_windowed(n + 1, self._has_lag) or (pending and pending.task.start is None)
-        solver.discard(self._buffer.first if is_whole else self._find_window())
-        solver.follow(self.walk.stop)
+        self.schedule.solver.start()
+        pending = state.pending
         if pending is not None:
-            self.schedule.resume(pending, self.footfalls, n)
+            task = replace(pending.task, since=self._find_needed(pending.task.start))
+            self.schedule.resume(replace(pending, task=task), self.footfalls, self.n_reported)
 
     def _solve_at_once(self) -> list[StanceEstimate | Revision]:
         """Solve the whole walk and return the revision; where that fails extend the newest window and return none."""
@@ -282,7 +387,6 @@ class OnlineSmoother:
     def _schedule_solution(self, doubtful: int | None) -> None:
         """Begin the next solution, soon for footfall `doubtful` (None without), or request the one that is due."""
         n, pending = self.n_reported, self.schedule.pending
-        self.schedule.solver.follow(self.walk.stop)
         if pending is not None:
             if n == pending.due_at:
                 self.schedule.request(self.footfalls[pending.footfalls :], n)
@@ -290,12 +394,9 @@ class OnlineSmoother:
         if n < AT_ONCE[-1] or (doubtful is None and n < self._next):
             return
         start, delay = self.anchors[0] if is_windowed(n, self._has_lag) else None, choose_delay(n, self._has_lag)
-        if start is not None:
-            # What lies before the first anchor state is needed no more: with a lag by the walk either.
-            since = self._find_window()
-            self.schedule.solver.discard(since)
-            if self._has_lag:
-                self.walk.discard(self.anchors[0].stance.number, since)
+        if start is not None and self._has_lag:
+            # What lies before the first anchor state is needed no more.
+            self.walk.discard(start.stance.number, self._find_needed(start))
         if doubtful is None:
             self._next = choose_next(n, self._has_lag)
         else:
@@ -308,10 +409,12 @@ class OnlineSmoother:
     def _begin_solution(self, start: AnchorState | None, delay: int, has_ended: bool = False) -> None:
         """Begin a solution from an anchor state, or of the whole walk, which is due so many lines later."""
         footfalls = self.footfalls[0 if start is None else start.stance.number :]
-        task = Task(start, tuple(footfalls), self.walk.sensor, has_ended)
+        task = Task(start, tuple(footfalls), self.walk.sensor, self._find_needed(start), has_ended)
         self.schedule.begin(task, self.n_reported + delay, len(self.footfalls))
 
-    def _find_window(self) -> int:
-        """Return the first sample that a window from the first anchor state needs."""
+    def _find_needed(self, start: AnchorState | None) -> int:
+        """Return the first sample that a solution from `start`, and those after it, need."""
+        if start is None or not is_windowed(self.n_reported, self._has_lag):
+            return self._buffer.first
         begins = self.footfalls[self.anchors[0].stance.number].footfall.start[0]
         return self._buffer.find_since(self._buffer.stamp(int(begins)) - CONTEXT_S, self.walk.stop)

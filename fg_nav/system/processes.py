@@ -1,4 +1,4 @@
-"""Processes: modules of this package in another interpreter, signals, locks between processes, a folder for scratch.
+"""Processes: other interpreters for this package, signals, locks between processes, a folder for scratch.
 
 Signals that end a long job are an event that its loop checks: Python runs a handler between two lines of whatever the
 main thread does, and an exception that rises in a weak reference's callback or in `__del__` is printed and forgotten.
@@ -18,17 +18,24 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Iterable, Iterator
+import weakref
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
+from multiprocessing import get_context, parent_process
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 from subprocess import PIPE
 from types import FrameType
-from typing import IO, Any
+from typing import IO, Any, TypeVar
 
 OBJECTS_BETWEEN_COLLECTIONS = 50_000  # What is loaded stays: looking through it again and again takes a tenth of a run.
 OWNER_ONLY, OTHERS = 0o700, 0o077  # Modes of a folder.
+OF_TERMINAL = {signal.SIGINT, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else [])}  # To all processes of one.
+
+T = TypeVar("T")
 
 
 def collect_seldom() -> None:
@@ -44,6 +51,80 @@ def start_module(name: str, *arguments: str, pass_fds: Iterable[int] = ()) -> su
     places = os.pathsep.join(place or os.getcwd() for place in sys.path)
     command, env = [sys.executable, "-P", "-m", name, *arguments], {**os.environ, "PYTHONPATH": places}
     return subprocess.Popen(command, stdin=PIPE, stdout=PIPE, pass_fds=tuple(pass_fds), start_new_session=True, env=env)
+
+
+class Worker:
+    """Another process, for one function call after another; it starts with the first.
+
+    Neither Ctrl-C nor the end of a terminal reaches it, it imports from where this process does, what it prints is an
+    error output, and it ends with this process, however that ends. As of every spawned process the main script is
+    imported in it: one of a user needs `if __name__ == "__main__":`.
+
+    Parameters
+    ----------
+    set_up, arguments : function that is called first, and its arguments.
+    """
+
+    def __init__(self, set_up: Callable[..., None], *arguments: object) -> None:
+        self._set_up = partial(_begin_worker, set_up, *arguments)
+        self._pool: ProcessPoolExecutor | None = None
+        self._processes: dict[int, BaseProcess] = {}
+
+    @property
+    def pid(self) -> int | None:
+        """Process id; None before it starts."""
+        return next(iter(self._processes), None)
+
+    def submit(self, function: Callable[..., T], *arguments: object) -> Future[T]:
+        """Call a function behind those before; the future, or this, raises `BrokenProcessPool` once it has died."""
+        if self._pool is not None:
+            return self._pool.submit(function, *arguments)
+        with _shield_children():
+            self._pool = ProcessPoolExecutor(1, get_context("spawn"), self._set_up)
+            future = self._pool.submit(function, *arguments)
+        # An interpreter that ends waits for its pools, before `atexit`, and they for a process that may be stuck.
+        self._processes = dict(self._pool._processes)
+        vars(threading)["_register_atexit"](weakref.finalize(self, _kill, self._processes))
+        return future
+
+    def kill(self) -> None:
+        """Kill the process, if there is one."""
+        _kill(self._processes)
+
+
+def _kill(processes: Mapping[int, BaseProcess]) -> None:
+    for process in processes.values():
+        process.kill()
+
+
+@contextmanager
+def _shield_children() -> Iterator[None]:
+    """Block signals of a terminal, and modules of the folder that the user is in, for processes that are started."""
+    blocked, known = signal.pthread_sigmask(signal.SIG_BLOCK, OF_TERMINAL), os.environ.get("PYTHONSAFEPATH")
+    os.environ["PYTHONSAFEPATH"] = "1"
+    try:
+        yield
+    finally:
+        if known is None:
+            del os.environ["PYTHONSAFEPATH"]
+        else:
+            os.environ["PYTHONSAFEPATH"] = known
+        signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
+
+
+def _begin_worker(set_up: Callable[..., None], *arguments: object) -> None:
+    os.dup2(2, 1)  # What it prints must not be among the lines that this program prints.
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    collect_seldom()
+    set_up(*arguments)
+
+
+def _end_with_parent() -> None:
+    """End this process once that which started it has ended: a pool's own waits for calls for ever."""
+    parent = parent_process()
+    assert parent is not None
+    parent.join()
+    os._exit(1)
 
 
 @contextmanager

@@ -35,7 +35,7 @@ from tests.online.walks import NORTH, push, short_walk, worst_difference
 @pytest.fixture(autouse=True)
 def waits_for_solutions(monkeypatch):
     """However slow the machine is: a walk that goes on without a late solution has other digits."""
-    monkeypatch.setattr("fg_nav.online.schedule.FAST", 0.0)
+    monkeypatch.setattr("fg_nav.online.smoother.FAST", 0.0)
 
 
 HEADER = b"time_s,acc_x_m_s2,acc_y_m_s2,acc_z_m_s2,gyr_x_rad_s,gyr_y_rad_s,gyr_z_rad_s\n"

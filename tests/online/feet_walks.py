@@ -11,10 +11,9 @@ from fg_nav.arrays import Floats
 from fg_nav.feet import SIDES, Side
 from fg_nav.frames import compute_heading
 from fg_nav.lab.simulation import SimulatedFeet, simulate_feet
-from fg_nav.online.buffer import rows_of
+from fg_nav.online.buffer import OnlineOptions, rows_of
 from fg_nav.online.estimates import FeetLine
 from fg_nav.online.feet import FeetNavigator
-from fg_nav.online.options import OnlineOptions
 
 BLOCK_S = 0.2
 

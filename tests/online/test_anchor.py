@@ -6,8 +6,8 @@ import pytest
 from gtsam.symbol_shorthand import B, M, V, X
 
 from fg_nav.online.anchor import MarginalPrior, Past, PathNodes, marginalize
+from fg_nav.online.buffer import OnlineOptions
 from fg_nav.online.estimates import EstimateRow
-from fg_nav.online.options import OnlineOptions
 from fg_nav.online.resolve import solve_from_start, solve_so_far
 from fg_nav.online.strides import StanceNodes, list_stances, list_variables
 from fg_nav.online.window import Window

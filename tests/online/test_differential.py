@@ -9,9 +9,9 @@ from gtsam.symbol_shorthand import B
 
 from fg_nav.factors.differential_field import BiasInformation, FieldNoise, Iron, Variogram
 from fg_nav.online import smoother as online_smoother
+from fg_nav.online.buffer import OnlineOptions
 from fg_nav.online.field import BiasLedger
 from fg_nav.online.isam2 import ISAM2Backend
-from fg_nav.online.options import OnlineOptions
 from fg_nav.online.window import Window
 from fg_nav.smoother import SmootherParameters
 from fg_nav.smoother.differential import LevelBias, limit_information

@@ -14,6 +14,7 @@ from fg_nav.detection import detect_stances
 from fg_nav.errors import EstimationError, RecordingError
 from fg_nav.feet import SIDES, Side
 from fg_nav.feet.person import FeetSolution
+from fg_nav.online.buffer import OnlineOptions
 from fg_nav.online.estimates import (
     FeetLine,
     FootState,
@@ -24,7 +25,6 @@ from fg_nav.online.estimates import (
 )
 from fg_nav.online.feet import FeetNavigator, FeetWalk
 from fg_nav.online.navigator import OnlineNavigator
-from fg_nav.online.options import OnlineOptions
 from fg_nav.smoother.batch import WalkInput
 from fg_nav.smoother.feet import smooth_feet
 from fg_nav.truth import Fix
@@ -234,11 +234,11 @@ def test_a_clock_that_restarts_parts_the_feet() -> None:
 
 def test_beside_says_the_same_as_in_between() -> None:
     """Both feet in the other process: at the end the same to the last digits that are told."""
-    between, beside = FeetNavigator(heads_known()), FeetNavigator(heads_known(), beside=True)
-    for navigator in (between, beside):
+    between, background = FeetNavigator(heads_known()), FeetNavigator(heads_known(), background=True)
+    for navigator in (between, background):
         push_feet(navigator, lambda side, t: t < 25.0)
     assert between.finish().both is not None
-    for side, one in beside.finish().feet.items():
+    for side, one in background.finish().feet.items():
         assert one.stances.position == pytest.approx(between.finish().feet[side].stances.position, abs=1e-3)
 
 

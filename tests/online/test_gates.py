@@ -5,8 +5,7 @@ import pytest
 
 from fg_nav.magnetic.quasi_static import GATES, HARD, NO_GATE, QUASI_STATIC, apply_gate
 from fg_nav.online import OnlineNavigator
-from fg_nav.online.buffer import rows_of
-from fg_nav.online.options import OnlineOptions
+from fg_nav.online.buffer import OnlineOptions, rows_of
 from fg_nav.online.resolve import measure_walk_field
 from fg_nav.smoother.parameters import FieldParameters, SmootherParameters
 from tests.online.walks import push, short_walk

@@ -6,54 +6,57 @@ import numpy as np
 import pytest
 
 from fg_nav.detection.stance import StanceParameters
-from fg_nav.online import OnlineNavigator, navigator, schedule
-from fg_nav.online.buffer import ReportedFootfall, SampleBuffer, rows_of
+from fg_nav.online import OnlineNavigator, navigator, smoother
+from fg_nav.online.buffer import OnlineOptions, ReportedFootfall, SampleBuffer, rows_of
 from fg_nav.online.checkpoint import Checkpoint
-from fg_nav.online.options import OnlineOptions
-from fg_nav.online.solving import WalkSolver
+from fg_nav.online.resolve import WalkSolver
 from tests.online.walks import NORTH, push, short_walk, worst_difference
-
-STRIDE = 110  # Samples.
 
 
 class LateSolver(WalkSolver):
-    """Has each solution some footfalls after it is due, as told by the samples that came since."""
+    """Has each solution some lines after it is due."""
 
     late = 0
 
-    def __init__(self, options: OnlineOptions, stance: StanceParameters, buffer: SampleBuffer, *_: object) -> None:
+    def __init__(self, options: OnlineOptions, stance: StanceParameters, buffer: SampleBuffer) -> None:
         super().__init__(options, stance, buffer)
         self.is_here = False
-        self._followed = self._requested_at = 0
-
-    def follow(self, until: int) -> None:
-        self._followed = until
+        self.line = self._requested_at = 0
 
     def request(self, footfalls: tuple[ReportedFootfall, ...]) -> None:
         super().request(footfalls)
-        self._requested_at = footfalls[-1].until
+        self._requested_at = footfalls[-1].line + 1
 
     def is_ready(self) -> bool:
-        return self._followed >= self._requested_at + self.late * STRIDE
+        return self.line >= self._requested_at + self.late
+
+
+class NotedSchedule(smoother.ResolveSchedule):
+    """Has its solver know the line that comes."""
+
+    def is_taken(self, line: int) -> bool:
+        self.solver.line = line
+        return super().is_taken(line)
 
 
 @pytest.fixture(autouse=True)
 def as_it_is_walked(monkeypatch: pytest.MonkeyPatch) -> None:
     """No solution is waited for."""
-    monkeypatch.setattr(schedule, "FAST", np.inf)
-    monkeypatch.setattr(navigator, "WorkerSolver", LateSolver)
+    monkeypatch.setattr(smoother, "FAST", np.inf)
+    monkeypatch.setattr(navigator, "WalkSolver", LateSolver)
+    monkeypatch.setattr(smoother, "ResolveSchedule", NotedSchedule)
 
 
 def walk_on(rows: np.ndarray, kills: tuple[int, ...], path: Path) -> OnlineNavigator:
     """Walk, saved before each of these samples, and killed a second later."""
-    checkpoint, walked = Checkpoint(path), OnlineNavigator(NORTH, beside=True)
+    checkpoint, walked = Checkpoint(path), OnlineNavigator(NORTH)
     for start, stop in zip((0, *kills), (*kills, len(rows)), strict=True):
         push(walked, rows[start:stop], range(30, stop - start, 30))
         checkpoint.write(checkpoint.collect(walked))
         if stop < len(rows):
             push(walked, rows[stop : stop + 100])
             checkpoint = Checkpoint(path)
-            walked = checkpoint.resume(NORTH, beside=True)
+            walked = checkpoint.resume(NORTH)
     walked.close()
     return walked
 
@@ -78,7 +81,7 @@ def test_what_was_told_on_a_slow_machine_is_known_on_a_fast_one(
     """Saved while a solution was late, and later with no state behind the one before it."""
     rows, late = rows_of(short_walk(30)), []
     monkeypatch.setattr(LateSolver, "late", 4)
-    checkpoint, walked = Checkpoint(tmp_path / "walk"), OnlineNavigator(NORTH, beside=True)
+    checkpoint, walked = Checkpoint(tmp_path / "walk"), OnlineNavigator(NORTH)
     for start in range(0, len(rows), 300):
         push(walked, rows[start : start + 300], range(50, 300, 50))
         checkpoint.write(checkpoint.collect(walked))
@@ -87,7 +90,7 @@ def test_what_was_told_on_a_slow_machine_is_known_on_a_fast_one(
             late.append(walked.smoother.n_reported)
             with monkeypatch.context() as fast:
                 fast.setattr(LateSolver, "late", 0)
-                resumed = Checkpoint(tmp_path / "walk").resume(NORTH, beside=True)
+                resumed = Checkpoint(tmp_path / "walk").resume(NORTH)
             assert worst_difference(resumed.causal(), walked.causal()) < 1e-9
             assert worst_difference(resumed.smoothed(), walked.smoothed()) < 1e-9
     assert len(late) > 2

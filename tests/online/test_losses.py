@@ -11,7 +11,7 @@ from fg_nav.detection import detect_stances
 from fg_nav.frames import compute_heading
 from fg_nav.magnetic import average_footfall_field
 from fg_nav.online import OnlineNavigator
-from fg_nav.online.options import OnlineOptions
+from fg_nav.online.buffer import OnlineOptions
 from fg_nav.online.sample_filter import UNKNOWN_GAP_S, SampleFilter
 from fg_nav.recording import Recording
 from fg_nav.smoother import smooth

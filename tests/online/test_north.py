@@ -5,10 +5,9 @@ import pytest
 
 from fg_nav.frames import UNKNOWN_RAD
 from fg_nav.online import OnlineNavigator
-from fg_nav.online.buffer import rows_of
+from fg_nav.online.buffer import OnlineOptions, rows_of
 from fg_nav.online.estimates import StanceEstimate
 from fg_nav.online.field import average_along, extend_with_north, find_north_sigma
-from fg_nav.online.options import OnlineOptions
 from tests.online.walks import NORTH, push, short_walk
 
 STRENGTH_UT = 20.0

@@ -17,11 +17,9 @@ from fg_nav.lab.simulation.motion import Style
 from fg_nav.online import OnlineNavigator
 from fg_nav.online import smoother as online_smoother
 from fg_nav.online import window as online_window
-from fg_nav.online.buffer import SampleBuffer, rows_of
-from fg_nav.online.options import OnlineOptions
+from fg_nav.online.buffer import OnlineOptions, SampleBuffer, rows_of
 from fg_nav.online.resolve import measure_walk_field, solve_so_far
-from fg_nav.online.schedule import AT_ONCE, choose_delay, choose_next
-from fg_nav.online.smoother import OnlineSmoother
+from fg_nav.online.smoother import AT_ONCE, OnlineSmoother, choose_delay, choose_next
 from fg_nav.recording import Recording
 from fg_nav.smoother import SmootherParameters, smooth
 from fg_nav.smoother.parameters import FieldParameters

@@ -8,11 +8,10 @@ import pytest
 
 from fg_nav.detection.causal import CausalParameters, CausalStances
 from fg_nav.frames import compute_heading, yaw_rotation
-from fg_nav.online.buffer import ReportedFootfall
+from fg_nav.online.buffer import OnlineOptions, ReportedFootfall
 from fg_nav.online.estimates import MAX_POINTS, Revision, StanceEstimate, compare_pasts, format_revision
-from fg_nav.online.options import OnlineOptions
+from fg_nav.online.resolve import OPEN_S, UNREPORTED, review_footfalls
 from fg_nav.online.smoother import OnlineSmoother
-from fg_nav.online.solving import OPEN_S, UNREPORTED, review_footfalls
 from tests.online.test_online_smoother import add, farthest, footfall_at, in_field, smoother_of
 from tests.online.walks import estimates_of, revisions_of, short_walk
 from tests.smoother.walks import Walk, demo

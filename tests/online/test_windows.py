@@ -3,6 +3,11 @@
 import os
 import pickle
 import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from concurrent.futures import Future
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -11,16 +16,14 @@ import numpy as np
 import pytest
 
 from fg_nav.detection.stance import StanceParameters
-from fg_nav.online import background, schedule, smoother, solving, strides
+from fg_nav.online import background, resolve, smoother, strides
 from fg_nav.online.anchor import window_anchors
-from fg_nav.online.background import WorkerSolver
-from fg_nav.online.buffer import LEAD_S, UNSEEN, PartialWalk, SampleBuffer, rows_of
+from fg_nav.online.background import BackgroundSolver, SolverProcess
+from fg_nav.online.buffer import LEAD_S, UNSEEN, OnlineOptions, PartialWalk, SampleBuffer, rows_of
 from fg_nav.online.isam2 import ISAM2Backend
-from fg_nav.online.options import OnlineOptions
+from fg_nav.online.resolve import Pace, Task, WalkSolver
 from fg_nav.online.smoother import OnlineSmoother
-from fg_nav.online.solving import Task, WalkSolver
 from fg_nav.online.window import Window
-from fg_nav.online.worker import Worker
 from tests.online.test_online_smoother import (
     FOOTFALLS,
     add,
@@ -81,42 +84,26 @@ def test_with_a_lag_it_stays_where_it_is_without(with_field: bool) -> None:
 
 
 class InPieces:
-    """A solver with samples of its own, as the process beside has; messages go through pickle as over a pipe."""
+    """In place of the other process, with samples of its own; calls go through pickle as over a pipe."""
 
-    def __init__(self, options: OnlineOptions, walked: SampleBuffer) -> None:
-        self._worker, self._sent, self._answer, self.is_here = Worker(), 0, None, False
-        self._walked = walked
-        self._say("options", options, StanceParameters())
+    is_closed = False
+
+    def __init__(self, options: OnlineOptions, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr(background, "NICENESS", 0)
+        monkeypatch.setattr(background, "_solvers", {})
+        background._set_up({None: options}, StanceParameters())
+        self.pace = Pace()
 
     @property
     def buffer(self) -> SampleBuffer:
-        return self._worker._buffer
+        return background._solvers[None].buffer
 
-    def follow(self, until: int) -> None:
-        self._say("samples", self._walked.between(self._sent, until))
-        self._sent = until
-
-    def discard(self, before: int) -> None:
-        self._say("discard", before)
-
-    def begin(self, task: object) -> None:
-        self._say("begin", task)
-
-    def request(self, footfalls: object) -> None:
-        self._answer = self._say("request", tuple(footfalls))
-
-    def is_ready(self) -> bool:
-        return True
-
-    def wait(self) -> None: ...
-
-    def take(self) -> object:
-        return self._answer[0]
+    def submit(self, function: Callable[..., object], *arguments: object) -> Future[object]:
+        future: Future[object] = Future()
+        future.set_result(pickle.loads(pickle.dumps(function(*pickle.loads(pickle.dumps(arguments))))))
+        return future
 
     def close(self) -> None: ...
-
-    def _say(self, *message: object) -> object:
-        return pickle.loads(pickle.dumps(self._worker.answer(*pickle.loads(pickle.dumps(message)))))
 
 
 @pytest.mark.usefixtures("windows")
@@ -124,13 +111,14 @@ class InPieces:
 def test_what_solves_beside_holds_a_window_of_samples_and_says_the_same(
     monkeypatch: pytest.MonkeyPatch, lag_s: float | None
 ) -> None:
-    for owner, context_s in ((smoother, 3.0), (solving, 3.0), (strides, 2.0)):
+    for owner, context_s in ((smoother, 3.0), (resolve, 3.0), (strides, 2.0)):
         monkeypatch.setattr(owner, "CONTEXT_S", context_s)
     options = OnlineOptions(lag_s=lag_s)
     here, buffer = fed(in_field(), options), SampleBuffer()
-    beside = InPieces(options, buffer)
+    beside = InPieces(options, monkeypatch)
     rows = rows_of(in_field().recording)
-    there = OnlineSmoother(options, buffer, solver=beside)
+    solver = BackgroundSolver(beside, WalkSolver(options, StanceParameters(), buffer))
+    there = OnlineSmoother(options, buffer, solver=solver)
     buffer.append(rows)
     kept = []
     for k in range(FOOTFALLS):
@@ -143,20 +131,18 @@ def test_what_solves_beside_holds_a_window_of_samples_and_says_the_same(
     assert (buffer.first > 0) == (lag_s is not None)
 
 
-class Late(InPieces):
+class Late(BackgroundSolver):
     """Each of its solutions is there so many footfalls later than it is due."""
 
-    def __init__(self, options: OnlineOptions, walked: SampleBuffer, late: int) -> None:
-        super().__init__(options, walked)
-        self._late, self._missed = late, 0
+    late = 0
 
-    def begin(self, task: object) -> None:
+    def begin(self, task: Task) -> None:
         self._missed = 0
         super().begin(task)
 
     def is_ready(self) -> bool:
         self._missed += 1
-        return self._missed > self._late
+        return self._missed > self.late
 
 
 @pytest.mark.usefixtures("windows")
@@ -164,9 +150,11 @@ class Late(InPieces):
 def test_a_walk_goes_on_without_a_solution_that_is_late(monkeypatch: pytest.MonkeyPatch, late: int) -> None:
     """What came in the meantime is added to it when it is there: here, or where it is solved if that is much."""
     usual = in_windows()
-    monkeypatch.setattr(schedule, "FAST", np.inf)
-    buffer = SampleBuffer()
-    online = OnlineSmoother(OnlineOptions(), buffer, solver=Late(OnlineOptions(), buffer, late))
+    monkeypatch.setattr(smoother, "FAST", np.inf)
+    monkeypatch.setattr(Late, "late", late)
+    options, buffer = OnlineOptions(), SampleBuffer()
+    solver = Late(InPieces(options, monkeypatch), WalkSolver(options, StanceParameters(), buffer))
+    online = OnlineSmoother(options, buffer, solver=solver)
     buffer.append(rows_of(demo().recording))
     begun = []
     for k in range(FOOTFALLS):
@@ -189,10 +177,10 @@ def test_what_came_after_a_solution_that_was_late_is_not_lost() -> None:
     buffer.append(rows_of(walk.recording))
     for waits in (False, True):
         solver = WalkSolver(OnlineOptions(), StanceParameters(), buffer)
-        solver.begin(Task(None, tuple(told[:14]), UNSEEN))
+        solver.begin(Task(None, tuple(told[:14]), UNSEEN, since=0))
         solver.request(told[14:17])
         if waits:
-            solver.wait()
+            solver.take()
         solver.request(told[17:])
         anchor = solver.take()
         assert [one.line for one in anchor.footfalls] == list(range(20))
@@ -202,7 +190,7 @@ def test_what_came_after_a_solution_that_was_late_is_not_lost() -> None:
 
 def test_what_is_kept_before_a_window_is_all_that_its_strides_look_at() -> None:
     """Else a process that discarded the rest would say something else than one that has it."""
-    assert solving.CONTEXT_S >= strides.CONTEXT_S + LEAD_S
+    assert resolve.CONTEXT_S >= strides.CONTEXT_S + LEAD_S
 
 
 @pytest.mark.usefixtures("windows")
@@ -223,26 +211,27 @@ def test_a_process_beside_says_the_same_and_is_replaced_where_it_dies(
 
     Modules in the folder that the user is in are none of its own.
     """
-    monkeypatch.setattr(schedule, "FAST", 0.0)  # solutions are waited for, however slow the machine
+    monkeypatch.setattr(smoother, "FAST", 0.0)  # solutions are waited for, however slow the machine
     (tmp_path / "numpy.py").write_text("raise ImportError\n")
     monkeypatch.chdir(tmp_path)
     walk, buffer, remarks = in_field(), SampleBuffer(), []
     options = OnlineOptions()
     here = fed(walk, options, 32)
     buffer.append(rows_of(walk.recording))
-    solver = WorkerSolver(options, StanceParameters(), buffer, remarks.append)
+    process = SolverProcess({None: options}, StanceParameters())
+    solver = BackgroundSolver(process, WalkSolver(options, StanceParameters(), buffer), remarks.append)
+    assert process.pid is None
     try:
         there = OnlineSmoother(options, buffer, solver=solver)
         for k in range(26):
             add(there, walk, k)
         assert there.initial.stance.number == 19
         assert remarks == []
-        os.kill(solver.pid, signal.SIGKILL)
+        os.kill(process.pid, signal.SIGKILL)
         for k in range(26, 32):
             add(there, walk, k)
     finally:
         solver.close()
-    assert solver._worker.messages.qsize() < 10  # it does not keep what nobody reads
     assert len(remarks) == 1
     assert "has died" in remarks[0]
     np.testing.assert_array_equal(here.causal().position, there.causal().position)
@@ -253,10 +242,13 @@ def test_a_process_beside_says_the_same_and_is_replaced_where_it_dies(
 def test_a_process_beside_that_was_stopped_is_not_waited_for_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(background, "MAX_S", 0.1)
     remarks: list[str] = []
-    solver = WorkerSolver(OnlineOptions(), StanceParameters(), SampleBuffer(), remarks.append)
+    process = SolverProcess({None: OnlineOptions()}, StanceParameters())
+    here = WalkSolver(OnlineOptions(), StanceParameters(), SampleBuffer())
+    solver = BackgroundSolver(process, here, remarks.append)
     try:
-        os.kill(solver.pid, signal.SIGSTOP)
-        monkeypatch.setattr(solver._here, "take", lambda: None)
+        solver.start()
+        os.kill(process.pid, signal.SIGSTOP)
+        monkeypatch.setattr(here, "take", lambda: None)
         solver.request(())
         assert not solver.is_ready()
         assert [solver.take(), solver.take()] == [None, None]
@@ -266,6 +258,37 @@ def test_a_process_beside_that_was_stopped_is_not_waited_for_for_ever(monkeypatc
     assert remarks == [
         "the process that solves the walk again has not answered for 0 s: its work is done in between from here on."
     ]
+
+
+LEFT_RUNNING = """
+import os, signal, sys
+from fg_nav.detection.stance import StanceParameters
+from fg_nav.online.background import SolverProcess
+from fg_nav.online.buffer import OnlineOptions
+if __name__ == "__main__":
+    process = SolverProcess({None: OnlineOptions()}, StanceParameters())
+    process.submit(os.getpid).result()
+    print(process.pid, flush=True)
+    os.kill(process.pid if sys.argv[1] == "stopped" else os.getpid(), getattr(signal, sys.argv[2]))
+"""
+
+
+@pytest.mark.parametrize(("who", "how"), [("stopped", "SIGSTOP"), ("killed", "SIGKILL"), ("interrupted", "SIGINT")])
+def test_no_process_is_left(tmp_path: Path, who: str, how: str) -> None:
+    """An interpreter that ends does not wait for one that is stopped, and one that is killed leaves none."""
+    script = tmp_path / "script.py"
+    script.write_text(LEFT_RUNNING)
+    done = subprocess.run([sys.executable, script, who, how], capture_output=True, text=True, timeout=60.0)
+    assert (done.returncode == 0) == (who == "stopped"), done.stderr
+    pid, until = int(done.stdout), time.monotonic() + 20.0
+    while time.monotonic() < until:
+        try:
+            os.kill(pid, 0)
+        except ProcessLookupError:
+            return
+        time.sleep(0.05)
+    os.kill(pid, signal.SIGKILL)
+    pytest.fail("it is still there")
 
 
 @pytest.mark.usefixtures("windows")

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from fg_nav.arrays import Floats
-from fg_nav.online import OnlineNavigator, schedule, smoother
+from fg_nav.online import OnlineNavigator, smoother
+from fg_nav.online.buffer import OnlineOptions
 from fg_nav.online.estimates import Revision, StanceEstimate
-from fg_nav.online.options import OnlineOptions
 from fg_nav.recording import Recording
 from fg_nav.solution import StanceTable
 from tests.simulated import PERSON, straight_walk
@@ -68,13 +68,5 @@ def solve_only_at(monkeypatch: pytest.MonkeyPatch, *footfalls: int) -> None:
 def solve_in_windows(monkeypatch: pytest.MonkeyPatch, behind: int, window: int = 16) -> None:
     """Let a walk be solved as a whole up to a footfall, and behind it window by window."""
     at_once = tuple(n for n in (1, 2, 3, 4, 6, 8, 10) if n <= behind)
-    for owner, name, value in (
-        (schedule, "AT_ONCE", at_once),
-        (schedule, "WHOLE_UNTIL", behind),
-        (schedule, "WHOLE_WITH_LAG", behind),
-        (schedule, "WINDOW", window),
-        (smoother, "AT_ONCE", at_once),
-        (smoother, "WINDOW", window),
-        (smoother, "choose_delay", schedule.choose_delay),
-    ):
-        monkeypatch.setattr(owner, name, value)
+    for name, value in (("AT_ONCE", at_once), ("WHOLE_UNTIL", behind), ("WHOLE_WITH_LAG", behind), ("WINDOW", window)):
+        monkeypatch.setattr(smoother, name, value)

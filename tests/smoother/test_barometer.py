@@ -14,8 +14,7 @@ from fg_nav.io import read
 from fg_nav.lab.simulation.mount import INSTEP
 from fg_nav.lab.simulation.routes import stairs
 from fg_nav.online import OnlineNavigator
-from fg_nav.online.buffer import rows_of
-from fg_nav.online.options import OnlineOptions
+from fg_nav.online.buffer import OnlineOptions, rows_of
 from fg_nav.recording import Recording
 from fg_nav.smoother import smooth
 from fg_nav.smoother.barometer import SCALE_HEIGHT_M, SCALE_SIGMA, average_pressures, calibrate_barometer

@@ -34,7 +34,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from fg_nav.calibration.of_recording import Calibration, read_calibration
 from fg_nav.changes import SCALARS, Changes, Scalar
 from fg_nav.errors import CampaignError, FgNavError
-from fg_nav.io import FORMATS
+from fg_nav.io.formats import list_formats
 from fg_nav.lab.campaign.execute import Task, recorded_keys, settings_of, simulated_keys, tasks_of
 from fg_nav.lab.campaign.methods import Method, method_of
 from fg_nav.lab.campaign.walks import (
@@ -267,7 +267,7 @@ def _check_scenario(name: str, one: Scenario) -> None:
 
 def _reading(table: ReadingTable, folder: Path) -> Reading:
     if table.format is not None:
-        _check_known("format", [table.format], tuple(FORMATS))
+        _check_known("format", [table.format], tuple(list_formats()))
     return Reading(table.format, None if table.calibration is None else _calibration(folder / table.calibration))
 
 
