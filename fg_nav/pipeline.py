@@ -28,15 +28,14 @@ import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.detection.handedness import measure_swing_axes, refuse_wrong_axes
-from fg_nav.errors import EstimationError, PlacesError
-from fg_nav.estimators import Progress, check_changes, estimate
+from fg_nav.errors import PlacesError
+from fg_nav.estimators import Progress, check_changes, check_use, estimate, find_method
 from fg_nav.frames import compute_heading
 from fg_nav.recording import Recording
 from fg_nav.result import Result
 from fg_nav.solution import KnownStretch, Located, Solution, StanceTable
 from fg_nav.truth import Fix, Truth
 from fg_nav.walk import (
-    Mount,
     Options,
     Outcome,
     Walk,
@@ -74,7 +73,7 @@ def navigate(
     recording : Recording, path or Walk
         What the sensor recorded; a file or folder in any format that is read; or a walk as `read_walk` returns it.
     method : str
-        One of `fg_nav.estimators.ESTIMATORS`: `smoother`, `inertial`, `online`, `iez`, ...
+        One of `fg_nav.estimators.METHODS`: `smoother`, `inertial`, `online`, `iez`, ...
     heading_deg : float
         Of the body's x axis at the start, deg clockwise from north; without it from the field, else zero.
     truth : truth or path
@@ -139,17 +138,7 @@ def run_method(walk: Walk, method: str, progress: Progress | None = None) -> Out
     return evaluate_solution(walk, solution)
 
 
-ON_PLACES = ("smoother", "inertial")  # Methods that can be solved on known places.
-
 NOTHING = "nothing of the saved places was recognized: the walk is in a frame of its own"
-
-
-def check_method(method: str, mount: Mount | None) -> None:
-    """Raise `EstimationError` if a method has no use of known places."""
-    if method not in ON_PLACES or mount == "pocket":
-        raise EstimationError(
-            f"{method} makes no use of saved places: leave them out, or choose {' or '.join(ON_PLACES)}."
-        )
 
 
 def estimate_on_places(walk: Walk, method: str, progress: Progress | None = None) -> Solution:
@@ -164,7 +153,7 @@ def estimate_on_places(walk: Walk, method: str, progress: Progress | None = None
         return estimate(walk, method, progress)
     from fg_nav.places import locate, trace_signature
 
-    check_method(method, walk.options.mount)
+    check_use(find_method(method, walk.options.mount or "foot"), "places")
     if walk.fixes or walk.extra is not None:
         raise PlacesError("fixes and saved places are in frames of their own: give one of them.")
     mag = require_mag(walk)

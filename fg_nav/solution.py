@@ -211,7 +211,7 @@ class Solution:
     `recording` has the samples as they were integrated, with clipped peaks as high and rates of the scale that the walk
     showed; None where they are those that were given. `returns` are the stretches at which the walk was before.
     `located` says where it begins in the frame of an earlier walk, which is then that of all of it; None where it is in
-    a frame of its own.
+    a frame of its own. `uses_field` is whether the estimator is one that makes use of the magnetic field.
 
     Examples
     --------
@@ -239,6 +239,7 @@ class Solution:
     recording: Recording | None = None
     returns: tuple[Return, ...] = ()
     located: Located | None = None
+    uses_field: bool = True
 
     def widen(self, rate_sigma: float) -> Solution:
         """Return the solution with the relative sigma of a nominal rate added to its position and distance sigmas.

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.changes import Changes, change_parameters, select_changes
+from fg_nav.changes import DETECTOR, Changes, change_parameters, select_changes
 from fg_nav.detection import StanceParameters, detect_stances
 from fg_nav.detection.handedness import refuse_wrong_axes
 from fg_nav.detection.mount import refuse_pocket
@@ -35,7 +35,6 @@ from fg_nav.magnetic.quasi_static import DEFAULT, QUASI_STATIC, UNKNOWN, FieldVe
 from fg_nav.recording import Recording
 from fg_nav.solution import Solution
 from fg_nav.stances import Stances
-from fg_nav.system.spilled import return_freed
 from fg_nav.truth import Fix, TrajectoryTruth, Truth
 
 if TYPE_CHECKING:
@@ -48,9 +47,7 @@ Mount: TypeAlias = Literal["foot", "pocket"]  # Where the sensor is worn.
 
 Magnetic: TypeAlias = Literal["all", "card"]  # Which factors of the field the graph has.
 
-WITH_FIXES = ("smoother", "card", "inertial", "online")  # Methods that make use of fixes.
 OWN_GNSS = Path("own")  # in place of a file of GNSS fixes: those in the recording itself
-DETECTOR = "detector"  # First part of the names of the parameters of the stances (`Options.changes`).
 
 
 @dataclass(frozen=True)
@@ -214,7 +211,6 @@ def read_walk(path: Path | str | Recording, options: Options = Options(), readin
         gnss = read_gnss(source if options.gnss_path == OWN_GNSS and source else options.gnss_path)
     recording = path if isinstance(path, Recording) else reading.read(path)
     recording = recording if truth is None else replace(recording, truth=truth)
-    return_freed()
     return replace(Walk.of(recording, options, calibration), fixes=fixes, gnss=gnss, places=places)
 
 
@@ -375,15 +371,10 @@ def evaluate_solution(walk: Walk, solution: Solution) -> Outcome:
 def _with_verdicts(solution: Solution, walk: Walk) -> Solution:
     """Write the gate's verdicts, or why there are none, into the stances of a method that used no field."""
     table, verdicts = solution.stances, walk.verdicts
-    if any(word != UNKNOWN for word in table.field) or (verdicts is not None and not ignores_field(solution.method)):
+    if any(word != UNKNOWN for word in table.field) or (verdicts is not None and solution.uses_field):
         return solution  # the method judged the field along its own solution
     if verdicts is None:
         reasons = (walk.unjudged or "the field was not judged",) * len(table)
         return replace(solution, stances=replace(table, field_reason=reasons))
     judged = replace(table, field=verdicts.words, field_reason=verdicts.reason, field_statistic=verdicts.statistic)
     return replace(solution, stances=judged)
-
-
-def ignores_field(method: str) -> bool:
-    """Whether a method makes no use of the magnetic field."""
-    return method in ("inertial", "iez", "iez-rts")

@@ -133,5 +133,5 @@ def test_two_feet_are_saved_and_drawn(walk: Recording) -> None:
 
 
 def test_own_factors_are_for_methods_with_a_graph(walk: Recording) -> None:
-    with pytest.raises(fg_nav.FgNavError, match="iez has no graph to add to"):
+    with pytest.raises(fg_nav.FgNavError, match="iez makes no use of extra factors"):
         fg_nav.navigate(walk, "iez", extra=lambda _: None)

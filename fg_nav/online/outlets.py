@@ -36,7 +36,7 @@ from fg_nav.frames import compute_heading
 from fg_nav.online.estimates import DIGITS
 from fg_nav.online.pocket import Navigator
 from fg_nav.solution import Return
-from fg_nav.view.loop import format_address, is_loopback, open_port
+from fg_nav.view.line_server import format_address, is_loopback, open_port
 from fg_nav.view.process import ListenerProcess
 
 HOST = "127.0.0.1"  # that serves lines

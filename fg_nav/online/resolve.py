@@ -67,16 +67,13 @@ from fg_nav.online.buffer import (
 )
 from fg_nav.online.estimates import list_estimates
 from fg_nav.online.field import BiasLedger, CompassVerdict, OnlineField
-from fg_nav.online.strides import RestLedger, StanceNodes, list_stances, list_variables, result_keys, select_fixes
+from fg_nav.online.strides import RestLedger, StanceNodes, list_stances, list_variables, result_keys
 from fg_nav.online.window import Window
 from fg_nav.recording import Recording
-from fg_nav.smoother.batch import solve_walk, widen_bias_prior
-from fg_nav.smoother.constraints import add_constraints, add_fixes
+from fg_nav.smoother.batch import InProgress, WalkInput, fit_walk
 from fg_nav.smoother.feet import SolvedFeet, list_footfalls, solve_feet
 from fg_nav.smoother.field import FieldSolution, FieldVerdict
-from fg_nav.smoother.gauss_newton import FIRST_CONVERGENCE
-from fg_nav.smoother.graph import WalkProblem, count_factors, order_variables, solve
-from fg_nav.smoother.problem import walk_problem
+from fg_nav.smoother.graph import WalkProblem, count_factors, order_variables
 from fg_nav.smoother.solver import UNSOLVED, Solved, linearize, list_attitudes, list_positions
 from fg_nav.solution import Return
 from fg_nav.stances import Stances
@@ -354,15 +351,10 @@ def solve_so_far(
     measured = measure_online_field(recording, stances, options, standings)
     recording, field = measured.recording, measured.field
     field = field if field is None or continues is None else field.leave_out(continues)
-    # First solution, from inertial measurements, stances and fixes.
-    problem = walk_problem(recording, stances, options.heading_rad, options.parameters, in_progress=not has_ended)
-    fixes = select_fixes(options.fixes, problem.recording.t[problem.nodes.sample])
-    if fixes:
-        problem = add_fixes(problem, problem.values, fixes)
-        problem = replace(problem, values=solve(problem, FIRST_CONVERGENCE).values)
-    problem = add_constraints(problem, problem.values, continues)
-    # The whole, with the field.
-    found = widen_bias_prior(solve_walk(problem, field, measured.unseen))
+    # The walk, by the recipe of the batch.
+    so_far = InProgress(continues, measured.unseen, has_ended)
+    given = WalkInput(recording, stances, options.heading_rad, field, options.parameters, fixes=options.fixes)
+    found = fit_walk(replace(given, in_progress=so_far)).walk
     solved_field = None if found.field is None or field is None else (found.field, field)
     online_field = None if solved_field is None else OnlineField(*solved_field)
     verdict = replace(found.verdict, notes=(*measured.notes, *found.verdict.notes))

@@ -27,7 +27,6 @@ from fg_nav.evaluation.metrics import pose_covariance
 from fg_nav.frames import compute_heading, wrap_angle
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.stances import Stances
-from fg_nav.system.spilled import BLOCK_ROWS, drop_pages
 from fg_nav.truth import TrajectoryTruth, Truth
 
 if TYPE_CHECKING:
@@ -220,12 +219,7 @@ def trace_headings(view: AlignedSolution) -> Headings:
     """Return the headings of a solution that is aligned with its truth, if there is one."""
     stances, t, nav_R_body = view.solution.stances, view.solution.t, view.solution.nav_R_body
     # heading and steepness of the body's x axis at every sample
-    heading, steep = np.empty(len(nav_R_body)), np.empty(len(nav_R_body), dtype=np.bool_)
-    for start in range(0, len(nav_R_body), BLOCK_ROWS):
-        part = np.s_[start : start + BLOCK_ROWS]
-        heading[part] = compute_heading(view.align_attitude(nav_R_body[part]))
-        steep[part] = np.abs(nav_R_body[part, 2, 0]) > STEEP
-        drop_pages()
+    heading, steep = compute_heading(view.align_attitude(nav_R_body)), np.abs(nav_R_body[:, 2, 0]) > STEEP
     at_stances = np.unwrap(compute_heading(view.align_attitude(stances.nav_R_body)))
     middle = np.interp(t, stances.t, at_stances) if len(stances) else heading
     # where the heading at the start is a gauge, claim and error both count from the first stance

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import pandas as pd
 
-from fg_nav.estimators import ESTIMATORS, find_given_parameters
+from fg_nav.estimators import get_method
 from fg_nav.evaluation.metrics import Metrics, evaluate, measure_gap
 from fg_nav.io import write_tum
 from fg_nav.magnetic.quasi_static import NO_GATE, QUASI_STATIC, UNKNOWN, find_gate
@@ -267,8 +267,7 @@ def describe_run(walk: Walk, solution: Solution) -> dict[str, object]:
 
 def describe_given(walk: Walk, method: str) -> dict[str, object]:
     """Return the request, before anything was estimated from the walk, as `--config` reads it."""
-    options = walk.options
-    has_parameters = options.mount != "pocket" and method in ESTIMATORS  # and not somebody's own
+    options, found = walk.options, get_method(method, walk.options.mount or "foot")  # None of somebody's own
     return {
         "method": method,
         "mount": options.mount or "foot",
@@ -288,7 +287,7 @@ def describe_given(walk: Walk, method: str) -> dict[str, object]:
         "gnss": _text(options.gnss_path),
         "truth": _text(options.truth_path),
         "detector": {} if walk.detection is None else asdict(walk.detection),
-        "parameters": find_given_parameters(method, options, walk.calibration) if has_parameters else {},
+        "parameters": found.parameters(options, walk.calibration) if found and found.parameters else {},
     }
 
 

@@ -38,7 +38,7 @@ from fg_nav.factors.same_place import BesideEachOther, WithinReach, weigh_place
 from fg_nav.feet.person import FeetSolution, PersonPath, trace_person
 from fg_nav.feet.steps import MAX_S, MIN_TURNS, Footfalls, average_cells, measure_turns
 from fg_nav.samples.gaps import find_holes, list_unrecorded
-from fg_nav.smoother.batch import WalkInput, compile_smoother, fit_walk, prepare_solution
+from fg_nav.smoother.batch import WalkInput, compile_smoother, fit_walk, to_solution
 from fg_nav.smoother.gauss_newton import Minimum, find_minimum
 from fg_nav.smoother.graph import StartPrior, WalkProblem, turn_walk
 from fg_nav.smoother.places import find_footfalls
@@ -118,8 +118,7 @@ class FootfallTies:
         stacks = [Stack(np.array([[WIDTH]]), prior)]
         if len(self):
             e, H = self.evaluate(values, True)
-            of_right, of_left = mark_right(list_pose_keys(self.right_node)), list_pose_keys(self.left_node)
-            keys = np.stack([of_right, of_left, np.full(len(self), WIDTH)], axis=1)
+            keys = np.column_stack([_pair_keys(self.right_node, self.left_node), np.full(len(self), WIDTH)])
             stacks.append(Stack(keys, np.concatenate([*H, -e[..., None]], axis=2)))
         return stacks
 
@@ -150,17 +149,17 @@ class ReachFactors:
         if not len(self):
             return []
         e, H = self.evaluate(values, True)
-        keys = np.stack([mark_right(list_pose_keys(self.right)), list_pose_keys(self.left)], axis=1)
-        return [Stack(keys, np.concatenate([*H, -e[..., None]], axis=2))]
+        return [Stack(_pair_keys(self.right, self.left), np.concatenate([*H, -e[..., None]], axis=2))]
 
     def error(self, values: FeetValues) -> float:
         """Return half the sum of squared whitened residuals."""
         return 0.5 * float((self.evaluate(values, False)[0] ** 2).sum()) if len(self) else 0.0
 
 
-def list_pose_keys(nodes: Ints) -> Keys:
-    """List the keys (n,) of poses at nodes (n,)."""
-    return np.array([X(int(j)) for j in nodes], dtype=np.uint64)
+def _pair_keys(right: Ints, left: Ints) -> Keys:
+    """Keys (n, 2) of poses of the right foot at nodes `right` (n,), and of the left one at nodes `left` (n,)."""
+    keys = np.array([[X(int(j)), X(int(k))] for j, k in zip(right, left, strict=True)], dtype=np.uint64)
+    return keys.reshape(-1, 2) + np.array([RIGHT, 0], dtype=np.uint64)
 
 
 def list_footfalls(problem: WalkProblem, values: gtsam.Values) -> Footfalls:
@@ -482,11 +481,10 @@ def smooth_feet(right: WalkInput, left: WalkInput, progress: Callable[[float], N
     shared = np.hstack([one.shared_sqrt_covariance() for one in fitted])
     joints = [FootfallCovariance.of(one.walk.solved, one.walk.problem.nodes, shared) for one in fitted]
     covariances, apart_cov = _take_covariances(solved, shared)
-    finishes = [
-        prepare_solution(one.walk, joint, of_table, foot.stances, began)
+    of_right, of_left = (
+        to_solution(one.walk, joint, of_table, foot.stances, began)
         for one, joint, of_table, foot in zip(fitted, joints, covariances, (right, left), strict=True)
-    ]
-    of_right, of_left = (finish() for finish in finishes)
+    )
     solution = FeetSolution(
         of_right,
         of_left,
@@ -504,18 +502,13 @@ def smooth_feet(right: WalkInput, left: WalkInput, progress: Callable[[float], N
 def trace_solved_person(solved: SolvedFeet, right: Solution, left: Solution) -> PersonPath:
     """Trace the person between two feet that were solved together."""
     ties, root = solved.problem.ties, solved.minimum.root
-    joint = root.joint_covariances(_list_tied_keys(ties))
+    joint = root.joint_covariances(_pair_keys(ties.right_node, ties.left_node))
     return trace_person(right, left, _list_tie_times(solved), _subtract_left(solved, joint))
 
 
 def _list_tie_times(solved: SolvedFeet) -> Floats:
     one = solved.problem.left
     return np.asarray(one.recording.t[one.nodes.sample[solved.problem.ties.left_node]])
-
-
-def _list_tied_keys(ties: FootfallTies) -> Keys:
-    """Keys (C, 2) of the right and of the left pose of each tie."""
-    return np.stack([mark_right(list_pose_keys(ties.right_node)), list_pose_keys(ties.left_node)], axis=1)
 
 
 def _take_covariances(solved: SolvedFeet, shared: Floats) -> tuple[tuple[Floats, Floats], Floats]:

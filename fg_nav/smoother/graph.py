@@ -54,7 +54,6 @@ from fg_nav.smoother.strides import (
 )
 from fg_nav.stances import Stances
 from fg_nav.system.compiled import njit
-from fg_nav.system.spilled import drop_pages
 
 if TYPE_CHECKING:
     from fg_nav.smoother.barometer import BarometerFactors
@@ -203,11 +202,6 @@ class WalkProblem:
 
 def solve(problem: WalkProblem, convergence: float = CONVERGENCE) -> Solved:
     """Minimize the error of a walk, to this difference of promised and true error per variable."""
-    return replace(solve_and_keep(problem, convergence), stacks=())
-
-
-def solve_and_keep(problem: WalkProblem, convergence: float) -> Solved:
-    """Minimize as `solve` does, and keep the factors of the last linearization, which are larger than all else."""
     return minimize(problem.graph, problem.blocks, problem.values, order_variables(problem), convergence)
 
 
@@ -241,7 +235,6 @@ def build_problem(
     add_start(graph, known.gyro_bias_mean, known.gyro_bias_sigma, p)
     for stride in strides_of(recording, nodes, measurements, velocities, known.rests):
         add_stride(graph, stride, p)
-    drop_pages()
     return WalkProblem(
         recording,
         nodes,

@@ -52,7 +52,7 @@ from fg_nav.factors.residual import LETTER_SHIFT, Stack
 from fg_nav.smoother.gauss_newton import LinearWalk
 from fg_nav.smoother.graph import WalkProblem
 from fg_nav.smoother.sensitivity import average
-from fg_nav.smoother.solver import Solved, list_in_time
+from fg_nav.smoother.solver import Solved
 from fg_nav.smoother.strides import ACC_BIAS_SIGMA, MIN_WALK_DEG_S
 
 WALK_LEVELS_DEG_S = (6e-4, 2e-3, 6e-3, 2e-2)  # 0.04 to 1.2 deg/s an hour; less also holds scale errors, uneven field.
@@ -76,7 +76,7 @@ def average_bias_walk(problem: WalkProblem, stacks: Sequence[Stack]) -> WalkProb
     nodes = problem.nodes
     begins = np.flatnonzero(np.diff(nodes.bias[nodes.footfall])) + 1
     at_change = np.array([key(int(j)) for j in begins for key in (X, V)], dtype=np.uint64)
-    keys = list_in_time(nodes, with_air=problem.barometer is not None)
+    keys = problem.time_order
     between = np.isin(keys >> np.uint64(LETTER_SHIFT), list(map(ord, "xvp"))) & ~np.isin(keys, at_change)
     others = compress(stacks, np.logical_not(is_change))
     linear = LinearWalk.of(others, np.concatenate([keys[between], keys[~between]]))

@@ -64,7 +64,6 @@ from fg_nav.sample_noise import find_extra_sigmas
 from fg_nav.samples.gaps import cross_holes, find_holes
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.system.compiled import njit
-from fg_nav.system.spilled import drop_pages
 
 POSITION_DENSITY = 1e-3  # White error of velocity, m/s/sqrt(Hz): rounding; keeps short intervals well conditioned.
 MAX_TURN_RAD = 0.3  # Of the body in a block of samples, along its way.
@@ -99,9 +98,7 @@ def preintegrate(
     is_uncertain = np.diff(np.append(0, np.cumsum(acc_extra.any(axis=1) | gyr_extra.any(axis=1)))[sample]) > 0
     # Walks that were not seen, and the samples compounded.
     unseen, vector = find_unseen_walks(recording, sample, p.magnetic.compass), bias.vector()
-    drop_pages()
     few = compound_samples(force, rate, h, sample, vector[:3], vector[3:])
-    drop_pages()
     held, begins = few.h.tolist(), few.first.tolist()
     params = gtsam.PreintegrationParams.MakeSharedU(p.gravity)
     params.setIntegrationCovariance(np.eye(3) * POSITION_DENSITY**2)

@@ -66,7 +66,6 @@ from fg_nav.smoother.sensitivity import SharedColumns, SharingFactors, average, 
 from fg_nav.smoother.solver import Solved, list_attitudes, list_biases, list_positions, residuals_at_minimum
 from fg_nav.smoother.strides import INERTIAL_KEYS
 from fg_nav.system.compiled import njit
-from fg_nav.system.spilled import drop_pages
 
 FORWARD_SIGMA, SIDEWAYS_SIGMA = 0.02, 0.01  # Shares of the walking speed: scatter between shoes, mountings and gaits.
 MAX_STRIDE_S = 1.5  # What is longer was standing.
@@ -165,10 +164,14 @@ class WalkScale:
         return np.asarray((moved[:, :3] + moved[:, 3:]) @ np.linalg.cholesky(self.found.second_moment))
 
 
+def weigh_gyro_scale(problem: WalkProblem, solved: Solved) -> tuple[SharedColumns, Floats, Floats]:
+    """Return the columns of the scale errors, three of each half of the walk, their information (6, 6) and vector."""
+    return shared_information(solved.root, _list_inertial(problem, solved.linearized_at), 6)
+
+
 def estimate_gyro_scale(problem: WalkProblem, solved: Solved) -> WalkScale:
     """Return the model-averaged scale errors of the gyroscope, and their sensitivity columns, at a solution."""
-    # Marginalize the walk: information on three scale errors in each half, 6 in all.
-    columns, information, pull = shared_information(solved.root, _list_inertial(problem, solved.linearized_at), 6)
+    columns, information, pull = weigh_gyro_scale(problem, solved)
     found = average_models(information, pull)
     if not found.matters:
         return WalkScale(found, columns)
@@ -246,7 +249,6 @@ def _share_rate_errors(problem: WalkProblem, values: gtsam.Values, *errors: Floa
     recording, nodes, graph = problem.recording, problem.nodes, problem.graph
     given = recording.t, *recording.integrable, nodes.sample, _list_rate_biases(problem, values)
     moved = np.concatenate([sense_rate_error(*given, error) for error in errors], axis=2)
-    drop_pages()
     moved[:, 6:] = list_attitudes(range(1, len(nodes)), values) @ moved[:, 6:]
     moved = moved[~cross_holes(recording.t, nodes.sample)]
     inertial = (graph.at(i) for i in range(graph.size()))

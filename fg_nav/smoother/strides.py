@@ -38,7 +38,6 @@ from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.preintegration import Measurement
 from fg_nav.stances import Stances
 from fg_nav.system.compiled import njit
-from fg_nav.system.spilled import measure_rows
 
 LONG_STANCE_S = 0.5  # Beyond this length of a stance, nodes stand `REST_SPACING_S` apart.
 REST_SPACING_S = 0.5
@@ -174,7 +173,7 @@ def measure_velocities(
     # Rate and specific force about the nodes.
     reach = max(1, round(UNREST_REACH_S / recording.period_s))
     rate = _about_nodes(recording.gyr, stances, nodes, reach) - gyro_bias
-    off_gravity = measure_rows(recording.acc)[:, None] - p.gravity
+    off_gravity = np.linalg.norm(recording.acc, axis=1, keepdims=True) - p.gravity
     off_gravity = np.sqrt(_about_nodes(off_gravity**2, stances, nodes, reach)[:, 0])
     # The sole settles once in a footfall, though the stance may be in pieces. Who stands has settled: a long stance, or
     # one that begins where the one before ended, settles no more.

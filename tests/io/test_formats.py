@@ -7,7 +7,7 @@ import pytest
 
 from fg_nav.errors import FormatError
 from fg_nav.frames import GRAVITY_M_S2
-from fg_nav.io import FORMATS, read, read_raw, write_canonical
+from fg_nav.io import read, read_raw, write_canonical
 from fg_nav.truth import TrajectoryTruth
 from tests.io.samples import WRITERS, tilting, write_broad, write_openshoe, write_pyshoe, write_xio
 
@@ -137,7 +137,7 @@ def test_text_in_a_number_is_named_by_line_and_column(kind: str, tmp_path: Path)
     path.write_text("\n".join(lines))
     with pytest.raises(FormatError, match=r"walk\.csv, line 31, column '.+': 'oops' is not a number") as caught:
         read(path)
-    assert lines[0].split(",")[3] in str(caught.value)
+    assert lines[0].split(",")[3].split(":")[-1] in str(caught.value)
 
 
 @pytest.mark.parametrize("kind", ["canonical", "sensorconnect", "estimated", "xio"])
@@ -244,11 +244,6 @@ def test_broad_quaternions_are_w_x_y_z_from_sensor_to_nav(tmp_path: Path) -> Non
     np.testing.assert_allclose(axes, [north, up, east], atol=1e-12)
     left = [[np.cos(0.6), -np.sin(0.6), 0.0], [np.sin(0.6), np.cos(0.6), 0.0], [0.0, 0.0, 1.0]]
     np.testing.assert_allclose(truth.nav_R_body[-1], left, atol=1e-12)
-
-
-def test_formats_are_described() -> None:
-    assert {"canonical", "sensorconnect", "pyshoe", "gdlbio", "openshoe", "xio", "broad", "xsens"} <= set(FORMATS)
-    assert all(known.name == name and known.description for name, known in FORMATS.items())
 
 
 def _write_with_any_suffix(writer: object, path: Path) -> None:

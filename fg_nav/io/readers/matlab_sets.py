@@ -39,7 +39,7 @@ import numpy as np
 from fg_nav.arrays import Bools, Floats
 from fg_nav.errors import FormatError
 from fg_nav.io.content import Content, Variables, load_mat, mat_array, read_content
-from fg_nav.io.text_columns import drop_held
+from fg_nav.io.streams import drop_held
 from fg_nav.io.truth import pack_footprints, pack_true_path
 from fg_nav.recording import Provenance, RawRecording
 from fg_nav.truth import Truth

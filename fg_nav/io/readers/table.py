@@ -21,16 +21,26 @@ from pathlib import Path
 import numpy as np
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.columns.choice import Hints, choose_clock, choose_columns, find_three_by_unit, find_triads, has_word
-from fg_nav.columns.headers import Meaning, find_kinds_in, read_header, split_axis
-from fg_nav.columns.mapping import ACC, GYR, TIME, Channel, ColumnMap, parse_columns
+from fg_nav.columns.headers import Meaning, Quantity, find_factor, find_kinds_in, read_header, split_axis
+from fg_nav.columns.mapping import (
+    ACC,
+    GYR,
+    TIME,
+    Channel,
+    ColumnMap,
+    Hints,
+    choose_clock,
+    choose_columns,
+    find_three_by_unit,
+    find_triads,
+    has_word,
+    parse_columns,
+)
 from fg_nav.columns.samples import convert_samples, list_positions
-from fg_nav.columns.units import Quantity, find_factor
 from fg_nav.errors import FgNavError, FormatError
 from fg_nav.io.content import Content, choose_sensor, read_content
-from fg_nav.io.streams import NAMES, Sensor, Stream, join_streams
+from fg_nav.io.streams import NAMES, Sensor, Stream, drop_held, join_streams
 from fg_nav.io.tables import Table, open_table
-from fg_nav.io.text_columns import drop_held
 from fg_nav.recording import Provenance, RawRecording, Recording
 from fg_nav.samples.plausibility import find_mag_unit, find_time_unit, median_period_s
 

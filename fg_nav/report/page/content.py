@@ -59,7 +59,6 @@ from fg_nav.report.page.series import (
 )
 from fg_nav.samples.gaps import find_unrecorded
 from fg_nav.solution import StanceTable
-from fg_nav.system.spilled import drop_pages
 from fg_nav.text import format_count
 from fg_nav.walk import Options, Outcome, Walk
 
@@ -250,9 +249,7 @@ def _draw_stances(walk: Walk | None) -> Section:
     words = [
         f"{format_count(found.n_footfalls, 'footfall')} in {format_count(len(found), 'stance')} ({found.detector})."
     ]
-    charts = draw_samples(walk.recording, found)
-    drop_pages()
-    return Section("stances", title, words, charts)
+    return Section("stances", title, words, draw_samples(walk.recording, found))
 
 
 # --- two feet --------------------------------------------------------------------------------------------------------

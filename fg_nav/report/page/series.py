@@ -53,7 +53,6 @@ from fg_nav.report.page.figures import (
 )
 from fg_nav.solution import StanceTable
 from fg_nav.stances import Stances
-from fg_nav.system.spilled import measure_rows
 from fg_nav.truth import TrajectoryTruth
 
 _FEW = 400  # Most footfalls that are marked on a line.
@@ -283,8 +282,8 @@ def draw_samples(recording: Recording, stances: Stances) -> list[Chart]:
 def _draw_samples(name: str, recording: Recording, stances: Stances, part: slice, shaded: bool, caption: str) -> Chart:
     t = recording.t[part]
     panels = [
-        Panel("|acc| (m/s²)", [signal(t, measure_rows(recording.acc[part]), BLUE, "|acc|", width=1)]),
-        Panel("|gyr| (rad/s)", [signal(t, measure_rows(recording.gyr[part]), PURPLE, "|gyr|", width=1)]),
+        Panel("|acc| (m/s²)", [signal(t, np.linalg.norm(recording.acc[part], axis=1), BLUE, "|acc|", width=1)]),
+        Panel("|gyr| (rad/s)", [signal(t, np.linalg.norm(recording.gyr[part], axis=1), PURPLE, "|gyr|", width=1)]),
     ]
     if stances.statistic is not None:
         low, high = find_log_limits(stances.statistic)

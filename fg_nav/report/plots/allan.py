@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from fg_nav.calibration.allan import FLOOR, AllanCurve, NoiseFit, RecordingNoise
 from fg_nav.frames import GRAVITY_M_S2
+from fg_nav.lab.allan import FLOOR, AllanCurve, NoiseFit, RecordingNoise
 from fg_nav.report.plots import style
 
 AXES = ("x", "y", "z")

@@ -1,35 +1,63 @@
-"""`fg-nav simulate`: a simulated walk with its truth, into a folder (docs/simulation.md)."""
+"""`fg-nav simulate` and `demo`: a simulated walk with its truth (docs/simulation.md), and the methods on one."""
 
 from __future__ import annotations
 
+import signal
+from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import pandas as pd
+import typer
 
-from fg_nav.commands import Answer, Target, simulate_named
+from fg_nav.commands.run import answer_comparison
+from fg_nav.commands.shared import Answer, Target, run_methods
+from fg_nav.commands.stream import emit_solution, remark
+from fg_nav.errors import SimulationError, StreamError
 from fg_nav.io import write_canonical, write_tum
 from fg_nav.lab.simulation import SCENARIOS, Choices, SimulatedFeet, SimulatedWalk
+from fg_nav.lab.simulation import scenario as find_scenario
 from fg_nav.lab.simulation import simulate as simulate_one
 from fg_nav.lab.simulation import simulate_feet as simulate_both
 from fg_nav.lab.simulation.fields import SITES
+from fg_nav.lab.simulation.scenario_file import SUFFIX, read_scenario
 from fg_nav.lab.simulation.scenarios import FIELDS
 from fg_nav.lab.simulation.sensors import PRESETS
-from fg_nav.report.files import write_json
-from fg_nav.report.folder import FEET_FILES, SIMULATION_FILES
-from fg_nav.report.terminal import console, listing
+from fg_nav.lab.verbs import DemoRequest, SimulateRequest
+from fg_nav.online.follow import StreamOptions, follow_source
+from fg_nav.online.outlets import open_outlets
+from fg_nav.online.sources import Replay
+from fg_nav.pipeline import prepare_walk
+from fg_nav.report.files import write_comparison, write_json
+from fg_nav.report.folder import DEMO_FILES, FEET_FILES, SIMULATION_FILES
+from fg_nav.report.terminal import console, listing, progress
+from fg_nav.system.processes import catch_signals
 from fg_nav.text import find_version, format_count, to_json
 from fg_nav.truth import TrajectoryTruth, Truth
+from fg_nav.verdict import judge_footfalls
+from fg_nav.walk import Walk
+
+Simulated = TypeVar("Simulated")
 
 LANDMARK_COLUMNS = ("landmark", "time_s", "x_m", "y_m", "z_m")
 
 
-def simulate(scenario: str, seed: int, choices: Choices, both_feet: bool, out: Path | None, force: bool) -> Answer:
-    """Simulate a scenario, or both feet of a person, into a folder."""
-    with Target(out, force, Path(scenario).stem, SIMULATION_FILES | FEET_FILES) as target:
-        if both_feet:
+def simulate(request: SimulateRequest) -> Answer:
+    """Simulate a scenario, or both feet of a person, into a folder; or list what there is to choose from."""
+    if request.list_all:
+        return list_scenarios()
+    scenario, seed = request.scenario, request.seed
+    if scenario is None:
+        raise typer.BadParameter("name one, or a file; --list says what there is.", param_hint="SCENARIO")
+    choices = Choices(
+        request.sensor, request.site, request.field, request.worn, request.rate, request.turn, request.calibrated,
+        rests=request.rests, feet=request.feet,
+    )  # fmt: skip
+    with Target(request.out, request.force, Path(scenario).stem, SIMULATION_FILES | FEET_FILES) as target:
+        if request.both_feet:
             feet = simulate_named(simulate_both, scenario, seed, choices)
             walk, content, write = feet.right, describe_simulation(feet.right), partial(write_feet, feet=feet)
             content["step_width_m"] = feet.step_width_m
@@ -171,3 +199,60 @@ def _describe_field(part: object) -> dict[str, Any]:
     if parts is not None:
         return {"kind": type(part).__name__, "parts": [_describe_field(inner) for inner in parts]}
     return {"kind": type(part).__name__, **to_json(part)}
+
+
+def simulate_named(simulate: Callable[..., Simulated], name: str, seed: int, choices: Choices = Choices()) -> Simulated:
+    """Simulate one foot or both of a scenario by its name, or that of a file, with a bar on the terminal."""
+    own = name.endswith(SUFFIX)
+    chosen = read_scenario(Path(name)) if own else find_scenario(name)
+    try:
+        with progress(chosen.name) as report:
+            return simulate(chosen, seed, choices, progress=report)
+    except SimulationError as error:
+        raise SimulationError(f"{Path(name).name}: {error}" if own else str(error)) from None
+
+
+DEMO_SCENARIO = "building-loop"
+DEMO_METHODS = ("smoother", "card", "inertial", "ma2018", "iez")
+
+
+def demo(request: DemoRequest) -> Answer:
+    """Simulate four minutes of walking round a floor, and compare the methods on it, or show it while it is walked."""
+    if request.view:
+        _view_demo(request)
+        return Answer({}, lambda: None)
+    with Target(request.out, request.force, "demo", DEMO_FILES) as target, target.open() as folder:
+        simulated = simulate_named(simulate_one, DEMO_SCENARIO, request.seed)
+        # the recording as it will be read from the folder
+        provenance = replace(simulated.recording.provenance, path=target.place / "recording.csv", format="canonical")
+        walk = prepare_walk(Walk.of(replace(simulated.recording, provenance=provenance)))
+        outcomes = run_methods(walk, DEMO_METHODS)
+        write_simulation(folder, simulated)
+        summaries = write_comparison(folder, walk, outcomes, request.plots)
+    return answer_comparison(target.place / "recording.csv", summaries, target.place)
+
+
+def _view_demo(request: DemoRequest) -> None:
+    """Show the simulated walk while it is walked, and then until Ctrl-C.
+
+    Its samples come as a sensor's would, each when its time has come, through `follow_source`.
+    """
+    speed = request.speed
+    if not 0.0 < speed < float("inf"):
+        raise StreamError(f"--speed {speed:g} is no factor: give one above zero.")
+    with (
+        open_outlets(None, (request.host, request.port), lambda line: None, remark) as outlets,
+        catch_signals(signal.SIGINT, signal.SIGTERM) as stop,
+    ):
+        simulated = simulate_named(simulate_one, DEMO_SCENARIO, request.seed).recording
+        remark(f"a walk of {simulated.t[-1] - simulated.t[0]:.0f} s; Ctrl-C ends it.")
+        source = Replay(simulated, speed, "the simulated walk")
+        navigator = follow_source(
+            source, StreamOptions(background=True), outlets.emit, outlets.remark, stop, outlets.watcher
+        )
+        if not stop.is_set() and outlets.emit_end is not None:
+            solution = navigator.finish()
+            verdicts = [judge_footfalls(solution.stances)]
+            emit_solution(solution, navigator.judge.sensor_time, outlets.emit_end, verdicts)
+            remark("the walk is over, and stays on the page until Ctrl-C.")
+            stop.wait()

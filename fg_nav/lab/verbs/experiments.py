@@ -1,4 +1,4 @@
-"""`fg-nav campaign` on a terminal: its progress and remaining time; at the end, its results."""
+"""`fg-nav lab campaign` and `reproduce` on a terminal: progress and remaining time; at the end, the results."""
 
 from __future__ import annotations
 
@@ -12,13 +12,17 @@ from rich.console import Console
 from rich.progress import BarColumn, TextColumn
 from rich.progress import Progress as Bars
 
-from fg_nav.commands import Answer
+from fg_nav.commands.shared import RESULTS, Answer
 from fg_nav.evaluation.walked import AS_STARTED, BEST_YAW, CLOSURE
 from fg_nav.lab.campaign.command import Request, Summary, run_campaign
 from fg_nav.lab.campaign.dispatch import KILLED, Progress
 from fg_nav.lab.campaign.folder import TABLES
+from fg_nav.lab.reproduce.command import print_rows
+from fg_nav.lab.reproduce.command import reproduce as reproduce_paper
+from fg_nav.lab.reproduce.results import describe_reproduction
 from fg_nav.lab.store.code import code_sum
 from fg_nav.lab.store.results import Result
+from fg_nav.lab.verbs import CampaignRequest, ReproduceRequest
 from fg_nav.report.terminal import can_show_progress, console, remark, ruled_table
 from fg_nav.text import format_count, to_json
 
@@ -26,13 +30,24 @@ MODES = (AS_STARTED, BEST_YAW, CLOSURE)  # Of errors, the first that a walk has 
 MAX_REASONS = 10  # Of failures, that are printed.
 
 
-def campaign(request: Request) -> Answer:
+def campaign(request: CampaignRequest) -> Answer:
     """Make the results of a plan that are not there yet, and return them all."""
+    out = request.out or RESULTS / request.plan.stem
+    asked = Request(request.plan, out, request.scheduler, request.workers, request.renew, request.retry)
     with show_progress() as show:
-        done = run_campaign(request, show, lambda words: remark(f"note: {words}"))
+        done = run_campaign(asked, show, lambda words: remark(f"note: {words}"))
     results = [{**to_json(one.key), "failed": one.failed, "errors": one.errors} for one in done.results]
-    content = {"folder": str(request.out), "stored_before": done.stored, "results": results}
-    return Answer(content, partial(print_campaign, done, request.out))
+    content = {"folder": str(out), "stored_before": done.stored, "results": results}
+    return Answer(content, partial(print_campaign, done, out))
+
+
+def reproduce(request: ReproduceRequest) -> Answer:
+    """Make the experiments of a paper, and return what they came to."""
+    out = request.out or RESULTS / f"reproduce-{request.paper}"
+    found = reproduce_paper(
+        request.paper, out, request.seeds, request.first, request.workers, request.quick, request.force
+    )
+    return Answer({"folder": str(out), **describe_reproduction(found)}, lambda: print_rows(found, out))
 
 
 @contextmanager

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from scipy.signal import fftconvolve
 
-from fg_nav.calibration.allan import (
+from fg_nav.errors import CalibrationError
+from fg_nav.lab.allan import (
     FLOOR,
     choose_averaging_factors,
     compute_allan_curve,
@@ -16,7 +17,6 @@ from fg_nav.calibration.allan import (
     fit_noise,
     measure_recording_noise,
 )
-from fg_nav.errors import CalibrationError
 from fg_nav.lab.simulation import SCENARIOS, simulate
 from fg_nav.lab.simulation.plan import Stand
 from fg_nav.lab.simulation.sensors import ClockPrior, preset

@@ -1,8 +1,8 @@
-"""Network side of a walk: an asyncio loop in its own thread, ports of this machine, and the server of lines.
+"""Ports of this machine, and the server of JSON lines.
 
-Sockets are opened before the loop takes them, so that an occupied port is reported at once. Each client of lines gets
-those made after its connection, written into the buffers of all clients at once. A client whose buffer exceeds
-`MAX_WAITING` does not read, and is disconnected, as is one that sends more than `MAX_RECEIVED`; input is discarded.
+Each client of lines gets those made after its connection, written into the buffers of all clients at once. A client
+whose buffer exceeds `MAX_WAITING` does not read, and is disconnected, as is one that sends more than `MAX_RECEIVED`;
+input is discarded.
 """
 
 from __future__ import annotations
@@ -11,10 +11,7 @@ import asyncio
 import ipaddress
 import resource
 import socket
-import threading
-from collections.abc import Callable, Coroutine
-from functools import cache
-from typing import Any, TypeVar, cast
+from typing import cast
 
 from fg_nav.errors import StreamError
 
@@ -23,27 +20,6 @@ AT_ONCE = 8  # Of these accepted in one pass of the loop: a thousand handshakes 
 SPARE_DESCRIPTORS = 64  # Of the process, left for the walk: its checkpoint, its source, its worker.
 MAX_WAITING = 1 << 18  # Bytes; ten minutes of walking, beside the buffer of the system.
 MAX_RECEIVED = 1 << 16  # Bytes from a client, which has nothing to send.
-
-Result = TypeVar("Result")
-
-
-@cache
-def start_loop() -> asyncio.AbstractEventLoop:
-    """Return the loop, which runs in its own thread until the process ends; one serves all ports."""
-    loop = asyncio.new_event_loop()
-    loop.set_exception_handler(lambda loop, context: None)  # a client's fault does not concern the walk
-    threading.Thread(target=loop.run_forever, name="listeners", daemon=True).start()
-    return loop
-
-
-def run_there(work: Coroutine[Any, Any, Result]) -> Result:
-    """Run a coroutine in the loop, and wait for its result."""
-    return asyncio.run_coroutine_threadsafe(work, start_loop()).result()
-
-
-def call_there(call: Callable[..., object], *arguments: object) -> None:
-    """Schedule a call in the loop, without waiting."""
-    start_loop().call_soon_threadsafe(call, *arguments)
 
 
 def open_port(host: str, port: int, option: str) -> socket.socket:
@@ -80,29 +56,32 @@ def is_last_descriptor(descriptor: int) -> bool:
 
 
 class LineServer:
-    """Serves lines to the clients of a listening socket."""
+    """Serves lines to the clients of a listening socket, from an asyncio loop."""
 
-    def __init__(self, door: socket.socket) -> None:
-        self.port = int(door.getsockname()[1])
+    def __init__(self) -> None:
         self._clients: set[asyncio.Transport] = set()
-        self._server = run_there(start_loop().create_server(lambda: _Client(self._clients), sock=door, backlog=AT_ONCE))
-        door.listen(BACKLOG)  # again: asyncio has one number for both
 
     @property
     def listeners(self) -> int:
         """Number of connected clients."""
         return len(self._clients)
 
+    async def open(self, door: socket.socket) -> None:
+        """Serve on a socket."""
+        loop = asyncio.get_running_loop()
+        self._server = await loop.create_server(lambda: _Client(self._clients), sock=door, backlog=AT_ONCE)
+        door.listen(BACKLOG)  # again: asyncio has one number for both
+
     def send(self, line: str) -> None:
         """Send a line to all clients, without waiting."""
-        call_there(self._write, (line + "\n").encode())
+        data = (line + "\n").encode()
+        for client in list(self._clients):
+            client.write(data)
+            if client.get_write_buffer_size() > MAX_WAITING:
+                client.abort()
 
-    def close(self) -> None:
-        """Disconnect all, each after the lines that it takes at once."""
-        run_there(self.end())
-
-    async def end(self) -> None:
-        """Free the port at once, and disconnect all."""
+    async def close(self) -> None:
+        """Free the port at once, and disconnect all, each after the lines that it takes at once."""
         self._server.close()
         for client in self._clients:
             client.close()
@@ -110,12 +89,6 @@ class LineServer:
             if not self._clients:
                 break
             await asyncio.sleep(0.05)
-
-    def _write(self, data: bytes) -> None:
-        for client in list(self._clients):
-            client.write(data)
-            if client.get_write_buffer_size() > MAX_WAITING:
-                client.abort()
 
 
 class _Client(asyncio.Protocol):
