@@ -132,7 +132,7 @@ class Window:
         recording, first = self._walk.cut_onward(stance.samples[-1], until)
         pose, bias = self._backend.pose(X(stance.stop - 1)), self._backend.bias(B(stance.bias))
         motion = pose.translation(), self._backend.vector(V(stance.stop - 1)), pose.rotation().matrix()
-        node = [np.array([part]) for part in (first, *motion, bias.gyroscope(), bias.accelerometer())]
+        node = PathNodes._make(np.array([part]) for part in (first, *motion, bias.gyroscope(), bias.accelerometer()))
         path = dense_trajectory(recording, *node, self._p.gravity)
         return StrapdownPath(recording.t[first:], *(part[first:] for part in path))
 
