@@ -325,34 +325,18 @@ def measure_field(walk: Walk) -> Walk:
     if walk.recording.mag is None and walk.magnetometer is not None and walk.magnetometer.notes:
         return replace(walk, unjudged=walk.magnetometer.notes[0])
     choose_gate(options.gate)
+    from fg_nav.calibration.walk import measure_walk_field
+
+    sensed = walk.recording if walk.sensed is None else walk.sensed
+    given = None if walk.calibration is None else walk.calibration.magnetometer
+    measured = measure_walk_field(sensed, walk.stances, options.heading_rad, given)
+    if measured.field is None:
+        return replace(walk, unjudged=measured.unseen)
+    walk = replace(walk, recording=measured.recording, iron=measured.notes, sensed=sensed)
     try:
-        sensed = walk.recording if walk.sensed is None else walk.sensed
-        recording, field, notes = measure_walk_field(sensed, walk.stances, options.heading_rad, walk.calibration)
-        walk = replace(walk, recording=recording, iron=notes, sensed=sensed)
-        return replace(walk, field=field, verdicts=apply_gate(field, options.gate), unjudged="")
+        return replace(walk, field=measured.field, verdicts=apply_gate(measured.field, options.gate), unjudged="")
     except MagneticError as error:
         return replace(walk, unjudged=str(error))
-
-
-def measure_walk_field(
-    recording: Recording, stances: Stances, heading: float | None, given: Calibration | None = None
-) -> tuple[Recording, FootfallField, tuple[str, ...]]:
-    """Measure the field at the footfalls, the magnetometer corrected by the walk itself where no calibration was given.
-
-    Returns the corrected recording, the field at its footfalls, and notes on the correction.
-
-    Raises
-    ------
-    MagneticError
-        Without a magnetometer that measures a field.
-    """
-    from fg_nav.calibration.walk import average_corrected_field, find_own_iron
-
-    calibration, notes = None if given is None else given.magnetometer, tuple[str, ...]()
-    if calibration is None:
-        calibration, note = find_own_iron(recording, stances)
-        recording, notes = recording if calibration is None else calibration.apply_to(recording), (note,)
-    return recording, average_corrected_field(recording, stances, heading or 0.0, calibration), notes
 
 
 def evaluate_solution(walk: Walk, solution: Solution) -> Outcome:

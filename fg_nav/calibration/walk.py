@@ -243,3 +243,36 @@ def average_corrected_field(
     if calibration is None:
         return field
     return replace(field, iron_sigma_uT=np.tile(find_iron_sigma(calibration, field), (len(field), 1)))
+
+
+@dataclass(frozen=True)
+class MeasuredField:
+    """The field of a walk at its footfalls."""
+
+    recording: Recording  # With the magnetometer corrected.
+    field: FootfallField | None = None  # None where it is not used, or not measured.
+    unseen: str = ""  # Why it was not measured, though it was to be used.
+    iron: MagnetometerCalibration | None = None  # By the walk itself; None where it shows none, or one was given.
+    notes: tuple[str, ...] = ()  # How the magnetometer was corrected.
+
+
+def measure_walk_field(
+    recording: Recording,
+    stances: Stances,
+    heading: float | None,
+    given: MagnetometerCalibration | None,
+    standings: Stances | None = None,
+) -> MeasuredField:
+    """Return the field at the footfalls, the magnetometer corrected by the walk itself where no calibration is given.
+
+    `standings` are the stances by which the iron is found, None for the same.
+    """
+    iron, notes = None, tuple[str, ...]()
+    try:
+        if given is None:
+            iron, note = find_own_iron(recording, stances if standings is None else standings)
+            recording, notes = recording if iron is None else iron.apply_to(recording), (note,)
+        field = average_corrected_field(recording, stances, heading or 0.0, iron if given is None else given)
+        return MeasuredField(recording, field, iron=iron, notes=notes)
+    except MagneticError as error:
+        return MeasuredField(recording, unseen=str(error), iron=iron, notes=notes)

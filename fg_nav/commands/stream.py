@@ -25,9 +25,8 @@ from fg_nav.io import read_fixes
 from fg_nav.magnetic.axes import MagAxes
 from fg_nav.online.buffer import OnlineOptions
 from fg_nav.online.estimates import POLISHED, SMOOTHED, SensorTime, format_table
-from fg_nav.online.follow import ENDING, StreamedWalk, StreamOptions, follow_source
+from fg_nav.online.follow import ENDING, Outlets, Say, StreamedWalk, StreamOptions, follow_source, open_outlets
 from fg_nav.online.navigator import finish_walk
-from fg_nav.online.outlets import Outlets, Say, open_outlets
 from fg_nav.online.pocket import PocketOptions, compute_stride_headings
 from fg_nav.online.record import open_recorded
 from fg_nav.online.record_check import doubt_resumed

@@ -3,8 +3,8 @@
 The way of the data, called by `follow` until the stream ends: `sources` with `rows` (samples as they come),
 `source_check`, `unit_monitor` and `sample_filter` (which of them can be used) with `overlap` (which of a resumed stream
 are new), `buffer` (the samples so far), `fg_nav.detection.causal` (footfalls), `navigator`, which adds them to
-`smoother` (the newest `window`, in `isam2`; all of it solved again in the `background`, `solving`), `estimates` (lines
-of JSON), `outlets`, `checkpoint` (save and resume). For a thigh `pocket` is the navigator.
+`smoother` (the newest `window`, in `isam2`; all of it solved again in the `background`, by `resolve`), `estimates`
+(lines of JSON), `checkpoint` (save and resume). For a thigh `pocket` is the navigator.
 """
 
 from fg_nav.online.checkpoint import load, save

@@ -3,7 +3,7 @@
     two sources -> rows in the order of their stamps (`FeetMerge`) -> the walk of each foot, as of one (`follow`)
                 -> its lines, with foot and frame; and those of both (`feet`)
 
-A watcher gets the keys of one foot (`outlets`): `position_m` and `heading_deg` are null, as the newest step's line has
+A watcher gets the keys of one foot (`follow`): `position_m` and `heading_deg` are null, as the newest step's line has
 them; `standing` is whether both feet stand, `floor` and `returns` are the left foot's, rate and losses those of both.
 """
 
@@ -27,10 +27,12 @@ from fg_nav.online.estimates import DIGITS, FeetLine, Revision, StanceEstimate, 
 from fg_nav.online.feet import FeetNavigator
 from fg_nav.online.follow import (
     FollowedWalk,
+    Outlets,
+    StatusReporter,
     StreamedWalk,
     StreamOptions,
+    list_ends,
 )
-from fg_nav.online.outlets import Outlets, StatusReporter, list_ends
 from fg_nav.online.source_check import Silence
 from fg_nav.online.sources import SampleSource
 

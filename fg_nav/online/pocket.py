@@ -106,9 +106,6 @@ class PocketNavigator(SampleIntake):
         self._n_steps: list[int] = []  # until each line
         self._directions = np.empty((0, 2))  # of the steps, in the map of the last line
 
-    def _prepare(self) -> None:
-        """Nothing: no solution is waited for."""
-
     def _add_rows(self, rows: Floats) -> list[StanceEstimate | Revision]:
         self.buffer.append(rows)
         return self._add_blocks(at_end=False)

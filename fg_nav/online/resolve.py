@@ -38,11 +38,11 @@ import numpy as np
 
 from fg_nav.arrays import Bools
 from fg_nav.calibration.magnetometer import MagnetometerCalibration
-from fg_nav.calibration.walk import average_corrected_field, find_own_iron
+from fg_nav.calibration.walk import MeasuredField, measure_walk_field
 from fg_nav.detection import detect_stances
 from fg_nav.detection.causal import Footfall
 from fg_nav.detection.stance import StanceParameters
-from fg_nav.errors import DetectionError, EstimationError, MagneticError
+from fg_nav.errors import DetectionError, EstimationError
 from fg_nav.feet import SIDES, Side
 from fg_nav.feet.steps import MIN_TURNS, measure_turns
 from fg_nav.frames import compute_heading
@@ -348,7 +348,7 @@ def solve_so_far(
     standings = stances
     if continues is not None:
         standings = replace(stances, footfall=(np.cumsum(~continues) - 1)[stances.footfall])
-    measured = measure_walk_field(recording, stances, options, standings)
+    measured = measure_online_field(recording, stances, options, standings)
     recording, field = measured.recording, measured.field
     field = field if field is None or continues is None else field.leave_out(continues)
     # The walk, by the recipe of the batch.
@@ -361,33 +361,13 @@ def solve_so_far(
     return WalkSolution(found.problem, found.solved, online_field, verdict, found.returns, measured.iron, solved_field)
 
 
-@dataclass(frozen=True)
-class MeasuredField:
-    """The field of a walk, as it is measured."""
-
-    recording: Recording  # With the magnetometer corrected.
-    field: FootfallField | None = None  # None where it is not used, or not measured.
-    unseen: str = ""  # Why it was not measured, though it was to be used.
-    iron: MagnetometerCalibration | None = None  # As in `WalkSolution`.
-    notes: tuple[str, ...] = ()  # How the magnetometer was corrected.
-
-
-def measure_walk_field(
+def measure_online_field(
     recording: Recording, stances: Stances, options: OnlineOptions, standings: Stances | None = None
 ) -> MeasuredField:
-    """Return the field at the footfalls as in batch; `standings` are the stances for the iron, None for the same."""
+    """Return the field at the footfalls as in batch, none where it is not used; `standings` as there."""
     if not options.use_field or recording.mag is None:
         return MeasuredField(recording)
-    iron, notes = None, tuple[str, ...]()
-    try:
-        if options.calibration is None:
-            iron, note = find_own_iron(recording, stances if standings is None else standings)
-            recording, notes = recording if iron is None else iron.apply_to(recording), (note,)
-        calibration = iron if options.calibration is None else options.calibration
-        field = average_corrected_field(recording, stances, options.heading_rad or 0.0, calibration)
-        return MeasuredField(recording, field, iron=iron, notes=notes)
-    except MagneticError as error:
-        return MeasuredField(recording, unseen=str(error), iron=iron, notes=notes)
+    return measure_walk_field(recording, stances, options.heading_rad, options.calibration, standings)
 
 
 # --- two feet --------------------------------------------------------------------------------------------------------

@@ -7,7 +7,7 @@ history   `path`, rows t, east, north, up, as it is now; `last`, the newest line
           `feet`, path and newest line of each by side, beside the person's. Sent again in place of `revised`, and
           after `turned` and `retracted`: the page does no arithmetic
 now, turned, retracted    the lines, as `fg-nav stream` prints them
-status    some five times a second while a page is open: the state between footfalls (`fg_nav.online.outlets`)
+status    some five times a second while a page is open: the state between footfalls (`fg_nav.online.follow`)
 remark    `words`: an irregularity, in a sentence
 ========= =======================================================================================================
 

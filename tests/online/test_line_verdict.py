@@ -13,8 +13,7 @@ from fg_nav.online import OnlineNavigator
 from fg_nav.online.buffer import SampleBuffer, rows_of
 from fg_nav.online.checkpoint import Checkpoint
 from fg_nav.online.estimates import Revision, StanceEstimate, format_estimate
-from fg_nav.online.follow import StreamOptions, follow_source
-from fg_nav.online.line_verdict import LineVerdict
+from fg_nav.online.follow import LineVerdict, StreamOptions, follow_source
 from fg_nav.online.source_check import AxesCheck, LossCounter
 from fg_nav.online.sources import Replay
 from fg_nav.verdict.limits import judge_position

@@ -27,8 +27,7 @@ from fg_nav.lab.simulation.scenario_file import SUFFIX, read_scenario
 from fg_nav.lab.simulation.scenarios import FIELDS
 from fg_nav.lab.simulation.sensors import PRESETS
 from fg_nav.lab.verbs import DemoRequest, SimulateRequest
-from fg_nav.online.follow import StreamOptions, follow_source
-from fg_nav.online.outlets import open_outlets
+from fg_nav.online.follow import StreamOptions, follow_source, open_outlets
 from fg_nav.online.sources import Replay
 from fg_nav.pipeline import prepare_walk
 from fg_nav.report.files import write_comparison, write_json
