@@ -220,8 +220,6 @@ def _eliminate_between(problem: WalkProblem, values: gtsam.Values) -> LinearWalk
 
 def _minus_log_evidence(rest: LinearWalk, field: FieldFactors, values: gtsam.Values) -> float:
     """Of a field, up to a constant."""
-    left = rest.join(stack for block in field.blocks for stack in block.stack(values)).eliminate_all()
-    noise = (
-        np.log(field.integral_sigma).sum() + np.log(field.change_sigma[:, PHI]).sum() + np.log(field.prior.sigma[PHI])
-    )
-    return float(left.error + left.volume + noise)
+    sigmas = (field.integral_sigma, field.change_sigma[:, PHI], field.prior.sigma[PHI])
+    walk = rest.join(stack for block in field.blocks for stack in block.stack(values))
+    return walk.minus_log_evidence(float(sum(np.log(one).sum() for one in sigmas)))
