@@ -306,8 +306,7 @@ class FeetProblem:
     @property
     def system(self) -> FeetSystem:
         """What is minimized."""
-        right, left = (WalkSystem(one.graph, one.blocks) for one in (self.right, self.left))
-        return FeetSystem(right, left, (self.ties.pairs, self.reach))
+        return FeetSystem(self.right.system, self.left.system, (self.ties.pairs, self.reach))
 
 
 @dataclass(frozen=True)

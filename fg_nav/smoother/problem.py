@@ -66,13 +66,13 @@ from fg_nav.factors.zero_velocity import StanceVelocity
 from fg_nav.recording import Recording
 from fg_nav.samples.saturation import OFF_SHARE
 from fg_nav.smoother.barometer import add_barometer
-from fg_nav.smoother.gauss_newton import FIRST_CONVERGENCE, LinearWalk
+from fg_nav.smoother.gauss_newton import FIRST_CONVERGENCE, LinearWalk, find_minimum
 from fg_nav.smoother.graph import Known, WalkProblem, build_problem, solve
 from fg_nav.smoother.gyro_bias import average_bias_walk
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.preintegration import preintegrate
 from fg_nav.smoother.sensitivity import average
-from fg_nav.smoother.solver import Solved, minimize, residuals_at_minimum
+from fg_nav.smoother.solver import Solved, residuals_at_minimum
 from fg_nav.smoother.square_root import Groups, SquareRoot
 from fg_nav.smoother.strides import INERTIAL_KEYS, Nodes
 from fg_nav.stances import Stances
@@ -278,11 +278,11 @@ class _Piece:
 
     def measure_evidence(self, levels: Sequence[float]) -> list[float]:
         """Return -log evidence of each swing noise level, up to a constant, linearized at the minimum of the first."""
-        graph, blocks, keys = self._problem.graph, self._problem.blocks, self._problem.time_order
+        graph, keys = self._problem.graph, self._problem.time_order
         noise = map(gtsam.noiseModel.Gaussian.Covariance, self.covariances(levels[0]))
         for (i, factor), one in zip(self._inertial, noise, strict=True):
             graph.replace(i, factor.cloneWithNewNoiseModel(one))
-        solved = minimize(graph, blocks, self._problem.values, keys)
+        solved = find_minimum(self._problem.system, self._problem.values, keys)
         self._problem = replace(self._problem, values=solved.linearized_at)
         # Undo the whitening of the inertial factors once; each level whitens them anew.
         inertial = next(one for one in solved.stacks if one.keys.shape[1] == INERTIAL_KEYS)

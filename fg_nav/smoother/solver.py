@@ -27,12 +27,9 @@ from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import EstimationError, FgNavError
 from fg_nav.factors.residual import LETTER_SHIFT, POSE, Keys, Stack, read_variables
 from fg_nav.smoother.gauss_newton import (
-    CONVERGENCE,
     DIMENSION,
-    MAX_STEPS,
     NO_SOLUTION,
     Minimum,
-    find_minimum,
     stack_factors,
 )
 from fg_nav.smoother.square_root import SquareRoot
@@ -162,35 +159,20 @@ class WalkSystem:
         """Robust-loss excess; zero for quadratic factors."""
         return sum(block.excess(values) for block in self.blocks if isinstance(block, GtsamFactors))
 
+    def linearize(self, values: gtsam.Values) -> gtsam.GaussianFactorGraph:
+        """Linearize all factors, one by one."""
+        linear = self.graph.linearize(values)
+        for block in self.blocks:
+            for factor in block.linearize(values):
+                linear.push_back(factor)
+        return linear
+
     def move(self, values: gtsam.Values, step: Mapping[int, Floats]) -> gtsam.Values:
         """Retract each variable."""
         vectors = gtsam.VectorValues()
         for key, x in step.items():
             vectors.insert(key, x)
         return values.retract(vectors)
-
-
-def minimize(
-    graph: gtsam.NonlinearFactorGraph,
-    blocks: Sequence[LinearizableBlock],
-    values: gtsam.Values,
-    keys: Keys,
-    convergence: float = CONVERGENCE,
-    largest_steps: int = MAX_STEPS,
-) -> Solved:
-    """Minimize the error of the graph and its blocks, as `find_minimum`."""
-    return find_minimum(WalkSystem(graph, blocks), values, keys, convergence, largest_steps)
-
-
-def linearize(
-    graph: gtsam.NonlinearFactorGraph, blocks: Sequence[LinearizableBlock], values: gtsam.Values
-) -> gtsam.GaussianFactorGraph:
-    """Linearize the graph and its blocks at these values."""
-    linear = graph.linearize(values)
-    for block in blocks:
-        for factor in block.linearize(values):
-            linear.push_back(factor)
-    return linear
 
 
 def dimension_of(key: int) -> int:
