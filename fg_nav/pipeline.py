@@ -230,5 +230,5 @@ def _describe_location(table: StanceTable, location: Location, path: Signature, 
     for one in location.stretches:
         points = (one.later, path), (one.earlier, known.path)
         t, known_t = (np.interp(point, np.arange(len(there)), there.t) for point, there in points)
-        stretches.append(KnownStretch(t, known_t, one.opposite, one.length_m, one.score, one.expected_false))
+        stretches.append(KnownStretch(t, known_t, one.opposite, one.score, one.expected_false, one.length_m))
     return Located(table.position[0], heading, sigma, location.expected_false, known.recording, tuple(stretches))
