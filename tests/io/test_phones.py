@@ -82,7 +82,7 @@ WITHOUT_GRAVITY = "gravity has been removed"
 def test_phyphox_without_what_is_needed_is_refused(short: bool, tmp_path: Path) -> None:
     files = dict(phyphox(RAW, short=short))
     files["Linear Accelerometer.csv"] += files["Accelerometer.csv"].split("\n", 1)[1]
-    with pytest.raises(FormatError, match="holds the gyroscope only: give the folder"):
+    with pytest.raises(FormatError, match="has no accelerometer, only gyroscope: give the folder"):
         read_files({"": files["Gyroscope.csv"]}, tmp_path / "Gyroscope.csv")
     with pytest.raises(FormatError, match=WITHOUT_GRAVITY):
         read_files({"": files["Linear Accelerometer.csv"]}, tmp_path / "Linear Accelerometer.csv")
@@ -125,7 +125,7 @@ def test_sensor_logger_finds_the_sign_without_metadata(tmp_path: Path) -> None:
 
 def test_sensor_logger_without_what_is_needed_is_refused(tmp_path: Path) -> None:
     files = dict(sensor_logger(RAW))
-    with pytest.raises(FormatError, match="is one sensor of Sensor Logger: give the folder or zip"):
+    with pytest.raises(FormatError, match="has no accelerometer, only gyroscope: give the folder or zip"):
         read_files({"": files["Gyroscope.csv"]}, tmp_path / "Gyroscope.csv")
     del files["Gravity.csv"]
     with pytest.raises(FormatError, match=WITHOUT_GRAVITY):
@@ -226,7 +226,7 @@ def test_real_recordings(place: str, rate_hz: float, rest: float, field_uT: floa
     [
         ("sensor-logger-ios-mag", WITHOUT_GRAVITY),
         ("sensor-logger-ios/2022-09-09_13-14-55", "no gyroscope"),
-        ("phyphox-semicolon", "two tables of the gyroscope"),
+        ("phyphox-semicolon", "give the files of one experiment"),
         ("androsensor/Upstairs1.csv", "2.0 samples a second"),
         ("gnss-logger/pixel6.txt", "a sample every 56.5 s, too few"),
     ],
