@@ -16,7 +16,6 @@ BELOW_ESTIMATORS = ("io", "detection", "magnetic", "calibration", "evaluation", 
 ESTIMATORS = {"fg_nav.ekf", "fg_nav.smoother"}
 TOP = {
     *("fg_nav.cli", "fg_nav.commands", "fg_nav.pipeline", "fg_nav.report", "fg_nav.walk"),
-    "fg_nav.result",
     "fg_nav.estimators",
     "fg_nav.lab.campaign",
 }

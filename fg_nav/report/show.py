@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 from fg_nav.errors import OutputError
 from fg_nav.feet_result import FeetResult
+from fg_nav.pipeline import Result
 from fg_nav.report.drawn import AlignedSolution, align_solution
 from fg_nav.report.export import export_track
 from fg_nav.report.export.track import ExportTrack, Origin
 from fg_nav.report.feet import view_person, write_feet
 from fg_nav.report.files import write_lagged, write_run
 from fg_nav.report.folder import result_folder
-from fg_nav.result import Result
 
 if TYPE_CHECKING:
     from fg_nav.solution import Solution

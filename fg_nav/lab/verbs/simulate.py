@@ -219,7 +219,7 @@ def demo(request: DemoRequest) -> Answer:
     """Simulate four minutes of walking round a floor, and compare the methods on it, or show it while it is walked."""
     if request.view:
         _view_demo(request)
-        return Answer({}, lambda: None)
+        raise typer.Exit
     with Target(request.out, request.force, "demo", DEMO_FILES) as target, target.open() as folder:
         simulated = simulate_named(simulate_one, DEMO_SCENARIO, request.seed)
         # the recording as it will be read from the folder
