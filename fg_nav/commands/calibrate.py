@@ -35,7 +35,7 @@ from fg_nav.pipeline import navigate
 from fg_nav.recording import Recording
 from fg_nav.report.files import write_json
 from fg_nav.report.folder import ALLAN_FILES, check_file_free, result_file
-from fg_nav.report.plots.allan import AXES, UNITS, plot_allan
+from fg_nav.report.plots.sensor import AXES, UNITS, plot_allan
 from fg_nav.report.plots.style import save
 from fg_nav.report.terminal import console, listing, print_place, ruled_table
 from fg_nav.text import find_version

@@ -7,14 +7,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fg_nav.errors import OutputError
+from fg_nav.evaluation.metrics import evaluate
 from fg_nav.feet_result import FeetResult
-from fg_nav.report.drawn import AlignedSolution, align_solution
+from fg_nav.report.course import align_feet, align_solution, describe_frame, draw_course, draw_feet
 from fg_nav.report.export import export_track
 from fg_nav.report.export.track import ExportTrack, Origin
-from fg_nav.report.feet import view_person, write_feet
+from fg_nav.report.feet import write_feet
 from fg_nav.report.files import write_lagged, write_run
 from fg_nav.report.folder import result_folder
 from fg_nav.result import Result
+from fg_nav.walk import Options, Outcome
 
 if TYPE_CHECKING:
     from fg_nav.solution import Solution
@@ -52,10 +54,15 @@ def save_solution(solution: Solution, path: Path, force: bool = False, origin: S
 
 def plot_solution(solution: Solution, axes: Any = None) -> Any:
     """Draw a solution from above, with its truth where it has one; return the axes."""
-    from fg_nav.report.plots.walk import plot_trajectory_on_screen
+    from fg_nav.report.plots.walk import draw_on_screen
 
-    if isinstance(solution, Result):
-        return plot_trajectory_on_screen(align_solution(solution.walk, solution.outcome), axes)
     if isinstance(solution, FeetResult):
-        return plot_trajectory_on_screen(view_person(solution), axes)
-    return plot_trajectory_on_screen(AlignedSolution(solution), axes)
+        person, feet, frame = align_feet(solution)
+        return draw_on_screen(draw_feet(person, feet, frame), f"Path{person.alignment_words}", axes)
+    outcome, walk = Outcome(solution, evaluate(solution), None), None
+    if isinstance(solution, Result):
+        outcome, walk = solution.outcome, solution.walk
+    view, name = align_solution(walk, outcome), solution.method
+    frame = describe_frame(view, outcome, Options() if walk is None else walk.options)
+    chart = draw_course({name: view}, {name: outcome}, frame)
+    return draw_on_screen(chart, f"Path{view.alignment_words}", axes)

@@ -2,29 +2,25 @@
 
 height, sigmas, gyroscope bias, heading and its error, position error; the compass against the gyroscope and the
 strength of the field at the footfalls; the stances over specific force, rate and the detector's statistic.
+
+Headings are of the body's x axis, rad clockwise from north. Turns are counted from stance to stance: in a swing the
+axis may point anywhere, even up.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from fg_nav.arrays import Bools, Floats
-from fg_nav.frames import wrap_angle
+from fg_nav.frames import compute_heading, wrap_angle
 from fg_nav.magnetic.footfall_field import FootfallField
 from fg_nav.magnetic.quasi_static import DISTURBED, QUASI_STATIC
 from fg_nav.recording import Recording
-from fg_nav.report.drawn import (
-    AlignedSolution,
-    break_line,
-    choose_excerpt,
-    find_log_limits,
-    spread_rows,
-    trace_headings,
-)
-from fg_nav.report.page.figures import (
+from fg_nav.report.charts import (
     BAND,
     BLUE,
     CYCLE,
@@ -45,20 +41,26 @@ from fg_nav.report.page.figures import (
     level,
     line,
     signal,
+    spread_rows,
     stack,
     thin,
     to_meters,
     to_numbers,
     to_seconds,
 )
+from fg_nav.report.course import AlignedSolution, has_sure_start
 from fg_nav.solution import StanceTable
 from fg_nav.stances import Stances
-from fg_nav.system.spilled import measure_rows
+from fg_nav.system.spilled import BLOCK_ROWS, drop_pages, measure_rows
 from fg_nav.truth import TrajectoryTruth
 
+TURNS_UNWRAPPED = 5.0  # A heading that turns more often than this is shown wrapped.
+STEEP = float(np.sin(np.deg2rad(60.0)))  # The heading of an axis steeper than this is ill-defined.
+EXCERPT_S = 10.0  # Length of the close-up of the stance detection: about ten strides.
 _FEW = 400  # Most footfalls that are marked on a line.
 MAX_SHADED = 2000  # Most stances that are shaded: more are less than a pixel wide, and make a page slow.
 MIN_SPAN_UT, MIN_SPAN_DEG = 5.0, 5.0  # Of the axes of strength and inclination: noise is not a disturbance.
+COMPASS_AXIS = {"range": [-8, 368], "tickvals": [0, 90, 180, 270, 360]}
 _FROM_ZERO = {"rangemode": "tozero"}
 
 Views = Mapping[str, AlignedSolution]
@@ -79,6 +81,82 @@ def _at_stances(t: Floats, value: Floats, color: str, name: str) -> Trace:
     row = thin(t)
     mode = "lines+markers" if len(t) <= _FEW else "lines"
     return line(to_seconds(t[row]), to_numbers(value[row]), color, name, mode=mode, marker={"size": 3.5})
+
+
+# --- headings ---------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Headings:
+    """The headings of a solution of N samples and K stances.
+
+    ========== ==== =====================================================================================
+    at_stances (K,) rad, turns counted
+    between    (N,) rad, within half a turn of the line through `at_stances`; NaN where the axis is steep
+    truth      (N,) rad, likewise; NaN where unknown
+    error      (K,) rad at the stances, wrapped, since the first known one where `gauge`; NaN where unknown
+    sigma      (K,) rad, the estimator's own, without the turn that an alignment removes
+    gauge           whether the heading at the start is sure: given, or zero by definition
+    wrapped         whether it turns too often to be shown with its turns
+    ========== ==== =====================================================================================
+    """
+
+    at_stances: Floats
+    between: Floats
+    truth: Floats
+    error: Floats
+    sigma: Floats
+    gauge: bool
+    wrapped: bool
+
+
+def trace_headings(view: AlignedSolution) -> Headings:
+    """Return the headings of a solution that is aligned with its truth, if there is one."""
+    stances, t, nav_R_body = view.solution.stances, view.solution.t, view.solution.nav_R_body
+    # heading and steepness of the body's x axis at every sample
+    heading, steep = np.empty(len(nav_R_body)), np.empty(len(nav_R_body), dtype=np.bool_)
+    for start in range(0, len(nav_R_body), BLOCK_ROWS):
+        part = np.s_[start : start + BLOCK_ROWS]
+        heading[part] = compute_heading(view.align_attitude(nav_R_body[part]))
+        steep[part] = np.abs(nav_R_body[part, 2, 0]) > STEEP
+        drop_pages()
+    at_stances = np.unwrap(compute_heading(view.align_attitude(stances.nav_R_body)))
+    middle = np.interp(t, stances.t, at_stances) if len(stances) else heading
+    # where the heading at the start is a gauge, claim and error both count from the first stance
+    gauge, error = has_sure_start(stances), wrap_angle(at_stances - _read_truth(view, stances.t))
+    known = np.flatnonzero(np.isfinite(error))
+    if gauge and len(known):
+        error = wrap_angle(error - error[known[0]])
+    return Headings(
+        at_stances,
+        np.where(steep, np.nan, middle + wrap_angle(heading - middle)),
+        middle + wrap_angle(_read_truth(view, t) - middle),
+        error,
+        np.sqrt(np.maximum(stances.heading_sigma**2 - view.turn_variance, 0.0)),
+        gauge,
+        bool(len(stances) and np.ptp(at_stances) > TURNS_UNWRAPPED * 2 * np.pi),
+    )
+
+
+def _read_truth(view: AlignedSolution, t: Floats) -> Floats:
+    """Interpolate the true heading (N,) rad at times `t` (N,) s; NaN where unknown."""
+    truth = view.truth
+    if not isinstance(truth, TrajectoryTruth) or truth.nav_R_body is None:
+        return np.full(len(t), np.nan)
+    known = np.isfinite(truth.nav_R_body).all(axis=(1, 2))
+    if not known.any():
+        return np.full(len(t), np.nan)
+    heading = np.unwrap(compute_heading(truth.nav_R_body[known]))
+    return np.interp(t, truth.t[known], heading, left=np.nan, right=np.nan)
+
+
+def break_line(t: Floats, angle_deg: Floats, wrapped: bool) -> tuple[Floats, Floats]:
+    """Wrap angles to [0, 360) where they are shown wrapped, with NaN where the line jumps."""
+    if not wrapped:
+        return t, angle_deg
+    inside = angle_deg % 360.0
+    jump = np.flatnonzero(np.abs(np.diff(inside)) > 180.0) + 1
+    return np.insert(t, jump, t[jump]), np.insert(inside, jump, np.nan)
 
 
 # --- of methods ------------------------------------------------------------------------------------------------------
@@ -231,8 +309,7 @@ def draw_compass(field: FootfallField, table: StanceTable) -> Chart:
         dots(to_seconds(field.t[use]), to_numbers(apart[use], 2), color, f"difference, field {word}", size=5)
         for use, color, word in _group_drawn(field, table)
     ]
-    quarters = {"range": [-8, 368], "tickvals": [0, 90, 180, 270, 360]}
-    panels = [Panel("heading (deg)", above, quarters, share=1.4), Panel("difference (deg)", below, share=1.2)]
+    panels = [Panel("heading (deg)", above, COMPASS_AXIS, share=1.4), Panel("difference (deg)", below, share=1.2)]
     return stack("compass", panels, "At the footfalls, clockwise from magnetic north. Below, compass less gyroscope.")
 
 
@@ -248,12 +325,16 @@ def draw_strength(field: FootfallField, table: StanceTable) -> Chart:
         for use, color, word in _group_drawn(field, table):
             more = {"hovertemplate": hover, "customdata": to_seconds(field.t[use])}
             traces.append(dots(to_meters(travelled[use]), to_numbers(value[use]), color, word, size=5, **more))
-        # all values with a margin, and at least the span
-        known = value[np.isfinite(value)]
-        low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 1.0)
-        half = max(1.1 * (high - low), min_span) / 2
-        panels.append(Panel(label, traces, {"range": [(low + high) / 2 - half, (low + high) / 2 + half]}))
+        panels.append(Panel(label, traces, {"range": find_range(value, min_span)}))
     return stack("strength", panels, "At the footfalls, along the path.", "length of the path (m)")
+
+
+def find_range(value: Floats, min_span: float) -> list[float]:
+    """Range of an axis: all values with a margin, and at least the span."""
+    known = value[np.isfinite(value)]
+    low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 1.0)
+    half = max(1.1 * (high - low), min_span) / 2
+    return [(low + high) / 2 - half, (low + high) / 2 + half]
 
 
 def measure_travelled(t: Floats, table: StanceTable) -> Floats:
@@ -263,6 +344,23 @@ def measure_travelled(t: Floats, table: StanceTable) -> Floats:
 
 
 # --- of samples and stances ------------------------------------------------------------------------------------------
+
+
+def choose_excerpt(t: Floats, stances: Stances) -> slice:
+    """Samples of the close-up: around the middle stance, where the walk is in full swing."""
+    k = len(stances) // 2
+    centre = t[stances.start[k]] if len(stances) else t[len(t) // 2]
+    begin = min(max(centre - EXCERPT_S / 2, t[0]), max(t[-1] - EXCERPT_S, t[0]))
+    return slice(int(np.searchsorted(t, begin)), int(np.searchsorted(t, begin + EXCERPT_S, side="right")))
+
+
+def find_log_limits(statistic: Floats) -> tuple[float, float]:
+    """Range of a logarithmic axis that shows the statistic and its threshold, 1."""
+    positive = statistic[np.isfinite(statistic) & (statistic > 0)]
+    if not len(positive):
+        return 0.1, 10.0
+    low, high = np.percentile(positive, [0.5, 100.0])
+    return min(float(low) / 2, 0.5), max(float(high) * 2, 2.0)
 
 
 def draw_samples(recording: Recording, stances: Stances) -> list[Chart]:

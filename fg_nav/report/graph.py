@@ -9,9 +9,7 @@ import numpy as np
 from fg_nav.arrays import Floats, Ints
 from fg_nav.frames import compute_heading, wrap_angle
 from fg_nav.magnetic.quasi_static import DISTURBED, QUASI_STATIC
-from fg_nav.report.drawn import AlignedSolution
-from fg_nav.report.page.course import Frame, compose_map, draw_path
-from fg_nav.report.page.figures import (
+from fg_nav.report.charts import (
     BAND,
     BLUE,
     GRAY,
@@ -34,7 +32,8 @@ from fg_nav.report.page.figures import (
     to_numbers,
     to_seconds,
 )
-from fg_nav.report.page.series import measure_travelled
+from fg_nav.report.course import AlignedSolution, Frame, compose_map, draw_path
+from fg_nav.report.series import measure_travelled
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.text import format_count
 
