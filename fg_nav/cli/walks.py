@@ -9,6 +9,7 @@ import typer
 
 from fg_nav.cli import options as given
 from fg_nav.cli.options import answering
+from fg_nav.report.export import EXPORTS
 
 if TYPE_CHECKING:
     from fg_nav.changes import Changes
@@ -127,7 +128,7 @@ def export(
         typer.Argument(
             metavar="OUT...",
             show_default=False,
-            help="Files to write, by their endings: .geojson, .kml, .gpx, .tum, .mat, .parquet, .mcap (ROS 2), .rrd.",
+            help=f"Files to write, by their endings: {', '.join(map(str, EXPORTS.values()))}.",
         ),
     ],
     origin: Annotated[
