@@ -17,7 +17,7 @@ from fg_nav.recording import Recording
 from fg_nav.report.charts import Chart, Trace, envelope, spread_rows
 from fg_nav.report.course import AlignedSolution, describe_frame, draw_course, find_ellipses
 from fg_nav.report.plots import style
-from fg_nav.report.plots.walk import draw_comparison, draw_result, draw_stances
+from fg_nav.report.plots.walk import draw_walk
 from fg_nav.report.series import draw_headings
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.stances import Stances
@@ -51,8 +51,7 @@ def test_run_and_comparison_draw_their_pictures(tmp_path: Path, walk: Walk) -> N
     outcomes = {name: walks.outcome(walk, name, drift) for name, drift in (("a", 1.0), ("b", 4.0))}
     for name in outcomes:
         (tmp_path / name).mkdir()
-    draw_comparison(tmp_path, walk, outcomes)
-    draw_stances(tmp_path, walk)
+    draw_walk(tmp_path, walk, outcomes)
     drawn = {str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*.png")}
     per_method = {f"{m}/{p}.png" for m in "ab" for p in ("trajectory", "heading", "gyro_bias")}
     assert drawn == per_method | {"trajectories.png", "errors.png", "stance_statistic.png"}
@@ -62,13 +61,14 @@ def test_run_and_comparison_draw_their_pictures(tmp_path: Path, walk: Walk) -> N
 @pytest.mark.parametrize("change", [walks.without_truth, walks.with_footprints], ids=lambda f: f.__name__)
 def test_walks_with_less_truth_are_drawn_too(tmp_path: Path, walk: Walk, change: object) -> None:
     changed = change(walk)  # type: ignore[operator]
-    draw_result(tmp_path, changed, walks.outcome(changed))
+    draw_walk(tmp_path, changed, {"smoother": walks.outcome(changed)})
     assert all(is_a_picture(path) for path in tmp_path.glob("*.png"))
 
 
 def test_stances_without_statistic_are_not_drawn(tmp_path: Path, walk: Walk) -> None:
-    draw_stances(tmp_path, replace(walk, stances=replace(walk.stances, statistic=None)))
-    assert list(tmp_path.iterdir()) == []
+    silent = replace(walk, stances=replace(walk.stances, statistic=None))
+    draw_walk(tmp_path, silent, {"smoother": walks.outcome(walk)})
+    assert {path.name for path in tmp_path.iterdir()} == {"trajectory.png", "heading.png", "gyro_bias.png"}
 
 
 def test_path_is_drawn_where_the_truth_is(walk: Walk) -> None:
@@ -104,8 +104,7 @@ def test_walk_of_one_stance_without_claims_is_drawn(tmp_path: Path, walk: Walk) 
     alone = replace(walks.without_truth(walk), stances=one)
     solution = walks.drifting(alone.recording, one)
     solution = replace(solution, stances=replace(solution.stances, position_cov=np.full((1, 3, 3), np.nan)))
-    draw_result(tmp_path, alone, Outcome(solution, evaluate(solution), None))
-    draw_stances(tmp_path, alone)
+    draw_walk(tmp_path, alone, {"smoother": Outcome(solution, evaluate(solution), None)})
     assert all(is_a_picture(path) for path in tmp_path.glob("*.png"))
 
 
@@ -151,8 +150,7 @@ def test_two_hours_are_drawn_quickly(tmp_path: Path, walk: Walk) -> None:
     long, outcome = lengthened(walk, 115)
     assert len(outcome.solution.t) > 1_400_000
     start = time.process_time()
-    draw_result(tmp_path, long, outcome)
-    draw_stances(tmp_path, long)
+    draw_walk(tmp_path, long, {"smoother": outcome})
     assert time.process_time() - start < 12
     assert all(is_a_picture(path) for path in tmp_path.glob("*.png"))
     assert len(list(tmp_path.glob("*.png"))) == 4

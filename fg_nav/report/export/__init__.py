@@ -61,7 +61,7 @@ def find_export(out: Path) -> Export:
     ending = out.suffix.lower()
     if ending in EXPORTS:
         return EXPORTS[ending]
-    added = {one.ending: one for one in find_plugins("exports", Export).values()}
+    added: dict[str, Export] = {one.ending: one for one in find_plugins("exports", Export).values()}
     if ending not in added:
         named = f"'{out.suffix}'" if out.suffix else "a name without an ending"
         known = ", ".join([*EXPORTS, *added])

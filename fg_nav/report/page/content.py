@@ -46,10 +46,11 @@ from fg_nav.report.course import (
     draw_feet,
     draw_returns,
 )
-from fg_nav.report.graph import describe_graph, draw_graph
 from fg_nav.report.series import (
+    describe_graph,
     draw_compass,
     draw_errors,
+    draw_graph,
     draw_gyro_bias,
     draw_headings,
     draw_height,

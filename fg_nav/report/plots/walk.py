@@ -26,6 +26,26 @@ if TYPE_CHECKING:
     from fg_nav.walk import Outcome, Walk
 
 
+def draw_walk(folder: Path, walk: Walk, outcomes: Mapping[str, Outcome]) -> None:
+    """Draw one method, or several over each other and each into its own folder; and the detection that they share."""
+    (first, *others) = outcomes.values()
+    if not others:
+        draw_result(folder, walk, first)
+    else:
+        draw_paths(folder / "trajectories.png", walk, outcomes)
+        views = {name: align_solution(walk, outcome) for name, outcome in outcomes.items()}
+        if all(view.comparison is not None for view in views.values()):
+            words = next(iter(views.values())).alignment_words
+            _write(folder / "errors.png", f"Position error{words}", draw_errors(views))
+        for name, outcome in outcomes.items():
+            draw_result(folder / name, walk, outcome)
+    # the detection, where the detector left a statistic
+    found = walk.stances
+    if found.statistic is not None:
+        title = f"Stance detection ({found.detector}): {found.n_footfalls} footfalls"
+        _write(folder / "stance_statistic.png", title, *draw_samples(walk.recording, found))
+
+
 def draw_result(folder: Path, walk: Walk, outcome: Outcome) -> None:
     """Draw one method."""
     name, view = outcome.solution.method, align_solution(walk, outcome)
@@ -36,25 +56,6 @@ def draw_result(folder: Path, walk: Walk, outcome: Outcome) -> None:
 
 def _write(file: Path, title: str, *charts: Chart, caption: str | None = None) -> None:
     style.save(style.render_matplotlib(*charts, title=title, caption=caption), file)
-
-
-def draw_stances(folder: Path, walk: Walk) -> None:
-    """Draw the detection that all methods share, where the detector left a statistic."""
-    found = walk.stances
-    if found.statistic is not None:
-        title = f"Stance detection ({found.detector}): {found.n_footfalls} footfalls"
-        _write(folder / "stance_statistic.png", title, *draw_samples(walk.recording, found))
-
-
-def draw_comparison(folder: Path, walk: Walk, outcomes: Mapping[str, Outcome]) -> None:
-    """Draw the methods over each other, and each into its own folder."""
-    draw_paths(folder / "trajectories.png", walk, outcomes)
-    views = {name: align_solution(walk, outcome) for name, outcome in outcomes.items()}
-    if all(view.comparison is not None for view in views.values()):
-        words = next(iter(views.values())).alignment_words
-        _write(folder / "errors.png", f"Position error{words}", draw_errors(views))
-    for name, outcome in outcomes.items():
-        draw_result(folder / name, walk, outcome)
 
 
 def draw_paths(file: Path, walk: Walk, outcomes: Mapping[str, Outcome]) -> None:
