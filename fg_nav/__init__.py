@@ -95,8 +95,8 @@ _HOME = {
 }
 
 _UPWARD = {
-    "plot_solution": "fg_nav.report.show",
-    "save_solution": "fg_nav.report.show",
+    "plot_solution": "fg_nav.report.files",
+    "save_solution": "fg_nav.report.files",
 }
 """What a solution asks of the report, for `Solution.plot` and `Solution.save`."""
 

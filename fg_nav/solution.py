@@ -311,13 +311,14 @@ class Solution:
     def plot(self, axes: Any = None) -> Any:
         """Draw the path from above, with the 95 % ellipses of its footfalls; return the `matplotlib.axes.Axes`.
 
-        `axes` are those to draw into; without them a new figure of `matplotlib.pyplot` is made.
+        They are east and north, or x and y where north is not known. `axes` are those to draw into; without them a new
+        figure of `matplotlib.pyplot` is made.
 
         Examples
         --------
         >>> axes = fg_nav.navigate("walk.csv", "inertial").plot()
         >>> axes.get_xlabel()
-        'east (m)'
+        'x (m)'
         """
         return fg_nav.plot_solution(self, axes)
 

@@ -134,8 +134,8 @@ def _write_trajectory(file: Path, truth: Truth | None) -> None:
 
 def _write_surroundings(folder: Path, walk: SimulatedWalk) -> None:
     """Write the landmarks, if there are any, and the map."""
+    from fg_nav.lab.drawing import plot_simulated_walk
     from fg_nav.report.plots.style import save
-    from fg_nav.report.plots.walk import plot_simulated_walk
 
     if walk.landmarks:
         rows = [(mark.landmark, mark.time_s, *mark.position) for mark in walk.landmarks]
