@@ -125,7 +125,7 @@ def test_sensor_logger_finds_the_sign_without_metadata(tmp_path: Path) -> None:
 
 def test_sensor_logger_without_what_is_needed_is_refused(tmp_path: Path) -> None:
     files = dict(sensor_logger(RAW))
-    with pytest.raises(FormatError, match="has no accelerometer, only gyroscope: give the folder or zip"):
+    with pytest.raises(FormatError, match="is one sensor of Sensor Logger: give the folder or zip"):
         read_files({"": files["Gyroscope.csv"]}, tmp_path / "Gyroscope.csv")
     del files["Gravity.csv"]
     with pytest.raises(FormatError, match=WITHOUT_GRAVITY):

@@ -397,6 +397,8 @@ def find_tables(content: Content) -> dict[str, TextTable]:
 def read_sensor_logger(content: Content) -> RawRecording:
     """Read a recording."""
     path, notes = content.path, list[str]()
+    if not content.members:
+        raise FormatError(f"{path.name} is one sensor of Sensor Logger: give the folder or zip with all of them.")
     # the first row of the metadata, by the names of its columns
     about = next((table for place, table in content.members.items() if place.lower() == "metadata.csv"), None)
     metadata = dict[str, str]()
@@ -425,7 +427,7 @@ def read_sensor_logger(content: Content) -> RawRecording:
     if metadata.get("device name", ""):
         notes.insert(0, f"recorded by Sensor Logger {metadata.get('appversion', '')} on {metadata['device name']}")
     found = [stream for stream in (force, gyr, mag, streams.get("barometer")) if stream is not None]
-    return join_streams(found, path, "sensor-logger", notes, is_part=not content.members)
+    return join_streams(found, path, "sensor-logger", notes)
 
 
 def _find_force(
