@@ -205,9 +205,13 @@ class WalkProblem:
         return graph
 
 
-def solve(problem: WalkProblem, convergence: float = CONVERGENCE) -> Solved:
-    """Minimize the error of a walk, to this difference of promised and true error per variable."""
-    return find_minimum(problem.system, problem.values, order_variables(problem), convergence)
+def solve(problem: WalkProblem, convergence: float = CONVERGENCE, with_stacks: bool = False) -> Solved:
+    """Minimize the error of a walk, to this difference of promised and true error per variable.
+
+    The linear factors, as large as the triangle, stay in it `with_stacks`.
+    """
+    found = find_minimum(problem.system, problem.values, order_variables(problem), convergence)
+    return found if with_stacks else replace(found, stacks=())
 
 
 def order_variables(problem: WalkProblem) -> Keys:

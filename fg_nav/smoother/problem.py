@@ -126,7 +126,7 @@ def weaken_refused_stances(problem: WalkProblem, solved: Solved) -> tuple[WalkPr
         assert isinstance(ties, StanceVelocity)
         ties = replace(ties, sigma=np.hypot(ties.sigma, off[:, None]))
         problem = replace(problem, velocities=ResidualBlock(ties, problem.velocities.keys))
-        solved = solve(problem, FIRST_CONVERGENCE)
+        solved = solve(problem, FIRST_CONVERGENCE, with_stacks=True)
         problem = replace(problem, values=solved.values)
     if refused.any():
         first = problem.recording.t[problem.nodes.sample[problem.nodes.result[refused]]][0]
@@ -333,7 +333,7 @@ def walk_problem(
     problem = build_problem(recording, stances, start.nav_R_body, known, p, heading is not None, progress)
     problem = add_barometer(problem, stances)
     # First solution, and ties that the walk refuses.
-    solved = solve(problem, FIRST_CONVERGENCE)
+    solved = solve(problem, FIRST_CONVERGENCE, with_stacks=True)
     problem = replace(problem, values=solved.values)
     if p.refuse_stances:
         problem, solved = weaken_refused_stances(problem, solved)

@@ -87,7 +87,7 @@ def test_its_variance_is_the_mean_by_the_evidence_of_the_gaussian() -> None:
     """Against a dense linear model: E + 1/2 log|A^T A| + log of the sigmas, at each level."""
     walk = walking(part(demo(), 20), 0.02)
     one = walk_problem(walk.recording, walk.stances, 0.0, replace(GIVEN, choose_bias_walk=False))
-    solved = solve(one, CONVERGENCE)
+    solved = solve(one, CONVERGENCE, with_stacks=True)
     found = average_bias_walk(one, solved.stacks).parameters.gyro_bias_walk_deg_s
     evidence = np.array([dense_evidence(walk, solved.linearized_at, level) for level in WALK_LEVELS_DEG_S])
     weight = np.array(WALK_PRIOR) * np.exp(evidence.min() - evidence)
