@@ -32,8 +32,6 @@ from fg_nav.report.charts import (
     line,
     signal,
     stack,
-    to_numbers,
-    to_seconds,
 )
 from fg_nav.report.course import (
     align_feet,
@@ -343,10 +341,9 @@ def _draw_distance(result: FeetResult) -> Section:
         f"{format_count(pairing.beyond_reach, 'pair')} of footfalls had to be held within reach."
     ]
     row = np.arange(0, len(t), max(1, len(t) // MAX_POINTS))
-    standing = to_numbers(np.where(both, apart, np.nan)[row], 3)
     traces = [
         signal(t, apart, GRAY, "between the sensors", width=0.8),
-        line(to_seconds(t[row]), standing, TEAL, "while both stand", width=2.5),
+        line(t[row], np.where(both, apart, np.nan)[row], TEAL, "while both stand", (3, 3), width=2.5),
         level(t, REACH_M, VERMILION, "reach of two standing feet"),
     ]
     caption = "In a swing the feet may be further apart than they ever stand."
