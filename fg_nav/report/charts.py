@@ -21,6 +21,14 @@ from fg_nav.arrays import Floats, Ints
 Trace: TypeAlias = dict[str, Any]
 """One line, band or set of dots."""
 
+Digits: TypeAlias = tuple[int | None, int | None]
+"""Decimals of x and y; None for significant digits."""
+
+METERS = 4  # Decimals: tenths of millimetres.
+IN_TIME: Digits = (3, None)  # Over time, to milliseconds;
+ALONG_PATH: Digits = (METERS, None)  # over the length of the path;
+ON_MAP: Digits = (METERS, METERS)  # from above.
+
 BLUE, VERMILION, GREEN, PURPLE, OCHRE, TEAL = "#2a7fc9", "#d9601a", "#12946c", "#b8609c", "#b07d12", "#3a93b0"
 CYCLE = (BLUE, VERMILION, GREEN, PURPLE, OCHRE, TEAL)  # Of methods and axes: Okabe and Ito, on white and dark.
 GRAY = "#8a9096"  # Of a truth, and of footfalls without a verdict.
@@ -30,8 +38,7 @@ MAX_DOTS = 3000  # Dots with a label for the pointer: more of them make a page s
 LATER = "legendonly"  # Visibility of a trace that is drawn on a touch on the legend.
 PICTURE = "picture"  # Key of a trace: whether a picture has it, where this is not its visibility on the page.
 BAND = 1.96  # Half width of a 95 % band, in standard deviations.
-_METERS, _SECONDS = 4, 3  # Decimals: tenths of millimetres, milliseconds.
-_DIGITS = 6  # Significant digits of all else.
+_DIGITS = 6  # Significant digits of what has no number of decimals.
 
 
 @dataclass(frozen=True)
@@ -96,33 +103,25 @@ def to_numbers(values: Floats, decimals: int | None = None) -> list[float | None
     return [value if np.isfinite(value) else None for value in np.round(values, decimals).tolist()]
 
 
-def to_meters(values: Floats) -> list[float | None]:
-    """Round to tenths of millimetres."""
-    return to_numbers(values, _METERS)
-
-
-def to_seconds(values: Floats) -> list[float | None]:
-    """Round to milliseconds."""
-    return to_numbers(values, _SECONDS)
-
-
-def line(x: list[float | None], y: list[float | None], color: str, name: str, **more: Any) -> Trace:
-    """Return a line."""
+def line(x: Floats, y: Floats, color: str, name: str, digits: Digits = IN_TIME, **more: Any) -> Trace:
+    """Return a line through points x, y (N,)."""
     style = {"color": color, "width": more.pop("width", 1.5)} | more.pop("style", {})
-    return {"type": "scatter", "mode": "lines", "x": x, "y": y, "line": style, "name": name, **more}
+    points = {"x": to_numbers(x, digits[0]), "y": to_numbers(y, digits[1])}
+    return {"type": "scatter", "mode": "lines", **points, "line": style, "name": name, **more}
 
 
 def signal(t: Floats, value: Floats, color: str, name: str, **more: Any) -> Trace:
     """Return the line of a signal over time; of a long one its envelope."""
     if len(t) > MAX_POINTS:
         t, value = envelope(t, value, MAX_POINTS // 2)
-    return line(to_seconds(t), to_numbers(value), color, name, **more)
+    return line(t, value, color, name, **more)
 
 
-def dots(x: list[float | None], y: list[float | None], color: str, name: str, **more: Any) -> Trace:
-    """Return dots."""
+def dots(x: Floats, y: Floats, color: str, name: str, digits: Digits = IN_TIME, **more: Any) -> Trace:
+    """Return dots at x, y (N,)."""
     mark = {"color": color, "size": more.pop("size", 4.5)} | more.pop("style", {})
-    return {"type": "scatter", "mode": "markers", "x": x, "y": y, "marker": mark, "name": name, **more}
+    points = {"x": to_numbers(x, digits[0]), "y": to_numbers(y, digits[1])}
+    return {"type": "scatter", "mode": "markers", **points, "marker": mark, "name": name, **more}
 
 
 def band(t: Floats, middle: Floats, half: Floats, color: str, name: str, **more: Any) -> Trace:
@@ -130,15 +129,13 @@ def band(t: Floats, middle: Floats, half: Floats, color: str, name: str, **more:
     known = np.flatnonzero(np.isfinite(middle) & np.isfinite(half))
     row = known[spread_rows(len(known), MAX_POINTS // 2)] if len(known) else known
     t, low, high = t[row], (middle - half)[row], (middle + half)[row]
-    around = to_numbers(np.concatenate([low, high[::-1]]))
-    shape = {"fill": "toself", "fillcolor": fade(color, 0.2), "hoverinfo": "skip"}
-    return line(to_seconds(np.concatenate([t, t[::-1]])), around, color, name, width=0, **shape, **more)
+    around = np.concatenate([t, t[::-1]]), np.concatenate([low, high[::-1]])
+    return line(*around, color, name, width=0, fill="toself", fillcolor=fade(color, 0.2), hoverinfo="skip", **more)
 
 
 def level(t: Floats, value: float, color: str, name: str, **more: Any) -> Trace:
     """Return a horizontal line over the whole time."""
-    ends = to_numbers(np.array([value, value]))
-    return line(to_seconds(t[[0, -1]]), ends, color, name, width=1.2, hoverinfo="skip", **more)
+    return line(t[[0, -1]], np.array([value, value]), color, name, width=1.2, hoverinfo="skip", **more)
 
 
 def fade(color: str, opacity: float) -> str:

@@ -28,6 +28,7 @@ from fg_nav.evaluation.metrics import pose_covariance
 from fg_nav.frames import compute_heading
 from fg_nav.magnetic.quasi_static import DISTURBED, QUASI_STATIC
 from fg_nav.report.charts import (
+    ALONG_PATH,
     BLUE,
     CYCLE,
     GRAY,
@@ -35,6 +36,8 @@ from fg_nav.report.charts import (
     LATER,
     MAX_DOTS,
     MAX_POINTS,
+    METERS,
+    ON_MAP,
     PICTURE,
     PURPLE,
     TEAL,
@@ -48,7 +51,6 @@ from fg_nav.report.charts import (
     line,
     spread_rows,
     stack,
-    to_meters,
     to_numbers,
 )
 from fg_nav.samples.gaps import find_holes
@@ -350,12 +352,12 @@ def draw_path(view: AlignedSolution, color: str, name: str, **more: Any) -> Trac
 
 
 def _path(xy: Floats, color: str, name: str, **more: Any) -> Trace:
-    return line(*split_axes(xy), color, name, **more)
+    return line(xy[:, 0], xy[:, 1], color, name, ON_MAP, **more)
 
 
-def split_axes(xy: Floats) -> tuple[list[float | None], list[float | None]]:
-    """Return x and y of positions (N, 2 or 3) m."""
-    return to_meters(xy[:, 0]), to_meters(xy[:, 1])
+def mark_places(xy: Floats, color: str, name: str, **more: Any) -> Trace:
+    """Return dots at places (N, 2 or 3) m."""
+    return dots(xy[:, 0], xy[:, 1], color, name, ON_MAP, **more)
 
 
 def _choose_path(view: AlignedSolution) -> Floats:
@@ -381,7 +383,7 @@ def draw_truth(truth: Truth | None) -> list[Trace]:
         "size": 9,
         "hovertemplate": "surveyed footprint of stride %{customdata}<extra></extra>",
     }
-    return [dots(*split_axes(truth.xy), GRAY, "surveyed footprints", customdata=truth.stride.tolist(), **kind)]
+    return [mark_places(truth.xy, GRAY, "surveyed footprints", customdata=truth.stride.tolist(), **kind)]
 
 
 def _draw_ellipses(found: Ellipses | None, color: str, k: int, n_methods: int) -> list[Trace]:
@@ -416,7 +418,7 @@ def _draw_footfalls(view: AlignedSolution, name: str, color: str, frame: Frame, 
         table.t, sigma[:, 0], sigma[:, 1], view.stance_position()[:, 2], sigma[:, 2], heading_deg,
         np.rad2deg(table.heading_sigma),
     ]  # fmt: skip
-    figures = [to_meters(column) for column in columns]
+    figures = [to_numbers(column, METERS) for column in columns]
     verdicts = zip(table.field, table.field_reason, strict=True)
     field = [f"{word}: {reason}" if reason else word for word, reason in verdicts]
     labels = [[k, *values] for k, values in enumerate(zip(*figures, field, strict=True))]
@@ -438,7 +440,7 @@ def _draw_footfalls(view: AlignedSolution, name: str, color: str, frame: Frame, 
     for use, mark, label in groups:
         if use.any():
             more: dict[str, Any] = {"hovertemplate": hover, "customdata": [labels[k] for k in row[use]], **entry}
-            traces.append(dots(*split_axes(position[use]), mark, label, size=size, **more))
+            traces.append(mark_places(position[use], mark, label, size=size, **more))
     return traces
 
 
@@ -450,7 +452,7 @@ def draw_ends(stance: Floats) -> list[Trace]:
     words = ["start", "end"] if apart else ["start, end"]
     places = ["top right", "bottom right"][: len(ends)]  # two close to one another are legible
     more: dict[str, Any] = {"mode": "markers+text", "text": words, "textposition": places, "hoverinfo": "skip"}
-    return [dots(*split_axes(ends), GRAY, "start and end", size=10, style=mark, showlegend=False, **more)]
+    return [mark_places(ends, GRAY, "start and end", size=10, style=mark, showlegend=False, **more)]
 
 
 # --- returns ---------------------------------------------------------------------------------------------------------
@@ -505,12 +507,11 @@ def draw_returns(returns: Sequence[Return]) -> list[Chart]:
     for k, one in enumerate(sorted(returns, key=lambda one: -one.length_m)[:MAX_SHOWN], start=1):
         walked = np.linspace(0.0, one.length_m, len(one.t))
         row = np.flatnonzero(walked <= MAX_DRAWN_M)
-        along = to_meters(walked[row])
         passes = (("then", GRAY, one.earlier_field_uT), ("now", PURPLE, one.field_uT))
-        panels = [
-            Panel(label, [line(along, to_numbers(field[row, axis]), color, word) for word, color, field in passes])
-            for axis, label in enumerate(COMPONENTS)
-        ]
+        panels = []
+        for k_axis, label in enumerate(COMPONENTS):
+            lines = [line(walked[row], field[row, k_axis], color, word, ALONG_PATH) for word, color, field in passes]
+            panels.append(Panel(label, lines))
         caption, label = _describe_return(one), "length of the path since the return began (m)"
         charts.append(stack(f"return-{k}", panels, caption, label))
     return charts

@@ -67,9 +67,10 @@ def write_feet(folder: Path, result: FeetResult, plots: Plots = "html") -> Summa
     write_json(folder / "config.json", request | configs)
     write_json(folder / "summary.json", summary)
     if plots in WITH_PAGE:
-        from fg_nav.report.page import write_feet_page
+        from fg_nav.report.page import write_page
+        from fg_nav.report.page.content import compose_feet_page
 
-        write_feet_page(folder, result, summary, configs)
+        write_page(folder, compose_feet_page(result, summary, configs))
     if plots in WITH_PICTURES:
         from fg_nav.report.plots.walk import draw_both_feet
 

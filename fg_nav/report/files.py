@@ -92,7 +92,8 @@ def _write_drawings(
 ) -> None:
     """Write the page of one or more methods, and their pictures where the samples are there."""
     if plots in WITH_PAGE:
-        from fg_nav.report.page import Findings, write_page
+        from fg_nav.report.page import write_page
+        from fg_nav.report.page.content import compose_page
 
         configs: list[dict[str, object]] = [
             {"method": name, "parameters": one.solution.parameters}
@@ -100,7 +101,7 @@ def _write_drawings(
             else describe_run(walk, one.solution)
             for name, one in outcomes.items()
         ]
-        write_page(folder, Findings(outcomes, summaries, configs, walk))
+        write_page(folder, compose_page(outcomes, summaries, configs, walk))
     if plots in WITH_PICTURES and walk is not None:
         from fg_nav.report.plots.walk import draw_walk
 

@@ -10,7 +10,7 @@ axis may point anywhere, even up.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,6 +22,7 @@ from fg_nav.magnetic.footfall_field import FootfallField
 from fg_nav.magnetic.quasi_static import DISTURBED, QUASI_STATIC
 from fg_nav.recording import Recording
 from fg_nav.report.charts import (
+    ALONG_PATH,
     BAND,
     BLUE,
     CYCLE,
@@ -29,6 +30,7 @@ from fg_nav.report.charts import (
     GREEN,
     MAX_DOTS,
     MAX_POINTS,
+    METERS,
     OCHRE,
     PURPLE,
     SHADE,
@@ -45,11 +47,9 @@ from fg_nav.report.charts import (
     spread_rows,
     stack,
     thin,
-    to_meters,
     to_numbers,
-    to_seconds,
 )
-from fg_nav.report.course import AlignedSolution, Frame, compose_map, draw_path, has_sure_start
+from fg_nav.report.course import AlignedSolution, Frame, compose_map, draw_path, has_sure_start, mark_places
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.stances import Stances
 from fg_nav.text import format_count
@@ -96,7 +96,7 @@ def _at_stances(t: Floats, value: Floats, color: str, name: str) -> Trace:
     """A line with one point a stance."""
     row = thin(t)
     mode = "lines+markers" if len(t) <= _FEW else "lines"
-    return line(to_seconds(t[row]), to_numbers(value[row]), color, name, mode=mode, marker={"size": 3.5})
+    return line(t[row], value[row], color, name, mode=mode, marker={"size": 3.5})
 
 
 # --- headings ---------------------------------------------------------------------------------------------------------
@@ -179,8 +179,8 @@ def draw_height(views: Views) -> Chart:
     truth = next(iter(views.values())).truth
     if isinstance(truth, TrajectoryTruth):
         row = spread_rows(len(truth.t), MAX_POINTS)
-        known = to_meters(truth.position[row, 2])
-        traces.append(line(to_seconds(truth.t[row]), known, GRAY, "truth", width=5, opacity=0.6))
+        known = truth.position[row, 2]
+        traces.append(line(truth.t[row], known, GRAY, "truth", (3, METERS), width=5, opacity=0.6))
     for name, color, view in _colored(views):
         t, height = view.solution.stances.t, view.stance_position()[:, 2]
         sigma = np.sqrt(view.position_cov()[:, 2, 2])
@@ -240,7 +240,7 @@ def draw_errors(views: Views) -> Chart:
         horizontal, planar = np.linalg.norm(found.error[:, :2], axis=1), planar or found.planar
         if found.planar:
             mark = {"mode": "lines+markers", "marker": {"size": 6}}
-            across.append(line(to_seconds(found.t), to_meters(horizontal), color, name, **mark))
+            across.append(line(found.t, horizontal, color, name, (3, METERS), **mark))
         else:
             across.append(signal(found.t, horizontal, color, name))
             up.append(signal(found.t, found.error[:, 2], color, name))
@@ -268,13 +268,12 @@ def draw_headings(views: Views) -> Chart:
             row = thin(times)
             if np.isfinite(angle[row]).any():
                 x, y = break_line(times[row], np.rad2deg(angle[row]), found.wrapped)
-                above.append(line(to_seconds(x), to_numbers(y, 2), shade, label, **more))
+                above.append(line(x, y, shade, label, (3, 2), **more))
         half = BAND * np.rad2deg(found.sigma)
         below.append(band(at, np.zeros(len(at)), half, color, _label(name, "95 %", views)))
         if np.isfinite(found.error).any():
             row = thin(at)
-            error = to_numbers(np.rad2deg(found.error[row]), 3)
-            below.append(dots(to_seconds(at[row]), error, color, _label(name, "error", views)))
+            below.append(dots(at[row], np.rad2deg(found.error[row]), color, _label(name, "error", views), (3, 3)))
     known = any(np.isfinite(one.error).any() for one in traced.values())
     gauge = any(one.gauge for one in traced.values())
     label = ("error" if known else "95 %") + (" since start (deg)" if gauge else " (deg)")
@@ -308,16 +307,15 @@ def _group_drawn(field: FootfallField, table: StanceTable) -> list[tuple[Bools, 
 def draw_compass(field: FootfallField, table: StanceTable) -> Chart:
     """Draw both headings, that of the gyroscope turned to lie on the compass, and their difference."""
     row = thin(field.t, MAX_DOTS)
-    t = to_seconds(field.t[row])
     turned = np.rad2deg(field.gyro_heading + field.mean_heading_difference)[row] % 360.0
     compass = np.rad2deg(field.magnetic_heading)[row] % 360.0
     above = [
-        dots(t, to_numbers(turned, 2), OCHRE, "gyroscope, turned onto the compass", size=5),
-        dots(t, to_numbers(compass, 2), BLUE, "compass", size=4),
+        dots(field.t[row], turned, OCHRE, "gyroscope, turned onto the compass", (3, 2), size=5),
+        dots(field.t[row], compass, BLUE, "compass", (3, 2), size=4),
     ]
     apart = np.rad2deg(wrap_angle(field.heading_difference - field.mean_heading_difference))
     below = [
-        dots(to_seconds(field.t[use]), to_numbers(apart[use], 2), color, f"difference, field {word}", size=5)
+        dots(field.t[use], apart[use], color, f"difference, field {word}", (3, 2), size=5)
         for use, color, word in _group_drawn(field, table)
     ]
     panels = [Panel("heading (deg)", above, COMPASS_AXIS, share=1.4), Panel("difference (deg)", below, share=1.2)]
@@ -334,8 +332,8 @@ def draw_strength(field: FootfallField, table: StanceTable) -> Chart:
     ):
         hover, traces = "%{y:.2f} at %{x:.1f} m, t %{customdata:.1f} s<extra></extra>", []
         for use, color, word in _group_drawn(field, table):
-            more = {"hovertemplate": hover, "customdata": to_seconds(field.t[use])}
-            traces.append(dots(to_meters(travelled[use]), to_numbers(value[use]), color, word, size=5, **more))
+            more = {"hovertemplate": hover, "customdata": to_numbers(field.t[use], 3)}
+            traces.append(dots(travelled[use], value[use], color, word, ALONG_PATH, size=5, **more))
         panels.append(Panel(label, traces, {"range": find_range(value, min_span)}))
     return stack("strength", panels, "At the footfalls, along the path.", "length of the path (m)")
 
@@ -421,8 +419,8 @@ def _shade(panel: Panel, t: Floats, stances: Stances, part: slice) -> Panel:
     start, stop = t[stances.start[use]], t[stances.stop[use] - 1]
     x = np.stack([start, start, stop, stop, start, np.full(len(start), np.nan)], axis=1).ravel()
     y: list[float | None] = [low, high, high, low, low, None] * len(start)
-    more = {"fill": "toself", "fillcolor": SHADE, "hoverinfo": "skip"}
-    boxes = line(to_seconds(x), y, SHADE, "stance", width=0, **more)
+    more: dict[str, Any] = {"fill": "toself", "fillcolor": SHADE, "hoverinfo": "skip"}
+    boxes = line(x, x, SHADE, "stance", width=0, **more) | {"y": y}
     return Panel(panel.label, [boxes, *panel.traces], axis, panel.share)
 
 
@@ -464,18 +462,18 @@ def _draw_weights(table: StanceTable, weight: Floats) -> Chart:
         words = np.array(table.field, dtype=object)
         groups = [(words == QUASI_STATIC, GREEN, "passed"), (words == DISTURBED, VERMILION, "disturbed")]
         traces = [
-            dots(*_thinned(travelled[use], statistic[use]), color, f"statistic, {word}")
+            _along_path(dots, travelled[use], statistic[use], color, f"statistic, {word}")
             for use, color, word in groups
             if use.any()
         ]
         limit = level(travelled, 1.0, GRAY, "threshold")
         panels.append(Panel("statistic / threshold", [*traces, limit], {"type": "log", "exponentformat": "power"}))
-    weights = dots(*_thinned(travelled, weight), BLUE, "compass weight")
+    weights = _along_path(dots, travelled, weight, BLUE, "compass weight")
     panels.append(Panel("compass weight", [weights], {"range": [-0.05, 1.05]}))
     if table.differential_sigma is not None and np.isfinite(table.differential_sigma).any():
         sigma = np.rad2deg(table.differential_sigma)
-        trace = line(*_thinned(travelled, sigma), PURPLE, "sigma by differential field")
-        panels.append(Panel("bias about up (deg/s)", [trace], {"rangemode": "tozero"}))
+        trace = _along_path(line, travelled, sigma, PURPLE, "sigma by differential field")
+        panels.append(Panel("bias about up (deg/s)", [trace], _FROM_ZERO))
     caption = (
         "Above, the detector's statistic over its threshold. The weight is the information of the footfall's compass "
         "over that at the walk's own spread of the field. Below, the sigma of the gyroscope's bias by the differential "
@@ -484,9 +482,9 @@ def _draw_weights(table: StanceTable, weight: Floats) -> Chart:
     return stack("weights", panels, caption, "length of the path (m)")
 
 
-def _thinned(x: Floats, y: Floats) -> tuple[list[float | None], list[float | None]]:
-    row = thin(x, MAX_DOTS)
-    return to_meters(x[row]), to_numbers(y[row])
+def _along_path(draw: Callable[..., Trace], travelled: Floats, value: Floats, color: str, name: str) -> Trace:
+    row = thin(travelled, MAX_DOTS)
+    return draw(travelled[row], value[row], color, name, ALONG_PATH)
 
 
 def _draw_heaviest(view: AlignedSolution, frame: Frame, weight: Floats) -> Chart:
@@ -501,10 +499,9 @@ def _draw_heaviest(view: AlignedSolution, frame: Frame, weight: Floats) -> Chart
         found.append((_find_most(information, quiet), PURPLE, "differential field weighs most", 11.0, "circle-open"))
     data = [draw_path(view, fade(BLUE, 0.5), "path", width=1.5)]
     for row, color, words, size, symbol in found:
-        mark = {"style": {"symbol": symbol, "line": {"width": 1.5}}, "size": size}
+        mark: dict[str, Any] = {"style": {"symbol": symbol, "line": {"width": 1.5}}, "size": size}
         hover = f"footfall %{{customdata}}, {words}<extra></extra>"
-        x, y = (to_meters(place[row, axis]) for axis in (0, 1))
-        data.append(dots(x, y, color, words, customdata=row.tolist(), hovertemplate=hover, **mark))
+        data.append(mark_places(place[row], color, words, customdata=row.tolist(), hovertemplate=hover, **mark))
     caption = f"The tenth of the footfalls that weighs most, of {format_count(len(table), 'footfall')}."
     return compose_map(data, [view], frame, "heaviest", caption)
 
@@ -521,9 +518,8 @@ def _draw_bias(table: StanceTable) -> Chart:
     up = table.nav_R_body[:, 2]
     bias = np.rad2deg((table.gyro_bias * up).sum(axis=1))
     sigma = np.rad2deg(np.sqrt(((table.gyro_bias_sigma * up) ** 2).sum(axis=1)))
-    row = thin(table.t)
-    estimate = line(to_seconds(table.t[row]), to_numbers(bias[row]), BLUE, "estimate", mode="lines+markers")
-    traces = [band(table.t, bias, BAND * sigma, BLUE, "95 %"), estimate | {"marker": {"size": 3.5}}]
+    estimate = _at_stances(table.t, bias, BLUE, "estimate") | {"mode": "lines+markers"}
+    traces = [band(table.t, bias, BAND * sigma, BLUE, "95 %"), estimate]
     caption = "Gyroscope bias about up, which turns the heading; its band without correlations of the axes."
     return stack("bias-up", [Panel("bias about up (deg/s)", traces)], caption)
 
@@ -537,12 +533,12 @@ def _draw_moment(moment: StanceTable, batch: StanceTable) -> Chart:
     row, words = thin(moment.t), "95 % at the moment"
 
     def difference(value: Floats) -> Trace:
-        return line(to_seconds(moment.t[row]), to_numbers(value[row]), BLUE, "moment less batch")
+        return line(moment.t[row], value[row], BLUE, "moment less batch")
 
-    limit = line(to_seconds(moment.t[row]), to_numbers(BAND * sigma_m[row]), OCHRE, words)
+    limit = line(moment.t[row], BAND * sigma_m[row], OCHRE, words)
     claimed = band(moment.t, np.zeros(len(moment)), BAND * np.rad2deg(moment.heading_sigma), OCHRE, words)
     apart = [limit, difference(np.linalg.norm(moved[:, :2], axis=1))]
     heading = [claimed, difference(np.rad2deg(turned))]
-    panels = [Panel("horizontal (m)", apart, {"rangemode": "tozero"}), Panel("heading (deg)", heading)]
+    panels = [Panel("horizontal (m)", apart, _FROM_ZERO), Panel("heading (deg)", heading)]
     caption = "Estimate of iSAM2 at the moment of each footfall, less that of the batch afterwards."
     return stack("moment", panels, caption)

@@ -30,10 +30,8 @@ from fg_nav.report.charts import (
     level,
     signal,
     stack,
-    to_numbers,
-    to_seconds,
 )
-from fg_nav.report.course import AlignedSolution, align_solution, draw_ends, draw_path, draw_truth, split_axes
+from fg_nav.report.course import AlignedSolution, align_solution, draw_ends, draw_path, draw_truth, mark_places
 from fg_nav.report.plots import style
 from fg_nav.report.series import COMPASS_AXIS, MIN_SPAN_DEG, MIN_SPAN_UT, find_log_limits, find_range
 from fg_nav.truth import FootprintTruth, TrajectoryTruth
@@ -64,7 +62,7 @@ def draw_survey(folder: Path, walk: Walk, survey: FieldSurvey, outcome: Outcome)
 def plot_field(survey: FieldSurvey) -> Figure:
     """Draw the field at the footfalls, and below it the verdicts of each detector."""
     field, earth, size = survey.field, survey.earth, _find_size(len(survey.field))
-    offset_deg, t = float(np.degrees(survey.offset)), to_seconds(field.t)
+    offset_deg, t = float(np.degrees(survey.offset)), field.t
     # strength and inclination, with those of the Earth
     strength_uT, dip_deg = (None, None) if earth is None else (earth.strength_uT, float(np.degrees(earth.inclination)))
     quantities = (
@@ -73,7 +71,7 @@ def plot_field(survey: FieldSurvey) -> Figure:
     )
     panels = []
     for label, value, expected, unit, span in quantities:
-        traces, shown = [dots(t, to_numbers(value), BLUE, "at the footfalls", size=size)], value
+        traces, shown = [dots(t, value, BLUE, "at the footfalls", size=size)], value
         if expected is not None:
             traces.append(level(field.t, expected, OCHRE, f"the Earth's, {expected:.1f} {unit}"))
             shown = np.append(value, expected)
@@ -82,8 +80,8 @@ def plot_field(survey: FieldSurvey) -> Figure:
     laid = np.degrees(field.gyro_heading + survey.offset) % 360.0
     words = f"gyroscope, turned by {offset_deg:+.0f} deg to lie on the compass"
     headings = [
-        dots(t, to_numbers(laid), OCHRE, words, size=size),
-        dots(t, to_numbers(np.degrees(survey.compass_heading) % 360.0), BLUE, "compass", size=size),
+        dots(t, laid, OCHRE, words, size=size),
+        dots(t, np.degrees(survey.compass_heading) % 360.0, BLUE, "compass", size=size),
     ]
     panels.append(Panel("heading (deg)", headings, COMPASS_AXIS, share=1.2))
     # difference, on the least of a few round angles that hold it
@@ -91,10 +89,7 @@ def plot_field(survey: FieldSurvey) -> Figure:
     passed = survey.verdicts[survey.chosen].quasi_static
     green = f"quasi-static by {survey.chosen}" + ("" if passed.any() else ": none")
     groups = [(~passed, GRAY, "all others", 1.0), (passed, ACCEPTED, green, 1.5)]
-    differences = [
-        dots(to_seconds(field.t[use]), to_numbers(apart[use]), color, name, size=larger * size)
-        for use, color, name, larger in groups
-    ]
+    differences = [dots(t[use], apart[use], color, name, size=larger * size) for use, color, name, larger in groups]
     largest = float(np.max(np.abs(apart[np.isfinite(apart)]), initial=0.0))
     reach_deg = next((angle for angle in (10.0, 20.0, 30.0, 60.0, 90.0) if largest <= angle), 180.0)
     ticks = {"range": [-1.05 * reach_deg, 1.05 * reach_deg], "tickvals": [reach_deg * k / 2 for k in range(-2, 3)]}
@@ -130,8 +125,8 @@ def plot_field_map(survey: FieldSurvey, view: AlignedSolution) -> Figure:
         grid = figure.subplots(rows, columns, squeeze=False)
         for axes, one in zip(grid.ravel(), found, strict=False):
             passed, size = survey.verdicts[one.detector].quasi_static, _find_size(len(stance))
-            rejected = dots(*split_axes(stance[~passed]), REJECTED, "disturbed or not judged", size=size)
-            accepted = dots(*split_axes(stance[passed]), ACCEPTED, "quasi-static", size=size + 1.3)
+            rejected = mark_places(stance[~passed], REJECTED, "disturbed or not judged", size=size)
+            accepted = mark_places(stance[passed], ACCEPTED, "quasi-static", size=size + 1.3)
             style.draw_traces(axes, [*lines, rejected, accepted])
             axes.set_aspect("equal", adjustable="datalim")
             axes.margins(0.06)
@@ -183,7 +178,7 @@ def _draw_lanes(t: Floats, verdicts: Mapping[str, OverThreshold]) -> Panel:
     far = np.abs(middle - t[nearest]) > max(REACH_S, REACH_STEPS * step)
     colours = {"quasi-static": ACCEPTED, "disturbed": REJECTED, "not judged": UNJUDGED}
     lanes: list[Trace] = [
-        dots([], [], color, name, size=9, style={"symbol": "square"}) for name, color in colours.items()
+        dots(t[:0], t[:0], color, name, size=9, style={"symbol": "square"}) for name, color in colours.items()
     ]
     for k, one in enumerate(verdicts.values()):
         color = np.where(one.quasi_static[:, None], to_rgb(ACCEPTED), to_rgb(REJECTED))
