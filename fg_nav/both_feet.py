@@ -28,9 +28,8 @@ from fg_nav.feet.person import FeetSolution, trace_person
 from fg_nav.feet.steps import Footfalls, keep_longest_part, keep_walked_parts, measure_relative_heading
 from fg_nav.feet_result import FeetResult, Known, Pairing
 from fg_nav.io import Reading
-from fg_nav.pipeline import prepare_walk, run_method
+from fg_nav.pipeline import Result, prepare_walk, run_method
 from fg_nav.recording import Recording
-from fg_nav.result import Result
 from fg_nav.samples.gaps import find_holes, list_bridged
 from fg_nav.solution import Solution
 from fg_nav.text import format_count

@@ -257,8 +257,8 @@ def check_use(method: Method, use: Use) -> None:
     """Raise `EstimationError` for what a method makes no use of."""
     if use not in method.uses:
         words = USE_WORDS[use]
-        others = ", ".join(one.name for one in list_methods(method.mount).values() if use in one.uses)
-        choose = f", or choose one of {others}" if others else ""
+        others = [one.name for one in list_methods(method.mount).values() if use in one.uses]
+        choose = f", or choose {'one of ' if len(others) > 1 else ''}{', '.join(others)}" if others else ""
         raise EstimationError(f"{method.name} makes no use of {words}: leave {words} out{choose}.")
 
 

@@ -103,6 +103,7 @@ KNOWN_ETA_RAD = 0.3  # Sigma of a direction that is known: beyond 17 degrees a s
 MIN_FOOTFALLS = 10  # Five parameters, and some footfalls to judge them by.
 MAX_GAP_RAD = float(np.deg2rad(90.0))  # Between neighboring headings: three quarters of the round hold the ellipse.
 LEVELLING_SIGMA_RAD = 0.003  # Steady error of up, per axis (3 mg, a calibrated MEMS part): an error of the hard iron.
+LEVEL_SIZES = 100.0, 1.0 / 30.0  # Of center (uT) and C (1/uT) over the ground: a short arc has a first guess of any.
 SECTORS, MIN_SECTORS = 12, 9  # Of 30 degrees, and how many must hold a footfall for their means to count.
 
 NO_ELLIPSOID = "the readings lie on no ellipsoid: turn the sensor in more directions, away from iron that stays behind."
@@ -442,7 +443,7 @@ def fit_ellipse(level_xy: Floats) -> Ellipse:
     """
     readings = select_levelled(level_xy, MIN_FOOTFALLS)
     try:
-        fit = fit_quadric(readings)
+        fit = fit_quadric(readings, LEVEL_SIZES)
     except CalibrationError:
         raise CalibrationError(NO_ELLIPSE) from None
     # offset and axes from center and symmetric matrix
@@ -508,21 +509,22 @@ class QuadricFit:
     kept: Bools
 
 
-def fit_quadric(readings: Floats) -> QuadricFit:
+def fit_quadric(readings: Floats, sizes: tuple[float, float] | None = None) -> QuadricFit:
     """Fit readings (N, n) uT by robust least squares of their distances, then by plain least squares on the inliers.
+
+    `sizes` of center (uT) and C (1/uT), by which the parameters are scaled; None for those of the first guess.
 
     Raises `CalibrationError` if the readings do not determine the parameters.
     """
     n = readings.shape[1]
     h, C = _fit_trimmed(readings)
     upper, size = C[np.triu_indices(n)], float(np.mean(np.diag(C)))
-    # parameters of similar sizes
-    sizes = np.repeat([0.1 / size, size], [n, len(upper)])
+    scale = np.repeat(sizes or (0.1 / size, size), [n, len(upper)])
 
     def distances(scaled: Floats, chosen: Floats) -> Floats:
-        return compute_distances(scaled[:n] * sizes[:n], matrix_of(scaled[n:] * sizes[n:]), chosen)
+        return compute_distances(scaled[:n] * scale[:n], matrix_of(scaled[n:] * scale[n:]), chosen)
 
-    x = _solve(distances, readings, np.concatenate([h, upper]) / sizes, "cauchy")
+    x = _solve(distances, readings, np.concatenate([h, upper]) / scale, "cauchy")
     kept = is_near(distances(x, readings))
     for _ in range(ROUNDS):
         x = _solve(distances, readings[kept], x, "linear")
@@ -536,11 +538,11 @@ def fit_quadric(readings: Floats) -> QuadricFit:
     steps = np.diag(1e-5 * np.maximum(np.abs(x), 0.1))
     columns = [(distances(x + step, inliers) - distances(x - step, inliers)) / (2 * step.sum()) for step in steps]
     variance = float((distances(x, inliers) ** 2).sum()) / (len(inliers) - len(x))
-    _, size_of, right = np.linalg.svd(np.stack(columns, axis=1), full_matrices=False)
-    if size_of[-1] < 1e-10 * size_of[0]:
+    _, singular, right = np.linalg.svd(np.stack(columns, axis=1), full_matrices=False)
+    if singular[-1] < 1e-10 * singular[0]:
         raise CalibrationError("the readings leave a parameter open: turn the sensor in more directions.")
-    covariance = variance * (right.T / size_of**2) @ right * np.outer(sizes, sizes)
-    return QuadricFit(x[:n] * sizes[:n], matrix_of(x[n:] * sizes[n:]), covariance, float(np.sqrt(variance)), kept)
+    covariance = variance * (right.T / singular**2) @ right * np.outer(scale, scale)
+    return QuadricFit(x[:n] * scale[:n], matrix_of(x[n:] * scale[n:]), covariance, float(np.sqrt(variance)), kept)
 
 
 Residuals: TypeAlias = Callable[[Floats, Floats], Floats]  # Of parameters (P,) and readings (K, D): (K,) uT.

@@ -15,7 +15,7 @@ from fg_nav.commands.shared import Answer, choose_reading
 from fg_nav.errors import OutputError, RecordingError
 from fg_nav.io.writing import choose_writer
 from fg_nav.recording import Recording
-from fg_nav.report.export import check_export, export_track, is_map
+from fg_nav.report.export import check_export, export_track, find_export
 from fg_nav.report.export.track import Origin, parse_start, read_result
 from fg_nav.report.folder import RESULT_FILES, check_file_free, result_file
 from fg_nav.report.terminal import console, listing
@@ -60,7 +60,7 @@ def export(request: ExportRequest) -> Answer:
         raise OutputError(f"--turn {request.turn} is no angle: give degrees, clockwise.")
     place = None if request.origin is None else Origin.parse(request.origin)
     began = None if request.start is None else parse_start(request.start)
-    if place is not None and not any(is_map(file) for file in out):
+    if place is not None and not any(find_export(file).needs_origin for file in out):
         raise OutputError(f"{out[0].name} holds meters, no places on the Earth: leave --origin out.")
     own = [file for file in out if file.name in RESULT_FILES and file.parent.resolve() == folder.resolve()]
     if own:

@@ -31,7 +31,7 @@ from fg_nav.magnetic.quasi_static import SETTINGS, find_detector
 from fg_nav.pipeline import prepare_walk
 from fg_nav.report.files import collect_remarks, describe_recording, write_json
 from fg_nav.report.folder import DETECT_FILES
-from fg_nav.report.plots.field import draw_survey, plot_samples
+from fg_nav.report.plots.sensor import draw_survey, plot_samples
 from fg_nav.report.plots.style import save
 from fg_nav.report.terminal import console, listing, print_place, ruled_table
 from fg_nav.walk import Walk, correct_walk, read_walk

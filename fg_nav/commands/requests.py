@@ -18,6 +18,7 @@ import typer
 from fg_nav.changes import DETECTOR
 from fg_nav.estimators import METHODS, RTS, list_methods
 from fg_nav.report import Plots
+from fg_nav.report.export import EXPORTS
 
 Completer: TypeAlias = Callable[[str], list[str]]
 
@@ -360,9 +361,7 @@ class ExportRequest(Request):
     verb = "fg_nav.commands.convert:export"
 
     folder: Path = argument("FOLDER", "Of a result of `fg-nav run`.")
-    out: list[Path] = argument(
-        "OUT...", "Files to write, by their endings: .geojson, .kml, .gpx, .tum, .mat, .parquet, .mcap (ROS 2), .rrd."
-    )
+    out: list[Path] = argument("OUT...", f"Files to write, by their endings: {', '.join(map(str, EXPORTS.values()))}.")
     origin: str | None = option(
         OUTPUT, "Where the foot first stood, for maps: degrees north and east, m.", "LAT,LON[,HEIGHT]"
     )

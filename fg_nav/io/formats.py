@@ -264,7 +264,11 @@ def _explain_unknown(content: Content) -> str:
     """Return a sentence for content of unknown format: the nearest format or file type, and the remedy."""
     name = content.path.name
     if content.kind == MEMBERS:
-        return _explain_table(content) or f"{name} is in none of the formats read here: {_explain_members(content)}."
+        packed = next((place for place, part in content.members.items() if part.head.startswith(ZIP_MARK)), None)
+        holds = f"{shorten_names(list(content.members), 6)}, of which none is a recording; give the one that is"
+        if packed is not None:
+            holds = f"an archive in itself, unpack it and give '{packed}'"
+        return _explain_table(content) or f"{name} is in none of the formats read here: it holds {holds}."
     words = _explain_own(content)
     if words is None:
         words = next((said for marks, said in _MARKS if content.head.startswith(marks)), None)
@@ -305,31 +309,6 @@ def _explain_own(content: Content) -> str | None:
     return None
 
 
-def _explain_members(content: Content) -> str:
-    """Return words on the members of a folder or archive, and which to give."""
-    packed = next((place for place, part in content.members.items() if part.head.startswith(ZIP_MARK)), None)
-    if packed is not None:
-        return f"it holds an archive in itself, unpack it and give '{packed}'"
-    kinds = {place: _find_kinds(part) for place, part in content.members.items()}
-    some = [f"'{place}' has {' and '.join(sorted(found))}" for place, found in kinds.items() if found]
-    if some:
-        return (
-            f"it is nearest to a table, but {', '.join(some[:4])}, none has both; "
-            f"export both sensors into one file, or give that file"
-        )
-    return f"it holds {shorten_names(list(content.members), 6)}, of which none is a recording; give the one that is"
-
-
-def _find_kinds(content: Content) -> set[str]:
-    """Which of acceleration and angular rate the columns of a table name."""
-    words = {"acc": "acceleration", "gyr": "angular rate", "no gravity": "acceleration without gravity"}
-    try:
-        named = table.find_kinds(open_table(content, 3))
-    except FormatError:
-        return set()
-    return {word for kind, word in words.items() if kind in named}
-
-
 def _explain_table(content: Content) -> str | None:
     """Return a sentence on what a table lacks to be read by its header; None if the content is no table."""
     name = content.path.name
@@ -337,7 +316,8 @@ def _explain_table(content: Content) -> str | None:
         opened = open_table(content)
         if opened is None:
             return None
-        if content.variables and not _find_kinds(content):
+        is_named = not table.find_kinds(opened).isdisjoint(("acc", "gyr", "no gravity"))
+        if content.variables and not is_named:
             listed = shorten_names(sorted(content.variables), 8)
             return (
                 f"{name} is no recording but a MATLAB file with the variables {listed}: save the samples in arrays "
@@ -346,7 +326,7 @@ def _explain_table(content: Content) -> str | None:
         unnamed = sum(read_header(column) is None for column in opened.names)
         if opened.has_header and unnamed < 3 and (single := table.explain_sensor_tables([content])):
             return single
-        if not opened.has_header or _find_kinds(content):
+        if not opened.has_header or is_named:
             table.choose(content, opened)
     except FormatError as error:
         return str(error)

@@ -74,23 +74,34 @@ class Stream:
 
 
 @np.errstate(over="ignore", invalid="ignore")  # of numbers that a damaged file may hold
-def join_streams(streams: Sequence[Stream], path: Path, format: str, notes: Sequence[str] = ()) -> RawRecording:
+def join_streams(
+    streams: Sequence[Stream], path: Path, format: str, notes: Sequence[str] = (), is_part: bool = False
+) -> RawRecording:
     """Return one recording from a stream per sensor: force interpolated, field nearest, at the gyroscope's stamps.
 
-    `path`, `format`, `notes` and remarks on the processing become the provenance.
+    `path`, `format`, `notes` and remarks on the processing become the provenance; `is_part` where the sensors are in
+    files of their own, and `path` is one of them.
 
-    Raises `FormatError` if accelerometer or gyroscope is absent or too slow, or if they share no time.
+    Raises `FormatError` if accelerometer or gyroscope is absent, twice there or too slow, or if they share no time.
     """
     remarks = list(notes)
+    for k, stream in enumerate(streams):
+        other = next((one for one in streams[:k] if one.what == stream.what), None)
+        if other is not None:
+            raise FormatError(
+                f"{path.name} holds two tables of the {stream.name} ({other.source}, {stream.source}): give a folder "
+                f"with those of one recording."
+            )
     found = {stream.what: stream for stream in _subtract_start(streams, remarks)}
     cleaned = {what: _clean(stream, remarks) for what, stream in found.items()}
     for needed in ("acc", "gyr"):
         if needed not in cleaned:
-            other = [stream.name for stream in streams]
-            raise FormatError(
-                f"{path.name} has no {NAMES[needed]}{', only ' + ' and '.join(other) if other else ''}: "
-                f"record accelerometer and gyroscope together."
-            )
+            there = [stream.name for stream in streams]
+            remedy = "record accelerometer and gyroscope together"
+            if is_part and len(streams) == 1:
+                remedy = "give the folder or zip with the files of all sensors"
+            only = f", only {' and '.join(there)}" if there else ""
+            raise FormatError(f"{path.name} has no {NAMES[needed]}{only}: {remedy}.")
         if len(cleaned[needed].t) < 2:
             count = format_count(len(cleaned[needed].t), "sample")
             source = cleaned[needed].source

@@ -503,18 +503,17 @@ def _load_numpy(content: Content, kind: str) -> Arrays:
 
 def _open_hdf5(content: Content) -> ArrayTable:
     arrays: dict[str, np.ndarray[Any, Any]] = {}
-
-    def keep(place: str, node: Any) -> None:
-        if hasattr(node, "dtype") and not place.startswith("#"):
-            value = node[()]
-            if value.dtype.names:
-                arrays.update({f"{place}/{key}": value[key] for key in value.dtype.names})
-            elif value.dtype.kind in "fiubS" and value.size > 1:
-                flat = value.squeeze()  # MATLAB's arrays lie on their side
-                arrays[place] = flat.T if flat.ndim == 2 and flat.shape[0] < flat.shape[1] else flat
-
     with explain_library(content.path.name, "an HDF5 file", "h5py", "hdf5"):
         import h5py
+
+        def keep(place: str, node: Any) -> None:
+            if isinstance(node, h5py.Dataset) and not place.startswith("#"):
+                value = node[()]
+                if value.dtype.names:
+                    arrays.update({f"{place}/{key}": value[key] for key in value.dtype.names})
+                elif value.dtype.kind in "fiubS" and value.size > 1:
+                    flat = value.squeeze()  # MATLAB's arrays lie on their side
+                    arrays[place] = flat.T if flat.ndim == 2 and flat.shape[0] < flat.shape[1] else flat
 
         with h5py.File(io.BytesIO(content.read_bytes()), "r") as file:
             file.visititems(keep)

@@ -74,7 +74,7 @@ from fg_nav.smoother.batch import InProgress, WalkInput, fit_walk
 from fg_nav.smoother.feet import SolvedFeet, list_footfalls, solve_feet
 from fg_nav.smoother.field import FieldSolution, FieldVerdict
 from fg_nav.smoother.graph import WalkProblem, count_factors, order_variables
-from fg_nav.smoother.solver import UNSOLVED, Solved, linearize, list_attitudes, list_positions
+from fg_nav.smoother.solver import UNSOLVED, Solved, list_attitudes, list_positions
 from fg_nav.solution import Return
 from fg_nav.stances import Stances
 
@@ -320,7 +320,7 @@ def build_anchor(walk: PartialWalk, options: OnlineOptions, found: WalkSolution,
 def marginalize_at(found: WalkSolution, stance: StanceNodes) -> MarginalPrior:
     """Return the marginal prior on the variables of a footfall, from the whole solved walk."""
     problem, values = found.problem, found.solved.values
-    linear = linearize(problem.graph, problem.blocks, values)
+    linear = problem.system.linearize(values)
     order, keep = order_variables(problem), list_variables(stance, values)
     return marginalize(linear, values, keep, [key for key in order.tolist() if key not in set(keep)])
 

@@ -25,6 +25,7 @@ from time import perf_counter
 
 import gtsam
 import numpy as np
+from gtsam.symbol_shorthand import B, X
 
 from fg_nav.arrays import Bools, Floats
 from fg_nav.detection.rest import freeze_ends
@@ -63,8 +64,9 @@ from fg_nav.smoother.shared_errors import (
     spread_moving_foot,
     weigh_gyro_scale,
 )
-from fg_nav.smoother.solver import Solved, list_covariances, list_table_keys, stance_table
-from fg_nav.solution import Return, Solution
+from fg_nav.smoother.solver import Solved, in_nav, list_covariances, list_poses
+from fg_nav.smoother.strides import Nodes
+from fg_nav.solution import Return, Solution, StanceTable
 from fg_nav.stances import Stances
 from fg_nav.text import format_count
 from fg_nav.truth import Fix
@@ -373,12 +375,47 @@ def _smooth(given: WalkInput) -> SmoothedWalk:
     return SmoothedWalk(solution, walk, joint)
 
 
+def list_table_keys(nodes: Nodes) -> list[int]:
+    """List the poses of the footfalls, and the biases, whose covariances a stance table has: all of six dimensions."""
+    return [*(X(int(j)) for j in nodes.result), *(B(k) for k in range(int(nodes.bias[-1]) + 1))]
+
+
+def stance_table(t: Floats, nodes: Nodes, solved: Solved, verdict: FieldVerdict, covariances: Floats) -> StanceTable:
+    """Poses, biases and their marginal sigmas at the stillest node of each footfall.
+
+    `covariances` (K, 6, 6) are those of `list_table_keys`.
+    """
+    body, of_bias = covariances[: len(nodes.result)], covariances[len(nodes.result) :]
+    bias_keys = list_table_keys(nodes)[len(nodes.result) :]
+    bias_variance = np.diagonal(of_bias, axis1=1, axis2=2)[nodes.bias]
+    bias = np.array([solved.values.atConstantBias(key).gyroscope() for key in bias_keys])
+    poses = list_poses(nodes.result, solved.values)
+    attitude, position = poses[:, :3, :3].copy(), poses[:, :3, 3].copy()
+    pose_cov = in_nav(attitude, body)
+    sample = nodes.sample[nodes.result]
+    return StanceTable(
+        sample=sample,
+        t=t[sample],
+        position=position,
+        nav_R_body=attitude,
+        gyro_bias=bias[nodes.bias],
+        position_cov=pose_cov[:, :3, :3],
+        heading_sigma=np.sqrt(pose_cov[:, 3, 3]),
+        gyro_bias_sigma=np.sqrt(bias_variance[:, 3:]),
+        field=verdict.words,
+        field_reason=verdict.reason,
+        pose_cov=pose_cov,
+        compass_weight=verdict.compass_weight,
+        field_statistic=verdict.statistic,
+    )
+
+
 def to_solution(
     walk: SolvedWalk, joint: FootfallCovariance, covariances: Floats, stances: Stances, began: float
 ) -> Solution:
     """Return the dense path with the table of footfalls.
 
-    `covariances` (K, 6, 6) are those of `solver.list_table_keys`; `began` s is the start of the solve.
+    `covariances` (K, 6, 6) are those of `list_table_keys`; `began` s is the start of the solve.
     """
     # Footfalls and biases, and the sigma of the distance.
     problem, solved, verdict = walk.problem, walk.solved, walk.verdict

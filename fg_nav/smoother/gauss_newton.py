@@ -118,9 +118,13 @@ class LinearWalk:
         """Eliminate the variables before place `end`."""
         return self._eliminate(end)[2]
 
-    def eliminate_all(self) -> LinearWalk:
-        """Eliminate all variables, for the error and the volume."""
-        return self.eliminate_before(len(self.keys))
+    def minus_log_evidence(self, log_noise: float) -> float:
+        """Return -log p(z | assumed) up to a constant, `log_noise` that of the noises that the assumption changes.
+
+        E + log|R| + 1/2 sum_i log|S_i| of `sensitivity`, all variables eliminated.
+        """
+        left = self.eliminate_before(len(self.keys))
+        return float(left.error + left.volume + log_noise)
 
     @cached_property
     def _size(self) -> Ints:

@@ -5,14 +5,10 @@ q sqrt(t), one sigma. Gyroscopes differ in it a hundredfold.
 
 Only the noise S_i(q) of these changes depends on q, so one linearization serves for all, the last one of the solution
 with the q that is assumed. What lies between the nodes at which the bias changes is eliminated once, and what is left,
-a chain of the biases and these nodes, for each level. With all that does not depend on q left out,
-
-    -log p(z | q) = E(q) + log|R(q)| + 1/2 sum_i log|S_i(q)|                 (Laplace; MacKay 2003, section 27)
-
-E the error at the minimum of the linear graph, R the triangle of its square-root information. The walk has the mean of
-q^2 over `WALK_LEVELS_DEG_S`, weighted by evidence and `WALK_PRIOR`: the variance of the mixture, so no level has to
-win, and a walk too short to show one has that of the prior. The evidence is that of the inertial graph; with the
-magnetic field it is larger, and chooses the same.
+a chain of the biases and these nodes, for each level, by its evidence (`sensitivity`). The walk has the mean of q^2
+over `WALK_LEVELS_DEG_S`, weighted by evidence and `WALK_PRIOR`: the variance of the mixture, so no level has to win,
+and a walk too short to show one has that of the prior. The evidence is that of the inertial graph; with the magnetic
+field it is larger, and chooses the same.
 
 Prior. Between recordings the bias of a good sensor scatters by 0.02 to 0.1 deg/s, that of an uncalibrated part by
 several deg/s. So the prior of the first bias variable is a mixture,
@@ -110,8 +106,7 @@ def _minus_log_evidence(chain: LinearWalk, changes: Sequence[Stack], by: float) 
         rows[:, GYRO] /= by
         scaled.append(Stack(keys, rows))
         noise += 3 * len(keys) * np.log(by)
-    left = chain.join(scaled).eliminate_all()
-    return float(left.error + left.volume + noise)
+    return chain.join(scaled).minus_log_evidence(noise)
 
 
 def average_bias_prior(problem: WalkProblem, solved: Solved) -> WalkProblem | None:

@@ -1,13 +1,8 @@
 """From the samples between two nodes to one measurement: of the inertial sensor, or of a person who was not seen.
 
-Preintegration is Galilean: each sample is held over its own period, and a constant body rate and specific force are
-integrated exactly; the default preintegration of GTSAM is first order in the period, and its error on a swinging foot
-looks like a yaw bias. The noise of an interval is the mean over its samples of
-
-    s_a^2 = density^2 + (relative (|f| - g))^2,     s_w^2 = density^2 + (relative |w|)^2,
-
-and samples of extra sigma (`fg_nav.sample_noise`) have it at their own time. A gap is integrated in steps of the sample
-period: within a step, what turns does not yet move.
+Preintegration is Galilean, each sample held over its own period, with the noise of a moving foot as the mean over an
+interval (`docs/models.md`); samples of extra sigma (`fg_nav.sample_noise`) have it at their own time. A gap is
+integrated in steps of the sample period: within a step, what turns does not yet move.
 
 Compounding, for speed. A block of samples turns the body by R and moves it by v (m/s) and p (m) in T seconds, exactly
 (`mechanisation`, without gravity). The two samples that stand for it hold one rate w for all of T, and a specific force

@@ -21,7 +21,7 @@ and with eta the product of L with the estimate
 
 Footfalls. The errors of two footfalls are nearly the same error: heading and scale belong to the walk. So what is said
 of several footfalls together, as the length of the path, needs their joint covariance, which the marginal ones
-(`solver.stance_table`) do not hold. With e_k (4,) the error of footfall k, east, north, up (m) and yaw about up (rad),
+(`batch.stance_table`) do not hold. With e_k (4,) the error of footfall k, east, north, up (m) and yaw about up (rad),
 T_k the map of the tangent space of pose k to e_k, n combinations c and g_k = T_k^T w_k,
 
     c = sum_k w_k^T e_k,    w_k (4, n),

@@ -29,13 +29,11 @@ its end. So s is one variable of the solved graph, linearized at its minimum, wi
 
     J = -(de/dpose_end, de/dv_end nav_R_end) D     and, if there is an error, the prior     s = 0 +- `SCALE_SIGMA`.
 
-What else is wrong in all swings alike looks like a scale: axes that are not square, a bent mounting, soft iron. So s
-has a part 0 +- `ALIKE_SIGMA` in any case. And what differs between the halves of a walk is no scale, though one number
-may explain it better than none: a bias that moves, a wing with a field of its own. So each half has an s of its own, z
-= (s_1, s_2), and three models are as likely before the walk: nothing but what is alike (`ALIKE_SIGMA` in both halves,
-the same), one scale (`SCALE_SIGMA` more, the same in both), two that have nothing to do with each other (`SCALE_SIGMA`
-in each). Only the second is taken off: the samples are corrected by its s times its probability, where that is more
-than what is alike; nats by which tilt and velocity close worse with it count against it. The covariances of the walk
+What differs between the halves of a walk is no scale, though one number may explain it better than none: a bias that
+moves, a wing with a field of its own. So each half has an s of its own, z = (s_1, s_2), and three models are as likely
+before the walk: nothing but what is alike (`ALIKE_SIGMA` in both halves, the same), one scale (`SCALE_SIGMA` more, the
+same in both), two that have nothing to do with each other (`SCALE_SIGMA` in each). Of the second what `docs/models.md`
+says is taken off; nats by which tilt and velocity close worse with it count against it. The covariances of the walk
 hold the rest: a variable that moves by X s has X M X^T more, with M the second moment about what was taken off, over
 the three models (Hoeting et al. 1999).
 

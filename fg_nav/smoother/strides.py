@@ -229,11 +229,6 @@ def add_stride(graph: gtsam.NonlinearFactorGraph, stride: Stride, p: SmootherPar
     _add_sensor(graph, stride, p)
 
 
-def velocity_block(stride: Stride) -> ResidualBlock:
-    """Return the velocities of a stride's stance, with their keys."""
-    return ResidualBlock(stride.velocity, [(X(j), V(j), S(stride.bias)) for j in range(stride.first, stride.last)])
-
-
 def join_velocities(velocities: StanceVelocity, nodes: Nodes) -> ResidualBlock:
     """Return the stance velocities of all nodes of a walk as one block, with their keys."""
     bias = nodes.bias[nodes.footfall].tolist()
@@ -244,7 +239,8 @@ def stride_graph(stride: Stride, p: SmootherParameters) -> gtsam.NonlinearFactor
     """Return all factors of a stride, one by one."""
     graph = gtsam.NonlinearFactorGraph()
     _add_inertial(graph, stride)
-    for factor in velocity_block(stride).factors():
+    keys = [(X(j), V(j), S(stride.bias)) for j in range(stride.first, stride.last)]
+    for factor in ResidualBlock(stride.velocity, keys).factors():
         graph.push_back(factor)
     _add_sensor(graph, stride, p)
     return graph

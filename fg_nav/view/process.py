@@ -2,15 +2,8 @@
 
     python -m fg_nav.view.process LINES PAGE HOST      descriptors of the ports, -1 for none (`ListenerProcess`)
 
-The parent opens the ports, so that an occupied one is reported at once, and writes one message a line: a letter, then
-JSON or the line itself.
-
-==== ================================================================
-L    a line for the clients of lines, and for the page
-P    one for the page alone
-S    the state between footfalls
-R    a remark
-==== ================================================================
+The parent opens the ports, so that an occupied one is reported at once, and writes one message a line, JSON: the method
+of `PageServer` that takes it and its argument, or `send_line` with a line for the clients of lines and for the page.
 
 It answers with two numbers a line, whenever they change: the number of open pages, and the period of statuses (s). It
 ends with its input, and so with the parent, however that ends.
@@ -76,19 +69,19 @@ class ListenerProcess:
 
     def send_line(self, line: str) -> None:
         """Send a line to clients and page."""
-        self._put(b"L", line)
+        self._put("send_line", line)
 
     def send(self, line: str) -> None:
         """Send a line to the page alone."""
-        self._put(b"P", line)
+        self._put("send", line)
 
     def send_status(self, status: dict[str, Any]) -> None:
         """Send the state between footfalls."""
-        self._put(b"S", json.dumps(to_json(status), allow_nan=False))
+        self._put("send_status", to_json(status))
 
     def send_remark(self, words: str) -> None:
         """Send a sentence for people."""
-        self._put(b"R", json.dumps(words))
+        self._put("send_remark", words)
 
     def close(self) -> None:
         """End the process once it has read all messages."""
@@ -103,11 +96,11 @@ class ListenerProcess:
         for thread in self._threads:
             thread.join()
 
-    def _put(self, kind: bytes, words: str) -> None:
+    def _put(self, method: str, argument: object) -> None:
         if self._has_ended:
             return
         with suppress(queue.Full):
-            self._messages.put_nowait(kind + words.encode() + b"\n")
+            self._messages.put_nowait(json.dumps([method, argument], allow_nan=False).encode() + b"\n")
 
     def _write(self, pipe: IO[bytes]) -> None:
         with suppress(OSError), pipe:
@@ -147,13 +140,11 @@ async def serve(lines: LineServer | None, page: PageServer | None, doors: Sequen
     reports = None if page is None else asyncio.create_task(_report(page))
     await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(messages), sys.stdin)
     async for message in messages:
-        kind, words = message[:1], message[1:-1].decode()
-        if kind == b"L" and lines is not None:
-            lines.send(words)
-        if page is not None and kind in b"LP":
-            page.send(words)
-        elif page is not None:
-            (page.send_status if kind == b"S" else page.send_remark)(json.loads(words))
+        method, argument = json.loads(message)
+        if method == "send_line" and lines is not None:
+            lines.send(argument)
+        if page is not None:
+            getattr(page, "send" if method == "send_line" else method)(argument)
         await asyncio.sleep(0)  # see to the clients between two messages
     await asyncio.gather(*(server.close() for server, _ in servers))
     if reports is not None:

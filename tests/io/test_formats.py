@@ -14,34 +14,6 @@ from tests.io.samples import WRITERS, tilting, write_broad, write_openshoe, writ
 RAW = tilting(np.random.default_rng(1))
 
 
-@pytest.mark.parametrize("kind", WRITERS)
-@pytest.mark.parametrize("suffix", [".csv", ".mat", ".dat"])
-def test_is_recognised_from_content_and_read_in_si(kind: str, suffix: str, tmp_path: Path) -> None:
-    name, writer = WRITERS[kind]
-    path = tmp_path / f"walk{suffix}"
-    _write_with_any_suffix(writer, path)
-    raw = read_raw(path)
-    assert raw.provenance.format == name
-    assert raw.provenance.path == path
-    np.testing.assert_allclose(raw.t - raw.t[0], RAW.t, atol=1e-9)
-    np.testing.assert_allclose(raw.acc, RAW.acc, atol=2e-7)
-    np.testing.assert_allclose(raw.gyr, RAW.gyr, atol=2e-8)
-    if raw.mag is not None and RAW.mag is not None:
-        sampled = np.isfinite(raw.mag).all(axis=1)
-        assert sampled.mean() > 0.9
-        np.testing.assert_allclose(raw.mag[sampled], RAW.mag[sampled], atol=1e-5)
-    assert (raw.mag is None) == (kind in ("estimated", "pyshoe", "gdlbio"))
-
-
-@pytest.mark.parametrize("kind", WRITERS)
-def test_recording_is_usable(kind: str, tmp_path: Path) -> None:
-    path = tmp_path / "walk.mat"
-    _write_with_any_suffix(WRITERS[kind][1], path)
-    recording = read(path)
-    assert len(recording) == len(RAW.t)
-    assert recording.period_s == pytest.approx(0.005, abs=1e-9)
-
-
 def test_format_overrides_recognition(tmp_path: Path) -> None:
     path = tmp_path / "walk.csv"
     write_xio(RAW, path)
@@ -244,14 +216,6 @@ def test_broad_quaternions_are_w_x_y_z_from_sensor_to_nav(tmp_path: Path) -> Non
     np.testing.assert_allclose(axes, [north, up, east], atol=1e-12)
     left = [[np.cos(0.6), -np.sin(0.6), 0.0], [np.sin(0.6), np.cos(0.6), 0.0], [0.0, 0.0, 1.0]]
     np.testing.assert_allclose(truth.nav_R_body[-1], left, atol=1e-12)
-
-
-def _write_with_any_suffix(writer: object, path: Path) -> None:
-    """Write under a name scipy does not change, then rename."""
-    assert callable(writer)
-    named = path.with_suffix(".mat")
-    writer(RAW, named)
-    named.rename(path)
 
 
 def _is_one_sentence(message: str) -> None:

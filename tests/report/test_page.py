@@ -10,11 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fg_nav.report.drawn import AlignedSolution, find_ellipses
+from fg_nav.report.course import AlignedSolution, describe_frame, find_ellipses
 from fg_nav.report.files import write_comparison, write_lagged, write_run
 from fg_nav.report.page.content import Findings, Page, compose_page
-from fg_nav.report.page.course import describe_frame
-from fg_nav.report.page.graph import HEAVIEST, describe_graph, draw_graph
+from fg_nav.report.series import HEAVIEST, describe_graph, draw_graph
 from fg_nav.solution import Solution
 from fg_nav.walk import Walk
 from tests.browser import open_browser

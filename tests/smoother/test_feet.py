@@ -17,14 +17,13 @@ from fg_nav.smoother.batch import WalkInput, fit_walk
 from fg_nav.smoother.feet import (
     REACH_M,
     RIGHT,
-    ReachFactors,
     SolvedFeet,
     _pair_keys,
     _subtract_left,
     _take_covariances,
-    find_beyond_reach,
     list_footfalls,
     order_variables,
+    pair_standing_feet,
     smooth_feet,
     solve_feet,
 )
@@ -209,11 +208,11 @@ def test_where_no_steps_tie_the_feet_pairs_of_footfalls_hold_what_they_differ_by
     shared = np.zeros((watched.minimum.root.total, 0))
     tables, apart = _take_covariances(watched, shared)
     by_itself = _subtract_left(
-        watched, watched.minimum.root.joint_covariances(_pair_keys(ties.right_node, ties.left_node))
+        watched, watched.minimum.root.joint_covariances(_pair_keys(ties.pairs.right, ties.pairs.left))
     )
     np.testing.assert_allclose(apart, by_itself, rtol=1e-9, atol=1e-15)
     for k in (0, ties.cells - 1, ties.cells, len(ties) - 1):
-        joint = dense.find(_pair_keys(ties.right_node, ties.left_node)[k])
+        joint = dense.find(_pair_keys(ties.pairs.right, ties.pairs.left)[k])
         assert_like(tables[0][ties.right[k]], joint[:6, :6])
         assert_like(tables[1][ties.left[k]], joint[6:, 6:])
         assert_like(apart[k], _subtract_left(watched, np.tile(joint, (len(ties), 1, 1)))[k])
@@ -237,17 +236,17 @@ def test_feet_that_were_bent_apart_are_found_as_before(solved: SolvedFeet) -> No
 
 def test_standing_feet_beyond_reach_are_found_and_pulled_together(solved: SolvedFeet) -> None:
     """Feet that stand at one time cannot be two meters apart; where they are near nothing is asked."""
-    problem, none = solved.problem, ReachFactors()
-    values = solved.minimum.values
-    assert len(find_beyond_reach(problem.right, problem.left, values, none)) == 0
+    problem, values = solved.problem, solved.minimum.values
+    standing = pair_standing_feet(problem.right, problem.left)
+    assert (standing.evaluate(values, False)[0] == 0.0).all()
     away = replace(values, right=type(values.right)(values.right))
     for j in range(len(problem.right.nodes)):
         key = X(j)
         pose = away.right.atPose3(key)
         away.right.update(key, type(pose)(pose.rotation(), pose.translation() + np.array([2.0, 0.0, 0.0])))
-    beyond = find_beyond_reach(problem.right, problem.left, away, none)
+    beyond = standing.take(standing.evaluate(away, False)[0][:, 0] > 0.0)
     assert len(beyond) > 20
-    assert (beyond.reach >= REACH_M).all()
+    assert (standing.residuals.reach >= REACH_M).all()
     assert beyond.error(away) > 10.0 * len(beyond)
     assert beyond.error(values) == 0.0
     # Asked for, they come back.

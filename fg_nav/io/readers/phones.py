@@ -276,39 +276,26 @@ def read_phyphox(content: Content) -> RawRecording:
     if model:
         notes.append(f"recorded by phyphox {said.get('version', '')} on {model}")
     # sensors
-    streams: dict[Sensor, Stream] = {}
-    has_linear = False
-    for stream in (stream for file in content.files() for stream in _read_phyphox_table(file)):
-        if stream is None:
-            has_linear = True
-        elif stream.what in streams:
-            raise FormatError(
-                f"{name} holds two tables of the {NAMES[stream.what]} ({streams[stream.what].source}, "
-                f"{stream.source}): give a folder with those of one experiment."
-            )
-        else:
-            streams[stream.what] = stream
-    if has_linear and "acc" not in streams:
+    found = [stream for file in content.files() for stream in _read_phyphox_table(file)]
+    streams = [stream for stream in found if stream is not None]
+    if len(streams) < len(found) and not any(stream.what == "acc" for stream in streams):
         raise FormatError(
             f"{name} holds linear acceleration only, from which gravity has been removed: "
             f"record 'Acceleration (with g)' and the gyroscope."
         )
-    if len(streams) == 1 and not content.members:
-        what = NAMES[next(iter(streams))]
-        raise FormatError(f"{name} holds the {what} only: give the folder or zip with the files of all sensors.")
     # pauses
     pauses, last = _read_pauses(content)
-    for what, stream in streams.items():
+    for stream in streams:
         end = max(stream.t[np.isfinite(stream.t)].tolist(), default=0.0)
         if end > last + _LATE_S:
             raise FormatError(
                 f"{stream.source} lasts {end:.1f} s, but meta/time.csv says {last:.1f} s: give the files of one "
                 f"experiment."
             )
-        streams[what] = replace(stream, t=_add_pauses(np.asarray(stream.t, dtype=np.float64), pauses))
+    streams = [replace(one, t=_add_pauses(np.asarray(one.t, dtype=np.float64), pauses)) for one in streams]
     if streams:
         notes += [f"paused for {pause:.1f} s at {at:.1f} s: a gap" for at, pause in pauses]
-    return join_streams(list(streams.values()), content.path, "phyphox", list(dict.fromkeys(notes)))
+    return join_streams(streams, content.path, "phyphox", list(dict.fromkeys(notes)), is_part=not content.members)
 
 
 def _read_phyphox_table(file: Content) -> Iterator[Stream | None]:
@@ -376,11 +363,7 @@ def _add_pauses(t: Floats, pauses: list[tuple[float, float]]) -> Floats:
 
 def put_on_recording_clock(content: Content, t: Floats) -> Floats:
     """Stamps (N,) s of a further table of an app, such as its `Location.csv`, on the clock of its recording as read."""
-    begin = []
-    for table in find_tables(content).values():
-        header = find_header(table, lambda names: "seconds_elapsed" in names)
-        if header is not None:
-            begin.append(float(header.read_columns(["seconds_elapsed"])[0][0, 0]))
+    begin = [float(table.read_columns(["seconds_elapsed"])[0][0, 0]) for table in find_tables(content).values()]
     return _add_pauses(t, _read_pauses(content)[0]) - min(begin, default=0.0)
 
 
@@ -397,15 +380,15 @@ _HPA = 100.0  # Pa.
 _MAX_FORCE_IN_G = 3.0  # A sensor at rest reads 1 in g, and 9.8 in m/s^2.
 
 
-def find_tables(content: Content) -> dict[str, Content]:
+def find_tables(content: Content) -> dict[str, TextTable]:
     """Return the Sensor Logger tables of a folder or archive (top level), or the file itself, by lower-case name."""
     files: Iterable[tuple[str, Content]] = content.members.items() or [(content.path.name, content)]
-    named = {place.lower().split(".")[0]: table for place, table in files if "/" not in place}
     found = {}
-    for name, table in named.items():
-        fields = set(table.fields())
+    for name, file in {place.lower().split(".")[0]: file for place, file in files if "/" not in place}.items():
+        fields = set(file.fields())
         is_table = {"time", "seconds_elapsed"} <= fields and ({"x", "y", "z"} <= fields or "pressure" in fields)
-        if name in _WHAT and is_table and has_rows(table):
+        table = find_header(file, lambda names: "seconds_elapsed" in names)
+        if name in _WHAT and is_table and table is not None and has_rows(file):
             found[name] = table
     return found
 
@@ -424,17 +407,15 @@ def read_sensor_logger(content: Content) -> RawRecording:
     # sensors, calibrated before uncalibrated
     streams = dict[str, Stream]()
     for name, table in find_tables(content).items():
-        header = find_header(table, lambda names: "seconds_elapsed" in names)
-        assert header is not None, "recognized by it"
         is_air = _WHAT[name] == "pressure"
-        values, row = header.read_columns(["time", *(["pressure"] if is_air else "xyz")])
-        stamps = header.read_integers("time", row)
+        values, row = table.read_columns(["time", *(["pressure"] if is_air else "xyz")])
+        stamps = table.read_integers("time", row)
         if stamps is None:
             whole = np.abs(values[:, 0]) < 2.0**63
             values, row = values[whole], row[whole]
             stamps = np.rint(values[:, 0]).astype(np.int64)
         xyz = values[:, 1:] * (_HPA if is_air else 1.0)
-        streams[name] = Stream(_WHAT[name], stamps, xyz, row, table.path.name)
+        streams[name] = Stream(_WHAT[name], stamps, xyz, row, table.content.path.name)
     force = _find_force(streams, metadata, content, notes)
     gyr, mag = streams.get("gyroscope"), streams.get("magnetometer")
     if gyr is None and "gyroscopeuncalibrated" in streams:

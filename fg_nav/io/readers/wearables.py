@@ -71,18 +71,9 @@ def read_metawear(content: Content) -> RawRecording:
         raise FormatError(f"{path.name} holds no file of a MetaWear: export the session again.")
     chosen = choose_sensor(list(sessions), content.sensor, path, "sessions")
     files = sessions[chosen]
-    if not content.members:  # the other file is needed too, by its name if it lies beside
-        own, session = next(iter(files)), _SENSOR.split(path.name)[0]
-        other = NAMES["gyr" if own == "acc" else "acc"]
-        beside = sorted(path.parent.glob("*")) if content.fetch is None and path.is_file() else []
-        names = [file.name for file in beside if file.name.startswith(session) and other in file.name.lower()]
-        missing = f"'{names[0]}'" if len(names) == 1 else f"the file of the {other}"
-        raise FormatError(
-            f"{path.name} holds the {NAMES[own]} alone: put {missing} of the same session beside it, and give the "
-            f"folder, or a zip of both."
-        )
     streams = [_read_metawear_stream(files[what], what) for what in NAMES if what in files]
-    return join_streams(streams, path, "metawear", (f"the session is '{chosen}'",) if len(sessions) > 1 else ())
+    notes = [f"the session is '{chosen}'"] if len(sessions) > 1 else []
+    return join_streams(streams, path, "metawear", notes, is_part=not content.members)
 
 
 def _read_metawear_stream(file: Content, what: Sensor) -> Stream:

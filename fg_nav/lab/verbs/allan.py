@@ -10,10 +10,10 @@ import numpy as np
 
 from fg_nav.commands.shared import Answer, Target, choose_reading, name_walk
 from fg_nav.lab.allan import NoisePart, RecordingNoise, measure_recording_noise
+from fg_nav.lab.drawing import AXES, UNITS, plot_allan
 from fg_nav.lab.verbs import AllanRequest
 from fg_nav.report.files import write_json
 from fg_nav.report.folder import ALLAN_FILES
-from fg_nav.report.plots.allan import AXES, UNITS, plot_allan
 from fg_nav.report.plots.style import save
 from fg_nav.report.terminal import console, print_place, ruled_table
 from fg_nav.text import find_version

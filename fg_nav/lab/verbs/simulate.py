@@ -134,8 +134,8 @@ def _write_trajectory(file: Path, truth: Truth | None) -> None:
 
 def _write_surroundings(folder: Path, walk: SimulatedWalk) -> None:
     """Write the landmarks, if there are any, and the map."""
+    from fg_nav.lab.drawing import plot_simulated_walk
     from fg_nav.report.plots.style import save
-    from fg_nav.report.plots.walk import plot_simulated_walk
 
     if walk.landmarks:
         rows = [(mark.landmark, mark.time_s, *mark.position) for mark in walk.landmarks]
@@ -219,7 +219,7 @@ def demo(request: DemoRequest) -> Answer:
     """Simulate four minutes of walking round a floor, and compare the methods on it, or show it while it is walked."""
     if request.view:
         _view_demo(request)
-        return Answer({}, lambda: None)
+        raise typer.Exit
     with Target(request.out, request.force, "demo", DEMO_FILES) as target, target.open() as folder:
         simulated = simulate_named(simulate_one, DEMO_SCENARIO, request.seed)
         # the recording as it will be read from the folder

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fg_nav.report import REPORT
+from fg_nav.report.charts import render_plotly
 from fg_nav.report.page.content import Findings, Page, compose_feet_page, compose_page
 from fg_nav.text import find_version, to_json
 
@@ -46,11 +47,7 @@ def _write(folder: Path, page: Page) -> None:
         loader=FileSystemLoader(_HERE), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     environment.filters["json"] = lambda value: json.dumps(to_json(value), indent=1, ensure_ascii=False)
-    content = {
-        chart.name: {"data": chart.data, "layout": chart.layout, "scaled": chart.scaled, "north": chart.north}
-        for section in page.sections
-        for chart in section.charts
-    }
+    content = {chart.name: render_plotly(chart) for section in page.sections for chart in section.charts}
     charts = json.dumps(content, separators=(",", ":"), allow_nan=False, ensure_ascii=False)
     # no character may end an element of the page
     charts = charts.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")

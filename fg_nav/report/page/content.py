@@ -21,17 +21,7 @@ import numpy as np
 
 from fg_nav.arrays import interpolate_columns
 from fg_nav.report import FIGURES, collect_notes
-from fg_nav.report.drawn import AlignedSolution, align_solution
-from fg_nav.report.page.course import (
-    describe_alignment,
-    describe_ellipses,
-    describe_frame,
-    describe_returns,
-    draw_course,
-    draw_feet,
-    draw_returns,
-)
-from fg_nav.report.page.figures import (
+from fg_nav.report.charts import (
     GRAY,
     MAX_POINTS,
     TEAL,
@@ -45,10 +35,22 @@ from fg_nav.report.page.figures import (
     to_numbers,
     to_seconds,
 )
-from fg_nav.report.page.graph import describe_graph, draw_graph
-from fg_nav.report.page.series import (
+from fg_nav.report.course import (
+    align_feet,
+    align_solution,
+    describe_alignment,
+    describe_ellipses,
+    describe_frame,
+    describe_returns,
+    draw_course,
+    draw_feet,
+    draw_returns,
+)
+from fg_nav.report.series import (
+    describe_graph,
     draw_compass,
     draw_errors,
+    draw_graph,
     draw_gyro_bias,
     draw_headings,
     draw_height,
@@ -287,17 +289,7 @@ def compose_feet_page(
 
 
 def _draw_feet_sections(result: FeetResult) -> list[Section]:
-    # each foot is aligned as the person is: the feet stay as they are to each other
-    comparison, pairing = result.outcome.comparison, result.pairing
-    person = AlignedSolution(result, result.truth, comparison)
-    feet = {
-        side: AlignedSolution(foot, None if comparison is None else foot.walk.truth, comparison)
-        for side, foot in result.feet.items()
-    }
-    # the frame is the left foot's
-    side, foot = next(iter(result.feet.items()))
-    frame = describe_frame(person, foot.outcome, Options(heading_deg=pairing.heading_deg))
-    frame = replace(frame, words=f"{frame.words} The origin is where the {side} foot first stood.")
+    (person, feet, frame), pairing = align_feet(result), result.pairing
     known = {"named": "as it was named", "shown": "as the steps show", "assumed": "which is assumed"}[pairing.sides]
     origin = f"The first recording is of the {pairing.order[0]} foot, {known}."
     if pairing.width_m is not None:

@@ -192,7 +192,7 @@ def test_a_changed_recording_is_made_anew_and_a_bad_one_is_told(tmp_path, made, 
 
 def test_what_other_code_made_is_told_and_made_anew_if_wanted(tmp_path, plan, made, monkeypatch, fg_nav: FgNav):
     run(plan, tmp_path / "out")
-    for place in ("lab.store.code", "lab.campaign.execute", "commands.campaign"):
+    for place in ("lab.store.code", "lab.campaign.execute", "lab.verbs.experiments"):
         monkeypatch.setattr(f"fg_nav.{place}.code_sum", lambda: "other")
     assert "4 results made by other code or libraries" in fg_nav("lab", "campaign", plan, "--out", tmp_path / "out").out
     assert "by other code or libraries" not in fg_nav("lab", "campaign", plan, "--out", tmp_path / "out", "--renew").out

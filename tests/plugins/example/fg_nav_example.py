@@ -1,6 +1,7 @@
-"""What a package of somebody else adds to fg-nav: a method, a format of recordings and a detector of the field."""
+"""What a package of somebody else adds to fg-nav: a method, a format of recordings, one of exports, a detector."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -9,6 +10,8 @@ from fg_nav.io.content import TEXT, Content
 from fg_nav.io.formats import Format
 from fg_nav.magnetic.detectors import Channel, Detector
 from fg_nav.recording import Provenance, RawRecording
+from fg_nav.report.export import Export
+from fg_nav.report.export.track import POSITION, ExportTrack
 
 MARK = "example log"
 
@@ -40,3 +43,12 @@ def stand_still(walk, progress):
 
 
 standing = Method("standing", stand_still, uses_field=False)
+
+
+def write_wkt(track: ExportTrack, path: Path) -> None:
+    """Write the footfalls as a line of Well-Known Text, m."""
+    points = ", ".join(" ".join(f"{value:.3f}" for value in row) for row in track.footfalls[POSITION].to_numpy())
+    path.write_text(f"LINESTRING Z ({points})\n", encoding="utf-8")
+
+
+WKT = Export(".wkt", "Well-Known Text", write_wkt)

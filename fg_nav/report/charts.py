@@ -1,4 +1,8 @@
-"""Figures for plotly.js as plain dictionaries: lines, bands and dots in panels over one another.
+"""Charts as data: lines, bands and dots in panels over one another, in the words of plotly's JSON.
+
+`render_plotly` gives the page its JSON; `fg_nav.report.plots.style.render_matplotlib` draws the same chart as a PNG.
+A trace that is too much at first is drawn on a touch on the legend of the page (`LATER`), and not in a picture; the key
+`PICTURE` of a trace, which plotly does not get, decides otherwise.
 
 Numbers are rounded to visible digits; non-finite ones become null, which breaks a line. Colours are legible on white
 and on dark grey; text and grid are coloured by the page.
@@ -13,7 +17,6 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.report.drawn import envelope, spread_rows
 
 Trace: TypeAlias = dict[str, Any]
 """One line, band or set of dots."""
@@ -24,6 +27,8 @@ GRAY = "#8a9096"  # Of a truth, and of footfalls without a verdict.
 SHADE = "rgba(42, 127, 201, 0.16)"  # Background of a stance.
 MAX_POINTS = 6000  # Of a line: a desk shows some 1200 pixels, and a reader zooms in by a factor of a few.
 MAX_DOTS = 3000  # Dots with a label for the pointer: more of them make a page slow.
+LATER = "legendonly"  # Visibility of a trace that is drawn on a touch on the legend.
+PICTURE = "picture"  # Key of a trace: whether a picture has it, where this is not its visibility on the page.
 BAND = 1.96  # Half width of a 95 % band, in standard deviations.
 _METERS, _SECONDS = 4, 3  # Decimals: tenths of millimetres, milliseconds.
 _DIGITS = 6  # Significant digits of all else.
@@ -41,9 +46,9 @@ class Panel:
 
 @dataclass(frozen=True)
 class Chart:
-    """A figure on the page: its name there, data and layout for plotly, caption, and shape.
+    """A figure: its name on the page, traces and axes, caption, and height on the page in CSS.
 
-    `height` is in CSS; `scaled` where a scale bar and a north arrow go with it, `north` the letters at that arrow.
+    A map is `scaled`: a scale bar and a north arrow go with it, `north` the letters at that arrow.
     """
 
     name: str
@@ -53,6 +58,31 @@ class Chart:
     height: str
     scaled: bool = False
     north: str = ""
+
+
+def render_plotly(chart: Chart) -> dict[str, Any]:
+    """Return a chart for plotly.js, ready for JSON."""
+    data = [{key: value for key, value in trace.items() if key != PICTURE} for trace in chart.data]
+    return {"data": data, "layout": chart.layout, "scaled": chart.scaled, "north": chart.north}
+
+
+def spread_rows(n: int, at_most: int) -> Ints:
+    """At most `at_most` of `n` rows, evenly spread, the first and the last among them."""
+    rows = np.arange(0, n, max(-(-(n - 1) // max(at_most - 1, 1)), 1))
+    return rows if rows[-1] == n - 1 else np.append(rows, n - 1)
+
+
+def envelope(t: Floats, value: Floats, bins: int = 2000) -> tuple[Floats, Floats]:
+    """Smallest and largest value of each of `bins` slices, in turn: as a line it looks like the whole signal.
+
+    `t`, `value` (N,); returns at most (2 bins,) of each. NaN is left out; a slice without a number stays NaN.
+    """
+    if len(t) <= 2 * bins:
+        return t, value
+    edge = np.linspace(0, len(t), bins, endpoint=False).astype(np.int64)
+    low, high = np.fmin.reduceat(value, edge), np.fmax.reduceat(value, edge)
+    middle = t[(edge + np.append(edge[1:], len(t))) // 2]
+    return np.repeat(middle, 2), np.stack([low, high], axis=1).ravel()
 
 
 def to_numbers(values: Floats, decimals: int | None = None) -> list[float | None]:

@@ -1,18 +1,27 @@
-"""Recordings for viewers: ROS 2 (`.mcap`, by the extra `ros`) and Rerun (`.rrd`, by the extra `rerun`).
+"""Paths for other programs: TUM, MATLAB (version 5), Parquet, ROS 2 (`.mcap`) and Rerun (`.rrd`).
 
-ROS 2, a bag in one file with `nav_msgs/Odometry` and `nav_msgs/Path`:
+======= ===============================================================================================================
+TUM     lines `t x y z qx qy qz qw`, for evo and its kin
+MATLAB  structures `path`, `footfalls` and `about`. A row a sample; matrices 3 x 3 in pages:
+        `footfalls.position_cov_m2(:, :, k)` is the covariance of footfall k. Quaternions are w, x, y, z, as MATLAB's
+Parquet a table of the path, a row a sample, and a second file of the footfalls, with the columns of `strides.csv`, and
+        `time_utc` where it is known; the meaning of the columns in the attributes of the tables (`DataFrame.attrs`)
+ROS 2   a bag in one file, see below
+Rerun   the foot in motion, the path, footfalls with 95 % ellipsoids, and sigmas over time. The timeline is `utc` where
+        absolute time is known, else `recording`, seconds of the recording's clock
+======= ===============================================================================================================
+
+The bag:
 
 ====================== ======================================================================================
-/fg_nav/odometry       one message a sample; pose in `odom` (East-North-Up from the start), twist in `foot`
-/fg_nav/path           one message at the end: the poses of the footfalls
+/fg_nav/odometry       `nav_msgs/Odometry`, one message a sample; pose in `odom` (East-North-Up from the start),
+                       twist in `foot`
+/fg_nav/path           `nav_msgs/Path`, one message at the end: the poses of the footfalls
 `pose.covariance`      of position, and about z of the heading; linear between two footfalls; `UNKNOWN` for roll
                        and pitch, 0 between heading and position
 `twist`                linear: R^T v; angular is unknown
 stamps                 UTC where it is known, else the recording's clock, shifted to 0 where it began before
 ====================== ======================================================================================
-
-Rerun: the foot in motion, the path, footfalls with 95 % ellipsoids, and sigmas over time. The timeline is `utc` where
-absolute time is known, else `recording`, seconds of the recording's clock.
 """
 
 from __future__ import annotations
@@ -23,21 +32,74 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from scipy.special import chdtri
 
+from fg_nav import io
 from fg_nav.arrays import Floats, Ints, interpolate_columns
 from fg_nav.errors import OutputError
 from fg_nav.frames import quaternion_xyzw
-from fg_nav.report.export.track import POSITION, SIGMA, ExportTrack
+from fg_nav.report.export.track import FRAME, POSITION, SIGMA, ExportTrack
+from fg_nav.text import find_version
 
+UNITS = "s, m, m/s, deg, deg/s, m^2, as the names of the fields end; time_s is the recording's own clock"
 ODOMETRY, PATH = "/fg_nav/odometry", "/fg_nav/path"
-FRAME, CHILD = "odom", "foot"
+ODOM, FOOT = "odom", "foot"
 
 UNKNOWN = 1e6  # Variance of an unknown quantity: far beyond that of any foot.
 _LAST_S = 2.0**31  # Stamps of ROS are 32-bit seconds.
 SEMI = float(np.sqrt(chdtri(3, 0.05)))  # Semi-axes of the 95 % ellipsoid of a normal distribution, sigmas.
 BLUE, GRAY = (0, 114, 178), (120, 120, 120, 60)
 LINE_M, DOT_M = 0.01, 0.03  # Radii of the line and of the dots: a shoe is 0.1 m wide.
+
+
+def write_tum(track: ExportTrack, path: Path) -> None:
+    """Write the path as TUM lines."""
+    io.write_tum(path, track.t, track.position, track.nav_R_body)
+
+
+def write_matlab(track: ExportTrack, path: Path) -> None:
+    """Write path and footfalls for MATLAB."""
+    from scipy.io import savemat
+
+    table, times = track.footfalls, track.format_utc(track.t[:1])
+    content = {
+        "path": {
+            "time_s": track.t,
+            "position_m": track.position,
+            "velocity_m_s": track.velocity,
+            "quaternion_wxyz": np.roll(quaternion_xyzw(track.nav_R_body), 1, axis=1),
+        },
+        "footfalls": {
+            "time_s": table["time_s"].to_numpy(),
+            "position_m": table[POSITION].to_numpy(),
+            "position_cov_m2": np.moveaxis(track.cov, 0, -1),
+            "heading_deg": table["heading_deg"].to_numpy(),
+            "sigma_heading_deg": table["sigma_heading_deg"].to_numpy(),
+            "gyro_bias_deg_s": table[[f"gyro_bias_{axis}_deg_s" for axis in "xyz"]].to_numpy(),
+            "field": table["field"].to_numpy(dtype=object),
+            "field_reason": table["field_reason"].to_numpy(dtype=object),
+        },
+        "about": {
+            "name": track.name,
+            "method": track.method,
+            "frame": FRAME,
+            "units": UNITS,
+            "start_utc": "not known" if times is None else times[0],
+            "made_by": f"fg-nav {find_version()}",
+        },
+    }
+    savemat(path, content, do_compression=True, oned_as="column", long_field_names=True)
+
+
+def write_parquet(track: ExportTrack, path: Path, footfalls: Path) -> None:
+    """Write the path, and the footfalls into a second file."""
+    for table, file in ((track.tabulate(), path), (track.footfalls.copy(), footfalls)):
+        if track.epoch_s is not None:
+            instants = pd.to_datetime((table["time_s"] + track.epoch_s) * 1e6, unit="us", utc=True)
+            table.insert(1, "time_utc", instants.dt.as_unit("us"))
+        table.attrs = {"name": track.name, "method": track.method, "frame": FRAME}
+        table.to_parquet(file, engine="pyarrow", index=False)
 
 
 def write_ros(track: ExportTrack, path: Path) -> None:
@@ -92,7 +154,7 @@ def _make_odometry(track: ExportTrack, stamps: Ints, types: Any) -> Iterator[tup
             stamp,
             types["nav_msgs/msg/Odometry"](
                 _make_header(stamp, types),
-                CHILD,
+                FOOT,
                 types["geometry_msgs/msg/PoseWithCovariance"](pose, covariance[k]),
                 types["geometry_msgs/msg/TwistWithCovariance"](twist, unknown),
             ),
@@ -113,7 +175,7 @@ def _make_path(track: ExportTrack, types: Any) -> Any:
 
 def _make_header(stamp_ns: int, types: Any) -> Any:
     time = types["builtin_interfaces/msg/Time"](stamp_ns // 10**9, stamp_ns % 10**9)
-    return types["std_msgs/msg/Header"](time, FRAME)
+    return types["std_msgs/msg/Header"](time, ODOM)
 
 
 def _make_pose(position: Floats, quaternion: Floats, types: Any) -> Any:

@@ -1,30 +1,27 @@
 """Charts over time, or along the path.
 
 height, sigmas, gyroscope bias, heading and its error, position error; the compass against the gyroscope and the
-strength of the field at the footfalls; the stances over specific force, rate and the detector's statistic.
+strength of the field at the footfalls; the stances over specific force, rate and the detector's statistic. Of the graph
+the factors by kind, weight of each footfall's compass, gyro bias, and iSAM2 against the batch.
+
+Headings are of the body's x axis, rad clockwise from north. Turns are counted from stance to stance: in a swing the
+axis may point anywhere, even up.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from fg_nav.arrays import Bools, Floats
-from fg_nav.frames import wrap_angle
+from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.frames import compute_heading, wrap_angle
 from fg_nav.magnetic.footfall_field import FootfallField
 from fg_nav.magnetic.quasi_static import DISTURBED, QUASI_STATIC
 from fg_nav.recording import Recording
-from fg_nav.report.drawn import (
-    AlignedSolution,
-    break_line,
-    choose_excerpt,
-    find_log_limits,
-    spread_rows,
-    trace_headings,
-)
-from fg_nav.report.page.figures import (
+from fg_nav.report.charts import (
     BAND,
     BLUE,
     CYCLE,
@@ -45,19 +42,41 @@ from fg_nav.report.page.figures import (
     level,
     line,
     signal,
+    spread_rows,
     stack,
     thin,
     to_meters,
     to_numbers,
     to_seconds,
 )
-from fg_nav.solution import StanceTable
+from fg_nav.report.course import AlignedSolution, Frame, compose_map, draw_path, has_sure_start
+from fg_nav.solution import Solution, StanceTable
 from fg_nav.stances import Stances
+from fg_nav.text import format_count
 from fg_nav.truth import TrajectoryTruth
+
+TURNS_UNWRAPPED = 5.0  # A heading that turns more often than this is shown wrapped.
+STEEP = float(np.sin(np.deg2rad(60.0)))  # The heading of an axis steeper than this is ill-defined.
+EXCERPT_S = 10.0  # Length of the close-up of the stance detection: about ten strides.
+HEAVIEST = 0.1  # Marked share of the footfalls, those of most weight.
+
+_KINDS = {
+    "imu": "inertial",
+    "zero_velocity": "zero velocity",
+    "magnetic_heading": "magnetic heading",
+    "differential_field": "differential field",
+    "field_potential": "field potential",
+    "same_place": "same place",
+    "known_place": "known place",
+    "direction": "direction of the building",
+    "position_fix": "position fix",
+    "own": "your own",
+}
 
 _FEW = 400  # Most footfalls that are marked on a line.
 MAX_SHADED = 2000  # Most stances that are shaded: more are less than a pixel wide, and make a page slow.
 MIN_SPAN_UT, MIN_SPAN_DEG = 5.0, 5.0  # Of the axes of strength and inclination: noise is not a disturbance.
+COMPASS_AXIS = {"range": [-8, 368], "tickvals": [0, 90, 180, 270, 360]}
 _FROM_ZERO = {"rangemode": "tozero"}
 
 Views = Mapping[str, AlignedSolution]
@@ -78,6 +97,77 @@ def _at_stances(t: Floats, value: Floats, color: str, name: str) -> Trace:
     row = thin(t)
     mode = "lines+markers" if len(t) <= _FEW else "lines"
     return line(to_seconds(t[row]), to_numbers(value[row]), color, name, mode=mode, marker={"size": 3.5})
+
+
+# --- headings ---------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Headings:
+    """The headings of a solution of N samples and K stances.
+
+    ========== ==== =====================================================================================
+    at_stances (K,) rad, turns counted
+    between    (N,) rad, within half a turn of the line through `at_stances`; NaN where the axis is steep
+    truth      (N,) rad, likewise; NaN where unknown
+    error      (K,) rad at the stances, wrapped, since the first known one where `gauge`; NaN where unknown
+    sigma      (K,) rad, the estimator's own, without the turn that an alignment removes
+    gauge           whether the heading at the start is sure: given, or zero by definition
+    wrapped         whether it turns too often to be shown with its turns
+    ========== ==== =====================================================================================
+    """
+
+    at_stances: Floats
+    between: Floats
+    truth: Floats
+    error: Floats
+    sigma: Floats
+    gauge: bool
+    wrapped: bool
+
+
+def trace_headings(view: AlignedSolution) -> Headings:
+    """Return the headings of a solution that is aligned with its truth, if there is one."""
+    stances, t, nav_R_body = view.solution.stances, view.solution.t, view.solution.nav_R_body
+    # heading and steepness of the body's x axis at every sample
+    heading, steep = compute_heading(view.align_attitude(nav_R_body)), np.abs(nav_R_body[:, 2, 0]) > STEEP
+    at_stances = np.unwrap(compute_heading(view.align_attitude(stances.nav_R_body)))
+    middle = np.interp(t, stances.t, at_stances) if len(stances) else heading
+    # where the heading at the start is a gauge, claim and error both count from the first stance
+    gauge, error = has_sure_start(stances), wrap_angle(at_stances - _read_truth(view, stances.t))
+    known = np.flatnonzero(np.isfinite(error))
+    if gauge and len(known):
+        error = wrap_angle(error - error[known[0]])
+    return Headings(
+        at_stances,
+        np.where(steep, np.nan, middle + wrap_angle(heading - middle)),
+        middle + wrap_angle(_read_truth(view, t) - middle),
+        error,
+        np.sqrt(np.maximum(stances.heading_sigma**2 - view.turn_variance, 0.0)),
+        gauge,
+        bool(len(stances) and np.ptp(at_stances) > TURNS_UNWRAPPED * 2 * np.pi),
+    )
+
+
+def _read_truth(view: AlignedSolution, t: Floats) -> Floats:
+    """Interpolate the true heading (N,) rad at times `t` (N,) s; NaN where unknown."""
+    truth = view.truth
+    if not isinstance(truth, TrajectoryTruth) or truth.nav_R_body is None:
+        return np.full(len(t), np.nan)
+    known = np.isfinite(truth.nav_R_body).all(axis=(1, 2))
+    if not known.any():
+        return np.full(len(t), np.nan)
+    heading = np.unwrap(compute_heading(truth.nav_R_body[known]))
+    return np.interp(t, truth.t[known], heading, left=np.nan, right=np.nan)
+
+
+def break_line(t: Floats, angle_deg: Floats, wrapped: bool) -> tuple[Floats, Floats]:
+    """Wrap angles to [0, 360) where they are shown wrapped, with NaN where the line jumps."""
+    if not wrapped:
+        return t, angle_deg
+    inside = angle_deg % 360.0
+    jump = np.flatnonzero(np.abs(np.diff(inside)) > 180.0) + 1
+    return np.insert(t, jump, t[jump]), np.insert(inside, jump, np.nan)
 
 
 # --- of methods ------------------------------------------------------------------------------------------------------
@@ -230,8 +320,7 @@ def draw_compass(field: FootfallField, table: StanceTable) -> Chart:
         dots(to_seconds(field.t[use]), to_numbers(apart[use], 2), color, f"difference, field {word}", size=5)
         for use, color, word in _group_drawn(field, table)
     ]
-    quarters = {"range": [-8, 368], "tickvals": [0, 90, 180, 270, 360]}
-    panels = [Panel("heading (deg)", above, quarters, share=1.4), Panel("difference (deg)", below, share=1.2)]
+    panels = [Panel("heading (deg)", above, COMPASS_AXIS, share=1.4), Panel("difference (deg)", below, share=1.2)]
     return stack("compass", panels, "At the footfalls, clockwise from magnetic north. Below, compass less gyroscope.")
 
 
@@ -247,12 +336,16 @@ def draw_strength(field: FootfallField, table: StanceTable) -> Chart:
         for use, color, word in _group_drawn(field, table):
             more = {"hovertemplate": hover, "customdata": to_seconds(field.t[use])}
             traces.append(dots(to_meters(travelled[use]), to_numbers(value[use]), color, word, size=5, **more))
-        # all values with a margin, and at least the span
-        known = value[np.isfinite(value)]
-        low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 1.0)
-        half = max(1.1 * (high - low), min_span) / 2
-        panels.append(Panel(label, traces, {"range": [(low + high) / 2 - half, (low + high) / 2 + half]}))
+        panels.append(Panel(label, traces, {"range": find_range(value, min_span)}))
     return stack("strength", panels, "At the footfalls, along the path.", "length of the path (m)")
+
+
+def find_range(value: Floats, min_span: float) -> list[float]:
+    """Range of an axis: all values with a margin, and at least the span."""
+    known = value[np.isfinite(value)]
+    low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 1.0)
+    half = max(1.1 * (high - low), min_span) / 2
+    return [(low + high) / 2 - half, (low + high) / 2 + half]
 
 
 def measure_travelled(t: Floats, table: StanceTable) -> Floats:
@@ -262,6 +355,23 @@ def measure_travelled(t: Floats, table: StanceTable) -> Floats:
 
 
 # --- of samples and stances ------------------------------------------------------------------------------------------
+
+
+def choose_excerpt(t: Floats, stances: Stances) -> slice:
+    """Samples of the close-up: around the middle stance, where the walk is in full swing."""
+    k = len(stances) // 2
+    centre = t[stances.start[k]] if len(stances) else t[len(t) // 2]
+    begin = min(max(centre - EXCERPT_S / 2, t[0]), max(t[-1] - EXCERPT_S, t[0]))
+    return slice(int(np.searchsorted(t, begin)), int(np.searchsorted(t, begin + EXCERPT_S, side="right")))
+
+
+def find_log_limits(statistic: Floats) -> tuple[float, float]:
+    """Range of a logarithmic axis that shows the statistic and its threshold, 1."""
+    positive = statistic[np.isfinite(statistic) & (statistic > 0)]
+    if not len(positive):
+        return 0.1, 10.0
+    low, high = np.percentile(positive, [0.5, 100.0])
+    return min(float(low) / 2, 0.5), max(float(high) * 2, 2.0)
 
 
 def draw_samples(recording: Recording, stances: Stances) -> list[Chart]:
@@ -314,3 +424,125 @@ def _shade(panel: Panel, t: Floats, stances: Stances, part: slice) -> Panel:
     more = {"fill": "toself", "fillcolor": SHADE, "hoverinfo": "skip"}
     boxes = line(to_seconds(x), y, SHADE, "stance", width=0, **more)
     return Panel(panel.label, [boxes, *panel.traces], axis, panel.share)
+
+
+# --- of the graph -----------------------------------------------------------------------------------------------------
+
+
+def describe_graph(solutions: Mapping[str, Solution]) -> list[str]:
+    """Numbers of factors by kind, a sentence a method."""
+    words = []
+    for name, one in solutions.items():
+        if one.graph:
+            counts = {kind: count for kind, count in one.graph.items() if kind in _KINDS}
+            kinds = ", ".join(f"{_KINDS[kind]} {count}" for kind, count in counts.items())
+            left_out = one.graph.get("gated_out", 0)
+            gated = f" The gate left out the compass of {format_count(left_out, 'footfall')}." if left_out else ""
+            words.append(f"Factors of {name} by kind: {kinds}; {sum(counts.values())} in all.{gated}")
+    return words or [f"No graph: {', '.join(solutions)} has none, or does not tell its factors."]
+
+
+def draw_graph(view: AlignedSolution, frame: Frame) -> list[Chart]:
+    """Draw the graph of one solution, as far as it is known."""
+    solution, table = view.solution, view.solution.stances
+    charts = []
+    if table.compass_weight is not None and bool((table.compass_weight > 0.0).any()):
+        charts += [_draw_weights(table, table.compass_weight), _draw_heaviest(view, frame, table.compass_weight)]
+    if solution.graph:
+        charts.append(_draw_bias(table))
+    if solution.moment is not None:
+        batch = solution.stances if solution.polished is None else solution.polished.stances
+        charts.append(_draw_moment(solution.moment, batch))
+    return charts
+
+
+def _draw_weights(table: StanceTable, weight: Floats) -> Chart:
+    """Statistic, weight of the compass and sigma of the differential field along the path."""
+    travelled = measure_travelled(table.t, table)
+    panels, statistic = [], table.field_statistic
+    if statistic is not None and np.isfinite(statistic).any():
+        words = np.array(table.field, dtype=object)
+        groups = [(words == QUASI_STATIC, GREEN, "passed"), (words == DISTURBED, VERMILION, "disturbed")]
+        traces = [
+            dots(*_thinned(travelled[use], statistic[use]), color, f"statistic, {word}")
+            for use, color, word in groups
+            if use.any()
+        ]
+        limit = level(travelled, 1.0, GRAY, "threshold")
+        panels.append(Panel("statistic / threshold", [*traces, limit], {"type": "log", "exponentformat": "power"}))
+    weights = dots(*_thinned(travelled, weight), BLUE, "compass weight")
+    panels.append(Panel("compass weight", [weights], {"range": [-0.05, 1.05]}))
+    if table.differential_sigma is not None and np.isfinite(table.differential_sigma).any():
+        sigma = np.rad2deg(table.differential_sigma)
+        trace = line(*_thinned(travelled, sigma), PURPLE, "sigma by differential field")
+        panels.append(Panel("bias about up (deg/s)", [trace], {"rangemode": "tozero"}))
+    caption = (
+        "Above, the detector's statistic over its threshold. The weight is the information of the footfall's compass "
+        "over that at the walk's own spread of the field. Below, the sigma of the gyroscope's bias by the differential "
+        "field alone."
+    )
+    return stack("weights", panels, caption, "length of the path (m)")
+
+
+def _thinned(x: Floats, y: Floats) -> tuple[list[float | None], list[float | None]]:
+    row = thin(x, MAX_DOTS)
+    return to_meters(x[row]), to_numbers(y[row])
+
+
+def _draw_heaviest(view: AlignedSolution, frame: Frame, weight: Floats) -> Chart:
+    """Mark on the map the footfalls of most weight, by compass and by differential field."""
+    table, place = view.solution.stances, view.stance_position()
+    quiet = np.zeros(len(table)) if table.field_statistic is None else -np.nan_to_num(table.field_statistic)
+    found: list[tuple[Ints, str, str, float, str]] = [
+        (_find_most(weight, quiet), GREEN, "compass weighs most", 7.0, "circle"),
+    ]
+    if table.differential_sigma is not None:
+        information = np.nan_to_num(table.differential_sigma**-2.0)
+        found.append((_find_most(information, quiet), PURPLE, "differential field weighs most", 11.0, "circle-open"))
+    data = [draw_path(view, fade(BLUE, 0.5), "path", width=1.5)]
+    for row, color, words, size, symbol in found:
+        mark = {"style": {"symbol": symbol, "line": {"width": 1.5}}, "size": size}
+        hover = f"footfall %{{customdata}}, {words}<extra></extra>"
+        x, y = (to_meters(place[row, axis]) for axis in (0, 1))
+        data.append(dots(x, y, color, words, customdata=row.tolist(), hovertemplate=hover, **mark))
+    caption = f"The tenth of the footfalls that weighs most, of {format_count(len(table), 'footfall')}."
+    return compose_map(data, [view], frame, "heaviest", caption)
+
+
+def _find_most(weight: Floats, then: Floats) -> Ints:
+    """Rows of the largest positive weights, in their order; of equal ones those with the largest `then`."""
+    count = min(max(round(HEAVIEST * len(weight)), 1), MAX_DOTS)
+    heaviest = np.lexsort((-then, -weight))[:count]
+    return np.sort(heaviest[weight[heaviest] > 0.0])
+
+
+def _draw_bias(table: StanceTable) -> Chart:
+    """Gyro bias about up, by which the heading drifts, with its 95 % band."""
+    up = table.nav_R_body[:, 2]
+    bias = np.rad2deg((table.gyro_bias * up).sum(axis=1))
+    sigma = np.rad2deg(np.sqrt(((table.gyro_bias_sigma * up) ** 2).sum(axis=1)))
+    row = thin(table.t)
+    estimate = line(to_seconds(table.t[row]), to_numbers(bias[row]), BLUE, "estimate", mode="lines+markers")
+    traces = [band(table.t, bias, BAND * sigma, BLUE, "95 %"), estimate | {"marker": {"size": 3.5}}]
+    caption = "Gyroscope bias about up, which turns the heading; its band without correlations of the axes."
+    return stack("bias-up", [Panel("bias about up (deg/s)", traces)], caption)
+
+
+def _draw_moment(moment: StanceTable, batch: StanceTable) -> Chart:
+    """Estimate of iSAM2 at the moment of each footfall less that of the batch."""
+    nearest = np.clip(np.searchsorted(batch.t, moment.t - 1e-6), 0, len(batch) - 1)
+    moved = moment.position - batch.position[nearest]
+    turned = wrap_angle(compute_heading(moment.nav_R_body) - compute_heading(batch.nav_R_body[nearest]))
+    sigma_m = np.sqrt(np.trace(moment.position_cov[:, :2, :2], axis1=1, axis2=2))
+    row, words = thin(moment.t), "95 % at the moment"
+
+    def difference(value: Floats) -> Trace:
+        return line(to_seconds(moment.t[row]), to_numbers(value[row]), BLUE, "moment less batch")
+
+    limit = line(to_seconds(moment.t[row]), to_numbers(BAND * sigma_m[row]), OCHRE, words)
+    claimed = band(moment.t, np.zeros(len(moment)), BAND * np.rad2deg(moment.heading_sigma), OCHRE, words)
+    apart = [limit, difference(np.linalg.norm(moved[:, :2], axis=1))]
+    heading = [claimed, difference(np.rad2deg(turned))]
+    panels = [Panel("horizontal (m)", apart, {"rangemode": "tozero"}), Panel("heading (deg)", heading)]
+    caption = "Estimate of iSAM2 at the moment of each footfall, less that of the batch afterwards."
+    return stack("moment", panels, caption)

@@ -1,4 +1,14 @@
-"""Maps: methods, truth, ellipses, footfalls with their figures, the disturbed field, and places recognized.
+"""A solution in the frame of its truth, and its maps: path, ellipses, footfalls with their figures, places recognized.
+
+A solution is drawn in the truth's frame where there is a truth, else in its own. Bands and ellipses are the estimator's
+own uncertainty, relative to the first footfall and turned with the path. The turn that an alignment removes is removed
+from the ellipses too: where the heading at the start is not sure, the whole path may be turned about it. With p the
+position relative to the start, J p = (-p_y, p_x, 0) and psi the heading, an error e of such a turn moves pose (p, psi)
+by v e, v = (J p, 1), and the rest of its covariance
+
+    Q - s^2 v v^T >= 0    for s^2 <= 1 / (v^T Q^-1 v),
+
+so s^2, the variance of the turn that all footfalls have in common, is the least of these bounds over the footfalls.
 
 Returns are stretches of the path that were recognized as an earlier one by their field, which is drawn for both passes.
 """
@@ -6,30 +16,26 @@ Returns are stretches of the path that were recognized as an earlier one by thei
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fg_nav.arrays import Bools, Floats
+from fg_nav.evaluation.comparison import Comparison
+from fg_nav.evaluation.metrics import pose_covariance
 from fg_nav.frames import compute_heading
 from fg_nav.magnetic.quasi_static import DISTURBED, QUASI_STATIC
-from fg_nav.report.drawn import (
-    REACH,
-    AlignedSolution,
-    Ellipses,
-    find_ellipses,
-    find_extent,
-    has_sure_start,
-    spread_rows,
-)
-from fg_nav.report.page.figures import (
+from fg_nav.report.charts import (
     BLUE,
     CYCLE,
     GRAY,
     GREEN,
+    LATER,
     MAX_DOTS,
     MAX_POINTS,
+    PICTURE,
     PURPLE,
     TEAL,
     VERMILION,
@@ -40,21 +46,29 @@ from fg_nav.report.page.figures import (
     dots,
     fade,
     line,
+    spread_rows,
     stack,
     to_meters,
     to_numbers,
 )
 from fg_nav.samples.gaps import find_holes
-from fg_nav.solution import Return
+from fg_nav.solution import Return, Solution, StanceTable
 from fg_nav.text import format_count
 from fg_nav.truth import FootprintTruth, TrajectoryTruth, Truth
 from fg_nav.walk import Options, Outcome
 
+if TYPE_CHECKING:
+    from fg_nav.feet_result import FeetResult
+    from fg_nav.walk import Walk
+
+GAUGE_RAD = 0.02  # A heading surer than this at the start was given, or is zero by definition; no compass is as good.
+ELLIPSE_RADIUS = float(np.sqrt(-2.0 * np.log(1.0 - 0.95)))  # 95 % ellipse of a 2-D normal distribution, sigmas.
+REACH = 0.3  # Largest share of a map's extent that an ellipse adds to it: a huge one would hide the path.
+ZOOMS = np.array([1, 2, 5, 10, 20, 50, 100, 200, 500, 1000])  # By which small ellipses are enlarged.
 MAX_ELLIPSES = 250
 MAX_WITH_ELLIPSES = 2  # Methods whose ellipses lie over one another and are still distinguishable.
 _OUTLINE = 25  # Corners of an ellipse.
 _MIN_POINTS = 4  # Of a stride, for a line drawn by samples; with fewer it is drawn through the footfalls.
-LATER = "legendonly"  # Visibility of a trace that is drawn on a touch on the legend.
 _HOW_TO = "Drag to zoom, double-click for all of it; a touch on the legend hides and shows."
 
 MAX_SHOWN = 3  # Returns whose field is drawn: the longest ones explain the others.
@@ -69,6 +83,78 @@ _HOVER = (
     "up %{customdata[4]:.2f} ± %{customdata[5]:.3f} m<br>heading %{customdata[6]:.1f} ± %{customdata[7]:.1f}°<br>"
     "field %{customdata[8]}<extra>{name}</extra>"
 )
+
+
+# --- a solution in the frame of its truth -----------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class AlignedSolution:
+    """A solution in the frame of the picture; its truth and the comparison that aligns the two: both or neither."""
+
+    solution: Solution
+    truth: Truth | None = None
+    comparison: Comparison | None = None
+
+    def align_position(self, position: Floats) -> Floats:
+        """Positions (N, 3) m in the frame of the picture."""
+        return position if self.comparison is None else self.comparison.alignment.apply(position)
+
+    def align_attitude(self, nav_R_body: Floats) -> Floats:
+        """Attitudes (N, 3, 3) in the frame of the picture."""
+        return nav_R_body if self.comparison is None else self.comparison.alignment.rotate(nav_R_body)
+
+    def stance_position(self) -> Floats:
+        """(K, 3) m of the stances."""
+        return self.align_position(self.solution.stances.position)
+
+    def position_cov(self) -> Floats:
+        """(K, 3, 3) m^2, covariance of the stances' position."""
+        cov = self.solution.stances.position_cov
+        if self.comparison is None:
+            return cov
+        turn = self.comparison.alignment.truth_R_nav
+        return turn @ cov @ turn.T
+
+    @property
+    def is_turned(self) -> bool:
+        """Whether the path was turned onto its truth by a fit, so that its heading as a whole is no error."""
+        return self.comparison is not None and self.comparison.alignment.mode in ("yaw", "se3")
+
+    @cached_property
+    def turn_variance(self) -> float:
+        """Variance (rad^2) of the turn that the alignment removes: the most that all covariances allow; 0 for none."""
+        table = self.solution.stances
+        if not self.is_turned or has_sure_start(table):
+            return 0.0
+        moved = table.position - table.position[:1]
+        v = np.column_stack([-moved[:, 1], moved[:, 0], np.zeros(len(table)), np.ones(len(table))])
+        covariance, _ = pose_covariance(table, np.arange(len(table)))
+        known = np.isfinite(covariance).all(axis=(1, 2))
+        if not known.any():
+            return 0.0
+        inverse = np.linalg.pinv(covariance[known], hermitian=True)
+        bound = 1.0 / np.maximum(np.einsum("ki,kij,kj->k", v[known], inverse, v[known]), 1e-12)
+        return float(np.min(bound))
+
+    @property
+    def alignment_words(self) -> str:
+        """The alignment with the truth, to follow a title; empty without a truth."""
+        if self.comparison is None:
+            return ""
+        how = {"yaw": "aligned by yaw and shift", "se3": "aligned by rotation and shift", "none": "not aligned"}
+        return f", {how.get(self.comparison.alignment.mode, 'aligned at the start')}"
+
+
+def has_sure_start(table: StanceTable) -> bool:
+    """Whether the heading at the start counts as sure."""
+    return len(table) == 0 or bool(table.heading_sigma[0] < GAUGE_RAD)
+
+
+def align_solution(walk: Walk | None, outcome: Outcome) -> AlignedSolution:
+    """Return the solution with its truth, where the two were compared."""
+    usable = outcome.comparison is not None and walk is not None
+    return AlignedSolution(outcome.solution, walk.truth if usable and walk is not None else None, outcome.comparison)
 
 
 # --- frame and alignment in words ------------------------------------------------------------------------------------
@@ -97,6 +183,19 @@ def describe_frame(view: AlignedSolution, outcome: Outcome, options: Options) ->
         return Frame("east", "north", "N mag", "North is magnetic, by the compass along the walk.")
     words = "North is not known: the arrow shows where the sensor's x axis pointed at the start."
     return Frame("x", "y", "start", words)
+
+
+def align_feet(result: FeetResult) -> tuple[AlignedSolution, dict[str, AlignedSolution], Frame]:
+    """Return the person and each foot, which stay as they are to each other, and their frame: the left foot's."""
+    comparison = result.outcome.comparison
+    person = AlignedSolution(result, result.truth, comparison)
+    feet: dict[str, AlignedSolution] = {
+        side: AlignedSolution(foot, None if comparison is None else foot.walk.truth, comparison)
+        for side, foot in result.feet.items()
+    }
+    side, foot = next(iter(result.feet.items()))
+    frame = describe_frame(person, foot.outcome, Options(heading_deg=result.pairing.heading_deg))
+    return person, feet, replace(frame, words=f"{frame.words} The origin is where the {side} foot first stood.")
 
 
 def describe_ellipses(view: AlignedSolution) -> str:
@@ -130,13 +229,65 @@ def describe_alignment(view: AlignedSolution) -> str:
     return f"The path was {words}{turned}. {len(view.comparison.t)} points are compared."
 
 
+# --- 95 % ellipses from above -----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Ellipses:
+    """E ellipses: `centre` (E, 2) m, `semi` (E, 2) m minor and major, `angle` (E,) rad of the major axis from east.
+
+    `zoom` is a factor that makes the largest visible on a map of the path, 1 where it is anyway.
+    """
+
+    centre: Floats
+    semi: Floats
+    angle: Floats
+    zoom: int
+
+    def outline(self, points: int, factor: float = 1.0) -> Floats:
+        """Closed outlines (E, points, 2) m."""
+        around = np.linspace(0.0, 2 * np.pi, points)
+        along, across = np.cos(around) * self.semi[:, 1:], np.sin(around) * self.semi[:, :1]
+        cos, sin = np.cos(self.angle)[:, None], np.sin(self.angle)[:, None]
+        turned = np.stack([cos * along - sin * across, sin * along + cos * across], axis=-1)
+        return self.centre[:, None, :] + factor * turned
+
+
+def find_extent(points: Floats) -> float:
+    """Larger side (m) of the box around points (N, 2 or 3), seen from above."""
+    return float(np.max(np.ptp(points[:, :2], axis=0)))
+
+
+def find_ellipses(view: AlignedSolution, at_most: int) -> Ellipses | None:
+    """Ellipses of footfalls evenly spread along the path, fewer where they are huge; None without a covariance."""
+    position = view.stance_position()
+    # covariance without the turn that an alignment removes
+    lever = np.cross([0.0, 0.0, 1.0], position - position[:1])
+    remaining = np.asarray(view.position_cov() - view.turn_variance * lever[:, :, None] * lever[:, None, :])
+    centre, cov = position[:, :2], remaining[:, :2, :2]
+    claimed = np.flatnonzero(np.isfinite(cov).all(axis=(1, 2)))
+    if not len(claimed):
+        return None
+    extent_m = find_extent(centre)
+    largest_m = ELLIPSE_RADIUS * float(np.sqrt(np.max(np.linalg.eigvalsh(cov[claimed]))))
+    fitting = int(np.clip(4 * extent_m / max(largest_m, 1e-9), 6, at_most))
+    row = claimed[spread_rows(len(claimed), fitting)]
+    variance, direction = np.linalg.eigh(cov[row])
+    semi = ELLIPSE_RADIUS * np.sqrt(np.maximum(variance, 0.0))
+    angle = np.arctan2(direction[:, 1, 1], direction[:, 0, 1])
+    # zoom the largest to a fiftieth of the extent at least
+    wanted = 0.02 * extent_m / max(largest_m, 1e-9)
+    zoom = int(ZOOMS[np.searchsorted(ZOOMS, min(wanted, 1000.0))]) if wanted > 2.0 else 1
+    return Ellipses(centre[row], semi, angle, zoom)
+
+
 # --- maps ------------------------------------------------------------------------------------------------------------
 
 
 def draw_course(views: Mapping[str, AlignedSolution], outcomes: Mapping[str, Outcome], frame: Frame) -> Chart:
     """Draw the paths of one or more methods."""
     first, alone = next(iter(views.values())), len(views) == 1
-    data = _draw_truth(first.truth) + (_mark_returns(first) if alone else [])
+    data = draw_truth(first.truth) + (_mark_returns(first) if alone else [])
     for k, (name, view) in enumerate(views.items()):
         color, outcome = CYCLE[k % len(CYCLE)], outcomes[name]
         data.append(draw_path(view, color, name, width=1.5, legendgroup=name))
@@ -150,19 +301,19 @@ def draw_course(views: Mapping[str, AlignedSolution], outcomes: Mapping[str, Out
             data.append(_path(at_moment, color, f"{name}, as known at the moment", **more))
         data += _draw_footfalls(view, name, color, frame, alone)
         data += _draw_ellipses(find_ellipses(view, MAX_ELLIPSES), color, k, len(views))
-    data += _draw_ends(first.stance_position())
+    data += draw_ends(first.stance_position())
     return compose_map(data, list(views.values()), frame)
 
 
 def draw_feet(person: AlignedSolution, feet: Mapping[str, AlignedSolution], frame: Frame) -> Chart:
     """Draw the paths of both feet, and between them that of the person with its ellipses."""
-    data = _draw_truth(person.truth)
+    data = draw_truth(person.truth)
     for color, (side, view) in zip(CYCLE, feet.items(), strict=False):
         name = f"{side} foot"
         data.append(draw_path(view, fade(color, 0.7), name, width=1, legendgroup=name))
         data += _draw_footfalls(view, name, color, frame, alone=False)
     data.append(draw_path(person, GREEN, "person", width=1.4))
-    data += _draw_ellipses(find_ellipses(person, MAX_ELLIPSES), GREEN, 0, 1) + _draw_ends(person.stance_position())
+    data += _draw_ellipses(find_ellipses(person, MAX_ELLIPSES), GREEN, 0, 1) + draw_ends(person.stance_position())
     return compose_map(data, [person, *feet.values()], frame)
 
 
@@ -199,10 +350,11 @@ def draw_path(view: AlignedSolution, color: str, name: str, **more: Any) -> Trac
 
 
 def _path(xy: Floats, color: str, name: str, **more: Any) -> Trace:
-    return line(*_axes(xy), color, name, **more)
+    return line(*split_axes(xy), color, name, **more)
 
 
-def _axes(xy: Floats) -> tuple[list[float | None], list[float | None]]:
+def split_axes(xy: Floats) -> tuple[list[float | None], list[float | None]]:
+    """Return x and y of positions (N, 2 or 3) m."""
     return to_meters(xy[:, 0]), to_meters(xy[:, 1])
 
 
@@ -217,7 +369,8 @@ def _choose_path(view: AlignedSolution) -> Floats:
     return np.insert(view.align_position(dense[row])[:, :2], behind, np.nan, axis=0)
 
 
-def _draw_truth(truth: Truth | None) -> list[Trace]:
+def draw_truth(truth: Truth | None) -> list[Trace]:
+    """Draw the true path or the surveyed footprints, if there are any."""
     if isinstance(truth, TrajectoryTruth):
         path = truth.position[spread_rows(len(truth.position), MAX_POINTS)]
         return [_path(path, GRAY, "truth", width=5, opacity=0.6, hoverinfo="skip")]
@@ -228,7 +381,7 @@ def _draw_truth(truth: Truth | None) -> list[Trace]:
         "size": 9,
         "hovertemplate": "surveyed footprint of stride %{customdata}<extra></extra>",
     }
-    return [dots(*_axes(truth.xy), GRAY, "surveyed footprints", customdata=truth.stride.tolist(), **kind)]
+    return [dots(*split_axes(truth.xy), GRAY, "surveyed footprints", customdata=truth.stride.tolist(), **kind)]
 
 
 def _draw_ellipses(found: Ellipses | None, color: str, k: int, n_methods: int) -> list[Trace]:
@@ -241,7 +394,8 @@ def _draw_ellipses(found: Ellipses | None, color: str, k: int, n_methods: int) -
     shown: dict[str, Any] = {} if n_methods <= MAX_WITH_ELLIPSES else {"visible": LATER}
     drawn = [(1, "95 % ellipses", {"showlegend": k == 0} | shown)]
     if found.zoom > 1 and n_methods == 1:
-        drawn.append((found.zoom, f"ellipses {found.zoom} times as large", {"visible": LATER}))
+        drawn[0][2][PICTURE] = False
+        drawn.append((found.zoom, f"ellipses {found.zoom} times as large", {"visible": LATER, PICTURE: True}))
     traces = []
     for factor, words, more in drawn:
         outline = found.outline(_OUTLINE, factor)
@@ -284,11 +438,11 @@ def _draw_footfalls(view: AlignedSolution, name: str, color: str, frame: Frame, 
     for use, mark, label in groups:
         if use.any():
             more: dict[str, Any] = {"hovertemplate": hover, "customdata": [labels[k] for k in row[use]], **entry}
-            traces.append(dots(*_axes(position[use]), mark, label, size=size, **more))
+            traces.append(dots(*split_axes(position[use]), mark, label, size=size, **more))
     return traces
 
 
-def _draw_ends(stance: Floats) -> list[Trace]:
+def draw_ends(stance: Floats) -> list[Trace]:
     """Mark the begin and the end of the walk."""
     apart = bool(np.linalg.norm(stance[-1, :2] - stance[0, :2]) > 0.05 * find_extent(stance))
     ends = stance[[0, -1], :2] if apart else stance[:1, :2]
@@ -296,7 +450,7 @@ def _draw_ends(stance: Floats) -> list[Trace]:
     words = ["start", "end"] if apart else ["start, end"]
     places = ["top right", "bottom right"][: len(ends)]  # two close to one another are legible
     more: dict[str, Any] = {"mode": "markers+text", "text": words, "textposition": places, "hoverinfo": "skip"}
-    return [dots(*_axes(ends), GRAY, "start and end", size=10, style=mark, showlegend=False, **more)]
+    return [dots(*split_axes(ends), GRAY, "start and end", size=10, style=mark, showlegend=False, **more)]
 
 
 # --- returns ---------------------------------------------------------------------------------------------------------
