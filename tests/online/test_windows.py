@@ -276,11 +276,10 @@ import os, signal, sys
 from fg_nav.detection.stance import StanceParameters
 from fg_nav.online.background import SolverProcess
 from fg_nav.online.buffer import OnlineOptions
-if __name__ == "__main__":
-    process = SolverProcess({None: OnlineOptions()}, StanceParameters())
-    process.submit(os.getpid).result()
-    print(process.pid, flush=True)
-    os.kill(process.pid if sys.argv[1] == "stopped" else os.getpid(), getattr(signal, sys.argv[2]))
+process = SolverProcess({None: OnlineOptions()}, StanceParameters())
+process.submit(os.getpid).result()
+print(process.pid, flush=True)
+os.kill(process.pid if sys.argv[1] == "stopped" else os.getpid(), getattr(signal, sys.argv[2]))
 """
 
 
