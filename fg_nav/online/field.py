@@ -69,6 +69,7 @@ from fg_nav.smoother.differential import (
 )
 from fg_nav.smoother.field import FieldSolution, compass_sigma, rotate_field, weigh_compass
 from fg_nav.smoother.field_factors import (
+    FieldPath,
     FieldRoughness,
     deviate_along,
     integrate_path,
@@ -98,20 +99,10 @@ SHORT = 1e-4  # Lengths below which v is its Taylor series: the closed form lose
 
 @dataclass(frozen=True)
 class StrideField:
-    """Field measured at a footfall and along the stride to it.
+    """Field measured at a footfall and along the stride to it."""
 
-    `footfall` is the field at its one footfall, NaN where there was none; of the stride to it, as in `FieldPath`: `u`
-    uT m, `body_path` (3,) m in the body's axes, `by_up` (3,) uT m, `body_move` (3,) m, `nav_R_level` (3, 3),
-    `sigma_uT_m`, `distance_m`.
-    """
-
-    footfall: FootfallField
-    u: float
-    body_path: Floats
-    by_up: Floats
-    body_move: Floats
-    nav_R_level: Floats
-    sigma_uT_m: float
+    footfall: FootfallField  # At the one footfall, NaN where there was none.
+    path: FieldPath | None  # Of the one stride; None where the field was not seen.
     distance_m: float
 
 
@@ -169,12 +160,17 @@ class OnlineField:
             compass = MagneticHeading(body_field, self._level_R_body, nav_R_body, np.array(sigma_uT))
             graph.push_back(factor_of(compass, [X(node), M(k)]))
         # The line integral along its stride.
-        _, drift_uT_m = split_potential(self._with_lost, self._lost_share, np.array(stride.distance_m))
-        level_path, sigma = self._level_R_body @ stride.body_path, np.array(np.hypot(stride.sigma_uT_m, drift_uT_m))
-        integral = FieldPotential(
-            np.array(stride.u), level_path, stride.by_up, stride.body_move, stride.nav_R_level, sigma
-        )
-        if self._p.potential and np.isfinite(stride.sigma_uT_m):
+        path = stride.path
+        if self._p.potential and path is not None and np.isfinite(path.sigma_uT_m[0]):
+            _, drift_uT_m = split_potential(self._with_lost, self._lost_share, np.array(stride.distance_m))
+            integral = FieldPotential(
+                np.array(path.u[0]),
+                self._level_R_body @ (path.level_path[0] @ path.level_R_body),
+                path.by_up[0],
+                path.body_move[0],
+                path.nav_R_level[0],
+                np.array(np.hypot(path.sigma_uT_m[0], drift_uT_m)),
+            )
             # Left out where the potential jumps, as beside a conductor: there the field has no single-valued potential.
             nav_T_body = np.eye(4)
             nav_T_body[:3, :3] = integral.nav_R_level
@@ -233,8 +229,6 @@ def measure_field(recording: Recording, stances: Stances, track: Trajectory, up_
     up_uT : vertical field of the walk.
     """
     sample = stances.stillest(recording.gyr)
-    move, nav_R_level = track.position[sample[1]] - track.position[sample[0]], track.nav_R_body[sample[0]]
-    distance = float(np.linalg.norm(move))
     try:
         footfall = average_footfall_field(recording, stances, nav_R_body=track.nav_R_body).select(slice(1, 2))
     except MagneticError:  # none at the footfall
@@ -252,13 +246,9 @@ def measure_field(recording: Recording, stances: Stances, track: Trajectory, up_
             UNKNOWN_IRON_UT[None],
         )
     if recording.mag is None or not np.isfinite(recording.mag[:, 0]).any():
-        none = np.zeros(3)
-        return StrideField(footfall, 0.0, none, none, nav_R_level.T @ move, nav_R_level, np.inf, distance)
+        return StrideField(footfall, None, float(np.linalg.norm(np.diff(track.position[sample], axis=0))))
     path = integrate_path(recording.t, recording.mag, track.position, track.nav_R_body, sample, up_uT)
-    body_path = path.level_path[0] @ path.level_R_body
-    u, sigma = float(path.u[0]), float(path.sigma_uT_m[0])
-    distance = float(path.distance_m[0])
-    return StrideField(footfall, u, body_path, path.by_up[0], path.body_move[0], nav_R_level, sigma, distance)
+    return StrideField(footfall, path, float(path.distance_m[0]))
 
 
 # --- north ------------------------------------------------------------------------------------------------------------

@@ -148,8 +148,7 @@ class OnlineNavigator(SampleIntake):
         options, detection : of the smoother, and of footfalls.
         remark : given, in a sentence, what is odd about the samples; once for each kind of oddity.
         judge : of the samples, where a walk is resumed.
-        background : whether it is solved again in another process, so that no footfall waits for that. That process
-            imports the main script, which needs `if __name__ == "__main__":`.
+        background : whether it is solved again in another process, so that no footfall waits for that.
         solver : makes the solver of the whole walk, of its samples; None for the walk of one foot.
         """
         super().__init__(remark, judge)

@@ -28,7 +28,7 @@ from multiprocessing import get_context, parent_process
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 from subprocess import PIPE
-from types import FrameType
+from types import FrameType, ModuleType
 from typing import IO, Any, TypeVar
 
 OBJECTS_BETWEEN_COLLECTIONS = 50_000  # What is loaded stays: looking through it again and again takes a tenth of a run.
@@ -57,8 +57,7 @@ class Worker:
     """Another process, for one function call after another; it starts with the first.
 
     Neither Ctrl-C nor the end of a terminal reaches it, it imports from where this process does, what it prints is an
-    error output, and it ends with this process, however that ends. As of every spawned process the main script is
-    imported in it: one of a user needs `if __name__ == "__main__":`.
+    error output, and it ends with this process, however that ends. The main script is not imported in it.
 
     Parameters
     ----------
@@ -109,9 +108,14 @@ def _shield_children() -> Iterator[None]:
         {name: os.environ.get(name) for name in wanted},
     )
     os.environ.update(wanted)
+    main, sys.modules["__main__"] = (
+        sys.modules["__main__"],
+        ModuleType("__main__"),
+    )  # Else a user's script would run again.
     try:
         yield
     finally:
+        sys.modules["__main__"] = main
         for name, value in known.items():
             del os.environ[name]
             os.environ.update({} if value is None else {name: value})

@@ -260,16 +260,26 @@ def test_a_process_beside_that_was_stopped_is_not_waited_for_for_ever(monkeypatc
     ]
 
 
+def test_what_the_machine_takes_is_no_waiting_for_samples(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Else a recording on a slow machine would be taken for a walk in progress, whose solutions are not waited for."""
+    clock = iter([0.0, 1.0, 5.0, 6.0, 9.0])
+    monkeypatch.setattr(resolve.time, "monotonic", lambda: next(clock))
+    pace = Pace()
+    for _ in range(2):
+        with pace:
+            pass
+    assert pace.idle_s == 2.0
+
+
 LEFT_RUNNING = """
 import os, signal, sys
 from fg_nav.detection.stance import StanceParameters
 from fg_nav.online.background import SolverProcess
 from fg_nav.online.buffer import OnlineOptions
-if __name__ == "__main__":
-    process = SolverProcess({None: OnlineOptions()}, StanceParameters())
-    process.submit(os.getpid).result()
-    print(process.pid, flush=True)
-    os.kill(process.pid if sys.argv[1] == "stopped" else os.getpid(), getattr(signal, sys.argv[2]))
+process = SolverProcess({None: OnlineOptions()}, StanceParameters())
+process.submit(os.getpid).result()
+print(process.pid, flush=True)
+os.kill(process.pid if sys.argv[1] == "stopped" else os.getpid(), getattr(signal, sys.argv[2]))
 """
 
 
