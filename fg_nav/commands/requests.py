@@ -95,7 +95,7 @@ def flag(panel: str, help: str, name: str) -> Any:
     return option(panel, help, default=False, name=name)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True, repr=False, eq=False)
 class Request:
     """How the answer of any verb is printed."""
 
@@ -105,7 +105,7 @@ class Request:
     quiet: bool = flag(OUTPUT, "Print nothing but errors.", "--quiet")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True, repr=False, eq=False)
 class ReadingOptions:
     """How a file is read whose content leaves it open."""
 
@@ -126,7 +126,7 @@ class ReadingOptions:
     sensor: str | None = option(INPUT, "Which of several sensors in the file.", "NAME")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True, repr=False, eq=False)
 class BarometerOptions:
     """What belongs to a recording and is in a file of its own."""
 
@@ -137,7 +137,7 @@ class BarometerOptions:
     )
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True, repr=False, eq=False)
 class AxesOptions:
     """How a magnetometer lies beside the gyroscope."""
 
@@ -146,7 +146,7 @@ class AxesOptions:
     )
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True, repr=False, eq=False)
 class SensorOptions(AxesOptions):
     """How a sensor was worn, and what is known of it."""
 
@@ -162,7 +162,7 @@ class SensorOptions(AxesOptions):
     )
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True, repr=False, eq=False)
 class FieldOptions:
     """What is made of the magnetic field."""
 
@@ -179,7 +179,7 @@ class FieldOptions:
     )
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True, repr=False, eq=False)
 class TruthOptions:
     """What the path is compared with."""
 
@@ -191,7 +191,7 @@ class TruthOptions:
     )
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True, repr=False, eq=False)
 class ParameterOptions:
     """Parameters of the methods."""
 
@@ -219,7 +219,7 @@ class ParameterOptions:
     )
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True, repr=False, eq=False)
 class FolderOptions:
     """Where the result goes."""
 
@@ -227,7 +227,7 @@ class FolderOptions:
     force: bool = flag(OUTPUT, "Replace an older result in the folder.", "--force")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True, repr=False, eq=False)
 class PlotOptions:
     """What is drawn."""
 
@@ -236,14 +236,14 @@ class PlotOptions:
     )
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True, repr=False, eq=False)
 class PlaceOptions:
     """Where on the Earth a walk was."""
 
     place: str | None = option(WALK, "Where and when: the field of the Earth there.", "LAT,LON,YYYY-MM-DD")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True, repr=False, eq=False)
 class AidOptions:
     """What helps to solve a walk, recorded or in progress."""
 
@@ -256,7 +256,7 @@ class AidOptions:
     polish: bool = flag(METHOD, "Solve the walk in batch too at its end: trajectory_polished.tum.", "--polish")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True, repr=False, eq=False)
 class ViewOptions:
     """A page that shows a walk in progress."""
 
@@ -270,7 +270,7 @@ class ViewOptions:
     port: int = option(OUTPUT, "Of the page; 0 for a free one.", "PORT", default=8642)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True, repr=False, eq=False)
 class WalkOptions(
     ReadingOptions,
     BarometerOptions,
@@ -285,7 +285,7 @@ class WalkOptions(
     """How a recorded walk is solved, compared and drawn."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True, repr=False, eq=False)
 class InspectRequest(ReadingOptions, BarometerOptions, Request):
     """Say what a file holds, and whether it can be navigated with; of several files in a table."""
 
@@ -294,7 +294,7 @@ class InspectRequest(ReadingOptions, BarometerOptions, Request):
     files: list[Path] = argument("FILE...", "Files with a recording each.")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True, repr=False, eq=False)
 class ConvertRequest(ReadingOptions, BarometerOptions, Request):
     """Write a recording's samples, in SI and as they are, as canonical CSV or Parquet."""
 
@@ -305,7 +305,7 @@ class ConvertRequest(ReadingOptions, BarometerOptions, Request):
     force: bool = flag(OUTPUT, "Replace an older file.", "--force")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True, repr=False, eq=False)
 class RunRequest(WalkOptions, AidOptions):
     """Run one method on each recording and write trajectory, strides, summary and report.html; on two, of both feet."""
 
@@ -353,7 +353,7 @@ class RunRequest(WalkOptions, AidOptions):
     force: bool = flag(OUTPUT, "Replace an older result in the folder, and the file of --save-places.", "--force")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True, repr=False, eq=False)
 class ExportRequest(Request):
     """Write the path of a result for other programs: maps, MATLAB, tables, ROS, Rerun."""
 
@@ -375,7 +375,7 @@ class ExportRequest(Request):
     force: bool = flag(OUTPUT, "Replace older files.", "--force")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True, repr=False, eq=False)
 class CompareRequest(WalkOptions):
     """Run several methods on the same recording and the same stances, and lay them side by side in report.html."""
 
@@ -391,7 +391,7 @@ class CompareRequest(WalkOptions):
     )
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True, repr=False, eq=False)
 class CalibrateRequest(ReadingOptions, AxesOptions, PlaceOptions, Request):
     """Find the magnetometer's errors, and at rest those of gyroscope and accelerometer; write a calibration.
 
@@ -407,7 +407,7 @@ class CalibrateRequest(ReadingOptions, AxesOptions, PlaceOptions, Request):
     force: bool = flag(OUTPUT, "Replace an older calibration.", "--force")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True, repr=False, eq=False)
 class DetectRequest(ReadingOptions, SensorOptions, PlaceOptions, TruthOptions, FolderOptions, Request):
     """Look at the magnetic field along a walk, and at what each detector makes of it: field.png, field_map.png.
 
@@ -425,7 +425,7 @@ class DetectRequest(ReadingOptions, SensorOptions, PlaceOptions, TruthOptions, F
     )
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True, repr=False, eq=False)
 class StreamRequest(SensorOptions, FieldOptions, AidOptions, ViewOptions, PlotOptions, Request):
     """Follow a sensor while it is walked with: one JSON line a footfall or stride, and at the end the whole walk.
 
