@@ -96,7 +96,7 @@ def flag(panel: str, help: str, name: str) -> Any:
     return option(panel, help, default=False, name=name)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True, repr=False, eq=False)
 class Request:
     """How the answer of any verb is printed."""
 
@@ -106,7 +106,7 @@ class Request:
     quiet: bool = flag(OUTPUT, "Print nothing but errors.", "--quiet")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True, repr=False, eq=False)
 class ReadingOptions:
     """How a file is read whose content leaves it open."""
 
@@ -127,7 +127,7 @@ class ReadingOptions:
     sensor: str | None = option(INPUT, "Which of several sensors in the file.", "NAME")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True, repr=False, eq=False)
 class BarometerOptions:
     """What belongs to a recording and is in a file of its own."""
 
@@ -138,7 +138,7 @@ class BarometerOptions:
     )
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True, repr=False, eq=False)
 class AxesOptions:
     """How a magnetometer lies beside the gyroscope."""
 
@@ -147,7 +147,7 @@ class AxesOptions:
     )
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True, repr=False, eq=False)
 class SensorOptions(AxesOptions):
     """How a sensor was worn, and what is known of it."""
 
@@ -163,7 +163,7 @@ class SensorOptions(AxesOptions):
     )
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True, repr=False, eq=False)
 class FieldOptions:
     """What is made of the magnetic field."""
 
@@ -180,7 +180,7 @@ class FieldOptions:
     )
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True, repr=False, eq=False)
 class TruthOptions:
     """What the path is compared with."""
 
@@ -192,7 +192,7 @@ class TruthOptions:
     )
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True, repr=False, eq=False)
 class ParameterOptions:
     """Parameters of the methods."""
 
@@ -220,7 +220,7 @@ class ParameterOptions:
     )
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True, repr=False, eq=False)
 class FolderOptions:
     """Where the result goes."""
 
@@ -228,7 +228,7 @@ class FolderOptions:
     force: bool = flag(OUTPUT, "Replace an older result in the folder.", "--force")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True, repr=False, eq=False)
 class PlotOptions:
     """What is drawn."""
 
@@ -237,14 +237,14 @@ class PlotOptions:
     )
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True, repr=False, eq=False)
 class PlaceOptions:
     """Where on the Earth a walk was."""
 
     place: str | None = option(WALK, "Where and when: the field of the Earth there.", "LAT,LON,YYYY-MM-DD")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True, repr=False, eq=False)
 class AidOptions:
     """What helps to solve a walk, recorded or in progress."""
 
@@ -257,7 +257,7 @@ class AidOptions:
     polish: bool = flag(METHOD, "Solve the walk in batch too at its end: trajectory_polished.tum.", "--polish")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True, repr=False, eq=False)
 class ViewOptions:
     """A page that shows a walk in progress."""
 
@@ -271,7 +271,7 @@ class ViewOptions:
     port: int = option(OUTPUT, "Of the page; 0 for a free one.", "PORT", default=8642)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True, repr=False, eq=False)
 class WalkOptions(
     ReadingOptions,
     BarometerOptions,
@@ -286,7 +286,7 @@ class WalkOptions(
     """How a recorded walk is solved, compared and drawn."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True, repr=False, eq=False)
 class InspectRequest(ReadingOptions, BarometerOptions, Request):
     """Say what a file holds, and whether it can be navigated with; of several files in a table."""
 
@@ -295,7 +295,7 @@ class InspectRequest(ReadingOptions, BarometerOptions, Request):
     files: list[Path] = argument("FILE...", "Files with a recording each.")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True, repr=False, eq=False)
 class ConvertRequest(ReadingOptions, BarometerOptions, Request):
     """Write a recording's samples, in SI and as they are, as canonical CSV or Parquet."""
 
@@ -306,7 +306,7 @@ class ConvertRequest(ReadingOptions, BarometerOptions, Request):
     force: bool = flag(OUTPUT, "Replace an older file.", "--force")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True, repr=False, eq=False)
 class RunRequest(WalkOptions, AidOptions):
     """Run one method on each recording and write trajectory, strides, summary and report.html; on two, of both feet."""
 
@@ -354,7 +354,7 @@ class RunRequest(WalkOptions, AidOptions):
     force: bool = flag(OUTPUT, "Replace an older result in the folder, and the file of --save-places.", "--force")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True, repr=False, eq=False)
 class ExportRequest(Request):
     """Write the path of a result for other programs: maps, MATLAB, tables, ROS, Rerun."""
 
@@ -374,7 +374,7 @@ class ExportRequest(Request):
     force: bool = flag(OUTPUT, "Replace older files.", "--force")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True, repr=False, eq=False)
 class CompareRequest(WalkOptions):
     """Run several methods on the same recording and the same stances, and lay them side by side in report.html."""
 
@@ -390,7 +390,7 @@ class CompareRequest(WalkOptions):
     )
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True, repr=False, eq=False)
 class CalibrateRequest(ReadingOptions, AxesOptions, PlaceOptions, Request):
     """Find the magnetometer's errors, and at rest those of gyroscope and accelerometer; write a calibration.
 
@@ -406,7 +406,7 @@ class CalibrateRequest(ReadingOptions, AxesOptions, PlaceOptions, Request):
     force: bool = flag(OUTPUT, "Replace an older calibration.", "--force")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True, repr=False, eq=False)
 class DetectRequest(ReadingOptions, SensorOptions, PlaceOptions, TruthOptions, FolderOptions, Request):
     """Look at the magnetic field along a walk, and at what each detector makes of it: field.png, field_map.png.
 
@@ -424,7 +424,7 @@ class DetectRequest(ReadingOptions, SensorOptions, PlaceOptions, TruthOptions, F
     )
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True, repr=False, eq=False)
 class StreamRequest(SensorOptions, FieldOptions, AidOptions, ViewOptions, PlotOptions, Request):
     """Follow a sensor while it is walked with: one JSON line a footfall or stride, and at the end the whole walk.
 

@@ -28,7 +28,7 @@ from fg_nav.commands.requests import (
 SEED = "Draws person, sensor, walk, field and noise."
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True, repr=False, eq=False)
 class SimulateRequest(FolderOptions, Request):
     """Simulate a walk with its truth: recording.csv, truth.tum, truth.json, landmarks.csv, map.png."""
 
@@ -56,7 +56,7 @@ class SimulateRequest(FolderOptions, Request):
     both_feet: bool = flag(WALK, "A sensor on each foot: left.csv and right.csv with their truths.", "--both-feet")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True, repr=False, eq=False)
 class DemoRequest(ViewOptions, PlotOptions, FolderOptions, Request):
     """Simulate four minutes of walking and compare the methods on them; with --view show them as they are walked."""
 
@@ -66,7 +66,7 @@ class DemoRequest(ViewOptions, PlotOptions, FolderOptions, Request):
     speed: float = option(OUTPUT, "Of the walk that is shown; 1 is its own.", "FACTOR", default=1.0)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True, repr=False, eq=False)
 class CampaignRequest(Request):
     """Try methods on many walks, simulated and recorded; the same command goes on with what was stopped."""
 
@@ -84,7 +84,7 @@ class CampaignRequest(Request):
     retry: bool = flag(METHOD, "Make again what failed.", "--retry")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True, repr=False, eq=False)
 class ReproduceRequest(Request):
     """Lay the experiments of a paper beside ours, from simulated walks: report.html, results.json, pictures.
 
@@ -102,7 +102,7 @@ class ReproduceRequest(Request):
     force: bool = flag(OUTPUT, "Replace an older result in the folder.", "--force")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True, repr=False, eq=False)
 class AllanRequest(ReadingOptions, FolderOptions, Request):
     """Say how noisy the sensor is, from a recording of it lying still: allan.json, allan.png."""
 
