@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fg_nav.errors import OutputError
-from fg_nav.plugins import find_plugins
 from fg_nav.report.folder import check_file_free, result_files
 
 if TYPE_CHECKING:
@@ -61,6 +60,8 @@ def find_export(out: Path) -> Export:
     ending = out.suffix.lower()
     if ending in EXPORTS:
         return EXPORTS[ending]
+    from fg_nav.plugins import find_plugins  # slow to load, and the help needs the table alone
+
     added: dict[str, Export] = {one.ending: one for one in find_plugins("exports", Export).values()}
     if ending not in added:
         named = f"'{out.suffix}'" if out.suffix else "a name without an ending"
