@@ -19,8 +19,9 @@ from fg_nav.cli import app
 from fg_nav.commands import requests
 from fg_nav.ekf.presets import PRESETS
 from fg_nav.estimators import METHODS, RTS
-from fg_nav.evaluation.field_survey import SURVEYED
 from fg_nav.io import FORMATS, write_canonical
+from fg_nav.lab import verbs as laboratory
+from fg_nav.lab.field_survey import SURVEYED
 from fg_nav.lab.simulation import SCENARIOS, simulate
 from fg_nav.lab.simulation.scenarios import FIELDS
 from fg_nav.magnetic.quasi_static import DEFAULT, GATES
@@ -209,7 +210,7 @@ def test_help_and_tables_have_every_method_and_preset() -> None:
     assert set(named) <= set(re.findall(r"[\w-]+", requests.METHOD_NAMES))
     assert requests.PRESETS == PRESETS
     assert requests.GATES == GATES
-    assert {*requests.SURVEYED} == {*SURVEYED, "all"}
+    assert {*laboratory.SURVEYED} == {*SURVEYED, "all"}
     assert set(names_of(README, "method")) == {*named, RTS, f"iez{RTS}"}
     assert names_of(FILTERS_PAGE, "method") == filters
     assert names_of(FILTERS_PAGE, "preset") == list(PRESETS)

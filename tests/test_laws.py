@@ -80,10 +80,13 @@ def test_estimators_do_not_know_each_other_nor_what_uses_them():
             assert not IMPORTS[path] & ((ESTIMATORS | TOP) - {own}), path.name
 
 
+DRAWING = {"fg_nav.lab.drawing", "fg_nav.lab.field_drawing"}  # Pictures of the laboratory.
+
+
 def test_the_report_is_imported_by_the_command_line_alone():
     """The laboratory draws too. `Solution.save` and `.plot` find it by the package's names, as users do."""
     commands = {"fg_nav.cli", "fg_nav.commands", "fg_nav.lab.verbs"}
-    assert importers_of("fg_nav.report") <= commands | {"fg_nav.report", "fg_nav.lab.drawing", "fg_nav.lab.reproduce"}
+    assert importers_of("fg_nav.report") <= commands | {"fg_nav.report", "fg_nav.lab.reproduce", *DRAWING}
     assert importers_of("fg_nav.lab.reproduce") <= commands | {"fg_nav.lab.reproduce"}
     assert importers_of("fg_nav.lab.campaign") <= commands | {"fg_nav.lab.campaign", "fg_nav.lab.reproduce"}
     assert importers_of("fg_nav.commands") <= commands
@@ -92,7 +95,7 @@ def test_the_report_is_imported_by_the_command_line_alone():
 
 def test_gtsam_and_matplotlib_each_have_their_place():
     assert importers_of("gtsam") <= {"fg_nav.smoother", "fg_nav.online", "fg_nav.factors"}
-    assert importers_of("matplotlib") <= {"fg_nav.report", "fg_nav.lab.drawing", "fg_nav.lab.reproduce"}
+    assert importers_of("matplotlib") <= {"fg_nav.report", "fg_nav.lab.reproduce", *DRAWING}
 
 
 RUNS_CODE = {"pickle", "marshal", "shelve", "dill", "cloudpickle", "joblib", "code", "runpy"}

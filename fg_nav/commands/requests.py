@@ -28,7 +28,6 @@ PRESETS = ("tuned", "physical", "as-printed")
 PRINTED = ("qsf-printed", "iqsf-printed", "ma2018-printed", "aiez-printed")
 DETECTORS = ("qsf", "iqsf", "ma2018", "aiez", "qsf-stance", *PRINTED)
 GATES = (*DETECTORS, "none", *(f"{name}:hard" for name in DETECTORS))
-SURVEYED = (*DETECTORS, "munoz-diaz", "all")
 
 
 def _list_words(names: Iterable[str]) -> str:
@@ -407,24 +406,6 @@ class CalibrateRequest(ReadingOptions, AxesOptions, PlaceOptions, Request):
 
 
 @dataclass(kw_only=True, repr=False, eq=False)
-class DetectRequest(ReadingOptions, SensorOptions, PlaceOptions, TruthOptions, FolderOptions, Request):
-    """Look at the magnetic field along a walk, and at what each detector makes of it: field.png, field_map.png.
-
-    `--gate munoz-diaz` alone needs no footfalls: it judges the samples, of a sensor in a pocket too.
-    """
-
-    verb = "fg_nav.commands.detect:detect"
-
-    recording: Path = argument("RECORDING", "File with the recording.")
-    gate: str | None = option(
-        METHOD,
-        "Detectors, with commas between, or `all`. \\[default: all but the printed]",
-        "A,B",
-        autocompletion=complete_by(lambda: SURVEYED),
-    )
-
-
-@dataclass(kw_only=True, repr=False, eq=False)
 class StreamRequest(SensorOptions, FieldOptions, AidOptions, ViewOptions, PlotOptions, Request):
     """Follow a sensor while it is walked with: one JSON line a footfall or stride, and at the end the whole walk.
 
@@ -473,7 +454,6 @@ REQUESTS: tuple[type[Request], ...] = (
     ExportRequest,
     CompareRequest,
     CalibrateRequest,
-    DetectRequest,
     StreamRequest,
 )
 """In the order of the help."""

@@ -13,9 +13,9 @@ import typer.core
 
 from fg_nav.cli import app
 from fg_nav.errors import DetectionError
-from fg_nav.evaluation.field_survey import SAMPLEWISE, SURVEYED, USUAL
 from fg_nav.frames import wrap_angle
 from fg_nav.io import read, write_canonical, write_tum
+from fg_nav.lab.field_survey import SAMPLEWISE, SURVEYED, USUAL
 from fg_nav.lab.simulation import simulate
 from fg_nav.magnetic.axes import align_magnetometer
 from fg_nav.magnetic.quasi_static import DEFAULT, DETECTORS, apply_gate, judge_samples

@@ -1,6 +1,6 @@
 """The verbs of the laboratory, and what each is asked (`fg_nav.commands.requests`): simulated walks, campaigns, papers.
 
-`simulate` and `demo` stand beside the other verbs, all but `demo` under `fg-nav lab`.
+`detect`, `simulate` and `demo` stand beside the other verbs, all but `demo` under `fg-nav lab`.
 """
 
 from __future__ import annotations
@@ -11,13 +11,17 @@ from pathlib import Path
 from typing import Literal
 
 from fg_nav.commands.requests import (
+    DETECTORS,
     METHOD,
     OUTPUT,
     WALK,
     FolderOptions,
+    PlaceOptions,
     PlotOptions,
     ReadingOptions,
     Request,
+    SensorOptions,
+    TruthOptions,
     ViewOptions,
     argument,
     complete_by,
@@ -25,6 +29,7 @@ from fg_nav.commands.requests import (
     option,
 )
 
+SURVEYED = (*DETECTORS, "munoz-diaz", "all")
 SEED = "Draws person, sensor, walk, field and noise."
 
 
@@ -54,6 +59,24 @@ class SimulateRequest(FolderOptions, Request):
     )
     feet: Literal["still", "moving"] | None = option(WALK, "Whether the loaded foot moves on, as real ones do.")
     both_feet: bool = flag(WALK, "A sensor on each foot: left.csv and right.csv with their truths.", "--both-feet")
+
+
+@dataclass(kw_only=True, repr=False, eq=False)
+class DetectRequest(ReadingOptions, SensorOptions, PlaceOptions, TruthOptions, FolderOptions, Request):
+    """Look at the magnetic field along a walk, and at what each detector makes of it: field.png, field_map.png.
+
+    `--gate munoz-diaz` alone needs no footfalls: it judges the samples, of a sensor in a pocket too.
+    """
+
+    verb = "fg_nav.lab.verbs.detect:detect"
+
+    recording: Path = argument("RECORDING", "File with the recording.")
+    gate: str | None = option(
+        METHOD,
+        "Detectors, with commas between, or `all`. \\[default: all but the printed]",
+        "A,B",
+        autocompletion=complete_by(lambda: SURVEYED),
+    )
 
 
 @dataclass(kw_only=True, repr=False, eq=False)
@@ -111,8 +134,8 @@ class AllanRequest(ReadingOptions, FolderOptions, Request):
     recording: Path = argument("RECORDING", "File with the recording.")
 
 
-BESIDE: tuple[type[Request], ...] = (SimulateRequest, DemoRequest)
+BESIDE: tuple[type[Request], ...] = (DetectRequest, SimulateRequest, DemoRequest)
 """Verbs that stand beside those of a walk, in the order of the help."""
 
-BELOW: tuple[type[Request], ...] = (SimulateRequest, CampaignRequest, ReproduceRequest, AllanRequest)
+BELOW: tuple[type[Request], ...] = (DetectRequest, SimulateRequest, CampaignRequest, ReproduceRequest, AllanRequest)
 """Verbs below `fg-nav lab`."""

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from fg_nav.commands.requests import DetectRequest
 from fg_nav.commands.shared import (
     Answer,
     Target,
@@ -19,7 +18,8 @@ from fg_nav.commands.shared import (
     run_methods,
 )
 from fg_nav.errors import MagneticError
-from fg_nav.evaluation.field_survey import (
+from fg_nav.lab.field_drawing import draw_survey, plot_samples
+from fg_nav.lab.field_survey import (
     SAMPLEWISE,
     FieldSurvey,
     SampleSurvey,
@@ -27,11 +27,11 @@ from fg_nav.evaluation.field_survey import (
     survey_field,
     survey_samples,
 )
+from fg_nav.lab.verbs import DetectRequest
 from fg_nav.magnetic.quasi_static import SETTINGS, find_detector
 from fg_nav.pipeline import prepare_walk
 from fg_nav.report.files import collect_remarks, describe_recording, write_json
 from fg_nav.report.folder import DETECT_FILES
-from fg_nav.report.plots.sensor import draw_survey, plot_samples
 from fg_nav.report.plots.style import save
 from fg_nav.report.terminal import console, listing, print_place, ruled_table
 from fg_nav.walk import Walk, correct_walk, read_walk

@@ -16,8 +16,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from fg_nav.arrays import Floats
-from fg_nav.evaluation.field_survey import SAMPLEWISE, FieldSurvey, SampleSurvey
 from fg_nav.frames import wrap_angle
+from fg_nav.lab.field_survey import SAMPLEWISE, FieldSurvey, SampleSurvey
 from fg_nav.magnetic.quasi_static import WINDOW_S, OverThreshold
 from fg_nav.report.charts import (
     BLUE,
