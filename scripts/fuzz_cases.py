@@ -36,14 +36,14 @@ import fuzz_variations as varied
 import numpy as np
 import pandas as pd
 import typer
+from fg_nav.online.checkpoint import VERSION
+from fg_nav.online.packing import read_records, write_records
 from fuzz_inputs import CONFIGURED, HEADER, Store, raw_of
 from fuzz_mutations import Rng, draw
 
 from fg_nav import cli
 from fg_nav.arrays import Floats
 from fg_nav.online import follow
-from fg_nav.online.checkpoint import VERSION
-from fg_nav.online.packing import read_records, write_records
 from fg_nav.recording import RawRecording
 from fg_nav.verdict import UNUSABLE
 

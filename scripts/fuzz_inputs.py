@@ -13,6 +13,7 @@ from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
+from fg_nav.online.checkpoint import Checkpoint
 from online_fuzz import draw_walk
 from walks import LOOPS, gdin_path, gdlbio_path
 
@@ -22,7 +23,6 @@ from fg_nav.errors import FgNavError
 from fg_nav.io import read, write_canonical, write_tum
 from fg_nav.lab.simulation import SCENARIOS, Choices, SimulatedWalk, simulate
 from fg_nav.online.buffer import OnlineOptions, rows_of
-from fg_nav.online.checkpoint import Checkpoint
 from fg_nav.online.pocket import PocketOptions, begin_walk
 from fg_nav.pipeline import navigate
 from fg_nav.recording import RawRecording, Recording

@@ -43,6 +43,8 @@ from typing import Any
 import harness
 import numpy as np
 import walks
+from fg_nav.online.checkpoint import VERSION
+from fg_nav.online.packing import read_records, write_records
 from harness import FIRST_SEED, Figure, option
 from line_verdicts import RawRows
 from verdicts import GOOD, list_cases
@@ -51,9 +53,7 @@ from fg_nav.errors import FgNavError
 from fg_nav.lab.simulation import simulate
 from fg_nav.online import OnlineNavigator, load, save
 from fg_nav.online.buffer import OnlineOptions, rows_of
-from fg_nav.online.checkpoint import VERSION
 from fg_nav.online.follow import StreamOptions, follow_source
-from fg_nav.online.packing import read_records, write_records
 
 MAX_S = 60
 MAX_MB = 4096

@@ -295,7 +295,7 @@ ReplaySpeed = Annotated[
     ),
 ]
 RecordPath = Annotated[
-    Path | None, typer.Option("--record", metavar="FILE", help="Write the samples as they come, before any correction.")
+    Path | None, typer.Option("--record", metavar="FILE", help="Record the samples as they come, and the lines.")
 ]
 StepConstant = Annotated[
     float | None,
@@ -360,9 +360,6 @@ ViewHost = Annotated[
     ),
 ]
 ViewPort = Annotated[int, typer.Option("--port", metavar="PORT", help="Of the page; 0 for a free one.")]
-CheckpointPath = Annotated[
-    Path | None, typer.Option(metavar="FILE", help="Save the walk here, and take it up from here if it is there.")
-]
 Lag = Annotated[
     float | None, typer.Option(metavar="SECONDS", help="Forget what is older. \\[default: keep the whole walk]")
 ]

@@ -84,8 +84,7 @@ def allan(
 
 @verbs.command()
 def stream(
-    source: given.SourceName, second: given.SecondSource = None, checkpoint: given.CheckpointPath = None,
-    every: Annotated[float, typer.Option(metavar="SECONDS", help="Between two saves.")] = 10.0,
+    source: given.SourceName, second: given.SecondSource = None,
     lag: given.Lag = None, heading: given.Heading = None, no_mag: given.NoMag = False, gate: given.GateName = None,
     fixes: given.FixesPath = None, calibration: given.CalibrationPath = None, mag_axes: given.MagAxesWords = None,
     mount: given.StreamMount = "foot", clock_offset: given.StreamClockOffset = None,
@@ -93,7 +92,9 @@ def stream(
     host: given.ViewHost = "127.0.0.1", port: given.ViewPort = 8642,
     baud: Annotated[int, typer.Option(help="Of a serial device.")] = 115200,
     columns: given.ColumnNames = None, units: given.UnitNames = None, rate: given.RowRate = None,
-    speed: given.ReplaySpeed = None, record: given.RecordPath = None, silence: given.Silence = None,
+    speed: given.ReplaySpeed = None, record: given.RecordPath = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with the walk of --record, if it is there.")] = False,
+    silence: given.Silence = None,
     plots: given.PlotsChoice = "html",
     out: given.EndDir = None, polish: given.Polish = False, force: given.Force = False,
     json: given.Json = False, quiet: given.Quiet = False,
@@ -110,9 +111,9 @@ def stream(
     right = check_sources(second, clock_offset, mount)
     worn: Wearing = "foot" if mount == "feet" else mount
     request = StreamRequest(
-        source, checkpoint, every, lag, heading, not no_mag, gate, calibration, serve, baud, silence, mag_axes, polish,
+        source, lag, heading, not no_mag, gate, calibration, serve, baud, silence, mag_axes, polish,
         (host, port) if view else None, columns, units, rate, worn, fixes, step_constant,
-        speed, record, force,
+        speed, record, resume, force,
     )  # fmt: skip
     with answering(json, quiet) as answer:
         if right is not None:

@@ -25,7 +25,6 @@ from fg_nav.online.follow import StreamedWalk, StreamOptions, StreamRequest, fol
 from fg_nav.online.navigator import finish_walk
 from fg_nav.online.outlets import Say, open_outlets
 from fg_nav.online.pocket import PocketOptions, compute_stride_headings
-from fg_nav.online.record_check import doubt_resumed
 from fg_nav.online.source_check import describe_losses
 from fg_nav.online.sources import Replay
 from fg_nav.pipeline import prepare_walk
@@ -51,11 +50,10 @@ def stream(request: StreamRequest, plots: Plots, out: Path | None, force: bool, 
     target = Target(out, force and (out is not None or request.record is None), "stream")
     printer = LinePrinter()
     with target, open_outlets(request.serve, request.view, printer if lines else drop_line, remark) as outlets:
-        with doubt_resumed(request.checkpoint):
-            walk = run_stream(request, outlets)
-            if out is None and outlets.emit_end is None and lines:  # the lines were served, and nobody asks for more
-                return Answer({}, say_nothing)
-            end = find_end(walk)
+        walk = run_stream(request, outlets)
+        if out is None and outlets.emit_end is None and lines:  # the lines were served, and nobody asks for more
+            return Answer({}, say_nothing)
+        end = find_end(walk)
         content = {"source": request.source, **end.summary}
         if out is None:
             outlet = outlets.emit_end or drop_line
@@ -240,7 +238,7 @@ def note_losses(solution: Solution, walk: StreamedWalk) -> Solution:
     """Add what was lost on the way to the notes, and what a nominal rate leaves open to the sigmas."""
     rate_sigma = 0.0 if isinstance(walk.navigator.options, PocketOptions) else walk.rate_sigma
     polished = None if solution.polished is None else solution.polished.widen(rate_sigma)
-    notes = (*solution.notes, *describe_losses(walk.navigator.source.get("lost", {})))
+    notes = (*solution.notes, *describe_losses(walk.navigator.lost))
     return replace(solution.widen(rate_sigma), notes=notes, polished=polished)
 
 

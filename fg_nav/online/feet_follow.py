@@ -76,10 +76,10 @@ def run_feet_stream(request: FeetStreamRequest, outlets: Outlets) -> StreamedFee
     if request.right == both.source:
         raise StreamError(f"{request.right} is named twice: --mount feet takes two sources, the left foot's first.")
     refused = {
-        "--checkpoint": both.checkpoint,
         "--lag": both.lag_s,
         "--fixes": both.fixes_path,
         "--record": both.record,
+        "--resume": both.resume or None,
         "--step-constant": both.step_constant_m,
         "--polish": both.polish or None,
     }
@@ -133,7 +133,7 @@ class _FollowedFeet:
             outlets.remark(f"{side} foot: {words}")
 
         self._walks = {
-            side: FollowedWalk(one, options[side], None, partial(self._tag, side), partial(remark_on, side))
+            side: FollowedWalk(one, options[side], partial(self._tag, side), partial(remark_on, side))
             for side, one in navigator.navigators.items()
         }
         self._silence = {

@@ -9,8 +9,8 @@ its newest footfall in the new map; where the revision does not include it, the 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, TypeAlias
+from collections.abc import Callable, Sequence
+from typing import TypeAlias
 
 import numpy as np
 
@@ -48,7 +48,7 @@ class LineVerdict:
     Parameters
     ----------
     in_pocket : whether the sensor is in a pocket: a line is then two steps, and places are less certain.
-    remark, refuses : as of `AxesCheck`.
+    remark : as of `AxesCheck`.
     rate_sigma : of a nominal sample rate, a share of it; 0 where rows have stamps.
     """
 
@@ -56,11 +56,10 @@ class LineVerdict:
         self,
         in_pocket: bool = False,
         remark: Callable[[str], None] = lambda words: None,
-        refuses: bool = True,
         rate_sigma: float = 0.0,
     ) -> None:
         self._in_pocket, self._rate_sigma = in_pocket, rate_sigma
-        self.axes = AxesCheck(remark, refuses, "pocket" if in_pocket else "foot")
+        self.axes = AxesCheck(remark, "pocket" if in_pocket else "foot")
         self._begun: float | None = None
         self._last = np.zeros(4)  # t, east, north, up of the newest footfall
         self._distance, self._lost_s, self._strides = 0.0, 0.0, 0
@@ -73,37 +72,13 @@ class LineVerdict:
         judged: list[Judged] = []
         for one in found:
             if isinstance(one, Revision):
-                is_newest = abs(one.path[-1, 0] - self._last[0]) < SAME_S
+                is_newest = len(one.path) > 0 and abs(one.path[-1, 0] - self._last[0]) < SAME_S
                 self._last = one.path[-1] if is_newest else np.full(4, np.nan)
                 judged.append((one, None))
             else:
                 self._measure(np.append(one.t, one.position), continues[one.number])
                 judged.append((one, combine(self._list_reasons(one.pose_cov[:2, :2]))))
         return judged
-
-    def state(self) -> dict[str, Any]:
-        """Return what `resume` needs, as JSON values."""
-        numbers = (self._distance, self._lost_s, self._reach, *self._steepest)
-        return {
-            "begun": self._begun,
-            "last": self._last.tolist(),
-            "numbers": [float(one) for one in numbers],
-            "heights": self._heights.tolist(),
-            "fast": self._fast.tolist(),
-            "strides": self._strides,
-            "axes": self.axes.state(),
-        }
-
-    def resume(self, state: Mapping[str, Any]) -> None:
-        """Go on where another verdict on the same walk was."""
-        self._begun = None if state["begun"] is None else float(state["begun"])
-        self._last = np.array(state["last"], dtype=float).reshape(4)
-        self._distance, self._lost_s, self._reach, rate, when = map(float, state["numbers"])
-        self._steepest = rate, when
-        self._fast = np.array(state["fast"], dtype=float).reshape(-1, 3)
-        self._heights = np.array(state["heights"], dtype=float).reshape(-1, 2)
-        self._strides = int(state["strides"])
-        self.axes.resume(state["axes"])
 
     def _measure(self, now: Floats, continues: bool) -> None:
         """Measure the stride to a footfall, of which t, east, north, up (4,) are given."""

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from fg_nav.online.checkpoint import Checkpoint
 
 from fg_nav import cli
 from fg_nav.calibration.inertial import AccelerometerCalibration
@@ -24,7 +25,6 @@ from fg_nav.io import write_canonical
 from fg_nav.io.writing import format_rows
 from fg_nav.online import OnlineNavigator, load
 from fg_nav.online.buffer import rows_of
-from fg_nav.online.checkpoint import Checkpoint
 from fg_nav.online.estimates import format_table
 from fg_nav.online.follow import StreamOptions, follow_source
 from fg_nav.online.sources import TextSource, open_source

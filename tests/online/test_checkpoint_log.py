@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fg_nav.online.checkpoint import VERSION, Checkpoint
+from fg_nav.online.packing import pack, unpack, write_records
 
 from fg_nav.errors import EstimationError, FormatError, OutputError
 from fg_nav.online import OnlineNavigator, load, save
 from fg_nav.online.buffer import OnlineOptions, rows_of
-from fg_nav.online.checkpoint import VERSION, Checkpoint
 from fg_nav.online.overlap import HEAD
-from fg_nav.online.packing import pack, unpack, write_records
 from tests.online.walks import NORTH, push, short_walk, solve_in_windows, worst_difference
 
 

@@ -4,11 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fg_nav.online.checkpoint import Checkpoint
 
 from fg_nav.detection.stance import StanceParameters
 from fg_nav.online import OnlineNavigator, navigator, smoother
 from fg_nav.online.buffer import OnlineOptions, ReportedFootfall, SampleBuffer, rows_of
-from fg_nav.online.checkpoint import Checkpoint
 from fg_nav.online.resolve import WalkSolver
 from tests.online.walks import NORTH, push, short_walk, worst_difference
 

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fg_nav.online.checkpoint import Checkpoint
 
 from fg_nav.errors import FormatError, RecordingError
 from fg_nav.lab.simulation import simulate
 from fg_nav.online import OnlineNavigator
 from fg_nav.online.buffer import SampleBuffer, rows_of
-from fg_nav.online.checkpoint import Checkpoint
 from fg_nav.online.estimates import Revision, StanceEstimate, format_estimate
 from fg_nav.online.follow import StreamOptions, follow_source
 from fg_nav.online.line_verdict import LineVerdict

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from fg_nav.online.checkpoint import load, save
 from scipy.spatial.transform import Rotation
 
 from fg_nav.errors import EstimationError
@@ -14,7 +15,6 @@ from fg_nav.io import write_canonical
 from fg_nav.lab.follow_pocket import follow_pocket
 from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.online.buffer import rows_of
-from fg_nav.online.checkpoint import load, save
 from fg_nav.online.estimates import Revision, StanceEstimate, format_estimate
 from fg_nav.online.pocket import PocketNavigator, PocketOptions
 from fg_nav.pocket.dead_reckoning import StepLength, reckon_path

@@ -6,6 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from fg_nav.online.checkpoint import VERSION, Checkpoint
+from fg_nav.online.packing import pack, unpack, write_records
+from fg_nav.online.record_check import doubt_resumed, find_fault
+from fg_nav.online.saved_state import FootfallTable, RowTable
 
 from fg_nav.detection.causal import CausalStances
 from fg_nav.errors import EstimationError, FormatError
@@ -13,10 +17,6 @@ from fg_nav.factors.differential_field import Iron
 from fg_nav.online import OnlineNavigator, load
 from fg_nav.online.anchor import MarginalPrior, PathNodes
 from fg_nav.online.buffer import rows_of
-from fg_nav.online.checkpoint import VERSION, Checkpoint
-from fg_nav.online.packing import pack, unpack, write_records
-from fg_nav.online.record_check import doubt_resumed, find_fault
-from fg_nav.online.saved_state import FootfallTable, RowTable
 from fg_nav.solution import Return
 from tests.online.walks import NORTH, push, short_walk
 

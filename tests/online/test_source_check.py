@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from fg_nav.online.packing import pack, unpack
 
 from fg_nav.errors import EstimationError, StreamError
 from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.online.buffer import rows_of
-from fg_nav.online.packing import pack, unpack
 from fg_nav.online.source_check import SourceCheck
 
 

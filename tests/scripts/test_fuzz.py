@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from fg_nav.online.packing import pack
 
 from fg_nav import cli
 from fg_nav.online.buffer import rows_of
-from fg_nav.online.packing import pack
 from fg_nav.recording import Recording
 from tests.scripts import load_script
 from tests.simulated import PERSON, straight_walk
