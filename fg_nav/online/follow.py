@@ -294,13 +294,13 @@ class FollowedWalk:
         self.is_replayed = True
         self.navigator.resume(record.given)
         self._verdict.judge(record.given.lines, record.given.continues)
-        for part in record.replay():
-            self.navigator.judge.resume()
+        for number, part in enumerate(record.replay()):
+            if number:
+                self.navigator.judge.resume()
             for start in range(0, len(part), REPLAYED):
                 self._push(part[start : start + REPLAYED])
         self.report(self.navigator.end_replay())
         self.is_replayed = False
-        self.navigator.judge.resume()
         name, walked = record.path.name, "strides" if isinstance(self._options.online, PocketOptions) else "stances"
         n_footfalls, n_samples = len(self.navigator.footfalls), self.navigator.buffer.stop
         self._remark(f"resumed from {name}: {n_footfalls} {walked}, {n_samples} samples.")
@@ -309,7 +309,11 @@ class FollowedWalk:
         """Record and push rows (n, 11), and emit the lines that they complete; `header` names their columns."""
         if self._status is not None:
             self._status.count_samples(len(rows))
-        self._push(rows if self._record is None else self._record.add(rows, header, at_end))
+        if self._record is not None:
+            rows = self._record.add(rows, header, at_end)
+            if self._record.is_interrupted:
+                self.navigator.judge.resume()
+        self._push(rows)
 
     def _push(self, rows: Floats) -> None:
         if not len(rows):

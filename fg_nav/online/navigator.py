@@ -380,8 +380,7 @@ class OnlineNavigator(SampleIntake):
 
     def _pass_given(self, t: float, footfall: Footfall | None = None, until: int = 0) -> None:
         """Pass the given lines up to a stamp, s, on to the smoother: with their footfall, or as those of none."""
-        assert self._given is not None
-        while self._open and self._open[0].t < t:
+        while self._given is not None and self._open and self._open[0].t < t:
             line = self._open.popleft()
             continues = self._given.continues[line.number]
             is_gone = footfall is None or line.number in self._given.retracted

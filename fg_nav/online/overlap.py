@@ -31,12 +31,12 @@ HASH = np.random.default_rng(0).integers(1 << 62, 1 << 63, COLUMNS, dtype=np.uin
 class Overlap:
     """Leaves out the rows of a source that are recorded, `recorded` (n, 11) in their order; `left_out` so far.
 
-    `is_over` once nothing has to be left out any more.
+    `skips` once it is clear that the source began again, `is_over` once nothing has to be left out any more.
     """
 
     def __init__(self, recorded: Floats) -> None:
         self.left_out, self.is_over = 0, len(recorded) == 0
-        self._skips = False
+        self.skips = False
         fingerprints = fingerprint_rows(recorded)
         self._order = np.argsort(fingerprints, kind="stable")
         self._fingerprints = fingerprints[self._order]
@@ -54,12 +54,12 @@ class Overlap:
         rows, self._held = np.concatenate([self._held, rows]), rows[:0]
         if self.is_over:
             return rows
-        if not self._skips:
+        if not self.skips:
             if len(rows) < HEAD and not at_end:
                 self._held = rows
                 return rows[:0]
-            self._skips = int((self._find_numbers(rows[:HEAD]) != UNKNOWN).sum()) >= MIN_KNOWN
-            self.is_over = not self._skips
+            self.skips = int((self._find_numbers(rows[:HEAD]) != UNKNOWN).sum()) >= MIN_KNOWN
+            self.is_over = not self.skips
         return rows if self.is_over else self._skip_to_tail_end(rows, at_end)
 
     def _skip_to_tail_end(self, rows: Floats, at_end: bool) -> Floats:

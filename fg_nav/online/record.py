@@ -23,7 +23,7 @@ import os
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import suppress
+from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -32,7 +32,7 @@ import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.columns.mapping import CANONICAL
-from fg_nav.errors import EstimationError, FgNavError, FormatError, OutputError, describe_reason
+from fg_nav.errors import EstimationError, FormatError, OutputError, describe_reason
 from fg_nav.io.content import read_content
 from fg_nav.io.formats import FORMATS
 from fg_nav.io.writing import format_rows
@@ -113,6 +113,8 @@ class Record:
     rows : (n, 11) samples that are recorded already.
     given : the lines that were given; None of a new walk.
     header : names of the columns of the source, None before they are known.
+    is_interrupted : whether an unknown time lies before the samples that `add` returned last: where a walk is resumed
+        and its source did not begin again.
     """
 
     def __init__(self, path: Path, resumes: bool, force: bool, remark: Callable[[str], None]) -> None:
@@ -126,15 +128,16 @@ class Record:
         self.given: GivenLines | None = None
         self.header: list[str] | None = None
         self._walks: list[dict[str, Any]] = []
-        self._samples = _AppendedFile(path, remark)
-        try:
-            self._lines = _AppendedFile(path.with_name(path.name + LINES), remark)
+        with ExitStack() as opened:
+            self._samples, self._lines = (
+                opened.enter_context(closing(_AppendedFile(path.with_name(path.name + end), remark)))
+                for end in ("", LINES)
+            )
             if is_old and resumes:
                 self._read()
-        except FgNavError:
-            self._samples.close()
-            raise
+            opened.pop_all()
         self._about: dict[str, Any] | None = None
+        self.is_interrupted = False
         self._overlap, self._is_compared = Overlap(self.rows), not len(self.rows)
 
     def begin(self, about: Mapping[str, Any]) -> None:
@@ -151,9 +154,8 @@ class Record:
                 )
 
     def replay(self) -> Iterator[Floats]:
-        """Yield the recorded samples (n, 11), as they came between two starts of a process."""
-        begins = [walk["samples"] for walk in self._walks[1:]]
-        yield from np.split(self.rows, begins)
+        """Yield the recorded samples (n, 11), those between two interruptions together."""
+        yield from np.split(self.rows, [walk["samples"] for walk in self._walks if walk["is_interrupted"]])
 
     def add(self, rows: Floats, header: list[str] | None, at_end: bool = False) -> Floats:
         """Record samples (n, 11) of a source; return those that were not recorded before.
@@ -166,12 +168,15 @@ class Record:
             if self._overlap.left_out:
                 words = format_count(self._overlap.left_out, "sample")
                 self._remark(f"{words} up to the last one in {self.path.name} came again, and are left out.")
+        self.is_interrupted = False
         if not len(new):
             return new
         # What is recorded from here on, and its columns.
         entries = list[dict[str, Any]]()
         if self._about is not None:
-            entries.append({"kind": WALK, "samples": len(self.rows), **self._about})
+            self.is_interrupted = len(self.rows) > 0 and not self._overlap.skips
+            begin = {"kind": WALK, "samples": len(self.rows), "is_interrupted": self.is_interrupted}
+            entries.append({**begin, **self._about})
             self._about = None
         if header != self.header:
             entries.append({"kind": COLUMN_NAMES, "columns": header})
@@ -205,20 +210,22 @@ class Record:
         if not len(self.rows):
             return
         self._lines.cut_last_line()
-        if not self._lines.has_content:
-            raise FormatError(f"{self._lines.path} is not there: without it the walk of {name} cannot go on.")
         try:
             entries = [json.loads(line) for line in self._lines.path.read_text(encoding="ascii").splitlines()]
             kinds = {kind: [one for one in entries if one["kind"] == kind] for kind in (WALK, COLUMN_NAMES)}
-            self._walks = [{**one, "samples": int(one["samples"])} for one in kinds[WALK]]
+            self._walks = kinds[WALK]
+            for walk in self._walks:
+                if not walk["samples"] >= 0 or walk["is_interrupted"] not in (True, False):
+                    raise ValueError("this is no beginning of a walk")
             self.header = [str(one) for one in kinds[COLUMN_NAMES][-1]["columns"]] if kinds[COLUMN_NAMES] else None
             self.given = GivenLines.parse(entries)
-            if not self._walks:
-                raise ValueError("it does not say what the walk is")
         except (ValueError, KeyError, TypeError):
+            entries = []
+        if not self._walks or not entries:
             raise FormatError(
-                f"{self._lines.path} was changed or damaged: name another file to record into, or add --force."
-            ) from None
+                f"{self._lines.path} is damaged or not there, and without it the walk of {name} cannot go on: name "
+                "another file to record into."
+            )
 
 
 class _AppendedFile:
