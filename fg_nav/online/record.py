@@ -3,8 +3,9 @@
 =============== ======================================================================================================
 FILE            the samples as canonical CSV, as `fg-nav run` reads it, exact to the last bit: before calibration, and
                 before anything is left out or set on
-FILE.lines      one JSON object a line: `walk` (version and options; at the start and at each resume, with the number of
-                samples before), `header` (columns of the source), and between them the lines that were given
+FILE.lines      the lines as they were given, those of a block of samples in one JSON array a line, so that it is whole
+                or not there; among them `walk` (version and options; at the start and at each resume, with the number
+                of samples before) and `header` (columns of the source)
 =============== ======================================================================================================
 
 Samples are written before the lines that they complete, and these before anybody is given them, in one write for each
@@ -190,7 +191,7 @@ class Record:
     def add_lines(self, lines: Sequence[str]) -> None:
         """Record lines before they are given."""
         if lines:
-            self._lines.append("".join(f"{line}\n" for line in lines), len(lines))
+            self._lines.append(f"[{', '.join(lines)}]\n", len(lines))
 
     def close(self) -> None:
         """Write what waits, and close the files."""
@@ -211,7 +212,8 @@ class Record:
             return
         self._lines.cut_last_line()
         try:
-            entries = [json.loads(line) for line in self._lines.path.read_text(encoding="ascii").splitlines()]
+            text = self._lines.path.read_text(encoding="ascii")
+            entries = [entry for line in text.splitlines() for entry in json.loads(line)]
             kinds = {kind: [one for one in entries if one["kind"] == kind] for kind in (WALK, COLUMN_NAMES)}
             self._walks = kinds[WALK]
             for walk in self._walks:
