@@ -111,7 +111,7 @@ Source: Ampere's law. That u wants no heading, and its use for one, is this proj
 near to it.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -261,7 +261,6 @@ def integrate_field(
     body_field: Array,
     at: Array,
     vertical_uT: float = 0.0,
-    after_block: Callable[[], None] = lambda: None,
 ) -> LineIntegral:
     """Integrate the field along the path by the trapezoidal rule, up to each instant of `at`.
 
@@ -278,8 +277,6 @@ def integrate_field(
         Instants of the K integrals; linear between two measurements.
     vertical_uT : float
         E_U, whose share E_U dz is taken off: a foot goes down as far as up, but for stairs.
-    after_block
-        Called after each block of rows, which is not read again.
 
     Raises
     ------
@@ -307,7 +304,6 @@ def integrate_field(
         behind, total = at >= t[ends[start]], running[-1]
         for column, of_column in zip(out.T, running.T, strict=True):
             column[behind] = np.interp(at[behind], t[ends[part]], of_column)
-        after_block()
     return LineIntegral(u=out[:, 0], s=out[:, 1:4], moment=out[:, 4:])
 
 

@@ -209,21 +209,12 @@ class ResidualBlock:
         """Half the sum of squares of the residuals over their sigmas."""
         return 0.5 * float((self.evaluate(values, False)[0] ** 2).sum()) if len(self) else 0.0
 
-    @cached_property
-    def _linear_factors(self) -> list[gtsam.JacobianFactor]:
-        """One linear factor a residual, without numbers: to make one costs ten times as much as to fill it."""
-        nothing, noise = np.zeros(self.residuals.rows), gtsam.noiseModel.Unit.Create(self.residuals.rows)
-        H = [np.zeros((self.residuals.rows, d), order="F") for d in self.residuals.dims]
-        return [_linear(keys, nothing, H, noise) for keys in self.keys]
-
     def linearize(self, values: gtsam.Values) -> Iterator[gtsam.JacobianFactor]:
-        """Yield one factor a residual, linearized at these values: the same ones as before, with new numbers."""
+        """Yield one factor a residual, linearized at these values."""
         if len(self):
-            e, H = self.evaluate(values)
-            for factor, A, b in zip(self._linear_factors, np.concatenate(H, axis=2), -e, strict=True):
-                factor.getA()[...] = A
-                factor.getb()[...] = b
-                yield factor
+            noise, (e, H) = gtsam.noiseModel.Unit.Create(self.residuals.rows), self.evaluate(values)
+            for k, keys in enumerate(self.keys):
+                yield _linear(keys, -e[k], [A[k] for A in H], noise)
 
     def stack(self, values: gtsam.Values) -> list[Stack]:
         """Return the block as one stack [A | b] linearized at these values, b = -e; empty for no residuals."""
@@ -237,8 +228,8 @@ class ResidualBlock:
         return (self._make(one_of(self.residuals, k), keys) for k, keys in enumerate(self.keys))
 
 
-def one_of(residuals: R, k: int | slice) -> R:
-    """Return residual k of K, or a slice: every array indexed by k, all else unchanged."""
+def one_of(residuals: R, k: int | slice | NDArray[np.bool_]) -> R:
+    """Return residual k of K, or some of them: every array indexed by k, all else unchanged."""
     of: Any = residuals
     arrays = {f.name: getattr(of, f.name) for f in fields(of) if isinstance(getattr(of, f.name), np.ndarray)}
     one: R = replace(of, **{name: np.array(array[k]) for name, array in arrays.items()})

@@ -37,7 +37,7 @@ Solution
 Outcome
     A solution and its errors (`fg_nav.walk`).
 Result
-    A solution with its walk, errors and verdict: what `fg_nav.navigate` returns (`fg_nav.result`).
+    A solution with its walk, errors and verdict: what `fg_nav.navigate` returns (`fg_nav.pipeline`).
 FeetResult
     Two of these, of a sensor on each foot, and the person between: what `fg_nav.navigate_feet` returns.
 
@@ -59,9 +59,8 @@ if TYPE_CHECKING:
     from fg_nav.io import read, read_truth
     from fg_nav.lab.simulation import simulate
     from fg_nav.magnetic.footfall_field import average_footfall_field
-    from fg_nav.pipeline import navigate
+    from fg_nav.pipeline import Result, navigate
     from fg_nav.recording import Recording
-    from fg_nav.result import Result
     from fg_nav.smoother import GraphNodes, SmoothedWalk, SmootherParameters, smooth, smooth_graph
     from fg_nav.solution import Solution
     from fg_nav.stances import Stances
@@ -76,7 +75,7 @@ _HOME = {
     "GraphNodes": "fg_nav.smoother",
     "Options": "fg_nav.walk",
     "Recording": "fg_nav.recording",
-    "Result": "fg_nav.result",
+    "Result": "fg_nav.pipeline",
     "SmoothedWalk": "fg_nav.smoother",
     "SmootherParameters": "fg_nav.smoother",
     "Solution": "fg_nav.solution",
@@ -96,8 +95,8 @@ _HOME = {
 }
 
 _UPWARD = {
-    "plot_solution": "fg_nav.report.show",
-    "save_solution": "fg_nav.report.show",
+    "plot_solution": "fg_nav.report.files",
+    "save_solution": "fg_nav.report.files",
 }
 """What a solution asks of the report, for `Solution.plot` and `Solution.save`."""
 

@@ -21,23 +21,20 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from fg_nav.errors import DetectionError, EstimationError, FgNavError
-from fg_nav.estimators import Progress, blaming_changes, choose_parameters, estimate
+from fg_nav.estimators import Progress, blaming_changes, check_use, choose_parameters, estimate, find_method
 from fg_nav.feet import SIDES, Side
 from fg_nav.feet.clocks import ClockOffset, align_clocks
 from fg_nav.feet.person import FeetSolution, trace_person
 from fg_nav.feet.steps import Footfalls, keep_longest_part, keep_walked_parts, measure_relative_heading
 from fg_nav.feet_result import FeetResult, Known, Pairing
 from fg_nav.io import Reading
-from fg_nav.pipeline import prepare_walk, run_method
+from fg_nav.pipeline import Result, prepare_walk, run_method
 from fg_nav.recording import Recording
-from fg_nav.result import Result
 from fg_nav.samples.gaps import find_holes, list_bridged
 from fg_nav.solution import Solution
 from fg_nav.text import format_count
 from fg_nav.truth import FootprintTruth, TrajectoryTruth, Truth
 from fg_nav.walk import Options, Walk, add_known, check_known, evaluate_solution, measure_field, read_walk
-
-FEET_METHODS = ("smoother", "inertial")  # Methods that solve both feet.
 
 Order: TypeAlias = Literal["left,right", "right,left"]
 """Feet of the first and of the second recording."""
@@ -100,7 +97,7 @@ def navigate_feet(
     >>> bool(result.stances.position_sigma[-1, 0] < 0.5)  # m
     True
     """
-    check_method(method)
+    check_use(find_method(method), "feet")
     if sides not in (None, "left,right", "right,left"):
         raise EstimationError(f"sides '{sides}' are none: name them left,right or right,left, as the recordings are.")
     if not isinstance(truth, tuple | list) or len(truth) != len(SIDES):
@@ -130,14 +127,6 @@ def navigate_feet(
         return _go_alone(request, prepared, lost, str(error))
 
 
-def check_method(method: str) -> None:
-    """Raise `EstimationError` if a method does not solve both feet."""
-    if method not in FEET_METHODS:
-        raise EstimationError(
-            f"{method} does not solve two feet as one walk: choose {' or '.join(FEET_METHODS)}, or run each by itself."
-        )
-
-
 @dataclass(frozen=True)
 class _Request:
     """What `navigate_feet` was asked for."""
@@ -149,18 +138,19 @@ class _Request:
     progress: Progress | None
 
     @property
+    def uses_field(self) -> bool:
+        """Whether the method makes use of the magnetic field."""
+        return find_method(self.method).uses_field
+
+    @property
     def order(self) -> tuple[Side, Side]:
         """Feet of the recordings as they were named, else as they are assumed."""
         return SIDES[::-1] if self.sides == "right,left" else SIDES
 
-
-@dataclass(frozen=True)
-class _Pair:
-    """Two prepared walks on one clock, the left one first, and how they were solved."""
-
-    left: Walk
-    right: Walk
-    solution: FeetSolution
+    @property
+    def known(self) -> Known:
+        """How these are known before the feet are solved."""
+        return "assumed" if self.sides is None else "named"
 
 
 def _name(walk: Walk, number: int) -> str:
@@ -248,10 +238,9 @@ def _go_alone(request: _Request, prepared: Sequence[Walk], lost: Mapping[int, st
     else:
         doubt = f"the feet are solved as two walks, and the {first} one is the person's path: {untied}"
     person = trace_person(feet[first], feet[first], np.zeros(1), np.zeros((1, 4, 4)))
-    known: Known = "assumed" if request.sides is None else "named"
     heading_deg = request.heading_deg if first == "left" else None
     offset_s, given = request.clock_offset_s or 0.0, request.clock_offset_s is not None
-    pairing = Pairing(request.order, known, offset_s, given, heading_deg=heading_deg, doubts=(doubt,))
+    pairing = Pairing(request.order, request.known, offset_s, given, heading_deg=heading_deg, doubts=(doubt,))
     return FeetResult.of(feet, person, pairing, tuple(notes))
 
 
@@ -264,9 +253,15 @@ def _navigate_both(request: _Request, walks: Sequence[Walk]) -> FeetResult:
         second = _shift_clock(second, clocks)
     notes = [clocks.note] if clocks.note else []
     first, second = replace(first, beside=second.recording.t), replace(second, beside=first.recording.t)
-    pair, order, known = _find_sides(request, first, second)
-    # doubts about which foot is which, and remarks on it
-    solution, doubts = pair.solution, tuple[str, ...]()
+    # which foot is which: as named, else as the steps show
+    order, known = request.order, request.known
+    left, right, solution = _solve(request, *((first, second) if order == SIDES else (second, first)))
+    if known == "assumed" and shows_sides(solution):
+        known = "shown"
+        if solution.width_m < 0.0:  # frame and heading are the left foot's: solve again in its own
+            order, (left, right, solution) = order[::-1], _solve(request, right, left)
+    # doubts about it, and remarks on it
+    doubts = tuple[str, ...]()
     width = f"{solution.width_m:.2f} m within {solution.width_sigma_m:.2f} m"
     if known == "named" and shows_sides(solution) and solution.width_m < 0.0:
         doubts = (f"the feet look swapped: the one named right is on the left, by {width}; see --sides.",)
@@ -276,29 +271,16 @@ def _navigate_both(request: _Request, walks: Sequence[Walk]) -> FeetResult:
         words = "the first recording was taken for the left foot's: the steps do not show which is which; see --sides"
         notes.append(words)
     feet = dict[str, Result]()
-    for side, walk in zip(SIDES, (pair.left, pair.right), strict=True):
-        found: Solution = replace(getattr(solution, side), method=request.method)
+    for side, walk in zip(SIDES, (left, right), strict=True):
+        found: Solution = replace(getattr(solution, side), method=request.method, uses_field=request.uses_field)
         found = found.widen(walk.recording.provenance.rate_sigma)
         feet[side] = Result.of(walk, evaluate_solution(walk, found))
     pairing = Pairing(
         order, known, clocks.offset_s, request.clock_offset_s is not None, clocks.drift, solution.width_m,
         solution.width_sigma_m, solution.cells, solution.beyond_reach, request.heading_deg, doubts,
     )  # fmt: skip
-    notes += _describe_cover(pair)
+    notes += _describe_cover(left, right)
     return FeetResult.of(feet, solution.person, pairing, tuple(notes))
-
-
-def _find_sides(request: _Request, first: Walk, second: Walk) -> tuple[_Pair, tuple[Side, Side], Known]:
-    """Solve both feet, swapped if the steps show it; return the pair, the sides in order, and how they are known."""
-    order, left, right = request.order, *((first, second) if request.order == SIDES else (second, first))
-    pair = _solve(request, left, right)
-    if request.sides is not None:
-        return pair, order, "named"
-    if not shows_sides(pair.solution):
-        return pair, order, "assumed"
-    if pair.solution.width_m < 0.0:  # frame and heading are the left foot's: solve again in its own
-        order, pair = order[::-1], _solve(request, right, left)
-    return pair, order, "shown"
 
 
 def shows_sides(solution: FeetSolution) -> bool:
@@ -312,14 +294,20 @@ def shows_sides(solution: FeetSolution) -> bool:
     return bool(abs(by_steps) > CLEAR_SIGMAS * information**0.5 and by_steps * solution.width_m > 0.0)
 
 
-def _solve(request: _Request, left: Walk, right: Walk) -> _Pair:
-    """Set initial headings and solve both feet in one graph; return the two walks with the solution."""
+def _solve(request: _Request, left: Walk, right: Walk) -> tuple[Walk, Walk, FeetSolution]:
+    """Set initial headings and solve both feet in one graph; return the left and the right walk with the solution."""
     from fg_nav.smoother.batch import WalkInput
     from fg_nav.smoother.feet import smooth_feet
 
-    if request.method == "inertial":
+    if not request.uses_field:
         left, right = (replace(walk, field=None) for walk in (left, right))
-    left, right = _set_headings(request, left, right)
+    # initial headings, the right foot's from the steps; with a field and none given, the field determines both
+    if request.heading_deg is not None or left.field is None:
+        start = Options(heading_deg=request.heading_deg or 0.0).heading_rad or 0.0
+        relative = measure_relative_heading(_find_footfalls(right), _find_footfalls(left))
+        left, right = _turn(left, start), _turn(right, start + relative)
+        if request.uses_field:
+            left, right = (walk if walk.field is None else measure_field(walk) for walk in (left, right))
     with blaming_changes(request.method, left.options):
         of_right, of_left = (
             WalkInput(
@@ -331,22 +319,7 @@ def _solve(request: _Request, left: Walk, right: Walk) -> _Pair:
             )
             for one in (right, left)
         )
-        solution = smooth_feet(of_right, of_left, request.progress)
-    return _Pair(left, right, solution)
-
-
-def _set_headings(request: _Request, left: Walk, right: Walk) -> tuple[Walk, Walk]:
-    """Set the initial headings, the right from the steps; with a field and none given, the field determines both."""
-    if request.heading_deg is None and left.field is not None:
-        # The left foot's field gives north; the steps give the heading of the right foot relative to the left.
-        return left, right
-    start = Options(heading_deg=request.heading_deg or 0.0).heading_rad or 0.0
-    relative = measure_relative_heading(_find_footfalls(right), _find_footfalls(left))
-    turned = _turn(left, start), _turn(right, start + relative)
-    if request.method == "inertial":
-        return turned
-    left, right = (walk if walk.field is None else measure_field(walk) for walk in turned)
-    return left, right
+        return left, right, smooth_feet(of_right, of_left, request.progress)
 
 
 def _turn(walk: Walk, heading_rad: float) -> Walk:
@@ -372,10 +345,10 @@ def _shift_clock(walk: Walk, clocks: ClockOffset) -> Walk:
     return replace(walk, recording=recording, truth=truth, field=field)
 
 
-def _describe_cover(pair: _Pair) -> list[str]:
+def _describe_cover(left: Walk, right: Walk) -> list[str]:
     """Return notes on the times (s) in which only one foot was recorded."""
     found = []
-    for side, other, one, two in (("left", "right", pair.left, pair.right), ("right", "left", pair.right, pair.left)):
+    for side, other, one, two in (("left", "right", left, right), ("right", "left", right, left)):
         t, of_other = one.recording.t, two.recording.t
         if t[0] < of_other[0] - 1.0 or t[-1] > of_other[-1] + 1.0:
             found.append(

@@ -17,6 +17,8 @@ Scalar: TypeAlias = bool | int | float | str
 Value: TypeAlias = Scalar | list[Any] | None
 Changes: TypeAlias = tuple[tuple[str, Value], ...]  # Dotted names and values.
 
+DETECTOR = "detector"  # First part of the names of the parameters of the stances.
+
 LARGEST, MOST = 1e100, 1000  # No parameter is larger, and no whole one, which counts rounds or footfalls.
 
 SCALARS = (bool, int, float, str)

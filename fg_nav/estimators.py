@@ -1,44 +1,80 @@
-"""The estimators by the names under which people ask for them.
+"""The methods by name: one table of what estimates a walk, and of what each makes use of.
 
-Each takes the same `Walk` and returns a `Solution`, so that a comparison compares estimators and nothing else. They are
-imported when first called: the graph library alone takes a second to load.
+Each takes the same `Walk` and returns a `Solution`, so that a comparison compares estimators and nothing else. Their
+packages are imported when first called: the graph library alone takes a second to load. Other packages add methods of
+their own by entry points (`fg_nav.plugins`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
-from fg_nav.changes import Changes, change_parameters, explain_no_parameter, list_names, select_changes
-from fg_nav.detection import StanceParameters
+from fg_nav.changes import DETECTOR, Changes, change_parameters, explain_no_parameter, list_names, select_changes
 from fg_nav.errors import EstimationError, FgNavError
-from fg_nav.solution import Solution
-from fg_nav.walk import DETECTOR, WITH_FIXES, Mount, Options, Walk
 
 if TYPE_CHECKING:
     from fg_nav.calibration.of_recording import Calibration
     from fg_nav.online.pocket import Navigator
     from fg_nav.recording import Recording
     from fg_nav.smoother import SmootherParameters
+    from fg_nav.solution import Solution
+    from fg_nav.walk import Mount, Options, Walk
 
 Progress: TypeAlias = Callable[[float], None]  # Called from time to time with the fraction of the work that is done.
 
-Estimator: TypeAlias = Callable[[Walk, Progress | None], Solution]
+Estimator: TypeAlias = Callable[["Walk", Progress | None], "Solution"]
 
-ONLINE = "online"
-SMOOTHER = "smoother"
+Use: TypeAlias = Literal["fixes", "gnss", "extra", "places", "feet", "gate", "magnetic", "preset", "polish", "stances"]
+
+
+@dataclass(frozen=True)
+class Method:
+    """An estimator, and what it makes use of.
+
+    Attributes
+    ----------
+    name : under which people ask for it; its solutions have it too.
+    run : solves a walk, and reports the fraction of the work that is done from time to time.
+    mount : where the sensor is worn.
+    uses_field : whether its path depends on the magnetic field.
+    uses : "fixes", "gnss", "places" of an earlier walk, "extra" factors; both "feet" in one graph; a "gate" on the
+        field (others judge it by their own detector), a choice of "magnetic" factors, a "preset"; can "polish"; the
+        "stances" of the walk (others find them on the way).
+    owner : first part of the names of its parameters (`Options.changes`).
+    parameters : with which it begins, a frozen dataclass; what it estimates of them in a walk is not in them. None for
+        a method that has none.
+    """
+
+    name: str
+    run: Estimator
+    mount: Mount = "foot"
+    uses_field: bool = True
+    uses: frozenset[Use] = frozenset()
+    owner: str = ""
+    parameters: Callable[[Options, Calibration | None], object] | None = None
+
+
+USE_WORDS: dict[Use, str] = {
+    "fixes": "fixes",
+    "gnss": "GNSS",
+    "extra": "extra factors",
+    "places": "saved places",
+    "feet": "the other foot",
+    "gate": "--gate",
+    "magnetic": "--magnetic",
+    "preset": "--preset",
+    "polish": "--polish",
+}
+
 CARD: Literal["card"] = "card"  # The smoother with `Options.magnetic` "card".
 CARD_CHANGES: Changes = (("magnetic.potential", False), ("walk.places", False))  # What makes it of the smoother.
-WITH_EXTRA = ("smoother", CARD, "inertial")  # Take the user's own factors: a walk in progress lacks variables.
-SMOOTHERS = (SMOOTHER, CARD, "inertial", ONLINE)  # With the field, with compass and differential, without, online.
-FILTERS = ("iez", "qsf", "qsf-stance", "iqsf", "ma2018", "aiez", "matched")  # Each also as `-rts`, smoothed.
-WITH_OWN_DETECTOR = tuple(name + end for name in FILTERS if name != "iez" for end in ("", "-rts"))
-"""Filters with a compass: a detector of their preset judges the field."""
-
-POCKET_METHODS = ("pocket", "munoz-diaz2017")  # Trouser pocket: factor graph, the paper's filter; and `ONLINE`.
-DEFAULT_METHOD: dict[Mount, str] = {"foot": "smoother", "pocket": "pocket"}
+SMOOTHER = "smoother"
+RTS = "-rts"  # Behind the name of a filter: smoothed backward.
+BLOCK = 64  # Samples that the online estimator is given at once; its estimates do not depend on it.
 
 
 def choose_parameters(options: Options, calibration: Calibration | None = None) -> SmootherParameters:
@@ -53,6 +89,10 @@ def choose_parameters(options: Options, calibration: Calibration | None = None) 
     known = None if calibration is None else calibration.gyroscope
     parameters = SmootherParameters() if known is None else SmootherParameters(**known.prior)
     return change_parameters(parameters, (("magnetic.gate", options.gate), *changes, *card))
+
+
+def _choose_card(options: Options, calibration: Calibration | None) -> SmootherParameters:
+    return choose_parameters(replace(options, magnetic=CARD), calibration)
 
 
 def _smoother(walk: Walk, progress: Progress | None) -> Solution:
@@ -74,14 +114,11 @@ def _smoother(walk: Walk, progress: Progress | None) -> Solution:
 
 
 def _card(walk: Walk, progress: Progress | None) -> Solution:
-    return replace(_smoother(replace(walk, options=replace(walk.options, magnetic=CARD)), progress), method=CARD)
+    return _smoother(replace(walk, options=replace(walk.options, magnetic=CARD)), progress)
 
 
 def _inertial(walk: Walk, progress: Progress | None) -> Solution:
-    return replace(_smoother(replace(walk, field=None), progress), method="inertial")
-
-
-BLOCK = 64  # Samples that the online estimator is given at once; its estimates do not depend on it.
+    return _smoother(replace(walk, field=None), progress)
 
 
 def _online(walk: Walk, progress: Progress | None) -> Solution:
@@ -114,32 +151,34 @@ def _push_recording(navigator: Navigator, recording: Recording, progress: Progre
             progress(start / len(recording))
 
 
-def _filter(method: str) -> Estimator:
-    def run(walk: Walk, progress: Progress | None) -> Solution:
-        from fg_nav.ekf.presets import run_filter
+def _filter(method: str, walk: Walk, progress: Progress | None) -> Solution:
+    from fg_nav.ekf.presets import run_filter
 
-        options = walk.options
-        density = None
-        if method.startswith("matched"):  # noise of the rate in a swing as the smoother finds it
-            from fg_nav.smoother import SmootherParameters
-            from fg_nav.smoother.problem import estimate_swing_noise
+    options, density = walk.options, None
+    if method.startswith("matched"):  # noise of the rate in a swing as the smoother finds it
+        from fg_nav.smoother import SmootherParameters
+        from fg_nav.smoother.problem import estimate_swing_noise
 
-            density = estimate_swing_noise(walk.recording, walk.stances, SmootherParameters())
-        given = (walk.recording, walk.stances, walk.field, options.heading_rad)
-        return run_filter(method, options.preset, *given, density, select_changes(options.changes, find_owner(method)))
-
-    return run
+        density = estimate_swing_noise(walk.recording, walk.stances, SmootherParameters())
+    given = (walk.recording, walk.stances, walk.field, options.heading_rad)
+    changes = select_changes(options.changes, method.removesuffix(RTS))
+    return run_filter(method, options.preset, *given, density, changes)
 
 
-def _pocket(method: str) -> Estimator:
-    def run(walk: Walk, progress: Progress | None) -> Solution:
-        from fg_nav.pocket.navigate import navigate_pocket
+def _choose_of_filter(method: str, options: Options, calibration: Calibration | None) -> object:
+    """Return the parameters of a filter in its preset, with the changes."""
+    from fg_nav.ekf.presets import find_parameters as of_filter
 
-        options = walk.options
-        lengths = (options.step_constant_m, options.known_distance_m)
-        return navigate_pocket(walk.recording, method, options.heading_rad, *lengths, progress, walk.gnss)
+    changes = select_changes(options.changes, method.removesuffix(RTS))
+    return change_parameters(of_filter(method, options.preset), changes)
 
-    return run
+
+def _pocket(method: str, walk: Walk, progress: Progress | None) -> Solution:
+    from fg_nav.pocket.navigate import navigate_pocket
+
+    options = walk.options
+    lengths = (options.step_constant_m, options.known_distance_m)
+    return navigate_pocket(walk.recording, method, options.heading_rad, *lengths, progress, walk.gnss)
 
 
 def _pocket_online(walk: Walk, progress: Progress | None) -> Solution:
@@ -150,7 +189,7 @@ def _pocket_online(walk: Walk, progress: Progress | None) -> Solution:
     options = walk.options
     if options.known_distance_m is not None:
         raise EstimationError(
-            f"{ONLINE} does not know how far a walk will go: give --step-constant in place of --known-distance."
+            "online does not know how far a walk will go: give --step-constant in place of --known-distance."
         )
     given = options.heading_rad, walk.recording.mag is not None, options.step_constant_m, options.mag_axes is not None
     navigator = PocketNavigator(PocketOptions(*given))
@@ -158,19 +197,69 @@ def _pocket_online(walk: Walk, progress: Progress | None) -> Solution:
     return finish_walk(navigator, options.polish, progress)
 
 
-ESTIMATORS: dict[str, Estimator] = {
-    "smoother": _smoother,
-    CARD: _card,
-    "inertial": _inertial,
-    ONLINE: _online,
-    **{method: _filter(method) for method in FILTERS},
-    **{method + "-rts": _filter(method + "-rts") for method in FILTERS},
-}
+def _list_filters() -> Iterator[Method]:
+    """Yield the filters of the papers: those with a compass judge the field by a detector of their preset."""
+    for end in ("", RTS):
+        for name in ("iez", "qsf", "qsf-stance", "iqsf", "ma2018", "aiez", "matched"):
+            uses: frozenset[Use] = frozenset(("preset", "stances", *(("gate",) if name == "iez" else ())))
+            run, parameters = partial(_filter, name + end), partial(_choose_of_filter, name + end)
+            yield Method(name + end, run, uses_field=name != "iez", uses=uses, owner=name, parameters=parameters)
 
-POCKET_ESTIMATORS: dict[str, Estimator] = {
-    **{method: _pocket(method) for method in POCKET_METHODS},
-    ONLINE: _pocket_online,
+
+_OF_GRAPH: frozenset[Use] = frozenset(("fixes", "gnss", "extra", "gate", "stances"))
+_OF_BOTH: frozenset[Use] = frozenset(("places", "feet"))
+_OF_STREAM: frozenset[Use] = frozenset(("fixes", "gate", "magnetic", "polish"))
+_GNSS: frozenset[Use] = frozenset(("gnss",))
+_GRAPH = (SMOOTHER, choose_parameters)
+_TABLE = (
+    Method(SMOOTHER, _smoother, "foot", True, _OF_GRAPH | _OF_BOTH | {"magnetic"}, *_GRAPH),
+    Method(CARD, _card, "foot", True, _OF_GRAPH, SMOOTHER, _choose_card),
+    Method("inertial", _inertial, "foot", False, _OF_GRAPH | _OF_BOTH, *_GRAPH),
+    Method("online", _online, "foot", True, _OF_STREAM, *_GRAPH),
+    *_list_filters(),
+    Method("pocket", partial(_pocket, "pocket"), "pocket", uses=_GNSS),
+    Method("munoz-diaz2017", partial(_pocket, "munoz-diaz2017"), "pocket", uses=_GNSS),
+    Method("online", _pocket_online, "pocket", uses=frozenset(("polish",))),
+)
+METHODS: dict[Mount, dict[str, Method]] = {
+    "foot": {one.name: one for one in _TABLE if one.mount == "foot"},
+    "pocket": {one.name: one for one in _TABLE if one.mount == "pocket"},
 }
+"""By where the sensor is worn, and by name; the first is the default."""
+
+
+def list_methods(mount: Mount = "foot") -> dict[str, Method]:
+    """Return the methods for a sensor worn there by name, with those that other packages add."""
+    from fg_nav.plugins import find_plugins
+
+    added = {one.name: one for one in find_plugins("methods", Method).values() if one.mount == mount}
+    return METHODS[mount] | {name: one for name, one in added.items() if name not in METHODS[mount]}
+
+
+def get_method(name: str, mount: Mount = "foot") -> Method | None:
+    """Return the method of this name, also one that another package adds; None if there is none."""
+    return METHODS[mount].get(name) or list_methods(mount).get(name)
+
+
+def find_method(name: str, mount: Mount = "foot") -> Method:
+    """Return the method of this name for a sensor worn there; raises `EstimationError` if there is none."""
+    found = get_method(name, mount)
+    if found is not None:
+        return found
+    elsewhere: Mount = "pocket" if mount == "foot" else "foot"
+    known = ", ".join(list_methods(mount))
+    if get_method(name, elsewhere) is not None:
+        raise EstimationError(f"{name} is for --mount {elsewhere}: choose one of {known}.")
+    raise EstimationError(f"there is no method '{name}': choose one of {known}.")
+
+
+def check_use(method: Method, use: Use) -> None:
+    """Raise `EstimationError` for what a method makes no use of."""
+    if use not in method.uses:
+        words = USE_WORDS[use]
+        others = [one.name for one in list_methods(method.mount).values() if use in one.uses]
+        choose = f", or choose {'one of ' if len(others) > 1 else ''}{', '.join(others)}" if others else ""
+        raise EstimationError(f"{method.name} makes no use of {words}: leave {words} out{choose}.")
 
 
 def estimate(walk: Walk, method: str, progress: Progress | None = None) -> Solution:
@@ -181,18 +270,16 @@ def estimate(walk: Walk, method: str, progress: Progress | None = None) -> Solut
     EstimationError
         If there is no such method, if it makes no use of the fixes that were given, or cannot solve this walk.
     """
-    run = find_estimator(method, walk.options.mount or "foot")
-    given = walk.options.fixes_path is not None or len(walk.fixes) > 0
-    if given and method not in WITH_FIXES:
-        raise EstimationError(f"{method} makes no use of fixes: leave them out, or choose {' or '.join(WITH_FIXES)}.")
-    if walk.gnss is not None and method not in (*WITH_EXTRA, *POCKET_METHODS):
-        methods = ", ".join((*WITH_EXTRA, *POCKET_METHODS))
-        raise EstimationError(f"{method} makes no use of GNSS: leave it out, or choose one of {methods}.")
-    if walk.extra is not None and method not in WITH_EXTRA:
-        raise EstimationError(f"{method} has no graph to add to: leave extra out, or choose {' or '.join(WITH_EXTRA)}.")
+    found = find_method(method, walk.options.mount or "foot")
+    if walk.options.fixes_path is not None or len(walk.fixes) > 0:
+        check_use(found, "fixes")
+    if walk.gnss is not None:
+        check_use(found, "gnss")
+    if walk.extra is not None:
+        check_use(found, "extra")
     with blaming_changes(method, walk.options):
-        solution = run(walk, progress)
-    return solution if walk.options.mount == "pocket" else solution.widen(walk.recording.provenance.rate_sigma)
+        solution = replace(found.run(walk, progress), method=method, uses_field=found.uses_field)
+    return solution if found.mount == "pocket" else solution.widen(walk.recording.provenance.rate_sigma)
 
 
 @contextmanager
@@ -208,40 +295,18 @@ def blaming_changes(method: str, options: Options) -> Iterator[None]:
         raise EstimationError(f"{method} fails with the parameters that were set ({error}): set others.") from error
 
 
-def find_owner(method: str) -> str:
-    """Return the first part of the names of a method's parameters (`Options.changes`)."""
-    return SMOOTHER if method in SMOOTHERS else method.removesuffix("-rts")
-
-
 def check_changes(options: Options) -> None:
     """Raise `EstimationError` for a change of what is no parameter of the smoother, a filter or the stances."""
+    from fg_nav.detection import StanceParameters
+
+    owners = {one.owner: one.name for one in reversed(list_methods().values()) if one.owner} if options.changes else {}
     for name, _ in options.changes:
         owner = name.partition(".")[0]
-        owner = owner if owner in (*FILTERS, DETECTOR) else SMOOTHER
-        parameters = StanceParameters() if owner == DETECTOR else find_parameters(owner, options.preset)
+        owner = owner if owner in (*owners, DETECTOR) else SMOOTHER
+        parameters = StanceParameters() if owner == DETECTOR else find_parameters(owners[owner], options.preset)
         known = [f"{owner}.{own}" for own in list_names(parameters)]
         if name not in known:
             raise EstimationError(explain_no_parameter(name, known))
-
-
-def find_given_parameters(method: str, options: Options, calibration: Calibration | None = None) -> object:
-    """Return the parameters that a method on a foot begins with; what it estimates of them in a walk is not in them."""
-    if method in SMOOTHERS:
-        return choose_parameters(replace(options, magnetic=CARD) if method == CARD else options, calibration)
-    return change_parameters(
-        find_parameters(method, options.preset), select_changes(options.changes, find_owner(method))
-    )
-
-
-def find_estimator(name: str, mount: Mount = "foot") -> Estimator:
-    """Return the estimator of this name for a sensor worn there; raises `EstimationError` if there is none."""
-    there, elsewhere = (ESTIMATORS, POCKET_ESTIMATORS) if mount == "foot" else (POCKET_ESTIMATORS, ESTIMATORS)
-    if name in there:
-        return there[name]
-    if name in elsewhere:
-        other = "pocket" if mount == "foot" else "foot"
-        raise EstimationError(f"{name} is for --mount {other}: choose one of {', '.join(there)}.")
-    raise EstimationError(f"there is no method '{name}': choose one of {', '.join(there)}.")
 
 
 def find_parameters(method: str, preset: str = "tuned") -> object:
@@ -250,13 +315,11 @@ def find_parameters(method: str, preset: str = "tuned") -> object:
     Raises
     ------
     EstimationError
-        If there is no such method, or no such preset of it.
+        If there is no such method, it has no parameters, or no such preset.
     """
-    find_estimator(method)
-    if method in SMOOTHERS:
-        from fg_nav.smoother import SmootherParameters
+    from fg_nav.walk import Options
 
-        return change_parameters(SmootherParameters(), CARD_CHANGES if method == CARD else ())
-    from fg_nav.ekf.presets import find_parameters as of_filter
-
-    return of_filter(method, preset)
+    found = find_method(method)
+    if found.parameters is None:
+        raise EstimationError(f"{method} has no parameters that could be set: leave them as they are.")
+    return found.parameters(Options(preset=preset), None)

@@ -19,7 +19,7 @@ from fg_nav.evaluation.comparison import compare, interpolate_truth
 from fg_nav.evaluation.metrics import Metrics, evaluate
 from fg_nav.feet import Side
 from fg_nav.feet.person import PersonPath
-from fg_nav.result import Result
+from fg_nav.pipeline import Result
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.truth import TrajectoryTruth
 from fg_nav.verdict import UNUSABLE, Verdict, Word

@@ -20,7 +20,8 @@ places that were recognized, which all footfalls share. A walk that is not recog
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -28,15 +29,15 @@ import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.detection.handedness import measure_swing_axes, refuse_wrong_axes
-from fg_nav.errors import EstimationError, PlacesError
-from fg_nav.estimators import Progress, check_changes, estimate
+from fg_nav.errors import PlacesError
+from fg_nav.estimators import Progress, check_changes, check_use, estimate, find_method
+from fg_nav.evaluation.metrics import Metrics
 from fg_nav.frames import compute_heading
 from fg_nav.recording import Recording
-from fg_nav.result import Result
 from fg_nav.solution import KnownStretch, Located, Solution, StanceTable
 from fg_nav.truth import Fix, Truth
+from fg_nav.verdict import Verdict, judge_path
 from fg_nav.walk import (
-    Mount,
     Options,
     Outcome,
     Walk,
@@ -54,6 +55,59 @@ if TYPE_CHECKING:
     from fg_nav.places.location import Pieces
     from fg_nav.smoother import ExtraFactors
     from fg_nav.smoother.constraints import KnownTies
+
+
+@dataclass(frozen=True, repr=False)
+class Result(Solution):
+    """A `Solution` that knows its walk: what `fg_nav.navigate` returns.
+
+    Attributes
+    ----------
+    walk : the recording as the method saw it, its stances, its field at the footfalls, its truth, the options.
+    outcome : the comparison with the truth, and for an online method what came of its batch solution.
+
+    Examples
+    --------
+    >>> result = fg_nav.navigate("walk.csv", "inertial")
+    >>> result.position.shape == (len(result.t), 3)  # m, east, north, up from the first stance
+    True
+    >>> result.stances.position_sigma.shape == (len(result.stances), 3)  # m, one standard deviation
+    True
+    >>> result.walk.stances.n_footfalls == len(result.stances)
+    True
+    """
+
+    walk: Walk = field(kw_only=True)
+    outcome: Outcome = field(kw_only=True)
+
+    @classmethod
+    def of(cls, walk: Walk, outcome: Outcome) -> Result:
+        """Join a walk with what a method made of it."""
+        known = {item.name: getattr(outcome.solution, item.name) for item in fields(Solution)}
+        return cls(**known, walk=walk, outcome=outcome)
+
+    @property
+    def metrics(self) -> Metrics:
+        """Distance and closure in m, and where there is a truth the errors, in m and deg.
+
+        Examples
+        --------
+        >>> result = fg_nav.navigate("walk.csv", "inertial", truth="truth.tum")
+        >>> result.metrics.rmse_2d_m < 0.5
+        True
+        """
+        return self.outcome.metrics
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """Whether the path is to be trusted: a word, and the reasons against it.
+
+        Examples
+        --------
+        >>> fg_nav.navigate("walk.csv", "inertial").verdict.word
+        'trusted'
+        """
+        return judge_path(self.walk, self)
 
 
 def navigate(
@@ -74,7 +128,7 @@ def navigate(
     recording : Recording, path or Walk
         What the sensor recorded; a file or folder in any format that is read; or a walk as `read_walk` returns it.
     method : str
-        One of `fg_nav.estimators.ESTIMATORS`: `smoother`, `inertial`, `online`, `iez`, ...
+        One of `fg_nav.estimators.METHODS`: `smoother`, `inertial`, `online`, `iez`, ...
     heading_deg : float
         Of the body's x axis at the start, deg clockwise from north; without it from the field, else zero.
     truth : truth or path
@@ -139,17 +193,7 @@ def run_method(walk: Walk, method: str, progress: Progress | None = None) -> Out
     return evaluate_solution(walk, solution)
 
 
-ON_PLACES = ("smoother", "inertial")  # Methods that can be solved on known places.
-
 NOTHING = "nothing of the saved places was recognized: the walk is in a frame of its own"
-
-
-def check_method(method: str, mount: Mount | None) -> None:
-    """Raise `EstimationError` if a method has no use of known places."""
-    if method not in ON_PLACES or mount == "pocket":
-        raise EstimationError(
-            f"{method} makes no use of saved places: leave them out, or choose {' or '.join(ON_PLACES)}."
-        )
 
 
 def estimate_on_places(walk: Walk, method: str, progress: Progress | None = None) -> Solution:
@@ -164,7 +208,7 @@ def estimate_on_places(walk: Walk, method: str, progress: Progress | None = None
         return estimate(walk, method, progress)
     from fg_nav.places import locate, trace_signature
 
-    check_method(method, walk.options.mount)
+    check_use(find_method(method, walk.options.mount or "foot"), "places")
     if walk.fixes or walk.extra is not None:
         raise PlacesError("fixes and saved places are in frames of their own: give one of them.")
     mag = require_mag(walk)
@@ -241,5 +285,5 @@ def _describe_location(table: StanceTable, location: Location, path: Signature, 
     for one in location.stretches:
         points = (one.later, path), (one.earlier, known.path)
         t, known_t = (np.interp(point, np.arange(len(there)), there.t) for point, there in points)
-        stretches.append(KnownStretch(t, known_t, one.opposite, one.length_m, one.score, one.expected_false))
+        stretches.append(KnownStretch(t, known_t, one.opposite, one.score, one.expected_false, one.length_m))
     return Located(table.position[0], heading, sigma, location.expected_false, known.recording, tuple(stretches))

@@ -32,7 +32,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -45,7 +45,6 @@ from fg_nav.samples.gaps import Bridge, Gaps, bridge_unread, fill_gaps, interpol
 from fg_nav.samples.outliers import find_mag_outliers, find_outliers, note_bad
 from fg_nav.samples.saturation import Peaks, find_clipping_levels, rebuild_peaks
 from fg_nav.samples.stamps import MAX_BRIDGED_S, even_stamps, find_lost_share, order_stamps
-from fg_nav.system.spilled import drop_pages, take_rows
 from fg_nav.text import format_count
 from fg_nav.truth import FootprintTruth, TrajectoryTruth, Truth
 
@@ -117,9 +116,6 @@ class Recording:
     unread: Ints | None = None
     pressure: Floats | None = None
 
-    _is_cut: ClassVar[bool] = False
-    """Whether it is a slice, whose samples are prepared as those of the whole recording."""
-
     def __post_init__(self) -> None:
         for name in ("t", "acc", "gyr", "mag", "pressure"):
             value = getattr(self, name)
@@ -184,6 +180,11 @@ class Recording:
         """Median sample period in seconds."""
         return float(np.median(np.diff(self.t)))
 
+    @property
+    def periods_s(self) -> Floats:
+        """(N,) s, for which each sample is held: until the next stamp; the last one for the median period."""
+        return np.append(np.diff(self.t), self.period_s)
+
     @cached_property
     def gaps(self) -> Gaps:
         """Where samples are missing, and what lies there as far as the recording shows."""
@@ -197,14 +198,8 @@ class Recording:
     @cached_property
     def integrable(self) -> tuple[Floats, Floats]:
         """Specific force (N, 3) m/s^2 and rate (N, 3) rad/s for strapdown navigation (`fg_nav.samples.gaps`)."""
-        h = np.append(np.diff(self.t), self.period_s)
         acc, gyr = (bridge.put(peaks.whole) for bridge, peaks in zip(self.bridges, self.peaks, strict=True))
-        return prepare_samples(acc, gyr, h, self.gaps)
-
-    def release(self) -> None:
-        """Let go of `integrable`, which is made again when it is asked for: as large as force and rate themselves."""
-        if not self._is_cut:
-            self.__dict__.pop("integrable", None)
+        return prepare_samples(acc, gyr, self.periods_s, self.gaps)
 
     @cached_property
     def peaks(self) -> tuple[Peaks, Peaks]:
@@ -264,7 +259,6 @@ class Recording:
         cut = self.take(part)
         acc, gyr = self.integrable
         cut.__dict__.update(
-            _is_cut=True,
             gaps=self.gaps.within(start, stop),
             bridges=tuple(bridge.within(start, stop) for bridge in self.bridges),
             period_s=self.period_s,
@@ -297,8 +291,7 @@ def _admit(raw: RawRecording, longest_gap_s: float) -> Recording:
         raise RecordingError(f"{problem}.")
     usable = np.flatnonzero(is_usable)
     _check_count(len(usable))
-    found = order_stamps(raw.t[usable], take_rows(usable, raw.acc, raw.gyr), raw.row[usable], longest_gap_s)
-    drop_pages()
+    found = order_stamps(raw.t[usable], np.hstack([raw.acc[usable], raw.gyr[usable]]), raw.row[usable], longest_gap_s)
     kept = usable[found.kept]
     _check_count(len(kept))
     missing = _judge_missing(raw, is_usable, int(kept.min()), int(kept.max()))
@@ -311,13 +304,13 @@ def _admit(raw: RawRecording, longest_gap_s: float) -> Recording:
 
 def _leave_out_bad(raw: RawRecording, kept: Ints, t: Floats, notes: list[str]) -> Recording:
     """Return the recording of the samples `kept` (K,), at stamps `t` (K,) s, without the bad ones of each sensor."""
-    outliers = find_outliers(t, take_rows(kept, raw.acc), take_rows(kept, raw.gyr))
+    outliers = find_outliers(t, raw.acc[kept], raw.gyr[kept])
     bad, found = outliers.which > 0, {"gyroscope": outliers.gyr, "accelerometer": outliers.acc}
     notes = [*notes, *note_bad(bad, " and ".join(name for name in found if found[name].any()), t, raw.row[kept])]
     good = ~(outliers.acc & outliers.gyr)
     kept, t, unread = kept[good], t[good], outliers.which[good]
     _check_count(len(kept))
-    mag = None if raw.mag is None else take_rows(kept, raw.mag)
+    mag = None if raw.mag is None else raw.mag[kept]
     if mag is not None:  # whole rows only
         mag[~find_field_samples(mag)] = np.nan
         mag = None if np.isnan(mag).all() else mag
@@ -326,7 +319,7 @@ def _leave_out_bad(raw: RawRecording, kept: Ints, t: Floats, notes: list[str]) -
         mag[bad_mag] = np.nan
         notes += note_bad(bad_mag, "magnetometer", t, raw.row[kept])
     provenance = replace(raw.provenance, notes=tuple(notes), bad_samples=int(bad.sum()))
-    acc, gyr = take_rows(kept, raw.acc), take_rows(kept, raw.gyr)
+    acc, gyr = raw.acc[kept], raw.gyr[kept]
     interpolate_unread(t, acc, gyr, unread)
     pressure = None if raw.pressure is None else plausibility.keep_air(raw.pressure[kept])
     return Recording(t, acc, gyr, mag, raw.truth, provenance, unread if unread.any() else None, pressure)

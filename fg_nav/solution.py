@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -119,45 +119,34 @@ def _heading_deg(nav_R_body: Floats) -> Floats:
 
 
 @dataclass(frozen=True)
-class Return:
-    """A stretch of a walk that was recognized, by the field along it, as one where the walk was before."""
+class KnownStretch:
+    """A stretch of a walk that was recognized, by the field along it, as one of an earlier walk that was saved."""
 
-    t: Floats  # (M,) s, of the points of this pass and of those of the earlier one at the same places
+    other: ClassVar[str] = "known"  # the earlier pass in `summary.json`
+
+    t: Floats  # (M,) s, of the points of this pass and of those of the earlier one at the same places, in its own time
     earlier_t: Floats
     opposite: bool  # whether it was walked in the opposite direction
     score: float  # log likelihood ratio of one place against two, nats
     expected_false: float  # recognitions as good as this one that chance would make in the whole walk
     length_m: float  # of this pass
-    field_uT: Floats  # (M, 3) along the direction of walking of this pass, to its left, and up
-    earlier_field_uT: Floats
 
     def describe(self) -> dict[str, object]:
         """Return what goes into `summary.json`."""
-        return _describe_stretch(self, "earlier", self.earlier_t)
+        begin, end, other_begin, other_end = map(float, (self.t[0], self.t[-1], self.earlier_t[0], self.earlier_t[-1]))
+        other = {f"{self.other}_begin_s": other_begin, f"{self.other}_end_s": other_end}
+        own = ("opposite", "length_m", "score", "expected_false")
+        return {"begin_s": begin, "end_s": end, **other, **{name: getattr(self, name) for name in own}}
 
 
 @dataclass(frozen=True)
-class KnownStretch:
-    """A stretch of a walk that was recognized as one of an earlier walk whose places were saved."""
+class Return(KnownStretch):
+    """A stretch of a walk that was recognized as one where the same walk was before."""
 
-    t: Floats  # (M,) s, of its points, and of those of the earlier walk at the same places, in that one's time
-    known_t: Floats
-    opposite: bool  # as of a `Return`
-    length_m: float
-    score: float
-    expected_false: float
+    other: ClassVar[str] = "earlier"
 
-    def describe(self) -> dict[str, object]:
-        """Return what goes into `summary.json`."""
-        return _describe_stretch(self, "known", self.known_t)
-
-
-def _describe_stretch(stretch: Return | KnownStretch, other: str, t: Floats) -> dict[str, object]:
-    """A stretch, and the stamps (M,) s of the other one at the same places, for `summary.json`."""
-    begin, end, other_begin, other_end = map(float, (stretch.t[0], stretch.t[-1], t[0], t[-1]))
-    stamps = {"begin_s": begin, "end_s": end, f"{other}_begin_s": other_begin, f"{other}_end_s": other_end}
-    own = ("opposite", "length_m", "score", "expected_false")
-    return {**stamps, **{name: getattr(stretch, name) for name in own}}
+    field_uT: Floats  # (M, 3) along the direction of walking of this pass, to its left, and up
+    earlier_field_uT: Floats
 
 
 @dataclass(frozen=True)
@@ -178,8 +167,8 @@ class Located:
         (x, y, z), sigma = self.position, float(np.hypot(*self.sigma[:2]))
         return (
             f"on the places of {self.recording or 'an earlier walk'}, by {length:.0f} m that were recognized, first "
-            f"the stretch from {first.t[0]:.0f} to {first.t[-1]:.0f} s as its {first.known_t[0]:.0f} to "
-            f"{first.known_t[-1]:.0f} s: the start is at {x:.2f}, {y:.2f}, {z:.2f} m within {sigma:.2f} m (1 sigma), "
+            f"the stretch from {first.t[0]:.0f} to {first.t[-1]:.0f} s as its {first.earlier_t[0]:.0f} to "
+            f"{first.earlier_t[-1]:.0f} s: the start is at {x:.2f}, {y:.2f}, {z:.2f} m within {sigma:.2f} m (1 sigma), "
             f"its heading {np.rad2deg(self.heading) % 360.0:.1f} deg within {np.rad2deg(self.sigma[3]):.1f}"
         )
 
@@ -211,7 +200,7 @@ class Solution:
     `recording` has the samples as they were integrated, with clipped peaks as high and rates of the scale that the walk
     showed; None where they are those that were given. `returns` are the stretches at which the walk was before.
     `located` says where it begins in the frame of an earlier walk, which is then that of all of it; None where it is in
-    a frame of its own.
+    a frame of its own. `uses_field` is whether the estimator is one that makes use of the magnetic field.
 
     Examples
     --------
@@ -239,6 +228,7 @@ class Solution:
     recording: Recording | None = None
     returns: tuple[Return, ...] = ()
     located: Located | None = None
+    uses_field: bool = True
 
     def widen(self, rate_sigma: float) -> Solution:
         """Return the solution with the relative sigma of a nominal rate added to its position and distance sigmas.
@@ -321,13 +311,14 @@ class Solution:
     def plot(self, axes: Any = None) -> Any:
         """Draw the path from above, with the 95 % ellipses of its footfalls; return the `matplotlib.axes.Axes`.
 
-        `axes` are those to draw into; without them a new figure of `matplotlib.pyplot` is made.
+        They are east and north, or x and y where north is not known. `axes` are those to draw into; without them a new
+        figure of `matplotlib.pyplot` is made.
 
         Examples
         --------
         >>> axes = fg_nav.navigate("walk.csv", "inertial").plot()
         >>> axes.get_xlabel()
-        'east (m)'
+        'x (m)'
         """
         return fg_nav.plot_solution(self, axes)
 

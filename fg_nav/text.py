@@ -25,11 +25,6 @@ def format_ratio(ratio: float) -> str:
     return f"{float(f'{ratio:.2g}'):g}"
 
 
-def shorten(text: str, most: int = 80) -> str:
-    """Cut a text that is too long for a sentence."""
-    return text if len(text) <= most else f"{text[:most]}..."
-
-
 def to_json(value: object) -> Any:
     """Return `value` for JSON: dataclasses and arrays as dicts and lists, non-finite as None, the rest as text."""
     if is_dataclass(value) and not isinstance(value, type):

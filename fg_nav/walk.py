@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.changes import Changes, change_parameters, select_changes
+from fg_nav.changes import DETECTOR, Changes, change_parameters, select_changes
 from fg_nav.detection import StanceParameters, detect_stances
 from fg_nav.detection.handedness import refuse_wrong_axes
 from fg_nav.detection.mount import refuse_pocket
@@ -35,7 +35,6 @@ from fg_nav.magnetic.quasi_static import DEFAULT, QUASI_STATIC, UNKNOWN, FieldVe
 from fg_nav.recording import Recording
 from fg_nav.solution import Solution
 from fg_nav.stances import Stances
-from fg_nav.system.spilled import return_freed
 from fg_nav.truth import Fix, TrajectoryTruth, Truth
 
 if TYPE_CHECKING:
@@ -48,9 +47,7 @@ Mount: TypeAlias = Literal["foot", "pocket"]  # Where the sensor is worn.
 
 Magnetic: TypeAlias = Literal["all", "card"]  # Which factors of the field the graph has.
 
-WITH_FIXES = ("smoother", "card", "inertial", "online")  # Methods that make use of fixes.
 OWN_GNSS = Path("own")  # in place of a file of GNSS fixes: those in the recording itself
-DETECTOR = "detector"  # First part of the names of the parameters of the stances (`Options.changes`).
 
 
 @dataclass(frozen=True)
@@ -214,7 +211,6 @@ def read_walk(path: Path | str | Recording, options: Options = Options(), readin
         gnss = read_gnss(source if options.gnss_path == OWN_GNSS and source else options.gnss_path)
     recording = path if isinstance(path, Recording) else reading.read(path)
     recording = recording if truth is None else replace(recording, truth=truth)
-    return_freed()
     return replace(Walk.of(recording, options, calibration), fixes=fixes, gnss=gnss, places=places)
 
 
@@ -329,34 +325,18 @@ def measure_field(walk: Walk) -> Walk:
     if walk.recording.mag is None and walk.magnetometer is not None and walk.magnetometer.notes:
         return replace(walk, unjudged=walk.magnetometer.notes[0])
     choose_gate(options.gate)
+    from fg_nav.calibration.walk import measure_walk_field
+
+    sensed = walk.recording if walk.sensed is None else walk.sensed
+    given = None if walk.calibration is None else walk.calibration.magnetometer
+    measured = measure_walk_field(sensed, walk.stances, options.heading_rad, given)
+    if measured.field is None:
+        return replace(walk, unjudged=measured.unseen)
+    walk = replace(walk, recording=measured.recording, iron=measured.notes, sensed=sensed)
     try:
-        sensed = walk.recording if walk.sensed is None else walk.sensed
-        recording, field, notes = measure_walk_field(sensed, walk.stances, options.heading_rad, walk.calibration)
-        walk = replace(walk, recording=recording, iron=notes, sensed=sensed)
-        return replace(walk, field=field, verdicts=apply_gate(field, options.gate), unjudged="")
+        return replace(walk, field=measured.field, verdicts=apply_gate(measured.field, options.gate), unjudged="")
     except MagneticError as error:
         return replace(walk, unjudged=str(error))
-
-
-def measure_walk_field(
-    recording: Recording, stances: Stances, heading: float | None, given: Calibration | None = None
-) -> tuple[Recording, FootfallField, tuple[str, ...]]:
-    """Measure the field at the footfalls, the magnetometer corrected by the walk itself where no calibration was given.
-
-    Returns the corrected recording, the field at its footfalls, and notes on the correction.
-
-    Raises
-    ------
-    MagneticError
-        Without a magnetometer that measures a field.
-    """
-    from fg_nav.calibration.walk import average_corrected_field, find_own_iron
-
-    calibration, notes = None if given is None else given.magnetometer, tuple[str, ...]()
-    if calibration is None:
-        calibration, note = find_own_iron(recording, stances)
-        recording, notes = recording if calibration is None else calibration.apply_to(recording), (note,)
-    return recording, average_corrected_field(recording, stances, heading or 0.0, calibration), notes
 
 
 def evaluate_solution(walk: Walk, solution: Solution) -> Outcome:
@@ -391,15 +371,10 @@ def evaluate_solution(walk: Walk, solution: Solution) -> Outcome:
 def _with_verdicts(solution: Solution, walk: Walk) -> Solution:
     """Write the gate's verdicts, or why there are none, into the stances of a method that used no field."""
     table, verdicts = solution.stances, walk.verdicts
-    if any(word != UNKNOWN for word in table.field) or (verdicts is not None and not ignores_field(solution.method)):
+    if any(word != UNKNOWN for word in table.field) or (verdicts is not None and solution.uses_field):
         return solution  # the method judged the field along its own solution
     if verdicts is None:
         reasons = (walk.unjudged or "the field was not judged",) * len(table)
         return replace(solution, stances=replace(table, field_reason=reasons))
     judged = replace(table, field=verdicts.words, field_reason=verdicts.reason, field_statistic=verdicts.statistic)
     return replace(solution, stances=judged)
-
-
-def ignores_field(method: str) -> bool:
-    """Whether a method makes no use of the magnetic field."""
-    return method in ("inertial", "iez", "iez-rts")

@@ -18,7 +18,6 @@ from time import perf_counter, sleep
 
 import harness
 import numpy as np
-from fg_nav.online.solving import Task
 from harness import Figure, option
 from walks import simulate_long_walk
 
@@ -26,9 +25,11 @@ from fg_nav.arrays import Floats
 from fg_nav.detection import detect_stances
 from fg_nav.errors import SimulationError
 from fg_nav.online import OnlineNavigator
-from fg_nav.online.background import WorkerSolver
+from fg_nav.online.anchor import AnchorState
+from fg_nav.online.background import BackgroundSolver, SolverProcess
 from fg_nav.online.buffer import OnlineOptions
 from fg_nav.online.estimates import StanceEstimate
+from fg_nav.online.resolve import Task, WalkSolver
 from fg_nav.recording import Recording
 
 SEED = 1
@@ -83,16 +84,18 @@ def tell_walk(recording: Recording, options: OnlineOptions) -> tuple[Floats, Flo
         elapsed = perf_counter() - began - (solver.idle_s - idle_s)
         if any(isinstance(line, StanceEstimate) for line in lines):
             milliseconds.append(1e3 * elapsed)
-            megabytes.append(memory_mb() + memory_mb(solver.pid))
+            megabytes.append(memory_mb() + memory_mb(solver.process.pid or "none"))
     solver.close()
     return np.array(milliseconds), np.array(megabytes)
 
 
-class PacedSolver(WorkerSolver):
+class PacedSolver(BackgroundSolver):
     """Is given the time that it would have had; `idle_s` is how long it was waited for within that."""
 
     def __init__(self, navigator: OnlineNavigator) -> None:
-        super().__init__(navigator.options, navigator.detection.stance, navigator.buffer)
+        given = navigator.options, navigator.detection.stance
+        self.process = SolverProcess({None: given[0]}, given[1])
+        super().__init__(self.process, WalkSolver(*given, navigator.buffer))
         self.idle_s, self._begun = 0.0, (0.0, 0.0)
         navigator._solver = navigator.smoother.schedule.solver = self
 
@@ -101,17 +104,17 @@ class PacedSolver(WorkerSolver):
         self._begun = perf_counter(), self._walked_s()
         super().begin(task)
 
-    def wait(self) -> None:
+    def take(self) -> AnchorState | None:
         """As it does, after as long as the walk took since the task."""
         began = perf_counter()
         due = self._begun[0] + self._walked_s() - self._begun[1]
         while not self.is_ready() and perf_counter() < due:
             sleep(0.001)
         self.idle_s += perf_counter() - began
-        super().wait()
+        return super().take()
 
     def _walked_s(self) -> float:
-        return self._buffer.stamp(self._buffer.stop - 1)
+        return self._here.buffer.stamp(self._here.buffer.stop - 1)
 
 
 def memory_mb(process: int | str = "self") -> float:

@@ -44,8 +44,7 @@ from fg_nav.evaluation.comparison import align, interpolate_truth
 from fg_nav.lab.follow_pocket import follow_pocket
 from fg_nav.lab.simulation import simulate
 from fg_nav.pipeline import prepare_walk, run_method
-from fg_nav.pocket.iterated_smoother import smooth_pocket
-from fg_nav.pocket.parameters import PocketSmootherParameters
+from fg_nav.pocket.iterated_smoother import PocketSmootherParameters, smooth_pocket
 from fg_nav.recording import Recording
 from fg_nav.smoother import smooth
 from fg_nav.stances import Stances

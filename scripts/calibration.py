@@ -49,14 +49,14 @@ from numpy.linalg import inv
 from scipy.linalg import polar
 
 from fg_nav.arrays import Floats
-from fg_nav.calibration.allan import NoiseFit, SensorNoise, measure_recording_noise
-from fg_nav.calibration.ellipsoid import fit_ellipsoid, symmetric
+from fg_nav.calibration.ellipsoid import fit_ellipsoid
 from fg_nav.calibration.magnetometer import UPPER, circular_sd_deg
 from fg_nav.calibration.walk import WalkCalibrationParameters, calibrate_on_walk
 from fg_nav.calibration.walk_model import StrideReadings, read_strides
 from fg_nav.detection import detect_stances
 from fg_nav.errors import CalibrationError
 from fg_nav.frames import wrap_angle
+from fg_nav.lab.allan import NoiseFit, SensorNoise, measure_recording_noise
 from fg_nav.lab.simulation import SCENARIOS, Choices, Scenario, SimulatedWalk, scenario, simulate
 from fg_nav.lab.simulation.path import Path, arc, polyline, straight
 from fg_nav.lab.simulation.person import Person
@@ -123,7 +123,7 @@ def standardize_errors(seed: int, way: str, strength_uT: float | None) -> Floats
     hard = HARD_UT * rng.standard_normal(3)
     soft = np.eye(3) + SOFT * rng.standard_normal((3, 3))
     readings = draw_readings(hard, soft, way, rng)
-    C = symmetric(np.linalg.inv(soft))
+    C = polar(np.linalg.inv(soft))[1]
     if strength_uT is None:
         C = C / np.cbrt(np.linalg.det(C))
     try:

@@ -2,7 +2,7 @@
 
     python scripts/campaign_faults.py [--scenarios NAME NAME] [--seeds N] [--methods NAME ...] [--out DIR]
 
-One plan, 2 scenarios x 3 methods x 8 seeds by default, is run four times by `fg-nav campaign`, each in its
+One plan, 2 scenarios x 3 methods x 8 seeds by default, is run four times by `fg-nav lab campaign`, each in its
 own folder:
 
 one worker     on a Dask cluster of its own
@@ -101,7 +101,7 @@ def same(one: Path, other: Path, name: str) -> Figure:
 
 def command(plan: Path, out: Path, *more: str) -> list[str]:
     """Words of the command line."""
-    return [sys.executable, "-m", "fg_nav.cli", "campaign", str(plan), "--out", str(out), *more]
+    return [sys.executable, "-m", "fg_nav.cli", "lab", "campaign", str(plan), "--out", str(out), *more]
 
 
 def campaign(plan: Path, out: Path, *more: str) -> None:

@@ -40,7 +40,7 @@ from scipy.stats import chi2
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.detection import Rest
 from fg_nav.detection.rest import Start
-from fg_nav.ekf.aiez import AiezParameters
+from fg_nav.ekf.compass import AiezParameters
 from fg_nav.ekf.core import (
     ACC_BIAS_SIGMA,
     GAUGE_SIGMA,

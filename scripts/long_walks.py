@@ -7,7 +7,6 @@ on it, a process of its own, with its trajectory, its page and all other files.
 
 =========== ========================================================================================================
 memory      of the process at its highest, MB
-own         of that the most that lies in no file, which the system cannot write out and give to others
 processor   time of the processor, s, and microseconds a sample
 doubling    that time over the one of half the walk, where both are measured
 =========== ========================================================================================================
@@ -15,7 +14,6 @@ doubling    that time over the one of half the walk, where both are measured
 
 from __future__ import annotations
 
-import re
 import resource
 import subprocess
 import sys
@@ -50,7 +48,6 @@ class Cost:
     wall_s: float
     processor_s: float
     peak_mb: float
-    own_mb: float
 
 
 def write_walk(walk: RepeatedWalk, hours: float, path: Path) -> int:
@@ -72,25 +69,15 @@ def run_walk(path: Path, hours: float, samples: int, options: Sequence[str]) -> 
     words = [sys.executable, "-m", "fg_nav.cli", "run", str(path), "--out", str(path.with_suffix("")), *options]
     began, before = perf_counter(), resource.getrusage(resource.RUSAGE_CHILDREN)
     process = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    peak_mb, own_mb = float("nan"), 0.0
+    peak_mb = float("nan")
     while process.poll() is None:
-        peak_mb, own_mb = read_peak_mb(process.pid, peak_mb), max(own_mb, read_own_mb(process.pid))
+        peak_mb = read_peak_mb(process.pid, peak_mb)
         sleep(0.02)
     if process.returncode:
         raise subprocess.CalledProcessError(process.returncode, words)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     processor_s = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    return Cost(hours, samples, perf_counter() - began, processor_s, peak_mb, own_mb)
-
-
-def read_own_mb(process: int) -> float:
-    """Return the memory of a process that lies in no file, now; 0 where the system does not tell."""
-    try:
-        words = Path(f"/proc/{process}/status").read_text()
-    except OSError:
-        return 0.0
-    found = re.search(r"RssAnon:\s+(\d+) kB", words)
-    return float(found.group(1)) / 1024 if found else 0.0
+    return Cost(hours, samples, perf_counter() - began, processor_s, peak_mb)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -114,8 +101,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         cost = costs[-1]
         print(
             f"{mode}, {hours:g} h, {cost.samples} samples: {cost.wall_s:.0f} s, processor {cost.processor_s:.0f} s "
-            f"({1e6 * cost.processor_s / cost.samples:.1f} us a sample), {cost.peak_mb:.0f} MB, "
-            f"{cost.own_mb:.0f} of them its own",
+            f"({1e6 * cost.processor_s / cost.samples:.1f} us a sample), {cost.peak_mb:.0f} MB",
             flush=True,
         )
     harness.print_figures(figures := judge_costs(mode, costs))
@@ -129,7 +115,6 @@ def judge_costs(mode: str, costs: Sequence[Cost]) -> list[Figure]:
     for cost in costs:
         name = f"{cost.hours:g} h"
         figures.append(Figure(name, f"memory, {name} (MB)", mode, cost.peak_mb, pattern="{:.0f}"))
-        figures.append(Figure(name, f"own memory, {name} (MB)", mode, cost.own_mb, pattern="{:.0f}"))
         figures.append(Figure(name, f"processor, {name} (s)", mode, cost.processor_s, pattern="{:.0f}"))
         if cost.hours / 2.0 in processor_s:
             doubling = cost.processor_s / processor_s[cost.hours / 2.0]

@@ -41,7 +41,7 @@ from harness import Figure, option
 from websockets.sync.client import connect
 
 from fg_nav.arrays import Floats
-from fg_nav.view.loop import open_port
+from fg_nav.view.line_server import open_port
 from fg_nav.view.page_server import LIVE
 from fg_nav.view.process import ListenerProcess
 

@@ -46,15 +46,21 @@ from harness import Figure
 from walks import GDIN, OPENSHOE, REAL_WALKS
 
 from fg_nav.arrays import Bools, Floats
-from fg_nav.calibration.magnetometer import MagnetometerCalibration, circular_sd_deg, correct_field
+from fg_nav.calibration.magnetometer import (
+    UPPER,
+    MagnetometerCalibration,
+    circular_sd_deg,
+    correct_field,
+    differentiate_inverse,
+    mean_up,
+)
 from fg_nav.calibration.walk import (
     Spread,
     WalkCalibrationParameters,
     calibrate_on_walk,
-    find_level_iron,
     measure_spread,
 )
-from fg_nav.calibration.walk_model import StrideReadings, read_strides
+from fg_nav.calibration.walk_model import WITHOUT_IRON, StrideModel, StrideReadings, fit_iron, read_strides, sum_iron
 from fg_nav.detection import detect_stances
 from fg_nav.ekf import run_iez
 from fg_nav.errors import CalibrationError, EstimationError, EvaluationError
@@ -62,6 +68,7 @@ from fg_nav.frames import wrap_angle
 from fg_nav.io import read
 from fg_nav.lab.campaign.walks import RAW, WALK, Recorded
 from fg_nav.magnetic import FieldVerdicts, FootfallField, average_footfall_field
+from fg_nav.magnetic.footfall_field import compute_level_R_body
 from fg_nav.magnetic.quasi_static import DETECTORS, judge_field
 from fg_nav.pipeline import run_method
 from fg_nav.walk import Walk as PreparedWalk
@@ -290,9 +297,9 @@ def calibrate(walk: FieldWalk) -> Calibrated:
         refused = str(error)
     found = calibrate_on_walk(walk.strides, ANYWAY)
     itself = circular_sd_deg(correct_field(walk.field, found).heading_difference)
-    return Calibrated(
-        found, refused, circular_sd_deg(walk.field.heading_difference), itself, measure_spread(walk.strides)
-    )
+    model = StrideModel.of(walk.strides)
+    parts = measure_spread(model, fit_iron(model))
+    return Calibrated(found, refused, circular_sd_deg(walk.field.heading_difference), itself, parts)
 
 
 def print_calibrations(found: Sequence[FieldWalk]) -> None:
@@ -323,7 +330,13 @@ def _middle(name: str, figures: Sequence[tuple[float, ...]], chosen: Sequence[bo
 
 
 def _level_iron(walk: FieldWalk, c: Calibrated) -> tuple[str, str, str, str]:
-    offset, covariance = find_level_iron(c.calibration, walk.field)
+    # horizontal iron of a foot that stands flat: h, and S times the vertical field
+    found, up = c.calibration, mean_up(walk.field.nav_R_body)
+    vertical_uT = float(np.nanmean(correct_field(walk.field, found).nav_field[:, 2]))
+    level = compute_level_R_body(up)[:2] @ sum_iron(up, vertical_uT)
+    iron = np.concatenate([found.hard_iron_uT, np.linalg.inv(found.correction)[UPPER]])
+    by_parameters = level @ differentiate_inverse(found.correction)
+    offset, covariance = level @ (iron - WITHOUT_IRON), by_parameters @ found.covariance @ by_parameters.T
     sigma = np.sqrt(np.trace(covariance) / 2)
     strength = np.linalg.norm(np.nanmean(correct_field(walk.field, c.calibration).nav_field, axis=0)[:2])
     alone = np.degrees(np.linalg.norm(offset) / strength / np.sqrt(2))

@@ -37,9 +37,8 @@ from fg_nav.errors import FgNavError
 from fg_nav.frames import yaw_rotation
 from fg_nav.gnss import FixColumns, Gnss, find_turn
 from fg_nav.io import read, read_gnss, read_truth
-from fg_nav.pipeline import navigate
+from fg_nav.pipeline import Result, navigate
 from fg_nav.recording import Recording
-from fg_nav.result import Result
 from fg_nav.smoother import smooth
 from fg_nav.truth import TrajectoryTruth
 from fg_nav.walk import Options, Walk

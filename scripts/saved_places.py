@@ -29,9 +29,8 @@ from fg_nav.frames import compute_heading, wrap_angle
 from fg_nav.lab.simulation import Choices, Scenario, SimulatedWalk, scenario, simulate
 from fg_nav.lab.simulation.path import Path as Course
 from fg_nav.lab.simulation.plan import Section, Stand, Walk
-from fg_nav.pipeline import prepare_walk, run_method, take_places
+from fg_nav.pipeline import Result, prepare_walk, run_method, take_places
 from fg_nav.places import SavedPlaces, Signature, locate, trace_signature
-from fg_nav.result import Result
 from fg_nav.truth import TrajectoryTruth
 from fg_nav.walk import Options
 from fg_nav.walk import Walk as Prepared

@@ -39,8 +39,7 @@ from harness import option
 from fg_nav.arrays import Floats
 from fg_nav.detection import detect_stances
 from fg_nav.ekf import IezParameters, run_iez
-from fg_nav.ekf.aiez import AiezParameters, run_aiez
-from fg_nav.ekf.gated_compass import run_gated_compass
+from fg_nav.ekf.compass import run_with_compass
 from fg_nav.ekf.presets import PHYSICAL, TUNED, Parameters, find_parameters
 from fg_nav.errors import OutputError
 from fg_nav.frames import compute_heading
@@ -230,9 +229,7 @@ def run_trial(trial: Trial, walk: Walked, field: str) -> Solution:
     seen, compass = (walk.recording, walk.stances), walk.fields[field]
     if isinstance(parameters, IezParameters):
         return run_iez(*seen, parameters, walk.heading)
-    if isinstance(parameters, AiezParameters):
-        return run_aiez(*seen, compass, parameters, walk.heading)
-    return run_gated_compass(*seen, compass, parameters, walk.heading)
+    return run_with_compass(*seen, compass, parameters, walk.heading)
 
 
 def set_point(parameters: Parameters, point: Point) -> Parameters:

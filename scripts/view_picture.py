@@ -27,8 +27,8 @@ from fg_nav.online.buffer import OnlineOptions
 from fg_nav.online.follow import StreamOptions, follow_source
 from fg_nav.online.sources import Replay
 from fg_nav.recording import Recording
-from fg_nav.view.loop import format_address, open_port
-from fg_nav.view.page_server import PageServer
+from fg_nav.view.line_server import format_address, open_port
+from fg_nav.view.process import ListenerProcess
 
 HOST = "127.0.0.1"
 SCENARIO, WALKED_S, PLAYED_S = "office", 200.0, 12.0
@@ -49,7 +49,7 @@ class LateReplay(Replay):
         return super().read(wait_s) if rows is None else rows
 
 
-class Unended(PageServer):
+class Unended(ListenerProcess):
     """A page that is not told of the end."""
 
     def send_status(self, status: dict[str, Any]) -> None:
@@ -63,12 +63,14 @@ def draw_page(recording: Recording, heading_rad: float | None) -> Image.Image:
     from playwright.sync_api import sync_playwright
 
     system = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-    with closing(Unended(open_port(HOST, 0, "--port"), HOST)) as server, sync_playwright() as playwright:
+    door = open_port(HOST, 0, "--port")
+    address = format_address(HOST, door.getsockname()[1])
+    with closing(Unended(None, door, HOST, print)) as server, sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=system, args=["--no-sandbox"])
         pages = []
         for (width, height), scheme in ((DESK, "dark"), (PHONE, "light")):
             page = browser.new_page(viewport={"width": width, "height": height}, color_scheme=scheme)
-            page.goto(format_address(HOST, server.port))
+            page.goto(address)
             pages.append(page)
         options = StreamOptions(online=OnlineOptions(heading_rad=heading_rad), background=True)
         follow_source(LateReplay(recording), options, server.send, server.send_remark, watcher=server)

@@ -4,7 +4,7 @@
     python scripts/write_results.py --check     exit with 1 where a page is not what would be written
 
 ============================================= ======================================================================
-`ma2018`, `aiez2017`, `munoz-diaz2017` .json  results.json of `fg-nav reproduce PAPER`
+`ma2018`, `aiez2017`, `munoz-diaz2017` .json  results.json of `fg-nav lab reproduce PAPER`
 `real-walks.json`                             `python scripts/real_walks.py --ablation --bias-walk --json FILE`
 `coverage.json`                               `python scripts/sigma_coverage.py --json FILE`
 `benchmark.json`                              `python scripts/benchmark.py --save`, and with `--peers PYTHON`

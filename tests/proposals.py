@@ -57,12 +57,12 @@ def list_commands(words: str) -> list[list[str]]:
             quoted = text.split('"')
             text = '"'.join(quoted[:2]) + '"' if len(quoted) > 2 else text.split(", with ")[0].split(":")[0]
         found.append(_split(text))
-    return [command for command in found if command[0] in _commands()]
+    return [command for command in found if _name(command) in _commands()]
 
 
 def list_changes(words: str, arguments: Sequence[str]) -> list[list[str]]:
     """Arguments of the refused command with options that the refusal says to add, or without those to leave out."""
-    options, found = _commands()[arguments[0]], list[list[str]]()
+    options, found = _commands()[_name(arguments)], list[list[str]]()
     for text in map("".join, ADDED.findall(words)):
         added = _split(text)
         if OPEN.search(text):
@@ -93,7 +93,7 @@ def check_proposals(fg_nav: FgNav, arguments: Sequence[object], ran: Ran) -> int
     _tried.add(pattern)
     commands = list_commands(words)
     # there is each option that is named
-    known = {opt for name in (command, *(one[0] for one in commands)) for opt in _commands()[name]}
+    known = {opt for name in (command, *map(_name, commands)) for opt in _commands()[name]}
     unknown = set(OPTION.findall(words)) - known - set(OPTION.findall(" ".join(arguments)))
     assert not unknown, f"{words}\nnames {unknown}, which are no options of {command}"
     if command in SERVES or "-" in arguments:
@@ -129,8 +129,14 @@ def _stop_at_work(patch: pytest.MonkeyPatch) -> None:
 def _commands() -> dict[str, dict[str, bool]]:
     """Options of each command, and whether each is a flag."""
     group: Any = typer.main.get_command(cli.app)
-    options = {name: [p for p in one.params if hasattr(p, "is_flag")] for name, one in group.commands.items()}
+    commands = {name: one for name, one in (group.commands | group.commands["lab"].commands).items() if name != "lab"}
+    options = {name: [p for p in one.params if hasattr(p, "is_flag")] for name, one in commands.items()}
     return {name: {opt: p.is_flag for p in own for opt in p.opts} for name, own in options.items()}
+
+
+def _name(command: Sequence[str]) -> str:
+    """Return the name of the command, of the laboratory or not."""
+    return command[command[0] == "lab" and len(command) > 1]
 
 
 def _split(text: str) -> list[str]:
@@ -143,8 +149,8 @@ def _split(text: str) -> list[str]:
 
 def _positional(command: Sequence[str]) -> list[str]:
     """Arguments of a command that are not options or their values."""
-    options = _commands()[command[0]]
-    left, words = [], list(command[1:])
+    options = _commands()[_name(command)]
+    left, words = [], list(command[1 + (command[0] == "lab") :])
     while words:
         word = words.pop(0)
         if not word.startswith("--"):

@@ -4,6 +4,7 @@ import re
 import tomllib
 from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 import pytest
 import typer
@@ -12,16 +13,18 @@ import fg_nav
 from fg_nav import recording
 from fg_nav.calibration.inertial import AccelerometerCalibration, GyroscopeCalibration
 from fg_nav.calibration.magnetometer import MagnetometerCalibration
-from fg_nav.calibration.of_recording import METHODS, Calibration
-from fg_nav.cli import app, options
+from fg_nav.calibration.of_recording import METHODS as CALIBRATIONS
+from fg_nav.calibration.of_recording import Calibration
+from fg_nav.cli import app
+from fg_nav.commands import requests
 from fg_nav.ekf.presets import PRESETS
-from fg_nav.estimators import ESTIMATORS, FILTERS, SMOOTHERS
+from fg_nav.estimators import METHODS, RTS
 from fg_nav.evaluation.field_survey import SURVEYED
 from fg_nav.io import FORMATS, write_canonical
 from fg_nav.lab.simulation import SCENARIOS, simulate
 from fg_nav.lab.simulation.scenarios import FIELDS
 from fg_nav.magnetic.quasi_static import DEFAULT, GATES
-from fg_nav.report.export import FORMATS as EXPORTS
+from fg_nav.report.export import EXPORTS
 from fg_nav.report.folder import ALLAN_FILES, DETECT_FILES, FEET_FILES, RESULT_FILES, SIMULATION_FILES
 from fg_nav.samples import stamps
 from fg_nav.smoother import SmootherParameters, graph, strides
@@ -34,6 +37,13 @@ NAMED = re.compile(r"scripts/(\w+)\.py")
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 PROJECT = PYPROJECT["project"]
 PAGES = (README, ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md")))
+
+
+def list_commands() -> dict[str, Any]:
+    """Commands by name, with those of the laboratory."""
+    group: Any = typer.main.get_command(app)
+    commands: dict[str, Any] = group.commands | group.commands["lab"].commands
+    return {name: one for name, one in commands.items() if name != "lab"}
 
 
 def rows_of(page: Path) -> list[list[str]]:
@@ -111,8 +121,8 @@ def test_every_file_of_a_result_is_explained() -> None:
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_commands_and_options_exist(page: Path) -> None:
     blocks = re.findall(r"```sh\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
-    lines = re.findall(r"(?:^|/|\| )fg-nav (\w+)([^#\n]*)", "\n".join(blocks), re.MULTILINE)
-    commands = typer.main.get_command(app).commands
+    lines = re.findall(r"(?:^|/|\| )fg-nav (?:lab )?(\w+)([^#\n]*)", "\n".join(blocks), re.MULTILINE)
+    commands = list_commands()
     assert page != README or {name for name, _ in lines} == set(commands)
     for name, rest in lines:
         options = {option for parameter in commands[name].params for option in parameter.opts}
@@ -121,8 +131,7 @@ def test_commands_and_options_exist(page: Path) -> None:
 
 def test_every_option_is_explained() -> None:
     text = "\n".join(page.read_text(encoding="utf-8") for page in PAGES if page.name != "CHANGELOG.md")
-    commands = typer.main.get_command(app).commands
-    options = {name for one in commands.values() for parameter in one.params for name in parameter.opts}
+    options = {name for one in list_commands().values() for parameter in one.params for name in parameter.opts}
     assert not [name for name in sorted(options) if name.startswith("--") and not re.search(f"{name}(?![\\w-])", text)]
 
 
@@ -180,7 +189,7 @@ def test_every_field_and_level_is_explained() -> None:
 
 def test_every_detector_and_method_of_calibration_has_its_row() -> None:
     assert names_of(MAGNETIC_PAGE, "detector") == list(SURVEYED)
-    assert names_of(MAGNETIC_PAGE, "`--method`") == list(METHODS)
+    assert names_of(MAGNETIC_PAGE, "`--method`") == list(CALIBRATIONS)
     assert f"| `{DEFAULT}` |" in MAGNETIC_PAGE.read_text(encoding="utf-8")
 
 
@@ -192,15 +201,17 @@ def test_every_key_of_a_calibration_file_is_told() -> None:
 
 
 def test_help_and_tables_have_every_method_and_preset() -> None:
-    assert (*SMOOTHERS, *FILTERS) == options.METHODS
-    assert set(options.complete_foot_methods("")) == set(ESTIMATORS)
-    assert options.complete_foot_methods("iez,qsf-s") == ["iez,qsf-stance", "iez,qsf-stance-rts"]
-    assert set(ESTIMATORS) == {*SMOOTHERS, *FILTERS, *(f"{name}-rts" for name in FILTERS)}
-    assert options.PRESETS == PRESETS
-    assert options.GATES == GATES
-    assert {*options.SURVEYED} == {*SURVEYED, "all"}
-    assert set(names_of(README, "method")) == {*SMOOTHERS, *FILTERS, "-rts", "iez-rts"}
-    assert names_of(FILTERS_PAGE, "method") == list(FILTERS)
+    named = [name for name in METHODS["foot"] if not name.endswith(RTS)]
+    filters = [name for name in named if name + RTS in METHODS["foot"]]
+    assert requests.complete_foot_methods("") == list(METHODS["foot"])
+    assert set(requests.complete_methods("")) == METHODS["foot"].keys() | METHODS["pocket"].keys()
+    assert requests.complete_foot_methods("iez,qsf-s") == ["iez,qsf-stance", "iez,qsf-stance-rts"]
+    assert set(named) <= set(re.findall(r"[\w-]+", requests.METHOD_NAMES))
+    assert requests.PRESETS == PRESETS
+    assert requests.GATES == GATES
+    assert {*requests.SURVEYED} == {*SURVEYED, "all"}
+    assert set(names_of(README, "method")) == {*named, RTS, f"iez{RTS}"}
+    assert names_of(FILTERS_PAGE, "method") == filters
     assert names_of(FILTERS_PAGE, "preset") == list(PRESETS)
     assert not [name for name in PRESETS if f"`{name}`" not in README.read_text(encoding="utf-8")]
 

@@ -128,10 +128,10 @@ def test_two_feet_are_saved_and_drawn(walk: Recording) -> None:
     files = {file.name for file in result.save("both").iterdir()}
     assert {"trajectory.tum", "trajectory_left.tum", "person.csv", "summary.json", "report.html"} <= files
     assert result.save("both.geojson", origin=(48.0, 11.0)).stat().st_size > 0
-    assert result.plot().get_xlabel() == "east (m)"
+    assert result.plot().get_xlabel() == "x (m)"
     assert len(result.to_dataframe(footfalls=True)) == len(result.stances)
 
 
 def test_own_factors_are_for_methods_with_a_graph(walk: Recording) -> None:
-    with pytest.raises(fg_nav.FgNavError, match="iez has no graph to add to"):
+    with pytest.raises(fg_nav.FgNavError, match="iez makes no use of extra factors"):
         fg_nav.navigate(walk, "iez", extra=lambda _: None)

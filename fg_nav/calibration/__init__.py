@@ -1,5 +1,5 @@
 """Errors of a recording's own sensor and mounting. Imports no estimator.
 
-All at once and their file (`of_recording`); the magnetometer turned over (`ellipsoid`), on a loop (`ellipse`), on a
-walk (`walk`, with `walk_model` and `walk_fit`); gyroscope and accelerometer (`inertial`); noise at rest (`allan`).
+All at once and their file (`of_recording`); the magnetometer turned over and on a loop (`ellipsoid`), on a walk
+(`walk`, with `walk_model`); gyroscope and accelerometer (`inertial`).
 """

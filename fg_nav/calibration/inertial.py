@@ -38,7 +38,7 @@ from typing import TypedDict
 
 import numpy as np
 
-from fg_nav.arrays import Floats
+from fg_nav.arrays import Floats, weigh_models
 from fg_nav.detection import Rest, RestParameters, find_rests
 from fg_nav.detection.handedness import LOOKED_S, find_stance_strides
 from fg_nav.detection.rest import MIN_SIGMA_DEG_S, find_still_stretches
@@ -201,10 +201,9 @@ def average_biases(biases: Floats, sigmas: Floats) -> tuple[Floats, Floats, floa
             weight = np.exp(log_density - log_sum)[:, :, None] / variance
             information = weight.sum(axis=(0, 1))
             mean = (weight * biases).sum(axis=(0, 1)) / information
-        levels.append((change, mean, 1.0 / information, 0.5 * np.log(information).sum() - log_sum.sum()))
-    changes, means, variances, minus_log = (np.array(one) for one in zip(*levels, strict=True))
-    weight = np.exp(minus_log.min() - minus_log) * np.array(CHANGE_PRIOR)
-    weight = weight / weight.sum()
+        levels.append((change, mean, 1.0 / information, log_sum.sum() - 0.5 * np.log(information).sum()))
+    changes, means, variances, log_evidence = (np.array(one) for one in zip(*levels, strict=True))
+    weight = weigh_models(log_evidence, np.array(CHANGE_PRIOR))
     mean = weight @ means
     # a scale: the geometric mean of the levels
     change = np.exp(weight @ np.log(changes))
@@ -281,7 +280,7 @@ def average_out_error(recording: Recording, stances: Stances) -> Recording:
         weighted = np.linalg.solve(expected, size)
         found.append(prior @ jacobian.T @ weighted)
         log_evidence.append(-0.5 * (size @ weighted + np.linalg.slogdet(expected)[1]))
-    uncalibrated = 1.0 / (1.0 + PRIOR[0] / PRIOR[1] * np.exp(min(log_evidence[0] - log_evidence[1], 500.0)))
+    uncalibrated = weigh_models(np.array(log_evidence), np.array(PRIOR))[1]
     bias, scale = uncalibrated * found[1][:3], 1.0 + float(uncalibrated * found[1][3])
     if np.linalg.norm(bias) < BIAS_M_S2[0]:
         return recording

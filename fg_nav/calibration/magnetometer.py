@@ -27,16 +27,18 @@ FIELD_UT, LEVEL_FIELD_UT = (5.0, 500.0), (3.0, 500.0)
 
 
 def matrix_of(upper: Floats) -> Floats:
-    """Symmetric matrix (3, 3) from its six numbers."""
-    matrix = np.zeros((3, 3))
-    matrix[UPPER] = upper
+    """Symmetric matrix (2, 2) or (3, 3) from the three or six numbers of its upper half."""
+    n = 2 if len(upper) == 3 else 3
+    matrix = np.zeros((n, n))
+    matrix[np.triu_indices(n)] = upper
     return matrix + np.triu(matrix, 1).T
 
 
 def differentiate_inverse(matrix: Floats) -> Floats:
-    """Derivatives (6, 6) of the inverse of a symmetric matrix (3, 3) by its six numbers: -M^-1 dM M^-1."""
-    inverse = np.linalg.inv(matrix)
-    return np.stack([-(inverse @ matrix_of(one) @ inverse)[UPPER] for one in np.eye(6)], axis=1)
+    """Derivatives (9, 9) of h and the inverse of a symmetric matrix (3, 3) by h and its six numbers: -M^-1 dM M^-1."""
+    derivatives, inverse = np.eye(9), np.linalg.inv(matrix)
+    derivatives[3:, 3:] = np.stack([-(inverse @ matrix_of(one) @ inverse)[UPPER] for one in np.eye(6)], axis=1)
+    return derivatives
 
 
 def check_strength(found_uT: float, allowed_uT: tuple[float, float] = FIELD_UT) -> None:

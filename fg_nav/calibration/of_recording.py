@@ -6,7 +6,7 @@ Magnetometer by one of four methods, gyroscope, accelerometer at rest.
 method     what it needs                     module
 ========== ================================= ======================================================================
 walk       an ordinary walk that turns       `fg_nav.calibration.walk`
-levelled   a loop in an undisturbed place    `fg_nav.calibration.ellipse` (Ma 2018, robust)
+levelled   a loop in an undisturbed place    `fg_nav.calibration.ellipsoid` (Ma 2018, robust)
 ellipsoid  the sensor turned over, no walk   `fg_nav.calibration.ellipsoid`
 sphere     the same                          `fg_nav.calibration.ellipsoid` (Munoz Diaz 2017)
 ========== ================================= ======================================================================
@@ -29,8 +29,7 @@ import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Strict, ValidationError, create_model
 
 from fg_nav.arrays import Floats
-from fg_nav.calibration.ellipse import calibrate_on_loop
-from fg_nav.calibration.ellipsoid import fit_ellipsoid, fit_unit_sphere, is_near
+from fg_nav.calibration.ellipsoid import calibrate_on_loop, fit_ellipsoid, fit_unit_sphere, is_near
 from fg_nav.calibration.inertial import (
     AccelerometerCalibration,
     GyroscopeCalibration,
@@ -113,23 +112,12 @@ def read_calibration(path: Path) -> Calibration:
             "calibrate again, or use a newer fg-nav."
         )
     recording = content.get("recording")
-    found = Calibration(
+    return Calibration(
         recording if isinstance(recording, str) else None,
         _read_part(path, content, "magnetometer", MagnetometerCalibration),
         _read_part(path, content, "gyroscope", GyroscopeCalibration),
         _read_part(path, content, "accelerometer", AccelerometerCalibration),
     )
-    possible = {
-        "magnetometer": found.magnetometer is None or _is_possible_magnetometer(found.magnetometer),
-        "gyroscope": found.gyroscope is None
-        or (_is_possible_bias(found.gyroscope.bias) and 0.0 < found.gyroscope.next_sigma <= MAX_BIAS),
-        "accelerometer": found.accelerometer is None
-        or (_is_possible_bias(found.accelerometer.bias) and 1 / MAX_SCALE <= found.accelerometer.scale <= MAX_SCALE),
-    }
-    for name, is_possible in possible.items():
-        if not is_possible:
-            raise CalibrationError(f"{path.name} has values in its part '{name}' that cannot be: calibrate again.")
-    return found
 
 
 def _read_part(path: Path, content: Mapping[str, Any], name: str, kind: type[Part]) -> Part | None:
@@ -139,7 +127,7 @@ def _read_part(path: Path, content: Mapping[str, Any], name: str, kind: type[Par
         return None
     types: dict[str, Any] = {field: (_AS_JSON[hint], ...) for field, hint in get_type_hints(kind).items()}
     try:
-        return kind(**dict(create_model(kind.__name__, **types).model_validate(part)))
+        found = kind(**dict(create_model(kind.__name__, **types).model_validate(part)))
     except CalibrationError as error:
         raise CalibrationError(f"{path.name}: {error}") from None
     except ValidationError as error:
@@ -147,23 +135,28 @@ def _read_part(path: Path, content: Mapping[str, Any], name: str, kind: type[Par
         raise CalibrationError(f"{path.name} is damaged in its part '{name}'{where}: calibrate again.") from None
     except (ValueError, OverflowError):
         raise CalibrationError(f"{path.name} is damaged in its part '{name}': calibrate again.") from None
+    if not _is_possible(found):
+        raise CalibrationError(f"{path.name} has values in its part '{name}' that cannot be: calibrate again.")
+    return found
 
 
-def _is_possible_magnetometer(part: MagnetometerCalibration) -> bool:
-    """Whether hard iron and gain are within a sensor's limits, and the covariance has valid correlations."""
-    gain, covariance = np.linalg.eigvalsh(part.correction), part.covariance
-    if gain.min() < 1 / MAX_GAIN or gain.max() > MAX_GAIN or np.abs(part.hard_iron_uT).max() > MAX_HARD_IRON_UT:
+def _is_possible(part: object) -> bool:
+    """Whether the values are within the limits of sensors, and a covariance has valid correlations."""
+    if isinstance(part, MagnetometerCalibration):
+        gain, covariance = np.linalg.eigvalsh(part.correction), part.covariance
+        if gain.min() < 1 / MAX_GAIN or gain.max() > MAX_GAIN or np.abs(part.hard_iron_uT).max() > MAX_HARD_IRON_UT:
+            return False
+        variance = np.diag(covariance)
+        if variance.min() < 0.0 or np.abs(covariance).max() > MAX_HARD_IRON_UT**2:
+            return False
+        within = np.abs(covariance) <= 1.001 * np.sqrt(np.outer(variance, variance)) + 1e-12
+        return bool(within.all() and np.allclose(covariance, covariance.T, rtol=1e-6, atol=1e-9))
+    assert isinstance(part, GyroscopeCalibration | AccelerometerCalibration)
+    if part.bias.shape != (3,) or not (np.abs(part.bias) <= MAX_BIAS).all():
         return False
-    variance = np.diag(covariance)
-    if variance.min() < 0.0 or np.abs(covariance).max() > MAX_HARD_IRON_UT**2:
-        return False
-    within = np.abs(covariance) <= 1.001 * np.sqrt(np.outer(variance, variance)) + 1e-12
-    return bool(within.all() and np.allclose(covariance, covariance.T, rtol=1e-6, atol=1e-9))
-
-
-def _is_possible_bias(bias: Floats) -> bool:
-    """Whether it is a vector of the size of a sensor's bias."""
-    return bias.shape == (3,) and bool((np.abs(bias) <= MAX_BIAS).all())
+    if isinstance(part, GyroscopeCalibration):
+        return 0.0 < part.next_sigma <= MAX_BIAS
+    return 1 / MAX_SCALE <= part.scale <= MAX_SCALE
 
 
 # null is an infinite sigma

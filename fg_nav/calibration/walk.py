@@ -1,6 +1,6 @@
 """Hard and soft iron from an ordinary walk: what turns with the foot is the sensor's, what stays is the building's.
 
-The model is in `fg_nav.calibration.walk_model`, the fit and its covariance in `fg_nav.calibration.walk_fit`.
+The model, its fit and the covariance are in `fg_nav.calibration.walk_model`.
 """
 
 from __future__ import annotations
@@ -12,27 +12,28 @@ import numpy as np
 from fg_nav.arrays import Bools, Floats
 from fg_nav.calibration.magnetometer import (
     LEVEL_FIELD_UT,
-    UPPER,
     MagnetometerCalibration,
     check_strength,
     circular_sd_deg,
-    correct_field,
     differentiate_inverse,
+    matrix_of,
     mean_up,
 )
-from fg_nav.calibration.walk_fit import IronFit, body_sum, fit_iron, level_sum
 from fg_nav.calibration.walk_model import (
     DRIFT_RATE_DEG_S,
     IRON,
     PHASES,
     SOFT_IRON_SIGMA,
     WITHOUT_IRON,
+    IronFit,
     StrideModel,
     StrideReadings,
+    fit_iron,
     read_strides,
+    sum_iron,
 )
 from fg_nav.errors import CalibrationError, MagneticError
-from fg_nav.frames import compute_heading, wrap_angle
+from fg_nav.frames import average_angles, compute_heading, wrap_angle
 from fg_nav.magnetic.footfall_field import FootfallField, average_footfall_field
 from fg_nav.recording import Recording
 from fg_nav.stances import Stances
@@ -73,16 +74,16 @@ def calibrate_on_walk(
     fit = _fit_counted(walk)
     if fit.level_sigma > parameters.largest_sigma_uT:
         heading = compute_heading(walk.strides.standing_R)
-        share = np.mean(np.abs(wrap_angle(heading - np.angle(np.exp(1j * heading).mean()))) < np.pi / 4)
+        share = np.mean(np.abs(wrap_angle(heading - average_angles(heading))) < np.pi / 4)
         raise CalibrationError(
             f"after {len(walk)} strides the hard iron would be known to {fit.level_sigma:.1f} uT only, for "
             f"{100 * share:.0f} % of them head within 45 deg of one direction: walk longer and through all headings, "
             "such as a round or a figure of eight, or calibrate on a loop."
         )
-    spread = _spread_blocks(walk, fit)
+    spread = measure_spread(walk, fit)
     if parameters.must_gain:
         check_strength(float(np.linalg.norm(fit.b[:2])), LEVEL_FIELD_UT)
-        if fit.significance < MIN_SIGNIFICANCE:
+        if fit.level_iron @ np.linalg.solve(fit.level_covariance, fit.level_iron) < MIN_SIGNIFICANCE:
             raise CalibrationError(
                 f"no iron shows against the building: over the ground {np.linalg.norm(fit.level_iron):.1f} uT were "
                 f"found, and {len(walk)} strides show it to {fit.level_sigma:.1f} uT per axis; go on without a "
@@ -118,40 +119,8 @@ def find_iron(strides: StrideReadings) -> MagnetometerCalibration:
 def find_iron_sigma(calibration: MagnetometerCalibration, field: FootfallField) -> Floats:
     """Sigma (3,) uT, body axes, of the iron left by a calibration: h, and S times the vertical field."""
     up, vertical_uT = mean_up(field.nav_R_body), float(np.nanmean(field.nav_field[:, 2]))
-    by_correction = np.eye(len(WITHOUT_IRON))
-    by_correction[3:, 3:] = differentiate_inverse(calibration.correction)
-    added = body_sum(up, vertical_uT)
-    covariance = added @ by_correction @ calibration.covariance @ by_correction.T @ added.T
-    return np.asarray(np.sqrt(np.diag(covariance)))
-
-
-def measure_spread(strides: StrideReadings) -> Spread:
-    """Spread of blocks of a walk, each corrected by a calibration on the others, whatever its quality."""
-    walk = StrideModel.of(strides)
-    return _spread_blocks(walk, fit_iron(walk))
-
-
-def find_level_iron(calibration: MagnetometerCalibration, field: FootfallField) -> tuple[Floats, Floats]:
-    """Horizontal iron of a foot that stands flat: h, and S times the vertical field.
-
-    Parameters
-    ----------
-    calibration : any, with a covariance.
-    field : of a walk, not calibrated, for the direction of up and the vertical field.
-
-    Returns
-    -------
-    (2,) uT in levelled axes, forward and left, and its covariance (2, 2) uT^2. A heading errs by up to its length over
-    the level strength, once to either side in a turn.
-    """
-    S = np.linalg.inv(calibration.correction)
-    by_correction = np.eye(len(WITHOUT_IRON))
-    by_correction[3:, 3:] = differentiate_inverse(calibration.correction)
-    up = mean_up(field.nav_R_body)
-    added = level_sum(up, float(np.nanmean(correct_field(field, calibration).nav_field[:, 2])))
-    change = np.concatenate([calibration.hard_iron_uT, S[UPPER]]) - WITHOUT_IRON
-    by_parameters = added @ by_correction
-    return added @ change, by_parameters @ calibration.covariance @ by_parameters.T
+    left = sum_iron(up, vertical_uT) @ differentiate_inverse(calibration.correction)
+    return np.asarray(np.sqrt(np.diag(left @ calibration.covariance @ left.T)))
 
 
 def _fit_counted(walk: StrideModel) -> IronFit:
@@ -181,7 +150,7 @@ def _measure_gain(walk: StrideModel, fit: IronFit) -> float:
     none = WITHOUT_IRON - fit.unknowns[IRON]
     gain = 0.0
     for held in _cut_blocks(walk):
-        others, own = information[~held].sum(axis=0) + last.prior, information[held].sum(axis=0)
+        others, own = information[~held].sum(axis=0) + fit.prior, information[held].sum(axis=0)
         slope = score[held].sum(axis=0)
         found, without = -np.linalg.solve(others, slope), np.zeros(walk.unknowns)
         without[iron] = none
@@ -198,17 +167,16 @@ def _cut_blocks(walk: StrideModel) -> list[Bools]:
     return [block == k for k in range(BLOCKS)]
 
 
-def _spread_blocks(walk: StrideModel, fit: IronFit) -> Spread:
+def measure_spread(walk: StrideModel, fit: IronFit) -> Spread:
     """Compass spread, deg, before and after cross-validation: each block corrected by one Newton step without it."""
-    last = fit.linearization
-    information, score = last.information, last.score
+    information, score = fit.linearization.information, fit.linearization.score
     reading = walk.strides.reading[:, 0]
     corrected = np.empty_like(reading)
     for held in _cut_blocks(walk):
-        others = information[~held].sum(axis=0) + last.prior
+        others = information[~held].sum(axis=0) + fit.prior
         # at the solution all scores and the prior sum to zero: leaving a block out leaves minus its score
         at = fit.unknowns - np.linalg.solve(others, score[held].sum(axis=0))
-        corrected[held] = replace(fit, unknowns=at).correct(reading[held])
+        corrected[held] = np.linalg.solve(matrix_of(at[3:9]), (reading[held] - at[:3]).T).T
     # compass minus inertial heading about the line in time with the least circular sd
     t = walk.strides.start_s - walk.strides.start_s[0]
     most = DRIFT_SIGMAS * np.radians(DRIFT_RATE_DEG_S)
@@ -232,11 +200,10 @@ def _build_calibration(fit: IronFit, walk: StrideModel, spread: Spread | None) -
     worst_uT = float(np.sqrt(np.linalg.eigvalsh(fit.covariance[:3, :3])[2]))
     correction = np.linalg.inv(fit.S)
     correction = (correction + correction.T) / 2
-    by_soft = np.eye(len(WITHOUT_IRON))
-    by_soft[3:, 3:] = differentiate_inverse(fit.S)
+    by_soft = differentiate_inverse(fit.S)
     return MagnetometerCalibration(
         method="walk",
-        hard_iron_uT=fit.h,
+        hard_iron_uT=fit.unknowns[:3],
         correction=correction,
         covariance=by_soft @ fit.covariance @ by_soft.T,
         strength_uT=float(np.linalg.norm(fit.b)),
@@ -276,3 +243,36 @@ def average_corrected_field(
     if calibration is None:
         return field
     return replace(field, iron_sigma_uT=np.tile(find_iron_sigma(calibration, field), (len(field), 1)))
+
+
+@dataclass(frozen=True)
+class MeasuredField:
+    """The field of a walk at its footfalls."""
+
+    recording: Recording  # With the magnetometer corrected.
+    field: FootfallField | None = None  # None where it is not used, or not measured.
+    unseen: str = ""  # Why it was not measured, though it was to be used.
+    iron: MagnetometerCalibration | None = None  # By the walk itself; None where it shows none, or one was given.
+    notes: tuple[str, ...] = ()  # How the magnetometer was corrected.
+
+
+def measure_walk_field(
+    recording: Recording,
+    stances: Stances,
+    heading: float | None,
+    given: MagnetometerCalibration | None,
+    standings: Stances | None = None,
+) -> MeasuredField:
+    """Return the field at the footfalls, the magnetometer corrected by the walk itself where no calibration is given.
+
+    `standings` are the stances by which the iron is found, None for the same.
+    """
+    iron, notes = None, tuple[str, ...]()
+    try:
+        if given is None:
+            iron, note = find_own_iron(recording, stances if standings is None else standings)
+            recording, notes = recording if iron is None else iron.apply_to(recording), (note,)
+        field = average_corrected_field(recording, stances, heading or 0.0, iron if given is None else given)
+        return MeasuredField(recording, field, iron=iron, notes=notes)
+    except MagneticError as error:
+        return MeasuredField(recording, unseen=str(error), iron=iron, notes=notes)

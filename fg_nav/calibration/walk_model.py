@@ -1,4 +1,4 @@
-"""Model of a magnetometer's readings along the strides of a walk, with the sensor's inertial motion.
+"""Model of a magnetometer's readings along the strides of a walk, with the sensor's inertial motion, and its fit.
 
 A stride has `PHASES` readings: the one at the footfall's stillest sample, and the others evenly over the swing that
 follows, each the nearest measured one. Only swings of `MAX_SWING_S` count: in longer ones the walker stood. The
@@ -33,20 +33,45 @@ residuals: neighbors in a swing have nearly one field, and the foot aloft has le
 is Student distributed. h, S, e, delta and the delay have Gaussian priors. The field explains the readings and not the
 other way round: fields explained by noisy readings would be least for S^-1 = 0. The unknowns are h, S (six), b, the
 delay, e at the knots and delta at the knots, in this order.
+
+Fit. Gauss-Newton with the Student weights and the covariance of d of the last step. Observable are h along and across
+the pitch axis of the foot, forward and up, in each swing; along that axis, to the side, only between headings. A
+straight walk does not determine it. The effect of S on the vertical field is one with h horizontally where the foot
+stands; the swings separate the two. The size of S is one with the strength of the field, and keeps its prior.
+
+    A^-1 (M + prior) A^-1 + floor,    M = W C W + sum over strides k, l of W_k rho(|p_k - p_l|) s s^T W_l
+
+is the covariance, with
+
+========== ============================================================================================================
+A          Gauss-Newton matrix with its prior
+W          J^T C^-1 of each reading, Student weights included
+C          covariance of d within a stride, as learned
+rho        exp(-distance / `FIELD_LENGTH_M`): strides past the same place have the same field, be it the next stride,
+           the next round of a circle or the way back; of it only the building's share, which exceeds `READING_UT`
+s          uT, sigma of d at the phase of the reading
+floor      common error of all readings of a sensor
+========== ============================================================================================================
+
+rho follows from the places and not from the residuals, because a fit hides correlation: on a circle a field that falls
+off across it looks like hard iron, and leaves no residual. For the same reason d is scaled up by the share of
+independent fields that the unknowns absorb. Cost: linear in the strides, times the number of passes of the same place.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from fg_nav.arrays import Bools, Floats, Ints
-from fg_nav.calibration.magnetometer import UPPER, matrix_of
+from fg_nav.arrays import Floats, Ints
+from fg_nav.calibration.magnetometer import UPPER, matrix_of, mean_up
 from fg_nav.errors import MagneticError
 from fg_nav.frames import GRAVITY_M_S2
-from fg_nav.magnetic.footfall_field import integrate_attitude
+from fg_nav.magnetic.footfall_field import compute_level_R_body, integrate_attitude
 from fg_nav.recording import Recording
 from fg_nav.stances import Stances
 
@@ -67,6 +92,13 @@ KNOT_S = 60.0  # Between the knots of the drift.
 TAIL = 5.0  # Degrees of freedom of the Student distribution: excess kurtosis of the field at a real foot is 0 to 4.
 FIELD_LENGTH_M = 1.0  # Of exp(-distance / length), a building's field: tuned on simulated walks, seeds 1 to 8; gdin.
 MIN_UT = 0.03  # Of d: resolution of magnetometers.
+START_UT = 10.0  # Of d, before its covariance is learned.
+MAX_STEPS, MIN_STEPS, CLOSE_UT = 30, 5, 3e-3  # Of Gauss-Newton, which takes 6 to 10; the covariance of d needs five.
+READING_UT = 0.25  # Of d without a building: error of magnetometer and inertial attitude in a stride (0.2 uT).
+FLOOR_UT = 0.06  # Of h: readings in steps of 0.15 uT, attitudes between samples, gyroscopes at the end of their range.
+REACH_M = 3.0 * FIELD_LENGTH_M  # Of correlated places.
+SITES = 4  # Parts of a stride whose places are compared: a third of a meter each.
+MIN_LEFT = 3.0  # Components of the field that remain where the unknowns absorb them all.
 
 COMMON_KNOTS = (COMMON.stop - COMMON.start) // 3
 _AT = np.linspace(0.0, COMMON_KNOTS - 1, PHASES)
@@ -107,10 +139,6 @@ class StrideReadings:
     def standing_R(self) -> Floats:
         """Attitude (S, 3, 3) at the footfalls."""
         return np.asarray(self.nav_R_body[self.sample[:, 0]])
-
-    def part(self, chosen: Bools) -> StrideReadings:
-        """Some of the strides (S,)."""
-        return replace(self, sample=self.sample[chosen], reading=self.reading[chosen], place=self.place[chosen])
 
     def motion_before(self, delay_s: float) -> tuple[Floats, Floats]:
         """Attitude (S, P, 3, 3) and rate (S, P, 3) at the instants of measurement of readings with this delay."""
@@ -191,10 +219,6 @@ class StrideModel:
         walk = np.radians(DRIFT_WALK_DEG_SQRT_MIN) ** 2 / 60 * np.minimum.outer(since, since)
         covariance = walk + np.radians(DRIFT_RATE_DEG_S) ** 2 * np.outer(since, since)
         return cls(strides, knots[:, 1:], np.linalg.inv(covariance))
-
-    def part(self, chosen: Bools) -> StrideModel:
-        """Some of the strides, the same knots."""
-        return replace(self, strides=self.strides.part(chosen), knots=self.knots[chosen])
 
 
 def prior_precision(walk: StrideModel) -> Floats:
@@ -279,3 +303,148 @@ def whiten(whitening: Floats, values: Floats) -> Floats:
     rows = np.moveaxis(values, 2, 0)
     turned = np.einsum("apq,akq...->akp...", whitening, rows, optimize=True)
     return np.asarray(np.moveaxis(turned, 0, 2))
+
+
+@dataclass(frozen=True)
+class Linearization:
+    """S strides about a point: d, whitened by its covariance over the phases, and what follows for the U unknowns.
+
+    =========== =============== ====================================================================================
+    residual    (S, P, 3)       uT, d in nav
+    jacobian    (S, P, 3, U)    of the prediction
+    weight      (S,)            Student weights
+    whitening   (3, P, P)       inverse roots of the covariance of d, an axis each
+    information (S, U, U)       of each stride, without the prior
+    score       (S, U)          of each stride: derivative of its log likelihood
+    =========== =============== ====================================================================================
+    """
+
+    residual: Floats
+    jacobian: Floats
+    weight: Floats
+    whitening: Floats
+    information: Floats
+    score: Floats
+
+    @classmethod
+    def at(cls, walk: StrideModel, unknowns: Floats, spread: Floats) -> Linearization:
+        """Linearize at `unknowns` (U,), with the covariance of d `spread` (3, P, P) uT^2."""
+        residual, jacobian = linearize(walk, unknowns)
+        whitening = np.asarray(np.linalg.inv(np.linalg.cholesky(spread)))
+        rows, J = whiten(whitening, residual), whiten(whitening, jacobian)
+        weight = compute_weights(rows)
+        rows, J = rows.reshape(len(walk), 3 * PHASES, 1), J.reshape(len(walk), 3 * PHASES, -1)
+        information = weight[:, None, None] * (J.transpose(0, 2, 1) @ J)
+        score = weight[:, None] * (J.transpose(0, 2, 1) @ rows)[..., 0]
+        return cls(residual, jacobian, weight, whitening, information, score)
+
+
+@dataclass(frozen=True)
+class IronFit:
+    """Solution of a walk.
+
+    Attributes
+    ----------
+    unknowns : (U,) in the order of the model.
+    linearization : about them.
+    prior : (U, U) precision.
+    covariance : (9, 9) of h and the six of S.
+    level_iron, level_covariance : of the horizontal iron at the footfalls, (2,) uT and (2, 2) uT^2: h, and S times the
+        vertical field.
+    """
+
+    unknowns: Floats
+    linearization: Linearization
+    prior: Floats
+    covariance: Floats
+    level_iron: Floats
+    level_covariance: Floats
+
+    @property
+    def S(self) -> Floats:
+        """(3, 3)."""
+        return matrix_of(self.unknowns[3:9])
+
+    @property
+    def b(self) -> Floats:
+        """(3,) uT."""
+        return np.asarray(self.unknowns[FIELD])
+
+    @property
+    def level_sigma(self) -> float:
+        """Of the worse horizontal direction, uT."""
+        return float(np.sqrt(np.linalg.eigvalsh(self.level_covariance)[1]))
+
+
+def fit_iron(walk: StrideModel) -> IronFit:
+    """Estimate the iron, with all other unknowns, by robust Gauss-Newton from zero, and its sandwich covariance."""
+    at, spread = start_unknowns(walk), START_UT**2 * np.stack([np.eye(PHASES)] * 3)
+    prior, rest = prior_precision(walk), np.zeros(walk.unknowns)
+    rest[IRON] = WITHOUT_IRON
+    for step in range(MAX_STEPS):
+        last = Linearization.at(walk, at, spread)
+        normal = last.information.sum(axis=0) + prior
+        change = np.linalg.solve(normal, last.score.sum(axis=0) - prior @ (at - rest))
+        if step >= MIN_STEPS and np.abs(change[:3]).max() < CLOSE_UT:
+            break
+        at = at + change
+        spread = learn_spread(walk, last.residual - last.jacobian @ change, last.weight)
+    covariance = _compute_covariance(walk, last, prior)[IRON, IRON]
+    up = mean_up(walk.strides.standing_R)
+    level = compute_level_R_body(up)[:2] @ sum_iron(up, float(at[FIELD][2]))
+    return IronFit(at, last, prior, covariance, level @ (at[IRON] - WITHOUT_IRON), level @ covariance @ level.T)
+
+
+def sum_iron(up: Floats, vertical_uT: float) -> Floats:
+    """Jacobian (3, 9) of the iron, in body axes, by h and the six of S with the vertical field along `up` (3,)."""
+    by_soft = np.stack([matrix_of(one) @ up for one in np.eye(6)], axis=1)
+    return np.hstack([np.eye(3), vertical_uT * by_soft])
+
+
+def _compute_covariance(walk: StrideModel, fit: Linearization, prior: Floats) -> Floats:
+    """Sandwich covariance (U, U) of all unknowns: strides passing one place are not independent."""
+    bread = np.linalg.inv(fit.information.sum(axis=0) + prior)
+    size = float((whiten(fit.whitening, fit.residual) ** 2).mean())
+    within = size * np.einsum("k,kij->ij", fit.weight, fit.information)
+    # share of the variance of d that is the building's field, repeated wherever the walk returns
+    square = float((fit.residual**2).mean())
+    share = 1.0 - READING_UT**2 / max(square, READING_UT**2)
+    between = share * _sum_over_places(walk, fit)
+    # project to positive semidefinite: correlation may only add uncertainty
+    value, axes = np.linalg.eigh(between)
+    between = (axes * np.maximum(value, 0.0)) @ axes.T
+    # independent fields of three components, and those left by the unknowns: all but e and the delay
+    _, alike = _compare_places(walk.strides.place[..., :2].mean(axis=1), np.arange(len(walk)))
+    fields = 3 * len(walk) ** 2 / (len(walk) + 2 * share * alike.sum())
+    absorbed = 1 + FIELD.stop - 2 + walk.unknowns - COMMON.stop
+    growth = float(fields / max(fields - absorbed, MIN_LEFT))
+    covariance = bread @ (growth * (within + between) + prior) @ bread
+    covariance[:3, :3] += FLOOR_UT**2 * np.eye(3)
+    return np.asarray(covariance)
+
+
+def _sum_over_places(walk: StrideModel, fit: Linearization) -> Floats:
+    """Cross-stride part (U, U) of M, the covariance of the score, if all of d were the building's field."""
+    sigma = (fit.residual**2).mean(axis=0)
+    sigma[:, :2] = sigma[:, :2].mean(axis=1, keepdims=True)
+    sigma = np.sqrt(sigma)
+    pulls = np.swapaxes(fit.whitening, 1, 2) @ np.moveaxis(whiten(fit.whitening, fit.jacobian), 2, 0).reshape(
+        3, len(walk), PHASES, -1
+    ).swapaxes(0, 1)
+    pulls = pulls * fit.weight[:, None, None, None] * sigma.T[None, :, :, None]
+    sites = pulls.reshape(len(walk), 3, SITES, PHASES // SITES, -1).sum(axis=3).swapaxes(1, 2)
+    place = walk.strides.place.reshape(len(walk), SITES, PHASES // SITES, 3).mean(axis=2)
+    pair, alike = _compare_places(place[..., :2].reshape(-1, 2), np.repeat(np.arange(len(walk)), SITES))
+    rows = sites.reshape(len(walk) * SITES, -1)
+    near = coo_matrix((alike, (pair[:, 0], pair[:, 1])), shape=(len(rows),) * 2).tocsr() @ rows
+    unknowns = fit.jacobian.shape[3]
+    half = rows.reshape(-1, unknowns).T @ near.reshape(-1, unknowns)
+    return np.asarray(half + half.T)
+
+
+def _compare_places(place: Floats, stride: Ints) -> tuple[Ints, Floats]:
+    """Pairs (M, 2) of places (N, 2) m of different strides (N,) within reach, and their fields' correlation (M,)."""
+    pair = cKDTree(place).query_pairs(REACH_M, output_type="ndarray")
+    pair = pair[stride[pair[:, 0]] != stride[pair[:, 1]]]
+    apart = np.linalg.norm(place[pair[:, 0]] - place[pair[:, 1]], axis=1)
+    return pair, np.exp(-apart / FIELD_LENGTH_M)

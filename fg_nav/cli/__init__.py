@@ -1,6 +1,7 @@
-"""The command line: its verbs by group; what they do is in `fg_nav.commands`.
+"""The command line: a command of each request (`fg_nav.commands.requests`), the program's errors, and its answers.
 
-`options` has the types of the options. Each verb loads what it needs when it is called, so that the help is quick.
+Each verb loads what it needs when it is called, so that the help is quick. An answer is printed for people, as JSON for
+scripts (`--json`), or not at all (`--quiet`).
 
 `main` is the one error boundary; its exit codes are in docs/command_line.md.
 """
@@ -12,14 +13,22 @@ import json
 import os
 import sys
 import traceback
+from collections.abc import Callable
 from contextlib import suppress
-from typing import Annotated, NoReturn
+from dataclasses import fields
+from importlib import import_module
+from inspect import Parameter, Signature, cleandoc
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn, get_type_hints
 
 import typer
 
-from fg_nav.cli import laboratory, sensors, walks
+from fg_nav.commands.requests import GROUPS, REQUESTS, Request
 from fg_nav.errors import FgNavError
+from fg_nav.lab import verbs as laboratory
 from fg_nav.system.processes import collect_seldom
+
+if TYPE_CHECKING:
+    from fg_nav.commands.shared import Answer
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 """Before numpy is loaded, here and in processes beside: its matrices are small, and threads that share a busy core wait
@@ -27,15 +36,63 @@ for each other in a loop, a hundred times as long as a product takes. Sums are t
 
 EXIT_USER, EXIT_BUG, EXIT_INTERRUPTED = 1, 70, 130
 
+SETTINGS: dict[str, Any] = {
+    "context_settings": {"help_option_names": ["-h", "--help"]},
+    "no_args_is_help": True,
+    "pretty_exceptions_enable": False,
+}
 app = typer.Typer(
     name="fg-nav",
     help="Turn the recording of a foot-mounted inertial sensor into a trajectory with uncertainties.",
-    context_settings={"help_option_names": ["-h", "--help"]},
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
+    **SETTINGS,
 )
-for group in (walks, sensors, laboratory):  # in the order of the help
-    app.add_typer(group.verbs)
+lab = typer.Typer(help="Simulated walks, campaigns of them, experiments of papers, and noise of sensors.", **SETTINGS)
+
+
+def add_command(verbs: typer.Typer, form: type[Request]) -> None:
+    """Add the verb of a request: its options are the fields by group, the class's own before those of its bases."""
+    module, _, verb = form.verb.partition(":")
+
+    def call(**given: Any) -> None:
+        answer(form(**given), getattr(import_module(module), verb))
+
+    items, hints = {item.name: item for item in fields(form)}, get_type_hints(form)
+    names = dict.fromkeys(
+        name for one in form.__mro__ for name in vars(one).get("__annotations__", ()) if name in items
+    )
+    groups = (None, *GROUPS)  # arguments are in none
+    options = {name: items[name].metadata["typer"] for name in names}
+    call.__dict__["__signature__"] = Signature(
+        [
+            Parameter(name, Parameter.KEYWORD_ONLY, default=options[name], annotation=hints[name])
+            for name in sorted(names, key=lambda name: groups.index(options[name].rich_help_panel))
+        ]
+    )
+    call.__annotations__ = {name: hints[name] for name in names}
+    verbs.command(verb, help=cleandoc(form.__doc__ or ""))(call)
+
+
+def answer(request: Request, verb: Callable[[Any], Answer]) -> None:
+    """Run a verb, quietly if that was asked for, and print its answer."""
+    from fg_nav.report.terminal import hush
+
+    with hush(request.quiet):
+        found = verb(request)
+        if request.json:
+            from fg_nav.text import to_json
+
+            typer.echo(json.dumps(to_json(found.content), indent=2, allow_nan=False))
+        elif not request.quiet:
+            found.show()
+        if found.failure is not None:
+            raise found.failure
+
+
+for form in (*REQUESTS, *laboratory.BESIDE):
+    add_command(app, form)
+for form in laboratory.BELOW:
+    add_command(lab, form)
+app.add_typer(lab, name="lab")
 
 
 def main() -> NoReturn:

@@ -1,24 +1,40 @@
-"""Which columns of a table are stamps, force, rate and field, as the user says it (`--columns`).
+"""Which columns of a table are stamps, force, rate and field: by their names, and as the user says (`--columns`).
 
     time=ts[ms],acc=ax:ay:az[g],gyr=gx:gy:gz[deg/s],mag=mx:my:mz[G]     columns by name, or by number from 1
     t,ax,ay,az,gx,gy,gz                                                 all fields in order, - for one not used
 
 A unit in brackets is of all columns of its quantity; with the list, units stand in a list of their own. Without a unit
-counts that of the column's name, if it has one. Names are found without regard to case, and without their units. What
-a mapping leaves out is what the names of the other columns say (`fg_nav.columns.choice`).
+counts that of the column's name, if it has one. Names are found without regard to case, and without their units.
+
+What a mapping leaves out, or all without one, is what the names say (`fg_nav.columns.headers`). The three axes of a
+sensor share the words of their names. One accelerometer, one gyroscope and at most one magnetometer are taken;
+calibrated ones before raw ones. Gravity and the acceleration without it are added. Of several clocks the sensor's own
+goes before that of the phone or computer beside it, of satellites, or of a date. Where the names leave a choice, it is
+the user's.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import TypeAlias
 
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.columns.headers import read_header
-from fg_nav.columns.units import KNOWN_UNITS, Quantity, find_factor, find_quantity
+from fg_nav.columns.headers import (
+    KNOWN_UNITS,
+    RAW,
+    Kind,
+    Meaning,
+    Quantity,
+    find_factor,
+    find_quantity,
+    find_unit_kind,
+    read_header,
+)
 from fg_nav.errors import FormatError
 
 TIME = ("time_s",)
@@ -209,3 +225,252 @@ def shorten_names(names: Sequence[str], most: int = 24) -> str:
     """Names for a message; of many, the first."""
     listed = ", ".join(f"'{name[:40]}'" for name in names[:most])
     return f"{listed} and {len(names) - most} more" if len(names) > most else listed
+
+
+# By names
+
+_LONG = {"acc": "acceleration", "gyr": "angular rate", "mag": "magnetic field"}
+_AXES = (("x", "y", "z"), ("0", "1", "2"), ("1", "2", "3"))
+
+_ROS_RATE = re.compile(r"angular[\W_]*velocity", re.IGNORECASE)  # Beside it, linear acceleration has gravity: ROS.
+
+_CLOCKS = (
+    {"header"}, {"sensor", "device", "chip", "imu"}, set[str](),
+    {"phone", "host", "pc", "system", "log", "logging", "received", "arrival", "recorder", "server"},
+    {"gps", "gnss", "tow", "itow"}, {"date", "datum", "fecha"},
+)  # fmt: skip
+"""Words of clocks, the best first: a message's own stamp, the sensor's; others; what came late."""
+
+_NO_PRESSURE = frozenset({
+    *("altitude", "alt", "height", "relative", "sea", "temp", "temperature", "foot", "heel", "toe", "insole", "sole"),
+    *("time", "covariance", "variance", "var", "sigma", "std", "accuracy", "status", "valid", "delta", "tyre", "tire"),
+})  # fmt: skip
+"""Words of what a barometer has besides, and of pressures of something else than air."""
+
+Meanings: TypeAlias = Sequence[tuple[int, Meaning]]
+
+NONE: Mapping[Quantity, Channel] = MappingProxyType({})
+
+_PATTERN = "time=NAME[UNIT],acc=NAME:NAME:NAME[UNIT],gyr=NAME:NAME:NAME[UNIT]"  # Where no mapping is known to work.
+
+
+@dataclass(frozen=True)
+class Hints:
+    """What to type: `name` of the table, `command` before a mapping, how a `rate` and a `sensor` are given.
+
+    `works` tries a mapping; without it the first is proposed.
+    """
+
+    name: str
+    command: str
+    rate: str = "--rate 100"
+    sensor: str = ", or give a word of their names with --sensor"
+    works: Callable[[str], bool] | None = None
+
+    def suggest(self, *mappings: str) -> str:
+        """Return what to type: with the first mapping that works, else with the names left open."""
+        chosen = next((words for words in mappings if self.works is None or self.works(words)), None)
+        if chosen is not None:
+            return f'as {self.command} "{chosen}"'
+        return f'as {self.command} "{_PATTERN}", with names or numbers of columns'
+
+
+def choose_columns(
+    names: Sequence[str], hints: Hints, sensor: str | None = None, given: Columns | None = None, has_rate: bool = False
+) -> ColumnMap:
+    """Return the columns of time, acc, gyr, mag and pressure by name; `sensor` selects, by a part of the name.
+
+    Columns `given` by the user prevail; only a missing time is added (not with a rate), or all without acc or gyr.
+
+    Raises `FormatError` if the names of acceleration or rate are missing, or leave a choice.
+    """
+    known = NONE if given is None else given.find(names, hints.name)
+    is_listed = given is not None and given.width is not None
+    used = {position for channel in known.values() for position in channel.positions}
+    meanings = [(k, meaning) for k, name in enumerate(names) if k not in used and (meaning := read_header(name))]
+    of_sensor = [(k, m) for k, m in meanings if m.kind in ("time", "counter") or has_word(names[k], sensor)]
+    kinds = {meaning.kind for _, meaning in of_sensor}
+    if "gyr" in kinds and not kinds.isdisjoint({"acc", "gravity", "no gravity"}):
+        meanings = of_sensor
+    is_ros = any(_ROS_RATE.search(name) for name in names)
+    if is_ros and not any(meaning.kind in ("acc", "gravity") for _, meaning in meanings):
+        meanings = [(k, replace(m, kind="acc") if m.kind == "no gravity" else m) for k, m in meanings]
+    if is_listed or {"acc", "gyr"} <= known.keys():
+        time = known.get("time")
+        if time is None and not is_listed and not has_rate:
+            time = choose_clock(meanings, names, hints, known)
+        return ColumnMap(known["acc"], known["gyr"], known.get("mag"), time, pressure=known.get("pressure"))
+    found: dict[Quantity, Channel | None] = {
+        kind: known.get(kind) or _choose_triad(kind, meanings, names, hints, known) for kind in ("acc", "gyr", "mag")
+    }
+    acc, gyr = found["acc"], found["gyr"]
+    free, gravity = (find_triads(kind, meanings, names) for kind in ("no gravity", "gravity"))
+    if acc is None and free and gravity:  # their sum, which Apple gives in g and with the sign turned
+        positions, both = free[0].positions + gravity[0].positions, free[0].names + gravity[0].names
+        sign = -1.0 if any("user" in m.stem.split() for p, m in meanings if p in free[0].positions) else 1.0
+        acc = Channel(positions, both, free[0].unit or gravity[0].unit, (sign, sign))
+    if acc is None or gyr is None:
+        raise FormatError(_say_missing("acc" if acc is None else "gyr", meanings, names, hints, known))
+    time = known.get("time") or choose_clock(meanings, names, hints, known)
+    counters = [k for k, meaning in meanings if meaning.kind == "counter"] if time is None else []
+    counter = Channel((counters[0],), (names[counters[0]],)) if counters else None
+    some = [names[k] for k, meaning in meanings if meaning.kind == "mag" and meaning.axis and found["mag"] is None]
+    notes = (f"the magnetometer has not all three axes, only {shorten_names(some)}: left out",) if some else ()
+    air = known.get("pressure") or find_pressure(names, sensor)
+    return ColumnMap(acc, gyr, found["mag"], time, counter, notes, air)
+
+
+def has_word(name: str, word: str | None) -> bool:
+    """Whether the name of a column, without its unit, has a word in it."""
+    return word is None or word.casefold() in re.sub(r"[(\[].*", "", name).casefold()
+
+
+def find_pressure(names: Sequence[str], sensor: str | None = None) -> Channel | None:
+    """Find the pressure of the air among columns, of several with `sensor` in its name or the first; None if none.
+
+    >>> find_pressure(["time_s", "Pressure (hPa)"]).unit
+    'hPa'
+    """
+    found = list[Channel]()
+    for position, name in enumerate(names):
+        words = re.findall(r"[a-z]+", name.lower())
+        if any("press" in word or word.startswith("baro") for word in words) and _NO_PRESSURE.isdisjoint(words):
+            unit = next((word for word in words[::-1] if find_factor("pressure", word)), None)
+            found.append(Channel((position,), (name,), re.findall(unit, name, re.IGNORECASE)[-1] if unit else None))
+    of_sensor = [one for one in found if sensor is not None and sensor.casefold() in one.names[0].casefold()]
+    return next(iter(of_sensor or found), None)
+
+
+def write_mapping(columns: ColumnMap, **units: str) -> str:
+    """Write the mapping that names these columns, with units for those that have none."""
+    channels = {"time": columns.time, "acc": columns.acc, "gyr": columns.gyr, "mag": columns.mag}
+    channels["pressure"] = columns.pressure
+    return ",".join(
+        f"{quantity}={_write_channel(channel, channel.unit or units.get(quantity))}"
+        for quantity, channel in channels.items()
+        if channel is not None and len(channel.factors) == 1
+    )
+
+
+def _write_channel(channel: Channel, unit: str | None) -> str:
+    plain = all(re.fullmatch(r"[^:,=\"\[\]$`\\]*[^:,=\"\[\]$`\\\d][^:,=\"\[\]$`\\]*", name) for name in channel.names)
+    words = channel.names if plain else tuple(str(position + 1) for position in channel.positions)
+    return ":".join(words) + (f"[{unit}]" if unit else "")
+
+
+def _choose_triad(
+    kind: Quantity, meanings: Meanings, names: Sequence[str], hints: Hints, known: Mapping[Quantity, Channel]
+) -> Channel | None:
+    """Return the x, y, z columns of a kind, calibrated before raw, named before by unit; None if there are none."""
+    triads = find_triads(kind, meanings, names)
+    if not any(meaning.kind == kind and meaning.axis for _, meaning in meanings):
+        triads = find_three_by_unit(kind, names, known)
+    # preferred: calibrated, then named rather than found by unit, then with gravity included
+    meant = {triad: [meaning for k, meaning in meanings if k in triad.positions] for triad in triads}
+    sure = [triad for triad in triads if not any(RAW & set(meaning.stem.split()) for meaning in meant[triad])]
+    named = [triad for triad in sure if not any(meaning.by_unit for meaning in meant[triad])]
+    whole = [triad for triad in named if any("whole" in meaning.stem.split() for meaning in meant[triad])]
+    triads = whole or named or sure or triads
+    said = [(m.stem, m.axis) for _, m in meanings if m.kind == kind and m.axis]
+    doubled = [names[k] for k, m in meanings if m.kind == kind and said.count((m.stem, m.axis)) > 1]
+    if len(triads) > 1 or (doubled and not triads):
+        candidates = doubled or [name for triad in triads for name in triad.names]
+        examples = [_write_example(meanings, names, {**known, kind: triad}) for triad in triads]
+        raise FormatError(
+            f"{hints.name} has more than one {_LONG[kind]} ({shorten_names(candidates, 12)}): say which, "
+            f"{hints.suggest(*(examples or [_write_example(meanings, names, known)]))}{hints.sensor}."
+        )
+    return triads[0] if triads else None
+
+
+def find_triads(kind: Kind, meanings: Meanings, names: Sequence[str]) -> list[Channel]:
+    """Return the x, y, z columns of each sensor of a kind that has every axis exactly once."""
+    found = list[Channel]()
+    own = [(k, meaning) for k, meaning in meanings if meaning.kind == kind]
+    for stem in dict.fromkeys(meaning.stem for _, meaning in own):
+        for axes in _AXES:
+            places = [[k for k, m in own if (m.stem, m.axis) == (stem, axis)] for axis in axes]
+            if all(len(place) == 1 for place in places):
+                positions = tuple(place[0] for place in places)
+                units = {m.unit for k, m in own if k in positions and m.unit}
+                unit = units.pop() if len(units) == 1 else None
+                found.append(Channel(positions, tuple(names[k] for k in positions), unit))
+                break
+    return found
+
+
+def find_three_by_unit(kind: Quantity, names: Sequence[str], known: Mapping[Quantity, Channel] = NONE) -> list[Channel]:
+    """Find the only three columns with a unit of a quantity, such as roll, pitch and yaw rate: x, y and z in order."""
+    used = {position for channel in known.values() for position in channel.positions}
+    own = [k for k, name in enumerate(names) if k not in used and find_unit_kind(name)[0] == kind]
+    units = {find_unit_kind(names[k])[1] for k in own}
+    if len(own) != 3 or len(units) != 1 or kind not in ("acc", "gyr"):
+        return []
+    return [Channel(tuple(own), tuple(names[k] for k in own), units.pop())]
+
+
+def choose_clock(
+    meanings: Meanings, names: Sequence[str], hints: Hints | None = None, known: Mapping[Quantity, Channel] = NONE
+) -> Channel | None:
+    """Return the column of the best clock by name, or two to be added (seconds and fraction); None if there is none.
+
+    Of several equals the first is taken; with `hints`, which word the error, `FormatError` is raised instead.
+    """
+    own = [(k, meaning) for k, meaning in meanings if meaning.kind == "time"]
+    if not own:
+        return None
+    ranks = [
+        next((rank for rank in (0, 1, 5, 4, 3) if not _CLOCKS[rank].isdisjoint(meaning.stem.split())), 2)
+        + 10 * meaning.by_unit
+        for _, meaning in own
+    ]
+    own = [one for one, rank in zip(own, ranks, strict=True) if rank == min(ranks)]
+    if len(own) == 2 and {own[0][1].unit, own[1][1].unit} in ({"s", "ns"}, {"s", "us"}, {"s", "ms"}):
+        (whole, _), (part, finer) = sorted(own, key=lambda one: one[1].unit != "s")
+        return Channel(
+            (whole, part), (names[whole], names[part]), "s", (1.0, find_factor("time", finer.unit or "") or 0.0)
+        )
+    channels = [Channel((k,), (names[k],), meaning.unit) for k, meaning in own]
+    if len(channels) > 1 and hints is not None:
+        examples = [_write_example(meanings, names, {**known, "time": one}) for one in channels]
+        raise FormatError(
+            f"{hints.name} has more than one time ({shorten_names([names[k] for k, _ in own])}): say which, "
+            f"{hints.suggest(*examples)}."
+        )
+    return channels[0]
+
+
+def _say_missing(
+    missing: Quantity, meanings: Meanings, names: Sequence[str], hints: Hints, known: Mapping[Quantity, Channel]
+) -> str:
+    """Return an error sentence: the quantity that is missing, and the columns that are there."""
+    if missing == "acc" and any(meaning.kind == "no gravity" for _, meaning in meanings):
+        removed = shorten_names([names[at] for at, meaning in meanings if meaning.kind == "no gravity"], 3)
+        return (
+            f"{hints.name} holds acceleration without gravity ({removed}), of which no path can be had: "
+            f"export the accelerometer's own readings, or gravity in columns of its own."
+        )
+    some = [names[position] for position, meaning in meanings if meaning.kind == missing]
+    what = f"has not all three axes of {_LONG[missing]}, only {shorten_names(some)}"
+    if not some:
+        what = f"has no column for {_LONG[missing]} among {shorten_names(names, 12)}"
+    left = [k for k in range(len(names)) if k not in {p for p, meaning in meanings if meaning.kind != missing}]
+    rows = [left[i : i + 3] for i in range(len(left) - 2)]
+    guesses = [{**known, missing: Channel((a, b, c), (names[a], names[b], names[c]))} for a, b, c in rows]
+    examples = [_write_example(meanings, names, guess) for guess in guesses[:8]]
+    return f"{hints.name} {what}: name the columns, {hints.suggest(*examples)}."
+
+
+def _write_example(meanings: Meanings, names: Sequence[str], known: Mapping[Quantity, Channel]) -> str:
+    """Return an example of --columns from the known columns and names; units only where they are known."""
+    found = dict(known)
+    for kind in QUANTITIES:
+        if kind in found:
+            continue
+        singles = [Channel((k,), (names[k],), m.unit) for k, m in meanings if m.kind == kind == "time"]
+        candidates = singles or (find_triads(kind, meanings, names) if kind in ("acc", "gyr") else [])
+        if candidates:
+            found[kind] = candidates[0]
+    units = {kind: one.unit for kind, one in found.items() if one.unit and find_factor(kind, one.unit)}
+    whole = [kind for kind in QUANTITIES if kind in found and len(found[kind].factors) == 1]
+    return ",".join(f"{kind}={_write_channel(found[kind], units.get(kind))}" for kind in whole)

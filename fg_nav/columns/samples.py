@@ -27,9 +27,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fg_nav.arrays import Floats
-from fg_nav.columns.choice import Hints, choose_columns, write_mapping
-from fg_nav.columns.mapping import QUANTITIES, Channel, ColumnMap, Columns, parse_columns, parse_units
-from fg_nav.columns.units import KNOWN_UNITS, Quantity, find_factor
+from fg_nav.columns.headers import KNOWN_UNITS, Quantity, find_factor
+from fg_nav.columns.mapping import (
+    QUANTITIES,
+    Channel,
+    ColumnMap,
+    Columns,
+    Hints,
+    choose_columns,
+    parse_columns,
+    parse_units,
+    write_mapping,
+)
 from fg_nav.errors import FormatError, RecordingError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.samples import plausibility

@@ -1,4 +1,4 @@
-"""`fg-nav calibrate` and `allan`: errors of a sensor with their effect on its readings, and its noise."""
+"""`fg-nav calibrate`: errors of a sensor, with their effect on its readings."""
 
 from __future__ import annotations
 
@@ -6,11 +6,9 @@ import json
 from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from fg_nav.calibration.allan import NoisePart, RecordingNoise, measure_recording_noise
 from fg_nav.calibration.inertial import (
     ALONE,
     GyroscopeCalibration,
@@ -27,47 +25,35 @@ from fg_nav.calibration.of_recording import (
     write_calibration,
 )
 from fg_nav.calibration.of_recording import calibrate as calibrate_recording
-from fg_nav.commands import Answer, Target, find_earth_field, name_walk
+from fg_nav.commands.requests import CalibrateRequest
+from fg_nav.commands.shared import Answer, choose_reading, find_earth_field
 from fg_nav.errors import CalibrationError, DetectionError, EstimationError
-from fg_nav.io import Reading
 from fg_nav.magnetic.axes import MagAxes
 from fg_nav.pipeline import navigate
 from fg_nav.recording import Recording
-from fg_nav.report.files import write_json
-from fg_nav.report.folder import ALLAN_FILES, check_file_free, result_file
-from fg_nav.report.plots.allan import AXES, UNITS, plot_allan
-from fg_nav.report.plots.style import save
-from fg_nav.report.terminal import console, listing, print_place, ruled_table
-from fg_nav.text import find_version
+from fg_nav.report.folder import check_file_free, result_file
+from fg_nav.report.terminal import console, listing, ruled_table
 from fg_nav.walk import Options
 
 
-def calibrate(
-    files: Sequence[Path],
-    out: Path,
-    method: str | None,
-    strength_uT: float | None,
-    place: str | None,
-    mag_axes: str | None,
-    reading: Reading,
-    force: bool,
-) -> Answer:
+def calibrate(request: CalibrateRequest) -> Answer:
     """Calibrate by a recording, the gyroscope by all of several, and write the calibration into a file."""
-    if method is not None:
-        check_method(method)
-    check_file_free(out, is_calibration, force)
-    axes = None if mag_axes is None else MagAxes.parse(mag_axes)
+    out, strength_uT, reading = request.out, request.strength, choose_reading(request)
+    if request.method is not None:
+        check_method(request.method)
+    check_file_free(out, is_calibration, request.force)
+    axes = None if request.mag_axes is None else MagAxes.parse(request.mag_axes)
     # The strength of the field as given, or that of a place.
-    if strength_uT is not None and place is not None:
+    if strength_uT is not None and request.place is not None:
         raise CalibrationError("--strength and --place both give the strength of the field: give one of them.")
     if strength_uT is not None and not 5.0 <= strength_uT <= 200.0:
         raise CalibrationError(f"a field of {strength_uT:g} uT is none on Earth (25 to 65): give its strength in uT.")
-    earth = find_earth_field(place)
+    earth = find_earth_field(request.place)
     strength_uT = strength_uT if earth is None else earth.strength_uT
-    first, *others = [reading.read(file) for file in files]
+    first, *others = [reading.read(file) for file in request.recordings]
     sensor = calibrate_sensor([first, *others]) if others else None
-    found = calibrate_recording(first, method, strength_uT, axes, sensor)
-    with result_file(out, is_calibration, force) as fresh:
+    found = calibrate_recording(first, request.method, strength_uT, axes, sensor)
+    with result_file(out, is_calibration, request.force) as fresh:
         write_calibration(fresh, found.calibration)
     content = {
         "file": str(out),
@@ -140,67 +126,3 @@ def list_parameters(found: Calibration) -> Iterator[tuple[str, str, str]]:
             yield f"acc bias {name} (m/s^2)", f"{value:.3f}", f"{sigma:.3f}"
     elif accelerometer is not None:
         yield "acc at rest, over gravity", f"{accelerometer.scale:.4f}", "-"
-
-
-def allan(file: Path, reading: Reading, out: Path | None, force: bool) -> Answer:
-    """Measure the noise in a recording of a sensor lying still, and write it into a folder."""
-    with Target(out, force, f"{name_walk(file)}-allan", ALLAN_FILES) as target:
-        noise = measure_recording_noise(reading.read(file))
-        described = describe_noise(noise, file)
-        with target.open() as folder:
-            save(plot_allan(noise), folder / "allan.png")
-            write_json(folder / "allan.json", described)
-    return Answer({"folder": str(target.place), **described}, partial(print_allan, noise, target.place))
-
-
-def describe_noise(noise: RecordingNoise, source: Path) -> dict[str, Any]:
-    """Return the Allan result for JSON: N per sqrt(Hz) and K per sqrt(s), B plain; in rad/s, m/s^2, uT."""
-    sensors: dict[str, dict[str, Any]] = {}
-    for one in noise.sensors:
-        sensors[one.sensor] = {"rate_hz": one.rate_hz}
-        for axis, curve, fit in zip(AXES, one.curves, one.fits, strict=True):
-            sensors[one.sensor][axis] = {
-                "N": fit.white,
-                "B": fit.flicker,
-                "K": fit.walk,
-                "lowest": fit.lowest,
-                "lowest_tau_s": fit.lowest_tau_s,
-                "fitted_from_s": fit.fitted_from_s,
-                "misfit": fit.misfit,
-                "tau_s": curve.tau_s,
-                "deviation": curve.deviation,
-                "low": fit.low,
-                "high": fit.high,
-            }
-    known = {"version": find_version(), "recording": str(source)}
-    return {**known, "start_s": noise.start_s, "seconds": noise.seconds, "sensors": sensors}
-
-
-def print_allan(noise: RecordingNoise, place: Path) -> None:
-    """Print N, B, K and the lowest point per sensor and axis, and where the files are."""
-    out = console()
-    out.print(f"at rest for {noise.seconds:.0f} s from {noise.start_s:.1f} s on", soft_wrap=True)
-    for one in noise.sensors:
-        unit = UNITS[one.sensor]
-        heads = (f"N ({unit.white})", f"B ({unit.level})", f"K ({unit.walk})", f"lowest ({unit.level})")
-        shown = ruled_table(f"{unit.title}, {one.rate_hz:.0f} Hz", *heads, "at (s)", "fit from (s)")
-        for axis, fit in zip(AXES, one.fits, strict=True):
-            parts = ((fit.white, unit.per_white), (fit.flicker, unit.per_level), (fit.walk, unit.per_walk))
-            lowest = (f"{fit.lowest * unit.per_level:.3g}", f"{fit.lowest_tau_s:.3g}", f"{fit.fitted_from_s:.2g}")
-            shown.add_row(axis, *(format_part(*part) for part in parts), *lowest)
-        out.print(shown)
-    out.print(
-        "N white noise (sheets with one-sided densities print 1.41 N), B flicker (the curve's floor is 0.66 B), K "
-        "random walk. '< x': not seen in this record, and with 95 % not above x.",
-        soft_wrap=True,
-    )
-    print_place([], place)
-
-
-def format_part(part: NoisePart, factor: float) -> str:
-    """Value and sigma, both to the sigma's second digit but not finer than four digits of the value."""
-    if not part.seen:
-        return f"< {part.limit * factor:.2g}"
-    value, sigma = part.value * factor, part.sigma * factor
-    places = max(0, int(np.ceil(1 - np.log10(max(sigma, 1e-4 * value, 1e-12)))))
-    return f"{value:.{places}f} ± {sigma:.{places}f}"

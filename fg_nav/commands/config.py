@@ -14,14 +14,23 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Strict, ValidationError
 
-from fg_nav.changes import Changes, Value, change_parameters, explain_no_parameter, flatten, list_names, select_changes
+from fg_nav.changes import (
+    DETECTOR,
+    Changes,
+    Value,
+    change_parameters,
+    explain_no_parameter,
+    flatten,
+    list_names,
+    select_changes,
+)
 from fg_nav.detection import StanceParameters
 from fg_nav.errors import ConfigError, describe_reason
-from fg_nav.estimators import CARD, CARD_CHANGES, ONLINE, find_estimator, find_owner, find_parameters
+from fg_nav.estimators import CARD, CARD_CHANGES, Method, find_method, find_parameters
 from fg_nav.magnetic.quasi_static import DEFAULT
 from fg_nav.report.terminal import remark
 from fg_nav.text import read_small
-from fg_nav.walk import DETECTOR, Options
+from fg_nav.walk import Mount, Options
 
 BY_OTHER_MEANS = ("magnetic.gate", "smoothed", "inertial.smoothed")  # `--gate` and the method's name decide them.
 
@@ -95,7 +104,7 @@ def list_defaults(config: Config) -> dict[str, object]:
 
 
 def choose_changes(
-    config: Config | None, words: Sequence[str], methods: Sequence[str], mount: str = "foot", preset: str = "tuned"
+    config: Config | None, words: Sequence[str], methods: Sequence[Method], mount: Mount, preset: str
 ) -> Changes:
     """Return (name, value) of the parameters that a configuration and the `words` of `--set` change in these methods.
 
@@ -107,13 +116,9 @@ def choose_changes(
         If a value is of another type.
     """
     if mount == "pocket":
-        if words:
-            raise ConfigError("--set is for the methods of a foot: with --mount pocket there is nothing to set.")
         return ()
-    for method in methods:
-        find_estimator(method)
-    owners = {find_owner(method): find_parameters(method, preset) for method in methods}
-    if set(methods) != {ONLINE}:  # which finds its stances as it goes
+    owners = {one.owner: find_parameters(one.name, preset) for one in methods if one.parameters is not None}
+    if any("stances" in one.uses for one in methods):  # others find theirs as they go
         owners[DETECTOR] = StanceParameters()
     known = [name for owner, parameters in owners.items() for name in _list_names(owner, parameters)]
     settings = tuple(parse_setting(word) for word in words)
@@ -122,11 +127,10 @@ def choose_changes(
             raise ConfigError(explain_no_parameter(name, known))
     changes: Changes = settings
     if config is not None:
-        given, owner = config.given, find_owner(config.given.method)
-        if owner not in owners:
-            raise ConfigError(
-                f"--config has the parameters of {given.method}, not of {', '.join(methods)}: choose that."
-            )
+        given, owner = config.given, find_method(config.given.method).owner
+        names = [one.name for one in methods]
+        if given.method not in names and owner not in owners:
+            raise ConfigError(f"--config has the parameters of {given.method}, not of {', '.join(names)}: choose that.")
         if preset != given.preset:
             raise ConfigError(f"--config has all parameters, of the preset {given.preset}: leave --preset out.")
         # All but what the gate, the name of the method and `--magnetic card` decide.

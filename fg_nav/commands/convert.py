@@ -7,29 +7,29 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from fg_nav.commands import Answer
+from fg_nav.commands.requests import ConvertRequest, ExportRequest
+from fg_nav.commands.shared import Answer, choose_reading
 from fg_nav.errors import OutputError, RecordingError
-from fg_nav.io import Reading
 from fg_nav.io.writing import choose_writer
 from fg_nav.recording import Recording
-from fg_nav.report.export import check_export, export_track, is_map
+from fg_nav.report.export import check_export, export_track, find_export
 from fg_nav.report.export.track import Origin, parse_start, read_result
 from fg_nav.report.folder import RESULT_FILES, check_file_free, result_file
 from fg_nav.report.terminal import console, listing
 
 
-def convert(file: Path, out: Path, reading: Reading, force: bool) -> Answer:
+def convert(request: ConvertRequest) -> Answer:
     """Read a recording and write its samples; refuse to write over the file that is read."""
+    file, out = request.recording, request.out
     write = choose_writer(out)
     if out.exists() and file.exists() and out.samefile(file):
         raise OutputError(f"{out} is the file to read: choose another one to write.")
-    check_file_free(out, Path.is_file, force)
-    raw = reading.read_raw(file)
-    with result_file(out, Path.is_file, force) as fresh:
+    check_file_free(out, Path.is_file, request.force)
+    raw = choose_reading(request).read_raw(file)
+    with result_file(out, Path.is_file, request.force) as fresh:
         write(raw, fresh)
     # Notes: why the samples cannot be navigated with; that the truth is not converted.
     remarks = [*raw.provenance.notes, *([] if raw.truth is None else ["the truth in the file is not written"])]
@@ -53,15 +53,14 @@ def convert(file: Path, out: Path, reading: Reading, force: bool) -> Answer:
     return Answer(content, lambda: console().print(listing(rows)))
 
 
-def export(
-    folder: Path, out: Sequence[Path], origin: str | None, turn_deg: float, start: str | None, force: bool
-) -> Answer:
-    """Read the path of the result in `folder` and write it to each file of `out`, all checked first."""
-    if not math.isfinite(turn_deg):
-        raise OutputError(f"--turn {turn_deg} is no angle: give degrees, clockwise.")
-    place = None if origin is None else Origin.parse(origin)
-    began = None if start is None else parse_start(start)
-    if place is not None and not any(is_map(file) for file in out):
+def export(request: ExportRequest) -> Answer:
+    """Read the path of a result and write it to each file, all checked first."""
+    folder, out, force = request.folder, request.out, request.force
+    if not math.isfinite(request.turn):
+        raise OutputError(f"--turn {request.turn} is no angle: give degrees, clockwise.")
+    place = None if request.origin is None else Origin.parse(request.origin)
+    began = None if request.start is None else parse_start(request.start)
+    if place is not None and not any(find_export(file).needs_origin for file in out):
         raise OutputError(f"{out[0].name} holds meters, no places on the Earth: leave --origin out.")
     own = [file for file in out if file.name in RESULT_FILES and file.parent.resolve() == folder.resolve()]
     if own:
@@ -69,8 +68,8 @@ def export(
     for file in out:
         check_export(file, place, force)
     found = read_result(folder)
-    track = replace(found, start=began).turn(turn_deg)
-    if turn_deg:
+    track = replace(found, start=began).turn(request.turn)
+    if request.turn:
         track = replace(track, notes=())  # whoever turns a path knows its north
     files = [made for file in out for made in export_track(track, file, place, force)]
     times = track.format_utc(track.t[:1])

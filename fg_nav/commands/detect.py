@@ -8,7 +8,16 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from fg_nav.commands import Answer, Target, find_earth_field, name_walk, run_methods
+from fg_nav.commands.requests import DetectRequest
+from fg_nav.commands.shared import (
+    Answer,
+    Target,
+    choose_options,
+    choose_reading,
+    find_earth_field,
+    name_walk,
+    run_methods,
+)
 from fg_nav.errors import MagneticError
 from fg_nav.evaluation.field_survey import (
     SAMPLEWISE,
@@ -18,15 +27,14 @@ from fg_nav.evaluation.field_survey import (
     survey_field,
     survey_samples,
 )
-from fg_nav.io import Reading
 from fg_nav.magnetic.quasi_static import SETTINGS, find_detector
 from fg_nav.pipeline import prepare_walk
 from fg_nav.report.files import collect_remarks, describe_recording, write_json
 from fg_nav.report.folder import DETECT_FILES
-from fg_nav.report.plots.field import draw_survey, plot_samples
+from fg_nav.report.plots.sensor import draw_survey, plot_samples
 from fg_nav.report.plots.style import save
 from fg_nav.report.terminal import console, listing, print_place, ruled_table
-from fg_nav.walk import Options, Walk, correct_walk, read_walk
+from fg_nav.walk import Walk, correct_walk, read_walk
 
 PATH_METHOD = "iez"  # Draws the path on which the field is looked at: quick, and good enough for a map.
 MAX_SWING_S = 10.0  # Between two stances; where none is found for longer, that foot does not walk.
@@ -36,20 +44,13 @@ FOOTFALL_COLUMNS = (
 )  # fmt: skip
 
 
-def detect(
-    file: Path,
-    detectors: str | None,
-    options: Options,
-    place: str | None,
-    reading: Reading,
-    out: Path | None,
-    force: bool,
-) -> Answer:
+def detect(request: DetectRequest) -> Answer:
     """Judge the field by the detectors of a list with commas, and write what they find into a folder."""
-    names = parse_detectors(detectors)
-    if names == [SAMPLEWISE] and (place is not None or options.truth_path is not None):
+    names, file = parse_detectors(request.gate), request.recording
+    options, reading = choose_options(request), choose_reading(request)
+    if names == [SAMPLEWISE] and (request.place is not None or request.truth is not None):
         raise MagneticError(f"{SAMPLEWISE} alone draws no map and no headings: leave --place and --truth out.")
-    with Target(out, force, f"{name_walk(file)}-detect", DETECT_FILES) as target:
+    with Target(request.out, request.force, f"{name_walk(file)}-detect", DETECT_FILES) as target:
         if names == [SAMPLEWISE]:
             walk = correct_walk(read_walk(file, options, reading))
             if walk.recording.mag is None and walk.magnetometer is not None and walk.magnetometer.notes:
@@ -61,7 +62,7 @@ def detect(
                 write_json(folder / "detect.json", content)
             show = partial(print_samples, walk, samples, target.place)
         else:
-            earth = find_earth_field(place)
+            earth = find_earth_field(request.place)
             walk = prepare_walk(read_walk(file, options, reading))
             field = walk.require_field()
             outcome = run_methods(walk, [PATH_METHOD])[PATH_METHOD]

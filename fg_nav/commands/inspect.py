@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -11,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from fg_nav.commands import Answer, answer_each, show_number
+from fg_nav.commands.requests import InspectRequest
+from fg_nav.commands.shared import Answer, answer_each, choose_reading, refuse_misfits, show_number
 from fg_nav.detection.handedness import NO_EVIDENCE, SUSPECT, AxesEvidence
 from fg_nav.errors import RecordingError
 from fg_nav.frames import GRAVITY_M_S2
@@ -31,13 +31,12 @@ INSPECT_COLUMNS = {
 """Of the table of several files."""
 
 
-def inspect(files: Sequence[Path], reading: Reading) -> Answer:
+def inspect(request: InspectRequest) -> Answer:
     """Inspect each file."""
-    files = list(dict.fromkeys(files))
+    files, reading = list(dict.fromkeys(request.files)), choose_reading(request)
+    refuse_misfits(request, recordings=len(files))
     if len(files) == 1:
         return inspect_one(files[0], reading)
-    if reading.barometer is not None:
-        raise RecordingError(f"--barometer is of one recording: inspect the {len(files)} one by one.")
     return answer_each(files, lambda file: inspect_one(file, reading), INSPECT_COLUMNS)
 
 

@@ -3,30 +3,35 @@
 from __future__ import annotations
 
 import os
-import signal
 import sys
 import tempfile
 from collections.abc import Sequence
-from contextlib import suppress
+from contextlib import AbstractContextManager, ExitStack, closing, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import cast
 
 import numpy as np
 import typer
 
-from fg_nav.commands import Answer, Target, simulate_named
+from fg_nav.calibration.of_recording import read_calibration
+from fg_nav.commands.requests import StreamRequest
+from fg_nav.commands.shared import Answer, Target, choose_options, refuse_misfits, split_files
 from fg_nav.errors import EstimationError, OutputError, StreamError, describe_reason
-from fg_nav.feet import Side
+from fg_nav.estimators import METHODS, choose_parameters
+from fg_nav.feet import SIDES, Side
+from fg_nav.io import read_fixes
 from fg_nav.magnetic.axes import MagAxes
+from fg_nav.online.buffer import OnlineOptions
 from fg_nav.online.estimates import POLISHED, SMOOTHED, SensorTime, format_table
-from fg_nav.online.follow import StreamedWalk, StreamOptions, StreamRequest, follow_source, run_stream
+from fg_nav.online.follow import ENDING, Outlets, Say, StreamedWalk, StreamOptions, follow_source, open_outlets
 from fg_nav.online.navigator import finish_walk
-from fg_nav.online.outlets import Say, open_outlets
 from fg_nav.online.pocket import PocketOptions, compute_stride_headings
+from fg_nav.online.record import Record
+from fg_nav.online.rows import Columns, parse_columns
 from fg_nav.online.source_check import describe_losses
-from fg_nav.online.sources import Replay
+from fg_nav.online.sources import SampleSource, open_samples
 from fg_nav.pipeline import prepare_walk
 from fg_nav.recording import Provenance
 from fg_nav.report import Plots, terminal
@@ -34,24 +39,25 @@ from fg_nav.report.files import Summary, summarize, summarize_lagged, write_foot
 from fg_nav.report.folder import result_folder
 from fg_nav.solution import Solution
 from fg_nav.system.processes import catch_signals
-from fg_nav.verdict import Verdict, judge_footfalls, judge_path
+from fg_nav.verdict import Verdict, Word, judge_path
 from fg_nav.walk import Options, Outcome, Walk, evaluate_solution
 
-if TYPE_CHECKING:
-    from fg_nav.online.feet_follow import FeetStreamRequest
+MIN_LAG_S = 10.0  # a shorter lag holds fewer strides than the smoother needs to estimate sensor and foot
 
 
-def stream(request: StreamRequest, plots: Plots, out: Path | None, force: bool, lines: bool = True) -> Answer:
+def stream(request: StreamRequest) -> Answer:
     """Follow a source to its end; then print the lines of the whole walk, or write its result into a folder.
 
-    Lines go to standard output if `lines`. If they can no longer be printed and `out` is None, the result is written
-    into a fresh folder.
+    Lines go to standard output if no other answer was asked for. If they can no longer be printed and there is no
+    folder, the result is written into a fresh one.
     """
-    target = Target(out, force and (out is not None or request.record is None), "stream")
-    printer = LinePrinter()
-    with target, open_outlets(request.serve, request.view, printer if lines else drop_line, remark) as outlets:
+    refuse_misfits(request, [METHODS["pocket" if request.mount == "pocket" else "foot"]["online"]])
+    if request.mount == "feet":
+        return _stream_feet(request)
+    out, target = request.out, _find_target(request)
+    with target, _open_outlets(request, printer := LinePrinter()) as outlets:
         walk = run_stream(request, outlets)
-        if out is None and outlets.emit_end is None and lines:  # the lines were served, and nobody asks for more
+        if out is None and outlets.emit_end is None and prints_lines(request):  # they were served: that is all
             return Answer({}, say_nothing)
         end = find_end(walk)
         content = {"source": request.source, **end.summary}
@@ -60,24 +66,122 @@ def stream(request: StreamRequest, plots: Plots, out: Path | None, force: bool, 
             emit_solution(end.solution, end.sensor_time, outlet, end.verdicts, end.in_pocket)
             if not printer.has_failed:
                 return Answer(content, say_nothing)
-        failure = save_end(end, target, plots)
+        failure = save_end(end, target, request.plots)
     if failure is not None:
         return Answer(content, say_nothing, failure)
     content = {"source": request.source, "folder": str(target.place), **end.summary}
     return Answer(content, partial(remark, terminal.describe_place(target.place)))
 
 
-def stream_feet(request: FeetStreamRequest, out: Path | None, force: bool, lines: bool = True) -> Answer:
+def run_stream(request: StreamRequest, outlets: Outlets) -> StreamedWalk:
+    """Follow a source until it ends or a signal arrives; lines and remarks go to the outlets.
+
+    Raises `FgNavError` if something that was requested cannot be: the source, the record, the rows.
+    """
+    options = read_stream_options(request, request.calibration)
+    with catch_signals(*ENDING) as stop, ExitStack() as opened:
+        record = _open_record(request, outlets.remark)
+        if record is not None:
+            opened.callback(record.close)
+        source = _open_source(request, request.source, options.columns, outlets.remark)
+        opened.callback(source.close)
+        navigator = follow_source(source, options, outlets.emit, outlets.remark, stop, outlets.watcher, record)
+    given = options.calibration, options.mag_axes
+    return StreamedWalk(navigator, source.name, *given, request.polish, options.rate_sigma)
+
+
+def read_stream_options(request: StreamRequest, calibration_path: Path | None) -> StreamOptions:
+    """Turn a request into stream options, reading the files it names; raises `FgNavError` if an option is invalid."""
+    options = choose_options(request)
+    calibration = None if calibration_path is None else read_calibration(calibration_path)
+    axes_given = options.mag_axes is not None
+    online: OnlineOptions | PocketOptions
+    if request.mount == "pocket":
+        online = PocketOptions(options.heading_rad, options.use_magnetometer, request.step_constant, axes_given)
+    else:
+        lag_s = _check_positive(request.lag, "--lag")
+        if lag_s is not None and lag_s < MIN_LAG_S:
+            raise EstimationError(f"a lag of {lag_s:g} s is too short: give {MIN_LAG_S:g} or more.")
+        if lag_s is not None and request.polish:
+            raise EstimationError("with --lag the samples are discarded, so there is no --polish: give one of the two.")
+        online = OnlineOptions(
+            heading_rad=options.heading_rad,
+            use_field=options.use_magnetometer,
+            lag_s=lag_s,
+            parameters=choose_parameters(options, calibration),
+            axes_given=axes_given,
+            fixes=() if request.fixes is None else read_fixes(request.fixes),
+            calibration=None if calibration is None else calibration.magnetometer,
+        )
+    return StreamOptions(
+        online=online,
+        until_silent_s=_check_positive(request.silence, "--silence"),
+        calibration=calibration,
+        mag_axes=options.mag_axes,
+        columns=parse_columns(request.columns, request.units, request.rate),
+        background=True,
+    )
+
+
+def _check_positive(value: float | None, name: str) -> float | None:
+    if value is not None and not 0 < value < np.inf:
+        raise StreamError(f"{name} {value:g} is no time: give seconds above zero.")
+    return value
+
+
+def _open_source(request: StreamRequest, source: str, columns: Columns | None, remark: Say) -> SampleSource:
+    return open_samples(source, columns, request.baud, request.speed, remark)
+
+
+def _open_record(request: StreamRequest, remark: Say) -> Record | None:
+    path, source = request.record, Path(request.source)
+    if path is None:
+        if request.resume:
+            raise StreamError("--resume goes on with the walk of a record: name it, as --record FILE.")
+        return None
+    if path.exists() and source.exists() and path.samefile(source):
+        raise OutputError(f"{path} is what is streamed: name another file to record into.")
+    return Record(path, request.resume, request.force, remark)
+
+
+def _find_target(request: StreamRequest) -> Target:
+    return Target(request.out, request.force and (request.out is not None or request.record is None), "stream")
+
+
+def _open_outlets(request: StreamRequest, printer: Say) -> AbstractContextManager[Outlets]:
+    view = (request.host, request.port) if request.view else None
+    return open_outlets(request.serve, view, printer if prints_lines(request) else drop_line, remark)
+
+
+def prints_lines(request: StreamRequest) -> bool:
+    """Whether the lines are the answer."""
+    return not (request.json or request.quiet)
+
+
+def _stream_feet(request: StreamRequest) -> Answer:
     """Follow a sensor on each foot as one walk, as `stream` does one; lines are of each foot and the person between."""
     from fg_nav.online.estimates import tag_line
-    from fg_nav.online.feet_follow import run_feet_stream
+    from fg_nav.online.feet_follow import follow_feet
     from fg_nav.report.feet import summarize_streamed_feet, write_streamed_feet
 
-    both, printer = request.both, LinePrinter()
-    target = Target(out, force, "stream")
-    with target, open_outlets(both.serve, both.view, printer if lines else drop_line, remark) as outlets:
-        streamed = run_feet_stream(request, outlets)
-        if out is None and outlets.emit_end is None and lines:
+    if request.right is None:
+        raise EstimationError("--mount feet takes two sources: name the left foot's, then the right one's.")
+    if request.right == request.source:
+        raise StreamError(f"{request.right} is named twice: --mount feet takes two sources, the left foot's first.")
+    words: dict[Side, str] = {"left": request.source, "right": request.right}
+    calibrations = dict(zip(SIDES, split_files("--calibration", request.calibration), strict=True))
+    options = {side: read_stream_options(request, calibrations[side]) for side in SIDES}
+    out, target = request.out, _find_target(request)
+    with target, _open_outlets(request, printer := LinePrinter()) as outlets:
+        with catch_signals(*ENDING) as stop, ExitStack() as opened:
+            sources = {
+                side: opened.enter_context(
+                    closing(_open_source(request, words[side], options[side].columns, outlets.remark))
+                )
+                for side in SIDES
+            }
+            streamed = follow_feet(sources, options, outlets, stop, request.clock_offset or 0.0)
+        if out is None and outlets.emit_end is None and prints_lines(request):
             return Answer({}, say_nothing)
         # The solutions of both, and each foot measured.
         walk, feet = streamed.navigator.finish(), dict[Side, tuple[Walk, Outcome]]()
@@ -85,7 +189,7 @@ def stream_feet(request: FeetStreamRequest, out: Path | None, force: bool, lines
             prepared = prepare_stream(streamed.walks[side])
             feet[side] = prepared, evaluate_solution(prepared, note_losses(solution, streamed.walks[side]))
         summary = summarize_streamed_feet(feet, walk.both, walk.lost)
-        content = {"sources": request.sources, **summary}
+        content = {"sources": words, **summary}
         if out is None:
             # One line a footfall of each foot, with the verdict on its path.
             emit = outlets.emit_end or drop_line
@@ -98,22 +202,8 @@ def stream_feet(request: FeetStreamRequest, out: Path | None, force: bool, lines
                 return Answer(content, say_nothing)
         with target.open() as folder:
             write_streamed_feet(folder, walk.feet, walk.both, summary)
-    content = {"sources": request.sources, "folder": str(target.place), **summary}
+    content = {"sources": words, "folder": str(target.place), **summary}
     return Answer(content, partial(remark, terminal.describe_place(target.place)))
-
-
-def check_sources(second: str | None, clock_offset_s: float | None, mount: str) -> str | None:
-    """Return the right foot's source, None for one sensor; raises `EstimationError` for a source too few or many."""
-    if mount != "feet":
-        for name, value in (("a second source", second), ("--clock-offset", clock_offset_s)):
-            if value is not None:
-                raise EstimationError(
-                    f"{name} is for a sensor on each foot: name two, as --mount feet LEFT RIGHT, or leave it out."
-                )
-        return None
-    if second is None:
-        raise EstimationError("--mount feet takes two sources: name the left foot's, then the right one's.")
-    return second
 
 
 def remark(words: str) -> None:
@@ -167,10 +257,11 @@ class End:
     @property
     def verdicts(self) -> list[Verdict]:
         """On the solution and on the batch solution next to it, where there is one."""
-        if self.whole is None:
-            return [judge_footfalls(self.solution.stances)]
-        found = (self.solution, self.solution.polished)
-        return [judge_path(self.whole[0], one) for one in found if one is not None]
+        reasons = cast("list[str]", self.summary["reasons"])
+        verdict, polished = Verdict(cast("Word", self.summary["verdict"]), tuple(reasons)), self.solution.polished
+        if self.whole is None or polished is None:
+            return [verdict]
+        return [verdict, judge_path(self.whole[0], polished)]
 
     def write(self, folder: Path, plots: Plots) -> None:
         """Write what `fg-nav run` writes; with a lag, what needs no samples."""
@@ -259,31 +350,3 @@ def prepare_stream(walk: StreamedWalk) -> Walk:
     applied = () if calibration is None else calibration.corrects(recording.mag is not None)
     prepared = prepare_walk(replace(Walk.of(recording, options, calibration), applied=applied))
     return replace(prepared, options=replace(prepared.options, mag_axes=walk.mag_axes))
-
-
-def view_demo(seed: int, speed: float, host: str, port: int) -> None:
-    """Show the simulated walk while it is walked (`fg-nav demo --view`), and then until Ctrl-C.
-
-    Its samples come as a sensor's would, each when its time has come, through `follow_source`.
-    """
-    from fg_nav.commands.run import DEMO_SCENARIO
-    from fg_nav.lab.simulation import simulate
-
-    if not 0.0 < speed < float("inf"):
-        raise StreamError(f"--speed {speed:g} is no factor: give one above zero.")
-    with (
-        open_outlets(None, (host, port), lambda line: None, remark) as outlets,
-        catch_signals(signal.SIGINT, signal.SIGTERM) as stop,
-    ):
-        simulated = simulate_named(simulate, DEMO_SCENARIO, seed).recording
-        remark(f"a walk of {simulated.t[-1] - simulated.t[0]:.0f} s; Ctrl-C ends it.")
-        source = Replay(simulated, speed, "the simulated walk")
-        navigator = follow_source(
-            source, StreamOptions(background=True), outlets.emit, outlets.remark, stop, outlets.watcher
-        )
-        if not stop.is_set() and outlets.emit_end is not None:
-            solution = navigator.finish()
-            verdicts = [judge_footfalls(solution.stances)]
-            emit_solution(solution, navigator.judge.sensor_time, outlets.emit_end, verdicts)
-            remark("the walk is over, and stays on the page until Ctrl-C.")
-            stop.wait()

@@ -24,28 +24,24 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.arrays import Floats, Ints
 from fg_nav.detection.footfalls import (
     MIN_SWING_S,
     REST_LEVEL,
     ROUGH,
     SWING_RATE_RAD_S,
     WALKING,
+    StrapdownPass,
     find_footfalls,
-    is_falling,
     is_too_close,
 )
 from fg_nav.detection.stance import MIN_S, WINDOW_S, StanceParameters, shoe
 from fg_nav.errors import DetectionError
-from fg_nav.frames import GRAVITY_M_S2, level_attitude
-from fg_nav.mechanisation import TILT_TIME_S, NavState, nudge_tilt, strapdown
 from fg_nav.recording import MAX_GAP_S
-from fg_nav.samples.gaps import MAX_HELD_S, find_holes
+from fg_nav.samples.gaps import find_holes
 from fg_nav.stances import Stances
-from fg_nav.system.compiled import njit
 
 FIRST_SAMPLES = 64  # Their median period is that of the samples; nothing is searched before.
-MANY = 1 << 40  # Still samples since a hole, where there was none.
 
 
 @dataclass(frozen=True)
@@ -279,69 +275,6 @@ def join_footfalls(footfalls: Sequence[Footfall], n_samples: int) -> Stances:
     return Stances(
         np.delete(start, joined + 1), np.delete(stop, joined), np.delete(footfall, joined), n_samples, "shoe", threshold
     )
-
-
-class StrapdownPass:
-    """The free strapdown pass of a stream: forward, and never over a gap.
-
-    It begins at the stillest of the samples of the first call, and goes back from there to the very first. Behind a
-    hole the tilt is unknown: up is the mean of the still samples that follow, until they are many.
-    """
-
-    def __init__(self, still_level: float, longest_step_s: float) -> None:
-        self._still_level, self._longest_step_s = still_level, longest_step_s
-        self._state: NavState | None = None
-        self._still_since_hole = np.array([MANY])
-
-    def velocity(self, t: Floats, acc: Floats, gyr: Floats, level: Floats) -> Floats:
-        """Return the free velocity (n, 3) m/s at n more samples; `t` (n + 1,) s includes the stamp after the last."""
-        h, hole = np.minimum(np.diff(t), self._longest_step_s), np.diff(t) > MAX_HELD_S
-        still, since = level < self._still_level, self._still_since_hole
-        if self._state is not None:
-            return np.asarray(_continue_pass(self._state, since, acc, gyr, h, still, hole, GRAVITY_M_S2))
-        falls = is_falling(acc)
-        if falls.all():
-            return np.zeros_like(acc)
-        first = int(np.argmin(np.where(falls, np.inf, level)))
-        up = level_attitude(acc[first])
-        self._state = _at_rest(up)
-        there, back = np.arange(first, len(acc)), np.arange(first)[::-1]
-        after = _continue_pass(
-            self._state, since, acc[there], gyr[there], h[there], still[there], hole[there], GRAVITY_M_S2
-        )
-        before = _continue_pass(
-            _at_rest(up), np.array([MANY]), acc[back], gyr[back], -h[back], still[back], hole[back], GRAVITY_M_S2
-        )
-        return np.concatenate([before[::-1], after])
-
-
-def _at_rest(nav_R_body: Floats) -> NavState:
-    """State at rest at the origin."""
-    return NavState(np.zeros(3), np.zeros(3), nav_R_body.copy(), np.zeros(3), np.zeros(3))
-
-
-@njit(cache=True)
-def _continue_pass(
-    state: NavState, since: Ints, acc: Floats, gyr: Floats, h: Floats, still: Bools, hole: Bools, gravity: float
-) -> Floats:
-    """Propagate `state` over n samples in place, backward where `h` < 0; return velocity (n, 3) m/s at their stamps.
-
-    `since` (1,) counts the still samples since the last hole: the first ones level the sensor by their mean.
-    """
-    velocity = np.empty((len(h), 3))
-    turn, push = np.empty((3, 3)), np.empty(3)
-    for i in range(len(h)):
-        if h[i] > 0.0:
-            velocity[i] = state.velocity
-        strapdown(state, acc[i], gyr[i], h[i], gravity, turn, push)
-        if hole[i]:
-            since[0] = 0
-        elif still[i]:
-            since[0] += 1
-            nudge_tilt(state.nav_R_body, acc[i], max(min(abs(h[i]) / TILT_TIME_S, 1.0), 1.0 / since[0]))
-        if h[i] < 0.0:
-            velocity[i] = state.velocity
-    return velocity
 
 
 class Sliding:

@@ -52,7 +52,7 @@ import numpy as np
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.frames import GRAVITY_M_S2, level_attitude
 from fg_nav.mechanisation import TILT_TIME_S, NavState, nudge_tilt, strapdown
-from fg_nav.samples.gaps import find_holes
+from fg_nav.samples.gaps import MAX_HELD_S, find_holes
 from fg_nav.system.compiled import njit
 
 
@@ -96,6 +96,7 @@ SHARE = 0.6  # Of a period.
 GAP = 1.4  # Periods, from the end of a stance to the start of the next: with none left out there are less than one.
 LANDING_M_S2, LANDING_S = 2 * GRAVITY_M_S2, 0.2  # A runner lands with 4 g and more, and stands within 0.15 s.
 MAX_CYCLE_LEVEL = 6.5  # A minimum above this is never a stance: 360 deg/s, or 36 m/s^2.
+MANY = 1 << 40  # Still samples since a hole, where there was none.
 DOUBTFUL_LEVEL = 5.0  # Of feet that walk, one in a thousand has a stance above: 1.1 rad/s, or 6 m/s^2 off gravity.
 
 Intervals: TypeAlias = tuple[Ints, Ints, Floats]  # First sample, sample after the last, log10 threshold, each (K,).
@@ -116,22 +117,16 @@ def find_footfalls(
     for begin, end in pairwise([0, *(find_holes(t) + 1).tolist(), len(t)]):
         part = np.s_[begin:end]
         samples = t[part], acc[part], gyr[part], level[part]
-        free = _integrate_free(*samples) if velocity is None else [one[part] for one in velocity]
+        if velocity is None:
+            stamps = np.append(t[part], t[end - 1] + MAX_HELD_S)  # for the last period no velocity follows
+            passes = (StrapdownPass(link.still_level, MAX_HELD_S) for link in (WALKING, ROUGH))
+            free = [one.velocity(stamps, *samples[1:]) for one in passes]
+        else:
+            free = [one[part] for one in velocity]
         start, stop, threshold = _choose_in_part(*samples, free)
         found.append((begin + start, begin + stop, threshold))
     start, stop, threshold = (np.concatenate(column) for column in zip(*found, strict=True))
     return start, stop, threshold
-
-
-def _integrate_free(t: Floats, acc: Floats, gyr: Floats, level: Floats) -> list[Floats]:
-    """Velocities (N, 3) m/s of free strapdown passes for `WALKING` and `ROUGH`: step 2."""
-    falls = is_falling(acc)
-    stillest = int(np.argmin(np.where(falls, np.inf, level)))
-    if falls.all():  # then no sample is a candidate
-        return [np.zeros_like(acc)] * 2
-    up = level_attitude(acc[stillest])
-    links = (WALKING, ROUGH)
-    return [integrate_velocity(t, acc, gyr, level < one.still_level, stillest, up, GRAVITY_M_S2) for one in links]
 
 
 def _choose_in_part(t: Floats, acc: Floats, gyr: Floats, level: Floats, velocity: Sequence[Floats]) -> Intervals:
@@ -407,31 +402,69 @@ def is_falling(acc: Floats) -> Bools:
     return np.asarray(np.linalg.norm(acc, axis=1) < FREE_FALL_M_S2)
 
 
-@njit(cache=True)
-def integrate_velocity(
-    t: Floats, acc: Floats, gyr: Floats, still: Bools, first: int, nav_R_body: Floats, gravity: float
-) -> Floats:
-    """Velocity (N, 3) m/s of a strapdown pass from rest and this attitude at the sample `first`, both ways.
+class StrapdownPass:
+    """The free strapdown pass of step 2, of a part or of a stream: never over a gap. The velocity has a slow drift.
 
-    At still samples the tilt is nudged toward the specific force. The velocity has a slow drift.
+    It begins at rest at the stillest of the samples of the first call, levelled there, and goes back to the very first.
+    At still samples the tilt is nudged toward the specific force. Behind a hole the tilt is unknown: up is the mean of
+    the still samples that follow, until they are many.
     """
-    n = len(t)
-    velocity = np.zeros((n, 3))
+
+    def __init__(self, still_level: float, longest_step_s: float) -> None:
+        self._still_level, self._longest_step_s = still_level, longest_step_s
+        self._state: NavState | None = None
+        self._still_since_hole = np.array([MANY])
+
+    def velocity(self, t: Floats, acc: Floats, gyr: Floats, level: Floats) -> Floats:
+        """Return the free velocity (n, 3) m/s at n more samples; `t` (n + 1,) s includes the stamp after the last."""
+        h, hole = np.minimum(np.diff(t), self._longest_step_s), np.diff(t) > MAX_HELD_S
+        still, since = level < self._still_level, self._still_since_hole
+        if self._state is not None:
+            return np.asarray(_continue_pass(self._state, since, acc, gyr, h, still, hole, GRAVITY_M_S2))
+        falls = is_falling(acc)
+        if falls.all():  # then no sample is a candidate
+            return np.zeros_like(acc)
+        first = int(np.argmin(np.where(falls, np.inf, level)))
+        self._state = start_at_rest(level_attitude(acc[first]))
+        return integrate_both_ways(self._state, since, first, acc, gyr, h, still, hole)
+
+
+def start_at_rest(nav_R_body: Floats) -> NavState:
+    """State at rest at the origin, with this attitude (3, 3)."""
+    return NavState(np.zeros(3), np.zeros(3), nav_R_body.copy(), np.zeros(3), np.zeros(3))
+
+
+def integrate_both_ways(
+    state: NavState, since: Ints, first: int, acc: Floats, gyr: Floats, h: Floats, still: Bools, hole: Bools
+) -> Floats:
+    """Velocity (n, 3) m/s of a pass from a state at the sample `first`; `state` and `since` are those of its end."""
+    there, back, begun = np.arange(first, len(acc)), np.arange(first)[::-1], start_at_rest(state.nav_R_body)
+    after = _continue_pass(state, since, acc[there], gyr[there], h[there], still[there], hole[there], GRAVITY_M_S2)
+    before = _continue_pass(
+        begun, np.array([MANY]), acc[back], gyr[back], -h[back], still[back], hole[back], GRAVITY_M_S2
+    )
+    return np.concatenate([before[::-1], after])
+
+
+@njit(cache=True)
+def _continue_pass(
+    state: NavState, since: Ints, acc: Floats, gyr: Floats, h: Floats, still: Bools, hole: Bools, gravity: float
+) -> Floats:
+    """Propagate `state` over n samples in place, backward where `h` < 0; return velocity (n, 3) m/s at their stamps.
+
+    `since` (1,) counts the still samples since the last hole: the first ones level the sensor by their mean.
+    """
+    velocity = np.empty((len(h), 3))
     turn, push = np.empty((3, 3)), np.empty(3)
-    no_bias, R, position = np.zeros(3), np.empty((3, 3)), np.zeros(3)
-    for way in (1, -1):
-        for row in range(3):
-            for axis in range(3):
-                R[row, axis] = nav_R_body[row, axis]
-        i = first
-        while 0 <= i + way < n:
-            held = min(i, i + way)  # a sample holds from its stamp to the next
-            h = t[i + way] - t[i]
-            for axis in range(3):
-                velocity[i + way, axis] = velocity[i, axis]
-            state = NavState(position, velocity[i + way], R, no_bias, no_bias)
-            strapdown(state, acc[held], gyr[held], h, gravity, turn, push)
-            if still[held]:
-                nudge_tilt(R, acc[held], min(abs(h) / TILT_TIME_S, 1.0))
-            i += way
+    for i in range(len(h)):
+        if h[i] > 0.0:
+            velocity[i] = state.velocity
+        strapdown(state, acc[i], gyr[i], h[i], gravity, turn, push)
+        if hole[i]:
+            since[0] = 0
+        elif still[i]:
+            since[0] += 1
+            nudge_tilt(state.nav_R_body, acc[i], max(min(abs(h[i]) / TILT_TIME_S, 1.0), 1.0 / since[0]))
+        if h[i] < 0.0:
+            velocity[i] = state.velocity
     return velocity

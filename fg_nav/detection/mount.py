@@ -34,7 +34,6 @@ from scipy.linalg.lapack import dtbtrs
 from fg_nav.arrays import Floats
 from fg_nav.errors import EstimationError
 from fg_nav.recording import Recording
-from fg_nav.system.spilled import BLOCK_ROWS, drop_pages, empty_column
 
 Wearing: TypeAlias = Literal["foot", "pocket"]
 
@@ -80,10 +79,7 @@ class TurnSigns:
 
 def measure_turning(recording: Recording) -> TurnSigns:
     """Measure the signs of the mount, medians over the windows in which the sensor turns."""
-    rate = empty_column(len(recording), 3)
-    for slow, axis in zip(rate.T, recording.gyr.T, strict=True):  # axis by axis: a third of the memory
-        slow[:] = remove_fast(axis - np.median(axis), recording.period_s)
-        drop_pages()
+    rate = np.column_stack([remove_fast(axis - np.median(axis), recording.period_s) for axis in recording.gyr.T])
     count = round(WINDOW_S / recording.period_s)
     whole = len(rate) // count if count > 1 else 0
     windows, force = (one[: whole * count].reshape(whole, max(count, 1), 3) for one in (rate, recording.acc))
@@ -109,7 +105,6 @@ def _measure_windows(rate: Floats, force: Floats, period_s: float) -> Floats:
     impact = np.linalg.norm(force[moving], axis=2).max(axis=1)
     thirds = np.array([part.max(axis=1) for part in np.array_split(size, 3, axis=1)])
     pauses = (thirds < np.radians(MOVING_DEG_S)).any(axis=0)
-    drop_pages()
     return np.column_stack([rest_share, peak, _measure_rhythm(rate[moving], period_s), impact, pauses])
 
 
@@ -121,8 +116,7 @@ def remove_fast(values: Floats, period_s: float, below_hz: float = SLOW_HZ) -> F
     share = min(below_hz * period_s, 0.45)
     more = min(3 * round(1 / share), len(values) - 1)
     before, after = 2 * values[0] - values[more:0:-1], 2 * values[-1] - values[-2 : -more - 2 : -1]
-    long = empty_column(len(before) + len(values) + len(after), *values.shape[1:])
-    np.concatenate([before, values, after], out=long)
+    long = np.concatenate([before, values, after])
     both_ways = _filter_forward(_filter_forward(long, share)[::-1], share)[::-1]
     return both_ways[more : more + len(values)]
 
@@ -135,17 +129,10 @@ def _filter_forward(x: Floats, share: float) -> Floats:
     k = np.tan(np.pi * share)
     scale = 1 + np.sqrt(2) * k + k * k
     a_1, a_2 = 2 * (k * k - 1) / scale, (1 - np.sqrt(2) * k + k * k) / scale
-    band = np.ones((3, min(len(x), BLOCK_ROWS))) * [[1.0], [a_1], [a_2]]
-    out, before, last = empty_column(*x.shape), np.zeros((2, *x.shape[1:])), np.zeros((2, *x.shape[1:]))
-    for start in range(0, len(x), BLOCK_ROWS):
-        push = np.concatenate([before, x[start : start + BLOCK_ROWS] - x[0]])
-        right = k * k / scale * (push[2:] + 2 * push[1:-1] + push[:-2])
-        right[0] -= a_2 * last[0] + a_1 * last[1]
-        right[1:2] -= a_2 * last[1]
-        y, _ = dtbtrs(band[:, : len(right)], right, uplo="L", diag="U")
-        before, last = push[-2:], np.concatenate([last, y[-2:]])[-2:]
-        out[start : start + len(y)] = y + x[0]
-    return out
+    push = np.concatenate([np.zeros((2, *x.shape[1:])), x - x[0]])
+    right, band = k * k / scale * (push[2:] + 2 * push[1:-1] + push[:-2]), np.ones((3, len(x))) * [[1.0], [a_1], [a_2]]
+    y, _ = dtbtrs(band, right, uplo="L", diag="U")
+    return np.asarray(y + x[0])
 
 
 def refuse_foot(recording: Recording) -> TurnSigns:

@@ -35,7 +35,6 @@ from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.recording import Recording
 from fg_nav.samples.gaps import cross_holes
 from fg_nav.stances import Stances, find_runs
-from fg_nav.system.spilled import measure_rows
 
 ACC_NOISE_M_S2 = 0.02  # s_a, of a sample of a sensor at rest; data sheets and the recordings at rest have 0.01 to 0.03.
 GYR_NOISE_DEG_S = 0.2  # s_w, likewise; data sheets and the recordings at rest have 0.1 to 0.4.
@@ -75,17 +74,13 @@ Statistic = Callable[[Floats, Floats, int], Floats]
 
 STATISTICS: dict[str, Statistic] = {"shoe": shoe, "are": are, "mv": mv, "mag": mag}
 
-_DEGREES_OF_FREEDOM: dict[str, Callable[[int], int]] = {
-    "shoe": lambda window: 6 * window - 2,
-    "are": lambda window: 3 * window,
-    "mv": lambda window: 3 * window - 3,
-    "mag": lambda window: window,
-}
+_DEGREES_OF_FREEDOM = {"shoe": (6, 2), "are": (3, 0), "mv": (3, 3), "mag": (1, 0)}  # (a, b) of f = a W - b.
 
 
 def threshold_at_rest(detector: str, window: int, false_alarm_rate: float) -> float:
     """Threshold which a sensor at perfect rest exceeds with this probability a sample."""
-    return float(chdtri(_DEGREES_OF_FREEDOM[detector](window), false_alarm_rate) / window)
+    each, fitted = _DEGREES_OF_FREEDOM[detector]
+    return float(chdtri(each * window - fitted, false_alarm_rate) / window)
 
 
 def _mean(samples: Floats, window: int) -> Floats:
@@ -144,7 +139,7 @@ def detect_stances(recording: Recording, parameters: StanceParameters = StancePa
     n, edges = len(recording), (stop[:-1] + start[1:]) // 2
     relative = statistic / np.repeat(threshold, np.diff(np.concatenate([[0], edges, [n]])))
     # a new footfall after each swing, and behind each hole
-    rate = measure_rows(recording.gyr)
+    rate = np.linalg.norm(recording.gyr, axis=1)
     between = np.stack([stop[:-1], start[1:]], axis=1).ravel()
     peak = np.maximum.reduceat(rate, between)[::2] if len(between) else np.empty(0)
     unseen = cross_holes(t, np.append(start, stop[-1] - 1))

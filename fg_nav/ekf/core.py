@@ -140,10 +140,7 @@ def filter_walk(
     start_sigma : rad, the same, but a considered state until a compass is used (`propagate_considered`); not with
         `smoothed`.
 
-    Raises
-    ------
-    EstimationError
-        Where the filter diverges to infinity.
+    Raises `EstimationError` where the filter diverges to infinity.
     """
     n, k, back = len(recording), len(rows), parameters.smoothed
     taped, stood = (n, int(stands[start.row :].sum())) if back else (1, 1)  # without a backward pass overwritten
@@ -372,11 +369,8 @@ def run_iez(
     parameters : IezParameters
     heading : rad clockwise from north, of the body's x axis at the start.
 
-    Raises
-    ------
-    EstimationError
-        Without a stance, with stances of another recording, without gravity in the specific force, or where
-        the filter diverges to infinity.
+    Raises `EstimationError` without a stance, with stances of another recording, without gravity in the specific force,
+    or where the filter diverges to infinity.
 
     Examples
     --------

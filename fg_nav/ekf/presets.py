@@ -49,9 +49,8 @@ import numpy as np
 
 from fg_nav.changes import Changes, change_parameters
 from fg_nav.detection.rolling_lever import estimate_lever
-from fg_nav.ekf.aiez import AiezParameters, run_aiez
+from fg_nav.ekf.compass import AiezParameters, GatedCompassParameters, run_with_compass
 from fg_nav.ekf.core import OPENSHOE, STANCE_CORRELATION_S, IezParameters, run_iez
-from fg_nav.ekf.gated_compass import GatedCompassParameters, run_gated_compass
 from fg_nav.errors import EstimationError
 from fg_nav.magnetic import FootfallField
 from fg_nav.magnetic.detectors import AGREEING, DETECTORS, MA_SIGMA_HEADING
@@ -94,20 +93,17 @@ def match_compass(compass: GatedCompassParameters) -> MatchedParameters:
     return MatchedParameters(**kept)
 
 
-def run_matched(
-    recording: Recording,
-    stances: Stances,
-    field: FootfallField | None,
-    parameters: MatchedParameters,
-    heading: float | None = None,
-    method: str = "matched",
-) -> Solution:
-    """Estimate the lever, and navigate a walk as `fg_nav.ekf.gated_compass.run_gated_compass` does."""
+def match_walk(
+    parameters: MatchedParameters, recording: Recording, stances: Stances, swing_density: float | None = None
+) -> MatchedParameters:
+    """Return the filter with the rolling lever of this walk, where none is given, and if given its `swing_density`."""
     core = parameters.inertial
+    if swing_density is not None:
+        core = replace(core, gyr_relative_density=swing_density)
     if core.rolling_lever_m is None:
         x, y, z = estimate_lever(recording, stances).lever.tolist()
         core = replace(core, rolling_lever_m=(x, y, z))
-    return run_gated_compass(recording, stances, field, replace(parameters, inertial=core), heading, method)
+    return replace(parameters, inertial=core)
 
 
 Parameters: TypeAlias = IezParameters | GatedCompassParameters  # Of any filter here.
@@ -185,10 +181,7 @@ RTS = "-rts"  # After the name of any filter: smoothed backward over its pass (`
 def find_parameters(method: str, preset: str = TUNED) -> Parameters:
     """Return the parameters of a filter in a preset.
 
-    Raises
-    ------
-    EstimationError
-        If there is no such preset, or no filter of this name.
+    Raises `EstimationError` if there is no such preset, or no filter of this name.
     """
     check_preset(preset)
     name = method.removesuffix(RTS)
@@ -230,21 +223,13 @@ def run_filter(
         own.
     changes : of the preset's parameters.
 
-    Raises
-    ------
-    EstimationError
-        For names that are none, and where the filter cannot solve this walk.
+    Raises `EstimationError` for names that are none, and where the filter cannot solve this walk.
     """
     parameters = change_parameters(find_parameters(method, preset), changes)
-    if isinstance(parameters, AiezParameters):
-        solution = run_aiez(recording, stances, field, parameters, heading, method)
-    elif isinstance(parameters, MatchedParameters):
-        if swing_density is not None:
-            core = replace(parameters.inertial, gyr_relative_density=swing_density)
-            parameters = replace(parameters, inertial=core)
-        solution = run_matched(recording, stances, field, parameters, heading, method)
-    elif isinstance(parameters, GatedCompassParameters):
-        solution = run_gated_compass(recording, stances, field, parameters, heading, method)
+    if isinstance(parameters, MatchedParameters):
+        parameters = match_walk(parameters, recording, stances, swing_density)
+    if isinstance(parameters, GatedCompassParameters):
+        solution = run_with_compass(recording, stances, field, parameters, heading, method)
     else:
         solution = run_iez(recording, stances, parameters, heading or 0.0)
     name, notes = method.removesuffix(RTS), list(solution.notes)

@@ -44,7 +44,7 @@ import numpy as np
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.ekf.covariance import ATTITUDE, SIZE, VELOCITY, Densities, MotionNoise, compute_densities
 from fg_nav.ekf.update import INNOVATION, ROW, VARIANCE, inject_error
-from fg_nav.mechanisation import NavState, strapdown
+from fg_nav.mechanisation import NavState, multiply, strapdown
 from fg_nav.system.compiled import njit
 
 
@@ -172,43 +172,20 @@ def _remove_body_noise(e: Floats, adjoint: Floats, first: int, turn: Floats, sig
 @njit(cache=True)
 def undo_update(e: Floats, adjoint: Floats, information: Floats, trace: Floats, h: Floats) -> None:
     """Carry `e`, lambda (`adjoint`) and Lambda back over the update by row `h` (15,) that left this trace."""
-    weighted = np.empty(SIZE)
-    gained, square = _restore_error(e, adjoint, information, trace, weighted)
-    for i in range(SIZE):
-        adjoint[i] += h[i] * gained
-        for j in range(SIZE):
-            information[i, j] += h[i] * h[j] * square - (h[i] * weighted[j] + weighted[i] * h[j])
-
-
-@njit(cache=True)
-def undo_component(e: Floats, adjoint: Floats, information: Floats, trace: Floats, index: int) -> None:
-    """Step back over an update by one state: `undo_update` for h = unit row `index`, in O(n) after Lambda K."""
     # weighted = Lambda K, gained = nu / s - K^T lambda, square = K^T Lambda K + 1 / s
-    weighted = np.empty(SIZE)
-    gained, square = _restore_error(e, adjoint, information, trace, weighted)
-    adjoint[index] += gained
-    for j in range(SIZE):
-        information[index, j] -= weighted[j]
-        information[j, index] -= weighted[j]
-    information[index, index] += square
-
-
-@njit(cache=True)
-def _restore_error(
-    e: Floats, adjoint: Floats, information: Floats, trace: Floats, weighted: Floats
-) -> tuple[float, float]:
-    """Add K nu to `e`, write Lambda K to `weighted`; return nu / s - K^T lambda and K^T Lambda K + 1 / s."""
-    s = trace[VARIANCE]
+    weighted, s = np.zeros(SIZE), trace[VARIANCE]
     gained, square = trace[INNOVATION] / s, 1.0 / s
     for i in range(SIZE):
         gain = trace[i] / s
         e[i] += gain * trace[INNOVATION]
         gained -= gain * adjoint[i]
-        weighted[i] = 0.0
         for j in range(SIZE):
             weighted[i] += information[i, j] * (trace[j] / s)
         square += gain * weighted[i]
-    return gained, square
+    for i in range(SIZE):
+        adjoint[i] += h[i] * gained
+        for j in range(SIZE):
+            information[i, j] += h[i] * h[j] * square - (h[i] * weighted[j] + weighted[i] * h[j])
 
 
 @njit(cache=True)
@@ -225,7 +202,9 @@ def smooth_backward(
     """Replace the filter's `track` and the biases of its `tape` from sample `first` on by the smoothed ones."""
     last = len(samples.h) - 1
     e, adjoint, information = np.zeros(SIZE), np.zeros(SIZE), np.zeros((SIZE, SIZE))
-    injected, work = np.empty(SIZE), np.empty((SIZE, SIZE))
+    injected, along_velocity = np.empty(SIZE), np.zeros((3, SIZE))
+    for axis in range(3):
+        along_velocity[axis, VELOCITY + axis] = 1.0
     stood, k = len(tape.stance), len(rows)
     for i in range(last, first - 1, -1):
         # back over the period of the sample
@@ -235,7 +214,7 @@ def smooth_backward(
         at_footfall = k > 0 and rows[k - 1] == i
         if at_footfall:
             k -= 1
-            _smooth_footfall(track.covariance[k], e, adjoint, information, work)
+            _smooth_footfall(track.covariance[k], e, adjoint, information)
         # inject the error into the recorded state
         smoothed = view_state(i, track, tape)
         for j in range(SIZE):
@@ -252,7 +231,7 @@ def smooth_backward(
         if stands[i]:
             stood -= 1
             for axis in range(2, -1, -1):
-                undo_component(e, adjoint, information, tape.stance[stood, axis], VELOCITY + axis)
+                undo_update(e, adjoint, information, tape.stance[stood, axis], along_velocity[axis])
 
 
 @njit(cache=True)
@@ -284,27 +263,13 @@ def _undo_step(
 
 
 @njit(cache=True)
-def _smooth_footfall(P: Floats, e: Floats, adjoint: Floats, information: Floats, work: Floats) -> None:
-    """Set `e` to P lambda and the filter's `P` (15, 15) to the smoothed P - P Lambda P; `work` is scratch."""
+def _smooth_footfall(P: Floats, e: Floats, adjoint: Floats, information: Floats) -> None:
+    """Set `e` to P lambda and the filter's `P` (15, 15) to the smoothed P - P Lambda P, exactly symmetric."""
+    error, change = multiply(P, adjoint.reshape(SIZE, 1)), multiply(P, multiply(information, P))
     for i in range(SIZE):
-        e[i] = 0.0
-        for j in range(SIZE):
-            e[i] += P[i, j] * adjoint[j]
-            work[i, j] = 0.0
-            for k in range(SIZE):
-                work[i, j] += information[i, k] * P[k, j]
-    # row by row, as each row needs only itself of the old P
-    for i in range(SIZE):
-        row = np.empty(SIZE)
-        for j in range(SIZE):
-            row[j] = P[i, j]
-            for k in range(SIZE):
-                row[j] -= P[i, k] * work[k, j]
-        for j in range(SIZE):
-            P[i, j] = row[j]
-    for i in range(SIZE):
-        for j in range(i):
-            P[i, j] = P[j, i] = (P[i, j] + P[j, i]) / 2
+        e[i] = error[i, 0]
+        for j in range(i + 1):
+            P[i, j] = P[j, i] = (P[i, j] - change[i, j] + P[j, i] - change[j, i]) / 2
 
 
 @njit(cache=True)

@@ -17,6 +17,7 @@ from fg_nav.arrays import Floats
 from fg_nav.errors import MagneticError
 from fg_nav.frames import average_angles, wrap_angle
 from fg_nav.magnetic import FieldVerdicts, FootfallField
+from fg_nav.magnetic.detectors import find_own_detectors
 from fg_nav.magnetic.footfall_field import compute_true_heading
 from fg_nav.magnetic.quasi_static import (
     DEFAULT,
@@ -93,10 +94,9 @@ def parse_detectors(words: str | None) -> list[str]:
         return list(dict.fromkeys([DEFAULT, *(USUAL if words is None else SURVEYED)]))
     wanted = [name.strip() for name in words.split(",")]
     for name in wanted:
-        if name not in SURVEYED:
-            raise MagneticError(
-                f"there is no gate '{name}' to look at: choose {ALL}, or some of {', '.join(SURVEYED)}."
-            )
+        if name not in SURVEYED and name not in find_own_detectors():
+            known = ", ".join((*SURVEYED, *find_own_detectors()))
+            raise MagneticError(f"there is no gate '{name}' to look at: choose {ALL}, or some of {known}.")
     return list(dict.fromkeys(wanted))
 
 
@@ -107,7 +107,7 @@ def survey_field(
     solution: Solution,
     earth: EarthField | None = None,
 ) -> FieldSurvey:
-    """Judge a walk by each detector, in the order of `SURVEYED`; the first of `detectors` is the chosen one.
+    """Judge a walk by each detector, in the order of `SURVEYED`, then others; the first of `detectors` is chosen.
 
     Raises `MagneticError` if there are too few footfalls for a window, or one cannot judge this walk.
     """
@@ -116,7 +116,8 @@ def survey_field(
             f"the recording has {format_count(len(field), 'footfall')}, too few to compare: walk {MIN_FOOTFALLS} or "
             f"more, or look at the samples with --gate {SAMPLEWISE}."
         )
-    verdicts = {name: judge_field(field, name) for name in SURVEYED if name in detectors and name != SAMPLEWISE}
+    ordered = sorted(detectors, key=lambda name: SURVEYED.index(name) if name in SURVEYED else len(SURVEYED))
+    verdicts = {name: judge_field(field, name) for name in ordered if name != SAMPLEWISE}
     if SAMPLEWISE in detectors:
         # the statistic of the samples, read at the footfalls; threshold of a full window
         statistic = judge_samples(recording).statistic[field.sample]

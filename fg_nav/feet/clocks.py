@@ -47,10 +47,7 @@ MAX_TURN_COST, TURN_WORTH = 4.0, 2.5  # nats, of a stride's turn; and how many s
 MAX_ALONE = 3  # Swings in a stand of the other foot that count.
 SHARE = 0.2  # Of independent steps.
 ENOUGH = 3.0  # nats between two cycles: twenty to one.
-FITTING, UNRELATED = (
-    0.4,
-    1.8,
-)  # nats a swing: of clocks that fit 0.1 to 0.4; above, not one walk.
+FITTING, UNRELATED = 0.4, 1.8  # nats a swing: of clocks that fit 0.1 to 0.4; above, not one walk.
 NEAR_S, SPACING_S = 30.0, 0.04  # Offsets that are searched first, and their spacing; then all with a moment in common.
 COARSE_S = 0.2  # Spacing of these, before they are searched finely about the best.
 MAX_DRIFT = 0.02  # By which one clock runs faster: oscillators of MEMS sensors are within a percent or two.
@@ -249,7 +246,7 @@ def list_swings(recording: Recording, stances: Stances) -> Swings:
     # heading: what each stride turned about up, counter-clockwise
     acc, gyr = recording.integrable
     level = level_attitude(acc[sample[:-1]])
-    attitude, h = level.copy(), np.append(np.diff(t), recording.period_s)
+    attitude, h = level.copy(), recording.periods_s
     integrate_strides(acc, gyr, h, sample[:-1], sample[1:], attitude, np.zeros((len(level), 3)), GRAVITY_M_S2)
     turn = attitude @ np.swapaxes(level, 1, 2)
     twist = np.arctan2(turn[:, 1, 0] - turn[:, 0, 1], turn[:, 0, 0] + turn[:, 1, 1])

@@ -9,7 +9,7 @@ with time (`time_s`, `t`), latitude (`lat_deg`), longitude (`lon`) and accuracy 
 without a place or with an accuracy that is not above zero (iOS: -1 is none) are no fixes. The origin is the first whose
 accuracy is no worse than twice the median.
 
-The columns of a barometer are found by their names (`fg_nav.columns.choice.find_pressure`); without a unit of pressure
+The columns of a barometer are found by their names (`fg_nav.columns.mapping.find_pressure`); without a unit of pressure
 in the name the size of the readings says it. Stamps are in the recording's clock. Their unit, where the name has none,
 and which of several columns of time, are those that make both run at the same time. A reading is put at the row of the
 recording that is nearest in time, and of several at one row the nearest: rows without one are NaN.
@@ -18,22 +18,22 @@ recording that is nearest in time, and of several at one row the nearest: rows w
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.columns.choice import find_pressure
-from fg_nav.columns.headers import read_header
+from fg_nav.columns.headers import find_factor, read_header
+from fg_nav.columns.mapping import find_pressure
 from fg_nav.columns.samples import convert_pressure
-from fg_nav.columns.units import find_factor
 from fg_nav.errors import FormatError
 from fg_nav.gnss import Gnss
-from fg_nav.io.content import Content, read_content
+from fg_nav.io.content import read_content
 from fg_nav.io.readers.phones import put_on_recording_clock
 from fg_nav.io.streams import find_nearest_rows
-from fg_nav.io.text_columns import Header, find_header
+from fg_nav.io.tables import TextTable, find_header
 from fg_nav.recording import RawRecording
 from fg_nav.truth import Fix
 
@@ -57,7 +57,7 @@ def read_fixes(path: Path | str) -> tuple[Fix, ...]:
     above zero.
     """
     content = read_content(Path(path))
-    table, line = Header(0, content.fields()).read(content, FIX_COLUMNS)
+    table, line = TextTable(content, content.fields()).read_columns(FIX_COLUMNS)
     needed = np.isfinite(np.delete(table, 3, axis=1)).all(axis=1) & ~np.isinf(table[:, 3])
     for good, what in (
         (needed, "lacks a number (only z_m may be empty)"),
@@ -93,7 +93,7 @@ def read_gnss(path: Path | str) -> Gnss:
             f"{table.path.name} has no column of {missing}: fixes have time_s, latitude, longitude (deg) and accuracy "
             "(m)."
         )
-    values, _ = header.read(table, [found[what] for what in _GNSS_COLUMNS])
+    values, _ = header.read_columns([found[what] for what in _GNSS_COLUMNS])
     # rows that are fixes
     t, latitude, longitude, accuracy = values[np.isfinite(values).all(axis=1)].T
     good = (np.abs(latitude) <= 90.0) & (np.abs(longitude) <= 360.0) & (accuracy > 0.0)
@@ -115,7 +115,7 @@ def read_gnss(path: Path | str) -> Gnss:
     return Gnss(fixes, *origin)
 
 
-def _find_gnss_columns(names: list[str]) -> dict[str, str]:
+def _find_gnss_columns(names: Sequence[str]) -> dict[str, str]:
     """Names of the columns of fixes, by what they are."""
     letters = {re.sub(r"[^a-z]", "", _UNITS.sub("", name).lower()): name for name in names}
     known = ((what, word) for what, words in _GNSS_COLUMNS.items() for word in words[::-1])
@@ -133,7 +133,7 @@ def add_barometer(raw: RawRecording, path: Path) -> RawRecording:
     if header is None or channel is None:
         raise FormatError(f"{path.name} names no pressure: give a table with the columns time_s and pressure_pa.")
     notes: list[str] = []
-    pressure = convert_pressure(header.read(content, channel.names)[0][:, 0], channel, notes)
+    pressure = convert_pressure(header.read_columns(channel.names)[0][:, 0], channel, notes)
     if pressure is None:
         why = notes[-1] if notes else f"'{channel.names[0]}' has no reading"
         raise FormatError(f"{path.name}: {why}; give pressures in Pa, hPa or kPa, or leave --barometer out.")
@@ -142,7 +142,7 @@ def add_barometer(raw: RawRecording, path: Path) -> RawRecording:
     order = np.argsort(t, kind="stable")
     if len(t) < 2:
         return raw
-    stamps = _find_stamps(content, header, float(t[order[0]]), float(t[order[-1]]), path)
+    stamps = _find_stamps(header, float(t[order[0]]), float(t[order[-1]]), path)
     found = np.flatnonzero(np.isfinite(pressure) & np.isfinite(stamps))
     at, chosen = find_nearest_rows(stamps[found], t[order])
     placed = np.full(len(raw.t), np.nan)
@@ -152,7 +152,7 @@ def add_barometer(raw: RawRecording, path: Path) -> RawRecording:
     return replace(raw, pressure=placed, provenance=provenance)
 
 
-def _find_stamps(content: Content, header: Header, first: float, last: float, path: Path) -> Floats:
+def _find_stamps(header: TextTable, first: float, last: float, path: Path) -> Floats:
     """Return stamps (N,) s of a barometer, by the column and unit that best overlap `first` to `last` (s)."""
     best, share, spans = np.empty(0), 0.0, list[str]()
     for name in header.names:
@@ -160,7 +160,7 @@ def _find_stamps(content: Content, header: Header, first: float, last: float, pa
         if meaning is None or meaning.kind != "time":
             continue
         said = meaning.unit if meaning.unit and find_factor("time", meaning.unit) else None
-        t = header.read(content, [name])[0][:, 0]
+        t = header.read_columns([name])[0][:, 0]
         for unit in ("s", "ms", "us", "ns") if said is None else (said,):
             stamps = t * (find_factor("time", unit) or 1.0)
             begins, ends = (float(edge) for edge in np.nanquantile(stamps, [0.0, 1.0]))

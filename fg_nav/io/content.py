@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from fg_nav.arrays import Floats
 from fg_nav.columns.mapping import Columns
-from fg_nav.errors import FormatError
+from fg_nav.errors import FgNavError, FormatError
 from fg_nav.io import matlab
 from fg_nav.io.packed import Fetch, fetch_file, fetch_gzip, fetch_once, list_folder, list_zip, shared_folder
 
@@ -41,7 +41,7 @@ _NOTHING: Mapping[str, Any] = MappingProxyType({})
 class Content:
     """What a path holds, as far as needed to recognize it: `lines`, `variables` or `members`; else `head` alone.
 
-    A reader takes a table's columns by `read_table(content, ...)`, the whole text by `read_text()` and the bytes by
+    A reader takes the columns of a text by a `TextTable` of it, the whole text by `read_text()` and the bytes by
     `read_bytes()`, all at C speed and unpacked where they were packed; `source()` is what the reader of a library
     takes. For a folder or an archive it does so with `members[name]`.
     """
@@ -61,6 +61,7 @@ class Content:
     sensor: str | None = None
     columns: Columns | None = None
     is_trial: bool = False  # whether it is read to try what is to be proposed
+    opened: dict[int, Any] = field(default_factory=dict, compare=False, repr=False)  # as a table (`fg_nav.io.tables`)
 
     @property
     def kind(self) -> str:
@@ -183,12 +184,19 @@ def split_fields(line: str, separator: str = ",", skip_blanks: bool = False) -> 
 
 
 @contextmanager
-def explain_missing(name: str, what: str, library: str, extra: str) -> Iterator[None]:
-    """Raise `FormatError` with the extra to install, where the library that reads a file is imported and absent."""
+def explain_library(
+    name: str, what: str, library: str = "", extra: str = "", remedy: str = "export it again"
+) -> Iterator[None]:
+    """Raise `FormatError` where the library that reads a file is absent, with the extra to install, or cannot read."""
     try:
         yield
+    except FgNavError:
+        raise
     except ImportError:
         raise FormatError(f"{name} is {what}, which {library} reads: pip install 'fg-nav[{extra}]'.") from None
+    except Exception as error:  # libraries raise errors of their own, and of what they are built on
+        kind = what.split(" ", 1)[1]
+        raise FormatError(f"{name} is a damaged {kind} ({type(error).__name__}): {remedy}.") from None
 
 
 def choose_sensor(

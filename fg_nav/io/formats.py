@@ -24,9 +24,9 @@ from fg_nav.io.readers import known_tables as known
 from fg_nav.io.readers import matlab_sets as sets
 from fg_nav.io.readers import phones, ros, table, xsens
 from fg_nav.io.readers import wearables as worn
-from fg_nav.io.tables import ZIP_MARK, open_table
-from fg_nav.io.text_columns import Header
+from fg_nav.io.tables import ZIP_MARK, TextTable, open_table
 from fg_nav.io.truth import C3D_KEY, CSV_COLUMNS, pack_footprints, read_c3d, read_footprint_mat, read_tum
+from fg_nav.plugins import find_plugins
 from fg_nav.recording import NOMINAL_SIGMA, RawRecording, Recording, note_nominal_rate
 from fg_nav.samples.stamps import MAX_BRIDGED_S
 from fg_nav.truth import Truth
@@ -36,7 +36,7 @@ RATE, SENSOR = "rate", "sensor"
 
 @dataclass(frozen=True)
 class Format:
-    """A file format: what it is, how it is recognized and how it is read.
+    """A file format: how it is recognized and how it is read.
 
     `recognizes` returns something true for a content of the format. `read` raises `FormatError` if a sensor or a column
     is missing or doubled, a unit is not known, a field is no number, the file is damaged, or it is not said which of
@@ -45,7 +45,6 @@ class Format:
     """
 
     name: str
-    description: str
     recognizes: Callable[[Content], object]
     read: Callable[[Content], RawRecording]
     kinds: tuple[str, ...] = (TEXT,)
@@ -57,55 +56,37 @@ def _hold(*names: str) -> Callable[[Content], bool]:
     return lambda content: not content.variables.isdisjoint(names)
 
 
-_ANY = (TEXT, BINARY, MEMBERS, MATLAB)
 _ALL = (
-    Format("canonical", "CSV of this project (time_s, acc_x_m_s2, ...)", known.is_canonical, known.read_canonical),
-    Format(
-        "sensorconnect", "LORD/MicroStrain SensorConnect CSV", known.find_sensorconnect_header, known.read_sensorconnect
-    ),
-    Format("pyshoe", "PyShoe MATLAB file", _hold("imu", "zv_shoe_opt"), sets.read_pyshoe, (MATLAB,)),
-    Format(
-        "gdlbio",
-        "MATLAB file of surveyed walks (gdlbio)",
-        _hold("imu_data", "strideIndex"),
-        sets.read_gdlbio,
-        (MATLAB,),
-    ),
-    Format("openshoe", "OpenShoe text", known.is_openshoe, known.read_openshoe),
-    Format("phyphox", "phyphox folder, zip or CSV", phones.is_phyphox, phones.read_phyphox, (MEMBERS, TEXT)),
-    Format(
-        "sensor-logger", "Sensor Logger folder, zip", phones.find_tables, phones.read_sensor_logger, (MEMBERS, TEXT)
-    ),
-    Format("sensorlog", "SensorLog CSV (iPhone)", known.SENSORLOG.recognizes, known.SENSORLOG.read),
-    Format("androsensor", "AndroSensor CSV", known.ANDROSENSOR.recognizes, known.ANDROSENSOR.read),
-    Format("physics-toolbox", "Physics Toolbox CSV", known.PHYSICS_TOOLBOX.recognizes, known.PHYSICS_TOOLBOX.read),
-    Format("hyperimu", "HyperIMU CSV", known.HYPERIMU.recognizes, known.HYPERIMU.read, options=(RATE,)),
-    Format("gnss-logger", "Google GnssLogger text", phones.is_gnss_logger, phones.read_gnss_logger),
-    Format("xio", "x-io NGIMU or x-IMU3 CSV", worn.is_xio, worn.read_xio, (TEXT, MEMBERS)),
-    Format("xsens", "Xsens MT Manager text (MTi, MTw)", xsens.is_mt, xsens.read_mt, options=(RATE,)),
-    Format("xsens-dot", "Xsens or Movella DOT CSV", xsens.is_dot, xsens.read_dot),
-    Format(
-        "metawear", "MetaWear CSV files of a session", worn.is_metawear, worn.read_metawear, (TEXT, MEMBERS), (SENSOR,)
-    ),
-    Format("movesense", "Movesense JSON", worn.is_movesense, worn.read_movesense),
-    Format("shimmer", "Shimmer Consensys CSV", worn.find_shimmer_header, worn.read_shimmer, options=(SENSOR,)),
-    Format("apdm", "APDM Opal CSV", worn.is_apdm, worn.read_apdm, options=(SENSOR,)),
-    Format("vectornav", "VectorNav CSV of INSTINCT", known.is_vectornav, known.read_vectornav),
-    Format("yei", "YEI 3-Space CSV", known.is_yei, known.read_yei),
-    Format("ros", "ROS 1 or ROS 2 bag", ros.recognizes, ros.read, (BINARY, MEMBERS), (SENSOR,)),
-    Format("broad", "BROAD MATLAB file", _hold("imu_acc", "imu_gyr"), sets.read_broad, (MATLAB,)),
-    Format("table", "any table, by its columns' names", table.recognizes, table.read, _ANY, (RATE, SENSOR)),
-    Format(
-        "tables",
-        "folder or zip with a table a sensor",
-        table.are_sensor_tables,
-        table.read_sensor_tables,
-        (MEMBERS,),
-        (SENSOR,),
-    ),
+    Format("canonical", known.is_canonical, known.read_canonical),
+    Format("sensorconnect", known.find_sensorconnect, known.read_sensorconnect),
+    Format("pyshoe", _hold("imu", "zv_shoe_opt"), sets.read_pyshoe, (MATLAB,)),
+    Format("gdlbio", _hold("imu_data", "strideIndex"), sets.read_gdlbio, (MATLAB,)),
+    Format("openshoe", known.is_openshoe, known.read_openshoe),
+    Format("phyphox", phones.is_phyphox, phones.read_phyphox, (MEMBERS, TEXT)),
+    Format("sensor-logger", phones.find_tables, phones.read_sensor_logger, (MEMBERS, TEXT)),
+    *(Format(one.name, one.recognizes, one.read, options=(RATE,) * one.is_epoch) for one in phones.APPS),
+    Format("gnss-logger", phones.is_gnss_logger, phones.read_gnss_logger),
+    Format("xio", worn.is_xio, worn.read_xio, (TEXT, MEMBERS)),
+    Format("xsens", xsens.is_mt, xsens.read_mt, options=(RATE,)),
+    Format("xsens-dot", xsens.is_dot, xsens.read_dot),
+    Format("metawear", worn.is_metawear, worn.read_metawear, (TEXT, MEMBERS), (SENSOR,)),
+    Format("movesense", worn.is_movesense, worn.read_movesense),
+    Format("shimmer", known.find_shimmer, known.read_shimmer, options=(SENSOR,)),
+    Format("apdm", known.find_apdm, known.read_apdm, options=(SENSOR,)),
+    Format("vectornav", known.is_vectornav, known.read_vectornav),
+    Format("yei", known.find_yei, known.read_yei),
+    Format("ros", ros.recognizes, ros.read, (BINARY, MEMBERS), (SENSOR,)),
+    Format("broad", _hold("imu_acc", "imu_gyr"), sets.read_broad, (MATLAB,)),
+    Format("table", table.recognizes, table.read, (TEXT, BINARY, MEMBERS, MATLAB), (RATE, SENSOR)),
+    Format("tables", table.are_sensor_tables, table.read_sensor_tables, (MEMBERS,), (SENSOR,)),
 )
 
-FORMATS: Mapping[str, Format] = MappingProxyType({one.name: one for one in _ALL})  # All formats by name.
+FORMATS: Mapping[str, Format] = MappingProxyType({one.name: one for one in _ALL})  # Those known here, by name.
+
+
+def list_formats() -> dict[str, Format]:
+    """Formats by name, last those of other packages (`fg_nav.plugins`); raises `PluginError` as `find_plugins`."""
+    return {**FORMATS, **find_plugins("readers", Format)}
 
 
 @dataclass(frozen=True)
@@ -114,7 +95,7 @@ class Reading:
 
     Attributes
     ----------
-    format : a name of `FORMATS` to read it as; without one the format is recognized from the content.
+    format : a name of `list_formats` to read it as; without one the format is recognized from the content.
     columns : of a table, which are what: `time=ts[ms],acc=ax:ay:az[g],gyr=gx:gy:gz[deg/s]` (`fg_nav.columns.mapping`).
     rate_hz : the rate of a file that has neither a clock nor a rate.
     rate_sigma : of that rate, a share of it.
@@ -138,14 +119,15 @@ class Reading:
     def read_raw(self, path: Path | str) -> RawRecording:
         """Read what a file says, unchecked; raises `FormatError` as `fg_nav.io.read`."""
         format = self.format
-        if format is not None and format not in FORMATS:
-            raise FormatError(f"there is no format '{format}': choose one of {', '.join(FORMATS)}.")
+        if format is not None and format not in FORMATS and format not in list_formats():
+            raise FormatError(f"there is no format '{format}': choose one of {', '.join(list_formats())}.")
         if self.columns is not None and format not in (None, "table"):
             raise FormatError(f"--columns maps a table, and the format given is '{format}': leave one of them out.")
         columns = parse_columns(self.columns) if isinstance(self.columns, str) else self.columns
         content = read_content(Path(path))
         format = "table" if columns is not None else format
-        chosen, found = _find_recording(content, None if format is None else FORMATS[format])
+        wanted = None if format is None else FORMATS.get(format) or list_formats()[format]
+        chosen, found = _find_recording(content, wanted)
         for option, value in ((RATE, self.rate_hz), (SENSOR, self.sensor)):
             if value is not None and option not in chosen.options:
                 raise FormatError(
@@ -203,6 +185,8 @@ def _find_recording(content: Content, chosen: Format | None) -> tuple[Format, Co
     if chosen is not None and fits and not content.members:
         return chosen, content
     found = list(_find_all(content, FORMATS.values() if chosen is None else [chosen]))
+    if chosen is None and not found:
+        found = list(_find_all(content, find_plugins("readers", Format).values()))
     if len(found) > 1:
         names = ", ".join(part.path.relative_to(content.path).as_posix() for _, part in found[:3])
         more = ", ..." if len(found) > 3 else ""
@@ -256,7 +240,7 @@ def read_truth(path: Path | str) -> Truth:
             raise FormatError(f"{path.name} holds neither footprints nor a true path: give another file.")
         return truth
     if not set(CSV_COLUMNS).isdisjoint(content.fields()):
-        footprints, _ = Header(0, content.fields()).read(content, CSV_COLUMNS)
+        footprints, _ = TextTable(content, content.fields()).read_columns(CSV_COLUMNS)
         return pack_footprints(footprints[:, 0], footprints[:, 1:], None, path)
     return read_tum(content)
 
@@ -264,18 +248,15 @@ def read_truth(path: Path | str) -> Truth:
 # What is no recording
 
 _MARKS = (
-    (b"\xd0\xcf\x11\xe0", "an old Excel file: save it as CSV"),
-    (b"SQLite format 3", "a database without topics of sensor_msgs/Imu: record these"),
-    (b"%PDF", "a PDF: export the samples as CSV"),
-    (b"\x89PNG", "a picture: give the recording"),
-    (b"\xff\xd8\xff", "a picture: give the recording"),
-    (codecs.BOM_UTF32_LE, "text in UTF-32: save it in UTF-8"),
-    (codecs.BOM_UTF32_BE, "text in UTF-32: save it in UTF-8"),
-    (b"BZh", "packed by bzip2: unpack it"),
-    (b"\xfd7zXZ", "packed by xz: unpack it"),
-    (b"\x28\xb5\x2f\xfd", "packed by zstd: unpack it"),
-    (b"7z\xbc\xaf", "a 7z archive: unpack it"),
-    (b"Rar!", "a RAR archive: unpack it"),
+    ((b"\xd0\xcf\x11\xe0",), "an old Excel file: save it as CSV"),
+    ((b"SQLite format 3",), "a database without topics of sensor_msgs/Imu: record these"),
+    ((b"%PDF",), "a PDF: export the samples as CSV"),
+    ((b"\x89PNG", b"\xff\xd8\xff"), "a picture: give the recording"),
+    ((codecs.BOM_UTF32_LE, codecs.BOM_UTF32_BE), "text in UTF-32: save it in UTF-8"),
+    (
+        (b"BZh", b"\xfd7zXZ", b"\x28\xb5\x2f\xfd", b"7z\xbc\xaf", b"Rar!"),
+        "packed by bzip2, xz, zstd, 7z or RAR: unpack it",
+    ),
 )
 
 
@@ -283,10 +264,14 @@ def _explain_unknown(content: Content) -> str:
     """Return a sentence for content of unknown format: the nearest format or file type, and the remedy."""
     name = content.path.name
     if content.kind == MEMBERS:
-        return _explain_table(content) or f"{name} is in none of the formats read here: {_explain_members(content)}."
+        packed = next((place for place, part in content.members.items() if part.head.startswith(ZIP_MARK)), None)
+        holds = f"{shorten_names(list(content.members), 6)}, of which none is a recording; give the one that is"
+        if packed is not None:
+            holds = f"an archive in itself, unpack it and give '{packed}'"
+        return _explain_table(content) or f"{name} is in none of the formats read here: it holds {holds}."
     words = _explain_own(content)
     if words is None:
-        words = next((said for mark, said in _MARKS if content.head.startswith(mark)), None)
+        words = next((said for marks, said in _MARKS if content.head.startswith(marks)), None)
         # Latin text in UTF-16: every second byte is zero, and no other
         halves = (content.head[::2], content.head[1::2])
         if len(content.head) > 1 and any(not any(a) and all(b) for a, b in (halves, halves[::-1])):
@@ -298,8 +283,8 @@ def _explain_unknown(content: Content) -> str:
         return nearest
     what = "text without a table of numbers" if content.lines else "a binary file of an unknown kind"
     return (
-        f"{name} is in none of the {len(FORMATS)} formats read here, but {what}: export its samples as a table with "
-        f"the columns t,ax,ay,az,gx,gy,gz, and type fg-nav inspect "
+        f"{name} is in none of the {len(list_formats())} formats read here, but {what}: export its samples as a table "
+        f"with the columns t,ax,ay,az,gx,gy,gz, and type fg-nav inspect "
         f"{shlex.quote(str(content.path.with_suffix('.csv')))}."
     )
 
@@ -324,31 +309,6 @@ def _explain_own(content: Content) -> str | None:
     return None
 
 
-def _explain_members(content: Content) -> str:
-    """Return words on the members of a folder or archive, and which to give."""
-    packed = next((place for place, part in content.members.items() if part.head.startswith(ZIP_MARK)), None)
-    if packed is not None:
-        return f"it holds an archive in itself, unpack it and give '{packed}'"
-    kinds = {place: _find_kinds(part) for place, part in content.members.items()}
-    some = [f"'{place}' has {' and '.join(sorted(found))}" for place, found in kinds.items() if found]
-    if some:
-        return (
-            f"it is nearest to a table, but {', '.join(some[:4])}, none has both; "
-            f"export both sensors into one file, or give that file"
-        )
-    return f"it holds {shorten_names(list(content.members), 6)}, of which none is a recording; give the one that is"
-
-
-def _find_kinds(content: Content) -> set[str]:
-    """Which of acceleration and angular rate the columns of a table name."""
-    words = {"acc": "acceleration", "gyr": "angular rate", "no gravity": "acceleration without gravity"}
-    try:
-        named = table.find_kinds(open_table(content, 3))
-    except FormatError:
-        return set()
-    return {word for kind, word in words.items() if kind in named}
-
-
 def _explain_table(content: Content) -> str | None:
     """Return a sentence on what a table lacks to be read by its header; None if the content is no table."""
     name = content.path.name
@@ -356,7 +316,8 @@ def _explain_table(content: Content) -> str | None:
         opened = open_table(content)
         if opened is None:
             return None
-        if content.variables and not _find_kinds(content):
+        is_named = not table.find_kinds(opened).isdisjoint(("acc", "gyr", "no gravity"))
+        if content.variables and not is_named:
             listed = shorten_names(sorted(content.variables), 8)
             return (
                 f"{name} is no recording but a MATLAB file with the variables {listed}: save the samples in arrays "
@@ -365,7 +326,7 @@ def _explain_table(content: Content) -> str | None:
         unnamed = sum(read_header(column) is None for column in opened.names)
         if opened.has_header and unnamed < 3 and (single := table.explain_sensor_tables([content])):
             return single
-        if not opened.has_header or _find_kinds(content):
+        if not opened.has_header or is_named:
             table.choose(content, opened)
     except FormatError as error:
         return str(error)

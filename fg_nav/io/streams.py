@@ -26,7 +26,6 @@ import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints, interpolate_columns
 from fg_nav.errors import FormatError
-from fg_nav.io.text_columns import drop_held
 from fg_nav.recording import GAP_PERIODS, Provenance, RawRecording
 from fg_nav.text import format_count
 
@@ -45,6 +44,8 @@ _RESTART_S = 1.0  # A step backward by more is a clock that began again, not a s
 _FROZEN_S = 2.0  # A sensor that wakes up repeats its first sample for less; longer, it rests without noise.
 _FROZEN_ROWS = 3  # Two equal samples are quantization.
 _HELD_PERIODS = 3.0  # A value that lasts longer than so many samples was measured again.
+_MOVING_RAD_S = 0.5  # Turning this fast, no real magnetometer gives the same three numbers twice by chance.
+_HELD_SHARE = 0.1  # More repeats than this in motion are the logger's doing, not the quantization's.
 
 
 @dataclass(frozen=True)
@@ -73,23 +74,34 @@ class Stream:
 
 
 @np.errstate(over="ignore", invalid="ignore")  # of numbers that a damaged file may hold
-def join_streams(streams: Sequence[Stream], path: Path, format: str, notes: Sequence[str] = ()) -> RawRecording:
+def join_streams(
+    streams: Sequence[Stream], path: Path, format: str, notes: Sequence[str] = (), is_part: bool = False
+) -> RawRecording:
     """Return one recording from a stream per sensor: force interpolated, field nearest, at the gyroscope's stamps.
 
-    `path`, `format`, `notes` and remarks on the processing become the provenance.
+    `path`, `format`, `notes` and remarks on the processing become the provenance; `is_part` where the sensors are in
+    files of their own, and `path` is one of them.
 
-    Raises `FormatError` if accelerometer or gyroscope is absent or too slow, or if they share no time.
+    Raises `FormatError` if accelerometer or gyroscope is absent, twice there or too slow, or if they share no time.
     """
     remarks = list(notes)
+    for k, stream in enumerate(streams):
+        other = next((one for one in streams[:k] if one.what == stream.what), None)
+        if other is not None:
+            raise FormatError(
+                f"{path.name} holds two tables of the {stream.name} ({other.source}, {stream.source}): give a folder "
+                f"with those of one recording."
+            )
     found = {stream.what: stream for stream in _subtract_start(streams, remarks)}
     cleaned = {what: _clean(stream, remarks) for what, stream in found.items()}
     for needed in ("acc", "gyr"):
         if needed not in cleaned:
-            other = [stream.name for stream in streams]
-            raise FormatError(
-                f"{path.name} has no {NAMES[needed]}{', only ' + ' and '.join(other) if other else ''}: "
-                f"record accelerometer and gyroscope together."
-            )
+            there = [stream.name for stream in streams]
+            remedy = "record accelerometer and gyroscope together"
+            if is_part and len(streams) == 1:
+                remedy = "give the folder or zip with the files of all sensors"
+            only = f", only {' and '.join(there)}" if there else ""
+            raise FormatError(f"{path.name} has no {NAMES[needed]}{only}: {remedy}.")
         if len(cleaned[needed].t) < 2:
             count = format_count(len(cleaned[needed].t), "sample")
             source = cleaned[needed].source
@@ -279,6 +291,36 @@ def find_nearest_rows(t: Floats | Ints, t_row: Floats | Ints) -> tuple[Ints, Int
     nearest[row[far_first]] = far_first
     taken = np.flatnonzero(nearest >= 0)
     return taken, nearest[taken]
+
+
+def drop_held(mag: Floats, gyr: Floats) -> Floats:
+    """Set rows of `mag` (N, D) that repeat the row before exactly to NaN, if the logger holds samples at all.
+
+    Many loggers repeat a sample until there is a new one; an estimator would count each repeat as a measurement.
+    `gyr` (N, 3) rad/s shows the motion: repeats at rest alone are quantization, and stay.
+    """
+    repeated = np.concatenate(([False], (mag[1:] == mag[:-1]).all(axis=1)))
+    moving = (np.abs(gyr) > _MOVING_RAD_S).any(axis=1)
+    judged = repeated[moving] if np.count_nonzero(moving) >= 100 else repeated
+    if judged.mean() < _HELD_SHARE:
+        return mag
+    return np.where(repeated[:, None], np.nan, mag)
+
+
+def continue_counter(count: Floats, end: float, name: str) -> tuple[Floats, tuple[str, ...]]:
+    """Return the counter or clock `count` (N,) unwrapped where it restarts at `end`, and a note if it does.
+
+    A step of more than half of `end`, up or down, counts as a wrap: packets out of order stay so, and after a pause of
+    more than half a cycle the time is wrong by whole cycles. NaN stays NaN; a column with numbers beyond `end` is no
+    such counter, and is returned unchanged.
+    """
+    known = np.flatnonzero(np.isfinite(count))
+    if not known.size or count[known].max() >= end or count[known].min() < 0:
+        return count, ()
+    whole = count.copy()
+    whole[known] = np.unwrap(count[known], period=end)
+    rounds = int(np.count_nonzero(np.diff(whole[known] - count[known]) > 0.5 * end))
+    return whole, (f"{name} began again at its end {format_count(rounds, 'time')}: set on",) if rounds else ()
 
 
 def _describe(streams: Sequence[Stream]) -> str:

@@ -1,4 +1,4 @@
-"""Tables in files of any kind: the names of their columns, and columns as floats.
+"""Tables in files of any kind: the names of their columns, and columns as floats at C speed.
 
 ======== ==========================================================================================================
 text     separated by comma, semicolon, tab, bar or blanks; decimal point or comma; comments; a row of units
@@ -8,9 +8,16 @@ arrays   numpy's npz and npy, MATLAB files, HDF5 (needs h5py): an array a column
 Parquet  a column a column (needs pyarrow); so is an Excel sheet (needs openpyxl)
 ======== ==========================================================================================================
 
-Of a text the first long run of lines with as many numbers each is the data; separator and decimal sign are those by
-which most of its fields are numbers. What stands right above it with as many fields is the header, in one or more rows,
-which may be a comment; of these a row of units goes into brackets behind the names.
+Of a text with a known header (`find_header`) a line `sep=;` names the separator, as spreadsheets have it; else it is
+the character of tab, semicolon and comma that is most often in the header, or a blank. Numbers have a decimal comma
+where that separates no fields and commas are more than points among the digits of the next lines.
+
+Of any other text (`open_table`) the first long run of lines with as many numbers each is the data; separator and
+decimal sign are those by which most of its fields are numbers. What stands right above it with as many fields is the
+header, in one or more rows, which may be a comment; of these a row of units goes into brackets behind the names.
+
+Lines are counted from 1 as in an editor. Empty fields are NaN; wholly empty lines are left out. What does not parse is
+named by line and column.
 """
 
 from __future__ import annotations
@@ -19,10 +26,10 @@ import io
 import json
 import re
 import warnings
-import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -30,12 +37,10 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.columns.headers import read_header
+from fg_nav.columns.headers import find_quantity, read_header
 from fg_nav.columns.samples import to_floats
-from fg_nav.columns.units import find_quantity
 from fg_nav.errors import FormatError
-from fg_nav.io.content import Content, explain_missing, load_mat, split_fields, split_lines
-from fg_nav.io.text_columns import read_table, table_options
+from fg_nav.io.content import Content, explain_library, load_mat, split_fields, split_lines
 
 PARQUET_MARK, ZIP_MARK, NPY_MARK, HDF5_MARK = b"PAR1", b"PK\x03\x04", b"\x93NUMPY", b"\x89HDF"
 
@@ -43,7 +48,10 @@ MIN_NUMBERS = 6  # Columns of numbers that a table of force and rate has at leas
 _MAX_TOP = 200  # Lines above the data.
 _JUDGED = 40  # Lines of data from which the layout is found.
 _MAX_HEADER_ROWS = 4
+_MAX_LINES = 60  # Lines searched for a known header; the longest block of lines about a session is a third of this.
 
+_SAID = re.compile(r'^"?sep=(\\t|.)"?', re.IGNORECASE)
+_COMMA, _POINT = re.compile(r"\d,\d"), re.compile(r"\d\.\d")
 _COMMENTS = ("#", "%", "//", "!", '"#')
 _SEPARATORS = ("\t", ";", ",", r"\s+", "|")
 _WAYS = tuple((separator, decimal) for separator in _SEPARATORS for decimal in ".," if separator != decimal)
@@ -61,23 +69,137 @@ _EMPTY = frozenset({"", "nan", "NaN", "NAN", "inf", "-inf", "+nan", "null", "NUL
 
 _split_row = partial(split_fields, skip_blanks=True)
 
+BLOCK_ROWS = 1 << 19  # Parsed at once: a whole table takes the parser four times its memory; less scatters on the heap.
+
 Arrays: TypeAlias = Mapping[str, np.ndarray[Any, Any]]
 
 
 @dataclass(frozen=True)
 class TextTable:
-    """A table of text. `names` are numbers from 1 where it has no header; `first_line` of data is from 1."""
+    r"""A table of text.
+
+    Attributes
+    ----------
+    names : (C,) of all columns; numbers from 1 where it has no header.
+    first_line : of the data, from 1.
+    separator : one character, or the regular expression `\s+`.
+    comment : begins one, up to the end of its line.
+    """
 
     content: Content
     names: Sequence[str]
-    first_line: int
-    separator: str
-    decimal: str
-    comment: str | None
+    first_line: int = 2
+    separator: str = ","
+    decimal: str = "."
+    comment: str | None = None
     has_header: bool = True
 
+    def __contains__(self, name: object) -> bool:
+        return name in self.names
+
+    @property
+    def line(self) -> int:
+        """Line of the header that is right above the data, from 0."""
+        return self.first_line - 2
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """How pandas reads the rows: with one name more than the header, for a separator at their end."""
+        return {
+            "header": None, "names": range(len(self.names) + 1), "index_col": False, "skiprows": self.first_line - 1,
+            "sep": self.separator, "skip_blank_lines": False, "engine": "c", "low_memory": False,
+            "encoding": "utf-8", "encoding_errors": "replace", "na_values": ["+nan", "+NaN", "NAN"],
+            "compression": None, "comment": self.comment,
+        }  # fmt: skip
+
+    def read_columns(self, names: Sequence[str]) -> tuple[Floats, Ints]:
+        """Read columns of numbers (N, K) by name and the line (N,) of each row.
+
+        Raises `FormatError` if a column is missing or doubled, or as `read_numbers`.
+        """
+        return self.read_numbers([find_column(name, self.names, self.content.path) for name in names])
+
+    def read_numbers(self, positions: Sequence[int]) -> tuple[Floats, Ints]:
+        """Read columns of numbers (N, K) and the line (N,) of each row.
+
+        Raises `FormatError` if a field is no number, a row has too many fields, or there is no row.
+        """
+        # One column more than the header has: a separator may end each row, and a field too many shows.
+        wanted, name = [*positions, len(self.names)], self.content.path.name
+        blocks = list[Floats]()
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("error", pd.errors.ParserWarning)  # of fields it leaves out
+                how = self.options | {"decimal": self.decimal, "dtype": dict.fromkeys(wanted, np.float64)}
+                with pd.read_csv(self.content.source(), chunksize=BLOCK_ROWS, **how) as frames:
+                    blocks += (frame[wanted].to_numpy(dtype=np.float64) for frame in frames)
+        except pd.errors.EmptyDataError:
+            pass
+        except pd.errors.ParserWarning:
+            raise FormatError(f"{name} has rows with more fields than the header: correct them.") from None
+        except pd.errors.ParserError as error:
+            reason = " ".join(str(error).removeprefix("Error tokenizing data. C error: ").split())
+            raise FormatError(f"{name} is not a regular table ({reason}): correct that line.") from None
+        except (ValueError, OverflowError):
+            raise self._find_bad_cell(wanted) from None
+        values = np.concatenate([np.zeros((0, len(wanted))), *blocks])
+        longer, filled = ~np.isnan(values[:, -1]), ~np.isnan(values).all(axis=1)
+        if longer.any():
+            number = self.first_line + int(np.argmax(longer))
+            raise FormatError(f"{name}, line {number} has more fields than the header: correct that line.")
+        if not filled.any():
+            raise FormatError(f"{name} has a header but no samples: record or export it again.")
+        return np.ascontiguousarray(values[filled, :-1]), self.first_line + np.flatnonzero(filled)
+
+    def _find_bad_cell(self, wanted: Sequence[int]) -> FormatError:
+        """Find the first field that is no number. Slow, but only ever run on a broken file."""
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", pd.errors.ParserWarning)
+            text = pd.read_csv(self.content.source(), dtype=str, **self.options)[wanted]
+        if self.decimal != ".":
+            text = text.apply(lambda cells: cells.str.replace(self.decimal, ".", regex=False))
+        numbers = text.apply(pd.to_numeric, errors="coerce")
+        bad = np.argwhere((numbers.isna() & text.notna()).to_numpy())
+        name = self.content.path.name
+        if not len(bad):
+            return FormatError(f"{name} does not read as numbers: look for odd characters in an editor.")
+        row, column = bad[0]
+        cell, called = str(text.iat[row, column])[:40], [*self.names, "after the last"][wanted[column]]
+        return FormatError(
+            f"{name}, line {row + self.first_line}, column '{called}': {cell!r} is not a number; correct or delete "
+            f"that line."
+        )
+
+    def read_integers(self, name: str, row: Ints) -> Ints | None:
+        """Read one column exactly at the lines (N,) `row`; None if one of its numbers is no whole one of 64 bits.
+
+        Raises `FormatError` if the column is missing or doubled.
+        """
+        position = find_column(name, self.names, self.content.path)
+        how = self.options | {"usecols": [position], "names": None, "dtype": {position: np.int64}}
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", RuntimeWarning)  # of an infinite number, which is then raised
+                frame = pd.read_csv(self.content.source(), **how)
+        except (ValueError, TypeError, OverflowError, pd.errors.ParserError, pd.errors.EmptyDataError):
+            return None
+        return np.asarray(frame[position].to_numpy(dtype=np.int64)[row - self.first_line])
+
+    def read_words(self, position: int, row: Ints) -> NDArray[np.object_]:
+        """Read a column as text in the lines (N,) `row`, None where a field is empty; `FormatError` if it cannot be."""
+        try:
+            frame = pd.read_csv(self.content.source(), dtype=str, **self.options)
+            words = np.asarray(frame[position].str.strip().replace({np.nan: None}), dtype=object)
+            return words[row - self.first_line]
+        except (ValueError, IndexError, pd.errors.ParserError):
+            name = self.names[position]
+            raise FormatError(f"{self.content.path.name}: column '{name}' cannot be read: export it again.") from None
+
     def read(self, positions: Sequence[int]) -> tuple[Floats, Ints]:
-        """Read columns (N, K) and the line (N,) of each row; raises `FormatError` as `read_table` does."""
+        """Read columns of numbers, dates and times of day (N, K), the latter in s, and the line (N,) of each row.
+
+        Raises `FormatError` as `read_numbers`.
+        """
         # columns most of whose first fields are dates (True), or times of day
         lines = self.content.lines[self.first_line - 1 :][:_JUDGED]
         rows, clocks = [_split_row(line, self.separator) for line in lines], dict[int, bool]()
@@ -87,10 +209,7 @@ class TextTable:
                 if sum(bool(words.search(field)) for field in fields) * 2 > len(rows):
                     clocks.setdefault(position, is_date)
         # numbers, then these
-        numbers = [position for position in positions if position not in clocks]
-        values, row = read_table(
-            self.content, self.names, numbers, self.first_line, self.separator, self.decimal, self.comment
-        )
+        values, row = self.read_numbers([position for position in positions if position not in clocks])
         for place, position in enumerate(positions):
             if position in clocks:
                 text = self.read_words(position, row)
@@ -102,12 +221,48 @@ class TextTable:
         kept = [n for n, line in enumerate(all_lines, 1) if n >= self.first_line and not line.startswith(self.comment)]
         return values, np.array([*kept, len(all_lines)])[np.minimum(row - self.first_line, len(kept))]
 
-    def read_words(self, position: int, row: Ints) -> NDArray[np.object_]:
-        """Read a column as text in the lines (N,) `row`; None where a field is empty."""
-        options = table_options(self.names, self.first_line, self.separator)
-        frame = pd.read_csv(self.content.source(), dtype={position: str}, comment=self.comment, **options)
-        words = np.asarray(frame[position].str.strip().replace({np.nan: None}), dtype=object)
-        return words[row - self.first_line]
+
+def find_header(content: Content, is_header: Callable[[list[str]], bool]) -> TextTable | None:
+    """Return the table below the first line whose fields `is_header` accepts; None without."""
+    said = _SAID.match(content.lines[0]) if content.lines else None
+    for line, text in enumerate(content.lines[:_MAX_LINES]):
+        separator = said[1].replace("\\t", "\t") if said else guess_separator(text)
+        names = split_fields(text, separator)
+        if is_header(names):
+            below = "\n".join(content.lines[line + 1 : line + 10])
+            has_comma = separator != "," and len(_COMMA.findall(below)) > len(_POINT.findall(below))
+            return TextTable(content, names, line + 2, separator, "," if has_comma else ".")
+    return None
+
+
+def guess_separator(line: str) -> str:
+    """Guess what separates the fields of a line."""
+    best = max("\t;,", key=line.count)
+    return best if best in line else " "
+
+
+def has_rows(content: Content) -> bool:
+    """Whether there is more than a header: apps write that alone for a sensor which a phone does not have."""
+    return sum(bool(line.strip()) for line in content.lines[:_MAX_LINES]) > 1
+
+
+def find_column(name: str, header: Sequence[str], path: Path) -> int:
+    """Index of the one column of this name.
+
+    Raises `FormatError` if there is none, or more than one.
+    """
+    count = list(header).count(name)
+    if count == 0:
+        raise FormatError(f"{path.name} has no column '{name}': export the recording again with it.")
+    if count > 1:
+        raise FormatError(f"{path.name} has {count} columns '{name}': keep one of them.")
+    return list(header).index(name)
+
+
+def scale_values(values: Floats, unit: Floats | float) -> Floats:
+    """Multiply by a unit. A nonsense number may become infinite, and is found as such later."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return np.asarray(values * unit)
 
 
 @dataclass(frozen=True)
@@ -135,16 +290,24 @@ Table: TypeAlias = TextTable | ArrayTable
 def open_table(content: Content, min_numbers: int = MIN_NUMBERS) -> Table | None:
     """Return the content as a table; None if it is none, or text with fewer than `min_numbers` numbers in a row.
 
-    Raises `FormatError` if it is one and damaged, or needs a library that is not installed.
+    It is opened once, however often it is asked for. Raises `FormatError` if it is one and damaged, or needs a library
+    that is not installed.
     """
+    first = content.lines[0].lstrip()[:1] if content.lines else ""
+    key = min_numbers if content.lines and first not in ("{", "[") else 0
+    if key not in content.opened:
+        content.opened[key] = _open(content, min_numbers)
+    opened: Table | None = content.opened[key]
+    return opened
+
+
+def _open(content: Content, min_numbers: int) -> Table | None:
     head, name = content.head, content.path.name
     if head.startswith(PARQUET_MARK):
-        with explain_missing(name, "a Parquet file", "pyarrow", "parquet"):
+        with explain_library(name, "a Parquet file", "pyarrow", "parquet"):
             import pyarrow.parquet
-        try:
+
             frame = pyarrow.parquet.read_table(content.source()).to_pandas()
-        except Exception as error:  # pyarrow raises its own errors, OSError and ValueError on damaged files
-            raise FormatError(f"{name} is a damaged Parquet file ({type(error).__name__}): export it again.") from None
         return _open_frame(frame.reset_index() if any(frame.index.names) else frame, name)
     if head.startswith(NPY_MARK):
         array = _load_numpy(content, "npy")["npy"]
@@ -289,14 +452,9 @@ def _open_frame(frame: Any, name: str) -> ArrayTable:
 def _open_sheet(content: Content) -> Table:
     """Open the first sheet of an Excel file as a table of text is opened."""
     name = content.path.name
-    with explain_missing(name, "an Excel file", "openpyxl", "xlsx"):
-        import openpyxl  # noqa: F401
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            frame = pd.read_excel(io.BytesIO(content.read_bytes()), header=None)
-    except Exception as error:  # of the zip, the XML and the sheet
-        raise FormatError(f"{name} is a damaged Excel file ({type(error).__name__}): save it again.") from None
+    with explain_library(name, "an Excel file", "openpyxl", "xlsx"), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        frame = pd.read_excel(io.BytesIO(content.read_bytes()), header=None)
     text = frame.to_csv(index=False, header=False, sep="\t")
     sheet = Content(content.path, lines=tuple(text.splitlines()[:400]), fetch=lambda n: text.encode()[:n])
     found = open_table(sheet)
@@ -338,42 +496,33 @@ def _open_json(content: Content) -> ArrayTable | None:
 
 def _load_numpy(content: Content, kind: str) -> Arrays:
     """Return the arrays of an npz file by name, or that of an npy file under the name `npy`."""
-    data = io.BytesIO(content.read_bytes())
-    try:
-        loaded = np.load(data, allow_pickle=False)
+    with explain_library(content.path.name, f"an {kind} file"):
+        loaded = np.load(io.BytesIO(content.read_bytes()), allow_pickle=False)
         return {kind: loaded} if kind == "npy" else {key: loaded[key] for key in loaded.files}
-    except (ValueError, OSError, EOFError, KeyError, zipfile.BadZipFile, MemoryError, SyntaxError, TypeError) as error:
-        raise FormatError(
-            f"{content.path.name} is a damaged {kind} file ({type(error).__name__}): save it again."
-        ) from None
 
 
 def _open_hdf5(content: Content) -> ArrayTable:
-    name = content.path.name
-    with explain_missing(name, "an HDF5 file", "h5py", "hdf5"):
-        import h5py
     arrays: dict[str, np.ndarray[Any, Any]] = {}
+    with explain_library(content.path.name, "an HDF5 file", "h5py", "hdf5"):
+        import h5py
 
-    def keep(place: str, node: Any) -> None:
-        if isinstance(node, h5py.Dataset) and not place.startswith("#"):
-            value = node[()]
-            if value.dtype.names:
-                arrays.update({f"{place}/{key}": value[key] for key in value.dtype.names})
-            elif value.dtype.kind in "fiubS" and value.size > 1:
-                flat = value.squeeze()  # MATLAB's arrays lie on their side
-                arrays[place] = flat.T if flat.ndim == 2 and flat.shape[0] < flat.shape[1] else flat
+        def keep(place: str, node: Any) -> None:
+            if isinstance(node, h5py.Dataset) and not place.startswith("#"):
+                value = node[()]
+                if value.dtype.names:
+                    arrays.update({f"{place}/{key}": value[key] for key in value.dtype.names})
+                elif value.dtype.kind in "fiubS" and value.size > 1:
+                    flat = value.squeeze()  # MATLAB's arrays lie on their side
+                    arrays[place] = flat.T if flat.ndim == 2 and flat.shape[0] < flat.shape[1] else flat
 
-    try:
         with h5py.File(io.BytesIO(content.read_bytes()), "r") as file:
             file.visititems(keep)
-    except (OSError, RuntimeError, ValueError, KeyError, TypeError) as error:
-        raise FormatError(f"{name} is a damaged HDF5 file ({type(error).__name__}): save it again.") from None
     lengths = [len(array) for array in arrays.values()]
     longest = max(set(lengths), key=lengths.count) if lengths else 0
     own = {place: array for place, array in arrays.items() if len(array) == longest}
     short = [place.rsplit("/", 1)[-1] for place in own]
     names = [one if short.count(one) == 1 else place.replace("/", " ") for place, one in zip(own, short, strict=True)]
-    return open_arrays(dict(zip(names, own.values(), strict=True)), name)
+    return open_arrays(dict(zip(names, own.values(), strict=True)), content.path.name)
 
 
 def open_arrays(arrays: Arrays, source: str) -> ArrayTable:

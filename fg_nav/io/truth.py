@@ -12,8 +12,8 @@ import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import FormatError
-from fg_nav.io.content import Content, choose_sensor, explain_missing, load_mat, mat_array
-from fg_nav.io.text_columns import read_table
+from fg_nav.io.content import Content, choose_sensor, explain_library, load_mat, mat_array
+from fg_nav.io.tables import TextTable
 from fg_nav.truth import FootprintTruth, TrajectoryTruth
 
 TUM_COLUMNS = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")
@@ -34,7 +34,7 @@ def read_tum(content: Content) -> TrajectoryTruth:
             f"{path.name} is no truth read here: give TUM lines (t x y z qx qy qz qw), "
             f"a CSV with stride,x_m,y_m, or a MATLAB file of footprints."
         )
-    table, row = read_table(content, TUM_COLUMNS, range(8), first_line=comments + 1, separator=r"\s+")
+    table, row = TextTable(content, TUM_COLUMNS, comments + 1, r"\s+").read_numbers(range(8))
     unit = np.zeros(len(table), dtype=np.bool_)
     small = (np.abs(table[:, 4:]) < 1.1).all(axis=1)  # and finite, so that it may be squared
     unit[small] = np.abs(np.linalg.norm(table[small, 4:], axis=1) - 1.0) < 0.01
@@ -56,15 +56,13 @@ def read_c3d(content: Content, marker: str | None = None) -> TrajectoryTruth:
     Raises `FormatError` if the file is damaged, the library absent, or it is not said which of several markers to take.
     """
     path = content.path
-    with explain_missing(path.name, "a C3D file", "ezc3d", "c3d"):
+    with explain_library(path.name, "a C3D file", "ezc3d", "c3d"):
         import ezc3d
-    try:
+
         file = ezc3d.c3d(str(path))
         point, frames = file["parameters"]["POINT"], np.asarray(file["data"]["points"], dtype=np.float64)
         names, rate_hz = list(point["LABELS"]["value"]), float(point["RATE"]["value"][0])
         scale = 1.0 if point["UNITS"]["value"][:1] == ["m"] else 1e-3
-    except Exception as error:  # ezc3d raises OSError, and its own errors as RuntimeError and others
-        raise FormatError(f"{path.name} is a damaged C3D file ({type(error).__name__}): export it again.") from None
     chosen = choose_sensor(names, marker, path, "markers", f"`--truth {path.name}:")
     position = scale * frames[:3, names.index(chosen)].T
     truth = pack_true_path(np.arange(len(position)) / rate_hz, position)

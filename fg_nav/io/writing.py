@@ -18,7 +18,6 @@ from fg_nav.columns.mapping import ACC, GYR, MAG, PRESSURE, TIME
 from fg_nav.errors import OutputError
 from fg_nav.frames import quaternion_xyzw
 from fg_nav.recording import RawRecording, Recording
-from fg_nav.system.spilled import drop_pages
 
 _BLOCK_ROWS = 20_000
 
@@ -104,9 +103,7 @@ def write_tum(path: Path | str, t: Floats, position: Floats, nav_R_body: Floats)
     """
 
     def tabulate(rows: slice) -> Floats:  # the quaternions of a block are in memory together
-        table = np.column_stack([t[rows], position[rows], quaternion_xyzw(nav_R_body[rows])])
-        drop_pages()
-        return table
+        return np.column_stack([t[rows], position[rows], quaternion_xyzw(nav_R_body[rows])])
 
     blocks = (slice(start, start + _BLOCK_ROWS) for start in range(0, len(t), _BLOCK_ROWS))
     _write_text(Path(path), "", chain.from_iterable(format_rows(tabulate(block), "%.9f", " ") for block in blocks))

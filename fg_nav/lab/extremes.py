@@ -1,7 +1,7 @@
 """The ellipse of the levelled field by extremes, Ma (6)-(8): as the paper has it, without a covariance.
 
 Single readings decide, so a wild one spoils it, and so does an end of the ellipse that no footfall reached. The least
-squares fit and the symbols: `fg_nav.calibration.ellipse`.
+squares fit and the symbols: `fg_nav.calibration.ellipsoid`.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.calibration.ellipse import Ellipse, half_turn, select_levelled
+from fg_nav.calibration.ellipsoid import Ellipse, half_turn, select_levelled
 
 
 def find_ellipse_by_extremes(level_xy: Floats) -> Ellipse:

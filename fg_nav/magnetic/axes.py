@@ -37,7 +37,6 @@ from fg_nav.magnetic.delay import (
     remove_delay,
 )
 from fg_nav.recording import Recording
-from fg_nav.system.spilled import measure_rows
 
 SPAN_S = 0.2  # Distance of a pair: a swing turns the foot by a radian in it, and a delay is a small part of it.
 MAX_PAIRS = 1000  # Enough for any walk.
@@ -167,8 +166,8 @@ def field_points_up(recording: Recording) -> bool:
 def _measure_down(recording: Recording, P: Floats, hard_iron: Floats) -> float:
     """Median downward field, uT, at slow samples; P (3, 3) to, `hard_iron` (3,) uT in gyroscope axes; 0 if none."""
     assert recording.mag is not None
-    force, strength = recording.acc, measure_rows(recording.acc)
-    slow = (np.abs(strength - GRAVITY_M_S2) < SLOW_M_S2) & (measure_rows(recording.gyr) < TURNING_RAD_S)
+    force, strength = recording.acc, np.linalg.norm(recording.acc, axis=1)
+    slow = (np.abs(strength - GRAVITY_M_S2) < SLOW_M_S2) & (np.linalg.norm(recording.gyr, axis=1) < TURNING_RAD_S)
     chosen = slow & np.isfinite(recording.mag).all(axis=1)
     if not chosen.any():
         return 0.0

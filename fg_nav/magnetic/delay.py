@@ -47,8 +47,8 @@ from fg_nav.mechanisation import rotate_in_body
 from fg_nav.recording import Recording
 from fg_nav.samples.gaps import find_holes
 from fg_nav.system.compiled import njit
-from fg_nav.system.spilled import BLOCK_ROWS, drop_pages, empty_column, take_rows
 
+BLOCK_ROWS = 1 << 18  # Readings that are turned at once: each needs four rotations.
 TURNING_RAD_S = 1.0  # Minimum mean rate of a pair: slower, changes of the building's field hide the turn.
 BLOCK_S = 2.0  # Pairs of one block, a stride or two, count as one observation of the scatter.
 MAX_HELD_SHARE = 0.2  # Of the readings of a turning sensor that repeat the one before; more, and the logger holds them.
@@ -258,14 +258,12 @@ def remove_delay(recording: Recording, delay: MagnetometerDelay | None) -> Recor
     if len(rows) < 2:
         return recording
     tau = delay.tau_s if delay.taken_off else 0.0
-    measured, read_at = take_rows(rows, recording.mag), recording.t[rows] - tau
+    measured, read_at = recording.mag[rows], recording.t[rows] - tau
     longest = np.inf if delay.held else MAX_GAP * float(np.median(np.diff(read_at)))
     holes = recording.t[find_holes(recording.t)]
-    mag = empty_column(*recording.mag.shape)
-    for start in range(0, len(mag), BLOCK_ROWS):
-        block = np.s_[start : start + BLOCK_ROWS]
-        mag[block] = np.nan
-        k = start + np.flatnonzero(np.isfinite(recording.mag[block]).all(axis=1))
+    mag, seen = np.full(recording.mag.shape, np.nan), np.flatnonzero(np.isfinite(recording.mag).all(axis=1))
+    for start in range(0, len(seen), BLOCK_ROWS):
+        k = seen[start : start + BLOCK_ROWS]
         t = recording.t[k]
         # readings before and after, without a hole or a long gap between them
         after = np.clip(np.searchsorted(read_at, t), 1, len(rows) - 1)
@@ -281,5 +279,4 @@ def remove_delay(recording: Recording, delay: MagnetometerDelay | None) -> Recor
         behind = np.einsum("nij,nj->ni", to_after, measured[after])
         share = ((t - begin) / (end - begin))[:, None]
         mag[k] = (1.0 - share) * before + share * behind
-        drop_pages()
     return replace(recording, mag=mag)

@@ -82,11 +82,12 @@ from types import MappingProxyType
 from typing import Literal, TypeAlias, get_args
 
 import numpy as np
-from scipy.special import chdtr, chdtri, chndtrix
+from scipy.special import chdtri, chndtrix
 
 from fg_nav.arrays import Bools, Floats
 from fg_nav.errors import MagneticError
 from fg_nav.magnetic.footfall_field import FootfallField
+from fg_nav.plugins import find_plugins
 
 FALSE_ALARM_RATE = 0.05  # Share of the fields that change by what matters and pass, where no threshold is fixed.
 ALIGNMENT_FOOTFALLS = 3  # Footfalls whose mean aligns the inertial heading with the compass; they are not tested.
@@ -236,23 +237,14 @@ class Detector:
         """
         if not 0.0 < false_alarm_rate < 1.0:
             raise MagneticError(f"a false-alarm rate must be between 0 and 1, not {false_alarm_rate}.")
-        self._require_chi_squared()
-        if not np.isfinite(self.noncentrality):
-            raise MagneticError(f"detector '{self.name}' does not say which changes matter: fix its threshold.")
-        return float(chndtrix(false_alarm_rate, self.degrees_of_freedom, self.noncentrality))
-
-    @property
-    def detection_rate(self) -> float:
-        """P_D, the share of static fields that pass; raises `MagneticError` for a form that is not chi squared."""
-        self._require_chi_squared()
-        return float(chdtr(self.degrees_of_freedom, self.threshold))
-
-    def _require_chi_squared(self) -> None:
         if self.form != "chi squared":
             raise MagneticError(
                 f"the form '{self.form}' of detector '{self.name}' has no distribution to take a rate from: "
                 "fix its threshold, or choose 'chi squared'."
             )
+        if not np.isfinite(self.noncentrality):
+            raise MagneticError(f"detector '{self.name}' does not say which changes matter: fix its threshold.")
+        return float(chndtrix(false_alarm_rate, self.degrees_of_freedom, self.noncentrality))
 
     def compute_statistic(self, window: Floats) -> Floats:
         """T (...,) of windows (..., C, rows) of the channels' values over their sigmas, angles unwrapped."""
@@ -335,6 +327,11 @@ _ALL = (
 
 DETECTORS: Mapping[str, Detector] = MappingProxyType({detector.name: detector for detector in _ALL})
 DEFAULT = "ma2018"  # It keeps to curved walks, where iQSF cannot, and needs no heading to begin with, as AIEZ does.
+
+
+def find_own_detectors() -> Mapping[str, Detector]:
+    """Detectors of other packages by name (`fg_nav.plugins`); raises `PluginError` as `find_plugins`."""
+    return find_plugins("detectors", Detector)
 
 
 def scale_detector(detector: Detector, allowance: float, window: int | None = None) -> Detector:

@@ -46,7 +46,6 @@ from fg_nav.mechanisation import nudge_tilt, rotate_in_body
 from fg_nav.recording import Recording
 from fg_nav.stances import Stances
 from fg_nav.system.compiled import njit
-from fg_nav.system.spilled import BLOCK_ROWS, drop_pages, empty_column
 
 
 def compute_level_R_body(body_up: Floats) -> Floats:
@@ -221,7 +220,6 @@ def average_footfall_field(
         some = np.s_[start : start + MAX_FOOTFALLS]
         windows = sample[some], first[some], last[some]
         parts.append(_average(recording.t, recording.acc, recording.mag, attitude, *windows))
-        drop_pages()
     body_field, body_force, count, scatter, rate, sigma = map(np.concatenate, zip(*parts, strict=True))
     if not (count >= MIN_SAMPLES).any():
         raise MagneticError(
@@ -281,15 +279,11 @@ def integrate_attitude(recording: Recording, stances: Stances, heading: float = 
     longest = max(start.rests, key=lambda rest: rest.stop - rest.start, default=None)
     bias = np.zeros(3) if longest is None else longest.rate
     t, acc, gyr, mask, n = recording.t, recording.acc, recording.gyr, stances.mask, len(recording)
-    attitude = empty_column(n, 3, 3)
+    attitude = np.empty((n, 3, 3))
     attitude[start.row] = start.nav_R_body
     # from there to the end, and back to the first sample
-    for first in range(start.row, n - 1, BLOCK_ROWS):
-        _integrate(t, acc, gyr, mask, bias, attitude, first, min(first + BLOCK_ROWS, n - 1), True)
-        drop_pages()
-    for last in range(start.row, 0, -BLOCK_ROWS):
-        _integrate(t, acc, gyr, mask, bias, attitude, max(last - BLOCK_ROWS, 0), last, False)
-        drop_pages()
+    _integrate(t, acc, gyr, mask, bias, attitude, start.row, n - 1, True)
+    _integrate(t, acc, gyr, mask, bias, attitude, 0, start.row, False)
     return attitude
 
 

@@ -44,6 +44,7 @@ from fg_nav.magnetic.detectors import (
     HEADING_DRIFT,
     TUNED,
     Detector,
+    find_own_detectors,
 )
 from fg_nav.magnetic.footfall_field import FootfallField
 from fg_nav.recording import Recording
@@ -122,25 +123,25 @@ class FieldVerdicts(OverThreshold):
 
 
 def find_detector(name: str) -> Detector:
-    """Return the detector of this name; raises `MagneticError` for any other name."""
-    if name not in DETECTORS:
-        raise MagneticError(f"there is no detector '{name}': choose one of {', '.join(DETECTORS)}.")
-    return DETECTORS[name]
+    """Return the detector of this name, known or of another package; raises `MagneticError` for any other name."""
+    found = DETECTORS.get(name) or find_own_detectors().get(name)
+    if found is None:
+        known = ", ".join((*DETECTORS, *find_own_detectors()))
+        raise MagneticError(f"there is no detector '{name}': choose one of {known}.")
+    return found
 
 
 def find_gate(gate: str) -> Detector:
     """Return the detector of a gate, hard or not, which is the one of the filter of that name."""
     name = gate.removesuffix(HARD)
-    find_detector(name)
-    return TUNED[name]
+    return TUNED.get(name) or find_detector(name)
 
 
-def choose_gate(name: str | None, use_magnetometer: bool = True) -> str:
-    """Return the gate that was asked for, or the default; raises `MagneticError` if it cannot be."""
-    if name is not None and name not in GATES:
-        raise MagneticError(f"there is no gate '{name}': choose one of {', '.join(GATES)}.")
-    if name is not None and not use_magnetometer:
-        raise MagneticError("--no-mag leaves --gate nothing to judge: give one of them.")
+def choose_gate(name: str | None) -> str:
+    """Return the gate that was asked for, or the default; raises `MagneticError` if there is none of this name."""
+    if name is not None and name not in GATES and name.removesuffix(HARD) not in find_own_detectors():
+        known = ", ".join((*GATES, *find_own_detectors()))
+        raise MagneticError(f"there is no gate '{name}': choose one of {known}.")
     return DEFAULT if name is None else name
 
 

@@ -4,7 +4,7 @@ The way of the data, called by `follow` until the stream ends: `sources` with `r
 (what came and was given, and how a walk is resumed) with `overlap` (which samples of a resumed stream are new),
 `source_check`, `unit_monitor` and `sample_filter` (which of them can be used), `buffer` (the samples so far),
 `fg_nav.detection.causal` (footfalls), `navigator`, which adds them to `smoother` (the newest `window`, in `isam2`; all
-of it solved again in the `background`, `resolve`), `estimates` (lines of JSON), `outlets`. For a thigh `pocket` is the
+of it solved again in the `background`, by `resolve`), `estimates` (lines of JSON). For a thigh `pocket` is the
 navigator.
 """
 

@@ -25,14 +25,12 @@ from gtsam.symbol_shorthand import B, V, X
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.feet import Side
 from fg_nav.frames import UNKNOWN_RAD, compute_heading, turn_heading, yaw_rotation
-from fg_nav.mechanisation import NavState, strapdown
 from fg_nav.online.field import CompassVerdict
 from fg_nav.online.strides import StanceNodes
 from fg_nav.smoother.barometer import SCALE_SIGMA
 from fg_nav.smoother.shared_errors import extend_covariance
 from fg_nav.smoother.solver import in_nav
 from fg_nav.solution import StanceTable
-from fg_nav.system.compiled import njit
 from fg_nav.text import to_json
 from fg_nav.verdict.limits import Verdict
 
@@ -218,20 +216,6 @@ class StrapdownPath(NamedTuple):
     position: Floats
     velocity: Floats
     nav_R_body: Floats
-
-
-@njit(cache=True)
-def propagate_strapdown(
-    h: Floats, acc: Floats, gyr: Floats, first: int, state: NavState, gravity: float
-) -> tuple[Floats, Floats, Floats]:
-    """Integrate `state`, in place, from sample `first` on; return positions, velocities (n, 3), attitudes (n, 3, 3)."""
-    n = len(h) - first
-    p, v, R = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3, 3))
-    turn, push = np.empty((3, 3)), np.empty(3)
-    for i in range(n):
-        p[i], v[i], R[i] = state.position, state.velocity, state.nav_R_body
-        strapdown(state, acc[first + i], gyr[first + i], h[first + i], gravity, turn, push)
-    return p, v, R
 
 
 # --- lines -----------------------------------------------------------------------------------------------------------

@@ -3,59 +3,43 @@
     two sources -> rows in the order of their stamps (`FeetMerge`) -> the walk of each foot, as of one (`follow`)
                 -> its lines, with foot and frame; and those of both (`feet`)
 
-A watcher gets the keys of one foot (`outlets`): `position_m` and `heading_deg` are null, as the newest step's line has
+A watcher gets the keys of one foot (`follow`): `position_m` and `heading_deg` are null, as the newest step's line has
 them; `standing` is whether both feet stand, `floor` and `returns` are the left foot's, rate and losses those of both.
 """
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, closing
-from dataclasses import dataclass, replace
+from contextlib import ExitStack
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.errors import EstimationError, FgNavError, StreamError
-from fg_nav.feet import SIDES, Side, refuse_for_two, split_pair
+from fg_nav.errors import FgNavError
+from fg_nav.feet import SIDES, Side
 from fg_nav.online.buffer import COLUMNS, OnlineOptions
 from fg_nav.online.estimates import DIGITS, FeetLine, Revision, StanceEstimate, format_feet_line, tag_line
 from fg_nav.online.feet import FeetNavigator
 from fg_nav.online.follow import (
-    ENDING,
     FollowedWalk,
+    Outlets,
+    StatusReporter,
     StreamedWalk,
     StreamOptions,
-    StreamRequest,
-    open_source_of,
-    read_stream_options,
+    list_ends,
 )
-from fg_nav.online.outlets import Outlets, StatusReporter, list_ends
 from fg_nav.online.source_check import Silence
 from fg_nav.online.sources import SampleSource
-from fg_nav.system.processes import catch_signals
 
 WAIT_S = 0.05  # For bytes of one foot, before the other's are read.
 BLOCK_S = 0.1  # Of rows of one foot, so that no foot runs ahead of the other.
 HELD_S = 1.0  # Of the wall clock, that rows wait for the other foot's: then that is silent, or its stamps differ.
 MAX_ROWS = 1000  # In a block, whatever their stamps.
-
-
-@dataclass(frozen=True)
-class FeetStreamRequest:
-    """What is asked for of both feet, whose `source` is the left one's; the right one's, and its clock's offset, s."""
-
-    both: StreamRequest
-    right: str
-    clock_offset_s: float = 0.0
-
-    @property
-    def sources(self) -> dict[Side, str]:
-        """By side."""
-        return {"left": self.both.source, "right": self.right}
 
 
 @dataclass(frozen=True)
@@ -66,46 +50,24 @@ class StreamedFeet:
     walks: dict[Side, StreamedWalk]
 
 
-def run_feet_stream(request: FeetStreamRequest, outlets: Outlets) -> StreamedFeet:
-    """Follow both sources until they end or a signal says stop; lines and remarks go to the outlets.
+def follow_feet(
+    sources: Mapping[Side, SampleSource],
+    options: Mapping[Side, StreamOptions],
+    outlets: Outlets,
+    stop: threading.Event,
+    clock_offset_s: float = 0.0,
+) -> StreamedFeet:
+    """Follow both sources until they end or `stop` is set; lines and remarks go to the outlets.
 
-    Raises `FgNavError` where something that was asked for cannot be.
+    `clock_offset_s` is to be added to the stamps of the right foot. Raises `FgNavError` where something that was asked
+    for cannot be.
     """
-    # What is of one sensor alone is refused.
-    both = request.both
-    if request.right == both.source:
-        raise StreamError(f"{request.right} is named twice: --mount feet takes two sources, the left foot's first.")
-    refused = {
-        "--lag": both.lag_s,
-        "--fixes": both.fixes_path,
-        "--record": both.record,
-        "--resume": both.resume or None,
-        "--step-constant": both.step_constant_m,
-        "--polish": both.polish or None,
-    }
-    refuse_for_two(refused)
-    # Options of each.
-    pair = (None, None) if both.calibration_path is None else split_pair(both.calibration_path)
-    if pair is None:
-        raise EstimationError(
-            f"--calibration {both.calibration_path} is of one sensor: with --mount feet give two files, the left "
-            "foot's first, as --calibration LEFT,RIGHT."
-        )
-    files = dict(zip(SIDES, pair, strict=True))
-    options = {side: read_stream_options(replace(both, calibration_path=files[side])) for side in SIDES}
     left, right = (options[side].online for side in SIDES)
     assert isinstance(left, OnlineOptions)
     assert isinstance(right, OnlineOptions)
-    offset_s = request.clock_offset_s
-    navigator = FeetNavigator(left, outlets.remark, clock_offset_s=offset_s, background=True, right=right)
-    with catch_signals(*ENDING) as stop, ExitStack() as opened:
+    navigator = FeetNavigator(left, outlets.remark, clock_offset_s=clock_offset_s, background=True, right=right)
+    with ExitStack() as opened:
         opened.callback(navigator.abandon)
-        sources = {
-            side: opened.enter_context(
-                closing(open_source_of(replace(both, source=word), options[side].columns, outlets.remark))
-            )
-            for side, word in request.sources.items()
-        }
         walk = _FollowedFeet(sources, options, navigator, outlets)
         while not stop.is_set() and walk.advance():
             pass

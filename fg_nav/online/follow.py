@@ -1,8 +1,9 @@
-"""Follow a source to its end: rows in, estimates out, recorded on the way.
+"""Follow a source to its end: rows in, estimates out, each with the verdict on the path so far, recorded on the way.
 
-    StreamRequest  options of `fg-nav stream`: source, lag, heading, calibration, record
-    run_stream     opens the source, and follows it to its end
+    StreamOptions  how a source is followed: options of the navigator, calibration, columns
     follow_source  rows -> navigator -> one line an estimate, until the source ends or an event is set
+    LineVerdict    judges the path up to each line
+    Outlets        where lines and remarks go: a printer or a port, and a page for people
     StreamedWalk   the closed navigator, to be solved as a whole
 
 Nothing that happens to the stream ends the walk but its end: bad rows are left out, and a stalled source is waited for,
@@ -10,74 +11,283 @@ with a remark on each.
 
 A walk that is resumed is replayed: its recorded rows pass the same checks into a new navigator, without a word, and
 where the lines that were given end it is solved once (`record`). Then it goes on with what the source sends.
+
+Verdict: the limits are those of `fg_nav.verdict.limits`. A path that was spoiled stays so, and none is trusted before
+it has as many strides as make a walk, and the axes were seen in as many. Between two lines a new solution may move the
+map. A stride is measured within one map: where the past was revised, from its newest footfall in the new map; where the
+revision does not include it, the stride to the next line is not measured.
+
+Outlets: `emit` gets the lines of the moment, `emit_end` those of the whole walk at its end, which are not served: a
+client of the port follows a walk. The page gets all of them; `emit_end` is None if nothing takes those of the end. The
+page is shown the status between footfalls too (its keys are in docs/online.md); what is not known yet is null. Sigmas
+and the verdict on the field are those of the newest line.
 """
 
 from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Sequence
-from contextlib import ExitStack, closing
-from dataclasses import dataclass, field, replace
-from pathlib import Path
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, closing, contextmanager
+from dataclasses import dataclass, field
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.calibration.of_recording import Calibration, read_calibration
-from fg_nav.detection.mount import Wearing
-from fg_nav.errors import EstimationError, OutputError, StreamError
-from fg_nav.io import read_fixes
+from fg_nav.calibration.of_recording import Calibration
+from fg_nav.frames import compute_heading
 from fg_nav.magnetic.axes import MagAxes
-from fg_nav.magnetic.quasi_static import choose_gate
 from fg_nav.online.buffer import OnlineOptions
-from fg_nav.online.estimates import Revision, StanceEstimate, format_estimate, format_revision
-from fg_nav.online.line_verdict import LineVerdict
-from fg_nav.online.outlets import Outlets, Say, StatusReporter, describe_walk
+from fg_nav.online.estimates import DIGITS, Revision, StanceEstimate, format_estimate, format_revision
 from fg_nav.online.pocket import Navigator, PocketOptions, begin_walk
 from fg_nav.online.record import Record
-from fg_nav.online.rows import Columns, parse_columns
-from fg_nav.online.source_check import LossCounter, Silence, SourceCheck, describe_losses
-from fg_nav.online.sources import SampleSource, open_samples
-from fg_nav.smoother.parameters import FieldParameters, SmootherParameters
-from fg_nav.system.processes import catch_signals
+from fg_nav.online.rows import Columns
+from fg_nav.online.source_check import AxesCheck, LossCounter, Silence, SourceCheck, describe_losses
+from fg_nav.online.sources import SampleSource
+from fg_nav.solution import Return
 from fg_nav.text import find_version
+from fg_nav.verdict.limits import (
+    Reason,
+    Verdict,
+    combine,
+    find_height_rate,
+    judge_axes,
+    judge_beginning,
+    judge_gravity,
+    judge_height_rate,
+    judge_position,
+    judge_rate,
+    judge_speed,
+    judge_stride,
+    judge_unfollowed,
+)
+from fg_nav.view.line_server import format_address, is_loopback, open_port
 from fg_nav.view.process import ListenerProcess
 
 WAIT_S = 0.2  # for bytes, before the stop signal is checked
 REPLAYED = 1 << 14  # rows of a record at once; the answer does not depend on it
-MIN_LAG_S = 10.0  # a shorter lag holds fewer strides than the smoother needs to estimate sensor and foot
 
 # Ctrl-C, a service that is stopped, a terminal or connection that is gone: they end the walk.
 ENDING = (signal.SIGINT, signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else []))
+HOST = "127.0.0.1"  # that serves lines
+RATE_S = 2.0  # in which samples are counted for their rate
+SILENT_S = 1.5  # without samples, after which a source is called silent
+
+Say = Callable[[str], None]  # Called with a line, or a sentence for people.
+DUE_S = 4.0  # To the next line at most: a standing has one every two seconds.
+MIN_STRIDES = 5  # Of which the median of gravity is judged.
+N_FASTEST = 4  # Strides, by the slowest of which the fastest is judged: who begins to run makes more of them.
+MAX_HEIGHTS = 32  # More than are made in the time over which their rate is measured.
+SAME_S = 1e-3  # Stamps of one footfall, of any clock: less than a sample apart.
+
+Judged: TypeAlias = tuple[StanceEstimate | Revision, Verdict | None]  # A line of a walk; the verdict on an estimate.
+
+
+# --- outlets ---------------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
-class StreamRequest:
-    """Options of a user, as of `fg-nav stream --help`."""
+class Outlets:
+    """Where lines, those of the end, and remarks go; and the process that is sent the status."""
 
-    source: str
-    lag_s: float | None = None
-    heading_deg: float | None = None
-    use_magnetometer: bool = True
-    gate: str | None = None
-    calibration_path: Path | None = None
-    serve: int | None = None
-    baud: int = 115200
-    silence_s: float | None = None
-    mag_axes: str | None = None
-    polish: bool = False
-    view: tuple[str, int] | None = None
-    columns: str | None = None
-    units: str | None = None
-    rate_hz: float | None = None
-    mount: Wearing = "foot"
-    fixes_path: Path | None = None
-    step_constant_m: float | None = None
-    speed: str | None = None
-    record: Path | None = None
-    resume: bool = False
-    force: bool = False
+    emit: Say
+    emit_end: Say | None
+    remark: Say
+    watcher: ListenerProcess | None = None
+
+
+@contextmanager
+def open_outlets(serve: int | None, view: tuple[str, int] | None, print_line: Say, remark: Say) -> Iterator[Outlets]:
+    """Open what was requested.
+
+    Raises `StreamError` if a port cannot be served.
+
+    Parameters
+    ----------
+    serve : port for the lines, which are then not printed; None without.
+    view : host and port of the page; None without.
+    print_line, remark : called with lines, and with sentences for people.
+    """
+    with ExitStack() as opened:
+        lines = None if serve is None else opened.enter_context(open_port(HOST, serve, "--serve"))
+        page = None if view is None else opened.enter_context(open_port(*view, "--port or --host"))
+        if lines is not None:
+            remark(f"lines are served on {HOST}:{lines.getsockname()[1]}.")
+        if page is not None and view is not None:
+            reach = "for all who reach this machine: there is no password, and no encryption"
+            reach = "for this machine alone" if is_loopback(view[0]) else reach
+            remark(f"the walk is shown on {format_address(view[0], page.getsockname()[1])} ({reach}).")
+        if lines is None and page is None:
+            yield Outlets(print_line, print_line, remark)
+            return
+        host = HOST if view is None else view[0]
+        listeners = opened.enter_context(closing(ListenerProcess(lines, page, host, remark)))
+        emit = listeners.send_line if lines is not None else _both(print_line, listeners.send)
+        if page is None:
+            yield Outlets(emit, None, remark)
+            return
+        emit_end = listeners.send if lines is not None else emit
+        yield Outlets(emit, emit_end, _both(remark, listeners.send_remark), listeners)
+
+
+def _both(first: Say, second: Say) -> Say:
+    def say(words: str) -> None:
+        first(words)
+        second(words)
+
+    return say
+
+
+class StatusReporter:
+    """Measures rate, latency and silence while a source is followed, and sends the status while somebody watches."""
+
+    def __init__(self, watcher: ListenerProcess) -> None:
+        self._watcher = watcher
+        self._due = self._arrived = time.monotonic()
+        self._silent_since: float | None = None
+        self._counts: deque[tuple[float, int]] = deque()
+        self._latency_ms: float | None = None
+
+    def count_samples(self, count: int) -> None:
+        """Note how many samples have come, at each read: one that finds none begins a silence."""
+        now = time.monotonic()
+        if count:
+            self._arrived, self._silent_since = now, None
+            self._counts.append((now, count))
+        elif self._silent_since is None:
+            self._silent_since = now
+
+    def note_line(self) -> None:
+        """Note that a line was just sent."""
+        self._latency_ms = 1e3 * (time.monotonic() - self._arrived)
+
+    def report(self, describe: Callable[[], dict[str, Any]], lost: Mapping[str, int], ended: bool = False) -> None:
+        """Send the status if it is due and somebody watches; at the end always.
+
+        `describe` returns what the samples so far show, in some milliseconds; `lost` is that of `LossCounter`.
+        """
+        now = time.monotonic()
+        while self._counts and self._counts[0][0] < now - RATE_S:
+            self._counts.popleft()
+        if not (ended or (now >= self._due and self._watcher.viewers)):
+            return
+        self._due = now + self._watcher.status_s
+        silent_s = 0.0 if self._silent_since is None else now - self._silent_since
+        source = "ok" if silent_s < SILENT_S else f"silent {silent_s:.0f} s"
+        flow = {
+            "latency_ms": None if self._latency_ms is None else round(self._latency_ms, 1),
+            "rate_hz": round(sum(count for _, count in self._counts) / RATE_S, 1),
+            "lost_samples": lost["samples"],
+            "lost_datagrams": lost["datagrams"],
+            "source": "ended" if ended else source,
+        }
+        self._watcher.send_status({**describe(), **flow})
+
+
+def describe_walk(navigator: Navigator) -> dict[str, Any]:
+    """Return what the samples so far show of a walk; the pose costs some milliseconds."""
+    stop, pose = navigator.buffer.stop, navigator.pose()
+    heading_deg = None if pose is None else float(np.degrees(float(compute_heading(pose.nav_R_body[-1]))) % 360.0)
+    return {
+        "t": round(navigator.buffer.stamp(stop - 1), DIGITS) if stop else None,
+        "standing": navigator.stands,
+        "position_m": None if pose is None else np.round(pose.position[-1], DIGITS),
+        "heading_deg": None if heading_deg is None else round(heading_deg, DIGITS),
+        "floor": navigator.floor,
+        "returns": [list_ends(one) for one in navigator.returns],
+    }
+
+
+def list_ends(one: Return) -> list[float]:
+    """Begin and end of a return, and of the earlier pass, s."""
+    return [round(float(t), DIGITS) for t in (one.t[0], one.t[-1], one.earlier_t.min(), one.earlier_t.max())]
+
+
+# --- verdict on each line --------------------------------------------------------------------------------------------
+
+
+class LineVerdict:
+    """Judges the lines of a walk, in their order; `axes` of its samples.
+
+    Parameters
+    ----------
+    in_pocket : whether the sensor is in a pocket: a line is then two steps, and places are less certain.
+    remark : as of `AxesCheck`.
+    rate_sigma : of a nominal sample rate, a share of it; 0 where rows have stamps.
+    """
+
+    def __init__(
+        self,
+        in_pocket: bool = False,
+        remark: Callable[[str], None] = lambda words: None,
+        rate_sigma: float = 0.0,
+    ) -> None:
+        self._in_pocket, self._rate_sigma = in_pocket, rate_sigma
+        self.axes = AxesCheck(remark, "pocket" if in_pocket else "foot")
+        self._begun: float | None = None
+        self._last = np.zeros(4)  # t, east, north, up of the newest footfall
+        self._distance, self._lost_s, self._strides = 0.0, 0.0, 0
+        self._steepest, self._reach = (0.0, 0.0), 0.0
+        self._fast = np.zeros((0, 3))  # Speed, time and end of the fastest strides, the fastest first.
+        self._heights = np.zeros((0, 2))
+
+    def judge(self, found: Sequence[StanceEstimate | Revision], continues: Sequence[bool]) -> list[Judged]:
+        """Return the lines, each estimate with the verdict on the path up to it; `continues` is that of all lines."""
+        judged: list[Judged] = []
+        for one in found:
+            if isinstance(one, Revision):
+                is_newest = len(one.path) > 0 and abs(one.path[-1, 0] - self._last[0]) < SAME_S
+                self._last = one.path[-1] if is_newest else np.full(4, np.nan)
+                judged.append((one, None))
+            else:
+                self._measure(np.append(one.t, one.position), continues[one.number])
+                judged.append((one, combine(self._list_reasons(one.pose_cov[:2, :2]))))
+        return judged
+
+    def _measure(self, now: Floats, continues: bool) -> None:
+        """Measure the stride to a footfall, of which t, east, north, up (4,) are given."""
+        before, self._last = self._last, now
+        if self._begun is None:
+            self._begun, self._heights = float(now[0]), now[None, [0, 3]]
+            return
+        self._strides += not continues
+        took, moved = float(now[0] - before[0]), float(np.linalg.norm(now[1:] - before[1:]))
+        if not (took > 0.0 and np.isfinite(moved)):
+            return
+        self._distance += moved
+        self._lost_s += took if took > DUE_S and not continues else 0.0
+        self._reach = max(self._reach, float(np.hypot(*before[1:3])))
+        fast = np.vstack([self._fast, [moved / took, took, now[0]]])
+        self._fast = fast[np.argsort(-fast[:, 0], kind="stable")][:N_FASTEST]
+        height = self._heights[-1, 1] + float(now[3] - before[3])
+        self._heights = np.vstack([self._heights, [now[0], height]])[-MAX_HEIGHTS:]
+        self._steepest = max(self._steepest, find_height_rate(*self._heights.T))
+
+    def _list_reasons(self, covariance: Floats) -> list[Reason]:
+        assert self._begun is not None
+        axes, way, sigma = self.axes.evidence, self._distance, float(np.sqrt(np.trace(covariance)))
+        found = [judge_position(covariance, way, self._in_pocket), judge_axes(axes), judge_rate(self._rate_sigma)]
+        if len(self._fast):
+            speed, took, end = map(float, self._fast[0])
+            found.append(judge_speed(speed, end))
+            if len(self._fast) == N_FASTEST:
+                found.append(judge_stride(speed * took, took, end, float(self._fast[-1, 0]), sigma, way))
+        if self._in_pocket:
+            return found
+        found.append(judge_height_rate(*self._steepest))
+        found.append(judge_beginning(self._strides, axes.strides))
+        usual = way / max(float(self._last[0]) - self._begun, 1e-9) if self._strides else 0.0
+        words = f"{self._lost_s:.1f} s of motion without a footfall"
+        found.append(judge_unfollowed(self._lost_s, usual, sigma, way, words))
+        if axes.strides >= MIN_STRIDES:
+            found.append(judge_gravity(float(np.median(axes.gravity)), self._reach, sigma, way))
+        return found
+
+
+# --- the source ------------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -111,89 +321,6 @@ class StreamOptions:
     def rate_sigma(self) -> float:
         """Sigma of the rate by which stamps are counted, a share of it; 0 where rows have stamps."""
         return 0.0 if self.columns is None else self.columns.rate_sigma
-
-
-def run_stream(request: StreamRequest, outlets: Outlets) -> StreamedWalk:
-    """Follow a source until it ends or a signal arrives; lines and remarks go to the outlets.
-
-    Raises `FgNavError` if something that was requested cannot be: the source, the record, the rows.
-    """
-    options = read_stream_options(request)
-    with catch_signals(*ENDING) as stop, ExitStack() as opened:
-        record = _open_record(request, outlets.remark)
-        if record is not None:
-            opened.callback(record.close)
-        source = opened.enter_context(closing(open_source_of(request, options.columns, outlets.remark)))
-        navigator = follow_source(source, options, outlets.emit, outlets.remark, stop, outlets.watcher, record)
-    given = options.calibration, options.mag_axes
-    return StreamedWalk(navigator, source.name, *given, request.polish, options.rate_sigma)
-
-
-def read_stream_options(request: StreamRequest) -> StreamOptions:
-    """Turn a request into stream options, reading the files it names; raises `FgNavError` if an option is invalid."""
-    calibration = None if request.calibration_path is None else read_calibration(request.calibration_path)
-    axes = None if request.mag_axes is None else MagAxes.parse(request.mag_axes)
-    return StreamOptions(
-        online=_online_options(request, calibration),
-        until_silent_s=_check_positive(request.silence_s, "--silence"),
-        calibration=calibration,
-        mag_axes=axes,
-        columns=parse_columns(request.columns, request.units, request.rate_hz),
-        background=True,
-    )
-
-
-def open_source_of(request: StreamRequest, columns: Columns | None, remark: Say) -> SampleSource:
-    """Open the source of a request."""
-    return open_samples(request.source, columns, request.baud, request.speed, remark)
-
-
-def _open_record(request: StreamRequest, remark: Say) -> Record | None:
-    path, source = request.record, Path(request.source)
-    if path is None:
-        if request.resume:
-            raise StreamError("--resume goes on with the walk of a record: name it, as --record FILE.")
-        return None
-    if path.exists() and source.exists() and path.samefile(source):
-        raise OutputError(f"{path} is what is streamed: name another file to record into.")
-    return Record(path, request.resume, request.force, remark)
-
-
-def _online_options(request: StreamRequest, calibration: Calibration | None) -> OnlineOptions | PocketOptions:
-    heading = request.heading_deg
-    if heading is not None and not np.isfinite(heading):
-        raise EstimationError(f"a heading of {heading} deg is no direction: give a number.")
-    heading_rad = None if heading is None else float(np.radians(heading))
-    if request.mount == "pocket":
-        for name, given in (("--lag", request.lag_s), ("--gate", request.gate), ("--fixes", request.fixes_path)):
-            if given is not None:
-                raise EstimationError(f"{name} is for a sensor on a foot: leave it out with --mount pocket.")
-        axes_given = request.mag_axes is not None
-        return PocketOptions(heading_rad, request.use_magnetometer, request.step_constant_m, axes_given)
-    if request.step_constant_m is not None:
-        raise EstimationError("--step-constant is for a sensor in a pocket: add --mount pocket, or leave it out.")
-    lag_s = _check_positive(request.lag_s, "--lag")
-    if lag_s is not None and lag_s < MIN_LAG_S:
-        raise EstimationError(f"a lag of {lag_s:g} s is too short: give {MIN_LAG_S:g} or more.")
-    if lag_s is not None and request.polish:
-        raise EstimationError("with --lag the samples are discarded, so there is no --polish: give one of the two.")
-    magnetic = FieldParameters(gate=choose_gate(request.gate, request.use_magnetometer))
-    parameters, known = SmootherParameters(magnetic=magnetic), None if calibration is None else calibration.gyroscope
-    return OnlineOptions(
-        heading_rad=heading_rad,
-        use_field=request.use_magnetometer,
-        lag_s=lag_s,
-        parameters=parameters if known is None else replace(parameters, **known.prior),
-        axes_given=request.mag_axes is not None,
-        fixes=() if request.fixes_path is None else read_fixes(request.fixes_path),
-        calibration=None if calibration is None else calibration.magnetometer,
-    )
-
-
-def _check_positive(value: float | None, name: str) -> float | None:
-    if value is not None and not 0 < value < np.inf:
-        raise StreamError(f"{name} {value:g} is no time: give seconds above zero.")
-    return value
 
 
 def follow_source(

@@ -31,7 +31,7 @@ from fg_nav.magnetic.axes import AlignedMagnetometer, align_magnetometer
 from fg_nav.online.background import BackgroundSolver, Solver, SolverProcess
 from fg_nav.online.buffer import COLUMNS, OnlineOptions, SampleBuffer, as_recording
 from fg_nav.online.estimates import Revision, StanceEstimate, StrapdownPath, select_rows
-from fg_nav.online.resolve import WalkSolver, measure_walk_field
+from fg_nav.online.resolve import WalkSolver, measure_online_field
 from fg_nav.online.sample_filter import SampleFilter
 from fg_nav.online.smoother import OnlineSmoother
 from fg_nav.online.unit_monitor import UnitMonitor
@@ -85,8 +85,6 @@ class SampleIntake(ABC):
         air = np.full(len(t), np.nan) if pressure is None else pressure
         rows = self._accept(np.column_stack([t, acc, gyr, field, air]))
         self._busy_s += perf_counter() - began
-        if len(rows):
-            self._prepare()
         return self.add_rows(rows)
 
     def add_rows(self, rows: Floats) -> list[StanceEstimate | Revision]:
@@ -117,10 +115,6 @@ class SampleIntake(ABC):
         rows = self.units.accept(sent, at_end)
         rows = self.judge.accept(rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:10], rows[:, 10])
         return np.concatenate([rows, self.judge.flush()]) if at_end else rows
-
-    @abstractmethod
-    def _prepare(self) -> None:
-        """Get ready for samples that just came from a source."""
 
     @abstractmethod
     def _add_rows(self, rows: Floats) -> list[StanceEstimate | Revision]:
@@ -208,8 +202,7 @@ class OnlineNavigator(SampleIntake):
         table = mark_returns(select_rows(table, is_new), self.returns)
         if self.options.lag_s is None:
             recording = self.recording().raise_peaks(self.smoother.walk.sensor.peak_height)
-            motion = nodes.position, nodes.velocity, nodes.nav_R_body, nodes.gyro_bias, nodes.acc_bias
-            path, t = dense_trajectory(recording, nodes.sample, *motion, p.gravity), recording.t
+            path, t = dense_trajectory(recording, *nodes, p.gravity), recording.t
             ends = freeze_ends(t, stances, path.position, path.velocity)
         else:
             recording = None
@@ -246,7 +239,7 @@ class OnlineNavigator(SampleIntake):
         aligned = align_magnetometer(recording, given) if use_field else AlignedMagnetometer(recording)
         recording = aligned.recording
         stances = detect_stances(recording, self.detection.stance) if stances is None else stances
-        measured = measure_walk_field(recording, stances, options)
+        measured = measure_online_field(recording, stances, options)
         notes = () if is_known else (*aligned.notes, *measured.notes)
         fixes = tuple(fix for fix in options.fixes if fix.time_s <= recording.t[-1])
         p, heading, why = options.parameters, options.heading_rad, ""
@@ -325,10 +318,8 @@ class OnlineNavigator(SampleIntake):
     ) -> list[StanceEstimate | Revision]:
         """See `SampleIntake`."""
         with self._solver.pace:
+            self.smoother.schedule.prepare(self.smoother.n_reported)
             return super().push(t, acc, gyr, mag, pressure)
-
-    def _prepare(self) -> None:
-        self.smoother.schedule.prepare(self.smoother.n_reported)
 
     def _add_rows(self, rows: Floats) -> list[StanceEstimate | Revision]:
         self.buffer.append(rows)

@@ -1,6 +1,6 @@
 """A walk in progress with the sensor in a trouser pocket: samples in blocks of any size, one estimate for each stride.
 
-    samples -> judge -> blocks of `BLOCK_S` -> orientation (`pocket.online`) -> steps (`pocket.causal_steps`)
+    samples -> judge -> blocks of `BLOCK_S` -> orientation and steps (`pocket.online`)
             -> their path so far (`pocket.dead_reckoning`) -> estimate
 
 The functions are those of the batch (`fg_nav.pocket.navigate`), with the orientation of the filter forward, from the
@@ -32,7 +32,6 @@ from fg_nav.magnetic.axes import align_magnetometer
 from fg_nav.online.buffer import OnlineOptions
 from fg_nav.online.estimates import TURNED_RAD, Revision, StanceEstimate, StrapdownPath, build_table, thin_rows
 from fg_nav.online.navigator import METHOD, OnlineNavigator, SampleIntake
-from fg_nav.pocket.causal_steps import StrideEnd
 from fg_nav.pocket.dead_reckoning import (
     MOUNTING_SIGMA_DEG,
     STEP_HEADING_SIGMA_DEG,
@@ -50,9 +49,9 @@ from fg_nav.pocket.navigate import (
     navigate_pocket,
     require_steps,
 )
-from fg_nav.pocket.online import OnlineThigh
+from fg_nav.pocket.online import OnlinePocket, StrideEnd
 from fg_nav.pocket.steps import Steps
-from fg_nav.pocket.track import STILL_S
+from fg_nav.pocket.track import STILL_S, choose_start
 from fg_nav.recording import MAX_GAP_S, MIN_SAMPLES, Recording
 from fg_nav.solution import Return, Solution, StanceTable
 
@@ -102,15 +101,12 @@ class PocketNavigator(SampleIntake):
         self._step_length = StepLength() if constant is None else use_step_constant(constant)
         self.footfalls: list[Footfall] = []
         self._used = 0
-        self._thigh: OnlineThigh | None = None
+        self._thigh: OnlinePocket | None = None
         self._reported: list[StanceEstimate] = []
         self._n_steps: list[int] = []  # until each line
         self._directions = np.empty((0, 2))  # of the steps, in the map of the last line
         self._given: list[StanceEstimate] = []  # of a resumed walk, lines that were given and not taken back
         self._gone = 0  # lines that were
-
-    def _prepare(self) -> None:
-        """Nothing: no solution is waited for."""
 
     def _add_rows(self, rows: Floats) -> list[StanceEstimate | Revision]:
         self.buffer.append(rows)
@@ -186,7 +182,7 @@ class PocketNavigator(SampleIntake):
         recording = self.recording()
         refuse_foot(recording)
         thigh = self._begin_thigh(self.buffer.stop) if self._thigh is None else self._thigh
-        steps = thigh.steps.steps
+        steps = thigh.steps.found.steps
         require_steps(steps)
         so_far = self._reckon_path(len(steps))
         track = thigh.build_track(recording).rotate(so_far.clockwise)
@@ -226,20 +222,22 @@ class PocketNavigator(SampleIntake):
                     continue
                 self._thigh = self._begin_thigh(end)
             first, self._used = self._used, end
-            rows, before = self.buffer.between(first, end), self.buffer.between(max(first - 1, 0), first)
+            rows = self.buffer.between(first, end)
             if not self.options.use_field:
                 rows[:, 7:10] = np.nan
-            found += self._report(self._thigh.add(first, rows, before))
+            found += self._report(self._thigh.push(first, rows))
         return found
 
-    def _begin_thigh(self, end: int) -> OnlineThigh:
-        return OnlineThigh(self._cut_until(end, self.options.use_field), self.options.heading_rad)
+    def _begin_thigh(self, end: int) -> OnlinePocket:
+        first = self._cut_until(end, self.options.use_field)
+        start, notes = choose_start(first, self.options.heading_rad)
+        return OnlinePocket(start, first.period_s, notes=tuple(notes))
 
     def _reckon_path(self, count: int) -> _PathSoFar:
         """Return the path of the first `count` steps, with the present estimate of the thigh's axes."""
         assert self._thigh is not None
         found, given = self._thigh.steps, self.options.heading_rad
-        known, steps, axes = found.columns, found.steps, found.axes
+        known, axes = found.found, found.axes
         assert axes is not None
         forward = turn_forward(known.attitude @ axes[0])
         clockwise = 0.0 if given is None else given - measure_first_heading(forward)
@@ -248,7 +246,7 @@ class PocketNavigator(SampleIntake):
         axis_sigma = np.radians(AXIS_SIGMA_DEG) * (2.0 / len(forward)) ** 0.5 if found.is_forward_known else np.pi
         axis_sigma = axis_sigma if given is None else 0.0
         sigma, part = np.hypot(known.heading_sigma, axis_sigma), slice(0, count)
-        steps = Steps(*(getattr(steps, item.name)[part] for item in fields(steps)))
+        steps = Steps(*(getattr(known.steps, item.name)[part] for item in fields(Steps)))
         along = self._step_length.predict(steps)[:, None] * forward[part]
         unseen = propagate_corrections(along, known.heading_sigma[part] ** 2)
         unseen += known.lost_m2[part, None, None] * np.eye(2)

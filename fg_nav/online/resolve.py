@@ -38,11 +38,11 @@ import numpy as np
 
 from fg_nav.arrays import Bools
 from fg_nav.calibration.magnetometer import MagnetometerCalibration
-from fg_nav.calibration.walk import average_corrected_field, find_own_iron
+from fg_nav.calibration.walk import MeasuredField, measure_walk_field
 from fg_nav.detection import detect_stances
 from fg_nav.detection.causal import Footfall
 from fg_nav.detection.stance import StanceParameters
-from fg_nav.errors import DetectionError, EstimationError, MagneticError
+from fg_nav.errors import DetectionError, EstimationError
 from fg_nav.feet import SIDES, Side
 from fg_nav.feet.steps import MIN_TURNS, measure_turns
 from fg_nav.frames import compute_heading
@@ -67,17 +67,14 @@ from fg_nav.online.buffer import (
 )
 from fg_nav.online.estimates import list_estimates
 from fg_nav.online.field import BiasLedger, CompassVerdict, OnlineField
-from fg_nav.online.strides import RestLedger, StanceNodes, list_stances, list_variables, result_keys, select_fixes
+from fg_nav.online.strides import RestLedger, StanceNodes, list_stances, list_variables, result_keys
 from fg_nav.online.window import Window
 from fg_nav.recording import Recording
-from fg_nav.smoother.batch import solve_walk, widen_bias_prior
-from fg_nav.smoother.constraints import add_constraints, add_fixes
+from fg_nav.smoother.batch import InProgress, WalkInput, fit_walk
 from fg_nav.smoother.feet import SolvedFeet, list_footfalls, solve_feet
 from fg_nav.smoother.field import FieldSolution, FieldVerdict
-from fg_nav.smoother.gauss_newton import FIRST_CONVERGENCE
-from fg_nav.smoother.graph import WalkProblem, count_factors, order_variables, solve
-from fg_nav.smoother.problem import walk_problem
-from fg_nav.smoother.solver import UNSOLVED, Solved, linearize, list_attitudes, list_positions
+from fg_nav.smoother.graph import WalkProblem, count_factors, order_variables
+from fg_nav.smoother.solver import UNSOLVED, Solved, list_attitudes, list_positions
 from fg_nav.solution import Return
 from fg_nav.stances import Stances
 
@@ -323,7 +320,7 @@ def build_anchor(walk: PartialWalk, options: OnlineOptions, found: WalkSolution,
 def marginalize_at(found: WalkSolution, stance: StanceNodes) -> MarginalPrior:
     """Return the marginal prior on the variables of a footfall, from the whole solved walk."""
     problem, values = found.problem, found.solved.values
-    linear = linearize(problem.graph, problem.blocks, values)
+    linear = problem.system.linearize(values)
     order, keep = order_variables(problem), list_variables(stance, values)
     return marginalize(linear, values, keep, [key for key in order.tolist() if key not in set(keep)])
 
@@ -351,51 +348,26 @@ def solve_so_far(
     standings = stances
     if continues is not None:
         standings = replace(stances, footfall=(np.cumsum(~continues) - 1)[stances.footfall])
-    measured = measure_walk_field(recording, stances, options, standings)
+    measured = measure_online_field(recording, stances, options, standings)
     recording, field = measured.recording, measured.field
     field = field if field is None or continues is None else field.leave_out(continues)
-    # First solution, from inertial measurements, stances and fixes.
-    problem = walk_problem(recording, stances, options.heading_rad, options.parameters, in_progress=not has_ended)
-    fixes = select_fixes(options.fixes, problem.recording.t[problem.nodes.sample])
-    if fixes:
-        problem = add_fixes(problem, problem.values, fixes)
-        problem = replace(problem, values=solve(problem, FIRST_CONVERGENCE).values)
-    problem = add_constraints(problem, problem.values, continues)
-    # The whole, with the field.
-    found = widen_bias_prior(solve_walk(problem, field, measured.unseen))
+    # The walk, by the recipe of the batch.
+    so_far = InProgress(continues, measured.unseen, has_ended)
+    given = WalkInput(recording, stances, options.heading_rad, field, options.parameters, fixes=options.fixes)
+    found = fit_walk(replace(given, in_progress=so_far)).walk
     solved_field = None if found.field is None or field is None else (found.field, field)
     online_field = None if solved_field is None else OnlineField(*solved_field)
     verdict = replace(found.verdict, notes=(*measured.notes, *found.verdict.notes))
     return WalkSolution(found.problem, found.solved, online_field, verdict, found.returns, measured.iron, solved_field)
 
 
-@dataclass(frozen=True)
-class MeasuredField:
-    """The field of a walk, as it is measured."""
-
-    recording: Recording  # With the magnetometer corrected.
-    field: FootfallField | None = None  # None where it is not used, or not measured.
-    unseen: str = ""  # Why it was not measured, though it was to be used.
-    iron: MagnetometerCalibration | None = None  # As in `WalkSolution`.
-    notes: tuple[str, ...] = ()  # How the magnetometer was corrected.
-
-
-def measure_walk_field(
+def measure_online_field(
     recording: Recording, stances: Stances, options: OnlineOptions, standings: Stances | None = None
 ) -> MeasuredField:
-    """Return the field at the footfalls as in batch; `standings` are the stances for the iron, None for the same."""
+    """Return the field at the footfalls as in batch, none where it is not used; `standings` as there."""
     if not options.use_field or recording.mag is None:
         return MeasuredField(recording)
-    iron, notes = None, tuple[str, ...]()
-    try:
-        if options.calibration is None:
-            iron, note = find_own_iron(recording, stances if standings is None else standings)
-            recording, notes = recording if iron is None else iron.apply_to(recording), (note,)
-        calibration = iron if options.calibration is None else options.calibration
-        field = average_corrected_field(recording, stances, options.heading_rad or 0.0, calibration)
-        return MeasuredField(recording, field, iron=iron, notes=notes)
-    except MagneticError as error:
-        return MeasuredField(recording, unseen=str(error), iron=iron, notes=notes)
+    return measure_walk_field(recording, stances, options.heading_rad, options.calibration, standings)
 
 
 # --- two feet --------------------------------------------------------------------------------------------------------

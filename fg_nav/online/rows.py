@@ -19,11 +19,11 @@ import pandas as pd
 
 from fg_nav.arrays import Floats
 from fg_nav.columns import mapping
+from fg_nav.columns.headers import find_factor
 from fg_nav.columns.mapping import ACC, CANONICAL, GYR, MAG, PASSED_OVER, PRESSURE, TIME
 from fg_nav.columns.samples import SI_UNITS
-from fg_nav.columns.units import find_factor
 from fg_nav.errors import FormatError, StreamError
-from fg_nav.io.text_columns import find_column, scale_values
+from fg_nav.io.tables import find_column, scale_values
 from fg_nav.online.buffer import COLUMNS
 from fg_nav.recording import NOMINAL_SIGMA
 from fg_nav.samples.plausibility import find_unit_problems, keep_air
@@ -340,9 +340,7 @@ class RowReader:
             self._leave_out_foreign(fields)
             return f"it is no header ({str(error).partition(':')[0]})"
         if not self._is_confirmed and set(MAG).isdisjoint(fields) != set(MAG).isdisjoint(before.names):
-            raise FormatError(
-                f"{self._name} names other columns than before the walk resumed: name another checkpoint."
-            )
+            raise FormatError(f"{self._name} names other columns than before the walk resumed: begin another walk.")
         self._is_confirmed = True
         return ""
 

@@ -20,10 +20,9 @@ from gtsam.symbol_shorthand import B, M, P, S, V, X
 
 from fg_nav.arrays import Floats
 from fg_nav.detection import Rest, RestParameters, find_rests
-from fg_nav.fix_check import FIX_REACH_S
 from fg_nav.online.buffer import PartialWalk
 from fg_nav.recording import MIN_SAMPLES, Recording
-from fg_nav.smoother.constraints import pin_to_times
+from fg_nav.smoother.constraints import pin_to_times, select_reached_fixes
 from fg_nav.smoother.gauss_newton import DIMENSION
 from fg_nav.smoother.graph import initial_values
 from fg_nav.smoother.parameters import SmootherParameters
@@ -304,15 +303,6 @@ class RestLedger:
         return tuple(new), ledger
 
 
-def select_fixes(fixes: Sequence[Fix], t_node: Floats, after_s: float = -np.inf) -> tuple[Fix, ...]:
-    """Return the fixes after a time and up to the last of some nodes (n,) s that have one of them within reach."""
-    return tuple(
-        fix
-        for fix in fixes
-        if after_s < fix.time_s <= t_node[-1] and float(np.abs(t_node - fix.time_s).min()) <= FIX_REACH_S
-    )
-
-
 def find_stride_fixes(fixes: Sequence[Fix], t_node: Floats, before_s: float) -> list[tuple[int, Fix]]:
     """Return the fixes of a stride, each with the number of its node and with the sigma that it has there.
 
@@ -321,7 +311,7 @@ def find_stride_fixes(fixes: Sequence[Fix], t_node: Floats, before_s: float) -> 
     t_node : (n,) s, of the nodes of the footfall before and of the new one.
     before_s : of the last node of the footfall before.
     """
-    reached = select_fixes(fixes, t_node, before_s)
+    reached = select_reached_fixes(fixes, t_node, before_s)
     pinned = pin_to_times(reached, t_node)
     return [
         (int(node), replace(fix, horizontal_sigma_m=float(sigma)))

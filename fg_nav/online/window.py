@@ -22,7 +22,6 @@ from gtsam.symbol_shorthand import B, M, P, V, X
 
 from fg_nav.factors.walk_constraints import position_fix_factor, position_fix_noise
 from fg_nav.magnetic.quasi_static import UNKNOWN
-from fg_nav.mechanisation import NavState
 from fg_nav.online.anchor import AnchorState, Past, PathNodes, marginalize
 from fg_nav.online.buffer import PartialWalk, ReportedFootfall
 from fg_nav.online.estimates import (
@@ -31,7 +30,6 @@ from fg_nav.online.estimates import (
     StrapdownPath,
     estimate_stance,
     list_estimates,
-    propagate_strapdown,
 )
 from fg_nav.online.field import BiasLedger, CompassVerdict, measure_field
 from fg_nav.online.isam2 import REASON, ISAM2Backend, check_solution, recover
@@ -133,16 +131,10 @@ class Window:
         stance = self._stances[-1]
         recording, first = self._walk.cut_onward(stance.samples[-1], until)
         pose, bias = self._backend.pose(X(stance.stop - 1)), self._backend.bias(B(stance.bias))
-        state = NavState(
-            np.array(pose.translation()),
-            np.array(self._backend.vector(V(stance.stop - 1))),
-            np.ascontiguousarray(pose.rotation().matrix()),
-            np.array(bias.gyroscope()),
-            np.array(bias.accelerometer()),
-        )
-        h = np.append(np.diff(recording.t), recording.period_s)
-        path = propagate_strapdown(h, *recording.integrable, first, state, self._p.gravity)
-        return StrapdownPath(recording.t[first:], *path)
+        motion = pose.translation(), self._backend.vector(V(stance.stop - 1)), pose.rotation().matrix()
+        node = PathNodes._make(np.array([part]) for part in (first, *motion, bias.gyroscope(), bias.accelerometer()))
+        path = dense_trajectory(recording, *node, self._p.gravity)
+        return StrapdownPath(recording.t[first:], *(part[first:] for part in path))
 
     def _extend(self) -> tuple[RestLedger, BiasLedger | None]:
         """Add the newest stride to the graph, first its motion, then its field; return the ledgers with its rests."""

@@ -91,8 +91,7 @@ class Pieces:
     @property
     def tie_covariance(self) -> Floats:
         """Covariance (P, 3, 3) m^2 of the place of each, without drift and map."""
-        c, s, none, one = np.cos(self.heading), np.sin(self.heading), 0.0 * self.heading, 1.0 + 0.0 * self.heading
-        axes = np.moveaxis(np.array([[c, -s, none], [s, c, none], [none, none, one]]), 2, 0)
+        axes, one = yaw_rotation(self.heading), np.ones(len(self.heading))
         variance = np.array([ALONG_SIGMA_M, LATERAL_SIGMA_M, UP_SIGMA_M]) ** 2
         of_each = variance / np.stack([self.count, self.count, one], axis=1)
         return np.asarray((axes * of_each[:, None, :]) @ np.swapaxes(axes, 1, 2))

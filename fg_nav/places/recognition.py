@@ -58,7 +58,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints, interpolate_columns
-from fg_nav.frames import average_angles, wrap_angle
+from fg_nav.frames import average_angles, wrap_angle, yaw_rotation
 from fg_nav.places.alignment import MIN_RATIO, RHO, SHARE, TINY, ChanceLevel, align, measure_chance, separate, trace
 from fg_nav.places.candidates import (
     ALIKE_M,
@@ -345,12 +345,8 @@ def _agreement(path: Signature, stretches: Sequence[Stretch], uncertainty: Uncer
     a, b = np.triu_indices(len(turn), 1)
     turned = wrap_angle(turn[b] - turn[a])
     psi = turn[a] + 0.5 * turned
-    cosine, sine = np.cos(psi), np.sin(psi)
     before = earlier[b] - earlier[a]
-    rotated = np.stack(
-        [cosine * before[:, 0] - sine * before[:, 1], sine * before[:, 0] + cosine * before[:, 1]], axis=1
-    )
-    error = later[b] - later[a] - rotated
+    error = later[b] - later[a] - (yaw_rotation(psi)[:, :2, :2] @ before[:, :, None])[:, :, 0]
     # its variance: the ties, the path between them, and the turn with its lever
     d = [np.sort(np.stack([m[a], m[b]]), axis=0) for m in walked]
     turn_variance = 0.25 * (own_variance[a] + own_variance[b])

@@ -55,13 +55,11 @@ N's part. A deviation beyond `MAX_SIGMAS` robust ones is limited to these.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from fg_nav.arrays import MAD_TO_SIGMA, Bools, Complexes, Floats, interpolate_columns
-from fg_nav.system.spilled import BLOCK_ROWS, drop_pages, empty_column
 
 SPACING_M = 0.5  # Of the points along the path: four to the shortest wavelength that repeats.
 BLOCK = 8  # Points of a block, 4 m, the smallest piece that candidates are made of.
@@ -118,20 +116,13 @@ def trace_signature(t: Floats, position: Floats, nav_R_body: Floats, mag: Floats
     """
     read = np.asarray(np.isfinite(mag).all(axis=1))
     # distance over ground
-    walked = np.zeros(len(position))
-    for part in _list_blocks(len(position)):
-        place = position[part, :2]
-        walked[part][1:] = walked[part.start] + np.cumsum(np.linalg.norm(np.diff(place, axis=0), axis=1))
-        drop_pages()
+    walked = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(position[:, :2], axis=0), axis=1)))
     edges = np.arange(0.0, walked[-1], SPACING_M)
     if read.sum() < 2 or len(edges) <= MIN_POINTS:
         none = np.zeros(0)
         return Signature(none, none, np.zeros((0, 3)), none, np.zeros((0, 3)), np.zeros(0, dtype=bool))
     # field in nav, without a reading by those around
-    nav_field = empty_column(len(t), 3)
-    for part in _list_blocks(len(t)):
-        nav_field[part] = np.einsum("nij,nj->ni", nav_R_body[part], mag[part])
-        drop_pages()
+    nav_field = np.einsum("nij,nj->ni", nav_R_body, mag)
     if not read.all():
         for column in nav_field.T:
             column[~read] = np.interp(t[~read], t[read], column[read])
@@ -158,23 +149,11 @@ def trace_signature(t: Floats, position: Floats, nav_R_body: Floats, mag: Floats
     )
 
 
-def _list_blocks(count: int) -> Iterator[slice]:
-    """Yield blocks of rows that each begin with the last of the one before."""
-    return (slice(start, start + BLOCK_ROWS + 1) for start in range(0, max(count - 1, 1), BLOCK_ROWS))
-
-
 def _average(walked: Floats, values: Floats, edges: Floats) -> Floats:
     """Means over distance (K, c) between `edges` (K + 1,) m of values (N, c) at distances `walked` (N,) m."""
-    integral, total = np.zeros((len(edges), values.shape[1])), np.zeros((1, values.shape[1]))
-    for part in _list_blocks(len(walked)):
-        d, value = walked[part], values[part]
-        steps = 0.5 * (value[1:] + value[:-1]) * np.diff(d)[:, None]
-        sums = np.concatenate([total, total + np.cumsum(steps, axis=0)])
-        inside = (edges >= d[0]) & (edges <= d[-1])
-        integral[inside] = _at_distance(d, sums, edges[inside])
-        total = sums[-1:]
-        drop_pages()
-    return np.asarray(np.diff(integral, axis=0) / SPACING_M)
+    steps = 0.5 * (values[1:] + values[:-1]) * np.diff(walked)[:, None]
+    integral = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(steps, axis=0)])
+    return np.asarray(np.diff(_at_distance(walked, integral, edges), axis=0) / SPACING_M)
 
 
 def _at_distance(walked: Floats, values: Floats, asked: Floats) -> Floats:

@@ -350,7 +350,7 @@ def lay_on_fixes(
     turned = track.sigma.copy()
     turned[:, 2] = np.interp(track.t, t, np.sqrt(fused.covariance[:, 2, 2]))
     turn = np.interp(track.t, t, fused.turn)
-    track = replace(track, nav_R_body=yaw_rotation(-turn) @ track.nav_R_body, sigma=turned)
+    track = track._replace(nav_R_body=yaw_rotation(-turn) @ track.nav_R_body, sigma=turned)
     # the step constant
     constant = step_length.constant_m * float(length.sum() / path.length.sum())
     found = StepLength(constant, float(np.sqrt(np.mean(fused.covariance[:, 3, 3]))), "GNSS")

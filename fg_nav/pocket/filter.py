@@ -51,24 +51,20 @@ from scipy.special import chdtri
 from fg_nav.arrays import Bools, Floats
 from fg_nav.errors import EstimationError
 from fg_nav.frames import GRAVITY_M_S2
-from fg_nav.mechanisation import multiply, rotate_in_body, transpose
+from fg_nav.mechanisation import rotate_in_body
 from fg_nav.pocket.filter_equations import (
-    GYRO_BIAS,
     SIZE,
     FieldReference,
     FilterModel,
+    PocketParameters,
     PocketState,
     build_model,
     create_reference,
-    error_axes,
-    inverse_error_axes,
-    is_degenerate,
     predict_state,
     set_reference,
     update_field,
     update_gravity,
 )
-from fg_nav.pocket.parameters import PocketParameters
 from fg_nav.pocket.track import STORED_EVERY_S, PocketStart, PocketTrack, level_start
 from fg_nav.recording import Recording
 from fg_nav.system.compiled import njit
@@ -95,18 +91,6 @@ class FilterInputs(NamedTuple):
     steady: Bools
 
 
-class Output(NamedTuple):
-    """Output of the compiled pass, as in `PocketTrack`; `covariance` of every `every`-th sample."""
-
-    nav_R_body: Floats
-    gyro_bias: Floats
-    sigma: Floats
-    covariance: Floats
-    gravity_nis: Floats
-    field_nis: Floats
-    every: int
-
-
 def estimate_pocket(
     recording: Recording, parameters: PocketParameters = PocketParameters(), start: PocketStart | None = None
 ) -> PocketTrack:
@@ -117,109 +101,69 @@ def estimate_pocket(
     recording : Recording
         Without a magnetometer, or in rows without one, the field is not used.
     parameters : PocketParameters
-        Of a preset, `fg_nav.pocket.parameters`; MD's, corrected, by default.
+        MD's by default.
     start : PocketStart
         Attitude at the first sample; level with heading 0 if None.
 
-    Raises `EstimationError` if it cannot be levelled, or the filter diverges to infinity; with a state in Euler angles
-    also where these end.
+    Raises `EstimationError` if it cannot be levelled, or the filter diverges to infinity.
     """
     inputs = prepare_inputs(recording, parameters)
     state = initialize_state(level_start(recording) if start is None else start, parameters)
-    every = max(round(STORED_EVERY_S / recording.period_s), 1)
-    output = allocate_output(len(recording), every)
-    end = run_filter(inputs, state, create_reference(), build_model(parameters), output)
-    if end < len(recording):
-        raise EstimationError(
-            f"the body's x axis is vertical at {recording.t[end]:.3f} s, where the paper's Euler angles end: "
-            f"set euler_state to False, as in the default preset."
-        )
-    finite = np.isfinite(output.gyro_bias).all(axis=1) & np.isfinite(output.nav_R_body).all(axis=(1, 2))
+    track = allocate_track(recording.t, max(round(STORED_EVERY_S / recording.period_s), 1))
+    run_filter(inputs, state, create_reference(), build_model(parameters), track)
+    finite = np.isfinite(track.gyro_bias).all(axis=1) & np.isfinite(track.nav_R_body).all(axis=(1, 2))
     if not finite.all():
         raise EstimationError(
             f"the filter diverged to infinity at {recording.t[np.argmin(finite)]:.3f} s: check the samples there."
         )
-    return PocketTrack(
-        t=recording.t,
-        nav_R_body=output.nav_R_body,
-        gyro_bias=output.gyro_bias,
-        sigma=output.sigma,
-        covariance_sample=np.arange(0, len(recording), every),
-        covariance=output.covariance,
-        gravity_nis=output.gravity_nis,
-        field_nis=output.field_nis,
-    )
+    return track
 
 
 def initialize_state(start: PocketStart, parameters: PocketParameters) -> PocketState:
-    """Return attitude, zero bias and covariance at the first sample, in the attitude coordinates of the parameters."""
+    """Return attitude, zero bias and covariance at the first sample."""
     R = np.ascontiguousarray(start.nav_R_body, dtype=np.float64).copy()
-    P = np.zeros((SIZE, SIZE))
-    tilt = np.diag([start.tilt_sigma, start.tilt_sigma, start.heading_sigma]) ** 2
-    to_state = inverse_error_axes(R) if parameters.euler_state and not is_degenerate(R) else np.eye(3)
-    P[:GYRO_BIAS, :GYRO_BIAS] = to_state @ tilt @ to_state.T
-    P[GYRO_BIAS:, GYRO_BIAS:] = np.eye(3) * np.radians(parameters.gyro_bias_sigma_deg_s) ** 2
-    return PocketState(R, np.zeros(3), P)
+    bias_sigma = np.radians(parameters.gyro_bias_sigma_deg_s)
+    sigma = np.append([start.tilt_sigma, start.tilt_sigma, start.heading_sigma], np.full(3, bias_sigma))
+    return PocketState(R, np.zeros(3), np.diag(sigma**2))
 
 
 @njit(cache=True)
 def run_filter(
-    inputs: FilterInputs, state: PocketState, reference: FieldReference, model: FilterModel, output: Output
-) -> int:
-    """Filter all samples into `output`; return their number, or the sample at which Euler angles become singular."""
+    inputs: FilterInputs, state: PocketState, reference: FieldReference, model: FilterModel, track: PocketTrack
+) -> None:
+    """Filter all samples into a blank `track`."""
     for i in range(len(inputs.h)):
         # propagate over the sample before
         if i > 0:
             predict_state(state, reference, inputs.rate[i - 1], inputs.h[i - 1], model)
-        if model.euler and is_degenerate(state.nav_R_body):
-            return i
         # correct by gravity
         if inputs.gravity[i]:
-            output.gravity_nis[i] = update_gravity(state, reference, inputs.force[i], model)
+            track.gravity_nis[i] = update_gravity(state, reference, inputs.force[i], model)
         # correct by the field, if it holds still and the reference is neither too near nor too far, and replace that
         age = reference.age[0]
         if inputs.fresh[i] and not (inputs.steady[i] and age < model.shortest_s - 1e-9):
             if inputs.steady[i] and age <= model.longest_s + 1e-9:
-                output.field_nis[i] = update_field(state, reference, inputs.field[i], model)
+                track.field_nis[i] = update_field(state, reference, inputs.field[i], model)
             set_reference(reference, inputs.field[i])
-        if model.euler and is_degenerate(state.nav_R_body):
-            return i
-        _store_state(i, state, model.euler, output)
-    return len(inputs.h)
+        store_state(i, state, track)
 
 
 @njit(cache=True)
-def _store_state(i: int, state: PocketState, euler: bool, output: Output) -> None:
-    """Write the state at sample i; its attitude covariance is that of a rotation vector in nav, also with `euler`."""
-    P = state.P
-    if euler:
-        G, axes = np.eye(6), error_axes(state.nav_R_body)
-        for row in range(3):
-            for column in range(3):
-                G[row, column] = axes[row, column]
-        P = multiply(multiply(G, P), transpose(G))
-    for row in range(3):
-        output.gyro_bias[i, row] = state.gyro_bias[row]
-        for column in range(3):
-            output.nav_R_body[i, row, column] = state.nav_R_body[row, column]
+def store_state(i: int, state: PocketState, track: PocketTrack) -> None:
+    """Write the state at sample i."""
+    track.gyro_bias[i], track.nav_R_body[i] = state.gyro_bias, state.nav_R_body
     for row in range(SIZE):
-        output.sigma[i, row] = np.sqrt(P[row, row])
-        if i % output.every == 0:
-            for column in range(SIZE):
-                output.covariance[i // output.every, row, column] = P[row, column]
+        track.sigma[i, row] = np.sqrt(state.P[row, row])
+    number = np.searchsorted(track.covariance_sample, i)
+    if number < len(track.covariance_sample) and track.covariance_sample[number] == i:
+        track.covariance[number] = state.P
 
 
-def allocate_output(samples: int, every: int) -> Output:
-    """Return an uninitialized output for so many samples, with the covariance at each `every`-th."""
-    return Output(
-        nav_R_body=np.empty((samples, 3, 3)),
-        gyro_bias=np.empty((samples, 3)),
-        sigma=np.empty((samples, SIZE)),
-        covariance=np.empty((-(-samples // every), SIZE, SIZE)),
-        gravity_nis=np.full(samples, np.nan),
-        field_nis=np.full(samples, np.nan),
-        every=every,
-    )
+def allocate_track(t: Floats, every: int) -> PocketTrack:
+    """Return a blank track at stamps `t` (N,) s, with the covariance at each `every`-th."""
+    n, stored, nan = len(t), np.arange(0, len(t), every), np.full(len(t), np.nan)
+    blank = np.empty((n, 3, 3)), np.empty((n, 3)), np.empty((n, SIZE))
+    return PocketTrack(t, *blank, stored, np.empty((len(stored), SIZE, SIZE)), nan, nan.copy())
 
 
 # inputs: specific force, field, and the detectors
@@ -238,8 +182,7 @@ def prepare_inputs(recording: Recording, parameters: PocketParameters) -> Filter
     field = np.full((n, 3), np.nan) if recording.mag is None or not parameters.field_update else recording.mag
     fresh = np.asarray(np.isfinite(field).all(axis=1) & field.any(axis=1), dtype=np.bool_)
     steady = detect_steady_field(t, field, parameters.mag_sigma_uT) if parameters.field_gated else fresh
-    h = np.append(np.diff(t), recording.period_s)
-    return FilterInputs(h, recording.integrable[1], force, field, gravity, fresh, steady)
+    return FilterInputs(recording.periods_s, recording.integrable[1], force, field, gravity, fresh, steady)
 
 
 def interpolate_force(acc: Floats) -> Floats:
@@ -254,8 +197,7 @@ def average_force(recording: Recording, count: int) -> Floats:
 
     Weights are a raised cosine: the mean lags by half the window.
     """
-    h = np.append(np.diff(recording.t), recording.period_s)
-    acc, gyr = recording.integrable
+    h, (acc, gyr) = recording.periods_s, recording.integrable
     attitude = _integrate_rates(gyr, h)
     force = acc + np.cross(gyr, acc) * (h / 2)[:, None]
     weight = 1.0 - np.cos(2 * np.pi * (np.arange(count) + 0.5) / count)

@@ -1,9 +1,9 @@
-"""The equations of Munoz Diaz et al. (2017): state, prediction, and the two updates, compiled.
+"""The equations of Munoz Diaz et al. (2017): parameters, state, prediction, and the two updates, compiled.
 
 State, MD (1): R = nav_R_body and the gyro bias b. The error is estimate minus truth, in this order:
 
 ======= ========== ==================================================================================
-0       attitude   a small rotation in nav, R_estimate = Exp(dphi) R_true; or of the Euler angles, rad
+0       attitude   a small rotation in nav, R_estimate = Exp(dphi) R_true, rad
 3       bias       gyro bias, rad/s, body
 ======= ========== ==================================================================================
 
@@ -17,8 +17,8 @@ A bias too high by db turns A by -Jr h db in the body at the end, so that errors
 
     dphi' = (I - h [W]) dphi - R' Jr h db,    db' = c db                             MD (7)-(9), (11)
 
-and, in Euler angles with dphi = E e, by E'^-1 (I - h [W]) E and E'^-1 R' Jr h. Noise enters at the end of the step: the
-gyroscope's rotates the attitude by the same about all axes, and the bias walks by sigma_n of MD (24) a sample.
+Noise enters at the end of the step: the gyroscope's rotates the attitude by the same about all axes, and the bias walks
+by sigma_n of MD (24) a sample.
 
 Reference of the field: while the body rotates by A = A_1 A_2 ... since the last field mu that was measured, a field
 that does not change in nav becomes, in the body,
@@ -32,11 +32,10 @@ A depends on the gyro bias: each A_i is rotated by -Jr h db at its end, and so w
 With a magnetometer slower than the gyroscope A spans several samples; in MD it spans one. When an update in between
 changes the bias, A is rotated along.
 
-Absolute gravity update, of a specific force a that is gravity alone
-    in nav       u = R a / |a| is up but for the tilt: (u_x, u_y) = (dphi_y, -dphi_x), each with variance s^2 / |a|^2.
-                 A mean over T is T / 2 old: with a + (T / 2) b x a for a, u gains (T / 2) R (db x a) / |a|
-    in angles    roll and pitch of MD (12), (13), innovations MD (14); the accelerometer's noise through them has the
-                 variances s^2 / (a_y^2 + a_z^2) and s^2 / |a|^2, and no covariance. The same to first order.
+Absolute gravity update, of a specific force a that is gravity alone                 MD (12)-(14)
+    u = R a / |a| in nav is up but for the tilt: (u_x, u_y) = (dphi_y, -dphi_x), each with variance s^2 / |a|^2. A mean
+    over T is T / 2 old: with a + (T / 2) b x a for a, u gains (T / 2) R (db x a) / |a|. In angles, as printed, it is
+    the same to first order.
 
 Differential magnetic field update, of the field m measured now, against m' = A^T mu predicted
     z = m' - m,    H = [0, [m'] S]                                                   MD (15), (16)
@@ -45,60 +44,95 @@ Along m' H is zero, for no rotation changes a strength; and N is 2 s_m^2 + q |m'
 u, v and m' / |m'| a right-handed set, |m'| v^T S and -|m'| u^T S about u and v. The noise of each field enters two
 differences, once with either sign; the filter takes them as independent, as MD does.
 
-What MD prints that does not work, and what must stand there
-========= ============================================ ============================================================
-MD        printed                                      read
-========= ============================================ ============================================================
-(10) (11) b = c b + n, about zero                      right for the part that wanders, but a turn-on bias of 0.1
-                                                       deg/s is no draw from it (B / sqrt(2) = 0.002) and fades with
-                                                       t_B: c = 1 (`bias_returns_to_zero`)
-(12)      roll = arctan(a_y / a_z)                     both signs: atan2, or a sensor upside down is turned by pi
-                                                       (`arctangent_as_printed`)
-(14)      innovations of angles                        wrapped to +-pi; not said, done in both
-(15)      mu = A mu, and so -A S for S                 A^T mu: by MD (4), A rotates from the body now to the body before
-                                                       (`difference_as_printed`)
-(16)      "the covariance of mu-bar"                   that of the difference: the new sample has noise too
-(1) (7)   Euler angles                                 fine until the pitch is +-90 deg, a thigh lying level when
-(14)                                                   its wearer sits (`euler_state`)
-========= ============================================ ============================================================
+Four equations do not work as they are printed, and the state is not in Euler angles: what must stand there, and the
+filter as printed, is `fg_nav.lab.reproduce.munoz_diaz2017.as_printed`.
 
-MD (21)'s (r_c / r) in place of its square concerns the field (`fg_nav.lab.simulation`).
-
-MD's Euler angles: roll, pitch and yaw, rad, and their small errors as a rotation.
-
-    nav_R_body = Rz(yaw) Ry(pitch) Rx(roll)         nav East-North-Up, so yaw is that of the x axis, counter-clockwise
-                                                    from east: pi / 2 - heading
-    gravity at rest = g (-sin pitch, sin roll cos pitch, cos roll cos pitch)                          MD (12), (13)
-
-Errors e of the angles, estimate minus truth, turn about the axes of the three rotations,
-
-    dphi = E e,    E = [nav_R_body e_x,  Rz(yaw) e_y,  e_z],    det E = cos pitch,
-
-with R_estimate = Exp(dphi) R_true. At a pitch of +-90 deg roll and yaw turn about the same axis: E has no inverse.
+Parameters. MD prints the noises of its emulated sensor (Table 2) and the form of the equations, but no prior, no
+figures of the bias model, none of the accelerometer and no threshold: each value chosen here gives its reason. The
+gyroscope's noises are densities, so that results do not depend on the sampling rate; the smoother shares them.
 """
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.ekf.measurements import wrap_angle
-from fg_nav.ekf.update import rotate_in_nav, update_component, update_row
+from fg_nav.ekf.update import rotate_in_nav, update_row
+from fg_nav.errors import EstimationError
 from fg_nav.mechanisation import cross_matrix, multiply, right_jacobian, rotate_in_body, transpose
-from fg_nav.pocket.parameters import (
-    GYR_DENSITY_DEG,
-    PocketParameters,
-    compute_bias_decay,
-    compute_bias_walk,
-    compute_earth_rate,
-)
 from fg_nav.system.compiled import njit
 
 ATTITUDE, GYRO_BIAS, SIZE = 0, 3, 6
 MAX_DIFFERENCE_S = 0.25  # Fields farther apart than the shortest difference and this, s, are not compared: a gap.
-MIN_COSINE = float(np.sin(np.radians(1.0)))  # Within a degree of a pitch of +-90 deg roll and yaw are not usable.
+GYR_DENSITY_DEG = 0.01  # White error of the rate, deg/s/sqrt(Hz): a MEMS's; MD Table 2, 0.1 deg/s at 100 Hz.
+BIAS_INSTABILITY_DEG_H = 10.0  # B of MD (24), deg/h, stationary sigma B / sqrt(2). Not printed: usual for a good MEMS.
+BIAS_TIME_S = 200.0  # t_B of MD (25), s, where the Allan deviation is lowest. Not printed: such sensors have 100 to 300
+EARTH_RATE_RAD_S = 7.29e-5  # Rotation rate of the Earth, MD (27).
+
+
+def compute_bias_walk() -> float:
+    """Random walk of the bias, rad/s/sqrt(s): sigma_n of MD (24) over the root of a sample's period."""
+    return float(np.radians(BIAS_INSTABILITY_DEG_H / 3600.0 / BIAS_TIME_S**0.5))
+
+
+def compute_bias_decay(returns_to_zero: bool) -> float:
+    """Decay rate of the bias, 1/s: that of MD (10), or zero for a random walk."""
+    return 1.0 / BIAS_TIME_S if returns_to_zero else 0.0
+
+
+def compute_earth_rate(latitude_deg: float | None) -> Floats:
+    """Rotation rate of the Earth (3,) rad/s in nav, MD (27); zero for None, where it is not removed."""
+    if latitude_deg is None:
+        return np.zeros(3)
+    latitude = np.radians(latitude_deg)
+    return EARTH_RATE_RAD_S * np.array([0.0, np.cos(latitude), np.sin(latitude)])
+
+
+@dataclass(frozen=True)
+class PocketParameters:
+    """Of the filter of Munoz Diaz et al. (2017).
+
+    Attributes
+    ----------
+    gyro_bias_sigma_deg_s : prior sigma of the bias. Not printed. It alone sets how soon the z bias is found, as its
+        inverse square; with this one the simulated street has the minutes of MD Figure 9. A MEMS has 0.1 to 0.5.
+    bias_returns_to_zero : MD (10) as printed, b <- c b with c = exp(-h / t_B); otherwise a random walk, c = 1.
+    latitude_deg : north, to remove the Earth's rate, MD (26), (27); None as in MD's filter, which does not.
+    gravity_window_s : the specific force is a weighted mean over two strides, used once every half window
+        (`average_force`); 0 as in MD, the sample's own, which does not hold the tilt in the simulated pocket.
+    acc_sigma_m_s2 : motion left in a specific force that looks like gravity alone, an axis: 0.1 to 0.25, and 0.03 of
+        accelerometer. MD uses the accelerometer's noise without its value.
+    gravity_update, field_update : whether the updates are used, the latter where there is a magnetometer.
+    mag_sigma_uT : white error of the magnetometer, an axis and sample (MD Table 2).
+    field_gated : whether the field's needs a field that holds still; MD leaves it on in homogeneous fields.
+    shortest_difference_s : between fields that are compared; 0 as in MD, from each sample to the next. The noise of a
+        difference does not grow with the time over which the bias turns it: 0.25 s finds z in 1.5 min, not 13.
+    """
+
+    gyro_bias_sigma_deg_s: float = 0.035
+    bias_returns_to_zero: bool = False
+    latitude_deg: float | None = None
+    gravity_window_s: float = 2.0
+    acc_sigma_m_s2: float = 0.3
+    gravity_update: bool = True
+    mag_sigma_uT: float = 0.015
+    field_update: bool = True
+    field_gated: bool = True
+    shortest_difference_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("gyro_bias_sigma_deg_s", "acc_sigma_m_s2", "mag_sigma_uT"):
+            if not 0.0 < getattr(self, name) < math.inf:
+                raise EstimationError(f"{name} of {getattr(self, name):g} cannot be: give a number above zero.")
+        for name in ("gravity_window_s", "shortest_difference_s"):
+            if not 0.0 <= getattr(self, name) < math.inf:
+                raise EstimationError(f"{name} of {getattr(self, name):g} cannot be: give zero or more.")
+        if self.latitude_deg is not None and not abs(self.latitude_deg) <= 90.0:
+            raise EstimationError(f"latitude_deg of {self.latitude_deg:g} is none: give -90 to 90, or None.")
 
 
 class PocketState(NamedTuple):
@@ -137,9 +171,6 @@ class FilterModel(NamedTuple):
     mag_variance: float
     shortest_s: float
     longest_s: float
-    euler: bool
-    printed_difference: bool
-    printed_arctangent: bool
 
 
 def build_model(p: PocketParameters) -> FilterModel:
@@ -154,74 +185,7 @@ def build_model(p: PocketParameters) -> FilterModel:
         mag_variance=p.mag_sigma_uT**2,
         shortest_s=p.shortest_difference_s,
         longest_s=p.shortest_difference_s + MAX_DIFFERENCE_S,
-        euler=p.euler_state,
-        printed_difference=p.difference_as_printed,
-        printed_arctangent=p.arctangent_as_printed,
     )
-
-
-# Euler angles: MD (12), (13)
-
-
-@njit(cache=True)
-def angles_of_rotation(nav_R_body: Floats) -> Floats:
-    """Roll, pitch, yaw (3,) rad."""
-    R = nav_R_body
-    pitch = np.arctan2(-R[2, 0], np.hypot(R[2, 1], R[2, 2]))
-    return np.array([np.arctan2(R[2, 1], R[2, 2]), pitch, np.arctan2(R[1, 0], R[0, 0])])
-
-
-@njit(cache=True)
-def rotation_of_angles(angles: Floats) -> Floats:
-    """Return nav_R_body (3, 3) from Euler angles roll, pitch, yaw (3,) rad."""
-    cr, sr = np.cos(angles[0]), np.sin(angles[0])
-    cp, sp = np.cos(angles[1]), np.sin(angles[1])
-    cy, sy = np.cos(angles[2]), np.sin(angles[2])
-    return np.array(
-        [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
-    )
-
-
-@njit(cache=True)
-def error_axes(nav_R_body: Floats) -> Floats:
-    """E (3, 3): from errors of the angles to the rotation in nav."""
-    x, y = nav_R_body[0, 0], nav_R_body[1, 0]
-    cosine = np.hypot(x, y)
-    return np.array([[x, -y / cosine, 0.0], [y, x / cosine, 0.0], [nav_R_body[2, 0], 0.0, 1.0]])
-
-
-@njit(cache=True)
-def inverse_error_axes(nav_R_body: Floats) -> Floats:
-    """E^-1 (3, 3): from a small rotation in nav to errors of the angles."""
-    x, y, sine = nav_R_body[0, 0], nav_R_body[1, 0], -nav_R_body[2, 0]
-    square = x * x + y * y
-    cosine = np.sqrt(square)
-    return np.array(
-        [[x / square, y / square, 0.0], [-y / cosine, x / cosine, 0.0], [sine * x / square, sine * y / square, 1.0]]
-    )
-
-
-@njit(cache=True)
-def is_degenerate(nav_R_body: Floats) -> bool:
-    """Whether the x axis is within a degree of vertical, where Euler angles end."""
-    return bool(nav_R_body[0, 0] ** 2 + nav_R_body[1, 0] ** 2 < MIN_COSINE**2)
-
-
-@njit(cache=True)
-def angles_of_up(force: Floats) -> tuple[float, float]:
-    """Roll and pitch, rad, of a specific force (3,) of gravity alone, MD (12), (13), in all quadrants."""
-    roll = np.arctan2(force[1], force[2])
-    return roll, np.arctan2(-force[0], np.hypot(force[1], force[2]))
-
-
-@njit(cache=True)
-def roll_as_printed(force: Floats) -> float:
-    """Roll, rad within +-pi/2, of a specific force (3,) by MD (12) as printed."""
-    return float(np.arctan(force[1] / force[2])) if force[2] != 0.0 else float(np.sign(force[1]) * np.pi / 2)
 
 
 # prediction: MD (3)-(11), (26)
@@ -231,38 +195,24 @@ def roll_as_printed(force: Floats) -> float:
 def predict_state(state: PocketState, reference: FieldReference, rate: Floats, h: float, model: FilterModel) -> None:
     """Propagate state, covariance and field reference, in place, over angular `rate` (3,) rad/s held for `h` s."""
     R, bias, P = state
-    before = error_axes(R) if model.euler else np.eye(3)
     # attitude, bias and reference
     theta, earth, decay = np.empty(3), model.earth_rate, np.exp(-h * model.bias_decay_per_s)
     for i in range(3):
         turned = R[0, i] * earth[0] + R[1, i] * earth[1] + R[2, i] * earth[2]
         theta[i] = (rate[i] - bias[i] - turned) * h
-    rotate_in_body(R, theta[0], theta[1], theta[2])
-    per_bias, level = right_jacobian(theta), cross_matrix(earth)
-    for i in range(3):
         bias[i] *= decay
-        for j in range(3):
-            per_bias[i, j] *= -h
-            level[i, j] = (1.0 if i == j else 0.0) - h * level[i, j]
+    rotate_in_body(R, theta[0], theta[1], theta[2])
+    per_bias = -h * right_jacobian(theta)
     propagate_reference(reference, theta, per_bias, h)
     # transition of the errors
-    after = inverse_error_axes(R) if model.euler else np.eye(3)
-    by_attitude = multiply(multiply(after, level), before)
-    by_bias, noise = multiply(after, multiply(R, per_bias)), multiply(after, transpose(after))
     F = np.zeros((SIZE, SIZE))
-    for i in range(3):
-        F[GYRO_BIAS + i, GYRO_BIAS + i] = decay
-        for j in range(3):
-            F[i, j], F[i, GYRO_BIAS + j] = by_attitude[i, j], by_bias[i, j]
+    F[:GYRO_BIAS, :GYRO_BIAS], F[:GYRO_BIAS, GYRO_BIAS:] = np.eye(3) - h * cross_matrix(earth), multiply(R, per_bias)
+    F[GYRO_BIAS:, GYRO_BIAS:] = decay * np.eye(3)
     # covariance
-    moved = multiply(multiply(F, P), transpose(F))
-    for i in range(SIZE):
-        for j in range(SIZE):
-            P[i, j] = moved[i, j]
+    P[:, :] = multiply(multiply(F, P), transpose(F))
     for i in range(3):
+        P[i, i] += model.gyr_density * h
         P[GYRO_BIAS + i, GYRO_BIAS + i] += model.bias_density * h
-        for j in range(3):
-            P[i, j] += model.gyr_density * h * noise[i, j]
 
 
 # reference of the field: MD (15)
@@ -276,12 +226,8 @@ def create_reference() -> FieldReference:
 @njit(cache=True)
 def set_reference(reference: FieldReference, field: Floats) -> None:
     """Start again from a field (3,) uT just measured."""
-    for i in range(3):
-        reference.field[i] = field[i]
-        for j in range(3):
-            reference.turn[i, j] = 1.0 if i == j else 0.0
-            reference.per_bias[i, j] = 0.0
-    reference.age[0] = 0.0
+    reference.field[:] = field
+    reference.turn[:, :], reference.per_bias[:, :], reference.age[0] = np.eye(3), 0.0, 0.0
 
 
 @njit(cache=True)
@@ -289,27 +235,19 @@ def propagate_reference(reference: FieldReference, theta: Floats, per_bias: Floa
     """Propagate the field reference, in place, by `theta` (3,) rad in `h` s; `per_bias` (3, 3) s: d theta / d bias."""
     S = transpose(reference.per_bias)
     rotate_in_body(S, theta[0], theta[1], theta[2])  # S^T A_i is (A_i^T S)^T
-    for i in range(3):
-        for j in range(3):
-            reference.per_bias[i, j] = S[j, i] + per_bias[i, j]
+    reference.per_bias[:, :] = transpose(S) + per_bias
     rotate_in_body(reference.turn, theta[0], theta[1], theta[2])
     reference.age[0] += h
 
 
 @njit(cache=True)
-def predict_field(reference: FieldReference, printed: bool) -> tuple[Floats, Floats]:
-    """Predicted body field m' (3,) uT, and G (3, 3) s: a bias higher by db moves the prediction by m' x (G db)."""
-    A, S, field, per_bias = reference.turn, reference.per_bias, np.zeros(3), np.zeros((3, 3))
+def predict_field(reference: FieldReference) -> Floats:
+    """Predicted body field m' (3,) uT; a bias higher by db moves it by m' x (S db)."""
+    field = np.zeros(3)
     for i in range(3):
         for j in range(3):
-            if printed:
-                field[i] += A[i, j] * reference.field[j]
-                for k in range(3):
-                    per_bias[i, j] -= A[i, k] * S[k, j]
-            else:
-                field[i] += A[j, i] * reference.field[j]
-                per_bias[i, j] = S[i, j]
-    return field, per_bias
+            field[i] += reference.turn[j, i] * reference.field[j]
+    return field
 
 
 @njit(cache=True)
@@ -329,34 +267,24 @@ def shift_reference_bias(reference: FieldReference, change: Floats) -> None:
 def update_gravity(state: PocketState, reference: FieldReference, force: Floats, model: FilterModel) -> float:
     """Update roll and pitch by a specific force (3,) m/s^2 of gravity alone; return the NIS, two degrees of freedom."""
     R, b, age = state.nav_R_body, state.gyro_bias, model.gravity_age_s
-    square, x = 0.0, np.zeros(SIZE)
+    square, up, x = 0.0, np.empty(3), np.zeros(SIZE)
     # the force is `age` old: as it is in the body now
-    up = np.empty(3)
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
         square += force[i] ** 2
         up[i] = force[i] + age * (b[j] * force[k] - b[k] * force[j])
-    if model.euler:
-        roll, pitch = angles_of_up(up)
-        if model.printed_arctangent:
-            roll = roll_as_printed(up)
-        angles = angles_of_rotation(R)
-        across = max(up[1] ** 2 + up[2] ** 2, 1e-12 * square)
-        first = update_component(state.P, x, ATTITUDE, wrap_angle(angles[0] - roll), model.acc_variance / across)
-        second = update_component(state.P, x, ATTITUDE + 1, angles[1] - pitch, model.acc_variance / square)
-    else:
-        z, h = np.zeros(2), np.zeros((2, SIZE))
-        h[0, ATTITUDE + 1], h[1, ATTITUDE] = 1.0, -1.0
+    z, h = np.zeros(2), np.zeros((2, SIZE))
+    h[0, ATTITUDE + 1], h[1, ATTITUDE] = 1.0, -1.0
+    for i in range(3):
+        up[i] /= np.sqrt(square)
+    for row in range(2):  # R (db x up), row by row: r . (db x up) = db . (up x r)
         for i in range(3):
-            up[i] /= np.sqrt(square)
-        for row in range(2):  # R (db x up), row by row: r . (db x up) = db . (up x r)
-            for i in range(3):
-                j, k = (i + 1) % 3, (i + 2) % 3
-                h[row, GYRO_BIAS + i] = age * (up[j] * R[row, k] - up[k] * R[row, j])
-                z[row] += R[row, i] * up[i]
-        first = update_row(state.P, x, h[0], z[0], model.acc_variance / square)
-        second = update_row(state.P, x, h[1], z[1], model.acc_variance / square)
-    inject_error(state, reference, x, model.euler)
+            j, k = (i + 1) % 3, (i + 2) % 3
+            h[row, GYRO_BIAS + i] = age * (up[j] * R[row, k] - up[k] * R[row, j])
+            z[row] += R[row, i] * up[i]
+    first = update_row(state.P, x, h[0], z[0], model.acc_variance / square)
+    second = update_row(state.P, x, h[1], z[1], model.acc_variance / square)
+    inject_error(state, reference, x)
     return first**2 + second**2
 
 
@@ -366,7 +294,7 @@ def update_gravity(state: PocketState, reference: FieldReference, force: Floats,
 @njit(cache=True)
 def update_field(state: PocketState, reference: FieldReference, field: Floats, model: FilterModel) -> float:
     """Update by a body field (3,) uT, across the predicted one; return the NIS, two degrees of freedom."""
-    expected, per_bias = predict_field(reference, model.printed_difference)
+    expected, per_bias = predict_field(reference), reference.per_bias
     strength = np.sqrt(expected[0] ** 2 + expected[1] ** 2 + expected[2] ** 2)
     for i in range(3):
         expected[i] /= strength
@@ -381,7 +309,7 @@ def update_field(state: PocketState, reference: FieldReference, field: Floats, m
             z[row] -= across[row, i] * field[i]
     first = update_row(state.P, x, h[0], z[0], variance)
     second = update_row(state.P, x, h[1], z[1], variance)
-    inject_error(state, reference, x, model.euler)
+    inject_error(state, reference, x)
     return first**2 + second**2
 
 
@@ -402,20 +330,10 @@ def _span_across(along: Floats) -> Floats:
 
 
 @njit(cache=True)
-def inject_error(state: PocketState, reference: FieldReference, x: Floats, euler: bool) -> None:
+def inject_error(state: PocketState, reference: FieldReference, x: Floats) -> None:
     """Subtract error `x` (6,), attitude rad and bias rad/s, from the state; correct the reference for the new bias."""
-    if euler:
-        angles = angles_of_rotation(state.nav_R_body)
-        for i in range(3):
-            angles[i] -= x[i]
-        R = rotation_of_angles(angles)
-        for i in range(3):
-            for j in range(3):
-                state.nav_R_body[i, j] = R[i, j]
-    else:
-        rotate_in_nav(state.nav_R_body, -x[0], -x[1], -x[2])
-    change = np.empty(3)
+    rotate_in_nav(state.nav_R_body, -x[0], -x[1], -x[2])
+    change = -x[GYRO_BIAS:]
     for i in range(3):
-        change[i] = -x[GYRO_BIAS + i]
         state.gyro_bias[i] += change[i]
     shift_reference_bias(reference, change)

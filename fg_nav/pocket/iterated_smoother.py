@@ -1,7 +1,7 @@
 """Orientation and gyro bias of a sensor in a trouser pocket: an iterated Kalman smoother.
 
     nodes      every half second: attitude, gyro bias, the local field, and that of the region       (kalman_smoother)
-    links      the gyroscope, preintegrated with its derivative by the bias; the field's means       (links)
+    links      the gyroscope, preintegrated with its derivative by the bias; the field's means       (kalman_smoother)
     variances  of field, place, pace and swing, t-distributed, by IRLS
     fixed lag  the smoother of the last seconds, online and as the first estimate of the batch
 
@@ -48,6 +48,7 @@ Reference: Lange, Little, Taylor (1989), "Robust statistical modeling using the 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -56,27 +57,33 @@ from scipy.special import chdtri
 from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import EstimationError
 from fg_nav.factors.rotation import relative_rotations, rotation_exp, unskew
+from fg_nav.pocket.filter_equations import (
+    GYR_DENSITY_DEG,
+    compute_bias_decay,
+    compute_bias_walk,
+    compute_earth_rate,
+)
 from fg_nav.pocket.kalman_smoother import (
     ATTITUDE,
     BIAS,
     FIELD,
+    NODE_S,
     REGION,
+    REST_LINKS,
     SCALE,
+    SENSOR,
     SIZE,
     VELOCITY,
-    NodeInputs,
+    Links,
     Nodes,
     Noise,
+    Rests,
+    RobustVariances,
     Smoothed,
+    detect_rests,
+    place_nodes,
+    preintegrate_links,
     smooth_nodes,
-)
-from fg_nav.pocket.links import NODE_S, REST_LINKS, Links, Rests, detect_rests, place_nodes, preintegrate_links
-from fg_nav.pocket.parameters import (
-    GYR_DENSITY_DEG,
-    PocketSmootherParameters,
-    compute_bias_decay,
-    compute_bias_walk,
-    compute_earth_rate,
 )
 from fg_nav.pocket.track import STORED_EVERY_S, PocketStart, PocketTrack, level_start
 from fg_nav.recording import Recording
@@ -101,6 +108,29 @@ PACE_WALK_M_S = 0.05  # Walk of the body's velocity at an even pace, m/s/sqrt(s)
 PACE_FREEDOM = 2.0  # Degrees of freedom of the t-distribution of its steps: seldom and sudden.
 SWING_M = 0.3  # Swing of the sensor from its place on the body, m an axis: a thigh 0.2, an arm 0.4.
 SWING_FREEDOM = 5.0  # Degrees of freedom of its t-distribution.
+
+
+@dataclass(frozen=True)
+class PocketSmootherParameters:
+    """Of `smooth_pocket` and `OnlinePocket`: errors of the sensors, which differ from one to the next.
+
+    Attributes
+    ----------
+    gyro_bias_sigma_deg_s : prior sigma of the bias: a MEMS sensor's is 0.1 to 0.5.
+    gyr_scale_sigma : of scale and misalignment, a fraction of the rate: a sensor calibrated by its maker, 0.1 deg of
+        axes. Assumed; chosen with the BROAD trials in view (docs/pocket.md). 0.01 for a bare chip.
+    bias_returns_to_zero : AR(1) as in MD (10); otherwise a random walk of the same steps.
+    latitude_deg : north, to remove the Earth's rate; None to leave it.
+    mag_sigma_uT : white error of the magnetometer, an axis and sample: a MEMS one's at 100 Hz.
+    mag_left_uT : error left by its calibration, an axis: 1 % of the field, different at each attitude.
+    """
+
+    gyro_bias_sigma_deg_s: float = 0.3
+    gyr_scale_sigma: float = 0.002
+    bias_returns_to_zero: bool = False
+    latitude_deg: float | None = None
+    mag_sigma_uT: float = 0.5
+    mag_left_uT: float = 0.5
 
 
 def smooth_pocket(
@@ -132,20 +162,20 @@ def smooth_pocket(
     start = level_start(recording) if start is None else start
     node = place_nodes(recording.t)
     acc, gyr = recording.integrable
-    links = preintegrate_links(node, recording.t, acc, gyr, recording.mag, np.zeros(3))
-    noise, prior = build_noise(parameters, links.bias), build_prior(start, links, parameters)
+    links = preintegrate_links(node, recording.t, acc, gyr, recording.mag)
+    noise, prior = build_noise(parameters), build_prior(start, links, parameters)
     nodes, variances = initialize_nodes(links, start, parameters)
     walk, rests = estimate_field_walk(links, parameters.mag_sigma_uT), detect_rests(links)
     for done in range(MAX_ROUNDS):
         # linearize and solve
-        nodes, smoothed = iterate_once(prior, nodes, noise, assemble_inputs(links, variances, rests))
+        nodes, smoothed = iterate_once(prior, nodes, links, variances, rests, noise)
         change = float(np.degrees(np.abs(smoothed.x[:, BIAS : BIAS + 3]).max()))
         if not np.isfinite(change):
             raise EstimationError(
                 "the smoother of the pocket diverged to infinity: check the samples of the recording."
             )
         # recompute the robust weights
-        variances = reweigh_variances(walk, links, smoothed)
+        variances = reweigh_variances(walk, links, smoothed.square)
         if progress is not None:
             progress((done + 1) / MAX_ROUNDS)
         if change < ENOUGH_DEG_S:
@@ -168,8 +198,7 @@ def smooth_pocket(
 
 def _join_attitudes(recording: Recording, node: Ints, nodes: Nodes) -> Floats:
     """Attitudes (N, 3, 3) at the samples: strapdown from each node, misclosure at the next spread over the link."""
-    gyr = recording.integrable[1]
-    periods = np.append(np.diff(recording.t), recording.period_s)
+    gyr, periods = recording.integrable[1], recording.periods_s
     segment = np.append(np.repeat(np.arange(len(node) - 1), np.diff(node)), len(node) - 1)
     # propagate from each node
     R, _ = relative_rotations(gyr, periods, segment, nodes.b)
@@ -198,8 +227,7 @@ def propagate_track(
     """
     n = len(recording)
     segment = np.repeat(np.arange(len(at)), np.diff(np.append(at, n)))
-    periods = np.append(np.diff(recording.t), recording.period_s)
-    turned, _ = relative_rotations(recording.integrable[1], periods, segment, b)
+    turned, _ = relative_rotations(recording.integrable[1], recording.periods_s, segment, b)
     return PocketTrack(
         t=recording.t,
         nav_R_body=R[segment] @ turned,
@@ -223,8 +251,8 @@ class Prior(NamedTuple):
     P: Floats
 
 
-def build_noise(p: PocketSmootherParameters, bias: Floats) -> Noise:
-    """Return the noise densities of the compiled smoother; `bias` (3,) rad/s is where the links were preintegrated."""
+def build_noise(p: PocketSmootherParameters) -> Noise:
+    """Return the noise densities of the compiled smoother."""
     return Noise(
         gyr=float(np.radians(GYR_DENSITY_DEG)) ** 2,
         bias=compute_bias_walk() ** 2,
@@ -235,7 +263,6 @@ def build_noise(p: PocketSmootherParameters, bias: Floats) -> Noise:
         rest_velocity=REST_SIGMA_M_S**2,
         pace_decay=0.5 * (PACE_WALK_M_S / PACE_M_S) ** 2,
         earth_rate=compute_earth_rate(p.latitude_deg),
-        bias0=bias,
     )
 
 
@@ -243,8 +270,8 @@ def build_prior(start: PocketStart, links: Links | None, p: PocketSmootherParame
     """Prior of the first node: start attitude, zero bias, scale error and velocity, and the first field, wide."""
     R = np.asarray(start.nav_R_body, dtype=np.float64)
     m = np.zeros(3)
-    if links is not None and links.count.any():
-        m = R @ links.field[int(np.argmax(links.count > 0))]
+    if links is not None and links.n_fields.any():
+        m = R @ links.field[int(np.argmax(links.n_fields > 0))]
     y = np.zeros(SIZE - 3)
     y[FIELD - 3 : REGION - 3] = y[REGION - 3 : VELOCITY - 3] = m
     parts = [start.tilt_sigma, np.radians(p.gyro_bias_sigma_deg_s), p.gyr_scale_sigma, FIELD_PRIOR_UT]
@@ -272,42 +299,13 @@ def propagate_gap(known: Prior, gap_s: float) -> Prior:
     return Prior(known.R, y, P)
 
 
-def assemble_inputs(links: Links, variances: RobustVariances, rests: Rests) -> NodeInputs:
-    """Return the inputs of the compiled smoother, a row per node or link; the last node has neither link nor field."""
-    field, lever, count = (
-        np.concatenate([x, np.zeros((1, *x.shape[1:]))]) for x in (links.field, links.lever, links.count)
-    )
-    return NodeInputs(
-        h=links.h,
-        turn=links.turn,
-        per_sensor=links.per_sensor,
-        delta_v=links.delta_v,
-        delta_v_per_sensor=links.delta_v_per_sensor,
-        delta_p=links.delta_p,
-        delta_p_per_sensor=links.delta_p_per_sensor,
-        walk=variances.step,
-        pace=variances.pace,
-        deviation=variances.deviation,
-        field=field,
-        lever=lever,
-        samples=count,
-        swing=variances.swing,
-        rate=rests.rate,
-        rest=rests.variance,
-    )
-
-
-def predict_nodes(known: Prior, links: Links, noise: Noise) -> Nodes:
+def predict_nodes(known: Prior, links: Links) -> Nodes:
     """Initial K + 1 nodes: attitudes by strapdown from the prior, all other states constant."""
-    nodes = len(links) + 1
-    errors = known.y[: FIELD - 3].copy()
-    errors[:3] -= noise.bias0
-    by_errors = rotation_exp(links.per_sensor @ errors)
-    R = np.empty((nodes, 3, 3))
-    R[0] = known.R
-    for k in range(len(links)):
-        R[k + 1] = R[k] @ links.turn[k] @ by_errors[k]
-    return Nodes(R, np.tile(known.y, (nodes, 1)))
+    by_errors = rotation_exp(links.per_sensor @ known.y[:SENSOR])
+    R = [known.R]
+    for turn, by_error in zip(links.turn, by_errors, strict=True):
+        R.append(R[-1] @ turn @ by_error)
+    return Nodes(np.array(R), np.tile(known.y, (len(R), 1)))
 
 
 def inject_correction(nodes: Nodes, x: Floats) -> Nodes:
@@ -315,27 +313,16 @@ def inject_correction(nodes: Nodes, x: Floats) -> Nodes:
     return Nodes(rotation_exp(x[:, ATTITUDE : ATTITUDE + 3]) @ nodes.R, nodes.y + x[:, ATTITUDE + 3 :])
 
 
-def iterate_once(prior: Prior, nodes: Nodes, noise: Noise, inputs: NodeInputs) -> tuple[Nodes, Smoothed]:
+def iterate_once(
+    prior: Prior, nodes: Nodes, links: Links, variances: RobustVariances, rests: Rests, noise: Noise
+) -> tuple[Nodes, Smoothed]:
     """One Gauss-Newton round: the nodes after it, and the linear solution about those before."""
     offset = np.concatenate([unskew(prior.R @ nodes.R[0].T), prior.y - nodes.y[0]])
-    smoothed = smooth_nodes(nodes, inputs, noise, offset, np.ascontiguousarray(prior.P))
+    smoothed = smooth_nodes(nodes, links, variances, rests, noise, offset, np.ascontiguousarray(prior.P))
     return inject_correction(nodes, smoothed.x), smoothed
 
 
 # variances of t-distributed terms
-
-
-class RobustVariances(NamedTuple):
-    """Variances of the t-distributed terms.
-
-    Of steps (K,) and of deviations (K + 1,) of the field, uT^2; of steps of the body's velocity (K,), (m/s)^2; and of
-    swings (K + 1,), m^2.
-    """
-
-    step: Floats
-    deviation: Floats
-    pace: Floats
-    swing: Floats
 
 
 def initialize_variances(walk: Floats, links: Links) -> RobustVariances:
@@ -346,26 +333,26 @@ def initialize_variances(walk: Floats, links: Links) -> RobustVariances:
         walk**2 * links.h,
         scale * FIELD_DEVIATION_UT**2,
         PACE_WALK_M_S**2 * links.h,
-        np.full(len(links) + 1, SWING_M**2),
+        np.full(len(links.h) + 1, SWING_M**2),
     )
 
 
-def reweigh_variances(walk: Floats, links: Links, smoothed: Smoothed) -> RobustVariances:
+def reweigh_variances(walk: Floats, links: Links, square: RobustVariances) -> RobustVariances:
     """Variances of the next round: expectation step of Student's t, by the expected squares of the last smoothing."""
     least = initialize_variances(walk, links)
-    heavier = (FIELD_FREEDOM + smoothed.deviation_square / FIELD_DEVIATION_UT**2) / (FIELD_FREEDOM + 3.0)
+    heavier = (FIELD_FREEDOM + square.deviation / FIELD_DEVIATION_UT**2) / (FIELD_FREEDOM + 3.0)
     return RobustVariances(
-        _weigh(least.step, smoothed.step_square, FIELD_FREEDOM, 3),
+        _weigh(least.step, square.step, FIELD_FREEDOM, 3),
         least.deviation * heavier,
-        _weigh(least.pace, smoothed.pace_square, PACE_FREEDOM, 2),
-        _weigh(least.swing, smoothed.swing_square, SWING_FREEDOM, 2),
+        _weigh(least.pace, square.pace, PACE_FREEDOM, 2),
+        _weigh(least.swing, square.swing, SWING_FREEDOM, 2),
     )
 
 
 def estimate_field_walk(links: Links, mag_sigma_uT: float) -> Floats:
     """Random walk (K,) uT/sqrt(s) of the field about each link's end, by that of its strength; min. `FIELD_WALK_UT`."""
     reach = max(round(FIELD_WINDOW_S / NODE_S / 2), 1)
-    variance = mag_sigma_uT**2 / np.maximum(links.count, 1.0)
+    variance = mag_sigma_uT**2 / np.maximum(links.n_fields, 1.0)
     weight = np.where(np.isfinite(links.strength), 1.0, 0.0)
     S = np.nan_to_num(links.strength)
     level = float(np.median(S[weight > 0])) if weight.any() else 0.0
@@ -405,10 +392,10 @@ class FixedLagSmoother:
 
     def __init__(self, prior: Prior, links: Links, parameters: PocketSmootherParameters) -> None:
         self._mag_sigma_uT = parameters.mag_sigma_uT
-        self._noise = build_noise(parameters, links.bias)
+        self._noise = build_noise(parameters)
         self._prior = prior
         self._links, self._past = links, 0  # number of links that have left the window and are still needed
-        self.nodes = predict_nodes(self._prior, links, self._noise)
+        self.nodes = predict_nodes(self._prior, links)
         self._linearized = self.nodes
         self.variances = initialize_variances(estimate_field_walk(links, self._mag_sigma_uT), links)
         self._iterate()
@@ -422,30 +409,26 @@ class FixedLagSmoother:
         """Add links and smooth; return how many nodes left the window, from its oldest on."""
         # predict the new nodes
         self._links = self._links.append(new)
-        more = predict_nodes(self.last, new, self._noise)
+        more = predict_nodes(self.last, new)
         self.nodes = Nodes(*(np.concatenate([x, y[1:]]) for x, y in zip(self.nodes, more, strict=True)))
         left = self._marginalize()
         # variances of the last round where there was one; the last node began no link
-        old, links = self.variances, self._links.slice(self._past, len(self._links))
+        old, links = self.variances, self._links.slice(self._past)
         first = initialize_variances(estimate_field_walk(self._links, self._mag_sigma_uT)[self._past :], links)
         stay = len(old.step) - left
-        self.variances = RobustVariances(
-            np.concatenate([old.step[left:], first.step[stay:]]),
-            np.concatenate([old.deviation[left:-1], first.deviation[stay:]]),
-            np.concatenate([old.pace[left:], first.pace[stay:]]),
-            np.concatenate([old.swing[left:], first.swing[stay + 1 :]]),
-        )
+        for now, before, count in zip(first, old, (stay, stay, stay, stay + 1), strict=True):
+            now[:count] = before[left : left + count]
+        self.variances = first
         self._iterate()
         return left
 
     def _iterate(self) -> None:
-        walk = estimate_field_walk(self._links, self._mag_sigma_uT)[self._past :]
-        links = self._links.slice(self._past, len(self._links))
+        links = self._links.slice(self._past)
         rests = Rests(*(of_node[self._past :] for of_node in detect_rests(self._links)))
         self._linearized = self.nodes
-        inputs = assemble_inputs(links, self.variances, rests)
-        self.nodes, self.smoothed = iterate_once(self._prior, self.nodes, self._noise, inputs)
-        self.variances = reweigh_variances(walk, links, self.smoothed)
+        self.nodes, self.smoothed = iterate_once(self._prior, self.nodes, links, self.variances, rests, self._noise)
+        walk = estimate_field_walk(self._links, self._mag_sigma_uT)[self._past :]
+        self.variances = reweigh_variances(walk, links, self.smoothed.square)
 
     def _marginalize(self) -> int:
         """Marginalize nodes older than the lag into the prior; return their number. Links needed for rests are kept."""
@@ -461,7 +444,7 @@ class FixedLagSmoother:
         self._past += left
         reach = int(np.ceil(FIELD_WINDOW_S / NODE_S)) + REST_LINKS
         useless = max(self._past - reach, 0)
-        self._links = links.slice(useless, len(links))
+        self._links = links.slice(useless)
         self._past -= useless
         return left
 
@@ -472,9 +455,9 @@ def initialize_nodes(links: Links, start: PocketStart, p: PocketSmootherParamete
     window = FixedLagSmoother(build_prior(start, links, p), links.slice(0, every), p)
     nodes: list[Nodes] = []
     variances: list[RobustVariances] = []
-    for first in range(every, len(links), every):
+    for first in range(every, len(links.h), every):
         old_nodes, old_variances = window.nodes, window.variances
-        left = window.extend(links.slice(first, min(first + every, len(links))))
+        left = window.extend(links.slice(first, first + every))
         nodes.append(Nodes(*(x[:left] for x in old_nodes)))
         variances.append(RobustVariances(*(x[:left] for x in old_variances)))
     nodes.append(window.nodes)

@@ -62,6 +62,7 @@ from fg_nav.stances import find_runs
 
 # the axis of the swing
 SWINGING_DEG_S = 60.0  # A thigh that turns faster than this is on its way; one that stands or sits is not.
+MIN_SWING_S = 1.0  # Swinging in all, s, before which there are no axes
 MIN_SHARE = 0.6  # of the level rate's power about its principal axis (evenly spread: half), else it shows no axis
 MIN_SWAY = 0.3  # correlation of the level force with -dh/dt, else it shows no direction: chance in ten strides is 0.2
 THIGH_DEG = 7.0  # rms of a swing by the least opening of a step, 20 deg
@@ -83,6 +84,54 @@ BOUNCE_M_S2 = 1.0  # hysteresis of the vertical force: the bounce of a slow walk
 BOUNCE_S = 0.28, 1.0  # duration of a step by its bounce, from a run to a stroll
 MIN_BOUNCES = 6  # in a row: nothing else shows that it is a walk
 _LEVELS = np.arange(0.15, 0.9, 0.1)  # Shares of an opening; between two of them a leg on its way does not pause.
+
+
+class SwingSums:
+    """Sums over the swing, of all of a recording or of a walk so far, from which the axes of the thigh follow."""
+
+    def __init__(self) -> None:
+        self._up, self._power, self.swinging_s = np.zeros(3), np.zeros((3, 3)), 0.0
+        self._count, self._square, self._cube = 0, np.zeros((3, 3)), np.zeros((3, 3, 3))
+        self._left: Floats | None = None
+
+    def add_swing(self, rate: Floats, up: Floats, period_s: float) -> None:
+        """Add low-passed rates (n, 3) rad/s and unit vectors up (n, 3), in the body, while the leg swings."""
+        self.swinging_s += len(rate) * period_s
+        self._power += rate.T @ rate
+        self._up += up.sum(axis=0)
+
+    def update_skewness(self, rate: Floats, left: Floats) -> float:
+        """Add rates (n, 3) rad/s below `GAIT_HZ` of an upright leg; return the skewness of all about `left` (3,).
+
+        The sign gives the front: a leg swings faster forward than back. 0 without any rotation.
+        """
+        self._count += len(rate)
+        self._square += rate.T @ rate
+        self._cube += np.einsum("ni,nj,nk->ijk", rate, rate, rate)
+        square = float(left @ self._square @ left)
+        if square == 0.0:
+            return 0.0
+        cube = -float(np.einsum("ijk,i,j,k->", self._cube, left, left, left))
+        return float(cube / self._count / (square / self._count) ** 1.5)
+
+    def find_axis(self) -> tuple[float, Floats, Floats]:
+        """Share of the level rate's power about its principal axis, that axis, and up, unit vectors (3,) in body."""
+        up = _unit(self._up)
+        return *find_level_axis(self._power, up), up
+
+    @property
+    def axes(self) -> tuple[Floats, Floats] | None:
+        """Level axis of the swing, its sign arbitrary but constant, and up, unit vectors (3,) in body; None at first.
+
+        Once the swing no longer has a dominant axis, the last one is kept.
+        """
+        if self.swinging_s < MIN_SWING_S:
+            return None
+        share, left, up = self.find_axis()
+        if share < MIN_SHARE:
+            return None if self._left is None else (self._left, up)
+        self._left = left if self._left is None or left @ self._left > 0 else -left
+        return self._left, up
 
 
 @dataclass(frozen=True)
@@ -116,29 +165,29 @@ def estimate_swing(recording: Recording, track: PocketTrack, with_force: bool = 
 
     Raises `EstimationError` if the sensor hardly turns, or neither its rate nor its force shows a level axis.
     """
-    period_s = recording.period_s
+    period_s, sums = recording.period_s, SwingSums()
     rate = remove_fast(recording.gyr - track.gyro_bias, period_s)
     swinging = np.linalg.norm(rate, axis=1) > np.radians(SWINGING_DEG_S)
-    if swinging.sum() * period_s < 1.0:
-        raise EstimationError(
-            f"the sensor turns by {SWINGING_DEG_S:g} deg/s or more for {swinging.sum() * period_s:.1f} s "
-            "in all, so there is no walk in it: record some strides, with the sensor in a trouser pocket."
-        )
     up_now = remove_fast(track.nav_R_body[:, 2], period_s)
     up_now /= np.linalg.norm(up_now, axis=1, keepdims=True)
-    up = _unit(up_now[swinging].mean(axis=0))
+    sums.add_swing(rate[swinging], up_now[swinging], period_s)
+    if sums.swinging_s < MIN_SWING_S:
+        raise EstimationError(
+            f"the sensor turns by {SWINGING_DEG_S:g} deg/s or more for {sums.swinging_s:.1f} s "
+            "in all, so there is no walk in it: record some strides, with the sensor in a trouser pocket."
+        )
     # axis of the rate; front and back by the skewness of flexion's rate
-    share, left = find_level_axis(rate[swinging].T @ rate[swinging], up)
+    share, left, up = sums.find_axis()
     near = spread_flags(swinging, period_s)
     flexion = compute_flexion(up_now, left, up)
     upright = near & (np.abs(flexion) < np.radians(UPRIGHT_DEG))
-    slow = -remove_fast(rate @ left, period_s, GAIT_HZ)[upright]
-    skewness = float((slow**3).mean() / (slow**2).mean() ** 1.5) if slow.any() else 0.0
+    skewness = sums.update_skewness(remove_fast(rate, period_s, GAIT_HZ)[upright], left)
     forward, evidence = np.cross(left, up), skewness / MIN_SKEW
     # directions of the force
     surely = 0.0
     if with_force:
-        sway, surely = measure_sway(recording, track, near)
+        level, vertical = _level_force(recording, track)
+        sway, surely = measure_sway(level, vertical, near, period_s)
     if share < MIN_SHARE and surely < MIN_SWAY:
         raise EstimationError(
             "neither the rate nor the force of the sensor shows a level axis, as those of a walker do: "
@@ -148,7 +197,7 @@ def estimate_swing(recording: Recording, track: PocketTrack, with_force: bool = 
         # of a thigh, by the probability that the sensor swings as one: the mean of the axes of rate and force
         swing_deg = float(np.degrees(np.std(_select(flexion, SWING_HZ, period_s)[upright]))) if upright.any() else 0.0
         thigh = 1.0 / (1.0 + (THIGH_DEG / max(swing_deg, 1e-3)) ** 8)
-        swung = _select(_level_force(recording, track)[0], SWING_HZ, period_s)[near]
+        swung = _select(level, SWING_HZ, period_s)[near]
         in_plane, plane = find_level_axis(swung.T @ swung, up)
         plane = plane * (1.0 if plane @ forward >= 0 else -1.0)
         weight = thigh * np.array([(2.0 * share - 1.0) ** 2, (2.0 * in_plane - 1.0) ** 2])
@@ -177,14 +226,12 @@ def _level_force(recording: Recording, track: PocketTrack) -> tuple[Floats, Floa
     return acc - vertical[:, None] * up, vertical
 
 
-def measure_sway(recording: Recording, track: PocketTrack, moving: Bools) -> tuple[Floats, float]:
+def measure_sway(level: Floats, vertical: Floats, moving: Bools, period_s: float) -> tuple[Floats, float]:
     """Axis (3,) in the body of the level force coherent with the vertical one, and the evidence that it points forward.
 
-    The axis has the coherence for length. Forward, the level force correlates with -dh/dt. `moving` (N,) flags the
-    samples to use; those in the flight of a run are left out.
+    The axis has the coherence for length. Forward, the `level` force (N, 3) m/s^2 correlates with -dh/dt, the integral
+    of the `vertical` one (N,). `moving` (N,) flags the samples to use; those in the flight of a run are left out.
     """
-    period_s = recording.period_s
-    level, vertical = _level_force(recording, track)
     used = moving & ~spread_flags(remove_fast(vertical, period_s) < MIN_FORCE_M_S2, period_s)
     level = _select(level, STEP_HZ, period_s)[used]
     bounce = _select(vertical, STEP_HZ, period_s)

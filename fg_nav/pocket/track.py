@@ -19,7 +19,8 @@ averaged over a grid of q, weighted by the evidence of each.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,7 +29,7 @@ from fg_nav.detection.rest import MIN_FORCE_M_S2
 from fg_nav.errors import EstimationError
 from fg_nav.frames import level_attitude, yaw_rotation
 from fg_nav.magnetic.footfall_field import compute_field_heading, compute_true_heading
-from fg_nav.pocket.parameters import PocketParameters
+from fg_nav.pocket.filter_equations import PocketParameters
 from fg_nav.recording import Recording
 
 GAUGE_SIGMA = 1e-4  # Sigma of a heading that is zero by definition, rad: small, but it keeps P invertible.
@@ -53,8 +54,7 @@ class PocketStart:
     heading_sigma: float = GAUGE_SIGMA
 
 
-@dataclass(frozen=True)
-class PocketTrack:
+class PocketTrack(NamedTuple):
     """Orientation and bias at the recording's rate, each sample after its own updates.
 
     Attributes
@@ -84,10 +84,7 @@ class PocketTrack:
 
     def rotate(self, clockwise: float) -> PocketTrack:
         """Return it rotated about up, rad clockwise; the sigmas are those of the axes that east and north become."""
-        return replace(self, nav_R_body=yaw_rotation(-clockwise) @ self.nav_R_body)
-
-    def __len__(self) -> int:
-        return len(self.t)
+        return self._replace(nav_R_body=yaw_rotation(-clockwise) @ self.nav_R_body)
 
 
 def level_start(recording: Recording, heading: float = 0.0, heading_sigma: float = GAUGE_SIGMA) -> PocketStart:
@@ -177,7 +174,7 @@ class CompassTurn:
         turn, own = np.interp(track.t, self.t, self.turn), np.interp(track.t, self.t, self.sigma)
         sigma = track.sigma.copy()
         sigma[:, 2] = np.hypot(own, np.radians(COMPASS_SIGMA_DEG))
-        return replace(track, nav_R_body=yaw_rotation(turn) @ track.nav_R_body, sigma=sigma)
+        return track._replace(nav_R_body=yaw_rotation(turn) @ track.nav_R_body, sigma=sigma)
 
 
 def measure_turn(recording: Recording, track: PocketTrack) -> CompassTurn | None:

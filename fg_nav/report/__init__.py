@@ -7,6 +7,7 @@ matplotlib; `fg_nav.report.plots` does.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Literal, TypeAlias, cast
 
 Plots: TypeAlias = Literal["none", "png", "html", "all"]
@@ -43,6 +44,26 @@ FIGURES = (
     ("realtime_factor", "times real time", "{:.0f}"),
 )
 """Key of the summary, words, and format of every row of a result table."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A figure of merit as text, with its key and its value in the summary."""
+
+    key: str
+    text: str
+    value: object
+
+
+def tabulate_figures(summaries: Sequence[Mapping[str, object]]) -> list[tuple[str, list[Cell]]]:
+    """Rows of the figures that at least one of the columns has."""
+    rows = []
+    for key, words, pattern in FIGURES:
+        values = [summary.get(key) for summary in summaries]
+        if any(value is not None for value in values):
+            cells = [Cell(key, "-" if value is None else pattern.format(value), value) for value in values]
+            rows.append((words, cells))
+    return rows
 
 
 def collect_notes(summaries: Sequence[Mapping[str, object]]) -> list[tuple[str, str]]:

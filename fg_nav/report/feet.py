@@ -26,7 +26,6 @@ from fg_nav.feet.person import FeetSolution
 from fg_nav.feet_result import FeetResult, solve_person
 from fg_nav.io import write_tum
 from fg_nav.report import WITH_PAGE, WITH_PICTURES, Plots
-from fg_nav.report.drawn import AlignedSolution
 from fg_nav.report.files import (
     TRUTH_KEYS,
     Summary,
@@ -68,20 +67,15 @@ def write_feet(folder: Path, result: FeetResult, plots: Plots = "html") -> Summa
     write_json(folder / "config.json", request | configs)
     write_json(folder / "summary.json", summary)
     if plots in WITH_PAGE:
-        from fg_nav.report.page import write_feet_page
+        from fg_nav.report.page import write_page
+        from fg_nav.report.page.content import compose_feet_page
 
-        write_feet_page(folder, result, summary, configs)
+        write_page(folder, compose_feet_page(result, summary, configs))
     if plots in WITH_PICTURES:
-        from fg_nav.report.plots import style
-        from fg_nav.report.plots.walk import plot_trajectory
+        from fg_nav.report.plots.walk import draw_both_feet
 
-        style.save(plot_trajectory(view_person(result)), folder / "trajectory.png")
+        draw_both_feet(folder / "trajectory.png", result)
     return summary
-
-
-def view_person(result: FeetResult) -> AlignedSolution:
-    """Return the person's path with its truth, where it has one."""
-    return AlignedSolution(result, result.truth, result.outcome.comparison)
 
 
 def _write_paths(folder: Path, person: Solution, feet: Mapping[Side, Solution]) -> None:

@@ -1,5 +1,7 @@
 """The files of a result: trajectory, strides, summary and configuration; page and pictures stand beside them.
 
+`save_solution` and `plot_solution` are `Solution.save` and `Solution.plot`.
+
 ==================== =======================================================================================
 trajectory.tum       t x y z qx qy qz qw at the recording's rate, nav frame, quaternion of nav_R_body
 strides.csv          one row a stance: `fg_nav.solution.STRIDE_COLUMNS`
@@ -15,22 +17,25 @@ report.html          the page (`fg_nav.report.page`)
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import pandas as pd
 
-from fg_nav.estimators import ESTIMATORS, find_given_parameters
+from fg_nav.errors import OutputError
+from fg_nav.estimators import get_method
 from fg_nav.evaluation.metrics import Metrics, evaluate, measure_gap
 from fg_nav.io import write_tum
 from fg_nav.magnetic.quasi_static import NO_GATE, QUASI_STATIC, UNKNOWN, find_gate
+from fg_nav.pipeline import Result
 from fg_nav.report import WITH_PAGE, WITH_PICTURES, Plots
+from fg_nav.report.folder import result_folder
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.text import find_version, to_json
 from fg_nav.verdict import judge_footfalls, judge_path
-from fg_nav.walk import Outcome
+from fg_nav.walk import Options, Outcome
 
 if TYPE_CHECKING:
     from fg_nav.walk import Walk
@@ -51,6 +56,9 @@ POLISHED_KEYS = ("distance_m", "closure_m", "closure_percent", "rmse_2d_m", "rms
 """Of the batch solution next to an online one, each as `polished_` and its name, the errors with a truth only."""
 GAP_KEYS = ("polish_gap_rms_m", "polish_gap_max_m", "polish_gap_heading_deg")
 
+# Options of the command line, and the arguments in their place.
+_OPTIONS = {"--out": "path", "--force": "force=True", "--origin 48.137,11.575": "origin=(48.137, 11.575)"}
+
 
 # --- writing ---------------------------------------------------------------------------------------------------------
 
@@ -58,32 +66,14 @@ GAP_KEYS = ("polish_gap_rms_m", "polish_gap_max_m", "polish_gap_heading_deg")
 def write_run(folder: Path, walk: Walk, outcome: Outcome, plots: Plots = "html") -> Summary:
     """Write the result of one method into an existing folder, with page and pictures; return the summary."""
     summary = write_result(folder, walk, outcome)
-    if plots in WITH_PAGE:
-        from fg_nav.report.page import Findings, write_page
-
-        config = describe_run(walk, outcome.solution)
-        write_page(folder, Findings({outcome.solution.method: outcome}, [summary], [config], walk))
-    if plots in WITH_PICTURES:
-        from fg_nav.report.plots.walk import draw_result, draw_stances
-
-        draw_result(folder, walk, outcome)
-        draw_stances(folder, walk)
+    _write_drawings(folder, walk, {outcome.solution.method: outcome}, [summary], plots)
     return summary
 
 
 def write_comparison(folder: Path, walk: Walk, outcomes: Mapping[str, Outcome], plots: Plots = "html") -> list[Summary]:
     """Write each method's files into its own folder, `comparison.csv` and `.json`, page and pictures."""
     summaries = write_results(folder, walk, outcomes)
-    if plots in WITH_PAGE:
-        from fg_nav.report.page import Findings, write_page
-
-        configs = [describe_run(walk, outcome.solution) for outcome in outcomes.values()]
-        write_page(folder, Findings(outcomes, summaries, configs, walk))
-    if plots in WITH_PICTURES:
-        from fg_nav.report.plots.walk import draw_comparison, draw_stances
-
-        draw_comparison(folder, walk, outcomes)
-        draw_stances(folder, walk)
+    _write_drawings(folder, walk, outcomes, summaries, plots)
     return summaries
 
 
@@ -92,13 +82,30 @@ def write_lagged(folder: Path, solution: Solution, plots: Plots = "html") -> Sum
     write_paths(folder, solution)
     summary = summarize_lagged(solution)
     write_json(folder / "summary.json", summary)
-    if plots in WITH_PAGE:
-        from fg_nav.report.page import Findings, write_page
-
-        config = {"method": solution.method, "parameters": solution.parameters}
-        outcomes = {solution.method: Outcome(solution, evaluate(solution), None)}
-        write_page(folder, Findings(outcomes, [summary], [config], None))
+    outcome = Outcome(solution, evaluate(solution), None)
+    _write_drawings(folder, None, {solution.method: outcome}, [summary], plots)
     return summary
+
+
+def _write_drawings(
+    folder: Path, walk: Walk | None, outcomes: Mapping[str, Outcome], summaries: Sequence[Summary], plots: Plots
+) -> None:
+    """Write the page of one or more methods, and their pictures where the samples are there."""
+    if plots in WITH_PAGE:
+        from fg_nav.report.page import write_page
+        from fg_nav.report.page.content import compose_page
+
+        configs: list[dict[str, object]] = [
+            {"method": name, "parameters": one.solution.parameters}
+            if walk is None
+            else describe_run(walk, one.solution)
+            for name, one in outcomes.items()
+        ]
+        write_page(folder, compose_page(outcomes, summaries, configs, walk))
+    if plots in WITH_PICTURES and walk is not None:
+        from fg_nav.report.plots.walk import draw_walk
+
+        draw_walk(folder, walk, outcomes)
 
 
 def write_footfalls(folder: Path, solution: Solution, summary: Summary) -> None:
@@ -152,6 +159,61 @@ def write_strides(path: Path, table: StanceTable) -> None:
 def write_json(path: Path, content: object) -> None:
     """Write standard JSON: numbers that are not finite become null."""
     path.write_text(json.dumps(to_json(content), indent=2, allow_nan=False) + "\n", encoding="utf-8")
+
+
+# --- a single solution -----------------------------------------------------------------------------------------------
+
+
+def save_solution(solution: Solution, path: Path, force: bool = False, origin: Sequence[float] | None = None) -> Path:
+    """Write a solution into a folder, or into a file of the format of its ending; return the path.
+
+    `origin` is the start of the walk on the Earth, for maps: latitude, longitude, and height where it is known.
+
+    Raises `OutputError` if something is there already, it cannot be written, or the ending is unknown.
+    """
+    from fg_nav.feet_result import FeetResult
+
+    try:
+        if path.suffix:
+            from fg_nav.report.export import export_track
+            from fg_nav.report.export.track import ExportTrack, Origin
+
+            track = ExportTrack.of(solution, path.stem)
+            export_track(track, path, None if origin is None else Origin(*origin), force)
+            return path
+        with result_folder(path, force) as folder:
+            if isinstance(solution, Result):
+                write_run(folder, solution.walk, solution.outcome)
+            elif isinstance(solution, FeetResult):
+                from fg_nav.report.feet import write_feet
+
+                write_feet(folder, solution)
+            else:
+                write_lagged(folder, solution)
+    except OutputError as error:
+        words = str(error)
+        for option, argument in _OPTIONS.items():
+            words = words.replace(option, argument)
+        raise OutputError(words) from None
+    return path
+
+
+def plot_solution(solution: Solution, axes: Any = None) -> Any:
+    """Draw a solution from above, with its truth where it has one; return the axes."""
+    from fg_nav.feet_result import FeetResult
+    from fg_nav.report.course import align_feet, align_solution, describe_frame, draw_course, draw_feet
+    from fg_nav.report.plots.walk import draw_on_screen
+
+    if isinstance(solution, FeetResult):
+        person, feet, frame = align_feet(solution)
+        return draw_on_screen(draw_feet(person, feet, frame), f"Path{person.alignment_words}", axes)
+    outcome, walk = Outcome(solution, evaluate(solution), None), None
+    if isinstance(solution, Result):
+        outcome, walk = solution.outcome, solution.walk
+    view, name = align_solution(walk, outcome), solution.method
+    frame = describe_frame(view, outcome, Options() if walk is None else walk.options)
+    chart = draw_course({name: view}, {name: outcome}, frame)
+    return draw_on_screen(chart, f"Path{view.alignment_words}", axes)
 
 
 # --- summaries -------------------------------------------------------------------------------------------------------
@@ -267,8 +329,7 @@ def describe_run(walk: Walk, solution: Solution) -> dict[str, object]:
 
 def describe_given(walk: Walk, method: str) -> dict[str, object]:
     """Return the request, before anything was estimated from the walk, as `--config` reads it."""
-    options = walk.options
-    has_parameters = options.mount != "pocket" and method in ESTIMATORS  # and not somebody's own
+    options, found = walk.options, get_method(method, walk.options.mount or "foot")  # None of somebody's own
     return {
         "method": method,
         "mount": options.mount or "foot",
@@ -288,7 +349,7 @@ def describe_given(walk: Walk, method: str) -> dict[str, object]:
         "gnss": _text(options.gnss_path),
         "truth": _text(options.truth_path),
         "detector": {} if walk.detection is None else asdict(walk.detection),
-        "parameters": find_given_parameters(method, options, walk.calibration) if has_parameters else {},
+        "parameters": found.parameters(options, walk.calibration) if found and found.parameters else {},
     }
 
 

@@ -19,7 +19,7 @@ import os
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from itertools import count
 from pathlib import Path
 
@@ -164,39 +164,20 @@ def _refuse_file(out: Path) -> None:
 
 @contextmanager
 def claim_folder(parent: Path, name: str) -> Iterator[Path]:
-    """Make, hold and yield the first of `parent/name-1`, `-2`, ... that is new, or was left by a killed process.
+    """Hold and yield the first of `parent/name-1`, `-2`, ... without a result at which no other process is at work.
 
     It is removed if it is empty at the end. Raises `OutputError` if none can be made.
     """
-    for number in count(1):
-        out = parent / f"{name}-{number}"
-        if _is_new(out):
-            break
-        with suppress(OSError, OutputError):
-            # a process was killed before its first result was complete
-            if not _list_visible(out) and any(out.glob(f"{NEW}*")):
-                with hold_folder(out):
-                    break
-    try:
-        with hold_folder(out):
-            yield out
-    finally:
-        with suppress(OSError):
-            out.rmdir()
-
-
-def _is_new(out: Path) -> bool:
-    """Make a folder; return whether it did not exist."""
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        out.mkdir()
-    except FileExistsError as error:
-        if not out.parent.is_dir():
-            raise unwritable(out.parent, error) from None
-        return False
-    except OSError as error:
-        raise unwritable(out.parent, error) from None
-    return True
+    with ExitStack() as held:
+        for number in count(1):
+            out = parent / f"{name}-{number}"
+            try:
+                held.enter_context(hold_folder(out))
+                break
+            except OutputError:
+                if not out.exists():
+                    raise
+        yield out
 
 
 def unwritable(out: Path, error: OSError) -> OutputError:
@@ -256,31 +237,12 @@ def result_files(out: Sequence[Path], ours: Callable[[Path], bool], force: bool 
         with _open_fresh(out[0].parent) as folder:
             fresh = [folder / file.name for file in out]
             yield fresh
-            _take_places(fresh, out, ours, force)
+            for file in out:  # which another process may have made meanwhile
+                check_file_free(file, ours, force)
+            for made, file in zip(fresh, out, strict=True):
+                os.replace(made, file)
     except OSError as error:
         raise unwritable(out[0], error) from None
-
-
-def _take_places(fresh: Sequence[Path], out: Sequence[Path], ours: Callable[[Path], bool], force: bool) -> None:
-    """Move files to their places; without `force` into none that another process has filled meanwhile."""
-    done: list[Path] = []
-    try:
-        for made, file in zip(fresh, out, strict=True):
-            check_file_free(file, ours, force)
-            if force:
-                os.replace(made, file)
-                continue
-            try:
-                os.link(made, file)
-            except FileExistsError:
-                raise OutputError(f"{file} was made by another meanwhile: name another file.") from None
-            except OSError:  # a disk without links
-                os.replace(made, file)
-            done.append(file)
-    except BaseException:
-        for file in done:
-            file.unlink(missing_ok=True)
-        raise
 
 
 def check_file_free(out: Path, ours: Callable[[Path], bool], force: bool = False) -> None:

@@ -14,7 +14,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 from rich.text import Text
 
-from fg_nav.report import FIGURES, REPORT, collect_notes
+from fg_nav.report import FIGURES, REPORT, collect_notes, tabulate_figures
 from fg_nav.text import format_count
 
 _hushed = False  # Whether only errors are printed (`hush`); of the process, as its threads print too.
@@ -113,10 +113,8 @@ def print_place(notes: Sequence[str], place: Path) -> None:
 def result_table(summaries: Sequence[Mapping[str, object]]) -> Table:
     """One column a method, one row a figure that at least one of them has."""
     table = ruled_table("", *(str(summary["method"]) for summary in summaries))
-    for key, words, pattern in FIGURES:
-        values = [summary.get(key) for summary in summaries]
-        if any(value is not None for value in values):
-            table.add_row(words, *("-" if value is None else pattern.format(value) for value in values))
+    for words, cells in tabulate_figures(summaries):
+        table.add_row(words, *(cell.text for cell in cells))
     return table
 
 

@@ -65,8 +65,8 @@ import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.samples.outliers import ACC_OUT, GYR_OUT
+from fg_nav.stances import find_runs
 from fg_nav.system.compiled import njit
-from fg_nav.system.spilled import BLOCK_ROWS, drop_pages, empty_column, join_columns
 
 LOST_PERIODS = 1.5  # After a step between stamps of more periods than this, a sample or more is missing.
 REACH = 6  # R, periods on either side: more samples show no more of the gap, and need more windows.
@@ -208,12 +208,9 @@ def _predict(
 
 def find_windows(gap: Ints, count: int, offsets: Ints) -> Ints:
     """Origins (M,) of training windows: samples with no gap between the first and the last of `offsets`."""
-    clear_blocks = [np.empty(0, dtype=np.int64)]
-    for start in range(-offsets[0], count - offsets[-1], BLOCK_ROWS):
-        last = np.arange(start, min(start + BLOCK_ROWS, count - offsets[-1]))
-        gaps_before = np.searchsorted(gap, [last + offsets[0], last + offsets[-1]])
-        clear_blocks.append(last[gaps_before[0] == gaps_before[1]])
-    clear = np.concatenate(clear_blocks)
+    origin = np.arange(-offsets[0], count - offsets[-1])
+    gaps_before = np.searchsorted(gap, [origin + offsets[0], origin + offsets[-1]])
+    clear = origin[gaps_before[0] == gaps_before[1]]
     return np.asarray(clear[:: max(1, -(-len(clear) // MAX_WINDOWS))])
 
 
@@ -327,10 +324,7 @@ class _UnreadSamples:
         self._tick = count_periods(t, period)
         self._unread = unread
         self._scale = np.repeat([find_spread(acc), find_spread(gyr)], 3)
-        self._values = join_columns(acc, gyr)
-        for start in range(0, len(t), BLOCK_ROWS):
-            self._values[start : start + BLOCK_ROWS] /= self._scale
-            drop_pages()
+        self._values = np.hstack([acc, gyr]) / self._scale
         hurt = np.flatnonzero(unread)
         gap = np.flatnonzero(step > LOST_PERIODS * period)
         self._breaks = np.unique(np.concatenate([gap, hurt, hurt - 1]))
@@ -338,8 +332,7 @@ class _UnreadSamples:
     def bridge(self, which: int) -> Bridge:
         """Return indices, values and sigmas of the unread samples of one sensor, `ACC_OUT` or `GYR_OUT`."""
         bad = (self._unread & which) > 0
-        edge = np.flatnonzero(np.diff(np.concatenate([[False], bad, [False]]).astype(np.int8)))
-        start, stop = edge[::2], edge[1::2]
+        start, stop = find_runs(bad)
         axes = np.s_[:3] if which == ACC_OUT else np.s_[3:]
         # describe each run and what is around it
         runs = []
@@ -399,7 +392,7 @@ class _UnreadSamples:
 
 def prepare_samples(acc: Floats, gyr: Floats, h: Floats, gaps: Gaps) -> tuple[Floats, Floats]:
     """Specific forces and rates (N, 3), held over `h` (N,) s, that integrate to the motion: gaps, coning, sculling."""
-    force, rate = empty_column(*acc.shape), empty_column(*gyr.shape)
+    force, rate = np.empty_like(acc), np.empty_like(gyr)
     for start in range(0, len(h), BLOCK):
         stop = min(start + BLOCK, len(h))
         # a sample's change is known from both of its neighbours
@@ -413,7 +406,6 @@ def prepare_samples(acc: Floats, gyr: Floats, h: Floats, gaps: Gaps) -> tuple[Fl
         part_gyr[sample] += share * (gaps.gyr[within] - part_gyr[sample])
         found, inside = compensate_coning(part_acc, part_gyr, part_h), np.s_[start - first : stop - first]
         force[start:stop], rate[start:stop] = found[0][inside], found[1][inside]
-        drop_pages()
     return force, rate
 
 

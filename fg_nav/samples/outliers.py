@@ -33,7 +33,6 @@ import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.system.compiled import njit
-from fg_nav.system.spilled import join_columns, take_rows
 from fg_nav.text import format_count
 
 LONGEST = 6  # Samples of a run; a longer one is a motion, or a sensor that has failed.
@@ -64,7 +63,7 @@ def find_outliers(t: Floats, acc: Floats, gyr: Floats, factor: float = FACTOR) -
 
     `factor` is f up to `PERIOD_S`; a smaller one shows how near to it the samples of a recording come.
     """
-    found, _ = scan_outliers(t, join_columns(acc, gyr), 0, True, factor)
+    found, _ = scan_outliers(t, np.hstack([acc, gyr]), 0, True, factor)
     return Outliers((found & ACC_OUT) > 0, (found & GYR_OUT) > 0)
 
 
@@ -72,13 +71,13 @@ def find_mag_outliers(t: Floats, mag: Floats) -> Bools:
     """Find bad samples (N,) of a magnetometer, uT, among those of mag (N, 3) that are finite."""
     found = np.zeros(len(t), dtype=np.bool_)
     there = np.isfinite(mag).all(axis=1)
-    found[there] = scan_mag(t[there], take_rows(np.flatnonzero(there), mag), 0, True)[0] > 0
+    found[there] = scan_mag(t[there], mag[there], 0, True)[0] > 0
     return found
 
 
 def scan_mag(t: Floats, mag: Floats, begin: int, at_end: bool) -> tuple[Ints, int]:
     """As `scan_outliers`, of finite samples mag (N, 3); they have the limits in uT that forces have in m/s^2."""
-    found, until = scan_outliers(t, join_columns(mag, np.broadcast_to(0.0, mag.shape)), begin, at_end)
+    found, until = scan_outliers(t, np.hstack([mag, np.zeros_like(mag)]), begin, at_end)
     return MAG_OUT * (found > 0), until
 
 

@@ -21,7 +21,6 @@ import numpy as np
 from fg_nav.arrays import Bools, Floats
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.samples.outliers import find_outliers
-from fg_nav.system.spilled import BLOCK_ROWS, drop_pages
 
 _END_OF_TIME = 1e20  # No stamp in any unit is beyond this: nanoseconds since 1970 are 2e18.
 LIMIT_M_S2 = 5000.0  # No accelerometer worn by a person reads more (500 g).
@@ -100,7 +99,6 @@ def find_unit_problems(t: Floats, acc: Floats, gyr: Floats, mag: Floats | None) 
         starts = np.linspace(0, len(t) - BLOCK, MAX_JUDGED // BLOCK).astype(np.int64)
         judged = (starts[:, None] + np.arange(BLOCK)).ravel()
         acc, gyr, mag = acc[judged], gyr[judged], None if mag is None else mag[judged]
-    drop_pages()
     stamps, force = find_stamp_problem(period), find_acc_problem(acc, period)
     # gravity turns at the right rate only if both its unit and that of time are right, and the stamps are a clock
     if not (stamps or force) and 0.5 < (known[-1] - known[0]) / (period * len(known)) < 2.0:
@@ -194,9 +192,7 @@ def find_gyr_unit(acc: Floats, gyr: Floats, period_s: float) -> str | None:
 
 def find_mag_unit(mag: Floats) -> str | None:
     """Find the unit in which mag (N, 3) is a field on Earth; None if there is no such unit, or more than one."""
-    strength = measure_field_strength(mag)
-    strength = strength[np.isfinite(strength)]
-    median = float(np.median(strength)) if strength.size else np.nan
+    median = find_median_strength(mag)
     if is_field_on_earth(median):
         return "uT"
     # From 200 on, what reads as mG can as well be uT with the iron of a telephone in it.
@@ -316,12 +312,8 @@ def find_mag_problem(mag: Floats, usual_uT: float = np.nan) -> str | None:
 
     Where its strength was `usual_uT` before, a unit is named if it makes that of it: iron reads like a field in mG.
     """
-    strength = measure_field_strength(mag)
-    strength = strength[np.isfinite(strength)]
-    if not strength.size:
-        return None
-    median = float(np.median(strength))
-    if is_field_on_earth(median):
+    median = find_median_strength(mag)
+    if np.isnan(median) or is_field_on_earth(median):
         return None
     for unit, (scale, (low, high)) in _FIELD_UNITS.items():
         ratio = median * scale / usual_uT
@@ -345,6 +337,13 @@ def measure_field_strength(mag: Floats) -> Floats:
     strength = np.full(len(mag), np.nan)
     strength[sensible] = np.linalg.norm(mag[sensible], axis=1)
     return strength
+
+
+def find_median_strength(mag: Floats) -> float:
+    """Median strength of mag (N, 3) in its unit; NaN without a sample."""
+    strength = measure_field_strength(mag)
+    known = strength[np.isfinite(strength)]
+    return float(np.median(known)) if known.size else np.nan
 
 
 def measure_rest_acc(acc: Floats, period_s: float) -> float:
@@ -414,17 +413,8 @@ def find_usable_samples(t: Floats, acc: Floats, gyr: Floats) -> Bools:
 
     A specific force of exactly zero on all axes is a logger's way to say that there was no sample.
     """
-    usable = np.empty(len(t), dtype=np.bool_)
-    for start in range(0, len(usable), BLOCK_ROWS):
-        part = np.s_[start : start + BLOCK_ROWS]
-        usable[part] = (
-            acc[part].any(axis=1)
-            & (np.abs(t[part]) < _END_OF_TIME)
-            & find_squarable(acc[part], LIMIT_M_S2)
-            & find_squarable(gyr[part], LIMIT_RAD_S)
-        )
-        drop_pages()
-    return usable
+    is_known = acc.any(axis=1) & (np.abs(t) < _END_OF_TIME)
+    return np.asarray(is_known & find_squarable(acc, LIMIT_M_S2) & find_squarable(gyr, LIMIT_RAD_S))
 
 
 def find_squarable(vectors: Floats, limit: float = 1e6) -> Bools:

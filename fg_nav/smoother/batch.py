@@ -12,7 +12,7 @@
     shared        what all strides share and the triangle does not hold joins the sigmas (`shared_errors`)
     solution      marginals -> sigmas (`solver`), that of the distance (`sensitivity`); nodes -> path (`dense_path`)
 
-A walk in progress is solved by `solve_walk` and `widen_bias_prior`, a foot of two by `fit_walk`.
+`fit_walk` is all of it but the solution: a walk in progress is solved by it at each re-solve, and each foot of two.
 """
 
 from __future__ import annotations
@@ -25,8 +25,9 @@ from time import perf_counter
 
 import gtsam
 import numpy as np
+from gtsam.symbol_shorthand import B, X
 
-from fg_nav.arrays import Floats
+from fg_nav.arrays import Bools, Floats
 from fg_nav.detection.rest import freeze_ends
 from fg_nav.errors import EstimationError
 from fg_nav.frames import GRAVITY_M_S2
@@ -43,11 +44,12 @@ from fg_nav.smoother.constraints import (
     add_known_places,
     add_own,
     check_fix_distance,
+    select_reached_fixes,
 )
-from fg_nav.smoother.dense_path import prepare_trajectory, trajectory_of
+from fg_nav.smoother.dense_path import trajectory_of
 from fg_nav.smoother.differential import add_differential_field, write_note
 from fg_nav.smoother.directions import follow_directions
-from fg_nav.smoother.field import FieldSolution, FieldVerdict, find_obstacle, sample_field, solve_with_field
+from fg_nav.smoother.field import FieldSolution, FieldVerdict, find_obstacle, solve_with_field
 from fg_nav.smoother.gauss_newton import FIRST_CONVERGENCE
 from fg_nav.smoother.graph import WalkProblem, count_factors, solve
 from fg_nav.smoother.gyro_bias import average_bias_prior
@@ -55,18 +57,40 @@ from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.places import mark_returns, tie_places
 from fg_nav.smoother.problem import walk_problem
 from fg_nav.smoother.sensitivity import FootfallCovariance, weigh_path
-from fg_nav.smoother.shared_errors import WalkScale, estimate_gyro_scale, spread_clipped_peaks, spread_moving_foot
-from fg_nav.smoother.solver import Solved, list_covariances, list_table_keys, stance_table
-from fg_nav.solution import Return, Solution
+from fg_nav.smoother.shared_errors import (
+    WalkScale,
+    estimate_gyro_scale,
+    spread_clipped_peaks,
+    spread_moving_foot,
+    weigh_gyro_scale,
+)
+from fg_nav.smoother.solver import Solved, in_nav, list_covariances, list_poses
+from fg_nav.smoother.strides import Nodes
+from fg_nav.solution import Return, Solution, StanceTable
 from fg_nav.stances import Stances
-from fg_nav.system.spilled import return_freed
 from fg_nav.text import format_count
 from fg_nav.truth import Fix
 
 
 @dataclass(frozen=True)
+class InProgress:
+    """What a walk in progress, whose samples end in the middle of it, is solved with besides.
+
+    `continues` (F,) are footfalls that are further pieces of a standing, None where none is; `unseen` is the reason why
+    the field was not measured though it is to be used; `has_ended` whether no samples follow.
+    """
+
+    continues: Bools | None = None
+    unseen: str = ""
+    has_ended: bool = False
+
+
+@dataclass(frozen=True)
 class WalkInput:
-    """What a walk is solved from: one sensor's recording, and what is known besides; see `batch.smooth`."""
+    """What a walk is solved from: one sensor's recording, and what is known besides; see `batch.smooth`.
+
+    A walk `in_progress` uses the fixes that it has come to.
+    """
 
     recording: Recording
     stances: Stances
@@ -77,6 +101,7 @@ class WalkInput:
     fixes: Sequence[Fix] = ()
     extra: ExtraFactors | None = None
     known: KnownTies | None = None
+    in_progress: InProgress | None = None
 
 
 @dataclass(frozen=True)
@@ -115,8 +140,8 @@ class FittedWalk:
         """Return it at another solution, of a problem that has its factors and more."""
         scale = self.scale
         if scale is not None:
-            scale = replace(scale, columns=estimate_gyro_scale(problem, solved).columns)
-        return replace(self, walk=replace(self.walk, problem=problem, solved=solved), scale=scale)
+            scale = replace(scale, columns=weigh_gyro_scale(problem, solved)[0])
+        return FittedWalk(replace(self.walk, problem=problem, solved=solved), scale)
 
 
 def fit_walk(given: WalkInput) -> FittedWalk:
@@ -128,81 +153,82 @@ def fit_walk(given: WalkInput) -> FittedWalk:
             f"the field is that of {len(given.field)} footfalls and the stances have {footfalls}: "
             "take the field at these stances."
         )
-    walk = widen_bias_prior(_solve_from_samples(given))
-    # Where the field shows the heading it shows the gyroscope's scale: taken off the samples, or counted in the sigmas.
-    field = walk.problem.field
-    if not given.parameters.gyro_scale or field is None or len(field.heading) + len(field.strides) == 0:
-        return FittedWalk(walk, None)
-    scale = estimate_gyro_scale(walk.problem, walk.solved)
-    walk.problem.recording.release()
-    if not scale.found.matters:
-        return FittedWalk(walk, scale)
-    walk = widen_bias_prior(_solve_from_samples(replace(given, recording=scale.found.remove_from(given.recording))))
-    walk = replace(walk, verdict=replace(walk.verdict, notes=(scale.found.note, *walk.verdict.notes)))
-    # The errors are those about what was taken off: its second moment stays.
-    columns = estimate_gyro_scale(walk.problem, walk.solved).columns
-    return FittedWalk(walk, replace(scale, columns=columns))
+    recording, scale = given.recording, None
+    while True:
+        # From the samples, with all factors; then with the prior of the gyro bias that the solution shows.
+        walk = solve_with_all(make_problem(given, recording), given)
+        if (problem := average_bias_prior(walk.problem, walk.solved)) is not None:
+            walk = replace(walk, problem=problem, solved=solve(problem))
+        # The errors of the scale are those about what was taken off: its second moment stays.
+        if scale is not None:
+            scale = replace(scale, columns=weigh_gyro_scale(walk.problem, walk.solved)[0])
+            verdict = replace(walk.verdict, notes=(scale.found.note, *walk.verdict.notes))
+            return FittedWalk(replace(walk, verdict=verdict), scale)
+        # Where the field shows the heading it shows the gyroscope's scale: taken off the samples, and all of it again,
+        # or counted in the sigmas.
+        field = walk.problem.field
+        if not given.parameters.gyro_scale or given.in_progress is not None or field is None or not field.shows_heading:
+            return FittedWalk(walk, None)
+        scale = estimate_gyro_scale(walk.problem, walk.solved)
+        if not scale.found.matters:
+            return FittedWalk(walk, scale)
+        recording = scale.found.remove_from(recording)
 
 
-def _solve_from_samples(given: WalkInput) -> SolvedWalk:
-    """Solve a walk with all its factors (fixes, floors, field, places), and the default bias prior."""
-    # The walk by its inertial sensor and its stances, with values near the minimum. Where the field is not used it does
-    # not show how the person turned over a hole in the samples either.
-    p = given.parameters
-    magnetic = p.magnetic if given.field is not None else replace(p.magnetic, compass=False)
-    first = replace(p, magnetic=magnetic)
-    problem = walk_problem(given.recording, given.stances, given.heading, first, given.progress)
+def make_problem(given: WalkInput, recording: Recording) -> WalkProblem:
+    """Make the problem of a walk without its field, near its minimum, from the samples of `recording`."""
+    # The walk by its inertial sensor and its stances. Where the field is not used it does not show how the person
+    # turned over a hole in the samples either; of a walk in progress it is not known yet whether it is.
+    p, so_far = given.parameters, given.in_progress
+    is_used = given.field is not None or so_far is not None
+    magnetic = p.magnetic if is_used else replace(p.magnetic, compass=False)
+    goes_on = so_far is not None and not so_far.has_ended
+    of_sensor = replace(p, magnetic=magnetic)
+    problem = walk_problem(recording, given.stances, given.heading, of_sensor, given.progress, goes_on)
     problem = replace(problem, parameters=replace(problem.parameters, magnetic=p.magnetic))
-    # Fixes, own factors and known places, placed on that solution.
-    if given.fixes:
-        check_fix_distance(problem, given.fixes)
-        problem = add_fixes(problem, problem.values, given.fixes)
+    # Fixes, own factors and known places, placed on that solution, and the solution with them.
+    fixes = given.fixes
+    if so_far is not None:
+        fixes = select_reached_fixes(fixes, recording.t[problem.nodes.sample])
+    elif fixes:
+        check_fix_distance(problem, fixes)
+    placed = problem
+    if fixes:
+        placed = add_fixes(placed, placed.values, fixes)
     if given.extra is not None:
-        problem = add_own(problem, problem.values, given.extra)
+        placed = add_own(placed, placed.values, given.extra)
     if given.known is not None:
-        problem = add_known_places(problem, given.known)
-    if given.fixes or given.extra is not None or given.known is not None:
-        problem = replace(problem, values=solve(problem, FIRST_CONVERGENCE).values)
-    # Level floors on the solution with them; field, building and places.
-    return solve_walk(add_constraints(problem, problem.values), given.field)
+        placed = add_known_places(placed, given.known)
+    if placed is not problem:
+        placed = replace(placed, values=solve(placed, FIRST_CONVERGENCE).values)
+    # Level floors on it.
+    return add_constraints(placed, placed.values, None if so_far is None else so_far.continues)
 
 
-def solve_walk(problem: WalkProblem, field: FootfallField | None, unseen: str = "") -> SolvedWalk:
-    """Solve a walk with field, building directions and places, from its minimum without the field.
-
-    `unseen` is the reason why the field gives no heading; where it is empty `find_obstacle` decides.
-    """
-    obstacle, track = unseen or find_obstacle(field), None
+def solve_with_all(problem: WalkProblem, given: WalkInput) -> SolvedWalk:
+    """Solve a walk with field, building directions and places, from its minimum without the field."""
+    field, so_far = given.field, given.in_progress
+    obstacle = (so_far.unseen if so_far is not None else "") or find_obstacle(field)
+    found = track = None
     if field is not None:
         # While the foot stands the field shows the gyro bias, also where it shows no heading.
         track = trajectory_of(problem.recording, problem.nodes, problem.values, problem.parameters.gravity)
         problem = add_differential_field(problem, problem.values, track)
-        problem.recording.release()
-    # The field is compared along the solution, and joins it.
-    if field is None or track is None or obstacle:
-        del track  # as large as the recording
-        unused, count = np.zeros(len(problem.nodes.result)), len(problem.nodes.result)
-        verdict = FieldVerdict((UNKNOWN,) * count, (obstacle,) * count, (), np.full(count, np.nan), unused)
-        walk = SolvedWalk(problem, solve(problem), verdict)
+    if field is not None and track is not None and not obstacle:
+        # The field is compared along the solution, and joins it.
+        found = solve_with_field(problem, field, track)
+        problem, solved, verdict = found.problem, found.solved, found.verdict
     else:
-        sampled = sample_field(problem, field, track)
-        del track
-        found = solve_with_field(sampled)
-        walk = SolvedWalk(found.problem, found.solved, found.verdict, found)
+        count = len(problem.nodes.result)
+        words, statistic, weight = (UNKNOWN,) * count, np.full(count, np.nan), np.zeros(count)
+        solved, verdict = solve(problem), FieldVerdict(words, (obstacle,) * count, (), statistic, weight)
     # The field settles which direction is which, and the path along them where places are searched.
-    problem, solved, notes = follow_directions(walk.problem, walk.solved)
+    problem, solved, notes = follow_directions(problem, solved)
     returns: tuple[Return, ...] = ()
     if field is not None:
         problem, solved, returns, of_places = tie_places(problem, solved)
         notes = (*notes, *of_places)
-    verdict = replace(walk.verdict, notes=(*walk.verdict.notes, *notes))
-    return replace(walk, problem=problem, solved=solved, verdict=verdict, returns=returns)
-
-
-def widen_bias_prior(walk: SolvedWalk) -> SolvedWalk:
-    """Return a walk with the prior of the gyro bias that it shows, solved again from its solution."""
-    problem = average_bias_prior(walk.problem, walk.solved)
-    return walk if problem is None else replace(walk, problem=problem, solved=solve(problem))
+    return SolvedWalk(problem, solved, replace(verdict, notes=(*verdict.notes, *notes)), found, returns)
 
 
 def smooth(
@@ -256,7 +282,7 @@ def smooth(
     """
     compile_smoother()
     given = WalkInput(recording, stances, heading, field, parameters, progress, fixes, extra, known)
-    return _smooth(given)[-1]()
+    return _smooth(given).solution
 
 
 def smooth_graph(
@@ -281,8 +307,7 @@ def smooth_graph(
     """
     compile_smoother()
     given = WalkInput(recording, stances, heading, field, parameters, progress, fixes, extra)
-    walk, joint, finish = _smooth(given)
-    return SmoothedWalk(finish(), walk, joint)
+    return _smooth(given)
 
 
 @dataclass(frozen=True)
@@ -336,66 +361,95 @@ class SmoothedWalk:
         return np.asarray(covariance)
 
 
-def _smooth(given: WalkInput) -> tuple[SolvedWalk, FootfallCovariance, Callable[[], Solution]]:
-    """Solve a walk; return it, the joint covariance of its footfalls, and a function that builds the `Solution`."""
+def _smooth(given: WalkInput) -> SmoothedWalk:
+    """Solve a walk; return its solution, with its graph."""
     began = perf_counter()
     fitted = fit_walk(given)
     # Covariances, including walk-wide parameters outside the square-root information (gyro scale, moving foot).
     walk = fitted.walk
     joint = FootfallCovariance.of(walk.solved, walk.problem.nodes, fitted.shared_sqrt_covariance())
     covariances = list_covariances(list_table_keys(walk.problem.nodes), walk.solved.root, joint.shared)
-    finish = prepare_solution(walk, joint, covariances, given.stances, began)
+    solution = to_solution(walk, joint, covariances, given.stances, began)
     if given.progress is not None:
         given.progress(1.0)
-    return walk, joint, finish
+    return SmoothedWalk(solution, walk, joint)
 
 
-def prepare_solution(
+def list_table_keys(nodes: Nodes) -> list[int]:
+    """List the poses of the footfalls, and the biases, whose covariances a stance table has: all of six dimensions."""
+    return [*(X(int(j)) for j in nodes.result), *(B(k) for k in range(int(nodes.bias[-1]) + 1))]
+
+
+def stance_table(t: Floats, nodes: Nodes, solved: Solved, verdict: FieldVerdict, covariances: Floats) -> StanceTable:
+    """Poses, biases and their marginal sigmas at the stillest node of each footfall.
+
+    `covariances` (K, 6, 6) are those of `list_table_keys`.
+    """
+    body, of_bias = covariances[: len(nodes.result)], covariances[len(nodes.result) :]
+    bias_keys = list_table_keys(nodes)[len(nodes.result) :]
+    bias_variance = np.diagonal(of_bias, axis1=1, axis2=2)[nodes.bias]
+    bias = np.array([solved.values.atConstantBias(key).gyroscope() for key in bias_keys])
+    poses = list_poses(nodes.result, solved.values)
+    attitude, position = poses[:, :3, :3].copy(), poses[:, :3, 3].copy()
+    pose_cov = in_nav(attitude, body)
+    sample = nodes.sample[nodes.result]
+    return StanceTable(
+        sample=sample,
+        t=t[sample],
+        position=position,
+        nav_R_body=attitude,
+        gyro_bias=bias[nodes.bias],
+        position_cov=pose_cov[:, :3, :3],
+        heading_sigma=np.sqrt(pose_cov[:, 3, 3]),
+        gyro_bias_sigma=np.sqrt(bias_variance[:, 3:]),
+        field=verdict.words,
+        field_reason=verdict.reason,
+        pose_cov=pose_cov,
+        compass_weight=verdict.compass_weight,
+        field_statistic=verdict.statistic,
+    )
+
+
+def to_solution(
     walk: SolvedWalk, joint: FootfallCovariance, covariances: Floats, stances: Stances, began: float
-) -> Callable[[], Solution]:
-    """Return a function that adds the dense path, from arrays alone: the graph can be freed before it is called.
+) -> Solution:
+    """Return the dense path with the table of footfalls.
 
-    `covariances` (K, 6, 6) are those of `solver.list_table_keys`; `began` s is the start of the solve.
+    `covariances` (K, 6, 6) are those of `list_table_keys`; `began` s is the start of the solve.
     """
     # Footfalls and biases, and the sigma of the distance.
-    problem, solved, verdict, returns = walk.problem, walk.solved, walk.verdict, walk.returns
+    problem, solved, verdict = walk.problem, walk.solved, walk.verdict
     recording, p = problem.recording, problem.parameters
-    table = mark_returns(stance_table(recording.t, problem.nodes, solved, verdict, covariances), returns)
+    table = mark_returns(stance_table(recording.t, problem.nodes, solved, verdict, covariances), walk.returns)
     if problem.differential is not None:
         sigma = problem.differential.find_sigma(problem.nodes.bias, table.nav_R_body[:, 2])
         table = replace(table, differential_sigma=sigma)
     path_variance = joint.combine(weigh_path(table.position)[:, :, None])[0]
-    distance_sigma_m, graph = float(np.sqrt(path_variance[0, 0])), count_factors(problem)
+    # Notes.
     steps = f"solved in {format_count(solved.steps, 'Gauss-Newton step')}"
     floors = list[str]()
     if problem.floor is not None and problem.floor.max(initial=-1) >= 0:
         count, on = format_count(int(problem.floor.max()) + 1, "level floor"), int(np.count_nonzero(problem.floor >= 0))
         floors.append(f"{count} with {on} of {format_count(len(problem.floor), 'footfall')}")
     notes = (*problem.known.notes, steps, *floors, *write_note(problem.differential), *verdict.notes)
-    trajectory = prepare_trajectory(recording, problem.nodes, solved.values, p.gravity)
-
-    def finish() -> Solution:
-        return_freed()
-        position, velocity, nav_R_body = trajectory()
-        recording.release()
-        tails = freeze_ends(recording.t, stances, position, velocity)
-        return Solution(
-            method="smoother",
-            t=recording.t,
-            position=position,
-            velocity=velocity,
-            nav_R_body=nav_R_body,
-            stances=table,
-            parameters=asdict(p),
-            graph=graph,
-            recording=recording,
-            returns=returns,
-            distance_sigma_m=distance_sigma_m,
-            runtime_s=perf_counter() - began,
-            notes=(*notes, *tails),
-        )
-
-    return finish
+    # The path at the recording's rate.
+    position, velocity, nav_R_body = trajectory_of(recording, problem.nodes, solved.values, p.gravity)
+    tails = freeze_ends(recording.t, stances, position, velocity)
+    return Solution(
+        method="smoother",
+        t=recording.t,
+        position=position,
+        velocity=velocity,
+        nav_R_body=nav_R_body,
+        stances=table,
+        parameters=asdict(p),
+        graph=count_factors(problem),
+        recording=recording,
+        returns=walk.returns,
+        distance_sigma_m=float(np.sqrt(path_variance[0, 0])),
+        runtime_s=perf_counter() - began,
+        notes=(*notes, *tails),
+    )
 
 
 @cache
@@ -403,4 +457,4 @@ def compile_smoother() -> None:
     """Smooth two seconds of rest, so that no walk is charged for the compiler."""
     t = np.arange(200) / 100.0
     rest = Recording(t=t, acc=np.tile([0.0, 0.0, GRAVITY_M_S2], (200, 1)), gyr=np.zeros((200, 3)))
-    _smooth(WalkInput(rest, Stances.from_mask(np.ones(200, dtype=np.bool_))))[-1]()
+    _smooth(WalkInput(rest, Stances.from_mask(np.ones(200, dtype=np.bool_))))

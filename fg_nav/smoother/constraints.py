@@ -274,6 +274,15 @@ class PinnedFixes:
         return float(np.arctan2(across, along))
 
 
+def select_reached_fixes(fixes: Sequence[Fix], t_node: Floats, after_s: float = -np.inf) -> tuple[Fix, ...]:
+    """Return the fixes after a time and up to the last of some nodes (n,) s that have one of them within reach."""
+    return tuple(
+        fix
+        for fix in fixes
+        if after_s < fix.time_s <= t_node[-1] and float(np.abs(t_node - fix.time_s).min()) <= FIX_REACH_S
+    )
+
+
 def pin_to_times(fixes: Sequence[Fix], t_node: Floats) -> PinnedFixes:
     """Find the node of each fix, nearest in time among nodes at these times (n,) s.
 

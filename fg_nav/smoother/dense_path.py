@@ -11,8 +11,6 @@ after the last, and on both sides of a hole, the samples are integrated, backwar
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import partial
 from typing import NamedTuple
 
 import gtsam
@@ -27,9 +25,6 @@ from fg_nav.samples.gaps import MAX_HELD_S
 from fg_nav.smoother.solver import list_biases, list_poses
 from fg_nav.smoother.strides import Nodes
 from fg_nav.system.compiled import njit
-from fg_nav.system.spilled import drop_pages, empty_column
-
-BLOCK_NODES = 4096  # Nodes whose path is filled in at once: a quarter of an hour.
 
 
 class Trajectory(NamedTuple):
@@ -42,17 +37,9 @@ class Trajectory(NamedTuple):
 
 def trajectory_of(recording: Recording, nodes: Nodes, values: gtsam.Values, gravity: float) -> Trajectory:
     """Return the trajectory of a solved walk at the recording's rate."""
-    return prepare_trajectory(recording, nodes, values, gravity)()
-
-
-def prepare_trajectory(
-    recording: Recording, nodes: Nodes, values: gtsam.Values, gravity: float
-) -> Callable[[], Trajectory]:
-    """Return a function that integrates the dense trajectory; it keeps arrays only, so the graph can be freed first."""
     poses = list_poses(range(len(nodes)), values)
     bias = list_biases(nodes, values)[nodes.bias[nodes.footfall]]
-    return partial(
-        dense_trajectory,
+    return dense_trajectory(
         recording,
         nodes.sample,
         poses[:, :3, 3].copy(),
@@ -78,16 +65,10 @@ def dense_trajectory(
 
     Position in m, velocity in m/s, gyro bias in rad/s, accelerometer bias in m/s^2.
     """
-    samples, n = (
-        _HeldSamples(np.append(np.diff(recording.t), recording.period_s), *recording.integrable),
-        len(recording),
-    )
-    nodes = NavState(position, velocity, nav_R_body, gyro_bias, acc_bias)
-    path = Trajectory(empty_column(n, 3), empty_column(n, 3), empty_column(n, 3, 3))
-    for first in range(0, len(sample), BLOCK_NODES):
-        last = min(first + BLOCK_NODES, len(sample))
-        _fill(first, last, samples, sample, nodes, gravity, path)
-        drop_pages()
+    samples = _HeldSamples(np.append(np.diff(recording.t), recording.period_s), *recording.integrable)
+    nodes, n = NavState(position, velocity, nav_R_body, gyro_bias, acc_bias), len(recording)
+    path = Trajectory(np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3, 3)))
+    _fill(samples, sample, nodes, gravity, path)
     return path
 
 
@@ -100,14 +81,12 @@ class _HeldSamples(NamedTuple):
 
 
 @njit(cache=True)
-def _fill(
-    first: int, last: int, samples: _HeldSamples, sample: Ints, nodes: NavState, gravity: float, path: Trajectory
-) -> None:
-    """Write `path` from each node `first <= j < last` to the next; `nodes` are the solved states (M, ...)."""
+def _fill(samples: _HeldSamples, sample: Ints, nodes: NavState, gravity: float, path: Trajectory) -> None:
+    """Write `path` from each node to the next; `nodes` are the solved states (M, ...)."""
     p, v, R = path
     h, position, velocity, nav_R_body = samples.h, nodes.position, nodes.velocity, nodes.nav_R_body
     m = len(sample)
-    for j in range(first, last):
+    for j in range(m):
         if j == 0:
             write_state(position[j], velocity[j], nav_R_body[j], p, v, R, sample[j])
             _integrate(samples, sample[j], j, nodes.gyro_bias[j], nodes.acc_bias[j], gravity, path)  # to the very first

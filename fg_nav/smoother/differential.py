@@ -26,7 +26,7 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import B
 
-from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.arrays import Bools, Floats, Ints, robust_sigma
 from fg_nav.detection import Rest
 from fg_nav.factors.differential_field import (
     GYRO,
@@ -44,11 +44,9 @@ from fg_nav.factors.rotation import relative_rotations
 from fg_nav.recording import Recording
 from fg_nav.samples.gaps import find_holes
 from fg_nav.smoother.dense_path import Trajectory
-from fg_nav.smoother.field_factors import robust_sigma
 from fg_nav.smoother.graph import WalkProblem
 from fg_nav.smoother.solver import GtsamFactors, list_biases
 from fg_nav.smoother.strides import STANDS_S, Nodes
-from fg_nav.system.spilled import drop_pages, empty_column
 from fg_nav.text import format_count
 
 MARGIN_S = 0.1  # Before and after a stance: what a stretch shows grows with the cube of its length, its drift by less.
@@ -123,7 +121,7 @@ def turn_stretches(recording: Recording, stretches: Stretches, position: Floats,
     gyro_bias : (S, 3) rad/s, linearization point of the rotations.
     """
     most, filled = int((stretches.stop - stretches.start).sum()), 0
-    samples, number = [empty_column(most, *shape) for shape in ((3,), (3, 3), (3, 3), (3,))], np.empty(most, np.int64)
+    samples, number = [np.empty((most, *shape)) for shape in ((3,), (3, 3), (3, 3), (3,))], np.empty(most, np.int64)
     assert recording.mag is not None
     for first in range(0, len(gyro_bias), AT_ONCE):
         # Samples of some stretches, numbered from the first of them.
@@ -141,7 +139,6 @@ def turn_stretches(recording: Recording, stretches: Stretches, position: Floats,
         of = recording.mag[sample[seen]], turned[0][seen], turned[1][seen], position[sample[seen]]
         for column, rows in zip(samples, of, strict=True):
             column[part] = rows
-        drop_pages()
     field, rotation, jacobian, place = (column[:filled] for column in samples)
     return FieldStretches(field, rotation, jacobian, place, number[:filled], gyro_bias)
 
@@ -259,11 +256,8 @@ def find_iron(stances: BiasInformation, standings: BiasInformation) -> Iron:
 
 def measure_stretches(turned: FieldStretches, noise: FieldNoise) -> tuple[BiasInformation, Bools]:
     """Return the information of each of S stretches on the gyro bias, and which (S,) pass the chi^2 test."""
-    found = []
-    for first in range(0, len(turned.gyro_bias), AT_ONCE):
-        found.append(measure_bias(turned.select(first, first + AT_ONCE), noise, MAX_SAMPLES))
-        drop_pages()
-    whole = StretchInformation.join(found)
+    parts = (turned.select(first, first + AT_ONCE) for first in range(0, len(turned.gyro_bias), AT_ONCE))
+    whole = StretchInformation.join([measure_bias(part, noise, MAX_SAMPLES) for part in parts])
     # Covariance scaled by chi^2 per degree of freedom where that exceeds 1; left out where the model clearly fails.
     ratio = whole.chi_square / np.maximum(whole.freedom, 1.0)
     used = (whole.freedom > 0.0) & (ratio <= MAX_CHI_SQUARE)
@@ -302,7 +296,6 @@ def add_differential_field(problem: WalkProblem, values: gtsam.Values, track: Tr
         if variogram is None:
             return problem
         noise = FieldNoise(variogram, sigma_uT, iron)
-        drop_pages()
         information, used = measure_stretches(turned, noise)
         stances, standings = (
             sum_stretches(information, stretches.bias, used & those, len(biases))
@@ -313,7 +306,6 @@ def add_differential_field(problem: WalkProblem, values: gtsam.Values, track: Tr
             break
         iron = found
     known = LevelBias(biases, track.nav_R_body[nodes.sample, 2].mean(axis=0))
-    drop_pages()
     return replace(problem, differential=DifferentialFactors(stances, standings, noise, known))
 
 

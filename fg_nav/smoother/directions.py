@@ -3,13 +3,11 @@
     repeat   courses of the solution   -> alpha along the walk, s and P   -> path turned by its drift -> solved again
     `ROUNDS` times
 
-Displacements (`factors.BuildingDirection`) are `STRIDES` long and share no stride: errors of how feet are set down
-cancel in them. They lie in the middle of straight stretches, from whose line no footfall is farther than people weave,
-so that no corner turns their course. A leg counts as `LEG_COURSES` of them at most.
+Displacements (`factors.BuildingDirection`) share no stride and lie in the middle of straight stretches, so that no
+corner turns their course.
 
-Tracking. The heading of the solution may have drifted by so much that courses at the end are nearer to the wrong
-direction. So alpha is tracked: in the frame of the drifted solution it is phi_k at displacement k, of course psi_k, a
-random walk on the quarter circle, and a steady drift on top of it,
+Tracking. In the frame of the drifted solution alpha is phi_k at displacement k, of course psi_k, a random walk on the
+quarter circle, and a steady drift on top of it,
 
     phi_(k+1) = phi_k + b n_k + N(0, q n_k),    b ~ N(0, (sigma / F)^2),
     p(psi_k | phi_k) = (P N(wrap(psi_k - phi_k); 0, s^2) + (1 - P) 2/pi)^h_k,
@@ -18,10 +16,8 @@ n_k the strides between their middles of F, sigma that of the heading at any foo
 solution, h_k the share of each displacement in its leg; q adds up to sigma^2 over the walk, within the bounds of
 `DRIFT_DEG`. phi_0 is anything. Forward and backward passes on a grid give p(phi_k | all psi) and the likelihood (hidden
 Markov model: Rabiner 1989), for each of some b; with the likeliest, s and P are estimated by expectation maximization.
-No assignment is made: the graph's mixture has the same four directions.
-
-The pieces of the walk on either side of a hole in the samples (`split_drift`) have each an alpha of their own. The path
-is turned by phi_0 - phi_k, to start from. Below `MIN_EVIDENCE` there are no directions. Limits: `docs/models.md`.
+No assignment is made: the graph's mixture has the same four directions. The path is turned by phi_0 - phi_k, to start
+from. Reasons and limits: `docs/models.md`.
 """
 
 from __future__ import annotations

@@ -12,23 +12,19 @@ What comes up from the first such front is a triangle in its columns already, so
 reflected into it, by a reflection for each column of one row of the triangle and all new rows (Golub and Van Loan 2013,
 section 5.1; LAPACK's `tpqrt`). On a chain that is half the work of a front that is reflected whole.
 
-Which variables meet in each front is planned before there are numbers in it (`plan_elimination`). The rows of a long
-walk lie in a file (`fg_nav.system.spilled`): every pass goes along the fronts in parts, and frees their pages behind
-each. The passes up and down along R, and the covariances, are those of `square_root`.
+Which variables meet in each front is planned before there are numbers in it (`plan_elimination`). The passes up and
+down along R, and the covariances, are those of `square_root`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.system.compiled import njit
-from fg_nav.system.spilled import drop_pages, empty_column
 
-MAX_FRONTS = 1 << 15  # Of a part: some 40 MB of rows.
 BLOCK_ROWS = 32  # New rows that are reflected into a triangle together.
 ROUNDING = 1e-14  # Of the norm of a column, below which what is left on the diagonal is none.
 
@@ -63,17 +59,10 @@ def get_front(fronts: Fronts, i: int) -> tuple[int, Ints, Floats]:
     return d, columns, fronts.rows[fronts.at[i] : fronts.at[i] + d * len(columns)].reshape(d, len(columns))
 
 
-def list_parts(begin: int, end: int) -> Iterator[tuple[int, int]]:
-    """Yield where parts of `begin <= i < end` begin and end; pages of files are freed behind each."""
-    for first in range(begin, end, MAX_FRONTS):
-        yield first, min(first + MAX_FRONTS, end)
-        drop_pages()
-
-
 @njit(cache=True)
-def forward_substitute(fronts: Fronts, C: Floats, first: int, end: int) -> None:
-    """Solve R^T Y = C in place, C (N, n), for fronts `first <= i < end`, children before parents."""
-    for i in range(end - 1, first - 1, -1):
+def forward_substitute(fronts: Fronts, C: Floats) -> None:
+    """Solve R^T Y = C in place, C (N, n), children before parents."""
+    for i in range(len(fronts.size) - 1, -1, -1):
         d, columns, A = get_front(fronts, i)
         for k in range(d):
             for n in range(C.shape[1]):
@@ -85,9 +74,9 @@ def forward_substitute(fronts: Fronts, C: Floats, first: int, end: int) -> None:
 
 
 @njit(cache=True)
-def back_substitute(fronts: Fronts, Y: Floats, first: int, end: int) -> None:
-    """Solve R X = Y in place, Y (N, n), for fronts `first <= i < end`, parents before children."""
-    for i in range(first, end):
+def back_substitute(fronts: Fronts, Y: Floats) -> None:
+    """Solve R X = Y in place, Y (N, n), parents before children."""
+    for i in range(len(fronts.size)):
         d, columns, A = get_front(fronts, i)
         for k in range(d - 1, -1, -1):
             for n in range(Y.shape[1]):
@@ -98,9 +87,10 @@ def back_substitute(fronts: Fronts, Y: Floats, first: int, end: int) -> None:
 
 
 @njit(cache=True)
-def add_log_diagonal(fronts: Fronts, total: float, first: int, end: int) -> float:
-    """Add log|R| of the fronts `first <= i < end` to a total."""
-    for i in range(first, end):
+def sum_log_diagonal(fronts: Fronts) -> float:
+    """Return log|R|."""
+    total = 0.0
+    for i in range(len(fronts.size)):
         d, _, A = get_front(fronts, i)
         for k in range(d):
             total += np.log(abs(A[k, k]))
@@ -322,19 +312,10 @@ def eliminate_factors(
     other variables; and whether R has full rank.
     """
     plan, fronts, left = plan_elimination(factors, size, begin, end)
-    fronts, left = (
-        fronts._replace(rows=empty_column(int(fronts.at[-1]))),
-        left._replace(values=empty_column(int(left.at[-1]))),
-    )
-    left.values[:] = 0.0
-    drop_pages()
-    right = np.zeros(int(plan.columns[-1]))
+    fronts = fronts._replace(rows=np.empty(int(fronts.at[-1])))
+    left, right = left._replace(values=np.zeros(int(left.at[-1]))), np.zeros(int(plan.columns[-1]))
     work, kept = _prepare(factors, fronts, len(right), plan.slots)
-    error, determined = 0.0, True
-    for first, stop in list_parts(begin, end):
-        error, determined = _fill_fronts(factors, plan, fronts, left, work, kept, right, error, first, stop)
-        if not determined:
-            break
+    error, determined = _fill_fronts(factors, plan, fronts, left, work, kept, right)
     return fronts, right, error, left, determined
 
 
@@ -347,13 +328,11 @@ def _fill_fronts(
     work: Work,
     kept: Floats,
     right: Floats,
-    error: float,
-    first: int,
-    stop: int,
 ) -> tuple[float, bool]:
-    """Eliminate `first <= v < stop` into `fronts`, `left`, `right`; return twice the error so far, full rank."""
+    """Eliminate the planned variables into `fronts`, `left`, `right`; return twice the error, and full rank."""
     queue, slot, begin, end = plan.queue, plan.slot, plan.begin, plan.end
-    for v in range(first, stop):
+    error = 0.0
+    for v in range(begin, end):
         # Clear the triangle, and note the place of each column in it.
         i = end - 1 - v
         d, column = fronts.size[i], fronts.begins[i]

@@ -24,21 +24,21 @@ tied are eliminated last, the newest of them first: what lies between is a chain
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from time import perf_counter
 
 import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import X
 
-from fg_nav.arrays import Complexes, Floats, Ints
+from fg_nav.arrays import Bools, Complexes, Floats, Ints
 from fg_nav.errors import EstimationError
-from fg_nav.factors.residual import LETTER_SHIFT, Keys, Stack
+from fg_nav.factors.residual import LETTER_SHIFT, Keys, Stack, one_of
 from fg_nav.factors.same_place import BesideEachOther, WithinReach, weigh_place
 from fg_nav.feet.person import FeetSolution, PersonPath, trace_person
 from fg_nav.feet.steps import MAX_S, MIN_TURNS, Footfalls, average_cells, measure_turns
 from fg_nav.samples.gaps import find_holes, list_unrecorded
-from fg_nav.smoother.batch import WalkInput, compile_smoother, fit_walk, prepare_solution
+from fg_nav.smoother.batch import WalkInput, compile_smoother, fit_walk, list_table_keys, to_solution
 from fg_nav.smoother.gauss_newton import Minimum, find_minimum
 from fg_nav.smoother.graph import StartPrior, WalkProblem, turn_walk
 from fg_nav.smoother.places import find_footfalls
@@ -48,7 +48,6 @@ from fg_nav.smoother.solver import (
     WalkSystem,
     list_attitudes,
     list_poses,
-    list_table_keys,
     pose_in_nav,
     split_tied,
 )
@@ -91,76 +90,65 @@ def mark_right(keys: Keys) -> Keys:
 
 
 @dataclass(frozen=True)
+class NodePairs:
+    """Residuals (P, r) of pairs of nodes `right` and `left` (P,), one of each foot; of ties with the width besides."""
+
+    right: Ints
+    left: Ints
+    residuals: BesideEachOther | WithinReach
+
+    def __len__(self) -> int:
+        return len(self.right)
+
+    def take(self, those: Bools) -> NodePairs:
+        """Return some of them."""
+        return NodePairs(self.right[those], self.left[those], one_of(self.residuals, those))
+
+    @property
+    def _has_width(self) -> bool:
+        return isinstance(self.residuals, BesideEachOther)
+
+    def evaluate(self, values: FeetValues, with_jacobians: bool) -> tuple[Floats, list[Floats]]:
+        """Return residuals (P, r) and Jacobians."""
+        variables = [list_poses(self.right, values.right), list_poses(self.left, values.left)]
+        if self._has_width:
+            variables.append(np.full((len(self), 1), values.width))
+        return self.residuals.evaluate(variables, with_jacobians)
+
+    def stack(self, values: FeetValues) -> list[Stack]:
+        """Return them linearized at these values."""
+        if not len(self):
+            return []
+        keys, (e, H) = _pair_keys(self.right, self.left), self.evaluate(values, True)
+        if self._has_width:
+            keys = np.column_stack([keys, np.full(len(self), WIDTH)])
+        return [Stack(keys, np.concatenate([*H, -e[..., None]], axis=2))]
+
+    def error(self, values: FeetValues) -> float:
+        """Half the sum of squares of the residuals over their sigmas."""
+        return 0.5 * float((self.evaluate(values, False)[0] ** 2).sum()) if len(self) else 0.0
+
+
+@dataclass(frozen=True)
 class FootfallTies:
-    """C pairs of footfalls `right`, `left` (C,) at nodes (C,), and the residuals.
+    """C pairs of footfalls `right`, `left` (C,), tied at their nodes.
 
     The first `cells` of them stand for cells of steps, the others are tied by nothing.
     """
 
     right: Ints
     left: Ints
-    right_node: Ints
-    left_node: Ints
-    residuals: BesideEachOther
+    pairs: NodePairs
     cells: int
 
     def __len__(self) -> int:
         return len(self.right)
 
-    def evaluate(self, values: FeetValues, with_jacobians: bool) -> tuple[Floats, list[Floats]]:
-        """Return residuals (C, 3) and Jacobians."""
-        poses = list_poses(self.right_node, values.right), list_poses(self.left_node, values.left)
-        return self.residuals.evaluate((*poses, np.full((len(self), 1), values.width)), with_jacobians)
 
-    def stack(self, values: FeetValues) -> list[Stack]:
-        """Return the ties linearized (at `values`), and the prior of the width between the feet."""
-        prior = np.array([[[1.0, WIDTH_M - values.width]]]) / WIDTH_SIGMA_M
-        stacks = [Stack(np.array([[WIDTH]]), prior)]
-        if len(self):
-            e, H = self.evaluate(values, True)
-            of_right, of_left = mark_right(list_pose_keys(self.right_node)), list_pose_keys(self.left_node)
-            keys = np.stack([of_right, of_left, np.full(len(self), WIDTH)], axis=1)
-            stacks.append(Stack(keys, np.concatenate([*H, -e[..., None]], axis=2)))
-        return stacks
-
-    def error(self, values: FeetValues) -> float:
-        """Half the sum of squares, with the prior of the width."""
-        of_cells = float((self.evaluate(values, False)[0] ** 2).sum()) if len(self) else 0.0
-        return 0.5 * (of_cells + ((values.width - WIDTH_M) / WIDTH_SIGMA_M) ** 2)
-
-
-@dataclass(frozen=True)
-class ReachFactors:
-    """Pairs of nodes `right`, `left` (P,) at which feet stand at about one time, `reach` (P,) m apart at most."""
-
-    right: Ints = field(default_factory=lambda: np.zeros(0, np.int64))
-    left: Ints = field(default_factory=lambda: np.zeros(0, np.int64))
-    reach: Floats = field(default_factory=lambda: np.zeros(0))
-
-    def __len__(self) -> int:
-        return len(self.right)
-
-    def evaluate(self, values: FeetValues, with_jacobians: bool) -> tuple[Floats, list[Floats]]:
-        """Return residuals (P, 1) and Jacobians."""
-        poses = list_poses(self.right, values.right), list_poses(self.left, values.left)
-        return WithinReach(self.reach, np.full(len(self), REACH_SIGMA_M)).evaluate(poses, with_jacobians)
-
-    def stack(self, values: FeetValues) -> list[Stack]:
-        """Return them linearized."""
-        if not len(self):
-            return []
-        e, H = self.evaluate(values, True)
-        keys = np.stack([mark_right(list_pose_keys(self.right)), list_pose_keys(self.left)], axis=1)
-        return [Stack(keys, np.concatenate([*H, -e[..., None]], axis=2))]
-
-    def error(self, values: FeetValues) -> float:
-        """Return half the sum of squared whitened residuals."""
-        return 0.5 * float((self.evaluate(values, False)[0] ** 2).sum()) if len(self) else 0.0
-
-
-def list_pose_keys(nodes: Ints) -> Keys:
-    """List the keys (n,) of poses at nodes (n,)."""
-    return np.array([X(int(j)) for j in nodes], dtype=np.uint64)
+def _pair_keys(right: Ints, left: Ints) -> Keys:
+    """Keys (n, 2) of poses of the right foot at nodes `right` (n,), and of the left one at nodes `left` (n,)."""
+    keys = np.array([[X(int(j)), X(int(k))] for j, k in zip(right, left, strict=True)], dtype=np.uint64)
+    return keys.reshape(-1, 2) + np.array([RIGHT, 0], dtype=np.uint64)
 
 
 def list_footfalls(problem: WalkProblem, values: gtsam.Values) -> Footfalls:
@@ -210,8 +198,7 @@ def tie_feet(right: WalkProblem, left: WalkProblem, values: FeetValues) -> Footf
         np.concatenate([one, np.zeros((len(of_right) - len(one), *one.shape[1:]))])
         for one in (*in_body, in_left, weight)
     ]
-    residuals = BesideEachOther(*rows)
-    return FootfallTies(of_right, of_left, *node, residuals, len(cells))
+    return FootfallTies(of_right, of_left, NodePairs(*node, BesideEachOther(*rows)), len(cells))
 
 
 def _find_stands(right: WalkProblem, left: WalkProblem, feet: tuple[Footfalls, Footfalls]) -> tuple[Ints, Ints, Floats]:
@@ -250,9 +237,8 @@ def _watch_between(feet: tuple[Footfalls, Footfalls], *by_tie: Ints) -> list[Int
     return list(pairs[is_new[0] & is_new[1] & (apart_s < MAX_S)].T)
 
 
-def find_beyond_reach(right: WalkProblem, left: WalkProblem, values: FeetValues, known: ReachFactors) -> ReachFactors:
-    """Return `known` with further pairs of near-simultaneous footfalls that violate the reach of a step."""
-    # The pairs of footfalls between which both feet were in the air for a moment, or for none.
+def pair_standing_feet(right: WalkProblem, left: WalkProblem) -> NodePairs:
+    """Return the pairs of footfalls between which both feet were in the air for a moment, or for none: within reach."""
     (begin, end), (begin_left, end_left) = (_list_spans(problem) for problem in (right, left))
     first = np.searchsorted(end_left, begin - MAX_FLIGHT_S)
     count = np.maximum(np.searchsorted(begin_left, end + MAX_FLIGHT_S) - first, 0)
@@ -260,13 +246,8 @@ def find_beyond_reach(right: WalkProblem, left: WalkProblem, values: FeetValues,
     at_left = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count) + np.repeat(first, count)
     flight = np.maximum(begin[at] - end_left[at_left], begin_left[at_left] - end[at])
     reach = REACH_M + FLIGHT_M_S * np.maximum(flight, 0.0)
-    pairs = ReachFactors(right.nodes.result[at], left.nodes.result[at_left], reach)
-    # Those beyond reach, with the known ones, each once.
-    beyond = np.flatnonzero(pairs.evaluate(values, False)[0][:, 0] > 0.0) if len(pairs) else np.zeros(0, np.int64)
-    parts = ((known.right, pairs.right), (known.left, pairs.left), (known.reach, pairs.reach))
-    joined = [np.concatenate([before, new[beyond]]) for before, new in parts]
-    _, each = np.unique(np.stack(joined[:2], axis=1), axis=0, return_index=True)
-    return ReachFactors(*(one[each] for one in joined))
+    within = WithinReach(reach, np.full(len(reach), REACH_SIGMA_M))
+    return NodePairs(right.nodes.result[at], left.nodes.result[at_left], within)
 
 
 def _list_spans(problem: WalkProblem) -> tuple[Floats, Floats]:
@@ -277,22 +258,24 @@ def _list_spans(problem: WalkProblem) -> tuple[Floats, Floats]:
 
 @dataclass(frozen=True)
 class FeetSystem:
-    """The factors of both feet, and those between."""
+    """The factors of both feet, those between, and the prior of the width."""
 
     right: WalkSystem
     left: WalkSystem
-    ties: FootfallTies
-    reach: ReachFactors
+    between: tuple[NodePairs, NodePairs]
 
     def stack(self, values: FeetValues) -> list[Stack]:
         """Linearize all of them."""
         of_right = (Stack(mark_right(one.keys), one.rows) for one in self.right.stack(values.right))
-        return [*of_right, *self.left.stack(values.left), *self.ties.stack(values), *self.reach.stack(values)]
+        prior = Stack(np.array([[WIDTH]]), np.array([[[1.0, WIDTH_M - values.width]]]) / WIDTH_SIGMA_M)
+        pairs = (stack for one in self.between for stack in one.stack(values))
+        return [*of_right, *self.left.stack(values.left), prior, *pairs]
 
     def error(self, values: FeetValues) -> float:
         """Half the sum of squares of all residuals over their sigmas."""
         of_feet = self.right.error(values.right) + self.left.error(values.left)
-        return of_feet + self.ties.error(values) + self.reach.error(values)
+        of_width = 0.5 * ((values.width - WIDTH_M) / WIDTH_SIGMA_M) ** 2
+        return of_feet + of_width + sum(one.error(values) for one in self.between)
 
     def excess(self, values: FeetValues) -> float:
         """By how much the error is more than that of the linearized factors."""
@@ -318,13 +301,12 @@ class FeetProblem:
     left: WalkProblem
     values: FeetValues
     ties: FootfallTies
-    reach: ReachFactors
+    reach: NodePairs
 
     @property
     def system(self) -> FeetSystem:
         """What is minimized."""
-        right, left = (WalkSystem(one.graph, one.blocks) for one in (self.right, self.left))
-        return FeetSystem(right, left, self.ties, self.reach)
+        return FeetSystem(self.right.system, self.left.system, (self.ties.pairs, self.reach))
 
 
 @dataclass(frozen=True)
@@ -347,23 +329,26 @@ class SolvedFeet:
     def _foot(self, name: str, shift: int) -> Solved:
         m = self.minimum
         values, at = getattr(m.values, name), getattr(m.linearized_at, name)
-        return Solved(values, m.root.shift_keys(shift), m.steps, at, m.error, m.volume)
+        return Minimum(values, m.root.shift_keys(shift), m.steps, at, m.error, m.volume)
 
 
 def solve_feet(right: WalkProblem, left: WalkProblem) -> SolvedFeet:
     """Solve two feet, whose values are near the minima of each alone, as one walk."""
     # Both paths beside each other.
     right, values = align_feet(right, left)
-    problem = FeetProblem(right, left, values, tie_feet(right, left, values), ReachFactors())
+    standing = pair_standing_feet(right, left)
+    beyond = np.zeros(len(standing), dtype=np.bool_)
+    problem = FeetProblem(right, left, values, tie_feet(right, left, values), standing.take(beyond))
     # All factors of both, from a start that may be turned far from where the fields of both have it.
     solved = _solve(problem)
     for _ in range(REACH_ROUNDS):
-        reach = find_beyond_reach(right, left, solved.minimum.values, solved.problem.reach)
-        if len(reach) == len(solved.problem.reach):
+        known, apart = beyond, standing.evaluate(solved.minimum.values, False)[0][:, 0]
+        beyond = known | (apart > 0.0)
+        if beyond.sum() == known.sum():
             break
         # Where the ties and the reach of some feet contradict each other there is no minimum: the ties hold.
         try:
-            solved = _solve(replace(problem, values=solved.minimum.values, reach=reach))
+            solved = _solve(replace(problem, values=solved.minimum.values, reach=standing.take(beyond)))
         except EstimationError:
             break
     return solved
@@ -482,11 +467,10 @@ def smooth_feet(right: WalkInput, left: WalkInput, progress: Callable[[float], N
     shared = np.hstack([one.shared_sqrt_covariance() for one in fitted])
     joints = [FootfallCovariance.of(one.walk.solved, one.walk.problem.nodes, shared) for one in fitted]
     covariances, apart_cov = _take_covariances(solved, shared)
-    finishes = [
-        prepare_solution(one.walk, joint, of_table, foot.stances, began)
+    of_right, of_left = (
+        to_solution(one.walk, joint, of_table, foot.stances, began)
         for one, joint, of_table, foot in zip(fitted, joints, covariances, (right, left), strict=True)
-    ]
-    of_right, of_left = (finish() for finish in finishes)
+    )
     solution = FeetSolution(
         of_right,
         of_left,
@@ -504,18 +488,13 @@ def smooth_feet(right: WalkInput, left: WalkInput, progress: Callable[[float], N
 def trace_solved_person(solved: SolvedFeet, right: Solution, left: Solution) -> PersonPath:
     """Trace the person between two feet that were solved together."""
     ties, root = solved.problem.ties, solved.minimum.root
-    joint = root.joint_covariances(_list_tied_keys(ties))
+    joint = root.joint_covariances(_pair_keys(ties.pairs.right, ties.pairs.left))
     return trace_person(right, left, _list_tie_times(solved), _subtract_left(solved, joint))
 
 
 def _list_tie_times(solved: SolvedFeet) -> Floats:
     one = solved.problem.left
-    return np.asarray(one.recording.t[one.nodes.sample[solved.problem.ties.left_node]])
-
-
-def _list_tied_keys(ties: FootfallTies) -> Keys:
-    """Keys (C, 2) of the right and of the left pose of each tie."""
-    return np.stack([mark_right(list_pose_keys(ties.right_node)), list_pose_keys(ties.left_node)], axis=1)
+    return np.asarray(one.recording.t[one.nodes.sample[solved.problem.ties.pairs.left]])
 
 
 def _take_covariances(solved: SolvedFeet, shared: Floats) -> tuple[tuple[Floats, Floats], Floats]:
@@ -544,10 +523,10 @@ def _take_covariances(solved: SolvedFeet, shared: Floats) -> tuple[tuple[Floats,
 
 def _subtract_left(solved: SolvedFeet, joint: Floats) -> Floats:
     """Return the covariance (C, 4, 4) of right less left errors, from the joint one (C, 12, 12) of both poses."""
-    ties = solved.problem.ties
+    ties = solved.problem.ties.pairs
     of_right, of_left = (
         pose_in_nav(list_attitudes(node, one.values))
-        for node, one in ((ties.right_node, solved.right), (ties.left_node, solved.left))
+        for node, one in ((ties.right, solved.right), (ties.left, solved.left))
     )
     nav_T_both = np.concatenate([of_right, -of_left], axis=2)
     return np.asarray(nav_T_both @ joint @ np.swapaxes(nav_T_both, 1, 2))

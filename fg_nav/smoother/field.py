@@ -56,9 +56,7 @@ from fg_nav.smoother.graph import UNKNOWN_HEADING_DEG, StartPrior, WalkProblem, 
 from fg_nav.smoother.parameters import FieldParameters
 from fg_nav.smoother.potential import average_path_noise, describe_jumps, free_jumps
 from fg_nav.smoother.solver import Solved, list_attitudes
-from fg_nav.smoother.square_root import SquareRoot
 from fg_nav.smoother.strides import Nodes
-from fg_nav.system.spilled import return_freed
 
 COMPASS_SIGMA_UT = 0.3  # Noise of a footfall's mean field, white: what levelling and a soft sole leave.
 STRENGTH_SIGMA_UT = 5.0  # Horizontal strength of the field about the walk's median, uT.
@@ -105,15 +103,6 @@ class FieldResiduals:
 
 
 @dataclass(frozen=True)
-class FieldWalk:
-    """A walk before it is solved with its field, turned to it where no heading was given; the integrals along it."""
-
-    problem: WalkProblem
-    field: FootfallField
-    path: FieldPath
-
-
-@dataclass(frozen=True)
 class FieldSolution:
     """A walk solved with its field: the problem of the last round, its minimum, the states (F, 9), and the verdict."""
 
@@ -123,26 +112,28 @@ class FieldSolution:
     verdict: FieldVerdict
 
 
-def sample_field(problem: WalkProblem, field: FootfallField, track: Trajectory) -> FieldWalk:
-    """Return the walk with the field integrated along its path `track`, and an unknown heading set by the field."""
-    path = integrate_field(problem, field, track)
+def turn_to_field(problem: WalkProblem, field: FootfallField) -> WalkProblem:
+    """Return the walk with a heading that drifted far bent back, and an unknown heading set by the field."""
     nav_R_body = list_attitudes(problem.nodes.result, problem.values)
     values = remove_drift(problem.values, problem.nodes, rotate_field(field, nav_R_body), field.t)
     problem = replace(problem, values=values)
     if problem.heading_known:
-        return FieldWalk(problem, field, path)
+        return problem
     # Turned about up, so that its mean field points north; its start is free.
     values = gtsam.Values(values)
     mean = np.nanmean(rotate_field(field, list_attitudes(problem.nodes.result, values)), axis=0)
     turn_walk(values, problem.nodes, float(np.arctan2(*mean[:2])))
     start = StartPrior(values.atPose3(X(0)).rotation().matrix(), float(np.radians(UNKNOWN_HEADING_DEG)))
-    return FieldWalk(replace(problem, values=values, start=start), field, path)
+    return replace(problem, values=values, start=start)
 
 
-def solve_with_field(walk: FieldWalk) -> FieldSolution:
-    """Smooth a walk with its field, in rounds: compass sigmas, verdicts and roughness from the walk of the last."""
-    problem, field, path, noise_notes = walk.problem, walk.field, walk.path, tuple[str, ...]()
-    p = problem.parameters.magnetic
+def solve_with_field(problem: WalkProblem, field: FootfallField, track: Trajectory) -> FieldSolution:
+    """Smooth a walk with its field, in rounds: compass sigmas, verdicts and roughness from the walk of the last.
+
+    `track` is the trajectory of the problem's values, along which the field is integrated.
+    """
+    p, path, noise_notes = problem.parameters.magnetic, integrate_field(problem, field, track), tuple[str, ...]()
+    problem = turn_to_field(problem, field)
     # The first round, without the heading: it finds the direction in which the field is expected.
     residuals = compare_field(problem, field, problem.values, path, None, p)
     problem = add_field_factors(problem, field, residuals, path, p)
@@ -152,8 +143,8 @@ def solve_with_field(walk: FieldWalk) -> FieldSolution:
     close = CONVERGENCE if p.rounds == 1 else FIRST_CONVERGENCE
     problem, solved = free_jumps(problem, solve(problem, close), close)
     for _ in range(p.rounds - 1):
-        # Spread and weights of the compass by the smoothed walk, whose triangle is freed.
-        factors, solved = problem.field_factors, replace(solved, root=SquareRoot.of_nothing())
+        # Spread and weights of the compass by the smoothed walk.
+        factors = problem.field_factors
         residuals = compare_field(problem, field, solved.values, factors.path, factors.states(solved.values), p)
         problem = add_field_factors(problem, field, residuals, factors.path, p)
         # The noise of the line integrals by its evidence.
@@ -163,7 +154,6 @@ def solve_with_field(walk: FieldWalk) -> FieldSolution:
             problem, noise_notes = replace(problem, field=factors.assume_lost_share(noise.lost_share)), (noise.note,)
         # And solved again.
         problem = replace(problem, values=solved.values)
-        return_freed()
         problem, solved = free_jumps(problem, solve(problem))
     states, verdicts = problem.field_factors.states(solved.values), residuals.verdicts
     # Notes.

@@ -40,7 +40,7 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import M, X
 
-from fg_nav.arrays import MAD_TO_SIGMA, Bools, Floats, Ints
+from fg_nav.arrays import Bools, Floats, Ints, robust_sigma
 from fg_nav.factors.magnetic_field import (
     DELTA,
     E_H,
@@ -60,7 +60,6 @@ from fg_nav.samples.gaps import cross_holes
 from fg_nav.smoother.parameters import FieldParameters
 from fg_nav.smoother.preintegration import WALKING_M_S, walk_for
 from fg_nav.smoother.solver import GtsamFactors, LinearizableBlock
-from fg_nav.system.spilled import BLOCK_ROWS, drop_pages
 
 REGIONAL_LENGTH_M = 60.0  # For how long a region is alike: a corridor, a wing.
 CLIP_SIGMAS = 4.0  # At which deviations are clipped (winsorized): an outlier shall not set the scale.
@@ -118,11 +117,6 @@ def split_potential(potential: Roughness, lost_share: float, distance_m: Floats)
     variance = 2.0 * potential.sigma**2 * (1.0 - potential.correlation(distance_m))
     telescoping = max(1.0 - lost_share, MIN_TELESCOPING)
     return replace(potential, sigma=potential.sigma * np.sqrt(telescoping)), np.sqrt(lost_share * variance)
-
-
-def robust_sigma(values: Floats) -> float:
-    """Spread about zero without the tails."""
-    return MAD_TO_SIGMA * float(np.median(np.abs(values)))
 
 
 def deviate_along(nav_field: Floats, reference: Floats) -> Floats:
@@ -259,6 +253,11 @@ class FieldFactors:
         of_prior = GtsamFactors(factor_of(self.prior, state[:1]))
         self.blocks: tuple[LinearizableBlock, ...] = (self.heading, self.potential, of_prior, self.transition)
 
+    @property
+    def shows_heading(self) -> bool:
+        """Whether any footfall has a compass, or any stride a line integral."""
+        return len(self.heading) + len(self.strides) > 0
+
     def sigma_of(self, stride: Ints) -> Floats:
         """Sigma of the line integrals over some strides, uT m."""
         return np.hypot(self.path.sigma_uT_m[stride], self.drift_uT_m[stride])
@@ -315,22 +314,14 @@ def integrate_path(
     up_uT : vertical field of the walk.
     """
     row, unseen = np.flatnonzero(np.isfinite(mag[:, 0])), cross_holes(t, footfall)
-    drop_pages()
-    integral = integrate_field(t, nav_R_body, position, mag, t[footfall], up_uT, drop_pages)
+    integral = integrate_field(t, nav_R_body, position, mag, t[footfall], up_uT)
     # Stance's axes from the body's: z is the median up of the footfalls, x the body's x as far as it is level.
-    nav_R_begin, level = (
-        nav_R_body[footfall[:-1]],
-        level_attitude(np.median(nav_R_body[footfall][:, 2], axis=0), heading=np.pi / 2),
-    )
-    straight = np.diff(position[footfall], axis=0)
-    drop_pages()
+    level = level_attitude(np.median(nav_R_body[footfall][:, 2], axis=0), heading=np.pi / 2)
+    nav_R_begin, straight = nav_R_body[footfall[:-1]], np.diff(position[footfall], axis=0)
     # The longest move between samples of the field that a stride has a part in; endless before the first of them and
     # after the last.
     size = np.full(len(row) + 2, np.inf)  # one more, for `reduceat` to end
-    for start in range(0, len(row) - 1, BLOCK_ROWS):
-        moved = np.linalg.norm(np.diff(position[row[start : start + BLOCK_ROWS + 1]], axis=0), axis=1)
-        size[start + 1 : start + 1 + len(moved)] = moved
-        drop_pages()
+    size[1:-2] = np.linalg.norm(np.diff(position[row], axis=0), axis=1)
     first = np.searchsorted(row, footfall[:-1], side="right")
     stop = np.searchsorted(row, footfall[1:], side="left") + 1
     coarsest_m = np.maximum.reduceat(size, np.stack([first, stop], axis=1).ravel())[::2]

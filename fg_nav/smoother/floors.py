@@ -10,15 +10,11 @@ Between footfalls of one foot the first solution moves by d = (dx, dy) over grou
 
 c is what strides of the walk climb in excess whatever their direction, with a Student prior (`settling_sigma_m`), q the
 length of a stride over that of the usual one, r the riser of `RISERS_M` with the largest evidence, strides taken one by
-one. Where a gradient of `TILT_SIGMA` common to all strides would leave the height of a footfall unknown by more than
-`TILT_M`, no floor is level (`docs/models.md`). What the walk shows of c measures the excess S (`constraints`).
+one. With c and g on grids, and the ground passing into any other with probability `CHANGE`, by their shares, this is a
+hidden Markov model (Rabiner 1989), which `docs/models.md` describes, with the limit that a common gradient sets.
 
-The ground passes from stride to stride into any other with probability `CHANGE`, by their shares. With c and g on
-grids this is a hidden Markov model: a pass forth and a pass back (Rabiner 1989) yield the probability of each ground
-under each stride, summed over c. A stride is level at odds of `MAX_NATS`; level strides in a row are a stretch.
-
-A stretch is on a floor that was left earlier if the strides between climbed by h = 0 +- sigma, their noise and that of
-their c, against being on any other level within `LEVELS_WITHIN_M`, again by `MAX_NATS`:
+A stretch of level strides in a row is on a floor that was left earlier if the strides between climbed by h = 0 +-
+sigma, their noise and that of their c, against being on any other level within `LEVELS_WITHIN_M`, by `MAX_NATS`:
 
     log N(h; 0, sigma^2) + log(2 LEVELS_WITHIN_M) > MAX_NATS.
 

@@ -26,9 +26,8 @@ import numpy as np
 from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import EstimationError
 from fg_nav.factors.residual import LETTER_SHIFT, Keys, Stack
-from fg_nav.smoother.elimination import Factors, Fronts, add_log_diagonal, eliminate_factors, list_parts
+from fg_nav.smoother.elimination import Factors, Fronts, eliminate_factors, sum_log_diagonal
 from fg_nav.smoother.square_root import SquareRoot
-from fg_nav.system.spilled import drop_pages, empty_column, join_rows
 
 DIMENSION = dict(zip(map(ord, "xvbsmzwap"), (6, 3, 6, 1, 9, 1, 1, 1, 2), strict=True))
 """Of the tangent space of pose, velocity, bias, settling, state of the field, floor, width between two feet, direction
@@ -68,10 +67,7 @@ def stack_factors(factors: Iterable[gtsam.GaussianFactor]) -> list[Stack]:
 
 def _stack(keys: Sequence[int], rows: Sequence[Floats]) -> Stack:
     """Stack linear factors alike, with their keys one behind the other."""
-    stacked = empty_column(len(rows), *rows[0].shape)
-    np.stack(rows, out=stacked)
-    drop_pages()
-    return Stack(np.array(keys, dtype=np.uint64).reshape(len(rows), -1), stacked)
+    return Stack(np.array(keys, dtype=np.uint64).reshape(len(rows), -1), np.stack(rows))
 
 
 def find_sizes(keys: Keys) -> Ints:
@@ -122,9 +118,13 @@ class LinearWalk:
         """Eliminate the variables before place `end`."""
         return self._eliminate(end)[2]
 
-    def eliminate_all(self) -> LinearWalk:
-        """Eliminate all variables, for the error and the volume."""
-        return self.eliminate_before(len(self.keys))
+    def minus_log_evidence(self, log_noise: float) -> float:
+        """Return -log p(z | assumed) up to a constant, `log_noise` that of the noises that the assumption changes.
+
+        E + log|R| + 1/2 sum_i log|S_i| of `sensitivity`, all variables eliminated.
+        """
+        left = self.eliminate_before(len(self.keys))
+        return float(left.error + left.volume + log_noise)
 
     @cached_property
     def _size(self) -> Ints:
@@ -146,15 +146,13 @@ class LinearWalk:
             np.concatenate([part.member for part in parts]),
             np.concatenate([part.rows for part in parts]),
             _chain_places([part.at for part in parts]),
-            join_rows([part.values for part in parts]),
+            np.concatenate([part.values for part in parts]),
         )
         fronts, right, error, left, determined = eliminate_factors(factors, self._size, self.begin, end)
         if not determined:
             raise EstimationError(NO_SOLUTION)
-        volume = 0.0
-        for first, stop in list_parts(0, len(fronts.size)):
-            volume = add_log_diagonal(fronts, volume, first, stop)
-        left_over = LinearWalk(self.keys, (left, *later), end, self.error + 0.5 * error, self.volume + volume)
+        volume = self.volume + sum_log_diagonal(fronts)
+        left_over = LinearWalk(self.keys, (left, *later), end, self.error + 0.5 * error, volume)
         return fronts, right, left_over
 
 
@@ -189,7 +187,7 @@ class Minimum(Generic[V]):
     """Values at the minimum of a system, the triangle of the last linearization, and the number of linearizations.
 
     `linearized_at` are the values of that linearization, one step before the minimum, where the error is `error`;
-    `volume` is log|R|. `stacks` are its factors, until they are freed.
+    `volume` is log|R|, `stacks` are the linear factors.
     """
 
     values: V

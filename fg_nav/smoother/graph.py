@@ -30,16 +30,17 @@ from fg_nav.factors.residual import LETTER_SHIFT, Keys, ResidualBlock, read_vari
 from fg_nav.frames import yaw_rotation
 from fg_nav.mechanisation import TILT_TIME_S, NavState, nudge_tilt, strapdown
 from fg_nav.recording import Recording
-from fg_nav.smoother.gauss_newton import CONVERGENCE
+from fg_nav.smoother.field_factors import FieldFactors
+from fg_nav.smoother.gauss_newton import CONVERGENCE, find_minimum
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.preintegration import find_unseen_walks, preintegrate
 from fg_nav.smoother.solver import (
     GtsamFactors,
     LinearizableBlock,
     Solved,
+    WalkSystem,
     list_in_time,
     list_poses,
-    minimize,
     split_tied,
 )
 from fg_nav.smoother.strides import (
@@ -54,13 +55,11 @@ from fg_nav.smoother.strides import (
 )
 from fg_nav.stances import Stances
 from fg_nav.system.compiled import njit
-from fg_nav.system.spilled import drop_pages
 
 if TYPE_CHECKING:
     from fg_nav.smoother.barometer import BarometerFactors
     from fg_nav.smoother.differential import DifferentialFactors
     from fg_nav.smoother.directions import DirectionFactors
-    from fg_nav.smoother.field_factors import FieldFactors
     from fg_nav.smoother.places import PlaceFactors
 
 GAUGE_SIGMA = 1e-4  # Position (m) and heading (rad) at the start are known by definition.
@@ -176,6 +175,11 @@ class WalkProblem:
         return (*blocks, *self.constraints)
 
     @property
+    def system(self) -> WalkSystem:
+        """Return all factors as the system that is minimized."""
+        return WalkSystem(self.graph, self.blocks)
+
+    @property
     def field_factors(self) -> FieldFactors:
         """Factors of the field, of a walk that is solved with it."""
         assert self.field is not None
@@ -201,14 +205,13 @@ class WalkProblem:
         return graph
 
 
-def solve(problem: WalkProblem, convergence: float = CONVERGENCE) -> Solved:
-    """Minimize the error of a walk, to this difference of promised and true error per variable."""
-    return replace(solve_and_keep(problem, convergence), stacks=())
+def solve(problem: WalkProblem, convergence: float = CONVERGENCE, with_stacks: bool = False) -> Solved:
+    """Minimize the error of a walk, to this difference of promised and true error per variable.
 
-
-def solve_and_keep(problem: WalkProblem, convergence: float) -> Solved:
-    """Minimize as `solve` does, and keep the factors of the last linearization, which are larger than all else."""
-    return minimize(problem.graph, problem.blocks, problem.values, order_variables(problem), convergence)
+    The linear factors, as large as the triangle, stay in it `with_stacks`.
+    """
+    found = find_minimum(problem.system, problem.values, order_variables(problem), convergence)
+    return found if with_stacks else replace(found, stacks=())
 
 
 def order_variables(problem: WalkProblem) -> Keys:
@@ -241,7 +244,6 @@ def build_problem(
     add_start(graph, known.gyro_bias_mean, known.gyro_bias_sigma, p)
     for stride in strides_of(recording, nodes, measurements, velocities, known.rests):
         add_stride(graph, stride, p)
-    drop_pages()
     return WalkProblem(
         recording,
         nodes,

@@ -5,14 +5,10 @@ q sqrt(t), one sigma. Gyroscopes differ in it a hundredfold.
 
 Only the noise S_i(q) of these changes depends on q, so one linearization serves for all, the last one of the solution
 with the q that is assumed. What lies between the nodes at which the bias changes is eliminated once, and what is left,
-a chain of the biases and these nodes, for each level. With all that does not depend on q left out,
-
-    -log p(z | q) = E(q) + log|R(q)| + 1/2 sum_i log|S_i(q)|                 (Laplace; MacKay 2003, section 27)
-
-E the error at the minimum of the linear graph, R the triangle of its square-root information. The walk has the mean of
-q^2 over `WALK_LEVELS_DEG_S`, weighted by evidence and `WALK_PRIOR`: the variance of the mixture, so no level has to
-win, and a walk too short to show one has that of the prior. The evidence is that of the inertial graph; with the
-magnetic field it is larger, and chooses the same.
+a chain of the biases and these nodes, for each level, by its evidence (`sensitivity`). The walk has the mean of q^2
+over `WALK_LEVELS_DEG_S`, weighted by evidence and `WALK_PRIOR`: the variance of the mixture, so no level has to win,
+and a walk too short to show one has that of the prior. The evidence is that of the inertial graph; with the magnetic
+field it is larger, and chooses the same.
 
 Prior. Between recordings the bias of a good sensor scatters by 0.02 to 0.1 deg/s, that of an uncalibrated part by
 several deg/s. So the prior of the first bias variable is a mixture,
@@ -52,7 +48,7 @@ from fg_nav.factors.residual import LETTER_SHIFT, Stack
 from fg_nav.smoother.gauss_newton import LinearWalk
 from fg_nav.smoother.graph import WalkProblem
 from fg_nav.smoother.sensitivity import average
-from fg_nav.smoother.solver import Solved, list_in_time
+from fg_nav.smoother.solver import Solved
 from fg_nav.smoother.strides import ACC_BIAS_SIGMA, MIN_WALK_DEG_S
 
 WALK_LEVELS_DEG_S = (6e-4, 2e-3, 6e-3, 2e-2)  # 0.04 to 1.2 deg/s an hour; less also holds scale errors, uneven field.
@@ -76,7 +72,7 @@ def average_bias_walk(problem: WalkProblem, stacks: Sequence[Stack]) -> WalkProb
     nodes = problem.nodes
     begins = np.flatnonzero(np.diff(nodes.bias[nodes.footfall])) + 1
     at_change = np.array([key(int(j)) for j in begins for key in (X, V)], dtype=np.uint64)
-    keys = list_in_time(nodes, with_air=problem.barometer is not None)
+    keys = problem.time_order
     between = np.isin(keys >> np.uint64(LETTER_SHIFT), list(map(ord, "xvp"))) & ~np.isin(keys, at_change)
     others = compress(stacks, np.logical_not(is_change))
     linear = LinearWalk.of(others, np.concatenate([keys[between], keys[~between]]))
@@ -110,8 +106,7 @@ def _minus_log_evidence(chain: LinearWalk, changes: Sequence[Stack], by: float) 
         rows[:, GYRO] /= by
         scaled.append(Stack(keys, rows))
         noise += 3 * len(keys) * np.log(by)
-    left = chain.join(scaled).eliminate_all()
-    return float(left.error + left.volume + noise)
+    return chain.join(scaled).minus_log_evidence(noise)
 
 
 def average_bias_prior(problem: WalkProblem, solved: Solved) -> WalkProblem | None:

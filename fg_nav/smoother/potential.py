@@ -51,7 +51,7 @@ from fg_nav.smoother.field_factors import MIN_STEP_M, FieldFactors
 from fg_nav.smoother.gauss_newton import CONVERGENCE, LinearWalk
 from fg_nav.smoother.graph import WalkProblem, solve
 from fg_nav.smoother.sensitivity import SharingFactors, average, shared_information
-from fg_nav.smoother.solver import Solved, WalkSystem, list_in_time, residuals_at_minimum
+from fg_nav.smoother.solver import Solved, residuals_at_minimum
 from fg_nav.stances import find_runs
 
 MIN_STATISTIC = 15.0  # T below which no row is tried: the largest of clean walks is 1 to 15, of a circuit of 100 A 200.
@@ -80,7 +80,7 @@ def free_jumps(problem: WalkProblem, solved: Solved, convergence: float = CONVER
         if predict_change(problem, solved, stride) >= MIN_FALL:
             continue
         restored = _solve_with(problem, solved, stride, False, convergence)
-        if _fall(restored, (problem, solved)) < MIN_FALL:
+        if 2.0 * (restored[1].error - solved.error) < MIN_FALL:
             problem, solved = restored
     for _ in range(MAX_JUMPS):
         # The row without which the error falls most.
@@ -98,7 +98,7 @@ def free_jumps(problem: WalkProblem, solved: Solved, convergence: float = CONVER
             freed = _solve_with(problem, solved, near, True, convergence)
         except EstimationError:
             break
-        if _fall((problem, solved), freed) < MIN_FALL or abs(_size(*freed, near)) < MIN_JUMP_UT_M:
+        if 2.0 * (solved.error - freed[1].error) < MIN_FALL or abs(_size(*freed, near)) < MIN_JUMP_UT_M:
             break
         problem, solved = freed
     return problem, solved
@@ -115,12 +115,6 @@ def _solve_with(
     """Solve again with the potential free to jump at these strides, or not."""
     changed = replace(problem, field=problem.field_factors.mark_jumps(stride, jumps), values=solved.values)
     return changed, solve(changed, convergence)
-
-
-def _fall(before: tuple[WalkProblem, Solved], after: tuple[WalkProblem, Solved]) -> float:
-    """Return the fall of twice the error from solution `before` to `after`."""
-    errors = [WalkSystem(problem.graph, problem.blocks).error(solved.values) for problem, solved in (before, after)]
-    return 2.0 * (errors[0] - errors[1])
 
 
 def compute_jump_statistic(block: ResidualBlock, solved: Solved) -> Floats:
@@ -215,20 +209,17 @@ def average_path_noise(problem: WalkProblem, values: gtsam.Values) -> PathNoise:
 
 def _eliminate_between(problem: WalkProblem, values: gtsam.Values) -> LinearWalk:
     """Return the linearized walk without its field, nodes between footfalls marginalized."""
-    blocks = replace(problem, field=None).blocks
     between = np.delete(np.arange(len(problem.nodes)), problem.nodes.result)
     nodes = np.array([key(int(j)) for j in between for key in (X, V)], dtype=np.uint64)
-    with_air = problem.barometer is not None
-    order = list_in_time(problem.nodes, with_field=True, floor=problem.floor, with_air=with_air)
+    order = problem.time_order
     first = np.isin(order, nodes)
-    walk = LinearWalk.of(WalkSystem(problem.graph, blocks).stack(values), np.concatenate([order[first], order[~first]]))
+    stacks = replace(problem, field=None).system.stack(values)
+    walk = LinearWalk.of(stacks, np.concatenate([order[first], order[~first]]))
     return walk.eliminate_before(len(nodes))
 
 
 def _minus_log_evidence(rest: LinearWalk, field: FieldFactors, values: gtsam.Values) -> float:
     """Of a field, up to a constant."""
-    left = rest.join(stack for block in field.blocks for stack in block.stack(values)).eliminate_all()
-    noise = (
-        np.log(field.integral_sigma).sum() + np.log(field.change_sigma[:, PHI]).sum() + np.log(field.prior.sigma[PHI])
-    )
-    return float(left.error + left.volume + noise)
+    sigmas = (field.integral_sigma, field.change_sigma[:, PHI], field.prior.sigma[PHI])
+    walk = rest.join(stack for block in field.blocks for stack in block.stack(values))
+    return walk.minus_log_evidence(float(sum(np.log(one).sum() for one in sigmas)))

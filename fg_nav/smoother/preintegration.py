@@ -1,13 +1,8 @@
 """From the samples between two nodes to one measurement: of the inertial sensor, or of a person who was not seen.
 
-Preintegration is Galilean: each sample is held over its own period, and a constant body rate and specific force are
-integrated exactly; the default preintegration of GTSAM is first order in the period, and its error on a swinging foot
-looks like a yaw bias. The noise of an interval is the mean over its samples of
-
-    s_a^2 = density^2 + (relative (|f| - g))^2,     s_w^2 = density^2 + (relative |w|)^2,
-
-and samples of extra sigma (`fg_nav.sample_noise`) have it at their own time. A gap is integrated in steps of the sample
-period: within a step, what turns does not yet move.
+Preintegration is Galilean, each sample held over its own period, with the noise of a moving foot as the mean over an
+interval (`docs/models.md`); samples of extra sigma (`fg_nav.sample_noise`) have it at their own time. A gap is
+integrated in steps of the sample period: within a step, what turns does not yet move.
 
 Compounding, for speed. A block of samples turns the body by R and moves it by v (m/s) and p (m) in T seconds, exactly
 (`mechanisation`, without gravity). The two samples that stand for it hold one rate w for all of T, and a specific force
@@ -64,7 +59,6 @@ from fg_nav.sample_noise import find_extra_sigmas
 from fg_nav.samples.gaps import cross_holes, find_holes
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.system.compiled import njit
-from fg_nav.system.spilled import drop_pages
 
 POSITION_DENSITY = 1e-3  # White error of velocity, m/s/sqrt(Hz): rounding; keeps short intervals well conditioned.
 MAX_TURN_RAD = 0.3  # Of the body in a block of samples, along its way.
@@ -99,9 +93,7 @@ def preintegrate(
     is_uncertain = np.diff(np.append(0, np.cumsum(acc_extra.any(axis=1) | gyr_extra.any(axis=1)))[sample]) > 0
     # Walks that were not seen, and the samples compounded.
     unseen, vector = find_unseen_walks(recording, sample, p.magnetic.compass), bias.vector()
-    drop_pages()
     few = compound_samples(force, rate, h, sample, vector[:3], vector[3:])
-    drop_pages()
     held, begins = few.h.tolist(), few.first.tolist()
     params = gtsam.PreintegrationParams.MakeSharedU(p.gravity)
     params.setIntegrationCovariance(np.eye(3) * POSITION_DENSITY**2)

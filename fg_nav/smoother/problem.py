@@ -16,14 +16,10 @@ walk adds `strides.stride_graph`. The evidence builds and solves, on pieces of t
 
 `gyr_relative_density` k (1/sqrt(Hz)) makes the rate noise of a swinging foot: s_w^2 = density^2 + (k |w|)^2. It stands
 for scale, misalignment, coning between samples, a mount that gives, a range that is too small; it differs tenfold from
-sensor to sensor and from gait to gait. The evidence of a few dozen strides shows it. With a graph that is linear about
-its minimum, and all that does not depend on k left out,
-
-    -log p(z | k) = E + log|R| + 1/2 sum_i log|S_i(k)|                 (Laplace; MacKay 2003, section 27)
-
-E the error at the minimum, R the triangle of its square-root information, S_i the noise covariance of inertial factor
-i. It is linearized at the minimum with the largest k. The walk has the mean of k^2 over `LEVELS`, weighted by evidence.
-What all strides share the evidence takes for signal; so no level is below `LEVELS[-1]` (`docs/models.md`).
+sensor to sensor and from gait to gait. The evidence of a few dozen strides shows it (`sensitivity`), S_i(k) the noise
+covariance of inertial factor i, linearized at the minimum with the largest k. The walk has the mean of k^2 over
+`LEVELS`, weighted by evidence. What all strides share the evidence takes for signal; so no level is below `LEVELS[-1]`
+(`docs/models.md`).
 
 Peaks of the rate that were clipped are rebuilt from their flanks (`fg_nav.samples.saturation`). What that is off by is
 common to a gait, a sensor and its low-pass: one factor a walk on all, with the prior 1 +- `OFF_SHARE`, is chosen among
@@ -47,9 +43,7 @@ T_k is by how much twice the error falls at the minimum where d_k is free (a del
 three degrees of freedom where the stance is one. It costs one pass down the triangle (`square_root`), each footfall a
 group with G = J^T H.
 
-A stance is refused where T is above `MIN_STATISTIC` (of a mid-swing `MIN_OF_SWING`) and the largest within `NEIGHBORS`
-footfalls, for a wrong tie spoils those next to it, and |d_k| is more than a foot rolls with. Its ties are not dropped:
-their sigma grows to |d_k|. Then the walk is solved again, until none is refused.
+What is refused by T, and that the sigmas of its ties grow to |d_k|: `docs/models.md`.
 """
 
 from __future__ import annotations
@@ -72,17 +66,16 @@ from fg_nav.factors.zero_velocity import StanceVelocity
 from fg_nav.recording import Recording
 from fg_nav.samples.saturation import OFF_SHARE
 from fg_nav.smoother.barometer import add_barometer
-from fg_nav.smoother.gauss_newton import FIRST_CONVERGENCE, LinearWalk
-from fg_nav.smoother.graph import Known, WalkProblem, build_problem, solve_and_keep
+from fg_nav.smoother.gauss_newton import FIRST_CONVERGENCE, LinearWalk, find_minimum
+from fg_nav.smoother.graph import Known, WalkProblem, build_problem, solve
 from fg_nav.smoother.gyro_bias import average_bias_walk
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.preintegration import preintegrate
 from fg_nav.smoother.sensitivity import average
-from fg_nav.smoother.solver import Solved, list_in_time, minimize, residuals_at_minimum
+from fg_nav.smoother.solver import Solved, residuals_at_minimum
 from fg_nav.smoother.square_root import Groups, SquareRoot
 from fg_nav.smoother.strides import INERTIAL_KEYS, Nodes
 from fg_nav.stances import Stances
-from fg_nav.system.spilled import return_freed
 from fg_nav.text import format_count
 
 MIN_STATISTIC = 40.0  # T of stances: median 0.1 to 2, beside a shock 15 to 35, of a foot at 0.35 m/s 52.
@@ -133,7 +126,7 @@ def weaken_refused_stances(problem: WalkProblem, solved: Solved) -> tuple[WalkPr
         assert isinstance(ties, StanceVelocity)
         ties = replace(ties, sigma=np.hypot(ties.sigma, off[:, None]))
         problem = replace(problem, velocities=ResidualBlock(ties, problem.velocities.keys))
-        solved = solve_and_keep(problem, FIRST_CONVERGENCE)
+        solved = solve(problem, FIRST_CONVERGENCE, with_stacks=True)
         problem = replace(problem, values=solved.values)
     if refused.any():
         first = problem.recording.t[problem.nodes.sample[problem.nodes.result[refused]]][0]
@@ -281,16 +274,15 @@ class _Piece:
         high = preintegrate(recording, self._problem.nodes.sample, bias, with_some)
         self._at_zero = np.array([f.preintegratedMeasurements().preintMeasCov() for _, f in self._inertial])
         seen = (measured for measured in high if isinstance(measured, gtsam.PreintegratedImuMeasurementsG))
-        self._keys = list_in_time(self._problem.nodes)
         self._by_square = np.array([measured.preintMeasCov() for measured in seen]) - self._at_zero
 
     def measure_evidence(self, levels: Sequence[float]) -> list[float]:
         """Return -log evidence of each swing noise level, up to a constant, linearized at the minimum of the first."""
-        graph, blocks = self._problem.graph, self._problem.blocks
+        graph, keys = self._problem.graph, self._problem.time_order
         noise = map(gtsam.noiseModel.Gaussian.Covariance, self.covariances(levels[0]))
         for (i, factor), one in zip(self._inertial, noise, strict=True):
             graph.replace(i, factor.cloneWithNewNoiseModel(one))
-        solved = minimize(graph, blocks, self._problem.values, self._keys)
+        solved = find_minimum(self._problem.system, self._problem.values, keys)
         self._problem = replace(self._problem, values=solved.linearized_at)
         # Undo the whitening of the inertial factors once; each level whitens them anew.
         inertial = next(one for one in solved.stacks if one.keys.shape[1] == INERTIAL_KEYS)
@@ -302,8 +294,8 @@ class _Piece:
         for level in levels:
             root = np.linalg.cholesky(self.covariances(level))
             whitened = Stack(unit.keys, np.linalg.solve(root, unit.rows))
-            left = LinearWalk.of([whitened, *others], self._keys).eliminate_all()
-            evidence.append(float(left.error + left.volume + np.log(np.diagonal(root, axis1=1, axis2=2)).sum()))
+            log_noise = float(np.log(np.diagonal(root, axis1=1, axis2=2)).sum())
+            evidence.append(LinearWalk.of([whitened, *others], keys).minus_log_evidence(log_noise))
         return evidence
 
     def covariances(self, level: float) -> Floats:
@@ -340,17 +332,13 @@ def walk_problem(
     # Nodes, factors and initial values.
     problem = build_problem(recording, stances, start.nav_R_body, known, p, heading is not None, progress)
     problem = add_barometer(problem, stances)
-    recording.release()
     # First solution, and ties that the walk refuses.
-    solved = solve_and_keep(problem, FIRST_CONVERGENCE)
+    solved = solve(problem, FIRST_CONVERGENCE, with_stacks=True)
     problem = replace(problem, values=solved.values)
     if p.refuse_stances:
         problem, solved = weaken_refused_stances(problem, solved)
     # Random walk of the bias.
-    stacks = solved.stacks
-    del solved  # the triangle is larger than all else
-    return_freed()
-    return average_bias_walk(problem, stacks) if p.choose_bias_walk else problem
+    return average_bias_walk(problem, solved.stacks) if p.choose_bias_walk else problem
 
 
 def estimate_swing_noise(recording: Recording, stances: Stances, p: SmootherParameters) -> float:

@@ -21,7 +21,7 @@ and with eta the product of L with the estimate
 
 Footfalls. The errors of two footfalls are nearly the same error: heading and scale belong to the walk. So what is said
 of several footfalls together, as the length of the path, needs their joint covariance, which the marginal ones
-(`solver.stance_table`) do not hold. With e_k (4,) the error of footfall k, east, north, up (m) and yaw about up (rad),
+(`batch.stance_table`) do not hold. With e_k (4,) the error of footfall k, east, north, up (m) and yaw about up (rad),
 T_k the map of the tangent space of pose k to e_k, n combinations c and g_k = T_k^T w_k,
 
     c = sum_k w_k^T e_k,    w_k (4, n),
@@ -44,20 +44,18 @@ from typing import NamedTuple
 import numpy as np
 from gtsam.symbol_shorthand import X
 
-from fg_nav.arrays import Floats
+from fg_nav.arrays import Floats, weigh_models
 from fg_nav.factors.residual import Keys
 from fg_nav.smoother.solver import Solved, list_attitudes, pose_in_nav, residuals_at_minimum
 from fg_nav.smoother.square_root import SquareRoot
 from fg_nav.smoother.strides import Nodes
-from fg_nav.system.spilled import drop_pages
 
 MAX_NATS = 3.0  # Twenty to one: what counts as strong evidence (Kass and Raftery 1995).
 
 
 def average(values: Floats, minus_log_evidence: Floats, prior: Floats | None = None) -> Floats:
     """Mean of values (L, ...) of L models, weighted by their evidence (L,) and, if given, by prior weights (L,)."""
-    weight = np.exp(minus_log_evidence.min() - minus_log_evidence) * (1.0 if prior is None else prior)
-    return np.asarray(np.tensordot(weight / weight.sum(), values, axes=1))
+    return np.asarray(np.tensordot(weigh_models(-minus_log_evidence, prior), values, axes=1))
 
 
 def fit_shared(information: Floats, pull: Floats, prior: Floats) -> tuple[Floats, Floats, float]:
@@ -109,7 +107,7 @@ def shared_information(
 ) -> tuple[SharedColumns, Floats, Floats]:
     """Return the columns of n shared numbers, and their information L and information vector eta, walk marginalized.
 
-    L (n, n) = C^T C - Y^T Y (Schur complement), eta (n,) = C^T residual. `parts`: linear factors, freed one by one.
+    L (n, n) = C^T C - Y^T Y (Schur complement), eta (n,) = C^T residual.
     """
     products, information, pull = np.zeros((root.total, n)), np.zeros((n, n)), np.zeros(n)
     for A, b, keys, C in parts:
@@ -118,7 +116,6 @@ def shared_information(
         np.add.at(products, root.find_columns(keys), np.swapaxes(A, 1, 2) @ C)
         information += np.einsum("kri,krj->ij", C, C)
         pull += np.einsum("kri,kr->i", C, left)
-        drop_pages()
     # Schur complement: less the information that the walk absorbs.
     columns = SharedColumns(root, products)
     return columns, information - columns.explained, pull

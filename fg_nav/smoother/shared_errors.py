@@ -29,13 +29,11 @@ its end. So s is one variable of the solved graph, linearized at its minimum, wi
 
     J = -(de/dpose_end, de/dv_end nav_R_end) D     and, if there is an error, the prior     s = 0 +- `SCALE_SIGMA`.
 
-What else is wrong in all swings alike looks like a scale: axes that are not square, a bent mounting, soft iron. So s
-has a part 0 +- `ALIKE_SIGMA` in any case. And what differs between the halves of a walk is no scale, though one number
-may explain it better than none: a bias that moves, a wing with a field of its own. So each half has an s of its own, z
-= (s_1, s_2), and three models are as likely before the walk: nothing but what is alike (`ALIKE_SIGMA` in both halves,
-the same), one scale (`SCALE_SIGMA` more, the same in both), two that have nothing to do with each other (`SCALE_SIGMA`
-in each). Only the second is taken off: the samples are corrected by its s times its probability, where that is more
-than what is alike; nats by which tilt and velocity close worse with it count against it. The covariances of the walk
+What differs between the halves of a walk is no scale, though one number may explain it better than none: a bias that
+moves, a wing with a field of its own. So each half has an s of its own, z = (s_1, s_2), and three models are as likely
+before the walk: nothing but what is alike (`ALIKE_SIGMA` in both halves, the same), one scale (`SCALE_SIGMA` more, the
+same in both), two that have nothing to do with each other (`SCALE_SIGMA` in each). Of the second what `docs/models.md`
+says is taken off; nats by which tilt and velocity close worse with it count against it. The covariances of the walk
 hold the rest: a variable that moves by X s has X M X^T more, with M the second moment about what was taken off, over
 the three models (Hoeting et al. 1999).
 
@@ -66,7 +64,6 @@ from fg_nav.smoother.sensitivity import SharedColumns, SharingFactors, average, 
 from fg_nav.smoother.solver import Solved, list_attitudes, list_biases, list_positions, residuals_at_minimum
 from fg_nav.smoother.strides import INERTIAL_KEYS
 from fg_nav.system.compiled import njit
-from fg_nav.system.spilled import drop_pages
 
 FORWARD_SIGMA, SIDEWAYS_SIGMA = 0.02, 0.01  # Shares of the walking speed: scatter between shoes, mountings and gaits.
 MAX_STRIDE_S = 1.5  # What is longer was standing.
@@ -165,10 +162,14 @@ class WalkScale:
         return np.asarray((moved[:, :3] + moved[:, 3:]) @ np.linalg.cholesky(self.found.second_moment))
 
 
+def weigh_gyro_scale(problem: WalkProblem, solved: Solved) -> tuple[SharedColumns, Floats, Floats]:
+    """Return the columns of the scale errors, three of each half of the walk, their information (6, 6) and vector."""
+    return shared_information(solved.root, _list_inertial(problem, solved.linearized_at), 6)
+
+
 def estimate_gyro_scale(problem: WalkProblem, solved: Solved) -> WalkScale:
     """Return the model-averaged scale errors of the gyroscope, and their sensitivity columns, at a solution."""
-    # Marginalize the walk: information on three scale errors in each half, 6 in all.
-    columns, information, pull = shared_information(solved.root, _list_inertial(problem, solved.linearized_at), 6)
+    columns, information, pull = weigh_gyro_scale(problem, solved)
     found = average_models(information, pull)
     if not found.matters:
         return WalkScale(found, columns)
@@ -246,7 +247,6 @@ def _share_rate_errors(problem: WalkProblem, values: gtsam.Values, *errors: Floa
     recording, nodes, graph = problem.recording, problem.nodes, problem.graph
     given = recording.t, *recording.integrable, nodes.sample, _list_rate_biases(problem, values)
     moved = np.concatenate([sense_rate_error(*given, error) for error in errors], axis=2)
-    drop_pages()
     moved[:, 6:] = list_attitudes(range(1, len(nodes)), values) @ moved[:, 6:]
     moved = moved[~cross_holes(recording.t, nodes.sample)]
     inertial = (graph.at(i) for i in range(graph.size()))

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol, TypeAlias
 
 import gtsam
 import numpy as np
@@ -27,20 +27,13 @@ from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import EstimationError, FgNavError
 from fg_nav.factors.residual import LETTER_SHIFT, POSE, Keys, Stack, read_variables
 from fg_nav.smoother.gauss_newton import (
-    CONVERGENCE,
     DIMENSION,
-    MAX_STEPS,
     NO_SOLUTION,
     Minimum,
-    find_minimum,
     stack_factors,
 )
 from fg_nav.smoother.square_root import SquareRoot
 from fg_nav.smoother.strides import Nodes
-from fg_nav.solution import StanceTable
-
-if TYPE_CHECKING:
-    from fg_nav.smoother.field import FieldVerdict
 
 UNSOLVED = (RuntimeError, ValueError, IndexError, ArithmeticError, FgNavError)  # Raised without a solution.
 
@@ -137,9 +130,8 @@ def split_tied(keys: Keys, nodes: Nodes, tied: Ints) -> tuple[Bools, Bools]:
     return np.isin(keys, np.concatenate(names)), np.isin(keys >> np.uint64(LETTER_SHIFT), [ord("z"), ord("a")])
 
 
-@dataclass(frozen=True)
-class Solved(Minimum[gtsam.Values]):
-    """The minimum of a walk."""
+Solved: TypeAlias = Minimum[gtsam.Values]
+"""The minimum of a walk."""
 
 
 @dataclass(frozen=True)
@@ -167,36 +159,20 @@ class WalkSystem:
         """Robust-loss excess; zero for quadratic factors."""
         return sum(block.excess(values) for block in self.blocks if isinstance(block, GtsamFactors))
 
+    def linearize(self, values: gtsam.Values) -> gtsam.GaussianFactorGraph:
+        """Linearize all factors, one by one."""
+        linear = self.graph.linearize(values)
+        for block in self.blocks:
+            for factor in block.linearize(values):
+                linear.push_back(factor)
+        return linear
+
     def move(self, values: gtsam.Values, step: Mapping[int, Floats]) -> gtsam.Values:
         """Retract each variable."""
         vectors = gtsam.VectorValues()
         for key, x in step.items():
             vectors.insert(key, x)
         return values.retract(vectors)
-
-
-def minimize(
-    graph: gtsam.NonlinearFactorGraph,
-    blocks: Sequence[LinearizableBlock],
-    values: gtsam.Values,
-    keys: Keys,
-    convergence: float = CONVERGENCE,
-    largest_steps: int = MAX_STEPS,
-) -> Solved:
-    """Minimize the error of the graph and its blocks, as `find_minimum`."""
-    found = find_minimum(WalkSystem(graph, blocks), values, keys, convergence, largest_steps)
-    return Solved(**vars(found))
-
-
-def linearize(
-    graph: gtsam.NonlinearFactorGraph, blocks: Sequence[LinearizableBlock], values: gtsam.Values
-) -> gtsam.GaussianFactorGraph:
-    """Linearize the graph and its blocks at these values."""
-    linear = graph.linearize(values)
-    for block in blocks:
-        for factor in block.linearize(values):
-            linear.push_back(factor)
-    return linear
 
 
 def dimension_of(key: int) -> int:
@@ -273,41 +249,6 @@ def in_nav(nav_R_body: Floats, body_cov: Floats) -> Floats:
     """Covariances (F, 4, 4) of place and yaw in navigation axes, from those of poses (F, 6, 6) in body axes."""
     turn = pose_in_nav(nav_R_body)
     return np.asarray(turn @ body_cov @ turn.transpose(0, 2, 1))
-
-
-def list_table_keys(nodes: Nodes) -> list[int]:
-    """List the poses of the footfalls, and the biases, whose covariances a stance table has: all of six dimensions."""
-    return [*(X(int(j)) for j in nodes.result), *(B(k) for k in range(int(nodes.bias[-1]) + 1))]
-
-
-def stance_table(t: Floats, nodes: Nodes, solved: Solved, verdict: FieldVerdict, covariances: Floats) -> StanceTable:
-    """Poses, biases and their marginal sigmas at the stillest node of each footfall.
-
-    `covariances` (K, 6, 6) are those of `list_table_keys`.
-    """
-    body, of_bias = covariances[: len(nodes.result)], covariances[len(nodes.result) :]
-    bias_keys = list_table_keys(nodes)[len(nodes.result) :]
-    bias_variance = np.diagonal(of_bias, axis1=1, axis2=2)[nodes.bias]
-    bias = np.array([solved.values.atConstantBias(key).gyroscope() for key in bias_keys])
-    poses = list_poses(nodes.result, solved.values)
-    attitude, position = poses[:, :3, :3].copy(), poses[:, :3, 3].copy()
-    pose_cov = in_nav(attitude, body)
-    sample = nodes.sample[nodes.result]
-    return StanceTable(
-        sample=sample,
-        t=t[sample],
-        position=position,
-        nav_R_body=attitude,
-        gyro_bias=bias[nodes.bias],
-        position_cov=pose_cov[:, :3, :3],
-        heading_sigma=np.sqrt(pose_cov[:, 3, 3]),
-        gyro_bias_sigma=np.sqrt(bias_variance[:, 3:]),
-        field=verdict.words,
-        field_reason=verdict.reason,
-        pose_cov=pose_cov,
-        compass_weight=verdict.compass_weight,
-        field_statistic=verdict.statistic,
-    )
 
 
 def list_covariances(keys: Sequence[int], root: SquareRoot, shared: Floats) -> Floats:

@@ -25,7 +25,7 @@ import numpy as np
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.factors.residual import Keys
-from fg_nav.smoother.elimination import Fronts, back_substitute, forward_substitute, get_front, list_parts
+from fg_nav.smoother.elimination import Fronts, back_substitute, forward_substitute, get_front
 from fg_nav.system.compiled import njit
 
 
@@ -80,36 +80,16 @@ def _plan_slots(parent: Ints) -> tuple[Ints, int]:
     return slot, count
 
 
-class _Above(NamedTuple):
-    """What is kept of fronts that children still need, in the place `slot` (V,) of each of the P places there are.
-
-    Covariances P (P, w, w), of the front's variables with the sums of its group K (P, w, n), and which group that is,
-    `active` (P,), or -1. `where` (N,) is to work in.
-    """
-
-    slot: Ints
-    P: Floats
-    K: Floats
-    active: Ints
-    where: Ints
-
-
-def spread_covariance(fronts: Fronts, wanted: Wanted, groups: Groups, forms: Floats) -> None:
-    """Write wanted covariances to `wanted.found`, and G^T P G (F, n, n) of groups to `forms`."""
-    slot, slots = _plan_slots(fronts.parent)
-    widest, n = int(np.diff(fronts.begins).max(initial=0)), groups.G.shape[1]
-    P, K, active = np.zeros((slots, widest, widest)), np.zeros((slots, widest, n)), np.full(slots, -1)
-    above = _Above(slot, P, K, active, np.full(len(wanted.of_column), -1))
-    for first, end in list_parts(0, len(fronts.size)):
-        _spread(fronts, wanted, groups, forms, above, first, end)
-
-
 @njit(cache=True)
-def _spread(fronts: Fronts, wanted: Wanted, groups: Groups, forms: Floats, kept: _Above, first: int, end: int) -> None:
-    """Propagate covariances from parent to child over fronts `first <= i < end`; `kept` holds the parents'."""
-    slot, P, K, active, where = kept
-    n = groups.G.shape[1]
-    for i in range(first, end):
+def spread_covariance(fronts: Fronts, wanted: Wanted, groups: Groups, forms: Floats) -> None:
+    """Write wanted covariances to `wanted.found`, and G^T P G (F, n, n) of groups to `forms`, parents first."""
+    # Of fronts that children still need: covariance, that with the sums of their group, and which group that is, or -1.
+    (slot, slots), widest, n = _plan_slots(fronts.parent), 0, groups.G.shape[1]
+    for i in range(len(fronts.size)):
+        widest = max(widest, fronts.begins[i + 1] - fronts.begins[i])
+    P, K, active = np.zeros((slots, widest, widest)), np.zeros((slots, widest, n)), np.full(slots, -1)
+    where = np.full(len(wanted.of_column), -1)
+    for i in range(len(fronts.size)):
         p, here = fronts.parent[i], slot[i]
         d, columns, A = get_front(fronts, i)
         # Rows of its separator in its parent's covariance.
@@ -229,12 +209,6 @@ class SquareRoot:
         self.total, self._shift = len(right), np.uint64(0)
         self.step = self.back_substitute(right[:, None])[:, 0]
 
-    @classmethod
-    def of_nothing(cls) -> SquareRoot:
-        """Return that of no variables."""
-        none = np.zeros(0, np.int64)
-        return cls(Fronts(none, none, none, none, none, none, np.zeros(0)), np.zeros(0), np.zeros(0, np.uint64), none)
-
     def shift_keys(self, shift: int) -> SquareRoot:
         """Return the same triangle with all keys less `shift`: one foot of two."""
         shifted = copy(self)
@@ -250,16 +224,14 @@ class SquareRoot:
 
     def forward_substitute(self, C: Floats) -> Floats:
         """Return Y (N, n), R^T Y = C."""
-        Y, count = C.copy(), len(self._fronts.size)
-        for first, end in list_parts(0, count):
-            forward_substitute(self._fronts, Y, count - end, count - first)
+        Y = C.copy()
+        forward_substitute(self._fronts, Y)
         return Y
 
     def back_substitute(self, Y: Floats) -> Floats:
         """Return X (N, n), R X = Y."""
         X = Y.copy()
-        for first, end in list_parts(0, len(self._fronts.size)):
-            back_substitute(self._fronts, X, first, end)
+        back_substitute(self._fronts, X)
         return X
 
     def covariances(self, keys: Iterable[int]) -> dict[int, Floats]:

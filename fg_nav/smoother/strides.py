@@ -38,7 +38,6 @@ from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.preintegration import Measurement
 from fg_nav.stances import Stances
 from fg_nav.system.compiled import njit
-from fg_nav.system.spilled import measure_rows
 
 LONG_STANCE_S = 0.5  # Beyond this length of a stance, nodes stand `REST_SPACING_S` apart.
 REST_SPACING_S = 0.5
@@ -174,7 +173,7 @@ def measure_velocities(
     # Rate and specific force about the nodes.
     reach = max(1, round(UNREST_REACH_S / recording.period_s))
     rate = _about_nodes(recording.gyr, stances, nodes, reach) - gyro_bias
-    off_gravity = measure_rows(recording.acc)[:, None] - p.gravity
+    off_gravity = np.linalg.norm(recording.acc, axis=1, keepdims=True) - p.gravity
     off_gravity = np.sqrt(_about_nodes(off_gravity**2, stances, nodes, reach)[:, 0])
     # The sole settles once in a footfall, though the stance may be in pieces. Who stands has settled: a long stance, or
     # one that begins where the one before ended, settles no more.
@@ -230,11 +229,6 @@ def add_stride(graph: gtsam.NonlinearFactorGraph, stride: Stride, p: SmootherPar
     _add_sensor(graph, stride, p)
 
 
-def velocity_block(stride: Stride) -> ResidualBlock:
-    """Return the velocities of a stride's stance, with their keys."""
-    return ResidualBlock(stride.velocity, [(X(j), V(j), S(stride.bias)) for j in range(stride.first, stride.last)])
-
-
 def join_velocities(velocities: StanceVelocity, nodes: Nodes) -> ResidualBlock:
     """Return the stance velocities of all nodes of a walk as one block, with their keys."""
     bias = nodes.bias[nodes.footfall].tolist()
@@ -245,7 +239,8 @@ def stride_graph(stride: Stride, p: SmootherParameters) -> gtsam.NonlinearFactor
     """Return all factors of a stride, one by one."""
     graph = gtsam.NonlinearFactorGraph()
     _add_inertial(graph, stride)
-    for factor in velocity_block(stride).factors():
+    keys = [(X(j), V(j), S(stride.bias)) for j in range(stride.first, stride.last)]
+    for factor in ResidualBlock(stride.velocity, keys).factors():
         graph.push_back(factor)
     _add_sensor(graph, stride, p)
     return graph

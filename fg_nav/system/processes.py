@@ -98,16 +98,22 @@ def _kill(processes: Mapping[int, BaseProcess]) -> None:
 
 @contextmanager
 def _shield_children() -> Iterator[None]:
-    """Block signals of a terminal, and modules of the folder that the user is in, for processes that are started."""
-    blocked, known = signal.pthread_sigmask(signal.SIG_BLOCK, OF_TERMINAL), os.environ.get("PYTHONSAFEPATH")
-    os.environ["PYTHONSAFEPATH"] = "1"
+    """Start processes that signals of a terminal do not reach, and modules in the user's folder neither.
+
+    Nor does what tracks resources of pools print that those of a process that was killed are freed.
+    """
+    wanted = {"PYTHONSAFEPATH": "1", "PYTHONWARNINGS": "ignore:resource_tracker"}
+    blocked, known = (
+        signal.pthread_sigmask(signal.SIG_BLOCK, OF_TERMINAL),
+        {name: os.environ.get(name) for name in wanted},
+    )
+    os.environ.update(wanted)
     try:
         yield
     finally:
-        if known is None:
-            del os.environ["PYTHONSAFEPATH"]
-        else:
-            os.environ["PYTHONSAFEPATH"] = known
+        for name, value in known.items():
+            del os.environ[name]
+            os.environ.update({} if value is None else {name: value})
         signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
 
 

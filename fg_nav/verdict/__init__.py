@@ -67,7 +67,6 @@ from __future__ import annotations
 import numpy as np
 
 from fg_nav.solution import Solution, StanceTable
-from fg_nav.system.spilled import drop_pages
 from fg_nav.verdict.limits import (
     FAST_SHARE,
     UNUSABLE,
@@ -94,10 +93,7 @@ def judge_path(walk: Walk, solution: Solution) -> Verdict:
         signs = SIGNS_IN_POCKET
     else:
         signs = SIGNS if len(solution.stances) else SIGNS_WITHOUT_FOOTFALLS
-    found = []
-    for measure in signs:
-        found.append(measure(observed))
-        drop_pages()
+    found = [measure(observed) for measure in signs]
     return combine([reason for reason in found if reason is not None])
 
 

@@ -16,7 +16,6 @@ from fg_nav.magnetic.quasi_static import QUASI_STATIC
 from fg_nav.mechanisation import integrate_strides
 from fg_nav.samples.gaps import list_bridged, measure_unseen
 from fg_nav.solution import Solution
-from fg_nav.system.spilled import measure_rows
 from fg_nav.verdict.limits import (
     FAST_SHARE,
     LIGHT,
@@ -39,7 +38,7 @@ from fg_nav.verdict.limits import (
     weigh,
     weigh_error,
 )
-from fg_nav.walk import Walk, ignores_field
+from fg_nav.walk import Walk
 
 SPAN_S = 0.1  # Between the two positions of a speed.
 RUN_CYCLE_S = 0.85  # Median stride below which a walk is a run: the foot is never as still.
@@ -54,7 +53,8 @@ CLOSED_SHARE = 0.02  # Distance of the end from the start, over the way, of a wa
 class WalkSigns:
     """Quantities of a walk and its solution that several signs need.
 
-    Strides are those from one row of the solution's table to the next; the recording is the one that was solved.
+    Strides are those from one row of the solution's table to the next; the recording is the one that was solved, which
+    of a stream has no provenance: that is the walk's.
     """
 
     def __init__(self, walk: Walk, solution: Solution) -> None:
@@ -127,12 +127,10 @@ class WalkSigns:
     def ends(self) -> tuple[Floats, Floats]:
         """Velocity (K, 3) m/s and vertical axis (K, 3) in the body at the end of each stride, by strapdown alone."""
         table, (acc, gyr) = self.table, self.recording.integrable
-        h = np.append(np.diff(self.recording.t), self.recording.period_s)
         attitude = np.array(table.nav_R_body, order="C")
         bias = np.ascontiguousarray(table.gyro_bias)
         strides = table.sample[:-1], table.sample[1:]
-        velocity = integrate_strides(acc, gyr, h, *strides, attitude, bias, GRAVITY_M_S2)
-        self.recording.release()
+        velocity = integrate_strides(acc, gyr, self.recording.periods_s, *strides, attitude, bias, GRAVITY_M_S2)
         return velocity, attitude[: len(velocity), 2]
 
 
@@ -200,7 +198,7 @@ def measure_time_without_footfall(observed: WalkSigns) -> Reason | None:
 
 def measure_cut(observed: WalkSigns) -> Reason | None:
     """Part of the recording that a hole cut off."""
-    cut_s = observed.recording.provenance.cut_samples * observed.recording.period_s
+    cut_s = observed.walk.recording.provenance.cut_samples * observed.recording.period_s
     words = f"{cut_s:.0f} s of the recording are cut off by a hole, and not used"
     speed = max(observed.usual_m_s, observed.way / max(observed.recording.duration_s, 1e-9))
     return judge_unfollowed(cut_s, speed, observed.sigma, observed.way, words)
@@ -304,7 +302,7 @@ def measure_longest_stride(observed: WalkSigns) -> Reason | None:
 def measure_speed(observed: WalkSigns) -> Reason | None:
     """Highest speed on the path, by its velocity and by its positions, the greater of the two."""
     solution, over = observed.solution, max(1, round(SPAN_S / observed.recording.period_s))
-    speed = measure_rows(solution.velocity)
+    speed = np.linalg.norm(solution.velocity, axis=1)
     moved = np.linalg.norm(solution.position[over:] - solution.position[:-over], axis=1)
     speed[over:] = np.maximum(speed[over:], moved / (solution.t[over:] - solution.t[:-over]))
     fastest = int(np.argmax(np.where(np.isnan(speed), np.inf, speed)))
@@ -375,7 +373,7 @@ def measure_hidden_turning(observed: WalkSigns) -> Reason | None:
     peaks = recording.peaks[1]
     if solution.graph or not peaks.run.any() or not len(observed.strides):
         return None
-    if QUASI_STATIC in solution.stances.field and not ignores_field(solution.method):
+    if QUASI_STATIC in solution.stances.field and solution.uses_field:
         return None  # the field shows the heading
     # the samples' sigmas are for independent errors; if the n samples of a peak share one, each has sigma / sqrt(n)
     missing = np.sign(recording.gyr) * peaks.sigma / np.sqrt(np.maximum(peaks.run, 1.0))
@@ -432,7 +430,7 @@ SIGNS_WITHOUT_FOOTFALLS: tuple[Sign, ...] = (
     lambda observed: judge_rate(observed.walk.recording.provenance.rate_sigma),
     measure_gap,
     measure_cut,
-    lambda observed: judge_bad_samples(observed.recording),
+    lambda observed: judge_bad_samples(observed.walk.recording),
     check_mount,
 )
 

@@ -2,7 +2,7 @@
 
 ====================== =========================================================================================
 `process`              the process that serves both, and its interface to the walk
-`loop`                 sockets of this machine, an asyncio loop in its own thread, the server of JSON lines
+`line_server`          sockets of this machine, and the server of JSON lines
 `page_server`          the page: files over HTTP, messages over a websocket
 `history`              the current paths, thinned: the first message to a page that opens late
 `page/`                index.html, style.css, view.js: no build step, no external resources

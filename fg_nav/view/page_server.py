@@ -7,7 +7,7 @@ history   `path`, rows t, east, north, up, as it is now; `last`, the newest line
           `feet`, path and newest line of each by side, beside the person's. Sent again in place of `revised`, and
           after `turned` and `retracted`: the page does no arithmetic
 now, turned, retracted    the lines, as `fg-nav stream` prints them
-status    some five times a second while a page is open: the state between footfalls (`fg_nav.online.outlets`)
+status    some five times a second while a page is open: the state between footfalls (`fg_nav.online.follow`)
 remark    `words`: an irregularity, in a sentence
 ========= =======================================================================================================
 
@@ -41,7 +41,7 @@ from websockets.protocol import State
 
 from fg_nav.text import to_json
 from fg_nav.view.history import Walkers, turn_moment
-from fg_nav.view.loop import AT_ONCE, BACKLOG, call_there, is_last_descriptor, run_there, start_loop
+from fg_nav.view.line_server import AT_ONCE, BACKLOG, is_last_descriptor
 
 LIVE = "/live"
 
@@ -83,10 +83,10 @@ class _Viewer:
 
 
 class PageServer:
-    """Serves the page to the clients of a listening socket; `host` is its name for the user."""
+    """Serves the page to the clients of a listening socket, from an asyncio loop; `host` is its name for the user."""
 
-    def __init__(self, door: socket.socket, host: str) -> None:
-        self.host, self.port = host, int(door.getsockname()[1])
+    def __init__(self, host: str) -> None:
+        self.host = host
         folder = resources.files("fg_nav.view").joinpath("page")
         self._files = {path: (folder.joinpath(name).read_bytes(), kind) for path, (name, kind) in FILES.items()}
         self._walkers = Walkers()
@@ -95,34 +95,17 @@ class PageServer:
         self._viewers: set[_Viewer] = set()
         self._redraws: asyncio.TimerHandle | None = None
         self.status_s = STATUS_S  # period of statuses that can be sent
-        self._server = run_there(self._open(door))
-        door.listen(BACKLOG)  # again: asyncio has one number for both
 
     @property
     def viewers(self) -> int:
         """Number of open pages."""
         return len(self._viewers)
 
-    def send(self, line: str) -> None:
-        """Send a line of the stream, without waiting."""
-        call_there(self._take, line)
-
-    def send_status(self, status: dict[str, Any]) -> None:
-        """Send the state between footfalls."""
-        call_there(self._take_status, status)
-
-    def send_remark(self, words: str) -> None:
-        """Send a sentence for people."""
-        call_there(self._take_remark, words)
-
-    def close(self) -> None:
-        """Disconnect all."""
-        run_there(self.end())
-
-    async def _open(self, door: socket.socket) -> Any:
+    async def open(self, door: socket.socket) -> None:
+        """Serve on a socket."""
         logger = logging.getLogger(__name__)
         logger.disabled = True  # garbage on the port is no news
-        return await serve(
+        self._server = await serve(
             self._follow,
             sock=door,
             backlog=AT_ONCE,
@@ -133,11 +116,37 @@ class PageServer:
             server_header=None,
             logger=logger,
         )
+        door.listen(BACKLOG)  # again: asyncio has one number for both
 
-    async def end(self) -> None:
+    async def close(self) -> None:
         """Free the port at once, and disconnect all."""
         self._server.close()
         await self._server.wait_closed()
+
+    def send(self, line: str) -> None:
+        """Follow a line of the stream, and send it; where it changed the past, the history follows."""
+        event = json.loads(line)
+        changed, is_main = self._walkers.add(event)
+        if event["kind"] == "turned" and is_main and self._status is not None:
+            turn_moment(self._status, event["angle_deg"])
+        if event["kind"] in {"now", "turned", "retracted", "foot"}:
+            self._send_to(self._viewers, line)
+        if changed and self._redraws is None:
+            self._redraws = asyncio.get_running_loop().call_later(REDRAW_S, self._redraw)
+
+    def send_status(self, status: dict[str, Any]) -> None:
+        """Send the state between footfalls."""
+        history = self._walkers.main
+        known = {"distance_m": history.distance_m, "speed_m_s": history.speed_m_s(status["t"] or 0.0)}
+        self._status = {"kind": "status", **status, **{name: round(value, 3) for name, value in known.items()}}
+        began = perf_counter()
+        self._send_to(self._viewers, json.dumps(to_json(self._status), allow_nan=False))
+        self.status_s = max(STATUS_S, (perf_counter() - began) / STATUS_SHARE)
+
+    def send_remark(self, words: str) -> None:
+        """Send a sentence for people."""
+        self._remarks.append({"kind": "remark", "words": words})
+        self._send_to(self._viewers, json.dumps(self._remarks[-1]))
 
     async def _follow(self, connection: ServerConnection) -> None:
         """Serve one page until it closes, or sends something."""
@@ -186,29 +195,6 @@ class PageServer:
         headers["Content-Type"] = kind
         headers["Content-Length"] = str(len(body))
         return Response(status.value, status.phrase, headers, body)
-
-    def _take(self, line: str) -> None:
-        """Follow a line, and send it; where it changed the past, the history follows."""
-        event = json.loads(line)
-        changed, is_main = self._walkers.add(event)
-        if event["kind"] == "turned" and is_main and self._status is not None:
-            turn_moment(self._status, event["angle_deg"])
-        if event["kind"] in {"now", "turned", "retracted", "foot"}:
-            self._send_to(self._viewers, line)
-        if changed and self._redraws is None:
-            self._redraws = start_loop().call_later(REDRAW_S, self._redraw)
-
-    def _take_status(self, status: dict[str, Any]) -> None:
-        history = self._walkers.main
-        known = {"distance_m": history.distance_m, "speed_m_s": history.speed_m_s(status["t"] or 0.0)}
-        self._status = {"kind": "status", **status, **{name: round(value, 3) for name, value in known.items()}}
-        began = perf_counter()
-        self._send_to(self._viewers, json.dumps(to_json(self._status), allow_nan=False))
-        self.status_s = max(STATUS_S, (perf_counter() - began) / STATUS_SHARE)
-
-    def _take_remark(self, words: str) -> None:
-        self._remarks.append({"kind": "remark", "words": words})
-        self._send_to(self._viewers, json.dumps(self._remarks[-1]))
 
     def _redraw(self) -> None:
         self._redraws = None

@@ -2,15 +2,8 @@
 
     python -m fg_nav.view.process LINES PAGE HOST      descriptors of the ports, -1 for none (`ListenerProcess`)
 
-The parent opens the ports, so that an occupied one is reported at once, and writes one message a line: a letter, then
-JSON or the line itself.
-
-==== ================================================================
-L    a line for the clients of lines, and for the page
-P    one for the page alone
-S    the state between footfalls
-R    a remark
-==== ================================================================
+The parent opens the ports, so that an occupied one is reported at once, and writes one message a line, JSON: the method
+of `PageServer` that takes it and its argument, or `send_line` with a line for the clients of lines and for the page.
 
 It answers with two numbers a line, whenever they change: the number of open pages, and the period of statuses (s). It
 ends with its input, and so with the parent, however that ends.
@@ -26,16 +19,17 @@ import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import IO, Any
 
 from fg_nav.system.processes import collect_seldom, start_module
 from fg_nav.text import to_json
-from fg_nav.view.loop import LineServer, call_there, run_there, start_loop
+from fg_nav.view.line_server import LineServer
 from fg_nav.view.page_server import STATUS_S, PageServer
 
 MAX_WAITING = 10_000  # Messages in the queue; more are dropped.
+MAX_BYTES = 1 << 28  # Of a message: the revised path of a walk of a day.
 CLOSING_S = 5.0  # Timeout of the end of the process.
 REPORT_S = 0.1  # Between two counts of the open pages.
 
@@ -75,19 +69,19 @@ class ListenerProcess:
 
     def send_line(self, line: str) -> None:
         """Send a line to clients and page."""
-        self._put(b"L", line)
+        self._put("send_line", line)
 
     def send(self, line: str) -> None:
         """Send a line to the page alone."""
-        self._put(b"P", line)
+        self._put("send", line)
 
     def send_status(self, status: dict[str, Any]) -> None:
         """Send the state between footfalls."""
-        self._put(b"S", json.dumps(to_json(status), allow_nan=False))
+        self._put("send_status", to_json(status))
 
     def send_remark(self, words: str) -> None:
         """Send a sentence for people."""
-        self._put(b"R", json.dumps(words))
+        self._put("send_remark", words)
 
     def close(self) -> None:
         """End the process once it has read all messages."""
@@ -102,11 +96,11 @@ class ListenerProcess:
         for thread in self._threads:
             thread.join()
 
-    def _put(self, kind: bytes, words: str) -> None:
+    def _put(self, method: str, argument: object) -> None:
         if self._has_ended:
             return
         with suppress(queue.Full):
-            self._messages.put_nowait(kind + words.encode() + b"\n")
+            self._messages.put_nowait(json.dumps([method, argument], allow_nan=False).encode() + b"\n")
 
     def _write(self, pipe: IO[bytes]) -> None:
         with suppress(OSError), pipe:
@@ -136,34 +130,35 @@ async def _report(page: PageServer) -> None:
         await asyncio.sleep(REPORT_S)
 
 
+async def serve(lines: LineServer | None, page: PageServer | None, doors: Sequence[socket.socket | None]) -> None:
+    """Serve the messages on standard input, on the sockets of lines and page, until it ends."""
+    loop, messages = asyncio.get_running_loop(), asyncio.StreamReader(MAX_BYTES)
+    loop.set_exception_handler(lambda loop, context: None)  # a client's fault does not concern the walk
+    servers = [(server, door) for server, door in zip((lines, page), doors, strict=True) if server and door]
+    for server, door in servers:
+        await server.open(door)
+    reports = None if page is None else asyncio.create_task(_report(page))
+    await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(messages), sys.stdin)
+    async for message in messages:
+        method, argument = json.loads(message)
+        if method == "send_line" and lines is not None:
+            lines.send(argument)
+        if page is not None:
+            getattr(page, "send" if method == "send_line" else method)(argument)
+        await asyncio.sleep(0)  # see to the clients between two messages
+    await asyncio.gather(*(server.close() for server, _ in servers))
+    if reports is not None:
+        reports.cancel()
+
+
 def main() -> None:
-    """Serve the messages on standard input."""
+    """Serve until the input ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process of the walk
     collect_seldom()  # a thousand pages are 300 000 objects, and a collection takes a tenth of a second
     doors = [None if word == "-1" else socket.socket(fileno=int(word)) for word in sys.argv[1:3]]
-    lines = None if doors[0] is None else LineServer(doors[0])
-    page = None if doors[1] is None else PageServer(doors[1], sys.argv[3])
-    if page is not None:
-        reports = _report(page)
-        call_there(lambda: start_loop().create_task(reports))
-    # until the input ends
-    for message in sys.stdin.buffer:
-        kind, words = message[:1], message[1:-1].decode()
-        if kind == b"L" and lines is not None:
-            lines.send(words)
-        if page is None:
-            continue
-        if kind in b"LP":
-            page.send(words)
-        elif kind == b"S":
-            page.send_status(json.loads(words))
-        else:
-            page.send_remark(json.loads(words))
-
-    async def end() -> None:
-        await asyncio.gather(*(server.end() for server in (lines, page) if server is not None))
-
-    run_there(end())
+    lines, page = doors
+    servers = LineServer() if lines else None, PageServer(sys.argv[3]) if page else None
+    asyncio.run(serve(*servers, doors))
 
 
 if __name__ == "__main__":

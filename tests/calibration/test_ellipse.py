@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fg_nav.calibration import ellipse as ellipse_module
-from fg_nav.calibration.ellipse import UNKNOWN_UT, Ellipse, calibrate_on_loop, fit_ellipse
+from fg_nav.calibration import ellipsoid
+from fg_nav.calibration.ellipsoid import UNKNOWN_UT, Ellipse, calibrate_on_loop, fit_ellipse
 from fg_nav.calibration.magnetometer import UPPER
 from fg_nav.errors import CalibrationError
 from fg_nav.frames import yaw_rotation
@@ -36,9 +36,10 @@ def read(heading, offset=OFFSET, eta=ETA, tau=TAU, noise_uT=0.0, rng=None):
     return field @ soft.T + offset + noise
 
 
-def footfalls(level_R_body_, vertical=-43.0, heading=ROUND):
-    """Footfalls of a foot that stands with this tilt, its iron given in levelled axes."""
-    level = np.column_stack([read(heading), np.full(len(heading), vertical)])
+def footfalls(level_R_body_, vertical=-43.0, heading=ROUND, readings=None):
+    """Footfalls of a foot that stands with this tilt, its iron, or its readings (F, 2), given in levelled axes."""
+    readings = read(heading) if readings is None else readings
+    level = np.column_stack([readings, np.full(len(heading), vertical)])
     nav_R_body = np.stack([yaw_rotation(np.pi / 2 - angle) for angle in heading]) @ level_R_body_
     n = len(heading)
     ones = np.ones(n)
@@ -96,7 +97,8 @@ def test_wild_footfalls_do_not_matter_and_are_counted():
 def test_the_long_axis_of_a_circle_is_not_known_and_its_sigma_says_so():
     sigmas = []
     for tau in (0.8, 0.95, 0.999):
-        found = fit_ellipse(read(ROUND, tau=tau, noise_uT=0.3, rng=np.random.default_rng(3)))
+        readings = read(ROUND, tau=tau, noise_uT=0.3, rng=np.random.default_rng(3))
+        found, _ = calibrate_on_loop(footfalls(np.eye(3), vertical=0.0, readings=readings))
         sigmas.append(found.sigma[2])  # what it does to the field, (1 - tau) eta, stays as well known
         assert (1 - found.tau) * found.sigma[2] == pytest.approx(0.3 / HORIZONTAL * np.sqrt(2 / 86), rel=0.3)
     assert sigmas[0] < 0.04 < sigmas[1] < 0.3 < sigmas[2]
@@ -140,7 +142,7 @@ def test_headings_that_do_not_go_round_are_refused_and_the_missing_arc_is_named(
 
 
 def test_a_wider_gap_may_be_allowed(monkeypatch):
-    monkeypatch.setattr(ellipse_module, "MAX_GAP_RAD", np.deg2rad(130.0))
+    monkeypatch.setattr(ellipsoid, "MAX_GAP_RAD", np.deg2rad(130.0))
     readings = read(np.linspace(0.0, np.deg2rad(240.0), 60), noise_uT=0.05, rng=np.random.default_rng(4))
     found = fit_ellipse(readings)
     assert found.offset_uT == pytest.approx(OFFSET, abs=0.2)
@@ -159,8 +161,9 @@ def test_a_wider_gap_may_be_allowed(monkeypatch):
     ids=["few", "one", "gauss", "a line", "a point", "scatter"],
 )
 def test_what_is_no_ellipse_is_refused(readings, words):
+    heading = ROUND[: len(readings)]
     with pytest.raises(CalibrationError, match=words):
-        fit_ellipse(readings)
+        calibrate_on_loop(footfalls(np.eye(3), heading=heading, readings=readings))
 
 
 def test_in_the_body_it_corrects_footfalls_at_the_tilt_it_was_found_at():
@@ -216,7 +219,7 @@ def on_floor(left, right, seed):
 
 def test_circles_to_the_left_and_to_the_right_show_what_the_floor_does(monkeypatch):
     """Its share of the offset, over many floors, is about as large as the sigma says; scatter alone says a sixth."""
-    monkeypatch.setattr(ellipse_module, "MAX_SIGMA", 1.0)
+    monkeypatch.setattr(ellipsoid, "MAX_SIGMA", 1.0)
     errors, sigmas = [], []
     for seed in range(60):
         left, right = np.random.default_rng([seed, 1]).standard_normal((2, 2))
@@ -252,7 +255,7 @@ def test_an_x_axis_that_stands_upright_is_refused():
 
 
 def test_an_ellipse_without_covariance_is_not_lifted():
-    with pytest.raises(CalibrationError, match="no covariance"):
+    with pytest.raises(CalibrationError, match="covariance of a magnetometer calibration"):
         find_ellipse_as_printed(read(ROUND)).in_body(np.array([0.0, 0.0, 1.0]))
 
 

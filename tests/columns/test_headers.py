@@ -2,9 +2,8 @@
 
 import pytest
 
-from fg_nav.columns.choice import Hints, choose_columns, write_mapping
 from fg_nav.columns.headers import read_header
-from fg_nav.columns.mapping import parse_columns
+from fg_nav.columns.mapping import Hints, choose_columns, parse_columns, write_mapping
 from fg_nav.errors import FormatError
 
 HINTS = Hints("walk.csv", "fg-nav inspect walk.csv --columns")

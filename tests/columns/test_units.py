@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fg_nav.columns.units import KNOWN_UNITS, find_factor, find_quantity
+from fg_nav.columns.headers import KNOWN_UNITS, find_factor, find_quantity
 from fg_nav.frames import GRAVITY_M_S2
 
 DEGREE = np.pi / 180

@@ -1,4 +1,4 @@
-"""`fg-nav allan` from end to end."""
+"""`fg-nav lab allan` from end to end."""
 
 import json
 import sys
@@ -37,9 +37,9 @@ def table():
 
 def test_table_picture_and_figures(fg_nav, table, tmp_path):
     write_canonical(table.recording, tmp_path / "table.csv")
-    code, said, _ = fg_nav("allan", "table.csv", "--out", "noise")
+    code, said, _ = fg_nav("lab", "allan", "table.csv", "--out", "noise")
     assert code == 0
-    code, again, _ = fg_nav("allan", "table.csv", "--out", "noise", "--force", "--json")
+    code, again, _ = fg_nav("lab", "allan", "table.csv", "--out", "noise", "--force", "--json")
     assert code == 0
     assert json.loads(again) == {"folder": "noise", **json.loads((tmp_path / "noise" / "allan.json").read_text())}
     assert {path.name for path in (tmp_path / "noise").iterdir()} == {"allan.json", "allan.png"}
@@ -59,11 +59,11 @@ def test_an_older_result_is_kept_unless_told_otherwise(fg_nav, table, tmp_path):
     write_canonical(table.recording, tmp_path / "table.csv")
     (tmp_path / "noise").mkdir()
     (tmp_path / "noise" / "allan.json").write_text("{}")
-    code, _, error = fg_nav("allan", "table.csv", "--out", "noise")
+    code, _, error = fg_nav("lab", "allan", "table.csv", "--out", "noise")
     assert code == 1
     assert "--force" in error
     assert (tmp_path / "noise" / "allan.json").read_text() == "{}"
-    assert fg_nav("allan", "table.csv", "--out", "noise", "--force")[0] == 0
+    assert fg_nav("lab", "allan", "table.csv", "--out", "noise", "--force")[0] == 0
     assert json.loads((tmp_path / "noise" / "allan.json").read_text())["sensors"]
 
 
@@ -71,7 +71,7 @@ def test_a_sensor_without_magnetometer_and_with_a_dead_axis(fg_nav, table, tmp_p
     acc = table.recording.acc.copy()
     acc[:, 0] = acc[0, 0]
     write_canonical(Recording(table.recording.t, acc, table.recording.gyr), tmp_path / "dead.csv")
-    code, said, _ = fg_nav("allan", "dead.csv", "--out", "noise")
+    code, said, _ = fg_nav("lab", "allan", "dead.csv", "--out", "noise")
     assert code == 0
     assert "magnetometer" not in said
     assert json.loads((tmp_path / "noise" / "allan.json").read_text())["sensors"]["acc"]["x"]["N"]["seen"] is False
@@ -79,7 +79,7 @@ def test_a_sensor_without_magnetometer_and_with_a_dead_axis(fg_nav, table, tmp_p
 
 def test_a_walk_is_refused_in_a_sentence(fg_nav, tmp_path):
     write_canonical(simulate("demo", 1).recording, tmp_path / "walk.csv")
-    code, said, error = fg_nav("allan", "walk.csv", "--out", "noise")
+    code, said, error = fg_nav("lab", "allan", "walk.csv", "--out", "noise")
     assert (code, said) == (1, "")
     assert "too short for an Allan deviation" in error
     assert error.count("\n") == 1

@@ -11,12 +11,13 @@ from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Floats
 from fg_nav.calibration.of_recording import METHODS, read_calibration, write_calibration
+from fg_nav.commands.requests import StreamRequest
+from fg_nav.commands.stream import read_stream_options
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.io import read, write_canonical
 from fg_nav.lab.simulation import simulate
 from fg_nav.magnetic import average_footfall_field
 from fg_nav.online.buffer import OnlineOptions
-from fg_nav.online.follow import StreamRequest, read_stream_options
 from fg_nav.pipeline import prepare_walk
 from fg_nav.recording import Recording
 from fg_nav.walk import read_walk
@@ -266,7 +267,7 @@ def test_a_still_sensor_shows_the_bias_that_a_walk_begins_with(fg_nav: FgNav, se
         assert tuple(parameters["gyro_bias_deg_s"]) == prior["gyro_bias_deg_s"]
         remarks = json.dumps(json.loads(Path(f"{method}/summary.json").read_text()))
         assert "before the walk, from the calibration" in remarks
-    streamed = read_stream_options(StreamRequest(str(sensor / "a.csv"), calibration_path=Path("cal.json"))).online
+    streamed = read_stream_options(StreamRequest(source=str(sensor / "a.csv")), Path("cal.json")).online
     assert isinstance(streamed, OnlineOptions)
     assert streamed.parameters.gyro_bias_deg_s == prior["gyro_bias_deg_s"]
 

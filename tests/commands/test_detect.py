@@ -225,9 +225,9 @@ def test_what_cannot_be_looked_at_is_refused_in_one_line(
 
 def test_a_filter_with_a_detector_of_its_own_takes_no_gate(fg_nav: FgNav, files: Path) -> None:
     walk = files / "walk.csv"
-    assert fg_nav("run", walk, "--method", "qsf-rts", "--gate", "aiez").refused("qsf-rts", "own detector", "--gate")
-    assert fg_nav("compare", walk, "--methods", "qsf,aiez", "--gate", "aiez").refused("own detector")
-    assert fg_nav("run", walk, "--method", "smoother", "--polish").refused("--polish", "--method online")
+    assert fg_nav("run", walk, "--method", "qsf-rts", "--gate", "aiez").refused("qsf-rts", "makes no use of --gate")
+    assert fg_nav("compare", walk, "--methods", "qsf,aiez", "--gate", "aiez").refused("qsf makes no use of --gate")
+    assert fg_nav("run", walk, "--method", "smoother", "--polish").refused("--polish", "or choose online")
     assert not names(Path())
 
 

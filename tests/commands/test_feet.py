@@ -10,10 +10,10 @@ import pandas as pd
 import pytest
 
 from fg_nav.both_feet import navigate_feet, shows_sides
-from fg_nav.commands.simulate import write_feet
 from fg_nav.errors import EstimationError
 from fg_nav.feet.person import FeetSolution
 from fg_nav.lab.simulation import simulate_feet
+from fg_nav.lab.verbs.simulate import write_feet
 from fg_nav.solution import STRIDE_COLUMNS
 from tests.command_line import FgNav, names
 
@@ -230,11 +230,11 @@ def test_what_cannot_be_two_feet_is_refused(fg_nav: FgNav, walked: Path) -> None
     assert fg_nav("run", left, *FEET).refused("takes two recordings")
     assert fg_nav("run", left, left, *FEET).refused("the same one twice")
     for method in ("online", "iez", "qsf"):
-        assert fg_nav("run", left, right, *FEET, "--method", method).refused(method, "smoother or inertial")
+        assert fg_nav("run", left, right, *FEET, "--method", method).refused(method, "one of smoother, inertial")
     truth = walked / "left.truth.tum"
     assert fg_nav("run", left, right, *FEET, "--truth", truth).refused("--truth", "A,B")
     assert fg_nav("run", left, right, *FEET, "--fixes", truth).refused("--fixes")
-    assert fg_nav("run", left, "--clock-offset", "1").refused("--mount feet LEFT RIGHT")
+    assert fg_nav("run", left, "--clock-offset", "1").refused("is for --mount feet: add that")
     assert not Path("results").exists()
 
 

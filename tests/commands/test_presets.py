@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fg_nav.ekf.aiez import AiezParameters
-from fg_nav.ekf.gated_compass import GatedCompassParameters
+from fg_nav.ekf.compass import AiezParameters, GatedCompassParameters
 from fg_nav.ekf.presets import AS_PRINTED, GATED, NOT_RUN, PHYSICAL, PRESETS, TUNED, TUNED_PARAMETERS, find_parameters
 from fg_nav.errors import EstimationError
 from fg_nav.io import write_canonical

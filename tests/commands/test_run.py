@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from fg_nav import pipeline
-from fg_nav.commands import name_walk
+from fg_nav.commands.shared import name_walk
 from fg_nav.io import write_canonical, write_tum
 from fg_nav.lab.simulation import simulate
 from fg_nav.recording import Recording

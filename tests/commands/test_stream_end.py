@@ -12,7 +12,8 @@ import pandas as pd
 import pytest
 
 from fg_nav import cli
-from fg_nav.commands import Target, stream
+from fg_nav.commands import stream
+from fg_nav.commands.shared import Target
 from fg_nav.commands.stream import End, LinePrinter, save_end
 from fg_nav.errors import OutputError
 from fg_nav.online import OnlineNavigator

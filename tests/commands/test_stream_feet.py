@@ -59,11 +59,11 @@ def test_what_is_of_one_sensor_is_refused(fg_nav, sources) -> None:
     feet = ("--mount", "feet")
     assert fg_nav("stream", left, *feet).refused("takes two sources")
     assert fg_nav("stream", left, left, *feet).refused("is named twice")
-    assert fg_nav("stream", left, right).refused("--mount feet LEFT RIGHT")
-    assert fg_nav("stream", left, "--clock-offset", "1").refused("--mount feet LEFT RIGHT")
+    assert fg_nav("stream", left, right).refused("is for --mount feet: add that")
+    assert fg_nav("stream", left, "--clock-offset", "1").refused("is for --mount feet: add that")
     for option in (("--lag", "60"), ("--fixes", "f.csv"), ("--record", "r.csv"), ("--resume",), ("--polish",)):
-        assert fg_nav("stream", left, right, *feet, *option).refused(f"{option[0]} is for one sensor")
-    assert fg_nav("stream", left, right, *feet, "--calibration", "one.json").refused("--calibration LEFT,RIGHT")
+        assert fg_nav("stream", left, right, *feet, *option).refused(f"{option[0]} is for --mount foot")
+    assert fg_nav("stream", left, right, *feet, "--calibration", "one.json").refused("--calibration A,B")
 
 
 def test_rows_are_merged_by_their_stamps() -> None:

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from fg_nav.detection import detect_stances
 from fg_nav.detection import footfalls as ff
-from fg_nav.detection.footfalls import integrate_velocity
+from fg_nav.detection.footfalls import MANY, integrate_both_ways, start_at_rest
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.lab.simulation.motion import Style
@@ -295,6 +295,12 @@ def test_a_rest_is_one_minimum_from_its_first_sample_to_its_last():
     np.testing.assert_array_equal(last, [4, 6, 9])
 
 
+def integrate_velocity(t, acc, gyr, still, first, nav_R_body):
+    """Free velocity from rest and this attitude at a sample, both ways."""
+    h, hole = np.diff(t, append=2 * t[-1] - t[-2]), np.zeros(len(t), dtype=bool)
+    return integrate_both_ways(start_at_rest(nav_R_body), np.array([MANY]), first, acc, gyr, h, still, hole)
+
+
 @pytest.mark.parametrize("rate_hz", [100.0, 400.0])
 def test_free_velocity_both_ways_from_any_sample(rate_hz):
     """Without noise and without nudges it is the true velocity, but for what held samples leave out."""
@@ -303,7 +309,7 @@ def test_free_velocity_both_ways_from_any_sample(rate_hz):
     true = walk.motion.at(t)
     start = len(t) // 2
     never = np.zeros(len(t), dtype=bool)
-    velocity = integrate_velocity(t, acc, gyr, never, start, true.nav_R_body[start], GRAVITY_M_S2)
+    velocity = integrate_velocity(t, acc, gyr, never, start, true.nav_R_body[start])
     error = velocity - (true.velocity - true.velocity[start])
     assert np.abs(error).max() < 0.3 * (100 / rate_hz) ** 2
     assert np.ptp(true.velocity, axis=0).max() > 3.0
@@ -317,7 +323,7 @@ def test_tilt_is_forgotten_at_the_same_pace_at_every_rate():
         acc = np.tile([0.0, 0.0, GRAVITY_M_S2], (n, 1))
         wrong = Rotation.from_rotvec([tilt, 0.0, 0.0]).as_matrix()
         still = np.ones(n, dtype=bool)
-        reached.append(integrate_velocity(np.arange(n) / rate_hz, acc, 0 * acc, still, 0, wrong, GRAVITY_M_S2)[-1])
+        reached.append(integrate_velocity(np.arange(n) / rate_hz, acc, 0 * acc, still, 0, wrong)[-1])
     expected = GRAVITY_M_S2 * tilt * TILT_TIME_S
     np.testing.assert_allclose([np.linalg.norm(v[:2]) for v in reached], expected, rtol=0.02)
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fg_nav.ekf.aiez import run_aiez
+from fg_nav.ekf.compass import run_with_compass
 from fg_nav.ekf.core import run_iez
 from fg_nav.ekf.presets import AS_PRINTED, PHYSICAL, find_parameters
 from fg_nav.errors import EstimationError
@@ -18,7 +18,7 @@ PARAMETERS = replace(OWN, compass_sigma_deg=5.0, course_sigma_deg=2.0)  # Sure e
 
 
 def solved(recording, stances, field, headings, parameters=PARAMETERS):
-    return run_aiez(recording, stances, field, parameters, float(headings[0]))
+    return run_with_compass(recording, stances, field, parameters, float(headings[0]), "aiez")
 
 
 def magnet(t):

@@ -7,8 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from fg_nav.detection.rest import find_start
+from fg_nav.ekf.compass import find_first_heading, run_with_compass
 from fg_nav.ekf.core import IezParameters, filter_walk, propagate_considered, run_iez
-from fg_nav.ekf.gated_compass import find_first_heading, run_gated_compass
 from fg_nav.ekf.presets import GATED, PHYSICAL, RTS, find_parameters, run_filter
 from fg_nav.errors import EstimationError
 from fg_nav.magnetic import average_footfall_field
@@ -21,7 +21,7 @@ DRIFT = {"gyro_bias_deg_s": 0.2, "from_s": 3.0}  # Not seen in the rest at the s
 
 
 def solved(method, recording, stances, field, heading):
-    return run_gated_compass(recording, stances, field, find_parameters(method, PHYSICAL), heading, method)
+    return run_with_compass(recording, stances, field, find_parameters(method, PHYSICAL), heading, method)
 
 
 @pytest.mark.parametrize("method", GATED)
@@ -52,7 +52,7 @@ def test_without_a_heading_and_an_accepted_footfall_it_is_the_iez_turned_with_it
     rng = np.random.default_rng(2)
     recording = replace(recording, acc=recording.acc + 0.5 * rng.standard_normal(recording.acc.shape))
     field = average_footfall_field(recording, stances)
-    solution = run_gated_compass(recording, stances, field, NOTHING_PASSES)
+    solution = run_with_compass(recording, stances, field, NOTHING_PASSES)
     plain = run_iez(recording, stances, heading=find_first_heading(field))
     assert "quasi-static" not in solution.stances.field
     np.testing.assert_allclose(solution.position, plain.position, atol=1e-9)
@@ -88,7 +88,7 @@ def test_a_compass_accepted_late_turns_the_walk_about_its_start():
     wild = lambda t: np.where(t < 2.3, 15.0, 15.0 + 40.0 * (np.floor(t - 0.3) % 2))  # noqa: E731
     recording, stances, field, headings = walked(STRAIGHT, lambda t: np.where(t < 20.3, wild(t), 0.0))
     parameters = replace(find_parameters("ma2018", PHYSICAL), compass_sigma_deg=3.0)
-    solution = run_gated_compass(recording, stances, field, parameters)
+    solution = run_with_compass(recording, stances, field, parameters)
     words, at = np.array(solution.stances.field), solution.stances.t
     assert "quasi-static" not in words[at < 20.0]
     assert abs(off_deg(solution, headings)[recording.t < 19.0]).min() > 10.0
@@ -101,7 +101,7 @@ def test_declination_turns_what_the_compass_says():
     recording, stances, field, headings = walked(STRAIGHT, lambda t: np.full(len(t), 7.0))
     parameters = replace(find_parameters("ma2018", PHYSICAL), declination_deg=7.0)
     for heading in (None, float(headings[0])):
-        solution = run_gated_compass(recording, stances, field, parameters, heading)
+        solution = run_with_compass(recording, stances, field, parameters, heading)
         assert abs(off_deg(solution, headings)[-1]) < 0.3
 
 
@@ -124,7 +124,7 @@ def test_levelled_by_the_force_or_the_attitude_a_clean_walk_is_the_same():
     recording, stances, field, headings = walked(STRAIGHT, **DRIFT)
     ends = [
         off_deg(
-            run_gated_compass(
+            run_with_compass(
                 recording,
                 stances,
                 field,

@@ -9,7 +9,7 @@ from fg_nav.detection.rolling_lever import estimate_lever
 from fg_nav.ekf import IezParameters, run_iez
 from fg_nav.ekf.core import ACC_BIAS_SIGMA, ACC_BIAS_WALK, make_noise_models
 from fg_nav.ekf.measurements import update_in_stance
-from fg_nav.ekf.presets import FACTOR_SPACING_S, FORCE_SHARE, MATCHED, MatchedParameters, find_parameters, run_matched
+from fg_nav.ekf.presets import FACTOR_SPACING_S, FORCE_SHARE, MATCHED, run_filter
 from fg_nav.errors import EstimationError
 from fg_nav.mechanisation import NavState
 from fg_nav.smoother import strides
@@ -97,5 +97,5 @@ def test_a_foot_that_is_pushed_has_a_larger_sigma():
 def test_it_needs_a_field_and_takes_the_lever_of_the_recording():
     recording, stances = Walk(strides=12, roll=0.4, height=0.09).recording()
     with pytest.raises(EstimationError, match="matched needs a magnetometer"):
-        run_matched(recording, stances, None, MatchedParameters(find_parameters("ma2018").detector))
+        run_filter("matched", "physical", recording, stances, None, None)
     assert estimate_lever(recording, stances).lever[2] == pytest.approx(0.09, abs=0.02)

@@ -75,7 +75,7 @@ def test_without_the_extra_it_says_what_to_install(tmp_path: Path, monkeypatch: 
         return real(name, *rest)  # type: ignore[arg-type]
 
     monkeypatch.setattr(builtins, "__import__", absent)
-    with pytest.raises(FormatError, match=r"which rosbags reads: install it, `pip install 'fg-nav\[ros\]'`"):
+    with pytest.raises(FormatError, match=r"which rosbags reads: pip install 'fg-nav\[ros\]'"):
         read(path)
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fg_nav.columns.choice import find_pressure
+from fg_nav.columns.mapping import find_pressure
 from fg_nav.errors import FormatError
 from fg_nav.io import read_raw, write_canonical
 from tests.io.samples import tilting

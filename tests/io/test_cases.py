@@ -26,8 +26,8 @@ from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.inspection import inspect
 from fg_nav.io import Reading, read, read_raw, read_truth
 from fg_nav.lab.simulation import Choices, simulate
+from fg_nav.pipeline import Result
 from fg_nav.recording import RawRecording, Recording
-from fg_nav.result import Result
 from fg_nav.samples.saturation import find_saturated
 from tests.command_line import FgNav, Ran
 from tests.io.samples import tilting

@@ -8,7 +8,7 @@ import scipy.io
 
 from fg_nav.errors import FormatError
 from fg_nav.io import read, read_raw
-from fg_nav.io.text_columns import drop_held
+from fg_nav.io.streams import drop_held
 from fg_nav.truth import FootprintTruth
 from tests.io.samples import (
     WRITERS,

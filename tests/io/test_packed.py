@@ -245,8 +245,8 @@ def test_line_ends_of_all_kinds_count_as_they_are_read(text: bytes, tmp_path: Pa
     [
         (lambda data: data.decode().encode("utf-16-le"), "UTF-16 without a byte-order mark: save it in UTF-8"),
         (lambda data: data.decode().encode("utf-32"), "UTF-32: save it in UTF-8"),
-        (bz2.compress, "packed by bzip2: unpack it"),
-        (lzma.compress, "packed by xz: unpack it"),
+        (bz2.compress, "packed by bzip2, .*: unpack it"),
+        (lzma.compress, "packed by .*xz.*: unpack it"),
     ],
 )
 def test_what_is_not_unpacked_or_decoded_is_named(

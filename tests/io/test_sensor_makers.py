@@ -8,9 +8,7 @@ import pytest
 
 from fg_nav.errors import FormatError
 from fg_nav.io import read, read_raw
-from fg_nav.recording import Recording
 from tests.io.foreign_sensors import (
-    FOREIGN,
     write_apdm,
     write_dot_sdk,
     write_metawear,
@@ -24,24 +22,6 @@ from tests.io.samples import tilting
 from tests.real_data import DATA, needs_data
 
 RAW = tilting(np.random.default_rng(3), duration_s=4.0, rate_hz=100.0, still_s=1.0)
-
-
-@pytest.mark.parametrize("kind", FOREIGN)
-def test_each_kind_of_file_is_recognized_and_read_within_its_digits(kind: str, tmp_path: Path) -> None:
-    how, path = FOREIGN[kind], tmp_path / "walk.dat"
-    how.write(RAW, path)
-    raw = read_raw(path, sensor=how.sensor)
-    assert raw.provenance.format == how.format
-    recording = Recording.from_raw(raw)
-    start = round((recording.t[0] - raw.t[0]) * 100)
-    k = start + np.rint((recording.t - recording.t[0]) * 100).astype(int)
-    assert len(recording) >= 0.99 * len(RAW.t)
-    np.testing.assert_allclose(recording.t - recording.t[0], RAW.t[k] - RAW.t[k[0]], atol=2e-3)
-    np.testing.assert_allclose(recording.acc, RAW.acc[k], atol=how.digits)
-    np.testing.assert_allclose(recording.gyr, RAW.gyr[k], atol=how.digits)
-    assert (recording.mag is not None) == how.has_mag or "local field" in " ".join(raw.provenance.notes)
-    if recording.mag is not None:
-        np.testing.assert_allclose(recording.mag, RAW.mag[k], atol=100 * how.digits)
 
 
 @pytest.mark.parametrize("separator", ["\t", ",", ";", " "])
@@ -226,9 +206,7 @@ def test_metawear_leaves_out_rows_whose_clocks_are_damaged(tmp_path: Path) -> No
 def test_metawear_asks_for_the_other_file_and_for_the_session(tmp_path: Path) -> None:
     write_metawear(RAW, tmp_path)
     one = next(tmp_path.glob("*_Accelerometer*"))
-    with pytest.raises(
-        FormatError, match=r"the accelerometer alone: put 'Left_MetaWear.*_Gyroscope_100.000Hz.*' of the"
-    ):
+    with pytest.raises(FormatError, match="has no gyroscope, only accelerometer: give the folder or zip"):
         read(one)
     write_metawear(RAW, tmp_path, "Right_MetaWear_2019-01-11T16.10.08.270_C5")
     with pytest.raises(FormatError, match=r"2 sessions \(Left_MetaWear.*, Right_MetaWear.*\): name one"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import pytest
 
 from fg_nav.errors import FgNavError, FormatError, RecordingError
 from fg_nav.frames import GRAVITY_M_S2
-from fg_nav.io import read, read_raw
+from fg_nav.io import read, read_raw, tables
 from fg_nav.lab.simulation import simulate
 from fg_nav.recording import RawRecording
 from tests.io.samples import tilting, write_xio
@@ -240,6 +241,15 @@ def test_parquet(tmp_path: Path) -> None:
     assert is_the_same(read_raw(path))
     frame.assign(t=pd.to_datetime(frame["t"], unit="s")).set_index("t").to_parquet(path)
     assert is_the_same(read_raw(path))
+
+
+def test_a_table_is_opened_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    opened, open_json = list[str](), tables._open_json
+    monkeypatch.setattr(tables, "_open_json", lambda content: opened.append(content.path.name) or open_json(content))
+    path = tmp_path / "walk.json"
+    path.write_text(json.dumps([dict(zip(SHORT, row, strict=True)) for row in table_of().tolist()]))
+    assert is_the_same(read_raw(path))
+    assert opened == ["walk.json"]
 
 
 def test_gzip_of_a_table(tmp_path: Path) -> None:

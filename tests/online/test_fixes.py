@@ -11,8 +11,8 @@ from fg_nav.io import write_canonical
 from fg_nav.online import OnlineNavigator
 from fg_nav.online.buffer import OnlineOptions, rows_of
 from fg_nav.online.estimates import Revision
-from fg_nav.online.strides import agrees, find_stride_fixes, select_fixes
-from fg_nav.smoother.constraints import pin_to_times
+from fg_nav.online.strides import agrees, find_stride_fixes
+from fg_nav.smoother.constraints import pin_to_times, select_reached_fixes
 from fg_nav.truth import Fix
 from tests.online.walks import worst_difference
 from tests.smoother.test_fixes import demo, errors, fixes_at, truth_from_start, with_fixes
@@ -95,7 +95,8 @@ def test_a_fix_of_a_stride_has_the_node_and_the_sigma_of_the_batch():
     pinned = pin_to_times(inside, t_node)
     np.testing.assert_array_equal([node for node, _ in found], pinned.node)
     np.testing.assert_allclose([fix.horizontal_sigma_m for _, fix in found], pinned.horizontal)
-    assert not select_fixes([Fix(9.0, np.zeros(3), 0.1)], np.array([0.0, 5.0, 20.0]))  # farther than a stride from all
+    far = Fix(9.0, np.zeros(3), 0.1)  # farther than a stride from all
+    assert not select_reached_fixes([far], np.array([0.0, 5.0, 20.0]))
 
 
 def test_a_fix_agrees_within_the_sigmas_of_both():

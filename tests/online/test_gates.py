@@ -6,7 +6,7 @@ import pytest
 from fg_nav.magnetic.quasi_static import GATES, HARD, NO_GATE, QUASI_STATIC, apply_gate
 from fg_nav.online import OnlineNavigator
 from fg_nav.online.buffer import OnlineOptions, rows_of
-from fg_nav.online.resolve import measure_walk_field
+from fg_nav.online.resolve import measure_online_field
 from fg_nav.smoother.parameters import FieldParameters, SmootherParameters
 from tests.online.walks import push, short_walk
 
@@ -20,7 +20,7 @@ def test_a_gate_judges_a_walk_in_progress(gate):
     found = navigator.finish()
     assert np.isfinite(found.stances.position).all()
     # on the same footfalls, with the attitudes of the batch
-    field = measure_walk_field(navigator.recording(), navigator.stances(), navigator.options).field
+    field = measure_online_field(navigator.recording(), navigator.stances(), navigator.options).field
     assert field is not None
     passed = np.array([word == QUASI_STATIC for word in found.stances.field])
     expected = np.array([word == QUASI_STATIC for word in apply_gate(field, gate).words])

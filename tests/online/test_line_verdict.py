@@ -10,7 +10,7 @@ from fg_nav.errors import RecordingError
 from fg_nav.lab.simulation import simulate
 from fg_nav.online.buffer import SampleBuffer, rows_of
 from fg_nav.online.estimates import Revision, StanceEstimate, format_estimate
-from fg_nav.online.line_verdict import LineVerdict
+from fg_nav.online.follow import LineVerdict
 from fg_nav.online.source_check import AxesCheck
 from fg_nav.verdict.limits import judge_position
 

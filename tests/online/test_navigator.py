@@ -8,7 +8,7 @@ import pytest
 from fg_nav.arrays import Floats
 from fg_nav.detection import detect_stances
 from fg_nav.errors import DetectionError, EstimationError, FgNavError, RecordingError
-from fg_nav.estimators import ESTIMATORS
+from fg_nav.estimators import METHODS
 from fg_nav.evaluation.metrics import measure_gap
 from fg_nav.magnetic import average_footfall_field
 from fg_nav.online import OnlineNavigator
@@ -268,7 +268,9 @@ def test_a_recording_keeps_its_samples_and_its_stamps(first, step_s):
     t = walk.t.copy()
     t[first:] += step_s
     recording = replace(walk, t=t)
-    found = ESTIMATORS["online"](Walk(recording, detect_stances(recording), options=Options(heading_deg=0.0)), None)
+    found = METHODS["foot"]["online"].run(
+        Walk(recording, detect_stances(recording), options=Options(heading_deg=0.0)), None
+    )
     np.testing.assert_array_equal(found.t, t)
     assert found.runtime_s > 0.1
     assert not any("times" in note for note in found.notes)

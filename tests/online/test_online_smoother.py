@@ -18,7 +18,7 @@ from fg_nav.online import OnlineNavigator
 from fg_nav.online import smoother as online_smoother
 from fg_nav.online import window as online_window
 from fg_nav.online.buffer import OnlineOptions, SampleBuffer, rows_of
-from fg_nav.online.resolve import measure_walk_field, solve_so_far
+from fg_nav.online.resolve import measure_online_field, solve_so_far
 from fg_nav.online.smoother import AT_ONCE, OnlineSmoother, choose_delay, choose_next
 from fg_nav.recording import Recording
 from fg_nav.smoother import SmootherParameters, smooth
@@ -78,7 +78,7 @@ def polished(walk: Walk, options: OnlineOptions = OnlineOptions()):
     """The batch on the same footfalls, without the gyroscope scale, which a walk in progress has not."""
     cut = part(walk, FOOTFALLS)
     recording, stances = cut.recording, cut.stances
-    seen = measure_walk_field(recording, stances, options)
+    seen = measure_online_field(recording, stances, options)
     p = replace(options.parameters, gyro_scale=False)
     return smooth(seen.recording, stances, p, options.heading_rad, None, seen.field)
 

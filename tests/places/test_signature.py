@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from fg_nav.frames import yaw_rotation
-from fg_nav.places import signature as signature_module
 from fg_nav.places import trace_signature
 from fg_nav.places.signature import SPACING_M
 from tests.places.floors import LOOP, Floor, along, carry
@@ -69,16 +68,3 @@ def test_a_signature_follows_the_rate_of_the_samples():
     n = min(len(coarse), len(traced()))
     assert np.abs(coarse.field[: n - 1] - traced().field[: n - 1]).max() < 0.5
     assert len(carry(FLOOR, PLACE)) == len(traced())
-
-
-def test_a_long_path_is_averaged_block_by_block(monkeypatch):
-    """With a slow magnetometer too, whose readings are missing at every second sample."""
-    place = along(LOOP)
-    t, R = np.arange(len(place)) / 25.0, np.tile(np.eye(3), (len(place), 1, 1))
-    mag = Floor.draw(3).at(place)
-    mag[1::2] = np.nan
-    whole = signature_module.trace_signature(t, place, R, mag)
-    monkeypatch.setattr(signature_module, "BLOCK_ROWS", 100)
-    in_blocks = signature_module.trace_signature(t, place, R, mag)
-    np.testing.assert_allclose(in_blocks.field, whole.field, atol=1e-9)
-    np.testing.assert_allclose(in_blocks.position, whole.position, atol=1e-9)

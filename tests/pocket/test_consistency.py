@@ -10,9 +10,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from fg_nav.pocket.filter import FilterInputs, allocate_output, initialize_state, run_filter
-from fg_nav.pocket.filter_equations import build_model, create_reference
-from fg_nav.pocket.parameters import PocketParameters
+from fg_nav.pocket.filter import FilterInputs, allocate_track, initialize_state, run_filter
+from fg_nav.pocket.filter_equations import PocketParameters, build_model, create_reference
 from fg_nav.pocket.track import PocketStart
 from tests.pocket.leg import MUNICH, walking
 
@@ -46,7 +45,7 @@ def errors(leg, rng, white_field):
     wrong = Rotation.from_rotvec(SIGMA0[:3] * rng.standard_normal(3)).as_matrix() @ R[0]
     state = initialize_state(PocketStart(wrong, SIGMA0[0], SIGMA0[2]), PARAMETERS)
     inputs = FilterInputs(np.full(n, h), rate, force, field, always, always, always)
-    run_filter(inputs, state, create_reference(), MODEL, allocate_output(n, n))
+    run_filter(inputs, state, create_reference(), MODEL, allocate_track(h * np.arange(n), n))
     attitude = Rotation.from_matrix(state.nav_R_body @ R[n - 1].T).as_rotvec()
     return np.concatenate([attitude, state.gyro_bias - bias[n - 1]]), state.P
 

@@ -1,7 +1,5 @@
 """Dead reckoning by steps: paths that are known, and a covariance that draws bear out."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -107,7 +105,7 @@ def draws(path, sigma, number):
 
 def test_a_sigma_of_heading_that_falls_does_not_take_back_what_was_lost():
     track, swing, steps = given(np.zeros(40), sigma=np.radians(5.0))
-    falling = replace(track, sigma=track.sigma * np.linspace(1.0, 0.1, len(track))[:, None])
+    falling = track._replace(sigma=track.sigma * np.linspace(1.0, 0.1, len(track.t))[:, None])
     one, other = (reckon_path(given_track, swing, steps, LAW).covariance[-1] for given_track in (track, falling))
     np.testing.assert_allclose(other, one, rtol=0.3)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fg_nav.pocket.filter_equations import (
+from fg_nav.lab.reproduce.munoz_diaz2017.as_printed import (
     angles_of_rotation,
     angles_of_up,
     error_axes,

@@ -9,7 +9,6 @@ from scipy.spatial.transform import Rotation
 from fg_nav.factors.rotation import rotation_exp
 from fg_nav.pocket import PocketSmootherParameters, PocketStart
 from fg_nav.pocket.iterated_smoother import (
-    assemble_inputs,
     build_noise,
     build_prior,
     estimate_field_walk,
@@ -21,18 +20,20 @@ from fg_nav.pocket.kalman_smoother import (
     BIAS,
     BODY,
     FIELD,
+    NODE_S,
     REGION,
     SCALE,
-    SENSOR,
     SIZE,
     SWING,
     VELOCITY,
     Nodes,
+    detect_rests,
     linearize_field,
     linearize_transition,
+    place_nodes,
+    preintegrate_links,
     smooth_nodes,
 )
-from fg_nav.pocket.links import NODE_S, detect_rests, place_nodes, preintegrate_links
 from tests.pocket.leg import walking
 
 P = PocketSmootherParameters(latitude_deg=48.0, bias_returns_to_zero=True)
@@ -49,15 +50,15 @@ class Problem:
         node = place_nodes(recording.t, NODE_S)
         r = recording
         self.bias0 = np.array([1e-3, -2e-3, 5e-4])
-        self.links = preintegrate_links(node, r.t, r.acc, r.gyr, r.mag, self.bias0)
-        self.noise = build_noise(P, self.bias0)
+        self.links = preintegrate_links(node, r.t, r.acc, r.gyr - self.bias0, r.mag)
+        self.noise = build_noise(P)
         self.prior = build_prior(PocketStart(leg.attitude[0], 0.01, 0.02), self.links, P)
         walk = estimate_field_walk(self.links, P.mag_sigma_uT)
-        rests = detect_rests(self.links)
-        rests.variance[3] = 1e-6  # one that is said to be
-        rests.rate[3] = [2e-3, 0.0, -1e-3]
-        self.inputs = assemble_inputs(self.links, initialize_variances(walk, self.links), rests)
-        nodes = predict_nodes(self.prior, self.links, self.noise)
+        self.rests = detect_rests(self.links)
+        self.rests.variance[3] = 1e-6  # one that is said to be
+        self.rests.rate[3] = [2e-3, 0.0, -1e-3]
+        self.variances = initialize_variances(walk, self.links)
+        nodes = predict_nodes(self.prior, self.links)
         rng = np.random.default_rng(3)
         self.nodes = inject_correction(nodes, UNITS * rng.standard_normal((len(nodes.b), SIZE)))
 
@@ -80,8 +81,8 @@ def differences(of, step=1e-6):
 
 def test_rows_of_a_field_are_its_derivatives(problem):
     q, H = problem, np.zeros((3, SIZE))
-    rows = differences(lambda x: -linearize_field(2, one(q.nodes, 2, x), q.inputs, q.noise, np.zeros((3, SIZE))))
-    linearize_field(2, q.nodes, q.inputs, q.noise, H)
+    rows = differences(lambda x: -linearize_field(2, one(q.nodes, 2, x), q.links, np.zeros((3, SIZE))))
+    linearize_field(2, q.nodes, q.links, H)
     assert np.allclose(rows, H, atol=1e-5)
     assert np.abs(H[:, BIAS:SCALE]).max() > 5.0
     assert np.abs(H[:, SCALE:FIELD]).max() > 5.0
@@ -91,11 +92,11 @@ def test_the_step_from_node_to_node_is_its_derivative(problem):
     q, k = problem, 1
 
     def ahead(x):
-        offset, _ = linearize_transition(k, one(q.nodes, k, x), q.inputs, q.noise, np.zeros((SIZE, SIZE)))
+        offset, _ = linearize_transition(k, one(q.nodes, k, x), q.links, q.variances, q.noise, np.zeros((SIZE, SIZE)))
         return offset
 
     F = np.zeros((SIZE, SIZE))
-    _, variance = linearize_transition(k, q.nodes, q.inputs, q.noise, F)
+    _, variance = linearize_transition(k, q.nodes, q.links, q.variances, q.noise, F)
     # the offset of the attitude is a logarithm about 0.01 rad, whose derivative is the identity but for half of that
     assert np.allclose(differences(ahead), F, atol=0.02)
     # what the errors do to the attitude is in the way gone, to second order with the turn
@@ -112,7 +113,7 @@ def test_the_step_of_the_attitude_is_gtsam_s_factor(problem):
     parameters = gtsam.PreintegratedRotationParams()
     parameters.setGyroscopeCovariance(np.eye(3))
     measured = gtsam.PreintegratedAhrsMeasurements(
-        parameters, q.bias0, h, gtsam.Rot3(q.links.turn[k]), q.links.per_sensor[k, :, :3], np.eye(3)
+        parameters, np.zeros(3), h, gtsam.Rot3(q.links.turn[k]), q.links.per_sensor[k, :, :3], np.eye(3)
     )
     factor = gtsam.AHRSFactor(X(0), X(1), B(0), measured)
     values = gtsam.Values()
@@ -124,7 +125,7 @@ def test_the_step_of_the_attitude_is_gtsam_s_factor(problem):
     y = q.nodes.y.copy()
     y[:, SCALE - 3 : FIELD - 3] = 0.0  # theirs knows no scale
     nodes = Nodes(q.nodes.R, y)
-    offset, _ = linearize_transition(k, nodes, q.inputs, still, F)
+    offset, _ = linearize_transition(k, nodes, q.links, q.variances, still, F)
     # theirs is Log(R_1^T predict_nodes) or its inverse, in the body; ours Log(R_1 predict_nodes^T) in nav
     theirs = factor.unwhitenedError(values)
     ours = q.nodes.R[k + 1].T @ -offset[:3]
@@ -145,7 +146,7 @@ def test_the_chain_is_the_dense_least_squares_solution(problem):
     q = problem
     n = len(q.nodes.b)
     x0 = np.concatenate([np.zeros(3), q.prior.y - q.nodes.y[0]])
-    solved = smooth_nodes(q.nodes, q.inputs, q.noise, x0, q.prior.P)
+    solved = smooth_nodes(q.nodes, q.links, q.variances, q.rests, q.noise, x0, q.prior.P)
     rows, right = [], []
 
     def add(k, H, z, variance, k2=None, H2=None):
@@ -162,22 +163,22 @@ def test_the_chain_is_the_dense_least_squares_solution(problem):
     for k in range(n):
         if k < n - 1:
             F = np.zeros((SIZE, SIZE))
-            offset, variance = linearize_transition(k, q.nodes, q.inputs, q.noise, F)
+            offset, variance = linearize_transition(k, q.nodes, q.links, q.variances, q.noise, F)
             variance = np.maximum(variance, 1e-8 * UNITS**2)
             add(k + 1, np.eye(SIZE), offset, variance, k, -F)
         unit, y = np.eye(SIZE), q.nodes.y[k]
-        add(k, unit[SWING:BODY], -y[SWING - 3 : BODY - 3], q.inputs.swing[k])
-        if np.isfinite(q.inputs.rest[k]):
-            rate = q.inputs.rate[k] - q.nodes.R[k].T @ q.noise.earth_rate
-            add(k, unit[BIAS:SCALE], rate - y[:3], q.inputs.rest[k])
+        add(k, unit[SWING:BODY], -y[SWING - 3 : BODY - 3], q.variances.swing[k])
+        if np.isfinite(q.rests.variance[k]):
+            rate = q.rests.rate[k] - q.nodes.R[k].T @ q.noise.earth_rate
+            add(k, unit[BIAS:SCALE], rate - y[:3], q.rests.variance[k])
             add(k, unit[VELOCITY:SWING], -y[VELOCITY - 3 : SWING - 3], q.noise.rest_velocity)
-        if q.inputs.samples[k] > 0:
-            z = linearize_field(k, q.nodes, q.inputs, q.noise, H)
-            walked = q.inputs.walk[min(k, n - 2)] / 3  # mean of a walk over its link, against its start
-            add(k, H.copy(), z, q.noise.mag / q.inputs.samples[k] + q.noise.mag_left + walked)
+        if k < n - 1 and q.links.n_fields[k] > 0:
+            z = linearize_field(k, q.nodes, q.links, H)
+            walked = q.variances.step[k] / 3  # mean of a walk over its link, against its start
+            add(k, H.copy(), z, q.noise.mag / q.links.n_fields[k] + q.noise.mag_left + walked)
             tie = np.zeros((3, SIZE))
             tie[:, FIELD:REGION], tie[:, REGION:VELOCITY] = np.eye(3), -np.eye(3)
-            add(k, tie, -tie[:, 3:] @ y, q.inputs.deviation[k])
+            add(k, tie, -tie[:, 3:] @ y, q.variances.deviation[k])
     A, b = np.concatenate(rows), np.concatenate(right)
     unit = np.tile(UNITS, n)
     R = np.linalg.qr(A * unit, mode="r")
@@ -193,7 +194,7 @@ def test_the_chain_is_the_dense_least_squares_solution(problem):
     d = np.zeros((3, n * SIZE))
     d[:, FIELD:REGION], d[:, SIZE + FIELD : SIZE + REGION] = -np.eye(3), np.eye(3)
     mean = np.diff(q.nodes.y[:2, FIELD - 3 : REGION - 3], axis=0)[0] + d @ x
-    assert solved.step_square[0] == pytest.approx((mean**2).sum() + np.trace(d @ covariance @ d.T), rel=1e-3)
+    assert solved.square.step[0] == pytest.approx((mean**2).sum() + np.trace(d @ covariance @ d.T), rel=1e-3)
 
 
 def test_nodes_without_any_error_want_no_change():
@@ -201,12 +202,11 @@ def test_nodes_without_any_error_want_no_change():
     recording = leg.recording(bias=np.zeros(3))
     node = place_nodes(recording.t, NODE_S)
     p = PocketSmootherParameters()
-    links = preintegrate_links(node, recording.t, recording.acc, recording.gyr, recording.mag, np.zeros(3))
-    noise, prior = build_noise(p, np.zeros(3)), build_prior(PocketStart(leg.attitude[0], 0.01), links, p)
-    inputs = assemble_inputs(
-        links, initialize_variances(estimate_field_walk(links, p.mag_sigma_uT), links), detect_rests(links)
-    )
-    solved = smooth_nodes(predict_nodes(prior, links, noise), inputs, noise, np.zeros(SIZE), prior.P)
+    links = preintegrate_links(node, recording.t, recording.acc, recording.gyr, recording.mag)
+    noise, prior = build_noise(p), build_prior(PocketStart(leg.attitude[0], 0.01), links, p)
+    variances = initialize_variances(estimate_field_walk(links, p.mag_sigma_uT), links)
+    nodes, x0 = predict_nodes(prior, links), np.zeros(SIZE)
+    solved = smooth_nodes(nodes, links, variances, detect_rests(links), noise, x0, prior.P)
     assert np.abs(solved.x[:, :3]).max() < 1e-4
-    assert np.abs(solved.x[:, SENSOR]).max() < 1e-5
+    assert np.abs(solved.x[:, BIAS:FIELD]).max() < 1e-5
     assert Rotation.from_matrix(rotation_exp(solved.x[:, :3])).magnitude().max() < 1e-4

@@ -170,13 +170,14 @@ def test_without_a_magnetometer_it_says_so_and_goes_on(fg_nav, files):
         (["pocket.csv", "--mount", "pocket", "--method", "iez"], ["iez is for --mount foot", "pocket"]),
         (["pocket.csv", "--method", "pocket"], ["pocket is for --mount pocket"]),
         (["pocket.csv", "--mount", "pocket", "--method", "best"], ["no method 'best'", PAPER]),
-        (["foot.csv", "--known-distance", "10"], ["add --mount pocket"]),
+        (["foot.csv", "--known-distance", "10"], ["is for --mount pocket: add that"]),
         (["pocket.csv", "--mount", "pocket", "--known-distance", "0"], ["known distance", "metres walked"]),
         (["pocket.csv", "--mount", "pocket", "--known-distance", "nan"], ["known distance"]),
         (["pocket.csv", "--mount", "pocket", "--step-constant", "7"], ["no person's"]),
         (["pocket.csv", "--mount", "pocket", "--step-constant", "0.8", "--known-distance", "70"], ["give one of them"]),
-        (["pocket.csv", "--mount", "pocket", "--gate", "ma2018"], ["for a sensor on a foot"]),
-        (["pocket.csv", "--mount", "pocket", "--preset", "physical"], ["for a sensor on a foot"]),
+        (["pocket.csv", "--mount", "pocket", "--gate", "ma2018"], ["--gate is for --mount foot"]),
+        (["pocket.csv", "--mount", "pocket", "--preset", "physical"], ["--preset is for --mount foot"]),
+        (["pocket.csv", "--mount", "pocket", "--set", "iez.acc_density=1"], ["--set is for --mount foot"]),
         (["pocket.csv", "--mount", "pocket", "--heading", "nan"], ["no direction"]),
     ],
 )
@@ -208,13 +209,9 @@ def test_a_magnetometer_that_is_empty_is_none(walk):
 
 
 def test_the_names_of_the_methods_are_the_same_everywhere():
-    from fg_nav.cli.options import POCKET_METHODS
-
-    assert estimators.POCKET_METHODS == METHODS
-    assert tuple(estimators.POCKET_ESTIMATORS) == POCKET_METHODS
-    assert estimators.DEFAULT_METHOD["pocket"] == METHODS[0]
+    assert tuple(estimators.METHODS["pocket"]) == (*METHODS, "online")
     with pytest.raises(EstimationError, match="no method"):
-        estimators.find_estimator("best", "pocket")
+        estimators.find_method("best", "pocket")
 
 
 def test_a_pocket_of_few_strides_is_never_trusted_and_none_is_told_of_a_foots_rate(walk):

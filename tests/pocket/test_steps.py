@@ -7,8 +7,8 @@ from scipy.spatial.transform import Rotation
 from fg_nav.errors import EstimationError
 from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.pocket import estimate_pocket
-from fg_nav.pocket.causal_steps import SwingSums
 from fg_nav.pocket.steps import (
+    SwingSums,
     estimate_swing,
     find_bounces,
     find_level_axis,
@@ -16,7 +16,6 @@ from fg_nav.pocket.steps import (
     find_turning_points,
     measure_sway,
 )
-from fg_nav.pocket.track import PocketTrack
 from fg_nav.recording import Recording
 
 RATE_HZ = 50.0
@@ -192,13 +191,7 @@ def test_the_sway_points_forward(course) -> None:
     # an inverted pendulum: slowest where it is highest; and a sideways sway at half of that frequency
     ahead, side, vertical = 2.0 * np.sin(w * t), 1.5 * np.sin(w / 2 * t + 1.0), -2.5 * np.cos(w * t)
     acc = np.stack([ahead, side, 9.8 + vertical], axis=1) @ Rotation.from_euler("z", course).as_matrix().T
-    n = len(t)
-    nothing = np.full(n, np.nan)
-    track = PocketTrack(
-        t, np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3)), np.zeros((n, 6)), np.zeros(1, int), np.zeros((1, 6, 6)),
-        nothing, nothing,
-    )  # fmt: skip
-    sway, surely = measure_sway(Recording(t, acc, np.zeros((n, 3))), track, np.ones(n, dtype=bool))
+    sway, surely = measure_sway(acc * [1.0, 1.0, 0.0], acc[:, 2], np.ones(len(t), dtype=bool), 0.02)
     assert np.degrees(np.arctan2(sway[1], sway[0])) == pytest.approx(np.degrees(course), abs=3.0)
     assert surely > 0.8
 

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from fg_nav.errors import FgNavError, FormatError, OutputError
 from fg_nav.evaluation.metrics import evaluate
-from fg_nav.report.export import FORMATS, export_track, find_files
+from fg_nav.report.export import EXPORTS, export_track, find_files
 from fg_nav.report.export.maps import outline_ellipses
 from fg_nav.report.export.track import POSITION, ExportTrack, Origin, parse_start, read_result
 from fg_nav.report.files import write_json, write_paths
@@ -411,7 +411,7 @@ def test_what_is_no_result_is_told_in_a_sentence(folder: Path, tmp_path: Path) -
 
 
 def test_an_extra_that_is_absent_is_named(track: ExportTrack, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for ending, format in FORMATS.items():
+    for ending, format in EXPORTS.items():
         if format.extra is None:
             continue
         extra, module = format.extra

@@ -15,9 +15,9 @@ from fg_nav.commands.detect import collect_survey_notes, describe_survey, tabula
 from fg_nav.earth import EarthField
 from fg_nav.evaluation.field_survey import FieldSurvey, measure_coverage, survey_field
 from fg_nav.magnetic import FieldVerdicts, FootfallField
-from fg_nav.report.drawn import AlignedSolution
+from fg_nav.report.course import AlignedSolution
 from fg_nav.report.plots import style
-from fg_nav.report.plots.field import ACCEPTED, REJECTED, UNJUDGED, plot_field, plot_field_map
+from fg_nav.report.plots.sensor import ACCEPTED, REJECTED, UNJUDGED, plot_field, plot_field_map
 from fg_nav.solution import Solution
 from fg_nav.stances import Stances
 from fg_nav.walk import Walk
@@ -41,7 +41,7 @@ def solution_of(n: int) -> Solution:
     walk = walks.walk()
     solution = walks.outcome(walk).solution
     rows = np.linspace(0, len(solution.t) - 1, 110 * n).astype(int)
-    return replace(solution, position=solution.position[rows])
+    return replace(solution, t=np.arange(110.0 * n) / 200.0, position=solution.position[rows])
 
 
 def survey_of(n: int, earth: EarthField | None = None) -> FieldSurvey:
@@ -118,8 +118,7 @@ def test_pictures_of_walks_of_any_length(tmp_path: Path, n: int) -> None:
 
 def lane(survey: FieldSurvey) -> Floats:
     """Colours (L, columns, 3) of the lanes in the picture."""
-    (image,) = plot_field(survey).axes[-1].images
-    return np.asarray(image.get_array())
+    return np.concatenate([np.asarray(image.get_array()) for image in plot_field(survey).axes[-1].images])
 
 
 def test_a_lane_shows_each_verdict_of_a_short_walk() -> None:

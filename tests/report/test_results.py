@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from fg_nav.estimators import ESTIMATORS
+from fg_nav.estimators import METHODS, Method
 from fg_nav.frames import compute_heading
 from fg_nav.io import read_truth
 from fg_nav.pipeline import run_method
@@ -113,7 +113,8 @@ def test_magnetometer_is_used_when_the_method_says_so(
     own = walks.outcome(walk).solution
     for word, words in (("quasi-static", "used"), ("none", "not used")):
         table = replace(own.stances, field=(word,) * len(own.stances))
-        monkeypatch.setitem(ESTIMATORS, "mine", lambda *_, table=table: replace(own, stances=table))
+        mine = Method("mine", lambda *_, table=table: replace(own, stances=table))
+        monkeypatch.setitem(METHODS["foot"], "mine", mine)
         write_result(tmp_path, walk, run_method(walk, "mine"))
         assert loaded(tmp_path / "summary.json")["magnetometer"] == words
 

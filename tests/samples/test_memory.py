@@ -3,11 +3,9 @@
 import numpy as np
 import pytest
 
-from fg_nav.detection import detect_stances
 from fg_nav.recording import Recording
 from fg_nav.sample_noise import find_extra_sigmas
 from fg_nav.samples import gaps
-from fg_nav.smoother import smooth
 from tests.smoother.walks import demo
 
 
@@ -32,12 +30,3 @@ def test_what_was_not_cut_takes_no_memory(recording: Recording) -> None:
         assert np.shares_memory(peaks.whole, samples)
         assert peaks.sigma.strides == peaks.run.strides == (0, 0)
     assert all(sigma.strides == (0, 0) for sigma in find_extra_sigmas(whole, 0.3))
-
-
-def test_a_smoothed_walk_lets_go_of_what_can_be_made_again(recording: Recording) -> None:
-    whole = Recording(recording.t, recording.acc, recording.gyr)
-    smooth(whole, detect_stances(whole))
-    assert "integrable" not in vars(whole)
-    cut = whole.slice(100, 900)
-    cut.release()  # a slice could not make it again as the whole recording does
-    np.testing.assert_array_equal(cut.integrable[0], whole.integrable[0][100:900])

@@ -38,7 +38,7 @@ def test_every_row_has_a_line_with_its_verdict_and_its_reason(found):
             assert (f"**{row.verdict}**" in line) == bool(row.verdict)
             assert format_note(row).replace("<is>", "&lt;is>") in line
     assert "| ma2018 | 101 to 103 | 1 | 1 | 1 | 2 |" in lines
-    assert "`fg-nav reproduce ma2018 --seeds 3`, seeds 101 to 103." in text
+    assert "`fg-nav lab reproduce ma2018 --seeds 3`, seeds 101 to 103." in text
     for words in (*found.differs, found.citation):
         assert words in lines
 

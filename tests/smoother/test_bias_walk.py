@@ -10,10 +10,9 @@ import pytest
 
 from fg_nav.arrays import Floats
 from fg_nav.smoother.gauss_newton import CONVERGENCE
-from fg_nav.smoother.graph import WalkProblem, solve_and_keep
+from fg_nav.smoother.graph import WalkProblem, solve
 from fg_nav.smoother.gyro_bias import WALK_LEVELS_DEG_S, WALK_PRIOR, average_bias_walk
 from fg_nav.smoother.problem import walk_problem
-from fg_nav.smoother.solver import linearize
 from fg_nav.smoother.strides import MIN_WALK_DEG_S
 from tests.smoother.walks import DEFAULT, Walk, demo, part, time_order
 
@@ -88,7 +87,7 @@ def test_its_variance_is_the_mean_by_the_evidence_of_the_gaussian() -> None:
     """Against a dense linear model: E + 1/2 log|A^T A| + log of the sigmas, at each level."""
     walk = walking(part(demo(), 20), 0.02)
     one = walk_problem(walk.recording, walk.stances, 0.0, replace(GIVEN, choose_bias_walk=False))
-    solved = solve_and_keep(one, CONVERGENCE)
+    solved = solve(one, CONVERGENCE, with_stacks=True)
     found = average_bias_walk(one, solved.stacks).parameters.gyro_bias_walk_deg_s
     evidence = np.array([dense_evidence(walk, solved.linearized_at, level) for level in WALK_LEVELS_DEG_S])
     weight = np.array(WALK_PRIOR) * np.exp(evidence.min() - evidence)
@@ -99,7 +98,7 @@ def test_its_variance_is_the_mean_by_the_evidence_of_the_gaussian() -> None:
 def dense_evidence(walk: Walk, values: gtsam.Values, level: float) -> float:
     p = replace(GIVEN, choose_bias_walk=False, gyro_bias_walk_deg_s=level)
     of = walk_problem(walk.recording, walk.stances, 0.0, p)
-    A, b = linearize(of.graph, of.blocks, values).jacobian(time_order(of.nodes))
+    A, b = of.system.linearize(values).jacobian(time_order(of.nodes))
     scale = np.linalg.norm(A, axis=0)
     left, singular, _ = np.linalg.svd(A / scale, full_matrices=False)
     error = 0.5 * (b @ b - ((left.T @ b) ** 2).sum())

@@ -21,7 +21,8 @@ from fg_nav.smoother.directions import (
     make_direction_factors,
 )
 from fg_nav.smoother.floors import LEVEL_SIGMA_M
-from fg_nav.smoother.solver import LinearizableBlock, Solved, marginal_covariances, minimize
+from fg_nav.smoother.gauss_newton import find_minimum
+from fg_nav.smoother.solver import LinearizableBlock, Solved, WalkSystem, marginal_covariances
 from tests.smoother.walks import DEFAULT, FREE, demo, list_keys, problem, time_order
 
 STRIDE_M = 1.3
@@ -70,7 +71,8 @@ def on_floors(poses: list[gtsam.Pose3], floor: Ints, sigma: Floats) -> Solved:
     for k in range(count):
         values.insert(Z(k), np.zeros(1))
     block = constrain_heights(np.arange(len(poses)), floor, LEVEL_SIGMA_M)
-    return minimize(dead_reckoned(poses, sigma), [block], values, list_keys(order(len(poses), count)), 1e-6, 50)
+    system = WalkSystem(dead_reckoned(poses, sigma), [block])
+    return find_minimum(system, values, list_keys(order(len(poses), count)), 1e-6, 50)
 
 
 def anywhere(count: int, seed: int = 0) -> gtsam.Values:

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from gtsam.symbol_shorthand import X
 
 from fg_nav.detection import detect_stances
 from fg_nav.errors import EstimationError
@@ -16,15 +17,13 @@ from fg_nav.smoother.batch import WalkInput, fit_walk
 from fg_nav.smoother.feet import (
     REACH_M,
     RIGHT,
-    ReachFactors,
     SolvedFeet,
-    _list_tied_keys,
+    _pair_keys,
     _subtract_left,
     _take_covariances,
-    find_beyond_reach,
     list_footfalls,
-    list_pose_keys,
     order_variables,
+    pair_standing_feet,
     smooth_feet,
     solve_feet,
 )
@@ -161,9 +160,9 @@ def test_all_variables_are_eliminated_once_and_the_covariances_are_those_of_all_
     assert set(keys.tolist()) == {int(key) for stack in stacks for key in np.unique(stack.keys)}
     root, dense = LinearWalk.of(stacks, keys).eliminate()[0], DenseCovariance(stacks, keys)
     nodes = problem.right.nodes.result[[0, 20, -1]]
-    for key in list_pose_keys(nodes):
-        found = root.shift_keys(int(RIGHT)).covariances([int(key)])[int(key)]
-        assert_like(found, dense.find(np.array([key + RIGHT])))
+    for key in (X(int(j)) for j in nodes):
+        found = root.shift_keys(int(RIGHT)).covariances([key])[key]
+        assert_like(found, dense.find(np.array([np.uint64(key) + RIGHT])))
 
 
 class DenseCovariance:
@@ -208,15 +207,17 @@ def test_where_no_steps_tie_the_feet_pairs_of_footfalls_hold_what_they_differ_by
     dense = DenseCovariance(stacks, order_variables(watched.problem))
     shared = np.zeros((watched.minimum.root.total, 0))
     tables, apart = _take_covariances(watched, shared)
-    by_itself = _subtract_left(watched, watched.minimum.root.joint_covariances(_list_tied_keys(ties)))
+    by_itself = _subtract_left(
+        watched, watched.minimum.root.joint_covariances(_pair_keys(ties.pairs.right, ties.pairs.left))
+    )
     np.testing.assert_allclose(apart, by_itself, rtol=1e-9, atol=1e-15)
     for k in (0, ties.cells - 1, ties.cells, len(ties) - 1):
-        joint = dense.find(_list_tied_keys(ties)[k])
+        joint = dense.find(_pair_keys(ties.pairs.right, ties.pairs.left)[k])
         assert_like(tables[0][ties.right[k]], joint[:6, :6])
         assert_like(tables[1][ties.left[k]], joint[6:, 6:])
         assert_like(apart[k], _subtract_left(watched, np.tile(joint, (len(ties), 1, 1)))[k])
     free = np.setdiff1d(np.arange(len(tables[0]) - 1), ties.right)[5]
-    key = list_pose_keys(watched.problem.right.nodes.result[[free]])[0] + RIGHT
+    key = np.uint64(X(int(watched.problem.right.nodes.result[free]))) + RIGHT
     assert_like(tables[0][free], dense.find(np.array([key])))
 
 
@@ -235,17 +236,17 @@ def test_feet_that_were_bent_apart_are_found_as_before(solved: SolvedFeet) -> No
 
 def test_standing_feet_beyond_reach_are_found_and_pulled_together(solved: SolvedFeet) -> None:
     """Feet that stand at one time cannot be two meters apart; where they are near nothing is asked."""
-    problem, none = solved.problem, ReachFactors()
-    values = solved.minimum.values
-    assert len(find_beyond_reach(problem.right, problem.left, values, none)) == 0
+    problem, values = solved.problem, solved.minimum.values
+    standing = pair_standing_feet(problem.right, problem.left)
+    assert (standing.evaluate(values, False)[0] == 0.0).all()
     away = replace(values, right=type(values.right)(values.right))
     for j in range(len(problem.right.nodes)):
-        key = int(list_pose_keys(np.array([j]))[0])
+        key = X(j)
         pose = away.right.atPose3(key)
         away.right.update(key, type(pose)(pose.rotation(), pose.translation() + np.array([2.0, 0.0, 0.0])))
-    beyond = find_beyond_reach(problem.right, problem.left, away, none)
+    beyond = standing.take(standing.evaluate(away, False)[0][:, 0] > 0.0)
     assert len(beyond) > 20
-    assert (beyond.reach >= REACH_M).all()
+    assert (standing.residuals.reach >= REACH_M).all()
     assert beyond.error(away) > 10.0 * len(beyond)
     assert beyond.error(values) == 0.0
     # Asked for, they come back.

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fg_nav.arrays import Floats
+from fg_nav.arrays import Floats, robust_sigma
 from fg_nav.smoother.field_factors import (
     ASSUMED_SHARE,
     MIN_REGIONAL_UT,
@@ -15,7 +15,6 @@ from fg_nav.smoother.field_factors import (
     Roughness,
     deviate_along,
     measure_roughness,
-    robust_sigma,
     split_potential,
 )
 

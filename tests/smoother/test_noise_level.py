@@ -14,7 +14,6 @@ from fg_nav.smoother import problem as problem_module
 from fg_nav.smoother.graph import Known
 from fg_nav.smoother.preintegration import preintegrate
 from fg_nav.smoother.problem import LEVELS, average_level, choose_swing_noise
-from fg_nav.smoother.solver import linearize
 from fg_nav.smoother.strides import place_nodes
 from fg_nav.stances import Stances
 from tests.simulated import LEVER
@@ -78,7 +77,7 @@ def test_evidence_is_that_of_the_gaussian() -> None:
         problem, covariances = piece._problem, piece.covariances(level)
         for (i, factor), noise in zip(piece._inertial, covariances, strict=True):
             problem.graph.replace(i, factor.cloneWithNewNoiseModel(gtsam.noiseModel.Gaussian.Covariance(noise)))
-        A, b = linearize(problem.graph, problem.blocks, problem.values).jacobian(time_order(problem.nodes))
+        A, b = problem.system.linearize(problem.values).jacobian(time_order(problem.nodes))
         scale = np.linalg.norm(A, axis=0)
         left, singular, _ = np.linalg.svd(A / scale, full_matrices=False)
         error = 0.5 * (b @ b - ((left.T @ b) ** 2).sum())

@@ -20,7 +20,7 @@ from fg_nav.places import Signature, Stretch
 from fg_nav.recording import Recording
 from fg_nav.smoother import SmootherParameters, places, smooth_graph
 from fg_nav.smoother.batch import SmoothedWalk
-from fg_nav.smoother.gauss_newton import CONVERGENCE
+from fg_nav.smoother.gauss_newton import CONVERGENCE, find_minimum
 from fg_nav.smoother.graph import order_variables
 from fg_nav.smoother.parameters import FieldParameters, WalkParameters
 from fg_nav.smoother.places import (
@@ -31,7 +31,7 @@ from fg_nav.smoother.places import (
     mark_returns,
     measure_uncertainty,
 )
-from fg_nav.smoother.solver import linearize, list_in_time, minimize
+from fg_nav.smoother.solver import list_in_time
 from fg_nav.solution import Return
 from fg_nav.truth import TrajectoryTruth
 
@@ -101,7 +101,7 @@ def test_the_order_of_elimination_changes_nothing() -> None:
     orders: list[Keys] = [in_time, order_variables(problem)]
     assert (np.sort(orders[0]) == np.sort(orders[1])).all()
     assert (orders[0] != orders[1]).any()
-    one, other = (minimize(problem.graph, problem.blocks, problem.values, keys, CONVERGENCE) for keys in orders)
+    one, other = (find_minimum(problem.system, problem.values, keys, CONVERGENCE) for keys in orders)
     assert one.error == pytest.approx(other.error, rel=1e-9)
     assert one.volume == pytest.approx(other.volume)
     key = int(in_time[0])
@@ -118,7 +118,7 @@ def test_uncertainty_is_that_of_the_whole_graph() -> None:
     ordering = gtsam.Ordering()
     for key in order_variables(problem).tolist():
         ordering.push_back(key)
-    A, _ = linearize(problem.graph, problem.blocks, minimum.linearized_at).jacobian(ordering)
+    A, _ = problem.system.linearize(minimum.linearized_at).jacobian(ordering)
     scale = np.linalg.norm(A, axis=0)
     root = np.linalg.inv(np.linalg.qr(A / scale, mode="r")) / scale[:, None]
     covariance = root @ root.T

@@ -17,7 +17,6 @@ from fg_nav.smoother.problem import (
     walk_problem,
     weaken_refused_stances,
 )
-from fg_nav.smoother.solver import WalkSystem, linearize
 from fg_nav.stances import Stances
 from tests.simulated import SimulatedFoot, straight_walk
 from tests.smoother.walks import time_order
@@ -58,7 +57,7 @@ def sigma_of_footfall(problem: WalkProblem) -> Floats:
 def test_the_covariances_are_those_of_the_inverse(problem):
     solved, nodes = solve(problem), problem.nodes
     ordering = time_order(nodes)
-    hessian, _ = linearize(problem.graph, problem.blocks, solved.linearized_at).hessian(ordering)
+    hessian, _ = problem.system.linearize(solved.linearized_at).hessian(ordering)
     keys = [ordering.at(i) for i in range(ordering.size())]
     size = {"x": 6, "v": 3, "b": 6, "s": 1}
     ends = np.cumsum([0] + [size[chr(key >> 56)] for key in keys])
@@ -86,11 +85,11 @@ def test_the_statistic_is_by_how_much_the_error_falls_where_the_velocity_is_free
     moved = shift(problem, moves)
     solved = solve(moved, 1e-9)
     found = compute_stance_statistics(moved, solved)
-    before = WalkSystem(moved.graph, moved.blocks).error(solved.values)
+    before = moved.system.error(solved.values)
 
     def fall(velocity: Floats) -> float:
         free = shift(moved, np.where(problem.nodes.footfall == footfall, 1.0, 0.0)[:, None] * velocity)
-        return 2 * (before - WalkSystem(free.graph, free.blocks).error(solve(free, 1e-9).values))
+        return 2 * (before - free.system.error(solve(free, 1e-9).values))
 
     d, statistic = found.velocity[footfall], found.statistic[footfall]
     assert fall(d) == pytest.approx(statistic, rel=0.02, abs=1e-4)
@@ -130,7 +129,7 @@ def test_mid_swings_that_are_called_stances_are_refused_and_no_other(walk, stanc
 
 def test_a_walk_in_progress_is_handed_the_weakened_ties(walk, stances):
     refused = walk_problem(walk.recording, with_false(walk, stances, [5]), 0.0, FIXED)
-    in_batch = WalkSystem(refused.graph, refused.blocks).error(refused.values)
+    in_batch = refused.system.error(refused.values)
     assert refused.factors().error(refused.values) == pytest.approx(in_batch, rel=1e-6)
 
 

@@ -6,7 +6,7 @@ import pytest
 from fg_nav.smoother.graph import solve
 from fg_nav.smoother.problem import walk_problem
 from fg_nav.smoother.sensitivity import SharedColumns
-from fg_nav.smoother.solver import dimension_of, linearize
+from fg_nav.smoother.solver import dimension_of
 from tests.smoother.walks import DEFAULT, demo, part, time_order
 
 
@@ -14,7 +14,7 @@ def test_tree_gives_what_the_dense_matrix_does() -> None:
     walk = part(demo(), 6)
     problem = walk_problem(walk.recording, walk.stances, 0.0, DEFAULT)
     solved, ordering = solve(problem), time_order(problem.nodes)
-    A, _ = linearize(problem.graph, problem.blocks, solved.linearized_at).jacobian(ordering)
+    A, _ = problem.system.linearize(solved.linearized_at).jacobian(ordering)
     keys = [ordering.at(i) for i in range(ordering.size())]
     C = np.random.default_rng(0).standard_normal((len(A), 3))
     ends = np.cumsum([dimension_of(key) for key in keys])[:-1]

@@ -9,8 +9,8 @@ from gtsam.symbol_shorthand import B, S, V, X
 
 from fg_nav.errors import EstimationError
 from fg_nav.factors import guarded_factor
-from fg_nav.smoother.gauss_newton import CONVERGENCE, MAX_HALVINGS
-from fg_nav.smoother.solver import Solved, minimize
+from fg_nav.smoother.gauss_newton import CONVERGENCE, MAX_HALVINGS, find_minimum
+from fg_nav.smoother.solver import Solved, WalkSystem
 from tests.smoother.walks import demo, minimum, node_arrays, problem
 
 UNIT = gtsam.noiseModel.Unit.Create(3)
@@ -44,7 +44,7 @@ def run(
     largest_steps: int = 25,
 ) -> Solved:
     """Solve a graph that is no walk."""
-    return minimize(graph, [], values, np.array(keys, dtype=np.uint64), convergence, largest_steps)
+    return find_minimum(WalkSystem(graph, []), values, np.array(keys, dtype=np.uint64), convergence, largest_steps)
 
 
 def test_a_walk_takes_few_steps_to_its_minimum() -> None:

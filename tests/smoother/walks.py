@@ -21,11 +21,11 @@ from fg_nav.lab.simulation.person import Person
 from fg_nav.recording import Recording
 from fg_nav.smoother import SmootherParameters
 from fg_nav.smoother.dense_path import Trajectory, trajectory_of
-from fg_nav.smoother.gauss_newton import CONVERGENCE, MAX_STEPS
+from fg_nav.smoother.gauss_newton import CONVERGENCE, MAX_STEPS, find_minimum
 from fg_nav.smoother.graph import GAUGE_SIGMA, StartPrior, WalkProblem, initial_values
 from fg_nav.smoother.parameters import WalkParameters
 from fg_nav.smoother.preintegration import preintegrate
-from fg_nav.smoother.solver import Solved, list_in_time, minimize
+from fg_nav.smoother.solver import Solved, WalkSystem, list_in_time
 from fg_nav.smoother.strides import (
     Nodes,
     Stride,
@@ -181,7 +181,8 @@ def with_exact_factors(walk: Walk) -> Problem:
 
 def minimum(one: Problem, convergence: float = CONVERGENCE) -> Solved:
     """Solve a problem as the smoother does."""
-    return minimize(one.graph, [one.velocities], one.initial, list_keys(one.ordering), convergence, MAX_STEPS)
+    system = WalkSystem(one.graph, [one.velocities])
+    return find_minimum(system, one.initial, list_keys(one.ordering), convergence, MAX_STEPS)
 
 
 def node_arrays(nodes: Nodes, values: gtsam.Values) -> tuple[Floats, Floats, Floats, Floats, Floats]:

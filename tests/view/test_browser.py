@@ -8,17 +8,18 @@ from itertools import pairwise
 
 import pytest
 
-from fg_nav.view.loop import format_address, open_port
+from fg_nav.view.line_server import format_address, open_port
 from fg_nav.view.page_server import PageServer
 from tests.browser import open_browser
 from tests.view.lines import circle, now, status
+from tests.view.serving import Served
 
 HOST = "127.0.0.1"
 WAIT_S = 30.0
 
 
 def open_page(port=0):
-    return PageServer(open_port(HOST, port, "--port"), HOST)
+    return Served(PageServer(HOST), open_port(HOST, port, "--port"))
 
 
 @pytest.fixture(scope="module")

@@ -16,10 +16,11 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 from fg_nav.errors import StreamError
-from fg_nav.view import loop, page_server
-from fg_nav.view.loop import LineServer, format_address, open_port
+from fg_nav.view import line_server, page_server
+from fg_nav.view.line_server import LineServer, format_address, open_port
 from fg_nav.view.page_server import FILES, PageServer
 from tests.view.lines import circle, now, status
+from tests.view.serving import LOOP, Served
 
 HOST = "127.0.0.1"
 
@@ -35,13 +36,13 @@ def wait_for(condition):
 
 @pytest.fixture
 def lines():
-    with closing(LineServer(open_port(HOST, 0, "--serve"))) as server:
+    with closing(Served(LineServer(), open_port(HOST, 0, "--serve"))) as server:
         yield server
 
 
 @pytest.fixture
 def page():
-    with closing(PageServer(open_port(HOST, 0, "--port"), HOST)) as server:
+    with closing(Served(PageServer(HOST), open_port(HOST, 0, "--port"))) as server:
         yield server
 
 
@@ -82,7 +83,7 @@ def test_lines_go_to_all_who_are_connected(lines):
 
 
 def test_who_does_not_read_is_disconnected_and_others_read_on(lines, monkeypatch):
-    monkeypatch.setattr(loop, "MAX_WAITING", 1 << 16)
+    monkeypatch.setattr(line_server, "MAX_WAITING", 1 << 16)
     with closing(listen(lines)) as deaf, closing(listen(lines)) as reader, reader.makefile() as file:
         deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
         wait_for(lambda: lines.listeners == 2)
@@ -108,7 +109,7 @@ def test_who_says_much_is_disconnected(lines):
 
 
 def test_sending_to_nobody_and_after_the_end_does_no_harm():
-    server = LineServer(open_port(HOST, 0, "--serve"))
+    server = Served(LineServer(), open_port(HOST, 0, "--serve"))
     server.send("nobody")
     server.close()
     server.send("nobody")
@@ -122,7 +123,7 @@ def test_a_port_that_is_none_is_refused(port):
 
 def test_the_last_descriptors_are_left_to_the_walk(lines, monkeypatch):
     most = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
-    monkeypatch.setattr(loop, "SPARE_DESCRIPTORS", most)
+    monkeypatch.setattr(line_server, "SPARE_DESCRIPTORS", most)
     with closing(listen(lines)) as refused:
         assert refused.recv(1) == b""
 
@@ -254,7 +255,7 @@ def test_a_port_that_is_taken_is_refused(page):
 
 
 def test_the_last_descriptors_are_left_to_the_walk_by_pages_too(page, monkeypatch):
-    monkeypatch.setattr(loop, "SPARE_DESCRIPTORS", resource.getrlimit(resource.RLIMIT_NOFILE)[0])
+    monkeypatch.setattr(line_server, "SPARE_DESCRIPTORS", resource.getrlimit(resource.RLIMIT_NOFILE)[0])
     with pytest.raises(InvalidStatus, match="503"):
         watch(page)
 
@@ -274,13 +275,13 @@ def test_many_who_come_at_once_are_let_in_a_few_at_a_time(lines):
     def count():
         counts.append(lines.listeners)
         if counts[-1] < 60:
-            loop.start_loop().call_soon(count)
+            LOOP.call_soon(count)
 
-    loop.call_there(hold.wait, WAIT_S)
+    LOOP.call_soon_threadsafe(hold.wait, WAIT_S)
     callers = [socket.create_connection((HOST, lines.port)) for _ in range(60)]
-    loop.call_there(count)
+    LOOP.call_soon_threadsafe(count)
     hold.set()
     wait_for(lambda: counts and counts[-1] == 60)
-    assert max(b - a for a, b in pairwise(counts)) <= loop.AT_ONCE
+    assert max(b - a for a, b in pairwise(counts)) <= line_server.AT_ONCE
     for caller in callers:
         caller.close()

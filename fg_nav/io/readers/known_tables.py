@@ -1,71 +1,139 @@
-"""Programs that write one table of all sensors: columns, clock and unit of each (docs/formats.md).
+"""One table of all sensors on one clock: columns, clock and unit of each sensor as its maker writes them.
 
-=============== ====================================================================================================
-canonical       this project's own; mag and pressure may be absent, and empty where there is no sample
-sensorconnect   LORD/MicroStrain: names of channels behind the sensor's, `inertial-6253.76535:scaledAccelX`; those of a
-                filter in the sensor have `:valid` behind them; rows of other packets, without acc and gyr, are left out
-openshoe        17 columns by blanks without a header
-yei             a comment names the columns; `Corrected` by the sensor's calibration goes before `Raw`
-vectornav       as INSTINCT converts it: a table as any, compensated by the sensor before `UncompAccel`
-sensorlog       **Apple's sign**; each sensor has a clock of its own; `motion...` is without bias, and the field 0 until
-                it is calibrated; `loggingTime(txt)`, when the row was written, jitters
-androsensor     a row at a chosen rate; 2 Hz, as proposed, is too low
-physics-toolbox a row whenever any sensor has a sample, in which the others hold their last one, 0 before the first
-hyperimu        columns named after the phone's chips; without `timestamp` a nominal time between the rows
-=============== ====================================================================================================
+============= ======================================================================================================
+canonical     this project's own; mag and pressure may be absent, and empty where there is no sample
+sensorconnect LORD/MicroStrain: names of channels behind the sensor's, `inertial-6253.76535:scaledAccelX`; those of a
+              filter in the sensor have `:valid` behind them; rows of other packets, without acc and gyr, are left out
+openshoe      17 columns by blanks without a header
+yei           a comment names the columns; `Corrected` by the sensor's calibration goes before `Raw`
+vectornav     as INSTINCT converts it: a table as any, compensated by the sensor before `UncompAccel`
+apdm          all Opals of a session. *Format 7* has three header rows: `Format=7,5718,,,Lumbar,...` with number and
+              name of each sensor above its columns, `Time,Accelerometer,,,Gyroscope,,,...` and the axes; time is in us.
+              The other has keys, `Sample Rate:,128,Hz`, then `Time,Lumbar/Acceleration/X,...`, then a row of units
+shimmer       Consensys: a row of names, `Shimmer_40AC_Accel_LN_X_CAL`, and one of units, perhaps below `"sep=;"`. `LN`
+              is of low noise (2 g) and in the gyroscope's frame, `WR` of wide range (16 g) and another chip. The clock
+              is in whole ms since 1970, or text, `2017/11/14 17:07:24.254`
+============= ======================================================================================================
 
-Names of the apps' columns are compared without their units, which have been through many hands and are those of the app
-where not known.
+Some magnetometers are in units of the local field. A path uses the direction and its changes along the walk, not the
+strength: one unit is taken for the field of most of Europe and North America.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.columns.choice import find_pressure
-from fg_nav.columns.headers import read_header
-from fg_nav.columns.mapping import ACC, GYR, MAG, TIME
-from fg_nav.columns.samples import convert_pressure
-from fg_nav.columns.units import GAUSS_UT, find_factor
+from fg_nav.columns.headers import GAUSS_UT, KNOWN_UNITS, Quantity, find_factor, read_header
+from fg_nav.columns.mapping import ACC, GYR, MAG, TIME, find_pressure
+from fg_nav.columns.samples import SI_UNITS, convert_pressure
 from fg_nav.errors import FormatError
 from fg_nav.frames import GRAVITY_M_S2
-from fg_nav.io.content import Content, read_content, split_fields
-from fg_nav.io.readers import table
-from fg_nav.io.streams import NAMES, UNCALIBRATED_FIELD, Sensor, Stream, join_streams, keep_changes
-from fg_nav.io.text_columns import (
-    Header,
-    continue_counter,
-    drop_held,
-    find_column,
-    find_header,
-    read_table,
-    scale_values,
-)
+from fg_nav.io.content import Content, choose_sensor, read_content, split_fields
+from fg_nav.io.readers import table as any_table
+from fg_nav.io.streams import NAMES, Sensor, continue_counter, drop_held
+from fg_nav.io.tables import TextTable, find_column, find_header, scale_values
 from fg_nav.io.truth import read_footprint_mat
-from fg_nav.recording import NOMINAL_SIGMA, Provenance, RawRecording, note_nominal_rate
+from fg_nav.recording import Provenance, RawRecording
+from fg_nav.samples.plausibility import is_field_on_earth, measure_field_strength
 from fg_nav.truth import FootprintTruth
+
+LOCAL_FIELD = np.nan  # As a unit: that of the local field.
+_LOCAL_FIELD_UT = 48.0  # One unit of the local field: 25 to 65 uT on Earth, 48 in most of Europe and North America.
+
+
+class Axes(NamedTuple):
+    """Columns of a sensor, and their unit in m/s^2, rad/s or uT, one or one an axis."""
+
+    names: Sequence[str]
+    unit: float | Floats = 1.0
+
+
+Sources = Mapping[Sensor, Sequence[tuple[str, float]]]  # Of a sensor the names of its columns, axes as {}, and a unit.
+
+
+def find_sensors(table: TextTable, sources: Sources) -> dict[Sensor, Axes]:
+    """Return the first source of each sensor of which a column is there; a magnetometer without its x is left out."""
+    found = dict[Sensor, Axes]()
+    for what, known in sources.items():
+        axes = [Axes([name.format(axis) for axis in "XYZ"], unit) for name, unit in known]
+        there = [one for one in axes if not set(one.names[: 1 if what == "mag" else 3]).isdisjoint(table.names)]
+        if there or what != "mag":
+            found[what] = (there or axes)[0]
+    return found
+
+
+def read_sensors(
+    table: TextTable, clocks: Sequence[str], sensors: Mapping[Sensor, Axes]
+) -> tuple[Floats, dict[Sensor, Floats], Ints]:
+    """Return columns of `clocks` (N, K) as they are, samples of each sensor in SI or uT, and lines (N,).
+
+    Raises `FormatError` if a column is missing or doubled, or a field is no number.
+    """
+    values, row = table.read_columns([*clocks, *(name for axes in sensors.values() for name in axes.names)])
+    ends = np.cumsum([len(clocks), *(len(axes.names) for axes in sensors.values())])
+    clock, *parts = np.split(values, ends[:-1], axis=1)
+    units = [axes.unit if np.isfinite(axes.unit).all() else 1.0 for axes in sensors.values()]
+    samples = {what: scale_values(xyz, unit) for what, xyz, unit in zip(sensors, parts, units, strict=True)}
+    return clock, samples, row
+
+
+def pack_samples(
+    content: Content, format: str, t: Floats, samples: dict[Sensor, Floats], sensors: Mapping[Sensor, Axes], row: Ints,
+    notes: Sequence[str] = (), truth: FootprintTruth | None = None,
+) -> RawRecording:  # fmt: skip
+    """Return the recording of what `read_sensors` gave, with stamps (N,) s; held samples of the field are NaN."""
+    mag, gyr, remarks = samples.get("mag"), np.ascontiguousarray(samples["gyr"]), list(notes)
+    if mag is not None and np.isnan(sensors["mag"].unit).all():
+        median = float(np.nanmedian(measure_field_strength(mag))) if np.isfinite(mag).any() else np.nan
+        said = f"the magnetometer is in units of the local field (median {median:.2f})"
+        if is_field_on_earth(_LOCAL_FIELD_UT * median):
+            mag = scale_values(mag, _LOCAL_FIELD_UT)
+            remarks.append(f"{said}: 1 is taken for {_LOCAL_FIELD_UT:.0f} uT")
+        else:
+            mag = None
+            remarks.append(f"{said}, of which it is none: left out")
+    mag = None if mag is None else drop_held(mag, gyr)
+    return RawRecording(t, samples["acc"], gyr, row, mag, truth, Provenance(content.path, format, tuple(remarks)))
+
+
+def find_scale(quantity: Quantity, unit: str, name: str, path: Path) -> float:
+    """Return the factor of a unit to SI or uT; of a magnetometer's arbitrary ones NaN, as `LOCAL_FIELD`.
+
+    Raises `FormatError` if it is not known.
+    """
+    factor = find_factor(quantity, unit)
+    if factor is None or (np.isnan(factor) and quantity != "mag"):
+        raise FormatError(
+            f"{path.name}: column '{name}' has the unit '{unit}', which is not known here: convert it to one of "
+            f"{KNOWN_UNITS[quantity]}."
+        )
+    return factor
+
+
+# Canonical
 
 
 def is_canonical(content: Content) -> bool:
     """Whether the first line names at least one of the format's acc or gyr columns, and none that names sensors."""
     names = content.fields()
-    return not {*ACC, *GYR}.isdisjoint(names) and not any(map(table.SENSOR_WORD.search, names))
+    return not {*ACC, *GYR}.isdisjoint(names) and not any(map(any_table.SENSOR_WORD.search, names))
 
 
 def read_canonical(content: Content) -> RawRecording:
     """Read a canonical CSV; further columns are ignored, the order is free."""
-    header, notes = Header(0, content.fields()), list[str]()
-    magnetic = () if set(MAG).isdisjoint(header.names) else MAG
-    air = find_pressure(header.names)
-    names = [*TIME, *ACC, *GYR, *magnetic]
-    positions = [find_column(name, header.names, content.path) for name in names] + list(air.positions if air else ())
-    values, row = read_table(content, header.names, positions, first_line=2)
+    table, notes = TextTable(content, content.fields()), list[str]()
+    magnetic = () if set(MAG).isdisjoint(table.names) else MAG
+    air = find_pressure(table.names)
+    values, row = table.read_columns([*TIME, *ACC, *GYR, *magnetic, *(air.names if air else ())])
     pressure = convert_pressure(values[:, -1], air, notes) if air else None
     mag, provenance = values[:, 7:10] if magnetic else None, Provenance(content.path, "canonical", tuple(notes))
     return RawRecording(
@@ -73,42 +141,40 @@ def read_canonical(content: Content) -> RawRecording:
     )
 
 
-# LORD/MicroStrain SensorConnect
+# LORD/MicroStrain SensorConnect: raw channels before those a filter has touched
 
-_EXPORTS = (("scaledAccel", "scaledGyro", GRAVITY_M_S2), ("estCompensatedAccel", "estAngularRate", 1.0))
-"""Channels of acc and gyr, and the unit of acc in m/s^2; raw ones before those a filter has touched."""
-
+_SENSORCONNECT: Sources = {
+    "acc": (("scaledAccel{}", GRAVITY_M_S2), ("estCompensatedAccel{}", 1.0)),
+    "gyr": (("scaledGyro{}", 1.0), ("estAngularRate{}", 1.0)),
+    "mag": (("scaledMag{}", GAUSS_UT),),
+}
 _CHANNEL = re.compile(r"(scaledAccel|scaledGyro|estCompensatedAccel|estAngularRate|estLinearAccel)[XYZ]$")
 
 
-def find_sensorconnect_header(content: Content) -> Header | None:
-    """Header with SensorConnect's channel names; newer exports put lines about the session before it."""
-    headers = (Header(line, split_fields(text)) for line, text in enumerate(content.lines))
-    return next((header for header in headers if any(map(_CHANNEL.search, header.names))), None)
+def find_sensorconnect(content: Content) -> TextTable | None:
+    """Table with SensorConnect's channel names; newer exports put lines about the session before it."""
+    return find_header(content, lambda names: any(map(_CHANNEL.search, names)))
 
 
 def read_sensorconnect(content: Content) -> RawRecording:
     """Read a SensorConnect CSV, with the surveyed footprints next to it, in a MATLAB file of the same name."""
-    path, full = content.path, find_sensorconnect_header(content) or Header(0, content.fields())
-    header = [name.split(":", 1)[1] if ":" in name else name for name in full.names]
-    export = next((one for one in _EXPORTS if any(name.startswith(one[:2]) for name in header)), None)
-    if export is None:
+    path, full = content.path, find_sensorconnect(content) or TextTable(content, content.fields())
+    table = replace(full, names=[name.split(":", 1)[1] if ":" in name else name for name in full.names])
+    channels = {match[1] for match in map(_CHANNEL.match, table.names) if match}
+    if channels == {"estLinearAccel"}:
         raise FormatError(
             f"{path.name} holds estLinearAccel, from which gravity has been removed: "
             f"export scaledAccel or estCompensatedAccel instead."
         )
-    acc, gyr, unit = export
-    channels = [name + axis for name in (acc, gyr) for axis in "XYZ"]
-    magnetic = [f"scaledMag{axis}" for axis in "XYZ"] if "scaledMagX" in header else []
-    flags = [f"{name}:valid" for name in channels if f"{name}:valid" in header]
-    names = ["Time", *channels, *magnetic, *flags]
-    positions = [find_column(name, header, path) for name in names]
-    values, row = read_table(content, full.names, positions, first_line=full.line + 2)
-    inertial = ~np.isnan(values[:, 1:7]).all(axis=1)
-    values, row = values[inertial], row[inertial]
+    sensors = find_sensors(table, _SENSORCONNECT)
+    axes = [(what, axis, f"{name}:valid") for what, own in sensors.items() for axis, name in enumerate(own.names)]
+    flagged = [one for one in axes if one[2] in table and one[0] != "mag"]
+    values, samples, row = read_sensors(table, ["Time", *(flag for _, _, flag in flagged)], sensors)
+    inertial = ~np.isnan(np.hstack([samples["acc"], samples["gyr"]])).all(axis=1)
+    values, row, samples = values[inertial], row[inertial], {what: xyz[inertial] for what, xyz in samples.items()}
     # what is not valid is no sample
-    for flag in flags:
-        values[values[:, names.index(flag)] != 1.0, names.index(flag.removesuffix(":valid"))] = np.nan
+    for flag, (what, axis, _) in zip(values[:, 1:].T, flagged, strict=True):
+        samples[what][flag != 1.0, axis] = np.nan
     # footprints
     truth, notes, beside = None, tuple[str, ...](), path.with_suffix(".mat")
     if beside != path and beside.is_file():
@@ -116,28 +182,16 @@ def read_sensorconnect(content: Content) -> RawRecording:
             truth = read_footprint_mat(read_content(beside))
         except FormatError as error:
             notes = (f"the file next to it gave no truth: {error}",)
-    mag = values[:, 7:10] if magnetic else None
-    return _pack(content, "sensorconnect", values[:, 0], values[:, 1:7], unit, mag, row, notes, truth)
-
-
-def _pack(
-    content: Content, format: str, t: Floats, inertial: Floats, unit: float, mag: Floats | None, row: Ints,
-    notes: tuple[str, ...], truth: FootprintTruth | None = None,
-) -> RawRecording:  # fmt: skip
-    """Samples of stamps (N,) s, `inertial` (N, 6) with acc in a `unit` and gyr in rad/s, `mag` (N, 3) in gauss."""
-    gyr = np.ascontiguousarray(inertial[:, 3:])
-    field = None if mag is None else drop_held(scale_values(mag, GAUSS_UT), gyr)
-    acc = scale_values(inertial[:, :3], unit)
-    return RawRecording(t, acc, gyr, row, field, truth, Provenance(content.path, format, notes))
+    return pack_samples(content, "sensorconnect", values[:, 0], samples, sensors, row, notes, truth)
 
 
 # OpenShoe. "PC time" is that of the logging computer, s; "rate" is estimated from packet to packet, Hz.
 
-_OPENSHOE = (
-    *("header", "acc x", "acc y", "acc z", "gyr x", "gyr y", "gyr z", "ticks", "checksum", "row number"),
-    *("PC time 1", "PC time 2", "PC time 3", "rate", "mag x", "mag y", "mag z"),
+_COLUMNS = (
+    *("header", "acc X", "acc Y", "acc Z", "gyr X", "gyr Y", "gyr Z", "ticks", "checksum", "row number"),
+    *("PC time 1", "PC time 2", "PC time 3", "rate", "mag X", "mag Y", "mag Z"),
 )
-_TAKEN = [k for k, n in enumerate(_OPENSHOE) if n.startswith(("acc", "gyr", "mag", "row", "rate", "PC time 1"))]
+_OPENSHOE: Sources = {"acc": (("acc {}", GRAVITY_M_S2),), "gyr": (("gyr {}", 1.0),), "mag": (("mag {}", GAUSS_UT),)}
 
 _PACKET_DELAY_S = 0.05  # Packets come up to 15 ms late; a step of the PC's clock within this shows no lost sample.
 _MAX_PAUSE_S = 1e4  # A clock that shows more was set.
@@ -161,12 +215,14 @@ def read_openshoe(content: Content) -> RawRecording:
     delays; where that clock shows no time between, they are left unchanged.
     """
     path, width = content.path, len(_split_first(content))
-    if width != len(_OPENSHOE):
+    if width != len(_COLUMNS):
         raise FormatError(
-            f"{path.name}: the first row has {width} columns, not {len(_OPENSHOE)}: copy the recording again."
+            f"{path.name}: the first row has {width} columns, not {len(_COLUMNS)}: copy the recording again."
         )
-    values, row = read_table(content, _OPENSHOE, _TAKEN, first_line=1, separator=r"\s+")
-    number, pc_s, rates = values[:, 6].copy(), values[:, 7], values[:, 8]
+    table = TextTable(content, _COLUMNS, first_line=1, separator=r"\s+")
+    sensors = find_sensors(table, _OPENSHOE)
+    clock, samples, row = read_sensors(table, ["row number", "PC time 1", "rate"], sensors)
+    number, pc_s, rates = clock.T
     # nominal rate
     usable = rates[(rates >= 1.0) & (rates <= 1e5)]
     if not usable.size:
@@ -183,40 +239,35 @@ def read_openshoe(content: Content) -> RawRecording:
             number[at:] += number[at - 1] + steps - number[at]
             words = "nothing is missing there" if steps == 1.0 else f"{passed_s:.2f} s later"
             notes.append(f"the row numbers begin again in row {row[at]}: by the computer's clock {words}")
-    t = scale_values(number, 1.0 / rate_hz)
-    return _pack(content, "openshoe", t, values[:, :6], GRAVITY_M_S2, values[:, 9:], row, tuple(notes))
+    return pack_samples(content, "openshoe", scale_values(number, 1.0 / rate_hz), samples, sensors, row, notes)
 
 
 # YEI 3-Space
 
-_YEI_NAMES, _YEI_CLOCK = re.compile(r"%\w+\(([^)]*)\)"), "ChipTimeUS"
+_YEI: Sources = {
+    "acc": (("CorrectedAccel{}", GRAVITY_M_S2), ("RawAccel{}", GRAVITY_M_S2)),
+    "gyr": (("CorrectedGyro{}", 1.0), ("RawGyro{}", 1.0)),
+    "mag": (("CorrectedCompass{}", GAUSS_UT), ("RawCompass{}", GAUSS_UT)),
+}
 
 
-def _find_yei_names(content: Content) -> list[str]:
-    first = content.lines[0] if content.lines else ""
-    return _YEI_NAMES.findall(first) if first.lstrip().startswith("#") else []
-
-
-def is_yei(content: Content) -> bool:
-    """Whether the first line is a comment with the names of the columns."""
-    return bool(_find_yei_names(content)) and "Data format" in content.lines[0]
+def find_yei(content: Content) -> TextTable | None:
+    """Table below a comment with the names of its columns, `# Data format: "%int(ChipTimeUS),%float(RawGyroX),...`."""
+    first = content.lines[0].lstrip() if content.lines else ""
+    names = re.findall(r"%\w+\(([^)]*)\)", first) if first.startswith("#") and "Data format" in first else []
+    return TextTable(content, names) if names else None
 
 
 def read_yei(content: Content) -> RawRecording:
     """Read a log of the 3-Space software."""
-    names, wanted = _find_yei_names(content), [_YEI_CLOCK]
-    for sensor in ("Accel", "Gyro", "Compass"):
-        kind = next((kind for kind in ("Corrected", "Raw") if f"{kind}{sensor}X" in names), None)
-        if kind is not None:
-            wanted += [f"{kind}{sensor}{axis}" for axis in "XYZ"]
-        elif sensor != "Compass":
-            raise FormatError(
-                f"{content.path.name} has no columns Raw{sensor}X, Y, Z: log them with the other sensors."
-            )
-    values, row = Header(0, names).read(content, wanted)
-    ticks, notes = continue_counter(values[:, 0], 2.0**32, _YEI_CLOCK)
-    mag = values[:, 7:10] if len(wanted) > 7 else None
-    return _pack(content, "yei", ticks * 1e-6, values[:, 1:7], GRAVITY_M_S2, mag, row, notes)
+    table = find_yei(content) or TextTable(content, [])
+    sensors = find_sensors(table, _YEI)
+    clock, samples, row = read_sensors(table, ["ChipTimeUS"], sensors)
+    ticks, notes = continue_counter(clock[:, 0], 2.0**32, "ChipTimeUS")
+    return pack_samples(content, "yei", ticks * 1e-6, samples, sensors, row, notes)
+
+
+# VectorNav
 
 
 def is_vectornav(content: Content) -> bool:
@@ -225,182 +276,159 @@ def is_vectornav(content: Content) -> bool:
     return any("TimeStartup" in name or read_header(name) for name in names)
 
 
-read_vectornav = partial(table.read, format="vectornav")
+read_vectornav = partial(any_table.read, format="vectornav")
 
 
-# Apps of phones, as data
+# APDM
 
-_STEP = re.compile(r"Sampling (?:Time|Rate)\s*:\s*(\d+(?:\.\d+)?)\s*ms", re.IGNORECASE)
-
-
-@dataclass(frozen=True)
-class Source:
-    """Columns of a sensor: patterns of their names before the axis, of several the sum; their unit, and a remark.
-
-    `clock` is the pattern of the stamps' name. The unit of the header, if it is known, goes before `unit`.
-    """
-
-    what: Sensor
-    columns: tuple[str, ...]
-    clock: str
-    unit: float = 1.0
-    remark: str = ""
+_QUANTITIES: dict[str, Sensor] = {
+    "accelerometer": "acc", "acceleration": "acc", "gyroscope": "gyr", "angular velocity": "gyr",
+    "magnetometer": "mag", "magnetic field": "mag",
+}  # fmt: skip
+_PATH = re.compile(r"^(?:(.*)/)?([^/]+)/([XYZ])$")
 
 
-@dataclass(frozen=True)
-class TableFormat:
-    """A table that an app writes.
+def find_apdm(content: Content) -> tuple[TextTable, Sequence[str]] | None:
+    """Table of which paths are the names, `Left Foot/Acceleration/X`, and the units of its first columns, if said."""
+    if "".join(content.lines[:1]).lstrip('"').startswith("Format="):
+        return _name_by_rows(content), ["us"]
 
-    `is_header` knows the names of its columns, `top` the first line, where there is one above them; of each sensor the
-    first source is taken that is there and not all zero. `tick_s` is the unit of the clocks, `is_epoch` where they are
-    since 1970. `keeps` where rows hold older samples. `removed` is what is without gravity, `instead` what to record.
-    """
+    def is_header(names: list[str]) -> bool:
+        is_timed = bool(names) and names[0].lower().startswith("time")
+        return is_timed and any(match and match[2].lower() in _QUANTITIES for match in map(_PATH.match, names))
 
-    name: str
-    is_header: Callable[[list[str]], bool]
-    sources: tuple[Source, ...]
-    removed: str
-    instead: str
-    top: str = ""
-    tick_s: float = 1.0
-    is_epoch: bool = False
-    keeps: bool = False
+    table = find_header(content, is_header)
+    units = [] if table is None else content.fields(table.first_line - 1)
+    has_units = bool(units) and find_factor("time", units[0]) is not None
+    if table is None:
+        return None
+    return replace(table, first_line=table.first_line + has_units), units if has_units else []
 
-    def recognizes(self, content: Content) -> bool:
-        """Whether a header is that of the app."""
-        first = content.lines[0] if content.lines else ""
-        is_below = bool(re.match(self.top, first, re.IGNORECASE))
-        return is_below and (bool(self.top) or find_header(content, self.is_header) is not None)
 
-    @np.errstate(over="ignore", invalid="ignore")  # of numbers that a damaged file may hold
-    def read(self, content: Content) -> RawRecording:
-        """Read a recording."""
-        path, header, notes = content.path, find_header(content, self.is_header), list[str]()
-        if header is None:
-            raise FormatError(f"{path.name} has no header with columns of sensors: record it again.")
-        plain = [re.sub(r"\s*\(.*$", "", name).strip() for name in header.names]
-        found: dict[Sensor, Stream] = {}
-        nominal_s = None  # time between the rows without stamps: by the rate that is given, or that in the first lines
-        if self.is_epoch and "timestamp" not in plain:
-            said = next((match for match in map(_STEP.search, content.lines[:5]) if match), None)
-            if content.rate_hz is not None:
-                nominal_s = 1.0 / content.rate_hz
-            elif said is not None and 0.1 <= float(said[1]) <= 1e4:
-                nominal_s = 1e-3 * float(said[1])
-                words = f"time is the row number at the nominal {said[1]} ms, which phones exceed"
-                notes.append(f"there is no clock: {words}")
-            else:
+def _name_by_rows(content: Content) -> TextTable:
+    """Table of which the names are made of the three header rows of format 7."""
+    rows = [content.fields(line) for line in range(3)]
+    width = max(map(len, rows))
+    names, groups, axes = ([*fields, *[""] * (width - len(fields))] for fields in rows)
+    starts = [k for k in range(1, width) if groups[k].lower() == "accelerometer"]
+    paths, block, group = ["Time"], "", ""
+    for k in range(1, width):
+        group = groups[k] or group
+        if k in starts:  # of the next sensor: its name stands above, or its number alone
+            above = [name for name in names[k : next((start for start in starts if start > k), width)] if name]
+            words = [name for name in above if not name.isdigit()]
+            block = " ".join(words or above) or f"sensor in column {k + 1}"
+        paths.append(f"{block}/{group}/{axes[k]}")
+    return TextTable(content, paths, first_line=4)
+
+
+def read_apdm(content: Content) -> RawRecording:
+    """Read one sensor of an export."""
+    path, found = content.path, find_apdm(content)
+    if found is None:
+        raise FormatError(f"{path.name} has no header of APDM: export it again.")
+    table, said = found
+    units = [*said, *[""] * len(table.names)]
+    # columns of each sensor, by quantity and axis
+    columns: dict[str, dict[tuple[Sensor, str], list[int]]] = {}
+    for k, match in enumerate(map(_PATH.match, table.names)):
+        what = _QUANTITIES.get(match[2].lower()) if match else None
+        if match and what:
+            columns.setdefault(match[1] or "sensor", {}).setdefault((what, match[3]), []).append(k)
+    if not columns:
+        raise FormatError(
+            f"{path.name} has no columns of acceleration and angular velocity: export it again with them."
+        )
+    sensor = choose_sensor(list(columns), content.sensor, path)
+    own, sensors = columns[sensor], dict[Sensor, Axes]()
+    for what in ("acc", "gyr", *(("mag",) if any(one == "mag" for one, _ in own) else ())):
+        for axis in "XYZ":
+            if len(own.get((what, axis), [])) != 1:
                 raise FormatError(
-                    f"{path.name} has neither a column 'timestamp' nor a rate: give the rate it was recorded at in "
-                    f"Hz, such as `--rate 50`."
+                    f"{path.name} has {len(own.get((what, axis), []))} columns '{NAMES[what]} {axis}' of '{sensor}' "
+                    f"where one is needed: export it again."
                 )
-        for source in self.sources:
-            stream = None if source.what in found else self._read(content, header, plain, source, nominal_s)
-            if stream is not None and (source.what != "mag" or stream.xyz.any()):
-                found[source.what] = stream
-                notes += [source.remark] if source.remark else []
-        lacking = next((name for name in plain if re.match(self.removed, name, re.IGNORECASE)), None)
-        if "acc" not in found and lacking is not None:
-            raise FormatError(
-                f"{path.name} holds {lacking[:-1].strip(' .')}, from which gravity has been removed: {self.instead}."
-            )
-        raw = join_streams([found[what] for what in NAMES if what in found], path, self.name, notes)
-        return note_nominal_rate(raw, NOMINAL_SIGMA) if content.rate_hz is None and nominal_s is not None else raw
-
-    def _read(
-        self, content: Content, header: Header, plain: list[str], source: Source, nominal_s: float | None
-    ) -> Stream | None:
-        """Return the stream of one sensor in SI, or None if a column is absent; `nominal_s`: period without stamps."""
-        clock = next((k for k, name in enumerate(plain) if re.fullmatch(source.clock, name, re.IGNORECASE)), None)
-        wanted: list[int] = []
-        for pattern in source.columns:
-            first = next((n for n in plain if re.fullmatch(f"(?:{pattern})x", n, re.IGNORECASE)), "")
-            axes = [first[:-1] + axis for axis in ("xyz" if first[-1:] == "x" else "XYZ")]
-            if not first or not set(axes) <= set(plain):
-                return None
-            wanted += [plain.index(axis) for axis in axes]
-        if clock is None and nominal_s is None:
-            return None
-        names = [header.names[k] for k in ([] if nominal_s is not None or clock is None else [clock]) + wanted]
-        values, row = header.read(content, names)
-        # unit
-        meaning = read_header(header.names[wanted[0]])
-        unit = find_factor(source.what, meaning.unit) if meaning and meaning.unit and source.unit == 1.0 else None
-        xyz = values[:, -len(wanted) :].reshape(len(values), -1, 3).sum(axis=1)
-        xyz = scale_values(xyz, unit if unit is not None and np.isfinite(unit) else source.unit)
-        # stamps
-        t: Floats | Ints = np.asarray((row - header.line - 2) * (nominal_s or 0.0), dtype=np.float64)
-        if nominal_s is None:
-            stamps = header.read_integers(content, names[0], row) if self.is_epoch else None
-            t = values[:, 0] * self.tick_s if stamps is None else stamps * 1_000_000
-        stream = Stream(source.what, t, xyz, row, header.names[wanted[0]])
-        if self.keeps:
-            return keep_changes(stream)
-        return stream.take(np.concatenate(([True], np.diff(t) != 0)))  # rows repeat a sample until there is a new one
+        places = [own[what, axis][0] for axis in "XYZ"]
+        scales = [find_scale(what, units[k] or SI_UNITS[what], table.names[k], path) for k in places]
+        sensors[what] = Axes([table.names[k] for k in places], np.array(scales))
+    clock, samples, row = read_sensors(table, [table.names[0]], sensors)
+    t = scale_values(clock[:, 0], find_scale("time", units[0] or "s", "Time", path))
+    return pack_samples(content, "apdm", t, samples, sensors, row, [f"the sensor is '{sensor}'"])
 
 
-_APPLE = "specific force is -9.80665 * {}, as an iPhone has the sign turned"
-_SINCE = "Timestamp_sinceReboot"
+# Shimmer
 
-SENSORLOG = TableFormat(
-    "sensorlog",
-    lambda names: any(_SINCE in name for name in names),
-    (
-        Source("acc", ("accelerometerAcceleration",), f"accelerometer{_SINCE}", -GRAVITY_M_S2,
-               _APPLE.format("accelerometerAcceleration")),
-        Source("acc", ("motionUserAcceleration", "motionGravity"), f"motion{_SINCE}", -GRAVITY_M_S2,
-               _APPLE.format("(motionUserAcceleration + motionGravity)")),
-        Source("gyr", ("motionRotationRate",), f"motion{_SINCE}"),
-        Source("gyr", ("gyroRotation",), f"gyro{_SINCE}",
-               remark="the gyroscope is as measured: its bias is still in it"),
-        Source("mag", ("motionMagneticField",), f"motion{_SINCE}"),
-        Source("mag", ("magnetometer",), f"magnetometer{_SINCE}", remark=UNCALIBRATED_FIELD),
-    ),
-    "motionUserAcceleration",
-    "log accelerometerAcceleration or motionGravity along",
-)  # fmt: skip
-
-_START = "Time since start in ms"
-_ANDRO = re.compile("(ACCELEROMETER|LINEAR ACCELERATION|GYROSCOPE|MAGNETIC FIELD) [XYZ]")
-
-ANDROSENSOR = TableFormat(
-    "androsensor",
-    lambda names: any(name.startswith(_START) for name in names) and any(map(_ANDRO.match, names)),
-    (
-        Source("acc", ("ACCELEROMETER ",), _START),
-        Source("gyr", ("GYROSCOPE ",), _START),
-        Source("mag", ("MAGNETIC FIELD ",), _START),
-    ),
-    "LINEAR ACCELERATION",
-    "record ACCELEROMETER along",
-    tick_s=1e-3,
+_NAME = re.compile(
+    r"^(?P<device>.*?)_?(?P<what>Accel_LN|Accel_WR|Accel|Gyro|Mag)_(?P<axis>[XYZ])_CAL$|"
+    r"^(?P<clock_device>.*?)_?(?P<clock>Timestamp(?:Sync)?(?:_(?:Sync)?(?:Unix|FormattedUnix))?)_CAL$"
 )
+_LOW_NOISE, _WIDE = "{device}Accel_LN_{{}}_CAL", "{device}Accel_WR_{{}}_CAL"
+_SHIMMER: Mapping[Sensor, tuple[str, ...]] = {
+    "acc": (_LOW_NOISE, "{device}Accel_{{}}_CAL", _WIDE),
+    "gyr": ("{device}Gyro_{{}}_CAL",),
+    "mag": ("{device}Mag_{{}}_CAL",),
+}
 
-PHYSICS_TOOLBOX = TableFormat(
-    "physics-toolbox",
-    lambda names: (
-        "".join(names[:1]).lower() == "time"
-        and ("gFx" in names or (not names[-1] and not {"wx", "Bx", "ax"}.isdisjoint(names)))
-    ),
-    (Source("acc", ("gF",), "time", GRAVITY_M_S2), Source("gyr", ("w",), "time"), Source("mag", ("B",), "time")),
-    "ax",
-    "record the g-force (gFx ..) along",
-    keeps=True,
-)
 
-_OTHER = "(?!.*(?:linear|gravity|rotation|orient|uncal))"
+def find_shimmer(content: Content) -> TextTable | None:
+    """Table with names as Consensys gives them, in the first lines: at the top, or below the separator."""
+    table = find_header(content, lambda names: any(match and match["what"] for match in map(_NAME.match, names)))
+    return table if table is not None and table.line <= 3 else None
 
-HYPERIMU = TableFormat(
-    "hyperimu",
-    lambda names: any(re.fullmatch(r".+\.[xyz]", name) for name in names),
-    (
-        Source("gyr", (_OTHER + r".*(?:gyro|L3G|BMG).*\.",), "timestamp"),
-        Source("mag", (_OTHER + r".*(?:magn|compass|AK0|AK8|YAS|HMC|MMC|BMM).*\.",), "timestamp"),
-        Source("acc", (_OTHER + r"(?!.*(?:gyro|magn)).*(?:acc|LIS[23]|BMA|KX|ADXL|MMA).*\.",), "timestamp"),
-    ),
-    ".*linear",
-    "record acceleration along",
-    top="@.*(?:HyperIMU|HIMU|ianovir)",
-    tick_s=1e-3,
-    is_epoch=True,
-)
+
+def read_shimmer(content: Content) -> RawRecording:
+    """Read one device of an export of Consensys."""
+    path, table = content.path, find_shimmer(content)
+    if table is None:
+        raise FormatError(f"{path.name} has no calibrated columns of a Shimmer: export it again with them.")
+    below = content.lines[table.line + 1 : table.line + 2]
+    units = [field for line in below for field in split_fields(line, table.separator)]
+    units = units if any(find_factor("acc", field) for field in units) else []
+    table = replace(table, first_line=table.first_line + bool(units))
+    matches = [match for match in map(_NAME.match, table.names) if match]
+    devices = list(dict.fromkeys(match["device"] for match in matches if match["what"]))
+    device = choose_sensor(devices, content.sensor, path)
+    prefix = f"{device}_" if device else ""
+    # columns, of the accelerometers that of low noise, and their units
+    sources: Sources = {what: [(name.format(device=prefix), 1.0) for name in names] for what, names in _SHIMMER.items()}
+    sensors = find_sensors(table, sources)
+    for what, axes in sensors.items():
+        said = {units[k] for k in (find_column(name, table.names, path) for name in axes.names) if k < len(units)}
+        if len(said) != 1:
+            raise FormatError(f"{path.name}: '{axes.names[0]}' has no one unit for its axes below it: export it again.")
+        sensors[what] = axes._replace(unit=find_scale(what, said.pop(), axes.names[0], path))
+    # the clock of the device, or of the session where it has none of its own; numbers before text
+    clocks = [(match.string, match["clock_device"], match["clock"]) for match in matches if match["clock"]]
+    own = [one for one in clocks if one[1] == device] or clocks
+    if not own:
+        raise FormatError(f"{path.name} has no column Timestamp_Unix_CAL: export it again with it.")
+    clock, _, kind = min(own, key=lambda one: ("Formatted" in one[2], "Unix" not in one[2]))
+    is_text, place = "Formatted" in kind, table.names.index(clock)
+    # samples, and not the rows of other devices alone
+    values, samples, row = read_sensors(table, [] if is_text else [clock], sensors)
+    there = ~np.isnan(np.hstack(list(samples.values()))).all(axis=1)
+    row, samples = row[there], {what: xyz[there] for what, xyz in samples.items()}
+    unit = find_factor("time", units[place]) if place < len(units) else None
+    t = _read_text_clock(table, place, row) if is_text else scale_values(values[there, 0], unit or 1e-3)
+    # remarks
+    wide, low_noise = ({pattern.format(device=prefix).format("X")} for pattern in (_WIDE, _LOW_NOISE))
+    notes = []
+    if wide | low_noise <= set(table.names):
+        notes = ["of two accelerometers the one of low noise (LN) is taken: it is in the gyroscope's frame"]
+    elif sensors["acc"].names[0] in wide:
+        notes = ["the accelerometer is that of wide range (WR): the file has no other"]
+    return pack_samples(content, "shimmer", t, samples, sensors, row, notes)
+
+
+def _read_text_clock(table: TextTable, position: int, row: Ints) -> Floats:
+    """Return stamps (N,) s of wall time since 1970 in the lines (N,) `row`; `FormatError` if one is no time."""
+    text = pd.Series(table.read_words(position, row), dtype=object)
+    stamps = pd.to_datetime(text.str.replace("/", "-"), format="ISO8601", errors="coerce")
+    bad = (stamps.isna() & text.notna()).to_numpy()
+    if bad.any():
+        k = int(np.argmax(bad))
+        raise FormatError(
+            f"{table.content.path.name}, line {row[k]}, column '{table.names[position]}': {str(text[k])[:40]!r} is no "
+            f"time; correct or delete that line."
+        )
+    return np.asarray((stamps - pd.Timestamp(0)).dt.total_seconds(), dtype=np.float64)

@@ -39,7 +39,7 @@ import numpy as np
 from fg_nav.arrays import Bools, Floats
 from fg_nav.errors import FormatError
 from fg_nav.io.content import Content, Variables, load_mat, mat_array, read_content
-from fg_nav.io.text_columns import drop_held
+from fg_nav.io.streams import drop_held
 from fg_nav.io.truth import pack_footprints, pack_true_path
 from fg_nav.recording import Provenance, RawRecording
 from fg_nav.truth import Truth
@@ -47,33 +47,31 @@ from fg_nav.truth import Truth
 _RIGHT_HANDED = np.array([1.0, -1.0, 1.0])
 
 
+def _take(variables: Variables, name: str, path: Path, columns: int | None, like: str, count: int) -> Floats:
+    """Return an array with a row for each of the `count` of `like`; raises `FormatError` as `mat_array`."""
+    values = mat_array(variables, name, path, columns=columns)
+    if len(values) != count:
+        raise FormatError(f"{path.name}: '{name}' has {len(values)} rows, '{like}' {count}: export it again.")
+    return values
+
+
 def read_pyshoe(content: Content) -> RawRecording:
     """Read a PyShoe trial."""
     path, variables = content.path, load_mat(content)
-    t, inertial = _read_samples(variables, "imu", "ts", path)
+    inertial = mat_array(variables, "imu", path, columns=6)
+    t = _take(variables, "ts", path, None, "imu", len(inertial))
     truth: Truth | None = None
     gt = variables.get("gt")
     if gt is not None and gt.ndim == 2 and gt.shape[1] == 3:  # the stair trials give one height a landing
-        position, sample = mat_array(variables, "gt", path, columns=3) * _RIGHT_HANDED, np.arange(len(t))
+        sample, like = np.arange(len(t)), "imu"
         if "gt_idx" in variables:
             index = mat_array(variables, "gt_idx", path)
             if not ((index >= 0) & (index < len(t))).all():
                 raise FormatError(f"{path.name}: 'gt_idx' points outside of the recording: export it again.")
-            sample = index.astype(np.int64)
-        if len(sample) != len(position):
-            raise FormatError(
-                f"{path.name} has {len(position)} true positions for {len(sample)} samples: export it again."
-            )
+            sample, like = index.astype(np.int64), "gt_idx"
+        position = _take(variables, "gt", path, 3, like, len(sample)) * _RIGHT_HANDED
         truth = pack_true_path(t[sample], position)
     return _pack(t, inertial, truth, path, "pyshoe")
-
-
-def _read_samples(variables: Variables, imu: str, stamps: str, path: Path) -> tuple[Floats, Floats]:
-    """Take stamps (N,), and force and rates (N, 6)."""
-    inertial, t = mat_array(variables, imu, path, columns=6), mat_array(variables, stamps, path)
-    if len(t) != len(inertial):
-        raise FormatError(f"{path.name} has {len(inertial)} samples but {len(t)} time stamps: export it again.")
-    return t, inertial
 
 
 def _pack(t: Floats, inertial: Floats, truth: Truth | None, path: Path, format: str) -> RawRecording:
@@ -95,16 +93,15 @@ def read_pyshoe_labels(path: Path | str, detector: str = "shoe") -> Bools:
 def read_gdlbio(content: Content) -> RawRecording:
     """Read a surveyed walk."""
     path, variables = content.path, load_mat(content)
-    t, inertial = _read_samples(variables, "imu_data", "timestamps", path)
+    inertial = mat_array(variables, "imu_data", path, columns=6)
+    t = _take(variables, "timestamps", path, None, "imu_data", len(inertial))
     truth: Truth | None = None
     if {"strideIndex", "GCP"} <= variables.keys():
-        xy = mat_array(variables, "GCP", path, columns=2) * _RIGHT_HANDED[:2]
         sample = mat_array(variables, "strideIndex", path)
         whole = ((sample >= 0) & (sample < len(t)) & (sample == np.round(sample))).all()
         if not whole or (np.diff(sample) <= 0).any():
             raise FormatError(f"{path.name}: 'strideIndex' must be rising samples of the recording: export it again.")
-        if len(sample) != len(xy):
-            raise FormatError(f"{path.name} has {len(xy)} footprints but {len(sample)} stances: export it again.")
+        xy = _take(variables, "GCP", path, 2, "strideIndex", len(sample)) * _RIGHT_HANDED[:2]
         stride = np.arange(len(xy), dtype=np.float64)
         truth = pack_footprints(stride, xy, len(xy) - 1, path, t[sample.astype(np.int64)])
     return _pack(t, inertial, truth, path, "gdlbio")
@@ -128,20 +125,15 @@ def read_broad(content: Content) -> RawRecording:
         raise FormatError(f"{path.name}: 'sampling_rate' is no usable rate in Hz: export it again.")
     acc = mat_array(variables, "imu_acc", path, columns=3)
 
-    def take(name: str, width: int = 3) -> Floats:
-        values = mat_array(variables, name, path, columns=width)
-        if len(values) != len(acc):
-            raise FormatError(f"{path.name}: '{name}' has {len(values)} rows, 'imu_acc' {len(acc)}: export it again.")
-        return values
-
-    gyr = take("imu_gyr")
-    mag = take("imu_mag") if "imu_mag" in variables else None
+    like = ("imu_acc", len(acc))
+    gyr = _take(variables, "imu_gyr", path, 3, *like)
+    mag = _take(variables, "imu_mag", path, 3, *like) if "imu_mag" in variables else None
     mag = drop_held(mag, gyr) if mag is not None and len(mag) else None
     t, truth = np.arange(len(acc)) / rate[0], None
     if {"opt_quat", "opt_pos"} <= variables.keys():
         from scipy.spatial.transform import Rotation  # slow to load
 
-        wxyz, position = take("opt_quat", 4), take("opt_pos")
+        wxyz, position = _take(variables, "opt_quat", path, 4, *like), _take(variables, "opt_pos", path, 3, *like)
         seen = np.abs(np.linalg.norm(wxyz, axis=1) - 1.0) < 0.01
         nav_R_body = np.full((len(t), 3, 3), np.nan)
         if seen.any():

@@ -1,4 +1,15 @@
-"""Apps of phones that write a table, or kinds of lines, a sensor (docs/formats.md).
+"""Apps of phones that write a table of all sensors, a table a sensor, or kinds of lines (docs/formats.md).
+
+One table of all sensors, as data (`TableFormat`). Names of columns are compared without their units, which have been
+through many hands and are those of the app where not known:
+
+=============== ====================================================================================================
+sensorlog       **Apple's sign**; each sensor has a clock of its own; `motion...` is without bias, and the field 0 until
+                it is calibrated; `loggingTime(txt)`, when the row was written, jitters
+androsensor     a row at a chosen rate; 2 Hz, as proposed, is too low
+physics-toolbox a row whenever any sensor has a sample, in which the others hold their last one, 0 before the first
+hyperimu        columns named after the phone's chips; without `timestamp` a nominal time between the rows
+=============== ====================================================================================================
 
 phyphox (RWTH Aachen): fields are separated by comma, semicolon or tab, with a decimal point or comma, as the user
 chose; short columns end in NaN. Each sensor has its own `Time (s)` since the start of the experiment, up is + on
@@ -27,25 +38,205 @@ ms, elapsed since the phone's start in ns, x, y, z, and the bias in it, which is
 
 from __future__ import annotations
 
-import io
 import re
-from collections.abc import Iterable, Iterator
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Literal
 
 import numpy as np
-import pandas as pd
 
-from fg_nav.arrays import Floats
-from fg_nav.columns.units import find_factor, find_quantity
+from fg_nav.arrays import Floats, Ints
+from fg_nav.columns.headers import find_factor, find_quantity, read_header
 from fg_nav.errors import FormatError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.io.content import Content, split_fields, split_lines
-from fg_nav.io.streams import NAMES, UNCALIBRATED_FIELD, Sensor, Stream, interpolate_rows, join_streams
-from fg_nav.io.text_columns import Header, find_header, guess_separator, has_rows, scale_values
-from fg_nav.recording import RawRecording
+from fg_nav.io.streams import NAMES, UNCALIBRATED_FIELD, Sensor, Stream, interpolate_rows, join_streams, keep_changes
+from fg_nav.io.tables import TextTable, find_header, guess_separator, has_rows, scale_values
+from fg_nav.recording import NOMINAL_SIGMA, RawRecording, note_nominal_rate
 from fg_nav.samples.plausibility import measure_rest_acc
+
+# One table of all sensors
+
+_STEP = re.compile(r"Sampling (?:Time|Rate)\s*:\s*(\d+(?:\.\d+)?)\s*ms", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class Source:
+    """Columns of a sensor: patterns of their names before the axis, of several the sum; their unit, and a remark.
+
+    `clock` is the pattern of the stamps' name. The unit of the header, if it is known, goes before `unit`.
+    """
+
+    what: Sensor
+    columns: tuple[str, ...]
+    clock: str
+    unit: float = 1.0
+    remark: str = ""
+
+
+@dataclass(frozen=True)
+class TableFormat:
+    """A table that an app writes.
+
+    `is_header` knows the names of its columns, `top` the first line, where there is one above them; of each sensor the
+    first source is taken that is there and not all zero. `tick_s` is the unit of the clocks, `is_epoch` where they are
+    since 1970. `keeps` where rows hold older samples. `removed` is what is without gravity, `instead` what to record.
+    """
+
+    name: str
+    is_header: Callable[[list[str]], bool]
+    sources: tuple[Source, ...]
+    removed: str
+    instead: str
+    top: str = ""
+    tick_s: float = 1.0
+    is_epoch: bool = False
+    keeps: bool = False
+
+    def recognizes(self, content: Content) -> bool:
+        """Whether a header is that of the app."""
+        first = content.lines[0] if content.lines else ""
+        is_below = bool(re.match(self.top, first, re.IGNORECASE))
+        return is_below and (bool(self.top) or find_header(content, self.is_header) is not None)
+
+    @np.errstate(over="ignore", invalid="ignore")  # of numbers that a damaged file may hold
+    def read(self, content: Content) -> RawRecording:
+        """Read a recording."""
+        path, table, notes = content.path, find_header(content, self.is_header), list[str]()
+        if table is None:
+            raise FormatError(f"{path.name} has no header with columns of sensors: record it again.")
+        plain = [re.sub(r"\s*\(.*$", "", name).strip() for name in table.names]
+        found: dict[Sensor, Stream] = {}
+        nominal_s = None  # time between the rows without stamps: by the rate that is given, or that in the first lines
+        if self.is_epoch and "timestamp" not in plain:
+            said = next((match for match in map(_STEP.search, content.lines[:5]) if match), None)
+            if content.rate_hz is not None:
+                nominal_s = 1.0 / content.rate_hz
+            elif said is not None and 0.1 <= float(said[1]) <= 1e4:
+                nominal_s = 1e-3 * float(said[1])
+                words = f"time is the row number at the nominal {said[1]} ms, which phones exceed"
+                notes.append(f"there is no clock: {words}")
+            else:
+                raise FormatError(
+                    f"{path.name} has neither a column 'timestamp' nor a rate: give the rate it was recorded at in "
+                    f"Hz, such as `--rate 50`."
+                )
+        for source in self.sources:
+            stream = None if source.what in found else self._read(table, plain, source, nominal_s)
+            if stream is not None and (source.what != "mag" or stream.xyz.any()):
+                found[source.what] = stream
+                notes += [source.remark] if source.remark else []
+        lacking = next((name for name in plain if re.match(self.removed, name, re.IGNORECASE)), None)
+        if "acc" not in found and lacking is not None:
+            raise FormatError(
+                f"{path.name} holds {lacking[:-1].strip(' .')}, from which gravity has been removed: {self.instead}."
+            )
+        raw = join_streams([found[what] for what in NAMES if what in found], path, self.name, notes)
+        return note_nominal_rate(raw, NOMINAL_SIGMA) if content.rate_hz is None and nominal_s is not None else raw
+
+    def _read(self, table: TextTable, plain: list[str], source: Source, nominal_s: float | None) -> Stream | None:
+        """Return the stream of one sensor in SI, or None if a column is absent; `nominal_s`: period without stamps."""
+        clock = next((k for k, name in enumerate(plain) if re.fullmatch(source.clock, name, re.IGNORECASE)), None)
+        wanted: list[int] = []
+        for pattern in source.columns:
+            first = next((n for n in plain if re.fullmatch(f"(?:{pattern})x", n, re.IGNORECASE)), "")
+            axes = [first[:-1] + axis for axis in ("xyz" if first[-1:] == "x" else "XYZ")]
+            if not first or not set(axes) <= set(plain):
+                return None
+            wanted += [plain.index(axis) for axis in axes]
+        if clock is None and nominal_s is None:
+            return None
+        names = [table.names[k] for k in ([] if nominal_s is not None or clock is None else [clock]) + wanted]
+        values, row = table.read_columns(names)
+        # unit
+        called = table.names[wanted[0]]
+        meaning = read_header(called)
+        unit = find_factor(source.what, meaning.unit) if meaning and meaning.unit and source.unit == 1.0 else None
+        xyz = values[:, -len(wanted) :].reshape(len(values), -1, 3).sum(axis=1)
+        xyz = scale_values(xyz, unit if unit is not None and np.isfinite(unit) else source.unit)
+        # stamps
+        t: Floats | Ints = np.asarray((row - table.first_line) * (nominal_s or 0.0), dtype=np.float64)
+        if nominal_s is None:
+            stamps = table.read_integers(names[0], row) if self.is_epoch else None
+            t = values[:, 0] * self.tick_s if stamps is None else stamps * 1_000_000
+        stream = Stream(source.what, t, xyz, row, called)
+        if self.keeps:
+            return keep_changes(stream)
+        return stream.take(np.concatenate(([True], np.diff(t) != 0)))  # rows repeat a sample until there is a new one
+
+
+_APPLE = "specific force is -9.80665 * {}, as an iPhone has the sign turned"
+_SINCE = "Timestamp_sinceReboot"
+
+_SENSORLOG = TableFormat(
+    "sensorlog",
+    lambda names: any(_SINCE in name for name in names),
+    (
+        Source("acc", ("accelerometerAcceleration",), f"accelerometer{_SINCE}", -GRAVITY_M_S2,
+               _APPLE.format("accelerometerAcceleration")),
+        Source("acc", ("motionUserAcceleration", "motionGravity"), f"motion{_SINCE}", -GRAVITY_M_S2,
+               _APPLE.format("(motionUserAcceleration + motionGravity)")),
+        Source("gyr", ("motionRotationRate",), f"motion{_SINCE}"),
+        Source("gyr", ("gyroRotation",), f"gyro{_SINCE}",
+               remark="the gyroscope is as measured: its bias is still in it"),
+        Source("mag", ("motionMagneticField",), f"motion{_SINCE}"),
+        Source("mag", ("magnetometer",), f"magnetometer{_SINCE}", remark=UNCALIBRATED_FIELD),
+    ),
+    "motionUserAcceleration",
+    "log accelerometerAcceleration or motionGravity along",
+)  # fmt: skip
+
+_START = "Time since start in ms"
+_ANDRO = re.compile("(ACCELEROMETER|LINEAR ACCELERATION|GYROSCOPE|MAGNETIC FIELD) [XYZ]")
+
+_ANDROSENSOR = TableFormat(
+    "androsensor",
+    lambda names: any(name.startswith(_START) for name in names) and any(map(_ANDRO.match, names)),
+    (
+        Source("acc", ("ACCELEROMETER ",), _START),
+        Source("gyr", ("GYROSCOPE ",), _START),
+        Source("mag", ("MAGNETIC FIELD ",), _START),
+    ),
+    "LINEAR ACCELERATION",
+    "record ACCELEROMETER along",
+    tick_s=1e-3,
+)
+
+_PHYSICS_TOOLBOX = TableFormat(
+    "physics-toolbox",
+    lambda names: (
+        "".join(names[:1]).lower() == "time"
+        and ("gFx" in names or (not names[-1] and not {"wx", "Bx", "ax"}.isdisjoint(names)))
+    ),
+    (Source("acc", ("gF",), "time", GRAVITY_M_S2), Source("gyr", ("w",), "time"), Source("mag", ("B",), "time")),
+    "ax",
+    "record the g-force (gFx ..) along",
+    keeps=True,
+)
+
+_OTHER = "(?!.*(?:linear|gravity|rotation|orient|uncal))"
+
+_HYPERIMU = TableFormat(
+    "hyperimu",
+    lambda names: any(re.fullmatch(r".+\.[xyz]", name) for name in names),
+    (
+        Source("gyr", (_OTHER + r".*(?:gyro|L3G|BMG).*\.",), "timestamp"),
+        Source("mag", (_OTHER + r".*(?:magn|compass|AK0|AK8|YAS|HMC|MMC|BMM).*\.",), "timestamp"),
+        Source("acc", (_OTHER + r"(?!.*(?:gyro|magn)).*(?:acc|LIS[23]|BMA|KX|ADXL|MMA).*\.",), "timestamp"),
+    ),
+    ".*linear",
+    "record acceleration along",
+    top="@.*(?:HyperIMU|HIMU|ianovir)",
+    tick_s=1e-3,
+    is_epoch=True,
+)
+
+
+APPS = (_SENSORLOG, _ANDROSENSOR, _PHYSICS_TOOLBOX, _HYPERIMU)
+
+
+# phyphox
 
 _TIME = re.compile(r"Time \((\w+)\)")
 _PRESSURE = re.compile(r"(?:Pressure|P) ?\((\w+)\)")
@@ -64,14 +255,14 @@ def is_phyphox(content: Content) -> bool:
     return any(map(_find_phyphox_header, content.files()))
 
 
-def _find_phyphox_header(table: Content) -> Header | None:
-    """Header of a table of phyphox in its first line: a time first, then a sensor's axes."""
+def _find_phyphox_header(file: Content) -> TextTable | None:
+    """Table of phyphox with its header in the first line: a time first, then a sensor's axes."""
 
     def is_header(names: list[str]) -> bool:
         is_sensor = len(names) > 3 and any(map(_COLUMN.fullmatch, names[1:]))
         return bool(names and _TIME.fullmatch(names[0])) and (is_sensor or any(map(_PRESSURE.fullmatch, names[1:])))
 
-    header = find_header(table, is_header)
+    header = find_header(file, is_header)
     return header if header is not None and header.line == 0 else None
 
 
@@ -85,75 +276,62 @@ def read_phyphox(content: Content) -> RawRecording:
     if model:
         notes.append(f"recorded by phyphox {said.get('version', '')} on {model}")
     # sensors
-    streams: dict[Sensor, Stream] = {}
-    has_linear = False
-    for stream in (stream for table in content.files() for stream in _read_phyphox_table(table)):
-        if stream is None:
-            has_linear = True
-        elif stream.what in streams:
-            raise FormatError(
-                f"{name} holds two tables of the {NAMES[stream.what]} ({streams[stream.what].source}, "
-                f"{stream.source}): give a folder with those of one experiment."
-            )
-        else:
-            streams[stream.what] = stream
-    if has_linear and "acc" not in streams:
+    found = [stream for file in content.files() for stream in _read_phyphox_table(file)]
+    streams = [stream for stream in found if stream is not None]
+    if len(streams) < len(found) and not any(stream.what == "acc" for stream in streams):
         raise FormatError(
             f"{name} holds linear acceleration only, from which gravity has been removed: "
             f"record 'Acceleration (with g)' and the gyroscope."
         )
-    if len(streams) == 1 and not content.members:
-        what = NAMES[next(iter(streams))]
-        raise FormatError(f"{name} holds the {what} only: give the folder or zip with the files of all sensors.")
     # pauses
     pauses, last = _read_pauses(content)
-    for what, stream in streams.items():
+    for stream in streams:
         end = max(stream.t[np.isfinite(stream.t)].tolist(), default=0.0)
         if end > last + _LATE_S:
             raise FormatError(
                 f"{stream.source} lasts {end:.1f} s, but meta/time.csv says {last:.1f} s: give the files of one "
                 f"experiment."
             )
-        streams[what] = replace(stream, t=_add_pauses(np.asarray(stream.t, dtype=np.float64), pauses))
+    streams = [replace(one, t=_add_pauses(np.asarray(one.t, dtype=np.float64), pauses)) for one in streams]
     if streams:
         notes += [f"paused for {pause:.1f} s at {at:.1f} s: a gap" for at, pause in pauses]
-    return join_streams(list(streams.values()), content.path, "phyphox", list(dict.fromkeys(notes)))
+    return join_streams(streams, content.path, "phyphox", list(dict.fromkeys(notes)), is_part=not content.members)
 
 
-def _read_phyphox_table(table: Content) -> Iterator[Stream | None]:
+def _read_phyphox_table(file: Content) -> Iterator[Stream | None]:
     """Yield the streams in a table; None for one from which gravity has been removed."""
-    header = _find_phyphox_header(table)
-    if header is None or not has_rows(table):
+    table = _find_phyphox_header(file)
+    if table is None or not has_rows(file):
         return
     groups: dict[_Column, list[tuple[str, str, str]]] = {}  # axis, name and unit of its columns, for each sensor
-    for name in header.names:
+    for name in table.names:
         match = _COLUMN.fullmatch(name)
         if match is not None:
             quantity = find_quantity(match[4])
             what: _Column = quantity if quantity == "acc" or quantity == "gyr" or quantity == "mag" else "other"
-            if what == "acc" and "linear" in table.path.name.lower():
+            if what == "acc" and "linear" in file.path.name.lower():
                 what = "linear"
             axis = (match[2] or match[3]).lower()
             groups.setdefault(_SENSORS[match[1]] if match[1] else what, []).append((axis, name, match[4]))
-    for name in header.names:
+    for name in table.names:
         match = _PRESSURE.fullmatch(name)
         if match is not None and find_factor("pressure", match[1]):
-            yield _read_columns(table, header, "pressure", [("", name, match[1])])
+            yield _read_columns(table, "pressure", [("", name, match[1])])
     for what, columns in groups.items():
         if what == "linear":
             yield None
         elif what != "other" and [axis for axis, _, _ in sorted(columns)] == ["x", "y", "z"]:
-            yield _read_columns(table, header, what, sorted(columns))
+            yield _read_columns(table, what, sorted(columns))
 
 
-def _read_columns(table: Content, header: Header, what: Sensor, columns: list[tuple[str, str, str]]) -> Stream:
-    match = _TIME.fullmatch(header.names[0])
+def _read_columns(table: TextTable, what: Sensor, columns: list[tuple[str, str, str]]) -> Stream:
+    match, file = _TIME.fullmatch(table.names[0]), table.content.path.name
     factors = [find_factor("time", match[1] if match else "s"), *(find_factor(what, unit) for _, _, unit in columns)]
     if None in factors:
-        raise FormatError(f"{table.path.name} has a unit that is not known in '{columns[0][1]}': export it again.")
-    values, row = header.read(table, [header.names[0], *(name for _, name, _ in columns)])
+        raise FormatError(f"{file} has a unit that is not known in '{columns[0][1]}': export it again.")
+    values, row = table.read_columns([table.names[0], *(name for _, name, _ in columns)])
     values = scale_values(values, np.array(factors, dtype=np.float64))
-    return Stream(what, values[:, 0], values[:, 1:], row, table.path.name)
+    return Stream(what, values[:, 0], values[:, 1:], row, file)
 
 
 def _read_meta(content: Content, name: str) -> list[list[str]]:
@@ -185,11 +363,7 @@ def _add_pauses(t: Floats, pauses: list[tuple[float, float]]) -> Floats:
 
 def put_on_recording_clock(content: Content, t: Floats) -> Floats:
     """Stamps (N,) s of a further table of an app, such as its `Location.csv`, on the clock of its recording as read."""
-    begin = []
-    for table in find_tables(content).values():
-        header = find_header(table, lambda names: "seconds_elapsed" in names)
-        if header is not None:
-            begin.append(float(header.read(table, ["seconds_elapsed"])[0][0, 0]))
+    begin = [float(table.read_columns(["seconds_elapsed"])[0][0, 0]) for table in find_tables(content).values()]
     return _add_pauses(t, _read_pauses(content)[0]) - min(begin, default=0.0)
 
 
@@ -206,15 +380,15 @@ _HPA = 100.0  # Pa.
 _MAX_FORCE_IN_G = 3.0  # A sensor at rest reads 1 in g, and 9.8 in m/s^2.
 
 
-def find_tables(content: Content) -> dict[str, Content]:
+def find_tables(content: Content) -> dict[str, TextTable]:
     """Return the Sensor Logger tables of a folder or archive (top level), or the file itself, by lower-case name."""
     files: Iterable[tuple[str, Content]] = content.members.items() or [(content.path.name, content)]
-    named = {place.lower().split(".")[0]: table for place, table in files if "/" not in place}
     found = {}
-    for name, table in named.items():
-        fields = set(table.fields())
+    for name, file in {place.lower().split(".")[0]: file for place, file in files if "/" not in place}.items():
+        fields = set(file.fields())
         is_table = {"time", "seconds_elapsed"} <= fields and ({"x", "y", "z"} <= fields or "pressure" in fields)
-        if name in _WHAT and is_table and has_rows(table):
+        table = find_header(file, lambda names: "seconds_elapsed" in names)
+        if name in _WHAT and is_table and table is not None and has_rows(file):
             found[name] = table
     return found
 
@@ -233,17 +407,15 @@ def read_sensor_logger(content: Content) -> RawRecording:
     # sensors, calibrated before uncalibrated
     streams = dict[str, Stream]()
     for name, table in find_tables(content).items():
-        header = find_header(table, lambda names: "seconds_elapsed" in names)
-        assert header is not None, "recognized by it"
         is_air = _WHAT[name] == "pressure"
-        values, row = header.read(table, ["time", *(["pressure"] if is_air else "xyz")])
-        stamps = header.read_integers(table, "time", row)
+        values, row = table.read_columns(["time", *(["pressure"] if is_air else "xyz")])
+        stamps = table.read_integers("time", row)
         if stamps is None:
             whole = np.abs(values[:, 0]) < 2.0**63
             values, row = values[whole], row[whole]
             stamps = np.rint(values[:, 0]).astype(np.int64)
         xyz = values[:, 1:] * (_HPA if is_air else 1.0)
-        streams[name] = Stream(_WHAT[name], stamps, xyz, row, table.path.name)
+        streams[name] = Stream(_WHAT[name], stamps, xyz, row, table.content.path.name)
     force = _find_force(streams, metadata, content, notes)
     gyr, mag = streams.get("gyroscope"), streams.get("magnetometer")
     if gyr is None and "gyroscopeuncalibrated" in streams:
@@ -321,40 +493,34 @@ def is_gnss_logger(content: Content) -> bool:
 @np.errstate(over="ignore", invalid="ignore")  # of numbers that a damaged file may hold
 def read_gnss_logger(content: Content) -> RawRecording:
     """Read the inertial sensors and the magnetometer of a log."""
-    lines = split_lines(content.read_text())
-    rows: dict[str, list[int]] = {prefix: [] for prefix in _PREFIXES}
-    for number, line in enumerate(lines):
-        prefix = line[: line.find(",") + 1]
-        if prefix in rows:
-            rows[prefix].append(number)
-    streams = []
+    lines, streams = split_lines(content.read_text()), list[Stream]()
     for what, kinds in _KINDS.items():
-        kind = next((kind for kind in kinds if rows[f"{kind},"]), None)
-        if kind is not None:
-            own = rows[f"{kind},"]
-            streams.append(_read_records(content, what, kind, [lines[k] for k in own], own))
+        for kind in kinds:
+            own = [line if line.startswith(f"{kind},") else "" for line in lines]
+            if any(own):
+                streams.append(_read_records(content, what, kind, own))
+                break
     return join_streams(streams, content.path, "gnss-logger")
 
 
-def _read_records(content: Content, what: Sensor, kind: str, lines: list[str], rows: list[int]) -> Stream:
-    """Return the stream of a kind of record: kind, utc, elapsed, x, y, z[, bias]; `rows` (N,) are lines from 0."""
-    width = 9 if kind.startswith("Uncal") else 6
-    try:
-        table = pd.read_csv(
-            io.StringIO("\n".join(lines)), header=None, names=range(width), usecols=range(width), index_col=False,
-            dtype=str, quoting=3, skip_blank_lines=False,
-        )  # fmt: skip
-    except (ValueError, pd.errors.ParserError):
-        raise FormatError(f"{content.path.name} has no whole record of {kind}: log it again.") from None
-    numbers = table.iloc[:, 1:].apply(pd.to_numeric, errors="coerce")
-    bad = numbers.isna().any(axis=1).to_numpy()
+def _read_records(content: Content, what: Sensor, kind: str, lines: list[str]) -> Stream:
+    """Return the stream of a kind of record: kind, utc, elapsed, x, y, z[, bias]; other lines are empty."""
+    names = ["kind", "utc", "elapsed", "x", "y", "z", *(["bias x", "bias y", "bias z"] if "Uncal" in kind else [])]
+    width = max(line.count(",") for line in lines) + 1
+    text = "\n".join(lines).encode()
+    names += [f"field {k + 1}" for k in range(len(names), width)]
+    table = TextTable(replace(content, encoding="utf-8", fetch=lambda size: text[:size]), names, first_line=1)
+    wanted = names[1 : 9 if "Uncal" in kind else 6]
+    values, row = table.read_columns(wanted)
+    bad = np.isnan(values).any(axis=1)
     if bad.any():
-        k = int(np.argmax(bad))
+        line = int(row[np.argmax(bad)])
         raise FormatError(
-            f"{content.path.name}, line {rows[k] + 1}: {lines[k][:40]!r} is no whole record of {kind}; correct or "
+            f"{content.path.name}, line {line}: {lines[line - 1][:40]!r} is no whole record of {kind}; correct or "
             f"delete that line."
         )
-    values, elapsed = numbers.to_numpy(dtype=np.float64), numbers[2]
-    xyz = values[:, 2:5] - values[:, 5:8] if width == 9 else values[:, 2:5]
-    stamps = elapsed.to_numpy(dtype=np.int64) if elapsed.dtype.kind == "i" else values[:, 1] * 1e-9
-    return Stream(what, stamps, np.ascontiguousarray(xyz), np.array(rows) + 1, kind)
+    xyz = values[:, 2:5] - values[:, 5:8] if len(wanted) > 5 else values[:, 2:5]
+    elapsed = values[:, 1]
+    is_whole = bool((elapsed == np.rint(elapsed)).all() and np.abs(elapsed).max() < 2.0**53)
+    t = elapsed.astype(np.int64) if is_whole else elapsed * 1e-9
+    return Stream(what, t, np.ascontiguousarray(xyz), row, kind)

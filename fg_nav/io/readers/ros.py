@@ -25,10 +25,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.errors import FgNavError, FormatError
-from fg_nav.io.content import Content, choose_sensor
+from fg_nav.errors import FormatError
+from fg_nav.io.content import Content, choose_sensor, explain_library
 from fg_nav.io.streams import Stream, join_streams
-from fg_nav.io.text_columns import scale_values
+from fg_nav.io.tables import scale_values
 from fg_nav.recording import RawRecording
 from fg_nav.samples.plausibility import find_mag_problem, measure_field_strength
 
@@ -118,22 +118,13 @@ def _place(content: Content) -> Iterator[Path]:
 @contextmanager
 def _open(place: Path, path: Path) -> Iterator[Any]:
     """Open a bag. Whatever rosbags, yaml, sqlite, lz4 or zstd make of a damaged one is a `FormatError`."""
-    try:
+    mend = _MENDERS.get(place.suffix, "ros2 bag reindex")
+    with explain_library(path.name, "a ROS bag", "rosbags", "ros", f"copy it again, or try `{mend}`"):
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
-    except ImportError:
-        raise FormatError(
-            f"{path.name} is a ROS bag, which rosbags reads: install it, `pip install 'fg-nav[ros]'`."
-        ) from None
-    try:
+
         with AnyReader([place], default_typestore=get_typestore(Stores.LATEST)) as reader:
             yield reader
-    except FgNavError:
-        raise
-    except Exception as error:  # the zoo: struct, Key, Value, sqlite3, yaml, zstd, lz4 ... errors
-        reason = " ".join(f"{type(error).__name__} {error}".split())[:120]
-        mend = _MENDERS.get(place.suffix, "ros2 bag reindex")
-        raise FormatError(f"{path.name} is a damaged ROS bag ({reason}): copy it again, or try `{mend}`.") from None
 
 
 class _Messages(NamedTuple):

@@ -21,16 +21,26 @@ from pathlib import Path
 import numpy as np
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.columns.choice import Hints, choose_clock, choose_columns, find_three_by_unit, find_triads, has_word
-from fg_nav.columns.headers import Meaning, find_kinds_in, read_header, split_axis
-from fg_nav.columns.mapping import ACC, GYR, TIME, Channel, ColumnMap, parse_columns
+from fg_nav.columns.headers import Meaning, Quantity, find_factor, find_kinds_in, read_header, split_axis
+from fg_nav.columns.mapping import (
+    ACC,
+    GYR,
+    TIME,
+    Channel,
+    ColumnMap,
+    Hints,
+    choose_clock,
+    choose_columns,
+    find_three_by_unit,
+    find_triads,
+    has_word,
+    parse_columns,
+)
 from fg_nav.columns.samples import convert_samples, list_positions
-from fg_nav.columns.units import Quantity, find_factor
 from fg_nav.errors import FgNavError, FormatError
 from fg_nav.io.content import Content, choose_sensor, read_content
-from fg_nav.io.streams import NAMES, Sensor, Stream, join_streams
+from fg_nav.io.streams import NAMES, Sensor, Stream, drop_held, join_streams
 from fg_nav.io.tables import Table, open_table
-from fg_nav.io.text_columns import drop_held
 from fg_nav.recording import Provenance, RawRecording, Recording
 from fg_nav.samples.plausibility import find_mag_unit, find_time_unit, median_period_s
 
@@ -253,31 +263,21 @@ def are_sensor_tables(content: Content) -> bool:
 
 def read_sensor_tables(content: Content) -> RawRecording:
     """Read the tables of a session, one a sensor."""
-    sessions: dict[str, dict[Sensor, SensorTable]] = {}
+    sessions: dict[str, list[SensorTable]] = {}
     for single in _list_sensor_tables(content):
-        of_session = sessions.setdefault(single.session, {})
-        if single.what in of_session:
-            both = f"{of_session[single.what].content.path.name}, {single.content.path.name}"
-            raise FormatError(
-                f"{content.path.name} holds two tables of the {NAMES[single.what]} ({both}): give a folder with one."
-            )
-        of_session[single.what] = single
-    whole = {name: own for name, own in sessions.items() if {"acc", "gyr"} <= own.keys()} or sessions
+        sessions.setdefault(single.session, []).append(single)
+    whole = {name: own for name, own in sessions.items() if {"acc", "gyr"} <= {one.what for one in own}} or sessions
     singles = whole[choose_sensor(list(whole), content.sensor, content.path)]
-    raw = join_streams(
-        [singles[what].read() for what in NAMES if what in singles], content.path, "tables", ["one table a sensor"]
-    )
+    in_order = sorted(singles, key=lambda one: list(NAMES).index(one.what))
+    raw = join_streams([one.read() for one in in_order], content.path, "tables", ["one table a sensor"])
     # units, as of one table
-    acc, gyr = (replace(singles[what].axes, positions=(k, k + 1, k + 2)) for what, k in _PLACES.items())
+    acc, gyr = (replace(one.axes, positions=(k, k + 1, k + 2)) for one, k in zip(in_order, (1, 4), strict=False))
     mag = None if raw.mag is None else Channel((7, 8, 9), ("mag",), "uT")
     table = np.column_stack([raw.t, raw.acc, raw.gyr, *([] if raw.mag is None else [raw.mag])])
     columns, hints = ColumnMap(acc, gyr, mag, Channel((0,), ("t",), "s")), _make_hints(replace(content, is_trial=True))
     samples = convert_samples(table, columns, None, hints)
     provenance = replace(raw.provenance, notes=(*raw.provenance.notes, *samples.notes))
     return replace(raw, acc=samples.acc, gyr=samples.gyr, mag=samples.mag, provenance=provenance)
-
-
-_PLACES: dict[Sensor, int] = {"acc": 1, "gyr": 4}  # Of the columns of a joined recording.
 
 
 def refuse_sensor_tables(paths: Sequence[Path]) -> None:

@@ -20,18 +20,19 @@ from __future__ import annotations
 
 import re
 import shlex
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fg_nav.arrays import Bools, Floats
 from fg_nav.errors import FgNavError, FormatError
 from fg_nav.io.content import Content, split_fields
-from fg_nav.io.text_columns import Header, continue_counter, drop_held, find_header, scale_values
-from fg_nav.recording import Provenance, RawRecording, Recording
+from fg_nav.io.readers.known_tables import LOCAL_FIELD, Axes, pack_samples, read_sensors
+from fg_nav.io.streams import Sensor, continue_counter
+from fg_nav.io.tables import TextTable, find_header, scale_values
+from fg_nav.recording import RawRecording, Recording
 from fg_nav.samples.plausibility import (
-    is_field_on_earth,
-    measure_field_strength,
     measure_gravity_transport,
     measure_turning_period,
     median_period_s,
@@ -45,9 +46,7 @@ _VELOCITIES = (("dv[1]", "dv[2]", "dv[3]"), tuple(f"VelInc_{axis}" for axis in "
 _TURN, _ATTITUDE = ("dq_W", "dq_X", "dq_Y", "dq_Z"), ("Quat_W", "Quat_X", "Quat_Y", "Quat_Z")
 _TURNS = (_TURN, tuple(f"OriInc_q{k}" for k in range(4)), tuple(f"OriInc_{axis}" for axis in "wxyz"))
 _FINE, _COUNTERS = "SampleTimeFine", ("PacketCounter", "Counter")
-_CLOCK = (_FINE,)
 
-_LOCAL_FIELD_UT = 48.0  # One unit of the local field: 25 to 65 uT on Earth, 48 in most of Europe and North America.
 _TICKS_A_DAY, _TICK_S = 864_000_000.0, 1e-4  # Of an MTi.
 _RATE = re.compile(r"(?:update|sample|sampling|output)\s+rate\s*:\s*([0-9.]+)\s*hz", re.IGNORECASE)
 
@@ -62,32 +61,18 @@ _LIMB_RAD_S = 40.0
 _BIAS = 0.3  # A gyroscope whose bias reads more than this at rest reads in deg/s: 17 deg/s would be a broken one.
 
 
-class _Inertial(NamedTuple):
-    """Names of the columns of specific force (3,) and of the rate of turn (3,), or (4,) where it comes as turns."""
+def _find_sensors(header: TextTable, content: Content) -> dict[Sensor, Axes]:
+    """Return the columns of specific force, rate and field; a missing column of a group raises when it is read.
 
-    acc: tuple[str, ...]
-    gyr: tuple[str, ...]
-
-    def to_samples(self, acc: Floats, gyr: Floats, t: Floats) -> tuple[Floats, Floats, list[str]]:
-        """Return specific force (N, 3) m/s^2, rate (N, 3) in rad/s or the unit of the file, and notes."""
-        per_s, remarks = 1.0 / median_period_s(t), []
-        if self.acc != _ACC:
-            acc = scale_values(acc, per_s)
-            remarks.append("the specific force is from the changes of velocity over each sample")
-        if self.gyr != _GYR:
-            gyr = scale_values(_find_turns(gyr), per_s)
-            remarks.append("the rate of turn is from the turns over each sample")
-        return acc, gyr, remarks
-
-
-def _find_inertial(header: Header, content: Content) -> _Inertial:
-    """Return the columns of specific force and rate; a missing column of a group raises when it is read."""
+    Force may come as changes of velocity, the rate as turns.
+    """
     acc, gyr = (
         next((group for group in groups if not set(group).isdisjoint(header.names)), ())
         for groups in ((_ACC, *_VELOCITIES), (_GYR, *_TURNS))
     )
     if acc and gyr:
-        return _Inertial(acc, gyr)
+        magnetic: dict[Sensor, Axes] = {"mag": Axes(_MAG, LOCAL_FIELD)} if set(_MAG) <= set(header.names) else {}
+        return {"acc": Axes(acc), "gyr": Axes(gyr), **magnetic}
     missing = [*(() if acc else ("accelerometer",)), *(() if gyr else ("gyroscope",))]
     names = [*(() if acc else ("Acc_X, _Y, _Z",)), *(() if gyr else ("Gyr_X, _Y, _Z",))]
     removed = " (FreeAcc is without gravity)" if "FreeAcc_X" in header and not acc else ""
@@ -95,6 +80,18 @@ def _find_inertial(header: Header, content: Content) -> _Inertial:
         f"{content.path.name} has no {' and no '.join(missing)}{removed}: export it again with the inertial data "
         f"({' and '.join(names)})."
     )
+
+
+def _divide_by_period(samples: dict[Sensor, Floats], sensors: Mapping[Sensor, Axes], t: Floats) -> list[str]:
+    """Make force and rate of changes over each sample, in place; return notes."""
+    per_s, remarks = 1.0 / median_period_s(t), []
+    if sensors["acc"].names != _ACC:
+        samples["acc"] = scale_values(samples["acc"], per_s)
+        remarks.append("the specific force is from the changes of velocity over each sample")
+    if sensors["gyr"].names != _GYR:
+        samples["gyr"] = scale_values(_find_turns(samples["gyr"]), per_s)
+        remarks.append("the rate of turn is from the turns over each sample")
+    return remarks
 
 
 def _find_turns(wxyz: Floats) -> Floats:
@@ -113,20 +110,6 @@ def _find_rotations(wxyz: Floats) -> tuple[Rotation, Bools]:
     small = (np.abs(wxyz) < 2.0).all(axis=1)
     known[small] = np.abs(np.linalg.norm(wxyz[small], axis=1) - 1.0) < 0.01
     return Rotation.from_quat(np.where(known[:, None], wxyz, [1.0, 0.0, 0.0, 0.0]), scalar_first=True), known
-
-
-def scale_local_field(mag: Floats | None, gyr: Floats) -> tuple[Floats | None, tuple[str, ...]]:
-    """Return `mag` (N, 3), in units of the local field, in uT, held samples NaN; None if unusable; and notes.
-
-    `gyr` (N, 3) is in rad/s. A path uses the direction and its changes along the walk, not the strength.
-    """
-    if mag is None or not mag.size:
-        return None, ()
-    median = float(np.nanmedian(measure_field_strength(mag))) if np.isfinite(mag).any() else np.nan
-    said = f"the magnetometer is in units of the local field (median {median:.2f})"
-    if not is_field_on_earth(_LOCAL_FIELD_UT * median):
-        return None, (f"{said}, of which it is none: left out",)
-    return drop_held(scale_values(mag, _LOCAL_FIELD_UT), gyr), (f"{said}: 1 is taken for {_LOCAL_FIELD_UT:.0f} uT",)
 
 
 # MT Manager
@@ -148,7 +131,7 @@ def is_mt(content: Content) -> bool:
     return position >= len(row) or row[position].lower() in ("", "nan")
 
 
-def _find_mt_header(content: Content) -> Header | None:
+def _find_mt_header(content: Content) -> TextTable | None:
     sensors = {*_ACC, *_GYR, *_MAG, "FreeAcc_X", "Mat[1][1]", "Quat_q0", "Quat_w", "Roll", "VelInc_X"}
     is_commented = bool(content.lines) and content.lines[0].startswith("//")
     return find_header(
@@ -162,16 +145,12 @@ def read_mt(content: Content) -> RawRecording:
     header = _find_mt_header(content)
     if header is None:
         raise FormatError(f"{content.path.name} has no header with PacketCounter: export it again from MT Manager.")
-    inertial = _find_inertial(header, content)
+    sensors = _find_sensors(header, content)
     clocks = [name for name in (_FINE, *_COUNTERS) if name in header]
-    magnetic = _MAG if set(_MAG) <= set(header.names) else ()
-    table, row = header.read(content, [*clocks, *inertial.acc, *inertial.gyr, *magnetic])
-    clock, acc, gyr, mag = np.split(table, np.cumsum([len(clocks), 3, len(inertial.gyr)]), axis=1)
-    t, notes = _make_mt_time(dict(zip(clocks, clock.T, strict=True)), len(table), content)
-    acc, gyr, remarks = inertial.to_samples(acc, gyr, t)
-    field, said = scale_local_field(mag, gyr)
-    provenance = Provenance(content.path, "xsens", (*notes, *remarks, *said))
-    return RawRecording(t, acc, gyr, row, field, provenance=provenance)
+    clock, samples, row = read_sensors(header, clocks, sensors)
+    t, notes = _make_mt_time(dict(zip(clocks, clock.T, strict=True)), len(row), content)
+    remarks = _divide_by_period(samples, sensors, t)
+    return pack_samples(content, "xsens", t, samples, sensors, row, [*notes, *remarks])
 
 
 def _make_mt_time(clocks: dict[str, Floats], count: int, content: Content) -> tuple[Floats, tuple[str, ...]]:
@@ -222,18 +201,17 @@ def read_dot(content: Content) -> RawRecording:
             f"{path.name} holds {removed} and no rate of turn: record in a mode with acceleration and angular "
             f"velocity, such as 'Rate quantities (with mag)' or 'Custom Mode 5'."
         )
-    inertial = _find_inertial(header, content)
-    there = [group for group in (_MAG, _TURN, _ATTITUDE) if set(group) <= set(header.names) and group != inertial.gyr]
-    groups = [_CLOCK, inertial.acc, inertial.gyr, *there]
-    table, row = header.read(content, [name for group in groups for name in group])
-    columns = dict(zip(groups, np.split(table, np.cumsum([len(group) for group in groups])[:-1], axis=1), strict=True))
-    t, remarks = _make_dot_time(columns[_CLOCK][:, 0], content)
-    acc, gyr, done = inertial.to_samples(columns[inertial.acc], columns[inertial.gyr], t)
-    scale, judged = (1.0, ()) if inertial.gyr != _GYR else _judge_rate_unit(t, acc, columns, content)
-    gyr = scale_values(gyr, scale)
-    mag, field = scale_local_field(columns.get(_MAG), gyr)
-    provenance = Provenance(path, "xsens-dot", (*remarks, *done, *judged, *field))
-    return RawRecording(t, acc, gyr, row, mag, provenance=provenance)
+    sensors = _find_sensors(header, content)
+    known = [group for group in (_TURN, _ATTITUDE) if group != sensors["gyr"].names]
+    turned = next((group for group in known if set(group) <= set(header.names)), ())
+    values, samples, row = read_sensors(header, [_FINE, *turned], sensors)
+    t, remarks = _make_dot_time(values[:, 0], content)
+    done, judged = _divide_by_period(samples, sensors, t), tuple[str, ...]()
+    if sensors["gyr"].names == _GYR:
+        turns = _find_turns_between(values[:, 1:], turned == _ATTITUDE) if turned else None
+        scale, judged = _judge_rate_unit(t, samples["acc"], samples["gyr"], turns, content)
+        samples["gyr"] = scale_values(samples["gyr"], scale)
+    return pack_samples(content, "xsens-dot", t, samples, sensors, row, [*remarks, *done, *judged])
 
 
 def _make_dot_time(fine: Floats, content: Content) -> tuple[Floats, tuple[str, ...]]:
@@ -254,14 +232,13 @@ def _make_dot_time(fine: Floats, content: Content) -> tuple[Floats, tuple[str, .
 
 
 def _judge_rate_unit(
-    t: Floats, acc: Floats, columns: dict[tuple[str, ...], Floats], content: Content
+    t: Floats, acc: Floats, gyr: Floats, turns: Floats | None, content: Content
 ) -> tuple[float, tuple[str, ...]]:
     """Return the factor from the file's rate to rad/s, and a note if it was judged by the data, not the app's deg/s."""
     top = [line for line in content.lines[:12] if "DeviceTag" in line]
     if top and not any("FirmwareVersion" in line for line in top):  # of the app: the SDK has the keys in one line
         return _DEGREE, ()
-    gyr = columns[_GYR]
-    gain, why = _compare_turn(t, columns), "it fits the turn from sample to sample"
+    gain, why = None if turns is None else _compare_turns(t, gyr, turns), "it fits the turn from sample to sample"
     whole = gyr[(np.abs(gyr) < 1e5).all(axis=1)]
     if gain is None and len(whole) and np.quantile(np.linalg.norm(whole, axis=1), 0.99) > _LIMB_RAD_S:
         gain, why = _DEGREE, "no limb turns as fast in rad/s"
@@ -290,17 +267,18 @@ def _judge_rate_unit(
     )
 
 
-def _compare_turn(t: Floats, columns: dict[tuple[str, ...], Floats]) -> float | None:
-    """Return the scale of the rate from turns or attitude against the gyroscope (least squares); None if unclear."""
-    gyr = columns[_GYR]
-    if _TURN in columns:
-        turned = _find_turns(columns[_TURN])
-    elif _ATTITUDE in columns and len(t) > 1:
-        attitude, known = _find_rotations(columns[_ATTITUDE])
-        turned = np.vstack([np.full(3, np.nan), (attitude[:-1].inv() * attitude[1:]).as_rotvec()])
-        turned[~known] = turned[1:][~known[:-1]] = np.nan
-    else:
-        return None
+def _find_turns_between(wxyz: Floats, is_attitude: bool) -> Floats:
+    """Rotation vectors (N, 3) rad from sample to sample, of turns (N, 4) or of attitudes; NaN where there is none."""
+    if not is_attitude or len(wxyz) < 2:
+        return _find_turns(wxyz)
+    attitude, known = _find_rotations(wxyz)
+    turned = np.vstack([np.full(3, np.nan), (attitude[:-1].inv() * attitude[1:]).as_rotvec()])
+    turned[~known] = turned[1:][~known[:-1]] = np.nan
+    return turned
+
+
+def _compare_turns(t: Floats, gyr: Floats, turned: Floats) -> float | None:
+    """Return the scale of the rate by turns (N, 3) against the gyroscope (least squares); None if unclear."""
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         rate = turned / np.diff(t, prepend=np.nan)[:, None]
     usable = np.isfinite(rate).all(axis=1) & (np.abs(gyr) < 1e5).all(axis=1)

@@ -1,4 +1,4 @@
-"""A campaign from its plan to its tables: what `fg-nav campaign` does.
+"""A campaign from its plan to its tables: what `fg-nav lab campaign` does.
 
 The folder of a campaign has the results in `cells`, one small file each, and the tables, which are written when all
 results are there and removed while some are missing. The same command continues where it was stopped, however it was,

@@ -16,7 +16,7 @@ from typing import cast
 from fg_nav.changes import SCALARS, Changes, Value, change_parameters
 from fg_nav.ekf.presets import TUNED, check_preset
 from fg_nav.errors import EstimationError
-from fg_nav.estimators import SMOOTHERS, find_estimator, find_owner, find_parameters
+from fg_nav.estimators import find_method, find_parameters
 from fg_nav.pipeline import run_method
 from fg_nav.walk import Outcome, Walk
 
@@ -49,9 +49,9 @@ class Method:
         EstimationError
             If there is no such method, preset of it or parameter, or a value is of another type.
         """
-        find_estimator(self.name)
+        found = find_method(self.name)
         check_preset(self.preset)
-        if self.name in SMOOTHERS and self.preset != TUNED:
+        if "preset" not in found.uses and self.preset != TUNED:
             raise EstimationError(f"{self.name} has no presets: leave ':{self.preset}' out.")
         for name, value in self.changes:
             if not isinstance(value, SCALARS):
@@ -72,7 +72,7 @@ def method_of(word: str) -> Method:
     """Read a word; raises `EstimationError` if there is no such method or preset."""
     base, *changes = word.split(",")
     name, _, preset = base.partition(":")
-    find_estimator(name)
+    find_method(name)
     check_preset(preset or TUNED)
     return Method(name, preset or TUNED, tuple(_change(one) for one in changes))
 
@@ -88,6 +88,6 @@ def _change(word: str) -> tuple[str, Value]:
 def solve_by(word: str, walk: Walk) -> Outcome:
     """Run a method by its word; raises as `fg_nav.pipeline.run_method`."""
     method = method_of(word)
-    changes = tuple((f"{find_owner(method.name)}.{name}", value) for name, value in method.changes)
+    changes = tuple((f"{find_method(method.name).owner}.{name}", value) for name, value in method.changes)
     options = replace(walk.options, preset=method.preset, changes=changes)
     return run_method(replace(walk, options=options), method.name)

@@ -34,7 +34,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from fg_nav.calibration.of_recording import Calibration, read_calibration
 from fg_nav.changes import SCALARS, Changes, Scalar
 from fg_nav.errors import CampaignError, FgNavError
-from fg_nav.io import FORMATS
+from fg_nav.io.formats import list_formats
 from fg_nav.lab.campaign.execute import Task, recorded_keys, settings_of, simulated_keys, tasks_of
 from fg_nav.lab.campaign.methods import Method, method_of
 from fg_nav.lab.campaign.walks import (
@@ -50,10 +50,10 @@ from fg_nav.lab.campaign.walks import (
     find_walks,
 )
 from fg_nav.lab.simulation import Scenario, scenario
-from fg_nav.lab.simulation.scenario_file import SUFFIX
+from fg_nav.lab.simulation.scenario_file import SUFFIX, shorten
 from fg_nav.lab.simulation.scenarios import FIELDS
 from fg_nav.lab.store.results import Key
-from fg_nav.text import read_small, shorten
+from fg_nav.text import read_small
 
 FIRST_SEED = 101  # Filters are tuned on seeds below 100.
 
@@ -267,7 +267,7 @@ def _check_scenario(name: str, one: Scenario) -> None:
 
 def _reading(table: ReadingTable, folder: Path) -> Reading:
     if table.format is not None:
-        _check_known("format", [table.format], tuple(FORMATS))
+        _check_known("format", [table.format], tuple(list_formats()))
     return Reading(table.format, None if table.calibration is None else _calibration(folder / table.calibration))
 
 

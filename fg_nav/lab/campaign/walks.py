@@ -4,7 +4,7 @@
 magnetometer calibration of the iron on the shoe
 ============ ===================================================================================================
 loop         by the scenario `calibration-loop`, walked before with the same shoe and sensor (the ellipse,
-             `fg_nav.calibration.ellipse`), as Ma et al. did it; of a recorded walk by a file, if one is given
+             `fg_nav.calibration.ellipsoid`), as Ma et al. did it; of a recorded walk by a file, if one is given
 perfect      there is no iron, and the walk's own fit finds 0.1 to 0.2 uT; simulated walks only
 walk         by the walk itself as `fg-nav calibrate` does (`fg_nav.calibration.walk`); raw where that refuses
 raw          none is given: the methods correct it by the walk itself, however well that shows the iron
@@ -43,7 +43,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.calibration.ellipse import calibrate_on_loop
+from fg_nav.calibration.ellipsoid import calibrate_on_loop
 from fg_nav.calibration.of_recording import Calibration
 from fg_nav.calibration.walk import calibrate_on_walk
 from fg_nav.calibration.walk_model import read_strides

@@ -1,4 +1,4 @@
-"""`fg-nav reproduce`: make all experiments of a paper, and lay them beside it on the terminal and in a folder.
+"""`fg-nav lab reproduce`: make all experiments of a paper, and lay them beside it on the terminal and in a folder.
 
 The folder holds `report.html`, `results.json`, the pictures, and what each walk came to: a run that was ended goes on
 from there. `results.json` is written last, so a folder with it is complete.
@@ -96,7 +96,7 @@ def reproduce(
                 made = _load_paper(paper)(out, range(first, first + number), workers or count_cores(), show_done, quick)
             except BrokenProcessPool:
                 raise OutputError(_ENDED) from None
-        command = f"fg-nav reproduce {paper} --seeds {number} --first {first}{' --quick' if quick else ''}"
+        command = f"fg-nav lab reproduce {paper} --seeds {number} --first {first}{' --quick' if quick else ''}"
         found = replace(made, command=command, versions=list_versions(), parameters=to_json(made.parameters))
         write_folder(found, out)
     return found

@@ -325,5 +325,5 @@ def read_reproduction(path: Path) -> Reproduction:
             raise ValueError("another form")
         return TypeAdapter(Reproduction).validate_python(content)
     except (OSError, ValueError, KeyError, TypeError, AttributeError, ValidationError):
-        words = "is no result of `fg-nav reproduce`, or one of another version: make it again."
+        words = "is no result of `fg-nav lab reproduce`, or one of another version: make it again."
         raise OutputError(f"{path} {words}") from None

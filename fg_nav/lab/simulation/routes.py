@@ -105,7 +105,7 @@ def pocket_long(rng: np.random.Generator, trips: int = 12) -> list[Section]:
     """So many round trips on a straight path to the east: 4.3 km in 44 minutes.
 
     Sections of 360 m "repeated 12 times" may be 12 round trips of 360 m, or 6 of 720 m; the latter fits the 50 deg that
-    the paper's yaw is off after the first, by 0.12 deg/s (Table 3): `fg-nav reproduce munoz-diaz2017`.
+    the paper's yaw is off after the first, by 0.12 deg/s (Table 3): `fg-nav lab reproduce munoz-diaz2017`.
     """
     return _walk_to_and_fro(straight(2160.0 / trips).rotate(np.pi / 2), trips, rng, LONG_REST_S, 44 * 60)
 

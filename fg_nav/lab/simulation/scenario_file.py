@@ -41,7 +41,7 @@ from fg_nav.lab.simulation.path import Path, polyline
 from fg_nav.lab.simulation.plan import Section, Stand, Walk
 from fg_nav.lab.simulation.scenarios import Feet, Rests, Scenario, Worn, scenario
 from fg_nav.lab.simulation.sensors import SensorPrior
-from fg_nav.text import read_small, shorten
+from fg_nav.text import read_small
 
 SUFFIX = ".toml"
 
@@ -213,3 +213,8 @@ def _known_names(error: ValidationError, content: Mapping[str, Any], table: list
         content = content[part]
     unknown = {one["loc"][-1] for one in error.errors() if one["type"] in UNKNOWN}
     return [name for name in content if name not in unknown]
+
+
+def shorten(text: str, most: int = 80) -> str:
+    """Cut a text that is too long for a sentence."""
+    return text if len(text) <= most else f"{text[:most]}..."

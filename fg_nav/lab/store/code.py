@@ -16,7 +16,7 @@ from pathlib import Path
 
 import fg_nav
 
-SHOWS_ONLY = ("report/", "commands/", "lab/reproduce/", "cli/")  # Sources of the package that change no result.
+SHOWS_ONLY = ("report/", "commands/", "lab/verbs/", "lab/reproduce/", "cli/")  # Sources that change no result.
 LIBRARIES = ("gtsam", "numpy", "scipy", "numba", "pandas")  # Libraries that results depend on, to the last bit.
 
 _PARSING = threading.Lock()

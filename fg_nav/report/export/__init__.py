@@ -10,45 +10,73 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fg_nav.errors import OutputError
-from fg_nav.report.export.track import ExportTrack, Origin
+from fg_nav.plugins import find_plugins
 from fg_nav.report.folder import check_file_free, result_files
+
+if TYPE_CHECKING:
+    from fg_nav.report.export.track import ExportTrack, Origin
 
 
 @dataclass(frozen=True)
-class ExportFormat:
-    """Writer of one kind of file."""
+class Export:
+    """A format of exports, by the ending of its files.
 
-    module: str  # Of this package,
-    function: str  # of track and file, and of a map also the origin.
-    on_earth: bool = False  # It is a map.
+    `write` writes a track to a file, of a map with the origin, of two tables to two files: `write(track, path)`,
+    `write(track, path, origin)`, `write(track, path, second)`; as text `module:function` it is loaded when it is used.
+    """
+
+    ending: str
+    name: str
+    write: Callable[..., Any] | str
+    needs_origin: bool = False  # It is a map.
     extra: tuple[str, str] | None = None  # The extra of this project that it needs, and the module that this brings.
     second: str = ""  # Suffix of the name of a second file, such as `-footfalls`.
 
+    def __str__(self) -> str:
+        return f"{self.ending} ({self.name})"
 
-FORMATS: dict[str, ExportFormat] = {
-    ".geojson": ExportFormat("maps", "write_geojson", on_earth=True),
-    ".kml": ExportFormat("maps", "write_kml", on_earth=True),
-    ".gpx": ExportFormat("maps", "write_gpx", on_earth=True),
-    ".tum": ExportFormat("tables", "write_tum"),
-    ".mat": ExportFormat("tables", "write_matlab"),
-    ".parquet": ExportFormat("tables", "write_parquet", extra=("parquet", "pyarrow"), second="-footfalls"),
-    ".mcap": ExportFormat("viewers", "write_ros", extra=("ros", "rosbags")),
-    ".rrd": ExportFormat("viewers", "write_rerun", extra=("rerun", "rerun")),
+
+_MAPS, _PROGRAMS = "fg_nav.report.export.maps", "fg_nav.report.export.programs"
+EXPORTS = {
+    one.ending: one
+    for one in (
+        Export(".geojson", "GeoJSON", f"{_MAPS}:write_geojson", needs_origin=True),
+        Export(".kml", "KML", f"{_MAPS}:write_kml", needs_origin=True),
+        Export(".gpx", "GPX", f"{_MAPS}:write_gpx", needs_origin=True),
+        Export(".tum", "TUM", f"{_PROGRAMS}:write_tum"),
+        Export(".mat", "MATLAB", f"{_PROGRAMS}:write_matlab"),
+        Export(".parquet", "Parquet", f"{_PROGRAMS}:write_parquet", False, ("parquet", "pyarrow"), "-footfalls"),
+        Export(".mcap", "ROS 2", f"{_PROGRAMS}:write_ros", False, ("ros", "rosbags")),
+        Export(".rrd", "Rerun", f"{_PROGRAMS}:write_rerun", False, ("rerun", "rerun")),
+    )
 }
-"""By the ending of the file."""
+"""By ending; other packages add to them by the entry points `fg_nav.exports`."""
+
+
+def find_export(out: Path) -> Export:
+    """Return the format of a file; raises `OutputError` if its ending is that of none."""
+    ending = out.suffix.lower()
+    if ending in EXPORTS:
+        return EXPORTS[ending]
+    added: dict[str, Export] = {one.ending: one for one in find_plugins("exports", Export).values()}
+    if ending not in added:
+        named = f"'{out.suffix}'" if out.suffix else "a name without an ending"
+        known = ", ".join([*EXPORTS, *added])
+        raise OutputError(f"{out.name}: nothing is written as {named}: choose one of {known}.")
+    return added[ending]
 
 
 def check_export(out: Path, origin: Origin | None = None, force: bool = False) -> None:
     """Refuse early, before any work, a file that cannot be written.
 
-    Raises `OutputError` if its ending is none of `FORMATS`, it is a map and there is no origin, the extra is not
-    installed, or the file is there and `force` is not set.
+    Raises `OutputError` if no format has its ending, it is a map and there is no origin, the extra is not installed, or
+    the file is there and `force` is not set.
     """
-    format = _find_format(out)
-    if format.on_earth and origin is None:
+    format = find_export(out)
+    if format.needs_origin and origin is None:
         raise OutputError(
             f"{out.name} is a map: say where the walk starts, as latitude and longitude: --origin 48.137,11.575."
         )
@@ -62,14 +90,9 @@ def check_export(out: Path, origin: Origin | None = None, force: bool = False) -
         check_file_free(file, Path.is_file, force)
 
 
-def is_map(out: Path) -> bool:
-    """Whether the format of a file has positions on the Earth; raises `OutputError` if there is no such format."""
-    return _find_format(out).on_earth
-
-
 def find_files(out: Path) -> list[Path]:
     """Files of an export to `out`: itself and, where the format has two tables, the second."""
-    second = _find_format(out).second
+    second = find_export(out).second
     return [out, *([out.with_stem(out.stem + second)] if second else [])]
 
 
@@ -79,15 +102,11 @@ def export_track(track: ExportTrack, out: Path, origin: Origin | None = None, fo
     Raises `OutputError` as `check_export` does.
     """
     check_export(out, origin, force)
-    format, files = _find_format(out), find_files(out)
-    write: Callable[..., Any] = getattr(import_module(f"{__name__}.{format.module}"), format.function)
+    format, files = find_export(out), find_files(out)
+    write = format.write
+    if isinstance(write, str):
+        module, _, function = write.partition(":")
+        write = getattr(import_module(module), function)
     with result_files(files, Path.is_file, force) as fresh:
-        write(track, *fresh, *([origin] if format.on_earth else []))
+        write(track, *fresh, *([origin] if format.needs_origin else []))
     return files
-
-
-def _find_format(out: Path) -> ExportFormat:
-    if out.suffix.lower() not in FORMATS:
-        named = f"'{out.suffix}'" if out.suffix else "a name without an ending"
-        raise OutputError(f"{out.name}: nothing is written as {named}: choose one of {', '.join(FORMATS)}.")
-    return FORMATS[out.suffix.lower()]

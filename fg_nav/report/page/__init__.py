@@ -9,36 +9,19 @@ from __future__ import annotations
 
 import gzip
 import json
-from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from fg_nav.report import REPORT
-from fg_nav.report.page.content import Findings, Page, compose_feet_page, compose_page
+from fg_nav.report.charts import render_plotly
+from fg_nav.report.page.content import Page
 from fg_nav.text import find_version, to_json
-
-if TYPE_CHECKING:
-    from fg_nav.feet_result import FeetResult
-
-__all__ = ["Findings", "write_feet_page", "write_page"]
 
 PLOTLY = "plotly-basic-4.1.1.min.js"
 _HERE = Path(__file__).parent
 
 
-def write_page(folder: Path, found: Findings) -> None:
+def write_page(folder: Path, page: Page) -> None:
     """Write the page of a result into its folder."""
-    _write(folder, compose_page(found, find_version()))
-
-
-def write_feet_page(
-    folder: Path, result: FeetResult, summary: Mapping[str, object], configs: Mapping[str, Mapping[str, object]]
-) -> None:
-    """Write the page of a walk with a sensor on each foot."""
-    _write(folder, compose_feet_page(result, summary, configs, find_version()))
-
-
-def _write(folder: Path, page: Page) -> None:
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
     from markupsafe import Markup
 
@@ -46,16 +29,13 @@ def _write(folder: Path, page: Page) -> None:
         loader=FileSystemLoader(_HERE), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     environment.filters["json"] = lambda value: json.dumps(to_json(value), indent=1, ensure_ascii=False)
-    content = {
-        chart.name: {"data": chart.data, "layout": chart.layout, "scaled": chart.scaled, "north": chart.north}
-        for section in page.sections
-        for chart in section.charts
-    }
+    content = {chart.name: render_plotly(chart) for section in page.sections for chart in section.charts}
     charts = json.dumps(content, separators=(",", ":"), allow_nan=False, ensure_ascii=False)
     # no character may end an element of the page
     charts = charts.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")
     text = environment.get_template("report.html.j2").render(
         page=page,
+        version=find_version(),
         charts=Markup(charts),
         plotly=Markup(gzip.decompress((_HERE / f"{PLOTLY}.gz").read_bytes()).decode("utf-8")),
         licence=(_HERE / "LICENSE-plotly.txt").read_text(encoding="utf-8"),

@@ -20,18 +20,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fg_nav.arrays import interpolate_columns
-from fg_nav.report import FIGURES, collect_notes
-from fg_nav.report.drawn import AlignedSolution, align_solution
-from fg_nav.report.page.course import (
-    describe_alignment,
-    describe_ellipses,
-    describe_frame,
-    describe_returns,
-    draw_course,
-    draw_feet,
-    draw_returns,
-)
-from fg_nav.report.page.figures import (
+from fg_nav.report import FIGURES, Cell, collect_notes, tabulate_figures
+from fg_nav.report.charts import (
     GRAY,
     MAX_POINTS,
     TEAL,
@@ -42,13 +32,23 @@ from fg_nav.report.page.figures import (
     line,
     signal,
     stack,
-    to_numbers,
-    to_seconds,
 )
-from fg_nav.report.page.graph import describe_graph, draw_graph
-from fg_nav.report.page.series import (
+from fg_nav.report.course import (
+    align_feet,
+    align_solution,
+    describe_alignment,
+    describe_ellipses,
+    describe_frame,
+    describe_returns,
+    draw_course,
+    draw_feet,
+    draw_returns,
+)
+from fg_nav.report.series import (
+    describe_graph,
     draw_compass,
     draw_errors,
+    draw_graph,
     draw_gyro_bias,
     draw_headings,
     draw_height,
@@ -59,22 +59,11 @@ from fg_nav.report.page.series import (
 )
 from fg_nav.samples.gaps import find_unrecorded
 from fg_nav.solution import StanceTable
-from fg_nav.system.spilled import drop_pages
 from fg_nav.text import format_count
 from fg_nav.walk import Options, Outcome, Walk
 
 if TYPE_CHECKING:
     from fg_nav.feet_result import FeetResult
-
-
-@dataclass(frozen=True)
-class Findings:
-    """Results of one or more methods, for a page."""
-
-    outcomes: Mapping[str, Outcome]
-    summaries: Sequence[Mapping[str, object]]  # Of each method, as in the files;
-    configs: Sequence[Mapping[str, object]]  # likewise.
-    walk: Walk | None  # None where the samples were not kept: of a walk in progress with a lag.
 
 
 @dataclass(frozen=True)
@@ -88,49 +77,19 @@ class Section:
 
 
 @dataclass(frozen=True)
-class MethodVerdict:
-    """The verdict on one method: word and reasons."""
-
-    method: str
-    word: str
-    reasons: Sequence[str]
-
-
-@dataclass(frozen=True)
-class Cell:
-    """A figure of merit as text, with its key and its value in the summary."""
-
-    key: str
-    text: str
-    value: object
-
-
-@dataclass(frozen=True)
 class Page:
     """Content of the template."""
 
     title: str
     about: str
-    verdicts: Sequence[MethodVerdict]
+    verdicts: Sequence[Mapping[str, object]]  # Summaries, with method, verdict and reasons.
     highlights: Sequence[tuple[str, Cell, str]]
     methods: Sequence[str]
     table: Sequence[tuple[str, Sequence[Cell]]]
     sections: Sequence[Section]
     remarks: Sequence[tuple[str, str]]
     configs: Mapping[str, Mapping[str, object]] = field(default_factory=dict)
-    version: str = ""
     table_title: str = "All figures"
-
-
-def _tabulate_figures(summaries: Sequence[Mapping[str, object]]) -> list[tuple[str, list[Cell]]]:
-    """Rows of the figures that at least one of the columns has."""
-    rows = []
-    for key, words, pattern in FIGURES:
-        values = [summary.get(key) for summary in summaries]
-        if any(value is not None for value in values):
-            cells = [Cell(key, "-" if value is None else pattern.format(value), value) for value in values]
-            rows.append((words, cells))
-    return rows
 
 
 def _choose_highlights(
@@ -157,45 +116,44 @@ def _choose_highlights(
 # --- one foot, one or more methods -----------------------------------------------------------------------------------
 
 
-def compose_page(found: Findings, version: str) -> Page:
-    """Compose the page of one or more methods on one recording."""
-    several, methods, path = len(found.outcomes) > 1, ", ".join(found.outcomes), found.configs[0].get("recording")
+def compose_page(
+    outcomes: Mapping[str, Outcome],
+    summaries: Sequence[Mapping[str, object]],
+    configs: Sequence[Mapping[str, object]],
+    walk: Walk | None,
+) -> Page:
+    """Compose the page of one or more methods on one recording, with a summary and a configuration each.
+
+    `walk` is None where the samples were not kept: of a walk in progress with a lag.
+    """
+    several, methods, path = len(outcomes) > 1, ", ".join(outcomes), configs[0].get("recording")
     title, about = "a walk in progress", methods
-    if found.walk is not None:
-        recording = found.walk.recording
+    if walk is not None:
+        recording = walk.recording
         rate = f"{recording.duration_s:.1f} s at {1.0 / recording.period_s:.0f} Hz"
         title = PurePath(str(path)).name if path else "a walk"
         about = f"{methods}; {recording.provenance.format}, {rate}"
     highlights: list[tuple[str, Cell, str]] = []
     if not several:
-        summary: Mapping[str, Any] = found.summaries[0]
+        summary: Mapping[str, Any] = summaries[0]
         sigma, strides = summary.get("distance_sigma_m"), format_count(int(summary["strides"]), "stride")
         distance = strides if sigma is None else f"± {sigma:.2f} m, {strides}"
-        highlights = _choose_highlights(
-            summary, next(iter(found.outcomes.values())).solution.stances, distance=distance
-        )
-    verdicts = []
-    for one in found.summaries:
-        reasons = one["reasons"]
-        assert isinstance(reasons, list)
-        verdicts.append(MethodVerdict(str(one["method"]), str(one["verdict"]), reasons))
+        highlights = _choose_highlights(summary, next(iter(outcomes.values())).solution.stances, distance=distance)
     return Page(
         title=title,
         about=about,
-        verdicts=verdicts,
+        verdicts=summaries,
         highlights=highlights,
-        methods=list(found.outcomes),
-        table=_tabulate_figures(found.summaries),
-        sections=_draw_sections(found),
-        remarks=collect_notes(found.summaries),
-        configs=dict(zip(found.outcomes, found.configs, strict=True)),
-        version=version,
+        methods=list(outcomes),
+        table=tabulate_figures(summaries),
+        sections=_draw_sections(walk, outcomes),
+        remarks=collect_notes(summaries),
+        configs=dict(zip(outcomes, configs, strict=True)),
         table_title="Methods side by side" if several else "All figures",
     )
 
 
-def _draw_sections(found: Findings) -> list[Section]:
-    walk, outcomes = found.walk, found.outcomes
+def _draw_sections(walk: Walk | None, outcomes: Mapping[str, Outcome]) -> list[Section]:
     views = {name: align_solution(walk, outcome) for name, outcome in outcomes.items()}
     first, outcome = next(iter(views.values())), next(iter(outcomes.values()))
     returns, table = outcome.solution.returns, outcome.solution.stances
@@ -250,16 +208,14 @@ def _draw_stances(walk: Walk | None) -> Section:
     words = [
         f"{format_count(found.n_footfalls, 'footfall')} in {format_count(len(found), 'stance')} ({found.detector})."
     ]
-    charts = draw_samples(walk.recording, found)
-    drop_pages()
-    return Section("stances", title, words, charts)
+    return Section("stances", title, words, draw_samples(walk.recording, found))
 
 
 # --- two feet --------------------------------------------------------------------------------------------------------
 
 
 def compose_feet_page(
-    result: FeetResult, summary: Mapping[str, Any], configs: Mapping[str, Mapping[str, object]], version: str
+    result: FeetResult, summary: Mapping[str, Any], configs: Mapping[str, Mapping[str, object]]
 ) -> Page:
     """Compose the page of a walk with a sensor on each foot."""
     columns: dict[str, Mapping[str, Any]] = {"person": summary} | {side: summary[side] for side in result.feet}
@@ -277,30 +233,19 @@ def compose_feet_page(
     return Page(
         title=" and ".join(names),
         about=f"{result.method}; {', '.join(about)}",
-        verdicts=[MethodVerdict(result.method, str(summary["verdict"]), summary["reasons"])],
+        verdicts=[summary],
         highlights=_choose_highlights(summary, result.stances, more, strides),
         methods=list(columns),
-        table=_tabulate_figures(list(columns.values())),
+        table=tabulate_figures(list(columns.values())),
         sections=_draw_feet_sections(result),
         remarks=collect_notes(notes),
         configs=configs,
-        version=version,
         table_title="The person and each foot",
     )
 
 
 def _draw_feet_sections(result: FeetResult) -> list[Section]:
-    # each foot is aligned as the person is: the feet stay as they are to each other
-    comparison, pairing = result.outcome.comparison, result.pairing
-    person = AlignedSolution(result, result.truth, comparison)
-    feet = {
-        side: AlignedSolution(foot, None if comparison is None else foot.walk.truth, comparison)
-        for side, foot in result.feet.items()
-    }
-    # the frame is the left foot's
-    side, foot = next(iter(result.feet.items()))
-    frame = describe_frame(person, foot.outcome, Options(heading_deg=pairing.heading_deg))
-    frame = replace(frame, words=f"{frame.words} The origin is where the {side} foot first stood.")
+    (person, feet, frame), pairing = align_feet(result), result.pairing
     known = {"named": "as it was named", "shown": "as the steps show", "assumed": "which is assumed"}[pairing.sides]
     origin = f"The first recording is of the {pairing.order[0]} foot, {known}."
     if pairing.width_m is not None:
@@ -351,10 +296,9 @@ def _draw_distance(result: FeetResult) -> Section:
         f"{format_count(pairing.beyond_reach, 'pair')} of footfalls had to be held within reach."
     ]
     row = np.arange(0, len(t), max(1, len(t) // MAX_POINTS))
-    standing = to_numbers(np.where(both, apart, np.nan)[row], 3)
     traces = [
         signal(t, apart, GRAY, "between the sensors", width=0.8),
-        line(to_seconds(t[row]), standing, TEAL, "while both stand", width=2.5),
+        line(t[row], np.where(both, apart, np.nan)[row], TEAL, "while both stand", (3, 3), width=2.5),
         level(t, REACH_M, VERMILION, "reach of two standing feet"),
     ]
     caption = "In a swing the feet may be further apart than they ever stand."

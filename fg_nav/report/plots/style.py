@@ -1,23 +1,30 @@
-"""Common style of all pictures: quiet axes, a palette for all eyes, one width.
+"""Common style of all pictures, and charts (`fg_nav.report.charts`) drawn by matplotlib.
 
-The palette is that of Okabe and Ito (Color Universal Design, 2008), in an order that keeps neighbours apart also in
-grey; truth is always the same wide grey line below the others. No global state of matplotlib is touched beyond the
-`styled` block, and no window system is needed.
+Quiet axes, a palette for all eyes, one width. The palette of what is no chart is that of Okabe and Ito (Color Universal
+Design, 2008), in an order that keeps neighbours apart also in grey; truth is always the same wide grey line below the
+others. No global state of matplotlib is touched beyond the `styled` block, and no window system is needed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
+from matplotlib.collections import PolyCollection
+from matplotlib.figure import Figure, FigureBase
 from matplotlib.image import imsave
+from matplotlib.patheffects import withStroke
+from matplotlib.ticker import MaxNLocator, MultipleLocator, NullLocator
+
+from fg_nav.arrays import Floats
+from fg_nav.report.charts import PICTURE, Chart, Trace
 
 BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"
 CYCLE = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)  # Colours of methods or axes, in order.
@@ -29,6 +36,11 @@ SHADE = "#DCE9F2"  # Background of a stance.
 WIDTH_IN, DPI = 8.0, 150
 MAX_POINTS = 60_000  # Of a line: at walking speed ten points a stride over two hours. A PNG is 1200 pixels wide.
 _LINE_LETTERS, _HANDLE_LETTERS = 105, 5  # Letters of a legend over the width of a picture, and width of its signs.
+_CAPTION_LETTERS = 128  # Of a caption over the width of a picture.
+_PIXEL = 0.75  # Points of a pixel of the page, whose lines and dots are as wide on paper.
+_PAGE_PER_IN = 100.0  # Pixels of the page for the height of a picture.
+_SYMBOLS = {"circle": "o", "square": "s", "diamond": "D"}
+_WIDE_DEG, _ROUND_DEG = 90.0, (1, 1.5, 3, 4.5, 6, 9, 10)  # An axis of angles that is wider has ticks like 45, 90, 180.
 
 _RC: dict[Any, Any] = {
     "font.family": "DejaVu Sans",
@@ -104,3 +116,144 @@ def head(axes: Axes, title: str, columns: int = 6) -> None:
     if handles:
         place: dict[str, Any] = {"loc": "lower left", "bbox_to_anchor": (-0.008, 1.0), "borderaxespad": 0.0}
         axes.legend(handles, labels, **place, ncols=columns, handlelength=1.6, columnspacing=1.6)
+
+
+# --- charts ----------------------------------------------------------------------------------------------------------
+
+
+def render_matplotlib(*charts: Chart, title: str, caption: str | None = None) -> Figure:
+    """Draw charts below one another; a `caption` other than theirs goes below the last."""
+    heights = [find_height(chart) for chart in charts]
+    with styled():
+        figure = new_figure(sum(heights))
+        parts = figure.subfigures(len(charts), 1, squeeze=False, height_ratios=heights)[:, 0]
+        for k, (part, chart) in enumerate(zip(parts, charts, strict=True)):
+            draw_chart(part, chart, title if k == 0 else "")
+            words = chart.caption if caption is None else caption
+            if caption is None or k == len(charts) - 1:
+                below: dict[str, Any] = {"x": 0.01, "ha": "left", "fontsize": 8.5, "color": SOFT_INK}
+                part.supxlabel(fill(words, _CAPTION_LETTERS), **below)
+    return figure
+
+
+def find_height(chart: Chart) -> float:
+    """Height of a picture in inches: of a map by its shape, else as on the page."""
+    if not chart.scaled:
+        return float(chart.height.removesuffix("px")) / _PAGE_PER_IN
+    return find_map_height(*(float(np.ptp(chart.layout[name]["range"])) for name in ("xaxis", "yaxis")))
+
+
+def find_map_height(width_m: float, height_m: float) -> float:
+    """Height of a picture in inches of a map of this extent."""
+    return float(np.clip(WIDTH_IN * height_m / width_m, 3.5, 8.0)) + 0.9
+
+
+def draw_chart(figure: FigureBase, chart: Chart, title: str) -> None:
+    """Draw a chart into a figure: its panels below one another, the title above the first, a legend above each."""
+    names = [name for name in chart.layout if name.startswith("yaxis")]
+    shares = [float(np.ptp(chart.layout[name].get("domain", (0.0, 1.0)))) for name in names]
+    panels = figure.subplots(len(names), 1, sharex=True, squeeze=False, height_ratios=shares)[:, 0]
+    for axes, name in zip(panels, names, strict=True):
+        draw_panel(axes, chart, name)
+        axes.label_outer()
+        head(axes, title if axes is panels[0] else "")
+
+
+def draw_panel(axes: Axes, chart: Chart, name: str = "yaxis") -> None:
+    """Draw the panel of a chart with this y axis."""
+    draw_traces(axes, [trace for trace in chart.data if trace.get("yaxis", "y") == name.replace("axis", "")])
+    x, y = chart.layout["xaxis"], chart.layout[name]
+    axes.set(xlabel=x["title"]["text"], ylabel=y["title"]["text"])
+    axes.margins(x=0.01)
+    if chart.scaled:
+        shape_map(axes, x["range"], y["range"])
+        arrow = {"arrowstyle": "-|>", "color": INK}
+        place: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points", "ha": "center"}
+        axes.annotate(
+            chart.north, (1.03, 1.0), (0, -40), arrowprops=arrow, fontsize=8.5, annotation_clip=False, **place
+        )
+        return
+    if y.get("type") == "log":
+        axes.set_yscale("log")
+        axes.yaxis.set_minor_locator(NullLocator())
+    if "range" in y and y["range"][0] != y["range"][1]:
+        axes.set_ylim(*(10.0 ** np.array(y["range"]) if y.get("type") == "log" else y["range"]))
+    elif y.get("rangemode") == "tozero":
+        axes.set_ylim(bottom=0.0)
+    if "tickvals" in y:
+        axes.set_yticks(y["tickvals"], y.get("ticktext"))
+    elif "(deg)" in y["title"]["text"] and np.ptp(axes.get_ylim()) > _WIDE_DEG:
+        axes.yaxis.set_major_locator(MaxNLocator(9, steps=_ROUND_DEG))
+
+
+def shape_map(axes: Axes, x: Sequence[float], y: Sequence[float]) -> None:
+    """Give a map of these ranges equal scales, and the same round ticks on both axes."""
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.margins(0.0)
+    axes.dataLim.set_points(np.array([x, y]).T)
+    axes.autoscale_view()
+    wanted = max(float(np.ptp(x)), float(np.ptp(y)), 0.1) / 8
+    power = 10.0 ** np.floor(np.log10(wanted))
+    step_m = float(power * min(s for s in (1, 2, 5, 10) if power * s >= wanted))
+    axes.xaxis.set_major_locator(MultipleLocator(step_m))
+    axes.yaxis.set_major_locator(MultipleLocator(step_m))
+
+
+def draw_traces(axes: Axes, traces: Sequence[Trace], lowest: int = 2) -> None:
+    """Draw traces, each over those before, from the z-order `lowest` on, except for those that no picture has."""
+    for order, trace in enumerate(traces, start=lowest):
+        if not trace.get(PICTURE, trace.get("visible", True) is True):
+            continue
+        label = trace["name"] if trace.get("showlegend", True) else "_"
+        kind: dict[str, Any] = {"label": label, "zorder": order, "alpha": trace.get("opacity")}
+        if trace["type"] == "image":
+            axes.imshow(trace["z"], extent=trace["extent"], aspect="auto", interpolation="none", zorder=order)
+            continue
+        points = np.array([trace["x"], trace["y"]], dtype=np.float64).T
+        if "fill" in trace:
+            _fill(axes, points, trace, kind)
+        else:
+            _draw_points(axes, points, trace, kind)
+    axes.autoscale_view()
+
+
+def _fill(axes: Axes, points: Floats, trace: Trace, kind: dict[str, Any]) -> None:
+    """Draw areas, between which the points (N, 2) are NaN."""
+    known = np.isfinite(points).all(axis=1)
+    areas = [points[run] for run in np.split(np.arange(len(points)), np.flatnonzero(~known))]
+    edge = {"edgecolor": _read_color(trace["line"]["color"]), "linewidth": trace["line"]["width"] * _PIXEL}
+    found = [area[np.isfinite(area).all(axis=1)] for area in areas]
+    shown = [area for area in found if len(area)]
+    axes.add_collection(PolyCollection(shown, facecolor=_read_color(trace["fillcolor"]), **edge, **kind))
+
+
+def _draw_points(axes: Axes, points: Floats, trace: Trace, kind: dict[str, Any]) -> None:
+    """Draw a line, markers, or both, with their text."""
+    line, marker, mode = trace.get("line", {}), trace.get("marker", {}), trace["mode"]
+    color = _read_color(marker.get("color", line.get("color")))
+    kind |= {"color": color, "linestyle": "none"}
+    if "lines" in mode:
+        dash = {"dot": ":", "dash": "--"}.get(line.get("dash", ""), "-")
+        kind |= {"color": _read_color(line["color"]), "linewidth": line["width"] * _PIXEL, "linestyle": dash}
+    symbols = marker.get("symbol", "circle")
+    # one symbol of all points, or one of each
+    parts = [(points, symbols)] if isinstance(symbols, str) else zip(points[:, None], symbols, strict=True)
+    for part, symbol in parts:
+        if "markers" in mode:
+            kind |= {"marker": _SYMBOLS[symbol.removesuffix("-open")], "markersize": marker["size"] * _PIXEL}
+            kind |= {"markeredgewidth": marker.get("line", {}).get("width", 0.0) * _PIXEL}
+            kind |= {"markerfacecolor": "white" if symbol.endswith("-open") else color}
+        axes.plot(*part.T, **kind)
+    halo: dict[str, Any] = {"path_effects": [withStroke(linewidth=2.5, foreground="white")], "zorder": kind["zorder"]}
+    for words, place, point in zip(trace.get("text", ()), trace.get("textposition", ()), points, strict=False):
+        height: dict[str, Any] = {"va": "bottom"} if place.startswith("top") else {"va": "top"}
+        offset = (5, 4 if place.startswith("top") else -4)
+        axes.annotate(words, tuple(point), offset, textcoords="offset points", fontsize=8.5, **height, **halo)
+
+
+def _read_color(words: str) -> Any:
+    """Return a colour of plotly for matplotlib."""
+    if not words.startswith("rgba"):
+        return words
+    red, green, blue, opacity = (float(number) for number in words[5:-1].split(","))
+    return red / 255, green / 255, blue / 255, opacity

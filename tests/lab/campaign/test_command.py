@@ -15,7 +15,6 @@ import pytest
 from pyarrow import parquet
 
 from fg_nav import cli
-from fg_nav.commands.campaign import describe_duration
 from fg_nav.errors import CampaignError, OutputError
 from fg_nav.lab.campaign import command
 from fg_nav.lab.campaign import folder as table
@@ -27,6 +26,7 @@ from fg_nav.lab.campaign.walks import pack
 from fg_nav.lab.store import code
 from fg_nav.lab.store import results as store
 from fg_nav.lab.store.files import CAMPAIGN_MARKER
+from fg_nav.lab.verbs.experiments import describe_duration
 from tests.command_line import FgNav, in_a_process
 from tests.lab.campaign import fakes
 
@@ -174,7 +174,7 @@ def test_a_changed_recording_is_made_anew_and_a_bad_one_is_told(tmp_path, made, 
     (tmp_path / "walks" / "bad.csv").write_text("time_s\n1\n")
     (tmp_path / "plan.toml").write_text('recordings = ["walks"]\nmethods = ["iez", "ma2018"]\n')
     for joined in (0, 2):
-        ran = fg_nav("campaign", tmp_path / "plan.toml", "--out", tmp_path / "out")
+        ran = fg_nav("lab", "campaign", tmp_path / "plan.toml", "--out", tmp_path / "out")
         assert (ran.code, ran.err) == (0, "")
         assert f"2 results, {joined} of them from before" in ran.out
         assert "failed: walks, recorded, bad.csv, walk, iez: bad.csv" in ran.out
@@ -192,18 +192,18 @@ def test_a_changed_recording_is_made_anew_and_a_bad_one_is_told(tmp_path, made, 
 
 def test_what_other_code_made_is_told_and_made_anew_if_wanted(tmp_path, plan, made, monkeypatch, fg_nav: FgNav):
     run(plan, tmp_path / "out")
-    for place in ("lab.store.code", "lab.campaign.execute", "commands.campaign"):
+    for place in ("lab.store.code", "lab.campaign.execute", "lab.verbs.experiments"):
         monkeypatch.setattr(f"fg_nav.{place}.code_sum", lambda: "other")
-    assert "4 results made by other code or libraries" in fg_nav("campaign", plan, "--out", tmp_path / "out").out
-    assert "by other code or libraries" not in fg_nav("campaign", plan, "--out", tmp_path / "out", "--renew").out
+    assert "4 results made by other code or libraries" in fg_nav("lab", "campaign", plan, "--out", tmp_path / "out").out
+    assert "by other code or libraries" not in fg_nav("lab", "campaign", plan, "--out", tmp_path / "out", "--renew").out
     assert sum(made.values()) == 8
 
 
 def test_a_folder_of_something_else_is_left_alone(tmp_path, plan, made, fg_nav: FgNav):
     (tmp_path / "photos").mkdir()
     (tmp_path / "photos" / "a.png").touch()
-    assert fg_nav("campaign", plan, "--out", tmp_path / "photos").refused("holds what is no campaign")
-    assert fg_nav("campaign", plan, "--out", plan).refused("cannot be written")
+    assert fg_nav("lab", "campaign", plan, "--out", tmp_path / "photos").refused("holds what is no campaign")
+    assert fg_nav("lab", "campaign", plan, "--out", plan).refused("cannot be written")
     for folder, file in (
         ("letters", "letter.txt"),
         ("other", f"{RESULTS_FOLDER}/a.png"),
@@ -211,7 +211,7 @@ def test_a_folder_of_something_else_is_left_alone(tmp_path, plan, made, fg_nav: 
     ):
         (tmp_path / folder / RESULTS_FOLDER).mkdir(parents=True)
         (tmp_path / folder / file).touch()
-        assert fg_nav("campaign", plan, "--out", tmp_path / folder).refused(f"('{file}')")
+        assert fg_nav("lab", "campaign", plan, "--out", tmp_path / folder).refused(f"('{file}')")
     assert not made
 
 
@@ -252,7 +252,7 @@ def test_a_campaign_holds_its_folder_until_it_ends_however_it_ends(tmp_path, pla
     other = subprocess.Popen(words, env=os.environ | {"PYTHONPATH": str(ROOT)}, stdout=subprocess.PIPE)
     try:
         assert other.stdout.readline() == b"1\n"
-        assert fg_nav("campaign", plan, "--out", out).refused("another campaign is at work in")
+        assert fg_nav("lab", "campaign", plan, "--out", out).refused("another campaign is at work in")
         assert not made
     finally:
         other.kill()
@@ -283,7 +283,7 @@ def test_tables_go_while_results_are_missing_and_who_stops_is_told(tmp_path, pla
         raise KeyboardInterrupt
 
     monkeypatch.setattr(command, "dispatch", stopped)
-    ran = fg_nav("campaign", plan, "--out", out)
+    ran = fg_nav("lab", "campaign", plan, "--out", out)
     assert (ran.code, ran.out) == (130, "")
     assert ran.err == "note: stopped: 6 of 8 results are kept, the same command goes on from there\n"
     assert not [name for name in TABLES if (out / name).exists()]
@@ -317,7 +317,7 @@ def test_rows_are_in_the_order_of_their_first_columns(tmp_path, plan, made):
 
 def test_without_dask_there_is_a_sentence(plan, monkeypatch, fg_nav: FgNav):
     monkeypatch.setitem(sys.modules, "distributed", None)
-    assert fg_nav("campaign", plan).refused("pip install 'fg-nav[campaign]'", "distributed")
+    assert fg_nav("lab", "campaign", plan).refused("pip install 'fg-nav[campaign]'", "distributed")
 
 
 def test_two_walks_that_would_be_one_file_are_refused(tmp_path):
@@ -340,13 +340,15 @@ def test_dask_is_loaded_by_nobody_else():
 
 def test_a_scheduler_that_is_not_there(tmp_path, plan, monkeypatch, fg_nav: FgNav):
     monkeypatch.setattr("fg_nav.lab.campaign.cluster.CONNECT_S", 0.2)
-    refused = fg_nav("campaign", plan, "--out", tmp_path / "out", "--scheduler", "tcp://127.0.0.1:1")
+    refused = fg_nav("lab", "campaign", plan, "--out", tmp_path / "out", "--scheduler", "tcp://127.0.0.1:1")
     assert refused.refused("no Dask scheduler answers at tcp://127.0.0.1:1")
-    assert fg_nav("campaign", plan, "--out", tmp_path / "out", "--scheduler", "moon").refused("'moon' is no address")
+    assert fg_nav("lab", "campaign", plan, "--out", tmp_path / "out", "--scheduler", "moon").refused(
+        "'moon' is no address"
+    )
 
 
 def test_a_word_that_is_no_address_is_refused_without_a_traceback_of_dask(tmp_path, plan):
-    refused = in_a_process("campaign", str(plan), "--out", str(tmp_path / "out"), "--scheduler", "nonsense")
+    refused = in_a_process("lab", "campaign", str(plan), "--out", str(tmp_path / "out"), "--scheduler", "nonsense")
     assert refused.code == 1
     assert len(refused.err.strip().splitlines()) == 1
     assert not (tmp_path / "out").exists()
@@ -368,7 +370,7 @@ def start_held(plan, *words):
 
 def test_a_killed_campaign_goes_on(tmp_path, plan, made):
     """The program itself, with its own cluster, is killed with a cell done; its worker goes with it."""
-    words = ["campaign", str(plan), "--out", str(tmp_path / "out"), "--workers", "1"]
+    words = ["lab", "campaign", str(plan), "--out", str(tmp_path / "out"), "--workers", "1"]
     first, cells = start_held(plan, *words)
     first.send_signal(signal.SIGKILL)
     first.communicate()
@@ -387,7 +389,7 @@ def test_a_killed_campaign_goes_on(tmp_path, plan, made):
 
 def test_ctrl_c_ends_the_campaign_and_its_workers_and_the_same_command_goes_on(tmp_path, plan, made):
     """All processes of a terminal get the signal; only the campaign says a word."""
-    first, results = start_held(plan, "campaign", str(plan), "--out", str(tmp_path / "out"), "--workers", "1")
+    first, results = start_held(plan, "lab", "campaign", str(plan), "--out", str(tmp_path / "out"), "--workers", "1")
     os.killpg(first.pid, signal.SIGINT)
     _, said = first.communicate(timeout=90.0)
     assert first.returncode == 130

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from fg_nav.errors import EstimationError
-from fg_nav.estimators import ESTIMATORS, find_parameters
+from fg_nav.estimators import METHODS, find_parameters
 from fg_nav.lab.campaign.execute import parameters_of, settings_of
 from fg_nav.lab.campaign.methods import Method, method_of, solve_by
 from fg_nav.lab.campaign.walks import Simulated
@@ -23,7 +23,7 @@ def test_a_word_says_what_was_written(word):
 
 
 def test_every_method_tells_what_it_begins_with():
-    assert all(find_parameters(name) is not None for name in ESTIMATORS)
+    assert all(find_parameters(name) is not None for name in METHODS["foot"])
     with pytest.raises(EstimationError, match="no method 'magic'"):
         find_parameters("magic")
 

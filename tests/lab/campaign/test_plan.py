@@ -145,12 +145,12 @@ def test_each_bad_plan_has_its_sentence(tmp_path, text, words):
 
 
 def test_a_plan_that_is_none(tmp_path, fg_nav: FgNav):
-    assert fg_nav("campaign", tmp_path / "none.toml").refused("cannot be read", "none.toml")
-    assert fg_nav("campaign", tmp_path).refused("cannot be read")
+    assert fg_nav("lab", "campaign", tmp_path / "none.toml").refused("cannot be read", "none.toml")
+    assert fg_nav("lab", "campaign", tmp_path).refused("cannot be read")
     (tmp_path / "bytes.toml").write_bytes(b"\xff\xfe")
-    assert fg_nav("campaign", tmp_path / "bytes.toml").refused("bytes.toml is no TOML")
+    assert fg_nav("lab", "campaign", tmp_path / "bytes.toml").refused("bytes.toml is no TOML")
     (tmp_path / "plan.toml").write_text(GOOD)
-    assert fg_nav("campaign", tmp_path / "plan.toml", "--scheduler", "x", "--workers", 2).refused("--workers")
+    assert fg_nav("lab", "campaign", tmp_path / "plan.toml", "--scheduler", "x", "--workers", 2).refused("--workers")
 
 
 def test_the_page_has_a_plan_that_can_be_and_names_every_column(tmp_path):

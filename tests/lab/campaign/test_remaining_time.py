@@ -2,9 +2,9 @@
 
 import pytest
 
-from fg_nav.commands.campaign import describe_progress
 from fg_nav.lab.campaign import dispatch
 from fg_nav.lab.campaign.dispatch import RemainingTime
+from fg_nav.lab.verbs.experiments import describe_progress
 from tests.lab.campaign import fakes
 
 

@@ -3,9 +3,9 @@
 from dataclasses import replace
 from pathlib import Path
 
-from fg_nav.commands.campaign import print_campaign
 from fg_nav.lab.campaign.command import Summary
 from fg_nav.lab.campaign.dispatch import KILLED
+from fg_nav.lab.verbs.experiments import print_campaign
 from tests.lab.campaign import fakes
 
 

@@ -44,7 +44,7 @@ def reproduction(folder: Path) -> Reproduction:
         ),
         ("Another sensor.", "Another building."),
         {"filter": {"sigma": 0.5, "name": long}},
-        "fg-nav reproduce ma2018 --seeds 3",
+        "fg-nav lab reproduce ma2018 --seeds 3",
         {"fg-nav": "0.1.0"},
     )
 

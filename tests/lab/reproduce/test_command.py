@@ -1,4 +1,4 @@
-"""`fg-nav reproduce`: the folder, what is in it, and what is printed; the experiments are a stand-in's."""
+"""`fg-nav lab reproduce`: the folder, what is in it, and what is printed; the experiments are a stand-in's."""
 
 import json
 import math
@@ -89,7 +89,7 @@ def test_a_run_writes_all_and_prints_every_row(papers, tmp_path, capsys):
     assert "missed (explained): M-E1, heading (deg): Their field" in said
     assert "missed: M-E1, landmarks\n" in said
     assert "5 figures compared: 1 reproduced, 1 better, 1 missed (explained), 2 missed." in said
-    assert "fg-nav reproduce ma2018 --seeds 2 --first 7" in (tmp_path / "out" / "report.html").read_text()
+    assert "fg-nav lab reproduce ma2018 --seeds 2 --first 7" in (tmp_path / "out" / "report.html").read_text()
     assert "numpy" in read_reproduction(tmp_path / "out" / "results.json").versions
 
 
@@ -165,14 +165,14 @@ def test_nothing_else_is_written_into(papers, tmp_path):
 
 
 def test_the_command_line_hands_on_what_was_said(papers, tmp_path):
-    words = ["reproduce", "aiez2017", "--quick", "--first", "5", "--workers", "2", "--out", str(tmp_path / "a")]
+    words = ["lab", "reproduce", "aiez2017", "--quick", "--first", "5", "--workers", "2", "--out", str(tmp_path / "a")]
     ran = CliRunner().invoke(cli.app, words)
     assert ran.exit_code == 0, ran.output
     assert papers == [((5, 6, 7), 2, True)]
 
 
 def test_the_command_line_knows_each_paper():
-    ran = in_a_process("reproduce", "none-of-them", COLUMNS="200")
+    ran = in_a_process("lab", "reproduce", "none-of-them", COLUMNS="200")
     assert ran.code == 2
     assert all(paper in ran.err for paper in command.PAPERS)
 

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fg_nav.calibration.allan import compute_allan_curve
 from fg_nav.errors import SimulationError
 from fg_nav.frames import yaw_rotation
+from fg_nav.lab.allan import compute_allan_curve
 from fg_nav.lab.reproduce.munoz_diaz2017.walks import BORDER_S, mark_borders, replace_field
 from fg_nav.lab.simulation import SCENARIOS, Choices, Person, routes, simulate
 from fg_nav.lab.simulation.fields import PAST_CARS, SITES, Cylinders, Homogeneous, Sum, street

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fg_nav.commands.simulate import describe_truth
 from fg_nav.detection import detect_stances
 from fg_nav.detection.rest import find_rests
 from fg_nav.errors import SimulationError
@@ -17,6 +16,7 @@ from fg_nav.lab.simulation.path import Pose, straight
 from fg_nav.lab.simulation.person import Person
 from fg_nav.lab.simulation.plan import Section, Stand, Walk, plan
 from fg_nav.lab.simulation.scenario_file import parse_scenario
+from fg_nav.lab.verbs.simulate import describe_truth
 from fg_nav.truth import TrajectoryTruth
 
 AGAIN = straight(20.0).place(Pose(np.array([0.0, 20.0, 0.0]), 0.0))

@@ -8,7 +8,7 @@ Table 1 does not give the vertical iron on the shoe; there is none here.
 Heading: magnetic heading of the corrected footfalls minus that of the gyroscope, less its circular mean.
 
 ==================== ================================================================================================
-ellipse, fitted      ours (`fg_nav.calibration.ellipse`)
+ellipse, fitted      ours (`fg_nav.calibration.ellipsoid`)
 ellipse, as printed  Ma (6)-(12) to the letter
 ellipse, by extremes the same with Ma (8) in the right quadrant
 CLSEF, bare          the sensor tumbled for a minute without the shoe, where it has the other line of Table 1, the K_c
@@ -29,8 +29,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Floats
-from fg_nav.calibration.ellipse import Ellipse, calibrate_on_loop
-from fg_nav.calibration.ellipsoid import fit_ellipsoid
+from fg_nav.calibration.ellipsoid import Ellipse, calibrate_on_loop, fit_ellipsoid
 from fg_nav.detection import detect_stances
 from fg_nav.errors import CalibrationError
 from fg_nav.frames import wrap_angle

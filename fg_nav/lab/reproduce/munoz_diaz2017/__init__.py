@@ -21,14 +21,14 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from fg_nav.arrays import Floats
-from fg_nav.calibration.allan import AllanCurve
+from fg_nav.lab.allan import AllanCurve
 from fg_nav.lab.processes import run_tasks
 from fg_nav.lab.reproduce.munoz_diaz2017 import figures as pictures
 from fg_nav.lab.reproduce.munoz_diaz2017 import rows as table
 from fg_nav.lab.reproduce.munoz_diaz2017 import walks as simulated
 from fg_nav.lab.reproduce.munoz_diaz2017.figures import FIGURES, file_of
 from fg_nav.lab.reproduce.munoz_diaz2017.rows import PLAN, Planned, Reading
-from fg_nav.lab.reproduce.munoz_diaz2017.runs import GRAPHS, PRESET_NAMES, Run, ratio, run_estimators
+from fg_nav.lab.reproduce.munoz_diaz2017.runs import FILTERS, GRAPHS, Run, ratio, run_estimators
 from fg_nav.lab.reproduce.munoz_diaz2017.text import CITATION, DIFFERS, TITLES
 from fg_nav.lab.reproduce.munoz_diaz2017.walks import FIELDS_UT, AllanPair, Setting
 from fg_nav.lab.reproduce.results import Experiment, Picture, Reproduction, Row, spread_of
@@ -36,7 +36,6 @@ from fg_nav.lab.reproduce.walks import RESULTS_FOLDER
 from fg_nav.lab.store.code import code_sum, sum_sources
 from fg_nav.lab.store.files import make_folder
 from fg_nav.lab.store.results import Entry, Number, encode_number
-from fg_nav.pocket import PRESETS
 from fg_nav.text import to_json
 
 Values = dict[str, dict[str, Number]]
@@ -114,7 +113,7 @@ def settings_of(seed: int, wanted: Wanted) -> dict[str, Any]:
 
 def describe_parameters() -> dict[str, Any]:
     """Effective parameters of the estimators; the noise of the magnetometer and the detector are those of the case."""
-    filters = {name: PRESETS[preset] for name, preset in PRESET_NAMES.items()}
+    filters = {name: parameters for name, (parameters, _) in FILTERS.items()}
     graphs = {
         f"{simulated.BATCH} and {simulated.ONLINE}, {walk} walk": GRAPHS[walk == "first"]
         for walk in ("first", "second")

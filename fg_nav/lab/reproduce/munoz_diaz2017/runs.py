@@ -1,7 +1,7 @@
 """What the estimators make of the walks of Munoz Diaz et al. (2017): orientation, bias, and the way by dead reckoning.
 
 ========== =========================================================================================================
-as printed the paper's filter, its equations as they stand, misprints and all (`fg_nav.pocket.filter_equations`)
+as printed the paper's filter, its equations as they stand, misprints and all (`as_printed`)
 filter     with these corrected; gravity by a mean over two strides
 batch      `fg_nav.pocket.smooth_pocket`, an iterated Kalman smoother of the whole walk
 online     `fg_nav.lab.follow_pocket`, the same with a fixed lag: each estimate is made of what was there until then
@@ -31,8 +31,9 @@ from fg_nav.arrays import Bools, Floats
 from fg_nav.errors import EstimationError
 from fg_nav.frames import compute_heading
 from fg_nav.lab.follow_pocket import follow_pocket
+from fg_nav.lab.reproduce.munoz_diaz2017 import as_printed
 from fg_nav.lab.reproduce.munoz_diaz2017.walks import BATCH, FILTER, FIRST, ONLINE, PRINTED, Case, Setting
-from fg_nav.pocket import PRESETS, PocketSmootherParameters, PocketTrack, estimate_pocket, level_start
+from fg_nav.pocket import PocketParameters, PocketSmootherParameters, PocketTrack, estimate_pocket, level_start
 from fg_nav.pocket.dead_reckoning import calibrate_step_length, reckon_path
 from fg_nav.pocket.iterated_smoother import smooth_pocket
 from fg_nav.pocket.steps import estimate_swing, find_steps
@@ -69,12 +70,18 @@ Estimate: TypeAlias = Callable[[Recording, Case, float], PocketTrack]
 GRAPHS = {True: PocketSmootherParameters(gyr_scale_sigma=1e-5, mag_left_uT=1e-3), False: PocketSmootherParameters()}
 """Parameters of the graph, by whether the sensor is emulated; a thousandth of what a real one has stands for none."""
 
-PRESET_NAMES = {PRINTED: "munoz-diaz2017-printed", FILTER: "munoz-diaz2017"}
+FILTERS: Mapping[str, tuple[PocketParameters, Callable[..., PocketTrack]]] = MappingProxyType(
+    {
+        PRINTED: (as_printed.PRINTED, as_printed.estimate_as_printed),
+        FILTER: (PocketParameters(), estimate_pocket),
+    }
+)
 
 
-def _filter(preset: str, recording: Recording, case: Case, heading: float) -> PocketTrack:
-    parameters = replace(PRESETS[preset], field_gated=case.gated, mag_sigma_uT=case.mag_sigma_uT)
-    return estimate_pocket(recording, parameters, level_start(recording, heading))
+def _filter(name: str, recording: Recording, case: Case, heading: float) -> PocketTrack:
+    parameters, run = FILTERS[name]
+    known = replace(parameters, field_gated=case.gated, mag_sigma_uT=case.mag_sigma_uT)
+    return run(recording, known, level_start(recording, heading))
 
 
 def _smooth(graph: Callable[..., PocketTrack], recording: Recording, case: Case, heading: float) -> PocketTrack:
@@ -84,7 +91,7 @@ def _smooth(graph: Callable[..., PocketTrack], recording: Recording, case: Case,
 
 ESTIMATORS: Mapping[str, Estimate] = MappingProxyType(
     {
-        **{name: partial(_filter, preset) for name, preset in PRESET_NAMES.items()},
+        **{name: partial(_filter, name) for name in FILTERS},
         BATCH: partial(_smooth, smooth_pocket),
         ONLINE: partial(_smooth, follow_pocket),
     }

@@ -22,7 +22,7 @@ and specific forces are the same to the last bit. Here attitude and place are th
 
 A street's field jumps where one cylinder's cell ends and the next begins (`fg_nav.lab.simulation.fields.field`). The
 paper takes no difference across such a border (2.2); here there is no field for a while after it, longer than the
-filter's longest difference (`fg_nav.pocket.parameters`).
+filter's longest difference (`fg_nav.pocket.filter_equations`).
 """
 
 from __future__ import annotations
@@ -38,17 +38,17 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Bools, Floats, Ints
-from fg_nav.calibration.allan import AllanCurve, compute_allan_curve
 from fg_nav.calibration.ellipsoid import fit_ellipsoid
 from fg_nav.errors import SimulationError
 from fg_nav.frames import yaw_rotation
+from fg_nav.lab.allan import AllanCurve, compute_allan_curve
 from fg_nav.lab.simulation import SCENARIOS, Choices, Scenario, SimulatedWalk, routes, simulate
 from fg_nav.lab.simulation.fields import AS_PRINTED, Cylinders, Field, Homogeneous, Sum
 from fg_nav.lab.simulation.motion import Style
 from fg_nav.lab.simulation.plan import Section, Stand, Walk
 from fg_nav.lab.simulation.sensors import ClockPrior, preset
-from fg_nav.pocket import PRESETS, estimate_pocket, level_start
-from fg_nav.pocket.parameters import compute_earth_rate
+from fg_nav.pocket import PocketParameters, estimate_pocket, level_start
+from fg_nav.pocket.filter_equations import compute_earth_rate
 from fg_nav.recording import Recording
 from fg_nav.truth import TrajectoryTruth
 
@@ -348,7 +348,7 @@ def measure_fog_errors(seed: int, hours: float) -> dict[str, float]:
     seen = replace(recording, gyr=recording.gyr + turning)
     found = {}
     for name, latitude in (("compensated", LATITUDE_DEG), ("not compensated", None)):
-        parameters = replace(PRESETS["munoz-diaz2017"], gravity_update=False, latitude_deg=latitude)
+        parameters = PocketParameters(gravity_update=False, latitude_deg=latitude)
         start = replace(level_start(seen), nav_R_body=truth.nav_R_body[0])
         R = estimate_pocket(seen, parameters, start).nav_R_body
         turned = Rotation.from_matrix(R @ truth.nav_R_body.transpose(0, 2, 1)).as_rotvec(degrees=True)

@@ -1,0 +1,55 @@
+"""A small sample of every kind of file that is read, from one recording: each test of formats runs over all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from fg_nav.recording import RawRecording
+from tests.io.foreign_phones import PHONES, Phone, write_files
+from tests.io.foreign_sensors import FOREIGN, Written, write_metawear, write_ximu3
+from tests.io.samples import WRITERS
+
+
+@dataclass(frozen=True)
+class Sample:
+    """How a sample is written into a folder, as what it is to be read, within which digits, and what is to be said."""
+
+    write: Callable[[RawRecording, Path], Path]  # returns what is read
+    format: str
+    digits: float = 2e-7
+    sensor: str | None = None
+    late: bool = False  # whether the accelerometer has a clock of its own, as `foreign_phones` writes it
+
+
+def _write_one(write: Callable[[RawRecording, Path], None], raw: RawRecording, folder: Path) -> Path:
+    path = folder / "walk.mat"  # a name that scipy does not change
+    write(raw, path)
+    return path.rename(folder / "walk.dat")
+
+
+def _write_folder(write: Callable[[RawRecording, Path], None], raw: RawRecording, folder: Path) -> Path:
+    write(raw, folder / "walk")
+    return folder / "walk"
+
+
+def _write_phone(phone: Phone, raw: RawRecording, folder: Path) -> Path:
+    return write_files(phone.files(raw), folder / "walk.dat")
+
+
+def _take(how: Written) -> Sample:
+    return Sample(partial(_write_one, how.write), how.format, how.digits, how.sensor)
+
+
+SAMPLES: Mapping[str, Sample] = {
+    **{kind: Sample(partial(_write_one, write), format) for kind, (format, write) in WRITERS.items()},
+    **{kind: _take(how) for kind, how in FOREIGN.items()},
+    **{
+        kind: Sample(partial(_write_phone, phone), phone.format, phone.digits, late=phone.own_clocks)
+        for kind, phone in PHONES.items()
+    },
+    "metawear": Sample(partial(_write_folder, write_metawear), "metawear", 1e-9),
+    "x-IMU3": Sample(partial(_write_folder, write_ximu3), "xio", 1e-9),
+}

@@ -1,0 +1,261 @@
+"""Allan deviation: against published values and another implementation, and noise that is known."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.signal import fftconvolve
+
+from fg_nav.errors import CalibrationError
+from fg_nav.lab.allan import (
+    FLOOR,
+    choose_averaging_factors,
+    compute_allan_curve,
+    compute_covariance_products,
+    find_longest_stillness,
+    fit_noise,
+    measure_recording_noise,
+)
+from fg_nav.lab.simulation import SCENARIOS, simulate
+from fg_nav.lab.simulation.plan import Stand
+from fg_nav.lab.simulation.sensors import ClockPrior, preset
+from fg_nav.recording import Recording
+
+PERIOD_S = 0.01
+COUNT = 20_000
+KINDS = ("white", "flicker", "walk")
+
+
+def published_set():
+    """The 1000 readings of the test suite in NIST SP 1065: Lehmer's generator, scaled to 0 to 1."""
+    state, found = 1234567890, []
+    for _ in range(1000):
+        found.append(state / 2147483647)
+        state = 16807 * state % 2147483647
+    return np.array(found)
+
+
+def flicker_noise(count, rng):
+    """White noise through the half-integrator of Kasdin and Walter (1992): density 1 / (2 pi |f|) a sample."""
+    k = np.arange(1, 2 * count)
+    response = np.concatenate([[1.0], np.cumprod((k - 0.5) / k)])
+    return fftconvolve(rng.normal(size=2 * count), response)[count : 2 * count]
+
+
+def noise(N, B, K, seed, count=COUNT):
+    rng = np.random.default_rng(seed)
+    white, walk = rng.normal(size=(2, count))
+    readings = N / np.sqrt(PERIOD_S) * white + K * np.sqrt(PERIOD_S) * np.cumsum(walk)
+    return readings + B * flicker_noise(count, rng) if B else readings
+
+
+@cache
+def fits(N, B, K, seeds=60):
+    return [fit_noise(compute_allan_curve(noise(N, B, K, seed), PERIOD_S)) for seed in range(seeds)]
+
+
+def standardised(found, kind, true):
+    parts = [getattr(fit, kind) for fit in found]
+    return np.array([(part.value - true) / part.sigma for part in parts if part.seen])
+
+
+def test_published_deviations():
+    """Riley, NIST SP 1065 (2008): mean, scatter and overlapping Allan deviations of the 1000 readings."""
+    readings = published_set()
+    assert readings.mean() == pytest.approx(4.897745e-01, abs=1e-7)
+    assert readings.std(ddof=1) == pytest.approx(2.884664e-01, abs=1e-7)
+    found = compute_allan_curve(readings, 1.0, np.array([1, 10, 100])).deviation
+    np.testing.assert_allclose(found, [2.922319e-01, 9.159953e-02, 3.241343e-02], rtol=2e-7)
+
+
+def test_deviations_of_another_implementation():
+    allantools = pytest.importorskip("allantools", reason="a development-only check")
+    readings = noise(0.01, 0.02, 0.02, 3, count=3001)
+    factors = choose_averaging_factors(len(readings))
+    tau_s, theirs, _, _ = allantools.oadev(readings, rate=1 / PERIOD_S, data_type="freq", taus=factors * PERIOD_S)
+    ours = compute_allan_curve(readings, PERIOD_S, factors)
+    np.testing.assert_allclose(ours.tau_s, tau_s)
+    np.testing.assert_allclose(ours.deviation, theirs, rtol=1e-9)
+
+
+@pytest.mark.parametrize(("kind", "alpha"), [(0, 0), (1, -1), (2, -2)], ids=KINDS)
+def test_degrees_of_freedom_of_another_implementation(kind, alpha):
+    """Greenhall and Riley's edf, which is for averages of many samples: theirs is of continuous noise."""
+    allantools = pytest.importorskip("allantools", reason="a development-only check")
+    count = 4000
+    for m in (16, 100, 400, 1000):
+        level = (1 / m, FLOOR**2, m / 3)[kind]
+        ours = 2 * level**2 / compute_covariance_products(count, (m,))[kind, kind, 0, 0]
+        theirs = allantools.edf_greenhall(alpha, 2, m, count + 1, overlapping=True)
+        assert ours == pytest.approx(theirs, rel=0.06)
+
+
+def test_the_covariance_of_the_variances_is_that_over_many_records():
+    """Mixed noise, all averaging times against each other; 3000 records of 400 readings."""
+    rng, factors, count = np.random.default_rng(0), (1, 3, 10, 30, 100), 400
+    white, walk = rng.normal(size=(2, 3000, count))
+    found = [
+        compute_allan_curve(w + 0.1 * np.cumsum(k), 1.0, np.array(factors)) for w, k in zip(white, walk, strict=True)
+    ]
+    seen = np.cov(np.array([curve.deviation**2 for curve in found]).T)
+    squares = np.array([1.0, 0.0, 0.01])
+    expected = np.einsum("k,l,klij->ij", squares, squares, compute_covariance_products(count, factors))
+    scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
+    np.testing.assert_allclose(seen / scale, expected / scale, atol=0.12)
+
+
+@pytest.mark.parametrize(("N", "B", "K"), [(0.01, 0.0, 0.0), (0.01, 0.02, 0.0), (0.01, 0.0, 0.02), (0.01, 0.03, 0.02)])
+def test_what_is_there_is_found_within_its_sigmas(N, B, K):
+    found = fits(N, B, K)
+    for kind, true in zip(KINDS, (N, B, K), strict=True):
+        if true:
+            errors = standardised(found, kind, true)
+            assert len(errors) >= 0.9 * len(found)
+            assert 0.7 < np.sqrt(np.mean(errors**2)) < 1.4
+            assert abs(np.mean(errors)) < 0.6
+
+
+@pytest.mark.parametrize(("N", "B", "K"), [(0.01, 0.0, 0.0), (0.01, 0.02, 0.0), (0.01, 0.0, 0.02)])
+def test_what_is_not_there_is_not_seen(N, B, K):
+    found = fits(N, B, K)
+    for kind, true in zip(KINDS, (N, B, K), strict=True):
+        if not true:
+            assert np.mean([getattr(fit, kind).seen for fit in found]) < 0.1
+
+
+def test_a_record_too_short_for_a_part_does_not_see_it_and_its_limit_holds():
+    """Twenty seconds of what shows in two hundred."""
+    short = [fit_noise(compute_allan_curve(noise(0.01, 0.004, 0.004, seed, 2000), PERIOD_S)) for seed in range(40)]
+    for kind in ("flicker", "walk"):
+        parts = [getattr(fit, kind) for fit in short]
+        assert np.mean([part.seen for part in parts]) < 0.2
+        assert np.mean([part.limit >= 0.004 for part in parts]) > 0.85
+
+
+def test_the_band_holds_the_true_deviation_as_often_as_it_says():
+    inside = []
+    for seed in range(60):
+        curve = compute_allan_curve(noise(0.01, 0.0, 0.02, seed), PERIOD_S)
+        fit, true = fits(0.01, 0.0, 0.02)[seed], np.sqrt(1e-4 / curve.tau_s + 4e-4 * curve.tau_s / 3)
+        inside.append((fit.low < true) & (true < fit.high))
+    assert 0.6 < np.mean(inside) < 0.76
+
+
+@pytest.mark.parametrize("bent", ["held", "filtered"])
+def test_a_bent_short_end_is_left_out(bent):
+    """Values held for four samples, or averaged over ten: N is that of the long end, to what bend is left there.
+
+    Ten averaged samples still bend a curve by a tenth at three times their length.
+    """
+    found = []
+    for seed in range(20):
+        white = noise(0.01, 0.0, 0.0, seed)
+        readings = np.repeat(white[::4], 4) / 2 if bent == "held" else np.convolve(white, np.full(10, 0.1), "valid")
+        found.append(fit_noise(compute_allan_curve(readings, PERIOD_S)))
+    assert min(fit.fitted_from_s for fit in found) > 1.5 * PERIOD_S
+    assert np.median([fit.white.value for fit in found]) == pytest.approx(0.01, rel=0.08)
+    assert np.mean([fit.flicker.seen or fit.walk.seen for fit in found]) < 0.2
+
+
+def test_units_and_period_do_not_matter():
+    """The same readings twice as large and half as often: N, B and K follow their units."""
+    readings = noise(0.01, 0.03, 0.02, 0)
+    one, other = fit_noise(compute_allan_curve(readings, 0.01)), fit_noise(compute_allan_curve(2e-6 * readings, 0.04))
+    for kind, factor in zip(KINDS, (4.0, 2.0, 1.0), strict=True):
+        assert getattr(other, kind).value == pytest.approx(1e-6 * factor * getattr(one, kind).value, rel=1e-6)
+
+
+def test_a_mean_and_a_constant_reading_are_no_noise():
+    readings = noise(0.01, 0.0, 0.0, 0)
+    np.testing.assert_allclose(
+        compute_allan_curve(readings + 1e6, PERIOD_S).deviation,
+        compute_allan_curve(readings, PERIOD_S).deviation,
+        rtol=1e-6,
+    )
+    constant = fit_noise(compute_allan_curve(np.full(1000, 3.0), PERIOD_S))
+    assert not any(getattr(constant, kind).seen for kind in KINDS)
+    assert constant.white.limit == 0.0
+
+
+@pytest.mark.parametrize(("count", "factors"), [(10, None), (100, [60]), (100, [0])])
+def test_what_makes_no_curve_is_refused(count, factors):
+    with pytest.raises(CalibrationError, match=r"readings make no|do not fit"):
+        compute_allan_curve(np.arange(float(count)), PERIOD_S, None if factors is None else np.array(factors))
+
+
+def test_missing_readings_make_no_curve():
+    with pytest.raises(CalibrationError, match="missing"):
+        compute_allan_curve(np.where(np.arange(100) == 50, np.nan, 1.0), PERIOD_S)
+
+
+def at_rest(sensor, minutes, seed=1):
+    scenario = replace(SCENARIOS["at-rest"], route=lambda rng: [Stand(60.0 * minutes)], sensor=sensor)
+    return simulate(scenario, seed)
+
+
+@pytest.mark.parametrize("sensor", ["xsens-mtw", "lord-gx5", "mpu-9250", "kvh-1750"])
+def test_the_noise_of_the_simulated_sensors_is_found(sensor):
+    """N of every axis, to which rounding to whole steps adds its twelfth."""
+    walk = at_rest(sensor, minutes=6)
+    prior = walk.scenario.prior
+    for one in measure_recording_noise(walk.recording).sensors:
+        for fit in one.fits:
+            if one.sensor == "mag":
+                rounding = prior.mag.resolution_uT / np.sqrt(12)
+                density = np.hypot(prior.mag.noise_sd_uT, rounding) / np.sqrt(one.rate_hz)
+            else:
+                triad = getattr(prior, one.sensor)
+                rounding = triad.resolution / np.sqrt(12 * one.rate_hz)
+                density = np.hypot(triad.noise_density, rounding)
+            assert fit.white.value == pytest.approx(density, rel=0.03)
+
+
+def test_the_walk_of_a_simulated_bias_is_found_in_an_hour():
+    """Beside a Gauss-Markov process, which is neither flicker nor walk and takes the fit for a tenth."""
+    gyroscope_only = replace(preset("xsens-mtw"), mag=None, clock=ClockPrior())  # and no sample is lost
+    recordings = [at_rest(gyroscope_only, 60, seed).recording for seed in (1, 2)]
+    walks = [fit.walk for recording in recordings for fit in measure_recording_noise(recording).sensors[0].fits]
+    assert all(walk.seen for walk in walks)
+    values = [walk.value for walk in walks]
+    assert np.median(values) == pytest.approx(SCENARIOS["at-rest"].prior.gyr.drift.walk, rel=0.25)
+
+
+def test_a_magnetometer_with_a_rate_of_its_own_is_read_at_its_own_rows():
+    walk = at_rest("mpu-9250", minutes=2)
+    assert np.isnan(walk.recording.mag).any()
+    noise_of = {one.sensor: one for one in measure_recording_noise(walk.recording).sensors}
+    assert noise_of["gyr"].rate_hz == pytest.approx(400.0, rel=1e-3)
+    assert noise_of["mag"].rate_hz == pytest.approx(100.0, rel=1e-3)
+
+
+def still(seconds, rng, rate_hz=100.0):
+    count = int(seconds * rate_hz)
+    acc = np.array([0.0, 0.0, 9.8]) + 0.01 * rng.normal(size=(count, 3))
+    return Recording(np.arange(count) / rate_hz, acc, 1e-3 * rng.normal(size=(count, 3)))
+
+
+def test_the_longest_stretch_without_a_touch_is_taken():
+    recording = still(300.0, np.random.default_rng(0))
+    acc, gyr = recording.acc.copy(), recording.gyr.copy()
+    gyr[10_000:10_050] += 0.05  # a knock at 100 s
+    acc[25_000:] += [0.1, 0.0, 0.0]  # laid down otherwise at 250 s
+    start, stop = find_longest_stillness(Recording(recording.t, acc, gyr))
+    assert start == pytest.approx(10_100, abs=100)
+    assert stop == pytest.approx(25_000, abs=100)
+
+
+def test_missing_samples_do_not_matter():
+    recording = still(200.0, np.random.default_rng(1))
+    kept = np.random.default_rng(2).random(len(recording)) > 0.01
+    fewer = Recording(recording.t[kept], recording.acc[kept], recording.gyr[kept])
+    whole, holed = measure_recording_noise(recording), measure_recording_noise(fewer)
+    for one, other in zip(whole.sensors, holed.sensors, strict=True):
+        for fit, again in zip(one.fits, other.fits, strict=True):
+            assert again.white.value == pytest.approx(fit.white.value, rel=0.03)
+
+
+@pytest.mark.parametrize("make", [lambda: still(25.0, np.random.default_rng(0)), lambda: simulate("demo", 1).recording])
+def test_too_short_a_rest_is_refused_with_what_is_needed(make):
+    with pytest.raises(CalibrationError, match=r"still for \d+ s at most.* 30 s at least"):
+        measure_recording_noise(make())

@@ -1,0 +1,31 @@
+"""A server of the view in a loop of its own thread, as it is in its own process."""
+
+import asyncio
+import threading
+
+LOOP = asyncio.new_event_loop()
+threading.Thread(target=LOOP.run_forever, name="served", daemon=True).start()
+
+
+class Served:
+    """A server on a socket; what it is told to send it is told in its loop."""
+
+    def __init__(self, server, door):
+        self.server, self.port = server, door.getsockname()[1]
+        LOOP.set_exception_handler(lambda loop, context: None)
+        asyncio.run_coroutine_threadsafe(server.open(door), LOOP).result()
+
+    def __getattr__(self, name):
+        return getattr(self.server, name)
+
+    def send(self, line):
+        LOOP.call_soon_threadsafe(self.server.send, line)
+
+    def send_status(self, status):
+        LOOP.call_soon_threadsafe(self.server.send_status, status)
+
+    def send_remark(self, words):
+        LOOP.call_soon_threadsafe(self.server.send_remark, words)
+
+    def close(self):
+        asyncio.run_coroutine_threadsafe(self.server.close(), LOOP).result()
