@@ -101,7 +101,7 @@ def test_what_is_lost_on_the_way_stands_in_the_notes():
     source = Pieces(",".join(CANONICAL).encode() + b"\n" + "".join(format_rows(rows, "%r", ",")).encode())
     source.lost = 2
     navigator, _, remarks = followed(source)
-    assert navigator.source["lost"] == {"samples": 3, "came": 297, "datagrams": 2}
+    assert navigator.lost == {"samples": 3, "came": 297, "datagrams": 2}
     assert any("3 samples of 300" in words for words in remarks)
     assert any("2 datagrams" in words for words in remarks)
 
