@@ -9,7 +9,7 @@ samples     pieces of 3 to 25 s of real and simulated recordings, their samples 
 format      such pieces in each of the formats that are read, the file damaged
 real        real files, and folders of files that belong together, damaged
 stream      rows on standard input of `fg-nav stream`, wrong as samples or as text
-checkpoint  a walk resumed from a checkpoint that is damaged, or tampered with under checks that are right
+record      a walk resumed from a record that is damaged, its samples or its lines
 truth, fixes, calibration, config, scenario    files that go with a walk, damaged or absurd
 options     words of the command line that cannot be meant
 =========== ==========================================================================================================

@@ -42,8 +42,7 @@ from fuzz_mutations import Rng, draw
 from fg_nav import cli
 from fg_nav.arrays import Floats
 from fg_nav.online import follow
-from fg_nav.online.checkpoint import VERSION
-from fg_nav.online.packing import read_records, write_records
+from fg_nav.online.record import LINES
 from fg_nav.recording import RawRecording
 from fg_nav.verdict import UNUSABLE
 
@@ -263,7 +262,7 @@ def _list_folders(data: Path) -> list[Path]:
     return [path for path in sorted((data / "formats").rglob("*")) if path.is_dir() and 1 < len(_files_of(path)) < 10]
 
 
-# --- streams and checkpoints -----------------------------------------------------------------------------------------
+# --- streams and records ---------------------------------------------------------------------------------------------
 
 
 def make_stream(store: Store, rng: Rng, folder: Path) -> Input:
@@ -287,7 +286,7 @@ def make_stream(store: Store, rng: Rng, folder: Path) -> Input:
     return Input(words, f"{name}: {what}", data)
 
 
-CHECKPOINTS: Mapping[str, tuple[str, Words]] = {
+RECORDS: Mapping[str, tuple[str, Words]] = {
     "foot": ("foot-rest.csv", []),
     "lagged": ("foot-rest.csv", ["--lag", "12"]),
     "thigh": ("thigh-rest.csv", ["--mount", "pocket"]),
@@ -295,57 +294,15 @@ CHECKPOINTS: Mapping[str, tuple[str, Words]] = {
 """Rows that follow, and the options of the walk."""
 
 
-def make_checkpoint(store: Store, rng: Rng, folder: Path) -> Input:
-    """A checkpoint that is damaged, as bytes or in what it holds, with checks that are right."""
-    kind = draw(rng, list(CHECKPOINTS))
-    data = store.companion(f"{kind}.checkpoint")
-    path = folder / "walk.checkpoint"
-    if rng.random() < 0.3:
-        data, what = wrong.mutate_bytes(data, rng)
-        path.write_bytes(data)
-    else:
-        path.write_bytes(data)
-        records, what = change_records([record for record, _ in read_records(path, VERSION)], rng)
-        write_records(path, VERSION, records)
-    rest, words = CHECKPOINTS[kind]
-    given = ["stream", "-", "--checkpoint", path.name, "--every", "1e6", "--plots", "none", *words]
-    return Input(given, f"{kind}: {what}", store.companion(rest))
-
-
-def change_records(records: list[bytes], rng: Rng) -> tuple[list[bytes], str]:
-    """Tamper with one of the records, or lose, double or exchange them."""
-    one = int(rng.integers(len(records)))
-    if rng.random() < 0.9:
-        records[one], what = tamper(records[one], rng)
-        return records, what
-    kind = draw(rng, ("lost", "doubled", "exchanged"))
-    others = {"lost": records[:one] + records[one + 1 :], "doubled": [*records, records[one]]}
-    return others.get(kind, records[::-1]), kind
-
-
-def tamper(record: bytes, rng: Rng) -> tuple[bytes, str]:
-    """Change what a record holds (`fg_nav.online.packing`): its tree, the shapes of its arrays, or their numbers."""
-    behind = 8 + int.from_bytes(record[:8], "little")
-    head, numbers = json.loads(record[8:behind]), bytearray(record[behind:])
-    part = draw(rng, ("tree", "arrays", "numbers", "varied tree", "varied tree", "varied numbers", "varied numbers"))
-    if part == "varied numbers":
-        numbers = bytearray(varied.vary_words(bytes(numbers), rng))
-    elif part == "varied tree":
-        head["tree"] = varied.vary_tree(head["tree"], rng)
-    elif part == "numbers" and len(numbers) >= 8:
-        for _ in range(rng.integers(1, 4)):
-            at = 8 * int(rng.integers(len(numbers) // 8))
-            numbers[at : at + 8] = np.float64(draw(rng, NUMBERS)).tobytes()
-    else:
-        head[part] = wrong.mutate_tree(head[part], rng)
-    try:
-        text = json.dumps(head).encode("utf-8", "replace")
-    except RecursionError:
-        text = b"[" * 1000 + b"]" * 1000
-    return len(text).to_bytes(8, "little") + text + bytes(numbers), part
-
-
-NUMBERS = (np.nan, np.inf, 0.0, -1.0, 1e300, -1e9, 5e-324)
+def make_record(store: Store, rng: Rng, folder: Path) -> Input:
+    """A record of which the samples or the lines are damaged."""
+    kind, damaged = draw(rng, list(RECORDS)), draw(rng, ("", LINES, LINES))
+    for end in ("", LINES):
+        (folder / f"record.csv{end}").write_bytes(store.companion(f"{kind}.record{end}"))
+    what = damage_file(folder / f"record.csv{damaged}", rng)
+    rest, words = RECORDS[kind]
+    given = ["stream", "-", "--record", "record.csv", "--resume", "--plots", "none", *words]
+    return Input(given, f"{kind}{damaged}: {what}", store.companion(rest))
 
 
 # --- companions ------------------------------------------------------------------------------------------------------
@@ -456,7 +413,7 @@ KINDS: Mapping[str, tuple[int, Callable[[Store, Rng, Path], Input]]] = {
     "format": (16, make_format),
     "real": (7, make_real),
     "stream": (12, make_stream),
-    "checkpoint": (9, make_checkpoint),
+    "record": (9, make_record),
     "truth": (4, _make_companion("--truth", ("truth.tum", "footprints.csv"), _aligned, damage)),
     "fixes": (4, _make_companion("--fixes", ("fixes.csv",), _graph, damage)),
     "calibration": (4, _make_companion("--calibration", ("sensor.json",), _fast, change_json)),

@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import tempfile
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from functools import cache, partial
 from pathlib import Path
 
@@ -22,8 +23,10 @@ from fg_nav.errors import FgNavError
 from fg_nav.io import read, write_canonical, write_tum
 from fg_nav.lab.simulation import SCENARIOS, Choices, SimulatedWalk, simulate
 from fg_nav.online.buffer import OnlineOptions, rows_of
-from fg_nav.online.checkpoint import Checkpoint
-from fg_nav.online.pocket import PocketOptions, begin_walk
+from fg_nav.online.follow import StreamOptions, follow_source
+from fg_nav.online.pocket import PocketOptions
+from fg_nav.online.record import LINES, Record
+from fg_nav.online.sources import Replay
 from fg_nav.pipeline import navigate
 from fg_nav.recording import RawRecording, Recording
 from fg_nav.report.files import write_run
@@ -31,8 +34,8 @@ from fg_nav.truth import TrajectoryTruth
 
 MAX_S = 90.0  # Of a recording from which pieces are cut.
 
-BASE_S, BASE_HZ, SAVED_S = 16.0, 100.0, 12.0
-"""The walk that companions and checkpoints are of: its duration, its rate, and when it was saved last."""
+BASE_S, BASE_HZ, RECORDED_S = 16.0, 100.0, 12.0
+"""The walk that companions and records are of: its duration, its rate, and how much of it is recorded."""
 
 SIMULATED = 8  # Random walks (`online_fuzz`).
 
@@ -179,7 +182,7 @@ def _write_walk(folder: Path) -> bytes:
 
 def _write_rest(saved: Callable[[], Recording], folder: Path) -> bytes:
     """A walk from somewhat before the last save on."""
-    rows = rows_of(saved())[round((SAVED_S - 1.0) * BASE_HZ) : round(BASE_S * BASE_HZ)]
+    rows = rows_of(saved())[round((RECORDED_S - 1.0) * BASE_HZ) : round(BASE_S * BASE_HZ)]
     return _written(lambda path: write_canonical(raw_of(rows), path))
 
 
@@ -221,20 +224,16 @@ def _write_config(method: str, folder: Path) -> bytes:
         return (Path(name) / "config.json").read_bytes()
 
 
-def _write_checkpoint(options: OnlineOptions | PocketOptions, folder: Path) -> bytes:
-    """Two saves of the base walk, or of a thigh."""
-    rows = rows_of(base_thigh() if isinstance(options, PocketOptions) else base_recording())
-    navigator = begin_walk(options, lambda words: None)
-    navigator.source.update(header=HEADER, calibration=None, columns=None, mag_axes=None)
-    first, last = round(SAVED_S / 2 * BASE_HZ), round(SAVED_S * BASE_HZ)
-
-    def save(path: Path) -> None:
-        checkpoint = Checkpoint(path)
-        for part in (rows[:first], rows[first:last]):
-            navigator.push(part[:, 0], part[:, 1:4], part[:, 4:7], part[:, 7:10])
-            checkpoint.write(checkpoint.collect(navigator))
-
-    return _written(save)
+def _write_record(options: OnlineOptions | PocketOptions, end: str, folder: Path) -> bytes:
+    """What the record of the beginning of the base walk, or of a thigh, has in the file with this end of its name."""
+    known = base_thigh() if isinstance(options, PocketOptions) else base_recording()
+    begin = known.slice(0, round(RECORDED_S * BASE_HZ))
+    with tempfile.TemporaryDirectory() as name:
+        record = Record(Path(name) / "record.csv", False, False, lambda words: None)
+        with closing(record):
+            source = Replay(begin, np.inf, "a walk")
+            follow_source(source, StreamOptions(online=options), lambda line: None, lambda words: None, record=record)
+        return (Path(name) / f"record.csv{end}").read_bytes()
 
 
 def _written(write: Callable[[Path], object]) -> bytes:
@@ -272,8 +271,10 @@ COMPANIONS: dict[str, Callable[[Path], bytes]] = {
     "sensor.json": _write_calibration,
     **{name: partial(_write_config, method) for name, method in CONFIGURED.items()},
     "scenario.toml": lambda folder: SCENARIO,
-    "foot.checkpoint": partial(_write_checkpoint, FOOT),
-    "lagged.checkpoint": partial(_write_checkpoint, LAGGED),
-    "thigh.checkpoint": partial(_write_checkpoint, PocketOptions(None)),
+    **{
+        f"{name}.record{end}": partial(_write_record, options, end)
+        for name, options in (("foot", FOOT), ("lagged", LAGGED), ("thigh", PocketOptions(None)))
+        for end in ("", LINES)
+    },
 }
 """Clean files by name, and how each is made."""

@@ -47,7 +47,7 @@ TOLERANCE = 2e-9  # m, rad and everything else, and relative: results are printe
 KEPT = {".json", ".csv", ".tum", ".jsonl", ".geojson", ".kml", ".npy"}
 PAGES = {"compare-gdin", "run-lap"}  # Results whose report.html is kept too.
 TIMED = re.compile(
-    r"runtime|real.?time|busy|latenc|processor|created|generated|_ms\"|fg-nav \d|no sample has come|in the checkpoint"
+    r"runtime|real.?time|busy|latenc|processor|created|generated|_ms\"|fg-nav \d|no sample has come|came again"
 )
 NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 MAX_SHOWN = 3  # Differing lines of a file.
@@ -116,7 +116,7 @@ def list_goldens(data: Path, made: Path) -> list[Golden]:
         "stream-damaged": f"stream MADE/damaged.csv {rest}",
     }
     goldens = [Golden(name, words) for name, words in runs.items()]
-    goldens += [Golden("stream-killed", f"stream MADE/short.csv --checkpoint walk.npz --every 2 {rest}", killed=True)]
+    goldens += [Golden("stream-killed", f"stream MADE/short.csv --record record.csv --resume {rest}", killed=True)]
     for words in (
         "--method nobody",
         "--gate nobody",
@@ -216,7 +216,7 @@ def run_command(words: Sequence[str], folder: Path) -> tuple[int, str, str]:
 
 
 def kill_amid(words: Sequence[str], folder: Path) -> None:
-    """Run `fg-nav stream -` on half of the rows, and kill it once they are read and saved."""
+    """Run `fg-nav stream -` on half of the rows, and kill it once they are read and recorded."""
     source = next(word for word in words if word.endswith(".csv"))
     rows = Path(source).read_bytes().splitlines(keepends=True)
     command = [sys.executable, "-m", "fg_nav.cli", *("-" if word == source else word for word in words)]
@@ -227,7 +227,7 @@ def kill_amid(words: Sequence[str], folder: Path) -> None:
         process.stdin.flush()
         time.sleep(0.02)
     deadline = time.monotonic() + 20.0
-    while not (folder / "walk.npz").exists() and time.monotonic() < deadline:
+    while not (folder / "record.csv").exists() and time.monotonic() < deadline:
         time.sleep(0.1)
     time.sleep(1.0)
     process.send_signal(signal.SIGKILL)

@@ -89,7 +89,7 @@ def repeat_walk(seconds: float) -> Floats:
 def start_command(folder: Path, buffer: int) -> subprocess.Popen[bytes]:
     """Start the command on a free port."""
     walk = ["stream", "udp://127.0.0.1:0", "--heading", "0", "--silence", f"{SILENCE_S:g}"]
-    files = ["--record", str(folder / "record.csv"), "--out", str(folder / "out"), "--checkpoint", str(folder / "save")]
+    files = ["--record", str(folder / "record.csv"), "--out", str(folder / "out")]
     with (folder / "remarks").open("w") as remarks:
         return subprocess.Popen(
             [sys.executable, "-c", PROGRAM, str(buffer), str(folder / "waited"), *walk, *files],

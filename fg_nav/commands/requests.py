@@ -439,9 +439,8 @@ class StreamRequest(SensorOptions, FieldOptions, AidOptions, ViewOptions, PlotOp
         default="foot",
     )
     clock_offset: float | None = option(WALK, "To add to the stamps of the right foot of --mount feet.", "SECONDS")
-    checkpoint: Path | None = option(OUTPUT, "Save the walk here, and take it up from here if it is there.", "FILE")
-    every: float = option(OUTPUT, "Between two saves.", "SECONDS", default=10.0)
-    record: Path | None = option(OUTPUT, "Write the samples as they come, before any correction.", "FILE")
+    record: Path | None = option(OUTPUT, "Record the samples as they come, and the lines.", "FILE")
+    resume: bool = flag(OUTPUT, "Go on with the walk of --record, if it is there.", "--resume")
     serve: int | None = option(OUTPUT, "Serve the lines on this port of 127.0.0.1, and print none.", "PORT")
     out: Path | None = option(OUTPUT, "Folder for the result at the end. \\[default: lines]", "DIR")
     force: bool = flag(OUTPUT, "Replace an older result in the folder.", "--force")

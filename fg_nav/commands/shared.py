@@ -152,7 +152,7 @@ APPLIES: dict[str, Applies] = {
     "config": Applies(("foot", "pocket")),
     "polish": Applies(("foot", "pocket"), "polish"),
     "lag": Applies(("foot",)),
-    "checkpoint": Applies(("foot", "pocket")),
+    "resume": Applies(("foot", "pocket")),
     "record": Applies(("foot", "pocket")),
 }
 """By the field of a request."""

@@ -28,8 +28,7 @@ from fg_nav.online.estimates import POLISHED, SMOOTHED, SensorTime, format_table
 from fg_nav.online.follow import ENDING, Outlets, Say, StreamedWalk, StreamOptions, follow_source, open_outlets
 from fg_nav.online.navigator import finish_walk
 from fg_nav.online.pocket import PocketOptions, compute_stride_headings
-from fg_nav.online.record import open_recorded
-from fg_nav.online.record_check import doubt_resumed
+from fg_nav.online.record import Record
 from fg_nav.online.rows import Columns, parse_columns
 from fg_nav.online.source_check import describe_losses
 from fg_nav.online.sources import SampleSource, open_samples
@@ -57,11 +56,10 @@ def stream(request: StreamRequest) -> Answer:
         return _stream_feet(request)
     out, target = request.out, _find_target(request)
     with target, _open_outlets(request, printer := LinePrinter()) as outlets:
-        with doubt_resumed(request.checkpoint):
-            walk = run_stream(request, outlets)
-            if out is None and outlets.emit_end is None and prints_lines(request):  # they were served: that is all
-                return Answer({}, say_nothing)
-            end = find_end(walk)
+        walk = run_stream(request, outlets)
+        if out is None and outlets.emit_end is None and prints_lines(request):  # they were served: that is all
+            return Answer({}, say_nothing)
+        end = find_end(walk)
         content = {"source": request.source, **end.summary}
         if out is None:
             outlet = outlets.emit_end or drop_line
@@ -78,14 +76,16 @@ def stream(request: StreamRequest) -> Answer:
 def run_stream(request: StreamRequest, outlets: Outlets) -> StreamedWalk:
     """Follow a source until it ends or a signal arrives; lines and remarks go to the outlets.
 
-    Raises `FgNavError` if something that was requested cannot be: the source, the checkpoint, the rows.
+    Raises `FgNavError` if something that was requested cannot be: the source, the record, the rows.
     """
     options = read_stream_options(request, request.calibration)
-    with (
-        catch_signals(*ENDING) as stop,
-        closing(_open_source(request, request.source, options.columns, outlets.remark)) as source,
-    ):
-        navigator = follow_source(source, options, outlets.emit, outlets.remark, stop, outlets.watcher)
+    with catch_signals(*ENDING) as stop, ExitStack() as opened:
+        record = _open_record(request, outlets.remark)
+        if record is not None:
+            opened.callback(record.close)
+        source = _open_source(request, request.source, options.columns, outlets.remark)
+        opened.callback(source.close)
+        navigator = follow_source(source, options, outlets.emit, outlets.remark, stop, outlets.watcher, record)
     given = options.calibration, options.mag_axes
     return StreamedWalk(navigator, source.name, *given, request.polish, options.rate_sigma)
 
@@ -115,8 +115,6 @@ def read_stream_options(request: StreamRequest, calibration_path: Path | None) -
         )
     return StreamOptions(
         online=online,
-        checkpoint=request.checkpoint,
-        checkpoint_s=_check_positive(request.every, "--every") or 0.0,
         until_silent_s=_check_positive(request.silence, "--silence"),
         calibration=calibration,
         mag_axes=options.mag_axes,
@@ -132,12 +130,18 @@ def _check_positive(value: float | None, name: str) -> float | None:
 
 
 def _open_source(request: StreamRequest, source: str, columns: Columns | None, remark: Say) -> SampleSource:
-    """Open a source, and the file that its rows are written to."""
-    given = (source, columns, request.baud, request.speed, remark)
-    if request.record is None:
-        return open_samples(*given)
-    goes_on = request.checkpoint is not None and request.checkpoint.exists()
-    return open_recorded(request.record, goes_on, request.force, *given)
+    return open_samples(source, columns, request.baud, request.speed, remark)
+
+
+def _open_record(request: StreamRequest, remark: Say) -> Record | None:
+    path, source = request.record, Path(request.source)
+    if path is None:
+        if request.resume:
+            raise StreamError("--resume goes on with the walk of a record: name it, as --record FILE.")
+        return None
+    if path.exists() and source.exists() and path.samefile(source):
+        raise OutputError(f"{path} is what is streamed: name another file to record into.")
+    return Record(path, request.resume, request.force, remark)
 
 
 def _find_target(request: StreamRequest) -> Target:
@@ -325,7 +329,7 @@ def note_losses(solution: Solution, walk: StreamedWalk) -> Solution:
     """Add what was lost on the way to the notes, and what a nominal rate leaves open to the sigmas."""
     rate_sigma = 0.0 if isinstance(walk.navigator.options, PocketOptions) else walk.rate_sigma
     polished = None if solution.polished is None else solution.polished.widen(rate_sigma)
-    notes = (*solution.notes, *describe_losses(walk.navigator.source.get("lost", {})))
+    notes = (*solution.notes, *describe_losses(walk.navigator.lost))
     return replace(solution.widen(rate_sigma), notes=notes, polished=polished)
 
 

@@ -20,9 +20,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator, Sequence
-from copy import copy, deepcopy
 from dataclasses import dataclass, field
-from operator import attrgetter
 
 import numpy as np
 
@@ -97,13 +95,6 @@ class CausalStances:
         self._n_waiting = 0
         self._search: _Search | None = None
 
-    def is_sound(self) -> bool:
-        """Whether a restored state is consistent: blocks of equal lengths and valid samples, a valid search."""
-        lengths = [tuple(map(len, part)) for part in self._waiting]
-        waits = all(n == n[:1] * 3 for n in lengths) and sum(n[0] for n in lengths) == self._n_waiting
-        waits = waits and all(are_samples(*block) for block in self._waiting)
-        return waits and (self._search is None or self._search.is_sound())
-
     def push(self, t: Floats, acc: Floats, gyr: Floats) -> list[Footfall]:
         """Add samples (arguments of `search`) and return the footfalls that they complete, in order."""
         return list(self.search(t, acc, gyr))
@@ -128,13 +119,6 @@ class CausalStances:
         if self._search is None and self._n_waiting < 2:
             return []
         return self._started_search().advance(*self._take(self._n_waiting), at_end=True)
-
-    def copy(self) -> CausalStances:
-        """Return a copy that goes on in the same way; the same samples give it the same footfalls."""
-        found = copy(self)
-        found._waiting = self._waiting.copy()
-        found._search = None if self._search is None else self._search.copy()
-        return found
 
     @property
     def stands(self) -> bool:
@@ -186,27 +170,6 @@ class _Search:
         """Whether the last interval found reaches to the last sample, or a standing goes on."""
         stop = self._level.stop
         return self._last_end > stop - self.step or (self._stands and not self._has_swung(self._reported, stop))
-
-    def is_sound(self) -> bool:
-        """Whether a restored search is consistent: lengths as for its period, buffers and passes valid."""
-        fresh = _Search(max(self.period_s, 1e-4), self._p)
-        of_period = attrgetter("step", "_shoe_window", "_reach", "_window", "_settle", "_edge")
-        kinds = [[type(part) for part in (*one._windows(), *one._passes)] for one in (self, fresh)]
-        whole = kinds[0] == kinds[1] and of_period(self) == of_period(fresh)
-        whole = whole and all(map(Sliding.is_sound, self._windows(), fresh._windows()))
-        whole = whole and all(one.is_sound() for one in self._passes)
-        return whole and are_samples(*(one.all() for one in (self._t, self._acc, self._gyr)))
-
-    def _windows(self) -> list[Sliding]:
-        return [self._t, self._acc, self._gyr, self._level, *self._velocity]
-
-    def copy(self) -> _Search:
-        """Return a copy that goes on in the same way."""
-        found = copy(self)
-        found._t, found._acc, found._gyr = self._t.copy(), self._acc.copy(), self._gyr.copy()
-        found._level, found._velocity = self._level.copy(), [one.copy() for one in self._velocity]
-        found._passes = deepcopy(self._passes)
-        return found
 
     def advance(self, t: Floats, acc: Floats, gyr: Floats, at_end: bool = False) -> list[Footfall]:
         """Add samples, search the window, and return the footfalls that are now final; at the end of the stream all."""
@@ -335,19 +298,6 @@ class Sliding:
         self._rows[used : used + len(rows)] = rows
         self.stop += len(rows)
 
-    def copy(self) -> Sliding:
-        """Return a copy of the last `keep` rows."""
-        found = Sliding.__new__(Sliding)
-        found._keep, found.stop = self._keep, self.stop
-        found._first = max(self._first, self.stop - self._keep)
-        found._rows = self._rows[found._first - self._first : self.stop - self._first].copy()
-        return found
-
-    def is_sound(self, fresh: Sliding) -> bool:
-        """Whether a restored buffer is consistent: `keep` and row shape of a fresh one, counts within its memory."""
-        same = self._keep == fresh._keep and self._rows.shape[1:] == fresh._rows.shape[1:]
-        return same and 0 <= self.stop - self._first <= len(self._rows) and self._first >= 0
-
     def between(self, start: int, stop: int) -> Floats:
         """Return the rows `start <= i < stop` as a view that is good until the next `append`.
 
@@ -356,13 +306,3 @@ class Sliding:
         if not self._first <= start <= stop <= self.stop:
             raise IndexError(f"rows {start} to {stop} are not among {self._first} to {self.stop}")
         return self._rows[start - self._first : stop - self._first]
-
-    def all(self) -> Floats:
-        """Return the last `keep` rows."""
-        return self.between(max(self._first, self.stop - self._keep), self.stop)
-
-
-def are_samples(t: Floats, acc: Floats, gyr: Floats) -> bool:
-    """Whether stamps (n,) rise, and force and rate (n, 3) of each are known."""
-    known = all(bool(np.isfinite(one).all()) for one in (t, acc, gyr))
-    return known and bool((np.diff(t) > 0.0).all())

@@ -415,16 +415,6 @@ class StrapdownPass:
         self._state: NavState | None = None
         self._still_since_hole = np.array([MANY])
 
-    def is_sound(self) -> bool:
-        """Whether a restored pass is consistent: finite state of the right shapes, a count that is not negative."""
-        since, fresh = self._still_since_hole, start_at_rest(np.eye(3))
-        counts = since.shape == (1,) and since.dtype == int and since[0] >= 0
-        state = fresh if self._state is None else self._state
-        known = all(
-            one.shape == other.shape and bool(np.isfinite(one).all()) for one, other in zip(state, fresh, strict=True)
-        )
-        return bool(counts and known and state.nav_R_body.dtype == float)
-
     def velocity(self, t: Floats, acc: Floats, gyr: Floats, level: Floats) -> Floats:
         """Return the free velocity (n, 3) m/s at n more samples; `t` (n + 1,) s includes the stamp after the last."""
         h, hole = np.minimum(np.diff(t), self._longest_step_s), np.diff(t) > MAX_HELD_S

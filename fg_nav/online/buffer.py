@@ -1,6 +1,6 @@
 """The samples and footfalls of a walk in progress, parts of it as recordings with their stances, its options.
 
-`SampleBuffer` holds every sample once, for navigator, smoother and checkpoint; a `PartialWalk` the footfalls, and the
+`SampleBuffer` holds every sample once, for navigator and smoother; a `PartialWalk` the footfalls, and the
 samples up to one behind the newest. Samples, footfalls and stance intervals are counted from the first of the walk,
 discarded ones too.
 

@@ -24,7 +24,7 @@ from gtsam.symbol_shorthand import B, V, X
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.feet import Side
-from fg_nav.frames import UNKNOWN_RAD, compute_heading, turn_heading
+from fg_nav.frames import UNKNOWN_RAD, compute_heading, turn_heading, yaw_rotation
 from fg_nav.online.field import CompassVerdict
 from fg_nav.online.strides import StanceNodes
 from fg_nav.smoother.barometer import SCALE_SIGMA
@@ -68,11 +68,16 @@ class StanceEstimate:
         cov[:3, :3] += np.outer(self.position, self.position) * (2.0 * rate_sigma) ** 2
         return replace(self, pose_cov=cov)
 
-    def as_row(self) -> EstimateRow:
-        """Return it as a row of numbers (40,) and the words of its verdict."""
+    def turn(self, angle: float) -> StanceEstimate:
+        """Return it with its attitude and heading turned by an angle, rad clockwise."""
+        return replace(self, nav_R_body=yaw_rotation(-angle) @ self.nav_R_body, heading=self.heading + angle)
+
+    def as_row(self, sample: int | None = None) -> EstimateRow:
+        """Return it as a row of numbers (40,) and the words of its verdict; with another sample if that is given."""
         of_motion = self.position, self.velocity, self.nav_R_body.ravel(), self.gyro_bias
         sigmas = self.pose_cov.ravel(), self.gyro_bias_sigma
-        numbers = np.concatenate([[self.sample, self.t], *of_motion, *sigmas, [self.compass_weight]])
+        begin = [self.sample if sample is None else sample, self.t]
+        numbers = np.concatenate([begin, *of_motion, *sigmas, [self.compass_weight]])
         return EstimateRow(numbers, self.field, self.field_reason)
 
 
@@ -246,6 +251,36 @@ def format_estimate(
     if verdict is not None:
         content |= {"verdict": verdict.word, "reasons": list(verdict.reasons)}
     return _dump(content)
+
+
+def parse_estimate(content: Mapping[str, Any]) -> StanceEstimate:
+    """Return the estimate of a line, of its sample, velocity and tilt none; raises `KeyError`, `TypeError` for others.
+
+    The attitude is a rotation about up.
+    """
+
+    def read(key: str) -> Floats:
+        return np.array(content[key], dtype=np.float64)  # null is NaN
+
+    heading, sigma = float(np.radians(read("heading_deg"))), read("position_sigma_m")
+    pose_cov = np.diag(np.append(sigma, np.radians(read("heading_sigma_deg"))) ** 2)
+    pose_cov[0, 1] = pose_cov[1, 0] = content["east_north_cov_m2"]
+    return StanceEstimate(
+        number=int(content["stance"]),
+        sample=-1,
+        t=float(content["t"]),
+        position=read("position_m").reshape(3),
+        nav_R_body=yaw_rotation(np.pi / 2 - heading),
+        heading=heading,
+        velocity=np.zeros(3),
+        gyro_bias=np.radians(read("gyro_bias_deg_s")).reshape(3),
+        pose_cov=pose_cov,
+        gyro_bias_sigma=np.radians(read("gyro_bias_sigma_deg_s")).reshape(3),
+        compass_weight=float(read("compass_weight")),
+        field=str(content["field"]),
+        field_reason=str(content["field_reason"]),
+        floor=content["floor"],
+    )
 
 
 def format_table(

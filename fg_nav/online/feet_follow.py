@@ -95,7 +95,7 @@ class _FollowedFeet:
             outlets.remark(f"{side} foot: {words}")
 
         self._walks = {
-            side: FollowedWalk(one, options[side], None, partial(self._tag, side), partial(remark_on, side))
+            side: FollowedWalk(one, options[side], partial(self._tag, side), partial(remark_on, side))
             for side, one in navigator.navigators.items()
         }
         self._silence = {

@@ -1,14 +1,16 @@
-"""Follow a source to its end: rows in, estimates out, each with the verdict on the path so far, checkpoints on the way.
+"""Follow a source to its end: rows in, estimates out, each with the verdict on the path so far, recorded on the way.
 
-    StreamOptions  how a source is followed: options of the navigator, calibration, checkpoint
+    StreamOptions  how a source is followed: options of the navigator, calibration, columns
     follow_source  rows -> navigator -> one line an estimate, until the source ends or an event is set
     LineVerdict    judges the path up to each line
     Outlets        where lines and remarks go: a printer or a port, and a page for people
     StreamedWalk   the closed navigator, to be solved as a whole
 
 Nothing that happens to the stream ends the walk but its end: bad rows are left out, and a stalled source is waited for,
-with a remark on each. Checkpoints come every `checkpoint_s`, are written in a thread of their own, and less often once
-that takes long: at most one part in twenty of the time goes into it.
+with a remark on each.
+
+A walk that is resumed is replayed: its recorded rows pass the same checks into a new navigator, without a word, and
+where the lines that were given end it is solved once (`record`). Then it goes on with what the source sends.
 
 Verdict: the limits are those of `fg_nav.verdict.limits`. A path that was spoiled stays so, and none is trusted before
 it has as many strides as make a walk, and the axes were seen in as many. Between two lines a new solution may move the
@@ -28,28 +30,25 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, closing, contextmanager, nullcontext
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.calibration.of_recording import Calibration
-from fg_nav.errors import EstimationError, FgNavError
 from fg_nav.frames import compute_heading
 from fg_nav.magnetic.axes import MagAxes
 from fg_nav.online.buffer import OnlineOptions
-from fg_nav.online.checkpoint import Checkpoint, Snapshot
-from fg_nav.online.estimates import DIGITS, Revision, StanceEstimate, format_estimate, format_revision, thin_rows
+from fg_nav.online.estimates import DIGITS, Revision, StanceEstimate, format_estimate, format_revision
 from fg_nav.online.pocket import Navigator, PocketOptions, begin_walk
-from fg_nav.online.record_check import report_damaged
+from fg_nav.online.record import Record
 from fg_nav.online.rows import Columns
 from fg_nav.online.source_check import AxesCheck, LossCounter, Silence, SourceCheck, describe_losses
 from fg_nav.online.sources import SampleSource
 from fg_nav.solution import Return
-from fg_nav.text import to_json
+from fg_nav.text import find_version
 from fg_nav.verdict.limits import (
     Reason,
     Verdict,
@@ -69,7 +68,7 @@ from fg_nav.view.line_server import format_address, is_loopback, open_port
 from fg_nav.view.process import ListenerProcess
 
 WAIT_S = 0.2  # for bytes, before the stop signal is checked
-SAVING_SHARE = 0.05  # of the time at most
+REPLAYED = 1 << 14  # rows of a record at once; the answer does not depend on it
 
 # Ctrl-C, a service that is stopped, a terminal or connection that is gone: they end the walk.
 ENDING = (signal.SIGINT, signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else []))
@@ -216,7 +215,7 @@ class LineVerdict:
     Parameters
     ----------
     in_pocket : whether the sensor is in a pocket: a line is then two steps, and places are less certain.
-    remark, refuses : as of `AxesCheck`.
+    remark : as of `AxesCheck`.
     rate_sigma : of a nominal sample rate, a share of it; 0 where rows have stamps.
     """
 
@@ -224,11 +223,10 @@ class LineVerdict:
         self,
         in_pocket: bool = False,
         remark: Callable[[str], None] = lambda words: None,
-        refuses: bool = True,
         rate_sigma: float = 0.0,
     ) -> None:
         self._in_pocket, self._rate_sigma = in_pocket, rate_sigma
-        self.axes = AxesCheck(remark, refuses, "pocket" if in_pocket else "foot")
+        self.axes = AxesCheck(remark, "pocket" if in_pocket else "foot")
         self._begun: float | None = None
         self._last = np.zeros(4)  # t, east, north, up of the newest footfall
         self._distance, self._lost_s, self._strides = 0.0, 0.0, 0
@@ -241,37 +239,13 @@ class LineVerdict:
         judged: list[Judged] = []
         for one in found:
             if isinstance(one, Revision):
-                is_newest = abs(one.path[-1, 0] - self._last[0]) < SAME_S
+                is_newest = len(one.path) > 0 and abs(one.path[-1, 0] - self._last[0]) < SAME_S
                 self._last = one.path[-1] if is_newest else np.full(4, np.nan)
                 judged.append((one, None))
             else:
                 self._measure(np.append(one.t, one.position), continues[one.number])
                 judged.append((one, combine(self._list_reasons(one.pose_cov[:2, :2]))))
         return judged
-
-    def state(self) -> dict[str, Any]:
-        """Return what `resume` needs, as JSON values."""
-        numbers = (self._distance, self._lost_s, self._reach, *self._steepest)
-        return {
-            "begun": self._begun,
-            "last": self._last.tolist(),
-            "numbers": [float(one) for one in numbers],
-            "heights": self._heights.tolist(),
-            "fast": self._fast.tolist(),
-            "strides": self._strides,
-            "axes": self.axes.state(),
-        }
-
-    def resume(self, state: Mapping[str, Any]) -> None:
-        """Go on where another verdict on the same walk was."""
-        self._begun = None if state["begun"] is None else float(state["begun"])
-        self._last = np.array(state["last"], dtype=float).reshape(4)
-        self._distance, self._lost_s, self._reach, rate, when = map(float, state["numbers"])
-        self._steepest = rate, when
-        self._fast = np.array(state["fast"], dtype=float).reshape(-1, 3)
-        self._heights = np.array(state["heights"], dtype=float).reshape(-1, 2)
-        self._strides = int(state["strides"])
-        self.axes.resume(state["axes"])
 
     def _measure(self, now: Floats, continues: bool) -> None:
         """Measure the stride to a footfall, of which t, east, north, up (4,) are given."""
@@ -336,13 +310,11 @@ class StreamOptions:
     """How a source is followed."""
 
     online: OnlineOptions | PocketOptions = field(default_factory=OnlineOptions)
-    checkpoint: Path | None = None  # File to save the walk in, and to resume it from if it is there.
-    checkpoint_s: float = 10.0  # Between two saves.
     stalled_s: float = 5.0  # Silence after which it is remarked that the source stalls.
     until_silent_s: float | None = None  # Silence after which the walk ends; None to wait for ever.
     calibration: Calibration | None = None  # To apply.
     mag_axes: MagAxes | None = None  # Of the magnetometer in those of the gyroscope; None for the same.
-    columns: Columns | None = None  # Of rows without a header, which a checkpoint must share.
+    columns: Columns | None = None  # Of rows without a header.
     background: bool = False  # Whether the walk is solved again in another process.
 
     @property
@@ -358,11 +330,12 @@ def follow_source(
     remark: Say,
     stop: threading.Event | None = None,
     watcher: ListenerProcess | None = None,
+    record: Record | None = None,
 ) -> Navigator:
     """Follow a source to its end; return the navigator, closed, with the whole walk.
 
-    Raises `FormatError`, `RecordingError`, `EstimationError` if the rows are of another format or unit, or a checkpoint
-    cannot be resumed.
+    Raises `FormatError`, `RecordingError`, `EstimationError` if the rows are of another format or unit, or the walk of
+    the record cannot be resumed.
 
     Parameters
     ----------
@@ -370,94 +343,109 @@ def follow_source(
     remark : called with a sentence for people about what is odd.
     stop : ends the walk when it is set.
     watcher : sent the status between footfalls; None without.
+    record : what comes and what is given is recorded there, and its walk goes on; None without.
     """
-    checkpoint = None if options.checkpoint is None else Checkpoint(options.checkpoint)
-    with nullcontext() if checkpoint is None else checkpoint.hold():
-        # the walk, new or resumed
-        navigator = _open_navigator(options, checkpoint, remark)
-        status = None if watcher is None else StatusReporter(watcher)
-        walk = FollowedWalk(navigator, options, checkpoint, emit, remark, status)
-        if navigator.footfalls:  # its path, for clients that have not seen it
-            table = navigator.smoothed()
-            path = np.column_stack([table.t, table.position])[thin_rows(len(table))]
-            walk.emit_lines([(Revision(float(table.t[-1]), 0.0, (), path), None)])
-        if navigator.source.get("header") and options.checkpoint is not None:
-            with report_damaged(options.checkpoint):
-                source.resume(navigator.source["header"])
-        # the source, to its end
-        silence = Silence(source.name, options.stalled_s, options.until_silent_s, remark)
-        while not (stop is not None and stop.is_set()):
-            rows = source.read(WAIT_S)
-            if rows is None or silence.is_over(len(rows)):
-                break
-            walk.add(rows, source.header)
-            walk.show_status(source.lost)
-        walk.add(source.finish(), source.header)
-        walk.end(source.lost)
-    return navigator
-
-
-def _open_navigator(options: StreamOptions, checkpoint: Checkpoint | None, remark: Say) -> Navigator:
-    path, axes = options.checkpoint, options.mag_axes
-    given = {"calibration": to_json(options.calibration), "columns": to_json(options.columns)}
-    given["mag_axes"] = None if axes is None else str(axes)
-    if path is None or checkpoint is None or not path.exists():
-        navigator = begin_walk(options.online, remark, background=options.background)
-        navigator.source |= given
-        return navigator
-    navigator = checkpoint.resume(options.online, remark, background=options.background)
-    changed = {"calibration": "another calibration", "columns": "other --columns", "mag_axes": "other --mag-axes"}
-    for key, words in changed.items():
-        if navigator.source.get(key) != given[key]:
-            raise EstimationError(f"{path.name} was made with {words}: give the same, or name another.")
-    rows = "strides" if isinstance(options.online, PocketOptions) else "stances"
-    remark(f"resumed from {path.name}: {len(navigator.footfalls)} {rows}, {navigator.buffer.stop} samples.")
-    return navigator
+    status = None if watcher is None else StatusReporter(watcher)
+    walk = FollowedWalk.begin(options, emit, remark, status, record)
+    if record is not None and record.given is not None:
+        walk.replay(record)
+        if record.header is not None:
+            source.resume(record.header)
+    # The source, to its end.
+    silence = Silence(source.name, options.stalled_s, options.until_silent_s, remark)
+    while not (stop is not None and stop.is_set()):
+        rows = source.read(WAIT_S)
+        if rows is None or silence.is_over(len(rows)):
+            break
+        walk.add(rows, source.header)
+        walk.show_status(source.lost)
+    walk.add(source.finish(), source.header, at_end=True)
+    walk.end(source.lost)
+    return walk.navigator
 
 
 class FollowedWalk:
-    """Gives samples to the navigator, emits the lines of its estimates, and saves the walk in its checkpoint.
+    """Gives samples to the navigator, and emits the lines of its estimates; both are recorded first, if at all.
 
-    Arguments are as of `follow_source`; the checkpoint is held, the status reported if somebody may watch.
+    Arguments are as of `follow_source`; the status is reported if somebody may watch.
     """
 
     def __init__(
         self,
         navigator: Navigator,
         options: StreamOptions,
-        checkpoint: Checkpoint | None,
         emit: Say,
         remark: Say,
         status: StatusReporter | None = None,
+        record: Record | None = None,
     ) -> None:
-        self._checkpoint, self._navigator, self._options = checkpoint, navigator, options
-        self._emit, self._remark, self._status, self._unsaved = emit, remark, status, False
-        self._races, self._due = navigator.races, time.monotonic() + options.checkpoint_s
-        self._check = SourceCheck("pocket" if isinstance(options.online, PocketOptions) else "foot", remark)
+        self.navigator, self._options, self._record = navigator, options, record
+        self._emit, self._remark, self._status, self.is_replayed = emit, remark, status, False
         in_pocket = isinstance(options.online, PocketOptions)
-        self._verdict = LineVerdict(in_pocket, remark, not navigator.footfalls, options.rate_sigma)
+        self._check = SourceCheck("pocket" if in_pocket else "foot", remark)
+        self._verdict = LineVerdict(in_pocket, remark, options.rate_sigma)
         self.losses = LossCounter(remark)
-        # what a checkpoint keeps beside the navigator
-        self._parts: dict[str, SourceCheck | LineVerdict | LossCounter] = {
-            "check": self._check,
-            "verdict": self._verdict,
-            "losses": self.losses,
-        }
-        with nullcontext() if options.checkpoint is None else report_damaged(options.checkpoint):
-            for name, part in self._parts.items():
-                if name in navigator.source:
-                    part.resume(navigator.source[name])
-        self._saving: threading.Thread | None = None
 
-    def add(self, rows: Floats, header: list[str] | None) -> None:
-        """Calibrate and push rows (n, 11), emit the lines that they complete, save if due; `header` names columns."""
+    @classmethod
+    def begin(
+        cls,
+        options: StreamOptions,
+        emit: Say,
+        remark: Say,
+        status: StatusReporter | None = None,
+        record: Record | None = None,
+    ) -> FollowedWalk:
+        """Return a walk with a navigator of its own; what is remarked while it is replayed was said before."""
+
+        def remark_new(words: str) -> None:
+            if not walk.is_replayed:
+                remark(words)
+
+        navigator = begin_walk(options.online, remark_new, background=options.background)
+        walk = cls(navigator, options, emit, remark_new, status, record)
+        if record is not None:
+            record.begin(
+                {
+                    "version": find_version(),
+                    "options": options.online,
+                    "calibration": options.calibration,
+                    "columns": options.columns,
+                    "mag_axes": None if options.mag_axes is None else str(options.mag_axes),
+                }
+            )
+        return walk
+
+    def replay(self, record: Record) -> None:
+        """Bring the walk to where its record ends, and emit its past, and the lines that were not given yet."""
+        assert record.given is not None
+        self.is_replayed = True
+        self.navigator.resume(record.given)
+        self._verdict.judge(record.given.lines, record.given.continues)
+        for number, part in enumerate(record.replay()):
+            if number:
+                self.navigator.judge.resume()
+            for start in range(0, len(part), REPLAYED):
+                self._push(part[start : start + REPLAYED])
+        self.report(self.navigator.end_replay())
+        self.is_replayed = False
+        name, walked = record.path.name, "strides" if isinstance(self._options.online, PocketOptions) else "stances"
+        n_footfalls, n_samples = len(self.navigator.footfalls), self.navigator.buffer.stop
+        self._remark(f"resumed from {name}: {n_footfalls} {walked}, {n_samples} samples.")
+
+    def add(self, rows: Floats, header: list[str] | None, at_end: bool = False) -> None:
+        """Record and push rows (n, 11), and emit the lines that they complete; `header` names their columns."""
         if self._status is not None:
             self._status.count_samples(len(rows))
+        if self._record is not None:
+            rows = self._record.add(rows, header, at_end)
+            if self._record.is_interrupted:
+                self.navigator.judge.resume()
+        self._push(rows)
+
+    def _push(self, rows: Floats) -> None:
         if not len(rows):
             return
         self._check.add(rows)
-        self._navigator.source["header"] = header
-        overlap = self._navigator.judge.overlap
         # Axes and calibration are applied as to a recording (`fg_nav.walk`).
         acc, mag, found = rows[:, 1:4], rows[:, 7:10], self._options.calibration
         if self._options.mag_axes is not None:
@@ -467,78 +455,43 @@ class FollowedWalk:
         if found is not None and found.accelerometer is not None:
             acc = found.accelerometer.correct(acc)
         field = mag if self._options.online.use_field else None
-        made = self._navigator.push(rows[:, 0], acc, rows[:, 4:7], field, rows[:, 10])
-        self.losses.add(rows[:, 0], overlap)
-        self._verdict.axes.look_at(self._navigator.buffer)
-        judged = self._judge(made)
-        # What depends on the machine's speed is saved before it is sent, once the last save is done.
-        raced = self._navigator.races != self._races and self._due < np.inf
-        if self._checkpoint is not None and (raced or time.monotonic() >= self._due):
-            self._save(self._checkpoint)
-        self.emit_lines(judged)
+        made = self.navigator.push(rows[:, 0], acc, rows[:, 4:7], field, rows[:, 10])
+        self.losses.add(rows[:, 0])
+        self._verdict.axes.look_at(self.navigator.buffer)
+        self.report(made)
 
     def end(self, lost_datagrams: int) -> None:
-        """Save and end the walk, and emit its last lines; `lost_datagrams` as the source counted them."""
+        """End the walk, and emit its last lines; `lost_datagrams` as the source counted them."""
         self.count_losses(lost_datagrams)
-        if self._checkpoint is not None:
-            self._save(self._checkpoint)
-            if self._saving is not None:
-                self._saving.join()
-        self.report(self._navigator.close())
+        self.report(self.navigator.close())
         self.show_status(lost_datagrams, ended=True)
 
     def count_losses(self, lost_datagrams: int) -> None:
         """Count what was lost in all, and remark it."""
         self.losses.finish()
-        self._navigator.source["lost"] = lost = self.losses.report(lost_datagrams)
+        self.navigator.lost = lost = self.losses.report(lost_datagrams)
         for words in describe_losses(lost):
             self._remark(f"{words}.")
 
     def report(self, made: Sequence[StanceEstimate | Revision]) -> None:
-        """Judge what the navigator made, and emit its lines."""
-        self.emit_lines(self._judge(made))
-
-    def _judge(self, made: Sequence[StanceEstimate | Revision]) -> list[Judged]:
+        """Judge what the navigator made, and emit its lines once they are recorded."""
         if self._options.rate_sigma > 0.0:
             made = [one if isinstance(one, Revision) else one.widen(self._options.rate_sigma) for one in made]
-        return self._verdict.judge(made, self._navigator.reported_continues)
+        continues, lines = self.navigator.reported_continues, list[tuple[str, bool]]()
+        for one, verdict in self._verdict.judge(made, continues):
+            if isinstance(one, Revision):
+                lines += [(line, False) for line in format_revision(one)]
+            else:
+                line = format_estimate(one, continues[one.number], self.navigator.judge.sensor_time, verdict)
+                lines.append((line, True))
+        if self._record is not None:
+            self._record.add_lines([line for line, _ in lines])
+        for line, is_of_now in lines:
+            self._emit(line)
+            if is_of_now and self._status is not None:
+                self._status.note_line()
 
     def show_status(self, lost_datagrams: int, ended: bool = False) -> None:
         """Send the status between footfalls."""
         if self._status is not None:
-            self._status.report(lambda: describe_walk(self._navigator), self.losses.report(lost_datagrams), ended)
-
-    def emit_lines(self, found: Sequence[Judged]) -> None:
-        """Emit the JSON lines of estimates, each with its verdict, and of revisions."""
-        for one, verdict in found:
-            if isinstance(one, Revision):
-                for line in format_revision(one):
-                    self._emit(line)
-            else:
-                continues = self._navigator.reported_continues[one.number]
-                self._emit(format_estimate(one, continues, self._navigator.judge.sensor_time, verdict))
-                if self._status is not None:
-                    self._status.note_line()
-
-    def _save(self, checkpoint: Checkpoint) -> None:
-        """Save in a thread: only what is collected holds the walk up."""
-        if self._saving is not None:
-            self._saving.join()
-        self._navigator.source |= {name: part.state() for name, part in self._parts.items()}
-        snapshot, self._races = checkpoint.collect(self._navigator), self._navigator.races
-        self._saving = threading.Thread(target=self._write, args=(snapshot, checkpoint))
-        self._due = np.inf
-        self._saving.start()
-
-    def _write(self, snapshot: Snapshot, checkpoint: Checkpoint) -> None:
-        began = time.monotonic()
-        try:
-            checkpoint.write(snapshot)
-            self._unsaved = False
-        except FgNavError as error:  # the walk goes on, disk full or not
-            if not self._unsaved:
-                self._remark(str(error))
-            self._unsaved = True
-        finally:
-            took = time.monotonic() - began
-            self._due = time.monotonic() + max(self._options.checkpoint_s, took / SAVING_SHARE)
+            self._status.report(lambda: describe_walk(self.navigator), self.losses.report(lost_datagrams), ended)

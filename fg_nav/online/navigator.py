@@ -14,10 +14,11 @@ With a lag the samples are discarded once no stride needs them, and the path is 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, replace
 from time import perf_counter
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
@@ -32,7 +33,7 @@ from fg_nav.online.buffer import COLUMNS, OnlineOptions, SampleBuffer, as_record
 from fg_nav.online.estimates import Revision, StanceEstimate, StrapdownPath, select_rows
 from fg_nav.online.resolve import WalkSolver, measure_online_field
 from fg_nav.online.sample_filter import SampleFilter
-from fg_nav.online.smoother import OnlineSmoother, SmootherState
+from fg_nav.online.smoother import OnlineSmoother
 from fg_nav.online.unit_monitor import UnitMonitor
 from fg_nav.recording import MIN_SAMPLES, Recording
 from fg_nav.smoother import smooth
@@ -44,11 +45,13 @@ from fg_nav.stances import Stances
 
 if TYPE_CHECKING:
     from fg_nav.online.pocket import PocketNavigator
+    from fg_nav.online.record import GivenLines
 
 METHOD = "online"
 
 SolverMaker: TypeAlias = Callable[[SampleBuffer], Solver]
 
+SAME_S = 1e-6  # Stamps of a line and of its footfall differ by the digits of a line.
 MAX_FREE_S = 3.0  # A stride and the wait for its footfall; a free strapdown is metres off by then.
 NO_ROWS = np.empty((0, COLUMNS))
 
@@ -56,14 +59,12 @@ NO_ROWS = np.empty((0, COLUMNS))
 class SampleIntake(ABC):
     """Navigates by samples in blocks of any size.
 
-    `judge` filters them, `units` are those they are in; `source` is what a checkpoint keeps of the source, as JSON.
+    `judge` filters them, `units` are those they are in; `lost` is what was lost on the way, as its follower counted.
     """
 
-    def __init__(self, remark: Callable[[str], None], judge: SampleFilter | None) -> None:
-        self.buffer = SampleBuffer()
-        self.judge = SampleFilter(remark) if judge is None else judge
-        self.units = UnitMonitor(remark)
-        self.source: dict[str, Any] = {}
+    def __init__(self, remark: Callable[[str], None]) -> None:
+        self.buffer, self.judge, self.units = SampleBuffer(), SampleFilter(remark), UnitMonitor(remark)
+        self.lost: Mapping[str, int] = {}
         self.has_ended, self._busy_s = False, 0.0
 
     def push(
@@ -93,6 +94,17 @@ class SampleIntake(ABC):
         self._busy_s += perf_counter() - began
         return found
 
+    @abstractmethod
+    def resume(self, given: GivenLines) -> None:
+        """Go on with a walk that gave these lines: its samples are pushed once more, up to `end_replay`.
+
+        `push` then returns what was not given yet.
+        """
+
+    @abstractmethod
+    def end_replay(self) -> list[StanceEstimate | Revision]:
+        """Return what a resumed walk takes back of its lines, with its past, once its samples are there again."""
+
     @property
     def notes(self) -> tuple[str, ...]:
         """What was left out or odd, in words."""
@@ -101,7 +113,6 @@ class SampleIntake(ABC):
     def _accept(self, sent: Floats = NO_ROWS, at_end: bool = False) -> Floats:
         """Return the rows (m, 12) to use, of `sent` (n, 11) and of those held; `at_end` none is held any more."""
         rows = self.units.accept(sent, at_end)
-        self.source["units"] = self.units.state()
         rows = self.judge.accept(rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:10], rows[:, 10])
         return np.concatenate([rows, self.judge.flush()]) if at_end else rows
 
@@ -115,20 +126,6 @@ class SampleIntake(ABC):
         return as_recording(rows, use_mag and bool(np.isfinite(rows[:, 7:10]).all(axis=1).any()))
 
 
-@dataclass(frozen=True)
-class NavigatorState:
-    """All that a navigator needs to go on behind the sample before `stop`, immutable."""
-
-    stop: int
-    smoother: SmootherState
-    stances: CausalStances
-    handed: int  # Number of samples that the smoother has.
-    waits: bool  # Whether it was remarked that the walk does not begin yet,
-    warned: bool  # and that the axes of the magnetometer are wrong.
-    has_ended: bool
-    busy_s: float
-
-
 class OnlineNavigator(SampleIntake):
     """Navigates while samples come in."""
 
@@ -137,7 +134,6 @@ class OnlineNavigator(SampleIntake):
         options: OnlineOptions = OnlineOptions(),
         remark: Callable[[str], None] = lambda words: None,
         detection: CausalParameters = CausalParameters(),
-        judge: SampleFilter | None = None,
         background: bool = False,
         solver: SolverMaker | None = None,
     ) -> None:
@@ -147,11 +143,10 @@ class OnlineNavigator(SampleIntake):
         ----------
         options, detection : of the smoother, and of footfalls.
         remark : given, in a sentence, what is odd about the samples; once for each kind of oddity.
-        judge : of the samples, where a walk is resumed.
         background : whether it is solved again in another process, so that no footfall waits for that.
         solver : makes the solver of the whole walk, of its samples; None for the walk of one foot.
         """
-        super().__init__(remark, judge)
+        super().__init__(remark)
         self.options, self.detection = options, detection
         self._stances = CausalStances(detection)
         self._solver: Solver = WalkSolver(options, detection.stance, self.buffer)
@@ -162,6 +157,8 @@ class OnlineNavigator(SampleIntake):
         self.smoother = OnlineSmoother(options, self.buffer, detection.stance, self._solver)
         self._remark, self._waits, self._warned = remark, False, False
         self._handed = 0
+        self._given: GivenLines | None = None  # While a walk that was resumed comes again,
+        self._open: deque[StanceEstimate] = deque()  # those of its lines whose footfalls are still to come.
 
     @property
     def footfalls(self) -> list[Footfall]:
@@ -297,35 +294,15 @@ class OnlineNavigator(SampleIntake):
         initial = self.smoother.initial
         return () if initial is None else initial.returns
 
-    @property
-    def races(self) -> int:
-        """Number of outputs that depended on solver timing."""
-        return self.smoother.schedule.races
+    def resume(self, given: GivenLines) -> None:
+        """See `SampleIntake`."""
+        self._given, self._open = given, deque(given.estimates)
+        self.smoother.schedule.solver.start()
 
-    @property
-    def takeovers(self) -> tuple[int, ...]:
-        """Lines before which a background solution took effect, since the newest window began."""
-        return tuple(self.smoother.schedule.taken)
-
-    def state(self) -> NavigatorState:
-        """Return what `resume` needs, of a walk that has begun: a copy of some ten seconds, and of nothing longer."""
-        words = self._waits, self._warned, self.has_ended
-        stances = self._stances.copy()
-        return NavigatorState(self.buffer.stop, self.smoother.state(), stances, self._handed, *words, self._busy_s)
-
-    def resume(self, state: NavigatorState, takeovers: Sequence[int] = (), n_reported: int = 0) -> None:
-        """Go on where another navigator was, whose samples are in the buffer, as far as they were not discarded.
-
-        It had reported `n_reported` lines, and solutions had taken effect before the lines `takeovers` since; the
-        same happens here when the samples behind the state are added again.
-        """
-        schedule = self.smoother.schedule
-        schedule.recorded, schedule.recorded_until = frozenset(takeovers), n_reported
-        self.smoother.resume(state.smoother)
-        self._stances, self._handed, self._busy_s = state.stances.copy(), state.handed, state.busy_s
-        self._waits, self._warned, self.has_ended = state.waits, state.warned, state.has_ended
-        if self.has_ended:
-            self.abandon()
+    def end_replay(self) -> list[StanceEstimate | Revision]:
+        """See `SampleIntake`."""
+        self._pass_given(np.inf)
+        return self._solve_given()
 
     def causal(self) -> StanceTable:
         """Return one row an estimate, as it was reported."""
@@ -364,7 +341,6 @@ class OnlineNavigator(SampleIntake):
 
     def _add(self, footfall: Footfall) -> list[StanceEstimate | Revision]:
         """Add a footfall, and the samples up to one behind it, to the smoother; return its estimate and revisions."""
-        footfall = replace(footfall, continues=footfall.continues and self.smoother.n_reported > 0)
         until = min(max(int(footfall.stop[-1]) + 1, MIN_SAMPLES), self.buffer.stop)
         # One that ends with the last of these samples is cut one before it.
         stop = np.minimum(footfall.stop, until - 1)
@@ -376,12 +352,36 @@ class OnlineNavigator(SampleIntake):
             threshold=footfall.threshold[inside],
             stillest=min(footfall.stillest, until - 2),
         )
-        found = self.smoother.add_footfall(footfall, until, self._stances.seen)
-        self._handed = until
+        self._handed, found = until, list[StanceEstimate | Revision]()
+        if self._given is not None:
+            # Of a resumed walk: one whose line was given, or the first behind these.
+            t = self.buffer.stamp(footfall.stillest)
+            self._pass_given(t - SAME_S)
+            if self._open:
+                self._pass_given(t + SAME_S, footfall, until)
+                return [] if self._open else self._solve_given()
+            found = self._solve_given()
+        footfall = replace(footfall, continues=footfall.continues and self.smoother.n_reported > 0)
+        found += self.smoother.add_footfall(footfall, until, self._stances.seen)
         if self.smoother.wrong_axes is not None and not self._warned:
             self._remark(self.smoother.wrong_axes.warning)
             self._warned = True
         return found
+
+    def _pass_given(self, t: float, footfall: Footfall | None = None, until: int = 0) -> None:
+        """Pass the given lines up to a stamp, s, on to the smoother: with their footfall, or as those of none."""
+        while self._given is not None and self._open and self._open[0].t < t:
+            line = self._open.popleft()
+            continues = self._given.continues[line.number]
+            is_gone = footfall is None or line.number in self._given.retracted
+            self.smoother.add_given(line, continues, None if is_gone else footfall, until)
+
+    def _solve_given(self) -> list[StanceEstimate | Revision]:
+        """Solve the walk whose lines were given; return its past, and which of them have no footfall."""
+        given, self._given = self._given, None
+        if given is None or not given.estimates:
+            return []
+        return [self.smoother.solve_given(given)]
 
 
 def finish_walk(

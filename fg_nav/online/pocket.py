@@ -20,7 +20,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from time import perf_counter
-from typing import ClassVar, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, ClassVar, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -32,7 +32,6 @@ from fg_nav.magnetic.axes import align_magnetometer
 from fg_nav.online.buffer import OnlineOptions
 from fg_nav.online.estimates import TURNED_RAD, Revision, StanceEstimate, StrapdownPath, build_table, thin_rows
 from fg_nav.online.navigator import METHOD, OnlineNavigator, SampleIntake
-from fg_nav.online.sample_filter import SampleFilter
 from fg_nav.pocket.dead_reckoning import (
     MOUNTING_SIGMA_DEG,
     STEP_HEADING_SIGMA_DEG,
@@ -55,6 +54,9 @@ from fg_nav.pocket.steps import Steps
 from fg_nav.pocket.track import STILL_S, choose_start
 from fg_nav.recording import MAX_GAP_S, MIN_SAMPLES, Recording
 from fg_nav.solution import Return, Solution, StanceTable
+
+if TYPE_CHECKING:
+    from fg_nav.online.record import GivenLines
 
 BLOCK_S = 0.25  # Orientation and steps are found so often, s: twice a step.
 AXIS_SIGMA_DEG = 8.0  # Of the axis of the swing, by one stride; it falls with the root of their number.
@@ -86,17 +88,15 @@ class PocketNavigator(SampleIntake):
 
     detection = CausalParameters()
     floor: None = None  # A pocket has no heights,
-    returns: tuple[Return, ...] = ()  # its path is not compared with itself,
-    races, takeovers = 0, tuple[int, ...]()  # and nothing is solved in the background.
+    returns: tuple[Return, ...] = ()  # and its path is not compared with itself.
 
     def __init__(
         self,
         options: PocketOptions = PocketOptions(),
         remark: Callable[[str], None] = lambda words: None,
-        judge: SampleFilter | None = None,
     ) -> None:
         """`remark` is given, in a sentence, what is odd about the samples; once for each kind of oddity."""
-        super().__init__(remark, judge)
+        super().__init__(remark)
         self.options, constant = options, options.step_constant_m
         self._step_length = StepLength() if constant is None else use_step_constant(constant)
         self.footfalls: list[Footfall] = []
@@ -105,10 +105,28 @@ class PocketNavigator(SampleIntake):
         self._reported: list[StanceEstimate] = []
         self._n_steps: list[int] = []  # until each line
         self._directions = np.empty((0, 2))  # of the steps, in the map of the last line
+        self._given: list[StanceEstimate] = []  # of a resumed walk, lines that were given and not taken back
+        self._gone = 0  # lines that were
 
     def _add_rows(self, rows: Floats) -> list[StanceEstimate | Revision]:
         self.buffer.append(rows)
         return self._add_blocks(at_end=False)
+
+    def resume(self, given: GivenLines) -> None:
+        """See `SampleIntake`: the same samples make the same lines, which are then left out."""
+        self._given = [one for one in given.estimates if one.number not in given.retracted]
+        self._gone = len(given.estimates) - len(self._given)
+
+    def end_replay(self) -> list[StanceEstimate | Revision]:
+        """See `SampleIntake`: what was made of the end of the samples is taken back."""
+        lost = [(one.number, one.t) for one in self._given[len(self._reported) :]]
+        self._gone += len(lost)
+        self._given = self._given[: len(self._reported)]
+        if not self._reported:
+            return [Revision(lost[-1][1], 0.0, tuple(lost), np.empty((0, 4)))] if lost else []
+        table = self.smoothed()
+        path = np.column_stack([table.t, table.position])[thin_rows(len(table))]
+        return [Revision(float(table.t[-1]), 0.0, tuple(lost), path)]
 
     def close(self) -> list[StanceEstimate | Revision]:
         """End the walk and return the estimates of the strides that were still open."""
@@ -122,7 +140,7 @@ class PocketNavigator(SampleIntake):
     @property
     def reported_continues(self) -> Sequence[bool]:
         """Which lines are further pieces of a standing: none."""
-        return [False] * len(self._reported)
+        return [False] * (len(self._reported) + self._gone)
 
     @property
     def stands(self) -> bool:
@@ -253,13 +271,14 @@ class PocketNavigator(SampleIntake):
             path = np.column_stack([[self._reported[k].t for k in thinned], so_far.path.position[at]])
             revised = [Revision(self._reported[-1].t, turn, (), path)]
         # The estimates, each with a footfall at the end of its stride.
-        found = [self._make_estimate(len(self._reported) + k, end, so_far) for k, end in enumerate(ends)]
+        known = len(self._given) - len(self._reported)
+        found = [self._make_estimate(len(self._reported) + self._gone + k, end, so_far) for k, end in enumerate(ends)]
         for end in ends:
             interval = np.array([end.sample]), np.array([end.sample + 1])
             self.footfalls.append(Footfall(*interval, np.ones(1), end.sample, continues=False))
         self._n_steps += [end.steps for end in ends]
         self._reported += found
-        return [*revised, *found]
+        return [*revised, *found] if known <= 0 else [*found[known:]]
 
     def _make_estimate(self, number: int, end: StrideEnd, so_far: _PathSoFar) -> StanceEstimate:
         assert self._thigh is not None
@@ -299,13 +318,12 @@ def begin_walk(
     options: OnlineOptions | PocketOptions,
     remark: Callable[[str], None],
     detection: CausalParameters = CausalParameters(),
-    judge: SampleFilter | None = None,
     background: bool = False,
 ) -> Navigator:
     """Return the navigator of a new walk, on a foot or in a pocket; arguments as of `OnlineNavigator`."""
     if isinstance(options, PocketOptions):
-        return PocketNavigator(options, remark, judge)
-    return OnlineNavigator(options, remark, detection, judge, background)
+        return PocketNavigator(options, remark)
+    return OnlineNavigator(options, remark, detection, background)
 
 
 def compute_stride_headings(table: StanceTable) -> Floats:

@@ -1,218 +1,316 @@
-"""The raw samples of a stream, written as they come: canonical CSV, as `fg-nav run` reads it, exact to the last bit.
+"""The record of a stream, from which a walk that was killed goes on: its samples as they came, and the lines it gave.
 
-Before calibration, and before anything is left out or set on. A thread writes once a second what has come since; what
-cannot be written, because the disk is full, waits and is tried again. An older file that is to be replaced stays as it
-is until the first sample is there. A walk that is resumed goes on in its file, without what is in it already.
+=============== ======================================================================================================
+FILE            the samples as canonical CSV, as `fg-nav run` reads it, exact to the last bit: before calibration, and
+                before anything is left out or set on
+FILE.lines      the lines as they were given, those of a block of samples in one JSON array a line, so that it is whole
+                or not there; among them `walk` (version and options; at the start and at each resume, with the number
+                of samples before) and `header` (columns of the source)
+=============== ======================================================================================================
+
+Samples are written before the lines that they complete, and these before anybody is given them, in one write for each
+block of samples: killed anywhere, no line is lost or given twice. (A line that is written and not printed yet when the
+process dies, some microseconds, is in FILE.lines alone.) What was cut off at the end of a file is cut away. What cannot
+be written, because the disk is full, waits and is tried again, and the walk goes on.
+
+Replayed, the samples bring everything that judges them to where it was; the lines say which footfalls were given, where
+and in which map.
 """
 
 from __future__ import annotations
 
+import json
 import os
-import threading
+import time
 from collections import deque
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, closing, suppress
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.columns.mapping import CANONICAL
-from fg_nav.errors import FgNavError, FormatError, OutputError, describe_reason
+from fg_nav.errors import EstimationError, FormatError, OutputError, describe_reason
 from fg_nav.io.content import read_content
 from fg_nav.io.formats import FORMATS
 from fg_nav.io.writing import format_rows
 from fg_nav.online.buffer import COLUMNS, rows_of
-from fg_nav.online.overlap import TAIL, Overlap
-from fg_nav.online.rows import Columns
-from fg_nav.online.sources import SampleSource, open_samples
+from fg_nav.online.estimates import Revision, StanceEstimate, parse_estimate
+from fg_nav.online.overlap import Overlap
 from fg_nav.system.processes import lock
+from fg_nav.text import format_count, to_json
 
-WRITE_S = 1.0  # between two writes
-MAX_WAITING = 500_000  # samples that wait for a disk with room, twenty minutes at 400 Hz; the oldest are dropped first
-PART = 5000  # samples that are written at once, in some hundredths of a second
+RETRY_S = 1.0  # Between two attempts to write on a disk without room.
+MAX_WAITING = 500_000  # Rows that wait for it, twenty minutes at 400 Hz; the oldest are dropped first.
 HEADER = ",".join(CANONICAL) + "\n"
+LINES = ".lines"  # Behind the name of the record.
+WORDS = {  # For what must be the same where a walk is resumed.
+    "version": "another version of fg-nav",
+    "options": "other options",
+    "calibration": "another calibration",
+    "columns": "other --columns",
+    "mag_axes": "other --mag-axes",
+}
+WALK, COLUMN_NAMES = "walk", "header"  # Kinds of entries that are no lines of the walk.
 
 
-class Recorder:
-    """Writes samples into a file.
+@dataclass(frozen=True)
+class GivenLines:
+    """The lines that a walk gave before it was interrupted, as estimates and revisions in their order.
 
-    Raises `OutputError` if the file is there already and is not to be continued or replaced, or cannot be opened, and
-    `FormatError` if it is to be continued and is none of ours.
+    `estimates` are those of footfalls, by number, `turns` (rad, clockwise) by how much the map turned since each.
+    """
+
+    lines: tuple[StanceEstimate | Revision, ...]
+    estimates: tuple[StanceEstimate, ...]
+    turns: tuple[float, ...]
+    continues: tuple[bool, ...]
+    retracted: frozenset[int]
+
+    @classmethod
+    def parse(cls, entries: Sequence[Mapping[str, Any]]) -> GivenLines:
+        """Return those of the entries of a file of lines; raises `ValueError`, `KeyError`, `TypeError` for others."""
+        lines, estimates, continues = list[StanceEstimate | Revision](), list[StanceEstimate](), list[bool]()
+        turns, turned, retracted, gone = list[float](), 0.0, set[int](), list[tuple[int, float]]()
+        for entry in entries:
+            match entry["kind"]:
+                case "now":
+                    if entry["stance"] != len(estimates):
+                        raise ValueError("the lines are not in order")
+                    estimates.append(parse_estimate(entry))
+                    lines.append(estimates[-1])
+                    continues.append(bool(entry["continues"]))
+                    turns.append(0.0)
+                case "turned":
+                    turned = float(np.radians(entry["angle_deg"]))
+                    turns = [turn + turned for turn in turns]
+                case "retracted":
+                    gone.append((int(entry["stance"]), float(entry["stance_t"])))
+                case "revised":
+                    path = np.array(entry["path"], dtype=np.float64).reshape(-1, 4)
+                    lines.append(Revision(float(entry["t"]), turned, tuple(gone), path))
+                    retracted.update(number for number, _ in gone)
+                    turned, gone = 0.0, []
+        return cls(tuple(lines), tuple(estimates), tuple(turns), tuple(continues), frozenset(retracted))
+
+
+class Record:
+    """The files of a record, open and locked.
+
+    Raises `OutputError` if they are there already and are neither gone on with nor replaced, or cannot be opened, and
+    `FormatError` if they are to be gone on with and are none of ours.
 
     Parameters
     ----------
-    goes_on : whether an older file is that of the same walk, and is continued.
-    force : whether another older file is replaced.
-    remark : called with a sentence if the file cannot be written, and when it can again.
+    resumes : whether the walk of an older record goes on.
+    force : whether an older record is replaced otherwise; it stays as it is until the first sample is there.
+    remark : called with a sentence if a file cannot be written, and when it can again.
+
+    Attributes
+    ----------
+    rows : (n, 11) samples that are recorded already.
+    given : the lines that were given; None of a new walk.
+    header : names of the columns of the source, None before they are known.
+    is_interrupted : whether an unknown time lies before the samples that `add` returned last: where a walk is resumed
+        and its source did not begin again.
     """
 
-    def __init__(self, path: Path, goes_on: bool, force: bool, remark: Callable[[str], None]) -> None:
-        self._path, self._remark = path, remark
-        self._overlap = Overlap([], [(0, 0.0)], [], np.empty((0, COLUMNS)), np.empty((0, COLUMNS)))
+    def __init__(self, path: Path, resumes: bool, force: bool, remark: Callable[[str], None]) -> None:
+        self.path, self._remark = path, remark
         is_old = path.is_file() and path.stat().st_size > 0
-        if is_old and not goes_on and not force:
-            raise OutputError(f"{path} is there already: name another file to record into, or replace it by --force.")
+        if is_old and not (resumes or force):
+            raise OutputError(
+                f"{path} is there already: go on with it by --resume, replace it by --force, or name another file."
+            )
+        self.rows = np.empty((0, COLUMNS))
+        self.given: GivenLines | None = None
+        self.header: list[str] | None = None
+        self._walks: list[dict[str, Any]] = []
+        with ExitStack() as opened:
+            self._samples, self._lines = (
+                opened.enter_context(closing(_AppendedFile(path.with_name(path.name + end), remark)))
+                for end in ("", LINES)
+            )
+            if is_old and resumes:
+                self._read()
+            opened.pop_all()
+        self._about: dict[str, Any] | None = None
+        self.is_interrupted = False
+        self._overlap, self._is_compared = Overlap(self.rows), not len(self.rows)
+
+    def begin(self, about: Mapping[str, Any]) -> None:
+        """Begin or go on with a walk about which is known what `WORDS` name; written with the first new sample.
+
+        Raises `EstimationError` if the record is of another.
+        """
+        self._about = json.loads(json.dumps(to_json(about)))
+        assert self._about is not None
+        for key, value in self._about.items():
+            if self._walks and self._walks[0].get(key) != value:
+                raise EstimationError(
+                    f"{self.path.name} was recorded with {WORDS[key]}: resume it with the same, or name another file."
+                )
+
+    def replay(self) -> Iterator[Floats]:
+        """Yield the recorded samples (n, 11), those between two interruptions together."""
+        yield from np.split(self.rows, [walk["samples"] for walk in self._walks if walk["is_interrupted"]])
+
+    def add(self, rows: Floats, header: list[str] | None, at_end: bool = False) -> Floats:
+        """Record samples (n, 11) of a source; return those that were not recorded before.
+
+        At the end of the source none is held on to find out.
+        """
+        new = self._overlap.select_new(rows, at_end)
+        if self._overlap.is_over and not self._is_compared:
+            self._is_compared = True
+            if self._overlap.left_out:
+                words = format_count(self._overlap.left_out, "sample")
+                self._remark(f"{words} up to the last one in {self.path.name} came again, and are left out.")
+        self.is_interrupted = False
+        if not len(new):
+            return new
+        # What is recorded from here on, and its columns.
+        entries = list[dict[str, Any]]()
+        if self._about is not None:
+            self.is_interrupted = len(self.rows) > 0 and not self._overlap.skips
+            begin = {"kind": WALK, "samples": len(self.rows), "is_interrupted": self.is_interrupted}
+            entries.append({**begin, **self._about})
+            self._about = None
+        if header != self.header:
+            entries.append({"kind": COLUMN_NAMES, "columns": header})
+            self.header = header
+        if entries:
+            self.add_lines([json.dumps(one) for one in entries])
+        text = "".join(format_rows(new, "%r", ",")).replace("nan", "")
+        self._samples.append(text if self._samples.has_content else HEADER + text, len(new))
+        return new
+
+    def add_lines(self, lines: Sequence[str]) -> None:
+        """Record lines before they are given."""
+        if lines:
+            self._lines.append(f"[{', '.join(lines)}]\n", len(lines))
+
+    def close(self) -> None:
+        """Write what waits, and close the files."""
+        for file, what in ((self._samples, "samples"), (self._lines, "lines")):
+            missing = file.close()
+            if missing:
+                self._remark(f"{file.path} lacks {missing} {what} that could not be written.")
+
+    def _read(self) -> None:
+        """Read what is recorded, without what was cut off at its end."""
+        name, begin = self.path.name, self._samples.read(len(HEADER))
+        if not HEADER.encode().startswith(begin):
+            raise FormatError(f"{name} was not recorded by this command: name another file to record into.")
+        self._samples.cut_last_line()
+        with suppress(FormatError):  # it has no samples yet
+            self.rows = rows_of(FORMATS["canonical"].read(read_content(self.path)))
+        if not len(self.rows):
+            return
+        self._lines.cut_last_line()
+        try:
+            text = self._lines.path.read_text(encoding="ascii")
+            entries = [entry for line in text.splitlines() for entry in json.loads(line)]
+            kinds = {kind: [one for one in entries if one["kind"] == kind] for kind in (WALK, COLUMN_NAMES)}
+            self._walks = kinds[WALK]
+            for walk in self._walks:
+                if not walk["samples"] >= 0 or walk["is_interrupted"] not in (True, False):
+                    raise ValueError("this is no beginning of a walk")
+            self.header = [str(one) for one in kinds[COLUMN_NAMES][-1]["columns"]] if kinds[COLUMN_NAMES] else None
+            self.given = GivenLines.parse(entries)
+        except (ValueError, KeyError, TypeError):
+            entries = []
+        if not self._walks or not entries:
+            raise FormatError(
+                f"{self._lines.path} is damaged or not there, and without it the walk of {name} cannot go on: name "
+                "another file to record into."
+            )
+
+
+class _AppendedFile:
+    """A text file that is appended to, open and locked; what it held stays until then, and is replaced if not read."""
+
+    def __init__(self, path: Path, remark: Callable[[str], None]) -> None:
+        self.path, self._remark = path, remark
         try:
             self._file = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
             lock(self._file)
-            self._good = 0
-            if is_old and goes_on:
-                self._reopen()
         except BlockingIOError:
             raise OutputError(f"another stream records into {path}: name another file to record into.") from None
         except OSError as error:
             reason = describe_reason(error)
             raise OutputError(f"{path} cannot be written ({reason}): name another file to record into.") from None
-        self._text = "" if self._good else HEADER
-        self._waiting: deque[Floats] = deque()
+        self._good = 0  # Bytes that are whole.
+        self._waiting: deque[tuple[str, int]] = deque()
         self._count = self._lost = 0
-        self._fails = False
-        self._lock, self._closed = threading.Lock(), threading.Event()
-        self._thread = threading.Thread(target=self._run, daemon=True)
-        self._thread.start()
+        self._retry_at: float | None = None  # While it cannot be written.
 
-    def add(self, rows: Floats) -> None:
-        """Add samples (n, 11), to be written within a second."""
-        self._put(self._overlap.select_new(rows))
+    @property
+    def has_content(self) -> bool:
+        """Whether anything is in it or waits."""
+        return self._good > 0 or bool(self._waiting)
 
-    def close(self) -> None:
-        """Write what waits, and close the file."""
-        self._put(self._overlap.select_new(np.empty((0, COLUMNS)), at_end=True))
-        self._closed.set()
-        self._thread.join()
-        os.close(self._file)
-        if self._lost + self._count:
-            self._remark(f"{self._path} lacks {self._lost + self._count} samples that could not be written.")
+    def read(self, size: int) -> bytes:
+        """Return its first bytes."""
+        return os.pread(self._file, size, 0)
 
-    def _put(self, rows: Floats) -> None:
-        if not len(rows):
-            return
-        with self._lock:
-            self._waiting.append(rows)
-            self._count += len(rows)
-            while self._count > MAX_WAITING:
-                given_up = len(self._waiting.popleft())
-                self._count, self._lost = self._count - given_up, self._lost + given_up
+    def cut_last_line(self) -> None:
+        """Go on behind the last line that has an end."""
+        size = os.fstat(self._file).st_size
+        tail, begin = b"", size
+        while b"\n" not in tail and begin:
+            begin = max(begin - (1 << 16), 0)
+            tail = os.pread(self._file, size - begin, begin)
+        self._good = begin + tail.rfind(b"\n") + 1
+        os.truncate(self._file, self._good)
 
-    def _run(self) -> None:
-        is_over = False
-        while not is_over:
-            is_over = self._closed.wait(WRITE_S)
+    def append(self, text: str, count: int) -> None:
+        """Append text of so many rows, or have it wait."""
+        self._waiting.append((text, count))
+        self._count += count
+        while self._count > MAX_WAITING:
+            _, dropped = self._waiting.popleft()
+            self._count, self._lost = self._count - dropped, self._lost + dropped
+        if self._retry_at is None or time.monotonic() >= self._retry_at:
             self._write_waiting()
 
+    def close(self) -> int:
+        """Write what waits, close it, and return how many rows it lacks."""
+        self._write_waiting()
+        os.close(self._file)
+        return self._lost + self._count
+
     def _write_waiting(self) -> None:
-        """Write what waits, part by part; put back the part with which that fails."""
-        while True:
-            # the oldest samples, some `PART`
-            blocks: list[Floats] = []
-            with self._lock:
-                taken = 0
-                while self._waiting and taken < PART:
-                    blocks.append(self._waiting.popleft())
-                    taken += len(blocks[-1])
-                self._count -= taken
-            if not blocks:
-                break
-            text = self._text + "".join(format_rows(np.concatenate(blocks), "%r", ",")).replace("nan", "")
+        while self._waiting:
+            text, count = self._waiting[0]
             try:
                 self._write(text.encode("ascii"))
             except OSError as error:
-                with self._lock:
-                    self._waiting.extendleft(reversed(blocks))
-                    self._count += taken
-                if not self._fails:
+                if self._retry_at is None:
                     reason = describe_reason(error)
-                    self._remark(f"{self._path} cannot be written ({reason}): the walk goes on, and it is tried again.")
-                self._fails = True
+                    self._remark(f"{self.path} cannot be written ({reason}): the walk goes on, and it is tried again.")
+                self._retry_at = time.monotonic() + RETRY_S
                 return
-            self._text = ""
-        if self._fails:
-            self._remark(f"{self._path} is written again.")
-        self._fails = False
+            self._waiting.popleft()
+            self._count -= count
+        if self._retry_at is not None:
+            self._remark(f"{self.path} is written again.")
+            self._retry_at = None
 
     def _write(self, data: bytes) -> None:
         """Append all of it, or nothing: what was written of it is cut off again."""
         place = self._good
         try:
-            if place == 0 and self._path.is_file():
+            if place == 0 and self.path.is_file():
                 os.truncate(self._file, 0)  # what an older file held
             while data:
                 written = os.pwrite(self._file, data, place)
                 place, data = place + written, data[written:]
         except OSError:
-            if self._path.is_file():
+            if self.path.is_file():
                 os.truncate(self._file, self._good)
             raise
         self._good = place
-
-    def _reopen(self) -> None:
-        """Go on in a file of ours behind its last line with an end, where it is cut; compare with its samples."""
-        if not HEADER.encode().startswith(os.pread(self._file, len(HEADER), 0)):
-            os.close(self._file)
-            raise FormatError(f"{self._path.name} was not recorded by this command: name another file to record into.")
-        size = os.fstat(self._file).st_size
-        tail = os.pread(self._file, 1 << 16, max(size - (1 << 16), 0))
-        self._good = size - len(tail) + tail.rfind(b"\n") + 1
-        os.truncate(self._file, self._good)
-        if not self._good:
-            return
-        known = np.empty((0, COLUMNS))
-        with suppress(FormatError):  # it has no samples yet
-            known = rows_of(FORMATS["canonical"].read(read_content(self._path)))
-        self._overlap = Overlap([known], [(0, 0.0)], [], known[-TAIL:], known[:0])
-
-
-class _RecordedSource(SampleSource):
-    """A source whose samples are recorded as they are read."""
-
-    def __init__(self, source: SampleSource, recorder: Recorder) -> None:
-        self.name = source.name
-        self._source, self._recorder = source, recorder
-
-    @property
-    def header(self) -> list[str] | None:
-        return self._source.header
-
-    @property
-    def lost(self) -> int:
-        return self._source.lost
-
-    def resume(self, header: Sequence[str]) -> None:
-        self._source.resume(header)
-
-    def read(self, wait_s: float) -> Floats | None:
-        rows = self._source.read(wait_s)
-        if rows is not None:
-            self._recorder.add(rows)
-        return rows
-
-    def finish(self) -> Floats:
-        rows = self._source.finish()
-        self._recorder.add(rows)
-        return rows
-
-    def close(self) -> None:
-        self._source.close()
-        self._recorder.close()
-
-
-def open_recorded(
-    path: Path,
-    goes_on: bool,
-    force: bool,
-    word: str,
-    columns: Columns | None,
-    baud: int,
-    speed: str | None,
-    remark: Callable[[str], None],
-) -> SampleSource:
-    """Open a source as `open_samples` does, and before it the file that it is recorded in (`Recorder`)."""
-    if path.exists() and Path(word).exists() and path.samefile(word):
-        raise OutputError(f"{path} is what is streamed: name another file to record into.")
-    recorder = Recorder(path, goes_on, force, remark)
-    try:
-        return _RecordedSource(open_samples(word, columns, baud, speed, remark), recorder)
-    except FgNavError:
-        recorder.close()
-        raise

@@ -340,9 +340,7 @@ class RowReader:
             self._leave_out_foreign(fields)
             return f"it is no header ({str(error).partition(':')[0]})"
         if not self._is_confirmed and set(MAG).isdisjoint(fields) != set(MAG).isdisjoint(before.names):
-            raise FormatError(
-                f"{self._name} names other columns than before the walk resumed: name another checkpoint."
-            )
+            raise FormatError(f"{self._name} names other columns than before the walk resumed: begin another walk.")
         self._is_confirmed = True
         return ""
 

@@ -21,18 +21,15 @@ depends on the blocks in which the rows come.
 Most samples pass at once. One at which a run of bad ones may begin, far from the one before, is held until `LOOK_AHEAD`
 more are there: 55 ms at 200 Hz, in which a shoe that strikes is on its way to a footfall.
 
-A filter is resumed from a checkpoint to the last bit. What comes then may be the same stream from its beginning, or
-what a sensor sends now (`overlap`). If the first stamps of that, `HEAD` of them, are before the last one, the sensor
-was switched off and on, and its clock restarted. How long the foot was not observed cannot be known; the walk goes on
-after a gap of `UNKNOWN_GAP_S`, in which the heading is lost, and the sigmas grow accordingly. A clock that restarted
-and has already passed the last stamp looks like a gap, and is taken for one.
+Between the rows before a walk was interrupted and those after nobody knows how long the sensor was off: a clock that
+restarted there (`resume`) is never taken to go on with nothing missing. A clock that restarted and has already passed
+the last stamp looks like a gap, and is taken for one.
 """
 
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable
 
 import numpy as np
 
@@ -40,7 +37,6 @@ from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import RecordingError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.online.buffer import COLUMNS, TAKEN
-from fg_nav.online.overlap import HEAD, TAIL, Overlap, fingerprint_rows, restore_stamps
 from fg_nav.recording import MAX_GAP_S, find_field_samples
 from fg_nav.samples import outliers
 from fg_nav.samples.gaps import interpolate_unread
@@ -63,7 +59,6 @@ RESTART = 100  # stamps before the last one that follow each other: not a delaye
 MAX_CLOCK_STEP_S = 86400.0  # a longer step is a clock that was set, from 1970 or from when the sensor was switched on
 UNKNOWN_GAP_S = 60.0  # assumed for an unknown gap: a sensor is switched off and on in less; the heading is lost in it
 MAX_CHANGES = 20  # changes of the stamps that the notes name one by one
-MAX_LEFT = 4096  # rows left out for their stamps that a checkpoint recognizes
 CHECKED = 1000  # samples, some seconds, that show in which unit they are
 PLAUSIBLE_G = (0.7, 2.0)  # median specific force on a foot, in g
 FIELD_UT = (5.0, 200.0)  # field on a foot; a magnet makes more of it for a while ...
@@ -81,8 +76,6 @@ REMARKS = {
     "rebooted": f"the clock of the sensor restarted, after a time unknown: a gap of {UNKNOWN_GAP_S:g} s is assumed",
     "gap": f"there is a gap of more than {MAX_GAP_S:g} s: the track goes on with larger sigmas",
     "set": f"the clock of the sensor was set by more than a day: a gap of {UNKNOWN_GAP_S:g} s is assumed",
-    "known": "samples are in the checkpoint already and left out",
-    "late": "samples that the checkpoint does not hold come before its last one, and are left out",
 }
 
 NOTHING = np.empty((0, COLUMNS))
@@ -91,14 +84,13 @@ NOTHING = np.empty((0, COLUMNS))
 class SampleFilter:
     """Accepts what can be navigated with; `counts` holds how much of each kind of `REMARKS` there was.
 
-    `overlap` is what a resumed stream is compared with, as long as it may hold known samples. `remark` is called with
+    `remark` is called with
     one sentence the first time that something of a kind happens, and whenever the stamps are changed. Raises
     `RecordingError` from `accept`, if the samples are in a wrong unit.
     """
 
     def __init__(self, remark: Callable[[str], None] = lambda words: None) -> None:
         self.counts: Counter[str] = Counter()
-        self.overlap: Overlap | None = None
         self._remark = remark
         # the clock: last stamp, the one before a gap, shift of the stamps, (sample, shift) of each change and its words
         self._last, self._before, self._offset = -np.inf, np.nan, 0.0
@@ -107,12 +99,9 @@ class SampleFilter:
         # rows that wait: before the last stamp (shifted), and far ahead (as sent)
         self._behind: list[Floats] = []
         self._waits = NOTHING
-        # samples: how many, the last ones that are not bad, the first ones, and the last as sent; what was left out
-        self._taken = 0
+        # samples: how many, and the last ones that are not bad; whether none has passed since the walk was resumed
+        self._taken, self._is_resumed = 0, False
         self._recent: deque[Floats] = deque(maxlen=AROUND)
-        self._head = self._tail = NOTHING
-        self._left: deque[int] = deque(maxlen=MAX_LEFT)
-        self._missing_last = self._missing_again = self._missing_unsure = 0
         self._outliers = OutlierFilter()
         # samples by which units are still to be checked
         self._to_check, self._unchecked = CHECKED, list[Floats]()
@@ -139,63 +128,9 @@ class SampleFilter:
         """Return the stamp, s, that the sensor gave a sample whose stamp is now t."""
         return t - next(offset for first, offset in reversed(self._clocks) if first <= sample)
 
-    def state(self) -> dict[str, Any]:
-        """Return what `resume` needs, as JSON values, a copy of it."""
-        held = NOTHING if self.overlap is None else self.overlap.held
-        return {
-            "counts": dict(self.counts),
-            "last": self._last,
-            "before": self._before,
-            "offset": self._offset,
-            "clocks": list(self._clocks),
-            "changes": list(self._changes),
-            "behind": np.array(self._behind).reshape(-1, COLUMNS).tolist(),
-            "head": self._head.tolist(),
-            "waits": self._waits.tolist(),
-            "tail": self._tail.tolist(),
-            "held": held.tolist(),
-            "left": list(self._left),
-            "to_check": self._to_check,
-            "gate": self._outliers.held.tolist(),
-            "fields": self._outliers.fields.tolist(),
-            "missing_last": self._missing_last,
-        }
-
-    @classmethod
-    def resume(
-        cls, state: Mapping[str, Any], blocks: Sequence[Floats], remark: Callable[[str], None], first: int = 0
-    ) -> SampleFilter:
-        """Return a filter that goes on behind a checkpoint with these samples (n, 12), as if it had never stopped.
-
-        They come in blocks one behind the other, from number `first` on: those before it were discarded.
-        """
-        self = cls(remark)
-        self.counts.update(state["counts"])
-        self._last, self._before, self._offset = (float(state[name]) for name in ("last", "before", "offset"))
-        self._clocks = [(int(begin), float(offset)) for begin, offset in state["clocks"]]
-        self._changes = list(state["changes"])
-        names = ("gate", "fields", "behind", "waits", "tail", "held", "head")
-        gate, fields, behind, self._waits, self._tail, held, self._head = (
-            np.array(state[name], dtype=np.float64).reshape(-1, COLUMNS) for name in names
-        )
-        self._taken = first + sum(map(len, blocks)) + len(gate)
-        self._behind = list(behind)
-        for rows in blocks:
-            self._note_recent(rows)
-        self._to_check = int(state["to_check"])
-        self._unchecked = [*blocks] if self._to_check > 0 else []
-        self._outliers = OutlierFilter(np.array([*self._recent]).reshape(-1, COLUMNS), gate, fields)
-        self._missing_last = self._missing_again = int(state["missing_last"])
-        self._left.extend(state["left"])
-        # what the stream may send again: the samples, and what was left out or not decided yet
-        undecided = (
-            self._waits,
-            restore_stamps(behind, self._taken, self._clocks),
-            restore_stamps(gate, self._taken - len(gate), self._clocks),
-        )
-        left = [*self._left, *(one for rows in undecided for one in fingerprint_rows(rows).tolist())]
-        self.overlap = Overlap(blocks, self._clocks, left, self._tail, held, first, self._head[:first])
-        return self
+    def resume(self) -> None:
+        """Expect rows from after an interruption of unknown length."""
+        self._is_resumed = True
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -208,13 +143,10 @@ class SampleFilter:
 
     def _accept(self, sent: Floats, usable: Bools, at_end: bool = False) -> Floats:
         """Return the rows (m, 12) to use, of usable ones `sent` and of those held; `usable` (n,) flags all rows."""
-        # what the checkpoint of a resumed walk does not hold
-        new = self._drop_known(sent, at_end)
-        self._count_missing(usable, len(new))
+        missing = int((~usable).sum())
+        self._count("missing", missing, f"near t = {self._last:.3f} s" if np.isfinite(self._last) else "of all")
         # those whose stamps go on, and that are not bad
-        self._tail = np.concatenate([self._tail, new[-TAIL:]])[-TAIL:]
-        rows = self._put_in_order(np.concatenate([self._waits, new]), at_end)
-        self._head = np.concatenate([self._head, rows[: HEAD - len(self._head), :COLUMNS]])
+        rows = self._put_in_order(np.concatenate([self._waits, sent]), at_end)
         # gaps between them
         if len(rows):
             step = np.diff(rows[:, 0], prepend=rows[0, 0] if np.isnan(self._before) else self._before)
@@ -233,47 +165,6 @@ class SampleFilter:
             self._remark(f"{REMARKS[kind]}, the first {where}.")
         self.counts[kind] += number
 
-    def _count_missing(self, usable: Bools, new: int) -> None:
-        """Count what is not usable (n,) of a block, but for what came before the checkpoint.
-
-        `new` rows come now, of this block and of those held until it was clear which of them the checkpoint has.
-        """
-        after_last = int((np.cumsum(usable[::-1]) == 0).sum())
-        self._missing_last = after_last + (0 if usable.any() else self._missing_last)
-        if self.overlap is not None and not self.overlap.is_over:
-            self._missing_unsure = 0 if self.overlap.skips else self._missing_unsure + int((~usable).sum())
-            return
-        known = max(int(usable.sum()) - new, 0)
-        missing = int((np.cumsum(usable) >= known)[~usable].sum())
-        again = min(missing, self._missing_again)
-        self._missing_again = 0 if new else self._missing_again - again
-        self._count(
-            "missing",
-            missing - again + self._missing_unsure,
-            f"near t = {self._last:.3f} s" if np.isfinite(self._last) else "of all",
-        )
-        self._missing_unsure = 0
-
-    def _drop_known(self, rows: Floats, at_end: bool = False) -> Floats:
-        """Return the rows that are new behind the checkpoint; shift the clock of a sensor that rebooted."""
-        overlap = self.overlap
-        if overlap is None:
-            return rows
-        before = Counter(known=overlap.known, late=overlap.late)
-        rows = overlap.select_new(rows, at_end)
-        for kind, number in (Counter(known=overlap.known, late=overlap.late) - before).items():
-            self._count(kind, number, f"before t = {self._tail[-1, 0]:.3f} s")
-        if not overlap.is_over:
-            return rows
-        self.overlap = None
-        if not overlap.skips:
-            self._missing_again = 0
-            # all stamps are before the last one, and do not go on from those that wait
-            t = rows[:HEAD, 0] + self._offset
-            if len(t) and (t < self._last).all() and not (self._behind and t[0] > self._behind[-1][0]):
-                self._shift_clock("rebooted", self._last + UNKNOWN_GAP_S - float(t[0]), float(rows[0, 0]))
-        return rows
-
     def _put_in_order(self, sent: Floats, at_end: bool) -> Floats:
         """Return the rows (m, 12) whose stamps go on; hold or drop the others, and shift a clock that restarted."""
         self._waits = sent[:0]
@@ -284,6 +175,7 @@ class SampleFilter:
         step[np.isinf(step)] = 0.5 * JUMP_S  # the very first
         if not self._behind and ((step > SAME_S) & (step <= JUMP_S)).all():
             self._last = float(rows[-1, 0]) if len(rows) else self._last
+            self._is_resumed &= not len(rows)
             return self._drop_outliers(rows, at_end)
         # else row by row
         taken = [np.empty((0, TAKEN))]
@@ -294,7 +186,7 @@ class SampleFilter:
                 break
             row = np.append(stamp + self._offset, sent[i, 1:])
             for one in self._select(row, following is not None and following > stamp):
-                self._last = float(one[0])
+                self._last, self._is_resumed = float(one[0]), False
                 taken.append(self._drop_outliers(one[None]))
         if at_end:
             self._drop_behind()
@@ -309,7 +201,6 @@ class SampleFilter:
         self._note_recent(good)
         # from the last one on, so that the number of each is that before any was left out
         for row, at, which in reversed([*zip(bad, (first + place).tolist(), sensor.tolist(), strict=True)]):
-            self._left.extend(fingerprint_rows(restore_stamps(row[None], at, self._clocks)).tolist())
             gone = which & BOTH_OUT == BOTH_OUT
             self._clocks = [(begins - (gone and begins > at), offset) for begins, offset in self._clocks]
             for kind, of_it in (("gyr", GYR_OUT), ("acc", ACC_OUT), ("mag", MAG_OUT)):
@@ -332,7 +223,6 @@ class SampleFilter:
         kind = "repeated" if t - self._last <= SAME_S else "ahead"
         if kind == "repeated" or (is_ahead and not is_followed):
             self._count(kind, 1, f"at t = {t:.3f} s")
-            self._leave_out([row])
             return []
         shift = 0.0
         if is_ahead and t - self._last > MAX_CLOCK_STEP_S:
@@ -350,7 +240,7 @@ class SampleFilter:
             return []
         t, first = float(row[0]), float(self._behind[0][0])
         recent = [*self._recent, *self._outliers.held][-AROUND:]
-        if goes_on(np.array([*recent, *self._behind])[:, 1:7], len(recent), LEAP):
+        if not self._is_resumed and goes_on(np.array([*recent, *self._behind])[:, 1:7], len(recent), LEAP):
             kind, shift = "restart", self._last + (t - first) / (RESTART - 1) - first
             taken, self._behind = self._behind, []
         else:
@@ -364,12 +254,7 @@ class SampleFilter:
         if self._behind:
             where = f"at t = {self._behind[0][0]:.3f} s, after {self._last:.3f} s"
             self._count("backward", len(self._behind), where)
-            self._leave_out(self._behind)
             self._behind = []
-
-    def _leave_out(self, rows: list[Floats]) -> None:
-        """Note rows that were left out for their stamps, which are on the present clock."""
-        self._left.extend(fingerprint_rows(restore_stamps(np.array(rows), self._taken, self._clocks)).tolist())
 
     def _shift_clock(self, kind: str, shift: float, t: float) -> None:
         """Set the clock on or back from the next sample on, which has stamp t."""
@@ -406,17 +291,12 @@ class SampleFilter:
 
 
 class OutlierFilter:
-    """Finds bad samples among rows (n, 11) of t, acc, gyr, mag; those of which it is not clear yet are `held`.
+    """Finds bad samples among rows (n, 11) of t, acc, gyr, mag; those of which it is not clear yet are `held`."""
 
-    Parameters
-    ----------
-    before : the last rows that passed, of which neither accelerometer nor gyroscope was bad.
-    held : rows behind them.
-    fields : the last rows that passed with a field.
-    """
-
-    def __init__(self, before: Floats = NOTHING, held: Floats = NOTHING, fields: Floats = NOTHING) -> None:
-        self._before, self.held, self.fields = before[-outliers.AROUND - 1 :], held, fields
+    def __init__(self) -> None:
+        self.held = NOTHING
+        # The last rows that passed: of which neither accelerometer nor gyroscope was bad, and those with a field.
+        self._before = self._fields = NOTHING
 
     def split(self, rows: Floats, at_end: bool = False) -> tuple[Floats, Floats, Ints, Ints]:
         """Judge rows in order of time that go on behind the last ones; at the end of a stream none is held.
@@ -434,7 +314,7 @@ class OutlierFilter:
         found, stop = scan_outliers(seen[:, 0].copy(), seen[:, 1:7].copy(), begin, at_end)
         # magnetometer, among its own samples
         there = begin + np.flatnonzero((found[begin:stop] != BOTH_OUT) & np.isfinite(seen[begin:stop, 7]))
-        series, known = np.concatenate([self.fields, seen[there]]), len(self.fields)
+        series, known = np.concatenate([self._fields, seen[there]]), len(self._fields)
         bad, until = scan_mag(series[:, 0].copy(), series[:, 7:10].copy(), known, at_end)
         found[there] += bad[known:]
         stop = int(there[until - known]) if until < len(series) else stop
@@ -451,7 +331,7 @@ class OutlierFilter:
         bad_rows = seen[begin:stop][place]
         self._before = np.concatenate([self._before, good[good[:, COLUMNS] == 0, :COLUMNS]])[kept:]
         self.held = seen[stop:]
-        self.fields = np.concatenate([self.fields, good[np.isfinite(good[:, 7]), :COLUMNS]])[kept:]
+        self._fields = np.concatenate([self._fields, good[np.isfinite(good[:, 7]), :COLUMNS]])[kept:]
         return good, bad_rows, place, sensor[place]
 
 

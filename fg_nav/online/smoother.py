@@ -11,14 +11,17 @@ state. Where it ends is fixed by the count of footfalls alone, so the same calls
 A walk is solved again by the count of its footfalls alone (table in docs/online.md). One of n footfalls takes some
 n / 250 s, a footfall one second: the solution takes effect two footfalls later, and one more for each 200 of the walk.
 It is waited for where it is solved in this process, or the walk spends less than half of its time waiting for samples:
-those of a recording. Where they come as they are walked it takes effect once it is there; before which line is
-recorded, and a resumed walk follows the record.
+those of a recording. Where they come as they are walked it takes effect once it is there.
+
+A walk that is resumed begins with the lines that were given and their footfalls, which are solved once.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -36,6 +39,9 @@ from fg_nav.online.resolve import CONTEXT_S, Task, WalkSolver, solve_from_start
 from fg_nav.online.window import Window
 from fg_nav.smoother.solver import UNSOLVED
 from fg_nav.solution import StanceTable
+
+if TYPE_CHECKING:
+    from fg_nav.online.record import GivenLines
 
 AT_ONCE = (1, 2, 3, 4, 6, 8, 10)  # Footfalls at which all is solved at once: a tenth of a second.
 WHOLE_UNTIL, WHOLE_WITH_LAG = 2000, 512  # The last footfall at which all is solved; with a lag, samples go then.
@@ -75,33 +81,13 @@ class Pending:
         return self.asked[-1]
 
 
-@dataclass(frozen=True)
-class SmootherState:
-    """All that a smoother needs to resume, besides the samples; immutable."""
-
-    told: tuple[EstimateRow, ...]
-    reported_continues: tuple[bool, ...]
-    footfalls: tuple[ReportedFootfall, ...]
-    past: Past
-    starts: tuple[AnchorState, ...]  # The newest window begins at the newest of them.
-    pending: Pending | None
-    next: int
-    doubted: tuple[int, ...]
-    has_mag: bool
-    discarded: int  # Number of footfalls without samples.
-
-
 class ResolveSchedule:
-    """The pending solution, and when those before took effect."""
+    """The pending solution, and when it takes effect."""
 
     def __init__(self, solver: Solver, buffer: SampleBuffer) -> None:
         self.solver, self._buffer = solver, buffer
         self.pending: Pending | None = None  # None between two.
-        self.taken: list[int] = []  # Lines before which one took effect, or was requested again, in the newest window.
-        self.races = 0  # Number of decisions that depended on solver timing.
         self._clock: tuple[float, float] | None = None  # time idle and stamp, s, when the solution was begun
-        self.recorded: frozenset[int] = frozenset()  # Of a resumed walk, lines before which solutions took effect,
-        self.recorded_until = 0  # of those before this one.
 
     def begin(self, task: Task, due_at: int, n_footfalls: int) -> None:
         """Begin a task on the first footfalls, whose solution is due before line `due_at`."""
@@ -115,16 +101,6 @@ class ResolveSchedule:
         if line != self.pending.due_at:
             self.pending = replace(self.pending, asked=(*self.pending.asked, line))
 
-    def resume(self, pending: Pending, footfalls: Sequence[ReportedFootfall], line: int) -> None:
-        """Restart the `pending` solution of a resumed walk, which has these footfalls before line `line`."""
-        self.solver.begin(pending.task)
-        self.pending, begins = pending, pending.footfalls
-        for due_at in pending.asked:
-            if due_at <= line:
-                stop = len(footfalls) - line + due_at
-                self.solver.request(footfalls[begins:stop])
-                begins = stop
-
     def prepare(self, line: int) -> None:
         """Wait for a solution that is due, where it is waited for: now, and not when a footfall is complete."""
         if self.pending is not None and self._clock is None and self._buffer.stop:
@@ -136,12 +112,7 @@ class ResolveSchedule:
         """Decide whether a solution takes effect before a line."""
         if not self._is_due(line):
             return False
-        if line < self.recorded_until:
-            return line in self.recorded
-        if self._waits():
-            return True
-        self.races += 1
-        return self.solver.is_ready()
+        return self._waits() or self.solver.is_ready()
 
     def _is_due(self, line: int) -> bool:
         return self.pending is not None and self.pending.due_at <= line
@@ -155,7 +126,7 @@ class ResolveSchedule:
 
 
 class OnlineSmoother:
-    """A walk in progress. The same calls give the same answers to the bit, those since a `state` of it too.
+    """A walk in progress. The same calls give the same answers to the bit.
 
     Parameters
     ----------
@@ -173,6 +144,7 @@ class OnlineSmoother:
         solver: Solver | None = None,
     ) -> None:
         self._options, self._buffer, self._has_lag = options, buffer, options.lag_s is not None
+        self._stance = stance
         self.walk = PartialWalk(buffer, options)
         self.schedule = ResolveSchedule(WalkSolver(options, stance, buffer) if solver is None else solver, buffer)
         self.window: Window | None = None
@@ -234,6 +206,46 @@ class OnlineSmoother:
         self._schedule_solution(doubtful)
         return [*revised, estimate]
 
+    def add_given(self, line: StanceEstimate, continues: bool, footfall: Footfall | None, until: int) -> None:
+        """Add a line that was given before the walk was interrupted; its footfall is None where it was none.
+
+        Samples of the buffer before `until` are used with it; `solve_given` follows the last one.
+        """
+        sample = line.sample if footfall is None else footfall.stillest
+        if footfall is not None:
+            reported = ReportedFootfall(replace(footfall, continues=continues), self.n_reported, until)
+            self.walk.add(reported)
+            self.footfalls.append(reported)
+        self.reported.append(line.as_row(sample))
+        self.reported_continues.append(continues)
+
+    def solve_given(self, lines: GivenLines) -> Revision:
+        """Solve the walk of the lines that were given; return its past, and which of them have no footfall.
+
+        Where it has no solution, the longest beginning that has one is solved, and the rest added to it. Raises
+        `EstimationError` where there is none.
+        """
+        given, sensor, first = tuple(self.footfalls), self.walk.sensor, self._buffer.first
+        rows = [lines.estimates[one.line].turn(lines.turns[one.line]).as_row(one.footfall.stillest) for one in given]
+        self._past = Past(0, tuple(rows))
+        solver = WalkSolver(self._options, self._stance, self._buffer)
+        nothing = Revision(float(self.reported[-1].numbers[1]), 0.0, (), np.empty((0, 4)))
+        stop, revision = len(given), None if given else nothing
+        while stop and revision is None:
+            solver.begin(Task(None, given[:stop], sensor, first))
+            anchor = solver.take()
+            if anchor is not None:
+                with suppress(*UNSOLVED):
+                    revision = self._begin_window(anchor, given[stop:])
+            stop //= 2
+        if revision is None:
+            raise EstimationError("the walk so far has no solution: begin a new one.")
+        self._next = max(AT_ONCE[-1], choose_next(len(given), self._has_lag))
+        kept = {one.line for one in given}
+        gone = [k for k in range(self.n_reported) if k not in kept and k not in lines.retracted]
+        lost = [(k, float(self.reported[k].numbers[1])) for k in gone]
+        return replace(revision, retracted=tuple(sorted((*lost, *revision.retracted))))
+
     def begin_end(self) -> None:
         """End the walk, and begin to solve it once more, as far as its samples are there."""
         self.schedule.solver = self.schedule.solver.close()
@@ -269,7 +281,7 @@ class OnlineSmoother:
     @property
     def rows(self) -> tuple[EstimateRow, ...]:
         """All footfalls as they were reported last, in hindsight up to the newest solution."""
-        return () if self.window is None else (*self._past.rows, *self.window.reported)
+        return self._past.rows if self.window is None else (*self._past.rows, *self.window.reported)
 
     def causal(self) -> StanceTable:
         """Return one row a line: what `add_footfall` returned at the time."""
@@ -297,40 +309,6 @@ class OnlineSmoother:
         """Begin the next solution at this footfall at the latest."""
         self._next = min(self._next, footfall)
 
-    def state(self) -> SmootherState:
-        """Return what `resume` needs, of a walk that has begun: at no cost but that of the lists."""
-        return SmootherState(
-            told=tuple(self.reported),
-            reported_continues=tuple(self.reported_continues),
-            footfalls=tuple(self.footfalls),
-            past=self._past,
-            starts=tuple(self.anchors),
-            pending=self.schedule.pending,
-            next=self._next,
-            doubted=tuple(self._doubted),
-            has_mag=self._has_mag,
-            discarded=self.walk.discarded,
-        )
-
-    def resume(self, state: SmootherState) -> None:
-        """Go on where another smoother was, whose samples are in the buffer, as far as they were not discarded."""
-        self.reported, self.reported_continues = list(state.told), list(state.reported_continues)
-        self.footfalls, self._past, self.anchors = list(state.footfalls), state.past, list(state.starts)
-        self._next, self._has_mag, self._doubted = state.next, state.has_mag, set(state.doubted)
-        # The newest window is made again of the strides since its anchor state.
-        initial = self.anchors[-1]
-        behind = initial.stance.number + 1
-        known = self.footfalls[state.discarded : behind]
-        self.walk = PartialWalk(self._buffer, self._options, state.discarded, known, initial.sensor)
-        self.window = Window(initial, self.walk)
-        self.window.extend(self.footfalls[behind:])
-        # What was being solved is begun again, on the samples that it and what comes need.
-        self.schedule.solver.start()
-        pending = state.pending
-        if pending is not None:
-            task = replace(pending.task, since=self._find_needed(pending.task.start))
-            self.schedule.resume(replace(pending, task=task), self.footfalls, self.n_reported)
-
     def _solve_at_once(self) -> list[StanceEstimate | Revision]:
         """Solve the whole walk and return the revision; where that fails extend the newest window and return none."""
         known = self.walk.sensor
@@ -349,7 +327,6 @@ class OnlineSmoother:
         """Apply the solution that is due, return the revision; none if it failed or is late: the window goes on."""
         schedule, n = self.schedule, self.n_reported
         assert schedule.pending is not None
-        schedule.taken.append(n)
         anchor, late = schedule.solver.take(), n - schedule.pending.due_at
         if anchor is not None and late > MAX_LATE:
             # Too many footfalls have come since: they are added in the background as well.
@@ -378,7 +355,6 @@ class OnlineSmoother:
         self._past = self._past.join(anchor.past)
         earlier = [] if first == 0 else self.anchors
         self.anchors = window_anchors(earlier, anchor, self.footfalls, self._options.lag_s, WINDOW)
-        self.schedule.taken.clear()
         # Lines whose footfalls are none any more are retracted.
         kept = {one.line for one in self.footfalls[first:]}
         lost = [one.line for one in before if one.line >= 0 and one.line not in kept]

@@ -1,7 +1,6 @@
 """Checks of a source: one sensor, worn where it is said to be, with right axes, and how much of it is lost or silent.
 
-A stream of two sensors, or of one worn elsewhere, is refused in its first minute. That minute is of the walk: one that
-is resumed from a checkpoint goes on where it was.
+A stream of two sensors, or of one worn elsewhere, is refused in its first minute.
 
 Two sensors at once, such as one on a foot and one in a pocket that send to the same port, are found in windows of
 `WINDOW` rows by either sign:
@@ -32,14 +31,11 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.detection.handedness import (
-    AXES,
     DECISIVE,
     MAX_STRIDES,
     NO_EVIDENCE,
@@ -52,7 +48,6 @@ from fg_nav.detection.mount import Wearing, measure_turning
 from fg_nav.errors import EstimationError, RecordingError, StreamError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.online.buffer import COLUMNS, SampleBuffer
-from fg_nav.online.overlap import Overlap
 from fg_nav.recording import GAP_PERIODS, Recording
 from fg_nav.samples.plausibility import find_squarable, find_stamp_problem, median_period_s
 from fg_nav.text import format_count
@@ -108,32 +103,6 @@ class SourceCheck:
                 self._check_mount(window)
             step = np.diff(window[:, 0])
             self._passed_s += float(step[(step > 0.0) & (step < MAX_STEP_S)].sum())
-
-    def state(self) -> dict[str, Any]:
-        """Return what `resume` needs; what is in it does not change any more."""
-        return {
-            "window": self._window,
-            "seen": list(self._seen),
-            "suspect": self._suspect,
-            "looked": self._looked,
-            "is_settled": self._is_settled,
-            "passed_s": self._passed_s,
-            "remarked": self._remarked,
-        }
-
-    def resume(self, state: Mapping[str, Any]) -> None:
-        """Restore the state of another check; raises `ValueError` for what none can be."""
-        self._window, self._seen = state["window"], [*state["seen"]]
-        for rows in (self._window, *self._seen):
-            if not isinstance(rows, np.ndarray) or rows.dtype != np.float64 or rows.shape[1:] != (COLUMNS,):
-                raise ValueError("these are no rows")
-            if len(rows) > WINDOW or not np.isfinite(rows[:, :7]).all():
-                raise ValueError("these are no rows of a window")
-        self._suspect, self._looked = int(state["suspect"]), int(state["looked"])
-        self._is_settled, self._remarked = bool(state["is_settled"]), bool(state["remarked"])
-        self._passed_s = float(state["passed_s"])
-        if not (self._suspect >= 0 and self._looked >= 0 and 0.0 <= self._passed_s < np.inf):
-            raise ValueError("a count below zero")
 
     def _check_one_sensor(self, window: Floats) -> None:
         """Refuse rows of two sensors in turn: by two clocks, or if they are nearer to those two or three before."""
@@ -197,15 +166,14 @@ class AxesCheck:
     Parameters
     ----------
     remark : called with one sentence if wrong axes are found later than `REFUSED_S`.
-    refuses : whether a stream is refused in its first minute; not where a walk is resumed.
     mount : where the sensor is worn.
     """
 
-    def __init__(self, remark: Callable[[str], None], refuses: bool = True, mount: Wearing = "foot") -> None:
+    def __init__(self, remark: Callable[[str], None], mount: Wearing = "foot") -> None:
         is_foot = mount == "foot"
         self.evidence = NO_EVIDENCE if is_foot else NO_SWINGS
         self._block_s, self._measure = BLOCK_S[mount], measure_axes if is_foot else measure_swing_axes
-        self._remark, self._refuses = remark, refuses
+        self._remark = remark
         self._begins = 0  # sample at which the next block begins
         self._passed_s = 0.0
 
@@ -227,22 +195,9 @@ class AxesCheck:
             self._passed_s += float(np.ptp(rows[:, 0]))
             self.evidence += self._measure(rows[:, 0], rows[:, 1:4], rows[:, 4:7])
             if self.evidence.against > DECISIVE:
-                if self._refuses and self._passed_s <= REFUSED_S:
+                if self._passed_s <= REFUSED_S:
                     raise RecordingError(f"{self.evidence.problem}.")
                 self._remark(f"{self.evidence.problem}; the track is not to be used.")
-
-    def state(self) -> dict[str, Any]:
-        """Return what `resume` needs, as JSON values; of axes that are settled no more than their number."""
-        found = self.evidence
-        scores = [] if self._is_settled and not found.against else found.scores.tolist()
-        return {"begins": self._begins, "passed_s": self._passed_s, "scores": scores, "gravity": found.gravity.tolist()}
-
-    def resume(self, state: Mapping[str, Any]) -> None:
-        """Restore the state of another check."""
-        self._begins, self._passed_s = int(state["begins"]), float(state["passed_s"])
-        gravity = np.array(state["gravity"], dtype=np.float64)
-        scores = np.array(state["scores"] or np.zeros((len(gravity), len(AXES))), dtype=np.float64)
-        self.evidence = replace(self.evidence, scores=scores.reshape(len(gravity), len(AXES)), gravity=gravity)
 
     @property
     def _is_settled(self) -> bool:
@@ -260,21 +215,11 @@ class LossCounter:
     def __init__(self, remark: Callable[[str], None]) -> None:
         self.samples = self.came = 0
         self._remark = remark
-        self._window = self._held = np.empty(0)
+        self._window = np.empty(0)
         self._period_s, self._others = np.nan, 0
 
-    def add(self, t: Floats, overlap: Overlap | None = None) -> None:
-        """Count by the stamps (n,) s of rows as they were sent; NaN is ignored.
-
-        Those of a resumed walk wait until its `overlap`, with the same rows, is over: only what is new counts.
-        """
-        t, self._held = np.concatenate([self._held, t]), t[:0]
-        if overlap is not None and overlap.skips:
-            seen = np.flatnonzero(np.isin(t, [overlap.known_until, *self._window[-1:]]))
-            t = t[seen[-1] + 1 :] if len(seen) else t
-        if overlap is not None and not overlap.is_over:
-            self._held = t
-            return
+    def add(self, t: Floats) -> None:
+        """Count by the stamps (n,) s of rows as they were sent; NaN is ignored."""
         self.came += len(t)
         self._window = np.concatenate([self._window, t[np.isfinite(t)]])
         while len(self._window) > WINDOW:
@@ -283,29 +228,13 @@ class LossCounter:
             self._window = self._window[WINDOW:]
 
     def finish(self) -> None:
-        """Count, at the end, the rows of a window that is not full, and of those that wait the later ones."""
-        t, self._held = self._held, self._held[:0]
-        self.add(t[t > self._window[-1]] if len(self._window) else t)
+        """Count, at the end, the rows of a window that is not full."""
         self._count(self._window)
         self._window = self._window[-1:]
 
     def report(self, datagrams: int) -> dict[str, int]:
         """Return what was lost so far, with the datagrams for which this machine had no room."""
         return {"samples": self.samples, "came": self.came, "datagrams": datagrams}
-
-    def state(self) -> dict[str, Any]:
-        """Return what `resume` needs, as JSON values."""
-        period_s = self._period_s if np.isfinite(self._period_s) else None
-        counts = {"samples": self.samples, "came": self.came, "others": self._others}
-        return counts | {"window": self._window.tolist(), "held": self._held.tolist(), "period_s": period_s}
-
-    def resume(self, state: Mapping[str, Any]) -> None:
-        """Restore the state of another counter; raises `ValueError` for what none can be."""
-        self.samples, self.came, self._others = (int(state[name]) for name in ("samples", "came", "others"))
-        self._window, self._held = (np.array(state[name], dtype=float).reshape(-1) for name in ("window", "held"))
-        self._period_s = np.nan if state["period_s"] is None else float(state["period_s"])
-        if min(self.samples, self.came, self._others) < 0 or not np.isfinite(self._window).all():
-            raise ValueError("a count below zero, or a stamp that is none")
 
     def _count(self, t: Floats) -> None:
         """Count the samples that are missing between stamps (n,) s of a sensor that samples evenly."""

@@ -27,8 +27,7 @@ odd, with the unit that makes the usual field of them, if there is one.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Mapping
-from typing import Any
+from collections.abc import Callable
 
 import numpy as np
 
@@ -146,8 +145,7 @@ class FieldMonitor:
 
     def __init__(self, note: Callable[[str], None]) -> None:
         self._note = note
-        self.left_out, self._left_out_until = 0, -np.inf
-        self._counted_until = -np.inf  # stamp, s: a resumed walk may be sent again what comes before
+        self.left_out = 0
         self._strengths_uT: deque[float] = deque(maxlen=MAX_WINDOWS)  # of the newest windows with a field on Earth
         self._usual_uT = np.nan
         self._window = np.empty((0, len(STAMP_AND_MAG)))  # of the rows that have a field
@@ -165,33 +163,14 @@ class FieldMonitor:
             part, rows = rows[:stop], rows[stop:]
             odd = self._find_odd(_measure_strength(part[:, MAG]))
             if odd.any():
-                part, t = part.copy(), part[odd, 0]
+                part = part.copy()
                 part[odd, MAG] = np.nan
-                self.left_out += int((~(t <= self._counted_until)).sum())
-                self._left_out_until = float(t[-1]) if np.isfinite(t[-1]) else self._left_out_until
+                self.left_out += int(odd.sum())
             taken.append(part)
             if is_full:
                 self._check_window(self._window)
                 self._window = self._window[:0]
         return np.concatenate(taken)
-
-    def state(self) -> dict[str, Any]:
-        """Return what `resume` needs, as JSON values; a window that is not full begins again."""
-        return {
-            "strengths_uT": list(self._strengths_uT),
-            "others": self._others,
-            "is_wrong": self._is_wrong,
-            "left_out": self.left_out,
-            "until": self._left_out_until,
-        }
-
-    def resume(self, state: Mapping[str, Any]) -> None:
-        """Restore the state of another monitor."""
-        self._strengths_uT = deque(map(float, state["strengths_uT"]), MAX_WINDOWS)
-        self._usual_uT = float(np.median(self._strengths_uT)) if self._strengths_uT else np.nan
-        self._others, self._is_wrong = int(state["others"]), bool(state["is_wrong"])
-        self.left_out = int(state["left_out"])
-        self._counted_until = self._left_out_until = float(state["until"])
 
     def _find_odd(self, strength: Floats) -> Bools:
         """Return flags (n,) of fields in another unit; none before the strength of the walk is known."""
@@ -266,20 +245,6 @@ class UnitMonitor:
             begins = stop
         return self._field.accept(np.concatenate(taken))
 
-    def state(self) -> dict[str, Any]:
-        """Return what `resume` needs, as JSON values: rows that wait come again, or are lost."""
-        period_s = self._stamps.period_s
-        period = period_s if np.isfinite(period_s) else None
-        kept = {"was_right": self._was_right, "field": self._field.state(), "notes": list(self._notes)}
-        return {"period_s": period, **kept}
-
-    def resume(self, state: Mapping[str, Any]) -> None:
-        """Restore the state of another monitor."""
-        self._stamps.period_s = np.nan if state["period_s"] is None else float(state["period_s"])
-        self._was_right = bool(state["was_right"])
-        self._field.resume(state["field"])
-        self._notes = [str(words) for words in state["notes"]]
-
     def _find_piece(self, odd: Bools, begins: int, at_end: bool) -> tuple[int, int | None]:
         """Return the rows [first, stop) of the next piece to judge; `stop` is None where it needs more rows.
 
@@ -345,7 +310,7 @@ class UnitMonitor:
 
     def _note(self, words: str) -> None:
         self._remark(f"{words}.")
-        if len(self._notes) < MAX_NOTES and words not in self._notes:  # rows that a resumed walk is sent again
+        if len(self._notes) < MAX_NOTES:
             self._notes.append(words)
 
 

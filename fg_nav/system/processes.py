@@ -22,14 +22,13 @@ import weakref
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import cache, partial
 from multiprocessing import get_context, parent_process
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 from subprocess import PIPE
 from types import FrameType, ModuleType
-from typing import IO, Any, TypeVar
+from typing import Any, TypeVar
 
 OBJECTS_BETWEEN_COLLECTIONS = 50_000  # What is loaded stays: looking through it again and again takes a tenth of a run.
 OWNER_ONLY, OTHERS = 0o700, 0o077  # Modes of a folder.
@@ -196,33 +195,6 @@ def lock_folder(folder: Path) -> tuple[int, bool]:
             os.close(descriptor)
             raise
         os.close(descriptor)
-
-
-@dataclass
-class PathLock:
-    """A lock on whatever file is at a path, renewed where a file took the place of another."""
-
-    path: Path
-    file: IO[bytes] | None = None
-
-    def renew(self) -> None:
-        """Lock the file that is there now, if there is one; raises `BlockingIOError` where another has it."""
-        if not self.path.exists():
-            return
-        file = self.path.open("rb")
-        try:
-            lock(file.fileno())
-        except BlockingIOError:
-            file.close()
-            raise
-        self.release()
-        self.file = file
-
-    def release(self) -> None:
-        """Give it back."""
-        if self.file is not None:
-            self.file.close()
-        self.file = None
 
 
 @cache

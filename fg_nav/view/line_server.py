@@ -17,7 +17,7 @@ from fg_nav.errors import StreamError
 
 BACKLOG = 1024  # Clients that connect at the same instant.
 AT_ONCE = 8  # Of these accepted in one pass of the loop: a thousand handshakes in one go delay a line.
-SPARE_DESCRIPTORS = 64  # Of the process, left for the walk: its checkpoint, its source, its worker.
+SPARE_DESCRIPTORS = 64  # Of the process, left for the walk: its record, its source, its worker.
 MAX_WAITING = 1 << 18  # Bytes; ten minutes of walking, beside the buffer of the system.
 MAX_RECEIVED = 1 << 16  # Bytes from a client, which has nothing to send.
 

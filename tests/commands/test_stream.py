@@ -4,27 +4,21 @@ import json
 import os
 import signal
 import socket
-import subprocess
-import sys
 import threading
 import time
-from contextlib import closing, suppress
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from fg_nav import cli
-from fg_nav.calibration.inertial import AccelerometerCalibration
-from fg_nav.calibration.of_recording import Calibration
 from fg_nav.columns.mapping import CANONICAL
-from fg_nav.errors import EstimationError, FormatError
+from fg_nav.errors import FormatError
 from fg_nav.io import write_canonical
 from fg_nav.io.writing import format_rows
-from fg_nav.online import OnlineNavigator, load
+from fg_nav.online import OnlineNavigator
 from fg_nav.online.buffer import rows_of
-from fg_nav.online.checkpoint import Checkpoint
 from fg_nav.online.estimates import format_table
 from fg_nav.online.follow import StreamOptions, follow_source
 from fg_nav.online.sources import TextSource, open_source
@@ -69,22 +63,6 @@ class Pieces:
     def close(self) -> None: ...
 
 
-class Breaking(Pieces):
-    """The same, and the program is killed when they have come and what came was saved there."""
-
-    def __init__(self, saved: Path, *pieces: bytes) -> None:
-        super().__init__(*pieces)
-        self._saved = saved
-
-    def read(self, wait_s: float) -> bytes | None:
-        if not self._pieces:
-            deadline = time.monotonic() + 30.0
-            while not self._saved.exists() and time.monotonic() < deadline:
-                time.sleep(0.01)
-            raise KeyboardInterrupt
-        return super().read(wait_s)
-
-
 class Quiet(Pieces):
     """The same, and it is silent for so many reads of 10 ms before the last piece."""
 
@@ -123,7 +101,7 @@ def test_what_is_lost_on_the_way_stands_in_the_notes():
     source = Pieces(",".join(CANONICAL).encode() + b"\n" + "".join(format_rows(rows, "%r", ",")).encode())
     source.lost = 2
     navigator, _, remarks = followed(source)
-    assert navigator.source["lost"] == {"samples": 3, "came": 297, "datagrams": 2}
+    assert navigator.lost == {"samples": 3, "came": 297, "datagrams": 2}
     assert any("3 samples of 300" in words for words in remarks)
     assert any("2 datagrams" in words for words in remarks)
 
@@ -190,40 +168,6 @@ def test_without_a_header_there_is_no_walk(csv):
             followed(Pieces(data))
 
 
-def test_a_source_that_has_sent_its_header_goes_on_without_it(csv, whole, tmp_path):
-    """As a socket does that a resumed walk connects to; the columns are those of before."""
-    rows = csv.read_bytes().splitlines(keepends=True)
-    path = tmp_path / "walk.npz"
-    with suppress(KeyboardInterrupt):
-        followed(Breaking(path, b"".join(rows[:700])), checkpoint=path, checkpoint_s=1e-9)
-    assert load(path, NORTH).buffer.stop == 699
-    for again in (rows[700:], rows, [rows[0], *rows[700:]]):
-        kept = path.read_bytes()
-        navigator, _, _ = followed(Pieces(*cut(b"".join(again), 20)), checkpoint=path, checkpoint_s=1e9)
-        path.write_bytes(kept)
-        assert worst_difference(navigator.causal(), whole.causal()) < 1e-9
-
-
-@pytest.mark.parametrize("header", [3, ["t", 4.0], {"t": 1}, "time_s,acc", [["t"]]])
-def test_a_checkpoint_whose_header_was_changed_is_refused_in_a_sentence(csv, tmp_path, header):
-    rows, path, navigator = csv.read_bytes().splitlines(keepends=True), tmp_path / "walk.npz", OnlineNavigator(NORTH)
-    push(navigator, rows_of(short_walk())[:300])
-    navigator.source |= {"calibration": None, "columns": None, "mag_axes": None, "header": header}
-    checkpoint = Checkpoint(path)
-    checkpoint.write(checkpoint.collect(navigator))
-    with pytest.raises(FormatError):
-        followed(Pieces(b"".join(rows[300:])), checkpoint=path)
-
-
-def test_another_calibration_is_no_way_to_go_on(csv, tmp_path):
-    path = tmp_path / "walk.npz"
-    followed(Pieces(csv.read_bytes()), checkpoint=path)
-    nothing = np.zeros(3)
-    scale = AccelerometerCalibration(1.001, 1e-4, nothing, nothing, 9.81, 6, 60.0, separable=True)
-    with pytest.raises(EstimationError, match="another calibration"):
-        followed(Pieces(csv.read_bytes()), checkpoint=path, calibration=Calibration("x", accelerometer=scale))
-
-
 def test_a_growing_file_is_followed(csv, whole, tmp_path):
     data = csv.read_bytes()
     path = tmp_path / "growing.csv"
@@ -271,8 +215,9 @@ def test_what_cannot_be_together_is_refused(fg_nav, csv, tmp_path):
     assert fg_nav("stream", csv, "--lag", 60, "--polish").refused("--lag", "--polish")
     assert fg_nav("stream", csv, "--silence", 0).refused("--silence")
     assert fg_nav("stream", csv, "--heading", "nan").refused("nan")
-    (tmp_path / "x.npz").write_text("something else")
-    assert fg_nav("stream", csv, "--checkpoint", tmp_path / "x.npz").refused("no checkpoint")
+    (tmp_path / "x.csv").write_text("something else")
+    assert fg_nav("stream", csv, "--record", tmp_path / "x.csv", "--resume").refused("not recorded by")
+    assert fg_nav("stream", csv, "--resume").refused("--record")
 
 
 def test_rows_without_a_header_are_walked_by_their_columns(fg_nav, csv, tmp_path):
@@ -280,12 +225,12 @@ def test_rows_without_a_header_are_walked_by_their_columns(fg_nav, csv, tmp_path
     path = tmp_path / "rows.csv"
     path.write_bytes(b"".join(csv.read_bytes().splitlines(keepends=True)[1:]))
     given = ("--heading", 0, "--silence", 0.3)
-    words = ("stream", path, *given, "--checkpoint", tmp_path / "x.npz", "--columns")
+    words = ("stream", path, *given, "--record", tmp_path / "x.csv", "--resume", "--columns")
     ran = fg_nav(*words, "t,ax,ay,az,gx,gy,gz,mx,my,mz"), fg_nav("stream", csv, *given)
     told = [[line for line in one.out.splitlines() if '"now"' in line] for one in ran]
     assert told[0] == told[1]
     assert len(told[0]) > 5
-    assert fg_nav(*words, "t,ay,ax,az,gx,gy,gz,mx,my,mz").refused("--columns", "x.npz")
+    assert fg_nav(*words, "t,ay,ax,az,gx,gy,gz,mx,my,mz").refused("--columns", "x.csv")
     assert fg_nav("stream", path, "--columns", "t,ax").refused("--columns lacks")
 
 
@@ -369,50 +314,6 @@ def test_polished_lines_follow_the_smoothed_ones(fg_nav, csv):
     kinds = [json.loads(line)["kind"] for line in ran.out.splitlines()]
     assert kinds.count("polished") == kinds.count("smoothed") == 13
     assert kinds.index("polished") > kinds.index("smoothed") > kinds.index("now")
-
-
-@pytest.mark.parametrize("gate", ["qsf", "none"])
-def test_the_gate_of_a_stream_is_that_of_its_checkpoint(fg_nav, csv, tmp_path, gate):
-    words = ("stream", csv, "--heading", 0, "--silence", 0.3, "--checkpoint", tmp_path / "x.npz", "--gate")
-    lines = [json.loads(line) for line in fg_nav(*words, gate).out.splitlines()]
-    passed = sum(line["field"] == "quasi-static" for line in lines if line["kind"] == "smoothed")
-    assert passed == (13 if gate == "none" else 12)
-    assert load(tmp_path / "x.npz").options.parameters.magnetic.gate == gate
-    assert fg_nav(*words, "aiez").refused("other options")
-
-
-def test_killed_it_resumes_from_its_last_checkpoint(csv, whole, tmp_path):
-    """kill -9 in the middle of a stream: what came before the last save is there, and the end is the same."""
-    rows = csv.read_bytes().splitlines(keepends=True)
-    path = tmp_path / "walk.npz"
-    words = ["stream", "-", "--heading", "0", "--checkpoint", str(path), "--every", "0.05"]
-    environment = os.environ | {"PYTHONPATH": str(Path(cli.__file__).parents[1])}
-    process = subprocess.Popen(
-        [sys.executable, "-m", "fg_nav.cli", *words], stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, env=environment
-    )
-    assert process.stdin is not None
-    saved = 0
-    with suppress(BrokenPipeError):
-        for k in range(0, len(rows), 20):
-            process.stdin.write(b"".join(rows[k : k + 20]))
-            process.stdin.flush()
-            time.sleep(0.02)
-            if k > 600 and path.exists():
-                break
-        deadline = time.monotonic() + 30.0
-        while not path.exists() and time.monotonic() < deadline:
-            process.stdin.write(b"\n")
-            process.stdin.write(rows[0])
-            process.stdin.flush()
-            time.sleep(0.02)
-    process.kill()
-    process.wait()
-    navigator = load(path, NORTH)
-    saved = navigator.buffer.stop
-    assert saved > 0
-    push(navigator, rows_of(short_walk()), range(50, len(rows) - 1, 50))
-    navigator.close()
-    assert worst_difference(navigator.smoothed(), whole.smoothed()) < 1e-9
 
 
 def test_with_a_lag_the_footfalls_are_written(fg_nav, csv, tmp_path):

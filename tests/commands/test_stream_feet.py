@@ -61,7 +61,7 @@ def test_what_is_of_one_sensor_is_refused(fg_nav, sources) -> None:
     assert fg_nav("stream", left, left, *feet).refused("is named twice")
     assert fg_nav("stream", left, right).refused("is for --mount feet: add that")
     assert fg_nav("stream", left, "--clock-offset", "1").refused("is for --mount feet: add that")
-    for option in (("--lag", "60"), ("--fixes", "f.csv"), ("--checkpoint", "c"), ("--record", "r.csv"), ("--polish",)):
+    for option in (("--lag", "60"), ("--fixes", "f.csv"), ("--record", "r.csv"), ("--resume",), ("--polish",)):
         assert fg_nav("stream", left, right, *feet, *option).refused(f"{option[0]} is for --mount foot")
     assert fg_nav("stream", left, right, *feet, "--calibration", "one.json").refused("--calibration A,B")
 

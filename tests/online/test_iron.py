@@ -7,7 +7,6 @@ import numpy as np
 
 from fg_nav.calibration.magnetometer import MagnetometerCalibration
 from fg_nav.online.buffer import OnlineOptions
-from fg_nav.online.packing import pack, unpack
 from fg_nav.online.smoother import OnlineSmoother
 from tests.online.test_online_smoother import FOOTFALLS, farthest, fed, in_field, polished
 from tests.smoother.walks import Walk
@@ -39,13 +38,6 @@ def test_a_part_is_corrected_and_the_whole_is_not():
     np.testing.assert_array_equal(walk.cut_whole().mag, raw[: walk.stop])
     corrected = walk.sensor.iron.correct(raw[walk.stop - 500 : walk.stop])
     np.testing.assert_array_equal(walk.cut_recording(walk.stop - 500).mag, corrected)
-
-
-def test_a_checkpoint_keeps_it_to_the_bit():
-    sensor = online().walk.sensor
-    again = unpack(pack(sensor))
-    np.testing.assert_array_equal(again.iron.covariance, sensor.iron.covariance)
-    assert pack(again) == pack(sensor)
 
 
 def test_with_a_calibration_the_samples_stay_as_they_are():

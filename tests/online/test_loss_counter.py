@@ -1,17 +1,9 @@
 """Samples that were lost on the way are counted by the stamps, and a rate that changes is said."""
 
-import json
-
 import numpy as np
 import pytest
 
-from fg_nav.online.buffer import rows_of
-from fg_nav.online.follow import StreamOptions, follow_source
-from fg_nav.online.overlap import Overlap
 from fg_nav.online.source_check import LossCounter, describe_losses
-from fg_nav.online.sources import Replay
-from fg_nav.recording import Recording
-from tests.online.walks import NORTH, short_walk
 
 
 def count(t, block):
@@ -56,37 +48,3 @@ def test_a_rate_that_changes_is_said_once():
     changes = [words for words in said if "rate" in words]
     assert len(changes) == 1
     assert "from 100 to 50 Hz" in changes[0]
-
-
-@pytest.mark.parametrize("block", [3, 50])
-@pytest.mark.parametrize("begin", [0, 990, 1030], ids=["from its beginning", "a little before", "goes on"])
-def test_a_counter_that_is_resumed_ends_with_the_same_counts(begin, block):
-    """Through a checkpoint, and whether the source goes on or sends some once more, a few rows a time."""
-    rows = np.delete(np.random.default_rng(5).normal(size=(2000, 11)), slice(300, 1900, 100), axis=0)
-    rows[:, 0] = t = np.delete(np.arange(2000) * 0.01, slice(300, 1900, 100))
-    whole, _ = count(t, 50)
-    before, said = LossCounter(print), []
-    before.add(t[:1030])
-    later = LossCounter(said.append)
-    later.resume(json.loads(json.dumps(before.state())))
-    overlap = Overlap([rows[:1030]], [(0, 0.0)], [], rows[1022:1030], rows[:0])
-    for start in range(begin, len(t), block):
-        overlap.select_new(rows[start : start + block])
-        later.add(t[start : start + block], overlap)
-        if start == begin:  # and is killed once more
-            later.resume(json.loads(json.dumps(later.state())))
-    later.finish()
-    assert later.report(0) == whole.report(0)
-    assert said == []
-
-
-def test_what_is_lost_before_and_behind_a_kill_is_counted_and_told(tmp_path):
-    """A resumed stream says at its end what was lost in all, as one that was not killed."""
-    rows = np.delete(rows_of(short_walk()), slice(300, 1300, 50), axis=0)
-    options = StreamOptions(online=NORTH, checkpoint=tmp_path / "walk")
-    said: list[str] = []
-    for part in (rows[:900], rows):
-        recording = Recording(part[:, 0], part[:, 1:4], part[:, 4:7], part[:, 7:10])
-        walk = follow_source(Replay(recording, np.inf, "a test"), options, print, said.append)
-    assert walk.source["lost"] == {"samples": 20, "came": len(rows), "datagrams": 0}
-    assert any(f"20 samples of {len(rows) + 20}" in words for words in said)

@@ -7,14 +7,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fg_nav.errors import EstimationError
 from fg_nav.evaluation import evaluate
 from fg_nav.frames import yaw_rotation
 from fg_nav.io import write_canonical
 from fg_nav.lab.follow_pocket import follow_pocket
 from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.online.buffer import rows_of
-from fg_nav.online.checkpoint import load, save
 from fg_nav.online.estimates import Revision, StanceEstimate, format_estimate
 from fg_nav.online.pocket import PocketNavigator, PocketOptions
 from fg_nav.pocket.dead_reckoning import StepLength, reckon_path
@@ -109,19 +107,6 @@ def test_the_heading_that_is_given_is_that_of_the_first_strides(recording):
     found = navigator.finish()
     assert found.stances.position[2, 0] > 1.5
     assert np.degrees(told[0].pose_cov[3, 3] ** 0.5) < 10.0
-
-
-@pytest.mark.parametrize("at", [300, 1411, 2800])
-def test_a_checkpoint_goes_on_to_the_same_lines(recording, walked, tmp_path, at):
-    rows, navigator = rows_of(recording), PocketNavigator(COMPASS)
-    told = push(navigator, rows[:at])
-    save(navigator, tmp_path / "walk.npz")
-    again = load(tmp_path / "walk.npz")
-    assert again.options == COMPASS
-    told += push(again, rows[at:]) + again.close()
-    assert lines(told) == lines(walked[1])
-    with pytest.raises(EstimationError, match="other options"):
-        load(tmp_path / "walk.npz", EAST)
 
 
 def test_a_gap_widens_the_sigmas_and_the_walk_goes_on(recording, walked):

@@ -6,7 +6,6 @@ import pytest
 from fg_nav.errors import EstimationError, StreamError
 from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.online.buffer import rows_of
-from fg_nav.online.packing import pack, unpack
 from fg_nav.online.source_check import SourceCheck
 
 
@@ -79,29 +78,11 @@ def test_a_clock_that_restarts_is_one_sensor(feet):
     assert check(again) == []
 
 
-@pytest.mark.parametrize(("until", "words"), [(3, "two sensors"), (7, "two sensors"), (1100, "add --mount pocket")])
-def test_a_walk_that_is_resumed_is_looked_at_on_and_not_from_the_beginning(feet, until, words):
-    """What was seen goes through a checkpoint."""
-    rows = feet[1] if "pocket" in words else alternate(*feet, 1)[until : until + 700]
-    before = SourceCheck("foot", print)
-    for start in range(0, until, 50):
-        before.add(rows[start : min(start + 50, until)])
-    later = SourceCheck("foot", print)
-    later.resume(unpack(pack(before.state())))
-    assert later._passed_s == before._passed_s
-    with pytest.raises((StreamError, EstimationError), match=words) as refused:
-        later.add(rows[until:])
-    with pytest.raises((StreamError, EstimationError)) as whole:
-        before.add(rows[until:])
-    assert str(refused.value) == str(whole.value)
-
-
 def test_a_minute_is_of_the_walk(feet):
-    remarks, before = [], SourceCheck("foot", print)
-    before._passed_s = 61.0
-    resumed = SourceCheck("foot", remarks.append)
-    resumed.resume(before.state())
-    resumed.add(alternate(*feet, 1)[:700])
+    remarks: list[str] = []
+    late = SourceCheck("foot", remarks.append)
+    late._passed_s = 61.0
+    late.add(alternate(*feet, 1)[:700])
     assert len(remarks) == 1
 
 
@@ -114,27 +95,7 @@ def test_of_a_clock_that_hardly_goes_no_more_is_kept_than_of_a_minute(feet):
     late._passed_s = 61.0
     for looks, rows in ((SourceCheck("foot", print), slow), (SourceCheck("foot", print), stopped), (late, feet[0])):
         looks.add(rows)
-        assert looks.state()["seen"] == []
-
-
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [
-        ("window", np.zeros((3, 9))),
-        ("window", np.full((3, 10), np.nan)),
-        ("seen", [np.zeros((999, 10))]),
-        ("suspect", -1),
-        ("passed_s", -1.0),
-        ("passed_s", "x"),
-        ("looked", None),
-    ],
-)
-def test_what_no_check_can_have_seen_is_refused(feet, name, value):
-    before = SourceCheck("foot", print)
-    before.add(feet[0][:500])
-    SourceCheck("foot", print).resume(before.state())
-    with pytest.raises((ValueError, TypeError)):
-        SourceCheck("foot", print).resume(before.state() | {name: value})
+        assert looks._seen == []
 
 
 def test_numbers_beyond_all_bounds_are_no_samples(feet):

@@ -11,7 +11,6 @@ import pytest
 
 from fg_nav import cli
 from fg_nav.online.buffer import rows_of
-from fg_nav.online.packing import pack
 from fg_nav.recording import Recording
 from tests.scripts import load_script
 from tests.simulated import PERSON, straight_walk
@@ -86,18 +85,6 @@ def test_a_variation_is_its_seed_s_changes_something_and_can_be_read() -> None:
         assert len(one[3]) == len(words)
         changed += sum(a != b for a, b in zip(one, (text, text, json.dumps(tree), words), strict=True))
     assert changed > 120
-
-
-def test_records_of_a_checkpoint_are_tampered_with_or_lost() -> None:
-    records = [pack({"a": [1.0, 2.0], "b": np.arange(9.0), "c": k}) for k in range(3)]
-    done = {}
-    for seed in range(80):
-        changed, what = cases.change_records(list(records), np.random.default_rng(seed))
-        done[what] = len(changed)
-    assert done == {
-        "tree": 3, "arrays": 3, "numbers": 3, "varied tree": 3, "varied numbers": 3,
-        "lost": 2, "doubled": 4, "exchanged": 3,
-    }  # fmt: skip
 
 
 def test_a_worker_that_dies_or_hangs_is_named_and_another_goes_on(tmp_path: Path) -> None:

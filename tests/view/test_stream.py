@@ -57,8 +57,8 @@ def read_to_the_end(page):
 
 
 def test_a_page_sees_all_of_a_walk_that_was_killed_and_resumed(csv, tmp_path):
-    saved = tmp_path / "walk.npz"
-    words = ("stream", csv, "--checkpoint", saved, "--every", "0.2", "--view", "--no-mag", "--port")
+    saved = tmp_path / "record.csv"
+    words = ("stream", csv, "--record", saved, "--resume", "--view", "--no-mag", "--port")
     with started(*words, 0) as process, watch(process) as page:
         port = page.remote_address[1]
         while (told := read(page, {"history", "now"}))["kind"] == "history" and not told["path"]:
