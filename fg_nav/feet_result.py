@@ -86,7 +86,7 @@ class FeetResult(Solution):
         tied = pairing.width_m is not None
         truth, why_not = _find_truth(feet if tied else dict([next(iter(feet.items()))]))
         notes = (*pairing.doubts, *notes, *why_not)
-        solution = solve_person(person, first, max(foot.runtime_s for foot in feet.values()), notes)
+        solution = make_person_solution(person, first, max(foot.runtime_s for foot in feet.values()), notes)
         solution = solution.widen(max(foot.walk.recording.provenance.rate_sigma for foot in feet.values()))
         outcome = Outcome(solution, evaluate(solution), None)
         if truth is not None:
@@ -151,21 +151,29 @@ class FeetResult(Solution):
         return Verdict(max(words, key=WORDS.index), (*self.pairing.doubts, *reasons))
 
 
-def solve_person(person: PersonPath, of: Solution, runtime_s: float, notes: tuple[str, ...] = ()) -> Solution:
-    """Return the person's path as a `Solution` with method and parameters of foot `of`; no bias, no field."""
+def make_person_solution(person: PersonPath, foot: Solution, runtime_s: float, notes: tuple[str, ...] = ()) -> Solution:
+    """Return the person's path as a `Solution` with method and parameters of a foot; no bias, no field."""
+    # the sample of each footfall, once
     sample, first = np.unique(
         np.clip(np.searchsorted(person.t, person.footfall_t), 0, len(person.t) - 1), return_index=True
     )
     cov, count = person.pose_cov[first], len(sample)
     unknown = np.full((count, 3), np.nan)
     table = StanceTable(
-        sample, person.t[sample], person.position[sample], person.nav_R_person[sample], unknown, cov[:, :3, :3],
-        np.sqrt(cov[:, 3, 3]), unknown, ("none",) * count, ("",) * count, cov,
-    )  # fmt: skip
-    return Solution(
-        of.method, person.t, person.position, person.velocity, person.nav_R_person, table, runtime_s, of.parameters,
-        notes,
-    )  # fmt: skip
+        sample,
+        person.t[sample],
+        person.position[sample],
+        person.nav_R_person[sample],
+        gyro_bias=unknown,
+        position_cov=cov[:, :3, :3],
+        heading_sigma=np.sqrt(cov[:, 3, 3]),
+        gyro_bias_sigma=unknown,
+        field=("none",) * count,
+        field_reason=("",) * count,
+        pose_cov=cov,
+    )
+    path = person.t, person.position, person.velocity, person.nav_R_person
+    return Solution(foot.method, *path, table, runtime_s, foot.parameters, notes)
 
 
 def _find_truth(feet: Mapping[str, Result]) -> tuple[TrajectoryTruth | None, tuple[str, ...]]:

@@ -30,13 +30,16 @@ _NEIGHBORS = 50  # Fixes after each that it is compared with: from those farther
 
 
 def check_fix(fix: Fix) -> None:
-    """Raise `EstimationError` if the position of a fix is not finite, or its sigma impossible."""
+    """Raise `EstimationError` if a position is not finite or beyond `MAX_M`, or a sigma not `MIN_SIGMA_M` to `MAX_M`.
+
+    The vertical sigma may be greater, and infinite: the height is not known.
+    """
     if not (np.isfinite(fix.position).all() and 0 < fix.horizontal_sigma_m < np.inf and fix.vertical_sigma_m > 0):
         raise EstimationError(
             f"the fix at {fix.time_s:.2f} s needs a finite position and sigmas above zero: correct it or leave it out."
         )
-    least, largest = min(fix.horizontal_sigma_m, fix.vertical_sigma_m), fix.horizontal_sigma_m
-    if least < MIN_SIGMA_M or max(largest, *np.abs(fix.position)) > MAX_M:
+    is_too_good = min(fix.horizontal_sigma_m, fix.vertical_sigma_m) < MIN_SIGMA_M
+    if is_too_good or fix.horizontal_sigma_m > MAX_M or np.abs(fix.position).max() > MAX_M:
         raise EstimationError(
             f"the fix at {fix.time_s:.2f} s cannot be: give its place within {MAX_M:g} m of the start, and a sigma "
             f"from {MIN_SIGMA_M:g} to {MAX_M:g} m."

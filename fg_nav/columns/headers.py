@@ -213,15 +213,19 @@ def read_header(name: str) -> Meaning | None:
     return None
 
 
-def _find_kind_of_unit(words: list[str], axis: str, said: Quantity | None, in_brackets: bool) -> Kind | None:
-    """Return the kind `said` by the unit, refined by the words of the name; None where they contradict it."""
-    against = _NOTHING - {"velocity"} if said == "gyr" else _NOTHING
-    if said is None or not (in_brackets or said == "gyr") or not against.isdisjoint(words):
+def _find_kind_of_unit(words: list[str], axis: str, quantity: Quantity | None, in_brackets: bool) -> Kind | None:
+    """Return the kind of a column by the quantity of its unit, where the name has none.
+
+    None where a word of the name is against it, a sensor's column has no axis or a clock one, or the unit is not in
+    brackets, which that of a rate need not be.
+    """
+    against = _NOTHING - {"velocity"} if quantity == "gyr" else _NOTHING  # an angular velocity is a rate
+    if quantity is None or not (in_brackets or quantity == "gyr") or not against.isdisjoint(words):
         return None
-    if said == "time":
-        return None if axis else "time"
-    if not axis or said != "acc":
-        return said if axis else None
+    if bool(axis) == (quantity == "time"):
+        return None
+    if quantity != "acc":
+        return quantity
     return "no gravity" if not _NO_GRAVITY.isdisjoint(words) else "gravity" if "gravity" in words else "acc"
 
 

@@ -226,7 +226,7 @@ class _Search:
         else:
             keep, start = end > self._reported, np.maximum(start, self._reported)
         keep &= (end - 1 - start) * self.period_s >= MIN_S
-        keep[keep] = [not self._crowds(a, b) for a, b in zip(start[keep], end[keep], strict=True)]
+        keep[keep] = [not self._follows_too_soon(a, b) for a, b in zip(start[keep], end[keep], strict=True)]
         start, end, threshold = start[keep], end[keep], threshold[keep]
         self._last_end = int(end[-1]) if len(end) else 0
         if len(start) == 0:
@@ -235,14 +235,14 @@ class _Search:
         edges = np.flatnonzero(swings) + 1
         return list(zip(*(np.split(part, edges) for part in (start, end, threshold)), strict=True))
 
-    def _crowds(self, start: int, stop: int) -> bool:
-        """Whether an interval, unless a rest, follows the last reported footfall too soon for a swing between."""
-        first = self._reported - 1
-        if self._reported == 0 or start <= first or self._level.between(start, stop).min(initial=np.inf) <= REST_LEVEL:
+    def _follows_too_soon(self, start: int, stop: int) -> bool:
+        """Whether the samples `start <= i < stop`, no rest, follow the last footfall without a swing between."""
+        last = self._reported - 1  # sample of that footfall
+        is_rest = self._level.between(start, stop).min(initial=np.inf) <= REST_LEVEL
+        if self._reported == 0 or start <= last or is_rest:
             return False
-        if self._t.between(start, start + 1)[0] - self._t.between(first, first + 1)[0] >= MIN_SWING_S:
-            return False
-        return is_too_close(self._t.between(first, start + 1), self._gyr.between(first, start + 1), 1, start - first)
+        t, gyr = self._t.between(last, start + 1), self._gyr.between(last, start + 1)
+        return bool(t[-1] - t[0] < MIN_SWING_S) and is_too_close(t, gyr, 1, start - last)
 
     def _has_swung(self, start: int, stop: int) -> bool:
         """Whether the foot turns as in a swing in the samples `start <= i < stop`."""

@@ -185,12 +185,13 @@ def average_cells(right: Footfalls, left: Footfalls) -> Cells:
 def measure_turns(right: Footfalls, left: Footfalls) -> tuple[Floats, Complexes]:
     """Times (S,) s of steps, and weight exp(i turn) (S,), turn being the right foot's direction less the left one's.
 
-    The stride direction of one foot is compared with the mean direction of the other's two overlapping strides.
+    The left foot's stride `before` to `before` + 1 is compared with the way of the right foot from its footfall
+    `at` - 1 to `at` + 1, its two strides about the same time.
     """
     of_right = find_steps(right, left)
     inner = (of_right.at > 0) & (of_right.at < len(right) - 1)
     at, before, weight = of_right.at[inner], of_right.before[inner], of_right.weight[inner]
-    whole = right.count_holes(right.t[at + 1]) == right.count_holes(right.t[at - 1])
+    whole = right.count_holes(right.t[at + 1]) == right.count_holes(right.t[at - 1])  # no hole of the recording between
     at, before, weight = at[whole], before[whole], weight[whole]
     by_left = np.diff(left.position[:, :2], axis=0)[before]
     by_right = right.position[at + 1, :2] - right.position[at - 1, :2]

@@ -250,13 +250,17 @@ class Detector:
         """T (...,) of windows (..., C, rows) of the channels' values over their sigmas, angles unwrapped."""
         return np.asarray(self.compute_parts(window).sum(axis=-1))
 
-    def compute_parts(self, window: Floats) -> Floats:
-        """Contribution (..., C) of each channel to T, their sum; `window` as in `compute_statistic`."""
-        latest = window[..., -self.window :]
+    def compute_parts(self, values: Floats) -> Floats:
+        """Share (..., C) of each channel in the statistic T, which is their sum.
+
+        `values` (..., C, rows) over their sigmas: N + 1 rows of a value, of which a zero uses the last N.
+        """
+        latest = values[..., -self.window :]
         if self.form == "chi squared":
-            about_mean = window - window.mean(axis=-1, keepdims=True)
+            about_mean = values - values.mean(axis=-1, keepdims=True)
             return np.asarray(np.where(self.changing, (about_mean**2).sum(axis=-1), (latest**2).sum(axis=-1)))
-        change = np.where(self.changing[:, None], np.diff(latest, axis=-1, prepend=window[..., :1]), latest)
+        # the N changes of a value from row to row; a zero as it stands
+        change = np.where(self.changing[:, None], np.diff(latest, axis=-1, prepend=values[..., :1]), latest)
         sums = (change**2).sum(axis=-1) if self.form == "sum of squares" else np.abs(change).sum(axis=-1) ** 2
         return np.asarray(sums / self.window)
 

@@ -197,13 +197,14 @@ class FeetNavigator:
     def close(self) -> list[FeetLine]:
         """End the walk; return the lines of the footfalls that were still open, and the last revisions."""
         used = [side for side in SIDES if side not in self.refused and not self.navigators[side].has_ended]
-        found = [line for side in used for line in self.label(side, self.navigators[side].begin_end())]
-        news = list(self._follow_person())
-        ends = [line for side in used for line in self.label(side, self.navigators[side].smoother.take_end())]
-        self.abandon()
-        return [*found, *news, *ends, *self._follow_person()]
+        # the last solution of each foot is begun before either is taken: both walks are joined in it
+        open_lines = [line for side in used for line in self.label(side, self.navigators[side].begin_end())]
+        person_lines = list(self._follow_person())
+        revisions = [line for side in used for line in self.label(side, self.navigators[side].smoother.take_end())]
+        self.stop_process()
+        return [*open_lines, *person_lines, *revisions, *self._follow_person()]
 
-    def abandon(self) -> None:
+    def stop_process(self) -> None:
         """End the process that solves the walks in the background, and nothing else."""
         if self._process is not None:
             self._process.close()

@@ -67,7 +67,7 @@ def follow_feet(
     assert isinstance(right, OnlineOptions)
     navigator = FeetNavigator(left, outlets.remark, clock_offset_s=clock_offset_s, background=True, right=right)
     with ExitStack() as opened:
-        opened.callback(navigator.abandon)
+        opened.callback(navigator.stop_process)
         walk = _FollowedFeet(sources, options, navigator, outlets)
         while not stop.is_set() and walk.advance():
             pass

@@ -174,10 +174,6 @@ class OnlineNavigator(SampleIntake):
         """End the walk and return the estimates of the footfalls that were still open, and what its end takes back."""
         return [] if self.has_ended else [*self.begin_end(), *self.smoother.take_end()]
 
-    def abandon(self) -> None:
-        """End the process that solves the walk in the background, and nothing else."""
-        self._solver.close()
-
     def begin_end(self) -> list[StanceEstimate | Revision]:
         """End the walk, return the estimates of the footfalls that were still open, and begin its last solution."""
         self.has_ended = True

@@ -177,12 +177,12 @@ class RowReader:
             self._rest, self._is_too_long = b"", True
         return rows
 
-    def finish(self) -> Floats:
-        """Return the sample of a last line without an end, (0, 11) or (1, 11).
+    def finish(self, is_cut: bool = False) -> Floats:
+        """Return the sample of a last line without an end, (0, 11) or (1, 11); none of a line `is_cut` by a signal.
 
         Raises `FormatError` if no header came.
         """
-        rows = self.read(b"\n") if self._rest else np.empty((0, COLUMNS))
+        rows = self.read(b"\n") if self._rest and not is_cut else np.empty((0, COLUMNS))
         if self._columns is None and len(self._headless) >= MIN_HEADLESS and self._take_headless():
             rows = np.array(self._released, dtype=np.float64)
         if self._columns is None:

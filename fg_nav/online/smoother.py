@@ -389,8 +389,11 @@ class OnlineSmoother:
         self.schedule.begin(task, self.n_reported + delay, len(self.footfalls))
 
     def _find_needed(self, start: AnchorState | None) -> int:
-        """Return the first sample that a solution from `start`, and those after it, need."""
+        """Return the number of the first sample that a solution from `start`, and later solutions, need.
+
+        `CONTEXT_S` before the footfall of the oldest anchor, where later ones may begin; of a whole walk the first.
+        """
         if start is None or not is_windowed(self.n_reported, self._has_lag):
             return self._buffer.first
-        begins = self.footfalls[self.anchors[0].stance.number].footfall.start[0]
-        return self._buffer.find_since(self._buffer.stamp(int(begins)) - CONTEXT_S, self.walk.stop)
+        oldest = self.footfalls[self.anchors[0].stance.number].footfall
+        return self._buffer.find_since(self._buffer.stamp(int(oldest.start[0])) - CONTEXT_S, self.walk.stop)

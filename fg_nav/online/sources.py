@@ -101,7 +101,7 @@ class TextSource(SampleSource):
     def __init__(self, source: ByteSource, remark: Callable[[str], None], columns: Columns | None = None) -> None:
         self.name = source.name
         self._source, self._remark = source, remark
-        self._reader = RowReader(source.name, remark, columns)
+        self._reader, self._has_ended = RowReader(source.name, remark, columns), False
 
     @property
     def header(self) -> list[str] | None:
@@ -120,11 +120,12 @@ class TextSource(SampleSource):
     def read(self, wait_s: float) -> Floats | None:
         """See `SampleSource`."""
         piece = self._source.read(wait_s)
+        self._has_ended = piece is None
         return None if piece is None else self._reader.read(piece, self._source.away_s)
 
     def finish(self) -> Floats:
         """See `SampleSource`."""
-        rows = self._reader.finish()
+        rows = self._reader.finish(is_cut=not self._has_ended)
         if self._reader.bad:
             self._remark(f"{self._reader.bad} rows were left out in all.")
         return rows

@@ -267,13 +267,15 @@ def build_noise(p: PocketSmootherParameters) -> Noise:
 
 
 def build_prior(start: PocketStart, links: Links | None, p: PocketSmootherParameters) -> Prior:
-    """Prior of the first node: start attitude, zero bias, scale error and velocity, and the first field, wide."""
+    """Prior of the first node: start attitude, zero bias, scale error and velocities, and the first field, wide."""
     R = np.asarray(start.nav_R_body, dtype=np.float64)
-    m = np.zeros(3)
+    # both fields of the state are the first that was read, as the start attitude turns it
+    field_nav = np.zeros(3)
     if links is not None and links.n_fields.any():
-        m = R @ links.field[int(np.argmax(links.n_fields > 0))]
-    y = np.zeros(SIZE - 3)
-    y[FIELD - 3 : REGION - 3] = y[REGION - 3 : VELOCITY - 3] = m
+        field_nav = R @ links.field[int(np.argmax(links.n_fields > 0))]
+    y = np.zeros(SIZE - 3)  # the state behind the attitude, which is R
+    y[FIELD - 3 : REGION - 3] = y[REGION - 3 : VELOCITY - 3] = field_nav
+    # sigmas of attitude, bias, scale (3, 3) and both fields; then of velocity, swing and the body's velocity, (2,)
     parts = [start.tilt_sigma, np.radians(p.gyro_bias_sigma_deg_s), p.gyr_scale_sigma, FIELD_PRIOR_UT]
     sigma = np.append(np.repeat(parts, [3, 3, 9, 6]), np.repeat([PACE_M_S, SWING_M, PACE_M_S], 2))
     sigma[ATTITUDE + 2] = start.heading_sigma

@@ -23,7 +23,7 @@ from pathlib import Path
 from fg_nav.evaluation.metrics import evaluate
 from fg_nav.feet import SIDES, Side
 from fg_nav.feet.person import FeetSolution
-from fg_nav.feet_result import FeetResult, solve_person
+from fg_nav.feet_result import FeetResult, make_person_solution
 from fg_nav.io import write_tum
 from fg_nav.report import WITH_PAGE, WITH_PICTURES, Plots
 from fg_nav.report.files import (
@@ -167,4 +167,4 @@ def summarize_streamed_feet(
 def _take_person(feet: Mapping[Side, Solution], both: FeetSolution | None) -> Solution:
     """Return the path of the person: between the feet, or that of the first one where they were not tied."""
     first = next(iter(feet.values()))
-    return first if both is None else solve_person(both.person, first, first.runtime_s)
+    return first if both is None else make_person_solution(both.person, first, first.runtime_s)

@@ -66,15 +66,18 @@ def result_folder(out: Path, force: bool = False, ours: frozenset[str] = RESULT_
 
 @contextmanager
 def hold_folder(out: Path, force: bool = False, ours: frozenset[str] = RESULT_FILES) -> Iterator[None]:
-    """Lock a folder while the block runs, after repairing what a killed process left in it.
+    """Make a folder and lock it while the block runs, after repairing what a killed process left in it.
+
+    `force`: an older result may be replaced; `ours`: names of files that make one.
 
     Raises `OutputError` as `result_folder` does. A folder that was made for the block is removed if it stays empty.
     """
     made = not out.exists()
-    descriptor, locks = lock_result(out)
+    descriptor, is_locked = lock_result(out)
     try:
-        if locks:
-            # complete or undo the moves of a killed process
+        if is_locked:
+            # A killed process left the new files, the old ones, or both. A folder `PAST` means that the old ones were
+            # all moved away: the new ones move in. Without it the old ones move back.
             new, old, past = _list_left(out), sorted(out.glob(f"{OLD}*")), sorted(out.glob(f"{PAST}*"))
             with suppress(OSError):
                 for entry in _list_visible(*(old + new if past else old)):

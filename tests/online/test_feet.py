@@ -202,7 +202,7 @@ def test_clocks_that_do_not_fit_are_told_once_with_what_to_begin_again_with(
     navigator = FeetNavigator(heads_known(), remarks.append, clock_offset_s=given_s)
     for side, rows in list_blocks(lambda side, t: t < 43.0):
         navigator.push(side, rows[:, 0] + late_s * (side == "right"), rows[:, 1:4], rows[:, 4:7], rows[:, 7:10])
-    navigator.abandon()
+    navigator.stop_process()
     (said,) = [words for words in remarks if "clocks" in words]
     assert float(said.rsplit(" ", 1)[1]) == pytest.approx(told_s, abs=0.03)
 
@@ -216,7 +216,7 @@ def test_a_foot_that_was_silent_for_some_seconds_has_a_clock_that_fits() -> None
     navigator = FeetNavigator(heads_known(), remarks.append)
     for side, rows in list_blocks(lambda side, t: t < 45.0 and (side == "left" or not 14.0 < t < 24.0)):
         navigator.push(side, rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:10])
-    navigator.abandon()
+    navigator.stop_process()
     assert not [words for words in remarks if "clocks" in words]
 
 

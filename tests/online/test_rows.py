@@ -294,3 +294,13 @@ def test_rows_without_a_header_that_are_no_samples_in_si_are_still_refused() -> 
     assert not len(reader.read(lines))
     with pytest.raises(FormatError, match="ended before a header came"):
         reader.finish()
+
+
+def test_a_row_that_a_signal_cut_off_is_no_sample_and_no_fault():
+    """Its last number may be short of digits: 9.8 of 9.81."""
+    remarks = []
+    reader = RowReader("a test", remarks.append)
+    assert len(reader.read(HEADER + ROW + ROW[:20])) == 1
+    assert len(reader.finish(is_cut=True)) == 0
+    assert reader.bad == 0
+    assert not remarks

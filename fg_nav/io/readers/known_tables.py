@@ -377,14 +377,17 @@ def find_shimmer(content: Content) -> TextTable | None:
 
 
 def read_shimmer(content: Content) -> RawRecording:
-    """Read one device of an export of Consensys."""
+    """Read one device of an export of Consensys; raises `FormatError` without calibrated columns, units or a clock."""
     path, table = content.path, find_shimmer(content)
     if table is None:
         raise FormatError(f"{path.name} has no calibrated columns of a Shimmer: export it again with them.")
+    # the row of units below the names, which some exports leave out
     below = content.lines[table.line + 1 : table.line + 2]
     units = [field for line in below for field in split_fields(line, table.separator)]
-    units = units if any(find_factor("acc", field) for field in units) else []
-    table = replace(table, first_line=table.first_line + bool(units))
+    if any(find_factor("acc", field) for field in units):
+        table = replace(table, first_line=table.first_line + 1)
+    else:
+        units = []
     matches = [match for match in map(_NAME.match, table.names) if match]
     devices = list(dict.fromkeys(match["device"] for match in matches if match["what"]))
     device = choose_sensor(devices, content.sensor, path)
@@ -411,11 +414,11 @@ def read_shimmer(content: Content) -> RawRecording:
     unit = find_factor("time", units[place]) if place < len(units) else None
     t = _read_text_clock(table, place, row) if is_text else scale_values(values[there, 0], unit or 1e-3)
     # remarks
-    wide, low_noise = ({pattern.format(device=prefix).format("X")} for pattern in (_WIDE, _LOW_NOISE))
+    wide, low_noise = (pattern.format(device=prefix).format("X") for pattern in (_WIDE, _LOW_NOISE))
     notes = []
-    if wide | low_noise <= set(table.names):
+    if wide in table and low_noise in table:
         notes = ["of two accelerometers the one of low noise (LN) is taken: it is in the gyroscope's frame"]
-    elif sensors["acc"].names[0] in wide:
+    elif sensors["acc"].names[0] == wide:
         notes = ["the accelerometer is that of wide range (WR): the file has no other"]
     return pack_samples(content, "shimmer", t, samples, sensors, row, notes)
 
