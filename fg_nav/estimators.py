@@ -232,7 +232,11 @@ def list_methods(mount: Mount = "foot") -> dict[str, Method]:
     """Return the methods for a sensor worn there by name, with those that other packages add."""
     from fg_nav.plugins import find_plugins
 
-    added = {one.name: one for one in find_plugins("methods", Method).values() if one.mount == mount}
+    added = {
+        one.name: replace(one, uses=one.uses - {"feet"})  # which are solved by our graph alone
+        for one in find_plugins("methods", Method).values()
+        if one.mount == mount
+    }
     return METHODS[mount] | {name: one for name, one in added.items() if name not in METHODS[mount]}
 
 

@@ -14,7 +14,7 @@ from tests.io.samples import tilting
 
 RAW = tilting(np.random.default_rng(41), duration_s=4.0, rate_hz=100.0, still_s=1.0)
 ACC_G, GYR_DEG_S = RAW.acc / GRAVITY_M_S2, np.degrees(RAW.gyr)
-MODULES = ("columns.units", "columns.headers", "columns.mapping")
+MODULES = ("columns.headers", "columns.mapping")
 
 
 def is_the_same(recording: Recording, mag: bool = True) -> bool:

@@ -103,7 +103,10 @@ KNOWN_ETA_RAD = 0.3  # Sigma of a direction that is known: beyond 17 degrees a s
 MIN_FOOTFALLS = 10  # Five parameters, and some footfalls to judge them by.
 MAX_GAP_RAD = float(np.deg2rad(90.0))  # Between neighboring headings: three quarters of the round hold the ellipse.
 LEVELLING_SIGMA_RAD = 0.003  # Steady error of up, per axis (3 mg, a calibrated MEMS part): an error of the hard iron.
-LEVEL_SIZES = 100.0, 1.0 / 30.0  # Of center (uT) and C (1/uT) over the ground: a short arc has a first guess of any.
+LEVEL_SIZES = (
+    100.0,
+    1.0 / 30.0,
+)  # Of center (uT) and C (1/uT) over the ground: fixed, as a short arc may guess any size.
 SECTORS, MIN_SECTORS = 12, 9  # Of 30 degrees, and how many must hold a footfall for their means to count.
 
 NO_ELLIPSOID = "the readings lie on no ellipsoid: turn the sensor in more directions, away from iron that stays behind."
@@ -316,8 +319,6 @@ class Ellipse:
         h = R^T (o, 0), C = R^T blockdiag(C, 1) R with R = level_R_body. It holds for footfalls at that tilt, not for
         the swing. The vertical is left as it is: hard iron along it has a sigma of `UNKNOWN_UT`, which covers soft iron
         too; its effect of the vertical field over the ground is in o.
-
-        Raises `CalibrationError` if the ellipse has no covariance.
         """
         R = compute_level_R_body(body_up)
         C = np.eye(3)

@@ -334,7 +334,8 @@ class Linearization:
         rows, J = whiten(whitening, residual), whiten(whitening, jacobian)
         weight = compute_weights(rows)
         rows, J = rows.reshape(len(walk), 3 * PHASES, 1), J.reshape(len(walk), 3 * PHASES, -1)
-        information = weight[:, None, None] * (J.transpose(0, 2, 1) @ J)
+        information = J.transpose(0, 2, 1) @ J
+        information *= weight[:, None, None]
         score = weight[:, None] * (J.transpose(0, 2, 1) @ rows)[..., 0]
         return cls(residual, jacobian, weight, whitening, information, score)
 
@@ -381,8 +382,11 @@ def fit_iron(walk: StrideModel) -> IronFit:
     at, spread = start_unknowns(walk), START_UT**2 * np.stack([np.eye(PHASES)] * 3)
     prior, rest = prior_precision(walk), np.zeros(walk.unknowns)
     rest[IRON] = WITHOUT_IRON
+    last = Linearization.at(walk, at, spread)
     for step in range(MAX_STEPS):
-        last = Linearization.at(walk, at, spread)
+        if step:
+            del last  # as large as all else: not kept beside the next one
+            last = Linearization.at(walk, at, spread)
         normal = last.information.sum(axis=0) + prior
         change = np.linalg.solve(normal, last.score.sum(axis=0) - prior @ (at - rest))
         if step >= MIN_STEPS and np.abs(change[:3]).max() < CLOSE_UT:

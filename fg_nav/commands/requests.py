@@ -443,7 +443,7 @@ class StreamRequest(SensorOptions, FieldOptions, AidOptions, ViewOptions, PlotOp
     resume: bool = flag(OUTPUT, "Go on with the walk of --record, if it is there.", "--resume")
     serve: int | None = option(OUTPUT, "Serve the lines on this port of 127.0.0.1, and print none.", "PORT")
     out: Path | None = option(OUTPUT, "Folder for the result at the end. \\[default: lines]", "DIR")
-    force: bool = flag(OUTPUT, "Replace an older result in the folder.", "--force")
+    force: bool = flag(OUTPUT, "Replace an older result in the folder, and an older record.", "--force")
 
 
 REQUESTS: tuple[type[Request], ...] = (

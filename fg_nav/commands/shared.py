@@ -140,7 +140,7 @@ APPLIES: dict[str, Applies] = {
     "known_distance": Applies(("pocket",), one=True),
     "gate": Applies(("foot", "feet"), "gate", mag=True),
     "magnetic": Applies(("foot", "feet"), "magnetic", mag=True),
-    "preset": Applies(("foot", "feet")),
+    "preset": Applies(("foot", "feet"), "preset"),
     "settings": Applies(("foot", "feet")),
     "mag_axes": Applies(mag=True),
     "fixes": Applies(("foot",), "fixes", one=True),

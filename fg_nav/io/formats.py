@@ -211,7 +211,10 @@ def _find_all(content: Content, formats: Collection[Format]) -> Iterator[tuple[F
             yield one, content
             return
     for part in content.parts():
-        yield from _find_all(part, formats)
+        found = list(_find_all(part, formats))
+        if not found:
+            part.opened.clear()
+        yield from found
 
 
 def read_truth(path: Path | str) -> Truth:

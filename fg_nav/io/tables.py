@@ -188,7 +188,8 @@ class TextTable:
     def read_words(self, position: int, row: Ints) -> NDArray[np.object_]:
         """Read a column as text in the lines (N,) `row`, None where a field is empty; `FormatError` if it cannot be."""
         try:
-            frame = pd.read_csv(self.content.source(), dtype=str, **self.options)
+            how = self.options | {"usecols": [position], "names": None, "dtype": str}
+            frame = pd.read_csv(self.content.source(), **how)
             words = np.asarray(frame[position].str.strip().replace({np.nan: None}), dtype=object)
             return words[row - self.first_line]
         except (ValueError, IndexError, pd.errors.ParserError):
@@ -454,7 +455,7 @@ def _open_sheet(content: Content) -> Table:
     name = content.path.name
     with explain_library(name, "an Excel file", "openpyxl", "xlsx"), warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        frame = pd.read_excel(io.BytesIO(content.read_bytes()), header=None)
+        frame = pd.read_excel(io.BytesIO(content.read_bytes()), header=None, engine="openpyxl")
     text = frame.to_csv(index=False, header=False, sep="\t")
     sheet = Content(content.path, lines=tuple(text.splitlines()[:400]), fetch=lambda n: text.encode()[:n])
     found = open_table(sheet)

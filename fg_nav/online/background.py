@@ -3,9 +3,9 @@
     begin, request    a task, or the footfalls since, with the samples up to there    -> submitted
     is_ready, take    its result                                                      -> AnchorState
 
-The process holds samples and newest task of each walk, by the side of the foot, "" of one foot alone. A result is what
-`WalkSolver` returns, to the bit. Where the process dies (memory, a signal) or has not answered for `MAX_S` (it was
-stopped), the `WalkSolver` of this process takes its place, on the samples the owner has.
+The process holds samples and newest task of each walk, by the side of the foot, None of one foot alone. A result is
+what `WalkSolver` returns, to the bit. Where the process cannot start, dies (memory, a signal), fails or has not
+answered for `MAX_S` (it was stopped), the `WalkSolver` of this process takes its place, on the samples the owner has.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ class BackgroundSolver:
         self.is_here, self.pace = False, process.pace
         self._process, self._here, self._remark, self._side = process, here, remark, side
         self._sent, self._requested_s = 0, time.monotonic()
-        self._future: Future[AnchorState | None] | None = None
+        self._futures: list[Future[AnchorState | None]] = []  # Of the newest task, and of what followed it.
 
     def start(self) -> None:
         """As of `WalkSolver`: it takes some seconds until the process has loaded what it needs."""
@@ -89,6 +89,7 @@ class BackgroundSolver:
     def begin(self, task: Task) -> None:
         """As of `WalkSolver`."""
         self._here.begin(task)
+        self._futures.clear()
         self._sent = max(self._sent, task.since)
         self._submit(_begin, *self._cut_samples(task.footfalls), task)
 
@@ -100,18 +101,21 @@ class BackgroundSolver:
 
     def is_ready(self) -> bool:
         """As of `WalkSolver`."""
-        return self._future is None or self._future.done() or self._left_s <= 0.0
+        return all(one.done() for one in self._futures) or self._left_s <= 0.0
 
     def take(self) -> AnchorState | None:
         """As of `WalkSolver`."""
-        if self._future is not None:
-            try:
-                return self._future.result(max(self._left_s, 0.0))
-            except BrokenProcessPool:
-                self._solve_here("has died")
-            except TimeoutError:
-                self._solve_here(f"has not answered for {MAX_S:.0f} s")
-        return self._here.take()
+        found: AnchorState | None = None
+        try:
+            for future in self._futures:
+                found = future.result(max(self._left_s, 0.0))
+        except BrokenProcessPool:
+            self._solve_here("has died")
+        except TimeoutError:
+            self._solve_here(f"has not answered for {MAX_S:.0f} s")
+        except Exception as error:  # its memory may have been too small
+            self._solve_here(f"has failed ({type(error).__name__})")
+        return found if self._futures else self._here.take()
 
     def close(self) -> WalkSolver:
         """As of `WalkSolver`; that of a foot leaves the process to the other foot."""
@@ -134,15 +138,18 @@ class BackgroundSolver:
         if self.is_here:
             return
         try:
-            self._future = self._process.submit(function, self._side, *content)
+            self._futures.append(self._process.submit(function, self._side, *content))
         except BrokenProcessPool:
             self._solve_here("has died")
+        except Exception as error:  # the system has no process or no semaphore left, or this process may start none
+            self._solve_here(f"cannot be started ({type(error).__name__})")
 
     def _solve_here(self, why: str) -> None:
         if not self._process.is_closed:  # Else it was reported for the other foot, or nobody waits for it any more.
-            self._remark(f"the process that solves the walk again {why}: its work is done in between from here on.")
+            self._remark(f"the process that solves the walk again {why}: this one does its work from here on.")
         self._process.close()
-        self.is_here, self._future = True, None
+        self.is_here = True
+        self._futures.clear()
 
 
 Solver: TypeAlias = WalkSolver | BackgroundSolver

@@ -60,7 +60,7 @@ class StanceEstimate:
     compass_weight: float  # Of the magnetic heading, in [0, 1] (`field.weigh_compass`).
     field: str  # Verdict on the field, as in a stance table,
     field_reason: str  # in words.
-    floor: int | None = None  # Of the building, 0 where the walk began (`floor_number`); None where not known.
+    floor: int | None = None  # Of the building, 0 where the walk began (`anchor.FloorTrack`); None where not known.
 
     def widen(self, rate_sigma: float) -> StanceEstimate:
         """Return it with the scale error of a nominal rate, relative sigma `rate_sigma`, added to its covariance."""

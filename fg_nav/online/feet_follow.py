@@ -73,7 +73,13 @@ def follow_feet(
             pass
         walk.end()
     walks = {
-        side: StreamedWalk(navigator.navigators[side], one.name, options[side].calibration, options[side].mag_axes)
+        side: StreamedWalk(
+            navigator.navigators[side],
+            one.name,
+            options[side].calibration,
+            options[side].mag_axes,
+            rate_sigma=options[side].rate_sigma,
+        )
         for side, one in sources.items()
     }
     return StreamedFeet(navigator, walks)

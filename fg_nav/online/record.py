@@ -24,7 +24,7 @@ import os
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, closing, suppress
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -44,6 +44,7 @@ from fg_nav.system.processes import lock
 from fg_nav.text import format_count, to_json
 
 RETRY_S = 1.0  # Between two attempts to write on a disk without room.
+SYNC_S = 5.0  # Between two times that a file is brought to the disk, for a power cut.
 MAX_WAITING = 500_000  # Rows that wait for it, twenty minutes at 400 Hz; the oldest are dropped first.
 HEADER = ",".join(CANONICAL) + "\n"
 LINES = ".lines"  # Behind the name of the record.
@@ -120,10 +121,11 @@ class Record:
 
     def __init__(self, path: Path, resumes: bool, force: bool, remark: Callable[[str], None]) -> None:
         self.path, self._remark = path, remark
-        is_old = path.is_file() and path.stat().st_size > 0
-        if is_old and not (resumes or force):
+        files = [path.with_name(path.name + end) for end in ("", LINES)]
+        old = [file for file in files if file.is_file() and file.stat().st_size > 0]
+        if old and not (resumes or force):
             raise OutputError(
-                f"{path} is there already: go on with it by --resume, replace it by --force, or name another file."
+                f"{old[0]} is there already: go on with it by --resume, replace it by --force, or name another file."
             )
         self.rows = np.empty((0, COLUMNS))
         self.given: GivenLines | None = None
@@ -131,10 +133,10 @@ class Record:
         self._walks: list[dict[str, Any]] = []
         with ExitStack() as opened:
             self._samples, self._lines = (
-                opened.enter_context(closing(_AppendedFile(path.with_name(path.name + end), remark)))
-                for end in ("", LINES)
+                opened.enter_context(closing(_AppendedFile(file, begin, remark)))
+                for file, begin in zip(files, (HEADER, ""), strict=True)
             )
-            if is_old and resumes:
+            if old and resumes:
                 self._read()
             opened.pop_all()
         self._about: dict[str, Any] | None = None
@@ -183,9 +185,9 @@ class Record:
             entries.append({"kind": COLUMN_NAMES, "columns": header})
             self.header = header
         if entries:
+            self._samples.drop_older()  # before its lines
             self.add_lines([json.dumps(one) for one in entries])
-        text = "".join(format_rows(new, "%r", ",")).replace("nan", "")
-        self._samples.append(text if self._samples.has_content else HEADER + text, len(new))
+        self._samples.append("".join(format_rows(new, "%r", ",")).replace("nan", ""), len(new))
         return new
 
     def add_lines(self, lines: Sequence[str]) -> None:
@@ -206,13 +208,16 @@ class Record:
         if not HEADER.encode().startswith(begin):
             raise FormatError(f"{name} was not recorded by this command: name another file to record into.")
         self._samples.cut_last_line()
-        with suppress(FormatError):  # it has no samples yet
-            self.rows = rows_of(FORMATS["canonical"].read(read_content(self.path)))
-        if not len(self.rows):
+        if not self._samples.has_rows:
             return
-        self._lines.cut_last_line()
         try:
-            text = self._lines.path.read_text(encoding="ascii")
+            self.rows = rows_of(FORMATS["canonical"].read(read_content(self.path)))
+        except FormatError:
+            raise FormatError(
+                f"{name} holds rows that are no samples, and its walk cannot go on: name another file to record into."
+            ) from None
+        try:
+            text = self._lines.path.read_text(encoding="ascii").rpartition("\n")[0]
             entries = [entry for line in text.splitlines() for entry in json.loads(line)]
             kinds = {kind: [one for one in entries if one["kind"] == kind] for kind in (WALK, COLUMN_NAMES)}
             self._walks = kinds[WALK]
@@ -228,13 +233,17 @@ class Record:
                 f"{self._lines.path} is damaged or not there, and without it the walk of {name} cannot go on: name "
                 "another file to record into."
             )
+        self._lines.cut_last_line()
 
 
 class _AppendedFile:
-    """A text file that is appended to, open and locked; what it held stays until then, and is replaced if not read."""
+    """A text file that is appended to, open and locked; what it held stays until then, and is replaced if not read.
 
-    def __init__(self, path: Path, remark: Callable[[str], None]) -> None:
-        self.path, self._remark = path, remark
+    It begins with `header`.
+    """
+
+    def __init__(self, path: Path, header: str, remark: Callable[[str], None]) -> None:
+        self.path, self._header, self._remark = path, header, remark
         try:
             self._file = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
             lock(self._file)
@@ -247,11 +256,17 @@ class _AppendedFile:
         self._waiting: deque[tuple[str, int]] = deque()
         self._count = self._lost = 0
         self._retry_at: float | None = None  # While it cannot be written.
+        self._synced_at = 0.0  # When it was last on the disk.
 
     @property
-    def has_content(self) -> bool:
-        """Whether anything is in it or waits."""
-        return self._good > 0 or bool(self._waiting)
+    def has_rows(self) -> bool:
+        """Whether more than the header is in it."""
+        return self._good > len(self._header)
+
+    def drop_older(self) -> None:
+        """Drop what an older file held, if that was not read."""
+        if self._good == 0 and self.path.is_file():
+            os.truncate(self._file, 0)
 
     def read(self, size: int) -> bytes:
         """Return its first bytes."""
@@ -303,12 +318,15 @@ class _AppendedFile:
     def _write(self, data: bytes) -> None:
         """Append all of it, or nothing: what was written of it is cut off again."""
         place = self._good
+        data = data if place else self._header.encode("ascii") + data
         try:
-            if place == 0 and self.path.is_file():
-                os.truncate(self._file, 0)  # what an older file held
+            self.drop_older()
             while data:
                 written = os.pwrite(self._file, data, place)
                 place, data = place + written, data[written:]
+            if time.monotonic() > self._synced_at + SYNC_S and self.path.is_file():
+                os.fsync(self._file)
+                self._synced_at = time.monotonic()
         except OSError:
             if self.path.is_file():
                 os.truncate(self._file, self._good)

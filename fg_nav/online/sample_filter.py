@@ -84,9 +84,8 @@ NOTHING = np.empty((0, COLUMNS))
 class SampleFilter:
     """Accepts what can be navigated with; `counts` holds how much of each kind of `REMARKS` there was.
 
-    `remark` is called with
-    one sentence the first time that something of a kind happens, and whenever the stamps are changed. Raises
-    `RecordingError` from `accept`, if the samples are in a wrong unit.
+    `remark` is called with one sentence the first time that something of a kind happens, and whenever the stamps are
+    changed. Raises `RecordingError` from `accept`, if the samples are in a wrong unit.
     """
 
     def __init__(self, remark: Callable[[str], None] = lambda words: None) -> None:

@@ -1,7 +1,7 @@
 """The online smoother: footfalls in, the estimate of each out, and revisions of the past.
 
     footfall         -> the newest window of the walk (`window`), in iSAM2: where the foot is now
-    by the schedule  -> the walk so far is solved again in the background (`solving`), its footfalls reviewed
+    by the schedule  -> the walk so far is solved again in the background (`resolve`), its footfalls reviewed
     anchor state     -> takes effect at a footfall that was fixed beforehand: a new window begins there, and the past is
                         revised (`estimates.Revision`)
 

@@ -1,7 +1,7 @@
 """Charts as data: lines, bands and dots in panels over one another, in the words of plotly's JSON.
 
 `render_plotly` gives the page its JSON; `fg_nav.report.plots.style.render_matplotlib` draws the same chart as a PNG.
-A trace that is too much at first is drawn on a touch on the legend of the page (`LATER`), and not in a picture; the key
+A trace that is `LATER` is hidden on the page until its legend entry is clicked, and is not in a picture; the key
 `PICTURE` of a trace, which plotly does not get, decides otherwise.
 
 Numbers are rounded to visible digits; non-finite ones become null, which breaks a line. Colours are legible on white

@@ -19,7 +19,7 @@ import os
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from itertools import count
 from pathlib import Path
 
@@ -54,13 +54,13 @@ NEW, OLD, PAST = (".fg-nav-new-", ".fg-nav-old-", ".fg-nav-past-")  # Prefixes o
 
 
 @contextmanager
-def result_folder(out: Path, force: bool = False, ours: frozenset[str] = RESULT_FILES) -> Iterator[Path]:
+def result_folder(out: Path, force: bool = False) -> Iterator[Path]:
     """Yield an empty folder to write into; at the end of the block its content becomes that of `out`.
 
-    With `force` an older result in it, of files named in `ours`, is replaced. Raises `OutputError` if `out` holds a
+    With `force` an older result in it is replaced. Raises `OutputError` if `out` holds a
     result and `force` is not set, holds anything else, cannot be written, or another process is at work in it.
     """
-    with hold_folder(out, force, ours), fill_folder(out, force, ours) as fresh:
+    with hold_folder(out, force), fill_folder(out, force) as fresh:
         yield fresh
 
 
@@ -167,20 +167,28 @@ def _refuse_file(out: Path) -> None:
 
 @contextmanager
 def claim_folder(parent: Path, name: str) -> Iterator[Path]:
-    """Hold and yield the first of `parent/name-1`, `-2`, ... without a result at which no other process is at work.
+    """Make, hold and yield the first of `parent/name-1`, `-2`, ... that is new, or was left by a killed process.
 
     It is removed if it is empty at the end. Raises `OutputError` if none can be made.
     """
-    with ExitStack() as held:
-        for number in count(1):
-            out = parent / f"{name}-{number}"
-            try:
-                held.enter_context(hold_folder(out))
-                break
-            except OutputError:
-                if not out.exists():
-                    raise
-        yield out
+    for number in count(1):
+        out = parent / f"{name}-{number}"
+        try:
+            out.mkdir(parents=True)  # of two processes one makes it, also on a disk without locks
+            break
+        except FileExistsError:
+            with suppress(OutputError):
+                if any(out.glob(f"{NEW}*")) and not _list_visible(out):
+                    with hold_folder(out):
+                        break
+        except OSError as error:
+            raise unwritable(parent, error) from None
+    try:
+        with hold_folder(out):
+            yield out
+    finally:
+        with suppress(OSError):  # it is not empty: all went well
+            out.rmdir()
 
 
 def unwritable(out: Path, error: OSError) -> OutputError:
@@ -243,7 +251,15 @@ def result_files(out: Sequence[Path], ours: Callable[[Path], bool], force: bool 
             for file in out:  # which another process may have made meanwhile
                 check_file_free(file, ours, force)
             for made, file in zip(fresh, out, strict=True):
-                os.replace(made, file)
+                if force:
+                    os.replace(made, file)
+                    continue
+                try:
+                    os.link(made, file)
+                except FileExistsError:
+                    raise OutputError(f"{file} was made by another meanwhile: name another file.") from None
+                except OSError:  # a disk without links
+                    os.replace(made, file)
     except OSError as error:
         raise unwritable(out[0], error) from None
 

@@ -209,8 +209,8 @@ def _predict(
 def find_windows(gap: Ints, count: int, offsets: Ints) -> Ints:
     """Origins (M,) of training windows: samples with no gap between the first and the last of `offsets`."""
     origin = np.arange(-offsets[0], count - offsets[-1])
-    gaps_before = np.searchsorted(gap, [origin + offsets[0], origin + offsets[-1]])
-    clear = origin[gaps_before[0] == gaps_before[1]]
+    gaps_before = np.searchsorted(gap, origin + offsets[0])
+    clear = origin[gaps_before == np.searchsorted(gap, origin + offsets[-1])]
     return np.asarray(clear[:: max(1, -(-len(clear) // MAX_WINDOWS))])
 
 

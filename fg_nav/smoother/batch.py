@@ -49,7 +49,7 @@ from fg_nav.smoother.constraints import (
 from fg_nav.smoother.dense_path import trajectory_of
 from fg_nav.smoother.differential import add_differential_field, write_note
 from fg_nav.smoother.directions import follow_directions
-from fg_nav.smoother.field import FieldSolution, FieldVerdict, find_obstacle, solve_with_field
+from fg_nav.smoother.field import FieldSolution, FieldVerdict, find_obstacle, integrate_field, solve_with_field
 from fg_nav.smoother.gauss_newton import FIRST_CONVERGENCE
 from fg_nav.smoother.graph import WalkProblem, count_factors, solve
 from fg_nav.smoother.gyro_bias import average_bias_prior
@@ -214,9 +214,11 @@ def solve_with_all(problem: WalkProblem, given: WalkInput) -> SolvedWalk:
         # While the foot stands the field shows the gyro bias, also where it shows no heading.
         track = trajectory_of(problem.recording, problem.nodes, problem.values, problem.parameters.gravity)
         problem = add_differential_field(problem, problem.values, track)
-    if field is not None and track is not None and not obstacle:
+    path = integrate_field(problem, field, track) if field is not None and track is not None and not obstacle else None
+    del track  # fifteen numbers a sample
+    if field is not None and path is not None:
         # The field is compared along the solution, and joins it.
-        found = solve_with_field(problem, field, track)
+        found = solve_with_field(problem, field, path)
         problem, solved, verdict = found.problem, found.solved, found.verdict
     else:
         count = len(problem.nodes.result)

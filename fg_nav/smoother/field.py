@@ -127,12 +127,12 @@ def turn_to_field(problem: WalkProblem, field: FootfallField) -> WalkProblem:
     return replace(problem, values=values, start=start)
 
 
-def solve_with_field(problem: WalkProblem, field: FootfallField, track: Trajectory) -> FieldSolution:
+def solve_with_field(problem: WalkProblem, field: FootfallField, path: FieldPath) -> FieldSolution:
     """Smooth a walk with its field, in rounds: compass sigmas, verdicts and roughness from the walk of the last.
 
-    `track` is the trajectory of the problem's values, along which the field is integrated.
+    `path` is the field along the trajectory of the problem's values.
     """
-    p, path, noise_notes = problem.parameters.magnetic, integrate_field(problem, field, track), tuple[str, ...]()
+    p, noise_notes = problem.parameters.magnetic, tuple[str, ...]()
     problem = turn_to_field(problem, field)
     # The first round, without the heading: it finds the direction in which the field is expected.
     residuals = compare_field(problem, field, problem.values, path, None, p)
@@ -154,6 +154,7 @@ def solve_with_field(problem: WalkProblem, field: FootfallField, track: Trajecto
             problem, noise_notes = replace(problem, field=factors.assume_lost_share(noise.lost_share)), (noise.note,)
         # And solved again.
         problem = replace(problem, values=solved.values)
+        del solved  # its triangle is as large as all else
         problem, solved = free_jumps(problem, solve(problem))
     states, verdicts = problem.field_factors.states(solved.values), residuals.verdicts
     # Notes.

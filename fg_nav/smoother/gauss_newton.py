@@ -186,7 +186,7 @@ class System(Protocol[V]):
 class Minimum(Generic[V]):
     """Values at the minimum of a system, the triangle of the last linearization, and the number of linearizations.
 
-    `linearized_at` are the values of that linearization, one step before the minimum, where the error is `error`;
+    `error` is that of `values`; `linearized_at` are those of the last linearization, one step before the minimum;
     `volume` is log|R|, `stacks` are the linear factors.
     """
 

@@ -208,7 +208,7 @@ class WalkProblem:
 def solve(problem: WalkProblem, convergence: float = CONVERGENCE, with_stacks: bool = False) -> Solved:
     """Minimize the error of a walk, to this difference of promised and true error per variable.
 
-    The linear factors, as large as the triangle, stay in it `with_stacks`.
+    `with_stacks` keeps the linear factors, as large as the triangle.
     """
     found = find_minimum(problem.system, problem.values, order_variables(problem), convergence)
     return found if with_stacks else replace(found, stacks=())

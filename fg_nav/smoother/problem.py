@@ -43,7 +43,7 @@ T_k is by how much twice the error falls at the minimum where d_k is free (a del
 three degrees of freedom where the stance is one. It costs one pass down the triangle (`square_root`), each footfall a
 group with G = J^T H.
 
-What is refused by T, and that the sigmas of its ties grow to |d_k|: `docs/models.md`.
+Which stances T refuses, and how their ties are weakened, is in `docs/models.md`.
 """
 
 from __future__ import annotations
@@ -338,7 +338,9 @@ def walk_problem(
     if p.refuse_stances:
         problem, solved = weaken_refused_stances(problem, solved)
     # Random walk of the bias.
-    return average_bias_walk(problem, solved.stacks) if p.choose_bias_walk else problem
+    stacks = solved.stacks
+    del solved  # its triangle is as large as all else
+    return average_bias_walk(problem, stacks) if p.choose_bias_walk else problem
 
 
 def estimate_swing_noise(recording: Recording, stances: Stances, p: SmootherParameters) -> float:

@@ -32,10 +32,10 @@ its end. So s is one variable of the solved graph, linearized at its minimum, wi
 What differs between the halves of a walk is no scale, though one number may explain it better than none: a bias that
 moves, a wing with a field of its own. So each half has an s of its own, z = (s_1, s_2), and three models are as likely
 before the walk: nothing but what is alike (`ALIKE_SIGMA` in both halves, the same), one scale (`SCALE_SIGMA` more, the
-same in both), two that have nothing to do with each other (`SCALE_SIGMA` in each). Of the second what `docs/models.md`
-says is taken off; nats by which tilt and velocity close worse with it count against it. The covariances of the walk
-hold the rest: a variable that moves by X s has X M X^T more, with M the second moment about what was taken off, over
-the three models (Hoeting et al. 1999).
+same in both), two that have nothing to do with each other (`SCALE_SIGMA` in each). Only the second is taken off, as
+`docs/models.md` describes; nats by which tilt and velocity close worse with it count against it. The covariances of the
+walk hold the rest: a variable that moves by X s has X M X^T more, with M the second moment about what was taken off,
+over the three models (Hoeting et al. 1999).
 
 Clipped peaks of the rate, rebuilt, are off alike too, on one side of an axis as they are one moment of the gait: z_side
 (rad/s over the sigma of a peak) has the same columns with c = -sigma of the peak on that side, the prior 0 +- 1, and is

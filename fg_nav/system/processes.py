@@ -21,9 +21,9 @@ import threading
 import weakref
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import Future, ProcessPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache, partial
-from multiprocessing import get_context, parent_process
+from multiprocessing import get_context, parent_process, resource_tracker
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 from subprocess import PIPE
@@ -67,6 +67,7 @@ class Worker:
         self._set_up = partial(_begin_worker, set_up, *arguments)
         self._pool: ProcessPoolExecutor | None = None
         self._processes: dict[int, BaseProcess] = {}
+        self._calls: Any = None  # The reading end of their pipe.
 
     @property
     def pid(self) -> int | None:
@@ -81,18 +82,22 @@ class Worker:
             self._pool = ProcessPoolExecutor(1, get_context("spawn"), self._set_up)
             future = self._pool.submit(function, *arguments)
         # An interpreter that ends waits for its pools, before `atexit`, and they for a process that may be stuck.
-        self._processes = dict(self._pool._processes)
-        vars(threading)["_register_atexit"](weakref.finalize(self, _kill, self._processes))
+        self._processes, self._calls = dict(self._pool._processes), vars(self._pool)["_call_queue"]._reader
+        vars(threading)["_register_atexit"](weakref.finalize(self, _kill, self._processes, self._calls))
         return future
 
     def kill(self) -> None:
         """Kill the process, if there is one."""
-        _kill(self._processes)
+        _kill(self._processes, self._calls)
 
 
-def _kill(processes: Mapping[int, BaseProcess]) -> None:
+def _kill(processes: Mapping[int, BaseProcess], calls: Any) -> None:
+    """Kill processes, and close this end of their calls: a thread that writes a long one would wait for a reader."""
     for process in processes.values():
         process.kill()
+    if processes:
+        with suppress(OSError):
+            calls.close()
 
 
 @contextmanager
@@ -102,15 +107,11 @@ def _shield_children() -> Iterator[None]:
     Nor does what tracks resources of pools print that those of a process that was killed are freed.
     """
     wanted = {"PYTHONSAFEPATH": "1", "PYTHONWARNINGS": "ignore:resource_tracker"}
-    blocked, known = (
-        signal.pthread_sigmask(signal.SIG_BLOCK, OF_TERMINAL),
-        {name: os.environ.get(name) for name in wanted},
-    )
+    known = {name: os.environ.get(name) for name in wanted}
     os.environ.update(wanted)
-    main, sys.modules["__main__"] = (
-        sys.modules["__main__"],
-        ModuleType("__main__"),
-    )  # Else a user's script would run again.
+    resource_tracker.ensure_running()  # it unblocks signals, so it starts before they are blocked
+    blocked = signal.pthread_sigmask(signal.SIG_BLOCK, OF_TERMINAL)
+    main, sys.modules["__main__"] = sys.modules["__main__"], ModuleType("__main__")  # a user's would run again
     try:
         yield
     finally:
@@ -122,6 +123,8 @@ def _shield_children() -> Iterator[None]:
 
 
 def _begin_worker(set_up: Callable[..., None], *arguments: object) -> None:
+    for number in OF_TERMINAL:
+        signal.signal(number, signal.SIG_IGN)
     os.dup2(2, 1)  # What it prints must not be among the lines that this program prints.
     threading.Thread(target=_end_with_parent, daemon=True).start()
     collect_seldom()

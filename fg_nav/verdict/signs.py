@@ -53,8 +53,8 @@ CLOSED_SHARE = 0.02  # Distance of the end from the start, over the way, of a wa
 class WalkSigns:
     """Quantities of a walk and its solution that several signs need.
 
-    Strides are those from one row of the solution's table to the next; the recording is the one that was solved, which
-    of a stream has no provenance: that is the walk's.
+    Strides are those from one row of the solution's table to the next; the recording is the one that was solved, in a
+    stream without provenance, which is that of `walk.recording`.
     """
 
     def __init__(self, walk: Walk, solution: Solution) -> None:

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from fg_nav.magnetic.axes import MagAxes, align_magnetometer
-from fg_nav.online import OnlineNavigator, load, save
+from fg_nav.online import OnlineNavigator
 from fg_nav.online.buffer import rows_of
 from fg_nav.recording import Recording
 from tests.magnetic.turning_walks import minute
-from tests.online.walks import NORTH, push, worst_difference
+from tests.online.walks import NORTH, push
 
 LATE_S, ROWS = 0.022, 2700
 
@@ -44,17 +44,6 @@ def test_the_delay_is_found_on_the_way_and_taken_off_what_follows(walked):
     assert np.sqrt(np.mean(error**2)) < 0.25 * np.sqrt(np.mean(before**2))
     np.testing.assert_allclose(walk.cut_recording(walk.stop - 500).mag, cut[-500:], atol=1e-9)
     assert any("ms late" in note for note in walked.smoother.initial.notes)
-
-
-def test_a_resumed_walk_has_the_same_delay_to_the_bit(walked, tmp_path):
-    rows = rows_of(late_walk())
-    navigator = OnlineNavigator(NORTH)
-    push(navigator, rows[:2200], range(70, 2200, 70))
-    save(navigator, tmp_path / "walk.npz")
-    again = load(tmp_path / "walk.npz", NORTH)
-    push(again, rows[2200:])
-    assert worst_difference(again.causal(), walked.causal()) < 1e-9
-    assert again.smoother.walk.sensor.magnetometer.delay == walked.smoother.walk.sensor.magnetometer.delay
 
 
 def test_the_whole_walk_is_solved_with_the_field_at_its_stamps(walked):

@@ -256,7 +256,7 @@ def test_a_process_beside_that_was_stopped_is_not_waited_for_for_ever(monkeypatc
     finally:
         solver.close()
     assert remarks == [
-        "the process that solves the walk again has not answered for 0 s: its work is done in between from here on."
+        "the process that solves the walk again has not answered for 0 s: this one does its work from here on."
     ]
 
 

@@ -159,12 +159,15 @@ def test_listeners_that_misbehave_are_measured(capsys):
 
 
 def test_lines_of_a_walk_that_was_killed_are_compared_wherever_they_were_told():
-    text = "\n".join(json.dumps({"kind": "now", "stance": k, "t": k, "position_m": [k, 0.5]}) for k in range(3))
+    lines = [{"kind": "now", "stance": k, "t": k, "stance_t": k} for k in range(3)]
+    lines += [{"kind": "smoothed", "position_m": [k, 0.5], "position_sigma_m": [0.5, 0.5]} for k in range(3)]
+    text = "\n".join(map(json.dumps, lines))
     whole = list(kills.read_lines(text))
     told = list(kills.read_lines(text + '\n{"kind": "now", "sta'))
-    assert kills.compare_lines(whole, [*told, *told[1:]]) == (0, [0.0] * 5)
-    other = [{**told[0], "position_m": [0, 0.75]}, {**told[1], "position_m": [None, 0.5]}, {**told[2], "stance": 9}]
-    assert kills.compare_lines(whole, other) == (1, [0.25, np.inf, np.inf])
+    assert kills.compare_lines(whole, told) == (0, 0, 0.0)
+    assert kills.compare_lines(whole, [*told, *told[1:3]]) == (0, 2, 0.0)
+    assert kills.compare_lines(whole, [*told[1:5], {**told[5], "position_m": [2, 0.75]}]) == (1, 0, 0.5)
+    assert kills.compare_lines(whole, told[:4]) == (0, 0, np.inf)
 
 
 def test_a_command_that_does_not_end_is_killed():

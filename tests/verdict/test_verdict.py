@@ -277,7 +277,9 @@ def test_clipped_peaks_hide_no_heading_that_is_shown_otherwise() -> None:
     table = replace(solution.stances, field=("quasi-static",) * len(solution.stances))
     with_field = replace(solution, stances=table)
     assert measure_hidden_turning(WalkSigns(walk, solution)) is not None
-    assert measure_hidden_turning(WalkSigns(walk, replace(with_field, method="ma2018", graph={}))) is None
+    assert (
+        measure_hidden_turning(WalkSigns(walk, replace(with_field, method="ma2018", uses_field=True, graph={}))) is None
+    )
     assert measure_hidden_turning(WalkSigns(walk, replace(with_field, method="iez", graph={}))) is not None
     counted = replace(solution, method="smoother", graph={"inertial": 60})
     assert measure_hidden_turning(WalkSigns(walk, counted)) is None  # in its sigmas

@@ -509,7 +509,9 @@ def _read_records(content: Content, what: Sensor, kind: str, lines: list[str]) -
     width = max(line.count(",") for line in lines) + 1
     text = "\n".join(lines).encode()
     names += [f"field {k + 1}" for k in range(len(names), width)]
-    table = TextTable(replace(content, encoding="utf-8", fetch=lambda size: text[:size]), names, first_line=1)
+    table = TextTable(
+        replace(content, encoding="utf-8", fetch=lambda size: text[:size], opened={}), names, first_line=1
+    )
     wanted = names[1 : 9 if "Uncal" in kind else 6]
     values, row = table.read_columns(wanted)
     bad = np.isnan(values).any(axis=1)

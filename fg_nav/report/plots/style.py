@@ -160,13 +160,17 @@ def draw_chart(figure: FigureBase, chart: Chart, title: str) -> None:
 
 
 def draw_panel(axes: Axes, chart: Chart, name: str = "yaxis") -> None:
-    """Draw the panel of a chart with this y axis."""
+    """Draw the panel of a chart with this y axis, over what the axes show already."""
+    before = axes.dataLim.frozen() if axes.has_data() else None
     draw_traces(axes, [trace for trace in chart.data if trace.get("yaxis", "y") == name.replace("axis", "")])
     x, y = chart.layout["xaxis"], chart.layout[name]
     axes.set(xlabel=x["title"]["text"], ylabel=y["title"]["text"])
     axes.margins(x=0.01)
     if chart.scaled:
         shape_map(axes, x["range"], y["range"])
+        if before is not None:
+            axes.update_datalim(before.get_points())
+            axes.autoscale_view()
         arrow = {"arrowstyle": "-|>", "color": INK}
         place: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points", "ha": "center"}
         axes.annotate(
