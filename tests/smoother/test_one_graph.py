@@ -10,7 +10,7 @@ import pytest
 from fg_nav import factors
 from fg_nav.arrays import Floats
 from fg_nav.magnetic import average_footfall_field
-from fg_nav.smoother.field import solve_with_field
+from fg_nav.smoother.field import integrate_field, solve_with_field
 from fg_nav.smoother.graph import WalkProblem
 from fg_nav.smoother.problem import walk_problem
 from tests.smoother.walks import DEFAULT, demo, part, time_order, track_of
@@ -51,7 +51,8 @@ def solved_with_field(heading: float | None, p_field: dict[str, object]) -> Walk
     recording = replace(few.recording, mag=mag + 0.1 * rng.standard_normal(mag.shape))
     p = replace(DEFAULT, magnetic=replace(DEFAULT.magnetic, **p_field))
     problem = walk_problem(recording, few.stances, heading, p)
-    found = solve_with_field(problem, average_footfall_field(recording, few.stances), track_of(problem))
+    field = average_footfall_field(recording, few.stances)
+    found = solve_with_field(problem, field, integrate_field(problem, field, track_of(problem)))
     return replace(found.problem, values=found.solved.values)
 
 

@@ -18,7 +18,7 @@ from fg_nav.lab.simulation.fields import draw_environment
 from fg_nav.magnetic import average_footfall_field
 from fg_nav.recording import Recording
 from fg_nav.smoother import potential, smooth
-from fg_nav.smoother.field import solve_with_field
+from fg_nav.smoother.field import integrate_field, solve_with_field
 from fg_nav.smoother.field_factors import MIN_TELESCOPING, PATH_SIGMA_UT_M, FieldFactors, FieldRoughness
 from fg_nav.smoother.gauss_newton import LinearWalk
 from fg_nav.smoother.graph import WalkProblem
@@ -149,7 +149,8 @@ def over_rough_floor(seed: int) -> Recording:
 def noise_on(recording: Recording, stances: Stances) -> PathNoise:
     """Of a walk solved with its integrals."""
     problem = walk_problem(recording, stances, None, DEFAULT)
-    found = solve_with_field(problem, average_footfall_field(recording, stances), track_of(problem))
+    field = average_footfall_field(recording, stances)
+    found = solve_with_field(problem, field, integrate_field(problem, field, track_of(problem)))
     return average_path_noise(found.problem, found.solved.values)
 
 

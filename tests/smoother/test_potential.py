@@ -12,7 +12,7 @@ from fg_nav.lab.simulation.fields import Circuit, Sum, draw_environment
 from fg_nav.lab.simulation.fields.field import Homogeneous
 from fg_nav.magnetic import average_footfall_field
 from fg_nav.recording import Recording
-from fg_nav.smoother.field import FieldSolution, solve_with_field
+from fg_nav.smoother.field import FieldSolution, integrate_field, solve_with_field
 from fg_nav.smoother.graph import WalkProblem, solve
 from fg_nav.smoother.potential import (
     MIN_STATISTIC,
@@ -51,7 +51,8 @@ def solved_in(seed: int, *currents: tuple[float, float], rough: bool = True) -> 
     recording = in_field(Sum((building, *(frame for frame, _ in frames))).at, seed)
     heading = float(compute_heading(truth_of(recording).nav_R_body[:1])[0])
     problem = walk_problem(recording, stances, heading, DEFAULT)
-    found = solve_with_field(problem, average_footfall_field(recording, stances), track_of(problem))
+    field = average_footfall_field(recording, stances)
+    found = solve_with_field(problem, field, integrate_field(problem, field, track_of(problem)))
     sample = found.problem.nodes.sample[found.problem.nodes.result]
     return found, [int(np.searchsorted(sample, passed)) - 1 for _, passed in frames]
 
