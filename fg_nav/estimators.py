@@ -240,6 +240,15 @@ def list_methods(mount: Mount = "foot") -> dict[str, Method]:
     return METHODS[mount] | {name: one for name, one in added.items() if name not in METHODS[mount]}
 
 
+def name_owners() -> dict[str, str]:
+    """Return the first method on a foot that has the parameters of each owner, by owner."""
+    owners = dict[str, str]()
+    for one in list_methods().values():
+        if one.owner:
+            owners.setdefault(one.owner, one.name)
+    return owners
+
+
 def get_method(name: str, mount: Mount = "foot") -> Method | None:
     """Return the method of this name, also one that another package adds; None if there is none."""
     return METHODS[mount].get(name) or list_methods(mount).get(name)
@@ -303,7 +312,7 @@ def check_changes(options: Options) -> None:
     """Raise `EstimationError` for a change of what is no parameter of the smoother, a filter or the stances."""
     from fg_nav.detection import StanceParameters
 
-    owners = {one.owner: one.name for one in reversed(list_methods().values()) if one.owner} if options.changes else {}
+    owners = name_owners() if options.changes else {}
     for name, _ in options.changes:
         owner = name.partition(".")[0]
         owner = owner if owner in (*owners, DETECTOR) else SMOOTHER

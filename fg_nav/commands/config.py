@@ -26,7 +26,7 @@ from fg_nav.changes import (
 )
 from fg_nav.detection import StanceParameters
 from fg_nav.errors import ConfigError, describe_reason
-from fg_nav.estimators import CARD, CARD_CHANGES, Method, find_method, find_parameters, list_methods
+from fg_nav.estimators import CARD, CARD_CHANGES, Method, find_method, find_parameters, name_owners
 from fg_nav.magnetic.quasi_static import DEFAULT
 from fg_nav.report.terminal import remark
 from fg_nav.text import read_small
@@ -146,8 +146,7 @@ def choose_changes(
 
 def list_settings(owner: str) -> list[str]:
     """Return the names that `--set` takes of the methods of an owner, or of the stances."""
-    methods = {one.owner: one.name for one in list_methods().values()}
-    return _list_names(owner, StanceParameters() if owner == DETECTOR else find_parameters(methods[owner]))
+    return _list_names(owner, StanceParameters() if owner == DETECTOR else find_parameters(name_owners()[owner]))
 
 
 def _list_names(owner: str, parameters: object) -> list[str]:

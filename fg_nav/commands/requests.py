@@ -16,7 +16,7 @@ from typing import Any, ClassVar, Literal, TypeAlias
 import typer
 
 from fg_nav.changes import DETECTOR
-from fg_nav.estimators import METHODS, RTS, list_methods
+from fg_nav.estimators import METHODS, RTS, list_methods, name_owners
 from fg_nav.report import Plots
 from fg_nav.report.export import EXPORTS
 
@@ -57,7 +57,7 @@ complete_formats = complete_by(lambda: import_module("fg_nav.io.formats").list_f
 
 
 def _complete_settings(incomplete: str) -> list[str]:
-    owners = [f"{name}." for name in (*dict.fromkeys(one.owner for one in list_methods().values()), DETECTOR) if name]
+    owners = [f"{name}." for name in (*name_owners(), DETECTOR)]
     begun = [owner for owner in owners if owner.startswith(incomplete) or incomplete.startswith(owner)]
     if len(begun) != 1:
         return begun

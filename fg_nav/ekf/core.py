@@ -147,9 +147,8 @@ def filter_walk(
     path = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3, 3)), np.full(n, np.nan)
     track = Track(*path, np.empty((k, 3)), np.empty((k, SIZE, SIZE)), np.full((k, 4), np.nan))
     tape = Tape(np.zeros((taped, 6)), np.empty((stood, 3, ROW)), np.zeros((k, 3, ROW + SIZE)))
-    h = np.append(np.diff(recording.t), recording.period_s)
     extra = map(np.ascontiguousarray, find_extra_sigmas(recording, parameters.saturated_share))
-    samples = Samples(h, *recording.integrable, *extra)
+    samples = Samples(recording.periods_s, *recording.integrable, *extra)
     state, P = make_initial_state(start, parameters, heading_sigma)
     noise, stance = make_noise_models(parameters)
     gravity = parameters.gravity

@@ -57,7 +57,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fg_nav.arrays import Bools, Floats, Ints, interpolate_columns
+from fg_nav.arrays import Bools, Floats, Ints, interpolate_columns, weigh_models
 from fg_nav.frames import average_angles, wrap_angle, yaw_rotation
 from fg_nav.places.alignment import MIN_RATIO, RHO, SHARE, TINY, ChanceLevel, align, measure_chance, separate, trace
 from fg_nav.places.candidates import (
@@ -294,9 +294,7 @@ def weigh_shifts(features: Features, stretch: Stretch) -> Floats:
 
 def find_shift(ratio: Floats) -> tuple[float, float]:
     """Return the shift, m, of a piece whose points have these L (M, S), and its sigma."""
-    total = ratio.sum(axis=0)
-    p = np.exp(total - total.max())
-    p /= p.sum()
+    p = weigh_models(ratio.sum(axis=0))
     mean = float(p @ SHIFTS_M)
     step = SHIFTS_M[1] - SHIFTS_M[0]
     return mean, float(np.sqrt(p @ (SHIFTS_M - mean) ** 2 + step**2 / 12.0))

@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.arrays import Bools, Floats, Ints, robust_sigma, weigh_models
 from fg_nav.detection.rest import MIN_FORCE_M_S2
 from fg_nav.errors import EstimationError
 from fg_nav.frames import level_attitude, yaw_rotation
@@ -192,7 +192,7 @@ def measure_turn(recording: Recording, track: PocketTrack) -> CompassTurn | None
     east, north, at = (np.bincount(block, x) / count for x in (field[:, 0], field[:, 1], t))
     # direction noise is taken from that of the strength, which heading errors leave alone
     strength = np.linalg.norm(mag, axis=1)
-    deviation = max(1.4826 * float(np.median(np.abs(strength - np.median(strength)))), MIN_DEVIATION_UT)
+    deviation = max(robust_sigma(strength - np.median(strength)), MIN_DEVIATION_UT)
     level = float(np.median(np.hypot(east, north)))
     if not level > deviation:
         return None
@@ -203,9 +203,7 @@ def measure_turn(recording: Recording, track: PocketTrack) -> CompassTurn | None
 def smooth_angles(t: Floats, angle: Floats, variance: Floats) -> tuple[Floats, Floats]:
     """Smoothed, unwrapped `angle` (K,) rad and its sigma (K,) rad, averaged over random walks by their evidence."""
     fits = [_smooth(angle, variance, np.radians(walk) ** 2 * np.diff(t)) for walk in WALKS_DEG]
-    evidence = np.array([fit[2] for fit in fits])
-    weight = np.exp(evidence - evidence.max())
-    weight /= weight.sum()
+    weight = weigh_models(np.array([fit[2] for fit in fits]))
     best = fits[int(np.argmax(weight))][0]
     smoothed = np.array([x - 2 * np.pi * np.round((x - best) / (2 * np.pi)) for x, _, _ in fits])
     mean = weight @ smoothed

@@ -209,13 +209,13 @@ def solve_with_all(problem: WalkProblem, given: WalkInput) -> SolvedWalk:
     """Solve a walk with field, building directions and places, from its minimum without the field."""
     field, so_far = given.field, given.in_progress
     obstacle = (so_far.unseen if so_far is not None else "") or find_obstacle(field)
-    found = track = None
+    found = path = None
     if field is not None:
         # While the foot stands the field shows the gyro bias, also where it shows no heading.
         track = trajectory_of(problem.recording, problem.nodes, problem.values, problem.parameters.gravity)
         problem = add_differential_field(problem, problem.values, track)
-    path = integrate_field(problem, field, track) if field is not None and track is not None and not obstacle else None
-    del track  # fifteen numbers a sample
+        path = None if obstacle else integrate_field(problem, field, track)
+        del track  # fifteen numbers a sample
     if field is not None and path is not None:
         # The field is compared along the solution, and joins it.
         found = solve_with_field(problem, field, path)

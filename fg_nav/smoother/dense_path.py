@@ -65,7 +65,7 @@ def dense_trajectory(
 
     Position in m, velocity in m/s, gyro bias in rad/s, accelerometer bias in m/s^2.
     """
-    samples = _HeldSamples(np.append(np.diff(recording.t), recording.period_s), *recording.integrable)
+    samples = _HeldSamples(recording.periods_s, *recording.integrable)
     nodes, n = NavState(position, velocity, nav_R_body, gyro_bias, acc_bias), len(recording)
     path = Trajectory(np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3, 3)))
     _fill(samples, sample, nodes, gravity, path)

@@ -28,7 +28,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.arrays import Bools, Floats, Ints, weigh_models
 from fg_nav.smoother.sensitivity import MAX_NATS
 from fg_nav.smoother.strides import SETTLING_TIME_S
 from fg_nav.stances import find_runs
@@ -139,9 +139,7 @@ def judge_ground(step: Floats, drift_sigma_m: float) -> Ground:
         drifts, log_prior = (one[max(kept[0] - 1, 0) : kept[-1] + 2] for one in (drifts, log_prior))
     level, total = _pass_forth(climb, expected, share, noise, drifts, q)
     level *= _pass_back(climb, expected, share, noise, total, drifts, q)
-    log_weight = np.log(total).sum(axis=0) + log_prior
-    weight = np.exp(log_weight - log_weight.max())
-    weight /= weight.sum()
+    weight = weigh_models(np.log(total).sum(axis=0) + log_prior)
     drift = float(weight @ drifts)
     return Ground(level @ weight, drift, float(np.sqrt(weight @ (drifts - drift) ** 2)), noise)
 
