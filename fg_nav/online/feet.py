@@ -37,7 +37,7 @@ from fg_nav.feet.steps import SHORT_M, find_longest_stride
 from fg_nav.frames import compute_heading
 from fg_nav.online.anchor import AnchorState, TiedAnchorState
 from fg_nav.online.background import BackgroundSolver, Solver, SolverProcess
-from fg_nav.online.buffer import OnlineOptions, SampleBuffer
+from fg_nav.online.buffer import COLUMNS, OnlineOptions, SampleBuffer
 from fg_nav.online.estimates import (
     EstimateRow,
     FeetLine,
@@ -58,6 +58,10 @@ from fg_nav.solution import Solution
 SILENT_S = 5.0  # By which the stamps of one foot are behind the other's: then it is silent.
 EVERY = 4  # Footfalls, at which a foot that is not tied yet is solved again.
 MAX_STEP_S = 2.0  # Between footfalls of different feet; a standing person has one of each every two seconds.
+BLOCK_S = 0.1  # Of rows of one foot, so that no foot runs ahead of the other.
+HELD_S = 1.0  # Of silence of one foot, that rows wait for it.
+MAX_ROWS = 1000  # In a block, whatever their stamps.
+MAX_HELD = 4000  # Rows that wait, more than are read at once: the clocks differ, and no foot waits for the other.
 MAX_REMEMBERED = 8  # Steps before, by which the direction is found.
 ENOUGH_SWINGS = 20  # Of each foot, that show whether the clocks fit; some of them in a bend.
 
@@ -304,6 +308,44 @@ class FeetNavigator:
     def _report_state(self, side: Side, state: State, reason: str) -> FeetLine:
         t = self.last_stamp
         return FeetLine(side, self.frame(side), FootState(t if np.isfinite(t) else 0.0, state, reason))
+
+
+class FeetMerge:
+    """Rows of two sources in the order of their stamps, in blocks of `BLOCK_S`; those of one source as they come.
+
+    A source gives its rows in pieces: a file some seconds at once, a sensor as they come. Rows wait until the other
+    foot's have come as far, unless that is silent for `HELD_S`, or sends and stays behind for `MAX_HELD` rows.
+    """
+
+    def __init__(self, sides: Iterable[Side | None] = SIDES) -> None:
+        self._waits = {side: np.empty((0, COLUMNS)) for side in sides}
+        self.newest = dict.fromkeys(self._waits, -np.inf)
+        self.silent_s, self._differs = dict.fromkeys(self._waits, 0.0), False
+
+    def put(self, side: Side | None, rows: Floats, waited_s: float = 0.0) -> None:
+        """Put in the rows (n, 11) of a foot that came, or note for how long none has."""
+        self.silent_s[side] = 0.0 if len(rows) else self.silent_s[side] + waited_s
+        self._waits[side] = np.concatenate([self._waits[side], rows])
+        stamps = rows[np.isfinite(rows[:, 0]), 0]
+        self.newest[side] = float(stamps[-1]) if len(stamps) else self.newest[side]
+
+    def take(self, alone: bool) -> Iterator[tuple[Side | None, Floats]]:
+        """Yield blocks of both in turn, as far as both have come; all of them where there is no other to wait for."""
+        self._differs |= max(map(len, self._waits.values())) > MAX_HELD
+        alone = alone or self._differs or max(self.silent_s.values()) > HELD_S
+        limit = np.inf if alone else min(self.newest.values())
+        block_s = BLOCK_S if len(self._waits) > 1 else np.inf
+        while True:
+            heads = {side: rows[0, 0] for side, rows in self._waits.items() if len(rows) and not rows[0, 0] > limit}
+            if not heads:
+                return
+            # At least one row, up to the end of a block.
+            side = min(heads, key=lambda one: heads[one])
+            rows = self._waits[side]
+            beyond = np.flatnonzero(rows[:MAX_ROWS, 0] > min(limit, heads[side] + block_s))
+            stop = int(beyond[0]) if len(beyond) else min(len(rows), MAX_ROWS)
+            self._waits[side] = rows[stop:]
+            yield side, rows[:stop]
 
 
 class PersonTracker:

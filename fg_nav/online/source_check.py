@@ -24,7 +24,7 @@ Samples that were lost on the way are counted by the stamps of those that came. 
 of `WINDOW` rows the median step between stamps is its period T, and a step of k T, k = 2, 3, ..., lacks k - 1 samples.
 Longer steps than `MAX_STEP_S` are gaps, which are remarked by themselves. Of stamps that jitter only steps of more than
 `GAP_PERIODS` periods are counted. If T is another in `IN_A_ROW` windows, the sensor's rate has changed, which is
-remarked. What this machine had no room for is counted by the system (`live.Datagrams`), as datagrams.
+remarked. What this machine had no room for is counted by the system (`sources.Datagrams`), as datagrams.
 """
 
 from __future__ import annotations
