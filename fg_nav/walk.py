@@ -22,6 +22,7 @@ from fg_nav.detection import StanceParameters, detect_stances
 from fg_nav.detection.handedness import refuse_wrong_axes
 from fg_nav.detection.mount import refuse_pocket
 from fg_nav.detection.sensor_processing import refuse_high_pass, remove_gyro_delay
+from fg_nav.detection.stance import Stances
 from fg_nav.errors import EstimationError, EvaluationError, MagneticError
 from fg_nav.evaluation.comparison import Comparison, check_truth, compare, share_truth
 from fg_nav.evaluation.metrics import Metrics, evaluate
@@ -34,7 +35,6 @@ from fg_nav.magnetic.footfall_field import FootfallField
 from fg_nav.magnetic.quasi_static import DEFAULT, QUASI_STATIC, UNKNOWN, FieldVerdicts, apply_gate, choose_gate
 from fg_nav.recording import Recording
 from fg_nav.solution import Solution
-from fg_nav.stances import Stances
 from fg_nav.truth import Fix, TrajectoryTruth, Truth
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fg_nav.arrays import Floats
+from fg_nav.arrays import Floats, find_runs
 from fg_nav.errors import MagneticError
 from fg_nav.frames import average_angles, wrap_angle
 from fg_nav.magnetic import FieldVerdicts, FootfallField
@@ -31,7 +31,6 @@ from fg_nav.magnetic.quasi_static import (
 )
 from fg_nav.recording import Recording
 from fg_nav.solution import Solution
-from fg_nav.stances import find_runs
 from fg_nav.text import format_count
 
 if TYPE_CHECKING:

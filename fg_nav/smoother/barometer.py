@@ -32,6 +32,7 @@ import numpy as np
 from gtsam.symbol_shorthand import P, X
 
 from fg_nav.arrays import Floats, Ints
+from fg_nav.detection.stance import Stances
 from fg_nav.factors.residual import ResidualBlock, factor_of, one_of
 from fg_nav.factors.walk_constraints import BarometerDrift, BarometricHeight
 from fg_nav.frames import GRAVITY_M_S2
@@ -40,7 +41,6 @@ from fg_nav.smoother.graph import WalkProblem
 from fg_nav.smoother.sensitivity import SharingFactors, shared_information
 from fg_nav.smoother.solver import GtsamFactors, Solved
 from fg_nav.smoother.strides import Nodes
-from fg_nav.stances import Stances
 from fg_nav.text import format_count
 
 TEMPERATURE_K = 288.15  # Of the standard atmosphere near the ground.

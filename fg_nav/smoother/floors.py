@@ -28,10 +28,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fg_nav.arrays import Bools, Floats, Ints, weigh_models
+from fg_nav.arrays import Bools, Floats, Ints, find_runs, weigh_models
 from fg_nav.smoother.sensitivity import MAX_NATS
 from fg_nav.smoother.strides import SETTLING_TIME_S
-from fg_nav.stances import find_runs
 from fg_nav.system.compiled import njit
 
 CHANGE = 1.0 / 30.0  # Probability that the ground changes from a stride to the next: each 40 m.

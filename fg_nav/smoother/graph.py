@@ -26,6 +26,7 @@ from gtsam.symbol_shorthand import B, S, V, X
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.detection import Rest
 from fg_nav.detection.rolling_lever import RollingLever
+from fg_nav.detection.stance import Stances
 from fg_nav.factors.residual import LETTER_SHIFT, Keys, ResidualBlock, read_variables
 from fg_nav.frames import yaw_rotation
 from fg_nav.mechanisation import TILT_TIME_S, NavState, nudge_tilt, strapdown
@@ -53,7 +54,6 @@ from fg_nav.smoother.strides import (
     place_nodes,
     strides_of,
 )
-from fg_nav.stances import Stances
 from fg_nav.system.compiled import njit
 
 if TYPE_CHECKING:

@@ -33,7 +33,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from gtsam.symbol_shorthand import X
 
-from fg_nav.arrays import Floats, Ints, interpolate_columns
+from fg_nav.arrays import Floats, Ints, find_runs, interpolate_columns
 from fg_nav.errors import EstimationError
 from fg_nav.factors.residual import ResidualBlock
 from fg_nav.factors.same_place import SamePlace, weigh_place
@@ -46,7 +46,6 @@ from fg_nav.smoother.graph import WalkProblem, solve
 from fg_nav.smoother.sensitivity import FootfallCovariance
 from fg_nav.smoother.solver import Solved, list_covariances, list_positions
 from fg_nav.solution import Return, StanceTable
-from fg_nav.stances import find_runs
 from fg_nav.text import format_count
 
 CELL_M, MAX_CELLS = 20.0, 60  # Of a walk; where more ground is walked again cells are longer: the last fronts hold all.

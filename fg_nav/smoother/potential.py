@@ -43,7 +43,7 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import V, X
 
-from fg_nav.arrays import Floats, Ints
+from fg_nav.arrays import Floats, Ints, find_runs
 from fg_nav.errors import EstimationError
 from fg_nav.factors.magnetic_field import E_H, PHI
 from fg_nav.factors.residual import ResidualBlock
@@ -52,7 +52,6 @@ from fg_nav.smoother.gauss_newton import CONVERGENCE, LinearWalk
 from fg_nav.smoother.graph import WalkProblem, solve
 from fg_nav.smoother.sensitivity import SharingFactors, average, shared_information
 from fg_nav.smoother.solver import Solved, residuals_at_minimum
-from fg_nav.stances import find_runs
 
 MIN_STATISTIC = 15.0  # T below which no row is tried: the largest of clean walks is 1 to 15, of a circuit of 100 A 200.
 MIN_FALL = 25.0  # Of twice the error, chi^2 of three degrees of freedom: by 2 to 19 on clean simulated walks.

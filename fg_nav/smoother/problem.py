@@ -60,6 +60,7 @@ from fg_nav.arrays import Bools, Floats
 from fg_nav.detection import Rest
 from fg_nav.detection.rest import find_start
 from fg_nav.detection.rolling_lever import RollingLever, estimate_lever
+from fg_nav.detection.stance import Stances
 from fg_nav.errors import EstimationError
 from fg_nav.factors.residual import ResidualBlock, Stack
 from fg_nav.factors.zero_velocity import StanceVelocity
@@ -75,7 +76,6 @@ from fg_nav.smoother.sensitivity import average
 from fg_nav.smoother.solver import Solved, residuals_at_minimum
 from fg_nav.smoother.square_root import Groups, SquareRoot
 from fg_nav.smoother.strides import INERTIAL_KEYS, Nodes
-from fg_nav.stances import Stances
 from fg_nav.text import format_count
 
 MIN_STATISTIC = 40.0  # T of stances: median 0.1 to 2, beside a shock 15 to 35, of a foot at 0.35 m/s 52.

@@ -41,6 +41,7 @@ import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.detection import detect_stances
+from fg_nav.detection.stance import Stances
 from fg_nav.errors import CalibrationError
 from fg_nav.frames import compute_heading, wrap_angle
 from fg_nav.lab.campaign.methods import solve_by
@@ -64,7 +65,6 @@ from fg_nav.magnetic.footfall_field import (
 )
 from fg_nav.magnetic.quasi_static import QUASI_STATIC
 from fg_nav.recording import Recording
-from fg_nav.stances import Stances
 from fg_nav.truth import TrajectoryTruth
 
 WINDOW = 3  # Strides of a window, as Ma has it; one truth for all detectors, whatever their own windows.
