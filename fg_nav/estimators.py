@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
-from fg_nav.changes import DETECTOR, Changes, change_parameters, explain_no_parameter, list_names, select_changes
 from fg_nav.errors import EstimationError, FgNavError
+from fg_nav.text import DETECTOR, Changes, change_parameters, explain_no_parameter, list_names, select_changes
 
 if TYPE_CHECKING:
     from fg_nav.calibration.of_recording import Calibration

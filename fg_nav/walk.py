@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.changes import DETECTOR, Changes, change_parameters, select_changes
 from fg_nav.detection import StanceParameters, detect_stances
 from fg_nav.detection.handedness import refuse_wrong_axes
 from fg_nav.detection.mount import refuse_pocket
@@ -35,6 +34,7 @@ from fg_nav.magnetic.footfall_field import FootfallField
 from fg_nav.magnetic.quasi_static import DEFAULT, QUASI_STATIC, UNKNOWN, FieldVerdicts, apply_gate, choose_gate
 from fg_nav.recording import Recording
 from fg_nav.solution import Solution
+from fg_nav.text import DETECTOR, Changes, change_parameters, select_changes
 from fg_nav.truth import Fix, TrajectoryTruth, Truth
 
 if TYPE_CHECKING:
