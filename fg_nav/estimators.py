@@ -100,8 +100,8 @@ def _smoother(walk: Walk, progress: Progress | None) -> Solution:
 
     extra, start = walk.extra, None
     if walk.gnss is not None:  # which is not combined with factors of the user's own (`walk.check_known`)
-        from fg_nav.gnss import describe_fixes
         from fg_nav.smoother.constraints import make_gnss_factors
+        from fg_nav.truth import describe_fixes
 
         extra, start = make_gnss_factors(walk.gnss)
     parameters, heading = choose_parameters(walk.options, walk.calibration), walk.options.heading_rad

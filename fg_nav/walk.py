@@ -23,11 +23,9 @@ from fg_nav.detection.mount import refuse_pocket
 from fg_nav.detection.sensor_processing import refuse_high_pass, remove_gyro_delay
 from fg_nav.detection.stance import Stances
 from fg_nav.errors import EstimationError, EvaluationError, MagneticError
-from fg_nav.evaluation.comparison import Comparison, check_truth, compare, share_truth
+from fg_nav.evaluation.comparison import Comparison, compare, share_truth
 from fg_nav.evaluation.metrics import Metrics, evaluate
 from fg_nav.evaluation.walked import WalkErrors, measure_moment
-from fg_nav.fix_check import check_fixes
-from fg_nav.gnss import Gnss, select_fixes
 from fg_nav.io import Reading, read_fixes, read_gnss, read_truth
 from fg_nav.magnetic.axes import AlignedMagnetometer, MagAxes, align_magnetometer
 from fg_nav.magnetic.footfall_field import FootfallField
@@ -35,7 +33,7 @@ from fg_nav.magnetic.quasi_static import DEFAULT, QUASI_STATIC, UNKNOWN, FieldVe
 from fg_nav.recording import Recording
 from fg_nav.solution import Solution
 from fg_nav.text import DETECTOR, Changes, change_parameters, select_changes
-from fg_nav.truth import Fix, TrajectoryTruth, Truth
+from fg_nav.truth import Fix, Gnss, TrajectoryTruth, Truth, check_fixes, check_truth, select_fixes
 
 if TYPE_CHECKING:
     from fg_nav.calibration.of_recording import Calibration
