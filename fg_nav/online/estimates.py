@@ -27,8 +27,8 @@ from fg_nav.feet import Side
 from fg_nav.frames import UNKNOWN_RAD, compute_heading, turn_heading, yaw_rotation
 from fg_nav.online.field import CompassVerdict
 from fg_nav.online.strides import StanceNodes
-from fg_nav.smoother.barometer import SCALE_SIGMA
-from fg_nav.smoother.shared_errors import extend_covariance
+from fg_nav.smoother.heights import SCALE_SIGMA
+from fg_nav.smoother.sensitivity import extend_covariance
 from fg_nav.smoother.solver import in_nav
 from fg_nav.solution import StanceTable
 from fg_nav.text import to_json

@@ -57,7 +57,6 @@ from fg_nav.magnetic.footfall_field import UNKNOWN_IRON_UT
 from fg_nav.magnetic.quasi_static import apply_gate, count_needed, weigh_statistic
 from fg_nav.online.strides import StrideWindow
 from fg_nav.recording import Recording
-from fg_nav.smoother.dense_path import Trajectory
 from fg_nav.smoother.differential import (
     DifferentialFactors,
     LevelBias,
@@ -67,7 +66,7 @@ from fg_nav.smoother.differential import (
     sum_stretches,
     turn_stretches,
 )
-from fg_nav.smoother.field import FieldSolution, compass_sigma, rotate_field, weigh_compass
+from fg_nav.smoother.field import MIN_JUMP_UT_M, FieldSolution, compass_sigma, rotate_field, weigh_compass
 from fg_nav.smoother.field_factors import (
     FieldPath,
     FieldRoughness,
@@ -77,7 +76,7 @@ from fg_nav.smoother.field_factors import (
     split_potential,
     transition,
 )
-from fg_nav.smoother.potential import MIN_JUMP_UT_M
+from fg_nav.smoother.graph import Trajectory
 from fg_nav.smoother.solver import list_attitudes
 from fg_nav.stances import Stances
 

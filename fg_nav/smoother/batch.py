@@ -2,15 +2,15 @@
 
     problem       rests, lever, swing noise; nodes, factors and initial values; first solution; bias walk (`problem`)
     known         fixes, the caller's own factors and places of an earlier walk, added to the first solution, which is
-                  solved again; then the level floors found on it (`constraints`)
+                  solved again; then the level floors found on it (`heights`)
     differential  field while the foot stands: factors on the gyro bias (`differential`)
     field         the magnetic field, in rounds, each of which solves again (`field`)
-    directions    of a building that the walk follows, an option (`directions`)
-    places        where the field shows that the walk was at a place before (`places`)
-    bias prior    solved again with the one that the evidence averages (`gyro_bias`)
-    gyro scale    by the field: all again with samples without what both halves of the walk agree on (`shared_errors`)
-    shared        what all strides share and the triangle does not hold joins the sigmas (`shared_errors`)
-    solution      marginals -> sigmas (`solver`), that of the distance (`sensitivity`); nodes -> path (`dense_path`)
+    directions    of a building that the walk follows, an option (`building`)
+    places        where the field shows that the walk was at a place before (`building`)
+    bias prior    solved again with the one that the evidence averages (`problem`)
+    gyro scale    by the field: all again with samples without what both halves of the walk agree on (`sensitivity`)
+    shared        what all strides share and the triangle does not hold joins the sigmas (`sensitivity`)
+    solution      marginals -> sigmas (`solver`), that of the distance (`sensitivity`); nodes -> path (`graph`)
 
 `fit_walk` is all of it but the solution: a walk in progress is solved by it at each re-solve, and each foot of two.
 """
@@ -34,37 +34,33 @@ from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.magnetic import FootfallField
 from fg_nav.magnetic.quasi_static import UNKNOWN
 from fg_nav.recording import Recording
-from fg_nav.smoother.barometer import spread_scale
+from fg_nav.smoother.building import follow_directions, mark_returns, tie_places
 from fg_nav.smoother.constraints import (
     ExtraFactors,
     GraphNodes,
     KnownTies,
-    add_constraints,
     add_fixes,
     add_known_places,
     add_own,
     check_fix_distance,
     select_reached_fixes,
 )
-from fg_nav.smoother.dense_path import trajectory_of
 from fg_nav.smoother.differential import add_differential_field, write_note
-from fg_nav.smoother.directions import follow_directions
 from fg_nav.smoother.field import FieldSolution, FieldVerdict, find_obstacle, integrate_field, solve_with_field
-from fg_nav.smoother.gauss_newton import FIRST_CONVERGENCE
-from fg_nav.smoother.graph import WalkProblem, count_factors, solve
-from fg_nav.smoother.gyro_bias import average_bias_prior
+from fg_nav.smoother.graph import WalkProblem, count_factors, solve, trajectory_of
+from fg_nav.smoother.heights import add_constraints, spread_scale
 from fg_nav.smoother.parameters import SmootherParameters
-from fg_nav.smoother.places import mark_returns, tie_places
-from fg_nav.smoother.problem import walk_problem
-from fg_nav.smoother.sensitivity import FootfallCovariance, weigh_path
-from fg_nav.smoother.shared_errors import (
+from fg_nav.smoother.problem import average_bias_prior, walk_problem
+from fg_nav.smoother.sensitivity import (
+    FootfallCovariance,
     WalkScale,
     estimate_gyro_scale,
     spread_clipped_peaks,
     spread_moving_foot,
     weigh_gyro_scale,
+    weigh_path,
 )
-from fg_nav.smoother.solver import Solved, in_nav, list_covariances, list_poses
+from fg_nav.smoother.solver import FIRST_CONVERGENCE, Solved, in_nav, list_covariances, list_poses
 from fg_nav.smoother.strides import Nodes
 from fg_nav.solution import Return, Solution, StanceTable
 from fg_nav.stances import Stances

@@ -43,8 +43,7 @@ from fg_nav.factors.residual import linear_factor_of, one_of
 from fg_nav.factors.rotation import relative_rotations
 from fg_nav.recording import Recording
 from fg_nav.samples.gaps import find_holes
-from fg_nav.smoother.dense_path import Trajectory
-from fg_nav.smoother.graph import WalkProblem
+from fg_nav.smoother.graph import Trajectory, WalkProblem
 from fg_nav.smoother.solver import GtsamFactors, list_biases
 from fg_nav.smoother.strides import STANDS_S, Nodes
 from fg_nav.text import format_count

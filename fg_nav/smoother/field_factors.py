@@ -111,7 +111,7 @@ class FieldRoughness:
 def split_potential(potential: Roughness, lost_share: float, distance_m: Floats) -> tuple[Roughness, Floats]:
     """Split the changes of a potential over strides (...) of these lengths, m, of whose variance a share is lost.
 
-    Returns what telescopes, and the noise (...) of each integral that does not, uT m (`potential`). It grows with the
+    Returns what telescopes, and the noise (...) of each integral that does not, uT m (`field`). It grows with the
     stride: pieces of a standing have none, and do not show whether the integrals of a walk telescope.
     """
     variance = 2.0 * potential.sigma**2 * (1.0 - potential.correlation(distance_m))
@@ -208,7 +208,7 @@ class FieldPath:
     sigma_uT_m     (F-1,)       noise of u; infinite where the field was not seen
     distance_m     (F-1,)       from footfall to footfall; over a hole at least what a person walks
     level_R_body   (3, 3)       stance's axes from the body's
-    jumps          (F-1,)       where the potential jumps, so that u is not used (`potential`)
+    jumps          (F-1,)       where the potential jumps, so that u is not used (`field`)
     ============== ============ =============================================================================
     """
 
@@ -277,7 +277,7 @@ class FieldFactors:
         return FieldFactors(self.readings, path, self.prior, self.rough, self.parameters, self.lost_share)
 
     def assume_lost_share(self, share: float) -> FieldFactors:
-        """Return them with another share of the potential's changes that does not telescope (`potential`)."""
+        """Return them with another share of the potential's changes that does not telescope (`field`)."""
         return FieldFactors(self.readings, self.path, self.prior, self.rough, self.parameters, share)
 
     def insert(self, values: gtsam.Values) -> None:

@@ -15,7 +15,6 @@ from fg_nav.factors.differential_field import BiasInformation
 from fg_nav.magnetic import average_footfall_field
 from fg_nav.recording import Recording
 from fg_nav.smoother import differential, smooth
-from fg_nav.smoother.dense_path import trajectory_of
 from fg_nav.smoother.differential import (
     DifferentialFactors,
     LevelBias,
@@ -26,7 +25,7 @@ from fg_nav.smoother.differential import (
     turn_stretches,
     write_note,
 )
-from fg_nav.smoother.graph import WalkProblem, solve
+from fg_nav.smoother.graph import WalkProblem, solve, trajectory_of
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.problem import walk_problem
 from fg_nav.smoother.strides import place_nodes

@@ -16,7 +16,7 @@ from fg_nav.lab.simulation.path import Path, arc, polyline
 from fg_nav.lab.simulation.plan import Walk
 from fg_nav.recording import Recording
 from fg_nav.smoother import smooth, smooth_graph
-from fg_nav.smoother.directions import (
+from fg_nav.smoother.building import (
     LEG_COURSES,
     MIN_EVIDENCE,
     NONE_FOUND,

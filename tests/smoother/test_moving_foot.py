@@ -14,7 +14,7 @@ from fg_nav.recording import Recording
 from fg_nav.smoother import smooth
 from fg_nav.smoother.graph import WalkProblem, solve
 from fg_nav.smoother.problem import _cut, walk_problem
-from fg_nav.smoother.shared_errors import (
+from fg_nav.smoother.sensitivity import (
     FORWARD_SIGMA,
     SIDEWAYS_SIGMA,
     extend_covariance,

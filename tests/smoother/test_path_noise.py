@@ -17,21 +17,23 @@ from fg_nav.factors.residual import Stack
 from fg_nav.lab.simulation.fields import draw_environment
 from fg_nav.magnetic import average_footfall_field
 from fg_nav.recording import Recording
-from fg_nav.smoother import potential, smooth
-from fg_nav.smoother.field import integrate_field, solve_with_field
-from fg_nav.smoother.field_factors import MIN_TELESCOPING, PATH_SIGMA_UT_M, FieldFactors, FieldRoughness
-from fg_nav.smoother.gauss_newton import LinearWalk
-from fg_nav.smoother.graph import WalkProblem
-from fg_nav.smoother.potential import (
-    PRIOR,
+from fg_nav.smoother import field as field_rounds
+from fg_nav.smoother import smooth
+from fg_nav.smoother.field import (
     SHARES,
+    SHARES_PRIOR,
     PathNoise,
     _eliminate_between,
-    _minus_log_evidence,
+    _weigh_share,
     average_path_noise,
+    integrate_field,
+    solve_with_field,
 )
+from fg_nav.smoother.field_factors import MIN_TELESCOPING, PATH_SIGMA_UT_M, FieldFactors, FieldRoughness
+from fg_nav.smoother.graph import WalkProblem
 from fg_nav.smoother.problem import walk_problem
 from fg_nav.smoother.solver import WalkSystem, list_in_time
+from fg_nav.smoother.square_root import LinearWalk
 from fg_nav.stances import Stances
 from tests.smoother.test_field import heading_error_deg, in_field, replace_field, truth_of
 from tests.smoother.test_field_factors import KNOWN, NEVER, NONE, ROUGH, Walked, steady  # noqa: F401
@@ -89,7 +91,7 @@ def test_evidence_is_that_of_the_density_of_the_integrals() -> None:
     walked = in_known_building(40)
     added = potentials(0.1, walked).rvs(random_state=0)
     field, rest, values = held(walked, added)
-    found = [_minus_log_evidence(rest, field.assume_lost_share(share), values) for share in SHARES]
+    found = [_weigh_share(rest, field.assume_lost_share(share), values) for share in SHARES]
     expected = [-potentials(share, walked).logpdf(added) for share in SHARES]
     np.testing.assert_allclose(np.diff(found), np.diff(expected), atol=1e-3)
 
@@ -99,7 +101,7 @@ def find_shares(walked: Walked, true: float, draws: int, monkeypatch: pytest.Mon
     shares = []
     for added in potentials(true, walked).rvs(draws, random_state=1):
         field, rest, values = held(walked, added)
-        monkeypatch.setattr(potential, "_eliminate_between", lambda *_, rest=rest: rest)
+        monkeypatch.setattr(field_rounds, "_eliminate_between", lambda *_, rest=rest: rest)
         problem = cast(WalkProblem, SimpleNamespace(field_factors=field))
         shares.append(average_path_noise(problem, values).lost_share)
     return np.array(shares)
@@ -110,8 +112,8 @@ def test_the_mean_share_over_walks_is_that_of_the_walks(monkeypatch: pytest.Monk
     """As often as before the walk: on short walks all are near the mean, on long ones each near its own."""
     for count, apart in ((8, 0.0), (150, 0.8)):
         found = [find_shares(in_known_building(count), share, 30, monkeypatch) for share in SHARES]
-        mean = np.average(np.mean(found, axis=1), weights=PRIOR)
-        assert mean == pytest.approx(np.average(SHARES, weights=PRIOR), abs=0.1)
+        mean = np.average(np.mean(found, axis=1), weights=SHARES_PRIOR)
+        assert mean == pytest.approx(np.average(SHARES, weights=SHARES_PRIOR), abs=0.1)
         assert found[-2].mean() - found[0].mean() > apart
 
 
@@ -132,11 +134,11 @@ def test_nodes_eliminated_first_change_no_difference_of_evidence() -> None:
     assert field is not None
     rest = _eliminate_between(found.problem, values)
     levels = [field.assume_lost_share(share) for share in (1.0, 0.1)]
-    short = np.diff([_minus_log_evidence(rest, one, values) for one in levels])
+    short = np.diff([_weigh_share(rest, one, values) for one in levels])
     blocks = replace(found.problem, field=None).blocks
     order = list_in_time(found.problem.nodes, with_field=True)
     walk = LinearWalk.of(WalkSystem(found.problem.graph, blocks).stack(values), order)
-    whole = np.diff([_minus_log_evidence(walk, one, values) for one in levels])
+    whole = np.diff([_weigh_share(walk, one, values) for one in levels])
     np.testing.assert_allclose(short, whole, atol=1e-6)
 
 

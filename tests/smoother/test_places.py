@@ -18,12 +18,9 @@ from fg_nav.lab.simulation.scenario_file import read_scenario
 from fg_nav.magnetic import average_footfall_field
 from fg_nav.places import Signature, Stretch
 from fg_nav.recording import Recording
-from fg_nav.smoother import SmootherParameters, places, smooth_graph
+from fg_nav.smoother import SmootherParameters, building, smooth_graph
 from fg_nav.smoother.batch import SmoothedWalk
-from fg_nav.smoother.gauss_newton import CONVERGENCE, find_minimum
-from fg_nav.smoother.graph import order_variables
-from fg_nav.smoother.parameters import FieldParameters, WalkParameters
-from fg_nav.smoother.places import (
+from fg_nav.smoother.building import (
     PathUncertainty,
     are_alike,
     keep_common,
@@ -31,7 +28,9 @@ from fg_nav.smoother.places import (
     mark_returns,
     measure_uncertainty,
 )
-from fg_nav.smoother.solver import list_in_time
+from fg_nav.smoother.graph import order_variables
+from fg_nav.smoother.parameters import FieldParameters, WalkParameters
+from fg_nav.smoother.solver import CONVERGENCE, find_minimum, list_in_time
 from fg_nav.solution import Return
 from fg_nav.truth import TrajectoryTruth
 
@@ -189,8 +188,8 @@ def test_a_walk_whose_rounds_say_different_things_is_not_closed(monkeypatch: pyt
         later = np.arange(30.0) + len(path) / 2 + next(at)
         return (Stretch(np.floor(later), np.floor(later) - len(path) // 2, False, 50.0, 1e-9),)
 
-    monkeypatch.setattr(places, "select_consistent", recognize)
-    same, minimum, returns, notes = places.tie_places(replace(walk.problem, parameters=WITH), walk.solved)
+    monkeypatch.setattr(building, "select_consistent", recognize)
+    same, minimum, returns, notes = building.tie_places(replace(walk.problem, parameters=WITH), walk.solved)
     assert same.places is None
     assert minimum is walk.solved
     assert (returns, notes) == ((), ())
@@ -223,10 +222,10 @@ def test_a_turn_within_a_cell_ties_nothing() -> None:
 
 
 def test_a_walk_that_is_too_long_is_not_compared_with_itself(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(places, "MAX_M", 70.0)
+    monkeypatch.setattr(building, "MAX_M", 70.0)
     walk = solved(2, False).walk
     problem = replace(walk.problem, parameters=WITH)
-    same, minimum, returns, notes = places.tie_places(problem, walk.solved)
+    same, minimum, returns, notes = building.tie_places(problem, walk.solved)
     assert same is problem
     assert minimum is walk.solved
     assert returns == ()

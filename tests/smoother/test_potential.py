@@ -12,15 +12,17 @@ from fg_nav.lab.simulation.fields import Circuit, Sum, draw_environment
 from fg_nav.lab.simulation.fields.field import Homogeneous
 from fg_nav.magnetic import average_footfall_field
 from fg_nav.recording import Recording
-from fg_nav.smoother.field import FieldSolution, integrate_field, solve_with_field
-from fg_nav.smoother.graph import WalkProblem, solve
-from fg_nav.smoother.potential import (
-    MIN_STATISTIC,
+from fg_nav.smoother.field import (
+    MIN_JUMP_STATISTIC,
     UT_M_PER_AMPERE,
+    FieldSolution,
     compute_jump_statistic,
     describe_jumps,
+    integrate_field,
     list_jumps,
+    solve_with_field,
 )
+from fg_nav.smoother.graph import WalkProblem, solve
 from fg_nav.smoother.problem import walk_problem
 from tests.smoother.test_field import in_field, truth_of
 from tests.smoother.walks import DEFAULT, demo, track_of
@@ -94,7 +96,7 @@ def test_no_jump_is_found_over_a_clean_floor(seed: int, rough: bool) -> None:
     found, _ = solved_in(seed, rough=rough)
     assert not list_jumps(found.problem, found.solved)
     statistic = statistic_of(found)
-    assert statistic.max() < 1.5 * MIN_STATISTIC
+    assert statistic.max() < 1.5 * MIN_JUMP_STATISTIC
     assert 0.1 < statistic.mean() < 2.0
 
 
