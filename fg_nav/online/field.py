@@ -68,6 +68,7 @@ from fg_nav.smoother.differential import (
 )
 from fg_nav.smoother.field import MIN_JUMP_UT_M, FieldSolution, compass_sigma, rotate_field, weigh_compass
 from fg_nav.smoother.field_factors import (
+    FieldFactors,
     FieldPath,
     FieldRoughness,
     deviate_along,
@@ -118,8 +119,7 @@ class OnlineField:
     """The field of a walk so far, from the batch solution of a walk with the field `field` at its footfalls."""
 
     def __init__(self, found: FieldSolution, field: FootfallField) -> None:
-        factors, values = found.problem.field, found.solved.values
-        assert factors is not None
+        factors, values = found.problem.get(FieldFactors), found.solved.values
         self._p = replace(factors.parameters, potential=len(factors.potential) > 0)
         self._level_R_body = factors.path.level_R_body
         nav_R_body = list_attitudes(found.problem.nodes.result, values)

@@ -45,10 +45,11 @@ from fg_nav.smoother.constraints import (
     check_fix_distance,
     select_reached_fixes,
 )
-from fg_nav.smoother.differential import add_differential_field, write_note
+from fg_nav.smoother.differential import DifferentialFactors, add_differential_field, write_note
 from fg_nav.smoother.field import FieldSolution, FieldVerdict, find_obstacle, integrate_field, solve_with_field
+from fg_nav.smoother.field_factors import FieldFactors
 from fg_nav.smoother.graph import WalkProblem, count_factors, solve, trajectory_of
-from fg_nav.smoother.heights import add_constraints, spread_scale
+from fg_nav.smoother.heights import BarometerFactors, add_constraints, spread_scale
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.problem import average_bias_prior, walk_problem
 from fg_nav.smoother.sensitivity import (
@@ -128,8 +129,8 @@ class FittedWalk:
         moved.append(spread_clipped_peaks(problem, solved))
         if problem.parameters.moving_foot:
             moved.append(spread_moving_foot(problem, solved))
-        if problem.barometer is not None:
-            moved.append(spread_scale(problem.barometer, solved))
+        if (barometer := problem.find(BarometerFactors)) is not None:
+            moved.append(spread_scale(barometer, solved))
         return np.hstack(moved)
 
     def take_solution(self, problem: WalkProblem, solved: Solved) -> FittedWalk:
@@ -162,7 +163,7 @@ def fit_walk(given: WalkInput) -> FittedWalk:
             return FittedWalk(replace(walk, verdict=verdict), scale)
         # Where the field shows the heading it shows the gyroscope's scale: taken off the samples, and all of it again,
         # or counted in the sigmas.
-        field = walk.problem.field
+        field = walk.problem.find(FieldFactors)
         if not given.parameters.gyro_scale or given.in_progress is not None or field is None or not field.shows_heading:
             return FittedWalk(walk, None)
         scale = estimate_gyro_scale(walk.problem, walk.solved)
@@ -419,8 +420,8 @@ def to_solution(
     problem, solved, verdict = walk.problem, walk.solved, walk.verdict
     recording, p = problem.recording, problem.parameters
     table = mark_returns(stance_table(recording.t, problem.nodes, solved, verdict, covariances), walk.returns)
-    if problem.differential is not None:
-        sigma = problem.differential.find_sigma(problem.nodes.bias, table.nav_R_body[:, 2])
+    if (differential := problem.find(DifferentialFactors)) is not None:
+        sigma = differential.find_sigma(problem.nodes.bias, table.nav_R_body[:, 2])
         table = replace(table, differential_sigma=sigma)
     path_variance = joint.combine(weigh_path(table.position)[:, :, None])[0]
     # Notes.
@@ -429,7 +430,7 @@ def to_solution(
     if problem.floor is not None and problem.floor.max(initial=-1) >= 0:
         count, on = format_count(int(problem.floor.max()) + 1, "level floor"), int(np.count_nonzero(problem.floor >= 0))
         floors.append(f"{count} with {on} of {format_count(len(problem.floor), 'footfall')}")
-    notes = (*problem.known.notes, steps, *floors, *write_note(problem.differential), *verdict.notes)
+    notes = (*problem.known.notes, steps, *floors, *write_note(differential), *verdict.notes)
     # The path at the recording's rate.
     position, velocity, nav_R_body = trajectory_of(recording, problem.nodes, solved.values, p.gravity)
     tails = freeze_ends(recording.t, stances, position, velocity)

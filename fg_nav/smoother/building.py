@@ -56,7 +56,7 @@ from fg_nav.places.recognition import ALONG_SIGMA_M, AVERAGE_M, LATERAL_SIGMA_M,
 from fg_nav.places.signature import MIN_POINTS, SPACING_M, TURNED, whiten
 from fg_nav.smoother.graph import WalkProblem, solve, trajectory_of, turn_walk
 from fg_nav.smoother.sensitivity import FootfallCovariance
-from fg_nav.smoother.solver import GtsamFactors, Solved, list_covariances, list_positions
+from fg_nav.smoother.solver import BlockGroup, GtsamFactors, Solved, list_covariances, list_positions
 from fg_nav.solution import Return, StanceTable
 from fg_nav.stances import find_runs
 from fg_nav.text import format_count
@@ -98,13 +98,12 @@ class Mixture:
     share: float
 
 
-@dataclass(frozen=True)
-class DirectionFactors:
-    """Factors of the courses of a walk, and priors that leave the direction of each of its `pieces` open."""
+class DirectionFactors(BlockGroup):
+    """Factors of the `courses` of a walk, and priors that leave the direction of each of its pieces open."""
 
-    courses: ResidualBlock
-    priors: GtsamFactors
-    pieces: int
+    def __init__(self, courses: ResidualBlock, priors: GtsamFactors) -> None:
+        super().__init__(courses, priors)
+        self.courses = courses
 
 
 def make_direction_factors(node: Ints, piece: Ints, share: Floats, alpha: Floats, mixture: Mixture) -> DirectionFactors:
@@ -120,7 +119,7 @@ def make_direction_factors(node: Ints, piece: Ints, share: Floats, alpha: Floats
     wide = gtsam.noiseModel.Isotropic.Sigma(1, OPEN_RAD)
     priors = (gtsam.PriorFactorVector(A(k), np.array([one]), wide) for k, one in enumerate(alpha))
     keys = [(X(int(a)), X(int(b)), A(int(k))) for (a, b), k in zip(node, piece, strict=True)]
-    return DirectionFactors(ResidualBlock(courses, keys), GtsamFactors(*priors), len(alpha))
+    return DirectionFactors(ResidualBlock(courses, keys, kind="direction"), GtsamFactors(*priors))
 
 
 def list_displacements(position: Floats) -> Ints:
@@ -182,8 +181,8 @@ def follow_directions(problem: WalkProblem, solved: Solved) -> tuple[WalkProblem
             solved = solve(problem)
         except EstimationError:
             return *free, ("no directions of a building are used: with them there is no solution",)
-    assert problem.directions is not None
-    courses, sigma = format_count(len(problem.directions.courses), "course"), np.degrees(mixture.sigma)
+    courses = format_count(len(problem.get(DirectionFactors).courses), "course")
+    sigma = np.degrees(mixture.sigma)
     follow = f"{100.0 * mixture.share:.0f} % of {courses} follow the directions of a building"
     return problem, solved, (f"{follow}, at right angles, within {sigma:.1f} deg",)
 
@@ -220,7 +219,10 @@ def add_directions(problem: WalkProblem, solved: Solved) -> tuple[WalkProblem, M
     for k, one in enumerate(alpha):
         values.insert_or_assign(A(k), np.array([one]))
     factors = make_direction_factors(nodes.result[pairs], piece, share, alpha, tracked.mixture)
-    return replace(problem, directions=factors, values=values), tracked.mixture
+    # A round before may have had more pieces.
+    for key in [A(k) for k in range(len(alpha), len(nodes)) if values.exists(A(k))]:
+        values.erase(key)
+    return replace(problem.without(DirectionFactors).join(factors), values=values), tracked.mixture
 
 
 class Drift(NamedTuple):
@@ -314,7 +316,7 @@ class PlaceFactors(ResidualBlock):
     """The ties of a walk; `footfalls` (n,) are those that they join, ascending."""
 
     def __init__(self, residuals: SamePlace, keys: Sequence[Sequence[int]], footfalls: Ints) -> None:
-        super().__init__(residuals, keys)
+        super().__init__(residuals, keys, kind="same_place")
         self.footfalls = footfalls
 
 
@@ -466,7 +468,8 @@ def tie_places(problem: WalkProblem, solved: Solved) -> tuple[WalkProblem, Solve
         places = make_place_factors(path, known, *of_footfalls, problem.nodes.result)
         if not len(places):
             return *open_walk, (), ()
-        problem = replace(problem, places=places, values=solved.values)
+        problem = problem.without(PlaceFactors).join(places)
+        problem = replace(problem, tied=places.footfalls, values=solved.values)
         try:
             solved = solve(problem)
         except EstimationError:

@@ -329,8 +329,7 @@ def add_fixes(problem: WalkProblem, values: gtsam.Values, fixes: Sequence[Fix]) 
         As `pin_to_times`.
     """
     pinned = pin_to_times(fixes, problem.recording.t[problem.nodes.sample])
-    problem = replace(problem, constraints=(*problem.constraints, pinned.factors()))
-    return _free_heading(problem, pinned, values)
+    return _free_heading(problem.join(pinned.factors()), pinned, values)
 
 
 def add_own(problem: WalkProblem, values: gtsam.Values, extra: ExtraFactors) -> WalkProblem:
@@ -342,8 +341,7 @@ def add_own(problem: WalkProblem, values: gtsam.Values, extra: ExtraFactors) -> 
         As `make_own_factors`.
     """
     own = make_own_factors(extra, GraphNodes.of(problem.nodes, problem.recording.t, values))
-    problem = replace(problem, constraints=(*problem.constraints, own))
-    return _free_heading(problem, own, values)
+    return _free_heading(problem.join(own), own, values)
 
 
 def _free_heading(problem: WalkProblem, placed: PinnedFixes | OwnFactors, values: gtsam.Values) -> WalkProblem:
@@ -388,7 +386,7 @@ def add_known_places(problem: WalkProblem, ties: KnownTies) -> WalkProblem:
         kind=KNOWN_PLACE,
     )
     start = StartPrior(problem.start.nav_R_body, float(np.radians(UNKNOWN_HEADING_DEG)), UNKNOWN_PLACE_M)
-    return replace(problem, constraints=(*problem.constraints, factors), start=start, heading_known=True)
+    return replace(problem.join(factors), start=start, heading_known=True)
 
 
 def make_gnss_factors(gnss: Gnss) -> tuple[ExtraFactors, dict[str, float]]:

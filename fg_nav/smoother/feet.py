@@ -420,8 +420,7 @@ def order_variables(problem: FeetProblem) -> Keys:
         (problem.left, problem.ties.left, problem.reach.left, np.uint64(0)),
     ):
         nodes, keys = one.nodes, one.time_order
-        by_places = np.zeros(0, np.int64) if one.places is None else one.places.footfalls
-        footfalls = np.unique(np.concatenate([ties, np.searchsorted(nodes.result, reach), by_places]))
+        footfalls = np.unique(np.concatenate([ties, np.searchsorted(nodes.result, reach), one.tied]))
         is_tied, is_common = split_tied(keys, nodes, footfalls)
         # A variable follows the last node that uses it.
         is_pose = keys >> np.uint64(LETTER_SHIFT) == ord("x")

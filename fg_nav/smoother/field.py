@@ -170,25 +170,25 @@ def solve_with_field(problem: WalkProblem, field: FootfallField, path: FieldPath
     residuals = compare_field(problem, field, problem.values, path, None, p)
     problem = add_field_factors(problem, field, residuals, path, p)
     values = gtsam.Values(problem.values)
-    problem.field_factors.insert(values)
+    problem.get(FieldFactors).insert(values)
     problem = replace(problem, values=values)
     close = CONVERGENCE if p.rounds == 1 else FIRST_CONVERGENCE
     problem, solved = free_jumps(problem, solve(problem, close), close)
     for _ in range(p.rounds - 1):
         # Spread and weights of the compass by the smoothed walk.
-        factors = problem.field_factors
+        factors = problem.get(FieldFactors)
         residuals = compare_field(problem, field, solved.values, factors.path, factors.states(solved.values), p)
         problem = add_field_factors(problem, field, residuals, factors.path, p)
         # The noise of the line integrals by its evidence.
-        factors = problem.field_factors
+        factors = problem.get(FieldFactors)
         if len(factors.potential):
             noise = average_path_noise(problem, solved.values)
-            problem, noise_notes = replace(problem, field=factors.assume_lost_share(noise.lost_share)), (noise.note,)
+            problem, noise_notes = set_field(problem, factors.assume_lost_share(noise.lost_share)), (noise.note,)
         # And solved again.
         problem = replace(problem, values=solved.values)
         del solved  # its triangle is as large as all else
         problem, solved = free_jumps(problem, solve(problem))
-    states, verdicts = problem.field_factors.states(solved.values), residuals.verdicts
+    states, verdicts = problem.get(FieldFactors).states(solved.values), residuals.verdicts
     # Notes.
     east, north = np.median(states[:, E_H], axis=0)
     forward, left, up = states[-1, IRON]
@@ -320,7 +320,12 @@ def add_field_factors(
     spreads = rough.potential.sigma, rough.across.sigma, rough.regional.sigma, rough.regional.sigma
     sigma = np.array([*spreads, direction_sigma * strength, STRENGTH_SIGMA_UT, *iron])
     prior = FieldPrior(np.array([0.0, 0.0, 0.0, 0.0, east, north, 0.0, 0.0, 0.0]), sigma)
-    return replace(problem, field=FieldFactors(readings, path, prior, residuals.rough, p))
+    return set_field(problem, FieldFactors(readings, path, prior, residuals.rough, p))
+
+
+def set_field(problem: WalkProblem, field: FieldFactors) -> WalkProblem:
+    """Return the walk with these factors of the field, in place of any others."""
+    return problem.without(FieldFactors).join(field)
 
 
 def _write(rough: Roughness, unit: str) -> str:
@@ -347,11 +352,11 @@ def free_jumps(problem: WalkProblem, solved: Solved, convergence: float = CONVER
             problem, solved = restored
     for _ in range(MAX_JUMPS):
         # The row without which the error falls most.
-        statistic = compute_jump_statistic(problem.field_factors.potential, solved)
+        statistic = compute_jump_statistic(problem.get(FieldFactors).potential, solved)
         if not len(statistic) or statistic.max() < MIN_JUMP_STATISTIC:
             break
         # Leave it out with its neighbors; stop where that gains too little.
-        field = problem.field_factors
+        field = problem.get(FieldFactors)
         stride = field.strides[statistic.argmax()]
         near = np.arange(max(stride - 1, 0), min(stride + 2, len(field.path.u)))
         near = near[np.isfinite(field.path.sigma_uT_m[near])]
@@ -369,14 +374,15 @@ def free_jumps(problem: WalkProblem, solved: Solved, convergence: float = CONVER
 
 def _freed_runs(problem: WalkProblem) -> list[Ints]:
     """Strides that were left out, in runs without a gap."""
-    return [np.arange(*run) for run in zip(*find_runs(problem.field_factors.path.jumps), strict=True)]
+    return [np.arange(*run) for run in zip(*find_runs(problem.get(FieldFactors).path.jumps), strict=True)]
 
 
 def _solve_with(
     problem: WalkProblem, solved: Solved, stride: Ints, jumps: bool, convergence: float
 ) -> tuple[WalkProblem, Solved]:
     """Solve again with the potential free to jump at these strides, or not."""
-    changed = replace(problem, field=problem.field_factors.mark_jumps(stride, jumps), values=solved.values)
+    field = problem.get(FieldFactors).mark_jumps(stride, jumps)
+    changed = replace(set_field(problem, field), values=solved.values)
     return changed, solve(changed, convergence)
 
 
@@ -398,7 +404,7 @@ def predict_change(problem: WalkProblem, solved: Solved, stride: Ints) -> float:
 
     By the last linearization: the fall without integrals that are in use, the rise with those that are left out.
     """
-    field = problem.field_factors
+    field = problem.get(FieldFactors)
     used = np.intersect1d(stride, field.strides)
     sign, those = (-1.0, used) if len(used) else (1.0, stride)
     block = field.integrals_over(those)
@@ -419,7 +425,7 @@ def list_jumps(problem: WalkProblem, solved: Solved) -> list[Jump]:
 
 def _size(problem: WalkProblem, solved: Solved, stride: Ints) -> float:
     """Return the total jump of the potential over these strides, uT m: minus the residuals left out."""
-    field = problem.field_factors
+    field = problem.get(FieldFactors)
     left_out = np.flatnonzero(field.path.jumps)
     if not len(left_out):
         return 0.0
@@ -459,7 +465,7 @@ class PathNoise:
 
 def average_path_noise(problem: WalkProblem, values: gtsam.Values) -> PathNoise:
     """Average the share of the integral's changes that does not telescope, the graph linearized at these values."""
-    field = problem.field_factors
+    field = problem.get(FieldFactors)
     # The walk between its footfalls, which no share changes.
     rest = _eliminate_between(problem, values)
     evidence = np.array([_weigh_share(rest, field.assume_lost_share(share), values) for share in SHARES])
@@ -476,7 +482,7 @@ def _eliminate_between(problem: WalkProblem, values: gtsam.Values) -> LinearWalk
     nodes = np.array([key(int(j)) for j in between for key in (X, V)], dtype=np.uint64)
     order = problem.time_order
     first = np.isin(order, nodes)
-    stacks = replace(problem, field=None).system.stack(values)
+    stacks = problem.without(FieldFactors).system.stack(values)
     walk = LinearWalk.of(stacks, np.concatenate([order[first], order[~first]]))
     return walk.eliminate_before(len(nodes))
 
@@ -484,5 +490,5 @@ def _eliminate_between(problem: WalkProblem, values: gtsam.Values) -> LinearWalk
 def _weigh_share(rest: LinearWalk, field: FieldFactors, values: gtsam.Values) -> float:
     """Of a field, up to a constant."""
     sigmas = (field.integral_sigma, field.change_sigma[:, PHI], field.prior.sigma[PHI])
-    walk = rest.join(stack for block in field.blocks for stack in block.stack(values))
+    walk = rest.join(field.stack(values))
     return walk.minus_log_evidence(float(sum(np.log(one).sum() for one in sigmas)))

@@ -59,7 +59,7 @@ from fg_nav.frames import level_attitude
 from fg_nav.samples.gaps import cross_holes
 from fg_nav.smoother.parameters import FieldParameters
 from fg_nav.smoother.preintegration import WALKING_M_S, walk_for
-from fg_nav.smoother.solver import GtsamFactors, LinearizableBlock
+from fg_nav.smoother.solver import BlockGroup, GtsamFactors
 
 REGIONAL_LENGTH_M = 60.0  # For how long a region is alike: a corridor, a wing.
 CLIP_SIGMAS = 4.0  # At which deviations are clipped (winsorized): an outlier shall not set the scale.
@@ -223,8 +223,8 @@ class FieldPath:
     jumps: Bools
 
 
-class FieldFactors:
-    """The factors of a walk's field, in `blocks` that are linearized together."""
+class FieldFactors(BlockGroup):
+    """The factors of a walk's field."""
 
     def __init__(
         self,
@@ -244,14 +244,16 @@ class FieldFactors:
         used = np.flatnonzero(np.isfinite(readings.sigma_uT))
         level = np.broadcast_to(path.level_R_body, (len(used), 3, 3))
         compass = MagneticHeading(readings.body_field[used], level, readings.nav_R_level[used], readings.sigma_uT[used])
-        self.heading = ResidualBlock(compass, [(pose[k], state[k]) for k in used])
+        self.heading = ResidualBlock(compass, [(pose[k], state[k]) for k in used], kind="magnetic_heading")
         self.strides = np.flatnonzero(np.isfinite(path.sigma_uT_m) & ~path.jumps & p.potential)
         self.potential = self.integrals_over(self.strides)
         changes = transition(path.distance_m, replace(rough, potential=self.telescoping))
         self.integral_sigma, self.change_sigma = self.sigma_of(self.strides), changes.sigma
         self.transition = ResidualBlock(changes, list(pairwise(state)), is_linear=True)
         of_prior = GtsamFactors(factor_of(self.prior, state[:1]))
-        self.blocks: tuple[LinearizableBlock, ...] = (self.heading, self.potential, of_prior, self.transition)
+        super().__init__(self.heading, self.potential, of_prior, self.transition)
+        is_gated = np.isfinite(readings.body_field).all(axis=1) & ~np.isfinite(readings.sigma_uT)
+        self.counts["gated_out"] = int(is_gated.sum()) if p.compass else 0
 
     @property
     def shows_heading(self) -> bool:
@@ -267,7 +269,8 @@ class FieldFactors:
         path, node, sigma = self.path, self.readings.node, self.sigma_of(stride)
         level_path, move, nav_R_level = path.level_path[stride], path.body_move[stride], path.nav_R_level[stride]
         integrals = FieldPotential(path.u[stride], level_path, path.by_up[stride], move, nav_R_level, sigma)
-        return ResidualBlock(integrals, [(X(int(node[k])), M(int(k)), M(int(k) + 1)) for k in stride])
+        keys = [(X(int(node[k])), M(int(k)), M(int(k) + 1)) for k in stride]
+        return ResidualBlock(integrals, keys, kind="field_potential")
 
     def mark_jumps(self, stride: Ints, jump: bool) -> FieldFactors:
         """Return them with the potential free to jump at these strides, whose line integrals are left out, or not."""

@@ -19,12 +19,12 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple, TypeVar
 
 import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import B, S, V, X
+from gtsam.symbol_shorthand import A, B, M, P, S, V, X
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.detection import Rest
@@ -42,7 +42,6 @@ from fg_nav.mechanisation import (
 )
 from fg_nav.recording import Recording
 from fg_nav.samples.gaps import MAX_HELD_S
-from fg_nav.smoother.field_factors import FieldFactors
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.preintegration import find_unseen_walks, preintegrate
 from fg_nav.smoother.solver import (
@@ -70,21 +69,14 @@ from fg_nav.smoother.strides import (
 from fg_nav.stances import Stances
 from fg_nav.system.compiled import njit
 
-if TYPE_CHECKING:
-    from fg_nav.smoother.building import DirectionFactors, PlaceFactors
-    from fg_nav.smoother.differential import DifferentialFactors
-    from fg_nav.smoother.heights import BarometerFactors
-
 GAUGE_SIGMA = 1e-4  # Position (m) and heading (rad) at the start are known by definition.
 LEVELLINGS = 3  # Of an attitude behind a hole, each of which takes a tilt of 45 deg to one of 10.
 UNKNOWN_HEADING_DEG = 60.0  # Sigma of a heading that is not given, about the direction of the walk's mean field.
 KINDS = ("imu", "zero_velocity", "magnetic_heading", "differential_field", "field_potential", "gated_out")
-"""As in `summary.json`; `gated_out` are the footfalls with a field whose compass a hard gate left out.
-
-The others of `count_factors` stand with these where there are any.
-"""
+"""As in `summary.json`; `gated_out` are the footfalls with a field whose compass a hard gate left out."""
 
 POSITION_FIX, KNOWN_PLACE, OWN, BAROMETER = "position_fix", "known_place", "own", "barometer"
+FURTHER_KINDS = ("same_place", "direction", BAROMETER, POSITION_FIX, KNOWN_PLACE, OWN)  # Where there are any.
 
 KIND_OF_KEYS = {
     "xvxvb": "imu",
@@ -95,6 +87,8 @@ KIND_OF_KEYS = {
     "xp": BAROMETER,
 }
 """By the letters of the variables that a factor joins. No other factor joins the same, but priors a bias."""
+
+K = TypeVar("K", bound=LinearizableBlock)
 
 
 @dataclass(frozen=True)
@@ -147,14 +141,10 @@ class WalkProblem:
     start : prior on the first pose.
     graph : inertial factors, and those on biases and settling.
     velocities : of the stances.
-    constraints : factors of fixes and floors, and the caller's own.
-    floor : (F,) floor of each footfall, -1 on none; None where they were not searched.
-    field : factors of the magnetic field, where it is used.
-    differential : those of the differential field on the gyro bias, where the magnetometer is used.
-    places : of footfalls at places that were recognized, where there are any.
-    directions : of courses along the directions of a building, where they are used.
-    barometer : factors of the air pressure, where it is used.
     values : of all variables, to start from.
+    blocks : factors of all that joins the first solution, linearized beside the graph.
+    floor : (F,) floor of each footfall, -1 on none; None where they were not searched.
+    tied : footfalls (n,) at places that were recognized, ascending: factors join them over the walk.
     """
 
     recording: Recording
@@ -166,37 +156,31 @@ class WalkProblem:
     graph: gtsam.NonlinearFactorGraph
     velocities: ResidualBlock
     values: gtsam.Values
-    constraints: tuple[LinearizableBlock, ...] = ()
+    blocks: tuple[LinearizableBlock, ...] = ()
     floor: Ints | None = None
-    field: FieldFactors | None = None
-    differential: DifferentialFactors | None = None
-    places: PlaceFactors | None = None
-    directions: DirectionFactors | None = None
-    barometer: BarometerFactors | None = None
-
-    @property
-    def blocks(self) -> tuple[LinearizableBlock, ...]:
-        """Return the blocks of Python factors, which are linearized beside the gtsam graph."""
-        blocks: list[LinearizableBlock] = [self.velocities, GtsamFactors(self.start.factor(self.parameters))]
-        if self.field is not None:
-            blocks += self.field.blocks
-        blocks += [block for block in (self.differential, self.places) if block is not None]
-        if self.directions is not None:
-            blocks += self.directions.courses, self.directions.priors
-        if self.barometer is not None:
-            blocks += self.barometer.readings, self.barometer.drift, self.barometer.prior
-        return (*blocks, *self.constraints)
+    tied: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     @property
     def system(self) -> WalkSystem:
         """Return all factors as the system that is minimized."""
-        return WalkSystem(self.graph, self.blocks)
+        start = GtsamFactors(self.start.factor(self.parameters))
+        return WalkSystem(self.graph, (self.velocities, start, *self.blocks))
 
-    @property
-    def field_factors(self) -> FieldFactors:
-        """Factors of the field, of a walk that is solved with it."""
-        assert self.field is not None
-        return self.field
+    def find(self, kind: type[K]) -> K | None:
+        """Return the block of a class, None without one."""
+        return next((block for block in self.blocks if isinstance(block, kind)), None)
+
+    def get(self, kind: type[K]) -> K:
+        """Return the block of a class, which the walk has."""
+        return next(block for block in self.blocks if isinstance(block, kind))
+
+    def join(self, block: LinearizableBlock) -> WalkProblem:
+        """Return it with another block."""
+        return replace(self, blocks=(*self.blocks, block))
+
+    def without(self, kind: type[LinearizableBlock]) -> WalkProblem:
+        """Return it without the block of a class."""
+        return replace(self, blocks=tuple(block for block in self.blocks if not isinstance(block, kind)))
 
     def with_note(self, note: str) -> WalkProblem:
         """Return it with another note."""
@@ -205,14 +189,15 @@ class WalkProblem:
     @property
     def time_order(self) -> Keys:
         """Keys of all variables, node by node (`solver.list_in_time`)."""
-        n_directions = 0 if self.directions is None else self.directions.pieces
-        with_field, with_air = self.field is not None, self.barometer is not None
-        return list_in_time(self.nodes, with_field, self.floor, n_directions, with_air)
+        has, directions = self.values.exists, 0
+        while has(A(directions)):
+            directions += 1
+        return list_in_time(self.nodes, has(M(0)), self.floor, directions, has(P(0)))
 
     def factors(self) -> gtsam.NonlinearFactorGraph:
         """Return all of it as factors of gtsam, one by one."""
         graph = gtsam.NonlinearFactorGraph(self.graph)
-        for block in self.blocks:
+        for block in self.system.blocks:
             for factor in block.factors():
                 graph.push_back(factor)
         return graph
@@ -230,12 +215,12 @@ def solve(problem: WalkProblem, convergence: float = CONVERGENCE, with_stacks: b
 def order_variables(problem: WalkProblem) -> Keys:
     """Return the keys of all variables in elimination order, chosen for small fronts."""
     keys = problem.time_order
-    if problem.places is None:
+    if not len(problem.tied):
         return keys
     # In the order of time every front between two footfalls at one place would carry the later one. So tied footfalls,
     # with all that joins their past to their future, are last, the newest first: what is between is a chain by itself.
     # Floors and the direction of a building, which join many, end the order.
-    is_last, is_common = split_tied(keys, problem.nodes, problem.places.footfalls)
+    is_last, is_common = split_tied(keys, problem.nodes, problem.tied)
     return np.concatenate([keys[~is_last & ~is_common], keys[is_last][::-1], keys[is_common]])
 
 
@@ -365,24 +350,9 @@ def count_factors(problem: WalkProblem) -> Counter[str]:
     """Count the factors of a walk by kind."""
     counts = Counter(dict.fromkeys(KINDS, 0))
     counts["imu"] = sum(problem.graph.at(i).size() == INERTIAL_KEYS for i in range(problem.graph.size()))
-    counts["zero_velocity"] = len(problem.velocities)
-    if problem.differential is not None:
-        counts["differential_field"] = len(problem.differential)
-    if (field := problem.field) is not None:
-        counts["magnetic_heading"], counts["field_potential"] = len(field.heading), len(field.potential)
-        seen = np.isfinite(field.readings.body_field).all(axis=1) & field.parameters.compass
-        counts["gated_out"] = int((seen & ~np.isfinite(field.readings.sigma_uT)).sum())
-    if problem.places is not None:
-        counts["same_place"] = len(problem.places)
-    if problem.directions is not None:
-        counts["direction"] = len(problem.directions.courses)
-    if problem.barometer is not None:
-        counts[BAROMETER] = len(problem.barometer.readings)
-    for kind in (POSITION_FIX, KNOWN_PLACE, OWN):
-        of_kind = [block for block in problem.constraints if isinstance(block, GtsamFactors) and block.kind == kind]
-        if count := sum(map(len, of_kind)):
-            counts[kind] = count
-    return counts
+    for block in (problem.velocities, *problem.blocks):
+        counts.update(block.counts)
+    return Counter({kind: counts[kind] for kind in (*KINDS, *FURTHER_KINDS) if kind in counts})
 
 
 def count_graph(graph: gtsam.NonlinearFactorGraph) -> Counter[str]:

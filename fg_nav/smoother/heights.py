@@ -52,9 +52,9 @@ from fg_nav.factors.zero_velocity import StanceVelocity
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.recording import Recording
 from fg_nav.samples.gaps import cross_holes
-from fg_nav.smoother.graph import WalkProblem
+from fg_nav.smoother.graph import BAROMETER, WalkProblem
 from fg_nav.smoother.sensitivity import SharingFactors, shared_information
-from fg_nav.smoother.solver import GtsamFactors, Solved, list_positions
+from fg_nav.smoother.solver import BlockGroup, GtsamFactors, LinearizableBlock, Solved, list_positions
 from fg_nav.smoother.strides import SETTLING_TIME_S, Nodes
 from fg_nav.stances import Stances, find_runs
 from fg_nav.system.compiled import njit
@@ -329,7 +329,7 @@ def add_constraints(problem: WalkProblem, values: gtsam.Values, continues: Bools
     for number in range(floor.max(initial=-1) + 1):
         values.insert(Z(number), np.array([position[floor == number, 2].mean()]))
     heights = constrain_heights(nodes.result, floor, LEVEL_SIGMA_M)
-    problem = replace(problem, constraints=(*problem.constraints, heights), floor=floor)
+    problem = replace(problem.join(heights), floor=floor)
     # What the ground shows of the excess S of the soles: S lifts each stride by S (duration of the stride) / (time in
     # which the sole settles). What the path climbs is beyond the S that it has at these values.
     ties, stride_s = problem.velocities.residuals, np.diff(t[footfall])[stepped[1:]]
@@ -341,7 +341,7 @@ def add_constraints(problem: WalkProblem, values: gtsam.Values, continues: Bools
     noise = gtsam.noiseModel.Isotropic.Sigma(1, float(np.hypot(ground.drift_sigma, DRIFT_FLOOR_M) / lift))
     middle = S(int(nodes.bias[-1]) // 2)
     climb = GtsamFactors(gtsam.PriorFactorVector(middle, values.atVector(middle) + ground.drift / lift, noise))
-    return replace(problem, constraints=(*problem.constraints, climb))
+    return problem.join(climb)
 
 
 def find_floors_of_pieces(
@@ -463,14 +463,12 @@ def calibrate_barometer(recording: Recording, seen: StancePressures) -> Baromete
     return Barometer(float(mean[0]), float(np.hypot(noise, AIR_PA)), common, count)
 
 
-@dataclass(frozen=True)
-class BarometerFactors:
-    """Factors of the barometer of a walk: `readings`, `drift` and the prior on the first state."""
+class BarometerFactors(BlockGroup):
+    """Factors of the barometer of a walk: `readings`, drift and the prior on the first state."""
 
-    barometer: Barometer
-    readings: ResidualBlock
-    drift: ResidualBlock
-    prior: GtsamFactors
+    def __init__(self, barometer: Barometer, readings: ResidualBlock, *further: LinearizableBlock) -> None:
+        super().__init__(readings, *further)
+        self.barometer, self.readings = barometer, readings
 
 
 def add_barometer(problem: WalkProblem, stances: Stances) -> WalkProblem:
@@ -489,7 +487,7 @@ def add_barometer(problem: WalkProblem, stances: Stances) -> WalkProblem:
     chain = [(P(k), P(k + 1)) for k in states[:-1]]
     factors = BarometerFactors(
         barometer,
-        ResidualBlock(barometer.heights(seen, known), keys),
+        ResidualBlock(barometer.heights(seen, known), keys, kind=BAROMETER),
         ResidualBlock(barometer.drift(np.diff(t)), chain),
         GtsamFactors(barometer.prior(P(0))),
     )
@@ -499,7 +497,7 @@ def add_barometer(problem: WalkProblem, stances: Stances) -> WalkProblem:
         f"barometer in {len(factors.readings)} of {format_count(len(seen.mean), 'footfall')}, each to "
         f"{float(barometer.sigma_m(np.ones(1))[0]):.2f} m about an offset that drifts"
     )
-    return replace(problem, barometer=factors).with_note(note)
+    return problem.join(factors).with_note(note)
 
 
 def spread_scale(factors: BarometerFactors, solved: Solved) -> Floats:

@@ -80,7 +80,7 @@ from fg_nav.smoother.preintegration import preintegrate
 from fg_nav.smoother.sensitivity import average
 from fg_nav.smoother.solver import FIRST_CONVERGENCE, Solved, find_minimum, residuals_at_minimum
 from fg_nav.smoother.square_root import Groups, LinearWalk, SquareRoot
-from fg_nav.smoother.strides import ACC_BIAS_SIGMA, INERTIAL_KEYS, MIN_WALK_DEG_S, Nodes
+from fg_nav.smoother.strides import ACC_BIAS_SIGMA, INERTIAL_KEYS, MIN_WALK_DEG_S, Nodes, join_velocities
 from fg_nav.stances import Stances
 from fg_nav.text import format_count
 
@@ -138,7 +138,7 @@ def weaken_refused_stances(problem: WalkProblem, solved: Solved) -> tuple[WalkPr
         ties = problem.velocities.residuals
         assert isinstance(ties, StanceVelocity)
         ties = replace(ties, sigma=np.hypot(ties.sigma, off[:, None]))
-        problem = replace(problem, velocities=ResidualBlock(ties, problem.velocities.keys))
+        problem = replace(problem, velocities=join_velocities(ties, problem.nodes))
         solved = solve(problem, FIRST_CONVERGENCE, with_stacks=True)
         problem = replace(problem, values=solved.values)
     if refused.any():

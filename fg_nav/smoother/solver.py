@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from typing import Generic, Protocol, TypeAlias, TypeVar
 
 import gtsam
@@ -134,6 +135,32 @@ class LinearizableBlock(Protocol):
     def factors(self) -> Iterable[gtsam.NonlinearFactor]:
         """Yield them as factors of gtsam, one by one."""
 
+    counts: dict[str, int]  # By kind, of those that are counted.
+
+
+class BlockGroup:
+    """Blocks that join a walk together, as one."""
+
+    def __init__(self, *blocks: LinearizableBlock) -> None:
+        self.blocks = blocks
+        self.counts = {kind: count for block in blocks for kind, count in block.counts.items()}
+
+    def error(self, values: gtsam.Values) -> float:
+        """Half the sum of squares of the residuals over their sigmas."""
+        return sum(block.error(values) for block in self.blocks)
+
+    def linearize(self, values: gtsam.Values) -> Iterator[gtsam.GaussianFactor]:
+        """Yield its factors, linearized at these values."""
+        return chain.from_iterable(block.linearize(values) for block in self.blocks)
+
+    def stack(self, values: gtsam.Values) -> list[Stack]:
+        """Return the same as arrays."""
+        return [stack for block in self.blocks for stack in block.stack(values)]
+
+    def factors(self) -> Iterator[gtsam.NonlinearFactor]:
+        """Yield them one by one."""
+        return chain.from_iterable(block.factors() for block in self.blocks)
+
 
 class GtsamFactors:
     """Factors of gtsam that are not in the graph of the walk; `kind` is the word under which they are counted, if any.
@@ -143,7 +170,7 @@ class GtsamFactors:
     """
 
     def __init__(self, *factors: gtsam.NonlinearFactor, kind: str = "") -> None:
-        self._graph, self.kind = gtsam.NonlinearFactorGraph(), kind
+        self._graph, self.counts = gtsam.NonlinearFactorGraph(), {kind: len(factors)} if kind and factors else {}
         for factor in factors:
             self._graph.push_back(factor)
 

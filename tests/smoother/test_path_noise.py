@@ -27,6 +27,7 @@ from fg_nav.smoother.field import (
     _weigh_share,
     average_path_noise,
     integrate_field,
+    set_field,
     solve_with_field,
 )
 from fg_nav.smoother.field_factors import MIN_TELESCOPING, PATH_SIGMA_UT_M, FieldFactors, FieldRoughness
@@ -52,11 +53,10 @@ def noise_of(seed: int, drift_uT_m: float) -> PathNoise:
     """Of the demonstration over a rough floor, its integrals with so much white noise a stride."""
     found, _ = solved_in(seed)
     problem = found.problem
-    assert problem.field is not None
-    bold = problem.field.assume_lost_share(0.0)
+    bold = problem.get(FieldFactors).assume_lost_share(0.0)
     noise = drift_uT_m * np.random.default_rng(seed).standard_normal(len(bold.path.u))
     noisy = with_integrals(bold, noise)
-    return average_path_noise(replace(problem, field=noisy), found.solved.values)
+    return average_path_noise(set_field(problem, noisy), found.solved.values)
 
 
 def potentials(share: float, walked: Walked) -> multivariate_normal:
@@ -102,7 +102,7 @@ def find_shares(walked: Walked, true: float, draws: int, monkeypatch: pytest.Mon
     for added in potentials(true, walked).rvs(draws, random_state=1):
         field, rest, values = held(walked, added)
         monkeypatch.setattr(field_rounds, "_eliminate_between", lambda *_, rest=rest: rest)
-        problem = cast(WalkProblem, SimpleNamespace(field_factors=field))
+        problem = cast(WalkProblem, SimpleNamespace(get=lambda _, field=field: field))
         shares.append(average_path_noise(problem, values).lost_share)
     return np.array(shares)
 
@@ -130,12 +130,11 @@ def test_integrals_that_do_not_telescope_are_not_taken_for_those_that_do(seed: i
 
 def test_nodes_eliminated_first_change_no_difference_of_evidence() -> None:
     found, _ = solved_in(0)
-    values, field = found.solved.values, found.problem.field
-    assert field is not None
+    values, field = found.solved.values, found.problem.get(FieldFactors)
     rest = _eliminate_between(found.problem, values)
     levels = [field.assume_lost_share(share) for share in (1.0, 0.1)]
     short = np.diff([_weigh_share(rest, one, values) for one in levels])
-    blocks = replace(found.problem, field=None).blocks
+    blocks = found.problem.without(FieldFactors).system.blocks
     order = list_in_time(found.problem.nodes, with_field=True)
     walk = LinearWalk.of(WalkSystem(found.problem.graph, blocks).stack(values), order)
     whole = np.diff([_weigh_share(walk, one, values) for one in levels])

@@ -28,6 +28,7 @@ from fg_nav.smoother.building import (
     mark_returns,
     measure_uncertainty,
 )
+from fg_nav.smoother.field_factors import FieldFactors
 from fg_nav.smoother.graph import order_variables
 from fg_nav.smoother.parameters import FieldParameters, WalkParameters
 from fg_nav.smoother.solver import CONVERGENCE, find_minimum, list_in_time
@@ -94,9 +95,8 @@ def test_footfalls_are_marked_with_those_at_their_place() -> None:
 def test_the_order_of_elimination_changes_nothing() -> None:
     """Tied footfalls last, or all in the order of time."""
     problem = solved(2, True).walk.problem
-    assert problem.places is not None
-    assert len(problem.places) > 2
-    in_time = list_in_time(problem.nodes, problem.field is not None, problem.floor)
+    assert len(problem.get(building.PlaceFactors)) > 2
+    in_time = list_in_time(problem.nodes, problem.find(FieldFactors) is not None, problem.floor)
     orders: list[Keys] = [in_time, order_variables(problem)]
     assert (np.sort(orders[0]) == np.sort(orders[1])).all()
     assert (orders[0] != orders[1]).any()
@@ -190,7 +190,7 @@ def test_a_walk_whose_rounds_say_different_things_is_not_closed(monkeypatch: pyt
 
     monkeypatch.setattr(building, "select_consistent", recognize)
     same, minimum, returns, notes = building.tie_places(replace(walk.problem, parameters=WITH), walk.solved)
-    assert same.places is None
+    assert same.find(building.PlaceFactors) is None
     assert minimum is walk.solved
     assert (returns, notes) == ((), ())
 
