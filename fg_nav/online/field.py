@@ -66,16 +66,19 @@ from fg_nav.smoother.differential import (
     sum_stretches,
     turn_stretches,
 )
-from fg_nav.smoother.field import MIN_JUMP_UT_M, FieldSolution, compass_sigma, rotate_field, weigh_compass
+from fg_nav.smoother.field import MIN_JUMP_UT_M, FieldSolution
 from fg_nav.smoother.field_factors import (
     FieldFactors,
     FieldPath,
     FieldRoughness,
+    compass_sigma,
     deviate_along,
     integrate_path,
     measure_roughness,
+    rotate_field,
     split_potential,
     transition,
+    weigh_compass,
 )
 from fg_nav.smoother.graph import Trajectory
 from fg_nav.smoother.solver import list_attitudes

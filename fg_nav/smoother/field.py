@@ -70,9 +70,12 @@ from fg_nav.smoother.field_factors import (
     FieldPath,
     FieldRoughness,
     Roughness,
+    compass_sigma,
     deviate_along,
     integrate_path,
     measure_roughness,
+    rotate_field,
+    weigh_compass,
 )
 from fg_nav.smoother.graph import UNKNOWN_HEADING_DEG, StartPrior, Trajectory, WalkProblem, solve, turn_walk
 from fg_nav.smoother.parameters import FieldParameters
@@ -82,7 +85,6 @@ from fg_nav.smoother.square_root import LinearWalk
 from fg_nav.smoother.strides import Nodes
 from fg_nav.stances import find_runs
 
-COMPASS_SIGMA_UT = 0.3  # Noise of a footfall's mean field, white: what levelling and a soft sole leave.
 STRENGTH_SIGMA_UT = 5.0  # Horizontal strength of the field about the walk's median, uT.
 LEFT_IRON_LEVEL_UT = 0.3  # Hard iron that a calibration leaves, one sigma, level axes.
 LEFT_IRON_UP_UT = 4.0  # Upward: all that adds up along the path alike, soft iron, delay, tilt; by 21 closed walks.
@@ -239,16 +241,6 @@ def remove_drift(values: gtsam.Values, nodes: Nodes, nav_field: Floats, t: Float
     return bent
 
 
-def compass_sigma(variance: Floats, rough: FieldRoughness) -> Floats:
-    """Sigma (...) uT of compasses, by their variance over that of the walk's (`quasi_static.weigh_statistic`)."""
-    return np.asarray(np.hypot(COMPASS_SIGMA_UT, rough.white_uT * np.sqrt(variance)))
-
-
-def weigh_compass(sigma_uT: Floats, rough: FieldRoughness) -> Floats:
-    """Information of compasses with these sigmas (...) over that at the walk's own spread, at most 1; 0 without one."""
-    return np.asarray(np.minimum((compass_sigma(np.ones(()), rough) / sigma_uT) ** 2, 1.0))
-
-
 def find_obstacle(field: FootfallField | None) -> str:
     """Return why the field of a walk shows no heading; empty where it does."""
     if field is None:
@@ -260,11 +252,6 @@ def find_obstacle(field: FootfallField | None) -> str:
     if level < MIN_STRENGTH_UT:
         return f"the field is {level:.1f} uT over ground, which is too little for a compass"
     return ""
-
-
-def rotate_field(field: FootfallField, nav_R_body: Floats) -> Floats:
-    """Rotate the field at the footfalls into nav, (F, 3) uT."""
-    return np.asarray(np.einsum("kij,kj->ki", nav_R_body, field.body_field))
 
 
 def integrate_field(problem: WalkProblem, field: FootfallField, track: Trajectory) -> FieldPath:

@@ -56,11 +56,13 @@ from fg_nav.factors.magnetic_field import (
 )
 from fg_nav.factors.residual import ResidualBlock, factor_of
 from fg_nav.frames import level_attitude
+from fg_nav.magnetic import FootfallField
 from fg_nav.samples.gaps import cross_holes
 from fg_nav.smoother.parameters import FieldParameters
 from fg_nav.smoother.preintegration import WALKING_M_S, walk_for
 from fg_nav.smoother.solver import BlockGroup, GtsamFactors
 
+COMPASS_SIGMA_UT = 0.3  # Noise of a footfall's mean field, white: what levelling and a soft sole leave.
 REGIONAL_LENGTH_M = 60.0  # For how long a region is alike: a corridor, a wing.
 CLIP_SIGMAS = 4.0  # At which deviations are clipped (winsorized): an outlier shall not set the scale.
 MIN_STEP_M = 0.2  # Shorter moves are no strides.
@@ -341,3 +343,18 @@ def integrate_path(
         level_R_body=level,
         jumps=np.zeros(len(footfall) - 1, dtype=np.bool_),
     )
+
+
+def compass_sigma(variance: Floats, rough: FieldRoughness) -> Floats:
+    """Sigma (...) uT of compasses, by their variance over that of the walk's (`quasi_static.weigh_statistic`)."""
+    return np.asarray(np.hypot(COMPASS_SIGMA_UT, rough.white_uT * np.sqrt(variance)))
+
+
+def weigh_compass(sigma_uT: Floats, rough: FieldRoughness) -> Floats:
+    """Information of compasses with these sigmas (...) over that at the walk's own spread, at most 1; 0 without one."""
+    return np.asarray(np.minimum((compass_sigma(np.ones(()), rough) / sigma_uT) ** 2, 1.0))
+
+
+def rotate_field(field: FootfallField, nav_R_body: Floats) -> Floats:
+    """Rotate the field at the footfalls into nav, (F, 3) uT."""
+    return np.asarray(np.einsum("kij,kj->ki", nav_R_body, field.body_field))

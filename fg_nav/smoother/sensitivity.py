@@ -235,18 +235,6 @@ def find_motion(problem: WalkProblem, values: gtsam.Values) -> Floats:
     return np.asarray(motion[nodes.footfall] * walks[:, None, None])
 
 
-def extend_covariance(pose_cov: Floats, position: Floats) -> Floats:
-    """Return the covariance (4, 4) of a pose in a walk in progress, plus that of the prior on the moving foot c.
-
-    `position` (3,) m from the start.
-    """
-    east, north = position[:2]
-    moved = np.array([[east, -north], [north, east]]) * (FORWARD_SIGMA, SIDEWAYS_SIGMA)
-    extended = pose_cov.copy()
-    extended[:2, :2] += moved @ moved.T
-    return extended
-
-
 @dataclass(frozen=True)
 class GyroScale:
     """Scale errors (3,) of the gyroscope that are taken off, and what is left about them.
