@@ -38,8 +38,8 @@ from fg_nav.online.smoother import OnlineSmoother
 from fg_nav.online.unit_monitor import UnitMonitor
 from fg_nav.recording import MIN_SAMPLES, Recording
 from fg_nav.smoother import smooth
-from fg_nav.smoother.dense_path import Trajectory, dense_trajectory
-from fg_nav.smoother.places import mark_returns
+from fg_nav.smoother.building import mark_returns
+from fg_nav.smoother.graph import Trajectory, dense_trajectory
 from fg_nav.smoother.solver import UNSOLVED
 from fg_nav.solution import Return, Solution, StanceTable
 

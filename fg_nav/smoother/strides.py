@@ -232,7 +232,7 @@ def add_stride(graph: gtsam.NonlinearFactorGraph, stride: Stride, p: SmootherPar
 def join_velocities(velocities: StanceVelocity, nodes: Nodes) -> ResidualBlock:
     """Return the stance velocities of all nodes of a walk as one block, with their keys."""
     bias = nodes.bias[nodes.footfall].tolist()
-    return ResidualBlock(velocities, [(X(j), V(j), S(k)) for j, k in enumerate(bias)])
+    return ResidualBlock(velocities, [(X(j), V(j), S(k)) for j, k in enumerate(bias)], kind="zero_velocity")
 
 
 def stride_graph(stride: Stride, p: SmootherParameters) -> gtsam.NonlinearFactorGraph:

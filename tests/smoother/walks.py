@@ -21,12 +21,10 @@ from fg_nav.io import read, read_pyshoe_labels
 from fg_nav.lab.simulation.person import Person
 from fg_nav.recording import Recording
 from fg_nav.smoother import SmootherParameters
-from fg_nav.smoother.dense_path import Trajectory, trajectory_of
-from fg_nav.smoother.gauss_newton import CONVERGENCE, MAX_STEPS, find_minimum
-from fg_nav.smoother.graph import GAUGE_SIGMA, StartPrior, WalkProblem, initial_values
+from fg_nav.smoother.graph import GAUGE_SIGMA, StartPrior, Trajectory, WalkProblem, initial_values, trajectory_of
 from fg_nav.smoother.parameters import WalkParameters
 from fg_nav.smoother.preintegration import preintegrate
-from fg_nav.smoother.solver import Solved, WalkSystem, list_in_time
+from fg_nav.smoother.solver import CONVERGENCE, MAX_STEPS, Solved, WalkSystem, find_minimum, list_in_time
 from fg_nav.smoother.strides import (
     Nodes,
     Stride,
