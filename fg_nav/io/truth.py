@@ -12,7 +12,8 @@ import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import FormatError
-from fg_nav.io.content import Content, choose_sensor, explain_library, load_mat, mat_array
+from fg_nav.io.content import Content, choose_sensor, explain_library
+from fg_nav.io.matlab import mat_array
 from fg_nav.io.tables import TextTable
 from fg_nav.truth import FootprintTruth, TrajectoryTruth
 
@@ -76,7 +77,7 @@ def read_footprint_mat(content: Content) -> FootprintTruth:
 
     Raises `FormatError` if a variable is missing, damaged, or does not fit the other.
     """
-    path, variables = content.path, load_mat(content)
+    path, variables = content.path, content.load_variables()
     xy = mat_array(variables, "GCP_meters", path, columns=2)
     stride = mat_array(variables, "GCP_stride_numbers", path)
     if len(stride) != len(xy):

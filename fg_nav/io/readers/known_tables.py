@@ -1,7 +1,6 @@
 """One table of all sensors on one clock: columns, clock and unit of each sensor as its maker writes them.
 
 ============= ======================================================================================================
-canonical     this project's own; mag and pressure may be absent, and empty where there is no sample
 sensorconnect LORD/MicroStrain: names of channels behind the sensor's, `inertial-6253.76535:scaledAccelX`; those of a
               filter in the sensor have `:valid` behind them; rows of other packets, without acc and gyr, are left out
 openshoe      17 columns by blanks without a header
@@ -33,8 +32,7 @@ import pandas as pd
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.columns.headers import GAUSS_UT, KNOWN_UNITS, Quantity, find_factor, read_header
-from fg_nav.columns.mapping import ACC, GYR, MAG, TIME, find_pressure
-from fg_nav.columns.samples import SI_UNITS, convert_pressure
+from fg_nav.columns.samples import SI_UNITS
 from fg_nav.errors import FormatError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.io.content import Content, choose_sensor, read_content, split_fields
@@ -117,28 +115,6 @@ def find_scale(quantity: Quantity, unit: str, name: str, path: Path) -> float:
             f"{KNOWN_UNITS[quantity]}."
         )
     return factor
-
-
-# Canonical
-
-
-def is_canonical(content: Content) -> bool:
-    """Whether the first line names at least one of the format's acc or gyr columns, and none that names sensors."""
-    names = content.fields()
-    return not {*ACC, *GYR}.isdisjoint(names) and not any(map(any_table.SENSOR_WORD.search, names))
-
-
-def read_canonical(content: Content) -> RawRecording:
-    """Read a canonical CSV; further columns are ignored, the order is free."""
-    table, notes = TextTable(content, content.fields()), list[str]()
-    magnetic = () if set(MAG).isdisjoint(table.names) else MAG
-    air = find_pressure(table.names)
-    values, row = table.read_columns([*TIME, *ACC, *GYR, *magnetic, *(air.names if air else ())])
-    pressure = convert_pressure(values[:, -1], air, notes) if air else None
-    mag, provenance = values[:, 7:10] if magnetic else None, Provenance(content.path, "canonical", tuple(notes))
-    return RawRecording(
-        values[:, 0], values[:, 1:4], values[:, 4:7], row, mag, provenance=provenance, pressure=pressure
-    )
 
 
 # LORD/MicroStrain SensorConnect: raw channels before those a filter has touched

@@ -38,7 +38,8 @@ import numpy as np
 
 from fg_nav.arrays import Bools, Floats
 from fg_nav.errors import FormatError
-from fg_nav.io.content import Content, Variables, load_mat, mat_array, read_content
+from fg_nav.io.content import Content, read_content
+from fg_nav.io.matlab import Variables, mat_array
 from fg_nav.io.streams import drop_held
 from fg_nav.io.truth import pack_footprints, pack_true_path
 from fg_nav.recording import Provenance, RawRecording
@@ -57,7 +58,7 @@ def _take(variables: Variables, name: str, path: Path, columns: int | None, like
 
 def read_pyshoe(content: Content) -> RawRecording:
     """Read a PyShoe trial."""
-    path, variables = content.path, load_mat(content)
+    path, variables = content.path, content.load_variables()
     inertial = mat_array(variables, "imu", path, columns=6)
     t = _take(variables, "ts", path, None, "imu", len(inertial))
     truth: Truth | None = None
@@ -87,12 +88,12 @@ def read_pyshoe_labels(path: Path | str, detector: str = "shoe") -> Bools:
     Raises `FormatError` if the file is no MATLAB file or does not hold these labels.
     """
     path = Path(path)
-    return mat_array(load_mat(read_content(path)), f"zv_{detector}_opt", path) > 0.5
+    return mat_array(read_content(path).load_variables(), f"zv_{detector}_opt", path) > 0.5
 
 
 def read_gdlbio(content: Content) -> RawRecording:
     """Read a surveyed walk."""
-    path, variables = content.path, load_mat(content)
+    path, variables = content.path, content.load_variables()
     inertial = mat_array(variables, "imu_data", path, columns=6)
     t = _take(variables, "timestamps", path, None, "imu_data", len(inertial))
     truth: Truth | None = None
@@ -113,13 +114,13 @@ def read_pyshoe_track(path: Path | str) -> Floats:
     Raises `FormatError` if the file is no MATLAB file or does not hold it.
     """
     path = Path(path)
-    track = mat_array(load_mat(read_content(path)), "pyshoeTrajectory", path, columns=2)
+    track = mat_array(read_content(path).load_variables(), "pyshoeTrajectory", path, columns=2)
     return np.asarray(track * _RIGHT_HANDED[:2])
 
 
 def read_broad(content: Content) -> RawRecording:
     """Read a BROAD trial."""
-    path, variables = content.path, load_mat(content)
+    path, variables = content.path, content.load_variables()
     rate = mat_array(variables, "sampling_rate", path)
     if rate.size != 1 or not 1.0 <= rate[0] <= 1e5:
         raise FormatError(f"{path.name}: 'sampling_rate' is no usable rate in Hz: export it again.")

@@ -38,6 +38,7 @@ ms, elapsed since the phone's start in ns, x, y, z, and the bias in it, which is
 
 from __future__ import annotations
 
+import io
 import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -510,7 +511,7 @@ def _read_records(content: Content, what: Sensor, kind: str, lines: list[str]) -
     text = "\n".join(lines).encode()
     names += [f"field {k + 1}" for k in range(len(names), width)]
     table = TextTable(
-        replace(content, encoding="utf-8", fetch=lambda size: text[:size], opened={}), names, first_line=1
+        replace(content, encoding="utf-8", opener=lambda: io.BytesIO(text), opened={}), names, first_line=1
     )
     wanted = names[1 : 9 if "Uncal" in kind else 6]
     values, row = table.read_columns(wanted)

@@ -96,7 +96,7 @@ def _find_suffix(content: Content) -> str | None:
 def _place(content: Content) -> Iterator[Path]:
     """Yield a path that rosbags can open: the bag itself, or a temporary copy, unpacked or renamed."""
     suffix = None if content.members else _find_suffix(content)
-    packed = content.fetch is not None or any(member.fetch is not None for member in content.members.values())
+    packed = content.opener is not None or any(member.opener is not None for member in content.members.values())
     if not packed and (content.members or content.path.suffix == suffix):
         yield content.path
         return
