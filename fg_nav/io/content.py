@@ -27,7 +27,7 @@ from functools import partial
 from itertools import islice
 from pathlib import Path
 from types import MappingProxyType
-from typing import IO, Any
+from typing import IO, Any, cast
 
 from fg_nav.columns.mapping import Columns
 from fg_nav.errors import FgNavError, FormatError
@@ -128,13 +128,12 @@ def read_content(path: Path) -> Content:
         return Content(path, members=_open_members(path, _list_folder(path)))
     opener: Opener | None = None
     if os.path.exists(path) and not os.path.isfile(path):  # a pipe is kept in memory
-        opener = partial(io.BytesIO, _read_bytes(path, partial(path.open, "rb")))
+        opener = partial(io.BytesIO, _read_bytes(path, _open_plain(path)))
     content = _open_file(path, opener)
     if not content.head.strip():
         raise FormatError(f"{path.name} is empty: record or export it again.")
     if content.head.startswith(_ZIP):
-        archive = content.opener or partial(path.open, "rb")
-        return replace(content, members=_open_members(path, _list_archive(path, archive)))
+        return replace(content, members=_open_members(path, _list_archive(path, content.opener or _open_plain(path))))
     return content
 
 
@@ -142,7 +141,7 @@ def _open_file(path: Path, opener: Opener | None, is_member: bool = False) -> Co
     """Content of a text or binary file. A byte that is no UTF-8 (a degree or micro sign, mostly) is Latin-1."""
     head = _read_bytes(path, opener, _HEAD_BYTES)
     if head.startswith(_GZIP):
-        opener = partial(_unpack, opener or partial(path.open, "rb"))
+        opener = partial(_unpack, opener or _open_plain(path))
         head = _read_bytes(path, opener, _HEAD_BYTES)
     content = Content(path, head=head, opener=opener)
     if head.startswith(_MAT):
@@ -196,13 +195,17 @@ def _explain_file(path: Path) -> Iterator[None]:
         ) from None
 
 
+def _open_plain(path: Path) -> Opener:
+    return lambda: path.open("rb")
+
+
 @contextmanager
 def _unpack(packed: Opener, entry: zipfile.ZipInfo | None = None) -> Iterator[IO[bytes]]:
     """Open what is packed by gzip, or an entry of an archive."""
     with packed() as file:
         if entry is None:
-            with gzip.GzipFile(fileobj=file) as unpacked:
-                yield unpacked
+            with gzip.open(file) as unpacked:
+                yield cast(IO[bytes], unpacked)
         else:
             with zipfile.ZipFile(file) as archive, archive.open(entry) as member:
                 yield member

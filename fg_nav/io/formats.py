@@ -18,14 +18,20 @@ from fg_nav.columns.headers import read_header
 from fg_nav.columns.mapping import ACC, GYR, MAG, TIME, Columns, find_pressure, parse_columns, shorten_names
 from fg_nav.columns.samples import convert_pressure
 from fg_nav.errors import FormatError
-from fg_nav.io.aiding import add_barometer
+from fg_nav.io.beside import (
+    C3D_KEY,
+    CSV_COLUMNS,
+    add_barometer,
+    pack_footprints,
+    read_c3d,
+    read_footprint_mat,
+    read_tum,
+)
 from fg_nav.io.content import BINARY, MATLAB, MEMBERS, TEXT, Content, read_content
+from fg_nav.io.readers import binary, phones, table
 from fg_nav.io.readers import known_tables as known
-from fg_nav.io.readers import matlab_sets as sets
-from fg_nav.io.readers import phones, ros, table, xsens
 from fg_nav.io.readers import wearables as worn
 from fg_nav.io.tables import TextTable, open_table
-from fg_nav.io.truth import C3D_KEY, CSV_COLUMNS, pack_footprints, read_c3d, read_footprint_mat, read_tum
 from fg_nav.plugins import find_plugins
 from fg_nav.recording import NOMINAL_SIGMA, Provenance, RawRecording, Recording, note_nominal_rate
 from fg_nav.samples.stamps import MAX_BRIDGED_S
@@ -79,24 +85,24 @@ def _hold(*names: str) -> Callable[[Content], bool]:
 _ALL = (
     Format("canonical", is_canonical, read_canonical),
     Format("sensorconnect", known.find_sensorconnect, known.read_sensorconnect),
-    Format("pyshoe", _hold("imu", "zv_shoe_opt"), sets.read_pyshoe, (MATLAB,)),
-    Format("gdlbio", _hold("imu_data", "strideIndex"), sets.read_gdlbio, (MATLAB,)),
+    Format("pyshoe", _hold("imu", "zv_shoe_opt"), binary.read_pyshoe, (MATLAB,)),
+    Format("gdlbio", _hold("imu_data", "strideIndex"), binary.read_gdlbio, (MATLAB,)),
     Format("openshoe", known.is_openshoe, known.read_openshoe),
     Format("phyphox", phones.is_phyphox, phones.read_phyphox, (MEMBERS, TEXT)),
     Format("sensor-logger", phones.find_tables, phones.read_sensor_logger, (MEMBERS, TEXT)),
     *(Format(one.name, one.recognizes, one.read, options=(RATE,) * one.is_epoch) for one in phones.APPS),
     Format("gnss-logger", phones.is_gnss_logger, phones.read_gnss_logger),
     Format("xio", worn.is_xio, worn.read_xio, (TEXT, MEMBERS)),
-    Format("xsens", xsens.is_mt, xsens.read_mt, options=(RATE,)),
-    Format("xsens-dot", xsens.is_dot, xsens.read_dot),
+    Format("xsens", worn.is_mt, worn.read_mt, options=(RATE,)),
+    Format("xsens-dot", worn.is_dot, worn.read_dot),
     Format("metawear", worn.is_metawear, worn.read_metawear, (TEXT, MEMBERS), (SENSOR,)),
     Format("movesense", worn.is_movesense, worn.read_movesense),
     Format("shimmer", known.find_shimmer, known.read_shimmer, options=(SENSOR,)),
     Format("apdm", known.find_apdm, known.read_apdm, options=(SENSOR,)),
     Format("vectornav", known.is_vectornav, known.read_vectornav),
     Format("yei", known.find_yei, known.read_yei),
-    Format("ros", ros.recognizes, ros.read, (BINARY, MEMBERS), (SENSOR,)),
-    Format("broad", _hold("imu_acc", "imu_gyr"), sets.read_broad, (MATLAB,)),
+    Format("ros", binary.is_bag, binary.read_bag, (BINARY, MEMBERS), (SENSOR,)),
+    Format("broad", _hold("imu_acc", "imu_gyr"), binary.read_broad, (MATLAB,)),
     Format("table", table.recognizes, table.read, (TEXT, BINARY, MEMBERS, MATLAB), (RATE, SENSOR)),
     Format("tables", table.are_sensor_tables, table.read_sensor_tables, (MEMBERS,), (SENSOR,)),
 )

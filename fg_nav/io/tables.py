@@ -424,7 +424,7 @@ def _count_axes(names: Sequence[str]) -> int:
 
 def _read_dates(text: NDArray[np.object_]) -> Floats:
     """Dates as s since 1970, NaN where there is none."""
-    words = pd.Series(text)
+    words = pd.Series(text, dtype=object).str.replace("/", "-")
     dates = pd.to_datetime(words, errors="coerce", utc=True, format="ISO8601")
     other = dates.isna() & words.notna()
     if other.any():  # each by itself, which is slow

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fg_nav.io import read, read_pyshoe_labels, read_raw, read_truth, write_canonical
+from fg_nav.io import read, read_raw, read_truth, write_canonical
+from fg_nav.lab.pyshoe import read_pyshoe_labels
 from fg_nav.recording import Recording
 from fg_nav.samples.plausibility import measure_gravity_transport, measure_rest_acc
 from fg_nav.stances import Stances

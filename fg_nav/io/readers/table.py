@@ -36,11 +36,11 @@ from fg_nav.columns.mapping import (
     has_word,
 )
 from fg_nav.columns.samples import convert_samples, list_positions
-from fg_nav.errors import FgNavError, FormatError
+from fg_nav.errors import FormatError
 from fg_nav.io.content import Content, choose_sensor, read_content
 from fg_nav.io.streams import NAMES, Sensor, Stream, drop_held, join_streams
 from fg_nav.io.tables import Table, open_table
-from fg_nav.recording import Provenance, RawRecording, Recording
+from fg_nav.recording import Provenance, RawRecording
 from fg_nav.samples.plausibility import find_mag_unit, find_time_unit, median_period_s
 
 MAX_SENSORS, MIN_ROWS = 20, 20  # Of a column that names sensors: its values, and the rows that each of them has.
@@ -279,14 +279,8 @@ def explain_sensor_tables(contents: Sequence[Content]) -> str | None:
         return None
     names = " and ".join(single.content.path.name for single in singles)
     what = " and ".join(dict.fromkeys(f"the {NAMES[single.what]}" for single in singles))
-    folder = contents[0].path.parent
     holds = f"holds {what} alone" if len(singles) == 1 else f"hold {what} in tables of their own"
-    words = f"{names} {holds}: put the tables of one recording into a folder of their own, and give that"
-    if all(content.path.parent == folder and content.opener is None for content in contents):
-        try:
-            inside = read_content(folder)
-            if are_sensor_tables(inside) and Recording.from_raw(read_sensor_tables(inside)):
-                return f"{words}, as fg-nav inspect {shlex.quote(str(folder))}."
-        except FgNavError:
-            pass
-    return f"{words}."
+    return (
+        f"{names} {holds}: put the tables of one recording into a folder of their own, and give that, as fg-nav "
+        f"inspect FOLDER."
+    )
