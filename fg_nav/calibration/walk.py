@@ -34,11 +34,11 @@ from fg_nav.calibration.walk_model import (
     read_strides,
     sum_iron,
 )
+from fg_nav.detection.stance import Stances
 from fg_nav.errors import CalibrationError, MagneticError
 from fg_nav.frames import average_angles, compute_heading, wrap_angle
 from fg_nav.magnetic.footfall_field import FootfallField, average_footfall_field
 from fg_nav.recording import Recording
-from fg_nav.stances import Stances
 from fg_nav.text import format_count
 
 MIN_SIGNIFICANCE = -2.0 * float(np.log(0.05))  # Of horizontal iron, the 95 % quantile; soft iron alone hardly shows.

@@ -70,11 +70,11 @@ from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.calibration.magnetometer import UPPER, matrix_of, mean_up
+from fg_nav.detection.stance import Stances
 from fg_nav.errors import MagneticError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.magnetic.footfall_field import compute_level_R_body, integrate_attitude
 from fg_nav.recording import Recording
-from fg_nav.stances import Stances
 
 PHASES = 16  # Readings of a stride: one every 5 cm of the way of a foot at the usual pace.
 MAX_SWING_S = 2.0  # Beyond it the foot stood where no stance was found.

@@ -47,6 +47,7 @@ from gtsam.symbol_shorthand import B, M, X
 
 from fg_nav.arrays import Floats
 from fg_nav.detection import Rest
+from fg_nav.detection.stance import Stances
 from fg_nav.errors import MagneticError
 from fg_nav.factors.differential_field import BiasInformation, FieldNoise
 from fg_nav.factors.magnetic_field import E_H, SIZE, FieldPotential, MagneticHeading, across_field
@@ -82,7 +83,6 @@ from fg_nav.smoother.field_factors import (
 )
 from fg_nav.smoother.graph import Trajectory
 from fg_nav.smoother.solver import list_attitudes
-from fg_nav.stances import Stances
 
 RECENT = 4000  # Footfalls: how regions differ, which are fifteen footfalls long, takes all. Most that a gate uses.
 JUMP_SIGMAS = 6.0  # Of the potential: 40 A over a rough floor. The next re-solve checks the stride again.

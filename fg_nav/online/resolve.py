@@ -41,7 +41,7 @@ from fg_nav.calibration.magnetometer import MagnetometerCalibration
 from fg_nav.calibration.walk import MeasuredField, measure_walk_field
 from fg_nav.detection import detect_stances
 from fg_nav.detection.causal import Footfall
-from fg_nav.detection.stance import StanceParameters
+from fg_nav.detection.stance import StanceParameters, Stances
 from fg_nav.errors import DetectionError, EstimationError
 from fg_nav.feet import SIDES, Side
 from fg_nav.feet.steps import MIN_TURNS, measure_turns
@@ -79,7 +79,6 @@ from fg_nav.smoother.graph import WalkProblem, count_factors, order_variables
 from fg_nav.smoother.heights import BarometerFactors
 from fg_nav.smoother.solver import UNSOLVED, Solved, list_attitudes, list_positions
 from fg_nav.solution import Return
-from fg_nav.stances import Stances
 
 CONTEXT_S = 20.0  # Before an anchor state: to detect the stances behind it, and levels at which sensors clip.
 OPEN_S = 1.5  # A swing and the beginning of the stance after it: by then a footfall has been seen from both sides.

@@ -29,6 +29,7 @@ from gtsam.symbol_shorthand import B, X
 
 from fg_nav.arrays import Bools, Floats
 from fg_nav.detection.rest import freeze_ends
+from fg_nav.detection.stance import Stances
 from fg_nav.errors import EstimationError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.magnetic import FootfallField
@@ -64,7 +65,6 @@ from fg_nav.smoother.sensitivity import (
 from fg_nav.smoother.solver import FIRST_CONVERGENCE, Solved, in_nav, list_covariances, list_poses
 from fg_nav.smoother.strides import Nodes
 from fg_nav.solution import Return, Solution, StanceTable
-from fg_nav.stances import Stances
 from fg_nav.text import format_count
 from fg_nav.truth import Fix
 

@@ -44,7 +44,7 @@ import numpy as np
 from gtsam.symbol_shorthand import A, X
 from numpy.lib.stride_tricks import sliding_window_view
 
-from fg_nav.arrays import Bools, Floats, Ints, interpolate_columns
+from fg_nav.arrays import Bools, Floats, Ints, find_runs, interpolate_columns
 from fg_nav.errors import EstimationError
 from fg_nav.factors.residual import ResidualBlock
 from fg_nav.factors.same_place import SamePlace, weigh_place
@@ -58,7 +58,6 @@ from fg_nav.smoother.graph import WalkProblem, solve, trajectory_of, turn_walk
 from fg_nav.smoother.sensitivity import FootfallCovariance
 from fg_nav.smoother.solver import BlockGroup, GtsamFactors, Solved, list_covariances, list_positions
 from fg_nav.solution import Return, StanceTable
-from fg_nav.stances import find_runs
 from fg_nav.text import format_count
 
 STRIDES = 5  # Of a displacement: 7 m, over which weaving by 7 cm is 0.8 deg (0.07 sqrt(2) / 7 rad).

@@ -43,9 +43,7 @@ from gtsam.symbol_shorthand import B, V, X
 from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import EstimationError
 from fg_nav.factors.walk_constraints import position_fix_factor, position_fix_noise
-from fg_nav.fix_check import FIX_REACH_S, check_fix, check_fixes_on_path, check_times
 from fg_nav.frames import yaw_rotation
-from fg_nav.gnss import CAUCHY, Gnss, describe_start, find_turn, select_fixes
 from fg_nav.samples.gaps import MAX_HELD_S
 from fg_nav.smoother.graph import (
     KNOWN_PLACE,
@@ -58,7 +56,18 @@ from fg_nav.smoother.graph import (
 )
 from fg_nav.smoother.solver import GtsamFactors, list_positions
 from fg_nav.smoother.strides import Nodes
-from fg_nav.truth import Fix
+from fg_nav.truth import (
+    CAUCHY,
+    FIX_REACH_S,
+    Fix,
+    Gnss,
+    check_fix,
+    check_fixes_on_path,
+    check_times,
+    describe_start,
+    find_turn,
+    select_fixes,
+)
 
 TURNS = 24  # Directions of the start that are tried: 15 deg apart, from which Gauss-Newton finds the rest.
 UP = np.array([0.0, 0.0, 1.0])

@@ -57,7 +57,7 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import V, X
 
-from fg_nav.arrays import Floats, Ints
+from fg_nav.arrays import Floats, Ints, find_runs
 from fg_nav.errors import EstimationError
 from fg_nav.factors.magnetic_field import E_H, IRON, PHI, FieldPrior
 from fg_nav.factors.residual import ResidualBlock
@@ -83,7 +83,6 @@ from fg_nav.smoother.sensitivity import SharingFactors, average, shared_informat
 from fg_nav.smoother.solver import CONVERGENCE, FIRST_CONVERGENCE, Solved, list_attitudes, residuals_at_minimum
 from fg_nav.smoother.square_root import LinearWalk
 from fg_nav.smoother.strides import Nodes
-from fg_nav.stances import find_runs
 
 STRENGTH_SIGMA_UT = 5.0  # Horizontal strength of the field about the walk's median, uT.
 LEFT_IRON_LEVEL_UT = 0.3  # Hard iron that a calibration leaves, one sigma, level axes.

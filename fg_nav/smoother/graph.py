@@ -29,6 +29,7 @@ from gtsam.symbol_shorthand import A, B, M, P, S, V, X
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.detection import Rest
 from fg_nav.detection.rolling_lever import RollingLever
+from fg_nav.detection.stance import Stances
 from fg_nav.factors.residual import LETTER_SHIFT, Keys, ResidualBlock, read_variables
 from fg_nav.frames import yaw_rotation
 from fg_nav.mechanisation import (
@@ -67,7 +68,6 @@ from fg_nav.smoother.strides import (
     preintegrate,
     strides_of,
 )
-from fg_nav.stances import Stances
 from fg_nav.system.compiled import njit
 
 GAUGE_SIGMA = 1e-4  # Position (m) and heading (rad) at the start are known by definition.

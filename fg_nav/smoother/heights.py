@@ -45,7 +45,8 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import P, S, X, Z
 
-from fg_nav.arrays import Bools, Floats, Ints, weigh_models
+from fg_nav.arrays import Bools, Floats, Ints, find_runs, weigh_models
+from fg_nav.detection.stance import Stances
 from fg_nav.factors.residual import ResidualBlock, factor_of, one_of
 from fg_nav.factors.walk_constraints import BarometerDrift, BarometricHeight, FloorHeight
 from fg_nav.factors.zero_velocity import StanceVelocity
@@ -56,7 +57,6 @@ from fg_nav.smoother.graph import BAROMETER, WalkProblem
 from fg_nav.smoother.sensitivity import SharingFactors, shared_information
 from fg_nav.smoother.solver import BlockGroup, GtsamFactors, LinearizableBlock, Solved, list_positions
 from fg_nav.smoother.strides import SETTLING_TIME_S, Nodes
-from fg_nav.stances import Stances, find_runs
 from fg_nav.system.compiled import njit
 from fg_nav.text import format_count
 

@@ -67,6 +67,7 @@ from fg_nav.arrays import Bools, Floats
 from fg_nav.detection import Rest
 from fg_nav.detection.rest import find_start
 from fg_nav.detection.rolling_lever import RollingLever, estimate_lever
+from fg_nav.detection.stance import Stances
 from fg_nav.errors import EstimationError
 from fg_nav.factors.differential_field import GYRO
 from fg_nav.factors.residual import LETTER_SHIFT, ResidualBlock, Stack
@@ -80,7 +81,6 @@ from fg_nav.smoother.sensitivity import average
 from fg_nav.smoother.solver import FIRST_CONVERGENCE, Solved, find_minimum, residuals_at_minimum
 from fg_nav.smoother.square_root import Groups, LinearWalk, SquareRoot
 from fg_nav.smoother.strides import ACC_BIAS_SIGMA, INERTIAL_KEYS, MIN_WALK_DEG_S, Nodes, join_velocities, preintegrate
-from fg_nav.stances import Stances
 from fg_nav.text import format_count
 
 MIN_STATISTIC = 40.0  # T of stances: median 0.1 to 2, beside a shock 15 to 35, of a foot at 0.35 m/s 52.

@@ -66,6 +66,7 @@ from gtsam.symbol_shorthand import B, S, V, X
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.detection import Rest
+from fg_nav.detection.stance import Stances
 from fg_nav.factors.residual import ResidualBlock, factor_of, one_of
 from fg_nav.factors.rotation import turn_about_up
 from fg_nav.factors.walk_constraints import UnseenWalk
@@ -76,7 +77,6 @@ from fg_nav.recording import Recording
 from fg_nav.sample_noise import find_extra_sigmas
 from fg_nav.samples.gaps import cross_holes, find_holes
 from fg_nav.smoother.parameters import SmootherParameters
-from fg_nav.stances import Stances
 from fg_nav.system.compiled import njit
 
 POSITION_DENSITY = 1e-3  # White error of velocity, m/s/sqrt(Hz): rounding; keeps short intervals well conditioned.

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from fg_nav.detection.stance import Stances
 from fg_nav.io import read, read_pyshoe_labels, read_raw, read_truth, write_canonical
 from fg_nav.recording import Recording
 from fg_nav.samples.plausibility import measure_gravity_transport, measure_rest_acc
-from fg_nav.stances import Stances
 from fg_nav.truth import FootprintTruth, TrajectoryTruth
 from tests.real_data import DATA, needs_data
 

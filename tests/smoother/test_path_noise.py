@@ -12,6 +12,7 @@ from gtsam.symbol_shorthand import M, X
 from scipy.stats import multivariate_normal
 
 from fg_nav.arrays import Floats
+from fg_nav.detection.stance import Stances
 from fg_nav.factors.magnetic_field import PHI, SIZE
 from fg_nav.factors.residual import Stack
 from fg_nav.lab.simulation.fields import draw_environment
@@ -35,7 +36,6 @@ from fg_nav.smoother.graph import WalkProblem
 from fg_nav.smoother.problem import walk_problem
 from fg_nav.smoother.solver import WalkSystem, list_in_time
 from fg_nav.smoother.square_root import LinearWalk
-from fg_nav.stances import Stances
 from tests.smoother.test_field import heading_error_deg, in_field, replace_field, truth_of
 from tests.smoother.test_field_factors import KNOWN, NEVER, NONE, ROUGH, Walked, steady  # noqa: F401
 from tests.smoother.test_potential import EARTH, solved_in
