@@ -21,7 +21,7 @@ covariance of inertial factor i, linearized at the minimum with the largest k. T
 `LEVELS`, weighted by evidence. What all strides share the evidence takes for signal; so no level is below `LEVELS[-1]`
 (`docs/models.md`).
 
-Peaks of the rate that were clipped are rebuilt from their flanks (`fg_nav.samples.saturation`). What that is off by is
+Peaks of the rate that were clipped are rebuilt from their flanks (`fg_nav.samples.readings`). What that is off by is
 common to a gait, a sensor and its low-pass: one factor a walk on all, with the prior 1 +- `OFF_SHARE`, is chosen among
 `HEIGHTS` by the same evidence, at the k that is best with each.
 
@@ -64,7 +64,7 @@ from fg_nav.errors import EstimationError
 from fg_nav.factors.residual import ResidualBlock, Stack
 from fg_nav.factors.zero_velocity import StanceVelocity
 from fg_nav.recording import Recording
-from fg_nav.samples.saturation import OFF_SHARE
+from fg_nav.samples.readings import OFF_SHARE
 from fg_nav.smoother.barometer import add_barometer
 from fg_nav.smoother.gauss_newton import FIRST_CONVERGENCE, LinearWalk, find_minimum
 from fg_nav.smoother.graph import Known, WalkProblem, build_problem, solve
