@@ -168,7 +168,7 @@ class AxesCheck:
         self._passed_s = 0.0
 
     def push(self, rows: Floats) -> None:
-        """Check samples (n, 7 or more) that follow; raises `RecordingError` if strides of the first minute show other axes."""
+        """Check samples (n, 7 or more) that follow; raises `RecordingError` if the first minute shows other axes."""
         self._held = self._held[:0] if self._is_settled else np.concatenate([self._held, rows[:, :7]])
         while not self._is_settled and len(self._held):
             # the next block, once it has come
