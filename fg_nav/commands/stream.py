@@ -31,17 +31,26 @@ from fg_nav.online.navigator import finish_walk
 from fg_nav.online.pocket import Navigator, PocketOptions, compute_stride_headings
 from fg_nav.online.record import Record
 from fg_nav.online.rows import parse_columns
-from fg_nav.online.source_check import describe_losses
 from fg_nav.online.sources import open_samples
-from fg_nav.pipeline import prepare_walk
+from fg_nav.pipeline import Result, prepare_walk
 from fg_nav.recording import Provenance
 from fg_nav.report import Plots, terminal
-from fg_nav.report.files import Summary, summarize, summarize_lagged, write_footfalls, write_lagged, write_run
+from fg_nav.report.files import (
+    Summary,
+    summarize,
+    summarize_feet,
+    summarize_lagged,
+    write_feet,
+    write_footfalls,
+    write_lagged,
+    write_run,
+)
 from fg_nav.report.folder import result_folder
+from fg_nav.samples.delivery import describe_losses
 from fg_nav.solution import Solution
 from fg_nav.system.processes import catch_signals
 from fg_nav.verdict import Verdict, Word, judge_path
-from fg_nav.walk import Options, Outcome, Walk, evaluate_solution
+from fg_nav.walk import Options, Walk, evaluate_solution
 
 MIN_LAG_S = 10.0  # a shorter lag holds fewer strides than the smoother needs to estimate sensor and foot
 
@@ -61,7 +70,7 @@ def stream(request: StreamRequest) -> Answer:
         walk = run_stream(request, outlets)
         if out is None and outlets.emit_end is None and prints:  # they were served: that is all
             return Answer({}, say_nothing)
-        end = find_end(walk, request.polish) if walk.feet is None else find_feet_end(walk, walk.feet)
+        end = find_end(walk, request.polish) if walk.feet is None else find_feet_end(walk, walk.feet, request)
         content: Summary = {"source": request.source} if walk.feet is None else {"sources": words}
         if out is None:
             for line in end.format_lines():
@@ -210,7 +219,7 @@ class End:
 def find_end(walk: FollowedWalk, polish: bool) -> End:
     """Finish the walk of one sensor: its final solution (with a lag, the lagged one), and the batch one to `polish`."""
     sensor, navigator = walk.sensors[None], walk.navigators[None]
-    sensor_time, is_pocket = navigator.judge.sensor_time, sensor.options.is_pocket
+    sensor_time, is_pocket = navigator.intake.sensor_time, sensor.options.is_pocket
     if navigator.options.lag_s is not None:
         solution = note_losses(navigator.finish(), sensor, navigator)
         summary, write = summarize_lagged(solution), partial(write_lagged, solution=solution)
@@ -231,27 +240,27 @@ def find_end(walk: FollowedWalk, polish: bool) -> End:
     return End(summary, lines, write, partial(write_footfalls, solution=solution, summary=summary))
 
 
-def find_feet_end(walk: FollowedWalk, feet: FeetNavigator) -> End:
+def find_feet_end(walk: FollowedWalk, feet: FeetNavigator, request: StreamRequest) -> End:
     """Finish the walk of two feet: the solutions of both, and each foot measured."""
-    from fg_nav.report.feet import summarize_streamed_feet, write_streamed_feet
+    from fg_nav.both_feet import FeetResult, Pairing
 
-    found, solved = feet.finish(), dict[Side, tuple[Walk, Outcome]]()
+    found, solved = feet.finish(), dict[Side, Result]()
     for side, solution in found.feet.items():
         sensor, navigator = walk.sensors[side], walk.navigators[side]
         prepared = prepare_stream(sensor, navigator)
-        solved[side] = prepared, evaluate_solution(prepared, note_losses(solution, sensor, navigator))
-    summary = summarize_streamed_feet(solved, found.both, found.lost)
+        solved[side] = Result.of(prepared, evaluate_solution(prepared, note_losses(solution, sensor, navigator)))
+    pairing = Pairing(SIDES, "named", request.clock_offset or 0.0, clock_given=True, heading_deg=request.heading)
+    result = FeetResult.of(solved, found.both, pairing, lost=found.lost, untied="their steps do not tie them.")
 
     def format_lines() -> Iterator[str]:
-        for side, (prepared, outcome) in solved.items():
-            verdict, sensor_time = judge_path(prepared, outcome.solution), walk.navigators[side].judge.sensor_time
-            for line in format_solution(outcome.solution, sensor_time, [verdict]):
+        """Yield one line a footfall of each foot, with the verdict on its path."""
+        for side, foot in solved.items():
+            sensor_time = walk.navigators[side].intake.sensor_time
+            for line in format_table(foot.stances, sensor_time, SMOOTHED, None, foot.verdict):
                 yield tag_line(line, side, feet.frame(side))
 
-    def write(folder: Path, plots: Plots = "none") -> None:
-        write_streamed_feet(folder, found.feet, found.both, summary)
-
-    return End(summary, format_lines, write, write)
+    write = partial(write_feet, result=result)
+    return End(summarize_feet(result), format_lines, write, partial(write, plots="none"))
 
 
 def format_solution(
@@ -298,7 +307,7 @@ def note_losses(solution: Solution, sensor: Sensor, navigator: Navigator) -> Sol
 def prepare_stream(sensor: Sensor, navigator: Navigator) -> Walk:
     """Return a finished walk (without lag) as that of a recording, with its stances and field."""
     given, asked = sensor.options, navigator.options
-    bad = max(navigator.judge.counts[name] for name in ("acc", "gyr"))
+    bad = max(navigator.intake.counts[name] for name in ("acc", "gyr"))
     format_name = f"canonical rows from {sensor.source.name}"
     provenance = Provenance(format=format_name, bad_samples=bad, rate_sigma=given.rate_sigma)
     recording = replace(navigator.recording(), provenance=provenance)

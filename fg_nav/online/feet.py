@@ -37,7 +37,7 @@ from fg_nav.feet.steps import SHORT_M, find_longest_stride
 from fg_nav.frames import compute_heading
 from fg_nav.online.anchor import AnchorState, TiedAnchorState
 from fg_nav.online.background import BackgroundSolver, Solver, SolverProcess
-from fg_nav.online.buffer import COLUMNS, OnlineOptions, SampleBuffer
+from fg_nav.online.buffer import OnlineOptions, SampleBuffer
 from fg_nav.online.estimates import (
     EstimateRow,
     FeetLine,
@@ -52,6 +52,7 @@ from fg_nav.online.estimates import (
 from fg_nav.online.navigator import OnlineNavigator
 from fg_nav.online.resolve import FootSolver, WalksAlone
 from fg_nav.online.smoother import AT_ONCE, Pending
+from fg_nav.samples.readings import COLUMNS
 from fg_nav.smoother.feet import measure_width_sigma, trace_solved_person
 from fg_nav.solution import Solution
 
@@ -174,8 +175,7 @@ class FeetNavigator:
         news: list[FeetLine] = []
         # After a clock restart the shift of the stamps is a guess: the feet share no clock any more.
         navigator = self.navigators[side]
-        newest = navigator.buffer.stop - 1
-        if not self.is_parted and newest >= 0 and navigator.judge.sensor_time(newest, 0.0):
+        if not self.is_parted and navigator.intake.clock_shift_s:
             self.is_parted = self._walks.is_parted = True
             if self._process is not None:
                 self._process.part()

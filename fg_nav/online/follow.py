@@ -44,11 +44,12 @@ import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.calibration.of_recording import Calibration
+from fg_nav.detection.source import AxesCheck, SourceCheck
 from fg_nav.errors import FgNavError, StreamError
 from fg_nav.feet import SIDES, Side
 from fg_nav.frames import compute_heading
 from fg_nav.magnetic.axes import MagAxes
-from fg_nav.online.buffer import COLUMNS, OnlineOptions
+from fg_nav.online.buffer import OnlineOptions
 from fg_nav.online.estimates import (
     DIGITS,
     FeetLine,
@@ -63,8 +64,9 @@ from fg_nav.online.feet import FeetMerge, FeetNavigator
 from fg_nav.online.pocket import Navigator, PocketOptions, begin_walk
 from fg_nav.online.record import Record
 from fg_nav.online.rows import Columns
-from fg_nav.online.source_check import AxesCheck, LossCounter, Silence, SourceCheck, describe_losses
 from fg_nav.online.sources import SampleSource
+from fg_nav.samples.delivery import LossCounter, Silence, describe_losses
+from fg_nav.samples.readings import COLUMNS
 from fg_nav.text import find_version
 from fg_nav.verdict.limits import (
     Reason,
@@ -472,7 +474,7 @@ class SensorWalk:
         self._verdict.judge(record.given.lines, record.given.continues)
         for number, part in enumerate(record.replay()):
             if number:
-                navigator.judge.resume()
+                navigator.intake.resume()
             for start in range(0, len(part), REPLAYED):
                 if stop.is_set():
                     raise StreamError(
@@ -496,13 +498,13 @@ class SensorWalk:
         if record is not None:
             rows = record.add(rows, self._sensor.source.header, at_end)
             if record.is_interrupted:
-                self._navigator.judge.resume()
+                self._navigator.intake.resume()
         self._push(rows)
 
     def _push(self, rows: Floats) -> None:
         if not len(rows):
             return
-        self._check.add(rows)
+        self._check.push(rows)
         # Axes and calibration are applied as to a recording (`fg_nav.walk`).
         options = self._sensor.options
         acc, mag, found = rows[:, 1:4], rows[:, 7:10], options.calibration
@@ -513,9 +515,11 @@ class SensorWalk:
         if found is not None and found.accelerometer is not None:
             acc = found.accelerometer.correct(acc)
         field = mag if options.online.use_field else None
+        buffer = self._navigator.buffer
+        before = buffer.stop
         made = self._navigator.push(rows[:, 0], acc, rows[:, 4:7], field, rows[:, 10])
-        self._losses.add(rows[:, 0])
-        self._verdict.axes.look_at(self._navigator.buffer)
+        self._losses.push(rows[:, 0])
+        self._verdict.axes.push(buffer.between(max(before, buffer.first), buffer.stop))
         self.report(made)
 
     def count_lost(self) -> dict[str, int]:
@@ -538,7 +542,7 @@ class SensorWalk:
             if isinstance(one, Revision):
                 lines += format_revision(one)
             else:
-                lines.append(format_estimate(one, continues[one.number], navigator.judge.sensor_time, verdict))
+                lines.append(format_estimate(one, continues[one.number], navigator.intake.sensor_time, verdict))
         if self._sensor.record is not None:
             self._sensor.record.add_lines(lines)
         for line in lines:

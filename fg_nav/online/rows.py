@@ -21,9 +21,9 @@ from fg_nav.columns.mapping import ACC, CANONICAL, GYR, MAG, PASSED_OVER, PRESSU
 from fg_nav.columns.samples import SI_UNITS
 from fg_nav.errors import FormatError, StreamError
 from fg_nav.io.tables import find_column
-from fg_nav.online.buffer import COLUMNS
 from fg_nav.recording import NOMINAL_SIGMA
 from fg_nav.samples.plausibility import find_unit_problems, keep_air
+from fg_nav.samples.readings import COLUMNS
 
 MAX_LINE = 1 << 16  # bytes; a longer line has lost its end
 MIN_NAMES = 6  # of a header, force and rate; fewer words are a message of the device

@@ -43,9 +43,10 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.errors import StreamError
 from fg_nav.io import read
-from fg_nav.online.buffer import COLUMNS, rows_of
+from fg_nav.online.buffer import rows_of
 from fg_nav.online.rows import Columns, RowReader
 from fg_nav.recording import Recording
+from fg_nav.samples.readings import COLUMNS
 
 Remark = Callable[[str], None]  # Called with a sentence for people.
 Connection: TypeAlias = tuple[
