@@ -52,11 +52,12 @@ from fg_nav.errors import FgNavError
 from fg_nav.io import read_raw
 from fg_nav.lab.simulation import simulate
 from fg_nav.online.buffer import OnlineOptions
-from fg_nav.online.follow import Outlets, Sensor, StreamOptions, follow
+from fg_nav.online.follow import Sensor, StreamOptions, follow
 from fg_nav.online.sources import SampleSource
 from fg_nav.pipeline import prepare_walk, run_method
 from fg_nav.recording import RawRecording, Recording
 from fg_nav.verdict import UNUSABLE, judge_path
+from fg_nav.view.outlets import Outlets
 from fg_nav.walk import Options, Walk
 
 TRUSTED, DOUBTFUL, REFUSED = "trusted", "doubtful", "refused"

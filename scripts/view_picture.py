@@ -24,11 +24,10 @@ from fg_nav.arrays import Floats
 from fg_nav.errors import OutputError
 from fg_nav.lab.simulation import simulate
 from fg_nav.online.buffer import OnlineOptions
-from fg_nav.online.follow import Outlets, Sensor, StreamOptions, follow
+from fg_nav.online.follow import Sensor, StreamOptions, follow
 from fg_nav.online.sources import Replay
 from fg_nav.recording import Recording
-from fg_nav.view.line_server import format_address, open_port
-from fg_nav.view.process import ListenerProcess
+from fg_nav.view.outlets import ListenerProcess, Outlets, format_address, open_port
 
 HOST = "127.0.0.1"
 SCENARIO, WALKED_S, PLAYED_S = "office", 200.0, 12.0

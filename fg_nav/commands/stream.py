@@ -26,7 +26,7 @@ from fg_nav.magnetic.axes import MagAxes
 from fg_nav.online.buffer import OnlineOptions
 from fg_nav.online.estimates import POLISHED, SMOOTHED, SensorTime, format_table, tag_line
 from fg_nav.online.feet import FeetNavigator
-from fg_nav.online.follow import ENDING, FollowedWalk, Outlets, Say, Sensor, StreamOptions, follow, open_outlets
+from fg_nav.online.follow import ENDING, FollowedWalk, Sensor, StreamOptions, follow
 from fg_nav.online.navigator import finish_walk
 from fg_nav.online.pocket import Navigator, PocketOptions, compute_stride_headings
 from fg_nav.online.record import Record
@@ -50,6 +50,7 @@ from fg_nav.samples.delivery import describe_losses
 from fg_nav.solution import Solution
 from fg_nav.system.processes import catch_signals
 from fg_nav.verdict import Verdict, Word, judge_path
+from fg_nav.view.outlets import Outlets, Say, open_outlets
 from fg_nav.walk import Options, Walk, evaluate_solution
 
 MIN_LAG_S = 10.0  # a shorter lag holds fewer strides than the smoother needs to estimate sensor and foot

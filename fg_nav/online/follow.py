@@ -3,7 +3,6 @@
     follow        sources -> rows -> navigators -> lines, until all sources have ended or an event is set
     SensorWalk    the rows of one sensor to its navigator, and its lines; both are recorded on the way
     LineVerdict   judges the path up to each line
-    Outlets       where lines and remarks go: a printer or a port, and a page for people
 
 A walk has sensors by side: that of one foot or pocket has one, without a side (None), that of two feet one on each. One
 loop reads all sources, while another thread computes. Rows of two feet are taken in the order of their stamps
@@ -19,11 +18,8 @@ it has as many strides as make a walk, and the axes were seen in as many. Betwee
 map. A stride is measured within one map: where the past was revised, from its newest footfall in the new map; where the
 revision does not include it, the stride to the next line is not measured.
 
-Outlets: `emit` gets the lines of the moment, `emit_end` those of the whole walk at its end, which are not served: a
-client of the port follows a walk. The page gets all of them; `emit_end` is None if nothing takes those of the end. The
-page is shown the status between footfalls too (its keys are in docs/online.md); what is not known yet is null. Sigmas
-and the verdict on the field are those of the newest line. With two feet position and heading are null, floor and
-returns the left foot's, rate and losses those of both.
+The lines go to `fg_nav.view.outlets`. In the status position and heading are null with two feet, floor and returns are
+the left foot's, rate and losses those of both.
 """
 
 from __future__ import annotations
@@ -31,11 +27,8 @@ from __future__ import annotations
 import asyncio
 import signal
 import threading
-import time
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, TypeAlias
@@ -83,8 +76,7 @@ from fg_nav.verdict.limits import (
     judge_stride,
     judge_unfollowed,
 )
-from fg_nav.view.line_server import format_address, is_loopback, open_port
-from fg_nav.view.process import ListenerProcess
+from fg_nav.view.outlets import Outlets, Say, StatusReporter
 
 WAIT_S = 0.05  # for rows of one sensor, before the other's are read, and the stop signal is checked
 NO_ROWS = np.empty((0, COLUMNS))
@@ -92,11 +84,6 @@ REPLAYED = 1 << 14  # rows of a record at once; the answer does not depend on it
 
 # Ctrl-C, a service that is stopped, a terminal or connection that is gone: they end the walk.
 ENDING = (signal.SIGINT, signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else []))
-HOST = "127.0.0.1"  # that serves lines
-RATE_S = 2.0  # in which samples are counted for their rate
-SILENT_S = 1.5  # without samples, after which a source is called silent
-
-Say = Callable[[str], None]  # Called with a line, or a sentence for people.
 DUE_S = 4.0  # To the next line at most: a standing has one every two seconds.
 MIN_STRIDES = 5  # Of which the median of gravity is judged.
 N_FASTEST = 4  # Strides, by the slowest of which the fastest is judged: who begins to run makes more of them.
@@ -145,107 +132,6 @@ class FollowedWalk:
     sensors: Mapping[Side | None, Sensor]
     navigators: Mapping[Side | None, Navigator]
     feet: FeetNavigator | None
-
-
-# --- outlets ---------------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Outlets:
-    """Where lines, those of the end, and remarks go; and the process that is sent the status."""
-
-    emit: Say
-    emit_end: Say | None
-    remark: Say
-    watcher: ListenerProcess | None = None
-
-
-@contextmanager
-def open_outlets(serve: int | None, view: tuple[str, int] | None, print_line: Say, remark: Say) -> Iterator[Outlets]:
-    """Open what was requested.
-
-    Raises `StreamError` if a port cannot be served.
-
-    Parameters
-    ----------
-    serve : port for the lines, which are then not printed; None without.
-    view : host and port of the page; None without.
-    print_line, remark : called with lines, and with sentences for people.
-    """
-    with ExitStack() as opened:
-        lines = None if serve is None else opened.enter_context(open_port(HOST, serve, "--serve"))
-        page = None if view is None else opened.enter_context(open_port(*view, "--port or --host"))
-        if lines is not None:
-            remark(f"lines are served on {HOST}:{lines.getsockname()[1]}.")
-        if page is not None and view is not None:
-            reach = "for all who reach this machine: there is no password, and no encryption"
-            reach = "for this machine alone" if is_loopback(view[0]) else reach
-            remark(f"the walk is shown on {format_address(view[0], page.getsockname()[1])} ({reach}).")
-        if lines is None and page is None:
-            yield Outlets(print_line, print_line, remark)
-            return
-        host = HOST if view is None else view[0]
-        listeners = opened.enter_context(closing(ListenerProcess(lines, page, host, remark)))
-        emit = listeners.send_line if lines is not None else _both(print_line, listeners.send)
-        if page is None:
-            yield Outlets(emit, None, remark)
-            return
-        emit_end = listeners.send if lines is not None else emit
-        yield Outlets(emit, emit_end, _both(remark, listeners.send_remark), listeners)
-
-
-def _both(first: Say, second: Say) -> Say:
-    def say(words: str) -> None:
-        first(words)
-        second(words)
-
-    return say
-
-
-class StatusReporter:
-    """Measures rate, latency and silence while a source is followed, and sends the status while somebody watches."""
-
-    def __init__(self, watcher: ListenerProcess) -> None:
-        self._watcher = watcher
-        self._due = self._arrived = time.monotonic()
-        self._silent_since: float | None = None
-        self._counts: deque[tuple[float, int]] = deque()
-        self._latency_ms: float | None = None
-
-    def count_samples(self, count: int) -> None:
-        """Note how many samples have come, at each read: one that finds none begins a silence."""
-        now = time.monotonic()
-        if count:
-            self._arrived, self._silent_since = now, None
-            self._counts.append((now, count))
-        elif self._silent_since is None:
-            self._silent_since = now
-
-    def note_line(self) -> None:
-        """Note that a line was just sent."""
-        self._latency_ms = 1e3 * (time.monotonic() - self._arrived)
-
-    def report(self, describe: Callable[[], dict[str, Any]], lost: Mapping[str, int], ended: bool = False) -> None:
-        """Send the status if it is due and somebody watches; at the end always.
-
-        `describe` returns what the samples so far show, in some milliseconds; `lost` is that of `LossCounter`.
-        """
-        now = time.monotonic()
-        while self._counts and self._counts[0][0] < now - RATE_S:
-            self._counts.popleft()
-        if not (ended or (now >= self._due and self._watcher.viewers)):
-            return
-        self._due = now + self._watcher.status_s
-        silent_s = 0.0 if self._silent_since is None else now - self._silent_since
-        source = "ok" if silent_s < SILENT_S else f"silent {silent_s:.0f} s"
-        flow = {
-            "latency_ms": None if self._latency_ms is None else round(self._latency_ms, 1),
-            "rate_hz": round(sum(count for _, count in self._counts) / RATE_S, 1),
-            "lost_samples": lost["samples"],
-            "lost_datagrams": lost["datagrams"],
-            "source": "ended" if ended else source,
-        }
-        self._watcher.send_status({**describe(), **flow})
 
 
 # --- the walk --------------------------------------------------------------------------------------------------------

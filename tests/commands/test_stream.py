@@ -21,9 +21,10 @@ from fg_nav.io.writing import format_rows
 from fg_nav.online import OnlineNavigator
 from fg_nav.online.buffer import rows_of
 from fg_nav.online.estimates import format_table
-from fg_nav.online.follow import Outlets, Sensor, StreamOptions, follow
+from fg_nav.online.follow import Sensor, StreamOptions, follow
 from fg_nav.online.rows import RowReader
 from fg_nav.online.sources import TextSource, open_source
+from fg_nav.view.outlets import Outlets
 from tests.command_line import names
 from tests.online.walks import NORTH, push, short_walk, worst_difference
 

@@ -21,11 +21,12 @@ from fg_nav.io import write_canonical
 from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.online import record
 from fg_nav.online.buffer import OnlineOptions, rows_of
-from fg_nav.online.follow import Outlets, Sensor, StreamOptions, follow
+from fg_nav.online.follow import Sensor, StreamOptions, follow
 from fg_nav.online.pocket import PocketOptions
 from fg_nav.online.record import Record
 from fg_nav.online.rows import RowReader
 from fg_nav.online.sources import TextSource
+from fg_nav.view.outlets import Outlets
 from tests.online.walks import NORTH, short_walk, solve_in_windows
 
 BLOCK = 4000  # bytes, a quarter of a second: lines come between

@@ -27,7 +27,7 @@ from fg_nav.lab.simulation.scenario_file import SUFFIX, read_scenario
 from fg_nav.lab.simulation.scenarios import FIELDS
 from fg_nav.lab.simulation.sensors import PRESETS
 from fg_nav.lab.verbs import DemoRequest, SimulateRequest
-from fg_nav.online.follow import Sensor, StreamOptions, follow, open_outlets
+from fg_nav.online.follow import Sensor, StreamOptions, follow
 from fg_nav.online.sources import Replay
 from fg_nav.pipeline import prepare_walk
 from fg_nav.report.files import write_comparison, write_json
@@ -37,6 +37,7 @@ from fg_nav.system.processes import catch_signals
 from fg_nav.text import find_version, format_count, to_json
 from fg_nav.truth import TrajectoryTruth, Truth
 from fg_nav.verdict import judge_footfalls
+from fg_nav.view.outlets import open_outlets
 from fg_nav.walk import Walk
 
 Simulated = TypeVar("Simulated")
