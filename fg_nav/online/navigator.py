@@ -28,10 +28,9 @@ from fg_nav.detection.causal import CausalParameters, CausalStances, Footfall, j
 from fg_nav.detection.rest import freeze_ends
 from fg_nav.errors import EstimationError
 from fg_nav.magnetic.axes import AlignedMagnetometer, align_magnetometer
-from fg_nav.online.background import BackgroundSolver, Solver, SolverProcess
 from fg_nav.online.buffer import COLUMNS, OnlineOptions, SampleBuffer, as_recording
 from fg_nav.online.estimates import Revision, StanceEstimate, StrapdownPath, select_rows
-from fg_nav.online.resolve import WalkSolver, measure_online_field
+from fg_nav.online.resolve import Solver, SolverProcess, WalkSolver, measure_online_field
 from fg_nav.online.sample_filter import SampleFilter
 from fg_nav.online.smoother import OnlineSmoother
 from fg_nav.online.unit_monitor import UnitMonitor
@@ -149,11 +148,11 @@ class OnlineNavigator(SampleIntake):
         super().__init__(remark)
         self.options, self.detection = options, detection
         self._stances = CausalStances(detection)
-        self._solver: Solver = WalkSolver(options, detection.stance, self.buffer)
         if solver is not None:
             self._solver = solver(self.buffer)
-        elif background:
-            self._solver = BackgroundSolver(SolverProcess({None: options}, detection.stance), self._solver, remark)
+        else:
+            process = SolverProcess({None: options}, detection.stance) if background else None
+            self._solver = Solver(WalkSolver(options, detection.stance, self.buffer), process, remark)
         self.smoother = OnlineSmoother(options, self.buffer, detection.stance, self._solver)
         self._remark, self._waits, self._warned = remark, False, False
         self._handed = 0
@@ -211,7 +210,7 @@ class OnlineNavigator(SampleIntake):
             runtime_s=self._busy_s + perf_counter() - began,
             parameters=asdict(p),
             notes=(*window.initial.notes, *ends, *self.notes),
-            graph=dict(window.counts),
+            graph=dict(window.initial.counts),
             moment=select_rows(self.causal(), ~np.array(self.reported_continues, dtype=np.bool_)),
             recording=recording,
             returns=self.returns,
@@ -293,7 +292,7 @@ class OnlineNavigator(SampleIntake):
     def resume(self, given: GivenLines) -> None:
         """See `SampleIntake`."""
         self._given, self._open = given, deque(given.estimates)
-        self.smoother.schedule.solver.start()
+        self.smoother.solver.start()
 
     def end_replay(self) -> list[StanceEstimate | Revision]:
         """See `SampleIntake`."""
@@ -313,7 +312,7 @@ class OnlineNavigator(SampleIntake):
     ) -> list[StanceEstimate | Revision]:
         """See `SampleIntake`."""
         with self._solver.pace:
-            self.smoother.schedule.prepare(self.smoother.n_reported)
+            self.smoother.prepare()
             return super().push(t, acc, gyr, mag, pressure)
 
     def _add_rows(self, rows: Floats) -> list[StanceEstimate | Revision]:
