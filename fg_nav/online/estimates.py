@@ -28,8 +28,8 @@ from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.feet import Side
 from fg_nav.frames import UNKNOWN_RAD, compute_heading, turn_heading, yaw_rotation
 from fg_nav.online.strides import StanceNodes
-from fg_nav.smoother.barometer import SCALE_SIGMA
-from fg_nav.smoother.shared_errors import extend_covariance
+from fg_nav.smoother.heights import SCALE_SIGMA
+from fg_nav.smoother.sensitivity import FORWARD_SIGMA, SIDEWAYS_SIGMA
 from fg_nav.smoother.solver import in_nav
 from fg_nav.solution import StanceTable
 from fg_nav.text import to_json
@@ -41,7 +41,7 @@ MAX_POINTS = 200  # Of a revised path.
 DIGITS = 6  # After the point: a micrometre, a microdegree ...
 PAST_DIGITS = 3  # ... and of a revision a millimetre, a millidegree.
 
-SensorTime = Callable[[int, float], float]  # The sensor's own stamp, s, of a sample (`SampleFilter.sensor_time`).
+SensorTime = Callable[[float], float]  # The sensor's own stamp, s, of a sample (`Intake.sensor_time`).
 
 
 @dataclass(frozen=True)
@@ -302,13 +302,13 @@ class Past:
 def format_estimate(
     estimate: StanceEstimate,
     continues: bool,
-    sensor_time: SensorTime = lambda sample, t: t,
+    sensor_time: SensorTime = lambda t: t,
     verdict: Verdict | None = None,
     kind: str = NOW,
 ) -> str:
     """Return the JSON line of an estimate; `verdict` is that on the path up to it, None without."""
     sigma = np.sqrt(np.diagonal(estimate.pose_cov))
-    t, sensor_t = round(estimate.t, 9), round(sensor_time(estimate.sample, estimate.t), 9)
+    t, sensor_t = round(estimate.t, 9), round(sensor_time(estimate.t), 9)
     content: dict[str, object] = {
         "kind": kind,
         "stance": estimate.number,
@@ -363,7 +363,7 @@ def parse_estimate(content: Mapping[str, Any]) -> StanceEstimate:
 
 def format_table(
     table: StanceTable,
-    sensor_time: SensorTime = lambda sample, t: t,
+    sensor_time: SensorTime = lambda t: t,
     kind: str = SMOOTHED,
     heading: Floats | None = None,
     verdict: Verdict | None = None,
@@ -517,3 +517,15 @@ def tag_line(line: str, foot: Who, frame: Side) -> str:
     """Return a line of JSON with the keys `foot` and `frame` added."""
     content = json.loads(line)
     return _dump({"kind": content.pop("kind"), "foot": foot, "frame": frame, **content})
+
+
+def extend_covariance(pose_cov: Floats, position: Floats) -> Floats:
+    """Return the covariance (4, 4) of a pose in a walk in progress, plus that of the prior on the moving foot c.
+
+    `position` (3,) m from the start.
+    """
+    east, north = position[:2]
+    moved = np.array([[east, -north], [north, east]]) * (FORWARD_SIGMA, SIDEWAYS_SIGMA)
+    extended = pose_cov.copy()
+    extended[:2, :2] += moved @ moved.T
+    return extended

@@ -38,6 +38,7 @@ import gtsam
 import numpy as np
 
 from fg_nav.arrays import Floats
+from fg_nav.detection.stance import Stances
 from fg_nav.errors import MagneticError
 from fg_nav.factors.magnetic_field import E_H, SIZE, across_field
 from fg_nav.frames import UNKNOWN_RAD
@@ -45,20 +46,21 @@ from fg_nav.magnetic import FootfallField, average_footfall_field
 from fg_nav.magnetic.quasi_static import apply_gate, count_needed, weigh_statistic
 from fg_nav.online.estimates import CompassVerdict
 from fg_nav.recording import Recording
-from fg_nav.smoother.dense_path import Trajectory
-from fg_nav.smoother.field import FieldSolution, compass_sigma, rotate_field, weigh_compass
+from fg_nav.smoother.field import MIN_JUMP_UT_M, FieldSolution
 from fg_nav.smoother.field_factors import (
     CompassReadings,
     FieldFactors,
     FieldPath,
     FieldRoughness,
+    compass_sigma,
     deviate_along,
     integrate_path,
     measure_roughness,
+    rotate_field,
+    weigh_compass,
 )
-from fg_nav.smoother.potential import MIN_JUMP_UT_M
+from fg_nav.smoother.graph import Trajectory
 from fg_nav.smoother.solver import list_attitudes
-from fg_nav.stances import Stances
 
 RECENT = 4000  # Footfalls: how regions differ, which are fifteen footfalls long, takes all. Most that a gate uses.
 JUMP_SIGMAS = 6.0  # Of the potential: 40 A over a rough floor. The next solution of the walk checks the stride again.
@@ -88,7 +90,7 @@ class OnlineField:
     """The field of a walk so far, from the batch solution of a walk with the field `field` at its footfalls."""
 
     def __init__(self, found: FieldSolution, field: FootfallField) -> None:
-        factors, values = found.problem.field_factors, found.solved.values
+        factors, values = found.problem.get(FieldFactors), found.solved.values
         self._p = replace(factors.parameters, potential=len(factors.potential) > 0)
         self._level_R_body, self._prior, self._lost_share = factors.path.level_R_body, factors.prior, factors.lost_share
         nav_R_body = list_attitudes(found.problem.nodes.result, values)

@@ -46,7 +46,7 @@ from fg_nav.calibration.magnetometer import MagnetometerCalibration
 from fg_nav.calibration.walk import MeasuredField, measure_walk_field
 from fg_nav.detection import detect_stances
 from fg_nav.detection.causal import Footfall
-from fg_nav.detection.stance import StanceParameters
+from fg_nav.detection.stance import StanceParameters, Stances
 from fg_nav.errors import DetectionError
 from fg_nav.feet import SIDES, Side
 from fg_nav.feet.steps import MIN_TURNS, measure_turns
@@ -68,9 +68,10 @@ from fg_nav.online.window import AnchorState, Window, marginalize
 from fg_nav.recording import Recording
 from fg_nav.smoother.batch import InProgress, SolvedWalk, WalkInput, fit_walk
 from fg_nav.smoother.feet import SolvedFeet, list_footfalls, solve_feet
+from fg_nav.smoother.field_factors import FieldFactors
 from fg_nav.smoother.graph import count_factors
+from fg_nav.smoother.heights import BarometerFactors
 from fg_nav.smoother.solver import UNSOLVED, list_attitudes, list_positions
-from fg_nav.stances import Stances
 from fg_nav.system.processes import Worker
 
 CONTEXT_S = 20.0  # Before an anchor state: to detect the stances behind it, and levels at which sensors clip.
@@ -279,7 +280,8 @@ def build_anchor(
     # A row each footfall, and the path through their nodes.
     verdicts = list(map(CompassVerdict, verdict.words, verdict.reason, verdict.compass_weight.tolist()))
     covariances = solved.root.covariances(result_keys(stances))
-    shared = problem.parameters.moving_foot, problem.barometer is not None
+    air = problem.find(BarometerFactors)
+    shared = problem.parameters.moving_foot, air is not None
     rows = list_estimates(stances, verdicts, values, covariances, *shared)
     heights = np.asarray(list_positions(problem.nodes.result, values)[:, 2])
     longest_rest = max(known.rests, key=lambda rest: rest.stop - rest.start, default=None)
@@ -294,7 +296,7 @@ def build_anchor(
         known=known,
         parameters=problem.parameters,
         field=None if found.walk.field is None or found.field is None else OnlineField(found.walk.field, found.field),
-        barometer=None if problem.barometer is None else problem.barometer.barometer,
+        barometer=None if air is None else air.barometer,
         rests=RestLedger(longest_rest, known.rests[-1] if known.rests else None),
         sensor=walk.sensor,
         counts=dict(count_factors(problem)),
@@ -391,9 +393,8 @@ class FootSolver(WalkSolver):
         if both is None:
             return build_anchor(walk, self._options, alone)
         problem, solved, field = getattr(both.problem, self._side), getattr(both, self._side), alone.walk.field
-        if field is not None and problem.field is not None:
-            states = problem.field.states(solved.values)
-            field = replace(field, problem=problem, solved=solved, states=states)
+        if field is not None and (factors := problem.find(FieldFactors)) is not None:
+            field = replace(field, problem=problem, solved=solved, states=factors.states(solved.values))
         found = replace(alone, walk=replace(alone.walk, problem=problem, solved=solved, field=field))
         return build_anchor(walk, self._options, found, self._walks.count)
 

@@ -8,8 +8,8 @@ by all strides before, so that a fix off by more than its sigmas would bend the 
 the next solution of the whole walk, which is turned to it (`smoother.constraints`).
 
 Floors: `FloorTrack` has that of the newest footfall, 0 where the walk began, +1 the next above, -1 the next below. A
-walk that is solved as a whole shows level floors (`smoother.floors`) and their heights; footfalls since are followed by
-their heights z, m, less a drift that all of them share and that those on a floor show:
+walk that is solved as a whole shows level floors (`smoother.heights`) and their heights; footfalls since are followed
+by their heights z, m, less a drift that all of them share and that those on a floor show:
 
     on a floor       while z changes by less than `STEP_M` from one footfall to the next, and is within `SAME_M` of it
     on none          otherwise: on stairs or a ramp, or in a lift
@@ -32,16 +32,23 @@ from gtsam.symbol_shorthand import B, M, P, S, V, X
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.detection import Rest, RestParameters, find_rests
+from fg_nav.detection.stance import Stances
 from fg_nav.online.buffer import PartialWalk
 from fg_nav.recording import MIN_SAMPLES, Recording
 from fg_nav.smoother.constraints import pin_to_times, select_reached_fixes
-from fg_nav.smoother.floors import FEWEST
 from fg_nav.smoother.graph import initial_values
+from fg_nav.smoother.heights import FEWEST
 from fg_nav.smoother.parameters import SmootherParameters
-from fg_nav.smoother.preintegration import preintegrate
 from fg_nav.smoother.solver import in_nav
-from fg_nav.smoother.strides import BIAS_SPACING_S, Nodes, Stride, measure_velocities, place_nodes, strides_of
-from fg_nav.stances import Stances
+from fg_nav.smoother.strides import (
+    BIAS_SPACING_S,
+    Nodes,
+    Stride,
+    measure_velocities,
+    place_nodes,
+    preintegrate,
+    strides_of,
+)
 from fg_nav.truth import Fix
 
 CONTEXT_S = 10.0  # Before a window, in which sensors at the end of their range show themselves.

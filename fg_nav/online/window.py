@@ -28,7 +28,7 @@ Four choices make iSAM2 quick and exact (measured in docs/online.md):
 An update after which the newest footfall has turned from its linearization point is repeated, but not often, so that
 the time of a footfall is bounded. Lever, swing noise, bias walk and the gyro bias to linearize at are those of the
 anchor state. Where the graph has no solution with a stride it begins again at the last footfall, as it was reported,
-with that stride; where that has none either, with the stride of a person who was not seen (`smoother.preintegration`).
+with that stride; where that has none either, with the stride of a person who was not seen (`smoother.strides`).
 """
 
 from __future__ import annotations
@@ -75,15 +75,22 @@ from fg_nav.online.strides import (
     order_variables,
     result_keys,
 )
-from fg_nav.smoother.barometer import Barometer, average_pressures, stride_factors
-from fg_nav.smoother.dense_path import Trajectory, dense_trajectory
-from fg_nav.smoother.gauss_newton import Minimum, find_minimum
-from fg_nav.smoother.graph import Known, count_graph
+from fg_nav.smoother.graph import Known, Trajectory, count_graph, dense_trajectory
+from fg_nav.smoother.heights import Barometer, average_pressures, stride_factors
 from fg_nav.smoother.parameters import SmootherParameters
-from fg_nav.smoother.preintegration import CLIMBING_M_S, TILT_SIGMA_RAD, TURNING_RAD, WALKING_M_S, walk_for
-from fg_nav.smoother.solver import UNSOLVED, WalkSystem, dimension_of
+from fg_nav.smoother.solver import UNSOLVED, Minimum, WalkSystem, dimension_of, find_minimum
 from fg_nav.smoother.square_root import SquareRoot
-from fg_nav.smoother.strides import ACC_BIAS_SIGMA, Stride, add_stride, stride_graph
+from fg_nav.smoother.strides import (
+    ACC_BIAS_SIGMA,
+    CLIMBING_M_S,
+    TILT_SIGMA_RAD,
+    TURNING_RAD,
+    WALKING_M_S,
+    Stride,
+    add_stride,
+    stride_graph,
+    walk_for,
+)
 from fg_nav.solution import Return
 from fg_nav.truth import Fix
 
