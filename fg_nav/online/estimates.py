@@ -416,10 +416,7 @@ def compare_pasts(
 ) -> Revision:
     """Return the revision from one solution to the next: turn of the map, retracted lines, present path.
 
-    Parameters
-    ----------
-    before, after : rows of the footfalls, `before` from number `first` on, `after` from 0 on.
-    retracted : numbers and stamps of the lines whose footfalls are none.
+    `before` are the rows of the footfalls from number `first` on, `after` from 0 on.
     """
     old, new = split_rows(before), split_rows(after[first:])
     _, i, j = np.intersect1d(old.sample, new.sample, return_indices=True)

@@ -107,11 +107,8 @@ class OnlineField:
     def measure(self, recording: Recording, stances: Stances, track: Trajectory, is_seen: bool) -> StrideField:
         """Return the mean field at the second of two footfalls and the line integral along the stride, as in batch.
 
-        Parameters
-        ----------
-        recording, stances : of the two footfalls.
-        track : path at the samples, without the field; its origin and heading make no difference.
-        is_seen : whether the field at the footfall counts: that of a standing counts once.
+        Of the path at the samples, `track`, origin and heading make no difference. The field of a standing counts once:
+        at a further piece it is not seen.
         """
         sample = stances.stillest(recording.gyr)
         try:
@@ -135,11 +132,8 @@ class OnlineField:
     ) -> tuple[gtsam.NonlinearFactorGraph, Floats, CompassVerdict]:
         """Return the factors of a footfall and the stride to it, the initial value (9,) of its state, and the verdict.
 
-        Parameters
-        ----------
-        number, nodes : of the footfall, and its pose node behind that of the footfall before.
-        nav_R_body : (3, 3), attitude at the footfall without its field.
-        before : (9,) state at the footfall before.
+        `nodes` are the pose nodes of the footfall before and of this one, `nav_R_body` (3, 3) is the attitude at this
+        one without its field, `before` (9,) the state at the one before.
         """
         # The compass of the footfall, the line integral along its stride, and the change of the state, as in batch.
         sigma_uT, verdict = self._judge_compass(stride, nav_R_body, before)
@@ -204,11 +198,7 @@ class OnlineField:
 def find_north_sigma(across_uT: Floats, walked_m: float, strength_uT: float) -> float:
     """Return the sigma (rad) of a north that is found by the mean field, `UNKNOWN_RAD` at most.
 
-    Parameters
-    ----------
-    across_uT : (n,) deviations of the field across its mean, at the footfalls where it was seen.
-    walked_m : length of the path.
-    strength_uT : horizontal field of the walk.
+    `across_uT` (n,) are the field's deviations across its mean, `strength_uT` is the walk's horizontal field.
     """
     freedom = FLOOR_WEIGHT + max(len(across_uT) - 1, 0)
     variance = (FLOOR_WEIGHT * FLOOR_UT**2 + float(np.sum(across_uT**2))) / freedom
@@ -225,14 +215,7 @@ def average_along(lengths: float) -> float:
 
 
 def extend_with_north(pose_cov: Floats, position: Floats, sigma: float) -> Floats:
-    """Return `pose_cov` (4, 4) plus the error of north, for the part of its variance that the heading lacks.
-
-    Parameters
-    ----------
-    pose_cov : of east, north, up and yaw, as in `StanceEstimate`.
-    position : (3,) m from the origin of the walk.
-    sigma : of north, rad.
-    """
+    """Return `pose_cov` (4, 4) plus the error of north, `sigma` rad, for the part of its variance that it lacks."""
     s2 = max(sigma**2 - float(pose_cov[3, 3]), 0.0)
     east, north = position[:2]
     across, along = np.array([-north, east, 0.0, 0.0]), np.array([-east, -north, 0.0, 0.0])

@@ -50,6 +50,7 @@ METHOD = "online"
 
 SolverMaker: TypeAlias = Callable[[SampleBuffer], Solver]
 
+ESTIMATORS = "its lines are of iSAM2 on the newest footfalls, its files of the last solution of the whole walk"
 SAME_S = 1e-6  # Stamps of a line and of its footfall differ by the digits of a line.
 MAX_FREE_S = 3.0  # A stride and the wait for its footfall; a free strapdown is metres off by then.
 NO_ROWS = np.empty((0, COLUMNS))
@@ -203,7 +204,7 @@ class OnlineNavigator(SampleIntake):
             stances=table,
             runtime_s=self._busy_s + perf_counter() - began,
             parameters=asdict(p),
-            notes=(*window.initial.notes, *ends, *self.notes),
+            notes=(*window.initial.notes, ESTIMATORS, *ends, *self.notes),
             graph=dict(window.initial.counts),
             moment=select_rows(self.causal(), ~np.array(self.reported_continues, dtype=np.bool_)),
             recording=recording,

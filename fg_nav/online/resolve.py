@@ -153,13 +153,7 @@ class WalkSolver:
 def review_footfalls(
     recording: Recording, first: int, footfalls: Sequence[ReportedFootfall], parameters: StanceParameters
 ) -> list[ReportedFootfall]:
-    """Return the footfalls after review: false ones taken out, missed stances put in.
-
-    Parameters
-    ----------
-    recording : samples of the walk from number `first` on.
-    footfalls : in it, in order.
-    """
+    """Return the footfalls of a recording from sample `first` on, reviewed: false ones out, missed stances put in."""
     try:
         stances = detect_stances(recording, parameters)
     except DetectionError:
@@ -234,17 +228,10 @@ def solve_so_far(
     continues: Bools | None = None,
     has_ended: bool = False,
 ) -> WalkSolution:
-    """Solve a walk so far.
+    """Solve a walk so far; raises `EstimationError` where the batch smoother does.
 
-    Raises `EstimationError` where the batch smoother does.
-
-    Parameters
-    ----------
-    recording : with the magnetometer as it measures, unless a calibration is among the options.
-    options : of the fixes those are used that the walk has come to.
-    continues : (F,) which footfalls are further pieces of a standing: on the same spot each has the deviation of the
-        first, so the field there counts once. None where there is none.
-    has_ended : whether no samples follow: then a standing at the end is a rest.
+    `continues` (F,) are footfalls that are further pieces of a standing: on the same spot each has the deviation of the
+    first, so the field there counts once. Where the walk `has_ended` a standing at the end is a rest.
     """
     # The field at the footfalls, once for each standing.
     standings = stances
@@ -353,13 +340,7 @@ class WalksAlone:
 
 
 class FootSolver(WalkSolver):
-    """Solves the walk of one foot with that of the other.
-
-    Parameters
-    ----------
-    side : which foot it is.
-    walks : of both; shared with the other foot's solver.
-    """
+    """Solves the walk of one foot with that of the other, whose solver has the same `walks`."""
 
     def __init__(
         self, side: Side, walks: WalksAlone, options: OnlineOptions, stance: StanceParameters, buffer: SampleBuffer

@@ -83,14 +83,9 @@ class Pending:
 
 
 class OnlineSmoother:
-    """A walk in progress. The same calls give the same answers to the bit.
+    """A walk in progress, by the samples of a buffer that the caller fills; with a lag its beginning is discarded here.
 
-    Parameters
-    ----------
-    options : chosen by the user.
-    buffer : of the samples, filled by the caller; with a lag its beginning is discarded here.
-    stance : how footfalls are found.
-    solver : solves the walk again; None to do so in this process.
+    Without a `solver` the walk is solved again in this process.
     """
 
     def __init__(
@@ -117,16 +112,11 @@ class OnlineSmoother:
         self._has_mag = False
 
     def add_footfall(self, footfall: Footfall, until: int, seen: Seen | None = None) -> list[StanceEstimate | Revision]:
-        """Add a complete footfall; the revision before it, if there is one, and its estimate.
+        """Add a complete footfall; return the revision before it, if there is one, and its estimate.
 
-        Raises `EstimationError` with samples or footfalls out of order or not finite, or if the first footfall has no
-        up.
-
-        Parameters
-        ----------
-        footfall : after the one before it.
-        until : samples of the buffer before this one are used, rests found in them; to the end of the footfall or more.
-        seen : stances as they are detected by now: a footfall that is none of them is in doubt.
+        Samples of the buffer before `until` are used, to the end of the footfall or more; a footfall that is none of
+        the stances `seen` by now is in doubt. Raises `EstimationError` with samples or footfalls out of order or not
+        finite, or if the first footfall has no up.
         """
         # A solution that is due takes effect before the footfall that comes behind it.
         revised = self._apply_solution() if self._is_taken() else []

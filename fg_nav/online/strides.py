@@ -94,10 +94,10 @@ def list_variables(stance: StanceNodes, values: gtsam.Values) -> list[int]:
 
 def order_variables(stances: Sequence[StanceNodes], values: gtsam.Values) -> list[int]:
     """Return the keys of all values in elimination order, as `solver.list_in_time`; those of no footfall come first."""
-    keys = {}
+    keys, known = dict[int, None](), list(values.keys())
     for stance in reversed(stances):
         keys.update(dict.fromkeys(reversed(list_variables(stance, values))))
-    return [*(key for key in values.keys() if key not in keys), *reversed(keys)]  # noqa: SIM118
+    return [*(key for key in known if key not in keys), *reversed(keys)]
 
 
 # --- the newest stride -----------------------------------------------------------------------------------------------
@@ -175,13 +175,7 @@ def cut_stride(walk: PartialWalk, before: StanceNodes, t_first: float, p: Smooth
 def measure_stride(
     window: StrideWindow, gyro_bias: Floats, lever: Floats, rests: tuple[Rest, ...], p: SmootherParameters
 ) -> Stride:
-    """Return the newest stride: preintegrated IMU, stance velocities and rests, nodes numbered as in the walk.
-
-    Parameters
-    ----------
-    gyro_bias, lever : (3,) rad/s, (3,) m, as in `measure_velocities`.
-    rests : those in the window, as far as they were not counted before.
-    """
+    """Return the newest stride: preintegrated IMU, stance velocities and new rests, nodes numbered as in the walk."""
     bias = gtsam.imuBias.ConstantBias(np.zeros(3), gyro_bias)
     new = preintegrate(window.recording, window.nodes.sample[window.last_before :], bias, p)
     in_graph = gtsam.PreintegratedImuMeasurementsG(gtsam.PreintegrationParams.MakeSharedU(p.gravity))
@@ -211,13 +205,7 @@ def initialize_stride(
 
     They are fixed at their linearization point, not at their estimate. So a walk that has turned by a little turns as
     one piece, and the second-order error of that turn comes once, not with every stride. Dead reckoning alone would
-    leave a tilt whose square is a turn, the same with every stride.
-
-    Parameters
-    ----------
-    graph : of the stride.
-    linearized : linearization point of all variables before.
-    bias : at which the dead reckoning starts.
+    leave a tilt whose square is a turn, the same with every stride; it starts at this `bias`.
     """
     pose_key, velocity_key = X(window.before.stop - 1), V(window.before.stop - 1)
     bias_key, sole_key = B(window.before.bias), S(window.before.bias)
@@ -306,13 +294,7 @@ class RestLedger:
 
 
 def find_stride_fixes(fixes: Sequence[Fix], t_node: Floats, before_s: float) -> list[tuple[int, Fix]]:
-    """Return the fixes of a stride, each with the number of its node and with the sigma that it has there.
-
-    Parameters
-    ----------
-    t_node : (n,) s, of the nodes of the footfall before and of the new one.
-    before_s : of the last node of the footfall before.
-    """
+    """Return the fixes of a stride after `before_s`, each with its node of those at `t_node`, and its sigma there."""
     reached = select_reached_fixes(fixes, t_node, before_s)
     pinned = pin_to_times(reached, t_node)
     return [
@@ -369,11 +351,8 @@ class FloorTrack:
 def track_floors(heights: Floats, floor: Ints | None, is_piece: Sequence[bool] | Bools) -> FloorTrack:
     """Return the floor track of a walk solved as a whole, at its newest footfall.
 
-    Parameters
-    ----------
-    heights : (F,) m of its footfalls.
-    floor : (F,) number of the level floor of each, -1 on none; None where they were not looked for.
-    is_piece : (F,) which footfalls are further pieces of a standing: they say nothing of the ground.
+    `heights` (F,) m and `floor` (F,) level floor of its footfalls, -1 on none, None where floors were not searched;
+    those that are further pieces of a standing, `is_piece` (F,), say nothing of the ground.
     """
     floor = np.full(len(heights), -1) if floor is None else floor
     levels = tuple(float(heights[floor == k].mean()) for k in range(floor.max(initial=-1) + 1))

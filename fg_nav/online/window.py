@@ -75,7 +75,7 @@ from fg_nav.online.strides import (
     order_variables,
     result_keys,
 )
-from fg_nav.smoother.graph import Known, Trajectory, count_graph, dense_trajectory
+from fg_nav.smoother.graph import POSITION_FIX, Known, Trajectory, count_graph, dense_trajectory
 from fg_nav.smoother.heights import Barometer, average_pressures, stride_factors
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.solver import UNSOLVED, Minimum, WalkSystem, dimension_of, find_minimum
@@ -244,6 +244,7 @@ class Window:
         self._rests, self._floors = initial.rests, initial.floors
         self._stances, self._verdicts = [initial.stance], [initial.verdict]
         self._left: list[EstimateRow] = []  # as reported, of footfalls that are in the graph no more
+        self._further = Counter[str]()  # what `count_graph` does not see
         graph = gtsam.NonlinearFactorGraph()
         graph.push_back(initial.prior.factor())
         self._found(graph, initial.prior.initial_values())
@@ -291,8 +292,7 @@ class Window:
     def to_anchor(self) -> AnchorState:
         """Return the anchor state at the newest footfall; raises `UNSOLVED` where there is no solution."""
         found, newest, initial = self._minimize(), self._stances[-1], self.initial
-        counts = Counter(initial.counts) + count_graph(self._graph)
-        counts["gated_out"] += sum(one.word != UNKNOWN and not one.compass_weight for one in self._verdicts[1:])
+        counts = Counter(initial.counts) + count_graph(self._graph) + self._further
         return replace(
             initial,
             stance=newest,
@@ -351,6 +351,7 @@ class Window:
                 graph.push_back(position_fix_factor(key, fix.position, noise))
         if graph.size():
             self._update(graph, gtsam.Values())
+            self._further[POSITION_FIX] += graph.size()
 
     def _add_field(self, stride: StrideWindow) -> CompassVerdict:
         """Add the field at the newest footfall and along its stride, and solve; return the verdict on it."""
@@ -364,6 +365,9 @@ class Window:
         values = gtsam.Values()
         values.insert(M(k), state)
         self._update(graph, values)
+        self._further["gated_out"] += (
+            bool(np.isfinite(measured.footfall.body_field).all()) and not verdict.compass_weight
+        )
         return CompassVerdict(UNKNOWN, STANDS_ON) if continues[-1] else verdict
 
     def _trace_stride(self, stride: StrideWindow) -> Trajectory:
