@@ -27,7 +27,7 @@ from fg_nav.online.buffer import OnlineOptions
 from fg_nav.online.estimates import POLISHED, SMOOTHED, SensorTime, format_table
 from fg_nav.online.follow import ENDING, Outlets, Say, StreamedWalk, StreamOptions, follow_source, open_outlets
 from fg_nav.online.navigator import finish_walk
-from fg_nav.online.pocket import PocketOptions, compute_stride_headings
+from fg_nav.online.pocket import compute_stride_headings
 from fg_nav.online.record import Record
 from fg_nav.online.rows import Columns, parse_columns
 from fg_nav.online.source_check import describe_losses
@@ -94,25 +94,22 @@ def read_stream_options(request: StreamRequest, calibration_path: Path | None) -
     """Turn a request into stream options, reading the files it names; raises `FgNavError` if an option is invalid."""
     options = choose_options(request)
     calibration = None if calibration_path is None else read_calibration(calibration_path)
-    axes_given = options.mag_axes is not None
-    online: OnlineOptions | PocketOptions
-    if request.mount == "pocket":
-        online = PocketOptions(options.heading_rad, options.use_magnetometer, request.step_constant, axes_given)
-    else:
-        lag_s = _check_positive(request.lag, "--lag")
-        if lag_s is not None and lag_s < MIN_LAG_S:
-            raise EstimationError(f"a lag of {lag_s:g} s is too short: give {MIN_LAG_S:g} or more.")
-        if lag_s is not None and request.polish:
-            raise EstimationError("with --lag the samples are discarded, so there is no --polish: give one of the two.")
-        online = OnlineOptions(
-            heading_rad=options.heading_rad,
-            use_field=options.use_magnetometer,
-            lag_s=lag_s,
-            parameters=choose_parameters(options, calibration),
-            axes_given=axes_given,
-            fixes=() if request.fixes is None else read_fixes(request.fixes),
-            calibration=None if calibration is None else calibration.magnetometer,
-        )
+    lag_s = _check_positive(request.lag, "--lag")
+    if lag_s is not None and lag_s < MIN_LAG_S:
+        raise EstimationError(f"a lag of {lag_s:g} s is too short: give {MIN_LAG_S:g} or more.")
+    if lag_s is not None and request.polish:
+        raise EstimationError("with --lag the samples are discarded, so there is no --polish: give one of the two.")
+    online = OnlineOptions(
+        mount="pocket" if request.mount == "pocket" else "foot",
+        heading_rad=options.heading_rad,
+        use_field=options.use_magnetometer,
+        lag_s=lag_s,
+        parameters=choose_parameters(options, calibration),
+        axes_given=options.mag_axes is not None,
+        fixes=() if request.fixes is None else read_fixes(request.fixes),
+        calibration=None if calibration is None else calibration.magnetometer,
+        step_constant_m=request.step_constant,
+    )
     return StreamOptions(
         online=online,
         until_silent_s=_check_positive(request.silence, "--silence"),
@@ -274,7 +271,7 @@ class End:
 def find_end(walk: StreamedWalk) -> End:
     """Finish a streamed walk; return its final solution (with a lag, the lagged one), summary and outcome."""
     navigator = walk.navigator
-    sensor_time, in_pocket = navigator.judge.sensor_time, isinstance(navigator.options, PocketOptions)
+    sensor_time, in_pocket = navigator.judge.sensor_time, navigator.options.mount == "pocket"
     if navigator.options.lag_s is not None:
         lagged = note_losses(navigator.finish(), walk)
         return End(lagged, summarize_lagged(lagged), sensor_time, in_pocket, None)
@@ -327,7 +324,7 @@ def _say_what_is_left(failure: str, words: str) -> OutputError:
 
 def note_losses(solution: Solution, walk: StreamedWalk) -> Solution:
     """Add what was lost on the way to the notes, and what a nominal rate leaves open to the sigmas."""
-    rate_sigma = 0.0 if isinstance(walk.navigator.options, PocketOptions) else walk.rate_sigma
+    rate_sigma = 0.0 if walk.navigator.options.mount == "pocket" else walk.rate_sigma
     polished = None if solution.polished is None else solution.polished.widen(rate_sigma)
     notes = (*solution.notes, *describe_losses(walk.navigator.lost))
     return replace(solution.widen(rate_sigma), notes=notes, polished=polished)
@@ -342,11 +339,14 @@ def prepare_stream(walk: StreamedWalk) -> Walk:
     # Options only: the samples were already mapped to these axes and corrected on arrival.
     asked, axes = navigator.options, MagAxes(np.eye(3)) if navigator.options.axes_given else None
     heading_deg = None if asked.heading_rad is None else float(np.degrees(asked.heading_rad))
-    options = Options(use_magnetometer=asked.use_field, heading_deg=heading_deg, mag_axes=axes)
-    if isinstance(asked, PocketOptions):
-        options = replace(options, mount="pocket", step_constant_m=asked.step_constant_m)
-    else:
-        options = replace(options, gate=asked.parameters.magnetic.gate)
+    options = Options(
+        use_magnetometer=asked.use_field,
+        heading_deg=heading_deg,
+        mag_axes=axes,
+        gate=asked.parameters.magnetic.gate,
+        mount=asked.mount,
+        step_constant_m=asked.step_constant_m,
+    )
     applied = () if calibration is None else calibration.corrects(recording.mag is not None)
     prepared = prepare_walk(replace(Walk.of(recording, options, calibration), applied=applied))
     return replace(prepared, options=replace(prepared.options, mag_axes=walk.mag_axes))

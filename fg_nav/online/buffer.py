@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -30,6 +31,9 @@ from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.stances import Stances
 from fg_nav.truth import Fix
 
+if TYPE_CHECKING:
+    from fg_nav.walk import Mount
+
 COLUMNS = 11  # t (s), acc (m/s^2), gyr (rad/s), mag (uT) and pressure (Pa), the last two NaN without a sample.
 TAKEN = COLUMNS + 1  # Behind them, once accepted: which sensor was bad, as `unread` of a recording; 0 where none was.
 CHUNK = 1 << 12  # Rows; 0.3 MB.
@@ -41,8 +45,12 @@ SAMPLES_BEFORE = 40  # A node, that are cut out with those after it: enough for 
 
 @dataclass(frozen=True)
 class OnlineOptions:
-    """What a user can choose; raises `EstimationError` for fixes that cannot be."""
+    """What a user can choose; raises `EstimationError` for fixes that cannot be.
 
+    A pocket makes use of `heading_rad`, that of the first two strides, `use_field`, `axes_given` and `step_constant_m`.
+    """
+
+    mount: Mount = "foot"  # Where the sensor is worn.
     # Of the body's x axis at the first stance, clockwise from north. None where it is not known: then zero, or with the
     # field so that the mean field points north (from footfall 4 on, refined each time the walk is solved again).
     heading_rad: float | None = 0.0
@@ -52,6 +60,7 @@ class OnlineOptions:
     axes_given: bool = False  # Whether the magnetometer is used whatever its axes look like.
     fixes: tuple[Fix, ...] = ()  # Positions known from elsewhere, at times of the walk to come.
     calibration: MagnetometerCalibration | None = None  # Already applied; None to estimate it on the walk.
+    step_constant_m: float | None = None  # Of the person (`fg_nav.pocket.dead_reckoning`); None for the default.
 
     def __post_init__(self) -> None:
         check_fixes(self.fixes)

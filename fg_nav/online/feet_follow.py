@@ -22,7 +22,7 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.errors import FgNavError
 from fg_nav.feet import SIDES, Side
-from fg_nav.online.buffer import COLUMNS, OnlineOptions
+from fg_nav.online.buffer import COLUMNS
 from fg_nav.online.estimates import DIGITS, FeetLine, Revision, StanceEstimate, format_feet_line, tag_line
 from fg_nav.online.feet import FeetNavigator
 from fg_nav.online.follow import (
@@ -63,8 +63,6 @@ def follow_feet(
     for cannot be.
     """
     left, right = (options[side].online for side in SIDES)
-    assert isinstance(left, OnlineOptions)
-    assert isinstance(right, OnlineOptions)
     navigator = FeetNavigator(left, outlets.remark, clock_offset_s=clock_offset_s, background=True, right=right)
     with ExitStack() as opened:
         opened.callback(navigator.stop_process)

@@ -42,7 +42,7 @@ from fg_nav.frames import compute_heading
 from fg_nav.magnetic.axes import MagAxes
 from fg_nav.online.buffer import OnlineOptions
 from fg_nav.online.estimates import DIGITS, Revision, StanceEstimate, format_estimate, format_revision
-from fg_nav.online.pocket import Navigator, PocketOptions, begin_walk
+from fg_nav.online.pocket import Navigator, begin_walk
 from fg_nav.online.record import Record
 from fg_nav.online.rows import Columns
 from fg_nav.online.source_check import AxesCheck, LossCounter, Silence, SourceCheck, describe_losses
@@ -309,7 +309,7 @@ class StreamedWalk:
 class StreamOptions:
     """How a source is followed."""
 
-    online: OnlineOptions | PocketOptions = field(default_factory=OnlineOptions)
+    online: OnlineOptions = field(default_factory=OnlineOptions)
     stalled_s: float = 5.0  # Silence after which it is remarked that the source stalls.
     until_silent_s: float | None = None  # Silence after which the walk ends; None to wait for ever.
     calibration: Calibration | None = None  # To apply.
@@ -381,8 +381,8 @@ class FollowedWalk:
     ) -> None:
         self.navigator, self._options, self._record = navigator, options, record
         self._emit, self._remark, self._status, self.is_replayed = emit, remark, status, False
-        in_pocket = isinstance(options.online, PocketOptions)
-        self._check = SourceCheck("pocket" if in_pocket else "foot", remark)
+        in_pocket = options.online.mount == "pocket"
+        self._check = SourceCheck(options.online.mount, remark)
         self._verdict = LineVerdict(in_pocket, remark, options.rate_sigma)
         self.losses = LossCounter(remark)
 
@@ -428,7 +428,7 @@ class FollowedWalk:
                 self._push(part[start : start + REPLAYED])
         self.report(self.navigator.end_replay())
         self.is_replayed = False
-        name, walked = record.path.name, "strides" if isinstance(self._options.online, PocketOptions) else "stances"
+        name, walked = record.path.name, "strides" if self._options.online.mount == "pocket" else "stances"
         n_footfalls, n_samples = len(self.navigator.footfalls), self.navigator.buffer.stop
         self._remark(f"resumed from {name}: {n_footfalls} {walked}, {n_samples} samples.")
 
