@@ -23,8 +23,7 @@ from fg_nav.calibration.magnetometer import MagnetometerCalibration
 from fg_nav.detection.causal import Footfall
 from fg_nav.detection.stance import Stances
 from fg_nav.errors import EstimationError
-from fg_nav.magnetic.axes import MagAxes, align_magnetometer
-from fg_nav.magnetic.delay import MagnetometerDelay, remove_delay
+from fg_nav.magnetic.axes import MagAxes, MagnetometerDelay, align_magnetometer, remove_delay
 from fg_nav.recording import RawRecording, Recording
 from fg_nav.samples.saturation import find_saturation_level
 from fg_nav.smoother.parameters import SmootherParameters

@@ -54,8 +54,8 @@ from fg_nav.factors.magnetic_field import E_H, SIZE, FieldPotential, MagneticHea
 from fg_nav.factors.residual import factor_of, linear_factor_of
 from fg_nav.frames import UNKNOWN_RAD
 from fg_nav.magnetic import FootfallField, average_footfall_field
+from fg_nav.magnetic.detectors import apply_gate, count_needed, weigh_statistic
 from fg_nav.magnetic.footfall_field import UNKNOWN_IRON_UT
-from fg_nav.magnetic.quasi_static import apply_gate, count_needed, weigh_statistic
 from fg_nav.online.strides import StrideWindow
 from fg_nav.recording import Recording
 from fg_nav.smoother.differential import (

@@ -21,7 +21,7 @@ import numpy as np
 from gtsam.symbol_shorthand import B, M, P, V, X
 
 from fg_nav.factors.walk_constraints import position_fix_factor, position_fix_noise
-from fg_nav.magnetic.quasi_static import UNKNOWN
+from fg_nav.magnetic.detectors import UNKNOWN
 from fg_nav.online.anchor import AnchorState, Past, PathNodes, marginalize
 from fg_nav.online.buffer import PartialWalk, ReportedFootfall
 from fg_nav.online.estimates import (

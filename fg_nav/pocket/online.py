@@ -28,7 +28,7 @@ import numpy as np
 from fg_nav.arrays import Floats, Ints
 from fg_nav.detection.mount import remove_fast
 from fg_nav.factors.rotation import relative_rotations, rotation_exp
-from fg_nav.magnetic.quasi_static import QUASI_STATIC, UNKNOWN
+from fg_nav.magnetic.detectors import QUASI_STATIC, UNKNOWN
 from fg_nav.pocket.iterated_smoother import (
     FixedLagSmoother,
     PocketSmootherParameters,

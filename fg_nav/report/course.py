@@ -26,7 +26,7 @@ from fg_nav.arrays import Bools, Floats
 from fg_nav.evaluation.comparison import Comparison
 from fg_nav.evaluation.metrics import pose_covariance
 from fg_nav.frames import compute_heading
-from fg_nav.magnetic.quasi_static import DISTURBED, QUASI_STATIC
+from fg_nav.magnetic.detectors import DISTURBED, QUASI_STATIC
 from fg_nav.report.charts import (
     ALONG_PATH,
     BLUE,
