@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fg_nav.detection import StanceParameters, detect_stances
-from fg_nav.detection.causal import CausalParameters, CausalStances, Footfall, Sliding, join_footfalls
+from fg_nav.detection.causal import CausalParameters, CausalStances, Footfall, join_footfalls
 from fg_nav.detection.footfalls import MAX_SWING_S
 from fg_nav.errors import DetectionError
 from fg_nav.lab.simulation.motion import Style
@@ -194,15 +194,3 @@ def test_other_detectors_are_refused():
     for stance in (StanceParameters(detector="are"), StanceParameters(threshold=1e5)):
         with pytest.raises(DetectionError):
             CausalStances(replace(CausalParameters(), stance=stance))
-
-
-def test_a_sliding_store_keeps_the_last_rows():
-    rows = np.arange(300.0)
-    sliding = Sliding(20)
-    rng = np.random.default_rng(2)
-    while sliding.stop < 250:
-        sliding.append(rows[sliding.stop : sliding.stop + rng.integers(0, 30)])
-        first = max(0, sliding.stop - 20)
-        assert np.array_equal(sliding.between(first, sliding.stop), rows[first : sliding.stop])
-    with pytest.raises(IndexError):
-        sliding.between(0, 5)
