@@ -29,7 +29,7 @@ FootfallField
     The field at each footfall: found once, shared too (`fg_nav.magnetic`).
 FieldVerdicts
     Where a detector finds the field undisturbed. Those of a walk are for the report; an estimator that uses the field
-    judges it itself (`fg_nav.magnetic.quasi_static`).
+    judges it itself (`fg_nav.magnetic.detectors`).
 Walk
     All of these, and what the user chose: the input of every estimator (`fg_nav.walk`).
 Solution

@@ -176,16 +176,23 @@ def _pocket(method: str, walk: Walk, progress: Progress | None) -> Solution:
 
 def _pocket_online(walk: Walk, progress: Progress | None) -> Solution:
     """Feed a pocket recording sample by sample to the online pocket navigator; return its path."""
+    from fg_nav.online.buffer import OnlineOptions
     from fg_nav.online.navigator import finish_walk
-    from fg_nav.online.pocket import PocketNavigator, PocketOptions
+    from fg_nav.online.pocket import PocketNavigator
 
     options = walk.options
     if options.known_distance_m is not None:
         raise EstimationError(
             "online does not know how far a walk will go: give --step-constant in place of --known-distance."
         )
-    given = options.heading_rad, walk.recording.mag is not None, options.step_constant_m, options.mag_axes is not None
-    navigator = PocketNavigator(PocketOptions(*given))
+    given = OnlineOptions(
+        mount="pocket",
+        heading_rad=options.heading_rad,
+        use_field=walk.recording.mag is not None,
+        axes_given=options.mag_axes is not None,
+        step_constant_m=options.step_constant_m,
+    )
+    navigator = PocketNavigator(given)
     _push_recording(navigator, walk.recording, progress)
     return finish_walk(navigator, options.polish, progress)
 

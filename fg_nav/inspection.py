@@ -13,8 +13,7 @@ import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.detection import detect_stances, find_rests
-from fg_nav.detection.handedness import DECISIVE, NO_EVIDENCE, SUSPECT, AxesEvidence, measure_axes
-from fg_nav.detection.mount import measure_turning
+from fg_nav.detection.mount import DECISIVE, NO_EVIDENCE, SUSPECT, AxesEvidence, measure_axes, measure_turning
 from fg_nav.detection.sensor_processing import MIN_DELAY_STRIDES, MIN_SMOOTHING_HZ, SPECTRUM_S
 from fg_nav.errors import DetectionError, RecordingError
 from fg_nav.frames import GRAVITY_M_S2

@@ -70,11 +70,10 @@ from functools import cached_property
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.detection.handedness import measure_axes, measure_swing_axes
-from fg_nav.detection.mount import measure_turning, remove_fast
+from fg_nav.detection.mount import measure_axes, measure_swing_axes, measure_turning, remove_fast
 from fg_nav.detection.rest import RestParameters, find_still_stretches
 from fg_nav.frames import GRAVITY_M_S2
-from fg_nav.magnetic.quasi_static import QUASI_STATIC
+from fg_nav.magnetic.detectors import QUASI_STATIC
 from fg_nav.mechanisation import integrate_strides
 from fg_nav.samples.gaps import list_bridged, measure_unseen
 from fg_nav.solution import Solution, StanceTable

@@ -39,7 +39,7 @@ from fg_nav.lab.landmarks import measure_landmarks
 from fg_nav.lab.simulation import Choices, scenario, simulate
 from fg_nav.lab.store.code import code_sum
 from fg_nav.lab.store.results import Key, Result, encode_flags, write_result
-from fg_nav.magnetic.quasi_static import QUASI_STATIC
+from fg_nav.magnetic.detectors import QUASI_STATIC
 from fg_nav.pipeline import prepare_walk
 from fg_nav.text import to_json
 from fg_nav.truth import TrajectoryTruth
