@@ -28,13 +28,13 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from fg_nav.both_feet import FeetResult as FeetResult
     from fg_nav.both_feet import navigate_feet as navigate_feet
     from fg_nav.detection import detect_stances as detect_stances
     from fg_nav.detection.stance import Stances as Stances
     from fg_nav.ekf import run_iez as run_iez
     from fg_nav.errors import FgNavError as FgNavError
     from fg_nav.evaluation import evaluate as evaluate
-    from fg_nav.feet_result import FeetResult as FeetResult
     from fg_nav.io import read as read
     from fg_nav.io import read_truth as read_truth
     from fg_nav.lab.simulation import simulate as simulate
@@ -54,7 +54,7 @@ if TYPE_CHECKING:
     from fg_nav.walk import Options as Options
 
 _HOME = {
-    "FeetResult": "fg_nav.feet_result",
+    "FeetResult": "fg_nav.both_feet",
     "FgNavError": "fg_nav.errors",
     "Fix": "fg_nav.truth",
     "FootprintTruth": "fg_nav.truth",

@@ -29,7 +29,7 @@ from fg_nav.errors import EstimationError, PlacesError, VerdictError
 from fg_nav.estimators import METHODS, Method, check_use, find_method
 from fg_nav.io.readers.table import refuse_sensor_tables
 from fg_nav.pipeline import navigate, prepare_walk, require_mag, take_places
-from fg_nav.report.files import Summary, write_comparison, write_run
+from fg_nav.report.files import Summary, write_comparison, write_feet, write_run
 from fg_nav.report.folder import check_file_free, result_file
 from fg_nav.report.terminal import print_results, progress
 from fg_nav.verdict import UNUSABLE
@@ -147,7 +147,6 @@ def run_feet(request: RunRequest, method: Method, options: Options) -> Answer:
     Raises `EstimationError` if there are not two recordings, or a file is of one recording.
     """
     from fg_nav.both_feet import MAX_GAP_S, navigate_feet
-    from fg_nav.report.feet import write_feet
 
     reading = replace(choose_reading(request), longest_gap_s=MAX_GAP_S)
     recordings, readings = request.recordings, [reading] * len(request.recordings)
