@@ -107,10 +107,7 @@ def choose(content: Content, table: Table) -> ColumnMap:
     """
     hints = make_hints(content)
     if not table.has_header and content.columns is None:
-        raise FormatError(
-            f"{hints.name} has {len(table.names)} columns and no header: say which is what by number from 1, "
-            f"{hints.suggest(OPEN)}."
-        )
+        raise hints.ask(f" has {len(table.names)} columns and no header: say which is what by number from 1", OPEN)
     return choose_columns(table.names, hints, content.sensor, content.columns, content.rate_hz is not None)
 
 
