@@ -28,14 +28,13 @@ from fg_nav.columns.headers import find_factor, read_header
 from fg_nav.columns.mapping import find_pressure
 from fg_nav.columns.samples import convert_pressure
 from fg_nav.errors import FormatError
-from fg_nav.gnss import Gnss
 from fg_nav.io.content import Content, choose_sensor, explain_library, read_content
 from fg_nav.io.matlab import mat_array
 from fg_nav.io.readers.phones import put_on_recording_clock
 from fg_nav.io.streams import find_nearest_rows
 from fg_nav.io.tables import TextTable, find_header
 from fg_nav.recording import RawRecording
-from fg_nav.truth import Fix, FootprintTruth, TrajectoryTruth
+from fg_nav.truth import Fix, FootprintTruth, Gnss, TrajectoryTruth
 
 TUM_COLUMNS = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")
 CSV_COLUMNS = ("stride", "x_m", "y_m")

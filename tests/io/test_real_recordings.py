@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from fg_nav.detection.stance import Stances
 from fg_nav.io import read, read_raw, read_truth, write_canonical
 from fg_nav.lab.pyshoe import read_pyshoe_labels
 from fg_nav.recording import Recording
 from fg_nav.samples.plausibility import measure_gravity_transport, measure_rest_acc
-from fg_nav.stances import Stances
 from fg_nav.truth import FootprintTruth, TrajectoryTruth
 from tests.real_data import DATA, needs_data
 
