@@ -24,9 +24,8 @@ delay        s    of the readings behind the gyroscope
 ============ ==== ==================================================================================================
 
 Why the swings: at the footfalls the foot stands level, and h along the vertical cannot be separated from the vertical
-part of b but for the few degrees by which the tilt varies. The inertial tilt is wrong by as much. A fit that takes it
-for exact has a field that does not turn with the tilt, and calls the vertical field iron: 32 uT too much with a sigma
-of 3 in a field without a building. In the swing the pitch turns by 80 deg, and the error of the tilt is negligible.
+part of b but for the few degrees by which the tilt varies, and the inertial tilt is wrong by as much. In the swing the
+pitch turns by 80 deg.
 
 d of one stride is Gaussian with a covariance over its phases, one horizontal and one vertical, learned from the
 residuals: neighbors in a swing have nearly one field, and the foot aloft has less of the floor's. A stride as a whole
@@ -34,10 +33,9 @@ is Student distributed. h, S, e, delta and the delay have Gaussian priors. The f
 other way round: fields explained by noisy readings would be least for S^-1 = 0. The unknowns are h, S (six), b, the
 delay, e at the knots and delta at the knots, in this order.
 
-Fit. Gauss-Newton with the Student weights and the covariance of d of the last step. Observable are h along and across
-the pitch axis of the foot, forward and up, in each swing; along that axis, to the side, only between headings. A
-straight walk does not determine it. The effect of S on the vertical field is one with h horizontally where the foot
-stands; the swings separate the two. The size of S is one with the strength of the field, and keeps its prior.
+Fit. Gauss-Newton with the Student weights and the covariance of d of the last step. Observable is h forward and up in
+each swing, to the side only between headings: a straight walk does not determine it. The size of S is one with the
+strength of the field, and keeps its prior.
 
     A^-1 (M + prior) A^-1 + floor,    M = W C W + sum over strides k, l of W_k rho(|p_k - p_l|) s s^T W_l
 
@@ -55,7 +53,7 @@ floor      common error of all readings of a sensor
 
 rho follows from the places and not from the residuals, because a fit hides correlation: on a circle a field that falls
 off across it looks like hard iron, and leaves no residual. For the same reason d is scaled up by the share of
-independent fields that the unknowns absorb. Cost: linear in the strides, times the number of passes of the same place.
+independent fields that the unknowns absorb.
 """
 
 from __future__ import annotations
@@ -69,7 +67,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.calibration.magnetometer import UPPER, matrix_of, mean_up
+from fg_nav.calibration import UPPER, matrix_of, mean_up
 from fg_nav.detection.stance import Stances
 from fg_nav.errors import MagneticError
 from fg_nav.frames import GRAVITY_M_S2
