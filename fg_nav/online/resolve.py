@@ -357,7 +357,7 @@ def solve_so_far(
     # The walk, by the recipe of the batch.
     so_far = InProgress(continues, measured.unseen, has_ended)
     given = WalkInput(recording, stances, options.heading_rad, field, options.parameters, fixes=options.fixes)
-    found = fit_walk(replace(given, in_progress=so_far)).walk
+    found = fit_walk(replace(given, in_progress=so_far))
     solved_field = None if found.field is None or field is None else (found.field, field)
     online_field = None if solved_field is None else OnlineField(*solved_field)
     verdict = replace(found.verdict, notes=(*measured.notes, *found.verdict.notes))

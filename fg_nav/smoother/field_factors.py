@@ -113,8 +113,7 @@ class FieldRoughness:
 def split_potential(potential: Roughness, lost_share: float, distance_m: Floats) -> tuple[Roughness, Floats]:
     """Split the changes of a potential over strides (...) of these lengths, m, of whose variance a share is lost.
 
-    Returns what telescopes, and the noise (...) of each integral that does not, uT m (`field`). It grows with the
-    stride: pieces of a standing have none, and do not show whether the integrals of a walk telescope.
+    Returns what telescopes, and the noise (...) of each integral that does not, uT m (`field`).
     """
     variance = 2.0 * potential.sigma**2 * (1.0 - potential.correlation(distance_m))
     telescoping = max(1.0 - lost_share, MIN_TELESCOPING)

@@ -522,14 +522,10 @@ def stride_factors(
     elapsed_s: float,
     values: gtsam.Values,
 ) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
-    """Return the barometer factors of a new footfall, and the initial value of its state, empty without a reading.
+    """Return the barometer factors of a new footfall, the last of those `seen`, and the initial value of its state.
 
-    Parameters
-    ----------
-    seen : pressures of the window; the new footfall is the last.
-    pose_key, height_m : pose of the footfall at its stillest sample, and the height estimated there.
-    states : keys of the states of the footfall before and of this one, `elapsed_s` later.
-    values : current estimate, before this footfall.
+    `states` are the keys of that of the footfall before and of this one, `elapsed_s` later; `values` the estimate
+    before this footfall. Both are empty without a reading.
     """
     graph, new = gtsam.NonlinearFactorGraph(), gtsam.Values()
     (before, state), has_reading = states, bool(np.isfinite(seen.mean[-1]))

@@ -55,7 +55,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import compress
-from typing import cast
+from typing import NamedTuple, cast
 
 import gtsam
 import numpy as np
@@ -182,8 +182,7 @@ def _group_ties(root: SquareRoot, block: ResidualBlock, nodes: Nodes, products: 
     return groups
 
 
-@dataclass(frozen=True)
-class SwingNoise:
+class SwingNoise(NamedTuple):
     """The level `gyr_relative_density` (1/sqrt(Hz)) for a walk, and in words how it came about."""
 
     gyr_relative_density: float
@@ -325,13 +324,8 @@ def walk_problem(
 ) -> WalkProblem:
     """Make the problem of a walk from what its recording shows, with values near its minimum.
 
-    Parameters
-    ----------
-    heading : float or None
-        Of the body's x axis at the start, rad clockwise from north; None where it is not known: then zero.
-    in_progress : bool
-        Whether the walk goes on after the recording: then a rest that is accepted only because it touches the
-        recording's end is dropped.
+    `heading` of the body's x axis at the start, rad clockwise from north; None where it is not known: then zero. Of a
+    walk `in_progress` a rest that is accepted only because it touches the recording's end is dropped.
     """
     # Start and rests.
     start = find_start(recording, stances, heading or 0.0, p.rest)

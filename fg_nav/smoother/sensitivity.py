@@ -114,10 +114,7 @@ class SharedColumns:
         return np.asarray(self.solve() @ np.linalg.cholesky(covariance))
 
     def spread_untaken(self, information: Floats, pull: Floats, prior: Floats) -> Floats:
-        """Return S (N, n) as `spread`, for numbers left at zero: L, eta and prior covariance (n, n) as of `fit_shared`.
-
-        Their covariance is the second moment about the solution, in which they are zero (`fit_shared`).
-        """
+        """Return S (N, n) as `spread`, for numbers left at zero: by their second moment about it (`fit_shared`)."""
         found, covariance, _ = fit_shared(information, pull, prior)
         return self.spread(covariance + np.outer(found, found))
 
@@ -338,10 +335,7 @@ def _list_inertial(problem: WalkProblem, values: gtsam.Values) -> Iterator[Shari
 
 
 def spread_clipped_peaks(problem: WalkProblem, solved: Solved) -> Floats:
-    """Return S (N, n): S S^T is the covariance of errors common to rebuilt (clipped) peaks of the rate.
-
-    One number each for the peaks of an axis on one side; none where no peak was rebuilt.
-    """
+    """Return S (N, n): S S^T is the covariance of errors common to rebuilt (clipped) peaks, of an axis on one side."""
     peaks, gyr = problem.recording.peaks[1], problem.recording.gyr
     # A peak errs as a whole: scale the sigma of its samples, which holds for independent errors.
     alike = peaks.sigma / np.sqrt(np.maximum(peaks.run, 1.0))
@@ -381,8 +375,7 @@ def _list_rate_biases(problem: WalkProblem, values: gtsam.Values) -> Floats:
 def sense_rate_error(t: Floats, force: Floats, rate: Floats, sample: Ints, bias: Floats, error: Floats) -> Floats:
     """Return D (M-1, 9, 3): end state of each interval between samples (M,), by the size of a rate error on each axis.
 
-    Rows: rotation (rad), position (m), velocity (m/s), all in the body axes at the end. `bias` (M-1, 3) rad/s, `error`
-    (N, 3) rad/s what the rate reads too much. The rotation acts in the middle of each sample.
+    Rows: rotation (rad), position (m), velocity (m/s), in the body axes at the end; `error` (N, 3) rad/s.
     """
     count = len(sample) - 1
     start_R_end, moved = np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3, 3, 3))

@@ -79,19 +79,10 @@ class Minimum(Generic[V]):
 def find_minimum(
     system: System[V], values: V, keys: Keys, convergence: float = CONVERGENCE, largest_steps: int = MAX_STEPS
 ) -> Minimum[V]:
-    """Minimize the error of a system by Gauss-Newton.
+    """Minimize the error of a system by Gauss-Newton, to this difference of promised and true error per variable.
 
-    Parameters
-    ----------
-    keys
-        Of all variables, in the order of their elimination.
-    convergence
-        Largest difference of promised and true error per variable.
-
-    Raises
-    ------
-    EstimationError
-        If the equations have no unique solution, or no minimum is found in `largest_steps`.
+    `keys` of all variables, in the order of their elimination. Raises `EstimationError` if the equations have no unique
+    solution, or no minimum is found in `largest_steps`.
     """
     error = np.inf
     for steps in range(1, largest_steps + 1):
