@@ -212,13 +212,6 @@ class ResidualBlock:
         """Half the sum of squares of the residuals over their sigmas."""
         return 0.5 * float((self.evaluate(values, False)[0] ** 2).sum()) if len(self) else 0.0
 
-    def linearize(self, values: gtsam.Values) -> Iterator[gtsam.JacobianFactor]:
-        """Yield one factor a residual, linearized at these values."""
-        if len(self):
-            noise, (e, H) = gtsam.noiseModel.Unit.Create(self.residuals.rows), self.evaluate(values)
-            for k, keys in enumerate(self.keys):
-                yield _linear(keys, -e[k], [A[k] for A in H], noise)
-
     def stack(self, values: gtsam.Values) -> list[Stack]:
         """Return the block as one stack [A | b] linearized at these values, b = -e; empty for no residuals."""
         if not len(self):

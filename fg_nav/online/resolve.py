@@ -323,7 +323,7 @@ def build_anchor(walk: PartialWalk, options: OnlineOptions, found: WalkSolution,
 def marginalize_at(found: WalkSolution, stance: StanceNodes) -> MarginalPrior:
     """Return the marginal prior on the variables of a footfall, from the whole solved walk."""
     problem, values = found.problem, found.solved.values
-    linear = problem.system.linearize(values)
+    linear = problem.factors().linearize(values)
     order, keep = order_variables(problem), list_variables(stance, values)
     return marginalize(linear, values, keep, [key for key in order.tolist() if key not in set(keep)])
 

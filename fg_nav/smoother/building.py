@@ -86,7 +86,7 @@ APART_M = 6.0  # Between independent errors of a pass: those of an alignment, an
 ROUNDS = 3  # Of recognizing and solving: the second looks along a path that closes, the third mostly finds the same.
 ANCHORS = 12  # Footfalls relative to which the uncertainty of all others is taken.
 MAX_M = 20_000.0  # Four hours: what could be one place grows with the square of the laps, as does its memory.
-MIN_SIGMA_M, MIN_SIGMA_DEG, MIN_HEIGHT_M = 1.0, 3.0, 0.3  # Between two places: a corridor's width, a stride's wander.
+MIN_PLACE_M, MIN_HEADING_DEG, MIN_HEIGHT_M = 1.0, 3.0, 0.3  # Between two places: a corridor's width, a stride's wander.
 
 
 @dataclass(frozen=True)
@@ -397,7 +397,7 @@ class PathUncertainty:
 
     def position_m(self, first: Floats, second: Floats) -> Floats:
         """(M,) m, of each horizontal axis."""
-        return np.hypot(self._look_up(self.place, first, second), MIN_SIGMA_M)
+        return np.hypot(self._look_up(self.place, first, second), MIN_PLACE_M)
 
     def height_m(self, first: Floats, second: Floats) -> Floats:
         """(M,) m."""
@@ -405,7 +405,7 @@ class PathUncertainty:
 
     def heading_rad(self, first: Floats, second: Floats) -> Floats:
         """(M,) rad."""
-        return np.hypot(self._look_up(self.heading, first, second), np.radians(MIN_SIGMA_DEG))
+        return np.hypot(self._look_up(self.heading, first, second), np.radians(MIN_HEADING_DEG))
 
     def _look_up(self, variance: Floats, first: Floats, second: Floats) -> Floats:
         nearest = np.searchsorted(0.5 * (self.anchor_m[1:] + self.anchor_m[:-1]), first)

@@ -117,11 +117,8 @@ class LinearizableBlock(Protocol):
     def error(self, values: gtsam.Values) -> float:
         """Half the sum of squares of the residuals over their sigmas."""
 
-    def linearize(self, values: gtsam.Values) -> Iterator[gtsam.GaussianFactor]:
-        """Yield its factors, linearized at these values."""
-
     def stack(self, values: gtsam.Values) -> list[Stack]:
-        """Return the same as arrays."""
+        """Linearize them at these values, as arrays."""
 
     def factors(self) -> Iterable[gtsam.NonlinearFactor]:
         """Yield them as factors of gtsam, one by one."""
@@ -140,12 +137,8 @@ class BlockGroup:
         """Half the sum of squares of the residuals over their sigmas."""
         return sum(block.error(values) for block in self.blocks)
 
-    def linearize(self, values: gtsam.Values) -> Iterator[gtsam.GaussianFactor]:
-        """Yield its factors, linearized at these values."""
-        return chain.from_iterable(block.linearize(values) for block in self.blocks)
-
     def stack(self, values: gtsam.Values) -> list[Stack]:
-        """Return the same as arrays."""
+        """Linearize them at these values, as arrays."""
         return [stack for block in self.blocks for stack in block.stack(values)]
 
     def factors(self) -> Iterator[gtsam.NonlinearFactor]:
@@ -172,14 +165,11 @@ class GtsamFactors:
         """Half the sum of squares of the residuals over their sigmas."""
         return float(self._graph.error(values))
 
-    def linearize(self, values: gtsam.Values) -> Iterator[gtsam.GaussianFactor]:
-        """Yield its factors, linearized at these values."""
-        linear = self._graph.linearize(values)
-        return map(linear.at, range(linear.size()))
-
     def stack(self, values: gtsam.Values) -> list[Stack]:
-        """Return the same as arrays."""
-        return stack_factors(gtsam.JacobianFactor(one) for one in self.linearize(values) if one is not None)
+        """Linearize them at these values, as arrays."""
+        linear = self._graph.linearize(values)
+        factors = map(linear.at, range(linear.size()))
+        return stack_factors(gtsam.JacobianFactor(one) for one in factors if one is not None)
 
     def factors(self) -> Iterator[gtsam.NonlinearFactor]:
         """Yield them one by one."""
@@ -257,14 +247,6 @@ class WalkSystem:
     def excess(self, values: gtsam.Values) -> float:
         """Robust-loss excess; zero for quadratic factors."""
         return sum(block.excess(values) for block in self.blocks if isinstance(block, GtsamFactors))
-
-    def linearize(self, values: gtsam.Values) -> gtsam.GaussianFactorGraph:
-        """Linearize all factors, one by one."""
-        linear = self.graph.linearize(values)
-        for block in self.blocks:
-            for factor in block.linearize(values):
-                linear.push_back(factor)
-        return linear
 
     def move(self, values: gtsam.Values, step: Mapping[int, Floats]) -> gtsam.Values:
         """Retract each variable."""
