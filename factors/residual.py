@@ -33,25 +33,10 @@ LETTER_SHIFT = 56  # A gtsam key carries its letter in the highest byte.
 def guarded_factor(
     name: str, keys: Sequence[int], dims: Sequence[int], noise: gtsam.noiseModel.Base, residual: Evaluate
 ) -> gtsam.CustomFactor:
-    """Wrap a residual as a factor that raises ValueError instead of crashing.
+    """Wrap a residual as a factor that raises ValueError instead of crashing; `name` is for its message.
 
-    Parameters
-    ----------
-    name : str
-        Of the factor, for messages.
-    keys, dims
-        Variables it touches and their tangent-space dimensions.
-    noise
-        Its dimension is that of the residual.
-    residual
-        Takes the values of the keys and whether Jacobians are wanted; returns the residual (r,) and a list with one
-        Jacobian (r, d_i) for each key, in gtsam's tangent-space order.
-
-    Raises
-    ------
-    ValueError
-        If keys and dims do not match; later, from within gtsam, if what the residual function returns does not.
-        The dimension of a key's variable is not checked.
+    `residual` takes the values of the keys, of these tangent-space dimensions, and whether Jacobians are wanted; it
+    returns the residual (r,) and a list with one Jacobian (r, d_i) for each key, in gtsam's tangent-space order.
     """
     if len(keys) != len(dims):
         raise ValueError(f"{name}: there are {len(keys)} keys and {len(dims)} dimensions.")

@@ -20,7 +20,7 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import B, M, P, V, X
 
-from fg_nav.factors.walk_constraints import position_fix_factor, position_fix_noise
+from fg_nav.factors.walk_constraints import position_fix_noise
 from fg_nav.magnetic.quasi_static import UNKNOWN
 from fg_nav.online.anchor import AnchorState, Past, PathNodes, marginalize
 from fg_nav.online.buffer import PartialWalk, ReportedFootfall
@@ -183,7 +183,7 @@ class Window:
             key = X(nodes[node])
             if agrees(self._backend.pose(key), self._backend.covariance(key), fix):
                 noise = position_fix_noise(fix.horizontal_sigma_m, fix.vertical_sigma_m)
-                graph.push_back(position_fix_factor(key, fix.position, noise))
+                graph.push_back(gtsam.GPSFactor(key, np.array(fix.position), noise))
         if graph.size():
             self._backend.add(graph, gtsam.Values(), self._stances)
             self.counts[POSITION_FIX] += graph.size()

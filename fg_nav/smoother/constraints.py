@@ -42,7 +42,7 @@ from gtsam.symbol_shorthand import B, V, X
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import EstimationError
-from fg_nav.factors.walk_constraints import position_fix_factor, position_fix_noise
+from fg_nav.factors.walk_constraints import position_fix_noise
 from fg_nav.frames import yaw_rotation
 from fg_nav.samples.gaps import MAX_HELD_S
 from fg_nav.smoother.graph import (
@@ -236,7 +236,7 @@ class PinnedFixes:
         """Tie the nodes to their fixes."""
         return GtsamFactors(
             *(
-                position_fix_factor(X(int(j)), at, position_fix_noise(float(horizontal), float(vertical)))
+                gtsam.GPSFactor(X(int(j)), at, position_fix_noise(float(horizontal), float(vertical)))
                 for j, at, horizontal, vertical in zip(
                     self.node, self.position, self.horizontal, self.vertical, strict=True
                 )
