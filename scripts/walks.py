@@ -28,7 +28,8 @@ import scipy.io
 from fg_nav.arrays import Floats, Ints
 from fg_nav.detection.stance import Stances
 from fg_nav.errors import FormatError, SimulationError
-from fg_nav.io import Reading, read_pyshoe_labels, read_pyshoe_track
+from fg_nav.io import Reading
+from fg_nav.lab.pyshoe import read_pyshoe_labels, read_pyshoe_track
 from fg_nav.lab.simulation import SCENARIOS, Choices, routes, simulate
 from fg_nav.lab.simulation.plan import Stand
 from fg_nav.pipeline import prepare_walk, read_walk

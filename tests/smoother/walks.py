@@ -17,7 +17,8 @@ from fg_nav.factors import guarded_factor
 from fg_nav.factors.residual import Keys, ResidualBlock, one_of
 from fg_nav.factors.zero_velocity import StanceVelocity
 from fg_nav.frames import level_attitude
-from fg_nav.io import read, read_pyshoe_labels
+from fg_nav.io import read
+from fg_nav.lab.pyshoe import read_pyshoe_labels
 from fg_nav.lab.simulation.person import Person
 from fg_nav.recording import Recording
 from fg_nav.smoother import SmootherParameters
