@@ -235,24 +235,16 @@ class BarometerDrift:
 
 @dataclass(frozen=True)
 class UnseenWalk:
-    """What is expected of a walk that was not seen; variables nav_T_body before and behind.
-
-    ============== ======== ================================================
-    move_sigma     (..., 3) m, of the displacement, east, north and up
-    turn           (...)     rad about up, counter-clockwise, as expected
-    turn_sigma     (...)     rad
-    tilt_sigma     (...)     rad, of the tilt behind against that before
-    ============== ======== ================================================
-    """
+    """What is expected of a walk that was not seen; variables nav_T_body before and behind."""
 
     name: ClassVar[str] = "unseen walk"
     dims: ClassVar[tuple[int, ...]] = (POSE, POSE)
     rows: ClassVar[int] = ROWS
 
-    move_sigma: Array
-    turn: Array
-    turn_sigma: Array
-    tilt_sigma: Array
+    move_sigma: Array  # (..., 3) m, of the displacement, east, north and up.
+    turn: Array  # (...) rad about up, counter-clockwise, as expected.
+    turn_sigma: Array  # (...) rad.
+    tilt_sigma: Array  # (...) rad, of the tilt behind against that before.
 
     def evaluate(self, variables: Sequence[Array], with_jacobians: bool) -> tuple[Array, list[Array]]:
         """Return the residual (..., 7) and its Jacobians by both poses."""

@@ -251,30 +251,17 @@ def measure_coverage(body_field: Floats) -> tuple[float, Floats, float]:
 
 @dataclass(frozen=True)
 class Ellipse:
-    """The ellipse of the levelled readings, and the circle of the corrected ones.
+    """The ellipse of the levelled readings, and the circle of the corrected ones."""
 
-    Attributes
-    ----------
-    method : by name.
-    offset_uT : o (2,), in levelled axes.
-    eta_rad : from x to the long axis, counter-clockwise seen from above, in (-pi/2, pi/2].
-    tau : short over long axis.
-    radius_uT : short axis, the horizontal strength after the correction.
-    covariance : (4, 4) of o_x, o_y, eta, tau; NaN where the method has none.
-    residual_uT : rms distance from the ellipse.
-    samples : number of readings.
-    notes : remarks for the user.
-    """
-
-    method: str
-    offset_uT: Floats
-    eta_rad: float
-    tau: float
-    radius_uT: float
-    covariance: Floats
-    residual_uT: float
-    samples: int
-    notes: tuple[str, ...] = ()
+    method: str  # By name.
+    offset_uT: Floats  # o (2,), in levelled axes.
+    eta_rad: float  # From x to the long axis, counter-clockwise seen from above, in (-pi/2, pi/2].
+    tau: float  # Short over long axis.
+    radius_uT: float  # Short axis, the horizontal strength after the correction.
+    covariance: Floats  # (4, 4) of o_x, o_y, eta, tau; NaN where the method has none.
+    residual_uT: float  # rms distance from the ellipse.
+    samples: int  # Number of readings.
+    notes: tuple[str, ...] = ()  # Remarks for the user.
 
     @property
     def sigma(self) -> Floats:

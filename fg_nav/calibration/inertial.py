@@ -106,27 +106,16 @@ class GyroscopeCalibration:
 
 @dataclass(frozen=True)
 class AccelerometerCalibration:
-    """Scale and bias of an accelerometer, or the ratio of its reading to gravity.
+    """Scale and bias of an accelerometer, or the ratio of its reading to gravity."""
 
-    Attributes
-    ----------
-    scale : s; where scale and bias are not separable ||acc|| / g, which includes the bias.
-    scale_sigma : its standard deviation; infinite where not separable.
-    bias : b_a (3,) m/s^2; zero where not separable.
-    bias_sigma : its standard deviation (3,) m/s^2; infinite where not separable.
-    norm_m_s2 : mean of ||acc|| over all rests, by their length.
-    attitudes, seconds : number of attitudes, duration of the rests.
-    separable : whether the attitudes separate scale from bias.
-    """
-
-    scale: float
-    scale_sigma: float
-    bias: Floats
-    bias_sigma: Floats
-    norm_m_s2: float
+    scale: float  # s; where scale and bias are not separable ||acc|| / g, which includes the bias.
+    scale_sigma: float  # Infinite where not separable.
+    bias: Floats  # b_a (3,) m/s^2; zero where not separable.
+    bias_sigma: Floats  # (3,) m/s^2; infinite where not separable.
+    norm_m_s2: float  # Mean of ||acc|| over all rests, by their length.
     attitudes: int
-    seconds: float
-    separable: bool
+    seconds: float  # Duration of the rests.
+    separable: bool  # Whether the attitudes separate scale from bias.
 
     def correct(self, acc: Floats) -> Floats:
         """Return specific forces (n, 3) m/s^2 without bias and scale; unchanged where not separable."""

@@ -108,24 +108,14 @@ PHASE_SHARES = np.stack([np.interp(_AT, np.arange(COMMON_KNOTS), row) for row in
 
 @dataclass(frozen=True)
 class StrideReadings:
-    """S strides of a walk, in order, over a recording of N samples.
+    """S strides of a walk, in order, over a recording of N samples."""
 
-    ========== ============ ========================================================================================
-    t          (N,)         s
-    nav_R_body (N, 3, 3)    inertial attitude; its heading drifts
-    rate       (N, 3)       rad/s, of the gyroscope
-    sample     (S, P)       of each reading; the first of each stride is that of the footfall
-    reading    (S, P, 3)    uT, body frame, not calibrated
-    place      (S, P, 3)    m, nav, by the inertial attitude
-    ========== ============ ========================================================================================
-    """
-
-    t: Floats
-    nav_R_body: Floats
-    rate: Floats
-    sample: Ints
-    reading: Floats
-    place: Floats
+    t: Floats  # (N,) s.
+    nav_R_body: Floats  # (N, 3, 3) inertial attitude; its heading drifts.
+    rate: Floats  # (N, 3) rad/s, of the gyroscope.
+    sample: Ints  # (S, P) of each reading; the first of each stride is that of the footfall.
+    reading: Floats  # (S, P, 3) uT, body frame, not calibrated.
+    place: Floats  # (S, P, 3) m, nav, by the inertial attitude.
 
     def __len__(self) -> int:
         return len(self.sample)
@@ -315,24 +305,15 @@ def list_blocks(strides: int) -> list[slice]:
 class Linearization:
     """S strides about a point: d, whitened by its covariance over the phases, and what follows for the U unknowns.
 
-    =========== =============== ====================================================================================
-    residual    (S, P, 3)       uT, d in nav
-    jacobian    (S, P, 3, U)    of the prediction
-    weight      (S,)            Student weights
-    whitening   (3, P, P)       inverse roots of the covariance of d, an axis each
-    information (K, U, U)       of each block of strides (`list_blocks`), without the prior
-    score       (K, U)          of each block: derivative of its log likelihood
-    =========== =============== ====================================================================================
-
     A matrix a stride would take 14 GB after six hours, as unknowns grow with time.
     """
 
-    residual: Floats
-    jacobian: Floats
-    weight: Floats
-    whitening: Floats
-    information: Floats
-    score: Floats
+    residual: Floats  # (S, P, 3) uT, d in nav.
+    jacobian: Floats  # (S, P, 3, U) of the prediction.
+    weight: Floats  # (S,) Student weights.
+    whitening: Floats  # (3, P, P) inverse roots of the covariance of d, an axis each.
+    information: Floats  # (K, U, U) of each block of strides (`list_blocks`), without the prior.
+    score: Floats  # (K, U) of each block: derivative of its log likelihood.
 
     @classmethod
     def at(cls, walk: StrideModel, unknowns: Floats, spread: Floats) -> Linearization:

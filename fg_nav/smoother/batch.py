@@ -70,15 +70,11 @@ from fg_nav.truth import Fix
 
 @dataclass(frozen=True)
 class InProgress:
-    """What a walk in progress, whose samples end in the middle of it, is solved with besides.
+    """What a walk in progress, whose samples end in the middle of it, is solved with besides."""
 
-    `continues` (F,) are footfalls that are further pieces of a standing, None where none is; `unseen` is the reason why
-    the field was not measured though it is to be used; `has_ended` whether no samples follow.
-    """
-
-    continues: Bools | None = None
-    unseen: str = ""
-    has_ended: bool = False
+    continues: Bools | None = None  # (F,) footfalls that are further pieces of a standing, None where none is.
+    unseen: str = ""  # Why the field was not measured though it is to be used.
+    has_ended: bool = False  # Whether no samples follow.
 
 
 @dataclass(frozen=True)

@@ -383,17 +383,13 @@ def _cut_into_cells(path: Signature, stretch: Stretch, length: float) -> Iterato
 
 @dataclass(frozen=True)
 class PathUncertainty:
-    """Of any place of the path relative to an earlier one, by those relative to anchors.
+    """Of any place of the path relative to an earlier one, by those relative to anchors."""
 
-    `walked_m` (F,) to each footfall, `anchor_m` (A,) to each anchor; variances (A, F) of horizontal place (the larger
-    axis), height and heading.
-    """
-
-    walked_m: Floats
-    anchor_m: Floats
-    place: Floats
-    height: Floats
-    heading: Floats
+    walked_m: Floats  # (F,) to each footfall.
+    anchor_m: Floats  # (A,) to each anchor.
+    place: Floats  # (A, F) variance of horizontal place, of the larger axis,
+    height: Floats  # of height,
+    heading: Floats  # and of heading.
 
     def position_m(self, first: Floats, second: Floats) -> Floats:
         """(M,) m, of each horizontal axis."""

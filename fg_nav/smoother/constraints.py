@@ -336,16 +336,12 @@ def _free_heading(problem: WalkProblem, placed: PinnedFixes | OwnFactors, values
 
 @dataclass(frozen=True)
 class KnownTies:
-    """Footfalls at known places.
+    """Footfalls at known places, in the axes of the known frame about the located start."""
 
-    `t` (P,) s, `in_body` (P, 3) m the point next to each footfall, `place` (P, 3) m where it is, east, north and up of
-    the located start in the axes of the known frame, `covariance` (P, 3, 3) m^2.
-    """
-
-    t: Floats
-    in_body: Floats
-    place: Floats
-    covariance: Floats
+    t: Floats  # (P,) s.
+    in_body: Floats  # (P, 3) m, the point next to each footfall.
+    place: Floats  # (P, 3) m, where it is, east, north and up.
+    covariance: Floats  # (P, 3, 3) m^2.
 
 
 def add_known_places(problem: WalkProblem, ties: KnownTies) -> WalkProblem:

@@ -122,17 +122,13 @@ class FieldVerdict:
 
 @dataclass(frozen=True)
 class FieldResiduals:
-    """The field along a walk against its mean.
+    """The field along a walk against its mean."""
 
-    Verdicts of the gate; sigma of the compass (F,) uT, infinite where it has no reading; roughness; attitudes
-    (F, 3, 3); the walk's horizontal field (F, 2).
-    """
-
-    verdicts: FieldVerdicts
-    sigma_uT: Floats
+    verdicts: FieldVerdicts  # Of the gate.
+    sigma_uT: Floats  # (F,) of the compass, infinite where it has no reading.
     rough: FieldRoughness
-    nav_R_body: Floats
-    reference: Floats
+    nav_R_body: Floats  # (F, 3, 3).
+    reference: Floats  # (F, 2), the walk's horizontal field.
 
 
 @dataclass(frozen=True)

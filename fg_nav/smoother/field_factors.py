@@ -180,48 +180,27 @@ def _fit_covariance(x: Floats, variance: float, seen: Bools, distance_m: Floats)
 
 @dataclass(frozen=True)
 class CompassReadings:
-    """The field at F footfalls as the magnetometer has it, and how much each is worth.
+    """The field at F footfalls as the magnetometer has it, and how much each is worth."""
 
-    ================ ======= =========================================================================
-    node             (F,)    of the graph, at the footfall
-    body_field       (F, 3)  uT; anything where it was not seen
-    nav_R_level      (F, 3, 3) attitude whose tilt levels it
-    sigma_uT         (F,)    noise of the compass; infinite where it is not used
-    ================ ======= =========================================================================
-    """
-
-    node: Ints
-    body_field: Floats
-    nav_R_level: Floats
-    sigma_uT: Floats
+    node: Ints  # (F,) of the graph, at the footfall.
+    body_field: Floats  # (F, 3) uT; anything where it was not seen.
+    nav_R_level: Floats  # (F, 3, 3) attitude whose tilt levels it.
+    sigma_uT: Floats  # (F,) noise of the compass; infinite where it is not used.
 
 
 @dataclass(frozen=True)
 class FieldPath:
-    """Of F footfalls and the F - 1 strides between them.
+    """Of F footfalls and the F - 1 strides between them."""
 
-    ============== ============ =============================================================================
-    u              (F-1,)       uT m, line integral of the body field less the vertical part
-    level_path     (F-1, 3)     m, the path in the stance's axes
-    by_up          (F-1, 3)     uT m, by how much u grows with the direction that is up in the body axes of the first, w
-    body_move      (F-1, 3)     m, from footfall to footfall, in the body axes of the first
-    nav_R_level    (F-1, 3, 3)  attitude at the first
-    sigma_uT_m     (F-1,)       noise of u; infinite where the field was not seen
-    distance_m     (F-1,)       from footfall to footfall; over a hole at least what a person walks
-    level_R_body   (3, 3)       stance's axes from the body's
-    jumps          (F-1,)       where the potential jumps, so that u is not used (`field`)
-    ============== ============ =============================================================================
-    """
-
-    u: Floats
-    level_path: Floats
-    by_up: Floats
-    body_move: Floats
-    nav_R_level: Floats
-    sigma_uT_m: Floats
-    distance_m: Floats
-    level_R_body: Floats
-    jumps: Bools
+    u: Floats  # (F-1,) uT m, line integral of the body field less the vertical part.
+    level_path: Floats  # (F-1, 3) m, the path in the stance's axes.
+    by_up: Floats  # (F-1, 3) uT m, by how much u grows with the direction that is up in the body axes of the first, w.
+    body_move: Floats  # (F-1, 3) m, from footfall to footfall, in the body axes of the first.
+    nav_R_level: Floats  # (F-1, 3, 3) attitude at the first.
+    sigma_uT_m: Floats  # (F-1,) noise of u; infinite where the field was not seen.
+    distance_m: Floats  # (F-1,) from footfall to footfall; over a hole at least what a person walks.
+    level_R_body: Floats  # (3, 3) stance's axes from the body's.
+    jumps: Bools  # (F-1,) where the potential jumps, so that u is not used (`field`).
 
 
 class FieldFactors(BlockGroup):

@@ -365,14 +365,11 @@ def constrain_heights(node: Ints, label: Ints, sigma_m: float) -> ResidualBlock:
 
 @dataclass(frozen=True)
 class Barometer:
-    """The pressure p_0 from which heights count, and what is known of the noise of a footfall's, Pa.
+    """The pressure from which heights count, and what is known of the noise of a footfall's, Pa."""
 
-    `white_pa` of the mean over `readings` of a stance, and `common_pa` of any mean.
-    """
-
-    reference_pa: float
-    white_pa: float
-    common_pa: float
+    reference_pa: float  # p_0.
+    white_pa: float  # Of the mean over `readings` of a stance.
+    common_pa: float  # Of any mean.
     readings: float
 
     @property
@@ -403,18 +400,11 @@ class Barometer:
 
 
 class StancePressures(NamedTuple):
-    """Pressures about the stillest sample of each footfall.
+    """Pressures about the stillest sample of each footfall."""
 
-    ====== ===================================================
-    mean   (F,) Pa; NaN without a reading
-    halves (F,) Pa by which the means of the halves of its readings differ
-    number (F,) of readings
-    ====== ===================================================
-    """
-
-    mean: Floats
-    halves: Floats
-    number: Floats
+    mean: Floats  # (F,) Pa; NaN without a reading.
+    halves: Floats  # (F,) Pa by which the means of the halves of its readings differ.
+    number: Floats  # (F,) of readings.
 
 
 def average_pressures(recording: Recording, stances: Stances, nodes: Nodes) -> StancePressures:

@@ -152,20 +152,12 @@ def shared_information(
 
 @dataclass(frozen=True)
 class FootfallCovariance:
-    """Joint covariance of the footfalls of a solved walk.
+    """Joint covariance of the footfalls of a solved walk."""
 
-    Attributes
-    ----------
-    root : of the walk, eliminated by QR.
-    keys : of the poses of the F footfalls.
-    nav_T_body : (F, 4, 6), from their tangent spaces to east, north, up and yaw.
-    shared : L (N, n) of all columns of the walk, n = 0 where the tree holds all.
-    """
-
-    root: SquareRoot
-    keys: tuple[int, ...]
-    nav_T_body: Floats
-    shared: Floats
+    root: SquareRoot  # Of the walk, eliminated by QR.
+    keys: tuple[int, ...]  # Of the poses of the F footfalls.
+    nav_T_body: Floats  # (F, 4, 6), from their tangent spaces to east, north, up and yaw.
+    shared: Floats  # L (N, n) of all columns of the walk, n = 0 where the tree holds all.
 
     @classmethod
     def of(cls, solved: Solved, nodes: Nodes, shared: Floats) -> FootfallCovariance:
@@ -234,16 +226,12 @@ def find_motion(problem: WalkProblem, values: gtsam.Values) -> Floats:
 
 @dataclass(frozen=True)
 class GyroScale:
-    """Scale errors (3,) of the gyroscope that are taken off, and what is left about them.
+    """Scale errors of the gyroscope that are taken off, and what is left about them."""
 
-    `probability` of the model with one scale for the whole walk, `sigma` (3,) of its errors, and second moment (3, 3)
-    of what is wrong in all swings about the errors taken off, over all models; about none, where they do not matter.
-    """
-
-    scale: Floats
-    sigma: Floats
-    probability: float
-    second_moment: Floats
+    scale: Floats  # (3,).
+    sigma: Floats  # (3,).
+    probability: float  # Of the model with one scale for the whole walk.
+    second_moment: Floats  # (3, 3) of what is wrong in all swings about what is taken off, over all models.
 
     @property
     def matters(self) -> bool:

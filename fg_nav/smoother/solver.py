@@ -61,19 +61,15 @@ class System(Protocol[V]):
 
 @dataclass(frozen=True)
 class Minimum(Generic[V]):
-    """Values at the minimum of a system, the triangle of the last linearization, and the number of linearizations.
-
-    `error` is that of `values`; `linearized_at` are those of the last linearization, one step before the minimum;
-    `volume` is log|R|, `stacks` are the linear factors.
-    """
+    """Minimum of a system, the triangle of the last linearization, and the number of linearizations."""
 
     values: V
     root: SquareRoot
     steps: int
-    linearized_at: V
-    error: float
-    volume: float
-    stacks: Sequence[Stack] = ()
+    linearized_at: V  # One step before the minimum.
+    error: float  # Of the values.
+    volume: float  # log|R|.
+    stacks: Sequence[Stack] = ()  # The linear factors.
 
 
 def find_minimum(
