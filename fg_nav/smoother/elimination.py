@@ -279,8 +279,7 @@ def eliminate_factors(
 ) -> tuple[Fronts, Floats, float, Factors, bool]:
     """Eliminate the variables `begin <= v < end` by QR; `size` (V,) are the dimensions of all variables.
 
-    Returns fronts, parents first; right-hand side r (N,); twice the error at the minimum; the marginal factors on the
-    other variables; and whether R has full rank.
+    Returns fronts, r (N,), twice the error at the minimum, marginal factors on the others, and whether R has full rank.
     """
     plan, fronts, left = plan_elimination(factors, size, begin, end)
     fronts = fronts._replace(rows=np.empty(int(fronts.at[-1])))

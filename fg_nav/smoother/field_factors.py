@@ -111,10 +111,7 @@ class FieldRoughness:
 
 
 def split_potential(potential: Roughness, lost_share: float, distance_m: Floats) -> tuple[Roughness, Floats]:
-    """Split the changes of a potential over strides (...) of these lengths, m, of whose variance a share is lost.
-
-    Returns what telescopes, and the noise (...) of each integral that does not, uT m (`field`).
-    """
+    """Return what telescopes of a potential, and the noise (...) uT m of each integral over a stride that does not."""
     variance = 2.0 * potential.sigma**2 * (1.0 - potential.correlation(distance_m))
     telescoping = max(1.0 - lost_share, MIN_TELESCOPING)
     return replace(potential, sigma=potential.sigma * np.sqrt(telescoping)), np.sqrt(lost_share * variance)
@@ -127,13 +124,9 @@ def deviate_along(nav_field: Floats, reference: Floats) -> Floats:
 
 
 def measure_roughness(deviation: Floats, seen: Bools, distance_m: Floats) -> FieldRoughness:
-    """Return sigmas and correlation lengths of the field's deviations along the walk.
+    """Return sigmas and correlation lengths of the field's deviations (F,) uT along the walk's mean field.
 
-    Parameters
-    ----------
-    deviation : (F,) uT along the mean field. That across it has the same sigma, but heading errors would hide it.
-    seen : (F,) footfalls with a field.
-    distance_m : (F-1,) from footfall to footfall.
+    `seen` (F,) are the footfalls with a field, `distance_m` (F-1,) the ways between them.
     """
     # Winsorized deviations, zero where the field is missing.
     x, variance = np.where(seen, deviation, 0.0), MIN_SIGMA_UT**2
@@ -287,14 +280,9 @@ def transition(distance_m: Floats, rough: FieldRoughness) -> FieldTransition:
 def integrate_path(
     t: Floats, mag: Floats, position: Floats, nav_R_body: Floats, footfall: Ints, up_uT: float
 ) -> FieldPath:
-    """Integrate the field along a walk.
+    """Integrate the field `mag` (N, 3) uT along a walk, of place and attitude at every sample; NaN without a field.
 
-    Parameters
-    ----------
-    t, mag : (N,) s, (N, 3) uT; NaN rows where there was no sample.
-    position, nav_R_body : (N, 3) m, (N, 3, 3), at every sample.
-    footfall : (F,) their samples.
-    up_uT : vertical field of the walk.
+    `footfall` (F,) are samples, `up_uT` the vertical field of the walk.
     """
     row, unseen = np.flatnonzero(np.isfinite(mag[:, 0])), cross_holes(t, footfall)
     integral = integrate_field(t, nav_R_body, position, mag, t[footfall], up_uT)

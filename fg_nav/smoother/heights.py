@@ -114,9 +114,8 @@ def find_floors(
 ) -> tuple[Ints, Ground | None]:
     """Return the floor (F,) of footfalls, 0, 1, ... as they are met, -1 on none; and the ground under the strides.
 
-    Footfalls at `t` (F,) s and `position` (F, 3) m. `settling_sigma_m` is that of the excess S, from which c has its
-    prior; `unseen` (F-1,) are the strides in which samples are missing, after which no floor is recognized. No ground
-    where there are too few footfalls.
+    `settling_sigma_m` is that of the excess S, from which c has its prior; after strides that were `unseen` (F-1,) no
+    floor is recognized. No ground where there are too few footfalls.
     """
     if len(position) < FEWEST:
         return np.full(len(position), -1, dtype=np.intp), None
@@ -191,8 +190,7 @@ def _prior_of_drift(drift_sigma_m: float) -> Floats:
 def find_riser(climb: Floats, length: Floats, drift_sigma_m: float) -> tuple[float, float]:
     """Return riser of the stairs and noise of a climb, m, of largest evidence, from climbs (K,) m.
 
-    `length` (K,) is stride length over the usual one. Strides are independent here, a mixture of level ground, stairs
-    and steps; at most `PILOT` of them, evenly over the walk. The noise is that of what climbs are off the lattice.
+    `length` (K,) is stride length over the usual one. At most `PILOT` strides are taken, as if independent.
     """
     some = np.linspace(0, len(climb) - 1, min(len(climb), PILOT)).astype(int)
     drifts, prior = DRIFTS_M[::LATTICE_STEP], _prior_of_drift(drift_sigma_m)[::LATTICE_STEP]
@@ -347,10 +345,7 @@ def add_constraints(problem: WalkProblem, values: gtsam.Values, continues: Bools
 def find_floors_of_pieces(
     t: Floats, footfall: Ints, position: Floats, stepped: Bools, settling_sigma_m: float
 ) -> tuple[Ints, Ground | None]:
-    """Return the floor number (F,) of each footfall, -1 on none, and the ground; pieces of a standing share a floor.
-
-    `t` (N,) s of the recording, `footfall` (F,) indices into it, `stepped` (F,) False where a standing continues.
-    """
+    """Return floors and ground as `find_floors`; pieces of a standing, not `stepped` (F,), share a floor."""
     first = np.flatnonzero(stepped | (np.arange(len(stepped)) == 0))
     holes = cross_holes(t, footfall[first])
     found, ground = find_floors(t[footfall[first]], position[first], settling_sigma_m, holes)

@@ -190,10 +190,7 @@ class SwingNoise(NamedTuple):
 
 
 def choose_swing_noise(recording: Recording, stances: Stances, known: Known, p: SmootherParameters) -> SwingNoise:
-    """Average the swing noise density of the rate over `LEVELS`, 1/sqrt(Hz), by their evidence.
-
-    The `gyr_relative_density` of `p` is kept where the walk is too short.
-    """
+    """Average the swing noise density over `LEVELS`, by their evidence; that of `p` where the walk is too short."""
     evidence, strides = _measure_evidence(recording, stances, known, p)
     level, source = p.gyr_relative_density, ": too few strides to see it from"
     if len(evidence):
@@ -216,10 +213,7 @@ def _measure_evidence(
 
 
 def choose_peak_height(recording: Recording, stances: Stances, known: Known, p: SmootherParameters) -> float:
-    """Return the factor on the height of rebuilt (clipped) rate peaks over what their flanks show.
-
-    It is the most probable height; what the walk does not show the prior keeps at 1.
-    """
+    """Return the most probable factor on the height of rebuilt (clipped) rate peaks over what their flanks show."""
     run = recording.peaks[1].run
     if np.round((1.0 / run[run > 0]).sum()) < MIN_PEAKS:
         return 1.0

@@ -134,10 +134,7 @@ class SharingFactors(NamedTuple):
 def shared_information(
     root: SquareRoot, parts: Iterable[SharingFactors], n: int
 ) -> tuple[SharedColumns, Floats, Floats]:
-    """Return the columns of n shared numbers, and their information L and information vector eta, walk marginalized.
-
-    L (n, n) = C^T C - Y^T Y (Schur complement), eta (n,) = C^T residual.
-    """
+    """Return the columns of n shared numbers, their information L (n, n) and its vector eta (n,), walk marginalized."""
     products, information, pull = np.zeros((root.total, n)), np.zeros((n, n)), np.zeros(n)
     for A, b, keys, C in parts:
         # b less A x at the minimum without the shared numbers.
@@ -177,10 +174,7 @@ class FootfallCovariance:
 
 
 def weigh_path(position: Floats, until: int | None = None) -> Floats:
-    """Return the gradient (F, 4) of path length by the error of each footfall, position (F, 3) m, up to `until`.
-
-    With heights of zero it is the length over the ground.
-    """
+    """Return the gradient (F, 4) of path length by the error of each footfall, position (F, 3) m, up to `until`."""
     weights = np.zeros((len(position), 4))
     move = np.diff(position[: until if until is None else until + 1], axis=0)
     length = np.linalg.norm(move, axis=1, keepdims=True)
@@ -206,10 +200,7 @@ def weigh_moving_foot(problem: WalkProblem, solved: Solved) -> tuple[SharedColum
 
 
 def find_motion(problem: WalkProblem, values: gtsam.Values) -> Floats:
-    """Return (a, up x a) (M, 3, 2) m/s at each node, nav axes, a the mean velocity of the stride over ground.
-
-    Zero in the first stance, in long ones, and after a gap in the samples.
-    """
+    """Return (a, up x a) (M, 3, 2) m/s at each node, nav axes; zero in the first stance, long ones, and after a gap."""
     nodes = problem.nodes
     t = problem.recording.t[nodes.sample[nodes.result]]
     position = list_positions(nodes.result, values)

@@ -143,11 +143,7 @@ class BlockGroup:
 
 
 class GtsamFactors:
-    """Factors of gtsam that are not in the graph of the walk; `kind` is the word under which they are counted, if any.
-
-    Their loss is half the square of their linearized residuals, but for factors with a robust one, of which `excess` is
-    what is above that.
-    """
+    """Factors of gtsam that are not in the graph of the walk; `kind` is the word under which they are counted."""
 
     def __init__(self, *factors: gtsam.NonlinearFactor, kind: str = "") -> None:
         self._graph, self.counts = gtsam.NonlinearFactorGraph(), {kind: len(factors)} if kind and factors else {}
@@ -181,9 +177,8 @@ def list_in_time(
 ) -> Keys:
     """Return the keys in elimination order: node by node, bias and settling after their last node.
 
-    The states M of the field and P of a barometer follow the node of their footfall's result. Floors come after the
-    last footfall on them, of which `floor` (F,) has the number. The `directions` of a building, which all courses join,
-    are last.
+    The states M of the field and P of a barometer follow the node of their footfall's result, floors the last footfall
+    on them, of which `floor` (F,) has the number. The `directions` of a building, which all courses join, are last.
     """
     number, bias = np.arange(len(nodes)), nodes.bias[nodes.footfall]
     ends = np.flatnonzero(np.diff(bias, append=bias[-1] + 1))
