@@ -11,8 +11,8 @@ import typer
 
 import fg_nav
 from fg_nav import recording
+from fg_nav.calibration import MagnetometerCalibration
 from fg_nav.calibration.inertial import AccelerometerCalibration, GyroscopeCalibration
-from fg_nav.calibration.magnetometer import MagnetometerCalibration
 from fg_nav.calibration.of_recording import METHODS as CALIBRATIONS
 from fg_nav.calibration.of_recording import Calibration
 from fg_nav.cli import app

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fg_nav.arrays import Bools, Floats
-from fg_nav.calibration.magnetometer import MagnetometerCalibration
+from fg_nav.calibration import MagnetometerCalibration
 from fg_nav.detection.causal import Footfall
 from fg_nav.detection.stance import Stances
 from fg_nav.errors import EstimationError

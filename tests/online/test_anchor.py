@@ -59,7 +59,7 @@ def test_an_anchor_and_the_strides_behind_it_say_what_the_whole_graph_says() -> 
     walk, at = part(demo(), 16), 9
     found = solve_so_far(walk.recording, walk.stances, OnlineOptions(use_field=False, parameters=FREE)).walk
     stances, values = list_stances(found.problem.nodes, walk.recording.t), found.solved.values
-    linear = found.problem.system.linearize(values)
+    linear = found.problem.factors().linearize(values)
     past = {key for stance in stances[: at + 1] for key in list_variables(stance, values)}
     before, behind = [], gtsam.GaussianFactorGraph()
     for factor in (linear.at(i) for i in range(linear.size())):
