@@ -20,15 +20,14 @@ import numpy as np
 from fg_nav.arrays import Bools, Floats
 from fg_nav.calibration.magnetometer import MagnetometerCalibration
 from fg_nav.detection.causal import Footfall
+from fg_nav.detection.stance import Stances
 from fg_nav.errors import EstimationError
-from fg_nav.fix_check import check_fixes
 from fg_nav.magnetic.axes import MagAxes, align_magnetometer
 from fg_nav.magnetic.delay import MagnetometerDelay, remove_delay
 from fg_nav.recording import RawRecording, Recording
 from fg_nav.samples.saturation import find_saturation_level
 from fg_nav.smoother.parameters import SmootherParameters
-from fg_nav.stances import Stances
-from fg_nav.truth import Fix
+from fg_nav.truth import Fix, check_fixes
 
 COLUMNS = 11  # t (s), acc (m/s^2), gyr (rad/s), mag (uT) and pressure (Pa), the last two NaN without a sample.
 TAKEN = COLUMNS + 1  # Behind them, once accepted: which sensor was bad, as `unread` of a recording; 0 where none was.

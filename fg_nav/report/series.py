@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.detection.stance import Stances
 from fg_nav.frames import compute_heading, wrap_angle
 from fg_nav.magnetic.footfall_field import FootfallField
 from fg_nav.magnetic.quasi_static import DISTURBED, QUASI_STATIC
@@ -54,7 +55,6 @@ from fg_nav.report.charts import (
     to_numbers,
 )
 from fg_nav.solution import Return, StanceTable
-from fg_nav.stances import Stances
 from fg_nav.text import format_count
 from fg_nav.truth import TrajectoryTruth
 

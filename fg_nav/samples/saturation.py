@@ -41,8 +41,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fg_nav.arrays import Bools, Floats, Ints
-from fg_nav.stances import find_runs
+from fg_nav.arrays import Bools, Floats, Ints, find_runs
 
 _NEAR_EXTREME = 0.97  # Flat tops lie above this share of the extreme: calibration smears a level by a per cent or two.
 _FLAT = 0.004  # Steps below this share of the extreme are flat.

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 
-from fg_nav.changes import Changes, change_parameters
 from fg_nav.commands import config
 from fg_nav.errors import ConfigError, EstimationError, FgNavError
 from fg_nav.estimators import METHODS, choose_parameters
@@ -15,6 +14,7 @@ from fg_nav.lab.simulation import simulate
 from fg_nav.magnetic.detectors import Detector
 from fg_nav.pipeline import navigate
 from fg_nav.smoother import SmootherParameters
+from fg_nav.text import Changes, change_parameters
 from fg_nav.walk import Options
 from tests.command_line import FgNav, names
 
@@ -163,9 +163,9 @@ def test_a_configuration_is_checked(tmp_path: Path) -> None:
     path = tmp_path / "config.json"
     known = config.read_config(written(path))
     assert choose(known, [], ["iez-rts"]) == (("iez.acc_density", 1.0),)
-    own = config.bind_to_recording(Options(heading_deg=7.0), known, Path("a.csv"))
+    own = known.bind(Options(heading_deg=7.0), Path("a.csv"))
     assert (own.heading_deg, own.truth_path) == (7.0, Path("t.tum"))
-    assert config.bind_to_recording(Options(), known, Path("b.csv")) == Options()
+    assert known.bind(Options(), Path("b.csv")) == Options()
     with pytest.raises(ConfigError, match="of iez, not of smoother"):
         choose(known, [], ["smoother"])
     with pytest.raises(ConfigError, match="leave --preset out"):

@@ -13,10 +13,10 @@ from fg_nav.commands.shared import (
     Target,
     choose_options,
     choose_reading,
-    find_earth_field,
     name_walk,
     run_methods,
 )
+from fg_nav.earth import Place, compute_field
 from fg_nav.errors import MagneticError
 from fg_nav.lab.field_drawing import draw_survey, plot_samples
 from fg_nav.lab.field_survey import (
@@ -24,6 +24,7 @@ from fg_nav.lab.field_survey import (
     FieldSurvey,
     SampleSurvey,
     parse_detectors,
+    require_field,
     survey_field,
     survey_samples,
 )
@@ -62,9 +63,9 @@ def detect(request: DetectRequest) -> Answer:
                 write_json(folder / "detect.json", content)
             show = partial(print_samples, walk, samples, target.place)
         else:
-            earth = find_earth_field(request.place)
+            earth = None if request.place is None else compute_field(Place.parse(request.place))
             walk = prepare_walk(read_walk(file, options, reading))
-            field = walk.require_field()
+            field = require_field(walk)
             outcome = run_methods(walk, [PATH_METHOD])[PATH_METHOD]
             survey = survey_field(walk.recording, field, names, outcome.solution, earth)
             with target.open() as folder:
