@@ -54,10 +54,8 @@ CYCLE = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)  # Colours of methods or a
 
 INK, SOFT_INK, GRID, TRUTH = "#222222", "#6B6B6B", "#E6E6E6", "#9A9A9A"
 TRUTH_LINE: dict[str, Any] = {"color": TRUTH, "linewidth": 3.0, "alpha": 0.7}
-SHADE = "#DCE9F2"  # Background of a stance.
 
 WIDTH_IN, DPI = 8.0, 150
-MAX_POINTS = 60_000  # Of a line: at walking speed ten points a stride over two hours. A PNG is 1200 pixels wide.
 _LINE_LETTERS, _HANDLE_LETTERS = 105, 5  # Letters of a legend over the width of a picture, and width of its signs.
 _CAPTION_LETTERS = 128  # Of a caption over the width of a picture.
 _PIXEL = 0.75  # Points of a pixel of the page, whose lines and dots are as wide on paper.
