@@ -22,7 +22,7 @@ from fg_nav.magnetic.axes import AlignedMagnetometer, align_magnetometer, field_
 from fg_nav.recording import MIN_SAMPLES, RawRecording, Recording
 from fg_nav.samples import plausibility
 from fg_nav.samples.plausibility import MIN_TURNING_WINDOWS, GravityTransport, find_usable_samples
-from fg_nav.samples.saturation import find_saturated
+from fg_nav.samples.readings import find_saturated
 from fg_nav.samples.stamps import fit_clock
 from fg_nav.text import format_count
 from fg_nav.truth import FootprintTruth

@@ -18,7 +18,7 @@ A `RawRecording` is what a file says, in SI units but unchecked; a `Recording` i
 wrong unit, gravity removed     refused, and named (`fg_nav.samples.plausibility`)
 stamps that repeat or fall      spread, sorted, set on, or left out, with a note (`fg_nav.samples.stamps`)
 missing (non-finite) samples    left out, with a note; refused if they are many
-bad samples                     left out where those around exclude them, with a note (`fg_nav.samples.outliers`);
+bad samples                     left out where those around exclude them, with a note (`fg_nav.samples.readings`);
                                 of one sensor alone bridged, the other kept (`fg_nav.samples.gaps`)
 gaps between stamps             up to `MAX_BRIDGED_S` kept or bridged, with a note; the recording is cut at a longer one
                                 unless another foot was recorded too
@@ -41,10 +41,19 @@ from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.columns.samples import ColumnNames, Samples, Units, convert_arrays, convert_frame
 from fg_nav.errors import RecordingError
 from fg_nav.samples import plausibility
-from fg_nav.samples.gaps import Bridge, Gaps, bridge_unread, fill_gaps, interpolate_unread, prepare_samples
-from fg_nav.samples.outliers import find_mag_outliers, find_outliers, note_bad
-from fg_nav.samples.saturation import Peaks, find_clipping_levels, rebuild_peaks
-from fg_nav.samples.stamps import MAX_BRIDGED_S, even_stamps, find_lost_share, order_stamps
+from fg_nav.samples.gaps import Bridge, Gaps, bridge_unread, fill_gaps, prepare_samples
+from fg_nav.samples.readings import (
+    ACC_OUT,
+    BOTH_OUT,
+    GYR_OUT,
+    Peaks,
+    find_clipping_levels,
+    find_mag_outliers,
+    find_outliers,
+    interpolate_unread,
+    rebuild_peaks,
+)
+from fg_nav.samples.stamps import GAP_PERIODS, MAX_BRIDGED_S, MAX_GAP_S, even_stamps, find_lost_share, order_stamps
 from fg_nav.text import format_count
 from fg_nav.truth import FootprintTruth, TrajectoryTruth, Truth
 
@@ -53,9 +62,7 @@ if TYPE_CHECKING:
 
 NOMINAL_SIGMA = 0.02  # Of a nominal rate: makers allow 1 to 10 per cent.
 MIN_SAMPLES = 20  # Fewer samples than this hold no stance and no stride.
-MAX_GAP_S = 0.1  # Longer holes stay open: in mid-swing a foot speeds up by metres a second in one.
 MAX_MISSING_SHARE = 0.2  # Of scattered samples, beyond which their neighbours do not show what lies between.
-GAP_PERIODS = 2.5  # Between stamps of a gap; transport jitter makes shorter steps.
 
 
 @dataclass(frozen=True)
@@ -219,7 +226,7 @@ class Recording:
 
     @cached_property
     def clipping(self) -> tuple[Floats, Floats]:
-        """Levels (2, 3) from which on specific force and rate are clipped, as in `fg_nav.samples.saturation`."""
+        """Levels (2, 3) from which on specific force and rate are clipped, as in `fg_nav.samples.readings`."""
         return find_clipping_levels(self.acc), find_clipping_levels(self.gyr)
 
     def assume(self, period_s: float, clipping: tuple[Floats, Floats]) -> Recording:
@@ -304,25 +311,36 @@ def _admit(raw: RawRecording, longest_gap_s: float) -> Recording:
 
 def _leave_out_bad(raw: RawRecording, kept: Ints, t: Floats, notes: list[str]) -> Recording:
     """Return the recording of the samples `kept` (K,), at stamps `t` (K,) s, without the bad ones of each sensor."""
-    outliers = find_outliers(t, raw.acc[kept], raw.gyr[kept])
-    bad, found = outliers.which > 0, {"gyroscope": outliers.gyr, "accelerometer": outliers.acc}
-    notes = [*notes, *note_bad(bad, " and ".join(name for name in found if found[name].any()), t, raw.row[kept])]
-    good = ~(outliers.acc & outliers.gyr)
-    kept, t, unread = kept[good], t[good], outliers.which[good]
+    # accelerometer and gyroscope: left out where both are bad, a line where one is
+    bad = find_outliers(t, raw.acc[kept], raw.gyr[kept])
+    found = [name for name, which in (("gyroscope", GYR_OUT), ("accelerometer", ACC_OUT)) if (bad & which).any()]
+    notes = [*notes, *_note_bad(bad > 0, " and ".join(found), t, raw.row[kept])]
+    good = bad != BOTH_OUT
+    kept, t, unread = kept[good], t[good], bad[good]
     _check_count(len(kept))
+    acc, gyr = raw.acc[kept], raw.gyr[kept]
+    interpolate_unread(t, acc, gyr, unread)
+    # magnetometer, whole rows only, and barometer
     mag = None if raw.mag is None else raw.mag[kept]
-    if mag is not None:  # whole rows only
-        mag[~find_field_samples(mag)] = np.nan
+    if mag is not None:
+        mag[~plausibility.find_field_samples(mag)] = np.nan
         mag = None if np.isnan(mag).all() else mag
     if mag is not None:
         bad_mag = find_mag_outliers(t, mag)
         mag[bad_mag] = np.nan
-        notes += note_bad(bad_mag, "magnetometer", t, raw.row[kept])
-    provenance = replace(raw.provenance, notes=tuple(notes), bad_samples=int(bad.sum()))
-    acc, gyr = raw.acc[kept], raw.gyr[kept]
-    interpolate_unread(t, acc, gyr, unread)
+        notes += _note_bad(bad_mag, "magnetometer", t, raw.row[kept])
     pressure = None if raw.pressure is None else plausibility.keep_air(raw.pressure[kept])
+    provenance = replace(raw.provenance, notes=tuple(notes), bad_samples=int(np.count_nonzero(bad)))
     return Recording(t, acc, gyr, mag, raw.truth, provenance, unread if unread.any() else None, pressure)
+
+
+def _note_bad(bad: Bools, sensor: str, t: Floats, row: Ints) -> list[str]:
+    """Return a note on the `bad` (K,) samples of a sensor; none where there is none."""
+    if not bad.any():
+        return []
+    first, words = int(np.argmax(bad)), f"{format_count(int(bad.sum()), 'bad sample')} of the {sensor}"
+    where = f"the first in row {row[first]} (t = {t[first]:.3f} s)"
+    return [f"did not use {words}, far off what the samples around allow, {where}"]
 
 
 def _move_to_clock(truth: Truth | None, stamped: Floats, t: Floats) -> Truth | None:
@@ -384,6 +402,28 @@ def _note_gaps(raw: RawRecording, kept: Ints, t: Floats) -> list[str]:
     return noted if gaps.any() else []
 
 
-def find_field_samples(mag: Floats) -> Bools:
-    """(N,) True where mag (N, 3) uT is a sample: no bad axis, and not zeros, which say that there was none."""
-    return np.asarray((np.abs(mag) < plausibility.LIMIT_UT).all(axis=1) & mag.any(axis=1))
+def find_extra_sigmas(recording: Recording, saturated_share: float) -> tuple[Floats, Floats]:
+    """Return extra sigmas of single samples on top of the noise densities, (N, 3) m/s^2 and (N, 3) rad/s; mostly zero.
+
+    Constant over the sample's own period, and axis by axis: a foot clips its pitch rate, and its heading need not
+    suffer. A rebuilt peak has the sigma of that, and may hide a share of the range besides: `saturated_share`, 0 for no
+    extra sigma of peaks. A sample before a gap has the sigma of what lies there times the share of the period that the
+    gap fills, one that was bad of one sensor that of its bridge. The arrays are not to be written to.
+    """
+    gaps = recording.gaps
+    held_s = recording.t[gaps.sample + 1] - recording.t[gaps.sample]
+    share = (gaps.unseen_s / held_s)[:, None]
+    found = []
+    sensors = (recording.acc, gaps.acc_sigma), (recording.gyr, gaps.gyr_sigma)
+    for (samples, unseen), peaks, bridge in zip(sensors, recording.peaks, recording.bridges, strict=True):
+        cut = np.flatnonzero(peaks.run.any(axis=1)) if saturated_share > 0 else gaps.sample[:0]
+        if not (len(cut) or len(gaps.sample) or len(bridge.sample)):
+            found.append(np.broadcast_to(0.0, samples.shape))
+            continue
+        sigma = np.zeros(samples.shape)
+        hidden = saturated_share * np.abs(samples[cut]) * np.sqrt(peaks.run[cut])
+        sigma[cut] = np.hypot(peaks.sigma[cut], hidden)
+        sigma[gaps.sample] = np.hypot(sigma[gaps.sample], share * unseen)
+        sigma[bridge.sample] = np.hypot(sigma[bridge.sample], bridge.sigma)
+        found.append(sigma)
+    return found[0], found[1]

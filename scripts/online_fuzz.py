@@ -41,8 +41,8 @@ from fg_nav.lab.simulation.path import Pose, arc, straight
 from fg_nav.lab.simulation.plan import Section, Stairs, Stand, TurnOnSpot, Walk, end_of
 from fg_nav.online import OnlineNavigator
 from fg_nav.online.buffer import OnlineOptions
-from fg_nav.online.sample_filter import SampleFilter
 from fg_nav.recording import Recording
+from fg_nav.samples.intake import Intake
 from fg_nav.solution import StanceTable
 from fg_nav.truth import TrajectoryTruth
 
@@ -154,7 +154,7 @@ def push_walk(seed: int, lag_s: float | None) -> Fate:
         for block in blocks(rows, rng):
             navigator.push(block[:, 0], block[:, 1:4], block[:, 4:7], block[:, 7:10])
         navigator.close()
-        taken = SampleFilter().accept(rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:10])
+        taken = Intake().push(np.column_stack([rows, np.full(len(rows), np.nan)]))
         _judge(fate, navigator, taken[:, 0], truth if known_heading and "stamps" not in defects else None)
     except Exception:
         fate.failed = traceback.format_exc()

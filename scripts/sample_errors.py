@@ -30,7 +30,7 @@ gaps
 peaks
     The axis that turns fastest is clipped at a share of its median peak, and so is the one with the largest force. What
     is hidden is the angle of each peak, deg, or its change of velocity, m/s. What is left when they are rebuilt
-    (`fg_nav.samples.saturation`) over its sigma is 1 where the sigma is true.
+    (`fg_nav.samples.readings`) over its sigma is 1 where the sigma is true.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ from fg_nav.lab.simulation.person import Person
 from fg_nav.lab.simulation.plan import Section, Stairs, Stand, TurnOnSpot, Walk, plan
 from fg_nav.mechanisation import NavState, strapdown
 from fg_nav.samples.gaps import compensate_coning, fill_gaps
-from fg_nav.samples.saturation import rebuild_peaks
+from fg_nav.samples.readings import rebuild_peaks
 from fg_nav.system.compiled import njit
 
 

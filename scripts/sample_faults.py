@@ -14,7 +14,7 @@ faults
 
 clean
     Every real recording as it is: how many samples are found at f as it is, and at which share of f the first would be
-    (`fg_nav.samples.outliers`); at 100 and 50 Hz too, samples picked out.
+    (`fg_nav.samples.readings`); at 100 and 50 Hz too, samples picked out.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from fg_nav.io import read
 from fg_nav.pipeline import navigate
 from fg_nav.recording import RawRecording, Recording
 from fg_nav.samples.gaps import Bridge
-from fg_nav.samples.outliers import FACTOR, find_outliers
+from fg_nav.samples.readings import FACTOR, find_outliers
 from fg_nav.walk import Options
 
 FEW = ("gdin 31", "gdin 36", "gdlbio 62", "vicon 2017-11-22-11-35-59")
@@ -297,7 +297,7 @@ def print_clean(data: Path) -> None:
 def count_found(recording: Recording, each: int, share: float) -> int:
     """Count the samples that are found at a share of f, where one sample in `each` is taken."""
     t, acc, gyr = (some[::each] for some in (recording.t, recording.acc, recording.gyr))
-    return int(np.count_nonzero(find_outliers(t, acc, gyr, FACTOR * share).which))
+    return int(np.count_nonzero(find_outliers(t, acc, gyr, FACTOR * share)))
 
 
 if __name__ == "__main__":

@@ -51,10 +51,11 @@ from fg_nav.detection import detect_stances
 from fg_nav.errors import FgNavError
 from fg_nav.io import read_raw
 from fg_nav.lab.simulation import simulate
-from fg_nav.online.buffer import COLUMNS, OnlineOptions
+from fg_nav.online.buffer import OnlineOptions
 from fg_nav.online.follow import StreamOptions, follow_source
 from fg_nav.pipeline import prepare_walk, run_method
 from fg_nav.recording import RawRecording, Recording
+from fg_nav.samples.readings import COLUMNS
 from fg_nav.verdict import UNUSABLE, judge_path
 from fg_nav.walk import Options, Walk
 

@@ -30,7 +30,6 @@ from fg_nav.online.navigator import finish_walk
 from fg_nav.online.pocket import PocketOptions, compute_stride_headings
 from fg_nav.online.record import Record
 from fg_nav.online.rows import Columns, parse_columns
-from fg_nav.online.source_check import describe_losses
 from fg_nav.online.sources import SampleSource, open_samples
 from fg_nav.pipeline import Result, prepare_walk
 from fg_nav.recording import Provenance
@@ -46,6 +45,7 @@ from fg_nav.report.files import (
     write_run,
 )
 from fg_nav.report.folder import result_folder
+from fg_nav.samples.delivery import describe_losses
 from fg_nav.solution import Solution
 from fg_nav.system.processes import catch_signals
 from fg_nav.verdict import Verdict, Word, judge_path
@@ -205,7 +205,7 @@ def _stream_feet(request: StreamRequest) -> Answer:
             # One line a footfall of each foot, with the verdict on its path.
             emit = outlets.emit_end or drop_line
             for side, foot in feet.items():
-                sensor_time = streamed.navigator.navigators[side].judge.sensor_time
+                sensor_time = streamed.navigator.navigators[side].intake.sensor_time
                 for line in format_table(foot.stances, sensor_time, SMOOTHED, None, foot.verdict):
                     emit(tag_line(line, side, streamed.navigator.frame(side)))
             if not printer.has_failed:
@@ -284,7 +284,7 @@ class End:
 def find_end(walk: StreamedWalk) -> End:
     """Finish a streamed walk; return its final solution (with a lag, the lagged one), summary and outcome."""
     navigator = walk.navigator
-    sensor_time, in_pocket = navigator.judge.sensor_time, isinstance(navigator.options, PocketOptions)
+    sensor_time, in_pocket = navigator.intake.sensor_time, isinstance(navigator.options, PocketOptions)
     if navigator.options.lag_s is not None:
         lagged = note_losses(navigator.finish(), walk)
         return End(lagged, summarize_lagged(lagged), sensor_time, in_pocket, None)
@@ -346,7 +346,7 @@ def note_losses(solution: Solution, walk: StreamedWalk) -> Solution:
 def prepare_stream(walk: StreamedWalk) -> Walk:
     """Return a finished streamed walk (without lag) as the walk of a recording, with its stances and field."""
     navigator, calibration = walk.navigator, walk.calibration
-    bad = max(navigator.judge.counts[sensor] for sensor in ("acc", "gyr"))
+    bad = max(navigator.intake.counts[sensor] for sensor in ("acc", "gyr"))
     provenance = Provenance(format=f"canonical rows from {walk.name}", bad_samples=bad, rate_sigma=walk.rate_sigma)
     recording = replace(navigator.recording(), provenance=provenance)
     # Options only: the samples were already mapped to these axes and corrected on arrival.

@@ -48,8 +48,9 @@ from fg_nav.detection.stance import WINDOW_S, Stances, shoe
 from fg_nav.errors import RecordingError
 from fg_nav.frames import GRAVITY_M_S2, level_attitude
 from fg_nav.mechanisation import integrate_strides
-from fg_nav.recording import MAX_GAP_S, Recording
-from fg_nav.samples.saturation import rebuild_peaks
+from fg_nav.recording import Recording
+from fg_nav.samples.readings import rebuild_peaks
+from fg_nav.samples.stamps import MAX_GAP_S
 from fg_nav.text import format_count
 
 APART_S = 0.35  # From a still mid-swing to the next stance it is less; from stance to stance more.

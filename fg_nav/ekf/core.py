@@ -62,8 +62,7 @@ from fg_nav.ekf.update import ROW, inject_error
 from fg_nav.errors import EstimationError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.mechanisation import NavState, strapdown, write_state
-from fg_nav.recording import Recording
-from fg_nav.sample_noise import find_extra_sigmas
+from fg_nav.recording import Recording, find_extra_sigmas
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.system.compiled import njit
 

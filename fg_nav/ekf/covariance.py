@@ -28,7 +28,7 @@ angular rate w,
 
     density of the specific force = floor + relative |a|        (squares added),        likewise with |w|.
 
-The floor is the noise while the foot stands. Extra noise of single samples: `fg_nav.sample_noise`.
+The floor is the noise while the foot stands. Extra noise of single samples: `fg_nav.recording.find_extra_sigmas`.
 
 References: Foxlin, "Pedestrian tracking with shoe-mounted inertial sensors" (2005); Jimenez et al., "Indoor
 pedestrian navigation using an INS/EKF framework for yaw drift reduction and a foot-mounted IMU" (2010), with

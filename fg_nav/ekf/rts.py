@@ -49,7 +49,7 @@ from fg_nav.system.compiled import njit
 
 
 class Samples(NamedTuple):
-    """`h` (N,) s; `acc`, `gyr` (N, 3) and the extra standard deviations of single ones (`fg_nav.sample_noise`)."""
+    """`h` (N,) s; `acc`, `gyr` (N, 3) and the extra standard deviations of single ones (`find_extra_sigmas`)."""
 
     h: Floats
     acc: Floats

@@ -26,7 +26,8 @@ import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints, interpolate_columns
 from fg_nav.errors import FormatError
-from fg_nav.recording import GAP_PERIODS, Provenance, RawRecording
+from fg_nav.recording import Provenance, RawRecording
+from fg_nav.samples.stamps import GAP_PERIODS
 from fg_nav.text import format_count
 
 Sensor = Literal["acc", "gyr", "mag", "pressure"]

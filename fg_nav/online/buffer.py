@@ -25,12 +25,10 @@ from fg_nav.errors import EstimationError
 from fg_nav.magnetic.axes import MagAxes, align_magnetometer
 from fg_nav.magnetic.delay import MagnetometerDelay, remove_delay
 from fg_nav.recording import RawRecording, Recording
-from fg_nav.samples.saturation import find_saturation_level
+from fg_nav.samples.readings import COLUMNS, TAKEN, find_saturation_level
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.truth import Fix, check_fixes
 
-COLUMNS = 11  # t (s), acc (m/s^2), gyr (rad/s), mag (uT) and pressure (Pa), the last two NaN without a sample.
-TAKEN = COLUMNS + 1  # Behind them, once accepted: which sensor was bad, as `unread` of a recording; 0 where none was.
 CHUNK = 1 << 12  # Rows; 0.3 MB.
 AT_END = 0.97  # Share of the largest reading, from which on a level may be that of a range: calibration smears it.
 SETTLED_S = 5e-4  # Sigma of a delay that is not estimated again.

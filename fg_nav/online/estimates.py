@@ -40,7 +40,7 @@ MAX_POINTS = 200  # Of a revised path.
 DIGITS = 6  # After the point: a micrometre, a microdegree ...
 PAST_DIGITS = 3  # ... and of a revision a millimetre, a millidegree.
 
-SensorTime = Callable[[int, float], float]  # The sensor's own stamp, s, of a sample (`SampleFilter.sensor_time`).
+SensorTime = Callable[[float], float]  # The sensor's own stamp, s, of a sample (`Intake.sensor_time`).
 
 
 @dataclass(frozen=True)
@@ -224,13 +224,13 @@ class StrapdownPath(NamedTuple):
 def format_estimate(
     estimate: StanceEstimate,
     continues: bool,
-    sensor_time: SensorTime = lambda sample, t: t,
+    sensor_time: SensorTime = lambda t: t,
     verdict: Verdict | None = None,
     kind: str = NOW,
 ) -> str:
     """Return the JSON line of an estimate; `verdict` is that on the path up to it, None without."""
     sigma = np.sqrt(np.diagonal(estimate.pose_cov))
-    t, sensor_t = round(estimate.t, 9), round(sensor_time(estimate.sample, estimate.t), 9)
+    t, sensor_t = round(estimate.t, 9), round(sensor_time(estimate.t), 9)
     content: dict[str, object] = {
         "kind": kind,
         "stance": estimate.number,
@@ -285,7 +285,7 @@ def parse_estimate(content: Mapping[str, Any]) -> StanceEstimate:
 
 def format_table(
     table: StanceTable,
-    sensor_time: SensorTime = lambda sample, t: t,
+    sensor_time: SensorTime = lambda t: t,
     kind: str = SMOOTHED,
     heading: Floats | None = None,
     verdict: Verdict | None = None,

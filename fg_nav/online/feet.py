@@ -170,8 +170,7 @@ class FeetNavigator:
         news: list[FeetLine] = []
         # After a clock restart the shift of the stamps is a guess: the feet share no clock any more.
         navigator = self.navigators[side]
-        newest = navigator.buffer.stop - 1
-        if not self.is_parted and newest >= 0 and navigator.judge.sensor_time(newest, 0.0):
+        if not self.is_parted and navigator.intake.clock_shift_s:
             self.is_parted = self._walks.is_parted = True
             if self._process is not None:
                 self._process.part()

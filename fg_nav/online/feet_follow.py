@@ -22,7 +22,7 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.errors import FgNavError
 from fg_nav.feet import SIDES, Side
-from fg_nav.online.buffer import COLUMNS, OnlineOptions
+from fg_nav.online.buffer import OnlineOptions
 from fg_nav.online.estimates import DIGITS, FeetLine, Revision, StanceEstimate, format_feet_line, tag_line
 from fg_nav.online.feet import FeetNavigator
 from fg_nav.online.follow import (
@@ -33,8 +33,9 @@ from fg_nav.online.follow import (
     StreamOptions,
     list_ends,
 )
-from fg_nav.online.source_check import Silence
 from fg_nav.online.sources import SampleSource
+from fg_nav.samples.delivery import Silence
+from fg_nav.samples.readings import COLUMNS
 
 WAIT_S = 0.05  # For bytes of one foot, before the other's are read.
 BLOCK_S = 0.1  # Of rows of one foot, so that no foot runs ahead of the other.

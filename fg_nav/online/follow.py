@@ -38,6 +38,7 @@ import numpy as np
 
 from fg_nav.arrays import Floats
 from fg_nav.calibration.of_recording import Calibration
+from fg_nav.detection.source import AxesCheck, SourceCheck
 from fg_nav.frames import compute_heading
 from fg_nav.magnetic.axes import MagAxes
 from fg_nav.online.buffer import OnlineOptions
@@ -45,8 +46,8 @@ from fg_nav.online.estimates import DIGITS, Revision, StanceEstimate, format_est
 from fg_nav.online.pocket import Navigator, PocketOptions, begin_walk
 from fg_nav.online.record import Record
 from fg_nav.online.rows import Columns
-from fg_nav.online.source_check import AxesCheck, LossCounter, Silence, SourceCheck, describe_losses
 from fg_nav.online.sources import SampleSource
+from fg_nav.samples.delivery import LossCounter, Silence, describe_losses
 from fg_nav.solution import Return
 from fg_nav.text import find_version
 from fg_nav.verdict.limits import (
@@ -423,7 +424,7 @@ class FollowedWalk:
         self._verdict.judge(record.given.lines, record.given.continues)
         for number, part in enumerate(record.replay()):
             if number:
-                self.navigator.judge.resume()
+                self.navigator.intake.resume()
             for start in range(0, len(part), REPLAYED):
                 self._push(part[start : start + REPLAYED])
         self.report(self.navigator.end_replay())
@@ -439,13 +440,13 @@ class FollowedWalk:
         if self._record is not None:
             rows = self._record.add(rows, header, at_end)
             if self._record.is_interrupted:
-                self.navigator.judge.resume()
+                self.navigator.intake.resume()
         self._push(rows)
 
     def _push(self, rows: Floats) -> None:
         if not len(rows):
             return
-        self._check.add(rows)
+        self._check.push(rows)
         # Axes and calibration are applied as to a recording (`fg_nav.walk`).
         acc, mag, found = rows[:, 1:4], rows[:, 7:10], self._options.calibration
         if self._options.mag_axes is not None:
@@ -455,9 +456,11 @@ class FollowedWalk:
         if found is not None and found.accelerometer is not None:
             acc = found.accelerometer.correct(acc)
         field = mag if self._options.online.use_field else None
+        buffer = self.navigator.buffer
+        before = buffer.stop
         made = self.navigator.push(rows[:, 0], acc, rows[:, 4:7], field, rows[:, 10])
-        self.losses.add(rows[:, 0])
-        self._verdict.axes.look_at(self.navigator.buffer)
+        self.losses.push(rows[:, 0])
+        self._verdict.axes.push(buffer.between(max(before, buffer.first), buffer.stop))
         self.report(made)
 
     def end(self, lost_datagrams: int) -> None:
@@ -482,7 +485,7 @@ class FollowedWalk:
             if isinstance(one, Revision):
                 lines += [(line, False) for line in format_revision(one)]
             else:
-                line = format_estimate(one, continues[one.number], self.navigator.judge.sensor_time, verdict)
+                line = format_estimate(one, continues[one.number], self.navigator.intake.sensor_time, verdict)
                 lines.append((line, True))
         if self._record is not None:
             self._record.add_lines([line for line, _ in lines])

@@ -1,6 +1,6 @@
 """A walk in progress: samples in blocks of any size, one estimate for each footfall.
 
-    samples -> judge -> buffer -> causal stances -> footfall -> online smoother -> estimate
+    samples -> intake -> buffer -> causal stances -> footfall -> online smoother -> estimate
 
 The smoother uses the samples up to one behind the footfall, so that nothing depends on how the samples came in blocks.
 An estimate is that of the moment when the footfall was complete, and is reported once; `smoothed` returns the present
@@ -30,13 +30,13 @@ from fg_nav.detection.stance import Stances
 from fg_nav.errors import EstimationError
 from fg_nav.magnetic.axes import AlignedMagnetometer, align_magnetometer
 from fg_nav.online.background import BackgroundSolver, Solver, SolverProcess
-from fg_nav.online.buffer import COLUMNS, OnlineOptions, SampleBuffer, as_recording
+from fg_nav.online.buffer import OnlineOptions, SampleBuffer, as_recording
 from fg_nav.online.estimates import Revision, StanceEstimate, StrapdownPath, select_rows
 from fg_nav.online.resolve import WalkSolver, measure_online_field
-from fg_nav.online.sample_filter import SampleFilter
 from fg_nav.online.smoother import OnlineSmoother
-from fg_nav.online.unit_monitor import UnitMonitor
 from fg_nav.recording import MIN_SAMPLES, Recording
+from fg_nav.samples.intake import Intake
+from fg_nav.samples.readings import COLUMNS
 from fg_nav.smoother import smooth
 from fg_nav.smoother.building import mark_returns
 from fg_nav.smoother.graph import Trajectory, dense_trajectory
@@ -59,11 +59,11 @@ NO_ROWS = np.empty((0, COLUMNS))
 class SampleIntake(ABC):
     """Navigates by samples in blocks of any size.
 
-    `judge` filters them, `units` are those they are in; `lost` is what was lost on the way, as its follower counted.
+    `intake` judges them; `lost` is what was lost on the way, as its follower counted.
     """
 
     def __init__(self, remark: Callable[[str], None]) -> None:
-        self.buffer, self.judge, self.units = SampleBuffer(), SampleFilter(remark), UnitMonitor(remark)
+        self.buffer, self.intake = SampleBuffer(), Intake(remark)
         self.lost: Mapping[str, int] = {}
         self.has_ended, self._busy_s = False, 0.0
 
@@ -73,7 +73,7 @@ class SampleIntake(ABC):
         """Add samples and return the estimates that they complete, and what they take back, in order.
 
         t, acc, gyr, mag, pressure are (n,) s, (n, 3) m/s^2, (n, 3) rad/s, (n, 3) uT and (n,) Pa, n >= 0; what cannot
-        be used is left out (`sample_filter`).
+        be used is left out (`fg_nav.samples.intake`).
 
         Raises `RecordingError` where the first seconds show that a unit is wrong, `EstimationError` after the end, and
         in a pocket where there is no up to begin with.
@@ -83,7 +83,7 @@ class SampleIntake(ABC):
         began = perf_counter()
         field = np.full((len(t), 3), np.nan) if mag is None else mag
         air = np.full(len(t), np.nan) if pressure is None else pressure
-        rows = self._accept(np.column_stack([t, acc, gyr, field, air]))
+        rows = self.intake.push(np.column_stack([t, acc, gyr, field, air]))
         self._busy_s += perf_counter() - began
         return self.add_rows(rows)
 
@@ -108,13 +108,7 @@ class SampleIntake(ABC):
     @property
     def notes(self) -> tuple[str, ...]:
         """What was left out or odd, in words."""
-        return (*self.judge.notes, *self.units.notes)
-
-    def _accept(self, sent: Floats = NO_ROWS, at_end: bool = False) -> Floats:
-        """Return the rows (m, 12) to use, of `sent` (n, 11) and of those held; `at_end` none is held any more."""
-        rows = self.units.accept(sent, at_end)
-        rows = self.judge.accept(rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:10], rows[:, 10])
-        return np.concatenate([rows, self.judge.flush()]) if at_end else rows
+        return self.intake.notes
 
     @abstractmethod
     def _add_rows(self, rows: Floats) -> list[StanceEstimate | Revision]:
@@ -177,7 +171,7 @@ class OnlineNavigator(SampleIntake):
     def begin_end(self) -> list[StanceEstimate | Revision]:
         """End the walk, return the estimates of the footfalls that were still open, and begin its last solution."""
         self.has_ended = True
-        found = self._add_rows(self._accept(at_end=True))
+        found = self._add_rows(self.intake.push(NO_ROWS, at_end=True))
         if self.buffer.stop >= MIN_SAMPLES:
             # A stance of the very last sample alone is none.
             found += self._estimates(f for f in self._stances.finish() if f.start[0] + 1 < self.buffer.stop)

@@ -1,6 +1,6 @@
 """A walk in progress with the sensor in a trouser pocket: samples in blocks of any size, one estimate for each stride.
 
-    samples -> judge -> blocks of `BLOCK_S` -> orientation and steps (`pocket.online`)
+    samples -> intake -> blocks of `BLOCK_S` -> orientation and steps (`pocket.online`)
             -> their path so far (`pocket.dead_reckoning`) -> estimate
 
 The functions are those of the batch (`fg_nav.pocket.navigate`), with the orientation of the filter forward, from the
@@ -31,7 +31,7 @@ from fg_nav.frames import yaw_rotation
 from fg_nav.magnetic.axes import align_magnetometer
 from fg_nav.online.buffer import OnlineOptions
 from fg_nav.online.estimates import TURNED_RAD, Revision, StanceEstimate, StrapdownPath, build_table, thin_rows
-from fg_nav.online.navigator import METHOD, OnlineNavigator, SampleIntake
+from fg_nav.online.navigator import METHOD, NO_ROWS, OnlineNavigator, SampleIntake
 from fg_nav.pocket.dead_reckoning import (
     MOUNTING_SIGMA_DEG,
     STEP_HEADING_SIGMA_DEG,
@@ -52,7 +52,8 @@ from fg_nav.pocket.navigate import (
 from fg_nav.pocket.online import OnlinePocket, StrideEnd
 from fg_nav.pocket.steps import Steps
 from fg_nav.pocket.track import STILL_S, choose_start
-from fg_nav.recording import MAX_GAP_S, MIN_SAMPLES, Recording
+from fg_nav.recording import MIN_SAMPLES, Recording
+from fg_nav.samples.stamps import MAX_GAP_S
 from fg_nav.solution import Return, Solution, StanceTable
 
 if TYPE_CHECKING:
@@ -133,7 +134,7 @@ class PocketNavigator(SampleIntake):
         if self.has_ended:
             return []
         self.has_ended = True
-        self.buffer.append(self._accept(at_end=True))
+        self.buffer.append(self.intake.push(NO_ROWS, at_end=True))
         found = self._add_blocks(at_end=True)
         return found if self._thigh is None else found + self._report(self._thigh.steps.cut())
 

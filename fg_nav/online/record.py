@@ -37,9 +37,10 @@ from fg_nav.errors import EstimationError, FormatError, OutputError, describe_re
 from fg_nav.io.content import read_content
 from fg_nav.io.formats import FORMATS
 from fg_nav.io.writing import format_rows
-from fg_nav.online.buffer import COLUMNS, rows_of
+from fg_nav.online.buffer import rows_of
 from fg_nav.online.estimates import Revision, StanceEstimate, parse_estimate
-from fg_nav.online.overlap import Overlap
+from fg_nav.samples.delivery import Overlap
+from fg_nav.samples.readings import COLUMNS
 from fg_nav.system.processes import lock
 from fg_nav.text import format_count, to_json
 

@@ -24,9 +24,9 @@ from fg_nav.columns.mapping import ACC, CANONICAL, GYR, MAG, PASSED_OVER, PRESSU
 from fg_nav.columns.samples import SI_UNITS
 from fg_nav.errors import FormatError, StreamError
 from fg_nav.io.tables import find_column, scale_values
-from fg_nav.online.buffer import COLUMNS
 from fg_nav.recording import NOMINAL_SIGMA
 from fg_nav.samples.plausibility import find_unit_problems, keep_air
+from fg_nav.samples.readings import COLUMNS
 
 MAX_LINE = 1 << 16  # bytes; a longer line has lost its end
 MIN_BLOCK = 200  # lines; fewer are read faster one by one

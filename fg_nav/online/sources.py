@@ -33,10 +33,11 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.errors import StreamError
 from fg_nav.io import read
-from fg_nav.online.buffer import COLUMNS, rows_of
+from fg_nav.online.buffer import rows_of
 from fg_nav.online.live import PIECE, Connector, Datagrams, Reconnected, SerialDevice, TcpClient, TcpListener
 from fg_nav.online.rows import Columns, RowReader
 from fg_nav.recording import Recording
+from fg_nav.samples.readings import COLUMNS
 
 POLL_S = 0.05  # period at which a file is checked for more
 AS_FAST_AS_POSSIBLE = "max"  # in place of a speed

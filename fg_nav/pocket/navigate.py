@@ -40,7 +40,7 @@ from fg_nav.pocket.filter_equations import PocketParameters
 from fg_nav.pocket.steps import MIN_OPENING_DEG, Steps, ThighSwing, estimate_swing, find_all_steps
 from fg_nav.pocket.track import PocketTrack, choose_start, estimate_field_noise_uT, measure_turn
 from fg_nav.recording import Recording
-from fg_nav.samples.saturation import find_saturated
+from fg_nav.samples.readings import find_saturated
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.text import format_count
 from fg_nav.truth import Gnss, describe_fixes

@@ -57,8 +57,9 @@ from fg_nav.pocket.steps import (
     spread_flags,
 )
 from fg_nav.pocket.track import PocketStart, PocketTrack
-from fg_nav.recording import MAX_GAP_S, Recording
+from fg_nav.recording import Recording
 from fg_nav.samples.gaps import compensate_coning
+from fg_nav.samples.stamps import MAX_GAP_S
 from fg_nav.text import format_count
 
 UPDATE_LINKS = max(round(1.0 / NODE_S), 1)  # From estimate to estimate: one second.
@@ -88,7 +89,7 @@ class PocketEstimate:
 class OnlinePocket:
     """Orientation, gyro bias and steps, block by block.
 
-    Where more than `fg_nav.recording.MAX_GAP_S` is missing before a block, the smoother starts again behind the gap
+    Where more than `MAX_GAP_S` is missing before a block, the smoother starts again behind the gap
     from the prior of `iterated_smoother.propagate_gap`, and the bout of steps ends; shorter gaps hold the last rate.
     Unlike in a `Recording`, clipped peaks are not rebuilt.
 

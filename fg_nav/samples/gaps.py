@@ -53,7 +53,7 @@ gait; it falls with the square of the rate. What is left is of fourth order
 (`scripts/sample_errors.py integration`). Source: Savage (1998), "Strapdown inertial navigation integration algorithm
 design", parts 1 and 2, for samples that are integrals over their period.
 
-Before that, peaks beyond the sensors' range are rebuilt (`fg_nav.samples.saturation`), and a sample before a gap, held
+Before that, peaks beyond the sensors' range are rebuilt (`fg_nav.samples.readings`), and a sample before a gap, held
 until the next stamp, is made the mean over all of that time.
 """
 
@@ -64,7 +64,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints, find_runs
-from fg_nav.samples.outliers import ACC_OUT, GYR_OUT
+from fg_nav.samples.readings import ACC_OUT, GYR_OUT
 from fg_nav.system.compiled import njit
 
 LOST_PERIODS = 1.5  # After a step between stamps of more periods than this, a sample or more is missing.
@@ -279,16 +279,6 @@ class Bridge(NamedTuple):
         bridged = samples.copy()
         bridged[self.sample] = self.value
         return bridged
-
-
-def interpolate_unread(t: Floats, acc: Floats, gyr: Floats, unread: Ints) -> None:
-    """Write a line into acc or gyr (N, 3) where `unread` (N,), `ACC_OUT` or `GYR_OUT`, marks it as not read."""
-    good = unread == 0
-    for samples, which in ((acc, ACC_OUT), (gyr, GYR_OUT)):
-        bad = (unread & which) > 0
-        if bad.any() and good.any():
-            for axis in samples.T:
-                axis[bad] = np.interp(t[bad], t[good], axis[good])
 
 
 def bridge_unread(t: Floats, acc: Floats, gyr: Floats, unread: Ints | None) -> tuple[Bridge, Bridge]:

@@ -1,4 +1,4 @@
-"""Are these numbers what they claim to be? Wrong units, removed gravity and mirrored axes, found by physics.
+"""Units of stamps and readings, removed gravity and mirrored axes, by physics.
 
 A sensor on a person cannot help measuring some known things:
 
@@ -20,7 +20,7 @@ import numpy as np
 
 from fg_nav.arrays import Bools, Floats
 from fg_nav.frames import GRAVITY_M_S2
-from fg_nav.samples.outliers import find_outliers
+from fg_nav.samples.readings import find_outliers
 
 _END_OF_TIME = 1e20  # No stamp in any unit is beyond this: nanoseconds since 1970 are 2e18.
 LIMIT_M_S2 = 5000.0  # No accelerometer worn by a person reads more (500 g).
@@ -51,7 +51,7 @@ _SPREAD = 2.5  # with gravity in it, half of the samples are below this multiple
 MIN_TURNING_WINDOWS = 100  # Stretches in which gravity turns, without which units are not set against each other.
 _TURNING_M_S3 = 0.1  # gravity that turns by 0.6 deg/s; a sensor at rest shows nothing, for however long
 TOO_FAST_RAD_S = 40.0  # no limb turns so fast, one sample in a hundred
-_TOO_SLOW_RAD_S, _LIVELY_M_S2 = 0.3, 2.0
+TOO_SLOW_RAD_S, LIVELY_M_S2 = 0.3, 2.0
 _MAX_DEG_S = 4100.0  # the largest range of such gyroscopes is 4000 deg/s; more are counts, or mdeg/s
 _SAME_GAIN = (0.3, 3.0)  # rad/s and deg/s are 57 apart
 
@@ -118,7 +118,7 @@ def find_lasting_problems(t: Floats, acc: Floats, gyr: Floats, mag: Floats | Non
     if 2 * len(kept) < len(t):
         return problems  # most are beyond what any sensor reads: that is no bad sample
     even = np.arange(len(kept), dtype=np.float64) * _assume_period(period)
-    kept = kept[find_outliers(even, acc[kept], gyr[kept]).which == 0]
+    kept = kept[find_outliers(even, acc[kept], gyr[kept]) == 0]
     if 2 * len(kept) < len(t):
         return problems
     return find_unit_problems(t[kept], acc[kept], gyr[kept], None if mag is None else mag[kept])
@@ -183,7 +183,7 @@ def find_gyr_unit(acc: Floats, gyr: Floats, period_s: float) -> str | None:
     transport = measure_gravity_transport(acc, gyr, period_s)
     gain = transport.gain if transport.is_telling and transport.correlation > 0.0 else np.nan
     fast = float(np.quantile(np.linalg.norm(gyr, axis=1), 0.99))
-    is_too_slow_in_degrees = np.radians(fast) < _TOO_SLOW_RAD_S < fast and _is_lively(acc)
+    is_too_slow_in_degrees = np.radians(fast) < TOO_SLOW_RAD_S < fast and _is_lively(acc)
     if peak <= TOO_FAST_RAD_S and (_SAME_GAIN[0] < gain < _SAME_GAIN[1] or is_too_slow_in_degrees):
         return "rad/s"
     is_degrees = peak > TOO_FAST_RAD_S or _SAME_GAIN[0] < gain * 180.0 / np.pi < _SAME_GAIN[1]
@@ -266,7 +266,7 @@ def find_clock_problem(acc: Floats, gyr: Floats, period_s: float) -> str | None:
     if not abs(decades) > np.log10(_FAR) or abs(abs(decades) - np.log10(180.0 / np.pi)) < 0.15:
         return None
     fast = float(np.quantile(np.linalg.norm(_usable(gyr)[0], axis=1), 0.99))
-    if not _TOO_SLOW_RAD_S < fast < TOO_FAST_RAD_S:
+    if not TOO_SLOW_RAD_S < fast < TOO_FAST_RAD_S:
         return None
     factor = 10.0 ** max(1.0, round(abs(decades)))
     way = f"divide them by {factor:g}" if decades > 0 else f"multiply them by {factor:g}"
@@ -294,7 +294,7 @@ def find_gyr_problem(acc: Floats, gyr: Floats, period_s: float) -> str | None:
         )
     lively = period_s > 0 and _is_lively(acc)
     too_strong = transport.is_telling and transport.gain > 10.0
-    if too_strong or (fast < _TOO_SLOW_RAD_S and lively):
+    if too_strong or (fast < TOO_SLOW_RAD_S and lively):
         return (
             f"gyr is far too small for this motion (one sample in a hundred is above {fast:.2g} rad/s): "
             f"multiply it by {180 / np.pi:.4f} if it was taken for deg/s"
@@ -399,7 +399,7 @@ def _compare_turning(acc: Floats, gyr: Floats, half: int, quiet: Bools) -> tuple
 
 def _is_lively(acc: Floats) -> bool:
     """Whether acc (N, 3) m/s^2 is that of a sensor on somebody who walks."""
-    return float(np.std(np.linalg.norm(acc, axis=1))) > _LIVELY_M_S2
+    return float(np.std(np.linalg.norm(acc, axis=1))) > LIVELY_M_S2
 
 
 def _usable(*vectors: Floats, limit: float = 1e5) -> tuple[Floats, ...]:
@@ -438,3 +438,8 @@ def keep_air(pressure: Floats) -> Floats | None:
     """Return pressure (N,) Pa, NaN where it is none of air; None where it is nowhere."""
     is_air = (pressure > AIR_PA[0]) & (pressure < AIR_PA[1])
     return np.where(is_air, pressure, np.nan) if is_air.any() else None
+
+
+def find_field_samples(mag: Floats) -> Bools:
+    """(N,) True where mag (N, 3) uT is a sample: no bad axis, and not zeros, which say that there was none."""
+    return np.asarray((np.abs(mag) < LIMIT_UT).all(axis=1) & mag.any(axis=1))

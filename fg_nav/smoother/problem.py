@@ -20,7 +20,7 @@ is taken. The noise covariance of an interval is linear in k^2, so two preintegr
 
     S(k) = S(k0) + (k^2 - k0^2) / (k1^2 - k0^2) (S(k1) - S(k0))
 
-Clipped peaks are rebuilt from their flanks (`fg_nav.samples.saturation`); one factor a walk on all, with the prior 1 +-
+Clipped peaks are rebuilt from their flanks (`fg_nav.samples.readings`); one factor a walk on all, with the prior 1 +-
 `OFF_SHARE`, is chosen among `HEIGHTS` by the same evidence.
 
 Refused stances. Let the velocity of the stance of footfall k be off by a constant d_k (nav, m/s) in all its rows. With
@@ -73,7 +73,7 @@ from fg_nav.factors.differential_field import GYRO
 from fg_nav.factors.residual import LETTER_SHIFT, ResidualBlock, Stack
 from fg_nav.factors.zero_velocity import StanceVelocity
 from fg_nav.recording import Recording
-from fg_nav.samples.saturation import OFF_SHARE
+from fg_nav.samples.readings import OFF_SHARE
 from fg_nav.smoother.graph import Known, WalkProblem, build_problem, solve
 from fg_nav.smoother.heights import add_barometer
 from fg_nav.smoother.parameters import SmootherParameters

@@ -19,7 +19,7 @@ The first footfall has in place of the swing a prior on the bias, and the gauge:
 tilt from gravity.
 
 Preintegration is Galilean, each sample held over its own period, with the noise of a moving foot as the mean over an
-interval (`docs/models.md`); samples of extra sigma (`fg_nav.sample_noise`) have it at their own time. A gap is
+interval (`docs/models.md`); samples of extra sigma (`find_extra_sigmas`) have it at their own time. A gap is
 integrated in steps of the sample period: within a step, what turns does not yet move.
 
 Compounding, for speed. A block of samples turns the body by R and moves it by v (m/s) and p (m) in T seconds, exactly
@@ -73,8 +73,7 @@ from fg_nav.factors.walk_constraints import UnseenWalk
 from fg_nav.factors.zero_velocity import StanceVelocity, zero_rate_factor
 from fg_nav.frames import UNKNOWN_RAD, level_attitude, yaw_rotation
 from fg_nav.mechanisation import NavState, rotation_series, rotation_vector, strapdown
-from fg_nav.recording import Recording
-from fg_nav.sample_noise import find_extra_sigmas
+from fg_nav.recording import Recording, find_extra_sigmas
 from fg_nav.samples.gaps import cross_holes, find_holes
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.system.compiled import njit

@@ -133,7 +133,7 @@ def test_a_line_has_the_stamp_of_the_sensor_where_that_is_another(csv):
     for line, i in zip(lines, sample.tolist(), strict=True):
         assert ("sensor_t" in line) == (i >= 700)
         assert line.get("sensor_t", line["t"]) == pytest.approx(sent_t[i], abs=1e-8)
-    smoothed = [json.loads(line) for line in format_table(navigator.smoothed(), navigator.judge.sensor_time)]
+    smoothed = [json.loads(line) for line in format_table(navigator.smoothed(), navigator.intake.sensor_time)]
     assert [line.get("sensor_t") for line in smoothed] == [line.get("sensor_t") for line in lines]
 
 

@@ -30,7 +30,7 @@ def end():
     push(navigator, rows_of(short_walk()))
     navigator.close()
     solution = navigator.finish()
-    return End(solution, summarize_lagged(solution), navigator.judge.sensor_time, False, None)
+    return End(solution, summarize_lagged(solution), navigator.intake.sensor_time, False, None)
 
 
 def fill_disk(monkeypatch, *functions):

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from fg_nav.detection.handedness import DECISIVE, MIN_THIGH_STRIDES, NO_SWINGS, SUSPECT, measure_swing_axes
+from fg_nav.detection.source import AxesCheck
 from fg_nav.errors import RecordingError
 from fg_nav.lab.simulation import Choices, simulate
-from fg_nav.online.buffer import SampleBuffer, rows_of
-from fg_nav.online.source_check import AxesCheck
+from fg_nav.online.buffer import rows_of
 from fg_nav.verdict.limits import judge_axes
 
 MIRRORS = {
@@ -95,11 +95,10 @@ def test_a_sensor_that_lies_has_no_strides_and_a_gap_is_none():
 
 def test_a_stream_with_a_mirror_is_refused_in_its_first_minute_and_its_own_is_not():
     for rows, is_wrong in ((walk(104), False), (change(toy(swing_rad=0.7, lost=0.03), np.eye(3), -np.eye(3)), True)):
-        buffer, looks = SampleBuffer(), AxesCheck(print, mount="pocket")
-        buffer.append(rows)
+        looks = AxesCheck(print, mount="pocket")
         if is_wrong:
             with pytest.raises(RecordingError, match="gravity turns against"):
-                looks.look_at(buffer)
+                looks.push(rows)
         else:
-            looks.look_at(buffer)
+            looks.push(rows)
             assert looks.evidence.strides >= 15

@@ -28,7 +28,7 @@ from fg_nav.io import Reading, read, read_raw, read_truth
 from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.pipeline import Result
 from fg_nav.recording import RawRecording, Recording
-from fg_nav.samples.saturation import find_saturated
+from fg_nav.samples.readings import find_saturated
 from tests.command_line import FgNav, Ran
 from tests.io.samples import tilting
 from tests.proposals import check_proposals, list_changes, list_commands

@@ -6,12 +6,12 @@ from functools import cache
 import numpy as np
 import pytest
 
+from fg_nav.detection.source import AxesCheck
 from fg_nav.errors import RecordingError
 from fg_nav.lab.simulation import simulate
-from fg_nav.online.buffer import SampleBuffer, rows_of
+from fg_nav.online.buffer import rows_of
 from fg_nav.online.estimates import Revision, StanceEstimate, format_estimate
 from fg_nav.online.follow import LineVerdict
-from fg_nav.online.source_check import AxesCheck
 from fg_nav.verdict.limits import judge_position
 
 
@@ -92,10 +92,8 @@ def test_word_and_reasons_stand_in_the_line() -> None:
 
 def fed(looks: AxesCheck, scales: list[float], block: int = 64) -> None:
     """Give rows, t, acc, gyr and mag times `scales`, and their pressure, in blocks."""
-    buffer = SampleBuffer()
     for start in range(0, len(rows()), block):
-        buffer.append(rows()[start : start + block] * [*scales, 1.0])
-        looks.look_at(buffer)
+        looks.push(rows()[start : start + block] * [*scales, 1.0])
 
 
 OWN, NEGATED, Z_NEGATED = ([1.0] * 4 + list(gyr) + [1.0] * 3 for gyr in ((1.0,) * 3, (-1.0,) * 3, (1.0, 1.0, -1.0)))

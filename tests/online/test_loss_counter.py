@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from fg_nav.online.source_check import LossCounter, describe_losses
+from fg_nav.samples.delivery import LossCounter, describe_losses
 
 
 def count(t, block):
     said: list[str] = []
     counter = LossCounter(said.append)
     for start in range(0, len(t), block):
-        counter.add(t[start : start + block])
+        counter.push(t[start : start + block])
     counter.finish()
     return counter, said
 

@@ -11,8 +11,8 @@ from fg_nav.frames import compute_heading
 from fg_nav.magnetic import average_footfall_field
 from fg_nav.online import OnlineNavigator
 from fg_nav.online.buffer import OnlineOptions
-from fg_nav.online.sample_filter import UNKNOWN_GAP_S, SampleFilter
 from fg_nav.recording import Recording
+from fg_nav.samples.intake import UNKNOWN_GAP_S, Intake
 from fg_nav.smoother import smooth
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.truth import TrajectoryTruth
@@ -132,10 +132,10 @@ def rows_with(lost_s: float, begins_again: bool) -> np.ndarray:
     return kept
 
 
-def judged(rows: np.ndarray) -> tuple[SampleFilter, list[str], np.ndarray]:
+def judged(rows: np.ndarray) -> tuple[Intake, list[str], np.ndarray]:
     told: list[str] = []
-    judge = SampleFilter(told.append)
-    taken = [judge.accept(part[:, 0], part[:, 1:4], part[:, 4:7], part[:, 7:10]) for part in np.array_split(rows, 60)]
+    judge, rows = Intake(told.append), np.column_stack([rows, np.full(len(rows), np.nan)])
+    taken = [judge.push(part) for part in np.array_split(rows, 60)]
     return judge, told, np.concatenate(taken)
 
 

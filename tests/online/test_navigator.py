@@ -14,7 +14,7 @@ from fg_nav.magnetic import average_footfall_field
 from fg_nav.online import OnlineNavigator
 from fg_nav.online.buffer import rows_of
 from fg_nav.online.navigator import finish_walk
-from fg_nav.online.sample_filter import MAX_CLOCK_STEP_S, UNKNOWN_GAP_S, SampleFilter
+from fg_nav.samples.intake import MAX_CLOCK_STEP_S, UNKNOWN_GAP_S, Intake
 from fg_nav.smoother import smooth
 from fg_nav.walk import Options, Walk
 from tests.online.walks import NORTH, estimates_of, push, short_walk, solve_in_windows, worst_difference
@@ -156,16 +156,16 @@ def test_odd_samples_are_left_out_counted_and_reported_once(whole, kind):
     told = []
     navigator = OnlineNavigator(NORTH, told.append)
     found = estimates_of(push(navigator, rows, range(7, len(rows), 7)) + navigator.close())
-    assert navigator.judge.counts[kind] >= 1
-    kinds = [kind for kind, number in navigator.judge.counts.items() if number]
+    assert navigator.intake.counts[kind] >= 1
+    kinds = [kind for kind, number in navigator.intake.counts.items() if number]
     assert len(told) == len(kinds)
     assert np.isfinite([e.position for e in found]).all()
     last = whole[1][-1]
     if kind in ("repeated", "backward", "ahead"):
         expected = {"repeated": 29, "backward": 30, "ahead": 1}[kind]
-        assert abs(navigator.judge.counts[kind] - expected) <= 1
+        assert abs(navigator.intake.counts[kind] - expected) <= 1
         assert np.abs(found[-1].position - last.position).max() < 1e-9
-    assert any(str(navigator.judge.counts[kind]) in note for note in navigator.judge.notes)
+    assert any(str(navigator.intake.counts[kind]) in note for note in navigator.intake.notes)
 
 
 @pytest.mark.parametrize("kind", ["missing", "ahead", "restart"])
@@ -176,7 +176,7 @@ def test_blocks_do_not_matter_to_the_judge(kind):
         navigator = OnlineNavigator(NORTH)
         for start, stop in zip([0, *cuts], [*cuts, len(rows)], strict=True):
             block = rows[start:stop]
-            navigator.buffer.append(navigator.judge.accept(block[:, 0], block[:, 1:4], block[:, 4:7], block[:, 7:10]))
+            navigator.buffer.append(navigator.intake.push(block))
         stores.append(navigator.buffer.between(0, navigator.buffer.stop))
     assert np.array_equal(stores[0], stores[1], equal_nan=True)
     assert np.array_equal(stores[0], stores[2], equal_nan=True)
@@ -188,10 +188,10 @@ def test_a_gap_keeps_its_length_unless_the_clock_was_set_and_then_it_is_said_by_
     rows = rows_of(short_walk()).copy()
     rows[700:, 0] += step_s
     told = []
-    judge = SampleFilter(told.append)
-    taken = judge.accept(rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:10])
+    judge = Intake(told.append)
+    taken = judge.push(rows)
     assert taken[700, 0] - taken[699, 0] == pytest.approx(taken_s)
-    sensor_t = [judge.sensor_time(i, float(t)) for i, t in enumerate(taken[:, 0])]
+    sensor_t = [judge.sensor_time(t) for t in taken[:, 0].tolist()]
     np.testing.assert_allclose(sensor_t, rows[:, 0], rtol=1e-15, atol=1e-9)
     back = f"{step_s + 0.01 - taken_s:.3f} s"
     assert any(f"set back by {back}" in words for words in told) == (step_s > MAX_CLOCK_STEP_S)
@@ -214,11 +214,11 @@ def restarted() -> tuple[Floats, Floats]:
 def test_stamps_go_on_after_a_restart_of_the_clock(block):
     """As if the clock had not restarted."""
     rows, sent = restarted()
-    judge = SampleFilter()
+    judge = Intake()
     parts = [sent[i : i + block] for i in range(0, len(sent), block)]
-    taken = np.concatenate([judge.accept(p[:, 0], p[:, 1:4], p[:, 4:7], p[:, 7:10]) for p in parts])
+    taken = np.concatenate([judge.push(part) for part in parts])
     np.testing.assert_allclose(taken[:, :11], rows, rtol=0, atol=1e-9)
-    sensor_t = [judge.sensor_time(i, float(t)) for i, t in enumerate(taken[:, 0])]
+    sensor_t = [judge.sensor_time(t) for t in taken[:, 0].tolist()]
     np.testing.assert_allclose(sensor_t, sent[:, 0], rtol=0, atol=1e-9)
 
 
@@ -231,7 +231,7 @@ def test_estimates_after_a_restart_of_the_clock_have_the_stamps_of_their_samples
     assert (np.diff(np.searchsorted(sample, [0, *RESTARTS, len(rows)])) >= 3).all()
     for table in (navigator.causal(), navigator.smoothed()):
         np.testing.assert_allclose(table.t, rows[table.sample, 0], rtol=0, atol=1e-9)
-    sensor_t = [navigator.judge.sensor_time(*at) for at in zip(sample.tolist(), t.tolist(), strict=True)]
+    sensor_t = [navigator.intake.sensor_time(one) for one in t.tolist()]
     np.testing.assert_allclose(sensor_t, sent[sample, 0], rtol=0, atol=1e-9)
     np.testing.assert_allclose(navigator.finish().t, rows[:, 0], rtol=0, atol=1e-9)
 
@@ -255,9 +255,9 @@ def test_a_last_sample_far_ahead_is_counted(alone_s):
     rows[-1, 0] += alone_s
     navigator = OnlineNavigator(NORTH)
     push(navigator, rows)
-    assert navigator.judge.counts["ahead"] == 0
+    assert navigator.intake.counts["ahead"] == 0
     navigator.close()
-    assert navigator.judge.counts["ahead"] == 1
+    assert navigator.intake.counts["ahead"] == 1
     assert navigator.buffer.stop == 299
 
 

@@ -6,21 +6,21 @@ import numpy as np
 import pytest
 
 from fg_nav.online import OnlineNavigator
-from fg_nav.online.buffer import COLUMNS, rows_of
-from fg_nav.online.overlap import Overlap
-from fg_nav.online.sample_filter import RESTART, UNKNOWN_GAP_S, SampleFilter
+from fg_nav.online.buffer import rows_of
+from fg_nav.samples.delivery import Overlap
+from fg_nav.samples.intake import RESTART, UNKNOWN_GAP_S, Intake
+from fg_nav.samples.readings import COLUMNS
 from tests.online.walks import NORTH, push, short_walk
 
 
 def admitted(judge, rows, block):
-    """Rows (n, 11) that a judge takes of these (n, 10) in blocks."""
-    parts = [rows[i : i + block] for i in range(0, len(rows), block)]
-    return [judge.accept(part[:, 0], part[:, 1:4], part[:, 4:7], part[:, 7:10]) for part in parts]
+    """Samples (n, 12) that an intake takes of these rows in blocks."""
+    return [judge.push(rows[i : i + block]) for i in range(0, len(rows), block)]
 
 
 def resumed(rows, saved, then, block=7):
     """Samples that a judge takes of the first `saved` rows, and behind an interruption of `then`."""
-    judge, overlap = SampleFilter(), Overlap(rows[:saved])
+    judge, overlap = Intake(), Overlap(rows[:saved])
     taken, is_first = admitted(judge, rows[:saved], 13), True
     for begin in [*range(0, len(then), block), len(then)]:
         new = overlap.select_new(then[begin : begin + block], at_end=begin == len(then))
@@ -28,7 +28,7 @@ def resumed(rows, saved, then, block=7):
             judge.resume()
         is_first &= not len(new)
         taken += admitted(judge, new, len(new) or 1)
-    return np.concatenate([*taken, judge.flush()]), judge, overlap
+    return np.concatenate([*taken, judge.push(rows[:0], at_end=True)]), judge, overlap
 
 
 def odd_rows():
@@ -52,7 +52,7 @@ def odd_rows():
 def test_a_replay_is_known_up_to_where_it_was_interrupted_whatever_the_clock_did(saved, block):
     """The rows before a restart have the stamps of those after it; only their values tell them apart."""
     rows = odd_rows()
-    whole = np.concatenate([*admitted(uninterrupted := SampleFilter(), rows, 11), uninterrupted.flush()])
+    whole = np.concatenate([*admitted(uninterrupted := Intake(), rows, 11), uninterrupted.push(rows[:0], at_end=True)])
     taken, judge, overlap = resumed(rows, saved, rows, block)
     np.testing.assert_array_equal(taken, whole)
     assert overlap.left_out == saved
@@ -63,7 +63,7 @@ def test_a_replay_is_known_up_to_where_it_was_interrupted_whatever_the_clock_did
 @pytest.mark.parametrize("back", [0, 2, 10, 150])
 def test_a_source_that_goes_on_some_way_back_or_at_once_loses_nothing(saved, back):
     rows = odd_rows()
-    whole = np.concatenate(admitted(SampleFilter(), rows, 11))
+    whole = np.concatenate(admitted(Intake(), rows, 11))
     taken, _, _ = resumed(rows, saved, rows[max(saved - back, 0) :])
     np.testing.assert_array_equal(taken, whole)
 
@@ -91,7 +91,7 @@ def test_a_sensor_switched_off_and_on_is_carried_on_after_a_gap():
     np.testing.assert_array_equal(taken[700:, 1:COLUMNS], rows[begins:, 1:])
     assert taken[700, 0] - taken[699, 0] == pytest.approx(UNKNOWN_GAP_S)
     np.testing.assert_allclose(taken[700:, 0] - taken[700, 0], rows[begins:, 0] - rows[begins, 0], rtol=0, atol=1e-9)
-    sensor_t = [judge.sensor_time(i, float(t)) for i, t in enumerate(taken[:, 0])]
+    sensor_t = [judge.sensor_time(t) for t in taken[:, 0].tolist()]
     np.testing.assert_allclose(sensor_t, np.delete(rows[:, 0], np.s_[700:begins]), rtol=0, atol=1e-9)
 
 
@@ -104,7 +104,7 @@ def test_a_foot_that_stands_before_and_after_does_not_hide_that_the_sensor_was_o
     rows[400:, 0] -= 3.9
     _, judge, _ = resumed(rows, 400, rows[400:])
     assert judge.counts["rebooted"] == 1
-    whole = SampleFilter()
+    whole = Intake()
     admitted(whole, rows, 50)
     assert whole.counts["restart"] == 1
 
@@ -142,7 +142,7 @@ def test_what_was_lost_before_and_comes_now_is_too_late(block, until):
     rows[600:, 0] -= rows[600, 0]
     heard = np.delete(rows, np.s_[300:500], axis=0)
     taken, judge, overlap = resumed(heard, 800, rows[:until], block)
-    known = np.concatenate(admitted(SampleFilter(), heard, 13))
+    known = np.concatenate(admitted(Intake(), heard, 13))
     np.testing.assert_array_equal(taken, known[: max(800, until - 200)])
     assert overlap.left_out == min(until, 1000)
     assert judge.counts["restart"] == 1
@@ -175,6 +175,6 @@ def test_after_minutes_without_a_sample_the_walk_is_carried_on(step_s, changes):
     navigator = OnlineNavigator(NORTH)
     push(navigator, rows, range(33, len(rows), 33))
     navigator.close()
-    assert navigator.judge.counts["set"] == changes
+    assert navigator.intake.counts["set"] == changes
     assert len(navigator.causal()) > 8
     assert np.isfinite(navigator.causal().position).all()

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from fg_nav.detection.source import SourceCheck
 from fg_nav.errors import EstimationError, StreamError
 from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.online.buffer import rows_of
-from fg_nav.online.source_check import SourceCheck
 
 
 @pytest.fixture(scope="module")
@@ -21,7 +21,7 @@ def check(rows, mount="foot", block=61):
     remarks = []
     looks = SourceCheck(mount, remarks.append)
     for start in range(0, len(rows), block):
-        looks.add(rows[start : start + block])
+        looks.push(rows[start : start + block])
     return remarks
 
 
@@ -82,7 +82,7 @@ def test_a_minute_is_of_the_walk(feet):
     remarks: list[str] = []
     late = SourceCheck("foot", remarks.append)
     late._passed_s = 61.0
-    late.add(alternate(*feet, 1)[:700])
+    late.push(alternate(*feet, 1)[:700])
     assert len(remarks) == 1
 
 
@@ -94,7 +94,7 @@ def test_of_a_clock_that_hardly_goes_no_more_is_kept_than_of_a_minute(feet):
     stopped[:, 0] = 3.0
     late._passed_s = 61.0
     for looks, rows in ((SourceCheck("foot", print), slow), (SourceCheck("foot", print), stopped), (late, feet[0])):
-        looks.add(rows)
+        looks.push(rows)
         assert looks._seen == []
 
 

@@ -7,7 +7,7 @@ from fg_nav.errors import RecordingError
 from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.online import OnlineNavigator
 from fg_nav.online.buffer import rows_of
-from fg_nav.online.unit_monitor import HELD, MAX_NOTES, FieldMonitor, UnitMonitor
+from fg_nav.samples.intake import HELD, MAX_NOTES, FieldMonitor, Intake, UnitMonitor
 
 STAMP, ACC, GYR, MAG = slice(0, 1), slice(1, 4), slice(4, 7), slice(7, 10)
 G = 9.80665
@@ -25,12 +25,12 @@ def change(rows, columns, factor, first=0, stop=None, offset=0.0):
     return changed
 
 
-def admit(rows, block=61, watch=None):
-    """The rows that are taken, and what is said."""
+def admit(rows, block=61):
+    """The rows that pass both monitors, and what is said."""
     said = []
-    watch = watch or UnitMonitor(said.append)
-    taken = [watch.accept(rows[start : start + block]) for start in range(0, len(rows), block)]
-    return np.concatenate([*taken, watch.accept(rows[:0], at_end=True)]), said
+    units, field = UnitMonitor(said.append), FieldMonitor(said.append)
+    taken = [field.push(units.push(rows[start : start + block])) for start in range(0, len(rows), block)]
+    return np.concatenate([*taken, field.push(units.push(rows[:0], at_end=True))]), said
 
 
 @pytest.mark.parametrize("block", [1, 5000])
@@ -55,8 +55,8 @@ def test_seconds_since_1970_are_taken(rows):
 def test_rows_without_stamps_do_not_wait_for_ever(rows):
     watch = UnitMonitor(print)
     sent = change(rows[:1500], STAMP, np.nan)
-    assert sum(len(watch.accept(sent[k : k + 100])) for k in range(0, 1500, 100)) == 1000
-    assert len(watch.accept(rows[:0], at_end=True)) == 500
+    assert sum(len(watch.push(sent[k : k + 100])) for k in range(0, 1500, 100)) == 1000
+    assert len(watch.push(rows[:0], at_end=True)) == 500
 
 
 @pytest.mark.parametrize("factor", [0.0, -1.0])
@@ -145,12 +145,11 @@ def test_a_field_beside_iron_a_broken_reading_and_a_magnetometer_that_is_off_are
 
 
 def test_strong_iron_is_named_no_unit_and_its_fields_are_counted(rows):
-    watch, (taken, said) = UnitMonitor(print), admit(change(rows, MAG, 25.0, 2000, 3000))
+    intake, (taken, said) = Intake(print), admit(change(rows, MAG, 25.0, 2000, 3000))
     assert np.isnan(taken[2000:3000, MAG]).all()
     assert "strong iron" in said[0]
-    short = change(rows, MAG, 25.0, 2000, 2200)  # too short to be said at once
-    admit(short, watch=watch)
-    assert watch.notes == ("200 fields of another strength than before left out",)
+    intake.push(change(rows, MAG, 25.0, 2000, 2200))  # too short to be said at once
+    assert intake.notes == ("200 fields of another strength than before left out",)
 
 
 def test_a_beginning_beside_iron_is_not_the_strength_of_the_walk(rows):
@@ -159,17 +158,17 @@ def test_a_beginning_beside_iron_is_not_the_strength_of_the_walk(rows):
     sent = rows.copy()
     sent[:, MAG] *= np.where(np.arange(len(rows)) < 400, 180.0, 45.0)[:, None] / strength
     watch = FieldMonitor(print)
-    watch.accept(sent)
-    assert np.isnan(watch.accept(change(sent[:100], MAG, 450.0 / 180.0))[:, MAG]).all()
+    watch.push(sent)
+    assert np.isnan(watch.push(change(sent[:100], MAG, 450.0 / 180.0))[:, MAG]).all()
     assert watch.left_out == 100
 
 
 def test_a_magnetometer_that_comes_and_goes_is_noted_a_few_times(rows):
     sent = rows[600:800].copy()
     sent[:, MAG] = 45.0 / np.sqrt(3.0)
-    watch = UnitMonitor(lambda words: None)
+    intake = Intake()
     for k in range(150):
         block = change(sent, MAG, 10.0 if k // 3 % 2 else 1.0)
         block[:, 0] += 2.0 * k
-        watch.accept(block)
-    assert len(watch.notes) == MAX_NOTES + 1
+        intake.push(block)
+    assert len([words for words in intake.notes if "mag" in words]) == MAX_NOTES

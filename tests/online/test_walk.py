@@ -6,7 +6,7 @@ from scipy.ndimage import gaussian_filter1d
 from fg_nav.detection.causal import Footfall
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.online.buffer import PartialWalk, ReportedFootfall, SampleBuffer
-from fg_nav.samples.saturation import find_clipping_levels
+from fg_nav.samples.readings import find_clipping_levels
 
 RATE_HZ = 100.0
 

@@ -5,10 +5,9 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from fg_nav.recording import Recording
-from fg_nav.sample_noise import find_extra_sigmas
-from fg_nav.samples.gaps import _UnreadSamples, bridge_unread, interpolate_unread
-from fg_nav.samples.outliers import ACC_OUT, GYR_OUT
+from fg_nav.recording import Recording, find_extra_sigmas
+from fg_nav.samples.gaps import _UnreadSamples, bridge_unread
+from fg_nav.samples.readings import ACC_OUT, GYR_OUT, interpolate_unread
 
 PERIOD_S = 0.005
 STRIDE = 200

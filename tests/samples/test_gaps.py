@@ -7,10 +7,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Bools, Floats
-from fg_nav.recording import Recording
-from fg_nav.sample_noise import find_extra_sigmas
+from fg_nav.recording import Recording, find_extra_sigmas
 from fg_nav.samples.gaps import MAX_S, REACH, WALKING, Gaps, fill_gaps
-from fg_nav.samples.saturation import rebuild_peaks
+from fg_nav.samples.readings import rebuild_peaks
 
 RATE_HZ = 100.0
 STRIDE = 120  # Samples from one step to the next.

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from fg_nav.recording import Recording
-from fg_nav.sample_noise import find_extra_sigmas
+from fg_nav.recording import Recording, find_extra_sigmas
 from fg_nav.samples import gaps
 from tests.smoother.walks import demo
 

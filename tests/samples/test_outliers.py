@@ -3,8 +3,8 @@ import pytest
 
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.recording import RawRecording, Recording
-from fg_nav.samples.outliers import ACC_OUT, AROUND, GYR_OUT, LONGEST, find_outliers
 from fg_nav.samples.plausibility import find_unit_problems
+from fg_nav.samples.readings import ACC_OUT, AROUND, GYR_OUT, LONGEST, find_outliers
 
 PERIOD_S = 0.005
 N = 600
@@ -26,7 +26,7 @@ def striding() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def test_a_heel_that_strikes_is_no_bad_sample():
-    assert not find_outliers(*striding()).which.any()
+    assert not find_outliers(*striding()).any()
 
 
 @pytest.mark.parametrize("at", [0, 1, 30, 100, 199, 201, 206, 400, N - 3, N - 2, N - 1])
@@ -36,29 +36,29 @@ def test_far_samples_are_found_wherever_they_are_and_no_others(at, length):
     gyr[at : at + length, 2] += 100.0
     found = find_outliers(t, acc, gyr)
     expected = np.arange(N)[at : at + length] if at + length <= N - 2 or at >= N - 2 else []
-    assert np.flatnonzero(found.gyr[1:]).tolist() == [i - 1 for i in expected if i]  # the first may be either
-    assert not found.acc.any()
+    assert np.flatnonzero(found[1:] & GYR_OUT).tolist() == [i - 1 for i in expected if i]  # the first may be either
+    assert not (found & ACC_OUT).any()
 
 
 def test_a_single_blow_that_turns_the_shoe_is_no_bad_rate_and_one_without_a_blow_is():
     t, acc, gyr = striding()
     gyr[300, 1] += 6.0
-    assert np.flatnonzero(find_outliers(t, acc, gyr).gyr).tolist() == [300]
+    assert np.flatnonzero(find_outliers(t, acc, gyr) == GYR_OUT).tolist() == [300]
     acc[300, 2] += 40.0
-    assert not find_outliers(t, acc, gyr).which.any()
+    assert not find_outliers(t, acc, gyr).any()
 
 
 def test_what_lasts_longer_than_a_run_is_a_motion():
     t, acc, gyr = striding()
     gyr[100 : 100 + LONGEST + AROUND, 0] += 30.0
-    assert not find_outliers(t, acc, gyr).which.any()
+    assert not find_outliers(t, acc, gyr).any()
 
 
 def test_two_bad_samples_near_each_other_are_found_at_any_distance():
     for apart in range(1, 15):
         t, acc, gyr = striding()
         acc[[350, 350 + apart], 1] = 300.0, -300.0
-        found = np.flatnonzero(find_outliers(t, acc, gyr).acc)
+        found = np.flatnonzero(find_outliers(t, acc, gyr) & ACC_OUT)
         assert {350, 350 + apart} <= set(found.tolist()) <= set(range(350, 351 + apart))
 
 

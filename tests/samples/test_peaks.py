@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fg_nav.arrays import Floats
-from fg_nav.samples.saturation import MAX_RANGES, MAX_S, OFF_SHARE, rebuild_peaks
+from fg_nav.samples.readings import MAX_RANGES, MAX_S, OFF_SHARE, rebuild_peaks
 
 RATE_HZ = 200.0
 LIMIT = 8.7

@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import butter, sosfiltfilt
 
 from fg_nav.io import read
-from fg_nav.samples.saturation import find_clipping_levels, find_saturated, find_saturation_level
+from fg_nav.samples.readings import find_clipping_levels, find_saturated, find_saturation_level
 from tests.real_data import DATA, needs_data
 
 RATE = 200.0

@@ -260,6 +260,6 @@ def _view_demo(request: DemoRequest) -> None:
         if not stop.is_set() and outlets.emit_end is not None:
             solution = navigator.finish()
             verdicts = [judge_footfalls(solution.stances)]
-            emit_solution(solution, navigator.judge.sensor_time, outlets.emit_end, verdicts)
+            emit_solution(solution, navigator.intake.sensor_time, outlets.emit_end, verdicts)
             remark("the walk is over, and stays on the page until Ctrl-C.")
             stop.wait()

@@ -1,0 +1,240 @@
+"""What a source sends again, loses, or does not send.
+
+Again. A source that a resumed walk follows goes on in one of two ways, and its first `HEAD` rows show which:
+
+* It begins again, or somewhat earlier: a file, a logger's buffer. `MIN_KNOWN` of these rows are among those of the
+  record, with their stamp and all that was measured. Then all is left out up to the last `TAIL` rows of the record.
+* It goes on from a later moment: a socket, a device. Then nothing is left out.
+
+Rows are compared by value. Rows from a gap of the record, which were lost before and come now, are too late: they are
+left out too. If the last rows of the record never come, because they were lost this time, `LOST` rows that it does not
+hold, and that are not from the gap behind the last one that it holds, are taken for new; at the end of the stream as
+many as there are.
+
+Lost. Samples that were lost on the way are counted by the stamps of those that came. A sensor samples evenly: within a
+window of `WINDOW` rows the median step between stamps is its period T, and a step of k T, k = 2, 3, ..., lacks k - 1
+samples. Longer steps than `MAX_STEP_S` are gaps, which are remarked by themselves. Of stamps that jitter only steps of
+more than `GAP_PERIODS` periods are counted. If T is another in `IN_A_ROW` windows, the sensor's rate has changed, which
+is remarked. What this machine had no room for is counted by the system (`live.Datagrams`), as datagrams.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fg_nav.arrays import Floats, Ints
+from fg_nav.samples.plausibility import find_stamp_problem, median_period_s
+from fg_nav.samples.readings import COLUMNS
+from fg_nav.samples.stamps import GAP_PERIODS
+from fg_nav.text import format_count
+
+HEAD = 16  # rows that show how a source goes on; so many wait until the last of them is there
+MIN_KNOWN = 4  # of them, more than chance makes alike
+TAIL = 8  # rows in a row that no walk has twice
+LOST = 100  # rows in a row, about a second
+UNKNOWN = -1  # in place of a row's number
+HASH = np.random.default_rng(0).integers(1 << 62, 1 << 63, COLUMNS, dtype=np.uint64) * np.uint64(2) + np.uint64(1)
+WINDOW, IN_A_ROW = 200, 3  # rows, most of whose steps are one period unless every third is lost; windows that agree
+MAX_STEP_S = 1.0  # from row to row; a longer step is a sensor that was off, or a clock that was set
+EVEN, MAX_UNEVEN = 0.25, 0.1  # deviation of even steps from whole periods, in periods; share of others that may be
+ANOTHER = 1.2  # times longer or shorter is a period of another rate
+
+
+class Overlap:
+    """Leaves out the rows of a source that are recorded, `recorded` (n, 11) in their order; `left_out` so far.
+
+    `skips` once it is clear that the source began again, `is_over` once nothing has to be left out any more.
+    """
+
+    def __init__(self, recorded: Floats) -> None:
+        self.left_out, self.is_over = 0, len(recorded) == 0
+        self.skips = False
+        fingerprints = fingerprint_rows(recorded)
+        self._order = np.argsort(fingerprints, kind="stable")
+        self._fingerprints = fingerprints[self._order]
+        self._t = np.concatenate([recorded[:, 0], [np.nan]])
+        self._tail = _fill_missing(recorded[-TAIL:])
+        self._before = self._held = np.empty((0, COLUMNS))
+        self._last = -1
+
+    def select_new(self, rows: Floats, at_end: bool = False) -> Floats:
+        """Return those of the held rows and of these (n, 11) that are new; at the end of the stream no row is held on.
+
+        Held are the first `HEAD` rows, and of a stream that began again those of which it is not clear yet whether they
+        are new.
+        """
+        rows, self._held = np.concatenate([self._held, rows]), rows[:0]
+        if self.is_over:
+            return rows
+        if not self.skips:
+            if len(rows) < HEAD and not at_end:
+                self._held = rows
+                return rows[:0]
+            self.skips = int((self._find_numbers(rows[:HEAD]) != UNKNOWN).sum()) >= MIN_KNOWN
+            self.is_over = not self.skips
+        return rows if self.is_over else self._skip_to_tail_end(rows, at_end)
+
+    def _skip_to_tail_end(self, rows: Floats, at_end: bool) -> Floats:
+        """Return the rows behind the last of the record, or from `LOST` new ones in a row on; hold the rest."""
+        t, numbers = rows[:, 0], self._find_numbers(rows)
+        # the last row of the record that has come up to each row; -1 before the first
+        at = np.maximum.accumulate(np.where(numbers >= 0, np.arange(len(numbers)), -1))
+        last = np.where(at >= 0, numbers[at], self._last)
+        # rows from the gap between it and the next one, which ends before it begins if the clock restarted in it
+        begin, end = self._t[last], self._t[last + 1]
+        in_gap = (t > begin) & (t < end)
+        in_gap |= (end < begin) & ((t > begin) | (t < end))
+        is_new = (numbers == UNKNOWN) & ~in_gap
+        # where the first run of `LOST` new rows begins, or one at the end that may become so long
+        edges = np.concatenate([[-1], np.flatnonzero(~is_new), [len(rows)]])
+        long = np.flatnonzero(np.diff(edges) > LOST)
+        stop, self.is_over = int(edges[long[0]] if len(long) else edges[-2]) + 1, len(long) > 0
+        # where the last rows of the record end
+        tail = self._find_tail_end(rows)
+        if tail is not None and not (self.is_over and stop + LOST <= tail):
+            stop, self.is_over = tail, True
+        self.is_over = self.is_over or at_end
+        self.left_out += stop
+        if self.is_over:
+            return rows[stop:]
+        self._last = int(last[stop - 1]) if stop else self._last
+        self._held, self._before = rows[stop:], np.concatenate([self._before, rows[:stop]])[1 - TAIL :]
+        return rows[:0]
+
+    def _find_tail_end(self, rows: Floats) -> int | None:
+        """Return the index of the row behind the last ones of the record, as far as they came; None without."""
+        came = _fill_missing(np.concatenate([self._before, rows]))
+        first = len(self._before)
+        for last in np.flatnonzero((came[first:] == self._tail[-1]).all(axis=1)).tolist():
+            seen = came[max(0, first + last + 1 - len(self._tail)) : first + last + 1]
+            if np.array_equal(seen, self._tail[-len(seen) :]):
+                return int(last) + 1
+        return None
+
+    def _find_numbers(self, rows: Floats) -> Ints:
+        """Return the number (n,) of each row in the record, `UNKNOWN` if it is not in it."""
+        wanted = fingerprint_rows(rows)
+        at = np.minimum(np.searchsorted(self._fingerprints, wanted), len(self._fingerprints) - 1)
+        return np.where(self._fingerprints[at] == wanted, self._order[at], UNKNOWN)
+
+
+def _fill_missing(rows: Floats) -> Floats:
+    """Return rows with infinity, which no sample is, for NaN: so missing readings compare equal."""
+    return np.where(np.isnan(rows), np.inf, rows)
+
+
+def fingerprint_rows(rows: Floats) -> NDArray[np.uint64]:
+    """Return a hash (n,) of 64 bits of each row (n, 11)."""
+    bits = (np.ascontiguousarray(_fill_missing(rows)) + 0.0).view(np.uint64)  # + 0: one zero of two
+    return np.asarray(((bits ^ (bits >> np.uint64(29))) * HASH).sum(axis=1, dtype=np.uint64))
+
+
+class LossCounter:
+    """Counts what is lost of a stream, whatever the blocks: samples missing by the stamps, of those that came.
+
+    `remark` is called with one sentence the first time that samples are missing, and whenever the rate changes.
+    """
+
+    def __init__(self, remark: Callable[[str], None]) -> None:
+        self.samples = self.came = 0
+        self._remark = remark
+        self._window = np.empty(0)
+        self._period_s, self._others = np.nan, 0
+
+    def push(self, t: Floats) -> None:
+        """Count by the stamps (n,) s of rows as they were sent; NaN is ignored."""
+        self.came += len(t)
+        self._window = np.concatenate([self._window, t[np.isfinite(t)]])
+        while len(self._window) > WINDOW:
+            self._count(self._window[: WINDOW + 1])
+            self._check_rate(self._window[: WINDOW + 1])
+            self._window = self._window[WINDOW:]
+
+    def finish(self) -> None:
+        """Count, at the end, the rows of a window that is not full."""
+        self._count(self._window)
+        self._window = self._window[-1:]
+
+    def report(self, datagrams: int) -> dict[str, int]:
+        """Return what was lost so far, with the datagrams for which this machine had no room."""
+        return {"samples": self.samples, "came": self.came, "datagrams": datagrams}
+
+    def _count(self, t: Floats) -> None:
+        """Count the samples that are missing between stamps (n,) s of a sensor that samples evenly."""
+        step = np.diff(t)
+        forward = (step > 0.0) & (step <= MAX_STEP_S)
+        if not forward.any():
+            return
+        period = float(np.median(step[forward]))
+        periods = np.where(forward, step, period) / period
+        is_even = np.mean(np.abs(periods - np.rint(periods)) > EVEN) < MAX_UNEVEN
+        missing = np.where(periods > (1.5 if is_even else GAP_PERIODS), np.rint(periods) - 1.0, 0.0).astype(np.int64)
+        lost = int(missing.sum())
+        if lost and not self.samples:
+            first = int(np.argmax(missing > 0))
+            self._remark(
+                f"samples are lost on the way here, by the stamps: the first {missing[first]} before "
+                f"t = {t[first + 1]:.3f} s."
+            )
+        self.samples += lost
+
+    def _check_rate(self, t: Floats) -> None:
+        """Remark if the rate has changed."""
+        period_s = median_period_s(t)
+        if find_stamp_problem(period_s) is not None:
+            return  # no rate: stamps in another unit
+        if not max(period_s / self._period_s, self._period_s / period_s) > ANOTHER:
+            self._period_s, self._others = period_s, 0
+            return
+        self._others += 1
+        if self._others == IN_A_ROW:
+            self._remark(
+                f"the rate of the sensor has changed near t = {t[0]:.3f} s, from {1.0 / self._period_s:.4g} to "
+                f"{1.0 / period_s:.4g} Hz."
+            )
+            self._period_s, self._others = period_s, 0
+
+
+def describe_losses(lost: Mapping[str, int]) -> tuple[str, ...]:
+    """Describe what was lost in all: `samples`, where `came` samples came, and `datagrams`; nothing if nothing was."""
+    words = []
+    if lost.get("samples"):
+        words.append(
+            f"by the stamps {format_count(lost['samples'], 'sample')} of {lost['samples'] + lost['came']} were lost "
+            "on the way, steps of more than a second not counted"
+        )
+    if lost.get("datagrams"):
+        words.append(f"this machine had no room for {format_count(lost['datagrams'], 'datagram')}")
+    return tuple(words)
+
+
+class Silence:
+    """Time without a sample from a source of that name.
+
+    Silence of `stalled_s` is remarked; after `until_silent_s` the walk is over, None to wait for ever.
+    """
+
+    def __init__(
+        self, name: str, stalled_s: float, until_silent_s: float | None, remark: Callable[[str], None]
+    ) -> None:
+        self._name, self._stalled_s, self._until_silent_s, self._remark = name, stalled_s, until_silent_s, remark
+        self._since = time.monotonic()
+        self._remarked = False
+
+    def is_over(self, n_samples: int) -> bool:
+        """Note how many samples have come; return whether the silence is so long that the walk is over."""
+        now = time.monotonic()
+        silent = now - self._since
+        if n_samples:
+            if self._remarked:
+                self._remark(f"{self._name} sends again after {silent:.0f} s.")
+            self._since, self._remarked = now, False
+            return False
+        if silent >= self._stalled_s and not self._remarked:
+            self._remark(f"no sample has come from {self._name} for {silent:.0f} s: waiting.")
+            self._remarked = True
+        return self._until_silent_s is not None and silent >= self._until_silent_s
