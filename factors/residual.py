@@ -185,11 +185,14 @@ def hold_cauchy(square: Array, sigmas: float) -> tuple[Array, Array]:
 class ResidualBlock:
     """K residuals of a kind with their keys (K, n), linearized together.
 
-    `is_linear` ones become factors of gtsam that run in C++.
+    `is_linear` ones become factors of gtsam that run in C++; `kind` is the word under which they are counted, if any.
     """
 
-    def __init__(self, residuals: Residual, keys: Sequence[Sequence[int]], is_linear: bool = False) -> None:
+    def __init__(
+        self, residuals: Residual, keys: Sequence[Sequence[int]], is_linear: bool = False, kind: str = ""
+    ) -> None:
         self.residuals, self.keys, self._make = residuals, keys, linear_factor_of if is_linear else factor_of
+        self.counts = {kind: len(keys)} if kind else {}
 
     def __len__(self) -> int:
         return len(self.keys)

@@ -43,7 +43,7 @@ Each floor has its height Z (1-vector, m) as a variable, each footfall on it the
     e = z - Z,    de/dpose = [0, e_z^T nav_R_body],    de/dZ = -1,
 
 z the height of the sensor (navigation frame, z up); its scatter above the floor from stance to stance is the noise.
-Which footfall is on which floor has to be decided elsewhere (`fg_nav.smoother.floors`): a ramp looks like drift.
+Which footfall is on which floor has to be decided elsewhere (`fg_nav.smoother.heights`): a ramp looks like drift.
 
 Barometric height (`BarometricHeight`, `BarometerDrift`): height plus an offset is what the pressure shows
 ----------------------------------------------------------------------------------------------------------

@@ -24,7 +24,7 @@ Types
 Recording
     What the sensor recorded (`fg_nav.recording`).
 Stances
-    When the foot stands: found once, shared by all estimators (`fg_nav.stances`).
+    When the foot stands: found once, shared by all estimators (`fg_nav.detection.stance`).
 FootfallField
     The field at each footfall: found once, shared too (`fg_nav.magnetic`).
 FieldVerdicts
@@ -52,6 +52,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from fg_nav.both_feet import navigate_feet
     from fg_nav.detection import detect_stances
+    from fg_nav.detection.stance import Stances
     from fg_nav.ekf import run_iez
     from fg_nav.errors import FgNavError
     from fg_nav.evaluation import evaluate
@@ -63,7 +64,6 @@ if TYPE_CHECKING:
     from fg_nav.recording import Recording
     from fg_nav.smoother import GraphNodes, SmoothedWalk, SmootherParameters, smooth, smooth_graph
     from fg_nav.solution import Solution
-    from fg_nav.stances import Stances
     from fg_nav.truth import Fix, FootprintTruth, TrajectoryTruth
     from fg_nav.walk import Options
 
@@ -79,7 +79,7 @@ _HOME = {
     "SmoothedWalk": "fg_nav.smoother",
     "SmootherParameters": "fg_nav.smoother",
     "Solution": "fg_nav.solution",
-    "Stances": "fg_nav.stances",
+    "Stances": "fg_nav.detection.stance",
     "TrajectoryTruth": "fg_nav.truth",
     "average_footfall_field": "fg_nav.magnetic.footfall_field",
     "detect_stances": "fg_nav.detection",

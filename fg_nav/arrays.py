@@ -27,3 +27,9 @@ def weigh_models(log_evidence: Floats, prior: Floats | None = None) -> Floats:
 def interpolate_columns(asked: Floats, x: Floats, values: Floats) -> Floats:
     """Return the rows (M, c) of values (K, c) at x (K,), interpolated where they are asked for (M,)."""
     return np.stack([np.interp(asked, x, column) for column in values.T], axis=1)
+
+
+def find_runs(mask: Bools) -> tuple[Ints, Ints]:
+    """First sample (K,) and sample after the last (K,) of each run of True in an (N,) mask."""
+    edges = np.diff(np.concatenate(([False], mask, [False])).astype(np.int8))
+    return np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)

@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
-from fg_nav.changes import DETECTOR, Changes, change_parameters, explain_no_parameter, list_names, select_changes
 from fg_nav.errors import EstimationError, FgNavError
+from fg_nav.text import DETECTOR, Changes, change_parameters, explain_no_parameter, list_names, select_changes
 
 if TYPE_CHECKING:
     from fg_nav.calibration.of_recording import Calibration
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from fg_nav.recording import Recording
     from fg_nav.smoother import SmootherParameters
     from fg_nav.solution import Solution
-    from fg_nav.walk import Mount, Options, Walk
+    from fg_nav.walk import Magnetic, Mount, Options, Walk
 
 Progress: TypeAlias = Callable[[float], None]  # Called from time to time with the fraction of the work that is done.
 
@@ -77,48 +77,40 @@ RTS = "-rts"  # Behind the name of a filter: smoothed backward.
 BLOCK = 64  # Samples that the online estimator is given at once; its estimates do not depend on it.
 
 
-def choose_parameters(options: Options, calibration: Calibration | None = None) -> SmootherParameters:
+def choose_parameters(
+    options: Options, calibration: Calibration | None = None, magnetic: Magnetic | None = None
+) -> SmootherParameters:
     """Return the parameters of the smoother for these options and the calibration of the sensor.
 
-    Later ones prevail: calibrated gyroscope bias, gate, changes of the options, "card".
+    Later ones prevail: calibrated gyroscope bias, gate, changes of the options, "card" as they or `magnetic` say.
     """
     from fg_nav.smoother import SmootherParameters
 
-    card = CARD_CHANGES if options.magnetic == CARD else ()
-    changes = select_changes(options.changes, SMOOTHER)
     known = None if calibration is None else calibration.gyroscope
     parameters = SmootherParameters() if known is None else SmootherParameters(**known.prior)
-    return change_parameters(parameters, (("magnetic.gate", options.gate), *changes, *card))
+    card = CARD_CHANGES if (magnetic or options.magnetic) == CARD else ()
+    changes = (("magnetic.gate", options.gate), *select_changes(options.changes, SMOOTHER), *card)
+    return change_parameters(parameters, changes)
 
 
-def _choose_card(options: Options, calibration: Calibration | None) -> SmootherParameters:
-    return choose_parameters(replace(options, magnetic=CARD), calibration)
-
-
-def _smoother(walk: Walk, progress: Progress | None) -> Solution:
+def _smoother(
+    walk: Walk, progress: Progress | None, magnetic: Magnetic | None = None, use_field: bool = True
+) -> Solution:
     from fg_nav.smoother import smooth
 
     extra, start = walk.extra, None
     if walk.gnss is not None:  # which is not combined with factors of the user's own (`walk.check_known`)
-        from fg_nav.gnss import describe_fixes
         from fg_nav.smoother.constraints import make_gnss_factors
+        from fg_nav.truth import describe_fixes
 
         extra, start = make_gnss_factors(walk.gnss)
-    parameters, heading = choose_parameters(walk.options, walk.calibration), walk.options.heading_rad
-    given = (walk.field, walk.fixes, extra, walk.known)
-    solution = smooth(walk.recording, walk.stances, parameters, heading, progress, *given)
+    parameters = choose_parameters(walk.options, walk.calibration, magnetic)
+    given = (walk.field if use_field else None, walk.fixes, extra, walk.known)
+    solution = smooth(walk.recording, walk.stances, parameters, walk.options.heading_rad, progress, *given)
     if start is None:
         return solution
     notes = (describe_fixes(start), *solution.notes)
     return replace(solution, notes=notes, parameters={**solution.parameters, "gnss_start": start})
-
-
-def _card(walk: Walk, progress: Progress | None) -> Solution:
-    return _smoother(replace(walk, options=replace(walk.options, magnetic=CARD)), progress)
-
-
-def _inertial(walk: Walk, progress: Progress | None) -> Solution:
-    return _smoother(replace(walk, field=None), progress)
 
 
 def _online(walk: Walk, progress: Progress | None) -> Solution:
@@ -142,6 +134,7 @@ def _online(walk: Walk, progress: Progress | None) -> Solution:
 
 
 def _push_recording(navigator: Navigator, recording: Recording, progress: Progress | None) -> None:
+    """Push a recording in blocks of rows."""
     from fg_nav.online.buffer import taken_rows
 
     rows = taken_rows(recording)
@@ -211,19 +204,20 @@ _OF_BOTH: frozenset[Use] = frozenset(("places", "feet"))
 _OF_STREAM: frozenset[Use] = frozenset(("fixes", "gate", "magnetic", "polish"))
 _GNSS: frozenset[Use] = frozenset(("gnss",))
 _GRAPH = (SMOOTHER, choose_parameters)
+_CHOOSE_CARD = partial(choose_parameters, magnetic=CARD)
 _TABLE = (
     Method(SMOOTHER, _smoother, "foot", True, _OF_GRAPH | _OF_BOTH | {"magnetic"}, *_GRAPH),
-    Method(CARD, _card, "foot", True, _OF_GRAPH, SMOOTHER, _choose_card),
-    Method("inertial", _inertial, "foot", False, _OF_GRAPH | _OF_BOTH, *_GRAPH),
+    Method(CARD, partial(_smoother, magnetic=CARD), "foot", True, _OF_GRAPH, SMOOTHER, _CHOOSE_CARD),
+    Method("inertial", partial(_smoother, use_field=False), "foot", False, _OF_GRAPH | _OF_BOTH, *_GRAPH),
     Method("online", _online, "foot", True, _OF_STREAM, *_GRAPH),
     *_list_filters(),
     Method("pocket", partial(_pocket, "pocket"), "pocket", uses=_GNSS),
     Method("munoz-diaz2017", partial(_pocket, "munoz-diaz2017"), "pocket", uses=_GNSS),
     Method("online", _pocket_online, "pocket", uses=frozenset(("polish",))),
 )
+_MOUNTS: tuple[Mount, ...] = ("foot", "pocket")
 METHODS: dict[Mount, dict[str, Method]] = {
-    "foot": {one.name: one for one in _TABLE if one.mount == "foot"},
-    "pocket": {one.name: one for one in _TABLE if one.mount == "pocket"},
+    mount: {one.name: one for one in _TABLE if one.mount == mount} for mount in _MOUNTS
 }
 """By where the sensor is worn, and by name; the first is the default."""
 
@@ -242,11 +236,7 @@ def list_methods(mount: Mount = "foot") -> dict[str, Method]:
 
 def name_owners() -> dict[str, str]:
     """Return the first method on a foot that has the parameters of each owner, by owner."""
-    owners = dict[str, str]()
-    for one in list_methods().values():
-        if one.owner:
-            owners.setdefault(one.owner, one.name)
-    return owners
+    return {one.owner: one.name for one in reversed(list_methods().values()) if one.owner}
 
 
 def get_method(name: str, mount: Mount = "foot") -> Method | None:
@@ -260,10 +250,9 @@ def find_method(name: str, mount: Mount = "foot") -> Method:
     if found is not None:
         return found
     elsewhere: Mount = "pocket" if mount == "foot" else "foot"
-    known = ", ".join(list_methods(mount))
-    if get_method(name, elsewhere) is not None:
-        raise EstimationError(f"{name} is for --mount {elsewhere}: choose one of {known}.")
-    raise EstimationError(f"there is no method '{name}': choose one of {known}.")
+    is_elsewhere = get_method(name, elsewhere) is not None
+    words = f"{name} is for --mount {elsewhere}" if is_elsewhere else f"there is no method '{name}'"
+    raise EstimationError(f"{words}: choose one of {', '.join(list_methods(mount))}.")
 
 
 def check_use(method: Method, use: Use) -> None:
@@ -278,18 +267,18 @@ def check_use(method: Method, use: Use) -> None:
 def estimate(walk: Walk, method: str, progress: Progress | None = None) -> Solution:
     """Solve a walk by the method of this name.
 
-    Raises
-    ------
-    EstimationError
-        If there is no such method, if it makes no use of the fixes that were given, or cannot solve this walk.
+    Raises `EstimationError` if there is none, if it makes no use of what was given, or cannot solve this walk.
     """
     found = find_method(method, walk.options.mount or "foot")
-    if walk.options.fixes_path is not None or len(walk.fixes) > 0:
-        check_use(found, "fixes")
-    if walk.gnss is not None:
-        check_use(found, "gnss")
-    if walk.extra is not None:
-        check_use(found, "extra")
+    given: dict[Use, object] = {
+        "fixes": walk.fixes or walk.options.fixes_path,  # None without
+        "gnss": walk.gnss,
+        "extra": walk.extra,
+        "places": walk.places,
+    }
+    for use, one in given.items():
+        if one is not None:
+            check_use(found, use)
     with blaming_changes(method, walk.options):
         solution = replace(found.run(walk, progress), method=method, uses_field=found.uses_field)
     return solution if found.mount == "pocket" else solution.widen(walk.recording.provenance.rate_sigma)
@@ -325,10 +314,7 @@ def check_changes(options: Options) -> None:
 def find_parameters(method: str, preset: str = "tuned") -> object:
     """Return the default parameters of a foot method, a frozen dataclass, in a preset.
 
-    Raises
-    ------
-    EstimationError
-        If there is no such method, it has no parameters, or no such preset.
+    Raises `EstimationError` if there is no such method, it has no parameters, or no such preset.
     """
     from fg_nav.walk import Options
 

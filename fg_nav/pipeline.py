@@ -30,11 +30,11 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.detection.handedness import measure_swing_axes, refuse_wrong_axes
 from fg_nav.errors import PlacesError
-from fg_nav.estimators import Progress, check_changes, check_use, estimate, find_method
+from fg_nav.estimators import Progress, check_changes, estimate
 from fg_nav.evaluation.metrics import Metrics
 from fg_nav.frames import compute_heading
 from fg_nav.recording import Recording
-from fg_nav.solution import KnownStretch, Located, Solution, StanceTable
+from fg_nav.solution import KnownStretch, Located, Solution
 from fg_nav.truth import Fix, Truth
 from fg_nav.verdict import Verdict, judge_path
 from fg_nav.walk import (
@@ -51,10 +51,8 @@ from fg_nav.walk import (
 )
 
 if TYPE_CHECKING:
-    from fg_nav.places import Location, SavedPlaces, Signature
-    from fg_nav.places.location import Pieces
+    from fg_nav.places import SavedPlaces
     from fg_nav.smoother import ExtraFactors
-    from fg_nav.smoother.constraints import KnownTies
 
 
 @dataclass(frozen=True, repr=False)
@@ -193,22 +191,17 @@ def run_method(walk: Walk, method: str, progress: Progress | None = None) -> Out
     return evaluate_solution(walk, solution)
 
 
-NOTHING = "nothing of the saved places was recognized: the walk is in a frame of its own"
-
-
 def estimate_on_places(walk: Walk, method: str, progress: Progress | None = None) -> Solution:
     """Solve a walk; where known places are recognized, solve it again in their frame, tied to them.
 
-    Raises
-    ------
-    EstimationError, PlacesError
-        For known places where the method has no use of them, with fixes, or without a magnetometer.
+    Raises `EstimationError` or `PlacesError` for known places where the method has no use of them, with fixes, or
+    without a magnetometer.
     """
     if walk.places is None:
         return estimate(walk, method, progress)
     from fg_nav.places import locate, trace_signature
+    from fg_nav.smoother.constraints import KnownTies
 
-    check_use(find_method(method, walk.options.mount or "foot"), "places")
     if walk.fixes or walk.extra is not None:
         raise PlacesError("fixes and saved places are in frames of their own: give one of them.")
     mag = require_mag(walk)
@@ -217,29 +210,50 @@ def estimate_on_places(walk: Walk, method: str, progress: Progress | None = None
     # start and heading in the known frame, from the recognized places
     location = locate(path, walk.places)
     if location is None:
-        return replace(solution, notes=(*solution.notes, NOTHING))
-    # the same walk in axes of the known frame, tied to its places
-    first = solution.stances
-    heading_deg = np.rad2deg(compute_heading(first.nav_R_body[0]) - location.turn_rad)
-    options = replace(walk.options, heading_deg=float(heading_deg))
-    tied = replace(walk, options=options, known=_tie(location, first))
-    again = _move(estimate(tied, method, progress), location)
-    located = _describe_location(again.stances, location, path, walk.places)
-    return replace(again, located=located, notes=(*again.notes, located.sentence))
+        words = "nothing of the saved places was recognized: the walk is in a frame of its own"
+        return replace(solution, notes=(*solution.notes, words))
+    # the footfall nearest to each recognized piece is tied to it, relative to the located start
+    footfalls, pieces = solution.stances, location.pieces
+    nearest = np.abs(pieces.t[:, None] - footfalls.t).argmin(axis=1)
+    apart = np.einsum("kji,kj->ki", footfalls.nav_R_body[nearest], pieces.place - footfalls.position[nearest])
+    known = KnownTies(footfalls.t[nearest], apart, pieces.known - location.start, pieces.tie_covariance)
+    # the same walk in axes of the known frame
+    heading_deg = float(np.rad2deg(compute_heading(footfalls.nav_R_body[0]) - location.turn_rad))
+    options = replace(walk.options, heading_deg=heading_deg)
+    again = estimate(replace(walk, options=options, known=known), method, progress)
+    # shifted to its located start; with the variance of the known walk
+    table, variance = again.stances, np.diag(location.map_variance)
+    pose_cov = None if table.pose_cov is None else table.pose_cov.copy()
+    if pose_cov is not None:
+        pose_cov[:, :3, :3] += variance
+    position, position_cov = table.position + location.start, table.position_cov + variance
+    table = replace(table, position=position, position_cov=position_cov, pose_cov=pose_cov)
+    # where it begins, and what was recognized
+    stretches = []
+    for one in location.stretches:
+        points = (one.later, path), (one.earlier, walk.places.path)
+        t, known_t = (np.interp(point, np.arange(len(there)), there.t) for point, there in points)
+        stretches.append(KnownStretch(t, known_t, one.opposite, one.score, one.expected_false, one.length_m))
+    located = Located(
+        table.position[0],
+        float(compute_heading(table.nav_R_body[0])),
+        np.append(table.position_sigma[0], table.heading_sigma[0]),
+        location.expected_false,
+        walk.places.recording,
+        tuple(stretches),
+    )
+    moved, notes = again.position + location.start, (*again.notes, located.sentence)
+    return replace(again, position=moved, stances=table, located=located, notes=notes)
 
 
 def take_places(walk: Walk, solution: Solution) -> SavedPlaces:
     """Return the magnetic places along a solved walk, to be saved.
 
-    Raises
-    ------
-    PlacesError
-        Without a magnetometer, or where the walk is too short.
+    Raises `PlacesError` without a magnetometer, or where the walk is too short.
     """
     from fg_nav.places import trace_places
 
-    table, name = solution.stances, walk.recording.provenance.path
-    mag = require_mag(walk)
+    table, name, mag = solution.stances, walk.recording.provenance.path, require_mag(walk)
     path = (walk.recording.t, solution.position, solution.nav_R_body)
     return replace(trace_places(*path, mag, table.t, table.position_sigma), recording="" if name is None else name.name)
 
@@ -249,41 +263,3 @@ def require_mag(walk: Walk) -> Floats:
     if walk.recording.mag is None:
         raise PlacesError("places are known by their magnetic field, and there is no magnetometer: leave them out.")
     return walk.recording.mag
-
-
-def _tie(location: Location, footfalls: StanceTable) -> KnownTies:
-    """Tie the footfall nearest to each recognized piece, relative to the located start, in axes of the known frame."""
-    from fg_nav.smoother.constraints import KnownTies
-
-    pieces: Pieces = location.pieces
-    nearest = np.abs(pieces.t[:, None] - footfalls.t).argmin(axis=1)
-    apart = pieces.place - footfalls.position[nearest]
-    in_body = np.einsum("kji,kj->ki", footfalls.nav_R_body[nearest], apart)
-    return KnownTies(footfalls.t[nearest], in_body, pieces.known - location.start, pieces.tie_covariance)
-
-
-def _move(solution: Solution, location: Location) -> Solution:
-    """Shift a solution to its located start in the known frame, and add the variance of the known walk to its own."""
-    table, variance = solution.stances, np.diag(location.map_variance)
-    pose_cov = table.pose_cov
-    if pose_cov is not None:
-        pose_cov = pose_cov.copy()
-        pose_cov[:, :3, :3] += variance
-    stances = replace(
-        table,
-        position=table.position + location.start,
-        position_cov=table.position_cov + variance,
-        pose_cov=pose_cov,
-    )
-    return replace(solution, position=solution.position + location.start, stances=stances)
-
-
-def _describe_location(table: StanceTable, location: Location, path: Signature, known: SavedPlaces) -> Located:
-    sigma = np.append(table.position_sigma[0], table.heading_sigma[0])
-    heading = float(compute_heading(table.nav_R_body[0]))
-    stretches = []
-    for one in location.stretches:
-        points = (one.later, path), (one.earlier, known.path)
-        t, known_t = (np.interp(point, np.arange(len(there)), there.t) for point, there in points)
-        stretches.append(KnownStretch(t, known_t, one.opposite, one.score, one.expected_false, one.length_m))
-    return Located(table.position[0], heading, sigma, location.expected_false, known.recording, tuple(stretches))

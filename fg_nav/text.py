@@ -1,18 +1,135 @@
-"""What stands in messages and files: counts in sentences, values as JSON knows them, small files, the version."""
+"""What people and files say: parameters by their dotted names (`magnetic.rounds`), counts, values as JSON, versions."""
 
 from __future__ import annotations
 
+import difflib
 import errno
+import json
 import math
-from collections.abc import Mapping
-from dataclasses import fields, is_dataclass
+import typing
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import fields, is_dataclass, replace
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from reprlib import repr as shorten
+from types import NoneType, UnionType
+from typing import Any, TypeAlias, TypeVar, cast
 
-import numpy as np
+from fg_nav.errors import EstimationError
 
+Scalar: TypeAlias = bool | int | float | str
+Value: TypeAlias = Scalar | list[Any] | None
+Changes: TypeAlias = tuple[tuple[str, Value], ...]  # Dotted names and values.
+
+DETECTOR = "detector"  # First part of the names of the parameters of the stances.
+MAX_VALUE, MAX_WHOLE = 1e100, 1000  # No parameter is larger, and no whole one, which counts rounds or footfalls.
 MAX_BYTES = 2**23  # Of a configuration, a calibration or a scenario, which are some kilobytes.
+
+T = TypeVar("T")
+
+
+# --- parameters by their names ---------------------------------------------------------------------------------------
+
+
+def change_parameters(parameters: T, changes: Changes, owner: str = "") -> T:
+    """Return the dataclass `parameters` with each (name, value) of `changes` set; dotted names reach nested ones.
+
+    `owner` is put before the name in an error. Raises `EstimationError` if there is no such parameter, or its value is
+    of another type.
+    """
+    known = list(list_names(parameters)) if changes else []
+    for name, value in changes:
+        if name not in known:
+            raise EstimationError(explain_no_parameter(name, known))
+        # the dataclasses on the way to it, the outermost first
+        path, nested = name.split("."), [cast("Any", parameters)]
+        for part in path[:-1]:
+            nested.append(getattr(nested[-1], part))
+        new = _convert(nested[-1], path[-1], value, f"{owner}.{name}" if owner else name)
+        for inner, part in zip(reversed(nested), reversed(path), strict=True):
+            new = replace(inner, **{part: new})
+        parameters = cast("T", new)
+    return parameters
+
+
+def list_names(parameters: object) -> Iterator[str]:
+    """Yield the dotted name of every parameter in a dataclass, and in those in it."""
+    for item in fields(cast("Any", parameters)):
+        inner = getattr(parameters, item.name)
+        if is_dataclass(inner):
+            yield from (f"{item.name}.{name}" for name in list_names(inner))
+        else:
+            yield item.name
+
+
+def explain_no_parameter(name: str, known: Sequence[str]) -> str:
+    """Return the sentence for a name that is none of the known ones: the nearest of them, or all."""
+    parts = [other for other in known if other.startswith(f"{name}.")]
+    if parts:
+        return f"the parameter '{name}' has parts: choose one of {', '.join(parts)}."
+    near = difflib.get_close_matches(name, known, 1)
+    advice = f"the nearest is '{near[0]}'" if near else f"choose one of {', '.join(known)}"
+    return f"there is no parameter '{name}': {advice}."
+
+
+def select_changes(changes: Changes, owner: str) -> Changes:
+    """Return the changes with this first part of their name, without it."""
+    return tuple((name.removeprefix(f"{owner}."), value) for name, value in changes if name.startswith(f"{owner}."))
+
+
+def flatten(content: Mapping[str, Any], owner: str) -> Changes:
+    """Return the values of nested mappings as changes, after this first part of their name."""
+    found: list[tuple[str, Value]] = []
+    for key, value in content.items():
+        name = f"{owner}.{key}"
+        found += flatten(value, name) if isinstance(value, Mapping) else [(name, value)]
+    return tuple(found)
+
+
+def _convert(owner: object, name: str, value: Value, whole: str) -> object:
+    """Return `value` in the type of the field `name`; an integer passes as a float, any other mismatch raises."""
+    hint, before = typing.get_type_hints(type(owner))[name], getattr(owner, name)
+    literal = typing.get_args(hint) if typing.get_origin(hint) is typing.Literal else ()
+    is_union = isinstance(hint, UnionType) or typing.get_origin(hint) is typing.Union
+    kinds = typing.get_args(hint) if is_union else (hint,)
+    is_number = isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < MAX_VALUE
+    # a positive default is a sigma, a density or a time: a negative value makes no sense
+    is_positive = isinstance(before, int | float) and not isinstance(before, bool) and before > 0
+    if value in literal or (value is None and NoneType in kinds):
+        return value
+    if isinstance(value, list):
+        from pydantic import TypeAdapter, ValidationError
+
+        try:
+            return TypeAdapter(hint).validate_json(json.dumps(value), strict=True)
+        except ValidationError:
+            give = _describe_kinds((), kinds)
+    elif is_number and is_positive and cast("float", value) < 0:
+        give = "a number that is not below zero"
+    elif float in kinds and is_number:
+        return float(cast("float", value))
+    elif isinstance(value, int) and float not in kinds and value > MAX_WHOLE:
+        give = f"a whole number up to {MAX_WHOLE}"
+    elif type(value) in kinds and type(value) is not float:
+        return value
+    else:
+        give = _describe_kinds(literal, kinds)
+    raise EstimationError(f"the parameter '{whole}' cannot be {shorten(value)}: give {give}.")
+
+
+def _describe_kinds(literal: tuple[Any, ...], kinds: tuple[Any, ...]) -> str:
+    """Return what a parameter may be, in words."""
+    words = {bool: "true or false", int: "a whole number", float: "a number", str: "a word"}
+    if literal:
+        return f"one of {', '.join(map(str, literal))}"
+    known = [words[kind] for kind in kinds if kind in words]
+    if any(typing.get_origin(kind) is tuple for kind in kinds):
+        known.append("a list such as [0.1, 0, 0.2]")
+    named = " or ".join(getattr(kind, "__name__", str(kind)) for kind in kinds if kind is not NoneType)
+    return " or ".join(known) or f"it in Python, where it is a {named}"
+
+
+# --- sentences and files ---------------------------------------------------------------------------------------------
 
 
 def format_count(count: int, thing: str) -> str:
@@ -31,7 +148,7 @@ def to_json(value: object) -> Any:
         return {item.name: to_json(getattr(value, item.name)) for item in fields(value)}
     if isinstance(value, Mapping):
         return {str(key): to_json(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray | np.generic):
+    if hasattr(value, "tolist"):  # of numpy, which the help does not load
         return to_json(value.tolist())
     if isinstance(value, list | tuple):
         return [to_json(item) for item in value]

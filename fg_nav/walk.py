@@ -17,25 +17,23 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 import numpy as np
 
 from fg_nav.arrays import Floats
-from fg_nav.changes import DETECTOR, Changes, change_parameters, select_changes
 from fg_nav.detection import StanceParameters, detect_stances
 from fg_nav.detection.handedness import refuse_wrong_axes
 from fg_nav.detection.mount import refuse_pocket
 from fg_nav.detection.sensor_processing import refuse_high_pass, remove_gyro_delay
+from fg_nav.detection.stance import Stances
 from fg_nav.errors import EstimationError, EvaluationError, MagneticError
-from fg_nav.evaluation.comparison import Comparison, check_truth, compare, share_truth
+from fg_nav.evaluation.comparison import Comparison, compare, share_truth
 from fg_nav.evaluation.metrics import Metrics, evaluate
 from fg_nav.evaluation.walked import WalkErrors, measure_moment
-from fg_nav.fix_check import check_fixes
-from fg_nav.gnss import Gnss, select_fixes
 from fg_nav.io import Reading, read_fixes, read_gnss, read_truth
 from fg_nav.magnetic.axes import AlignedMagnetometer, MagAxes, align_magnetometer
 from fg_nav.magnetic.footfall_field import FootfallField
 from fg_nav.magnetic.quasi_static import DEFAULT, QUASI_STATIC, UNKNOWN, FieldVerdicts, apply_gate, choose_gate
 from fg_nav.recording import Recording
 from fg_nav.solution import Solution
-from fg_nav.stances import Stances
-from fg_nav.truth import Fix, TrajectoryTruth, Truth
+from fg_nav.text import DETECTOR, Changes, change_parameters, select_changes
+from fg_nav.truth import Fix, Gnss, TrajectoryTruth, Truth, check_fixes, check_truth, select_fixes
 
 if TYPE_CHECKING:
     from fg_nav.calibration.of_recording import Calibration
@@ -162,12 +160,6 @@ class Walk:
             notes.append(f"the field was not judged: {self.unjudged}")
         return tuple(notes)
 
-    def require_field(self) -> FootfallField:
-        """Return the field at the footfalls; raises `MagneticError` with the reason where it is not known."""
-        if self.field is None:
-            raise MagneticError(self.unjudged or "the field of this walk was not looked at: use `measure_field`.")
-        return self.field
-
 
 @dataclass(frozen=True)
 class Outcome:
@@ -186,10 +178,7 @@ class Outcome:
 def read_walk(path: Path | str | Recording, options: Options = Options(), reading: Reading = Reading()) -> Walk:
     """Return the walk: the recording, read if given as a path, with calibration, fixes, GNSS and places of the options.
 
-    Raises
-    ------
-    FormatError, RecordingError, CalibrationError, PlacesError
-        If a file cannot be read, or the recording cannot be navigated with.
+    Raises `FgNavError` if a file cannot be read, or the recording cannot be navigated with.
     """
     truth = None if options.truth_path is None else read_truth(options.truth_path)
     fixes = () if options.fixes_path is None else read_fixes(options.fixes_path)
@@ -236,10 +225,7 @@ def add_known(
 def check_known(walk: Walk) -> None:
     """Refuse fixes, and a truth that the user named, that cannot belong to this walk, before it is solved.
 
-    Raises
-    ------
-    EvaluationError, EstimationError
-        What is wrong with the truth, or with which fix.
+    Raises `EvaluationError` or `EstimationError`: what is wrong with the truth, or with which fix.
     """
     if walk.options.truth_path is not None and walk.truth is not None:
         check_truth(walk.truth, walk.recording.t)
@@ -249,51 +235,42 @@ def check_known(walk: Walk) -> None:
         if len(walk.fixes) > 0 or walk.extra is not None or walk.places is not None:
             raise EstimationError("GNSS fixes are not combined with other fixes, places or factors: leave one out.")
         select_fixes(walk.gnss.fixes, float(walk.recording.t[0]), float(walk.recording.t[-1]))
-    check_fixes(walk.fixes, walk.recording.t)
+    if walk.fixes:
+        check_fixes(walk.fixes, walk.recording.t)
 
 
 def correct_walk(walk: Walk) -> Walk:
     """Return the walk calibrated and with aligned sensor times; drops a magnetometer that is unused or misaligned.
 
-    Raises
-    ------
-    CalibrationError
-        If the calibration is of a magnetometer and the recording has none.
+    Raises `CalibrationError` if the calibration is of a magnetometer and the recording has none.
     """
-    options = walk.options
+    recording, options, calibration = walk.recording, walk.options, walk.calibration
+    # delay of the gyroscope; axes of the magnetometer
     if options.mount != "pocket":
-        walk = replace(walk, recording=remove_gyro_delay(walk.recording))
+        recording = remove_gyro_delay(recording)
     if not options.use_magnetometer:
-        return _apply_calibration(replace(walk, recording=replace(walk.recording, mag=None)))
-    if options.mag_axes is not None:
-        walk = replace(walk, recording=options.mag_axes.apply_to(walk.recording))
-    walk = _apply_calibration(walk)
-    found = align_magnetometer(walk.recording, options.mag_axes is not None)
+        recording = replace(recording, mag=None)
+    elif options.mag_axes is not None:
+        recording = options.mag_axes.apply_to(recording)
+    # calibration
+    if calibration is not None and not walk.applied:
+        if calibration.magnetometer is not None and options.use_magnetometer:
+            recording = calibration.magnetometer.apply_to(recording)
+        if calibration.accelerometer is not None and calibration.accelerometer.separable:
+            recording = calibration.accelerometer.apply_to(recording)
+        walk = replace(walk, applied=calibration.corrects(options.use_magnetometer))
+    # delay of the magnetometer, and other axes that the recording shows
+    if not options.use_magnetometer:
+        return replace(walk, recording=recording)
+    found = align_magnetometer(recording, options.mag_axes is not None)
     return replace(walk, recording=found.recording, magnetometer=found)
-
-
-def _apply_calibration(walk: Walk) -> Walk:
-    seen, calibration, with_mag = walk.recording, walk.calibration, walk.options.use_magnetometer
-    if calibration is None or walk.applied:
-        return walk
-    if calibration.magnetometer is not None and with_mag:
-        seen = calibration.magnetometer.apply_to(seen)
-    if calibration.accelerometer is not None and calibration.accelerometer.separable:
-        seen = calibration.accelerometer.apply_to(seen)
-    return replace(walk, recording=seen, applied=calibration.corrects(with_mag))
 
 
 def find_stances(walk: Walk) -> Walk:
     """Return the walk with its stances, corrected for a large accelerometer error if they show one.
 
-    Raises
-    ------
-    EstimationError
-        If the sensor is said to be on a foot and was clearly in a pocket.
-    RecordingError
-        If it is said to be on a foot, and its strides show other axes than those given, or a high-pass.
-    DetectionError
-        Where there are no stances.
+    Raises `DetectionError` where there are none. Of a sensor that is said to be on a foot, `EstimationError` if it was
+    clearly in a pocket, and `RecordingError` if its strides show other axes than those given, or a high-pass.
     """
     if walk.options.mount == "foot":
         refuse_pocket(walk.recording)
@@ -314,10 +291,7 @@ def find_stances(walk: Walk) -> Walk:
 def measure_field(walk: Walk) -> Walk:
     """Return the walk with the magnetic field at its footfalls and the verdicts on it, or with the reason why not.
 
-    Raises
-    ------
-    MagneticError
-        If there is no such gate. A field that cannot be judged is no error.
+    Raises `MagneticError` if there is no such gate. A field that cannot be judged is no error.
     """
     options = walk.options
     if not options.use_magnetometer:
@@ -342,39 +316,33 @@ def measure_field(walk: Walk) -> Walk:
 def evaluate_solution(walk: Walk, solution: Solution) -> Outcome:
     """Return the solution with its metrics: distance and closure, and errors where the walk has a truth.
 
-    Raises
-    ------
-    EvaluationError
-        If the solution cannot be compared with a truth that the user named. A truth that merely came with the
-        recording is then left out, with a note.
+    Raises `EvaluationError` if the solution cannot be compared with a truth that the user named. A truth that merely
+    came with the recording is then left out, with a note.
     """
-    on_foot = walk.options.mount != "pocket"  # in a pocket "disturbed" is a stride without a sample that was used
-    used = any(word == QUASI_STATIC or (word != UNKNOWN and on_foot) for word in solution.stances.field)
-    solution = _with_verdicts(solution, walk)
+    # did the method use the field? In a pocket "disturbed" is a stride without a sample that was used
+    table, verdicts, on_foot = solution.stances, walk.verdicts, walk.options.mount != "pocket"
+    used = any(word == QUASI_STATIC or (word != UNKNOWN and on_foot) for word in table.field)
+    # the gate's verdicts, or why there are none, where the method did not judge the field along its own solution
+    if all(word == UNKNOWN for word in table.field):
+        if verdicts is None:
+            table = replace(table, field_reason=(walk.unjudged or "the field was not judged",) * len(table))
+        elif not solution.uses_field:
+            reason, statistic = verdicts.reason, verdicts.statistic
+            table = replace(table, field=verdicts.words, field_reason=reason, field_statistic=statistic)
+        solution = replace(solution, stances=table)
     polished = None if solution.polished is None else evaluate_solution(walk, solution.polished)
-    if walk.truth is None:
-        return Outcome(solution, evaluate(solution), None, used, polished=polished)
+    # errors, where there is a truth
+    comparison = moment = None
     try:
-        comparison, moment = compare(solution, walk.truth, walk.options.alignment), None
+        if walk.truth is not None:
+            comparison = compare(solution, walk.truth, walk.options.alignment)
+            if solution.moment is not None:
+                moment = measure_moment(solution, solution.moment, walk.truth, comparison.alignment)
         metrics = evaluate(solution, walk.truth, comparison=comparison)
-        if solution.moment is not None:
-            moment = measure_moment(solution, solution.moment, walk.truth, comparison.alignment)
-        return Outcome(solution, metrics, comparison, used, moment, polished)
     except EvaluationError as error:
         if walk.options.truth_path is not None:
             raise
+        comparison = moment = None
         metrics = evaluate(solution)
         metrics = replace(metrics, notes=(*metrics.notes, f"truth left out: {error}"))
-        return Outcome(solution, metrics, None, used, polished=polished)
-
-
-def _with_verdicts(solution: Solution, walk: Walk) -> Solution:
-    """Write the gate's verdicts, or why there are none, into the stances of a method that used no field."""
-    table, verdicts = solution.stances, walk.verdicts
-    if any(word != UNKNOWN for word in table.field) or (verdicts is not None and solution.uses_field):
-        return solution  # the method judged the field along its own solution
-    if verdicts is None:
-        reasons = (walk.unjudged or "the field was not judged",) * len(table)
-        return replace(solution, stances=replace(table, field_reason=reasons))
-    judged = replace(table, field=verdicts.words, field_reason=verdicts.reason, field_statistic=verdicts.statistic)
-    return replace(solution, stances=judged)
+    return Outcome(solution, metrics, comparison, used, moment, polished)

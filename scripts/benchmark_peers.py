@@ -38,6 +38,7 @@ from scipy.spatial.transform import Rotation
 
 from fg_nav.arrays import Bools, Floats
 from fg_nav.detection import detect_stances
+from fg_nav.detection.stance import Stances
 from fg_nav.ekf import run_iez
 from fg_nav.errors import FgNavError
 from fg_nav.evaluation.comparison import align, interpolate_truth
@@ -47,7 +48,6 @@ from fg_nav.pipeline import prepare_walk, run_method
 from fg_nav.pocket.iterated_smoother import PocketSmootherParameters, smooth_pocket
 from fg_nav.recording import Recording
 from fg_nav.smoother import smooth
-from fg_nav.stances import Stances
 from fg_nav.truth import TrajectoryTruth
 from fg_nav.walk import Options, Walk
 

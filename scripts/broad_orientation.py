@@ -45,7 +45,8 @@ from scipy.spatial.transform import Rotation
 from fg_nav.arrays import Bools, Floats
 from fg_nav.errors import FormatError, OutputError
 from fg_nav.io import read
-from fg_nav.io.content import load_mat, mat_array, read_content
+from fg_nav.io.content import read_content
+from fg_nav.io.matlab import mat_array
 from fg_nav.lab.follow_pocket import follow_pocket
 from fg_nav.pocket.filter import estimate_pocket
 from fg_nav.pocket.filter_equations import PocketParameters
@@ -118,7 +119,7 @@ def read_trials(data: Path, names: Sequence[str] | None = None) -> list[Trial]:
 
 def read_trial(path: Path) -> Trial:
     """Load a trial."""
-    recording, variables = read(path), load_mat(read_content(path))
+    recording, variables = read(path), read_content(path).load_variables()
     wxyz = mat_array(variables, "opt_quat", path, columns=4)
     moved = mat_array(variables, "movement", path).astype(bool)
     if not len(wxyz) == len(moved) == len(recording):

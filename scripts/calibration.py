@@ -54,6 +54,7 @@ from fg_nav.calibration.magnetometer import UPPER, circular_sd_deg
 from fg_nav.calibration.walk import WalkCalibrationParameters, calibrate_on_walk
 from fg_nav.calibration.walk_model import StrideReadings, read_strides
 from fg_nav.detection import detect_stances
+from fg_nav.detection.stance import Stances
 from fg_nav.errors import CalibrationError
 from fg_nav.frames import wrap_angle
 from fg_nav.lab.allan import NoiseFit, SensorNoise, measure_recording_noise
@@ -65,7 +66,6 @@ from fg_nav.lab.simulation.sensors import preset
 from fg_nav.lab.simulation.sensors.triad import TriadPrior
 from fg_nav.magnetic import average_footfall_field
 from fg_nav.magnetic.detectors import SIGNALS
-from fg_nav.stances import Stances
 from fg_nav.truth import TrajectoryTruth
 
 

@@ -50,6 +50,7 @@ from fg_nav.factors.magnetic_field import integrate_field
 from fg_nav.factors.rotation import rotation_exp, turn_about_up
 from fg_nav.frames import wrap_angle
 from fg_nav.lab.campaign.walks import LOOP, RAW, Recorded, Simulated
+from fg_nav.lab.field_survey import require_field
 from fg_nav.lab.simulation import scenario
 from fg_nav.lab.simulation.fields import find_earth_field
 from fg_nav.smoother import smooth
@@ -171,7 +172,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def way_of(walk: Walk, trajectory: Trajectory) -> Way:
     """Sum the field of a walk along a trajectory."""
-    recording, field = walk.recording, walk.require_field()
+    recording, field = walk.recording, require_field(walk)
     assert recording.mag is not None
     seen = np.isfinite(field.body_field[:, 0])
     stance_field = np.einsum("kab,kb->ka", trajectory.nav_R_body[field.sample], field.body_field)[seen]

@@ -35,12 +35,11 @@ from fg_nav.arrays import Bools, Floats
 from fg_nav.detection import detect_stances
 from fg_nav.errors import FgNavError
 from fg_nav.frames import yaw_rotation
-from fg_nav.gnss import FixColumns, Gnss, find_turn
 from fg_nav.io import read, read_gnss, read_truth
 from fg_nav.pipeline import Result, navigate
 from fg_nav.recording import Recording
 from fg_nav.smoother import smooth
-from fg_nav.truth import TrajectoryTruth
+from fg_nav.truth import FixColumns, Gnss, TrajectoryTruth, find_turn
 from fg_nav.walk import Options, Walk
 
 MAX_ACCURACY_M = 15.0

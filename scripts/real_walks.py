@@ -50,6 +50,7 @@ from real_fields import measure_pairs, print_pairs
 from walks import Walk
 
 from fg_nav.arrays import Floats
+from fg_nav.detection.stance import Stances
 from fg_nav.ekf import run_iez
 from fg_nav.errors import EstimationError, EvaluationError
 from fg_nav.evaluation import evaluate
@@ -59,7 +60,6 @@ from fg_nav.report.terminal import console
 from fg_nav.smoother import SmootherParameters, smooth
 from fg_nav.smoother.parameters import PLAIN, WalkParameters
 from fg_nav.solution import Solution
-from fg_nav.stances import Stances
 from fg_nav.truth import TrajectoryTruth
 from fg_nav.verdict import UNUSABLE, judge_path
 from fg_nav.walk import Walk as PreparedWalk

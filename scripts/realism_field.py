@@ -24,6 +24,7 @@ import walks
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.detection import detect_stances
+from fg_nav.detection.stance import Stances
 from fg_nav.ekf import run_iez
 from fg_nav.errors import RecordingError
 from fg_nav.io import read
@@ -31,7 +32,6 @@ from fg_nav.lab.simulation.fields import SITES, draw_environment
 from fg_nav.pipeline import prepare_walk, run_method
 from fg_nav.recording import Recording
 from fg_nav.solution import Solution
-from fg_nav.stances import Stances
 from fg_nav.walk import Options, read_walk
 
 WALKED_M = 0.5  # A footfall less than this from the one before is the same standing foot.

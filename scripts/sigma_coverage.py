@@ -39,6 +39,7 @@ from harness import Figure, option
 from joint_errors import FEWEST, FREEDOM, Measured, Seen
 
 from fg_nav.arrays import Floats, Ints
+from fg_nav.detection.stance import Stances
 from fg_nav.errors import EvaluationError, FgNavError
 from fg_nav.evaluation.comparison import interpolate_truth, match_footprints
 from fg_nav.io import read
@@ -50,7 +51,6 @@ from fg_nav.lab.simulation.scenarios import FEET, Feet
 from fg_nav.pipeline import prepare_walk
 from fg_nav.smoother.batch import smooth_graph
 from fg_nav.solution import Solution
-from fg_nav.stances import Stances
 from fg_nav.truth import FootprintTruth, TrajectoryTruth, Truth
 from fg_nav.walk import Options, Walk
 

@@ -38,6 +38,7 @@ from harness import option
 
 from fg_nav.arrays import Floats
 from fg_nav.detection import detect_stances
+from fg_nav.detection.stance import Stances
 from fg_nav.ekf import IezParameters, run_iez
 from fg_nav.ekf.compass import run_with_compass
 from fg_nav.ekf.presets import PHYSICAL, TUNED, Parameters, find_parameters
@@ -48,7 +49,6 @@ from fg_nav.magnetic import FootfallField, average_footfall_field
 from fg_nav.magnetic.detectors import scale_detector
 from fg_nav.recording import Recording
 from fg_nav.solution import Solution
-from fg_nav.stances import Stances
 from fg_nav.truth import TrajectoryTruth
 
 SCENARIOS, FIELDS = ("teaching-building", "office", "mall"), ("smooth", "indoor")

@@ -26,14 +26,15 @@ import numpy as np
 import scipy.io
 
 from fg_nav.arrays import Floats, Ints
+from fg_nav.detection.stance import Stances
 from fg_nav.errors import FormatError, SimulationError
-from fg_nav.io import Reading, read_pyshoe_labels, read_pyshoe_track
+from fg_nav.io import Reading
+from fg_nav.lab.pyshoe import read_pyshoe_labels, read_pyshoe_track
 from fg_nav.lab.simulation import SCENARIOS, Choices, routes, simulate
 from fg_nav.lab.simulation.plan import Stand
 from fg_nav.pipeline import prepare_walk, read_walk
 from fg_nav.recording import RawRecording, Recording
 from fg_nav.report.terminal import console
-from fg_nav.stances import Stances
 from fg_nav.truth import TrajectoryTruth
 from fg_nav.walk import Options
 

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fg_nav.detection.stance import Stances
 from fg_nav.errors import DetectionError
 from fg_nav.inspection import Inspection, inspect
 from fg_nav.io import read_raw
 from fg_nav.recording import Provenance, RawRecording, Recording
-from fg_nav.stances import Stances
 from tests.io.samples import tilting
 from tests.real_data import DATA, needs_data
 

@@ -42,12 +42,12 @@ from fg_nav.arrays import Floats, weigh_models
 from fg_nav.detection import Rest, RestParameters, find_rests
 from fg_nav.detection.handedness import LOOKED_S, find_stance_strides
 from fg_nav.detection.rest import MIN_SIGMA_DEG_S, find_still_stretches
+from fg_nav.detection.stance import Stances
 from fg_nav.errors import CalibrationError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.mechanisation import integrate_strides
 from fg_nav.recording import Recording
 from fg_nav.solution import Solution
-from fg_nav.stances import Stances
 from fg_nav.text import format_count
 
 UNKNOWNS = 4  # Scale and bias of the accelerometer, and the attitudes needed for them.

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fg_nav.arrays import Bools, Floats
+from fg_nav.arrays import Floats
 from fg_nav.calibration.magnetometer import (
     LEVEL_FIELD_UT,
     MagnetometerCalibration,
@@ -20,6 +20,7 @@ from fg_nav.calibration.magnetometer import (
     mean_up,
 )
 from fg_nav.calibration.walk_model import (
+    BLOCKS,
     DRIFT_RATE_DEG_S,
     IRON,
     PHASES,
@@ -29,21 +30,21 @@ from fg_nav.calibration.walk_model import (
     StrideModel,
     StrideReadings,
     fit_iron,
+    list_blocks,
     read_strides,
     sum_iron,
 )
+from fg_nav.detection.stance import Stances
 from fg_nav.errors import CalibrationError, MagneticError
 from fg_nav.frames import average_angles, compute_heading, wrap_angle
 from fg_nav.magnetic.footfall_field import FootfallField, average_footfall_field
 from fg_nav.recording import Recording
-from fg_nav.stances import Stances
 from fg_nav.text import format_count
 
 MIN_SIGNIFICANCE = -2.0 * float(np.log(0.05))  # Of horizontal iron, the 95 % quantile; soft iron alone hardly shows.
 FAR_SIGMAS = 6.0  # Soft iron this far from none, by its prior sigma, is another motion.
 DRIFT_SIGMAS, LINE_STEP_RAD = 3.0, 0.1  # Range of drift rates where spreads are compared; step at the end of the walk.
 MIN_STRIDES = 20  # One stride determines h to 10 uT, twenty to 2 uT.
-BLOCKS = 8  # Of the trial out of sample: seven eighths determine almost as much as all.
 
 
 @dataclass(frozen=True)
@@ -146,12 +147,10 @@ def _check_bending(fit: IronFit) -> None:
 def _measure_gain(walk: StrideModel, fit: IronFit) -> float:
     """Cross-validated gain: chi squared of each block without iron less that with the other blocks' iron, summed."""
     last, iron = fit.linearization, np.arange(walk.unknowns) < IRON.stop
-    information, score = last.information, last.score
     none = WITHOUT_IRON - fit.unknowns[IRON]
     gain = 0.0
-    for held in _cut_blocks(walk):
-        others, own = information[~held].sum(axis=0) + fit.prior, information[held].sum(axis=0)
-        slope = score[held].sum(axis=0)
+    for own, slope in zip(last.information, last.score, strict=True):
+        others = last.information.sum(axis=0) - own + fit.prior
         found, without = -np.linalg.solve(others, slope), np.zeros(walk.unknowns)
         without[iron] = none
         without[~iron] = np.linalg.solve(
@@ -161,21 +160,15 @@ def _measure_gain(walk: StrideModel, fit: IronFit) -> float:
     return float(gain)
 
 
-def _cut_blocks(walk: StrideModel) -> list[Bools]:
-    """Flags (S,) of the strides of each block."""
-    block = np.arange(len(walk)) * BLOCKS // len(walk)
-    return [block == k for k in range(BLOCKS)]
-
-
 def measure_spread(walk: StrideModel, fit: IronFit) -> Spread:
     """Compass spread, deg, before and after cross-validation: each block corrected by one Newton step without it."""
-    information, score = fit.linearization.information, fit.linearization.score
+    last = fit.linearization
     reading = walk.strides.reading[:, 0]
     corrected = np.empty_like(reading)
-    for held in _cut_blocks(walk):
-        others = information[~held].sum(axis=0) + fit.prior
+    for held, own, slope in zip(list_blocks(len(walk)), last.information, last.score, strict=True):
+        others = last.information.sum(axis=0) - own + fit.prior
         # at the solution all scores and the prior sum to zero: leaving a block out leaves minus its score
-        at = fit.unknowns - np.linalg.solve(others, score[held].sum(axis=0))
+        at = fit.unknowns - np.linalg.solve(others, slope)
         corrected[held] = np.linalg.solve(matrix_of(at[3:9]), (reading[held] - at[:3]).T).T
     # compass minus inertial heading about the line in time with the least circular sd
     t = walk.strides.start_s - walk.strides.start_s[0]

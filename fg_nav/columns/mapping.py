@@ -16,7 +16,7 @@ the user's.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import TypeAlias
@@ -53,6 +53,7 @@ SHORT = dict(zip(("t", "ax", "ay", "az", "gx", "gy", "gz", "mx", "my", "mz", "p"
 
 PASSED_OVER = "-"  # In place of the name of a column that is not used.
 
+OPEN = "time=NAME[UNIT],acc=NAME:NAME:NAME[UNIT],gyr=NAME:NAME:NAME[UNIT]"  # For the user to fill in.
 EXAMPLE = "time=t[ms],acc=ax:ay:az[g],gyr=gx:gy:gz[deg/s]"
 
 _PART = re.compile(r"(?:^|,)\s*(time|acc|gyr|mag|pressure)\s*=", re.IGNORECASE)
@@ -251,28 +252,19 @@ Meanings: TypeAlias = Sequence[tuple[int, Meaning]]
 
 NONE: Mapping[Quantity, Channel] = MappingProxyType({})
 
-_PATTERN = "time=NAME[UNIT],acc=NAME:NAME:NAME[UNIT],gyr=NAME:NAME:NAME[UNIT]"  # Where no mapping is known to work.
-
 
 @dataclass(frozen=True)
 class Hints:
-    """What to type: `name` of the table, `command` before a mapping, how a `rate` and a `sensor` are given.
-
-    `works` tries a mapping; without it the first is proposed.
-    """
+    """What to type: `name` of the table, `command` before a mapping, how a `rate` and a `sensor` are given."""
 
     name: str
     command: str
     rate: str = "--rate 100"
     sensor: str = ", or give a word of their names with --sensor"
-    works: Callable[[str], bool] | None = None
 
-    def suggest(self, *mappings: str) -> str:
-        """Return what to type: with the first mapping that works, else with the names left open."""
-        chosen = next((words for words in mappings if self.works is None or self.works(words)), None)
-        if chosen is not None:
-            return f'as {self.command} "{chosen}"'
-        return f'as {self.command} "{_PATTERN}", with names or numbers of columns'
+    def suggest(self, mapping: str) -> str:
+        """Return what to type; what the user is to say stands in capitals, and what is left out the names say."""
+        return f'as {self.command} "{mapping}"'
 
 
 def choose_columns(
@@ -298,7 +290,7 @@ def choose_columns(
     if is_listed or {"acc", "gyr"} <= known.keys():
         time = known.get("time")
         if time is None and not is_listed and not has_rate:
-            time = choose_clock(meanings, names, hints, known)
+            time = choose_clock(meanings, names, hints)
         return ColumnMap(known["acc"], known["gyr"], known.get("mag"), time, pressure=known.get("pressure"))
     found: dict[Quantity, Channel | None] = {
         kind: known.get(kind) or _choose_triad(kind, meanings, names, hints, known) for kind in ("acc", "gyr", "mag")
@@ -310,8 +302,8 @@ def choose_columns(
         sign = -1.0 if any("user" in m.stem.split() for p, m in meanings if p in free[0].positions) else 1.0
         acc = Channel(positions, both, free[0].unit or gravity[0].unit, (sign, sign))
     if acc is None or gyr is None:
-        raise FormatError(_say_missing("acc" if acc is None else "gyr", meanings, names, hints, known))
-    time = known.get("time") or choose_clock(meanings, names, hints, known)
+        raise FormatError(_say_missing("acc" if acc is None else "gyr", meanings, names, hints))
+    time = known.get("time") or choose_clock(meanings, names, hints)
     counters = [k for k, meaning in meanings if meaning.kind == "counter"] if time is None else []
     counter = Channel((counters[0],), (names[counters[0]],)) if counters else None
     some = [names[k] for k, meaning in meanings if meaning.kind == "mag" and meaning.axis and found["mag"] is None]
@@ -342,20 +334,16 @@ def find_pressure(names: Sequence[str], sensor: str | None = None) -> Channel | 
 
 
 def write_mapping(columns: ColumnMap, **units: str) -> str:
-    """Write the mapping that names these columns, with units for those that have none."""
-    channels = {"time": columns.time, "acc": columns.acc, "gyr": columns.gyr, "mag": columns.mag}
-    channels["pressure"] = columns.pressure
-    return ",".join(
-        f"{quantity}={_write_channel(channel, channel.unit or units.get(quantity))}"
-        for quantity, channel in channels.items()
-        if channel is not None and len(channel.factors) == 1
-    )
-
-
-def _write_channel(channel: Channel, unit: str | None) -> str:
-    plain = all(re.fullmatch(r"[^:,=\"\[\]$`\\]*[^:,=\"\[\]$`\\\d][^:,=\"\[\]$`\\]*", name) for name in channel.names)
-    words = channel.names if plain else tuple(str(position + 1) for position in channel.positions)
-    return ":".join(words) + (f"[{unit}]" if unit else "")
+    """Write the mapping that names these columns, with `units` for those that have none; a sum has no mapping."""
+    parts = list[str]()
+    for quantity in QUANTITIES:
+        channel: Channel | None = getattr(columns, quantity)
+        if channel is not None and len(channel.factors) == 1:
+            plain = all(re.fullmatch(r"[^:,=\"\[\]$`\\]+", name) and re.search(r"\D", name) for name in channel.names)
+            words = channel.names if plain else tuple(str(position + 1) for position in channel.positions)
+            unit = channel.unit or units.get(quantity)
+            parts.append(f"{quantity}={':'.join(words)}" + (f"[{unit}]" if unit else ""))
+    return ",".join(parts)
 
 
 def _choose_triad(
@@ -375,10 +363,9 @@ def _choose_triad(
     doubled = [names[k] for k, m in meanings if m.kind == kind and said.count((m.stem, m.axis)) > 1]
     if len(triads) > 1 or (doubled and not triads):
         candidates = doubled or [name for triad in triads for name in triad.names]
-        examples = [_write_example(meanings, names, {**known, kind: triad}) for triad in triads]
         raise FormatError(
             f"{hints.name} has more than one {_LONG[kind]} ({shorten_names(candidates, 12)}): say which, "
-            f"{hints.suggest(*(examples or [_write_example(meanings, names, known)]))}{hints.sensor}."
+            f"{hints.suggest(f'{kind}=NAME:NAME:NAME')}{hints.sensor}."
         )
     return triads[0] if triads else None
 
@@ -409,9 +396,7 @@ def find_three_by_unit(kind: Quantity, names: Sequence[str], known: Mapping[Quan
     return [Channel(tuple(own), tuple(names[k] for k in own), units.pop())]
 
 
-def choose_clock(
-    meanings: Meanings, names: Sequence[str], hints: Hints | None = None, known: Mapping[Quantity, Channel] = NONE
-) -> Channel | None:
+def choose_clock(meanings: Meanings, names: Sequence[str], hints: Hints | None = None) -> Channel | None:
     """Return the column of the best clock by name, or two to be added (seconds and fraction); None if there is none.
 
     Of several equals the first is taken; with `hints`, which word the error, `FormatError` is raised instead.
@@ -432,17 +417,14 @@ def choose_clock(
         )
     channels = [Channel((k,), (names[k],), meaning.unit) for k, meaning in own]
     if len(channels) > 1 and hints is not None:
-        examples = [_write_example(meanings, names, {**known, "time": one}) for one in channels]
         raise FormatError(
             f"{hints.name} has more than one time ({shorten_names([names[k] for k, _ in own])}): say which, "
-            f"{hints.suggest(*examples)}."
+            f"{hints.suggest('time=NAME')}."
         )
     return channels[0]
 
 
-def _say_missing(
-    missing: Quantity, meanings: Meanings, names: Sequence[str], hints: Hints, known: Mapping[Quantity, Channel]
-) -> str:
+def _say_missing(missing: Quantity, meanings: Meanings, names: Sequence[str], hints: Hints) -> str:
     """Return an error sentence: the quantity that is missing, and the columns that are there."""
     if missing == "acc" and any(meaning.kind == "no gravity" for _, meaning in meanings):
         removed = shorten_names([names[at] for at, meaning in meanings if meaning.kind == "no gravity"], 3)
@@ -454,23 +436,4 @@ def _say_missing(
     what = f"has not all three axes of {_LONG[missing]}, only {shorten_names(some)}"
     if not some:
         what = f"has no column for {_LONG[missing]} among {shorten_names(names, 12)}"
-    left = [k for k in range(len(names)) if k not in {p for p, meaning in meanings if meaning.kind != missing}]
-    rows = [left[i : i + 3] for i in range(len(left) - 2)]
-    guesses = [{**known, missing: Channel((a, b, c), (names[a], names[b], names[c]))} for a, b, c in rows]
-    examples = [_write_example(meanings, names, guess) for guess in guesses[:8]]
-    return f"{hints.name} {what}: name the columns, {hints.suggest(*examples)}."
-
-
-def _write_example(meanings: Meanings, names: Sequence[str], known: Mapping[Quantity, Channel]) -> str:
-    """Return an example of --columns from the known columns and names; units only where they are known."""
-    found = dict(known)
-    for kind in QUANTITIES:
-        if kind in found:
-            continue
-        singles = [Channel((k,), (names[k],), m.unit) for k, m in meanings if m.kind == kind == "time"]
-        candidates = singles or (find_triads(kind, meanings, names) if kind in ("acc", "gyr") else [])
-        if candidates:
-            found[kind] = candidates[0]
-    units = {kind: one.unit for kind, one in found.items() if one.unit and find_factor(kind, one.unit)}
-    whole = [kind for kind in QUANTITIES if kind in found and len(found[kind].factors) == 1]
-    return ",".join(f"{kind}={_write_channel(found[kind], units.get(kind))}" for kind in whole)
+    return f"{hints.name} {what}: name the columns, {hints.suggest(f'{missing}=NAME:NAME:NAME[UNIT]')}."

@@ -109,10 +109,10 @@ def convert_samples(values: Floats, columns: ColumnMap, rate_hz: float | None, h
         peak = float(np.abs(gyr[np.isfinite(gyr).all(axis=1)]).max(initial=-1.0))
         peak = peak if peak >= 0.0 else np.nan
         if judged is None:
-            sayings = (write_mapping(columns, gyr=unit) for unit in ("deg/s", "rad/s", "mdeg/s", "1/16.4 deg/s"))
             raise FormatError(
                 f"{hints.name}: gyr ('{columns.gyr.names[0]}' ..., peak {peak:.4g}) names no unit, and its samples "
-                f"show none: say it, {hints.suggest(*sayings)}, or with the unit that it has."
+                f"show none: say it (deg/s, rad/s, mdeg/s or as 1/16.4 deg/s), "
+                f"{hints.suggest(write_mapping(columns, gyr='UNIT'))}."
             )
         notes.append(f"gyr is taken for {judged}, by its peak of {peak:.4g} next to acc")
     gyr = _scale(gyr, "gyr", columns.gyr, said or judged or "", hints)
@@ -206,8 +206,6 @@ def _convert_time(
     is_coarse = len(steps) > 0 and np.count_nonzero(steps == 0) >= _COARSE_SHARE * len(steps)
     period = float(np.ptp(finite)) / len(steps) if is_coarse else plausibility.median_period_s(t)
     if unit is None:
-        words = ["s", "ms", "us", "ns", *(f"{1e6 * one / period:.3g} us" for one in turning_s if one > 0.0)]
-        sayings = [write_mapping(columns, time=word) for word in words]
         fitting = {plausibility.find_time_unit(period, one) for one in turning_s} - {None}
         if not fitting and columns.gyr.unit is None:  # the gyroscope may be in any unit
             fitting = {plausibility.find_time_unit(period)} - {None}
@@ -219,8 +217,8 @@ def _convert_time(
             how = "rises by ones" if counts else f"steps by {period:.6g}"
             raise FormatError(
                 f"{hints.name}: column '{channel.names[0]}' {how} and names no unit, and its samples show none: it "
-                f"counts samples, or say the unit, {hints.suggest(*sayings)}, or name the columns without time and "
-                f"give {hints.rate}."
+                f"counts samples, or say the unit, {hints.suggest(write_mapping(columns, time='UNIT'))}, or name the "
+                f"columns without time and give {hints.rate}."
             )
         if unit != "s":
             shown = "by their step" if np.isnan(turning_s[0]) else "as gravity turns and by their step"
@@ -258,25 +256,22 @@ def _judge_acc(acc: Floats, gyr: Floats, period_s: float, columns: ColumnMap, hi
         notes.append(f"acc is taken for {unit}, by its {rest:.4g} at rest")
         return unit
     if rest > _COUNTS_AT_REST:
-        full = f"1/{2 ** round(np.log2(rest))} g"
-        counts = ("1/16.4 deg/s", "1/131 deg/s", "1/65.5 deg/s", "1/32.8 deg/s", "deg/s", "rad/s")
+        full = write_mapping(columns, acc=f"1/{2 ** round(np.log2(rest))} g", gyr="UNIT")
         raise FormatError(
-            f"{hints.name}: acc is {rest:.5g} at rest, so it counts steps of a converter: say how much one is, "
-            f"{hints.suggest(*(write_mapping(columns, acc=full, gyr=count) for count in counts))}."
+            f"{hints.name}: acc is {rest:.5g} at rest, so it counts steps of a converter: say how much one is (of gyr "
+            f"as 1/16.4 deg/s), {hints.suggest(full)}."
         )
     turned = plausibility.find_acc_unit(gyr, period_s)
     if turned is not None:
         exchanged = replace(columns, acc=replace(columns.gyr, unit=turned), gyr=columns.acc)
-        sayings = [write_mapping(exchanged, gyr=unit) for unit in ("deg/s", "rad/s")]
         raise FormatError(
             f"{hints.name}: the columns called {', '.join(columns.gyr.names)} measure gravity "
             f"({plausibility.measure_rest_acc(gyr, period_s):.4g} at rest), and {', '.join(columns.acc.names)} do not: "
-            f"say so, {hints.suggest(*sayings)}."
+            f"say so, {hints.suggest(write_mapping(exchanged, gyr='UNIT'))}."
         )
     problem = plausibility.find_acc_problem(acc, period_s)
     if problem is None or "removed" not in problem:
-        units = ("g", f"{GRAVITY_M_S2 / rest:.4g} m/s^2" if rest > 0 else "mg")
-        words = hints.suggest(*(write_mapping(columns, acc=unit) for unit in units))
+        words = hints.suggest(write_mapping(columns, acc="UNIT"))
         problem = f"acc is {rest:.4g} at rest and names no unit: say it, {words}"
     raise FormatError(f"{hints.name}: {problem}.")
 

@@ -14,7 +14,12 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Strict, ValidationError
 
-from fg_nav.changes import (
+from fg_nav.detection import StanceParameters
+from fg_nav.errors import ConfigError, describe_reason
+from fg_nav.estimators import CARD, CARD_CHANGES, Method, find_method, find_parameters, name_owners
+from fg_nav.magnetic.quasi_static import DEFAULT
+from fg_nav.report.terminal import remark
+from fg_nav.text import (
     DETECTOR,
     Changes,
     Value,
@@ -22,14 +27,9 @@ from fg_nav.changes import (
     explain_no_parameter,
     flatten,
     list_names,
+    read_small,
     select_changes,
 )
-from fg_nav.detection import StanceParameters
-from fg_nav.errors import ConfigError, describe_reason
-from fg_nav.estimators import CARD, CARD_CHANGES, Method, find_method, find_parameters, name_owners
-from fg_nav.magnetic.quasi_static import DEFAULT
-from fg_nav.report.terminal import remark
-from fg_nav.text import read_small
 from fg_nav.walk import Mount, Options
 
 BY_OTHER_MEANS = ("magnetic.gate", "smoothed", "inertial.smoothed")  # `--gate` and the method's name decide them.

@@ -15,10 +15,10 @@ from typing import Any, ClassVar, Literal, TypeAlias
 
 import typer
 
-from fg_nav.changes import DETECTOR
 from fg_nav.estimators import METHODS, RTS, list_methods, name_owners
 from fg_nav.report import Plots
 from fg_nav.report.export import EXPORTS
+from fg_nav.text import DETECTOR
 
 Completer: TypeAlias = Callable[[str], list[str]]
 

@@ -37,8 +37,8 @@ from fg_nav.walk import Options, read_walk
 
 if TYPE_CHECKING:
     from fg_nav.both_feet import Order
-    from fg_nav.changes import Changes
     from fg_nav.errors import FgNavError
+    from fg_nav.text import Changes
     from fg_nav.walk import Mount
 
 

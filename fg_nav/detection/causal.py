@@ -35,11 +35,10 @@ from fg_nav.detection.footfalls import (
     find_footfalls,
     is_too_close,
 )
-from fg_nav.detection.stance import MIN_S, WINDOW_S, StanceParameters, shoe
+from fg_nav.detection.stance import MIN_S, WINDOW_S, StanceParameters, Stances, shoe
 from fg_nav.errors import DetectionError
 from fg_nav.samples.gaps import find_holes
 from fg_nav.samples.stamps import MAX_GAP_S
-from fg_nav.stances import Stances
 
 FIRST_SAMPLES = 64  # Their median period is that of the samples; nothing is searched before.
 

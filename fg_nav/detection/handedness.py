@@ -44,14 +44,13 @@ from scipy.ndimage import minimum_filter1d
 from fg_nav.arrays import Floats, Ints
 from fg_nav.detection.footfalls import MAX_LEVEL, MAX_LINK_S, SWING_RATE_RAD_S
 from fg_nav.detection.rest import remove_large_bias
-from fg_nav.detection.stance import WINDOW_S, shoe
+from fg_nav.detection.stance import WINDOW_S, Stances, shoe
 from fg_nav.errors import RecordingError
 from fg_nav.frames import GRAVITY_M_S2, level_attitude
 from fg_nav.mechanisation import integrate_strides
 from fg_nav.recording import Recording
 from fg_nav.samples.readings import rebuild_peaks
 from fg_nav.samples.stamps import MAX_GAP_S
-from fg_nav.stances import Stances
 from fg_nav.text import format_count
 
 APART_S = 0.35  # From a still mid-swing to the next stance it is less; from stance to stance more.

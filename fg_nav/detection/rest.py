@@ -26,13 +26,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fg_nav.arrays import Floats
+from fg_nav.arrays import Floats, find_runs
 from fg_nav.detection.footfalls import MAX_SWING_S
+from fg_nav.detection.stance import Stances
 from fg_nav.errors import EstimationError
 from fg_nav.frames import level_attitude
 from fg_nav.recording import Recording
 from fg_nav.samples.gaps import count_periods, cross_holes
-from fg_nav.stances import Stances, find_runs
 
 BLOCK_S = 0.25  # Shorter than body sway (about 0.5 Hz), long enough to average sensor noise.
 GYR_STD_DEG_S, ACC_STD_M_S2 = 0.5, 0.2  # Largest standard deviations within a block, per axis.

@@ -18,9 +18,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from fg_nav.arrays import Floats, Ints
+from fg_nav.detection.stance import Stances
 from fg_nav.mechanisation import rotate_in_body
 from fg_nav.recording import Recording
-from fg_nav.stances import Stances
 from fg_nav.system.compiled import njit
 
 FINEST_M = 1e-4  # Least sigma of a lever, m.

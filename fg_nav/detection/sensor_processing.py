@@ -40,11 +40,11 @@ import numpy as np
 from fg_nav.arrays import Floats, Ints, interpolate_columns
 from fg_nav.detection.handedness import DECISIVE, LOOKED_S, average_force, find_stance_strides, find_strides_of
 from fg_nav.detection.rest import remove_large_bias
+from fg_nav.detection.stance import Stances
 from fg_nav.errors import RecordingError
 from fg_nav.frames import GRAVITY_M_S2, level_attitude
 from fg_nav.mechanisation import integrate_strides
 from fg_nav.recording import Recording
-from fg_nav.stances import Stances
 
 GAIT_HZ, STRIKE_HZ = (1.0, 4.0), (8.0, 12.0)
 MIN_SMOOTHING_HZ = 30.0  # A slower recording does not show the strikes.

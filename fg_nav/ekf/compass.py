@@ -51,6 +51,7 @@ import numpy as np
 
 from fg_nav.arrays import Bools, Floats
 from fg_nav.detection.rest import find_start
+from fg_nav.detection.stance import Stances
 from fg_nav.ekf.core import GAUGE_SIGMA, IezParameters, compile_filter, describe_start, filter_walk, make_solution
 from fg_nav.ekf.measurements import AGREEMENT, COURSE, PseudoMeasurements, make_pseudo_measurements
 from fg_nav.ekf.rts import Track
@@ -60,7 +61,6 @@ from fg_nav.magnetic.detectors import OFFSET
 from fg_nav.magnetic.quasi_static import TOO_LITTLE, judge_field
 from fg_nav.recording import Recording
 from fg_nav.solution import Solution
-from fg_nav.stances import Stances
 from fg_nav.text import format_ratio
 
 COURSE_STRIDES = 5  # n of AIEZ (27): strides before, whose mean is the reference of the course.

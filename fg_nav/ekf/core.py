@@ -35,6 +35,7 @@ import numpy as np
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.detection import RestParameters
 from fg_nav.detection.rest import Start, find_start, freeze_ends
+from fg_nav.detection.stance import Stances
 from fg_nav.ekf.covariance import (
     ACC_BIAS,
     ATTITUDE,
@@ -63,7 +64,6 @@ from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.mechanisation import NavState, strapdown, write_state
 from fg_nav.recording import Recording, find_extra_sigmas
 from fg_nav.solution import Solution, StanceTable
-from fg_nav.stances import Stances
 from fg_nav.system.compiled import njit
 
 GAUGE_SIGMA = 1e-4  # Position (m) and heading (rad) at the start are known by definition; a trace keeps P invertible.

@@ -47,8 +47,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from fg_nav.changes import Changes, change_parameters
 from fg_nav.detection.rolling_lever import estimate_lever
+from fg_nav.detection.stance import Stances
 from fg_nav.ekf.compass import AiezParameters, GatedCompassParameters, run_with_compass
 from fg_nav.ekf.core import OPENSHOE, STANCE_CORRELATION_S, IezParameters, run_iez
 from fg_nav.errors import EstimationError
@@ -57,7 +57,7 @@ from fg_nav.magnetic.detectors import AGREEING, DETECTORS, MA_SIGMA_HEADING
 from fg_nav.magnetic.detectors import TUNED as TUNED_DETECTORS
 from fg_nav.recording import Recording
 from fg_nav.solution import Solution
-from fg_nav.stances import Stances
+from fg_nav.text import Changes, change_parameters
 
 FACTOR_SPACING_S = 2 * STANCE_CORRELATION_S
 FORCE_SHARE = 0.75

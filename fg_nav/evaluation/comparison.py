@@ -39,7 +39,7 @@ from fg_nav.arrays import Bools, Floats, Ints, interpolate_columns
 from fg_nav.errors import EvaluationError
 from fg_nav.frames import wrap_angle, yaw_rotation
 from fg_nav.solution import Solution
-from fg_nav.truth import FootprintTruth, TrajectoryTruth, Truth
+from fg_nav.truth import FootprintTruth, TrajectoryTruth, Truth, check_truth
 
 AlignmentMode: TypeAlias = Literal["yaw", "none", "origin", "se3"]
 
@@ -51,15 +51,6 @@ HOLE_PERIODS = 3.0
 MIN_FOOTPRINTS = 3  # Two can nearly always be fitted by a rotation and a shift: only their distance is tested.
 MAX_SHIFTS = 10  # Stances too many or too few, or half of the walk's: beyond, the places of the shifts are a guess.
 MISSED = -1  # Stance index of a footprint without a stance.
-MAX_M_S = 12.5  # Speed of a person on foot over a second: the fastest sprint is 12.4 m/s.
-MAX_STRIDE_M = 5.0  # From a footprint to the next of the same foot, in a sprint.
-MIN_EXTENT_M = 0.05  # Over ground; a foot moves by more where one walks on the spot, and 5 km are 0.05 degrees.
-MAX_STRIDES_PER_S = 3.0  # Of one foot, in a sprint.
-
-_UNITS = {"cm": 100.0, "mm": 1000.0}
-_USUAL_M_S, _USUAL_STRIDE_M = 1.5, 1.3  # Fastest second of a walk and its longest stride,
-_TIMES_USUAL = 4.0  # and the factor within which those of a given walk are.
-_WINDOW_S = 1.0  # Over which a speed is measured.
 
 
 @dataclass(frozen=True)
@@ -346,74 +337,3 @@ def _note_missed(missed: Ints, why: str = "no stance for") -> list[str]:
     if not len(missed):
         return []
     return [f"{why} footprint{'s' if len(missed) > 1 else ''} {', '.join(map(str, missed))}: not scored"]
-
-
-def check_truth(truth: Truth, t: Floats) -> None:
-    """Refuse a truth that cannot be that of a walk with samples at `t` (N,) s.
-
-    A person on foot moves no faster over a second, or a stride, and makes no more strides a second than in a sprint
-    (another unit, or a wrong row); and moves at all (degrees of latitude for m, a constant, another clock). A truth in
-    feet or in km passes; `evaluate` compares its size with that of the path.
-
-    Raises `EvaluationError`.
-    """
-    if isinstance(truth, FootprintTruth):
-        _check_footprints(truth, float(t[-1] - t[0]))
-        return
-    inside = np.isfinite(truth.position).all(axis=1) & (truth.t >= t[0]) & (truth.t <= t[-1])
-    stamps, position = truth.t[inside], truth.position[inside]
-    if len(stamps) < 2:
-        return  # that they share no time is said where they are compared
-    # mean speeds over a second or the next longer step
-    last = np.searchsorted(stamps, stamps + _WINDOW_S)
-    first = np.flatnonzero(last < len(stamps))
-    first, last = (first, last[first]) if len(first) else (np.array([0]), np.array([len(stamps) - 1]))
-    speed = _measure_distances(position[last], position[first]) / np.maximum(stamps[last] - stamps[first], _WINDOW_S)
-    if speed.max() > MAX_M_S:
-        at = f"{speed.max():.3g} m/s from {stamps[first[np.argmax(speed)]]:.3f} s on"
-        what = _explain_size(speed, MAX_M_S, _USUAL_M_S)
-        raise EvaluationError(f"the truth moves at {at}, faster than anyone runs: {what}.")
-    extent = float(np.linalg.norm(np.ptp(position[:, :2], axis=0)))
-    if extent < MIN_EXTENT_M:
-        raise EvaluationError(
-            f"the truth moves by {extent:.2g} m over ground in the {stamps[-1] - stamps[0]:.3g} s that it shares with "
-            "the recording: give places in m, not degrees, and stamps in s of the recording's clock."
-        )
-
-
-def _measure_distances(one: Floats, other: Floats) -> Floats:
-    """Distances (M,) m between points; the largest float, or infinity, where they overflow."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        return np.asarray(np.nan_to_num(np.linalg.norm(one - other, axis=1), nan=np.inf))
-
-
-def _check_footprints(truth: FootprintTruth, duration_s: float) -> None:
-    strides = max(truth.stride_count or 0, int(truth.stride.max(initial=0)))
-    most = MAX_STRIDES_PER_S * (duration_s + 1.0)
-    if strides > most:
-        raise EvaluationError(
-            f"the truth counts {strides} strides, and in {duration_s:.1f} s a foot makes at most {most:.0f}: check "
-            "that it is of this recording."
-        )
-    if len(truth.stride) < 2:
-        return  # too few to compare is said where they are compared
-    apart = _measure_distances(truth.xy[1:], truth.xy[:-1]) / np.diff(truth.stride)
-    if apart.max() > MAX_STRIDE_M:
-        stride = truth.stride[np.argmax(apart) + 1]
-        raise EvaluationError(
-            f"the footprints up to stride {stride} are {apart.max():.3g} m a stride apart, farther than anyone runs: "
-            f"{_explain_size(apart, MAX_STRIDE_M, _USUAL_STRIDE_M)}."
-        )
-    extent = float(np.linalg.norm(np.ptp(truth.xy, axis=0)))
-    if extent < MIN_EXTENT_M:
-        raise EvaluationError(f"the footprints lie within {extent:.2g} m: give their places in m, not degrees.")
-
-
-def _explain_size(sizes: Floats, most: float, usual: float) -> str:
-    """Advice on speeds or strides beyond their limit: another unit, if many are, else a wrong row."""
-    largest = float(sizes.max())
-    far = {unit: abs(float(np.log(largest / factor / usual))) for unit, factor in _UNITS.items()}
-    unit = min(far, key=lambda unit: far[unit])
-    if np.percentile(sizes, 75) > most and far[unit] < np.log(_TIMES_USUAL):
-        return f"it seems to be in {unit}, divide by {_UNITS[unit]:.0f}"
-    return "correct that row, and give places in m"

@@ -32,13 +32,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fg_nav.arrays import Bools, Floats
+from fg_nav.detection.stance import Stances
 from fg_nav.errors import EstimationError
 from fg_nav.feet.steps import find_longest_stride
 from fg_nav.frames import GRAVITY_M_S2, level_attitude
 from fg_nav.mechanisation import integrate_strides
 from fg_nav.recording import Recording
 from fg_nav.samples.gaps import cross_holes, list_unrecorded
-from fg_nav.stances import Stances
 
 PHASE_SIGMA, LIMP_SIGMA = 0.1, 0.05  # Of a cycle: steps of one foot are up to a tenth longer than the other's.
 MISSED = 4.0  # nats: one swing in fifty has no partner, where one shuffles or the detector fails.

@@ -29,10 +29,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from fg_nav.arrays import Bools, Complexes, Floats, Ints
+from fg_nav.detection.stance import Stances
 from fg_nav.errors import EstimationError
 from fg_nav.recording import Recording
 from fg_nav.samples.gaps import find_holes
-from fg_nav.stances import Stances
 
 CELL_M, CELL_TURN_RAD = 8.0, np.deg2rad(60.0)  # Six strides: a path found alone bends by less than steps differ.
 MIN_CELLS, MIN_GROWN = 6, 0.25  # Cells of a short walk are smaller, down to a stride and a half.

@@ -4,12 +4,11 @@
 inspection of broken files.
 """
 
-from fg_nav.io.aiding import read_fixes, read_gnss
+from fg_nav.io.beside import read_fixes, read_gnss
 from fg_nav.io.formats import FORMATS, Format, Reading, read, read_raw, read_truth
-from fg_nav.io.readers.matlab_sets import read_pyshoe_labels, read_pyshoe_track
 from fg_nav.io.writing import write_canonical, write_tum
 
 __all__ = [
-    "FORMATS", "Format", "Reading", "read", "read_fixes", "read_gnss", "read_pyshoe_labels", "read_pyshoe_track",
+    "FORMATS", "Format", "Reading", "read", "read_fixes", "read_gnss",
     "read_raw", "read_truth", "write_canonical", "write_tum",
 ]  # fmt: skip

@@ -1,40 +1,50 @@
 """What a path holds: the first lines of a text, the variables of a MATLAB file, or further files.
 
-A folder, a zip archive and a gzip file are looked into (`fg_nav.io.packed`); nothing is unpacked onto the disk. Formats
-are recognized from the content alone, never from a name. Text is UTF-8, with or without a byte-order mark, UTF-16 with
-one, or Latin-1.
+A folder, a zip archive and a gzip file are looked into; nothing is unpacked onto the disk, and a pipe is read once,
+whole. Formats are recognized from the content alone, never from a name. Text is UTF-8, with or without a byte-order
+mark, UTF-16 with one, or Latin-1.
+
+A file in a folder or archive is known by its place there, with `/` between. Hidden files, empty ones, what macOS adds
+and places that lead out of the archive are left out. What is packed and larger than `MAX_BYTES` is refused before it
+fills the memory.
 """
 
 from __future__ import annotations
 
 import codecs
 import csv
+import gzip
 import io
 import os
+import posixpath
 import re
 import shlex
+import zipfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field, replace
+from functools import partial
+from itertools import islice
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, TypeAlias, TypeVar
+from typing import IO, Any, cast
 
-import numpy as np
-from numpy.typing import NDArray
-
-from fg_nav.arrays import Floats
 from fg_nav.columns.mapping import Columns
 from fg_nav.errors import FgNavError, FormatError
 from fg_nav.io import matlab
-from fg_nav.io.packed import Fetch, fetch_file, fetch_gzip, fetch_once, list_folder, list_zip, shared_folder
 
+MAX_BYTES = 2**30  # A day of six sensors at 100 Hz in text; more does not fit the memory of a small computer.
+MAX_FILES = 1000  # No tool writes as many files for one recording; a home folder has more.
+MAX_DEPTH = 4  # Folders within folders that are searched.
 _HEAD_BYTES = 65536
+_PART_BYTES = 2**20  # Read at a time of what may be endless.
 _GZIP, _ZIP, _MAT = b"\x1f\x8b", (b"PK\x03\x04", b"PK\x05\x06"), b"MATLAB "
 
 TEXT, MATLAB, MEMBERS, BINARY = "a text file", "a MATLAB file", "a folder or archive", "a binary file"
 
 _NOTHING: Mapping[str, Any] = MappingProxyType({})
+
+Opener = Callable[[], AbstractContextManager[IO[bytes]]]  # Opens a file, unpacked where it is packed.
 
 
 @dataclass(frozen=True)
@@ -54,13 +64,12 @@ class Content:
     members: Mapping[str, Content] = field(default_factory=lambda: _NOTHING)
     head: bytes = b""  # first bytes of a file, unpacked
     encoding: str = "utf-8"  # of the text
-    fetch: Fetch | None = None  # reads the bytes where the file is packed; None for a plain file
+    opener: Opener | None = None  # opens what is packed; None for a plain file
     # what the user says where the file does not: its rate, which of several sensors, and which columns of a table are
     # what
     rate_hz: float | None = None
     sensor: str | None = None
     columns: Columns | None = None
-    is_trial: bool = False  # whether it is read to try what is to be proposed
     opened: dict[int, Any] = field(default_factory=dict, compare=False, repr=False)  # as a table (`fg_nav.io.tables`)
 
     @property
@@ -92,7 +101,7 @@ class Content:
 
     def read_bytes(self) -> bytes:
         """All bytes, unpacked. Raises `FormatError` if they cannot be read, or are damaged where packed."""
-        return (self.fetch or fetch_file(self.path))(None)
+        return _read_bytes(self.path, self.opener)
 
     def read_text(self) -> str:
         """All text, without a byte-order mark; what is no character of the encoding is a replacement character."""
@@ -102,7 +111,11 @@ class Content:
         """Path of a plain file, else its bytes in memory; text of UTF-16 in UTF-8."""
         if self.encoding == "utf-16":
             return io.BytesIO(self.read_text().encode())
-        return self.path if self.fetch is None else io.BytesIO(self.fetch(None))
+        return self.path if self.opener is None else io.BytesIO(self.read_bytes())
+
+    def load_variables(self) -> matlab.Variables:
+        """Variables of a MATLAB file by name; raises `FormatError` if it is damaged or of version 7.3."""
+        return matlab.load_arrays(self.read_bytes(), self.path.name)
 
 
 def read_content(path: Path) -> Content:
@@ -112,47 +125,37 @@ def read_content(path: Path) -> Content:
     """
     path = path.resolve() if path.name in ("", "..") else path
     if os.path.isdir(path):
-        return _look_inside(path, list_folder(path), is_folder=True)
-    is_packed = os.path.exists(path) and not os.path.isfile(path)  # a pipe is kept in memory
-    fetch = fetch_once(path) if is_packed else fetch_file(path)
-    head = fetch(_HEAD_BYTES)
-    if head.startswith(_GZIP):
-        is_packed, fetch = True, fetch_gzip(path.name, fetch)
-        head = fetch(_HEAD_BYTES)
-    if not head.strip():
+        return Content(path, members=_open_members(path, _list_folder(path)))
+    opener: Opener | None = None
+    if os.path.exists(path) and not os.path.isfile(path):  # a pipe is kept in memory
+        opener = partial(io.BytesIO, _read_bytes(path, _open_plain(path)))
+    content = _open_file(path, opener)
+    if not content.head.strip():
         raise FormatError(f"{path.name} is empty: record or export it again.")
-    if head.startswith(_ZIP):
-        files = list_zip(path.name, fetch, None if is_packed else path)
-        return _look_inside(path, files, is_folder=False, head=head, fetch=fetch if is_packed else None)
-    content = _look_at_file(path, fetch if is_packed else None, head)
-    return replace(content, variables=_parse_mat(content, matlab.list_names)) if head.startswith(_MAT) else content
+    if content.head.startswith(_ZIP):
+        return replace(content, members=_open_members(path, _list_archive(path, content.opener or _open_plain(path))))
+    return content
 
 
-def _look_inside(path: Path, files: Mapping[str, Fetch], is_folder: bool, **known: Any) -> Content:
-    """Content of a folder or archive. Members that are archives stay shut."""
-    if not files:
-        raise FormatError(f"{path.name} holds no file that is not empty: record or export it again.")
-    shared, members = len(shared_folder(files)), dict[str, Content]()
-    for place, fetch in files.items():
-        is_packed, head = not is_folder, fetch(_HEAD_BYTES)
-        if head.startswith(_GZIP):
-            is_packed, fetch = True, fetch_gzip((path / place).name, fetch)
-            head = fetch(_HEAD_BYTES)
-        member = _look_at_file(path / place, fetch if is_packed else None, head)
-        if head.startswith(_MAT):
-            with suppress(FormatError):  # it may be none that is needed
-                member = replace(member, variables=_parse_mat(member, matlab.list_names))
-        members[place[shared:]] = member
-    return Content(path, members=MappingProxyType(members), **known)
-
-
-def _look_at_file(path: Path, fetch: Fetch | None, head: bytes) -> Content:
+def _open_file(path: Path, opener: Opener | None, is_member: bool = False) -> Content:
     """Content of a text or binary file. A byte that is no UTF-8 (a degree or micro sign, mostly) is Latin-1."""
+    head = _read_bytes(path, opener, _HEAD_BYTES)
+    if head.startswith(_GZIP):
+        opener = partial(_unpack, opener or _open_plain(path))
+        head = _read_bytes(path, opener, _HEAD_BYTES)
+    content = Content(path, head=head, opener=opener)
+    if head.startswith(_MAT):
+        try:
+            return replace(content, variables=matlab.list_names(content.read_bytes(), path.name))
+        except FormatError:
+            if is_member:  # it may be none that is needed
+                return content
+            raise
     encoding = "utf-16" if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)) else "utf-8"
-    if head.startswith(_MAT) or (b"\0" in head and encoding == "utf-8"):
-        return Content(path, head=head, fetch=fetch)
     if encoding == "utf-16":
         text = head[: len(head) // 2 * 2].decode(encoding, errors="replace")
+    elif b"\0" in head:
+        return content
     else:
         is_cut = len(head) == _HEAD_BYTES  # perhaps within a character
         whole = (head[: head.rfind(b"\n") + 1] or head) if is_cut else head
@@ -160,7 +163,100 @@ def _look_at_file(path: Path, fetch: Fetch | None, head: bytes) -> Content:
             text = whole.decode("utf-8-sig")
         except UnicodeDecodeError:
             text = whole.decode("latin-1").removeprefix("ï»¿")
-    return Content(path, tuple(split_lines(text)), head=head, encoding=encoding, fetch=fetch)
+    return replace(content, lines=tuple(split_lines(text)), encoding=encoding)
+
+
+# Files that hold files
+
+
+def _read_bytes(path: Path, opener: Opener | None, size: int = -1) -> bytes:
+    """Read the first `size` bytes of a file, or all (-1); raises `FormatError` if it cannot be, or is too large."""
+    with _explain_file(path), path.open("rb") if opener is None else opener() as file:
+        if opener is None or size >= 0:
+            return file.read(size)
+        parts = islice(iter(partial(file.read, _PART_BYTES), b""), MAX_BYTES // _PART_BYTES + 1)
+        data = b"".join(parts)
+    if len(data) > MAX_BYTES:
+        raise FormatError(f"{path} is larger than {MAX_BYTES // 2**30} GiB unpacked: write it into a file, and cut it.")
+    return data
+
+
+@contextmanager
+def _explain_file(path: Path) -> Iterator[None]:
+    """Raise `FormatError` where a file cannot be opened, or is damaged where packed."""
+    try:
+        yield
+    except FileNotFoundError:
+        raise FormatError(f"{path} does not exist: check the path.") from None
+    except Exception as error:  # OS, EOF, BadZipFile, zlib, Runtime, Value, Unicode ... errors
+        reason = " ".join(str(error).split())[:120] or type(error).__name__
+        raise FormatError(
+            f"{path} cannot be opened, or is damaged ({reason}): check its permissions, copy it again, or unpack it."
+        ) from None
+
+
+def _open_plain(path: Path) -> Opener:
+    return lambda: path.open("rb")
+
+
+@contextmanager
+def _unpack(packed: Opener, entry: zipfile.ZipInfo | None = None) -> Iterator[IO[bytes]]:
+    """Open what is packed by gzip, or an entry of an archive."""
+    with packed() as file:
+        if entry is None:
+            with gzip.open(file) as unpacked:
+                yield cast(IO[bytes], unpacked)
+        else:
+            with zipfile.ZipFile(file) as archive, archive.open(entry) as member:
+                yield member
+
+
+def _list_folder(path: Path) -> dict[str, Opener | None]:
+    """Return the places of the files in a folder; too many are cut off, and refused later."""
+    found = dict[str, Opener | None]()
+    for folder, folders, files in os.walk(path):
+        place = Path(folder).relative_to(path)
+        folders[:] = sorted(name for name in folders if not _is_hidden(name)) if len(place.parts) < MAX_DEPTH else []
+        for name in sorted(files):
+            file = Path(folder) / name
+            if not _is_hidden(name) and file.is_file() and file.stat().st_size:
+                found[(place / name).as_posix()] = None
+        if len(found) > MAX_FILES:
+            break
+    return found
+
+
+def _list_archive(path: Path, archive: Opener) -> dict[str, Opener | None]:
+    """Return the places of the files in a zip archive and what opens each; raises `FormatError` if too large."""
+    with _explain_file(path), archive() as file, zipfile.ZipFile(file) as opened:
+        entries = {entry.filename.replace("\\", "/"): entry for entry in opened.infolist() if entry.file_size > 0}
+    places = [place.split("/") for place in entries]
+    wanted = ["/".join(p) for p in places if all(p) and ":" not in p[0] and not any(map(_is_hidden, p))]
+    if sum(entries[place].file_size for place in wanted) > MAX_BYTES:
+        raise FormatError(
+            f"{path.name} holds more than {MAX_BYTES // 2**30} GiB: unpack it, and give one recording of it."
+        )
+    return {place: partial(_unpack, archive, entries[place]) for place in wanted}
+
+
+def _is_hidden(name: str) -> bool:
+    return name.startswith(".") or name == "__MACOSX"
+
+
+def _open_members(path: Path, found: Mapping[str, Opener | None]) -> Mapping[str, Content]:
+    """Contents of the files in a folder or archive, by place, without the folders that all share."""
+    if not found:
+        raise FormatError(f"{path.name} holds no file that is not empty: record or export it again.")
+    if len(found) > MAX_FILES:
+        raise FormatError(f"{path.name} holds more than {MAX_FILES} files: give the folder of one recording.")
+    shared = posixpath.commonpath([posixpath.dirname(place) for place in found])
+    return MappingProxyType({
+        posixpath.relpath(place, shared or "."): _open_file(path / place, opener, is_member=True)
+        for place, opener in found.items()
+    })  # fmt: skip
+
+
+# Text
 
 
 def split_lines(text: str) -> list[str]:
@@ -219,46 +315,3 @@ def choose_sensor(
     if len(alike) != 1:
         raise FormatError(f"{path.name} has no one '{asked}' among its {what}: choose one of {', '.join(names)}.")
     return alike[0]
-
-
-T = TypeVar("T")
-
-Variables: TypeAlias = Mapping[str, NDArray[Any] | None]
-"""Of a MATLAB file, by name: arrays of real numbers, None for all else."""
-
-
-def _parse_mat(content: Content, parse: Callable[[bytes], T]) -> T:
-    name = content.path.name
-    try:
-        return parse(content.read_bytes())
-    except matlab.TooNewError:
-        raise FormatError(f"{name} is a MATLAB 7.3 file, which is not read here: save it again with '-v7'.") from None
-    except matlab.DamagedError as error:
-        raise FormatError(f"{name} is a damaged MATLAB file ({error}): copy or export it again.") from None
-
-
-def load_mat(content: Content) -> Variables:
-    """Variables of a MATLAB file by name.
-
-    Raises `FormatError` if the file is damaged or of version 7.3.
-    """
-    return _parse_mat(content, matlab.load_arrays)
-
-
-def mat_array(variables: Variables, name: str, path: Path, columns: int | None = None) -> Floats:
-    """Return the variable `name` as floats: (M, columns), or (M,) without `columns`.
-
-    Raises `FormatError` if the variable is missing, not real numbers, or of another shape.
-    """
-    if name not in variables:
-        raise FormatError(f"{path.name} holds no variable '{name}': export it again with '{name}'.")
-    value = variables[name]
-    if value is None:
-        raise FormatError(f"{path.name}: variable '{name}' is not an array of real numbers: export it again.")
-    if columns is None and (value.ndim > 2 or value.size != max(value.shape, default=1)):
-        raise FormatError(f"{path.name}: variable '{name}' has shape {value.shape} where a vector is needed.")
-    if columns is not None and (value.ndim != 2 or value.shape[1] != columns):
-        raise FormatError(f"{path.name}: variable '{name}' has shape {value.shape}, not (N, {columns}).")
-    # uint8 would wrap in differences: everything is a float from here on.
-    numbers = np.array(value, dtype=np.float64, order="C")
-    return numbers.reshape(-1) if columns is None else numbers

@@ -2,36 +2,62 @@
 
 A format is recognized from the content of the file, never from its name. A folder or an archive is tried first as a
 recording as a whole; else it is searched for the one that it holds. Of a file that is no recording a sentence says what
-it is nearest to, what it lacks, and what to type next.
+it is or lacks, and what to type next.
 """
 
 from __future__ import annotations
 
-import codecs
-import math
 import shlex
 from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 
 from fg_nav.columns.headers import read_header
-from fg_nav.columns.mapping import Columns, parse_columns, shorten_names
+from fg_nav.columns.mapping import ACC, GYR, MAG, TIME, Columns, find_pressure, parse_columns, shorten_names
+from fg_nav.columns.samples import convert_pressure
 from fg_nav.errors import FormatError
-from fg_nav.io.aiding import add_barometer
+from fg_nav.io.beside import (
+    C3D_KEY,
+    CSV_COLUMNS,
+    add_barometer,
+    pack_footprints,
+    read_c3d,
+    read_footprint_mat,
+    read_tum,
+)
 from fg_nav.io.content import BINARY, MATLAB, MEMBERS, TEXT, Content, read_content
+from fg_nav.io.readers import binary, phones, table
 from fg_nav.io.readers import known_tables as known
-from fg_nav.io.readers import matlab_sets as sets
-from fg_nav.io.readers import phones, ros, table, xsens
 from fg_nav.io.readers import wearables as worn
-from fg_nav.io.tables import ZIP_MARK, TextTable, open_table
-from fg_nav.io.truth import C3D_KEY, CSV_COLUMNS, pack_footprints, read_c3d, read_footprint_mat, read_tum
+from fg_nav.io.tables import TextTable, open_table
 from fg_nav.plugins import find_plugins
-from fg_nav.recording import NOMINAL_SIGMA, RawRecording, Recording, note_nominal_rate
+from fg_nav.recording import NOMINAL_SIGMA, Provenance, RawRecording, Recording, note_nominal_rate
 from fg_nav.samples.stamps import MAX_BRIDGED_S
 from fg_nav.truth import Truth
 
 RATE, SENSOR = "rate", "sensor"
+
+
+def is_canonical(content: Content) -> bool:
+    """Whether the first line names at least one of the format's acc or gyr columns, and none that names sensors."""
+    names = content.fields()
+    return not {*ACC, *GYR}.isdisjoint(names) and not any(map(table.SENSOR_WORD.search, names))
+
+
+def read_canonical(content: Content) -> RawRecording:
+    """Read a CSV of this project; mag and pressure may be absent, and empty where there is no sample."""
+    rows, notes = TextTable(content, content.fields()), list[str]()
+    magnetic = () if set(MAG).isdisjoint(rows.names) else MAG
+    further = [name for name in rows.names if name not in (*TIME, *ACC, *GYR, *MAG)]
+    air = find_pressure(further) if further else None
+    values, row = rows.read_columns([*TIME, *ACC, *GYR, *magnetic, *(air.names if air else ())])
+    pressure = convert_pressure(values[:, -1], air, notes) if air else None
+    mag, provenance = values[:, 7:10] if magnetic else None, Provenance(content.path, "canonical", tuple(notes))
+    return RawRecording(
+        values[:, 0], values[:, 1:4], values[:, 4:7], row, mag, provenance=provenance, pressure=pressure
+    )
 
 
 @dataclass(frozen=True)
@@ -57,26 +83,26 @@ def _hold(*names: str) -> Callable[[Content], bool]:
 
 
 _ALL = (
-    Format("canonical", known.is_canonical, known.read_canonical),
+    Format("canonical", is_canonical, read_canonical),
     Format("sensorconnect", known.find_sensorconnect, known.read_sensorconnect),
-    Format("pyshoe", _hold("imu", "zv_shoe_opt"), sets.read_pyshoe, (MATLAB,)),
-    Format("gdlbio", _hold("imu_data", "strideIndex"), sets.read_gdlbio, (MATLAB,)),
+    Format("pyshoe", _hold("imu", "zv_shoe_opt"), binary.read_pyshoe, (MATLAB,)),
+    Format("gdlbio", _hold("imu_data", "strideIndex"), binary.read_gdlbio, (MATLAB,)),
     Format("openshoe", known.is_openshoe, known.read_openshoe),
     Format("phyphox", phones.is_phyphox, phones.read_phyphox, (MEMBERS, TEXT)),
     Format("sensor-logger", phones.find_tables, phones.read_sensor_logger, (MEMBERS, TEXT)),
     *(Format(one.name, one.recognizes, one.read, options=(RATE,) * one.is_epoch) for one in phones.APPS),
     Format("gnss-logger", phones.is_gnss_logger, phones.read_gnss_logger),
     Format("xio", worn.is_xio, worn.read_xio, (TEXT, MEMBERS)),
-    Format("xsens", xsens.is_mt, xsens.read_mt, options=(RATE,)),
-    Format("xsens-dot", xsens.is_dot, xsens.read_dot),
+    Format("xsens", worn.is_mt, worn.read_mt, options=(RATE,)),
+    Format("xsens-dot", worn.is_dot, worn.read_dot),
     Format("metawear", worn.is_metawear, worn.read_metawear, (TEXT, MEMBERS), (SENSOR,)),
     Format("movesense", worn.is_movesense, worn.read_movesense),
     Format("shimmer", known.find_shimmer, known.read_shimmer, options=(SENSOR,)),
     Format("apdm", known.find_apdm, known.read_apdm, options=(SENSOR,)),
     Format("vectornav", known.is_vectornav, known.read_vectornav),
     Format("yei", known.find_yei, known.read_yei),
-    Format("ros", ros.recognizes, ros.read, (BINARY, MEMBERS), (SENSOR,)),
-    Format("broad", _hold("imu_acc", "imu_gyr"), sets.read_broad, (MATLAB,)),
+    Format("ros", binary.is_bag, binary.read_bag, (BINARY, MEMBERS), (SENSOR,)),
+    Format("broad", _hold("imu_acc", "imu_gyr"), binary.read_broad, (MATLAB,)),
     Format("table", table.recognizes, table.read, (TEXT, BINARY, MEMBERS, MATLAB), (RATE, SENSOR)),
     Format("tables", table.are_sensor_tables, table.read_sensor_tables, (MEMBERS,), (SENSOR,)),
 )
@@ -250,90 +276,41 @@ def read_truth(path: Path | str) -> Truth:
 
 # What is no recording
 
-_MARKS = (
-    ((b"\xd0\xcf\x11\xe0",), "an old Excel file: save it as CSV"),
-    ((b"SQLite format 3",), "a database without topics of sensor_msgs/Imu: record these"),
-    ((b"%PDF",), "a PDF: export the samples as CSV"),
-    ((b"\x89PNG", b"\xff\xd8\xff"), "a picture: give the recording"),
-    ((codecs.BOM_UTF32_LE, codecs.BOM_UTF32_BE), "text in UTF-32: save it in UTF-8"),
-    (
-        (b"BZh", b"\xfd7zXZ", b"\x28\xb5\x2f\xfd", b"7z\xbc\xaf", b"Rar!"),
-        "packed by bzip2, xz, zstd, 7z or RAR: unpack it",
-    ),
-)
+_PACKED = (b"BZh", b"\xfd7zXZ", b"\x28\xb5\x2f\xfd", b"7z\xbc\xaf", b"Rar!")  # bzip2, xz, zstd, 7z, RAR.
 
 
 def _explain_unknown(content: Content) -> str:
-    """Return a sentence for content of unknown format: the nearest format or file type, and the remedy."""
-    name = content.path.name
+    """Return a sentence for content of unknown format: what it is or lacks, and the remedy."""
+    name, path, fields = content.path.name, shlex.quote(str(content.path)), set(content.fields())
+    # a truth, fixes or a calibration given as the recording
+    if "stride" in fields:
+        return f"{name} is no recording but footprints: give them as the truth, fg-nav run RECORDING --truth {path}."
+    if fields >= {"time_s", "x_m", "y_m", "sigma_m"}:
+        return f"{name} is no recording but known positions: give them as fg-nav run RECORDING --fixes {path}."
+    if any('"fg-nav calibration"' in line for line in content.lines[:20]):
+        return f"{name} is no recording but a calibration: give it as fg-nav run RECORDING --calibration {path}."
+    with suppress(FormatError):
+        if content.lines and read_tum(content):
+            return f"{name} is no recording but a true path (TUM): give it as fg-nav run RECORDING --truth {path}."
+    # a table without the columns of a sensor
+    try:
+        opened = open_table(content)
+        unnamed = 0 if opened is None else sum(read_header(column) is None for column in opened.names)
+        if unnamed < 3 and (alone := table.explain_sensor_tables([content])) is not None:
+            return alone
+        if opened is not None:
+            table.choose(content, opened)
+    except FormatError as error:
+        return str(error)
+    what = "text without a table of numbers"
     if content.kind == MEMBERS:
-        packed = next((place for place, part in content.members.items() if part.head.startswith(ZIP_MARK)), None)
-        holds = f"{shorten_names(list(content.members), 6)}, of which none is a recording; give the one that is"
-        if packed is not None:
-            holds = f"an archive in itself, unpack it and give '{packed}'"
-        return _explain_table(content) or f"{name} is in none of the formats read here: it holds {holds}."
-    words = _explain_own(content)
-    if words is None:
-        words = next((said for marks, said in _MARKS if content.head.startswith(marks)), None)
-        # Latin text in UTF-16: every second byte is zero, and no other
-        halves = (content.head[::2], content.head[1::2])
-        if len(content.head) > 1 and any(not any(a) and all(b) for a, b in (halves, halves[::-1])):
-            words = "text in UTF-16 without a byte-order mark: save it in UTF-8"
-    if words is not None:
-        return f"{name} is no recording but {words}."
-    nearest = _explain_table(content) or table.explain_sensor_tables([content])
-    if nearest is not None:
-        return nearest
-    what = "text without a table of numbers" if content.lines else "a binary file of an unknown kind"
+        what = f"a folder with {shorten_names(list(content.members), 6)}, none of them a recording (archives stay shut)"
+    elif content.head.startswith(_PACKED):
+        return f"{name} is packed in a way that is not read here: unpack it."
+    elif not content.lines:
+        what = "a binary file of an unknown kind, or text that is not in UTF-8, UTF-16 with a mark or Latin-1"
     return (
         f"{name} is in none of the {len(list_formats())} formats read here, but {what}: export its samples as a table "
         f"with the columns t,ax,ay,az,gx,gy,gz, and type fg-nav inspect "
         f"{shlex.quote(str(content.path.with_suffix('.csv')))}."
-    )
-
-
-def _explain_own(content: Content) -> str | None:
-    """Name a truth, fixes or calibration given as the recording, and the option for it; None for other content."""
-    path, fields = shlex.quote(str(content.path)), set(content.fields())
-    if "stride" in fields:
-        return f"footprints: give them as the truth, fg-nav run RECORDING --truth {path}"
-    if fields >= {"time_s", "x_m", "y_m", "sigma_m"}:
-        return f"known positions: give them as fg-nav run RECORDING --fixes {path}"
-    if any('"fg-nav calibration"' in line for line in content.lines[:20]):
-        return f"a calibration: give it as fg-nav run RECORDING --calibration {path}"
-    # stamps, positions and quaternions of length one
-    rows = [line.split() for line in content.lines[:40] if line.strip() and not line.startswith("#")][:20]
-    try:
-        lengths = [math.hypot(*list(map(float, row))[4:8]) for row in rows]
-    except ValueError:
-        return None
-    if rows and all(len(row) == 8 for row in rows) and all(abs(length - 1.0) < 5e-4 for length in lengths):
-        return f"a true path (t x y z qx qy qz qw): give it as fg-nav run RECORDING --truth {path}"
-    return None
-
-
-def _explain_table(content: Content) -> str | None:
-    """Return a sentence on what a table lacks to be read by its header; None if the content is no table."""
-    name = content.path.name
-    try:
-        opened = open_table(content)
-        if opened is None:
-            return None
-        is_named = not table.find_kinds(opened).isdisjoint(("acc", "gyr", "no gravity"))
-        if content.variables and not is_named:
-            listed = shorten_names(sorted(content.variables), 8)
-            return (
-                f"{name} is no recording but a MATLAB file with the variables {listed}: save the samples in arrays "
-                f"t (N,), acc (N, 3) and gyr (N, 3)."
-            )
-        unnamed = sum(read_header(column) is None for column in opened.names)
-        if opened.has_header and unnamed < 3 and (single := table.explain_sensor_tables([content])):
-            return single
-        if not opened.has_header or is_named:
-            table.choose(content, opened)
-    except FormatError as error:
-        return str(error)
-    return (
-        f"{name} is nearest to a table, with the columns {shorten_names(opened.names, 12)}, of which none names "
-        f"acceleration or angular rate: say which they are, {table.suggest_by_numbers(content)}."
     )

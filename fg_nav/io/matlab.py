@@ -16,25 +16,30 @@ Source: MathWorks, MAT-File Format, chapter 1.
 
 from __future__ import annotations
 
-import math
 import zlib
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fg_nav.io.packed import MAX_BYTES
+from fg_nav.arrays import Floats
+from fg_nav.errors import FormatError
+
+Variables: TypeAlias = Mapping[str, NDArray[Any] | None]
+"""Of a MATLAB file, by name: arrays of real numbers, None for all else."""
 
 Element: TypeAlias = tuple[int, memoryview]  # Type and data of an element.
 
-_HEADER_BYTES, _VERSION, _VERSION_7_3 = 128, slice(124, 126), 0x0200
+_MAX_BYTES = 2**30  # Of all variables unpacked, as `fg_nav.io.content.MAX_BYTES`.
+_BEGINNING_BYTES = 4096  # Flags, dimensions and name of a variable take less than 400.
 _ORDERS = MappingProxyType({b"IM": "<", b"MI": ">"})
 
 _MATRIX, _COMPRESSED = 14, 15
-_INTEGERS_32, _TEXTS = (5, 6), (1, 2, 16)
+_TEXTS = (1, 2, 16)
 _NUMBERS = MappingProxyType({
     1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8",
 })  # fmt: skip
@@ -42,143 +47,114 @@ _NUMBERS = MappingProxyType({
 
 _OPAQUE, _NUMERIC_CLASSES, _COMPLEX = 17, range(6, 16), 0x0800
 
-_BEGINNING_BYTES = 4096  # Flags, dimensions and name of a variable take less than 400.
+
+def list_names(data: bytes, source: str) -> frozenset[str]:
+    """Names of the variables in the bytes of the file `source`; raises `FormatError` as `load_arrays`."""
+    with _explain_damage(source):
+        order = _read_order(data, source)
+        parts = _read_variables(data, order, _BEGINNING_BYTES)
+        return frozenset(_open_variable(part, order)[0] for part in parts) - {""}
 
 
-class DamagedError(ValueError):
-    """What a file says of itself cannot be: the message says what, in a few words."""
+def load_arrays(data: bytes, source: str) -> Variables:
+    """Return the real arrays in the bytes of the file `source` by name, in their stored type; None for others.
 
-
-class TooNewError(ValueError):
-    """A file of version 7.3, which is HDF5."""
-
-
-@dataclass(frozen=True)
-class _Variable:
-    """The beginning of a matrix: its name, class, flags and dimensions, and the elements that follow."""
-
-    name: str
-    kind: int
-    is_complex: bool
-    dimensions: tuple[int, ...]
-    rest: Iterator[Element]
-
-
-def list_names(data: bytes) -> frozenset[str]:
-    """Names of the variables in the bytes of a file; raises `DamagedError` or `TooNewError`."""
-    order, names = _read_header(data), set[str]()
-    for kind, part in _variables(data, order):
-        if kind == _COMPRESSED:  # as far as the name is in it
-            begin = memoryview(_decompress(zlib.decompressobj(), part[:_BEGINNING_BYTES], _BEGINNING_BYTES))
-            part = begin[8 : 8 + _read_matrix_size(begin, order)]
-        names.add(_open_variable(part, order).name)
-    return frozenset(names - {""})
-
-
-def load_arrays(data: bytes) -> dict[str, NDArray[Any] | None]:
-    """Return the real arrays in the bytes of a file by name, in their stored type; None for other variables.
-
-    Raises `DamagedError` or `TooNewError`.
+    Raises `FormatError` if the file is damaged, or of version 7.3.
     """
-    order = _read_header(data)
-    arrays, budget = {}, MAX_BYTES
-    for kind, part in _variables(data, order):
-        if kind == _COMPRESSED:  # of at most as many bytes as are left
-            unpack = zlib.decompressobj()
-            size = _read_matrix_size(memoryview(_decompress(unpack, part, 8)), order)
-            if size > budget:
-                raise DamagedError(f"it says that it holds more than {MAX_BYTES // 2**30} GiB")
-            part = memoryview(_decompress(unpack, unpack.unconsumed_tail, size + 1))
-            if len(part) != size or not unpack.eof:
-                raise DamagedError("a compressed part is not as long as it says")
-            budget -= size
-        variable = _open_variable(part, order)
-        if variable.name:  # MATLAB keeps functions in one without a name
-            arrays[variable.name] = _read_numbers(variable, order)
+    arrays = dict[str, NDArray[Any] | None]()
+    with _explain_damage(source):
+        order = _read_order(data, source)
+        for part in _read_variables(data, order, _MAX_BYTES):
+            name, is_real, dimensions, rest = _open_variable(part, order)
+            type, values = next(rest, (0, part)) if is_real else (0, part)
+            if is_real and type not in _NUMBERS:
+                raise ValueError("a variable holds no numbers")
+            if name:  # MATLAB keeps functions in one without a name
+                stored = np.frombuffer(values, order + _NUMBERS[type]) if is_real else None
+                arrays[name] = None if stored is None else stored.reshape(dimensions, order="F")
     return arrays
 
 
-def _read_header(data: bytes) -> str:
+@contextmanager
+def _explain_damage(source: str) -> Iterator[None]:
+    """Raise `FormatError` where what a file says of itself cannot be."""
+    try:
+        yield
+    except (ValueError, zlib.error) as error:
+        raise FormatError(f"{source} is a damaged MATLAB file ({error}): copy or export it again.") from None
+
+
+def _read_order(data: bytes, source: str) -> str:
     """Byte order of a file."""
-    order = _ORDERS.get(data[126:_HEADER_BYTES])
+    order = _ORDERS.get(data[126:128])
     if order is None:
-        raise DamagedError("its header is not whole")
-    if int.from_bytes(data[_VERSION], "little" if order == "<" else "big") == _VERSION_7_3:
-        raise TooNewError
+        raise ValueError("its header is not whole")
+    if int.from_bytes(data[124:126], "little" if order == "<" else "big") == 0x0200:
+        raise FormatError(f"{source} is a MATLAB 7.3 file, which is not read here: save it again with '-v7'.")
     return order
 
 
-def _variables(data: bytes, order: str) -> Iterator[Element]:
-    for kind, part in _elements(memoryview(data)[_HEADER_BYTES:], order):
-        if kind not in (_MATRIX, _COMPRESSED):
-            raise DamagedError("it holds something other than variables")
-        yield kind, part
+def _read_variables(data: bytes, order: str, most: int) -> Iterator[memoryview]:
+    """Yield the matrices of a file, of a compressed one at most as many bytes as given, and as are left of all."""
+    budget = _MAX_BYTES
+    for kind, part in _read_elements(memoryview(data)[128:], order):
+        if kind == _COMPRESSED:
+            unpack = zlib.decompressobj()
+            kind, size = _read_tag(unpack.decompress(part, 8), order)
+            budget -= size
+            if budget < 0 and most == _MAX_BYTES:
+                raise ValueError(f"it says that it holds more than {_MAX_BYTES // 2**30} GiB")
+            part = memoryview(unpack.decompress(unpack.unconsumed_tail, min(size + 1, most)))
+            if len(part) != size and most == _MAX_BYTES:
+                raise ValueError("a compressed part is not as long as it says")
+        if kind != _MATRIX:
+            raise ValueError("it holds something other than variables")
+        yield part
 
 
-def _elements(data: memoryview, order: str) -> Iterator[Element]:
+def _read_elements(data: memoryview, order: str) -> Iterator[Element]:
     """Yield type and data of each element, to the end; `order` is the byte order."""
     place = 0
     while place < len(data):
-        kind, size = _read_tag(data[place:], order)
+        kind, size = _read_tag(data[place : place + 8], order)
         within = kind >> 16
         start = place + (4 if within else 8)
         end = start + (within or size)
         if end > (place + 8 if within else len(data)):
-            raise DamagedError("a part of it is larger than what holds it")
+            raise ValueError("a part of it is larger than what holds it")
         yield kind & 0xFFFF if within else kind, data[start:end]
         place = place + 8 if within else end + (0 if kind == _COMPRESSED else -size % 8)
 
 
-def _read_tag(data: memoryview, order: str) -> tuple[int, int]:
-    if len(data) < 8:
-        raise DamagedError("it is cut off")
-    kind, size = np.frombuffer(data[:8], f"{order}u4").tolist()
+def _read_tag(data: memoryview | bytes, order: str) -> tuple[int, int]:
+    kind, size = np.frombuffer(data, f"{order}u4", count=2).tolist()
     return kind, size
 
 
-def _open_variable(data: memoryview, order: str) -> _Variable:
-    """Read name, type and dimensions of a matrix, whose values may be cut off; the values stay unread."""
-    elements = _elements(data, order)
-    flags, *_ = _take_integers(elements, order, 2)
+def _open_variable(data: memoryview, order: str) -> tuple[str, bool, list[int], Iterator[Element]]:
+    """Return name and dimensions of a matrix, whether it holds real numbers, and its further elements, unread."""
+    elements = _read_elements(data, order)
+    flags, _ = np.frombuffer(next(elements, (0, b""))[1], f"{order}i4").tolist()
     kind = flags & 0xFF
-    dimensions = () if kind == _OPAQUE else _take_integers(elements, order)
+    dimensions = [] if kind == _OPAQUE else np.frombuffer(next(elements, (0, b""))[1], f"{order}i4").tolist()
     type, name = next(elements, (0, data))
     if type not in _TEXTS or min(dimensions, default=0) < 0:
-        raise DamagedError("a variable has no name, or no size")
-    return _Variable(bytes(name).decode("latin-1"), kind, bool(flags & _COMPLEX), dimensions, elements)
+        raise ValueError("a variable has no name, or no size")
+    return bytes(name).decode("latin-1"), kind in _NUMERIC_CLASSES and not flags & _COMPLEX, dimensions, elements
 
 
-def _take_integers(elements: Iterator[Element], order: str, count: int | None = None) -> tuple[int, ...]:
-    """Integers of the next element: as many as given, else two or more, as dimensions are."""
-    type, part = next(elements, (0, memoryview(b"")))
-    if type not in _INTEGERS_32 or len(part) % 4 or len(part) < 8 or (count is not None and len(part) != 4 * count):
-        raise DamagedError("a variable does not begin as one")
-    return tuple(np.frombuffer(part, f"{order}i4").tolist())
+def mat_array(variables: Variables, name: str, path: Path, columns: int | None = None) -> Floats:
+    """Return the variable `name` as floats: (M, columns), or (M,) without `columns`.
 
-
-def _read_numbers(variable: _Variable, order: str) -> NDArray[Any] | None:
-    """Values of a variable; None if they are no real numbers."""
-    if variable.kind not in _NUMERIC_CLASSES or variable.is_complex:
-        return None
-    type, part = next(variable.rest, (0, memoryview(b"")))
-    stored = np.dtype(order + _NUMBERS.get(type, "V1"))
-    if type not in _NUMBERS or math.prod(variable.dimensions) * stored.itemsize != len(part):
-        raise DamagedError("a variable holds other than its size says")
-    try:
-        return np.frombuffer(part, stored).reshape(variable.dimensions, order="F")
-    except ValueError:  # more dimensions than an array can have
-        raise DamagedError("a variable has too many dimensions") from None
-
-
-def _decompress(unpack: zlib._Decompress, packed: memoryview | bytes, most: int) -> bytes:
-    try:
-        return unpack.decompress(packed, most)
-    except zlib.error:
-        raise DamagedError("a compressed part cannot be unpacked") from None
-
-
-def _read_matrix_size(data: memoryview, order: str) -> int:
-    kind, size = _read_tag(data, order)
-    if kind != _MATRIX:
-        raise DamagedError("a compressed part is no variable")
-    return size
+    Raises `FormatError` if the variable is missing, not real numbers, or of another shape.
+    """
+    value = variables.get(name)
+    if value is None:
+        raise FormatError(f"{path.name} holds no variable '{name}' of real numbers: export it again with '{name}'.")
+    is_vector = value.ndim <= 2 and value.size == max(value.shape, default=1)
+    if not (is_vector if columns is None else value.ndim == 2 and value.shape[1] == columns):
+        needed = "a vector" if columns is None else f"(N, {columns})"
+        raise FormatError(f"{path.name}: variable '{name}' has shape {value.shape}, not {needed}: export it again.")
+    # uint8 would wrap in differences: everything is a float from here on
+    numbers = np.array(value, dtype=np.float64, order="C")
+    return numbers.reshape(-1) if columns is None else numbers

@@ -86,27 +86,21 @@ def join_streams(
     Raises `FormatError` if accelerometer or gyroscope is absent, twice there or too slow, or if they share no time.
     """
     remarks = list(notes)
-    for k, stream in enumerate(streams):
-        other = next((one for one in streams[:k] if one.what == stream.what), None)
-        if other is not None:
-            raise FormatError(
-                f"{path.name} holds two tables of the {stream.name} ({other.source}, {stream.source}): give a folder "
-                f"with those of one recording."
-            )
-    found = {stream.what: stream for stream in _subtract_start(streams, remarks)}
-    cleaned = {what: _clean(stream, remarks) for what, stream in found.items()}
+    there = [stream.name for stream in streams]
+    if len(set(there)) < len(there):
+        listed = ", ".join(f"{stream.name}: {stream.source}" for stream in streams)
+        raise FormatError(f"{path.name} holds two tables of a sensor ({listed}): give those of one recording.")
+    cleaned = {stream.what: _clean(stream, remarks) for stream in _subtract_start(streams, remarks)}
     for needed in ("acc", "gyr"):
         if needed not in cleaned:
-            there = [stream.name for stream in streams]
-            remedy = "record accelerometer and gyroscope together"
+            remedy = "record the accelerometer, with gravity in it, and the gyroscope together"
             if is_part and len(streams) == 1:
                 remedy = "give the folder or zip with the files of all sensors"
             only = f", only {' and '.join(there)}" if there else ""
             raise FormatError(f"{path.name} has no {NAMES[needed]}{only}: {remedy}.")
         if len(cleaned[needed].t) < 2:
-            count = format_count(len(cleaned[needed].t), "sample")
-            source = cleaned[needed].source
-            raise FormatError(f"{path.name}: {source} has {count} of the {NAMES[needed]}: record it again.")
+            found = f"{cleaned[needed].source} has {format_count(len(cleaned[needed].t), 'sample')}"
+            raise FormatError(f"{path.name}: {found} of the {NAMES[needed]}: record it again.")
     acc, gyr, mag, air = cleaned["acc"], cleaned["gyr"], cleaned.get("mag"), cleaned.get("pressure")
     if mag is not None and len(mag.t) < 2:
         remarks.append(f"the magnetometer ({mag.source}) has no samples: left out")
@@ -115,15 +109,11 @@ def join_streams(
         remarks.append(f"the magnetometer reads {strength:.0f} uT, most of it the device's own field: left out")
         mag = None
     slowest = max((acc, gyr), key=lambda stream: stream.period_s)
-    rate_hz = 1.0 / slowest.period_s
-    often = f"{rate_hz:.1f} samples a second" if rate_hz > 1 else f"a sample every {slowest.period_s:.3g} s"
-    if rate_hz < MIN_RATE_HZ:
-        raise FormatError(
-            f"{path.name}: the {slowest.name} has {often}, too few to follow a walk: record at 50 Hz or more, 100 Hz "
-            f"for a foot."
-        )
-    if rate_hz < SLOW_HZ:
-        remarks.append(f"the {slowest.name} has {often}, too few to follow a step well: record at 50 Hz or more")
+    few = f"the {slowest.name} has {1.0 / slowest.period_s:.3g} samples a second, too few to follow a"
+    if 1.0 / slowest.period_s < MIN_RATE_HZ:
+        raise FormatError(f"{path.name}: {few} walk: record at 50 Hz or more, 100 Hz for a foot.")
+    if 1.0 / slowest.period_s < SLOW_HZ:
+        remarks.append(f"{few} step well: record at 50 Hz or more")
     rates = _describe([acc, gyr, *(one for one in (mag, air) if one is not None and len(one.t) > 1)])
     gyr = _cut_to_shared(acc, gyr, path, remarks)
     force = _interpolate(acc, gyr, remarks)
@@ -181,25 +171,22 @@ def _clean(stream: Stream, remarks: list[str]) -> Stream:
         stream = stream.take(slice(edges[longest], edges[longest + 1]))
     # late and repeated samples
     late = int(np.count_nonzero(np.diff(stream.t) < 0))
+    in_order = np.unique(stream.t, return_index=True)[1]
+    again = len(stream.t) - len(in_order)
     if late:
         remarks.append(f"{format_count(late, 'sample')} of the {stream.name} came late: sorted")
-    stream = stream.take(np.argsort(stream.t, kind="stable"))
-    repeated = np.concatenate(([False], np.diff(stream.t) <= 0))[: len(stream.t)]
-    if repeated.any():
-        again = format_count(int(repeated.sum()), "sample")
-        remarks.append(f"{again} of the {stream.name} with the stamp of the one before left out")
-    stream = stream.take(~repeated)
+    if again:
+        remarks.append(f"{format_count(again, 'sample')} of the {stream.name} with the stamp of another left out")
+    stream = stream.take(in_order)
     # zeros, or repeats of one sample, before the sensor is awake
     if len(stream.t) < 2:
         return stream
-    other = (stream.xyz != stream.xyz[0]).any(axis=1)
-    count = int(np.argmax(other)) if other.any() else 0
+    count = int(np.argmax((stream.xyz != stream.xyz[0]).any(axis=1)))  # 0 where none is other
     zero = not stream.xyz[0].any()
     frozen = count >= _FROZEN_ROWS and stream.t[count - 1] - stream.t[0] < _FROZEN_S
     if not count or not (zero or frozen):
         return stream
-    what = "zero" if zero else "one sample repeated"
-    rows = f"{count} rows" if count > 1 else "row"
+    what, rows = "zero" if zero else "one sample repeated", f"{count} rows" if count > 1 else "row"
     remarks.append(f"the first {rows} of the {stream.name}, {what}, left out")
     return stream.take(slice(count, None))
 
@@ -208,10 +195,8 @@ def _cut_to_shared(acc: Stream, gyr: Stream, path: Path, remarks: list[str]) -> 
     """Return the gyroscope stream cut to the time shared with the accelerometer."""
     first, last = max(acc.t[0], gyr.t[0]), min(acc.t[-1], gyr.t[-1])
     if last - first < 0.5 * min(acc.t[-1] - acc.t[0], gyr.t[-1] - gyr.t[0]):
-        spans = [f"{one.name} ({one.t[0]:.1f} to {one.t[-1]:.1f} s)" for one in (acc, gyr)]
-        raise FormatError(
-            f"{path.name}: {' and '.join(spans)} ran at different times: give the files of one recording."
-        )
+        spans = " and ".join(f"{one.name} ({one.t[0]:.1f} to {one.t[-1]:.1f} s)" for one in (acc, gyr))
+        raise FormatError(f"{path.name}: {spans} ran at different times: give the files of one recording.")
     before, after = first - min(acc.t[0], gyr.t[0]), max(acc.t[-1], gyr.t[-1]) - last
     if max(before, after) > GAP_PERIODS * gyr.period_s:
         remarks.append(
@@ -220,10 +205,8 @@ def _cut_to_shared(acc: Stream, gyr: Stream, path: Path, remarks: list[str]) -> 
         )
     shared = gyr.take((gyr.t >= first) & (gyr.t <= last))
     if len(shared.t) < 2:
-        raise FormatError(
-            f"{path.name}: {gyr.source} has {format_count(len(shared.t), 'sample')} of the gyroscope while the "
-            f"accelerometer ran: record it again."
-        )
+        count = format_count(len(shared.t), "sample")
+        raise FormatError(f"{path.name}: {gyr.source} has {count} while the accelerometer ran: record it again.")
     return shared
 
 

@@ -40,7 +40,7 @@ from fg_nav.arrays import Floats, Ints
 from fg_nav.columns.headers import find_quantity, read_header
 from fg_nav.columns.samples import to_floats
 from fg_nav.errors import FormatError
-from fg_nav.io.content import Content, explain_library, load_mat, split_fields, split_lines
+from fg_nav.io.content import Content, explain_library, split_fields, split_lines
 
 PARQUET_MARK, ZIP_MARK, NPY_MARK, HDF5_MARK = b"PAR1", b"PK\x03\x04", b"\x93NUMPY", b"\x89HDF"
 
@@ -326,7 +326,7 @@ def _open(content: Content, min_numbers: int) -> Table | None:
         are_arrays = content.members and all(place.endswith(".npy") for place in content.members)
         return open_arrays(_load_numpy(content, "npz"), name) if are_arrays else None
     if content.variables:
-        arrays = {key: value for key, value in load_mat(content).items() if value is not None}
+        arrays = {key: value for key, value in content.load_variables().items() if value is not None}
         return open_arrays({key: value.squeeze() for key, value in arrays.items()}, name)
     if content.lines and content.lines[0].lstrip()[:1] in ("{", "["):
         return _open_json(content)
@@ -424,7 +424,7 @@ def _count_axes(names: Sequence[str]) -> int:
 
 def _read_dates(text: NDArray[np.object_]) -> Floats:
     """Dates as s since 1970, NaN where there is none."""
-    words = pd.Series(text)
+    words = pd.Series(text, dtype=object).str.replace("/", "-")
     dates = pd.to_datetime(words, errors="coerce", utc=True, format="ISO8601")
     other = dates.isna() & words.notna()
     if other.any():  # each by itself, which is slow
@@ -457,7 +457,7 @@ def _open_sheet(content: Content) -> Table:
         warnings.simplefilter("ignore")
         frame = pd.read_excel(io.BytesIO(content.read_bytes()), header=None, engine="openpyxl")
     text = frame.to_csv(index=False, header=False, sep="\t")
-    sheet = Content(content.path, lines=tuple(text.splitlines()[:400]), fetch=lambda n: text.encode()[:n])
+    sheet = Content(content.path, lines=tuple(text.splitlines()[:400]), opener=lambda: io.BytesIO(text.encode()))
     found = open_table(sheet)
     if found is None:
         raise FormatError(f"{name} has no table of samples in its first sheet: save that alone, or as CSV.")

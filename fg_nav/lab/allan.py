@@ -52,10 +52,9 @@ import numpy as np
 from scipy.optimize import nnls
 from scipy.stats import chi2
 
-from fg_nav.arrays import Floats, Ints
+from fg_nav.arrays import Floats, Ints, find_runs
 from fg_nav.errors import CalibrationError
 from fg_nav.recording import Recording
-from fg_nav.stances import find_runs
 
 FLOOR = float(np.sqrt(2 * np.log(2) / np.pi))  # Deviation of flicker with B = 1.
 ONE_SIDED_95 = 1.645  # Sigmas that a normal error exceeds in one of twenty.

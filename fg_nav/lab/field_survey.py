@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fg_nav.arrays import Floats
+from fg_nav.arrays import Floats, find_runs
 from fg_nav.errors import MagneticError
 from fg_nav.frames import average_angles, wrap_angle
 from fg_nav.magnetic import FieldVerdicts, FootfallField
@@ -31,11 +31,11 @@ from fg_nav.magnetic.quasi_static import (
 )
 from fg_nav.recording import Recording
 from fg_nav.solution import Solution
-from fg_nav.stances import find_runs
 from fg_nav.text import format_count
 
 if TYPE_CHECKING:
     from fg_nav.earth import EarthField
+    from fg_nav.walk import Walk
 
 SAMPLEWISE = "munoz-diaz"  # Judges every sample by the second before it; at a foot the footfalls' samples count.
 SURVEYED = (*DETECTORS, SAMPLEWISE)  # All detectors, in the order of tables and pictures.
@@ -98,6 +98,13 @@ def parse_detectors(words: str | None) -> list[str]:
             known = ", ".join((*SURVEYED, *find_own_detectors()))
             raise MagneticError(f"there is no gate '{name}' to look at: choose {ALL}, or some of {known}.")
     return list(dict.fromkeys(wanted))
+
+
+def require_field(walk: Walk) -> FootfallField:
+    """Return the field at the footfalls; raises `MagneticError` with the reason where it is not known."""
+    if walk.field is None:
+        raise MagneticError(walk.unjudged or "the field of this walk was not looked at: use `measure_field`.")
+    return walk.field
 
 
 def survey_field(

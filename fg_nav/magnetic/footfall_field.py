@@ -40,11 +40,11 @@ import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.detection.rest import find_start
+from fg_nav.detection.stance import Stances
 from fg_nav.errors import MagneticError
 from fg_nav.frames import average_angles, compute_heading, wrap_angle
 from fg_nav.mechanisation import nudge_tilt, rotate_in_body
 from fg_nav.recording import Recording
-from fg_nav.stances import Stances
 from fg_nav.system.compiled import njit
 
 

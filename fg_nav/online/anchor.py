@@ -13,8 +13,8 @@ IJRR 33, 1544). Nothing is lost but the choice to linearize the past again. All 
 state and the samples since, to the bit.
 
 Floors: `FloorTrack` has that of the newest footfall, 0 where the walk began, +1 the next above, -1 the next below. A
-walk that is solved as a whole shows level floors (`smoother.floors`) and their heights; footfalls since are followed by
-their heights z, m, less a drift that all of them share and that those on a floor show:
+walk that is solved as a whole shows level floors (`smoother.heights`) and their heights; footfalls since are followed
+by their heights z, m, less a drift that all of them share and that those on a floor show:
 
     on a floor       while z changes by less than `STEP_M` from one footfall to the next, and is within `SAME_M` of it
     on none          otherwise: on stairs or a ramp, or in a lift
@@ -42,9 +42,8 @@ from fg_nav.online.buffer import ReportedFootfall, SensorState
 from fg_nav.online.estimates import EstimateRow, split_rows
 from fg_nav.online.field import BiasLedger, CompassVerdict, OnlineField
 from fg_nav.online.strides import RestLedger, StanceNodes
-from fg_nav.smoother.barometer import Barometer
-from fg_nav.smoother.floors import FEWEST
 from fg_nav.smoother.graph import Known
+from fg_nav.smoother.heights import FEWEST, Barometer
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.solver import dimension_of
 from fg_nav.smoother.square_root import SquareRoot

@@ -20,15 +20,14 @@ import numpy as np
 from fg_nav.arrays import Bools, Floats
 from fg_nav.calibration.magnetometer import MagnetometerCalibration
 from fg_nav.detection.causal import Footfall
+from fg_nav.detection.stance import Stances
 from fg_nav.errors import EstimationError
-from fg_nav.fix_check import check_fixes
 from fg_nav.magnetic.axes import MagAxes, align_magnetometer
 from fg_nav.magnetic.delay import MagnetometerDelay, remove_delay
 from fg_nav.recording import RawRecording, Recording
 from fg_nav.samples.readings import COLUMNS, TAKEN, find_saturation_level
 from fg_nav.smoother.parameters import SmootherParameters
-from fg_nav.stances import Stances
-from fg_nav.truth import Fix
+from fg_nav.truth import Fix, check_fixes
 
 CHUNK = 1 << 12  # Rows; 0.3 MB.
 AT_END = 0.97  # Share of the largest reading, from which on a level may be that of a range: calibration smears it.

@@ -27,8 +27,8 @@ from fg_nav.feet import Side
 from fg_nav.frames import UNKNOWN_RAD, compute_heading, turn_heading, yaw_rotation
 from fg_nav.online.field import CompassVerdict
 from fg_nav.online.strides import StanceNodes
-from fg_nav.smoother.barometer import SCALE_SIGMA
-from fg_nav.smoother.shared_errors import extend_covariance
+from fg_nav.smoother.heights import SCALE_SIGMA
+from fg_nav.smoother.sensitivity import FORWARD_SIGMA, SIDEWAYS_SIGMA
 from fg_nav.smoother.solver import in_nav
 from fg_nav.solution import StanceTable
 from fg_nav.text import to_json
@@ -439,3 +439,15 @@ def tag_line(line: str, foot: Who, frame: Side) -> str:
     """Return a line of JSON with the keys `foot` and `frame` added."""
     content = json.loads(line)
     return _dump({"kind": content.pop("kind"), "foot": foot, "frame": frame, **content})
+
+
+def extend_covariance(pose_cov: Floats, position: Floats) -> Floats:
+    """Return the covariance (4, 4) of a pose in a walk in progress, plus that of the prior on the moving foot c.
+
+    `position` (3,) m from the start.
+    """
+    east, north = position[:2]
+    moved = np.array([[east, -north], [north, east]]) * (FORWARD_SIGMA, SIDEWAYS_SIGMA)
+    extended = pose_cov.copy()
+    extended[:2, :2] += moved @ moved.T
+    return extended

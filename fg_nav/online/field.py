@@ -47,6 +47,7 @@ from gtsam.symbol_shorthand import B, M, X
 
 from fg_nav.arrays import Floats
 from fg_nav.detection import Rest
+from fg_nav.detection.stance import Stances
 from fg_nav.errors import MagneticError
 from fg_nav.factors.differential_field import BiasInformation, FieldNoise
 from fg_nav.factors.magnetic_field import E_H, SIZE, FieldPotential, MagneticHeading, across_field
@@ -57,7 +58,6 @@ from fg_nav.magnetic.footfall_field import UNKNOWN_IRON_UT
 from fg_nav.magnetic.quasi_static import apply_gate, count_needed, weigh_statistic
 from fg_nav.online.strides import StrideWindow
 from fg_nav.recording import Recording
-from fg_nav.smoother.dense_path import Trajectory
 from fg_nav.smoother.differential import (
     DifferentialFactors,
     LevelBias,
@@ -67,19 +67,22 @@ from fg_nav.smoother.differential import (
     sum_stretches,
     turn_stretches,
 )
-from fg_nav.smoother.field import FieldSolution, compass_sigma, rotate_field, weigh_compass
+from fg_nav.smoother.field import MIN_JUMP_UT_M, FieldSolution
 from fg_nav.smoother.field_factors import (
+    FieldFactors,
     FieldPath,
     FieldRoughness,
+    compass_sigma,
     deviate_along,
     integrate_path,
     measure_roughness,
+    rotate_field,
     split_potential,
     transition,
+    weigh_compass,
 )
-from fg_nav.smoother.potential import MIN_JUMP_UT_M
+from fg_nav.smoother.graph import Trajectory
 from fg_nav.smoother.solver import list_attitudes
-from fg_nav.stances import Stances
 
 RECENT = 4000  # Footfalls: how regions differ, which are fifteen footfalls long, takes all. Most that a gate uses.
 JUMP_SIGMAS = 6.0  # Of the potential: 40 A over a rough floor. The next re-solve checks the stride again.
@@ -119,8 +122,7 @@ class OnlineField:
     """The field of a walk so far, from the batch solution of a walk with the field `field` at its footfalls."""
 
     def __init__(self, found: FieldSolution, field: FootfallField) -> None:
-        factors, values = found.problem.field, found.solved.values
-        assert factors is not None
+        factors, values = found.problem.get(FieldFactors), found.solved.values
         self._p = replace(factors.parameters, potential=len(factors.potential) > 0)
         self._level_R_body = factors.path.level_R_body
         nav_R_body = list_attitudes(found.problem.nodes.result, values)

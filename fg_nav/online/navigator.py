@@ -26,6 +26,7 @@ from fg_nav.arrays import Floats
 from fg_nav.detection import detect_stances
 from fg_nav.detection.causal import CausalParameters, CausalStances, Footfall, join_footfalls
 from fg_nav.detection.rest import freeze_ends
+from fg_nav.detection.stance import Stances
 from fg_nav.errors import EstimationError
 from fg_nav.magnetic.axes import AlignedMagnetometer, align_magnetometer
 from fg_nav.online.background import BackgroundSolver, Solver, SolverProcess
@@ -37,11 +38,10 @@ from fg_nav.recording import MIN_SAMPLES, Recording
 from fg_nav.samples.intake import Intake
 from fg_nav.samples.readings import COLUMNS
 from fg_nav.smoother import smooth
-from fg_nav.smoother.dense_path import Trajectory, dense_trajectory
-from fg_nav.smoother.places import mark_returns
+from fg_nav.smoother.building import mark_returns
+from fg_nav.smoother.graph import Trajectory, dense_trajectory
 from fg_nav.smoother.solver import UNSOLVED
 from fg_nav.solution import Return, Solution, StanceTable
-from fg_nav.stances import Stances
 
 if TYPE_CHECKING:
     from fg_nav.online.pocket import PocketNavigator

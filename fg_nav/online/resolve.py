@@ -41,7 +41,7 @@ from fg_nav.calibration.magnetometer import MagnetometerCalibration
 from fg_nav.calibration.walk import MeasuredField, measure_walk_field
 from fg_nav.detection import detect_stances
 from fg_nav.detection.causal import Footfall
-from fg_nav.detection.stance import StanceParameters
+from fg_nav.detection.stance import StanceParameters, Stances
 from fg_nav.errors import DetectionError, EstimationError
 from fg_nav.feet import SIDES, Side
 from fg_nav.feet.steps import MIN_TURNS, measure_turns
@@ -71,12 +71,14 @@ from fg_nav.online.strides import RestLedger, StanceNodes, list_stances, list_va
 from fg_nav.online.window import Window
 from fg_nav.recording import Recording
 from fg_nav.smoother.batch import InProgress, WalkInput, fit_walk
+from fg_nav.smoother.differential import DifferentialFactors
 from fg_nav.smoother.feet import SolvedFeet, list_footfalls, solve_feet
 from fg_nav.smoother.field import FieldSolution, FieldVerdict
+from fg_nav.smoother.field_factors import FieldFactors
 from fg_nav.smoother.graph import WalkProblem, count_factors, order_variables
+from fg_nav.smoother.heights import BarometerFactors
 from fg_nav.smoother.solver import UNSOLVED, Solved, list_attitudes, list_positions
 from fg_nav.solution import Return
-from fg_nav.stances import Stances
 
 CONTEXT_S = 20.0  # Before an anchor state: to detect the stances behind it, and levels at which sensors clip.
 OPEN_S = 1.5  # A swing and the beginning of the stance after it: by then a footfall has been seen from both sides.
@@ -289,7 +291,8 @@ def build_anchor(walk: PartialWalk, options: OnlineOptions, found: WalkSolution,
         for one in zip(found.verdict.words, found.verdict.reason, found.verdict.compass_weight.tolist(), strict=True)
     ]
     covariances = found.solved.root.covariances(result_keys(stances))
-    shared = problem.parameters.moving_foot, problem.barometer is not None
+    air = problem.find(BarometerFactors)
+    shared = problem.parameters.moving_foot, air is not None
     rows = list_estimates(stances, verdicts, values, covariances, *shared)
     heights = np.asarray(list_positions(problem.nodes.result, values)[:, 2])
     longest_rest = max(known.rests, key=lambda rest: rest.stop - rest.start, default=None)
@@ -304,9 +307,9 @@ def build_anchor(walk: PartialWalk, options: OnlineOptions, found: WalkSolution,
         known=known,
         parameters=problem.parameters,
         field=found.field,
-        barometer=None if problem.barometer is None else problem.barometer.barometer,
+        barometer=None if air is None else air.barometer,
         rests=RestLedger(longest_rest, known.rests[-1] if known.rests else None),
-        biases=BiasLedger.from_factors(problem.differential),
+        biases=BiasLedger.from_factors(problem.find(DifferentialFactors)),
         sensor=walk.sensor,
         counts=dict(count_factors(problem)),
         fixes=options.fixes,
@@ -465,9 +468,9 @@ class FootSolver(WalkSolver):
         # The walk of this foot as it is in the graph of both.
         problem, solved = getattr(both.problem, self._side), getattr(both, self._side)
         found = replace(alone, problem=problem, solved=solved)
-        if alone.solved_field is not None and problem.field is not None:
+        if alone.solved_field is not None and (factors := problem.find(FieldFactors)) is not None:
             own, field = alone.solved_field
-            own = replace(own, problem=problem, solved=solved, states=problem.field.states(solved.values))
+            own = replace(own, problem=problem, solved=solved, states=factors.states(solved.values))
             found = replace(found, field=OnlineField(own, field), solved_field=(own, field))
         prior = marginalize_root(solved.root, solved.values, list_variables(found.stances[-1], solved.values))
         return TiedAnchorState(**vars(build_anchor(walk, self._options, found, prior)), number=self._walks.count), walk

@@ -20,16 +20,16 @@ from gtsam.symbol_shorthand import B, M, P, S, V, X
 
 from fg_nav.arrays import Floats
 from fg_nav.detection import Rest, RestParameters, find_rests
+from fg_nav.detection.stance import Stances
 from fg_nav.online.buffer import PartialWalk
 from fg_nav.recording import MIN_SAMPLES, Recording
 from fg_nav.smoother.constraints import pin_to_times, select_reached_fixes
-from fg_nav.smoother.gauss_newton import DIMENSION
 from fg_nav.smoother.graph import initial_values
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.preintegration import preintegrate
 from fg_nav.smoother.solver import in_nav
+from fg_nav.smoother.square_root import DIMENSION
 from fg_nav.smoother.strides import BIAS_SPACING_S, Nodes, Stride, measure_velocities, place_nodes, strides_of
-from fg_nav.stances import Stances
 from fg_nav.truth import Fix
 
 CONTEXT_S = 10.0  # Before a window, in which sensors at the end of their range show themselves.

@@ -44,10 +44,9 @@ from fg_nav.online.strides import (
     measure_stride,
     order_variables,
 )
-from fg_nav.smoother.barometer import average_pressures, stride_factors
-from fg_nav.smoother.dense_path import Trajectory, dense_trajectory
 from fg_nav.smoother.differential import LevelBias
-from fg_nav.smoother.graph import POSITION_FIX, count_graph
+from fg_nav.smoother.graph import POSITION_FIX, Trajectory, count_graph, dense_trajectory
+from fg_nav.smoother.heights import average_pressures, stride_factors
 from fg_nav.smoother.solver import UNSOLVED
 from fg_nav.smoother.strides import stride_graph
 

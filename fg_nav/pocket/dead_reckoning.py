@@ -35,7 +35,7 @@ slowly: trousers, pace, and what the compass misses.
 
     p_k+1 = p_k + exp(s_k) R(psi_k) d_k (+ its own error)       psi_k+1 = psi_k (+ w)       s_k+1 = s_k (+ v)
 
-psi is clockwise about up. A fix observes p at the node nearest in time, with its accuracy for sigma (`fg_nav.gnss`);
+psi is clockwise about up. A fix observes p at the node nearest in time, with its accuracy for sigma (`fg_nav.truth`);
 each round multiplies the variance of a fix by 1 + (r / (c sigma))^2, which is Cauchy's. An extended Kalman filter
 forward and the smoother of Rauch, Tung and Striebel back, about the estimates of the filter.
 """
@@ -50,10 +50,9 @@ import numpy as np
 from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import EstimationError
 from fg_nav.frames import yaw_rotation
-from fg_nav.gnss import CAUCHY, CORRELATED_S, Gnss, describe_start, find_turn, select_fixes
 from fg_nav.pocket.steps import Steps, ThighSwing
 from fg_nav.pocket.track import PocketTrack
-from fg_nav.truth import Fix
+from fg_nav.truth import CAUCHY, CORRELATED_S, Fix, Gnss, describe_start, find_turn, select_fixes
 
 DEFAULT_CONSTANT_M = 0.90  # Step constant of an adult, m.
 WALK_RATIO_S = 0.0062 * 60.0 / DEFAULT_CONSTANT_M  # r: walk ratio 0.0062 m per step/min; the literature has about 0.006
@@ -262,7 +261,7 @@ def fuse_fixes(t: Floats, steps: Floats, fixes: Sequence[Fix], heading_sigma: fl
     ----------
     t : (S + 1,) s, begin of the first step and end of each.
     steps : (S, 2) m, dead-reckoned displacement east and north of each.
-    fixes : at least `fg_nav.gnss.MIN_FIXES` within the walk; heights are not used.
+    fixes : at least `fg_nav.truth.MIN_FIXES` within the walk; heights are not used.
     heading_sigma, scale_sigma : prior sigmas of psi, rad, and of s, at the start.
 
     Raises `EstimationError` with fewer fixes.

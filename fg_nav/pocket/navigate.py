@@ -25,7 +25,6 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.detection.mount import TurnSigns, refuse_foot
 from fg_nav.errors import EstimationError
-from fg_nav.gnss import Gnss, describe_fixes
 from fg_nav.magnetic.quasi_static import DISTURBED, QUASI_STATIC, UNKNOWN
 from fg_nav.pocket.dead_reckoning import (
     StepLength,
@@ -44,6 +43,7 @@ from fg_nav.recording import Recording
 from fg_nav.samples.readings import find_saturated
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.text import format_count
+from fg_nav.truth import Gnss, describe_fixes
 
 Progress: TypeAlias = Callable[[float], None]
 

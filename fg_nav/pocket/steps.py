@@ -53,12 +53,11 @@ from itertools import pairwise
 import numpy as np
 from scipy.ndimage import maximum_filter1d
 
-from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.arrays import Bools, Floats, Ints, find_runs
 from fg_nav.detection.mount import remove_fast
 from fg_nav.errors import EstimationError
 from fg_nav.pocket.track import PocketTrack
 from fg_nav.recording import Recording
-from fg_nav.stances import find_runs
 
 # the axis of the swing
 SWINGING_DEG_S = 60.0  # A thigh that turns faster than this is on its way; one that stands or sits is not.

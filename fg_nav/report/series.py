@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.detection.stance import Stances
 from fg_nav.frames import compute_heading, wrap_angle
 from fg_nav.magnetic.footfall_field import FootfallField
 from fg_nav.magnetic.quasi_static import DISTURBED, QUASI_STATIC
@@ -51,7 +52,6 @@ from fg_nav.report.charts import (
 )
 from fg_nav.report.course import AlignedSolution, Frame, compose_map, draw_path, has_sure_start, mark_places
 from fg_nav.solution import Solution, StanceTable
-from fg_nav.stances import Stances
 from fg_nav.text import format_count
 from fg_nav.truth import TrajectoryTruth
 

@@ -63,9 +63,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.arrays import Bools, Floats, Ints, find_runs
 from fg_nav.samples.readings import ACC_OUT, GYR_OUT
-from fg_nav.stances import find_runs
 from fg_nav.system.compiled import njit
 
 LOST_PERIODS = 1.5  # After a step between stamps of more periods than this, a sample or more is missing.

@@ -65,8 +65,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fg_nav.arrays import Bools, Floats, Ints
-from fg_nav.stances import find_runs
+from fg_nav.arrays import Bools, Floats, Ints, find_runs
 from fg_nav.system.compiled import njit
 
 COLUMNS = 11  # of a row: t (s), acc (m/s^2), gyr (rad/s), mag (uT), pressure (Pa), the last two NaN without a sample

@@ -2,15 +2,15 @@
 
     problem       rests, lever, swing noise; nodes, factors and initial values; first solution; bias walk (`problem`)
     known         fixes, the caller's own factors and places of an earlier walk, added to the first solution, which is
-                  solved again; then the level floors found on it (`constraints`)
+                  solved again; then the level floors found on it (`heights`)
     differential  field while the foot stands: factors on the gyro bias (`differential`)
     field         the magnetic field, in rounds, each of which solves again (`field`)
-    directions    of a building that the walk follows, an option (`directions`)
-    places        where the field shows that the walk was at a place before (`places`)
-    bias prior    solved again with the one that the evidence averages (`gyro_bias`)
-    gyro scale    by the field: all again with samples without what both halves of the walk agree on (`shared_errors`)
-    shared        what all strides share and the triangle does not hold joins the sigmas (`shared_errors`)
-    solution      marginals -> sigmas (`solver`), that of the distance (`sensitivity`); nodes -> path (`dense_path`)
+    directions    of a building that the walk follows, an option (`building`)
+    places        where the field shows that the walk was at a place before (`building`)
+    bias prior    solved again with the one that the evidence averages (`problem`)
+    gyro scale    by the field: all again with samples without what both halves of the walk agree on (`sensitivity`)
+    shared        what all strides share and the triangle does not hold joins the sigmas (`sensitivity`)
+    solution      marginals -> sigmas (`solver`), that of the distance (`sensitivity`); nodes -> path (`graph`)
 
 `fit_walk` is all of it but the solution: a walk in progress is solved by it at each re-solve, and each foot of two.
 """
@@ -29,45 +29,42 @@ from gtsam.symbol_shorthand import B, X
 
 from fg_nav.arrays import Bools, Floats
 from fg_nav.detection.rest import freeze_ends
+from fg_nav.detection.stance import Stances
 from fg_nav.errors import EstimationError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.magnetic import FootfallField
 from fg_nav.magnetic.quasi_static import UNKNOWN
 from fg_nav.recording import Recording
-from fg_nav.smoother.barometer import spread_scale
+from fg_nav.smoother.building import follow_directions, mark_returns, tie_places
 from fg_nav.smoother.constraints import (
     ExtraFactors,
     GraphNodes,
     KnownTies,
-    add_constraints,
     add_fixes,
     add_known_places,
     add_own,
     check_fix_distance,
     select_reached_fixes,
 )
-from fg_nav.smoother.dense_path import trajectory_of
-from fg_nav.smoother.differential import add_differential_field, write_note
-from fg_nav.smoother.directions import follow_directions
+from fg_nav.smoother.differential import DifferentialFactors, add_differential_field, write_note
 from fg_nav.smoother.field import FieldSolution, FieldVerdict, find_obstacle, integrate_field, solve_with_field
-from fg_nav.smoother.gauss_newton import FIRST_CONVERGENCE
-from fg_nav.smoother.graph import WalkProblem, count_factors, solve
-from fg_nav.smoother.gyro_bias import average_bias_prior
+from fg_nav.smoother.field_factors import FieldFactors
+from fg_nav.smoother.graph import WalkProblem, count_factors, solve, trajectory_of
+from fg_nav.smoother.heights import BarometerFactors, add_constraints, spread_scale
 from fg_nav.smoother.parameters import SmootherParameters
-from fg_nav.smoother.places import mark_returns, tie_places
-from fg_nav.smoother.problem import walk_problem
-from fg_nav.smoother.sensitivity import FootfallCovariance, weigh_path
-from fg_nav.smoother.shared_errors import (
+from fg_nav.smoother.problem import average_bias_prior, walk_problem
+from fg_nav.smoother.sensitivity import (
+    FootfallCovariance,
     WalkScale,
     estimate_gyro_scale,
     spread_clipped_peaks,
     spread_moving_foot,
     weigh_gyro_scale,
+    weigh_path,
 )
-from fg_nav.smoother.solver import Solved, in_nav, list_covariances, list_poses
+from fg_nav.smoother.solver import FIRST_CONVERGENCE, Solved, in_nav, list_covariances, list_poses
 from fg_nav.smoother.strides import Nodes
 from fg_nav.solution import Return, Solution, StanceTable
-from fg_nav.stances import Stances
 from fg_nav.text import format_count
 from fg_nav.truth import Fix
 
@@ -132,8 +129,8 @@ class FittedWalk:
         moved.append(spread_clipped_peaks(problem, solved))
         if problem.parameters.moving_foot:
             moved.append(spread_moving_foot(problem, solved))
-        if problem.barometer is not None:
-            moved.append(spread_scale(problem.barometer, solved))
+        if (barometer := problem.find(BarometerFactors)) is not None:
+            moved.append(spread_scale(barometer, solved))
         return np.hstack(moved)
 
     def take_solution(self, problem: WalkProblem, solved: Solved) -> FittedWalk:
@@ -166,7 +163,7 @@ def fit_walk(given: WalkInput) -> FittedWalk:
             return FittedWalk(replace(walk, verdict=verdict), scale)
         # Where the field shows the heading it shows the gyroscope's scale: taken off the samples, and all of it again,
         # or counted in the sigmas.
-        field = walk.problem.field
+        field = walk.problem.find(FieldFactors)
         if not given.parameters.gyro_scale or given.in_progress is not None or field is None or not field.shows_heading:
             return FittedWalk(walk, None)
         scale = estimate_gyro_scale(walk.problem, walk.solved)
@@ -423,8 +420,8 @@ def to_solution(
     problem, solved, verdict = walk.problem, walk.solved, walk.verdict
     recording, p = problem.recording, problem.parameters
     table = mark_returns(stance_table(recording.t, problem.nodes, solved, verdict, covariances), walk.returns)
-    if problem.differential is not None:
-        sigma = problem.differential.find_sigma(problem.nodes.bias, table.nav_R_body[:, 2])
+    if (differential := problem.find(DifferentialFactors)) is not None:
+        sigma = differential.find_sigma(problem.nodes.bias, table.nav_R_body[:, 2])
         table = replace(table, differential_sigma=sigma)
     path_variance = joint.combine(weigh_path(table.position)[:, :, None])[0]
     # Notes.
@@ -433,7 +430,7 @@ def to_solution(
     if problem.floor is not None and problem.floor.max(initial=-1) >= 0:
         count, on = format_count(int(problem.floor.max()) + 1, "level floor"), int(np.count_nonzero(problem.floor >= 0))
         floors.append(f"{count} with {on} of {format_count(len(problem.floor), 'footfall')}")
-    notes = (*problem.known.notes, steps, *floors, *write_note(problem.differential), *verdict.notes)
+    notes = (*problem.known.notes, steps, *floors, *write_note(differential), *verdict.notes)
     # The path at the recording's rate.
     position, velocity, nav_R_body = trajectory_of(recording, problem.nodes, solved.values, p.gravity)
     tails = freeze_ends(recording.t, stances, position, velocity)

@@ -1,4 +1,4 @@
-"""What is known of a walk beyond its sensor: fixes, own factors, level floors, known places, a satellite receiver.
+"""What is known of a walk beyond its sensor: fixes, own factors, known places, a satellite receiver.
 
 Fixes are in the walk's own frame, with its start at the origin: where the walk began remains known. That it began in
 this heading does not, as any fix away from the start shows it as well, with
@@ -23,9 +23,6 @@ Without a heading that was given the walk is first turned to where the error is 
 
 A robust noise model is linearized by the weight that it has there (iteratively reweighted least squares): its loss is
 not the half square of that, and the solver, which compares the two, takes the difference `excess` into account.
-
-Floors (`factors.FloorHeight`), where the walk shows them (`floors.find_floors`), have their height Z as a variable:
-factors from footfall to footfall would sum up to a walk of their own, 0.6 m after a thousand strides of 2 cm.
 
 Known places (`fg_nav.places.location`). The walk is solved in axes of the known frame, about its start as located
 there. A known place q (3,) m, c (3,) m from a footfall in body axes, is
@@ -52,18 +49,13 @@ from typing import TypeAlias
 
 import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import B, S, V, X, Z
+from gtsam.symbol_shorthand import B, V, X
 
-from fg_nav.arrays import Bools, Floats, Ints
+from fg_nav.arrays import Floats, Ints
 from fg_nav.errors import EstimationError
-from fg_nav.factors.residual import ResidualBlock
-from fg_nav.factors.walk_constraints import FloorHeight, position_fix_factor, position_fix_noise
-from fg_nav.factors.zero_velocity import StanceVelocity
-from fg_nav.fix_check import FIX_REACH_S, check_fix, check_fixes_on_path, check_times
+from fg_nav.factors.walk_constraints import position_fix_factor, position_fix_noise
 from fg_nav.frames import yaw_rotation
-from fg_nav.gnss import CAUCHY, Gnss, describe_start, find_turn, select_fixes
-from fg_nav.samples.gaps import MAX_HELD_S, cross_holes
-from fg_nav.smoother.floors import LEVEL_SIGMA_M, Ground, find_floors
+from fg_nav.samples.gaps import MAX_HELD_S
 from fg_nav.smoother.graph import (
     KNOWN_PLACE,
     OWN,
@@ -75,11 +67,21 @@ from fg_nav.smoother.graph import (
 )
 from fg_nav.smoother.solver import GtsamFactors, list_positions
 from fg_nav.smoother.strides import Nodes
-from fg_nav.truth import Fix
+from fg_nav.truth import (
+    CAUCHY,
+    FIX_REACH_S,
+    Fix,
+    Gnss,
+    check_fix,
+    check_fixes_on_path,
+    check_times,
+    describe_start,
+    find_turn,
+    select_fixes,
+)
 
 TURNS = 24  # Directions of the start that are tried: 15 deg apart, from which Gauss-Newton finds the rest.
 UP = np.array([0.0, 0.0, 1.0])
-DRIFT_FLOOR_M = 0.003  # What a walk shows of its climb a stride is no truer: on stairs it is another than on the level.
 GIVEN_HEADING_DEG = 5.0  # Sigma of a given heading where fixes show it as well: a compass held by hand, a plan.
 FIX_SPEED_M_S = 1.4  # Walking pace: for so much a second between a fix and the node it is tied to its sigma grows.
 MIN_KNOWN_HEADING_RAD = 1.0  # Sigma that fixes leave of the heading at the start beyond which they show nothing of it.
@@ -336,8 +338,7 @@ def add_fixes(problem: WalkProblem, values: gtsam.Values, fixes: Sequence[Fix]) 
         As `pin_to_times`.
     """
     pinned = pin_to_times(fixes, problem.recording.t[problem.nodes.sample])
-    problem = replace(problem, constraints=(*problem.constraints, pinned.factors()))
-    return _free_heading(problem, pinned, values)
+    return _free_heading(problem.join(pinned.factors()), pinned, values)
 
 
 def add_own(problem: WalkProblem, values: gtsam.Values, extra: ExtraFactors) -> WalkProblem:
@@ -349,8 +350,7 @@ def add_own(problem: WalkProblem, values: gtsam.Values, extra: ExtraFactors) -> 
         As `make_own_factors`.
     """
     own = make_own_factors(extra, GraphNodes.of(problem.nodes, problem.recording.t, values))
-    problem = replace(problem, constraints=(*problem.constraints, own))
-    return _free_heading(problem, own, values)
+    return _free_heading(problem.join(own), own, values)
 
 
 def _free_heading(problem: WalkProblem, placed: PinnedFixes | OwnFactors, values: gtsam.Values) -> WalkProblem:
@@ -367,55 +367,6 @@ def _free_heading(problem: WalkProblem, placed: PinnedFixes | OwnFactors, values
     turn_walk(values, problem.nodes, turn)
     start = StartPrior(yaw_rotation(turn) @ nav_R_body, float(np.radians(UNKNOWN_HEADING_DEG)))
     return replace(problem, start=start, heading_known=True)
-
-
-def add_constraints(problem: WalkProblem, values: gtsam.Values, continues: Bools | None = None) -> WalkProblem:
-    """Return the problem with level floors and the soles' climb from a first solution; floor heights join `values`.
-
-    `continues` (F,): footfalls that continue the standing of the one before, without a stride between.
-    """
-    p, nodes = problem.parameters, problem.nodes
-    if not p.walk.floors:
-        return problem
-    position = list_positions(nodes.result, values)
-    t, footfall = problem.recording.t, nodes.sample[nodes.result]
-    stepped = np.ones(len(footfall), dtype=np.bool_) if continues is None else ~continues
-    floor, ground = find_floors_of_pieces(t, footfall, position, stepped, p.settling_sigma_m)
-    for number in range(floor.max(initial=-1) + 1):
-        values.insert(Z(number), np.array([position[floor == number, 2].mean()]))
-    heights = constrain_heights(nodes.result, floor, LEVEL_SIGMA_M)
-    problem = replace(problem, constraints=(*problem.constraints, heights), floor=floor)
-    # What the ground shows of the excess S of the soles: S lifts each stride by S (duration of the stride) / (time in
-    # which the sole settles). What the path climbs is beyond the S that it has at these values.
-    ties, stride_s = problem.velocities.residuals, np.diff(t[footfall])[stepped[1:]]
-    assert isinstance(ties, StanceVelocity)
-    sinks_per_m = ties.sinks_per_m[ties.sinks_per_m > 0.0]
-    if ground is None or not len(sinks_per_m) or not len(stride_s):
-        return problem
-    lift = float(np.median(sinks_per_m) * np.median(stride_s))
-    noise = gtsam.noiseModel.Isotropic.Sigma(1, float(np.hypot(ground.drift_sigma, DRIFT_FLOOR_M) / lift))
-    middle = S(int(nodes.bias[-1]) // 2)
-    climb = GtsamFactors(gtsam.PriorFactorVector(middle, values.atVector(middle) + ground.drift / lift, noise))
-    return replace(problem, constraints=(*problem.constraints, climb))
-
-
-def find_floors_of_pieces(
-    t: Floats, footfall: Ints, position: Floats, stepped: Bools, settling_sigma_m: float
-) -> tuple[Ints, Ground | None]:
-    """Return the floor number (F,) of each footfall, -1 on none, and the ground; pieces of a standing share a floor.
-
-    `t` (N,) s of the recording, `footfall` (F,) indices into it, `stepped` (F,) False where a standing continues.
-    """
-    first = np.flatnonzero(stepped | (np.arange(len(stepped)) == 0))
-    holes = cross_holes(t, footfall[first])
-    found, ground = find_floors(t[footfall[first]], position[first], settling_sigma_m, holes)
-    return found[np.searchsorted(first, np.arange(len(stepped)), side="right") - 1], ground
-
-
-def constrain_heights(node: Ints, label: Ints, sigma_m: float) -> ResidualBlock:
-    """Keep footfalls at `node` (F,) at the heights of their floors `label` (F,), -1 on none."""
-    on_floor = np.flatnonzero(label >= 0)
-    return ResidualBlock(FloorHeight(sigma_m), [(X(int(node[k])), Z(int(label[k]))) for k in on_floor])
 
 
 @dataclass(frozen=True)
@@ -444,7 +395,7 @@ def add_known_places(problem: WalkProblem, ties: KnownTies) -> WalkProblem:
         kind=KNOWN_PLACE,
     )
     start = StartPrior(problem.start.nav_R_body, float(np.radians(UNKNOWN_HEADING_DEG)), UNKNOWN_PLACE_M)
-    return replace(problem, constraints=(*problem.constraints, factors), start=start, heading_known=True)
+    return replace(problem.join(factors), start=start, heading_known=True)
 
 
 def make_gnss_factors(gnss: Gnss) -> tuple[ExtraFactors, dict[str, float]]:

@@ -43,8 +43,7 @@ from fg_nav.factors.residual import linear_factor_of, one_of
 from fg_nav.factors.rotation import relative_rotations
 from fg_nav.recording import Recording
 from fg_nav.samples.gaps import find_holes
-from fg_nav.smoother.dense_path import Trajectory
-from fg_nav.smoother.graph import WalkProblem
+from fg_nav.smoother.graph import Trajectory, WalkProblem
 from fg_nav.smoother.solver import GtsamFactors, list_biases
 from fg_nav.smoother.strides import STANDS_S, Nodes
 from fg_nav.text import format_count
@@ -224,7 +223,8 @@ class DifferentialFactors(GtsamFactors):
         limited = limit_information(stances.information, standings.information, noise.iron, len(stances.count))
         self.information = known.weaken(limited)
         residual, seen = self.information.residual(), np.flatnonzero(stances.count + standings.count)
-        super().__init__(*(linear_factor_of(one_of(residual, int(k)), [B(int(k))]) for k in seen))
+        factors = (linear_factor_of(one_of(residual, int(k)), [B(int(k))]) for k in seen)
+        super().__init__(*factors, kind="differential_field")
 
     def find_sigma(self, bias: Ints, axis: Floats) -> Floats:
         """Return the sigma (F,) rad/s of bias variables `bias` (F,) about unit axes (F, 3), field only; NaN without."""
@@ -306,7 +306,7 @@ def add_differential_field(problem: WalkProblem, values: gtsam.Values, track: Tr
             break
         iron = found
     known = LevelBias(biases, track.nav_R_body[nodes.sample, 2].mean(axis=0))
-    return replace(problem, differential=DifferentialFactors(stances, standings, noise, known))
+    return problem.join(DifferentialFactors(stances, standings, noise, known))
 
 
 def write_note(differential: DifferentialFactors | None) -> tuple[str, ...]:

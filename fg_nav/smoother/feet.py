@@ -5,7 +5,7 @@
     ties          steps that are beside each other                       (`factors.same_place`)
     solution      of all factors of both feet
     reach         where standing feet are too far apart: added, and solved again
-    shared        errors that each foot's steps share (`shared_errors`), in the triangle of both
+    shared        errors that each foot's steps share (`sensitivity`), in the triangle of both
     paths         of each foot by its share of the triangle (`batch`), and of the person by both (`feet.person`)
 
 Each foot alone shows rests, lever, noise, biases and the worth of its field. The graph of both has all these factors
@@ -39,13 +39,14 @@ from fg_nav.feet.person import FeetSolution, PersonPath, trace_person
 from fg_nav.feet.steps import MAX_S, MIN_TURNS, Footfalls, average_cells, measure_turns
 from fg_nav.samples.gaps import find_holes, list_unrecorded
 from fg_nav.smoother.batch import WalkInput, compile_smoother, fit_walk, list_table_keys, to_solution
-from fg_nav.smoother.gauss_newton import Minimum, find_minimum
+from fg_nav.smoother.building import find_footfalls
 from fg_nav.smoother.graph import StartPrior, WalkProblem, turn_walk
-from fg_nav.smoother.places import find_footfalls
 from fg_nav.smoother.sensitivity import FootfallCovariance
 from fg_nav.smoother.solver import (
+    Minimum,
     Solved,
     WalkSystem,
+    find_minimum,
     list_attitudes,
     list_poses,
     pose_in_nav,
@@ -419,8 +420,7 @@ def order_variables(problem: FeetProblem) -> Keys:
         (problem.left, problem.ties.left, problem.reach.left, np.uint64(0)),
     ):
         nodes, keys = one.nodes, one.time_order
-        by_places = np.zeros(0, np.int64) if one.places is None else one.places.footfalls
-        footfalls = np.unique(np.concatenate([ties, np.searchsorted(nodes.result, reach), by_places]))
+        footfalls = np.unique(np.concatenate([ties, np.searchsorted(nodes.result, reach), one.tied]))
         is_tied, is_common = split_tied(keys, nodes, footfalls)
         # A variable follows the last node that uses it.
         is_pose = keys >> np.uint64(LETTER_SHIFT) == ord("x")

@@ -7,16 +7,17 @@
         gate           -> how much more or less than the walk's spread a footfall's compass may deviate
         deviations     -> roughness of the field
         all of these   -> readings of the compass, prior of the field's state, direction in which it is expected
-        walk and field -> solution
+        evidence       -> noise of the line integrals
+        walk and field -> solution, again without the line integrals across jumps of the potential
 
-Every footfall with a reading has its compass. The gate (`FieldParameters.gate`) is a detector of `magnetic.detectors`,
-judged with the attitudes of the round: with T_k its statistic, of n squares, and the walk's white spread of the field
+Every footfall with a reading has its compass. With T_k the statistic of the gate's detector, of n squares, and the
+walk's white spread of the field
 
     sigma_k^2 = noise^2 + white^2 (2 + n T_k / median T) / (2 + n)         (`magnetic.quasi_static.weigh_statistic`)
 
 What deviates alike for metres and in whole regions are states (`field_factors`). The iron of the magnetometer has the
-prior of its calibration. Strides where the potential jumps are left out (`potential`). Where a heading is given, the
-direction of the field is free about it; where not, the walk is first turned to the field, and its start is free.
+prior of its calibration. Where a heading is given, the direction of the field is free about it; where not, the walk is
+first turned to the field, and its start is free.
 
 Drift. The residual of a compass has a second zero half a turn away, so a heading that drifted far is bent back to start
 from; the minimum stays where it is. With z_k the field over ground at footfall k as the drifting heading has it, a
@@ -25,7 +26,27 @@ complex number, and t_k the time,
     rate     r = argmax  |sum z_k exp(-i r t_k)| / mean |z| - r^2 / (2 sigma_r^2)        a constant bias
     drift_k  = r t_k + angle of the mean of z exp(-i r t) over `WINDOW` footfalls about k, less that of the first
 
-each node is turned by minus what the drift is there, and so is each move from node to node.
+Jumps. On a path through a circuit of current I, a lift, a magnet that is put down, one row of the potential is off by
+an unknown constant, of mu_0 I = 1.26 uT m an ampere. Its own residual does not show it; the likelihood of the walk
+does. With r_k the residual at the minimum, sigma its noise, J its Jacobian, P the covariance of its variables,
+
+    T_k = r_k^2 / (sigma^2 - J P J^T)        chi^2 of one degree of freedom without a jump
+
+is by how much twice the error falls without that row (a deletion diagnostic; Cook 1977). At the largest T the rows k-1,
+k, k+1 are left out, as the stride that passes the conductor is wrong in its shape too, if twice the error falls by more
+than `MIN_FALL`: before the walk is solved again by r^T (I - H)^-1 r, H = J P J^T, and as it comes out. Rows that were
+left out come back where the rise r^T (I + H)^-1 r is less.
+
+Noise of the integrals. One over a stride differs from that of the building's field by the change of the potential,
+whose sum over a walk stays within bounds, and by an error of its own, whose sum does not: iron and delay of the
+magnetometer, tilt in the swing, an uneven clock, currents. With v the variance of all of it over a stride (sigma and
+correlation a of the potential, as the walk shows them), a share s is error:
+
+    v = 2 sigma^2 (1 - a),     noise of the integral^2 = sigma_u^2 + s v,     potential^2 = (1 - s) sigma^2.
+
+s = 0: the integral is a coordinate along north that does not drift. s = 1: it drifts as a random walk does. The walk
+uses the mean of s on `SHARES` by their evidence (`sensitivity`), the longer the better separated. Nodes between the
+footfalls are eliminated once; each level eliminates what is left, a quarter of the variables.
 """
 
 from __future__ import annotations
@@ -34,31 +55,35 @@ from dataclasses import dataclass, replace
 
 import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import X
+from gtsam.symbol_shorthand import V, X
 
-from fg_nav.arrays import Floats
-from fg_nav.factors.magnetic_field import E_H, IRON, FieldPrior
+from fg_nav.arrays import Floats, Ints, find_runs
+from fg_nav.errors import EstimationError
+from fg_nav.factors.magnetic_field import E_H, IRON, PHI, FieldPrior
+from fg_nav.factors.residual import ResidualBlock
 from fg_nav.magnetic import FootfallField
 from fg_nav.magnetic.quasi_static import FieldVerdicts, apply_gate, weigh_statistic
-from fg_nav.smoother.dense_path import Trajectory
 from fg_nav.smoother.field_factors import (
+    MIN_STEP_M,
     CompassReadings,
     FieldFactors,
     FieldPath,
     FieldRoughness,
     Roughness,
+    compass_sigma,
     deviate_along,
     integrate_path,
     measure_roughness,
+    rotate_field,
+    weigh_compass,
 )
-from fg_nav.smoother.gauss_newton import CONVERGENCE, FIRST_CONVERGENCE
-from fg_nav.smoother.graph import UNKNOWN_HEADING_DEG, StartPrior, WalkProblem, solve, turn_walk
+from fg_nav.smoother.graph import UNKNOWN_HEADING_DEG, StartPrior, Trajectory, WalkProblem, solve, turn_walk
 from fg_nav.smoother.parameters import FieldParameters
-from fg_nav.smoother.potential import average_path_noise, describe_jumps, free_jumps
-from fg_nav.smoother.solver import Solved, list_attitudes
+from fg_nav.smoother.sensitivity import SharingFactors, average, shared_information
+from fg_nav.smoother.solver import CONVERGENCE, FIRST_CONVERGENCE, Solved, list_attitudes, residuals_at_minimum
+from fg_nav.smoother.square_root import LinearWalk
 from fg_nav.smoother.strides import Nodes
 
-COMPASS_SIGMA_UT = 0.3  # Noise of a footfall's mean field, white: what levelling and a soft sole leave.
 STRENGTH_SIGMA_UT = 5.0  # Horizontal strength of the field about the walk's median, uT.
 LEFT_IRON_LEVEL_UT = 0.3  # Hard iron that a calibration leaves, one sigma, level axes.
 LEFT_IRON_UP_UT = 4.0  # Upward: all that adds up along the path alike, soft iron, delay, tilt; by 21 closed walks.
@@ -71,6 +96,14 @@ PIECES = 6  # Windows of a walk, within these bounds.
 RATE_SIGMA_RAD_S = float(np.radians(0.3))  # Of the drift before the field has shown it: an uncalibrated bias.
 MAX_RATES = 4096  # That are tried at most, half a radian apart at the end of the walk where there are enough.
 MIN_DRIFT_RAD = 0.3  # Below it the solver needs no help.
+MIN_JUMP_STATISTIC = 15.0  # T below which no row is tried: the largest of clean walks is 1 to 15, by 100 A it is 200.
+MIN_FALL = 25.0  # Of twice the error, chi^2 of three degrees of freedom: by 2 to 19 on clean simulated walks.
+MIN_JUMP_UT_M = 15.0  # Twelve amperes; less is in the tails of the potential next to large iron.
+MAX_JUMPS = 20  # After so many the walk's field is not one that a potential describes.
+MIN_VARIANCE = 1e-9  # Share of a row's noise that the walk leaves open, below which rounding decides.
+UT_M_PER_AMPERE = 1.2566  # mu_0, uT m/A.
+SHARES = (0.0, 0.01, 0.1, 1.0, 4.0)  # At 0 the sampling leaves a tenth of a uT m a stride; 4: a late sensor, currents.
+SHARES_PRIOR = (1.0, 1.0, 1.0, 1.0, 0.1)  # Weights of the shares before the walk.
 
 
 @dataclass(frozen=True)
@@ -138,25 +171,25 @@ def solve_with_field(problem: WalkProblem, field: FootfallField, path: FieldPath
     residuals = compare_field(problem, field, problem.values, path, None, p)
     problem = add_field_factors(problem, field, residuals, path, p)
     values = gtsam.Values(problem.values)
-    problem.field_factors.insert(values)
+    problem.get(FieldFactors).insert(values)
     problem = replace(problem, values=values)
     close = CONVERGENCE if p.rounds == 1 else FIRST_CONVERGENCE
     problem, solved = free_jumps(problem, solve(problem, close), close)
     for _ in range(p.rounds - 1):
         # Spread and weights of the compass by the smoothed walk.
-        factors = problem.field_factors
+        factors = problem.get(FieldFactors)
         residuals = compare_field(problem, field, solved.values, factors.path, factors.states(solved.values), p)
         problem = add_field_factors(problem, field, residuals, factors.path, p)
         # The noise of the line integrals by its evidence.
-        factors = problem.field_factors
+        factors = problem.get(FieldFactors)
         if len(factors.potential):
             noise = average_path_noise(problem, solved.values)
-            problem, noise_notes = replace(problem, field=factors.assume_lost_share(noise.lost_share)), (noise.note,)
+            problem, noise_notes = set_field(problem, factors.assume_lost_share(noise.lost_share)), (noise.note,)
         # And solved again.
         problem = replace(problem, values=solved.values)
         del solved  # its triangle is as large as all else
         problem, solved = free_jumps(problem, solve(problem))
-    states, verdicts = problem.field_factors.states(solved.values), residuals.verdicts
+    states, verdicts = problem.get(FieldFactors).states(solved.values), residuals.verdicts
     # Notes.
     east, north = np.median(states[:, E_H], axis=0)
     forward, left, up = states[-1, IRON]
@@ -207,16 +240,6 @@ def remove_drift(values: gtsam.Values, nodes: Nodes, nav_field: Floats, t: Float
     return bent
 
 
-def compass_sigma(variance: Floats, rough: FieldRoughness) -> Floats:
-    """Sigma (...) uT of compasses, by their variance over that of the walk's (`quasi_static.weigh_statistic`)."""
-    return np.asarray(np.hypot(COMPASS_SIGMA_UT, rough.white_uT * np.sqrt(variance)))
-
-
-def weigh_compass(sigma_uT: Floats, rough: FieldRoughness) -> Floats:
-    """Information of compasses with these sigmas (...) over that at the walk's own spread, at most 1; 0 without one."""
-    return np.asarray(np.minimum((compass_sigma(np.ones(()), rough) / sigma_uT) ** 2, 1.0))
-
-
 def find_obstacle(field: FootfallField | None) -> str:
     """Return why the field of a walk shows no heading; empty where it does."""
     if field is None:
@@ -228,11 +251,6 @@ def find_obstacle(field: FootfallField | None) -> str:
     if level < MIN_STRENGTH_UT:
         return f"the field is {level:.1f} uT over ground, which is too little for a compass"
     return ""
-
-
-def rotate_field(field: FootfallField, nav_R_body: Floats) -> Floats:
-    """Rotate the field at the footfalls into nav, (F, 3) uT."""
-    return np.asarray(np.einsum("kij,kj->ki", nav_R_body, field.body_field))
 
 
 def integrate_field(problem: WalkProblem, field: FootfallField, track: Trajectory) -> FieldPath:
@@ -288,8 +306,175 @@ def add_field_factors(
     spreads = rough.potential.sigma, rough.across.sigma, rough.regional.sigma, rough.regional.sigma
     sigma = np.array([*spreads, direction_sigma * strength, STRENGTH_SIGMA_UT, *iron])
     prior = FieldPrior(np.array([0.0, 0.0, 0.0, 0.0, east, north, 0.0, 0.0, 0.0]), sigma)
-    return replace(problem, field=FieldFactors(readings, path, prior, residuals.rough, p))
+    return set_field(problem, FieldFactors(readings, path, prior, residuals.rough, p))
+
+
+def set_field(problem: WalkProblem, field: FieldFactors) -> WalkProblem:
+    """Return the walk with these factors of the field, in place of any others."""
+    return problem.without(FieldFactors).join(field)
 
 
 def _write(rough: Roughness, unit: str) -> str:
     return f"{rough.sigma:.1f} {unit} over {rough.length_m:.1f} m"
+
+
+@dataclass(frozen=True)
+class Jump:
+    """Of the potential: between footfalls `first` and `last`, by `size_uT_m`."""
+
+    first: int
+    last: int
+    size_uT_m: float
+
+
+def free_jumps(problem: WalkProblem, solved: Solved, convergence: float = CONVERGENCE) -> tuple[WalkProblem, Solved]:
+    """Return the walk solved without the line integrals across potential jumps; unchanged if there are none."""
+    # Test earlier jumps again: the roughness they were found at included them.
+    for stride in _freed_runs(problem):
+        if predict_change(problem, solved, stride) >= MIN_FALL:
+            continue
+        restored = _solve_with(problem, solved, stride, False, convergence)
+        if 2.0 * (restored[1].error - solved.error) < MIN_FALL:
+            problem, solved = restored
+    for _ in range(MAX_JUMPS):
+        # The row without which the error falls most.
+        statistic = compute_jump_statistic(problem.get(FieldFactors).potential, solved)
+        if not len(statistic) or statistic.max() < MIN_JUMP_STATISTIC:
+            break
+        # Leave it out with its neighbors; stop where that gains too little.
+        field = problem.get(FieldFactors)
+        stride = field.strides[statistic.argmax()]
+        near = np.arange(max(stride - 1, 0), min(stride + 2, len(field.path.u)))
+        near = near[np.isfinite(field.path.sigma_uT_m[near])]
+        if predict_change(problem, solved, near) < MIN_FALL:
+            break
+        try:
+            freed = _solve_with(problem, solved, near, True, convergence)
+        except EstimationError:
+            break
+        if 2.0 * (solved.error - freed[1].error) < MIN_FALL or abs(_size(*freed, near)) < MIN_JUMP_UT_M:
+            break
+        problem, solved = freed
+    return problem, solved
+
+
+def _freed_runs(problem: WalkProblem) -> list[Ints]:
+    """Strides that were left out, in runs without a gap."""
+    return [np.arange(*run) for run in zip(*find_runs(problem.get(FieldFactors).path.jumps), strict=True)]
+
+
+def _solve_with(
+    problem: WalkProblem, solved: Solved, stride: Ints, jumps: bool, convergence: float
+) -> tuple[WalkProblem, Solved]:
+    """Solve again with the potential free to jump at these strides, or not."""
+    field = problem.get(FieldFactors).mark_jumps(stride, jumps)
+    changed = replace(set_field(problem, field), values=solved.values)
+    return changed, solve(changed, convergence)
+
+
+def compute_jump_statistic(block: ResidualBlock, solved: Solved) -> Floats:
+    """Return T (K,), squared residual over 1 - leverage: the fall of twice the error without that row, chi^2 of 1."""
+    if not len(block):
+        return np.zeros(0)
+    residual, jacobians = block.evaluate(solved.linearized_at)
+    jacobian = np.concatenate(jacobians, axis=2)
+    left = residuals_at_minimum(solved.root, block.keys, residual, jacobian)[:, 0]
+    # The front of the pose, which is eliminated first, holds all variables of the row.
+    row, covariance = jacobian[:, 0], solved.root.joint_covariances(block.keys)
+    open_share = 1.0 - np.einsum("ki,kij,kj->k", row, covariance, row)
+    return np.asarray(left**2 / np.maximum(open_share, MIN_VARIANCE))
+
+
+def predict_change(problem: WalkProblem, solved: Solved, stride: Ints) -> float:
+    """Return the predicted change of twice the error if the line integrals of strides `stride` are toggled.
+
+    By the last linearization: the fall without integrals that are in use, the rise with those that are left out.
+    """
+    field = problem.get(FieldFactors)
+    used = np.intersect1d(stride, field.strides)
+    sign, those = (-1.0, used) if len(used) else (1.0, stride)
+    block = field.integrals_over(those)
+    residual, jacobians = block.evaluate(solved.linearized_at)
+    # A free offset on each integral is equivalent to leaving it out.
+    own = np.eye(len(those))
+    factors = SharingFactors(np.concatenate(jacobians, axis=2), -residual, block.keys, own[:, None])
+    columns, _, pull = shared_information(solved.root, [factors], len(those))
+    share, axes = np.linalg.eigh(own + sign * columns.explained)
+    return float(((axes.T @ pull) ** 2 / np.maximum(share, MIN_VARIANCE)).sum())
+
+
+def list_jumps(problem: WalkProblem, solved: Solved) -> list[Jump]:
+    """List the jumps: runs of strides without line integrals, and the change of potential (uT m) over each."""
+    runs = _freed_runs(problem)
+    return [Jump(int(run[0]), int(run[-1]) + 1, _size(problem, solved, run)) for run in runs]
+
+
+def _size(problem: WalkProblem, solved: Solved, stride: Ints) -> float:
+    """Return the total jump of the potential over these strides, uT m: minus the residuals left out."""
+    field = problem.get(FieldFactors)
+    left_out = np.flatnonzero(field.path.jumps)
+    if not len(left_out):
+        return 0.0
+    e, _ = field.integrals_over(left_out).evaluate(solved.values, with_jacobians=False)
+    size = np.zeros(len(field.path.jumps))
+    size[left_out] = -e[:, 0] * field.sigma_of(left_out)
+    return float(size[stride].sum())
+
+
+def describe_jumps(problem: WalkProblem, solved: Solved) -> tuple[str, ...]:
+    """Return one note for each jump of the potential."""
+    nodes = problem.nodes
+    t = problem.recording.t[nodes.sample[nodes.result]]
+    return tuple(
+        f"the potential jumps by {jump.size_uT_m:+.0f} uT m at {t[jump.first]:.0f} to {t[jump.last]:.0f} s, as through "
+        f"a circuit of {abs(jump.size_uT_m / UT_M_PER_AMPERE):.0f} A: the line integral is not used there"
+        for jump in list_jumps(problem, solved)
+    )
+
+
+@dataclass(frozen=True)
+class PathNoise:
+    """What a walk shows of its line integrals: the share s used, the drift that may be, m a stride, and the strides."""
+
+    lost_share: float
+    drift_m: float
+    strides: int
+
+    @property
+    def note(self) -> str:
+        """The same in words."""
+        return (
+            f"line integral of the field: {100 * self.lost_share:.1f} % of its changes do not telescope, a drift of "
+            f"{self.drift_m:.2f} m a stride, by the evidence of {self.strides} strides"
+        )
+
+
+def average_path_noise(problem: WalkProblem, values: gtsam.Values) -> PathNoise:
+    """Average the share of the integral's changes that does not telescope, the graph linearized at these values."""
+    field = problem.get(FieldFactors)
+    # The walk between its footfalls, which no share changes.
+    rest = _eliminate_between(problem, values)
+    evidence = np.array([_weigh_share(rest, field.assume_lost_share(share), values) for share in SHARES])
+    share = float(average(np.array(SHARES), evidence, np.array(SHARES_PRIOR)))
+    # The drift over the walk as a random walk's a stride.
+    horizontal, strides = float(np.linalg.norm(field.prior.mean[E_H])), int((field.path.distance_m > MIN_STEP_M).sum())
+    drift_uT_m = float(np.sqrt(np.sum(field.assume_lost_share(share).drift_uT_m ** 2) / max(strides, 1)))
+    return PathNoise(share, drift_uT_m / horizontal, len(field.potential))
+
+
+def _eliminate_between(problem: WalkProblem, values: gtsam.Values) -> LinearWalk:
+    """Return the linearized walk without its field, nodes between footfalls marginalized."""
+    between = np.delete(np.arange(len(problem.nodes)), problem.nodes.result)
+    nodes = np.array([key(int(j)) for j in between for key in (X, V)], dtype=np.uint64)
+    order = problem.time_order
+    first = np.isin(order, nodes)
+    stacks = problem.without(FieldFactors).system.stack(values)
+    walk = LinearWalk.of(stacks, np.concatenate([order[first], order[~first]]))
+    return walk.eliminate_before(len(nodes))
+
+
+def _weigh_share(rest: LinearWalk, field: FieldFactors, values: gtsam.Values) -> float:
+    """Of a field, up to a constant."""
+    sigmas = (field.integral_sigma, field.change_sigma[:, PHI], field.prior.sigma[PHI])
+    walk = rest.join(field.stack(values))
+    return walk.minus_log_evidence(float(sum(np.log(one).sum() for one in sigmas)))

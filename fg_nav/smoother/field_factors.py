@@ -56,11 +56,13 @@ from fg_nav.factors.magnetic_field import (
 )
 from fg_nav.factors.residual import ResidualBlock, factor_of
 from fg_nav.frames import level_attitude
+from fg_nav.magnetic import FootfallField
 from fg_nav.samples.gaps import cross_holes
 from fg_nav.smoother.parameters import FieldParameters
 from fg_nav.smoother.preintegration import WALKING_M_S, walk_for
-from fg_nav.smoother.solver import GtsamFactors, LinearizableBlock
+from fg_nav.smoother.solver import BlockGroup, GtsamFactors
 
+COMPASS_SIGMA_UT = 0.3  # Noise of a footfall's mean field, white: what levelling and a soft sole leave.
 REGIONAL_LENGTH_M = 60.0  # For how long a region is alike: a corridor, a wing.
 CLIP_SIGMAS = 4.0  # At which deviations are clipped (winsorized): an outlier shall not set the scale.
 MIN_STEP_M = 0.2  # Shorter moves are no strides.
@@ -111,7 +113,7 @@ class FieldRoughness:
 def split_potential(potential: Roughness, lost_share: float, distance_m: Floats) -> tuple[Roughness, Floats]:
     """Split the changes of a potential over strides (...) of these lengths, m, of whose variance a share is lost.
 
-    Returns what telescopes, and the noise (...) of each integral that does not, uT m (`potential`). It grows with the
+    Returns what telescopes, and the noise (...) of each integral that does not, uT m (`field`). It grows with the
     stride: pieces of a standing have none, and do not show whether the integrals of a walk telescope.
     """
     variance = 2.0 * potential.sigma**2 * (1.0 - potential.correlation(distance_m))
@@ -208,7 +210,7 @@ class FieldPath:
     sigma_uT_m     (F-1,)       noise of u; infinite where the field was not seen
     distance_m     (F-1,)       from footfall to footfall; over a hole at least what a person walks
     level_R_body   (3, 3)       stance's axes from the body's
-    jumps          (F-1,)       where the potential jumps, so that u is not used (`potential`)
+    jumps          (F-1,)       where the potential jumps, so that u is not used (`field`)
     ============== ============ =============================================================================
     """
 
@@ -223,8 +225,8 @@ class FieldPath:
     jumps: Bools
 
 
-class FieldFactors:
-    """The factors of a walk's field, in `blocks` that are linearized together."""
+class FieldFactors(BlockGroup):
+    """The factors of a walk's field."""
 
     def __init__(
         self,
@@ -244,14 +246,16 @@ class FieldFactors:
         used = np.flatnonzero(np.isfinite(readings.sigma_uT))
         level = np.broadcast_to(path.level_R_body, (len(used), 3, 3))
         compass = MagneticHeading(readings.body_field[used], level, readings.nav_R_level[used], readings.sigma_uT[used])
-        self.heading = ResidualBlock(compass, [(pose[k], state[k]) for k in used])
+        self.heading = ResidualBlock(compass, [(pose[k], state[k]) for k in used], kind="magnetic_heading")
         self.strides = np.flatnonzero(np.isfinite(path.sigma_uT_m) & ~path.jumps & p.potential)
         self.potential = self.integrals_over(self.strides)
         changes = transition(path.distance_m, replace(rough, potential=self.telescoping))
         self.integral_sigma, self.change_sigma = self.sigma_of(self.strides), changes.sigma
         self.transition = ResidualBlock(changes, list(pairwise(state)), is_linear=True)
         of_prior = GtsamFactors(factor_of(self.prior, state[:1]))
-        self.blocks: tuple[LinearizableBlock, ...] = (self.heading, self.potential, of_prior, self.transition)
+        super().__init__(self.heading, self.potential, of_prior, self.transition)
+        is_gated = np.isfinite(readings.body_field).all(axis=1) & ~np.isfinite(readings.sigma_uT)
+        self.counts["gated_out"] = int(is_gated.sum()) if p.compass else 0
 
     @property
     def shows_heading(self) -> bool:
@@ -267,7 +271,8 @@ class FieldFactors:
         path, node, sigma = self.path, self.readings.node, self.sigma_of(stride)
         level_path, move, nav_R_level = path.level_path[stride], path.body_move[stride], path.nav_R_level[stride]
         integrals = FieldPotential(path.u[stride], level_path, path.by_up[stride], move, nav_R_level, sigma)
-        return ResidualBlock(integrals, [(X(int(node[k])), M(int(k)), M(int(k) + 1)) for k in stride])
+        keys = [(X(int(node[k])), M(int(k)), M(int(k) + 1)) for k in stride]
+        return ResidualBlock(integrals, keys, kind="field_potential")
 
     def mark_jumps(self, stride: Ints, jump: bool) -> FieldFactors:
         """Return them with the potential free to jump at these strides, whose line integrals are left out, or not."""
@@ -277,7 +282,7 @@ class FieldFactors:
         return FieldFactors(self.readings, path, self.prior, self.rough, self.parameters, self.lost_share)
 
     def assume_lost_share(self, share: float) -> FieldFactors:
-        """Return them with another share of the potential's changes that does not telescope (`potential`)."""
+        """Return them with another share of the potential's changes that does not telescope (`field`)."""
         return FieldFactors(self.readings, self.path, self.prior, self.rough, self.parameters, share)
 
     def insert(self, values: gtsam.Values) -> None:
@@ -338,3 +343,18 @@ def integrate_path(
         level_R_body=level,
         jumps=np.zeros(len(footfall) - 1, dtype=np.bool_),
     )
+
+
+def compass_sigma(variance: Floats, rough: FieldRoughness) -> Floats:
+    """Sigma (...) uT of compasses, by their variance over that of the walk's (`quasi_static.weigh_statistic`)."""
+    return np.asarray(np.hypot(COMPASS_SIGMA_UT, rough.white_uT * np.sqrt(variance)))
+
+
+def weigh_compass(sigma_uT: Floats, rough: FieldRoughness) -> Floats:
+    """Information of compasses with these sigmas (...) over that at the walk's own spread, at most 1; 0 without one."""
+    return np.asarray(np.minimum((compass_sigma(np.ones(()), rough) / sigma_uT) ** 2, 1.0))
+
+
+def rotate_field(field: FootfallField, nav_R_body: Floats) -> Floats:
+    """Rotate the field at the footfalls into nav, (F, 3) uT."""
+    return np.asarray(np.einsum("kij,kj->ki", nav_R_body, field.body_field))

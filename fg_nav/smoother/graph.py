@@ -1,44 +1,58 @@
 """From nodes and strides to the problem that is solved, and from its solution back to the recording's rate.
 
-The problem is factors, initial values, and the prior on the start.
-
-`problem.walk_problem` calls `build_problem` for a whole walk, the evidence of the swing noise for pieces of it.
-
-The initial values are dead reckoning, stopped at every node: strapdown from node to node; at a node the velocity is set
-to zero, the position gives back what the linear growth of the velocity error added, and while the foot stands the tilt
-is nudged towards gravity. Good to some degrees and per cents, which Gauss-Newton needs no better. Over a hole in the
+Initial values are dead reckoning, stopped at every node: strapdown from node to node; at a node the velocity is set to
+zero, the position gives back what the linear growth of the velocity error added, and while the foot stands the tilt is
+nudged towards gravity. Good to some degrees and per cents, which Gauss-Newton needs no better. Over a hole in the
 samples the position stays, and the attitude is turned and levelled as in `preintegration`.
 
-Back to the recording's rate (`trajectory_of`) it goes by `dense_path`.
+The dense path. Between two nodes of the solution the samples are integrated from the first one with its bias. What is
+left at the second, a rotation d_R, a velocity d_v and a position d_p, is given back smoothly over the interval of
+length T, with s in [0, 1]:
+
+    R(s) Exp(a d_R),  a = 3 s^2 - 2 s^3;      p(s) + a d_p + b T d_v,  b = s^3 - s^2;      v(s) its derivative.
+
+So the trajectory passes through every smoothed node in position, velocity and attitude. Before the first node and
+after the last, and on both sides of a hole, the samples are integrated, backward and forward.
 """
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple, TypeVar
 
 import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import B, S, V, X
+from gtsam.symbol_shorthand import A, B, M, P, S, V, X
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.detection import Rest
 from fg_nav.detection.rolling_lever import RollingLever
+from fg_nav.detection.stance import Stances
 from fg_nav.factors.residual import LETTER_SHIFT, Keys, ResidualBlock, read_variables
 from fg_nav.frames import yaw_rotation
-from fg_nav.mechanisation import TILT_TIME_S, NavState, nudge_tilt, strapdown
+from fg_nav.mechanisation import (
+    TILT_TIME_S,
+    NavState,
+    nudge_tilt,
+    rotate_in_body,
+    rotation_vector,
+    strapdown,
+    write_state,
+)
 from fg_nav.recording import Recording
-from fg_nav.smoother.field_factors import FieldFactors
-from fg_nav.smoother.gauss_newton import CONVERGENCE, find_minimum
+from fg_nav.samples.gaps import MAX_HELD_S
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.preintegration import find_unseen_walks, preintegrate
 from fg_nav.smoother.solver import (
+    CONVERGENCE,
     GtsamFactors,
     LinearizableBlock,
     Solved,
     WalkSystem,
+    find_minimum,
+    list_biases,
     list_in_time,
     list_poses,
     split_tied,
@@ -53,25 +67,16 @@ from fg_nav.smoother.strides import (
     place_nodes,
     strides_of,
 )
-from fg_nav.stances import Stances
 from fg_nav.system.compiled import njit
-
-if TYPE_CHECKING:
-    from fg_nav.smoother.barometer import BarometerFactors
-    from fg_nav.smoother.differential import DifferentialFactors
-    from fg_nav.smoother.directions import DirectionFactors
-    from fg_nav.smoother.places import PlaceFactors
 
 GAUGE_SIGMA = 1e-4  # Position (m) and heading (rad) at the start are known by definition.
 LEVELLINGS = 3  # Of an attitude behind a hole, each of which takes a tilt of 45 deg to one of 10.
 UNKNOWN_HEADING_DEG = 60.0  # Sigma of a heading that is not given, about the direction of the walk's mean field.
 KINDS = ("imu", "zero_velocity", "magnetic_heading", "differential_field", "field_potential", "gated_out")
-"""As in `summary.json`; `gated_out` are the footfalls with a field whose compass a hard gate left out.
-
-The others of `count_factors` stand with these where there are any.
-"""
+"""As in `summary.json`; `gated_out` are the footfalls with a field whose compass a hard gate left out."""
 
 POSITION_FIX, KNOWN_PLACE, OWN, BAROMETER = "position_fix", "known_place", "own", "barometer"
+FURTHER_KINDS = ("same_place", "direction", BAROMETER, POSITION_FIX, KNOWN_PLACE, OWN)  # Where there are any.
 
 KIND_OF_KEYS = {
     "xvxvb": "imu",
@@ -82,6 +87,8 @@ KIND_OF_KEYS = {
     "xp": BAROMETER,
 }
 """By the letters of the variables that a factor joins. No other factor joins the same, but priors a bias."""
+
+K = TypeVar("K", bound=LinearizableBlock)
 
 
 @dataclass(frozen=True)
@@ -134,14 +141,10 @@ class WalkProblem:
     start : prior on the first pose.
     graph : inertial factors, and those on biases and settling.
     velocities : of the stances.
-    constraints : factors of fixes and floors, and the caller's own.
-    floor : (F,) floor of each footfall, -1 on none; None where they were not searched.
-    field : factors of the magnetic field, where it is used.
-    differential : those of the differential field on the gyro bias, where the magnetometer is used.
-    places : of footfalls at places that were recognized, where there are any.
-    directions : of courses along the directions of a building, where they are used.
-    barometer : factors of the air pressure, where it is used.
     values : of all variables, to start from.
+    blocks : factors of all that joins the first solution, linearized beside the graph.
+    floor : (F,) floor of each footfall, -1 on none; None where they were not searched.
+    tied : footfalls (n,) at places that were recognized, ascending: factors join them over the walk.
     """
 
     recording: Recording
@@ -153,37 +156,31 @@ class WalkProblem:
     graph: gtsam.NonlinearFactorGraph
     velocities: ResidualBlock
     values: gtsam.Values
-    constraints: tuple[LinearizableBlock, ...] = ()
+    blocks: tuple[LinearizableBlock, ...] = ()
     floor: Ints | None = None
-    field: FieldFactors | None = None
-    differential: DifferentialFactors | None = None
-    places: PlaceFactors | None = None
-    directions: DirectionFactors | None = None
-    barometer: BarometerFactors | None = None
-
-    @property
-    def blocks(self) -> tuple[LinearizableBlock, ...]:
-        """Return the blocks of Python factors, which are linearized beside the gtsam graph."""
-        blocks: list[LinearizableBlock] = [self.velocities, GtsamFactors(self.start.factor(self.parameters))]
-        if self.field is not None:
-            blocks += self.field.blocks
-        blocks += [block for block in (self.differential, self.places) if block is not None]
-        if self.directions is not None:
-            blocks += self.directions.courses, self.directions.priors
-        if self.barometer is not None:
-            blocks += self.barometer.readings, self.barometer.drift, self.barometer.prior
-        return (*blocks, *self.constraints)
+    tied: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     @property
     def system(self) -> WalkSystem:
         """Return all factors as the system that is minimized."""
-        return WalkSystem(self.graph, self.blocks)
+        start = GtsamFactors(self.start.factor(self.parameters))
+        return WalkSystem(self.graph, (self.velocities, start, *self.blocks))
 
-    @property
-    def field_factors(self) -> FieldFactors:
-        """Factors of the field, of a walk that is solved with it."""
-        assert self.field is not None
-        return self.field
+    def find(self, kind: type[K]) -> K | None:
+        """Return the block of a class, None without one."""
+        return next((block for block in self.blocks if isinstance(block, kind)), None)
+
+    def get(self, kind: type[K]) -> K:
+        """Return the block of a class, which the walk has."""
+        return next(block for block in self.blocks if isinstance(block, kind))
+
+    def join(self, block: LinearizableBlock) -> WalkProblem:
+        """Return it with another block."""
+        return replace(self, blocks=(*self.blocks, block))
+
+    def without(self, kind: type[LinearizableBlock]) -> WalkProblem:
+        """Return it without the block of a class."""
+        return replace(self, blocks=tuple(block for block in self.blocks if not isinstance(block, kind)))
 
     def with_note(self, note: str) -> WalkProblem:
         """Return it with another note."""
@@ -192,14 +189,15 @@ class WalkProblem:
     @property
     def time_order(self) -> Keys:
         """Keys of all variables, node by node (`solver.list_in_time`)."""
-        n_directions = 0 if self.directions is None else self.directions.pieces
-        with_field, with_air = self.field is not None, self.barometer is not None
-        return list_in_time(self.nodes, with_field, self.floor, n_directions, with_air)
+        has, directions = self.values.exists, 0
+        while has(A(directions)):
+            directions += 1
+        return list_in_time(self.nodes, has(M(0)), self.floor, directions, has(P(0)))
 
     def factors(self) -> gtsam.NonlinearFactorGraph:
         """Return all of it as factors of gtsam, one by one."""
         graph = gtsam.NonlinearFactorGraph(self.graph)
-        for block in self.blocks:
+        for block in self.system.blocks:
             for factor in block.factors():
                 graph.push_back(factor)
         return graph
@@ -217,12 +215,12 @@ def solve(problem: WalkProblem, convergence: float = CONVERGENCE, with_stacks: b
 def order_variables(problem: WalkProblem) -> Keys:
     """Return the keys of all variables in elimination order, chosen for small fronts."""
     keys = problem.time_order
-    if problem.places is None:
+    if not len(problem.tied):
         return keys
     # In the order of time every front between two footfalls at one place would carry the later one. So tied footfalls,
     # with all that joins their past to their future, are last, the newest first: what is between is a chain by itself.
     # Floors and the direction of a building, which join many, end the order.
-    is_last, is_common = split_tied(keys, problem.nodes, problem.places.footfalls)
+    is_last, is_common = split_tied(keys, problem.nodes, problem.tied)
     return np.concatenate([keys[~is_last & ~is_common], keys[is_last][::-1], keys[is_common]])
 
 
@@ -352,24 +350,9 @@ def count_factors(problem: WalkProblem) -> Counter[str]:
     """Count the factors of a walk by kind."""
     counts = Counter(dict.fromkeys(KINDS, 0))
     counts["imu"] = sum(problem.graph.at(i).size() == INERTIAL_KEYS for i in range(problem.graph.size()))
-    counts["zero_velocity"] = len(problem.velocities)
-    if problem.differential is not None:
-        counts["differential_field"] = len(problem.differential)
-    if (field := problem.field) is not None:
-        counts["magnetic_heading"], counts["field_potential"] = len(field.heading), len(field.potential)
-        seen = np.isfinite(field.readings.body_field).all(axis=1) & field.parameters.compass
-        counts["gated_out"] = int((seen & ~np.isfinite(field.readings.sigma_uT)).sum())
-    if problem.places is not None:
-        counts["same_place"] = len(problem.places)
-    if problem.directions is not None:
-        counts["direction"] = len(problem.directions.courses)
-    if problem.barometer is not None:
-        counts[BAROMETER] = len(problem.barometer.readings)
-    for kind in (POSITION_FIX, KNOWN_PLACE, OWN):
-        of_kind = [block for block in problem.constraints if isinstance(block, GtsamFactors) and block.kind == kind]
-        if count := sum(map(len, of_kind)):
-            counts[kind] = count
-    return counts
+    for block in (problem.velocities, *problem.blocks):
+        counts.update(block.counts)
+    return Counter({kind: counts[kind] for kind in (*KINDS, *FURTHER_KINDS) if kind in counts})
 
 
 def count_graph(graph: gtsam.NonlinearFactorGraph) -> Counter[str]:
@@ -382,3 +365,147 @@ def count_graph(graph: gtsam.NonlinearFactorGraph) -> Counter[str]:
         if letters in KIND_OF_KEYS and not is_prior:
             counts[KIND_OF_KEYS[letters]] += 1
     return counts
+
+
+class Trajectory(NamedTuple):
+    """Position (N, 3) m, velocity (N, 3) m/s and attitude (N, 3, 3) at every sample."""
+
+    position: Floats
+    velocity: Floats
+    nav_R_body: Floats
+
+
+def trajectory_of(recording: Recording, nodes: Nodes, values: gtsam.Values, gravity: float) -> Trajectory:
+    """Return the trajectory of a solved walk at the recording's rate."""
+    poses = list_poses(range(len(nodes)), values)
+    bias = list_biases(nodes, values)[nodes.bias[nodes.footfall]]
+    return dense_trajectory(
+        recording,
+        nodes.sample,
+        poses[:, :3, 3].copy(),
+        read_variables(values, [V(j) for j in range(len(nodes))], 3),
+        poses[:, :3, :3].copy(),
+        np.ascontiguousarray(bias[:, 3:]),
+        np.ascontiguousarray(bias[:, :3]),
+        gravity,
+    )
+
+
+def dense_trajectory(
+    recording: Recording,
+    sample: Ints,
+    position: Floats,
+    velocity: Floats,
+    nav_R_body: Floats,
+    gyro_bias: Floats,
+    acc_bias: Floats,
+    gravity: float,
+) -> Trajectory:
+    """Return the trajectory at every sample, strapdown between the states (M, ...) at nodes `sample` (M,).
+
+    Position in m, velocity in m/s, gyro bias in rad/s, accelerometer bias in m/s^2.
+    """
+    samples = _HeldSamples(recording.periods_s, *recording.integrable)
+    nodes, n = NavState(position, velocity, nav_R_body, gyro_bias, acc_bias), len(recording)
+    path = Trajectory(np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3, 3)))
+    _fill(samples, sample, nodes, gravity, path)
+    return path
+
+
+class _HeldSamples(NamedTuple):
+    """Time `h` (N,) s for which each is held, specific force `acc` and rate `gyr` (N, 3)."""
+
+    h: Floats
+    acc: Floats
+    gyr: Floats
+
+
+@njit(cache=True)
+def _fill(samples: _HeldSamples, sample: Ints, nodes: NavState, gravity: float, path: Trajectory) -> None:
+    """Write `path` from each node to the next; `nodes` are the solved states (M, ...)."""
+    p, v, R = path
+    h, position, velocity, nav_R_body = samples.h, nodes.position, nodes.velocity, nodes.nav_R_body
+    m = len(sample)
+    for j in range(m):
+        if j == 0:
+            write_state(position[j], velocity[j], nav_R_body[j], p, v, R, sample[j])
+            _integrate(samples, sample[j], j, nodes.gyro_bias[j], nodes.acc_bias[j], gravity, path)  # to the very first
+        end = sample[j + 1] if j + 1 < m else len(h) - 1
+        before = _find_hole(h, sample[j], end) if j + 1 < m else end
+        write_state(position[j], velocity[j], nav_R_body[j], p, v, R, sample[j])
+        _integrate(samples, sample[j], before, nodes.gyro_bias[j], nodes.acc_bias[j], gravity, path)
+        if before < end:
+            behind = _find_hole(h, end - 1, sample[j] - 1) + 1
+            write_state(position[j + 1], velocity[j + 1], nav_R_body[j + 1], p, v, R, end)
+            _integrate(samples, end, behind, nodes.gyro_bias[j], nodes.acc_bias[j], gravity, path)
+            _join(h, before, behind, path)
+        elif j + 1 < m:
+            _meet(h, sample[j], end, position[j + 1], velocity[j + 1], nav_R_body[j + 1], path)
+            write_state(position[j + 1], velocity[j + 1], nav_R_body[j + 1], p, v, R, end)
+
+
+@njit(cache=True)
+def _find_hole(h: Floats, first: int, last: int) -> int:
+    """Return the first sample from `first` towards `last` that is held over a gap; `last` if there is none."""
+    i, way = first, 1 if last > first else -1
+    while i != last and h[i] <= MAX_HELD_S:
+        i += way
+    return i
+
+
+@njit(cache=True)
+def _join(h: Floats, before: int, behind: int, path: Trajectory) -> None:
+    """Write `path` between samples `before` and `behind` of a gap: a straight line, attitude held from `before`."""
+    p, v, R = path
+    duration, elapsed = 0.0, 0.0
+    for i in range(before, behind):
+        duration += h[i]
+    for i in range(before + 1, behind):
+        elapsed += h[i - 1]
+        write_state(p[before], v[before], R[before], p, v, R, i)
+        for k in range(3):
+            move = p[behind, k] - p[before, k]
+            p[i, k] += move * (elapsed / duration)
+            v[i, k] = move / duration
+
+
+@njit(cache=True)
+def _integrate(
+    samples: _HeldSamples, first: int, last: int, gyro_bias: Floats, acc_bias: Floats, gravity: float, path: Trajectory
+) -> None:
+    """Write `path` by strapdown from its state at sample `first` to `last` inclusive, forward or backward."""
+    p, v, R = path
+    turn, push = np.empty((3, 3)), np.empty(3)
+    state = NavState(p[first].copy(), v[first].copy(), R[first].copy(), gyro_bias, acc_bias)
+    way = 1 if last > first else -1
+    for i in range(first, last, way):
+        held = min(i, i + way)  # a sample holds from its stamp to the next
+        strapdown(state, samples.acc[held], samples.gyr[held], way * samples.h[held], gravity, turn, push)
+        write_state(state.position, state.velocity, state.nav_R_body, p, v, R, i + way)
+
+
+@njit(cache=True)
+def _meet(
+    h: Floats, first: int, last: int, position: Floats, velocity: Floats, nav_R_body: Floats, path: Trajectory
+) -> None:
+    """Spread the mismatch at sample `last` over `path` since `first`, so that it ends in the solved state."""
+    p, v, R = path
+    duration, elapsed = 0.0, 0.0
+    for i in range(first, last):
+        duration += h[i]
+    left = np.zeros((3, 3))  # R_last^T nav_R_body
+    for row in range(3):
+        for column in range(3):
+            for k in range(3):
+                left[row, column] += R[last, k, row] * nav_R_body[k, column]
+    d_R = rotation_vector(left)
+    for i in range(first + 1, last):
+        elapsed += h[i - 1]
+        s = elapsed / duration
+        a, b = s * s * (3 - 2 * s), s * s * (s - 1)
+        da, db = 6 * s * (1 - s) / duration, s * (3 * s - 2)
+        for k in range(3):
+            d_p, d_v = position[k] - p[last, k], velocity[k] - v[last, k]
+            p[i, k] += a * d_p + b * duration * d_v
+            v[i, k] += da * d_p + db * d_v
+        rotate_in_body(R[i], a * d_R[0], a * d_R[1], a * d_R[2])

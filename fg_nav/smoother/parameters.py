@@ -31,11 +31,11 @@ class WalkParameters:
     """Constraints between footfalls (`constraints`)."""
 
     directions: bool = False
-    """Corridors are at right angles to each other (`directions`). Off: where they bend by less than a degree over ten
+    """Corridors are at right angles to each other (`building`). Off: where they bend by less than a degree over ten
     strides they are taken to be straight, and nothing in the recording can show it."""
-    floors: bool = True  #: Footfalls are at one height where the walk shows a level floor (`floors`).
-    places: bool = True  #: Footfalls are at one place where the field along the path repeats (`places`).
-    barometer: bool = True  #: Footfalls are at the height of the recorded air pressure (`barometer`).
+    floors: bool = True  #: Footfalls are at one height where the walk shows a level floor (`heights`).
+    places: bool = True  #: Footfalls are at one place where the field along the path repeats (`building`).
+    barometer: bool = True  #: Footfalls are at the height of the recorded air pressure (`heights`).
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class SmootherParameters:
     settling_sigma_m: float = 0.004
     """By how much all stances of a walk may do so, m, and one stance more or less than the others: with it a stride
     climbs by 0 +- 15 mm, of shoe, gait and mounting together; 4 mm in `SETTLING_TIME_S` make as much."""
-    moving_foot: bool = True  #: Count in the sigmas that a foot moves on at its stillest instant (`shared_errors`).
+    moving_foot: bool = True  #: Count in the sigmas that a foot moves on at its stillest instant (`sensitivity`).
     known_lever: tuple[float, float, float] | None = None  #: Sensor above the rolling point, m, body; None: estimated.
 
     node_spacing_s: float = 0.2  #: Distance of the graph's nodes in a stance.
@@ -75,9 +75,9 @@ class SmootherParameters:
     gyro_bias_deg_s: tuple[float, float, float] = (0.0, 0.0, 0.0)  #: Before the walk, as of `fg-nav calibrate`, deg/s.
     gyro_bias_sigma_deg_s: float = 0.15
     """Gyro bias of a factory-calibrated sensor before the walk, about that mean, deg/s; a third of it and up to 33
-    times as much are weighed by the evidence of the walk (`gyro_bias`)."""
+    times as much are weighed by the evidence of the walk (`problem`)."""
     gyro_bias_walk_deg_s: float = 6e-4  #: Random walk of the gyro bias, deg/s/sqrt(s): 0.04 deg/s in an hour.
-    choose_bias_walk: bool = True  #: Average the walk of the bias, from that up, by the evidence (`gyro_bias`).
+    choose_bias_walk: bool = True  #: Average the walk of the bias, from that up, by the evidence (`problem`).
     refuse_stances: bool = True  #: Trust stances less in which the foot moves by the rest of the walk (`problem`).
     gyro_scale: bool = True  #: Take off the gyroscope's scale errors that both halves of a walk with a field show.
     tilt_sigma_deg: float = 1.0  #: Tilt after levelling in the first stance, deg.

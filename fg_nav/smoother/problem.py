@@ -6,76 +6,82 @@
     choose_peak_height     -> height of clipped peaks of the rate above the range, by the evidence below
     choose_swing_noise     -> noise of a swing, by the evidence below
     graph.build_problem    -> nodes, factors and initial values
-    add_barometer          -> heights by the pressure of the air (`barometer`)
+    add_barometer          -> heights by the pressure of the air (`heights`)
     solve                  -> values near the minimum
     weaken_refused_stances -> the same, with ties weakened that the walk refuses
-    average_bias_walk      -> random walk of the gyro bias (`gyro_bias`)
+    average_bias_walk      -> random walk of the gyro bias
 
-`walk_problem` is all of it: the batch calls it once, a walk in progress at each re-solve. Between re-solves that
-walk adds `strides.stride_graph`. The evidence builds and solves, on pieces of the walk.
+`walk_problem` is all of it. Why the levels are what they are: `docs/models.md`.
 
-`gyr_relative_density` k (1/sqrt(Hz)) makes the rate noise of a swinging foot: s_w^2 = density^2 + (k |w|)^2. It stands
-for scale, misalignment, coning between samples, a mount that gives, a range that is too small; it differs tenfold from
-sensor to sensor and from gait to gait. The evidence of a few dozen strides shows it (`sensitivity`), S_i(k) the noise
-covariance of inertial factor i, linearized at the minimum with the largest k. The walk has the mean of k^2 over
-`LEVELS`, weighted by evidence. What all strides share the evidence takes for signal; so no level is below `LEVELS[-1]`
-(`docs/models.md`).
-
-Peaks of the rate that were clipped are rebuilt from their flanks (`fg_nav.samples.readings`). What that is off by is
-common to a gait, a sensor and its low-pass: one factor a walk on all, with the prior 1 +- `OFF_SHARE`, is chosen among
-`HEIGHTS` by the same evidence, at the k that is best with each.
-
-The strides come in up to `PIECES` stretches from the beginning, the middle and the end, each with a gauge of its own,
-and their evidence is added. A piece alone may show a larger mean, and then that is taken: a walk that is run in part is
-trusted no more than its running allows. Beyond `PIECES * PIECE_STRIDES` strides the cost is constant. The noise
-covariance of an interval is linear in k^2, so two preintegrations give it for every k:
+Swing noise. `gyr_relative_density` k (1/sqrt(Hz)) makes the rate noise of a swinging foot: s_w^2 = density^2 + (k
+|w|)^2. The walk has the mean of k^2 over `LEVELS`, weighted by evidence (`sensitivity`) of a few dozen strides, in up
+to `PIECES` stretches, linearized at the minimum with the largest k. A piece alone may show a larger mean, and then that
+is taken. The noise covariance of an interval is linear in k^2, so two preintegrations give it for every k:
 
     S(k) = S(k0) + (k^2 - k0^2) / (k1^2 - k0^2) (S(k1) - S(k0))
 
-Refused stances. Where a stance is wrong its own residual does not show it, since pose and velocity follow the tie. The
-velocity that the walk has without it does. Let the velocity of the stance of footfall k be off by a constant d_k (nav,
-m/s) in all its rows. With their residuals e_k at the minimum, whitened, H_k how they change with d_k, J their Jacobian
-and P the covariance of their variables,
+Clipped peaks are rebuilt from their flanks (`fg_nav.samples.readings`); one factor a walk on all, with the prior 1 +-
+`OFF_SHARE`, is chosen among `HEIGHTS` by the same evidence.
+
+Refused stances. Let the velocity of the stance of footfall k be off by a constant d_k (nav, m/s) in all its rows. With
+their residuals e_k at the minimum, whitened, H_k how they change with d_k, J their Jacobian and P the covariance of
+their variables,
 
     M_k = I - J P J^T,     F_k = H_k^T M_k H_k,     d_k = F_k^-1 H_k^T e_k,     T_k = d_k^T F_k d_k
 
 T_k is by how much twice the error falls at the minimum where d_k is free (a deletion diagnostic; Cook 1977), chi^2 of
-three degrees of freedom where the stance is one. It costs one pass down the triangle (`square_root`), each footfall a
-group with G = J^T H.
+three degrees of freedom where the stance is one: one pass down the triangle, each footfall a group with G = J^T H.
 
-Which stances T refuses, and how their ties are weakened, is in `docs/models.md`.
+Bias walk. From one bias variable to the next, t seconds later, each axis changes by q sqrt(t), one sigma. What lies
+between the nodes at which the bias changes is eliminated once, and the chain that is left for each level of q. The walk
+has the mean of q^2 over `WALK_LEVELS_DEG_S`, weighted by evidence and `WALK_PRIOR`: so no level has to win.
+
+Bias prior. That of the first bias variable is a mixture p(b) = sum_l p_l N(b; mu, s_l^2 I), s_l = (`SIGMA_LEVELS`) s0.
+The walk is solved with s0 first: mean m and covariance P of the bias. The information of the walk alone is
+
+    Lambda = P^-1 - I / s0^2,     eta = P^-1 m - mu / s0^2,
+
+and under another level its posterior and its evidence are, up to a constant, in closed form (MacKay 2003, section 28)
+
+    P_l = (Lambda + I / s_l^2)^-1,     m_l = P_l (eta + mu / s_l^2),
+    log p(z | s_l) = 1/2 d^T (Lambda + I / s_l^2)^-1 d - 1/2 log|I + s_l^2 Lambda|,     d = eta - Lambda mu.
+
+The Gaussian prior that leads to mean m* and covariance P* of the mixture, of information P*^-1 - Lambda, takes the
+place of the first, and the walk is solved again from its solution.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import compress
 from typing import cast
 
 import gtsam
 import numpy as np
+from gtsam.symbol_shorthand import B, V, X
+from scipy.linalg import block_diag
 from scipy.ndimage import maximum_filter1d
 
 from fg_nav.arrays import Bools, Floats
 from fg_nav.detection import Rest
 from fg_nav.detection.rest import find_start
 from fg_nav.detection.rolling_lever import RollingLever, estimate_lever
+from fg_nav.detection.stance import Stances
 from fg_nav.errors import EstimationError
-from fg_nav.factors.residual import ResidualBlock, Stack
+from fg_nav.factors.differential_field import GYRO
+from fg_nav.factors.residual import LETTER_SHIFT, ResidualBlock, Stack
 from fg_nav.factors.zero_velocity import StanceVelocity
 from fg_nav.recording import Recording
 from fg_nav.samples.readings import OFF_SHARE
-from fg_nav.smoother.barometer import add_barometer
-from fg_nav.smoother.gauss_newton import FIRST_CONVERGENCE, LinearWalk, find_minimum
 from fg_nav.smoother.graph import Known, WalkProblem, build_problem, solve
-from fg_nav.smoother.gyro_bias import average_bias_walk
+from fg_nav.smoother.heights import add_barometer
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.preintegration import preintegrate
 from fg_nav.smoother.sensitivity import average
-from fg_nav.smoother.solver import Solved, residuals_at_minimum
-from fg_nav.smoother.square_root import Groups, SquareRoot
-from fg_nav.smoother.strides import INERTIAL_KEYS, Nodes
-from fg_nav.stances import Stances
+from fg_nav.smoother.solver import FIRST_CONVERGENCE, Solved, find_minimum, residuals_at_minimum
+from fg_nav.smoother.square_root import Groups, LinearWalk, SquareRoot
+from fg_nav.smoother.strides import ACC_BIAS_SIGMA, INERTIAL_KEYS, MIN_WALK_DEG_S, Nodes, join_velocities
 from fg_nav.text import format_count
 
 MIN_STATISTIC = 40.0  # T of stances: median 0.1 to 2, beside a shock 15 to 35, of a foot at 0.35 m/s 52.
@@ -84,7 +90,7 @@ MIN_OF_SWING = 20.0  # T of a mid-swing: it raises the noise of all swings, by w
 MIN_SPEED_M_S = 0.15  # |d| below which none is refused: feet that walk fast roll with as much.
 NEIGHBORS = 2  # Footfalls on either side whose T a wrong tie swells.
 ROUNDS = 4  # Of solving again.
-MIN_SHARE = 1e-6  # Of the strongest direction of F, below which rounding decides.
+MIN_STRENGTH = 1e-6  # Of the strongest direction of F, below which rounding decides.
 LEVELS = (8e-3, 4e-3, 2e-3, 1e-3)  # 1/sqrt(Hz): from a consumer sensor in a run to what strides of all sensors share.
 PIECES, PIECE_STRIDES = 3, 50  # 150 strides separate 2e-3 from 1e-3 by some 20 nats.
 MAX_PIECE_S = 90.0  # A third more than 50 strides take; standing in between shows nothing of a swing.
@@ -93,6 +99,13 @@ MIN_STRIDES = 8  # A walk of fewer keeps the level it was given.
 HEIGHTS = (0.7, 1.0, 1.4, 1.8, 2.2)  # Of rebuilt peaks of the rate over what their flanks say: common to a gait.
 MIN_PEAKS = 8  # Fewer that were cut show no height.
 _BASE = (0.0, 1e-3)  # The two levels that are integrated, 1/sqrt(Hz): without noise of the swing, and with some.
+WALK_LEVELS_DEG_S = (6e-4, 2e-3, 6e-3, 2e-2)  # 0.04 to 1.2 deg/s an hour; less also holds scale errors, uneven field.
+WALK_PRIOR = (0.9, 0.09, 0.009, 0.001)  # Before the walk: gyroscopes by their sheets, and one in ten that warms up.
+SIGMA_LEVELS = (1 / 3, 0.6, 1.0, 1.8, 10 / 3, 6.0, 10.0, 18.0, 33.0)  # Of s0: 0.05 to 5 deg/s.
+SIGMA_PRIOR = (0.13, 0.13, 0.15, 0.15, 0.13, 0.1, 0.08, 0.07, 0.06)  # Before the walk, of sensors as sold and worn.
+MIN_SHOWN = 1e-9  # Of the prior's information, below which the walk shows nothing: rounding.
+Change = gtsam.BetweenFactorConstantBias  # From one bias variable to the next; `strides` alone makes them.
+MIN_SHIFT_SIGMAS, MIN_CHANGE = 0.05, 0.02  # Of the bias and its sigma: below them the walk would stay as it is.
 
 
 @dataclass(frozen=True)
@@ -125,7 +138,7 @@ def weaken_refused_stances(problem: WalkProblem, solved: Solved) -> tuple[WalkPr
         ties = problem.velocities.residuals
         assert isinstance(ties, StanceVelocity)
         ties = replace(ties, sigma=np.hypot(ties.sigma, off[:, None]))
-        problem = replace(problem, velocities=ResidualBlock(ties, problem.velocities.keys))
+        problem = replace(problem, velocities=join_velocities(ties, problem.nodes))
         solved = solve(problem, FIRST_CONVERGENCE, with_stacks=True)
         problem = replace(problem, values=solved.values)
     if refused.any():
@@ -151,7 +164,7 @@ def compute_stance_statistics(problem: WalkProblem, solved: Solved) -> StanceSta
     # Pseudo-inverse; directions without information are dropped.
     strength, axes = np.linalg.eigh(F)
     along = (np.swapaxes(axes, 1, 2) @ by[..., None])[..., 0]
-    along = np.divide(along, strength, out=np.zeros_like(along), where=strength > MIN_SHARE * strength[:, -1:])
+    along = np.divide(along, strength, out=np.zeros_like(along), where=strength > MIN_STRENGTH * strength[:, -1:])
     velocity = (axes @ along[..., None])[..., 0]
     return StanceStatistics((velocity * by).sum(axis=1), velocity)
 
@@ -393,3 +406,101 @@ def _estimate_known(
         times = f"{known.peak_height:g} times"
         notes.append(f"clipped peaks of the rate are taken {times} as high above the range as their flanks say")
     return recording, replace(known, notes=(*notes, swing.note)), swing
+
+
+def average_bias_walk(problem: WalkProblem, stacks: Sequence[Stack]) -> WalkProblem:
+    """Return the problem with its gyro-bias random walk averaged over levels by evidence; `stacks`: linear factors."""
+    assumed = max(problem.parameters.gyro_bias_walk_deg_s, MIN_WALK_DEG_S)
+    # The factors from one bias variable to the next.
+    is_change = [one.keys.shape[1] == 2 and (one.keys >> np.uint64(LETTER_SHIFT) == ord("b")).all() for one in stacks]
+    changes = list(compress(stacks, is_change))
+    if not changes:
+        return problem.with_note(f"gyro bias walk {assumed:.2g} deg/s/sqrt(s), as assumed")
+    # Marginalize the nodes of each bias variable once, without the random-walk factors, which vary by level.
+    nodes = problem.nodes
+    begins = np.flatnonzero(np.diff(nodes.bias[nodes.footfall])) + 1
+    at_change = np.array([key(int(j)) for j in begins for key in (X, V)], dtype=np.uint64)
+    keys = problem.time_order
+    between = np.isin(keys >> np.uint64(LETTER_SHIFT), list(map(ord, "xvp"))) & ~np.isin(keys, at_change)
+    others = compress(stacks, np.logical_not(is_change))
+    linear = LinearWalk.of(others, np.concatenate([keys[between], keys[~between]]))
+    chain = linear.eliminate_before(int(between.sum()))
+    # The evidence of each level, and the mean variance.
+    levels = assumed / WALK_LEVELS_DEG_S[0] * np.array(WALK_LEVELS_DEG_S)
+    evidence = np.array([_weigh_bias_walk(chain, changes, level / assumed) for level in levels])
+    level = float(np.sqrt(average(levels**2, evidence, np.array(WALK_PRIOR))))
+    # The random-walk factors with the averaged sigma.
+    graph = gtsam.NonlinearFactorGraph()
+    for factor in map(problem.graph.at, range(problem.graph.size())):
+        if isinstance(factor, Change):
+            sigmas = np.array(cast("gtsam.noiseModel.Diagonal", factor.noiseModel()).sigmas())
+            sigmas[GYRO] *= level / assumed
+            noise = gtsam.noiseModel.Diagonal.Sigmas(sigmas)
+            before, after = factor.keys()
+            factor = Change(before, after, factor.measured(), noise)
+        graph.push_back(factor)
+    problem = replace(problem, graph=graph, parameters=replace(problem.parameters, gyro_bias_walk_deg_s=level))
+    count = sum(len(one.keys) for one in changes)
+    return problem.with_note(
+        f"gyro bias walk {level:.2g} deg/s/sqrt(s), the mean over the evidence of {count} changes of the bias"
+    )
+
+
+def _weigh_bias_walk(chain: LinearWalk, changes: Sequence[Stack], by: float) -> float:
+    """Return -log evidence of the walk with the gyro-bias random-walk sigmas in `changes` multiplied by `by`."""
+    scaled, noise = [], 0.0
+    for keys, rows in changes:
+        rows = rows.copy()
+        rows[:, GYRO] /= by
+        scaled.append(Stack(keys, rows))
+        noise += 3 * len(keys) * np.log(by)
+    return chain.join(scaled).minus_log_evidence(noise)
+
+
+def average_bias_prior(problem: WalkProblem, solved: Solved) -> WalkProblem | None:
+    """Return the problem with the prior of the gyro bias that its solution shows; None where the walk would stay."""
+    known, mean = problem.known, solved.values.atConstantBias(B(0)).gyroscope()
+    covariance = solved.root.covariances({B(0)})[B(0)][GYRO, GYRO]
+    prior_mean, prior, shift, level = match_mixture(mean, covariance, known.gyro_bias_mean, known.gyro_bias_sigma)
+    if shift < 1.0:
+        return None
+    graph = gtsam.NonlinearFactorGraph(problem.graph)
+    at = next(i for i in range(graph.size()) if isinstance(graph.at(i), gtsam.PriorFactorConstantBias))
+    noise = gtsam.noiseModel.Gaussian.Covariance(block_diag(ACC_BIAS_SIGMA**2 * np.eye(3), prior))
+    graph.replace(at, gtsam.PriorFactorConstantBias(B(0), gtsam.imuBias.ConstantBias(np.zeros(3), prior_mean), noise))
+    note = f"gyro bias of {np.degrees(level):.2g} deg/s before the walk, one sigma, the mean over the evidence"
+    return replace(problem, graph=graph, values=solved.values).with_note(note)
+
+
+def match_mixture(mean: Floats, covariance: Floats, mu: Floats, s0: float) -> tuple[Floats, Floats, float, float]:
+    """Return mean (3,) rad/s and covariance (3, 3) of the Gaussian prior that leads to the mixture's posterior.
+
+    `mean` (3,) and `covariance` (3, 3) are those of the bias under the prior N(mu, s0^2). The third is by how much the
+    posterior changes, in multiples of what matters, the last the levels' root mean square by the evidence, rad/s.
+    """
+    posterior, size = np.linalg.inv(covariance), np.eye(3)
+    # Likelihood of the walk: posterior information less the prior's, negative rounding clipped.
+    values, axes = np.linalg.eigh(posterior - size / s0**2)
+    shown = np.where(values > MIN_SHOWN / s0**2, values, 0.0)
+    eta = axes.T @ (posterior @ mean - mu / s0**2)
+    off = eta - shown * (axes.T @ mu)
+    # Posterior and evidence of each prior sigma, in the eigenvectors of the likelihood.
+    variance = (s0 * np.array(SIGMA_LEVELS))[:, None] ** 2
+    spread = 1.0 / (shown + 1.0 / variance)
+    means = spread * (eta + (axes.T @ mu) / variance)
+    minus_log = -0.5 * np.sum(off**2 * spread - np.log1p(variance * shown), axis=1)
+    # Moment matching: mean and covariance of the mixture.
+    centre = average(means, minus_log, np.array(SIGMA_PRIOR))
+    apart = means - centre
+    moments = spread[:, :, None] * size + apart[:, :, None] * apart[:, None, :]
+    matched = average(moments, minus_log, np.array(SIGMA_PRIOR))
+    # Divide by the likelihood to obtain the prior; never wider than the widest level.
+    information, turn = np.linalg.eigh(np.linalg.inv(matched) - np.diag(shown))
+    information = np.maximum(information, 1.0 / variance[-1])
+    prior = axes @ (turn / information) @ turn.T @ axes.T
+    prior_mean = axes @ centre + prior @ axes @ (shown * centre - eta)
+    before = axes.T @ mean
+    shift = float((centre - before) @ (axes.T @ posterior @ axes) @ (centre - before)) ** 0.5 / MIN_SHIFT_SIGMAS
+    change = np.abs(np.log(np.diagonal(matched) / np.diagonal(axes.T @ covariance @ axes))).max() / (2.0 * MIN_CHANGE)
+    level = float(np.sqrt(average(variance[:, 0], minus_log, np.array(SIGMA_PRIOR))))
+    return np.asarray(prior_mean), np.asarray(0.5 * (prior + prior.T)), max(shift, float(change)), level

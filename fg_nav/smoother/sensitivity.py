@@ -1,16 +1,14 @@
-"""Evidence for an assumption, numbers that a whole walk shares, and the joint covariance of its footfalls.
+"""Evidence for an assumption, errors that a whole walk shares, and the joint covariance of its footfalls.
 
 All are of the linear graph at its minimum, R the triangle of its square-root information.
 
-Evidence (Laplace; MacKay 2003, section 27). With E the error at the minimum, S_i the noise covariances of the factors,
+Evidence (Laplace; MacKay 2003, section 27). With E the error at the minimum, S_i the noise covariances of the factors
+that an assumption changes,
 
     -log p(z | assumed) = E + log|R| + 1/2 sum_i log|S_i|.
 
-Of the S_i each caller adds those that its assumption changes. All else is left out.
-
 Shared numbers. The linear graph is |A x + C s - b|^2, x the variables of the walk and s numbers (n of them) that many
-of its factors share, with the prior 0 and S. Without eliminating the walk again, with one pass up its triangle without
-s, R^T R = A^T A, and one down (`square_root`)
+of its factors share, with the prior 0 and S. With one pass up the triangle without s, R^T R = A^T A, and one down
 
     R^T Y = A^T C,    R X = Y,    x(s) = x(0) - X s,    information of s: L = C^T C - Y^T Y,
 
@@ -19,38 +17,72 @@ and with eta the product of L with the estimate
     s = P eta,     P = (L + S^-1)^-1,     log p(z | S) = 1/2 eta^T P eta - 1/2 log|I + S L| + const,
     cov(x) = (R^T R)^-1 + X P X^T.
 
-Footfalls. The errors of two footfalls are nearly the same error: heading and scale belong to the walk. So what is said
-of several footfalls together, as the length of the path, needs their joint covariance, which the marginal ones
-(`batch.stance_table`) do not hold. With e_k (4,) the error of footfall k, east, north, up (m) and yaw about up (rad),
-T_k the map of the tangent space of pose k to e_k, n combinations c and g_k = T_k^T w_k,
+Numbers that are not taken off, but left at zero, have the second moment P + s s^T in place of P. Three are shared:
 
-    c = sum_k w_k^T e_k,    w_k (4, n),
+moving foot   c = (c_1, c_2): in a stance after a stride of the horizontal displacement d (m) in T (s) the velocity is
+              off by c_1 a + c_2 (up x a), a = d / T; 0 +- (`FORWARD_SIGMA`, `SIDEWAYS_SIGMA`), C = -(de/dv) (a, up x a)
+              of the stance's velocity. It is counted, not taken off.
+gyro scale    w = (1 + s) w_true + b on each axis, where the magnetic field shows the heading. To the first order the
+              end of an interval preintegrated from (w - b) moves, in the tangent space of the state there, by D s,
+
+                  D = (theta, rho, nu),   theta' = R c,   nu' = (theta) x R f,   rho' = nu,   c = -(w - b) per axis,
+
+              R the attitude and f the specific force since its start: J = -(de/dpose_end, de/dv_end nav_R_end) D. Each
+              half of the walk has an s of its own, z = (s_1, s_2), and three models are as likely before the walk:
+              nothing but what is alike (`ALIKE_SIGMA`), one scale (`SCALE_SIGMA` more in both halves), two that have
+              nothing to do with each other. Only the second is taken off; nats by which tilt and velocity close worse
+              with it count against it. The rest is counted, by the second moment over the models (Hoeting et al. 1999).
+clipped peaks of the rate, rebuilt, are off alike on one side of an axis: the same columns with c = -sigma of the peak
+              there, 0 +- 1. They are counted.
+
+Model of the scale: IEEE Std 528; D is this project's derivation, tested against preintegration of corrected samples.
+
+Footfalls. The errors of two footfalls are nearly the same error: heading and scale belong to the walk. With e_k (4,)
+the error of footfall k, east, north, up (m) and yaw (rad), T_k the map of the tangent space of pose k to e_k, n
+combinations c of weights w_k (4, n) and g_k = T_k^T w_k,
+
     cov(c) = g^T (R^T R)^-1 g = Y^T Y,    R^T Y = g,    cov(e_k, c) = T_k X_k,    R X = Y.
 
-Numbers that the triangle does not hold, as the gyroscope's scale, move pose k by L_k a, a of unit covariance; that adds
-L_k sum_l L_l^T g_l. The length of the path is the sum of its straight moves, so its weights are their unit vectors u,
-
-    w_k = u_k - u_(k+1),    u_k = (p_k - p_(k-1)) / |p_k - p_(k-1)|,
-
-and its sigma counts what is common to all strides, as that of independent strides would not.
+Numbers that the triangle does not hold move pose k by L_k a, a of unit covariance; that adds L_k sum_l L_l^T g_l. The
+length of the path has the weights w_k = u_k - u_(k+1), u the unit vectors of its moves.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import X
 
-from fg_nav.arrays import Floats, weigh_models
+from fg_nav.arrays import Floats, Ints, weigh_models
+from fg_nav.factors.differential_field import GYRO
 from fg_nav.factors.residual import Keys
-from fg_nav.smoother.solver import Solved, list_attitudes, pose_in_nav, residuals_at_minimum
-from fg_nav.smoother.square_root import SquareRoot
-from fg_nav.smoother.strides import Nodes
+from fg_nav.factors.zero_velocity import StanceVelocity
+from fg_nav.mechanisation import rotate_in_body
+from fg_nav.recording import Recording
+from fg_nav.samples.gaps import cross_holes
+from fg_nav.smoother.graph import WalkProblem
+from fg_nav.smoother.solver import (
+    Solved,
+    list_attitudes,
+    list_biases,
+    list_positions,
+    pose_in_nav,
+    residuals_at_minimum,
+)
+from fg_nav.smoother.square_root import SquareRoot, stack_factors
+from fg_nav.smoother.strides import INERTIAL_KEYS, Nodes
+from fg_nav.system.compiled import njit
 
-MAX_NATS = 3.0  # Twenty to one: what counts as strong evidence (Kass and Raftery 1995).
+FORWARD_SIGMA, SIDEWAYS_SIGMA = 0.02, 0.01  # Shares of the walking speed: scatter between shoes, mountings and gaits.
+MAX_STRIDE_S = 1.5  # What is longer was standing.
+SCALE_SIGMA = 0.01  # Prior of each axis: tenths of a percent after a calibration, 1 to 3 by the sheet of a raw part.
+ALIKE_SIGMA = 0.002  # What looks like a scale: axes out of square by 0.1 to 0.3 deg, by the sheet of a calibrated part.
+MIN_OWN = 1e-3  # Share of what is alike that each half has of its own: keeps the prior invertible.
+POSE_END, VELOCITY_END = slice(9, 15), slice(15, 18)  # Columns of an inertial factor.
 
 
 def average(values: Floats, minus_log_evidence: Floats, prior: Floats | None = None) -> Floats:
@@ -167,3 +199,226 @@ def weigh_path(position: Floats, until: int | None = None) -> Floats:
     weights[1 : len(unit) + 1, :3] += unit
     weights[: len(unit), :3] -= unit
     return weights
+
+
+def spread_moving_foot(problem: WalkProblem, solved: Solved) -> Floats:
+    """Return by how much the walk moves (N, 2), for numbers of unit covariance, with what is not known of c."""
+    columns, information, pull = weigh_moving_foot(problem, solved)
+    return columns.spread_untaken(information, pull, np.diag([FORWARD_SIGMA**2, SIDEWAYS_SIGMA**2]))
+
+
+def weigh_moving_foot(problem: WalkProblem, solved: Solved) -> tuple[SharedColumns, Floats, Floats]:
+    """Return the columns of c in the tree of a solved walk, its information L (2, 2) on c, and eta (2,)."""
+    block = problem.velocities
+    residual, jacobians = block.evaluate(solved.linearized_at)
+    by_share = -jacobians[1] @ find_motion(problem, solved.values)
+    factors = SharingFactors(np.concatenate(jacobians, axis=2), -residual, block.keys, by_share)
+    return shared_information(solved.root, [factors], 2)
+
+
+def find_motion(problem: WalkProblem, values: gtsam.Values) -> Floats:
+    """Return (a, up x a) (M, 3, 2) m/s at each node, nav axes, a the mean velocity of the stride over ground.
+
+    Zero in the first stance, in long ones, and after a gap in the samples.
+    """
+    nodes = problem.nodes
+    t = problem.recording.t[nodes.sample[nodes.result]]
+    position = list_positions(nodes.result, values)
+    d = np.diff(position, axis=0, prepend=position[:1])
+    a = d[:, :2] / np.minimum(np.diff(t, prepend=-np.inf), MAX_STRIDE_S)[:, None]
+    a[1:][cross_holes(problem.recording.t, nodes.sample[nodes.result])] = 0.0
+    level = np.zeros(len(a))
+    motion = np.stack([np.column_stack([a, level]), np.column_stack([-a[:, 1], a[:, 0], level])], axis=2)
+    ties = problem.velocities.residuals
+    assert isinstance(ties, StanceVelocity)
+    walks = ties.sinks_per_m > 0.0
+    return np.asarray(motion[nodes.footfall] * walks[:, None, None])
+
+
+@dataclass(frozen=True)
+class GyroScale:
+    """Scale errors (3,) of the gyroscope that are taken off, and what is left about them.
+
+    `probability` of the model with one scale for the whole walk, `sigma` (3,) of its errors, and second moment (3, 3)
+    of what is wrong in all swings about the errors taken off, over all models; about none, where they do not matter.
+    """
+
+    scale: Floats
+    sigma: Floats
+    probability: float
+    second_moment: Floats
+
+    @property
+    def matters(self) -> bool:
+        """Whether they are more than what other errors of a swing make: else they stay, and are in the sigmas."""
+        return bool(np.abs(self.scale).max() > ALIKE_SIGMA)
+
+    @property
+    def note(self) -> str:
+        """The same in words."""
+        axes = ", ".join(f"{100 * s:+.2f} +- {100 * d:.2f}" for s, d in zip(self.scale, self.sigma, strict=True))
+        share = 100.0 * self.probability
+        return f"gyroscope's scale errors {axes} %, taken off: both halves of the walk agree on them by {share:.0f} %"
+
+    def remove_from(self, recording: Recording) -> Recording:
+        """Return the recording with the rates without these errors."""
+        return replace(recording, gyr=recording.gyr / (1.0 + self.scale))
+
+
+@dataclass(frozen=True)
+class WalkScale:
+    """The scale of a walk's gyroscope, and its columns in the walk's tree, one half of the walk after the other."""
+
+    found: GyroScale
+    columns: SharedColumns
+
+    def spread(self) -> Floats:
+        """Return S (N, 3): S S^T is the covariance from the scale errors left, equal in both halves."""
+        moved = self.columns.solve()
+        return np.asarray((moved[:, :3] + moved[:, 3:]) @ np.linalg.cholesky(self.found.second_moment))
+
+
+def weigh_gyro_scale(problem: WalkProblem, solved: Solved) -> tuple[SharedColumns, Floats, Floats]:
+    """Return the columns of the scale errors, three of each half of the walk, their information (6, 6) and vector."""
+    return shared_information(solved.root, _list_inertial(problem, solved.linearized_at), 6)
+
+
+def estimate_gyro_scale(problem: WalkProblem, solved: Solved) -> WalkScale:
+    """Return the model-averaged scale errors of the gyroscope, and their sensitivity columns, at a solution."""
+    columns, information, pull = weigh_gyro_scale(problem, solved)
+    found = average_models(information, pull)
+    if not found.matters:
+        return WalkScale(found, columns)
+    # Nats by which inertial and velocity factors fit worse with one scale for the walk: the field alone supports it.
+    both = np.tile(found.scale / found.probability, 2)
+    moved, worse = -columns.solve() @ both, 0.0
+    e, H = problem.velocities.evaluate(solved.linearized_at)
+    jacobian, none = np.concatenate(H, axis=2), np.zeros((*e.shape, 6))
+    velocities = SharingFactors(jacobian, -e, problem.velocities.keys, none)
+    for A, b, keys, C in (velocities, *_list_inertial(problem, solved.linearized_at)):
+        left = residuals_at_minimum(solved.root, keys, -b, A)
+        change = np.einsum("kij,kj->ki", A, moved[solved.root.find_columns(keys)]) + C @ both
+        worse += float(((left + 0.5 * change) * change).sum())
+    return WalkScale(average_models(information, pull, max(worse, 0.0)), columns)
+
+
+def average_models(information: Floats, pull: Floats, worse_nats: float = 0.0) -> GyroScale:
+    """Average scale errors over the three models, by information L (6, 6) and its vector eta (6,) of both halves.
+
+    `worse_nats` are taken off the log evidence of one scale for the whole walk.
+    """
+    same, own = np.kron(np.ones((2, 2)), np.eye(3)), np.eye(6)
+    alike = ALIKE_SIGMA**2 * (same + MIN_OWN * own)
+    priors = alike, alike + SCALE_SIGMA**2 * same, alike + SCALE_SIGMA**2 * own
+    fits = [fit_shared(information, pull, prior) for prior in priors]
+    evidence = np.array([0.0, worse_nats, 0.0]) - [evidence for _, _, evidence in fits]
+    weight = average(np.eye(3), evidence)
+    means, covariances = ([one[:3] + one[3:] for one, _, _ in fits], [P for _, P, _ in fits])
+    mean_of = np.kron(np.full((1, 2), 0.5), np.eye(3))
+    scale = weight[1] * 0.5 * means[1]
+    about = scale if np.abs(scale).max() > ALIKE_SIGMA else np.zeros(3)
+    moments = [
+        mean_of @ P @ mean_of.T + np.outer(0.5 * mean - about, 0.5 * mean - about)
+        for mean, P in zip(means, covariances, strict=True)
+    ]
+    sigma = np.sqrt(np.diagonal(mean_of @ covariances[1] @ mean_of.T))
+    return GyroScale(scale, sigma, float(weight[1]), np.tensordot(weight, np.array(moments), axes=1))
+
+
+def _list_inertial(problem: WalkProblem, values: gtsam.Values) -> Iterator[SharingFactors]:
+    """Yield the inertial factors with their columns of the scale."""
+    nodes, bias = problem.nodes, _list_rate_biases(problem, values)
+    error = problem.recording.integrable[1].copy()
+    error[nodes.sample[0] : nodes.sample[-1]] -= np.repeat(bias, np.diff(nodes.sample), axis=0)
+    at, count = 0, np.count_nonzero(~cross_holes(problem.recording.t, nodes.sample))
+    for A, b, keys, by_scale in _share_rate_errors(problem, values, error):
+        is_late = (np.arange(at, at + len(b)) >= count // 2)[:, None, None]
+        yield SharingFactors(A, b, keys, np.concatenate([by_scale * ~is_late, by_scale * is_late], axis=2))
+        at += len(b)
+
+
+def spread_clipped_peaks(problem: WalkProblem, solved: Solved) -> Floats:
+    """Return S (N, n): S S^T is the covariance of errors common to rebuilt (clipped) peaks of the rate.
+
+    One number each for the peaks of an axis on one side; none where no peak was rebuilt.
+    """
+    peaks, gyr = problem.recording.peaks[1], problem.recording.gyr
+    # A peak errs as a whole: scale the sigma of its samples, which holds for independent errors.
+    alike = peaks.sigma / np.sqrt(np.maximum(peaks.run, 1.0))
+    sides = [np.where(side * gyr > 0.0, alike, 0.0) for side in (1.0, -1.0)]
+    clipped = np.flatnonzero(np.concatenate([side.any(axis=0) for side in sides]))
+    if not len(clipped):
+        return np.zeros((solved.root.total, 0))
+    shared = _share_rate_errors(problem, solved.linearized_at, *sides)
+    parts = (one._replace(C=one.C[:, :, clipped]) for one in shared)
+    columns, information, pull = shared_information(solved.root, parts, len(clipped))
+    return columns.spread_untaken(information, pull, np.eye(len(clipped)))
+
+
+def _share_rate_errors(problem: WalkProblem, values: gtsam.Values, *errors: Floats) -> Iterator[SharingFactors]:
+    """Yield the inertial factors with their columns of three numbers, one an axis, for each error of the rate.
+
+    An error (N, 3) is what an axis reads too much for a unit of its number, rad/s.
+    """
+    recording, nodes, graph = problem.recording, problem.nodes, problem.graph
+    given = recording.t, *recording.integrable, nodes.sample, _list_rate_biases(problem, values)
+    moved = np.concatenate([sense_rate_error(*given, error) for error in errors], axis=2)
+    moved[:, 6:] = list_attitudes(range(1, len(nodes)), values) @ moved[:, 6:]
+    moved = moved[~cross_holes(recording.t, nodes.sample)]
+    inertial = (graph.at(i) for i in range(graph.size()))
+    at = 0
+    for stack in stack_factors(factor.linearize(values) for factor in inertial if factor.size() == INERTIAL_KEYS):
+        A, b, D = stack.rows[..., :-1], stack.rows[..., -1], moved[at : at + len(stack.rows)]
+        yield SharingFactors(A, b, stack.keys, -(A[:, :, POSE_END] @ D[:, :6] + A[:, :, VELOCITY_END] @ D[:, 6:]))
+        at += len(stack.rows)
+
+
+def _list_rate_biases(problem: WalkProblem, values: gtsam.Values) -> Floats:
+    """Bias (M-1, 3) rad/s of each interval between nodes."""
+    return list_biases(problem.nodes, values)[problem.nodes.bias[problem.nodes.footfall[:-1]], GYRO]
+
+
+def sense_rate_error(t: Floats, force: Floats, rate: Floats, sample: Ints, bias: Floats, error: Floats) -> Floats:
+    """Return D (M-1, 9, 3): end state of each interval between samples (M,), by the size of a rate error on each axis.
+
+    Rows: rotation (rad), position (m), velocity (m/s), all in the body axes at the end. `bias` (M-1, 3) rad/s, `error`
+    (N, 3) rad/s what the rate reads too much. The rotation acts in the middle of each sample.
+    """
+    count = len(sample) - 1
+    start_R_end, moved = np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3, 3, 3))
+    _integrate_error(t, force, rate, sample, bias, error, start_R_end, moved)
+    return np.asarray(np.einsum("kji,kpjl->kpil", start_R_end, moved).reshape(count, 9, 3))
+
+
+@njit(cache=True)
+def _integrate_error(
+    t: Floats,
+    force: Floats,
+    rate: Floats,
+    sample: Ints,
+    bias: Floats,
+    error: Floats,
+    start_R_end: Floats,
+    moved: Floats,
+) -> None:
+    """Integrate rotation, position and velocity errors into `moved`, start axes, and attitude into `start_R_end`."""
+    turn, a, push = np.empty(3), np.empty(3), np.empty(3)
+    for k in range(len(sample) - 1):
+        R, theta, rho, nu = start_R_end[k], moved[k, 0], moved[k, 1], moved[k, 2]
+        for i in range(sample[k], sample[k + 1]):
+            h = t[i + 1] - t[i]
+            for axis in range(3):
+                turn[axis] = (rate[i, axis] - bias[k, axis]) * h
+            rotate_in_body(R, 0.5 * turn[0], 0.5 * turn[1], 0.5 * turn[2])
+            for row in range(3):
+                a[row] = R[row, 0] * force[i, 0] + R[row, 1] * force[i, 1] + R[row, 2] * force[i, 2]
+            for axis in range(3):
+                for row in range(3):
+                    theta[row, axis] -= 0.5 * R[row, axis] * error[i, axis] * h
+                x, y, z = theta[0, axis], theta[1, axis], theta[2, axis]
+                push[0], push[1], push[2] = y * a[2] - z * a[1], z * a[0] - x * a[2], x * a[1] - y * a[0]
+                for row in range(3):
+                    rho[row, axis] += (nu[row, axis] + 0.5 * push[row] * h) * h
+                    nu[row, axis] += push[row] * h
+                    theta[row, axis] -= 0.5 * R[row, axis] * error[i, axis] * h
+            rotate_in_body(R, 0.5 * turn[0], 0.5 * turn[1], 0.5 * turn[2])

@@ -1,22 +1,26 @@
-"""A walk is minimized (`gauss_newton`), in the order of time, and its covariances are taken.
+"""Gauss-Newton with halved steps: a walk as a system of factors, its minimum, and what is read off it.
 
-On a chain the order of time is as good as any and leaves the last footfall at the root.
+    repeat   linearize, eliminate, step; halve the step while it raises the error
+    until    the error after the step is the one that the linear model promised
+
+where the model holds its minimum is that of the graph: one linearization less than waiting for a step that changes
+nothing, and its triangle serves for the marginals (`square_root`). The outer loop is in Python, so that no factor is
+handed a copy of the values. What is minimized is a `System`: a walk (`WalkSystem`), or two feet (`feet`). On a chain
+the order of time is as good as any and leaves the last footfall at the root.
 
 A Bayes tree of GTSAM, of a part of a walk online, gives its covariances by one pass down. QR left in each clique R x_F
 + S x_S = d, F its frontal variables, S its separator, whose variables all stand in the parent clique. With P_SS known
-from the parent,
-
-    W = -R^-1 S,    P_FS = W P_SS,    P_FF = R^-1 R^-T + W P_SS W^T,
-
-so every clique's joint covariance follows from its parent's. (GTSAM's `Marginals` eliminates again, by Cholesky: after
-half an hour of walking its covariances are off by some per mille, and each takes milliseconds.)
+from the parent and W = -R^-1 S, P_FS = W P_SS and P_FF = R^-1 R^-T + W P_SS W^T. (GTSAM's `Marginals` eliminates
+again, by Cholesky: after half an hour of walking its covariances are off by some per mille, and each takes
+milliseconds.)
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol, TypeAlias
+from itertools import chain
+from typing import Generic, Protocol, TypeAlias, TypeVar
 
 import gtsam
 import numpy as np
@@ -26,16 +30,94 @@ from scipy.linalg.lapack import dtrtri
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import EstimationError, FgNavError
 from fg_nav.factors.residual import LETTER_SHIFT, POSE, Keys, Stack, read_variables
-from fg_nav.smoother.gauss_newton import (
-    DIMENSION,
-    NO_SOLUTION,
-    Minimum,
-    stack_factors,
-)
-from fg_nav.smoother.square_root import SquareRoot
+from fg_nav.smoother.square_root import DIMENSION, NO_SOLUTION, LinearWalk, SquareRoot, stack_factors
 from fg_nav.smoother.strides import Nodes
 
+CONVERGENCE = 5e-4  # Of promised and true error, per variable: the nodes of an hour's walk then move by millimetres.
+FIRST_CONVERGENCE = 0.05  # The same where the walk is solved again: millimetres and thousandths of a degree a stride.
+MAX_STEPS = 25  # And gives up after so many.
+MAX_HALVINGS = 6
+
+
+V = TypeVar("V")
 UNSOLVED = (RuntimeError, ValueError, IndexError, ArithmeticError, FgNavError)  # Raised without a solution.
+
+
+class System(Protocol[V]):
+    """What is minimized, in values of a kind."""
+
+    def stack(self, values: V) -> list[Stack]:
+        """Linearize all factors, as arrays; raises `EstimationError` where that cannot be."""
+
+    def error(self, values: V) -> float:
+        """Half the sum of squares of all residuals over their sigmas."""
+
+    def excess(self, values: V) -> float:
+        """Robust-loss excess of the error over that of the linearized factors; zero for quadratic factors."""
+
+    def move(self, values: V, step: Mapping[int, Floats]) -> V:
+        """Return the values moved by steps in the tangent spaces of the variables."""
+
+
+@dataclass(frozen=True)
+class Minimum(Generic[V]):
+    """Values at the minimum of a system, the triangle of the last linearization, and the number of linearizations.
+
+    `error` is that of `values`; `linearized_at` are those of the last linearization, one step before the minimum;
+    `volume` is log|R|, `stacks` are the linear factors.
+    """
+
+    values: V
+    root: SquareRoot
+    steps: int
+    linearized_at: V
+    error: float
+    volume: float
+    stacks: Sequence[Stack] = ()
+
+
+def find_minimum(
+    system: System[V], values: V, keys: Keys, convergence: float = CONVERGENCE, largest_steps: int = MAX_STEPS
+) -> Minimum[V]:
+    """Minimize the error of a system by Gauss-Newton.
+
+    Parameters
+    ----------
+    keys
+        Of all variables, in the order of their elimination.
+    convergence
+        Largest difference of promised and true error per variable.
+
+    Raises
+    ------
+    EstimationError
+        If the equations have no unique solution, or no minimum is found in `largest_steps`.
+    """
+    error = np.inf
+    for steps in range(1, largest_steps + 1):
+        linearized_at, stacks = values, system.stack(values)
+        root, left = LinearWalk.of(stacks, keys).eliminate()
+        promised = left.error + system.excess(values)
+        # Step, halved until the error no longer rises (backtracking).
+        step, before = root.step, error
+        for _ in range(MAX_HALVINGS):
+            moved = system.move(linearized_at, root.split(step))
+            error = system.error(moved)
+            if error <= before:
+                values = moved
+                break
+            step = 0.5 * step
+        else:
+            error = before
+        if not np.isfinite(error):
+            raise EstimationError("the smoother's error is not finite: check the recording with 'fg-nav inspect'.")
+        if abs(error - promised) <= convergence * len(keys):
+            return Minimum(values, root, steps, linearized_at, error, left.volume, stacks)
+        del root, left, stacks  # as large as all else: not kept beside the next one
+    raise EstimationError(
+        f"the smoother did not converge in {largest_steps} steps: the stances are not those of a walk on foot, or the "
+        "units of the recording are wrong; look at it with 'fg-nav inspect'."
+    )
 
 
 class LinearizableBlock(Protocol):
@@ -53,6 +135,32 @@ class LinearizableBlock(Protocol):
     def factors(self) -> Iterable[gtsam.NonlinearFactor]:
         """Yield them as factors of gtsam, one by one."""
 
+    counts: dict[str, int]  # By kind, of those that are counted.
+
+
+class BlockGroup:
+    """Blocks that join a walk together, as one."""
+
+    def __init__(self, *blocks: LinearizableBlock) -> None:
+        self.blocks = blocks
+        self.counts = {kind: count for block in blocks for kind, count in block.counts.items()}
+
+    def error(self, values: gtsam.Values) -> float:
+        """Half the sum of squares of the residuals over their sigmas."""
+        return sum(block.error(values) for block in self.blocks)
+
+    def linearize(self, values: gtsam.Values) -> Iterator[gtsam.GaussianFactor]:
+        """Yield its factors, linearized at these values."""
+        return chain.from_iterable(block.linearize(values) for block in self.blocks)
+
+    def stack(self, values: gtsam.Values) -> list[Stack]:
+        """Return the same as arrays."""
+        return [stack for block in self.blocks for stack in block.stack(values)]
+
+    def factors(self) -> Iterator[gtsam.NonlinearFactor]:
+        """Yield them one by one."""
+        return chain.from_iterable(block.factors() for block in self.blocks)
+
 
 class GtsamFactors:
     """Factors of gtsam that are not in the graph of the walk; `kind` is the word under which they are counted, if any.
@@ -62,7 +170,7 @@ class GtsamFactors:
     """
 
     def __init__(self, *factors: gtsam.NonlinearFactor, kind: str = "") -> None:
-        self._graph, self.kind = gtsam.NonlinearFactorGraph(), kind
+        self._graph, self.counts = gtsam.NonlinearFactorGraph(), {kind: len(factors)} if kind and factors else {}
         for factor in factors:
             self._graph.push_back(factor)
 

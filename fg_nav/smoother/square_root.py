@@ -1,9 +1,13 @@
-"""The square-root information of a solved walk as arrays, and the passes along it in compiled code.
+"""The linear graph of a walk as arrays, its square-root information, and the passes along it in compiled code.
 
-Elimination by QR (`elimination`) leaves for each variable, of d dimensions, the rows of R x = r in it: an upper
-triangle R_FF (d, d) on itself and R_FS (d, s) on those of its separator, which were eliminated later. They are fronts,
-one a variable, those of the separator before it, and the one that comes last of these is its parent. Its separator is
-among the parent's own variable and separator, so
+A linear factor is |A x - b|^2, divided by its sigmas. A walk has thousands of a kind, with as many rows and variables
+of the same dimensions, and numpy linearizes most of them together: K of a kind are a `Stack`. Those of gtsam are
+stacked one by one, at 2 us each. A `LinearWalk` eliminates them by QR (`elimination`), all or up to a variable.
+
+QR leaves for each variable, of d dimensions, the rows of R x = r in it: an upper triangle R_FF (d, d) on itself and
+R_FS (d, s) on those of its separator, which were eliminated later. They are fronts, one a variable, those of the
+separator before it, and the one that comes last of these is its parent. Its separator is among the parent's own
+variable and separator, so
 
     up     R^T Y = C     from the last front to the first,    each leaves C_S - R_FS^T Y_F to those of its separator,
     down   R X = Y       from the first to the last,          X_F = R_FF^-1 (Y_F - R_FS X_S),
@@ -11,7 +15,6 @@ among the parent's own variable and separator, so
 
 P the covariance, P_SS known from the parent. With a group of variables along a path of the tree, as those of a
 footfall, comes the covariance K of all others there with G^T x of the group, and G^T P G: P G is added front by front.
-
 Of the covariance only what is wanted is kept, and the rest freed once no child needs it.
 """
 
@@ -19,14 +22,34 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from copy import copy
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
+import gtsam
 import numpy as np
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.factors.residual import Keys
-from fg_nav.smoother.elimination import Fronts, back_substitute, forward_substitute, get_front
+from fg_nav.errors import EstimationError
+from fg_nav.factors.residual import LETTER_SHIFT, Keys, Stack
+from fg_nav.smoother.elimination import (
+    Factors,
+    Fronts,
+    back_substitute,
+    eliminate_factors,
+    forward_substitute,
+    get_front,
+    sum_log_diagonal,
+)
 from fg_nav.system.compiled import njit
+
+DIMENSION = dict(zip(map(ord, "xvbsmzwap"), (6, 3, 6, 1, 9, 1, 1, 1, 2), strict=True))
+"""Of the tangent space of pose, velocity, bias, settling, state of the field, floor, width between two feet, direction
+of a building and state of the barometer, by the letter in the key."""
+
+MAX_STACKED = 1 << 14  # Factors of a stack: an hour of walking has as many inertial ones.
+NO_SOLUTION = "the smoother's equations have no unique solution: the recording holds too little, or not finite, motion."
+EXACT_WEIGHT = 1e6  # Of a row without a sigma: a caller's factor may be a constraint, then held to 1e-6 of its unit.
 
 
 class Wanted(NamedTuple):
@@ -270,3 +293,124 @@ class SquareRoot:
         nothing = Wanted(np.full(self.total, -1), np.zeros((0, 1), np.int64), np.zeros((0, 1, 1)))
         spread_covariance(self._fronts, nothing, groups, forms)
         return forms
+
+
+def stack_factors(factors: Iterable[gtsam.GaussianFactor]) -> list[Stack]:
+    """Stack gtsam's linear factors of equal shape into arrays of `MAX_STACKED` at most."""
+    # Keys one behind the other, as thousands of small lists start the garbage collector.
+    piles: dict[tuple[int, ...], tuple[list[int], list[Floats]]] = {}
+    stacks = []
+    for factor in factors:
+        of = factor.keys()
+        if isinstance(factor, gtsam.JacobianFactor) and factor.isConstrained():
+            sigmas = factor.get_model().sigmas()
+            weight = np.divide(1.0, sigmas, out=np.full(len(sigmas), EXACT_WEIGHT), where=sigmas > 0.0)
+            A_b = np.asarray(weight[:, None] * factor.augmentedJacobianUnweighted())
+        else:
+            A_b = factor.augmentedJacobian()
+        keys, rows = piles.setdefault((*A_b.shape, len(of)), ([], []))
+        keys.extend(of)
+        rows.append(A_b)
+        if len(rows) == MAX_STACKED:
+            stacks.append(_stack(keys, rows))
+            keys.clear()
+            rows.clear()
+    return [*stacks, *(_stack(*pile) for pile in piles.values() if pile[1])]
+
+
+def _stack(keys: Sequence[int], rows: Sequence[Floats]) -> Stack:
+    """Stack linear factors alike, with their keys one behind the other."""
+    return Stack(np.array(keys, dtype=np.uint64).reshape(len(rows), -1), np.stack(rows))
+
+
+def find_sizes(keys: Keys) -> Ints:
+    """Find the dimensions (V,) of the variables."""
+    letter, kind = np.unique(keys >> np.uint64(LETTER_SHIFT), return_inverse=True)
+    return np.array([DIMENSION[one] for one in letter.tolist()], dtype=np.int64)[kind]
+
+
+@dataclass(frozen=True)
+class LinearWalk:
+    """Linear factors in variables `keys` (V,), in the order of elimination, of which those before `begin` are gone.
+
+    `error` and `volume` are the least error, and log|R|, of what is gone.
+    """
+
+    keys: Keys
+    factors: tuple[Factors, ...]
+    begin: int = 0
+    error: float = 0.0
+    volume: float = 0.0
+
+    @classmethod
+    def of(cls, stacks: Iterable[Stack], keys: Keys) -> LinearWalk:
+        """Return the walk of the factors of stacks."""
+        return cls(keys, ()).join(stacks)
+
+    def join(self, stacks: Iterable[Stack]) -> LinearWalk:
+        """Return it with further factors."""
+        order = np.argsort(self.keys)
+        known = self.keys[order]
+        further = []
+        for stack_keys, rows in stacks:
+            if count := len(stack_keys):
+                place, number, size = order[np.searchsorted(known, stack_keys)], np.arange(count + 1), rows[0].size
+                lengths = np.full(count, rows.shape[1])
+                further.append(Factors(number * place.shape[1], place.ravel(), lengths, number * size, rows.ravel()))
+        return replace(self, factors=(*self.factors, *further))
+
+    def eliminate(self) -> tuple[SquareRoot, LinearWalk]:
+        """Eliminate all variables; return the triangle, and what is left, without factors.
+
+        Raises `EstimationError` where there is no unique solution, as `eliminate_before`.
+        """
+        fronts, right, left = self._eliminate(len(self.keys))
+        return SquareRoot(fronts, right, self.keys, self._size), left
+
+    def eliminate_before(self, end: int) -> LinearWalk:
+        """Eliminate the variables before place `end`."""
+        return self._eliminate(end)[2]
+
+    def minus_log_evidence(self, log_noise: float) -> float:
+        """Return -log p(z | assumed) up to a constant, `log_noise` that of the noises that the assumption changes.
+
+        E + log|R| + 1/2 sum_i log|S_i| of `sensitivity`, all variables eliminated.
+        """
+        left = self.eliminate_before(len(self.keys))
+        return float(left.error + left.volume + log_noise)
+
+    @cached_property
+    def _size(self) -> Ints:
+        return find_sizes(self.keys)
+
+    def _eliminate(self, end: int) -> tuple[Fronts, Floats, LinearWalk]:
+        later = []
+        for begins, member, rows, at, values in () if end == len(self.keys) else self.factors:
+            # The factors, where there are any, that have no variable before place `end`.
+            kept = np.minimum.reduceat(member, begins[:-1]) >= end
+            if kept.any():
+                many, size = np.diff(begins), np.diff(at)
+                places = [np.concatenate([[0], np.cumsum(count[kept])]) for count in (many, size)]
+                of_kept = member[np.repeat(kept, many)], rows[kept]
+                later.append(Factors(places[0], *of_kept, places[1], values[np.repeat(kept, size)]))
+        parts = self.factors
+        factors = Factors(
+            _chain_places([part.begins for part in parts]),
+            np.concatenate([part.member for part in parts]),
+            np.concatenate([part.rows for part in parts]),
+            _chain_places([part.at for part in parts]),
+            np.concatenate([part.values for part in parts]),
+        )
+        fronts, right, error, left, determined = eliminate_factors(factors, self._size, self.begin, end)
+        if not determined:
+            raise EstimationError(NO_SOLUTION)
+        volume = self.volume + sum_log_diagonal(fronts)
+        left_over = LinearWalk(self.keys, (left, *later), end, self.error + 0.5 * error, volume)
+        return fronts, right, left_over
+
+
+def _chain_places(parts: Sequence[Ints]) -> Ints:
+    """Return places (F+1,) that each begin at 0 as those of one array."""
+    behind = np.cumsum([part[-1] for part in parts])
+    ahead = [part[:-1] + before for part, before in zip(parts, [0, *behind], strict=False)]
+    return np.concatenate([*ahead, behind[-1:]])

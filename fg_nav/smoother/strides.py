@@ -30,13 +30,13 @@ from gtsam.symbol_shorthand import B, S, V, X
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.detection import Rest
+from fg_nav.detection.stance import Stances
 from fg_nav.factors.residual import ResidualBlock, factor_of, one_of
 from fg_nav.factors.walk_constraints import UnseenWalk
 from fg_nav.factors.zero_velocity import StanceVelocity, zero_rate_factor
 from fg_nav.recording import Recording
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.preintegration import Measurement
-from fg_nav.stances import Stances
 from fg_nav.system.compiled import njit
 
 LONG_STANCE_S = 0.5  # Beyond this length of a stance, nodes stand `REST_SPACING_S` apart.
@@ -232,7 +232,7 @@ def add_stride(graph: gtsam.NonlinearFactorGraph, stride: Stride, p: SmootherPar
 def join_velocities(velocities: StanceVelocity, nodes: Nodes) -> ResidualBlock:
     """Return the stance velocities of all nodes of a walk as one block, with their keys."""
     bias = nodes.bias[nodes.footfall].tolist()
-    return ResidualBlock(velocities, [(X(j), V(j), S(k)) for j, k in enumerate(bias)])
+    return ResidualBlock(velocities, [(X(j), V(j), S(k)) for j, k in enumerate(bias)], kind="zero_velocity")
 
 
 def stride_graph(stride: Stride, p: SmootherParameters) -> gtsam.NonlinearFactorGraph:

@@ -36,9 +36,9 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.detection.handedness import DECISIVE, SUSPECT, AxesEvidence
 from fg_nav.detection.sensor_processing import measure_high_pass, measure_smoothing
+from fg_nav.detection.stance import Stances
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.recording import Recording
-from fg_nav.stances import Stances
 from fg_nav.text import format_count
 
 Word = Literal["trusted", "doubtful", "not to be used"]

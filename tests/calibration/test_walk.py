@@ -97,6 +97,18 @@ def test_without_a_building_the_iron_is_found_to_a_hair():
     assert spread.after_deg < 1
 
 
+@pytest.mark.parametrize("strides", [30, 120])
+def test_the_normal_equations_take_no_more_memory_the_longer_the_walk(strides):
+    """Unknowns grow with time, so a matrix a stride would take 14 GB after six hours."""
+    model = walk_model.StrideModel.of(walked(round_walk(strides), np.random.default_rng(1)))
+    about = walk_model.fit_iron(model).linearization
+    assert about.information.shape == (walk_model.BLOCKS, model.unknowns, model.unknowns)
+    assert about.score.shape == (walk_model.BLOCKS, model.unknowns)
+    assert max(one.size for one in vars(about).values()) <= strides * PHASES * 3 * model.unknowns
+    covered = np.concatenate([np.arange(strides)[block] for block in walk_model.list_blocks(strides)])
+    np.testing.assert_array_equal(covered, np.arange(strides))
+
+
 @pytest.mark.parametrize("tilt_deg", [0.1, 0.5])
 def test_a_tilt_that_is_not_exact_is_not_taken_for_vertical_iron(tilt_deg):
     """A foot that stands flat shows the vertical iron by its tilt alone, and errors of the tilt look like all of it."""

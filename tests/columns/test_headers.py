@@ -96,8 +96,8 @@ def test_linear_acceleration_next_to_angular_velocity_is_that_of_ros():
         ([*PLAIN, "acc_x", "acc_y", "acc_z"], r"more than one acceleration \('ax', 'ay', 'az'|'acc_x'"),
         ([*PLAIN, *(f"right_{name}" for name in PLAIN[1:])], r"more than one acceleration.*'right_ax'"),
         (["t", *(f"lin_acc_{a}" for a in "xyz"), *PLAIN[4:]], "acceleration without gravity .*'lin_acc_x'"),
-        (PLAIN[:6], r"not all three axes of angular rate, only 'gx', 'gy'.*time=NAME"),
-        (PLAIN[:4], r"no column for angular rate among 't', 'ax', 'ay', 'az'.*--columns \"time=NAME"),
+        (PLAIN[:6], r"not all three axes of angular rate, only 'gx', 'gy'.*--columns \"gyr=NAME:NAME:NAME"),
+        (PLAIN[:4], r"no column for angular rate among 't', 'ax', 'ay', 'az'.*--columns \"gyr=NAME:NAME:NAME"),
         (["time", *PLAIN], r"more than one time \('time', 't'\)"),
     ],
 )  # fmt: skip

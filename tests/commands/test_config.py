@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 
-from fg_nav.changes import Changes, change_parameters
 from fg_nav.commands import config
 from fg_nav.errors import ConfigError, EstimationError, FgNavError
 from fg_nav.estimators import METHODS, choose_parameters
@@ -15,6 +14,7 @@ from fg_nav.lab.simulation import simulate
 from fg_nav.magnetic.detectors import Detector
 from fg_nav.pipeline import navigate
 from fg_nav.smoother import SmootherParameters
+from fg_nav.text import Changes, change_parameters
 from fg_nav.walk import Options
 from tests.command_line import FgNav, names
 

@@ -15,7 +15,7 @@ from fg_nav.cli import app
 from fg_nav.errors import DetectionError
 from fg_nav.frames import wrap_angle
 from fg_nav.io import read, write_canonical, write_tum
-from fg_nav.lab.field_survey import SAMPLEWISE, SURVEYED, USUAL
+from fg_nav.lab.field_survey import SAMPLEWISE, SURVEYED, USUAL, require_field
 from fg_nav.lab.simulation import simulate
 from fg_nav.magnetic.axes import align_magnetometer
 from fg_nav.magnetic.quasi_static import DEFAULT, DETECTORS, apply_gate, judge_samples
@@ -138,7 +138,7 @@ def test_a_gate_with_nothing_to_pass_is_a_contradiction(fg_nav: FgNav, files: Pa
 
 def test_every_method_without_a_compass_writes_the_same_verdicts(fg_nav: FgNav, files: Path) -> None:
     """Those of the gate, which is the detector of the filter of that name; `detect` shows the physical one."""
-    verdicts = np.array(apply_gate(prepare_walk(read_walk(files / "walk.csv")).require_field(), "aiez").words)
+    verdicts = np.array(apply_gate(require_field(prepare_walk(read_walk(files / "walk.csv"))), "aiez").words)
     ran = fg_nav("compare", files / "walk.csv", "--methods", "inertial,iez", "--gate", "aiez", "--out", "out")
     assert ran.code == 0, ran.err
     assert {"none", "disturbed", "quasi-static"} == set(verdicts)

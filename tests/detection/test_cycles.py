@@ -8,10 +8,10 @@ import pytest
 from fg_nav.detection import detect_stances
 from fg_nav.detection import footfalls as ff
 from fg_nav.detection.footfalls import find_cycle_stances, find_mid_swings, is_lowest_of_cycle, measure_period
+from fg_nav.detection.stance import Stances
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.lab.simulation.motion import Style
 from fg_nav.recording import Recording
-from fg_nav.stances import Stances
 from tests.simulated import SimulatedFoot, straight_walk
 
 RANGE_RAD_S = 8.9  # Of a sensor of 500 deg/s.

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from fg_nav.detection.rest import find_start
+from fg_nav.detection.stance import Stances
 from fg_nav.frames import GRAVITY_M_S2, compute_heading
 from fg_nav.recording import Recording
-from fg_nav.stances import Stances
 
 RATE = 200.0
 BIAS = np.radians([0.3, -0.2, 0.4])

@@ -9,12 +9,12 @@ from scipy.spatial.transform import Rotation
 from fg_nav.detection import detect_stances
 from fg_nav.detection import rolling_lever as lever_module
 from fg_nav.detection.rolling_lever import estimate_lever
+from fg_nav.detection.stance import Stances
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.lab.simulation.motion import Ramps
 from fg_nav.lab.simulation.mount import INSTEP, Mount
 from fg_nav.lab.simulation.person import Person
 from fg_nav.recording import Recording
-from fg_nav.stances import Stances
 from tests.simulated import FIRM, PERSON, QUIET, RIGID, mounted, straight_walk, turning_foot
 
 LEVER = np.array([-0.03, 0.02, 0.11])

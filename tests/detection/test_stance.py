@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fg_nav.arrays import find_runs
 from fg_nav.detection import StanceParameters, detect_stances
 from fg_nav.detection import stance as stance_module
 from fg_nav.detection.stance import ACC_NOISE_M_S2, GYR_NOISE_DEG_S, STATISTICS
@@ -14,7 +15,6 @@ from fg_nav.lab.simulation.motion import Style
 from fg_nav.lab.simulation.mount import Mount
 from fg_nav.lab.simulation.person import Person
 from fg_nav.recording import Recording
-from fg_nav.stances import find_runs
 from tests.simulated import WALKERS, straight_walk
 
 

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.polynomial import Polynomial
 
 from fg_nav.arrays import Floats
+from fg_nav.detection.stance import Stances
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.recording import Recording
-from fg_nav.stances import Stances
 
 RISE = Polynomial([0, 0, 0, 0, 35, -84, 70, -20])
 BUMP = Polynomial([0, 1]) ** 4 * Polynomial([1, -1]) ** 4 * 256

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from fg_nav.detection.rest import find_start
+from fg_nav.detection.stance import Stances
 from fg_nav.ekf import OPENSHOE, IezParameters, run_iez
 from fg_nav.ekf.core import filter_walk
 from fg_nav.errors import EstimationError
 from fg_nav.evaluation import align, evaluate, fit_scale
 from fg_nav.frames import compute_heading, yaw_rotation
 from fg_nav.recording import Recording
-from fg_nav.stances import Stances
 from fg_nav.truth import TrajectoryTruth
 from tests.ekf.motion import Walk
 

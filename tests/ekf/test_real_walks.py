@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 
+from fg_nav.detection.stance import Stances
 from fg_nav.ekf import run_iez
 from fg_nav.evaluation import evaluate
-from fg_nav.io import read, read_pyshoe_labels
+from fg_nav.io import read
 from fg_nav.lab.consistency import compute_stance_nees
-from fg_nav.stances import Stances
+from fg_nav.lab.pyshoe import read_pyshoe_labels
 from tests.real_data import DATA, needs_data
 
 PYSHOE = {"mean": (0.079, 0.131), "median": (0.055, 0.087)}

@@ -10,11 +10,11 @@ import pytest
 
 from fg_nav.arrays import Floats
 from fg_nav.errors import EvaluationError
-from fg_nav.evaluation.comparison import check_truth, compare, match_footprints
+from fg_nav.evaluation.comparison import compare, match_footprints
 from fg_nav.evaluation.metrics import evaluate
 from fg_nav.pipeline import prepare_walk
 from fg_nav.recording import Recording
-from fg_nav.truth import FootprintTruth, TrajectoryTruth
+from fg_nav.truth import FootprintTruth, TrajectoryTruth, check_truth
 from fg_nav.walk import Options, Walk
 from tests.evaluation.walks import solution
 from tests.io.samples import tilting

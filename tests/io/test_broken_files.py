@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from fg_nav.errors import FgNavError
 from fg_nav.inspection import inspect
-from fg_nav.io import FORMATS, read, read_pyshoe_labels, read_raw, read_truth, write_tum
+from fg_nav.io import FORMATS, read, read_raw, read_truth, write_tum
 from tests.io.samples import WRITERS, tilting
 from tests.scripts import load_script
 
@@ -67,7 +67,7 @@ def _swallow(data: bytes, path: Path) -> None:
             is_a_line(error)
             continue
         assert all("\n" not in sentence for sentence in inspect(raw).verdict)
-    for reader in (read, read_truth, read_pyshoe_labels):
+    for reader in (read, read_truth):
         try:
             reader(path)
         except FgNavError as error:

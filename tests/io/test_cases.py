@@ -21,7 +21,7 @@ from scipy.signal import butter, filtfilt
 from fg_nav import navigate
 from fg_nav.columns.mapping import CANONICAL
 from fg_nav.detection.sensor_processing import estimate_gyro_delay, read_rate_at
-from fg_nav.errors import FgNavError, FormatError, RecordingError
+from fg_nav.errors import FormatError, RecordingError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.inspection import inspect
 from fg_nav.io import Reading, read, read_raw, read_truth
@@ -413,7 +413,8 @@ def test_swapped_labels_are_named_with_a_command_that_works() -> None:
     path = CASES / "17_sentences_that_mislead" / "labels_swapped.csv"
     with pytest.raises(FormatError, match=r"columns called gx, gy, gz measure gravity \(1.002 at rest\)") as caught:
         read(path)
-    assert len(read(path, columns=shlex.split(str(caught.value))[-1].rstrip("."))) == 4001
+    mapping = shlex.split(str(caught.value))[-1].rstrip(".").replace("UNIT", "deg/s")
+    assert len(read(path, columns=mapping)) == 4001
 
 
 ROW = {"t": T, "a": WALK.acc, "w": WALK.gyr, "d": DEG, "g": G}
@@ -442,9 +443,7 @@ def test_other_names(names: list[str], columns: list[object], tmp_path: Path) ->
 
 def test_a_mapping_completes_what_was_recognized(tmp_path: Path) -> None:
     path = write(tmp_path / "walk.csv", ["time", *xyz("a{}"), "p", "q", "r"], [T, WALK.acc, WALK.gyr])
-    with pytest.raises(
-        FormatError, match=r"no column for angular rate.*--columns \"time=time,acc=ax:ay:az,gyr=p:q:r\""
-    ):
+    with pytest.raises(FormatError, match=r"no column for angular rate.*--columns \"gyr=NAME:NAME:NAME"):
         read(path)
     assert is_the_walk(read_raw(path, columns="gyr=p:q:r"))
 
@@ -499,7 +498,7 @@ def test_tables_of_two_sensors_in_a_folder(tmp_path: Path, fg_nav: FgNav) -> Non
     gyr = write(folder / "left_Gyroscope.csv", ["time", "x", "y", "z"], [T * 1e3, WALK.gyr])
     assert is_the_walk(read_raw(folder))
     for ran in (fg_nav("inspect", acc), fg_nav("run", acc, gyr)):
-        assert ran.refused("the tables of one recording into a folder of their own", f"fg-nav inspect {folder}")
+        assert ran.refused("the tables of one recording into a folder of their own", "fg-nav inspect FOLDER")
 
 
 def test_tables_of_three_sensors_in_an_archive(tmp_path: Path) -> None:
@@ -597,9 +596,9 @@ def test_the_sigma_of_a_rate_may_be_said(tmp_path: Path, fg_nav: FgNav) -> None:
     assert fg_nav("inspect", path, "--rate", "fast").refused("a rate of fast Hz is none")
 
 
-def test_an_array_without_names_is_proposed_in_the_order_that_physics_shows(tmp_path: Path) -> None:
+def test_an_array_without_names_is_read_by_number(tmp_path: Path) -> None:
     np.save(tmp_path / "walk.npy", np.column_stack([T, WALK.gyr, WALK.acc]))
-    with pytest.raises(FormatError, match=r"time=1,acc=5:6:7,gyr=2:3:4"):
+    with pytest.raises(FormatError, match=r"7 columns and no header.*--columns \"time=NAME"):
         read(tmp_path / "walk.npy")
     assert is_the_walk(read_raw(tmp_path / "walk.npy", columns="time=1,acc=5:6:7,gyr=2:3:4"))
 
@@ -650,12 +649,6 @@ def test_a_proposal_that_fails_is_found(tmp_path: Path, fg_nav: FgNav) -> None:
             check_proposals(fg_nav, ["inspect", path], Ran(1, "", f"fg-nav: {words}"))
     works = f"type fg-nav inspect {path} --json, or leave --rate out."
     assert check_proposals(fg_nav, ["inspect", path, "--rate", "9"], Ran(1, "", f"fg-nav: {works}")) == 2
-
-
-def test_a_refusal_without_a_mapping_that_works_leaves_the_names_open(tmp_path: Path) -> None:
-    path = write(tmp_path / "walk.csv", ["t", *xyz("a{}"), "p", "q", "r"], [T, WALK.acc, np.zeros((len(T), 3))])
-    with pytest.raises(FgNavError, match=r"acc=NAME:NAME:NAME\[UNIT\]"):
-        read(path)
 
 
 # --- pressure of the air among them -------------------------------------------------------------------------------

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from fg_nav.errors import FormatError
-from fg_nav.io import read, read_pyshoe_track, read_raw, read_truth
+from fg_nav.io import read, read_raw, read_truth
+from fg_nav.lab.pyshoe import read_pyshoe_track
 from fg_nav.truth import FootprintTruth
 from tests.io.samples import tilting, write_gdlbio
 from tests.real_data import DATA, needs_data

@@ -75,7 +75,7 @@ def test_phyphox_files_of_several_experiments_are_refused(tmp_path: Path) -> Non
         read_files({**phyphox(RAW), "data.csv": files["Gyroscope.csv"]}, tmp_path / "other")
 
 
-WITHOUT_GRAVITY = "gravity has been removed"
+WITHOUT_GRAVITY = "no accelerometer.*record the accelerometer, with gravity in it"
 
 
 @pytest.mark.parametrize("short", [False, True])
@@ -156,7 +156,7 @@ def test_apps_that_removed_gravity_are_refused(tmp_path: Path) -> None:
 def test_slow_apps_are_refused(tmp_path: Path) -> None:
     slow = RawRecording(t=RAW.t * 50.0, acc=RAW.acc, gyr=RAW.gyr, mag=RAW.mag, row=RAW.row)
     for files in (androsensor(slow), gnss_logger(slow), hyperimu(slow)):
-        with pytest.raises(FormatError, match=r"has 2.0 samples a second, too few to follow a walk"):
+        with pytest.raises(FormatError, match=r"has 2 samples a second, too few to follow a walk"):
             read_files(files, tmp_path / "walk.csv")
 
 
@@ -227,8 +227,8 @@ def test_real_recordings(place: str, rate_hz: float, rest: float, field_uT: floa
         ("sensor-logger-ios-mag", WITHOUT_GRAVITY),
         ("sensor-logger-ios/2022-09-09_13-14-55", "no gyroscope"),
         ("phyphox-semicolon", "give the files of one experiment"),
-        ("androsensor/Upstairs1.csv", "2.0 samples a second"),
-        ("gnss-logger/pixel6.txt", "a sample every 56.5 s, too few"),
+        ("androsensor/Upstairs1.csv", "2 samples a second"),
+        ("gnss-logger/pixel6.txt", "0.0177 samples a second, too few"),
     ],
 )
 def test_real_recordings_that_are_refused(place: str, message: str) -> None:

@@ -109,7 +109,8 @@ def test_a_gyroscope_at_rest_is_asked_for_with_the_command_to_type(tmp_path: Pat
     words = str(caught.value)
     assert f"fg-nav inspect '{path}' --columns \"" in words
     mapping = words.split('"')[1]
-    assert mapping == "time=t,acc=ax:ay:az,gyr=gx:gy:gz[deg/s]"
+    assert mapping == "time=t,acc=ax:ay:az,gyr=gx:gy:gz[UNIT]"
+    mapping = mapping.replace("UNIT", "deg/s")
     np.testing.assert_allclose(read(path, columns=mapping).gyr, np.radians(still.gyr), atol=1e-6)
 
 
@@ -227,7 +228,7 @@ def test_npz(tmp_path: Path) -> None:
     np.savez_compressed(path, t=RAW.t * 1e3, imu=np.column_stack([RAW.acc, RAW.gyr]))
     assert is_the_same(read_raw(path))
     np.savez(path, ts=RAW.t, one=RAW.acc, two=RAW.gyr)
-    with pytest.raises(FormatError, match=r"columns 'ts', 'one 1', .* none names acceleration or angular rate"):
+    with pytest.raises(FormatError, match=r"no column for acceleration among 'ts', 'one 1'"):
         read_raw(path)
     assert is_the_same(read_raw(path, columns="time=ts,acc=one 1:one 2:one 3[m/s^2],gyr=two 1:two 2:two 3[rad/s]"))
 
@@ -291,11 +292,14 @@ STARTS = [
     (b"stride,x_m,y_m\n0,0,0\n1,1,1\n", r"is no recording but footprints: .*--truth"),
     (b"time_s,x_m,y_m,z_m,sigma_m\n1,2,3,4,1\n", "is no recording but known positions.*--fixes"),
     (b'{\n "format": "fg-nav calibration",\n "version": 1\n}', "is no recording but a calibration.*--calibration"),
-    (b"# t x y z qx qy qz qw\n" + b"1.5 0 0 0 0 0 0.6 0.8\n" * 9, "is no recording but a true path.*--truth"),
+    (
+        b"# t x y z qx qy qz qw\n" + b"".join(b"%d.5 0 0 0 0 0 0.6 0.8\n" % k for k in range(9)),
+        "is no recording but a true path.*--truth",
+    ),
     (b"1 2 3 4 1e300 0 0 1\n" * 9, r"8 columns and no header"),
     (b"\x89HDF\r\n\x1a\n\0\0", "HDF5 file"),
-    (b"a,b,c,d,e,f,g\n" + b"1,2,3,4,5,6,7\n" * 9, r"nearest to a table, .*'a', 'b'.*--columns \"time=NAME"),
-    (b"t,ax,ay,az,p,q,r\n" + b"1,2,3,4,5,6,7\n" * 9, r"no column for angular rate among .*time=NAME"),
+    (b"a,b,c,d,e,f,g\n" + b"1,2,3,4,5,6,7\n" * 9, r"no column for acceleration among 'a', 'b'.*--columns \"acc=NAME"),
+    (b"t,ax,ay,az,p,q,r\n" + b"1,2,3,4,5,6,7\n" * 9, r"no column for angular rate among .*gyr=NAME"),
     (b"1,2,3,4,5,6,7\n" * 9, r"7 columns and no header.*time=NAME"),
     (b"dear reader,\nno numbers here\n", r"none of the \d+ formats.*text without a table.*fg-nav inspect"),
 ]
@@ -350,8 +354,8 @@ def test_the_nearest_in_a_folder_and_in_a_matlab_file(tmp_path: Path) -> None:
         write(folder / f"{name}.csv", ["t", *(f"{name}_{axis}" for axis in "xyz")], np.column_stack([RAW.t, own]))
     np.testing.assert_allclose(read(folder).gyr, RAW.gyr, atol=1e-6)
     write(folder / "acc.txt", ["t", "ax", "ay", "az"], table_of()[:, :4])
-    with pytest.raises(FormatError, match=r"holds two tables of the accelerometer|holds 2 sensors"):
+    with pytest.raises(FormatError, match=r"holds two tables of a sensor|holds 2 sensors"):
         read_raw(folder)
     scipy.io.savemat(tmp_path / "walk.mat", {"foo": RAW.acc, "bar": RAW.gyr})
-    with pytest.raises(FormatError, match=r"variables 'bar', 'foo': save the samples in arrays"):
+    with pytest.raises(FormatError, match=r"no column for acceleration among 'foo 1', .*'bar 1'"):
         read_raw(tmp_path / "walk.mat")

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from fg_nav.errors import FormatError, OutputError
-from fg_nav.io import read_pyshoe_labels, read_raw, read_truth, write_canonical, write_tum
+from fg_nav.io import read_raw, read_truth, write_canonical, write_tum
+from fg_nav.lab.pyshoe import read_pyshoe_labels
 from fg_nav.recording import RawRecording
 from fg_nav.truth import FootprintTruth, TrajectoryTruth
 from tests.io.samples import tilting, write_broad, write_pyshoe

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from fg_nav.detection.stance import Stances
 from fg_nav.errors import EstimationError, MagneticError
 from fg_nav.frames import GRAVITY_M_S2, compute_heading, level_attitude, wrap_angle
 from fg_nav.magnetic import average_footfall_field
 from fg_nav.magnetic.footfall_field import HALF_WINDOW_S, integrate_attitude
 from fg_nav.recording import Recording
-from fg_nav.stances import Stances
 from tests.magnetic.fields import DIP, EARTH
 
 RATE_HZ, STRIDE, STAND = 100.0, 100, 40

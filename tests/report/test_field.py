@@ -11,6 +11,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.image import imread
 
 from fg_nav.arrays import Floats, Ints
+from fg_nav.detection.stance import Stances
 from fg_nav.earth import EarthField
 from fg_nav.lab.field_drawing import ACCEPTED, REJECTED, UNJUDGED, plot_field, plot_field_map
 from fg_nav.lab.field_survey import FieldSurvey, measure_coverage, survey_field
@@ -19,7 +20,6 @@ from fg_nav.magnetic import FieldVerdicts, FootfallField
 from fg_nav.report.course import AlignedSolution
 from fg_nav.report.plots import style
 from fg_nav.solution import Solution
-from fg_nav.stances import Stances
 from fg_nav.walk import Walk
 from tests.magnetic.fields import footfalls, turned
 from tests.report import walks

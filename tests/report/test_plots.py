@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
+from fg_nav.detection.stance import Stances
 from fg_nav.evaluation import evaluate
 from fg_nav.recording import Recording
 from fg_nav.report.charts import Chart, Trace, envelope, spread_rows
@@ -20,7 +21,6 @@ from fg_nav.report.plots import style
 from fg_nav.report.plots.walk import draw_walk
 from fg_nav.report.series import draw_headings
 from fg_nav.solution import Solution, StanceTable
-from fg_nav.stances import Stances
 from fg_nav.truth import TrajectoryTruth
 from fg_nav.walk import Options, Outcome, Walk
 from tests.report import walks

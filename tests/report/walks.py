@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from fg_nav.detection.stance import Stances
 from fg_nav.evaluation import evaluate
 from fg_nav.evaluation.comparison import compare
 from fg_nav.lab.simulation import SimulatedWalk, simulate
 from fg_nav.recording import Recording
 from fg_nav.solution import Solution, StanceTable
-from fg_nav.stances import Stances
 from fg_nav.truth import FootprintTruth, TrajectoryTruth
 from fg_nav.walk import Options, Outcome, Walk
 

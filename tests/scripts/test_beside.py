@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fg_nav.detection.stance import Stances
 from fg_nav.evaluation import Metrics
 from fg_nav.frames import yaw_rotation
 from fg_nav.lab.simulation import simulate
-from fg_nav.stances import Stances
 from fg_nav.truth import FootprintTruth, TrajectoryTruth
 from tests.evaluation.walks import solution
 from tests.real_data import DATA, needs_data

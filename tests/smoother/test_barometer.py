@@ -17,7 +17,7 @@ from fg_nav.online import OnlineNavigator
 from fg_nav.online.buffer import OnlineOptions, rows_of
 from fg_nav.recording import Recording
 from fg_nav.smoother import smooth
-from fg_nav.smoother.barometer import SCALE_HEIGHT_M, SCALE_SIGMA, average_pressures, calibrate_barometer
+from fg_nav.smoother.heights import SCALE_HEIGHT_M, SCALE_SIGMA, average_pressures, calibrate_barometer
 from fg_nav.smoother.parameters import SmootherParameters, WalkParameters
 from fg_nav.smoother.strides import place_nodes
 from fg_nav.solution import Solution

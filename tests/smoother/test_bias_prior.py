@@ -12,8 +12,7 @@ from fg_nav.factors.differential_field import GYRO
 from fg_nav.recording import Recording
 from fg_nav.smoother import smooth
 from fg_nav.smoother.graph import solve
-from fg_nav.smoother.gyro_bias import SIGMA_LEVELS, SIGMA_PRIOR, average_bias_prior, match_mixture
-from fg_nav.smoother.problem import walk_problem
+from fg_nav.smoother.problem import SIGMA_LEVELS, SIGMA_PRIOR, average_bias_prior, match_mixture, walk_problem
 from fg_nav.smoother.strides import ACC_BIAS_SIGMA
 from fg_nav.solution import Solution
 from tests.smoother.walks import DEFAULT, demo, part

@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from fg_nav.arrays import Floats
-from fg_nav.smoother.gauss_newton import CONVERGENCE
 from fg_nav.smoother.graph import WalkProblem, solve
-from fg_nav.smoother.gyro_bias import WALK_LEVELS_DEG_S, WALK_PRIOR, average_bias_walk
-from fg_nav.smoother.problem import walk_problem
+from fg_nav.smoother.problem import WALK_LEVELS_DEG_S, WALK_PRIOR, average_bias_walk, walk_problem
+from fg_nav.smoother.solver import CONVERGENCE
 from fg_nav.smoother.strides import MIN_WALK_DEG_S
 from tests.smoother.walks import DEFAULT, Walk, demo, part, time_order
 

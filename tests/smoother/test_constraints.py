@@ -13,16 +13,14 @@ from fg_nav.factors.residual import factor_of
 from fg_nav.factors.walk_constraints import FloorHeight
 from fg_nav.frames import yaw_rotation
 from fg_nav.smoother import smooth
-from fg_nav.smoother.constraints import constrain_heights
-from fg_nav.smoother.directions import (
+from fg_nav.smoother.building import (
     DirectionFactors,
     Mixture,
     list_displacements,
     make_direction_factors,
 )
-from fg_nav.smoother.floors import LEVEL_SIGMA_M
-from fg_nav.smoother.gauss_newton import find_minimum
-from fg_nav.smoother.solver import LinearizableBlock, Solved, WalkSystem, marginal_covariances
+from fg_nav.smoother.heights import LEVEL_SIGMA_M, constrain_heights
+from fg_nav.smoother.solver import LinearizableBlock, Solved, WalkSystem, find_minimum, marginal_covariances
 from tests.smoother.walks import DEFAULT, FREE, demo, list_keys, problem, time_order
 
 STRIDE_M = 1.3

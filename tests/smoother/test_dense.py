@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.recording import Recording
-from fg_nav.smoother.dense_path import dense_trajectory
+from fg_nav.smoother.graph import dense_trajectory
 from tests.simulated import RIGID
 from tests.smoother.walks import degrees_between, noise_free
 

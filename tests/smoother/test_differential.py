@@ -15,7 +15,6 @@ from fg_nav.factors.differential_field import BiasInformation
 from fg_nav.magnetic import average_footfall_field
 from fg_nav.recording import Recording
 from fg_nav.smoother import differential, smooth
-from fg_nav.smoother.dense_path import trajectory_of
 from fg_nav.smoother.differential import (
     DifferentialFactors,
     LevelBias,
@@ -26,7 +25,7 @@ from fg_nav.smoother.differential import (
     turn_stretches,
     write_note,
 )
-from fg_nav.smoother.graph import WalkProblem, solve
+from fg_nav.smoother.graph import WalkProblem, solve, trajectory_of
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.problem import walk_problem
 from fg_nav.smoother.strides import place_nodes
@@ -85,8 +84,7 @@ def with_factors(rough: bool) -> tuple[WalkProblem, gtsam.Values]:
 
 
 def factors_of(problem: WalkProblem) -> DifferentialFactors:
-    assert problem.differential is not None
-    return problem.differential
+    return problem.get(DifferentialFactors)
 
 
 def up_bias_deg_s(found: Solution) -> Floats:
@@ -116,7 +114,7 @@ def test_its_factors_are_the_same_in_batch_and_one_by_one() -> None:
     for key, information in together.items():
         np.testing.assert_array_equal(information, one_by_one[key])
         assert (information[:3, :3] == 0.0).all()
-    n_without = replace(problem, differential=None).factors().size()
+    n_without = problem.without(DifferentialFactors).factors().size()
     assert problem.factors().size() == n_without + len(factors)
 
 
@@ -185,8 +183,8 @@ def test_a_walk_of_few_swings_has_no_variogram_and_no_factors() -> None:
 def test_it_can_be_left_out() -> None:
     problem, values = with_factors(True)
     off = replace(problem.parameters, magnetic=replace(problem.parameters.magnetic, differential=False))
-    without = replace(problem, parameters=off, differential=None)
-    assert add_differential_field(without, values, track_of(problem, values)).differential is None
+    without = replace(problem.without(DifferentialFactors), parameters=off)
+    assert add_differential_field(without, values, track_of(problem, values)).find(DifferentialFactors) is None
 
 
 def test_the_notes_say_how_many_stances_and_how_well() -> None:

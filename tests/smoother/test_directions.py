@@ -16,12 +16,13 @@ from fg_nav.lab.simulation.path import Path, arc, polyline
 from fg_nav.lab.simulation.plan import Walk
 from fg_nav.recording import Recording
 from fg_nav.smoother import smooth, smooth_graph
-from fg_nav.smoother.directions import (
+from fg_nav.smoother.building import (
     LEG_COURSES,
     MIN_EVIDENCE,
     NONE_FOUND,
     STRAIGHT_WITHIN_M,
     STRIDES,
+    DirectionFactors,
     find_straight,
     list_displacements,
     share_legs,
@@ -176,7 +177,7 @@ def test_the_direction_is_a_variable_that_is_eliminated_last() -> None:
     recording = walked("rectangle")
     walk = smooth_graph(recording, detect_stances(recording), WITH)
     problem = walk.walk.problem
-    assert problem.directions is not None
+    assert problem.find(DirectionFactors) is not None
     keys = order_variables(problem)
     assert int(keys[-1]) == A(0)
     assert (keys != A(0)).sum() == len(keys) - 1

@@ -27,8 +27,9 @@ from fg_nav.smoother.feet import (
     smooth_feet,
     solve_feet,
 )
-from fg_nav.smoother.gauss_newton import LinearWalk, find_minimum, find_sizes
 from fg_nav.smoother.graph import turn_walk
+from fg_nav.smoother.solver import find_minimum
+from fg_nav.smoother.square_root import LinearWalk, find_sizes
 from fg_nav.truth import TrajectoryTruth
 
 SIDES = ("left", "right")

@@ -11,6 +11,7 @@ import pytest
 
 from fg_nav.arrays import Bools, Floats
 from fg_nav.detection import RestParameters, detect_stances
+from fg_nav.detection.stance import Stances
 from fg_nav.errors import EstimationError, MagneticError
 from fg_nav.frames import GRAVITY_M_S2, compute_heading, wrap_angle
 from fg_nav.lab.simulation import simulate
@@ -23,7 +24,6 @@ from fg_nav.smoother import SmootherParameters, smooth
 from fg_nav.smoother.field import MIN_SEEN
 from fg_nav.smoother.parameters import FieldParameters
 from fg_nav.solution import Solution
-from fg_nav.stances import Stances
 from fg_nav.truth import TrajectoryTruth
 from tests.smoother.walks import DEFAULT, demo
 

@@ -25,8 +25,8 @@ from fg_nav.factors.magnetic_field import (
 from fg_nav.factors.rotation import skew
 from fg_nav.frames import yaw_rotation
 from fg_nav.smoother import field_factors
-from fg_nav.smoother.field import COMPASS_SIGMA_UT
 from fg_nav.smoother.field_factors import (
+    COMPASS_SIGMA_UT,
     PATH_SIGMA_UT_M,
     CompassReadings,
     FieldFactors,

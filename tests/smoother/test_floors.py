@@ -13,8 +13,14 @@ from fg_nav.lab.simulation.path import polyline
 from fg_nav.lab.simulation.plan import Section, Stairs, Stand, TurnOnSpot, Walk
 from fg_nav.lab.simulation.routes import stairs
 from fg_nav.smoother import smooth
-from fg_nav.smoother.constraints import find_floors_of_pieces
-from fg_nav.smoother.floors import DRIFTS_M, estimate_noise, find_floors, find_riser, judge_ground
+from fg_nav.smoother.heights import (
+    DRIFTS_M,
+    estimate_noise,
+    find_floors,
+    find_floors_of_pieces,
+    find_riser,
+    judge_ground,
+)
 from fg_nav.smoother.parameters import WalkParameters
 from fg_nav.solution import Solution
 from fg_nav.truth import Fix

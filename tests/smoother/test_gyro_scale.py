@@ -12,7 +12,7 @@ from fg_nav.magnetic import average_footfall_field
 from fg_nav.mechanisation import NavState, rotation_vector, strapdown
 from fg_nav.recording import Recording
 from fg_nav.smoother import smooth, smooth_graph
-from fg_nav.smoother.shared_errors import (
+from fg_nav.smoother.sensitivity import (
     ALIKE_SIGMA,
     MIN_OWN,
     SCALE_SIGMA,

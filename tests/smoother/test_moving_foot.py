@@ -10,17 +10,12 @@ from gtsam.symbol_shorthand import X
 from fg_nav.arrays import Floats
 from fg_nav.evaluation import evaluate
 from fg_nav.factors.residual import ResidualBlock
+from fg_nav.online.estimates import extend_covariance
 from fg_nav.recording import Recording
 from fg_nav.smoother import smooth
 from fg_nav.smoother.graph import WalkProblem, solve
 from fg_nav.smoother.problem import _cut, walk_problem
-from fg_nav.smoother.shared_errors import (
-    FORWARD_SIGMA,
-    SIDEWAYS_SIGMA,
-    extend_covariance,
-    find_motion,
-    weigh_moving_foot,
-)
+from fg_nav.smoother.sensitivity import FORWARD_SIGMA, SIDEWAYS_SIGMA, find_motion, weigh_moving_foot
 from fg_nav.smoother.solver import Solved
 from tests.simulated import RIGID
 from tests.smoother.walks import DEFAULT, noise_free

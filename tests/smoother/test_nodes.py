@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from fg_nav.detection.stance import Stances
 from fg_nav.recording import Recording
 from fg_nav.smoother.strides import LONG_STANCE_S, REST_SPACING_S, place_nodes
-from fg_nav.stances import Stances
 from tests.smoother.walks import DEFAULT, demo
 
 RATE = 200.0

@@ -11,6 +11,7 @@ from fg_nav import factors
 from fg_nav.arrays import Floats
 from fg_nav.magnetic import average_footfall_field
 from fg_nav.smoother.field import integrate_field, solve_with_field
+from fg_nav.smoother.field_factors import FieldFactors
 from fg_nav.smoother.graph import WalkProblem
 from fg_nav.smoother.problem import walk_problem
 from tests.smoother.walks import DEFAULT, demo, part, time_order, track_of
@@ -66,9 +67,9 @@ def test_batch_and_isam2_linearize_the_same_walk_to_the_same_information(
     heading: float | None, potential: bool
 ) -> None:
     problem = solved_with_field(heading, {"potential": potential})
-    assert problem.field is not None
-    assert len(problem.field.heading) >= FOOTFALLS - 3
-    assert (len(problem.field.potential) > 0) == potential
+    field = problem.get(FieldFactors)
+    assert len(field.heading) >= FOOTFALLS - 3
+    assert (len(field.potential) > 0) == potential
     # Also where the tilt is not the one that levels the field.
     delta = gtsam.VectorValues()
     rng = np.random.default_rng(1)

@@ -12,27 +12,30 @@ from gtsam.symbol_shorthand import M, X
 from scipy.stats import multivariate_normal
 
 from fg_nav.arrays import Floats
+from fg_nav.detection.stance import Stances
 from fg_nav.factors.magnetic_field import PHI, SIZE
 from fg_nav.factors.residual import Stack
 from fg_nav.lab.simulation.fields import draw_environment
 from fg_nav.magnetic import average_footfall_field
 from fg_nav.recording import Recording
-from fg_nav.smoother import potential, smooth
-from fg_nav.smoother.field import integrate_field, solve_with_field
-from fg_nav.smoother.field_factors import MIN_TELESCOPING, PATH_SIGMA_UT_M, FieldFactors, FieldRoughness
-from fg_nav.smoother.gauss_newton import LinearWalk
-from fg_nav.smoother.graph import WalkProblem
-from fg_nav.smoother.potential import (
-    PRIOR,
+from fg_nav.smoother import field as field_rounds
+from fg_nav.smoother import smooth
+from fg_nav.smoother.field import (
     SHARES,
+    SHARES_PRIOR,
     PathNoise,
     _eliminate_between,
-    _minus_log_evidence,
+    _weigh_share,
     average_path_noise,
+    integrate_field,
+    set_field,
+    solve_with_field,
 )
+from fg_nav.smoother.field_factors import MIN_TELESCOPING, PATH_SIGMA_UT_M, FieldFactors, FieldRoughness
+from fg_nav.smoother.graph import WalkProblem
 from fg_nav.smoother.problem import walk_problem
 from fg_nav.smoother.solver import WalkSystem, list_in_time
-from fg_nav.stances import Stances
+from fg_nav.smoother.square_root import LinearWalk
 from tests.smoother.test_field import heading_error_deg, in_field, replace_field, truth_of
 from tests.smoother.test_field_factors import KNOWN, NEVER, NONE, ROUGH, Walked, steady  # noqa: F401
 from tests.smoother.test_potential import EARTH, solved_in
@@ -50,11 +53,10 @@ def noise_of(seed: int, drift_uT_m: float) -> PathNoise:
     """Of the demonstration over a rough floor, its integrals with so much white noise a stride."""
     found, _ = solved_in(seed)
     problem = found.problem
-    assert problem.field is not None
-    bold = problem.field.assume_lost_share(0.0)
+    bold = problem.get(FieldFactors).assume_lost_share(0.0)
     noise = drift_uT_m * np.random.default_rng(seed).standard_normal(len(bold.path.u))
     noisy = with_integrals(bold, noise)
-    return average_path_noise(replace(problem, field=noisy), found.solved.values)
+    return average_path_noise(set_field(problem, noisy), found.solved.values)
 
 
 def potentials(share: float, walked: Walked) -> multivariate_normal:
@@ -89,7 +91,7 @@ def test_evidence_is_that_of_the_density_of_the_integrals() -> None:
     walked = in_known_building(40)
     added = potentials(0.1, walked).rvs(random_state=0)
     field, rest, values = held(walked, added)
-    found = [_minus_log_evidence(rest, field.assume_lost_share(share), values) for share in SHARES]
+    found = [_weigh_share(rest, field.assume_lost_share(share), values) for share in SHARES]
     expected = [-potentials(share, walked).logpdf(added) for share in SHARES]
     np.testing.assert_allclose(np.diff(found), np.diff(expected), atol=1e-3)
 
@@ -99,8 +101,8 @@ def find_shares(walked: Walked, true: float, draws: int, monkeypatch: pytest.Mon
     shares = []
     for added in potentials(true, walked).rvs(draws, random_state=1):
         field, rest, values = held(walked, added)
-        monkeypatch.setattr(potential, "_eliminate_between", lambda *_, rest=rest: rest)
-        problem = cast(WalkProblem, SimpleNamespace(field_factors=field))
+        monkeypatch.setattr(field_rounds, "_eliminate_between", lambda *_, rest=rest: rest)
+        problem = cast(WalkProblem, SimpleNamespace(get=lambda _, field=field: field))
         shares.append(average_path_noise(problem, values).lost_share)
     return np.array(shares)
 
@@ -110,8 +112,8 @@ def test_the_mean_share_over_walks_is_that_of_the_walks(monkeypatch: pytest.Monk
     """As often as before the walk: on short walks all are near the mean, on long ones each near its own."""
     for count, apart in ((8, 0.0), (150, 0.8)):
         found = [find_shares(in_known_building(count), share, 30, monkeypatch) for share in SHARES]
-        mean = np.average(np.mean(found, axis=1), weights=PRIOR)
-        assert mean == pytest.approx(np.average(SHARES, weights=PRIOR), abs=0.1)
+        mean = np.average(np.mean(found, axis=1), weights=SHARES_PRIOR)
+        assert mean == pytest.approx(np.average(SHARES, weights=SHARES_PRIOR), abs=0.1)
         assert found[-2].mean() - found[0].mean() > apart
 
 
@@ -128,15 +130,14 @@ def test_integrals_that_do_not_telescope_are_not_taken_for_those_that_do(seed: i
 
 def test_nodes_eliminated_first_change_no_difference_of_evidence() -> None:
     found, _ = solved_in(0)
-    values, field = found.solved.values, found.problem.field
-    assert field is not None
+    values, field = found.solved.values, found.problem.get(FieldFactors)
     rest = _eliminate_between(found.problem, values)
     levels = [field.assume_lost_share(share) for share in (1.0, 0.1)]
-    short = np.diff([_minus_log_evidence(rest, one, values) for one in levels])
-    blocks = replace(found.problem, field=None).blocks
+    short = np.diff([_weigh_share(rest, one, values) for one in levels])
+    blocks = found.problem.without(FieldFactors).system.blocks
     order = list_in_time(found.problem.nodes, with_field=True)
     walk = LinearWalk.of(WalkSystem(found.problem.graph, blocks).stack(values), order)
-    whole = np.diff([_minus_log_evidence(walk, one, values) for one in levels])
+    whole = np.diff([_weigh_share(walk, one, values) for one in levels])
     np.testing.assert_allclose(short, whole, atol=1e-6)
 
 

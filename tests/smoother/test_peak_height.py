@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from fg_nav.detection import detect_stances
+from fg_nav.detection.stance import Stances
 from fg_nav.lab.simulation.motion import Style
 from fg_nav.recording import Recording
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.problem import walk_problem
-from fg_nav.stances import Stances
 from tests.simulated import straight_walk
 
 RANGE_RAD_S = 8.9

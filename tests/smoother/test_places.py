@@ -18,12 +18,9 @@ from fg_nav.lab.simulation.scenario_file import read_scenario
 from fg_nav.magnetic import average_footfall_field
 from fg_nav.places import Signature, Stretch
 from fg_nav.recording import Recording
-from fg_nav.smoother import SmootherParameters, places, smooth_graph
+from fg_nav.smoother import SmootherParameters, building, smooth_graph
 from fg_nav.smoother.batch import SmoothedWalk
-from fg_nav.smoother.gauss_newton import CONVERGENCE, find_minimum
-from fg_nav.smoother.graph import order_variables
-from fg_nav.smoother.parameters import FieldParameters, WalkParameters
-from fg_nav.smoother.places import (
+from fg_nav.smoother.building import (
     PathUncertainty,
     are_alike,
     keep_common,
@@ -31,7 +28,10 @@ from fg_nav.smoother.places import (
     mark_returns,
     measure_uncertainty,
 )
-from fg_nav.smoother.solver import list_in_time
+from fg_nav.smoother.field_factors import FieldFactors
+from fg_nav.smoother.graph import order_variables
+from fg_nav.smoother.parameters import FieldParameters, WalkParameters
+from fg_nav.smoother.solver import CONVERGENCE, find_minimum, list_in_time
 from fg_nav.solution import Return
 from fg_nav.truth import TrajectoryTruth
 
@@ -95,9 +95,8 @@ def test_footfalls_are_marked_with_those_at_their_place() -> None:
 def test_the_order_of_elimination_changes_nothing() -> None:
     """Tied footfalls last, or all in the order of time."""
     problem = solved(2, True).walk.problem
-    assert problem.places is not None
-    assert len(problem.places) > 2
-    in_time = list_in_time(problem.nodes, problem.field is not None, problem.floor)
+    assert len(problem.get(building.PlaceFactors)) > 2
+    in_time = list_in_time(problem.nodes, problem.find(FieldFactors) is not None, problem.floor)
     orders: list[Keys] = [in_time, order_variables(problem)]
     assert (np.sort(orders[0]) == np.sort(orders[1])).all()
     assert (orders[0] != orders[1]).any()
@@ -189,9 +188,9 @@ def test_a_walk_whose_rounds_say_different_things_is_not_closed(monkeypatch: pyt
         later = np.arange(30.0) + len(path) / 2 + next(at)
         return (Stretch(np.floor(later), np.floor(later) - len(path) // 2, False, 50.0, 1e-9),)
 
-    monkeypatch.setattr(places, "select_consistent", recognize)
-    same, minimum, returns, notes = places.tie_places(replace(walk.problem, parameters=WITH), walk.solved)
-    assert same.places is None
+    monkeypatch.setattr(building, "select_consistent", recognize)
+    same, minimum, returns, notes = building.tie_places(replace(walk.problem, parameters=WITH), walk.solved)
+    assert same.find(building.PlaceFactors) is None
     assert minimum is walk.solved
     assert (returns, notes) == ((), ())
 
@@ -223,10 +222,10 @@ def test_a_turn_within_a_cell_ties_nothing() -> None:
 
 
 def test_a_walk_that_is_too_long_is_not_compared_with_itself(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(places, "MAX_M", 70.0)
+    monkeypatch.setattr(building, "MAX_M", 70.0)
     walk = solved(2, False).walk
     problem = replace(walk.problem, parameters=WITH)
-    same, minimum, returns, notes = places.tie_places(problem, walk.solved)
+    same, minimum, returns, notes = building.tie_places(problem, walk.solved)
     assert same is problem
     assert minimum is walk.solved
     assert returns == ()

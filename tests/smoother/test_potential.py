@@ -12,15 +12,19 @@ from fg_nav.lab.simulation.fields import Circuit, Sum, draw_environment
 from fg_nav.lab.simulation.fields.field import Homogeneous
 from fg_nav.magnetic import average_footfall_field
 from fg_nav.recording import Recording
-from fg_nav.smoother.field import FieldSolution, integrate_field, solve_with_field
-from fg_nav.smoother.graph import WalkProblem, solve
-from fg_nav.smoother.potential import (
-    MIN_STATISTIC,
+from fg_nav.smoother.field import (
+    MIN_JUMP_STATISTIC,
     UT_M_PER_AMPERE,
+    FieldSolution,
     compute_jump_statistic,
     describe_jumps,
+    integrate_field,
     list_jumps,
+    set_field,
+    solve_with_field,
 )
+from fg_nav.smoother.field_factors import FieldFactors
+from fg_nav.smoother.graph import WalkProblem, solve
 from fg_nav.smoother.problem import walk_problem
 from tests.smoother.test_field import in_field, truth_of
 from tests.smoother.walks import DEFAULT, demo, track_of
@@ -94,26 +98,24 @@ def test_no_jump_is_found_over_a_clean_floor(seed: int, rough: bool) -> None:
     found, _ = solved_in(seed, rough=rough)
     assert not list_jumps(found.problem, found.solved)
     statistic = statistic_of(found)
-    assert statistic.max() < 1.5 * MIN_STATISTIC
+    assert statistic.max() < 1.5 * MIN_JUMP_STATISTIC
     assert 0.1 < statistic.mean() < 2.0
 
 
 def test_the_statistic_is_by_how_much_twice_the_error_falls_without_the_row() -> None:
     found, _ = solved_in(1)
-    assert found.problem.field is not None
     statistic = statistic_of(found)
     for row in (int(statistic.argmax()), len(statistic) // 2):
-        stride = found.problem.field.strides[row]
-        freed = found.problem.field.mark_jumps(np.array([stride]), True)
-        without = replace(found.problem, field=freed, values=found.solved.values)
+        stride = found.problem.get(FieldFactors).strides[row]
+        freed = found.problem.get(FieldFactors).mark_jumps(np.array([stride]), True)
+        without = replace(set_field(found.problem, freed), values=found.solved.values)
         with_it = error_of(replace(found.problem, values=found.solved.values))
         fall = 2.0 * (with_it - error_of(without))
         assert fall == pytest.approx(statistic[row], rel=0.05, abs=0.02)
 
 
 def statistic_of(found: FieldSolution) -> Floats:
-    assert found.problem.field is not None
-    return compute_jump_statistic(found.problem.field.potential, found.solved)
+    return compute_jump_statistic(found.problem.get(FieldFactors).potential, found.solved)
 
 
 def error_of(problem: WalkProblem) -> float:

@@ -7,6 +7,7 @@ import pytest
 
 from fg_nav.arrays import Floats
 from fg_nav.detection import detect_stances
+from fg_nav.detection.stance import Stances
 from fg_nav.smoother import smooth
 from fg_nav.smoother.graph import WalkProblem, solve
 from fg_nav.smoother.parameters import SmootherParameters
@@ -17,7 +18,6 @@ from fg_nav.smoother.problem import (
     walk_problem,
     weaken_refused_stances,
 )
-from fg_nav.stances import Stances
 from tests.simulated import SimulatedFoot, straight_walk
 from tests.smoother.walks import time_order
 

@@ -8,6 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from fg_nav.detection import detect_stances
+from fg_nav.detection.stance import Stances
 from fg_nav.errors import EstimationError
 from fg_nav.evaluation import evaluate
 from fg_nav.frames import GRAVITY_M_S2, compute_heading, wrap_angle, yaw_rotation
@@ -19,7 +20,6 @@ from fg_nav.smoother.parameters import PLAIN
 from fg_nav.smoother.problem import LEVELS
 from fg_nav.smoother.strides import place_nodes
 from fg_nav.solution import Solution
-from fg_nav.stances import Stances
 from fg_nav.truth import Fix
 from tests.simulated import INDUSTRIAL, LEVER, QUIET, RIGID, corridor, every_gait
 from tests.smoother.walks import DEFAULT, FREE, Walk, degrees_between, demo, noise_free, part

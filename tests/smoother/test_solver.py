@@ -9,8 +9,7 @@ from gtsam.symbol_shorthand import B, S, V, X
 
 from fg_nav.errors import EstimationError
 from fg_nav.factors import guarded_factor
-from fg_nav.smoother.gauss_newton import CONVERGENCE, MAX_HALVINGS, find_minimum
-from fg_nav.smoother.solver import Solved, WalkSystem
+from fg_nav.smoother.solver import CONVERGENCE, MAX_HALVINGS, Solved, WalkSystem, find_minimum
 from tests.smoother.walks import demo, minimum, node_arrays, problem
 
 UNIT = gtsam.noiseModel.Unit.Create(3)

@@ -12,11 +12,11 @@ from gtsam.symbol_shorthand import B, S, V, X
 
 import fg_nav.smoother
 from fg_nav.arrays import Floats
+from fg_nav.detection.stance import Stances
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.recording import Recording
 from fg_nav.smoother.parameters import PLAIN
 from fg_nav.smoother.strides import VELOCITY_SIGMA, place_nodes
-from fg_nav.stances import Stances
 from tests.real_data import needs_data
 from tests.simulated import LEVER, RIGID
 from tests.smoother.walks import (

@@ -12,20 +12,20 @@ from gtsam.symbol_shorthand import B, V, X
 from fg_nav.arrays import Floats, Ints
 from fg_nav.detection import detect_stances, find_rests
 from fg_nav.detection.rolling_lever import estimate_lever
+from fg_nav.detection.stance import Stances
 from fg_nav.factors import guarded_factor
 from fg_nav.factors.residual import Keys, ResidualBlock, one_of
 from fg_nav.factors.zero_velocity import StanceVelocity
 from fg_nav.frames import level_attitude
-from fg_nav.io import read, read_pyshoe_labels
+from fg_nav.io import read
+from fg_nav.lab.pyshoe import read_pyshoe_labels
 from fg_nav.lab.simulation.person import Person
 from fg_nav.recording import Recording
 from fg_nav.smoother import SmootherParameters
-from fg_nav.smoother.dense_path import Trajectory, trajectory_of
-from fg_nav.smoother.gauss_newton import CONVERGENCE, MAX_STEPS, find_minimum
-from fg_nav.smoother.graph import GAUGE_SIGMA, StartPrior, WalkProblem, initial_values
+from fg_nav.smoother.graph import GAUGE_SIGMA, StartPrior, Trajectory, WalkProblem, initial_values, trajectory_of
 from fg_nav.smoother.parameters import WalkParameters
 from fg_nav.smoother.preintegration import preintegrate
-from fg_nav.smoother.solver import Solved, WalkSystem, list_in_time
+from fg_nav.smoother.solver import CONVERGENCE, MAX_STEPS, Solved, WalkSystem, find_minimum, list_in_time
 from fg_nav.smoother.strides import (
     Nodes,
     Stride,
@@ -36,7 +36,6 @@ from fg_nav.smoother.strides import (
     place_nodes,
     strides_of,
 )
-from fg_nav.stances import Stances
 from tests.real_data import DATA
 from tests.simulated import IDEAL, QUIET, corridor
 

@@ -1,19 +1,13 @@
 """One table of all sensors on one clock: columns, clock and unit of each sensor as its maker writes them.
 
-============= ======================================================================================================
-canonical     this project's own; mag and pressure may be absent, and empty where there is no sample
-sensorconnect LORD/MicroStrain: names of channels behind the sensor's, `inertial-6253.76535:scaledAccelX`; those of a
-              filter in the sensor have `:valid` behind them; rows of other packets, without acc and gyr, are left out
-openshoe      17 columns by blanks without a header
-yei           a comment names the columns; `Corrected` by the sensor's calibration goes before `Raw`
-vectornav     as INSTINCT converts it: a table as any, compensated by the sensor before `UncompAccel`
-apdm          all Opals of a session. *Format 7* has three header rows: `Format=7,5718,,,Lumbar,...` with number and
-              name of each sensor above its columns, `Time,Accelerometer,,,Gyroscope,,,...` and the axes; time is in us.
-              The other has keys, `Sample Rate:,128,Hz`, then `Time,Lumbar/Acceleration/X,...`, then a row of units
-shimmer       Consensys: a row of names, `Shimmer_40AC_Accel_LN_X_CAL`, and one of units, perhaps below `"sep=;"`. `LN`
-              is of low noise (2 g) and in the gyroscope's frame, `WR` of wide range (16 g) and another chip. The clock
-              is in whole ms since 1970, or text, `2017/11/14 17:07:24.254`
-============= ======================================================================================================
+SensorConnect (LORD/MicroStrain) names channels behind the sensor, `inertial-6253.76535:scaledAccelX`; those of a
+filter in the sensor have `:valid` behind them; rows of other packets, without acc and gyr, are left out. OpenShoe has
+17 columns by blanks without a header. In YEI's log a comment names the columns; `Corrected` goes before `Raw`. That of
+VectorNav, as INSTINCT converts it, is a table as any. APDM exports all Opals of a session: *format 7* has three header
+rows, `Format=7,5718,,,Lumbar,...` with number and name of each sensor above its columns, `Time,Accelerometer,,,...` and
+the axes; the other has keys, then `Time,Lumbar/Acceleration/X,...`, then a row of units. Consensys of Shimmer has a row
+of names, `Shimmer_40AC_Accel_LN_X_CAL`, and one of units, perhaps below `"sep=;"`; `LN` is of low noise and in the
+gyroscope's frame, `WR` of wide range and another chip.
 
 Some magnetometers are in units of the local field. A path uses the direction and its changes along the walk, not the
 strength: one unit is taken for the field of most of Europe and North America.
@@ -29,19 +23,17 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import pandas as pd
 
 from fg_nav.arrays import Floats, Ints
 from fg_nav.columns.headers import GAUSS_UT, KNOWN_UNITS, Quantity, find_factor, read_header
-from fg_nav.columns.mapping import ACC, GYR, MAG, TIME, find_pressure
-from fg_nav.columns.samples import SI_UNITS, convert_pressure
+from fg_nav.columns.samples import SI_UNITS
 from fg_nav.errors import FormatError
 from fg_nav.frames import GRAVITY_M_S2
+from fg_nav.io.beside import read_footprint_mat
 from fg_nav.io.content import Content, choose_sensor, read_content, split_fields
 from fg_nav.io.readers import table as any_table
 from fg_nav.io.streams import NAMES, Sensor, continue_counter, drop_held
 from fg_nav.io.tables import TextTable, find_column, find_header, scale_values
-from fg_nav.io.truth import read_footprint_mat
 from fg_nav.recording import Provenance, RawRecording
 from fg_nav.samples.plausibility import is_field_on_earth, measure_field_strength
 from fg_nav.truth import FootprintTruth
@@ -78,7 +70,8 @@ def read_sensors(
 
     Raises `FormatError` if a column is missing or doubled, or a field is no number.
     """
-    values, row = table.read_columns([*clocks, *(name for axes in sensors.values() for name in axes.names)])
+    names = [*clocks, *(name for axes in sensors.values() for name in axes.names)]
+    values, row = table.read([find_column(name, table.names, table.content.path) for name in names])
     ends = np.cumsum([len(clocks), *(len(axes.names) for axes in sensors.values())])
     clock, *parts = np.split(values, ends[:-1], axis=1)
     units = [axes.unit if np.isfinite(axes.unit).all() else 1.0 for axes in sensors.values()]
@@ -119,28 +112,6 @@ def find_scale(quantity: Quantity, unit: str, name: str, path: Path) -> float:
     return factor
 
 
-# Canonical
-
-
-def is_canonical(content: Content) -> bool:
-    """Whether the first line names at least one of the format's acc or gyr columns, and none that names sensors."""
-    names = content.fields()
-    return not {*ACC, *GYR}.isdisjoint(names) and not any(map(any_table.SENSOR_WORD.search, names))
-
-
-def read_canonical(content: Content) -> RawRecording:
-    """Read a canonical CSV; further columns are ignored, the order is free."""
-    table, notes = TextTable(content, content.fields()), list[str]()
-    magnetic = () if set(MAG).isdisjoint(table.names) else MAG
-    air = find_pressure(table.names)
-    values, row = table.read_columns([*TIME, *ACC, *GYR, *magnetic, *(air.names if air else ())])
-    pressure = convert_pressure(values[:, -1], air, notes) if air else None
-    mag, provenance = values[:, 7:10] if magnetic else None, Provenance(content.path, "canonical", tuple(notes))
-    return RawRecording(
-        values[:, 0], values[:, 1:4], values[:, 4:7], row, mag, provenance=provenance, pressure=pressure
-    )
-
-
 # LORD/MicroStrain SensorConnect: raw channels before those a filter has touched
 
 _SENSORCONNECT: Sources = {
@@ -160,12 +131,6 @@ def read_sensorconnect(content: Content) -> RawRecording:
     """Read a SensorConnect CSV, with the surveyed footprints next to it, in a MATLAB file of the same name."""
     path, full = content.path, find_sensorconnect(content) or TextTable(content, content.fields())
     table = replace(full, names=[name.split(":", 1)[1] if ":" in name else name for name in full.names])
-    channels = {match[1] for match in map(_CHANNEL.match, table.names) if match}
-    if channels == {"estLinearAccel"}:
-        raise FormatError(
-            f"{path.name} holds estLinearAccel, from which gravity has been removed: "
-            f"export scaledAccel or estCompensatedAccel instead."
-        )
     sensors = find_sensors(table, _SENSORCONNECT)
     axes = [(what, axis, f"{name}:valid") for what, own in sensors.items() for axis, name in enumerate(own.names)]
     flagged = [one for one in axes if one[2] in table and one[0] != "mag"]
@@ -328,29 +293,19 @@ def read_apdm(content: Content) -> RawRecording:
     if found is None:
         raise FormatError(f"{path.name} has no header of APDM: export it again.")
     table, said = found
-    units = [*said, *[""] * len(table.names)]
-    # columns of each sensor, by quantity and axis
-    columns: dict[str, dict[tuple[Sensor, str], list[int]]] = {}
-    for k, match in enumerate(map(_PATH.match, table.names)):
-        what = _QUANTITIES.get(match[2].lower()) if match else None
-        if match and what:
-            columns.setdefault(match[1] or "sensor", {}).setdefault((what, match[3]), []).append(k)
-    if not columns:
-        raise FormatError(
-            f"{path.name} has no columns of acceleration and angular velocity: export it again with them."
-        )
-    sensor = choose_sensor(list(columns), content.sensor, path)
-    own, sensors = columns[sensor], dict[Sensor, Axes]()
-    for what in ("acc", "gyr", *(("mag",) if any(one == "mag" for one, _ in own) else ())):
-        for axis in "XYZ":
-            if len(own.get((what, axis), [])) != 1:
-                raise FormatError(
-                    f"{path.name} has {len(own.get((what, axis), []))} columns '{NAMES[what]} {axis}' of '{sensor}' "
-                    f"where one is needed: export it again."
-                )
-        places = [own[what, axis][0] for axis in "XYZ"]
+    units, groups = [*said, *[""] * len(table.names)], dict[str, dict[Sensor, str]]()
+    for match in filter(None, map(_PATH.match, table.names)):
+        what = _QUANTITIES.get(match[2].lower())
+        if what is not None:
+            groups.setdefault(match[1] or "", {})[what] = match[2]
+    sensor = choose_sensor(list(groups), content.sensor, path)
+    sensors = dict[Sensor, Axes]()
+    for what in ("acc", "gyr", *(("mag",) if "mag" in groups[sensor] else ())):
+        group = f"{sensor}/{groups[sensor].get(what, NAMES[what])}".lstrip("/")
+        names = [f"{group}/{axis}" for axis in "XYZ"]
+        places = [find_column(name, table.names, path) for name in names]
         scales = [find_scale(what, units[k] or SI_UNITS[what], table.names[k], path) for k in places]
-        sensors[what] = Axes([table.names[k] for k in places], np.array(scales))
+        sensors[what] = Axes(names, np.array(scales))
     clock, samples, row = read_sensors(table, [table.names[0]], sensors)
     t = scale_values(clock[:, 0], find_scale("time", units[0] or "s", "Time", path))
     return pack_samples(content, "apdm", t, samples, sensors, row, [f"the sensor is '{sensor}'"])
@@ -406,32 +361,17 @@ def read_shimmer(content: Content) -> RawRecording:
     if not own:
         raise FormatError(f"{path.name} has no column Timestamp_Unix_CAL: export it again with it.")
     clock, _, kind = min(own, key=lambda one: ("Formatted" in one[2], "Unix" not in one[2]))
-    is_text, place = "Formatted" in kind, table.names.index(clock)
+    place = table.names.index(clock)
     # samples, and not the rows of other devices alone
-    values, samples, row = read_sensors(table, [] if is_text else [clock], sensors)
+    values, samples, row = read_sensors(table, [clock], sensors)
     there = ~np.isnan(np.hstack(list(samples.values()))).all(axis=1)
     row, samples = row[there], {what: xyz[there] for what, xyz in samples.items()}
     unit = find_factor("time", units[place]) if place < len(units) else None
-    t = _read_text_clock(table, place, row) if is_text else scale_values(values[there, 0], unit or 1e-3)
+    t = scale_values(values[there, 0], 1.0 if "Formatted" in kind else unit or 1e-3)
     # remarks
-    wide, low_noise = (pattern.format(device=prefix).format("X") for pattern in (_WIDE, _LOW_NOISE))
-    notes = []
-    if wide in table and low_noise in table:
-        notes = ["of two accelerometers the one of low noise (LN) is taken: it is in the gyroscope's frame"]
-    elif sensors["acc"].names[0] == wide:
+    wide, notes = _WIDE.format(device=prefix).format("X"), list[str]()
+    if sensors["acc"].names[0] == wide:
         notes = ["the accelerometer is that of wide range (WR): the file has no other"]
+    elif wide in table:
+        notes = ["of two accelerometers the one of low noise (LN) is taken: it is in the gyroscope's frame"]
     return pack_samples(content, "shimmer", t, samples, sensors, row, notes)
-
-
-def _read_text_clock(table: TextTable, position: int, row: Ints) -> Floats:
-    """Return stamps (N,) s of wall time since 1970 in the lines (N,) `row`; `FormatError` if one is no time."""
-    text = pd.Series(table.read_words(position, row), dtype=object)
-    stamps = pd.to_datetime(text.str.replace("/", "-"), format="ISO8601", errors="coerce")
-    bad = (stamps.isna() & text.notna()).to_numpy()
-    if bad.any():
-        k = int(np.argmax(bad))
-        raise FormatError(
-            f"{table.content.path.name}, line {row[k]}, column '{table.names[position]}': {str(text[k])[:40]!r} is no "
-            f"time; correct or delete that line."
-        )
-    return np.asarray((stamps - pd.Timestamp(0)).dt.total_seconds(), dtype=np.float64)

@@ -1,21 +1,15 @@
 """Apps of phones that write a table of all sensors, a table a sensor, or kinds of lines (docs/formats.md).
 
-One table of all sensors, as data (`TableFormat`). Names of columns are compared without their units, which have been
-through many hands and are those of the app where not known:
+Of one table of all sensors (`TableFormat`) names are compared without their units, which are those of the app.
+SensorLog has **Apple's sign** and a clock for each sensor; `motion...` is without bias, and the field 0 until it is
+calibrated. AndroSensor has a row at a chosen rate; 2 Hz, as proposed, is too low. Physics Toolbox has a row whenever
+any sensor has a sample, in which the others hold their last one. HyperIMU names columns after the phone's chips;
+without `timestamp` it has a nominal time between the rows.
 
-=============== ====================================================================================================
-sensorlog       **Apple's sign**; each sensor has a clock of its own; `motion...` is without bias, and the field 0 until
-                it is calibrated; `loggingTime(txt)`, when the row was written, jitters
-androsensor     a row at a chosen rate; 2 Hz, as proposed, is too low
-physics-toolbox a row whenever any sensor has a sample, in which the others hold their last one, 0 before the first
-hyperimu        columns named after the phone's chips; without `timestamp` a nominal time between the rows
-=============== ====================================================================================================
-
-phyphox (RWTH Aachen): fields are separated by comma, semicolon or tab, with a decimal point or comma, as the user
-chose; short columns end in NaN. Each sensor has its own `Time (s)` since the start of the experiment, up is + on
-iPhones too. In the newer header, `X (m/s^2)`, the unit says the sensor, and the name of the file "Linear".
-`meta/device.csv` and `meta/time.csv` say phone and app, and when the experiment was started and paused. Pauses are left
-out of the time of the experiment: here they are put back, as gaps.
+phyphox (RWTH Aachen): each sensor has its own `Time (s)` since the start of the experiment, up is + on iPhones too. In
+the newer header, `X (m/s^2)`, the unit says the sensor, and the name of the file "Linear". `meta/device.csv` and
+`meta/time.csv` say phone and app, and when the experiment was started and paused. Pauses are left out of the time of
+the experiment: here they are put back, as gaps.
 
 Sensor Logger (Kelvin Choi), `time,seconds_elapsed,z,y,x`, in whole ns since 1970:
 
@@ -38,16 +32,16 @@ ms, elapsed since the phone's start in ns, x, y, z, and the bias in it, which is
 
 from __future__ import annotations
 
+import io
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Literal
 
 import numpy as np
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.columns.headers import find_factor, find_quantity, read_header
+from fg_nav.columns.headers import Quantity, find_factor, find_quantity
 from fg_nav.errors import FormatError
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.io.content import Content, split_fields, split_lines
@@ -65,7 +59,7 @@ _STEP = re.compile(r"Sampling (?:Time|Rate)\s*:\s*(\d+(?:\.\d+)?)\s*ms", re.IGNO
 class Source:
     """Columns of a sensor: patterns of their names before the axis, of several the sum; their unit, and a remark.
 
-    `clock` is the pattern of the stamps' name. The unit of the header, if it is known, goes before `unit`.
+    `clock` is the pattern of the stamps' name.
     """
 
     what: Sensor
@@ -81,14 +75,12 @@ class TableFormat:
 
     `is_header` knows the names of its columns, `top` the first line, where there is one above them; of each sensor the
     first source is taken that is there and not all zero. `tick_s` is the unit of the clocks, `is_epoch` where they are
-    since 1970. `keeps` where rows hold older samples. `removed` is what is without gravity, `instead` what to record.
+    since 1970, or left out for a nominal rate. `keeps` where rows hold older samples.
     """
 
     name: str
     is_header: Callable[[list[str]], bool]
     sources: tuple[Source, ...]
-    removed: str
-    instead: str
     top: str = ""
     tick_s: float = 1.0
     is_epoch: bool = False
@@ -106,61 +98,44 @@ class TableFormat:
         path, table, notes = content.path, find_header(content, self.is_header), list[str]()
         if table is None:
             raise FormatError(f"{path.name} has no header with columns of sensors: record it again.")
-        plain = [re.sub(r"\s*\(.*$", "", name).strip() for name in table.names]
-        found: dict[Sensor, Stream] = {}
-        nominal_s = None  # time between the rows without stamps: by the rate that is given, or that in the first lines
+        plain = [re.sub(r"\s*\(.*$", "", name).strip().lower() for name in table.names]
+        # time between the rows without stamps: by the rate that is given, or that in the first lines
+        nominal_s = None
         if self.is_epoch and "timestamp" not in plain:
-            said = next((match for match in map(_STEP.search, content.lines[:5]) if match), None)
-            if content.rate_hz is not None:
-                nominal_s = 1.0 / content.rate_hz
-            elif said is not None and 0.1 <= float(said[1]) <= 1e4:
-                nominal_s = 1e-3 * float(said[1])
-                words = f"time is the row number at the nominal {said[1]} ms, which phones exceed"
+            said = next((float(match[1]) for match in map(_STEP.search, content.lines[:5]) if match), 0.0)
+            if content.rate_hz is None and not 0.1 <= said <= 1e4:
+                raise FormatError(f"{path.name} has no column 'timestamp': give its rate in Hz, such as `--rate 50`.")
+            nominal_s = 1e-3 * said if content.rate_hz is None else 1.0 / content.rate_hz
+            if content.rate_hz is None:
+                words = f"time is the row number at the nominal {said:g} ms, which phones exceed"
                 notes.append(f"there is no clock: {words}")
-            else:
-                raise FormatError(
-                    f"{path.name} has neither a column 'timestamp' nor a rate: give the rate it was recorded at in "
-                    f"Hz, such as `--rate 50`."
-                )
+        found: dict[Sensor, Stream] = {}
         for source in self.sources:
             stream = None if source.what in found else self._read(table, plain, source, nominal_s)
             if stream is not None and (source.what != "mag" or stream.xyz.any()):
                 found[source.what] = stream
                 notes += [source.remark] if source.remark else []
-        lacking = next((name for name in plain if re.match(self.removed, name, re.IGNORECASE)), None)
-        if "acc" not in found and lacking is not None:
-            raise FormatError(
-                f"{path.name} holds {lacking[:-1].strip(' .')}, from which gravity has been removed: {self.instead}."
-            )
         raw = join_streams([found[what] for what in NAMES if what in found], path, self.name, notes)
         return note_nominal_rate(raw, NOMINAL_SIGMA) if content.rate_hz is None and nominal_s is not None else raw
 
     def _read(self, table: TextTable, plain: list[str], source: Source, nominal_s: float | None) -> Stream | None:
         """Return the stream of one sensor in SI, or None if a column is absent; `nominal_s`: period without stamps."""
-        clock = next((k for k, name in enumerate(plain) if re.fullmatch(source.clock, name, re.IGNORECASE)), None)
+        clock = [k for k, name in enumerate(plain) if re.fullmatch(source.clock, name, re.IGNORECASE)][:1]
         wanted: list[int] = []
         for pattern in source.columns:
-            first = next((n for n in plain if re.fullmatch(f"(?:{pattern})x", n, re.IGNORECASE)), "")
-            axes = [first[:-1] + axis for axis in ("xyz" if first[-1:] == "x" else "XYZ")]
-            if not first or not set(axes) <= set(plain):
-                return None
-            wanted += [plain.index(axis) for axis in axes]
-        if clock is None and nominal_s is None:
+            first = next((n for n in plain if re.fullmatch(f"(?:{pattern})x", n, re.IGNORECASE)), " ")
+            wanted += [plain.index(first[:-1] + axis) for axis in "xyz" if first[:-1] + axis in plain]
+        if len(wanted) < 3 * len(source.columns) or (not clock and nominal_s is None):
             return None
-        names = [table.names[k] for k in ([] if nominal_s is not None or clock is None else [clock]) + wanted]
+        names = [table.names[k] for k in (clock if nominal_s is None else []) + wanted]
         values, row = table.read_columns(names)
-        # unit
-        called = table.names[wanted[0]]
-        meaning = read_header(called)
-        unit = find_factor(source.what, meaning.unit) if meaning and meaning.unit and source.unit == 1.0 else None
         xyz = values[:, -len(wanted) :].reshape(len(values), -1, 3).sum(axis=1)
-        xyz = scale_values(xyz, unit if unit is not None and np.isfinite(unit) else source.unit)
         # stamps
         t: Floats | Ints = np.asarray((row - table.first_line) * (nominal_s or 0.0), dtype=np.float64)
         if nominal_s is None:
             stamps = table.read_integers(names[0], row) if self.is_epoch else None
             t = values[:, 0] * self.tick_s if stamps is None else stamps * 1_000_000
-        stream = Stream(source.what, t, xyz, row, called)
+        stream = Stream(source.what, t, scale_values(xyz, source.unit), row, table.names[wanted[0]])
         if self.keeps:
             return keep_changes(stream)
         return stream.take(np.concatenate(([True], np.diff(t) != 0)))  # rows repeat a sample until there is a new one
@@ -183,8 +158,6 @@ _SENSORLOG = TableFormat(
         Source("mag", ("motionMagneticField",), f"motion{_SINCE}"),
         Source("mag", ("magnetometer",), f"magnetometer{_SINCE}", remark=UNCALIBRATED_FIELD),
     ),
-    "motionUserAcceleration",
-    "log accelerometerAcceleration or motionGravity along",
 )  # fmt: skip
 
 _START = "Time since start in ms"
@@ -198,8 +171,6 @@ _ANDROSENSOR = TableFormat(
         Source("gyr", ("GYROSCOPE ",), _START),
         Source("mag", ("MAGNETIC FIELD ",), _START),
     ),
-    "LINEAR ACCELERATION",
-    "record ACCELEROMETER along",
     tick_s=1e-3,
 )
 
@@ -210,8 +181,6 @@ _PHYSICS_TOOLBOX = TableFormat(
         and ("gFx" in names or (not names[-1] and not {"wx", "Bx", "ax"}.isdisjoint(names)))
     ),
     (Source("acc", ("gF",), "time", GRAVITY_M_S2), Source("gyr", ("w",), "time"), Source("mag", ("B",), "time")),
-    "ax",
-    "record the g-force (gFx ..) along",
     keeps=True,
 )
 
@@ -225,8 +194,6 @@ _HYPERIMU = TableFormat(
         Source("mag", (_OTHER + r".*(?:magn|compass|AK0|AK8|YAS|HMC|MMC|BMM).*\.",), "timestamp"),
         Source("acc", (_OTHER + r"(?!.*(?:gyro|magn)).*(?:acc|LIS[23]|BMA|KX|ADXL|MMA).*\.",), "timestamp"),
     ),
-    ".*linear",
-    "record acceleration along",
     top="@.*(?:HyperIMU|HIMU|ianovir)",
     tick_s=1e-3,
     is_epoch=True,
@@ -240,9 +207,8 @@ APPS = (_SENSORLOG, _ANDROSENSOR, _PHYSICS_TOOLBOX, _HYPERIMU)
 
 _TIME = re.compile(r"Time \((\w+)\)")
 _PRESSURE = re.compile(r"(?:Pressure|P) ?\((\w+)\)")
-_Column = Literal["acc", "gyr", "mag", "linear", "other"]
-_SENSORS: dict[str, _Column] = {
-    "Acceleration": "acc", "Accelerometer": "acc", "Linear Acceleration": "linear", "Linear Accelerometer": "linear",
+_SENSORS: dict[str, Quantity] = {
+    "Acceleration": "acc", "Accelerometer": "acc", "Linear Acceleration": "acc", "Linear Accelerometer": "acc",
     "Gyroscope": "gyr", "Magnetic field": "mag", "Magnetometer": "mag",
 }  # fmt: skip
 _COLUMN = re.compile(rf"(?:({'|'.join(_SENSORS)}) ([xyz])|([XYZ])) ?\((.+)\)")
@@ -269,20 +235,14 @@ def _find_phyphox_header(file: Content) -> TextTable | None:
 @np.errstate(over="ignore", invalid="ignore")  # of numbers that a damaged file may hold
 def read_phyphox(content: Content) -> RawRecording:
     """Read an experiment."""
-    name, notes = content.path.name, list[str]()
+    notes = list[str]()
     # phone and app
     said = {row[0]: row[1] for row in _read_meta(content, "device.csv") if len(row) > 1}
     model = " ".join(said[key] for key in ("deviceBrand", "deviceModel") if said.get(key))
     if model:
         notes.append(f"recorded by phyphox {said.get('version', '')} on {model}")
     # sensors
-    found = [stream for file in content.files() for stream in _read_phyphox_table(file)]
-    streams = [stream for stream in found if stream is not None]
-    if len(streams) < len(found) and not any(stream.what == "acc" for stream in streams):
-        raise FormatError(
-            f"{name} holds linear acceleration only, from which gravity has been removed: "
-            f"record 'Acceleration (with g)' and the gyroscope."
-        )
+    streams = [stream for file in content.files() for stream in _read_phyphox_table(file)]
     # pauses
     pauses, last = _read_pauses(content)
     for stream in streams:
@@ -298,40 +258,29 @@ def read_phyphox(content: Content) -> RawRecording:
     return join_streams(streams, content.path, "phyphox", list(dict.fromkeys(notes)), is_part=not content.members)
 
 
-def _read_phyphox_table(file: Content) -> Iterator[Stream | None]:
-    """Yield the streams in a table; None for one from which gravity has been removed."""
-    table = _find_phyphox_header(file)
+def _read_phyphox_table(file: Content) -> Iterator[Stream]:
+    """Yield the streams in a table, without accelerations from which gravity has been removed."""
+    table, found = _find_phyphox_header(file), dict[Sensor, dict[str, tuple[str, str]]]()
     if table is None or not has_rows(file):
         return
-    groups: dict[_Column, list[tuple[str, str, str]]] = {}  # axis, name and unit of its columns, for each sensor
-    for name in table.names:
-        match = _COLUMN.fullmatch(name)
-        if match is not None:
-            quantity = find_quantity(match[4])
-            what: _Column = quantity if quantity == "acc" or quantity == "gyr" or quantity == "mag" else "other"
-            if what == "acc" and "linear" in file.path.name.lower():
-                what = "linear"
-            axis = (match[2] or match[3]).lower()
-            groups.setdefault(_SENSORS[match[1]] if match[1] else what, []).append((axis, name, match[4]))
-    for name in table.names:
-        match = _PRESSURE.fullmatch(name)
-        if match is not None and find_factor("pressure", match[1]):
-            yield _read_columns(table, "pressure", [("", name, match[1])])
-    for what, columns in groups.items():
-        if what == "linear":
-            yield None
-        elif what != "other" and [axis for axis, _, _ in sorted(columns)] == ["x", "y", "z"]:
-            yield _read_columns(table, what, sorted(columns))
-
-
-def _read_columns(table: TextTable, what: Sensor, columns: list[tuple[str, str, str]]) -> Stream:
-    match, file = _TIME.fullmatch(table.names[0]), table.content.path.name
-    factors = [find_factor("time", match[1] if match else "s"), *(find_factor(what, unit) for _, _, unit in columns)]
-    if None in factors:
-        raise FormatError(f"{file} has a unit that is not known in '{columns[0][1]}': export it again.")
-    values, row = table.read_columns([table.names[0], *(name for _, name, _ in columns)])
-    values = scale_values(values, np.array(factors, dtype=np.float64))
-    return Stream(what, values[:, 0], values[:, 1:], row, file)
+    # name and unit of the columns of each sensor, by axis
+    for name in table.names[1:]:
+        if (air := _PRESSURE.fullmatch(name)) is not None and find_factor("pressure", air[1]):
+            found["pressure"] = {"": (name, air[1])}
+        elif (match := _COLUMN.fullmatch(name)) is not None:
+            what = _SENSORS[match[1]] if match[1] else find_quantity(match[4])
+            is_linear = "linear" in (match[1] or (file.path.name if what == "acc" else "")).lower()
+            if what in ("acc", "gyr", "mag") and not is_linear:
+                found.setdefault(what, {})[(match[2] or match[3]).lower()] = name, match[4]
+    for sensor, columns in found.items():
+        if sorted(columns) in (["x", "y", "z"], [""]):
+            own, clock = [columns[axis] for axis in sorted(columns)], _TIME.fullmatch(table.names[0])
+            factors = [find_factor("time", clock[1] if clock else "s"), *(find_factor(sensor, unit) for _, unit in own)]
+            if None in factors:
+                raise FormatError(f"{file.path.name} has a unit that is not known in '{own[0][0]}': export it again.")
+            values, row = table.read_columns([table.names[0], *(name for name, _ in own)])
+            values = scale_values(values, np.array(factors, dtype=np.float64))
+            yield Stream(sensor, values[:, 0], values[:, 1:], row, file.path.name)
 
 
 def _read_meta(content: Content, name: str) -> list[list[str]]:
@@ -464,11 +413,6 @@ def _find_force(
         return replace(raw, xyz=scale_values(raw.xyz, -GRAVITY_M_S2))
     if raw is not None:
         notes.append("specific force is AccelerometerUncalibrated")
-    elif "accelerometer" in streams:
-        raise FormatError(
-            f"{content.path.name} holds Accelerometer.csv, from which gravity has been removed, and no Gravity.csv, "
-            f"TotalAcceleration.csv or AccelerometerUncalibrated.csv: record one of these along."
-        )
     return raw
 
 
@@ -492,37 +436,22 @@ def is_gnss_logger(content: Content) -> bool:
 
 @np.errstate(over="ignore", invalid="ignore")  # of numbers that a damaged file may hold
 def read_gnss_logger(content: Content) -> RawRecording:
-    """Read the inertial sensors and the magnetometer of a log."""
+    """Read the inertial sensors and the magnetometer of a log; a record that is not whole is no sample."""
     lines, streams = split_lines(content.read_text()), list[Stream]()
     for what, kinds in _KINDS.items():
-        for kind in kinds:
+        kind = next((kind for kind in kinds if any(line.startswith(f"{kind},") for line in lines)), None)
+        if kind is not None:
             own = [line if line.startswith(f"{kind},") else "" for line in lines]
-            if any(own):
-                streams.append(_read_records(content, what, kind, own))
-                break
+            streams.append(_read_records(content, what, kind, own))
     return join_streams(streams, content.path, "gnss-logger")
 
 
-def _read_records(content: Content, what: Sensor, kind: str, lines: list[str]) -> Stream:
+def _read_records(content: Content, what: Sensor, kind: str, lines: Sequence[str]) -> Stream:
     """Return the stream of a kind of record: kind, utc, elapsed, x, y, z[, bias]; other lines are empty."""
-    names = ["kind", "utc", "elapsed", "x", "y", "z", *(["bias x", "bias y", "bias z"] if "Uncal" in kind else [])]
-    width = max(line.count(",") for line in lines) + 1
-    text = "\n".join(lines).encode()
-    names += [f"field {k + 1}" for k in range(len(names), width)]
-    table = TextTable(
-        replace(content, encoding="utf-8", fetch=lambda size: text[:size], opened={}), names, first_line=1
-    )
-    wanted = names[1 : 9 if "Uncal" in kind else 6]
-    values, row = table.read_columns(wanted)
-    bad = np.isnan(values).any(axis=1)
-    if bad.any():
-        line = int(row[np.argmax(bad)])
-        raise FormatError(
-            f"{content.path.name}, line {line}: {lines[line - 1][:40]!r} is no whole record of {kind}; correct or "
-            f"delete that line."
-        )
-    xyz = values[:, 2:5] - values[:, 5:8] if len(wanted) > 5 else values[:, 2:5]
-    elapsed = values[:, 1]
+    has_bias, text = "Uncal" in kind, "\n".join(lines).encode()
+    names = [f"field {k + 1}" for k in range(max(9 if has_bias else 6, *(line.count(",") + 1 for line in lines)))]
+    own = replace(content, encoding="utf-8", opener=lambda: io.BytesIO(text), opened={})
+    values, row = TextTable(own, names, first_line=1).read_numbers(range(2, 9 if has_bias else 6))
+    elapsed, xyz = values[:, 0], values[:, 1:4] - (values[:, 4:7] if has_bias else 0.0)
     is_whole = bool((elapsed == np.rint(elapsed)).all() and np.abs(elapsed).max() < 2.0**53)
-    t = elapsed.astype(np.int64) if is_whole else elapsed * 1e-9
-    return Stream(what, t, np.ascontiguousarray(xyz), row, kind)
+    return Stream(what, elapsed.astype(np.int64) if is_whole else elapsed * 1e-9, xyz, row, kind)

@@ -15,7 +15,6 @@ import re
 import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +24,7 @@ from fg_nav.columns.headers import Meaning, Quantity, find_factor, find_kinds_in
 from fg_nav.columns.mapping import (
     ACC,
     GYR,
+    OPEN,
     TIME,
     Channel,
     ColumnMap,
@@ -34,14 +34,13 @@ from fg_nav.columns.mapping import (
     find_three_by_unit,
     find_triads,
     has_word,
-    parse_columns,
 )
 from fg_nav.columns.samples import convert_samples, list_positions
-from fg_nav.errors import FgNavError, FormatError
+from fg_nav.errors import FormatError
 from fg_nav.io.content import Content, choose_sensor, read_content
 from fg_nav.io.streams import NAMES, Sensor, Stream, drop_held, join_streams
 from fg_nav.io.tables import Table, open_table
-from fg_nav.recording import Provenance, RawRecording, Recording
+from fg_nav.recording import Provenance, RawRecording
 from fg_nav.samples.plausibility import find_mag_unit, find_time_unit, median_period_s
 
 MAX_SENSORS, MIN_ROWS = 20, 20  # Of a column that names sensors: its values, and the rows that each of them has.
@@ -92,7 +91,7 @@ def read(content: Content, format: str = "table") -> RawRecording:
         own, notes = own[::-1], [*notes, "the rows are newest first: turned round"]
     values, row = values[own], row[own]
     # units
-    samples = convert_samples(values, columns, content.rate_hz, _make_hints(content))
+    samples = convert_samples(values, columns, content.rate_hz, make_hints(content))
     mag, air = samples.mag, samples.pressure
     if not set(TIME + ACC + GYR) <= set(table.names):  # of another program, which may hold samples
         mag = None if mag is None else drop_held(mag, samples.gyr)
@@ -106,35 +105,18 @@ def choose(content: Content, table: Table) -> ColumnMap:
 
     Raises `FormatError` if one is missing, or there is a choice.
     """
-    hints = _make_hints(content)
+    hints = make_hints(content)
     if not table.has_header and content.columns is None:
         raise FormatError(
-            f"{hints.name} has {len(table.names)} columns and no header: say which is what by number, "
-            f"{suggest_by_numbers(content)}."
+            f"{hints.name} has {len(table.names)} columns and no header: say which is what by number from 1, "
+            f"{hints.suggest(OPEN)}."
         )
     return choose_columns(table.names, hints, content.sensor, content.columns, content.rate_hz is not None)
 
 
-def suggest_by_numbers(content: Content) -> str:
-    """Return what to type for a table whose names say nothing: columns in a usual order that make a recording."""
-    orders = ("time=1,acc=2:3:4,gyr=5:6:7", "time=1,acc=5:6:7,gyr=2:3:4", "time=2,acc=3:4:5,gyr=6:7:8")
-    with_units = (f"{order}[{unit}]" for order in orders[:2] for unit in ("deg/s", "rad/s"))
-    return _make_hints(content).suggest(*orders, *with_units)
-
-
-def _make_hints(content: Content) -> Hints:
-    """What to type for a table; a mapping is proposed if it makes a recording."""
-    command = f"fg-nav inspect {shlex.quote(str(content.path))} --columns"
-    works = (lambda words: False) if content.is_trial else partial(_try, content)
-    return Hints(content.path.name, command, works=works)
-
-
-def _try(content: Content, words: str) -> bool:
-    try:
-        Recording.from_raw(read(replace(content, columns=parse_columns(words), is_trial=True)))
-    except FgNavError:
-        return False
-    return True
+def make_hints(content: Content) -> Hints:
+    """Return what to type for a table."""
+    return Hints(content.path.name, f"fg-nav inspect {shlex.quote(str(content.path))} --columns")
 
 
 def _find_clock(columns: ColumnMap, values: Floats) -> Floats | None:
@@ -274,7 +256,7 @@ def read_sensor_tables(content: Content) -> RawRecording:
     acc, gyr = (replace(one.axes, positions=(k, k + 1, k + 2)) for one, k in zip(in_order, (1, 4), strict=False))
     mag = None if raw.mag is None else Channel((7, 8, 9), ("mag",), "uT")
     table = np.column_stack([raw.t, raw.acc, raw.gyr, *([] if raw.mag is None else [raw.mag])])
-    columns, hints = ColumnMap(acc, gyr, mag, Channel((0,), ("t",), "s")), _make_hints(replace(content, is_trial=True))
+    columns, hints = ColumnMap(acc, gyr, mag, Channel((0,), ("t",), "s")), make_hints(content)
     samples = convert_samples(table, columns, None, hints)
     provenance = replace(raw.provenance, notes=(*raw.provenance.notes, *samples.notes))
     return replace(raw, acc=samples.acc, gyr=samples.gyr, mag=samples.mag, provenance=provenance)
@@ -297,14 +279,8 @@ def explain_sensor_tables(contents: Sequence[Content]) -> str | None:
         return None
     names = " and ".join(single.content.path.name for single in singles)
     what = " and ".join(dict.fromkeys(f"the {NAMES[single.what]}" for single in singles))
-    folder = contents[0].path.parent
     holds = f"holds {what} alone" if len(singles) == 1 else f"hold {what} in tables of their own"
-    words = f"{names} {holds}: put the tables of one recording into a folder of their own, and give that"
-    if all(content.path.parent == folder and content.fetch is None for content in contents):
-        try:
-            inside = read_content(folder)
-            if are_sensor_tables(inside) and Recording.from_raw(read_sensor_tables(inside)):
-                return f"{words}, as fg-nav inspect {shlex.quote(str(folder))}."
-        except FgNavError:
-            pass
-    return f"{words}."
+    return (
+        f"{names} {holds}: put the tables of one recording into a folder of their own, and give that, as fg-nav "
+        f"inspect FOLDER."
+    )

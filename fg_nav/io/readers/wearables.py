@@ -1,39 +1,53 @@
-"""Exports of worn sensors with a clock of their own for each sensor: MetaWear, Movesense and x-io (docs/formats.md).
+"""Exports of worn sensors: MetaWear, Movesense, x-io and Xsens. Units and clocks: docs/formats.md.
 
-MbientLab MetaWear, CSV of MetaBase and MetaHub, one file a sensor of each session. The clock is the first `epoch (ms)`
-(older: `epoc`), and `elapsed (s)` since the first row of the file. Columns are `x-axis (g)`, `(deg/s)` or `(T)`. Only
-the file's name says that an acceleration is linear, which is without gravity, or gravity alone: these are left out. In
-`<name>_<time>_<device>_Accelerometer_12.500Hz_1.4.4.csv` what stands before the sensor is one for all of a session.
+MetaWear, a file a sensor: the clock is the first `epoch (ms)` and `elapsed (s)` since. Only the file's name says that
+an acceleration is linear, or gravity alone: these are left out. What stands in it before the sensor is one a session.
 
-Movesense, JSON of its app, `{"Meas": {"IMU9": [{"Timestamp": ..., "ArrayAcc": [{"x": ..., ...}, ...], ...}, ...]}}`.
-The stamp is of the first of the 4 to 16 samples of a block; these are spread evenly up to the stamp of the next one;
-where blocks are missing, they come as in the blocks around. Blocks are taken wherever they stand: apps nest them
-differently, and sensors that were not recorded as IMU6 or IMU9 have blocks and stamps of their own.
+Movesense, `{"Meas": {"IMU9": [{"Timestamp": ..., "ArrayAcc": [{"x": ..., ...}, ...], ...}, ...]}}`: the stamp is of the
+first of the 4 to 16 samples of a block; these are spread evenly up to the stamp of the next one; where blocks are
+missing, they come as in the blocks around. Blocks are taken wherever they stand: apps nest them differently.
 
-x-io NGIMU and x-IMU3, CSV whose header carries the units: a table as any. The x-IMU3 writes a folder: `Inertial.csv`
-has force and rate, `Magnetometer.csv` the field at a rate of its own, left out in arbitrary units.
+x-io NGIMU and x-IMU3: a table as any. The x-IMU3 writes a folder, `Inertial.csv` and `Magnetometer.csv`.
+
+Xsens, text of MT Manager and CSV of the DOT's app or PC SDK: `Acc_X` ... m/s^2, `Gyr_X` ..., and `Mag_X` ...
+in units of the local field; or in their place the changes of velocity (m/s) and the turns (quaternions) over each
+sample: over its period these are the mean specific force and rate. In MT Manager `SampleTimeFine`, 0.1 ms, begins again
+after a day; where it is empty, the packet counter over the rate of a line above the table is the time. That of a DOT,
+of 32 bits, is in us or 0.1 ms: the unit in which the samples come at a rate that a DOT has. Its app gives deg/s; the
+unit of the PC SDK is judged by the turn from sample to sample, else as that of any table, or by the bias at rest.
 """
 
 from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator
+import shlex
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fg_nav.arrays import Floats, Ints
+from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.columns.headers import find_factor, find_quantity
 from fg_nav.errors import FormatError
-from fg_nav.io.content import Content, choose_sensor
+from fg_nav.io.content import Content, choose_sensor, split_fields
 from fg_nav.io.readers import table
+from fg_nav.io.readers.known_tables import LOCAL_FIELD, Axes, pack_samples, read_sensors
 from fg_nav.io.streams import NAMES, Sensor, Stream, continue_counter, join_streams
-from fg_nav.io.tables import TextTable, scale_values
+from fg_nav.io.tables import TextTable, find_header, scale_values
 from fg_nav.recording import RawRecording
-from fg_nav.samples.plausibility import find_mag_problem, measure_field_strength
+from fg_nav.samples.plausibility import (
+    find_gyr_unit,
+    find_mag_problem,
+    measure_field_strength,
+    measure_gravity_transport,
+    median_period_s,
+)
 from fg_nav.samples.stamps import LOST_PERIODS
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
 
 # MetaWear
 
@@ -60,36 +74,31 @@ def _find_sensor(file: Content) -> Sensor | None:
 
 
 def read_metawear(content: Content) -> RawRecording:
-    """Read a session."""
-    path, sessions = content.path, dict[str, dict[Sensor, Content]]()
+    """Read a session, with stamps in whole ns."""
+    sessions = dict[str, dict[Sensor, Content]]()
     for file in content.files():
-        what, name = _find_sensor(file), file.path.name
-        if what is not None:
-            session = _SENSOR.split(name)[0] if _SENSOR.search(name) else ""
-            sessions.setdefault(session or "session", {})[what] = file
+        if (what := _find_sensor(file)) is not None:
+            name = _SENSOR.split(file.path.name)
+            sessions.setdefault((name[0] if len(name) > 1 else "") or "session", {})[what] = file
     if not sessions:
-        raise FormatError(f"{path.name} holds no file of a MetaWear: export the session again.")
-    chosen = choose_sensor(list(sessions), content.sensor, path, "sessions")
-    files = sessions[chosen]
-    streams = [_read_metawear_stream(files[what], what) for what in NAMES if what in files]
+        raise FormatError(f"{content.path.name} holds no file of a MetaWear: export the session again.")
+    chosen, streams = choose_sensor(list(sessions), content.sensor, content.path, "sessions"), list[Stream]()
+    for what, file in sessions[chosen].items():
+        header = TextTable(file, file.fields())
+        epoch = next((name for name in _EPOCHS if name in header), _EPOCHS[0])
+        axes = [next((name for name in header.names if name.startswith(f"{a}-axis")), f"{a}-axis") for a in "xyz"]
+        values, row = header.read_columns([epoch, _ELAPSED, *axes])
+        factor = find_factor(what, axes[0].split("(", 1)[1].rstrip(")"))
+        whole = (np.abs(values[:, :2]) < _LATEST).all(axis=1)
+        values, row = values[whole], row[whole]
+        if not len(row) or factor is None:
+            raise FormatError(f"{file.path.name} has no row with both clocks: export it again.")
+        elapsed = np.rint(values[:, 1] * 1e9 - values[0, 1] * 1e9).astype(np.int64)
+        t = np.rint(values[0, 0] * 1e6).astype(np.int64) + elapsed
+        streams.append(Stream(what, t, scale_values(values[:, 2:], factor), row, file.path.name))
     notes = [f"the session is '{chosen}'"] if len(sessions) > 1 else []
-    return join_streams(streams, path, "metawear", notes, is_part=not content.members)
-
-
-def _read_metawear_stream(file: Content, what: Sensor) -> Stream:
-    """Samples of a file with their stamps in whole ns."""
-    header = TextTable(file, file.fields())
-    epoch = next((name for name in _EPOCHS if name in header), _EPOCHS[0])
-    axes = [next((name for name in header.names if name.startswith(f"{a}-axis")), f"{a}-axis") for a in "xyz"]
-    values, row = header.read_columns([epoch, _ELAPSED, *axes])
-    factor = find_factor(what, axes[0].split("(", 1)[1].rstrip(")"))
-    whole = (np.abs(values[:, :2]) < _LATEST).all(axis=1)
-    values, row = values[whole], row[whole]
-    if not len(row) or factor is None:
-        raise FormatError(f"{file.path.name} has no row with both clocks: export it again.")
-    elapsed = np.rint(values[:, 1] * 1e9 - values[0, 1] * 1e9).astype(np.int64)
-    t = np.rint(values[0, 0] * 1e6).astype(np.int64) + elapsed
-    return Stream(what, t, scale_values(values[:, 2:], factor), row, file.path.name)
+    streams.sort(key=lambda stream: list(NAMES).index(stream.what))
+    return join_streams(streams, content.path, "metawear", notes, is_part=not content.members)
 
 
 # Movesense
@@ -137,18 +146,13 @@ def _find_blocks(value: Any, depth: int) -> Iterator[dict[str, Any]]:
 def _read_blocks(blocks: list[dict[str, Any]], what: Sensor, name: str) -> Stream:
     """Return the stream of one sensor, joined from all blocks with its samples."""
     (array, unit), parts, begins = _ARRAYS[what], [np.empty((0, 3))], list[float]()
-    blocks = [block for block in blocks if array in block]
-    for k, block in enumerate(blocks):
+    for k, block in enumerate(block for block in blocks if array in block):
         try:
-            xyz = np.array([[p["x"], p["y"], p["z"]] for p in block[array]], dtype=np.float64).reshape(-1, 3)
+            xyz = np.array([[p["x"], p["y"], p["z"]] for p in block[array]], dtype=np.float64)
+            begins.append(float(block["Timestamp"] if "Timestamp" in block else block["timestamp"]))
+            parts.append(xyz.reshape(-1, 3))
         except (TypeError, KeyError, ValueError, OverflowError):
-            raise FormatError(f"{name}: block {k + 1} holds something other than x, y, z: export it again.") from None
-        parts.append(xyz)
-    for block in blocks:
-        stamp = block.get("Timestamp", block.get("timestamp"))
-        if isinstance(stamp, bool) or not isinstance(stamp, int | float) or not abs(float(min(stamp, 1e300))) < 1e300:
-            raise FormatError(f"{name}: a block has no Timestamp that is a number: export it again.")
-        begins.append(float(stamp))
+            raise FormatError(f"{name}: block {k + 1} has no stamp, or other than x, y, z: export it again.") from None
     stamps, _ = continue_counter(np.array(begins), 2.0**32, "Timestamp")
     t = _spread_blocks(stamps * 1e-3, np.array([len(part) for part in parts[1:]], dtype=np.int64))
     return Stream(what, t, scale_values(np.concatenate(parts), unit), np.arange(1, len(t) + 1), array)
@@ -208,3 +212,229 @@ def read_xio(content: Content) -> RawRecording:
         return replace(raw, provenance=replace(raw.provenance, path=content.path, notes=notes))
     streams = [Stream("acc", raw.t, raw.acc, raw.row, name), Stream("gyr", raw.t, raw.gyr, raw.row, name), mag]
     return join_streams(streams, content.path, "xio")
+
+
+# Xsens
+
+_ACC, _GYR, _MAG = (tuple(f"{sensor}_{axis}" for axis in "XYZ") for sensor in ("Acc", "Gyr", "Mag"))
+_VELOCITIES = (("dv[1]", "dv[2]", "dv[3]"), tuple(f"VelInc_{axis}" for axis in "XYZ"))
+_TURN, _ATTITUDE = ("dq_W", "dq_X", "dq_Y", "dq_Z"), ("Quat_W", "Quat_X", "Quat_Y", "Quat_Z")
+_TURNS = (_TURN, tuple(f"OriInc_q{k}" for k in range(4)), tuple(f"OriInc_{axis}" for axis in "wxyz"))
+_FINE, _COUNTERS = "SampleTimeFine", ("PacketCounter", "Counter")
+
+_TICKS_A_DAY, _TICK_S = 864_000_000.0, 1e-4  # Of an MTi.
+_RATE = re.compile(r"(?:update|sample|sampling|output)\s+rate\s*:\s*([0-9.]+)\s*hz", re.IGNORECASE)
+
+_OWN = frozenset({"Roll", "Pitch", "Yaw", "Quat_q0", "Quat_w", "Mat[1][1]", "VelInc_X", "OriInc_q0", "OriInc_w"})
+"""Columns that no DOT has: its angles are `Euler_X`, its quaternions `Quat_W`."""
+
+_RATES_HZ = (7.0, 130.0)  # A DOT has 1 to 120 Hz, for a walk 10 or more: there the steps of its two units are apart.
+_UNITS_S = {"us": 1e-6, "0.1 ms": 1e-4}
+
+_DEGREE = np.pi / 180.0
+_BIAS = 0.3  # A gyroscope that reads more than this at rest reads in deg/s: 17 deg/s would be a broken one.
+
+
+def _find_columns(header: TextTable, content: Content) -> dict[Sensor, Axes]:
+    """Return the columns of specific force, rate and field; a missing column of a group raises when it is read.
+
+    Force may come as changes of velocity, the rate as turns.
+    """
+    acc, gyr = (
+        next((group for group in groups if not set(group).isdisjoint(header.names)), ())
+        for groups in ((_ACC, *_VELOCITIES), (_GYR, *_TURNS))
+    )
+    if acc and gyr:
+        magnetic: dict[Sensor, Axes] = {"mag": Axes(_MAG, LOCAL_FIELD)} if set(_MAG) <= set(header.names) else {}
+        return {"acc": Axes(acc), "gyr": Axes(gyr), **magnetic}
+    missing = " and no ".join(name for name, found in (("accelerometer", acc), ("gyroscope", gyr)) if not found)
+    raise FormatError(
+        f"{content.path.name} has no {missing} (FreeAcc is without gravity): export it again with the inertial data "
+        f"(Acc_X, _Y, _Z and Gyr_X, _Y, _Z)."
+    )
+
+
+def _divide_by_period(samples: dict[Sensor, Floats], sensors: Mapping[Sensor, Axes], t: Floats) -> list[str]:
+    """Make force and rate of changes over each sample, in place; return notes."""
+    per_s, remarks = 1.0 / median_period_s(t), []
+    if sensors["acc"].names != _ACC:
+        samples["acc"] = scale_values(samples["acc"], per_s)
+        remarks.append("the specific force is from the changes of velocity over each sample")
+    if sensors["gyr"].names != _GYR:
+        samples["gyr"] = scale_values(_find_turns_between(samples["gyr"], False), per_s)
+        remarks.append("the rate of turn is from the turns over each sample")
+    return remarks
+
+
+def _find_rotations(wxyz: Floats) -> tuple[Rotation, Bools]:
+    """Rotations of quaternions (N, 4), and which (N,) are of unit length; the others are none."""
+    from scipy.spatial.transform import Rotation  # slow to load
+
+    known = np.zeros(len(wxyz), dtype=np.bool_)
+    small = (np.abs(wxyz) < 2.0).all(axis=1)
+    known[small] = np.abs(np.linalg.norm(wxyz[small], axis=1) - 1.0) < 0.01
+    return Rotation.from_quat(np.where(known[:, None], wxyz, [1.0, 0.0, 0.0, 0.0]), scalar_first=True), known
+
+
+# MT Manager
+
+
+def is_mt(content: Content) -> bool:
+    """Whether a table with a packet counter stands below lines that begin with `//`, or without a clock or commas.
+
+    Other such tables are those of a DOT, but where columns are named as MT Manager alone does.
+    """
+    header = _find_mt_header(content)
+    if header is None or any("DeviceTag" in line for line in content.lines[: header.line]):
+        return False
+    if content.lines[0].startswith("//") or not _OWN.isdisjoint(header.names) or header.separator != ",":
+        return True
+    # whether the sensor's time is in the first row
+    row = split_fields(content.lines[header.line + 1]) if header.line + 1 < len(content.lines) else []
+    position = header.names.index(_FINE) if _FINE in header else len(row)
+    return position >= len(row) or row[position].lower() in ("", "nan")
+
+
+def _find_mt_header(content: Content) -> TextTable | None:
+    sensors = {*_ACC, *_GYR, *_MAG, "FreeAcc_X", "Mat[1][1]", "Quat_q0", "Quat_w", "Roll", "VelInc_X"}
+    is_commented = bool(content.lines) and content.lines[0].startswith("//")
+    return find_header(
+        content,
+        lambda names: not sensors.isdisjoint(names) and (is_commented or not set(_COUNTERS).isdisjoint(names)),
+    )
+
+
+def read_mt(content: Content) -> RawRecording:
+    """Read an export of MT Manager."""
+    header = _find_mt_header(content)
+    if header is None:
+        raise FormatError(f"{content.path.name} has no header with PacketCounter: export it again from MT Manager.")
+    sensors = _find_columns(header, content)
+    clocks = [name for name in (_FINE, *_COUNTERS) if name in header]
+    clock, samples, row = read_sensors(header, clocks, sensors)
+    t, notes = _make_mt_time(dict(zip(clocks, clock.T, strict=True)), len(row), content)
+    remarks = _divide_by_period(samples, sensors, t)
+    return pack_samples(content, "xsens", t, samples, sensors, row, [*notes, *remarks])
+
+
+def _make_mt_time(clocks: dict[str, Floats], count: int, content: Content) -> tuple[Floats, tuple[str, ...]]:
+    """Return the time (N,) s from the best of `clocks`, else from `count` rows at the file's rate; and notes on it."""
+    fine = clocks.get(_FINE)
+    if fine is not None and np.isfinite(fine).mean() > 0.5 and np.nanmax(fine) > np.nanmin(fine):
+        end = _TICKS_A_DAY if np.nanmax(fine) < _TICKS_A_DAY else 2.0**32
+        ticks, notes = continue_counter(fine, end, _FINE)
+        return ticks * _TICK_S, notes
+    # rate
+    rate_hz = content.rate_hz
+    if rate_hz is None:
+        said = next((match for match in map(_RATE.search, content.lines[:60]) if match), None)
+        rate_hz = float(said[1]) if said else 0.0
+        if not 1.0 <= rate_hz <= 1e4:
+            raise FormatError(
+                f"{content.path.name} holds packet numbers but neither time nor rate: give the rate it was recorded at "
+                f"in Hz, such as `--rate 100`."
+            )
+    # packets
+    packets = next((clocks[name] for name in _COUNTERS if name in clocks and np.isfinite(clocks[name]).any()), None)
+    if packets is None:
+        return np.arange(count) / rate_hz, (f"there is no clock: time is the row number at {rate_hz:g} Hz",)
+    packets, notes = continue_counter(packets, 2.0**16, "the packet counter")
+    t = (packets - packets[np.isfinite(packets)][0]) / rate_hz
+    return t, (f"time is the packet counter at {rate_hz:g} Hz", *notes)
+
+
+# DOT
+
+
+def is_dot(content: Content) -> bool:
+    """Whether a key of the sensor stands at the top, or a header with the sensor's time and commas."""
+    top = any(line.lstrip('"').startswith("DeviceTag") for line in content.lines[:12])
+    header = find_header(content, lambda names: _FINE in names)
+    return header is not None and (top or (header.separator == "," and not content.lines[0].startswith("//")))
+
+
+def read_dot(content: Content) -> RawRecording:
+    """Read an export of the app or a log of the PC SDK."""
+    path, header = content.path, find_header(content, lambda names: _FINE in names)
+    if header is None:
+        raise FormatError(f"{path.name} has no header with {_FINE}: export it again from the app.")
+    is_inertial = any(name.startswith(("Acc_", "Gyr_", "dv[", "dq_")) for name in header.names)
+    if not is_inertial and {"FreeAcc_X", "Euler_X", "Quat_W"} & set(header.names):
+        removed = "FreeAcc, from which gravity is removed," if "FreeAcc_X" in header else "the attitude"
+        raise FormatError(
+            f"{path.name} holds {removed} and no rate of turn: record in a mode with acceleration and angular "
+            f"velocity, such as 'Rate quantities (with mag)' or 'Custom Mode 5'."
+        )
+    sensors = _find_columns(header, content)
+    known = [group for group in (_TURN, _ATTITUDE) if group != sensors["gyr"].names]
+    turned = next((group for group in known if set(group) <= set(header.names)), ())
+    values, samples, row = read_sensors(header, [_FINE, *turned], sensors)
+    t, remarks = _make_dot_time(values[:, 0], content)
+    done, judged = _divide_by_period(samples, sensors, t), tuple[str, ...]()
+    if sensors["gyr"].names == _GYR:
+        turns = _find_turns_between(values[:, 1:], turned == _ATTITUDE) if turned else None
+        scale, judged = _judge_rate_unit(t, samples["acc"], samples["gyr"], turns, content)
+        samples["gyr"] = scale_values(samples["gyr"], scale)
+    return pack_samples(content, "xsens-dot", t, samples, sensors, row, [*remarks, *done, *judged])
+
+
+def _make_dot_time(fine: Floats, content: Content) -> tuple[Floats, tuple[str, ...]]:
+    ticks, notes = continue_counter(fine, 2.0**32, _FINE)
+    step = median_period_s(ticks)
+    fitting = [unit for unit, size in _UNITS_S.items() if _RATES_HZ[0] <= 1.0 / (step * size) <= _RATES_HZ[1]]
+    if len(fitting) == 1:
+        said = (f"{_FINE} is in 0.1 ms, as its steps of {step:g} show",) if fitting == ["0.1 ms"] else ()
+        return ticks * _UNITS_S[fitting[0]], (*said, *notes)
+    raise FormatError(
+        f"{content.path.name}: {_FINE} steps by {step:.6g}, which is no rate of a DOT in us nor in 0.1 ms: read it as "
+        f"an MTi's, fg-nav inspect {shlex.quote(str(content.path))} --format xsens, or export it again."
+    )
+
+
+def _judge_rate_unit(
+    t: Floats, acc: Floats, gyr: Floats, turns: Floats | None, content: Content
+) -> tuple[float, tuple[str, ...]]:
+    """Return the factor from the file's rate to rad/s, and a note if it was judged by the data, not the app's deg/s."""
+    top = [line for line in content.lines[:12] if "DeviceTag" in line]
+    if top and not any("FirmwareVersion" in line for line in top):  # of the app: the SDK has the keys in one line
+        return _DEGREE, ()
+    period_s, unit, why = median_period_s(t), None, "it fits the turn from sample to sample"
+    if turns is not None and (gain := _compare_turns(t, gyr, turns)) is not None:
+        unit = "rad/s" if gain > np.sqrt(_DEGREE) else "deg/s"
+    if unit is None:
+        unit, why = find_gyr_unit(acc, gyr, period_s), "its size shows it, or gravity, which turns as it says"
+    if unit is None:
+        transport = measure_gravity_transport(acc, gyr, period_s)
+        is_still = transport.n_windows >= 100 and abs(transport.gain) < 0.1
+        if is_still and np.nanmedian(np.linalg.norm(gyr, axis=1)) > _BIAS:
+            unit, why = "deg/s", "gravity stands still in the body"
+    if unit is not None:
+        return (1.0 if unit == "rad/s" else _DEGREE), (f"the gyroscope is in {unit}: {why}",)
+    if not top:
+        return _DEGREE, ()
+    raise FormatError(
+        f"{content.path.name} does not show whether its gyroscope is in deg/s or rad/s (the SDK logs both): give it, "
+        f"such as `--columns 'acc=Acc_X:Acc_Y:Acc_Z[m/s^2],gyr=Gyr_X:Gyr_Y:Gyr_Z[deg/s]' --rate {1.0 / period_s:.0f}`."
+    )
+
+
+def _find_turns_between(wxyz: Floats, is_attitude: bool) -> Floats:
+    """Rotation vectors (N, 3) rad from sample to sample, of turns (N, 4) or of attitudes; NaN where there is none."""
+    attitude, known = _find_rotations(wxyz)
+    if not is_attitude or len(wxyz) < 2:
+        return np.where(known[:, None], attitude.as_rotvec(), np.nan)
+    turned = np.vstack([np.full(3, np.nan), (attitude[:-1].inv() * attitude[1:]).as_rotvec()])
+    turned[~known] = turned[1:][~known[:-1]] = np.nan
+    return turned
+
+
+def _compare_turns(t: Floats, gyr: Floats, turned: Floats) -> float | None:
+    """Return the scale of the rate by turns (N, 3) against the gyroscope (least squares); None if unclear."""
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        rate = turned / np.diff(t, prepend=np.nan)[:, None]
+    usable = np.isfinite(rate).all(axis=1) & (np.abs(gyr) < 1e5).all(axis=1)
+    rate, gyr = rate[usable], gyr[usable]
+    power, turned_power, product = float(np.sum(gyr**2)), float(np.sum(rate**2)), float(np.sum(rate * gyr))
+    if not power > 0.0 or not turned_power > 0.0 or product / np.sqrt(power * turned_power) < 0.7:
+        return None
+    return product / power

@@ -32,7 +32,6 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from fg_nav.calibration.of_recording import Calibration, read_calibration
-from fg_nav.changes import SCALARS, Changes, Scalar
 from fg_nav.errors import CampaignError, FgNavError
 from fg_nav.io.formats import list_formats
 from fg_nav.lab.campaign.execute import Task, recorded_keys, settings_of, simulated_keys, tasks_of
@@ -53,7 +52,7 @@ from fg_nav.lab.simulation import Scenario, scenario
 from fg_nav.lab.simulation.scenario_file import SUFFIX, shorten
 from fg_nav.lab.simulation.scenarios import FIELDS
 from fg_nav.lab.store.results import Key
-from fg_nav.text import read_small
+from fg_nav.text import Changes, Scalar, read_small
 
 FIRST_SEED = 101  # Filters are tuned on seeds below 100.
 
@@ -335,7 +334,7 @@ def _flatten(table: Mapping[str, Any], where: str) -> dict[str, list[Scalar]]:
     flat: dict[str, list[Scalar]] = {}
     for name, value in _dotted(table):
         values = value if isinstance(value, list) else [value]
-        if not values or not all(type(one) in SCALARS for one in values):
+        if not values or not all(type(one) in (bool, int, float, str) for one in values):
             raise CampaignError(
                 f"{name} of {where} cannot be {value!r}: give a number, true or false, a word, or a list."
             )

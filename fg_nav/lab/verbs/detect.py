@@ -24,6 +24,7 @@ from fg_nav.lab.field_survey import (
     FieldSurvey,
     SampleSurvey,
     parse_detectors,
+    require_field,
     survey_field,
     survey_samples,
 )
@@ -64,7 +65,7 @@ def detect(request: DetectRequest) -> Answer:
         else:
             earth = find_earth_field(request.place)
             walk = prepare_walk(read_walk(file, options, reading))
-            field = walk.require_field()
+            field = require_field(walk)
             outcome = run_methods(walk, [PATH_METHOD])[PATH_METHOD]
             survey = survey_field(walk.recording, field, names, outcome.solution, earth)
             with target.open() as folder:

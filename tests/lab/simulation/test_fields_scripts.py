@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from fg_nav.arrays import Floats
+from fg_nav.detection.stance import Stances
 from fg_nav.errors import RecordingError
 from fg_nav.frames import GRAVITY_M_S2, yaw_rotation
 from fg_nav.lab.simulation.fields import SITES, draw_environment, make_earth_field
 from fg_nav.recording import Recording
 from fg_nav.solution import Solution, StanceTable
-from fg_nav.stances import Stances
 from tests.real_data import DATA, needs_data
 from tests.scripts import load_script
 

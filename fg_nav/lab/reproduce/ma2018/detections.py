@@ -41,10 +41,12 @@ import numpy as np
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.detection import detect_stances
+from fg_nav.detection.stance import Stances
 from fg_nav.errors import CalibrationError
 from fg_nav.frames import compute_heading, wrap_angle
 from fg_nav.lab.campaign.methods import solve_by
 from fg_nav.lab.campaign.walks import LOOP, RAW, Simulated
+from fg_nav.lab.field_survey import require_field
 from fg_nav.lab.roc import (
     Roc,
     make_roc,
@@ -64,7 +66,6 @@ from fg_nav.magnetic.footfall_field import (
 )
 from fg_nav.magnetic.quasi_static import QUASI_STATIC
 from fg_nav.recording import Recording
-from fg_nav.stances import Stances
 from fg_nav.truth import TrajectoryTruth
 
 WINDOW = 3  # Strides of a window, as Ma has it; one truth for all detectors, whatever their own windows.
@@ -292,7 +293,7 @@ def measure_headings(scenario: str, field: str, seed: int, method: str) -> Array
         used the field, `place` (F, 2) m true, all at the footfalls; `strength_t` (M,) s and `strength` (M,) uT.
     """
     walk = Simulated(scenario, field, seed).prepare(LOOP)
-    seen, stances = walk.require_field(), solve_by(method, walk).solution.stances
+    seen, stances = require_field(walk), solve_by(method, walk).solution.stances
     recording, truth = walk.recording, walk.truth
     assert recording.mag is not None
     assert isinstance(truth, TrajectoryTruth)

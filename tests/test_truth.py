@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 from fg_nav.errors import EstimationError
-from fg_nav.fix_check import check_fixes, check_fixes_on_path
 from fg_nav.online.buffer import OnlineOptions
 from fg_nav.pipeline import prepare_walk
 from fg_nav.recording import Recording
-from fg_nav.truth import Fix
+from fg_nav.truth import Fix, check_fixes, check_fixes_on_path
 from fg_nav.walk import Walk, add_known
 from tests.io.samples import tilting
 

@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fg_nav.stances import Stances, find_runs
+from fg_nav.arrays import find_runs
+from fg_nav.detection.stance import Stances
 
 masks = st.lists(st.booleans(), min_size=1, max_size=60).map(lambda bits: np.array(bits, dtype=bool))
 
