@@ -50,13 +50,12 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from fg_nav.both_feet import navigate_feet
+    from fg_nav.both_feet import FeetResult, navigate_feet
     from fg_nav.detection import detect_stances
     from fg_nav.detection.stance import Stances
     from fg_nav.ekf import run_iez
     from fg_nav.errors import FgNavError
     from fg_nav.evaluation import evaluate
-    from fg_nav.feet_result import FeetResult
     from fg_nav.io import read, read_truth
     from fg_nav.lab.simulation import simulate
     from fg_nav.magnetic.footfall_field import average_footfall_field
@@ -68,7 +67,7 @@ if TYPE_CHECKING:
     from fg_nav.walk import Options
 
 _HOME = {
-    "FeetResult": "fg_nav.feet_result",
+    "FeetResult": "fg_nav.both_feet",
     "FgNavError": "fg_nav.errors",
     "Fix": "fg_nav.truth",
     "FootprintTruth": "fg_nav.truth",

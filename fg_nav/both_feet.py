@@ -7,26 +7,29 @@
     sides           which recording is of which foot: by the user, or by the width between
     FeetResult      each foot and the person, measured and judged
 
-A foot whose recording cannot be navigated leaves the other as it is alone, and feet that nothing ties are two walks
-with a remark: `_go_alone`.
+The person is the middle of both sensors (`fg_nav.feet.person`). A foot whose recording cannot be navigated leaves the
+other as it is alone, and the person is where that one is; feet that nothing ties are two walks with a remark, and the
+person is where the left one is.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Literal, TypeAlias
 
 import numpy as np
 
-from fg_nav.errors import DetectionError, EstimationError, FgNavError
+from fg_nav.errors import DetectionError, EstimationError, EvaluationError, FgNavError
 from fg_nav.estimators import Progress, blaming_changes, check_use, choose_parameters, estimate, find_method
+from fg_nav.evaluation.comparison import compare, interpolate_truth
+from fg_nav.evaluation.metrics import Metrics, evaluate
 from fg_nav.feet import SIDES, Side
 from fg_nav.feet.clocks import ClockOffset, align_clocks
 from fg_nav.feet.person import FeetSolution, trace_person
 from fg_nav.feet.steps import Footfalls, keep_longest_part, keep_walked_parts, measure_relative_heading
-from fg_nav.feet_result import FeetResult, Known, Pairing
 from fg_nav.io import Reading
 from fg_nav.pipeline import Result, prepare_walk, run_method
 from fg_nav.recording import Recording
@@ -34,15 +37,174 @@ from fg_nav.samples.gaps import find_holes, list_bridged
 from fg_nav.solution import Solution
 from fg_nav.text import format_count
 from fg_nav.truth import FootprintTruth, TrajectoryTruth, Truth
-from fg_nav.walk import Options, Walk, add_known, check_known, evaluate_solution, measure_field, read_walk
+from fg_nav.verdict import UNUSABLE, Verdict, Word
+from fg_nav.walk import Options, Outcome, Walk, add_known, check_known, evaluate_solution, measure_field, read_walk
 
 Order: TypeAlias = Literal["left,right", "right,left"]
 """Feet of the first and of the second recording."""
+
+Known: TypeAlias = Literal["named", "shown", "assumed"]
+"""How it is known which recording is of which foot: by the user, by the steps, or not."""
 
 MIN_FOOTFALLS = 4  # Of a foot that walked: three strides or fewer are no walk (`fg_nav.verdict`).
 LOST_SHARE = 0.5  # Of the other foot's footfalls: a foot with fewer recorded for less than half of the walk.
 MAX_GAP_S = 3600.0  # Parts of a recording stay, as the other foot goes on between; more is a clock that was set.
 CLEAR_SIGMAS = 3.0  # From zero, at which the width shows which foot is which.
+WORDS: tuple[Word, ...] = ("trusted", "doubtful", UNUSABLE)  # From the best to the worst.
+
+
+@dataclass(frozen=True)
+class Pairing:
+    """How two recordings were put together."""
+
+    order: tuple[Side, Side]  # feet of the first and of the second recording, and `sides` how that is known
+    sides: Known
+    # was added to the second recording's stamps; `clock_given` by the user, else by the signals
+    clock_offset_s: float = 0.0
+    clock_given: bool = False
+    clock_drift: float = 0.0  # by how much more with each second since its start, s/s
+    # between the sensors, across the way; None where one foot is missing, or nothing ties them
+    width_m: float | None = None
+    width_sigma_m: float | None = None
+    cells: int = 0  # of steps that tie the feet
+    beyond_reach: int = 0  # pairs of footfalls that were out of reach of each other before they were tied
+    heading_deg: float | None = None  # of the left sensor at its start, as it was given; None where it was not
+    doubts: tuple[str, ...] = ()  # sentences that make the result doubtful
+
+
+@dataclass(frozen=True, repr=False)
+class FeetResult(Solution):
+    """The person's path as a `Solution`, and both feet: what `fg_nav.navigate_feet` returns.
+
+    Attributes
+    ----------
+    feet : the `Result` of each foot that was navigated, by its side; stamps are of the first recording's clock.
+    pairing : how the recordings were put together: width, clocks, which is which foot.
+    outcome : of the person, against the middle of both feet's truths where they have one.
+    truth : of the person.
+
+    Examples
+    --------
+    >>> result = fg_nav.navigate_feet("left.csv", "right.csv", "inertial")
+    >>> sorted(result.feet), result.position.shape == (len(result.t), 3)  # m, between the feet
+    (['left', 'right'], True)
+    >>> result.stances.position_sigma.shape == (len(result.stances), 3)  # m, a row a footfall of the left foot
+    True
+    """
+
+    feet: Mapping[Side, Result] = field(kw_only=True)
+    pairing: Pairing = field(kw_only=True)
+    outcome: Outcome = field(kw_only=True)
+    truth: TrajectoryTruth | None = field(kw_only=True, default=None)
+
+    @classmethod
+    def of(
+        cls,
+        feet: Mapping[Side, Result],
+        solved: FeetSolution | None,
+        pairing: Pairing,
+        notes: tuple[str, ...] = (),
+        lost: Mapping[Side, str] = {},
+        untied: str = "",
+    ) -> FeetResult:
+        """Join the results of the feet, and evaluate the person's path against the mean of both true paths.
+
+        `solved` are both as they were solved together. Without it the person's path is the left foot's, or that of the
+        only usable one: `lost` has the reason for the other, `untied`, why two usable feet cannot be solved as one.
+        """
+        side = next(iter(feet))
+        first, usable, doubts = feet[side], feet, pairing.doubts
+        if solved is not None:
+            person = solved.person
+            pairing = replace(
+                pairing, width_m=solved.width_m, width_sigma_m=solved.width_sigma_m, cells=solved.cells,
+                beyond_reach=solved.beyond_reach,
+            )  # fmt: skip
+        else:
+            person, usable = trace_person(first, first, np.zeros(1), np.zeros((1, 4, 4))), {side: first}
+            doubt = f"the feet are solved as two walks, and the {side} one is the person's path: {untied}"
+            for missing, why in lost.items():
+                doubt = f"the {missing} foot is missing: {why.rstrip('.')}; the {side} foot alone is the person's path."
+            doubts = (*doubts, doubt)
+            pairing = replace(pairing, doubts=doubts, heading_deg=pairing.heading_deg if side == "left" else None)
+        solution = replace(
+            person, method=first.method, parameters=first.parameters, notes=(*doubts, *notes),
+            runtime_s=max(foot.runtime_s for foot in feet.values()),
+        ).widen(max(foot.walk.recording.provenance.rate_sigma for foot in feet.values()))  # fmt: skip
+        metrics, truth, comparison = evaluate(solution), None, None
+        try:
+            truth = _find_truth(usable)
+            if truth is not None:
+                comparison = compare(solution, truth, first.walk.options.alignment)
+                metrics = evaluate(solution, truth, comparison=comparison)
+        except EvaluationError as error:
+            truth, metrics = None, replace(metrics, notes=(f"the person's truth left out: {error}",))
+        known = {item.name: getattr(solution, item.name) for item in fields(Solution)}
+        return cls(**known, feet=feet, pairing=pairing, outcome=Outcome(solution, metrics, comparison), truth=truth)
+
+    @property
+    def left(self) -> Result | None:
+        """The left foot; None where its recording could not be navigated."""
+        return self.feet.get("left")
+
+    @property
+    def right(self) -> Result | None:
+        """The right foot, likewise."""
+        return self.feet.get("right")
+
+    @property
+    def width_m(self) -> float | None:
+        """Between the sensors, across the way, m; None where one foot is missing, or nothing ties them.
+
+        Examples
+        --------
+        >>> 0.0 < fg_nav.navigate_feet("left.csv", "right.csv", "inertial").width_m < 0.5
+        True
+        """
+        return self.pairing.width_m
+
+    @property
+    def metrics(self) -> Metrics:
+        """Distance and closure of the person, and errors where both feet have a true path; those of a foot are its own.
+
+        Examples
+        --------
+        >>> result = fg_nav.navigate_feet("left.csv", "right.csv", "inertial", sides="left,right")
+        >>> result.metrics.distance_m < result.left.metrics.distance_m + 1.0
+        True
+        """
+        return self.outcome.metrics
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """The worse of both feet's verdicts, with all reasons; doubtful at least where one foot is missing.
+
+        Examples
+        --------
+        >>> fg_nav.navigate_feet("left.csv", "right.csv", "inertial").verdict.word
+        'trusted'
+        """
+        found = {side: foot.verdict for side, foot in self.feet.items()}
+        words: list[Word] = [one.word for one in found.values()]
+        if self.pairing.doubts:
+            words.append("doubtful")
+        reasons = tuple(f"{side} foot: {reason}" for side, one in found.items() for reason in one.reasons)
+        return Verdict(max(words, key=WORDS.index), (*self.pairing.doubts, *reasons))
+
+
+def _find_truth(feet: Mapping[Side, Result]) -> TrajectoryTruth | None:
+    """Return the mean of both feet's true paths (of one foot, its own); None if one of them has none that was usable.
+
+    Raises `EvaluationError` where they have no time in common.
+    """
+    truths = [foot.walk.truth for foot in feet.values() if foot.outcome.comparison is not None]
+    paths = [truth for truth in truths if isinstance(truth, TrajectoryTruth)]
+    if len(paths) < len(feet):
+        return None
+    if len(paths) == 1:
+        return replace(paths[0], nav_R_body=None)
+    row, other = interpolate_truth(paths[1], paths[0].t)
+    return TrajectoryTruth(paths[0].t[row], 0.5 * (paths[0].position[row] + other))
 
 
 def navigate_feet(
@@ -102,89 +264,69 @@ def navigate_feet(
         raise EstimationError(f"sides '{sides}' are none: name them left,right or right,left, as the recordings are.")
     if not isinstance(truth, tuple | list) or len(truth) != len(SIDES):
         raise EstimationError("give a truth for each recording, in their order, or None: (left, right).")
+    if clock_offset_s is not None and not np.isfinite(clock_offset_s):
+        raise EstimationError(f"a clock offset of {clock_offset_s} s is no time: give a number.")
+    # read; the recordings by side, as they are named, else as they are assumed
     reading, walks = Reading(longest_gap_s=MAX_GAP_S), list[Walk]()
     for given, of_one in zip((first, second), truth, strict=True):
         walk = given if isinstance(given, Walk) else read_walk(given, options or Options(), reading)
         walks.append(add_known(walk, None, of_one))
-    if clock_offset_s is not None:
-        if not np.isfinite(clock_offset_s):
-            raise EstimationError(f"a clock offset of {clock_offset_s} s is no time: give a number.")
-        walks[1] = _shift_clock(walks[1], ClockOffset(clock_offset_s))
     if any(walk.fixes or walk.places is not None or walk.extra is not None for walk in walks):
         raise EstimationError("fixes, places and factors of your own are for one foot: leave them out for two.")
+    if clock_offset_s is not None:
+        walks[1] = _shift_clock(walks[1], ClockOffset(clock_offset_s))
     headings = (heading_deg, *(walk.options.heading_deg for walk in walks))
-    heading_deg = next((one for one in headings if one is not None), None)
-    request = _Request(method, heading_deg, sides, clock_offset_s, progress)
-    # each recording as one of a foot alone: checked, corrected, its stances and its field
-    prepared, lost = _prepare_both(walks)
+    pairing = Pairing(
+        SIDES[::-1] if sides == "right,left" else SIDES,
+        "assumed" if sides is None else "named",
+        clock_offset_s or 0.0,
+        clock_offset_s is not None,
+        heading_deg=next((one for one in headings if one is not None), None),
+    )
+    feet = dict(zip(pairing.order, walks, strict=True))
+    # each as of a foot alone: checked, corrected, its stances and its field
+    feet, lost = _prepare_feet(feet)
     if lost:
-        return _go_alone(request, prepared, lost)
+        return _go_alone(feet, pairing, method, progress, lost)
     # the two together, or each by itself where nothing ties them
     try:
-        return _navigate_both(request, prepared)
+        return _navigate_both(feet, pairing, method, progress)
     except FgNavError as error:
-        lost = {number: f"{words} ({error})" for number, words in _find_lost(prepared, method).items()}
-        return _go_alone(request, prepared, lost, str(error))
+        lost = {side: f"{words} ({error})" for side, words in _find_lost(feet, method).items()}
+        return _go_alone(feet, pairing, method, progress, lost, str(error))
 
 
-@dataclass(frozen=True)
-class _Request:
-    """What `navigate_feet` was asked for."""
-
-    method: str
-    heading_deg: float | None
-    sides: Order | None
-    clock_offset_s: float | None
-    progress: Progress | None
-
-    @property
-    def uses_field(self) -> bool:
-        """Whether the method makes use of the magnetic field."""
-        return find_method(self.method).uses_field
-
-    @property
-    def order(self) -> tuple[Side, Side]:
-        """Feet of the recordings as they were named, else as they are assumed."""
-        return SIDES[::-1] if self.sides == "right,left" else SIDES
-
-    @property
-    def known(self) -> Known:
-        """How these are known before the feet are solved."""
-        return "assumed" if self.sides is None else "named"
+def _name(feet: Mapping[Side, Walk], side: Side) -> str:
+    """Return the name of a foot's recording; `feet` are in the order of the recordings."""
+    path = feet[side].recording.provenance.path
+    return f"the {'first' if side == next(iter(feet)) else 'second'} recording" if path is None else path.name
 
 
-def _name(walk: Walk, number: int) -> str:
-    path = walk.recording.provenance.path
-    return ("the first recording", "the second recording")[number] if path is None else path.name
-
-
-def _prepare_both(walks: Sequence[Walk]) -> tuple[list[Walk], dict[int, str]]:
-    """Return both walks prepared, and by index the reason for each that has too few footfalls to be navigated.
+def _prepare_feet(feet: Mapping[Side, Walk]) -> tuple[dict[Side, Walk], dict[Side, str]]:
+    """Return both walks prepared, and the reason for each that has too few footfalls to be navigated.
 
     Raises any other fault of a recording, with its name.
     """
-    prepared, lost = [], dict[int, str]()
-    for number, walk in enumerate(walks):
+    prepared, lost = dict[Side, Walk](), dict[Side, str]()
+    for side, walk in feet.items():
         # The given heading is the left foot's: neither walk has it until the sides are known.
-        alone, name = replace(walk, options=replace(walk.options, heading_deg=None, mount="foot")), _name(walk, number)
+        alone, name = replace(walk, options=replace(walk.options, heading_deg=None, mount="foot")), _name(feet, side)
         try:
             # drop the parts of an interrupted recording that have no footfalls to tie them to the rest
             whole = alone.recording
             alone = _prepare(alone, whole)
             if (parts := keep_walked_parts(whole, alone.stances)) is not whole:
                 alone = _prepare(alone, parts)
-            if alone.stances.n_footfalls >= MIN_FOOTFALLS:
+            if (count := alone.stances.n_footfalls) < MIN_FOOTFALLS:
+                lost[side] = f"{name} has {format_count(count, 'footfall')}"
+            else:
                 check_known(alone)
         except DetectionError as error:
-            lost[number] = f"{name}: {error}"
+            lost[side] = f"{name}: {error}"
         except FgNavError as error:
             raise error if name in str(error) else type(error)(f"{name}: {error}") from None
-        else:
-            count = alone.stances.n_footfalls
-            if count < MIN_FOOTFALLS:
-                lost[number] = f"{name} has {format_count(count, 'footfall')}"
-        prepared.append(alone)
-    if len(lost) == len(walks):
+        prepared[side] = alone
+    if len(lost) == len(feet):
         raise DetectionError(f"neither foot can be navigated: {' '.join(lost.values())}")
     return prepared, lost
 
@@ -194,72 +336,62 @@ def _prepare(walk: Walk, recording: Recording) -> Walk:
     return replace(prepare_walk(replace(walk, recording=recording, truth=None)), truth=walk.truth)
 
 
-def _find_lost(walks: Sequence[Walk], method: str) -> dict[int, str]:
-    """Return by index why one walk is unusable: not solvable, or far fewer footfalls; empty if both fail or neither."""
-    counts = [walk.stances.n_footfalls for walk in walks]
-    few = int(np.argmin(counts))
-    if counts[few] < LOST_SHARE * counts[1 - few]:
+def _find_lost(feet: Mapping[Side, Walk], method: str) -> dict[Side, str]:
+    """Return why one walk is unusable: not solvable, or far fewer footfalls; empty if both fail or neither."""
+    counts = {side: walk.stances.n_footfalls for side, walk in feet.items()}
+    few, most = sorted(counts, key=lambda side: counts[side])
+    if counts[few] < LOST_SHARE * counts[most]:
         found = format_count(counts[few], "footfall")
-        return {few: f"{_name(walks[few], few)} has {found}, and the other foot {counts[1 - few]}"}
+        return {few: f"{_name(feet, few)} has {found}, and the other foot {counts[most]}"}
     failed = {}
-    for number, walk in enumerate(walks):
+    for side, walk in feet.items():
         try:
             estimate(walk, method)
         except FgNavError as error:
-            failed[number] = f"{_name(walk, number)}: {error}"
+            failed[side] = f"{_name(feet, side)}: {error}"
     return failed if len(failed) == 1 else {}
 
 
-def _go_alone(request: _Request, prepared: Sequence[Walk], lost: Mapping[int, str], untied: str = "") -> FeetResult:
-    """Navigate each usable foot alone; the person's path is the left foot's, or that of the only usable one.
-
-    `lost` has the reason for each unusable foot by its index; `untied`, why two usable feet cannot be solved as one.
-    """
-    feet, notes = dict[str, Result](), list[str]()
-    for side in SIDES:
-        number = request.order.index(side)
-        if number in lost:
-            continue
-        walk = prepared[number]
+def _go_alone(
+    feet: Mapping[Side, Walk],
+    pairing: Pairing,
+    method: str,
+    progress: Progress | None,
+    lost: Mapping[Side, str],
+    untied: str = "",
+) -> FeetResult:
+    """Navigate each usable foot alone; `lost` and `untied` as of `FeetResult.of`."""
+    results, notes = dict[Side, Result](), list[str]()
+    for side in (one for one in SIDES if one not in lost):
+        walk = feet[side]
         whole = keep_longest_part(walk.recording)
         if whole is not walk.recording:
             walk = _prepare(walk, whole)
-        if request.heading_deg is not None:
+        if pairing.heading_deg is not None:
             if side == "left":
-                walk = measure_field(_turn(walk, np.deg2rad(request.heading_deg)))
+                walk = measure_field(_turn(walk, np.deg2rad(pairing.heading_deg)))
             else:
                 notes.append("the heading was that of the left foot, and left out: it is zero, or that of the field")
-        feet[side] = Result.of(walk, run_method(walk, request.method, request.progress))
-    first: Side = "left" if "left" in feet else "right"
-    if lost:
-        ((missing, why),) = lost.items()
-        doubt = f"the {request.order[missing]} foot is missing: {why.rstrip('.')}; the {first} foot alone is the "
-        doubt += "person's path."
-    else:
-        doubt = f"the feet are solved as two walks, and the {first} one is the person's path: {untied}"
-    person = trace_person(feet[first], feet[first], np.zeros(1), np.zeros((1, 4, 4)))
-    heading_deg = request.heading_deg if first == "left" else None
-    offset_s, given = request.clock_offset_s or 0.0, request.clock_offset_s is not None
-    pairing = Pairing(request.order, request.known, offset_s, given, heading_deg=heading_deg, doubts=(doubt,))
-    return FeetResult.of(feet, person, pairing, tuple(notes))
+        results[side] = Result.of(walk, run_method(walk, method, progress))
+    return FeetResult.of(results, None, pairing, tuple(notes), lost, untied)
 
 
-def _navigate_both(request: _Request, walks: Sequence[Walk]) -> FeetResult:
-    """Solve two prepared walks in one graph; return both feet, the person and how the feet were paired."""
-    first, second = walks
-    clocks = ClockOffset(request.clock_offset_s or 0.0)
-    if request.clock_offset_s is None:
+def _navigate_both(feet: Mapping[Side, Walk], pairing: Pairing, method: str, progress: Progress | None) -> FeetResult:
+    """Solve two prepared walks in one graph."""
+    order, known = pairing.order, pairing.sides
+    first, second, notes = feet[order[0]], feet[order[1]], list[str]()
+    if not pairing.clock_given:
         clocks = align_clocks(first.recording, first.stances, second.recording, second.stances)
-        second = _shift_clock(second, clocks)
-    notes = [clocks.note] if clocks.note else []
-    first, second = replace(first, beside=second.recording.t), replace(second, beside=first.recording.t)
+        second, notes = _shift_clock(second, clocks), [clocks.note] * bool(clocks.note)
+        pairing = replace(pairing, clock_offset_s=clocks.offset_s, clock_drift=clocks.drift)
+    walks = replace(first, beside=second.recording.t), replace(second, beside=first.recording.t)
     # which foot is which: as named, else as the steps show
-    order, known = request.order, request.known
-    left, right, solution = _solve(request, *((first, second) if order == SIDES else (second, first)))
+    feet, solution = _solve(dict(zip(order, walks, strict=True)), pairing, method, progress)
     if known == "assumed" and shows_sides(solution):
         known = "shown"
         if solution.width_m < 0.0:  # frame and heading are the left foot's: solve again in its own
-            order, (left, right, solution) = order[::-1], _solve(request, right, left)
+            order, swapped = order[::-1], dict(zip(SIDES, (feet["right"], feet["left"]), strict=True))
+            feet, solution = _solve(swapped, pairing, method, progress)
     # doubts about it, and remarks on it
     doubts = tuple[str, ...]()
     width = f"{solution.width_m:.2f} m within {solution.width_sigma_m:.2f} m"
@@ -270,17 +402,13 @@ def _navigate_both(request: _Request, walks: Sequence[Walk]) -> FeetResult:
     if known == "assumed":
         words = "the first recording was taken for the left foot's: the steps do not show which is which; see --sides"
         notes.append(words)
-    feet = dict[str, Result]()
-    for side, walk in zip(SIDES, (left, right), strict=True):
-        found: Solution = replace(getattr(solution, side), method=request.method, uses_field=request.uses_field)
-        found = found.widen(walk.recording.provenance.rate_sigma)
-        feet[side] = Result.of(walk, evaluate_solution(walk, found))
-    pairing = Pairing(
-        order, known, clocks.offset_s, request.clock_offset_s is not None, clocks.drift, solution.width_m,
-        solution.width_sigma_m, solution.cells, solution.beyond_reach, request.heading_deg, doubts,
-    )  # fmt: skip
-    notes += _describe_cover(left, right)
-    return FeetResult.of(feet, solution.person, pairing, tuple(notes))
+    results, uses_field = dict[Side, Result](), find_method(method).uses_field
+    for side in SIDES:
+        walk, found = feet[side], getattr(solution, side)
+        found = replace(found, method=method, uses_field=uses_field).widen(walk.recording.provenance.rate_sigma)
+        results[side] = Result.of(walk, evaluate_solution(walk, found))
+    pairing = replace(pairing, order=order, sides=known, doubts=doubts)
+    return FeetResult.of(results, solution, pairing, (*notes, *_describe_cover(feet)))
 
 
 def shows_sides(solution: FeetSolution) -> bool:
@@ -294,21 +422,23 @@ def shows_sides(solution: FeetSolution) -> bool:
     return bool(abs(by_steps) > CLEAR_SIGMAS * information**0.5 and by_steps * solution.width_m > 0.0)
 
 
-def _solve(request: _Request, left: Walk, right: Walk) -> tuple[Walk, Walk, FeetSolution]:
-    """Set initial headings and solve both feet in one graph; return the left and the right walk with the solution."""
+def _solve(
+    feet: Mapping[Side, Walk], pairing: Pairing, method: str, progress: Progress | None
+) -> tuple[dict[Side, Walk], FeetSolution]:
+    """Set initial headings and solve both feet in one graph; return the walks with the solution."""
     from fg_nav.smoother.batch import WalkInput
     from fg_nav.smoother.feet import smooth_feet
 
-    if not request.uses_field:
-        left, right = (replace(walk, field=None) for walk in (left, right))
+    uses_field = find_method(method).uses_field
+    left, right = (feet[side] if uses_field else replace(feet[side], field=None) for side in SIDES)
     # initial headings, the right foot's from the steps; with a field and none given, the field determines both
-    if request.heading_deg is not None or left.field is None:
-        start = Options(heading_deg=request.heading_deg or 0.0).heading_rad or 0.0
+    if pairing.heading_deg is not None or left.field is None:
+        start = Options(heading_deg=pairing.heading_deg or 0.0).heading_rad or 0.0
         relative = measure_relative_heading(_find_footfalls(right), _find_footfalls(left))
         left, right = _turn(left, start), _turn(right, start + relative)
-        if request.uses_field:
+        if uses_field:
             left, right = (walk if walk.field is None else measure_field(walk) for walk in (left, right))
-    with blaming_changes(request.method, left.options):
+    with blaming_changes(method, left.options):
         of_right, of_left = (
             WalkInput(
                 one.recording,
@@ -319,7 +449,7 @@ def _solve(request: _Request, left: Walk, right: Walk) -> tuple[Walk, Walk, Feet
             )
             for one in (right, left)
         )
-        return left, right, smooth_feet(of_right, of_left, request.progress)
+        return {"left": left, "right": right}, smooth_feet(of_right, of_left, progress)
 
 
 def _turn(walk: Walk, heading_rad: float) -> Walk:
@@ -345,11 +475,11 @@ def _shift_clock(walk: Walk, clocks: ClockOffset) -> Walk:
     return replace(walk, recording=recording, truth=truth, field=field)
 
 
-def _describe_cover(left: Walk, right: Walk) -> list[str]:
+def _describe_cover(feet: Mapping[Side, Walk]) -> list[str]:
     """Return notes on the times (s) in which only one foot was recorded."""
     found = []
-    for side, other, one, two in (("left", "right", left, right), ("right", "left", right, left)):
-        t, of_other = one.recording.t, two.recording.t
+    for side, other in (SIDES, SIDES[::-1]):
+        t, of_other = feet[side].recording.t, feet[other].recording.t
         if t[0] < of_other[0] - 1.0 or t[-1] > of_other[-1] + 1.0:
             found.append(
                 f"the {side} foot was recorded from {t[0]:.1f} to {t[-1]:.1f} s, the {other} one from "

@@ -58,7 +58,7 @@ from fg_nav.magnetic import average_footfall_field
 from fg_nav.magnetic.footfall_field import integrate_attitude
 from fg_nav.recording import Recording
 from fg_nav.smoother import SmootherParameters, smooth
-from fg_nav.smoother.preintegration import POSITION_DENSITY
+from fg_nav.smoother.strides import POSITION_DENSITY
 
 SMOOTHER_RATIO, DOUBLING_RATIO, IEZ_US = 1.5, 2.3, 2.5
 """What is asked: smoother over bare loop, cost over that of half the walk, microseconds a sample."""

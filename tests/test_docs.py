@@ -24,9 +24,12 @@ from fg_nav.lab import verbs as laboratory
 from fg_nav.lab.field_survey import SURVEYED
 from fg_nav.lab.simulation import SCENARIOS, simulate
 from fg_nav.lab.simulation.scenarios import FIELDS
+from fg_nav.lab.verbs.allan import ALLAN_FILES
+from fg_nav.lab.verbs.detect import DETECT_FILES
+from fg_nav.lab.verbs.simulate import FEET_FILES, SIMULATION_FILES
 from fg_nav.magnetic.quasi_static import DEFAULT, GATES
 from fg_nav.report.export import EXPORTS
-from fg_nav.report.folder import ALLAN_FILES, DETECT_FILES, FEET_FILES, RESULT_FILES, SIMULATION_FILES
+from fg_nav.report.folder import RESULT_FILES
 from fg_nav.samples import stamps
 from fg_nav.smoother import SmootherParameters, graph, strides
 

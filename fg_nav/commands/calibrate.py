@@ -26,7 +26,8 @@ from fg_nav.calibration.of_recording import (
 )
 from fg_nav.calibration.of_recording import calibrate as calibrate_recording
 from fg_nav.commands.requests import CalibrateRequest
-from fg_nav.commands.shared import Answer, choose_reading, find_earth_field
+from fg_nav.commands.shared import Answer, choose_reading
+from fg_nav.earth import Place, compute_field
 from fg_nav.errors import CalibrationError, DetectionError, EstimationError
 from fg_nav.magnetic.axes import MagAxes
 from fg_nav.pipeline import navigate
@@ -48,8 +49,8 @@ def calibrate(request: CalibrateRequest) -> Answer:
         raise CalibrationError("--strength and --place both give the strength of the field: give one of them.")
     if strength_uT is not None and not 5.0 <= strength_uT <= 200.0:
         raise CalibrationError(f"a field of {strength_uT:g} uT is none on Earth (25 to 65): give its strength in uT.")
-    earth = find_earth_field(request.place)
-    strength_uT = strength_uT if earth is None else earth.strength_uT
+    if request.place is not None:
+        strength_uT = compute_field(Place.parse(request.place)).strength_uT
     first, *others = [reading.read(file) for file in request.recordings]
     sensor = calibrate_sensor([first, *others]) if others else None
     found = calibrate_recording(first, request.method, strength_uT, axes, sensor)

@@ -67,6 +67,30 @@ class Config(BaseModel):
     recording: Annotated[str | None, Strict()]
     given: Given
 
+    def list_defaults(self) -> dict[str, object]:
+        """Return the values that it gives to command-line options, by option name."""
+        given = self.given
+        same = ("method", "mount", "preset", "magnetic", "mag_axes", "calibration", "places", "alignment", "polish")
+        return {name: getattr(given, name) for name in same} | {
+            "gate": None if given.gate == DEFAULT else given.gate,
+            "no_mag": not given.use_magnetometer,
+            "step_constant": given.step_constant_m,
+        }
+
+    def bind(self, options: Options, recording: Path) -> Options:
+        """Return the options, completed by what belongs to the recording where this was written for it."""
+        given = self.given
+        own = {"heading_deg": given.heading_deg, "known_distance_m": given.known_distance_m} | {
+            f"{name}_path": None if file is None else Path(file)
+            for name, file in (("fixes", given.fixes), ("gnss", given.gnss), ("truth", given.truth))
+        }
+        taken = {key: value for key, value in own.items() if value is not None and getattr(options, key) is None}
+        if taken and (self.recording is None or Path(self.recording).resolve() != recording.resolve()):
+            names = ", ".join(key.rpartition("_")[0] for key in taken)
+            remark(f"note: the configuration is of {self.recording}: its {names} left out for {recording}")
+            return options
+        return replace(options, **taken)  # type: ignore[arg-type]
+
 
 def read_config(path: Path) -> Config:
     """Read the `config.json` of a result; raises `ConfigError` where it is none."""
@@ -76,31 +100,10 @@ def read_config(path: Path) -> Config:
         first = error.errors()[0]
         where = ".".join(map(str, first["loc"]))
         what = f"{where}: {first['msg']}" if where else first["msg"]
-        raise ConfigError(
-            f"{path} is no config.json of a result ({what}): give one as `fg-nav run` writes it."
-        ) from None
+        words = f"{path} is no config.json of a result ({what}): give one as `fg-nav run` writes it."
     except OSError as error:
-        reason = describe_reason(error)
-        raise ConfigError(f"{path} cannot be read ({reason}): give the config.json of a result.") from None
-
-
-def list_defaults(config: Config) -> dict[str, object]:
-    """Return the values that the configuration gives to command-line options, by option name."""
-    given = config.given
-    return {
-        "method": given.method,
-        "mount": given.mount,
-        "preset": given.preset,
-        "gate": None if given.gate == DEFAULT else given.gate,
-        "magnetic": given.magnetic,
-        "no_mag": not given.use_magnetometer,
-        "mag_axes": given.mag_axes,
-        "calibration": given.calibration,
-        "places": given.places,
-        "alignment": given.alignment,
-        "polish": given.polish,
-        "step_constant": given.step_constant_m,
-    }
+        words = f"{path} cannot be read ({describe_reason(error)}): give the config.json of a result."
+    raise ConfigError(words)
 
 
 def choose_changes(
@@ -108,19 +111,15 @@ def choose_changes(
 ) -> Changes:
     """Return (name, value) of the parameters that a configuration and the `words` of `--set` change in these methods.
 
-    Raises
-    ------
-    ConfigError
-        If the configuration is for none of these methods, or there is no such parameter.
-    EstimationError
-        If a value is of another type.
+    Raises `ConfigError` if the configuration is for none of these methods, or there is no such parameter;
+    `EstimationError` if a value is of another type.
     """
     if mount == "pocket":
         return ()
     owners = {one.owner: find_parameters(one.name, preset) for one in methods if one.parameters is not None}
     if any("stances" in one.uses for one in methods):  # others find theirs as they go
         owners[DETECTOR] = StanceParameters()
-    known = [name for owner, parameters in owners.items() for name in _list_names(owner, parameters)]
+    known = [name for owner, parameters in owners.items() for name in list_settings(owner, parameters)]
     settings = tuple(parse_setting(word) for word in words)
     for name, _ in settings:
         if name not in known:
@@ -144,12 +143,10 @@ def choose_changes(
     return changes
 
 
-def list_settings(owner: str) -> list[str]:
-    """Return the names that `--set` takes of the methods of an owner, or of the stances."""
-    return _list_names(owner, StanceParameters() if owner == DETECTOR else find_parameters(name_owners()[owner]))
-
-
-def _list_names(owner: str, parameters: object) -> list[str]:
+def list_settings(owner: str, parameters: object = None) -> list[str]:
+    """Return the names that `--set` takes of an owner of parameters, or of the stances; of its own by default."""
+    if parameters is None:
+        parameters = StanceParameters() if owner == DETECTOR else find_parameters(name_owners()[owner])
     return [f"{owner}.{name}" for name in list_names(parameters) if name not in BY_OTHER_MEANS]
 
 
@@ -163,21 +160,3 @@ def parse_setting(word: str) -> tuple[str, Value]:
     except (ValueError, RecursionError):  # a word, or brackets without end
         value = text
     return name.strip(), value
-
-
-def bind_to_recording(options: Options, config: Config, recording: Path) -> Options:
-    """Return the options, completed from the configuration where it was written for this recording."""
-    given = config.given
-    own = {
-        "heading_deg": given.heading_deg,
-        "known_distance_m": given.known_distance_m,
-        "fixes_path": None if given.fixes is None else Path(given.fixes),
-        "gnss_path": None if given.gnss is None else Path(given.gnss),
-        "truth_path": None if given.truth is None else Path(given.truth),
-    }
-    taken = {key: value for key, value in own.items() if value is not None and getattr(options, key) is None}
-    if taken and (config.recording is None or Path(config.recording).resolve() != recording.resolve()):
-        names = ", ".join(key.rpartition("_")[0] for key in taken)
-        remark(f"note: the configuration is of {config.recording}: its {names} left out for {recording}")
-        return options
-    return replace(options, **taken)  # type: ignore[arg-type]

@@ -66,13 +66,17 @@ def _complete_settings(incomplete: str) -> list[str]:
     return [f"{name}=" for name in list_settings(begun[0][:-1]) if name.startswith(incomplete)]
 
 
-def _take_config(context: typer.Context, path: Path | None) -> Path | None:
-    """Make what a configuration says the defaults of the other options."""
-    if path is not None and not context.resilient_parsing:
-        from fg_nav.commands.config import list_defaults, read_config
+def _read_config(path: str) -> Any:
+    from fg_nav.commands.config import read_config
 
-        context.default_map = list_defaults(read_config(path))
-    return path
+    return read_config(Path(path))
+
+
+def _take_defaults(context: typer.Context, config: Any) -> Any:
+    """Make what a configuration (`fg_nav.commands.config.Config`) says the defaults of the other options."""
+    if config is not None and not context.resilient_parsing:
+        context.default_map = config.list_defaults()
+    return config
 
 
 def argument(metavar: str | None, help: str, default: Any = ..., **others: Any) -> Any:
@@ -192,34 +196,6 @@ class TruthOptions:
 
 
 @dataclass(kw_only=True, repr=False, eq=False)
-class ParameterOptions:
-    """Parameters of the methods."""
-
-    preset: str = option(
-        METHOD,
-        f"Parameters of the filters: {_list_words(PRESETS)}. The smoother has no presets.",
-        "NAME",
-        default=PRESETS[0],
-        autocompletion=complete_by(lambda: PRESETS),
-    )
-    config: Path | None = option(
-        METHOD,
-        "Do as this config.json of a result says; other options still win.",
-        "FILE",
-        is_eager=True,
-        callback=_take_config,
-    )
-    settings: list[str] | None = option(
-        METHOD,
-        "A parameter as `config.json` shows it, such as smoother.magnetic.rounds=3 or detector.threshold=1e4; "
-        "again for more.",
-        "NAME=VALUE",
-        name="--set",
-        autocompletion=_complete_settings,
-    )
-
-
-@dataclass(kw_only=True, repr=False, eq=False)
 class FolderOptions:
     """Where the result goes."""
 
@@ -275,7 +251,6 @@ class WalkOptions(
     ReadingOptions,
     BarometerOptions,
     SensorOptions,
-    ParameterOptions,
     FieldOptions,
     TruthOptions,
     PlotOptions,
@@ -283,6 +258,30 @@ class WalkOptions(
     Request,
 ):
     """How a recorded walk is solved, compared and drawn."""
+
+    preset: str = option(
+        METHOD,
+        f"Parameters of the filters: {_list_words(PRESETS)}. The smoother has no presets.",
+        "NAME",
+        default=PRESETS[0],
+        autocompletion=complete_by(lambda: PRESETS),
+    )
+    config: Any = option(
+        METHOD,
+        "Do as this config.json of a result says; other options still win.",
+        "FILE",
+        is_eager=True,
+        parser=_read_config,
+        callback=_take_defaults,
+    )
+    settings: list[str] | None = option(
+        METHOD,
+        "A parameter as `config.json` shows it, such as smoother.magnetic.rounds=3 or detector.threshold=1e4; "
+        "again for more.",
+        "NAME=VALUE",
+        name="--set",
+        autocompletion=_complete_settings,
+    )
 
 
 @dataclass(kw_only=True, repr=False, eq=False)

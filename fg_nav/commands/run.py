@@ -29,7 +29,7 @@ from fg_nav.errors import EstimationError, PlacesError, VerdictError
 from fg_nav.estimators import METHODS, Method, check_use, find_method
 from fg_nav.io.readers.table import refuse_sensor_tables
 from fg_nav.pipeline import navigate, prepare_walk, require_mag, take_places
-from fg_nav.report.files import Summary, write_comparison, write_run
+from fg_nav.report.files import Summary, write_comparison, write_feet, write_run
 from fg_nav.report.folder import check_file_free, result_file
 from fg_nav.report.terminal import print_results, progress
 from fg_nav.verdict import UNUSABLE
@@ -99,25 +99,17 @@ def _choose_changes(request: RunRequest | CompareRequest, methods: Sequence[Meth
     """Return the parameters that `--config` and `--set` give to the methods."""
     if request.config is None and not request.settings:
         return ()
-    from fg_nav.commands.config import choose_changes, read_config
+    from fg_nav.commands.config import choose_changes
 
-    config = None if request.config is None else read_config(request.config)
-    return choose_changes(config, request.settings or (), methods, mount, request.preset)
-
-
-def _bind(request: RunRequest | CompareRequest, options: Options, recording: Path) -> Options:
-    """Return the options, completed from the configuration where it was written for this recording."""
-    if request.config is None:
-        return options
-    from fg_nav.commands.config import bind_to_recording, read_config
-
-    return bind_to_recording(options, read_config(request.config), recording)
+    return choose_changes(request.config, request.settings or (), methods, mount, request.preset)
 
 
 def _run_one(request: RunRequest, method: Method, options: Options, recording: Path, out: Path | None) -> Answer:
+    """Navigate with one recording, and return the summary."""
     force = request.force and (out is not None or request.save_places is None)
     target = Target(out, force, f"{name_walk(recording)}-{method.name}")
-    options = _bind(request, options, recording)
+    if request.config is not None:
+        options = request.config.bind(options, recording)
     with target, progress(method.name) as report:
         walk = read_walk(recording, options, choose_reading(request))
         if request.save_places is not None:
@@ -136,29 +128,25 @@ def _run_one(request: RunRequest, method: Method, options: Options, recording: P
                     write_places(fresh, places)
             except PlacesError as error:
                 failure = error
-    if failure is None and request.strict:
-        failure = refuse_unusable(summary, target.place)
-    content = {"recording": str(recording), "folder": str(target.place), **summary}
-    return Answer(content, partial(print_results, [summary], target.place), failure)
+    return _answer(request, {"recording": str(recording)}, summary, target.place, failure)
 
 
-def refuse_unusable(summary: Summary, folder: Path) -> VerdictError | None:
-    """Return the failure of a path that is not to be used, where that was asked for by `--strict`; None of another."""
-    if summary["verdict"] != UNUSABLE:
-        return None
-    return VerdictError(f"the path is not to be used: see its reasons in {folder / 'summary.json'}.")
+def _answer(
+    request: RunRequest, known: dict[str, object], summary: Summary, folder: Path, failure: FgNavError | None = None
+) -> Answer:
+    """Return the summary, a failure where the path is not to be used and `--strict` was asked for."""
+    if failure is None and request.strict and summary["verdict"] == UNUSABLE:
+        failure = VerdictError(f"the path is not to be used: see its reasons in {folder / 'summary.json'}.")
+    content = {**known, "folder": str(folder), **summary}
+    return Answer(content, partial(print_results, [summary], folder), failure)
 
 
 def run_feet(request: RunRequest, method: Method, options: Options) -> Answer:
     """Navigate both feet as one walk, and return the summary.
 
-    Raises
-    ------
-    EstimationError
-        If there are not two recordings, or a file is of one recording.
+    Raises `EstimationError` if there are not two recordings, or a file is of one recording.
     """
     from fg_nav.both_feet import MAX_GAP_S, navigate_feet
-    from fg_nav.report.feet import write_feet
 
     reading = replace(choose_reading(request), longest_gap_s=MAX_GAP_S)
     recordings, readings = request.recordings, [reading] * len(request.recordings)
@@ -179,8 +167,9 @@ def run_feet(request: RunRequest, method: Method, options: Options) -> Answer:
     calibrations = split_files("--calibration", request.calibration)
     # Sides by the names of the sensors, where they say them.
     words = "".join(sensors).lower()
-    named: Order | None = "left,right" if "left" in words and words.find("left") < words.find("right") else None
-    named = "right,left" if "right" in words and words.find("right") < words.find("left") else named
+    named: Order | None = None
+    if "left" in words and "right" in words:
+        named = "left,right" if words.find("left") < words.find("right") else "right,left"
     target = Target(request.out, request.force, "-".join([*dict.fromkeys(map(name_walk, recordings)), method.name]))
     with target, progress(method.name) as report:
         walks = []
@@ -198,9 +187,7 @@ def run_feet(request: RunRequest, method: Method, options: Options) -> Answer:
         )
         with target.open() as folder:
             summary = write_feet(folder, result, request.plots)
-    failure = refuse_unusable(summary, target.place) if request.strict else None
-    content = {"recordings": [str(one) for one in recordings], "folder": str(target.place), **summary}
-    return Answer(content, partial(print_results, [summary], target.place), failure)
+    return _answer(request, {"recordings": [str(one) for one in recordings]}, summary, target.place)
 
 
 def compare(request: CompareRequest) -> Answer:
@@ -208,7 +195,8 @@ def compare(request: CompareRequest) -> Answer:
     methods = [find_method(name) for name in dict.fromkeys(word.strip() for word in request.methods.split(","))]
     refuse_misfits(request, methods)
     options = replace(choose_options(request), changes=_choose_changes(request, methods, "foot"))
-    options = _bind(request, options, request.recording)
+    if request.config is not None:
+        options = request.config.bind(options, request.recording)
     with Target(request.out, request.force, f"{name_walk(request.recording)}-compare") as target:
         walk = prepare_walk(read_walk(request.recording, options, choose_reading(request)))
         outcomes = run_methods(walk, [one.name for one in methods])

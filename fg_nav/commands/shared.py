@@ -6,7 +6,6 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, fields, replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -14,11 +13,11 @@ from fg_nav.commands.requests import (
     PRESETS,
     BarometerOptions,
     FieldOptions,
-    ParameterOptions,
     ReadingOptions,
     Request,
     SensorOptions,
     TruthOptions,
+    WalkOptions,
 )
 from fg_nav.errors import EstimationError, FgNavError, FormatError, OutputError, RecordingError
 from fg_nav.estimators import Method, Use, check_use
@@ -27,7 +26,6 @@ from fg_nav.report.terminal import console, progress, ruled_table
 from fg_nav.text import to_json
 
 if TYPE_CHECKING:
-    from fg_nav.earth import EarthField
     from fg_nav.io import Reading
     from fg_nav.walk import Options, Outcome, Walk
 
@@ -57,36 +55,21 @@ def name_walk(recording: Path) -> str:
 
 @dataclass(frozen=True)
 class Answer:
-    """What a verb has to say.
+    """What a verb has to say."""
 
-    Attributes
-    ----------
-    content : for scripts, as JSON (`fg_nav.text.to_json`).
-    show : prints it for people.
-    failure : raised after that; None where nothing is amiss.
-    """
-
-    content: object
-    show: Callable[[], None]
-    failure: FgNavError | None = None
+    content: object  # For scripts, as JSON (`fg_nav.text.to_json`).
+    show: Callable[[], None]  # Prints it for people.
+    failure: FgNavError | None = None  # Raised after that; None where nothing is amiss.
 
 
 @dataclass
 class Target:
-    """The folder of a result, to be entered before the work: it is checked, and locked until the result is there.
+    """The folder of a result, to be entered before the work: it is checked, and locked until the result is there."""
 
-    Attributes
-    ----------
-    out : the folder that was named; None for a fresh one under `RESULTS`.
-    force : replace an older result in it.
-    name : of the fresh one, without its number.
-    ours : file names that may be replaced.
-    """
-
-    out: Path | None
-    force: bool
-    name: str
-    ours: frozenset[str] = RESULT_FILES
+    out: Path | None  # That was named; None for a fresh one under `RESULTS`.
+    force: bool  # Replace an older result in it.
+    name: str  # Of the fresh one, without its number.
+    ours: frozenset[str] = RESULT_FILES  # Files that may be replaced.
 
     def __enter__(self) -> Target:
         self._held = ExitStack()
@@ -116,20 +99,12 @@ class Target:
 
 @dataclass(frozen=True)
 class Applies:
-    """Where an option makes sense.
+    """Where an option makes sense."""
 
-    Attributes
-    ----------
-    mounts : values of `--mount`.
-    use : of the method.
-    one : of a single recording.
-    mag : of a magnetometer that is used.
-    """
-
-    mounts: tuple[str, ...] = ("foot", "feet", "pocket")
-    use: Use | None = None
-    one: bool = False
-    mag: bool = False
+    mounts: tuple[str, ...] = ("foot", "feet", "pocket")  # Values of `--mount`.
+    use: Use | None = None  # Of the method.
+    one: bool = False  # Of a single recording.
+    mag: bool = False  # Of a magnetometer that is used.
 
 
 APPLIES: dict[str, Applies] = {
@@ -195,7 +170,7 @@ def choose_options(request: SensorOptions) -> Options:
         options = replace(options, truth_path=request.truth, alignment=request.alignment)
     if isinstance(request, FieldOptions):
         options = replace(options, use_magnetometer=not request.no_mag, gate=choose_gate(request.gate))
-    if isinstance(request, ParameterOptions):
+    if isinstance(request, WalkOptions):
         if request.preset != PRESETS[0]:  # the others load all filters
             from fg_nav.ekf.presets import check_preset
 
@@ -242,15 +217,6 @@ def split_files(option: str, files: Path | None) -> tuple[Path | None, Path | No
     return Path(first), Path(second)
 
 
-def find_earth_field(place: str | None) -> EarthField | None:
-    """Return the Earth's field at a place and date in words; None where they were not given."""
-    if place is None:
-        return None
-    from fg_nav.earth import Place, compute_field
-
-    return compute_field(Place.parse(place))
-
-
 def run_methods(walk: Walk, methods: Sequence[str]) -> dict[str, Outcome]:
     """Run each method on a walk, with a bar on the terminal."""
     from fg_nav.pipeline import run_method
@@ -281,22 +247,20 @@ def answer_each(recordings: Sequence[Path], verb: Callable[[Path], Answer], colu
             named = recording.name in content["error"]
             sentences.append(content["error"] if named else f"{recording}: {content['error']}")
         contents.append(content)
-    show = partial(print_table, contents, columns)
+
+    def show() -> None:
+        table = ruled_table("recording", *columns)
+        for content in contents:
+            known = len(content.keys() - {"recording", "error"}) > 0
+            cells = [cell(content) for cell in columns.values()] if known else ["failed", *([""] * (len(columns) - 1))]
+            table.add_row(content["recording"], *cells)
+        console().print(table)
+
     if not sentences:
         return Answer(contents, show)
     more = len(sentences) - MAX_SENTENCES
     said = " ".join([*sentences[:MAX_SENTENCES], *([f"And {more} more."] if more > 0 else [])])
     return Answer(contents, show, RecordingError(f"{len(sentences)} of {len(recordings)} recordings failed. {said}"))
-
-
-def print_table(contents: Sequence[Mapping[str, Any]], columns: Columns) -> None:
-    """Print one row a recording; where there is nothing to say of it, that it failed."""
-    table = ruled_table("recording", *columns)
-    for content in contents:
-        known = len(content.keys() - {"recording", "error"}) > 0
-        cells = [cell(content) for cell in columns.values()] if known else ["failed", *([""] * (len(columns) - 1))]
-        table.add_row(content["recording"], *cells)
-    console().print(table)
 
 
 def show_number(key: str, pattern: str) -> Callable[[Mapping[str, Any]], str]:

@@ -31,10 +31,19 @@ from fg_nav.online.pocket import PocketOptions, compute_stride_headings
 from fg_nav.online.record import Record
 from fg_nav.online.rows import Columns, parse_columns
 from fg_nav.online.sources import SampleSource, open_samples
-from fg_nav.pipeline import prepare_walk
+from fg_nav.pipeline import Result, prepare_walk
 from fg_nav.recording import Provenance
 from fg_nav.report import Plots, terminal
-from fg_nav.report.files import Summary, summarize, summarize_lagged, write_footfalls, write_lagged, write_run
+from fg_nav.report.files import (
+    Summary,
+    summarize,
+    summarize_feet,
+    summarize_lagged,
+    write_feet,
+    write_footfalls,
+    write_lagged,
+    write_run,
+)
 from fg_nav.report.folder import result_folder
 from fg_nav.samples.delivery import describe_losses
 from fg_nav.solution import Solution
@@ -160,9 +169,9 @@ def prints_lines(request: StreamRequest) -> bool:
 
 def _stream_feet(request: StreamRequest) -> Answer:
     """Follow a sensor on each foot as one walk, as `stream` does one; lines are of each foot and the person between."""
+    from fg_nav.both_feet import FeetResult, Pairing
     from fg_nav.online.estimates import tag_line
     from fg_nav.online.feet_follow import follow_feet
-    from fg_nav.report.feet import summarize_streamed_feet, write_streamed_feet
 
     if request.right is None:
         raise EstimationError("--mount feet takes two sources: name the left foot's, then the right one's.")
@@ -184,25 +193,26 @@ def _stream_feet(request: StreamRequest) -> Answer:
         if out is None and outlets.emit_end is None and prints_lines(request):
             return Answer({}, say_nothing)
         # The solutions of both, and each foot measured.
-        walk, feet = streamed.navigator.finish(), dict[Side, tuple[Walk, Outcome]]()
+        walk, feet = streamed.navigator.finish(), dict[Side, Result]()
         for side, solution in walk.feet.items():
             prepared = prepare_stream(streamed.walks[side])
-            feet[side] = prepared, evaluate_solution(prepared, note_losses(solution, streamed.walks[side]))
-        summary = summarize_streamed_feet(feet, walk.both, walk.lost)
-        content = {"sources": words, **summary}
+            noted = note_losses(solution, streamed.walks[side])
+            feet[side] = Result.of(prepared, evaluate_solution(prepared, noted))
+        pairing = Pairing(SIDES, "named", request.clock_offset or 0.0, clock_given=True, heading_deg=request.heading)
+        result = FeetResult.of(feet, walk.both, pairing, lost=walk.lost, untied="their steps do not tie them.")
+        content = {"sources": words, **summarize_feet(result)}
         if out is None:
             # One line a footfall of each foot, with the verdict on its path.
             emit = outlets.emit_end or drop_line
-            for side, (prepared, outcome) in feet.items():
+            for side, foot in feet.items():
                 sensor_time = streamed.navigator.navigators[side].intake.sensor_time
-                verdict = judge_path(prepared, outcome.solution)
-                for line in format_table(outcome.solution.stances, sensor_time, SMOOTHED, None, verdict):
+                for line in format_table(foot.stances, sensor_time, SMOOTHED, None, foot.verdict):
                     emit(tag_line(line, side, streamed.navigator.frame(side)))
             if not printer.has_failed:
                 return Answer(content, say_nothing)
         with target.open() as folder:
-            write_streamed_feet(folder, walk.feet, walk.both, summary)
-    content = {"sources": words, "folder": str(target.place), **summary}
+            write_feet(folder, result, request.plots)
+    content = content | {"folder": str(target.place)}
     return Answer(content, partial(remark, terminal.describe_place(target.place)))
 
 

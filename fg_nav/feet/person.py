@@ -31,38 +31,13 @@ SEAM_S = 1.5  # A stride: the middle of two feet is not that of one, but for a m
 
 
 @dataclass(frozen=True)
-class PersonPath:
-    """The path of a person.
-
-    Attributes
-    ----------
-    t : (N,) s. position : (N, 3) m. velocity : (N, 3) m/s.
-    heading : (N,) rad clockwise from north, of the direction of walking.
-    footfall_t : (F,) s, of the footfalls of the left foot, and of the right one where the left one did not record.
-    pose_cov : (F, 4, 4) there, of east, north, up (m) and yaw about up (rad).
-    """
-
-    t: Floats
-    position: Floats
-    velocity: Floats
-    heading: Floats
-    footfall_t: Floats
-    pose_cov: Floats
-
-    @property
-    def nav_R_person(self) -> Floats:
-        """Attitude (N, 3, 3) of the level axes forward, left and up."""
-        return yaw_rotation(0.5 * np.pi - self.heading)
-
-
-@dataclass(frozen=True)
 class FeetSolution:
     """Two feet of one person as they were solved together, in one frame.
 
     Attributes
     ----------
     right, left : each foot, with the sigmas that it has beside the other.
-    person : the middle of both.
+    person : the middle of both (`trace_person`).
     width_m, width_sigma_m : between the sensors, across the way; negative where the right foot's recording is on the
         left.
     cells, beyond_reach : how many cells of steps tie the feet, and how many pairs of footfalls are held within reach.
@@ -70,22 +45,30 @@ class FeetSolution:
 
     right: Solution
     left: Solution
-    person: PersonPath
+    person: Solution
     width_m: float
     width_sigma_m: float
     cells: int
     beyond_reach: int
 
 
-def trace_person(right: Solution, left: Solution, cell_t: Floats, apart_cov: Floats) -> PersonPath:
-    """Return the path of the point midway between two feet, with pose covariance at its footfalls.
+def trace_person(right: Solution, left: Solution, cell_t: Floats, apart_cov: Floats) -> Solution:
+    """Return the path of the point midway between two feet, with method and parameters of the left one.
 
-    `apart_cov` (C, 4, 4) is the covariance of the right foot's errors less those of the left one, at times (C,) s, in
-    any order.
+    It has a row a footfall of the left foot, and of the right one where the left one did not record; no gyroscope bias
+    and no field. Its attitude is level, x forward. `apart_cov` (C, 4, 4) is the covariance of the right foot's errors
+    less those of the left one, at times (C,) s, in any order.
     """
     t = np.sort(np.concatenate([left.t, right.t[find_unrecorded(right.t, left.t)]]))
     position = 0.5 * (_carry_on(t, left, right) + _carry_on(t, right, left))
     velocity = 0.5 * (_follow(t, left, right) + _follow(t, right, left))
+    # heading: the direction of a chord; where the person stood, one distance has many places: any of them
+    walked = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(position[:, :2], axis=0), axis=1))])
+    rising = walked + 1e-9 * np.arange(len(walked))
+    ends = [np.clip(walked + half, 0.0, walked[-1]) for half in (-0.5 * CHORD_M, 0.5 * CHORD_M)]
+    first, last = (interpolate_columns(at, rising, position[:, :2]) for at in ends)
+    chord = last - first
+    nav_R_person = yaw_rotation(0.5 * np.pi - np.arctan2(chord[:, 0], chord[:, 1]))
     # covariance at the footfalls
     of_right = right.stances.t
     alone = find_unrecorded(of_right, left.t)
@@ -95,14 +78,16 @@ def trace_person(right: Solution, left: Solution, cell_t: Floats, apart_cov: Flo
     footfall_t = footfall_t[order]
     apart = interpolate_columns(footfall_t, cell_t[in_time], apart_cov[in_time].reshape(len(cell_t), 16))
     pose_cov = own[order] + 0.25 * apart.reshape(-1, 4, 4)
-    # heading: the direction of a chord; where the person stood, one distance has many places: any of them
-    walked = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(position[:, :2], axis=0), axis=1))])
-    rising = walked + 1e-9 * np.arange(len(walked))
-    ends = [np.clip(walked + half, 0.0, walked[-1]) for half in (-0.5 * CHORD_M, 0.5 * CHORD_M)]
-    first, last = (interpolate_columns(at, rising, position[:, :2]) for at in ends)
-    chord = last - first
-    heading = np.asarray(np.arctan2(chord[:, 0], chord[:, 1]))
-    return PersonPath(t, position, velocity, heading, footfall_t, pose_cov)
+    # the sample of each footfall, once
+    sample, once = np.unique(np.clip(np.searchsorted(t, footfall_t), 0, len(t) - 1), return_index=True)
+    cov, count = pose_cov[once], len(sample)
+    unknown = np.full((count, 3), np.nan)
+    table = StanceTable(
+        sample, t[sample], position[sample], nav_R_person[sample], unknown, cov[:, :3, :3], np.sqrt(cov[:, 3, 3]),
+        unknown, ("none",) * count, ("",) * count, pose_cov=cov,
+    )  # fmt: skip
+    runtime_s = max(left.runtime_s, right.runtime_s)
+    return Solution(left.method, t, position, velocity, nav_R_person, table, runtime_s, left.parameters)
 
 
 def find_pose_cov(table: StanceTable) -> Floats:

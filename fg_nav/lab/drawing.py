@@ -17,8 +17,7 @@ from matplotlib.figure import Figure
 from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.lab.allan import FLOOR, AllanCurve, NoiseFit, RecordingNoise
 from fg_nav.lab.simulation import SimulatedWalk
-from fg_nav.report.charts import spread_rows
-from fg_nav.report.course import draw_ends
+from fg_nav.report.charts import draw_ends, spread_rows
 from fg_nav.report.plots import style
 from fg_nav.truth import TrajectoryTruth
 

@@ -24,14 +24,19 @@ from fg_nav.report.charts import (
     GRAY,
     OCHRE,
     VERMILION,
+    AlignedSolution,
     Panel,
     Trace,
+    align_solution,
     dots,
+    draw_ends,
+    draw_path,
+    draw_truth,
     level,
+    mark_places,
     signal,
     stack,
 )
-from fg_nav.report.course import AlignedSolution, align_solution, draw_ends, draw_path, draw_truth, mark_places
 from fg_nav.report.plots import style
 from fg_nav.report.series import COMPASS_AXIS, MIN_SPAN_DEG, MIN_SPAN_UT, find_log_limits, find_range
 from fg_nav.truth import FootprintTruth, TrajectoryTruth

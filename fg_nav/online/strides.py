@@ -26,10 +26,17 @@ from fg_nav.recording import MIN_SAMPLES, Recording
 from fg_nav.smoother.constraints import pin_to_times, select_reached_fixes
 from fg_nav.smoother.graph import initial_values
 from fg_nav.smoother.parameters import SmootherParameters
-from fg_nav.smoother.preintegration import preintegrate
 from fg_nav.smoother.solver import in_nav
 from fg_nav.smoother.square_root import DIMENSION
-from fg_nav.smoother.strides import BIAS_SPACING_S, Nodes, Stride, measure_velocities, place_nodes, strides_of
+from fg_nav.smoother.strides import (
+    BIAS_SPACING_S,
+    Nodes,
+    Stride,
+    measure_velocities,
+    place_nodes,
+    preintegrate,
+    strides_of,
+)
 from fg_nav.truth import Fix
 
 CONTEXT_S = 10.0  # Before a window, in which sensors at the end of their range show themselves.

@@ -12,6 +12,10 @@ config.json          method, recording and all parameters in effect
 comparison.csv/json  the summaries of several methods, one row each
 report.html          the page (`fg_nav.report.page`)
 ==================== =======================================================================================
+
+Of a sensor on each foot `*_left.*` and `*_right.*` are those of each foot, and the others the person's, with
+`person.csv` for `strides.csv`; `summary.json` and `config.json` have each foot's as `left` and `right`. A missing foot
+has no files, and its part of the summary is null. Stamps are those of the first recording's clock.
 """
 
 from __future__ import annotations
@@ -20,7 +24,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeGuard
 
 import pandas as pd
 
@@ -35,9 +39,10 @@ from fg_nav.report.folder import result_folder
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.text import find_version, to_json
 from fg_nav.verdict import judge_footfalls, judge_path
-from fg_nav.walk import Options, Outcome
+from fg_nav.walk import Outcome
 
 if TYPE_CHECKING:
+    from fg_nav.both_feet import FeetResult
     from fg_nav.walk import Walk
 
 Summary: TypeAlias = dict[str, object]  # Figures of merit by `SUMMARY_KEYS`, ready for JSON.
@@ -54,6 +59,11 @@ MOMENT_KEYS = ("moment_rmse_2d_m", "moment_end_error_m", "moment_max_error_m")
 POLISHED_KEYS = ("distance_m", "closure_m", "closure_percent", "rmse_2d_m", "rmse_3d_m", "end_error_m", "max_error_m",
     "heading_rmse_deg")  # fmt: skip
 """Of the batch solution next to an online one, each as `polished_` and its name, the errors with a truth only."""
+FOOT_KEYS = (
+    "distance_m", "distance_sigma_m", "strides", "closure_m", "closure_percent", "end_m", "end_sigma_m", "graph",
+    *TRUTH_KEYS, "scale", "verdict", "reasons", "returns", "magnetometer", "magnetometer_delay", "notes",
+)  # fmt: skip
+"""Of each of two feet; the other keys are the same as the person's."""
 GAP_KEYS = ("polish_gap_rms_m", "polish_gap_max_m", "polish_gap_heading_deg")
 
 # Options of the command line, and the arguments in their place.
@@ -65,47 +75,93 @@ _OPTIONS = {"--out": "path", "--force": "force=True", "--origin 48.137,11.575": 
 
 def write_run(folder: Path, walk: Walk, outcome: Outcome, plots: Plots = "html") -> Summary:
     """Write the result of one method into an existing folder, with page and pictures; return the summary."""
-    summary = write_result(folder, walk, outcome)
-    _write_drawings(folder, walk, {outcome.solution.method: outcome}, [summary], plots)
+    name, summary, config = outcome.solution.method, summarize(walk, outcome), describe_run(walk, outcome.solution)
+    _write_files(folder, outcome.solution, summary, config)
+    _write_drawings(folder, {name: outcome}, [summary], {name: config}, {name: walk}, plots)
     return summary
 
 
 def write_comparison(folder: Path, walk: Walk, outcomes: Mapping[str, Outcome], plots: Plots = "html") -> list[Summary]:
     """Write each method's files into its own folder, `comparison.csv` and `.json`, page and pictures."""
-    summaries = write_results(folder, walk, outcomes)
-    _write_drawings(folder, walk, outcomes, summaries, plots)
+    summaries = [summarize(walk, outcome) for outcome in outcomes.values()]
+    configs = {name: describe_run(walk, outcome.solution) for name, outcome in outcomes.items()}
+    for (name, outcome), summary in zip(outcomes.items(), summaries, strict=True):
+        (folder / name).mkdir()
+        _write_files(folder / name, outcome.solution, summary, configs[name])
+    rows = [
+        {key: value for key, value in row.items() if not isinstance(value, list | dict) and key not in _STRUCTURED}
+        for row in summaries
+    ]
+    pd.DataFrame(rows).to_csv(folder / "comparison.csv", index=False, float_format="%.9g")
+    write_json(folder / "comparison.json", summaries)
+    _write_drawings(folder, outcomes, summaries, configs, dict.fromkeys(outcomes, walk), plots)
     return summaries
 
 
 def write_lagged(folder: Path, solution: Solution, plots: Plots = "html") -> Summary:
     """Write the result of a walk in progress whose samples were not kept; return the summary."""
-    write_paths(folder, solution)
-    summary = summarize_lagged(solution)
-    write_json(folder / "summary.json", summary)
-    outcome = Outcome(solution, evaluate(solution), None)
-    _write_drawings(folder, None, {solution.method: outcome}, [summary], plots)
+    name, summary = solution.method, summarize_lagged(solution)
+    _write_files(folder, solution, summary)
+    config: dict[str, object] = {"method": name, "parameters": solution.parameters}
+    _write_drawings(folder, {name: Outcome(solution, evaluate(solution), None)}, [summary], {name: config}, {}, plots)
+    return summary
+
+
+def write_feet(folder: Path, result: FeetResult, plots: Plots = "html") -> Summary:
+    """Write the result of both feet, the person's and each one's, with page and pictures; return the summary."""
+    summary, pairing = summarize_feet(result), result.pairing
+    feet = {str(side): foot for side, foot in result.feet.items()}
+    configs = {side: describe_run(foot.walk, foot) for side, foot in feet.items()}
+    request: dict[str, object] = {
+        "fg_nav_version": find_version(),
+        "method": result.method,
+        "mount": "feet",
+        "sides": list(pairing.order),
+        "sides_known": pairing.sides,
+        "clock_offset_s": pairing.clock_offset_s,
+        "heading_deg": pairing.heading_deg,
+        "parameters": describe_given(next(iter(feet.values())).walk, result.method)["parameters"],
+    }
+    for side, foot in feet.items():
+        write_paths(folder, foot, f"_{side}")
+    _write_files(folder, result, summary, request | configs, "person")
+    outcomes = {side: foot.outcome for side, foot in feet.items()}
+    walks = {side: foot.walk for side, foot in feet.items()}
+    _write_drawings(folder, outcomes, [summary], configs, walks, plots, result)
     return summary
 
 
 def _write_drawings(
-    folder: Path, walk: Walk | None, outcomes: Mapping[str, Outcome], summaries: Sequence[Summary], plots: Plots
+    folder: Path,
+    outcomes: Mapping[str, Outcome],
+    summaries: Sequence[Summary],
+    configs: Mapping[str, Mapping[str, object]],
+    walks: Mapping[str, Walk],
+    plots: Plots,
+    both: FeetResult | None = None,
 ) -> None:
-    """Write the page of one or more methods, and their pictures where the samples are there."""
+    """Write the page of one or more methods, or of both feet, and the pictures where the samples are there."""
     if plots in WITH_PAGE:
-        from fg_nav.report.page import write_page
-        from fg_nav.report.page.content import compose_page
+        from fg_nav.report.page import compose_page, write_page
 
-        configs: list[dict[str, object]] = [
-            {"method": name, "parameters": one.solution.parameters}
-            if walk is None
-            else describe_run(walk, one.solution)
-            for name, one in outcomes.items()
-        ]
-        write_page(folder, compose_page(outcomes, summaries, configs, walk))
-    if plots in WITH_PICTURES and walk is not None:
+        write_page(folder, compose_page(outcomes, summaries, configs, walks, both))
+    if plots in WITH_PICTURES and walks:
         from fg_nav.report.plots.walk import draw_walk
 
-        draw_walk(folder, walk, outcomes)
+        draw_walk(folder, next(iter(walks.values())), outcomes, both)
+
+
+def _write_files(
+    folder: Path,
+    solution: Solution,
+    summary: Summary,
+    config: Mapping[str, object] | None = None,
+    table: str = "strides",
+) -> None:
+    write_paths(folder, solution, table=table)
+    if config is not None:
+        write_json(folder / "config.json", config)
+    write_json(folder / "summary.json", summary)
 
 
 def write_footfalls(folder: Path, solution: Solution, summary: Summary) -> None:
@@ -114,39 +170,16 @@ def write_footfalls(folder: Path, solution: Solution, summary: Summary) -> None:
     write_json(folder / "summary.json", summary)
 
 
-def write_result(folder: Path, walk: Walk, outcome: Outcome) -> Summary:
-    """Write the four files of a run, and return the summary among them."""
-    solution, summary = outcome.solution, summarize(walk, outcome)
-    write_paths(folder, solution)
-    write_json(folder / "config.json", describe_run(walk, solution))
-    write_json(folder / "summary.json", summary)
-    return summary
-
-
-def write_results(folder: Path, walk: Walk, outcomes: Mapping[str, Outcome]) -> list[Summary]:
-    """Write the files of a comparison, and return the summaries in them."""
-    for name in outcomes:
-        (folder / name).mkdir()
-    summaries = [write_result(folder / name, walk, outcome) for name, outcome in outcomes.items()]
-    rows = [
-        {key: value for key, value in row.items() if not isinstance(value, list | dict) and key not in _STRUCTURED}
-        for row in summaries
-    ]
-    pd.DataFrame(rows).to_csv(folder / "comparison.csv", index=False, float_format="%.9g")
-    write_json(folder / "comparison.json", summaries)
-    return summaries
-
-
-def write_paths(folder: Path, solution: Solution) -> None:
+def write_paths(folder: Path, solution: Solution, suffix: str = "", table: str = "strides") -> None:
     """Write trajectory and stances; of an online method also those of the moment, and of its batch solution."""
-    write_tum(folder / "trajectory.tum", solution.t, solution.position, solution.nav_R_body)
-    write_strides(folder / "strides.csv", solution.stances)
+    write_tum(folder / f"trajectory{suffix}.tum", solution.t, solution.position, solution.nav_R_body)
+    write_strides(folder / f"{table}{suffix}.csv", solution.stances)
     if solution.moment is not None:
-        write_strides(folder / "online.csv", solution.moment)
+        write_strides(folder / f"online{suffix}.csv", solution.moment)
     if solution.polished is not None:
         polished = solution.polished
-        write_tum(folder / "trajectory_polished.tum", polished.t, polished.position, polished.nav_R_body)
-        write_strides(folder / "strides_polished.csv", polished.stances)
+        write_tum(folder / f"trajectory_polished{suffix}.tum", polished.t, polished.position, polished.nav_R_body)
+        write_strides(folder / f"strides_polished{suffix}.csv", polished.stances)
 
 
 def write_strides(path: Path, table: StanceTable) -> None:
@@ -171,8 +204,6 @@ def save_solution(solution: Solution, path: Path, force: bool = False, origin: S
 
     Raises `OutputError` if something is there already, it cannot be written, or the ending is unknown.
     """
-    from fg_nav.feet_result import FeetResult
-
     try:
         if path.suffix:
             from fg_nav.report.export import export_track
@@ -184,9 +215,7 @@ def save_solution(solution: Solution, path: Path, force: bool = False, origin: S
         with result_folder(path, force) as folder:
             if isinstance(solution, Result):
                 write_run(folder, solution.walk, solution.outcome)
-            elif isinstance(solution, FeetResult):
-                from fg_nav.report.feet import write_feet
-
+            elif is_of_feet(solution):
                 write_feet(folder, solution)
             else:
                 write_lagged(folder, solution)
@@ -200,20 +229,23 @@ def save_solution(solution: Solution, path: Path, force: bool = False, origin: S
 
 def plot_solution(solution: Solution, axes: Any = None) -> Any:
     """Draw a solution from above, with its truth where it has one; return the axes."""
-    from fg_nav.feet_result import FeetResult
-    from fg_nav.report.course import align_feet, align_solution, describe_frame, draw_course, draw_feet
+    from fg_nav.report.charts import align_feet, align_paths
     from fg_nav.report.plots.walk import draw_on_screen
 
-    if isinstance(solution, FeetResult):
-        person, feet, frame = align_feet(solution)
-        return draw_on_screen(draw_feet(person, feet, frame), f"Path{person.alignment_words}", axes)
-    outcome, walk = Outcome(solution, evaluate(solution), None), None
     if isinstance(solution, Result):
-        outcome, walk = solution.outcome, solution.walk
-    view, name = align_solution(walk, outcome), solution.method
-    frame = describe_frame(view, outcome, Options() if walk is None else walk.options)
-    chart = draw_course({name: view}, {name: outcome}, frame)
-    return draw_on_screen(chart, f"Path{view.alignment_words}", axes)
+        paths = align_paths({solution.method: solution.outcome}, solution.walk)
+    elif is_of_feet(solution):
+        paths = align_feet(solution)
+    else:
+        paths = align_paths({solution.method: Outcome(solution, evaluate(solution), None)}, None)
+    return draw_on_screen(paths, axes)
+
+
+def is_of_feet(solution: Solution) -> TypeGuard[FeetResult]:
+    """Whether a solution is that of a person with a sensor on each foot."""
+    from fg_nav.both_feet import FeetResult
+
+    return isinstance(solution, FeetResult)
 
 
 # --- summaries -------------------------------------------------------------------------------------------------------
@@ -222,14 +254,7 @@ def plot_solution(solution: Solution, axes: Any = None) -> Any:
 def summarize(walk: Walk, outcome: Outcome) -> Summary:
     """Figures of merit, in the order of the contract; None where unknown."""
     solution, metrics = outcome.solution, outcome.metrics
-    duration_s = walk.recording.duration_s
-    figures: Summary = {
-        "method": solution.method,
-        "duration_s": duration_s,
-        **describe_path(metrics, solution.runtime_s),
-        "realtime_factor": duration_s / solution.runtime_s if solution.runtime_s > 0 else None,
-        **describe_end(solution.stances),
-    }
+    figures = _describe_path(solution, metrics, walk.recording.duration_s)
     if solution.distance_sigma_m is not None:
         figures["distance_sigma_m"] = solution.distance_sigma_m
     if solution.graph:
@@ -264,32 +289,58 @@ def summarize(walk: Walk, outcome: Outcome) -> Summary:
 
 def summarize_lagged(solution: Solution) -> Summary:
     """Figures of merit that need no samples."""
-    metrics, verdict = evaluate(solution), judge_footfalls(solution.stances)
+    verdict = judge_footfalls(solution.stances)
+    judged: Summary = {"method": solution.method, "verdict": verdict.word, "reasons": list(verdict.reasons)}
+    figures = _describe_path(solution, evaluate(solution), float(solution.t[-1] - solution.t[0]))
+    return judged | figures | {"notes": list(solution.notes)}
+
+
+def summarize_feet(result: FeetResult) -> Summary:
+    """Figures of merit of the person, the coupling of the feet, and the figures of each foot; None of a missing one."""
+    metrics, pairing, verdict = result.metrics, result.pairing, result.verdict
+    figures: Summary = {
+        "method": result.method,
+        "mount": "feet",
+        **_describe_path(result, metrics, float(result.t[-1] - result.t[0])),
+        "width_m": pairing.width_m,
+        "width_sigma_m": pairing.width_sigma_m,
+        "cells": pairing.cells,
+        "beyond_reach": pairing.beyond_reach,
+        "sides": list(pairing.order),
+        "sides_known": pairing.sides,
+        "clock_offset_s": pairing.clock_offset_s,
+        "clock_drift": pairing.clock_drift,
+        "clock_offset_known": "given" if pairing.clock_given else "by the signals" if pairing.cells else None,
+    }
+    if result.outcome.comparison is not None:
+        figures |= {key: getattr(metrics, key) for key in (*TRUTH_KEYS, "scale", "points")}
+    figures |= {"verdict": verdict.word, "reasons": list(verdict.reasons), "left": None, "right": None}
+    fields = dict[str, str]()
+    for side, foot in result.feet.items():
+        whole, path = summarize(foot.walk, foot.outcome), foot.walk.recording.provenance.path
+        known = {key: whole[key] for key in FOOT_KEYS if key in whole}
+        figures[side], fields[side] = {"recording": _text(path), **known}, str(whole["magnetometer"])
+    # the field in words of both feet, or of each where they differ
+    words = set(fields.values())
+    figures["magnetometer"] = ", ".join(words if len(words) == 1 else map(" ".join, fields.items()))
+    return figures | {"notes": [*result.notes, *metrics.notes]}
+
+
+def _describe_path(solution: Solution, metrics: Metrics, duration_s: float) -> Summary:
+    """Figures that need no truth; the position of the last footfall from the first and its sigmas are x, y, z m."""
+    table = solution.stances
     return {
         "method": solution.method,
-        "verdict": verdict.word,
-        "reasons": list(verdict.reasons),
-        "duration_s": float(solution.t[-1] - solution.t[0]),
-        **describe_path(metrics, solution.runtime_s),
-        **describe_end(solution.stances),
-        "notes": list(solution.notes),
-    }
-
-
-def describe_path(metrics: Metrics, runtime_s: float) -> Summary:
-    """Figures that need no truth."""
-    return {
+        "duration_s": duration_s,
         "distance_m": metrics.distance_m,
         "strides": metrics.strides_detected,
         "closure_m": metrics.closure_m,
         "closure_percent": metrics.closure_percent,
-        "runtime_s": runtime_s,
+        "runtime_s": solution.runtime_s,
+        "realtime_factor": duration_s / solution.runtime_s if solution.runtime_s > 0 else None,
+        "end_m": to_json(table.position[-1] - table.position[0]),
+        "end_sigma_m": to_json(table.position_sigma[-1]),
     }
-
-
-def describe_end(table: StanceTable) -> Summary:
-    """Position of the last footfall from the first, and its sigmas: x, y, z m."""
-    return {"end_m": to_json(table.position[-1] - table.position[0]), "end_sigma_m": to_json(table.position_sigma[-1])}
 
 
 def describe_delay(walk: Walk) -> dict[str, object] | None:

@@ -2,12 +2,12 @@
 
 New files are written into a hidden folder inside the target and moved to their places when all are complete,
 `summary.json`, `comparison.json` or `detect.json` last: a folder with a summary is complete. With `force` the files of
-an older result are kept aside until then, and restored if anything fails. Only names that this program writes are ever
-replaced; hidden files are left alone, except those of a killed process:
+an older result are first moved aside into it, and back if that fails. Only names that this program writes are ever
+replaced; other hidden files are left alone. What a killed process, or a disk that failed, left is settled by the next:
 
-    .fg-nav-new-*    its output: removed; moved on, if the move to its place had begun
-    .fg-nav-old-*    an older result on its way aside: restored
-    .fg-nav-past-*   one that was aside: removed, once the new one is in its place
+    .fg-nav-new-*          its output: removed
+    .fg-nav-new-*/.old     an older result on its way aside: restored
+    .fg-nav-new-*/.past    an older result that is aside: the new files move on to their places
 
 A folder is locked (`fg_nav.system.processes`) from before the work until the result is complete: of two runs the
 second is refused.
@@ -28,7 +28,7 @@ from fg_nav.system.processes import lock_folder
 
 _SUMMARIES = ("summary.json", "comparison.json", "detect.json")
 
-# Every file name that a command writes.
+# Every file name that a command of the library writes into the folder of a result.
 RESULT_FILES = frozenset(
     {
         "trajectory.tum", "strides.csv", "online.csv", "summary.json", "config.json", "report.html",
@@ -39,18 +39,8 @@ RESULT_FILES = frozenset(
         "online_left.csv", "online_right.csv",
     }
 )  # fmt: skip
-SIMULATION_FILES = frozenset({"recording.csv", "truth.tum", "truth.json", "landmarks.csv", "map.png"})
-FEET_FILES = frozenset(
-    {
-        "left.csv", "left.truth.tum", "left.truth.json", "right.csv", "right.truth.tum", "right.truth.json",
-        "person.tum", "landmarks.csv", "map.png",
-    }
-)  # fmt: skip
-DETECT_FILES = frozenset({"field.png", "field_map.png", "field.csv", "detect.json"})
-ALLAN_FILES = frozenset({"allan.json", "allan.png"})
-DEMO_FILES = RESULT_FILES | SIMULATION_FILES
 
-NEW, OLD, PAST = (".fg-nav-new-", ".fg-nav-old-", ".fg-nav-past-")  # Prefixes of hidden folders.
+NEW, OLD, PAST = ".fg-nav-new-", ".old", ".past"  # Prefix of a hidden folder, and folders in it.
 
 
 @contextmanager
@@ -66,24 +56,17 @@ def result_folder(out: Path, force: bool = False) -> Iterator[Path]:
 
 @contextmanager
 def hold_folder(out: Path, force: bool = False, ours: frozenset[str] = RESULT_FILES) -> Iterator[None]:
-    """Make a folder and lock it while the block runs, after repairing what a killed process left in it.
+    """Make a folder and lock it while the block runs, after settling what a killed process left in it.
 
     `force`: an older result may be replaced; `ours`: names of files that make one.
 
     Raises `OutputError` as `result_folder` does. A folder that was made for the block is removed if it stays empty.
     """
     made = not out.exists()
-    descriptor, is_locked = lock_result(out)
+    descriptor, _ = lock_result(out)
     try:
-        if is_locked:
-            # A killed process left the new files, the old ones, or both. A folder `PAST` means that the old ones were
-            # all moved away: the new ones move in. Without it the old ones move back.
-            new, old, past = _list_left(out), sorted(out.glob(f"{OLD}*")), sorted(out.glob(f"{PAST}*"))
-            with suppress(OSError):
-                for entry in _list_visible(*(old + new if past else old)):
-                    os.replace(entry, out / entry.name)
-                for folder in (*new, *old, *past):
-                    shutil.rmtree(folder, ignore_errors=True)
+        with suppress(OSError):
+            _settle_left(out)
         check_free(out, force, ours)
         yield
     finally:
@@ -111,39 +94,53 @@ def fill_folder(out: Path, force: bool = False, ours: frozenset[str] = RESULT_FI
     try:
         with _open_fresh(out) as fresh:
             yield fresh
-            _take_over(fresh, out)
+            # the older result aside, its summary first; from the last move on the new one takes its place
+            (fresh / OLD).mkdir()
+            try:
+                for entry in reversed(_list_visible(out)):
+                    os.replace(entry, fresh / OLD / entry.name)
+                os.replace(fresh / OLD, fresh / PAST)
+            finally:
+                _settle(fresh, out)
     except OSError as error:
         raise unwritable(out, error) from None
 
 
 @contextmanager
 def _open_fresh(parent: Path) -> Iterator[Path]:
-    """Yield a hidden folder, which is locked, and removed at the end of the block."""
-    with tempfile.TemporaryDirectory(prefix=NEW, dir=parent, ignore_cleanup_errors=True) as name:
-        descriptor, _ = lock_folder(Path(name))
-        try:
-            yield Path(name)
-        finally:
-            os.close(descriptor)
+    """Yield a hidden folder, which is locked, and removed at the end unless files of a result are still to be moved."""
+    fresh = Path(tempfile.mkdtemp(prefix=NEW, dir=parent))
+    descriptor, _ = lock_folder(fresh)
+    try:
+        yield fresh
+    finally:
+        if not any((fresh / name).exists() for name in (OLD, PAST)):
+            shutil.rmtree(fresh, ignore_errors=True)
+        os.close(descriptor)
 
 
-def _list_left(parent: Path) -> list[Path]:
-    """Hidden folders of ended processes; none where the disk has no locks."""
-    left = []
-    for folder in sorted(parent.glob(f"{NEW}*")):
-        with suppress(OSError):  # a running process
-            descriptor, locks = lock_folder(folder)
+def _settle(fresh: Path, out: Path) -> None:
+    """Move the older result back, or the new one on, as far as each was moved; remove the hidden folder."""
+    for entry in _list_visible(fresh if (fresh / PAST).exists() else fresh / OLD):
+        os.replace(entry, out / entry.name)
+    shutil.rmtree(fresh, ignore_errors=True)
+
+
+def _settle_left(parent: Path) -> None:
+    """Settle the hidden folders of ended processes; none where the disk has no locks."""
+    for fresh in sorted(parent.glob(f"{NEW}*")):
+        with suppress(BlockingIOError):  # a running process
+            descriptor, locks = lock_folder(fresh)
+            if locks:
+                _settle(fresh, parent)
             os.close(descriptor)
-            left += [folder] * locks
-    return left
 
 
 def check_free(out: Path, force: bool = False, ours: frozenset[str] = RESULT_FILES) -> None:
     """Refuse early, before long work, an `out` that cannot be used; raises `OutputError` as `result_folder` does."""
     try:
         _refuse_file(out)
-        present = _list_visible(out) if out.exists() else []
-        foreign = []
+        present, foreign = _list_visible(out), []
         for entry in sorted(present):
             if entry.is_dir() and not entry.is_symlink():
                 # the folder of a method
@@ -167,9 +164,9 @@ def _refuse_file(out: Path) -> None:
 
 @contextmanager
 def claim_folder(parent: Path, name: str) -> Iterator[Path]:
-    """Make, hold and yield the first of `parent/name-1`, `-2`, ... that is new, or was left by a killed process.
+    """Make, hold and yield the first of `parent/name-1`, `-2`, ... that is new; it is removed if it stays empty.
 
-    It is removed if it is empty at the end. Raises `OutputError` if none can be made.
+    Raises `OutputError` if none can be made.
     """
     for number in count(1):
         out = parent / f"{name}-{number}"
@@ -177,10 +174,7 @@ def claim_folder(parent: Path, name: str) -> Iterator[Path]:
             out.mkdir(parents=True)  # of two processes one makes it, also on a disk without locks
             break
         except FileExistsError:
-            with suppress(OutputError):
-                if any(out.glob(f"{NEW}*")) and not _list_visible(out):
-                    with hold_folder(out):
-                        break
+            continue
         except OSError as error:
             raise unwritable(parent, error) from None
     try:
@@ -198,31 +192,11 @@ def unwritable(out: Path, error: OSError) -> OutputError:
     )
 
 
-def _list_visible(*folders: Path) -> list[Path]:
-    """Entries of folders in turn, by name, summaries last, without hidden ones."""
-    found = [entry for folder in folders for entry in sorted(folder.iterdir()) if not entry.name.startswith(".")]
+def _list_visible(folder: Path) -> list[Path]:
+    """Entries of a folder by name, summaries last, without hidden ones; none where there is no such folder."""
+    entries = sorted(folder.iterdir()) if folder.exists() else []
+    found = [entry for entry in entries if not entry.name.startswith(".")]
     return sorted(found, key=lambda entry: entry.name in _SUMMARIES)
-
-
-def _take_over(fresh: Path, out: Path) -> None:
-    """Move the new files to their places; undo everything if one cannot be moved."""
-    aside = Path(tempfile.mkdtemp(prefix=OLD, dir=out))
-    past = aside.with_name(aside.name.replace(OLD, PAST))
-    # The name of the folder aside shows the progress, should the process be killed now.
-    moves = [(entry, aside / entry.name) for entry in _list_visible(out)[::-1]]
-    moves += [(aside, past)]
-    moves += [(entry, out / entry.name) for entry in _list_visible(fresh)]
-    done: list[tuple[Path, Path]] = []
-    try:
-        for origin, place in moves:
-            os.replace(origin, place)
-            done.append((origin, place))
-    except BaseException:
-        for origin, place in reversed(done):
-            os.replace(place, origin)
-        aside.rmdir()
-        raise
-    shutil.rmtree(past, ignore_errors=True)
 
 
 @contextmanager
@@ -237,29 +211,21 @@ def result_files(out: Sequence[Path], ours: Callable[[Path], bool], force: bool 
     """Yield paths to write to; at the end of the block these files take the places of `out`, all in one folder.
 
     With `force` existing files are replaced, if by `ours` they are older results. Raises `OutputError` if one exists
-    and `force` is not set, is something else, or cannot be written.
+    and `force` is not set, is something else, or cannot be written; then none of them takes its place.
     """
     for file in out:
         check_file_free(file, ours, force)
+    parent = out[0].parent
     try:
-        out[0].parent.mkdir(parents=True, exist_ok=True)
-        for left in _list_left(out[0].parent):
-            shutil.rmtree(left, ignore_errors=True)
-        with _open_fresh(out[0].parent) as folder:
+        parent.mkdir(parents=True, exist_ok=True)
+        _settle_left(parent)
+        with _open_fresh(parent) as folder:
             fresh = [folder / file.name for file in out]
             yield fresh
             for file in out:  # which another process may have made meanwhile
                 check_file_free(file, ours, force)
             for made, file in zip(fresh, out, strict=True):
-                if force:
-                    os.replace(made, file)
-                    continue
-                try:
-                    os.link(made, file)
-                except FileExistsError:
-                    raise OutputError(f"{file} was made by another meanwhile: name another file.") from None
-                except OSError:  # a disk without links
-                    os.replace(made, file)
+                os.replace(made, file)
     except OSError as error:
         raise unwritable(out[0], error) from None
 

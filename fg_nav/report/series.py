@@ -10,7 +10,7 @@ axis may point anywhere, even up.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -30,28 +30,31 @@ from fg_nav.report.charts import (
     GRAY,
     GREEN,
     MAX_DOTS,
-    MAX_POINTS,
     METERS,
     OCHRE,
     PURPLE,
     SHADE,
     VERMILION,
+    AlignedSolution,
     Chart,
+    Frame,
     Panel,
     Trace,
     band,
+    compose_map,
     dots,
+    draw_path,
     fade,
+    has_sure_start,
     level,
     line,
+    mark_places,
     signal,
     spread_rows,
     stack,
-    thin,
     to_numbers,
 )
-from fg_nav.report.course import AlignedSolution, Frame, compose_map, draw_path, has_sure_start, mark_places
-from fg_nav.solution import Solution, StanceTable
+from fg_nav.solution import Return, StanceTable
 from fg_nav.text import format_count
 from fg_nav.truth import TrajectoryTruth
 
@@ -60,19 +63,10 @@ STEEP = float(np.sin(np.deg2rad(60.0)))  # The heading of an axis steeper than t
 EXCERPT_S = 10.0  # Length of the close-up of the stance detection: about ten strides.
 HEAVIEST = 0.1  # Marked share of the footfalls, those of most weight.
 
-_KINDS = {
-    "imu": "inertial",
-    "zero_velocity": "zero velocity",
-    "magnetic_heading": "magnetic heading",
-    "differential_field": "differential field",
-    "field_potential": "field potential",
-    "same_place": "same place",
-    "known_place": "known place",
-    "direction": "direction of the building",
-    "position_fix": "position fix",
-    "own": "your own",
-}
-
+MAX_RETURNS = 3  # Returns whose field is drawn: the longest ones explain the others.
+MAX_DRAWN_M = 120.0  # Of each return, from its begin: waves of some metres are to be visible.
+NEVER = 1e-6  # Expected number below which the exact one is meaningless.
+COMPONENTS = ("ahead (µT)", "to the left (µT)", "up (µT)")
 _FEW = 400  # Most footfalls that are marked on a line.
 MAX_SHADED = 2000  # Most stances that are shaded: more are less than a pixel wide, and make a page slow.
 MIN_SPAN_UT, MIN_SPAN_DEG = 5.0, 5.0  # Of the axes of strength and inclination: noise is not a disturbance.
@@ -94,7 +88,7 @@ def _label(name: str, what: str, views: Views) -> str:
 
 def _at_stances(t: Floats, value: Floats, color: str, name: str) -> Trace:
     """A line with one point a stance."""
-    row = thin(t)
+    row = spread_rows(len(t))
     mode = "lines+markers" if len(t) <= _FEW else "lines"
     return line(t[row], value[row], color, name, mode=mode, marker={"size": 3.5})
 
@@ -178,7 +172,7 @@ def draw_height(views: Views) -> Chart:
     traces: list[Trace] = []
     truth = next(iter(views.values())).truth
     if isinstance(truth, TrajectoryTruth):
-        row = spread_rows(len(truth.t), MAX_POINTS)
+        row = spread_rows(len(truth.t))
         known = truth.position[row, 2]
         traces.append(line(truth.t[row], known, GRAY, "truth", (3, METERS), width=5, opacity=0.6))
     for name, color, view in _colored(views):
@@ -265,19 +259,20 @@ def draw_headings(views: Views) -> Chart:
             lines.append((t, found.between, fade(color, 0.5), "in between", {"width": 0.7}))
         lines.append((at, found.at_stances, color, _label(name, "footfalls", views), mark))
         for times, angle, shade, label, more in lines:
-            row = thin(times)
+            row = spread_rows(len(times))
             if np.isfinite(angle[row]).any():
                 x, y = break_line(times[row], np.rad2deg(angle[row]), found.wrapped)
                 above.append(line(x, y, shade, label, (3, 2), **more))
         half = BAND * np.rad2deg(found.sigma)
         below.append(band(at, np.zeros(len(at)), half, color, _label(name, "95 %", views)))
         if np.isfinite(found.error).any():
-            row = thin(at)
+            row = spread_rows(len(at))
             below.append(dots(at[row], np.rad2deg(found.error[row]), color, _label(name, "error", views), (3, 3)))
     known = any(np.isfinite(one.error).any() for one in traced.values())
     gauge = any(one.gauge for one in traced.values())
     label = ("error" if known else "95 %") + (" since start (deg)" if gauge else " (deg)")
-    caption = "Of the sensor's x axis, clockwise from north. The band below is the 95 % that the method claims."
+    what = "direction of walking" if "person" in views else "sensor's x axis"
+    caption = f"Of the {what}, clockwise from north. The band below is the 95 % that the method claims."
     return stack("heading", [Panel("heading (deg)", above, share=1.5), Panel(label, below)], caption)
 
 
@@ -299,14 +294,14 @@ def group_by_verdict(field: FootfallField, table: StanceTable) -> list[tuple[Boo
 def _group_drawn(field: FootfallField, table: StanceTable) -> list[tuple[Bools, str, str]]:
     """Groups of the drawn footfalls, without empty ones."""
     drawn = np.zeros(len(field), dtype=bool)
-    drawn[thin(field.t, MAX_DOTS)] = True
+    drawn[spread_rows(len(field.t), MAX_DOTS)] = True
     groups = group_by_verdict(field, table)
     return [(flag & drawn, color, word) for flag, color, word in groups if (flag & drawn).any()]
 
 
 def draw_compass(field: FootfallField, table: StanceTable) -> Chart:
     """Draw both headings, that of the gyroscope turned to lie on the compass, and their difference."""
-    row = thin(field.t, MAX_DOTS)
+    row = spread_rows(len(field.t), MAX_DOTS)
     turned = np.rad2deg(field.gyro_heading + field.mean_heading_difference)[row] % 360.0
     compass = np.rad2deg(field.magnetic_heading)[row] % 360.0
     above = [
@@ -427,19 +422,6 @@ def _shade(panel: Panel, t: Floats, stances: Stances, part: slice) -> Panel:
 # --- of the graph -----------------------------------------------------------------------------------------------------
 
 
-def describe_graph(solutions: Mapping[str, Solution]) -> list[str]:
-    """Numbers of factors by kind, a sentence a method."""
-    words = []
-    for name, one in solutions.items():
-        if one.graph:
-            counts = {kind: count for kind, count in one.graph.items() if kind in _KINDS}
-            kinds = ", ".join(f"{_KINDS[kind]} {count}" for kind, count in counts.items())
-            left_out = one.graph.get("gated_out", 0)
-            gated = f" The gate left out the compass of {format_count(left_out, 'footfall')}." if left_out else ""
-            words.append(f"Factors of {name} by kind: {kinds}; {sum(counts.values())} in all.{gated}")
-    return words or [f"No graph: {', '.join(solutions)} has none, or does not tell its factors."]
-
-
 def draw_graph(view: AlignedSolution, frame: Frame) -> list[Chart]:
     """Draw the graph of one solution, as far as it is known."""
     solution, table = view.solution, view.solution.stances
@@ -483,7 +465,7 @@ def _draw_weights(table: StanceTable, weight: Floats) -> Chart:
 
 
 def _along_path(draw: Callable[..., Trace], travelled: Floats, value: Floats, color: str, name: str) -> Trace:
-    row = thin(travelled, MAX_DOTS)
+    row = spread_rows(len(travelled), MAX_DOTS)
     return draw(travelled[row], value[row], color, name, ALONG_PATH)
 
 
@@ -530,7 +512,7 @@ def _draw_moment(moment: StanceTable, batch: StanceTable) -> Chart:
     moved = moment.position - batch.position[nearest]
     turned = wrap_angle(compute_heading(moment.nav_R_body) - compute_heading(batch.nav_R_body[nearest]))
     sigma_m = np.sqrt(np.trace(moment.position_cov[:, :2, :2], axis1=1, axis2=2))
-    row, words = thin(moment.t), "95 % at the moment"
+    row, words = spread_rows(len(moment.t)), "95 % at the moment"
 
     def difference(value: Floats) -> Trace:
         return line(moment.t[row], value[row], BLUE, "moment less batch")
@@ -542,3 +524,33 @@ def _draw_moment(moment: StanceTable, batch: StanceTable) -> Chart:
     panels = [Panel("horizontal (m)", apart, _FROM_ZERO), Panel("heading (deg)", heading)]
     caption = "Estimate of iSAM2 at the moment of each footfall, less that of the batch afterwards."
     return stack("moment", panels, caption)
+
+
+# --- places recognized ----------------------------------------------------------------------------------------------
+
+
+def describe_return(one: Return) -> str:
+    """A return in words: when, where, and by how much it is more likely than chance."""
+    way = "in the opposite direction" if one.opposite else "in the same direction"
+    chance = f"{one.expected_false:.1g}" if one.expected_false > NEVER else f"fewer than {NEVER:g}"
+    return (
+        f"{one.length_m:.0f} m from {one.t[0]:.0f} to {one.t[-1]:.0f} s are those of {one.earlier_t.min():.0f} to "
+        f"{one.earlier_t.max():.0f} s, walked {way}: by {one.score:.0f} nats, where chance makes {chance} such "
+        "recognitions in the walk."
+    )
+
+
+def draw_returns(returns: Sequence[Return]) -> list[Chart]:
+    """Draw the field of both passes of each return along the path, as the later one was walked."""
+    charts = []
+    for k, one in enumerate(returns, start=1):
+        walked = np.linspace(0.0, one.length_m, len(one.t))
+        row = np.flatnonzero(walked <= MAX_DRAWN_M)
+        passes = (("then", GRAY, one.earlier_field_uT), ("now", PURPLE, one.field_uT))
+        panels = []
+        for k_axis, label in enumerate(COMPONENTS):
+            lines = [line(walked[row], field[row, k_axis], color, word, ALONG_PATH) for word, color, field in passes]
+            panels.append(Panel(label, lines))
+        caption, label = describe_return(one), "length of the path since the return began (m)"
+        charts.append(stack(f"return-{k}", panels, caption, label))
+    return charts

@@ -174,12 +174,12 @@ class Intake:
     @property
     def notes(self) -> tuple[str, ...]:
         """What was left out or odd, in words, changes up to `MAX_NOTES` times."""
-        notes = [f"{number} times: {REMARKS[kind]}" for kind, number in self.counts.items()]
+        notes = [f"{number} times: {REMARKS[kind]}" for kind, number in self.counts.items()] + self._changes
         if self.clock_shift_s:
             notes.append(f"at the end stamps are {_describe_shift(self.clock_shift_s)} from those of the sensor")
         if self._field.left_out:
             notes.append(f"{format_count(self._field.left_out, 'field')} of another strength than before left out")
-        return (*notes, *self._changes)
+        return tuple(notes)
 
     def _note(self, words: str) -> None:
         """Remark and note a change of units or stamps."""

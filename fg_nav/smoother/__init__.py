@@ -1,6 +1,6 @@
 """The factor-graph smoother: strides -> graph -> batch solution -> dense trajectory.
 
-In the order of the data: `preintegration` and `strides` (samples to nodes and measurements, and a stride to factors),
+In the order of the data: `strides` (samples to nodes and measurements, and a stride to factors),
 `graph` (a walk as a problem, and its path at the recording's rate), `problem` (the same with lever, bias and noise
 estimated first), `elimination`, `square_root` and `solver` (the minimum of a walk, and its covariances), `constraints`,
 `heights`, `differential` and `field` (what joins the first solution), `building` (directions and places),

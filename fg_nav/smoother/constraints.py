@@ -11,34 +11,23 @@ nearest in time. Between the two the foot moves on, at walking pace on the mean;
 
 Own factors. The caller makes a graph of gtsam from the variables of the nodes. It joins the walk where fixes do, on the
 first solution: what is found before that (noise of the swings, lever, random walk of the bias) rests on the sensor
-alone, and all rounds after it, sigmas included, have them.
-
-The information of own factors on the heading at the start is that on a turn of the whole walk about the vertical there.
-With A d the change of their residuals over their sigmas for a turn d of one radian, linearized at the walk,
+alone. Their information on the heading at the start is that on a turn of the whole walk about the vertical there. With
+A d the change of their residuals over their sigmas for a turn d of one radian, linearized at the walk,
 
     sigma^-2 = |A d|^2,     d = (R^T u, R^T (u x p)) of a pose, u x v of a velocity, 0 of a bias, u up,
 
-which for fixes is the formula above; where that is less than what is known, the heading is freed as there.
-Without a heading that was given the walk is first turned to where the error is least, of `TURNS` directions.
-
-A robust noise model is linearized by the weight that it has there (iteratively reweighted least squares): its loss is
-not the half square of that, and the solver, which compares the two, takes the difference `excess` into account.
+which for fixes is the formula above. Without a heading that was given the walk is first turned to where the error is
+least, of `TURNS` directions. A robust noise model is linearized by the weight that it has there (iteratively reweighted
+least squares); the solver takes the `excess` of its loss over that into account.
 
 Known places (`fg_nav.places.location`). The walk is solved in axes of the known frame, about its start as located
-there. A known place q (3,) m, c (3,) m from a footfall in body axes, is
-
-    e = p + R c - q,
-
-p and R the pose of the footfall, with the covariance of a tie: sharp along the path, as wide as a corridor across it.
-Start and heading are then no gauge any more. They get priors without information, `UNKNOWN_PLACE_M` and
+there. A known place q (3,) m, c (3,) m from a footfall in body axes, is e = p + R c - q, with the covariance of a tie.
+Start and heading are no gauge any more: they get priors without information, `UNKNOWN_PLACE_M` and
 `UNKNOWN_HEADING_DEG`, and the sigmas of the solution are those of the places in the known frame.
 
-Satellite fixes are factors as of the caller's own, which show the heading at the start as those do,
-
-    e = p_j + s - q_k,     Cauchy's loss, over ground
-
-p_j the footfall nearest in time, q_k the fix, s the start of the walk in the axes of the fixes: that which lays the
-first solution on them best, with its turn.
+Satellite fixes are factors as of the caller's own, e = p_j + s - q_k over ground with Cauchy's loss: p_j the footfall
+nearest in time, q_k the fix, s the start of the walk in the axes of the fixes, which with its turn lays the first
+solution on them best.
 """
 
 from __future__ import annotations
@@ -182,13 +171,7 @@ class OwnFactors(GtsamFactors):
 
 
 def make_own_factors(extra: ExtraFactors, nodes: GraphNodes) -> OwnFactors:
-    """Make the caller's factors, and check them.
-
-    Raises
-    ------
-    EstimationError
-        If they are no graph, join what is no variable of the walk, or cannot be evaluated at its values.
-    """
+    """Make the caller's factors; `EstimationError` if they join no variable of the walk or cannot be evaluated."""
     graph = extra(nodes)
     if not isinstance(graph, gtsam.NonlinearFactorGraph):
         raise EstimationError(f"extra returned a {type(graph).__name__}: return a gtsam.NonlinearFactorGraph.")
@@ -288,10 +271,7 @@ def select_reached_fixes(fixes: Sequence[Fix], t_node: Floats, after_s: float = 
 def pin_to_times(fixes: Sequence[Fix], t_node: Floats) -> PinnedFixes:
     """Find the node of each fix, nearest in time among nodes at these times (n,) s.
 
-    Raises
-    ------
-    EstimationError
-        For a fix outside the walk or farther than a stride from any node, or one without a place or a sigma.
+    Raises `EstimationError` for a fix outside the walk, far from any node, or without a place or a sigma.
     """
     node = np.zeros(len(fixes), dtype=np.intp)
     for k, fix in enumerate(fixes):
@@ -327,28 +307,13 @@ def check_fix_distance(problem: WalkProblem, fixes: Sequence[Fix]) -> None:
 
 
 def add_fixes(problem: WalkProblem, values: gtsam.Values, fixes: Sequence[Fix]) -> WalkProblem:
-    """Add fixes to a walk, on its first solution.
-
-    Where the fixes show the heading at the start better than it was given, it gets a sigma. Where it was not given, the
-    walk is first turned, in place, to where it fits them best.
-
-    Raises
-    ------
-    EstimationError
-        As `pin_to_times`.
-    """
+    """Add fixes to a walk, on its first solution, with the heading at the start as they show it."""
     pinned = pin_to_times(fixes, problem.recording.t[problem.nodes.sample])
     return _free_heading(problem.join(pinned.factors()), pinned, values)
 
 
 def add_own(problem: WalkProblem, values: gtsam.Values, extra: ExtraFactors) -> WalkProblem:
-    """Add the caller's own factors to a walk, on its first solution; the heading at the start as with fixes.
-
-    Raises
-    ------
-    EstimationError
-        As `make_own_factors`.
-    """
+    """Add the caller's own factors to a walk, on its first solution; the heading at the start as with fixes."""
     own = make_own_factors(extra, GraphNodes.of(problem.nodes, problem.recording.t, values))
     return _free_heading(problem.join(own), own, values)
 

@@ -12,8 +12,7 @@ What comes up from the first such front is a triangle in its columns already, so
 reflected into it, by a reflection for each column of one row of the triangle and all new rows (Golub and Van Loan 2013,
 section 5.1; LAPACK's `tpqrt`). On a chain that is half the work of a front that is reflected whole.
 
-Which variables meet in each front is planned before there are numbers in it (`plan_elimination`). The passes up and
-down along R, and the covariances, are those of `square_root`.
+Which variables meet in each front is planned before there are numbers in it (`plan_elimination`).
 """
 
 from __future__ import annotations

@@ -35,7 +35,7 @@ from fg_nav.arrays import Bools, Complexes, Floats, Ints
 from fg_nav.errors import EstimationError
 from fg_nav.factors.residual import LETTER_SHIFT, Keys, Stack, one_of
 from fg_nav.factors.same_place import BesideEachOther, WithinReach, weigh_place
-from fg_nav.feet.person import FeetSolution, PersonPath, trace_person
+from fg_nav.feet.person import FeetSolution, trace_person
 from fg_nav.feet.steps import MAX_S, MIN_TURNS, Footfalls, average_cells, measure_turns
 from fg_nav.samples.gaps import find_holes, list_unrecorded
 from fg_nav.smoother.batch import WalkInput, compile_smoother, fit_walk, list_table_keys, to_solution
@@ -485,7 +485,7 @@ def smooth_feet(right: WalkInput, left: WalkInput, progress: Callable[[float], N
     return solution
 
 
-def trace_solved_person(solved: SolvedFeet, right: Solution, left: Solution) -> PersonPath:
+def trace_solved_person(solved: SolvedFeet, right: Solution, left: Solution) -> Solution:
     """Trace the person between two feet that were solved together."""
     ties, root = solved.problem.ties, solved.minimum.root
     joint = root.joint_covariances(_pair_keys(ties.pairs.right, ties.pairs.left))

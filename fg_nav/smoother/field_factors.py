@@ -59,8 +59,8 @@ from fg_nav.frames import level_attitude
 from fg_nav.magnetic import FootfallField
 from fg_nav.samples.gaps import cross_holes
 from fg_nav.smoother.parameters import FieldParameters
-from fg_nav.smoother.preintegration import WALKING_M_S, walk_for
 from fg_nav.smoother.solver import BlockGroup, GtsamFactors
+from fg_nav.smoother.strides import WALKING_M_S, walk_for
 
 COMPASS_SIGMA_UT = 0.3  # Noise of a footfall's mean field, white: what levelling and a soft sole leave.
 REGIONAL_LENGTH_M = 60.0  # For how long a region is alike: a corridor, a wing.

@@ -3,7 +3,7 @@
 Initial values are dead reckoning, stopped at every node: strapdown from node to node; at a node the velocity is set to
 zero, the position gives back what the linear growth of the velocity error added, and while the foot stands the tilt is
 nudged towards gravity. Good to some degrees and per cents, which Gauss-Newton needs no better. Over a hole in the
-samples the position stays, and the attitude is turned and levelled as in `preintegration`.
+samples the position stays, and the attitude is turned and levelled as in `strides`.
 
 The dense path. Between two nodes of the solution the samples are integrated from the first one with its bias. What is
 left at the second, a rotation d_R, a velocity d_v and a position d_p, is given back smoothly over the interval of
@@ -44,7 +44,6 @@ from fg_nav.mechanisation import (
 from fg_nav.recording import Recording
 from fg_nav.samples.gaps import MAX_HELD_S
 from fg_nav.smoother.parameters import SmootherParameters
-from fg_nav.smoother.preintegration import find_unseen_walks, preintegrate
 from fg_nav.smoother.solver import (
     CONVERGENCE,
     GtsamFactors,
@@ -62,9 +61,11 @@ from fg_nav.smoother.strides import (
     Nodes,
     add_start,
     add_stride,
+    find_unseen_walks,
     join_velocities,
     measure_velocities,
     place_nodes,
+    preintegrate,
     strides_of,
 )
 from fg_nav.system.compiled import njit

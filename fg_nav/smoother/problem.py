@@ -77,11 +77,10 @@ from fg_nav.samples.readings import OFF_SHARE
 from fg_nav.smoother.graph import Known, WalkProblem, build_problem, solve
 from fg_nav.smoother.heights import add_barometer
 from fg_nav.smoother.parameters import SmootherParameters
-from fg_nav.smoother.preintegration import preintegrate
 from fg_nav.smoother.sensitivity import average
 from fg_nav.smoother.solver import FIRST_CONVERGENCE, Solved, find_minimum, residuals_at_minimum
 from fg_nav.smoother.square_root import Groups, LinearWalk, SquareRoot
-from fg_nav.smoother.strides import ACC_BIAS_SIGMA, INERTIAL_KEYS, MIN_WALK_DEG_S, Nodes, join_velocities
+from fg_nav.smoother.strides import ACC_BIAS_SIGMA, INERTIAL_KEYS, MIN_WALK_DEG_S, Nodes, join_velocities, preintegrate
 from fg_nav.text import format_count
 
 MIN_STATISTIC = 40.0  # T of stances: median 0.1 to 2, beside a shock 15 to 35, of a foot at 0.35 m/s 52.

@@ -16,9 +16,9 @@ bias                 turning about up that the solution leaves in the rests, lin
                      gravity shows, over the solution's prior about up
 hidden turning       turning about up in clipped peaks of the rate, one error in all peaks to the left and one in all to
                      the right; where neither field nor fixes show the heading
-gravity              scale of the accelerometer in the strides, times the distance from the start
-                     (`fg_nav.verdict.limits`)
-long stride          its excess over the others
+gravity              share by which the vertical force of a stride, from rest to rest, is not that of gravity, times the
+                     distance from the start: a scale. Median over the strides
+long stride          by which it is longer than half as much again as the walk's fastest strides would be in its time
 no footfall          motion, at the usual speed, before the first footfall and after the last; between them the residual
                      velocity where a stance was due: after 1.6 usual swings, and 1.2 s; 2 s in any case
 cut                  motion, at the usual speed, in the parts of a recording that a hole cut off
@@ -59,41 +59,459 @@ height               sigma    -         -       a closed walk ends at another he
 ==================== ======== ========= ======= =====================================================================
 
 In a pocket only signs that need no stances count: unseen, cut, bad samples, number of strides, speed, longest stride,
-axes, region and sigma of the heading.
+axes, region and sigma of the heading. A path without a stride is judged by its samples alone.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import cached_property
+
 import numpy as np
 
+from fg_nav.arrays import Floats
+from fg_nav.detection.handedness import measure_axes, measure_swing_axes
+from fg_nav.detection.mount import measure_turning, remove_fast
+from fg_nav.detection.rest import RestParameters, find_still_stretches
+from fg_nav.frames import GRAVITY_M_S2
+from fg_nav.magnetic.quasi_static import QUASI_STATIC
+from fg_nav.mechanisation import integrate_strides
+from fg_nav.samples.gaps import list_bridged, measure_unseen
 from fg_nav.solution import Solution, StanceTable
+from fg_nav.verdict import limits
 from fg_nav.verdict.limits import (
-    FAST_SHARE,
+    LIGHT,
+    NAMING,
+    NO_USE,
+    UNSEEN,
     UNUSABLE,
+    Reason,
     Verdict,
     Word,
     combine,
-    find_height_rate,
-    judge_height_rate,
-    judge_position,
-    judge_speed,
-    judge_stride,
-    judge_strides,
+    weigh,
+    weigh_error,
 )
-from fg_nav.verdict.signs import SIGNS, SIGNS_IN_POCKET, SIGNS_WITHOUT_FOOTFALLS, WalkSigns
 from fg_nav.walk import Walk
 
 __all__ = ["UNUSABLE", "Verdict", "Word", "combine", "judge_footfalls", "judge_path"]
+
+SPAN_S = 0.1  # Between the two positions of a speed.
+RUN_CYCLE_S = 0.85  # Median stride below which a walk is a run: the foot is never as still.
+DUE_SWINGS, DUE_S = 1.6, 1.2  # A stance is due when a swing has lasted for this many usual ones, and this long;
+LATEST_S = 2.0  # in any case after this: where most stances were missed no swing is usual.
+MOVING_RAD_S = 1.0  # Mean rate of a moving foot before or after all footfalls.
+OPEN_SHARE = 0.3  # Residual velocity at a stance over the swing's speed: its stride is wrong by half of it.
+LOW_RATE_HZ = 80.0  # A heel strikes within 20 ms.
+CLOSED_SHARE = 0.02  # Distance of the end from the start, over the way, of a walk that ends where it began.
+
+
+class WalkSigns:
+    """Quantities of a walk and its solution that several signs need.
+
+    Strides are those from one row of the solution's table to the next; the recording is the one that was solved, in a
+    stream without provenance, which is that of `walk.recording`.
+    """
+
+    def __init__(self, walk: Walk, solution: Solution) -> None:
+        self.walk, self.solution, self.table = walk, solution, solution.stances
+        self.recording = walk.recording if solution.recording is None else solution.recording
+
+    @cached_property
+    def strides(self) -> Floats:
+        """(K, 3) m, from footfall to footfall."""
+        return np.diff(self.table.position, axis=0)
+
+    @cached_property
+    def lengths(self) -> Floats:
+        """(K,) m, over the ground."""
+        return np.hypot(self.strides[:, 0], self.strides[:, 1])
+
+    @cached_property
+    def way(self) -> float:
+        """Length of the path over the ground, m."""
+        return float(self.lengths.sum())
+
+    @cached_property
+    def sigma(self) -> float:
+        """Claimed sigma of the end over the ground, m; 0 without footfalls."""
+        return float(np.hypot(*self.table.position_sigma[-1, :2])) if len(self.table) else 0.0
+
+    @cached_property
+    def stride_speed(self) -> Floats:
+        """(K,) m/s, of each stride in space; 0 where the foot was not recorded in between."""
+        t = self.table.t
+        speed = np.linalg.norm(self.strides, axis=1) / np.maximum(np.diff(t), 1e-9)
+        return np.where(np.diff(self.sum_bridged(t)) > 0.0, 0.0, speed)
+
+    @cached_property
+    def usual_m_s(self) -> float:
+        """Median speed of the strides, m/s."""
+        return float(np.median(self.stride_speed)) if len(self.strides) else 0.0
+
+    def displace_end(self, turn: Floats) -> float:
+        """Displacement of the end, m, by an error of the heading, (K + 1,) rad at the rows, to first order."""
+        east, north = ((turn[1:] + turn[:-1]) / 2) @ self.strides[:, :2]
+        return float(np.hypot(east, north))
+
+    @cached_property
+    def fastest(self) -> Floats:
+        """(K,) m/s, the highest speed in each stride."""
+        speed = np.linalg.norm(self.solution.velocity, axis=1)
+        return np.maximum.reduceat(speed[: self.table.sample[-1]], self.table.sample[:-1])
+
+    def sum_bridged(self, t: Floats) -> Floats:
+        """Cumulative time, s, up to each stamp of `t`, in which only the other foot was recorded."""
+        beside = self.walk.beside
+        if beside is None:
+            return np.zeros(t.shape)
+        bridged = list_bridged(self.recording.t, beside)
+        if not len(bridged):
+            return np.zeros(t.shape)
+        so_far = np.cumsum(np.diff(bridged, axis=1))
+        both_ends = np.stack([np.append(0.0, so_far[:-1]), so_far], axis=1)
+        return np.asarray(np.interp(t, bridged.ravel(), both_ends.ravel()))
+
+    @cached_property
+    def gait(self) -> float:
+        """Allowed motion of a foot in its stances, as a multiple of a walk's: 2 in a run."""
+        return 2.0 if float(np.median(np.diff(self.table.t))) < RUN_CYCLE_S else 1.0
+
+    @cached_property
+    def ends(self) -> tuple[Floats, Floats]:
+        """Velocity (K, 3) m/s and vertical axis (K, 3) in the body at the end of each stride, by strapdown alone."""
+        table, (acc, gyr) = self.table, self.recording.integrable
+        attitude = np.array(table.nav_R_body, order="C")
+        bias = np.ascontiguousarray(table.gyro_bias)
+        strides = table.sample[:-1], table.sample[1:]
+        velocity = integrate_strides(acc, gyr, self.recording.periods_s, *strides, attitude, bias, GRAVITY_M_S2)
+        return velocity, attitude[: len(velocity), 2]
+
+
+# --- signs of samples and stances ------------------------------------------------------------------------------------
+
+
+def measure_turning_at_stances(observed: WalkSigns) -> Reason:
+    """Rate of the sensor in its stances."""
+    table = observed.table
+    rate = np.median(np.linalg.norm(observed.recording.gyr[table.sample] - table.gyro_bias, axis=1))
+    return Reason(
+        weigh(rate / observed.gait, 0.8, 1.2), f"the foot does not stand: it turns by {rate:.1f} rad/s in its stances"
+    )
+
+
+def measure_shaking(observed: WalkSigns) -> Reason:
+    """Ringing of the sensor on the shoe in stances."""
+    gyr, stances = observed.recording.gyr, observed.walk.stances
+    power = sum((axis - remove_fast(axis, observed.recording.period_s)) ** 2 for axis in gyr.T)  # by axis: less memory
+    mean = np.add.reduceat(power, np.column_stack([stances.start, np.minimum(stances.stop, len(gyr) - 1)]).ravel())[::2]
+    shaking = np.median(np.sqrt(mean / (stances.stop - stances.start)))
+    words = (
+        f"the sensor is loose on the shoe, or the foot not on the ground: it shakes by {shaking:.1f} rad/s in stances"
+    )
+    return Reason(weigh(shaking / observed.gait, 0.3, 0.9), words)
+
+
+def measure_time_without_footfall(observed: WalkSigns) -> Reason | None:
+    """Untracked motion before the first footfall and after the last, and error of strides in which a stance was due.
+
+    Between two footfalls the strapdown goes on: half of the variance of the residual velocity v of a stride of time T
+    is that of a random walk, which leaves a position error v T / sqrt(12); the other half grew evenly, and leaves none.
+    """
+    stances, t = observed.walk.stances, observed.recording.t
+    if len(stances) == 0:
+        return None
+    # before the first, after the last
+    rate = np.linalg.norm(observed.recording.gyr, axis=1)
+    ends = [np.s_[: stances.start[0]], np.s_[stances.stop[-1] :]]
+    moves = [t[end] for end in ends if len(t[end]) and rate[end].mean() > MOVING_RAD_S]
+    outside = np.array([np.ptp(one - observed.sum_bridged(one)) for one in moves])
+    # s without a stance, from footfall to footfall
+    spans = np.stack([t[stances.stop[:-1] - 1], t[stances.start[1:]]])[:, np.diff(stances.footfall) > 0]
+    swings = np.asarray(np.diff(spans - observed.sum_bridged(spans), axis=0)[0])
+    due_s = float(np.clip(DUE_SWINGS * np.median(swings), DUE_S, LATEST_S)) if len(swings) else DUE_S
+    lost_s = float(outside[outside > due_s].sum())
+    # between; where the rows of the solution are other footfalls, all of it is untracked
+    overdue, error = swings > due_s, 0.0
+    if len(overdue) != len(observed.strides):
+        lost_s += float(swings[overdue].sum())
+    elif overdue.any():
+        left = np.linalg.norm(observed.ends[0], axis=1) * np.diff(observed.table.t)
+        overdue &= np.diff(observed.sum_bridged(observed.table.t)) == 0.0
+        error = float(np.sqrt(np.sum(left[overdue] ** 2) / 24.0))
+    words = f"{lost_s:.1f} s of motion without a footfall are not followed"
+    lost = limits.judge_unfollowed(lost_s, observed.usual_m_s, observed.sigma, observed.way, words)
+    words = f"{swings[overdue].sum():.1f} s of motion without a footfall: strides were missed, {error:.1f} m open"
+    missed = Reason(weigh_error(error, observed.sigma, observed.way), words)
+    return max(lost, missed, key=lambda reason: reason.weight)
+
+
+def measure_cut(observed: WalkSigns) -> Reason:
+    """Part of the recording that a hole cut off."""
+    cut_s = observed.walk.recording.provenance.cut_samples * observed.recording.period_s
+    words = f"{cut_s:.0f} s of the recording are cut off by a hole, and not used"
+    speed = max(observed.usual_m_s, observed.way / max(observed.recording.duration_s, 1e-9))
+    return limits.judge_unfollowed(cut_s, speed, observed.sigma, observed.way, words)
+
+
+def measure_gap(observed: WalkSigns) -> Reason:
+    """Motion in the gaps, at one sigma: half of each at the usual speed, root sum square of all."""
+    longest_s = float(observed.recording.gaps.unseen_s.max(initial=0.0))
+    words, beside = f"nothing was recorded for {longest_s:.2f} s amid the walk", observed.walk.beside
+    unseen_s = observed.recording.gaps.unseen_s
+    if beside is not None:
+        t, gaps = observed.recording.t, observed.recording.gaps.sample
+        unseen_s = np.array([measure_unseen(float(t[i]), float(t[i + 1]), beside) for i in gaps])
+        words = f"{words}, and of neither foot for {unseen_s.max(initial=0.0):.2f} s"
+    error = 0.5 * observed.usual_m_s * float(np.sqrt(np.sum(unseen_s**2)))
+    weight, alone = weigh_error(error, observed.sigma, observed.way), beside is not None and longest_s > LATEST_S
+    return Reason(max(weight, 1.0 if alone else UNSEEN), words)
+
+
+def check_rate(observed: WalkSigns) -> Reason | None:
+    """A low sample rate, as a possible cause of other signs."""
+    rate_hz = 1.0 / observed.recording.period_s
+    words = f"the sample rate of {rate_hz:.0f} Hz is low for a foot"
+    return Reason(NAMING, words) if rate_hz < LOW_RATE_HZ else None
+
+
+def check_mount(observed: WalkSigns) -> Reason | None:
+    """Turning that contradicts the stated mount: of a thigh on a foot, of a foot in a pocket, or of neither."""
+    turning = measure_turning(observed.recording)
+    wearing = turning.wearing
+    on_foot = observed.walk.options.mount != "pocket"
+    if wearing == "pocket" and on_foot:
+        return Reason(NO_USE, f"the sensor turns like a thigh, not like a foot ({turning.words}): try --mount pocket")
+    if wearing == "foot" and not on_foot:
+        return Reason(NO_USE, f"the sensor turns like a foot, not like a thigh ({turning.words}): leave --mount out")
+    if wearing is not None or turning.windows == 0:
+        return None
+    if turning.rhythm > 0.6 and turning.rest_share < 0.15 and turning.impact_m_s2 < 20.0:
+        return Reason(
+            NAMING, "it turns evenly and is never hit, like a foot on a bicycle's pedal, or a hand that swings"
+        )
+    limb = "foot" if on_foot else "thigh"
+    return Reason(NAMING, f"it does not turn in the rhythm of a {limb}, more like a sensor in a hand")
+
+
+# --- signs of the solution -------------------------------------------------------------------------------------------
+
+
+def measure_velocity_closure(observed: WalkSigns) -> Reason:
+    """Residual velocity of the strides where the foot stands."""
+    left = np.median(np.linalg.norm(observed.ends[0], axis=1))
+    share = left / max(np.median(observed.fastest), 1e-3)
+    words = (
+        f"velocity does not close: {left:.2f} m/s, {100 * share:.0f} % of the swing's, is left where the foot stands"
+    )
+    return Reason(weigh(share, 0.15, 0.3), words)
+
+
+def count_open_strides(observed: WalkSigns) -> Reason:
+    """Share of the strides with a large residual velocity."""
+    left = np.linalg.norm(observed.ends[0], axis=1) / max(np.median(observed.fastest), 1e-3)
+    share = float(np.mean(left > OPEN_SHARE))
+    words = f"in {100 * share:.0f} % of the strides velocity does not close by a third of the swing's: no stances there"
+    return Reason(weigh(share, 0.2, 0.5), words)
+
+
+def measure_tilt_closure(observed: WalkSigns) -> Reason:
+    """Error of the vertical from footfall to footfall."""
+    up = observed.table.nav_R_body[1:, 2]
+    tilt_deg = np.median(np.degrees(np.arccos(np.clip((observed.ends[1] * up).sum(axis=1), -1.0, 1.0))))
+    words = (
+        f"the gyroscope misses the vertical by {tilt_deg:.1f} deg a stride: its axes, scale or range, or it is loose"
+    )
+    return Reason(weigh(tilt_deg, 2.0, 5.0), words)
+
+
+def measure_stride(observed: WalkSigns) -> Reason:
+    """Median length of the strides."""
+    length = np.median(observed.lengths)
+    return Reason(weigh(1.0 / max(length, 1e-3), 1 / 0.15, 1 / 0.1), f"no walking: the median stride is {length:.2f} m")
+
+
+def measure_longest_stride(observed: WalkSigns) -> Reason:
+    """The stride with the largest excess over the length that a fast stride has in its time."""
+    t, speed = observed.table.t, observed.stride_speed
+    fast = float(np.quantile(speed, limits.FAST_SHARE, method="lower"))
+    excess = (speed - fast) * np.diff(t)
+    longest = int(np.argmax(np.where(np.isnan(excess), np.inf, excess)))
+    took = float(t[longest + 1] - t[longest])
+    return limits.judge_stride(
+        float(speed[longest]) * took, took, float(t[longest + 1]), fast, observed.sigma, observed.way
+    )
+
+
+def measure_speed(observed: WalkSigns) -> Reason:
+    """Highest speed on the path, by its velocity and by its positions, the greater of the two."""
+    solution, over = observed.solution, max(1, round(SPAN_S / observed.recording.period_s))
+    speed = np.linalg.norm(solution.velocity, axis=1)
+    moved = np.linalg.norm(solution.position[over:] - solution.position[:-over], axis=1)
+    speed[over:] = np.maximum(speed[over:], moved / (solution.t[over:] - solution.t[:-over]))
+    fastest = int(np.argmax(np.where(np.isnan(speed), np.inf, speed)))
+    return limits.judge_speed(float(speed[fastest]), float(solution.t[fastest]))
+
+
+def measure_gravity(observed: WalkSigns) -> Reason:
+    """Mean vertical force of the strides, which begin and end at rest, against gravity."""
+    force = GRAVITY_M_S2 + observed.ends[0][:, 2] / np.diff(observed.table.t)
+    moved = observed.table.position[:, :2] - observed.table.position[0, :2]
+    reach = float(np.hypot(*moved.T).max())
+    return limits.judge_gravity(np.median(force), reach, observed.sigma, observed.way)
+
+
+def measure_climbing(observed: WalkSigns) -> Reason:
+    """Height of the strides."""
+    climb = float(np.quantile(np.abs(observed.strides[:, 2]), 0.95))
+    return Reason(weigh(climb, 0.5, 1.0), f"strides climb or fall by {climb:.1f} m, more than stairs do")
+
+
+def compare_bias(observed: WalkSigns) -> Reason:
+    """Turning about up that the solution's bias leaves in the rests.
+
+    Without a rest gravity shows the bias about level axes: where it exceeds the solution's prior about up, it is
+    assumed to be as large there.
+    """
+    table, recording = observed.table, observed.recording
+    rests = find_still_stretches(recording, RestParameters())
+    if rests:
+        middle = recording.t[[(rest.start + rest.stop) // 2 for rest in rests]]
+        row = np.abs(table.t[:, None] - middle).argmin(axis=0)
+        up, biases = table.nav_R_body[row, 2], table.gyro_bias[row]
+        left = np.array([(rest.rate - bias) @ one for rest, bias, one in zip(rests, biases, up, strict=True)])
+        variance = np.array([one @ rest.covariance @ one for rest, one in zip(rests, up, strict=True)])
+        # shrink a residual rate within the sway of its rest toward zero; linear between rests
+        rate = np.interp(table.t, middle, left**3 / (left**2 + variance))
+        turn = np.append(0.0, np.cumsum((rate[1:] + rate[:-1]) / 2 * np.diff(table.t)))
+        error, worst = observed.displace_end(turn), np.degrees(np.abs(rate).max())
+        words = (
+            f"rests show another gyroscope bias, by up to {worst:.2g} deg/s about up: {np.degrees(np.ptp(turn)):.0f} "
+            f"deg of heading, {error:.1f} m at the end"
+        )
+    else:
+        end_up, bias, since = table.nav_R_body[-1, 2], table.gyro_bias[-1], table.t - table.t[0]
+        level = (bias @ bias - (bias @ end_up) ** 2) / 2.0
+        beyond = float(np.sqrt(max(level - (table.gyro_bias_sigma[0] ** 2) @ end_up**2, 0.0)))
+        error = observed.displace_end(beyond * since)
+        words = (
+            f"no rest shows the gyroscope's bias, and about level axes it is {np.degrees(np.sqrt(level)):.2g} deg/s, "
+            f"more than assumed about up: {np.degrees(beyond * since[-1]):.0f} deg of heading, {error:.1f} m at the end"
+        )
+    return Reason(weigh_error(error, observed.sigma, observed.way), words)
+
+
+def measure_heading_sigma(observed: WalkSigns) -> Reason:
+    """Claimed sigma of the heading at the end."""
+    sigma = float(np.degrees(observed.table.heading_sigma[-1]))
+    return Reason(weigh(sigma, 30.0, 90.0), f"the heading at the end is known to {sigma:.0f} deg only")
+
+
+def measure_hidden_turning(observed: WalkSigns) -> Reason | None:
+    """Weigh the heading error that rebuilt gyroscope peaks leave in a filter; a graph has it in its sigmas."""
+    recording, solution = observed.recording, observed.solution
+    peaks = recording.peaks[1]
+    if solution.graph or not peaks.run.any():
+        return None
+    if QUASI_STATIC in solution.stances.field and solution.uses_field:
+        return None  # the field shows the heading
+    # the samples' sigmas are for independent errors; if the n samples of a peak share one, each has sigma / sqrt(n)
+    missing = np.sign(recording.gyr) * peaks.sigma / np.sqrt(np.maximum(peaks.run, 1.0))
+    about_up = (solution.nav_R_body[:, 2] * missing).sum(axis=1) * recording.period_s
+    # left and right turns are two phases of the gait; each repeats its error in every stride, summed to each footfall
+    row = solution.stances.sample
+    sides = [np.cumsum(np.where(side * about_up > 0, about_up, 0.0))[row] for side in (1.0, -1.0)]
+    error = float(np.linalg.norm([observed.displace_end(side - side[0]) for side in sides]))
+    hidden = float(np.degrees(np.linalg.norm([side[-1] - side[0] for side in sides])))
+    words = f"clipped peaks of the gyroscope, rebuilt, leave {hidden:.0f} deg of heading open, {error:.1f} m at the end"
+    return Reason(weigh_error(error, observed.sigma, observed.way), words)
+
+
+def measure_position_sigma(observed: WalkSigns) -> Reason:
+    """Claimed covariance of the end."""
+    table = observed.table
+    return limits.judge_position(table.position_cov[-1, :2, :2], observed.way, observed.walk.options.mount == "pocket")
+
+
+def compare_heights(observed: WalkSigns) -> Reason | None:
+    """Height of the end of a closed walk."""
+    table = observed.table
+    east, north, up = table.position[-1] - table.position[0]
+    sigma = float(table.position_sigma[-1, 2])
+    apart = abs(up) / sigma if sigma > 0 else 0.0
+    if np.hypot(east, north) > CLOSED_SHARE * observed.lengths.sum() or apart < 3.0:
+        return None
+    return Reason(LIGHT, f"it ends where it began, but {up:+.1f} m in height, {apart:.0f} of its sigmas")
+
+
+def check_mag_axes(observed: WalkSigns) -> Reason | None:
+    """Axes of the magnetometer that contradict the gyroscope's."""
+    aligned = observed.walk.magnetometer
+    if aligned is None or aligned.wrong_axes is None:
+        return None
+    return Reason(LIGHT, f"the magnetometer contradicts the gyroscope and is left out: {aligned.wrong_axes.warning}")
+
+
+def check_gyro_axes(observed: WalkSigns) -> Reason:
+    """Axes of the gyroscope that contradict the accelerometer's."""
+    measure = measure_swing_axes if observed.walk.options.mount == "pocket" else measure_axes
+    recording = observed.recording
+    return limits.judge_axes(measure(recording.t, recording.acc, recording.gyr))
+
+
+Sign = Callable[[WalkSigns], Reason | None]
+
+SIGNS_WITHOUT_STRIDES: tuple[Sign, ...] = (
+    lambda observed: limits.judge_strides(len(observed.strides), observed.recording.duration_s),
+    lambda observed: limits.judge_rate(observed.walk.recording.provenance.rate_sigma),
+    measure_gap,
+    measure_cut,
+    lambda observed: limits.judge_bad_samples(observed.walk.recording),
+    check_mount,
+)
+
+SIGNS_IN_POCKET: tuple[Sign, ...] = (
+    measure_speed,
+    measure_longest_stride,
+    check_gyro_axes,
+    measure_heading_sigma,
+    measure_position_sigma,
+    *SIGNS_WITHOUT_STRIDES,
+)
+
+SIGNS: tuple[Sign, ...] = (
+    measure_velocity_closure,
+    count_open_strides,
+    measure_tilt_closure,
+    measure_turning_at_stances,
+    measure_shaking,
+    check_rate,
+    lambda observed: limits.judge_filters(observed.recording, observed.walk.stances),
+    measure_time_without_footfall,
+    measure_stride,
+    measure_longest_stride,
+    measure_speed,
+    measure_climbing,
+    lambda observed: limits.judge_height_rate(
+        *limits.find_height_rate(observed.table.t, observed.table.position[:, 2])
+    ),
+    measure_gravity,
+    check_gyro_axes,
+    compare_bias,
+    measure_heading_sigma,
+    measure_hidden_turning,
+    measure_position_sigma,
+    *SIGNS_WITHOUT_STRIDES,
+    check_mag_axes,
+    compare_heights,
+)
 
 
 def judge_path(walk: Walk, solution: Solution) -> Verdict:
     """Judge the solution of a walk by all signs that apply to its mount; return word and reasons."""
     observed = WalkSigns(walk, solution)
-    if walk.options.mount == "pocket":
-        signs = SIGNS_IN_POCKET
-    else:
-        signs = SIGNS if len(solution.stances) else SIGNS_WITHOUT_FOOTFALLS
-    found = [measure(observed) for measure in signs]
+    signs = SIGNS_IN_POCKET if walk.options.mount == "pocket" else SIGNS
+    found = [measure(observed) for measure in (signs if len(solution.stances) > 1 else SIGNS_WITHOUT_STRIDES)]
     return combine([reason for reason in found if reason is not None])
 
 
@@ -101,13 +519,13 @@ def judge_footfalls(table: StanceTable) -> Verdict:
     """Judge a path by its footfalls alone, without samples, by the limits of a person."""
     stride, took = np.linalg.norm(np.diff(table.position, axis=0), axis=1), np.maximum(np.diff(table.t), 1e-9)
     speed, way = stride / took, float(np.hypot(*np.diff(table.position[:, :2], axis=0).T).sum())
-    found = [judge_strides(len(stride), float(np.ptp(table.t)))]
+    found = [limits.judge_strides(len(stride), float(np.ptp(table.t)))]
     if len(stride):
-        fast = float(np.quantile(speed, FAST_SHARE, method="lower"))
+        fast = float(np.quantile(speed, limits.FAST_SHARE, method="lower"))
         sigma = float(np.hypot(*table.position_sigma[-1, :2]))
         worst = int(np.argmax((speed - fast) * took))
-        found.append(judge_stride(stride[worst], took[worst], float(table.t[worst + 1]), fast, sigma, way))
-        found.append(judge_speed(float(speed.max()), float(table.t[1 + int(np.argmax(speed))])))
-    found.append(judge_height_rate(*find_height_rate(table.t, table.position[:, 2])))
-    found.append(judge_position(table.position_cov[-1, :2, :2], way))
+        found.append(limits.judge_stride(stride[worst], took[worst], float(table.t[worst + 1]), fast, sigma, way))
+        found.append(limits.judge_speed(float(speed.max()), float(table.t[1 + int(np.argmax(speed))])))
+    found.append(limits.judge_height_rate(*limits.find_height_rate(table.t, table.position[:, 2])))
+    found.append(limits.judge_position(table.position_cov[-1, :2, :2], way))
     return combine(found)

@@ -14,15 +14,6 @@ strides        1       1/4       1/3     one over their number
 axes           -       3         7       log of the odds of other axes of the gyroscope than those given
                                          (`detection.handedness`)
 ============== ======= ========= ======= ==============================================================================
-
-Errors of the end:
-
-============== =========================================================================================================
-long stride    by which it is longer than half as much again as the walk's fastest strides would be in its time
-not seen       time in which a foot that moves is not followed, at the walk's usual speed
-gravity        share by which the vertical force of a stride, from rest to rest, is not that of gravity, times the
-               distance from the start: a scale. Median over the strides
-============== =========================================================================================================
 """
 
 from __future__ import annotations

@@ -163,9 +163,9 @@ def test_a_configuration_is_checked(tmp_path: Path) -> None:
     path = tmp_path / "config.json"
     known = config.read_config(written(path))
     assert choose(known, [], ["iez-rts"]) == (("iez.acc_density", 1.0),)
-    own = config.bind_to_recording(Options(heading_deg=7.0), known, Path("a.csv"))
+    own = known.bind(Options(heading_deg=7.0), Path("a.csv"))
     assert (own.heading_deg, own.truth_path) == (7.0, Path("t.tum"))
-    assert config.bind_to_recording(Options(), known, Path("b.csv")) == Options()
+    assert known.bind(Options(), Path("b.csv")) == Options()
     with pytest.raises(ConfigError, match="of iez, not of smoother"):
         choose(known, [], ["smoother"])
     with pytest.raises(ConfigError, match="leave --preset out"):

@@ -44,9 +44,10 @@ def test_lines_and_files_of_both_feet_and_of_the_person(fg_nav, sources, tmp_pat
     assert max(line["t"] for line in lines if line["foot"] == "left") > 38.0
     of_feet = {f"{kind}_{side}.{end}" for side in ("left", "right") for kind, end in
                (("trajectory", "tum"), ("strides", "csv"), ("online", "csv"))}  # fmt: skip
-    assert names(tmp_path / "mine") == {"trajectory.tum", "person.csv", "summary.json", *of_feet}
+    assert names(tmp_path / "mine") == {
+        "trajectory.tum", "person.csv", "summary.json", "config.json", "report.html", *of_feet,
+    }  # fmt: skip
     summary = json.loads((tmp_path / "mine" / "summary.json").read_text())
-    assert summary["tied"]
     assert summary["width_m"] == pytest.approx(demo_feet().step_width_m, abs=0.15)
     assert summary["left"]["strides"] > summary["right"]["strides"]
     person, left = (read_truth(tmp_path / "mine" / f"trajectory{end}.tum") for end in ("", "_left"))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fg_nav.feet.person import PersonPath, trace_person
+from fg_nav.feet.person import trace_person
 from fg_nav.lab.simulation import SimulatedFeet, simulate_feet
 from fg_nav.samples.gaps import find_unrecorded
 from fg_nav.solution import Solution, StanceTable
@@ -36,7 +36,7 @@ def true_foot(walk: SimulatedFeet, side: str, kept: tuple[tuple[float, float], .
 
 def trace(
     walk: SimulatedFeet, left: tuple[tuple[float, float], ...], right: tuple[tuple[float, float], ...]
-) -> PersonPath:
+) -> Solution:
     feet = true_foot(walk, "right", right), true_foot(walk, "left", left)
     return trace_person(*feet, np.zeros(1), 4.0 * np.eye(4)[None])
 
@@ -61,16 +61,16 @@ def test_in_a_hole_of_one_foot_the_person_goes_on_as_the_other_one(
     moved = np.linalg.norm(np.diff(person.position[~outside][:, :2], axis=0), axis=1).sum()
     assert moved == pytest.approx(SPEED * (HOLE[1] - HOLE[0]), rel=0.25)
     # with the footfalls of that one, as uncertain as it and half of what both differ by
-    assert np.diff(person.footfall_t).max() < 1.5
-    np.testing.assert_allclose(person.pose_cov, np.tile(2.0 * np.eye(4), (len(person.footfall_t), 1, 1)))
+    assert np.diff(person.stances.t).max() < 1.5
+    np.testing.assert_allclose(person.stances.pose_cov, np.tile(2.0 * np.eye(4), (len(person.stances), 1, 1)))
 
 
 def test_what_the_feet_differ_by_is_known_between_the_times_it_is_given_for_in_any_order(walk: SimulatedFeet) -> None:
     feet = true_foot(walk, "right", WHOLE), true_foot(walk, "left", WHOLE)
     t, size = np.array([10.0, 50.0, 30.0]), np.array([1.0, 1.0, 5.0])
     person = trace_person(*feet, t, size[:, None, None] * np.eye(4))
-    expected = 1.0 + 0.25 * np.interp(person.footfall_t, [10.0, 30.0, 50.0], [1.0, 5.0, 1.0])
-    np.testing.assert_allclose(person.pose_cov[:, 2, 2], expected)
+    expected = 1.0 + 0.25 * np.interp(person.stances.t, [10.0, 30.0, 50.0], [1.0, 5.0, 1.0])
+    np.testing.assert_allclose(person.stances.position_cov[:, 2, 2], expected)
 
 
 def test_where_neither_was_recorded_nothing_is_made_up(walk: SimulatedFeet) -> None:

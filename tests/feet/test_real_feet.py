@@ -5,9 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fg_nav.both_feet import navigate_feet
+from fg_nav.both_feet import FeetResult, navigate_feet
 from fg_nav.evaluation.comparison import align
-from fg_nav.feet_result import FeetResult
 from tests.real_data import DATA, needs_data
 
 pytestmark = needs_data

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from fg_nav import navigate as navigate_one
-from fg_nav.both_feet import navigate_feet
-from fg_nav.feet_result import FeetResult
+from fg_nav.both_feet import FeetResult, navigate_feet
 from fg_nav.lab.simulation import simulate_feet
 from fg_nav.recording import Recording
 from fg_nav.walk import Options

@@ -17,7 +17,7 @@ from fg_nav.lab.field_drawing import ACCEPTED, REJECTED, UNJUDGED, plot_field, p
 from fg_nav.lab.field_survey import FieldSurvey, measure_coverage, survey_field
 from fg_nav.lab.verbs.detect import collect_survey_notes, describe_survey, tabulate_footfalls, write_survey
 from fg_nav.magnetic import FieldVerdicts, FootfallField
-from fg_nav.report.course import AlignedSolution
+from fg_nav.report.charts import AlignedSolution
 from fg_nav.report.plots import style
 from fg_nav.solution import Solution
 from fg_nav.walk import Walk

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fg_nav.report.course import AlignedSolution, describe_frame, find_ellipses
+from fg_nav.report.charts import AlignedSolution, describe_frame, find_ellipses
 from fg_nav.report.files import write_comparison, write_lagged, write_run
-from fg_nav.report.page.content import Page, compose_page
-from fg_nav.report.series import HEAVIEST, describe_graph, draw_graph
+from fg_nav.report.page import Page, compose_page, describe_graph
+from fg_nav.report.series import HEAVIEST, draw_graph
 from fg_nav.solution import Solution
 from fg_nav.walk import Walk
 from tests.browser import open_browser
@@ -94,8 +94,8 @@ def test_an_alignment_takes_the_common_turn_out_of_the_ellipses(walk: Walk) -> N
 
 def content(walk: Walk) -> Page:
     outcome = walks.outcome(walk)
-    summary = {"method": "smoother", "strides": 3, "verdict": "trusted", "reasons": [], "notes": []}
-    return compose_page({"smoother": outcome}, [summary], [{"recording": None}], walk)
+    summary = {"method": "smoother", "strides": 3, "end_sigma_m": [0.1, 0.1, 0.1], "notes": []}
+    return compose_page({"smoother": outcome}, [summary], {"smoother": {}}, {"smoother": walk})
 
 
 def with_graph(walk: Walk) -> Solution:

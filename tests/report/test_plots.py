@@ -15,8 +15,17 @@ from matplotlib.image import imread
 from fg_nav.detection.stance import Stances
 from fg_nav.evaluation import evaluate
 from fg_nav.recording import Recording
-from fg_nav.report.charts import Chart, Trace, envelope, spread_rows
-from fg_nav.report.course import AlignedSolution, describe_frame, draw_course, find_ellipses
+from fg_nav.report.charts import (
+    AlignedSolution,
+    Chart,
+    Paths,
+    Trace,
+    describe_frame,
+    draw_course,
+    envelope,
+    find_ellipses,
+    spread_rows,
+)
 from fg_nav.report.plots import style
 from fg_nav.report.plots.walk import draw_walk
 from fg_nav.report.series import draw_headings
@@ -34,7 +43,7 @@ def view(walk: Walk, drift_deg: float = 2.0) -> AlignedSolution:
 def course(view: AlignedSolution) -> Chart:
     """Chart of a path from above."""
     outcome = Outcome(view.solution, evaluate(view.solution), view.comparison)
-    return draw_course({"smoother": view}, {"smoother": outcome}, describe_frame(view, outcome, Options()))
+    return draw_course(Paths({"smoother": view}, describe_frame(view, outcome, Options())))
 
 
 def trace(chart: Chart, name: str) -> Trace:

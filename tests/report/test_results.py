@@ -12,7 +12,7 @@ from fg_nav.estimators import METHODS, Method
 from fg_nav.frames import compute_heading
 from fg_nav.io import read_truth
 from fg_nav.pipeline import run_method
-from fg_nav.report.files import write_json, write_result, write_results
+from fg_nav.report.files import write_comparison, write_json, write_run
 from fg_nav.truth import TrajectoryTruth
 from fg_nav.walk import Walk
 from tests.report import walks
@@ -40,7 +40,7 @@ def loaded(path: Path) -> dict[str, object]:
 
 def test_strides_hold_the_stances_in_the_units_of_their_names(tmp_path: Path, walk: Walk) -> None:
     outcome = walks.outcome(walk)
-    write_result(tmp_path, walk, outcome)
+    write_run(tmp_path, walk, outcome, "none")
     assert (tmp_path / "strides.csv").read_text().splitlines()[0] == STRIDE_COLUMNS
     strides, stances = pd.read_csv(tmp_path / "strides.csv"), outcome.solution.stances
     assert len(strides) == len(walk.stances)
@@ -58,7 +58,7 @@ def test_strides_hold_the_stances_in_the_units_of_their_names(tmp_path: Path, wa
 
 def test_trajectory_reads_back_as_the_solution(tmp_path: Path, walk: Walk) -> None:
     outcome = walks.outcome(walk)
-    write_result(tmp_path, walk, outcome)
+    write_run(tmp_path, walk, outcome, "none")
     back = read_truth(tmp_path / "trajectory.tum")
     assert isinstance(back, TrajectoryTruth)
     assert back.nav_R_body is not None
@@ -69,7 +69,7 @@ def test_trajectory_reads_back_as_the_solution(tmp_path: Path, walk: Walk) -> No
 
 def test_summary_has_the_keys_and_the_figures(tmp_path: Path, walk: Walk) -> None:
     outcome = walks.outcome(walk)
-    write_result(tmp_path, walk, outcome)
+    write_run(tmp_path, walk, outcome, "none")
     summary = loaded(tmp_path / "summary.json")
     assert summary.keys() >= SUMMARY_KEYS | TRUTH_KEYS
     assert summary["strides"] == len(walk.stances) - 1
@@ -82,17 +82,17 @@ def test_summary_has_the_keys_and_the_figures(tmp_path: Path, walk: Walk) -> Non
 
 def test_summary_has_the_sigma_of_the_distance_where_the_estimator_tells(tmp_path: Path, walk: Walk) -> None:
     outcome = walks.outcome(walk)
-    write_result(tmp_path, walk, outcome)
+    write_run(tmp_path, walk, outcome, "none")
     assert "distance_sigma_m" not in loaded(tmp_path / "summary.json")
     (tmp_path / "known").mkdir()
     known = replace(outcome, solution=replace(outcome.solution, distance_sigma_m=0.25))
-    write_result(tmp_path / "known", walk, known)
+    write_run(tmp_path / "known", walk, known, "none")
     assert loaded(tmp_path / "known" / "summary.json")["distance_sigma_m"] == 0.25
 
 
 def test_summary_without_truth_claims_no_error(tmp_path: Path, walk: Walk) -> None:
     bare = walks.without_truth(walk)
-    write_result(tmp_path, bare, walks.outcome(bare))
+    write_run(tmp_path, bare, walks.outcome(bare), "none")
     summary = loaded(tmp_path / "summary.json")
     assert summary.keys() >= SUMMARY_KEYS
     assert not TRUTH_KEYS & summary.keys()
@@ -100,7 +100,7 @@ def test_summary_without_truth_claims_no_error(tmp_path: Path, walk: Walk) -> No
 
 def test_summary_with_footprints_leaves_the_unknown_null(tmp_path: Path, walk: Walk) -> None:
     surveyed = walks.with_footprints(walk)
-    write_result(tmp_path, surveyed, walks.outcome(surveyed))
+    write_run(tmp_path, surveyed, walks.outcome(surveyed), "none")
     summary = loaded(tmp_path / "summary.json")
     assert summary["rmse_3d_m"] is None
     assert summary["heading_rmse_deg"] is None
@@ -115,12 +115,12 @@ def test_magnetometer_is_used_when_the_method_says_so(
         table = replace(own.stances, field=(word,) * len(own.stances))
         mine = Method("mine", lambda *_, table=table: replace(own, stances=table))
         monkeypatch.setitem(METHODS["foot"], "mine", mine)
-        write_result(tmp_path, walk, run_method(walk, "mine"))
+        write_run(tmp_path, walk, run_method(walk, "mine"), "none")
         assert loaded(tmp_path / "summary.json")["magnetometer"] == words
 
 
 def test_config_names_input_version_and_parameters(tmp_path: Path, walk: Walk) -> None:
-    write_result(tmp_path, walk, walks.outcome(walk))
+    write_run(tmp_path, walk, walks.outcome(walk), "none")
     config = loaded(tmp_path / "config.json")
     assert config["format"] == "simulated"
     assert config["recording"] is None
@@ -134,7 +134,7 @@ def test_config_names_input_version_and_parameters(tmp_path: Path, walk: Walk) -
 
 def test_comparison_has_a_row_and_a_folder_for_each_method(tmp_path: Path, walk: Walk) -> None:
     outcomes = {"a": walks.outcome(walk, "a", 1.0), "b": walks.outcome(walk, "b", 4.0)}
-    write_results(tmp_path, walk, outcomes)
+    write_comparison(tmp_path, walk, outcomes, "none")
     table = pd.read_csv(tmp_path / "comparison.csv")
     assert list(table["method"]) == ["a", "b"]
     assert table["rmse_2d_m"][1] > 2 * table["rmse_2d_m"][0]

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from fg_nav.report import collect_notes, terminal
+from fg_nav.report import terminal
 from fg_nav.report.files import summarize
+from fg_nav.report.terminal import collect_notes
 from fg_nav.walk import Walk
 from tests.report import walks
 

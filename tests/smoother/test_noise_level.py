@@ -13,9 +13,8 @@ from fg_nav.detection.stance import Stances
 from fg_nav.recording import Recording
 from fg_nav.smoother import problem as problem_module
 from fg_nav.smoother.graph import Known
-from fg_nav.smoother.preintegration import preintegrate
 from fg_nav.smoother.problem import LEVELS, average_level, choose_swing_noise
-from fg_nav.smoother.strides import place_nodes
+from fg_nav.smoother.strides import place_nodes, preintegrate
 from tests.simulated import LEVER
 from tests.smoother.walks import DEFAULT, Walk, noise_free, part, time_order
 

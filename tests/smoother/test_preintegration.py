@@ -11,8 +11,8 @@ from fg_nav.frames import GRAVITY_M_S2
 from fg_nav.mechanisation import NavState, strapdown
 from fg_nav.recording import Recording
 from fg_nav.samples.readings import find_saturated, rebuild_peaks
-from fg_nav.smoother import preintegration
-from fg_nav.smoother.preintegration import compound_samples, preintegrate
+from fg_nav.smoother import strides as preintegration
+from fg_nav.smoother.strides import compound_samples, preintegrate
 from tests.smoother.walks import DEFAULT, demo
 
 NO_BIAS = gtsam.imuBias.ConstantBias()

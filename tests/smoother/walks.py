@@ -24,7 +24,6 @@ from fg_nav.recording import Recording
 from fg_nav.smoother import SmootherParameters
 from fg_nav.smoother.graph import GAUGE_SIGMA, StartPrior, Trajectory, WalkProblem, initial_values, trajectory_of
 from fg_nav.smoother.parameters import WalkParameters
-from fg_nav.smoother.preintegration import preintegrate
 from fg_nav.smoother.solver import CONVERGENCE, MAX_STEPS, Solved, WalkSystem, find_minimum, list_in_time
 from fg_nav.smoother.strides import (
     Nodes,
@@ -34,6 +33,7 @@ from fg_nav.smoother.strides import (
     join_velocities,
     measure_velocities,
     place_nodes,
+    preintegrate,
     strides_of,
 )
 from tests.real_data import DATA

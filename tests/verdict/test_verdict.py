@@ -13,7 +13,21 @@ from fg_nav.lab.simulation import simulate
 from fg_nav.pipeline import prepare_walk
 from fg_nav.recording import RawRecording, Recording
 from fg_nav.solution import Solution
-from fg_nav.verdict import Verdict, combine, judge_path
+from fg_nav.verdict import (
+    Verdict,
+    WalkSigns,
+    check_gyro_axes,
+    combine,
+    compare_bias,
+    compare_heights,
+    count_open_strides,
+    judge_path,
+    measure_gravity,
+    measure_hidden_turning,
+    measure_tilt_closure,
+    measure_time_without_footfall,
+    measure_velocity_closure,
+)
 from fg_nav.verdict.limits import (
     LIGHT,
     NAMING,
@@ -24,18 +38,6 @@ from fg_nav.verdict.limits import (
     judge_position,
     weigh,
     weigh_error,
-)
-from fg_nav.verdict.signs import (
-    WalkSigns,
-    check_gyro_axes,
-    compare_bias,
-    compare_heights,
-    count_open_strides,
-    measure_gravity,
-    measure_hidden_turning,
-    measure_tilt_closure,
-    measure_time_without_footfall,
-    measure_velocity_closure,
 )
 from fg_nav.walk import Options, Walk
 

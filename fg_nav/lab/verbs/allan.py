@@ -13,10 +13,11 @@ from fg_nav.lab.allan import NoisePart, RecordingNoise, measure_recording_noise
 from fg_nav.lab.drawing import AXES, UNITS, plot_allan
 from fg_nav.lab.verbs import AllanRequest
 from fg_nav.report.files import write_json
-from fg_nav.report.folder import ALLAN_FILES
 from fg_nav.report.plots.style import save
 from fg_nav.report.terminal import console, print_place, ruled_table
 from fg_nav.text import find_version
+
+ALLAN_FILES = frozenset({"allan.json", "allan.png"})
 
 
 def allan(request: AllanRequest) -> Answer:

@@ -13,10 +13,10 @@ from fg_nav.commands.shared import (
     Target,
     choose_options,
     choose_reading,
-    find_earth_field,
     name_walk,
     run_methods,
 )
+from fg_nav.earth import Place, compute_field
 from fg_nav.errors import MagneticError
 from fg_nav.lab.field_drawing import draw_survey, plot_samples
 from fg_nav.lab.field_survey import (
@@ -32,7 +32,6 @@ from fg_nav.lab.verbs import DetectRequest
 from fg_nav.magnetic.quasi_static import SETTINGS, find_detector
 from fg_nav.pipeline import prepare_walk
 from fg_nav.report.files import collect_remarks, describe_recording, write_json
-from fg_nav.report.folder import DETECT_FILES
 from fg_nav.report.plots.style import save
 from fg_nav.report.terminal import console, listing, print_place, ruled_table
 from fg_nav.walk import Walk, correct_walk, read_walk
@@ -40,6 +39,7 @@ from fg_nav.walk import Walk, correct_walk, read_walk
 PATH_METHOD = "iez"  # Draws the path on which the field is looked at: quick, and good enough for a map.
 MAX_SWING_S = 10.0  # Between two stances; where none is found for longer, that foot does not walk.
 
+DETECT_FILES = frozenset({"field.png", "field_map.png", "field.csv", "detect.json"})
 FOOTFALL_COLUMNS = (
     "index", "time_s", "strength_uT", "inclination_deg", "compass_heading_deg", "gyro_heading_deg", "difference_deg",
 )  # fmt: skip
@@ -63,7 +63,7 @@ def detect(request: DetectRequest) -> Answer:
                 write_json(folder / "detect.json", content)
             show = partial(print_samples, walk, samples, target.place)
         else:
-            earth = find_earth_field(request.place)
+            earth = None if request.place is None else compute_field(Place.parse(request.place))
             walk = prepare_walk(read_walk(file, options, reading))
             field = require_field(walk)
             outcome = run_methods(walk, [PATH_METHOD])[PATH_METHOD]

@@ -31,7 +31,7 @@ from fg_nav.online.follow import StreamOptions, follow_source, open_outlets
 from fg_nav.online.sources import Replay
 from fg_nav.pipeline import prepare_walk
 from fg_nav.report.files import write_comparison, write_json
-from fg_nav.report.folder import DEMO_FILES, FEET_FILES, SIMULATION_FILES
+from fg_nav.report.folder import RESULT_FILES
 from fg_nav.report.terminal import console, listing, progress
 from fg_nav.system.processes import catch_signals
 from fg_nav.text import find_version, format_count, to_json
@@ -41,6 +41,14 @@ from fg_nav.walk import Walk
 
 Simulated = TypeVar("Simulated")
 
+SIMULATION_FILES = frozenset({"recording.csv", "truth.tum", "truth.json", "landmarks.csv", "map.png"})
+FEET_FILES = frozenset(
+    {
+        "left.csv", "left.truth.tum", "left.truth.json", "right.csv", "right.truth.tum", "right.truth.json",
+        "person.tum", "landmarks.csv", "map.png",
+    }
+)  # fmt: skip
+DEMO_FILES = RESULT_FILES | SIMULATION_FILES
 LANDMARK_COLUMNS = ("landmark", "time_s", "x_m", "y_m", "z_m")
 
 

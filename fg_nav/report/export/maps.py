@@ -22,8 +22,7 @@ from xml.etree import ElementTree as Xml
 import numpy as np
 
 from fg_nav.arrays import Floats, Ints
-from fg_nav.report.charts import spread_rows
-from fg_nav.report.course import ELLIPSE_RADIUS
+from fg_nav.report.charts import ELLIPSE_RADIUS, spread_rows
 from fg_nav.report.export.track import DEGREE_DIGITS, FRAME, METER_DIGITS, POSITION, SIGMA, ExportTrack, Origin
 from fg_nav.text import to_json
 

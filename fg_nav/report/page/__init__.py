@@ -1,5 +1,16 @@
 """`report.html`: one self-contained page of a result.
 
+It has the verdict, the figures of merit, sections with sentences and charts, remarks and parameters:
+
+========= =============================================================================================================
+one foot  path, graph, height, sigma, stances, gyroscope bias, heading (compass against gyroscope), field strength,
+          places recognized, errors
+two feet  path of the person and of both feet, distance between the feet, height, sigma, gyroscope bias, heading,
+          errors
+========= =============================================================================================================
+
+Each section is always there, and gives the reason where it has no chart.
+
 plotly.js (its basic bundle, MIT licence, in `LICENSE-plotly.txt`) stands in the page; it is packed in the package, and
 the figures are plain dictionaries, so no other package is needed. A policy in the page forbids every request, and all
 texts are escaped, so neither a recording nor its name can inject code.
@@ -9,15 +20,100 @@ from __future__ import annotations
 
 import gzip
 import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import hypot
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from fg_nav.arrays import interpolate_columns
 from fg_nav.report import REPORT
-from fg_nav.report.charts import render_plotly
-from fg_nav.report.page.content import Page
-from fg_nav.text import find_version, to_json
+from fg_nav.report.charts import (
+    GRAY,
+    MAX_POINTS,
+    TEAL,
+    VERMILION,
+    AlignedSolution,
+    Chart,
+    Panel,
+    align_feet,
+    align_paths,
+    align_solution,
+    describe_ellipses,
+    draw_course,
+    level,
+    line,
+    render_plotly,
+    signal,
+    stack,
+)
+from fg_nav.report.series import (
+    MAX_RETURNS,
+    describe_return,
+    draw_compass,
+    draw_errors,
+    draw_graph,
+    draw_gyro_bias,
+    draw_headings,
+    draw_height,
+    draw_returns,
+    draw_samples,
+    draw_sigmas,
+    draw_strength,
+    group_by_verdict,
+)
+from fg_nav.report.terminal import FIGURES, Cell, collect_notes, tabulate_figures
+from fg_nav.samples.gaps import find_unrecorded
+from fg_nav.solution import Solution
+from fg_nav.text import find_version, format_count, to_json
+from fg_nav.walk import Outcome, Walk
+
+if TYPE_CHECKING:
+    from fg_nav.both_feet import FeetResult
 
 PLOTLY = "plotly-basic-4.1.1.min.js"
 _HERE = Path(__file__).parent
+
+_KINDS = {
+    "imu": "inertial",
+    "zero_velocity": "zero velocity",
+    "magnetic_heading": "magnetic heading",
+    "differential_field": "differential field",
+    "field_potential": "field potential",
+    "same_place": "same place",
+    "known_place": "known place",
+    "direction": "direction of the building",
+    "position_fix": "position fix",
+    "own": "your own",
+}
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part of the page: its anchor, title, sentences and charts."""
+
+    name: str
+    title: str
+    words: Sequence[str] = ()
+    charts: Sequence[Chart] = ()
+
+
+@dataclass(frozen=True)
+class Page:
+    """Content of the template."""
+
+    title: str
+    about: str
+    verdicts: Sequence[Mapping[str, object]]  # Summaries, with method, verdict and reasons.
+    highlights: Sequence[tuple[str, Cell, str]]
+    columns: Sequence[str]  # Of the table: methods, or the person and each foot.
+    table: Sequence[tuple[str, Sequence[Cell]]]
+    table_title: str
+    sections: Sequence[Section]
+    remarks: Sequence[tuple[str, str]]
+    configs: Mapping[str, Mapping[str, object]]
 
 
 def write_page(folder: Path, page: Page) -> None:
@@ -42,3 +138,209 @@ def write_page(folder: Path, page: Page) -> None:
         script=Markup((_HERE / "report.js").read_text(encoding="utf-8")),
     )
     (folder / REPORT).write_text(text, encoding="utf-8")
+
+
+# --- content ---------------------------------------------------------------------------------------------------------
+
+
+def compose_page(
+    outcomes: Mapping[str, Outcome],
+    summaries: Sequence[Mapping[str, Any]],
+    configs: Mapping[str, Mapping[str, object]],
+    walks: Mapping[str, Walk],
+    both: FeetResult | None = None,
+) -> Page:
+    """Compose the page of one or more methods on one recording, or of both feet.
+
+    `outcomes` and `configs` are by method, or by foot; so are `walks`, which are empty where the samples were not kept:
+    of a walk in progress with a lag. The `summaries` are one of each method, or that of both feet.
+    """
+    columns = {str(one["method"]): one for one in summaries}
+    method = ", ".join(columns)
+    if both is not None:
+        columns = {"person": summaries[0], **{side: summaries[0][side] for side in outcomes}}
+    # recordings, by name and length
+    names, about = dict[str, None](), dict[str, None]()
+    for name, walk in walks.items():
+        recording, path = walk.recording, walk.recording.provenance.path
+        nameless = "a walk" if both is None else f"the {name} foot"
+        names[nameless if path is None else path.name] = None
+        of_what = f"{recording.provenance.format}," if both is None else f"{name} foot"
+        about[f"{of_what} {recording.duration_s:.1f} s at {1.0 / recording.period_s:.0f} Hz"] = None
+    several = len(summaries) > 1
+    return Page(
+        title=" and ".join(names) or "a walk in progress",
+        about=f"{method}; {', '.join(about)}" if about else method,
+        verdicts=summaries,
+        highlights=[] if several else _choose_highlights(summaries[0]),
+        columns=list(columns),
+        table=tabulate_figures(list(columns.values())),
+        table_title="The person and each foot" if both else "Methods side by side" if several else "All figures",
+        sections=_draw_sections(outcomes, walks, both),
+        remarks=collect_notes([{**one, "method": name} for name, one in columns.items()]),
+        configs=configs,
+    )
+
+
+def _choose_highlights(summary: Mapping[str, Any]) -> list[tuple[str, Cell, str]]:
+    """The few figures that stand out: name, cell, and addition."""
+    aligned, strides = f"aligned: {summary.get('alignment')}", format_count(int(summary["strides"]), "stride")
+    sigma, width_sigma = summary.get("distance_sigma_m"), summary.get("width_sigma_m")
+    end_sigma_m = hypot(*(np.nan if one is None else one for one in summary["end_sigma_m"][:2]))
+    cells = "" if width_sigma is None else f"± {width_sigma:.2f} m, {format_count(summary['cells'], 'cell')} of steps"
+    shown = [
+        ("distance_m", "distance", strides if sigma is None else f"± {sigma:.2f} m, {strides}"),
+        ("closure_m", "start to end", f"± {end_sigma_m:.2f} m horizontally"),
+        ("width_m", "feet apart, across", cells),
+        ("rmse_2d_m", "horizontal error, rms", aligned),
+        ("end_error_m", "error at the end", aligned),
+        ("duration_s", "duration", ""),
+    ]
+    patterns = {key: pattern for key, _, pattern in FIGURES} | {"duration_s": "{:.1f}", "width_m": "{:.2f}"}
+    return [
+        (words, Cell(key, f"{patterns[key].format(value)} {key.rsplit('_', 1)[-1]}", value), addition)
+        for key, words, addition in shown
+        if (value := summary.get(key)) is not None
+    ]
+
+
+def _draw_sections(
+    outcomes: Mapping[str, Outcome], walks: Mapping[str, Walk], both: FeetResult | None
+) -> list[Section]:
+    walk = next(iter(walks.values()), None)
+    paths = align_paths(outcomes, walk) if both is None else align_feet(both)
+    views, frame, first = paths.views, paths.frame, paths.first
+    words = [frame.words, describe_ellipses(first)]
+    people = {} if paths.person is None else {"person": paths.person}
+    path = Section("path", "Path", words if both is None else [_describe_origin(both), *words], [draw_course(paths)])
+    height = Section("height", "Height", [], [draw_height(views)])
+    sigma = Section("sigma", "Uncertainty", [], [draw_sigmas({**views, **people}, (frame.x, frame.y))])
+    bias = Section("bias", "Gyroscope bias", [], [draw_gyro_bias(views)])
+    # errors, each path by its own alignment
+    aligned = {name: align_solution(walks.get(name), outcome) for name, outcome in outcomes.items()} | people
+    compared = {name: view for name, view in aligned.items() if view.comparison is not None}
+    words = [describe_alignment(view) for view in compared.values()]
+    if len(compared) > 1:
+        words = [f"{name}: {one}" for name, one in zip(compared, words, strict=True)]
+    if not compared:
+        had = any(one.truth is not None for one in walks.values())
+        words = ["The truth could not be compared: see the remarks." if had else "No truth is known of this walk."]
+    errors = Section("errors", "Errors", words, [draw_errors(compared)] if compared else [])
+    if both is not None:
+        heading = Section("heading", "Heading", [], [draw_headings(people)])
+        return [path, _draw_distance(both), height, sigma, bias, heading, errors]
+    # the graph
+    words = describe_graph({name: view.solution for name, view in views.items()})
+    with_graph = next((view for view in views.values() if view.solution.graph), first)
+    graph = Section("graph", "The graph", words, draw_graph(with_graph, frame))
+    # the field, of a single foot or of the methods' one recording
+    missing = "The samples of this walk were not kept, so its field is not shown."
+    if walk is not None and walk.recording.mag is None and walk.options.use_magnetometer and not walk.unjudged:
+        missing = "The recording has no magnetometer."
+    elif walk is not None:
+        missing = f"No field is shown: {walk.unjudged.rstrip('.') or 'it was not looked at'}."
+    words, headings, counts, strengths = [missing], [draw_headings(views)], missing, list[Chart]()
+    if walk is not None and walk.field is not None:
+        table, field = first.solution.stances, walk.field
+        headings.append(draw_compass(field, table))
+        turned = np.rad2deg(field.mean_heading_difference)
+        words = [f"The compass shows {turned:+.1f}° more than the gyroscope on the mean."]
+        clear, disturbed, _ = (int(flag.sum()) for flag, _, _ in group_by_verdict(field, table))
+        counts = f"At {clear} of {len(field)} footfalls the field is undisturbed, at {disturbed} disturbed."
+        strengths = [draw_strength(field, table)]
+    heading = Section("heading", "Heading, and compass against gyroscope", words, headings)
+    strength = Section("strength", "Field strength along the path", [counts], strengths)
+    # places recognized, the longest first
+    found = sorted(first.solution.returns, key=lambda one: -one.length_m)
+    words = [describe_return(one) for one in found[:MAX_RETURNS]]
+    if more := len(found) - len(words):
+        words.append(f"{format_count(more, 'more return')} of {found[MAX_RETURNS].length_m:.0f} m or less.")
+    words = words or ["No place was recognized as one where the walk was before."]
+    returns = Section("returns", "Places recognized", words, draw_returns(found[:MAX_RETURNS]))
+    return [path, graph, height, sigma, _draw_stances(walk), bias, heading, strength, returns, errors]
+
+
+def describe_alignment(view: AlignedSolution) -> str:
+    """Alignment of a path with its truth, in words and figures."""
+    if view.comparison is None:
+        return ""
+    found = view.comparison.alignment
+    if found.mode == "none":
+        return "The path was not aligned with the truth."
+    words = {
+        "yaw": "turned about up and shifted as fits all compared points best",
+        "se3": "rotated about any axis and shifted as fits all compared points best",
+        "origin": "shifted so that the first compared points coincide",
+    }[found.mode]
+    turn_deg = -np.rad2deg(np.arctan2(found.truth_R_nav[1, 0], found.truth_R_nav[0, 0]))
+    side = "clockwise" if turn_deg > 0 else "counterclockwise"
+    turned = "" if found.mode == "origin" else f", by {abs(turn_deg):.2f}° {side}"
+    return f"The path was {words}{turned}. {len(view.comparison.t)} points are compared."
+
+
+def describe_graph(solutions: Mapping[str, Solution]) -> list[str]:
+    """Numbers of factors by kind, a sentence a method."""
+    words = []
+    for name, one in solutions.items():
+        if one.graph:
+            counts = {kind: count for kind, count in one.graph.items() if kind in _KINDS}
+            kinds = ", ".join(f"{_KINDS[kind]} {count}" for kind, count in counts.items())
+            left_out = one.graph.get("gated_out", 0)
+            gated = f" The gate left out the compass of {format_count(left_out, 'footfall')}." if left_out else ""
+            words.append(f"Factors of {name} by kind: {kinds}; {sum(counts.values())} in all.{gated}")
+    return words or [f"No graph: {', '.join(solutions)} has none, or does not tell its factors."]
+
+
+def _draw_stances(walk: Walk | None) -> Section:
+    if walk is None:
+        return Section("stances", "Stances", ["The samples of this walk were not kept, as asked by --lag."])
+    found = walk.stances
+    words = f"{format_count(found.n_footfalls, 'footfall')} in {format_count(len(found), 'stance')} ({found.detector})."
+    if not len(found):
+        words = "No stances are used: a thigh never stands still." if walk.options.mount == "pocket" else "None."
+    return Section("stances", "Stances", [words], draw_samples(walk.recording, found))
+
+
+def _describe_origin(both: FeetResult) -> str:
+    """Which recording is of which foot, and how their clocks were aligned, in words."""
+    pairing = both.pairing
+    known = {"named": "as it was named", "shown": "as the steps show", "assumed": "which is assumed"}[pairing.sides]
+    words = f"The first recording is of the {pairing.order[0]} foot, {known}."
+    if pairing.width_m is None:
+        return words
+    clock = f"{pairing.clock_offset_s:+.3f} s, {'as given' if pairing.clock_given else 'by the signals'}"
+    return f"{words} To the stamps of the second one was added {clock}."
+
+
+def _draw_distance(result: FeetResult) -> Section:
+    """Draw the distance of the sensors, and the reach of two standing feet."""
+    title = "Distance between the feet"
+    left, right = result.left, result.right
+    if left is None or right is None:
+        return Section("distance", title, ["One foot is missing: see the remarks."])
+    if result.width_m is None:
+        return Section(
+            "distance", title, ["Nothing ties the feet, and each is in a frame of its own: see the remarks."]
+        )
+    from fg_nav.smoother.feet import REACH_M
+
+    t, pairing = result.t, result.pairing
+    both, positions = np.ones(len(t), dtype=np.bool_), []
+    for foot in (left, right):
+        positions.append(interpolate_columns(t, foot.t, foot.position))
+        both &= foot.walk.stances.mask[np.clip(np.searchsorted(foot.t, t), 0, len(foot.t) - 1)]
+    apart = np.linalg.norm(positions[0] - positions[1], axis=1)
+    apart[find_unrecorded(t, left.t) | find_unrecorded(t, right.t)] = np.nan
+    words = [
+        f"{format_count(pairing.cells, 'cell')} of steps tie the feet, {pairing.width_m:.2f} ± "
+        f"{pairing.width_sigma_m:.2f} m apart across the way. "
+        f"{format_count(pairing.beyond_reach, 'pair')} of footfalls had to be held within reach."
+    ]
+    row = np.arange(0, len(t), max(1, len(t) // MAX_POINTS))
+    traces = [
+        signal(t, apart, GRAY, "between the sensors", width=0.8),
+        line(t[row], np.where(both, apart, np.nan)[row], TEAL, "while both stand", (3, 3), width=2.5),
+        level(t, REACH_M, VERMILION, "reach of two standing feet"),
+    ]
+    caption = "In a swing the feet may be further apart than they ever stand."
+    return Section("distance", title, words, [stack("distance", [Panel("distance (m)", traces)], caption)])
