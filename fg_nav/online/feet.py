@@ -35,8 +35,6 @@ from fg_nav.feet.clocks import Swings, match_swings
 from fg_nav.feet.person import CHORD_M, FeetSolution
 from fg_nav.feet.steps import SHORT_M, find_longest_stride
 from fg_nav.frames import compute_heading
-from fg_nav.online.anchor import AnchorState, TiedAnchorState
-from fg_nav.online.background import BackgroundSolver, Solver, SolverProcess
 from fg_nav.online.buffer import OnlineOptions, SampleBuffer
 from fg_nav.online.estimates import (
     EstimateRow,
@@ -50,8 +48,9 @@ from fg_nav.online.estimates import (
     thin_rows,
 )
 from fg_nav.online.navigator import OnlineNavigator
-from fg_nav.online.resolve import FootSolver, WalksAlone
+from fg_nav.online.resolve import FootSolver, Solver, SolverProcess, WalksAlone
 from fg_nav.online.smoother import AT_ONCE, Pending
+from fg_nav.online.window import AnchorState
 from fg_nav.samples.readings import COLUMNS
 from fg_nav.smoother.feet import measure_width_sigma, trace_solved_person
 from fg_nav.solution import Solution
@@ -121,7 +120,7 @@ class FeetNavigator:
 
         def make_solver(side: Side, buffer: SampleBuffer) -> Solver:
             here = FootSolver(side, self._walks, given[side], detection.stance, buffer)
-            return here if self._process is None else BackgroundSolver(self._process, here, remark, side)
+            return Solver(here, self._process, remark, side)
 
         def remark_on(side: Side, words: str) -> None:
             remark(f"{side} foot: {words}")
@@ -161,7 +160,7 @@ class FeetNavigator:
     def frame(self, side: Side) -> Side:
         """Return the frame of a foot's lines: the left foot's, and the right foot's own until it is tied."""
         initial = self.navigators[side].smoother.initial
-        return "left" if side == "left" or isinstance(initial, TiedAnchorState) else "right"
+        return "left" if side == "left" or (initial is not None and initial.tied is not None) else "right"
 
     def refuse(self, side: Side, error: FgNavError) -> FeetLine:
         """Leave a foot out from here on; return the line on that; raises the error where no other is left."""
@@ -238,10 +237,10 @@ class FeetNavigator:
         own, other = (self.navigators[one].smoother for one in (side, OTHER[side]))
         if min(own.n_reported, other.n_reported) < AT_ONCE[-1] or self._silent or self.refused or self.is_parted:
             return
-        if not isinstance(own.initial, TiedAnchorState) and own.n_reported % EVERY == 0:
+        if (own.initial is None or own.initial.tied is None) and own.n_reported % EVERY == 0:
             own.resolve_soon(own.n_reported + 1)
         # A re-solve of one foot starts the other foot's too, so that both are in one graph.
-        pending = own.schedule.pending
+        pending = own.pending
         if pending is not self._pending[side]:
             self._pending[side] = pending
             if pending is not None:
@@ -285,9 +284,7 @@ class FeetNavigator:
         smoothers = [self.navigators[side].smoother for side in SIDES]
         left, right = initial = [one.initial for one in smoothers]
         # For a step or two one foot goes on from an older joint solution.
-        is_one = (
-            isinstance(left, TiedAnchorState) and isinstance(right, TiedAnchorState) and left.number == right.number
-        )
+        is_one = left is not None and right is not None and left.tied is not None and left.tied == right.tied
         if is_one and any(one is not known for one, known in zip(initial, self._known, strict=True)):
             self._known = initial
             paths = (split_rows(one.rows) for one in smoothers)

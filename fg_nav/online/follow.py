@@ -54,7 +54,7 @@ from fg_nav.online.estimates import (
     tag_line,
 )
 from fg_nav.online.feet import FeetMerge, FeetNavigator
-from fg_nav.online.pocket import Navigator, PocketOptions, begin_walk
+from fg_nav.online.pocket import Navigator, begin_walk
 from fg_nav.online.record import Record
 from fg_nav.online.rows import Columns
 from fg_nav.online.sources import SampleSource
@@ -97,7 +97,7 @@ Judged: TypeAlias = tuple[StanceEstimate | Revision, Verdict | None]  # A line o
 class StreamOptions:
     """How a source is followed."""
 
-    online: OnlineOptions | PocketOptions = field(default_factory=OnlineOptions)
+    online: OnlineOptions = field(default_factory=OnlineOptions)
     stalled_s: float = 5.0  # Silence after which it is remarked that the source stalls.
     until_silent_s: float | None = None  # Silence after which the walk ends; None to wait for ever.
     calibration: Calibration | None = None  # To apply.
@@ -113,7 +113,7 @@ class StreamOptions:
     @property
     def is_pocket(self) -> bool:
         """Whether the sensor is in a pocket."""
-        return isinstance(self.online, PocketOptions)
+        return self.online.mount == "pocket"
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.detection.mount import TurnSigns, refuse_foot
 from fg_nav.errors import EstimationError
-from fg_nav.magnetic.quasi_static import DISTURBED, QUASI_STATIC, UNKNOWN
+from fg_nav.magnetic.detectors import DISTURBED, QUASI_STATIC, UNKNOWN
 from fg_nav.pocket.dead_reckoning import (
     StepLength,
     SteppedPath,

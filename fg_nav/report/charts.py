@@ -30,7 +30,7 @@ from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.evaluation.comparison import Comparison
 from fg_nav.evaluation.metrics import pose_covariance
 from fg_nav.frames import compute_heading
-from fg_nav.magnetic.quasi_static import DISTURBED, QUASI_STATIC
+from fg_nav.magnetic.detectors import DISTURBED, QUASI_STATIC
 from fg_nav.samples.gaps import find_holes
 from fg_nav.solution import Solution, StanceTable
 from fg_nav.truth import FootprintTruth, TrajectoryTruth, Truth

@@ -32,7 +32,7 @@ from fg_nav.errors import OutputError
 from fg_nav.estimators import get_method
 from fg_nav.evaluation.metrics import Metrics, evaluate, measure_gap
 from fg_nav.io import write_tum
-from fg_nav.magnetic.quasi_static import NO_GATE, QUASI_STATIC, UNKNOWN, find_gate
+from fg_nav.magnetic.detectors import NO_GATE, QUASI_STATIC, UNKNOWN, find_gate
 from fg_nav.pipeline import Result
 from fg_nav.report import WITH_PAGE, WITH_PICTURES, Plots
 from fg_nav.report.folder import result_folder

@@ -19,8 +19,8 @@ import numpy as np
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.detection.stance import Stances
 from fg_nav.frames import compute_heading, wrap_angle
+from fg_nav.magnetic.detectors import DISTURBED, QUASI_STATIC
 from fg_nav.magnetic.footfall_field import FootfallField
-from fg_nav.magnetic.quasi_static import DISTURBED, QUASI_STATIC
 from fg_nav.recording import Recording
 from fg_nav.report.charts import (
     ALONG_PATH,

@@ -24,7 +24,6 @@ from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.online import record
 from fg_nav.online.buffer import OnlineOptions, rows_of
 from fg_nav.online.follow import Sensor, StreamOptions, follow
-from fg_nav.online.pocket import PocketOptions
 from fg_nav.online.record import Record
 from fg_nav.online.rows import RowReader
 from fg_nav.online.sources import TextSource
@@ -157,7 +156,7 @@ def test_a_walk_in_windows_goes_on(data, tmp_path, monkeypatch, lag_s):
 def test_in_a_pocket_the_lines_are_the_same(tmp_path, monkeypatch):
     recording = simulate("demo", 103, Choices(worn="pocket", rate_hz=100.0)).recording.slice(0, 2500)
     write_canonical(recording, tmp_path / "walk.csv")
-    data, options = (tmp_path / "walk.csv").read_bytes(), StreamOptions(online=PocketOptions())
+    data, options = (tmp_path / "walk.csv").read_bytes(), StreamOptions(online=OnlineOptions("pocket", None))
     whole, lines = walk_on(tmp_path / "whole.csv", Sent(data), options)
     navigator, given = walk_killed(tmp_path, monkeypatch, data, options, 5, goes_on=True)
     now = [[line for line in some if line["kind"] == "now"] for some in (lines, given)]
@@ -199,7 +198,7 @@ def test_what_cannot_go_on_is_refused_in_a_sentence(data, tmp_path):
     for other, words in (
         (StreamOptions(online=NORTH, calibration=Calibration("x", accelerometer=scale)), "another calibration"),
         (StreamOptions(online=OnlineOptions(heading_rad=1.0)), "other options"),
-        (StreamOptions(online=PocketOptions()), "other options"),
+        (StreamOptions(online=OnlineOptions("pocket", None)), "other options"),
     ):
         with pytest.raises(EstimationError, match=f"record.csv was recorded with {words}: resume it with the same"):
             walk_on(path, Sent(data), other)

@@ -11,7 +11,6 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from fg_nav.arrays import Bools, Floats
-from fg_nav.evaluation.walked import AS_STARTED
 from fg_nav.lab.reproduce import drawing
 from fg_nav.lab.reproduce.drawing import Pictures
 from fg_nav.lab.reproduce.ma2018 import walks as tables
@@ -22,6 +21,7 @@ from fg_nav.lab.reproduce.results import Picture
 from fg_nav.lab.reproduce.walks import Walks
 from fg_nav.lab.roc import Roc
 from fg_nav.lab.store.results import Arrays, Result
+from fg_nav.lab.walked import AS_STARTED
 from fg_nav.report.plots import style
 
 
