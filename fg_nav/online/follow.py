@@ -220,7 +220,6 @@ class _Follower:
                         break
                 # Those that need not wait for the other foot's, and the lines that they complete.
                 await run(pool, self._add_blocks)
-                await run(pool, self._show_status)
 
     def end(self) -> None:
         """End the walk, and emit its last lines."""
@@ -254,10 +253,11 @@ class _Follower:
         self._merge.put(side, rows, WAIT_S)
 
     def _add_blocks(self) -> None:
-        """Add the rows that need not wait for the other foot's."""
+        """Add the rows that need not wait for the other foot's, and send the status."""
         feet, has_ended = self.feet, len(self._open) < len(self._sensors)
         for side, rows in self._merge.take(feet is None or has_ended or bool(feet.refused) or feet.is_parted):
             self._add(side, rows)
+        self._show_status()
 
     def _add(self, side: Side | None, rows: Floats, at_end: bool = False) -> None:
         """Add rows of a sensor, and emit the lines that they complete."""

@@ -5,7 +5,9 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +17,7 @@ from fg_nav import cli
 from fg_nav.calibration.inertial import AccelerometerCalibration
 from fg_nav.calibration.of_recording import Calibration
 from fg_nav.columns.mapping import CANONICAL
-from fg_nav.errors import EstimationError, FormatError, OutputError
+from fg_nav.errors import EstimationError, FormatError, OutputError, StreamError
 from fg_nav.frames import compute_heading
 from fg_nav.io import write_canonical
 from fg_nav.lab.simulation import Choices, simulate
@@ -214,6 +216,29 @@ def test_what_cannot_go_on_is_refused_in_a_sentence(data, tmp_path):
         walk_on(path, Sent(data), options)
     with pytest.raises(OutputError, match="--resume"):
         Record(path, False, False, print)
+
+
+def test_lines_without_their_samples_are_kept(data, tmp_path):
+    """Those of a walk whose samples were moved away: it cannot go on, and none of them is overwritten."""
+    path, lines = tmp_path / "record.csv", tmp_path / "record.csv.lines"
+    walk_on(path, Sent(data), StreamOptions(online=NORTH))
+    path.unlink()
+    kept = lines.read_bytes()
+    with pytest.raises(FormatError, match="is there, and the samples of its walk are not"):
+        walk_on(path, Sent(data), StreamOptions(online=NORTH))
+    assert lines.read_bytes() == kept
+
+
+def test_a_walk_that_is_stopped_while_it_is_replayed_can_be_resumed_again(data, tmp_path):
+    path, stop, lines = tmp_path / "record.csv", threading.Event(), list[str]()
+    walk_on(path, Sent(data[: len(data) // 2]), StreamOptions(online=NORTH))
+    kept = path.read_bytes()
+    stop.set()
+    with closing(Record(path, True, False, print)) as recording:
+        sensor, outlets = Sensor(Sent(data), StreamOptions(online=NORTH), recording), Outlets(lines.append, None, print)
+        with pytest.raises(StreamError, match="not replayed to its end: --resume goes on"):
+            follow({None: sensor}, outlets, stop)
+    assert (path.read_bytes(), lines) == (kept, [])
 
 
 def test_killed_from_outside_it_goes_on(data, tmp_path):
