@@ -12,6 +12,7 @@ the iron of the last solution; the whole is not, as the next one estimates it an
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -111,6 +112,19 @@ class SampleBuffer:
 
     def _chunk(self, number: int) -> Floats:
         return self._chunks[number - self.first // CHUNK]
+
+
+class Pace:
+    """How long a walk, or that of two feet, waited for samples so far: the time between two blocks of them."""
+
+    def __init__(self) -> None:
+        self.idle_s, self._left = 0.0, time.monotonic()
+
+    def __enter__(self) -> None:
+        self.idle_s += time.monotonic() - self._left
+
+    def __exit__(self, *_: object) -> None:
+        self._left = time.monotonic()
 
 
 @dataclass(frozen=True)

@@ -197,7 +197,7 @@ class FieldPath:
 
 
 class FieldFactors(BlockGroup):
-    """The factors of a walk's field."""
+    """The factors of a walk's field, of footfalls from number `first` on."""
 
     def __init__(
         self,
@@ -207,12 +207,13 @@ class FieldFactors(BlockGroup):
         rough: FieldRoughness,
         p: FieldParameters,
         lost_share: float = 0.0,
+        first: int = 0,
     ) -> None:
         self.readings, self.path, self.lost_share, self.rough = readings, path, lost_share, rough
-        self.parameters = p
+        self.parameters, self._first = p, first
         self.telescoping, self.drift_uT_m = split_potential(rough.potential, lost_share, path.distance_m)
         self.prior = replace(prior, sigma=np.where(np.arange(SIZE) == PHI, self.telescoping.sigma, prior.sigma))
-        pose, state = [X(int(j)) for j in readings.node], [M(k) for k in range(len(readings.node))]
+        pose, state = [X(int(j)) for j in readings.node], [M(first + k) for k in range(len(readings.node))]
         self._states = state
         used = np.flatnonzero(np.isfinite(readings.sigma_uT))
         level = np.broadcast_to(path.level_R_body, (len(used), 3, 3))
@@ -222,6 +223,7 @@ class FieldFactors(BlockGroup):
         self.potential = self.integrals_over(self.strides)
         changes = transition(path.distance_m, replace(rough, potential=self.telescoping))
         self.integral_sigma, self.change_sigma = self.sigma_of(self.strides), changes.sigma
+        self.keep = changes.keep  # (F-1, 9), of the state from footfall to footfall
         self.transition = ResidualBlock(changes, list(pairwise(state)), is_linear=True)
         of_prior = GtsamFactors(factor_of(self.prior, state[:1]))
         super().__init__(self.heading, self.potential, of_prior, self.transition)
@@ -242,7 +244,7 @@ class FieldFactors(BlockGroup):
         path, node, sigma = self.path, self.readings.node, self.sigma_of(stride)
         level_path, move, nav_R_level = path.level_path[stride], path.body_move[stride], path.nav_R_level[stride]
         integrals = FieldPotential(path.u[stride], level_path, path.by_up[stride], move, nav_R_level, sigma)
-        keys = [(X(int(node[k])), M(int(k)), M(int(k) + 1)) for k in stride]
+        keys = [(X(int(node[k])), *self._states[k : k + 2]) for k in stride]
         return ResidualBlock(integrals, keys, kind="field_potential")
 
     def mark_jumps(self, stride: Ints, jump: bool) -> FieldFactors:
@@ -250,11 +252,11 @@ class FieldFactors(BlockGroup):
         jumps = self.path.jumps.copy()
         jumps[stride] = jump
         path = replace(self.path, jumps=jumps)
-        return FieldFactors(self.readings, path, self.prior, self.rough, self.parameters, self.lost_share)
+        return FieldFactors(self.readings, path, self.prior, self.rough, self.parameters, self.lost_share, self._first)
 
     def assume_lost_share(self, share: float) -> FieldFactors:
         """Return them with another share of the potential's changes that does not telescope (`field`)."""
-        return FieldFactors(self.readings, self.path, self.prior, self.rough, self.parameters, share)
+        return FieldFactors(self.readings, self.path, self.prior, self.rough, self.parameters, share, self._first)
 
     def insert(self, values: gtsam.Values) -> None:
         """Insert the first state at all footfalls."""
