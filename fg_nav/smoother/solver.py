@@ -7,12 +7,6 @@ where the model holds its minimum is that of the graph: one linearization less t
 nothing, and its triangle serves for the marginals (`square_root`). The outer loop is in Python, so that no factor is
 handed a copy of the values. What is minimized is a `System`: a walk (`WalkSystem`), or two feet (`feet`). On a chain
 the order of time is as good as any and leaves the last footfall at the root.
-
-A Bayes tree of GTSAM, of a part of a walk online, gives its covariances by one pass down. QR left in each clique R x_F
-+ S x_S = d, F its frontal variables, S its separator, whose variables all stand in the parent clique. With P_SS known
-from the parent and W = -R^-1 S, P_FS = W P_SS and P_FF = R^-1 R^-T + W P_SS W^T. (GTSAM's `Marginals` eliminates
-again, by Cholesky: after half an hour of walking its covariances are off by some per mille, and each takes
-milliseconds.)
 """
 
 from __future__ import annotations
@@ -25,7 +19,6 @@ from typing import Generic, Protocol, TypeAlias, TypeVar
 import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import B, X
-from scipy.linalg.lapack import dtrtri
 
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.errors import EstimationError, FgNavError
@@ -250,34 +243,6 @@ class WalkSystem:
 def dimension_of(key: int) -> int:
     """Dimension of the tangent space of a variable of the walk."""
     return DIMENSION[key >> LETTER_SHIFT]
-
-
-def marginal_covariances(tree: gtsam.GaussianBayesTree, wanted: set[int]) -> dict[int, Floats]:
-    """Return the marginal covariance (d, d) of each wanted key, tangent space, from a Bayes tree, parents first."""
-    found: dict[int, Floats] = {}
-    nothing: dict[int, tuple[int, int]] = {}  # first row of each key of a clique, and the row after its last
-    stack = [(root, nothing, np.zeros((1, 1))) for root in tree.roots()]
-    while stack:
-        clique, above, parent = stack.pop()
-        conditional, rows, end = clique.conditional(), dict[int, tuple[int, int]](), 0
-        keys = conditional.keys()
-        for key in keys:
-            rows[key] = (end, end := end + dimension_of(key))
-        known = np.array([i for key in keys if key in above for i in range(*above[key])], dtype=np.int64)
-        # Covariance of the frontal variables and of the separator, at rows `known` of the parent's.
-        S, R_inverse = conditional.S(), dtrtri(conditional.R())[0]
-        f = len(S)
-        joint = np.empty((f + len(known), f + len(known)))
-        joint[f:, f:] = parent[known[:, None], known]
-        W = -R_inverse @ S
-        cross = W @ joint[f:, f:]
-        joint[:f, f:], joint[f:, :f] = cross, cross.T
-        joint[:f, :f] = R_inverse @ R_inverse.T + cross @ W.T
-        for key in wanted.intersection(rows).difference(found):
-            first, last = rows[key]
-            found[key] = joint[first:last, first:last].copy()
-        stack += [(clique[i], rows, joint) for i in range(clique.nrChildren())]
-    return found
 
 
 def residuals_at_minimum(

@@ -10,8 +10,8 @@ from fg_nav.online.estimates import EstimateRow, Past, PathNodes
 from fg_nav.online.resolve import solve_from_start, solve_so_far
 from fg_nav.online.strides import StanceNodes, list_stances, list_variables
 from fg_nav.online.window import MarginalPrior, Window, marginalize
-from fg_nav.smoother.solver import marginal_covariances
 from fg_nav.smoother.square_root import LinearWalk, stack_factors
+from tests.linear import marginal_covariances
 from tests.online.test_online_smoother import add, fed, in_field
 from tests.smoother.walks import FREE, demo, part, time_order
 

@@ -20,8 +20,8 @@ from fg_nav.smoother.building import (
     make_direction_factors,
 )
 from fg_nav.smoother.heights import LEVEL_SIGMA_M, constrain_heights
-from fg_nav.smoother.solver import LinearizableBlock, Solved, WalkSystem, find_minimum, marginal_covariances
-from tests.linear import linear_factors
+from fg_nav.smoother.solver import LinearizableBlock, Solved, WalkSystem, find_minimum
+from tests.linear import linear_factors, marginal_covariances
 from tests.smoother.walks import DEFAULT, FREE, demo, list_keys, problem, time_order
 
 STRIDE_M = 1.3
