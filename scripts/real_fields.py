@@ -46,7 +46,7 @@ from harness import Figure
 from walks import GDIN, OPENSHOE, REAL_WALKS
 
 from fg_nav.arrays import Bools, Floats
-from fg_nav.calibration.magnetometer import (
+from fg_nav.calibration import (
     UPPER,
     MagnetometerCalibration,
     circular_sd_deg,
@@ -68,8 +68,8 @@ from fg_nav.frames import wrap_angle
 from fg_nav.io import read
 from fg_nav.lab.campaign.walks import RAW, WALK, Recorded
 from fg_nav.magnetic import FieldVerdicts, FootfallField, average_footfall_field
+from fg_nav.magnetic.detectors import DETECTORS, judge_field
 from fg_nav.magnetic.footfall_field import compute_level_R_body
-from fg_nav.magnetic.quasi_static import DETECTORS, judge_field
 from fg_nav.pipeline import run_method
 from fg_nav.walk import Walk as PreparedWalk
 

@@ -11,8 +11,8 @@ import typer
 
 import fg_nav
 from fg_nav import recording
+from fg_nav.calibration import MagnetometerCalibration
 from fg_nav.calibration.inertial import AccelerometerCalibration, GyroscopeCalibration
-from fg_nav.calibration.magnetometer import MagnetometerCalibration
 from fg_nav.calibration.of_recording import METHODS as CALIBRATIONS
 from fg_nav.calibration.of_recording import Calibration
 from fg_nav.cli import app
@@ -27,7 +27,7 @@ from fg_nav.lab.simulation.scenarios import FIELDS
 from fg_nav.lab.verbs.allan import ALLAN_FILES
 from fg_nav.lab.verbs.detect import DETECT_FILES
 from fg_nav.lab.verbs.simulate import FEET_FILES, SIMULATION_FILES
-from fg_nav.magnetic.quasi_static import DEFAULT, GATES
+from fg_nav.magnetic.detectors import DEFAULT, GATES
 from fg_nav.report.export import EXPORTS
 from fg_nav.report.folder import RESULT_FILES
 from fg_nav.samples import stamps

@@ -61,37 +61,24 @@ class System(Protocol[V]):
 
 @dataclass(frozen=True)
 class Minimum(Generic[V]):
-    """Values at the minimum of a system, the triangle of the last linearization, and the number of linearizations.
-
-    `error` is that of `values`; `linearized_at` are those of the last linearization, one step before the minimum;
-    `volume` is log|R|, `stacks` are the linear factors.
-    """
+    """Minimum of a system, the triangle of the last linearization, and the number of linearizations."""
 
     values: V
     root: SquareRoot
     steps: int
-    linearized_at: V
-    error: float
-    volume: float
-    stacks: Sequence[Stack] = ()
+    linearized_at: V  # One step before the minimum.
+    error: float  # Of the values.
+    volume: float  # log|R|.
+    stacks: Sequence[Stack] = ()  # The linear factors.
 
 
 def find_minimum(
     system: System[V], values: V, keys: Keys, convergence: float = CONVERGENCE, largest_steps: int = MAX_STEPS
 ) -> Minimum[V]:
-    """Minimize the error of a system by Gauss-Newton.
+    """Minimize the error of a system by Gauss-Newton, to this difference of promised and true error per variable.
 
-    Parameters
-    ----------
-    keys
-        Of all variables, in the order of their elimination.
-    convergence
-        Largest difference of promised and true error per variable.
-
-    Raises
-    ------
-    EstimationError
-        If the equations have no unique solution, or no minimum is found in `largest_steps`.
+    `keys` of all variables, in the order of their elimination. Raises `EstimationError` if the equations have no unique
+    solution, or no minimum is found in `largest_steps`.
     """
     error = np.inf
     for steps in range(1, largest_steps + 1):
@@ -126,11 +113,8 @@ class LinearizableBlock(Protocol):
     def error(self, values: gtsam.Values) -> float:
         """Half the sum of squares of the residuals over their sigmas."""
 
-    def linearize(self, values: gtsam.Values) -> Iterator[gtsam.GaussianFactor]:
-        """Yield its factors, linearized at these values."""
-
     def stack(self, values: gtsam.Values) -> list[Stack]:
-        """Return the same as arrays."""
+        """Linearize them at these values, as arrays."""
 
     def factors(self) -> Iterable[gtsam.NonlinearFactor]:
         """Yield them as factors of gtsam, one by one."""
@@ -149,12 +133,8 @@ class BlockGroup:
         """Half the sum of squares of the residuals over their sigmas."""
         return sum(block.error(values) for block in self.blocks)
 
-    def linearize(self, values: gtsam.Values) -> Iterator[gtsam.GaussianFactor]:
-        """Yield its factors, linearized at these values."""
-        return chain.from_iterable(block.linearize(values) for block in self.blocks)
-
     def stack(self, values: gtsam.Values) -> list[Stack]:
-        """Return the same as arrays."""
+        """Linearize them at these values, as arrays."""
         return [stack for block in self.blocks for stack in block.stack(values)]
 
     def factors(self) -> Iterator[gtsam.NonlinearFactor]:
@@ -163,11 +143,7 @@ class BlockGroup:
 
 
 class GtsamFactors:
-    """Factors of gtsam that are not in the graph of the walk; `kind` is the word under which they are counted, if any.
-
-    Their loss is half the square of their linearized residuals, but for factors with a robust one, of which `excess` is
-    what is above that.
-    """
+    """Factors of gtsam that are not in the graph of the walk; `kind` is the word under which they are counted."""
 
     def __init__(self, *factors: gtsam.NonlinearFactor, kind: str = "") -> None:
         self._graph, self.counts = gtsam.NonlinearFactorGraph(), {kind: len(factors)} if kind and factors else {}
@@ -181,14 +157,11 @@ class GtsamFactors:
         """Half the sum of squares of the residuals over their sigmas."""
         return float(self._graph.error(values))
 
-    def linearize(self, values: gtsam.Values) -> Iterator[gtsam.GaussianFactor]:
-        """Yield its factors, linearized at these values."""
-        linear = self._graph.linearize(values)
-        return map(linear.at, range(linear.size()))
-
     def stack(self, values: gtsam.Values) -> list[Stack]:
-        """Return the same as arrays."""
-        return stack_factors(gtsam.JacobianFactor(one) for one in self.linearize(values) if one is not None)
+        """Linearize them at these values, as arrays."""
+        linear = self._graph.linearize(values)
+        factors = map(linear.at, range(linear.size()))
+        return stack_factors(gtsam.JacobianFactor(one) for one in factors if one is not None)
 
     def factors(self) -> Iterator[gtsam.NonlinearFactor]:
         """Yield them one by one."""
@@ -204,9 +177,8 @@ def list_in_time(
 ) -> Keys:
     """Return the keys in elimination order: node by node, bias and settling after their last node.
 
-    The states M of the field and P of a barometer follow the node of their footfall's result. Floors come after the
-    last footfall on them, of which `floor` (F,) has the number. The `directions` of a building, which all courses join,
-    are last.
+    The states M of the field and P of a barometer follow the node of their footfall's result, floors the last footfall
+    on them, of which `floor` (F,) has the number. The `directions` of a building, which all courses join, are last.
     """
     number, bias = np.arange(len(nodes)), nodes.bias[nodes.footfall]
     ends = np.flatnonzero(np.diff(bias, append=bias[-1] + 1))
@@ -266,14 +238,6 @@ class WalkSystem:
     def excess(self, values: gtsam.Values) -> float:
         """Robust-loss excess; zero for quadratic factors."""
         return sum(block.excess(values) for block in self.blocks if isinstance(block, GtsamFactors))
-
-    def linearize(self, values: gtsam.Values) -> gtsam.GaussianFactorGraph:
-        """Linearize all factors, one by one."""
-        linear = self.graph.linearize(values)
-        for block in self.blocks:
-            for factor in block.linearize(values):
-                linear.push_back(factor)
-        return linear
 
     def move(self, values: gtsam.Values, step: Mapping[int, Floats]) -> gtsam.Values:
         """Retract each variable."""
