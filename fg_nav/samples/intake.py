@@ -319,7 +319,7 @@ class UnitMonitor:
         jumps = (step > max(ODD_STEPS * period_s, MIN_ODD_S)) | ((step > 0.0) & (step < period_s / ODD_STEPS))
         odd = np.column_stack([jumps, ((force > 0.0) & (force < MIN_M_S2)) | (force > MAX_M_S2), rate > TOO_FAST_RAD_S])
         n = max(HELD, round(HELD_S / period_s)) if period_s > 0.0 else HELD
-        taken, begin, is_odd = [rows[:0]], 0, odd.any(axis=1)
+        taken, begin, is_odd = [rows[:0]], 0, np.asarray(odd.any(axis=1))
         while begin < len(rows):
             # what goes on as before, up to the first odd row
             if not self._is_wrong:
