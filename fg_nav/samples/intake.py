@@ -319,7 +319,7 @@ class UnitMonitor:
         jumps = (step > max(ODD_STEPS * period_s, MIN_ODD_S)) | ((step > 0.0) & (step < period_s / ODD_STEPS))
         odd = np.column_stack([jumps, ((force > 0.0) & (force < MIN_M_S2)) | (force > MAX_M_S2), rate > TOO_FAST_RAD_S])
         n = max(HELD, round(HELD_S / period_s)) if period_s > 0.0 else HELD
-        taken, begin, is_odd = [rows[:0]], 0, odd.any(axis=1)
+        taken, begin, is_odd = [rows[:0]], 0, np.asarray(odd.any(axis=1))
         while begin < len(rows):
             # what goes on as before, up to the first odd row
             if not self._is_wrong:
@@ -327,20 +327,20 @@ class UnitMonitor:
                 taken.append(self._check_accepted(rows[begin:first]))
                 begin = first
             # a piece, until few enough are odd, or long enough to show another unit
-            share = np.cumsum(odd[begin : begin + n], axis=0)
-            share = share / np.arange(1, len(share) + 1)[:, None]
-            few = (share <= SHARES).all(axis=1)
+            piece = odd[begin : begin + n]
+            share = np.cumsum(piece, axis=0) / np.arange(1, len(piece) + 1)[:, None]
+            few = np.asarray((share <= SHARES).all(axis=1))
             is_passing = bool(few.any()) and not self._is_wrong
             stop = begin + (int(np.argmax(few)) + 1 if is_passing else n)
             if begin == len(rows) or (stop > len(rows) and not at_end):
                 self._held = rows[begin:]
                 break
-            piece, before = rows[begin:stop], float(t[begin - 1]) if begin else self._last
             if self._is_wrong:
-                self._find_return(piece, share[-1])
+                self._find_return(rows[begin:stop], share[-1])
             elif not is_passing and len(piece) >= HELD:
-                self._find_change(piece, share[-1] > SHARES, before)
-            taken.append(piece[:0] if self._is_wrong else self._check_accepted(piece))
+                before = float(t[begin - 1]) if begin else self._last
+                self._find_change(rows[begin:stop], share[-1] > SHARES, before)
+            taken.append(rows[:0] if self._is_wrong else self._check_accepted(rows[begin:stop]))
             begin = min(stop, len(rows))
         self._last = float(t[begin - 1]) if begin else self._last
         return np.concatenate(taken)
