@@ -23,8 +23,7 @@ from fg_nav.detection.sensor_processing import refuse_high_pass, remove_gyro_del
 from fg_nav.detection.stance import Stances
 from fg_nav.errors import EstimationError, EvaluationError, MagneticError
 from fg_nav.evaluation.comparison import Comparison, compare, share_truth
-from fg_nav.evaluation.metrics import Metrics, evaluate
-from fg_nav.evaluation.walked import WalkErrors, measure_moment
+from fg_nav.evaluation.metrics import Metrics, MomentErrors, evaluate, measure_moment
 from fg_nav.io import Reading, read_fixes, read_gnss, read_truth
 from fg_nav.magnetic.axes import AlignedMagnetometer, MagAxes, align_magnetometer
 from fg_nav.magnetic.detectors import DEFAULT, QUASI_STATIC, UNKNOWN, FieldVerdicts, apply_gate, choose_gate
@@ -170,7 +169,7 @@ class Outcome:
     field_used: bool = False  # whether the method used the field, known from the verdicts in its own stance table
     # errors of an online method's estimates at the moment of each footfall; None from others, and without a usable
     # truth
-    moment: WalkErrors | None = None
+    moment: MomentErrors | None = None
     polished: Outcome | None = None  # what came of the batch solution next to an online one; None without
 
 

@@ -25,11 +25,10 @@ from fg_nav.arrays import Floats
 from fg_nav.detection import detect_stances
 from fg_nav.errors import SimulationError
 from fg_nav.online import OnlineNavigator
-from fg_nav.online.anchor import AnchorState
-from fg_nav.online.background import BackgroundSolver, SolverProcess
 from fg_nav.online.buffer import OnlineOptions
 from fg_nav.online.estimates import StanceEstimate
-from fg_nav.online.resolve import Task, WalkSolver
+from fg_nav.online.resolve import Solver, SolverProcess, Task, WalkSolver
+from fg_nav.online.window import AnchorState
 from fg_nav.recording import Recording
 
 SEED = 1
@@ -89,15 +88,15 @@ def tell_walk(recording: Recording, options: OnlineOptions) -> tuple[Floats, Flo
     return np.array(milliseconds), np.array(megabytes)
 
 
-class PacedSolver(BackgroundSolver):
+class PacedSolver(Solver):
     """Is given the time that it would have had; `idle_s` is how long it was waited for within that."""
 
     def __init__(self, navigator: OnlineNavigator) -> None:
         given = navigator.options, navigator.detection.stance
-        self.process = SolverProcess({None: given[0]}, given[1])
-        super().__init__(self.process, WalkSolver(*given, navigator.buffer))
+        self.process, self._buffer = SolverProcess({None: given[0]}, given[1]), navigator.buffer
+        super().__init__(WalkSolver(*given, navigator.buffer), self.process)
         self.idle_s, self._begun = 0.0, (0.0, 0.0)
-        navigator._solver = navigator.smoother.schedule.solver = self
+        navigator._solver = navigator.smoother.solver = self
 
     def begin(self, task: Task) -> None:
         """As it does, and note when."""
@@ -114,7 +113,7 @@ class PacedSolver(BackgroundSolver):
         return super().take()
 
     def _walked_s(self) -> float:
-        return self._here.buffer.stamp(self._here.buffer.stop - 1)
+        return self._buffer.stamp(self._buffer.stop - 1)
 
 
 def memory_mb(process: int | str = "self") -> float:

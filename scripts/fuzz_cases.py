@@ -435,7 +435,7 @@ def prepare_process() -> None:
     typer.main.get_command = cache(typer.main.get_command)
     whole = follow.StreamOptions
     # The answers of a walk that is solved again in this process are the same, and it needs no second to start.
-    follow.StreamOptions = lambda **given: whole(**{**given, "beside": False})  # type: ignore[assignment,misc]
+    follow.StreamOptions = lambda **given: whole(**{**given, "background": False})  # type: ignore[assignment,misc]
 
 
 def run_case(case: Case, store: Store, keep: Path | None = None) -> Fate:

@@ -23,13 +23,14 @@ from fg_nav.errors import FgNavError
 from fg_nav.io import read, write_canonical, write_tum
 from fg_nav.lab.simulation import SCENARIOS, Choices, SimulatedWalk, simulate
 from fg_nav.online.buffer import OnlineOptions, rows_of
-from fg_nav.online.follow import StreamOptions, follow_source
+from fg_nav.online.follow import Sensor, StreamOptions, follow
 from fg_nav.online.record import LINES, Record
 from fg_nav.online.sources import Replay
 from fg_nav.pipeline import navigate
 from fg_nav.recording import RawRecording, Recording
 from fg_nav.report.files import write_run
 from fg_nav.truth import TrajectoryTruth
+from fg_nav.view.outlets import Outlets
 
 MAX_S = 90.0  # Of a recording from which pieces are cut.
 
@@ -231,7 +232,8 @@ def _write_record(options: OnlineOptions, end: str, folder: Path) -> bytes:
         record = Record(Path(name) / "record.csv", False, False, lambda words: None)
         with closing(record):
             source = Replay(begin, np.inf, "a walk")
-            follow_source(source, StreamOptions(online=options), lambda line: None, lambda words: None, record=record)
+            sensor = Sensor(source, StreamOptions(online=options), record)
+            follow({None: sensor}, Outlets(lambda line: None, None, lambda words: None))
         return (Path(name) / f"record.csv{end}").read_bytes()
 
 

@@ -41,9 +41,8 @@ from harness import Figure, option
 from websockets.sync.client import connect
 
 from fg_nav.arrays import Floats
-from fg_nav.view.line_server import open_port
-from fg_nav.view.page_server import LIVE
-from fg_nav.view.process import ListenerProcess
+from fg_nav.view.outlets import ListenerProcess, open_port
+from fg_nav.view.servers import LIVE
 
 TICK_S, TICKS_A_LINE = 0.02, 50
 COMING_S = 0.003  # For each client to connect.

@@ -38,7 +38,7 @@ BEGIN_S = 120.0  # A process may take to open its port on a busy machine.
 
 PROGRAM = """
 import json, socket, struct, sys, time
-from fg_nav.online import live
+from fg_nav.online import sources
 from fg_nav.cli import main
 
 waited, buffer, timing = [0.0], int(sys.argv[1]), sys.argv[2]
@@ -54,18 +54,17 @@ class Timed(plain):
         return piece, notes, flags, sender
 
 if buffer:
-    live.SYSTEM_BUFFER, live._SO_RCVBUFFORCE = buffer, 9999
+    sources.SYSTEM_BUFFER, sources._SO_RCVBUFFORCE = buffer, 9999
 
-enlarge = live._enlarge_buffer
+class Reported(sources.Datagrams):
+    def __init__(self, *given):
+        super().__init__(*given)
+        self._socket.setsockopt(socket.SOL_SOCKET, 35, 1)
+        given = self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
+        print(f"port {self._socket.getsockname()[1]} buffer {given}", file=sys.stderr, flush=True)
 
-def prepare(receiver):
-    receiver.setsockopt(socket.SOL_SOCKET, 35, 1)
-    given = enlarge(receiver)
-    print(f"port {receiver.getsockname()[1]} buffer {given}", file=sys.stderr, flush=True)
-    return given
-
-live._enlarge_buffer = prepare
-live.socket.socket = Timed
+sources.Datagrams = Reported
+socket.socket = Timed
 sys.argv = ["fg-nav", *sys.argv[3:]]
 try:
     main()

@@ -22,7 +22,7 @@ start. Asked: of the walks that are off by a tenth of the way or three sigmas no
 trusted, of mti1_loops 18 of 24 and 1 not to be used at most, of those that are no walk or were spoiled 95 in 100 not
 trusted. Clipped walks are judged by their error.
 
-With `--lines` the recordings go as rows through `follow_source`, and each line has its verdict. Lines that are doubtful
+With `--lines` the recordings go as rows through `follow`, and each line has its verdict. Lines that are doubtful
 because little was walked are as they should be, and counted apart. Asked of good walks: none refused, none with a line
 that is not to be used, one in twenty at most with a line that is doubtful for another reason.
 """
@@ -52,11 +52,12 @@ from fg_nav.errors import FgNavError
 from fg_nav.io import read_raw
 from fg_nav.lab.simulation import simulate
 from fg_nav.online.buffer import OnlineOptions
-from fg_nav.online.follow import StreamOptions, follow_source
+from fg_nav.online.follow import Sensor, StreamOptions, follow
+from fg_nav.online.sources import SampleSource
 from fg_nav.pipeline import prepare_walk, run_method
 from fg_nav.recording import RawRecording, Recording
-from fg_nav.samples.readings import COLUMNS
 from fg_nav.verdict import UNUSABLE, judge_path
+from fg_nav.view.outlets import Outlets
 from fg_nav.walk import Options, Walk
 
 TRUSTED, DOUBTFUL, REFUSED = "trusted", "doubtful", "refused"
@@ -273,29 +274,19 @@ BLOCK = 256
 LINE_WORDS = (TRUSTED, BEGINNING, DOUBTFUL, UNUSABLE, REFUSED)
 
 
-class RawRows:
-    """A `SampleSource` of the rows of a recording as they stand in its file, or of its first `share`."""
+class RawRows(SampleSource):
+    """The rows of a recording as they stand in its file, or of its first `share`."""
 
-    name, header, lost = "a recording", None, 0
+    name = "a recording"
 
     def __init__(self, raw: RawRecording, share: float = 1.0) -> None:
         rows = np.column_stack([raw.t, raw.acc, raw.gyr, np.full((len(raw.t), 3), np.nan)])
         self._rows, self._given = rows[: round(share * len(rows))], 0
 
-    def resume(self, header: Sequence[str]) -> None:
-        """See `SampleSource`."""
-
-    def read(self, wait_s: float) -> Floats | None:
+    async def read(self) -> Floats | None:
         """See `SampleSource`."""
         first, self._given = self._given, self._given + BLOCK
         return self._rows[first : self._given] if first < len(self._rows) else None
-
-    def finish(self) -> Floats:
-        """See `SampleSource`."""
-        return np.empty((0, COLUMNS))
-
-    def close(self) -> None:
-        """Nothing is open."""
 
 
 @dataclass(frozen=True)
@@ -321,7 +312,7 @@ def judge_lines(case: Case, method: str) -> JudgedLines:
     lines: list[str] = []
     options = StreamOptions(online=OnlineOptions(use_field=False))
     try:
-        follow_source(RawRows(case.load()), options, lines.append, lambda words: None)
+        follow({None: Sensor(RawRows(case.load()), options)}, Outlets(lines.append, None, lambda words: None))
     except FgNavError as error:
         return JudgedLines(case.kind, case.name, Counter({REFUSED: 1}), Counter({str(error): 1}))
     told = [one for one in map(json.loads, lines) if one["kind"] == "now"]

@@ -24,11 +24,10 @@ from fg_nav.arrays import Floats
 from fg_nav.errors import OutputError
 from fg_nav.lab.simulation import simulate
 from fg_nav.online.buffer import OnlineOptions
-from fg_nav.online.follow import StreamOptions, follow_source
+from fg_nav.online.follow import Sensor, StreamOptions, follow
 from fg_nav.online.sources import Replay
 from fg_nav.recording import Recording
-from fg_nav.view.line_server import format_address, open_port
-from fg_nav.view.process import ListenerProcess
+from fg_nav.view.outlets import ListenerProcess, Outlets, format_address, open_port
 
 HOST = "127.0.0.1"
 SCENARIO, WALKED_S, PLAYED_S = "office", 200.0, 12.0
@@ -43,10 +42,10 @@ class LateReplay(Replay):
         super().__init__(recording.slice(at, len(recording)), 1.0, name)
         self._before = Replay(recording.slice(0, at), np.inf, name)
 
-    def read(self, wait_s: float) -> Floats | None:
+    async def read(self) -> Floats | None:
         """See `SampleSource`."""
-        rows = self._before.read(wait_s)
-        return super().read(wait_s) if rows is None else rows
+        rows = await self._before.read()
+        return await super().read() if rows is None else rows
 
 
 class Unended(ListenerProcess):
@@ -73,7 +72,8 @@ def draw_page(recording: Recording, heading_rad: float | None) -> Image.Image:
             page.goto(address)
             pages.append(page)
         options = StreamOptions(online=OnlineOptions(heading_rad=heading_rad), background=True)
-        follow_source(LateReplay(recording), options, server.send, server.send_remark, watcher=server)
+        outlets = Outlets(server.send, None, server.send_remark, server)
+        follow({None: Sensor(LateReplay(recording), options)}, outlets)
         shots = []
         for page in pages:
             page.wait_for_timeout(500)

@@ -12,6 +12,7 @@ the iron of the last solution; the whole is not, as the next one estimates it an
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
@@ -19,7 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fg_nav.arrays import Bools, Floats
-from fg_nav.calibration.magnetometer import MagnetometerCalibration
+from fg_nav.calibration import MagnetometerCalibration
 from fg_nav.detection.causal import Footfall
 from fg_nav.detection.stance import Stances
 from fg_nav.errors import EstimationError
@@ -119,6 +120,19 @@ class SampleBuffer:
 
     def _chunk(self, number: int) -> Floats:
         return self._chunks[number - self.first // CHUNK]
+
+
+class Pace:
+    """How long a walk, or that of two feet, waited for samples so far: the time between two blocks of them."""
+
+    def __init__(self) -> None:
+        self.idle_s, self._left = 0.0, time.monotonic()
+
+    def __enter__(self) -> None:
+        self.idle_s += time.monotonic() - self._left
+
+    def __exit__(self, *_: object) -> None:
+        self._left = time.monotonic()
 
 
 @dataclass(frozen=True)
@@ -276,7 +290,8 @@ class PartialWalk:
         if not found.used:
             return replace(recording, mag=None)
         lead = self.buffer.find_since(self.buffer.stamp(mag_from) - LEAD_S, mag_from)
-        mag = remove_delay(self._cut(lead, self.stop), found.delay).mag
+        part = self._cut(lead, self.stop)
+        mag = part.mag if found.delay is None else remove_delay(part, found.delay).mag
         if mag is None:
             return recording
         unseen = np.full((mag_from - first, 3), np.nan)

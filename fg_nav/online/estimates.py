@@ -8,6 +8,8 @@ foot      "left", "right" or "person"
 frame     in which its positions are: "left", that of both; of the right foot "right", one of its own, until the steps
           show how the feet lie, which its next `turned` and `revised` lines put right
 ========= ==========================================================================================================
+
+The past of a walk is a `Past`: a row of numbers a footfall, and the nodes of the path through them.
 """
 
 from __future__ import annotations
@@ -25,7 +27,6 @@ from gtsam.symbol_shorthand import B, V, X
 from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.feet import Side
 from fg_nav.frames import UNKNOWN_RAD, compute_heading, turn_heading, yaw_rotation
-from fg_nav.online.field import CompassVerdict
 from fg_nav.online.strides import StanceNodes
 from fg_nav.smoother.heights import SCALE_SIGMA
 from fg_nav.smoother.sensitivity import FORWARD_SIGMA, SIDEWAYS_SIGMA
@@ -44,6 +45,15 @@ SensorTime = Callable[[float], float]  # The sensor's own stamp, s, of a sample 
 
 
 @dataclass(frozen=True)
+class CompassVerdict:
+    """Verdict on the field at a footfall: `word`, `reason` as in a stance table, compass weight (`weigh_compass`)."""
+
+    word: str
+    reason: str
+    compass_weight: float = 0.0
+
+
+@dataclass(frozen=True)
 class StanceEstimate:
     """Where the foot stands, as known when its footfall was complete; at the stillest sample of the footfall."""
 
@@ -57,10 +67,10 @@ class StanceEstimate:
     gyro_bias: Floats  # (3,) rad/s
     pose_cov: Floats  # (4, 4) of east, north, up (m) and yaw about up (rad), in whose variance is the heading's.
     gyro_bias_sigma: Floats  # (3,) rad/s
-    compass_weight: float  # Of the magnetic heading, in [0, 1] (`field.weigh_compass`).
+    compass_weight: float  # Of the magnetic heading, in [0, 1] (`smoother.field.weigh_compass`).
     field: str  # Verdict on the field, as in a stance table,
     field_reason: str  # in words.
-    floor: int | None = None  # Of the building, 0 where the walk began (`anchor.FloorTrack`); None where not known.
+    floor: int | None = None  # Of the building, 0 where the walk began (`strides.FloorTrack`); None where not known.
 
     def widen(self, rate_sigma: float) -> StanceEstimate:
         """Return it with the scale error of a nominal rate, relative sigma `rate_sigma`, added to its covariance."""
@@ -206,9 +216,6 @@ def select_rows(table: StanceTable, keep: Bools) -> StanceTable:
     return StanceTable(**kept)
 
 
-# --- between footfalls -----------------------------------------------------------------------------------------------
-
-
 class StrapdownPath(NamedTuple):
     """A path at the rate of the samples: `t` (n,), position (n, 3), velocity (n, 3), attitude (n, 3, 3)."""
 
@@ -216,6 +223,77 @@ class StrapdownPath(NamedTuple):
     position: Floats
     velocity: Floats
     nav_R_body: Floats
+
+
+# --- the past --------------------------------------------------------------------------------------------------------
+
+
+class PathNodes(NamedTuple):
+    """Samples (M,) of the walk, and at each position (m), velocity (m/s), attitude, gyro (rad/s), force bias."""
+
+    sample: Ints
+    position: Floats
+    velocity: Floats
+    nav_R_body: Floats
+    gyro_bias: Floats
+    acc_bias: Floats
+
+    @classmethod
+    def from_rows(cls, rows: Sequence[EstimateRow]) -> PathNodes:
+        """Return a node at the stillest sample of each footfall, its accelerometer bias zero."""
+        known = split_rows(rows)
+        unknown = np.zeros_like(known.gyro_bias)
+        return cls(known.sample, known.position, known.velocity, known.nav_R_body, known.gyro_bias, unknown)
+
+    @classmethod
+    def from_values(cls, stances: Sequence[StanceNodes], values: gtsam.Values) -> PathNodes:
+        """Return all nodes of these footfalls, from the values of a graph."""
+        if not stances:
+            return NO_NODES
+        nodes = [j for stance in stances for j in range(stance.first, stance.stop)]
+        poses = [values.atPose3(X(j)) for j in nodes]
+        bias = [values.atConstantBias(B(stance.bias)).vector() for stance in stances for _ in stance.samples]
+        acc_bias, gyro_bias = np.split(np.array(bias), 2, axis=1)
+        return cls(
+            np.array([sample for stance in stances for sample in stance.samples]),
+            np.array([pose.translation() for pose in poses]),
+            np.array([values.atVector(V(j)) for j in nodes]),
+            np.array([pose.rotation().matrix() for pose in poses]),
+            gyro_bias,
+            acc_bias,
+        )
+
+    def cut(self, stop: int) -> PathNodes:
+        """Return the first `stop` nodes."""
+        return PathNodes._make(part[:stop] for part in self)
+
+    def join(self, later: PathNodes) -> PathNodes:
+        """Return these nodes and those that follow."""
+        return PathNodes._make(np.concatenate(both) for both in zip(self, later, strict=True))
+
+
+NO_NODES = PathNodes.from_rows(())
+
+
+@dataclass(frozen=True)
+class Past:
+    """Estimates of the footfalls from number `first` on: one row each, and the nodes of the path through them."""
+
+    first: int = 0
+    rows: tuple[EstimateRow, ...] = ()
+    nodes: PathNodes = NO_NODES
+
+    def before(self, stance: StanceNodes) -> Past:
+        """Return the estimates and nodes of the footfalls before this one."""
+        stop = int(np.searchsorted(self.nodes.sample, stance.samples[0]))
+        return Past(self.first, self.rows[: stance.number - self.first], self.nodes.cut(stop))
+
+    def join(self, later: Past) -> Past:
+        """Return this past up to footfall `later.first`, and `later` from there on."""
+        rows = self.rows[: later.first - self.first] + later.rows
+        begins = later.nodes.sample[0] if len(later.nodes.sample) else np.iinfo(np.int64).max
+        stop = int(np.searchsorted(self.nodes.sample, begins))
+        return Past(self.first, rows, self.nodes.cut(stop).join(later.nodes))
 
 
 # --- lines -----------------------------------------------------------------------------------------------------------
@@ -338,10 +416,7 @@ def compare_pasts(
 ) -> Revision:
     """Return the revision from one solution to the next: turn of the map, retracted lines, present path.
 
-    Parameters
-    ----------
-    before, after : rows of the footfalls, `before` from number `first` on, `after` from 0 on.
-    retracted : numbers and stamps of the lines whose footfalls are none.
+    `before` are the rows of the footfalls from number `first` on, `after` from 0 on.
     """
     old, new = split_rows(before), split_rows(after[first:])
     _, i, j = np.intersect1d(old.sample, new.sample, return_indices=True)

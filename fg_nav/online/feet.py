@@ -35,8 +35,6 @@ from fg_nav.feet.clocks import Swings, match_swings
 from fg_nav.feet.person import CHORD_M, FeetSolution
 from fg_nav.feet.steps import SHORT_M, find_longest_stride
 from fg_nav.frames import compute_heading
-from fg_nav.online.anchor import AnchorState, TiedAnchorState
-from fg_nav.online.background import BackgroundSolver, Solver, SolverProcess
 from fg_nav.online.buffer import OnlineOptions, SampleBuffer
 from fg_nav.online.estimates import (
     EstimateRow,
@@ -50,14 +48,20 @@ from fg_nav.online.estimates import (
     thin_rows,
 )
 from fg_nav.online.navigator import OnlineNavigator
-from fg_nav.online.resolve import FootSolver, WalksAlone
+from fg_nav.online.resolve import FootSolver, Solver, SolverProcess, WalksAlone
 from fg_nav.online.smoother import AT_ONCE, Pending
+from fg_nav.online.window import AnchorState
+from fg_nav.samples.readings import COLUMNS
 from fg_nav.smoother.feet import measure_width_sigma, trace_solved_person
 from fg_nav.solution import Solution
 
 SILENT_S = 5.0  # By which the stamps of one foot are behind the other's: then it is silent.
 EVERY = 4  # Footfalls, at which a foot that is not tied yet is solved again.
 MAX_STEP_S = 2.0  # Between footfalls of different feet; a standing person has one of each every two seconds.
+BLOCK_S = 0.1  # Of rows of one foot, so that no foot runs ahead of the other.
+HELD_S = 1.0  # Of silence of one foot, that rows wait for it.
+MAX_ROWS = 1000  # In a block, whatever their stamps.
+MAX_HELD = 4000  # Rows that wait, more than are read at once: the clocks differ, and no foot waits for the other.
 MAX_REMEMBERED = 8  # Steps before, by which the direction is found.
 ENOUGH_SWINGS = 20  # Of each foot, that show whether the clocks fit; some of them in a bend.
 
@@ -116,7 +120,7 @@ class FeetNavigator:
 
         def make_solver(side: Side, buffer: SampleBuffer) -> Solver:
             here = FootSolver(side, self._walks, given[side], detection.stance, buffer)
-            return here if self._process is None else BackgroundSolver(self._process, here, remark, side)
+            return Solver(here, self._process, remark, side)
 
         def remark_on(side: Side, words: str) -> None:
             remark(f"{side} foot: {words}")
@@ -156,7 +160,7 @@ class FeetNavigator:
     def frame(self, side: Side) -> Side:
         """Return the frame of a foot's lines: the left foot's, and the right foot's own until it is tied."""
         initial = self.navigators[side].smoother.initial
-        return "left" if side == "left" or isinstance(initial, TiedAnchorState) else "right"
+        return "left" if side == "left" or (initial is not None and initial.tied is not None) else "right"
 
     def refuse(self, side: Side, error: FgNavError) -> FeetLine:
         """Leave a foot out from here on; return the line on that; raises the error where no other is left."""
@@ -233,10 +237,10 @@ class FeetNavigator:
         own, other = (self.navigators[one].smoother for one in (side, OTHER[side]))
         if min(own.n_reported, other.n_reported) < AT_ONCE[-1] or self._silent or self.refused or self.is_parted:
             return
-        if not isinstance(own.initial, TiedAnchorState) and own.n_reported % EVERY == 0:
+        if (own.initial is None or own.initial.tied is None) and own.n_reported % EVERY == 0:
             own.resolve_soon(own.n_reported + 1)
         # A re-solve of one foot starts the other foot's too, so that both are in one graph.
-        pending = own.schedule.pending
+        pending = own.pending
         if pending is not self._pending[side]:
             self._pending[side] = pending
             if pending is not None:
@@ -280,9 +284,7 @@ class FeetNavigator:
         smoothers = [self.navigators[side].smoother for side in SIDES]
         left, right = initial = [one.initial for one in smoothers]
         # For a step or two one foot goes on from an older joint solution.
-        is_one = (
-            isinstance(left, TiedAnchorState) and isinstance(right, TiedAnchorState) and left.number == right.number
-        )
+        is_one = left is not None and right is not None and left.tied is not None and left.tied == right.tied
         if is_one and any(one is not known for one, known in zip(initial, self._known, strict=True)):
             self._known = initial
             paths = (split_rows(one.rows) for one in smoothers)
@@ -303,6 +305,44 @@ class FeetNavigator:
     def _report_state(self, side: Side, state: State, reason: str) -> FeetLine:
         t = self.last_stamp
         return FeetLine(side, self.frame(side), FootState(t if np.isfinite(t) else 0.0, state, reason))
+
+
+class FeetMerge:
+    """Rows of two sources in the order of their stamps, in blocks of `BLOCK_S`; those of one source as they come.
+
+    A source gives its rows in pieces: a file some seconds at once, a sensor as they come. Rows wait until the other
+    foot's have come as far, unless that is silent for `HELD_S`, or sends and stays behind for `MAX_HELD` rows.
+    """
+
+    def __init__(self, sides: Iterable[Side | None] = SIDES) -> None:
+        self._waits = {side: np.empty((0, COLUMNS)) for side in sides}
+        self.newest = dict.fromkeys(self._waits, -np.inf)
+        self.silent_s, self._differs = dict.fromkeys(self._waits, 0.0), False
+
+    def put(self, side: Side | None, rows: Floats, waited_s: float = 0.0) -> None:
+        """Put in the rows (n, 11) of a foot that came, or note for how long none has."""
+        self.silent_s[side] = 0.0 if len(rows) else self.silent_s[side] + waited_s
+        self._waits[side] = np.concatenate([self._waits[side], rows])
+        stamps = rows[np.isfinite(rows[:, 0]), 0]
+        self.newest[side] = float(stamps[-1]) if len(stamps) else self.newest[side]
+
+    def take(self, alone: bool) -> Iterator[tuple[Side | None, Floats]]:
+        """Yield blocks of both in turn, as far as both have come; all of them where there is no other to wait for."""
+        self._differs |= max(map(len, self._waits.values())) > MAX_HELD
+        alone = alone or self._differs or max(self.silent_s.values()) > HELD_S
+        limit = np.inf if alone else min(self.newest.values())
+        block_s = BLOCK_S if len(self._waits) > 1 else np.inf
+        while True:
+            heads = {side: rows[0, 0] for side, rows in self._waits.items() if len(rows) and not rows[0, 0] > limit}
+            if not heads:
+                return
+            # At least one row, up to the end of a block.
+            side = min(heads, key=lambda one: heads[one])
+            rows = self._waits[side]
+            beyond = np.flatnonzero(rows[:MAX_ROWS, 0] > min(limit, heads[side] + block_s))
+            stop = int(beyond[0]) if len(beyond) else min(len(rows), MAX_ROWS)
+            self._waits[side] = rows[stop:]
+            yield side, rows[:stop]
 
 
 class PersonTracker:

@@ -1,37 +1,36 @@
-"""Follow a source to its end: rows in, estimates out, each with the verdict on the path so far, recorded on the way.
+"""Follow the sensors of a walk to its end: rows in, lines out, each with the verdict on the path so far.
 
-    StreamOptions  how a source is followed: options of the navigator, calibration, columns
-    follow_source  rows -> navigator -> one line an estimate, until the source ends or an event is set
-    LineVerdict    judges the path up to each line
-    Outlets        where lines and remarks go: a printer or a port, and a page for people
-    StreamedWalk   the closed navigator, to be solved as a whole
+    follow        sources -> rows -> navigators -> lines, until all sources have ended or an event is set
+    SensorWalk    the rows of one sensor to its navigator, and its lines; both are recorded on the way
+    LineVerdict   judges the path up to each line
+
+A walk has sensors by side: that of one foot or pocket has one, without a side (None), that of two feet one on each. One
+loop reads all sources, while another thread computes. Rows of two feet are taken in the order of their stamps
+(`FeetMerge`), and their lines have the keys `foot` and `frame`.
 
 Nothing that happens to the stream ends the walk but its end: bad rows are left out, and a stalled source is waited for,
-with a remark on each.
-
-A walk that is resumed is replayed: its recorded rows pass the same checks into a new navigator, without a word, and
-where the lines that were given end it is solved once (`record`). Then it goes on with what the source sends.
+with a remark on each. A walk that is resumed is replayed: its recorded rows pass the same checks into a new navigator,
+without a word, and where the lines that were given end it is solved once (`record`). Then it goes on with what the
+source sends.
 
 Verdict: the limits are those of `fg_nav.verdict.limits`. A path that was spoiled stays so, and none is trusted before
 it has as many strides as make a walk, and the axes were seen in as many. Between two lines a new solution may move the
 map. A stride is measured within one map: where the past was revised, from its newest footfall in the new map; where the
 revision does not include it, the stride to the next line is not measured.
 
-Outlets: `emit` gets the lines of the moment, `emit_end` those of the whole walk at its end, which are not served: a
-client of the port follows a walk. The page gets all of them; `emit_end` is None if nothing takes those of the end. The
-page is shown the status between footfalls too (its keys are in docs/online.md); what is not known yet is null. Sigmas
-and the verdict on the field are those of the newest line.
+The lines go to `fg_nav.view.outlets`. In the status position and heading are null with two feet, floor and returns are
+the left foot's, rate and losses those of both.
 """
 
 from __future__ import annotations
 
+import asyncio
 import signal
 import threading
-import time
-from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, closing, contextmanager
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -39,16 +38,28 @@ import numpy as np
 from fg_nav.arrays import Floats
 from fg_nav.calibration.of_recording import Calibration
 from fg_nav.detection.source import AxesCheck, SourceCheck
+from fg_nav.errors import FgNavError, StreamError
+from fg_nav.feet import SIDES, Side
 from fg_nav.frames import compute_heading
 from fg_nav.magnetic.axes import MagAxes
 from fg_nav.online.buffer import OnlineOptions
-from fg_nav.online.estimates import DIGITS, Revision, StanceEstimate, format_estimate, format_revision
+from fg_nav.online.estimates import (
+    DIGITS,
+    FeetLine,
+    Revision,
+    StanceEstimate,
+    format_estimate,
+    format_feet_line,
+    format_revision,
+    tag_line,
+)
+from fg_nav.online.feet import FeetMerge, FeetNavigator
 from fg_nav.online.pocket import Navigator, begin_walk
 from fg_nav.online.record import Record
 from fg_nav.online.rows import Columns
 from fg_nav.online.sources import SampleSource
 from fg_nav.samples.delivery import LossCounter, Silence, describe_losses
-from fg_nav.solution import Return
+from fg_nav.samples.readings import COLUMNS
 from fg_nav.text import find_version
 from fg_nav.verdict.limits import (
     Reason,
@@ -65,19 +76,14 @@ from fg_nav.verdict.limits import (
     judge_stride,
     judge_unfollowed,
 )
-from fg_nav.view.line_server import format_address, is_loopback, open_port
-from fg_nav.view.process import ListenerProcess
+from fg_nav.view.outlets import Outlets, Say, StatusReporter
 
-WAIT_S = 0.2  # for bytes, before the stop signal is checked
+WAIT_S = 0.05  # for rows of one sensor, before the other's are read, and the stop signal is checked
+NO_ROWS = np.empty((0, COLUMNS))
 REPLAYED = 1 << 14  # rows of a record at once; the answer does not depend on it
 
 # Ctrl-C, a service that is stopped, a terminal or connection that is gone: they end the walk.
 ENDING = (signal.SIGINT, signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else []))
-HOST = "127.0.0.1"  # that serves lines
-RATE_S = 2.0  # in which samples are counted for their rate
-SILENT_S = 1.5  # without samples, after which a source is called silent
-
-Say = Callable[[str], None]  # Called with a line, or a sentence for people.
 DUE_S = 4.0  # To the next line at most: a standing has one every two seconds.
 MIN_STRIDES = 5  # Of which the median of gravity is judged.
 N_FASTEST = 4  # Strides, by the slowest of which the fastest is judged: who begins to run makes more of them.
@@ -87,124 +93,346 @@ SAME_S = 1e-3  # Stamps of one footfall, of any clock: less than a sample apart.
 Judged: TypeAlias = tuple[StanceEstimate | Revision, Verdict | None]  # A line of a walk; the verdict on an estimate.
 
 
-# --- outlets ---------------------------------------------------------------------------------------------------------
+@dataclass(frozen=True)
+class StreamOptions:
+    """How a source is followed."""
+
+    online: OnlineOptions = field(default_factory=OnlineOptions)
+    stalled_s: float = 5.0  # Silence after which it is remarked that the source stalls.
+    until_silent_s: float | None = None  # Silence after which the walk ends; None to wait for ever.
+    calibration: Calibration | None = None  # To apply.
+    mag_axes: MagAxes | None = None  # Of the magnetometer in those of the gyroscope; None for the same.
+    columns: Columns | None = None  # Of rows without a header.
+    background: bool = False  # Whether the walk is solved again in another process.
+
+    @property
+    def rate_sigma(self) -> float:
+        """Sigma of the rate by which stamps are counted, a share of it; 0 where rows have stamps."""
+        return 0.0 if self.columns is None else self.columns.rate_sigma
+
+    @property
+    def is_pocket(self) -> bool:
+        """Whether the sensor is in a pocket."""
+        return self.online.mount == "pocket"
 
 
 @dataclass(frozen=True)
-class Outlets:
-    """Where lines, those of the end, and remarks go; and the process that is sent the status."""
+class Sensor:
+    """Where the samples of a sensor come from, how they are followed, and where they are recorded, if at all."""
 
-    emit: Say
-    emit_end: Say | None
-    remark: Say
-    watcher: ListenerProcess | None = None
+    source: SampleSource
+    options: StreamOptions = StreamOptions()
+    record: Record | None = None
 
 
-@contextmanager
-def open_outlets(serve: int | None, view: tuple[str, int] | None, print_line: Say, remark: Say) -> Iterator[Outlets]:
-    """Open what was requested.
+@dataclass(frozen=True)
+class FollowedWalk:
+    """A walk that has ended: the closed navigator of each sensor, and that of both feet, to be solved as a whole."""
 
-    Raises `StreamError` if a port cannot be served.
+    sensors: Mapping[Side | None, Sensor]
+    navigators: Mapping[Side | None, Navigator]
+    feet: FeetNavigator | None
 
-    Parameters
-    ----------
-    serve : port for the lines, which are then not printed; None without.
-    view : host and port of the page; None without.
-    print_line, remark : called with lines, and with sentences for people.
+
+# --- the walk --------------------------------------------------------------------------------------------------------
+
+
+def follow(
+    sensors: Mapping[Side | None, Sensor],
+    outlets: Outlets,
+    stop: threading.Event | None = None,
+    clock_offset_s: float = 0.0,
+) -> FollowedWalk:
+    """Follow the sources of a walk until they end or `stop` is set; lines and remarks go to the outlets.
+
+    `clock_offset_s` is to be added to the stamps of the right foot. Raises `FormatError`, `RecordingError`,
+    `EstimationError` if the rows are of another format or unit, or the walk of the record cannot be resumed, of both
+    feet if that is so of both; `StreamError` if `stop` is set before a record is replayed.
     """
-    with ExitStack() as opened:
-        lines = None if serve is None else opened.enter_context(open_port(HOST, serve, "--serve"))
-        page = None if view is None else opened.enter_context(open_port(*view, "--port or --host"))
-        if lines is not None:
-            remark(f"lines are served on {HOST}:{lines.getsockname()[1]}.")
-        if page is not None and view is not None:
-            reach = "for all who reach this machine: there is no password, and no encryption"
-            reach = "for this machine alone" if is_loopback(view[0]) else reach
-            remark(f"the walk is shown on {format_address(view[0], page.getsockname()[1])} ({reach}).")
-        if lines is None and page is None:
-            yield Outlets(print_line, print_line, remark)
-            return
-        host = HOST if view is None else view[0]
-        listeners = opened.enter_context(closing(ListenerProcess(lines, page, host, remark)))
-        emit = listeners.send_line if lines is not None else _both(print_line, listeners.send)
-        if page is None:
-            yield Outlets(emit, None, remark)
-            return
-        emit_end = listeners.send if lines is not None else emit
-        yield Outlets(emit, emit_end, _both(remark, listeners.send_remark), listeners)
+    follower = _Follower(sensors, outlets, clock_offset_s)
+    try:
+        asyncio.run(follower.read_sources(threading.Event() if stop is None else stop))
+        follower.end()
+    finally:
+        if follower.feet is not None:
+            follower.feet.stop_process()
+    return FollowedWalk(sensors, follower.navigators, follower.feet)
 
 
-def _both(first: Say, second: Say) -> Say:
-    def say(words: str) -> None:
-        first(words)
-        second(words)
+class _Follower:
+    """All sensors of a walk, and its lines."""
 
-    return say
-
-
-class StatusReporter:
-    """Measures rate, latency and silence while a source is followed, and sends the status while somebody watches."""
-
-    def __init__(self, watcher: ListenerProcess) -> None:
-        self._watcher = watcher
-        self._due = self._arrived = time.monotonic()
-        self._silent_since: float | None = None
-        self._counts: deque[tuple[float, int]] = deque()
-        self._latency_ms: float | None = None
-
-    def count_samples(self, count: int) -> None:
-        """Note how many samples have come, at each read: one that finds none begins a silence."""
-        now = time.monotonic()
-        if count:
-            self._arrived, self._silent_since = now, None
-            self._counts.append((now, count))
-        elif self._silent_since is None:
-            self._silent_since = now
-
-    def note_line(self) -> None:
-        """Note that a line was just sent."""
-        self._latency_ms = 1e3 * (time.monotonic() - self._arrived)
-
-    def report(self, describe: Callable[[], dict[str, Any]], lost: Mapping[str, int], ended: bool = False) -> None:
-        """Send the status if it is due and somebody watches; at the end always.
-
-        `describe` returns what the samples so far show, in some milliseconds; `lost` is that of `LossCounter`.
-        """
-        now = time.monotonic()
-        while self._counts and self._counts[0][0] < now - RATE_S:
-            self._counts.popleft()
-        if not (ended or (now >= self._due and self._watcher.viewers)):
-            return
-        self._due = now + self._watcher.status_s
-        silent_s = 0.0 if self._silent_since is None else now - self._silent_since
-        source = "ok" if silent_s < SILENT_S else f"silent {silent_s:.0f} s"
-        flow = {
-            "latency_ms": None if self._latency_ms is None else round(self._latency_ms, 1),
-            "rate_hz": round(sum(count for _, count in self._counts) / RATE_S, 1),
-            "lost_samples": lost["samples"],
-            "lost_datagrams": lost["datagrams"],
-            "source": "ended" if ended else source,
+    def __init__(self, sensors: Mapping[Side | None, Sensor], outlets: Outlets, clock_offset_s: float) -> None:
+        self._sensors, self._outlets, self._is_replayed = sensors, outlets, False
+        self._status = None if outlets.watcher is None else StatusReporter(outlets.watcher)
+        self.feet: FeetNavigator | None = None
+        self.navigators: Mapping[Side | None, Navigator]
+        if None in sensors:
+            options = sensors[None].options
+            self.navigators = {None: begin_walk(options.online, self._remark, background=options.background)}
+        else:
+            left, right = (sensors[side].options for side in SIDES)
+            assert isinstance(left.online, OnlineOptions)
+            assert isinstance(right.online, OnlineOptions)
+            self.feet = FeetNavigator(
+                left.online,
+                self._remark,
+                clock_offset_s=clock_offset_s,
+                background=left.background,
+                right=right.online,
+            )
+            self.navigators = {side: self.feet.navigators[side] for side in SIDES}
+        self._walks = {
+            side: SensorWalk(one, self.navigators[side], partial(self._emit, side), partial(self._remark, side=side))
+            for side, one in sensors.items()
         }
-        self._watcher.send_status({**describe(), **flow})
+        self._silence = {
+            side: Silence(one.source.name, one.options.stalled_s, one.options.until_silent_s, outlets.remark)
+            for side, one in sensors.items()
+        }
+        self._open, self._merge = list(sensors), FeetMerge(sensors)
+
+    async def read_sources(self, stop: threading.Event) -> None:
+        """Read the sources to their end, or until `stop` is set; what they send is computed in another thread."""
+        run, silent = asyncio.get_running_loop().run_in_executor, set[Side | None]()
+        with ThreadPoolExecutor(1) as pool:
+            for sensor in self._sensors.values():
+                sensor.source.start()
+            # The walk so far, from its record.
+            await run(pool, self._replay, stop)
+            while not stop.is_set() and set(self._open) - silent:
+                # Rows of the foot that is behind, or of the other where it has sent nothing.
+                for side in sorted(self._open, key=lambda one: self._merge.newest[one]):
+                    try:
+                        async with asyncio.timeout(WAIT_S):
+                            rows = await self._sensors[side].source.read()
+                    except TimeoutError:
+                        rows = NO_ROWS
+                    except FgNavError as error:
+                        self._refuse(side, error)
+                        rows = None
+                    if rows is None:
+                        self._end_source(side)
+                        break
+                    (silent.add if self._silence[side].is_over(len(rows)) else silent.discard)(side)
+                    self._put(side, rows)
+                    if len(rows):
+                        break
+                # Those that need not wait for the other foot's, and the lines that they complete.
+                await run(pool, self._add_blocks)
+
+    def end(self) -> None:
+        """End the walk, and emit its last lines."""
+        for side in list(self._open):
+            self._end_source(side)
+        self._add_blocks()
+        for side, walk in self._walks.items():
+            self._add(side, NO_ROWS, at_end=True)
+            walk.count_losses()
+        if self.feet is None:
+            self._walks[None].report(self.navigators[None].close())
+        else:
+            self._report(self.feet.close())
+        self._show_status(ended=True)
+
+    def _replay(self, stop: threading.Event) -> None:
+        self._is_replayed = True
+        for walk in self._walks.values():
+            walk.replay(stop)
+        self._is_replayed = False
+        for walk in self._walks.values():
+            walk.remark_resumed()
+
+    def _put(self, side: Side | None, rows: Floats) -> None:
+        """Put rows by the clock of both feet where those of both are merged."""
+        if self._status is not None:
+            self._status.count_samples(len(rows))
+        if self.feet is not None and side is not None:
+            rows = rows.copy()
+            rows[:, 0] += self.feet.offset_s[side]
+        self._merge.put(side, rows, WAIT_S)
+
+    def _add_blocks(self) -> None:
+        """Add the rows that need not wait for the other foot's, and send the status."""
+        feet, has_ended = self.feet, len(self._open) < len(self._sensors)
+        for side, rows in self._merge.take(feet is None or has_ended or bool(feet.refused) or feet.is_parted):
+            self._add(side, rows)
+        self._show_status()
+
+    def _add(self, side: Side | None, rows: Floats, at_end: bool = False) -> None:
+        """Add rows of a sensor, and emit the lines that they complete."""
+        if self.feet is not None and side in self.feet.refused:
+            return
+        try:
+            self._walks[side].add(rows, at_end)
+        except FgNavError as error:
+            self._refuse(side, error)
+            return
+        if self.feet is not None and side is not None and len(rows):
+            self._report(self.feet.update_both(side))
+
+    def _end_source(self, side: Side | None) -> None:
+        self._open.remove(side)
+        try:
+            self._put(side, self._sensors[side].source.finish())
+        except FgNavError as error:
+            self._refuse(side, error)
+
+    def _refuse(self, side: Side | None, error: FgNavError) -> None:
+        """Leave a foot out from here on; raises the error where no other is left."""
+        if self.feet is None or side is None:
+            raise error
+        if side not in self.feet.refused:
+            self._report([self.feet.refuse(side, error)])
+
+    def _report(self, lines: Iterable[FeetLine]) -> None:
+        """Emit lines of both feet; those of one with the verdict on its path."""
+        for line in lines:
+            if line.foot != "person" and isinstance(line.content, StanceEstimate | Revision):
+                self._walks[line.foot].report([line.content])
+                continue
+            for text in format_feet_line(line):
+                self._outlets.emit(text)
+
+    def _emit(self, side: Side | None, line: str) -> None:
+        tagged = line if self.feet is None or side is None else tag_line(line, side, self.feet.frame(side))
+        self._outlets.emit(tagged)
+        if self._status is not None:
+            self._status.note_line()
+
+    def _remark(self, words: str, side: Side | None = None) -> None:
+        """Pass a remark on; what is remarked while a walk is replayed was said before."""
+        if not self._is_replayed:
+            self._outlets.remark(words if side is None else f"{side} foot: {words}")
+
+    def _show_status(self, ended: bool = False) -> None:
+        """Send the status between footfalls."""
+        if self._status is None:
+            return
+        lost = [walk.count_lost() for walk in self._walks.values()]
+        totals = {name: sum(one[name] for one in lost) for name in ("samples", "datagrams")}
+        self._status.report(partial(describe_walk, list(self.navigators.values())), totals, ended)
 
 
-def describe_walk(navigator: Navigator) -> dict[str, Any]:
-    """Return what the samples so far show of a walk; the pose costs some milliseconds."""
-    stop, pose = navigator.buffer.stop, navigator.pose()
+def describe_walk(navigators: Sequence[Navigator]) -> dict[str, Any]:
+    """Return what the samples so far show of a walk; the pose, of one sensor alone, costs some milliseconds."""
+    first = navigators[0]
+    pose = first.pose() if len(navigators) == 1 else None
+    stamps = [one.buffer.stamp(one.buffer.stop - 1) for one in navigators if one.buffer.stop > one.buffer.first]
     heading_deg = None if pose is None else float(np.degrees(float(compute_heading(pose.nav_R_body[-1]))) % 360.0)
+    ends = [(one.t[0], one.t[-1], one.earlier_t.min(), one.earlier_t.max()) for one in first.returns]
     return {
-        "t": round(navigator.buffer.stamp(stop - 1), DIGITS) if stop else None,
-        "standing": navigator.stands,
+        "t": round(max(stamps), DIGITS) if stamps else None,
+        "standing": all(one.stands for one in navigators),
         "position_m": None if pose is None else np.round(pose.position[-1], DIGITS),
         "heading_deg": None if heading_deg is None else round(heading_deg, DIGITS),
-        "floor": navigator.floor,
-        "returns": [list_ends(one) for one in navigator.returns],
+        "floor": first.floor,
+        "returns": [[round(float(t), DIGITS) for t in one] for one in ends],  # Each, and its earlier pass, s.
     }
 
 
-def list_ends(one: Return) -> list[float]:
-    """Begin and end of a return, and of the earlier pass, s."""
-    return [round(float(t), DIGITS) for t in (one.t[0], one.t[-1], one.earlier_t.min(), one.earlier_t.max())]
+class SensorWalk:
+    """Gives the samples of a sensor to its navigator, and emits its lines; both are recorded first, if at all."""
+
+    def __init__(self, sensor: Sensor, navigator: Navigator, emit: Say, remark: Say) -> None:
+        self._sensor, self._navigator, self._emit, self._remark = sensor, navigator, emit, remark
+        options, record = sensor.options, sensor.record
+        self._check = SourceCheck("pocket" if options.is_pocket else "foot", remark)
+        self._verdict = LineVerdict(options.is_pocket, remark, options.rate_sigma)
+        self._losses = LossCounter(remark)
+        if record is not None:
+            record.begin(
+                {
+                    "version": find_version(),
+                    "options": options.online,
+                    "calibration": options.calibration,
+                    "columns": options.columns,
+                    "mag_axes": None if options.mag_axes is None else str(options.mag_axes),
+                }
+            )
+
+    def replay(self, stop: threading.Event) -> None:
+        """Bring the walk to where its record ends, and emit its past, and the lines that were not given yet."""
+        record, navigator = self._sensor.record, self._navigator
+        if record is None or record.given is None:
+            return
+        navigator.resume(record.given)
+        self._verdict.judge(record.given.lines, record.given.continues)
+        for number, part in enumerate(record.replay()):
+            if number:
+                navigator.intake.resume()
+            for start in range(0, len(part), REPLAYED):
+                if stop.is_set():
+                    raise StreamError(
+                        f"{record.path.name} was not replayed to its end: --resume goes on with its walk."
+                    )
+                self._push(part[start : start + REPLAYED])
+        self.report(navigator.end_replay())
+        if record.header is not None:
+            self._sensor.source.resume(record.header)
+
+    def remark_resumed(self) -> None:
+        """Remark what was replayed."""
+        record, walked = self._sensor.record, "strides" if self._sensor.options.is_pocket else "stances"
+        if record is not None and record.given is not None:
+            n_footfalls, n_samples = len(self._navigator.footfalls), self._navigator.buffer.stop
+            self._remark(f"resumed from {record.path.name}: {n_footfalls} {walked}, {n_samples} samples.")
+
+    def add(self, rows: Floats, at_end: bool = False) -> None:
+        """Record and push rows (n, 11), and emit the lines that they complete."""
+        record = self._sensor.record
+        if record is not None:
+            rows = record.add(rows, self._sensor.source.header, at_end)
+            if record.is_interrupted:
+                self._navigator.intake.resume()
+        self._push(rows)
+
+    def _push(self, rows: Floats) -> None:
+        if not len(rows):
+            return
+        self._check.push(rows)
+        # Axes and calibration are applied as to a recording (`fg_nav.walk`).
+        options = self._sensor.options
+        acc, mag, found = rows[:, 1:4], rows[:, 7:10], options.calibration
+        if options.mag_axes is not None:
+            mag = mag @ options.mag_axes.P.T
+        if found is not None and found.magnetometer is not None:
+            mag = np.asarray(found.magnetometer.correct(mag))
+        if found is not None and found.accelerometer is not None:
+            acc = found.accelerometer.correct(acc)
+        field = mag if options.online.use_field else None
+        buffer = self._navigator.buffer
+        before = buffer.stop
+        made = self._navigator.push(rows[:, 0], acc, rows[:, 4:7], field, rows[:, 10])
+        self._losses.push(rows[:, 0])
+        self._verdict.axes.push(buffer.between(max(before, buffer.first), buffer.stop))
+        self.report(made)
+
+    def count_lost(self) -> dict[str, int]:
+        """Return what was lost so far."""
+        return self._losses.report(self._sensor.source.lost)
+
+    def count_losses(self) -> None:
+        """Count what was lost in all, and remark it."""
+        self._losses.finish()
+        self._navigator.lost = lost = self.count_lost()
+        for words in describe_losses(lost):
+            self._remark(f"{words}.")
+
+    def report(self, made: Sequence[StanceEstimate | Revision]) -> None:
+        """Judge what the navigator made, and emit its lines once they are recorded."""
+        sigma, navigator = self._sensor.options.rate_sigma, self._navigator
+        made = [one.widen(sigma) if sigma > 0.0 and isinstance(one, StanceEstimate) else one for one in made]
+        continues, lines = navigator.reported_continues, list[str]()
+        for one, verdict in self._verdict.judge(made, continues):
+            if isinstance(one, Revision):
+                lines += format_revision(one)
+            else:
+                lines.append(format_estimate(one, continues[one.number], navigator.intake.sensor_time, verdict))
+        if self._sensor.record is not None:
+            self._sensor.record.add_lines(lines)
+        for line in lines:
+            self._emit(line)
 
 
 # --- verdict on each line --------------------------------------------------------------------------------------------
@@ -286,215 +514,3 @@ class LineVerdict:
         if axes.strides >= MIN_STRIDES:
             found.append(judge_gravity(float(np.median(axes.gravity)), self._reach, sigma, way))
         return found
-
-
-# --- the source ------------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class StreamedWalk:
-    """A walk that has ended: its navigator, the name of its source, and the calibration and axes that were applied.
-
-    `polish` requests its batch solution as well; `rate_sigma` as of `StreamOptions`.
-    """
-
-    navigator: Navigator
-    name: str
-    calibration: Calibration | None
-    mag_axes: MagAxes | None = None
-    polish: bool = False
-    rate_sigma: float = 0.0
-
-
-@dataclass(frozen=True)
-class StreamOptions:
-    """How a source is followed."""
-
-    online: OnlineOptions = field(default_factory=OnlineOptions)
-    stalled_s: float = 5.0  # Silence after which it is remarked that the source stalls.
-    until_silent_s: float | None = None  # Silence after which the walk ends; None to wait for ever.
-    calibration: Calibration | None = None  # To apply.
-    mag_axes: MagAxes | None = None  # Of the magnetometer in those of the gyroscope; None for the same.
-    columns: Columns | None = None  # Of rows without a header.
-    background: bool = False  # Whether the walk is solved again in another process.
-
-    @property
-    def rate_sigma(self) -> float:
-        """Sigma of the rate by which stamps are counted, a share of it; 0 where rows have stamps."""
-        return 0.0 if self.columns is None else self.columns.rate_sigma
-
-
-def follow_source(
-    source: SampleSource,
-    options: StreamOptions,
-    emit: Say,
-    remark: Say,
-    stop: threading.Event | None = None,
-    watcher: ListenerProcess | None = None,
-    record: Record | None = None,
-) -> Navigator:
-    """Follow a source to its end; return the navigator, closed, with the whole walk.
-
-    Raises `FormatError`, `RecordingError`, `EstimationError` if the rows are of another format or unit, or the walk of
-    the record cannot be resumed.
-
-    Parameters
-    ----------
-    emit : called with one line of JSON (`fg_nav.online.estimates`) for each estimate.
-    remark : called with a sentence for people about what is odd.
-    stop : ends the walk when it is set.
-    watcher : sent the status between footfalls; None without.
-    record : what comes and what is given is recorded there, and its walk goes on; None without.
-    """
-    status = None if watcher is None else StatusReporter(watcher)
-    walk = FollowedWalk.begin(options, emit, remark, status, record)
-    if record is not None and record.given is not None:
-        walk.replay(record)
-        if record.header is not None:
-            source.resume(record.header)
-    # The source, to its end.
-    silence = Silence(source.name, options.stalled_s, options.until_silent_s, remark)
-    while not (stop is not None and stop.is_set()):
-        rows = source.read(WAIT_S)
-        if rows is None or silence.is_over(len(rows)):
-            break
-        walk.add(rows, source.header)
-        walk.show_status(source.lost)
-    walk.add(source.finish(), source.header, at_end=True)
-    walk.end(source.lost)
-    return walk.navigator
-
-
-class FollowedWalk:
-    """Gives samples to the navigator, and emits the lines of its estimates; both are recorded first, if at all.
-
-    Arguments are as of `follow_source`; the status is reported if somebody may watch.
-    """
-
-    def __init__(
-        self,
-        navigator: Navigator,
-        options: StreamOptions,
-        emit: Say,
-        remark: Say,
-        status: StatusReporter | None = None,
-        record: Record | None = None,
-    ) -> None:
-        self.navigator, self._options, self._record = navigator, options, record
-        self._emit, self._remark, self._status, self.is_replayed = emit, remark, status, False
-        in_pocket = options.online.mount == "pocket"
-        self._check = SourceCheck(options.online.mount, remark)
-        self._verdict = LineVerdict(in_pocket, remark, options.rate_sigma)
-        self.losses = LossCounter(remark)
-
-    @classmethod
-    def begin(
-        cls,
-        options: StreamOptions,
-        emit: Say,
-        remark: Say,
-        status: StatusReporter | None = None,
-        record: Record | None = None,
-    ) -> FollowedWalk:
-        """Return a walk with a navigator of its own; what is remarked while it is replayed was said before."""
-
-        def remark_new(words: str) -> None:
-            if not walk.is_replayed:
-                remark(words)
-
-        navigator = begin_walk(options.online, remark_new, background=options.background)
-        walk = cls(navigator, options, emit, remark_new, status, record)
-        if record is not None:
-            record.begin(
-                {
-                    "version": find_version(),
-                    "options": options.online,
-                    "calibration": options.calibration,
-                    "columns": options.columns,
-                    "mag_axes": None if options.mag_axes is None else str(options.mag_axes),
-                }
-            )
-        return walk
-
-    def replay(self, record: Record) -> None:
-        """Bring the walk to where its record ends, and emit its past, and the lines that were not given yet."""
-        assert record.given is not None
-        self.is_replayed = True
-        self.navigator.resume(record.given)
-        self._verdict.judge(record.given.lines, record.given.continues)
-        for number, part in enumerate(record.replay()):
-            if number:
-                self.navigator.intake.resume()
-            for start in range(0, len(part), REPLAYED):
-                self._push(part[start : start + REPLAYED])
-        self.report(self.navigator.end_replay())
-        self.is_replayed = False
-        name, walked = record.path.name, "strides" if self._options.online.mount == "pocket" else "stances"
-        n_footfalls, n_samples = len(self.navigator.footfalls), self.navigator.buffer.stop
-        self._remark(f"resumed from {name}: {n_footfalls} {walked}, {n_samples} samples.")
-
-    def add(self, rows: Floats, header: list[str] | None, at_end: bool = False) -> None:
-        """Record and push rows (n, 11), and emit the lines that they complete; `header` names their columns."""
-        if self._status is not None:
-            self._status.count_samples(len(rows))
-        if self._record is not None:
-            rows = self._record.add(rows, header, at_end)
-            if self._record.is_interrupted:
-                self.navigator.intake.resume()
-        self._push(rows)
-
-    def _push(self, rows: Floats) -> None:
-        if not len(rows):
-            return
-        self._check.push(rows)
-        # Axes and calibration are applied as to a recording (`fg_nav.walk`).
-        acc, mag, found = rows[:, 1:4], rows[:, 7:10], self._options.calibration
-        if self._options.mag_axes is not None:
-            mag = mag @ self._options.mag_axes.P.T
-        if found is not None and found.magnetometer is not None:
-            mag = np.asarray(found.magnetometer.correct(mag))
-        if found is not None and found.accelerometer is not None:
-            acc = found.accelerometer.correct(acc)
-        field = mag if self._options.online.use_field else None
-        buffer = self.navigator.buffer
-        before = buffer.stop
-        made = self.navigator.push(rows[:, 0], acc, rows[:, 4:7], field, rows[:, 10])
-        self.losses.push(rows[:, 0])
-        self._verdict.axes.push(buffer.between(max(before, buffer.first), buffer.stop))
-        self.report(made)
-
-    def end(self, lost_datagrams: int) -> None:
-        """End the walk, and emit its last lines; `lost_datagrams` as the source counted them."""
-        self.count_losses(lost_datagrams)
-        self.report(self.navigator.close())
-        self.show_status(lost_datagrams, ended=True)
-
-    def count_losses(self, lost_datagrams: int) -> None:
-        """Count what was lost in all, and remark it."""
-        self.losses.finish()
-        self.navigator.lost = lost = self.losses.report(lost_datagrams)
-        for words in describe_losses(lost):
-            self._remark(f"{words}.")
-
-    def report(self, made: Sequence[StanceEstimate | Revision]) -> None:
-        """Judge what the navigator made, and emit its lines once they are recorded."""
-        if self._options.rate_sigma > 0.0:
-            made = [one if isinstance(one, Revision) else one.widen(self._options.rate_sigma) for one in made]
-        continues, lines = self.navigator.reported_continues, list[tuple[str, bool]]()
-        for one, verdict in self._verdict.judge(made, continues):
-            if isinstance(one, Revision):
-                lines += [(line, False) for line in format_revision(one)]
-            else:
-                line = format_estimate(one, continues[one.number], self.navigator.intake.sensor_time, verdict)
-                lines.append((line, True))
-        if self._record is not None:
-            self._record.add_lines([line for line, _ in lines])
-        for line, is_of_now in lines:
-            self._emit(line)
-            if is_of_now and self._status is not None:
-                self._status.note_line()
-
-    def show_status(self, lost_datagrams: int, ended: bool = False) -> None:
-        """Send the status between footfalls."""
-        if self._status is not None:
-            self._status.report(lambda: describe_walk(self.navigator), self.losses.report(lost_datagrams), ended)

@@ -29,10 +29,9 @@ from fg_nav.detection.rest import freeze_ends
 from fg_nav.detection.stance import Stances
 from fg_nav.errors import EstimationError
 from fg_nav.magnetic.axes import AlignedMagnetometer, align_magnetometer
-from fg_nav.online.background import BackgroundSolver, Solver, SolverProcess
 from fg_nav.online.buffer import OnlineOptions, SampleBuffer, as_recording
 from fg_nav.online.estimates import Revision, StanceEstimate, StrapdownPath, select_rows
-from fg_nav.online.resolve import WalkSolver, measure_online_field
+from fg_nav.online.resolve import Solver, SolverProcess, WalkSolver, measure_online_field
 from fg_nav.online.smoother import OnlineSmoother
 from fg_nav.recording import MIN_SAMPLES, Recording
 from fg_nav.samples.intake import Intake
@@ -51,6 +50,7 @@ METHOD = "online"
 
 SolverMaker: TypeAlias = Callable[[SampleBuffer], Solver]
 
+ESTIMATORS = "its lines are of iSAM2 on the newest footfalls, its files of the last solution of the whole walk"
 SAME_S = 1e-6  # Stamps of a line and of its footfall differ by the digits of a line.
 MAX_FREE_S = 3.0  # A stride and the wait for its footfall; a free strapdown is metres off by then.
 NO_ROWS = np.empty((0, COLUMNS))
@@ -143,11 +143,11 @@ class OnlineNavigator(SampleIntake):
         super().__init__(remark)
         self.options, self.detection = options, detection
         self._stances = CausalStances(detection)
-        self._solver: Solver = WalkSolver(options, detection.stance, self.buffer)
         if solver is not None:
             self._solver = solver(self.buffer)
-        elif background:
-            self._solver = BackgroundSolver(SolverProcess({None: options}, detection.stance), self._solver, remark)
+        else:
+            process = SolverProcess({None: options}, detection.stance) if background else None
+            self._solver = Solver(WalkSolver(options, detection.stance, self.buffer), process, remark)
         self.smoother = OnlineSmoother(options, self.buffer, detection.stance, self._solver)
         self._remark, self._waits, self._warned = remark, False, False
         self._handed = 0
@@ -204,8 +204,8 @@ class OnlineNavigator(SampleIntake):
             stances=table,
             runtime_s=self._busy_s + perf_counter() - began,
             parameters=asdict(p),
-            notes=(*window.initial.notes, *ends, *self.notes),
-            graph=dict(window.counts),
+            notes=(*window.initial.notes, ESTIMATORS, *ends, *self.notes),
+            graph=dict(window.initial.counts),
             moment=select_rows(self.causal(), ~np.array(self.reported_continues, dtype=np.bool_)),
             recording=recording,
             returns=self.returns,
@@ -287,7 +287,7 @@ class OnlineNavigator(SampleIntake):
     def resume(self, given: GivenLines) -> None:
         """See `SampleIntake`."""
         self._given, self._open = given, deque(given.estimates)
-        self.smoother.schedule.solver.start()
+        self.smoother.solver.start()
 
     def end_replay(self) -> list[StanceEstimate | Revision]:
         """See `SampleIntake`."""
@@ -307,7 +307,7 @@ class OnlineNavigator(SampleIntake):
     ) -> list[StanceEstimate | Revision]:
         """See `SampleIntake`."""
         with self._solver.pace:
-            self.smoother.schedule.prepare(self.smoother.n_reported)
+            self.smoother.prepare()
             return super().push(t, acc, gyr, mag, pressure)
 
     def _add_rows(self, rows: Floats) -> list[StanceEstimate | Revision]:

@@ -22,10 +22,10 @@ from __future__ import annotations
 import json
 import os
 import time
-from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -46,7 +46,6 @@ from fg_nav.text import format_count, to_json
 
 RETRY_S = 1.0  # Between two attempts to write on a disk without room.
 SYNC_S = 5.0  # Between two times that a file is brought to the disk, for a power cut.
-MAX_WAITING = 500_000  # Rows that wait for it, twenty minutes at 400 Hz; the oldest are dropped first.
 HEADER = ",".join(CANONICAL) + "\n"
 LINES = ".lines"  # Behind the name of the record.
 WORDS = {  # For what must be the same where a walk is resumed.
@@ -61,42 +60,53 @@ WALK, COLUMN_NAMES = "walk", "header"  # Kinds of entries that are no lines of t
 
 @dataclass(frozen=True)
 class GivenLines:
-    """The lines that a walk gave before it was interrupted, as estimates and revisions in their order.
-
-    `estimates` are those of footfalls, by number, `turns` (rad, clockwise) by how much the map turned since each.
-    """
+    """The lines that a walk gave before it was interrupted, as estimates and revisions in their order."""
 
     lines: tuple[StanceEstimate | Revision, ...]
-    estimates: tuple[StanceEstimate, ...]
-    turns: tuple[float, ...]
-    continues: tuple[bool, ...]
-    retracted: frozenset[int]
+    continues: tuple[bool, ...]  # Of each estimate, whether it is a further piece of a standing.
 
     @classmethod
     def parse(cls, entries: Sequence[Mapping[str, Any]]) -> GivenLines:
         """Return those of the entries of a file of lines; raises `ValueError`, `KeyError`, `TypeError` for others."""
-        lines, estimates, continues = list[StanceEstimate | Revision](), list[StanceEstimate](), list[bool]()
-        turns, turned, retracted, gone = list[float](), 0.0, set[int](), list[tuple[int, float]]()
+        lines, continues = list[StanceEstimate | Revision](), list[bool]()
+        turned, gone = 0.0, list[tuple[int, float]]()
         for entry in entries:
             match entry["kind"]:
                 case "now":
-                    if entry["stance"] != len(estimates):
+                    if entry["stance"] != len(continues):
                         raise ValueError("the lines are not in order")
-                    estimates.append(parse_estimate(entry))
-                    lines.append(estimates[-1])
+                    lines.append(parse_estimate(entry))
                     continues.append(bool(entry["continues"]))
-                    turns.append(0.0)
                 case "turned":
                     turned = float(np.radians(entry["angle_deg"]))
-                    turns = [turn + turned for turn in turns]
                 case "retracted":
                     gone.append((int(entry["stance"]), float(entry["stance_t"])))
                 case "revised":
                     path = np.array(entry["path"], dtype=np.float64).reshape(-1, 4)
                     lines.append(Revision(float(entry["t"]), turned, tuple(gone), path))
-                    retracted.update(number for number, _ in gone)
                     turned, gone = 0.0, []
-        return cls(tuple(lines), tuple(estimates), tuple(turns), tuple(continues), frozenset(retracted))
+        return cls(tuple(lines), tuple(continues))
+
+    @cached_property
+    def estimates(self) -> tuple[StanceEstimate, ...]:
+        """Those of footfalls, by number."""
+        return tuple(one for one in self.lines if isinstance(one, StanceEstimate))
+
+    @cached_property
+    def turns(self) -> tuple[float, ...]:
+        """By how much the map turned since each estimate, rad clockwise."""
+        turns, turned = list[float](), 0.0
+        for one in reversed(self.lines):
+            if isinstance(one, Revision):
+                turned += one.turn
+            else:
+                turns.append(turned)
+        return tuple(reversed(turns))
+
+    @cached_property
+    def retracted(self) -> frozenset[int]:
+        """Numbers of the lines that were taken back."""
+        return frozenset(n for one in self.lines if isinstance(one, Revision) for n, _ in one.retracted)
 
 
 class Record:
@@ -113,7 +123,6 @@ class Record:
 
     Attributes
     ----------
-    rows : (n, 11) samples that are recorded already.
     given : the lines that were given; None of a new walk.
     header : names of the columns of the source, None before they are known.
     is_interrupted : whether an unknown time lies before the samples that `add` returned last: where a walk is resumed
@@ -128,9 +137,10 @@ class Record:
             raise OutputError(
                 f"{old[0]} is there already: go on with it by --resume, replace it by --force, or name another file."
             )
-        self.rows = np.empty((0, COLUMNS))
         self.given: GivenLines | None = None
         self.header: list[str] | None = None
+        self.is_interrupted = False
+        rows = np.empty((0, COLUMNS))
         self._walks: list[dict[str, Any]] = []
         with ExitStack() as opened:
             self._samples, self._lines = (
@@ -138,11 +148,11 @@ class Record:
                 for file, begin in zip(files, (HEADER, ""), strict=True)
             )
             if old and resumes:
-                self._read()
+                rows = self._read()
             opened.pop_all()
-        self._about: dict[str, Any] | None = None
-        self.is_interrupted = False
-        self._overlap, self._is_compared = Overlap(self.rows), not len(self.rows)
+        self._recorded: Floats | None = rows  # Until they are replayed.
+        self._overlap: Overlap | None = Overlap(rows) if len(rows) else None  # Until nothing comes again.
+        self._n, self._about, self._is_begun, self._comes_again = len(rows), dict[str, Any](), False, False
 
     def begin(self, about: Mapping[str, Any]) -> None:
         """Begin or go on with a walk about which is known what `WORDS` name; written with the first new sample.
@@ -150,7 +160,6 @@ class Record:
         Raises `EstimationError` if the record is of another.
         """
         self._about = json.loads(json.dumps(to_json(about)))
-        assert self._about is not None
         for key, value in self._about.items():
             if self._walks and self._walks[0].get(key) != value:
                 raise EstimationError(
@@ -158,83 +167,89 @@ class Record:
                 )
 
     def replay(self) -> Iterator[Floats]:
-        """Yield the recorded samples (n, 11), those between two interruptions together."""
-        yield from np.split(self.rows, [walk["samples"] for walk in self._walks if walk["is_interrupted"]])
+        """Yield the recorded samples (n, 11) once, those between two interruptions together, and forget them."""
+        rows, self._recorded = self._recorded, None
+        assert rows is not None
+        yield from np.split(rows, [walk["samples"] for walk in self._walks if walk["is_interrupted"]])
 
     def add(self, rows: Floats, header: list[str] | None, at_end: bool = False) -> Floats:
         """Record samples (n, 11) of a source; return those that were not recorded before.
 
         At the end of the source none is held on to find out.
         """
-        new = self._overlap.select_new(rows, at_end)
-        if self._overlap.is_over and not self._is_compared:
-            self._is_compared = True
-            if self._overlap.left_out:
-                words = format_count(self._overlap.left_out, "sample")
-                self._remark(f"{words} up to the last one in {self.path.name} came again, and are left out.")
-        self.is_interrupted = False
-        if not len(new):
-            return new
+        self.is_interrupted, overlap = False, self._overlap
+        if overlap is not None:
+            rows, self._comes_again = overlap.select_new(rows, at_end), overlap.skips
+            if overlap.is_over:
+                self._overlap = None
+                if overlap.left_out:
+                    words = format_count(overlap.left_out, "sample")
+                    self._remark(f"{words} up to the last one in {self.path.name} came again, and are left out.")
+        if not len(rows):
+            return rows
         # What is recorded from here on, and its columns.
         entries = list[dict[str, Any]]()
-        if self._about is not None:
-            self.is_interrupted = len(self.rows) > 0 and not self._overlap.skips
-            begin = {"kind": WALK, "samples": len(self.rows), "is_interrupted": self.is_interrupted}
+        if not self._is_begun:
+            self._is_begun, self.is_interrupted = True, self._n > 0 and not self._comes_again
+            begin = {"kind": WALK, "samples": self._n, "is_interrupted": self.is_interrupted}
             entries.append({**begin, **self._about})
-            self._about = None
         if header != self.header:
             entries.append({"kind": COLUMN_NAMES, "columns": header})
             self.header = header
         if entries:
             self._samples.drop_older()  # before its lines
             self.add_lines([json.dumps(one) for one in entries])
-        self._samples.append("".join(format_rows(new, "%r", ",")).replace("nan", ""), len(new))
-        return new
+        self._samples.append("".join(format_rows(rows, "%r", ",")).replace("nan", ""))
+        return rows
 
     def add_lines(self, lines: Sequence[str]) -> None:
         """Record lines before they are given."""
         if lines:
-            self._lines.append(f"[{', '.join(lines)}]\n", len(lines))
+            self._lines.append(f"[{', '.join(lines)}]\n")
 
     def close(self) -> None:
         """Write what waits, and close the files."""
-        for file, what in ((self._samples, "samples"), (self._lines, "lines")):
+        for file, what in ((self._samples, "sample"), (self._lines, "line")):
             missing = file.close()
             if missing:
-                self._remark(f"{file.path} lacks {missing} {what} that could not be written.")
+                self._remark(f"{file.path} lacks {format_count(missing, what)} that could not be written.")
 
-    def _read(self) -> None:
-        """Read what is recorded, without what was cut off at its end."""
-        name, begin = self.path.name, self._samples.read(len(HEADER))
-        if not HEADER.encode().startswith(begin):
-            raise FormatError(f"{name} was not recorded by this command: name another file to record into.")
-        self._samples.cut_last_line()
-        if not self._samples.has_rows:
-            return
-        try:
-            self.rows = rows_of(FORMATS["canonical"].read(read_content(self.path)))
-        except FormatError:
-            raise FormatError(
-                f"{name} holds rows that are no samples, and its walk cannot go on: name another file to record into."
-            ) from None
+    def _read(self) -> Floats:
+        """Return the recorded samples (n, 11), without what was cut off at their end; read their lines."""
+        name, elsewhere = self.path.name, "name another file to record into"
+        if not HEADER.encode().startswith(self._samples.read(len(HEADER))):
+            raise FormatError(f"{name} was not recorded by this command: {elsewhere}.")
+        # The lines.
         try:
             text = self._lines.path.read_text(encoding="ascii").rpartition("\n")[0]
             entries = [entry for line in text.splitlines() for entry in json.loads(line)]
-            kinds = {kind: [one for one in entries if one["kind"] == kind] for kind in (WALK, COLUMN_NAMES)}
-            self._walks = kinds[WALK]
-            for walk in self._walks:
+            walks, headers = ([one for one in entries if one["kind"] == kind] for kind in (WALK, COLUMN_NAMES))
+            for walk in walks:
                 if not walk["samples"] >= 0 or walk["is_interrupted"] not in (True, False):
                     raise ValueError("this is no beginning of a walk")
-            self.header = [str(one) for one in kinds[COLUMN_NAMES][-1]["columns"]] if kinds[COLUMN_NAMES] else None
-            self.given = GivenLines.parse(entries)
+            header = [str(one) for one in headers[-1]["columns"]] if headers else None
+            given = GivenLines.parse(entries)
         except (ValueError, KeyError, TypeError):
-            entries = []
-        if not self._walks or not entries:
+            walks, header, given = [], None, None
+        # The samples; a walk that was killed before there were any begins anew.
+        self._samples.cut_last_line()
+        if not self._samples.has_rows:
+            if given is None or given.lines:
+                raise FormatError(f"{self._lines.path} is there, and the samples of its walk are not: {elsewhere}.")
+            return np.empty((0, COLUMNS))
+        if given is None or not walks:
             raise FormatError(
-                f"{self._lines.path} is damaged or not there, and without it the walk of {name} cannot go on: name "
-                "another file to record into."
+                f"{self._lines.path} is damaged or not there, and without it the walk of {name} cannot go on: "
+                f"{elsewhere}."
             )
+        self._walks, self.header, self.given = walks, header, given
         self._lines.cut_last_line()
+        try:
+            return rows_of(FORMATS["canonical"].read(read_content(self.path)))
+        except FormatError:
+            raise FormatError(
+                f"{name} holds rows that are no samples, and its walk cannot go on: {elsewhere}."
+            ) from None
 
 
 class _AppendedFile:
@@ -253,9 +268,11 @@ class _AppendedFile:
         except OSError as error:
             reason = describe_reason(error)
             raise OutputError(f"{path} cannot be written ({reason}): name another file to record into.") from None
+        if not path.is_file():
+            os.close(self._file)
+            raise OutputError(f"{path} is no file that samples can be recorded into: name another one.")
         self._good = 0  # Bytes that are whole.
-        self._waiting: deque[tuple[str, int]] = deque()
-        self._count = self._lost = 0
+        self._waiting = ""
         self._retry_at: float | None = None  # While it cannot be written.
         self._synced_at = 0.0  # When it was last on the disk.
 
@@ -266,7 +283,7 @@ class _AppendedFile:
 
     def drop_older(self) -> None:
         """Drop what an older file held, if that was not read."""
-        if self._good == 0 and self.path.is_file():
+        if self._good == 0:
             os.truncate(self._file, 0)
 
     def read(self, size: int) -> bytes:
@@ -283,35 +300,29 @@ class _AppendedFile:
         self._good = begin + tail.rfind(b"\n") + 1
         os.truncate(self._file, self._good)
 
-    def append(self, text: str, count: int) -> None:
-        """Append text of so many rows, or have it wait."""
-        self._waiting.append((text, count))
-        self._count += count
-        while self._count > MAX_WAITING:
-            _, dropped = self._waiting.popleft()
-            self._count, self._lost = self._count - dropped, self._lost + dropped
+    def append(self, text: str) -> None:
+        """Append whole lines, or have them wait while the disk is full."""
+        self._waiting += text
         if self._retry_at is None or time.monotonic() >= self._retry_at:
             self._write_waiting()
 
     def close(self) -> int:
-        """Write what waits, close it, and return how many rows it lacks."""
+        """Write what waits, close it, and return how many lines it lacks."""
         self._write_waiting()
         os.close(self._file)
-        return self._lost + self._count
+        return self._waiting.count("\n")
 
     def _write_waiting(self) -> None:
-        while self._waiting:
-            text, count = self._waiting[0]
-            try:
-                self._write(text.encode("ascii"))
-            except OSError as error:
-                if self._retry_at is None:
-                    reason = describe_reason(error)
-                    self._remark(f"{self.path} cannot be written ({reason}): the walk goes on, and it is tried again.")
-                self._retry_at = time.monotonic() + RETRY_S
-                return
-            self._waiting.popleft()
-            self._count -= count
+        try:
+            if self._waiting:
+                self._write(self._waiting.encode("ascii"))
+        except OSError as error:
+            if self._retry_at is None:
+                reason = describe_reason(error)
+                self._remark(f"{self.path} cannot be written ({reason}): the walk goes on, and it is tried again.")
+            self._retry_at = time.monotonic() + RETRY_S
+            return
+        self._waiting = ""
         if self._retry_at is not None:
             self._remark(f"{self.path} is written again.")
             self._retry_at = None
@@ -325,11 +336,10 @@ class _AppendedFile:
             while data:
                 written = os.pwrite(self._file, data, place)
                 place, data = place + written, data[written:]
-            if time.monotonic() > self._synced_at + SYNC_S and self.path.is_file():
+            if time.monotonic() > self._synced_at + SYNC_S:
                 os.fsync(self._file)
                 self._synced_at = time.monotonic()
         except OSError:
-            if self.path.is_file():
-                os.truncate(self._file, self._good)
+            os.truncate(self._file, self._good)
             raise
         self._good = place

@@ -1,12 +1,13 @@
-"""The walk so far solved again while it goes on, by the functions of the batch.
+"""The walk so far solved again while it goes on, by the functions of the batch: in another process, or in this one.
 
     Task                  -> footfalls reviewed -> solution of the whole walk, or of the strides since an earlier anchor
                              state (`window`)
     footfalls meanwhile   -> added to it
                           -> AnchorState at the newest of these
 
-`WalkSolver` does so in this process, when the anchor state is needed, or in that of `background`, meanwhile: the same,
-to the bit.
+Both are calls of a `WalkSolver`, each a future where that is in the other process, whose answer is the same to the bit.
+Where that process cannot start, dies (memory, a signal), fails or has not answered for `MAX_S` (it was stopped), the
+`WalkSolver` of this process takes its place, on the samples that are here.
 
 Review: online, a footfall is reported before it is known how the walk goes on. Stances are detected again in all
 samples so far, as in a recording. A footfall without a sample in any of those stances was none and is taken out; a
@@ -29,66 +30,61 @@ once, and its walk solved again with it: else its field and the steps would ask 
 
 from __future__ import annotations
 
+import os
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 
-from fg_nav.arrays import Bools
-from fg_nav.calibration.magnetometer import MagnetometerCalibration
+from fg_nav.arrays import Bools, Floats
+from fg_nav.calibration import MagnetometerCalibration
 from fg_nav.calibration.walk import MeasuredField, measure_walk_field
 from fg_nav.detection import detect_stances
 from fg_nav.detection.causal import Footfall
 from fg_nav.detection.stance import StanceParameters, Stances
-from fg_nav.errors import DetectionError, EstimationError
+from fg_nav.errors import DetectionError
 from fg_nav.feet import SIDES, Side
 from fg_nav.feet.steps import MIN_TURNS, measure_turns
 from fg_nav.frames import compute_heading
 from fg_nav.magnetic import FootfallField
-from fg_nav.online.anchor import (
-    AnchorState,
-    MarginalPrior,
-    Past,
-    PathNodes,
-    TiedAnchorState,
-    marginalize,
-    marginalize_root,
-    track_floors,
-)
 from fg_nav.online.buffer import (
     OnlineOptions,
+    Pace,
     PartialWalk,
     ReportedFootfall,
     SampleBuffer,
     SensorState,
     as_recording,
 )
-from fg_nav.online.estimates import list_estimates
-from fg_nav.online.field import BiasLedger, CompassVerdict, OnlineField
-from fg_nav.online.strides import RestLedger, StanceNodes, list_stances, list_variables, result_keys
-from fg_nav.online.window import Window
+from fg_nav.online.estimates import CompassVerdict, Past, PathNodes, list_estimates
+from fg_nav.online.field import OnlineField
+from fg_nav.online.strides import RestLedger, list_stances, list_variables, result_keys, track_floors
+from fg_nav.online.window import AnchorState, Window, marginalize
 from fg_nav.recording import Recording
-from fg_nav.smoother.batch import InProgress, WalkInput, fit_walk
-from fg_nav.smoother.differential import DifferentialFactors
+from fg_nav.smoother.batch import InProgress, SolvedWalk, WalkInput, fit_walk
 from fg_nav.smoother.feet import SolvedFeet, list_footfalls, solve_feet
-from fg_nav.smoother.field import FieldSolution, FieldVerdict
 from fg_nav.smoother.field_factors import FieldFactors
-from fg_nav.smoother.graph import WalkProblem, count_factors, order_variables
+from fg_nav.smoother.graph import count_factors
 from fg_nav.smoother.heights import BarometerFactors
-from fg_nav.smoother.solver import UNSOLVED, Solved, list_attitudes, list_positions
-from fg_nav.solution import Return
+from fg_nav.smoother.solver import UNSOLVED, list_attitudes, list_positions
+from fg_nav.system.processes import Worker
 
 CONTEXT_S = 20.0  # Before an anchor state: to detect the stances behind it, and levels at which sensors clip.
 OPEN_S = 1.5  # A swing and the beginning of the stance after it: by then a footfall has been seen from both sides.
 UNREPORTED = -1  # Number of the line of a footfall that had none.
 MIN_CELLS = 6  # That tie two feet in progress: the first ones are small, and each foot alone turns by its own drift.
+MAX_S = 120.0  # For an answer of the other process: twenty times what a solution takes on two cores.
+NICENESS = 5  # The process that reports the walk comes first.
 
 
 @dataclass(frozen=True)
 class Task:
-    """Input of a re-solve."""
+    """Input of a solution."""
 
     start: AnchorState | None  # Where to begin, without its past; None for the start of the walk.
     footfalls: tuple[ReportedFootfall, ...]  # From that of the anchor state on.
@@ -97,92 +93,48 @@ class Task:
     has_ended: bool = False  # Whether nothing follows.
 
 
-class Pace:
-    """How long a walk, or that of two feet, waited for samples so far: the time between two blocks of them."""
-
-    def __init__(self) -> None:
-        self.idle_s, self._left = 0.0, time.monotonic()
-
-    def __enter__(self) -> None:
-        self.idle_s += time.monotonic() - self._left
-
-    def __exit__(self, *_: object) -> None:
-        self._left = time.monotonic()
+Work: TypeAlias = Task | tuple[ReportedFootfall, ...]
+"""To be solved, or footfalls that came since the task, or the last of these."""
 
 
 class WalkSolver:
-    """Solves a walk again while it goes on: in this process, when an anchor state is taken."""
-
-    is_here = True  # Whether it solves in this process.
+    """Solves a walk by the samples of a buffer, and holds its newest solution."""
 
     def __init__(self, options: OnlineOptions, stance: StanceParameters, buffer: SampleBuffer) -> None:
-        self._options, self._stance, self.buffer, self.pace = options, stance, buffer, Pace()
-        self._task: Task | None = None
-        self._open: list[Task | Sequence[ReportedFootfall]] = []  # Requested, and not done yet.
+        self._options, self._stance, self.buffer = options, stance, buffer
         self._solved: tuple[AnchorState, PartialWalk] | None = None
 
-    def start(self) -> None:
-        """Get ready for tasks to come."""
-
-    def begin(self, task: Task) -> None:
-        """Begin a task, all samples of whose footfalls are there."""
-        self._task, self._open = task, [task]
-
-    def request(self, footfalls: Sequence[ReportedFootfall]) -> None:
-        """Request the anchor state at the last of these footfalls, which came since the task, or the last request."""
-        self._open.append(footfalls)
-
-    def is_ready(self) -> bool:
-        """Return whether the requested anchor state is there."""
-        return not self._open
-
-    def prepare(self) -> None:
-        """Solve the task itself, before an anchor state is requested."""
-        self.take()
-
-    def take(self) -> AnchorState | None:
-        """Return the requested anchor state; None where the walk has no solution."""
+    def run(self, work: Work) -> AnchorState | None:
+        """Solve a task, or add footfalls to its solution; return the anchor state, None where there is none."""
         try:
-            while self._open:
-                work = self._open.pop(0)
-                if isinstance(work, Task):
-                    self._solved = None
-                    self._solved = self._solve(work)
-                elif work and self._solved is not None:
-                    anchor, walk = self._solved
-                    window = Window(anchor, walk)
-                    window.extend(work)
-                    self._solved = window.to_anchor(), walk
+            if isinstance(work, Task):
+                self._solved = None
+                self._solved = self._solve(work)
+            elif work and self._solved is not None:
+                anchor, walk = self._solved
+                window = Window(anchor, walk)
+                window.extend(work)
+                self._solved = window.to_anchor(), walk
         except UNSOLVED:
             self._solved = None
         return None if self._solved is None else self._solved[0]
 
-    def close(self) -> WalkSolver:
-        """Release what it holds; return the solver in this process, for what follows."""
-        return self
-
-    def _solve(self, task: Task) -> tuple[AnchorState, PartialWalk]:
+    def _solve(self, task: Task) -> tuple[AnchorState, PartialWalk] | None:
         """Solve a task; return the anchor state at its last footfall, and the walk."""
-        start = task.start
+        footfalls, start = self._review(task), task.start
         if start is None:
-            return self._solve_whole(task)
-        first, *later = self._review(task)
+            walk = PartialWalk(self.buffer, self._options, sensor=task.sensor)
+            for footfall in footfalls:
+                walk.add(footfall)
+            return self._solve_whole(walk, task.has_ended)
         number = start.stance.number
-        walk = PartialWalk(self.buffer, self._options, number, (first,), start.sensor)
-        window = Window(replace(start, footfalls=(first,), first=number), walk)
-        window.extend(later)
+        walk = PartialWalk(self.buffer, self._options, number, footfalls[:1], start.sensor)
+        window = Window(replace(start, footfalls=tuple(footfalls[:1]), first=number), walk)
+        window.extend(footfalls[1:])
         return window.to_anchor(), walk
 
-    def _solve_whole(self, task: Task) -> tuple[AnchorState, PartialWalk]:
-        walk = self._collect_walk(task)
-        return solve_from_start(walk, self._options, task.has_ended), walk
-
-    def _collect_walk(self, task: Task) -> PartialWalk:
-        """Return the walk of a task from the start, with its footfalls reviewed."""
-        walk = PartialWalk(self.buffer, self._options, sensor=task.sensor)
-        for footfall in self._review(task):
-            walk.add(footfall)
-        return walk
+    def _solve_whole(self, walk: PartialWalk, has_ended: bool) -> tuple[AnchorState, PartialWalk] | None:
+        return solve_from_start(walk, self._options, has_ended), walk
 
     def _review(self, task: Task) -> list[ReportedFootfall]:
         """Return the footfalls of a task, reviewed; that of its anchor state stays."""
@@ -201,13 +153,7 @@ class WalkSolver:
 def review_footfalls(
     recording: Recording, first: int, footfalls: Sequence[ReportedFootfall], parameters: StanceParameters
 ) -> list[ReportedFootfall]:
-    """Return the footfalls after review: false ones taken out, missed stances put in.
-
-    Parameters
-    ----------
-    recording : samples of the walk from number `first` on.
-    footfalls : in it, in order.
-    """
+    """Return the footfalls of a recording from sample `first` on, reviewed: false ones out, missed stances put in."""
     try:
         stances = detect_stances(recording, parameters)
     except DetectionError:
@@ -251,26 +197,19 @@ def review_footfalls(
 
 @dataclass(frozen=True)
 class WalkSolution:
-    """A walk solved so far."""
+    """A walk solved so far, with the `field` at its footfalls, None where it is not used.
 
-    problem: WalkProblem  # With the field where that is used.
-    solved: Solved  # Its minimum.
-    field: OnlineField | None  # None where the field is not used.
-    verdict: FieldVerdict  # On the field at all footfalls.
-    returns: tuple[Return, ...]  # Stretches walked before.
-    iron: MagnetometerCalibration | None  # By the walk itself; None where it shows none, or a calibration was given.
-    solved_field: tuple[FieldSolution, FootfallField] | None = None  # Of the field, with the field at the footfalls.
+    `iron` is by the walk itself; None where it shows none, or a calibration was given.
+    """
 
-    @property
-    def stances(self) -> list[StanceNodes]:
-        """Its footfalls."""
-        return list_stances(self.problem.nodes, self.problem.recording.t)
+    walk: SolvedWalk
+    field: FootfallField | None
+    iron: MagnetometerCalibration | None
 
 
 def solve_from_start(walk: PartialWalk, options: OnlineOptions, has_ended: bool = False) -> AnchorState:
     """Solve the whole walk; return the anchor state at its newest footfall. Raises `UNSOLVED` without a solution."""
-    found = solve_alone(walk, options, has_ended)
-    return build_anchor(walk, options, found, marginalize_at(found, found.stances[-1]))
+    return build_anchor(walk, options, solve_alone(walk, options, has_ended))
 
 
 def solve_alone(walk: PartialWalk, options: OnlineOptions, has_ended: bool = False) -> WalkSolution:
@@ -278,54 +217,8 @@ def solve_alone(walk: PartialWalk, options: OnlineOptions, has_ended: bool = Fal
     walk.align_magnetometer()
     recording, stances = walk.cut_whole(), walk.cut_stances(0, 0)
     found = solve_so_far(recording, stances, options, walk.continues, has_ended)
-    walk.sensor = replace(walk.sensor, peak_height=found.problem.known.peak_height, iron=found.iron)
+    walk.sensor = replace(walk.sensor, peak_height=found.walk.problem.known.peak_height, iron=found.iron)
     return found
-
-
-def build_anchor(walk: PartialWalk, options: OnlineOptions, found: WalkSolution, prior: MarginalPrior) -> AnchorState:
-    """Return the anchor state of a solved walk at its newest footfall, whose marginal prior is given."""
-    problem, values, stances = found.problem, found.solved.values, found.stances
-    known, magnetometer = problem.known, walk.sensor.magnetometer
-    verdicts = [
-        CompassVerdict(*one)
-        for one in zip(found.verdict.words, found.verdict.reason, found.verdict.compass_weight.tolist(), strict=True)
-    ]
-    covariances = found.solved.root.covariances(result_keys(stances))
-    air = problem.find(BarometerFactors)
-    shared = problem.parameters.moving_foot, air is not None
-    rows = list_estimates(stances, verdicts, values, covariances, *shared)
-    heights = np.asarray(list_positions(problem.nodes.result, values)[:, 2])
-    longest_rest = max(known.rests, key=lambda rest: rest.stop - rest.start, default=None)
-    return AnchorState(
-        stance=stances[-1],
-        verdict=verdicts[-1],
-        prior=prior,
-        past=Past(0, tuple(rows[:-1]), PathNodes.from_values(stances[:-1], values)),
-        first=0,
-        footfalls=walk.footfalls_since(0),
-        t_first=stances[0].t,
-        known=known,
-        parameters=problem.parameters,
-        field=found.field,
-        barometer=None if air is None else air.barometer,
-        rests=RestLedger(longest_rest, known.rests[-1] if known.rests else None),
-        biases=BiasLedger.from_factors(problem.find(DifferentialFactors)),
-        sensor=walk.sensor,
-        counts=dict(count_factors(problem)),
-        fixes=options.fixes,
-        floors=track_floors(heights, problem.floor, walk.continues),
-        heading_known=problem.heading_known,
-        returns=found.returns,
-        notes=(*known.notes, *found.verdict.notes, *(() if magnetometer is None else magnetometer.notes)),
-    )
-
-
-def marginalize_at(found: WalkSolution, stance: StanceNodes) -> MarginalPrior:
-    """Return the marginal prior on the variables of a footfall, from the whole solved walk."""
-    problem, values = found.problem, found.solved.values
-    linear = problem.system.linearize(values)
-    order, keep = order_variables(problem), list_variables(stance, values)
-    return marginalize(linear, values, keep, [key for key in order.tolist() if key not in set(keep)])
 
 
 def solve_so_far(
@@ -335,17 +228,10 @@ def solve_so_far(
     continues: Bools | None = None,
     has_ended: bool = False,
 ) -> WalkSolution:
-    """Solve a walk so far.
+    """Solve a walk so far; raises `EstimationError` where the batch smoother does.
 
-    Raises `EstimationError` where the batch smoother does.
-
-    Parameters
-    ----------
-    recording : with the magnetometer as it measures, unless a calibration is among the options.
-    options : of the fixes those are used that the walk has come to.
-    continues : (F,) which footfalls are further pieces of a standing: on the same spot each has the deviation of the
-        first, so the field there counts once. None where there is none.
-    has_ended : whether no samples follow: then a standing at the end is a rest.
+    `continues` (F,) are footfalls that are further pieces of a standing: on the same spot each has the deviation of the
+    first, so the field there counts once. Where the walk `has_ended` a standing at the end is a rest.
     """
     # The field at the footfalls, once for each standing.
     standings = stances
@@ -357,11 +243,9 @@ def solve_so_far(
     # The walk, by the recipe of the batch.
     so_far = InProgress(continues, measured.unseen, has_ended)
     given = WalkInput(recording, stances, options.heading_rad, field, options.parameters, fixes=options.fixes)
-    found = fit_walk(replace(given, in_progress=so_far)).walk
-    solved_field = None if found.field is None or field is None else (found.field, field)
-    online_field = None if solved_field is None else OnlineField(*solved_field)
-    verdict = replace(found.verdict, notes=(*measured.notes, *found.verdict.notes))
-    return WalkSolution(found.problem, found.solved, online_field, verdict, found.returns, measured.iron, solved_field)
+    walk = fit_walk(replace(given, in_progress=so_far))
+    verdict = replace(walk.verdict, notes=(*measured.notes, *walk.verdict.notes))
+    return WalkSolution(replace(walk, verdict=verdict), field, measured.iron)
 
 
 def measure_online_field(
@@ -373,6 +257,45 @@ def measure_online_field(
     return measure_walk_field(recording, stances, options.heading_rad, options.calibration, standings)
 
 
+def build_anchor(
+    walk: PartialWalk, options: OnlineOptions, found: WalkSolution, tied: int | None = None
+) -> AnchorState:
+    """Return the anchor state of a solved walk at its newest footfall; `tied` of a joint solution of two feet."""
+    problem, solved, verdict = found.walk.problem, found.walk.solved, found.walk.verdict
+    values, stances = solved.values, list_stances(problem.nodes, problem.recording.t)
+    known, magnetometer = problem.known, walk.sensor.magnetometer
+    # A row each footfall, and the path through their nodes.
+    verdicts = list(map(CompassVerdict, verdict.words, verdict.reason, verdict.compass_weight.tolist()))
+    covariances = solved.root.covariances(result_keys(stances))
+    air = problem.find(BarometerFactors)
+    shared = problem.parameters.moving_foot, air is not None
+    rows = list_estimates(stances, verdicts, values, covariances, *shared)
+    heights = np.asarray(list_positions(problem.nodes.result, values)[:, 2])
+    longest_rest = max(known.rests, key=lambda rest: rest.stop - rest.start, default=None)
+    return AnchorState(
+        stance=stances[-1],
+        verdict=verdicts[-1],
+        prior=marginalize(solved.root, values, list_variables(stances[-1], values)),
+        past=Past(0, tuple(rows[:-1]), PathNodes.from_values(stances[:-1], values)),
+        first=0,
+        footfalls=walk.footfalls_since(0),
+        t_first=stances[0].t,
+        known=known,
+        parameters=problem.parameters,
+        field=None if found.walk.field is None or found.field is None else OnlineField(found.walk.field, found.field),
+        barometer=None if air is None else air.barometer,
+        rests=RestLedger(longest_rest, known.rests[-1] if known.rests else None),
+        sensor=walk.sensor,
+        counts=dict(count_factors(problem)),
+        fixes=options.fixes,
+        floors=track_floors(heights, problem.floor, walk.continues),
+        heading_known=problem.heading_known,
+        returns=found.walk.returns,
+        notes=(*known.notes, *verdict.notes, *(() if magnetometer is None else magnetometer.notes)),
+        tied=tied,
+    )
+
+
 # --- two feet --------------------------------------------------------------------------------------------------------
 
 
@@ -380,7 +303,6 @@ class WalksAlone:
     """The walk of each foot alone as it was solved last, and both in one graph."""
 
     def __init__(self) -> None:
-        self.solvers: dict[Side, FootSolver] = {}
         self.alone: dict[Side, WalkSolution] = {}
         self.both: SolvedFeet | None = None  # As they were solved last; None before.
         self.count = 0  # Number of such solutions.
@@ -394,13 +316,13 @@ class WalksAlone:
         if self._is_turned or self.is_parted or left is None:
             return None
         # Only where the left foot's heading is one that the right foot's field does not show.
-        if options.heading_rad is None and left.problem.recording.mag is not None:
+        if options.heading_rad is None and left.walk.problem.recording.mag is not None:
             return None
-        turn = measure_turns(*(list_footfalls(one.problem, one.solved.values) for one in (right, left)))[1]
+        turn = measure_turns(*(list_footfalls(one.walk.problem, one.walk.solved.values) for one in (right, left)))[1]
         if np.abs(turn).sum() < MIN_TURNS:
             return None
         self._is_turned = True
-        start = compute_heading(list_attitudes([0], right.solved.values)[0])
+        start = compute_heading(list_attitudes([0], right.walk.solved.values)[0])
         return float(start + np.angle(np.sum(turn)))
 
     def join(self) -> SolvedFeet | None:
@@ -408,69 +330,199 @@ class WalksAlone:
         if self.is_parted or len(self.alone) < len(SIDES):
             return None
         pair = self.alone["right"], self.alone["left"]
-        if not self._is_turned and pair[0].field is not None and pair[1].field is None:
+        if not self._is_turned and pair[0].walk.field is not None and pair[1].walk.field is None:
             return None  # the one shows north, the other does not yet
         if not self._joined or any(one is not other for one, other in zip(pair, self._joined, strict=True)):
-            self.both = solve_feet(*(replace(one.problem, values=one.solved.values) for one in pair))
+            self.both = solve_feet(*(replace(one.walk.problem, values=one.walk.solved.values) for one in pair))
             self._joined, self.count = pair, self.count + 1
         assert self.both is not None
         return self.both if self.both.problem.ties.cells >= MIN_CELLS else None
 
 
 class FootSolver(WalkSolver):
-    """Solves the walk of one foot with that of the other, in this process.
-
-    Parameters
-    ----------
-    side : which foot it is.
-    walks : of both; shared with the other foot's solver.
-    """
+    """Solves the walk of one foot with that of the other, whose solver has the same `walks`."""
 
     def __init__(
         self, side: Side, walks: WalksAlone, options: OnlineOptions, stance: StanceParameters, buffer: SampleBuffer
     ) -> None:
         super().__init__(options, stance, buffer)
         self._side, self._walks = side, walks
-        self._walk: PartialWalk | None = None
-        self._is_prepared = False
-        walks.solvers[side] = self
+        self._alone: PartialWalk | None = None  # Solved by itself, and not joined to the other foot's yet.
 
-    def begin(self, task: Task) -> None:
-        """As of `WalkSolver`."""
-        super().begin(task)
-        self._walk, self._is_prepared = None, False
+    def run(self, work: Work) -> AnchorState | None:
+        """As of `WalkSolver`; a whole walk is solved alone, and joined to the other foot's when it is to go on."""
+        if isinstance(work, Task):
+            self._alone = None
+        elif self._alone is not None:
+            walk, self._alone = self._alone, None
+            with suppress(*UNSOLVED):
+                self._solved = self._join(walk), walk
+        return super().run(work)
 
-    def prepare(self) -> None:
-        """Solve the walk of its task alone, unless that is done, so that the other foot can be joined to it."""
-        if self._is_prepared or self._task is None or self._task.start is not None:
-            return
-        self._is_prepared = True
-        with suppress(*UNSOLVED):
-            walk, has_ended = self._collect_walk(self._task), self._task.has_ended
+    def _solve_whole(self, walk: PartialWalk, has_ended: bool) -> None:
+        found = solve_alone(walk, self._options, has_ended)
+        # The steps give the right foot its heading, once.
+        heading = self._walks.find_heading(found, self._options) if self._side == "right" else None
+        if heading is not None:
+            self._options = replace(self._options, heading_rad=heading)
             found = solve_alone(walk, self._options, has_ended)
-            # The steps give the right foot its heading, once.
-            heading = self._walks.find_heading(found, self._options) if self._side == "right" else None
-            if heading is not None:
-                self._options = replace(self._options, heading_rad=heading)
-                found = solve_alone(walk, self._options, has_ended)
-            self._walks.alone[self._side] = found
-            self._walk = walk
+        self._walks.alone[self._side], self._alone = found, walk
 
-    def _solve_whole(self, task: Task) -> tuple[AnchorState, PartialWalk]:
-        for solver in self._walks.solvers.values():
-            solver.prepare()
-        walk = self._walk
-        if walk is None:
-            raise EstimationError(f"the walk of the {self._side} foot has no solution.")
+    def _join(self, walk: PartialWalk) -> AnchorState:
+        """Return the anchor state of a walk as it is in the graph of both feet; alone where that shows nothing."""
         alone, both = self._walks.alone[self._side], self._walks.join()
         if both is None:
-            return build_anchor(walk, self._options, alone, marginalize_at(alone, alone.stances[-1])), walk
-        # The walk of this foot as it is in the graph of both.
-        problem, solved = getattr(both.problem, self._side), getattr(both, self._side)
-        found = replace(alone, problem=problem, solved=solved)
-        if alone.solved_field is not None and (factors := problem.find(FieldFactors)) is not None:
-            own, field = alone.solved_field
-            own = replace(own, problem=problem, solved=solved, states=factors.states(solved.values))
-            found = replace(found, field=OnlineField(own, field), solved_field=(own, field))
-        prior = marginalize_root(solved.root, solved.values, list_variables(found.stances[-1], solved.values))
-        return TiedAnchorState(**vars(build_anchor(walk, self._options, found, prior)), number=self._walks.count), walk
+            return build_anchor(walk, self._options, alone)
+        problem, solved, field = getattr(both.problem, self._side), getattr(both, self._side), alone.walk.field
+        if field is not None and (factors := problem.find(FieldFactors)) is not None:
+            field = replace(field, problem=problem, solved=solved, states=factors.states(solved.values))
+        found = replace(alone, walk=replace(alone.walk, problem=problem, solved=solved, field=field))
+        return build_anchor(walk, self._options, found, self._walks.count)
+
+
+# --- in the other process ---------------------------------------------------------------------------------------------
+
+
+class SolverProcess:
+    """The other process, which starts with the first call; `options` by side of the foot, None of one foot alone."""
+
+    def __init__(self, options: Mapping[Side | None, OnlineOptions], stance: StanceParameters) -> None:
+        self._worker, self.pace, self.is_closed = Worker(_set_up, options, stance), Pace(), False
+
+    @property
+    def pid(self) -> int | None:
+        """Process id; None before it starts."""
+        return self._worker.pid
+
+    def submit(self, side: Side | None, first: int, rows: Floats, work: Work) -> Future[AnchorState | None]:
+        """Run work there, with the samples from number `first` on; raises `BrokenProcessPool` where it has died."""
+        if self.is_closed:
+            raise BrokenProcessPool
+        return self._worker.submit(_run, side, first, rows, work)
+
+    def part(self) -> None:
+        """Leave each of two feet alone from here on."""
+        with suppress(BrokenProcessPool):
+            self._worker.submit(_part)
+
+    def close(self) -> None:
+        """Kill the process."""
+        self.is_closed = True
+        self._worker.kill()
+
+
+class Solver:
+    """Solves a walk again: in another process, or in this one where there is none, or none any more.
+
+    Parameters
+    ----------
+    here : of this process, with all samples.
+    process, side : the other one, and the side of the foot; None of one foot alone.
+    remark : given a sentence where the other one cannot go on.
+    """
+
+    def __init__(
+        self,
+        here: WalkSolver,
+        process: SolverProcess | None = None,
+        remark: Callable[[str], None] = lambda words: None,
+        side: Side | None = None,
+    ) -> None:
+        self.pace, self.is_here = Pace() if process is None else process.pace, process is None
+        self._here, self._process, self._remark, self._side = here, process, remark, side
+        self._sent, self._requested_s = 0, time.monotonic()
+        self._work: list[Work] = []  # The newest task and what followed it, as far as it is not solved here.
+        self._future: Future[AnchorState | None] | None = None  # Of the last of it.
+
+    def start(self) -> None:
+        """Get ready for tasks to come: it takes some seconds until the other process has loaded what it needs."""
+        self._submit(())
+
+    def begin(self, task: Task) -> None:
+        """Begin a task, all samples of whose footfalls are there."""
+        self._work, self._sent = [], max(self._sent, task.since)
+        self._submit(task, task.footfalls)
+
+    def request(self, footfalls: Sequence[ReportedFootfall]) -> None:
+        """Request the anchor state at the last of these footfalls, which came since the task, or the last request."""
+        self._requested_s = time.monotonic()
+        self._submit(tuple(footfalls), footfalls)
+
+    def is_ready(self) -> bool:
+        """Return whether the requested anchor state is there."""
+        return self._future is None or self._future.done() or self._left_s <= 0.0
+
+    def take(self) -> AnchorState | None:
+        """Return the requested anchor state; None where the walk has no solution."""
+        if self._future is not None:
+            try:
+                return self._future.result(max(self._left_s, 0.0))
+            except BrokenProcessPool:
+                self._go_on_here("has died")
+            except TimeoutError:
+                self._go_on_here(f"has not answered for {MAX_S:.0f} s")
+            except Exception as error:  # its memory may have been too small
+                self._go_on_here(f"has failed ({type(error).__name__})")
+        found = self._here.run(())
+        while self._work:
+            found = self._here.run(self._work.pop(0))
+        return found
+
+    def close(self) -> None:
+        """Solve in this process from here on; that of a foot leaves the process to the other foot."""
+        if self._side is None and self._process is not None:
+            self._process.close()
+        self.is_here, self._future = True, None
+
+    @property
+    def _left_s(self) -> float:
+        """Seconds left until the answer is overdue."""
+        return self._requested_s + MAX_S - time.monotonic()
+
+    def _submit(self, work: Work, footfalls: Sequence[ReportedFootfall] = ()) -> None:
+        """Submit work, with the samples up to the last of some footfalls that were not sent; here, solve a task."""
+        self._work.append(work)
+        if not self.is_here:
+            first, self._sent = self._sent, max(self._sent, footfalls[-1].until if footfalls else 0)
+            try:
+                assert self._process is not None
+                rows = self._here.buffer.between(first, self._sent)
+                self._future = self._process.submit(self._side, first, rows, work)
+            except BrokenProcessPool:
+                self._go_on_here("has died")
+            except Exception as error:  # the system has no process or no semaphore left, or this process may start none
+                self._go_on_here(f"cannot be started ({type(error).__name__})")
+        elif isinstance(work, Task):
+            self._here.run(self._work.pop())
+
+    def _go_on_here(self, why: str) -> None:
+        assert self._process is not None
+        if not self._process.is_closed:  # Else it was reported for the other foot, or nobody waits for it any more.
+            self._remark(f"the process that solves the walk again {why}: this one does its work from here on.")
+        self._process.close()
+        self.is_here, self._future = True, None
+
+
+_solvers: dict[Side | None, WalkSolver] = {}
+_walks = WalksAlone()
+
+
+def _set_up(options: Mapping[Side | None, OnlineOptions], stance: StanceParameters) -> None:
+    os.nice(NICENESS)
+    for side, given in options.items():
+        walk = given, stance, SampleBuffer()
+        _solvers[side] = WalkSolver(*walk) if side is None else FootSolver(side, _walks, *walk)
+
+
+def _run(side: Side | None, first: int, rows: Floats, work: Work) -> AnchorState | None:
+    solver = _solvers[side]
+    if first > solver.buffer.stop:
+        solver.buffer.skip_to(first)
+    solver.buffer.append(rows)
+    if isinstance(work, Task):
+        solver.buffer.discard(work.since)
+    return solver.run(work)
+
+
+def _part() -> None:
+    _walks.is_parted = True

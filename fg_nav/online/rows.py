@@ -3,19 +3,16 @@
     Columns    which field is what, in which unit; `parse_columns` makes them of the user's words
     RowReader  bytes in pieces of any length -> samples (n, 11): t, acc, gyr, mag, pressure in s, m/s^2, rad/s, uT, Pa
 
-A block of lines is parsed column by column; where that fails, line by line, and the first bad line is named.
+Lines are read one by one, 50 000 a second; the first bad one is named.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
-from io import BytesIO
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
 from fg_nav.arrays import Floats
 from fg_nav.columns import mapping
@@ -23,18 +20,17 @@ from fg_nav.columns.headers import find_factor
 from fg_nav.columns.mapping import ACC, CANONICAL, GYR, MAG, PASSED_OVER, PRESSURE, TIME
 from fg_nav.columns.samples import SI_UNITS
 from fg_nav.errors import FormatError, StreamError
-from fg_nav.io.tables import find_column, scale_values
+from fg_nav.io.tables import find_column
 from fg_nav.recording import NOMINAL_SIGMA
 from fg_nav.samples.plausibility import find_unit_problems, keep_air
 from fg_nav.samples.readings import COLUMNS
 
 MAX_LINE = 1 << 16  # bytes; a longer line has lost its end
-MIN_BLOCK = 200  # lines; fewer are read faster one by one
 MIN_NAMES = 6  # of a header, force and rate; fewer words are a message of the device
 LINES_TO_REMARK = 20  # before the header; fewer were left in a device's buffer
 MAX_BEFORE_HEADER = 5000  # lines; some senders repeat their header every second
 HEADLESS, MIN_HEADLESS = 400, 100  # rows by which physics shows canonical order in SI; fewer at the end of the source
-PLAIN = b"0123456789+-.eE,\n"  # characters of numbers that every parser reads alike
+WIDTHS = (7, 10, 11)  # fields of canonical rows: without a field and pressure, without pressure, all
 HINT = f"a line must name the columns ({TIME[0]},{ACC[0]},...), or --columns; --speed replays a whole recording"
 
 
@@ -119,21 +115,18 @@ class RowReader:
     def __init__(
         self, name: str, remark: Callable[[str], None] = lambda words: None, columns: Columns | None = None
     ) -> None:
-        self.bad = 0
-        self._name, self._remark = name, remark
-        # the unfinished line; lines read, stamps counted by the rate, lines before the header
+        self.name, self.remark, self.bad = name, remark, 0
+        # The unfinished line; lines read, stamps counted by the rate, lines before the header.
         self._rest, self._is_too_long = b"", False
         self._line = self._counted = self._waited = 0
-        # the order of the fields, the names of the header it is from, and whether the newest header has other names
+        # The order of the fields, the names of the header it is from, and whether the newest header has other names.
         self._columns: Columns | None = None
         self._names: tuple[str, ...] | None = None
         self._positions: list[int] = []
         self._is_foreign, self._is_confirmed = False, True
-        self._cut_header: FormatError | None = None
-        # rows without a header, and their samples once their order is clear
+        # What a first header lacks; rows without one, until their order is clear.
+        self._problem: FormatError | None = None
         self._headless: list[list[str]] = []
-        self._cut_names: tuple[str, ...] = ()
-        self._released: list[list[float]] = []
         self._wanted = columns
         if columns is not None and columns.mapping is None:
             self._use(columns)
@@ -166,141 +159,115 @@ class RowReader:
             _, end, piece = piece.partition(b"\n")
             self._is_too_long = not end
         *lines, self._rest = (self._rest + piece).split(b"\n")
-        rows = self._read_block(lines)
-        if rows is None:
-            found = [row for line in lines if (row := self._read_line(line)) is not None]
-            rows = np.array([*self._released, *found], dtype=np.float64).reshape(-1, COLUMNS)
-            self._released = []
+        rows = [row for line in lines for row in self._read_line(line)]
         if len(self._rest) > MAX_LINE:
             self._line += 1
             self._leave_out(f"it is longer than {MAX_LINE} bytes")
             self._rest, self._is_too_long = b"", True
-        return rows
+        return np.array(rows, dtype=np.float64).reshape(-1, COLUMNS)
 
     def finish(self, is_cut: bool = False) -> Floats:
-        """Return the sample of a last line without an end, (0, 11) or (1, 11); none of a line `is_cut` by a signal.
+        """Return the samples (n, 11) left at the end, none of a last line that `is_cut` by a signal.
 
         Raises `FormatError` if no header came.
         """
-        rows = self.read(b"\n") if self._rest and not is_cut else np.empty((0, COLUMNS))
-        if self._columns is None and len(self._headless) >= MIN_HEADLESS and self._take_headless():
-            rows = np.array(self._released, dtype=np.float64)
+        rows = self.read(b"" if is_cut or not self._rest else b"\n")
+        if self._columns is None and len(self._headless) >= MIN_HEADLESS:
+            rows = np.array(self._read_headless(), dtype=np.float64).reshape(-1, COLUMNS)
         if self._columns is None:
-            raise self._cut_header or FormatError(f"{self._name} ended before a header came: {HINT}.")
+            raise self._problem or FormatError(f"{self.name} ended before a header came: {HINT}.")
         return rows
 
-    def _read_block(self, lines: list[bytes]) -> Floats | None:
-        """Return the samples of lines that are plain rows, headers or empty; None if one is not, or they are few."""
-        columns = self._columns
-        if columns is None or self._is_foreign or len(lines) < MIN_BLOCK:
-            return None
-        # only characters of plain numbers, and the same number of fields in each line
-        header, width = ",".join(columns.names).encode(), len(columns.names)
-        filled = [line for line in (line.rstrip(b"\r") for line in lines) if line and line != header]
-        text = b"\n".join(filled)
-        if text.translate(None, PLAIN) or any(line.count(b",") != width - 1 for line in filled):
-            return None
-        fields = np.empty((0, width))
-        if text:
-            try:
-                frame = pd.read_csv(
-                    BytesIO(text), header=None, names=range(width), dtype=np.float64, skip_blank_lines=False
-                )
-            except (ValueError, OverflowError):
-                return None
-            fields = np.asarray(frame.to_numpy(dtype=np.float64))
-        if len(fields) != len(filled):
-            return None
-        # in canonical order and units
-        self._line += len(lines)
-        table = np.full((len(fields), COLUMNS), np.nan)
-        for k, position in enumerate(self._positions):
-            if position >= 0:
-                table[:, k] = scale_values(fields[:, position], columns.units[k])
-        if columns.rate_hz:
-            table[:, 0] = self._count_stamps(len(table), columns.rate_hz)
-        return table
-
-    def _read_line(self, line: bytes) -> list[float] | None:
-        """Return the sample (11 numbers, SI) of a line; None for a header, and for what is no row."""
+    def _read_line(self, line: bytes) -> list[list[float]]:
+        """Return the samples (11 numbers each, SI) that a line completes: one, or all those without a header so far."""
         self._line += 1
         if len(line) > MAX_LINE:
             self._leave_out(f"it is longer than {MAX_LINE} bytes")
-            return None
+            return []
         fields = [field.strip() for field in line.decode("utf-8", "replace").strip("\ufeff\r\n ").split(",")]
         if fields == [""]:
-            return None
+            return []
         if self._columns is not None:
-            return self._read_row(fields, self._columns)
-        if self._wanted is not None and self._wanted.mapping is not None:
-            return self._find_mapped(fields, self._wanted)
-        self._find_header(fields)
-        return None
+            row = self._read_row(fields, self._columns)
+            return [] if row is None else [row]
+        rows = self._find_header(fields) if self._mapping is None else self._find_mapped(fields, self._mapping)
+        if self._columns is None:
+            self._waited += 1
+            if self._waited == LINES_TO_REMARK:
+                if self._problem is not None:
+                    raise self._problem
+                self.remark(f"no header yet from {self.name}, and rows before it are left out: {HINT}.")
+            if self._waited > MAX_BEFORE_HEADER:
+                raise FormatError(f"{self.name} sends no header: {HINT}.")
+        return rows
 
-    def _find_header(self, fields: list[str]) -> None:
-        """Use the first header; keep rows before it, which may be canonical themselves."""
+    # --- the first header --------------------------------------------------------------------------------------------
+
+    def _find_header(self, fields: list[str]) -> list[list[float]]:
+        """Use the first header; keep rows before it, and return those whose values show that they are canonical."""
         if not set(CANONICAL[:7]).isdisjoint(fields):
             try:
                 self._use(columns := _name_columns(fields), columns.names)
-                return
             except FormatError as error:
                 if self._line > 1:
                     raise
-                # of the first line the beginning may be cut off
-                self._cut_header = error
-                ends = (CANONICAL[:width] for width in (7, 10, 11))
-                self._cut_names = next((names for names in ends if ",".join(names).endswith(",".join(fields))), ())
-        known = len(self._headless[0]) if self._headless else 0
-        is_row = len(fields) in (7, 10, 11) and all(not field or is_number(field) for field in fields)
-        if is_row and len(fields) >= known:  # a shorter one was cut
-            self._headless = [*(self._headless if len(fields) == known else []), fields]
-            is_known = len(fields) == len(self._cut_names)
-            if (is_known or len(self._headless) == HEADLESS) and not self._take_headless(is_known):
-                self._headless = []
-        if self._columns is None:
-            self._count_waiting()
+                # Of the first line the beginning may be cut off.
+                self._problem, end = error, ",".join(fields)
+                width = next((width for width in WIDTHS if ",".join(CANONICAL[:width]).endswith(end)), None)
+                if width is not None:
+                    self._assume(width)
+        elif len(fields) in WIDTHS and all(not field or is_number(field) for field in fields):
+            known = len(self._headless[0]) if self._headless else 0
+            if len(fields) >= known:  # a shorter one was cut
+                self._headless = [*(self._headless if len(fields) == known else []), fields]
+            if len(self._headless) == HEADLESS:
+                return self._read_headless()
+        return []
 
-    def _take_headless(self, is_known: bool = False) -> bool:
-        """Read the headless rows in canonical order, if `is_known` or their values are plausible; return whether so."""
-        width = len(self._headless[0])
-        if not is_known:
-            table = np.array([[float(field or "nan") for field in fields] for fields in self._headless])
-            mag = table[:, 7:10] if width > 7 else None
-            is_no_air = width == 11 and keep_air(table[:, 10]) is None
-            problems = find_unit_problems(table[:, 0], table[:, 1:4], table[:, 4:7], mag)
-            if problems or is_no_air or (np.diff(table[:, 0]) <= 0).any():
-                return False
+    def _assume(self, width: int) -> Columns:
+        """Use the canonical order for rows of so many fields, and return it."""
         columns = Columns(CANONICAL[:width])
         self._use(columns, columns.names)
-        self._released = [row for fields in self._headless if (row := self._read_row(fields, columns)) is not None]
-        self._remark(
-            f"no header came from {self._name}: its {width} fields are taken for {','.join(columns.names)}, in SI."
-        )
-        return True
+        names = ",".join(columns.names)
+        self.remark(f"no header came from {self.name}: its {width} fields are taken for {names}, in SI.")
+        return columns
 
-    def _find_mapped(self, fields: list[str], given: Columns) -> list[float] | None:
-        """Find the user's columns in a header, or by number in a first row; return that row's sample, else None."""
-        wanted = mapping.parse_columns(given.mapping or "")
+    def _read_headless(self) -> list[list[float]]:
+        """Return the rows without a header, in canonical order, if their values are plausible then; drop others."""
+        kept, self._headless = self._headless, []
+        width = len(kept[0])
+        table = np.array([[float(field or "nan") for field in fields] for fields in kept])
+        mag = table[:, 7:10] if width > 7 else None
+        is_no_air = width == 11 and keep_air(table[:, 10]) is None
+        problems = find_unit_problems(table[:, 0], table[:, 1:4], table[:, 4:7], mag)
+        if problems or is_no_air or (np.diff(table[:, 0]) <= 0).any():
+            return []
+        columns = self._assume(width)
+        return [row for fields in kept if (row := self._read_row(fields, columns)) is not None]
+
+    def _find_mapped(self, fields: list[str], wanted: mapping.Columns) -> list[list[float]]:
+        """Find the user's columns in a header, or by number in a first row; return that row's sample, if it is one."""
         is_row = any(map(is_number, fields))
         try:
-            names = [str(k + 1) for k in range(len(fields))] if is_row else fields
-            columns = _place_columns(wanted, names, given.rate_hz, self._name)
+            columns = self._place(wanted, [str(k + 1) for k in range(len(fields))] if is_row else fields)
         except FormatError as error:
-            self._cut_header = self._cut_header if is_row and self._cut_header else error
-            self._count_waiting()
-            return None
+            self._problem = self._problem if is_row and self._problem else error
+            return []
         self._use(columns, None if is_row else fields)
-        return self._read_row(fields, columns) if is_row else None
+        row = self._read_row(fields, columns) if is_row else None
+        return [] if row is None else [row]
 
-    def _count_waiting(self) -> None:
-        """Count a line before the header."""
-        self._waited += 1
-        if self._waited == LINES_TO_REMARK:
-            if self._cut_header is not None:
-                raise self._cut_header
-            self._remark(f"no header yet from {self._name}, and rows before it are left out: {HINT}.")
-        if self._waited > MAX_BEFORE_HEADER:
-            raise FormatError(f"{self._name} sends no header: {HINT}.")
+    @property
+    def _mapping(self) -> mapping.Columns | None:
+        """The columns that the user names, where a header or the first row shows their places."""
+        words = None if self._wanted is None else self._wanted.mapping
+        return None if words is None else mapping.parse_columns(words)
+
+    def _place(self, wanted: mapping.Columns, names: Sequence[str]) -> Columns:
+        assert self._wanted is not None
+        return _place_columns(wanted, names, self._wanted.rate_hz, self.name)
+
+    # --- rows, and further headers -----------------------------------------------------------------------------------
 
     def _read_row(self, fields: list[str], columns: Columns) -> list[float] | None:
         """Return the sample (11 numbers, SI) of a row; None for a repeated header, and for what is no row."""
@@ -316,67 +283,52 @@ class RowReader:
                     float(fields[i]) * unit if i >= 0 and fields[i] else np.nan
                     for i, unit in zip(self._positions, columns.units, strict=True)
                 ]
-                return [*self._count_stamps(1, columns.rate_hz), *row[1:]] if columns.rate_hz else row
             except ValueError:
                 problem = "a field is not a number"
-        if not set(CANONICAL[:7]).isdisjoint(fields):
-            problem = self._use_header_again(fields, columns)
-        elif is_header(fields):
-            problem = self._use_own_header(fields)
+            else:
+                if columns.rate_hz:
+                    row[0] = self._counted / columns.rate_hz
+                    self._counted += 1
+                return row
+        if not set(CANONICAL[:7]).isdisjoint(fields) or is_header(fields):
+            problem = self._read_names(fields, columns)
         if problem:
             self._leave_out(problem)
         return None
 
-    def _count_stamps(self, n: int, rate_hz: float) -> Floats:
-        """Return the stamps (n,) s of the next rows of a sender that gives none."""
-        self._counted += n
-        return np.arange(self._counted - n, self._counted) / rate_hz
-
-    def _use_header_again(self, fields: list[str], before: Columns) -> str:
-        """Use a canonical header behind the first one, or behind a resume; return why not, if it lacks columns."""
+    def _read_names(self, fields: list[str], before: Columns) -> str:
+        """Use a header behind the first one, or behind a resume; return why not, "" where the order stays."""
+        is_canonical, why = not set(CANONICAL[:7]).isdisjoint(fields), "it names other columns"
+        columns, wanted = None, self._mapping
         try:
-            self._use(columns := _name_columns(fields), columns.names)
+            if is_canonical:
+                columns = _name_columns(fields)
+                self._use(columns, columns.names)
+            elif wanted is not None and not all(word.isdigit() for words in wanted.words.values() for word in words):
+                self._use(columns := self._place(wanted, fields), fields)  # numbers would fit any header
         except FormatError as error:
-            self._leave_out_foreign(fields)
-            return f"it is no header ({str(error).partition(':')[0]})"
-        if not self._is_confirmed and set(MAG).isdisjoint(fields) != set(MAG).isdisjoint(before.names):
-            raise FormatError(f"{self._name} names other columns than before the walk resumed: begin another walk.")
-        self._is_confirmed = True
-        return ""
-
-    def _use_own_header(self, fields: list[str]) -> str:
-        """Switch to a header in the sender's own names if the mapping fits it; else return why not, "" for a repeat."""
-        if self._wanted is not None and self._wanted.mapping is not None:
-            with suppress(FormatError):
-                wanted = mapping.parse_columns(self._wanted.mapping)
-                columns = _place_columns(wanted, fields, self._wanted.rate_hz, self._name)
-                if not all(
-                    word.isdigit() for words in wanted.words.values() for word in words
-                ):  # column numbers fit any header
-                    self._use(columns, fields)
-                    return ""
-        if self._names is None:
-            self._names = tuple(fields)
-        self._leave_out_foreign(fields)
-        return "it names other columns" if self._is_foreign else ""
-
-    def _leave_out_foreign(self, fields: list[str]) -> None:
-        """Leave out the rows behind a header of other names, unless it is damaged or has no end."""
-        known = self._names
-        if known is None or (self._columns is not None and len(fields) < len(self._columns.names)):
-            return
-        fields = fields if fields[-1] else fields[:-1]
-        is_known = len(fields) == len(known) and sum(map(str.__ne__, fields, known)) <= 1
-        if not is_known and not self._is_foreign:
-            self._remark(
-                f"the header in line {self._line} of {self._name} names other columns "
-                f"({mapping.shorten_names(fields, 12)}): rows are left out until one names those of before."
-            )
-        self._is_foreign = not is_known
+            columns, why = None, f"it is no header ({str(error).partition(':')[0]})" if is_canonical else why
+        if columns is not None:
+            if not self._is_confirmed and set(MAG).isdisjoint(fields) != set(MAG).isdisjoint(before.names):
+                raise FormatError(f"{self.name} names other columns than before the walk resumed: begin another walk.")
+            self._is_confirmed = True
+            return ""
+        # Behind one of other names rows are left out, unless it is damaged or has no end.
+        self._names = known = self._names or tuple(fields)
+        if len(fields) >= len(before.names):
+            names = fields if fields[-1] else fields[:-1]
+            is_known = len(names) == len(known) and sum(map(str.__ne__, names, known)) <= 1
+            if not is_known and not self._is_foreign:
+                self.remark(
+                    f"the header in line {self._line} of {self.name} names other columns "
+                    f"({mapping.shorten_names(names, 12)}): rows are left out until one names those of before."
+                )
+            self._is_foreign = not is_known
+        return why if is_canonical or self._is_foreign else ""
 
     def _use(self, columns: Columns, names: Sequence[str] | None = None) -> None:
         """Set the columns of the rows, and the names of the header that they are from."""
-        place = Path(self._name)
+        place = Path(self.name)
         others = (names for names in (MAG, PRESSURE) if not set(names).isdisjoint(columns.names))
         wanted = (() if columns.rate_hz else TIME) + ACC + GYR + sum(others, ())
         self._positions = [find_column(name, columns.names, place) if name in wanted else -1 for name in CANONICAL]
@@ -386,7 +338,7 @@ class RowReader:
     def _leave_out(self, why: str) -> None:
         """Count a bad line, and name the first one."""
         if self.bad == 0:
-            self._remark(f"rows that cannot be read are left out, the first in line {self._line}: {why}.")
+            self.remark(f"rows that cannot be read are left out, the first in line {self._line}: {why}.")
         self.bad += 1
         self._counted += 1
 

@@ -1,6 +1,6 @@
 """The online smoother: footfalls in, the estimate of each out, and revisions of the past.
 
-    footfall         -> the newest window of the walk (`window`), in iSAM2: where the foot is now
+    footfall         -> the newest window of the walk, in iSAM2 (`window`): where the foot is now
     by the schedule  -> the walk so far is solved again in the background (`resolve`), its footfalls reviewed
     anchor state     -> takes effect at a footfall that was fixed beforehand: a new window begins there, and the past is
                         revised (`estimates.Revision`)
@@ -30,13 +30,20 @@ from fg_nav.detection.stance import StanceParameters
 from fg_nav.errors import EstimationError
 from fg_nav.frames import UNKNOWN_RAD
 from fg_nav.magnetic.axes import MagAxes
-from fg_nav.online.anchor import AnchorState, Past, PathNodes, window_anchors
-from fg_nav.online.background import Solver
 from fg_nav.online.buffer import OnlineOptions, PartialWalk, ReportedFootfall, SampleBuffer
-from fg_nav.online.estimates import EstimateRow, Revision, StanceEstimate, StrapdownPath, build_table, compare_pasts
+from fg_nav.online.estimates import (
+    EstimateRow,
+    Past,
+    PathNodes,
+    Revision,
+    StanceEstimate,
+    StrapdownPath,
+    build_table,
+    compare_pasts,
+)
 from fg_nav.online.field import extend_with_north
-from fg_nav.online.resolve import CONTEXT_S, Task, WalkSolver, solve_from_start
-from fg_nav.online.window import Window
+from fg_nav.online.resolve import CONTEXT_S, Solver, Task, WalkSolver, solve_from_start
+from fg_nav.online.window import AnchorState, Window
 from fg_nav.smoother.solver import UNSOLVED
 from fg_nav.solution import StanceTable
 
@@ -69,71 +76,16 @@ def choose_delay(n: int, has_lag: bool) -> int:
 
 @dataclass(frozen=True)
 class Pending:
-    """A solution in progress."""
+    """A solution in progress: the line before which it takes effect, or later, and the number of its footfalls."""
 
-    asked: tuple[int, ...]  # Lines before which it is requested, each time with the footfalls up to there.
-    footfalls: int  # Number of footfalls of the task.
-    task: Task
-
-    @property
-    def due_at(self) -> int:
-        """The last of these lines: it takes effect there, or later."""
-        return self.asked[-1]
-
-
-class ResolveSchedule:
-    """The pending solution, and when it takes effect."""
-
-    def __init__(self, solver: Solver, buffer: SampleBuffer) -> None:
-        self.solver, self._buffer = solver, buffer
-        self.pending: Pending | None = None  # None between two.
-        self._clock: tuple[float, float] | None = None  # time idle and stamp, s, when the solution was begun
-
-    def begin(self, task: Task, due_at: int, n_footfalls: int) -> None:
-        """Begin a task on the first footfalls, whose solution is due before line `due_at`."""
-        self.solver.begin(task)
-        self.pending, self._clock = Pending((due_at,), n_footfalls, task), None
-
-    def request(self, footfalls: Sequence[ReportedFootfall], line: int) -> None:
-        """Request the anchor state at the last of `footfalls`, those since the task or last request, before a line."""
-        assert self.pending is not None
-        self.solver.request(footfalls)
-        if line != self.pending.due_at:
-            self.pending = replace(self.pending, asked=(*self.pending.asked, line))
-
-    def prepare(self, line: int) -> None:
-        """Wait for a solution that is due, where it is waited for: now, and not when a footfall is complete."""
-        if self.pending is not None and self._clock is None and self._buffer.stop:
-            self._clock = self.solver.pace.idle_s, self._buffer.stamp(self._buffer.stop - 1)
-        if self._is_due(line) and self._waits():
-            self.solver.take()
-
-    def is_taken(self, line: int) -> bool:
-        """Decide whether a solution takes effect before a line."""
-        if not self._is_due(line):
-            return False
-        return self._waits() or self.solver.is_ready()
-
-    def _is_due(self, line: int) -> bool:
-        return self.pending is not None and self.pending.due_at <= line
-
-    def _waits(self) -> bool:
-        """Whether the walk waits for a solution that is due."""
-        if self.solver.is_here or self._clock is None:
-            return True
-        idle_s, stamp = self._clock
-        return self._buffer.stamp(self._buffer.stop - 1) - stamp > FAST * (self.solver.pace.idle_s - idle_s)
+    due_at: int
+    footfalls: int
 
 
 class OnlineSmoother:
-    """A walk in progress. The same calls give the same answers to the bit.
+    """A walk in progress, by the samples of a buffer that the caller fills; with a lag its beginning is discarded here.
 
-    Parameters
-    ----------
-    options : chosen by the user.
-    buffer : of the samples, filled by the caller; with a lag its beginning is discarded here.
-    stance : how footfalls are found.
-    solver : solves the walk again; None to do so in this process.
+    Without a `solver` the walk is solved again in this process.
     """
 
     def __init__(
@@ -146,7 +98,9 @@ class OnlineSmoother:
         self._options, self._buffer, self._has_lag = options, buffer, options.lag_s is not None
         self._stance = stance
         self.walk = PartialWalk(buffer, options)
-        self.schedule = ResolveSchedule(WalkSolver(options, stance, buffer) if solver is None else solver, buffer)
+        self.solver = Solver(WalkSolver(options, stance, buffer)) if solver is None else solver
+        self.pending: Pending | None = None  # None between two solutions.
+        self._clock: tuple[float, float] | None = None  # time idle and stamp, s, when the pending one was begun
         self.window: Window | None = None
         self._past = Past()
         self.reported: list[EstimateRow] = []  # all lines, as they were given out
@@ -158,25 +112,20 @@ class OnlineSmoother:
         self._has_mag = False
 
     def add_footfall(self, footfall: Footfall, until: int, seen: Seen | None = None) -> list[StanceEstimate | Revision]:
-        """Add a complete footfall; the revision before it, if there is one, and its estimate.
+        """Add a complete footfall; return the revision before it, if there is one, and its estimate.
 
-        Raises `EstimationError` with samples or footfalls out of order or not finite, or if the first footfall has no
-        up.
-
-        Parameters
-        ----------
-        footfall : after the one before it.
-        until : samples of the buffer before this one are used, rests found in them; to the end of the footfall or more.
-        seen : stances as they are detected by now: a footfall that is none of them is in doubt.
+        Samples of the buffer before `until` are used, to the end of the footfall or more; a footfall that is none of
+        the stances `seen` by now is in doubt. Raises `EstimationError` with samples or footfalls out of order or not
+        finite, or if the first footfall has no up.
         """
         # A solution that is due takes effect before the footfall that comes behind it.
-        revised = self._apply_solution() if self.schedule.is_taken(self.n_reported) else []
+        revised = self._apply_solution() if self._is_taken() else []
         reported = ReportedFootfall(footfall, self.n_reported, until)
         self.walk.add(reported)
         self.footfalls.append(reported)
         # The first footfalls are solved as a whole at once; later ones extend the newest window.
         if self.window is None:
-            self.schedule.solver.start()
+            self.solver.start()
         if self.n_reported + 1 in AT_ONCE or self.window is None:
             revised += self._solve_at_once()
         else:
@@ -232,8 +181,7 @@ class OnlineSmoother:
         nothing = Revision(float(self.reported[-1].numbers[1]), 0.0, (), np.empty((0, 4)))
         stop, revision = len(given), None if given else nothing
         while stop and revision is None:
-            solver.begin(Task(None, given[:stop], sensor, first))
-            anchor = solver.take()
+            anchor = solver.run(Task(None, given[:stop], sensor, first))
             if anchor is not None:
                 with suppress(*UNSOLVED):
                     revision = self._begin_window(anchor, given[stop:])
@@ -248,7 +196,7 @@ class OnlineSmoother:
 
     def begin_end(self) -> None:
         """End the walk, and begin to solve it once more, as far as its samples are there."""
-        self.schedule.solver = self.schedule.solver.close()
+        self.solver.close()
         if self.window is not None:
             start = self.anchors[0] if is_windowed(self.n_reported, self._has_lag) else None
             self._begin_solution(start, 0, has_ended=True)
@@ -256,6 +204,13 @@ class OnlineSmoother:
     def take_end(self) -> list[StanceEstimate | Revision]:
         """Apply the last solution; return the revision, if any."""
         return [] if self.window is None else self._apply_solution()
+
+    def prepare(self) -> None:
+        """Wait for a solution that is due, where it is waited for: now, and not when a footfall is complete."""
+        if self.pending is not None and self._clock is None and self._buffer.stop:
+            self._clock = self.solver.pace.idle_s, self._buffer.stamp(self._buffer.stop - 1)
+        if self.pending is not None and self.pending.due_at <= self.n_reported and self._waits():
+            self.solver.take()
 
     @property
     def n_reported(self) -> int:
@@ -309,6 +264,19 @@ class OnlineSmoother:
         """Begin the next solution at this footfall at the latest."""
         self._next = min(self._next, footfall)
 
+    def _is_taken(self) -> bool:
+        """Decide whether the pending solution takes effect before the next line."""
+        if self.pending is None or self.pending.due_at > self.n_reported:
+            return False
+        return self._waits() or self.solver.is_ready()
+
+    def _waits(self) -> bool:
+        """Return whether the walk waits for a solution that is due."""
+        if self.solver.is_here or self._clock is None:
+            return True
+        idle_s, stamp = self._clock
+        return self._buffer.stamp(self._buffer.stop - 1) - stamp > FAST * (self.solver.pace.idle_s - idle_s)
+
     def _solve_at_once(self) -> list[StanceEstimate | Revision]:
         """Solve the whole walk and return the revision; where that fails extend the newest window and return none."""
         known = self.walk.sensor
@@ -325,14 +293,14 @@ class OnlineSmoother:
 
     def _apply_solution(self) -> list[StanceEstimate | Revision]:
         """Apply the solution that is due, return the revision; none if it failed or is late: the window goes on."""
-        schedule, n = self.schedule, self.n_reported
-        assert schedule.pending is not None
-        anchor, late = schedule.solver.take(), n - schedule.pending.due_at
+        assert self.pending is not None
+        anchor, late = self.solver.take(), self.n_reported - self.pending.due_at
         if anchor is not None and late > MAX_LATE:
             # Too many footfalls have come since: they are added in the background as well.
-            schedule.request(self.footfalls[-late:], n)
+            self.solver.request(self.footfalls[-late:])
+            self.pending = replace(self.pending, due_at=self.n_reported)
             return []
-        schedule.pending = None
+        self.pending = None
         try:
             return [] if anchor is None else [self._begin_window(anchor, self.footfalls[len(self.footfalls) - late :])]
         except UNSOLVED:
@@ -362,10 +330,10 @@ class OnlineSmoother:
 
     def _schedule_solution(self, doubtful: int | None) -> None:
         """Begin the next solution, soon for footfall `doubtful` (None without), or request the one that is due."""
-        n, pending = self.n_reported, self.schedule.pending
+        n, pending = self.n_reported, self.pending
         if pending is not None:
             if n == pending.due_at:
-                self.schedule.request(self.footfalls[pending.footfalls :], n)
+                self.solver.request(self.footfalls[pending.footfalls :])
             return
         if n < AT_ONCE[-1] or (doubtful is None and n < self._next):
             return
@@ -385,8 +353,8 @@ class OnlineSmoother:
     def _begin_solution(self, start: AnchorState | None, delay: int, has_ended: bool = False) -> None:
         """Begin a solution from an anchor state, or of the whole walk, which is due so many lines later."""
         footfalls = self.footfalls[0 if start is None else start.stance.number :]
-        task = Task(start, tuple(footfalls), self.walk.sensor, self._find_needed(start), has_ended)
-        self.schedule.begin(task, self.n_reported + delay, len(self.footfalls))
+        self.solver.begin(Task(start, tuple(footfalls), self.walk.sensor, self._find_needed(start), has_ended))
+        self.pending, self._clock = Pending(self.n_reported + delay, len(self.footfalls)), None
 
     def _find_needed(self, start: AnchorState | None) -> int:
         """Return the number of the first sample that a solution from `start`, and later solutions, need.
@@ -397,3 +365,27 @@ class OnlineSmoother:
             return self._buffer.first
         oldest = self.footfalls[self.anchors[0].stance.number].footfall
         return self._buffer.find_since(self._buffer.stamp(int(oldest.start[0])) - CONTEXT_S, self.walk.stop)
+
+
+def window_anchors(
+    earlier: Sequence[AnchorState],
+    newest: AnchorState,
+    footfalls: Sequence[ReportedFootfall],
+    lag_s: float | None,
+    window: int,
+) -> list[AnchorState]:
+    """Return the anchor states to keep: from the last that is a window of footfalls, or a lag, back, up to `newest`.
+
+    Those behind a footfall that was retracted or inserted are invalid, and left out.
+    """
+    valid = []
+    for one in earlier:
+        at = footfalls[one.stance.number : one.stance.number + 1]
+        if at and at[0].footfall.stillest == one.stance.sample:
+            valid.append(one)
+    anchors, stance = [*valid, newest.without_past()], newest.stance
+    if lag_s is None:
+        enough = sum(stance.number - one.stance.number >= window for one in anchors)
+    else:
+        enough = sum(stance.t - one.stance.t >= lag_s for one in anchors)
+    return anchors[max(enough - 1, 0) :]

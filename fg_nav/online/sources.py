@@ -1,4 +1,4 @@
-"""Where samples come from.
+"""Where samples come from; one asyncio loop reads all sources of a walk.
 
 ======================== =================================================================================
 -                        standard input, until its end
@@ -10,22 +10,32 @@ udp://host:port          datagrams sent to that address of this machine; each ho
 a recording, --speed     each sample when its time has come, at the speed of the walk or a faster one
 ======================== =================================================================================
 
-The host is 127.0.0.1 if none is given; 0.0.0.0 is heard by other machines too. Standard input, files and recordings
-wait for us; the others do not, and a thread reads them (`live`). These have no end but Ctrl-C and --silence.
+The host is 127.0.0.1 if none is given; 0.0.0.0 is heard by other machines too. Standard input, files and recordings are
+read when their rows are needed. The others do not wait (`LiveSource`): a task of the loop reads each into a queue while
+another thread computes the walk, for at 400 Hz a serial line would overflow after a tenth of a second, the system's
+buffer for datagrams after some seconds. These have no end but Ctrl-C and --silence; a connection that breaks is opened
+again.
 
-A `SampleSource` gives samples: `TextSource` parses those of a `ByteSource` by a `RowReader`, `Replay` has a recording.
+One walk has one sender (`SenderLock`). Datagrams and connections of another are left out, with a remark that names it:
+the stamps of two sensors would make one walk of two. A sender that was switched off and on has another port: its host
+is accepted again once its old connection has ended, or nothing came for `RESTARTED_S`.
 """
 
 from __future__ import annotations
 
+import asyncio
 import os
-import select
+import socket
 import stat
 import sys
 import time
-from collections.abc import Callable, Sequence
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Awaitable, Callable, Sequence
+from contextlib import suppress
+from functools import partial
 from pathlib import Path
-from typing import Protocol
+from typing import Any, TypeAlias
 from urllib.parse import urlsplit
 
 import numpy as np
@@ -34,95 +44,89 @@ from fg_nav.arrays import Floats
 from fg_nav.errors import StreamError
 from fg_nav.io import read
 from fg_nav.online.buffer import rows_of
-from fg_nav.online.live import PIECE, Connector, Datagrams, Reconnected, SerialDevice, TcpClient, TcpListener
 from fg_nav.online.rows import Columns, RowReader
 from fg_nav.recording import Recording
 from fg_nav.samples.readings import COLUMNS
 
+Remark = Callable[[str], None]  # Called with a sentence for people.
+Connection: TypeAlias = tuple[
+    Callable[[], Awaitable[bytes]], Callable[[], None]
+]  # Read what came, b"" at the end; close.
+
+PIECE = 1 << 16  # bytes that are read at once; no datagram has more
 POLL_S = 0.05  # period at which a file is checked for more
 AS_FAST_AS_POSSIBLE = "max"  # in place of a speed
-MAX_AT_ONCE = 1000  # samples of a recording, so that a stop is seen between two blocks
+MAX_AT_ONCE = 1000  # samples of a recording, or datagrams, so that a stop is seen between two blocks
+CONNECT_S = 10.0  # in which a server must answer; a sensor that has not connected by then is said not to be there
+RETRY_S = 0.5  # between two attempts to connect
+RESTARTED_S = 2.0  # silence after which another port of the same host is the same sensor, switched on again
+REMARK_S = 10.0  # between two remarks about a line that breaks again and again
+MAX_WAITING = 1 << 26  # bytes in the queue: ten minutes of a fast sensor
+SYSTEM_BUFFER = 1 << 23  # bytes of datagrams requested from the system, which may give less
+KEEPALIVE = {"TCP_KEEPIDLE": 4, "TCP_KEEPINTVL": 2, "TCP_KEEPCNT": 3}  # a dead peer is found within ten seconds
+_SO_RCVBUFFORCE, _SO_RXQ_OVFL = 33, 40  # of Linux, without a name in Python: a larger buffer; count of datagrams lost
 
 
-class ByteSource(Protocol):
-    """A stream of bytes; `name` is for messages, `away_s` how long it was not connected before what was read."""
-
-    name: str
-    away_s: float
-
-    @property
-    def lost(self) -> int:
-        """Datagrams for which this machine had no room."""
-        ...
-
-    def read(self, wait_s: float) -> bytes | None:
-        """Return what has come, b"" if nothing came within `wait_s`, None at the end."""
-        ...
-
-    def close(self) -> None:
-        """Close it."""
-        ...
+# --- samples ---------------------------------------------------------------------------------------------------------
 
 
-class SampleSource(Protocol):
-    """A stream of samples; `name` is for messages."""
+class SampleSource(ABC):
+    """A stream of samples; `name` is for messages, `lost` counts datagrams for which this machine had no room."""
 
     name: str
+    lost = 0
 
     @property
     def header(self) -> list[str] | None:
         """Names of the columns that it sends; None if it sends none, or before they are known."""
         return None
 
-    @property
-    def lost(self) -> int:
-        """Datagrams for which this machine had no room."""
-        return 0
+    def start(self) -> None:
+        """Begin to receive, in the running loop."""
+        return
 
     def resume(self, header: Sequence[str]) -> None:
         """Use the header from before an interruption, where a walk is resumed."""
         return
 
-    def read(self, wait_s: float) -> Floats | None:
-        """Return the samples (n, 11) that have come, n = 0 if none came within `wait_s`, None at the end."""
-        ...
+    @abstractmethod
+    async def read(self) -> Floats | None:
+        """Return samples (n, 11) once some have come, None at the end; if it is cancelled, none is lost."""
 
     def finish(self) -> Floats:
         """Return what is left at the end; raises `FormatError` if nothing could be parsed."""
         return np.empty((0, COLUMNS))
 
     def close(self) -> None:
-        """Close it."""
+        """Close it, behind the end of the loop."""
         return
 
 
 class TextSource(SampleSource):
-    """Samples in the text of a source; `remark` is called with a sentence about the first row that is not one."""
+    """Samples in lines of text; `remark` is called with sentences about rows that are none, and about the connection.
 
-    def __init__(self, source: ByteSource, remark: Callable[[str], None], columns: Columns | None = None) -> None:
-        self.name = source.name
-        self._source, self._remark = source, remark
-        self._reader, self._has_ended = RowReader(source.name, remark, columns), False
+    `away_s` is how long it was not connected before the bytes that were received last.
+    """
+
+    away_s, _has_ended = 0.0, False
+
+    def __init__(self, reader: RowReader) -> None:
+        self.name, self._remark, self._reader = reader.name, reader.remark, reader
 
     @property
     def header(self) -> list[str] | None:
         """See `SampleSource`."""
         return self._reader.header
 
-    @property
-    def lost(self) -> int:
-        """See `SampleSource`."""
-        return self._source.lost
-
     def resume(self, header: Sequence[str]) -> None:
         """See `SampleSource`."""
         self._reader.resume(header)
 
-    def read(self, wait_s: float) -> Floats | None:
+    async def read(self) -> Floats | None:
         """See `SampleSource`."""
-        piece = self._source.read(wait_s)
+        piece = await self._read_bytes()
         self._has_ended = piece is None
-        return None if piece is None else self._reader.read(piece, self._source.away_s)
+        return None if piece is None else self._reader.read(piece, self.away_s)
 
     def finish(self) -> Floats:
         """See `SampleSource`."""
@@ -131,9 +135,9 @@ class TextSource(SampleSource):
             self._remark(f"{self._reader.bad} rows were left out in all.")
         return rows
 
-    def close(self) -> None:
-        """See `SampleSource`."""
-        self._source.close()
+    @abstractmethod
+    async def _read_bytes(self) -> bytes | None:
+        """Return bytes once some have come, None at the end."""
 
 
 class Replay(SampleSource):
@@ -146,13 +150,14 @@ class Replay(SampleSource):
         self._given = 0
         self._began: float | None = None
 
-    def read(self, wait_s: float) -> Floats | None:
+    async def read(self) -> Floats | None:
         """See `SampleSource`."""
         if self._given == len(self._rows):
             return None
         self._began = time.monotonic() if self._began is None else self._began
-        due = float(self._due[self._given]) + self._began
-        time.sleep(min(max(due - time.monotonic(), 0.0), wait_s))
+        wait_s = float(self._due[self._given]) + self._began - time.monotonic()
+        if wait_s > 0.0:
+            await asyncio.sleep(wait_s)
         until = int(np.searchsorted(self._due, time.monotonic() - self._began, side="right"))
         first, self._given = self._given, min(max(until, self._given), self._given + MAX_AT_ONCE)
         return self._rows[first : self._given]
@@ -169,15 +174,16 @@ def parse_speed(words: str) -> float:
     return speed
 
 
-def open_samples(
-    word: str, columns: Columns | None, baud: int, speed: str | None, remark: Callable[[str], None]
-) -> SampleSource:
+# --- by name ---------------------------------------------------------------------------------------------------------
+
+
+def open_samples(word: str, columns: Columns | None, baud: int, speed: str | None, remark: Remark) -> SampleSource:
     """Open a source of samples: the rows of `open_source`, or with a speed the samples of a recording.
 
     Raises `StreamError`, `FormatError`, `RecordingError` if it cannot be opened, or is not what it is said to be.
     """
     if speed is None:
-        return TextSource(open_source(word, baud, remark), remark, columns)
+        return open_source(word, columns, baud, remark)
     if columns is not None:
         raise StreamError("--columns is for rows of a stream, and --speed replays a recording: leave one of them out.")
     if word == "-" or "://" in word:
@@ -185,87 +191,368 @@ def open_samples(
     return Replay(read(Path(word)), parse_speed(speed), Path(word).name)
 
 
-def open_source(word: str, baud: int, remark: Callable[[str], None]) -> ByteSource:
-    """Open a source by the name that the user gave; `remark` is called with sentences about its connection.
+def open_source(word: str, columns: Columns | None, baud: int, remark: Remark) -> TextSource:
+    """Open a source of rows by the name that the user gave.
 
     Raises `StreamError` if it cannot be opened: what is wrong, and what to try.
     """
     if word == "-":
         if sys.stdin is None:
             raise StreamError("there is no standard input: name another source.")
-        return _Descriptor("standard input", sys.stdin.fileno())
+        return Pipe(RowReader("standard input", remark, columns), sys.stdin.fileno())
+    reader = RowReader(word, remark, columns)
     scheme = word.partition("://")[0].lower() if "://" in word else ""
     try:
         if scheme in ("tcp", "tcp-listen", "udp"):
-            return _open_socket(word, scheme, remark)
+            try:
+                address = urlsplit(word)
+                host, port = address.hostname or "127.0.0.1", address.port
+            except ValueError:
+                port = None
+            if port is None:
+                raise StreamError(f"{word} has no port: give {scheme}://host:port.")
+            kinds: dict[str, Callable[[RowReader, str, int], TextSource]]
+            kinds = {"tcp": TcpClient, "tcp-listen": TcpListener, "udp": Datagrams}
+            return kinds[scheme](reader, host, port)
         if scheme:
             raise StreamError(
                 f"{word} is no source: give -, a file, a serial device, or tcp, tcp-listen or udp and ://host:port."
             )
         mode = os.stat(word).st_mode
         if stat.S_ISCHR(mode) and word != os.devnull:
-            return Reconnected(word, SerialDevice(word, baud), remark)
+            return SerialDevice(reader, baud)
         if stat.S_ISFIFO(mode):
-            return _Descriptor(word, os.open(word, os.O_RDONLY | os.O_NONBLOCK))  # or it waits for a writer
-        return _GrowingFile(Path(word))
+            return Pipe(reader, os.open(word, os.O_RDONLY | os.O_NONBLOCK))  # or it waits for a writer
+        return GrowingFile(RowReader(Path(word).name, remark, columns), Path(word))
     except (OSError, UnicodeError) as error:  # the other is of a host that is no name
         reason = (getattr(error, "strerror", None) or str(error) or type(error).__name__).lower()
         raise StreamError(f"{word} cannot be opened ({reason}): check its name, and that it is there.") from None
 
 
-def _open_socket(word: str, scheme: str, remark: Callable[[str], None]) -> ByteSource:
+# --- pipes and files -------------------------------------------------------------------------------------------------
+
+
+async def wait_readable(descriptor: int) -> None:
+    """Return once a descriptor can be read; a file always can."""
+    loop, ready = asyncio.get_running_loop(), asyncio.Event()
     try:
-        address = urlsplit(word)
-        host, port = address.hostname or "127.0.0.1", address.port
-    except ValueError:
-        port = None
-    if port is None:
-        raise StreamError(f"{word} has no port: give {scheme}://host:port.")
-    if scheme == "udp":
-        return Datagrams(word, host, port, remark)
-    connector: Connector = TcpClient(host, port) if scheme == "tcp" else TcpListener(word, host, port, remark)
-    return Reconnected(word, connector, remark)
+        loop.add_reader(descriptor, ready.set)
+    except PermissionError:  # a file, as of `fg-nav stream - < walk.csv`
+        return
+    try:
+        await ready.wait()
+    finally:
+        loop.remove_reader(descriptor)
 
 
-class _Descriptor:
-    """A pipe."""
+class Pipe(TextSource):
+    """A pipe, until its end."""
 
-    away_s, lost = 0.0, 0
+    def __init__(self, reader: RowReader, descriptor: int) -> None:
+        super().__init__(reader)
+        self._descriptor = descriptor
 
-    def __init__(self, name: str, descriptor: int) -> None:
-        self.name, self._descriptor = name, descriptor
-
-    def read(self, wait_s: float) -> bytes | None:
-        ready, _, _ = select.select([self._descriptor], [], [], wait_s)
-        return (os.read(self._descriptor, PIECE) or None) if ready else b""
-
-    def close(self) -> None:
-        pass
+    async def _read_bytes(self) -> bytes | None:
+        await wait_readable(self._descriptor)
+        return os.read(self._descriptor, PIECE) or None
 
 
-class _GrowingFile:
+class GrowingFile(TextSource):
     """A file that is being written; it has no end, unless it is cut or removed."""
 
-    away_s, lost = 0.0, 0
-
-    def __init__(self, path: Path) -> None:
-        self.name = path.name
-        self._path = path
+    def __init__(self, reader: RowReader, path: Path) -> None:
+        super().__init__(reader)
+        self._path, self._place = path, 0
         self._file = path.open("rb", buffering=0)
-        self._place = 0
 
-    def read(self, wait_s: float) -> bytes | None:
-        until = time.monotonic() + wait_s
-        while True:
-            piece = self._file.read(PIECE)
-            if piece:
-                self._place += len(piece)
-                return piece
+    async def _read_bytes(self) -> bytes | None:
+        while not (piece := self._file.read(PIECE)):
             if os.fstat(self._file.fileno()).st_size < self._place or not self._path.exists():
                 return None
-            if time.monotonic() >= until:
-                return b""
-            time.sleep(POLL_S)
+            await asyncio.sleep(POLL_S)
+        self._place += len(piece)
+        return piece
 
     def close(self) -> None:
+        """See `SampleSource`."""
         self._file.close()
+
+
+# --- sensors that do not wait ----------------------------------------------------------------------------------------
+
+
+class LiveSource(TextSource):
+    """A source that a task reads into a queue, from `start` on."""
+
+    def __init__(self, reader: RowReader) -> None:
+        super().__init__(reader)
+        self._waiting: deque[tuple[float, bytes]] = deque()
+        self._size = 0
+
+    def start(self) -> None:
+        """See `SampleSource`."""
+        self._has_come, self._has_room = asyncio.Event(), asyncio.Event()
+        self._task = asyncio.get_running_loop().create_task(self._receive())
+        self._task.add_done_callback(lambda task: self._has_come.set())
+
+    async def _read_bytes(self) -> bytes:
+        """Return all that waits, up to where the source was away."""
+        await self._has_come.wait()
+        if not self._waiting:
+            self._task.result()  # raises what ended it
+        self.away_s = 0.0
+        pieces = list[bytes]()
+        while self._waiting and not (pieces and self._waiting[0][0] > 0.0):
+            away_s, piece = self._waiting.popleft()
+            self.away_s += away_s
+            self._size -= len(piece)
+            pieces.append(piece)
+        if not self._waiting and not self._task.done():
+            self._has_come.clear()
+        self._has_room.set()
+        return b"".join(pieces)
+
+    @abstractmethod
+    async def _receive(self) -> None:
+        """Put what comes into the queue, until it is cancelled."""
+
+    def _put(self, away_s: float, piece: bytes) -> None:
+        """Put what came after so long without a connection into the queue."""
+        self._waiting.append((away_s, piece))
+        self._size += len(piece)
+        self._has_come.set()
+
+
+class SenderLock:
+    """Keeps a walk to one sender: the first one, and that of its host once the first is silent."""
+
+    def __init__(self, name: str, remark: Remark) -> None:
+        self._name, self._remark = name, remark
+        self._host, self._port = "", 0
+        self.last = -float("inf")  # When the sender has sent something, by the monotonic clock.
+        self._others: set[str] = set()
+
+    def accept(self, host: str, port: int, is_gone: bool = False) -> float | None:
+        """Return how long the sender was away, s, 0 for one that goes on; None for another one, to be left out.
+
+        `is_gone`: the sender of before is known to have ended.
+        """
+        now = time.monotonic()
+        silent_s = now - self.last
+        if (host, port) == (self._host, self._port) or not self._host:
+            self._host, self._port, self.last = host, port, now
+            return 0.0
+        if host == self._host and (is_gone or silent_s > RESTARTED_S):
+            self._port, self.last = port, now
+            return silent_s
+        if host not in self._others:
+            self._others.add(host)
+            self._remark(
+                f"{self._name}: what {host} sends from port {port} is left out, for the walk is that of {self._host} "
+                f"port {self._port}: a walk has one sensor."
+            )
+        return None
+
+
+class Datagrams(LiveSource):
+    """UDP on an address of this machine; each datagram holds whole lines. What is lost is lost, and counted."""
+
+    def __init__(self, reader: RowReader, host: str, port: int) -> None:
+        super().__init__(reader)
+        kind = socket.AF_INET6 if ":" in host else socket.AF_INET
+        self._socket = socket.socket(kind, socket.SOCK_DGRAM)
+        try:
+            self._socket.bind((host, port))
+        except OSError:
+            self._socket.close()
+            raise
+        self._socket.setblocking(False)
+        # A large buffer, and the count of datagrams without room. Without the right to force a buffer, the system gives
+        # as much as it allows to anybody.
+        options = [(socket.SO_RCVBUF, SYSTEM_BUFFER)]
+        if sys.platform == "linux":
+            options += [(_SO_RXQ_OVFL, 1), (_SO_RCVBUFFORCE, SYSTEM_BUFFER)]
+        for option, value in options:
+            with suppress(OSError):
+                self._socket.setsockopt(socket.SOL_SOCKET, option, value)
+        self._senders = SenderLock(self.name, self._remark)
+        self._lost_in_system = self._lost_in_queue = 0
+
+    def close(self) -> None:
+        """See `SampleSource`."""
+        self._socket.close()
+        if self.lost:
+            self._remark(f"{self.lost} datagrams from {self.name} found no room here in all.")
+
+    async def _receive(self) -> None:
+        loop = asyncio.get_running_loop()
+        loop.add_reader(self._socket, self._take_datagrams)
+        try:
+            await asyncio.Event().wait()  # for ever
+        finally:
+            loop.remove_reader(self._socket)
+
+    def _take_datagrams(self) -> None:
+        """Put the datagrams that have come into the queue."""
+        with suppress(BlockingIOError):
+            for _ in range(MAX_AT_ONCE):
+                piece, notes, _, sender = self._socket.recvmsg(PIECE, socket.CMSG_SPACE(4))
+                for level, kind, value in notes:
+                    if (level, kind) == (socket.SOL_SOCKET, _SO_RXQ_OVFL):  # all those the system had no room for
+                        self._lost_in_system = int.from_bytes(value, sys.byteorder)
+                away_s = self._senders.accept(sender[0], sender[1])
+                if away_s is not None and self._size < MAX_WAITING:
+                    self._put(away_s, piece if piece.endswith(b"\n") else piece + b"\n")
+                elif away_s is not None:
+                    self._lost_in_queue += 1
+        was_complete, self.lost = self.lost == 0, self._lost_in_system + self._lost_in_queue
+        if self.lost and was_complete:
+            size = self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
+            self._remark(
+                f"datagrams from {self.name} are lost here: this machine has too much to do, or its buffer of "
+                f"{size >> 10} kB is too small (net.core.rmem_max)."
+            )
+
+
+class ConnectedSource(LiveSource):
+    """A connection to a sensor, opened again whenever it breaks; the walk goes on."""
+
+    _remarked = -float("inf")  # When a remark was made on it.
+
+    @abstractmethod
+    async def _connect(self) -> Connection:
+        """Open the connection; raises `OSError` while there is none."""
+
+    async def _receive(self) -> None:
+        lost_at: float | None = None
+        while True:
+            # Connect, the first time or again.
+            try:
+                async with asyncio.timeout(CONNECT_S):
+                    read, close = await self._connect()
+            except OSError:
+                if lost_at is None:
+                    self._remark_seldom(f"{self.name} is not there yet: waiting for it.")
+                await asyncio.sleep(RETRY_S)
+                continue
+            # Read until it breaks; the first piece says for how long there was no connection.
+            away_s = 0.0 if lost_at is None else time.monotonic() - lost_at
+            try:
+                with suppress(OSError):
+                    while piece := await read():
+                        self._put(away_s, piece)
+                        away_s = 0.0
+                        while self._size > MAX_WAITING:  # that holds a TCP sender up, and loses nothing
+                            self._has_room.clear()
+                            await self._has_room.wait()
+            finally:
+                with suppress(OSError):
+                    close()
+            lost_at = time.monotonic() if lost_at is None or away_s == 0.0 else lost_at
+            self._remark_seldom(f"{self.name} broke off: waiting for it.")
+            await asyncio.sleep(RETRY_S)
+
+    def _remark_seldom(self, words: str) -> None:
+        if time.monotonic() - self._remarked > REMARK_S:
+            self._remarked = time.monotonic()
+            self._remark(words)
+
+
+class SerialDevice(ConnectedSource):
+    """A serial device, opened at once and again when it is plugged in again; needs pyserial.
+
+    Raises `StreamError` if pyserial is not installed, or the device cannot be opened.
+    """
+
+    def __init__(self, reader: RowReader, baud: int) -> None:
+        super().__init__(reader)
+        path = self.name
+        try:
+            import serial
+        except ImportError:
+            raise StreamError(
+                f"{path} is a serial device, and pyserial is not installed: pip install 'fg-nav[serial]'."
+            ) from None
+        self._open: Callable[[], Any] = partial(serial.serial_for_url, path, baud, timeout=0)
+        try:
+            self._first: Any = self._open()
+        except (OSError, ValueError) as error:
+            reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+            raise StreamError(f"{path} cannot be opened as a serial device ({reason}): check it and --baud.") from None
+
+    async def _connect(self) -> Connection:
+        port, self._first = self._first or self._open(), None
+
+        async def read() -> bytes:
+            await wait_readable(port.fileno())
+            return bytes(port.read(PIECE))
+
+        return read, port.close
+
+
+class TcpClient(ConnectedSource):
+    """The sensor is a server; raises `OSError` if its host has no address."""
+
+    def __init__(self, reader: RowReader, host: str, port: int) -> None:
+        super().__init__(reader)
+        self._address = host, port
+        socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
+
+    async def _connect(self) -> Connection:
+        reader, writer = await asyncio.open_connection(*self._address)
+        _keep_alive(writer)
+        return partial(reader.read, PIECE), writer.close
+
+
+class TcpListener(ConnectedSource):
+    """The sensor connects to an address of this machine; raises `OSError` if that is taken."""
+
+    def __init__(self, reader: RowReader, host: str, port: int) -> None:
+        super().__init__(reader)
+        kind = socket.AF_INET6 if ":" in host else socket.AF_INET
+        self._listener = socket.create_server((host, port), family=kind)
+        self._senders = SenderLock(self.name, self._remark)
+        self._writer: asyncio.StreamWriter | None = None  # Of the newest connection.
+
+    def close(self) -> None:
+        """See `SampleSource`."""
+        self._listener.close()
+
+    async def _receive(self) -> None:
+        self._accepted = asyncio.Queue[tuple[asyncio.StreamReader, asyncio.StreamWriter]]()
+        async with await asyncio.start_server(self._accept, sock=self._listener):
+            await super()._receive()
+
+    async def _connect(self) -> Connection:
+        reader, writer = await self._accepted.get()
+        _keep_alive(writer)
+
+        async def read() -> bytes:
+            piece = await reader.read(PIECE)
+            self._senders.last = time.monotonic()
+            return piece
+
+        return read, writer.close
+
+    async def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """Take a connection if it is that of the sensor, in place of its old one, else end it."""
+        await asyncio.sleep(POLL_S)  # for the end of the old one, which came before
+        host, port, *_ = writer.get_extra_info("peername")
+        old = self._writer
+        if self._senders.accept(host, port, old is None or old.is_closing()) is None:
+            writer.close()
+            return
+        if old is not None:
+            old.close()
+        self._writer = writer
+        self._accepted.put_nowait((reader, writer))
+
+
+def _keep_alive(writer: asyncio.StreamWriter) -> None:
+    """Have the system find out where the other end is gone without a word."""
+    connection: socket.socket = writer.get_extra_info("socket")
+    with suppress(OSError):  # it is gone already
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        for name, value in KEEPALIVE.items():
+            if hasattr(socket, name):
+                connection.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)

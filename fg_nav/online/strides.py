@@ -1,4 +1,4 @@
-"""Strides of a walk in progress, measured by the functions of the batch smoother (`smoother.strides`), one at a time.
+"""Strides of a walk in progress, measured by the functions of the batch (`smoother.strides`), one at a time; floors.
 
 A stride's window has the samples of the footfall before and of the new one, with some before for context. Its nodes are
 numbered from 0, those of the walk from its first; `StrideWindow` has both.
@@ -6,6 +6,18 @@ numbered from 0, those of the walk from its first; `StrideWindow` has both.
 Position fixes are added with the stride of their time, to the nearest node. The heading of a graph in progress is held
 by all strides before, so that a fix off by more than its sigmas would bend the walk instead of turning it: it waits for
 the next solution of the whole walk, which is turned to it (`smoother.constraints`).
+
+Floors: `FloorTrack` has that of the newest footfall, 0 where the walk began, +1 the next above, -1 the next below. A
+walk that is solved as a whole shows level floors (`smoother.heights`) and their heights; footfalls since are followed
+by their heights z, m, less a drift that all of them share and that those on a floor show:
+
+    on a floor       while z changes by less than `STEP_M` from one footfall to the next, and is within `SAME_M` of it
+    on none          otherwise: on stairs or a ramp, or in a lift
+    on one again     once `FEWEST` footfalls are within `STEP_M`: on the nearest within `SAME_M`, else on a new one
+
+Floors are numbered from the start outward, up and down: the next number begins `STOREY_M` above the lowest floor of the
+one before, and a landing from `LANDING_M` on below that has none. So a kerb, and a floor that is met again at another
+height, begin no new number; a storey that is passed without four footfalls on it is left out.
 """
 
 from __future__ import annotations
@@ -18,16 +30,16 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import B, M, P, S, V, X
 
-from fg_nav.arrays import Floats
+from fg_nav.arrays import Bools, Floats, Ints
 from fg_nav.detection import Rest, RestParameters, find_rests
 from fg_nav.detection.stance import Stances
 from fg_nav.online.buffer import PartialWalk
 from fg_nav.recording import MIN_SAMPLES, Recording
 from fg_nav.smoother.constraints import pin_to_times, select_reached_fixes
 from fg_nav.smoother.graph import initial_values
+from fg_nav.smoother.heights import FEWEST
 from fg_nav.smoother.parameters import SmootherParameters
 from fg_nav.smoother.solver import in_nav
-from fg_nav.smoother.square_root import DIMENSION
 from fg_nav.smoother.strides import (
     BIAS_SPACING_S,
     Nodes,
@@ -42,6 +54,12 @@ from fg_nav.truth import Fix
 CONTEXT_S = 10.0  # Before a window, in which sensors at the end of their range show themselves.
 GAUSS_NEWTON_STEPS = 2  # Of a stride alone: from half a degree of dead reckoning the second step moves nothing.
 MAX_FIX_SIGMAS = 4.0  # Of a fix from the walk so far: one in 3000 that is true is beyond, and comes later.
+
+STEP_M = 0.08  # Between two footfalls on one floor: half a riser.
+SAME_M = 0.5  # A floor is found again within this: by so much heights drift on a way over stairs.
+DRIFT_SHARE = 0.1  # Of a footfall's height above its floor that is drift: a slope of 4 % is followed at `SAME_M`.
+STOREY_M = 2.0  # From a storey to the next at least: a low cellar.
+LANDING_M = 1.0  # From a storey to a landing at least: they are halfway.
 
 
 @dataclass(frozen=True)
@@ -75,34 +93,11 @@ def list_variables(stance: StanceNodes, values: gtsam.Values) -> list[int]:
 
 
 def order_variables(stances: Sequence[StanceNodes], values: gtsam.Values) -> list[int]:
-    """Return the keys of the variables of consecutive footfalls in elimination order, as `solver.list_in_time`."""
-    keys = {}
+    """Return the keys of all values in elimination order, as `solver.list_in_time`; those of no footfall come first."""
+    keys, known = dict[int, None](), list(values.keys())
     for stance in reversed(stances):
         keys.update(dict.fromkeys(reversed(list_variables(stance, values))))
-    return list(reversed(keys))
-
-
-def weak_priors(values: gtsam.Values) -> gtsam.NonlinearFactorGraph:
-    """Return priors so wide that they make the equations solvable and no more: a hundred metres, of anything."""
-    graph = gtsam.NonlinearFactorGraph()
-    for key in list(values.keys()):
-        letter = chr(gtsam.Symbol(key).chr())
-        wide = gtsam.noiseModel.Diagonal.Sigmas(weak_sigmas(key))
-        if letter == "x":
-            graph.addPriorPose3(key, values.atPose3(key), wide)
-        elif letter == "b":
-            graph.addPriorConstantBias(key, values.atConstantBias(key), wide)
-        else:
-            graph.addPriorVector(key, values.atVector(key), wide)
-    return graph
-
-
-def weak_sigmas(key: int) -> Floats:
-    """Return the sigmas (d,) of a weak prior on a variable, in its tangent space."""
-    letter = gtsam.Symbol(key).chr()
-    if letter == ord("x"):
-        return np.repeat([3.0, 100.0], 3)
-    return np.full(DIMENSION[letter], 1.0 if letter == ord("b") else 100.0)
+    return [*(key for key in known if key not in keys), *reversed(keys)]
 
 
 # --- the newest stride -----------------------------------------------------------------------------------------------
@@ -180,13 +175,7 @@ def cut_stride(walk: PartialWalk, before: StanceNodes, t_first: float, p: Smooth
 def measure_stride(
     window: StrideWindow, gyro_bias: Floats, lever: Floats, rests: tuple[Rest, ...], p: SmootherParameters
 ) -> Stride:
-    """Return the newest stride: preintegrated IMU, stance velocities and rests, nodes numbered as in the walk.
-
-    Parameters
-    ----------
-    gyro_bias, lever : (3,) rad/s, (3,) m, as in `measure_velocities`.
-    rests : those in the window, as far as they were not counted before.
-    """
+    """Return the newest stride: preintegrated IMU, stance velocities and new rests, nodes numbered as in the walk."""
     bias = gtsam.imuBias.ConstantBias(np.zeros(3), gyro_bias)
     new = preintegrate(window.recording, window.nodes.sample[window.last_before :], bias, p)
     in_graph = gtsam.PreintegratedImuMeasurementsG(gtsam.PreintegrationParams.MakeSharedU(p.gravity))
@@ -216,13 +205,7 @@ def initialize_stride(
 
     They are fixed at their linearization point, not at their estimate. So a walk that has turned by a little turns as
     one piece, and the second-order error of that turn comes once, not with every stride. Dead reckoning alone would
-    leave a tilt whose square is a turn, the same with every stride.
-
-    Parameters
-    ----------
-    graph : of the stride.
-    linearized : linearization point of all variables before.
-    bias : at which the dead reckoning starts.
+    leave a tilt whose square is a turn, the same with every stride; it starts at this `bias`.
     """
     pose_key, velocity_key = X(window.before.stop - 1), V(window.before.stop - 1)
     bias_key, sole_key = B(window.before.bias), S(window.before.bias)
@@ -311,13 +294,7 @@ class RestLedger:
 
 
 def find_stride_fixes(fixes: Sequence[Fix], t_node: Floats, before_s: float) -> list[tuple[int, Fix]]:
-    """Return the fixes of a stride, each with the number of its node and with the sigma that it has there.
-
-    Parameters
-    ----------
-    t_node : (n,) s, of the nodes of the footfall before and of the new one.
-    before_s : of the last node of the footfall before.
-    """
+    """Return the fixes of a stride after `before_s`, each with its node of those at `t_node`, and its sigma there."""
     reached = select_reached_fixes(fixes, t_node, before_s)
     pinned = pin_to_times(reached, t_node)
     return [
@@ -332,3 +309,70 @@ def agrees(pose: gtsam.Pose3, body_cov: Floats, fix: Fix) -> bool:
     covariance = in_nav(pose.rotation().matrix()[None], body_cov[None])[0, :2, :2]
     total = covariance + fix.horizontal_sigma_m**2 * np.eye(2)
     return bool(offset @ np.linalg.solve(total, offset) <= MAX_FIX_SIGMAS**2)
+
+
+# --- floors ----------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class FloorTrack:
+    """Heights m of the floors so far, the first that of the start; on which of them the newest footfall is.
+
+    `on` is None on no floor; `drift` m is that of heights since; `recent` are those of the newest `FEWEST` footfalls.
+    """
+
+    floors: tuple[float, ...] = (0.0,)
+    on: int | None = 0
+    drift: float = 0.0
+    recent: tuple[float, ...] = (0.0,) * FEWEST
+
+    def add(self, height: float) -> FloorTrack:
+        """Return it with the next footfall, at a height in m."""
+        recent = (*self.recent[1:], height)
+        if self.on is not None and abs(height - self.recent[-1]) < STEP_M:
+            above = height - self.drift - self.floors[self.on]
+            if abs(above) < SAME_M:
+                return replace(self, drift=self.drift + DRIFT_SHARE * above, recent=recent)
+        if max(recent) - min(recent) > STEP_M:
+            return replace(self, on=None, recent=recent)
+        # On a floor again: the nearest, or a new one.
+        level = float(np.mean(recent)) - self.drift
+        nearest = min(range(len(self.floors)), key=lambda k: abs(self.floors[k] - level))
+        if abs(self.floors[nearest] - level) < SAME_M:
+            return replace(self, on=nearest, recent=recent)
+        return FloorTrack((*self.floors, level), len(self.floors), self.drift, recent)
+
+    @property
+    def number(self) -> int | None:
+        """Number of the floor of the newest footfall; None where it is on none."""
+        return None if self.on is None else number_floors(self.floors)[self.on]
+
+
+def track_floors(heights: Floats, floor: Ints | None, is_piece: Sequence[bool] | Bools) -> FloorTrack:
+    """Return the floor track of a walk solved as a whole, at its newest footfall.
+
+    `heights` (F,) m and `floor` (F,) level floor of its footfalls, -1 on none, None where floors were not searched;
+    those that are further pieces of a standing, `is_piece` (F,), say nothing of the ground.
+    """
+    floor = np.full(len(heights), -1) if floor is None else floor
+    levels = tuple(float(heights[floor == k].mean()) for k in range(floor.max(initial=-1) + 1))
+    track = FloorTrack((0.0, *levels))
+    for height, label, piece in zip(heights.tolist(), floor.tolist(), is_piece, strict=True):
+        track = track if piece else track.add(height)
+        track = track if label < 0 else replace(track, on=label + 1, drift=0.0)
+    return track
+
+
+def number_floors(heights: Sequence[float]) -> list[int | None]:
+    """Return the number of each floor at these heights, m above the start; None for a landing between storeys."""
+    z = np.array(heights)
+    number: list[int | None] = [0] * len(z)
+    for way in (1, -1):
+        lowest, count = 0.0, 0
+        for k in np.argsort(way * z).tolist():
+            above = way * z[k] - lowest
+            if above >= STOREY_M:
+                lowest, count, above = way * z[k], count + way, 0.0
+            if way * z[k] > 0.0:
+                number[k] = None if above > LANDING_M else count
+    return number

@@ -112,13 +112,7 @@ def find_stretches(recording: Recording, nodes: Nodes, rests: tuple[Rest, ...]) 
 
 
 def turn_stretches(recording: Recording, stretches: Stretches, position: Floats, gyro_bias: Floats) -> FieldStretches:
-    """Return the field with the rotation of each sample to the first of its stretch, from the integrated rate.
-
-    Parameters
-    ----------
-    position : (N, 3) m, at every sample.
-    gyro_bias : (S, 3) rad/s, linearization point of the rotations.
-    """
+    """Return the field with the rotation of each sample to the first of its stretch, linearized at a bias (S, 3)."""
     most, filled = int((stretches.stop - stretches.start).sum()), 0
     samples, number = [np.empty((most, *shape)) for shape in ((3,), (3, 3), (3, 3), (3,))], np.empty(most, np.int64)
     assert recording.mag is not None
@@ -196,8 +190,7 @@ class StretchSum:
 class LevelBias:
     """Gyro bias (K, 3), rad/s, of a solution without the factors, and the direction of up (3,) in the body frame.
 
-    Gravity shows the bias about the level axes. Where the differential field contradicts it there by more than its
-    covariance and `LEVEL_SIGMA_DEG_S` allow, the model of the field is wrong for that variable about all axes.
+    Where the field contradicts what gravity shows about the level axes its model is wrong for that variable.
     """
 
     gyro_bias: Floats
@@ -275,10 +268,7 @@ def sum_stretches(information: BiasInformation, bias: Ints, those: Bools, variab
 def add_differential_field(problem: WalkProblem, values: gtsam.Values, track: Trajectory) -> WalkProblem:
     """Return the problem with gyro-bias factors from the differential field; unchanged where it is not used.
 
-    `track` is the trajectory of these values (`trajectory_of`).
-
-    Its biases are good to some tenths of a degree per second, so the factors are linearized once: in a stance the
-    remainder is a thousandth of the correction, in ten seconds of standing three hundredths.
+    They are linearized once, at the biases of these values, whose trajectory is `track`.
     """
     recording, nodes = problem.recording, problem.nodes
     if not problem.parameters.magnetic.differential or recording.mag is None:

@@ -111,11 +111,7 @@ class FieldRoughness:
 
 
 def split_potential(potential: Roughness, lost_share: float, distance_m: Floats) -> tuple[Roughness, Floats]:
-    """Split the changes of a potential over strides (...) of these lengths, m, of whose variance a share is lost.
-
-    Returns what telescopes, and the noise (...) of each integral that does not, uT m (`field`). It grows with the
-    stride: pieces of a standing have none, and do not show whether the integrals of a walk telescope.
-    """
+    """Return what telescopes of a potential, and the noise (...) uT m of each integral over a stride that does not."""
     variance = 2.0 * potential.sigma**2 * (1.0 - potential.correlation(distance_m))
     telescoping = max(1.0 - lost_share, MIN_TELESCOPING)
     return replace(potential, sigma=potential.sigma * np.sqrt(telescoping)), np.sqrt(lost_share * variance)
@@ -128,13 +124,9 @@ def deviate_along(nav_field: Floats, reference: Floats) -> Floats:
 
 
 def measure_roughness(deviation: Floats, seen: Bools, distance_m: Floats) -> FieldRoughness:
-    """Return sigmas and correlation lengths of the field's deviations along the walk.
+    """Return sigmas and correlation lengths of the field's deviations (F,) uT along the walk's mean field.
 
-    Parameters
-    ----------
-    deviation : (F,) uT along the mean field. That across it has the same sigma, but heading errors would hide it.
-    seen : (F,) footfalls with a field.
-    distance_m : (F-1,) from footfall to footfall.
+    `seen` (F,) are the footfalls with a field, `distance_m` (F-1,) the ways between them.
     """
     # Winsorized deviations, zero where the field is missing.
     x, variance = np.where(seen, deviation, 0.0), MIN_SIGMA_UT**2
@@ -181,52 +173,31 @@ def _fit_covariance(x: Floats, variance: float, seen: Bools, distance_m: Floats)
 
 @dataclass(frozen=True)
 class CompassReadings:
-    """The field at F footfalls as the magnetometer has it, and how much each is worth.
+    """The field at F footfalls as the magnetometer has it, and how much each is worth."""
 
-    ================ ======= =========================================================================
-    node             (F,)    of the graph, at the footfall
-    body_field       (F, 3)  uT; anything where it was not seen
-    nav_R_level      (F, 3, 3) attitude whose tilt levels it
-    sigma_uT         (F,)    noise of the compass; infinite where it is not used
-    ================ ======= =========================================================================
-    """
-
-    node: Ints
-    body_field: Floats
-    nav_R_level: Floats
-    sigma_uT: Floats
+    node: Ints  # (F,) of the graph, at the footfall.
+    body_field: Floats  # (F, 3) uT; anything where it was not seen.
+    nav_R_level: Floats  # (F, 3, 3) attitude whose tilt levels it.
+    sigma_uT: Floats  # (F,) noise of the compass; infinite where it is not used.
 
 
 @dataclass(frozen=True)
 class FieldPath:
-    """Of F footfalls and the F - 1 strides between them.
+    """Of F footfalls and the F - 1 strides between them."""
 
-    ============== ============ =============================================================================
-    u              (F-1,)       uT m, line integral of the body field less the vertical part
-    level_path     (F-1, 3)     m, the path in the stance's axes
-    by_up          (F-1, 3)     uT m, by how much u grows with the direction that is up in the body axes of the first, w
-    body_move      (F-1, 3)     m, from footfall to footfall, in the body axes of the first
-    nav_R_level    (F-1, 3, 3)  attitude at the first
-    sigma_uT_m     (F-1,)       noise of u; infinite where the field was not seen
-    distance_m     (F-1,)       from footfall to footfall; over a hole at least what a person walks
-    level_R_body   (3, 3)       stance's axes from the body's
-    jumps          (F-1,)       where the potential jumps, so that u is not used (`field`)
-    ============== ============ =============================================================================
-    """
-
-    u: Floats
-    level_path: Floats
-    by_up: Floats
-    body_move: Floats
-    nav_R_level: Floats
-    sigma_uT_m: Floats
-    distance_m: Floats
-    level_R_body: Floats
-    jumps: Bools
+    u: Floats  # (F-1,) uT m, line integral of the body field less the vertical part.
+    level_path: Floats  # (F-1, 3) m, the path in the stance's axes.
+    by_up: Floats  # (F-1, 3) uT m, by how much u grows with the direction that is up in the body axes of the first, w.
+    body_move: Floats  # (F-1, 3) m, from footfall to footfall, in the body axes of the first.
+    nav_R_level: Floats  # (F-1, 3, 3) attitude at the first.
+    sigma_uT_m: Floats  # (F-1,) noise of u; infinite where the field was not seen.
+    distance_m: Floats  # (F-1,) from footfall to footfall; over a hole at least what a person walks.
+    level_R_body: Floats  # (3, 3) stance's axes from the body's.
+    jumps: Bools  # (F-1,) where the potential jumps, so that u is not used (`field`).
 
 
 class FieldFactors(BlockGroup):
-    """The factors of a walk's field."""
+    """The factors of a walk's field, of footfalls from number `first` on."""
 
     def __init__(
         self,
@@ -236,12 +207,13 @@ class FieldFactors(BlockGroup):
         rough: FieldRoughness,
         p: FieldParameters,
         lost_share: float = 0.0,
+        first: int = 0,
     ) -> None:
         self.readings, self.path, self.lost_share, self.rough = readings, path, lost_share, rough
-        self.parameters = p
+        self.parameters, self._first = p, first
         self.telescoping, self.drift_uT_m = split_potential(rough.potential, lost_share, path.distance_m)
         self.prior = replace(prior, sigma=np.where(np.arange(SIZE) == PHI, self.telescoping.sigma, prior.sigma))
-        pose, state = [X(int(j)) for j in readings.node], [M(k) for k in range(len(readings.node))]
+        pose, state = [X(int(j)) for j in readings.node], [M(first + k) for k in range(len(readings.node))]
         self._states = state
         used = np.flatnonzero(np.isfinite(readings.sigma_uT))
         level = np.broadcast_to(path.level_R_body, (len(used), 3, 3))
@@ -251,6 +223,7 @@ class FieldFactors(BlockGroup):
         self.potential = self.integrals_over(self.strides)
         changes = transition(path.distance_m, replace(rough, potential=self.telescoping))
         self.integral_sigma, self.change_sigma = self.sigma_of(self.strides), changes.sigma
+        self.keep = changes.keep  # (F-1, 9), of the state from footfall to footfall
         self.transition = ResidualBlock(changes, list(pairwise(state)), is_linear=True)
         of_prior = GtsamFactors(factor_of(self.prior, state[:1]))
         super().__init__(self.heading, self.potential, of_prior, self.transition)
@@ -271,7 +244,7 @@ class FieldFactors(BlockGroup):
         path, node, sigma = self.path, self.readings.node, self.sigma_of(stride)
         level_path, move, nav_R_level = path.level_path[stride], path.body_move[stride], path.nav_R_level[stride]
         integrals = FieldPotential(path.u[stride], level_path, path.by_up[stride], move, nav_R_level, sigma)
-        keys = [(X(int(node[k])), M(int(k)), M(int(k) + 1)) for k in stride]
+        keys = [(X(int(node[k])), *self._states[k : k + 2]) for k in stride]
         return ResidualBlock(integrals, keys, kind="field_potential")
 
     def mark_jumps(self, stride: Ints, jump: bool) -> FieldFactors:
@@ -279,11 +252,11 @@ class FieldFactors(BlockGroup):
         jumps = self.path.jumps.copy()
         jumps[stride] = jump
         path = replace(self.path, jumps=jumps)
-        return FieldFactors(self.readings, path, self.prior, self.rough, self.parameters, self.lost_share)
+        return FieldFactors(self.readings, path, self.prior, self.rough, self.parameters, self.lost_share, self._first)
 
     def assume_lost_share(self, share: float) -> FieldFactors:
         """Return them with another share of the potential's changes that does not telescope (`field`)."""
-        return FieldFactors(self.readings, self.path, self.prior, self.rough, self.parameters, share)
+        return FieldFactors(self.readings, self.path, self.prior, self.rough, self.parameters, share, self._first)
 
     def insert(self, values: gtsam.Values) -> None:
         """Insert the first state at all footfalls."""
@@ -309,14 +282,9 @@ def transition(distance_m: Floats, rough: FieldRoughness) -> FieldTransition:
 def integrate_path(
     t: Floats, mag: Floats, position: Floats, nav_R_body: Floats, footfall: Ints, up_uT: float
 ) -> FieldPath:
-    """Integrate the field along a walk.
+    """Integrate the field `mag` (N, 3) uT along a walk, of place and attitude at every sample; NaN without a field.
 
-    Parameters
-    ----------
-    t, mag : (N,) s, (N, 3) uT; NaN rows where there was no sample.
-    position, nav_R_body : (N, 3) m, (N, 3, 3), at every sample.
-    footfall : (F,) their samples.
-    up_uT : vertical field of the walk.
+    `footfall` (F,) are samples, `up_uT` the vertical field of the walk.
     """
     row, unseen = np.flatnonzero(np.isfinite(mag[:, 0])), cross_holes(t, footfall)
     integral = integrate_field(t, nav_R_body, position, mag, t[footfall], up_uT)

@@ -1,9 +1,8 @@
 """A walk in progress for spectators: its lines on a port, and a page that draws them.
 
 ====================== =========================================================================================
-`process`              the process that serves both, and its interface to the walk
-`line_server`          sockets of this machine, and the server of JSON lines
-`page_server`          the page: files over HTTP, messages over a websocket
+`outlets`              where lines and remarks go, and the interface to the process that serves them
+`servers`              that process: JSON lines on a port; the page, files over HTTP and messages over a websocket
 `history`              the current paths, thinned: the first message to a page that opens late
 `page/`                index.html, style.css, view.js: no build step, no external resources
 ====================== =========================================================================================

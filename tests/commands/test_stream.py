@@ -1,5 +1,6 @@
 """`fg-nav stream`: whatever happens to the stream, the walk goes on, and its end is written."""
 
+import asyncio
 import json
 import os
 import signal
@@ -20,8 +21,10 @@ from fg_nav.io.writing import format_rows
 from fg_nav.online import OnlineNavigator
 from fg_nav.online.buffer import rows_of
 from fg_nav.online.estimates import format_table
-from fg_nav.online.follow import StreamOptions, follow_source
+from fg_nav.online.follow import Sensor, StreamOptions, follow
+from fg_nav.online.rows import RowReader
 from fg_nav.online.sources import TextSource, open_source
+from fg_nav.view.outlets import Outlets
 from tests.command_line import names
 from tests.online.walks import NORTH, push, short_walk, worst_difference
 
@@ -50,39 +53,28 @@ def whole():
     return navigator
 
 
-class Pieces:
-    """A source of pieces that were put together before; None is silence, and at the end it ends."""
+class Pieces(TextSource):
+    """A source of pieces that were put together before, at the end of which it ends; what was said of it."""
 
-    def __init__(self, *pieces: bytes) -> None:
-        self.name, self.away_s, self.lost = "a test", 0.0, 0
-        self._pieces = list(pieces)
+    def __init__(self, *pieces: bytes, silent: int = 0) -> None:
+        """`silent` reads of 10 ms find nothing before the last piece."""
+        self.said: list[str] = []
+        super().__init__(RowReader("a test", self.said.append))
+        self._pieces, self._silent = list(pieces), silent
 
-    def read(self, wait_s: float) -> bytes | None:
-        return self._pieces.pop(0) if self._pieces else None
-
-    def close(self) -> None: ...
-
-
-class Quiet(Pieces):
-    """The same, and it is silent for so many reads of 10 ms before the last piece."""
-
-    def __init__(self, silent: int, *pieces: bytes) -> None:
-        super().__init__(*pieces)
-        self._silent = silent
-
-    def read(self, wait_s: float) -> bytes | None:
+    async def _read_bytes(self) -> bytes | None:
         if len(self._pieces) == 1 and self._silent:
             self._silent -= 1
-            time.sleep(0.01)
+            await asyncio.sleep(0.01)
             return b""
-        return super().read(wait_s)
+        return self._pieces.pop(0) if self._pieces else None
 
 
 def followed(source, **options):
-    lines, remarks = [], []
-    samples = TextSource(source, remarks.append)
-    navigator = follow_source(samples, StreamOptions(online=NORTH, **options), lines.append, remarks.append)
-    return navigator, [json.loads(line) for line in lines], remarks
+    lines, remarks = [], source.said if isinstance(source, Pieces) else []
+    outlets = Outlets(lines.append, None, remarks.append)
+    walk = follow({None: Sensor(source, StreamOptions(online=NORTH, **options))}, outlets)
+    return walk.navigators[None], [json.loads(line) for line in lines], remarks
 
 
 def of_now(lines: list[dict]) -> list[dict]:
@@ -152,12 +144,12 @@ def test_bad_rows_are_left_out_and_told_once(csv, whole):
 def test_a_stalled_source_is_told_and_waited_for(csv, whole):
     data = csv.read_bytes()
     middle = data.index(b"\n", len(data) // 2) + 5
-    navigator, _, remarks = followed(Quiet(20, data[:middle], data[middle:]), stalled_s=0.1)
+    navigator, _, remarks = followed(Pieces(data[:middle], data[middle:], silent=20), stalled_s=0.1)
     assert worst_difference(navigator.causal(), whole.causal()) < 1e-9
     assert len(remarks) == 2
     assert "no sample has come from a test" in remarks[0]
     assert "again" in remarks[1]
-    over, _, _ = followed(Quiet(10**6, data[:middle], data[middle:]), until_silent_s=0.1)
+    over, _, _ = followed(Pieces(data[:middle], data[middle:], silent=10**6), until_silent_s=0.1)
     assert 0 < len(over.footfalls) < len(whole.footfalls)
 
 
@@ -182,7 +174,7 @@ def test_a_growing_file_is_followed(csv, whole, tmp_path):
 
     writer = threading.Thread(target=grow)
     writer.start()
-    with closing(open_source(str(path), 115200, print)) as source:
+    with closing(open_source(str(path), None, 115200, print)) as source:
         navigator, _, _ = followed(source, until_silent_s=0.5)
     writer.join()
     assert worst_difference(navigator.causal(), whole.causal()) < 1e-9
@@ -198,7 +190,7 @@ def test_a_connection_is_followed(csv, whole):
         connection.close()
 
     threading.Thread(target=serve, daemon=True).start()
-    with closing(open_source(f"tcp://127.0.0.1:{door.getsockname()[1]}", 115200, print)) as source:
+    with closing(open_source(f"tcp://127.0.0.1:{door.getsockname()[1]}", None, 115200, print)) as source:
         navigator, _, _ = followed(source, until_silent_s=1.0)
     door.close()
     assert worst_difference(navigator.causal(), whole.causal()) < 1e-9

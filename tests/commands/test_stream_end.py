@@ -6,6 +6,8 @@ import json
 import os
 import signal
 import sys
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import pandas as pd
@@ -18,29 +20,30 @@ from fg_nav.commands.stream import End, LinePrinter, save_end
 from fg_nav.errors import OutputError
 from fg_nav.online import OnlineNavigator
 from fg_nav.online.buffer import rows_of
-from fg_nav.online.follow import ENDING
-from fg_nav.report.files import summarize_lagged
+from fg_nav.online.follow import ENDING, FollowedWalk
+from fg_nav.report.files import summarize_lagged, write_footfalls, write_lagged
 from tests.command_line import names
 from tests.online.walks import NORTH, push, short_walk
 
 
 @pytest.fixture(scope="module")
-def end():
+def solution():
     navigator = OnlineNavigator(NORTH)
     push(navigator, rows_of(short_walk()))
     navigator.close()
-    solution = navigator.finish()
-    return End(solution, summarize_lagged(solution), navigator.intake.sensor_time, False, None)
+    return navigator.finish()
 
 
-def fill_disk(monkeypatch, *functions):
-    """Let these functions of the module find no room."""
+@pytest.fixture
+def end(solution):
+    summary = summarize_lagged(solution)
+    least = partial(write_footfalls, solution=solution, summary=summary)
+    return End(summary, lambda: [], partial(write_lagged, solution=solution), least)
 
-    def fail(*given, **named):
-        raise OSError(errno.ENOSPC, "No space left on device")
 
-    for name in functions:
-        monkeypatch.setattr(stream, name, fail)
+def fail(folder: Path, **given: object) -> None:
+    """Write into a folder on a full disk."""
+    raise OSError(errno.ENOSPC, "No space left on device")
 
 
 def save(end, out) -> OutputError | None:
@@ -53,15 +56,16 @@ def test_where_there_is_room_all_is_written(end, tmp_path):
     assert names(tmp_path / "out") == {"online.csv", "strides.csv", "summary.json", "trajectory.tum"}
 
 
-def test_on_a_full_disk_the_footfalls_are_saved_where_there_is_room_and_it_says_where(end, tmp_path, monkeypatch):
+def test_on_a_full_disk_the_footfalls_are_saved_where_there_is_room_and_it_says_where(
+    end, solution, tmp_path, monkeypatch
+):
     monkeypatch.setattr(stream.tempfile, "tempdir", str(tmp_path / "tmp"))
     (tmp_path / "tmp").mkdir()
-    out = tmp_path / "out"
-    fill_disk(monkeypatch, "write_lagged")
+    out, end = tmp_path / "out", replace(end, write=fail)
     failure = str(save(end, out))
     assert failure.startswith(f"{out} cannot be written (no space left on device)")
     assert failure.endswith(f"the footfalls alone are in {out}.")
-    assert len(pd.read_csv(out / "strides.csv")) == len(end.solution.stances)
+    assert len(pd.read_csv(out / "strides.csv")) == len(solution.stances)
     assert names(out) == {"strides.csv", "summary.json"}
     # No room for them either: among the temporary files.
     with Target(tmp_path / "other", False, "stream") as target:
@@ -69,7 +73,7 @@ def test_on_a_full_disk_the_footfalls_are_saved_where_there_is_room_and_it_says_
         words = str(save_end(end, target, "none"))
     (place,) = (tmp_path / "tmp").glob("fg-nav-stream-*/result")
     assert words.endswith(f"the footfalls alone are in {place}.")
-    fill_disk(monkeypatch, "write_footfalls")
+    end = replace(end, write_least=fail)
     with pytest.raises(OutputError, match="the result of the walk is lost"), Target(out, True, "stream") as target:
         save_end(end, target, "none")
 
@@ -94,8 +98,8 @@ def test_remarks_that_cannot_be_said_do_not_end_the_walk(monkeypatch):
 
 
 def test_a_walk_whose_lines_were_lost_is_written_into_a_fresh_folder(end, fg_nav, monkeypatch):
-    monkeypatch.setattr(stream, "run_stream", lambda request, outlets: None)
-    monkeypatch.setattr(stream, "find_end", lambda walk: end)
+    monkeypatch.setattr(stream, "run_stream", lambda request, outlets: FollowedWalk({}, {}, None))
+    monkeypatch.setattr(stream, "find_end", lambda walk, polish: replace(end, format_lines=lambda: ["{}"]))
     monkeypatch.setattr(stream.typer, "echo", lambda line: (_ for _ in ()).throw(BrokenPipeError))
     monkeypatch.setattr(stream.os, "dup2", lambda *descriptors: None)
     monkeypatch.setattr(sys.stdout, "fileno", lambda: 1, raising=False)

@@ -12,7 +12,7 @@ import pytest
 from fg_nav.columns.mapping import CANONICAL
 from fg_nav.io import read_truth
 from fg_nav.online.buffer import rows_of
-from fg_nav.online.feet_follow import BLOCK_S, FeetMerge
+from fg_nav.online.feet import BLOCK_S, FeetMerge
 from tests.command_line import names
 from tests.online.feet_walks import demo_feet
 

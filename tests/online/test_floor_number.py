@@ -5,7 +5,7 @@ from functools import reduce
 import numpy as np
 import pytest
 
-from fg_nav.online.anchor import FloorTrack, number_floors, track_floors
+from fg_nav.online.strides import FloorTrack, number_floors, track_floors
 
 FLIGHT = [0.34] * 5
 CORRIDOR = [0.0] * 12

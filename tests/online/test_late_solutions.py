@@ -1,47 +1,53 @@
 """A solution that is late takes effect when it is there."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 
-from fg_nav.detection.stance import StanceParameters
 from fg_nav.online import OnlineNavigator, navigator, smoother
-from fg_nav.online.buffer import OnlineOptions, ReportedFootfall, SampleBuffer, rows_of
-from fg_nav.online.resolve import WalkSolver
+from fg_nav.online.buffer import ReportedFootfall, rows_of
+from fg_nav.online.resolve import Solver
 from tests.online.walks import NORTH, push, short_walk, worst_difference
 
 
-class LateSolver(WalkSolver):
+class LateSolver(Solver):
     """Has each solution some lines after it is due."""
 
-    late = 0
+    late = line = requested_at = 0
+    is_here = False
 
-    def __init__(self, options: OnlineOptions, stance: StanceParameters, buffer: SampleBuffer) -> None:
-        super().__init__(options, stance, buffer)
+    def __init__(self, *given: object) -> None:
+        super().__init__(*given)
         self.is_here = False
-        self.line = self._requested_at = 0
 
-    def request(self, footfalls: tuple[ReportedFootfall, ...]) -> None:
+    def _submit(self, work: object, footfalls: object = ()) -> None:
+        self.is_here = True
+        super()._submit(work, footfalls)
+        self.is_here = False
+
+    def request(self, footfalls: Sequence[ReportedFootfall]) -> None:
         super().request(footfalls)
-        self._requested_at = footfalls[-1].line + 1
+        self.requested_at = footfalls[-1].line + 1
 
     def is_ready(self) -> bool:
-        return self.line >= self._requested_at + self.late
+        return self.line >= self.requested_at + self.late
 
 
-class NotedSchedule(smoother.ResolveSchedule):
+class NotedSmoother(smoother.OnlineSmoother):
     """Has its solver know the line that comes."""
 
-    def is_taken(self, line: int) -> bool:
-        self.solver.line = line
-        return super().is_taken(line)
+    def _is_taken(self) -> bool:
+        self.solver.line = self.n_reported
+        return super()._is_taken()
 
 
 @pytest.fixture(autouse=True)
 def as_it_is_walked(monkeypatch: pytest.MonkeyPatch) -> None:
     """No solution is waited for."""
     monkeypatch.setattr(smoother, "FAST", np.inf)
-    monkeypatch.setattr(navigator, "WalkSolver", LateSolver)
-    monkeypatch.setattr(smoother, "ResolveSchedule", NotedSchedule)
+    monkeypatch.setattr(navigator, "Solver", LateSolver)
+    monkeypatch.setattr(navigator, "OnlineSmoother", NotedSmoother)
 
 
 @pytest.mark.parametrize("late", [8])

@@ -1,11 +1,13 @@
 """Sources that do not wait: what breaks is taken up again, what is lost is counted, and a walk has one sender."""
 
+import asyncio
 import os
 import socket
 import sys
-import threading
 import time
+from collections.abc import Callable, Coroutine
 from contextlib import closing
+from functools import wraps
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +15,8 @@ import pytest
 
 from fg_nav.columns.mapping import CANONICAL
 from fg_nav.errors import StreamError
-from fg_nav.online import live
-from fg_nav.online.sources import TextSource, open_source
+from fg_nav.online import sources
+from fg_nav.online.sources import open_source
 
 HEADER = ",".join(CANONICAL[:7]).encode() + b"\n"
 PATIENCE_S = 30.0
@@ -22,8 +24,8 @@ PATIENCE_S = 30.0
 
 @pytest.fixture(autouse=True)
 def hurry(monkeypatch):
-    monkeypatch.setattr(live, "RETRY_S", 0.02)
-    monkeypatch.setattr(live, "POLL_S", 0.02)
+    monkeypatch.setattr(sources, "RETRY_S", 0.02)
+    monkeypatch.setattr(sources, "POLL_S", 0.02)
 
 
 def row(k: int) -> bytes:
@@ -36,33 +38,53 @@ def free_port(kind=socket.SOCK_DGRAM) -> int:
         return one.getsockname()[1]
 
 
-def collect(source, n: int) -> list[float]:
+def in_loop(test: Callable[..., Coroutine[None, None, None]]) -> Callable[..., None]:
+    """Run a test in a loop of its own."""
+
+    @wraps(test)
+    def run(*given, **named) -> None:
+        asyncio.run(test(*given, **named))
+
+    return run
+
+
+async def read(source, wait_s: float) -> np.ndarray:
+    try:
+        async with asyncio.timeout(wait_s):
+            return await source.read()
+    except TimeoutError:
+        return np.empty((0, 11))
+
+
+async def collect(source, n: int) -> list[float]:
     """Stamps of the first n samples that come, less the half second."""
     stamps, deadline = [], time.monotonic() + PATIENCE_S
     while len(stamps) < n and time.monotonic() < deadline:
-        stamps += (source.read(0.05)[:, 0] - 0.5).tolist()
+        stamps += ((await read(source, 0.05))[:, 0] - 0.5).tolist()
     return stamps
 
 
-def wait_for(condition) -> None:
+async def wait_for(condition) -> None:
     deadline = time.monotonic() + PATIENCE_S
     while not condition():
         assert time.monotonic() < deadline
-        time.sleep(0.01)
+        await asyncio.sleep(0.01)
 
 
 class Opened:
-    """A source by its name, its samples, and what was said of it."""
+    """A source by its name, and what was said of it."""
 
     def __init__(self, word: str) -> None:
         self.said: list[str] = []
-        self.bytes = open_source(word, 115200, self.said.append)
-        self.samples = TextSource(self.bytes, self.said.append)
+        self.samples = open_source(word, None, 115200, self.said.append)
 
-    def __enter__(self):
+    async def __aenter__(self):
+        self.samples.start()
         return self
 
-    def __exit__(self, *_):
+    async def __aexit__(self, *_):
+        self.samples._task.cancel()
+        await asyncio.gather(self.samples._task, return_exceptions=True)
         self.samples.close()
 
 
@@ -72,75 +94,72 @@ def sender(port: int) -> socket.socket:
     return one
 
 
-def test_datagrams_wait_while_the_walk_is_computed():
+@in_loop
+async def test_datagrams_wait_while_the_walk_is_computed():
     port = free_port()
-    with Opened(f"udp://127.0.0.1:{port}") as opened, closing(sender(port)) as out:
-        out.send(HEADER)
-        for k in range(2000):
-            out.send(row(k))
-            if k % 50 == 0:  # by then the thread has them, not the system
-                wait_for(lambda k=k: opened.bytes._size > 18 * k)
-        assert collect(opened.samples, 2000) == list(range(2000))
+    async with Opened(f"udp://127.0.0.1:{port}") as opened:
+        with closing(sender(port)) as out:
+            out.send(HEADER)
+            for k in range(2000):
+                out.send(row(k))
+                if k % 50 == 0:  # by then the queue has them, not the system
+                    await wait_for(lambda k=k: opened.samples._size > 18 * k)
+            assert await collect(opened.samples, 2000) == list(range(2000))
     assert opened.said == []
 
 
-def test_datagrams_of_a_second_sender_are_left_out_and_it_is_named():
+@in_loop
+async def test_datagrams_of_a_second_sender_are_left_out_and_it_is_named():
     """As of a foot and a pocket that send to one port, at the same time."""
     port = free_port()
-    with Opened(f"udp://127.0.0.1:{port}") as opened, closing(sender(port)) as foot, closing(sender(port)) as pocket:
-        foot.send(HEADER)
-        for k in range(20):
-            foot.send(row(k))
-            pocket.send(row(1000 + k))
-        assert collect(opened.samples, 20) == list(range(20))
-        wait_for(lambda: opened.said)
-        assert str(pocket.getsockname()[1]) in opened.said[0]
-        assert len(opened.said) == 1
+    async with Opened(f"udp://127.0.0.1:{port}") as opened:
+        with closing(sender(port)) as foot, closing(sender(port)) as pocket:
+            foot.send(HEADER)
+            for k in range(20):
+                foot.send(row(k))
+                pocket.send(row(1000 + k))
+            assert await collect(opened.samples, 20) == list(range(20))
+            await wait_for(lambda: opened.said)
+            assert str(pocket.getsockname()[1]) in opened.said[0]
+            assert len(opened.said) == 1
 
 
-def test_a_sender_that_was_switched_off_and_on_is_heard_again(monkeypatch):
-    monkeypatch.setattr(live, "RESTARTED_S", 0.2)
+@in_loop
+async def test_a_sender_that_was_switched_off_and_on_is_heard_again(monkeypatch):
+    monkeypatch.setattr(sources, "RESTARTED_S", 0.2)
     port = free_port()
-    with Opened(f"udp://127.0.0.1:{port}") as opened:
+    async with Opened(f"udp://127.0.0.1:{port}") as opened:
         with closing(sender(port)) as first:
             first.send(HEADER + row(0))
-            assert collect(opened.samples, 1) == [0]
-        time.sleep(0.3)
+            assert await collect(opened.samples, 1) == [0]
+        await asyncio.sleep(0.3)
         with closing(sender(port)) as second:
             second.send(row(1))
-            assert collect(opened.samples, 1) == [1]
-        assert 0.3 <= opened.bytes.away_s < PATIENCE_S
+            assert await collect(opened.samples, 1) == [1]
+        assert 0.3 <= opened.samples.away_s < PATIENCE_S
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the system does not count them")
-def test_datagrams_that_find_no_room_are_counted(monkeypatch):
-    monkeypatch.setattr(live, "SYSTEM_BUFFER", 4096)
-    is_busy = [True]
-    accept = live.SenderLock.accept
-
-    def wait(*given):
-        while is_busy[0]:
-            time.sleep(0.001)
-        return accept(*given)
-
-    monkeypatch.setattr(live.SenderLock, "accept", wait)
+@in_loop
+async def test_datagrams_that_find_no_room_are_counted(monkeypatch):
+    monkeypatch.setattr(sources, "SYSTEM_BUFFER", 4096)
     port = free_port()
-    with Opened(f"udp://127.0.0.1:{port}") as opened, closing(sender(port)) as out:
-        out.send(HEADER)
-        for k in range(500):
-            out.send(row(k))
-        is_busy[0] = False
-        sent = 500
-        while not opened.bytes.lost:  # the next that has room brings the count
-            time.sleep(0.02)
-            out.send(row(sent))
-            sent += 1
-        came: list[float] = []
-        while len(piece := opened.samples.read(0.3)):
-            came += piece[:, 0].tolist()
-        assert 0 < opened.bytes.lost == sent - len(came)
+    async with Opened(f"udp://127.0.0.1:{port}") as opened:
+        with closing(sender(port)) as out:
+            out.send(HEADER)
+            for k in range(500):  # the loop is busy meanwhile
+                out.send(row(k))
+            sent = 500
+            while not opened.samples.lost:  # the next that has room brings the count
+                await asyncio.sleep(0.02)
+                out.send(row(sent))
+                sent += 1
+            came: list[float] = []
+            while len(piece := await read(opened.samples, 0.3)):
+                came += piece[:, 0].tolist()
+            assert 0 < opened.samples.lost == sent - len(came)
     assert "lost here" in opened.said[0]
-    assert str(opened.bytes.lost) in opened.said[-1]
+    assert str(opened.samples.lost) in opened.said[-1]
 
 
 def serve(port: int, data: bytes) -> None:
@@ -152,88 +171,97 @@ def serve(port: int, data: bytes) -> None:
         connection.close()
 
 
-def test_a_server_that_comes_later_and_breaks_off_is_waited_for():
+@in_loop
+async def test_a_server_that_comes_later_and_breaks_off_is_waited_for():
     """The row that was cut off is left out; the header may come again, and in another order."""
     port = free_port(socket.SOCK_STREAM)
-    with Opened(f"tcp://127.0.0.1:{port}") as opened:
-        wait_for(lambda: opened.said)
+    async with Opened(f"tcp://127.0.0.1:{port}") as opened:
+        await wait_for(lambda: opened.said)
         assert "not there yet" in opened.said[0]
-        serve(port, HEADER + row(0) + row(1) + row(2)[:7])
-        assert collect(opened.samples, 2) == [0, 1]
+        await asyncio.to_thread(serve, port, HEADER + row(0) + row(1) + row(2)[:7])
+        assert await collect(opened.samples, 2) == [0, 1]
         backward = b",".join(reversed(HEADER.strip().split(b","))) + b"\n"
-        serve(port, backward + b"0,0,0,9.8,0,0,3.5\n" + b"0,0,0,9.8,0,0,4.5\n")
-        assert collect(opened.samples, 2) == [3, 4]
-        serve(port, HEADER + row(5))
-        assert collect(opened.samples, 1) == [5]
+        await asyncio.to_thread(serve, port, backward + b"0,0,0,9.8,0,0,3.5\n" + b"0,0,0,9.8,0,0,4.5\n")
+        assert await collect(opened.samples, 2) == [3, 4]
+        await asyncio.to_thread(serve, port, HEADER + row(5))
+        assert await collect(opened.samples, 1) == [5]
     assert len(opened.said) == 1
 
 
-def test_more_than_may_wait_holds_up_the_server_and_loses_nothing(monkeypatch):
-    monkeypatch.setattr(live, "MAX_WAITING", 100_000)
+@in_loop
+async def test_more_than_may_wait_holds_up_the_server_and_loses_nothing(monkeypatch):
+    monkeypatch.setattr(sources, "MAX_WAITING", 100_000)
     port = free_port(socket.SOCK_STREAM)
-    with Opened(f"tcp-listen://127.0.0.1:{port}") as opened:
+    async with Opened(f"tcp-listen://127.0.0.1:{port}") as opened:
 
         def send() -> None:
             with closing(socket.create_connection(("127.0.0.1", port))) as out:
                 out.sendall(HEADER + b"".join(row(k) for k in range(300_000)))
 
-        threading.Thread(target=send, daemon=True).start()
-        wait_for(lambda: opened.bytes._size > 30_000)
-        assert np.array_equal(collect(opened.samples, 300_000), np.arange(300_000))
+        sending = asyncio.create_task(asyncio.to_thread(send))
+        await wait_for(lambda: opened.samples._size > 30_000)
+        assert np.array_equal(await collect(opened.samples, 300_000), np.arange(300_000))
+        await sending
 
 
 def connect(port: int) -> socket.socket:
     return socket.create_connection(("127.0.0.1", port))
 
 
-def test_a_sensor_connects_and_connects_again_and_no_other_does():
+@in_loop
+async def test_a_sensor_connects_and_connects_again_and_no_other_does():
     port = free_port(socket.SOCK_STREAM)
-    with Opened(f"tcp-listen://127.0.0.1:{port}") as opened:
+    async with Opened(f"tcp-listen://127.0.0.1:{port}") as opened:
         foot = connect(port)
         foot.sendall(HEADER + row(0))
-        assert collect(opened.samples, 1) == [0]
+        assert await collect(opened.samples, 1) == [0]
         with closing(connect(port)) as pocket:
-            assert pocket.recv(1) == b""
-            wait_for(lambda: opened.said)
+            assert await asyncio.to_thread(pocket.recv, 1) == b""
+            await wait_for(lambda: opened.said)
             assert str(pocket.getsockname()[1]) in opened.said[0]
         foot.sendall(row(1))
-        assert collect(opened.samples, 1) == [1]
+        assert await collect(opened.samples, 1) == [1]
         foot.close()
         with closing(connect(port)) as again:
             again.sendall(HEADER + row(2))
-            assert collect(opened.samples, 1) == [2]
+            assert await collect(opened.samples, 1) == [2]
 
 
-def test_a_sensor_that_lost_its_connection_without_a_word_is_heard_again(monkeypatch):
+@in_loop
+async def test_a_sensor_that_lost_its_connection_without_a_word_is_heard_again(monkeypatch):
     """As a phone that walked out of reach: its old connection is never closed."""
-    monkeypatch.setattr(live, "RESTARTED_S", 0.2)
+    monkeypatch.setattr(sources, "RESTARTED_S", 0.2)
     port = free_port(socket.SOCK_STREAM)
-    with Opened(f"tcp-listen://127.0.0.1:{port}") as opened, closing(connect(port)) as old:
-        old.sendall(HEADER + row(0))
-        assert collect(opened.samples, 1) == [0]
-        time.sleep(0.3)
-        with closing(connect(port)) as new:
-            new.sendall(row(1))
-            assert collect(opened.samples, 1) == [1]
+    async with Opened(f"tcp-listen://127.0.0.1:{port}") as opened:
+        with closing(connect(port)) as old:
+            old.sendall(HEADER + row(0))
+            assert await collect(opened.samples, 1) == [0]
+            await asyncio.sleep(0.3)
+            with closing(connect(port)) as new:
+                new.sendall(row(1))
+                assert await collect(opened.samples, 1) == [1]
 
 
-def test_a_serial_device_is_read_again_when_it_is_plugged_in_again(tmp_path):
+@in_loop
+async def test_a_serial_device_is_read_again_when_it_is_plugged_in_again(tmp_path):
     pytest.importorskip("serial")
     place = tmp_path / "sensor"
-    with closing(PluggedIn(place)) as device, Opened(str(place)) as opened:
+    device = PluggedIn(place)
+    async with Opened(str(place)) as opened:
         device.send(HEADER + row(0))
-        assert collect(opened.samples, 1) == [0]
+        assert await collect(opened.samples, 1) == [0]
         device.pull_out()
-        wait_for(lambda: opened.said)
+        await wait_for(lambda: opened.said)
         assert "broke off" in opened.said[0]
         device.plug_in()
         came: list[float] = []
         for k in range(1000):  # what is sent before it is opened is lost
             device.send(row(k))
-            came += opened.samples.read(0.01)[:, 0].tolist()
+            came += (await read(opened.samples, 0.01))[:, 0].tolist()
             if len(came) > 5:
                 break
         assert np.array_equal(np.diff(came), np.ones(len(came) - 1))
+    device.close()
 
 
 class PluggedIn:

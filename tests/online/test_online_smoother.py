@@ -4,10 +4,8 @@ from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 
-import gtsam
 import numpy as np
 import pytest
-from gtsam.symbol_shorthand import X
 
 from fg_nav.detection import RestParameters, detect_stances, find_rests
 from fg_nav.detection.causal import Footfall
@@ -16,10 +14,10 @@ from fg_nav.evaluation.comparison import align
 from fg_nav.lab.simulation.motion import Style
 from fg_nav.online import OnlineNavigator
 from fg_nav.online import smoother as online_smoother
-from fg_nav.online import window as online_window
 from fg_nav.online.buffer import OnlineOptions, SampleBuffer, rows_of
 from fg_nav.online.resolve import measure_online_field, solve_so_far
 from fg_nav.online.smoother import AT_ONCE, OnlineSmoother, choose_delay, choose_next
+from fg_nav.online.window import Window
 from fg_nav.recording import Recording
 from fg_nav.smoother import SmootherParameters, smooth
 from fg_nav.smoother.parameters import FieldParameters
@@ -154,21 +152,6 @@ def test_the_pose_is_carried_on_to_the_next_footfall():
     assert np.linalg.norm(online.latest.position - there) < 0.15
 
 
-def test_an_indeterminate_graph_is_repaired():
-    online = fed(demo(), footfalls=10)
-    loose, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
-    values.insert(X(10_000), gtsam.Pose3())
-    noise = gtsam.noiseModel.Isotropic.Sigma(3, 0.1)
-    loose.push_back(gtsam.GPSFactor(X(10_000), np.array([1.0, 2.0, 3.0]), noise))
-    before = online.window._backend.pose(X(online.window._stances[-1].result)).translation()
-    online.window._backend.add(loose, values, online.window._stances)
-    after = online.window._backend.pose(X(online.window._stances[-1].result)).translation()
-    np.testing.assert_allclose(after, before, atol=0.01)
-    np.testing.assert_allclose(online.window._backend.pose(X(10_000)).translation(), [1.0, 2.0, 3.0], atol=1e-3)
-    add(online, demo(), 10)
-    assert np.isfinite(online.latest.position).all()
-
-
 def test_a_long_standing_given_in_pieces_is_one_rest():
     walk = demo()
     last = walk.stances.n_footfalls - 1
@@ -187,7 +170,7 @@ def test_a_solution_that_fails_late_leaves_no_trace(monkeypatch):
     """Nothing of it is left in the walk, whether it has no solution or one that is not finite."""
     solve_only_at(monkeypatch, 1, 4, 8)
     tables = []
-    for owner, broken, fails in ((online_smoother, "solve_from_start", 3), (online_window, "check_solution", 8)):
+    for owner, broken, fails in ((online_smoother, "solve_from_start", 3), (Window, "_note_newest", 8)):
         with monkeypatch.context() as patched:
             calls = failing_at(patched, owner, broken, fails)
             tables.append(fed(demo(), footfalls=12).causal())
@@ -255,9 +238,9 @@ def test_the_end_of_the_samples_makes_no_rest():
     assert rests[-1].stop > len(recording) - 25
     assert not rests[-1].lasts(recording, RestParameters().shortest_s)
     solved = solve_so_far(recording, stances, OnlineOptions(use_field=False))
-    assert [rest.start for rest in solved.problem.known.rests] == [rest.start for rest in rests[:-1]]
+    assert [rest.start for rest in solved.walk.problem.known.rests] == [rest.start for rest in rests[:-1]]
     ended = solve_so_far(recording, stances, OnlineOptions(use_field=False), has_ended=True)
-    assert [rest.start for rest in ended.problem.known.rests] == [rest.start for rest in rests]
+    assert [rest.start for rest in ended.walk.problem.known.rests] == [rest.start for rest in rests]
 
 
 def test_nor_does_the_end_of_a_window(monkeypatch):
@@ -288,7 +271,8 @@ def test_the_field_of_a_standing_counts_once_however_it_is_cut():
                 footfall_at(np.array([begin]), np.array([end]), int(inside), begin > start), int(end) + 5
             )
     assert online.n_reported == 16
-    assert online.window.counts["magnetic_heading"] == 12
+    anchor = online.window.to_anchor()
+    assert anchor.counts["magnetic_heading"] == 12
 
 
 def test_a_bias_beyond_its_prior_widens_it_as_in_batch() -> None:

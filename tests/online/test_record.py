@@ -1,5 +1,6 @@
 """What is recorded of a stream: all that could be read, to the last bit, whatever becomes of program and disk."""
 
+import asyncio
 import errno
 import os
 import time
@@ -117,9 +118,7 @@ def test_a_full_disk_does_not_end_the_walk(rows, tmp_path, monkeypatch):
     ]
 
 
-def test_what_waits_for_a_full_disk_is_bounded_and_what_is_missing_is_said(rows, tmp_path, monkeypatch):
-    monkeypatch.setattr(record, "MAX_WAITING", 300)
-
+def test_what_is_missing_of_a_full_disk_is_said(rows, tmp_path, monkeypatch):
     def write_nothing(file, data, place):
         raise OSError(errno.ENOSPC, "No space left on device")
 
@@ -155,9 +154,13 @@ def test_a_replay_takes_its_time():
     walk = short_walk()
     replay = Replay(walk, 20.0, "a walk")
     began, came = time.monotonic(), []
-    while (rows := replay.read(0.05)) is not None:
-        came += rows[:, 0].tolist()
-        assert came == [] or (came[-1] - walk.t[0]) / 20.0 <= time.monotonic() - began
+
+    async def read() -> None:
+        while (rows := await replay.read()) is not None:
+            came.extend(rows[:, 0].tolist())
+            assert came == [] or (came[-1] - walk.t[0]) / 20.0 <= time.monotonic() - began
+
+    asyncio.run(read())
     assert np.array_equal(came, walk.t)
 
 

@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from contextlib import closing
 from pathlib import Path
@@ -16,15 +17,17 @@ from fg_nav import cli
 from fg_nav.calibration.inertial import AccelerometerCalibration
 from fg_nav.calibration.of_recording import Calibration
 from fg_nav.columns.mapping import CANONICAL
-from fg_nav.errors import EstimationError, FormatError, OutputError
+from fg_nav.errors import EstimationError, FormatError, OutputError, StreamError
 from fg_nav.frames import compute_heading
 from fg_nav.io import write_canonical
 from fg_nav.lab.simulation import Choices, simulate
 from fg_nav.online import record
 from fg_nav.online.buffer import OnlineOptions, rows_of
-from fg_nav.online.follow import StreamOptions, follow_source
+from fg_nav.online.follow import Sensor, StreamOptions, follow
 from fg_nav.online.record import Record
+from fg_nav.online.rows import RowReader
 from fg_nav.online.sources import TextSource
+from fg_nav.view.outlets import Outlets
 from tests.online.walks import NORTH, short_walk, solve_in_windows
 
 BLOCK = 4000  # bytes, a quarter of a second: lines come between
@@ -34,30 +37,28 @@ class Killed(BaseException):
     """The end of a process, whatever it was about to do."""
 
 
-class Sent:
+class Sent(TextSource):
     """The rows of a file in blocks; `read` of them have come."""
 
     def __init__(self, data: bytes, begin: int = 0) -> None:
-        self.name, self.away_s, self.lost, self._data, self.place = "a test", 0.0, 0, data, begin
+        self._data, self.place, self.said = data, begin, list[str]()
+        super().__init__(RowReader("a test", self.said.append))
 
-    def read(self, wait_s: float) -> bytes | None:
+    async def _read_bytes(self) -> bytes | None:
         piece = self._data[self.place : self.place + BLOCK]
         self.place += len(piece)
         return piece or None
 
-    def close(self) -> None: ...
 
-
-def follow(path: Path, source: Sent, options: StreamOptions, remarks: list[str] | None = None, lines=None):
+def walk_on(path: Path, source: Sent, options: StreamOptions, remarks: list[str] | None = None, lines=None):
     """Follow a source to its end, and on with its record; the navigator, and the lines it gave."""
     given, said = [] if lines is None else lines, [] if remarks is None else remarks
     recording = Record(path, True, False, said.append)
     try:
-        with closing(TextSource(source, said.append, options.columns)) as samples:
-            navigator = follow_source(samples, options, given.append, said.append, record=recording)
+        walk = follow({None: Sensor(source, options, recording)}, Outlets(given.append, None, said.append))
     finally:
         recording.close()
-    return navigator, [json.loads(line) for line in given]
+    return walk.navigators[None], [json.loads(line) for line in given]
 
 
 def die_at(monkeypatch: pytest.MonkeyPatch, count: int) -> None:
@@ -108,7 +109,7 @@ def walk_killed(tmp_path, monkeypatch, data, options, kills, goes_on):
             if deaths < kills:
                 die_at(dying, int(rng.integers(1, size // kills)))
             try:
-                navigator, _ = follow(path, source, options, lines=lines)
+                navigator, _ = walk_on(path, source, options, lines=lines)
             except Killed:
                 deaths += 1
         if goes_on and path.exists():
@@ -129,7 +130,7 @@ def data(tmp_path_factory) -> bytes:
 @pytest.mark.parametrize("goes_on", [False, True], ids=["the source begins again", "the source goes on"])
 def test_killed_at_twenty_bytes_no_line_is_lost_or_given_twice(data, tmp_path, monkeypatch, goes_on):
     options = StreamOptions(online=NORTH)
-    whole, lines = follow(tmp_path / "whole.csv", Sent(data), options)
+    whole, lines = walk_on(tmp_path / "whole.csv", Sent(data), options)
     navigator, given = walk_killed(tmp_path, monkeypatch, data, options, 20, goes_on)
     check_lines(given, lines)
     assert measure_end(navigator.smoothed(), whole.smoothed()) < 0.1
@@ -145,7 +146,7 @@ def test_killed_at_twenty_bytes_no_line_is_lost_or_given_twice(data, tmp_path, m
 def test_a_walk_in_windows_goes_on(data, tmp_path, monkeypatch, lag_s):
     solve_in_windows(monkeypatch, 8, 4)
     options = StreamOptions(online=OnlineOptions(heading_rad=0.0, lag_s=lag_s))
-    whole, lines = follow(tmp_path / "whole.csv", Sent(data), options)
+    whole, lines = walk_on(tmp_path / "whole.csv", Sent(data), options)
     navigator, given = walk_killed(tmp_path, monkeypatch, data, options, 3, goes_on=False)
     check_lines(given, lines)
     assert measure_end(navigator.smoothed(), whole.smoothed()) < 1.0  # it was solved as a whole, and the other was not
@@ -156,7 +157,7 @@ def test_in_a_pocket_the_lines_are_the_same(tmp_path, monkeypatch):
     recording = simulate("demo", 103, Choices(worn="pocket", rate_hz=100.0)).recording.slice(0, 2500)
     write_canonical(recording, tmp_path / "walk.csv")
     data, options = (tmp_path / "walk.csv").read_bytes(), StreamOptions(online=OnlineOptions("pocket", None))
-    whole, lines = follow(tmp_path / "whole.csv", Sent(data), options)
+    whole, lines = walk_on(tmp_path / "whole.csv", Sent(data), options)
     navigator, given = walk_killed(tmp_path, monkeypatch, data, options, 5, goes_on=True)
     now = [[line for line in some if line["kind"] == "now"] for some in (lines, given)]
     assert now[0] == now[1]
@@ -166,11 +167,11 @@ def test_in_a_pocket_the_lines_are_the_same(tmp_path, monkeypatch):
 def test_a_walk_that_ended_goes_on_and_takes_its_last_line_back(data, tmp_path):
     """Half of a standing that was cut off at the end is a footfall that goes on."""
     rows, options, path = data.splitlines(keepends=True), StreamOptions(online=NORTH), tmp_path / "record.csv"
-    whole, lines = follow(tmp_path / "whole.csv", Sent(data), options)
+    whole, lines = walk_on(tmp_path / "whole.csv", Sent(data), options)
     middle = next(k for k, row in enumerate(rows[1:], 1) if float(row.split(b",")[0]) > lines[-3]["t"] - 4.0)
-    _, first = follow(path, Sent(b"".join(rows[:middle])), options)
+    _, first = walk_on(path, Sent(b"".join(rows[:middle])), options)
     remarks: list[str] = []
-    navigator, then = follow(path, Sent(data), options, remarks)
+    navigator, then = walk_on(path, Sent(data), options, remarks)
     check_lines([*first, *then], lines)
     assert measure_end(navigator.smoothed(), whole.smoothed()) < 0.1
     assert sum("resumed from record.csv" in words for words in remarks) == 1
@@ -183,7 +184,7 @@ def test_what_is_said_and_counted_is_of_the_whole_walk(tmp_path):
     texts = ["".join(f"{','.join(map(repr, row[:10].tolist()))}\n" for row in part) for part in (rows[:900], rows)]
     names, said = ",".join(CANONICAL[:10]) + "\n", list[str]()
     for text in texts:
-        navigator, _ = follow(tmp_path / "r.csv", Sent((names + text).encode()), StreamOptions(online=NORTH), said)
+        navigator, _ = walk_on(tmp_path / "r.csv", Sent((names + text).encode()), StreamOptions(online=NORTH), said)
     assert navigator.lost == {"samples": 20, "came": len(rows), "datagrams": 0}
     assert any(f"20 samples of {len(rows) + 20}" in words for words in said)
     assert sum("samples are lost on the way" in words for words in said) == 1
@@ -191,7 +192,7 @@ def test_what_is_said_and_counted_is_of_the_whole_walk(tmp_path):
 
 def test_what_cannot_go_on_is_refused_in_a_sentence(data, tmp_path):
     path, options = tmp_path / "record.csv", StreamOptions(online=NORTH)
-    follow(path, Sent(data[: len(data) // 2]), options)
+    walk_on(path, Sent(data[: len(data) // 2]), options)
     nothing = np.zeros(3)
     scale = AccelerometerCalibration(1.001, 1e-4, nothing, nothing, 9.81, 6, 60.0, separable=True)
     for other, words in (
@@ -200,21 +201,44 @@ def test_what_cannot_go_on_is_refused_in_a_sentence(data, tmp_path):
         (StreamOptions(online=OnlineOptions("pocket", None)), "other options"),
     ):
         with pytest.raises(EstimationError, match=f"record.csv was recorded with {words}: resume it with the same"):
-            follow(path, Sent(data), other)
+            walk_on(path, Sent(data), other)
     lines = tmp_path / "record.csv.lines"
     text = lines.read_text()
     lines.write_text(text.replace('"version": "', '"version": "9'))
     with pytest.raises(EstimationError, match="another version of fg-nav"):
-        follow(path, Sent(data), options)
+        walk_on(path, Sent(data), options)
     for damaged in ("", "a letter\n", text.replace('"stance": 3', '"stance": 4'), text.replace('"t"', '"u"'), "3\n"):
         lines.write_text(damaged)
         with pytest.raises(FormatError, match="is damaged or not there"):
-            follow(path, Sent(data), options)
+            walk_on(path, Sent(data), options)
     path.write_text("a letter\nto my mother\n")
     with pytest.raises(FormatError, match="not recorded by"):
-        follow(path, Sent(data), options)
+        walk_on(path, Sent(data), options)
     with pytest.raises(OutputError, match="--resume"):
         Record(path, False, False, print)
+
+
+def test_lines_without_their_samples_are_kept(data, tmp_path):
+    """Those of a walk whose samples were moved away: it cannot go on, and none of them is overwritten."""
+    path, lines = tmp_path / "record.csv", tmp_path / "record.csv.lines"
+    walk_on(path, Sent(data), StreamOptions(online=NORTH))
+    path.unlink()
+    kept = lines.read_bytes()
+    with pytest.raises(FormatError, match="is there, and the samples of its walk are not"):
+        walk_on(path, Sent(data), StreamOptions(online=NORTH))
+    assert lines.read_bytes() == kept
+
+
+def test_a_walk_that_is_stopped_while_it_is_replayed_can_be_resumed_again(data, tmp_path):
+    path, stop, lines = tmp_path / "record.csv", threading.Event(), list[str]()
+    walk_on(path, Sent(data[: len(data) // 2]), StreamOptions(online=NORTH))
+    kept = path.read_bytes()
+    stop.set()
+    with closing(Record(path, True, False, print)) as recording:
+        sensor, outlets = Sensor(Sent(data), StreamOptions(online=NORTH), recording), Outlets(lines.append, None, print)
+        with pytest.raises(StreamError, match="not replayed to its end: --resume goes on"):
+            follow({None: sensor}, outlets, stop)
+    assert (path.read_bytes(), lines) == (kept, [])
 
 
 def test_killed_from_outside_it_goes_on(data, tmp_path):
@@ -240,6 +264,6 @@ def test_killed_from_outside_it_goes_on(data, tmp_path):
                 time.sleep(0.05)
             process.send_signal(signal.SIGKILL)
         given += process.communicate()[0].decode()
-    _, lines = follow(tmp_path / "whole.csv", Sent(data), StreamOptions(online=NORTH))
+    _, lines = walk_on(tmp_path / "whole.csv", Sent(data), StreamOptions(online=NORTH))
     told = [json.loads(line) for line in given.splitlines() if line.endswith("}")]
     check_lines([line for line in told if line["kind"] != "smoothed"], lines)

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from fg_nav.columns.mapping import CANONICAL
 from fg_nav.errors import FormatError, StreamError
 from fg_nav.frames import GRAVITY_M_S2
-from fg_nav.online import rows as text
 from fg_nav.online.rows import Columns, RowReader, parse_columns
 from tests.io.samples import tilting
 
@@ -38,28 +37,17 @@ lines = st.one_of(
 
 
 @settings(max_examples=150, deadline=None)
-@given(st.lists(lines, max_size=30), st.booleans())
-def test_a_block_gives_the_samples_of_its_lines(drawn, has_rate):
-    """To the last bit, in sum of all that a number may look like."""
+@given(st.lists(lines, max_size=30), st.booleans(), st.data())
+def test_the_samples_are_the_same_whatever_the_pieces(drawn, has_rate, draw):
+    """In sum of all that a number may look like."""
     data = "\n".join(drawn).encode("utf-8", "surrogatepass") + b"\n"
     columns = Columns(("-", *CANONICAL[1:]), tuple(np.linspace(0.5, 2.0, 11).tolist()), 400.0) if has_rate else None
     readers = [RowReader("a test", columns=columns) for _ in range(2)]
-    results = []
-    with pytest.MonkeyPatch.context() as patch:
-        for smallest, reader in zip((1, 10**9), readers, strict=True):
-            patch.setattr(text, "MIN_BLOCK", smallest)
-            results.append((reader.read(HEADER if columns is None else b"").tobytes(), reader.read(data).tobytes()))
-    assert results[0] == results[1]
+    whole, cut = (b"" if columns else HEADER) + data, draw.draw(st.integers(0, len(data)))
+    results = [readers[0].read(whole), np.concatenate([readers[1].read(whole[:cut]), readers[1].read(whole[cut:])])]
+    assert results[0].tobytes() == results[1].tobytes()
     assert readers[0].bad == readers[1].bad
     assert readers[0].header == readers[1].header
-
-
-def test_a_block_is_read_at_once_where_it_can_be(monkeypatch):
-    reader = RowReader("a test")
-    reader.read(HEADER)
-    monkeypatch.setattr(reader, "_read_line", lambda line: pytest.fail("line by line"))
-    found = reader.read((ROW + b"\r\n" + HEADER + ROW.replace(b"20,-3,40", b",,").replace(b"\n", b"\r\n")) * 100)
-    assert np.array_equal(found, [SAMPLE, [*SAMPLE[:7], *[np.nan] * 3, 101325]] * 100, equal_nan=True)
 
 
 def test_a_header_midway_in_another_order_is_used_from_there_on():

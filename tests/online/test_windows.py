@@ -6,7 +6,6 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import replace
 from functools import cache
@@ -16,13 +15,11 @@ import numpy as np
 import pytest
 
 from fg_nav.detection.stance import StanceParameters
-from fg_nav.online import background, resolve, smoother, strides
-from fg_nav.online.anchor import window_anchors
-from fg_nav.online.background import BackgroundSolver, SolverProcess
-from fg_nav.online.buffer import LEAD_S, UNSEEN, OnlineOptions, PartialWalk, SampleBuffer, rows_of
-from fg_nav.online.isam2 import ISAM2Backend
-from fg_nav.online.resolve import Pace, Task, WalkSolver
-from fg_nav.online.smoother import OnlineSmoother
+from fg_nav.online import buffer as online_buffer
+from fg_nav.online import resolve, smoother, strides
+from fg_nav.online.buffer import LEAD_S, UNSEEN, OnlineOptions, Pace, PartialWalk, SampleBuffer, rows_of
+from fg_nav.online.resolve import Solver, SolverProcess, Task, WalkSolver
+from fg_nav.online.smoother import OnlineSmoother, window_anchors
 from fg_nav.online.window import Window
 from tests.online.test_online_smoother import (
     FOOTFALLS,
@@ -89,18 +86,18 @@ class InPieces:
     is_closed = False
 
     def __init__(self, options: OnlineOptions, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setattr(background, "NICENESS", 0)
-        monkeypatch.setattr(background, "_solvers", {})
-        background._set_up({None: options}, StanceParameters())
+        monkeypatch.setattr(resolve, "NICENESS", 0)
+        monkeypatch.setattr(resolve, "_solvers", {})
+        resolve._set_up({None: options}, StanceParameters())
         self.pace = Pace()
 
     @property
     def buffer(self) -> SampleBuffer:
-        return background._solvers[None].buffer
+        return resolve._solvers[None].buffer
 
-    def submit(self, function: Callable[..., object], *arguments: object) -> Future[object]:
+    def submit(self, *arguments: object) -> Future[object]:
         future: Future[object] = Future()
-        future.set_result(pickle.loads(pickle.dumps(function(*pickle.loads(pickle.dumps(arguments))))))
+        future.set_result(pickle.loads(pickle.dumps(resolve._run(*pickle.loads(pickle.dumps(arguments))))))
         return future
 
     def close(self) -> None: ...
@@ -117,7 +114,7 @@ def test_what_solves_beside_holds_a_window_of_samples_and_says_the_same(
     here, buffer = fed(in_field(), options), SampleBuffer()
     beside = InPieces(options, monkeypatch)
     rows = rows_of(in_field().recording)
-    solver = BackgroundSolver(beside, WalkSolver(options, StanceParameters(), buffer))
+    solver = Solver(WalkSolver(options, StanceParameters(), buffer), beside)
     there = OnlineSmoother(options, buffer, solver=solver)
     buffer.append(rows)
     kept = []
@@ -131,7 +128,7 @@ def test_what_solves_beside_holds_a_window_of_samples_and_says_the_same(
     assert (buffer.first > 0) == (lag_s is not None)
 
 
-class Late(BackgroundSolver):
+class Late(Solver):
     """Each of its solutions is there so many footfalls later than it is due."""
 
     late = 0
@@ -153,12 +150,12 @@ def test_a_walk_goes_on_without_a_solution_that_is_late(monkeypatch: pytest.Monk
     monkeypatch.setattr(smoother, "FAST", np.inf)
     monkeypatch.setattr(Late, "late", late)
     options, buffer = OnlineOptions(), SampleBuffer()
-    solver = Late(InPieces(options, monkeypatch), WalkSolver(options, StanceParameters(), buffer))
+    solver = Late(WalkSolver(options, StanceParameters(), buffer), InPieces(options, monkeypatch))
     online = OnlineSmoother(options, buffer, solver=solver)
     buffer.append(rows_of(demo().recording))
     begun = []
     for k in range(FOOTFALLS):
-        online.schedule.prepare(online.n_reported)
+        online.prepare()
         add(online, demo(), k)
         begun.append(online.initial.stance.number)
     assert begun[11 + late] < 11 <= begun[13 + late]
@@ -176,7 +173,7 @@ def test_what_came_after_a_solution_that_was_late_is_not_lost() -> None:
     buffer, found = SampleBuffer(), []
     buffer.append(rows_of(walk.recording))
     for waits in (False, True):
-        solver = WalkSolver(OnlineOptions(), StanceParameters(), buffer)
+        solver = Solver(WalkSolver(OnlineOptions(), StanceParameters(), buffer))
         solver.begin(Task(None, tuple(told[:14]), UNSEEN, since=0))
         solver.request(told[14:17])
         if waits:
@@ -219,7 +216,7 @@ def test_a_process_beside_says_the_same_and_is_replaced_where_it_dies(
     here = fed(walk, options, 32)
     buffer.append(rows_of(walk.recording))
     process = SolverProcess({None: options}, StanceParameters())
-    solver = BackgroundSolver(process, WalkSolver(options, StanceParameters(), buffer), remarks.append)
+    solver = Solver(WalkSolver(options, StanceParameters(), buffer), process, remarks.append)
     assert process.pid is None
     try:
         there = OnlineSmoother(options, buffer, solver=solver)
@@ -240,15 +237,15 @@ def test_a_process_beside_says_the_same_and_is_replaced_where_it_dies(
 
 
 def test_a_process_beside_that_was_stopped_is_not_waited_for_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(background, "MAX_S", 0.1)
+    monkeypatch.setattr(resolve, "MAX_S", 0.1)
     remarks: list[str] = []
     process = SolverProcess({None: OnlineOptions()}, StanceParameters())
     here = WalkSolver(OnlineOptions(), StanceParameters(), SampleBuffer())
-    solver = BackgroundSolver(process, here, remarks.append)
+    solver = Solver(here, process, remarks.append)
     try:
         solver.start()
         os.kill(process.pid, signal.SIGSTOP)
-        monkeypatch.setattr(here, "take", lambda: None)
+        monkeypatch.setattr(here, "run", lambda work: None)
         solver.request(())
         assert not solver.is_ready()
         assert [solver.take(), solver.take()] == [None, None]
@@ -263,7 +260,7 @@ def test_a_process_beside_that_was_stopped_is_not_waited_for_for_ever(monkeypatc
 def test_what_the_machine_takes_is_no_waiting_for_samples(monkeypatch: pytest.MonkeyPatch) -> None:
     """Else a recording on a slow machine would be taken for a walk in progress, whose solutions are not waited for."""
     clock = iter([0.0, 1.0, 5.0, 6.0, 9.0])
-    monkeypatch.setattr(resolve.time, "monotonic", lambda: next(clock))
+    monkeypatch.setattr(online_buffer.time, "monotonic", lambda: next(clock))
     pace = Pace()
     for _ in range(2):
         with pace:
@@ -274,10 +271,10 @@ def test_what_the_machine_takes_is_no_waiting_for_samples(monkeypatch: pytest.Mo
 LEFT_RUNNING = """
 import os, signal, sys
 from fg_nav.detection.stance import StanceParameters
-from fg_nav.online.background import SolverProcess
 from fg_nav.online.buffer import OnlineOptions
+from fg_nav.online.resolve import SolverProcess
 process = SolverProcess({None: OnlineOptions()}, StanceParameters())
-process.submit(os.getpid).result()
+process._worker.submit(os.getpid).result()
 print(process.pid, flush=True)
 os.kill(process.pid if sys.argv[1] == "stopped" else os.getpid(), getattr(signal, sys.argv[2]))
 """
@@ -303,15 +300,15 @@ def test_no_process_is_left(tmp_path: Path, who: str, how: str) -> None:
 
 @pytest.mark.usefixtures("windows")
 def test_a_footfall_that_had_no_solution_has_one_in_hindsight(monkeypatch: pytest.MonkeyPatch) -> None:
-    usual, adds, failed = in_windows(), ISAM2Backend.add, []
+    usual, update, failed = in_windows(), Window._update, []
 
-    def failing(backend: ISAM2Backend, *given: object) -> None:
-        if given[-1][-1].number == 22 and not failed:
+    def failing(window: Window, *given: object) -> None:
+        if window._stances[-1].number == 22 and not failed:
             failed.append(22)
             raise RuntimeError("Indeterminate linear system detected")
-        adds(backend, *given)
+        update(window, *given)
 
-    monkeypatch.setattr(ISAM2Backend, "add", failing)
+    monkeypatch.setattr(Window, "_update", failing)
     online = fed(demo())
     assert failed
     assert farthest(online.causal(), usual.causal()) > 1e-6

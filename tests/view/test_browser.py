@@ -8,8 +8,8 @@ from itertools import pairwise
 
 import pytest
 
-from fg_nav.view.line_server import format_address, open_port
-from fg_nav.view.page_server import PageServer
+from fg_nav.view.outlets import format_address, open_port
+from fg_nav.view.servers import PageServer
 from tests.browser import open_browser
 from tests.view.lines import circle, now, status
 from tests.view.serving import Served

@@ -11,7 +11,7 @@ import pytest
 from websockets.sync.client import connect
 
 from fg_nav.errors import StreamError
-from fg_nav.online.follow import open_outlets
+from fg_nav.view.outlets import open_outlets
 from tests.view.lines import circle, now, status
 from tests.view.test_servers import HOST, WAIT_S, read, wait_for
 

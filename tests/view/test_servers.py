@@ -4,23 +4,20 @@ import http.client
 import json
 import os
 import re
-import resource
 import socket
-import threading
 import time
 from contextlib import closing, suppress
-from itertools import pairwise
 
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 from fg_nav.errors import StreamError
-from fg_nav.view import line_server, page_server
-from fg_nav.view.line_server import LineServer, format_address, open_port
-from fg_nav.view.page_server import FILES, PageServer
+from fg_nav.view import servers
+from fg_nav.view.outlets import format_address, open_port
+from fg_nav.view.servers import FILES, LineServer, PageServer
 from tests.view.lines import circle, now, status
-from tests.view.serving import LOOP, Served
+from tests.view.serving import Served
 
 HOST = "127.0.0.1"
 
@@ -83,7 +80,7 @@ def test_lines_go_to_all_who_are_connected(lines):
 
 
 def test_who_does_not_read_is_disconnected_and_others_read_on(lines, monkeypatch):
-    monkeypatch.setattr(line_server, "MAX_WAITING", 1 << 16)
+    monkeypatch.setattr(servers, "MAX_WAITING", 1 << 16)
     with closing(listen(lines)) as deaf, closing(listen(lines)) as reader, reader.makefile() as file:
         deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
         wait_for(lambda: lines.listeners == 2)
@@ -119,13 +116,6 @@ def test_sending_to_nobody_and_after_the_end_does_no_harm():
 def test_a_port_that_is_none_is_refused(port):
     with pytest.raises(StreamError, match="choose another --serve"):
         open_port(HOST, port, "--serve")
-
-
-def test_the_last_descriptors_are_left_to_the_walk(lines, monkeypatch):
-    most = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
-    monkeypatch.setattr(line_server, "SPARE_DESCRIPTORS", most)
-    with closing(listen(lines)) as refused:
-        assert refused.recv(1) == b""
 
 
 # --- page
@@ -205,7 +195,7 @@ def test_a_changed_past_is_sent_as_a_whole(page):
 
 
 def test_who_does_not_keep_up_gets_the_whole_path_later(page, monkeypatch):
-    monkeypatch.setattr(page_server, "MAX_WAITING", 1 << 14)
+    monkeypatch.setattr(servers, "MAX_WAITING", 1 << 14)
     padded = json.dumps({"kind": "turned", "t": 0.0, "angle_deg": 0.0, "more": "x" * 100_000})
     with watch(page, max_queue=1, close_timeout=0.1) as slow:
         wait_for(lambda: page.viewers == 1)
@@ -254,34 +244,9 @@ def test_a_port_that_is_taken_is_refused(page):
         open_port("no-such-host.invalid", 0, "--port")
 
 
-def test_the_last_descriptors_are_left_to_the_walk_by_pages_too(page, monkeypatch):
-    monkeypatch.setattr(line_server, "SPARE_DESCRIPTORS", resource.getrlimit(resource.RLIMIT_NOFILE)[0])
-    with pytest.raises(InvalidStatus, match="503"):
-        watch(page)
-
-
 @pytest.mark.parametrize(
     ("host", "address"),
     [("0.0.0.0", "http://127.0.0.1:7/"), ("::", "http://[::1]:7/"), ("here.example", "http://here.example:7/")],
 )
 def test_the_address_is_one_that_a_browser_can_open(host, address):
     assert format_address(host, 7) == address
-
-
-def test_many_who_come_at_once_are_let_in_a_few_at_a_time(lines):
-    """Between them the loop sees to the lines."""
-    counts, hold = [], threading.Event()
-
-    def count():
-        counts.append(lines.listeners)
-        if counts[-1] < 60:
-            LOOP.call_soon(count)
-
-    LOOP.call_soon_threadsafe(hold.wait, WAIT_S)
-    callers = [socket.create_connection((HOST, lines.port)) for _ in range(60)]
-    LOOP.call_soon_threadsafe(count)
-    hold.set()
-    wait_for(lambda: counts and counts[-1] == 60)
-    assert max(b - a for a, b in pairwise(counts)) <= line_server.AT_ONCE
-    for caller in callers:
-        caller.close()

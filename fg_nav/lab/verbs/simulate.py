@@ -15,7 +15,7 @@ import typer
 
 from fg_nav.commands.run import answer_comparison
 from fg_nav.commands.shared import Answer, Target, run_methods
-from fg_nav.commands.stream import emit_solution, remark
+from fg_nav.commands.stream import format_solution, remark
 from fg_nav.errors import SimulationError, StreamError
 from fg_nav.io import write_canonical, write_tum
 from fg_nav.lab.simulation import SCENARIOS, Choices, SimulatedFeet, SimulatedWalk
@@ -27,7 +27,7 @@ from fg_nav.lab.simulation.scenario_file import SUFFIX, read_scenario
 from fg_nav.lab.simulation.scenarios import FIELDS
 from fg_nav.lab.simulation.sensors import PRESETS
 from fg_nav.lab.verbs import DemoRequest, SimulateRequest
-from fg_nav.online.follow import StreamOptions, follow_source, open_outlets
+from fg_nav.online.follow import Sensor, StreamOptions, follow
 from fg_nav.online.sources import Replay
 from fg_nav.pipeline import prepare_walk
 from fg_nav.report.files import write_comparison, write_json
@@ -37,6 +37,7 @@ from fg_nav.system.processes import catch_signals
 from fg_nav.text import find_version, format_count, to_json
 from fg_nav.truth import TrajectoryTruth, Truth
 from fg_nav.verdict import judge_footfalls
+from fg_nav.view.outlets import open_outlets
 from fg_nav.walk import Walk
 
 Simulated = TypeVar("Simulated")
@@ -242,7 +243,7 @@ def demo(request: DemoRequest) -> Answer:
 def _view_demo(request: DemoRequest) -> None:
     """Show the simulated walk while it is walked, and then until Ctrl-C.
 
-    Its samples come as a sensor's would, each when its time has come, through `follow_source`.
+    Its samples come as a sensor's would, each when its time has come, through `follow`.
     """
     speed = request.speed
     if not 0.0 < speed < float("inf"):
@@ -254,12 +255,11 @@ def _view_demo(request: DemoRequest) -> None:
         simulated = simulate_named(simulate_one, DEMO_SCENARIO, request.seed).recording
         remark(f"a walk of {simulated.t[-1] - simulated.t[0]:.0f} s; Ctrl-C ends it.")
         source = Replay(simulated, speed, "the simulated walk")
-        navigator = follow_source(
-            source, StreamOptions(background=True), outlets.emit, outlets.remark, stop, outlets.watcher
-        )
+        navigator = follow({None: Sensor(source, StreamOptions(background=True))}, outlets, stop).navigators[None]
         if not stop.is_set() and outlets.emit_end is not None:
             solution = navigator.finish()
             verdicts = [judge_footfalls(solution.stances)]
-            emit_solution(solution, navigator.intake.sensor_time, outlets.emit_end, verdicts)
+            for line in format_solution(solution, navigator.intake.sensor_time, verdicts):
+                outlets.emit_end(line)
             remark("the walk is over, and stays on the page until Ctrl-C.")
             stop.wait()

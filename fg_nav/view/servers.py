@@ -1,13 +1,22 @@
-"""Serves the page of a walk: its files over HTTP, and messages over a websocket (`/live`).
+"""The process that serves the lines of a walk and its page: clients and the walk share neither interpreter nor core.
 
-A page first gets one message `history`, then the lines of the stream as they come:
+    python -m fg_nav.view.servers LINES PAGE HOST      descriptors of the ports, -1 for none (`outlets.ListenerProcess`)
+
+It reads one message a line, JSON: the method of `PageServer` that takes it and its argument, or `send_line` with a line
+for the clients of lines and for the page. It answers with the number of open pages, whenever that changes, and ends
+with its input, and so with the process of the walk, however that ends.
+
+Each client of lines gets those made after its connection, written into the buffers of all clients at once. One whose
+buffer exceeds `MAX_WAITING` does not read, and is disconnected, as is one that sends more than `MAX_RECEIVED`; input is
+discarded. The page is files over HTTP, and messages over a websocket (`/live`): first one `history`, then the lines of
+the stream as they come:
 
 ========= =======================================================================================================
 history   `path`, rows t, east, north, up, as it is now; `last`, the newest line; `status`; `remarks`; of two sensors
           `feet`, path and newest line of each by side, beside the person's. Sent again in place of `revised`, and
           after `turned` and `retracted`: the page does no arithmetic
 now, turned, retracted    the lines, as `fg-nav stream` prints them
-status    some five times a second while a page is open: the state between footfalls (`fg_nav.online.follow`)
+status    some five times a second while a page is open: the state between footfalls (`outlets`)
 remark    `words`: an irregularity, in a sentence
 ========= =======================================================================================================
 
@@ -22,26 +31,29 @@ import asyncio
 import ipaddress
 import json
 import logging
+import signal
 import socket
+import sys
 from collections import deque
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from http import HTTPStatus
 from importlib import resources
-from time import perf_counter
 from typing import Any
 from urllib.parse import urlsplit
 
-from websockets.asyncio.server import ServerConnection, serve
+from websockets.asyncio.server import ServerConnection
+from websockets.asyncio.server import serve as serve_page
 from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
 from websockets.frames import Frame, Opcode
 from websockets.http11 import Request, Response
 from websockets.protocol import State
 
+from fg_nav.system.processes import collect_seldom
 from fg_nav.text import to_json
 from fg_nav.view.history import Walkers, turn_moment
-from fg_nav.view.line_server import AT_ONCE, BACKLOG, is_last_descriptor
 
 LIVE = "/live"
 
@@ -51,13 +63,15 @@ FILES = {
     "/view.js": ("view.js", "text/javascript; charset=utf-8"),
 }
 
-MAX_WAITING = 1 << 18  # Bytes in the buffer of a page that keeps up; two histories.
-MAX_MESSAGE = 1024  # Bytes; pages send none.
+BACKLOG = 1024  # Clients that connect at the same instant.
+MAX_WAITING = 1 << 18  # Bytes in the buffer of a client: ten minutes of lines, beside the system's; two histories.
+MAX_RECEIVED = 1 << 16  # Bytes from a client of lines, which has nothing to send.
+MAX_MESSAGE = 1024  # Bytes from a page, which sends none.
+MAX_BYTES = 1 << 28  # Of a message of the walk: the revised path of a day.
 MAX_REMARKS = 50
 CLOSING_S = 1.0  # Timeout of the closing handshake with a page.
-STATUS_S = 0.2  # Between two statuses.
-STATUS_SHARE = 0.1  # Largest share of the time spent on them: with a thousand pages they are rarer.
 REDRAW_S = 0.05  # Changes of the past within this time are one message.
+REPORT_S = 0.1  # Between two counts of the open pages.
 HEADERS = {  # Of every response: no external resources, and no framing by other pages.
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
     "connect-src 'self' ws://{host}; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
@@ -67,6 +81,50 @@ HEADERS = {  # Of every response: no external resources, and no framing by other
     "Cache-Control": "no-cache",
     "Connection": "close",
 }
+
+
+class LineServer:
+    """Serves lines to the clients of a listening socket, from an asyncio loop."""
+
+    def __init__(self) -> None:
+        self._clients: set[asyncio.StreamWriter] = set()
+
+    @property
+    def listeners(self) -> int:
+        """Number of connected clients."""
+        return len(self._clients)
+
+    async def open(self, door: socket.socket) -> None:
+        """Serve on a socket."""
+        self._server = await asyncio.start_server(self._follow, sock=door, backlog=BACKLOG)
+
+    async def _follow(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """Serve one client until it closes, or has sent too much."""
+        self._clients.add(writer)
+        received = 0
+        with suppress(OSError):
+            while received <= MAX_RECEIVED and (piece := await reader.read(MAX_RECEIVED)):
+                received += len(piece)
+        self._clients.discard(writer)
+        writer.transport.abort()
+
+    def send(self, line: str) -> None:
+        """Send a line to all clients, without waiting."""
+        data = (line + "\n").encode()
+        for client in self._clients:
+            client.write(data)
+            if client.transport.get_write_buffer_size() > MAX_WAITING:
+                client.transport.abort()
+
+    async def close(self) -> None:
+        """Free the port at once, and disconnect all, each after the lines that it takes at once."""
+        self._server.close()
+        for client in self._clients:
+            client.close()
+        for _ in range(20):
+            if not self._clients:
+                break
+            await asyncio.sleep(0.05)
 
 
 @dataclass(eq=False)
@@ -94,7 +152,6 @@ class PageServer:
         self._remarks: deque[dict[str, Any]] = deque(maxlen=MAX_REMARKS)
         self._viewers: set[_Viewer] = set()
         self._redraws: asyncio.TimerHandle | None = None
-        self.status_s = STATUS_S  # period of statuses that can be sent
 
     @property
     def viewers(self) -> int:
@@ -105,10 +162,10 @@ class PageServer:
         """Serve on a socket."""
         logger = logging.getLogger(__name__)
         logger.disabled = True  # garbage on the port is no news
-        self._server = await serve(
+        self._server = await serve_page(
             self._follow,
             sock=door,
-            backlog=AT_ONCE,
+            backlog=BACKLOG,
             process_request=self._answer,
             compression=None,
             max_size=MAX_MESSAGE,
@@ -116,7 +173,6 @@ class PageServer:
             server_header=None,
             logger=logger,
         )
-        door.listen(BACKLOG)  # again: asyncio has one number for both
 
     async def close(self) -> None:
         """Free the port at once, and disconnect all."""
@@ -139,9 +195,7 @@ class PageServer:
         history = self._walkers.main
         known = {"distance_m": history.distance_m, "speed_m_s": history.speed_m_s(status["t"] or 0.0)}
         self._status = {"kind": "status", **status, **{name: round(value, 3) for name, value in known.items()}}
-        began = perf_counter()
         self._send_to(self._viewers, json.dumps(to_json(self._status), allow_nan=False))
-        self.status_s = max(STATUS_S, (perf_counter() - began) / STATUS_SHARE)
 
     def send_remark(self, words: str) -> None:
         """Send a sentence for people."""
@@ -170,8 +224,6 @@ class PageServer:
             origins = request.headers.get_all("Origin")
             if any(urlsplit(origin).netloc != host[0] for origin in origins):
                 return self._respond(HTTPStatus.FORBIDDEN, b"that page did not come from here\n", host[0])
-            if is_last_descriptor(connection.transport.get_extra_info("socket").fileno()):
-                return self._respond(HTTPStatus.SERVICE_UNAVAILABLE, b"too many watch\n", host[0])
             return None
         if path not in self._files:
             return self._respond(HTTPStatus.NOT_FOUND, b"there is no such page\n", host[0])
@@ -219,3 +271,50 @@ class PageServer:
             viewer.behind = viewer.waiting > MAX_WAITING
         for viewer in late:
             viewer.behind = False
+
+
+# --- the process -----------------------------------------------------------------------------------------------------
+
+
+async def _report(page: PageServer) -> None:
+    """Print the number of open pages whenever it changes."""
+    last = -1
+    while True:
+        if page.viewers != last:
+            print(last := page.viewers, flush=True)  # noqa: T201
+        await asyncio.sleep(REPORT_S)
+
+
+async def serve(lines: LineServer | None, page: PageServer | None, doors: Sequence[socket.socket | None]) -> None:
+    """Serve the messages on standard input, on the sockets of lines and page, until it ends."""
+    loop, messages = asyncio.get_running_loop(), asyncio.StreamReader(MAX_BYTES)
+    loop.set_exception_handler(lambda loop, context: None)  # a client's fault does not concern the walk
+    servers = [(server, door) for server, door in zip((lines, page), doors, strict=True) if server and door]
+    for server, door in servers:
+        await server.open(door)
+    reports = None if page is None else asyncio.create_task(_report(page))
+    await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(messages), sys.stdin)
+    async for message in messages:
+        method, argument = json.loads(message)
+        if method == "send_line" and lines is not None:
+            lines.send(argument)
+        if page is not None:
+            getattr(page, "send" if method == "send_line" else method)(argument)
+        await asyncio.sleep(0)  # see to the clients between two messages
+    await asyncio.gather(*(server.close() for server, _ in servers))
+    if reports is not None:
+        reports.cancel()
+
+
+def main() -> None:
+    """Serve until the input ends."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process of the walk
+    collect_seldom()  # a thousand pages are 300 000 objects, and a collection takes a tenth of a second
+    doors = [None if word == "-1" else socket.socket(fileno=int(word)) for word in sys.argv[1:3]]
+    lines, page = doors
+    servers = LineServer() if lines else None, PageServer(sys.argv[3]) if page else None
+    asyncio.run(serve(*servers, doors))
+
+
+if __name__ == "__main__":
+    main()
